@@ -1,0 +1,40 @@
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/installed
+
+.DEFAULT_GOAL := help
+.PHONY: help setup report test train figures bench lint
+
+help:  ## list what can be made
+	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## (.*)/make \1|\2/' | column -t -s '|'
+
+setup: $(STAMP)  ## make .venv and install everything that is pinned
+
+$(STAMP): pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
+		|| { echo "Python 3.11 or newer is needed; name one with make PYTHON=..."; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[train,report,dev]'
+	@touch $@
+
+report: setup  ## evaluate the shipped policy against the paper's rule and write reports/latest/index.html
+	$(BIN)/python -m experiments.report
+
+test: setup  ## run the tests
+	$(BIN)/python -m pytest
+
+train: setup  ## train a policy with default settings; prints its run folder
+	$(BIN)/python -m agents.train
+
+figures: setup  ## reproduce figures of the paper below reports/paper
+	$(BIN)/python -m experiments.paper
+
+bench: setup  ## measure speed against SciPy and Gymnasium, as ratios in one run
+	$(BIN)/python -m experiments.bench
+
+lint: setup  ## format check, lint, types, import order
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports

@@ -1,0 +1,24 @@
+"""A tool approaches an object: how to move and brake so that it arrives soon and does not shoot the object away."""
+
+from impact_gym import envs
+from impact_gym.motion import Brake, Trapezoid
+from impact_gym.scene import Contact, Object, Rigid, Scene, SpringDamper, Tool
+from impact_gym.simulation import ContactRecord, Outcome, Trace, simulate
+
+__version__ = "0.1.0"
+__all__ = [
+    "Brake",
+    "Contact",
+    "ContactRecord",
+    "Object",
+    "Outcome",
+    "Rigid",
+    "Scene",
+    "SpringDamper",
+    "Tool",
+    "Trace",
+    "Trapezoid",
+    "simulate",
+]
+
+envs.register()

@@ -1,0 +1,167 @@
+"""The batch behind every front end: arrays of rows and the two kernels that move them."""
+
+import math
+import os
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_gym.envs import observation
+from impact_gym.envs.episode import begin_rows, step_rows
+from impact_gym.envs.rows import EPISODE
+from impact_gym.envs.scenario import DRAWS, FIELDS, ScenarioRanges
+from impact_gym.envs.task import Task
+from impact_gym.solver.state import CHAIN, SENTENCES, Recorder, Status, no_recorder
+
+ROWS_PER_THREAD = 1024
+"""A batch is cut for several threads only into pieces of at least this many rows: smaller ones do not pay."""
+
+REWARD_TERMS = {"time": "time_cost", "velocity": "velocity_cost", "force": "force_cost", "missed": "missed_cost"}
+"""Names in `info["reward_terms"]`, each the negative of a cost summed over the episode."""
+
+_pools: dict[int, ThreadPoolExecutor] = {}
+
+
+def _pool() -> ThreadPoolExecutor:
+    """Return this process's threads; a forked child makes its own."""
+    if os.getpid() not in _pools:
+        _pools.clear()
+        _pools[os.getpid()] = ThreadPoolExecutor(os.cpu_count() or 1, thread_name_prefix="impact_gym")
+    return _pools[os.getpid()]
+
+
+class Batch:
+    """`size` environments of one task, each a row that no other row can touch.
+
+    The results of a row do not depend on the size of the batch, on its place in it or on the number of threads.
+    """
+
+    def __init__(self, size: int, task: Task, threads: int | None = None) -> None:
+        self.size = size
+        self.task = task
+        self.law = task.law()
+        self.constants = task.constants()
+        self.threads = threads or os.cpu_count() or 1
+        self.recorder = no_recorder()
+        self.observation_space = observation.space(self.constants)
+        self.chains = np.zeros(size, CHAIN)
+        self.episodes = np.zeros(size, EPISODE)
+        self._readings = np.zeros((size, self.constants.samples_under_way + 3, 2))
+        self.observations = np.zeros((size, *self.observation_space.shape), np.float32)
+        self.rewards = np.zeros(size)
+        self.set_scenario(task.ranges)
+
+    def set_scenario(self, ranges: ScenarioRanges) -> None:
+        """Draw from `ranges` from the next episode on."""
+        self.ranges = ranges
+        self._table = self.task.draw_table(ranges)
+
+    def record(self, recorder: Recorder) -> None:
+        """Write contacts and trace of the row that is stepped into `recorder`; for a batch of one."""
+        self.recorder = recorder
+
+    def begin(self, rows: NDArray[np.int64], uniforms: NDArray[np.float64], fixed: NDArray[np.float64]) -> None:
+        """Begin an episode in each of `rows` (k,) with `uniforms` (k, DRAWS) in [0, 1) and `fixed` (k, 4) or nan."""
+        begin_rows(
+            self.law,
+            self.constants,
+            self._table,
+            uniforms,
+            fixed,
+            rows,
+            self.chains,
+            self.episodes,
+            self._readings,
+            self.observations,
+        )
+
+    def draw_and_begin(
+        self, rows: NDArray[np.int64], generators: list[np.random.Generator], fixed: NDArray[np.float64] | None = None
+    ) -> None:
+        """Begin an episode in each of `rows`, each with its own generator; `fixed` (4,) holds for all of them."""
+        uniforms = np.empty((len(rows), DRAWS))
+        for uniform, row in zip(uniforms, rows.tolist(), strict=True):
+            generators[row].random(out=uniform)
+        table = np.full((len(rows), len(FIELDS)), math.nan)
+        if fixed is not None:
+            table[:] = fixed
+        self.begin(rows, uniforms, table)
+
+    def step(self, actions: NDArray[Any], skip: NDArray[np.bool_]) -> None:
+        """Play a control step with `actions` (size, 2), but where `skip` (size,) is set.
+
+        Leaves `observations`, `rewards` and the fields of `episodes` as they are after it.
+        """
+        pieces = max(1, min(self.threads, self.size // ROWS_PER_THREAD))
+        bounds = [self.size * piece // pieces for piece in range(pieces + 1)]
+
+        def run(first: int, last: int) -> None:
+            step_rows(
+                self.law,
+                self.constants,
+                actions,
+                skip,
+                first,
+                last,
+                self.chains,
+                self.episodes,
+                self._readings,
+                self.recorder,
+                self.observations,
+                self.rewards,
+            )
+
+        if pieces == 1:
+            run(0, self.size)
+        else:
+            list(_pool().map(run, bounds[:-1], bounds[1:]))
+
+    def commands(self, actions: Any) -> NDArray[Any]:
+        """Return `actions` as a float array (size, 2), or raise before anything is stepped.
+
+        Raises:
+            TypeError, ValueError: not numbers, another shape, or not finite.
+        """
+        array = np.asarray(actions)
+        if array.dtype != np.float32:
+            if array.dtype.kind not in "fiu":
+                raise TypeError(f"action must hold numbers, got dtype {array.dtype}")
+            array = array.astype(np.float64)
+        if array.shape != (self.size, 2):
+            raise ValueError(f"action must have shape {(self.size, 2)}, got {array.shape}")
+        if not np.isfinite(array).all():
+            raise ValueError(f"action must be finite, got {array[~np.isfinite(array).all(axis=1)][0]}")
+        return array
+
+    def final_info(self) -> dict[str, Any]:
+        """Return what is known at the end of an episode, every row's, whether it has ended or not; arrays (size,)."""
+        episodes, chains = self.episodes, self.chains
+        return {
+            "object_velocity": episodes["object_velocity"].copy(),
+            "approach_time": episodes["approach_time"].copy(),
+            "peak_force": chains["peak_force"].copy(),
+            "contact_count": chains["contacts"].copy(),
+            "missed": chains["contacts"] == 0,
+            "time_weight": episodes["time_weight"].copy(),
+            "reward_terms": {name: -episodes[cost] for name, cost in REWARD_TERMS.items()},
+            "scenario": {name: episodes[name].copy() for name in FIELDS},
+            "status": np.array([_sentence(status) for status in episodes["status"]], object)
+            if (episodes["status"] < 0).any()
+            else np.full(self.size, "ok", object),
+        }
+
+
+def _sentence(status: int) -> str:
+    return SENTENCES[Status(status)] if status < 0 else "ok"
+
+
+def row_info(info: dict[str, Any], row: int) -> dict[str, Any]:
+    """Return one row of `Batch.final_info()` as plain Python numbers, nested as it is."""
+    return {
+        name: row_info(value, row)
+        if isinstance(value, dict)
+        else (value[row].item() if isinstance(value[row], np.generic) else value[row])
+        for name, value in info.items()
+    }

@@ -1,0 +1,76 @@
+"""What the controller sees: one table that the kernel fills and the documentation is made from."""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from gymnasium import spaces
+
+from impact_gym.envs.rows import Episode
+from impact_gym.envs.task import AFTER_ALARM, HORIZON, VELOCITY_RANGE, TaskConstants
+from impact_gym.kernel import kernel
+from impact_gym.solver.state import Array, Chain
+
+POSITION_RANGE = (-0.25, 0.75)  # m
+TIME_RANGE = (0.0, HORIZON + AFTER_ALARM)  # s
+FORCE_SCALE = 1000.0  # N
+WEIGHT_CENTRE, WEIGHT_SPAN = 2.0, 16.0  # m/s per s: 2 / 16 ... 2 * 16
+RANGE_SCALE = 0.5  # m
+
+
+class Entry(NamedTuple):
+    """One number of the observation."""
+
+    name: str
+    unit: str
+    low: str  # physical value at the lower end
+    high: str  # physical value at +1
+    scaled_low: float
+
+
+ENTRIES = (
+    Entry("flange position", "m", "-0.25", "0.75", -1.0),
+    Entry("flange velocity", "m/s", "-0.5", "1.5", -1.0),
+    Entry("time", "s", "0", "1.35", -1.0),
+    Entry("alarm", "-", "0", "1", 0.0),
+    Entry("time since the alarm", "s", "0", "0.15", 0.0),
+    Entry("contact force, as sensed reaction_delay ago", "N, log(1 + F / 1 N)", "0", "1000", 0.0),
+    Entry("largest contact force so far, as sensed reaction_delay ago", "N, likewise", "0", "1000", 0.0),
+    Entry("time weight", "m/s per s, log", "0.125", "32", -1.0),
+)
+RANGE_ENTRY = Entry("distance estimate minus flange position (with range_noise)", "m", "-0.5", "0.5", -1.0)
+
+
+def space(task: TaskConstants) -> spaces.Space[Any]:
+    """Return the observation space of one environment."""
+    entries = ENTRIES + ((RANGE_ENTRY,) if task.range_noise >= 0 else ())
+    low = np.array([entry.scaled_low for entry in entries], np.float32)
+    return spaces.Box(low, np.ones(len(entries), np.float32), dtype=np.float32)
+
+
+@kernel
+def affine(value: float, low: float, high: float) -> float:
+    """Map [low, high] to [-1, 1], what is outside to the nearer end."""
+    return min(1.0, max(-1.0, 2.0 * (value - low) / (high - low) - 1.0))
+
+
+@kernel
+def force_reading(force: float) -> float:
+    """Map 0 ... 1000 N to 0 ... 1 on a log scale."""
+    return min(1.0, math.log1p(force) / math.log1p(FORCE_SCALE))
+
+
+@kernel
+def observe(task: TaskConstants, chain: Chain, episode: Episode, out: Array) -> None:
+    """Write the observation at the present time into `out`, in the order of ENTRIES."""
+    alarm = chain.time >= episode.alarm
+    out[0] = affine(chain.flange_position, POSITION_RANGE[0], POSITION_RANGE[1])
+    out[1] = affine(chain.flange_velocity, VELOCITY_RANGE[0], VELOCITY_RANGE[1])
+    out[2] = affine(chain.time, TIME_RANGE[0], TIME_RANGE[1])
+    out[3] = 1.0 if alarm else 0.0
+    out[4] = min(1.0, (chain.time - episode.alarm) / AFTER_ALARM) if alarm else 0.0
+    out[5] = force_reading(episode.sensed_force)
+    out[6] = force_reading(episode.sensed_peak)
+    out[7] = affine(math.log(episode.time_weight / WEIGHT_CENTRE) / math.log(WEIGHT_SPAN), -1.0, 1.0)
+    if task.range_noise >= 0.0:
+        out[8] = affine((episode.distance_estimate - chain.flange_position) / RANGE_SCALE, -1.0, 1.0)

@@ -1,0 +1,92 @@
+"""The batch as a `VecEnv` of stable-baselines3, which does not take Gymnasium's vector environments."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium import Wrapper
+from gymnasium.vector import AutoresetMode
+from numpy.typing import NDArray
+from stable_baselines3.common.vec_env import VecEnv
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvObs, VecEnvStepReturn
+
+from impact_gym.envs.batch import row_info
+from impact_gym.envs.scenario import ScenarioRanges
+from impact_gym.envs.vector import ImpactApproachVectorEnv
+
+
+class ImpactVecEnv(VecEnv):
+    """`num_envs` environments for stable-baselines3, stepped in one call; arguments as in `ImpactApproachEnv`.
+
+    On the step that ends an episode, its `info` is the final info with `terminal_observation` and
+    `TimeLimit.truncated` added, and the observation returned is the first of the next episode.
+    """
+
+    def __init__(self, num_envs: int, **options: Any) -> None:
+        self.envs = ImpactApproachVectorEnv(num_envs, autoreset_mode=AutoresetMode.DISABLED, **options)
+        self._actions: NDArray[Any] = np.zeros((num_envs, 2), np.float32)
+        super().__init__(num_envs, self.envs.single_observation_space, self.envs.single_action_space)
+
+    def set_scenario(self, scenario: ScenarioRanges | Mapping[str, Any] | str) -> None:
+        """Draw from other ranges from the next episodes on."""
+        self.envs.set_scenario(scenario)
+
+    def reset(self) -> VecEnvObs:
+        """Begin an episode everywhere, with the seeds given to `seed` if there are any."""
+        seeds = None if all(one is None for one in self._seeds) else list(self._seeds)
+        options = self._options[0] if self._options else {}
+        observations, _ = self.envs.reset(seed=seeds, options=dict(options))
+        self.reset_infos = [{} for _ in range(self.num_envs)]
+        self._reset_seeds()
+        self._reset_options()
+        return observations
+
+    def step_async(self, actions: NDArray[Any]) -> None:
+        """Remember `actions` (num_envs, 2)."""
+        self._actions = actions
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """Play them."""
+        observations, rewards, terminated, truncated, _ = self.envs.step(self._actions)
+        ended = terminated | truncated
+        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        if ended.any():
+            final = self.envs.batch.final_info()
+            for row in np.flatnonzero(ended).tolist():
+                infos[row] = row_info(final, row)
+                infos[row]["terminal_observation"] = observations[row]
+                infos[row]["TimeLimit.truncated"] = bool(truncated[row] and not terminated[row])
+            observations, _ = self.envs.reset(options={"reset_mask": ended})
+        return observations, rewards.astype(np.float32), ended, infos
+
+    def close(self) -> None:
+        """Release nothing: there is nothing to release."""
+
+    def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
+        """Return the batch's attribute once per environment asked for."""
+        value = getattr(self.envs, attr_name)
+        return [value for _ in self._get_indices(indices)]
+
+    def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
+        """Set an attribute of the batch; it is shared, so `indices` must mean all of them."""
+        self._must_be_all(indices, attr_name)
+        setattr(self.envs, attr_name, value)
+
+    def env_method(
+        self, method_name: str, *method_args: Any, indices: VecEnvIndices = None, **method_kwargs: Any
+    ) -> list[Any]:
+        """Call a method of the batch, once; it is shared, so `indices` must mean all of them."""
+        self._must_be_all(indices, method_name)
+        value = getattr(self.envs, method_name)(*method_args, **method_kwargs)
+        return [value for _ in range(self.num_envs)]
+
+    def env_is_wrapped(
+        self, wrapper_class: type[Wrapper[Any, Any, Any, Any]], indices: VecEnvIndices = None
+    ) -> list[bool]:
+        """Nothing in the batch is wrapped."""
+        return [False for _ in self._get_indices(indices)]
+
+    def _must_be_all(self, indices: VecEnvIndices, name: str) -> None:
+        chosen: Sequence[int] = list(self._get_indices(indices))
+        if len(chosen) != self.num_envs:
+            raise ValueError(f"{name!r} belongs to the whole batch: leave `indices` out, got {indices!r}")

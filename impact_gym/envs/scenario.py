@@ -1,0 +1,129 @@
+"""Scenarios: what an episode draws at random, the ranges it draws from, and the named sets of ranges."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_gym.kernel import kernel
+from impact_gym.validation import number
+
+Range = tuple[float, float]
+
+FIELDS = ("object_mass", "contact_stiffness", "restitution", "distance")
+"""What makes a scenario; keys of `options["scenario"]` and of the final `info["scenario"]`."""
+
+LOGARITHMIC = (True, True, False, False)
+UNITS = ("kg", "N/m^1.5", "(no unit)", "m")
+AT_MOST = (math.inf, math.inf, 1.0, math.inf)
+
+DRAWS = 7
+"""Uniform numbers an episode takes from its generator, whatever the options: four for the scenario, one for the time
+weight, two for the distance estimate. So episode k of a seed can be found without playing the ones before it."""
+
+
+def interval(field: str, value: Any, unit: str, *, above: float = 0.0, at_most: float = math.inf) -> Range:
+    """Return `value`, a number or a pair (low, high), as a checked pair.
+
+    Raises:
+        TypeError, ValueError: not a number or a pair of them, out of range, or inverted; names `field`.
+    """
+    if isinstance(value, (tuple, list, np.ndarray)):
+        if len(value) != 2:
+            raise ValueError(f"{field} must be a number or a pair (low, high) in {unit}, got {value!r}")
+        low = number(f"{field}[0]", value[0], unit, above=above, at_most=at_most)
+        high = number(f"{field}[1]", value[1], unit, above=above, at_most=at_most)
+        if low > high:
+            raise ValueError(f"{field} must not be inverted: low {low:g} is above high {high:g} {unit}")
+        return low, high
+    single = number(field, value, unit, above=above, at_most=at_most)
+    return single, single
+
+
+@dataclass(frozen=True)
+class ScenarioRanges:
+    """Ranges an episode's scenario is drawn from; a number is a range of width 0."""
+
+    object_mass: Range = (0.1, 2.5)  # kg, log-uniform
+    contact_stiffness: Range = (1e3, 1e6)  # N/m^1.5, log-uniform
+    restitution: Range = (0.1, 1.0)  # -, uniform
+    distance: Range = (0.15, 0.35)  # m, uniform
+
+    def __post_init__(self) -> None:
+        for name, unit, at_most in zip(FIELDS, UNITS, AT_MOST, strict=True):
+            checked = interval(f"ScenarioRanges.{name}", getattr(self, name), unit, at_most=at_most)
+            object.__setattr__(self, name, checked)
+
+    @classmethod
+    def of(cls, value: "ScenarioRanges | Mapping[str, Any] | str") -> "ScenarioRanges":
+        """Return ranges from ranges, from a mapping of some of their fields, or from the name of a set."""
+        if isinstance(value, ScenarioRanges):
+            return value
+        if isinstance(value, str):
+            if value not in NAMED:
+                raise ValueError(f"scenario must be one of {sorted(NAMED)} or a record of ranges, got {value!r}")
+            return NAMED[value]
+        if isinstance(value, Mapping):
+            known = [field.name for field in fields(cls)]
+            for name in value:
+                if name not in known:
+                    raise ValueError(f"scenario has no field {name!r}; its fields are {known}")
+            return cls(**value)
+        raise TypeError(f"scenario must be a ScenarioRanges, a mapping of its fields or a name, got {value!r}")
+
+    def table(self) -> NDArray[np.float64]:
+        """Return the ranges as an array (4, 2), rows as in FIELDS."""
+        return np.array([getattr(self, name) for name in FIELDS])
+
+
+NAMED = {
+    "train": ScenarioRanges(),
+    "test": ScenarioRanges(),  # the same ranges, met with seeds that training never uses
+    "hard": ScenarioRanges(
+        object_mass=(0.02, 10.0), contact_stiffness=(1e2, 1e8), restitution=(0.02, 1.0), distance=(0.05, 0.5)
+    ),
+}
+
+
+def fixed_scenario(options: Any) -> NDArray[np.float64]:
+    """Return the fields fixed by `reset(options=...)` as an array (4,), nan where the episode draws.
+
+    Raises:
+        TypeError, ValueError: an unknown option or field, or a value out of range; names what is allowed.
+    """
+    fixed = np.full(len(FIELDS), math.nan)
+    if options is None:
+        return fixed
+    if not isinstance(options, Mapping):
+        raise TypeError(f"options must be a mapping, got {options!r}")
+    for name in options:
+        if name != "scenario":
+            raise ValueError(f"unknown option {name!r}; the only one is 'scenario'")
+    scenario = options.get("scenario", {})
+    if not isinstance(scenario, Mapping):
+        raise TypeError(f"options['scenario'] must be a mapping of {list(FIELDS)}, got {scenario!r}")
+    for name, value in scenario.items():
+        if name not in FIELDS:
+            raise ValueError(f"options['scenario'] has no field {name!r}; its fields are {list(FIELDS)}")
+        place = FIELDS.index(name)
+        fixed[place] = number(f"options['scenario']['{name}']", value, UNITS[place], above=0, at_most=AT_MOST[place])
+    return fixed
+
+
+@kernel
+def draw(low: float, high: float, logarithmic: bool, uniform: float) -> float:
+    """Map `uniform` in [0, 1) to [low, high), log-uniformly if asked."""
+    if low == high:
+        return low
+    if logarithmic:
+        return low * math.exp(uniform * math.log(high / low))
+    return low + (high - low) * uniform
+
+
+@kernel
+def normal(first: float, second: float) -> float:
+    """Standard normal number from two uniform ones in [0, 1) (Box and Muller)."""
+    return math.sqrt(-2.0 * math.log1p(-first)) * math.cos(2.0 * math.pi * second)

@@ -1,0 +1,164 @@
+"""The Gymnasium environment: a batch of one, and the text that specifies it."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import Space, spaces
+from numpy.typing import NDArray
+
+from impact_gym.envs.batch import Batch, row_info
+from impact_gym.envs.scenario import ScenarioRanges, fixed_scenario
+from impact_gym.envs.task import Task
+from impact_gym.scene import Coupling
+
+ACTION_SPACE: Space[Any] = spaces.Box(-1.0, 1.0, (2,), np.float32)
+_ROW = np.zeros(1, np.int64)
+_NO_SKIP = np.zeros(1, np.bool_)
+
+
+class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
+    """A teleoperated tool approaches an object that it cannot see.
+
+    ## Description
+    A robot flange follows an imposed motion; a tool of 0.125 kg hangs on it. Somewhere ahead, unseen, stands an object
+    of unknown mass, contact stiffness and restitution. Reach it soon; leave it slow. The setting is that of Tommasino,
+    Cipriani, Doria, Rosati (2020), 'Effect of End-Effector Compliance on Collisions in Robotic Teleoperation', whose
+    controller moves at 1 m/s and brakes 16 ms after the contact force exceeds 1 N.
+
+    ## Action Space
+    `Box(-1, 1, (2,), float32)`. The flange ramps to the velocity asked for, then holds it. Values outside are clipped.
+
+    | Num | Action                     | at -1 | at +1 | Unit  |
+    |-----|----------------------------|-------|-------|-------|
+    | 0   | velocity to go to          | -0.5  | 1.5   | m/s   |
+    | 1   | acceleration to use for it | 1     | 20    | m/s^2 |
+
+    Commands are resolved to 1e-6 m/s and 1e-6 m/s^2, so that the paper's rule, 1 m/s at 8 m/s^2, is one of them.
+
+    ## Observation Space
+    `Box(..., (8,), float32)`, 9 numbers with `range_noise`. Constants scale each into [-1, 1] or [0, 1]; beyond their
+    ends it is clipped.
+
+    | Num | Observation                                            | Low   | High | Unit         | Scaled  |
+    |-----|--------------------------------------------------------|-------|------|--------------|---------|
+    | 0   | flange position                                        | -0.25 | 0.75 | m            | [-1, 1] |
+    | 1   | flange velocity                                        | -0.5  | 1.5  | m/s          | [-1, 1] |
+    | 2   | time                                                   | 0     | 1.35 | s            | [-1, 1] |
+    | 3   | alarm                                                  | 0     | 1    | -            | [0, 1]  |
+    | 4   | time since the alarm                                   | 0     | 0.15 | s            | [0, 1]  |
+    | 5   | contact force as sensed `reaction_delay` ago           | 0     | 1000 | N, log(1+F)  | [0, 1]  |
+    | 6   | its maximum so far, as sensed `reaction_delay` ago     | 0     | 1000 | N, log(1+F)  | [0, 1]  |
+    | 7   | time weight                                            | 0.125 | 32   | m/s/s, log   | [-1, 1] |
+    | 8   | distance estimate minus flange position (`range_noise`)| -0.5  | 0.5  | m            | [-1, 1] |
+
+    A step lasts one control period, 16 ms. It ends early exactly once: when the contact alarm reaches the controller,
+    `reaction_delay` after the contact force first exceeds 1 N, located as an event.
+
+    ## Rewards
+    `-time_weight * dt` until the first contact begins (the instant of the event, not a count of steps); at the end
+    `-V_p - force_weight * peak force`, V_p being the object's final speed, or -2 if nothing was touched. The sum over
+    an episode lies in [-time_weight * 1.2 - 2, 0] as long as V_p stays below 2 m/s and `force_weight` is 0.
+
+    ## Starting State
+    Flange, tool and object at rest, coupling relaxed, flange at 0. `np_random` draws, seven uniform numbers an episode:
+
+    | Scenario field      | Default range | Distribution | Unit     |
+    |---------------------|---------------|--------------|----------|
+    | `object_mass`       | 0.1 - 2.5     | log-uniform  | kg       |
+    | `contact_stiffness` | 1e3 - 1e6     | log-uniform  | N/m^1.5  |
+    | `restitution`       | 0.1 - 1       | uniform      | -        |
+    | `distance`          | 0.15 - 0.35   | uniform      | m        |
+
+    `reset(options={"scenario": {...}})` fixes any of them for one episode.
+
+    ## Episode End
+    Terminates 0.15 s after the alarm. V_p is then what the object keeps after the flange has braked to rest at
+    20 m/s^2 and no contact is left: simulated, so nothing is gained by ending early. Without an alarm it terminates
+    at 1.2 s, with V_p if something was touched too softly to raise it, otherwise as `missed`. A row whose solver fails
+    terminates as well, with the cost of a miss and a sentence in `info["status"]`. Truncated only by `TimeLimit`.
+
+    The final `info` has `object_velocity` (m/s), `approach_time` (s), `peak_force` (N), `contact_count`, `missed`,
+    `time_weight`, `reward_terms` (time, velocity, force, missed; they sum to the return), `scenario` and `status`.
+
+    ## Arguments
+    | Name                | Default                | Meaning                                                         |
+    |---------------------|------------------------|-----------------------------------------------------------------|
+    | `scenario`          | "train"                | "train", "test", "hard", a `ScenarioRanges` or a dict of ranges |
+    | `coupling`          | SpringDamper(50, 1)    | how the tool hangs on the flange; a dict works too              |
+    | `tool_mass`         | 0.125                  | kg                                                              |
+    | `time_weight`       | 2.0                    | m/s per s; a pair draws it log-uniformly per episode            |
+    | `force_weight`      | 0.0                    | m/s per N                                                       |
+    | `reaction_delay`    | 0.016                  | s                                                               |
+    | `control_period`    | 0.016                  | s                                                               |
+    | `range_noise`       | None                   | m, standard deviation of a distance estimate; None: no estimate |
+    | `rtol`              | 1e-8                   | relative error allowed in a contact, see `simulate`             |
+
+    ## Version History
+    * v0: first version
+    """
+
+    metadata = {"render_modes": [], "render_fps": 60}  # noqa: RUF012  # declared so by gymnasium.Env
+
+    def __init__(
+        self,
+        scenario: ScenarioRanges | Mapping[str, Any] | str = "train",
+        coupling: Coupling | Mapping[str, Any] | None = None,
+        render_mode: None = None,
+        **options: Any,
+    ) -> None:
+        """Make an environment; see the arguments above.
+
+        Raises:
+            TypeError, ValueError: an argument is unknown or out of range; names it and what is allowed.
+        """
+        if render_mode is not None:
+            raise ValueError(f"render_mode must be None, got {render_mode!r}")
+        self.render_mode = render_mode
+        self._batch = Batch(1, task_from(scenario, coupling, options), threads=1)
+        self.observation_space = self._batch.observation_space
+        self.action_space = ACTION_SPACE
+
+    def set_scenario(self, scenario: ScenarioRanges | Mapping[str, Any] | str) -> None:
+        """Draw from other ranges from the next episode on."""
+        self._batch.set_scenario(ScenarioRanges.of(scenario))
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Begin an episode; see Starting State."""
+        fixed = fixed_scenario(options)
+        super().reset(seed=seed)
+        self._batch.draw_and_begin(_ROW, [self.np_random], fixed)
+        return self._batch.observations[0].copy(), {}
+
+    def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+        """Play one control step."""
+        batch = self._batch
+        command = np.asarray(action)
+        batch.step(batch.commands(command.reshape(1, 2) if command.shape == (2,) else command), _NO_SKIP)
+        terminated = bool(batch.episodes["terminated"][0])
+        info = row_info(batch.final_info(), 0) if terminated else {}
+        return batch.observations[0].copy(), float(batch.rewards[0]), terminated, False, info
+
+
+def task_from(
+    scenario: ScenarioRanges | Mapping[str, Any] | str,
+    coupling: Coupling | Mapping[str, Any] | None,
+    options: dict[str, Any],
+) -> Task:
+    """Return the task that a front end's arguments describe.
+
+    Raises:
+        TypeError, ValueError: an argument is unknown or out of range.
+    """
+    allowed = [
+        name for name, field in Task.__dataclass_fields__.items() if field.init and name not in ("scenario", "coupling")
+    ]
+    for name in options:
+        if name not in allowed:
+            raise TypeError(f"unknown argument {name!r}; allowed are scenario, coupling, {', '.join(allowed)}")
+    if coupling is not None:
+        options = {**options, "coupling": coupling}
+    return Task(scenario=scenario, **options)

@@ -1,0 +1,141 @@
+"""The same task for Gymnasium's vector interface, natively: one call into compiled code steps every environment."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from impact_gym.envs.batch import Batch
+from impact_gym.envs.scenario import ScenarioRanges, fixed_scenario
+from impact_gym.envs.single import ACTION_SPACE, task_from
+from impact_gym.scene import Coupling
+
+Floats = NDArray[np.float32]
+Flags = NDArray[np.bool_]
+
+
+class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
+    """`num_envs` times `ImpactApproachEnv`, whose text specifies it; slot i seeded s + i equals it seeded s + i.
+
+    Beside its arguments: `autoreset_mode`, NEXT_STEP by default (the step after an episode's last one ignores its
+    action, starts the next episode and rewards nothing), SAME_STEP (the last observation and info in
+    `infos["final_obs"]`, `infos["final_info"]`) or DISABLED (reset by `options={"reset_mask": ...}`);
+    `max_episode_steps`, after which an episode is truncated; `threads`, which changes no result.
+    """
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        scenario: ScenarioRanges | Mapping[str, Any] | str = "train",
+        coupling: Coupling | Mapping[str, Any] | None = None,
+        render_mode: None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        threads: int | None = None,
+        **options: Any,
+    ) -> None:
+        if isinstance(num_envs, bool) or not isinstance(num_envs, int) or num_envs < 1:
+            raise ValueError(f"num_envs must be a whole number of at least 1, got {num_envs!r}")
+        if render_mode is not None:
+            raise ValueError(f"render_mode must be None, got {render_mode!r}")
+        self.num_envs = num_envs
+        self.render_mode = render_mode
+        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self.metadata = {"render_modes": [], "autoreset_mode": self.autoreset_mode}
+        self.batch = Batch(num_envs, task_from(scenario, coupling, options), threads)
+        self.single_observation_space = self.batch.observation_space
+        self.single_action_space = ACTION_SPACE
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._generators: list[np.random.Generator] = []
+        self._ended: Flags = np.zeros(num_envs, np.bool_)
+        self._none: Flags = np.zeros(num_envs, np.bool_)
+
+    def set_scenario(self, scenario: ScenarioRanges | Mapping[str, Any] | str) -> None:
+        """Draw from other ranges from the next episodes on."""
+        self.batch.set_scenario(ScenarioRanges.of(scenario))
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Floats, dict[str, Any]]:
+        """Begin an episode in every slot, or in those of `options["reset_mask"]` (num_envs,)."""
+        options = dict(options or {})
+        mask = self._mask(options.pop("reset_mask", None))
+        fixed = fixed_scenario(options)
+        self._seed(seed, mask)
+        self.batch.draw_and_begin(np.flatnonzero(mask), self._generators, fixed)
+        self._ended[mask] = False
+        return self.batch.observations.copy(), {}
+
+    def step(self, actions: NDArray[Any]) -> tuple[Floats, NDArray[np.float64], Flags, Flags, dict[str, Any]]:
+        """Play one control step in every slot."""
+        if not self._generators:
+            raise RuntimeError("call reset before step")
+        batch = self.batch
+        commands = batch.commands(actions)
+        skip = self._none
+        if self.autoreset_mode is AutoresetMode.NEXT_STEP:
+            skip = self._ended
+            if skip.any():
+                batch.draw_and_begin(np.flatnonzero(skip), self._generators)
+                batch.rewards[skip] = 0.0
+        elif self._ended.any():
+            raise RuntimeError("some episodes have ended: reset them with options={'reset_mask': ...}")
+        batch.step(commands, skip)
+        terminated = batch.episodes["terminated"] == 1
+        truncated = batch.episodes["truncated"] == 1
+        ended = terminated | truncated
+        infos: dict[str, Any] = {}
+        rewards = batch.rewards.copy()
+        if ended.any():
+            infos = masked(batch.final_info(), ended)
+            if self.autoreset_mode is AutoresetMode.SAME_STEP:
+                final = np.full(self.num_envs, None, object)
+                for row in np.flatnonzero(ended):
+                    final[row] = batch.observations[row].copy()
+                infos = {"final_obs": final, "_final_obs": ended, "final_info": infos, "_final_info": ended.copy()}
+                batch.draw_and_begin(np.flatnonzero(ended), self._generators)
+                ended = self._none.copy()
+        self._ended = ended
+        return batch.observations.copy(), rewards, terminated, truncated, infos
+
+    def _mask(self, mask: Any) -> Flags:
+        if mask is None:
+            return np.ones(self.num_envs, np.bool_)
+        array = np.asarray(mask)
+        if array.shape != (self.num_envs,) or array.dtype != np.bool_ or not array.any():
+            raise ValueError(
+                f"options['reset_mask'] must be {self.num_envs} booleans, at least one of them true, got {mask!r}"
+            )
+        return array
+
+    def _seed(self, seed: int | Sequence[int | None] | None, mask: Flags) -> None:
+        """Seed slot i with seed + i, or with its place in a list; None leaves a generator as it is."""
+        if isinstance(seed, int):
+            seeds: Sequence[int | None] = [seed + slot for slot in range(self.num_envs)]
+        else:
+            seeds = [None] * self.num_envs if seed is None else seed
+        if len(seeds) != self.num_envs:
+            raise ValueError(f"seed must be a whole number or {self.num_envs} of them, got {len(seeds)}")
+        if not self._generators:
+            self._generators = [seeding.np_random(one)[0] for one in seeds]
+            return
+        for slot in np.flatnonzero(mask).tolist():
+            if seeds[slot] is not None:
+                self._generators[slot] = seeding.np_random(seeds[slot])[0]
+
+
+def masked(info: dict[str, Any], mask: Flags) -> dict[str, Any]:
+    """Return `info` in Gymnasium's form for vector environments: beside each key the mask of slots that have it."""
+    result: dict[str, Any] = {}
+    for name, value in info.items():
+        if isinstance(value, dict):
+            result[name] = masked(value, mask)
+        else:
+            blank = None if value.dtype == object else np.zeros((), value.dtype)
+            result[name] = np.where(mask, value, blank)
+        result[f"_{name}"] = mask.copy()
+    return result

@@ -1,0 +1,99 @@
+"""How this package compiles: one decorator, one choice by coupling type, one notice.
+
+numba's on-disk cache looks only at the file a function stands in, so a kernel would outlive a change in a law that it
+calls from another file. `_drop_stale_cache` compares a digest of all sources once per import and removes what is old.
+"""
+
+import hashlib
+import sys
+import threading
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+import numba
+from numba.core import event
+from numba.extending import overload
+
+_PACKAGE = Path(__file__).parent
+_NOTICE_AFTER = 1.0  # s; a cached kernel loads faster than this
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def kernel(function: Function) -> Function:
+    """Compile `function` on first use, keep it on disk, release the interpreter lock while it runs.
+
+    Division by zero gives inf or nan as in IEEE 754, not an exception: failures travel as a status.
+    """
+    return cast(Function, numba.njit(cache=True, nogil=True, error_model="numpy")(function))
+
+
+def by_type(implementations: Mapping[type, Callable[..., Any]]) -> Callable[..., Any]:
+    """Return a kernel that picks the implementation for the type of its first argument, at compile time.
+
+    The first argument is one of the NamedTuples in `implementations`; only what a scene needs is compiled.
+    """
+
+    def choose(first: Any, *rest: Any) -> Any:
+        return implementations[type(first)](first, *rest)
+
+    @overload(choose, inline="never")
+    def _choose(first: Any, *rest: Any) -> Any:
+        chosen = implementations[first.instance_class]
+
+        def call(first: Any, *rest: Any) -> Any:
+            return chosen(first, *rest)
+
+        return call
+
+    return choose
+
+
+def _drop_stale_cache() -> None:
+    digest = hashlib.sha256()
+    for source in sorted(_PACKAGE.rglob("*.py")):
+        digest.update(source.read_bytes())
+    stamp = _PACKAGE / "__pycache__" / "sources.sha256"
+    try:
+        if stamp.exists() and stamp.read_text() == digest.hexdigest():
+            return
+        for index in _PACKAGE.rglob("__pycache__/*.nbi"):
+            index.unlink(missing_ok=True)
+        stamp.parent.mkdir(exist_ok=True)
+        stamp.write_text(digest.hexdigest())
+    except OSError:  # installed read-only: numba then caches per user, and the sources cannot change
+        return
+
+
+class _CompileNotice(event.Listener):
+    """Says once, on stderr, that kernels are being compiled, if that takes longer than a second."""
+
+    def __init__(self) -> None:
+        self._depth = 0
+        self._timer: threading.Timer | None = None
+        self._said = False
+
+    def on_start(self, event: Any) -> None:
+        if not event.data["dispatcher"].py_func.__module__.startswith("impact_gym."):
+            return
+        self._depth += 1
+        if self._depth == 1 and not self._said:
+            self._timer = threading.Timer(_NOTICE_AFTER, self._say)
+            self._timer.daemon = True
+            self._timer.start()
+
+    def on_end(self, event: Any) -> None:
+        if not event.data["dispatcher"].py_func.__module__.startswith("impact_gym."):
+            return
+        self._depth -= 1
+        if self._depth == 0 and self._timer is not None:
+            self._timer.cancel()
+
+    def _say(self) -> None:
+        self._said = True
+        print("impact_gym: compiling the solver for this machine (once, a few seconds; then cached)", file=sys.stderr)
+
+
+_drop_stale_cache()
+event.register("numba:compile", _CompileNotice())  # type: ignore[no-untyped-call]  # numba ships no types

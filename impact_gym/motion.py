@@ -1,0 +1,52 @@
+"""Imposed motion of the flange: pieces of constant acceleration.
+
+Every motion here is a sequence of commands 'go to this velocity with this acceleration, then hold it'. A trapezoid
+is one command at t = 0 and, if it brakes, a second one when the contact alarm reaches the controller.
+"""
+
+from dataclasses import dataclass
+
+from impact_gym.validation import number
+
+
+@dataclass(frozen=True, slots=True)
+class Brake:
+    """Stop once the contact is felt: `delay` after the contact force first exceeds `threshold`.
+
+    The delay is the paper's 16 ms; the deceleration of the paper is not printed (8 m/s^2 identified, see
+    shared/physics.md).
+    """
+
+    threshold: float = 1.0  # N
+    delay: float = 0.016  # s
+    deceleration: float | None = None  # m/s^2; None: the acceleration of the trapezoid
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "threshold", number("Brake.threshold", self.threshold, "N", at_least=0))
+        object.__setattr__(self, "delay", number("Brake.delay", self.delay, "s", at_least=0))
+        if self.deceleration is not None:
+            value = number("Brake.deceleration", self.deceleration, "m/s^2", above=0)
+            object.__setattr__(self, "deceleration", value)
+
+
+@dataclass(frozen=True, slots=True)
+class Trapezoid:
+    """From rest to `speed` at `acceleration`, then constant; never ends by itself (paper, Fig. 11)."""
+
+    speed: float  # m/s
+    acceleration: float  # m/s^2
+    brake: Brake | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "speed", number("Trapezoid.speed", self.speed, "m/s", above=0))
+        acceleration = number("Trapezoid.acceleration", self.acceleration, "m/s^2", above=0)
+        object.__setattr__(self, "acceleration", acceleration)
+        if self.brake is not None and not isinstance(self.brake, Brake):
+            raise TypeError(f"Trapezoid.brake must be a Brake or None, got {self.brake!r}")
+
+    @property
+    def deceleration(self) -> float:
+        """Deceleration after the alarm, m/s^2."""
+        if self.brake is None or self.brake.deceleration is None:
+            return self.acceleration
+        return self.brake.deceleration

@@ -1,0 +1,107 @@
+"""The loop that hands over: a command to the flange becomes a ramp and a hold, each a run of flights and contacts."""
+
+import math
+
+from impact_gym.kernel import kernel
+from impact_gym.solver import contact, coupled
+from impact_gym.solver.contact import ARRIVED, DETECTED, SEPARATED
+from impact_gym.solver.coupled import Law
+from impact_gym.solver.recording import close_contact, trace, trace_flight
+from impact_gym.solver.state import Array, Bodies, Chain, Recorder, Tolerance
+
+
+@kernel
+def reset(chain: Chain, distance: float) -> None:
+    """Put `chain` at rest at t = 0, the object `distance` (m) ahead, nothing having happened yet."""
+    chain.time = 0.0
+    chain.flange_position = 0.0
+    chain.flange_velocity = 0.0
+    chain.deflection = 0.0
+    chain.deflection_rate = 0.0
+    chain.penetration = -distance
+    chain.penetration_rate = 0.0
+    chain.touching = 0
+    chain.contacts = 0
+    chain.first_contact = math.inf
+    chain.detection = math.inf
+    chain.peak_force = 0.0
+    chain.coupling_impulse = 0.0
+    chain.momentum_error = 0.0
+    chain.steps = 0
+    chain.logged = 0
+    chain.traced = 0
+
+
+@kernel
+def command(
+    law: Law,
+    bodies: Bodies,
+    chain: Chain,
+    target: float,
+    acceleration: float,
+    until: float,
+    threshold: float,
+    tolerance: Tolerance,
+    recorder: Recorder,
+    work: Array,
+) -> int:
+    """Take the flange to velocity `target` (m/s) at `acceleration` (m/s^2) and hold it, until time `until` (s).
+
+    Comes back earlier, with DETECTED, when the contact force first exceeds `threshold` (N).
+    """
+    while chain.time < until:
+        change = target - chain.flange_velocity
+        ramp = math.copysign(acceleration, change) if change != 0.0 else 0.0
+        end = until
+        ramp_ends = False
+        if change != 0.0:
+            ramp_end = chain.time + abs(change) / acceleration
+            if ramp_end <= until:
+                end = ramp_end
+                ramp_ends = True
+        status = piece(law, bodies, chain, ramp, end, threshold, tolerance, recorder, work)
+        if status != ARRIVED:
+            return status
+        if ramp_ends:
+            shift = target - chain.flange_velocity  # rounding of the ramp; the object's velocity must not feel it
+            chain.flange_velocity = target
+            chain.penetration_rate += shift
+    return ARRIVED
+
+
+@kernel
+def piece(
+    law: Law,
+    bodies: Bodies,
+    chain: Chain,
+    acceleration: float,
+    until: float,
+    threshold: float,
+    tolerance: Tolerance,
+    recorder: Recorder,
+    work: Array,
+) -> int:
+    """Advance through flights and contacts under one constant acceleration of the flange."""
+    while chain.time < until:
+        if chain.touching == 0:
+            left = until - chain.time
+            touch = coupled.touch_time(law, chain, acceleration, left)
+            flight = min(touch, left)
+            trace_flight(law, chain, recorder, acceleration, flight)
+            coupled.drift(law, chain, acceleration, flight)
+            if touch > left:
+                chain.time = until
+                trace(law, chain, recorder, acceleration, 0.0)
+                return ARRIVED
+            contact.begin(chain)
+            trace(law, chain, recorder, acceleration, 0.0)
+            if threshold == 0.0 and math.isinf(chain.detection):
+                chain.detection = chain.time
+                return DETECTED
+        status = contact.proceed(law, bodies, chain, acceleration, until, threshold, tolerance, recorder, work)
+        if status != SEPARATED:
+            return status
+        close_contact(law, bodies, chain, recorder, chain.time)
+        chain.touching = 0
+        chain.penetration = 0.0
+    return ARRIVED

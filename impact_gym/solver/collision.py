@@ -1,0 +1,66 @@
+"""One contact in its own scales: what its equations of motion read, and where it began."""
+
+from typing import NamedTuple
+
+from impact_gym.kernel import kernel
+from impact_gym.physics import contact
+from impact_gym.solver.state import Array, Chain
+
+ROOT, RATE, TIME, IMPULSE, DEFLECTION, DEFLECTION_RATE, DEFLECTION_INTEGRAL = range(7)
+"""Places in the scaled state: z, w, t, impulse, y, y', integral of y; a rigid coupling has the first four."""
+
+
+class Collision(NamedTuple):
+    """Coefficients of the scaled equations, constant while the flange's acceleration is."""
+
+    damping: float  # damping factor d
+    flange_push: float  # flange acceleration over v / t0
+    frequency: float  # omega t0
+    damping_ratio: float
+    tool_share: float  # reduced mass over tool mass
+    threshold: float  # alarm threshold over F0
+
+
+class Origin(NamedTuple):
+    """Where an integration starts, in physical units: what the scaled state is relative to."""
+
+    time: float  # s
+    flange_position: float  # m
+    flange_velocity: float  # m/s
+    acceleration: float  # m/s^2, of the flange
+    impulse: float  # N s, of the contact so far
+    deflection_integral: float  # m s, likewise
+
+
+@kernel
+def origin(chain: Chain, acceleration: float) -> Origin:
+    """Return the origin of an integration that starts at the state of `chain`."""
+    return Origin(
+        chain.time,
+        chain.flange_position,
+        chain.flange_velocity,
+        acceleration,
+        chain.impulse,
+        chain.deflection_integral,
+    )
+
+
+@kernel
+def load_common(chain: Chain, scales: contact.Scales, state: Array) -> None:
+    """Write penetration, rate, time and impulse of `chain` into the scaled `state`."""
+    state[ROOT] = (max(chain.penetration, 0.0) / scales.length) ** 0.5
+    state[RATE] = chain.penetration_rate / scales.velocity
+    state[TIME] = 0.0
+    state[IMPULSE] = 0.0
+
+
+@kernel
+def store_common(chain: Chain, base: Origin, scales: contact.Scales, state: Array) -> None:
+    """Write the scaled `state` back into `chain`, flange included."""
+    elapsed = state[TIME] * scales.time
+    chain.time = base.time + elapsed
+    chain.flange_position = base.flange_position + elapsed * (base.flange_velocity + 0.5 * base.acceleration * elapsed)
+    chain.flange_velocity = base.flange_velocity + base.acceleration * elapsed
+    chain.penetration = state[ROOT] * state[ROOT] * scales.length
+    chain.penetration_rate = state[RATE] * scales.velocity
+    chain.impulse = base.impulse + state[IMPULSE] * scales.force * scales.time

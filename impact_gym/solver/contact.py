@@ -1,0 +1,172 @@
+"""One contact, from wherever it stands to the next thing that matters: its end, the alarm threshold, or the clock."""
+
+import math
+
+from impact_gym.kernel import kernel
+from impact_gym.physics import contact
+from impact_gym.solver import collision as scaled
+from impact_gym.solver import coupled, dop853, events
+from impact_gym.solver.collision import RATE, ROOT, TIME, Collision, Origin
+from impact_gym.solver.coupled import Law
+from impact_gym.solver.dop853 import ORDER, STAGES, STATE, TRIAL
+from impact_gym.solver.recording import object_velocity, trace
+from impact_gym.solver.state import Array, Bodies, Chain, Recorder, Status, Tolerance
+
+FIRST_STEP = 0.1  # in s, see physics.contact
+TRACE_POINTS = 8  # in a step
+
+ARRIVED = int(Status.ARRIVED)
+DETECTED = int(Status.DETECTED)
+SEPARATED = int(Status.SEPARATED)
+STEP_LIMIT = int(Status.STEP_LIMIT)
+NOT_FINITE = int(Status.NOT_FINITE)
+
+
+@kernel
+def begin(chain: Chain) -> None:
+    """Open a contact at the state of `chain`: fresh approach velocity, empty budget."""
+    chain.touching = 1
+    chain.penetration = 0.0
+    chain.start = chain.time
+    chain.approach_velocity = chain.penetration_rate
+    chain.start_tool_velocity = chain.flange_velocity + chain.deflection_rate
+    chain.start_object_velocity = object_velocity(chain)
+    chain.start_deflection = chain.deflection
+    chain.impulse = 0.0
+    chain.deflection_integral = 0.0
+    chain.contact_peak_force = 0.0
+    chain.step = FIRST_STEP
+    chain.contacts += 1
+    chain.first_contact = min(chain.first_contact, chain.time)
+
+
+@kernel
+def sensed_force(law: Law, bodies: Bodies, chain: Chain) -> float:
+    """Contact force now, N."""
+    if chain.touching == 0:
+        return 0.0
+    units = contact.scales(coupled.reduced_mass(law, bodies.object_mass), bodies.stiffness, chain.approach_velocity)
+    root = math.sqrt(max(chain.penetration, 0.0) / units.length)
+    return units.force * contact.force(bodies.damping, root, chain.penetration_rate / units.velocity)
+
+
+@kernel
+def proceed(
+    law: Law,
+    bodies: Bodies,
+    chain: Chain,
+    acceleration: float,
+    until: float,
+    threshold: float,
+    tolerance: Tolerance,
+    recorder: Recorder,
+    work: Array,
+) -> int:
+    """Advance a contact to time `until` (s) or to its end, or to the first crossing of `threshold` (N)."""
+    mass = coupled.reduced_mass(law, bodies.object_mass)
+    units = contact.scales(mass, bodies.stiffness, chain.approach_velocity)
+    constants = coupled.collision(law, bodies.object_mass, bodies.damping, acceleration, threshold, units)
+    base = scaled.origin(chain, acceleration)
+    horizon = (until - chain.time) / units.time
+    unfelt = math.isinf(chain.detection)
+
+    state, trial = work[STATE], work[TRIAL]
+    rate, trial_rate = work[0], work[STAGES - 1]
+    coupled.load(law, chain, units, state)
+    coupled.rate(law, constants, state, rate)
+    if unfelt and contact.force(constants.damping, state[ROOT], state[RATE]) > constants.threshold:
+        chain.detection = chain.time
+        return DETECTED
+
+    parting = state[RATE] < 0.0
+    gripping = contact.grip(constants.damping, state[RATE]) > 0.0
+    rising = gripping and contact.force_slope(constants.damping, state[ROOT], state[RATE], rate[RATE]) > 0.0
+    peak = chain.contact_peak_force / units.force
+    h = chain.step
+    outcome = ARRIVED
+    while True:
+        chain.steps += 1
+        if chain.steps > tolerance.max_steps:
+            outcome = STEP_LIMIT
+            break
+        dop853.attempt(law, constants, work, h)
+        error = dop853.error(law, work, h, tolerance.relative)
+        factor = min(5.0, max(0.2, 0.9 * error ** (-1.0 / ORDER))) if error > 0.0 else 5.0
+        if error > 1.0:
+            h *= factor
+            if h < 1e-300:
+                outcome = NOT_FINITE
+                break
+            continue
+
+        taken = h
+        event = events.NONE
+        if parting and trial[RATE] > 0.0:
+            taken = events.land(events.TURNING, law, constants, horizon, work, taken)
+            event = events.TURNING
+        if trial[ROOT] <= 0.0:
+            taken = events.land(events.SEPARATION, law, constants, horizon, work, taken)
+            event = events.SEPARATION
+        if trial[TIME] >= horizon:
+            taken = events.land(events.HORIZON, law, constants, horizon, work, taken)
+            event = events.HORIZON
+        if (contact.grip(constants.damping, trial[RATE]) > 0.0) != gripping:
+            taken = events.land(events.CLAMP, law, constants, horizon, work, taken)
+            event = events.CLAMP
+        if rising and contact.force_slope(constants.damping, trial[ROOT], trial[RATE], trial_rate[RATE]) < 0.0:
+            taken = events.land(events.PEAK, law, constants, horizon, work, taken)
+            event = events.PEAK
+        if unfelt and contact.force(constants.damping, trial[ROOT], trial[RATE]) > constants.threshold:
+            taken = events.land(events.THRESHOLD, law, constants, horizon, work, taken)
+            event = events.THRESHOLD
+
+        if recorder.trace.shape[0] > 0:
+            trace_step(law, constants, chain, base, units, recorder, work, taken)
+        dop853.accept(law, work)
+        h = factor * h
+        grip = contact.grip(constants.damping, state[RATE]) > 0.0
+        gripping = not gripping if event == events.CLAMP else grip
+        parting = state[RATE] < 0.0 and event != events.TURNING
+        slope = contact.force_slope(constants.damping, state[ROOT], state[RATE], rate[RATE])
+        rising = gripping and slope > 0.0 and event != events.PEAK
+        peak = max(peak, contact.force(constants.damping, state[ROOT], state[RATE]))
+        if event == events.SEPARATION:
+            state[ROOT] = 0.0
+            outcome = SEPARATED
+            break
+        if event == events.HORIZON:
+            break
+        if event == events.THRESHOLD:
+            outcome = DETECTED
+            break
+
+    coupled.store(law, chain, base, units, state)
+    if outcome == ARRIVED:
+        chain.time = until
+    if outcome == DETECTED:
+        chain.detection = chain.time
+    if not math.isfinite(chain.penetration_rate):
+        outcome = NOT_FINITE
+    chain.step = h
+    chain.contact_peak_force = peak * units.force
+    chain.peak_force = max(chain.peak_force, chain.contact_peak_force)
+    return outcome
+
+
+@kernel
+def trace_step(
+    law: Law,
+    constants: Collision,
+    chain: Chain,
+    base: Origin,
+    units: contact.Scales,
+    recorder: Recorder,
+    work: Array,
+    taken: float,
+) -> None:
+    """Trace points along the step just found good, each a step of the integrator from the same start."""
+    for point in range(1, TRACE_POINTS + 1):
+        dop853.attempt(law, constants, work, taken * point / TRACE_POINTS)
+        coupled.store(law, chain, base, units, work[TRIAL])
+        force = contact.force(constants.damping, work[TRIAL][ROOT], work[TRIAL][RATE])
+        trace(law, chain, recorder, base.acceleration, units.force * force)

@@ -1,0 +1,95 @@
+"""Events inside a contact step: what each one is a zero of, and the step length that ends exactly on it."""
+
+from impact_gym.kernel import kernel
+from impact_gym.physics import contact
+from impact_gym.solver import dop853
+from impact_gym.solver.collision import RATE, ROOT, TIME, Collision
+from impact_gym.solver.coupled import Law
+from impact_gym.solver.dop853 import STAGES, STATE, TRIAL
+from impact_gym.solver.state import Array, Vector
+
+NONE, TURNING, SEPARATION, HORIZON, CLAMP, PEAK, THRESHOLD = range(7)
+"""Kinds, in the order in which a step is searched: each search looks only at what the one before left of the step.
+
+TURNING: the surfaces stop parting and close again; landing on it shows whether they had come apart in between.
+CLAMP: the force reaches or leaves zero with the surfaces in touch, where it has a kink.
+PEAK: the force stops rising; with it, the force is monotone in every step, so THRESHOLD is seen by its ends.
+"""
+
+
+@kernel
+def value(kind: int, collision: Collision, horizon: float, state: Vector, rate: Vector) -> float:
+    """Signed distance from event `kind`; each changes sign where its event is."""
+    z = state[ROOT]
+    w = state[RATE]
+    if kind == TURNING:
+        return w
+    if kind == SEPARATION:
+        return -z
+    if kind == HORIZON:
+        return state[TIME] - horizon
+    if kind == CLAMP:
+        return contact.grip(collision.damping, w)
+    if kind == PEAK:
+        return -contact.force_slope(collision.damping, z, w, rate[RATE])
+    return contact.force(collision.damping, z, w) - collision.threshold
+
+
+@kernel
+def slope(kind: int, collision: Collision, state: Vector, rate: Vector) -> float:
+    """d(value)/ds; zero where no formula is at hand (PEAK), which leaves bisection and secants."""
+    if kind == TURNING:
+        return rate[RATE]
+    if kind == SEPARATION:
+        return -rate[ROOT]
+    if kind == HORIZON:
+        return rate[TIME]
+    if kind == CLAMP:
+        return collision.damping * rate[RATE]
+    if kind == PEAK:
+        return 0.0
+    z = state[ROOT]
+    return z * z * contact.force_slope(collision.damping, z, state[RATE], rate[RATE])
+
+
+@kernel
+def land(kind: int, law: Law, collision: Collision, horizon: float, work: Array, h: float) -> float:
+    """Shorten the last attempt, of length `h`, so that it ends on event `kind`; return its new length.
+
+    Newton's method on the step length itself, every iterate a full step of the integrator, held inside the bracket
+    [0, h] by the secant of its ends (Illinois): what is found is a zero of the computed motion, not of an interpolant.
+    The peak is wanted for its height, which does not feel small errors of its place.
+    """
+    low = 0.0
+    low_value = value(kind, collision, horizon, work[STATE], work[0])
+    high = h
+    high_value = value(kind, collision, horizon, work[TRIAL], work[STAGES - 1])
+    if low_value == 0.0:
+        low_value = -high_value * 1e-300
+    at = h
+    at_value = high_value
+    side = 0
+    for _ in range(60):
+        tangent = slope(kind, collision, work[TRIAL], work[STAGES - 1])
+        following = at - at_value / tangent if tangent != 0.0 else low
+        precision = 1e-7  # of a step of Newton's method: the next would be its square
+        if not low < following < high:
+            precision = 1e-6 if kind == PEAK else 1e-14
+            following = (low * high_value - high * low_value) / (high_value - low_value)
+        if not low < following < high:
+            following = 0.5 * (low + high)
+        moved = abs(following - at)
+        at = following
+        dop853.attempt(law, collision, work, at)
+        at_value = value(kind, collision, horizon, work[TRIAL], work[STAGES - 1])
+        if moved <= precision * h or at_value == 0.0:
+            break
+        if (at_value > 0.0) == (high_value > 0.0):
+            high, high_value = at, at_value
+            low_value *= 0.5 if side > 0 else 1.0
+            side = 1
+        else:
+            low, low_value = at, at_value
+            high_value *= 0.5 if side < 0 else 1.0
+            side = -1
+    return at

@@ -1,0 +1,34 @@
+"""Checks at the border: one sentence that names the field, the value, the unit and what is allowed."""
+
+import math
+from typing import SupportsFloat
+
+
+def number(
+    field: str,
+    value: SupportsFloat,
+    unit: str,
+    *,
+    above: float = -math.inf,
+    at_least: float = -math.inf,
+    at_most: float = math.inf,
+) -> float:
+    """Return `value` as a float, or raise.
+
+    Raises:
+        TypeError: `value` is no number (a string, None, a bool).
+        ValueError: `value` is not finite, or not in (above, at_most] or [at_least, at_most].
+    """
+    if isinstance(value, (str, bytes, bool)) or not hasattr(value, "__float__"):
+        raise TypeError(f"{field} must be a number in {unit}, got {value!r}")
+    result = float(value)
+    if math.isfinite(result) and above < result <= at_most and result >= at_least:
+        return result
+    allowed = []
+    if above > -math.inf:
+        allowed.append(f"above {above:g}")
+    if at_least > -math.inf:
+        allowed.append(f"at least {at_least:g}")
+    if at_most < math.inf:
+        allowed.append(f"at most {at_most:g}")
+    raise ValueError(f"{field} must be {' and '.join(['finite', *allowed])} {unit}, got {result!r} {unit}")
