@@ -75,8 +75,8 @@ class Policy:
         if hidden.shape[-1] != self.inputs:
             raise ValueError(f"the policy takes {self.inputs} numbers, the observation has {hidden.shape[-1]}")
         for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
-            hidden = np.tanh(hidden @ weight.T + bias)
-        action = hidden @ self.weights[-1].T + self.biases[-1]
+            hidden = np.tanh(_affine(weight, bias, hidden))
+        action = _affine(self.weights[-1], self.biases[-1], hidden)
         if not deterministic:
             action = action + np.exp(self.log_std) * self._noise.standard_normal(action.shape, np.float32)
         return np.clip(action, -1.0, 1.0), state
@@ -89,6 +89,14 @@ class Policy:
         with whole_file(Path(path)) as file:
             np.savez(file, header=np.array(header), log_std=self.log_std, **arrays)
         return Path(path)
+
+
+def _affine(weight: NDArray[np.float32], bias: NDArray[np.float32], inputs: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return weight @ inputs + bias for each row of `inputs`, the same to the bit however many rows there are.
+
+    A matrix product of BLAS sums in another order for another number of rows.
+    """
+    return np.einsum("...j,kj->...k", inputs, weight) + bias
 
 
 def load_policy(name: str | Path) -> Policy:

@@ -13,14 +13,13 @@ from impact_gym.scene import Coupling, Scene, SpringDamper
 from impact_gym.solver.approach import Profile, approach
 from impact_gym.solver.state import (
     CHAIN,
-    CONTACT_COLUMNS,
     LOCAL_SHARE,
     SENTENCES,
-    TRACE_COLUMNS,
     Bodies,
     Recorder,
     Status,
     Tolerance,
+    recorder,
 )
 from impact_gym.validation import number
 
@@ -56,6 +55,11 @@ class Trace:
     object_velocity: NDArray[np.float64]  # m/s
     contact_force: NDArray[np.float64]  # N, on the object
     coupling_force: NDArray[np.float64]  # N, on the tool
+
+    @classmethod
+    def of(cls, log: Recorder, rows: int) -> "Trace":
+        """Return a copy of the first `rows` of what was recorded."""
+        return cls(*log.trace[:rows].T.copy())
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +122,7 @@ def simulate(
     chains = np.zeros(1, CHAIN)
     rows = [_CONTACT_ROWS, _TRACE_ROWS if trace else 0]
     while True:
-        log = Recorder(np.empty((rows[0], len(CONTACT_COLUMNS))), np.empty((rows[1], len(TRACE_COLUMNS))))
+        log = recorder(*rows)
         status = Status(approach(law, bodies, chains, scene.object.distance, profile, duration, tolerance, log))
         chain = chains[0]
         if chain["logged"] <= rows[0] and chain["traced"] <= rows[1]:
@@ -149,5 +153,5 @@ def _outcome(chain: np.void, log: Recorder, trace: bool) -> Outcome:
         momentum_error=float(chain["momentum_error"]),
         steps=int(chain["steps"]),
         status="ok",
-        trace=Trace(*np.ascontiguousarray(log.trace[: chain["traced"]].T)) if trace else None,
+        trace=Trace.of(log, chain["traced"]) if trace else None,
     )

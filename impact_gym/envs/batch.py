@@ -13,7 +13,7 @@ from impact_gym.envs.episode import begin_rows, step_rows
 from impact_gym.envs.rows import EPISODE
 from impact_gym.envs.scenario import DRAWS, FIELDS, ScenarioRanges
 from impact_gym.envs.task import Task
-from impact_gym.solver.state import CHAIN, SENTENCES, Recorder, Status, no_recorder
+from impact_gym.solver.state import CHAIN, SENTENCES, Status, recorder
 
 ROWS_PER_THREAD = 1024
 """A batch is cut for several threads only into pieces of at least this many rows: smaller ones do not pay."""
@@ -44,12 +44,12 @@ class Batch:
         self.law = task.law()
         self.constants = task.constants()
         self.threads = threads or os.cpu_count() or 1
-        self.recorder = no_recorder()
+        self.recorder = recorder()  # records nothing; a batch of one may be given another
         self.observation_space = observation.space(self.constants)
         self.chains = np.zeros(size, CHAIN)
         self.episodes = np.zeros(size, EPISODE)
         self._readings = np.zeros((size, self.constants.samples_under_way + 3, 2))
-        self.observations = np.zeros((size, *self.observation_space.shape), np.float32)
+        self.observations = np.zeros((size, observation.length(self.constants)), np.float32)
         self.rewards = np.zeros(size)
         self.set_scenario(task.ranges)
 
@@ -57,10 +57,6 @@ class Batch:
         """Draw from `ranges` from the next episode on."""
         self.ranges = ranges
         self._table = self.task.draw_table(ranges)
-
-    def record(self, recorder: Recorder) -> None:
-        """Write contacts and trace of the row that is stepped into `recorder`; for a batch of one."""
-        self.recorder = recorder
 
     def begin(self, rows: NDArray[np.int64], uniforms: NDArray[np.float64], fixed: NDArray[np.float64]) -> None:
         """Begin an episode in each of `rows` (k,) with `uniforms` (k, DRAWS) in [0, 1) and `fixed` (k, 4) or nan."""

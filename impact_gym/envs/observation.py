@@ -41,11 +41,20 @@ ENTRIES = (
 RANGE_ENTRY = Entry("distance estimate minus flange position (with range_noise)", "m", "-0.5", "0.5", -1.0)
 
 
+def entries(task: TaskConstants) -> tuple[Entry, ...]:
+    """Return what the options of `task` let the controller see."""
+    return ENTRIES + ((RANGE_ENTRY,) if task.range_noise >= 0 else ())
+
+
+def length(task: TaskConstants) -> int:
+    """Return how many numbers that is."""
+    return len(entries(task))
+
+
 def space(task: TaskConstants) -> spaces.Space[Any]:
     """Return the observation space of one environment."""
-    entries = ENTRIES + ((RANGE_ENTRY,) if task.range_noise >= 0 else ())
-    low = np.array([entry.scaled_low for entry in entries], np.float32)
-    return spaces.Box(low, np.ones(len(entries), np.float32), dtype=np.float32)
+    low = np.array([entry.scaled_low for entry in entries(task)], np.float32)
+    return spaces.Box(low, np.ones_like(low), dtype=np.float32)
 
 
 @kernel

@@ -12,8 +12,11 @@ from impact_gym.envs.batch import Batch, row_info
 from impact_gym.envs.scenario import ScenarioRanges, fixed_scenario
 from impact_gym.envs.task import Task
 from impact_gym.scene import Coupling
+from impact_gym.simulation import Trace
+from impact_gym.solver.state import recorder
 
 ACTION_SPACE: Space[Any] = spaces.Box(-1.0, 1.0, (2,), np.float32)
+TRACE_ROWS = 1 << 15
 _ROW = np.zeros(1, np.int64)
 _NO_SKIP = np.zeros(1, np.bool_)
 
@@ -93,6 +96,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     | `reaction_delay`    | 0.016                  | s                                                               |
     | `control_period`    | 0.016                  | s                                                               |
     | `range_noise`       | None                   | m, standard deviation of a distance estimate; None: no estimate |
+    | `record_trace`      | False                  | keep time histories of the episode, read by `trace()`           |
     | `rtol`              | 1e-8                   | relative error allowed in a contact, see `simulate`             |
 
     ## Version History
@@ -106,6 +110,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         scenario: ScenarioRanges | Mapping[str, Any] | str = "train",
         coupling: Coupling | Mapping[str, Any] | None = None,
         render_mode: None = None,
+        record_trace: bool = False,
         **options: Any,
     ) -> None:
         """Make an environment; see the arguments above.
@@ -117,12 +122,27 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             raise ValueError(f"render_mode must be None, got {render_mode!r}")
         self.render_mode = render_mode
         self._batch = Batch(1, task_from(scenario, coupling, options), threads=1)
+        if record_trace:
+            self._batch.recorder = recorder(trace_rows=TRACE_ROWS)
         self.observation_space = self._batch.observation_space
         self.action_space = ACTION_SPACE
 
     def set_scenario(self, scenario: ScenarioRanges | Mapping[str, Any] | str) -> None:
         """Draw from other ranges from the next episode on."""
         self._batch.set_scenario(ScenarioRanges.of(scenario))
+
+    def trace(self) -> Trace:
+        """Return the time histories of the episode so far; once it has ended, to the end of the settling.
+
+        Raises:
+            RuntimeError: the environment was made without `record_trace`, or the episode was too long for it.
+        """
+        rows = int(self._batch.chains["traced"][0])
+        if self._batch.recorder.trace.shape[0] == 0:
+            raise RuntimeError("make the environment with record_trace=True to read a trace")
+        if rows > TRACE_ROWS:
+            raise RuntimeError(f"the episode has {rows} trace points, more than the {TRACE_ROWS} that are kept")
+        return Trace.of(self._batch.recorder, rows)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None

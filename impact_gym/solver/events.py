@@ -6,7 +6,7 @@ from impact_gym.solver import dop853
 from impact_gym.solver.collision import RATE, ROOT, TIME, Collision
 from impact_gym.solver.coupled import Law
 from impact_gym.solver.dop853 import STAGES, STATE, TRIAL
-from impact_gym.solver.state import Array, Vector
+from impact_gym.solver.state import Array
 
 NONE, TURNING, SEPARATION, HORIZON, CLAMP, PEAK, THRESHOLD = range(7)
 """Kinds, in the order in which a step is searched: each search looks only at what the one before left of the step.
@@ -18,16 +18,17 @@ PEAK: the force stops rising; with it, the force is monotone in every step, so T
 
 
 @kernel
-def value(kind: int, collision: Collision, horizon: float, state: Vector, rate: Vector) -> float:
+def value(kind: int, collision: Collision, horizon: float, state: Array, rate: Array) -> float:
     """Signed distance from event `kind`; each changes sign where its event is."""
-    z = state[ROOT]
-    w = state[RATE]
+    z: float = state[ROOT]
+    w: float = state[RATE]
+    time: float = state[TIME]
     if kind == TURNING:
         return w
     if kind == SEPARATION:
         return -z
     if kind == HORIZON:
-        return state[TIME] - horizon
+        return time - horizon
     if kind == CLAMP:
         return contact.grip(collision.damping, w)
     if kind == PEAK:
@@ -36,20 +37,23 @@ def value(kind: int, collision: Collision, horizon: float, state: Vector, rate: 
 
 
 @kernel
-def slope(kind: int, collision: Collision, state: Vector, rate: Vector) -> float:
+def slope(kind: int, collision: Collision, state: Array, rate: Array) -> float:
     """d(value)/ds; zero where no formula is at hand (PEAK), which leaves bisection and secants."""
+    z: float = state[ROOT]
+    z_slope: float = rate[ROOT]
+    w_slope: float = rate[RATE]
+    time_slope: float = rate[TIME]
     if kind == TURNING:
-        return rate[RATE]
+        return w_slope
     if kind == SEPARATION:
-        return -rate[ROOT]
+        return -z_slope
     if kind == HORIZON:
-        return rate[TIME]
+        return time_slope
     if kind == CLAMP:
-        return collision.damping * rate[RATE]
+        return collision.damping * w_slope
     if kind == PEAK:
         return 0.0
-    z = state[ROOT]
-    return z * z * contact.force_slope(collision.damping, z, state[RATE], rate[RATE])
+    return z * z * contact.force_slope(collision.damping, z, state[RATE], w_slope)
 
 
 @kernel

@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[Any]
-Vector = NDArray[np.float64]
 
 
 def record(kind: type) -> np.dtype[Any]:
@@ -104,6 +103,9 @@ SENTENCES = {
 }
 
 
-def no_recorder() -> Recorder:
-    """Return a recorder that records nothing."""
-    return Recorder(np.empty((0, len(CONTACT_COLUMNS))), np.empty((0, len(TRACE_COLUMNS))))
+def recorder(contact_rows: int = 0, trace_rows: int = 0) -> Recorder:
+    """Return a recorder with room for so many rows."""
+    return Recorder(
+        np.empty((contact_rows, len(CONTACT_COLUMNS))),
+        np.empty((trace_rows, len(TRACE_COLUMNS))),
+    )

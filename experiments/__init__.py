@@ -1,0 +1,1 @@
+"""Evaluation, the report, the paper's figures, and benchmarks."""
