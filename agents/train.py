@@ -32,7 +32,7 @@ PACKAGES = ("impact-gym", "gymnasium", "numba", "numpy", "scipy", "stable-baseli
 class Settings:
     """Train PPO on ImpactApproach-v0."""
 
-    steps: int = 2_000_000
+    steps: int = 4_000_000
     """Environment steps in all."""
     seed: int = 0
     """Seed of the scenarios, the network and the exploration; below 1000000, where evaluation begins."""

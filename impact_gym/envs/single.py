@@ -159,8 +159,9 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         command = np.asarray(action)
         batch.step(batch.commands(command.reshape(1, 2) if command.shape == (2,) else command), _NO_SKIP)
         terminated = bool(batch.episodes["terminated"][0])
-        info = row_info(batch.final_info(), 0) if terminated else {}
-        return batch.observations[0].copy(), float(batch.rewards[0]), terminated, False, info
+        truncated = bool(batch.episodes["truncated"][0])
+        info = row_info(batch.final_info(), 0) if terminated or truncated else {}
+        return batch.observations[0].copy(), float(batch.rewards[0]), terminated, truncated, info
 
 
 def task_from(

@@ -57,12 +57,29 @@ def slope(kind: int, collision: Collision, state: Array, rate: Array) -> float:
 
 
 @kernel
+def cubic_zero(start: float, start_slope: float, end: float, end_slope: float) -> float:
+    """Guess the zero in (0, 1) of the cubic with these values, of opposite signs, and slopes at 0 and 1."""
+    t = start / (start - end)
+    for _ in range(4):
+        square, cube = t * t, t * t * t
+        f = start * (1.0 - 3.0 * square + 2.0 * cube) + end * (3.0 * square - 2.0 * cube)
+        f += start_slope * (t - 2.0 * square + cube) + end_slope * (cube - square)
+        tangent = 6.0 * (end - start) * (t - square)
+        tangent += start_slope * (1.0 - 4.0 * t + 3.0 * square) + end_slope * (3.0 * square - 2.0 * t)
+        if tangent == 0.0:
+            break
+        t -= f / tangent
+    return t
+
+
+@kernel
 def land(kind: int, law: Law, collision: Collision, horizon: float, work: Array, h: float) -> float:
     """Shorten the last attempt, of length `h`, so that it ends on event `kind`; return its new length.
 
-    Newton's method on the step length itself, every iterate a full step of the integrator, held inside the bracket
-    [0, h] by the secant of its ends (Illinois): what is found is a zero of the computed motion, not of an interpolant.
-    The peak is wanted for its height, which does not feel small errors of its place.
+    Newton's method on the step length itself, every iterate a full step of the integrator, begun at the zero of the
+    cubic through both ends and held inside the bracket [0, h] by its secant (Illinois): what is found is a zero of the
+    computed motion, not of an interpolant. The peak is wanted for its height, which does not feel small errors of its
+    place, and has no slope at hand: it is found by secants alone.
     """
     low = 0.0
     low_value = value(kind, collision, horizon, work[STATE], work[0])
@@ -70,15 +87,19 @@ def land(kind: int, law: Law, collision: Collision, horizon: float, work: Array,
     high_value = value(kind, collision, horizon, work[TRIAL], work[STAGES - 1])
     if low_value == 0.0:
         low_value = -high_value * 1e-300
+    following = low
+    if kind != PEAK:
+        low_slope = slope(kind, collision, work[STATE], work[0])
+        high_slope = slope(kind, collision, work[TRIAL], work[STAGES - 1])
+        following = h * cubic_zero(low_value, h * low_slope, high_value, h * high_slope)
+    newton = False
     at = h
-    at_value = high_value
     side = 0
     for _ in range(60):
-        tangent = slope(kind, collision, work[TRIAL], work[STAGES - 1])
-        following = at - at_value / tangent if tangent != 0.0 else low
         precision = 1e-7  # of a step of Newton's method: the next would be its square
+        if not newton or not low < following < high:
+            precision = 1e-5 if kind == PEAK else 1e-14
         if not low < following < high:
-            precision = 1e-6 if kind == PEAK else 1e-14
             following = (low * high_value - high * low_value) / (high_value - low_value)
         if not low < following < high:
             following = 0.5 * (low + high)
@@ -96,4 +117,7 @@ def land(kind: int, law: Law, collision: Collision, horizon: float, work: Array,
             low, low_value = at, at_value
             high_value *= 0.5 if side < 0 else 1.0
             side = -1
+        tangent = slope(kind, collision, work[TRIAL], work[STAGES - 1])
+        newton = tangent != 0.0
+        following = at - at_value / tangent if newton else low
     return at
