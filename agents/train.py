@@ -32,7 +32,7 @@ PACKAGES = ("impact-gym", "gymnasium", "numba", "numpy", "scipy", "stable-baseli
 class Settings:
     """Train PPO on ImpactApproach-v0."""
 
-    steps: int = 4_000_000
+    steps: int = 6_000_000
     """Environment steps in all."""
     seed: int = 0
     """Seed of the scenarios, the network and the exploration; below 1000000, where evaluation begins."""
@@ -44,9 +44,9 @@ class Settings:
     """Environments side by side."""
     rollout: int = 64
     """Steps of each environment between two updates; an episode has about 30."""
-    batch: int = 4096
+    batch: int = 2048
     """Samples of a gradient step."""
-    epochs: int = 8
+    epochs: int = 4
     """Passes over a rollout."""
     learning_rate: float = 1e-3
     """At the start; falls linearly to a tenth."""
