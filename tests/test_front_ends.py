@@ -147,25 +147,31 @@ def test_an_episode_that_ends_by_itself_on_the_last_step_allowed_is_flagged_as_b
     assert_identical(result[:4], expected[:4])
 
 
-def test_a_truncated_episode_has_the_final_info_too_whatever_the_front_end():
-    """The final info 'always has' its entries; what a truncated episode has cost so far is in its terms."""
+@pytest.mark.parametrize("kind", ["vector", "stable", "single"])
+def test_the_final_info_of_a_truncated_episode_has_its_entries_too(kind):
+    """They are what the episode has come to so far: the cost of time alone, and no V_p of the future."""
     actions = action_table(3, slots=1, ticks=4)
-    env = gym.make(ID, max_episode_steps=4)
-    vector = gym.make_vec(ID, num_envs=1, max_episode_steps=4)
-    stable = ImpactVecEnv(1, max_episode_steps=4)
-    stable.seed(0)
-    env.reset(seed=0), vector.reset(seed=0), stable.reset()
-    for row in actions:
-        _, _, terminated, truncated, info = env.step(row[0])
-        infos = vector.step(row)[4]
-        stable_info = stable.step(row)[3][0]
-    assert (terminated, truncated) == (False, True)
-    expected = {name: value[0] for name, value in infos.items() if not isinstance(value, dict) and name[0] != "_"}
-    assert {"object_velocity", "approach_time", "peak_force", "contact_count", "missed"} <= set(expected)
-    for found in (stable_info, info):
-        assert {name: found.get(name) for name in expected} == expected
-        assert found["scenario"] == {name: infos["scenario"][name][0] for name in found["scenario"]}
-        assert sum(found["reward_terms"].values()) == pytest.approx(-2.0 * 4 * 0.016, rel=1e-12)
+    if kind == "vector":
+        env = gym.make_vec(ID, num_envs=1, max_episode_steps=4, autoreset_mode="Disabled")
+        env.reset(seed=0)
+        *_, (_, _, _, truncated, infos) = [env.step(row) for row in actions]
+        info = {name: value if isinstance(value, dict) else value[0] for name, value in infos.items()}
+        info["reward_terms"] = {name: value[0] for name, value in infos["reward_terms"].items() if name[0] != "_"}
+    elif kind == "stable":
+        env = ImpactVecEnv(1, max_episode_steps=4)
+        env.seed(0)
+        env.reset()
+        *_, (_, _, truncated, (info,)) = [env.step(row) for row in actions]
+        assert info["TimeLimit.truncated"] is True
+    else:
+        env = gym.make(ID, max_episode_steps=4)
+        env.reset(seed=0)
+        *_, (_, _, _, truncated, info) = [env.step(row[0]) for row in actions]
+    assert truncated
+    names = ("object_velocity", "approach_time", "peak_force", "contact_count", "missed", "reward_terms", "scenario")
+    assert set(names) <= set(info)
+    assert (info["contact_count"], info["object_velocity"], info["peak_force"]) == (0, 0.0, 0.0)
+    assert sum(info["reward_terms"].values()) == pytest.approx(-2.0 * 4 * 0.016, rel=1e-12)
 
 
 def test_a_list_of_seeds_and_a_reset_mask_reach_exactly_the_slots_they_name():
