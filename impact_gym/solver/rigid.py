@@ -69,18 +69,17 @@ def touch_time(law: RigidLaw, chain: Chain, acceleration: float, horizon: float)
     """Time (s) until tool and object touch, inf if not within `horizon`: first upward zero of a parabola."""
     gap = -chain.penetration
     v = chain.penetration_rate
-    if gap <= 0.0 and v <= 0.0 and acceleration <= 0.0:
-        return math.inf
-    if gap <= 0.0 and v < 0.0:  # just parted: back once the flange has caught up
-        time = -2.0 * v / acceleration
-        return time if time <= horizon else math.inf
     square = v * v + 2.0 * acceleration * gap
     if square < 0.0:
         return math.inf
-    towards = v + math.sqrt(square)
-    if towards <= 0.0:
+    if gap > 0.0 and v > 0.0:
+        time = 2.0 * gap / (v + math.sqrt(square))
+    elif v <= 0.0 and acceleration > 0.0:  # not closing yet, or just parted: back once the flange has caught up
+        time = (math.sqrt(square) - v) / acceleration
+    elif gap <= 0.0 and v > 0.0:
+        time = 0.0
+    else:
         return math.inf
-    time = 2.0 * gap / towards
     return time if time <= horizon else math.inf
 
 
