@@ -5,7 +5,9 @@ came about. Reading one runs no code.
 """
 
 import json
+import struct
 import zipfile
+import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -17,6 +19,9 @@ from agents.files import whole_file
 
 SHIPPED = Path(__file__).parent / "policies"
 FORMAT = "impact_gym policy 1"
+DAMAGE = (ValueError, TypeError, AttributeError, LookupError, RuntimeError, OSError, EOFError)
+DAMAGE += (zipfile.BadZipFile, zlib.error, struct.error)
+"""What reading a file can raise that is not a policy, or no longer."""
 
 
 class Policy:
@@ -49,6 +54,8 @@ class Policy:
                 raise ValueError(f"layer {layer} takes {weight.shape[1]} numbers, the one before gives another count")
         if log_std.shape != biases[-1].shape:
             raise ValueError(f"log_std {log_std.shape} must be as long as the action {biases[-1].shape}")
+        if not all(array.dtype.kind == "f" for array in (*weights, *biases, log_std)):
+            raise ValueError("a policy's arrays must hold real numbers")
         if not all(np.isfinite(array).all() for array in (*weights, *biases, log_std)):
             raise ValueError("a policy's arrays must be finite")
         self.weights, self.biases, self.log_std = weights, biases, log_std
@@ -113,7 +120,7 @@ def load_policy(name: str | Path) -> Policy:
         shipped = sorted(file.stem for file in SHIPPED.glob("*.npz"))
         raise FileNotFoundError(f"no policy {str(name)!r}: it is no file, and shipped are {shipped}")
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             header = json.loads(str(archive["header"]))
             if header["format"] != FORMAT:
                 raise ValueError(f"its format is {header['format']!r}, this version reads {FORMAT!r}")
@@ -124,5 +131,5 @@ def load_policy(name: str | Path) -> Policy:
                 archive["log_std"],
                 header["provenance"],
             )
-    except (KeyError, ValueError, TypeError, EOFError, zipfile.BadZipFile) as error:
+    except DAMAGE as error:
         raise ValueError(f"{path} is not a policy file, or is damaged: {error}") from error

@@ -74,6 +74,8 @@ class Objectives(BaseCallback):
         return True
 
     def _on_rollout_end(self) -> None:
+        if not self._ended:
+            return
         for name in ("object_velocity", "approach_time", "peak_force", "missed"):
             self.logger.record(f"objectives/{name}", float(np.mean([info[name] for info in self._ended])))
         self._ended.clear()
@@ -156,6 +158,7 @@ def train(settings: Settings) -> Path:
     begun = time.perf_counter()
     model.learn(settings.steps, callback=Objectives(), progress_bar=True)
     seconds = time.perf_counter() - begun
+    model.logger.close()
 
     policy = export(model, record)
     policy.save(folder / "policy.npz")

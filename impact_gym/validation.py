@@ -1,7 +1,8 @@
 """Checks at the border: one sentence that names the field, the value, the unit and what is allowed."""
 
 import math
-from typing import SupportsFloat
+import operator
+from typing import Any, SupportsFloat
 
 
 def number(
@@ -21,7 +22,12 @@ def number(
     """
     if isinstance(value, (str, bytes, bool)) or not hasattr(value, "__float__"):
         raise TypeError(f"{field} must be a number in {unit}, got {value!r}")
-    result = float(value)
+    try:
+        result = float(value)
+    except OverflowError:  # an int beyond the range of floats
+        result = math.inf
+    except (TypeError, ValueError):  # an array of several numbers, say
+        raise TypeError(f"{field} must be a number in {unit}, got {value!r}") from None
     if math.isfinite(result) and above < result <= at_most and result >= at_least:
         return result
     allowed = []
@@ -32,3 +38,18 @@ def number(
     if at_most < math.inf:
         allowed.append(f"at most {at_most:g}")
     raise ValueError(f"{field} must be {' and '.join(['finite', *allowed])} {unit}, got {result!r} {unit}")
+
+
+def whole(field: str, value: Any, at_least: int) -> int:
+    """Return `value` as an int, or raise.
+
+    Raises:
+        TypeError: `value` is no whole number.
+        ValueError: `value` is below `at_least`.
+    """
+    if isinstance(value, bool) or not hasattr(value, "__index__"):
+        raise TypeError(f"{field} must be a whole number of at least {at_least}, got {value!r}")
+    result = operator.index(value)
+    if result < at_least:
+        raise ValueError(f"{field} must be a whole number of at least {at_least}, got {value!r}")
+    return result

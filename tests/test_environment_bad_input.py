@@ -76,7 +76,7 @@ def test_a_bad_argument_is_named_by_every_front_end(make, bad, error, message):
     ({"threads": -1}, ValueError, "threads.*at least 1"),
     ({"threads": "two"}, TypeError, "threads.*whole number"),
     ({"max_episode_steps": 0}, ValueError, "max_episode_steps.*at least 1"),
-    ({"max_episode_steps": 2.5}, ValueError, "max_episode_steps.*whole"),
+    ({"max_episode_steps": 2.5}, TypeError, "max_episode_steps.*whole"),
     ({"autoreset_mode": "never"}, ValueError, "(?i)autoreset_?mode"),
     ({"autoreset_mod": "NextStep"}, TypeError, "'autoreset_mod'.*autoreset_mode"),
     ({"render_mode": "human"}, ValueError, "render_mode.*None"),

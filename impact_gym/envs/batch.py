@@ -14,6 +14,7 @@ from impact_gym.envs.rows import EPISODE
 from impact_gym.envs.scenario import DRAWS, FIELDS, ScenarioRanges
 from impact_gym.envs.task import Task
 from impact_gym.solver.state import CHAIN, SENTENCES, Status, recorder
+from impact_gym.validation import whole
 
 ROWS_PER_THREAD = 1024
 """A batch is cut for several threads only into pieces of at least this many rows: smaller ones do not pay."""
@@ -43,7 +44,7 @@ class Batch:
         self.task = task
         self.law = task.law()
         self.constants = task.constants()
-        self.threads = threads or os.cpu_count() or 1
+        self.threads = (os.cpu_count() or 1) if threads is None else whole("threads", threads, at_least=1)
         self.recorder = recorder()  # records nothing; a batch of one may be given another
         self.observation_space = observation.space(self.constants)
         self.chains = np.zeros(size, CHAIN)
@@ -76,7 +77,7 @@ class Batch:
     def draw_and_begin(
         self, rows: NDArray[np.int64], generators: list[np.random.Generator], fixed: NDArray[np.float64] | None = None
     ) -> None:
-        """Begin an episode in each of `rows`, each with its own generator; `fixed` (4,) holds for all of them."""
+        """Begin an episode in each of `rows`, each with its own generator; `fixed` (4,) or one of these per row."""
         uniforms = np.empty((len(rows), DRAWS))
         for uniform, row in zip(uniforms, rows.tolist(), strict=True):
             generators[row].random(out=uniform)
@@ -114,8 +115,8 @@ class Batch:
         else:
             list(_pool().map(run, bounds[:-1], bounds[1:]))
 
-    def commands(self, actions: Any) -> NDArray[Any]:
-        """Return `actions` as a float array (size, 2), or raise before anything is stepped.
+    def commands(self, actions: Any, shape: tuple[int, ...]) -> NDArray[Any]:
+        """Return `actions`, which must have `shape`, as a float array (size, 2), or raise before anything is stepped.
 
         Raises:
             TypeError, ValueError: not numbers, another shape, or not finite.
@@ -125,39 +126,39 @@ class Batch:
             if array.dtype.kind not in "fiu":
                 raise TypeError(f"action must hold numbers, got dtype {array.dtype}")
             array = array.astype(np.float64)
-        if array.shape != (self.size, 2):
-            raise ValueError(f"action must have shape {(self.size, 2)}, got {array.shape}")
+        if array.shape != shape:
+            raise ValueError(f"action must have shape {shape}, got {array.shape}")
+        array = array.reshape(self.size, 2)
         if not np.isfinite(array).all():
             raise ValueError(f"action must be finite, got {array[~np.isfinite(array).all(axis=1)][0]}")
         return array
 
-    def final_info(self) -> dict[str, Any]:
-        """Return what is known at the end of an episode, every row's, whether it has ended or not; arrays (size,)."""
-        episodes, chains = self.episodes, self.chains
+    def info(self, row: int | None = None) -> dict[str, Any]:
+        """Return what an episode has come to so far: plain numbers of one row, or arrays (size,) of all.
+
+        The arrays share memory with the batch; copy what is to last.
+        """
+        episodes: Any = self.episodes
+        chains: Any = self.chains
+        if row is not None:
+            episodes = dict(zip(EPISODE.names or (), self.episodes.item(row), strict=True))
+            chains = dict(zip(CHAIN.names or (), self.chains.item(row), strict=True))
         return {
-            "object_velocity": episodes["object_velocity"].copy(),
-            "approach_time": episodes["approach_time"].copy(),
-            "peak_force": chains["peak_force"].copy(),
-            "contact_count": chains["contacts"].copy(),
+            "object_velocity": episodes["object_velocity"],
+            "approach_time": episodes["approach_time"],
+            "peak_force": chains["peak_force"],
+            "contact_count": chains["contacts"],
             "missed": chains["contacts"] == 0,
-            "time_weight": episodes["time_weight"].copy(),
+            "time_weight": episodes["time_weight"],
             "reward_terms": {name: -episodes[cost] for name, cost in REWARD_TERMS.items()},
-            "scenario": {name: episodes[name].copy() for name in FIELDS},
-            "status": np.array([_sentence(status) for status in episodes["status"]], object)
-            if (episodes["status"] < 0).any()
-            else np.full(self.size, "ok", object),
+            "scenario": {name: episodes[name] for name in FIELDS},
+            "status": _sentences(episodes["status"]),
         }
 
 
-def _sentence(status: int) -> str:
-    return SENTENCES[Status(status)] if status < 0 else "ok"
-
-
-def row_info(info: dict[str, Any], row: int) -> dict[str, Any]:
-    """Return one row of `Batch.final_info()` as plain Python numbers, nested as it is."""
-    return {
-        name: row_info(value, row)
-        if isinstance(value, dict)
-        else (value[row].item() if isinstance(value[row], np.generic) else value[row])
-        for name, value in info.items()
-    }
+def _sentences(status: Any) -> Any:
+    if np.ndim(status) == 0:
+        return SENTENCES[Status(status)] if status < 0 else "ok"
+    if (status >= 0).all():
+        return np.full(status.shape, "ok", object)
+    return np.array([_sentences(one) for one in status.tolist()], object)

@@ -168,13 +168,15 @@ def step(
     episode.control_steps += 1
     observe(task, chain, episode, out)
 
+    episode.approach_time = min(chain.first_contact, HORIZON)
+    episode.object_velocity = object_velocity(chain)
     time_cost = episode.time_weight * (min(chain.time, chain.first_contact) - begun)
     episode.time_cost += time_cost
     if episode.status < 0 or chain.time >= min(alarm + AFTER_ALARM, HORIZON if math.isinf(alarm) else math.inf):
         episode.terminated = 1
-    elif task.max_steps > 0 and episode.control_steps >= task.max_steps:
+    if task.max_steps > 0 and episode.control_steps >= task.max_steps:
         episode.truncated = 1
-    if episode.terminated + episode.truncated > 0:
+    if episode.terminated == 1:
         return finish(law, task, bodies, chain, episode, tolerance, recorder, work) - time_cost
     return -time_cost
 
@@ -190,18 +192,12 @@ def finish(
     recorder: Recorder,
     work: Array,
 ) -> float:
-    """Close the books of an episode; returns the last part of the reward, without the cost of time.
-
-    What a truncated episode keeps is read off where it stands; it has no cost.
-    """
-    episode.approach_time = min(chain.first_contact, HORIZON)
-    if episode.truncated == 1:
-        episode.object_velocity = object_velocity(chain)
-        return 0.0
+    """Settle and close the books of an episode that terminates; returns the reward for what it left behind."""
     if episode.status == 0 and chain.contacts > 0:
         episode.status = min(settle(law, bodies, chain, tolerance, recorder, work), 0)
     if chain.contacts == 0 or episode.status < 0:
         episode.missed_cost = MISSED_COST
+        episode.object_velocity = 0.0
     else:
         episode.object_velocity = object_velocity(chain)
         episode.velocity_cost = episode.object_velocity

@@ -28,8 +28,8 @@ class Episode(Protocol):
     velocity_cost: float
     force_cost: float
     missed_cost: float
-    object_velocity: float  # m/s, once terminated or truncated
-    approach_time: float  # s, likewise
+    object_velocity: float  # m/s, so far; once terminated, what it keeps
+    approach_time: float  # s, so far
 
 
 EPISODE = record(Episode)

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvObs, VecEnvStepReturn
 
-from impact_gym.envs.batch import row_info
-from impact_gym.envs.scenario import ScenarioRanges
+from impact_gym.envs.scenario import ScenarioRanges, fixed_scenario
 from impact_gym.envs.vector import ImpactApproachVectorEnv
 
 
@@ -32,10 +31,10 @@ class ImpactVecEnv(VecEnv):
         self.envs.set_scenario(scenario)
 
     def reset(self) -> VecEnvObs:
-        """Begin an episode everywhere, with the seeds given to `seed` if there are any."""
+        """Begin an episode everywhere, with what `seed` and `set_options` gave for it."""
         seeds = None if all(one is None for one in self._seeds) else list(self._seeds)
-        options = self._options[0] if self._options else {}
-        observations, _ = self.envs.reset(seed=seeds, options=dict(options))
+        fixed = np.array([fixed_scenario(options) for options in self._options])
+        observations = self.envs.begin(seeds, np.ones(self.num_envs, np.bool_), fixed)
         self.reset_infos = [{} for _ in range(self.num_envs)]
         self._reset_seeds()
         self._reset_options()
@@ -51,9 +50,8 @@ class ImpactVecEnv(VecEnv):
         ended = terminated | truncated
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         if ended.any():
-            final = self.envs.batch.final_info()
             for row in np.flatnonzero(ended).tolist():
-                infos[row] = row_info(final, row)
+                infos[row] = self.envs.batch.info(row)
                 infos[row]["terminal_observation"] = observations[row]
                 infos[row]["TimeLimit.truncated"] = bool(truncated[row] and not terminated[row])
             observations, _ = self.envs.reset(options={"reset_mask": ended})

@@ -8,7 +8,7 @@ import numpy as np
 from gymnasium import Space, spaces
 from numpy.typing import NDArray
 
-from impact_gym.envs.batch import Batch, row_info
+from impact_gym.envs.batch import Batch
 from impact_gym.envs.scenario import ScenarioRanges, fixed_scenario
 from impact_gym.envs.task import Task
 from impact_gym.scene import Coupling
@@ -84,6 +84,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     The final `info` has `object_velocity` (m/s), `approach_time` (s), `peak_force` (N), `contact_count`, `missed`,
     `time_weight`, `reward_terms` (time, velocity, force, missed; they sum to the return), `scenario` and `status`.
+    A `TimeLimit` truncates without telling the environment: `env.unwrapped.episode_info()` then has them as they stand.
 
     ## Arguments
     | Name                | Default                | Meaning                                                         |
@@ -121,15 +122,22 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if render_mode is not None:
             raise ValueError(f"render_mode must be None, got {render_mode!r}")
         self.render_mode = render_mode
-        self._batch = Batch(1, task_from(scenario, coupling, options), threads=1)
+        if "max_episode_steps" in options:
+            raise TypeError("max_episode_steps is an argument of gymnasium.make, whose TimeLimit sees to it")
+        self._batch = Batch(1, task_from(scenario, coupling, options, ("record_trace",)), threads=1)
         if record_trace:
             self._batch.recorder = recorder(trace_rows=TRACE_ROWS)
         self.observation_space = self._batch.observation_space
         self.action_space = ACTION_SPACE
+        self._running = False
 
     def set_scenario(self, scenario: ScenarioRanges | Mapping[str, Any] | str) -> None:
         """Draw from other ranges from the next episode on."""
         self._batch.set_scenario(ScenarioRanges.of(scenario))
+
+    def episode_info(self) -> dict[str, Any]:
+        """Return the entries of the final `info` as they stand now."""
+        return self._batch.info(0)
 
     def trace(self) -> Trace:
         """Return the time histories of the episode so far; once it has ended, to the end of the settling.
@@ -151,25 +159,28 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         fixed = fixed_scenario(options)
         super().reset(seed=seed)
         self._batch.draw_and_begin(_ROW, [self.np_random], fixed)
+        self._running = True
         return self._batch.observations[0].copy(), {}
 
     def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Play one control step."""
+        if not self._running:
+            raise gym.error.ResetNeeded("no episode is under way: call reset before step")
         batch = self._batch
-        command = np.asarray(action)
-        batch.step(batch.commands(command.reshape(1, 2) if command.shape == (2,) else command), _NO_SKIP)
+        batch.step(batch.commands(action, (2,)), _NO_SKIP)
         terminated = bool(batch.episodes["terminated"][0])
-        truncated = bool(batch.episodes["truncated"][0])
-        info = row_info(batch.final_info(), 0) if terminated or truncated else {}
-        return batch.observations[0].copy(), float(batch.rewards[0]), terminated, truncated, info
+        self._running = not terminated
+        info = batch.info(0) if terminated else {}
+        return batch.observations[0].copy(), float(batch.rewards[0]), terminated, False, info
 
 
 def task_from(
     scenario: ScenarioRanges | Mapping[str, Any] | str,
     coupling: Coupling | Mapping[str, Any] | None,
     options: dict[str, Any],
+    others: tuple[str, ...] = (),
 ) -> Task:
-    """Return the task that a front end's arguments describe.
+    """Return the task that a front end's arguments describe; `others` are arguments that it sees to itself.
 
     Raises:
         TypeError, ValueError: an argument is unknown or out of range.
@@ -179,7 +190,8 @@ def task_from(
     ]
     for name in options:
         if name not in allowed:
-            raise TypeError(f"unknown argument {name!r}; allowed are scenario, coupling, {', '.join(allowed)}")
+            known = ["scenario", "coupling", *others, *allowed]
+            raise TypeError(f"unknown argument {name!r}; allowed are {', '.join(known)}")
     if coupling is not None:
         options = {**options, "coupling": coupling}
     return Task(scenario=scenario, **options)

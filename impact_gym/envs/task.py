@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,7 +12,7 @@ from impact_gym.physics.coupling import RigidLaw, SpringDamperLaw
 from impact_gym.scene import Coupling, Rigid, SpringDamper
 from impact_gym.simulation import coupling_law
 from impact_gym.solver.state import LOCAL_SHARE
-from impact_gym.validation import number
+from impact_gym.validation import number, whole
 
 VELOCITY_RANGE = (-0.5, 1.5)  # m/s, what action[0] in [-1, 1] is mapped to
 ACCELERATION_RANGE = (1.0, 20.0)  # m/s^2, what action[1] in [-1, 1] is mapped to
@@ -71,8 +71,7 @@ class Task:
             put("range_noise", number("range_noise", self.range_noise, "m", at_least=0))
         put("rtol", number("rtol", self.rtol, "(no unit)", at_least=1e-13, at_most=1e-2))
         if self.max_episode_steps is not None:
-            steps = number("max_episode_steps", self.max_episode_steps, "steps", at_least=1)
-            put("max_episode_steps", int(steps))
+            put("max_episode_steps", whole("max_episode_steps", self.max_episode_steps, at_least=1))
 
     def law(self) -> RigidLaw | SpringDamperLaw:
         """Return the coupling for the kernels."""
@@ -105,6 +104,10 @@ def coupling_from(value: Any) -> Coupling:
     kinds: dict[str, type[Any]] = {"Rigid": Rigid, "SpringDamper": SpringDamper}
     if isinstance(value, Mapping) and value.get("type") in kinds:
         arguments = {name: argument for name, argument in value.items() if name != "type"}
+        known = [field.name for field in fields(kinds[value["type"]])]
+        for name in arguments:
+            if name not in known:
+                raise TypeError(f"coupling has no field {name!r}; the fields of a {value['type']} are {known}")
         built: Coupling = kinds[value["type"]](**arguments)
         return built
     raise TypeError(

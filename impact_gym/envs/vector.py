@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from gymnasium.error import ResetNeeded
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
@@ -13,6 +14,7 @@ from impact_gym.envs.batch import Batch
 from impact_gym.envs.scenario import ScenarioRanges, fixed_scenario
 from impact_gym.envs.single import ACTION_SPACE, task_from
 from impact_gym.scene import Coupling
+from impact_gym.validation import whole
 
 Floats = NDArray[np.float32]
 Flags = NDArray[np.bool_]
@@ -37,22 +39,22 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         threads: int | None = None,
         **options: Any,
     ) -> None:
-        if isinstance(num_envs, bool) or not isinstance(num_envs, (int, np.integer)) or num_envs < 1:
-            raise ValueError(f"num_envs must be a whole number of at least 1, got {num_envs!r}")
         if render_mode is not None:
             raise ValueError(f"render_mode must be None, got {render_mode!r}")
-        self.num_envs = int(num_envs)
+        self.num_envs = whole("num_envs", num_envs, at_least=1)
         self.render_mode = render_mode
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {"render_modes": [], "autoreset_mode": self.autoreset_mode}
-        self.batch = Batch(num_envs, task_from(scenario, coupling, options), threads)
+        task = task_from(scenario, coupling, options, ("autoreset_mode", "threads"))
+        self.batch = Batch(self.num_envs, task, threads)
         self.single_observation_space = self.batch.observation_space
         self.single_action_space = ACTION_SPACE
-        self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
         self._generators: list[np.random.Generator] = []
-        self._ended: Flags = np.zeros(num_envs, np.bool_)
-        self._none: Flags = np.zeros(num_envs, np.bool_)
+        self._none: Flags = np.zeros(self.num_envs, np.bool_)
+        self._ended = self._none.copy()
+        self._begun = self._none.copy()
 
     def set_scenario(self, scenario: ScenarioRanges | Mapping[str, Any] | str) -> None:
         """Draw from other ranges from the next episodes on."""
@@ -62,20 +64,26 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Floats, dict[str, Any]]:
         """Begin an episode in every slot, or in those of `options["reset_mask"]` (num_envs,)."""
-        options = dict(options or {})
-        mask = self._mask(options.pop("reset_mask", None))
-        fixed = fixed_scenario(options)
+        if options is not None and not isinstance(options, Mapping):
+            raise TypeError(f"options must be a mapping, got {options!r}")
+        rest = dict(options or {})
+        mask = self._mask(rest.pop("reset_mask", None))
+        return self.begin(seed, mask, fixed_scenario(rest)), {}
+
+    def begin(self, seed: int | Sequence[int | None] | None, mask: Flags, fixed: NDArray[np.float64]) -> Floats:
+        """Begin an episode in the slots of `mask`; `fixed` is a `fixed_scenario`, or one for each of these slots."""
         self._seed(seed, mask)
         self.batch.draw_and_begin(np.flatnonzero(mask), self._generators, fixed)
         self._ended[mask] = False
-        return self.batch.observations.copy(), {}
+        self._begun[mask] = True
+        return self.batch.observations.copy()
 
     def step(self, actions: NDArray[Any]) -> tuple[Floats, NDArray[np.float64], Flags, Flags, dict[str, Any]]:
         """Play one control step in every slot."""
-        if not self._generators:
-            raise RuntimeError("call reset before step")
+        if not self._begun.all():
+            raise ResetNeeded("some slots have no episode under way: call reset before step")
         batch = self.batch
-        commands = batch.commands(actions)
+        commands = batch.commands(actions, (self.num_envs, 2))
         skip = self._none
         if self.autoreset_mode is AutoresetMode.NEXT_STEP:
             skip = self._ended
@@ -83,7 +91,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
                 batch.draw_and_begin(np.flatnonzero(skip), self._generators)
                 batch.rewards[skip] = 0.0
         elif self._ended.any():
-            raise RuntimeError("some episodes have ended: reset them with options={'reset_mask': ...}")
+            raise ResetNeeded("some episodes have ended: reset them with options={'reset_mask': ...}")
         batch.step(commands, skip)
         terminated = batch.episodes["terminated"] == 1
         truncated = batch.episodes["truncated"] == 1
@@ -91,7 +99,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         infos: dict[str, Any] = {}
         rewards = batch.rewards.copy()
         if ended.any():
-            infos = masked(batch.final_info(), ended)
+            infos = masked(batch.info(), ended)
             if self.autoreset_mode is AutoresetMode.SAME_STEP:
                 final = np.full(self.num_envs, None, object)
                 for row in np.flatnonzero(ended):
@@ -116,8 +124,10 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         """Seed slot i with seed + i, or with its place in a list; None leaves a generator as it is."""
         if isinstance(seed, (int, np.integer)):
             seeds: Sequence[int | None] = [int(seed) + slot for slot in range(self.num_envs)]
-        else:
+        elif seed is None or isinstance(seed, (Sequence, np.ndarray)):
             seeds = [None] * self.num_envs if seed is None else seed
+        else:
+            raise TypeError(f"seed must be a whole number or {self.num_envs} of them, got {seed!r}")
         if len(seeds) != self.num_envs:
             raise ValueError(f"seed must be a whole number or {self.num_envs} of them, got {len(seeds)}")
         if not self._generators:
