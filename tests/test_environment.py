@@ -165,14 +165,16 @@ class SlowEnvironment:
                 tool = (pull - force) / self.tool_mass - acceleration
                 return [y[1], acceleration, y[3], tool, y[5], force / self.mass]
 
+            begun, way = self.t, 1.0 if self.v_in is None else -1.0
+
             def touch(t, y):
-                return self.gap(y)
+                return self.gap(y) if t > begun + 1e-9 else -way  # the event that one starts from is over
 
             def threshold(t, y):
                 return self.force(y) - 1.0
 
             touch.terminal = threshold.terminal = True
-            touch.direction = 1.0 if self.v_in is None else -1.0
+            touch.direction = way
             threshold.direction = 1.0
             listening = self.v_in is not None and math.isinf(self.detection)
             run = solve_ivp(

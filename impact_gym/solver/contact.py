@@ -13,6 +13,7 @@ from impact_gym.solver.recording import object_velocity, trace
 from impact_gym.solver.state import Array, Bodies, Chain, Recorder, Status, Tolerance
 
 FIRST_STEP = 0.1  # in s, see physics.contact
+GRAZE = 1e-12  # m/s, approach velocity of a touch at rest: from exactly zero the scaled equations never start
 TRACE_POINTS = 8  # in a step
 
 ARRIVED = int(Status.ARRIVED)
@@ -27,6 +28,7 @@ def begin(chain: Chain) -> None:
     """Open a contact at the state of `chain`: fresh approach velocity, empty budget."""
     chain.touching = 1
     chain.penetration = 0.0
+    chain.penetration_rate = max(chain.penetration_rate, GRAZE)
     chain.start = chain.time
     chain.approach_velocity = chain.penetration_rate
     chain.start_tool_velocity = chain.flange_velocity + chain.deflection_rate
@@ -99,6 +101,7 @@ def proceed(
                 break
             continue
 
+        h_next = factor * h
         taken = h
         event = events.NONE
         if parting and trial[RATE] > 0.0:
@@ -120,10 +123,16 @@ def proceed(
             taken = events.land(events.THRESHOLD, law, constants, horizon, work, taken)
             event = events.THRESHOLD
 
+        if event != events.NONE:
+            # the error was judged over a step that may have run through a kink; judge the one that is taken
+            error = dop853.error(law, work, taken, tolerance.relative)
+            if error > 1.0:
+                h = taken * max(0.2, 0.9 * error ** (-1.0 / ORDER))
+                continue
         if recorder.trace.shape[0] > 0:
             trace_step(law, constants, chain, base, units, recorder, work, taken)
         dop853.accept(law, work)
-        h = factor * h
+        h = h_next
         grip = contact.grip(constants.damping, state[RATE]) > 0.0
         gripping = not gripping if event == events.CLAMP else grip
         parting = state[RATE] < 0.0 and event != events.TURNING
@@ -168,5 +177,5 @@ def trace_step(
     for point in range(1, TRACE_POINTS + 1):
         dop853.attempt(law, constants, work, taken * point / TRACE_POINTS)
         coupled.store(law, chain, base, units, work[TRIAL])
-        force = contact.force(constants.damping, work[TRIAL][ROOT], work[TRIAL][RATE])
+        force = contact.force(constants.damping, max(work[TRIAL][ROOT], 0.0), work[TRIAL][RATE])
         trace(law, chain, recorder, base.acceleration, units.force * force)

@@ -235,7 +235,9 @@ def touch_time(law: SpringDamperLaw, chain: Chain, acceleration: float, horizon:
             for half in range(2):
                 left = begin if half == 0 else extremum
                 right = extremum if half == 0 else end
-                if left < right and gap_derivatives(flight, right)[0] > 0.0:
+                if not left < right or gap_derivatives(flight, 0.5 * (left + right))[1] <= 0.0:
+                    continue  # opening: what looks like a touch after a contact has just ended is rounding
+                if gap_derivatives(flight, right)[0] > 0.0:
                     if gap_derivatives(flight, left)[0] >= 0.0:
                         return left
                     return monotone_zero(flight, 0, left, right)
