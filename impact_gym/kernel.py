@@ -1,9 +1,10 @@
 """How this package compiles: one decorator, one choice by coupling type, one notice.
 
 numba's on-disk cache looks only at the file a function stands in, so a kernel would outlive a change in a law that it
-calls from another file. `_drop_stale_cache` compares a digest of all sources once per import and removes what is old.
+calls from another file. So each cache folder keeps a digest of all sources, and what is older is dropped on import.
 """
 
+import functools
 import hashlib
 import sys
 import threading
@@ -26,7 +27,32 @@ def kernel(function: Function) -> Function:
 
     Division by zero gives inf or nan as in IEEE 754, not an exception: failures travel as a status.
     """
-    return cast(Function, numba.njit(cache=True, nogil=True, error_model="numpy")(function))
+    dispatcher = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
+    _drop_stale_cache(dispatcher.stats.cache_path)
+    return cast(Function, dispatcher)
+
+
+@functools.cache
+def _digest() -> str:
+    digest = hashlib.sha256()
+    for source in sorted(_PACKAGE.rglob("*.py")):
+        digest.update(source.read_bytes())
+    return digest.hexdigest()
+
+
+@functools.cache
+def _drop_stale_cache(folder: str) -> None:
+    """Forget what was compiled into `folder` from other sources than today's."""
+    stamp = Path(folder) / "sources.sha256"
+    try:
+        if stamp.exists() and stamp.read_text() == _digest():
+            return
+        for index in stamp.parent.glob("*.nbi"):
+            index.unlink(missing_ok=True)
+        stamp.parent.mkdir(parents=True, exist_ok=True)
+        stamp.write_text(_digest())
+    except OSError:  # installed read-only: then the sources cannot change either
+        return
 
 
 def by_type(implementations: Mapping[type, Callable[..., Any]]) -> Callable[..., Any]:
@@ -48,22 +74,6 @@ def by_type(implementations: Mapping[type, Callable[..., Any]]) -> Callable[...,
         return call
 
     return choose
-
-
-def _drop_stale_cache() -> None:
-    digest = hashlib.sha256()
-    for source in sorted(_PACKAGE.rglob("*.py")):
-        digest.update(source.read_bytes())
-    stamp = _PACKAGE / "__pycache__" / "sources.sha256"
-    try:
-        if stamp.exists() and stamp.read_text() == digest.hexdigest():
-            return
-        for index in _PACKAGE.rglob("__pycache__/*.nbi"):
-            index.unlink(missing_ok=True)
-        stamp.parent.mkdir(exist_ok=True)
-        stamp.write_text(digest.hexdigest())
-    except OSError:  # installed read-only: numba then caches per user, and the sources cannot change
-        return
 
 
 class _CompileNotice(event.Listener):
@@ -95,5 +105,4 @@ class _CompileNotice(event.Listener):
         print("impact_gym: compiling the solver for this machine (once, a few seconds; then cached)", file=sys.stderr)
 
 
-_drop_stale_cache()
 event.register("numba:compile", _CompileNotice())  # type: ignore[no-untyped-call]  # numba ships no types

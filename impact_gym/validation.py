@@ -2,12 +2,12 @@
 
 import math
 import operator
-from typing import Any, SupportsFloat
+from typing import Any
 
 
 def number(
     field: str,
-    value: SupportsFloat,
+    value: Any,
     unit: str,
     *,
     above: float = -math.inf,
@@ -17,17 +17,19 @@ def number(
     """Return `value` as a float, or raise.
 
     Raises:
-        TypeError: `value` is no number (a string, None, a bool).
+        TypeError: `value` is no number (a string, None, a bool, an array).
         ValueError: `value` is not finite, or not in (above, at_most] or [at_least, at_most].
     """
-    if isinstance(value, (str, bytes, bool)) or not hasattr(value, "__float__"):
-        raise TypeError(f"{field} must be a number in {unit}, got {value!r}")
+    wrong = TypeError(f"{field} must be a number in {unit}, got {value!r}")
+    kind = getattr(getattr(value, "dtype", None), "kind", "f")
+    if isinstance(value, (str, bytes, bool)) or not hasattr(value, "__float__") or kind not in "fiu":
+        raise wrong
     try:
         result = float(value)
     except OverflowError:  # an int beyond the range of floats
         result = math.inf
     except (TypeError, ValueError):  # an array of several numbers, say
-        raise TypeError(f"{field} must be a number in {unit}, got {value!r}") from None
+        raise wrong from None
     if math.isfinite(result) and above < result <= at_most and result >= at_least:
         return result
     allowed = []
