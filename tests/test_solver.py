@@ -1,0 +1,383 @@
+"""The fast solver against an independent slow one, and the laws that every run must obey."""
+
+import dataclasses
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import impact_gym as ig
+from experiments import reference
+from impact_gym import simulation
+from impact_gym.physics.coupling import RigidLaw
+from impact_gym.solver import dop853
+from impact_gym.solver.collision import Collision
+
+SCENES = 150
+
+
+def log_uniform(random, low, high):
+    return float(np.exp(random.uniform(np.log(low), np.log(high))))
+
+
+def random_case(seed):
+    """Scene, motion and duration of a random approach that ends well after its first contact."""
+    random = np.random.default_rng([2020, seed])
+    speed, acceleration, distance = random.uniform(0.2, 1.5), random.uniform(1, 20), random.uniform(0.05, 0.35)
+    coupling, brake = ig.Rigid(), None
+    if random.random() < 0.8:
+        coupling = ig.SpringDamper(log_uniform(random, 20, 300), random.uniform(0, 3))
+    if random.random() < 0.85:
+        brake = ig.Brake(log_uniform(random, 0.05, 20), random.uniform(0, 0.03), random.uniform(1, 20))
+    scene = ig.Scene(
+        ig.Tool(log_uniform(random, 0.05, 0.5)),
+        ig.Object(log_uniform(random, 0.1, 2.5), distance),
+        ig.Contact(log_uniform(random, 1e3, 1e6), random.uniform(0.1, 1)),
+        coupling,
+    )
+    return scene, ig.Trapezoid(speed, acceleration, brake), distance / speed + speed / acceleration + 0.25
+
+
+@cache
+def slow(seed):
+    scene, motion, duration = random_case(seed)
+    return reference.simulate(scene, motion, duration, rtol=1e-11)
+
+
+def time_unit(scene, contact):
+    """t0 of a contact."""
+    mass = scene.object.mass
+    if not isinstance(scene.coupling, ig.Rigid):
+        mass = mass * scene.tool.mass / (mass + scene.tool.mass)
+    v = contact.approach_velocity
+    return (mass * v**2 / scene.contact.stiffness) ** 0.4 / v
+
+
+def errors(seed, rtol):
+    """Largest relative error of each kind in one run; times count in t0, velocities in the approach velocity."""
+    scene, motion, duration = random_case(seed)
+    fast, exact = ig.simulate(scene, motion, duration, rtol), slow(seed)
+    assert len(fast.contacts) == len(exact.contacts)
+    assert (fast.detection_time is None) == (exact.detection_time is None)
+    if not exact.contacts:
+        assert fast.object_velocity == fast.peak_force == 0.0
+        return dict.fromkeys(("object velocity", "peak force", "impulse", "detection", "separation"), 0.0)
+    impulse = sum(contact.impulse for contact in exact.contacts)
+    first = exact.contacts[0]
+    parted = [(a, b) for a, b in zip(fast.contacts, exact.contacts, strict=True) if b.end is not None]
+    assert all((a.end is None) == (b.end is None) for a, b in zip(fast.contacts, exact.contacts, strict=True))
+    return {
+        "object velocity": abs(fast.object_velocity / exact.object_velocity - 1),
+        "peak force": abs(fast.peak_force / exact.peak_force - 1),
+        "impulse": max(abs(a.impulse - b.impulse) for a, b in zip(fast.contacts, exact.contacts, strict=True))
+        / impulse,
+        "detection": abs((fast.detection_time or 0.0) - (exact.detection_time or 0.0)) / time_unit(scene, first),
+        "separation": max((abs(a.separation_velocity - b.separation_velocity) for a, b in parted), default=0.0)
+        / first.approach_velocity,
+    }
+
+
+@pytest.mark.parametrize("rtol", [1e-4, 1e-6, 1e-8])
+def test_the_fast_solver_agrees_with_the_slow_one_to_the_tolerance_asked_for(rtol):
+    worst = {}
+    for seed in range(SCENES):
+        for kind, error in errors(seed, rtol).items():
+            worst[kind] = max(worst.get(kind, (0.0, 0)), (error, seed))
+    assert {kind: (error, seed) for kind, (error, seed) in worst.items() if error > rtol} == {}
+
+
+def test_a_smaller_tolerance_gives_a_smaller_error():
+    tolerances = (1e-4, 1e-6, 1e-8)
+    found = np.array([[errors(seed, rtol)["object velocity"] for rtol in tolerances] for seed in range(SCENES)])
+    coarse, middle, fine = np.quantile(found, 0.9, axis=0)
+    assert fine < middle / 20 < coarse / 400
+
+
+@pytest.mark.parametrize("push", [-1.0, -2.0, -3.0])
+def test_a_force_clamped_at_zero_costs_no_accuracy(push):
+    t0 = (0.25 / 1e5) ** 0.4
+    for delay in np.linspace(0.0, 0.6, 13):
+        brake = ig.Brake(threshold=0.0, delay=delay * t0, deceleration=-push / t0)
+        scene = ig.Scene(ig.Tool(0.125), ig.Object(0.25, 0.1), ig.Contact(1e5, 0.2))
+        motion, duration = ig.Trapezoid(1.0, 8.0, brake), 0.1 + 1 / 16 + 30 * t0
+        exact = reference.simulate(scene, motion, duration, rtol=1e-11)
+        for rtol in np.geomspace(1e-3, 1e-8, 41):
+            outcome = ig.simulate(scene, motion, duration, rtol)
+            assert outcome.object_velocity == pytest.approx(exact.object_velocity, rel=rtol), (delay, rtol)
+
+
+def barely_parting(coupling_stiffness):
+    """Below about 13.86 N/m the second contact parts and a third follows; above, the second goes on."""
+    coupling = ig.SpringDamper(float(coupling_stiffness))
+    scene = ig.Scene(ig.Tool(0.125), ig.Object(0.25, 0.2505), ig.Contact(1e6, 0.3), coupling)
+    return scene, ig.Trapezoid(1.0, 8.0, ig.Brake()), 1.5
+
+
+def test_the_slow_solver_changes_sides_between_two_springs():
+    for coupling_stiffness, contacts, object_velocity in [(13.86003, 3, 0.6183), (13.86004, 2, 0.6210)]:
+        exact = reference.simulate(*barely_parting(coupling_stiffness), rtol=1e-11)
+        assert len(exact.contacts) == contacts
+        assert exact.object_velocity == pytest.approx(object_velocity, abs=5e-5)
+
+
+@pytest.mark.parametrize("rtol", [1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12])
+def test_a_contact_that_only_just_parts_is_not_stepped_over(rtol, monkeypatch):
+    monkeypatch.setattr(simulation, "MAX_STEPS", 100_000)  # a few hundred are needed; fail in less than a minute
+    low, high = 13.8, 13.9
+    while low < (middle := 0.5 * (low + high)) < high:
+        outcome = ig.simulate(*barely_parting(middle), rtol=rtol)  # parting velocity down to 1e-9 m/s
+        assert len(outcome.contacts) in (2, 3)
+        assert all(contact.approach_velocity > 0 for contact in outcome.contacts)
+        assert outcome.object_velocity == pytest.approx(0.6210 if len(outcome.contacts) == 2 else 0.6183, abs=1e-3)
+        low, high = (middle, high) if len(outcome.contacts) == 3 else (low, middle)
+    assert low == pytest.approx(0.5 * (13.86003 + 13.86004), rel=1e-6)
+
+
+SEEDS = range(1000, 1060)
+
+
+def test_the_object_is_never_pulled():
+    for seed in SEEDS:
+        scene, motion, duration = random_case(seed)
+        trace = ig.simulate(scene, motion, duration, trace=True).trace
+        assert trace.contact_force.min() >= 0.0
+        assert np.diff(trace.object_velocity).min() > -1e-13
+
+
+def test_the_contact_force_is_that_of_eq_5_with_a_fresh_approach_velocity():
+    repeated = 0
+    for seed in SEEDS:
+        scene, motion, duration = random_case(seed)
+        outcome = ig.simulate(scene, motion, duration, trace=True)
+        trace, restitution = outcome.trace, scene.contact.restitution
+        penetration = trace.tool_position - trace.object_position
+        rate = trace.tool_velocity - trace.object_velocity
+        expected = np.zeros_like(trace.time)
+        for contact in outcome.contacts:
+            inside = (trace.time > contact.start) & (trace.time < (contact.end or math.inf))
+            chi = 1.5 * (1 - restitution) / restitution * scene.contact.stiffness / contact.approach_velocity  # eq. 7
+            force = (scene.contact.stiffness + chi * rate) * np.maximum(penetration, 0.0) ** 1.5
+            expected[inside] = np.maximum(force, 0.0)[inside]
+        repeated += len(outcome.contacts) > 1
+        # a penetration is a difference of positions, known to 1e-16 m: the force to that over the root of it
+        assert trace.contact_force == pytest.approx(expected, abs=1e-9 * outcome.peak_force, rel=1e-9)
+    assert repeated >= 5
+
+
+def test_the_coupling_force_is_that_of_eq_17_or_of_the_imposed_motion():
+    for seed in SEEDS:
+        scene, motion, duration = random_case(seed)
+        trace = ig.simulate(scene, motion, duration, trace=True).trace
+        if isinstance(scene.coupling, ig.Rigid):
+            assert trace.tool_position == pytest.approx(trace.flange_position, abs=1e-15)
+            imposed = scene.tool.mass * np.array([motion.acceleration, 0.0, -motion.deceleration])
+            inertia = trace.coupling_force - trace.contact_force
+            assert np.abs(inertia[:, None] - imposed).min(axis=1).max() < 1e-9 * trace.contact_force.max()
+            continue
+        k, zeta, m = scene.coupling.stiffness, scene.coupling.damping_ratio, scene.tool.mass
+        force = k * (trace.flange_position - trace.tool_position)
+        force += 2 * zeta * math.sqrt(k * m) * (trace.flange_velocity - trace.tool_velocity)
+        assert trace.coupling_force == pytest.approx(force, abs=1e-10 * np.abs(force).max())
+
+
+def test_the_trace_does_not_change_the_outcome_and_ends_with_it():
+    for seed in SEEDS:
+        scene, motion, duration = random_case(seed)
+        plain, traced = (ig.simulate(scene, motion, duration, trace=trace) for trace in (False, True))
+        assert dataclasses.replace(traced, trace=None) == plain
+        trace = traced.trace
+        assert trace.time[0] == 0.0
+        assert trace.time[-1] == duration
+        assert np.diff(trace.time).min() >= 0.0
+        for name in ("flange_velocity", "tool_velocity", "object_velocity"):
+            assert getattr(trace, name)[-1] == pytest.approx(getattr(plain, name), rel=1e-14, abs=1e-15)
+        assert trace.contact_force.max() <= plain.peak_force * (1 + 1e-12)
+        for contact in plain.contacts:
+            assert {contact.start, contact.end or duration} <= set(trace.time)
+
+
+def test_the_trace_is_a_motion_under_its_forces():
+    for seed in SEEDS:
+        scene, motion, duration = random_case(seed)
+        outcome = ig.simulate(scene, motion, duration, rtol=1e-10, trace=True)
+        trace = outcome.trace
+        step = np.diff(trace.time)
+
+        def integral(values, step=step):
+            return np.cumsum(0.5 * (values[1:] + values[:-1]) * step)
+
+        for body in ("flange", "tool", "object"):
+            position, velocity = getattr(trace, f"{body}_position"), getattr(trace, f"{body}_velocity")
+            assert position[1:] - position[0] == pytest.approx(integral(velocity), abs=2e-4 * np.abs(position).max())
+        impulse = scene.object.mass * trace.object_velocity
+        assert impulse[1:] == pytest.approx(integral(trace.contact_force), abs=2e-4 * impulse[-1])
+        if isinstance(scene.coupling, ig.Rigid):
+            continue  # the tool's motion is imposed
+        on_tool = scene.tool.mass * trace.tool_velocity
+        net = integral(trace.coupling_force - trace.contact_force)
+        assert on_tool[1:] == pytest.approx(net, abs=5e-4 * (np.abs(on_tool).max() + impulse[-1]))
+
+
+def test_a_long_trace_is_complete():
+    scene, motion, _ = random_case(0)
+    trace = ig.simulate(scene, motion, 6.0, trace=True).trace
+    assert len(trace.time) > 6000
+    assert trace.time[-1] == 6.0
+    assert np.diff(trace.time).max() < 1.001e-3
+
+
+def test_momentum_given_is_momentum_received():
+    for seed in range(1000, 2000):
+        scene, motion, duration = random_case(seed)
+        outcome = ig.simulate(scene, motion, duration)
+        assert outcome.momentum_error < 1e-9
+        received = scene.object.mass * outcome.object_velocity
+        assert sum(contact.impulse for contact in outcome.contacts) == pytest.approx(received, rel=1e-12)
+        if outcome.contacts:
+            assert outcome.contacts[-1].object_velocity == pytest.approx(outcome.object_velocity, rel=1e-12)
+            assert outcome.peak_force == max(contact.peak_force for contact in outcome.contacts)
+
+
+@pytest.mark.parametrize(
+    ("mass", "length", "time"), [(2.0, 1.0, 1.0), (1.0, 4.0, 1.0), (1.0, 1.0, 0.5), (0.25, 8.0, 4.0)]
+)
+def test_a_change_of_units_changes_only_the_numbers(mass, length, time):
+    # by powers of two: what is left is the rounding of delta0, a power of 0.4
+    speed, acceleration, force = length / time, length / time**2, mass * length / time**2
+    for seed in SEEDS:
+        scene, motion, duration = random_case(seed)
+        brake, coupling = motion.brake, scene.coupling
+        if brake:
+            brake = ig.Brake(brake.threshold * force, brake.delay * time, brake.deceleration * acceleration)
+        if isinstance(coupling, ig.SpringDamper):
+            coupling = ig.SpringDamper(coupling.stiffness * force / length, coupling.damping_ratio)
+        other = ig.Scene(
+            ig.Tool(scene.tool.mass * mass),
+            ig.Object(scene.object.mass * mass, scene.object.distance * length),
+            ig.Contact(scene.contact.stiffness * force / length**1.5, scene.contact.restitution),
+            coupling,
+        )
+        other_motion = ig.Trapezoid(motion.speed * speed, motion.acceleration * acceleration, brake)
+        a = ig.simulate(scene, motion, duration)
+        b = ig.simulate(other, other_motion, duration * time)
+        assert len(a.contacts) == len(b.contacts)
+        assert b.object_velocity == pytest.approx(a.object_velocity * speed, rel=1e-12)
+        assert b.tool_velocity == pytest.approx(a.tool_velocity * speed, rel=1e-12, abs=1e-13 * speed)
+        assert b.peak_force == pytest.approx(a.peak_force * force, rel=1e-12)
+        assert b.coupling_impulse == pytest.approx(a.coupling_impulse * force * time, rel=1e-11)
+        if a.detection_time is not None:
+            assert b.detection_time == pytest.approx(a.detection_time * time, rel=1e-12)
+
+
+@pytest.mark.parametrize("coupling", [ig.Rigid(), ig.SpringDamper(150.0), ig.SpringDamper(20.0, 0.0)], ids=str)
+@pytest.mark.parametrize("restitution", [0.02, 0.5, 1.0])
+def test_extreme_scenes_stay_finite_and_keep_their_momentum(coupling, restitution):
+    for stiffness in 10.0 ** np.arange(2, 11):
+        for object_mass in 0.125 * 10.0 ** np.arange(-3, 4):
+            scene = ig.Scene(
+                ig.Tool(0.125), ig.Object(object_mass, 0.2505), ig.Contact(stiffness, restitution), coupling
+            )
+            outcome = ig.simulate(scene, ig.Trapezoid(1.0, 8.0, ig.Brake()), 1.0)
+            assert outcome.momentum_error < 1e-9
+            assert outcome.contacts
+            assert outcome.object_velocity == pytest.approx(outcome.contacts[-1].object_velocity, rel=1e-12)
+            for contact in outcome.contacts:
+                assert all(map(math.isfinite, dataclasses.astuple(dataclasses.replace(contact, end=0.0))))
+                assert min(contact.approach_velocity, contact.peak_force, contact.impulse) > 0
+            assert all(map(math.isfinite, (outcome.tool_velocity, outcome.flange_velocity, outcome.coupling_impulse)))
+
+
+def test_a_run_that_cannot_finish_says_why(monkeypatch):
+    monkeypatch.setattr(simulation, "MAX_STEPS", 10)
+    scene, motion, duration = random_case(0)
+    with pytest.raises(RuntimeError, match=r"stopped at t = 0\.\d+ s: more integration steps than allowed"):
+        ig.simulate(scene, motion, duration)
+
+
+@cache
+def trees(order):
+    """Rooted trees of `order` nodes, each the sorted tuple of its subtrees."""
+    found = set()
+
+    def grow(children, left):
+        if left == 0:
+            found.add(tuple(sorted(children)))
+        for size in range(1, left + 1):
+            for child in trees(size):
+                grow((*children, child), left - size)
+
+    grow((), order - 1)
+    return found
+
+
+def size_and_density(tree):
+    size, density = 1, 1
+    for child in tree:
+        child_size, child_density = size_and_density(child)
+        size, density = size + child_size, density * child_density
+    return size, size * density
+
+
+def stage_weights(matrix, tree):
+    weights = np.ones(len(matrix))
+    for child in tree:
+        weights = weights * (matrix @ stage_weights(matrix, child))
+    return weights
+
+
+def square_tableau():
+    """Stage matrix with the last stage, the rate at the end of the step, as row and column."""
+    return np.hstack([dop853.A, np.zeros((dop853.STAGES, 1))])
+
+
+def test_the_nodes_are_those_of_the_8_5_3_pair():
+    root = math.sqrt(6)
+    nodes = [0, (12 - 2 * root) / 135, (6 - root) / 45, (6 - root) / 30, (6 + root) / 30, 1 / 3, 1 / 4, 4 / 13]
+    nodes += [127 / 195, 3 / 5, 6 / 7, 1, 1]
+    assert dop853.A.sum(axis=1) == pytest.approx(nodes, abs=4e-15)
+
+
+@pytest.mark.parametrize(("order", "count"), [(1, 1), (2, 1), (3, 2), (4, 4), (5, 9), (6, 20), (7, 48), (8, 115)])
+def test_the_tableau_satisfies_every_order_condition(order, count):
+    matrix = square_tableau()
+    weights = matrix[-1]
+    assert len(trees(order)) == count
+    for tree in trees(order):
+        of_stages = stage_weights(matrix, tree)
+        rounding = 1e-15 * np.abs(weights) @ (1 + np.abs(of_stages)) * 50
+        assert weights @ of_stages == pytest.approx(1 / size_and_density(tree)[1], abs=rounding)
+
+
+@pytest.mark.parametrize(("estimate", "order"), [(dop853.E5, 5), (dop853.E3, 3)])
+def test_the_error_weights_vanish_up_to_their_order_and_not_beyond(estimate, order):
+    matrix = square_tableau()
+    residual = {n: max(abs(estimate @ stage_weights(matrix, tree)) for tree in trees(n)) for n in range(1, order + 2)}
+    assert all(residual[n] < 1e-14 for n in range(1, order + 1))
+    assert residual[order + 1] > 1e-5
+
+
+def test_fixed_steps_converge_with_order_eight():
+    damping, length = 0.5, 3.0
+    collision, law = Collision(damping, 0.0, 0.0, 0.0, 0.0, math.inf), RigidLaw(1.0)
+
+    def rates(_, state):
+        z, w, *_ = state
+        f = z**3 * (1 + damping * w)
+        return [w / 2, -z * f, z, z * f]
+
+    exact = solve_ivp(rates, (0.0, length), [0.0, 1.0, 0.0, 0.0], "DOP853", rtol=3e-14, atol=1e-15).y[:, -1]
+
+    def error(steps):
+        work = np.zeros((dop853.ROWS, 4))
+        work[dop853.STATE] = [0.0, 1.0, 0.0, 0.0]
+        work[0] = rates(0.0, work[dop853.STATE])
+        for _ in range(steps):
+            dop853.attempt(law, collision, work, length / steps)
+            dop853.accept(law, work)
+        return np.abs(work[dop853.STATE] - exact).max()
+
+    steps = np.array([6, 8, 12, 16])
+    order, _ = np.polyfit(np.log(steps), -np.log([error(n) for n in steps]), 1)
+    assert 7.5 < order < 9.5
