@@ -134,7 +134,8 @@ def write(settings: Settings) -> Path:
             "controllers": {name: summary(episodes) for name, episodes in played.items()},
             "shown": shown,
             "scenarios": {"count": settings.scenarios, "first_seed": TEST_SEED},
-            "interval": f"the {100 * CONFIDENCE:g} % interval of a paired bootstrap over scenarios ({RESAMPLES:,} resamples)",
+            "interval": f"the {100 * CONFIDENCE:g} % interval of a paired bootstrap over scenarios "
+            f"({RESAMPLES:,} resamples)",
             "policy": {
                 "name": POLICY,
                 "sha256": checksum(SHIPPED / f"{POLICY}.npz"),

@@ -1,7 +1,7 @@
 """How this package compiles: one decorator, one choice by coupling type, one notice.
 
-numba's on-disk cache looks only at the file a function stands in, so a kernel would outlive a change in a law that it
-calls from another file. So each cache folder keeps a digest of all sources, and what is older is dropped on import.
+numba's on-disk cache is stamped with the date of the file a function stands in, so a kernel would outlive a change in a
+law that it calls from another file. Here the stamp is a digest of all sources of the package.
 """
 
 import functools
@@ -22,16 +22,6 @@ _NOTICE_AFTER = 1.0  # s; a cached kernel loads faster than this
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
-def kernel(function: Function) -> Function:
-    """Compile `function` on first use, keep it on disk, release the interpreter lock while it runs.
-
-    Division by zero gives inf or nan as in IEEE 754, not an exception: failures travel as a status.
-    """
-    dispatcher = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
-    _drop_stale_cache(dispatcher.stats.cache_path)
-    return cast(Function, dispatcher)
-
-
 @functools.cache
 def _digest() -> str:
     digest = hashlib.sha256()
@@ -40,19 +30,15 @@ def _digest() -> str:
     return digest.hexdigest()
 
 
-@functools.cache
-def _drop_stale_cache(folder: str) -> None:
-    """Forget what was compiled into `folder` from other sources than today's."""
-    stamp = Path(folder) / "sources.sha256"
-    try:
-        if stamp.exists() and stamp.read_text() == _digest():
-            return
-        for index in stamp.parent.glob("*.nbi"):
-            index.unlink(missing_ok=True)
-        stamp.parent.mkdir(parents=True, exist_ok=True)
-        stamp.write_text(_digest())
-    except OSError:  # installed read-only: then the sources cannot change either
-        return
+def kernel(function: Function) -> Function:
+    """Compile `function` on first use, keep it on disk, release the interpreter lock while it runs.
+
+    Division by zero gives inf or nan as in IEEE 754, not an exception: failures travel as a status.
+    """
+    dispatcher: Any = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
+    if dispatcher is not function:  # as it is under NUMBA_DISABLE_JIT
+        dispatcher._cache._cache_file._source_stamp = _digest()  # private, and watched over by tests/test_kernel.py
+    return cast(Function, dispatcher)
 
 
 def by_type(implementations: Mapping[type, Callable[..., Any]]) -> Callable[..., Any]:
@@ -105,4 +91,4 @@ class _CompileNotice(event.Listener):
         print("impact_gym: compiling the solver for this machine (once, a few seconds; then cached)", file=sys.stderr)
 
 
-event.register("numba:compile", _CompileNotice())  # type: ignore[no-untyped-call]  # numba ships no types
+event.register("numba:compile", _CompileNotice())  # type: ignore[no-untyped-call]  # untyped in numba

@@ -68,7 +68,7 @@ class SpringDamper:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "stiffness", number("SpringDamper.stiffness", self.stiffness, "N/m", above=0))
-        ratio = number("SpringDamper.damping_ratio", self.damping_ratio, "(no unit)", at_least=0)
+        ratio = number("SpringDamper.damping_ratio", self.damping_ratio, "(no unit)", at_least=0, at_most=1e6)
         object.__setattr__(self, "damping_ratio", ratio)
 
 

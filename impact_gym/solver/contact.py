@@ -80,7 +80,6 @@ def proceed(
         chain.detection = chain.time
         return DETECTED
 
-    parting = state[RATE] < 0.0
     gripping = contact.grip(constants.damping, state[RATE]) > 0.0
     rising = gripping and contact.force_slope(constants.damping, state[ROOT], state[RATE], rate[RATE]) > 0.0
     peak = chain.contact_peak_force / units.force
@@ -104,9 +103,6 @@ def proceed(
         h_next = factor * h
         taken = h
         event = events.NONE
-        if parting and trial[RATE] > 0.0:
-            taken = events.land(events.TURNING, law, constants, horizon, work, taken)
-            event = events.TURNING
         if trial[ROOT] <= 0.0:
             taken = events.land(events.SEPARATION, law, constants, horizon, work, taken)
             event = events.SEPARATION
@@ -135,7 +131,6 @@ def proceed(
         h = h_next
         grip = contact.grip(constants.damping, state[RATE]) > 0.0
         gripping = not gripping if event == events.CLAMP else grip
-        parting = state[RATE] < 0.0 and event != events.TURNING
         slope = contact.force_slope(constants.damping, state[ROOT], state[RATE], rate[RATE])
         rising = gripping and slope > 0.0 and event != events.PEAK
         peak = max(peak, contact.force(constants.damping, state[ROOT], state[RATE]))

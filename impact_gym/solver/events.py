@@ -8,10 +8,10 @@ from impact_gym.solver.coupled import Law
 from impact_gym.solver.dop853 import STAGES, STATE, TRIAL
 from impact_gym.solver.state import Array
 
-NONE, TURNING, SEPARATION, HORIZON, CLAMP, PEAK, THRESHOLD = range(7)
+NONE, SEPARATION, HORIZON, CLAMP, PEAK, THRESHOLD = range(6)
 """Kinds, in the order in which a step is searched: each search looks only at what the one before left of the step.
 
-TURNING: the surfaces stop parting and close again; landing on it shows whether they had come apart in between.
+SEPARATION: a root z that has passed zero does not come back (dt = z ds runs backwards there), so none is missed.
 CLAMP: the force reaches or leaves zero with the surfaces in touch, where it has a kink.
 PEAK: the force stops rising; with it, the force is monotone in every step, so THRESHOLD is seen by its ends.
 """
@@ -23,8 +23,6 @@ def value(kind: int, collision: Collision, horizon: float, state: Array, rate: A
     z: float = state[ROOT]
     w: float = state[RATE]
     time: float = state[TIME]
-    if kind == TURNING:
-        return w
     if kind == SEPARATION:
         return -z
     if kind == HORIZON:
@@ -43,8 +41,6 @@ def slope(kind: int, collision: Collision, state: Array, rate: Array) -> float:
     z_slope: float = rate[ROOT]
     w_slope: float = rate[RATE]
     time_slope: float = rate[TIME]
-    if kind == TURNING:
-        return w_slope
     if kind == SEPARATION:
         return -z_slope
     if kind == HORIZON:

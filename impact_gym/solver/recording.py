@@ -10,8 +10,6 @@ from impact_gym.solver import coupled
 from impact_gym.solver.coupled import Law
 from impact_gym.solver.state import CHAIN, Bodies, Chain, Recorder
 
-TRACE_INTERVAL = 1e-3  # s, in flight
-
 
 @kernel
 def object_velocity(chain: Chain) -> float:
@@ -64,11 +62,11 @@ def trace(law: Law, chain: Chain, recorder: Recorder, acceleration: float, conta
 
 @kernel
 def trace_flight(law: Law, chain: Chain, recorder: Recorder, acceleration: float, duration: float) -> None:
-    """Trace the `duration` (s) of flight ahead of `chain`, a point every TRACE_INTERVAL at least."""
+    """Trace the `duration` (s) of flight ahead of `chain`, a point every `recorder.interval` at least."""
     if recorder.trace.shape[0] == 0:
         return
     ghost = np.empty(1, CHAIN)
-    points = math.ceil(duration / TRACE_INTERVAL)
+    points = math.ceil(duration / recorder.interval)
     for point in range(points):
         traced = chain.traced
         ghost[0] = chain

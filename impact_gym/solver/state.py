@@ -74,6 +74,7 @@ class Recorder(NamedTuple):
 
     contacts: Array  # (n, 7), columns as in CONTACT_COLUMNS
     trace: Array  # (n, 9), columns as in TRACE_COLUMNS
+    interval: float  # s, between two points of a trace in flight
 
 
 class Tolerance(NamedTuple):
@@ -103,9 +104,10 @@ SENTENCES = {
 }
 
 
-def recorder(contact_rows: int = 0, trace_rows: int = 0) -> Recorder:
-    """Return a recorder with room for so many rows."""
+def recorder(contact_rows: int = 0, trace_rows: int = 0, interval: float = 1e-3) -> Recorder:
+    """Return a recorder with room for so many rows; it traces flights every `interval` (s)."""
     return Recorder(
         np.empty((contact_rows, len(CONTACT_COLUMNS))),
         np.empty((trace_rows, len(TRACE_COLUMNS))),
+        interval,
     )
