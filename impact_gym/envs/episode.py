@@ -21,14 +21,14 @@ from impact_gym.envs.task import (
     TaskConstants,
 )
 from impact_gym.kernel import kernel
+from impact_gym.physics.coupling import Law
 from impact_gym.physics.dissipation import hu_guo
 from impact_gym.solver import coupled
 from impact_gym.solver.advance import command, reset
 from impact_gym.solver.contact import DETECTED, sensed_force
-from impact_gym.solver.coupled import Law
 from impact_gym.solver.dop853 import ROWS
 from impact_gym.solver.recording import close_contact, object_velocity
-from impact_gym.solver.state import Array, Bodies, Chain, Recorder, Tolerance
+from impact_gym.solver.state import Array, Bodies, Chain, Recorder, Run, Tolerance
 
 ROUNDING = 1e-9  # s, spans shorter than this are rounding of the clock
 
@@ -95,14 +95,14 @@ def snap(time: float, onto: float) -> float:
 
 
 @kernel
-def sample(law: Law, task: TaskConstants, bodies: Bodies, chain: Chain, episode: Episode, readings: Array) -> None:
+def sample(run: Run, task: TaskConstants, chain: Chain, episode: Episode, readings: Array) -> None:
     """Read the force now; the controller gets the reading `reaction_delay` later.
 
     Readings go first in, first out, one for each observation to come: they are taken one delay before it, at times
     that are known a delay ahead because the alarm, which shifts the clock, comes a delay after its cause.
     """
     slot = episode.pushed % readings.shape[0]
-    readings[slot, 0] = sensed_force(law, bodies, chain)
+    readings[slot, 0] = sensed_force(run, chain)
     readings[slot, 1] = chain.peak_force
     episode.pushed += 1
     if math.isinf(chain.detection):
@@ -130,7 +130,7 @@ def step(
     velocity = decode(action[0], VELOCITY_RANGE[0], VELOCITY_RANGE[1])
     acceleration = decode(action[1], ACCELERATION_RANGE[0], ACCELERATION_RANGE[1])
     bodies = Bodies(episode.object_mass, episode.contact_stiffness, hu_guo(episode.restitution))
-    tolerance = Tolerance(task.tolerance, MAX_STEPS)
+    run = Run(law, bodies, ALARM_THRESHOLD, Tolerance(task.tolerance, MAX_STEPS), recorder, work)
     begun = min(chain.time, chain.first_contact)
     period_end = chain.time + task.control_period
     alarm = chain.detection + task.reaction_delay
@@ -145,9 +145,7 @@ def step(
         until = min(end, max(episode.next_sample, chain.time))
         status = 0
         if until > chain.time:
-            status = command(
-                law, bodies, chain, velocity, acceleration, until, ALARM_THRESHOLD, tolerance, recorder, work
-            )
+            status = command(run, chain, velocity, acceleration, until)
         if status < 0:
             episode.status = status
             break
@@ -156,7 +154,7 @@ def step(
             end = snap(period_end, alarm)
             episode.next_sample = chain.time
         if chain.time >= episode.next_sample:
-            sample(law, task, bodies, chain, episode, readings)
+            sample(run, task, chain, episode, readings)
 
     if math.isinf(episode.alarm) and chain.time >= alarm:
         episode.alarm = alarm
@@ -177,24 +175,15 @@ def step(
     if task.max_steps > 0 and episode.control_steps >= task.max_steps:
         episode.truncated = 1
     if episode.terminated == 1:
-        return finish(law, task, bodies, chain, episode, tolerance, recorder, work) - time_cost
+        return finish(run, task, chain, episode) - time_cost
     return -time_cost
 
 
 @kernel
-def finish(
-    law: Law,
-    task: TaskConstants,
-    bodies: Bodies,
-    chain: Chain,
-    episode: Episode,
-    tolerance: Tolerance,
-    recorder: Recorder,
-    work: Array,
-) -> float:
+def finish(run: Run, task: TaskConstants, chain: Chain, episode: Episode) -> float:
     """Settle and close the books of an episode that terminates; returns the reward for what it left behind."""
     if episode.status == 0 and chain.contacts > 0:
-        episode.status = min(settle(law, bodies, chain, tolerance, recorder, work), 0)
+        episode.status = min(settle(run, chain), 0)
     if chain.contacts == 0 or episode.status < 0:
         episode.missed_cost = MISSED_COST
         episode.object_velocity = 0.0
@@ -206,19 +195,19 @@ def finish(
 
 
 @kernel
-def settle(law: Law, bodies: Bodies, chain: Chain, tolerance: Tolerance, recorder: Recorder, work: Array) -> int:
+def settle(run: Run, chain: Chain) -> int:
     """Brake the flange to rest at full deceleration and go on until no contact is left or to come."""
     limit = chain.time + SETTLE_LIMIT
     while chain.time < limit:
-        if chain.flange_velocity == 0.0 and chain.touching == 0 and coupled.cannot_touch(law, chain):
+        if chain.flange_velocity == 0.0 and chain.touching == 0 and coupled.cannot_touch(run.law, chain):
             break
         brake_end = chain.time + abs(chain.flange_velocity) / FULL_DECELERATION
         until = min(limit, max(brake_end, chain.time + 0.05))
-        status = command(law, bodies, chain, 0.0, FULL_DECELERATION, until, ALARM_THRESHOLD, tolerance, recorder, work)
+        status = command(run, chain, 0.0, FULL_DECELERATION, until)
         if status < 0:
             return status
     if chain.touching == 1:
-        close_contact(law, bodies, chain, recorder, math.nan)
+        close_contact(run, chain, math.nan)
     return 0
 
 

@@ -27,6 +27,9 @@ class SpringDamperLaw(NamedTuple):
     damping_ratio: float  # -, zeta
 
 
+Law = RigidLaw | SpringDamperLaw
+
+
 @kernel
 def decay_basis(frequency: float, damping_ratio: float, time: float) -> tuple[float, float]:
     """Return exp(-zeta omega t) times cos(omega_d t) and sin(omega_d t) / omega_d, whatever the damping ratio.

@@ -5,9 +5,8 @@ import math
 from impact_gym.kernel import kernel
 from impact_gym.solver import contact, coupled
 from impact_gym.solver.contact import ARRIVED, DETECTED, SEPARATED
-from impact_gym.solver.coupled import Law
 from impact_gym.solver.recording import close_contact, trace, trace_flight
-from impact_gym.solver.state import Array, Bodies, Chain, Recorder, Tolerance
+from impact_gym.solver.state import Chain, Run
 
 
 @kernel
@@ -33,21 +32,10 @@ def reset(chain: Chain, distance: float) -> None:
 
 
 @kernel
-def command(
-    law: Law,
-    bodies: Bodies,
-    chain: Chain,
-    target: float,
-    acceleration: float,
-    until: float,
-    threshold: float,
-    tolerance: Tolerance,
-    recorder: Recorder,
-    work: Array,
-) -> int:
+def command(run: Run, chain: Chain, target: float, acceleration: float, until: float) -> int:
     """Take the flange to velocity `target` (m/s) at `acceleration` (m/s^2) and hold it, until time `until` (s).
 
-    Comes back earlier, with DETECTED, when the contact force first exceeds `threshold` (N).
+    Comes back earlier, with DETECTED, when the contact force first exceeds the threshold.
     """
     while chain.time < until:
         change = target - chain.flange_velocity
@@ -59,7 +47,7 @@ def command(
             if ramp_end <= until:
                 end = ramp_end
                 ramp_ends = True
-        status = piece(law, bodies, chain, ramp, end, threshold, tolerance, recorder, work)
+        status = piece(run, chain, ramp, end)
         if status != ARRIVED:
             return status
         if ramp_ends:
@@ -70,38 +58,28 @@ def command(
 
 
 @kernel
-def piece(
-    law: Law,
-    bodies: Bodies,
-    chain: Chain,
-    acceleration: float,
-    until: float,
-    threshold: float,
-    tolerance: Tolerance,
-    recorder: Recorder,
-    work: Array,
-) -> int:
+def piece(run: Run, chain: Chain, acceleration: float, until: float) -> int:
     """Advance through flights and contacts under one constant acceleration of the flange."""
     while chain.time < until:
         if chain.touching == 0:
             left = until - chain.time
-            touch = coupled.touch_time(law, chain, acceleration, left)
+            touch = coupled.touch_time(run.law, chain, acceleration, left)
             flight = min(touch, left)
-            trace_flight(law, chain, recorder, acceleration, flight)
-            coupled.drift(law, chain, acceleration, flight)
+            trace_flight(run, chain, acceleration, flight)
+            coupled.drift(run.law, chain, acceleration, flight)
             if touch > left:
                 chain.time = until
-                trace(law, chain, recorder, acceleration, 0.0)
+                trace(run, chain, acceleration, 0.0)
                 return ARRIVED
             contact.begin(chain)
-            trace(law, chain, recorder, acceleration, 0.0)
-            if threshold == 0.0 and math.isinf(chain.detection):
+            trace(run, chain, acceleration, 0.0)
+            if run.threshold == 0.0 and math.isinf(chain.detection):
                 chain.detection = chain.time
                 return DETECTED
-        status = contact.proceed(law, bodies, chain, acceleration, until, threshold, tolerance, recorder, work)
+        status = contact.proceed(run, chain, acceleration, until)
         if status != SEPARATED:
             return status
-        close_contact(law, bodies, chain, recorder, chain.time)
+        close_contact(run, chain, chain.time)
         chain.touching = 0
         chain.penetration = 0.0
     return ARRIVED

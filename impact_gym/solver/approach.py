@@ -6,13 +6,13 @@ from typing import NamedTuple
 import numpy as np
 
 from impact_gym.kernel import kernel
+from impact_gym.physics.coupling import Law
 from impact_gym.solver import coupled
 from impact_gym.solver.advance import command, reset
 from impact_gym.solver.contact import ARRIVED, DETECTED
-from impact_gym.solver.coupled import Law
 from impact_gym.solver.dop853 import ROWS
 from impact_gym.solver.recording import close_contact
-from impact_gym.solver.state import Array, Bodies, Recorder, Tolerance
+from impact_gym.solver.state import Array, Bodies, Recorder, Run, Tolerance
 
 
 class Profile(NamedTuple):
@@ -38,14 +38,14 @@ def approach(
 ) -> int:
     """Run `chains[0]` from rest for `duration` (s); a contact unfinished then is entered with an end of nan."""
     chain = chains[0]
-    work = np.zeros((ROWS, coupled.width(law)))
+    run = Run(law, bodies, profile.threshold, tolerance, recorder, np.zeros((ROWS, coupled.width(law))))
     reset(chain, distance)
     speed, acceleration = profile.speed, profile.acceleration
     brake_at = math.inf
     status = ARRIVED
     while chain.time < duration:
         until = min(brake_at, duration)
-        status = command(law, bodies, chain, speed, acceleration, until, profile.threshold, tolerance, recorder, work)
+        status = command(run, chain, speed, acceleration, until)
         if status == DETECTED:
             brake_at = chain.detection + profile.delay
         elif status != ARRIVED:
@@ -55,5 +55,5 @@ def approach(
             brake_at = math.inf
             status = ARRIVED
     if chain.touching == 1:
-        close_contact(law, bodies, chain, recorder, math.nan)
+        close_contact(run, chain, math.nan)
     return status

@@ -7,10 +7,9 @@ from impact_gym.physics import contact
 from impact_gym.solver import collision as scaled
 from impact_gym.solver import coupled, dop853, events
 from impact_gym.solver.collision import RATE, ROOT, TIME, Collision, Origin
-from impact_gym.solver.coupled import Law
 from impact_gym.solver.dop853 import ORDER, STAGES, STATE, TRIAL
 from impact_gym.solver.recording import object_velocity, trace
-from impact_gym.solver.state import Array, Bodies, Chain, Recorder, Status, Tolerance
+from impact_gym.solver.state import Chain, Run, Status
 
 FIRST_STEP = 0.1  # in s, see physics.contact
 GRAZE = 1e-12  # m/s, approach velocity of a touch at rest: from exactly zero the scaled equations never start
@@ -43,31 +42,28 @@ def begin(chain: Chain) -> None:
 
 
 @kernel
-def sensed_force(law: Law, bodies: Bodies, chain: Chain) -> float:
-    """Contact force now, N."""
-    if chain.touching == 0:
-        return 0.0
-    units = contact.scales(coupled.reduced_mass(law, bodies.object_mass), bodies.stiffness, chain.approach_velocity)
-    root = math.sqrt(max(chain.penetration, 0.0) / units.length)
-    return units.force * contact.force(bodies.damping, root, chain.penetration_rate / units.velocity)
+def natural_units(run: Run, chain: Chain) -> contact.Scales:
+    """Return the natural units of the contact under way."""
+    mass = coupled.reduced_mass(run.law, run.bodies.object_mass)
+    return contact.scales(mass, run.bodies.stiffness, chain.approach_velocity)
 
 
 @kernel
-def proceed(
-    law: Law,
-    bodies: Bodies,
-    chain: Chain,
-    acceleration: float,
-    until: float,
-    threshold: float,
-    tolerance: Tolerance,
-    recorder: Recorder,
-    work: Array,
-) -> int:
-    """Advance a contact to time `until` (s) or to its end, or to the first crossing of `threshold` (N)."""
-    mass = coupled.reduced_mass(law, bodies.object_mass)
-    units = contact.scales(mass, bodies.stiffness, chain.approach_velocity)
-    constants = coupled.collision(law, bodies.object_mass, bodies.damping, acceleration, threshold, units)
+def sensed_force(run: Run, chain: Chain) -> float:
+    """Contact force now, N."""
+    if chain.touching == 0:
+        return 0.0
+    units = natural_units(run, chain)
+    root = math.sqrt(max(chain.penetration, 0.0) / units.length)
+    return units.force * contact.force(run.bodies.damping, root, chain.penetration_rate / units.velocity)
+
+
+@kernel
+def proceed(run: Run, chain: Chain, acceleration: float, until: float) -> int:
+    """Advance a contact to time `until` (s) or to its end, or to the first crossing of the threshold."""
+    law, bodies, work = run.law, run.bodies, run.work
+    units = natural_units(run, chain)
+    constants = coupled.collision(law, bodies.object_mass, bodies.damping, acceleration, run.threshold, units)
     base = scaled.origin(chain, acceleration)
     horizon = (until - chain.time) / units.time
     unfelt = math.isinf(chain.detection)
@@ -87,11 +83,11 @@ def proceed(
     outcome = ARRIVED
     while True:
         chain.steps += 1
-        if chain.steps > tolerance.max_steps:
+        if chain.steps > run.tolerance.max_steps:
             outcome = STEP_LIMIT
             break
         dop853.attempt(law, constants, work, h)
-        error = dop853.error(law, work, h, tolerance.relative)
+        error = dop853.error(law, work, h, run.tolerance.relative)
         factor = min(5.0, max(0.2, 0.9 * error ** (-1.0 / ORDER))) if error > 0.0 else 5.0
         if error > 1.0:
             h *= factor
@@ -121,12 +117,12 @@ def proceed(
 
         if event != events.NONE:
             # the error was judged over a step that may have run through a kink; judge the one that is taken
-            error = dop853.error(law, work, taken, tolerance.relative)
+            error = dop853.error(law, work, taken, run.tolerance.relative)
             if error > 1.0:
                 h = taken * max(0.2, 0.9 * error ** (-1.0 / ORDER))
                 continue
-        if recorder.trace.shape[0] > 0:
-            trace_step(law, constants, chain, base, units, recorder, work, taken)
+        if run.recorder.trace.shape[0] > 0:
+            trace_step(run, constants, chain, base, units, taken)
         dop853.accept(law, work)
         h = h_next
         grip = contact.grip(constants.damping, state[RATE]) > 0.0
@@ -158,19 +154,11 @@ def proceed(
 
 
 @kernel
-def trace_step(
-    law: Law,
-    constants: Collision,
-    chain: Chain,
-    base: Origin,
-    units: contact.Scales,
-    recorder: Recorder,
-    work: Array,
-    taken: float,
-) -> None:
+def trace_step(run: Run, constants: Collision, chain: Chain, base: Origin, units: contact.Scales, taken: float) -> None:
     """Trace points along the step just found good, each a step of the integrator from the same start."""
+    trial = run.work[TRIAL]
     for point in range(1, TRACE_POINTS + 1):
-        dop853.attempt(law, constants, work, taken * point / TRACE_POINTS)
-        coupled.store(law, chain, base, units, work[TRIAL])
-        force = contact.force(constants.damping, max(work[TRIAL][ROOT], 0.0), work[TRIAL][RATE])
-        trace(law, chain, recorder, base.acceleration, units.force * force)
+        dop853.attempt(run.law, constants, run.work, taken * point / TRACE_POINTS)
+        coupled.store(run.law, chain, base, units, trial)
+        force = contact.force(constants.damping, max(trial[ROOT], 0.0), trial[RATE])
+        trace(run, chain, base.acceleration, units.force * force)

@@ -4,8 +4,6 @@ from impact_gym.kernel import by_type
 from impact_gym.physics.coupling import RigidLaw, SpringDamperLaw
 from impact_gym.solver import rigid, spring_damper
 
-Law = RigidLaw | SpringDamperLaw
-
 width = by_type({RigidLaw: rigid.width, SpringDamperLaw: spring_damper.width})
 reduced_mass = by_type({RigidLaw: rigid.reduced_mass, SpringDamperLaw: spring_damper.reduced_mass})
 collision = by_type({RigidLaw: rigid.collision, SpringDamperLaw: spring_damper.collision})

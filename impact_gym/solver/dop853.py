@@ -10,9 +10,9 @@ import math
 import numpy as np
 
 from impact_gym.kernel import kernel
+from impact_gym.physics.coupling import Law
 from impact_gym.solver import coupled
 from impact_gym.solver.collision import Collision
-from impact_gym.solver.coupled import Law
 from impact_gym.solver.state import Array
 
 ORDER = 8

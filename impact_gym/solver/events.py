@@ -2,9 +2,9 @@
 
 from impact_gym.kernel import kernel
 from impact_gym.physics import contact
+from impact_gym.physics.coupling import Law
 from impact_gym.solver import dop853
 from impact_gym.solver.collision import RATE, ROOT, TIME, Collision
-from impact_gym.solver.coupled import Law
 from impact_gym.solver.dop853 import STAGES, STATE, TRIAL
 from impact_gym.solver.state import Array
 

@@ -6,6 +6,8 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_gym.physics.coupling import Law
+
 Array = NDArray[Any]
 
 
@@ -82,6 +84,17 @@ class Tolerance(NamedTuple):
 
     relative: float  # -, local error of a contact step in the contact's scales
     max_steps: int  # integration steps of one run
+
+
+class Run(NamedTuple):
+    """What stays as it is while a chain moves."""
+
+    law: Law  # the coupling; its type chooses the kernels
+    bodies: Bodies
+    threshold: float  # N, of the contact alarm; inf if there is none
+    tolerance: Tolerance
+    recorder: Recorder
+    work: Array  # scratch of the integrator
 
 
 LOCAL_SHARE = 0.1
