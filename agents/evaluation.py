@@ -40,7 +40,9 @@ class Episodes:
 def evaluate(controller: Controller, seed: int, count: int, **options: Any) -> Episodes:
     """Play `controller` through scenarios `seed` ... `seed + count - 1`, all at once.
 
-    `options` go to the environment. The result for a scenario depends on its seed and the controller alone.
+    `options` go to the environment. The result for a scenario depends on its seed and the controller alone, as long
+    as the controller's action for an observation does not depend on those beside it (`Policy` sees to that; a matrix
+    product of BLAS rounds differently in batches of different size).
 
     Raises:
         RuntimeError: the solver failed in a scenario; names it.

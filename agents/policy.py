@@ -79,8 +79,10 @@ class Policy:
         Unlike in stable-baselines3, deterministic is the default: it is what the policy was judged by.
         """
         hidden = np.asarray(observation, np.float32)
-        if hidden.shape[-1] != self.inputs:
-            raise ValueError(f"the policy takes {self.inputs} numbers, the observation has {hidden.shape[-1]}")
+        if hidden.ndim == 0 or hidden.shape[-1] != self.inputs:
+            raise ValueError(f"the policy takes {self.inputs} numbers, the observation has the shape {hidden.shape}")
+        if not np.isfinite(hidden).all():
+            raise ValueError("the observation must be finite")
         for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
             hidden = np.tanh(_affine(weight, bias, hidden))
         action = _affine(self.weights[-1], self.biases[-1], hidden)
@@ -107,7 +109,7 @@ def _affine(weight: NDArray[np.float32], bias: NDArray[np.float32], inputs: NDAr
 
 
 def load_policy(name: str | Path) -> Policy:
-    """Return a policy shipped with the project, by name, or from a file.
+    """Return a policy shipped with the project, by name, or from a file, or from a run folder.
 
     Raises:
         FileNotFoundError: neither a shipped policy nor a file; lists what is shipped.
@@ -116,6 +118,8 @@ def load_policy(name: str | Path) -> Policy:
     path = SHIPPED / f"{name}.npz"
     if not path.is_file():
         path = Path(name)
+    if path.is_dir():
+        path = path / "policy.npz"
     if not path.is_file():
         shipped = sorted(file.stem for file in SHIPPED.glob("*.npz"))
         raise FileNotFoundError(f"no policy {str(name)!r}: it is no file, and shipped are {shipped}")
@@ -132,4 +136,5 @@ def load_policy(name: str | Path) -> Policy:
                 header["provenance"],
             )
     except DAMAGE as error:
-        raise ValueError(f"{path} is not a policy file, or is damaged: {error}") from error
+        reason = "it holds pickled objects, which are never loaded" if "pickle" in str(error) else error
+        raise ValueError(f"{path} is not a policy file, or is damaged: {reason}") from error

@@ -2,6 +2,7 @@
 
 import json
 import platform
+import shlex
 import subprocess
 import sys
 import time
@@ -24,6 +25,7 @@ from agents.evaluation import VALIDATION_SEED, Controller, evaluate
 from agents.files import whole_file
 from agents.policy import Policy
 from impact_gym.sb3 import ImpactVecEnv
+from impact_gym.validation import number, whole
 
 PACKAGES = ("impact-gym", "gymnasium", "numba", "numpy", "scipy", "stable-baselines3", "torch")
 
@@ -33,7 +35,7 @@ class Settings:
     """Train PPO on ImpactApproach-v0."""
 
     steps: int = 6_000_000
-    """Environment steps in all."""
+    """Environment steps in all; rounded up to whole rollouts of all environments."""
     seed: int = 0
     """Seed of the scenarios, the network and the exploration; below 1000000, where evaluation begins."""
     out: Path | None = None
@@ -60,6 +62,31 @@ class Settings:
     """Neurons in each of the two hidden layers."""
     threads: int = 1
     """Threads of torch. With small networks a second one on two cores makes it slower, not faster."""
+
+    def __post_init__(self) -> None:
+        for name, least in {
+            "steps": 1,
+            "seed": 0,
+            "envs": 1,
+            "rollout": 2,
+            "batch": 2,
+            "epochs": 1,
+            "width": 1,
+        }.items():
+            whole(name, getattr(self, name), at_least=least)
+        whole("threads", self.threads, at_least=1)
+        if self.seed >= VALIDATION_SEED - self.envs:
+            raise ValueError(f"seed must be below {VALIDATION_SEED - self.envs}, got {self.seed}")
+        number("time_weight", self.time_weight, "m/s per s", above=0)
+        number("learning_rate", self.learning_rate, "(no unit)", above=0)
+        number("gae_lambda", self.gae_lambda, "(no unit)", at_least=0, at_most=1)
+        number("entropy", self.entropy, "(no unit)", at_least=0)
+        number("log_std", self.log_std, "(no unit)", at_least=-20, at_most=2)
+
+    @property
+    def whole_steps(self) -> int:
+        """Environment steps that are really made."""
+        return -(-self.steps // (self.envs * self.rollout)) * self.envs * self.rollout
 
 
 class Objectives(BaseCallback):
@@ -112,14 +139,23 @@ def write_json(path: Path, content: Any) -> None:
 
 def provenance(settings: Settings) -> dict[str, Any]:
     """Return what it takes to repeat a run."""
-    commit = subprocess.run(["git", "rev-parse", "HEAD"], capture_output=True, text=True, check=False)
     return {
-        "command": " ".join(["python", "-m", "agents.train", *sys.argv[1:]]),
+        "command": shlex.join(["python", "-m", "agents.train", *sys.argv[1:]]),
         "settings": {name: value for name, value in asdict(settings).items() if name != "out"},
         "versions": {"python": platform.python_version()} | {name: version(name) for name in PACKAGES},
-        "commit": commit.stdout.strip() or None,
+        "commit": _git("rev-parse", "HEAD"),
+        "changed since": _git("status", "--porcelain", "--untracked-files=no"),
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
     }
+
+
+def _git(*command: str) -> str | None:
+    """Return what git says of the sources, None where there is no git or no repository."""
+    try:
+        said = subprocess.run(["git", *command], cwd=Path(__file__).parent, capture_output=True, text=True, check=True)
+    except (OSError, subprocess.CalledProcessError):
+        return None
+    return said.stdout.strip()
 
 
 def train(settings: Settings) -> Path:
@@ -127,10 +163,7 @@ def train(settings: Settings) -> Path:
 
     Raises:
         FileExistsError: the run folder is there already.
-        ValueError: the seed is one of those kept for evaluation.
     """
-    if not 0 <= settings.seed < VALIDATION_SEED - settings.envs:
-        raise ValueError(f"seed must be at least 0 and below {VALIDATION_SEED - settings.envs}, got {settings.seed}")
     stamp = datetime.now(UTC).strftime("%Y%m%d-%H%M%S")
     folder = settings.out or Path("runs") / f"{stamp}-ppo-seed{settings.seed}"
     folder.mkdir(parents=True)
@@ -154,9 +187,9 @@ def train(settings: Settings) -> Path:
         policy_kwargs={"net_arch": [settings.width, settings.width], "log_std_init": settings.log_std},
     )
     model.set_logger(configure(str(folder), ["tensorboard", "csv"]))
-    print(f"training for {settings.steps:,} steps; torch uses {settings.threads} thread(s)")
+    print(f"training for {settings.whole_steps:,} steps; torch uses {settings.threads} thread(s)")
     begun = time.perf_counter()
-    model.learn(settings.steps, callback=Objectives(), progress_bar=True)
+    model.learn(settings.whole_steps, callback=Objectives(), progress_bar=True)
     seconds = time.perf_counter() - begun
     model.logger.close()
 
@@ -180,8 +213,13 @@ def main() -> None:
     """Read the settings from the command line and train."""
     try:
         print(train(tyro.cli(Settings)))
-    except (FileExistsError, ValueError) as error:
+    except (FileExistsError, TypeError, ValueError) as error:
         sys.exit(f"agents.train: {error}")
+    except KeyboardInterrupt:
+        print(
+            "agents.train: interrupted; the run folder holds the learning curve so far, but no policy", file=sys.stderr
+        )
+        sys.exit(130)
 
 
 if __name__ == "__main__":

@@ -2,9 +2,10 @@
 
 import json
 import os
+import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,7 @@ SCENE = decoupled(stiffness=1e4, restitution=1.0, coupling_stiffness=150.0)  # F
 RTOLS = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9)
 METHODS = ("RK45", "DOP853", "LSODA", "Radau")
 BATCH = 1024
+FLIGHT = "flight of the reference"
 
 
 @dataclass(frozen=True)
@@ -48,9 +50,14 @@ def seconds(function: Callable[[], Any], calls: int) -> float:
 
 
 def approach_contenders() -> dict[str, tuple[Callable[[], Any], int, float]]:
-    """Return, per solver, the cheapest tolerance that keeps ERROR: a call, how often to make it, its error in m/s."""
+    """Return, per solver, the cheapest tolerance that keeps ERROR: a call, how often to make it, its error in m/s.
+
+    SciPy's solvers are driven by the reference; the time of its flights is measured apart and taken off.
+    """
     exact = reference.simulate(SCENE, MOTION, DURATION, rtol=1e-13).object_velocity
     chosen: dict[str, tuple[Callable[[], Any], int, float]] = {}
+    untouched = replace(SCENE, object=ig.Object(mass=1.0, distance=100.0))
+    chosen[FLIGHT] = (lambda: reference.simulate(untouched, MOTION, DURATION), 5, 0.0)
 
     def consider(name: str, run: Callable[[float], Any], calls: int) -> None:
         for rtol in RTOLS:
@@ -62,7 +69,7 @@ def approach_contenders() -> dict[str, tuple[Callable[[], Any], int, float]]:
     consider("impact_gym.simulate", lambda rtol: ig.simulate(SCENE, MOTION, DURATION, rtol=rtol), 2000)
     for method in METHODS:
         consider(
-            f"SciPy {method}",
+            f"SciPy {method}, contact alone",
             lambda rtol, method=method: reference.simulate(SCENE, MOTION, DURATION, rtol=rtol, method=method),
             5,
         )
@@ -116,17 +123,21 @@ def measure(settings: Settings) -> dict[str, Any]:
         for name, (call, steps) in environments.items():
             best[name] = min(best.get(name, np.inf), seconds(call, 200 if steps > 1 else 5000) / steps)
 
+    for name in approaches:  # the reference flies by matrix exponentials, which is no solver of SciPy's
+        if name.startswith("SciPy"):
+            best[name] -= best[FLIGHT]
     ours = next(name for name in approaches if name.startswith("impact_gym"))
-    fastest = min((name for name in approaches if name != ours), key=best.__getitem__)
+    fastest = min((name for name in approaches if name.startswith("SciPy")), key=best.__getitem__)
     native, cart_pole, single, pendulum = environments
     return {
         "approach": {
             name: {"microseconds": 1e6 * best[name], "error_m_per_s": error}
             for name, (_, _, error) in approaches.items()
+            if name != FLIGHT
         },
         "environment_steps_per_second": {name: 1.0 / best[name] for name in environments},
         "ratios": {
-            f"simulate is faster than {fastest} by": best[fastest] / best[ours],
+            f"our whole approach is faster than {fastest}, by": best[fastest] / best[ours],
             "our batch's step rate over CartPole's": best[cart_pole] / best[native],
             "our single step rate over Pendulum's": best[pendulum] / best[single],
         },
@@ -158,10 +169,13 @@ def show(results: dict[str, Any]) -> None:
 def main() -> None:
     """Read the settings from the command line, measure, print, write."""
     settings = tyro.cli(Settings)
-    results = measure(settings)
+    try:
+        with whole_folder(settings.out) as folder:
+            results = measure(settings)
+            (folder / "results.json").write_text(json.dumps(results, indent=2) + "\n")
+    except ValueError as error:
+        sys.exit(f"experiments.bench: {error}")
     show(results)
-    with whole_folder(settings.out) as folder:
-        (folder / "results.json").write_text(json.dumps(results, indent=2) + "\n")
     print(f"results: {(settings.out / 'results.json').resolve().as_uri()}")
 
 

@@ -24,7 +24,7 @@ from experiments.statistics import CONFIDENCE, RESAMPLES, mean, mean_reduction, 
 
 PAPER = "paper's rule"
 LEARNED = "learned policy"
-HARD_BRAKE = "paper's rule, braked at 20 m/s²"
+SHARP = "paper's speed, at 20 m/s²"
 POLICY = "linear-blind"
 TIME_WEIGHT = 2.0  # m/s per s, what the policy was trained for
 HERE = Path(__file__).parent
@@ -45,7 +45,7 @@ def controllers() -> dict[str, Controller]:
     return {
         PAPER: PaperTrapezoid(),
         LEARNED: load_policy(POLICY),
-        HARD_BRAKE: ConstantSpeed(1.0, acceleration=8.0, deceleration=20.0),
+        SHARP: ConstantSpeed(1.0, acceleration=20.0),
     }
 
 
@@ -55,6 +55,7 @@ def summary(episodes: Episodes) -> dict[str, Any]:
         "object_velocity": asdict(mean(episodes.object_velocity)),
         "approach_time": asdict(mean(episodes.approach_time)),
         "object_velocity_worst_5_percent": float(np.quantile(episodes.object_velocity, 0.95)),
+        "cost": asdict(mean(episodes.cost(TIME_WEIGHT))),
         "peak_force": asdict(mean(episodes.peak_force)),
         "contacts": float(episodes.contact_count.mean()),
         "missed": int(episodes.missed.sum()),
@@ -81,7 +82,7 @@ def typical_scenario(episodes: Episodes) -> int:
 def draw(folder: Path, played: dict[str, Episodes]) -> dict[str, Any]:
     """Draw the figures into `folder`; return what the page says about the scenario shown."""
     points = {name: (episodes.approach_time, episodes.object_velocity) for name, episodes in played.items()}
-    charts.save(charts.trade_off(points, means_only=[HARD_BRAKE]), folder / "trade_off.svg")
+    charts.save(charts.trade_off(points, means_only=[SHARP]), folder / "trade_off.svg")
 
     number = typical_scenario(played[PAPER])
     runs = {}
@@ -91,7 +92,8 @@ def draw(folder: Path, played: dict[str, Episodes]) -> dict[str, Any]:
         if info["object_velocity"] != played[name].object_velocity[number]:
             raise RuntimeError(f"scenario {number}: the replay of {name!r} differs from its evaluation")
         runs[name] = (trace, f"contact at {info['approach_time']:.3f} s, V_p {info['object_velocity']:.3f} m/s")
-        ends.append(min(trace.time[-1], trace.time[trace.contact_force > 0][-1] + 0.1))
+        touching = trace.time[trace.contact_force > 0]
+        ends.append(min(trace.time[-1], touching[-1] + 0.1) if touching.size else trace.time[-1])
     charts.save(charts.time_histories(runs, (0.0, max(ends))), folder / "time_histories.svg")
     scenario = {name: float(values[number]) for name, values in played[PAPER].scenario.items()}
     return {"number": number, "seed": TEST_SEED + number, "scenario": scenario}
@@ -115,17 +117,16 @@ def write(settings: Settings) -> Path:
     """Evaluate, write the folder, and return the path of its page.
 
     Raises:
-        ValueError: fewer than two scenarios.
+        ValueError: fewer than two scenarios, or a folder that this did not write.
     """
     if settings.scenarios < 2:
         raise ValueError(f"scenarios must be at least 2, got {settings.scenarios}")
     begun = time.perf_counter()
     played = {}
-    for name, controller in controllers().items():
-        print(f"{name}: playing {settings.scenarios} test scenarios", flush=True)
-        played[name] = evaluate(controller, TEST_SEED, settings.scenarios, time_weight=TIME_WEIGHT)
-
     with whole_folder(settings.out) as folder:
+        for name, controller in controllers().items():
+            print(f"{name}: playing {settings.scenarios} test scenarios", flush=True)
+            played[name] = evaluate(controller, TEST_SEED, settings.scenarios, time_weight=TIME_WEIGHT)
         (folder / "figures").mkdir()
         shown = draw(folder / "figures", played)
         write_episodes(folder / "episodes.csv", played)
@@ -147,9 +148,7 @@ def write(settings: Settings) -> Path:
         }
         (folder / "results.json").write_text(json.dumps(results, indent=2) + "\n")
         pages = Environment(loader=FileSystemLoader(HERE), autoescape=True, undefined=StrictUndefined)
-        page = pages.get_template("report.html.jinja").render(
-            results=results, paper=PAPER, learned=LEARNED, hard_brake=HARD_BRAKE
-        )
+        page = pages.get_template("report.html.jinja").render(results=results, sharp=SHARP)
         (folder / "index.html").write_text(page)
     return settings.out / "index.html"
 
@@ -160,6 +159,9 @@ def main() -> None:
         page = write(tyro.cli(Settings))
     except ValueError as error:
         sys.exit(f"experiments.report: {error}")
+    except KeyboardInterrupt:
+        print("experiments.report: interrupted; what was there before is unchanged", file=sys.stderr)
+        sys.exit(130)
     print(f"report: {page.resolve().as_uri()}")
 
 

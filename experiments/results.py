@@ -15,23 +15,36 @@ from typing import Any
 REPORTS = Path("reports")
 
 
+MARK = ".impact_gym"
+"""A file that says a folder was written here and may be replaced."""
+
+
 @contextmanager
 def whole_folder(path: Path) -> Iterator[Path]:
-    """Give a folder to fill; once that went well it takes the place of `path`."""
+    """Give a folder to fill; once that went well it takes the place of `path`.
+
+    Raises:
+        ValueError: `path` is there and is neither an empty folder nor one that an earlier run wrote.
+    """
+    if path.exists() and not (path.is_dir() and (not any(path.iterdir()) or (path / MARK).is_file())):
+        raise ValueError(f"{path} is not replaced: no earlier run wrote it; name another folder or remove it")
     path.parent.mkdir(parents=True, exist_ok=True)
     unfinished = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
+    old = Path(tempfile.mkdtemp(prefix=f".{path.name}.old.", dir=path.parent)) / path.name
     try:
         yield unfinished
+        (unfinished / MARK).touch()
         unfinished.chmod(0o755)
         if path.exists():
-            old = Path(tempfile.mkdtemp(prefix=f".{path.name}.old.", dir=path.parent))
-            os.replace(path, old / path.name)
-            os.replace(unfinished, path)
-            shutil.rmtree(old)
-        else:
-            os.replace(unfinished, path)
+            os.replace(path, old)
+        os.replace(unfinished, path)
+    except BaseException:
+        if old.exists() and not path.exists():
+            os.replace(old, path)
+        raise
     finally:
         shutil.rmtree(unfinished, ignore_errors=True)
+        shutil.rmtree(old.parent, ignore_errors=True)
 
 
 def checksum(path: Path) -> str:

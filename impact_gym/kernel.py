@@ -70,8 +70,12 @@ class _CompileNotice(event.Listener):
         self._timer: threading.Timer | None = None
         self._said = False
 
+    @staticmethod
+    def _ours(event: Any) -> bool:
+        return (event.data["dispatcher"].py_func.__module__ or "").startswith("impact_gym.")
+
     def on_start(self, event: Any) -> None:
-        if not event.data["dispatcher"].py_func.__module__.startswith("impact_gym."):
+        if not self._ours(event):
             return
         self._depth += 1
         if self._depth == 1 and not self._said:
@@ -80,7 +84,7 @@ class _CompileNotice(event.Listener):
             self._timer.start()
 
     def on_end(self, event: Any) -> None:
-        if not event.data["dispatcher"].py_func.__module__.startswith("impact_gym."):
+        if not self._ours(event):
             return
         self._depth -= 1
         if self._depth == 0 and self._timer is not None:

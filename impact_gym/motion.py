@@ -14,7 +14,7 @@ class Brake:
     """Stop once the contact is felt: `delay` after the contact force first exceeds `threshold`.
 
     The delay is the paper's 16 ms; the deceleration of the paper is not printed (8 m/s^2 identified, see
-    shared/physics.md).
+    docs/provenance.md).
     """
 
     threshold: float = 1.0  # N

@@ -39,7 +39,7 @@ class Contact:
     """Hertz contact of a plane tool with a spherical object, with hysteresis damping (paper, eq. 5 and 7).
 
     `dissipation` says how the damping follows from the restitution. Equation 7, "hu-guo", delivers a little less than
-    the restitution it is given: 0.4877 for 0.5, 0.0741 for 0.1 (see shared/physics.md).
+    the restitution it is given: 0.4877 for 0.5, 0.0741 for 0.1 (see docs/provenance.md).
     """
 
     stiffness: float  # N/m^1.5

@@ -1,4 +1,4 @@
-"""One contact against closed forms and the golden tables of shared/physics.md, and the balances it must keep."""
+"""One contact against closed forms and the golden tables of docs/provenance.md, and the balances it must keep."""
 
 import math
 from itertools import pairwise

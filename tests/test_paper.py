@@ -1,4 +1,4 @@
-"""Numbers printed in the paper, or found from what it prints (the target table in shared/physics.md)."""
+"""Numbers printed in the paper, or found from what it prints (the target table in docs/provenance.md)."""
 
 import numpy as np
 import pytest
@@ -48,7 +48,7 @@ def test_fig_5_the_damping_force_turns_negative_at_0_321_s():
     penetration = np.maximum(trace.tool_position - trace.object_position, 0.0)
     damping_force = trace.contact_force - 1e5 * penetration**1.5
     first_negative = trace.time[np.argmax(damping_force < -1e-9)]
-    # printed: 0.321 s; shared/physics.md: 0.3215 s, where its golden row puts the turning point at 0.3209 s
+    # printed: 0.321 s; docs/provenance.md: 0.3215 s, where its golden row puts the turning point at 0.3209 s
     assert first_negative == pytest.approx(0.321, abs=5e-4)
     assert np.all(damping_force[trace.time < first_negative] >= -1e-9)
 

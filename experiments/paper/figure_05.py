@@ -10,7 +10,6 @@ from experiments.charts import FORCE, OBJECT, TOOL
 from experiments.paper.scenes import MOTION, OBJECT_MASS, TOOL_MASS, rigid
 from experiments.paper.tables import Table, histories, trace_of
 
-TITLE = "Contact force for the non-linear model"
 STIFFNESS, RESTITUTION = 1e5, 0.5
 CASES = {"a": "(a) tool fixed to the robot", "b": "(b) tool decoupled from the robot"}
 

@@ -8,7 +8,6 @@ from experiments.charts import SERIES
 from experiments.paper.scenes import DURATION, MOTION, decoupled
 from experiments.paper.tables import Table
 
-TITLE = "Effect of the coupling on the object's final velocity, e = 1"
 RESTITUTION = 1.0
 CONTACT_STIFFNESSES = (1e3, 1e4, 1e5)  # N/m^1.5
 COUPLING_STIFFNESSES = np.linspace(5.0, 200.0, 196)  # N/m

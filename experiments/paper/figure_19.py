@@ -6,7 +6,6 @@ from experiments.paper import time_history
 from experiments.paper.scenes import DURATION, MOTION, decoupled
 from experiments.paper.tables import Table, histories
 
-TITLE = "Velocities and forces with a decoupled tool, e = 0.1"
 CASES = {"a": "(a, c) k_c = 10$^5$ N/m$^{1.5}$", "b": "(b, d) k_c = $10^3$ N/m$^{1.5}$"}
 
 

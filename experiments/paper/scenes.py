@@ -1,4 +1,4 @@
-"""The scenes of the paper's sections 2 and 4; what the paper does not print is in shared/physics.md."""
+"""The scenes of the paper's sections 2 and 4; what the paper does not print is in docs/provenance.md."""
 
 import impact_gym as ig
 

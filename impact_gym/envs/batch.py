@@ -148,7 +148,7 @@ class Batch:
             "approach_time": episodes["approach_time"],
             "peak_force": chains["peak_force"],
             "contact_count": chains["contacts"],
-            "missed": chains["contacts"] == 0,
+            "missed": (episodes["terminated"] == 1) & (chains["contacts"] == 0),
             "time_weight": episodes["time_weight"],
             "reward_terms": {name: -episodes[cost] for name, cost in REWARD_TERMS.items()},
             "scenario": {name: episodes[name] for name in FIELDS},

@@ -7,12 +7,12 @@ import numpy as np
 from gymnasium import spaces
 
 from impact_gym.envs.rows import Episode
-from impact_gym.envs.task import AFTER_ALARM, HORIZON, VELOCITY_RANGE, TaskConstants
+from impact_gym.envs.task import AFTER_ALARM, VELOCITY_RANGE, TaskConstants
 from impact_gym.kernel import kernel
 from impact_gym.solver.state import Array, Chain
 
 POSITION_RANGE = (-0.25, 0.75)  # m
-TIME_RANGE = (0.0, HORIZON + AFTER_ALARM)  # s
+TIME_RANGE = (0.0, 1.5)  # s; an episode lasts 1.35 s and a reaction delay at the most
 FORCE_SCALE = 1000.0  # N
 WEIGHT_CENTRE, WEIGHT_SPAN = 2.0, 16.0  # m/s per s: 2 / 16 ... 2 * 16
 RANGE_SCALE = 0.5  # m
@@ -23,22 +23,35 @@ class Entry(NamedTuple):
 
     name: str
     unit: str
-    low: str  # physical value at the lower end
-    high: str  # physical value at +1
+    low: float  # physical value that becomes `scaled_low`
+    high: float  # physical value that becomes 1
     scaled_low: float
 
 
 ENTRIES = (
-    Entry("flange position", "m", "-0.25", "0.75", -1.0),
-    Entry("flange velocity", "m/s", "-0.5", "1.5", -1.0),
-    Entry("time", "s", "0", "1.35", -1.0),
-    Entry("alarm", "-", "0", "1", 0.0),
-    Entry("time since the alarm", "s", "0", "0.15", 0.0),
-    Entry("contact force, as sensed reaction_delay ago", "N, log(1 + F / 1 N)", "0", "1000", 0.0),
-    Entry("largest contact force so far, as sensed reaction_delay ago", "N, likewise", "0", "1000", 0.0),
-    Entry("time weight", "m/s per s, log", "0.125", "32", -1.0),
+    Entry("flange position", "m", *POSITION_RANGE, -1.0),
+    Entry("flange velocity", "m/s", *VELOCITY_RANGE, -1.0),
+    Entry("time", "s", *TIME_RANGE, -1.0),
+    Entry("alarm", "-", 0.0, 1.0, 0.0),
+    Entry("time since the alarm", "s", 0.0, AFTER_ALARM, 0.0),
+    Entry("contact force, as sensed `reaction_delay` ago", "N, as log(1 + F)", 0.0, FORCE_SCALE, 0.0),
+    Entry("its maximum so far, as sensed `reaction_delay` ago", "N, as log(1 + F)", 0.0, FORCE_SCALE, 0.0),
+    Entry("time weight", "m/s per s, as log", WEIGHT_CENTRE / WEIGHT_SPAN, WEIGHT_CENTRE * WEIGHT_SPAN, -1.0),
 )
-RANGE_ENTRY = Entry("distance estimate minus flange position (with range_noise)", "m", "-0.5", "0.5", -1.0)
+RANGE_ENTRY = Entry("distance estimate minus flange position, with `range_noise`", "m", -RANGE_SCALE, RANGE_SCALE, -1.0)
+
+
+def documentation() -> str:
+    """Return the table of all entries as Markdown."""
+    rows = [("Num", "Observation", "Unit", "from", "to", "Scaled to")]
+    rows += [
+        (str(place), entry.name, entry.unit, f"{entry.low:g}", f"{entry.high:g}", f"[{entry.scaled_low:g}, 1]")
+        for place, entry in enumerate((*ENTRIES, RANGE_ENTRY))
+    ]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = ["| " + " | ".join(map(str.ljust, row, widths)) + " |" for row in rows]
+    lines.insert(1, "|" + "|".join("-" * (width + 2) for width in widths) + "|")
+    return "\n".join("    " + line for line in lines)
 
 
 def entries(task: TaskConstants) -> tuple[Entry, ...]:

@@ -22,6 +22,10 @@ class ImpactVecEnv(VecEnv):
     """
 
     def __init__(self, num_envs: int, **options: Any) -> None:
+        if "autoreset_mode" in options:
+            raise TypeError(
+                "autoreset_mode is not for stable-baselines3, which resets on the step that ends an episode"
+            )
         self.envs = ImpactApproachVectorEnv(num_envs, autoreset_mode=AutoresetMode.DISABLED, **options)
         self._actions: NDArray[Any] = np.zeros((num_envs, 2), np.float32)
         super().__init__(num_envs, self.envs.single_observation_space, self.envs.single_action_space)

@@ -8,6 +8,7 @@ import numpy as np
 from gymnasium import Space, spaces
 from numpy.typing import NDArray
 
+from impact_gym.envs import observation
 from impact_gym.envs.batch import Batch
 from impact_gym.envs.scenario import ScenarioRanges, fixed_scenario
 from impact_gym.envs.task import Task
@@ -44,17 +45,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     `Box(..., (8,), float32)`, 9 numbers with `range_noise`. Constants scale each into [-1, 1] or [0, 1]; beyond their
     ends it is clipped.
 
-    | Num | Observation                                            | Low   | High | Unit         | Scaled  |
-    |-----|--------------------------------------------------------|-------|------|--------------|---------|
-    | 0   | flange position                                        | -0.25 | 0.75 | m            | [-1, 1] |
-    | 1   | flange velocity                                        | -0.5  | 1.5  | m/s          | [-1, 1] |
-    | 2   | time                                                   | 0     | 1.35 | s            | [-1, 1] |
-    | 3   | alarm                                                  | 0     | 1    | -            | [0, 1]  |
-    | 4   | time since the alarm                                   | 0     | 0.15 | s            | [0, 1]  |
-    | 5   | contact force as sensed `reaction_delay` ago           | 0     | 1000 | N, log(1+F)  | [0, 1]  |
-    | 6   | its maximum so far, as sensed `reaction_delay` ago     | 0     | 1000 | N, log(1+F)  | [0, 1]  |
-    | 7   | time weight                                            | 0.125 | 32   | m/s/s, log   | [-1, 1] |
-    | 8   | distance estimate minus flange position (`range_noise`)| -0.5  | 0.5  | m            | [-1, 1] |
+    OBSERVATION_TABLE
 
     A step lasts one control period, 16 ms. It ends early exactly once: when the contact alarm reaches the controller,
     `reaction_delay` after the contact force first exceeds 1 N, located as an event.
@@ -78,9 +69,10 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     ## Episode End
     Terminates 0.15 s after the alarm. V_p is then what the object keeps after the flange has braked to rest at
-    20 m/s^2 and no contact is left: simulated, so nothing is gained by ending early. Without an alarm it terminates
-    at 1.2 s, with V_p if something was touched too softly to raise it, otherwise as `missed`. A row whose solver fails
-    terminates as well, with the cost of a miss and a sentence in `info["status"]`. Truncated only by `TimeLimit`.
+    20 m/s^2 and no contact is left or to come: simulated (for 10 s at most), so nothing is gained by ending early.
+    Without an alarm it terminates at 1.2 s, with V_p if something was touched too softly to raise it, otherwise as
+    `missed`. A row whose solver fails terminates as well, with the cost of a miss and a sentence in `info["status"]`.
+    Truncated only by `TimeLimit`.
 
     The final `info` has `object_velocity` (m/s), `approach_time` (s), `peak_force` (N), `contact_count`, `missed`,
     `time_weight`, `reward_terms` (time, velocity, force, missed; they sum to the return), `scenario` and `status`.
@@ -104,7 +96,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     * v0: first version
     """
 
-    metadata = {"render_modes": [], "render_fps": 60}  # noqa: RUF012  # declared so by gymnasium.Env
+    metadata = {"render_modes": []}  # noqa: RUF012  # declared so by gymnasium.Env
 
     def __init__(
         self,
@@ -172,6 +164,10 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._running = not terminated
         info = batch.info(0) if terminated else {}
         return batch.observations[0].copy(), float(batch.rewards[0]), terminated, False, info
+
+
+if ImpactApproachEnv.__doc__:  # there is none under python -OO
+    ImpactApproachEnv.__doc__ = ImpactApproachEnv.__doc__.replace("    OBSERVATION_TABLE", observation.documentation())
 
 
 def task_from(

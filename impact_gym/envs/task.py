@@ -21,6 +21,7 @@ ALARM_THRESHOLD = 1.0  # N (paper, section 3.2)
 AFTER_ALARM = 0.15  # s, an episode ends this long after the alarm
 HORIZON = 1.2  # s, or here, if there is no alarm
 MISSED_COST = 2.0  # m/s
+LARGEST_WEIGHT = 1e6  # m/s per s and m/s per N; keeps rewards finite
 FULL_DECELERATION = 20.0  # m/s^2, after the end of the episode
 SETTLE_LIMIT = 10.0  # s, simulated after the end at the most
 MAX_STEPS = 1_000_000  # integration steps of one episode
@@ -63,8 +64,8 @@ class Task:
         put("ranges", ScenarioRanges.of(self.scenario))
         put("coupling", coupling_from(self.coupling))
         put("tool_mass", number("tool_mass", self.tool_mass, "kg", above=0))
-        put("weights", interval("time_weight", self.time_weight, "m/s per s"))
-        put("force_weight", number("force_weight", self.force_weight, "m/s per N", at_least=0))
+        put("weights", interval("time_weight", self.time_weight, "m/s per s", at_most=LARGEST_WEIGHT))
+        put("force_weight", number("force_weight", self.force_weight, "m/s per N", at_least=0, at_most=LARGEST_WEIGHT))
         put("reaction_delay", number("reaction_delay", self.reaction_delay, "s", at_least=0, at_most=1.0))
         put("control_period", number("control_period", self.control_period, "s", at_least=1e-4, at_most=0.15))
         if self.range_noise is not None:
@@ -97,11 +98,16 @@ class Task:
 def coupling_from(value: Any) -> Coupling:
     """Return a coupling from one or from a plain mapping, such as {"type": "SpringDamper", "stiffness": 50}.
 
-    The mapping is what an `EnvSpec` can write as JSON.
+    A mapping of all fields of one kind needs no type: that is what `EnvSpec.to_json` makes of a coupling.
     """
     if isinstance(value, Coupling):
         return value
     kinds: dict[str, type[Any]] = {"Rigid": Rigid, "SpringDamper": SpringDamper}
+    if isinstance(value, Mapping) and "type" not in value:
+        for kind in kinds.values():
+            if set(value) == {field.name for field in fields(kind)}:
+                rebuilt: Coupling = kind(**value)
+                return rebuilt
     if isinstance(value, Mapping) and value.get("type") in kinds:
         arguments = {name: argument for name, argument in value.items() if name != "type"}
         known = [field.name for field in fields(kinds[value["type"]])]

@@ -43,6 +43,9 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
             raise ValueError(f"render_mode must be None, got {render_mode!r}")
         self.num_envs = whole("num_envs", num_envs, at_least=1)
         self.render_mode = render_mode
+        modes = [mode.value for mode in AutoresetMode]
+        if autoreset_mode not in (*AutoresetMode, *modes):
+            raise ValueError(f"autoreset_mode must be one of {modes}, got {autoreset_mode!r}")
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {"render_modes": [], "autoreset_mode": self.autoreset_mode}
         task = task_from(scenario, coupling, options, ("autoreset_mode", "threads"))

@@ -11,7 +11,7 @@ from impact_gym.solver.dop853 import ORDER, STAGES, STATE, TRIAL
 from impact_gym.solver.recording import object_velocity, trace
 from impact_gym.solver.state import Chain, Run, Status
 
-FIRST_STEP = 0.1  # in s, see physics.contact
+FIRST_STEP = 0.1  # of the variable s of physics.contact
 GRAZE = 1e-12  # m/s, approach velocity of a touch at rest: from exactly zero the scaled equations never start
 TRACE_POINTS = 8  # in a step
 

@@ -6,6 +6,7 @@ from impact_gym.kernel import kernel
 from impact_gym.physics import contact
 from impact_gym.physics.coupling import RigidLaw
 from impact_gym.solver.collision import IMPULSE, RATE, ROOT, TIME, Collision, Origin, load_common, store_common
+from impact_gym.solver.parabola import gap_closes
 from impact_gym.solver.state import Array, Chain
 
 
@@ -66,20 +67,8 @@ def drift(law: RigidLaw, chain: Chain, acceleration: float, time: float) -> None
 
 @kernel
 def touch_time(law: RigidLaw, chain: Chain, acceleration: float, horizon: float) -> float:
-    """Time (s) until tool and object touch, inf if not within `horizon`: first upward zero of a parabola."""
-    gap = -chain.penetration
-    v = chain.penetration_rate
-    square = v * v + 2.0 * acceleration * gap
-    if square < 0.0:
-        return math.inf
-    if gap > 0.0 and v > 0.0:
-        time = 2.0 * gap / (v + math.sqrt(square))
-    elif v <= 0.0 and acceleration > 0.0:  # not closing yet, or just parted: back once the flange has caught up
-        time = (math.sqrt(square) - v) / acceleration
-    elif gap <= 0.0 and v > 0.0:
-        time = 0.0
-    else:
-        return math.inf
+    """Time (s) until tool and object touch, inf if not within `horizon`."""
+    time = gap_closes(-chain.penetration, chain.penetration_rate, acceleration)
     return time if time <= horizon else math.inf
 
 

@@ -19,6 +19,7 @@ from impact_gym.solver.collision import (
     load_common,
     store_common,
 )
+from impact_gym.solver.parabola import gap_closes
 from impact_gym.solver.state import Array, Chain
 
 
@@ -184,19 +185,18 @@ def inflection_time(flight: Flight, after: float) -> float:
 
 
 @kernel
-def out_of_reach(flight: Flight, now: float, horizon: float) -> bool:
-    """True if a bound shows that the gap stays open from `now` to `horizon`.
+def within_reach(flight: Flight, now: float) -> float:
+    """First time from `now` on at which a bound allows a touch, inf if it never does.
 
-    The free part loses energy, so its speed stays below r = sqrt(z'^2 + omega^2 z^2) and its position below r / omega.
+    The free part loses energy, so it stays below r / omega with r^2 = z'^2 + omega^2 z^2: the gap cannot close before
+    a tool that swings out so far at once would close it.
     """
     z, z1 = free_decay(flight.frequency, flight.damping_ratio, flight.position, flight.velocity, now)
-    reach = math.sqrt(z1 * z1 + flight.frequency * flight.frequency * z * z)
+    swing = math.hypot(z1 / flight.frequency, z) - z
     gap = -(flight.start + (z - flight.position) + now * (flight.closing + 0.5 * flight.acceleration * now))
-    fastest = flight.closing + max(flight.acceleration * now, flight.acceleration * horizon)
-    span = horizon - now
-    if span * (fastest + reach) < gap:
-        return True
-    return span * max(fastest, 0.0) + reach / flight.frequency - z < gap
+    if gap <= swing:
+        return now
+    return now + gap_closes(gap - swing, flight.closing + flight.acceleration * now, flight.acceleration)
 
 
 @kernel
@@ -216,10 +216,8 @@ def touch_time(law: SpringDamperLaw, chain: Chain, acceleration: float, horizon:
         chain.penetration_rate - chain.deflection_rate,
         acceleration,
     )
-    low = 0.0
+    low = within_reach(flight, 0.0)
     while low < horizon:
-        if out_of_reach(flight, low, horizon):
-            return math.inf
         high = min(inflection_time(flight, low), horizon)
         middle = high
         if (gap_derivatives(flight, low)[2] > 0.0) != (gap_derivatives(flight, high)[2] > 0.0):
@@ -241,7 +239,7 @@ def touch_time(law: SpringDamperLaw, chain: Chain, acceleration: float, horizon:
                     if gap_derivatives(flight, left)[0] >= 0.0:
                         return left
                     return monotone_zero(flight, 0, left, right)
-        low = high
+        low = within_reach(flight, high)
     return math.inf
 
 

@@ -37,7 +37,7 @@ class Chain(Protocol):
     impulse: float  # N s, on the object
     deflection_integral: float  # m s
     contact_peak_force: float  # N
-    step: float  # next trial step in s, see physics.contact
+    step: float  # next trial step of the variable s of physics.contact
 
     # what has happened so far
     contacts: int
