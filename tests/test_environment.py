@@ -18,7 +18,7 @@ INFO_KEYS = {
     "scenario", "status",
 }  # fmt: skip
 STAND_STILL = encode(0.0, 20.0)
-ENDS = [-0.25, -0.5, 0.0], [0.75, 1.5, 1.35]  # of flange position, flange velocity and time, as documented
+ENDS = [-0.25, -0.5, 0.0], [0.75, 1.5, 1.5]  # of flange position, flange velocity and time, as documented
 
 
 class Always:
@@ -241,7 +241,7 @@ def test_random_actions_give_what_a_slow_independent_solver_of_the_whole_task_gi
     seen, object_velocity = slow.play(controller.actions, period, delay)
     assert all(observation in env.observation_space for observation in observations)
     assert len(seen) == len(observations)
-    seen[:, 2] = np.minimum(seen[:, 2], 1.35)  # clipped, as documented
+    seen[:, 2] = np.minimum(seen[:, 2], 1.5)  # clipped, as documented
     assert physical(observations) == pytest.approx(seen, rel=0, abs=2e-7)  # float32
     assert info["approach_time"] == pytest.approx(min([*slow.starts, 1.2]), rel=0, abs=1e-9)
     assert info["contact_count"] == len(slow.starts)
@@ -315,7 +315,7 @@ def test_an_episode_ends_a_fixed_time_after_the_alarm(period, delay):
         rung = np.flatnonzero(observations[:, 3])
         time = physical(observations)[:, 2]
         assert time[rung[0]] == pytest.approx(alarm, rel=0, abs=2e-7)
-        assert time[-1] == pytest.approx(min(alarm + 0.15, 1.35), rel=0, abs=2e-7)
+        assert time[-1] == pytest.approx(alarm + 0.15, rel=0, abs=2e-7)
         assert list(rung) == list(range(rung[0], len(observations)))
         assert 0.15 * observations[rung, 4] == pytest.approx(time[rung] - alarm, rel=0, abs=4e-7)
         assert not observations[: rung[0], 4].any()
@@ -400,8 +400,7 @@ def test_the_named_sets_are_the_documented_ones():
     low, high = [0.1, 1e3, 0.1, 0.15], [2.5, 1e6, 1.0, 0.35]
     assert np.array_equal(drawn["train"], drawn["test"])
     outside = (drawn["hard"] < low) | (drawn["hard"] > high)
-    assert outside.any(axis=0).all()
-    assert outside.any(axis=1).mean() > 0.5
+    assert outside.all()
 
 
 def test_float32_actions_command_the_papers_rule_exactly_and_every_round_number_to_rounding():

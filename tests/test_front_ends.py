@@ -79,7 +79,9 @@ def test_the_checkers_of_gymnasium_and_stable_baselines3_find_nothing(id, option
     assert [str(warning.message) for warning in caught] == []
 
 
-@pytest.mark.parametrize("options", OPTION_SETS, ids=str)
+@pytest.mark.parametrize(
+    "options", [*OPTION_SETS, {"coupling": ig.SpringDamper(80.0, 0.5)}, {"coupling": ig.Rigid()}], ids=str
+)
 def test_a_spec_survives_json(options):
     env = gym.make(ID, **options)
     spec = gym.envs.registration.EnvSpec.from_json(env.spec.to_json())

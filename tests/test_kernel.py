@@ -82,3 +82,14 @@ def test_a_kernel_does_not_outlive_a_change_in_a_law_that_it_calls_from_another_
     (copy / "physics" / "new_law.py").write_text(LAW.format(factor=5.0))
     assert run(CALL, where=tmp_path, cache=cache).stdout.split() == ["6.0", "0"]
     assert run(CALL, where=tmp_path, cache=cache).stdout.split() == ["6.0", "1"]
+
+
+def test_a_stranger_without_a_module_name_compiles_beside_us():
+    """numba's event of a compilation reaches our notice for everybody's functions."""
+    code = "import numba, impact_gym; f = numba.njit(lambda x: x + 1); f.py_func.__module__ = None; print(f(1))"
+    assert run(code).stdout == "2\n"
+
+
+def test_the_package_runs_uncompiled(monkeypatch):
+    monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")
+    assert run("from impact_gym.physics.contact import force; print(force(0.0, 2.0, 1.0))").stdout == "8.0\n"

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import os
 import re
 from html.parser import HTMLParser
 from pathlib import Path
@@ -134,3 +135,33 @@ def test_pairing_takes_out_what_the_scenarios_share():
     assert (ratio.value, ratio.low, ratio.high) == pytest.approx((0.6, 0.6, 0.6))
     shift = mean_reduction(hard - 0.25, hard)
     assert (shift.value, shift.low, shift.high) == pytest.approx((0.25, 0.25, 0.25))
+
+
+def test_a_folder_that_no_run_wrote_is_left_alone(tmp_path):
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "letter").write_text("dear")
+    with pytest.raises(ValueError, match="mine is not replaced"):
+        report.write(report.Settings(out=tmp_path / "mine", scenarios=5))
+    assert (tmp_path / "mine" / "letter").read_text() == "dear"
+
+
+def test_an_interrupted_swap_brings_the_old_folder_back(tmp_path, monkeypatch):
+    target = tmp_path / "latest"
+    with whole_folder(target) as unfinished:
+        (unfinished / "page").write_text("first")
+    move = os.replace
+
+    def replace(source, destination):
+        if Path(destination) == target and Path(source).name != target.name:
+            raise KeyboardInterrupt
+        move(source, destination)
+
+    def swap():
+        monkeypatch.setattr(os, "replace", replace)
+        with whole_folder(target) as unfinished:
+            (unfinished / "page").write_text("second")
+
+    with pytest.raises(KeyboardInterrupt):
+        swap()
+    assert (target / "page").read_text() == "first"
+    assert [path.name for path in tmp_path.iterdir()] == ["latest"]

@@ -34,7 +34,7 @@ def newtons(reading):
 
 
 def seconds(observations):
-    return 0.5 * (observations[..., TIME] + 1.0) * 1.35
+    return 0.5 * (observations[..., TIME] + 1.0) * 1.5
 
 
 def metres(observations):
