@@ -381,3 +381,11 @@ def test_fixed_steps_converge_with_order_eight():
     steps = np.array([6, 8, 12, 16])
     order, _ = np.polyfit(np.log(steps), -np.log([error(n) for n in steps]), 1)
     assert 7.5 < order < 9.5
+
+
+@pytest.mark.parametrize("damping_ratio", [0.0, 0.01, 1.0, 3.0])
+def test_a_coupling_too_stiff_to_follow_ends_with_a_sentence_and_not_with_a_hang(damping_ratio):
+    """Its flight alone has 1e9 half periods; only those within reach of the object are looked at."""
+    scene = ig.Scene(ig.Tool(0.125), ig.Object(0.25, 0.25), ig.Contact(1e5, 0.5), ig.SpringDamper(1e18, damping_ratio))
+    with pytest.raises(RuntimeError, match="more integration steps than allowed"):
+        ig.simulate(scene, ig.Trapezoid(1.0, 8.0, ig.Brake()))
