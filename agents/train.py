@@ -64,17 +64,11 @@ class Settings:
     """Threads of torch. With small networks a second one on two cores makes it slower, not faster."""
 
     def __post_init__(self) -> None:
-        for name, least in {
-            "steps": 1,
-            "seed": 0,
-            "envs": 1,
-            "rollout": 2,
-            "batch": 2,
-            "epochs": 1,
-            "width": 1,
-        }.items():
-            whole(name, getattr(self, name), at_least=least)
-        whole("threads", self.threads, at_least=1)
+        for name in ("steps", "envs", "epochs", "width", "threads"):
+            whole(name, getattr(self, name), at_least=1)
+        for name in ("rollout", "batch"):
+            whole(name, getattr(self, name), at_least=2)
+        whole("seed", self.seed, at_least=0)
         if self.seed >= VALIDATION_SEED - self.envs:
             raise ValueError(f"seed must be below {VALIDATION_SEED - self.envs}, got {self.seed}")
         number("time_weight", self.time_weight, "m/s per s", above=0)

@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from agents.files import whole_file
 from impact_gym.simulation import Trace
 
 mpl.use("agg")
@@ -36,7 +37,8 @@ SERIES = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 
 def save(figure: Figure, path: Path) -> Path:
     """Write `figure` as SVG without a date in it, so that the same data give the same file."""
-    figure.savefig(path, metadata={"Date": None})
+    with whole_file(path) as file:
+        figure.savefig(file, format="svg", metadata={"Date": None})
     return path
 
 

@@ -35,7 +35,7 @@ class Settings:
     """Evaluate the shipped policy and the paper's rule on the same test scenarios and write a page about it."""
 
     out: Path = REPORTS / "latest"
-    """Folder for the page; what is there already is replaced once the new one is complete."""
+    """Folder for the page; one that an earlier run wrote is replaced once the new one is complete, no other is."""
     scenarios: int = 1000
     """How many test scenarios to play."""
 

@@ -95,7 +95,7 @@ def simulate(
         scene: tool, object, contact and coupling; at rest at t = 0.
         motion: imposed motion of the flange.
         duration: length of the run, s.
-        rtol: relative error allowed in what comes of the contacts; flight is exact.
+        rtol: relative error aimed at for what comes of the contacts; flight is exact.
         trace: also return time histories, in flight a point a millisecond (or 1e5 of them, if that is fewer). They
             are read off the same motion, which they do not change.
 

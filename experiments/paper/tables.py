@@ -1,6 +1,7 @@
 """Tables between computing and drawing: columns of equal length by name, as CSV on disk."""
 
 import csv
+import io
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
@@ -9,16 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 import impact_gym as ig
+from agents.files import whole_file
 
 Table = dict[str, NDArray[np.generic]]
 
 
 def write(path: Path, table: Table) -> None:
-    """Write `table` to `path`."""
-    with path.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(table)
-        writer.writerows(zip(*(column.tolist() for column in table.values()), strict=True))
+    """Write `table` to `path`, whole or not at all."""
+    text = io.StringIO(newline="")
+    writer = csv.writer(text)
+    writer.writerow(table)
+    writer.writerows(zip(*(column.tolist() for column in table.values()), strict=True))
+    with whole_file(path) as file:
+        file.write(text.getvalue().encode())
 
 
 def read(path: Path) -> Table:

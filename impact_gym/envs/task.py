@@ -103,19 +103,17 @@ def coupling_from(value: Any) -> Coupling:
     if isinstance(value, Coupling):
         return value
     kinds: dict[str, type[Any]] = {"Rigid": Rigid, "SpringDamper": SpringDamper}
-    if isinstance(value, Mapping) and "type" not in value:
-        for kind in kinds.values():
-            if set(value) == {field.name for field in fields(kind)}:
-                rebuilt: Coupling = kind(**value)
-                return rebuilt
-    if isinstance(value, Mapping) and value.get("type") in kinds:
-        arguments = {name: argument for name, argument in value.items() if name != "type"}
-        known = [field.name for field in fields(kinds[value["type"]])]
-        for name in arguments:
-            if name not in known:
-                raise TypeError(f"coupling has no field {name!r}; the fields of a {value['type']} are {known}")
-        built: Coupling = kinds[value["type"]](**arguments)
-        return built
+    if isinstance(value, Mapping):
+        given = {name: argument for name, argument in value.items() if name != "type"}
+        named = {name: [field.name for field in fields(kind)] for name, kind in kinds.items()}
+        complete = next((name for name in kinds if set(given) == set(named[name])), None)
+        chosen = value.get("type", complete)
+        if chosen in kinds:
+            for name in given:
+                if name not in named[chosen]:
+                    raise TypeError(f"coupling has no field {name!r}; the fields of a {chosen} are {named[chosen]}")
+            built: Coupling = kinds[chosen](**given)
+            return built
     raise TypeError(
         f"coupling must be a Rigid or SpringDamper, or a mapping whose 'type' is one of {list(kinds)}, got {value!r}"
     )
