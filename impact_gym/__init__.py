@@ -2,22 +2,27 @@
 
 from impact_gym import envs
 from impact_gym.motion import Brake, Trapezoid
-from impact_gym.scene import Contact, Object, Rigid, Scene, SpringDamper, Tool
+from impact_gym.physics.dissipation import effective_restitution
+from impact_gym.scene import Bistable, Contact, Object, Rigid, Robot, RobotTable, Scene, SpringDamper, Tool
 from impact_gym.simulation import ContactRecord, Outcome, Trace, simulate
 
 __version__ = "0.1.0"
 __all__ = [
+    "Bistable",
     "Brake",
     "Contact",
     "ContactRecord",
     "Object",
     "Outcome",
     "Rigid",
+    "Robot",
+    "RobotTable",
     "Scene",
     "SpringDamper",
     "Tool",
     "Trace",
     "Trapezoid",
+    "effective_restitution",
     "simulate",
 ]
 

@@ -1,15 +1,27 @@
-"""What a user describes: a tool, its coupling to the flange, an object, and the contact between tool and object.
+"""What a user describes: a tool, its coupling to the flange, the robot behind it, an object, and their contact.
 
 One axis, +x from the robot to the object. All records are frozen, hold floats in SI units and check themselves when
 they are made, so that everything behind them may rely on them.
 """
 
+import math
 from dataclasses import dataclass, field
-from typing import Literal, get_args
+from functools import lru_cache
+from typing import Any, Literal, get_args
 
-from impact_gym.validation import number
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import CubicSpline
 
-Dissipation = Literal["hu-guo"]
+from impact_gym.physics import bistable
+from impact_gym.validation import number, numbers
+
+Dissipation = Literal[
+    "hu-guo", "exact", "hunt-crossley", "lankarani-nikravesh", "herbert-mcwhannell", "gonthier", "flores"
+]
+"""How the damping follows from the restitution; what each delivers is `physics.dissipation.effective_restitution`."""
+
+LARGEST_EXPONENT = 10.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,27 +48,40 @@ class Object:
 
 @dataclass(frozen=True, slots=True)
 class Contact:
-    """Hertz contact of a plane tool with a spherical object, with hysteresis damping (paper, eq. 5 and 7).
+    """Contact of a plane tool with an object, F = k_c delta^m + chi delta^n delta_dot, never negative (paper, eq. 5).
 
-    `dissipation` says how the damping follows from the restitution. Equation 7, "hu-guo", delivers a little less than
-    the restitution it is given: 0.4877 for 0.5, 0.0741 for 0.1 (see docs/provenance.md).
+    m = n = 3/2, the default, is a sphere with hysteresis damping; m = 1, n = 0 a linear spring and damper.
+    `dissipation` says how chi follows from the restitution: "hu-guo" is the paper's eq. 7, which delivers a little
+    less than it is given (0.4877 for 0.5, 0.0741 for 0.1; see docs/provenance.md), "exact" delivers it, the others
+    are in `physics.dissipation` with their sources. They set the damping in the contact's own scales,
+    chi = d k_c delta0^(m - n) / v_in, with v_in the approach velocity of this contact.
     """
 
-    stiffness: float  # N/m^1.5
+    stiffness: float  # N/m^m
     restitution: float  # -, nominal
     dissipation: Dissipation = "hu-guo"
+    stiffness_exponent: float = 1.5  # -, m, 1 to 10
+    damping_exponent: float = 1.5  # -, n, 0 or 1 to 10
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "stiffness", number("Contact.stiffness", self.stiffness, "N/m^1.5", above=0))
-        restitution = number("Contact.restitution", self.restitution, "(no unit)", above=0, at_most=1)
-        object.__setattr__(self, "restitution", restitution)
+        def put(name: str, unit: str, **limits: float) -> None:
+            object.__setattr__(self, name, number(f"Contact.{name}", getattr(self, name), unit, **limits))
+
+        put("stiffness_exponent", "(no unit)", at_least=1, at_most=LARGEST_EXPONENT)
+        put("damping_exponent", "(no unit)", at_least=0, at_most=LARGEST_EXPONENT)
+        if 0 < self.damping_exponent < 1:
+            raise ValueError(
+                f"Contact.damping_exponent must be 0 or at least 1 (no unit), got {self.damping_exponent!r} (no unit)"
+            )
+        put("stiffness", f"N/m^{self.stiffness_exponent:g}", above=0)
+        put("restitution", "(no unit)", above=0, at_most=1)
         if self.dissipation not in get_args(Dissipation):
             raise ValueError(f"Contact.dissipation must be one of {get_args(Dissipation)}, got {self.dissipation!r}")
 
 
 @dataclass(frozen=True, slots=True)
 class Rigid:
-    """Tool fixed to the flange: its motion is imposed, the robot is taken as infinitely heavy (paper, Fig. 4a)."""
+    """Tool fixed to the flange; with a rigid robot its motion is imposed, as if infinitely heavy (paper, Fig. 4a)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,24 +97,189 @@ class SpringDamper:
         object.__setattr__(self, "damping_ratio", ratio)
 
 
-Coupling = Rigid | SpringDamper
+@dataclass(frozen=True, slots=True)
+class Bistable:
+    """Tool on a bistable mechanism with two stops (paper, eq. 23-24, Fig. 21-22).
+
+    Positions are those of the slider from the vertical alignment of the spring. Each stop is a one-sided linear
+    spring and damper that never pulls, c_s = 2 zeta_s sqrt(k_s m_t): not completely inelastic, as the paper assumes,
+    but with a restitution of exp(-2) = 0.135 at zeta_s = 1. Stops, their stiffness and damping are identified or
+    chosen by us, not the paper's (see docs/provenance.md). The slider starts at rest against the front stop, pressed
+    by the mechanism's own force, and leaves it if the flange accelerates faster than that holds.
+    """
+
+    stiffness: float = 50.0  # N/m, k
+    free_length: float = 0.07  # m, L0
+    height: float = 0.028  # m, H, of the pivot above the path
+    front_stop: float = 0.0208  # m, between 0 and the stroke sqrt(L0^2 - H^2)
+    rear_stop: float = -0.02  # m, between minus the stroke and 0
+    stop_stiffness: float = 1e5  # N/m, k_s
+    stop_damping_ratio: float = 1.0  # -, zeta_s
+
+    def __post_init__(self) -> None:
+        def put(name: str, unit: str, **limits: float) -> None:
+            object.__setattr__(self, name, number(f"Bistable.{name}", getattr(self, name), unit, **limits))
+
+        put("stiffness", "N/m", above=0)
+        put("free_length", "m", above=0)
+        put("height", "m", above=0)
+        put("stop_stiffness", "N/m", above=0)
+        put("stop_damping_ratio", "(no unit)", at_least=0, at_most=1e6)
+        put("front_stop", "m")
+        put("rear_stop", "m")
+        if not self.height < self.free_length:
+            raise ValueError(
+                f"Bistable.height must be below Bistable.free_length = {self.free_length!r} m, got {self.height!r} m: "
+                "a spring that is not compressed at its alignment has one stable position"
+            )
+        if not self.rear_stop < self.front_stop:
+            raise ValueError(
+                f"Bistable.rear_stop must be below Bistable.front_stop = {self.front_stop!r} m, "
+                f"got {self.rear_stop!r} m"
+            )
+        stroke = self.stroke
+        if not 0 < self.front_stop < stroke:
+            raise ValueError(
+                f"Bistable.front_stop must be above 0 and below the stroke {stroke:.6g} m, got {self.front_stop!r} m"
+            )
+        if not -stroke < self.rear_stop < 0:
+            raise ValueError(
+                f"Bistable.rear_stop must be above minus the stroke, {-stroke:.6g} m, and below 0, "
+                f"got {self.rear_stop!r} m"
+            )
+
+    @property
+    def stroke(self) -> float:
+        """Distance of the stable equilibria of the spring alone from the alignment, m."""
+        return math.sqrt((self.free_length - self.height) * (self.free_length + self.height))
+
+    @property
+    def equilibria(self) -> tuple[float, float, float]:
+        """Where the mechanism without stops is at rest, m: stable, unstable, stable."""
+        return -self.stroke, 0.0, self.stroke
+
+    @property
+    def barrier(self) -> float:
+        """Energy between a stable equilibrium and the alignment, J."""
+        return float(self.energy(0.0))
+
+    @property
+    def peak_position(self) -> float:
+        """Where the force is largest, m: L^3 = L0 H^2."""
+        return math.sqrt((self.free_length * self.height**2) ** (2 / 3) - self.height**2)
+
+    @property
+    def peak_force(self) -> float:
+        """Largest force towards the object, N."""
+        return float(self.force(self.peak_position))
+
+    def force(self, position: ArrayLike) -> NDArray[np.float64] | float:
+        """Force of the spring on the tool, N, without stops, at `position` (m) of the slider; any shape."""
+        x = np.asarray(position, np.float64)
+        force: NDArray[np.float64] | float = bistable.force(self.stiffness, self.free_length, self.height, x)  # type: ignore[arg-type]  # arrays too
+        return force
+
+    def energy(self, position: ArrayLike) -> NDArray[np.float64] | float:
+        """Energy of the spring, J, at `position` (m) of the slider; any shape."""
+        x = np.asarray(position, np.float64)
+        energy: NDArray[np.float64] | float = bistable.energy(self.stiffness, self.free_length, self.height, x)  # type: ignore[arg-type]  # arrays too
+        return energy
+
+
+Coupling = Rigid | SpringDamper | Bistable
+
+
+@dataclass(frozen=True, slots=True)
+class Robot:
+    """Lumped compliance of a robot along the approach (paper, eq. 8-9, Fig. 8), at rest and relaxed at t = 0.
+
+    The imposed motion x_r drives the mass through spring and damper. With a `Rigid` coupling robot and tool are one
+    mass; with another the flange is a mass of its own between the two.
+    """
+
+    mass: float  # kg, m_r
+    stiffness: float  # N/m, k_r
+    damping: float  # N s/m, c_r
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "mass", number("Robot.mass", self.mass, "kg", above=0))
+        object.__setattr__(self, "stiffness", number("Robot.stiffness", self.stiffness, "N/m", above=0))
+        object.__setattr__(self, "damping", number("Robot.damping", self.damping, "N s/m", at_least=0))
+
+
+@dataclass(frozen=True, slots=True)
+class RobotTable:
+    """A compliant robot whose parameters vary along its imposed motion (paper, eq. 16, Fig. 12).
+
+    Between the positions each parameter is a cubic spline (not-a-knot), beyond them it keeps its last value.
+    """
+
+    position: tuple[float, ...]  # m, of the imposed motion from its start at t = 0; rising, at least 4
+    mass: tuple[float, ...]  # kg, at each position, as are the next two
+    stiffness: tuple[float, ...]  # N/m
+    damping: tuple[float, ...]  # N s/m
+
+    def __post_init__(self) -> None:
+        def put(name: str, unit: str, **limits: float) -> None:
+            object.__setattr__(self, name, numbers(f"RobotTable.{name}", getattr(self, name), unit, **limits))
+
+        put("position", "m")
+        put("mass", "kg", above=0)
+        put("stiffness", "N/m", above=0)
+        put("damping", "N s/m", at_least=0)
+        if len(self.position) < 4 or not np.all(np.diff(self.position) > 0):
+            raise ValueError(f"RobotTable.position must be at least 4 rising numbers in m, got {self.position!r}")
+        for name in ("mass", "stiffness", "damping"):
+            if len(getattr(self, name)) != len(self.position):
+                raise ValueError(
+                    f"RobotTable.{name} must have one value for each of the {len(self.position)} positions, "
+                    f"got {len(getattr(self, name))}"
+                )
+        lowest = self.splines.derivative().roots(extrapolate=False)
+        for place, (name, unit) in enumerate({"mass": "kg", "stiffness": "N/m", "damping": "N s/m"}.items()):
+            turns = lowest[place][np.isfinite(lowest[place])]
+            values = self.splines(turns)[:, place]
+            if np.any(values < 0) or (name != "damping" and np.any(values <= 0)):
+                raise ValueError(
+                    f"RobotTable.{name} must stay positive between its positions, but its spline falls to "
+                    f"{values.min():.6g} {unit}: give more positions where it varies fast"
+                )
+
+    @property
+    def splines(self) -> Any:
+        """The three parameters as one `scipy.interpolate.CubicSpline` of the position."""
+        return _splines(self.position, self.mass, self.stiffness, self.damping)
+
+    def at(self, position: float) -> Robot:
+        """Return the robot frozen at `position` (m)."""
+        x = number("position", position, "m")
+        return Robot(*map(float, self.splines(min(max(x, self.position[0]), self.position[-1]))))
+
+
+@lru_cache(maxsize=64)
+def _splines(position: tuple[float, ...], *columns: tuple[float, ...]) -> Any:
+    return CubicSpline(position, np.array(columns).T)
 
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """Everything that stands or moves, at rest at t = 0 with the coupling relaxed."""
+    """Everything that stands or moves, at rest at t = 0."""
 
     tool: Tool
     object: Object
     contact: Contact
     coupling: Coupling = field(default_factory=Rigid)
-    robot: None = None  # a rigid robot; the compliant one has no model yet
+    robot: Robot | RobotTable | None = None  # None: rigid, the flange follows the imposed motion
 
     def __post_init__(self) -> None:
-        kinds = {"tool": (Tool,), "object": (Object,), "contact": (Contact,), "coupling": get_args(Coupling)}
+        kinds = {
+            "tool": (Tool,),
+            "object": (Object,),
+            "contact": (Contact,),
+            "coupling": get_args(Coupling),
+            "robot": (Robot, RobotTable, type(None)),
+        }
         for name, allowed in kinds.items():
             if not isinstance(getattr(self, name), allowed):
-                wanted = " or ".join(kind.__name__ for kind in allowed)
+                wanted = " or ".join("None" if kind is type(None) else kind.__name__ for kind in allowed)
                 raise TypeError(f"Scene.{name} must be a {wanted}, got {getattr(self, name)!r}")
-        if self.robot is not None:
-            raise ValueError(f"Scene.robot must be None (a rigid robot), got {self.robot!r}")

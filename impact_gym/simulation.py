@@ -6,15 +6,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_gym.lowering import chain_law, contact_law
 from impact_gym.motion import Trapezoid
-from impact_gym.physics import dissipation
-from impact_gym.physics.coupling import RigidLaw, SpringDamperLaw
-from impact_gym.scene import Coupling, Scene, SpringDamper
+from impact_gym.scene import Rigid, Scene
 from impact_gym.solver.approach import Profile, approach
 from impact_gym.solver.state import (
     CHAIN,
     LOCAL_SHARE,
     SENTENCES,
+    TRACE_COLUMNS,
     Bodies,
     Recorder,
     Status,
@@ -26,7 +26,7 @@ from impact_gym.validation import number
 MAX_STEPS = 1_000_000
 """Integration steps after which `simulate` gives up; an ordinary approach takes about fifty."""
 
-_CONTACT_ROWS, _TRACE_ROWS = 16, 4096
+_CONTACT_ROWS, _TRACE_ROWS, _SNAP_ROWS = 16, 4096, 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +40,8 @@ class ContactRecord:
     peak_force: float  # N
     impulse: float  # N s, on the object
     object_velocity: float  # m/s, at the end
+    coupling_impulse: float  # N s, on the tool of what holds it (paper, eq. 21)
+    momentum_error: float  # -, residual of the paper's eq. 20 over the impulse
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +49,7 @@ class Trace:
     """Time histories, (n,) each; points lie closer together inside contacts."""
 
     time: NDArray[np.float64]  # s
-    flange_position: NDArray[np.float64]  # m
+    flange_position: NDArray[np.float64]  # m, with a compliant robot and a rigid coupling that of the tool
     flange_velocity: NDArray[np.float64]  # m/s
     tool_position: NDArray[np.float64]  # m
     tool_velocity: NDArray[np.float64]  # m/s
@@ -55,11 +57,16 @@ class Trace:
     object_velocity: NDArray[np.float64]  # m/s
     contact_force: NDArray[np.float64]  # N, on the object
     coupling_force: NDArray[np.float64]  # N, on the tool
+    command_position: NDArray[np.float64]  # m, of the imposed motion; the flange's if the robot is rigid
+    command_velocity: NDArray[np.float64]  # m/s, likewise
 
     @classmethod
-    def of(cls, log: Recorder, rows: int) -> "Trace":
-        """Return a copy of the first `rows` of what was recorded."""
-        return cls(*log.trace[:rows].T.copy())
+    def of(cls, log: Recorder, rows: int, one_mass: bool = False) -> "Trace":
+        """Return a copy of the first `rows` of what was recorded; `one_mass`: the flange moves with the tool."""
+        columns = dict(zip(TRACE_COLUMNS, log.trace[:rows].T.copy(), strict=True))
+        if one_mass:
+            columns |= {f"flange_{of}": columns[f"tool_{of}"].copy() for of in ("position", "velocity")}
+        return cls(**columns)
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +75,7 @@ class Outcome:
 
     object_velocity: float  # m/s
     tool_velocity: float  # m/s
-    flange_velocity: float  # m/s
+    flange_velocity: float  # m/s; with a compliant robot and a rigid coupling the flange moves with the tool
     peak_force: float  # N, largest contact force
     detection_time: float | None  # s, contact force first exceeds the threshold; None if never or without a brake
     contacts: tuple[ContactRecord, ...]
@@ -77,13 +84,7 @@ class Outcome:
     steps: int  # integration steps in contact, rejected ones included
     status: str  # "ok"
     trace: Trace | None
-
-
-def coupling_law(coupling: Coupling, tool_mass: float) -> RigidLaw | SpringDamperLaw:
-    """Lower a coupling to the record that the kernels read and are chosen by."""
-    if isinstance(coupling, SpringDamper):
-        return SpringDamperLaw(tool_mass, math.sqrt(coupling.stiffness / tool_mass), coupling.damping_ratio)
-    return RigidLaw(tool_mass)
+    snap_through: tuple[float, ...]  # s, when the slider of a mechanism passes its alignment, first backwards
 
 
 def simulate(
@@ -92,10 +93,11 @@ def simulate(
     """Run an approach and return what came of it.
 
     Args:
-        scene: tool, object, contact and coupling; at rest at t = 0.
-        motion: imposed motion of the flange.
+        scene: tool, object, contact, coupling and robot; at rest at t = 0.
+        motion: imposed motion of the robot.
         duration: length of the run, s.
-        rtol: relative error aimed at for what comes of the contacts; flight is exact.
+        rtol: relative error aimed at for what comes of the contacts; flight is
+            exact where it has a closed form, integrated to the same tolerance where not (bistable, robot).
         trace: also return time histories, in flight a point a millisecond (or 1e5 of them, if that is fewer). They
             are read off the same motion, which they do not change.
 
@@ -110,8 +112,8 @@ def simulate(
     duration = number("duration", duration, "s", above=0)
     rtol = number("rtol", rtol, "(no unit)", at_least=1e-13, at_most=1e-2)
     tolerance = Tolerance(LOCAL_SHARE * rtol, MAX_STEPS)
-    law = coupling_law(scene.coupling, scene.tool.mass)
-    bodies = Bodies(scene.object.mass, scene.contact.stiffness, float(dissipation.hu_guo(scene.contact.restitution)))
+    law = chain_law(scene.tool.mass, scene.coupling, scene.robot)
+    bodies = Bodies(scene.object.mass, contact_law(scene.contact))
     brake = motion.brake
     profile = Profile(
         motion.speed,
@@ -121,32 +123,35 @@ def simulate(
         motion.deceleration,
     )
     chains = np.zeros(1, CHAIN)
-    rows = [_CONTACT_ROWS, _TRACE_ROWS if trace else 0]
+    rows = [_CONTACT_ROWS, _TRACE_ROWS if trace else 0, _SNAP_ROWS]
     while True:
-        log = recorder(rows[0], rows[1], interval=max(1e-3, duration / 1e5))
+        log = recorder(rows[0], rows[1], rows[2], interval=max(1e-3, duration / 1e5))
         status = Status(approach(law, bodies, chains, scene.object.distance, profile, duration, tolerance, log))
         chain = chains[0]
-        if chain["logged"] <= rows[0] and chain["traced"] <= rows[1]:
+        needed = [int(chain[name]) for name in ("logged", "traced", "snaps")]
+        if all(count <= room for count, room in zip(needed, rows, strict=True)):
             break
-        rows = [int(chain["logged"]), int(chain["traced"])]  # the run repeats itself to the bit
+        rows = needed  # the run repeats itself to the bit
     if status < 0:
         raise RuntimeError(f"the run stopped at t = {chain['time']:.6g} s: {SENTENCES[status]}")
-    return _outcome(chain, log, trace)
+    one_mass = scene.robot is not None and isinstance(scene.coupling, Rigid)
+    return _outcome(chain, log, trace, one_mass)
 
 
-def _outcome(chain: np.void, log: Recorder, trace: bool) -> Outcome:
+def _outcome(chain: np.void, log: Recorder, trace: bool, one_mass: bool) -> Outcome:
     contacts = tuple(
         ContactRecord(start, None if math.isnan(end) else end, *rest)
         for start, end, *rest in log.contacts[: chain["logged"]].tolist()
     )
-    flange, deflection, penetration = (
-        float(chain[name]) for name in ("flange_velocity", "deflection_rate", "penetration_rate")
+    command, deflection, penetration, offset = (
+        float(chain[name]) for name in ("flange_velocity", "deflection_rate", "penetration_rate", "flange_offset_rate")
     )
+    tool = command + deflection
     detection = float(chain["detection"])
     return Outcome(
-        object_velocity=flange + deflection - penetration,
-        tool_velocity=flange + deflection,
-        flange_velocity=flange,
+        object_velocity=tool - penetration,
+        tool_velocity=tool,
+        flange_velocity=tool if one_mass else command + offset,
         peak_force=float(chain["peak_force"]),
         detection_time=detection if math.isfinite(detection) else None,
         contacts=contacts,
@@ -154,5 +159,6 @@ def _outcome(chain: np.void, log: Recorder, trace: bool) -> Outcome:
         momentum_error=float(chain["momentum_error"]),
         steps=int(chain["steps"]),
         status="ok",
-        trace=Trace.of(log, chain["traced"]) if trace else None,
+        trace=Trace.of(log, chain["traced"], one_mass) if trace else None,
+        snap_through=tuple(log.snaps[: chain["snaps"]].tolist()),
     )

@@ -2,6 +2,7 @@
 
 import math
 import operator
+from collections.abc import Mapping
 from typing import Any
 
 
@@ -40,6 +41,13 @@ def number(
     if at_most < math.inf:
         allowed.append(f"at most {at_most:g}")
     raise ValueError(f"{field} must be {' and '.join(['finite', *allowed])} {unit}, got {result!r} {unit}")
+
+
+def numbers(field: str, values: Any, unit: str, **limits: float) -> tuple[float, ...]:
+    """Return `values`, a sequence or array of one dimension, as floats, or raise as `number` does for each."""
+    if isinstance(values, (str, bytes, Mapping)) or not hasattr(values, "__len__") or getattr(values, "ndim", 1) != 1:
+        raise TypeError(f"{field} must be a sequence of numbers in {unit}, got {values!r}")
+    return tuple(number(f"{field}[{place}]", value, unit, **limits) for place, value in enumerate(values))
 
 
 def whole(field: str, value: Any, at_least: int) -> int:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from impact_gym.physics.contact import Hertz
 from impact_gym.physics.coupling import RigidLaw
 from impact_gym.solver import dop853
 from impact_gym.solver.collision import Collision
@@ -76,7 +77,7 @@ def test_the_error_weights_vanish_up_to_their_order_and_not_beyond(estimate, ord
 
 def test_fixed_steps_converge_with_order_eight():
     damping, length = 0.5, 3.0
-    collision, law = Collision(damping, 0.0, 0.0, 0.0, 0.0, math.inf), RigidLaw(1.0)
+    collision, law = Collision(Hertz(1.0, damping), 0.0, 0.0, 0.0, 0.0, math.inf), RigidLaw(1.0)
 
     def rates(_, state):
         z, w, *_ = state

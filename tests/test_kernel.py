@@ -92,4 +92,5 @@ def test_a_stranger_without_a_module_name_compiles_beside_us():
 
 def test_the_package_runs_uncompiled(monkeypatch):
     monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")
-    assert run("from impact_gym.physics.contact import force; print(force(0.0, 2.0, 1.0))").stdout == "8.0\n"
+    code = "from impact_gym.physics.contact import Hertz, force; print(force(Hertz(1.0, 0.0), 2.0, 1.0))"
+    assert run(code).stdout == "8.0\n"

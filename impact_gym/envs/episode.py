@@ -21,6 +21,7 @@ from impact_gym.envs.task import (
     TaskConstants,
 )
 from impact_gym.kernel import kernel
+from impact_gym.physics.contact import Hertz
 from impact_gym.physics.coupling import Law
 from impact_gym.physics.dissipation import hu_guo
 from impact_gym.solver import coupled
@@ -129,7 +130,7 @@ def step(
     """Play one control step: command, advance, sense, and at the end settle. Returns the reward."""
     velocity = decode(action[0], VELOCITY_RANGE[0], VELOCITY_RANGE[1])
     acceleration = decode(action[1], ACCELERATION_RANGE[0], ACCELERATION_RANGE[1])
-    bodies = Bodies(episode.object_mass, episode.contact_stiffness, hu_guo(episode.restitution))
+    bodies = Bodies(episode.object_mass, Hertz(episode.contact_stiffness, hu_guo(episode.restitution)))
     run = Run(law, bodies, ALARM_THRESHOLD, Tolerance(task.tolerance, MAX_STEPS), recorder, work)
     begun = min(chain.time, chain.first_contact)
     period_end = chain.time + task.control_period

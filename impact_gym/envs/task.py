@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from impact_gym.envs.scenario import Range, ScenarioRanges, interval
-from impact_gym.physics.coupling import RigidLaw, SpringDamperLaw
+from impact_gym.lowering import chain_law
+from impact_gym.physics.coupling import Law
 from impact_gym.scene import Coupling, Rigid, SpringDamper
-from impact_gym.simulation import coupling_law
 from impact_gym.solver.state import LOCAL_SHARE
 from impact_gym.validation import number, whole
 
@@ -74,9 +74,9 @@ class Task:
         if self.max_episode_steps is not None:
             put("max_episode_steps", whole("max_episode_steps", self.max_episode_steps, at_least=1))
 
-    def law(self) -> RigidLaw | SpringDamperLaw:
+    def law(self) -> Law:
         """Return the coupling for the kernels."""
-        return coupling_law(self.coupling, self.tool_mass)
+        return chain_law(self.tool_mass, self.coupling)
 
     def constants(self) -> TaskConstants:
         """Return the rest for the kernels."""

@@ -3,9 +3,11 @@
 import math
 
 from impact_gym.kernel import kernel
-from impact_gym.solver import contact, coupled
-from impact_gym.solver.contact import ARRIVED, DETECTED, SEPARATED
-from impact_gym.solver.recording import close_contact, trace, trace_flight
+from impact_gym.physics.coupling import FRONT
+from impact_gym.solver import contact, flight
+from impact_gym.solver.contact import ARRIVED, DETECTED, SEPARATED, SWITCHED
+from impact_gym.solver.flight import TOUCHED
+from impact_gym.solver.recording import close_contact, trace
 from impact_gym.solver.state import Chain, Run
 
 
@@ -19,6 +21,10 @@ def reset(chain: Chain, distance: float) -> None:
     chain.deflection_rate = 0.0
     chain.penetration = -distance
     chain.penetration_rate = 0.0
+    chain.flange_offset = 0.0
+    chain.flange_offset_rate = 0.0
+    chain.pressed = FRONT  # if there is a mechanism
+    chain.side = 1
     chain.touching = 0
     chain.contacts = 0
     chain.first_contact = math.inf
@@ -29,6 +35,7 @@ def reset(chain: Chain, distance: float) -> None:
     chain.steps = 0
     chain.logged = 0
     chain.traced = 0
+    chain.snaps = 0
 
 
 @kernel
@@ -62,21 +69,17 @@ def piece(run: Run, chain: Chain, acceleration: float, until: float) -> int:
     """Advance through flights and contacts under one constant acceleration of the flange."""
     while chain.time < until:
         if chain.touching == 0:
-            left = until - chain.time
-            touch = coupled.touch_time(run.law, chain, acceleration, left)
-            flight = min(touch, left)
-            trace_flight(run, chain, acceleration, flight)
-            coupled.drift(run.law, chain, acceleration, flight)
-            if touch > left:
-                chain.time = until
-                trace(run, chain, acceleration, 0.0)
-                return ARRIVED
+            status = flight.fly(run.law, run, chain, acceleration, until)
+            if status != TOUCHED:
+                return status
             contact.begin(chain)
             trace(run, chain, acceleration, 0.0)
             if run.threshold == 0.0 and math.isinf(chain.detection):
                 chain.detection = chain.time
                 return DETECTED
         status = contact.proceed(run, chain, acceleration, until)
+        if status == SWITCHED:
+            continue
         if status != SEPARATED:
             return status
         close_contact(run, chain, chain.time)

@@ -4,16 +4,18 @@ from typing import NamedTuple
 
 from impact_gym.kernel import kernel
 from impact_gym.physics import contact
+from impact_gym.physics.coupling import Law
 from impact_gym.solver.state import Array, Chain
 
 ROOT, RATE, TIME, IMPULSE, DEFLECTION, DEFLECTION_RATE, DEFLECTION_INTEGRAL = range(7)
-"""Places in the scaled state: z, w, t, impulse, y, y', integral of y; a rigid coupling has the first four."""
+"""Places in the scaled state: z, w, t, impulse, y, y', integral of y; a rigid coupling has the first four, a chain
+without a closed form (`solver.chained`) its own from the sixth on."""
 
 
 class Collision(NamedTuple):
     """Coefficients of the scaled equations, constant while the flange's acceleration is."""
 
-    damping: float  # damping factor d
+    contact: contact.Force  # the law of the force
     flange_push: float  # flange acceleration over v / t0
     frequency: float  # omega t0
     damping_ratio: float
@@ -30,6 +32,8 @@ class Origin(NamedTuple):
     acceleration: float  # m/s^2, of the flange
     impulse: float  # N s, of the contact so far
     deflection_integral: float  # m s, likewise
+    pull_impulse: float  # N s, likewise
+    joined: float  # N s, likewise
 
 
 @kernel
@@ -42,6 +46,8 @@ def origin(chain: Chain, acceleration: float) -> Origin:
         acceleration,
         chain.impulse,
         chain.deflection_integral,
+        chain.pull_impulse,
+        chain.joined,
     )
 
 
@@ -55,12 +61,24 @@ def load_common(chain: Chain, scales: contact.Scales, state: Array) -> None:
 
 
 @kernel
-def store_common(chain: Chain, base: Origin, scales: contact.Scales, state: Array) -> None:
-    """Write the scaled `state` back into `chain`, flange included."""
+def store_clock(chain: Chain, base: Origin, scales: contact.Scales, state: Array) -> None:
+    """Write time, imposed motion and penetration rate of the scaled `state` back into `chain`."""
     elapsed = state[TIME] * scales.time
     chain.time = base.time + elapsed
     chain.flange_position = base.flange_position + elapsed * (base.flange_velocity + 0.5 * base.acceleration * elapsed)
     chain.flange_velocity = base.flange_velocity + base.acceleration * elapsed
-    chain.penetration = state[ROOT] * state[ROOT] * scales.length
     chain.penetration_rate = state[RATE] * scales.velocity
+
+
+@kernel
+def store_common(chain: Chain, base: Origin, scales: contact.Scales, state: Array) -> None:
+    """Write what every scaled `state` of a contact has back into `chain`."""
+    store_clock(chain, base, scales, state)
+    chain.penetration = state[ROOT] * state[ROOT] * scales.length
     chain.impulse = base.impulse + state[IMPULSE] * scales.force * scales.time
+
+
+@kernel
+def tool_gain(law: Law, chain: Chain) -> float:
+    """Momentum that the tool has gained in the contact under way, N s."""
+    return law.tool_mass * (chain.flange_velocity + chain.deflection_rate - chain.start_tool_velocity)

@@ -5,9 +5,10 @@ import math
 from impact_gym.kernel import kernel
 from impact_gym.physics import contact
 from impact_gym.solver import collision as scaled
-from impact_gym.solver import coupled, dop853, events
+from impact_gym.solver import coupled, dop853, events, slider
+from impact_gym.solver.chained import Piece
 from impact_gym.solver.collision import RATE, ROOT, TIME, Collision, Origin
-from impact_gym.solver.dop853 import ORDER, STAGES, STATE, TRIAL
+from impact_gym.solver.dop853 import STAGES, STATE, TRIAL
 from impact_gym.solver.recording import object_velocity, trace
 from impact_gym.solver.state import Chain, Run, Status
 
@@ -18,6 +19,7 @@ TRACE_POINTS = 8  # in a step
 ARRIVED = int(Status.ARRIVED)
 DETECTED = int(Status.DETECTED)
 SEPARATED = int(Status.SEPARATED)
+SWITCHED = int(Status.SWITCHED)
 STEP_LIMIT = int(Status.STEP_LIMIT)
 NOT_FINITE = int(Status.NOT_FINITE)
 
@@ -33,8 +35,11 @@ def begin(chain: Chain) -> None:
     chain.start_tool_velocity = chain.flange_velocity + chain.deflection_rate
     chain.start_object_velocity = object_velocity(chain)
     chain.start_deflection = chain.deflection
+    chain.start_flange_position = chain.flange_position
     chain.impulse = 0.0
     chain.deflection_integral = 0.0
+    chain.pull_impulse = 0.0
+    chain.joined = 0.0
     chain.contact_peak_force = 0.0
     chain.step = FIRST_STEP
     chain.contacts += 1
@@ -44,8 +49,8 @@ def begin(chain: Chain) -> None:
 @kernel
 def natural_units(run: Run, chain: Chain) -> contact.Scales:
     """Return the natural units of the contact under way."""
-    mass = coupled.reduced_mass(run.law, run.bodies.object_mass)
-    return contact.scales(mass, run.bodies.stiffness, chain.approach_velocity)
+    mass = coupled.reduced_mass(run.law, run.bodies.object_mass, chain)
+    return contact.scales(run.bodies.contact, mass, chain.approach_velocity)
 
 
 @kernel
@@ -55,7 +60,7 @@ def sensed_force(run: Run, chain: Chain) -> float:
         return 0.0
     units = natural_units(run, chain)
     root = math.sqrt(max(chain.penetration, 0.0) / units.length)
-    return units.force * contact.force(run.bodies.damping, root, chain.penetration_rate / units.velocity)
+    return units.force * contact.force(run.bodies.contact, root, chain.penetration_rate / units.velocity)
 
 
 @kernel
@@ -63,7 +68,7 @@ def proceed(run: Run, chain: Chain, acceleration: float, until: float) -> int:
     """Advance a contact to time `until` (s) or to its end, or to the first crossing of the threshold."""
     law, bodies, work = run.law, run.bodies, run.work
     units = natural_units(run, chain)
-    constants = coupled.collision(law, bodies.object_mass, bodies.damping, acceleration, run.threshold, units)
+    constants = coupled.collision(law, bodies, chain, acceleration, run.threshold, units)
     base = scaled.origin(chain, acceleration)
     horizon = (until - chain.time) / units.time
     unfelt = math.isinf(chain.detection)
@@ -72,15 +77,17 @@ def proceed(run: Run, chain: Chain, acceleration: float, until: float) -> int:
     rate, trial_rate = work[0], work[STAGES - 1]
     coupled.load(law, chain, units, state)
     coupled.rate(law, constants, state, rate)
-    if unfelt and contact.force(constants.damping, state[ROOT], state[RATE]) > constants.threshold:
+    if unfelt and contact.force(constants.contact, state[ROOT], state[RATE]) > constants.threshold:
         chain.detection = chain.time
         return DETECTED
 
-    gripping = contact.grip(constants.damping, state[RATE]) > 0.0
-    rising = gripping and contact.force_slope(constants.damping, state[ROOT], state[RATE], rate[RATE]) > 0.0
-    peak = chain.contact_peak_force / units.force
+    gripping = contact.grip(constants.contact, state[ROOT], state[RATE]) > 0.0
+    rising = gripping and contact.force_slope(constants.contact, state[ROOT], state[RATE], rate[RATE]) > 0.0
+    # a linear contact begins with a force
+    peak = max(chain.contact_peak_force / units.force, contact.force(constants.contact, state[ROOT], state[RATE]))
     h = chain.step
     outcome = ARRIVED
+    event = events.NONE
     while True:
         chain.steps += 1
         if chain.steps > run.tolerance.max_steps:
@@ -88,7 +95,7 @@ def proceed(run: Run, chain: Chain, acceleration: float, until: float) -> int:
             break
         dop853.attempt(law, constants, work, h)
         error = dop853.error(law, work, h, run.tolerance.relative)
-        factor = min(5.0, max(0.2, 0.9 * error ** (-1.0 / ORDER))) if error > 0.0 else 5.0
+        factor = dop853.step_factor(error)
         if error > 1.0:
             h *= factor
             if h < 1e-300:
@@ -105,13 +112,25 @@ def proceed(run: Run, chain: Chain, acceleration: float, until: float) -> int:
         if trial[TIME] >= horizon:
             taken = events.land(events.HORIZON, law, constants, horizon, work, taken)
             event = events.HORIZON
-        if (contact.grip(constants.damping, trial[RATE]) > 0.0) != gripping:
+        if slider.exists(law):
+            turn = slider.turn(law, constants, state, rate, trial, trial_rate, taken)
+            if turn < 1.0:
+                taken *= turn
+                event = events.TURN
+                dop853.attempt(law, constants, work, taken)
+            if slider.switch(law, constants, trial) > 0.0:
+                taken = events.land(events.SWITCH, law, constants, horizon, work, taken)
+                event = events.SWITCH
+            if slider.passing(law, constants, trial) > 0.0:
+                taken = events.land(events.PASSAGE, law, constants, horizon, work, taken)
+                event = events.PASSAGE
+        if (contact.grip(constants.contact, trial[ROOT], trial[RATE]) > 0.0) != gripping:
             taken = events.land(events.CLAMP, law, constants, horizon, work, taken)
             event = events.CLAMP
-        if rising and contact.force_slope(constants.damping, trial[ROOT], trial[RATE], trial_rate[RATE]) < 0.0:
+        if rising and contact.force_slope(constants.contact, trial[ROOT], trial[RATE], trial_rate[RATE]) < 0.0:
             taken = events.land(events.PEAK, law, constants, horizon, work, taken)
             event = events.PEAK
-        if unfelt and contact.force(constants.damping, trial[ROOT], trial[RATE]) > constants.threshold:
+        if unfelt and contact.force(constants.contact, trial[ROOT], trial[RATE]) > constants.threshold:
             taken = events.land(events.THRESHOLD, law, constants, horizon, work, taken)
             event = events.THRESHOLD
 
@@ -119,17 +138,17 @@ def proceed(run: Run, chain: Chain, acceleration: float, until: float) -> int:
             # the error was judged over a step that may have run through a kink; judge the one that is taken
             error = dop853.error(law, work, taken, run.tolerance.relative)
             if error > 1.0:
-                h = taken * max(0.2, 0.9 * error ** (-1.0 / ORDER))
+                h = taken * dop853.step_factor(error)
                 continue
         if run.recorder.trace.shape[0] > 0:
             trace_step(run, constants, chain, base, units, taken)
         dop853.accept(law, work)
         h = h_next
-        grip = contact.grip(constants.damping, state[RATE]) > 0.0
+        grip = contact.grip(constants.contact, state[ROOT], state[RATE]) > 0.0
         gripping = not gripping if event == events.CLAMP else grip
-        slope = contact.force_slope(constants.damping, state[ROOT], state[RATE], rate[RATE])
+        slope = contact.force_slope(constants.contact, state[ROOT], state[RATE], rate[RATE])
         rising = gripping and slope > 0.0 and event != events.PEAK
-        peak = max(peak, contact.force(constants.damping, state[ROOT], state[RATE]))
+        peak = max(peak, contact.force(constants.contact, state[ROOT], state[RATE]))
         if event == events.SEPARATION:
             state[ROOT] = 0.0
             outcome = SEPARATED
@@ -139,12 +158,19 @@ def proceed(run: Run, chain: Chain, acceleration: float, until: float) -> int:
         if event == events.THRESHOLD:
             outcome = DETECTED
             break
+        if event in (events.SWITCH, events.PASSAGE):
+            outcome = SWITCHED
+            break
 
     coupled.store(law, chain, base, units, state)
     if outcome == ARRIVED:
         chain.time = until
     if outcome == DETECTED:
         chain.detection = chain.time
+    if event == events.SWITCH:
+        slider.switch_stop(chain)
+    if event == events.PASSAGE:
+        slider.record_passage(chain, run.recorder.snaps)
     if not math.isfinite(chain.penetration_rate):
         outcome = NOT_FINITE
     chain.step = h
@@ -154,11 +180,13 @@ def proceed(run: Run, chain: Chain, acceleration: float, until: float) -> int:
 
 
 @kernel
-def trace_step(run: Run, constants: Collision, chain: Chain, base: Origin, units: contact.Scales, taken: float) -> None:
+def trace_step(
+    run: Run, constants: Collision | Piece, chain: Chain, base: Origin, units: contact.Scales, taken: float
+) -> None:
     """Trace points along the step just found good, each a step of the integrator from the same start."""
     trial = run.work[TRIAL]
     for point in range(1, TRACE_POINTS + 1):
         dop853.attempt(run.law, constants, run.work, taken * point / TRACE_POINTS)
         coupled.store(run.law, chain, base, units, trial)
-        force = contact.force(constants.damping, max(trial[ROOT], 0.0), trial[RATE])
+        force = contact.force(constants.contact, max(trial[ROOT], 0.0), trial[RATE])
         trace(run, chain, base.acceleration, units.force * force)

@@ -1,17 +1,44 @@
-"""The choice among couplings, made when a kernel is compiled: each name is one function, whatever holds the tool."""
+"""The choice among chains, made when a kernel is compiled: each name is one function, whatever holds the tool."""
+
+from collections.abc import Callable
+from typing import Any
 
 from impact_gym.kernel import by_type
-from impact_gym.physics.coupling import RigidLaw, SpringDamperLaw
-from impact_gym.solver import rigid, spring_damper
+from impact_gym.physics.coupling import MechanismLaw, RigidLaw, RobotLaw, SpringDamperLaw, VaryingLaw
+from impact_gym.solver import chained, rigid, spring_damper
+from impact_gym.solver.chained import Flight
+from impact_gym.solver.collision import tool_gain
 
-width = by_type({RigidLaw: rigid.width, SpringDamperLaw: spring_damper.width})
-reduced_mass = by_type({RigidLaw: rigid.reduced_mass, SpringDamperLaw: spring_damper.reduced_mass})
-collision = by_type({RigidLaw: rigid.collision, SpringDamperLaw: spring_damper.collision})
-load = by_type({RigidLaw: rigid.load, SpringDamperLaw: spring_damper.load})
-rate = by_type({RigidLaw: rigid.rate, SpringDamperLaw: spring_damper.rate})
-store = by_type({RigidLaw: rigid.store, SpringDamperLaw: spring_damper.store})
+Kernel = Callable[..., Any]
+
+
+def _choice(of_rigid: Kernel, of_spring: Kernel, of_chained: Kernel, **others: Kernel) -> dict[type, Kernel]:
+    varying, flight = others.get("varying", of_chained), others.get("flight")
+    choice = {
+        RigidLaw: of_rigid,
+        SpringDamperLaw: of_spring,
+        MechanismLaw: of_chained,
+        RobotLaw: of_chained,
+        VaryingLaw: varying,
+    }
+    return choice if flight is None else {**choice, Flight: flight}
+
+
+width = by_type(_choice(rigid.width, spring_damper.width, chained.width, flight=chained.flight_width))
+reduced_mass = by_type(
+    _choice(
+        rigid.reduced_mass, spring_damper.reduced_mass, chained.tool_reduced_mass, varying=chained.varying_reduced_mass
+    )
+)
+collision = by_type(_choice(rigid.collision, spring_damper.collision, chained.collision))
+load = by_type(_choice(rigid.load, spring_damper.load, chained.load))
+rate = by_type(_choice(rigid.rate, spring_damper.rate, chained.rate, flight=chained.flight_rate))
+store = by_type(_choice(rigid.store, spring_damper.store, chained.store))
+cannot_touch = by_type(_choice(rigid.cannot_touch, spring_damper.cannot_touch, chained.cannot_touch))
+coupling_impulse = by_type(_choice(rigid.coupling_impulse, spring_damper.coupling_impulse, chained.coupling_impulse))
+coupling_force = by_type(_choice(rigid.coupling_force, spring_damper.coupling_force, chained.coupling_force))
+tool_momentum = by_type(
+    _choice(tool_gain, tool_gain, tool_gain, varying=chained.varying_momentum),
+)
 drift = by_type({RigidLaw: rigid.drift, SpringDamperLaw: spring_damper.drift})
 touch_time = by_type({RigidLaw: rigid.touch_time, SpringDamperLaw: spring_damper.touch_time})
-cannot_touch = by_type({RigidLaw: rigid.cannot_touch, SpringDamperLaw: spring_damper.cannot_touch})
-coupling_impulse = by_type({RigidLaw: rigid.coupling_impulse, SpringDamperLaw: spring_damper.coupling_impulse})
-coupling_force = by_type({RigidLaw: rigid.coupling_force, SpringDamperLaw: spring_damper.coupling_force})

@@ -12,6 +12,7 @@ import numpy as np
 from impact_gym.kernel import kernel
 from impact_gym.physics.coupling import Law
 from impact_gym.solver import coupled
+from impact_gym.solver.chained import Flight, Piece
 from impact_gym.solver.collision import Collision
 from impact_gym.solver.state import Array
 
@@ -88,7 +89,7 @@ E3 = np.array([
 
 
 @kernel
-def attempt(law: Law, collision: Collision, work: Array, h: float) -> None:
+def attempt(law: Law | Flight, collision: Collision | Piece, work: Array, h: float) -> None:
     """Try a step of `h` from row STATE (whose rate is stage 0) into row TRIAL; the last stage is the trial's rate.
 
     Components stand innermost, so that one instruction moves all of them.
@@ -108,7 +109,7 @@ def attempt(law: Law, collision: Collision, work: Array, h: float) -> None:
 
 
 @kernel
-def error(law: Law, work: Array, h: float, tolerance: float) -> float:
+def error(law: Law | Flight, work: Array, h: float, tolerance: float) -> float:
     """Estimated local error of the last attempt over what `tolerance` allows; at most 1 is good enough.
 
     Each component counts relative to its size or to 1, its scale in the contact's own units; the two estimates are
@@ -134,7 +135,13 @@ def error(law: Law, work: Array, h: float, tolerance: float) -> float:
 
 
 @kernel
-def accept(law: Law, work: Array) -> None:
+def step_factor(error: float) -> float:
+    """Factor on the step after one of this estimated error."""
+    return min(5.0, max(0.2, 0.9 * error ** (-1.0 / ORDER))) if error > 0.0 else 5.0
+
+
+@kernel
+def accept(law: Law | Flight, work: Array) -> None:
     """Make the trial the state; its rate, the last stage, becomes stage 0."""
     for component in range(coupled.width(law)):
         work[STATE, component] = work[TRIAL, component]

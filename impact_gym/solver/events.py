@@ -3,22 +3,28 @@
 from impact_gym.kernel import kernel
 from impact_gym.physics import contact
 from impact_gym.physics.coupling import Law
-from impact_gym.solver import dop853
+from impact_gym.solver import dop853, slider
+from impact_gym.solver.chained import Flight, Piece
 from impact_gym.solver.collision import RATE, ROOT, TIME, Collision
 from impact_gym.solver.dop853 import STAGES, STATE, TRIAL
 from impact_gym.solver.state import Array
 
-NONE, SEPARATION, HORIZON, CLAMP, PEAK, THRESHOLD = range(6)
+NONE, SEPARATION, HORIZON, SWITCH, PASSAGE, CLAMP, PEAK, THRESHOLD, TOUCH, TURN, BEND = range(11)
 """Kinds, in the order in which a step is searched: each search looks only at what the one before left of the step.
 
 SEPARATION: a root z that has passed zero does not come back (dt = z ds runs backwards there), so none is missed.
 CLAMP: the force reaches or leaves zero with the surfaces in touch, where it has a kink.
 PEAK: the force stops rising; with it, the force is monotone in every step, so THRESHOLD is seen by its ends.
+SWITCH, PASSAGE: of the slider of a mechanism, see `solver.slider`.
+TOUCH, TURN, BEND: of a flight, the first place of whose state is the penetration: it, its rate, or the change of that
+passes zero.
 """
 
 
 @kernel
-def value(kind: int, collision: Collision, horizon: float, state: Array, rate: Array) -> float:
+def value(
+    kind: int, law: Law | Flight, collision: Collision | Piece, horizon: float, state: Array, rate: Array
+) -> float:
     """Signed distance from event `kind`; each changes sign where its event is."""
     z: float = state[ROOT]
     w: float = state[RATE]
@@ -27,16 +33,30 @@ def value(kind: int, collision: Collision, horizon: float, state: Array, rate: A
         return -z
     if kind == HORIZON:
         return time - horizon
+    if kind == SWITCH:
+        switch: float = slider.switch(law, collision, state)
+        return switch
+    if kind == PASSAGE:
+        passing: float = slider.passing(law, collision, state)
+        return passing
+    if kind == TOUCH:
+        return z
+    if kind == TURN:
+        return w
+    if kind == BEND:
+        bend: float = rate[RATE]
+        return bend
     if kind == CLAMP:
-        return contact.grip(collision.damping, w)
+        grip: float = contact.grip(collision.contact, z, w)
+        return grip
     if kind == PEAK:
-        return -contact.force_slope(collision.damping, z, w, rate[RATE])
-    return contact.force(collision.damping, z, w) - collision.threshold
+        return -contact.force_slope(collision.contact, z, w, rate[RATE])
+    return contact.force(collision.contact, z, w) - collision.threshold
 
 
 @kernel
-def slope(kind: int, collision: Collision, state: Array, rate: Array) -> float:
-    """d(value)/ds; zero where no formula is at hand (PEAK), which leaves bisection and secants."""
+def slope(kind: int, collision: Collision | Piece, state: Array, rate: Array) -> float:
+    """d(value)/ds; zero where no formula is at hand, which leaves bisection and secants."""
     z: float = state[ROOT]
     z_slope: float = rate[ROOT]
     w_slope: float = rate[RATE]
@@ -46,10 +66,15 @@ def slope(kind: int, collision: Collision, state: Array, rate: Array) -> float:
     if kind == HORIZON:
         return time_slope
     if kind == CLAMP:
-        return collision.damping * w_slope
-    if kind == PEAK:
-        return 0.0
-    return z * z * contact.force_slope(collision.damping, z, state[RATE], w_slope)
+        return contact.grip_slope(collision.contact, z, state[RATE], w_slope)
+    if kind == TOUCH:
+        return z_slope
+    if kind == TURN:
+        return w_slope
+    if kind == THRESHOLD:
+        force_slope: float = contact.force_slope(collision.contact, z, state[RATE], w_slope)
+        return force_slope * contact.slope_scale(collision.contact, z)
+    return 0.0
 
 
 @kernel
@@ -69,7 +94,7 @@ def cubic_zero(start: float, start_slope: float, end: float, end_slope: float) -
 
 
 @kernel
-def land(kind: int, law: Law, collision: Collision, horizon: float, work: Array, h: float) -> float:
+def land(kind: int, law: Law | Flight, collision: Collision | Piece, horizon: float, work: Array, h: float) -> float:
     """Shorten the last attempt, of length `h`, so that it ends on event `kind`; return its new length.
 
     Newton's method on the step length itself, every iterate a full step of the integrator, begun at the zero of the
@@ -78,13 +103,13 @@ def land(kind: int, law: Law, collision: Collision, horizon: float, work: Array,
     place, and has no slope at hand: it is found by secants alone.
     """
     low = 0.0
-    low_value = value(kind, collision, horizon, work[STATE], work[0])
+    low_value = value(kind, law, collision, horizon, work[STATE], work[0])
     high = h
-    high_value = value(kind, collision, horizon, work[TRIAL], work[STAGES - 1])
-    if low_value == 0.0:
+    high_value = value(kind, law, collision, horizon, work[TRIAL], work[STAGES - 1])
+    if low_value == 0.0 or (low_value > 0.0) == (high_value > 0.0):  # by rounding: the step starts on an event
         low_value = -high_value * 1e-300
     following = low
-    if kind != PEAK:
+    if kind not in (PEAK, SWITCH, PASSAGE, BEND):
         low_slope = slope(kind, collision, work[STATE], work[0])
         high_slope = slope(kind, collision, work[TRIAL], work[STAGES - 1])
         following = h * cubic_zero(low_value, h * low_slope, high_value, h * high_slope)
@@ -102,7 +127,7 @@ def land(kind: int, law: Law, collision: Collision, horizon: float, work: Array,
         moved = abs(following - at)
         at = following
         dop853.attempt(law, collision, work, at)
-        at_value = value(kind, collision, horizon, work[TRIAL], work[STAGES - 1])
+        at_value = value(kind, law, collision, horizon, work[TRIAL], work[STAGES - 1])
         if moved <= precision * h or at_value == 0.0:
             break
         if (at_value > 0.0) == (high_value > 0.0):

@@ -20,11 +20,11 @@ def object_velocity(chain: Chain) -> float:
 def close_contact(run: Run, chain: Chain, end: float) -> None:
     """Enter the contact under way into the totals of `chain` and the contact log; `end` (s) is nan if unfinished."""
     impulse = coupled.coupling_impulse(run.law, chain)
-    tool_change = run.law.tool_mass * (chain.flange_velocity + chain.deflection_rate - chain.start_tool_velocity)
+    tool_change = coupled.tool_momentum(run.law, chain)
     object_change = run.bodies.object_mass * (object_velocity(chain) - chain.start_object_velocity)
     residual = budget.momentum_residual(tool_change, object_change, impulse)
-    if chain.impulse > 0.0:
-        chain.momentum_error = max(chain.momentum_error, abs(residual) / chain.impulse)
+    error = abs(residual) / chain.impulse if chain.impulse > 0.0 else 0.0
+    chain.momentum_error = max(chain.momentum_error, error)
     chain.coupling_impulse += impulse
     row = chain.logged
     chain.logged += 1
@@ -37,6 +37,8 @@ def close_contact(run: Run, chain: Chain, end: float) -> None:
         log[4] = chain.contact_peak_force
         log[5] = chain.impulse
         log[6] = object_velocity(chain)
+        log[7] = impulse
+        log[8] = error
 
 
 @kernel
@@ -49,14 +51,16 @@ def trace(run: Run, chain: Chain, acceleration: float, contact_force: float) -> 
     if row < run.recorder.trace.shape[0]:
         line = run.recorder.trace[row]
         line[0] = chain.time
-        line[1] = chain.flange_position
-        line[2] = chain.flange_velocity
+        line[1] = chain.flange_position + chain.flange_offset
+        line[2] = chain.flange_velocity + chain.flange_offset_rate
         line[3] = chain.flange_position + chain.deflection
         line[4] = chain.flange_velocity + chain.deflection_rate
         line[5] = line[3] - chain.penetration
         line[6] = object_velocity(chain)
         line[7] = contact_force
         line[8] = coupled.coupling_force(run.law, chain, acceleration, contact_force)
+        line[9] = chain.flange_position
+        line[10] = chain.flange_velocity
 
 
 @kernel

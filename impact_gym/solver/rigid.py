@@ -7,7 +7,7 @@ from impact_gym.physics import contact
 from impact_gym.physics.coupling import RigidLaw
 from impact_gym.solver.collision import IMPULSE, RATE, ROOT, TIME, Collision, Origin, load_common, store_common
 from impact_gym.solver.parabola import gap_closes
-from impact_gym.solver.state import Array, Chain
+from impact_gym.solver.state import Array, Bodies, Chain
 
 
 @kernel
@@ -17,17 +17,18 @@ def width(law: RigidLaw) -> int:
 
 
 @kernel
-def reduced_mass(law: RigidLaw, object_mass: float) -> float:
+def reduced_mass(law: RigidLaw, object_mass: float, chain: Chain) -> float:
     """Mass of the relative motion: the flange is imposed, as if infinitely heavy."""
     return object_mass
 
 
 @kernel
 def collision(
-    law: RigidLaw, object_mass: float, damping: float, acceleration: float, threshold: float, scales: contact.Scales
+    law: RigidLaw, bodies: Bodies, chain: Chain, acceleration: float, threshold: float, scales: contact.Scales
 ) -> Collision:
     """Return the coefficients of the scaled equations."""
-    return Collision(damping, acceleration * scales.time / scales.velocity, 0.0, 0.0, 0.0, threshold / scales.force)
+    push = acceleration * scales.time / scales.velocity
+    return Collision(bodies.contact, push, 0.0, 0.0, 0.0, threshold / scales.force)
 
 
 @kernel
@@ -41,7 +42,7 @@ def rate(law: RigidLaw, collision: Collision, state: Array, out: Array) -> None:
     """d(state)/ds of a contact (paper, eq. 6, second line)."""
     z = state[ROOT]
     w = state[RATE]
-    f = contact.force(collision.damping, z, w)
+    f = contact.force(collision.contact, z, w)
     out[ROOT] = 0.5 * w
     out[RATE] = z * (collision.flange_push - f)
     out[TIME] = z

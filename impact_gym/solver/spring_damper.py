@@ -20,7 +20,7 @@ from impact_gym.solver.collision import (
     store_common,
 )
 from impact_gym.solver.parabola import gap_closes
-from impact_gym.solver.state import Array, Chain
+from impact_gym.solver.state import Array, Bodies, Chain
 
 
 @kernel
@@ -30,27 +30,22 @@ def width(law: SpringDamperLaw) -> int:
 
 
 @kernel
-def reduced_mass(law: SpringDamperLaw, object_mass: float) -> float:
+def reduced_mass(law: SpringDamperLaw, object_mass: float, chain: Chain) -> float:
     """Mass of the relative motion, kg."""
     return law.tool_mass * object_mass / (law.tool_mass + object_mass)
 
 
 @kernel
 def collision(
-    law: SpringDamperLaw,
-    object_mass: float,
-    damping: float,
-    acceleration: float,
-    threshold: float,
-    scales: contact.Scales,
+    law: SpringDamperLaw, bodies: Bodies, chain: Chain, acceleration: float, threshold: float, scales: contact.Scales
 ) -> Collision:
     """Return the coefficients of the scaled equations."""
     return Collision(
-        damping,
+        bodies.contact,
         acceleration * scales.time / scales.velocity,
         law.frequency * scales.time,
         law.damping_ratio,
-        object_mass / (law.tool_mass + object_mass),
+        bodies.object_mass / (law.tool_mass + bodies.object_mass),
         threshold / scales.force,
     )
 
@@ -69,7 +64,7 @@ def rate(law: SpringDamperLaw, collision: Collision, state: Array, out: Array) -
     """d(state)/ds of a contact (paper, eq. 17-18)."""
     z = state[ROOT]
     w = state[RATE]
-    f = contact.force(collision.damping, z, w)
+    f = contact.force(collision.contact, z, w)
     pull = relative_force(collision.frequency, collision.damping_ratio, state[DEFLECTION], state[DEFLECTION_RATE])
     out[ROOT] = 0.5 * w
     out[RATE] = z * (pull - f)

@@ -1,0 +1,66 @@
+"""Instantaneous impact in closed form: the limit of a contact much stiffer than all else (paper, eq. 1-4 and 22).
+
+All arguments broadcast against each other as NumPy arrays; a restitution of 0 is allowed here.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Velocities = NDArray[np.float64] | np.float64
+
+
+def rigid_tool(tool_velocity: ArrayLike, object_velocity: ArrayLike, restitution: ArrayLike) -> Velocities:
+    """Final velocity of the object, m/s, struck by a tool whose motion is imposed (paper, eq. 1 with V_t = v_t).
+
+    Raises:
+        ValueError: a velocity (m/s) is not finite or a restitution is outside [0, 1].
+    """
+    v_t, v_p = _finite("tool_velocity", tool_velocity, "m/s"), _finite("object_velocity", object_velocity, "m/s")
+    e = _restitution(restitution)
+    return v_t + e * (v_t - v_p)
+
+
+def free_tool(
+    tool_mass: ArrayLike,
+    object_mass: ArrayLike,
+    tool_velocity: ArrayLike,
+    object_velocity: ArrayLike,
+    restitution: ArrayLike,
+    impulse: ArrayLike = 0.0,
+) -> tuple[Velocities, Velocities]:
+    """Final velocities of tool and object, m/s (paper, eq. 3-4).
+
+    `impulse` (N s) is what a coupling gives the tool meanwhile (paper, eq. 21-22); it moves both alike.
+
+    Raises:
+        ValueError: a mass (kg) is not positive, a restitution outside [0, 1], anything not finite.
+    """
+    m_t, m_p = _mass("tool_mass", tool_mass), _mass("object_mass", object_mass)
+    v_t, v_p = _finite("tool_velocity", tool_velocity, "m/s"), _finite("object_velocity", object_velocity, "m/s")
+    e, push = _restitution(restitution), _finite("impulse", impulse, "N s") / (m_t + m_p)
+    V_t = v_t + m_p / (m_t + m_p) * (1 + e) * (v_p - v_t) + push
+    V_p = v_p - m_t / (m_t + m_p) * (1 + e) * (v_p - v_t) + push
+    return V_t, V_p
+
+
+def _finite(field: str, values: ArrayLike, unit: str) -> NDArray[np.float64]:
+    array = np.asarray(values)
+    if array.dtype.kind not in "fiu":
+        raise TypeError(f"{field} must be numbers in {unit}, got {values!r}")
+    if not np.isfinite(array).all():
+        raise ValueError(f"{field} must be finite {unit}, got {values!r}")
+    return array.astype(np.float64)
+
+
+def _mass(field: str, values: ArrayLike) -> NDArray[np.float64]:
+    array = _finite(field, values, "kg")
+    if not (array > 0).all():
+        raise ValueError(f"{field} must be above 0 kg, got {values!r}")
+    return array
+
+
+def _restitution(values: ArrayLike) -> NDArray[np.float64]:
+    array = _finite("restitution", values, "(no unit)")
+    if not ((array >= 0) & (array <= 1)).all():
+        raise ValueError(f"restitution must be at least 0 and at most 1 (no unit), got {values!r}")
+    return array

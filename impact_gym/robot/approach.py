@@ -1,0 +1,142 @@
+"""The robot along a straight approach as a table, and the file it is kept in."""
+
+import json
+import os
+import tempfile
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from impact_gym.robot.description import JOINTS, Array
+from impact_gym.robot.pose import Orientation, Pose
+from impact_gym.scene import Robot, RobotTable
+from impact_gym.validation import number, numbers
+
+SHIPPED = Path(__file__).with_name("default_approach.json")
+
+COLUMNS = {
+    "travel": ("travel_m", "m"),
+    "x": ("x_m", "m"),
+    "mass": ("m_r_kg", "kg"),
+    "damping": ("c_r_N_s_per_m", "N s/m"),
+    "stiffness": ("k_r_N_per_m", "N/m"),
+    "effective_mass": ("effective_mass_kg", "kg"),
+    "effective_stiffness": ("effective_stiffness_N_per_m", "N/m"),
+}
+"""Name in the file and unit of each field; the joint angles follow as q1_deg to q6_deg."""
+
+HEADER = [*(name for name, _ in COLUMNS.values()), *(f"q{joint + 1}_deg" for joint in range(JOINTS))]
+
+
+@dataclass(frozen=True, eq=False)
+class Approach:
+    """The flange on a straight line along +x at constant y, z and orientation; arrays with a row per place.
+
+    The mass is that of the bare robot: a tool's own mass comes on top (paper: 'simply adds').
+    """
+
+    travel: Array  # m, of the imposed motion from its start, rising from 0
+    x: Array  # m, of the flange in the base frame
+    mass: Array  # kg, m_r = M_X,11 (paper, eq. 12 and 16)
+    damping: Array  # N s/m, c_r = D_X,11 (paper, eq. 13 and 16)
+    stiffness: Array  # N/m, k_r = K_X,11 (paper, eq. 14 and 16)
+    effective_mass: Array  # kg, 1/(M_X^-1)_11
+    effective_stiffness: Array  # N/m, 1/(K_X^-1)_11
+    joint_angles: Array  # deg, (rows, 6)
+    y: float  # m
+    z: float  # m
+    orientation: Orientation
+    impact_travel: float  # m, where the object's face is; one of `travel`
+
+    def __post_init__(self) -> None:
+        for name, (_, unit) in COLUMNS.items():
+            _store(self, name, numbers(f"Approach.{name}", getattr(self, name), unit))
+        rows = len(self.travel)
+        if rows < 4 or np.any(np.diff(self.travel) <= 0) or self.travel[0] != 0:
+            raise ValueError(f"Approach.travel must be at least 4 numbers in m rising from 0, got {self.travel!r}")
+        if not hasattr(self.joint_angles, "__len__"):
+            raise TypeError(f"Approach.joint_angles must be rows of {JOINTS} numbers in deg, got {self.joint_angles!r}")
+        angles = [numbers(f"Approach.joint_angles[{row}]", q, "deg") for row, q in enumerate(self.joint_angles)]
+        if len(angles) != rows or any(len(q) != JOINTS for q in angles):
+            raise ValueError(f"Approach.joint_angles must be {rows} rows of {JOINTS} numbers in deg")
+        _store(self, "joint_angles", angles)
+        for name in COLUMNS:
+            if len(getattr(self, name)) != rows:
+                raise ValueError(f"Approach.{name} must have a value for each of the {rows} places of travel")
+        for name in ("y", "z", "impact_travel"):
+            object.__setattr__(self, name, number(f"Approach.{name}", getattr(self, name), "m"))
+        if self.impact_travel not in self.travel:
+            raise ValueError(
+                f"Approach.impact_travel must be one of its places of travel, got {self.impact_travel!r} m"
+            )
+        Pose(float(self.x[self.impact_row]), self.y, self.z, self.orientation)  # refuses any other orientation
+
+    @property
+    def impact_row(self) -> int:
+        """Row of the table in which the impact happens."""
+        return int(np.flatnonzero(self.travel == self.impact_travel)[0])
+
+    def robot_table(self) -> RobotTable:
+        """Return the robot whose parameters vary along the approach."""
+        columns = (self.travel, self.mass, self.stiffness, self.damping)
+        return RobotTable(*(tuple(map(float, column)) for column in columns))
+
+    def at_impact(self) -> Robot:
+        """Return the robot frozen as it is at the impact."""
+        row = self.impact_row
+        return Robot(float(self.mass[row]), float(self.stiffness[row]), float(self.damping[row]))
+
+
+def _store(approach: Approach, name: str, values: Any) -> None:
+    array = np.array(values, dtype=float)
+    array.flags.writeable = False
+    object.__setattr__(approach, name, array)
+
+
+@cache
+def default_approach() -> Approach:
+    """Return the shipped table, chosen as `impact_gym.robot.choice` tells; needs no MuJoCo."""
+    return read(SHIPPED)
+
+
+def read(path: Path) -> Approach:
+    """Read an approach that `write` wrote."""
+    data = json.loads(path.read_text(encoding="utf-8"))
+    if data["columns"] != HEADER:
+        raise ValueError(f"{path} must have the columns {HEADER}, got {data['columns']}")
+    rows = np.array(data["rows"], dtype=float)
+    columns = dict(zip(COLUMNS, rows.T[: len(COLUMNS)], strict=True))
+    line = data["line"]
+    return Approach(
+        **columns,
+        joint_angles=rows[:, len(COLUMNS) :],
+        y=line["y_m"],
+        z=line["z_m"],
+        orientation=line["orientation"],
+        impact_travel=line["impact_travel_m"],
+    )
+
+
+def write(path: Path, approach: Approach, provenance: dict[str, Any]) -> None:
+    """Write `approach` and where it comes from to `path`: all of it or nothing, one line per row, no digit lost."""
+    line = {"y_m": approach.y, "z_m": approach.z, "orientation": approach.orientation}
+    head = {
+        "provenance": provenance,
+        "line": {**line, "impact_travel_m": approach.impact_travel},
+        "columns": HEADER,
+    }
+    table = np.column_stack([*(getattr(approach, name) for name in COLUMNS), approach.joint_angles])
+    rows = ",\n".join("    " + json.dumps(row) for row in table.tolist())
+    text = json.dumps(head, indent=2).removesuffix("\n}") + ',\n  "rows": [\n' + rows + "\n  ]\n}\n"
+    handle, unfinished = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            file.write(text)
+        os.chmod(unfinished, 0o644)
+        os.replace(unfinished, path)
+    except BaseException:
+        Path(unfinished).unlink(missing_ok=True)
+        raise

@@ -1,0 +1,198 @@
+"""Flight until tool and object touch or the time is up: one exact step, or integrated where there is no closed form."""
+
+import math
+
+from impact_gym.kernel import by_type, kernel
+from impact_gym.physics import contact
+from impact_gym.physics.coupling import MechanismLaw, RigidLaw, RobotLaw, SpringDamperLaw, VaryingLaw
+from impact_gym.solver import chained, coupled, dop853, events, slider
+from impact_gym.solver import collision as scaled
+from impact_gym.solver.chained import ChainedLaw, Flight, Piece
+from impact_gym.solver.collision import RATE, ROOT, TIME, Origin
+from impact_gym.solver.dop853 import STAGES, STATE, TRIAL
+from impact_gym.solver.recording import trace, trace_flight
+from impact_gym.solver.state import Chain, Run, Status
+
+FIRST_STEP, LARGEST_STEP = 0.1, 1.0
+"""Steps over the inverse of the chain's highest angular frequency, stops apart. Within the largest the gap's third
+derivative hardly changes sign twice, which is what the search for a touch relies on."""
+
+ARRIVED = int(Status.ARRIVED)
+TOUCHED = int(Status.TOUCHED)
+SWITCHED = int(Status.SWITCHED)
+STEP_LIMIT = int(Status.STEP_LIMIT)
+NOT_FINITE = int(Status.NOT_FINITE)
+
+
+@kernel
+def closed_form(law: RigidLaw | SpringDamperLaw, run: Run, chain: Chain, acceleration: float, until: float) -> int:
+    """Fly to the first touch or to time `until` (s), exactly."""
+    left = until - chain.time
+    touch = coupled.touch_time(run.law, chain, acceleration, left)
+    flight = min(touch, left)
+    trace_flight(run, chain, acceleration, flight)
+    coupled.drift(run.law, chain, acceleration, flight)
+    if touch <= left:
+        return TOUCHED
+    chain.time = until
+    trace(run, chain, acceleration, 0.0)
+    return ARRIVED
+
+
+@kernel
+def integrated(law: ChainedLaw, run: Run, chain: Chain, acceleration: float, until: float) -> int:
+    """Fly to the first touch or to time `until` (s), in smooth pieces between the switches of stops."""
+    status = SWITCHED
+    while status == SWITCHED and chain.time < until:
+        status = glide(law, run, chain, acceleration, until)
+    return ARRIVED if status == SWITCHED else status
+
+
+fly = by_type(
+    {
+        RigidLaw: closed_form,
+        SpringDamperLaw: closed_form,
+        MechanismLaw: integrated,
+        RobotLaw: integrated,
+        VaryingLaw: integrated,
+    }
+)
+"""Fly to the first touch (TOUCHED) or to a time (ARRIVED)."""
+
+
+@kernel
+def flight_units(law: ChainedLaw, chain: Chain, acceleration: float) -> contact.Scales:
+    """Return natural units of a flight: the chain's fastest motion, and the largest velocity at hand."""
+    time = 1.0 / chained.highest_frequency(law, chain)
+    closing = abs(chain.penetration_rate - chain.deflection_rate)
+    own = max(abs(chain.deflection_rate), abs(chain.flange_offset_rate))
+    pushed = abs(acceleration) * time
+    v = max(closing, own, pushed, abs(chain.flange_velocity), contact.APPROACH_VELOCITY_FLOOR)
+    return contact.Scales(v * time, time, v, v / time)
+
+
+@kernel
+def glide(law: ChainedLaw, run: Run, chain: Chain, acceleration: float, until: float) -> int:
+    """Integrate one smooth piece of a flight: until a touch, a switch of stops or of sides, or time `until` (s)."""
+    flight = Flight(law)
+    work = run.work
+    units = flight_units(law, chain, acceleration)
+    now = chained.collision(law, run.bodies, chain, acceleration, math.inf, units)
+    base = scaled.origin(chain, acceleration)
+    horizon = (until - chain.time) / units.time
+    state, trial = work[STATE], work[TRIAL]
+    rate = work[0]
+    chained.load_flight(law, chain, units, state)
+    coupled.rate(flight, now, state, rate)
+    h = FIRST_STEP
+    outcome = ARRIVED
+    event = events.NONE
+    while True:
+        chain.steps += 1
+        if chain.steps > run.tolerance.max_steps:
+            outcome = STEP_LIMIT
+            break
+        h = min(h, LARGEST_STEP)
+        left = horizon - state[TIME]
+        taken = min(h, left)
+        dop853.attempt(flight, now, work, taken)
+        error = dop853.error(flight, work, taken, run.tolerance.relative)
+        factor = dop853.step_factor(error)
+        if error > 1.0:
+            h = taken * factor
+            if h < 1e-300:
+                outcome = NOT_FINITE
+                break
+            continue
+        h_next = max(h, factor * taken) if taken < h else factor * taken
+        whole = taken
+        if slider.exists(flight):
+            taken = search_slider(flight, now, run, taken)
+        taken, found = search_touch(flight, now, run, taken, event)
+        event = found
+        if trial[ROOT] > 0.0:
+            taken = events.land(events.TOUCH, flight, now, horizon, work, taken)
+            event = events.TOUCH
+        if slider.switch(flight, now, trial) > 0.0:
+            taken = events.land(events.SWITCH, flight, now, horizon, work, taken)
+            event = events.SWITCH
+        if slider.passing(flight, now, trial) > 0.0:
+            taken = events.land(events.PASSAGE, flight, now, horizon, work, taken)
+            event = events.PASSAGE
+        if taken < whole:
+            # the error was judged over a step that may have run through a stop; judge the one that is taken
+            error = dop853.error(flight, work, taken, run.tolerance.relative)
+            if error > 1.0:
+                h = taken * dop853.step_factor(error)
+                continue
+        if run.recorder.trace.shape[0] > 0:
+            trace_glide(run, flight, now, chain, base, taken)
+        dop853.accept(flight, work)
+        h = h_next
+        if event == events.TOUCH:
+            state[ROOT] = 0.0
+            outcome = TOUCHED
+            break
+        if event == events.SWITCH:
+            slider.switch_stop(chain)
+            outcome = SWITCHED
+            break
+        if event == events.PASSAGE:
+            outcome = SWITCHED
+            break
+        if taken >= left:
+            break
+
+    chained.store_flight(law, chain, base, units, state)
+    if outcome == ARRIVED:
+        chain.time = until
+    elif outcome == SWITCHED and event == events.PASSAGE:
+        slider.record_passage(chain, run.recorder.snaps)
+    if not math.isfinite(chain.penetration_rate + chain.deflection_rate):
+        outcome = NOT_FINITE
+    return outcome
+
+
+@kernel
+def search_slider(flight: Flight, now: Piece, run: Run, taken: float) -> float:
+    """Shorten the last attempt to where the slider turns round inside it, if it does; return its length."""
+    work = run.work
+    turn = slider.turn(flight, now, work[STATE], work[0], work[TRIAL], work[STAGES - 1], taken)
+    if turn < 1.0:
+        taken *= turn
+        dop853.attempt(flight, now, work, taken)
+    return taken
+
+
+@kernel
+def search_touch(flight: Flight, now: Piece, run: Run, taken: float, before: int) -> tuple[float, int]:
+    """Shorten the last attempt so that the gap is monotone or ends closed; return its length and what ended it.
+
+    A gap that opens at both ends may have closed between: then its acceleration changes sign. One that closes first
+    and then opens has an extremum between, which tells by its sign whether it was a touch. What ended the step
+    `before` is not found again.
+    """
+    work = run.work
+    state, trial, rate, trial_rate = work[STATE], work[TRIAL], work[0], work[STAGES - 1]
+    found = events.NONE
+    if trial[ROOT] > 0.0:
+        return taken, found
+    closing = state[RATE] > 0.0 and before != events.TURN
+    bends = rate[RATE] > 0.0 and trial_rate[RATE] < 0.0 and before != events.BEND
+    if bends and not closing and trial[RATE] <= 0.0 and state[RATE] + taken * rate[RATE] > 0.0:
+        taken = events.land(events.BEND, flight, now, 0.0, work, taken)
+        found = events.BEND
+    if closing and trial[RATE] < 0.0:
+        taken = events.land(events.TURN, flight, now, 0.0, work, taken)
+        found = events.TURN
+    return taken, found
+
+
+@kernel
+def trace_glide(run: Run, flight: Flight, now: Piece, chain: Chain, base: Origin, taken: float) -> None:
+    """Trace points along the step just found good, each a step of the integrator from the same start."""
+    points = math.ceil(taken * now.units.time / run.recorder.interval)
+    for point in range(1, points + 1):
+        dop853.attempt(flight, now, run.work, taken * point / points)
+        chained.store_flight(flight.law, chain, base, now.units, run.work[TRIAL])
+        trace(run, chain, base.acceleration, 0.0)

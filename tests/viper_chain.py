@@ -1,0 +1,69 @@
+"""The Viper s650 once more, from the numbers in its data file and nothing of the package's own calculation."""
+
+import json
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from impact_gym.robot.description import DATA as FILE
+
+DATA = json.loads(FILE.read_text(encoding="utf-8"))
+KINEMATICS, LINKS = DATA["kinematics"], DATA["inertia"]["links"]
+
+
+def transform(rotation, translation):
+    result = np.eye(4)
+    result[:3, :3], result[:3, 3] = rotation, translation
+    return result
+
+
+def about(axis, angle):
+    return Rotation.from_rotvec(angle * np.array([axis == name for name in "xyz"], dtype=float)).as_matrix()
+
+
+def frames(angles):
+    """Frames of links 1 to 6 from the URDF's origins and axes."""
+    frame, result = np.eye(4), []
+    for origin, axis, angle in zip(
+        KINEMATICS["urdf_joint_origins_xyz_m"], KINEMATICS["urdf_joint_axes"], angles, strict=True
+    ):
+        frame = frame @ transform(about(axis, angle), origin)
+        result.append(frame)
+    return result
+
+
+def denavit_hartenberg(angles):
+    """Flange frame by standard Denavit-Hartenberg rows (a, alpha in deg, d)."""
+    k = KINEMATICS["link_lengths_m"]
+    rows = [(k["a1"], -90, k["d1"]), (k["a2"], 0, 0), (-k["a3"], 90, 0), (0, -90, k["d4"]), (0, 90, 0), (0, 0, k["d6"])]
+    frame = np.eye(4)
+    for (a, alpha, d), angle in zip(rows, angles, strict=True):
+        frame = frame @ transform(about("z", angle), (0, 0, d)) @ transform(about("x", np.radians(alpha)), (a, 0, 0))
+    return frame
+
+
+def point_jacobian(angles, point, link):
+    """Jacobian of a point (base frame) fixed to link 1 to 6, by cross products with the joint axes."""
+    columns = np.zeros((6, 6))
+    for joint, frame in enumerate(frames(angles)[:link]):
+        axis = frame[:3, "xyz".index(KINEMATICS["urdf_joint_axes"][joint])]
+        columns[:, joint] = np.concatenate([np.cross(axis, point - frame[:3, 3]), axis])
+    return columns
+
+
+def condition(angles):
+    J = point_jacobian(angles, frames(angles)[-1][:3, 3], 6)
+    J[3:] *= KINEMATICS["link_lengths_m"]["a2"]
+    return np.linalg.cond(J)
+
+
+def mass_matrix(angles):
+    """Sum over the links of m J_v^T J_v + J_w^T I J_w."""
+    total = np.zeros((6, 6))
+    for number, (link, frame) in enumerate(zip(LINKS, frames(angles), strict=True), start=1):
+        i = link["inertia_kg_m2"]
+        tensor = np.array([[i["xx"], i["xy"], i["xz"]], [i["xy"], i["yy"], i["yz"]], [i["xz"], i["yz"], i["zz"]]])
+        J = point_jacobian(angles, (frame @ [*link["com_m"], 1])[:3], number)
+        R = frame[:3, :3]
+        total += link["mass_kg"] * J[:3].T @ J[:3] + J[3:].T @ R @ tensor @ R.T @ J[3:]
+    return total
