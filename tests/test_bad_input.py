@@ -12,6 +12,7 @@ import impact_gym as ig
 
 SCENE = ig.Scene(ig.Tool(0.125), ig.Object(0.25, 0.2505), ig.Contact(1e5, 0.5), ig.SpringDamper(150.0))
 MOTION = ig.Trapezoid(1.0, 8.0, ig.Brake())
+ROBOT = ig.Robot(5.225, 1.5e5, 53.75)
 TINY = 5e-324
 
 
@@ -40,6 +41,13 @@ NUMBERS = [
         (0, -0.0, TINY, 1e6),
         (-TINY, 2e6),
     ),
+    ("Contact.stiffness_exponent", "(no unit)", with_field(SCENE.contact, "stiffness_exponent"), (1, 10), (0.9, 0, 11)),
+    ("Contact.damping_exponent", "(no unit)", with_field(SCENE.contact, "damping_exponent"), (0, 1, 10), (-1, 11)),
+    ("Bistable.stiffness", "N/m", with_field(ig.Bistable(), "stiffness"), *POSITIVE),
+    ("Bistable.stop_stiffness", "N/m", with_field(ig.Bistable(), "stop_stiffness"), *POSITIVE),
+    ("Robot.mass", "kg", with_field(ROBOT, "mass"), *POSITIVE),
+    ("Robot.stiffness", "N/m", with_field(ROBOT, "stiffness"), *POSITIVE),
+    ("Robot.damping", "N s/m", with_field(ROBOT, "damping"), *NOT_NEGATIVE),
     ("Trapezoid.speed", "m/s", with_field(MOTION, "speed"), *POSITIVE),
     ("Trapezoid.acceleration", "m/s^2", with_field(MOTION, "acceleration"), *POSITIVE),
     ("Brake.threshold", "N", with_field(MOTION.brake, "threshold"), *NOT_NEGATIVE),

@@ -84,6 +84,28 @@ def test_a_kernel_does_not_outlive_a_change_in_a_law_that_it_calls_from_another_
     assert run(CALL, where=tmp_path, cache=cache).stdout.split() == ["6.0", "1"]
 
 
+RECORD = """
+from typing import NamedTuple
+from impact_gym.kernel import kernel
+
+class {name}(NamedTuple):
+    stiffness: float
+
+@kernel
+def force(law: {name}) -> float:
+    return law.stiffness
+"""
+
+
+def test_a_cache_that_names_a_record_which_is_gone_is_taken_for_empty(tmp_path):
+    copy = tmp_path / "impact_gym"
+    shutil.copytree(PACKAGE, copy, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("Before", "After"):
+        (copy / "physics" / "new_law.py").write_text(RECORD.format(name=name))
+        call = f"from impact_gym.physics.new_law import {name}, force; print(force({name}(2.0)))"
+        assert run(call, where=tmp_path).stdout == "2.0\n"
+
+
 def test_a_stranger_without_a_module_name_compiles_beside_us():
     """numba's event of a compilation reaches our notice for everybody's functions."""
     code = "import numba, impact_gym; f = numba.njit(lambda x: x + 1); f.py_func.__module__ = None; print(f(1))"

@@ -91,6 +91,7 @@ def test_fig_16_the_slope_breaks_at_90_n_per_m_where_a_second_contact_begins():
         pytest.param(ig.SpringDamper(150.0), 1e4, 1.0, 0.936088, 1, id="17b"),
         pytest.param(ig.SpringDamper(150.0), 1e5, 0.1, 0.872899, 1, id="19a"),
         pytest.param(ig.SpringDamper(150.0), 1e3, 0.1, 0.794273, 1, id="19b"),
+        pytest.param(ig.Bistable(), 1e3, 0.1, 0.45074, 1, id="23a"),
         pytest.param(ig.SpringDamper(50.0), 1e3, 0.1, 0.692859, 1, id="23b"),
         pytest.param(RIGID, 1e3, 0.1, 0.920628, 1, id="25"),
     ],
@@ -110,12 +111,28 @@ def test_fig_18_a_softer_contact_is_slower_when_it_is_inelastic():
 
 
 @pytest.mark.parametrize(
-    ("figure", "coupling_stiffness", "contact_stiffness", "impulse"),
-    [("20", 150.0, 1e5, 0.1962), ("20", 150.0, 1e3, 0.1092), ("24, linear", 50.0, 1e3, 0.0791)],
+    ("figure", "coupling", "contact_stiffness", "impulse"),
+    [
+        ("20", ig.SpringDamper(150.0), 1e5, 0.1962),
+        ("20", ig.SpringDamper(150.0), 1e3, 0.1092),
+        ("24, linear", ig.SpringDamper(50.0), 1e3, 0.0791),
+        ("24, bistable", ig.Bistable(), 1e3, 0.0058),
+    ],
 )
-def test_coupling_impulse_of_figure(figure, coupling_stiffness, contact_stiffness, impulse):
-    outcome = approach(ig.SpringDamper(coupling_stiffness), contact_stiffness, 0.1)
+def test_coupling_impulse_of_figure(figure, coupling, contact_stiffness, impulse):
+    outcome = approach(coupling, contact_stiffness, 0.1)
     assert outcome.coupling_impulse == pytest.approx(impulse, abs=5e-5)
+
+
+def test_fig_25_the_bistable_tool_halves_the_final_velocity():
+    reduction = 1 - approach(ig.Bistable(), 1e3, 0.1).object_velocity / approach(RIGID, 1e3, 0.1).object_velocity
+    assert reduction == pytest.approx(0.51, abs=0.005)
+
+
+@pytest.mark.parametrize("rear_stop", [-0.01, -0.03])
+def test_fig_23a_does_not_depend_on_where_the_rear_stop_is(rear_stop):
+    moved = approach(ig.Bistable(rear_stop=rear_stop), 1e3, 0.1)
+    assert moved.object_velocity == pytest.approx(approach(ig.Bistable(), 1e3, 0.1).object_velocity, abs=1e-9)
 
 
 @pytest.mark.parametrize("coupling", [RIGID, ig.SpringDamper(150.0)], ids=["rigid", "spring"])

@@ -45,7 +45,7 @@ def herbert_mcwhannell(restitution: float) -> float:
 
 
 def gonthier(restitution: float) -> float:
-    """Damping factor after Gonthier, McPhee, Lange, Piedboeuf, Multibody Syst. Dyn. 11 (2004) 209-233."""
+    """Damping factor after Gonthier, McPhee, Lange, Piedboeuf, Multibody Syst. Dyn. 11 (2004) 209-233; for small e."""
     return (1.0 - restitution) * (1.0 + restitution) / restitution
 
 

@@ -1,5 +1,6 @@
 """The lumped compliance of a robot along its approach (paper, eq. 8 and 16), as flat records for the kernels."""
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -57,6 +58,27 @@ def mass_slope(robot: VaryingRobot, position: float) -> float:
     c: Any = robot.coefficients
     slope: float = (3.0 * c[0, i, 0] * u + 2.0 * c[1, i, 0]) * u + c[2, i, 0]
     return slope
+
+
+@kernel
+def lumped_piece(robot: LumpedRobot, position: float) -> tuple[float, float]:
+    """Everywhere."""
+    return -math.inf, math.inf
+
+
+@kernel
+def varying_piece(robot: VaryingRobot, position: float) -> tuple[float, float]:
+    """Breaks around `position` (m), those passed over that only rounding keeps it from."""
+    near = 1e-9 * (robot.breaks[-1] - robot.breaks[0])
+    behind = np.searchsorted(robot.breaks, position - near) - 1
+    ahead = np.searchsorted(robot.breaks, position + near)
+    low = robot.breaks[behind] if behind >= 0 else -math.inf
+    high = robot.breaks[ahead] if ahead < robot.breaks.shape[0] else math.inf
+    return low, high
+
+
+smooth_piece = by_type({LumpedRobot: lumped_piece, VaryingRobot: varying_piece})
+"""Imposed positions (m) between which the parameters are smooth."""
 
 
 @kernel

@@ -4,7 +4,7 @@ import math
 
 from impact_gym.kernel import kernel
 from impact_gym.physics.coupling import FRONT
-from impact_gym.solver import contact, flight
+from impact_gym.solver import contact, coupled, flight
 from impact_gym.solver.contact import ARRIVED, DETECTED, SEPARATED, SWITCHED
 from impact_gym.solver.flight import TOUCHED
 from impact_gym.solver.recording import close_contact, trace
@@ -68,8 +68,11 @@ def command(run: Run, chain: Chain, target: float, acceleration: float, until: f
 def piece(run: Run, chain: Chain, acceleration: float, until: float) -> int:
     """Advance through flights and contacts under one constant acceleration of the flange."""
     while chain.time < until:
+        end = coupled.smooth_until(run.law, chain, acceleration, until)
         if chain.touching == 0:
-            status = flight.fly(run.law, run, chain, acceleration, until)
+            status = flight.fly(run.law, run, chain, acceleration, end)
+            if status == ARRIVED:
+                continue
             if status != TOUCHED:
                 return status
             contact.begin(chain)
@@ -77,8 +80,8 @@ def piece(run: Run, chain: Chain, acceleration: float, until: float) -> int:
             if run.threshold == 0.0 and math.isinf(chain.detection):
                 chain.detection = chain.time
                 return DETECTED
-        status = contact.proceed(run, chain, acceleration, until)
-        if status == SWITCHED:
+        status = contact.proceed(run, chain, acceleration, end)
+        if status in (ARRIVED, SWITCHED):
             continue
         if status != SEPARATED:
             return status

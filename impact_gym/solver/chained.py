@@ -10,7 +10,7 @@ import numpy as np
 
 from impact_gym.kernel import by_type, kernel
 from impact_gym.physics import contact, coupling, robot
-from impact_gym.physics.coupling import MechanismLaw, RobotLaw, VaryingLaw
+from impact_gym.physics.coupling import Law, MechanismLaw, RobotLaw, VaryingLaw
 from impact_gym.solver.collision import (
     DEFLECTION,
     DEFLECTION_RATE,
@@ -23,6 +23,7 @@ from impact_gym.solver.collision import (
     store_clock,
     store_common,
 )
+from impact_gym.solver.parabola import gap_closes
 from impact_gym.solver.state import Array, Bodies, Chain
 
 ChainedLaw = MechanismLaw | RobotLaw | VaryingLaw
@@ -232,6 +233,22 @@ def store_flight(law: ChainedLaw, chain: Chain, base: Origin, scales: contact.Sc
     store_clock(chain, base, scales, state)
     chain.penetration = state[ROOT] * scales.length
     store_chain(law, chain, base, scales, state)
+
+
+@kernel
+def all_smooth(law: Law, chain: Chain, acceleration: float, until: float) -> float:
+    """The equations of motion are smooth all the way."""
+    return until
+
+
+@kernel
+def smooth_until(law: RobotLaw | VaryingLaw, chain: Chain, acceleration: float, until: float) -> float:
+    """Time (s), `until` at the latest, up to which the robot's parameters are smooth functions of time."""
+    low, high = robot.smooth_piece(law.robot, chain.flange_position)
+    x_r, v_r = chain.flange_position, chain.flange_velocity
+    ahead = gap_closes(high - x_r, v_r, acceleration) if high < math.inf else math.inf
+    behind = gap_closes(x_r - low, -v_r, -acceleration) if low > -math.inf else math.inf
+    return min(until, chain.time + min(ahead, behind))
 
 
 @kernel

@@ -40,5 +40,14 @@ coupling_force = by_type(_choice(rigid.coupling_force, spring_damper.coupling_fo
 tool_momentum = by_type(
     _choice(tool_gain, tool_gain, tool_gain, varying=chained.varying_momentum),
 )
+smooth_until = by_type(
+    {
+        RigidLaw: chained.all_smooth,
+        SpringDamperLaw: chained.all_smooth,
+        MechanismLaw: chained.all_smooth,
+        RobotLaw: chained.smooth_until,
+        VaryingLaw: chained.smooth_until,
+    }
+)
 drift = by_type({RigidLaw: rigid.drift, SpringDamperLaw: spring_damper.drift})
 touch_time = by_type({RigidLaw: rigid.touch_time, SpringDamperLaw: spring_damper.touch_time})

@@ -1,0 +1,184 @@
+"""The bistable mechanism: its spring against calculus, its slider against conservation laws and the closed form."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.optimize import brentq
+
+import impact_gym as ig
+
+MECHANISM = ig.Bistable()
+TOOL_MASS = 0.125
+FAR = 1e3  # m, an object that is never met
+BRAKE = ig.Brake(threshold=1.0, delay=0.016, deceleration=8.0)
+
+
+def approach(
+    coupling=MECHANISM, *, speed=1.0, acceleration=8.0, distance=0.2505, duration=1.5, rtol=1e-10, brake=BRAKE
+):
+    scene = ig.Scene(ig.Tool(TOOL_MASS), ig.Object(0.25, distance), ig.Contact(1e3, 0.1), coupling)
+    return ig.simulate(scene, ig.Trapezoid(speed, acceleration, brake), duration, rtol, trace=True)
+
+
+def slider(trace, coupling=MECHANISM):
+    """Position of the slider from the alignment, m; at rest the stop bears the preload."""
+    return trace.tool_position - trace.flange_position + rest(coupling)
+
+
+def rest(coupling):
+    front, stop = coupling.front_stop, coupling.stop_stiffness
+    return brentq(lambda x: coupling.force(x) - stop * (x - front), front, coupling.stroke, xtol=1e-15)
+
+
+def test_the_force_is_minus_the_slope_of_the_energy():
+    x = np.linspace(-0.08, 0.08, 41)
+    h = 1e-6
+    slope = (MECHANISM.energy(x + h) - MECHANISM.energy(x - h)) / (2 * h)
+    assert MECHANISM.force(x) == pytest.approx(-slope, abs=1e-8)
+    work, _ = quad(MECHANISM.force, 0.0, MECHANISM.stroke)
+    assert work == pytest.approx(MECHANISM.barrier, rel=1e-12)
+
+
+def test_the_numbers_of_fig_22():
+    assert MECHANISM.peak_force == pytest.approx(1.0817, abs=5e-5)
+    assert MECHANISM.peak_position == pytest.approx(25.69e-3, abs=5e-6)
+    assert MECHANISM.equilibria == pytest.approx((-64.156e-3, 0.0, 64.156e-3), abs=5e-7)
+    assert MECHANISM.barrier == pytest.approx(44.1e-3, abs=5e-6)
+    x = np.linspace(0.0, 0.07, 100_001)
+    assert MECHANISM.force(x).max() == pytest.approx(MECHANISM.peak_force, rel=1e-9)
+    for equilibrium in MECHANISM.equilibria:
+        assert MECHANISM.force(equilibrium) == pytest.approx(0.0, abs=1e-14)
+
+
+def test_it_starts_at_rest_under_its_preload():
+    trace = approach(acceleration=1e-6, distance=FAR, duration=1.0).trace
+    assert trace.coupling_force[trace.time == 0.0] == pytest.approx(0.0, abs=1e-12)
+    assert slider(trace) == pytest.approx(rest(MECHANISM), abs=1e-11)
+    assert np.abs(trace.tool_velocity - trace.flange_velocity).max() < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("share", "pressed_throughout", "held"), [(0.87, True, True), (0.97, False, True), (1.03, False, False)]
+)
+def test_it_leaves_the_front_stop_only_if_the_flange_accelerates_faster_than_the_preload_holds(
+    share, pressed_throughout, held
+):
+    # the preload holds tool mass times acceleration. Of a sudden start the stop (zeta = 1) overshoots by exp(-2), so
+    # that it lets go for a moment from a share of 1 / (1 + exp(-2)) = 0.8808 on
+    acceleration = share * MECHANISM.force(MECHANISM.front_stop) / TOOL_MASS
+    trace = approach(speed=0.5, acceleration=acceleration, distance=FAR, duration=0.5 / acceleration).trace
+    x = slider(trace)
+    assert np.all(x > MECHANISM.front_stop) == pressed_throughout
+    assert (x[-1] > MECHANISM.front_stop) == held
+
+
+def test_the_plateau_and_the_snap_through_of_fig_23a():
+    outcome = approach()
+    trace = outcome.trace
+    assert len(outcome.snap_through) == 1
+    (snap,) = outcome.snap_through
+    x = slider(trace)
+    assert np.interp(snap, trace.time, x) == pytest.approx(0.0, abs=1e-6)
+    assert (x[trace.time < snap] > 0).all()
+    assert (x[trace.time > snap] < 0).all()
+    plateau = (trace.time > 0.345) & (trace.time < 0.36)
+    assert np.all((trace.tool_velocity[plateau] > 0.37) & (trace.tool_velocity[plateau] < 0.40))
+    assert x[-1] == pytest.approx(MECHANISM.rear_stop, abs=2e-5)  # pulled back and kept there
+
+
+def test_too_slow_an_impact_does_not_snap():
+    # paper, section 6: a lower impact velocity may keep the mechanism from its second stable position
+    assert approach(speed=0.3, duration=2.5).snap_through == ()
+    assert len(approach(speed=1.2).snap_through) == 1
+
+
+def test_stops_never_pull():
+    for speed in (0.3, 1.0, 2.0):
+        trace = approach(speed=speed, duration=3.0).trace
+        stop = trace.coupling_force - MECHANISM.force(slider(trace))
+        x = slider(trace)
+        assert np.all(stop[x > 0] <= 1e-9)
+        assert np.all(stop[x < 0] >= -1e-9)
+        assert np.all(np.abs(stop[(x > MECHANISM.rear_stop) & (x < MECHANISM.front_stop)]) < 1e-6)
+
+
+def test_without_damping_the_mechanism_and_its_stops_keep_the_energy():
+    elastic = dataclasses.replace(MECHANISM, stop_damping_ratio=0.0)
+    trace = approach(elastic, speed=1.0, acceleration=1e3, distance=FAR, duration=2.0, rtol=1e-11, brake=None).trace
+    steady = trace.time > 1e-3 + 1e-9  # then the flange is an inertial frame
+    x = slider(trace, elastic)
+    depth = np.maximum(np.maximum(x - elastic.front_stop, elastic.rear_stop - x), 0.0)
+    relative = trace.tool_velocity - trace.flange_velocity
+    energy = 0.5 * TOOL_MASS * relative**2 + elastic.energy(x) + 0.5 * elastic.stop_stiffness * depth**2
+    assert np.ptp(x[steady]) > 0.04  # it swings from stop to stop
+    assert energy[steady] == pytest.approx(energy[steady][0], rel=1e-9)
+
+
+@pytest.mark.parametrize("zeta", [0.1, 0.5, 1.0, 2.0])
+def test_a_stop_returns_what_a_spring_and_damper_that_never_pulls_returns(zeta):
+    # exp(-2 zeta arccos(zeta) / sqrt(1 - zeta^2)), so exp(-2) = 0.1353 at zeta = 1: not 'completely inelastic'
+    weak = ig.Bistable(stiffness=1e-3, stop_damping_ratio=zeta)  # the spring is nothing to the stop
+    trace = approach(weak, speed=0.5, acceleration=1e4, distance=FAR, duration=0.4, rtol=1e-11, brake=None).trace
+    relative = trace.tool_velocity - trace.flange_velocity
+    x = slider(trace, weak)
+    # thrown back by the start, the slider flies through the alignment to the rear stop and returns
+    free = (x < -0.01) & (x > weak.rear_stop)
+    returned = np.argmax(free & (relative > 0))
+    towards, away = relative[:returned][free[:returned]][-1], relative[returned]
+    assert -away / towards == pytest.approx(ig.physics.dissipation.delivered_linear(2 * zeta), rel=1e-3)
+
+
+def test_the_budget_of_every_contact_closes():
+    for height in (0.02, 0.028, 0.04):
+        outcome = approach(dataclasses.replace(MECHANISM, height=height), rtol=1e-8)
+        assert outcome.momentum_error < 1e-9
+        for contact in outcome.contacts:
+            assert contact.momentum_error < 1e-9
+        trace = outcome.trace
+        inside = (trace.time >= outcome.contacts[0].start) & (trace.time <= outcome.contacts[0].end)
+        pushed = np.trapezoid(trace.coupling_force[inside], trace.time[inside])
+        assert pushed == pytest.approx(outcome.contacts[0].coupling_impulse, abs=2e-4)
+
+
+def test_the_answer_converges_with_rtol():
+    exact = approach(rtol=1e-13).object_velocity
+    errors = [abs(approach(rtol=rtol).object_velocity - exact) for rtol in (1e-4, 1e-6, 1e-8, 1e-10)]
+    assert all(error < rtol for error, rtol in zip(errors, (1e-4, 1e-6, 1e-8, 1e-10), strict=True))
+
+
+def test_a_stiff_preload_holds_the_tool_like_a_rigid_coupling_until_the_touch():
+    outcome = approach()
+    assert outcome.contacts[0].start == pytest.approx(0.0625 + 0.2505, abs=1e-9)
+    assert outcome.contacts[0].approach_velocity == pytest.approx(1.0, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("change", "field", "says"),
+    [
+        ({"height": 0.07}, "height", "free_length"),
+        ({"height": 0.08}, "height", "free_length"),
+        ({"height": 0.0}, "height", "above 0"),
+        ({"front_stop": -0.03}, "rear_stop", "below Bistable.front_stop"),  # crossed
+        ({"front_stop": 0.065}, "front_stop", "stroke"),
+        ({"front_stop": -0.001}, "front_stop", "above 0"),
+        ({"rear_stop": -0.065}, "rear_stop", "stroke"),
+        ({"rear_stop": 0.001}, "rear_stop", "below 0"),
+        ({"stop_stiffness": 0.0}, "stop_stiffness", "above 0"),
+        ({"stop_damping_ratio": -1.0}, "stop_damping_ratio", "at least 0"),
+        ({"stiffness": math.nan}, "stiffness", "finite"),
+        ({"free_length": math.inf}, "free_length", "finite"),
+    ],
+)
+def test_impossible_mechanisms_are_refused(change, field, says):
+    with pytest.raises(ValueError, match=rf"Bistable\.{field}.*{says}"):
+        ig.Bistable(**change)
+
+
+@pytest.mark.parametrize("field", [field.name for field in dataclasses.fields(ig.Bistable)])
+@pytest.mark.parametrize("value", ["1", None])
+def test_what_is_no_number_is_refused(field, value):
+    with pytest.raises(TypeError, match=rf"Bistable\.{field}"):
+        ig.Bistable(**{field: value})

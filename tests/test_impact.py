@@ -1,0 +1,92 @@
+"""The instantaneous impact (paper, eq. 1-4, 22) against conservation laws, its limits, and stiff simulated contacts."""
+
+import numpy as np
+import pytest
+
+import impact_gym as ig
+from impact_gym.physics import impact
+
+RNG = np.random.default_rng(1)
+M_T, M_P = RNG.uniform(0.01, 5.0, (2, 200))
+V_T, V_P = RNG.uniform(-2.0, 2.0, (2, 200))
+E = RNG.uniform(0.0, 1.0, 200)
+PUSH = RNG.uniform(-1.0, 1.0, 200)
+
+
+def test_momentum_changes_by_the_impulse_of_the_coupling():
+    after_t, after_p = impact.free_tool(M_T, M_P, V_T, V_P, E, PUSH)
+    assert M_T * after_t + M_P * after_p == pytest.approx(M_T * V_T + M_P * V_P + PUSH, rel=1e-12, abs=1e-12)
+
+
+def test_the_relative_velocity_is_reversed_and_reduced():
+    after_t, after_p = impact.free_tool(M_T, M_P, V_T, V_P, E, PUSH)
+    assert after_p - after_t == pytest.approx(E * (V_T - V_P), abs=1e-12)
+    assert impact.rigid_tool(V_T, V_P, E) - V_T == pytest.approx(E * (V_T - V_P), abs=1e-12)
+
+
+def test_an_elastic_impact_keeps_the_energy_and_any_other_loses_some():
+    after_t, after_p = impact.free_tool(M_T, M_P, V_T, V_P, E)
+    before = 0.5 * (M_T * V_T**2 + M_P * V_P**2)
+    lost = before - 0.5 * (M_T * after_t**2 + M_P * after_p**2)
+    reduced = M_T * M_P / (M_T + M_P)
+    assert lost == pytest.approx(0.5 * reduced * (1 - E**2) * (V_T - V_P) ** 2, abs=1e-12)
+
+
+def test_a_heavy_tool_is_a_rigid_one():
+    heavy = impact.free_tool(1e12, M_P, V_T, V_P, E)[1]
+    assert heavy == pytest.approx(impact.rigid_tool(V_T, V_P, E), abs=1e-10)
+
+
+def test_the_papers_examples():
+    assert impact.rigid_tool(1.0, 0.0, [1.0, 0.0]) == pytest.approx([2.0, 1.0])  # section 2.1
+    v_t, v_p = impact.free_tool(0.125, 0.25, 1.0, 0.0, [0.0, 1.0])
+    assert v_t == pytest.approx([1 / 3, -1 / 3])  # Fig. 2, by hand
+    assert v_p == pytest.approx([1 / 3, 2 / 3])
+
+
+@pytest.mark.parametrize("restitution", [0.1, 0.5, 1.0])
+def test_a_stiff_simulated_contact_comes_to_eq_1(restitution):
+    scene = ig.Scene(ig.Tool(0.125), ig.Object(0.25, 0.2505), ig.Contact(1e10, restitution, "exact"))
+    outcome = ig.simulate(scene, ig.Trapezoid(1.0, 8.0), duration=0.5, rtol=1e-10)
+    assert outcome.object_velocity == pytest.approx(impact.rigid_tool(1.0, 0.0, restitution), rel=1e-9)
+
+
+@pytest.mark.parametrize("restitution", [0.1, 0.5, 1.0])
+def test_a_stiff_simulated_contact_comes_to_eq_3_and_4(restitution):
+    errors = []
+    for stiffness in (1e11, 1e12, 1e13):
+        coupling = ig.SpringDamper(150.0)
+        scene = ig.Scene(ig.Tool(0.125), ig.Object(0.25, 0.2505), ig.Contact(stiffness, restitution, "exact"), coupling)
+        contact = ig.simulate(scene, ig.Trapezoid(1.0, 8.0), duration=0.5, rtol=1e-11).contacts[0]
+        args = (0.125, 0.25, contact.approach_velocity, 0.0, restitution)
+        errors.append(abs(contact.object_velocity / impact.free_tool(*args)[1] - 1))
+        # eq. 22 takes the coupling's impulse along: what is left is that the push also changes the restitution
+        lost = contact.separation_velocity - restitution * contact.approach_velocity
+        left = contact.object_velocity - impact.free_tool(*args, contact.coupling_impulse)[1]
+        assert left == pytest.approx(0.125 / 0.375 * lost, abs=1e-12)
+    # the contact's duration, over which the coupling pushes, goes with k_c^(-2/5)
+    rate = np.polyfit(np.log([1e11, 1e12, 1e13]), np.log(errors), 1)[0]
+    assert rate == pytest.approx(-0.4, abs=0.03)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "field"),
+    [
+        ((0.0, 1.0, 1.0, 0.0, 0.5), "tool_mass"),
+        ((1.0, [1.0, -1.0], 1.0, 0.0, 0.5), "object_mass"),
+        ((1.0, 1.0, np.nan, 0.0, 0.5), "tool_velocity"),
+        ((1.0, 1.0, 1.0, np.inf, 0.5), "object_velocity"),
+        ((1.0, 1.0, 1.0, 0.0, 1.1), "restitution"),
+        ((1.0, 1.0, 1.0, 0.0, -0.1), "restitution"),
+        ((1.0, 1.0, 1.0, 0.0, 0.5, np.nan), "impulse"),
+    ],
+)
+def test_values_out_of_range_are_named(arguments, field):
+    with pytest.raises(ValueError, match=field):
+        impact.free_tool(*arguments)
+
+
+@pytest.mark.parametrize("value", ["1", None, [None], True, 1j])
+def test_what_is_no_number_is_named(value):
+    with pytest.raises(TypeError, match="tool_velocity"):
+        impact.rigid_tool(value, 0.0, 0.5)

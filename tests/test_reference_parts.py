@@ -1,0 +1,152 @@
+"""The parts of the slow solver: what finds its events, what it hands to implicit methods, and its special cases."""
+
+from math import exp, pi
+from types import SimpleNamespace as Record
+
+import numpy as np
+import pytest
+from reference_scenes import BRAKE, CRUISE, MOTION, RIGID, ROBOT, TABLE, bistable, law, scene, spring
+from scipy.integrate import quad
+from scipy.special import lambertw
+
+import impact_gym as ig
+from experiments.reference import simulate
+from experiments.reference.bistable import BistableForce
+from experiments.reference.chain import Chain, Scales, System
+from experiments.reference.command import Command
+from experiments.reference.phases import Switch, advance
+
+
+class Swing:
+    """x'' = -x: x = sin(tau) from (0, 1)."""
+
+    def rates(self, tau, y):
+        return [y[1], -y[0]]
+
+    def jacobian(self, tau, y):
+        return np.array([[0.0, 1.0], [-1.0, 0.0]])
+
+
+def first_turn(switches, method="DOP853"):
+    return advance(Swing(), 10.0, np.array([0.0, 1.0]), switches, method, 1e-11, np.full(2, 1e-13), np.inf)
+
+
+@pytest.mark.parametrize("method", ["DOP853", "Radau", "LSODA"])
+@pytest.mark.parametrize("above", [1e-3, 1e-6, 1e-8])
+def test_a_switch_that_turns_there_and_back_within_a_step_is_found(above, method):
+    tau, y, switch, _ = first_turn([Switch("touch", False, lambda _, y: y[0] - (1 - above))], method)
+    assert switch is not None
+    # the closer to the summit, the less an error of x says about the time
+    assert tau == pytest.approx(np.arcsin(1 - above), abs=1e-10 / np.sqrt(2 * above))
+    assert y[0] == pytest.approx(1 - above, abs=1e-10)
+    untouched = Switch("touch", False, lambda _, y: y[0] - (1 + above))
+    assert first_turn([untouched], method)[2] is None
+
+
+def test_the_first_of_two_switches_counts_and_one_on_the_wrong_side_turns_at_once():
+    late, early = (Switch(name, True, lambda _, y, x=x: x - y[0]) for name, x in (("late", 0.6), ("early", 0.5)))
+    tau, _, switch, _ = first_turn([late, early])
+    assert (switch.name, tau) == ("early", pytest.approx(pi / 6, rel=1e-12))
+    tau, y, switch, _ = first_turn([Switch("wrong", True, lambda _, y: y[0] - 2.0)])
+    assert (switch.name, tau, y.tolist()) == ("wrong", 0.0, [0.0, 1.0])
+
+
+CHAINS = {
+    "rigid": (RIGID, None),
+    "robot": (RIGID, ROBOT),
+    "spring": (spring(150.0, 0.4), None),
+    "table, spring": (spring(150.0), TABLE),
+    "bistable, robot": (bistable(), ROBOT),
+}
+
+
+@pytest.mark.parametrize("exponents", [(1.5, 1.5), (1.0, 0.0), (2.0, 1.5)])
+@pytest.mark.parametrize("name", CHAINS)
+def test_the_jacobian_is_that_of_the_rates(name, exponents):
+    chain = Chain(scene(1e4, 0.4, *CHAINS[name], **law("hu-guo", *exponents)), MOTION)
+    chain.on["rear"] = True
+    system = System(chain, Scales(2e-3, 3e-3, 7.0), touching=True)
+    system.enter(0.2, 0.0)
+    random = np.random.default_rng(5)
+    for _ in range(5):
+        y = random.uniform(0.2, 1.5, 8)
+        steps = 1e-5 * np.eye(8)
+        columns = [(np.subtract(system.rates(0.1, y + h), system.rates(0.1, y - h))) / 2e-5 for h in steps]
+        jacobian = system.jacobian(0.1, y)
+        assert jacobian == pytest.approx(np.array(columns).T, rel=1e-6, abs=1e-6 * abs(jacobian).max())
+
+
+@pytest.mark.parametrize("name", CHAINS)
+def test_an_implicit_method_comes_to_the_same(name):
+    case = scene(1e4, 0.4, *CHAINS[name])
+    explicit, implicit = simulate(case, MOTION, 1.0), simulate(case, MOTION, 1.0, rtol=1e-9, method="Radau")
+    assert implicit.object_velocity == pytest.approx(explicit.object_velocity, rel=1e-7)
+    assert implicit.peak_force == pytest.approx(explicit.peak_force, rel=1e-7)
+    assert implicit.snap_through == pytest.approx(explicit.snap_through, abs=1e-8)
+
+
+@pytest.mark.parametrize("coupling", [RIGID, spring(150.0)], ids=["rigid", "spring"])
+def test_a_table_of_constants_is_the_robot_itself(coupling):
+    nodes = np.linspace(0.0, 0.4, 7)
+    constants = {name: np.full(7, getattr(ROBOT, name)) for name in ("mass", "stiffness", "damping")}
+    cases = (scene(1e5, 0.5, coupling, robot) for robot in (ROBOT, Record(position=nodes, **constants)))
+    exact, stepped = (simulate(case, MOTION, 1.0) for case in cases)  # matrix exponentials against DOP853
+    assert stepped.object_velocity == pytest.approx(exact.object_velocity, rel=1e-9)
+    assert stepped.flange_velocity == pytest.approx(exact.flange_velocity, abs=1e-10)
+    assert stepped.detection_time == pytest.approx(exact.detection_time, rel=1e-11)
+
+
+def test_below_its_floor_the_approach_velocity_counts_as_the_floor_in_the_damping():
+    slow = Record(speed=1e-7, acceleration=1e-3, brake=None)  # m/s, a tenth of the floor
+    outcome = simulate(scene(1e5, 0.1, distance=1e-8), slow, 1.0)
+    (contact,) = outcome.contacts
+    d = 1.5 * 0.9 / 0.1 * 0.1
+    assert contact.approach_velocity == pytest.approx(1e-7, rel=1e-9)
+    effective = (1 + lambertw(-(1 + d) * exp(-(1 + d))).real) / d
+    assert contact.separation_velocity == pytest.approx(1e-7 * effective, rel=1e-8)
+
+
+def test_the_command_is_cut_at_nodes_and_keeps_its_position_through_the_brake():
+    motion = Record(speed=1.0, acceleration=8.0, brake=BRAKE)
+    command = Command(motion, nodes=(0.01, 0.2, 0.35))
+    assert command.at(0.0)[3] == pytest.approx((2 * 0.01 / 8) ** 0.5, rel=1e-12)
+    assert command.at(command.at(0.0)[3])[3] == 0.125
+    assert command.at(0.125)[3] == pytest.approx(0.2 + 1 / 16, rel=1e-12)
+    command.detect(0.3)
+    assert command.at(0.3)[3] == 0.316
+    x, v, a, cut = command.at(0.35)
+    assert (v, a) == (pytest.approx(1 - 8 * 0.034, rel=1e-12), -8.0)
+    assert x == pytest.approx(0.316 - 1 / 16 + 0.034 - 4 * 0.034**2, rel=1e-12)
+    assert cut == 0.316 + 0.125  # comes to rest before the last node
+    assert command.at(1.0)[:3] == (pytest.approx(0.316, rel=1e-12), 0.0, 0.0)
+
+
+def test_what_it_does_not_know_it_refuses():
+    with pytest.raises(ValueError, match="no dissipation 'guess'"):
+        simulate(scene(e=0.5, dissipation="guess"), CRUISE, 0.1)
+    with pytest.raises(ValueError, match="method must be one of"):
+        simulate(scene(), CRUISE, 0.1, method="Euler")
+    with pytest.raises(NotImplementedError, match="no coupling like"):
+        simulate(scene(coupling=Record(stiffness=1.0)), CRUISE, 0.1)
+
+
+def test_the_bistable_mechanism_of_figure_22():
+    law = BistableForce(bistable(), 0.125)
+    x = np.linspace(0.0, 0.07, 70_001)
+    force = np.array([law.spring(each) for each in x])
+    assert force.max() == pytest.approx(1.0817, abs=5e-5)
+    assert x[force.argmax()] == pytest.approx(25.69e-3, abs=5e-6)
+    assert x[1:][force[1:] > 0].max() == pytest.approx(64.156e-3, abs=1e-6)
+    assert quad(law.spring, 0.0, 64.156e-3)[0] == pytest.approx(44.1e-3, abs=5e-5)
+    assert law.spring(law.x0) == pytest.approx(law.k_s * law.p_front, rel=1e-12)  # at rest against the front stop
+
+
+def test_the_records_of_the_package_read_the_same():
+    nodes = {name: tuple(values.tolist()) for name, values in vars(TABLE).items()}
+    contact = {"stiffness": 1e3, "restitution": 0.3, "dissipation": "flores", "damping_exponent": 1.0}
+    packaged = ig.Scene(
+        ig.Tool(0.125), ig.Object(0.25, 0.2505), ig.Contact(**contact), ig.Bistable(), ig.RobotTable(**nodes)
+    )
+    plain = scene(1e3, 0.3, bistable(), TABLE, **law("flores", 1.5, 1.0))
+    motion = ig.Trapezoid(1.0, 8.0, ig.Brake(1.0, 0.016, 8.0))
+    assert simulate(packaged, motion, 0.6) == simulate(plain, MOTION, 0.6)
