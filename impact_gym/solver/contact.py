@@ -113,6 +113,9 @@ def proceed(run: Run, chain: Chain, acceleration: float, until: float) -> int:
             taken = events.land(events.HORIZON, law, constants, horizon, work, taken)
             event = events.HORIZON
         if slider.exists(law):
+            if taken > events.SHORTEST_STEP and events.slider_recurs(law, constants, horizon, work):
+                h = 0.5 * taken
+                continue
             turn = slider.turn(law, constants, state, rate, trial, trial_rate, taken)
             if turn < 1.0:
                 taken *= turn

@@ -9,6 +9,9 @@ from impact_gym.solver.collision import RATE, ROOT, TIME, Collision
 from impact_gym.solver.dop853 import STAGES, STATE, TRIAL
 from impact_gym.solver.state import Array
 
+SHORTEST_STEP = 1e-10
+"""Of a step that starts on an event and ends beyond it; below this it is taken to happen at once."""
+
 NONE, SEPARATION, HORIZON, SWITCH, PASSAGE, CLAMP, PEAK, THRESHOLD, TOUCH, TURN, BEND = range(11)
 """Kinds, in the order in which a step is searched: each search looks only at what the one before left of the step.
 
@@ -75,6 +78,25 @@ def slope(kind: int, collision: Collision | Piece, state: Array, rate: Array) ->
         force_slope: float = contact.force_slope(collision.contact, z, state[RATE], w_slope)
         return force_slope * contact.slope_scale(collision.contact, z)
     return 0.0
+
+
+@kernel
+def starts_on(kind: int, law: Law | Flight, collision: Collision | Piece, horizon: float, work: Array) -> bool:
+    """True if the step, which ends beyond event `kind`, also starts on it but for rounding.
+
+    A stop that has just let go, or a contact that has just ended, may recur in the very next step: its first zero is
+    then the one behind, and a shorter step tells them apart.
+    """
+    start = value(kind, law, collision, horizon, work[STATE], work[0])
+    return start > -1e-9 * value(kind, law, collision, horizon, work[TRIAL], work[STAGES - 1])
+
+
+@kernel
+def slider_recurs(law: Law | Flight, collision: Piece, horizon: float, work: Array) -> bool:
+    """True if the last attempt starts on an event of the slider and ends beyond it."""
+    if slider.switch(law, collision, work[TRIAL]) > 0.0 and starts_on(SWITCH, law, collision, horizon, work):
+        return True
+    return slider.passing(law, collision, work[TRIAL]) > 0.0 and starts_on(PASSAGE, law, collision, horizon, work)
 
 
 @kernel

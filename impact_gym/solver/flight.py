@@ -106,6 +106,9 @@ def glide(law: ChainedLaw, run: Run, chain: Chain, acceleration: float, until: f
             continue
         h_next = max(h, factor * taken) if taken < h else factor * taken
         whole = taken
+        if taken > events.SHORTEST_STEP and recurs(flight, now, horizon, run):
+            h = 0.5 * taken
+            continue
         if slider.exists(flight):
             taken = search_slider(flight, now, run, taken)
         taken, found = search_touch(flight, now, run, taken, event)
@@ -151,6 +154,16 @@ def glide(law: ChainedLaw, run: Run, chain: Chain, acceleration: float, until: f
     if not math.isfinite(chain.penetration_rate + chain.deflection_rate):
         outcome = NOT_FINITE
     return outcome
+
+
+@kernel
+def recurs(flight: Flight, now: Piece, horizon: float, run: Run) -> bool:
+    """True if the last attempt starts on an event and ends beyond it."""
+    work = run.work
+    trial = work[TRIAL]
+    if trial[ROOT] > 0.0 and events.starts_on(events.TOUCH, flight, now, horizon, work):
+        return work[STATE, RATE] <= 0.0
+    return slider.exists(flight) and events.slider_recurs(flight, now, horizon, work)
 
 
 @kernel

@@ -81,6 +81,17 @@ def _mechanism_alignment(mechanism: Mechanism, side: int, stretch: float) -> flo
     return -side * (mechanism.rest + stretch)
 
 
+@kernel
+def _no_stop(spring: Spring) -> tuple[float, float]:
+    return 0.0, 0.0
+
+
+@kernel
+def _mechanism_stop(mechanism: Mechanism) -> tuple[float, float]:
+    return mechanism.stop_stiffness, mechanism.stop_damping
+
+
+_stop = by_type({Spring: _no_stop, Mechanism: _mechanism_stop})
 _alignment = by_type({Spring: _spring_alignment, Mechanism: _mechanism_alignment})
 
 
@@ -122,6 +133,21 @@ passing = by_type({**_NONE, MechanismLaw: _passing, RobotLaw: _passing, Flight: 
 
 
 @kernel
+def _extremum(start: float, start_slope: float, end: float, end_slope: float) -> tuple[float, float]:
+    """Place in (0, 1) and value of the extremum of a cubic, given at 0 and 1; place 1 if its slope keeps its sign."""
+    if start_slope * end_slope >= 0.0:
+        return 1.0, end
+    # start + start_slope t + a t^2 + b t^3; the slope has one zero between ends of opposite signs
+    a = 3.0 * (end - start) - 2.0 * start_slope - end_slope
+    b = start_slope + end_slope - 2.0 * (end - start)
+    root = (a * a - 3.0 * b * start_slope) ** 0.5
+    for t in (-start_slope / (a + root), -start_slope / (a - root)):
+        if 0.0 < t < 1.0:
+            return t, start + t * (start_slope + t * (a + t * b))
+    return 1.0, end
+
+
+@kernel
 def _turn(
     law: MechanismLaw | RobotLaw,
     now: Piece,
@@ -131,23 +157,25 @@ def _turn(
     trial_rate: Array,
     h: float,
 ) -> float:
-    start_slope = h * (rate[DEFLECTION] - rate[OFFSET])
-    end_slope = h * (trial_rate[DEFLECTION] - trial_rate[OFFSET])
-    if now.pressed != FREE or start_slope * end_slope >= 0.0:
-        return 1.0
-    start = state[DEFLECTION] - state[OFFSET]
-    rise = trial[DEFLECTION] - trial[OFFSET] - start
-    # cubic start + start_slope t + a t^2 + b t^3; its slope has one zero between ends of opposite signs
-    a = 3.0 * rise - 2.0 * start_slope - end_slope
-    b = start_slope + end_slope - 2.0 * rise
-    root = (a * a - 3.0 * b * start_slope) ** 0.5
-    for t in (-start_slope / (a + root), -start_slope / (a - root)):
-        if 0.0 < t < 1.0:
-            farthest = (start + t * (start_slope + t * (a + t * b))) * now.units.length
-            reaches_stop = coupling.switch(law.coupling, FREE, farthest, 0.0) > 0.0
-            if reaches_stop or _alignment(law.coupling, now.side, farthest) > 0.0:
-                return t
-    return 1.0
+    start, start_slope = state[DEFLECTION] - state[OFFSET], h * (rate[DEFLECTION] - rate[OFFSET])
+    end, end_slope = trial[DEFLECTION] - trial[OFFSET], h * (trial_rate[DEFLECTION] - trial_rate[OFFSET])
+    if now.pressed == FREE:
+        t, farthest = _extremum(start, start_slope, end, end_slope)
+        farthest *= now.units.length
+        reaches_stop = coupling.switch(law.coupling, FREE, farthest, 0.0) > 0.0
+        return t if reaches_stop or _alignment(law.coupling, now.side, farthest) > 0.0 else 1.0
+    # the force that the stop would pull with, in its slopes: a stop that lets go and pushes again within the step
+    k, c = _stop(law.coupling)
+    towards = -now.pressed
+    start_bend = h * (rate[DEFLECTION_RATE] - rate[OFFSET_RATE])
+    end_bend = h * (trial_rate[DEFLECTION_RATE] - trial_rate[OFFSET_RATE])
+    t, pull = _extremum(
+        _switch(law, now, state),
+        towards * (k * now.units.length * start_slope + c * now.units.velocity * start_bend),
+        _switch(law, now, trial),
+        towards * (k * now.units.length * end_slope + c * now.units.velocity * end_bend),
+    )
+    return t if pull > 0.0 else 1.0
 
 
 @kernel
@@ -176,10 +204,10 @@ turn = by_type(
         Flight: _flight_turn,
     }
 )
-"""Share of a step of length h at which the slider turns round beyond a free stop or the alignment; 1 if it does not.
+"""Share of a step of length h at which an event is seen that both its ends hide; 1 if there is none.
 
-It has then gone there and back within the step, which its ends do not show; where it turns is read off the cubic
-through both ends.
+The slider may go to a free stop, or through the alignment, and back; a stop may let go and push again. Where it turns
+is read off the cubic through both ends.
 """
 
 

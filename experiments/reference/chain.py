@@ -1,0 +1,228 @@
+"""What moves and what joins it: forces and accelerations of object, tool and flange.
+
+The state is y = (delta, delta', u, u', w, w', impulse of F, impulse of T) with the penetration delta = x_t - x_p, the
+deflections u = x_f - x_t of the coupling and w = x_r - x_f of the robot, and the forces F of the tool on the object,
+T of the coupling on the tool and R of the robot on its mass.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import inf, nan, sqrt
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from experiments.reference.bistable import BistableForce
+from experiments.reference.command import Command
+from experiments.reference.dissipation import damping_factor
+from experiments.reference.phases import Switch, Vector
+
+# both tend to zero where a contact with little restitution creeps apart, and would then follow the rounding
+SLACK = 1e-12  # of the sign and of the slope of the contact force, in the scales of the contact
+POSITION_SLACK = 1e-16  # m, of the slider
+
+
+@dataclass(frozen=True)
+class Scales:
+    """Units of a contact, in SI; those of flight are all 1."""
+
+    length: float  # delta0
+    time: float  # t0
+    force: float  # F0
+
+    @property
+    def impulse(self) -> float:
+        """N s."""
+        return self.force * self.time
+
+
+class Chain:
+    """The bodies and laws of a scene (SI units), and which one-sided parts are on."""
+
+    def __init__(self, scene: Any, motion: Any) -> None:
+        coupling, contact, robot = scene.coupling, scene.contact, getattr(scene, "robot", None)
+        self.m_t, self.m_p, self.k_c = scene.tool.mass, scene.object.mass, contact.stiffness
+        self.m = float(getattr(contact, "stiffness_exponent", 1.5))
+        self.n = float(getattr(contact, "damping_exponent", 1.5))
+        self.d = damping_factor(getattr(contact, "dissipation", "hu-guo"), contact.restitution, self.m, self.n)
+        self.on = {"pressed": True, "loading": True, "front": True, "rear": False, "alignment": True}
+
+        self.bistable = BistableForce(coupling, self.m_t) if hasattr(coupling, "free_length") else None
+        sprung = hasattr(coupling, "damping_ratio")
+        self.rigid = self.bistable is None and not sprung
+        if self.rigid and hasattr(coupling, "stiffness"):
+            raise NotImplementedError(f"reference: no coupling like {coupling!r}")
+        self.k_t = coupling.stiffness if sprung else 0.0
+        self.c_t = 2 * coupling.damping_ratio * sqrt(self.k_t * self.m_t) if sprung else 0.0
+
+        table = robot if hasattr(robot, "position") else None
+        self.command = Command(motion, () if table is None else tuple(table.position))
+        self.robot = None if robot is None else _parameters(robot)
+        self.linear = self.bistable is None and table is None
+        slow, fast = [0.0], [0.0]  # 1/s: of oscillations of the chain, of its stops
+        if robot is not None:
+            slow.append(float(np.sqrt(np.max(np.divide(robot.stiffness, robot.mass)))))
+        if self.bistable is not None:
+            slow.append(sqrt(self.bistable.k * (self.bistable.L0 / self.bistable.H - 1) / self.m_t))
+            fast += [sqrt(self.bistable.k_s / self.m_t), self.bistable.c_s / self.m_t]
+        self.slow_rate, self.stop_rate, self.stop_decay = max(slow), max(fast[:2]), max(fast)
+
+    def contact_scales(self, t: float, v_in: float) -> Scales:
+        """Scales of a contact that begins at t (s) with v_in (m/s)."""
+        m_t = self.m_t
+        if self.rigid:
+            m_t = inf if self.robot is None else m_t + self.robot(self.command.at(t)[0])[0]
+        M = 1 / (1 / m_t + 1 / self.m_p)
+        delta0 = (M * v_in**2 / self.k_c) ** (1 / (self.m + 1))
+        return Scales(delta0, delta0 / v_in, M * v_in**2 / delta0)
+
+
+def _parameters(robot: Any) -> Any:
+    """m_r (kg), k_r (N/m), c_r (N s/m) by x_r (m): constant, or a spline held beyond its ends (paper, eq. 16)."""
+    if not hasattr(robot, "position"):
+        constant = (float(robot.mass), float(robot.stiffness), float(robot.damping))
+        return lambda _: constant
+    low, high = robot.position[0], robot.position[-1]
+    spline = CubicSpline(
+        robot.position, np.column_stack((robot.mass, robot.stiffness, robot.damping)), bc_type="not-a-knot"
+    )
+    return lambda x_r: tuple(spline(min(max(x_r, low), high)).tolist())
+
+
+class System:
+    """The equations of one flight or contact in its scales: `rates` and `jacobian` for the integrator, and switches."""
+
+    def __init__(self, chain: Chain, scales: Scales, touching: bool) -> None:
+        self.chain, self.scales, self.touching = chain, scales, touching
+        self.on = chain.on
+        self.on["pressed"] = self.on["loading"] = True
+        self.d, self.m, self.n = chain.d, chain.m, chain.n
+        self.stiffness_unit = scales.force / scales.length
+        self.damping_unit = scales.force / scales.length * scales.time
+        self.mass_unit = self.damping_unit * scales.time
+        self.m_t, self.m_p = chain.m_t / self.mass_unit, chain.m_p / self.mass_unit
+        self.k_t, self.c_t = chain.k_t / self.stiffness_unit, chain.c_t / self.damping_unit
+        self.alpha, self.x_r, self.v_r, self.a = 0.0, 0.0, 0.0, 0.0
+
+    def enter(self, t: float, a: float) -> None:
+        """Begin a phase at t (s), commanded acceleration a (m/s^2)."""
+        self.x_r, self.v_r, _, _ = self.chain.command.at(t)
+        self.a, self.alpha = a, a * self.scales.time**2 / self.scales.length
+
+    def robot(self, tau: float) -> tuple[float, float, float]:
+        """m_r, k_r, c_r, scaled, at the commanded position of this instant."""
+        s = tau * self.scales.time
+        m_r, k_r, c_r = self.chain.robot(self.x_r + (self.v_r + self.a * s / 2) * s)
+        return m_r / self.mass_unit, k_r / self.stiffness_unit, c_r / self.damping_unit
+
+    def force(self, y: Any) -> float:
+        """Contact force F, scaled (paper, eq. 5)."""
+        if not (self.touching and self.on["pressed"]):
+            return 0.0
+        u = y[0] if y[0] > 0 else 0.0
+        return float(u**self.m + self.d * u**self.n * y[1])
+
+    def coupling_force(self, u: float, u_dot: float) -> float:
+        """Force T of a spring or a bistable mechanism on the tool, scaled."""
+        if self.chain.bistable is None:
+            return self.k_t * u + self.c_t * u_dot
+        length, time = self.scales.length, self.scales.time
+        return self.chain.bistable.force(length * u, length / time * u_dot, self.on) / self.scales.force
+
+    def accelerations(self, tau: float, y: list[float]) -> tuple[float, float, float, float]:
+        """F, T and the accelerations of tool and flange, scaled (paper, eq. 8-9 and 17-18)."""
+        _, _, u, u_dot, w, w_dot, _, _ = y
+        F = self.force(y)
+        if self.chain.robot is None:
+            if self.chain.rigid:
+                return F, self.m_t * self.alpha + F, self.alpha, self.alpha
+            T = self.coupling_force(u, u_dot)
+            return F, T, (T - F) / self.m_t, self.alpha
+        m_r, k_r, c_r = self.robot(tau)
+        R = k_r * w + c_r * w_dot
+        if self.chain.rigid:
+            x_ddot = (R - F) / (m_r + self.m_t)
+            return F, R, x_ddot, x_ddot
+        T = self.coupling_force(u, u_dot)
+        return F, T, (T - F) / self.m_t, (R - T) / m_r
+
+    def derivatives(self, tau: float, y: list[float]) -> list[float]:
+        """Derivative of the state."""
+        F, T, x_t_ddot, x_f_ddot = self.accelerations(tau, y)
+        return [y[1], x_t_ddot - F / self.m_p, y[3], x_f_ddot - x_t_ddot, y[5], self.alpha - x_f_ddot, F, T]
+
+    def rates(self, tau: float, y: Vector) -> list[float]:
+        """`derivatives` as an integrator calls it; a trial step that overflows is one to reject."""
+        try:
+            return self.derivatives(tau, y.tolist())
+        except OverflowError:
+            return [nan] * 8
+
+    def jacobian(self, tau: float, y: Vector) -> Vector:
+        """Derivatives of `rates` by y."""
+        e, chain = np.eye(8), self.chain
+        dF, dT, dx_t, dx_f = 0 * e[0], 0 * e[0], 0 * e[0], 0 * e[0]
+        if self.touching and self.on["pressed"]:
+            u, m, n, d = max(float(y[0]), 0.0), self.m, self.n, self.d
+            by_delta = m * u ** (m - 1) + (d * n * u ** (n - 1) * y[1] if n else 0.0)
+            dF = by_delta * e[0] + d * u**n * e[1]
+        if chain.bistable is not None:
+            by_u, by_u_dot = chain.bistable.slopes(self.scales.length * float(y[2]), self.on)
+            dT = by_u / self.stiffness_unit * e[2] + by_u_dot / self.damping_unit * e[3]
+        elif not chain.rigid:
+            dT = self.k_t * e[2] + self.c_t * e[3]
+        if chain.robot is not None:
+            m_r, k_r, c_r = self.robot(tau)
+            dR = k_r * e[4] + c_r * e[5]
+            dx_f = (dR - dF) / (m_r + self.m_t) if chain.rigid else (dR - dT) / m_r
+            dT = dR if chain.rigid else dT
+        elif chain.rigid:
+            dT = dF
+        if not chain.rigid:
+            dx_t = (dT - dF) / self.m_t
+        elif chain.robot is not None:
+            dx_t = dx_f
+        return np.array([e[1], dx_t - dF / self.m_p, e[3], dx_f - dx_t, e[5], -dx_f, dF, dT])
+
+    def switches(self) -> list[Switch]:
+        """What to watch from here on."""
+        chain, on = self.chain, self.on
+        found = [Switch("touching", self.touching, lambda _, y: y[0])]
+        if self.touching and self.d > 0:
+            found.append(Switch("pressed", on["pressed"], self._sign_of_force, SLACK))
+        if self.touching and on["pressed"]:
+            found.append(Switch("loading", on["loading"], self._slope_of_force, SLACK))
+            if chain.command.detection_time is None and chain.command.threshold < inf:
+                threshold = chain.command.threshold / self.scales.force
+                found.append(Switch("alarm", False, lambda _, y: self.force(y) - threshold))
+        if chain.bistable is not None:
+            length, speed, law = self.scales.length, self.scales.length / self.scales.time, chain.bistable
+            push = law.k_s * POSITION_SLACK
+            found.append(Switch("front", on["front"], lambda _, y: law.front(length * y[2], speed * y[3]), push))
+            found.append(Switch("rear", on["rear"], lambda _, y: law.rear(length * y[2], speed * y[3]), push))
+            found.append(Switch("alignment", on["alignment"], lambda _, y: law.position(length * y[2]), POSITION_SLACK))
+        return found
+
+    def toggle(self, name: str) -> None:
+        """A switch has turned."""
+        if name in self.on:
+            self.on[name] = not self.on[name]
+        if name == "pressed":
+            self.on["loading"] = True
+
+    def _sign_of_force(self, _: float, y: list[float]) -> float:
+        """Contact force without the lower power of delta."""
+        u, m, n = max(y[0], 0.0), self.m, self.n
+        return u ** (m - n) + self.d * y[1] if n < m else 1 + self.d * u ** (n - m) * y[1]
+
+    def _slope_of_force(self, tau: float, y: list[float]) -> float:
+        """Rate of the contact force, without the lower power of delta."""
+        u, v, m, n, d = max(y[0], 0.0), y[1], self.m, self.n, self.d
+        if d == 0:
+            return v
+        v_dot = self.derivatives(tau, y)[1]
+        low = min(m, n) if n else 1.0
+        damping = v_dot if n == 0 else n * u ** (n - low) * v * v + u ** (n - low + 1) * v_dot
+        return m * u ** (m - low) * v + d * damping

@@ -1,0 +1,145 @@
+"""One phase of a motion: SciPy's integrators, step by step, up to the first switch that turns.
+
+`solve_ivp` compares the signs of an event function at the two ends of a step and so misses what turns there and back
+within one. Here every step is looked into as well: first along the cubic that its ends and slopes define, which costs
+no evaluation, and where that shows a change of sign or a turn towards one, along the integrator's own interpolant.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import BDF, DOP853, LSODA, RK23, RK45, Radau
+from scipy.optimize import brentq, minimize_scalar
+
+Vector = NDArray[np.float64]
+SOLVERS: dict[str, Any] = {s.__name__: s for s in (RK23, RK45, DOP853, Radau, BDF, LSODA)}
+IMPLICIT = ("Radau", "BDF", "LSODA")
+
+# the two points next to the ends show a turn that lies between an end and its neighbour
+POINTS = np.array([0.0, 0.001, 0.3, 0.7, 0.999, 1.0])
+HERMITE = np.array(
+    [
+        (1 + 2 * POINTS) * (1 - POINTS) ** 2,
+        POINTS * (1 - POINTS) ** 2,
+        POINTS**2 * (3 - 2 * POINTS),
+        POINTS**2 * (POINTS - 1),
+    ]
+).T
+
+
+@dataclass
+class Switch:
+    """Something that is on while its gauge is positive."""
+
+    name: str
+    on: bool
+    gauge: Callable[[float, list[float]], float]  # of time and state
+    slack: float = 0.0  # rounding of the gauge: it turns only beyond this, or it would turn back and forth at zero
+
+
+class Equations(Protocol):
+    """What is integrated."""
+
+    def rates(self, tau: float, y: Vector) -> list[float]:
+        """Derivatives of the state."""
+
+    def jacobian(self, tau: float, y: Vector) -> Vector:
+        """Their derivatives."""
+
+
+def advance(
+    equations: Equations,
+    end: float,
+    y: Vector,
+    switches: list[Switch],
+    method: str,
+    rtol: float,
+    atol: Vector,
+    longest_step: float,
+) -> tuple[float, Vector, Switch | None, int]:
+    """Integrate from time 0 to `end` or to the first switch that turns; return time, state, switch, evaluations."""
+    options: dict[str, Any] = {"jac": equations.jacobian} if method in IMPLICIT else {}
+    options |= {"rtol": rtol, "atol": atol}
+
+    def begin(start: float, y: Vector, end: float) -> Any:
+        return SOLVERS[method](equations.rates, start, y, end, max_step=longest_step, **options)
+
+    def step(solver: Any) -> None:
+        with np.errstate(over="ignore", invalid="ignore"):  # in a trial step, which is then rejected
+            message = solver.step()
+        if solver.status == "failed":
+            raise RuntimeError(f"reference: {message}")
+
+    solver = begin(0.0, y, end)
+    slope = np.array(equations.rates(0.0, y))
+    while solver.status == "running":
+        y_old, slope_old = solver.y, slope
+        step(solver)
+        slope = np.array(equations.rates(solver.t, solver.y))
+        turn = _first_turn(solver, y_old, slope_old, slope, switches)
+        if turn is not None:
+            tau, switch = turn
+            # steps that end on the event are more accurate than the interpolant
+            last = begin(solver.t_old, y_old, tau)
+            while last.status == "running":
+                step(last)
+            return tau, last.y.copy(), switch, solver.nfev + last.nfev
+    return end, solver.y.copy(), None, solver.nfev
+
+
+def _first_turn(
+    solver: Any, y_old: Vector, slope_old: Vector, slope: Vector, switches: list[Switch]
+) -> tuple[float, Switch] | None:
+    """Return when and which switch turns first in the step just made."""
+    start, h = solver.t_old, solver.t - solver.t_old
+    points = (HERMITE @ np.array([y_old, h * slope_old, solver.y, h * slope])).tolist()
+    times = (start + h * POINTS).tolist()
+    first, dense = None, None
+    for switch in switches:
+        sign = 1.0 if switch.on else -1.0
+        g = [sign * switch.gauge(s, y) + switch.slack for s, y in zip(times, points, strict=True)]
+        if not (min(g[1:]) < 0 or any(_turns(*g[j - 1 : j + 2]) for j in range(1, len(g) - 1))):
+            continue
+        dense = dense or solver.dense_output()
+
+        def gauge(s: float, switch: Switch = switch, sign: float = sign, dense: Any = dense) -> float:
+            return sign * switch.gauge(s, dense(s).tolist()) + switch.slack
+
+        tau = _root(gauge, times, g)
+        if tau is not None and (first is None or tau < first[0]):
+            first = tau, switch
+    return first
+
+
+def _turns(left: float, middle: float, right: float) -> bool:
+    """Whether a gauge falls and rises again so near zero, for the size of its changes, that it may have been below."""
+    return middle < left and middle <= right and middle < 2 * (max(left, right) - middle)
+
+
+def _root(gauge: Callable[[float], float], times: list[float], g: list[float]) -> float | None:
+    """First time at which `gauge` falls through zero; g are its values at `times`, roughly inside."""
+    for j in range(1, len(times)):
+        low = times[j]
+        if not g[j] < 0:
+            if j == len(times) - 1 or not _turns(*g[j - 1 : j + 2]):
+                continue
+            around = (times[j - 1], times[j + 1])
+            found = minimize_scalar(
+                gauge, bounds=around, method="bounded", options={"xatol": 1e-9 * (around[1] - around[0])}
+            )
+            if not found.fun < 0:
+                continue
+            low = float(found.x)
+        high = next((s for s in times[j - 1 :: -1] if gauge(s) > 0), None)
+        if high is None:  # below zero from the beginning
+            return times[0]
+        if gauge(low) < 0:
+            return float(brentq(gauge, high, low, xtol=1e-300, rtol=4 * np.finfo(float).eps))
+        if j == len(times) - 1:
+            return low
+    return None
