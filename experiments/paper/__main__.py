@@ -1,6 +1,7 @@
-"""`python -m experiments.paper [NUMBER ...]`: compute and draw figures of the paper below reports/paper."""
+"""`python -m experiments.paper [NAME ...]`: the paper's figures, and a page that compares them with its text."""
 
-import importlib
+import sys
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -9,35 +10,46 @@ import tyro
 from tqdm import tqdm
 
 from experiments.charts import save
-from experiments.paper import tables
+from experiments.paper import page, tables
+from experiments.paper.catalogue import NAMES, load, resolve
 from experiments.results import REPORTS
-
-NUMBERS = sorted(int(path.stem.removeprefix("figure_")) for path in Path(__file__).parent.glob("figure_*.py"))
 
 
 @dataclass(frozen=True)
 class Settings:
-    """Reproduce figures of the paper."""
+    """Reproduce figures of the paper and compare them with its text."""
 
-    numbers: Annotated[tuple[int, ...], tyro.conf.Positional] = ()
-    """Which figures; none means all there are."""
+    names: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
+    """Which figures: 17, or beyond_speed; none means all there are. The others stay as they are on disk."""
     out: Path = REPORTS / "paper"
-    """Folder for tables and figures."""
+    """Folder for tables, figures and the page."""
+
+
+def make(name: str, folder: Path) -> None:
+    """Compute a figure's table, write it, and draw it from disk."""
+    module = load(name)
+    table_file = folder / f"{name}.csv"
+    tables.write(table_file, module.compute())
+    save(module.plot(tables.read(table_file)), folder / f"{name}.svg")
 
 
 def main() -> None:
-    """Read the settings from the command line, compute, draw."""
+    """Read the settings from the command line, compute, draw, write the page."""
     settings = tyro.cli(Settings)
-    unknown = sorted(set(settings.numbers) - set(NUMBERS))
-    if unknown:
-        raise SystemExit(f"no figure {unknown}: there are {NUMBERS}")
+    begun = time.perf_counter()
+    try:
+        names = sorted({resolve(word) for word in settings.names} or NAMES, key=NAMES.index)
+    except ValueError as error:
+        sys.exit(f"experiments.paper: {error}")
     settings.out.mkdir(parents=True, exist_ok=True)
-    for number in tqdm(settings.numbers or NUMBERS, desc="figures"):
-        module = importlib.import_module(f"experiments.paper.figure_{number:02}")
-        table_file = settings.out / f"figure_{number:02}.csv"
-        tables.write(table_file, module.compute())
-        save(module.plot(tables.read(table_file)), settings.out / f"figure_{number:02}.svg")
-    print(f"figures: {settings.out.resolve().as_uri()}")
+    for name in (bar := tqdm(names, desc="figures")):
+        bar.set_postfix_str(name)
+        make(name, settings.out)
+    try:
+        written = page.write(settings.out)
+    except ValueError as error:
+        sys.exit(f"experiments.paper: {error}")
+    print(f"{len(names)} figures in {time.perf_counter() - begun:.0f} s: {written.resolve().as_uri()}")
 
 
 if __name__ == "__main__":

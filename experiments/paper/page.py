@@ -1,0 +1,83 @@
+"""The page about the paper's figures, made from the tables on disk: reports/paper/index.html."""
+
+import csv
+import io
+from collections import Counter
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+from agents.files import whole_file
+from experiments.paper import tables
+from experiments.paper.catalogue import HERE, NAMES, Module, heading, load
+from experiments.paper.contradictions import contradictions
+from experiments.paper.statements import Statement, Verdict
+from experiments.results import circumstances
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """A figure on the page."""
+
+    name: str
+    heading: str
+    module: Module
+    statements: tuple[Statement, ...]
+
+
+def read(folder: Path) -> tuple[list[Entry], dict[str, tables.Table]]:
+    """Return the figures whose tables are in `folder`, judged afresh, and the tables.
+
+    Raises:
+        ValueError: a table is not as this version writes it; names it.
+    """
+    entries, found = [], {}
+    for name in NAMES:
+        file = folder / f"{name}.csv"
+        if not file.is_file():
+            continue
+        module = load(name)
+        try:
+            found[name] = tables.read(file)
+            entries.append(Entry(name, heading(name), module, module.statements(found[name])))
+        except (KeyError, IndexError, ValueError) as error:
+            word = name.removeprefix("figure_")
+            raise ValueError(
+                f"{file} is not of this version ({error!r}): python -m experiments.paper {word}"
+            ) from error
+    return entries, found
+
+
+def write_statements(path: Path, entries: list[Entry]) -> None:
+    """Write one row per statement."""
+    text = io.StringIO(newline="")
+    rows = [{"figure": entry.name, **asdict(statement)} for entry in entries for statement in entry.statements]
+    writer = csv.DictWriter(text, rows[0])
+    writer.writeheader()
+    writer.writerows(rows)
+    with whole_file(path) as file:
+        file.write(text.getvalue().encode())
+
+
+def write(folder: Path) -> Path:
+    """Write the page about all figures whose tables are in `folder`; return its path."""
+    entries, found = read(folder)
+    if not entries:
+        raise ValueError(f"{folder} has no tables")
+    write_statements(folder / "statements.csv", entries)
+    every = [statement for entry in entries for statement in entry.statements]
+    pages = Environment(loader=FileSystemLoader(HERE), autoescape=True, undefined=StrictUndefined)
+    text = pages.get_template("page.html.jinja").render(
+        entries=entries,
+        counts=Counter(statement.verdict for statement in every),
+        total=len(every),
+        fitted=[statement for statement in every if statement.fitted],
+        verdicts=Verdict,
+        contradictions=contradictions(found),
+        missing=[heading(name) if name.startswith("figure") else name for name in NAMES if name not in found],
+        circumstances=circumstances("impact-gym", "numba", "numpy", "scipy", "matplotlib"),
+    )
+    with whole_file(folder / "index.html") as file:
+        file.write(text.encode())
+    return folder / "index.html"

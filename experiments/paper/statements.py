@@ -1,0 +1,78 @@
+"""What the paper says, what we find, and a verdict computed from the two by a stated rule.
+
+A printed number is agreed with to n digits if ours is within half a unit of its n-th significant digit. Where the text
+says 'about', one unit of the last printed digit is allowed. A trend or a comparison comes with a rule of its own.
+"""
+
+from dataclasses import dataclass
+from decimal import Decimal
+from enum import StrEnum
+
+
+class Verdict(StrEnum):
+    """What a comparison comes to."""
+
+    DIGITS = "agrees to the printed digits"
+    AGREES = "agrees"
+    DISAGREES = "disagrees"
+    UNDECIDED = "cannot be decided"
+
+
+@dataclass(frozen=True, slots=True)
+class Statement:
+    """One thing that the paper says about a figure."""
+
+    section: str
+    text: str  # a short quotation, or what the passage says
+    printed: str | None  # as printed; None for a trend
+    ours: str
+    unit: str
+    verdict: Verdict
+    rule: str  # by which the verdict was computed
+    digits: int | None = None  # significant digits to which we agree; None for a trend
+    why: str = ""  # where we disagree, or where there is something to know
+    fitted: bool = False  # a value that the paper does not print was identified with this very statement
+
+
+def agreeing_digits(printed: str, ours: float) -> tuple[int, int]:
+    """Return to how many significant digits `ours` agrees with `printed`, and how many are printed."""
+    value = Decimal(printed)  # "5e1" is 50 with one significant digit
+    count = len(value.as_tuple().digits)
+    error = abs(Decimal(ours) - value)
+    half_units = [Decimal(5).scaleb(value.adjusted() - n) for n in range(1, count + 1)]
+    return sum(error <= half_unit for half_unit in half_units), count
+
+
+def number(
+    section: str,
+    text: str,
+    printed: str,
+    ours: float,
+    unit: str = "",
+    *,
+    about: bool = False,
+    why: str = "",
+    fitted: bool = False,
+) -> Statement:
+    """Judge a printed number; `about` if the text itself calls it approximate."""
+    digits, count = agreeing_digits(printed, ours)
+    last_unit = Decimal(1).scaleb(int(Decimal(printed).as_tuple().exponent))
+    rule = f"within half a unit of the last printed digit ({last_unit / 2})"
+    verdict = Verdict.DIGITS if digits == count else Verdict.DISAGREES
+    if about and verdict is Verdict.DISAGREES:
+        rule = f"printed as approximate: within one unit of the last printed digit ({last_unit})"
+        verdict = Verdict.AGREES if abs(Decimal(ours) - Decimal(printed)) <= last_unit else Verdict.DISAGREES
+    return Statement(section, text, f"{Decimal(printed):f}", f"{ours:.5g}", unit, verdict, rule, digits, why, fitted)
+
+
+def claim(
+    section: str, text: str, holds: bool, ours: str, rule: str, *, unit: str = "", why: str = "", fitted: bool = False
+) -> Statement:
+    """Judge a trend or a comparison: `holds` is the outcome of `rule`."""
+    verdict = Verdict.AGREES if holds else Verdict.DISAGREES
+    return Statement(section, text, None, ours, unit, verdict, rule, None, why, fitted)
+
+
+def undecided(section: str, text: str, ours: str, why: str, *, printed: str | None = None, unit: str = "") -> Statement:
+    """Note what the text alone does not suffice to judge, and why."""
+    return Statement(section, text, printed, ours, unit, Verdict.UNDECIDED, "none", None, why)
