@@ -25,17 +25,21 @@ class VaryingRobot(NamedTuple):
 
 
 @kernel
-def lumped_at(robot: LumpedRobot, position: float) -> LumpedRobot:
+def lumped_within(robot: LumpedRobot, place: int, position: float) -> LumpedRobot:
     """Return the parameters."""
     return robot
 
 
 @kernel
-def varying_at(robot: VaryingRobot, position: float) -> LumpedRobot:
-    """Return the parameters at an imposed `position` (m)."""
-    x = min(max(position, robot.breaks[0]), robot.breaks[-1])
-    i = min(max(np.searchsorted(robot.breaks, x) - 1, 0), robot.breaks.shape[0] - 2)
-    u = x - robot.breaks[i]
+def varying_within(robot: VaryingRobot, place: int, position: float) -> LumpedRobot:
+    """Return the parameters at an imposed `position` (m) by the polynomial of interval `place`."""
+    last = robot.breaks.shape[0] - 2
+    i = min(max(place, 0), last)
+    u = position - robot.breaks[i]
+    if place < 0:
+        u = 0.0
+    if place > last:
+        u = robot.breaks[-1] - robot.breaks[i]
     c = robot.coefficients
     return LumpedRobot(
         ((c[0, i, 0] * u + c[1, i, 0]) * u + c[2, i, 0]) * u + c[3, i, 0],
@@ -44,41 +48,73 @@ def varying_at(robot: VaryingRobot, position: float) -> LumpedRobot:
     )
 
 
+within = by_type({LumpedRobot: lumped_within, VaryingRobot: varying_within})
+"""Parameters of a robot at an imposed position (m) in a given interval."""
+
+
+@kernel
+def mass_slope(robot: VaryingRobot, place: int, position: float) -> float:
+    """dm_r/dx_r at an imposed `position` (m) in interval `place`, kg/m."""
+    if not 0 <= place < robot.breaks.shape[0] - 1:
+        return 0.0
+    u = position - robot.breaks[place]
+    c: Any = robot.coefficients
+    slope: float = (3.0 * c[0, place, 0] * u + 2.0 * c[1, place, 0]) * u + c[2, place, 0]
+    return slope
+
+
+@kernel
+def lumped_place(robot: LumpedRobot, position: float, direction: float) -> int:
+    """There is one interval."""
+    return 0
+
+
+@kernel
+def varying_place(robot: VaryingRobot, position: float, direction: float) -> int:
+    """Interval that begins or goes on at `position` (m) in `direction`: -1 before the first break, n - 1 behind all.
+
+    A break that only rounding keeps `position` from counts as passed.
+    """
+    near = 1e-9 * (robot.breaks[-1] - robot.breaks[0])
+    return int(np.searchsorted(robot.breaks, position + math.copysign(near, direction))) - 1
+
+
+place = by_type({LumpedRobot: lumped_place, VaryingRobot: varying_place})
+"""Interval in which the parameters are smooth from a position (m) on in a direction (its sign)."""
+
+
+@kernel
+def lumped_at(robot: LumpedRobot, position: float) -> LumpedRobot:
+    """Return the parameters."""
+    return robot
+
+
+@kernel
+def varying_at(robot: VaryingRobot, position: float) -> LumpedRobot:
+    """Return the parameters at an imposed `position` (m)."""
+    return varying_within(robot, varying_place(robot, position, 1.0), position)
+
+
 at = by_type({LumpedRobot: lumped_at, VaryingRobot: varying_at})
 """Parameters of a robot at an imposed position (m)."""
 
 
 @kernel
-def mass_slope(robot: VaryingRobot, position: float) -> float:
-    """dm_r/dx_r at an imposed `position` (m), kg/m."""
-    if not robot.breaks[0] <= position <= robot.breaks[-1]:
-        return 0.0
-    i = min(max(np.searchsorted(robot.breaks, position) - 1, 0), robot.breaks.shape[0] - 2)
-    u = position - robot.breaks[i]
-    c: Any = robot.coefficients
-    slope: float = (3.0 * c[0, i, 0] * u + 2.0 * c[1, i, 0]) * u + c[2, i, 0]
-    return slope
-
-
-@kernel
-def lumped_piece(robot: LumpedRobot, position: float) -> tuple[float, float]:
+def lumped_bounds(robot: LumpedRobot, place: int) -> tuple[float, float]:
     """Everywhere."""
     return -math.inf, math.inf
 
 
 @kernel
-def varying_piece(robot: VaryingRobot, position: float) -> tuple[float, float]:
-    """Breaks around `position` (m), those passed over that only rounding keeps it from."""
-    near = 1e-9 * (robot.breaks[-1] - robot.breaks[0])
-    behind = np.searchsorted(robot.breaks, position - near) - 1
-    ahead = np.searchsorted(robot.breaks, position + near)
-    low = robot.breaks[behind] if behind >= 0 else -math.inf
-    high = robot.breaks[ahead] if ahead < robot.breaks.shape[0] else math.inf
+def varying_bounds(robot: VaryingRobot, place: int) -> tuple[float, float]:
+    """Ends of interval `place`, m."""
+    low = robot.breaks[place] if place >= 0 else -math.inf
+    high = robot.breaks[place + 1] if place + 1 < robot.breaks.shape[0] else math.inf
     return low, high
 
 
-smooth_piece = by_type({LumpedRobot: lumped_piece, VaryingRobot: varying_piece})
-"""Imposed positions (m) between which the parameters are smooth."""
+bounds = by_type({LumpedRobot: lumped_bounds, VaryingRobot: varying_bounds})
+"""Imposed positions (m) between which an interval lies."""
 
 
 @kernel

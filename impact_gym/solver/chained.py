@@ -44,6 +44,7 @@ class Piece(NamedTuple):
     velocity: float  # m/s, likewise
     pressed: int  # which stop pushes
     side: int  # of the alignment the slider is on, 1 in front
+    place: int  # interval of the robot's parameters
 
 
 class Motion(NamedTuple):
@@ -69,7 +70,7 @@ def robot_motion(law: RobotLaw, now: Piece, x_r: float, v_r: float, state: Array
     y, y_dot = state[DEFLECTION] * now.units.length, state[DEFLECTION_RATE] * now.units.velocity
     q, q_dot = state[OFFSET] * now.units.length, state[OFFSET_RATE] * now.units.velocity
     T = coupling.pull(law.coupling, now.pressed, y - q, y_dot - q_dot)
-    m_r, k_r, c_r = robot.at(law.robot, x_r)
+    m_r, k_r, c_r = robot.within(law.robot, now.place, x_r)
     flange = (-k_r * q - c_r * q_dot - T) / m_r - now.acceleration
     return Motion((T - push) / law.tool_mass - now.acceleration, flange, T, 0.0)
 
@@ -78,10 +79,10 @@ def robot_motion(law: RobotLaw, now: Piece, x_r: float, v_r: float, state: Array
 def varying_motion(law: VaryingLaw, now: Piece, x_r: float, v_r: float, state: Array, push: float) -> Motion:
     """Robot and tool as one mass (paper, eq. 8) whose parameters follow the imposed motion (eq. 16)."""
     y, y_dot = state[DEFLECTION] * now.units.length, state[DEFLECTION_RATE] * now.units.velocity
-    m_r, k_r, c_r = robot.varying_at(law.robot, x_r)
+    m_r, k_r, c_r = robot.varying_within(law.robot, now.place, x_r)
     T = -k_r * y - c_r * y_dot
     tool = (T - push) / (m_r + law.tool_mass) - now.acceleration
-    return Motion(tool, 0.0, T, robot.mass_slope(law.robot, x_r) * v_r * (v_r + y_dot))
+    return Motion(tool, 0.0, T, robot.mass_slope(law.robot, now.place, x_r) * v_r * (v_r + y_dot))
 
 
 motion = by_type({MechanismLaw: mechanism_motion, RobotLaw: robot_motion, VaryingLaw: varying_motion})
@@ -160,6 +161,24 @@ def varying_reduced_mass(law: VaryingLaw, object_mass: float, chain: Chain) -> f
 
 
 @kernel
+def no_place(law: MechanismLaw, chain: Chain, acceleration: float) -> int:
+    """A rigid robot has no parameters."""
+    return 0
+
+
+@kernel
+def robot_place(law: RobotLaw | VaryingLaw, chain: Chain, acceleration: float) -> int:
+    """Interval of the robot's parameters that the imposed motion is in or enters now."""
+    direction = chain.flange_velocity if chain.flange_velocity != 0.0 else acceleration
+    interval: int = robot.place(law.robot, chain.flange_position, direction)
+    return interval
+
+
+place = by_type({MechanismLaw: no_place, RobotLaw: robot_place, VaryingLaw: robot_place})
+"""Interval of the robot's parameters, constant in a smooth piece."""
+
+
+@kernel
 def collision(
     law: ChainedLaw,
     bodies: Bodies,
@@ -179,6 +198,7 @@ def collision(
         chain.flange_velocity,
         chain.pressed,
         chain.side,
+        place(law, chain, acceleration),
     )
 
 
@@ -244,7 +264,7 @@ def all_smooth(law: Law, chain: Chain, acceleration: float, until: float) -> flo
 @kernel
 def smooth_until(law: RobotLaw | VaryingLaw, chain: Chain, acceleration: float, until: float) -> float:
     """Time (s), `until` at the latest, up to which the robot's parameters are smooth functions of time."""
-    low, high = robot.smooth_piece(law.robot, chain.flange_position)
+    low, high = robot.bounds(law.robot, robot_place(law, chain, acceleration))
     x_r, v_r = chain.flange_position, chain.flange_velocity
     ahead = gap_closes(high - x_r, v_r, acceleration) if high < math.inf else math.inf
     behind = gap_closes(x_r - low, -v_r, -acceleration) if low > -math.inf else math.inf
@@ -327,7 +347,18 @@ def coupling_force(law: ChainedLaw, chain: Chain, acceleration: float, contact_f
     """Force on the tool of what holds it, N."""
     state = np.empty(12)
     units = contact.Scales(1.0, 1.0, 1.0, 1.0)
-    now = Piece(contact.Hertz(1.0, 0.0), 0.0, 1.0, units, acceleration, 0.0, 0.0, chain.pressed, chain.side)
+    now = Piece(
+        contact.Hertz(1.0, 0.0),
+        0.0,
+        1.0,
+        units,
+        acceleration,
+        0.0,
+        0.0,
+        chain.pressed,
+        chain.side,
+        place(law, chain, acceleration),
+    )
     load_chain(law, chain, units, state)
     force: float = motion(law, now, chain.flange_position, chain.flange_velocity, state, contact_force).pull
     return force

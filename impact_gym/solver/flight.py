@@ -42,6 +42,7 @@ def closed_form(law: RigidLaw | SpringDamperLaw, run: Run, chain: Chain, acceler
 @kernel
 def integrated(law: ChainedLaw, run: Run, chain: Chain, acceleration: float, until: float) -> int:
     """Fly to the first touch or to time `until` (s), in smooth pieces between the switches of stops."""
+    trace(run, chain, acceleration, 0.0)
     status = SWITCHED
     while status == SWITCHED and chain.time < until:
         status = glide(law, run, chain, acceleration, until)
