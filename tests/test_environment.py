@@ -15,7 +15,7 @@ from impact_gym.envs.scenario import FIELDS
 
 INFO_KEYS = {
     "object_velocity", "approach_time", "peak_force", "contact_count", "missed", "time_weight", "reward_terms",
-    "scenario", "status",
+    "scenario", "record", "status",
 }  # fmt: skip
 STAND_STILL = encode(0.0, 20.0)
 ENDS = [-0.25, -0.5, 0.0], [0.75, 1.5, 1.5]  # of flange position, flange velocity and time, as documented
@@ -88,26 +88,33 @@ def scene(scenario, coupling):
     )
 
 
-def assert_same_outcome(info, outcome):
+def assert_same_outcome(info, outcome, flight_error=1e-12):
     assert info["status"] == "ok"
     assert info["contact_count"] == len(outcome.contacts)
     assert info["object_velocity"] == pytest.approx(outcome.object_velocity, rel=0, abs=1e-9)
-    assert info["approach_time"] == pytest.approx(outcome.contacts[0].start, rel=0, abs=1e-12)
+    assert info["approach_time"] == pytest.approx(outcome.contacts[0].start, rel=0, abs=flight_error)
     assert info["peak_force"] == pytest.approx(outcome.peak_force, rel=1e-8)
 
 
-@pytest.mark.parametrize("coupling", [ig.SpringDamper(50.0, 1.0), ig.SpringDamper(150.0, 0.2), ig.Rigid()], ids=repr)
+@pytest.mark.parametrize(
+    "coupling",
+    [ig.SpringDamper(50.0, 1.0), ig.SpringDamper(150.0, 0.2), ig.Rigid(), ig.Bistable()],
+    ids=lambda coupling: repr(coupling)[:30],
+)
 @pytest.mark.parametrize(("period", "delay"), [
     (0.016, 0.016), (0.004, 0.016), (0.008, 0.016), (0.011, 0.016), (0.016, 0.0), (0.016, 0.005), (0.016, 0.040),
     (0.011, 0.040),
 ])  # fmt: skip
 def test_the_papers_rule_played_in_the_environment_equals_simulate(coupling, period, delay):
+    # a bistable tool's flight has no closed form, and near the alignment it multiplies errors
+    rtol, flight_error = (1e-11, 1e-11) if isinstance(coupling, ig.Bistable) else (1e-8, 1e-12)
     envs = gym.make_vec(
-        "ImpactApproach-v0", num_envs=200, coupling=coupling, control_period=period, reaction_delay=delay
+        "ImpactApproach-v0", num_envs=200, coupling=coupling, control_period=period, reaction_delay=delay, rtol=rtol
     )
     motion = ig.Trapezoid(1.0, 8.0, ig.Brake(delay=delay))
     for info in play_batch(envs, PaperTrapezoid(), seed=31)[2]:
-        assert_same_outcome(info, ig.simulate(scene(info["scenario"], coupling), motion, duration=3.0))
+        outcome = ig.simulate(scene(info["scenario"], coupling), motion, duration=3.0, rtol=rtol)
+        assert_same_outcome(info, outcome, flight_error)
 
 
 @pytest.mark.parametrize(
@@ -235,14 +242,14 @@ def test_what_the_flange_does_to_the_object_after_the_end_still_counts():
 
 
 def test_the_first_uniform_numbers_of_the_generator_are_the_scenario():
-    """As documented: seven uniform numbers an episode, whatever the options, so that episodes can be jumped to."""
+    """As documented: eleven uniform numbers an episode, whatever the options, so that episodes can be jumped to."""
     low, high = np.array([(0.1, 2.5), (1e3, 1e6), (0.1, 1.0), (0.15, 0.35), (0.5, 8.0)]).T
-    for options in ({}, {"range_noise": 0.01}):
+    for options in ({}, {"range_noise": 0.01, "force_noise": 0.1, "force_bias": 0.1, "reaction_delay": (0.0, 0.05)}):
         env = gym.make("ImpactApproach-v0", time_weight=(0.5, 8.0), **options)
         generator = gym.utils.seeding.np_random(12)[0]
         for episode in range(3):
             _, _, info = play(env, PaperTrapezoid(), seed=None if episode else 12)
-            uniform = generator.random(7)[:5]
+            uniform = generator.random(11)[:5]
             expected = np.where([1, 1, 0, 0, 1], low * (high / low) ** uniform, low + (high - low) * uniform)
             drawn = [*(info["scenario"][name] for name in FIELDS), info["time_weight"]]
             assert drawn == pytest.approx(expected, rel=1e-13)

@@ -18,7 +18,7 @@ from gymnasium.wrappers.vector import NormalizeReward, RecordEpisodeStatistics
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
 
 import impact_gym as ig
-from impact_gym.envs import batch
+from impact_gym.envs import IDS, batch
 from impact_gym.sb3 import ImpactVecEnv
 
 ID = "ImpactApproach-v0"
@@ -27,6 +27,12 @@ OPTION_SETS = [
     {"range_noise": 0.01, "time_weight": (0.5, 8.0)},
     {"coupling": {"type": "Rigid"}, "reaction_delay": 0.0, "control_period": 0.011},
     {"scenario": "hard", "reaction_delay": 0.04, "force_weight": 0.01, "tool_mass": 0.3},
+    {"coupling": {"type": "Bistable"}, "reaction_delay": (0.0, 0.04), "deflection_sensor": True, "privileged": True},
+    {
+        "robot": {"type": "Robot", "mass": 5.225, "stiffness": 1.5e5, "damping": 53.75},
+        "force_noise": 0.2,
+        "force_bias": 0.1,
+    },
 ]
 MODES = ["NextStep", "SameStep", "Disabled"]
 SLOTS, TICKS = 7, 230
@@ -69,8 +75,32 @@ def assert_same_play(envs, reference, seed, actions, mode="NextStep"):
     return ended
 
 
-@pytest.mark.parametrize("id", [ID, f"impact_gym:{ID}"])
-@pytest.mark.parametrize("options", OPTION_SETS, ids=str)
+EACH_OPTION = [
+    {"time_weight": (0.5, 8.0)},
+    {"force_weight": 0.01},
+    {"reaction_delay": (0.0, 0.05)},
+    {"control_period": 0.004},
+    {"range_noise": 0.01},
+    {"force_noise": 0.5},
+    {"force_bias": 0.5},
+    {"deflection_sensor": True},
+    {"privileged": True},
+    {"robot": ig.Robot(5.225, 1.5e5, 53.75)},
+    {"record_trace": True},
+    {"rtol": 1e-6},
+    {"tool_mass": 0.5},
+    {"scenario": {"object_mass": 1.0}},
+]
+
+
+@pytest.mark.parametrize(
+    ("id", "options"),
+    [
+        *((id, {}) for id in IDS),
+        *((f"impact_gym:{ID}", options) for options in (*OPTION_SETS, *EACH_OPTION)),
+    ],
+    ids=str,
+)
 def test_the_checkers_of_gymnasium_and_stable_baselines3_find_nothing(id, options):
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")

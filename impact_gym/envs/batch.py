@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from impact_gym.envs import observation
 from impact_gym.envs.episode import begin_rows, step_rows
+from impact_gym.envs.records import DRAWS, RECORD
 from impact_gym.envs.rows import EPISODE
-from impact_gym.envs.scenario import DRAWS, FIELDS, ScenarioRanges
+from impact_gym.envs.scenario import FIELDS, ScenarioRanges
 from impact_gym.envs.task import Task
 from impact_gym.solver.state import CHAIN, SENTENCES, Status, recorder
 from impact_gym.validation import whole
@@ -49,7 +50,7 @@ class Batch:
         self.observation_space = observation.space(self.constants)
         self.chains = np.zeros(size, CHAIN)
         self.episodes = np.zeros(size, EPISODE)
-        self._readings = np.zeros((size, self.constants.samples_under_way + 3, 2))
+        self._readings = np.zeros((size, task.readings_under_way() + 3, 3))
         self.observations = np.zeros((size, observation.length(self.constants)), np.float32)
         self.rewards = np.zeros(size)
         self.set_scenario(task.ranges)
@@ -60,7 +61,7 @@ class Batch:
         self._table = self.task.draw_table(ranges)
 
     def begin(self, rows: NDArray[np.int64], uniforms: NDArray[np.float64], fixed: NDArray[np.float64]) -> None:
-        """Begin an episode in each of `rows` (k,) with `uniforms` (k, DRAWS) in [0, 1) and `fixed` (k, 4) or nan."""
+        """Begin an episode in each of `rows` (k,) with `uniforms` (k, DRAWS) in [0, 1) and `fixed` (k, 9) or nan."""
         begin_rows(
             self.law,
             self.constants,
@@ -77,11 +78,11 @@ class Batch:
     def draw_and_begin(
         self, rows: NDArray[np.int64], generators: list[np.random.Generator], fixed: NDArray[np.float64] | None = None
     ) -> None:
-        """Begin an episode in each of `rows`, each with its own generator; `fixed` (4,) or one of these per row."""
+        """Begin an episode in each of `rows`, each with its own generator; `fixed` (9,) or one of these per row."""
         uniforms = np.empty((len(rows), DRAWS))
         for uniform, row in zip(uniforms, rows.tolist(), strict=True):
             generators[row].random(out=uniform)
-        table = np.full((len(rows), len(FIELDS)), math.nan)
+        table = np.full((len(rows), len(RECORD)), math.nan)
         if fixed is not None:
             table[:] = fixed
         self.begin(rows, uniforms, table)
@@ -152,6 +153,7 @@ class Batch:
             "time_weight": episodes["time_weight"],
             "reward_terms": {name: -episodes[cost] for name, cost in REWARD_TERMS.items()},
             "scenario": {name: episodes[name] for name in FIELDS},
+            "record": {name: episodes[name] for name in RECORD},
             "status": _sentences(episodes["status"]),
         }
 

@@ -5,8 +5,9 @@ import math
 import numpy as np
 
 from impact_gym.envs.observation import observe
+from impact_gym.envs.records import hashed, normal
 from impact_gym.envs.rows import Episode
-from impact_gym.envs.scenario import draw, normal
+from impact_gym.envs.scenario import draw
 from impact_gym.envs.task import (
     ACCELERATION_RANGE,
     AFTER_ALARM,
@@ -19,6 +20,7 @@ from impact_gym.envs.task import (
     SETTLE_LIMIT,
     VELOCITY_RANGE,
     TaskConstants,
+    samples_under_way,
 )
 from impact_gym.kernel import kernel
 from impact_gym.physics.contact import Hertz
@@ -60,14 +62,28 @@ def begin(
         episode.restitution = fixed[2]
     if not math.isnan(fixed[3]):
         episode.distance = fixed[3]
+    if not math.isnan(fixed[4]):
+        episode.time_weight = fixed[4]
     episode.distance_estimate = episode.distance + max(task.range_noise, 0.0) * normal(uniforms[5], uniforms[6])
+    if not math.isnan(fixed[5]):
+        episode.distance_estimate = fixed[5]
+    episode.reaction_delay = draw(table[5, 0], table[5, 1], False, uniforms[7])
+    if not math.isnan(fixed[6]):
+        episode.reaction_delay = fixed[6]
+    episode.force_bias = task.force_bias * normal(uniforms[8], uniforms[9])
+    if not math.isnan(fixed[7]):
+        episode.force_bias = fixed[7]
+    episode.noise_seed = math.floor(uniforms[10] * 2.0**53)
+    if not math.isnan(fixed[8]):
+        episode.noise_seed = fixed[8]
     episode.alarm = math.inf
     readings[:] = 0.0
-    episode.pushed = task.samples_under_way
+    episode.pushed = samples_under_way(episode.reaction_delay, task.control_period)
     episode.popped = 0
-    episode.next_sample = (task.samples_under_way + 1) * task.control_period - task.reaction_delay
+    episode.next_sample = (episode.pushed + 1) * task.control_period - episode.reaction_delay
     episode.sensed_force = 0.0
     episode.sensed_peak = 0.0
+    episode.sensed_deflection = 0.0
     episode.control_steps = 0
     episode.terminated = 0
     episode.truncated = 0
@@ -105,14 +121,29 @@ def sample(run: Run, task: TaskConstants, chain: Chain, episode: Episode, readin
     slot = episode.pushed % readings.shape[0]
     readings[slot, 0] = sensed_force(run, chain)
     readings[slot, 1] = chain.peak_force
+    readings[slot, 2] = chain.deflection - chain.flange_offset
     episode.pushed += 1
     if math.isinf(chain.detection):
-        last = HORIZON - task.reaction_delay
+        last = HORIZON - episode.reaction_delay
         following = snap(episode.next_sample + task.control_period, last)
     else:
         last = chain.detection + AFTER_ALARM
         following = snap(max(episode.next_sample, chain.detection) + task.control_period, last)
     episode.next_sample = following if chain.time < last else math.inf
+
+
+@kernel
+def receive(task: TaskConstants, episode: Episode, readings: Array) -> None:
+    """Let the oldest reading under way reach the controller, with the sensor's errors; forces never fall below zero."""
+    slot = episode.popped % readings.shape[0]
+    error = episode.force_bias
+    if task.force_noise > 0.0:
+        first = hashed(episode.noise_seed, 2 * episode.popped)
+        error += task.force_noise * normal(first, hashed(episode.noise_seed, 2 * episode.popped + 1))
+    episode.sensed_force = max(readings[slot, 0] + error, 0.0)
+    episode.sensed_peak = max(episode.sensed_peak, readings[slot, 1] + error)
+    episode.sensed_deflection = readings[slot, 2]
+    episode.popped += 1
 
 
 @kernel
@@ -134,7 +165,7 @@ def step(
     run = Run(law, bodies, ALARM_THRESHOLD, Tolerance(task.tolerance, MAX_STEPS), recorder, work)
     begun = min(chain.time, chain.first_contact)
     period_end = chain.time + task.control_period
-    alarm = chain.detection + task.reaction_delay
+    alarm = chain.detection + episode.reaction_delay
     if math.isinf(alarm):
         end = snap(period_end, HORIZON)
     elif math.isinf(episode.alarm):
@@ -151,7 +182,7 @@ def step(
             episode.status = status
             break
         if status == DETECTED:
-            alarm = chain.detection + task.reaction_delay
+            alarm = chain.detection + episode.reaction_delay
             end = snap(period_end, alarm)
             episode.next_sample = chain.time
         if chain.time >= episode.next_sample:
@@ -160,10 +191,7 @@ def step(
     if math.isinf(episode.alarm) and chain.time >= alarm:
         episode.alarm = alarm
     if episode.popped < episode.pushed:
-        slot = episode.popped % readings.shape[0]
-        episode.sensed_force = readings[slot, 0]
-        episode.sensed_peak = readings[slot, 1]
-        episode.popped += 1
+        receive(task, episode, readings)
     episode.control_steps += 1
     observe(task, chain, episode, out)
 

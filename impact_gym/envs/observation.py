@@ -16,6 +16,10 @@ TIME_RANGE = (0.0, 1.5)  # s; an episode lasts 1.35 s and a reaction delay at th
 FORCE_SCALE = 1000.0  # N
 WEIGHT_CENTRE, WEIGHT_SPAN = 2.0, 16.0  # m/s per s: 2 / 16 ... 2 * 16
 RANGE_SCALE = 0.5  # m
+DEFLECTION_SCALE = 0.05  # m
+MASS_RANGE = (0.01, 10.0)  # kg
+STIFFNESS_RANGE = (1e3, 1e8)  # N/m^1.5
+DELAY_SCALE = 0.1  # s
 
 
 class Entry(NamedTuple):
@@ -26,6 +30,7 @@ class Entry(NamedTuple):
     low: float  # physical value that becomes `scaled_low`
     high: float  # physical value that becomes 1
     scaled_low: float
+    argument: str = ""  # of the environment that adds it
 
 
 ENTRIES = (
@@ -38,15 +43,35 @@ ENTRIES = (
     Entry("its maximum so far, as sensed `reaction_delay` ago", "N, as log(1 + F)", 0.0, FORCE_SCALE, 0.0),
     Entry("time weight", "m/s per s, as log", WEIGHT_CENTRE / WEIGHT_SPAN, WEIGHT_CENTRE * WEIGHT_SPAN, -1.0),
 )
-RANGE_ENTRY = Entry("distance estimate minus flange position, with `range_noise`", "m", -RANGE_SCALE, RANGE_SCALE, -1.0)
+OPTIONAL_ENTRIES = (
+    Entry("distance estimate minus flange position", "m", -RANGE_SCALE, RANGE_SCALE, -1.0, "range_noise"),
+    Entry(
+        "tool minus flange from rest, as sensed `reaction_delay` ago",
+        "m", -DEFLECTION_SCALE, DEFLECTION_SCALE, -1.0, "deflection_sensor",
+    ),
+    Entry("object mass", "kg, as log", *MASS_RANGE, -1.0, "privileged"),
+    Entry("contact stiffness", "N/m^1.5, as log", *STIFFNESS_RANGE, -1.0, "privileged"),
+    Entry("restitution", "-", 0.0, 1.0, 0.0, "privileged"),
+    Entry("distance minus flange position", "m", -RANGE_SCALE, RANGE_SCALE, -1.0, "privileged"),
+    Entry("reaction delay", "s", 0.0, DELAY_SCALE, 0.0, "privileged"),
+)  # fmt: skip
+"""What an argument adds, in this order, behind the rest."""
 
 
 def documentation() -> str:
     """Return the table of all entries as Markdown."""
-    rows = [("Num", "Observation", "Unit", "from", "to", "Scaled to")]
+    rows = [("Num", "Observation", "Unit", "from", "to", "Scaled to", "Only with")]
     rows += [
-        (str(place), entry.name, entry.unit, f"{entry.low:g}", f"{entry.high:g}", f"[{entry.scaled_low:g}, 1]")
-        for place, entry in enumerate((*ENTRIES, RANGE_ENTRY))
+        (
+            "then" if entry.argument else str(place),
+            entry.name,
+            entry.unit,
+            f"{entry.low:g}",
+            f"{entry.high:g}",
+            f"[{entry.scaled_low:g}, 1]",
+            f"`{entry.argument}`" if entry.argument else "",
+        )
+        for place, entry in enumerate((*ENTRIES, *OPTIONAL_ENTRIES))
     ]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = ["| " + " | ".join(map(str.ljust, row, widths)) + " |" for row in rows]
@@ -56,7 +81,12 @@ def documentation() -> str:
 
 def entries(task: TaskConstants) -> tuple[Entry, ...]:
     """Return what the options of `task` let the controller see."""
-    return ENTRIES + ((RANGE_ENTRY,) if task.range_noise >= 0 else ())
+    asked_for = {
+        "range_noise": task.range_noise >= 0,
+        "deflection_sensor": task.deflection_sensor,
+        "privileged": task.privileged,
+    }
+    return ENTRIES + tuple(entry for entry in OPTIONAL_ENTRIES if asked_for[entry.argument])
 
 
 def length(task: TaskConstants) -> int:
@@ -94,5 +124,17 @@ def observe(task: TaskConstants, chain: Chain, episode: Episode, out: Array) -> 
     out[5] = force_reading(episode.sensed_force)
     out[6] = force_reading(episode.sensed_peak)
     out[7] = affine(math.log(episode.time_weight / WEIGHT_CENTRE) / math.log(WEIGHT_SPAN), -1.0, 1.0)
+    place = 8
     if task.range_noise >= 0.0:
-        out[8] = affine((episode.distance_estimate - chain.flange_position) / RANGE_SCALE, -1.0, 1.0)
+        out[place] = affine((episode.distance_estimate - chain.flange_position) / RANGE_SCALE, -1.0, 1.0)
+        place += 1
+    if task.deflection_sensor == 1:
+        out[place] = affine(episode.sensed_deflection, -DEFLECTION_SCALE, DEFLECTION_SCALE)
+        place += 1
+    if task.privileged == 1:
+        out[place] = affine(math.log(episode.object_mass), math.log(MASS_RANGE[0]), math.log(MASS_RANGE[1]))
+        stiffness = math.log(episode.contact_stiffness)
+        out[place + 1] = affine(stiffness, math.log(STIFFNESS_RANGE[0]), math.log(STIFFNESS_RANGE[1]))
+        out[place + 2] = episode.restitution
+        out[place + 3] = affine((episode.distance - chain.flange_position) / RANGE_SCALE, -1.0, 1.0)
+        out[place + 4] = min(1.0, episode.reaction_delay / DELAY_SCALE)

@@ -14,12 +14,16 @@ class Episode(Protocol):
     distance: float  # m
     time_weight: float  # m/s per s
     distance_estimate: float  # m
+    reaction_delay: float  # s
+    force_bias: float  # N
+    noise_seed: float  # a whole number, names the stream of the force noise
     alarm: float  # s, when it reaches the controller; inf if it has not
     next_sample: float  # s, when the force is read next; inf if never again
     pushed: int  # force readings taken so far, those under way at t = 0 included
     popped: int  # of these, how many have reached the controller
     sensed_force: float  # N, at the controller
     sensed_peak: float  # N, at the controller
+    sensed_deflection: float  # m, at the controller
     control_steps: int
     terminated: int
     truncated: int

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvObs, VecEnvStepReturn
 
-from impact_gym.envs.scenario import ScenarioRanges, fixed_scenario
+from impact_gym.envs.records import episode_index, fixed_record
+from impact_gym.envs.scenario import ScenarioRanges
 from impact_gym.envs.vector import ImpactApproachVectorEnv
 
 
@@ -37,8 +38,9 @@ class ImpactVecEnv(VecEnv):
     def reset(self) -> VecEnvObs:
         """Begin an episode everywhere, with what `seed` and `set_options` gave for it."""
         seeds = None if all(one is None for one in self._seeds) else list(self._seeds)
-        fixed = np.array([fixed_scenario(options) for options in self._options])
-        observations = self.envs.begin(seeds, np.ones(self.num_envs, np.bool_), fixed)
+        skipped = np.array([episode_index(options) or 0 for options in self._options])
+        fixed = np.array([fixed_record(options) for options in self._options])
+        observations = self.envs.begin(seeds, np.ones(self.num_envs, np.bool_), fixed, skipped)
         self.reset_infos = [{} for _ in range(self.num_envs)]
         self._reset_seeds()
         self._reset_options()

@@ -17,15 +17,13 @@ FIELDS = ("object_mass", "contact_stiffness", "restitution", "distance")
 """What makes a scenario; keys of `options["scenario"]` and of the final `info["scenario"]`."""
 
 LOGARITHMIC = (True, True, False, False)
+LARGEST_WEIGHT = 1e6  # m/s per s and m/s per N; keeps rewards finite
+LONGEST_DELAY = 1.0  # s
 UNITS = ("kg", "N/m^1.5", "(no unit)", "m")
 AT_MOST = (math.inf, math.inf, 1.0, math.inf)
 
-DRAWS = 7
-"""Uniform numbers an episode takes from its generator, whatever the options: four for the scenario, one for the time
-weight, two for the distance estimate. So episode k of a seed can be found without playing the ones before it."""
 
-
-def interval(field: str, value: Any, unit: str, *, above: float = 0.0, at_most: float = math.inf) -> Range:
+def interval(field: str, value: Any, unit: str, **limits: float) -> Range:
     """Return `value`, a number or a pair (low, high), as a checked pair.
 
     Raises:
@@ -34,12 +32,12 @@ def interval(field: str, value: Any, unit: str, *, above: float = 0.0, at_most: 
     if isinstance(value, (tuple, list, np.ndarray)):
         if len(value) != 2:
             raise ValueError(f"{field} must be a number or a pair (low, high) in {unit}, got {value!r}")
-        low = number(f"{field}[0]", value[0], unit, above=above, at_most=at_most)
-        high = number(f"{field}[1]", value[1], unit, above=above, at_most=at_most)
+        low = number(f"{field}[0]", value[0], unit, **limits)
+        high = number(f"{field}[1]", value[1], unit, **limits)
         if low > high:
             raise ValueError(f"{field} must not be inverted: low {low:g} is above high {high:g} {unit}")
         return low, high
-    single = number(field, value, unit, above=above, at_most=at_most)
+    single = number(field, value, unit, **limits)
     return single, single
 
 
@@ -54,7 +52,7 @@ class ScenarioRanges:
 
     def __post_init__(self) -> None:
         for name, unit, at_most in zip(FIELDS, UNITS, AT_MOST, strict=True):
-            checked = interval(f"ScenarioRanges.{name}", getattr(self, name), unit, at_most=at_most)
+            checked = interval(f"ScenarioRanges.{name}", getattr(self, name), unit, above=0.0, at_most=at_most)
             object.__setattr__(self, name, checked)
 
     @classmethod
@@ -88,31 +86,6 @@ NAMED = {
 }
 
 
-def fixed_scenario(options: Any) -> NDArray[np.float64]:
-    """Return the fields fixed by `reset(options=...)` as an array (4,), nan where the episode draws.
-
-    Raises:
-        TypeError, ValueError: an unknown option or field, or a value out of range; names what is allowed.
-    """
-    fixed = np.full(len(FIELDS), math.nan)
-    if options is None:
-        return fixed
-    if not isinstance(options, Mapping):
-        raise TypeError(f"options must be a mapping, got {options!r}")
-    for name in options:
-        if name != "scenario":
-            raise ValueError(f"unknown option {name!r}; the only one is 'scenario'")
-    scenario = options.get("scenario", {})
-    if not isinstance(scenario, Mapping):
-        raise TypeError(f"options['scenario'] must be a mapping of {list(FIELDS)}, got {scenario!r}")
-    for name, value in scenario.items():
-        if name not in FIELDS:
-            raise ValueError(f"options['scenario'] has no field {name!r}; its fields are {list(FIELDS)}")
-        place = FIELDS.index(name)
-        fixed[place] = number(f"options['scenario']['{name}']", value, UNITS[place], above=0, at_most=AT_MOST[place])
-    return fixed
-
-
 @kernel
 def draw(low: float, high: float, logarithmic: bool, uniform: float) -> float:
     """Map `uniform` in [0, 1) to [low, high), log-uniformly if asked."""
@@ -121,9 +94,3 @@ def draw(low: float, high: float, logarithmic: bool, uniform: float) -> float:
     if logarithmic:
         return low * math.exp(uniform * math.log(high / low))
     return low + (high - low) * uniform
-
-
-@kernel
-def normal(first: float, second: float) -> float:
-    """Standard normal number from two uniform ones in [0, 1) (Box and Muller)."""
-    return math.sqrt(-2.0 * math.log1p(-first)) * math.cos(2.0 * math.pi * second)

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from impact_gym.envs import observation
 from impact_gym.envs.batch import Batch
-from impact_gym.envs.scenario import ScenarioRanges, fixed_scenario
+from impact_gym.envs.records import episode_index, fixed_record, skip_episodes
+from impact_gym.envs.scenario import ScenarioRanges
 from impact_gym.envs.task import Task
-from impact_gym.scene import Coupling
+from impact_gym.scene import Coupling, Rigid
 from impact_gym.simulation import Trace
 from impact_gym.solver.state import recorder
 
@@ -42,13 +43,16 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     Commands are resolved to 1e-6 m/s and 1e-6 m/s^2, so that the paper's rule, 1 m/s at 8 m/s^2, is one of them.
 
     ## Observation Space
-    `Box(..., (8,), float32)`, 9 numbers with `range_noise`. Constants scale each into [-1, 1] or [0, 1]; beyond their
-    ends it is clipped.
+    `Box(..., (8,), float32)`, more with the arguments named in the last column. Constants scale each into [-1, 1] or
+    [0, 1]; beyond their ends it is clipped. What is privileged is the truth, for a critic and not for an actor: it
+    stands last, so that `observation[:-5]` is what the actor may see. Position and velocity are those of the imposed
+    motion, which are the flange's if the robot is rigid.
 
     OBSERVATION_TABLE
 
     A step lasts one control period, 16 ms. It ends early exactly once: when the contact alarm reaches the controller,
-    `reaction_delay` after the contact force first exceeds 1 N, located as an event.
+    `reaction_delay` after the contact force first exceeds 1 N, located as an event. The alarm is a switch of its own,
+    which the noise and bias of the force readings do not reach.
 
     ## Rewards
     `-time_weight * dt` until the first contact begins (the instant of the event, not a count of steps); at the end
@@ -56,7 +60,8 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     an episode lies in [-time_weight * 1.2 - 2, 0] as long as V_p stays below 2 m/s and `force_weight` is 0.
 
     ## Starting State
-    Flange, tool and object at rest, coupling relaxed, flange at 0. `np_random` draws, seven uniform numbers an episode:
+    Flange, tool and object at rest, coupling relaxed (a bistable one: on its front stop), flange at 0. `np_random`
+    draws, eleven uniform numbers an episode:
 
     | Scenario field      | Default range | Distribution | Unit     |
     |---------------------|---------------|--------------|----------|
@@ -65,7 +70,12 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     | `restitution`       | 0.1 - 1       | uniform      | -        |
     | `distance`          | 0.15 - 0.35   | uniform      | m        |
 
-    `reset(options={"scenario": {...}})` fixes any of them for one episode.
+    and, where the arguments ask for it, the time weight (log-uniform), the reaction delay (uniform), the errors of
+    distance estimate and force bias (normal), and the seed of the force noise.
+
+    `reset(options=...)` holds for one episode: `{"scenario": {...}}` fixes any of the fields above; `{"record": {...}}`
+    any of what is drawn, so that the final `info["record"]` plays an episode again; `{"episode_index": k}` with a seed
+    goes to the k-th episode of that seed.
 
     ## Episode End
     Terminates 0.15 s after the alarm. V_p is then what the object keeps after the flange has braked to rest at
@@ -75,7 +85,8 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     Truncated only by `TimeLimit`.
 
     The final `info` has `object_velocity` (m/s), `approach_time` (s), `peak_force` (N), `contact_count`, `missed`,
-    `time_weight`, `reward_terms` (time, velocity, force, missed; they sum to the return), `scenario` and `status`.
+    `time_weight`, `reward_terms` (time, velocity, force, missed; they sum to the return), `scenario`, `record` (all
+    that was drawn) and `status`.
     A `TimeLimit` truncates without telling the environment: `env.unwrapped.episode_info()` then has them as they stand.
 
     ## Arguments
@@ -86,9 +97,14 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     | `tool_mass`         | 0.125                  | kg                                                              |
     | `time_weight`       | 2.0                    | m/s per s; a pair draws it log-uniformly per episode            |
     | `force_weight`      | 0.0                    | m/s per N                                                       |
-    | `reaction_delay`    | 0.016                  | s                                                               |
+    | `reaction_delay`    | 0.016                  | s; a pair draws it uniformly per episode                        |
     | `control_period`    | 0.016                  | s                                                               |
     | `range_noise`       | None                   | m, standard deviation of a distance estimate; None: no estimate |
+    | `force_noise`       | 0.0                    | N, standard deviation of each reading of the force              |
+    | `force_bias`        | 0.0                    | N, standard deviation of an error that stays for the episode    |
+    | `deflection_sensor` | False                  | observe how far the tool is displaced on its coupling           |
+    | `privileged`        | False                  | observe the true scenario too                                   |
+    | `robot`             | None                   | a compliant `Robot` or `RobotTable`; a dict works too           |
     | `record_trace`      | False                  | keep time histories of the episode, read by `trace()`           |
     | `rtol`              | 1e-8                   | relative error allowed in a contact, see `simulate`             |
 
@@ -142,14 +158,18 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             raise RuntimeError("make the environment with record_trace=True to read a trace")
         if rows > TRACE_ROWS:
             raise RuntimeError(f"the episode has {rows} trace points, more than the {TRACE_ROWS} that are kept")
-        return Trace.of(self._batch.recorder, rows)
+        task = self._batch.task
+        return Trace.of(self._batch.recorder, rows, task.robot is not None and isinstance(task.coupling, Rigid))
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """Begin an episode; see Starting State."""
-        fixed = fixed_scenario(options)
+        skipped = episode_index(options)
+        fixed = fixed_record(options)
         super().reset(seed=seed)
+        if skipped:
+            skip_episodes(self.np_random, skipped)
         self._batch.draw_and_begin(_ROW, [self.np_random], fixed)
         self._running = True
         return self._batch.observations[0].copy(), {}

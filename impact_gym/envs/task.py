@@ -3,14 +3,15 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_args
 
 import numpy as np
 
-from impact_gym.envs.scenario import Range, ScenarioRanges, interval
+from impact_gym.envs.scenario import LARGEST_WEIGHT, LONGEST_DELAY, Range, ScenarioRanges, interval
+from impact_gym.kernel import kernel
 from impact_gym.lowering import chain_law
 from impact_gym.physics.coupling import Law
-from impact_gym.scene import Coupling, Rigid, SpringDamper
+from impact_gym.scene import Coupling, Rigid, Robot, RobotTable, SpringDamper
 from impact_gym.solver.state import LOCAL_SHARE
 from impact_gym.validation import number, whole
 
@@ -21,7 +22,6 @@ ALARM_THRESHOLD = 1.0  # N (paper, section 3.2)
 AFTER_ALARM = 0.15  # s, an episode ends this long after the alarm
 HORIZON = 1.2  # s, or here, if there is no alarm
 MISSED_COST = 2.0  # m/s
-LARGEST_WEIGHT = 1e6  # m/s per s and m/s per N; keeps rewards finite
 FULL_DECELERATION = 20.0  # m/s^2, after the end of the episode
 SETTLE_LIMIT = 10.0  # s, simulated after the end at the most
 MAX_STEPS = 1_000_000  # integration steps of one episode
@@ -31,9 +31,11 @@ class TaskConstants(NamedTuple):
     """The task for the kernels."""
 
     control_period: float  # s
-    reaction_delay: float  # s
-    samples_under_way: int  # force readings between sensor and controller at t = 0
     range_noise: float  # m, negative if there is no estimate
+    force_noise: float  # N, standard deviation of each reading
+    force_bias: float  # N, standard deviation of the episode's
+    deflection_sensor: int  # 0 or 1
+    privileged: int  # 0 or 1
     force_weight: float  # m/s per N
     max_steps: int  # control steps until truncation, 0 if unlimited
     tolerance: float  # -, local, of a contact step
@@ -48,14 +50,20 @@ class Task:
     tool_mass: float = 0.125  # kg
     time_weight: Any = 2.0  # m/s per s, a number or a range (log-uniform per episode)
     force_weight: float = 0.0  # m/s per N
-    reaction_delay: float = 0.016  # s
+    reaction_delay: Any = 0.016  # s, a number or a range (uniform per episode)
     control_period: float = 0.016  # s
     range_noise: float | None = None  # m, standard deviation of the distance estimate; None: no estimate
+    force_noise: float = 0.0  # N, standard deviation of each reading of the force
+    force_bias: float = 0.0  # N, standard deviation of an error that stays for the episode
+    deflection_sensor: bool = False
+    privileged: bool = False
+    robot: Robot | RobotTable | None = None
     rtol: float = 1e-8  # -, see simulate
     max_episode_steps: int | None = None
 
     ranges: ScenarioRanges = field(init=False)
     weights: Range = field(init=False)
+    delays: Range = field(init=False)
 
     def __post_init__(self) -> None:
         def put(name: str, value: Any) -> None:
@@ -64,56 +72,86 @@ class Task:
         put("ranges", ScenarioRanges.of(self.scenario))
         put("coupling", coupling_from(self.coupling))
         put("tool_mass", number("tool_mass", self.tool_mass, "kg", above=0))
-        put("weights", interval("time_weight", self.time_weight, "m/s per s", at_most=LARGEST_WEIGHT))
+        put("weights", interval("time_weight", self.time_weight, "m/s per s", above=0, at_most=LARGEST_WEIGHT))
         put("force_weight", number("force_weight", self.force_weight, "m/s per N", at_least=0, at_most=LARGEST_WEIGHT))
-        put("reaction_delay", number("reaction_delay", self.reaction_delay, "s", at_least=0, at_most=1.0))
+        put("delays", interval("reaction_delay", self.reaction_delay, "s", at_least=0, at_most=LONGEST_DELAY))
         put("control_period", number("control_period", self.control_period, "s", at_least=1e-4, at_most=0.15))
         if self.range_noise is not None:
             put("range_noise", number("range_noise", self.range_noise, "m", at_least=0))
+        put("force_noise", number("force_noise", self.force_noise, "N", at_least=0))
+        put("force_bias", number("force_bias", self.force_bias, "N", at_least=0))
+        for name in ("deflection_sensor", "privileged"):
+            if not isinstance(getattr(self, name), (bool, np.bool_)):
+                raise TypeError(f"{name} must be True or False, got {getattr(self, name)!r}")
+        put("robot", robot_from(self.robot))
+        if self.deflection_sensor and isinstance(self.coupling, Rigid):
+            raise ValueError("deflection_sensor must be False with a Rigid coupling, which has no deflection")
         put("rtol", number("rtol", self.rtol, "(no unit)", at_least=1e-13, at_most=1e-2))
         if self.max_episode_steps is not None:
             put("max_episode_steps", whole("max_episode_steps", self.max_episode_steps, at_least=1))
 
     def law(self) -> Law:
-        """Return the coupling for the kernels."""
-        return chain_law(self.tool_mass, self.coupling)
+        """Return what holds the tool for the kernels."""
+        return chain_law(self.tool_mass, self.coupling, self.robot)
 
     def constants(self) -> TaskConstants:
         """Return the rest for the kernels."""
         return TaskConstants(
             self.control_period,
-            self.reaction_delay,
-            math.floor(self.reaction_delay / self.control_period + 1e-9),
             -1.0 if self.range_noise is None else self.range_noise,
+            self.force_noise,
+            self.force_bias,
+            int(self.deflection_sensor),
+            int(self.privileged),
             self.force_weight,
             self.max_episode_steps or 0,
             LOCAL_SHARE * self.rtol,
         )
 
     def draw_table(self, ranges: ScenarioRanges) -> np.ndarray:
-        """Return what an episode draws as an array (5, 2): the scenario's rows, then the time weight."""
-        return np.vstack([ranges.table(), self.weights])
+        """Return ranges of what an episode draws, an array (6, 2): the scenario's, time weight, reaction delay."""
+        return np.vstack([ranges.table(), self.weights, self.delays])
+
+    def readings_under_way(self) -> int:
+        """Return how many force readings can be between sensor and controller."""
+        return samples_under_way(self.delays[1], self.control_period)
+
+
+@kernel
+def samples_under_way(reaction_delay: float, control_period: float) -> int:
+    """Force readings between sensor and controller at t = 0."""
+    return math.floor(reaction_delay / control_period + 1e-9)
 
 
 def coupling_from(value: Any) -> Coupling:
-    """Return a coupling from one or from a plain mapping, such as {"type": "SpringDamper", "stiffness": 50}.
+    """Return a coupling from one or from a plain mapping, such as {"type": "SpringDamper", "stiffness": 50}."""
+    coupling: Coupling = _record_from("coupling", value, {kind.__name__: kind for kind in get_args(Coupling)})
+    return coupling
 
-    A mapping of all fields of one kind needs no type: that is what `EnvSpec.to_json` makes of a coupling.
+
+def robot_from(value: Any) -> Robot | RobotTable | None:
+    """Return a robot from one, from a plain mapping, or None for a rigid one."""
+    if value is None:
+        return None
+    robot: Robot | RobotTable = _record_from("robot", value, {"Robot": Robot, "RobotTable": RobotTable})
+    return robot
+
+
+def _record_from(name: str, value: Any, kinds: dict[str, type[Any]]) -> Any:
+    """Return one of the records `kinds` from one, or from a mapping with its fields and its name as "type".
+
+    A mapping of all fields of one kind needs no type: that is what `EnvSpec.to_json` makes of a record.
     """
-    if isinstance(value, Coupling):
+    if isinstance(value, tuple(kinds.values())):
         return value
-    kinds: dict[str, type[Any]] = {"Rigid": Rigid, "SpringDamper": SpringDamper}
     if isinstance(value, Mapping):
-        given = {name: argument for name, argument in value.items() if name != "type"}
-        named = {name: [field.name for field in fields(kind)] for name, kind in kinds.items()}
-        complete = next((name for name in kinds if set(given) == set(named[name])), None)
-        chosen = value.get("type", complete)
-        if chosen in kinds:
-            for name in given:
-                if name not in named[chosen]:
-                    raise TypeError(f"coupling has no field {name!r}; the fields of a {chosen} are {named[chosen]}")
-            built: Coupling = kinds[chosen](**given)
-            return built
-    raise TypeError(
-        f"coupling must be a Rigid or SpringDamper, or a mapping whose 'type' is one of {list(kinds)}, got {value!r}"
-    )
+        given = {field: argument for field, argument in value.items() if field != "type"}
+        named = {kind: [field.name for field in fields(of)] for kind, of in kinds.items()}
+        chosen = value.get("type", next((kind for kind in kinds if set(given) == set(named[kind])), None))
+        if isinstance(chosen, str) and chosen in kinds:
+            for field in given:
+                if field not in named[chosen]:
+                    raise TypeError(f"{name} has no field {field!r}; the fields of a {chosen} are {named[chosen]}")
+            return kinds[chosen](**given)
+    wanted = " or ".join(kinds)
+    raise TypeError(f"{name} must be a {wanted}, or a mapping whose 'type' is one of {list(kinds)}, got {value!r}")

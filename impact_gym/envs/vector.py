@@ -11,7 +11,8 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from impact_gym.envs.batch import Batch
-from impact_gym.envs.scenario import ScenarioRanges, fixed_scenario
+from impact_gym.envs.records import episode_index, fixed_record, skip_episodes
+from impact_gym.envs.scenario import ScenarioRanges
 from impact_gym.envs.single import ACTION_SPACE, task_from
 from impact_gym.scene import Coupling
 from impact_gym.validation import whole
@@ -66,16 +67,29 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Floats, dict[str, Any]]:
-        """Begin an episode in every slot, or in those of `options["reset_mask"]` (num_envs,)."""
+        """Begin an episode in every slot, or in those of `options["reset_mask"]` (num_envs,).
+
+        A value in `options["scenario"]` or `options["record"]` may be one for all slots or a sequence of one for each.
+        """
         if options is not None and not isinstance(options, Mapping):
             raise TypeError(f"options must be a mapping, got {options!r}")
         rest = dict(options or {})
         mask = self._mask(rest.pop("reset_mask", None))
-        return self.begin(seed, mask, fixed_scenario(rest)), {}
+        skipped = episode_index(rest) or 0
+        fixed = fixed_record(rest, self.num_envs)
+        return self.begin(seed, mask, fixed[mask], np.full(self.num_envs, skipped)), {}
 
-    def begin(self, seed: int | Sequence[int | None] | None, mask: Flags, fixed: NDArray[np.float64]) -> Floats:
-        """Begin an episode in the slots of `mask`; `fixed` is a `fixed_scenario`, or one for each of these slots."""
+    def begin(
+        self,
+        seed: int | Sequence[int | None] | None,
+        mask: Flags,
+        fixed: NDArray[np.float64],
+        skipped: NDArray[np.int64],
+    ) -> Floats:
+        """Begin an episode in the slots of `mask`; `fixed` (k, 9) for these slots, `skipped` (num_envs,) episodes."""
         self._seed(seed, mask)
+        for slot in np.flatnonzero(mask & (skipped > 0)).tolist():
+            skip_episodes(self._generators[slot], int(skipped[slot]))
         self.batch.draw_and_begin(np.flatnonzero(mask), self._generators, fixed)
         self._ended[mask] = False
         self._begun[mask] = True

@@ -1,0 +1,94 @@
+"""Frozen evaluation sets: scenarios as small data files with a checksum, so that a comparison outlives any generator.
+
+The shipped ones hold what the environments seeded `seed`, `seed + 1`, ... draw first, from the named ranges. A set is
+played by `envs.reset(options={"scenario": set.scenario})` on a batch of `set.count` environments.
+"""
+
+import csv
+import hashlib
+import io
+import json
+import os
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from gymnasium.utils import seeding
+from numpy.typing import NDArray
+
+from impact_gym.envs.records import DRAWS
+from impact_gym.envs.scenario import FIELDS, LOGARITHMIC, UNITS, ScenarioRanges, draw
+from impact_gym.validation import whole
+
+SHIPPED = Path(__file__).with_name("sets")
+
+
+@dataclass(frozen=True, eq=False)
+class EvaluationSet:
+    """Scenarios, an array entry each."""
+
+    seed: int  # of the first
+    scenario: dict[str, NDArray[np.float64]]  # fields and units as in `ScenarioRanges`
+    checksum: str  # SHA-256 of the table
+
+    @property
+    def count(self) -> int:
+        """Number of scenarios."""
+        return len(self.scenario[FIELDS[0]])
+
+
+def load(name: str | Path) -> EvaluationSet:
+    """Return a shipped set by its name, or the one in a file.
+
+    Raises:
+        ValueError: there is no such set, or the file is not what was frozen.
+    """
+    path = SHIPPED / f"{name}.csv" if isinstance(name, str) and "/" not in name and "." not in name else Path(name)
+    if not path.is_file():
+        known = sorted(file.stem for file in SHIPPED.glob("*.csv"))
+        raise ValueError(f"no evaluation set {str(name)!r}: the shipped ones are {known}, or name a file")
+    head, _, table = path.read_text(encoding="utf-8").partition("\n")
+    try:
+        about = json.loads(head.removeprefix("# "))
+        found = hashlib.sha256(table.encode()).hexdigest()
+        if found != about["sha256"]:
+            raise ValueError(f"its checksum is {found}, not {about['sha256']}")
+        rows = list(csv.DictReader(io.StringIO(table)))
+        scenario = {name: np.array([float(row[f"{name} [{unit}]"]) for row in rows]) for name, unit in _COLUMNS}
+        return EvaluationSet(int(about["seed"]), scenario, found)
+    except (KeyError, TypeError, ValueError) as problem:
+        raise ValueError(f"{path} is no evaluation set, or was altered: {problem}") from problem
+
+
+def freeze(path: Path, ranges: ScenarioRanges | Mapping[str, Any] | str, seed: int, count: int) -> Path:
+    """Write the scenarios that environments seeded `seed` ... `seed + count - 1` draw first from `ranges`.
+
+    Raises:
+        FileExistsError: there is a file; a frozen set is not overwritten.
+    """
+    table = ScenarioRanges.of(ranges).table()
+    seed, count = whole("seed", seed, at_least=0), whole("count", count, at_least=1)
+    if path.exists():
+        raise FileExistsError(f"{path} is there already; a frozen set is not overwritten")
+    text = io.StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow([f"{name} [{unit}]" for name, unit in _COLUMNS])
+    for place in range(count):
+        uniforms = seeding.np_random(seed + place)[0].random(DRAWS)
+        writer.writerow(
+            [draw(low, high, log, u) for (low, high), log, u in zip(table, LOGARITHMIC, uniforms, strict=False)]
+        )
+    checksum = hashlib.sha256(text.getvalue().encode()).hexdigest()
+    about = json.dumps({"seed": seed, "count": count, "sha256": checksum})
+    handle, unfinished = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+    with os.fdopen(handle, "w", encoding="utf-8") as file:
+        file.write(f"# {about}\n{text.getvalue()}")
+    os.chmod(unfinished, 0o644)
+    os.replace(unfinished, path)
+    return path
+
+
+_COLUMNS = list(zip(FIELDS, UNITS, strict=True))

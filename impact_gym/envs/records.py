@@ -1,0 +1,99 @@
+"""The record of an episode: all that it draws at random, how it is drawn, and how it is asked for again."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_gym.envs.scenario import AT_MOST, FIELDS, LARGEST_WEIGHT, LONGEST_DELAY, UNITS
+from impact_gym.kernel import kernel
+from impact_gym.validation import number, numbers, whole
+
+RECORD = (*FIELDS, "time_weight", "distance_estimate", "reaction_delay", "force_bias", "noise_seed")
+"""All that an episode draws; keys of the final `info["record"]` and of `options["record"]`, which plays it again."""
+
+DRAWS = 11
+"""Uniform numbers an episode takes from its generator, whatever the options: four for the scenario, one for the time
+weight, two for the distance estimate, one for the reaction delay, two for the force bias, one that seeds the force
+noise. So episode k of a seed can be found without playing the ones before it."""
+
+_LIMITS: dict[str, tuple[str, dict[str, float]]] = {
+    **{
+        name: (unit, {"above": 0.0, "at_most": at_most})
+        for name, unit, at_most in zip(FIELDS, UNITS, AT_MOST, strict=True)
+    },
+    "time_weight": ("m/s per s", {"above": 0.0, "at_most": LARGEST_WEIGHT}),
+    "distance_estimate": ("m", {}),
+    "reaction_delay": ("s", {"at_least": 0.0, "at_most": LONGEST_DELAY}),
+    "force_bias": ("N", {}),
+    "noise_seed": ("(no unit)", {"at_least": 0.0, "at_most": 2.0**53}),
+}
+_RESET_OPTIONS = ("scenario", "record", "episode_index")
+
+
+def fixed_record(options: Any, slots: int | None = None) -> NDArray[np.float64]:
+    """Return what `reset(options=...)` fixes as an array (9,), columns as in RECORD, nan where the episode draws.
+
+    With `slots` a value may also be a sequence of so many, one for each, and the array is (slots, 9).
+
+    Raises:
+        TypeError, ValueError: an unknown option or field, or a value out of range; names what is allowed.
+    """
+    fixed = np.full((slots or 1, len(RECORD)), math.nan)
+    for option, known in {"record": RECORD, "scenario": FIELDS}.items():
+        given = (options or {}).get(option, {})
+        if not isinstance(given, Mapping):
+            raise TypeError(f"options[{option!r}] must be a mapping of {list(known)}, got {given!r}")
+        for name, value in given.items():
+            if name not in known:
+                raise ValueError(f"options[{option!r}] has no field {name!r}; its fields are {list(known)}")
+            unit, limits = _LIMITS[name]
+            field = f"options[{option!r}][{name!r}]"
+            if slots is None or not isinstance(value, (Sequence, np.ndarray)) or isinstance(value, (str, bytes)):
+                values: Any = number(field, value, unit, **limits)
+            else:
+                values = numbers(field, value, unit, **limits)
+                if len(values) != slots:
+                    raise ValueError(f"{field} must be a number or {slots} of them in {unit}, got {len(values)}")
+            fixed[:, RECORD.index(name)] = values
+    return fixed if slots else fixed[0]
+
+
+def episode_index(options: Any) -> int | None:
+    """Return which episode of its seed `reset(options=...)` asks for, None if the next one; refuses unknown options.
+
+    Raises:
+        TypeError, ValueError: an unknown option, or no whole number.
+    """
+    if options is None:
+        return None
+    if not isinstance(options, Mapping):
+        raise TypeError(f"options must be a mapping, got {options!r}")
+    for name in options:
+        if name not in _RESET_OPTIONS:
+            raise ValueError(f"unknown option {name!r}; allowed are {', '.join(map(repr, _RESET_OPTIONS))}")
+    index = options.get("episode_index")
+    return None if index is None else whole("options['episode_index']", index, at_least=0)
+
+
+def skip_episodes(generator: np.random.Generator, count: int) -> None:
+    """Move `generator` on as if `count` episodes had been drawn from it."""
+    generator.bit_generator.advance(count * DRAWS)  # type: ignore[attr-defined]  # PCG64, which Gymnasium seeds
+
+
+@kernel
+def normal(first: float, second: float) -> float:
+    """Standard normal number from two uniform ones in [0, 1) (Box and Muller)."""
+    return math.sqrt(-2.0 * math.log1p(-first)) * math.cos(2.0 * math.pi * second)
+
+
+@kernel
+def hashed(seed: float, count: int) -> float:
+    """Uniform number in [0, 1), the `count`-th of the stream that `seed` names (splitmix64, Steele et al. 2014)."""
+    z = np.uint64(seed) + np.uint64(count + 1) * np.uint64(0x9E3779B97F4A7C15)
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    z = z ^ (z >> np.uint64(31))
+    return float(z >> np.uint64(11)) * 2.0**-53

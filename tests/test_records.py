@@ -1,0 +1,145 @@
+"""Episodes played again: from a seed and an index, from their record, and from frozen evaluation sets."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import impact_gym as ig
+from impact_gym.envs import evaluation_sets
+from impact_gym.envs.records import RECORD
+from impact_gym.envs.scenario import FIELDS, NAMED
+from impact_gym.sb3 import ImpactVecEnv
+
+ID = "ImpactApproach-v0"
+OPTIONS = {
+    "time_weight": (0.5, 8.0),
+    "range_noise": 0.01,
+    "reaction_delay": (0.0, 0.04),
+    "force_noise": 0.2,
+    "force_bias": 0.1,
+}
+
+
+def play(env, seed=None, options=None, actions_seed=0):
+    actions = np.random.default_rng(actions_seed)
+    observation, _ = env.reset(seed=seed, options=options)
+    observations, rewards, ended = [observation], [], False
+    while not ended:
+        observation, reward, ended, _, info = env.step(actions.uniform(-1, 1, 2).astype(np.float32))
+        observations.append(observation)
+        rewards.append(reward)
+    return np.array(observations), np.array(rewards), info
+
+
+def assert_same(one, other):
+    assert np.array_equal(one[0], other[0])
+    assert np.array_equal(one[1], other[1])
+    assert one[2] == other[2]
+
+
+def test_an_episode_is_found_again_from_its_seed_and_index():
+    env = gym.make(ID, **OPTIONS)
+    episodes = [play(env, seed=11 if k == 0 else None) for k in range(4)]
+    for k, episode in enumerate(episodes):
+        fresh = gym.make(ID, **OPTIONS)
+        assert_same(play(fresh, seed=11, options={"episode_index": k}), episode)
+    assert len({episode[2]["scenario"]["object_mass"] for episode in episodes}) == 4
+
+
+def test_an_episode_is_played_again_from_its_record_in_any_environment():
+    episode = play(gym.make(ID, **OPTIONS), seed=5)
+    record = episode[2]["record"]
+    assert tuple(record) == RECORD
+    assert {name: record[name] for name in FIELDS} == episode[2]["scenario"]
+    elsewhere = gym.make(ID, **{**OPTIONS, "scenario": "hard"})
+    assert_same(play(elsewhere, seed=99, options={"record": record}), episode)
+    # and only for one episode
+    assert play(elsewhere)[2]["scenario"] != episode[2]["scenario"]
+
+
+def test_what_is_fixed_changes_no_draw_of_what_is_not():
+    free = play(gym.make(ID, **OPTIONS), seed=8)[2]["record"]
+    fixed = play(gym.make(ID, **OPTIONS), seed=8, options={"record": {"restitution": 0.5}})[2]["record"]
+    assert fixed == {**free, "restitution": 0.5}
+
+
+def test_every_slot_of_the_batch_can_be_given_its_own_record():
+    singles = [play(gym.make(ID, **OPTIONS), seed=seed)[2]["record"] for seed in range(5)]
+    table = {name: [record[name] for record in singles] for name in RECORD}
+    envs = gym.make_vec(ID, num_envs=5, **OPTIONS)
+    envs.reset(seed=123, options={"record": table})
+    for name in RECORD:
+        assert envs.batch.info()["record"][name].tolist() == table[name]
+    # a mask picks the slots' own values
+    envs.reset(options={"record": {"distance": [0.2, 0.21, 0.22, 0.23, 0.24]}, "reset_mask": np.arange(5) % 2 == 1})
+    distances = envs.batch.info()["scenario"]["distance"]
+    assert distances[[1, 3]].tolist() == [0.21, 0.23]
+    assert distances[[0, 2, 4]].tolist() == [table["distance"][k] for k in (0, 2, 4)]
+
+
+def test_the_batch_goes_to_an_episode_of_its_seeds_too():
+    envs = gym.make_vec(ID, num_envs=3, **OPTIONS)
+    envs.reset(seed=20, options={"episode_index": 2})
+    for slot in range(3):
+        single = gym.make(ID, **OPTIONS)
+        single.reset(seed=20 + slot, options={"episode_index": 2})
+        assert envs.batch.info(slot)["record"] == single.unwrapped.episode_info()["record"]
+    stable = ImpactVecEnv(3, **OPTIONS)
+    stable.seed(20)
+    stable.set_options({"episode_index": 2})
+    stable.reset()
+    for slot in range(3):
+        assert stable.envs.batch.info(slot)["record"] == envs.batch.info(slot)["record"]
+
+
+@pytest.mark.parametrize("values", [[0.2, 0.3], [0.2, 0.3, "1"], [0.2, 0.3, -1.0], [[0.2], [0.3], [0.4]]])
+def test_a_wrong_list_for_the_slots_is_named(values):
+    envs = gym.make_vec(ID, num_envs=3)
+    with pytest.raises((TypeError, ValueError), match="distance"):
+        envs.reset(seed=0, options={"record": {"distance": values}})
+
+
+@pytest.mark.parametrize("name", ["test", "validation", "hard"])
+def test_a_frozen_set_is_what_its_seeds_draw(name):
+    frozen = evaluation_sets.load(name)
+    envs = gym.make_vec(ID, num_envs=frozen.count, scenario="hard" if name == "hard" else "test")
+    envs.reset(seed=frozen.seed)
+    scenario = envs.batch.info()["scenario"]
+    for field in FIELDS:
+        assert frozen.scenario[field] == pytest.approx(scenario[field], rel=1e-15)
+        low, high = getattr(NAMED["hard" if name == "hard" else "test"], field)
+        assert (frozen.scenario[field] >= low).all()
+        assert (frozen.scenario[field] <= high).all()
+    envs.reset(seed=0, options={"scenario": frozen.scenario})
+    for field in FIELDS:
+        assert np.array_equal(envs.batch.info()["scenario"][field], frozen.scenario[field])
+
+
+def test_a_set_of_ones_own_is_frozen_and_read_again(tmp_path):
+    ranges = ig.envs.scenario.ScenarioRanges(object_mass=(1.0, 2.0))
+    path = evaluation_sets.freeze(tmp_path / "mine.csv", ranges, seed=7, count=20)
+    frozen = evaluation_sets.load(path)
+    assert frozen.count == 20
+    assert (frozen.scenario["object_mass"] >= 1.0).all()
+    with pytest.raises(FileExistsError):
+        evaluation_sets.freeze(path, ranges, seed=8, count=20)
+
+
+@pytest.mark.parametrize("damage", ["digit", "line", "column"])
+def test_an_altered_set_is_refused(tmp_path, damage):
+    path = evaluation_sets.freeze(tmp_path / "mine.csv", "train", seed=7, count=20)
+    lines = path.read_text().splitlines()
+    if damage == "digit":
+        lines[-1] = lines[-1].replace("1", "2", 1) if "1" in lines[-1] else lines[-1].replace("3", "2", 1)
+    elif damage == "line":
+        lines = lines[:-1]
+    else:
+        lines[-21] = lines[-21].replace("distance", "place")
+    path.write_text("\n".join(lines) + "\n")
+    with pytest.raises(ValueError, match=r"mine\.csv"):
+        evaluation_sets.load(path)
+
+
+def test_a_set_that_there_is_not_is_refused():
+    with pytest.raises(ValueError, match=r"nowhere.*hard.*test.*validation"):
+        evaluation_sets.load("nowhere")
