@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.files import whole_file
+from impact_gym.files import whole_file
 
 SHIPPED = Path(__file__).parent / "policies"
 FORMAT = "impact_gym policy 1"

@@ -22,8 +22,8 @@ from stable_baselines3.common.vec_env import VecMonitor
 
 from agents.baselines import PaperTrapezoid
 from agents.evaluation import VALIDATION_SEED, Controller, evaluate
-from agents.files import whole_file
 from agents.policy import Policy
+from impact_gym.files import whole_file
 from impact_gym.sb3 import ImpactVecEnv
 from impact_gym.validation import number, whole
 

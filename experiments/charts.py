@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from agents.files import whole_file
+from impact_gym.files import whole_file
 from impact_gym.simulation import Trace
 
 mpl.use("agg")

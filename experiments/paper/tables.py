@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import impact_gym as ig
-from agents.files import whole_file
+from impact_gym.files import whole_file
 
 Table = dict[str, NDArray[np.generic]]
 

@@ -8,8 +8,6 @@ import csv
 import hashlib
 import io
 import json
-import os
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +19,7 @@ from numpy.typing import NDArray
 
 from impact_gym.envs.records import DRAWS
 from impact_gym.envs.scenario import FIELDS, LOGARITHMIC, UNITS, ScenarioRanges, draw
+from impact_gym.files import whole_file
 from impact_gym.validation import whole
 
 SHIPPED = Path(__file__).with_name("sets")
@@ -83,11 +82,8 @@ def freeze(path: Path, ranges: ScenarioRanges | Mapping[str, Any] | str, seed: i
         )
     checksum = hashlib.sha256(text.getvalue().encode()).hexdigest()
     about = json.dumps({"seed": seed, "count": count, "sha256": checksum})
-    handle, unfinished = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-    with os.fdopen(handle, "w", encoding="utf-8") as file:
-        file.write(f"# {about}\n{text.getvalue()}")
-    os.chmod(unfinished, 0o644)
-    os.replace(unfinished, path)
+    with whole_file(path) as file:
+        file.write(f"# {about}\n{text.getvalue()}".encode())
     return path
 
 

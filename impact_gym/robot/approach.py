@@ -1,8 +1,6 @@
 """The robot along a straight approach as a table, and the file it is kept in."""
 
 import json
-import os
-import tempfile
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -10,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from impact_gym.files import whole_file
 from impact_gym.robot.description import JOINTS, Array
 from impact_gym.robot.pose import Orientation, Pose
 from impact_gym.scene import Robot, RobotTable
@@ -131,12 +130,5 @@ def write(path: Path, approach: Approach, provenance: dict[str, Any]) -> None:
     table = np.column_stack([*(getattr(approach, name) for name in COLUMNS), approach.joint_angles])
     rows = ",\n".join("    " + json.dumps(row) for row in table.tolist())
     text = json.dumps(head, indent=2).removesuffix("\n}") + ',\n  "rows": [\n' + rows + "\n  ]\n}\n"
-    handle, unfinished = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(text)
-        os.chmod(unfinished, 0o644)
-        os.replace(unfinished, path)
-    except BaseException:
-        Path(unfinished).unlink(missing_ok=True)
-        raise
+    with whole_file(path) as file:
+        file.write(text.encode())
