@@ -17,7 +17,7 @@ from impact_gym.envs.task import Task
 from impact_gym.solver.state import CHAIN, SENTENCES, Status, recorder
 from impact_gym.validation import whole
 
-ROWS_PER_THREAD = 1024
+ROWS_PER_THREAD = 256
 """A batch is cut for several threads only into pieces of at least this many rows: smaller ones do not pay."""
 
 REWARD_TERMS = {"time": "time_cost", "velocity": "velocity_cost", "force": "force_cost", "missed": "missed_cost"}
