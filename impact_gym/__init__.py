@@ -5,6 +5,7 @@ from impact_gym.motion import Brake, Trapezoid
 from impact_gym.physics.dissipation import effective_restitution
 from impact_gym.scene import Bistable, Contact, Object, Rigid, Robot, RobotTable, Scene, SpringDamper, Tool
 from impact_gym.simulation import ContactRecord, Outcome, Trace, simulate
+from impact_gym.sweeps import Outcomes, sweep
 
 __version__ = "0.1.0"
 __all__ = [
@@ -14,6 +15,7 @@ __all__ = [
     "ContactRecord",
     "Object",
     "Outcome",
+    "Outcomes",
     "Rigid",
     "Robot",
     "RobotTable",
@@ -24,6 +26,7 @@ __all__ = [
     "Trapezoid",
     "effective_restitution",
     "simulate",
+    "sweep",
 ]
 
 envs.register()

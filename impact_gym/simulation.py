@@ -114,14 +114,7 @@ def simulate(
     tolerance = Tolerance(LOCAL_SHARE * rtol, MAX_STEPS)
     law = chain_law(scene.tool.mass, scene.coupling, scene.robot)
     bodies = Bodies(scene.object.mass, contact_law(scene.contact))
-    brake = motion.brake
-    profile = Profile(
-        motion.speed,
-        motion.acceleration,
-        brake.threshold if brake else math.inf,
-        brake.delay if brake else math.inf,
-        motion.deceleration,
-    )
+    profile = profile_of(motion)
     chains = np.zeros(1, CHAIN)
     rows = [_CONTACT_ROWS, _TRACE_ROWS if trace else 0, _SNAP_ROWS]
     while True:
@@ -136,6 +129,18 @@ def simulate(
         raise RuntimeError(f"the run stopped at t = {chain['time']:.6g} s: {SENTENCES[status]}")
     one_mass = scene.robot is not None and isinstance(scene.coupling, Rigid)
     return _outcome(chain, log, trace, one_mass)
+
+
+def profile_of(motion: Trapezoid) -> Profile:
+    """Lower a motion to the record that the kernels read."""
+    brake = motion.brake
+    return Profile(
+        motion.speed,
+        motion.acceleration,
+        brake.threshold if brake else math.inf,
+        brake.delay if brake else math.inf,
+        motion.deceleration,
+    )
 
 
 def _outcome(chain: np.void, log: Recorder, trace: bool, one_mass: bool) -> Outcome:

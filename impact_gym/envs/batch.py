@@ -1,8 +1,6 @@
 """The batch behind every front end: arrays of rows and the two kernels that move them."""
 
 import math
-import os
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -15,6 +13,7 @@ from impact_gym.envs.rows import EPISODE
 from impact_gym.envs.scenario import FIELDS, ScenarioRanges
 from impact_gym.envs.task import Task
 from impact_gym.solver.state import CHAIN, SENTENCES, Status, recorder
+from impact_gym.threads import cores, over_rows
 from impact_gym.validation import whole
 
 ROWS_PER_THREAD = 256
@@ -22,16 +21,6 @@ ROWS_PER_THREAD = 256
 
 REWARD_TERMS = {"time": "time_cost", "velocity": "velocity_cost", "force": "force_cost", "missed": "missed_cost"}
 """Names in `info["reward_terms"]`, each the negative of a cost summed over the episode."""
-
-_pools: dict[int, ThreadPoolExecutor] = {}
-
-
-def _pool() -> ThreadPoolExecutor:
-    """Return this process's threads; a forked child makes its own."""
-    if os.getpid() not in _pools:
-        _pools.clear()
-        _pools[os.getpid()] = ThreadPoolExecutor(os.cpu_count() or 1, thread_name_prefix="impact_gym")
-    return _pools[os.getpid()]
 
 
 class Batch:
@@ -45,7 +34,7 @@ class Batch:
         self.task = task
         self.law = task.law()
         self.constants = task.constants()
-        self.threads = (os.cpu_count() or 1) if threads is None else whole("threads", threads, at_least=1)
+        self.threads = cores() if threads is None else whole("threads", threads, at_least=1)
         self.recorder = recorder()  # records nothing; a batch of one may be given another
         self.observation_space = observation.space(self.constants)
         self.chains = np.zeros(size, CHAIN)
@@ -92,8 +81,6 @@ class Batch:
 
         Leaves `observations`, `rewards` and the fields of `episodes` as they are after it.
         """
-        pieces = max(1, min(self.threads, self.size // ROWS_PER_THREAD))
-        bounds = [self.size * piece // pieces for piece in range(pieces + 1)]
 
         def run(first: int, last: int) -> None:
             step_rows(
@@ -111,10 +98,7 @@ class Batch:
                 self.rewards,
             )
 
-        if pieces == 1:
-            run(0, self.size)
-        else:
-            list(_pool().map(run, bounds[:-1], bounds[1:]))
+        over_rows(run, self.size, self.threads, ROWS_PER_THREAD)
 
     def commands(self, actions: Any, shape: tuple[int, ...]) -> NDArray[Any]:
         """Return `actions`, which must have `shape`, as a float array (size, 2), or raise before anything is stepped.

@@ -12,7 +12,7 @@ from impact_gym.solver.advance import command, reset
 from impact_gym.solver.contact import ARRIVED, DETECTED
 from impact_gym.solver.dop853 import ROWS
 from impact_gym.solver.recording import close_contact
-from impact_gym.solver.state import Array, Bodies, Recorder, Run, Tolerance
+from impact_gym.solver.state import Array, Bodies, Chain, Recorder, Run, Tolerance
 
 
 class Profile(NamedTuple):
@@ -36,9 +36,14 @@ def approach(
     tolerance: Tolerance,
     recorder: Recorder,
 ) -> int:
-    """Run `chains[0]` from rest for `duration` (s); a contact unfinished then is entered with an end of nan."""
-    chain = chains[0]
-    run = Run(law, bodies, profile.threshold, tolerance, recorder, np.zeros((ROWS, coupled.width(law))))
+    """Run `chains[0]` from rest for `duration` (s)."""
+    work = np.zeros((ROWS, coupled.width(law)))
+    return play(Run(law, bodies, profile.threshold, tolerance, recorder, work), chains[0], distance, profile, duration)
+
+
+@kernel
+def play(run: Run, chain: Chain, distance: float, profile: Profile, duration: float) -> int:
+    """Run `chain` from rest for `duration` (s); a contact unfinished then is entered with an end of nan."""
     reset(chain, distance)
     speed, acceleration = profile.speed, profile.acceleration
     brake_at = math.inf

@@ -1,0 +1,189 @@
+"""sweep(scene, motion, varied) -> Outcomes: `simulate` for arrays of parameters, on all cores."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, fields, is_dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from impact_gym.lowering import chain_law, contact_law
+from impact_gym.motion import Trapezoid
+from impact_gym.physics.contact import Force, Hertz, Power
+from impact_gym.physics.coupling import Law
+from impact_gym.scene import RobotTable, Scene
+from impact_gym.simulation import MAX_STEPS, profile_of
+from impact_gym.solver.state import CHAIN, LOCAL_SHARE, SENTENCES, Status, Tolerance, recorder
+from impact_gym.solver.sweep import sweep_rows
+from impact_gym.threads import cores, over_rows
+from impact_gym.validation import number, whole
+
+ROWS_PER_THREAD = 16
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Outcomes:
+    """What came of each approach, arrays of the shape that the varied parameters broadcast to; see `Outcome`.
+
+    A row whose run could not finish has nan in its numbers and says why in its status; it spoils no other.
+    """
+
+    object_velocity: Array  # m/s
+    tool_velocity: Array  # m/s
+    flange_velocity: Array  # m/s
+    peak_force: Array  # N
+    detection_time: Array  # s, nan if the threshold was never exceeded
+    first_contact: Array  # s, nan if there was none
+    contact_count: NDArray[np.int64]
+    snap_count: NDArray[np.int64]  # passages of the slider of a mechanism through its alignment
+    coupling_impulse: Array  # N s
+    momentum_error: Array  # -
+    steps: NDArray[np.int64]
+    status: NDArray[np.object_]  # "ok", or a sentence
+
+
+def sweep(
+    scene: Scene,
+    motion: Trapezoid,
+    varied: Mapping[str, ArrayLike],
+    duration: ArrayLike = 1.5,
+    rtol: float = 1e-8,
+    threads: int | None = None,
+) -> Outcomes:
+    """Run many approaches that differ from `scene` and `motion` in the parameters of `varied`.
+
+    Args:
+        scene: what all have in common; its types of coupling and robot are those of all.
+        motion: likewise.
+        varied: values by name, broadcast against each other: "object.mass", "contact.stiffness", "coupling.height",
+            "motion.speed", "motion.brake.delay" and so on; any number in the records, but those of a `RobotTable`.
+        duration: length of the runs, s; broadcasts too.
+        rtol: see `simulate`.
+        threads: how many to use, None for all cores; changes no result.
+
+    Each row equals `simulate` of that row to the bit.
+
+    Raises:
+        TypeError, ValueError: an argument or a value is none of these or out of range; names it, and the row.
+    """
+    if not isinstance(scene, Scene):
+        raise TypeError(f"scene must be a Scene, got {scene!r}")
+    if not isinstance(motion, Trapezoid):
+        raise TypeError(f"motion must be a Trapezoid, got {motion!r}")
+    if not isinstance(varied, Mapping):
+        raise TypeError(f"varied must be a mapping from names to arrays, got {varied!r}")
+    rtol = number("rtol", rtol, "(no unit)", at_least=1e-13, at_most=1e-2)
+    threads = cores() if threads is None else whole("threads", threads, at_least=1)
+    template: dict[str, Any] = {field.name: getattr(scene, field.name) for field in fields(scene)} | {"motion": motion}
+    for name in varied:
+        _check(name, template)
+    columns = {**{name: np.asarray(values) for name, values in varied.items()}, "duration": np.asarray(duration)}
+    try:
+        shape = np.broadcast_shapes(*(column.shape for column in columns.values()))
+    except ValueError:
+        shapes = {name: column.shape for name, column in columns.items()}
+        raise ValueError(f"varied values must broadcast against each other, got shapes {shapes}") from None
+    rows = list(_rows(template, {name: np.broadcast_to(column, shape) for name, column in columns.items()}))
+    if any(isinstance(contact, Power) for _, contact, *_ in rows):
+        rows = [(law, _power(contact), *rest) for law, contact, *rest in rows]
+    chains = np.zeros(len(rows), CHAIN)
+    statuses = np.zeros(len(rows), np.int64)
+    if rows:
+        law, contact = rows[0][:2]
+        laws, contacts = (np.array([_numbers(row[place]) for row in rows]) for place in (0, 1))
+        objects, profiles = (np.array([row[place] for row in rows]) for place in (2, 3))
+        tolerance, log = Tolerance(LOCAL_SHARE * rtol, MAX_STEPS), recorder()
+
+        def run(first: int, last: int) -> None:
+            sweep_rows(law, contact, laws, contacts, objects, profiles, first, last, tolerance, log, chains, statuses)
+
+        over_rows(run, len(rows), threads, ROWS_PER_THREAD)
+    one_mass = scene.robot is not None and not hasattr(scene.coupling, "stiffness")
+    return _outcomes(chains.reshape(shape), statuses.reshape(shape), one_mass)
+
+
+def _check(name: Any, template: Mapping[str, Any]) -> None:
+    """Refuse a name that no number in the records has."""
+    record, *path = str(name).split(".")
+    target = template.get(record)
+    for step in path:
+        target = getattr(target, step, None) if is_dataclass(target) and not isinstance(target, RobotTable) else None
+    if len(path) == 0 or isinstance(target, (bool, str)) or not isinstance(target, (int, float)):
+        raise ValueError(f"varied has no number named {name!r}; there are {', '.join(_names(template))}")
+
+
+def _names(template: Mapping[str, Any]) -> Iterator[str]:
+    for name, value in template.items():
+        if is_dataclass(value) and not isinstance(value, RobotTable):
+            inner = {field.name: getattr(value, field.name) for field in fields(value)}
+            yield from (f"{name}.{rest}" for rest in _names(inner))
+        elif isinstance(value, (int, float)):
+            yield name
+
+
+def _rows(template: Mapping[str, Any], columns: Mapping[str, NDArray[Any]]) -> Iterator[tuple[Any, ...]]:
+    """Lower each row: law, contact law, object (mass, distance), profile with its duration."""
+    flat = {name: column.ravel() for name, column in columns.items()}
+    durations = flat.pop("duration")
+    for row in range(len(durations)):
+        try:
+            duration = number("duration", durations[row], "s", above=0)
+            records = dict(template)
+            for name, column in flat.items():
+                top, *path = name.split(".")
+                records[top] = _replaced(records[top], path, column[row])
+        except (TypeError, ValueError) as problem:
+            index = np.unravel_index(row, columns["duration"].shape)
+            raise type(problem)(f"at {tuple(map(int, index))}: {problem}") from None
+        law = chain_law(records["tool"].mass, records["coupling"], records["robot"])
+        target = records["object"]
+        profile = (*profile_of(records["motion"]), duration)
+        yield law, contact_law(records["contact"]), (target.mass, target.distance), profile
+
+
+def _replaced(record: Any, path: list[str], value: Any) -> Any:
+    """Return `record` with the number at `path` replaced, checked by the record itself."""
+    name, *rest = path
+    return replace(record, **{name: _replaced(getattr(record, name), rest, value) if rest else value})
+
+
+def _power(contact: Force) -> Power:
+    return Power(*contact, 1.5, 1.5) if isinstance(contact, Hertz) else contact
+
+
+def _numbers(law: Law | Force) -> list[float]:
+    """Return the numbers of a law in order, those inside it included, tables left out."""
+    flat: list[float] = []
+    for value in law:
+        if isinstance(value, tuple):
+            flat += _numbers(value)  # type: ignore[arg-type]  # couplings and robots are laws of the same kind
+        elif not isinstance(value, np.ndarray):
+            flat.append(float(value))
+    return flat
+
+
+def _outcomes(chains: NDArray[Any], statuses: NDArray[np.int64], one_mass: bool) -> Outcomes:
+    failed = statuses < 0
+
+    def numbers(values: Array) -> Array:
+        return np.where(failed | ~np.isfinite(values), np.nan, values)
+
+    tool = chains["flange_velocity"] + chains["deflection_rate"]
+    flange = tool if one_mass else chains["flange_velocity"] + chains["flange_offset_rate"]
+    said = np.vectorize(lambda status: SENTENCES[Status(status)] if status < 0 else "ok", otypes=[object])
+    return Outcomes(
+        object_velocity=numbers(tool - chains["penetration_rate"]),
+        tool_velocity=numbers(tool),
+        flange_velocity=numbers(flange),
+        peak_force=numbers(chains["peak_force"]),
+        detection_time=numbers(chains["detection"]),
+        first_contact=numbers(chains["first_contact"]),
+        contact_count=chains["contacts"].copy(),
+        snap_count=chains["snaps"].copy(),
+        coupling_impulse=numbers(chains["coupling_impulse"]),
+        momentum_error=numbers(chains["momentum_error"]),
+        steps=chains["steps"].copy(),
+        status=said(statuses),
+    )

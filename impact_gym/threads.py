@@ -1,0 +1,30 @@
+"""Rows on all cores: compiled loops release the interpreter lock, so plain threads do."""
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+
+_pools: dict[int, ThreadPoolExecutor] = {}
+
+
+def cores() -> int:
+    """Return how many threads are used unless one says otherwise."""
+    return os.cpu_count() or 1
+
+
+def _pool() -> ThreadPoolExecutor:
+    """Return this process's threads; a forked child makes its own."""
+    if os.getpid() not in _pools:
+        _pools.clear()
+        _pools[os.getpid()] = ThreadPoolExecutor(cores(), thread_name_prefix="impact_gym")
+    return _pools[os.getpid()]
+
+
+def over_rows(run: Callable[[int, int], object], rows: int, threads: int, smallest: int) -> None:
+    """Call `run(first, last)` for pieces of `rows`, each of at least `smallest` rows, on up to `threads` threads."""
+    pieces = max(1, min(threads, rows // smallest))
+    bounds = [rows * piece // pieces for piece in range(pieces + 1)]
+    if pieces == 1:
+        run(0, rows)
+    else:
+        list(_pool().map(run, bounds[:-1], bounds[1:]))
