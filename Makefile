@@ -16,7 +16,7 @@ $(STAMP): pyproject.toml constraints.txt
 		|| { echo "Python 3.11 or newer is needed; name one with make PYTHON=..."; exit 1; }
 	@echo "installing what constraints.txt pins into $(VENV); torch is large: this can take minutes"
 	@$(PYTHON) -m venv $(VENV)
-	@$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[train,report,robot,dev]'
+	@$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[train,report,robot,render,zoo,dev]'
 	@touch $@
 
 report: setup  ## evaluate the shipped policy against the paper's rule and write reports/latest/index.html

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_gym.kernel import require_compiled
 from impact_gym.lowering import chain_law, contact_law
 from impact_gym.motion import Trapezoid
 from impact_gym.scene import Rigid, Scene
@@ -105,6 +106,7 @@ def simulate(
         TypeError, ValueError: an argument is none of these or out of range; names it.
         RuntimeError: the run cannot finish; says why.
     """
+    require_compiled()
     if not isinstance(scene, Scene):
         raise TypeError(f"scene must be a Scene, got {scene!r}")
     if not isinstance(motion, Trapezoid):

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from impact_gym.kernel import require_compiled
 from impact_gym.lowering import chain_law, contact_law
 from impact_gym.motion import Trapezoid
 from impact_gym.physics.contact import Force, Hertz, Power
@@ -68,6 +69,7 @@ def sweep(
     Raises:
         TypeError, ValueError: an argument or a value is none of these or out of range; names it, and the row.
     """
+    require_compiled()
     if not isinstance(scene, Scene):
         raise TypeError(f"scene must be a Scene, got {scene!r}")
     if not isinstance(motion, Trapezoid):

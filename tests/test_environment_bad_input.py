@@ -102,7 +102,7 @@ def test_a_bad_argument_of_the_batch_is_named(bad, error, message):
 
 def test_a_render_mode_that_there_is_not_is_refused():
     with pytest.raises(ValueError, match=r"render_mode.*None.*'human'"):
-        ImpactApproachEnv(render_mode="human")
+        ImpactApproachEnv(render_mode="ansi")
 
 
 def test_a_number_of_environments_may_come_from_numpy():

@@ -84,6 +84,12 @@ def test_a_kernel_does_not_outlive_a_change_in_a_law_that_it_calls_from_another_
     assert run(CALL, where=tmp_path, cache=cache).stdout.split() == ["6.0", "1"]
 
 
+def test_where_numba_is_told_not_to_compile_a_run_is_refused_in_a_sentence(monkeypatch):
+    monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")
+    code = "import gymnasium as gym, impact_gym\ntry: gym.make('ImpactApproach-v0')\nexcept RuntimeError as e: print(e)"
+    assert "NUMBA_DISABLE_JIT" in run(code).stdout
+
+
 RECORD = """
 from typing import NamedTuple
 from impact_gym.kernel import kernel

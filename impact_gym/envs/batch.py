@@ -12,6 +12,7 @@ from impact_gym.envs.records import DRAWS, RECORD
 from impact_gym.envs.rows import EPISODE
 from impact_gym.envs.scenario import FIELDS, ScenarioRanges
 from impact_gym.envs.task import Task
+from impact_gym.kernel import require_compiled
 from impact_gym.solver.state import CHAIN, SENTENCES, Status, recorder
 from impact_gym.threads import cores, over_rows
 from impact_gym.validation import whole
@@ -30,6 +31,7 @@ class Batch:
     """
 
     def __init__(self, size: int, task: Task, threads: int | None = None) -> None:
+        require_compiled()
         self.size = size
         self.task = task
         self.law = task.law()

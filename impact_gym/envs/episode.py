@@ -22,7 +22,7 @@ from impact_gym.envs.task import (
     TaskConstants,
     samples_under_way,
 )
-from impact_gym.kernel import kernel
+from impact_gym.kernel import inner_kernel, kernel
 from impact_gym.physics.contact import Hertz
 from impact_gym.physics.coupling import Law
 from impact_gym.physics.dissipation import hu_guo
@@ -36,7 +36,7 @@ from impact_gym.solver.state import Array, Bodies, Chain, Recorder, Run, Toleran
 ROUNDING = 1e-9  # s, spans shorter than this are rounding of the clock
 
 
-@kernel
+@inner_kernel
 def begin(
     law: Law,
     task: TaskConstants,
@@ -105,13 +105,13 @@ def decode(action: float, low: float, high: float) -> float:
     return round(value / COMMAND_RESOLUTION) * COMMAND_RESOLUTION
 
 
-@kernel
+@inner_kernel
 def snap(time: float, onto: float) -> float:
     """The earlier of `time` and `onto`; `onto` too if only rounding would lie between them."""
     return onto if time > onto - ROUNDING else time
 
 
-@kernel
+@inner_kernel
 def sample(run: Run, task: TaskConstants, chain: Chain, episode: Episode, readings: Array) -> None:
     """Read the force now; the controller gets the reading `reaction_delay` later.
 
@@ -132,7 +132,7 @@ def sample(run: Run, task: TaskConstants, chain: Chain, episode: Episode, readin
     episode.next_sample = following if chain.time < last else math.inf
 
 
-@kernel
+@inner_kernel
 def receive(task: TaskConstants, episode: Episode, readings: Array) -> None:
     """Let the oldest reading under way reach the controller, with the sensor's errors; forces never fall below zero."""
     slot = episode.popped % readings.shape[0]
@@ -146,7 +146,7 @@ def receive(task: TaskConstants, episode: Episode, readings: Array) -> None:
     episode.popped += 1
 
 
-@kernel
+@inner_kernel
 def step(
     law: Law,
     task: TaskConstants,
@@ -208,7 +208,7 @@ def step(
     return -time_cost
 
 
-@kernel
+@inner_kernel
 def finish(run: Run, task: TaskConstants, chain: Chain, episode: Episode) -> float:
     """Settle and close the books of an episode that terminates; returns the reward for what it left behind."""
     if episode.status == 0 and chain.contacts > 0:
@@ -223,7 +223,7 @@ def finish(run: Run, task: TaskConstants, chain: Chain, episode: Episode) -> flo
     return -(episode.missed_cost + episode.velocity_cost + episode.force_cost)
 
 
-@kernel
+@inner_kernel
 def settle(run: Run, chain: Chain) -> int:
     """Brake the flange to rest at full deceleration and go on until no contact is left or to come."""
     limit = chain.time + SETTLE_LIMIT

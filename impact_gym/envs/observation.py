@@ -8,7 +8,7 @@ from gymnasium import spaces
 
 from impact_gym.envs.rows import Episode
 from impact_gym.envs.task import AFTER_ALARM, VELOCITY_RANGE, TaskConstants
-from impact_gym.kernel import kernel
+from impact_gym.kernel import inner_kernel
 from impact_gym.solver.state import Array, Chain
 
 POSITION_RANGE = (-0.25, 0.75)  # m
@@ -100,19 +100,19 @@ def space(task: TaskConstants) -> spaces.Space[Any]:
     return spaces.Box(low, np.ones_like(low), dtype=np.float32)
 
 
-@kernel
+@inner_kernel
 def affine(value: float, low: float, high: float) -> float:
     """Map [low, high] to [-1, 1], what is outside to the nearer end."""
     return min(1.0, max(-1.0, 2.0 * (value - low) / (high - low) - 1.0))
 
 
-@kernel
+@inner_kernel
 def force_reading(force: float) -> float:
     """Map 0 ... 1000 N to 0 ... 1 on a log scale."""
     return min(1.0, math.log1p(force) / math.log1p(FORCE_SCALE))
 
 
-@kernel
+@inner_kernel
 def observe(task: TaskConstants, chain: Chain, episode: Episode, out: Array) -> None:
     """Write the observation at the present time into `out`, in the order of ENTRIES."""
     alarm = chain.time >= episode.alarm

@@ -1,7 +1,7 @@
 """The Gymnasium environment: a batch of one, and the text that specifies it."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 import numpy as np
@@ -16,6 +16,9 @@ from impact_gym.envs.task import Task
 from impact_gym.scene import Coupling, Rigid
 from impact_gym.simulation import Trace
 from impact_gym.solver.state import recorder
+
+if TYPE_CHECKING:
+    from impact_gym.envs.rendering import Renderer
 
 ACTION_SPACE: Space[Any] = spaces.Box(-1.0, 1.0, (2,), np.float32)
 TRACE_ROWS = 1 << 15
@@ -105,20 +108,31 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     | `deflection_sensor` | False                  | observe how far the tool is displaced on its coupling           |
     | `privileged`        | False                  | observe the true scenario too                                   |
     | `robot`             | None                   | a compliant `Robot` or `RobotTable`; a dict works too           |
+    | `render_mode`       | None                   | "human", "rgb_array" or "rgb_array_list", see Rendering         |
     | `record_trace`      | False                  | keep time histories of the episode, read by `trace()`           |
     | `rtol`              | 1e-8                   | relative error allowed in a contact, see `simulate`             |
+
+    ## Rendering
+    Needs the extra `render`. The chain to scale, its velocities and the contact force, the alarm on its way to the
+    controller; drawn from the trace, which is then kept, and changing nothing. A contact is over in a few steps, so
+    "human" and "rgb_array_list" show it in slow motion, 8 to 1024 times, as each picture says: many pictures a step.
+    "rgb_array" gives one, of the end of the step. Gymnasium's `RecordVideo` keeps one picture a step in either case;
+    `impact_gym.envs.render_video.SlowMotionVideo` is the same recorder and keeps all. A batch does not render.
 
     ## Version History
     * v0: first version
     """
 
-    metadata = {"render_modes": []}  # noqa: RUF012  # declared so by gymnasium.Env
+    metadata = {  # noqa: RUF012  # declared so by gymnasium.Env
+        "render_modes": ["human", "rgb_array", "rgb_array_list"],
+        "render_fps": 30,
+    }
 
     def __init__(
         self,
         scenario: ScenarioRanges | Mapping[str, Any] | str = "train",
         coupling: Coupling | Mapping[str, Any] | None = None,
-        render_mode: None = None,
+        render_mode: str | None = None,
         record_trace: bool = False,
         **options: Any,
     ) -> None:
@@ -127,13 +141,14 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         Raises:
             TypeError, ValueError: an argument is unknown or out of range; names it and what is allowed.
         """
-        if render_mode is not None:
-            raise ValueError(f"render_mode must be None, got {render_mode!r}")
+        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
+            raise ValueError(f"render_mode must be None or one of {self.metadata['render_modes']}, got {render_mode!r}")
         self.render_mode = render_mode
+        self._renderer: Renderer | None = None
         if "max_episode_steps" in options:
             raise TypeError("max_episode_steps is an argument of gymnasium.make, whose TimeLimit sees to it")
         self._batch = Batch(1, task_from(scenario, coupling, options, ("record_trace",)), threads=1)
-        if record_trace:
+        if record_trace or render_mode is not None:
             self._batch.recorder = recorder(trace_rows=TRACE_ROWS)
         self.observation_space = self._batch.observation_space
         self.action_space = ACTION_SPACE
@@ -158,8 +173,12 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             raise RuntimeError("make the environment with record_trace=True to read a trace")
         if rows > TRACE_ROWS:
             raise RuntimeError(f"the episode has {rows} trace points, more than the {TRACE_ROWS} that are kept")
+        return self._kept(rows)
+
+    def _kept(self, rows: int) -> Trace:
         task = self._batch.task
-        return Trace.of(self._batch.recorder, rows, task.robot is not None and isinstance(task.coupling, Rigid))
+        one_mass = task.robot is not None and isinstance(task.coupling, Rigid)
+        return Trace.of(self._batch.recorder, min(rows, TRACE_ROWS), one_mass)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -172,6 +191,10 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             skip_episodes(self.np_random, skipped)
         self._batch.draw_and_begin(_ROW, [self.np_random], fixed)
         self._running = True
+        if self._renderer is not None:
+            self._renderer.begin()
+        if self.render_mode == "human":
+            self.render()
         return self._batch.observations[0].copy(), {}
 
     def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
@@ -183,7 +206,35 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         terminated = bool(batch.episodes["terminated"][0])
         self._running = not terminated
         info = batch.info(0) if terminated else {}
+        if self.render_mode == "human":
+            self.render()
         return batch.observations[0].copy(), float(batch.rewards[0]), terminated, False, info
+
+    def render(self) -> Any:
+        """Return a picture (540, 960, 3) of this moment, or a list of those since the last call; see Rendering.
+
+        In mode "human" it shows them in a window and returns None, and so does every `reset` and `step`.
+
+        Raises:
+            DependencyNotInstalled: pygame is not there.
+            ResetNeeded: there is no episode yet.
+        """
+        if self.render_mode is None:
+            gym.logger.warn("render() draws nothing without a render_mode, such as gym.make(..., render_mode='human')")
+            return None
+        rows = int(self._batch.chains["traced"][0])
+        if not self._running and rows == 0:
+            raise gym.error.ResetNeeded("no episode is under way: call reset before render")
+        if self._renderer is None:
+            from impact_gym.envs.rendering import Renderer
+
+            self._renderer = Renderer(self._batch.task, self.render_mode)
+        return self._renderer.render(self._kept(rows), self.episode_info(), ended=not self._running)
+
+    def close(self) -> None:
+        """Close the window, if there is one; again does nothing."""
+        if self._renderer is not None:
+            self._renderer.close()
 
 
 if ImpactApproachEnv.__doc__:  # there is none under python -OO

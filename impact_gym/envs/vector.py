@@ -41,7 +41,9 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         **options: Any,
     ) -> None:
         if render_mode is not None:
-            raise ValueError(f"render_mode must be None, got {render_mode!r}")
+            raise ValueError(
+                f"render_mode must be None for a batch, got {render_mode!r}; gymnasium.make makes one to watch"
+            )
         self.num_envs = whole("num_envs", num_envs, at_least=1)
         self.render_mode = render_mode
         modes = [mode.value for mode in AutoresetMode]

@@ -17,7 +17,7 @@ they are polynomial too.
 
 from typing import NamedTuple
 
-from impact_gym.kernel import by_type, kernel
+from impact_gym.kernel import by_type, inner_kernel
 
 APPROACH_VELOCITY_FLOOR = 1e-6
 """m/s. The hysteresis damping chi grows as 1 / v_in (paper, eq. 7) without bound; slower contacts use this value."""
@@ -51,25 +51,25 @@ class Scales(NamedTuple):
     force: float  # N, F0
 
 
-@kernel
+@inner_kernel
 def hertz_length(law: Hertz, energy: float) -> float:
     """delta0, m, of a contact with `energy` M v^2 (J)."""
     return (energy / law.stiffness) ** 0.4
 
 
-@kernel
+@inner_kernel
 def power_length(law: Power, energy: float) -> float:
     """delta0, m, of a contact with `energy` M v^2 (J)."""
     return (energy / law.stiffness) ** (1.0 / (law.m + 1.0))
 
 
-@kernel
+@inner_kernel
 def hertz_grip(law: Hertz, root: float, rate: float) -> float:
     """1 + d w."""
     return 1.0 + law.damping * rate
 
 
-@kernel
+@inner_kernel
 def power_grip(law: Power, root: float, rate: float) -> float:
     """u^m + d u^n w without the lower of the two powers."""
     u = root * root
@@ -79,13 +79,13 @@ def power_grip(law: Power, root: float, rate: float) -> float:
     return 1.0 + law.damping * u ** (law.n - law.m) * rate
 
 
-@kernel
+@inner_kernel
 def hertz_grip_slope(law: Hertz, root: float, rate: float, rate_slope: float) -> float:
     """d(grip)/ds, with dz/ds = w / 2 and dw/ds = `rate_slope`."""
     return law.damping * rate_slope
 
 
-@kernel
+@inner_kernel
 def power_grip_slope(law: Power, root: float, rate: float, rate_slope: float) -> float:
     """d(grip)/ds, with dz/ds = w / 2 and dw/ds = `rate_slope`."""
     p = abs(law.m - law.n)
@@ -95,26 +95,26 @@ def power_grip_slope(law: Power, root: float, rate: float, rate_slope: float) ->
     return law.damping * (growth * rate + root ** (2.0 * p) * rate_slope)
 
 
-@kernel
+@inner_kernel
 def hertz_force(law: Hertz, root: float, rate: float) -> float:
     """Contact force over F0."""
     return root * root * root * max(1.0 + law.damping * rate, 0.0)
 
 
-@kernel
+@inner_kernel
 def power_force(law: Power, root: float, rate: float) -> float:
     """Contact force over F0."""
     u = root * root
     return max(u**law.m + law.damping * u**law.n * rate, 0.0)
 
 
-@kernel
+@inner_kernel
 def hertz_force_slope(law: Hertz, root: float, rate: float, rate_slope: float) -> float:
     """(df/ds) / z^2."""
     return 1.5 * rate * (1.0 + law.damping * rate) + law.damping * root * rate_slope
 
 
-@kernel
+@inner_kernel
 def power_force_slope(law: Power, root: float, rate: float, rate_slope: float) -> float:
     """(df/ds) / z^(2 k - 1) with k the lower power, or 1 if n = 0."""
     u = root * root
@@ -126,13 +126,13 @@ def power_force_slope(law: Power, root: float, rate: float, rate_slope: float) -
     return law.m * u ** (law.m - 1.0) * rate + law.damping * acceleration
 
 
-@kernel
+@inner_kernel
 def hertz_slope_scale(law: Hertz, root: float) -> float:
     """z^2."""
     return root * root
 
 
-@kernel
+@inner_kernel
 def power_slope_scale(law: Power, root: float) -> float:
     """z^(2 k - 1) with k the lower power, or 1 if n = 0."""
     lower = min(law.m, law.n) if law.n > 0.0 else 1.0
@@ -154,7 +154,7 @@ slope_scale = by_type({Hertz: hertz_slope_scale, Power: power_slope_scale})
 """What `force_slope` is to be multiplied with for df/ds."""
 
 
-@kernel
+@inner_kernel
 def scales(law: Force, reduced_mass: float, approach_velocity: float) -> Scales:
     """Return the natural units of a contact that begins at `approach_velocity` (m/s)."""
     v = max(approach_velocity, APPROACH_VELOCITY_FLOOR)

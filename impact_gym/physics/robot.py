@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_gym.kernel import by_type, kernel
+from impact_gym.kernel import by_type, inner_kernel
 
 
 class LumpedRobot(NamedTuple):
@@ -24,13 +24,13 @@ class VaryingRobot(NamedTuple):
     coefficients: NDArray[np.float64]  # (4, n - 1, 3), highest power first; mass, stiffness, damping; as in PPoly
 
 
-@kernel
+@inner_kernel
 def lumped_within(robot: LumpedRobot, place: int, position: float) -> LumpedRobot:
     """Return the parameters."""
     return robot
 
 
-@kernel
+@inner_kernel
 def varying_within(robot: VaryingRobot, place: int, position: float) -> LumpedRobot:
     """Return the parameters at an imposed `position` (m) by the polynomial of interval `place`."""
     last = robot.breaks.shape[0] - 2
@@ -52,7 +52,7 @@ within = by_type({LumpedRobot: lumped_within, VaryingRobot: varying_within})
 """Parameters of a robot at an imposed position (m) in a given interval."""
 
 
-@kernel
+@inner_kernel
 def mass_slope(robot: VaryingRobot, place: int, position: float) -> float:
     """dm_r/dx_r at an imposed `position` (m) in interval `place`, kg/m."""
     if not 0 <= place < robot.breaks.shape[0] - 1:
@@ -63,13 +63,13 @@ def mass_slope(robot: VaryingRobot, place: int, position: float) -> float:
     return slope
 
 
-@kernel
+@inner_kernel
 def lumped_place(robot: LumpedRobot, position: float, direction: float) -> int:
     """There is one interval."""
     return 0
 
 
-@kernel
+@inner_kernel
 def varying_place(robot: VaryingRobot, position: float, direction: float) -> int:
     """Interval that begins or goes on at `position` (m) in `direction`: -1 before the first break, n - 1 behind all.
 
@@ -83,13 +83,13 @@ place = by_type({LumpedRobot: lumped_place, VaryingRobot: varying_place})
 """Interval in which the parameters are smooth from a position (m) on in a direction (its sign)."""
 
 
-@kernel
+@inner_kernel
 def lumped_at(robot: LumpedRobot, position: float) -> LumpedRobot:
     """Return the parameters."""
     return robot
 
 
-@kernel
+@inner_kernel
 def varying_at(robot: VaryingRobot, position: float) -> LumpedRobot:
     """Return the parameters at an imposed `position` (m)."""
     return varying_within(robot, varying_place(robot, position, 1.0), position)
@@ -99,13 +99,13 @@ at = by_type({LumpedRobot: lumped_at, VaryingRobot: varying_at})
 """Parameters of a robot at an imposed position (m)."""
 
 
-@kernel
+@inner_kernel
 def lumped_bounds(robot: LumpedRobot, place: int) -> tuple[float, float]:
     """Everywhere."""
     return -math.inf, math.inf
 
 
-@kernel
+@inner_kernel
 def varying_bounds(robot: VaryingRobot, place: int) -> tuple[float, float]:
     """Ends of interval `place`, m."""
     low = robot.breaks[place] if place >= 0 else -math.inf
@@ -117,13 +117,13 @@ bounds = by_type({LumpedRobot: lumped_bounds, VaryingRobot: varying_bounds})
 """Imposed positions (m) between which an interval lies."""
 
 
-@kernel
+@inner_kernel
 def stiffest_lumped(robot: LumpedRobot) -> float:
     """Largest k_r / m_r, 1/s^2."""
     return robot.stiffness / robot.mass
 
 
-@kernel
+@inner_kernel
 def stiffest_varying(robot: VaryingRobot) -> float:
     """Largest k_r / m_r at the breaks, 1/s^2: a scale, not a bound."""
     largest = 0.0

@@ -2,7 +2,7 @@
 
 import math
 
-from impact_gym.kernel import kernel
+from impact_gym.kernel import inner_kernel
 from impact_gym.physics.coupling import FRONT
 from impact_gym.solver import contact, coupled, flight
 from impact_gym.solver.contact import ARRIVED, DETECTED, SEPARATED, SWITCHED
@@ -11,7 +11,7 @@ from impact_gym.solver.recording import close_contact, trace
 from impact_gym.solver.state import Chain, Run
 
 
-@kernel
+@inner_kernel
 def reset(chain: Chain, distance: float) -> None:
     """Put `chain` at rest at t = 0, the object `distance` (m) ahead, nothing having happened yet."""
     chain.time = 0.0
@@ -38,7 +38,7 @@ def reset(chain: Chain, distance: float) -> None:
     chain.snaps = 0
 
 
-@kernel
+@inner_kernel
 def command(run: Run, chain: Chain, target: float, acceleration: float, until: float) -> int:
     """Take the flange to velocity `target` (m/s) at `acceleration` (m/s^2) and hold it, until time `until` (s).
 
@@ -64,7 +64,7 @@ def command(run: Run, chain: Chain, target: float, acceleration: float, until: f
     return ARRIVED
 
 
-@kernel
+@inner_kernel
 def piece(run: Run, chain: Chain, acceleration: float, until: float) -> int:
     """Advance through flights and contacts under one constant acceleration of the flange."""
     while chain.time < until:

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from impact_gym.kernel import kernel
+from impact_gym.kernel import inner_kernel, kernel
 from impact_gym.physics.coupling import Law
 from impact_gym.solver import coupled
 from impact_gym.solver.advance import command, reset
@@ -41,7 +41,7 @@ def approach(
     return play(Run(law, bodies, profile.threshold, tolerance, recorder, work), chains[0], distance, profile, duration)
 
 
-@kernel
+@inner_kernel
 def play(run: Run, chain: Chain, distance: float, profile: Profile, duration: float) -> int:
     """Run `chain` from rest for `duration` (s); a contact unfinished then is entered with an end of nan."""
     reset(chain, distance)

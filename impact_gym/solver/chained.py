@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from impact_gym.kernel import by_type, kernel
+from impact_gym.kernel import by_type, inner_kernel
 from impact_gym.physics import contact, coupling, robot
 from impact_gym.physics.coupling import Law, MechanismLaw, RobotLaw, VaryingLaw
 from impact_gym.solver.collision import (
@@ -56,7 +56,7 @@ class Motion(NamedTuple):
     joined: float  # N, momentum per second of the mass that joins the moving part
 
 
-@kernel
+@inner_kernel
 def mechanism_motion(law: MechanismLaw, now: Piece, x_r: float, v_r: float, state: Array, push: float) -> Motion:
     """Tool and object under a mechanism on a rigid robot (paper, eq. 17 with 23); `push` (N) is the contact's."""
     y, y_dot = state[DEFLECTION] * now.units.length, state[DEFLECTION_RATE] * now.units.velocity
@@ -64,7 +64,7 @@ def mechanism_motion(law: MechanismLaw, now: Piece, x_r: float, v_r: float, stat
     return Motion((T - push) / law.tool_mass - now.acceleration, 0.0, T, 0.0)
 
 
-@kernel
+@inner_kernel
 def robot_motion(law: RobotLaw, now: Piece, x_r: float, v_r: float, state: Array, push: float) -> Motion:
     """Flange, tool and object in a row (paper, eq. 16 with the force of eq. 17 or 23 on both its sides)."""
     y, y_dot = state[DEFLECTION] * now.units.length, state[DEFLECTION_RATE] * now.units.velocity
@@ -75,7 +75,7 @@ def robot_motion(law: RobotLaw, now: Piece, x_r: float, v_r: float, state: Array
     return Motion((T - push) / law.tool_mass - now.acceleration, flange, T, 0.0)
 
 
-@kernel
+@inner_kernel
 def varying_motion(law: VaryingLaw, now: Piece, x_r: float, v_r: float, state: Array, push: float) -> Motion:
     """Robot and tool as one mass (paper, eq. 8) whose parameters follow the imposed motion (eq. 16)."""
     y, y_dot = state[DEFLECTION] * now.units.length, state[DEFLECTION_RATE] * now.units.velocity
@@ -89,7 +89,7 @@ motion = by_type({MechanismLaw: mechanism_motion, RobotLaw: robot_motion, Varyin
 """Accelerations of a chain at imposed position x_r (m) and velocity v_r (m/s), from a scaled state."""
 
 
-@kernel
+@inner_kernel
 def fill(law: ChainedLaw, now: Piece, state: Array, out: Array, pace: float, f: float) -> None:
     """Write the rates of all but the first place: d/ds with dt = `pace` ds, under the scaled contact force `f`."""
     units = now.units
@@ -109,13 +109,13 @@ def fill(law: ChainedLaw, now: Piece, state: Array, out: Array, pace: float, f: 
     out[OFFSET_RATE] = per_velocity * move.flange
 
 
-@kernel
+@inner_kernel
 def width(law: ChainedLaw) -> int:
     """Length of the scaled state, with places to spare that make it a multiple of four."""
     return 12
 
 
-@kernel
+@inner_kernel
 def rate(law: ChainedLaw, now: Piece, state: Array, out: Array) -> None:
     """d(state)/ds of a contact."""
     out[ROOT] = 0.5 * state[RATE]
@@ -128,45 +128,45 @@ class Flight(NamedTuple):
     law: ChainedLaw
 
 
-@kernel
+@inner_kernel
 def flight_width(flight: Flight) -> int:
     """Length of the scaled state."""
     return 12
 
 
-@kernel
+@inner_kernel
 def flight_rate(flight: Flight, now: Piece, state: Array, out: Array) -> None:
     """d(state)/dt of a flight."""
     out[ROOT] = state[RATE]
     fill(flight.law, now, state, out, 1.0, 0.0)
 
 
-@kernel
+@inner_kernel
 def varying_mass(law: VaryingLaw, position: float) -> float:
     """Mass of robot and tool at an imposed `position` (m), kg."""
     return law.tool_mass + robot.varying_at(law.robot, position).mass
 
 
-@kernel
+@inner_kernel
 def tool_reduced_mass(law: MechanismLaw | RobotLaw, object_mass: float, chain: Chain) -> float:
     """Mass of the relative motion, kg."""
     return law.tool_mass * object_mass / (law.tool_mass + object_mass)
 
 
-@kernel
+@inner_kernel
 def varying_reduced_mass(law: VaryingLaw, object_mass: float, chain: Chain) -> float:
     """Mass of the relative motion where the contact under way began, kg."""
     moving = varying_mass(law, chain.start_flange_position)
     return moving * object_mass / (moving + object_mass)
 
 
-@kernel
+@inner_kernel
 def no_place(law: MechanismLaw, chain: Chain, acceleration: float) -> int:
     """A rigid robot has no parameters."""
     return 0
 
 
-@kernel
+@inner_kernel
 def robot_place(law: RobotLaw | VaryingLaw, chain: Chain, acceleration: float) -> int:
     """Interval of the robot's parameters that the imposed motion is in or enters now."""
     direction = chain.flange_velocity if chain.flange_velocity != 0.0 else acceleration
@@ -178,7 +178,7 @@ place = by_type({MechanismLaw: no_place, RobotLaw: robot_place, VaryingLaw: robo
 """Interval of the robot's parameters, constant in a smooth piece."""
 
 
-@kernel
+@inner_kernel
 def collision(
     law: ChainedLaw,
     bodies: Bodies,
@@ -202,7 +202,7 @@ def collision(
     )
 
 
-@kernel
+@inner_kernel
 def load_chain(law: ChainedLaw, chain: Chain, scales: contact.Scales, state: Array) -> None:
     """Write all but the first four places of `chain` into the scaled `state`."""
     state[4:] = 0.0
@@ -212,14 +212,14 @@ def load_chain(law: ChainedLaw, chain: Chain, scales: contact.Scales, state: Arr
     state[OFFSET_RATE] = chain.flange_offset_rate / scales.velocity
 
 
-@kernel
+@inner_kernel
 def load(law: ChainedLaw, chain: Chain, scales: contact.Scales, state: Array) -> None:
     """Write `chain` into the scaled `state` of a contact."""
     load_common(chain, scales, state)
     load_chain(law, chain, scales, state)
 
 
-@kernel
+@inner_kernel
 def store_chain(law: ChainedLaw, chain: Chain, base: Origin, scales: contact.Scales, state: Array) -> None:
     """Write all but the first four places of the scaled `state` back into `chain`."""
     chain.deflection = state[DEFLECTION] * scales.length
@@ -230,14 +230,14 @@ def store_chain(law: ChainedLaw, chain: Chain, base: Origin, scales: contact.Sca
     chain.joined = base.joined + state[JOINED] * scales.force * scales.time
 
 
-@kernel
+@inner_kernel
 def store(law: ChainedLaw, chain: Chain, base: Origin, scales: contact.Scales, state: Array) -> None:
     """Write the scaled `state` of a contact back into `chain`."""
     store_common(chain, base, scales, state)
     store_chain(law, chain, base, scales, state)
 
 
-@kernel
+@inner_kernel
 def load_flight(law: ChainedLaw, chain: Chain, scales: contact.Scales, state: Array) -> None:
     """Write `chain` into the scaled `state` of a flight."""
     state[ROOT] = min(chain.penetration, 0.0) / scales.length
@@ -247,7 +247,7 @@ def load_flight(law: ChainedLaw, chain: Chain, scales: contact.Scales, state: Ar
     load_chain(law, chain, scales, state)
 
 
-@kernel
+@inner_kernel
 def store_flight(law: ChainedLaw, chain: Chain, base: Origin, scales: contact.Scales, state: Array) -> None:
     """Write the scaled `state` of a flight back into `chain`."""
     store_clock(chain, base, scales, state)
@@ -255,13 +255,13 @@ def store_flight(law: ChainedLaw, chain: Chain, base: Origin, scales: contact.Sc
     store_chain(law, chain, base, scales, state)
 
 
-@kernel
+@inner_kernel
 def all_smooth(law: Law, chain: Chain, acceleration: float, until: float) -> float:
     """The equations of motion are smooth all the way."""
     return until
 
 
-@kernel
+@inner_kernel
 def smooth_until(law: RobotLaw | VaryingLaw, chain: Chain, acceleration: float, until: float) -> float:
     """Time (s), `until` at the latest, up to which the robot's parameters are smooth functions of time."""
     low, high = robot.bounds(law.robot, robot_place(law, chain, acceleration))
@@ -271,13 +271,13 @@ def smooth_until(law: RobotLaw | VaryingLaw, chain: Chain, acceleration: float, 
     return min(until, chain.time + min(ahead, behind))
 
 
-@kernel
+@inner_kernel
 def mechanism_frequency(law: MechanismLaw, chain: Chain) -> float:
     """Highest angular frequency but for the stops, rad/s."""
     return math.sqrt(coupling.mechanism_stiffness_bound(law.coupling) / law.tool_mass)
 
 
-@kernel
+@inner_kernel
 def robot_frequency(law: RobotLaw, chain: Chain) -> float:
     """A bound on the angular frequencies but for the stops, rad/s."""
     flange = robot.at(law.robot, chain.flange_position).mass
@@ -285,7 +285,7 @@ def robot_frequency(law: RobotLaw, chain: Chain) -> float:
     return math.sqrt(robot.stiffest(law.robot) + tied)
 
 
-@kernel
+@inner_kernel
 def varying_frequency(law: VaryingLaw, chain: Chain) -> float:
     """A bound on the angular frequency, rad/s."""
     return math.sqrt(robot.stiffest_varying(law.robot))
@@ -297,14 +297,14 @@ highest_frequency = by_type(
 """A bound on the angular frequencies of a chain but for stops, rad/s."""
 
 
-@kernel
+@inner_kernel
 def mechanism_reach(law: MechanismLaw, chain: Chain) -> float:
     """Largest deflection to come, m, while the imposed motion rests and there is no contact."""
     kinetic = 0.5 * law.tool_mass * chain.deflection_rate**2
     return coupling.mechanism_reach(law.coupling, chain.deflection, kinetic)
 
 
-@kernel
+@inner_kernel
 def robot_reach(law: RobotLaw, chain: Chain) -> float:
     """Largest deflection to come, m, while the imposed motion rests and there is no contact."""
     m_r, k_r, _ = robot.at(law.robot, chain.flange_position)
@@ -315,7 +315,7 @@ def robot_reach(law: RobotLaw, chain: Chain) -> float:
     return farthest + math.sqrt(2.0 * (outside + coupling.stored(law.coupling, stretch)) / k_r)
 
 
-@kernel
+@inner_kernel
 def varying_reach(law: VaryingLaw, chain: Chain) -> float:
     """Largest deflection to come, m, while the imposed motion rests and there is no contact."""
     m_r, k_r, _ = robot.varying_at(law.robot, chain.flange_position)
@@ -326,7 +326,7 @@ reach = by_type({MechanismLaw: mechanism_reach, RobotLaw: robot_reach, VaryingLa
 """Largest deflection to come, m."""
 
 
-@kernel
+@inner_kernel
 def cannot_touch(law: ChainedLaw, chain: Chain) -> bool:
     """True if, with the imposed motion at rest for good, tool and object can never touch again.
 
@@ -336,13 +336,13 @@ def cannot_touch(law: ChainedLaw, chain: Chain) -> bool:
     return parting and reach(law, chain) <= chain.deflection - chain.penetration
 
 
-@kernel
+@inner_kernel
 def coupling_impulse(law: ChainedLaw, chain: Chain) -> float:
     """Impulse on the tool of what holds it, over the contact under way, N s (paper, eq. 21)."""
     return chain.pull_impulse
 
 
-@kernel
+@inner_kernel
 def coupling_force(law: ChainedLaw, chain: Chain, acceleration: float, contact_force: float) -> float:
     """Force on the tool of what holds it, N."""
     state = np.empty(12)
@@ -364,7 +364,7 @@ def coupling_force(law: ChainedLaw, chain: Chain, acceleration: float, contact_f
     return force
 
 
-@kernel
+@inner_kernel
 def varying_momentum(law: VaryingLaw, chain: Chain) -> float:
     """Momentum that robot and tool have gained in the contact, less what the mass that joined brought along, N s."""
     after = varying_mass(law, chain.flange_position) * (chain.flange_velocity + chain.deflection_rate)

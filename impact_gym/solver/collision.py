@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from impact_gym.kernel import kernel
+from impact_gym.kernel import inner_kernel
 from impact_gym.physics import contact
 from impact_gym.physics.coupling import Law
 from impact_gym.solver.state import Array, Chain
@@ -36,7 +36,7 @@ class Origin(NamedTuple):
     joined: float  # N s, likewise
 
 
-@kernel
+@inner_kernel
 def origin(chain: Chain, acceleration: float) -> Origin:
     """Return the origin of an integration that starts at the state of `chain`."""
     return Origin(
@@ -51,7 +51,7 @@ def origin(chain: Chain, acceleration: float) -> Origin:
     )
 
 
-@kernel
+@inner_kernel
 def load_common(chain: Chain, scales: contact.Scales, state: Array) -> None:
     """Write penetration, rate, time and impulse of `chain` into the scaled `state`."""
     state[ROOT] = (max(chain.penetration, 0.0) / scales.length) ** 0.5
@@ -60,7 +60,7 @@ def load_common(chain: Chain, scales: contact.Scales, state: Array) -> None:
     state[IMPULSE] = 0.0
 
 
-@kernel
+@inner_kernel
 def store_clock(chain: Chain, base: Origin, scales: contact.Scales, state: Array) -> None:
     """Write time, imposed motion and penetration rate of the scaled `state` back into `chain`."""
     elapsed = state[TIME] * scales.time
@@ -70,7 +70,7 @@ def store_clock(chain: Chain, base: Origin, scales: contact.Scales, state: Array
     chain.penetration_rate = state[RATE] * scales.velocity
 
 
-@kernel
+@inner_kernel
 def store_common(chain: Chain, base: Origin, scales: contact.Scales, state: Array) -> None:
     """Write what every scaled `state` of a contact has back into `chain`."""
     store_clock(chain, base, scales, state)
@@ -78,7 +78,7 @@ def store_common(chain: Chain, base: Origin, scales: contact.Scales, state: Arra
     chain.impulse = base.impulse + state[IMPULSE] * scales.force * scales.time
 
 
-@kernel
+@inner_kernel
 def tool_gain(law: Law, chain: Chain) -> float:
     """Momentum that the tool has gained in the contact under way, N s."""
     return law.tool_mass * (chain.flange_velocity + chain.deflection_rate - chain.start_tool_velocity)

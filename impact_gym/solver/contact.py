@@ -2,7 +2,7 @@
 
 import math
 
-from impact_gym.kernel import kernel
+from impact_gym.kernel import inner_kernel
 from impact_gym.physics import contact
 from impact_gym.solver import collision as scaled
 from impact_gym.solver import coupled, dop853, events, slider
@@ -24,7 +24,7 @@ STEP_LIMIT = int(Status.STEP_LIMIT)
 NOT_FINITE = int(Status.NOT_FINITE)
 
 
-@kernel
+@inner_kernel
 def begin(chain: Chain) -> None:
     """Open a contact at the state of `chain`: fresh approach velocity, empty budget."""
     chain.touching = 1
@@ -46,14 +46,14 @@ def begin(chain: Chain) -> None:
     chain.first_contact = min(chain.first_contact, chain.time)
 
 
-@kernel
+@inner_kernel
 def natural_units(run: Run, chain: Chain) -> contact.Scales:
     """Return the natural units of the contact under way."""
     mass = coupled.reduced_mass(run.law, run.bodies.object_mass, chain)
     return contact.scales(run.bodies.contact, mass, chain.approach_velocity)
 
 
-@kernel
+@inner_kernel
 def sensed_force(run: Run, chain: Chain) -> float:
     """Contact force now, N."""
     if chain.touching == 0:
@@ -63,7 +63,7 @@ def sensed_force(run: Run, chain: Chain) -> float:
     return units.force * contact.force(run.bodies.contact, root, chain.penetration_rate / units.velocity)
 
 
-@kernel
+@inner_kernel
 def proceed(run: Run, chain: Chain, acceleration: float, until: float) -> int:
     """Advance a contact to time `until` (s) or to its end, or to the first crossing of the threshold."""
     law, bodies, work = run.law, run.bodies, run.work
@@ -182,7 +182,7 @@ def proceed(run: Run, chain: Chain, acceleration: float, until: float) -> int:
     return outcome
 
 
-@kernel
+@inner_kernel
 def trace_step(
     run: Run, constants: Collision | Piece, chain: Chain, base: Origin, units: contact.Scales, taken: float
 ) -> None:

@@ -1,6 +1,6 @@
 """Events inside a contact step: what each one is a zero of, and the step length that ends exactly on it."""
 
-from impact_gym.kernel import kernel
+from impact_gym.kernel import inner_kernel
 from impact_gym.physics import contact
 from impact_gym.physics.coupling import Law
 from impact_gym.solver import dop853, slider
@@ -24,7 +24,7 @@ passes zero.
 """
 
 
-@kernel
+@inner_kernel
 def value(
     kind: int, law: Law | Flight, collision: Collision | Piece, horizon: float, state: Array, rate: Array
 ) -> float:
@@ -57,7 +57,7 @@ def value(
     return contact.force(collision.contact, z, w) - collision.threshold
 
 
-@kernel
+@inner_kernel
 def slope(kind: int, collision: Collision | Piece, state: Array, rate: Array) -> float:
     """d(value)/ds; zero where no formula is at hand, which leaves bisection and secants."""
     z: float = state[ROOT]
@@ -80,7 +80,7 @@ def slope(kind: int, collision: Collision | Piece, state: Array, rate: Array) ->
     return 0.0
 
 
-@kernel
+@inner_kernel
 def starts_on(kind: int, law: Law | Flight, collision: Collision | Piece, horizon: float, work: Array) -> bool:
     """True if the step, which ends beyond event `kind`, also starts on it but for rounding.
 
@@ -91,7 +91,7 @@ def starts_on(kind: int, law: Law | Flight, collision: Collision | Piece, horizo
     return start > -1e-9 * value(kind, law, collision, horizon, work[TRIAL], work[STAGES - 1])
 
 
-@kernel
+@inner_kernel
 def slider_recurs(law: Law | Flight, collision: Piece, horizon: float, work: Array) -> bool:
     """True if the last attempt starts on an event of the slider and ends beyond it."""
     if slider.switch(law, collision, work[TRIAL]) > 0.0 and starts_on(SWITCH, law, collision, horizon, work):
@@ -99,7 +99,7 @@ def slider_recurs(law: Law | Flight, collision: Piece, horizon: float, work: Arr
     return slider.passing(law, collision, work[TRIAL]) > 0.0 and starts_on(PASSAGE, law, collision, horizon, work)
 
 
-@kernel
+@inner_kernel
 def cubic_zero(start: float, start_slope: float, end: float, end_slope: float) -> float:
     """Guess the zero in (0, 1) of the cubic with these values, of opposite signs, and slopes at 0 and 1."""
     t = start / (start - end)
@@ -115,7 +115,7 @@ def cubic_zero(start: float, start_slope: float, end: float, end_slope: float) -
     return t
 
 
-@kernel
+@inner_kernel
 def land(kind: int, law: Law | Flight, collision: Collision | Piece, horizon: float, work: Array, h: float) -> float:
     """Shorten the last attempt, of length `h`, so that it ends on event `kind`; return its new length.
 

@@ -2,7 +2,7 @@
 
 import math
 
-from impact_gym.kernel import by_type, kernel
+from impact_gym.kernel import by_type, inner_kernel
 from impact_gym.physics import contact
 from impact_gym.physics.coupling import MechanismLaw, RigidLaw, RobotLaw, SpringDamperLaw, VaryingLaw
 from impact_gym.solver import chained, coupled, dop853, events, slider
@@ -24,7 +24,7 @@ STEP_LIMIT = int(Status.STEP_LIMIT)
 NOT_FINITE = int(Status.NOT_FINITE)
 
 
-@kernel
+@inner_kernel
 def closed_form(law: RigidLaw | SpringDamperLaw, run: Run, chain: Chain, acceleration: float, until: float) -> int:
     """Fly to the first touch or to time `until` (s), exactly."""
     left = until - chain.time
@@ -39,7 +39,7 @@ def closed_form(law: RigidLaw | SpringDamperLaw, run: Run, chain: Chain, acceler
     return ARRIVED
 
 
-@kernel
+@inner_kernel
 def integrated(law: ChainedLaw, run: Run, chain: Chain, acceleration: float, until: float) -> int:
     """Fly to the first touch or to time `until` (s), in smooth pieces between the switches of stops."""
     trace(run, chain, acceleration, 0.0)
@@ -61,7 +61,7 @@ fly = by_type(
 """Fly to the first touch (TOUCHED) or to a time (ARRIVED)."""
 
 
-@kernel
+@inner_kernel
 def flight_units(law: ChainedLaw, chain: Chain, acceleration: float) -> contact.Scales:
     """Return natural units of a flight: the chain's fastest motion, and the largest velocity at hand."""
     time = 1.0 / chained.highest_frequency(law, chain)
@@ -72,7 +72,7 @@ def flight_units(law: ChainedLaw, chain: Chain, acceleration: float) -> contact.
     return contact.Scales(v * time, time, v, v / time)
 
 
-@kernel
+@inner_kernel
 def glide(law: ChainedLaw, run: Run, chain: Chain, acceleration: float, until: float) -> int:
     """Integrate one smooth piece of a flight: until a touch, a switch of stops or of sides, or time `until` (s)."""
     flight = Flight(law)
@@ -157,7 +157,7 @@ def glide(law: ChainedLaw, run: Run, chain: Chain, acceleration: float, until: f
     return outcome
 
 
-@kernel
+@inner_kernel
 def recurs(flight: Flight, now: Piece, horizon: float, run: Run) -> bool:
     """True if the last attempt starts on an event and ends beyond it."""
     work = run.work
@@ -167,7 +167,7 @@ def recurs(flight: Flight, now: Piece, horizon: float, run: Run) -> bool:
     return slider.exists(flight) and events.slider_recurs(flight, now, horizon, work)
 
 
-@kernel
+@inner_kernel
 def search_slider(flight: Flight, now: Piece, run: Run, taken: float) -> float:
     """Shorten the last attempt to where the slider turns round inside it, if it does; return its length."""
     work = run.work
@@ -178,7 +178,7 @@ def search_slider(flight: Flight, now: Piece, run: Run, taken: float) -> float:
     return taken
 
 
-@kernel
+@inner_kernel
 def search_touch(flight: Flight, now: Piece, run: Run, taken: float, before: int) -> tuple[float, int]:
     """Shorten the last attempt so that the gap is monotone or ends closed; return its length and what ended it.
 
@@ -202,7 +202,7 @@ def search_touch(flight: Flight, now: Piece, run: Run, taken: float, before: int
     return taken, found
 
 
-@kernel
+@inner_kernel
 def trace_glide(run: Run, flight: Flight, now: Piece, chain: Chain, base: Origin, taken: float) -> None:
     """Trace points along the step just found good, each a step of the integrator from the same start."""
     points = math.ceil(taken * now.units.time / run.recorder.interval)

@@ -4,19 +4,19 @@ import math
 
 import numpy as np
 
-from impact_gym.kernel import kernel
+from impact_gym.kernel import inner_kernel
 from impact_gym.physics import budget
 from impact_gym.solver import coupled
 from impact_gym.solver.state import CHAIN, Chain, Run
 
 
-@kernel
+@inner_kernel
 def object_velocity(chain: Chain) -> float:
     """Velocity of the object, m/s."""
     return chain.flange_velocity + chain.deflection_rate - chain.penetration_rate
 
 
-@kernel
+@inner_kernel
 def close_contact(run: Run, chain: Chain, end: float) -> None:
     """Enter the contact under way into the totals of `chain` and the contact log; `end` (s) is nan if unfinished."""
     impulse = coupled.coupling_impulse(run.law, chain)
@@ -41,7 +41,7 @@ def close_contact(run: Run, chain: Chain, end: float) -> None:
         log[8] = error
 
 
-@kernel
+@inner_kernel
 def trace(run: Run, chain: Chain, acceleration: float, contact_force: float) -> None:
     """Append the state of `chain` to the trace."""
     if run.recorder.trace.shape[0] == 0:
@@ -63,7 +63,7 @@ def trace(run: Run, chain: Chain, acceleration: float, contact_force: float) -> 
         line[10] = chain.flange_velocity
 
 
-@kernel
+@inner_kernel
 def trace_flight(run: Run, chain: Chain, acceleration: float, duration: float) -> None:
     """Trace the `duration` (s) of flight ahead of `chain`, a point every `run.recorder.interval` at least."""
     if run.recorder.trace.shape[0] == 0:

@@ -3,7 +3,7 @@
 Laws without a mechanism have no slider, which is known when a kernel is compiled.
 """
 
-from impact_gym.kernel import by_type, kernel
+from impact_gym.kernel import by_type, inner_kernel
 from impact_gym.physics import coupling
 from impact_gym.physics.coupling import (
     FREE,
@@ -25,12 +25,12 @@ from impact_gym.solver.state import Array, Chain
 NEVER = -1.0
 
 
-@kernel
+@inner_kernel
 def _false(of: Law) -> bool:
     return False
 
 
-@kernel
+@inner_kernel
 def _true(of: Law) -> bool:
     return True
 
@@ -38,7 +38,7 @@ def _true(of: Law) -> bool:
 _has_stops = by_type({Spring: _false, Mechanism: _true})
 
 
-@kernel
+@inner_kernel
 def _coupling_has_stops(law: RobotLaw) -> bool:
     stops: bool = _has_stops(law.coupling)
     return stops
@@ -47,7 +47,7 @@ def _coupling_has_stops(law: RobotLaw) -> bool:
 _law_has_stops = by_type({MechanismLaw: _true, RobotLaw: _coupling_has_stops, VaryingLaw: _false})
 
 
-@kernel
+@inner_kernel
 def _flight_has_stops(flight: Flight) -> bool:
     stops: bool = _law_has_stops(flight.law)
     return stops
@@ -66,27 +66,27 @@ exists = by_type(
 """Whether there is a slider."""
 
 
-@kernel
+@inner_kernel
 def _never(law: Law, now: Piece, state: Array) -> float:
     return NEVER
 
 
-@kernel
+@inner_kernel
 def _spring_alignment(spring: Spring, side: int, stretch: float) -> float:
     return NEVER
 
 
-@kernel
+@inner_kernel
 def _mechanism_alignment(mechanism: Mechanism, side: int, stretch: float) -> float:
     return -side * (mechanism.rest + stretch)
 
 
-@kernel
+@inner_kernel
 def _no_stop(spring: Spring) -> tuple[float, float]:
     return 0.0, 0.0
 
 
-@kernel
+@inner_kernel
 def _mechanism_stop(mechanism: Mechanism) -> tuple[float, float]:
     return mechanism.stop_stiffness, mechanism.stop_damping
 
@@ -95,7 +95,7 @@ _stop = by_type({Spring: _no_stop, Mechanism: _mechanism_stop})
 _alignment = by_type({Spring: _spring_alignment, Mechanism: _mechanism_alignment})
 
 
-@kernel
+@inner_kernel
 def _switch(law: MechanismLaw | RobotLaw, now: Piece, state: Array) -> float:
     stretch = (state[DEFLECTION] - state[OFFSET]) * now.units.length
     stretch_rate = (state[DEFLECTION_RATE] - state[OFFSET_RATE]) * now.units.velocity
@@ -103,7 +103,7 @@ def _switch(law: MechanismLaw | RobotLaw, now: Piece, state: Array) -> float:
     return switch
 
 
-@kernel
+@inner_kernel
 def _passing(law: MechanismLaw | RobotLaw, now: Piece, state: Array) -> float:
     passing: float = _alignment(law.coupling, now.side, (state[DEFLECTION] - state[OFFSET]) * now.units.length)
     return passing
@@ -113,13 +113,13 @@ _law_switch = by_type({MechanismLaw: _switch, RobotLaw: _switch, VaryingLaw: _ne
 _law_passing = by_type({MechanismLaw: _passing, RobotLaw: _passing, VaryingLaw: _never})
 
 
-@kernel
+@inner_kernel
 def _flight_switch(flight: Flight, now: Piece, state: Array) -> float:
     switch: float = _law_switch(flight.law, now, state)
     return switch
 
 
-@kernel
+@inner_kernel
 def _flight_passing(flight: Flight, now: Piece, state: Array) -> float:
     passing: float = _law_passing(flight.law, now, state)
     return passing
@@ -132,7 +132,7 @@ passing = by_type({**_NONE, MechanismLaw: _passing, RobotLaw: _passing, Flight: 
 """Positive, m, once the slider has passed the alignment."""
 
 
-@kernel
+@inner_kernel
 def _extremum(start: float, start_slope: float, end: float, end_slope: float) -> tuple[float, float]:
     """Place in (0, 1) and value of the extremum of a cubic, given at 0 and 1; place 1 if its slope keeps its sign."""
     if start_slope * end_slope >= 0.0:
@@ -147,7 +147,7 @@ def _extremum(start: float, start_slope: float, end: float, end_slope: float) ->
     return 1.0, end
 
 
-@kernel
+@inner_kernel
 def _turn(
     law: MechanismLaw | RobotLaw,
     now: Piece,
@@ -178,7 +178,7 @@ def _turn(
     return t if pull > 0.0 else 1.0
 
 
-@kernel
+@inner_kernel
 def _no_turn(law: Law, now: Piece, state: Array, rate: Array, trial: Array, trial_rate: Array, h: float) -> float:
     return 1.0
 
@@ -186,7 +186,7 @@ def _no_turn(law: Law, now: Piece, state: Array, rate: Array, trial: Array, tria
 _law_turn = by_type({MechanismLaw: _turn, RobotLaw: _turn, VaryingLaw: _no_turn})
 
 
-@kernel
+@inner_kernel
 def _flight_turn(
     flight: Flight, now: Piece, state: Array, rate: Array, trial: Array, trial_rate: Array, h: float
 ) -> float:
@@ -211,7 +211,7 @@ is read off the cubic through both ends.
 """
 
 
-@kernel
+@inner_kernel
 def switch_stop(chain: Chain) -> None:
     """Let go of the stop that pushed, or let that one push which the slider has moved into."""
     if chain.pressed != FREE:
@@ -220,7 +220,7 @@ def switch_stop(chain: Chain) -> None:
         chain.pressed = FRONT if chain.side > 0 else REAR
 
 
-@kernel
+@inner_kernel
 def record_passage(chain: Chain, snaps: Array) -> None:
     """Note that the slider has passed the alignment now."""
     chain.side = -chain.side

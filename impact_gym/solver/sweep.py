@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from impact_gym.kernel import by_type, kernel
+from impact_gym.kernel import by_type, inner_kernel, kernel
 from impact_gym.physics.contact import Force, Hertz, Power
 from impact_gym.physics.coupling import (
     Law,
@@ -25,12 +25,12 @@ from impact_gym.solver.state import Array, Bodies, Recorder, Run, Status, Tolera
 NOT_FINITE = int(Status.NOT_FINITE)
 
 
-@kernel
+@inner_kernel
 def _spring(like: Spring, row: Array) -> Spring:
     return Spring(row[1], row[2])
 
 
-@kernel
+@inner_kernel
 def _mechanism(like: Mechanism, row: Array) -> Mechanism:
     return Mechanism(row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8])
 
@@ -38,12 +38,12 @@ def _mechanism(like: Mechanism, row: Array) -> Mechanism:
 _coupling = by_type({Spring: _spring, Mechanism: _mechanism})
 
 
-@kernel
+@inner_kernel
 def _lumped(like: LumpedRobot, row: Array) -> LumpedRobot:
     return LumpedRobot(row[-3], row[-2], row[-1])
 
 
-@kernel
+@inner_kernel
 def _varying(like: VaryingRobot, row: Array) -> VaryingRobot:
     return like
 
@@ -51,27 +51,27 @@ def _varying(like: VaryingRobot, row: Array) -> VaryingRobot:
 _robot = by_type({LumpedRobot: _lumped, VaryingRobot: _varying})
 
 
-@kernel
+@inner_kernel
 def _rigid_law(like: RigidLaw, row: Array) -> RigidLaw:
     return RigidLaw(row[0])
 
 
-@kernel
+@inner_kernel
 def _spring_damper_law(like: SpringDamperLaw, row: Array) -> SpringDamperLaw:
     return SpringDamperLaw(row[0], row[1], row[2])
 
 
-@kernel
+@inner_kernel
 def _mechanism_law(like: MechanismLaw, row: Array) -> MechanismLaw:
     return MechanismLaw(row[0], _mechanism(like.coupling, row))
 
 
-@kernel
+@inner_kernel
 def _robot_law(like: RobotLaw, row: Array) -> RobotLaw:
     return RobotLaw(row[0], _coupling(like.coupling, row), _robot(like.robot, row))
 
 
-@kernel
+@inner_kernel
 def _varying_law(like: VaryingLaw, row: Array) -> VaryingLaw:
     return VaryingLaw(row[0], like.robot)
 
@@ -88,12 +88,12 @@ restored = by_type(
 """A law like another, its numbers (but a table's) from a row: those of the tool, the coupling, the robot."""
 
 
-@kernel
+@inner_kernel
 def _hertz(like: Hertz, row: Array) -> Hertz:
     return Hertz(row[0], row[1])
 
 
-@kernel
+@inner_kernel
 def _power(like: Power, row: Array) -> Power:
     return Power(row[0], row[1], row[2], row[3])
 

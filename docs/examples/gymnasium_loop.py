@@ -1,0 +1,20 @@
+"""The paper's rule in a plain Gymnasium loop: go at 1 m/s, stop at the contact alarm."""
+
+import gymnasium as gym
+import numpy as np
+
+import impact_gym  # noqa: F401  # registers the environments
+
+GO = np.array([0.5, -5 / 19], np.float32)  # to 1 m/s at 8 m/s^2
+STOP = np.array([-0.5, -5 / 19], np.float32)  # to 0 m/s at 8 m/s^2
+ALARM = 3  # its place in the observation
+
+env = gym.make("ImpactApproach-v0")
+for seed in range(5):
+    observation, info = env.reset(seed=seed)
+    terminated = truncated = False
+    while not (terminated or truncated):
+        action = STOP if observation[ALARM] else GO
+        observation, reward, terminated, truncated, info = env.step(action)
+    print(f"seed {seed}: contact after {info['approach_time']:.4f} s, object left at {info['object_velocity']:.4f} m/s")
+env.close()

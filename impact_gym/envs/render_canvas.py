@@ -1,0 +1,142 @@
+"""A picture to draw on: pygame behind coordinates in pixels from the upper left corner, smooth edges, and the colours.
+
+Shapes are drawn at twice the size and scaled down; text comes on top, at its own size.
+"""
+
+import importlib
+import os
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from gymnasium.error import DependencyNotInstalled
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    import pygame
+
+Point = tuple[float, float]
+Box = tuple[float, float, float, float]  # left, top, width, height
+Colour = str | tuple[int, int, int]
+
+WIDTH, HEIGHT = 960, 540
+OVERSAMPLING = 2
+
+# Okabe and Ito (2008), as in the report's charts
+FLANGE, TOOL, OBJECT, FORCE, COUPLING = "#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7"
+WARNING, ALARM = "#E69F00", "#C1121F"
+PAPER, PANEL, GRID, FAINT, INK = "#FFFFFF", "#F5F5F2", "#DDDDDD", "#767676", "#1A1A1A"
+
+
+def load_pygame() -> Any:
+    """Return pygame, imported now.
+
+    Raises:
+        DependencyNotInstalled: it is not there; says how to get it.
+    """
+    os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # pygame 2.6 asks setuptools for what setuptools deprecates
+            return importlib.import_module("pygame")
+    except ImportError as error:
+        raise DependencyNotInstalled("rendering needs pygame: pip install 'impact-gym[render]'") from error
+
+
+class Canvas:
+    """One picture of WIDTH x HEIGHT pixels, drawn anew for each frame."""
+
+    def __init__(self) -> None:
+        """Make an empty picture; needs no display."""
+        self.pygame = load_pygame()
+        self.pygame.font.init()
+        self._surface: pygame.Surface = self.pygame.Surface((WIDTH * OVERSAMPLING, HEIGHT * OVERSAMPLING), 0, 32)
+        self._texts: list[tuple[str, Point, int, Colour, str]] = []
+        self._fonts: dict[int, pygame.font.Font] = {}
+
+    def clear(self) -> None:
+        """Begin a frame."""
+        self._surface.fill(PAPER)
+        self._texts.clear()
+
+    def picture(self) -> "pygame.Surface":
+        """Return what has been drawn, WIDTH x HEIGHT."""
+        picture: pygame.Surface = self.pygame.transform.smoothscale(self._surface, (WIDTH, HEIGHT))
+        for text, (x, y), size, colour, anchor in self._texts:
+            image = self._font(size).render(text, True, colour)
+            picture.blit(image, image.get_rect(**{anchor: (round(x), round(y))}))
+        return picture
+
+    def pixels(self) -> NDArray[np.uint8]:
+        """Return what has been drawn as an array (HEIGHT, WIDTH, 3) of its own."""
+        return np.ascontiguousarray(self.pygame.surfarray.array3d(self.picture()).transpose(1, 0, 2))
+
+    @contextmanager
+    def clipped(self, box: Box) -> Iterator[None]:
+        """Draw shapes inside `box` only."""
+        self._surface.set_clip([round(side * OVERSAMPLING) for side in box])
+        yield
+        self._surface.set_clip(None)
+
+    def polygon(self, points: Sequence[Point], colour: Colour) -> None:
+        """Fill a polygon."""
+        self.pygame.draw.polygon(self._surface, colour, self._scaled(points))
+
+    def rectangle(self, box: Box, colour: Colour) -> None:
+        """Fill a rectangle, edges to a fraction of a pixel."""
+        left, top, right, bottom = box[0], box[1], box[0] + box[2], box[1] + box[3]
+        corners = self._scaled([(left, top), (right, bottom)])
+        size = (corners[1][0] - corners[0][0], corners[1][1] - corners[0][1])
+        self._surface.fill(colour, (corners[0], (max(size[0], 1), max(size[1], 1))))
+
+    def frame(self, box: Box, colour: Colour) -> None:
+        """Draw the outline of a rectangle."""
+        left, top, width, height = box
+        right, bottom = left + width, top + height
+        self.lines([(left, top), (right, top), (right, bottom), (left, bottom), (left, top)], colour, 1.0)
+
+    def circle(self, centre: Point, radius: float, colour: Colour) -> None:
+        """Fill a circle."""
+        self.pygame.draw.circle(self._surface, colour, self._scaled([centre])[0], radius * OVERSAMPLING)
+
+    def lines(self, points: Sequence[Point], colour: Colour, width: float = 1.5) -> None:
+        """Draw a line through `points`."""
+        if len(points) > 1:
+            thickness = max(1, round(width * OVERSAMPLING))
+            self.pygame.draw.lines(self._surface, colour, False, self._scaled(points), thickness)
+
+    def dashes(self, start: Point, end: Point, colour: Colour, width: float = 1.0, length: float = 5.0) -> None:
+        """Draw a dashed line."""
+        (x0, y0), (x1, y1) = start, end
+        count = max(1, int(np.hypot(x1 - x0, y1 - y0) / (2.0 * length)))
+        for dash in range(count):
+            a, b = dash / count, (dash + 0.5) / count
+            ends = [(x0 + part * (x1 - x0), y0 + part * (y1 - y0)) for part in (a, b)]
+            self.lines(ends, colour, width)
+
+    def text(self, text: str, at: Point, size: int = 18, colour: Colour = INK, anchor: str = "midleft") -> None:
+        """Write `text`; `anchor` is the name of the point of its box that lies `at`."""
+        self._texts.append((text, at, size, colour, anchor))
+
+    def text_width(self, text: str, size: int) -> float:
+        """How wide `text` will be, in pixels."""
+        return self._font(size).size(text)[0]
+
+    def _font(self, size: int) -> "pygame.font.Font":
+        if size not in self._fonts:
+            self._fonts[size] = self.pygame.font.Font(None, size)  # the one that pygame brings, alike everywhere
+        return self._fonts[size]
+
+    @staticmethod
+    def _scaled(points: Sequence[Point]) -> list[tuple[int, int]]:
+        """Return `points` on the larger surface; far ones are brought near, whose coordinates pygame could not hold."""
+        far = 1 << 14
+        return [
+            (
+                round(min(max(x * OVERSAMPLING, -far), far)),
+                round(min(max(y * OVERSAMPLING, -far), far)),
+            )
+            for x, y in points
+        ]

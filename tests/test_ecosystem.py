@@ -1,0 +1,164 @@
+"""Descriptions as JSON, copies and pickles of running environments, worker processes."""
+
+import copy
+import pickle
+import subprocess
+import sys
+from functools import partial
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.envs.registration import EnvSpec
+from gymnasium.utils.env_checker import data_equivalence
+from gymnasium.vector import AsyncVectorEnv
+from stable_baselines3.common.vec_env import SubprocVecEnv
+
+import impact_gym  # noqa: F401  # registers the environments
+from impact_gym.sb3 import ImpactVecEnv
+
+ID = "ImpactApproach-v0"
+IDS = sorted(name for name in gym.registry if name.startswith("ImpactApproach"))
+OPTIONS = {
+    "scenario": {"object_mass": (0.2, 0.9), "distance": 0.18},
+    "time_weight": (0.5, 8.0),
+    "force_weight": 0.002,
+    "reaction_delay": (0.01, 0.03),
+    "force_noise": 0.05,
+    "force_bias": 0.1,
+    "privileged": True,
+}
+SLOTS = 4
+
+
+def action_table(seed, ticks=160, slots=SLOTS):
+    """Random actions that lean forward, so that slots end at different times."""
+    rng = np.random.default_rng(seed)
+    return np.clip(rng.uniform(-1.0, 1.0, (ticks, slots, 2)) + 0.3, -1.0, 1.0).astype(np.float32)
+
+
+def assert_identical(one, other):
+    assert data_equivalence(one, other, exact=True), f"{one}\n{other}"
+
+
+def play(env, actions, seed=3):
+    """One episode: all that reset and step return."""
+    history = [env.reset(seed=seed)]
+    for action in actions:
+        history.append(env.step(action))
+        if history[-1][2] or history[-1][3]:
+            return history
+    raise AssertionError("the episode did not end")
+
+
+@pytest.mark.parametrize("id", IDS)
+def test_every_registered_environment_is_made_again_from_its_json(id):
+    actions = action_table(3)
+    for wrapped in (gym.make(id, **OPTIONS), gym.make(id, max_episode_steps=12, **OPTIONS)):
+        again = gym.make(EnvSpec.from_json(wrapped.spec.to_json()))
+        history = play(wrapped, actions[:, 0])
+        assert history[-1][3] == (wrapped.spec.max_episode_steps == 12)
+        assert_identical(play(again, actions[:, 0]), history)
+        assert gym.make(id).observation_space != again.observation_space  # the arguments were not those of the id
+    envs = gym.make_vec(id, num_envs=SLOTS, autoreset_mode="Disabled", **OPTIONS)
+    again = gym.make_vec(EnvSpec.from_json(envs.spec.to_json()))
+    assert_identical(again.reset(seed=3), envs.reset(seed=3))
+    for row in actions[:12]:
+        assert_identical(again.step(row), envs.step(row))
+
+
+def running(kind, id):
+    """An environment in mid-episode."""
+    if kind == "single":
+        env = gym.wrappers.RecordEpisodeStatistics(gym.make(id, record_trace=True, **OPTIONS))
+        env.reset(seed=1)
+    elif kind == "stable":
+        env = ImpactVecEnv(SLOTS, **gym.registry[id].kwargs, **OPTIONS)  # its wrappers cannot be pickled
+        env.seed(1)
+        env.reset()
+    else:
+        env = gym.make_vec(id, num_envs=SLOTS, autoreset_mode=kind, **OPTIONS)
+        env.reset(seed=1)
+    go_on(env, action_table(4)[:19])
+    return env
+
+
+def go_on(env, rows):
+    """Step through further episodes; what happened, without the time of day."""
+    history = []
+    for row in rows:
+        history.append(env.step(row[0] if isinstance(env, gym.Env) else row))
+        for info in history[-1][-1] if isinstance(history[-1][-1], list) else [history[-1][-1]]:
+            info.get("episode", {}).pop("t", None)
+        if isinstance(env, gym.Env) and history[-1][2]:
+            trace = env.unwrapped.trace()
+            history += [[getattr(trace, name) for name in trace.__slots__], env.reset()]
+    return history
+
+
+def pickled(env):
+    return pickle.loads(pickle.dumps(env))
+
+
+@pytest.mark.parametrize("twin", [copy.deepcopy, pickled], ids=["copy", "pickle"])
+@pytest.mark.parametrize("kind", ["single", "NextStep", "SameStep", "stable"])
+@pytest.mark.parametrize("id", IDS)
+def test_copies_of_a_running_environment_go_on_identically_and_apart(id, kind, twin):
+    env, rows, others = running(kind, id), action_table(5, ticks=90), action_table(6, ticks=90)
+    one, two = twin(env), twin(env)
+    elsewhere = go_on(env, others)  # what the original does next is its own affair
+    history = go_on(one, rows)
+    assert_identical(go_on(two, rows), history)
+    assert not data_equivalence(elsewhere[0][0], history[0][0], exact=True)
+    assert_identical(go_on(running(kind, id), rows), history)
+
+
+def test_a_pickle_goes_on_identically_in_a_process_that_never_imported_the_package(tmp_path):
+    file, rows = tmp_path / "running.pickle", action_table(7, ticks=60)
+    envs = running("NextStep", ID)
+    file.write_bytes(pickle.dumps((envs, rows)))
+    code = (
+        "import pickle, sys\n"
+        "envs, rows = pickle.load(open(sys.argv[1], 'rb'))\n"
+        "pickle.dump([envs.step(row) for row in rows], open(sys.argv[2], 'wb'))\n"
+    )
+    subprocess.run([sys.executable, "-c", code, file, tmp_path / "history"], check=True)
+    with (tmp_path / "history").open("rb") as history:
+        assert_identical(pickle.load(history), [envs.step(row) for row in rows])
+
+
+@pytest.mark.parametrize("context", ["spawn", "forkserver"])
+def test_workers_of_gymnasium_give_what_the_native_batch_gives(context):
+    make = partial(gym.make, f"impact_gym:{ID}", **OPTIONS)
+    envs = AsyncVectorEnv([make] * 2, context=context, autoreset_mode="NextStep")
+    native = gym.make_vec(ID, num_envs=2, **OPTIONS)
+    try:
+        assert_identical(envs.reset(seed=2), native.reset(seed=2))
+        ended = 0
+        for row in action_table(8, ticks=90, slots=2):
+            result = envs.step(row)
+            assert_identical(result, native.step(row))
+            ended += result[2].sum()
+        assert ended > 2
+    finally:
+        envs.close()
+
+
+@pytest.mark.parametrize("context", ["spawn", "forkserver"])
+def test_workers_of_stable_baselines3_give_what_the_native_batch_gives(context):
+    make = partial(gym.make, f"impact_gym:{ID}", **OPTIONS)
+    envs, native = SubprocVecEnv([make] * 2, start_method=context), ImpactVecEnv(2, **OPTIONS)
+    try:
+        assert envs.seed(2) == native.seed(2)
+        assert_identical(envs.reset(), native.reset())
+        ended = 0
+        for row in action_table(8, ticks=90, slots=2):
+            observations, rewards, dones, infos = envs.step(row)
+            *expected, native_infos = native.step(row)
+            assert_identical([observations, np.float32(rewards), dones], expected)  # its loop in-process rounds, too
+            for slot in np.flatnonzero(dones):
+                assert_identical(infos[slot], native_infos[slot])
+                ended += 1
+        assert ended > 2
+    finally:
+        envs.close()

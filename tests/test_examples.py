@@ -1,0 +1,65 @@
+"""The scripts in docs/examples run as they stand, and what they print is so."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import impact_gym as ig
+
+ROOT = Path(__file__).parents[1]
+EXAMPLES = ROOT / "docs" / "examples"
+
+
+def printed_by(name, *arguments):
+    """What an example prints, a warning being an error, as lists of the numbers in its lines."""
+    command = [sys.executable, "-W", "error", str(EXAMPLES / name), *arguments]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return [[float(number) for number in re.findall(r"-?\d+(?:\.\d+)?", line)] for line in done.stdout.splitlines()]
+
+
+def paper_rule(seed):
+    """Approach time and V_p of the paper's rule, by `simulate`, in the scenario that a seed is documented to draw."""
+    low, high = np.array([(0.1, 2.5), (1e3, 1e6), (0.1, 1.0), (0.15, 0.35)]).T
+    uniform = gym.utils.seeding.np_random(seed)[0].random(7)[:4]
+    mass, stiffness, restitution, distance = np.where(
+        [1, 1, 0, 0], low * (high / low) ** uniform, low + (high - low) * uniform
+    )
+    scene = ig.Scene(
+        ig.Tool(0.125),
+        ig.Object(mass=mass, distance=distance),
+        ig.Contact(stiffness=stiffness, restitution=restitution),
+        ig.SpringDamper(50.0, 1.0),
+    )
+    outcome = ig.simulate(scene, ig.Trapezoid(1.0, 8.0, ig.Brake(threshold=1.0, delay=0.016)), duration=3.0)
+    return outcome.contacts[0].start, outcome.object_velocity
+
+
+def test_every_example_has_a_test():
+    tested = {"gymnasium_loop.py", "vector_loop.py", "stable_baselines3_ppo.py", "rl_zoo3.yml"}
+    assert {file.name for file in EXAMPLES.iterdir() if file.is_file()} == tested
+
+
+def test_the_plain_loop_prints_what_simulate_gives():
+    lines = printed_by("gymnasium_loop.py")
+    assert [line[0] for line in lines] == list(range(5))
+    for seed, time, velocity, *_ in lines:
+        assert (time, velocity) == pytest.approx(paper_rule(int(seed)), rel=0, abs=0.51e-4)  # four decimals
+
+
+def test_the_vector_loop_prints_the_mean_of_what_simulate_gives():
+    ((time, velocity, scenarios),) = printed_by("vector_loop.py")
+    assert scenarios == 1000
+    expected = np.mean([paper_rule(seed) for seed in range(1000)], axis=0)
+    assert (time, velocity) == pytest.approx(tuple(expected), rel=0, abs=0.51e-4)
+
+
+def test_the_stable_baselines3_script_learns():
+    (untrained,), (steps, trained) = printed_by("stable_baselines3_ppo.py", "98304")
+    assert steps == 98304
+    assert untrained + 0.05 < trained < 0.0

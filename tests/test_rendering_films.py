@@ -1,0 +1,224 @@
+"""Pictures follow each other slowed down where something happens, in every mode; drawing them changes nothing."""
+
+import copy
+import pickle
+import subprocess
+import sys
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env, data_equivalence
+from gymnasium.wrappers import RecordVideo
+from rendered import HARD_AND_HEAVY, ID, SHAPE, history_of, play
+
+import impact_gym as ig
+from agents.baselines import PaperTrapezoid, encode
+from impact_gym.envs import IDS, rendering
+from impact_gym.envs.render_history import FRAMES_PER_IMPACT
+from impact_gym.envs.render_video import SlowMotionVideo
+
+pytest.importorskip("pygame")
+
+
+@pytest.fixture(autouse=True)
+def no_display(monkeypatch):
+    """Nothing here needs a display."""
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+
+
+@pytest.fixture
+def no_waiting(monkeypatch):
+    """Pictures follow each other as fast as they are drawn; the rates asked for are kept."""
+    asked = []
+
+    class Clock:
+        def tick(self, rate):
+            asked.append(rate)
+
+    monkeypatch.setattr("pygame.time.Clock", Clock)
+    return asked
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_every_mode_of_every_id_passes_gymnasiums_check(name, no_waiting):
+    env = gym.make(name, render_mode="rgb_array")
+    assert set(env.metadata["render_modes"]) == set(rendering.MODES)
+    assert env.metadata["render_fps"] == rendering.FRAME_RATE
+    check_env(env.unwrapped)  # also makes one of every mode and renders it
+    env.close()
+
+
+def test_a_contact_fills_many_pictures_and_the_factor_is_what_they_are_apart():
+    rate = rendering.FRAME_RATE
+    for name in IDS:
+        env = gym.make(name, record_trace=True)
+        for seed in range(8):
+            _, results = play(env, seed=seed)
+            history = history_of(env)
+            film = np.array(list(history.film(0.0, rate)))
+            times, factors = film.T
+            np.testing.assert_allclose(np.diff(np.r_[0.0, times])[:-1], 1.0 / (rate * factors[:-1]), rtol=1e-6)
+            assert times[-1] == history.now
+            assert len(results) < len(film) < 600
+            inside = (times > history.touches[0]) & (times < history.partings[0])
+            assert inside.sum() >= FRAMES_PER_IMPACT - 2
+            assert factors[inside][1:].min() >= 32.0  # the first may have been chosen before the touch
+
+
+@pytest.mark.parametrize("mode", ["rgb_array_list", "human"])
+def test_step_by_step_the_same_instants_are_shown_as_in_one_go(mode, no_waiting, monkeypatch):
+    shown = []
+    honest = rendering.Renderer._drawn
+    monkeypatch.setattr(
+        rendering.Renderer,
+        "_drawn",
+        lambda self, history, time, factor: (
+            shown.append((time, history.now, history.ended)),
+            honest(self, history, time, factor),
+        )[1],
+    )
+    env = gym.make(ID, render_mode=mode)
+    pictures, results = play(env, scenario=HARD_AND_HEAVY)
+    times = np.array([time for time, _, _ in shown])
+    assert times[0] == 0.0
+    assert (np.diff(times) > 0.0).all()
+    per_step = np.unique([now for _, now, ended in shown if not ended], return_counts=True)
+    assert len(per_step[0]) == len(results)  # the reset and every step but the last, which goes on to the settling
+    contact = history_of(env)
+    assert ((times > contact.touches[0]) & (times < contact.partings[0])).sum() >= FRAMES_PER_IMPACT - 2
+    assert times[-1] == contact.now > contact.end_of_control
+    if mode == "human":
+        assert pictures == [None] * len(pictures)
+        assert no_waiting[:-1] == [rendering.FRAME_RATE] * len(shown)
+        assert no_waiting[-1] == 1.0 / rendering.HOLD
+    else:
+        held = round(rendering.HOLD * rendering.FRAME_RATE)
+        assert sum(map(len, pictures)) == len(shown) + held
+        assert env.render() == []
+    env.close()
+
+
+def test_a_window_shows_the_picture(no_waiting):
+    import pygame
+
+    env = gym.make(ID, render_mode="human")
+    play(env, stop=3)
+    window = pygame.surfarray.array3d(pygame.display.get_surface()).transpose(1, 0, 2)
+    reference = gym.make(ID, render_mode="rgb_array_list")
+    pictures, _ = play(reference, stop=3)
+    np.testing.assert_array_equal(window, pictures[-1][-1])
+    env.close()
+    env.close()
+    assert not pygame.display.get_init()
+    env.reset(seed=2)  # opens another
+    assert pygame.display.get_init()
+    env.close()
+
+
+@pytest.mark.parametrize("mode", ["rgb_array", "rgb_array_list", "human"])
+def test_rendering_changes_no_result(mode, no_waiting):
+    _, plain = play(gym.make(ID), seed=5)
+    env = gym.make(ID, render_mode=mode)
+    _, rendered = play(env, seed=5)
+    assert data_equivalence(plain, rendered, exact=True)
+    env.close()
+
+
+def test_a_new_episode_begins_its_own_film():
+    env = gym.make(ID, render_mode="rgb_array_list")
+    once, _ = play(env, seed=3, stop=5)
+    play(env, seed=1, stop=2)
+    env.reset(seed=6)
+    for _ in range(30):  # not rendered: longer than what was shown of the episode before
+        env.step(encode(0.1, 1.0))
+    again, _ = play(env, seed=3, stop=5)
+    assert data_equivalence(once, again, exact=True)
+    env.close()
+    env.close()
+    assert len(play(env, seed=3, stop=5)[0][0]) == 1
+
+
+def test_an_environment_that_has_drawn_is_copied_and_pickled():
+    env = gym.make(ID, render_mode="rgb_array_list").unwrapped
+    play(env, stop=4)
+    for twin in (copy.deepcopy(env), pickle.loads(pickle.dumps(env))):
+        action = encode(1.0, 8.0)
+        original = copy.deepcopy(env)
+        assert data_equivalence(original.step(action), twin.step(action), exact=True)
+        assert data_equivalence(original.render(), twin.render(), exact=True)
+
+
+def test_pygame_is_imported_for_the_first_picture_and_not_before():
+    program = """
+import sys
+import gymnasium as gym, impact_gym
+for mode in (None, "rgb_array"):
+    env = gym.make("ImpactApproach-v0", render_mode=mode)
+    env.reset(seed=1)
+    env.step(env.action_space.sample())
+    assert "pygame" not in sys.modules
+assert "impact_gym.envs.rendering" not in sys.modules
+env.render()
+assert "pygame" in sys.modules
+"""
+    subprocess.run([sys.executable, "-c", program], check=True, timeout=120)
+
+
+def test_without_pygame_the_extra_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pygame", None)
+    env = gym.make(ID, render_mode="rgb_array")
+    env.reset(seed=1)
+    with pytest.raises(gym.error.DependencyNotInstalled, match=r"pip install 'impact-gym\[render\]'"):
+        env.render()
+
+
+def test_a_display_that_is_not_there_is_named(monkeypatch):
+    monkeypatch.setenv("SDL_VIDEODRIVER", "nosuch")
+    env = gym.make(ID, render_mode="human")
+    with pytest.raises(RuntimeError, match=r"rgb_array.*SDL_VIDEODRIVER"):
+        env.reset(seed=1)
+
+
+def test_bad_calls_are_named():
+    with pytest.raises(ValueError, match=r"render_mode.*rgb_array.*'ansi'"):
+        ig.envs.single.ImpactApproachEnv(render_mode="ansi")
+    with pytest.raises(ValueError, match="render_mode"):
+        gym.make_vec(ID, num_envs=2, render_mode="rgb_array")
+    with pytest.raises(gym.error.ResetNeeded, match="reset"):
+        gym.make(ID, render_mode="rgb_array").unwrapped.render()
+    env = gym.make(ID)
+    env.reset(seed=1)
+    with pytest.warns(UserWarning, match="render_mode"):
+        assert env.render() is None
+
+
+@pytest.mark.parametrize(
+    ("recorder", "mode", "slow"),
+    [(RecordVideo, "rgb_array", False), (RecordVideo, "rgb_array_list", False),
+     (SlowMotionVideo, "rgb_array", False), (SlowMotionVideo, "rgb_array_list", True)],
+)  # fmt: skip
+def test_films_play(recorder, mode, slow, tmp_path):
+    pytest.importorskip("moviepy")
+    from imageio_ffmpeg import count_frames_and_secs
+    from moviepy import VideoFileClip
+
+    env = recorder(
+        gym.make(ID, render_mode=mode), str(tmp_path / "films"), episode_trigger=lambda episode: episode == 0
+    )
+    observation, _ = env.reset(seed=2, options={"scenario": HARD_AND_HEAVY})
+    policy, steps, ended = PaperTrapezoid(), 0, False
+    while not ended:
+        observation, _, ended, _, _ = env.step(policy.predict(observation)[0])
+        steps += 1
+    recorded = list(env.recorded_frames)
+    env.close()
+    (film,) = (tmp_path / "films").glob("*.mp4")
+    assert len(recorded) > 5 * steps if slow else len(recorded) == steps + 1
+    assert len(recorded) - count_frames_and_secs(film)[0] in (0, 1)  # moviepy's rounding may lose the last
+    with VideoFileClip(str(film)) as clip:
+        assert clip.fps == rendering.FRAME_RATE
+        for place in (0, len(recorded) // 2, len(recorded) - 3):
+            picture = clip.get_frame((place + 0.5) / rendering.FRAME_RATE)
+            assert picture.shape == SHAPE
+            assert np.abs(picture.astype(int) - recorded[place]).mean() < 5.0  # the codec loses a little
