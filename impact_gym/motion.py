@@ -6,7 +6,7 @@ is one command at t = 0 and, if it brakes, a second one when the contact alarm r
 
 from dataclasses import dataclass
 
-from impact_gym.validation import number
+from impact_gym.validation import WrongTypeError, number
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +42,7 @@ class Trapezoid:
         acceleration = number("Trapezoid.acceleration", self.acceleration, "m/s^2", above=0)
         object.__setattr__(self, "acceleration", acceleration)
         if self.brake is not None and not isinstance(self.brake, Brake):
-            raise TypeError(f"Trapezoid.brake must be a Brake or None, got {self.brake!r}")
+            raise WrongTypeError(f"Trapezoid.brake must be a Brake or None, got {self.brake!r}")
 
     @property
     def deceleration(self) -> float:

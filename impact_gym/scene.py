@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 
 from impact_gym.physics import bistable
-from impact_gym.validation import number, numbers
+from impact_gym.validation import WrongTypeError, number, numbers
 
 Dissipation = Literal[
     "hu-guo", "exact", "hunt-crossley", "lankarani-nikravesh", "herbert-mcwhannell", "gonthier", "flores"
@@ -282,4 +282,4 @@ class Scene:
         for name, allowed in kinds.items():
             if not isinstance(getattr(self, name), allowed):
                 wanted = " or ".join("None" if kind is type(None) else kind.__name__ for kind in allowed)
-                raise TypeError(f"Scene.{name} must be a {wanted}, got {getattr(self, name)!r}")
+                raise WrongTypeError(f"Scene.{name} must be a {wanted}, got {getattr(self, name)!r}")

@@ -22,7 +22,7 @@ from impact_gym.solver.state import (
     Tolerance,
     recorder,
 )
-from impact_gym.validation import number
+from impact_gym.validation import WrongTypeError, number
 
 MAX_STEPS = 1_000_000
 """Integration steps after which `simulate` gives up; an ordinary approach takes about fifty."""
@@ -108,9 +108,9 @@ def simulate(
     """
     require_compiled()
     if not isinstance(scene, Scene):
-        raise TypeError(f"scene must be a Scene, got {scene!r}")
+        raise WrongTypeError(f"scene must be a Scene, got {scene!r}")
     if not isinstance(motion, Trapezoid):
-        raise TypeError(f"motion must be a Trapezoid, got {motion!r}")
+        raise WrongTypeError(f"motion must be a Trapezoid, got {motion!r}")
     duration = number("duration", duration, "s", above=0)
     rtol = number("rtol", rtol, "(no unit)", at_least=1e-13, at_most=1e-2)
     tolerance = Tolerance(LOCAL_SHARE * rtol, MAX_STEPS)

@@ -17,7 +17,7 @@ from impact_gym.simulation import MAX_STEPS, profile_of
 from impact_gym.solver.state import CHAIN, LOCAL_SHARE, SENTENCES, Status, Tolerance, recorder
 from impact_gym.solver.sweep import sweep_rows
 from impact_gym.threads import cores, over_rows
-from impact_gym.validation import number, whole
+from impact_gym.validation import WrongTypeError, number, whole
 
 ROWS_PER_THREAD = 16
 
@@ -71,11 +71,11 @@ def sweep(
     """
     require_compiled()
     if not isinstance(scene, Scene):
-        raise TypeError(f"scene must be a Scene, got {scene!r}")
+        raise WrongTypeError(f"scene must be a Scene, got {scene!r}")
     if not isinstance(motion, Trapezoid):
-        raise TypeError(f"motion must be a Trapezoid, got {motion!r}")
+        raise WrongTypeError(f"motion must be a Trapezoid, got {motion!r}")
     if not isinstance(varied, Mapping):
-        raise TypeError(f"varied must be a mapping from names to arrays, got {varied!r}")
+        raise WrongTypeError(f"varied must be a mapping from names to arrays, got {varied!r}")
     rtol = number("rtol", rtol, "(no unit)", at_least=1e-13, at_most=1e-2)
     threads = cores() if threads is None else whole("threads", threads, at_least=1)
     template: dict[str, Any] = {field.name: getattr(scene, field.name) for field in fields(scene)} | {"motion": motion}

@@ -6,6 +6,10 @@ from collections.abc import Mapping
 from typing import Any
 
 
+class WrongTypeError(TypeError, ValueError):
+    """Something of another type than wanted: a TypeError, as in Python, and a ValueError, as all bad input is here."""
+
+
 def number(
     field: str,
     value: Any,
@@ -21,7 +25,7 @@ def number(
         TypeError: `value` is no number (a string, None, a bool, an array).
         ValueError: `value` is not finite, or not in (above, at_most] or [at_least, at_most].
     """
-    wrong = TypeError(f"{field} must be a number in {unit}, got {value!r}")
+    wrong = WrongTypeError(f"{field} must be a number in {unit}, got {value!r}")
     kind = getattr(getattr(value, "dtype", None), "kind", "f")
     if isinstance(value, (str, bytes, bool)) or not hasattr(value, "__float__") or kind not in "fiu":
         raise wrong
@@ -46,7 +50,7 @@ def number(
 def numbers(field: str, values: Any, unit: str, **limits: float) -> tuple[float, ...]:
     """Return `values`, a sequence or array of one dimension, as floats, or raise as `number` does for each."""
     if isinstance(values, (str, bytes, Mapping)) or not hasattr(values, "__len__") or getattr(values, "ndim", 1) != 1:
-        raise TypeError(f"{field} must be a sequence of numbers in {unit}, got {values!r}")
+        raise WrongTypeError(f"{field} must be a sequence of numbers in {unit}, got {values!r}")
     return tuple(number(f"{field}[{place}]", value, unit, **limits) for place, value in enumerate(values))
 
 
@@ -58,7 +62,7 @@ def whole(field: str, value: Any, at_least: int) -> int:
         ValueError: `value` is below `at_least`.
     """
     if isinstance(value, bool) or not hasattr(value, "__index__"):
-        raise TypeError(f"{field} must be a whole number of at least {at_least}, got {value!r}")
+        raise WrongTypeError(f"{field} must be a whole number of at least {at_least}, got {value!r}")
     result = operator.index(value)
     if result < at_least:
         raise ValueError(f"{field} must be a whole number of at least {at_least}, got {value!r}")

@@ -372,3 +372,10 @@ def test_whatever_is_accepted_is_played_to_a_finite_end(arguments, scenario, act
     assert math.isfinite(total)
     assert all_finite(info)
     assert info["status"] == "ok" or info["reward_terms"]["missed"] == -2.0
+
+
+@pytest.mark.parametrize("bad", [{"reaction_dely": 0.01}, {"tool_mass": "0.1"}, {"privileged": 1}, {"scenario": 3}])
+def test_a_wrong_type_or_name_is_a_value_error_too(bad):
+    with pytest.raises(ValueError, match=next(iter(bad))) as raised:
+        gym.make(ID, **bad)
+    assert isinstance(raised.value, TypeError)

@@ -15,7 +15,7 @@ from impact_gym.envs.task import Task
 from impact_gym.kernel import require_compiled
 from impact_gym.solver.state import CHAIN, SENTENCES, Status, recorder
 from impact_gym.threads import cores, over_rows
-from impact_gym.validation import whole
+from impact_gym.validation import WrongTypeError, whole
 
 ROWS_PER_THREAD = 256
 """A batch is cut for several threads only into pieces of at least this many rows: smaller ones do not pay."""
@@ -111,7 +111,7 @@ class Batch:
         array = np.asarray(actions)
         if array.dtype != np.float32:
             if array.dtype.kind not in "fiu":
-                raise TypeError(f"action must hold numbers, got dtype {array.dtype}")
+                raise WrongTypeError(f"action must hold numbers, got dtype {array.dtype}")
             array = array.astype(np.float64)
         if array.shape != shape:
             raise ValueError(f"action must have shape {shape}, got {array.shape}")

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from impact_gym.envs.scenario import AT_MOST, FIELDS, LARGEST_WEIGHT, LONGEST_DELAY, UNITS
 from impact_gym.kernel import kernel
-from impact_gym.validation import number, numbers, whole
+from impact_gym.validation import WrongTypeError, number, numbers, whole
 
 RECORD = (*FIELDS, "time_weight", "distance_estimate", "reaction_delay", "force_bias", "noise_seed")
 """All that an episode draws; keys of the final `info["record"]` and of `options["record"]`, which plays it again."""
@@ -45,7 +45,7 @@ def fixed_record(options: Any, slots: int | None = None) -> NDArray[np.float64]:
     for option, known in {"record": RECORD, "scenario": FIELDS}.items():
         given = (options or {}).get(option, {})
         if not isinstance(given, Mapping):
-            raise TypeError(f"options[{option!r}] must be a mapping of {list(known)}, got {given!r}")
+            raise WrongTypeError(f"options[{option!r}] must be a mapping of {list(known)}, got {given!r}")
         for name, value in given.items():
             if name not in known:
                 raise ValueError(f"options[{option!r}] has no field {name!r}; its fields are {list(known)}")
@@ -70,7 +70,7 @@ def episode_index(options: Any) -> int | None:
     if options is None:
         return None
     if not isinstance(options, Mapping):
-        raise TypeError(f"options must be a mapping, got {options!r}")
+        raise WrongTypeError(f"options must be a mapping, got {options!r}")
     for name in options:
         if name not in _RESET_OPTIONS:
             raise ValueError(f"unknown option {name!r}; allowed are {', '.join(map(repr, _RESET_OPTIONS))}")

@@ -13,6 +13,7 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvO
 from impact_gym.envs.records import episode_index, fixed_record
 from impact_gym.envs.scenario import ScenarioRanges
 from impact_gym.envs.vector import ImpactApproachVectorEnv
+from impact_gym.validation import WrongTypeError
 
 
 class ImpactVecEnv(VecEnv):
@@ -24,7 +25,7 @@ class ImpactVecEnv(VecEnv):
 
     def __init__(self, num_envs: int, **options: Any) -> None:
         if "autoreset_mode" in options:
-            raise TypeError(
+            raise WrongTypeError(
                 "autoreset_mode is not for stable-baselines3, which resets on the step that ends an episode"
             )
         self.envs = ImpactApproachVectorEnv(num_envs, autoreset_mode=AutoresetMode.DISABLED, **options)

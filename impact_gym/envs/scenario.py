@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_gym.kernel import kernel
-from impact_gym.validation import number
+from impact_gym.validation import WrongTypeError, number
 
 Range = tuple[float, float]
 
@@ -70,7 +70,7 @@ class ScenarioRanges:
                 if name not in known:
                     raise ValueError(f"scenario has no field {name!r}; its fields are {known}")
             return cls(**value)
-        raise TypeError(f"scenario must be a ScenarioRanges, a mapping of its fields or a name, got {value!r}")
+        raise WrongTypeError(f"scenario must be a ScenarioRanges, a mapping of its fields or a name, got {value!r}")
 
     def table(self) -> NDArray[np.float64]:
         """Return the ranges as an array (4, 2), rows as in FIELDS."""

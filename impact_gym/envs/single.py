@@ -16,6 +16,7 @@ from impact_gym.envs.task import Task
 from impact_gym.scene import Coupling, Rigid
 from impact_gym.simulation import Trace
 from impact_gym.solver.state import recorder
+from impact_gym.validation import WrongTypeError
 
 if TYPE_CHECKING:
     from impact_gym.envs.rendering import Renderer
@@ -146,7 +147,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.render_mode = render_mode
         self._renderer: Renderer | None = None
         if "max_episode_steps" in options:
-            raise TypeError("max_episode_steps is an argument of gymnasium.make, whose TimeLimit sees to it")
+            raise WrongTypeError("max_episode_steps is an argument of gymnasium.make, whose TimeLimit sees to it")
         self._batch = Batch(1, task_from(scenario, coupling, options, ("record_trace",)), threads=1)
         if record_trace or render_mode is not None:
             self._batch.recorder = recorder(trace_rows=TRACE_ROWS)
@@ -258,7 +259,7 @@ def task_from(
     for name in options:
         if name not in allowed:
             known = ["scenario", "coupling", *others, *allowed]
-            raise TypeError(f"unknown argument {name!r}; allowed are {', '.join(known)}")
+            raise WrongTypeError(f"unknown argument {name!r}; allowed are {', '.join(known)}")
     if coupling is not None:
         options = {**options, "coupling": coupling}
     return Task(scenario=scenario, **options)

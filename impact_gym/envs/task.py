@@ -13,7 +13,7 @@ from impact_gym.lowering import chain_law
 from impact_gym.physics.coupling import Law
 from impact_gym.scene import Coupling, Rigid, Robot, RobotTable, SpringDamper
 from impact_gym.solver.state import LOCAL_SHARE
-from impact_gym.validation import number, whole
+from impact_gym.validation import WrongTypeError, number, whole
 
 VELOCITY_RANGE = (-0.5, 1.5)  # m/s, what action[0] in [-1, 1] is mapped to
 ACCELERATION_RANGE = (1.0, 20.0)  # m/s^2, what action[1] in [-1, 1] is mapped to
@@ -82,7 +82,7 @@ class Task:
         put("force_bias", number("force_bias", self.force_bias, "N", at_least=0))
         for name in ("deflection_sensor", "privileged"):
             if not isinstance(getattr(self, name), (bool, np.bool_)):
-                raise TypeError(f"{name} must be True or False, got {getattr(self, name)!r}")
+                raise WrongTypeError(f"{name} must be True or False, got {getattr(self, name)!r}")
         put("robot", robot_from(self.robot))
         if self.deflection_sensor and isinstance(self.coupling, Rigid):
             raise ValueError("deflection_sensor must be False with a Rigid coupling, which has no deflection")
@@ -151,7 +151,7 @@ def _record_from(name: str, value: Any, kinds: dict[str, type[Any]]) -> Any:
         if isinstance(chosen, str) and chosen in kinds:
             for field in given:
                 if field not in named[chosen]:
-                    raise TypeError(f"{name} has no field {field!r}; the fields of a {chosen} are {named[chosen]}")
+                    raise WrongTypeError(f"{name} has no field {field!r}; the fields of a {chosen} are {named[chosen]}")
             return kinds[chosen](**given)
     wanted = " or ".join(kinds)
-    raise TypeError(f"{name} must be a {wanted}, or a mapping whose 'type' is one of {list(kinds)}, got {value!r}")
+    raise WrongTypeError(f"{name} must be a {wanted}, or a mapping whose 'type' is one of {list(kinds)}, got {value!r}")

@@ -15,7 +15,7 @@ from impact_gym.envs.records import episode_index, fixed_record, skip_episodes
 from impact_gym.envs.scenario import ScenarioRanges
 from impact_gym.envs.single import ACTION_SPACE, task_from
 from impact_gym.scene import Coupling
-from impact_gym.validation import whole
+from impact_gym.validation import WrongTypeError, whole
 
 Floats = NDArray[np.float32]
 Flags = NDArray[np.bool_]
@@ -74,7 +74,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         A value in `options["scenario"]` or `options["record"]` may be one for all slots or a sequence of one for each.
         """
         if options is not None and not isinstance(options, Mapping):
-            raise TypeError(f"options must be a mapping, got {options!r}")
+            raise WrongTypeError(f"options must be a mapping, got {options!r}")
         rest = dict(options or {})
         mask = self._mask(rest.pop("reset_mask", None))
         skipped = episode_index(rest) or 0
@@ -146,7 +146,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         elif seed is None or isinstance(seed, (Sequence, np.ndarray)):
             seeds = [None] * self.num_envs if seed is None else seed
         else:
-            raise TypeError(f"seed must be a whole number or {self.num_envs} of them, got {seed!r}")
+            raise WrongTypeError(f"seed must be a whole number or {self.num_envs} of them, got {seed!r}")
         if len(seeds) != self.num_envs:
             raise ValueError(f"seed must be a whole number or {self.num_envs} of them, got {len(seeds)}")
         if not self._generators:

@@ -6,6 +6,8 @@ All arguments broadcast against each other as NumPy arrays; a restitution of 0 i
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from impact_gym.validation import WrongTypeError
+
 Velocities = NDArray[np.float64] | np.float64
 
 
@@ -46,7 +48,7 @@ def free_tool(
 def _finite(field: str, values: ArrayLike, unit: str) -> NDArray[np.float64]:
     array = np.asarray(values)
     if array.dtype.kind not in "fiu":
-        raise TypeError(f"{field} must be numbers in {unit}, got {values!r}")
+        raise WrongTypeError(f"{field} must be numbers in {unit}, got {values!r}")
     if not np.isfinite(array).all():
         raise ValueError(f"{field} must be finite {unit}, got {values!r}")
     return array.astype(np.float64)

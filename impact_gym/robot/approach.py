@@ -12,7 +12,7 @@ from impact_gym.files import whole_file
 from impact_gym.robot.description import JOINTS, Array
 from impact_gym.robot.pose import Orientation, Pose
 from impact_gym.scene import Robot, RobotTable
-from impact_gym.validation import number, numbers
+from impact_gym.validation import WrongTypeError, number, numbers
 
 SHIPPED = Path(__file__).with_name("default_approach.json")
 
@@ -57,7 +57,9 @@ class Approach:
         if rows < 4 or np.any(np.diff(self.travel) <= 0) or self.travel[0] != 0:
             raise ValueError(f"Approach.travel must be at least 4 numbers in m rising from 0, got {self.travel!r}")
         if not hasattr(self.joint_angles, "__len__"):
-            raise TypeError(f"Approach.joint_angles must be rows of {JOINTS} numbers in deg, got {self.joint_angles!r}")
+            raise WrongTypeError(
+                f"Approach.joint_angles must be rows of {JOINTS} numbers in deg, got {self.joint_angles!r}"
+            )
         angles = [numbers(f"Approach.joint_angles[{row}]", q, "deg") for row, q in enumerate(self.joint_angles)]
         if len(angles) != rows or any(len(q) != JOINTS for q in angles):
             raise ValueError(f"Approach.joint_angles must be {rows} rows of {JOINTS} numbers in deg")

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from impact_gym.robot.description import JOINTS, Array, Description, viper_s650
-from impact_gym.validation import numbers
+from impact_gym.validation import WrongTypeError, numbers
 
 
 def _mujoco() -> Any:
@@ -24,7 +24,7 @@ class Arm:
 
     def __init__(self, description: Description | None = None) -> None:
         if description is not None and not isinstance(description, Description):
-            raise TypeError(f"Arm.description must be a Description or None, got {description!r}")
+            raise WrongTypeError(f"Arm.description must be a Description or None, got {description!r}")
         self.description = description or viper_s650()
         self._mujoco = _mujoco()
         self._model = self._build()

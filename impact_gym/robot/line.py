@@ -10,7 +10,7 @@ from impact_gym.robot.arm import Arm
 from impact_gym.robot.description import Array
 from impact_gym.robot.lumped import along_x
 from impact_gym.robot.pose import Pose
-from impact_gym.validation import number
+from impact_gym.validation import WrongTypeError, number
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +24,7 @@ class Line:
 
     def __post_init__(self) -> None:
         if not isinstance(self.impact, Pose):
-            raise TypeError(f"Line.impact must be a Pose, got {self.impact!r}")
+            raise WrongTypeError(f"Line.impact must be a Pose, got {self.impact!r}")
         for name in ("ahead", "behind", "spacing"):
             object.__setattr__(self, name, number(f"Line.{name}", getattr(self, name), "m", above=0, at_most=2))
         if self.spacing < 1e-4:
