@@ -57,6 +57,12 @@ def test_an_episode_is_played_again_from_its_record_in_any_environment():
     assert play(elsewhere)[2]["scenario"] != episode[2]["scenario"]
 
 
+def test_a_delay_longer_than_the_environment_was_made_for_is_refused():
+    for make in (gym.make, gym.make_vec):
+        with pytest.raises(ValueError, match=r"reaction_delay.*at most 0\.02 s"):
+            make(ID, reaction_delay=(0.0, 0.02)).reset(options={"record": {"reaction_delay": 0.03}})
+
+
 def test_what_is_fixed_changes_no_draw_of_what_is_not():
     free = play(gym.make(ID, **OPTIONS), seed=8)[2]["record"]
     fixed = play(gym.make(ID, **OPTIONS), seed=8, options={"record": {"restitution": 0.5}})[2]["record"]

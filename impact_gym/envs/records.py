@@ -33,10 +33,11 @@ _LIMITS: dict[str, tuple[str, dict[str, float]]] = {
 _RESET_OPTIONS = ("scenario", "record", "episode_index")
 
 
-def fixed_record(options: Any, slots: int | None = None) -> NDArray[np.float64]:
+def fixed_record(options: Any, longest_delay: float, slots: int | None = None) -> NDArray[np.float64]:
     """Return what `reset(options=...)` fixes as an array (9,), columns as in RECORD, nan where the episode draws.
 
-    With `slots` a value may also be a sequence of so many, one for each, and the array is (slots, 9).
+    With `slots` a value may also be a sequence of so many, one for each, and the array is (slots, 9). No reaction delay
+    may exceed `longest_delay` (s), for which the environment keeps its force readings.
 
     Raises:
         TypeError, ValueError: an unknown option or field, or a value out of range; names what is allowed.
@@ -50,6 +51,8 @@ def fixed_record(options: Any, slots: int | None = None) -> NDArray[np.float64]:
             if name not in known:
                 raise ValueError(f"options[{option!r}] has no field {name!r}; its fields are {list(known)}")
             unit, limits = _LIMITS[name]
+            if name == "reaction_delay":
+                limits = {**limits, "at_most": longest_delay}
             field = f"options[{option!r}][{name!r}]"
             if slots is None or not isinstance(value, (Sequence, np.ndarray)) or isinstance(value, (str, bytes)):
                 values: Any = number(field, value, unit, **limits)

@@ -78,7 +78,8 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     distance estimate and force bias (normal), and the seed of the force noise.
 
     `reset(options=...)` holds for one episode: `{"scenario": {...}}` fixes any of the fields above; `{"record": {...}}`
-    any of what is drawn, so that the final `info["record"]` plays an episode again; `{"episode_index": k}` with a seed
+    any of what is drawn, so that the final `info["record"]` plays an episode again (a reaction delay no longer than the
+    environment was made for); `{"episode_index": k}` with a seed
     goes to the k-th episode of that seed.
 
     ## Episode End
@@ -186,7 +187,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """Begin an episode; see Starting State."""
         skipped = episode_index(options)
-        fixed = fixed_record(options)
+        fixed = fixed_record(options, self._batch.task.delays[1])
         super().reset(seed=seed)
         if skipped:
             skip_episodes(self.np_random, skipped)

@@ -78,7 +78,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         rest = dict(options or {})
         mask = self._mask(rest.pop("reset_mask", None))
         skipped = episode_index(rest) or 0
-        fixed = fixed_record(rest, self.num_envs)
+        fixed = fixed_record(rest, self.batch.task.delays[1], self.num_envs)
         return self.begin(seed, mask, fixed[mask], np.full(self.num_envs, skipped)), {}
 
     def begin(
