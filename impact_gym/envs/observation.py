@@ -31,23 +31,30 @@ class Entry(NamedTuple):
     high: float  # physical value that becomes 1
     scaled_low: float
     argument: str = ""  # of the environment that adds it
+    shaped_by: tuple[str, ...] = ()  # arguments that change it
 
+
+_SENSED = ("reaction_delay", "force_noise", "force_bias")
 
 ENTRIES = (
     Entry("flange position", "m", *POSITION_RANGE, -1.0),
     Entry("flange velocity", "m/s", *VELOCITY_RANGE, -1.0),
     Entry("time", "s", *TIME_RANGE, -1.0),
-    Entry("alarm", "-", 0.0, 1.0, 0.0),
-    Entry("time since the alarm", "s", 0.0, AFTER_ALARM, 0.0),
-    Entry("contact force, as sensed `reaction_delay` ago", "N, as log(1 + F)", 0.0, FORCE_SCALE, 0.0),
-    Entry("its maximum so far, as sensed `reaction_delay` ago", "N, as log(1 + F)", 0.0, FORCE_SCALE, 0.0),
-    Entry("time weight", "m/s per s, as log", WEIGHT_CENTRE / WEIGHT_SPAN, WEIGHT_CENTRE * WEIGHT_SPAN, -1.0),
-)
+    Entry("alarm", "-", 0.0, 1.0, 0.0, shaped_by=("reaction_delay",)),
+    Entry("time since the alarm", "s", 0.0, AFTER_ALARM, 0.0, shaped_by=("reaction_delay",)),
+    Entry("contact force as sensed a delay ago", "N, as log(1 + F)", 0.0, FORCE_SCALE, 0.0, shaped_by=_SENSED),
+    Entry("its maximum so far, likewise", "N, as log(1 + F)", 0.0, FORCE_SCALE, 0.0, shaped_by=_SENSED),
+    Entry(
+        "time weight",
+        "m/s per s, as log", WEIGHT_CENTRE / WEIGHT_SPAN, WEIGHT_CENTRE * WEIGHT_SPAN, -1.0,
+        shaped_by=("time_weight",),
+    ),
+)  # fmt: skip
 OPTIONAL_ENTRIES = (
     Entry("distance estimate minus flange position", "m", -RANGE_SCALE, RANGE_SCALE, -1.0, "range_noise"),
     Entry(
-        "tool minus flange from rest, as sensed `reaction_delay` ago",
-        "m", -DEFLECTION_SCALE, DEFLECTION_SCALE, -1.0, "deflection_sensor",
+        "tool minus flange from rest, as sensed a delay ago",
+        "m", -DEFLECTION_SCALE, DEFLECTION_SCALE, -1.0, "deflection_sensor", ("reaction_delay",),
     ),
     Entry("object mass", "kg, as log", *MASS_RANGE, -1.0, "privileged"),
     Entry("contact stiffness", "N/m^1.5, as log", *STIFFNESS_RANGE, -1.0, "privileged"),
@@ -60,7 +67,7 @@ OPTIONAL_ENTRIES = (
 
 def documentation() -> str:
     """Return the table of all entries as Markdown."""
-    rows = [("Num", "Observation", "Unit", "from", "to", "Scaled to", "Only with")]
+    rows = [("Num", "Observation", "Unit", "from", "to", "Scaled to", "Argument")]
     rows += [
         (
             "then" if entry.argument else str(place),
@@ -69,7 +76,7 @@ def documentation() -> str:
             f"{entry.low:g}",
             f"{entry.high:g}",
             f"[{entry.scaled_low:g}, 1]",
-            f"`{entry.argument}`" if entry.argument else "",
+            _arguments(entry),
         )
         for place, entry in enumerate((*ENTRIES, *OPTIONAL_ENTRIES))
     ]
@@ -77,6 +84,13 @@ def documentation() -> str:
     lines = ["| " + " | ".join(map(str.ljust, row, widths)) + " |" for row in rows]
     lines.insert(1, "|" + "|".join("-" * (width + 2) for width in widths) + "|")
     return "\n".join("    " + line for line in lines)
+
+
+def _arguments(entry: Entry) -> str:
+    """Say which arguments add or change an entry."""
+    added = f"only with `{entry.argument}`" if entry.argument else ""
+    shaped = ", ".join(f"`{name}`" for name in entry.shaped_by)
+    return "; ".join(part for part in (added, shaped) if part)
 
 
 def entries(task: TaskConstants) -> tuple[Entry, ...]:

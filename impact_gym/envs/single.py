@@ -47,10 +47,10 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     Commands are resolved to 1e-6 m/s and 1e-6 m/s^2, so that the paper's rule, 1 m/s at 8 m/s^2, is one of them.
 
     ## Observation Space
-    `Box(..., (8,), float32)`, more with the arguments named in the last column. Constants scale each into [-1, 1] or
-    [0, 1]; beyond their ends it is clipped. What is privileged is the truth, for a critic and not for an actor: it
-    stands last, so that `observation[:-5]` is what the actor may see. Position and velocity are those of the imposed
-    motion, which are the flange's if the robot is rigid.
+    `Box(..., (8,), float32)`, more with some arguments: the last column says which add or change what. Constants scale
+    each number into [-1, 1] or [0, 1]; beyond their ends it is clipped. What is privileged is the truth, for a critic
+    and not for an actor: it stands last, so that `observation[:-5]` is what the actor may see. Position and velocity
+    are those of the imposed motion, which are the flange's if the robot is rigid.
 
     OBSERVATION_TABLE
 
@@ -78,9 +78,8 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     distance estimate and force bias (normal), and the seed of the force noise.
 
     `reset(options=...)` holds for one episode: `{"scenario": {...}}` fixes any of the fields above; `{"record": {...}}`
-    any of what is drawn, so that the final `info["record"]` plays an episode again (a reaction delay no longer than the
-    environment was made for); `{"episode_index": k}` with a seed
-    goes to the k-th episode of that seed.
+    any of what is drawn, so that the final `info["record"]` plays an episode again (its reaction delay no longer than
+    the environment was made for); `{"episode_index": k}` with a seed goes to the k-th episode of that seed.
 
     ## Episode End
     Terminates 0.15 s after the alarm. V_p is then what the object keeps after the flange has braked to rest at
