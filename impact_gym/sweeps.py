@@ -64,7 +64,8 @@ def sweep(
         rtol: see `simulate`.
         threads: how many to use, None for all cores; changes no result.
 
-    Each row equals `simulate` of that row to the bit.
+    Each row equals `simulate` of that row to the bit, but where the exponents of the contact are varied: then all rows
+    use the kernels for free exponents, those of 3/2 too.
 
     Raises:
         TypeError, ValueError: an argument or a value is none of these or out of range; names it, and the row.
@@ -108,11 +109,7 @@ def sweep(
 
 def _check(name: Any, template: Mapping[str, Any]) -> None:
     """Refuse a name that no number in the records has."""
-    record, *path = str(name).split(".")
-    target = template.get(record)
-    for step in path:
-        target = getattr(target, step, None) if is_dataclass(target) and not isinstance(target, RobotTable) else None
-    if len(path) == 0 or isinstance(target, (bool, str)) or not isinstance(target, (int, float)):
+    if name not in list(_names(template)):
         raise ValueError(f"varied has no number named {name!r}; there are {', '.join(_names(template))}")
 
 
@@ -121,7 +118,7 @@ def _names(template: Mapping[str, Any]) -> Iterator[str]:
         if is_dataclass(value) and not isinstance(value, RobotTable):
             inner = {field.name: getattr(value, field.name) for field in fields(value)}
             yield from (f"{name}.{rest}" for rest in _names(inner))
-        elif isinstance(value, (int, float)):
+        elif isinstance(value, float):
             yield name
 
 

@@ -3,6 +3,7 @@
 import gymnasium as gym
 import numpy as np
 import pytest
+from scipy import stats
 
 import impact_gym as ig
 from impact_gym.envs import evaluation_sets
@@ -131,7 +132,7 @@ def test_a_set_of_ones_own_is_frozen_and_read_again(tmp_path):
         evaluation_sets.freeze(path, ranges, seed=8, count=20)
 
 
-@pytest.mark.parametrize("damage", ["digit", "line", "column"])
+@pytest.mark.parametrize("damage", ["digit", "line", "column", "seed"])
 def test_an_altered_set_is_refused(tmp_path, damage):
     path = evaluation_sets.freeze(tmp_path / "mine.csv", "train", seed=7, count=20)
     lines = path.read_text().splitlines()
@@ -139,8 +140,10 @@ def test_an_altered_set_is_refused(tmp_path, damage):
         lines[-1] = lines[-1].replace("1", "2", 1) if "1" in lines[-1] else lines[-1].replace("3", "2", 1)
     elif damage == "line":
         lines = lines[:-1]
-    else:
+    elif damage == "column":
         lines[-21] = lines[-21].replace("distance", "place")
+    else:
+        lines[0] = lines[0].replace('"seed": 7', '"seed": 77')
     path.write_text("\n".join(lines) + "\n")
     with pytest.raises(ValueError, match=r"mine\.csv"):
         evaluation_sets.load(path)
@@ -149,3 +152,25 @@ def test_an_altered_set_is_refused(tmp_path, damage):
 def test_a_set_that_there_is_not_is_refused():
     with pytest.raises(ValueError, match=r"nowhere.*hard.*test.*validation"):
         evaluation_sets.load("nowhere")
+
+
+def test_a_set_frozen_again_is_the_shipped_one(tmp_path):
+    shipped = evaluation_sets.load("hard")
+    again = evaluation_sets.load(evaluation_sets.freeze(str(tmp_path / "again.csv"), "hard", shipped.seed, 50))
+    for field in FIELDS:
+        assert again.scenario[field] == pytest.approx(shipped.scenario[field][:50], rel=1e-15)
+
+
+def test_whatever_an_episode_draws_is_independent_of_the_rest():
+    envs = gym.make_vec(ID, num_envs=4000, **OPTIONS)
+    envs.reset(seed=3)
+    record = {name: value.copy() for name, value in envs.batch.info()["record"].items()}
+    record["distance_estimate"] -= record["distance"]
+    ranks = stats.spearmanr(np.array(list(record.values())).T).statistic
+    assert np.abs(ranks - np.eye(len(ranks))).max() < 0.07
+
+
+def test_a_scenario_goes_before_a_record():
+    env = gym.make(ID)
+    env.reset(options={"record": {"distance": 0.3}, "scenario": {"distance": 0.2}})
+    assert env.unwrapped.episode_info()["scenario"]["distance"] == 0.2

@@ -9,6 +9,7 @@ from scipy import stats
 
 import impact_gym as ig
 from agents.baselines import PaperTrapezoid
+from impact_gym.envs import observation
 
 ID = "ImpactApproach-v0"
 TIME, ALARM, FORCE, PEAK = 2, 3, 5, 6
@@ -128,3 +129,41 @@ def test_the_table_of_the_docstring_is_that_of_the_code():
     rows = [line for line in text.splitlines() if line.strip().startswith(("| 0 ", "| then"))]
     assert len(rows) == 2 + 7  # the first action, the first observation, and what arguments add
     assert everything.observation_space.shape == (8 + 7,)
+
+
+@pytest.mark.parametrize(("delay", "period"), [(0.04, 0.016), (0.016, 0.07), (0.04, 0.07)])
+def test_readings_keep_their_age_when_the_alarm_comes_at_the_end(delay, period):
+    env = gym.make(ID, reaction_delay=delay, control_period=period, deflection_sensor=True, record_trace=True)
+    scenario = {"distance": 0.3, "object_mass": 1.0, "contact_stiffness": 1e4, "restitution": 0.5}
+    late = 0
+    for speed in np.linspace(0.249, 0.262, 14):
+        observation, _ = env.reset(seed=0, options={"scenario": scenario})
+        seen, ended = [observation], False
+        while not ended:
+            observation, _, ended, _, _ = env.step(np.array([speed - 0.5, 1.0], np.float32))
+            seen.append(observation)
+        seen, trace = np.array(seen, float), env.unwrapped.trace()
+        late += seen[-1, TIME] > 0.61  # beyond 1.2 s: an alarm was under way then
+        times = 0.75 * (seen[:, TIME] + 1.0) - delay
+        deflection = np.interp(times, trace.time, trace.tool_position - trace.flange_position)
+        expected = np.where(times < 0.0, 0.0, np.clip(deflection / 0.05, -1.0, 1.0))
+        assert seen[:, 8] == pytest.approx(expected, abs=2e-5)
+    assert late > 3
+
+
+def test_a_new_episode_knows_nothing_of_the_last():
+    options = {"deflection_sensor": True, "force_noise": 0.2, "force_bias": 0.1, "reaction_delay": (0.0, 0.04)}
+    used, fresh = gym.make(ID, **options), gym.make(ID, **options)
+    for seed in range(4):
+        play(used, seed=seed)
+        assert np.array_equal(used.reset(seed=99)[0], fresh.reset(seed=99)[0])
+
+
+def test_the_scales_of_what_arguments_add_are_the_documented_ones():
+    rows = {entry.name: (entry.low, entry.high, entry.scaled_low) for entry in observation.OPTIONAL_ENTRIES}
+    assert rows["distance estimate minus flange position"] == (-0.5, 0.5, -1.0)
+    assert rows["tool minus flange from rest, as sensed a delay ago"] == (-0.05, 0.05, -1.0)
+    assert rows["object mass"] == (0.01, 10.0, -1.0)
+    assert rows["contact stiffness"] == (1e3, 1e8, -1.0)
+    assert rows["restitution"] == (0.0, 1.0, 0.0)
+    assert rows["reaction delay"] == (0.0, 0.1, 0.0)

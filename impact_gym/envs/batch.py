@@ -41,7 +41,7 @@ class Batch:
         self.observation_space = observation.space(self.constants)
         self.chains = np.zeros(size, CHAIN)
         self.episodes = np.zeros(size, EPISODE)
-        self._readings = np.zeros((size, task.readings_under_way() + 3, 3))
+        self._readings = np.zeros((size, task.readings_under_way() + 4, 4))
         self.observations = np.zeros((size, observation.length(self.constants)), np.float32)
         self.rewards = np.zeros(size)
         self.set_scenario(task.ranges)

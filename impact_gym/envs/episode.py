@@ -79,6 +79,8 @@ def begin(
     episode.alarm = math.inf
     readings[:] = 0.0
     episode.pushed = samples_under_way(episode.reaction_delay, task.control_period)
+    for k in range(episode.pushed):
+        readings[k, 3] = (k + 1) * task.control_period - episode.reaction_delay
     episode.popped = 0
     episode.next_sample = (episode.pushed + 1) * task.control_period - episode.reaction_delay
     episode.sensed_force = 0.0
@@ -113,23 +115,28 @@ def snap(time: float, onto: float) -> float:
 
 @inner_kernel
 def sample(run: Run, task: TaskConstants, chain: Chain, episode: Episode, readings: Array) -> None:
-    """Read the force now; the controller gets the reading `reaction_delay` later.
+    """Read the sensors now; the controller gets the reading `reaction_delay` later.
 
-    Readings go first in, first out, one for each observation to come: they are taken one delay before it, at times
-    that are known a delay ahead because the alarm, which shifts the clock, comes a delay after its cause.
+    There is a reading one delay before each observation that may come, at times known a delay ahead, because the alarm,
+    which shifts the clock, comes a delay after its cause. Each carries its time: an observation gets the last one that
+    is due, and one for an observation that did not come (at the horizon, with an alarm under way) is passed over.
     """
     slot = episode.pushed % readings.shape[0]
     readings[slot, 0] = sensed_force(run, chain)
     readings[slot, 1] = chain.peak_force
     readings[slot, 2] = chain.deflection - chain.flange_offset
+    readings[slot, 3] = chain.time
     episode.pushed += 1
     if math.isinf(chain.detection):
-        last = HORIZON - episode.reaction_delay
-        following = snap(episode.next_sample + task.control_period, last)
+        periods = math.floor((chain.time + episode.reaction_delay + ROUNDING) / task.control_period)
+        following = (periods + 1) * task.control_period - episode.reaction_delay
+        last = HORIZON - episode.reaction_delay  # where an observation is one of its own, if there is no alarm by then
+        beyond = chain.time < last - ROUNDING and last < following - ROUNDING
+        episode.next_sample = last if beyond else following
     else:
         last = chain.detection + AFTER_ALARM
         following = snap(max(episode.next_sample, chain.detection) + task.control_period, last)
-    episode.next_sample = following if chain.time < last else math.inf
+        episode.next_sample = following if chain.time < last else math.inf
 
 
 @inner_kernel
@@ -190,7 +197,8 @@ def step(
 
     if math.isinf(episode.alarm) and chain.time >= alarm:
         episode.alarm = alarm
-    if episode.popped < episode.pushed:
+    due = chain.time - episode.reaction_delay + ROUNDING
+    while episode.popped < episode.pushed and readings[episode.popped % readings.shape[0], 3] <= due:
         receive(task, episode, readings)
     episode.control_steps += 1
     observe(task, chain, episode, out)

@@ -31,7 +31,7 @@ class EvaluationSet:
 
     seed: int  # of the first
     scenario: dict[str, NDArray[np.float64]]  # fields and units as in `ScenarioRanges`
-    checksum: str  # SHA-256 of the table
+    checksum: str  # SHA-256 of seed, count and table
 
     @property
     def count(self) -> int:
@@ -49,10 +49,10 @@ def load(name: str | Path) -> EvaluationSet:
     if not path.is_file():
         known = sorted(file.stem for file in SHIPPED.glob("*.csv"))
         raise ValueError(f"no evaluation set {str(name)!r}: the shipped ones are {known}, or name a file")
-    head, _, table = path.read_text(encoding="utf-8").partition("\n")
     try:
+        head, _, table = path.read_text(encoding="utf-8").partition("\n")
         about = json.loads(head.removeprefix("# "))
-        found = hashlib.sha256(table.encode()).hexdigest()
+        found = _checksum(about["seed"], about["count"], table)
         if found != about["sha256"]:
             raise ValueError(f"its checksum is {found}, not {about['sha256']}")
         rows = list(csv.DictReader(io.StringIO(table)))
@@ -62,12 +62,13 @@ def load(name: str | Path) -> EvaluationSet:
         raise ValueError(f"{path} is no evaluation set, or was altered: {problem}") from problem
 
 
-def freeze(path: Path, ranges: ScenarioRanges | Mapping[str, Any] | str, seed: int, count: int) -> Path:
+def freeze(path: str | Path, ranges: ScenarioRanges | Mapping[str, Any] | str, seed: int, count: int) -> Path:
     """Write the scenarios that environments seeded `seed` ... `seed + count - 1` draw first from `ranges`.
 
     Raises:
         FileExistsError: there is a file; a frozen set is not overwritten.
     """
+    path = Path(path)
     table = ScenarioRanges.of(ranges).table()
     seed, count = whole("seed", seed, at_least=0), whole("count", count, at_least=1)
     if path.exists():
@@ -80,11 +81,15 @@ def freeze(path: Path, ranges: ScenarioRanges | Mapping[str, Any] | str, seed: i
         writer.writerow(
             [draw(low, high, log, u) for (low, high), log, u in zip(table, LOGARITHMIC, uniforms, strict=False)]
         )
-    checksum = hashlib.sha256(text.getvalue().encode()).hexdigest()
+    checksum = _checksum(seed, count, text.getvalue())
     about = json.dumps({"seed": seed, "count": count, "sha256": checksum})
     with whole_file(path) as file:
         file.write(f"# {about}\n{text.getvalue()}".encode())
     return path
+
+
+def _checksum(seed: int, count: int, table: str) -> str:
+    return hashlib.sha256(f"{seed},{count}\n{table}".encode()).hexdigest()
 
 
 _COLUMNS = list(zip(FIELDS, UNITS, strict=True))

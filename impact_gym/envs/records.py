@@ -36,8 +36,8 @@ _RESET_OPTIONS = ("scenario", "record", "episode_index")
 def fixed_record(options: Any, longest_delay: float, slots: int | None = None) -> NDArray[np.float64]:
     """Return what `reset(options=...)` fixes as an array (9,), columns as in RECORD, nan where the episode draws.
 
-    With `slots` a value may also be a sequence of so many, one for each, and the array is (slots, 9). No reaction delay
-    may exceed `longest_delay` (s), for which the environment keeps its force readings.
+    A scenario goes before a record. With `slots` a value may also be a sequence of so many, one for each, and the array
+    is (slots, 9). No reaction delay may exceed `longest_delay` (s), for which the environment keeps its force readings.
 
     Raises:
         TypeError, ValueError: an unknown option or field, or a value out of range; names what is allowed.
@@ -60,6 +60,8 @@ def fixed_record(options: Any, longest_delay: float, slots: int | None = None) -
                 values = numbers(field, value, unit, **limits)
                 if len(values) != slots:
                     raise ValueError(f"{field} must be a number or {slots} of them in {unit}, got {len(values)}")
+            if name == "noise_seed" and np.any(np.mod(values, 1.0)):
+                raise ValueError(f"{field} must be a whole number, got {value!r}")
             fixed[:, RECORD.index(name)] = values
     return fixed if slots else fixed[0]
 

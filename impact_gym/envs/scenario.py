@@ -19,6 +19,7 @@ FIELDS = ("object_mass", "contact_stiffness", "restitution", "distance")
 LOGARITHMIC = (True, True, False, False)
 LARGEST_WEIGHT = 1e6  # m/s per s and m/s per N; keeps rewards finite
 LONGEST_DELAY = 1.0  # s
+WIDEST = 1e12  # high over low of a range
 UNITS = ("kg", "N/m^1.5", "(no unit)", "m")
 AT_MOST = (math.inf, math.inf, 1.0, math.inf)
 
@@ -29,13 +30,15 @@ def interval(field: str, value: Any, unit: str, **limits: float) -> Range:
     Raises:
         TypeError, ValueError: not a number or a pair of them, out of range, or inverted; names `field`.
     """
-    if isinstance(value, (tuple, list, np.ndarray)):
+    if isinstance(value, (tuple, list)) or getattr(value, "ndim", 0) > 0:
         if len(value) != 2:
             raise ValueError(f"{field} must be a number or a pair (low, high) in {unit}, got {value!r}")
         low = number(f"{field}[0]", value[0], unit, **limits)
         high = number(f"{field}[1]", value[1], unit, **limits)
         if low > high:
             raise ValueError(f"{field} must not be inverted: low {low:g} is above high {high:g} {unit}")
+        if low > 0 and not high / low <= WIDEST:
+            raise ValueError(f"{field} must not span more than a factor {WIDEST:g}, got {low:g} to {high:g} {unit}")
         return low, high
     single = number(field, value, unit, **limits)
     return single, single

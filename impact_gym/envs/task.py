@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import MISSING, dataclass, field, fields
 from typing import Any, NamedTuple, get_args
 
 import numpy as np
@@ -22,6 +22,8 @@ ALARM_THRESHOLD = 1.0  # N (paper, section 3.2)
 AFTER_ALARM = 0.15  # s, an episode ends this long after the alarm
 HORIZON = 1.2  # s, or here, if there is no alarm
 MISSED_COST = 2.0  # m/s
+LARGEST_FORCE_NOISE = 1e6  # N
+LARGEST_RANGE_NOISE = 1e3  # m
 FULL_DECELERATION = 20.0  # m/s^2, after the end of the episode
 SETTLE_LIMIT = 10.0  # s, simulated after the end at the most
 MAX_STEPS = 1_000_000  # integration steps of one episode
@@ -77,9 +79,9 @@ class Task:
         put("delays", interval("reaction_delay", self.reaction_delay, "s", at_least=0, at_most=LONGEST_DELAY))
         put("control_period", number("control_period", self.control_period, "s", at_least=1e-4, at_most=0.15))
         if self.range_noise is not None:
-            put("range_noise", number("range_noise", self.range_noise, "m", at_least=0))
-        put("force_noise", number("force_noise", self.force_noise, "N", at_least=0))
-        put("force_bias", number("force_bias", self.force_bias, "N", at_least=0))
+            put("range_noise", number("range_noise", self.range_noise, "m", at_least=0, at_most=LARGEST_RANGE_NOISE))
+        put("force_noise", number("force_noise", self.force_noise, "N", at_least=0, at_most=LARGEST_FORCE_NOISE))
+        put("force_bias", number("force_bias", self.force_bias, "N", at_least=0, at_most=LARGEST_FORCE_NOISE))
         for name in ("deflection_sensor", "privileged"):
             if not isinstance(getattr(self, name), (bool, np.bool_)):
                 raise WrongTypeError(f"{name} must be True or False, got {getattr(self, name)!r}")
@@ -152,6 +154,10 @@ def _record_from(name: str, value: Any, kinds: dict[str, type[Any]]) -> Any:
             for field in given:
                 if field not in named[chosen]:
                     raise WrongTypeError(f"{name} has no field {field!r}; the fields of a {chosen} are {named[chosen]}")
+            needed = [field.name for field in fields(kinds[chosen]) if field.default is MISSING]
+            needed = [field for field in needed if field not in given]
+            if needed:
+                raise WrongTypeError(f"{name}, a {chosen}, needs the fields {needed} too")
             return kinds[chosen](**given)
     wanted = " or ".join(kinds)
     raise WrongTypeError(f"{name} must be a {wanted}, or a mapping whose 'type' is one of {list(kinds)}, got {value!r}")

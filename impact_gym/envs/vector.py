@@ -141,14 +141,15 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
 
     def _seed(self, seed: int | Sequence[int | None] | None, mask: Flags) -> None:
         """Seed slot i with seed + i, or with its place in a list; None leaves a generator as it is."""
-        if isinstance(seed, (int, np.integer)):
+        if isinstance(seed, (int, np.integer)) and not isinstance(seed, bool):
             seeds: Sequence[int | None] = [int(seed) + slot for slot in range(self.num_envs)]
-        elif seed is None or isinstance(seed, (Sequence, np.ndarray)):
+        elif seed is None or (isinstance(seed, (Sequence, np.ndarray)) and not isinstance(seed, (str, bytes))):
             seeds = [None] * self.num_envs if seed is None else seed
         else:
             raise WrongTypeError(f"seed must be a whole number or {self.num_envs} of them, got {seed!r}")
         if len(seeds) != self.num_envs:
             raise ValueError(f"seed must be a whole number or {self.num_envs} of them, got {len(seeds)}")
+        seeds = [None if one is None else whole("seed", one, at_least=0) for one in seeds]
         if not self._generators:
             self._generators = [seeding.np_random(one)[0] for one in seeds]
             return
