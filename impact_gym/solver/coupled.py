@@ -5,7 +5,7 @@ from typing import Any
 
 from impact_gym.kernel import by_type
 from impact_gym.physics.coupling import MechanismLaw, RigidLaw, RobotLaw, SpringDamperLaw, VaryingLaw
-from impact_gym.solver import chained, rigid, spring_damper
+from impact_gym.solver import chain_bounds, chained, rigid, spring_damper
 from impact_gym.solver.chained import Flight
 from impact_gym.solver.collision import tool_gain
 
@@ -34,11 +34,13 @@ collision = by_type(_choice(rigid.collision, spring_damper.collision, chained.co
 load = by_type(_choice(rigid.load, spring_damper.load, chained.load))
 rate = by_type(_choice(rigid.rate, spring_damper.rate, chained.rate, flight=chained.flight_rate))
 store = by_type(_choice(rigid.store, spring_damper.store, chained.store))
-cannot_touch = by_type(_choice(rigid.cannot_touch, spring_damper.cannot_touch, chained.cannot_touch))
-coupling_impulse = by_type(_choice(rigid.coupling_impulse, spring_damper.coupling_impulse, chained.coupling_impulse))
-coupling_force = by_type(_choice(rigid.coupling_force, spring_damper.coupling_force, chained.coupling_force))
+cannot_touch = by_type(_choice(rigid.cannot_touch, spring_damper.cannot_touch, chain_bounds.cannot_touch))
+coupling_impulse = by_type(
+    _choice(rigid.coupling_impulse, spring_damper.coupling_impulse, chain_bounds.coupling_impulse)
+)
+coupling_force = by_type(_choice(rigid.coupling_force, spring_damper.coupling_force, chain_bounds.coupling_force))
 tool_momentum = by_type(
-    _choice(tool_gain, tool_gain, tool_gain, varying=chained.varying_momentum),
+    _choice(tool_gain, tool_gain, tool_gain, varying=chain_bounds.varying_momentum),
 )
 smooth_until = by_type(
     {

@@ -5,7 +5,7 @@ import math
 from impact_gym.kernel import by_type, inner_kernel
 from impact_gym.physics import contact
 from impact_gym.physics.coupling import MechanismLaw, RigidLaw, RobotLaw, SpringDamperLaw, VaryingLaw
-from impact_gym.solver import chained, coupled, dop853, events, slider
+from impact_gym.solver import chain_bounds, chained, coupled, dop853, events, slider
 from impact_gym.solver import collision as scaled
 from impact_gym.solver.chained import ChainedLaw, Flight, Piece
 from impact_gym.solver.collision import RATE, ROOT, TIME, Origin
@@ -64,7 +64,7 @@ fly = by_type(
 @inner_kernel
 def flight_units(law: ChainedLaw, chain: Chain, acceleration: float) -> contact.Scales:
     """Return natural units of a flight: the chain's fastest motion, and the largest velocity at hand."""
-    time = 1.0 / chained.highest_frequency(law, chain)
+    time = 1.0 / chain_bounds.highest_frequency(law, chain)
     closing = abs(chain.penetration_rate - chain.deflection_rate)
     own = max(abs(chain.deflection_rate), abs(chain.flange_offset_rate))
     pushed = abs(acceleration) * time
