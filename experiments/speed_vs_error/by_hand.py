@@ -1,0 +1,206 @@
+"""What people write by hand: the equations of motion in SI units at a fixed step, without events.
+
+Contact is an `if penetration > 0`, the approach velocity is the rate at the first step that penetrates, alarm, peak
+force and duration are read at the ends of steps. Compiled with numba, as our solver is, so that the comparison is one
+of methods. Hertz contact, rigid robot; no coupling, a spring and damper, or the bistable mechanism.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numba
+import numpy as np
+
+import impact_gym as ig
+from experiments.reference.bistable import BistableForce
+from experiments.reference.dissipation import damping_factor
+from experiments.speed_vs_error.quantities import Answer
+from experiments.speed_vs_error.scenes import Approach
+
+RIGID, SPRING, BISTABLE = range(3)
+EULER, RK4 = range(2)
+METHODS = {"semi-implicit Euler": EULER, "RK4": RK4}
+SLOWEST = 1e-6  # m/s, of v_in in eq. 7
+
+
+class Law(NamedTuple):
+    """The bodies, their contact and the coupling."""
+
+    m_t: float  # kg
+    m_p: float  # kg
+    k_c: float  # N/m^1.5
+    d: float  # -
+    kind: int
+    k_t: float  # N/m, of a spring and damper or of the mechanism's spring
+    c_t: float  # N s/m
+    L0: float  # m
+    H: float  # m
+    x0: float  # m, slider at rest, from its alignment
+    front: float  # m
+    rear: float  # m
+    k_s: float  # N/m
+    c_s: float  # N s/m
+
+
+class Command(NamedTuple):
+    """The flange's motion."""
+
+    speed: float  # m/s
+    acceleration: float  # m/s^2
+    threshold: float  # N
+    delay: float  # s
+    deceleration: float  # m/s^2
+
+
+def law_of(scene: ig.Scene) -> Law:
+    """Return the numbers of a scene."""
+    coupling, m_t = scene.coupling, scene.tool.mass
+    d = damping_factor(scene.contact.dissipation, scene.contact.restitution, 1.5, 1.5)
+    bodies = (m_t, scene.object.mass, scene.contact.stiffness, d)
+    if isinstance(coupling, ig.SpringDamper):
+        k_t = coupling.stiffness
+        c_t = 2.0 * coupling.damping_ratio * math.sqrt(k_t * m_t)
+        return Law(*bodies, SPRING, k_t, c_t, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    if isinstance(coupling, ig.Bistable):
+        force = BistableForce(coupling, m_t)
+        stops = (coupling.front_stop, coupling.rear_stop, force.k_s, force.c_s)
+        return Law(*bodies, BISTABLE, force.k, 0.0, force.L0, force.H, force.x0, *stops)
+    return Law(*bodies, RIGID, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def command_of(motion: ig.Trapezoid) -> Command:
+    """Return the numbers of a motion."""
+    brake = motion.brake or ig.Brake(threshold=1e300)
+    return Command(motion.speed, motion.acceleration, brake.threshold, brake.delay, motion.deceleration)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def flange(command: Command, brake_time: float, t: float) -> tuple[float, float]:
+    """Position (m) and velocity (m/s) of the trapezoid that brakes at `brake_time` (s)."""
+    v, a, b = command.speed, command.acceleration, command.deceleration
+    ramp = min(t, brake_time, v / a)
+    x, speed = 0.5 * a * ramp * ramp, a * ramp
+    x += speed * (min(t, brake_time) - ramp)
+    if t > brake_time:
+        s = min(t - brake_time, speed / b)
+        x += (speed - 0.5 * b * s) * s
+        speed -= b * s
+    return x, speed
+
+
+@numba.njit(cache=True, error_model="numpy")
+def contact_force(law: Law, delta: float, rate: float, v_in: float) -> float:
+    """Paper, eq. 5 and 7, never negative."""
+    if delta <= 0.0:
+        return 0.0
+    return max(law.k_c * delta * math.sqrt(delta) * (1.0 + law.d / v_in * rate), 0.0)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def coupling_force(law: Law, stretch: float, rate: float) -> float:
+    """Force on the tool, N, by x_t - x_f (m) and its rate: paper, eq. 17 or 23-24."""
+    if law.kind == SPRING:
+        return -law.k_t * stretch - law.c_t * rate
+    x = law.x0 + stretch
+    L = math.sqrt(law.H * law.H + x * x)
+    force = law.k_t * (law.L0 - L) * x / L
+    if x > law.front:
+        force -= max(law.k_s * (x - law.front) + law.c_s * rate, 0.0)
+    elif x < law.rear:
+        force += max(law.k_s * (law.rear - x) - law.c_s * rate, 0.0)
+    return force
+
+
+@numba.njit(cache=True, error_model="numpy")
+def accelerations(
+    law: Law, command: Command, brake_time: float, v_in: float, t: float, x_t: float, v_t: float, x_p: float, v_p: float
+) -> tuple[float, float]:
+    """Of tool and object, m/s^2; v_in is 0 while they are apart."""
+    F = contact_force(law, x_t - x_p, v_t - v_p, v_in) if v_in > 0.0 else 0.0
+    if law.kind == RIGID:
+        return 0.0, F / law.m_p
+    x_f, v_f = flange(command, brake_time, t)
+    return (coupling_force(law, x_t - x_f, v_t - v_f) - F) / law.m_t, F / law.m_p
+
+
+@numba.njit(cache=True, error_model="numpy")
+def place(law: Law, command: Command, brake_time: float, t: float, x: float, v: float) -> tuple[float, float]:
+    """Position and velocity of the tool: its own, or the flange's if it is fixed to it."""
+    if law.kind == RIGID:
+        return flange(command, brake_time, t)
+    return x, v
+
+
+@numba.njit(cache=True, error_model="numpy")
+def march(
+    method: int, law: Law, command: Command, start: Any, duration: float, step: float
+) -> tuple[float, float, float, float, int, int]:
+    """Return V_p, peak force, contact duration, detection time, contacts, snap-throughs.
+
+    `start` is x_t, v_t, x_p, v_p (m, m/s).
+    """
+    x, v, y, w = start
+    h, count = step, round(duration / step)
+    v_in, brake_time, detection = 0.0, math.inf, math.nan
+    peak, touching, contacts, passes = 0.0, 0, 0, 0
+    behind = False
+    for i in range(count):
+        t = i * h
+        x, v = place(law, command, brake_time, t, x, v)
+        if x <= y:
+            v_in = 0.0
+        elif v_in == 0.0:
+            v_in = max(v - w, SLOWEST)
+            contacts += 1
+        if v_in > 0.0:
+            touching += 1
+            F = contact_force(law, x - y, v - w, v_in)
+            peak = max(peak, F)
+            if command.threshold < F and math.isnan(detection):
+                detection = t
+                brake_time = t + command.delay
+        if law.kind == BISTABLE:
+            now_behind = law.x0 + x - flange(command, brake_time, t)[0] < 0.0
+            passes += now_behind != behind
+            behind = now_behind
+        a, b = accelerations(law, command, brake_time, v_in, t, x, v, y, w)
+        if method == EULER:
+            v += h * a
+            w += h * b
+            x += h * v
+            y += h * w
+        else:
+            s = t + 0.5 * h
+            x2, v2 = place(law, command, brake_time, s, x + 0.5 * h * v, v + 0.5 * h * a)
+            y2, w2 = y + 0.5 * h * w, w + 0.5 * h * b
+            a2, b2 = accelerations(law, command, brake_time, v_in, s, x2, v2, y2, w2)
+            x3, v3 = place(law, command, brake_time, s, x + 0.5 * h * v2, v + 0.5 * h * a2)
+            y3, w3 = y + 0.5 * h * w2, w + 0.5 * h * b2
+            a3, b3 = accelerations(law, command, brake_time, v_in, s, x3, v3, y3, w3)
+            s = t + h
+            x4, v4 = place(law, command, brake_time, s, x + h * v3, v + h * a3)
+            y4, w4 = y + h * w3, w + h * b3
+            a4, b4 = accelerations(law, command, brake_time, v_in, s, x4, v4, y4, w4)
+            x += h / 6.0 * (v + 2.0 * v2 + 2.0 * v3 + v4)
+            y += h / 6.0 * (w + 2.0 * w2 + 2.0 * w3 + w4)
+            v += h / 6.0 * (a + 2.0 * a2 + 2.0 * a3 + a4)
+            w += h / 6.0 * (b + 2.0 * b2 + 2.0 * b3 + b4)
+    return w, peak, touching * h, detection, contacts, passes
+
+
+def arguments(method: str, approach: Approach, step: float) -> tuple[Any, ...]:
+    """Return what `march` takes for an approach at a step (s)."""
+    start = (0.0, 0.0, approach.scene.object.distance, 0.0)
+    return METHODS[method], law_of(approach.scene), command_of(approach.motion), start, approach.duration, step
+
+
+def solve(method: str, approach: Approach, step: float) -> Answer:
+    """Run an approach."""
+    found = march(*arguments(method, approach, step))
+    return Answer(*(float(value) for value in found[:4]), *found[4:], steps=round(approach.duration / step))
+
+
+def compile_now() -> None:
+    """Compile, or load, both methods."""
+    law = Law(1.0, 1.0, 1.0, 0.0, RIGID, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    march(EULER, law, Command(1.0, 1.0, 1.0, 0.0, 1.0), (0.0, 0.0, float(np.float64(1.0)), 0.0), 1e-3, 1e-3)

@@ -1,0 +1,62 @@
+"""Error and steps over contact stiffness and damping factor: one contact of a tool behind a spring.
+
+The tool is that of the environment (50 N/m, critically damped) under the paper's motion, brake included. The run ends
+a tenth of a contact after the first contact, which so stays alone, or after 1.5 s if it has not ended by then.
+"""
+
+import math
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+import impact_gym as ig
+from experiments import reference
+from experiments.paper.scenes import DURATION, MOTION, decoupled
+from experiments.speed_vs_error import records
+from experiments.speed_vs_error.records import Row
+from experiments.speed_vs_error.truth import RTOL, in_parallel
+
+OUR_RTOL = 1e-8
+
+
+def grid(points_per_two_decades: int) -> list[tuple[float, float]]:
+    """Return (k_c, d): 1e2 to 1e10 N/m^1.5, and 1e-3 to 1e3."""
+    stiffness = np.logspace(2, 10, 4 * points_per_two_decades + 1)
+    damping = np.logspace(-3, 3, 3 * points_per_two_decades + 1)
+    return [(float(f"{k_c:.4g}"), float(f"{d:.4g}")) for k_c in stiffness for d in damping]
+
+
+def cell(place: tuple[float, float], reference_rtol: float) -> Row:
+    """Return the row of one k_c (N/m^1.5) and d."""
+    k_c, d = place
+    scene = decoupled(k_c, 1.0 / (1.0 + d / 1.5), 50.0)  # paper, eq. 7, solved for e
+    row: Row = {
+        "stiffness": k_c,
+        "damping_factor": d,
+        "velocity_error": math.nan,
+        "steps": 0,
+        "ended": 0,
+        "failure": "",
+    }
+    try:
+        first = ig.simulate(scene, MOTION, DURATION, OUR_RTOL).contacts[0]
+        duration = DURATION if first.end is None else min(first.end + 0.1 * (first.end - first.start), DURATION)
+        outcome = ig.simulate(scene, MOTION, duration, OUR_RTOL)
+    except RuntimeError as problem:
+        return row | {"failure": str(problem)}
+    truth = reference.simulate(scene, MOTION, duration, rtol=reference_rtol)
+    if len(truth.contacts) != len(outcome.contacts):
+        return row | {"failure": f"{len(outcome.contacts)} contacts, not {len(truth.contacts)}"}
+    error = abs(outcome.object_velocity - truth.object_velocity)
+    return row | {"velocity_error": error, "steps": outcome.steps, "ended": int(outcome.contacts[0].end is not None)}
+
+
+def extend(path: Path, points_per_two_decades: int, again: bool) -> None:
+    """Compute the cells that the table does not have, and write it."""
+    rows = [] if again else records.read(path)
+    there = {(row["stiffness"], row["damping_factor"]) for row in rows}
+    left = [place for place in grid(points_per_two_decades) if place not in there]
+    if left:
+        rows += in_parallel(partial(cell, reference_rtol=RTOL), left, "heat map")
+        records.write(path, sorted(rows, key=lambda row: (row["stiffness"], row["damping_factor"])))

@@ -1,0 +1,162 @@
+"""The same bodies in MuJoCo: two sliders, the tool on the flange by a joint's spring or by a tendon.
+
+MuJoCo has no Hertz contact. Its own law, a spring and damper on the acceleration that the constraint asks for, has two
+numbers here (`solref` in its direct form, with a constant `solimp`); they are fitted to each scene, so that duration
+and V_p come out right at the finest step. Everything else about the contact, such as its peak force, stays as its law
+makes it. The flange is a slider so heavy that the tool does not slow it.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+import impact_gym as ig
+from experiments.reference.bistable import BistableForce
+from experiments.speed_vs_error.by_hand import command_of, flange
+from experiments.speed_vs_error.quantities import Answer
+from experiments.speed_vs_error.scenes import Approach
+
+HEAVY = 1e6  # kg, the flange
+RADIUS = 0.05  # m, of the two spheres that touch
+IMPEDANCE = 1e-3  # -, of the constraints: so small that what pushes the bodies together is not taken out of the contact
+
+MODEL = """
+<mujoco>
+  <option timestep="{step}" gravity="0 0 0" integrator="Euler" jacobian="dense" tolerance="1e-12"/>
+  <worldbody>
+    <body name="flange">
+      <inertial pos="0 0 0" mass="{heavy}" diaginertia="1 1 1"/>
+      <joint type="slide" axis="1 0 0"/>
+      <site name="pivot" pos="{pivot} {height} 0"/>
+      <body name="tool">
+        <joint name="coupling" type="slide" axis="1 0 0" stiffness="{stiffness}" damping="{damping}" {stops}/>
+        <geom name="tool" type="sphere" size="{radius}" pos="-{radius} 0 0" mass="{tool}" contype="0" conaffinity="0"/>
+        <site name="end"/>
+      </body>
+    </body>
+    <body name="object" pos="{distance} 0 0">
+      <joint type="slide" axis="1 0 0"/>
+      <geom name="object" type="sphere" size="{radius}" pos="{radius} 0 0" mass="{object}" contype="0" conaffinity="0"/>
+    </body>
+  </worldbody>
+  <contact>
+    <pair geom1="tool" geom2="object" condim="1" solref="{solref}" solimp="{solimp}"/>
+  </contact>
+  {tendon}
+</mujoco>
+"""
+TENDON = (
+    """<tendon><spatial stiffness="{}" springlength="{}"><site site="pivot"/><site site="end"/></spatial></tendon>"""
+)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """MuJoCo's contact: what the constraint asks for is -stiffness * penetration - damping * rate."""
+
+    stiffness: float  # 1/s^2
+    damping: float  # 1/s
+
+
+def missing() -> str:
+    """Return why MuJoCo takes no part, or an empty string."""
+    try:
+        import mujoco  # noqa: F401  # an extra
+    except ImportError:
+        return "MuJoCo is not installed (extra `peers`)"
+    return ""
+
+
+def xml(approach: Approach, fit: Fit, step: float) -> str:
+    """Return the model of an approach."""
+    coupling, m_t = approach.scene.coupling, approach.scene.tool.mass
+    solimp = f"{IMPEDANCE} {IMPEDANCE} 1 0.5 1"
+    words: dict[str, Any] = {"stiffness": 0.0, "damping": 0.0, "stops": "", "tendon": "", "pivot": 0.0, "height": 0.0}
+    if isinstance(coupling, ig.SpringDamper):
+        damping = 2.0 * coupling.damping_ratio * math.sqrt(coupling.stiffness * m_t)
+        words |= {"stiffness": coupling.stiffness, "damping": damping}
+    elif isinstance(coupling, ig.Bistable):
+        force = BistableForce(coupling, m_t)
+        limits = f"{coupling.rear_stop - force.x0} {coupling.front_stop - force.x0}"
+        solref = f"-{force.k_s / m_t} -{force.c_s / m_t}"
+        words |= {
+            "stops": f'limited="true" range="{limits}" solreflimit="{solref}" solimplimit="{solimp}"',
+            "tendon": TENDON.format(force.k, force.L0),
+            "pivot": -force.x0,
+            "height": force.H,
+        }
+    else:
+        raise NotImplementedError(f"speed_vs_error: no coupling like {coupling!r} in MuJoCo")
+    return MODEL.format(
+        step=step, heavy=HEAVY, radius=RADIUS, tool=m_t, object=approach.scene.object.mass,
+        distance=approach.scene.object.distance, solref=f"-{fit.stiffness} -{fit.damping}", solimp=solimp, **words,
+    )  # fmt: skip
+
+
+class Model:
+    """An approach in MuJoCo at a step (s), over `window` (s) from `start` (flange, joint, object; m and m/s)."""
+
+    def __init__(
+        self, approach: Approach, fit: Fit, step: float, window: tuple[float, float] | None = None, start: Any = None
+    ) -> None:
+        import mujoco  # an extra
+
+        self.model = mujoco.MjModel.from_xml_string(xml(approach, fit, step))
+        self.data = mujoco.MjData(self.model)
+        mujoco.set_mju_user_warning(lambda _: None)  # or it writes a file into the current folder; see `run`
+        self._step, self._reset = mujoco.mj_step, mujoco.mj_resetData
+        self.command, self.step, self.start = command_of(approach.motion), step, start
+        self.window = window or (0.0, approach.duration)
+        force = approach.scene.coupling
+        self.x0 = BistableForce(force, approach.scene.tool.mass).x0 if isinstance(force, ig.Bistable) else math.inf
+        self.pieces: list[tuple[int, float]] = []
+
+    def _begin(self) -> None:
+        self._reset(self.model, self.data)
+        if self.start is not None:
+            self.data.qpos[:], self.data.qvel[:] = self.start
+
+    def run(self) -> Answer:
+        """Step by step, looking at the forces; remember when the flange's acceleration changes."""
+        self._begin()
+        begin, end = self.window
+        h, data, command = self.step, self.data, self.command
+        count = round((end - begin) / h)
+        pushes, push, positions = data.qfrc_applied, data.qfrc_constraint, data.qpos
+        brake, detection, peak, touching, contacts, passes = math.inf, math.nan, 0.0, 0, 0, 0
+        before, behind = False, False
+        weight = HEAVY + float(self.model.body("tool").mass[0])
+        forces = np.empty(count)
+        for i in range(count):
+            t = begin + i * h
+            change = flange(command, brake, t + h)[1] - flange(command, brake, t)[1]
+            pushes[0] = forces[i] = round(change / h, 9) * weight
+            self._step(self.model, data)
+            force = push[2]
+            peak = max(peak, force)
+            now = data.ncon > 0
+            touching += now
+            contacts += now and not before
+            before = now
+            if force > command.threshold and math.isnan(detection):
+                detection = t
+                brake = t + command.delay
+            if math.isfinite(self.x0):
+                passes += (self.x0 + positions[1] < 0.0) != behind
+                behind = self.x0 + positions[1] < 0.0
+        starts = np.flatnonzero(np.diff(forces, prepend=np.nan) != 0.0)
+        lengths = np.diff(starts, append=count)
+        self.pieces = [(int(n), float(forces[i])) for i, n in zip(starts, lengths, strict=True)]
+        # where it diverges, MuJoCo warns and starts afresh from rest
+        velocity = math.nan if any(warning.number for warning in data.warning) else float(data.qvel[2])
+        return Answer(velocity, float(peak), touching * h, detection, int(contacts), int(passes), count)
+
+    def repeat(self) -> float:
+        """Make the same steps again without looking; return V_p (m/s)."""
+        self._begin()
+        for count, force in self.pieces:
+            self.data.qfrc_applied[0] = force
+            self._step(self.model, self.data, count)
+        return float(self.data.qvel[2])

@@ -1,0 +1,263 @@
+"""Speed against error: the contenders compute what they say, and what is on disk is drawn and not measured again."""
+
+import math
+import re
+from dataclasses import replace
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import impact_gym as ig
+from experiments import reference
+from experiments.charts import save
+from experiments.paper.scenes import MOTION, decoupled
+from experiments.speed_vs_error import (
+    by_hand,
+    contenders,
+    figures,
+    heat_map,
+    page,
+    peer,
+    quantities,
+    records,
+    scenes,
+    study,
+    summary,
+    truth,
+)
+from experiments.speed_vs_error.contenders import OURS
+from experiments.speed_vs_error.quantities import ERRORS, Answer
+
+NAMED = {approach.name: approach for approach in scenes.named()}
+COUPLINGS = {"rigid": ig.Rigid(), "spring": ig.SpringDamper(150.0, 0.5), "bistable": ig.Bistable()}
+
+
+def approach_with(coupling):
+    scene = ig.Scene(ig.Tool(0.125), ig.Object(0.25, 0.2505), ig.Contact(1e4, 0.5), coupling)
+    return scenes.Approach("any", "", scene, MOTION, 1.0)
+
+
+def true_answer(approach):
+    return quantities.answer_of(
+        reference.simulate(approach.scene, approach.motion, approach.duration, rtol=1e-12), approach.duration
+    )
+
+
+def inside_a_contact(duration):
+    """V_p of tool (0.125 kg, spring 150 N/m) and object (0.25 kg) that begin 1 mm into each other at 1 m/s."""
+    k_c, d, m_t, m_p, k_t = 1e5, 1.5, 0.125, 0.25, 150.0
+    c_t = math.sqrt(k_t * m_t)  # damping ratio 0.5
+
+    def rates(t, y):
+        x_t, v_t, x_p, v_p = y
+        force = k_c * (x_t - x_p) ** 1.5 * (1 + d * (v_t - v_p))  # paper, eq. 5 and 7 with v_in = 1 m/s
+        pull = k_t * (4 * t * t - x_t) + c_t * (8 * t - v_t)  # the flange starts at 8 m/s^2
+        return v_t, (pull - force) / m_t, v_p, force / m_p
+
+    return solve_ivp(rates, (0, duration), (1e-3, 1.0, 0.0, 0.0), "DOP853", rtol=1e-13, atol=1e-15).y[3, -1]
+
+
+@pytest.mark.parametrize(("method", "order"), [("semi-implicit Euler", 1), ("RK4", 4)])
+def test_a_hand_written_integrator_converges_with_its_order_inside_a_contact(method, order):
+    law = by_hand.law_of(decoupled(1e5, 0.5, 150.0, damping_ratio=0.5))
+    command = by_hand.command_of(ig.Trapezoid(1.0, 8.0))
+    duration, start = 2e-3, (1e-3, 1.0, 0.0, 0.0)
+    exact = inside_a_contact(duration)
+    errors = [
+        abs(by_hand.march(by_hand.METHODS[method], law, command, start, duration, duration / n)[0] - exact)
+        for n in (16, 32, 64)
+    ]
+    assert np.log2(np.divide(errors[:-1], errors[1:])) == pytest.approx([order, order], abs=0.15)
+
+
+@pytest.mark.parametrize("method", by_hand.METHODS)
+@pytest.mark.parametrize("coupling", COUPLINGS)
+def test_a_small_fixed_step_leads_to_the_truth(method, coupling):
+    approach = approach_with(COUPLINGS[coupling])
+    exact = true_answer(approach)
+    step = 2e-6
+    answer = by_hand.solve(method, approach, step)
+    assert quantities.failure(answer, exact) == ""
+    errors = quantities.errors(answer, exact)
+    # the contact lasts some 30 ms: an onset noticed one step late is 1e-4 of it
+    assert max(errors["velocity_error"], errors["peak_error"], errors["duration_error"]) < 2e-4
+    assert errors["detection_error"] < 2 * step
+
+
+def test_scipy_through_the_reference_is_judged_and_timed_in_its_contacts():
+    approach = NAMED["soft"]
+    exact = true_answer(approach)
+    contender = contenders.scipy("RK45", approach, 1e-8)
+    plain = reference._Run
+    spent = contender.seconds(1)
+    assert reference._Run is plain
+    assert 0 < spent < contenders.repeated(lambda: contenders.scipy("RK45", approach, 1e-8).seconds(1))(1)
+    assert quantities.errors(contender.solve(), exact)["velocity_error"] < 1e-7
+
+
+def test_the_named_scenes_are_what_they_are_called():
+    answers = {name: true_answer(approach) for name, approach in NAMED.items()}
+    assert answers["multiple"].contacts == 6
+    assert (answers["pushed"].contacts, answers["bistable"].passes) == (2, 2)
+    faster = NAMED["bistable"]
+    faster = replace(faster, motion=replace(faster.motion, speed=faster.motion.speed + 1e-4))
+    assert true_answer(faster).passes == 1
+    scene = NAMED["pushed"]
+    outcome = ig.simulate(scene.scene, scene.motion, scene.duration)
+    assert outcome.contacts[1].approach_velocity < 0.05 < 0.1 < outcome.contacts[1].end - outcome.contacts[1].start
+
+
+def test_the_truth_is_what_a_second_method_finds():
+    row = truth.truth(NAMED["multiple"], 1e-11)
+    assert row["second_contacts"] == row["contacts"]
+    assert max(row[f"{name}_doubt"] for name in ERRORS) < 1e-9
+
+
+def test_what_is_a_failure():
+    exact = Answer(1.0, 10.0, 0.1, 0.3, contacts=2, passes=1)
+    assert quantities.failure(replace(exact, velocity=1.009), exact) == ""
+    assert "V_p" in quantities.failure(replace(exact, velocity=1.011), exact)
+    assert "1 contacts, not 2" in quantities.failure(replace(exact, contacts=1), exact)
+    assert "snap" in quantities.failure(replace(exact, passes=0), exact)
+    assert "missed" in quantities.failure(replace(exact, detection_time=math.nan), exact)
+    assert "finite" in quantities.failure(replace(exact, velocity=math.nan), exact)
+
+
+def row(contender, setting, microseconds, error, **changes):
+    errors = dict.fromkeys(ERRORS, error)
+    counts = {"contacts": 1, "passes": 0, "steps": 50, "failure": ""}
+    about = {"rounds": 1, "load": 0.5, "run": "one"}
+    first = {"scene": "soft", "contender": contender, "setting": setting, "microseconds": microseconds}
+    return first | errors | counts | about | changes
+
+
+def test_an_error_that_is_small_by_chance_does_not_count():
+    rows = [row("RK4", 1e-3, 10.0, 1e-9), row("RK4", 1e-4, 100.0, 1e-5), row("RK4", 1e-5, 1000.0, 1e-7)]
+    assert summary.cheapest(rows, ["RK4"], 1e-6)["setting"] == 1e-5
+    assert summary.cheapest(rows, ["RK4"], 1e-8) is None
+    compared = summary.compared([*rows, row(OURS, 1e-6, 50.0, 1e-8)], ("RK4",), 1e-6)
+    assert compared.ratio == 20.0
+    assert summary.compared(rows, ("RK4",), 1e-6) is None  # ours is not there
+
+
+def test_a_missing_answer_counts_as_an_infinite_error_and_a_failure():
+    rows = [row(OURS, 1e-6, 50.0, 1e-8), row(OURS, 1e-6, 60.0, math.nan, failure="RuntimeError: none")]
+    rows.append(row(OURS, 1e-6, 70.0, 1e-7))
+    (found,) = summary.over_population(rows)
+    assert (found["velocity_error_25"], found["velocity_error_50"]) == (1e-8, 1e-7)
+    assert found["microseconds_50"] == 60.0
+    assert found["failures"] == pytest.approx(1 / 3)
+
+
+@pytest.fixture
+def tables(tmp_path):
+    """A frozen table of every kind."""
+    about = {"scene": "soft", "description": "a scene", "contacts": 1, "passes": 0, "second_contacts": 1}
+    doubt = {f"{name}_doubt": 1e-14 for name in ERRORS}
+    records.write(tmp_path / page.NAMED_TRUTH, [about | {"second_passes": 0} | doubt])
+    records.write(tmp_path / page.POPULATION_TRUTH, [about | {"second_passes": 0} | doubt])
+    rows = [
+        row(name, setting, 10.0 / setting, setting, failure="2 contacts, not 1" if setting > 1e-4 else "")
+        for name in contenders.NAMES
+        for setting in (1e-3, 1e-5, 1e-7)
+    ]
+    records.write(tmp_path / page.NAMED, rows)
+    records.write(tmp_path / page.POPULATION, rows)
+    cells = [
+        {"stiffness": k_c, "damping_factor": d, "velocity_error": 1e-9, "steps": 40, "ended": 1, "failure": ""}
+        for k_c in (1e2, 1e4)
+        for d in (1e-2, 1.0)
+    ]
+    cells[0] |= {"velocity_error": math.nan, "failure": "RuntimeError"}
+    records.write(tmp_path / page.HEAT_MAP, cells)
+    return tmp_path
+
+
+def test_a_frozen_table_draws_and_a_figure_follows_its_table(tables):
+    page.draw(tables)
+    names = [*ERRORS, "population", "heat_map"]
+    first = {name: (tables / f"{name}.svg").read_bytes() for name in names}
+    for picture in first.values():
+        ElementTree.fromstring(picture)
+    for name in contenders.NAMES:
+        assert name.encode() in first["velocity_error"]
+    rows, truths = records.read(tables / page.NAMED), records.read(tables / page.NAMED_TRUTH)
+    again = save(figures.named_scenes(rows, truths, "velocity_error"), tables / "again.svg").read_bytes()
+    assert again == first["velocity_error"]
+    rows[4]["velocity_error"] *= 100
+    changed = save(figures.named_scenes(rows, truths, "velocity_error"), tables / "changed.svg").read_bytes()
+    assert changed != again
+
+
+def test_the_heat_map_runs_one_contact(tmp_path):
+    cell = heat_map.cell((1e6, 10.0), 1e-12)
+    assert cell["failure"] == ""
+    assert cell["ended"] == 1
+    assert cell["velocity_error"] < 1e-7  # ten times the rtol, of 0.7 m/s
+
+
+@pytest.fixture(scope="module")
+def quick(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("study") / "speed_vs_error"
+    extent = replace(study.QUICK, names=("soft",), scenes=4, fit=8)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(truth.os, "cpu_count", lambda: 1)  # processes would only import everything anew
+        study.run(folder, extent, again=False, command="python -m experiments.speed_vs_error --quick")
+        named = (folder / page.NAMED).read_bytes()
+        written = study.run(folder, extent, again=False, command="again")
+    return folder, named, written
+
+
+def test_a_quick_run_measures_every_contender_on_every_scene(quick):
+    folder, _, _ = quick
+    expected = {name for name in contenders.NAMES if name != contenders.MUJOCO or not peer.missing()}
+    assert {row["contender"] for row in records.read(folder / page.NAMED)} == expected
+    population = records.read(folder / page.POPULATION)
+    assert {row["scene"] for row in population} == {"000", "001", "002", "003"}
+    for found in (*population, *records.read(folder / page.NAMED)):
+        assert found["microseconds"] > 0
+    fine = [row for row in population if row["contender"] == OURS and row["setting"] == 1e-9]
+    assert all(row["failure"] == "" and row["velocity_error"] < 1e-7 for row in fine)
+    assert len(records.read(folder / page.HEAT_MAP)) == len(heat_map.grid(study.QUICK.heat_map))
+
+
+def test_what_is_on_disk_is_not_measured_again(quick):
+    folder, named, _ = quick
+    assert (folder / page.NAMED).read_bytes() == named
+
+
+def test_the_page_stands_on_its_own_and_leads_to_files_that_are_there(quick):
+    folder, _, written = quick
+    text = written.read_text()
+    assert written == folder / "index.html"
+    assert len(re.findall("data:image/svg", text)) == len(ERRORS) + 2
+    assert not re.search(r"""(src|href)=["'](https?:|//)""", text)
+    for file in re.findall('href="([^"#]+)"', text):
+        assert (folder / file).is_file()
+    assert "times faster" in text
+
+
+def test_mujoco_repeats_its_steps_and_its_flange_follows_the_command():
+    pytest.importorskip("mujoco")
+    approach = NAMED["soft"]
+    model = peer.Model(approach, peer.Fit(1000.0, 3.0), 1e-3)
+    answer = model.run()
+    assert model.repeat() == answer.velocity
+    position, velocity = by_hand.flange(model.command, answer.detection_time + 0.016, approach.duration)
+    # semi-implicit Euler is half a step's way off for each change of velocity; the tool weighs 1e-7 of the flange
+    assert model.data.qpos[0] == pytest.approx(position, abs=2e-3)
+    assert model.data.qvel[0] == pytest.approx(velocity, abs=1e-5)
+
+
+def test_an_elastic_contact_in_mujoco_keeps_energy_and_momentum():
+    pytest.importorskip("mujoco")
+    weak = ig.Scene(ig.Tool(0.125), ig.Object(0.25, 0.2505), ig.Contact(1e5, 1.0), ig.SpringDamper(1e-6, 0.0))
+    approach = scenes.Approach("free", "", weak, ig.Trapezoid(1.0, 8.0), 0.3)
+    start = np.array([[0.25, 0.0, 0.0], [1.0, 0.0, 0.0]])  # 0.5 mm before the object, at 1 m/s
+    model = peer.Model(approach, peer.Fit(2e5, 1e-9), 1e-5, (0.2, 0.3), start)
+    answer = model.run()
+    # two free masses, e = 1 (paper, eq. 3-4): 2 m_t/(m_t + m_p) of 1 m/s
+    assert answer.contacts == 1
+    assert answer.velocity == pytest.approx(2 / 3, abs=2e-3)
