@@ -1,5 +1,6 @@
 """Speed against error: the contenders compute what they say, and what is on disk is drawn and not measured again."""
 
+import json
 import math
 import re
 from dataclasses import replace
@@ -226,6 +227,9 @@ def test_a_quick_run_measures_every_contender_on_every_scene(quick):
 def test_what_is_on_disk_is_not_measured_again(quick):
     folder, named, _ = quick
     assert (folder / page.NAMED).read_bytes() == named
+    runs = json.loads((folder / "results.json").read_text())["runs"]
+    assert len(runs) == 2
+    assert all(run["seconds"] > 0 and run["machine"] and run["versions"] for run in runs)
 
 
 def test_the_page_stands_on_its_own_and_leads_to_files_that_are_there(quick):

@@ -49,19 +49,28 @@ def _results(folder: Path) -> dict[str, Any]:
     return found
 
 
+def _keep(folder: Path, results: dict[str, Any]) -> None:
+    with whole_file(folder / "results.json") as file:
+        file.write((json.dumps(results, indent=2) + "\n").encode())
+
+
 def run(folder: Path, extent: Extent, again: bool, command: str) -> Path:
     """Measure what the tables in `folder` do not have, or everything `again`; return the path of the page."""
     begun = time.perf_counter()
     folder.mkdir(parents=True, exist_ok=True)
+    results = _results(folder)
     if again:
+        results["runs"] = []
         for table in (page.NAMED, page.POPULATION):
             (folder / table).unlink(missing_ok=True)
-    this = {
+    this: dict[str, Any] = {
         "command": command,
         "load_before": os.getloadavg()[0],
+        "seconds": None,  # until it is done: the rows of a run that was interrupted stay
         **circumstances("impact-gym", "numpy", "scipy", "numba", *([] if peer.missing() else ["mujoco"])),
     }
-    results = _results(folder)
+    results["runs"].append(this)
+    _keep(folder, results)
 
     named = [approach for approach in scenes.named() if not extent.names or approach.name in extent.names]
     population = scenes.population(extent.scenes)
@@ -78,8 +87,7 @@ def run(folder: Path, extent: Extent, again: bool, command: str) -> Path:
     if extent.compile_times and (again or not results["compile_seconds"]):
         results["compile_seconds"] = compile_times.measured()
 
-    results["runs"].append({**this, "seconds": time.perf_counter() - begun})
-    with whole_file(folder / "results.json") as file:
-        file.write((json.dumps(results, indent=2) + "\n").encode())
+    this["seconds"] = time.perf_counter() - begun
+    _keep(folder, results)
     page.draw(folder)
     return page.write(folder, results)
