@@ -1,7 +1,9 @@
 """simulate(scene, motion) -> Outcome: one approach, from rest to `duration`."""
 
 import math
+from collections import namedtuple
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -117,20 +119,19 @@ def simulate(
     law = chain_law(scene.tool.mass, scene.coupling, scene.robot)
     bodies = Bodies(scene.object.mass, contact_law(scene.contact))
     profile = profile_of(motion)
-    chains = np.zeros(1, CHAIN)
+    chains = _BLANK.copy()
     rows = [_CONTACT_ROWS, _TRACE_ROWS if trace else 0, _SNAP_ROWS]
     while True:
         log = recorder(rows[0], rows[1], rows[2], interval=max(1e-3, duration / 1e5))
-        status = Status(approach(law, bodies, chains, scene.object.distance, profile, duration, tolerance, log))
-        chain = chains[0]
-        needed = [int(chain[name]) for name in ("logged", "traced", "snaps")]
-        if all(count <= room for count, room in zip(needed, rows, strict=True)):
+        status = approach(law, bodies, chains, scene.object.distance, profile, duration, tolerance, log)
+        end = _End._make(chains.item())
+        if end.logged <= rows[0] and end.traced <= rows[1] and end.snaps <= rows[2]:
             break
-        rows = needed  # the run repeats itself to the bit
+        rows = [end.logged, end.traced, end.snaps]  # the run repeats itself to the bit
     if status < 0:
-        raise RuntimeError(f"the run stopped at t = {chain['time']:.6g} s: {SENTENCES[status]}")
+        raise RuntimeError(f"the run stopped at t = {end.time:.6g} s: {SENTENCES[Status(status)]}")
     one_mass = scene.robot is not None and isinstance(scene.coupling, Rigid)
-    return _outcome(chain, log, trace, one_mass)
+    return _outcome(end, log, trace, one_mass)
 
 
 def profile_of(motion: Trapezoid) -> Profile:
@@ -145,27 +146,29 @@ def profile_of(motion: Trapezoid) -> Profile:
     )
 
 
-def _outcome(chain: np.void, log: Recorder, trace: bool, one_mass: bool) -> Outcome:
-    contacts = tuple(
-        ContactRecord(start, None if math.isnan(end) else end, *rest)
-        for start, end, *rest in log.contacts[: chain["logged"]].tolist()
-    )
-    command, deflection, penetration, offset = (
-        float(chain[name]) for name in ("flange_velocity", "deflection_rate", "penetration_rate", "flange_offset_rate")
-    )
-    tool = command + deflection
-    detection = float(chain["detection"])
+_BLANK = np.zeros(1, CHAIN)
+_record: Any = namedtuple  # whose fields mypy wants to read here
+_End = _record("_End", CHAIN.names)
+"""A chain at the end of a run, as Python's own numbers: one read instead of one for each field."""
+
+
+def _outcome(end: Any, log: Recorder, trace: bool, one_mass: bool) -> Outcome:
+    contacts = [
+        ContactRecord(start, None if stop != stop else stop, *rest)
+        for start, stop, *rest in log.contacts[: end.logged].tolist()
+    ]
+    tool = end.flange_velocity + end.deflection_rate
     return Outcome(
-        object_velocity=tool - penetration,
-        tool_velocity=tool,
-        flange_velocity=tool if one_mass else command + offset,
-        peak_force=float(chain["peak_force"]),
-        detection_time=detection if math.isfinite(detection) else None,
-        contacts=contacts,
-        coupling_impulse=float(chain["coupling_impulse"]),
-        momentum_error=float(chain["momentum_error"]),
-        steps=int(chain["steps"]),
-        status="ok",
-        trace=Trace.of(log, chain["traced"], one_mass) if trace else None,
-        snap_through=tuple(log.snaps[: chain["snaps"]].tolist()),
+        tool - end.penetration_rate,
+        tool,
+        tool if one_mass else end.flange_velocity + end.flange_offset_rate,
+        end.peak_force,
+        end.detection if end.detection < math.inf else None,
+        tuple(contacts),
+        end.coupling_impulse,
+        end.momentum_error,
+        end.steps,
+        "ok",
+        Trace.of(log, end.traced, one_mass) if trace else None,
+        tuple(log.snaps[: end.snaps].tolist()),
     )

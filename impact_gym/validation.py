@@ -25,6 +25,8 @@ def number(
         TypeError: `value` is no number (a string, None, a bool, an array).
         ValueError: `value` is not finite, or not in (above, at_most] or [at_least, at_most].
     """
+    if type(value) is float and above < value <= at_most and at_least <= value < math.inf:  # as nearly always
+        return value
     wrong = WrongTypeError(f"{field} must be a number in {unit}, got {value!r}")
     kind = getattr(getattr(value, "dtype", None), "kind", "f")
     if isinstance(value, (str, bytes, bool)) or not hasattr(value, "__float__") or kind not in "fiu":

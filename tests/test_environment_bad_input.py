@@ -309,7 +309,7 @@ ARGUMENTS = {
     "tool_mass": powers(1e-4, 1e3),
     "time_weight": powers(1e-3, 1e3),
     "force_weight": st.floats(0.0, 10.0),
-    "reaction_delay": st.one_of(st.floats(0.0, 1.0), st.tuples(st.floats(0.0, 0.05), st.floats(0.05, 1.0))),
+    "reaction_delay": st.one_of(st.floats(0.0, 1.0), st.tuples(st.floats(1e-9, 0.05), st.floats(0.05, 1.0))),
     "control_period": powers(2e-3, 0.15),
     "range_noise": powers(1e-6, 10.0),
     "force_noise": st.floats(0.0, 100.0),

@@ -75,7 +75,10 @@ def errors(seed, rtol):
     }
 
 
-@pytest.mark.parametrize("rtol", [1e-4, 1e-6, 1e-8])
+RTOLS = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9)
+
+
+@pytest.mark.parametrize("rtol", RTOLS)
 def test_the_fast_solver_agrees_with_the_slow_one_to_the_tolerance_asked_for(rtol):
     worst = {}
     for seed in range(SCENES):
@@ -84,11 +87,14 @@ def test_the_fast_solver_agrees_with_the_slow_one_to_the_tolerance_asked_for(rto
     assert {kind: (error, seed) for kind, (error, seed) in worst.items() if error > rtol} == {}
 
 
-def test_a_smaller_tolerance_gives_a_smaller_error():
-    tolerances = (1e-4, 1e-6, 1e-8)
-    found = np.array([[errors(seed, rtol)["object velocity"] for rtol in tolerances] for seed in range(SCENES)])
-    coarse, middle, fine = np.quantile(found, 0.9, axis=0)
-    assert fine < middle / 20 < coarse / 400
+@pytest.mark.parametrize("kind", ["object velocity", "peak force", "detection", "separation"])
+def test_each_smaller_tolerance_gives_a_smaller_error(kind):
+    found = np.array([[errors(seed, rtol)[kind] for rtol in RTOLS] for seed in range(SCENES)])
+    assert np.all(np.median(found, axis=0) <= RTOLS)  # ten times as much would be allowed
+    largest = np.quantile(found, 0.9, axis=0)
+    assert np.all(np.diff(largest) < 0.0)
+    # six orders of rtol; a detection is where the force crosses the threshold, met to rounding in a third of the scenes
+    assert largest[-1] < largest[0] * (1e-5 if kind != "detection" else 1e-3)
 
 
 @pytest.mark.parametrize("push", [-1.0, -2.0, -3.0])
@@ -293,8 +299,19 @@ def test_a_run_that_cannot_finish_says_why(monkeypatch):
 
 
 @pytest.mark.parametrize("damping_ratio", [0.0, 0.01, 1.0, 3.0])
-def test_a_coupling_too_stiff_to_follow_ends_with_a_sentence_and_not_with_a_hang(damping_ratio):
+def test_a_coupling_of_any_stiffness_is_followed_and_ends_as_the_rigid_tool(damping_ratio):
     """Its flight alone has 1e9 half periods; only those within reach of the object are looked at."""
-    scene = ig.Scene(ig.Tool(0.125), ig.Object(0.25, 0.25), ig.Contact(1e5, 0.5), ig.SpringDamper(1e18, damping_ratio))
+    motion = ig.Trapezoid(1.0, 8.0, ig.Brake())
+    rigid, sprung = (
+        ig.simulate(ig.Scene(ig.Tool(0.125), ig.Object(0.25, 0.25), ig.Contact(1e5, 0.5), coupling), motion)
+        for coupling in (ig.Rigid(), ig.SpringDamper(1e18, damping_ratio))
+    )
+    assert sprung.object_velocity == pytest.approx(rigid.object_velocity, rel=1e-8)
+    assert sprung.steps < 1000
+
+
+def test_what_swings_too_fast_to_follow_ends_with_a_sentence_and_not_with_a_hang():
+    ringing = ig.Robot(mass=1.0, stiffness=1e15, damping=1e-3)  # at 5 MHz, for ever
+    scene = ig.Scene(ig.Tool(0.125), ig.Object(0.25, 0.25), ig.Contact(1e5, 0.5), ig.SpringDamper(1e8), ringing)
     with pytest.raises(RuntimeError, match="more integration steps than allowed"):
         ig.simulate(scene, ig.Trapezoid(1.0, 8.0, ig.Brake()))

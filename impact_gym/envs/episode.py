@@ -2,8 +2,6 @@
 
 import math
 
-import numpy as np
-
 from impact_gym.envs.observation import observe
 from impact_gym.envs.records import hashed, normal
 from impact_gym.envs.rows import Episode
@@ -26,10 +24,9 @@ from impact_gym.kernel import inner_kernel, kernel
 from impact_gym.physics.contact import Hertz
 from impact_gym.physics.coupling import Law
 from impact_gym.physics.dissipation import hu_guo
-from impact_gym.solver import coupled
+from impact_gym.solver import coupled, stepper
 from impact_gym.solver.advance import command, reset
 from impact_gym.solver.contact import DETECTED, sensed_force
-from impact_gym.solver.dop853 import ROWS
 from impact_gym.solver.recording import close_contact, object_velocity
 from impact_gym.solver.state import Array, Bodies, Chain, Recorder, Run, Tolerance
 
@@ -283,7 +280,7 @@ def step_rows(
     rewards: Array,
 ) -> None:
     """Play a control step in rows `first` to `last`, but where `skip` is set."""
-    work = np.zeros((ROWS, coupled.width(law)))
+    work = stepper.workspace(law)
     for i in range(first, last):
         if not skip[i]:
             rewards[i] = step(law, task, actions[i], chains[i], episodes[i], readings[i], work, recorder, out[i])

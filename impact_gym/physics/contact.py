@@ -140,6 +140,27 @@ def power_slope_scale(law: Power, root: float) -> float:
     return scale
 
 
+@inner_kernel
+def hertz_force_gradient(law: Hertz, root: float, rate: float) -> tuple[float, float]:
+    """df/dz and df/dw."""
+    grip = 1.0 + law.damping * rate
+    if grip <= 0.0:
+        return 0.0, 0.0
+    return 3.0 * root * root * grip, law.damping * root * root * root
+
+
+@inner_kernel
+def power_force_gradient(law: Power, root: float, rate: float) -> tuple[float, float]:
+    """df/dz and df/dw."""
+    u = root * root
+    if u**law.m + law.damping * u**law.n * rate <= 0.0:
+        return 0.0, 0.0
+    by_root = 2.0 * law.m * root * u ** (law.m - 1.0)
+    if law.n > 0.0:
+        by_root += 2.0 * law.n * law.damping * root * u ** (law.n - 1.0) * rate
+    return by_root, law.damping * u**law.n
+
+
 length = by_type({Hertz: hertz_length, Power: power_length})
 """delta0, m, of a contact with energy M v^2 (J)."""
 grip = by_type({Hertz: hertz_grip, Power: power_grip})
@@ -150,6 +171,8 @@ force = by_type({Hertz: hertz_force, Power: power_force})
 """Contact force over F0 (paper, eq. 5), never negative."""
 force_slope = by_type({Hertz: hertz_force_slope, Power: power_force_slope})
 """Sign and zero of the force's slope, scaled so that it is not zero at the onset."""
+force_gradient = by_type({Hertz: hertz_force_gradient, Power: power_force_gradient})
+"""Derivatives of the force over F0 by z and by w."""
 slope_scale = by_type({Hertz: hertz_slope_scale, Power: power_slope_scale})
 """What `force_slope` is to be multiplied with for df/ds."""
 

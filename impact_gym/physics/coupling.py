@@ -143,6 +143,26 @@ pull = by_type({Spring: spring_pull, Mechanism: mechanism_pull})
 
 
 @kernel
+def spring_pull_slopes(coupling: Spring, pressed: int, stretch: float) -> tuple[float, float]:
+    """N/m and N s/m."""
+    return -coupling.stiffness, -coupling.damping
+
+
+@kernel
+def mechanism_pull_slopes(coupling: Mechanism, pressed: int, stretch: float) -> tuple[float, float]:
+    """N/m and N s/m."""
+    x = coupling.rest + stretch
+    slope = bistable.force_slope(coupling.stiffness, coupling.free_length, coupling.height, x)
+    if pressed == FREE:
+        return slope, 0.0
+    return slope - coupling.stop_stiffness, -coupling.stop_damping
+
+
+pull_slopes = by_type({Spring: spring_pull_slopes, Mechanism: mechanism_pull_slopes})
+"""Derivatives of `pull` by the stretch, N/m, and by its rate, N s/m."""
+
+
+@kernel
 def spring_switch(coupling: Spring, pressed: int, stretch: float, stretch_rate: float) -> float:
     """A spring has no stops to switch."""
     return -1.0
@@ -203,6 +223,31 @@ def mechanism_stored(coupling: Mechanism, stretch: float) -> float:
 
 stored = by_type({Spring: spring_stored, Mechanism: mechanism_stored})
 """Energy of a coupling, J."""
+
+
+@kernel
+def spring_floor(coupling: Spring, side: int) -> tuple[float, float]:
+    """J; there is no other side."""
+    return 0.0, math.inf
+
+
+@kernel
+def mechanism_floor(coupling: Mechanism, side: int) -> tuple[float, float]:
+    """J; lowest where the slider rests on a stop: on the front one known, on the rear one bounded.
+
+    Behind its stop the spring pushes with less than F = k (L0 - H), which the stop of stiffness k_s gives at most
+    F^2 / (2 k_s) for.
+    """
+    k, L0, H = coupling.stiffness, coupling.free_length, coupling.height
+    barrier = bistable.energy(k, L0, H, 0.0)
+    if side > 0:
+        return mechanism_stored(coupling, 0.0), barrier
+    F = k * (L0 - H)
+    return max(bistable.energy(k, L0, H, coupling.rear_stop) - 0.5 * F * F / coupling.stop_stiffness, 0.0), barrier
+
+
+floor = by_type({Spring: spring_floor, Mechanism: mechanism_floor})
+"""A bound from below on the energy of a coupling on one side of the alignment, and that between the sides, J."""
 
 
 @kernel

@@ -53,14 +53,37 @@ within = by_type({LumpedRobot: lumped_within, VaryingRobot: varying_within})
 
 
 @inner_kernel
-def mass_slope(robot: VaryingRobot, place: int, position: float) -> float:
-    """dm_r/dx_r at an imposed `position` (m) in interval `place`, kg/m."""
+def lumped_within_slopes(robot: LumpedRobot, place: int, position: float) -> LumpedRobot:
+    """Return nothing but zeros."""
+    return LumpedRobot(0.0, 0.0, 0.0)
+
+
+@inner_kernel
+def varying_within_slopes(robot: VaryingRobot, place: int, position: float) -> LumpedRobot:
+    """Return the derivatives of the parameters by the imposed position, each per m."""
+    if not 0 <= place < robot.breaks.shape[0] - 1:
+        return LumpedRobot(0.0, 0.0, 0.0)
+    u = position - robot.breaks[place]
+    c = robot.coefficients
+    return LumpedRobot(
+        (3.0 * c[0, place, 0] * u + 2.0 * c[1, place, 0]) * u + c[2, place, 0],
+        (3.0 * c[0, place, 1] * u + 2.0 * c[1, place, 1]) * u + c[2, place, 1],
+        (3.0 * c[0, place, 2] * u + 2.0 * c[1, place, 2]) * u + c[2, place, 2],
+    )
+
+
+within_slopes = by_type({LumpedRobot: lumped_within_slopes, VaryingRobot: varying_within_slopes})
+"""Derivatives of the parameters by the imposed position (m) in a given interval."""
+
+
+@inner_kernel
+def mass_bend(robot: VaryingRobot, place: int, position: float) -> float:
+    """d^2 m_r / dx_r^2 at an imposed `position` (m) in interval `place`, kg/m^2."""
     if not 0 <= place < robot.breaks.shape[0] - 1:
         return 0.0
-    u = position - robot.breaks[place]
     c: Any = robot.coefficients
-    slope: float = (3.0 * c[0, place, 0] * u + 2.0 * c[1, place, 0]) * u + c[2, place, 0]
-    return slope
+    bend: float = 6.0 * c[0, place, 0] * (position - robot.breaks[place]) + 2.0 * c[1, place, 0]
+    return bend
 
 
 @inner_kernel

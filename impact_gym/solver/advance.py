@@ -58,9 +58,7 @@ def command(run: Run, chain: Chain, target: float, acceleration: float, until: f
         if status != ARRIVED:
             return status
         if ramp_ends:
-            shift = target - chain.flange_velocity  # rounding of the ramp; the object's velocity must not feel it
-            chain.flange_velocity = target
-            chain.penetration_rate += shift
+            coupled.round_off(run.law, chain, target)
     return ARRIVED
 
 

@@ -3,14 +3,11 @@
 import math
 from typing import NamedTuple
 
-import numpy as np
-
 from impact_gym.kernel import inner_kernel, kernel
 from impact_gym.physics.coupling import Law
-from impact_gym.solver import coupled
+from impact_gym.solver import stepper
 from impact_gym.solver.advance import command, reset
 from impact_gym.solver.contact import ARRIVED, DETECTED
-from impact_gym.solver.dop853 import ROWS
 from impact_gym.solver.recording import close_contact
 from impact_gym.solver.state import Array, Bodies, Chain, Recorder, Run, Tolerance
 
@@ -37,7 +34,7 @@ def approach(
     recorder: Recorder,
 ) -> int:
     """Run `chains[0]` from rest for `duration` (s)."""
-    work = np.zeros((ROWS, coupled.width(law)))
+    work = stepper.workspace(law)
     return play(Run(law, bodies, profile.threshold, tolerance, recorder, work), chains[0], distance, profile, duration)
 
 

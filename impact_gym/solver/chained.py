@@ -80,7 +80,8 @@ def varying_motion(law: VaryingLaw, now: Piece, x_r: float, v_r: float, state: A
     m_r, k_r, c_r = robot.varying_within(law.robot, now.place, x_r)
     T = -k_r * y - c_r * y_dot
     tool = (T - push) / (m_r + law.tool_mass) - now.acceleration
-    return Motion(tool, 0.0, T, robot.mass_slope(law.robot, now.place, x_r) * v_r * (v_r + y_dot))
+    m_x = robot.varying_within_slopes(law.robot, now.place, x_r).mass
+    return Motion(tool, 0.0, T, m_x * v_r * (v_r + y_dot))
 
 
 motion = by_type({MechanismLaw: mechanism_motion, RobotLaw: robot_motion, VaryingLaw: varying_motion})
@@ -267,3 +268,27 @@ def smooth_until(law: RobotLaw | VaryingLaw, chain: Chain, acceleration: float, 
     ahead = gap_closes(high - x_r, v_r, acceleration) if high < math.inf else math.inf
     behind = gap_closes(x_r - low, -v_r, -acceleration) if low > -math.inf else math.inf
     return min(until, chain.time + min(ahead, behind))
+
+
+@inner_kernel
+def round_off(law: ChainedLaw, chain: Chain, target: float) -> None:
+    """Give the imposed motion the velocity (m/s) that a ramp ends with but for rounding; nothing else must feel it."""
+    shift = target - chain.flange_velocity
+    chain.deflection_rate -= shift
+    if has_flange(law):
+        chain.flange_offset_rate -= shift
+    chain.flange_velocity = target
+
+
+@inner_kernel
+def _flange(law: RobotLaw) -> bool:
+    return True
+
+
+@inner_kernel
+def _no_flange(law: MechanismLaw | VaryingLaw) -> bool:
+    return False
+
+
+has_flange = by_type({MechanismLaw: _no_flange, RobotLaw: _flange, VaryingLaw: _no_flange})
+"""Whether the flange is a mass of its own."""

@@ -5,7 +5,7 @@ import math
 from impact_gym.kernel import inner_kernel
 from impact_gym.physics import contact
 from impact_gym.solver import collision as scaled
-from impact_gym.solver import coupled, dop853, events, slider
+from impact_gym.solver import coupled, events, slider, stepper
 from impact_gym.solver.chained import Piece
 from impact_gym.solver.collision import RATE, ROOT, TIME, Collision, Origin
 from impact_gym.solver.dop853 import STAGES, STATE, TRIAL
@@ -86,6 +86,7 @@ def proceed(run: Run, chain: Chain, acceleration: float, until: float) -> int:
     # a linear contact begins with a force
     peak = max(chain.contact_peak_force / units.force, contact.force(constants.contact, state[ROOT], state[RATE]))
     h = chain.step
+    method, seen = stepper.EXPLICIT, 0
     outcome = ARRIVED
     event = events.NONE
     while True:
@@ -93,10 +94,11 @@ def proceed(run: Run, chain: Chain, acceleration: float, until: float) -> int:
         if chain.steps > run.tolerance.max_steps:
             outcome = STEP_LIMIT
             break
-        dop853.attempt(law, constants, work, h)
-        error = dop853.error(law, work, h, run.tolerance.relative)
-        factor = dop853.step_factor(error)
+        stepper.attempt(method, law, constants, work, h)
+        error = stepper.error(method, law, work, h, run.tolerance.relative)
+        factor = stepper.factor(method, error)
         if error > 1.0:
+            method, seen = stepper.watch(method, seen, law, work, h)
             h *= factor
             if h < 1e-300:
                 outcome = NOT_FINITE
@@ -107,10 +109,10 @@ def proceed(run: Run, chain: Chain, acceleration: float, until: float) -> int:
         taken = h
         event = events.NONE
         if trial[ROOT] <= 0.0:
-            taken = events.land(events.SEPARATION, law, constants, horizon, work, taken)
+            taken = events.land(events.SEPARATION, method, law, constants, horizon, work, taken)
             event = events.SEPARATION
         if trial[TIME] >= horizon:
-            taken = events.land(events.HORIZON, law, constants, horizon, work, taken)
+            taken = events.land(events.HORIZON, method, law, constants, horizon, work, taken)
             event = events.HORIZON
         if slider.exists(law):
             if taken > events.SHORTEST_STEP and events.slider_recurs(law, constants, horizon, work):
@@ -120,32 +122,33 @@ def proceed(run: Run, chain: Chain, acceleration: float, until: float) -> int:
             if turn < 1.0:
                 taken *= turn
                 event = events.TURN
-                dop853.attempt(law, constants, work, taken)
+                stepper.attempt(method, law, constants, work, taken)
             if slider.switch(law, constants, trial) > 0.0:
-                taken = events.land(events.SWITCH, law, constants, horizon, work, taken)
+                taken = events.land(events.SWITCH, method, law, constants, horizon, work, taken)
                 event = events.SWITCH
             if slider.passing(law, constants, trial) > 0.0:
-                taken = events.land(events.PASSAGE, law, constants, horizon, work, taken)
+                taken = events.land(events.PASSAGE, method, law, constants, horizon, work, taken)
                 event = events.PASSAGE
         if (contact.grip(constants.contact, trial[ROOT], trial[RATE]) > 0.0) != gripping:
-            taken = events.land(events.CLAMP, law, constants, horizon, work, taken)
+            taken = events.land(events.CLAMP, method, law, constants, horizon, work, taken)
             event = events.CLAMP
         if rising and contact.force_slope(constants.contact, trial[ROOT], trial[RATE], trial_rate[RATE]) < 0.0:
-            taken = events.land(events.PEAK, law, constants, horizon, work, taken)
+            taken = events.land(events.PEAK, method, law, constants, horizon, work, taken)
             event = events.PEAK
         if unfelt and contact.force(constants.contact, trial[ROOT], trial[RATE]) > constants.threshold:
-            taken = events.land(events.THRESHOLD, law, constants, horizon, work, taken)
+            taken = events.land(events.THRESHOLD, method, law, constants, horizon, work, taken)
             event = events.THRESHOLD
 
         if event != events.NONE:
             # the error was judged over a step that may have run through a kink; judge the one that is taken
-            error = dop853.error(law, work, taken, run.tolerance.relative)
+            error = stepper.error(method, law, work, taken, run.tolerance.relative)
             if error > 1.0:
-                h = taken * dop853.step_factor(error)
+                h = taken * stepper.factor(method, error)
                 continue
         if run.recorder.trace.shape[0] > 0:
-            trace_step(run, constants, chain, base, units, taken)
-        dop853.accept(law, work)
+            trace_step(run, method, constants, chain, base, units, taken)
+        method, seen = stepper.watch(method, seen, law, work, h)
+        stepper.accept(law, work)
         h = h_next
         grip = contact.grip(constants.contact, state[ROOT], state[RATE]) > 0.0
         gripping = not gripping if event == events.CLAMP else grip
@@ -184,12 +187,12 @@ def proceed(run: Run, chain: Chain, acceleration: float, until: float) -> int:
 
 @inner_kernel
 def trace_step(
-    run: Run, constants: Collision | Piece, chain: Chain, base: Origin, units: contact.Scales, taken: float
+    run: Run, method: int, constants: Collision | Piece, chain: Chain, base: Origin, units: contact.Scales, taken: float
 ) -> None:
     """Trace points along the step just found good, each a step of the integrator from the same start."""
     trial = run.work[TRIAL]
     for point in range(1, TRACE_POINTS + 1):
-        dop853.attempt(run.law, constants, run.work, taken * point / TRACE_POINTS)
+        stepper.attempt(method, run.law, constants, run.work, taken * point / TRACE_POINTS)
         coupled.store(run.law, chain, base, units, trial)
         force = contact.force(constants.contact, max(trial[ROOT], 0.0), trial[RATE])
         trace(run, chain, base.acceleration, units.force * force)

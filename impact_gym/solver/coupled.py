@@ -34,6 +34,7 @@ collision = by_type(_choice(rigid.collision, spring_damper.collision, chained.co
 load = by_type(_choice(rigid.load, spring_damper.load, chained.load))
 rate = by_type(_choice(rigid.rate, spring_damper.rate, chained.rate, flight=chained.flight_rate))
 store = by_type(_choice(rigid.store, spring_damper.store, chained.store))
+round_off = by_type(_choice(rigid.round_off, spring_damper.round_off, chained.round_off))
 cannot_touch = by_type(_choice(rigid.cannot_touch, spring_damper.cannot_touch, chain_bounds.cannot_touch))
 coupling_impulse = by_type(
     _choice(rigid.coupling_impulse, spring_damper.coupling_impulse, chain_bounds.coupling_impulse)

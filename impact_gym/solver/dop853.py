@@ -135,14 +135,18 @@ def error(law: Law | Flight, work: Array, h: float, tolerance: float) -> float:
 
 
 @kernel
-def step_factor(error: float) -> float:
-    """Factor on the step after one of this estimated error."""
-    return min(5.0, max(0.2, 0.9 * error ** (-1.0 / ORDER))) if error > 0.0 else 5.0
+def stiffness(law: Law | Flight, work: Array) -> float:
+    """Estimate of h lambda in the last attempt, lambda the largest eigenvalue of the equations (Hairer's HLAMB).
 
-
-@kernel
-def accept(law: Law | Flight, work: Array) -> None:
-    """Make the trial the state; its rate, the last stage, becomes stage 0."""
+    The last two stages stand at the same time, the end of the step, with different states.
+    """
+    rates = 0.0
+    states = 0.0
     for component in range(coupled.width(law)):
-        work[STATE, component] = work[TRIAL, component]
-        work[0, component] = work[STAGES - 1, component]
+        apart = 0.0
+        for stage in range(STAGES - 1):
+            before = A[STAGES - 2, stage] if stage < STAGES - 2 else 0.0
+            apart += (A[STAGES - 1, stage] - before) * work[stage, component]
+        states += apart**2
+        rates += (work[STAGES - 1, component] - work[STAGES - 2, component]) ** 2
+    return math.sqrt(rates / states) if states > 0.0 else 0.0

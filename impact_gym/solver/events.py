@@ -3,7 +3,7 @@
 from impact_gym.kernel import inner_kernel
 from impact_gym.physics import contact
 from impact_gym.physics.coupling import Law
-from impact_gym.solver import dop853, slider
+from impact_gym.solver import slider, stepper
 from impact_gym.solver.chained import Flight, Piece
 from impact_gym.solver.collision import RATE, ROOT, TIME, Collision
 from impact_gym.solver.dop853 import STAGES, STATE, TRIAL
@@ -116,7 +116,9 @@ def cubic_zero(start: float, start_slope: float, end: float, end_slope: float) -
 
 
 @inner_kernel
-def land(kind: int, law: Law | Flight, collision: Collision | Piece, horizon: float, work: Array, h: float) -> float:
+def land(
+    kind: int, method: int, law: Law | Flight, collision: Collision | Piece, horizon: float, work: Array, h: float
+) -> float:
     """Shorten the last attempt, of length `h`, so that it ends on event `kind`; return its new length.
 
     Newton's method on the step length itself, every iterate a full step of the integrator, begun at the zero of the
@@ -148,7 +150,7 @@ def land(kind: int, law: Law | Flight, collision: Collision | Piece, horizon: fl
             following = 0.5 * (low + high)
         moved = abs(following - at)
         at = following
-        dop853.attempt(law, collision, work, at)
+        stepper.attempt(method, law, collision, work, at)
         at_value = value(kind, law, collision, horizon, work[TRIAL], work[STAGES - 1])
         if moved <= precision * h or at_value == 0.0:
             break

@@ -5,7 +5,7 @@ import math
 from impact_gym.kernel import by_type, inner_kernel
 from impact_gym.physics import contact
 from impact_gym.physics.coupling import MechanismLaw, RigidLaw, RobotLaw, SpringDamperLaw, VaryingLaw
-from impact_gym.solver import chain_bounds, chained, coupled, dop853, events, slider
+from impact_gym.solver import chain_bounds, chained, coupled, events, slider, stepper
 from impact_gym.solver import collision as scaled
 from impact_gym.solver.chained import ChainedLaw, Flight, Piece
 from impact_gym.solver.collision import RATE, ROOT, TIME, Origin
@@ -15,7 +15,8 @@ from impact_gym.solver.state import Chain, Run, Status
 
 FIRST_STEP, LARGEST_STEP = 0.1, 1.0
 """Steps over the inverse of the chain's highest angular frequency, stops apart. Within the largest the gap's third
-derivative hardly changes sign twice, which is what the search for a touch relies on."""
+derivative hardly changes sign twice, which is what the search for a touch relies on; a step too short for the tool to
+get there need not be searched, and may be larger."""
 
 ARRIVED = int(Status.ARRIVED)
 TOUCHED = int(Status.TOUCHED)
@@ -86,6 +87,7 @@ def glide(law: ChainedLaw, run: Run, chain: Chain, acceleration: float, until: f
     chained.load_flight(law, chain, units, state)
     coupled.rate(flight, now, state, rate)
     h = FIRST_STEP
+    method, seen = stepper.EXPLICIT, 0
     outcome = ARRIVED
     event = events.NONE
     while True:
@@ -93,13 +95,15 @@ def glide(law: ChainedLaw, run: Run, chain: Chain, acceleration: float, until: f
         if chain.steps > run.tolerance.max_steps:
             outcome = STEP_LIMIT
             break
-        h = min(h, LARGEST_STEP)
         left = horizon - state[TIME]
+        if h > LARGEST_STEP:
+            h = chain_bounds.longest_blind_step(law, now, state, min(h, left), LARGEST_STEP)
         taken = min(h, left)
-        dop853.attempt(flight, now, work, taken)
-        error = dop853.error(flight, work, taken, run.tolerance.relative)
-        factor = dop853.step_factor(error)
+        stepper.attempt(method, flight, now, work, taken)
+        error = stepper.error(method, flight, work, taken, run.tolerance.relative)
+        factor = stepper.factor(method, error)
         if error > 1.0:
+            method, seen = stepper.watch(method, seen, flight, work, h)
             h = taken * factor
             if h < 1e-300:
                 outcome = NOT_FINITE
@@ -111,27 +115,28 @@ def glide(law: ChainedLaw, run: Run, chain: Chain, acceleration: float, until: f
             h = 0.5 * taken
             continue
         if slider.exists(flight):
-            taken = search_slider(flight, now, run, taken)
-        taken, found = search_touch(flight, now, run, taken, event)
+            taken = search_slider(flight, method, now, run, taken)
+        taken, found = search_touch(flight, method, now, run, taken, event)
         event = found
         if trial[ROOT] > 0.0:
-            taken = events.land(events.TOUCH, flight, now, horizon, work, taken)
+            taken = events.land(events.TOUCH, method, flight, now, horizon, work, taken)
             event = events.TOUCH
         if slider.switch(flight, now, trial) > 0.0:
-            taken = events.land(events.SWITCH, flight, now, horizon, work, taken)
+            taken = events.land(events.SWITCH, method, flight, now, horizon, work, taken)
             event = events.SWITCH
         if slider.passing(flight, now, trial) > 0.0:
-            taken = events.land(events.PASSAGE, flight, now, horizon, work, taken)
+            taken = events.land(events.PASSAGE, method, flight, now, horizon, work, taken)
             event = events.PASSAGE
         if taken < whole:
             # the error was judged over a step that may have run through a stop; judge the one that is taken
-            error = dop853.error(flight, work, taken, run.tolerance.relative)
+            error = stepper.error(method, flight, work, taken, run.tolerance.relative)
             if error > 1.0:
-                h = taken * dop853.step_factor(error)
+                h = taken * stepper.factor(method, error)
                 continue
         if run.recorder.trace.shape[0] > 0:
-            trace_glide(run, flight, now, chain, base, taken)
-        dop853.accept(flight, work)
+            trace_glide(run, flight, method, now, chain, base, taken)
+        method, seen = stepper.watch(method, seen, flight, work, h)
+        stepper.accept(flight, work)
         h = h_next
         if event == events.TOUCH:
             state[ROOT] = 0.0
@@ -168,18 +173,18 @@ def recurs(flight: Flight, now: Piece, horizon: float, run: Run) -> bool:
 
 
 @inner_kernel
-def search_slider(flight: Flight, now: Piece, run: Run, taken: float) -> float:
+def search_slider(flight: Flight, method: int, now: Piece, run: Run, taken: float) -> float:
     """Shorten the last attempt to where the slider turns round inside it, if it does; return its length."""
     work = run.work
     turn = slider.turn(flight, now, work[STATE], work[0], work[TRIAL], work[STAGES - 1], taken)
     if turn < 1.0:
         taken *= turn
-        dop853.attempt(flight, now, work, taken)
+        stepper.attempt(method, flight, now, work, taken)
     return taken
 
 
 @inner_kernel
-def search_touch(flight: Flight, now: Piece, run: Run, taken: float, before: int) -> tuple[float, int]:
+def search_touch(flight: Flight, method: int, now: Piece, run: Run, taken: float, before: int) -> tuple[float, int]:
     """Shorten the last attempt so that the gap is monotone or ends closed; return its length and what ended it.
 
     A gap that opens at both ends may have closed between: then its acceleration changes sign. One that closes first
@@ -194,19 +199,19 @@ def search_touch(flight: Flight, now: Piece, run: Run, taken: float, before: int
     closing = state[RATE] > 0.0 and before != events.TURN
     bends = rate[RATE] > 0.0 and trial_rate[RATE] < 0.0 and before != events.BEND
     if bends and not closing and trial[RATE] <= 0.0 and state[RATE] + taken * rate[RATE] > 0.0:
-        taken = events.land(events.BEND, flight, now, 0.0, work, taken)
+        taken = events.land(events.BEND, method, flight, now, 0.0, work, taken)
         found = events.BEND
     if closing and trial[RATE] < 0.0:
-        taken = events.land(events.TURN, flight, now, 0.0, work, taken)
+        taken = events.land(events.TURN, method, flight, now, 0.0, work, taken)
         found = events.TURN
     return taken, found
 
 
 @inner_kernel
-def trace_glide(run: Run, flight: Flight, now: Piece, chain: Chain, base: Origin, taken: float) -> None:
+def trace_glide(run: Run, flight: Flight, method: int, now: Piece, chain: Chain, base: Origin, taken: float) -> None:
     """Trace points along the step just found good, each a step of the integrator from the same start."""
     points = math.ceil(taken * now.units.time / run.recorder.interval)
     for point in range(1, points + 1):
-        dop853.attempt(flight, now, run.work, taken * point / points)
+        stepper.attempt(method, flight, now, run.work, taken if point == points else taken * point / points)
         chained.store_flight(flight.law, chain, base, now.units, run.work[TRIAL])
         trace(run, chain, base.acceleration, 0.0)

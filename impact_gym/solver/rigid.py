@@ -89,3 +89,10 @@ def coupling_impulse(law: RigidLaw, chain: Chain) -> float:
 def coupling_force(law: RigidLaw, chain: Chain, acceleration: float, contact_force: float) -> float:
     """Force of the flange on the tool, N."""
     return law.tool_mass * acceleration + contact_force
+
+
+@kernel
+def round_off(law: RigidLaw, chain: Chain, target: float) -> None:
+    """Give the flange the velocity (m/s) that a ramp ends with but for rounding; the object must not feel it."""
+    chain.penetration_rate += target - chain.flange_velocity
+    chain.flange_velocity = target

@@ -262,3 +262,10 @@ def coupling_impulse(law: SpringDamperLaw, chain: Chain) -> float:
 def coupling_force(law: SpringDamperLaw, chain: Chain, acceleration: float, contact_force: float) -> float:
     """Force of spring and damper on the tool, N."""
     return law.tool_mass * relative_force(law.frequency, law.damping_ratio, chain.deflection, chain.deflection_rate)
+
+
+@kernel
+def round_off(law: SpringDamperLaw, chain: Chain, target: float) -> None:
+    """Give the imposed motion the velocity (m/s) that a ramp ends with but for rounding; nothing else must feel it."""
+    chain.deflection_rate -= target - chain.flange_velocity
+    chain.flange_velocity = target

@@ -124,7 +124,7 @@ class Status(IntEnum):
 
 
 SENTENCES = {
-    Status.STEP_LIMIT: "more integration steps than allowed: the chain is too stiff for the explicit method",
+    Status.STEP_LIMIT: "more integration steps than allowed: the motion has too many swings or contacts",
     Status.NOT_FINITE: "the state overflowed: the scene's scales differ by more than floating point can hold",
 }
 

@@ -2,8 +2,6 @@
 
 import math
 
-import numpy as np
-
 from impact_gym.kernel import by_type, inner_kernel, kernel
 from impact_gym.physics.contact import Force, Hertz, Power
 from impact_gym.physics.coupling import (
@@ -17,9 +15,8 @@ from impact_gym.physics.coupling import (
     VaryingLaw,
 )
 from impact_gym.physics.robot import LumpedRobot, VaryingRobot
-from impact_gym.solver import coupled
+from impact_gym.solver import stepper
 from impact_gym.solver.approach import Profile, play
-from impact_gym.solver.dop853 import ROWS
 from impact_gym.solver.state import Array, Bodies, Recorder, Run, Status, Tolerance
 
 NOT_FINITE = int(Status.NOT_FINITE)
@@ -121,7 +118,7 @@ def sweep_rows(
 
     Columns of `objects`: mass, distance; of `profiles`: those of `Profile`, then the duration.
     """
-    work = np.zeros((ROWS, coupled.width(law)))
+    work = stepper.workspace(law)
     for i in range(first, last):
         bodies = Bodies(objects[i, 0], restored_contact(contact, contacts[i]))
         p = profiles[i]
