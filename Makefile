@@ -4,10 +4,10 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/installed
 
 .DEFAULT_GOAL := help
-.PHONY: help setup report test train figures bench lint
+.PHONY: help setup report test train train-all search figures bench fidelity lint
 
 help:  ## list what can be made
-	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "make %-8s %s\n", $$1, $$2}'
+	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "make %-9s %s\n", $$1, $$2}'
 
 setup: $(STAMP)  ## make .venv and install everything that is pinned
 
@@ -28,11 +28,20 @@ test: setup  ## run the tests
 train: setup  ## train a policy with default settings; prints its run folder
 	$(BIN)/python -m agents.train
 
+train-all: setup  ## train ten seeds of each preset and ship the median; goes on where it was stopped
+	$(BIN)/python -m agents.many
+
+search: setup  ## search for settings of training; goes on where it was stopped
+	$(BIN)/python -m agents.search
+
 figures: setup  ## reproduce figures of the paper below reports/paper
 	$(BIN)/python -m experiments.paper
 
 bench: setup  ## measure speed against SciPy and Gymnasium, as ratios in one run
 	$(BIN)/python -m experiments.bench
+
+fidelity: setup  ## calibrate impact_gym.fidelity, test it on other scenes and write reports/fidelity/index.html
+	$(BIN)/python -m experiments.fidelity
 
 lint: setup  ## format check, lint, types, import order
 	$(BIN)/ruff format --check .

@@ -1,13 +1,9 @@
 """Policies as plain arrays: what training leaves behind, and what runs without torch.
 
-A policy file is a NumPy archive without pickled objects: the weights of a small network and, as JSON text, how they
-came about. Reading one runs no code.
+A policy file is an archive of arrays and JSON: the weights of a small network, what it sees and commands in which
+units, and how it came about. Reading one runs no code.
 """
 
-import json
-import struct
-import zipfile
-import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -15,126 +11,122 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_gym.files import whole_file
+from agents.archive import read_archive, write_archive
+from agents.networks import Network, State, from_arrays, to_arrays
+from impact_gym.envs import observation as observations
+from impact_gym.envs.task import ACCELERATION_RANGE, VELOCITY_RANGE, Task
 
 SHIPPED = Path(__file__).parent / "policies"
-FORMAT = "impact_gym policy 1"
-DAMAGE = (ValueError, TypeError, AttributeError, LookupError, RuntimeError, OSError, EOFError)
-DAMAGE += (zipfile.BadZipFile, zlib.error, struct.error)
-"""What reading a file can raise that is not a policy, or no longer."""
+FORMAT = "impact_gym policy 2"
+ACTION_TABLE = [
+    {"name": "velocity to go to", "unit": "m/s", "low": VELOCITY_RANGE[0], "high": VELOCITY_RANGE[1]},
+    {
+        "name": "acceleration to use for it",
+        "unit": "m/s^2",
+        "low": ACCELERATION_RANGE[0],
+        "high": ACCELERATION_RANGE[1],
+    },
+]
+"""What the action's entries in [-1, 1] mean."""
 
 
 class Policy:
-    """A network of tanh layers with a Gaussian action around its output, cut to [-1, 1]."""
+    """A network with the environment it was trained for, called as a policy of stable-baselines3 is."""
 
-    def __init__(
-        self,
-        weights: list[NDArray[np.float32]],
-        biases: list[NDArray[np.float32]],
-        log_std: NDArray[np.float32],
-        provenance: Mapping[str, Any],
-    ) -> None:
+    def __init__(self, network: Network, environment: Mapping[str, Any], provenance: Mapping[str, Any]) -> None:
         """Make a policy.
 
         Args:
-            weights: one array (outputs, inputs) per layer, as torch has them.
-            biases: one array (outputs,) per layer.
-            log_std: (actions,), logarithm of the noise's standard deviation.
+            network: from the scaled observation to the action in [-1, 1].
+            environment: arguments of the environment; they say what the observation holds.
             provenance: how the policy came about: command, seed, versions, anything that JSON holds.
 
         Raises:
-            ValueError: the arrays do not fit together, or are not finite.
+            ValueError: the network does not fit the environment.
         """
-        if not weights or len(weights) != len(biases):
-            raise ValueError(f"a policy needs as many weights as biases, got {len(weights)} and {len(biases)}")
-        for layer, (weight, bias) in enumerate(zip(weights, biases, strict=True)):
-            if weight.ndim != 2 or bias.shape != weight.shape[:1]:
-                raise ValueError(f"layer {layer}: weight {weight.shape} and bias {bias.shape} do not fit")
-            if layer and weight.shape[1] != weights[layer - 1].shape[0]:
-                raise ValueError(f"layer {layer} takes {weight.shape[1]} numbers, the one before gives another count")
-        if log_std.shape != biases[-1].shape:
-            raise ValueError(f"log_std {log_std.shape} must be as long as the action {biases[-1].shape}")
-        if not all(array.dtype.kind == "f" for array in (*weights, *biases, log_std)):
-            raise ValueError("a policy's arrays must hold real numbers")
-        if not all(np.isfinite(array).all() for array in (*weights, *biases, log_std)):
-            raise ValueError("a policy's arrays must be finite")
-        self.weights, self.biases, self.log_std = weights, biases, log_std
-        self.provenance = dict(provenance)
+        self.network, self.environment, self.provenance = network, dict(environment), dict(provenance)
+        self.observation_table = observation_table(environment)
+        if network.inputs != len(self.observation_table):
+            raise ValueError(f"the network takes {network.inputs} numbers, the environment shows "
+                             f"{len(self.observation_table)}")  # fmt: skip
+        if network.mean.outputs != len(ACTION_TABLE):
+            raise ValueError(f"the network gives {network.mean.outputs} numbers, an action has {len(ACTION_TABLE)}")
         self._noise = np.random.default_rng()
 
     @property
     def inputs(self) -> int:
         """Length of the observation."""
-        return int(self.weights[0].shape[1])
+        return self.network.inputs
 
     def predict(
         self,
         observation: NDArray[np.float32],
-        state: Any = None,
-        episode_start: NDArray[np.bool_] | None = None,
+        state: State | None = None,
+        episode_start: NDArray[np.bool_] | bool | None = None,
         deterministic: bool = True,
     ) -> tuple[NDArray[np.float32], Any]:
-        """Return the action for an observation (n_obs,) or the actions for a batch of them (n, n_obs).
+        """Return the action for an observation (n_obs,) or the actions for a batch of them (n, n_obs), and a state.
 
-        Unlike in stable-baselines3, deterministic is the default: it is what the policy was judged by.
+        A recurrent policy needs the state back at the next call, and `episode_start` where an episode begins; others
+        hand it through. Unlike in stable-baselines3, deterministic is the default: it is what the policy was judged by.
         """
-        hidden = np.asarray(observation, np.float32)
-        if hidden.ndim == 0 or hidden.shape[-1] != self.inputs:
-            raise ValueError(f"the policy takes {self.inputs} numbers, the observation has the shape {hidden.shape}")
-        if not np.isfinite(hidden).all():
+        seen = np.asarray(observation, np.float32)
+        if seen.ndim == 0 or seen.shape[-1] != self.inputs:
+            raise ValueError(f"the policy takes {self.inputs} numbers, the observation has the shape {seen.shape}")
+        if not np.isfinite(seen).all():
             raise ValueError("the observation must be finite")
-        for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
-            hidden = np.tanh(_affine(weight, bias, hidden))
-        action = _affine(self.weights[-1], self.biases[-1], hidden)
+        if self.network.gates and state is not None and episode_start is not None:
+            going_on = ~np.asarray(episode_start, np.bool_).reshape(*seen.shape[:-1], 1)
+            state = np.where(going_on, state[0], 0), np.where(going_on, state[1], 0)
+        latent, state = self.network.latent(seen, state)
+        action = self.network.mean(latent)
         if not deterministic:
-            action = action + np.exp(self.log_std) * self._noise.standard_normal(action.shape, np.float32)
-        return np.clip(action, -1.0, 1.0), state
+            sigma = np.exp(np.clip(self.network.log_std(latent), -20.0, 2.0))  # limits as in stable-baselines3's SAC
+            noise = sigma * self._noise.standard_normal(action.shape, np.float32)
+            action = (action + noise).astype(np.float32)
+        return self.network.action(action), state
 
     def save(self, path: Path | str) -> Path:
         """Write the policy to `path`, whole or not at all."""
-        arrays = {f"weight_{i}": array for i, array in enumerate(self.weights)}
-        arrays |= {f"bias_{i}": array for i, array in enumerate(self.biases)}
-        header = json.dumps({"format": FORMAT, "layers": len(self.weights), "provenance": self.provenance}, indent=1)
-        with whole_file(Path(path)) as file:
-            np.savez(file, header=np.array(header), log_std=self.log_std, **arrays)
+        content = {
+            "network": self.network.description(),
+            "environment": self.environment,
+            "observation": self.observation_table,
+            "action": ACTION_TABLE,
+            "provenance": self.provenance,
+        }
+        write_archive(Path(path), FORMAT, content, to_arrays(self.network))
         return Path(path)
 
 
-def _affine(weight: NDArray[np.float32], bias: NDArray[np.float32], inputs: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return weight @ inputs + bias for each row of `inputs`, the same to the bit however many rows there are.
-
-    A matrix product of BLAS sums in another order for another number of rows.
-    """
-    return np.einsum("...j,kj->...k", inputs, weight) + bias
+def observation_table(environment: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return name, unit and scale of each entry of the observation."""
+    fields = ("name", "unit", "low", "high", "scaled_low")
+    shown = observations.entries(Task(**environment).constants())
+    return [{field: getattr(entry, field) for field in fields} for entry in shown]
 
 
 def load_policy(name: str | Path) -> Policy:
-    """Return a policy shipped with the project, by name, or from a file, or from a run folder.
+    """Return a policy shipped with the project, by name, or from a file, or the best one of a run folder.
 
     Raises:
         FileNotFoundError: neither a shipped policy nor a file; lists what is shipped.
-        ValueError: the file is not a policy, or is damaged.
+        ValueError: the file is not a policy, or is damaged, or was made for other scales than the environment has.
     """
     path = SHIPPED / f"{name}.npz"
     if not path.is_file():
         path = Path(name)
     if path.is_dir():
-        path = path / "policy.npz"
+        path = path / "best.npz"
     if not path.is_file():
         shipped = sorted(file.stem for file in SHIPPED.glob("*.npz"))
         raise FileNotFoundError(f"no policy {str(name)!r}: it is no file, and shipped are {shipped}")
+    content, arrays = read_archive(path, FORMAT)
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            header = json.loads(str(archive["header"]))
-            if header["format"] != FORMAT:
-                raise ValueError(f"its format is {header['format']!r}, this version reads {FORMAT!r}")
-            layers = range(header["layers"])
-            return Policy(
-                [archive[f"weight_{i}"] for i in layers],
-                [archive[f"bias_{i}"] for i in layers],
-                archive["log_std"],
-                header["provenance"],
-            )
-    except DAMAGE as error:
-        reason = "it holds pickled objects, which are never loaded" if "pickle" in str(error) else error
-        raise ValueError(f"{path} is not a policy file, or is damaged: {reason}") from error
+        policy = Policy(from_arrays(content["network"], arrays), content["environment"], content["provenance"])
+        tables = content["observation"], content["action"]
+    except (LookupError, TypeError, AttributeError, ValueError) as error:
+        raise ValueError(f"{path} is no policy: {error}") from error
+    if tables != (policy.observation_table, ACTION_TABLE):
+        raise ValueError(f"{path} was made for other scales of observation or action than this version's environment")
+    return policy

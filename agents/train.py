@@ -1,141 +1,147 @@
-"""Train a policy: `python -m agents.train`. Writes a run folder and prints its path."""
+"""Train a policy: `python -m agents.train [PRESET] --algo ppo`. Writes a run folder and prints its path.
 
+The folder holds `config.json` (settings, versions, command), `progress.csv` and events for TensorBoard, `best.npz` (the
+policy that did best on the validation set) and `final.npz`, `metrics.json`, and until the end `checkpoint.npz`, from
+which `--resume FOLDER` goes on to the same end as if nothing had happened.
+"""
+
+import fcntl
 import json
 import platform
-import shlex
 import subprocess
 import sys
-import time
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 import tyro
-from stable_baselines3 import PPO
-from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.logger import configure
-from stable_baselines3.common.vec_env import VecMonitor
+from stable_baselines3.common.logger import Logger
 
+from agents import checkpoint
 from agents.baselines import PaperTrapezoid
-from agents.evaluation import VALIDATION_SEED, Controller, evaluate
-from agents.policy import Policy
+from agents.logs import outputs
+from agents.models import make_environment, make_model
+from agents.policy import load_policy
+from agents.settings import FIRST_SEED, SLOTS, Settings, as_json, command, default_settings, from_json
+from agents.watch import Told, Watch
 from impact_gym.files import whole_file
-from impact_gym.sb3 import ImpactVecEnv
-from impact_gym.validation import number, whole
 
-PACKAGES = ("impact-gym", "gymnasium", "numba", "numpy", "scipy", "stable-baselines3", "torch")
+PACKAGES = ("impact-gym", "gymnasium", "numba", "numpy", "scipy", "stable-baselines3", "sb3-contrib", "torch")
 
 
-@dataclass(frozen=True)
-class Settings:
-    """Train PPO on ImpactApproach-v0."""
+def train(settings: Settings, told: Told | None = None) -> Path:
+    """Train, write the run folder, and return its path; `told` hears of each validation.
 
-    steps: int = 6_000_000
-    """Environment steps in all; rounded up to whole rollouts of all environments."""
-    seed: int = 0
-    """Seed of the scenarios, the network and the exploration; below 1000000, where evaluation begins."""
-    out: Path | None = None
-    """Run folder; it must not exist. Default: a new one below runs/."""
-    time_weight: float = 2.0
-    """What a second of approach costs, in m/s of object velocity."""
-    envs: int = 512
-    """Environments side by side."""
-    rollout: int = 64
-    """Steps of each environment between two updates; an episode has about 30."""
-    batch: int = 2048
-    """Samples of a gradient step."""
-    epochs: int = 4
-    """Passes over a rollout."""
-    learning_rate: float = 1e-3
-    """At the start; falls linearly to a tenth."""
-    gae_lambda: float = 0.95
-    """Trade of bias for variance in the advantage. The discount is 1: an episode ends, and what counts is its sum."""
-    entropy: float = 0.0
-    """Bonus on exploration."""
-    log_std: float = -1.0
-    """Initial exploration, logarithm of a standard deviation; much more makes never touching attractive."""
-    width: int = 64
-    """Neurons in each of the two hidden layers."""
-    threads: int = 1
-    """Threads of torch. With small networks a second one on two cores makes it slower, not faster."""
-
-    def __post_init__(self) -> None:
-        for name in ("steps", "envs", "epochs", "width", "threads"):
-            whole(name, getattr(self, name), at_least=1)
-        for name in ("rollout", "batch"):
-            whole(name, getattr(self, name), at_least=2)
-        whole("seed", self.seed, at_least=0)
-        if self.seed >= VALIDATION_SEED - self.envs:
-            raise ValueError(f"seed must be below {VALIDATION_SEED - self.envs}, got {self.seed}")
-        number("time_weight", self.time_weight, "m/s per s", above=0)
-        number("learning_rate", self.learning_rate, "(no unit)", above=0)
-        number("gae_lambda", self.gae_lambda, "(no unit)", at_least=0, at_most=1)
-        number("entropy", self.entropy, "(no unit)", at_least=0)
-        number("log_std", self.log_std, "(no unit)", at_least=-20, at_most=2)
-
-    @property
-    def whole_steps(self) -> int:
-        """Environment steps that are really made."""
-        return -(-self.steps // (self.envs * self.rollout)) * self.envs * self.rollout
+    Raises:
+        FileExistsError: the run folder is there already.
+        ValueError: the run to resume is damaged, of another version, or under way.
+    """
+    if settings.resume:
+        return resume(settings.resume, told)
+    stamp = datetime.now(UTC).strftime("%Y%m%d-%H%M%S")
+    folder = settings.out or Path("runs") / f"{stamp}-{settings.preset}-{settings.algo}-seed{settings.seed}"
+    folder.mkdir(parents=True)
+    write_json(folder / "config.json", provenance(settings))
+    return resume(folder, told)
 
 
-class Objectives(BaseCallback):
-    """Logs the two objectives by name, as means over the episodes that ended since the last update."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._ended: list[dict[str, Any]] = []
-
-    def _on_step(self) -> bool:
-        self._ended += [info for info, done in zip(self.locals["infos"], self.locals["dones"], strict=True) if done]
-        return True
-
-    def _on_rollout_end(self) -> None:
-        if not self._ended:
-            return
-        for name in ("object_velocity", "approach_time", "peak_force", "missed"):
-            self.logger.record(f"objectives/{name}", float(np.mean([info[name] for info in self._ended])))
-        self._ended.clear()
+def resume(folder: Path, told: Told | None = None) -> Path:
+    """Go on with the run in `folder` from its last checkpoint, or from its beginning, and return the folder."""
+    record, settings = _configuration(folder)
+    with _alone(folder):
+        if not (folder / "metrics.json").is_file():
+            _run(folder, settings, record, told)
+    return folder
 
 
-def export(model: PPO, provenance: dict[str, Any]) -> Policy:
-    """Return the deterministic part of a trained model, and its noise, as plain arrays."""
-    network = model.policy
-    layers = [layer for layer in network.mlp_extractor.policy_net if isinstance(layer, torch.nn.Linear)]
-    layers.append(network.action_net)
-    return Policy(
-        [layer.weight.detach().numpy().copy() for layer in layers],
-        [layer.bias.detach().numpy().copy() for layer in layers],
-        network.log_std.detach().numpy().copy(),
-        provenance,
-    )
-
-
-def judge(controller: Controller, time_weight: float) -> dict[str, float]:
-    """Return both objectives over 1,000 validation scenarios, which are not the test scenarios of the report."""
-    episodes = evaluate(controller, VALIDATION_SEED, 1000, scenario="train", time_weight=time_weight)
-    return {
-        "object_velocity": float(episodes.object_velocity.mean()),
-        "approach_time": float(episodes.approach_time.mean()),
-        "missed": float(episodes.missed.mean()),
+def _run(folder: Path, settings: Settings, record: dict[str, Any], told: Told | None) -> None:
+    torch.set_num_threads(settings.threads)
+    torch.distributions.Distribution.set_default_validate_args(
+        False
+    )  # slow; the environment refuses what is not finite
+    environment = make_environment(settings)
+    model = make_model(settings, environment)
+    environment.seed(FIRST_SEED + settings.seed * SLOTS)
+    watch = Watch(folder, settings, record, environment, told)
+    log = Logger(str(folder), [])
+    model.set_logger(log)
+    saved = folder / "checkpoint.npz"
+    if saved.is_file():
+        watch.kept = checkpoint.restore(saved, model, environment)
+        print(f"going on behind {model.num_timesteps:,} of {settings.whole_steps:,} steps")
+    else:
+        print(f"training for {settings.whole_steps:,} steps; torch uses {settings.threads} thread(s)")
+    log.output_formats = outputs(folder, model.num_timesteps)
+    try:
+        model.learn(
+            settings.whole_steps - model.num_timesteps,
+            callback=watch,
+            log_interval=None,  # type: ignore[arg-type]  # `watch` writes the log, for every algorithm alike
+            reset_num_timesteps=not saved.is_file(),
+            progress_bar=sys.stderr.isatty(),
+        )
+    finally:
+        log.close()
+    curve = watch.kept["curve"]
+    rule = watch.validation.play(PaperTrapezoid())
+    judged = {name: load_policy(folder / f"{name}.npz").provenance["validation"] for name in ("best", "final")}
+    metrics = {
+        "validation": {**judged, "paper's rule": rule},
+        "curve": [{"steps": steps, "score": score} for steps, score in curve],
+        "training_seconds": watch.kept["seconds"],
+        "steps_per_second": settings.whole_steps / watch.kept["seconds"],
     }
+    write_json(folder / "metrics.json", metrics)
+    saved.unlink(missing_ok=True)
+    for name, means in metrics["validation"].items():
+        points = zip(means["time_weight"], means["object_velocity"], means["approach_time"], strict=True)
+        points_told = "; ".join(f"at {w:g}: {v:.3f} m/s, {t:.3f} s" for w, v, t in points)
+        print(f"{name}: score {means['score']:.4f} m/s; V_p and approach time {points_told}")
+
+
+def _configuration(folder: Path) -> tuple[dict[str, Any], Settings]:
+    """Return what the run was started with.
+
+    Raises:
+        ValueError: the folder holds no run, or one of another version.
+    """
+    path = folder / "config.json"
+    try:
+        record = json.loads(path.read_text())
+        return record, from_json(record["settings"])
+    except (OSError, LookupError, TypeError, AttributeError, ValueError) as error:
+        raise ValueError(f"{folder} holds no run that this version can go on with: {error}") from error
+
+
+@contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    """Hold the run folder, so that no two processes write into it; a killed process lets go of it."""
+    with (folder / "lock").open("w") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise ValueError(f"{folder} is being written by another process") from error
+        for unfinished in folder.glob(".*.npz.*"):  # what a killed process was writing
+            unfinished.unlink()
+        yield
 
 
 def write_json(path: Path, content: Any) -> None:
     """Write `content` to `path`, whole or not at all."""
     with whole_file(path) as file:
-        file.write((json.dumps(content, indent=2, default=str) + "\n").encode())
+        file.write((json.dumps(content, indent=2) + "\n").encode())
 
 
 def provenance(settings: Settings) -> dict[str, Any]:
     """Return what it takes to repeat a run."""
     return {
-        "command": shlex.join(["python", "-m", "agents.train", *sys.argv[1:]]),
-        "settings": {name: value for name, value in asdict(settings).items() if name != "out"},
+        "command": command(settings),
+        "settings": as_json(settings),
         "versions": {"python": platform.python_version()} | {name: version(name) for name in PACKAGES},
         "commit": _git("rev-parse", "HEAD"),
         "changed since": _git("status", "--porcelain", "--untracked-files=no"),
@@ -152,67 +158,32 @@ def _git(*command: str) -> str | None:
     return said.stdout.strip()
 
 
-def train(settings: Settings) -> Path:
-    """Train, write the run folder, and return its path.
+def read_settings(arguments: list[str]) -> Settings:
+    """Return the settings that a command line asks for; the preset and the algorithm decide what the others are.
 
     Raises:
-        FileExistsError: the run folder is there already.
+        ValueError: something beside the folder to resume.
     """
-    stamp = datetime.now(UTC).strftime("%Y%m%d-%H%M%S")
-    folder = settings.out or Path("runs") / f"{stamp}-ppo-seed{settings.seed}"
-    folder.mkdir(parents=True)
-    record = provenance(settings)
-    write_json(folder / "config.json", record)
-
-    torch.set_num_threads(settings.threads)
-    envs = VecMonitor(ImpactVecEnv(settings.envs, scenario="train", time_weight=settings.time_weight))
-    model = PPO(
-        "MlpPolicy",
-        envs,
-        seed=settings.seed,
-        device="cpu",
-        n_steps=settings.rollout,
-        batch_size=settings.batch,
-        n_epochs=settings.epochs,
-        learning_rate=lambda remaining: settings.learning_rate * (0.1 + 0.9 * remaining),
-        gamma=1.0,
-        gae_lambda=settings.gae_lambda,
-        ent_coef=settings.entropy,
-        policy_kwargs={"net_arch": [settings.width, settings.width], "log_std_init": settings.log_std},
-    )
-    model.set_logger(configure(str(folder), ["tensorboard", "csv"]))
-    print(f"training for {settings.whole_steps:,} steps; torch uses {settings.threads} thread(s)")
-    begun = time.perf_counter()
-    model.learn(settings.whole_steps, callback=Objectives(), progress_bar=True)
-    seconds = time.perf_counter() - begun
-    model.logger.close()
-
-    policy = export(model, record)
-    policy.save(folder / "policy.npz")
-    metrics = {
-        "validation": {
-            "policy": judge(policy, settings.time_weight),
-            "paper's rule": judge(PaperTrapezoid(), settings.time_weight),
-        },
-        "training_seconds": seconds,
-        "steps_per_second": model.num_timesteps / seconds,
-    }
-    write_json(folder / "metrics.json", metrics)
-    for name, means in metrics["validation"].items():
-        print(f"{name}: V_p {means['object_velocity']:.4f} m/s, approach {means['approach_time']:.4f} s")
-    return folder
+    default = default_settings()
+    while True:
+        settings = tyro.cli(Settings, default=default, args=arguments, prog="python -m agents.train")
+        if settings.resume:
+            if replace(settings, resume=None) != default_settings():
+                raise ValueError("--resume takes its settings from the run: give nothing else")
+            return settings
+        if (settings.preset, settings.algo) == (default.preset, default.algo):
+            return settings
+        default = default_settings(settings.preset, settings.algo)
 
 
 def main() -> None:
     """Read the settings from the command line and train."""
     try:
-        print(train(tyro.cli(Settings)))
+        print(train(read_settings(sys.argv[1:])))
     except (FileExistsError, TypeError, ValueError) as error:
         sys.exit(f"agents.train: {error}")
     except KeyboardInterrupt:
-        print(
-            "agents.train: interrupted; the run folder holds the learning curve so far, but no policy", file=sys.stderr
-        )
+        print("agents.train: interrupted; --resume with the run folder goes on", file=sys.stderr)
         sys.exit(130)
 
 

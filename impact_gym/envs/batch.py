@@ -1,6 +1,7 @@
 """The batch behind every front end: arrays of rows and the two kernels that move them."""
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,8 @@ ROWS_PER_THREAD = 256
 REWARD_TERMS = {"time": "time_cost", "velocity": "velocity_cost", "force": "force_cost", "missed": "missed_cost"}
 """Names in `info["reward_terms"]`, each the negative of a cost summed over the episode."""
 
+_STATE = ("chains", "episodes", "readings", "observations", "rewards")
+
 
 class Batch:
     """`size` environments of one task, each a row that no other row can touch.
@@ -41,7 +44,7 @@ class Batch:
         self.observation_space = observation.space(self.constants)
         self.chains = np.zeros(size, CHAIN)
         self.episodes = np.zeros(size, EPISODE)
-        self._readings = np.zeros((size, task.readings_under_way() + 4, 4))
+        self.readings = np.zeros((size, task.readings_under_way() + 4, 4))
         self.observations = np.zeros((size, observation.length(self.constants)), np.float32)
         self.rewards = np.zeros(size)
         self.set_scenario(task.ranges)
@@ -62,7 +65,7 @@ class Batch:
             rows,
             self.chains,
             self.episodes,
-            self._readings,
+            self.readings,
             self.observations,
         )
 
@@ -94,7 +97,7 @@ class Batch:
                 last,
                 self.chains,
                 self.episodes,
-                self._readings,
+                self.readings,
                 self.recorder,
                 self.observations,
                 self.rewards,
@@ -119,6 +122,26 @@ class Batch:
         if not np.isfinite(array).all():
             raise ValueError(f"action must be finite, got {array[~np.isfinite(array).all(axis=1)][0]}")
         return array
+
+    def get_state(self) -> dict[str, Any]:
+        """Return a copy of all that `step` and `begin` go on from: arrays, and the ranges as plain numbers."""
+        return {"ranges": self.ranges.table().tolist(), **{name: getattr(self, name).copy() for name in _STATE}}
+
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Go on from what `get_state` of a batch of this size and task returned, to the bit.
+
+        Raises:
+            ValueError: an array is not what this batch has.
+        """
+        for name in _STATE:
+            here, there = getattr(self, name), state[name]
+            if there.shape != here.shape or there.dtype != here.dtype:
+                raise ValueError(
+                    f"{name} of another batch: {there.dtype}{there.shape}, this one has {here.dtype}{here.shape}"
+                )
+        self.set_scenario(ScenarioRanges(*map(tuple, state["ranges"])))
+        for name in _STATE:
+            getattr(self, name)[:] = state[name]
 
     def info(self, row: int | None = None) -> dict[str, Any]:
         """Return what an episode has come to so far: plain numbers of one row, or arrays (size,) of all.

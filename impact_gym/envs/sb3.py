@@ -64,6 +64,14 @@ class ImpactVecEnv(VecEnv):
             observations, _ = self.envs.reset(options={"reset_mask": ended})
         return observations, rewards.astype(np.float32), ended, infos
 
+    def get_state(self) -> dict[str, Any]:
+        """Return a copy of all that `reset` and `step` go on from; ask between steps."""
+        return self.envs.get_state()
+
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Go on from what `get_state` of a batch of this size and these arguments returned, to the bit."""
+        self.envs.set_state(state)
+
     def close(self) -> None:
         """Release nothing: there is nothing to release."""
 

@@ -129,6 +129,24 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         self._ended = ended
         return batch.observations.copy(), rewards, terminated, truncated, infos
 
+    def get_state(self) -> dict[str, Any]:
+        """Return a copy of all that `reset` and `step` go on from, generators included."""
+        generators = [generator.bit_generator.state for generator in self._generators]
+        flags = {"ended": self._ended.copy(), "begun": self._begun.copy()}
+        return {"batch": self.batch.get_state(), "generators": generators, **flags}
+
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Go on from what `get_state` of a batch of this size and these arguments returned, to the bit.
+
+        Raises:
+            ValueError: an array is not what this batch has.
+        """
+        self.batch.set_state(state["batch"])
+        self._generators = [seeding.np_random(0)[0] for _ in state["generators"]]
+        for generator, there in zip(self._generators, state["generators"], strict=True):
+            generator.bit_generator.state = there
+        self._ended, self._begun = state["ended"].copy(), state["begun"].copy()
+
     def _mask(self, mask: Any) -> Flags:
         if mask is None:
             return np.ones(self.num_envs, np.bool_)

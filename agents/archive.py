@@ -1,0 +1,61 @@
+"""Files of arrays and JSON with a checksum: how policies and checkpoints are kept. Reading one runs no code."""
+
+import hashlib
+import json
+import struct
+import tokenize
+import zipfile
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_gym.files import whole_file
+
+Arrays = Mapping[str, NDArray[Any]]
+DAMAGE = (
+    *(ValueError, TypeError, AttributeError, LookupError, RuntimeError, OSError, EOFError),
+    *(SyntaxError, tokenize.TokenError, zipfile.BadZipFile, zlib.error, struct.error),
+)
+"""What reading a file can raise that is not an archive, or no longer."""
+
+
+def write_archive(path: Path, kind: str, content: Mapping[str, Any], arrays: Arrays) -> None:
+    """Write JSON `content` and `arrays` to `path`, whole or not at all; `kind` says what they are, with a version."""
+    header = {"format": kind, "content": dict(content), "sha256": _checksum(kind, content, arrays)}
+    with whole_file(path) as file:
+        np.savez(file, allow_pickle=False, header=np.array(json.dumps(header)), **arrays)
+
+
+def read_archive(path: Path, kind: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+    """Return content and arrays of an archive.
+
+    Raises:
+        ValueError: the file is no archive of this kind, or not what was written.
+    """
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+            header = json.loads(str(archive["header"]))
+            if header["format"] != kind:
+                raise ValueError(f"its format is {header['format']!r}, this version reads {kind!r}")
+            arrays = {name: archive[name] for name in archive.files if name != "header"}
+        found = _checksum(kind, header["content"], arrays)
+        if found != header["sha256"]:
+            raise ValueError(f"its checksum is {found}, not {header['sha256']}: it was altered")
+        return header["content"], arrays
+    except DAMAGE as error:
+        reason = "it holds pickled objects, which are never loaded" if "pickle" in str(error) else error
+        raise ValueError(f"{path} is no {kind} file, or is damaged: {reason}") from error
+
+
+def _checksum(kind: str, content: Mapping[str, Any], arrays: Arrays) -> str:
+    """SHA-256 of all that a reader gets."""
+    digest = hashlib.sha256(json.dumps([kind, content], sort_keys=True).encode())
+    for name in sorted(arrays):
+        array = np.asarray(arrays[name])
+        digest.update(f"{name} {array.dtype.str} {array.shape}".encode())
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()

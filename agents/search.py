@@ -1,0 +1,184 @@
+"""Search for settings: `python -m agents.search [PRESET] --algo ppo --trials 16`.
+
+Each trial is a short training, judged by the best score it reaches on the validation set; one that is worse than the
+median of those before it at the same step is given up. The study is a journal below runs/search: the same command goes
+on with it, after a kill as well. Its summary, settings and score of each trial, goes to agents/studies, where
+`agents.train` takes its defaults from.
+"""
+
+import shlex
+import shutil
+import sys
+import warnings
+from dataclasses import dataclass, replace
+from operator import attrgetter
+from pathlib import Path
+from typing import Any
+
+import optuna
+import tyro
+from optuna.distributions import BaseDistribution, CategoricalDistribution, FloatDistribution, IntDistribution
+from optuna.storages import JournalStorage
+from optuna.storages.journal import JournalFileBackend
+from optuna.trial import Trial, TrialState
+
+from agents.settings import STUDIES, Algorithm, Preset, Settings, settings_by_hand, with_changes
+from agents.train import provenance, train, write_json
+from impact_gym.validation import whole
+
+ON_POLICY = {
+    "learning_rate": FloatDistribution(3e-4, 3e-3, log=True),
+    "batch": CategoricalDistribution([1024, 2048, 4096]),
+    "weight_power": CategoricalDistribution([0.0, 0.5, 1.0]),
+    "on_policy.rollout": CategoricalDistribution([32, 64]),
+    "on_policy.epochs": IntDistribution(1, 3),
+    "on_policy.gae_lambda": CategoricalDistribution([0.9, 0.95, 0.98, 1.0]),
+    "on_policy.log_std": FloatDistribution(-2.0, -0.7),
+}
+OFF_POLICY = {
+    "learning_rate": FloatDistribution(1e-4, 3e-3, log=True),
+    "batch": CategoricalDistribution([256, 512, 1024]),
+    "off_policy.gradient_steps": CategoricalDistribution([4, 8, 16]),
+}
+SPACES: dict[str, dict[str, BaseDistribution]] = {
+    "ppo": ON_POLICY, "recurrent_ppo": ON_POLICY, "sac": OFF_POLICY, "tqc": OFF_POLICY,
+}  # fmt: skip
+"""What is looked for; all other settings stay as they are."""
+
+
+@dataclass(frozen=True)
+class Search:
+    """Search for the settings of a training."""
+
+    preset: tyro.conf.Positional[Preset] = "linear-blind"
+    """Whose environment is trained in."""
+    algo: Algorithm = "ppo"
+    """Whose settings are looked for."""
+    trials: int = 16
+    """How many trials the study shall have in the end; those it has already count."""
+    steps: int = 3_000_000
+    """Environment steps of each."""
+    validate_every: int = 500_000
+    """Steps between two plays of the validation set; there a trial may be given up."""
+    validation_scenarios: int = 1000
+    """How many of its scenarios."""
+    journals: Path = Path("runs/search")
+    """Folder of the journals."""
+    summaries: Path = STUDIES
+    """Folder of the summaries."""
+
+    def __post_init__(self) -> None:
+        for name in ("trials", "steps", "validate_every", "validation_scenarios"):
+            whole(name, getattr(self, name), at_least=1)
+
+
+def search(wanted: Search) -> Path:
+    """Run the trials that are missing, and return the path of the summary."""
+    start = replace(
+        settings_by_hand(wanted.preset, wanted.algo),
+        steps=wanted.steps,
+        validate_every=wanted.validate_every,
+        validation_scenarios=wanted.validation_scenarios,
+        checkpoint_every=wanted.steps,
+    )
+    space, summary = SPACES[wanted.algo], wanted.summaries / f"{wanted.preset}-{wanted.algo}.json"
+    name = f"{wanted.preset}-{wanted.algo}-{wanted.steps}"
+    wanted.journals.mkdir(parents=True, exist_ok=True)
+    study = optuna.create_study(
+        storage=JournalStorage(JournalFileBackend(str(wanted.journals / f"{name}.journal"))),
+        study_name=name,
+        load_if_exists=True,
+        pruner=optuna.pruners.MedianPruner(n_startup_trials=4, n_warmup_steps=wanted.steps // 3),
+    )
+    for killed in study.get_trials(states=(TrialState.RUNNING,)):
+        study.tell(killed.number, state=TrialState.FAIL)
+    if not study.trials:
+        there = {setting: attrgetter(setting)(start) for setting in space}  # what is to be beaten
+        study.enqueue_trial({setting: value for setting, value in there.items() if _holds(space[setting], value)})
+    while len(_finished(study)) < wanted.trials:
+        # seeded anew in each process, so with another seed, or it would suggest the same again
+        study.sampler = optuna.samplers.TPESampler(seed=len(study.trials), n_startup_trials=6)
+        trial = study.ask(space)
+        settings = replace(
+            with_changes(start, _nested(trial.params)),
+            seed=1000 + trial.number,  # none of those that train-all uses
+            out=wanted.journals / f"{name}-{trial.number}",
+        )
+        _play(study, trial, settings)
+        write_json(summary, _summary(study, start, wanted))
+    write_json(summary, _summary(study, start, wanted))
+    return summary
+
+
+def _play(study: optuna.Study, trial: Trial, settings: Settings) -> None:
+    """Train as `trial` suggests and tell the study what came of it."""
+    scores: list[float] = []
+
+    def told(steps: int, result: dict[str, Any]) -> None:
+        scores.append(result["score"])
+        trial.report(min(scores), steps)
+        if steps < settings.whole_steps and trial.should_prune():
+            raise optuna.TrialPruned
+
+    try:
+        train(settings, told)
+        study.tell(trial, min(scores))
+    except optuna.TrialPruned:
+        study.tell(trial, state=TrialState.PRUNED)
+    if settings.out:
+        shutil.rmtree(settings.out)
+
+
+def _finished(study: optuna.Study) -> list[optuna.trial.FrozenTrial]:
+    return study.get_trials(states=(TrialState.COMPLETE, TrialState.PRUNED))
+
+
+def _holds(distribution: Any, value: Any) -> bool:
+    """Return whether a value is one that may be suggested."""
+    if isinstance(distribution, CategoricalDistribution):
+        return value in distribution.choices
+    return bool(distribution.low <= value <= distribution.high)
+
+
+def _nested(parameters: dict[str, Any]) -> dict[str, Any]:
+    """Return settings by name, those of a group below its name."""
+    result: dict[str, Any] = {}
+    for name, value in parameters.items():
+        group, _, setting = name.rpartition(".")
+        (result.setdefault(group, {}) if group else result)[setting] = value
+    return result
+
+
+def _summary(study: optuna.Study, start: Settings, wanted: Search) -> dict[str, Any]:
+    trials = [
+        {
+            "number": trial.number,
+            "state": trial.state.name.lower(),
+            "score": trial.value,
+            "steps": trial.last_step,
+            "parameters": trial.params,
+        }
+        for trial in _finished(study)
+    ]
+    best = study.best_trial
+    found = {"number": best.number, "score": best.value, "settings": _nested(best.params)}
+    words = ["python", "-m", "agents.search", wanted.preset, "--algo", wanted.algo]
+    for name in ("trials", "steps", "validate_every", "validation_scenarios"):
+        words += [f"--{name}".replace("_", "-"), str(getattr(wanted, name))]
+    return {"best": found, **provenance(start), "command": shlex.join(words), "trials": trials}
+
+
+def main() -> None:
+    """Read from the command line what to search for, and search."""
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
+    try:
+        print(search(tyro.cli(Search, prog="python -m agents.search")))
+    except ValueError as error:
+        sys.exit(f"agents.search: {error}")
+    except KeyboardInterrupt:
+        sys.exit("agents.search: interrupted; the same command goes on")
+
+
+if __name__ == "__main__":
+    main()

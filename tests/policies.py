@@ -1,0 +1,45 @@
+"""Policies of every kind, made up."""
+
+import itertools
+
+import numpy as np
+
+from agents import Policy
+from agents.networks import Affine, Network
+from impact_gym.envs.observation import space
+from impact_gym.envs.task import Task
+
+
+def made_up_policy(seed=0, environment=None, activation="tanh", squash=False, cells=0, log_std=-1.0, sizes=(16, 12)):
+    """Return a policy with random weights; its noise depends on nothing."""
+    environment = environment or {}
+    rng = np.random.default_rng(seed)
+
+    def affine(name, outputs, inputs):
+        weight = rng.normal(size=(outputs, inputs)) / (1.0 if name == "hidden_0" else np.sqrt(inputs))
+        return Affine(name, weight.astype(np.float32), rng.normal(size=outputs).astype(np.float32) * np.float32(0.3))
+
+    inputs = space(Task(**environment).constants()).shape[0]
+    gates = affine("gates", 4 * cells, inputs + cells) if cells else None
+    widths = [cells or inputs, *sizes]
+    hidden = [affine(f"hidden_{k}", n, m) for k, (m, n) in enumerate(itertools.pairwise(widths))]
+    noise = Affine("log_std", np.zeros((2, widths[-1]), np.float32), np.full(2, log_std, np.float32))
+    network = Network(tuple(hidden), affine("mean", 2, widths[-1]), noise, activation, squash, gates)
+    return Policy(network, environment, {"command": "by hand", "seed": seed})
+
+
+KINDS = {
+    "tanh": {},
+    "relu": {"activation": "relu", "sizes": (24,)},
+    "squashed": {"squash": True, "activation": "relu"},
+    "ranged": {"environment": {"range_noise": 0.01}},
+    "recurrent": {"cells": 10},
+    "recurrent alone": {"cells": 6, "sizes": (), "squash": True},
+    "linear": {"sizes": ()},
+}
+
+
+def observations(policy, count=5000, seed=1):
+    """Return rows drawn evenly from what the policy may see."""
+    box = space(Task(**policy.environment).constants())
+    return np.random.default_rng(seed).uniform(box.low, box.high, (count, policy.inputs)).astype(np.float32)

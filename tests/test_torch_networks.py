@@ -1,0 +1,84 @@
+"""What the networks of a training add to those of stable-baselines3."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from policies import made_up_policy, observations
+from training import tiny
+
+from agents.models import entry_names, make_environment, make_model, policy_from
+from agents.settings import OnPolicy
+from agents.torch_networks import MET, Standardised, Tanh, behind_standard, met
+from impact_gym.sb3 import ImpactVecEnv
+
+
+def test_tanh_is_the_one_of_torch_with_its_gradient():
+    values = torch.cat((torch.linspace(-12.0, 12.0, 4001), torch.tensor([-1e4, -0.0, 0.0, 1e4]))).requires_grad_()
+    there = values.detach().clone().requires_grad_()
+    weights = torch.linspace(1.0, 2.0, len(values))
+    ours, theirs = Tanh()(values), torch.tanh(there)
+    (ours * weights).sum().backward()
+    (theirs * weights).sum().backward()
+    assert ours.detach().numpy() == pytest.approx(theirs.detach().numpy(), rel=0, abs=3e-7)
+    assert values.grad.numpy() == pytest.approx(there.grad.numpy(), rel=0, abs=1e-6)
+    assert torch.autograd.gradcheck(Tanh(), torch.linspace(-2.0, 2.0, 9, dtype=torch.float64, requires_grad=True))
+
+
+def test_networks_see_entries_of_about_unit_size():
+    """While a policy of random commands plays; what is rare or one-sided may be far from it."""
+    envs = ImpactVecEnv(256, privileged=True, range_noise=0.01, time_weight=(0.5, 8.0))
+    names = entry_names({"privileged": True, "range_noise": 0.01})
+    assert set(names) - set(MET) == {"reaction_delay".replace("_", " ")}  # which is fixed in training
+    envs.seed(0)
+    seen, rng = [envs.reset()], np.random.default_rng(0)
+    for _ in range(120):
+        command = np.stack((rng.normal(0.2, 0.4, 256), rng.uniform(-1.0, 1.0, 256)), axis=1)
+        seen.append(envs.step(command.clip(-1.0, 1.0).astype(np.float32))[0])
+    layer = Standardised(envs.observation_space, names)
+    standard = layer(torch.as_tensor(np.concatenate(seen))).numpy()[:, [name in MET for name in names]]
+    assert np.abs(standard.mean(axis=0)).max() < 1.5
+    assert standard.std(axis=0).min() > 0.2
+    assert standard.std(axis=0).max() < 3.0
+
+
+def test_a_layer_behind_the_standard_is_the_same_layer():
+    policy = made_up_policy(environment={"range_noise": 0.01})
+    names, layer, seen = entry_names(policy.environment), policy.network.hidden[0], observations(policy)
+    centre, spread = np.array(met(names))
+    expected = (seen - centre) / spread @ layer.weight.T + layer.bias
+    assert behind_standard(layer, names)(seen) == pytest.approx(expected, rel=0, abs=2e-5)
+    wider = made_up_policy(cells=6)
+    names, gates = entry_names({}), wider.network.gates
+    centre, spread = np.array(met(names))
+    both = np.random.default_rng(0).uniform(-1.0, 1.0, (50, 14)).astype(np.float32)
+    expected = np.concatenate(((both[:, :8] - centre) / spread, both[:, 8:]), axis=1) @ gates.weight.T + gates.bias
+    assert behind_standard(gates, names)(both) == pytest.approx(expected, rel=0, abs=2e-5)
+
+
+@pytest.mark.parametrize("preset", ["linear-blind", "linear-ranged"])
+def test_what_acts_does_not_see_the_scenario_and_what_judges_does(preset):
+    settings = tiny(preset=preset)
+    model = make_model(settings, make_environment(settings))
+    count = len(entry_names(settings.environment))
+    seen = torch.as_tensor(model.env.reset())
+    assert seen.shape[1] == count + 5
+    other = seen.clone()
+    other[:, count:] += 0.3
+    network = model.policy
+    assert torch.equal(
+        network.get_distribution(seen).distribution.mean, network.get_distribution(other).distribution.mean
+    )
+    assert (network.predict_values(seen) != network.predict_values(other)).all()
+    actions, values, _ = network(seen, deterministic=True)
+    assert torch.equal(values, network.predict_values(seen))
+    acting = policy_from(model, settings, {})
+    assert acting.inputs == count
+    assert acting.predict(seen[:, :count].numpy())[0] == pytest.approx(actions.detach().numpy(), rel=0, abs=2e-6)
+
+
+def test_without_an_informed_critic_training_shows_nothing_hidden():
+    settings = replace(tiny(), on_policy=OnPolicy(rollout=16, informed_critic=False))
+    assert make_environment(settings).observation_space.shape == (8,)
+    assert make_environment(tiny("sac")).observation_space.shape == (8,)

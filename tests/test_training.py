@@ -1,0 +1,262 @@
+"""Training: what it leaves behind, and what is learned."""
+
+import csv
+import json
+import shlex
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from policies import observations
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+from training import ALGORITHMS, OBJECTIVES, tiny
+
+import agents.train
+import impact_gym as ig
+from agents import baselines, load_policy, watch
+from agents.evaluation import TEST_SEED, VALIDATION_SEED, evaluate
+from agents.models import EvenRewards, make_environment
+from agents.networks import to_arrays
+from agents.settings import FIRST_SEED, SLOTS, OffPolicy, OnPolicy, Settings, command, default_settings
+from agents.train import read_settings, train
+from agents.validation import WEIGHTS, Validation, velocity_at
+from impact_gym.sb3 import ImpactVecEnv
+
+
+class Run:
+    """A training of some seconds, watched; what fails in it is for one test to say, not for all that need one."""
+
+    def __init__(self, settings):
+        self.settings = settings
+        models, logs, original = [], [], agents.train.make_model
+
+        def make_model(*arguments):
+            models.append(original(*arguments))
+            return models[-1]
+
+        with pytest.MonkeyPatch.context() as patch, warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            patch.setattr(agents.train, "make_model", make_model)
+            patch.setattr(agents.train, "outputs", lambda *args: logs.extend(original_outputs(*args)) or logs)
+            original_outputs = agents.logs.outputs
+            self.folder = train(settings)
+        self.model = models[0]
+        self.left_open = [output.file.name for output in logs if hasattr(output, "file") and not output.file.closed]
+        self.warned = [str(warning.message) for warning in caught]
+
+    def read(self, name):
+        return json.loads((self.folder / name).read_text())
+
+
+@pytest.fixture(scope="module", params=ALGORITHMS)
+def run(request, tmp_path_factory):
+    return Run(tiny(request.param, out=tmp_path_factory.mktemp("runs") / "run"))
+
+
+def test_the_policy_is_the_model_it_came_from(run):
+    policy = load_policy(run.folder / "final.npz")
+    seen = np.stack([observations(policy, 500, seed) for seed in range(3)])
+    theirs = ours = None
+    for step in seen:
+        hidden = np.zeros((500, run.model.observation_space.shape[0] - policy.inputs), np.float32)  # from the actor too
+        expected, theirs = run.model.predict(np.append(step, hidden, axis=1), state=theirs, deterministic=True)
+        actions, ours = policy.predict(step, state=ours)
+        assert actions == pytest.approx(expected, rel=0, abs=2e-6)
+    assert len(np.unique(actions)) > 500
+    if "ppo" in run.settings.algo:
+        log_std = run.model.policy.log_std.detach().numpy()
+    else:
+        features = run.model.policy.obs_to_tensor(seen[0])[0]
+        log_std = run.model.actor.get_action_dist_params(features)[1].detach().numpy()
+    if run.settings.algo != "recurrent_ppo":
+        latent, _ = policy.network.latent(seen[0], None)
+        assert policy.network.log_std(latent) == pytest.approx(np.broadcast_to(log_std, (500, 2)), rel=1e-4, abs=1e-5)
+
+
+def test_a_run_folder_says_how_it_came_about_and_what_came_of_it(run):
+    config = run.read("config.json")
+    assert "agents.train" in config["command"]
+    assert config["settings"]["algo"] == run.settings.algo
+    assert config["settings"]["on_policy"]["rollout"] == 16
+    assert {"python", "numpy", "torch", "gymnasium", "stable-baselines3", "impact-gym"} <= set(config["versions"])
+    assert config["versions"]["impact-gym"] == ig.__version__
+    metrics = run.read("metrics.json")
+    for name in ("best", "final"):
+        policy = load_policy(run.folder / f"{name}.npz")
+        assert config.items() <= policy.provenance.items()
+        assert policy.provenance["validation"] == metrics["validation"][name]
+    best = metrics["validation"]["best"]["score"]
+    assert best == min(point["score"] for point in metrics["curve"])
+    assert metrics["curve"][-1] == {
+        "steps": run.settings.whole_steps, "score": metrics["validation"]["final"]["score"],
+    }  # fmt: skip
+    assert {file.name.split(".")[0] for file in run.folder.iterdir()} == {
+        "config", "metrics", "progress", "events", "best", "final", "lock",
+    }  # fmt: skip
+
+
+def test_training_logs_the_objectives_by_name(run):
+    """As text and for TensorBoard; an update before which no episode ended says nothing instead of nan."""
+    with (run.folder / "progress.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    events = EventAccumulator(str(run.folder))
+    events.Reload()
+    for name in (*(f"objectives/{name}" for name in OBJECTIVES), "validation/score", "validation/approach_time at weight 2"):  # fmt: skip  # noqa: E501
+        written = [float(row[name]) for row in rows if row[name]]
+        logged = [event.value for event in events.Scalars(name)]
+        assert len(written) >= 2
+        assert np.isfinite(written).all()
+        assert logged == pytest.approx(written, rel=1e-5)
+    assert float(rows[-1]["time/total_timesteps"]) == run.settings.whole_steps
+
+
+def test_training_warns_of_nothing_and_closes_its_files(run):
+    assert run.warned == []
+    assert run.left_open == []
+
+
+def test_the_same_seed_trains_the_same_policy_and_another_seed_another(tmp_path):
+    first, same, other = (
+        to_arrays(load_policy(train(tiny(steps=1024, seed=seed, out=tmp_path / name)) / "final.npz").network)
+        for name, seed in (("first", 0), ("same", 0), ("other", 1))
+    )
+    assert all(np.array_equal(first[name], same[name]) for name in first)
+    assert not any(np.array_equal(first[name], other[name]) for name in first if name != "log_std.weight")
+
+
+def test_a_run_folder_that_exists_is_left_alone(tmp_path):
+    (tmp_path / "keep").write_text("me")
+    with pytest.raises(FileExistsError):
+        train(tiny(out=tmp_path))
+    assert [file.name for file in tmp_path.iterdir()] == ["keep"]
+
+
+def test_no_training_sees_a_scenario_of_evaluation_or_of_another_training():
+    """Seeds of environments: those of evaluation lie below all of training, and no two trainings share one."""
+    assert max(VALIDATION_SEED, TEST_SEED) + 1_000_000 < FIRST_SEED
+    with pytest.raises(ValueError, match=f"envs must be at most {SLOTS}"):
+        Settings(envs=SLOTS + 1)
+
+
+def test_the_best_policy_is_chosen_by_the_validation_set_alone(tmp_path, monkeypatch):
+    """The scores are made up: what is kept is the policy of the lowest, whatever came later."""
+    scores, kept = iter([0.9, 0.5, 0.7, 0.8, 0.6, 0.95]), []
+
+    def play(self, controller):
+        result = {"score": next(scores, 1.0), "time_weight": [1.0], "object_velocity": [0.0], "approach_time": [0.0]}
+        kept.append((result["score"], controller))
+        return result
+
+    monkeypatch.setattr(watch.Validation, "play", play)
+    folder = train(tiny(steps=2048, validate_every=512, out=tmp_path / "run"))
+    best, final = load_policy(folder), load_policy(folder / "final.npz")
+    expected = next(controller for score, controller in kept if score == 0.5)
+    assert np.array_equal(best.network.mean.weight, expected.network.mean.weight)
+    assert not np.array_equal(best.network.mean.weight, final.network.mean.weight)
+    assert best.provenance["validation"]["score"] == 0.5
+
+
+def test_validation_plays_what_evaluation_plays():
+    """By another way: a frozen set in one batch without reset, and seeds in a vector environment of Gymnasium."""
+    for environment in ({}, {"range_noise": 0.01}, {"coupling": {"type": "Bistable"}}):
+        rule = baselines.ConstantSpeed(0.8, 12.0)
+        result = Validation(environment, scenarios=40).play(rule)
+        for place, weight in enumerate(WEIGHTS):
+            episodes = evaluate(rule, VALIDATION_SEED, 40, scenario="train", time_weight=weight, **environment)
+            assert result["cost"][place] == pytest.approx(episodes.cost(weight).mean(), rel=1e-12)
+            for name in ("object_velocity", "approach_time", "missed"):
+                assert result[name][place] == pytest.approx(getattr(episodes, name).mean(), rel=1e-12)
+        assert result["score"] == pytest.approx(np.mean(result["cost"]), rel=1e-12)
+
+
+class Wait:
+    """Never moves."""
+
+    def predict(self, observation, **_):
+        return np.full((len(observation), 2), -0.5, np.float32), None
+
+
+def test_missing_the_object_costs_what_it_costs_in_the_environment():
+    result = Validation({}, scenarios=5).play(Wait())
+    assert result["missed"] == [1.0] * len(WEIGHTS)
+    assert result["cost"] == pytest.approx([2.0 + 1.2 * weight for weight in WEIGHTS], rel=1e-12)
+
+
+def test_the_velocity_at_a_time_lies_between_the_points_of_the_trade_off():
+    result = {"approach_time": [0.4, 0.3, 0.2], "object_velocity": [0.1, 0.3, 0.7]}
+    assert velocity_at(result, 0.35) == pytest.approx(0.2)
+    assert velocity_at(result, 0.225) == pytest.approx(0.6)
+    assert np.isnan(velocity_at(result, 0.45))
+    assert np.isnan(velocity_at(result, 0.19))
+
+
+@pytest.mark.parametrize("power", [0.0, 0.5, 1.0])
+def test_rewards_are_divided_by_a_power_of_one_plus_the_weight_of_their_episode(power):
+    plain, even = (ImpactVecEnv(16, time_weight=(0.5, 8.0)) for _ in range(2))
+    even = EvenRewards(even, power)
+    for envs in (plain, even):
+        envs.seed(5)
+        envs.reset()
+    weights = plain.envs.batch.episodes["time_weight"].copy()
+    ended_once = 0
+    for _ in range(120):
+        actions = np.full((16, 2), 0.4, np.float32)
+        _, rewards, ended, infos = plain.step(actions)
+        _, scaled, _, _ = even.step(actions)
+        assert scaled == pytest.approx(rewards / (1.0 + weights) ** power, rel=1e-5)
+        for row in np.flatnonzero(ended):
+            assert infos[row]["time_weight"] == weights[row]
+        weights = plain.envs.batch.episodes["time_weight"].copy()
+        ended_once += ended.sum()
+    assert ended_once > 30
+
+
+def test_the_preset_and_the_algorithm_decide_the_defaults():
+    assert read_settings([]) == default_settings("linear-blind", "ppo")
+    ranged = read_settings(["linear-ranged", "--algo", "sac", "--off-policy.tau", "0.01"])
+    default = default_settings("linear-ranged", "sac")
+    assert ranged == replace(default, off_policy=replace(default.off_policy, tau=0.01))
+    assert ranged.environment["range_noise"] == 0.01
+    assert read_settings(["bistable-blind"]).environment["coupling"] == {"type": "Bistable"}
+    for preset in ("linear-blind", "linear-ranged", "bistable-blind"):
+        envs = make_environment(replace(default_settings(preset), envs=2))
+        assert envs.observation_space.shape == ((9 if preset == "linear-ranged" else 8) + 5,)
+    with pytest.raises(ValueError, match="give nothing else"):
+        read_settings(["--resume", "there", "--steps", "5"])
+
+
+def test_the_command_that_is_kept_asks_for_the_same_settings():
+    for settings in (default_settings(), default_settings("bistable-blind", "sac"), tiny("tqc"), tiny(seed=7)):
+        changed = replace(
+            settings, time_weight=(1.0, 2.0), on_policy=replace(settings.on_policy, informed_critic=False)
+        )
+        for one in (settings, changed):
+            assert read_settings(shlex.split(command(one))[3:]) == one
+    assert command(default_settings("linear-ranged")) == "python -m agents.train linear-ranged --algo ppo"
+
+
+@pytest.mark.parametrize(("arguments", "message"), [
+    ({"steps": 0}, "steps.*at least 1"),
+    ({"batch": 1}, "batch.*at least 2"),
+    ({"seed": -1}, "seed.*at least 0"),
+    ({"preset": "cubic"}, "preset must be one of"),
+    ({"algo": "dqn"}, "algo must be one of"),
+    ({"time_weight": (2.0, 1.0)}, "time_weight.*inverted"),
+    ({"weight_power": 2.0}, "weight_power.*at most 1"),
+    ({"learning_rate": 0.0}, "learning_rate.*above 0"),
+], ids=str)  # fmt: skip
+def test_settings_that_make_no_sense_are_refused(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        Settings(**arguments)
+    for group, wrong in ((OnPolicy, {"gae_lambda": 1.5}), (OffPolicy, {"tau": 0.0})):
+        with pytest.raises(ValueError, match=r"_policy\."):
+            group(**wrong)
+
+
+def test_every_setting_has_a_sentence(capsys):
+    with pytest.raises(SystemExit):
+        read_settings(["--help"])
+    said = capsys.readouterr().out
+    for name in ("--algo", "--steps", "--resume", "--weight-power", "--on-policy.gae-lambda", "--off-policy.buffer"):
+        assert name in said

@@ -1,0 +1,209 @@
+"""A training that is interrupted ends as one that is not, to the bit."""
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+from training import ALGORITHMS, TINY, tiny
+
+from agents import checkpoint
+from agents.archive import read_archive
+from agents.networks import to_arrays
+from agents.policy import load_policy
+from agents.settings import as_json
+from agents.train import resume, train
+from impact_gym.sb3 import ImpactVecEnv
+
+
+class Killed(BaseException):
+    """As if the process ended here."""
+
+
+def interrupted(settings, out, checkpoints):
+    """Train until so many checkpoints are written, and some steps more."""
+    original, written = checkpoint.write, []
+
+    def write(*arguments):
+        if len(written) == checkpoints:
+            raise Killed
+        written.append(original(*arguments))
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(checkpoint, "write", write)
+        with pytest.raises(Killed):
+            train(replace(settings, out=out))
+    assert (out / "checkpoint.npz").is_file()
+    assert not (out / "metrics.json").exists()
+
+
+def rows(folder):
+    """Return the learning curve but for what the clock says."""
+    with (folder / "progress.csv").open() as file:
+        return [{name: row[name] for name in row if "per_second" not in name} for row in csv.DictReader(file)]
+
+
+def assert_same(one, other):
+    for name in ("final.npz", "best.npz"):
+        pair = [to_arrays(load_policy(folder / name).network) for folder in (one, other)]
+        assert list(pair[0]) == list(pair[1])
+        for weights in pair[0]:
+            assert np.array_equal(pair[0][weights], pair[1][weights]), weights
+    assert rows(one) == rows(other)
+    metrics = [json.loads((folder / "metrics.json").read_text()) for folder in (one, other)]
+    assert metrics[0]["validation"] == metrics[1]["validation"]
+    assert metrics[0]["curve"] == metrics[1]["curve"]
+
+
+@pytest.mark.parametrize("algo", ALGORITHMS)
+def test_an_interrupted_training_ends_as_one_that_is_not(tmp_path, algo):
+    settings = tiny(algo)
+    whole = train(replace(settings, out=tmp_path / "whole"))
+    interrupted(settings, tmp_path / "part", checkpoints=2)
+    np.random.seed(7)  # noqa: NPY002 - stable-baselines3 draws from it, and a new process has another state
+    assert resume(tmp_path / "part") == tmp_path / "part"
+    assert_same(whole, tmp_path / "part")
+    steps = [int(float(row["time/total_timesteps"])) for row in rows(whole)]
+    assert steps == sorted(set(steps))
+    assert steps[-1] == settings.whole_steps
+
+
+def test_a_killed_process_is_gone_on_with(tmp_path):
+    """By SIGKILL, at moments of no meaning, until it is done."""
+    folder = tmp_path / "killed"
+    settings = tiny(steps=30_000, checkpoint_every=256)
+    whole = train(replace(settings, out=tmp_path / "whole"))
+    script = (
+        "import sys, json; from pathlib import Path; from dataclasses import replace\n"
+        "from agents.settings import from_json; from agents.train import resume, train\n"
+        "folder = Path(sys.argv[1])\n"
+        "resume(folder) if folder.exists() else train(replace(from_json(json.loads(sys.argv[2])), out=folder))\n"
+    )
+    command = [sys.executable, "-c", script, str(folder), json.dumps(as_json(settings))]
+    kills = 0
+    for _ in range(50):
+        process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+        before = _steps_saved(folder)
+        while process.poll() is None and (kills >= 3 or _steps_saved(folder) <= before):
+            time.sleep(0.01)
+        if process.poll() is not None:
+            break
+        os.kill(process.pid, signal.SIGKILL)
+        process.wait()
+        kills += 1
+    assert kills == 3
+    assert process.returncode == 0
+    assert_same(whole, folder)
+    assert not [file.name for file in folder.iterdir() if file.name.startswith(".")]
+
+
+def _steps_saved(folder):
+    """Return after how many steps the checkpoint was written, 0 if there is none; never sees half a file."""
+    path = folder / "checkpoint.npz"
+    if not path.is_file():
+        return 0
+    content, _ = read_archive(path, checkpoint.FORMAT)
+    return dict(dict(content["state"]["items"])["model"]["items"])["counters"]["items"][0][1]
+
+
+def test_tensorboard_shows_each_step_once(tmp_path):
+    interrupted(tiny(), tmp_path / "run", checkpoints=2)
+    resume(tmp_path / "run")
+    events = EventAccumulator(str(tmp_path / "run"))
+    events.Reload()
+    logged = {event.step: event.value for event in events.Scalars("objectives/object_velocity")}
+    steps = [event.step for event in events.Scalars("objectives/object_velocity")]
+    assert steps == sorted(set(steps))
+    written = {int(row["time/total_timesteps"]): row["objectives/object_velocity"] for row in rows(tmp_path / "run")}
+    assert logged == pytest.approx({step: float(value) for step, value in written.items() if value}, rel=1e-6)
+
+
+def test_a_finished_run_is_left_alone(tmp_path):
+    folder = train(replace(TINY, steps=512, out=tmp_path / "run"))
+    before = {file.name: file.read_bytes() for file in folder.iterdir()}
+    assert resume(folder) == folder
+    assert {file.name: file.read_bytes() for file in folder.iterdir()} == before
+
+
+def test_a_damaged_checkpoint_is_refused(tmp_path):
+    interrupted(tiny(), tmp_path / "run", checkpoints=1)
+    path = tmp_path / "run" / "checkpoint.npz"
+    whole = path.read_bytes()
+    for damaged in (whole[: len(whole) // 2], whole[:-1], b"", whole[:5000] + bytes([whole[5000] ^ 1]) + whole[5001:]):
+        path.write_bytes(damaged)
+        with pytest.raises(ValueError, match=r"checkpoint\.npz is no impact_gym checkpoint 1 file, or is damaged"):
+            resume(tmp_path / "run")
+
+
+def test_a_checkpoint_of_another_training_is_refused(tmp_path):
+    interrupted(tiny(), tmp_path / "one", checkpoints=1)
+    interrupted(tiny(width=24), tmp_path / "other", checkpoints=1)
+    (tmp_path / "one" / "checkpoint.npz").replace(tmp_path / "other" / "checkpoint.npz")
+    with pytest.raises(ValueError, match="checkpoint of another training"):
+        resume(tmp_path / "other")
+
+
+def test_a_folder_that_is_no_run_is_refused(tmp_path):
+    with pytest.raises(ValueError, match="holds no run"):
+        resume(tmp_path)
+    record = {"settings": {**as_json(TINY), "gama": 1.0}}
+    (tmp_path / "config.json").write_text(json.dumps(record))
+    with pytest.raises(ValueError, match="gama"):
+        resume(tmp_path)
+
+
+def test_two_processes_do_not_write_one_run(tmp_path):
+    interrupted(tiny(), tmp_path / "run", checkpoints=1)
+    code = (
+        "import fcntl, sys; f = open(sys.argv[1]); fcntl.flock(f, fcntl.LOCK_EX); print(flush=True); sys.stdin.read()"
+    )
+    command = [sys.executable, "-c", code, str(tmp_path / "run" / "lock")]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
+        other.stdout.readline()
+        with pytest.raises(ValueError, match="another process"):
+            resume(tmp_path / "run")
+        other.stdin.close()
+    resume(tmp_path / "run")
+
+
+@pytest.mark.parametrize("options", [
+    {},
+    {"range_noise": 0.01, "time_weight": (0.5, 8.0)},
+    {"coupling": {"type": "Bistable"}, "force_noise": 0.3, "reaction_delay": (0.0, 0.05), "max_episode_steps": 20},
+], ids=["plain", "ranged", "noisy"])  # fmt: skip
+def test_a_restored_batch_goes_on_to_the_bit(options):
+    rng = np.random.default_rng(0)
+    actions = rng.uniform(-1.0, 1.0, (90, 32, 2)).astype(np.float32)
+    one, other = ImpactVecEnv(32, **options), ImpactVecEnv(32, **options)
+    one.seed(3)
+    one.reset()
+    other.reset()
+    one.set_scenario({"distance": (0.1, 0.2)})
+    for action in actions[:40]:
+        one.step(action)
+    state = one.get_state()
+    ended = 0
+    for repetition in range(2):  # the state itself must not have moved on
+        other.set_state(state)
+        if repetition:
+            one.set_state(state)
+        for action in actions[40:]:
+            for left, right in zip(one.step(action)[:3], other.step(action)[:3], strict=True):
+                assert np.array_equal(left, right)
+                ended += left.dtype == bool and int(left.sum())
+    assert ended > 32
+
+
+def test_the_state_of_another_batch_is_refused():
+    state = ImpactVecEnv(4).get_state()
+    with pytest.raises(ValueError, match="of another batch"):
+        ImpactVecEnv(5).set_state(state)
+    with pytest.raises(ValueError, match="of another batch"):
+        ImpactVecEnv(4, range_noise=0.01).set_state(state)
