@@ -1,0 +1,213 @@
+"""The storm covers what it says, its checks find what is planted, and what is on disk is not computed again."""
+
+import math
+import os
+import time
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from stability_scenes import COUPLINGS, ROBOTS, approach_of, astuple
+
+import impact_gym as ig
+from experiments.stability import agreement, bars, checks, scenes, storm, workers
+from impact_gym import simulation
+from impact_gym.scene import Dissipation
+
+
+def ranges_of(number):
+    """What a scene has of each range of the storm."""
+    approach = scenes.draw(number)
+    scene, motion, coupling = approach.scene, approach.motion, approach.scene.coupling
+    found = {
+        "contact stiffness": scene.contact.stiffness,
+        "restitution": scene.contact.restitution,
+        "mass ratio": scene.object.mass / scene.tool.mass,
+        "speed": motion.speed,
+        "coupling stiffness": getattr(coupling, "stiffness", None),
+        "damping ratio": getattr(coupling, "damping_ratio", getattr(coupling, "stop_damping_ratio", None)),
+        "deceleration": motion.brake.deceleration if motion.brake else None,
+    }
+    return {name: value for name, value in found.items() if value is not None}
+
+
+def test_the_storm_fills_its_ranges_to_their_ends():
+    drawn = [ranges_of(number) for number in range(1500)]
+    for name, (low, high) in scenes.RANGES.items():
+        values = np.array([ranges[name] for ranges in drawn if name in ranges])
+        assert values.min() == pytest.approx(low, rel=1e-12)
+        assert values.max() == pytest.approx(high, rel=1e-12)
+        place = values / high if low == 0 else np.log(values / low) / math.log(high / low)
+        inside = place[(place > 1e-9) & (place < 1 - 1e-9)]
+        assert len(inside) > 400
+        assert np.quantile(inside, [0.1, 0.5, 0.9]) == pytest.approx([0.1, 0.5, 0.9], abs=0.06)
+
+
+def test_the_storm_has_every_coupling_with_every_robot_and_all_laws():
+    drawn = [scenes.draw(number).scene for number in range(900)]
+    assert len({scenes.kind(scene) for scene in drawn[:9]}) == 9
+    assert {scene.contact.dissipation for scene in drawn} == set(Dissipation.__args__)
+    exponents = {(scene.contact.stiffness_exponent, scene.contact.damping_exponent) for scene in drawn}
+    assert exponents == set(scenes.EXPONENTS)
+    assert 0.15 < np.mean([scenes.draw(number).motion.brake is None for number in range(300)]) < 0.25
+
+
+def test_a_scene_depends_on_its_number_alone():
+    forwards = [scenes.draw(number) for number in range(40)]
+    backwards = [scenes.draw(number) for number in reversed(range(40))]
+    assert forwards == backwards[::-1]
+    assert len({approach.description for approach in forwards}) == 40
+
+
+def test_processes_answer_and_those_that_hang_or_die_are_told_apart():
+    job = workers.Job(time.sleep, agreement.nothing)
+    said = list(workers.answers(job, [0.0, 60.0, 0.01], 1.0, lambda task, reason: (task, reason), "hang", 2))
+    assert said.count(None) == 2
+    assert (60.0, "no answer within 1 s") in said
+    died = list(workers.answers(workers.Job(os._exit, agreement.nothing), [3], 60.0, lambda *said: said, "death", 1))
+    assert died == [(3, "the process died, exit code 3")]
+
+
+def promises_broken(row):
+    return {failure.promise for failure in bars.failures(row)}
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("coupling", COUPLINGS)
+@pytest.mark.parametrize("e", [0.3, 1.0])
+def test_a_sound_run_breaks_no_promise(coupling, robot, e):
+    row = storm.row_of(approach_of(COUPLINGS[coupling], ROBOTS[robot], e=e))
+    assert row["contacts"] > 0
+    assert row["traced"]
+    assert promises_broken(row | {"milliseconds": 1.0}) == set()  # the first run may have to compile
+    assert row["energy_doubt"] < 1e-3
+    if e == 1.0:
+        # nothing dissipates: what has gone in has come out again, but for a contact under way at the end
+        outcome = ig.simulate(*astuple(approach_of(COUPLINGS[coupling], ROBOTS[robot], e=e)))
+        if outcome.contacts[-1].end is not None:
+            assert abs(row["energy_created"]) < 1e-6 + row["energy_doubt"]
+
+
+@pytest.mark.parametrize("e", [0.1, 0.5, 0.9])
+def test_an_isolated_contact_loses_what_its_restitution_says(e):
+    cruise = ig.Trapezoid(1.0, 8.0)
+    row = storm.row_of(approach_of(e=e, motion=cruise))
+    lost = 1.0 - ig.effective_restitution("hu-guo", e) ** 2
+    assert row["energy_created"] == pytest.approx(-lost, rel=1e-7)
+
+
+def planted(**changes):
+    """`simulate` with a fault in its trace or in its first contact."""
+
+    def simulate(scene, motion, duration, trace):
+        outcome = ig.simulate(scene, motion, duration, trace=trace)
+        for name in ig.Trace.__dataclass_fields__:
+            changes.get(f"trace.{name}", len)(getattr(outcome.trace, name))
+        first, *rest = outcome.contacts
+        wrong = {name: f(getattr(first, name)) for name, f in changes.items() if hasattr(first, name)}
+        return replace(outcome, contacts=(replace(first, **wrong), *rest))
+
+    return simulate
+
+
+def at(place, value):
+    def put(column):
+        column[place] = value
+
+    return put
+
+
+@pytest.mark.parametrize(
+    ("fault", "promise"),
+    [
+        ({"separation_velocity": lambda v: 1.01 * v}, bars.PASSIVE),
+        ({"trace.contact_force": at(400, -1e-9)}, bars.PUSHED),
+        ({"impulse": lambda j: -j}, bars.PUSHED),
+        ({"trace.object_velocity": at(slice(-30, None), 0.0)}, bars.RISING),
+        ({"impulse": lambda j: j * (1 + 1e-8)}, bars.BALANCED),
+        ({"momentum_error": lambda _: 2e-9}, bars.BALANCED),
+        ({"momentum_error": lambda _: math.nan}, bars.BALANCED),
+        ({"trace.tool_position": at(3, math.nan)}, bars.FINITE),
+        ({"peak_force": lambda _: math.inf}, bars.FINITE),
+    ],
+)
+@pytest.mark.parametrize("coupling", COUPLINGS)
+def test_a_planted_fault_is_found(fault, promise, coupling):
+    row = storm.row_of(approach_of(COUPLINGS[coupling], e=1.0), planted(**fault))
+    assert promise in promises_broken(row)
+
+
+def test_an_object_that_is_slowed_between_two_contacts_is_found():
+    outcome = ig.simulate(*astuple(approach_of(ig.SpringDamper(150.0), e=1.0)))
+    assert len(outcome.contacts) > 1
+    assert checks.examine(approach_of().scene, outcome).pull <= 0.0
+    first, second, *rest = outcome.contacts
+    slowed = replace(second, object_velocity=first.object_velocity - 1e-6)
+    found = checks.examine(approach_of().scene, replace(outcome, contacts=(first, slowed, *rest)))
+    assert found.pull > bars.PULL
+
+
+def test_a_run_that_cannot_finish_takes_too_long_or_is_not_settled_is_found(monkeypatch):
+    row = storm.row_of(approach_of(ig.SpringDamper(150.0)))
+    assert promises_broken(row | {"milliseconds": 50.1}) == {bars.FAST}
+    unsettled = row | {"milliseconds": 1.0, "finer_change": 2e-6 * row["object_velocity"]}
+    assert promises_broken(unsettled) == {bars.SETTLED}
+    assert promises_broken(unsettled | {"finer_change": math.nan}) == {bars.SETTLED}
+    monkeypatch.setattr(simulation, "MAX_STEPS", 10)
+    stopped = storm.row_of(approach_of(ig.SpringDamper(150.0)))
+    assert promises_broken(stopped | {"milliseconds": 1.0}) == {bars.FINISHED}
+    assert "integration steps" in bars.failures(stopped)[0].reason
+    hung = storm.silent(3, "no answer within 120 s")
+    assert promises_broken(hung) == {bars.FINISHED}
+
+
+def test_a_disagreement_is_found_and_what_is_not_known_is_counted():
+    number = 17
+    true = agreement.truth(agreement.Task(number, agreement.order(scenes.draw(number))[0]))
+    assert true["failure"] == ""
+    same = agreement.compared(number, true)
+    assert bars.disagreement(same) == ""
+    apart = agreement.compared(number, true | {"velocity": true["velocity"] * (1 + 3e-6)})
+    assert "3.0e-06" in bars.disagreement(apart)
+    assert apart["spread"] < 1e-9 * abs(apart["velocity"])  # the scene is not to blame
+    assert bars.disagreement(same | {"passes": same["passes"] + 1})
+    assert bars.over_agreement([same], 1).met
+    assert "1 scenes the independent solver could not do" in bars.over_agreement([same], 1).found
+    assert not bars.over_agreement([same, apart], 0).met
+    assert not bars.over_agreement([], 0).met
+
+
+def test_an_interrupted_storm_goes_on_where_it_stopped_and_other_sources_start_anew(tmp_path, monkeypatch):
+    done = []
+
+    def one(number):
+        if number == 4 and done.count(4) == 0:
+            done.append(4)
+            raise KeyboardInterrupt
+        done.append(number)
+        return storm.blank(scenes.draw(number), "not run")
+
+    monkeypatch.setattr(storm, "one", one)
+    monkeypatch.setattr(storm, "load_kernels", lambda: None)
+    with pytest.raises(KeyboardInterrupt):
+        storm.extend(tmp_path, 8, 0)
+    assert [row["scene"] for row in storm.known(tmp_path, 8)] == ["0", "1", "2", "3"]
+    assert storm.extend(tmp_path, 8, 0) == 4
+    assert storm.extend(tmp_path, 8, 0) == 0
+    assert done == [0, 1, 2, 3, 4, 4, 5, 6, 7]
+    monkeypatch.setattr(storm, "sources", lambda: "other")
+    assert list(storm.known(tmp_path, 8)) == []
+    assert storm.extend(tmp_path, 8, 0) == 8
+
+
+def test_a_promise_with_no_failure_is_kept():
+    names = (*checks.Findings.__dataclass_fields__, "steps", "median", "milliseconds")
+    names += ("untraced", "excess", "doubt", "settled")
+    extremes = dict.fromkeys(names, 0.0)
+    kept = bars.over_storm([], extremes | {"scenes": 3.0})
+    assert all(bar.met for bar in kept)
+    one = bars.Failure("1", bars.FINITE, "nan", SimpleNamespace())
+    missed = [bar for bar in bars.over_storm([one], extremes | {"scenes": 3.0}) if not bar.met]
+    assert [bar.promise for bar in missed] == [bars.FINITE]
+    assert "1 of 3 scenes" in missed[0].found

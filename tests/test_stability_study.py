@@ -1,0 +1,189 @@
+"""Who else stands in the storm, what must not matter, and a quick study with its page."""
+
+import json
+import math
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from stability_scenes import COUPLINGS, ROBOTS, approach_of, astuple
+
+import impact_gym as ig
+from experiments import reference
+from experiments.speed_vs_error import quantities, records
+from experiments.speed_vs_error.contenders import OURS
+from experiments.stability import (
+    agreement,
+    bars,
+    hard_cases,
+    invariances,
+    page,
+    plain_ivp,
+    rivals,
+    scenes,
+    storm,
+    study,
+)
+
+FEW = 27  # scenes: every coupling with every robot, three times
+
+
+@pytest.mark.parametrize("coupling", COUPLINGS)
+def test_solve_ivp_with_events_leads_to_the_truth_at_a_fine_tolerance(coupling):
+    approach = approach_of(COUPLINGS[coupling])
+    true = quantities.answer_of(reference.simulate(*astuple(approach), rtol=1e-12), approach.duration)
+    answer = plain_ivp.solve(approach, "DOP853", 1e-10, 1e-14, 60.0)
+    assert quantities.failure(answer, true) == ""
+    assert answer.velocity == pytest.approx(true.velocity, rel=1e-7)
+    assert answer.detection_time == pytest.approx(true.detection_time, abs=1e-8)
+
+
+def test_whoever_takes_too_long_is_stopped():
+    approach = approach_of(ig.SpringDamper(150.0))
+    with pytest.raises(plain_ivp.OutOfTimeError):
+        plain_ivp.solve(approach, "RK45", 1e-10, 1e-14, 1e-3)
+    before = reference.System.derivatives
+    with pytest.raises(plain_ivp.OutOfTimeError), rivals.limited(0.0):
+        reference.simulate(*astuple(approach))
+    assert reference.System.derivatives is before
+
+
+def test_what_a_rival_says_is_graded():
+    truth = {"velocity": 1.0, "contacts": 2.0, "speed": 1.0}
+    answer = quantities.Answer(1.0005, 1.0, 0.1, 0.3, contacts=2, passes=0)
+    assert rivals.grade(answer, truth) == rivals.GOOD
+    assert rivals.grade(replace(answer, contacts=1), truth) == rivals.MISCOUNTED
+    assert rivals.grade(replace(answer, velocity=1.002), truth) == rivals.WRONG
+    assert rivals.grade(replace(answer, velocity=math.nan), truth) == rivals.NOT_FINITE
+    rows = [
+        {"contender": OURS, "failure": kind, "contacts": contacts, "true_contacts": 2.0, "seconds": 1.0}
+        for kind, contacts in ((rivals.GOOD, 2), (rivals.WRONG, 1), (rivals.LATE, math.nan), (rivals.GOOD, 2))
+    ]
+    (line,) = rivals.table(rows, [OURS])
+    assert sum(line[kind] for kind in rivals.CLASSES) == 1.0
+    assert (line[rivals.GOOD], line["missed"]) == (0.5, 0.25)
+
+
+def test_the_sample_of_rivals_is_what_all_can_do():
+    for number in rivals.sample(5):
+        approach = scenes.draw(number)
+        assert approach.scene.robot is None
+        assert approach.scene.contact.stiffness_exponent == approach.scene.contact.damping_exponent == 1.5
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("coupling", COUPLINGS)
+@pytest.mark.parametrize("law", [{}, {"stiffness_exponent": 1.2, "damping_exponent": 1.0}], ids=["1.5", "1.2, 1"])
+def test_other_units_change_only_the_numbers(coupling, robot, law):
+    plain = approach_of(COUPLINGS[coupling], ROBOTS[robot], **law)
+    for name, (mass, length, tick) in invariances.UNITS.items():
+        other = invariances.scaled(plain, mass, length, tick)
+        a, b = ig.simulate(*astuple(plain)), ig.simulate(*astuple(other))
+        assert len(a.contacts) == len(b.contacts), name
+        # the same to rounding; where flight is integrated its steps may be other ones, and then to the tolerance
+        tolerance = 1e-11 if ROBOTS[robot] is None and coupling != "bistable" else 1e-8
+        assert b.object_velocity == pytest.approx(a.object_velocity * length / tick, rel=tolerance)
+        force = mass * length / tick**2
+        assert b.peak_force == pytest.approx(a.peak_force * force, rel=10 * tolerance)
+        assert b.detection_time == pytest.approx(a.detection_time * tick, rel=tolerance)
+
+
+@pytest.mark.parametrize("coupling", COUPLINGS)
+def test_a_moving_room_changes_nothing_within_it(coupling):
+    approach = approach_of(COUPLINGS[coupling])
+    there = [invariances.velocity_in_frame(approach, boost, 1e-8) for boost in (0.0, 2.0, -3.0)]
+    assert there[0] == invariances.velocity(approach)
+    # integrated flights count their errors in the speed of the flange, which another frame has differently
+    tolerance = 1e-8 if coupling == "bistable" else 1e-11
+    assert there[1:] == pytest.approx([there[0]] * 2, rel=tolerance)
+
+
+def test_rows_in_another_order_and_other_threads_are_the_same_to_the_bit():
+    assert all(row["met"] and row["largest"] == 0.0 for row in invariances.sweeps(64))
+
+
+def test_an_invariance_that_does_not_hold_is_missed():
+    assert invariances.to_rounding("any", [0.0, 1e-16, 9e-8])["met"]
+    assert not invariances.to_rounding("any", [0.0, 1e-16, 2e-7])["met"]
+    assert not invariances.to_rounding("any", [1e-11, 1e-11, 0.0])["met"]
+    assert not invariances.to_the_bit("any", [0.0, 1e-17])["met"]
+    number = next(number for number in range(20) if ig.simulate(*astuple(scenes.draw(number))).contacts)
+    true = invariances.velocity(scenes.draw(number))
+    assert invariances.repeated({number: true})["met"]
+    assert not invariances.repeated({number: np.nextafter(true, 1.0)})["met"]
+
+
+def test_a_graze_is_seen_here_and_not_by_signs_at_the_ends_of_steps():
+    scene, motion = hard_cases.swaying(0)
+    when, far = hard_cases.summit(scene, motion)
+    trace = ig.simulate(scene, motion, when + 1e-3, 1e-12, trace=True).trace
+    assert trace.tool_position.max() == pytest.approx(far, abs=1e-6)
+    saw = dict(hard_cases._grazes_of(scene, motion, when, far))
+    assert all(saw[OURS])
+    assert not all(saw["DOP853, solve_ivp events"])
+    assert saw["DOP853, solve_ivp events"][0]
+
+
+def test_a_tolerance_in_metres_floors_the_error():
+    rows = list(hard_cases.tolerance())
+    finest = {name: row["y"] for row in rows for name in [row["contender"]] if row["x"] == 1e-12}
+    assert finest["RK45, solve_ivp, atol 1e-06"] > 1e-5
+    assert finest[OURS] < 1e-11
+
+
+@pytest.fixture(scope="module")
+def quick(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("study") / "stability"
+    extent = replace(study.quick(FEW), every=20, rivals=2, invariances=2)
+    study.run(folder, extent, again=False, command="first", processes=0)
+    return folder, extent
+
+
+def refuse(*_, **__):
+    raise AssertionError("computed again")
+
+
+def test_a_row_for_each_scene_and_a_page_that_stands_on_its_own(quick):
+    folder, _ = quick
+    assert [int(row["scene"]) for row in storm.known(folder, FEW)] == list(range(FEW))
+    assert [row["scene"] for row in storm.known(folder, 5)] == ["0", "1", "2", "3", "4"]
+    text = (folder / "index.html").read_text()
+    assert len(re.findall("data:image/svg", text)) == 3
+    assert not re.search(r"""(src|href)=["'](https?:|//)""", text)
+    for file in re.findall('href="([^"#]+)"', text):
+        assert (folder / file).is_file()
+    for name in ("storm", "rivals", "hard_cases"):
+        assert (folder / f"{name}.png").read_bytes().startswith(b"\x89PNG")
+    for promise in bars.PROMISES:
+        assert promise in text
+
+
+def test_what_is_on_disk_is_not_computed_again(quick, monkeypatch):
+    folder, extent = quick
+    with monkeypatch.context() as patch:
+        for place, name in ((storm, "row_of"), (agreement, "truth"), (agreement, "compared"), (rivals, "row_of")):
+            patch.setattr(place, name, refuse)
+        patch.setattr(invariances, "table", refuse)
+        patch.setattr(hard_cases, "rows", refuse)
+        study.run(folder, extent, again=False, command="again", processes=0)
+    runs = json.loads((folder / "results.json").read_text())["runs"]
+    assert [run["computed"] for run in runs] == [FEW, 0]
+
+
+def test_the_page_lists_every_failure(quick, tmp_path):
+    folder, _ = quick
+    rows = records.read(storm.file_of(folder, 0))
+    rows[3] |= {"milliseconds": 77.0}
+    rows[5] |= {"failure": "RuntimeError: the run stopped", "object_velocity": math.nan}
+    rows[8] |= {"energy_created": 1e-3, "energy_doubt": 1e-9, "traced": 1}
+    for name in ("rivals", "invariances", "hard_cases", "agreement", "truth"):
+        records.write(tmp_path / f"{name}.csv", records.read(folder / f"{name}.csv"))
+    records.write(storm.file_of(tmp_path, 0), rows)
+    written = page.write(tmp_path, FEW, json.loads((folder / "results.json").read_text()))
+    text = written.read_text()
+    found = {(row["scene"], row["contender"]) for row in records.read(tmp_path / page.FAILURES)}
+    assert {("3", bars.FAST), ("5", bars.FINISHED), ("8", bars.PASSIVE)} <= found
+    assert "RuntimeError: the run stopped" in text
+    assert "promises are missed" in text
+    assert text.count('class="missed"') >= 3
