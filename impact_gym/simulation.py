@@ -159,7 +159,7 @@ def _outcome(end: Any, log: Recorder, trace: bool, one_mass: bool) -> Outcome:
     ]
     tool = end.flange_velocity + end.deflection_rate
     return Outcome(
-        tool - end.penetration_rate,
+        tool - end.penetration_rate if end.contacts else 0.0,
         tool,
         tool if one_mass else end.flange_velocity + end.flange_offset_rate,
         end.peak_force,

@@ -173,7 +173,7 @@ def _outcomes(chains: NDArray[Any], statuses: NDArray[np.int64], one_mass: bool)
     flange = tool if one_mass else chains["flange_velocity"] + chains["flange_offset_rate"]
     said = np.vectorize(lambda status: SENTENCES[Status(status)] if status < 0 else "ok", otypes=[object])
     return Outcomes(
-        object_velocity=numbers(tool - chains["penetration_rate"]),
+        object_velocity=numbers(np.where(chains["contacts"] > 0, tool - chains["penetration_rate"], 0.0)),
         tool_velocity=numbers(tool),
         flange_velocity=numbers(flange),
         peak_force=numbers(chains["peak_force"]),

@@ -12,7 +12,9 @@ from impact_gym.solver.state import CHAIN, Chain, Run
 
 @inner_kernel
 def object_velocity(chain: Chain) -> float:
-    """Velocity of the object, m/s."""
+    """Velocity of the object, m/s; it rests until it is touched, whatever rounding says."""
+    if chain.contacts == 0:
+        return 0.0
     return chain.flange_velocity + chain.deflection_rate - chain.penetration_rate
 
 
