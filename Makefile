@@ -4,7 +4,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/installed
 
 .DEFAULT_GOAL := help
-.PHONY: help setup report test train train-all search figures bench fidelity lint
+.PHONY: help setup report test train train-all search figures bench speed stability fidelity lint
 
 help:  ## list what can be made
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "make %-9s %s\n", $$1, $$2}'
@@ -39,6 +39,12 @@ figures: setup  ## reproduce figures of the paper below reports/paper
 
 bench: setup  ## measure speed against SciPy and Gymnasium, as ratios in one run
 	$(BIN)/python -m experiments.bench
+
+speed: setup  ## speed against error, ours beside others, below reports/speed_vs_error
+	$(BIN)/python -m experiments.speed_vs_error
+
+stability: setup  ## a storm of random scenes through the solver, its checks and rivals, below reports/stability
+	$(BIN)/python -m experiments.stability
 
 fidelity: setup  ## calibrate impact_gym.fidelity, test it on other scenes and write reports/fidelity/index.html
 	$(BIN)/python -m experiments.fidelity
