@@ -18,9 +18,14 @@ Algorithm = Literal["ppo", "sac", "tqc", "recurrent_ppo"]
 ENVIRONMENTS: dict[str, dict[str, Any]] = {
     "linear-blind": IDS["ImpactApproach-v0"],
     "linear-ranged": IDS["ImpactApproachRanged-v0"],
-    "bistable-blind": IDS["ImpactApproachBistable-v0"],
+    "bistable-blind": {"coupling": {"type": "Bistable", "stiffness": 1400.0, "front_stop": 0.001, "rear_stop": -0.05}},
 }
-"""What sets the environment of each preset apart; as the registered ids do."""
+"""What sets the environment of each preset apart.
+
+The mechanism is not the paper's but one for slow touches. Its front stop stands 1 mm before the alignment, not 20.8 mm:
+it holds the tool with twice the force (2.1 N, enough for 16 m/s^2) behind a twelfth of the barrier (1.1 mJ instead of
+13 mJ), so that a touch at 0.15 m/s snaps it through, and its rear stop leaves the flange 50 mm to brake in.
+"""
 
 FIRST_SEED, SLOTS = 10_000_000, 100_000
 """Environment i of training seed s is seeded FIRST_SEED + s * SLOTS + i: above all that evaluation uses, and no two
@@ -180,7 +185,8 @@ class Settings:
 
 def settings_by_hand(preset: Preset, algo: Algorithm) -> Settings:
     """Return what a study begins with."""
-    return replace(Settings(), preset=preset, algo=algo, **OTHERWISE[algo])
+    patient = {"time_weight": (0.3, 8.0)} if preset == "linear-ranged" else {}  # it is as late as the paper's at 0.45
+    return replace(Settings(), preset=preset, algo=algo, **patient, **OTHERWISE[algo])
 
 
 def default_settings(preset: Preset = "linear-blind", algo: Algorithm = "ppo") -> Settings:
