@@ -2,6 +2,7 @@
 
 import csv
 import json
+import math
 import shlex
 import warnings
 from dataclasses import replace
@@ -21,6 +22,7 @@ from agents.networks import to_arrays
 from agents.settings import FIRST_SEED, SLOTS, OffPolicy, OnPolicy, Settings, command, default_settings
 from agents.train import read_settings, train
 from agents.validation import WEIGHTS, Validation, velocity_at
+from impact_gym.envs.task import coupling_from
 from impact_gym.sb3 import ImpactVecEnv
 
 
@@ -218,7 +220,7 @@ def test_the_preset_and_the_algorithm_decide_the_defaults():
     default = default_settings("linear-ranged", "sac")
     assert ranged == replace(default, off_policy=replace(default.off_policy, tau=0.01))
     assert ranged.environment["range_noise"] == 0.01
-    assert read_settings(["bistable-blind"]).environment["coupling"] == {"type": "Bistable"}
+    assert read_settings(["bistable-blind"]).environment["coupling"]["type"] == "Bistable"
     for preset in ("linear-blind", "linear-ranged", "bistable-blind"):
         envs = make_environment(replace(default_settings(preset), envs=2))
         assert envs.observation_space.shape == ((9 if preset == "linear-ranged" else 8) + 5,)
@@ -260,3 +262,11 @@ def test_every_setting_has_a_sentence(capsys):
     said = capsys.readouterr().out
     for name in ("--algo", "--steps", "--resume", "--weight-power", "--on-policy.gae-lambda", "--off-policy.buffer"):
         assert name in said
+
+
+def test_the_mechanism_for_slow_touches_holds_more_behind_less_than_the_papers():
+    papers, slow = ig.Bistable(), coupling_from(default_settings("bistable-blind").environment["coupling"])
+    barriers = [one.energy(0.0) - one.energy(one.front_stop) for one in (papers, slow)]
+    assert slow.force(slow.front_stop) > max(0.125 * 16.0, 1.9 * papers.force(papers.front_stop))  # N
+    assert barriers[1] < barriers[0] / 12
+    assert math.sqrt(2 * barriers[1] / 0.125) < 0.15  # m/s, at which a tool of 125 g gets over it
