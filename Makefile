@@ -4,7 +4,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/installed
 
 .DEFAULT_GOAL := help
-.PHONY: help setup report test train train-all search figures bench speed stability fidelity lint
+.PHONY: help setup report test train train-all tune bars search figures bench speed stability fidelity lint
 
 help:  ## list what can be made
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "make %-9s %s\n", $$1, $$2}'
@@ -30,6 +30,12 @@ train: setup  ## train a policy with default settings; prints its run folder
 
 train-all: setup  ## train ten seeds of each preset and ship the median; goes on where it was stopped
 	$(BIN)/python -m agents.many
+
+tune: setup  ## tune the baselines; goes on where it was stopped
+	$(BIN)/python -m agents.tune
+
+bars: setup  ## play every shipped seed and every baseline on the test set and write reports/bars/bars.md
+	$(BIN)/python -m experiments.bars
 
 search: setup  ## search for settings of training; goes on where it was stopped
 	$(BIN)/python -m agents.search

@@ -1,24 +1,27 @@
 """Playing a controller through numbered scenarios, the same for every controller."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
-import gymnasium as gym
 import numpy as np
+from gymnasium.utils import seeding
 from numpy.typing import NDArray
 
-import impact_gym  # noqa: F401  # registers the environment
+from agents.validation import Controller
+from impact_gym.envs import evaluation_sets
+from impact_gym.envs.batch import Batch
+from impact_gym.envs.records import DRAWS, RECORD
+from impact_gym.envs.scenario import FIELDS
+from impact_gym.envs.task import MISSED_COST, Task
+
+__all__ = ["TEST_SEED", "TUNING_SEED", "VALIDATION_SEED", "Controller", "Episodes", "Stage", "evaluate"]
 
 VALIDATION_SEED = 1_000_000
 TEST_SEED = 2_000_000
-"""Scenario k of a set is what an environment seeded with the set's seed + k draws first. Training seeds stay below."""
-
-
-class Controller(Protocol):
-    """Anything that acts as a policy of stable-baselines3 does."""
-
-    def predict(self, observation: Any, state: Any = None, **options: Any) -> tuple[Any, Any]:
-        """Return actions and the controller's next state."""
+TUNING_SEED = 4_000_000
+"""Scenario k of a set is what an environment seeded with the set's seed + k draws first. Baselines are tuned on the
+third set; agents are trained with seeds above all of these, from `agents.settings.FIRST_SEED` on."""
 
 
 @dataclass(frozen=True)
@@ -32,47 +35,95 @@ class Episodes:
     missed: NDArray[np.bool_]
     scenario: dict[str, NDArray[np.float64]]
 
-    def cost(self, time_weight: float) -> NDArray[np.float64]:
+    def cost(self, time_weight: float | NDArray[np.float64]) -> NDArray[np.float64]:
         """V_p + time_weight * approach time, m/s, per scenario."""
         return self.object_velocity + time_weight * self.approach_time
 
+    def loss(self, time_weight: float | NDArray[np.float64]) -> NDArray[np.float64]:
+        """The same and what the environment charges for a miss, m/s: minus the return."""
+        return self.cost(time_weight) + MISSED_COST * self.missed
+
+    def first(self, count: int) -> "Episodes":
+        """Return the first `count` of them."""
+        names = ("object_velocity", "approach_time", "peak_force", "contact_count", "missed")
+        scenario = {name: values[:count] for name, values in self.scenario.items()}
+        return Episodes(**{name: getattr(self, name)[:count] for name in names}, scenario=scenario)
+
+
+class Stage:
+    """Scenarios that controllers are played through, all at once and as often as one likes."""
+
+    def __init__(
+        self,
+        seed: int,
+        count: int,
+        copies: int = 1,
+        time_weight: Sequence[float] | None = None,
+        frozen: evaluation_sets.EvaluationSet | None = None,
+        threads: int | None = None,
+        **options: Any,
+    ) -> None:
+        """Make a stage of `copies * count` rows: row k holds scenario `k % count` of its copy.
+
+        Args:
+            seed: of the first scenario; scenario k is what an environment seeded `seed + k` draws first.
+            count: how many scenarios.
+            copies: how often each is there.
+            time_weight: one for each copy, m/s per s; None: what the options say.
+            frozen: the set that the scenarios are taken from, not drawn; its seed must be `seed`.
+            threads: of the simulation; they change no result.
+            options: of the environment.
+        """
+        self.seed, self.count = seed, count
+        self._batch = Batch(copies * count, Task(**{"scenario": "test", **options}), threads)
+        drawn = np.array([seeding.np_random(seed + k)[0].random(DRAWS) for k in range(count)])
+        self._uniforms = np.tile(drawn, (copies, 1))
+        self._fixed = np.full((copies * count, len(RECORD)), np.nan)
+        if frozen is not None:
+            if frozen.seed != seed or frozen.count < count:
+                raise ValueError(f"the set has {frozen.count} scenarios from {frozen.seed} on, not {count} from {seed}")
+            for name in FIELDS:
+                self._fixed[:, RECORD.index(name)] = np.tile(frozen.scenario[name][:count], copies)
+        if time_weight is not None:
+            self._fixed[:, RECORD.index("time_weight")] = np.repeat(time_weight, count)
+
+    @classmethod
+    def of(cls, name: str, count: int | None = None, **arguments: Any) -> "Stage":
+        """Return a stage of the frozen set `name`, or of its first `count` scenarios."""
+        frozen = evaluation_sets.load(name)
+        return cls(frozen.seed, frozen.count if count is None else count, frozen=frozen, **arguments)
+
+    def play(self, controller: Controller) -> Episodes:
+        """Play every row to its end.
+
+        The result of a row depends on its scenario and the controller alone, as long as the controller's action for an
+        observation does not depend on those beside it (`Policy` sees to that; a matrix product of BLAS rounds
+        differently in batches of different size).
+
+        Raises:
+            RuntimeError: the solver failed in a scenario; names it.
+        """
+        batch = self._batch
+        batch.begin(np.arange(batch.size), self._uniforms, self._fixed)
+        ended, start = np.zeros(batch.size, np.bool_), np.ones(batch.size, np.bool_)
+        state: Any = None
+        while not ended.all():
+            actions, state = controller.predict(
+                batch.observations.copy(), state=state, episode_start=start, deterministic=True
+            )
+            batch.step(batch.commands(actions, (batch.size, 2)), ended)
+            ended = (batch.episodes["terminated"] == 1) | (batch.episodes["truncated"] == 1)
+            start = np.zeros(batch.size, np.bool_)
+        info = batch.info()
+        failed = np.flatnonzero(info["status"] != "ok")
+        if failed.size:
+            row = int(failed[0])
+            raise RuntimeError(f"scenario seeded {self.seed + row % self.count}: {info['status'][row]}")
+        fields = ("object_velocity", "approach_time", "peak_force", "contact_count", "missed")
+        scenario = {name: values.copy() for name, values in info["scenario"].items()}
+        return Episodes(**{name: np.array(info[name]) for name in fields}, scenario=scenario)
+
 
 def evaluate(controller: Controller, seed: int, count: int, **options: Any) -> Episodes:
-    """Play `controller` through scenarios `seed` ... `seed + count - 1`, all at once.
-
-    `options` go to the environment. The result for a scenario depends on its seed and the controller alone, as long
-    as the controller's action for an observation does not depend on those beside it (`Policy` sees to that; a matrix
-    product of BLAS rounds differently in batches of different size).
-
-    Raises:
-        RuntimeError: the solver failed in a scenario; names it.
-    """
-    envs = gym.make_vec("ImpactApproach-v0", num_envs=count, **{"scenario": "test", **options})
-    observations, _ = envs.reset(seed=seed)
-    results: dict[str, Any] = {}
-    open_rows = np.ones(count, np.bool_)
-    state, start = None, np.ones(count, np.bool_)
-    while open_rows.any():
-        actions, state = controller.predict(observations, state=state, episode_start=start, deterministic=True)
-        observations, _, terminated, truncated, infos = envs.step(actions)
-        start = terminated | truncated
-        first_end = start & open_rows
-        if first_end.any():
-            _keep(results, infos, first_end)
-            open_rows &= ~first_end
-    failed = np.flatnonzero(results["status"] != "ok")
-    if failed.size:
-        raise RuntimeError(f"scenario seeded {seed + int(failed[0])}: {results['status'][failed[0]]}")
-    fields = ("object_velocity", "approach_time", "peak_force", "contact_count", "missed", "scenario")
-    return Episodes(**{name: results[name] for name in fields})
-
-
-def _keep(results: dict[str, Any], infos: dict[str, Any], rows: NDArray[np.bool_]) -> None:
-    """Copy `rows` of the final infos into `results`."""
-    for name, value in infos.items():
-        if name.startswith("_"):
-            continue
-        if isinstance(value, dict):
-            _keep(results.setdefault(name, {}), value, rows)
-        else:
-            results.setdefault(name, np.zeros_like(value))[rows] = value[rows]
+    """Play `controller` through scenarios `seed` ... `seed + count - 1`; `options` go to the environment."""
+    return Stage(seed, count, **options).play(controller)

@@ -1,0 +1,22 @@
+"""Controllers without learning, called as a policy of stable-baselines3 is: `action, state = predict(observation)`."""
+
+from agents.baselines.clairvoyant import Clairvoyant
+from agents.baselines.constant import ConstantSpeed, PaperTrapezoid
+from agents.baselines.profile import BlindProfile
+from agents.baselines.random import RandomActions
+from agents.baselines.ranged import Ranged
+from agents.baselines.rule import ALARM, Rule, encode
+from agents.baselines.tuned import load_baseline
+
+__all__ = [
+    "ALARM",
+    "BlindProfile",
+    "Clairvoyant",
+    "ConstantSpeed",
+    "PaperTrapezoid",
+    "RandomActions",
+    "Ranged",
+    "Rule",
+    "encode",
+    "load_baseline",
+]

@@ -1,0 +1,41 @@
+"""A controller that knows the scenario, for a bound on what any could do."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from agents.baselines.profile import follow
+from agents.baselines.reaction import REACTION, ReactingRule
+from agents.baselines.rule import Floats, Parameter, Seen, interpolate
+from impact_gym.envs.observation import RANGE_SCALE
+from impact_gym.envs.task import ACCELERATION_RANGE, VELOCITY_RANGE
+
+GAPS: Floats = np.array([-0.02, -0.01, 0.0, 0.01, 0.02, 0.04])
+"""Gaps (m) between the faces at which its profile has corners; below 0 the coupling gives way, or the object."""
+
+GAP = -2
+"""Place of the true gap in the observation, from its end: what `privileged` adds stands last there."""
+
+
+class Clairvoyant(ReactingRule):
+    """Follow a velocity profile over the gap that is left, made for this one scenario; then react.
+
+    Needs the environment's option `privileged`, and parameters that were optimised for the scenario it meets.
+    """
+
+    PARAMETERS = (
+        *(Parameter(f"velocity at a gap of {1e3 * gap:g} mm", "m/s", *VELOCITY_RANGE, 0.3) for gap in GAPS),
+        Parameter("deceleration", "m/s^2", *ACCELERATION_RANGE, 15.0),
+        *REACTION,
+    )
+
+    def approach(self, seen: Seen) -> tuple[ArrayLike, ArrayLike]:
+        """Return the velocity one control period ahead, and the acceleration that is there by then."""
+        return follow(self.velocity, -RANGE_SCALE * seen.scaled[..., GAP], seen.velocity)
+
+    def velocity(self, position: Floats) -> Floats:
+        """Return the velocity (m/s) at `position` (m), counted from the object; far away it brakes evenly."""
+        corners = self.columns(self.PARAMETERS[0].name, len(GAPS))
+        far = np.maximum(-position - GAPS[-1], 0.0)
+        near = interpolate(GAPS, corners, -position)
+        braking = np.sqrt(np.maximum(corners[..., -1], 0.0) ** 2 + 2.0 * self["deceleration"] * far)
+        return np.where(far > 0.0, np.minimum(braking, VELOCITY_RANGE[1]), near)

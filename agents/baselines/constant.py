@@ -1,0 +1,49 @@
+"""Constant speed until the alarm: the paper's rule, and the family it belongs to."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from agents.baselines.rule import Parameter, Rule, Seen
+from impact_gym.envs.task import ACCELERATION_RANGE, VELOCITY_RANGE
+from impact_gym.validation import number
+
+
+class ConstantSpeed(Rule):
+    """Go at one speed until the alarm, then brake to rest."""
+
+    PARAMETERS = (
+        Parameter("speed", "m/s", 1e-3, VELOCITY_RANGE[1], 1.0),
+        Parameter("acceleration", "m/s^2", *ACCELERATION_RANGE, 8.0),
+        Parameter("deceleration", "m/s^2", *ACCELERATION_RANGE, 8.0),
+    )
+
+    def __init__(self, speed: ArrayLike, acceleration: ArrayLike = 8.0, deceleration: ArrayLike | None = None) -> None:
+        """Make a controller; each argument a number, or one for each row of the batch.
+
+        Args:
+            speed: m/s, above 0, at most 1.5.
+            acceleration: m/s^2, 1 ... 20.
+            deceleration: m/s^2, 1 ... 20; None: as the acceleration.
+        """
+        braking = acceleration if deceleration is None else deceleration
+        number("speed", np.min(speed), "m/s", above=0)
+        super().__init__(np.stack(np.broadcast_arrays(speed, acceleration, braking), axis=-1))
+
+    @classmethod
+    def of(cls, parameters: ArrayLike) -> Rule:
+        """Return the controller with `parameters` in the order of PARAMETERS."""
+        return ConstantSpeed(*np.moveaxis(np.asarray(parameters, np.float64), -1, 0))
+
+    def command(self, seen: Seen) -> tuple[ArrayLike, ArrayLike]:
+        """Return the speed until the alarm, and rest from then on."""
+        return (
+            np.where(seen.alarm, 0.0, self["speed"]),
+            np.where(seen.alarm, self["deceleration"], self["acceleration"]),
+        )
+
+
+class PaperTrapezoid(ConstantSpeed):
+    """The paper's rule: 1 m/s at 8 m/s^2, braked at 8 m/s^2 from the alarm, 16 ms after 1 N (section 3.2)."""
+
+    def __init__(self) -> None:
+        super().__init__(speed=1.0, acceleration=8.0)

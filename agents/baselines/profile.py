@@ -1,0 +1,83 @@
+"""Open-loop velocity profiles over position, and what following one takes."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from agents.baselines.reaction import REACTION, ReactingRule
+from agents.baselines.rule import CONTROL_PERIOD, Floats, Parameter, Seen, interpolate
+from impact_gym.envs.scenario import ScenarioRanges
+from impact_gym.envs.task import ACCELERATION_RANGE, VELOCITY_RANGE
+
+KNOTS: Floats = np.array([0.08, 0.12, 0.15, 0.17, 0.19, 0.22, 0.25, 0.28, 0.315, 0.35])
+"""Positions (m) of the profile's corners; before the first the start from rest rules."""
+
+
+class BlindProfile(ReactingRule):
+    """Follow a velocity profile over the flange's position, a broken line, until the alarm; then react."""
+
+    PARAMETERS = (
+        *(Parameter(f"speed at {1e3 * knot:g} mm", "m/s", 0.01, VELOCITY_RANGE[1], 0.6) for knot in KNOTS),
+        *REACTION,
+    )
+
+    def approach(self, seen: Seen) -> tuple[ArrayLike, ArrayLike]:
+        """Return the velocity of the profile one control period ahead, and the acceleration that is there by then."""
+        return follow(self.speed, seen.position, seen.velocity)
+
+    def speed(self, position: Floats) -> Floats:
+        """Return the profile's speed (m/s) at `position` (m)."""
+        return interpolate(KNOTS, self.columns(self.PARAMETERS[0].name, len(KNOTS)), position)
+
+
+class ConstantDeceleration(ReactingRule):
+    """Brake evenly towards a place where the object must have been met: what a uniform prior asks of a rigid tool."""
+
+    PARAMETERS = (
+        Parameter("top speed", "m/s", 0.1, VELOCITY_RANGE[1], 1.0),
+        Parameter("deceleration", "m/s^2", 0.1, ACCELERATION_RANGE[1], 3.0),
+        Parameter("end", "m", 0.2, 0.6, 0.4),
+        Parameter("lowest speed", "m/s", 0.01, 1.0, 0.1),
+        *REACTION,
+    )
+
+    def approach(self, seen: Seen) -> tuple[ArrayLike, ArrayLike]:
+        """Return the velocity one control period ahead, and the acceleration that is there by then."""
+        return follow(self.speed, seen.position, seen.velocity)
+
+    def speed(self, position: Floats) -> Floats:
+        """Return the speed (m/s) at `position` (m)."""
+        left = np.maximum(self["end"] - position, 0.0)
+        braking = np.sqrt(self["lowest speed"] ** 2 + 2.0 * self["deceleration"] * left)
+        return np.minimum(braking, self["top speed"])
+
+
+def follow(speed: Callable[[Floats], Floats], position: Floats, velocity: Floats) -> tuple[Floats, Floats]:
+    """Return the command that has the flange on the profile `speed` one control period from now.
+
+    The position by then follows from the mean of the velocities now and then; one look ahead gives the latter.
+    """
+    ahead = speed(position + velocity * CONTROL_PERIOD)
+    reach = ACCELERATION_RANGE[1] * CONTROL_PERIOD
+    ahead = np.clip(ahead, velocity - reach, velocity + reach)
+    target = speed(position + 0.5 * (velocity + ahead) * CONTROL_PERIOD)
+    return target, np.clip(np.abs(target - velocity) / CONTROL_PERIOD, *ACCELERATION_RANGE)
+
+
+class Shape(NamedTuple):
+    """How near a profile is to constant deceleration, v^2 = 2 a (end - x)."""
+
+    deceleration: float  # m/s^2, a
+    end: float  # m, where it would come to rest
+    r_squared: float  # of v^2 against a straight line in x
+
+
+def constant_deceleration(profile: BlindProfile) -> Shape:
+    """Fit v^2 linear in position over the range of the object's distances, by least squares."""
+    positions = np.linspace(*ScenarioRanges().distance, 401)
+    squares = profile.speed(positions) ** 2
+    slope, intercept = np.polyfit(positions, squares, 1)
+    rest = squares - (slope * positions + intercept)
+    return Shape(float(-slope / 2), float(-intercept / slope), float(1 - rest.var() / squares.var()))

@@ -1,0 +1,138 @@
+"""What the baselines share: an observation in physical units, and a rule with a few numbers that makes a command of it.
+
+A rule is given one set of numbers, or one for each row of the batch that it is asked about: so many candidates are
+tried at once, and one compiled batch plays them all.
+"""
+
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from impact_gym.envs.observation import ENTRIES, RANGE_SCALE
+from impact_gym.envs.task import ACCELERATION_RANGE, VELOCITY_RANGE, Task
+from impact_gym.validation import WrongTypeError, number
+
+Floats = NDArray[np.float64]
+
+POSITION, VELOCITY, ALARM, SINCE_ALARM = 0, 1, 3, 4
+ESTIMATE = len(ENTRIES)
+"""Places in the observation; that of the distance estimate where there is one."""
+
+CONTROL_PERIOD = Task.control_period  # s
+
+
+class Parameter(NamedTuple):
+    """One number of a rule."""
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    start: float  # where tuning begins
+
+
+class Seen:
+    """Observations (..., n_obs) in physical units, an array (...) of each."""
+
+    def __init__(self, observation: ArrayLike) -> None:
+        self.scaled = np.asarray(observation, np.float64)
+
+    def _physical(self, place: int) -> Floats:
+        entry = ENTRIES[place]
+        share = (self.scaled[..., place] - entry.scaled_low) / (1.0 - entry.scaled_low)
+        return entry.low + share * (entry.high - entry.low)
+
+    @property
+    def position(self) -> Floats:
+        """Of the flange, m."""
+        return self._physical(POSITION)
+
+    @property
+    def velocity(self) -> Floats:
+        """Of the flange, m/s."""
+        return self._physical(VELOCITY)
+
+    @property
+    def alarm(self) -> NDArray[np.bool_]:
+        """Whether the contact alarm has come."""
+        return self.scaled[..., ALARM] > 0.5
+
+    @property
+    def since_alarm(self) -> Floats:
+        """Time since then, s."""
+        return self._physical(SINCE_ALARM)
+
+    @property
+    def estimate(self) -> Floats:
+        """Distance estimate minus flange position, m."""
+        return RANGE_SCALE * self.scaled[..., ESTIMATE]
+
+
+class Rule:
+    """A controller of a few numbers, each within its limits."""
+
+    PARAMETERS: ClassVar[tuple[Parameter, ...]] = ()
+
+    def __init__(self, parameters: ArrayLike) -> None:
+        """Make a controller.
+
+        Args:
+            parameters: (k,), in the order and units of PARAMETERS; or (rows, k), for batches of so many rows.
+
+        Raises:
+            ValueError: another number of them, or one out of its limits; names it.
+        """
+        self.parameters = np.array(parameters, np.float64)
+        names = [parameter.name for parameter in self.PARAMETERS]
+        if self.parameters.ndim not in (1, 2) or self.parameters.shape[-1] != len(names):
+            raise WrongTypeError(f"{type(self).__name__} has the parameters {names}, got {self.parameters.shape}")
+        for parameter, values in zip(self.PARAMETERS, np.moveaxis(self.parameters, -1, 0), strict=True):
+            for value in (values.min(), values.max()):
+                number(parameter.name, value, parameter.unit, at_least=parameter.low, at_most=parameter.high)
+
+    @classmethod
+    def of(cls, parameters: ArrayLike) -> "Rule":
+        """Return the rule with `parameters`, whatever else its constructor takes."""
+        return cls(parameters)
+
+    def __getitem__(self, name: str) -> Floats:
+        """A parameter by its name."""
+        return self.parameters[..., [parameter.name for parameter in self.PARAMETERS].index(name)]
+
+    def columns(self, first: str, count: int) -> Floats:
+        """Return `count` parameters (..., count) from the one named `first` on."""
+        place = [parameter.name for parameter in self.PARAMETERS].index(first)
+        return self.parameters[..., place : place + count]
+
+    def predict(
+        self,
+        observation: NDArray[np.float32],
+        state: Any = None,
+        episode_start: NDArray[np.bool_] | None = None,
+        deterministic: bool = True,
+    ) -> tuple[NDArray[np.float32], Any]:
+        """Return the action for an observation (n_obs,) or the actions for a batch of them (n, n_obs)."""
+        velocity, acceleration = self.command(Seen(observation))
+        return encode(velocity, acceleration), state
+
+    def command(self, seen: Seen) -> tuple[ArrayLike, ArrayLike]:
+        """Return the velocity (m/s) to go to and the acceleration (m/s^2) to use for it."""
+        raise NotImplementedError
+
+
+def encode(velocity: ArrayLike, acceleration: ArrayLike) -> NDArray[np.float32]:
+    """Return the action (..., 2) that commands `velocity` (m/s) at `acceleration` (m/s^2)."""
+    low = np.array([VELOCITY_RANGE[0], ACCELERATION_RANGE[0]])
+    high = np.array([VELOCITY_RANGE[1], ACCELERATION_RANGE[1]])
+    command = np.stack(np.broadcast_arrays(velocity, acceleration), axis=-1)
+    return (2.0 * (command - low) / (high - low) - 1.0).astype(np.float32)
+
+
+def interpolate(knots: Floats, values: Floats, at: Floats) -> Floats:
+    """Return the broken line through `values` (k,) or (n, k) over `knots` (k,), at `at` (n,); level beyond its ends."""
+    place = np.clip(np.searchsorted(knots, at, side="right") - 1, 0, len(knots) - 2)
+    share = np.clip((at - knots[place]) / (knots[place + 1] - knots[place]), 0.0, 1.0)
+    table = np.broadcast_to(values, (*np.shape(at), len(knots)))
+    left, right = (np.take_along_axis(table, side[..., None], axis=-1)[..., 0] for side in (place, place + 1))
+    return left + share * (right - left)

@@ -1,0 +1,82 @@
+"""Search for a rule's parameters with CMA-ES, many problems side by side, so that one batch plays all candidates.
+
+N. Hansen, The CMA Evolution Strategy: A Tutorial, arXiv:1604.00772; the package `cma` is his.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import cma  # type: ignore[import-untyped]  # it ships no types
+import numpy as np
+
+from agents.baselines.rule import Floats, Parameter
+
+SIGMA = 0.2
+"""First standard deviation, as a share of each parameter's range."""
+
+Losses = Callable[[Floats], Floats]
+"""From candidates (population, problems, k) to their losses (population, problems)."""
+
+
+class Found(NamedTuple):
+    """The best candidate of each problem."""
+
+    parameters: Floats  # (problems, k)
+    loss: Floats  # (problems,)
+    generations: int
+
+
+def minimise(
+    losses: Losses,
+    parameters: tuple[Parameter, ...],
+    problems: int = 1,
+    population: int = 20,
+    generations: int = 150,
+    seed: int = 0,
+    told: Callable[[float], object] = lambda loss: None,
+) -> Found:
+    """Search within the limits of `parameters`, from their starts, in each problem alone.
+
+    Args:
+        losses: played once per generation, for all problems together.
+        parameters: what is looked for.
+        problems: how many there are.
+        population: candidates of each in a generation.
+        generations: at the most; a search that has converged waits for the others.
+        seed: the result depends on it and on the above alone.
+        told: hears the mean loss of the best after each generation.
+    """
+    low, high, start = (np.array([getattr(one, field) for one in parameters]) for field in ("low", "high", "start"))
+    searches = [
+        cma.CMAEvolutionStrategy((start - low) / (high - low), SIGMA, _options(population, seed, problem))
+        for problem in range(problems)
+    ]
+    best, found = np.tile(start, (problems, 1)), np.full(problems, np.inf)
+    generation = 0
+    while generation < generations and not all(search.stop() for search in searches):
+        generation += 1
+        shares = [search.ask() for search in searches]
+        candidates = low + np.clip(np.moveaxis(np.array(shares), 0, 1), 0.0, 1.0) * (high - low)
+        candidates = np.clip(candidates, low, high)  # rounding
+        values = losses(candidates)
+        for search, share, value in zip(searches, shares, values.T, strict=True):
+            search.tell(share, value.tolist())
+        winner = values.argmin(axis=0)
+        for problem in np.flatnonzero(values.min(axis=0) < found).tolist():
+            found[problem] = values[winner[problem], problem]
+            best[problem] = candidates[winner[problem], problem]
+        told(float(found.mean()))
+    return Found(best, found, generation)
+
+
+def _options(population: int, seed: int, problem: int) -> dict[str, Any]:
+    """Options of one search; its random numbers are its own, not NumPy's global ones."""
+    rng = np.random.default_rng((seed, problem))
+    return {
+        "bounds": [0.0, 1.0],
+        "popsize": population,
+        "randn": lambda *shape: rng.standard_normal(shape),
+        "seed": np.nan,  # the package then leaves the global generator alone
+        "tolfun": 1e-5,  # m/s
+        "verbose": -9,
+    }
