@@ -9,7 +9,7 @@ import pytest
 from policies import made_up_policy
 
 from agents.baselines import ConstantSpeed, PaperTrapezoid, load_baseline
-from agents.baselines.tuned import environment_of
+from agents.baselines.tuned import TUNABLE, TUNED, environment_of
 from agents.evaluation import VALIDATION_SEED, evaluate
 from agents.validation import WEIGHTS
 from experiments import bars
@@ -31,10 +31,16 @@ def quick_bound(preset, weight, frozen, count):
     return evaluate(PaperTrapezoid(), VALIDATION_SEED, count, time_weight=weight, **environment_of(preset))
 
 
+def tuned_at_all(name):
+    return name not in TUNABLE or (TUNED / f"{name}.json").is_file()
+
+
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):
     """Made-up policies: what is tested is the table, not they."""
     folder = tmp_path_factory.mktemp("bars")
+    if missing := {name for rivals in bars.RIVALS.values() for name in rivals if not tuned_at_all(name)}:
+        pytest.skip(f"{sorted(missing)} not tuned yet: make tune")
     for preset in bars.PRESETS:
         for seed, score in enumerate((0.5, 0.9, 0.7)):
             path = folder / "policies" / preset / f"seed-{seed}.npz"

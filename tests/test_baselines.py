@@ -12,7 +12,7 @@ from agents.baselines import BlindProfile, Clairvoyant, ConstantSpeed, Ranged
 from agents.baselines.profile import KNOTS, ConstantDeceleration, constant_deceleration
 from agents.baselines.reaction import REACTION
 from agents.baselines.rule import Seen
-from agents.baselines.tuned import TUNABLE, load_baseline, read_tuned, write_tuned
+from agents.baselines.tuned import TUNABLE, TUNED, load_baseline, read_tuned, write_tuned
 from agents.clairvoyance import clairvoyant_bound
 from agents.evaluation import TUNING_SEED, VALIDATION_SEED, Stage, evaluate
 from agents.settings import FIRST_SEED
@@ -241,8 +241,11 @@ def test_an_unknown_baseline_is_refused_with_a_list_of_those_there_are():
 
 @pytest.mark.parametrize("name", [name for name in TUNABLE if not name.startswith("rigid")])
 def test_a_shipped_baseline_beats_the_papers_rule_at_its_weight_and_misses_nothing(name):
-    environment = read_tuned(name)["environment"]
-    for weight in WEIGHTS:
+    if not (TUNED / f"{name}.json").is_file():
+        pytest.skip("not tuned yet: make tune")
+    content = read_tuned(name)
+    environment = content["environment"]
+    for weight in map(float, content["weights"]):
         stage = Stage.of("validation", 200, time_weight=[weight], **environment)
         tuned, paper = stage.play(load_baseline(name, weight)), stage.play(baselines.PaperTrapezoid())
         assert not tuned.missed.any()
