@@ -177,8 +177,6 @@ def test_a_stiff_contact_is_that_of_an_independent_implicit_solver():
 
 def test_the_scratch_keeps_no_trace_of_the_stiff_steps():
     # places to spare in the rows of rates must stay zero, or the explicit pair's error estimate reads them
-    work_rows = {}
-
     @numba.njit
     def rows_after(law, collision):
         work = stepper.workspace(law)
@@ -189,6 +187,6 @@ def test_the_scratch_keeps_no_trace_of_the_stiff_steps():
 
     law = chain_law(0.125, ig.Bistable())
     now = Piece(Hertz(1e3, 1.0), 0.1, 0.25, contact.Scales(0.01, 0.02, 0.5, 3.0), 3.0, 0.1, 0.8, 0, 1, 0)
-    work_rows = rows_after(law, now)
-    assert np.all(work_rows[:STATE, 10:] == 0.0)
-    assert np.any(work_rows[TRIAL] != 0.5)
+    work = rows_after(law, now)
+    assert np.all(work[:STATE, 10:] == 0.0)
+    assert np.any(work[TRIAL] != 0.5)

@@ -146,7 +146,7 @@ def ppo(num_envs: int, threads: int, seconds: float) -> Rate:
             ImpactVecEnv(num_envs),
             n_steps=ROLLOUT,
             batch_size=min(2048, num_envs * ROLLOUT),
-            n_epochs=4,
+            n_epochs=3,
             gamma=1.0,
             seed=0,
             device="cpu",
