@@ -43,7 +43,7 @@ class Tune:
     """What a second of approach costs, m/s per s."""
     scenarios: int = 300
     """Training scenarios that each candidate is played through."""
-    budget: int = 2400
+    budget: int = 4800
     """Candidates for each weight."""
     population: int = 16
     """Of these in a generation: they are played together."""

@@ -59,7 +59,7 @@ def test_constant_speed_is_the_trapezoid_of_simulate():
 
 def test_a_profile_is_followed_as_far_as_the_limits_allow():
     speeds = np.array([0.8, 0.8, 0.7, 0.75, 0.6, 0.5, 0.45, 0.4, 0.35, 0.3])
-    time, position, velocity = flange(BlindProfile([*speeds, *STAY]), {"distance": 0.5})
+    time, position, velocity = flange(BlindProfile([*speeds, 20.0, *STAY]), {"distance": 0.5})
     assert np.abs(np.diff(velocity)).max() <= 20.0 * np.diff(time).max() + 1e-9
     acceleration = np.diff(velocity) / np.maximum(np.diff(time), 1e-12)
     assert np.abs(acceleration[np.diff(time) > 1e-6]).max() <= 20.0 + 1e-6
@@ -75,13 +75,13 @@ def test_a_profile_is_followed_as_far_as_the_limits_allow():
 def test_constant_deceleration_is_recognised_and_its_opposite_is_not():
     """v^2 = 2 a (end - x)."""
     even = np.sqrt(2 * 1.2 * (0.4 - KNOTS))
-    shape = constant_deceleration(BlindProfile([*even, *STAY]))
+    shape = constant_deceleration(BlindProfile([*even, 20.0, *STAY]))
     assert shape.r_squared > 0.999
     assert shape.deceleration == pytest.approx(1.2, rel=0.01)
     assert shape.end == pytest.approx(0.4, abs=0.002)
     valley = np.sqrt(0.1 + 10 * np.abs(KNOTS - 0.25))
-    assert constant_deceleration(BlindProfile([*valley, *STAY])).r_squared < 0.1
-    rule = ConstantDeceleration([1.5, 1.2, 0.4, 0.01, *STAY])
+    assert constant_deceleration(BlindProfile([*valley, 20.0, *STAY])).r_squared < 0.1
+    rule = ConstantDeceleration([1.5, 1.2, 0.4, 0.01, 20.0, *STAY])
     assert constant_deceleration(rule).deceleration == pytest.approx(1.2, rel=1e-6)
 
 
@@ -125,7 +125,7 @@ def test_parameters_beyond_the_limits_or_too_few_are_refused_by_name(rule):
 def test_the_clairvoyant_goes_by_the_true_gap():
     env = gym.make("ImpactApproach-v0", **NEEDS)
     seen, _ = env.reset(seed=0, options={"scenario": {"distance": 0.2718}})
-    contact = Clairvoyant([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 10.0, *STAY])
+    contact = Clairvoyant([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 10.0, 20.0, *STAY])
     velocity, _ = contact.approach(Seen(seen))
     far = np.sqrt(0.6**2 + 2 * 10.0 * (0.2718 - 0.04))
     assert velocity == pytest.approx(min(1.5, far), abs=1e-6)  # not there within a period: what it goes for

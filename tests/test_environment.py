@@ -1,6 +1,7 @@
 """The environment plays the physics of `simulate`, and of a slow solver of the whole task; its books balance."""
 
 import math
+from dataclasses import replace
 
 import gymnasium as gym
 import numpy as np
@@ -115,6 +116,16 @@ def test_the_papers_rule_played_in_the_environment_equals_simulate(coupling, per
     for info in play_batch(envs, PaperTrapezoid(), seed=31)[2]:
         outcome = ig.simulate(scene(info["scenario"], coupling), motion, duration=3.0, rtol=rtol)
         assert_same_outcome(info, outcome, flight_error)
+
+
+@pytest.mark.parametrize("options", [{"alarm_threshold": 5.0}, {"alarm_threshold": 0.2}, {"dissipation": "exact"}])
+def test_the_threshold_and_the_dissipation_are_those_of_simulate(options):
+    threshold, law = options.get("alarm_threshold", 1.0), options.get("dissipation", "hu-guo")
+    motion = ig.Trapezoid(1.0, 8.0, ig.Brake(threshold=threshold, delay=0.016))
+    for info in play_batch(gym.make_vec("ImpactApproach-v0", num_envs=100, **options), PaperTrapezoid(), seed=32)[2]:
+        one = scene(info["scenario"], ig.SpringDamper(50.0, 1.0))
+        one = replace(one, contact=replace(one.contact, dissipation=law))
+        assert_same_outcome(info, ig.simulate(one, motion, duration=3.0))
 
 
 @pytest.mark.parametrize(

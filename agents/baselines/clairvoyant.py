@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from agents.baselines.profile import follow
+from agents.baselines.profile import ACCELERATION, follow
 from agents.baselines.reaction import REACTION, ReactingRule
 from agents.baselines.rule import Floats, Parameter, Seen, interpolate
 from impact_gym.envs.observation import RANGE_SCALE
@@ -24,13 +24,14 @@ class Clairvoyant(ReactingRule):
 
     PARAMETERS = (
         *(Parameter(f"velocity at a gap of {1e3 * gap:g} mm", "m/s", *VELOCITY_RANGE, 0.3) for gap in GAPS),
-        Parameter("deceleration", "m/s^2", *ACCELERATION_RANGE, 15.0),
+        Parameter("deceleration", "m/s^2", *ACCELERATION_RANGE, 12.0),
+        ACCELERATION,
         *REACTION,
     )
 
     def approach(self, seen: Seen) -> tuple[ArrayLike, ArrayLike]:
         """Return the velocity one control period ahead, and the acceleration that is there by then."""
-        return follow(self.velocity, -RANGE_SCALE * seen.scaled[..., GAP], seen.velocity)
+        return follow(self.velocity, -RANGE_SCALE * seen.scaled[..., GAP], seen.velocity, self[ACCELERATION.name])
 
     def velocity(self, position: Floats) -> Floats:
         """Return the velocity (m/s) at `position` (m), counted from the object; far away it brakes evenly."""

@@ -14,18 +14,22 @@ from impact_gym.envs.task import ACCELERATION_RANGE, VELOCITY_RANGE
 KNOTS: Floats = np.array([0.08, 0.12, 0.15, 0.17, 0.19, 0.22, 0.25, 0.28, 0.315, 0.35])
 """Positions (m) of the profile's corners; before the first the start from rest rules."""
 
+ACCELERATION = Parameter("acceleration", "m/s^2", *ACCELERATION_RANGE, 15.0)
+"""The most that following a profile may take, either way: too much throws a bistable mechanism off its stop."""
+
 
 class BlindProfile(ReactingRule):
     """Follow a velocity profile over the flange's position, a broken line, until the alarm; then react."""
 
     PARAMETERS = (
         *(Parameter(f"speed at {1e3 * knot:g} mm", "m/s", 0.01, VELOCITY_RANGE[1], 0.6) for knot in KNOTS),
+        ACCELERATION,
         *REACTION,
     )
 
     def approach(self, seen: Seen) -> tuple[ArrayLike, ArrayLike]:
         """Return the velocity of the profile one control period ahead, and the acceleration that is there by then."""
-        return follow(self.speed, seen.position, seen.velocity)
+        return follow(self.speed, seen.position, seen.velocity, self[ACCELERATION.name])
 
     def speed(self, position: Floats) -> Floats:
         """Return the profile's speed (m/s) at `position` (m)."""
@@ -40,12 +44,13 @@ class ConstantDeceleration(ReactingRule):
         Parameter("deceleration", "m/s^2", 0.1, ACCELERATION_RANGE[1], 3.0),
         Parameter("end", "m", 0.2, 0.6, 0.4),
         Parameter("lowest speed", "m/s", 0.01, 1.0, 0.1),
+        ACCELERATION,
         *REACTION,
     )
 
     def approach(self, seen: Seen) -> tuple[ArrayLike, ArrayLike]:
         """Return the velocity one control period ahead, and the acceleration that is there by then."""
-        return follow(self.speed, seen.position, seen.velocity)
+        return follow(self.speed, seen.position, seen.velocity, self[ACCELERATION.name])
 
     def speed(self, position: Floats) -> Floats:
         """Return the speed (m/s) at `position` (m)."""
@@ -54,16 +59,22 @@ class ConstantDeceleration(ReactingRule):
         return np.minimum(braking, self["top speed"])
 
 
-def follow(speed: Callable[[Floats], Floats], position: Floats, velocity: Floats) -> tuple[Floats, Floats]:
+def follow(
+    speed: Callable[[Floats], Floats],
+    position: Floats,
+    velocity: Floats,
+    acceleration: ArrayLike = ACCELERATION_RANGE[1],
+) -> tuple[Floats, Floats]:
     """Return the command that has the flange on the profile `speed` one control period from now.
 
-    The position by then follows from the mean of the velocities now and then; one look ahead gives the latter.
+    The position by then follows from the mean of the velocities now and then; one look ahead gives the latter. Where
+    the profile asks for more than `acceleration` (m/s^2), that much is used.
     """
     ahead = speed(position + velocity * CONTROL_PERIOD)
-    reach = ACCELERATION_RANGE[1] * CONTROL_PERIOD
+    reach = np.asarray(acceleration) * CONTROL_PERIOD
     ahead = np.clip(ahead, velocity - reach, velocity + reach)
     target = speed(position + 0.5 * (velocity + ahead) * CONTROL_PERIOD)
-    return target, np.clip(np.abs(target - velocity) / CONTROL_PERIOD, *ACCELERATION_RANGE)
+    return target, np.clip(np.abs(target - velocity) / CONTROL_PERIOD, ACCELERATION_RANGE[0], acceleration)
 
 
 class Shape(NamedTuple):

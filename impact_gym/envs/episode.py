@@ -9,7 +9,6 @@ from impact_gym.envs.scenario import draw
 from impact_gym.envs.task import (
     ACCELERATION_RANGE,
     AFTER_ALARM,
-    ALARM_THRESHOLD,
     COMMAND_RESOLUTION,
     FULL_DECELERATION,
     HORIZON,
@@ -23,7 +22,7 @@ from impact_gym.envs.task import (
 from impact_gym.kernel import inner_kernel, kernel
 from impact_gym.physics.contact import Hertz
 from impact_gym.physics.coupling import Law
-from impact_gym.physics.dissipation import hu_guo
+from impact_gym.physics.dissipation import exact, hu_guo
 from impact_gym.solver import coupled, stepper
 from impact_gym.solver.advance import command, reset
 from impact_gym.solver.contact import DETECTED, sensed_force
@@ -165,8 +164,9 @@ def step(
     """Play one control step: command, advance, sense, and at the end settle. Returns the reward."""
     velocity = decode(action[0], VELOCITY_RANGE[0], VELOCITY_RANGE[1])
     acceleration = decode(action[1], ACCELERATION_RANGE[0], ACCELERATION_RANGE[1])
-    bodies = Bodies(episode.object_mass, Hertz(episode.contact_stiffness, hu_guo(episode.restitution)))
-    run = Run(law, bodies, ALARM_THRESHOLD, Tolerance(task.tolerance, MAX_STEPS), recorder, work)
+    damping = exact(episode.restitution) if task.exact == 1 else hu_guo(episode.restitution)
+    bodies = Bodies(episode.object_mass, Hertz(episode.contact_stiffness, damping))
+    run = Run(law, bodies, task.alarm_threshold, Tolerance(task.tolerance, MAX_STEPS), recorder, work)
     begun = min(chain.time, chain.first_contact)
     period_end = chain.time + task.control_period
     alarm = chain.detection + episode.reaction_delay

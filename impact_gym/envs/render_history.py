@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from impact_gym.envs.task import AFTER_ALARM, ALARM_THRESHOLD, HORIZON, Task
+from impact_gym.envs.task import AFTER_ALARM, HORIZON, Task
 from impact_gym.scene import Rigid
 from impact_gym.simulation import Trace
 
@@ -67,7 +67,8 @@ class History:
         self.touches = self.time[np.maximum(np.flatnonzero(edges > 0) - 1, 0)]
         partings = self.time[np.flatnonzero(edges < 0)]
         self.partings = np.append(partings, math.inf)[: len(self.touches)]
-        over = np.flatnonzero(self.columns["contact_force"] >= ALARM_THRESHOLD * (1.0 - 1e-9))
+        self.threshold = task.alarm_threshold
+        over = np.flatnonzero(self.columns["contact_force"] >= self.threshold * (1.0 - 1e-9))
         self.detection = float(self.time[over[0]]) if len(over) else math.inf
         self.alarm = self.detection + info["record"]["reaction_delay"]
         self.end_of_control = HORIZON if math.isinf(self.alarm) else self.alarm + AFTER_ALARM

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from impact_gym.envs import render_canvas as look
 from impact_gym.envs.render_canvas import Box, Canvas
 from impact_gym.envs.render_history import History, State
-from impact_gym.envs.task import ALARM_THRESHOLD, VELOCITY_RANGE
+from impact_gym.envs.task import VELOCITY_RANGE
 
 LEFT, RIGHT = 58.0, look.WIDTH - 190.0
 VELOCITY: Box = (LEFT, 310.0, RIGHT - LEFT, 90.0)
@@ -69,7 +69,7 @@ def _force(canvas: Canvas, history: History, state: State, start: float, seen: s
     _ground(canvas, axes, history, state, "contact force (N)")
     for decade in range(round(axes.low), top + 1, math.ceil((top + 1) / 5.0)):
         _mark(canvas, axes, float(decade), f"{10.0**decade:g}")
-    threshold = axes.y(math.log10(ALARM_THRESHOLD))
+    threshold = axes.y(math.log10(history.threshold))
     canvas.dashes((axes.left, threshold), (axes.left + axes.width, threshold), look.WARNING)
     _curve(canvas, axes, history, state, seen, "contact_force", look.FORCE, logarithmic=True)
     for time in range(math.ceil(start * 20.0), math.floor((start + WINDOW) * 20.0) + 1):

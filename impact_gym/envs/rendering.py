@@ -13,7 +13,7 @@ from impact_gym.envs import render_canvas as look
 from impact_gym.envs import render_chain, render_strips
 from impact_gym.envs.render_canvas import Canvas
 from impact_gym.envs.render_history import History, State
-from impact_gym.envs.task import ALARM_THRESHOLD, Task
+from impact_gym.envs.task import Task
 from impact_gym.scene import Bistable, SpringDamper
 from impact_gym.simulation import Trace
 
@@ -160,9 +160,9 @@ def alarm(history: History, state: State) -> tuple[str, str]:
         return "no alarm", look.GRID
     if state.time < history.alarm:
         left = 1e3 * (history.alarm - state.time)
-        return f"over {ALARM_THRESHOLD:g} N; controller knows in {left:.1f} ms", look.WARNING
+        return f"over {history.threshold:g} N; controller knows in {left:.1f} ms", look.WARNING
     late = 1e3 * (history.alarm - history.detection)
-    return f"ALARM at {history.alarm:.4f} s, {late:.1f} ms after {ALARM_THRESHOLD:g} N", look.ALARM
+    return f"ALARM at {history.alarm:.4f} s, {late:.1f} ms after {history.threshold:g} N", look.ALARM
 
 
 def pace(factor: float) -> str:

@@ -55,8 +55,8 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     OBSERVATION_TABLE
 
     A step lasts one control period, 16 ms. It ends early exactly once: when the contact alarm reaches the controller,
-    `reaction_delay` after the contact force first exceeds 1 N, located as an event. The alarm is a switch of its own,
-    which the noise and bias of the force readings do not reach.
+    `reaction_delay` after the contact force first exceeds `alarm_threshold`, located as an event. The alarm is a switch
+    of its own, which the noise and bias of the force readings do not reach.
 
     ## Rewards
     `-time_weight * dt` until the first contact begins (the instant of the event, not a count of steps); at the end
@@ -103,6 +103,8 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     | `force_weight`      | 0.0                    | m/s per N                                                       |
     | `reaction_delay`    | 0.016                  | s; a pair draws it uniformly per episode                        |
     | `control_period`    | 0.016                  | s                                                               |
+    | `alarm_threshold`   | 1.0                    | N of contact force, above which the alarm sets out              |
+    | `dissipation`       | "hu-guo"               | or "exact": how damping follows from restitution, see `Contact` |
     | `range_noise`       | None                   | m, standard deviation of a distance estimate; None: no estimate |
     | `force_noise`       | 0.0                    | N, standard deviation of each reading of the force              |
     | `force_bias`        | 0.0                    | N, standard deviation of an error that stays for the episode    |

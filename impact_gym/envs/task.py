@@ -18,12 +18,12 @@ from impact_gym.validation import WrongTypeError, number, whole
 VELOCITY_RANGE = (-0.5, 1.5)  # m/s, what action[0] in [-1, 1] is mapped to
 ACCELERATION_RANGE = (1.0, 20.0)  # m/s^2, what action[1] in [-1, 1] is mapped to
 COMMAND_RESOLUTION = 1e-6  # m/s and m/s^2; so 8 m/s^2 can be commanded exactly through a float32
-ALARM_THRESHOLD = 1.0  # N (paper, section 3.2)
 AFTER_ALARM = 0.15  # s, an episode ends this long after the alarm
 HORIZON = 1.2  # s, or here, if there is no alarm
 MISSED_COST = 2.0  # m/s
 LARGEST_FORCE_NOISE = 1e6  # N
 LARGEST_RANGE_NOISE = 1e3  # m
+DISSIPATIONS = ("hu-guo", "exact")
 FULL_DECELERATION = 20.0  # m/s^2, after the end of the episode
 SETTLE_LIMIT = 10.0  # s, simulated after the end at the most
 MAX_STEPS = 1_000_000  # integration steps of one episode
@@ -33,6 +33,8 @@ class TaskConstants(NamedTuple):
     """The task for the kernels."""
 
     control_period: float  # s
+    alarm_threshold: float  # N
+    exact: int  # 1: the exact damping factor, 0: that of Hu and Guo
     range_noise: float  # m, negative if there is no estimate
     force_noise: float  # N, standard deviation of each reading
     force_bias: float  # N, standard deviation of the episode's
@@ -54,6 +56,8 @@ class Task:
     force_weight: float = 0.0  # m/s per N
     reaction_delay: Any = 0.016  # s, a number or a range (uniform per episode)
     control_period: float = 0.016  # s
+    alarm_threshold: float = 1.0  # N, of the contact force (paper, section 3.2)
+    dissipation: str = "hu-guo"  # or "exact", see Contact
     range_noise: float | None = None  # m, standard deviation of the distance estimate; None: no estimate
     force_noise: float = 0.0  # N, standard deviation of each reading of the force
     force_bias: float = 0.0  # N, standard deviation of an error that stays for the episode
@@ -78,6 +82,9 @@ class Task:
         put("force_weight", number("force_weight", self.force_weight, "m/s per N", at_least=0, at_most=LARGEST_WEIGHT))
         put("delays", interval("reaction_delay", self.reaction_delay, "s", at_least=0, at_most=LONGEST_DELAY))
         put("control_period", number("control_period", self.control_period, "s", at_least=1e-4, at_most=0.15))
+        put("alarm_threshold", number("alarm_threshold", self.alarm_threshold, "N", at_least=1e-6, at_most=1e6))
+        if self.dissipation not in DISSIPATIONS:
+            raise ValueError(f"dissipation must be one of {DISSIPATIONS}, got {self.dissipation!r}")
         if self.range_noise is not None:
             put("range_noise", number("range_noise", self.range_noise, "m", at_least=0, at_most=LARGEST_RANGE_NOISE))
         put("force_noise", number("force_noise", self.force_noise, "N", at_least=0, at_most=LARGEST_FORCE_NOISE))
@@ -100,6 +107,8 @@ class Task:
         """Return the rest for the kernels."""
         return TaskConstants(
             self.control_period,
+            self.alarm_threshold,
+            int(self.dissipation == "exact"),
             -1.0 if self.range_noise is None else self.range_noise,
             self.force_noise,
             self.force_bias,
