@@ -23,7 +23,7 @@ from agents.policy import SHIPPED, Policy, load_policy
 from agents.validation import WEIGHTS
 from experiments.bars_table import BOUND, Bar, Row, markdown
 from experiments.results import REPORTS, circumstances, whole_folder
-from experiments.statistics import Estimate, relative_reduction
+from experiments.statistics import Estimate, Resamples, estimate
 from impact_gym.envs import evaluation_sets
 from impact_gym.validation import whole
 
@@ -197,8 +197,9 @@ def ratio(pair: tuple[Floats, Floats] | None) -> Estimate | None:
     """Return mean over mean with its interval, scenarios resampled as pairs."""
     if pair is None:
         return None
-    reduction = relative_reduction(*pair)
-    return Estimate(1 - reduction.value, 1 - reduction.high, 1 - reduction.low)
+    resamples = Resamples(pair[0].size)
+    ours, theirs = (resamples.means(one[None]) for one in pair)
+    return estimate(ours / theirs)
 
 
 def _ratio(pair: tuple[Floats, Floats] | None) -> float:

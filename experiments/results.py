@@ -19,6 +19,16 @@ MARK = ".impact_gym"
 """A file that says a folder was written here and may be replaced."""
 
 
+def replaceable(path: Path) -> None:
+    """Pass if `path` is not there, is an empty folder or one that an earlier run wrote.
+
+    Raises:
+        ValueError: it is anything else.
+    """
+    if path.exists() and not (path.is_dir() and (not any(path.iterdir()) or (path / MARK).is_file())):
+        raise ValueError(f"{path} is not replaced: no earlier run wrote it; name another folder or remove it")
+
+
 @contextmanager
 def whole_folder(path: Path) -> Iterator[Path]:
     """Give a folder to fill; once that went well it takes the place of `path`.
@@ -26,8 +36,7 @@ def whole_folder(path: Path) -> Iterator[Path]:
     Raises:
         ValueError: `path` is there and is neither an empty folder nor one that an earlier run wrote.
     """
-    if path.exists() and not (path.is_dir() and (not any(path.iterdir()) or (path / MARK).is_file())):
-        raise ValueError(f"{path} is not replaced: no earlier run wrote it; name another folder or remove it")
+    replaceable(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     unfinished = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
     old = Path(tempfile.mkdtemp(prefix=f".{path.name}.old.", dir=path.parent)) / path.name

@@ -1,0 +1,73 @@
+// SVG by hand: elements, attributes, numbers as a reader wants them, and time histories read at any instant.
+const SVG = "http://www.w3.org/2000/svg";
+const COLUMNS = {};
+
+function node(name, attributes, parent, text) {
+  const made = document.createElementNS(SVG, name);
+  set(made, attributes);
+  if (text !== undefined) made.textContent = text;
+  if (parent) parent.appendChild(made);
+  return made;
+}
+
+function set(element, attributes) {
+  for (const key of Object.keys(attributes)) {
+    const value = attributes[key];
+    element.setAttribute(key, typeof value === "number" ? String(Math.round(value * 100) / 100) : value);
+  }
+}
+
+function show(element, visible) {
+  element.style.display = visible ? "" : "none";
+}
+
+function html(name, attributes, parent, text) {
+  const made = document.createElement(name);
+  for (const key of Object.keys(attributes)) made.setAttribute(key, attributes[key]);
+  if (text !== undefined) made.textContent = text;
+  if (parent) parent.appendChild(made);
+  return made;
+}
+
+function clamp(value, low, high) {
+  return Math.min(Math.max(value, low), high);
+}
+
+// A number with three digits that count.
+function three(value) {
+  const size = Math.abs(value);
+  return value.toFixed(size >= 100 ? 0 : size >= 10 ? 1 : size >= 1 ? 2 : 3).replace("-", "\u2212");
+}
+
+// A force, which falls to zero: no more digits than one hundredth.
+function newtons(value) {
+  return value >= 100 ? value.toFixed(0) : value >= 10 ? value.toFixed(1) : value.toFixed(2);
+}
+
+// The largest of 1, 2 and 5 times a power of ten that is not above `most`.
+function round(most) {
+  const decade = Math.pow(10, Math.floor(Math.log10(most) + 1e-9));
+  return [5, 2, 1].map((step) => step * decade).find((step) => step <= most * (1 + 1e-9));
+}
+
+// The state of a run at `time`, linear between its rows, at rest before them.
+function stateAt(run, time) {
+  const times = run.rows[COLUMNS.time];
+  let low = 0, high = times.length - 1;
+  while (high - low > 1) {
+    const middle = (low + high) >> 1;
+    if (times[middle] <= time) low = middle; else high = middle;
+  }
+  const part = clamp((time - times[low]) / (times[high] - times[low] || 1), 0, 1);
+  const state = {time};
+  for (const name of Object.keys(COLUMNS)) {
+    if (name === "time") continue;
+    const row = run.rows[COLUMNS[name]];
+    state[name] = row[low] + part * (row[high] - row[low]);
+  }
+  state.contact = run.contacts.findIndex((contact) => contact[0] <= time && time < contact[1]);
+  state.contacts = run.contacts.filter((contact) => contact[0] <= time).length;
+  state.gap = state.object_position - state.tool_position;
+  state.force = state.contact >= 0 ? state.contact_force : 0;
+  return state;
+}

@@ -1,0 +1,71 @@
+"""Intervals of means over seeds and scenarios, and what is read from curves."""
+
+import numpy as np
+import pytest
+from scipy.stats import norm, trim_mean
+
+from experiments.statistics import Resamples, along, estimate, hypervolume, interquartile_mean
+
+
+def test_the_interval_of_a_mean_is_that_of_normal_theory():
+    sample = np.random.default_rng(0).standard_normal(2000)
+    found = estimate(Resamples(2000).means(sample[None]))
+    half = norm.ppf(0.975) * sample.std(ddof=1) / np.sqrt(2000)
+    assert found.value == pytest.approx(sample.mean())
+    assert found.low == pytest.approx(sample.mean() - half, abs=0.1 * half)
+    assert found.high == pytest.approx(sample.mean() + half, abs=0.1 * half)
+
+
+@pytest.mark.parametrize(("of_seeds", "of_scenarios"), [(1.0, 0.0), (0.0, 1.0), (0.3, 5.0)])
+def test_both_levels_count(of_seeds, of_scenarios):
+    """x = a_seed + b_scenario: the variance of the mean is var(a) / seeds + var(b) / scenarios."""
+    rng = np.random.default_rng(1)
+    seeds, scenarios = 10, 400
+    a, b = of_seeds * rng.standard_normal(seeds), of_scenarios * rng.standard_normal(scenarios)
+    means = Resamples(scenarios, resamples=20_000).means(a[:, None] + b)
+    assert means[0] == pytest.approx(a.mean() + b.mean())
+    assert means[1:].var() == pytest.approx(a.var() / seeds + b.var() / scenarios, rel=0.05)
+
+
+def test_what_all_contestants_share_cancels():
+    rng = np.random.default_rng(2)
+    hard = rng.uniform(1.0, 10.0, 500)
+    resamples = Resamples(500)
+    rule = resamples.means(hard[None])
+    recipe = resamples.means(np.tile(0.4 * hard, (7, 1)))
+    ratio = estimate(recipe / rule)
+    assert (ratio.value, ratio.low, ratio.high) == pytest.approx((0.4, 0.4, 0.4))
+    shift = estimate(resamples.means(hard[None] - 0.25) - rule)
+    assert (shift.value, shift.low, shift.high) == pytest.approx((-0.25, -0.25, -0.25))
+
+
+def test_a_mean_keeps_what_lies_between_seeds_and_scenarios():
+    values = np.random.default_rng(3).standard_normal((4, 3, 50))
+    resamples = Resamples(50, resamples=100)
+    means = resamples.means(values)
+    assert means.shape == (101, 3)
+    assert means[0] == pytest.approx(values.mean(axis=(0, 2)))
+    for k in range(3):
+        assert means[:, k] == pytest.approx(resamples.means(values[:, k]))
+
+
+def test_a_curve_is_read_between_its_points_and_at_its_ends():
+    x, y = np.array([[3.0, 1.0, 2.0]]), np.array([[9.0, 1.0, 4.0]])
+    for at, there in ((1.5, 2.5), (2.75, 7.75), (0.0, 1.0), (5.0, 9.0)):
+        assert along(x, y, np.array([at])) == pytest.approx([there])
+
+
+def test_the_interquartile_mean_is_that_of_scipy():
+    sample = np.random.default_rng(4).exponential(size=1000)
+    assert interquartile_mean(sample) == pytest.approx(trim_mean(sample, 0.25))
+
+
+def test_the_hypervolume_is_the_area_of_its_rectangles():
+    times, velocities = np.array([[0.2, 0.5, 0.9]]), np.array([[0.6, 0.3, 2.0]])
+    assert hypervolume(times, velocities, (1.0, 1.0)) == pytest.approx([0.8 * 0.4 + 0.5 * 0.3])
+
+
+def test_a_resample_without_a_value_is_left_out():
+    resampled = np.concatenate([[1.0], np.linspace(0.0, 2.0, 101), [np.nan]])
+    found = estimate(resampled)
+    assert (found.low, found.high) == pytest.approx((0.05, 1.95))

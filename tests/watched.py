@@ -1,0 +1,25 @@
+"""Films of two contestants, for the tests of what they show and of the page that shows them."""
+
+import numpy as np
+
+from agents import load_policy
+from agents.baselines import PaperTrapezoid
+from agents.evaluation import Stage
+from experiments.watch import choose, films
+from experiments.watch.films import COLUMNS
+from impact_gym.envs import evaluation_sets
+
+CONTESTANTS = {"the paper's <b>rule</b>": PaperTrapezoid(), "learned </script> policy": load_policy("linear-blind")}
+COUPLINGS = {"spring": {}, "rigid": {"coupling": {"type": "Rigid"}}, "bistable": {"coupling": {"type": "Bistable"}}}
+TEST_SET = evaluation_sets.load("test")
+
+
+def shown(count=40, **environment):
+    stage = Stage.of("test", count, time_weight=[2.0], **environment)
+    played = {name: stage.play(controller) for name, controller in CONTESTANTS.items()}
+    numbers = choose(*played.values())
+    return films(CONTESTANTS, numbers, played, frozen=TEST_SET, environment=environment), played
+
+
+def columns(run):
+    return dict(zip(COLUMNS, map(np.array, run["rows"]), strict=True))
