@@ -4,7 +4,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/installed
 
 .DEFAULT_GOAL := help
-.PHONY: help setup report test train train-all tune bars search figures bench speed stability fidelity lint
+.PHONY: help setup report test train train-all tune bars search figures cost bench speed stability fidelity lint
 
 help:  ## list what can be made
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "make %-9s %s\n", $$1, $$2}'
@@ -16,11 +16,11 @@ $(STAMP): pyproject.toml constraints.txt
 		|| { echo "Python 3.11 or newer is needed; name one with make PYTHON=..."; exit 1; }
 	@echo "installing what constraints.txt pins into $(VENV); torch is large: this can take minutes"
 	@$(PYTHON) -m venv $(VENV)
-	@$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[train,report,robot,render,zoo,dev]'
+	@$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[train,report,robot,render,zoo,cluster,dev]'
 	@touch $@
 
-report: setup  ## evaluate the shipped policy against the paper's rule and write reports/latest/index.html
-	$(BIN)/python -m experiments.report
+report: setup  ## play every shipped policy and baseline on the test set and write reports/latest/index.html
+	$(BIN)/python -m experiments.report --force
 
 test: setup  ## run the tests
 	$(BIN)/python -m pytest
@@ -31,8 +31,9 @@ train: setup  ## train a policy with default settings; prints its run folder
 train-all: setup  ## train ten seeds of each preset and ship the median; goes on where it was stopped
 	$(BIN)/python -m agents.many
 
-tune: setup  ## tune the baselines; goes on where it was stopped
+tune: setup  ## tune the baselines and search the clairvoyant bound; goes on where it was stopped
 	$(BIN)/python -m agents.tune
+	$(BIN)/python -m agents.clairvoyance
 
 bars: setup  ## play every shipped seed and every baseline on the test set and write reports/bars/bars.md
 	$(BIN)/python -m experiments.bars
@@ -42,6 +43,9 @@ search: setup  ## search for settings of training; goes on where it was stopped
 
 figures: setup  ## reproduce figures of the paper below reports/paper
 	$(BIN)/python -m experiments.paper
+
+cost: setup  ## measure what approaches cost, for docs/cost.md
+	$(BIN)/python -m experiments.cost
 
 bench: setup  ## measure speed against SciPy and Gymnasium, as ratios in one run
 	$(BIN)/python -m experiments.bench

@@ -1,20 +1,60 @@
-"""The bound: for every scenario by itself, the best that a controller does that knows it."""
+"""The bound: for every scenario by itself, the best that a controller does that knows it.
 
+`python -m agents.clairvoyance` searches it for the first scenarios of the frozen test set and writes what it found to
+agents/tuned/clairvoyant-PRESET.npz; what is there is kept, so the same command goes on where it was stopped.
+"""
+
+import multiprocessing
+import sys
 from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import tyro
+from tqdm import tqdm
 
+from agents.archive import read_archive, write_archive
 from agents.baselines.clairvoyant import Clairvoyant
 from agents.baselines.rule import Floats
-from agents.baselines.tuned import environment_of
+from agents.baselines.tuned import TUNED, environment_of
 from agents.evaluation import Episodes, Stage
 from agents.search_rules import minimise
+from agents.validation import WEIGHTS
+from impact_gym.validation import whole
 
-SCENARIOS = 64
+SCENARIOS, GENERATIONS, POPULATION, SEED = 64, 150, 16, 1
 SEARCH_RTOL = (
     1e-5  # of the simulation while searching; V_p is within 1e-6 m/s, and the best is played as all others are
 )
+FORMAT = "impact_gym clairvoyant 1"
+FROZEN = "test"
+AS_SHIPPED = (FROZEN, GENERATIONS, POPULATION, SEED)
+PRESETS = ("linear-blind", "bistable-blind")  # linear-ranged has the bound of linear-blind: an estimate adds nothing
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """Search the bound for the presets, at each time weight of the bars."""
+
+    presets: tyro.conf.Positional[tuple[str, ...]] = PRESETS
+    """Which ones."""
+    scenarios: int = SCENARIOS
+    """How many of the test set, from its first on."""
+    generations: int = GENERATIONS
+    """Of the search in each scenario."""
+    processes: int = 2
+    """Weights at a time; each uses one core."""
+    out: Path = TUNED
+    """Folder of the files."""
+
+    def __post_init__(self) -> None:
+        for name in ("scenarios", "generations", "processes"):
+            whole(name, getattr(self, name), at_least=1)
+        for name in self.presets:
+            environment_of(name)
 
 
 def clairvoyant_bound(
@@ -22,16 +62,38 @@ def clairvoyant_bound(
     time_weight: float,
     frozen: str = "validation",
     scenarios: int = SCENARIOS,
-    generations: int = 150,
-    population: int = 16,
-    seed: int = 1,
+    generations: int = GENERATIONS,
+    population: int = POPULATION,
+    seed: int = SEED,
     threads: int | None = None,
     told: Callable[[float], object] = lambda loss: None,
 ) -> Episodes:
     """Optimise a `Clairvoyant` for each of the first `scenarios` of a frozen set alone, and play each through its own.
 
-    It is a bound on the rules of its kind, found by search: a controller with other freedoms could still do better.
+    What is shipped is not searched again. It is a bound on the rules of its kind, found by search: a controller with
+    other freedoms could still do better.
     """
+    shipped = shipped_scenarios(preset) if (frozen, generations, population, seed) == AS_SHIPPED else 0
+    if scenarios <= shipped:
+        found = load_clairvoyant(preset, time_weight).parameters[:scenarios]
+    else:
+        found = search(preset, time_weight, frozen, scenarios, generations, population, seed, threads, told)
+    options: dict[str, Any] = {**environment_of(preset), "privileged": True, "threads": threads}
+    return Stage.of(frozen, scenarios, time_weight=[time_weight], **options).play(Clairvoyant(found))
+
+
+def search(
+    preset: str,
+    time_weight: float,
+    frozen: str = FROZEN,
+    scenarios: int = SCENARIOS,
+    generations: int = GENERATIONS,
+    population: int = POPULATION,
+    seed: int = SEED,
+    threads: int | None = None,
+    told: Callable[[float], object] = lambda loss: None,
+) -> Floats:
+    """Return the parameters (scenarios, k) of the best `Clairvoyant` for each scenario."""
     options: dict[str, Any] = {**environment_of(preset), "privileged": True, "threads": threads}
     weights = [time_weight] * population
     stage = Stage.of(frozen, scenarios, copies=population, time_weight=weights, **{"rtol": SEARCH_RTOL, **options})
@@ -41,5 +103,79 @@ def clairvoyant_bound(
         return played.loss(time_weight).reshape(population, scenarios)
 
     found = minimise(losses, Clairvoyant.PARAMETERS, scenarios, population, generations, seed, told)
-    alone = Stage.of(frozen, scenarios, time_weight=[time_weight], **options)
-    return alone.play(Clairvoyant(np.ascontiguousarray(found.parameters)))
+    return np.ascontiguousarray(found.parameters)
+
+
+def load_clairvoyant(preset: str, time_weight: float, folder: Path = TUNED) -> Clairvoyant:
+    """Return the controller whose row k is made for scenario k of the test set, in an environment with `privileged`.
+
+    Raises:
+        ValueError: it was not searched for this preset and weight, or for other parameters, or the file is damaged.
+    """
+    content, arrays = read_archive(folder / f"clairvoyant-{preset}.npz", FORMAT)
+    names = [parameter.name for parameter in Clairvoyant.PARAMETERS]
+    if content["parameters"] != names or f"{time_weight:g}" not in arrays:
+        raise ValueError(f"the bound of {preset} at {time_weight:g} was not searched: python -m agents.clairvoyance")
+    return Clairvoyant(arrays[f"{time_weight:g}"])
+
+
+def shipped_scenarios(preset: str, folder: Path = TUNED) -> int:
+    """Return for how many scenarios of the test set the bound of a preset is shipped at every weight; 0 for none."""
+    try:
+        return min(len(load_clairvoyant(preset, weight, folder).parameters) for weight in WEIGHTS)
+    except ValueError:
+        return 0
+
+
+def _search_one(preset: str, weight: float, wanted: Wanted) -> Floats:
+    with tqdm(total=wanted.generations, desc=f"{preset} at {weight:g}", leave=False, disable=None) as bar:
+
+        def told(loss: float) -> None:
+            bar.set_postfix_str(f"{loss:.4f} m/s", refresh=False)
+            bar.update()
+
+        return search(preset, weight, scenarios=wanted.scenarios, generations=wanted.generations, threads=1, told=told)
+
+
+def search_all(wanted: Wanted) -> list[Path]:
+    """Search what is missing, and return the paths of the files."""
+    names = [parameter.name for parameter in Clairvoyant.PARAMETERS]
+    paths = []
+    with ProcessPoolExecutor(wanted.processes, multiprocessing.get_context("spawn")) as pool:
+        for preset in wanted.presets:
+            path = wanted.out / f"clairvoyant-{preset}.npz"
+            about = {
+                "preset": preset,
+                "set": FROZEN,
+                "parameters": names,
+                **{name: getattr(wanted, name) for name in ("scenarios", "generations")},
+            }
+            arrays: dict[str, Any] = {}
+            if path.is_file():
+                content, there = read_archive(path, FORMAT)
+                arrays = there if content == about else {}
+            missing = {
+                weight: pool.submit(_search_one, preset, weight, wanted)
+                for weight in WEIGHTS
+                if f"{weight:g}" not in arrays
+            }
+            for weight, job in missing.items():
+                arrays[f"{weight:g}"] = job.result()
+                write_archive(path, FORMAT, about, arrays)
+            paths.append(path)
+    return paths
+
+
+def main() -> None:
+    """Read from the command line what to search, and search it."""
+    try:
+        for path in search_all(tyro.cli(Wanted, prog="python -m agents.clairvoyance")):
+            print(path)
+    except ValueError as error:
+        sys.exit(f"agents.clairvoyance: {error}")
+    except KeyboardInterrupt:
+        sys.exit("agents.clairvoyance: interrupted; the same command goes on")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,26 +1,35 @@
 """Train every preset with ten seeds and ship the median: `python -m agents.many`, or `make train-all`.
 
-Finished seeds are kept, a run that was killed goes on from its checkpoint: run the command again. Every seed's policy
-goes to agents/policies/PRESET/seed-K.npz, what became of it to seeds.json beside it, and the median to PRESET.npz.
+Each training is a job of `agents.jobs`: on this machine's cores, or with `--cluster ray` on an existing Ray cluster.
+Finished seeds are kept, a run that was killed goes on from its checkpoint: run the command again. On a cluster that
+holds where the nodes see the folder --runs at the same place; where they do not, a training whose node is lost starts
+over. Every seed's policy goes to agents/policies/PRESET/seed-K.npz, what became of it to seeds.json beside it, and the
+median to PRESET.npz.
 """
 
 import json
-import multiprocessing
 import shutil
 import sys
-from concurrent.futures import ProcessPoolExecutor, as_completed
+import tempfile
+from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, get_args
 
+import numpy as np
 import tyro
 
+from agents.jobs import Job, JobsFailedError, Result, gather
 from agents.policy import SHIPPED, load_policy
-from agents.settings import Preset, Settings, as_json, default_settings
+from agents.settings import Preset, Settings, as_json, default_settings, from_json
 from agents.train import resume, train, write_json
+from impact_gym.files import whole_file
 from impact_gym.validation import whole
 
 PRESETS: tuple[Preset, ...] = get_args(Preset)
+KEPT = {"config": "config.json", "best": "best.npz", "final": "final.npz", "metrics": "metrics.json"}
+"""What is gathered of a run folder; the last one says that the run is finished."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +41,9 @@ class Many:
     seeds: int = 10
     """How many, from 0 on."""
     processes: int = 2
-    """Trainings at a time; each uses one core."""
+    """Trainings at a time on this machine; each uses one core."""
+    cluster: str | None = None
+    """Train on this Ray cluster instead, one core each: "ray" for the one that runs here, or its address."""
     runs: Path = Path("runs/all")
     """Folder of the run folders, one below PRESET for each seed."""
     policies: Path = SHIPPED
@@ -48,15 +59,23 @@ def train_all(preset: Preset, wanted: Many, settings: Settings) -> Path:
 
     Raises:
         ValueError: a run that is there has other settings.
+        JobsFailedError: trainings failed; the others are done.
     """
-    asked_for = [
-        replace(settings, seed=seed, simulation_threads=1, out=wanted.runs / preset / f"seed-{seed}")
-        for seed in range(wanted.seeds)
+    runs = wanted.runs.resolve() / preset
+    asked_for = [replace(settings, seed=seed, simulation_threads=1) for seed in range(wanted.seeds)]
+    folders = [runs / f"seed-{seed}" for seed in range(wanted.seeds)]
+    for folder, one in zip(folders, asked_for, strict=True):
+        _refuse_other_settings(folder, one)
+    jobs = [
+        Job("agents.many:train_one", {"settings": _plain(one), "folder": str(folder)})
+        for folder, one in zip(folders, asked_for, strict=True)
     ]
-    with ProcessPoolExecutor(wanted.processes, multiprocessing.get_context("spawn")) as pool:
-        for done in as_completed([pool.submit(_train_one, one) for one in asked_for]):
-            print(f"{preset}: {done.result()}", flush=True)
-    rows = [_ship(run.out, wanted.policies / preset / f"seed-{run.seed}.npz") for run in asked_for if run.out]
+    processes = None if wanted.cluster else wanted.processes
+    for seed, result in gather(jobs, runs / "results", processes=processes, cluster=wanted.cluster, title=preset):
+        _fill(folders[seed], result)
+        score = json.loads(result["metrics"].tobytes())["validation"]["best"]["score"]
+        print(f"{preset}: seed {seed} scored {score:.4f} m/s", flush=True)
+    rows = [_ship(folder, wanted.policies / preset / f"{folder.name}.npz") for folder in folders]
     chosen = median(rows)
     write_json(wanted.policies / preset / "seeds.json", {"median": chosen["seed"], "seeds": rows})
     shipped = wanted.policies / f"{preset}.npz"
@@ -68,20 +87,53 @@ def median(rows: list[dict[str, Any]]) -> dict[str, Any]:
     return sorted(rows, key=lambda row: (row["score"], row["seed"]))[len(rows) // 2]
 
 
-def _train_one(settings: Settings) -> str:
-    """Train, or go on, or find it done; says which seed it was and how it did."""
+def train_one(settings: Mapping[str, Any], folder: str) -> Result:
+    """Train in a run folder, or go on there, or find it done; return the bytes of the files in KEPT.
+
+    Where the folder cannot be made, as on a node of a cluster without a common one, a temporary one takes its place.
+    """
+    out, wanted = Path(folder), from_json(settings)
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        with tempfile.TemporaryDirectory(prefix="impact-gym-run-") as elsewhere:
+            return _bytes(_train_one(replace(wanted, out=Path(elsewhere) / out.name)))
+    return _bytes(_train_one(replace(wanted, out=out)))
+
+
+def _train_one(settings: Settings) -> Path:
+    """Train, or go on, or find it done; return the run folder."""
     folder = settings.out
-    assert folder is not None  # train_all says where
+    assert folder is not None  # train_one says where
     if (folder / "config.json").is_file():
-        there = json.loads((folder / "config.json").read_text())["settings"]
-        if there != json.loads(json.dumps(as_json(settings))):
+        _refuse_other_settings(folder, settings)
+        return resume(folder)
+    shutil.rmtree(folder, ignore_errors=True)  # killed before it had begun
+    return train(settings)
+
+
+def _bytes(folder: Path) -> Result:
+    return {name: np.frombuffer((folder / file).read_bytes(), np.uint8) for name, file in KEPT.items()}
+
+
+def _refuse_other_settings(folder: Path, settings: Settings) -> None:
+    with suppress(FileNotFoundError):
+        if json.loads((folder / "config.json").read_text())["settings"] != _plain(settings):
             raise ValueError(f"{folder} was trained with other settings: remove it, or name another folder with --runs")
-        resume(folder)
-    else:
-        shutil.rmtree(folder, ignore_errors=True)  # killed before it had begun
-        train(settings)
-    metrics = json.loads((folder / "metrics.json").read_text())
-    return f"seed {settings.seed} scored {metrics['validation']['best']['score']:.4f} m/s"
+
+
+def _plain(settings: Settings) -> dict[str, Any]:
+    """Return the settings as JSON gives them back."""
+    plain: dict[str, Any] = json.loads(json.dumps(as_json(settings)))
+    return plain
+
+
+def _fill(folder: Path, result: Result) -> None:
+    """Write what was gathered of a run whose folder is on another machine, or gone."""
+    if not (folder / KEPT["metrics"]).is_file():
+        for name, file in KEPT.items():
+            with whole_file(folder / file) as opened:
+                opened.write(result[name].tobytes())
 
 
 def _ship(folder: Path, path: Path) -> dict[str, Any]:
@@ -103,7 +155,7 @@ def main() -> None:
         wanted = tyro.cli(Many, prog="python -m agents.many")
         for preset in wanted.presets:
             print(train_all(preset, wanted, default_settings(preset)))
-    except ValueError as error:
+    except (JobsFailedError, RuntimeError, ValueError) as error:
         sys.exit(f"agents.many: {error}")
     except KeyboardInterrupt:
         sys.exit("agents.many: interrupted; the same command goes on")

@@ -8,7 +8,6 @@ which `--resume FOLDER` goes on to the same end as if nothing had happened.
 import fcntl
 import json
 import platform
-import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -27,6 +26,7 @@ from agents.baselines import PaperTrapezoid
 from agents.logs import outputs
 from agents.models import make_environment, make_model
 from agents.policy import load_policy
+from agents.revision import revision
 from agents.settings import FIRST_SEED, SLOTS, Settings, as_json, command, default_settings, from_json
 from agents.watch import Told, Watch
 from impact_gym.files import whole_file
@@ -143,19 +143,9 @@ def provenance(settings: Settings) -> dict[str, Any]:
         "command": command(settings),
         "settings": as_json(settings),
         "versions": {"python": platform.python_version()} | {name: version(name) for name in PACKAGES},
-        "commit": _git("rev-parse", "HEAD"),
-        "changed since": _git("status", "--porcelain", "--untracked-files=no"),
+        **revision(),
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
     }
-
-
-def _git(*command: str) -> str | None:
-    """Return what git says of the sources, None where there is no git or no repository."""
-    try:
-        said = subprocess.run(["git", *command], cwd=Path(__file__).parent, capture_output=True, text=True, check=True)
-    except (OSError, subprocess.CalledProcessError):
-        return None
-    return said.stdout.strip()
 
 
 def read_settings(arguments: list[str]) -> Settings:

@@ -7,10 +7,10 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from scipy import stats
-from slow_environment import SlowEnvironment
 
 import impact_gym as ig
 from agents.baselines import ConstantSpeed, PaperTrapezoid, encode
+from experiments.reference import task as slow
 from impact_gym.envs.episode import decode
 from impact_gym.envs.scenario import FIELDS
 
@@ -30,6 +30,17 @@ class Always:
 
     def predict(self, observation):
         return self.action, None
+
+
+class Again:
+    """Plays actions once more to the slow solver; remembers what it saw."""
+
+    def __init__(self, actions):
+        self.actions, self.seen = iter(actions), []
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        self.seen.append(observation[0])
+        return np.array([next(self.actions)]), state
 
 
 class Random:
@@ -156,15 +167,15 @@ def test_random_actions_give_what_a_slow_independent_solver_of_the_whole_task_gi
     env = gym.make("ImpactApproach-v0", control_period=period, reaction_delay=delay)
     controller = Random(seed)
     observations, _, info = play(env, controller, seed=seed)
-    slow = SlowEnvironment(info["scenario"])
-    seen, object_velocity = slow.play(controller.actions, period, delay)
+    again = Again(controller.actions)
+    options = {"control_period": period, "reaction_delay": delay}
+    outcome = slow.play(again, info["scenario"], options=options, time_weight=2.0)
     assert all(observation in env.observation_space for observation in observations)
-    assert len(seen) == len(observations)
-    seen[:, 2] = np.minimum(seen[:, 2], 1.5)  # clipped, as documented
-    assert physical(observations) == pytest.approx(seen, rel=0, abs=2e-7)  # float32
-    assert info["approach_time"] == pytest.approx(min([*slow.starts, 1.2]), rel=0, abs=1e-9)
-    assert info["contact_count"] == len(slow.starts)
-    assert info["object_velocity"] == pytest.approx(object_velocity, rel=0, abs=1e-7)
+    assert len(again.seen) == len(controller.actions)
+    assert observations[:-1] == pytest.approx(np.array(again.seen), rel=0, abs=1.3e-7)  # bits of a float32
+    assert info["approach_time"] == pytest.approx(outcome.approach_time, rel=0, abs=1e-9)
+    assert info["contact_count"] == outcome.contact_count
+    assert info["object_velocity"] == pytest.approx(outcome.object_velocity, rel=0, abs=1e-8)
 
 
 @pytest.mark.parametrize("options", [
@@ -220,8 +231,9 @@ def test_a_touch_too_soft_for_the_alarm_is_a_contact_that_runs_to_the_end():
     assert len(rewards) == 75
     assert info["approach_time"] < 0.6
     assert rewards.sum() == pytest.approx(-(2.0 * info["approach_time"] + info["object_velocity"]), rel=0, abs=1e-12)
-    slow = SlowEnvironment(soft)
-    assert info["object_velocity"] == pytest.approx(slow.play([crawl.action] * 75, 0.016, 0.016)[1], rel=0, abs=1e-7)
+    outcome = slow.play(Again([crawl.action] * 75), soft, options={}, time_weight=2.0)
+    assert info["contact_count"] == outcome.contact_count
+    assert info["object_velocity"] == pytest.approx(outcome.object_velocity, rel=0, abs=1e-8)
 
 
 @pytest.mark.parametrize(("period", "delay"), [(0.016, 0.016), (0.011, 0.04), (0.004, 0.0), (0.15, 0.016)])
@@ -242,14 +254,15 @@ def test_an_episode_ends_a_fixed_time_after_the_alarm(period, delay):
 
 def test_what_the_flange_does_to_the_object_after_the_end_still_counts():
     """Pressed on at full speed, the object gains more while the flange brakes: ending early gains nothing."""
-    env = gym.make("ImpactApproach-v0")
+    env = gym.make("ImpactApproach-v0", record_trace=True)
     heavy = {"object_mass": 2.5, "contact_stiffness": 1e5, "restitution": 0.5, "distance": 0.2}
     press_on = Always(encode(1.5, 20.0))
-    _, rewards, info = play(env, press_on, scenario=heavy)
-    slow = SlowEnvironment(heavy)
-    _, object_velocity = slow.play([press_on.action] * len(rewards), 0.016, 0.016)
-    assert info["object_velocity"] == pytest.approx(object_velocity, rel=0, abs=1e-7)
-    assert object_velocity > slow.velocity_at_end + 0.1
+    observations, rewards, info = play(env, press_on, scenario=heavy)
+    outcome = slow.play(Again([press_on.action] * len(rewards)), heavy, options={}, time_weight=2.0)
+    assert info["object_velocity"] == pytest.approx(outcome.object_velocity, rel=0, abs=1e-8)
+    trace = env.unwrapped.trace()
+    velocity_at_end = np.interp(physical(observations)[-1, 2], trace.time, trace.object_velocity)
+    assert outcome.object_velocity > velocity_at_end + 0.1
 
 
 def test_the_first_uniform_numbers_of_the_generator_are_the_scenario():

@@ -1,167 +1,268 @@
-"""The report says what the episodes say, and its page stands on its own."""
+"""The report says what the episodes say, serves a user's own, and its page stands on its own."""
 
-import csv
 import json
-import os
 import re
+import sys
+from dataclasses import replace
 from html.parser import HTMLParser
-from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
+import polars as pl
 import pytest
-from scipy.stats import norm
+from browsers import chromium, opened
 
-from agents.baselines import PaperTrapezoid
-from agents.evaluation import TEST_SEED, evaluate
-from experiments import report
-from experiments.replay import replay
-from experiments.results import whole_folder
-from experiments.statistics import mean, mean_reduction, relative_reduction
+from agents.baselines.tuned import load_baseline
+from agents.evaluation import Stage
+from agents.jobs import evaluations, job
+from agents.jobs.evaluations import RESULTS
+from experiments.report import arenas, play, results
+from experiments.report.__main__ import Settings, publish, write
+from experiments.report.arenas import PAPER
+from impact_gym.envs import evaluation_sets
+
+SCENARIOS = {"set": "test", "count": 30}
+LINEAR = arenas.shipped(SCENARIOS)[0]
+PAPERS_RULE = {"baseline": "paper-trapezoid"}
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     out = tmp_path_factory.mktemp("report") / "latest"
-    page = report.write(report.Settings(out=out, scenarios=60))
-    assert page == out / "index.html"
+    few = [LINEAR.policy, next(seed for seed in LINEAR.seeds if seed.name != LINEAR.chosen)]
+    arena = replace(LINEAR, seeds=tuple(replace(seed, weights=(0.7, 1.0, 2.0, 4.0)) for seed in few))
+    assert publish([arena], Settings(out=out, processes=0)) == out / "index.html"
     return out
 
 
 @pytest.fixture(scope="module")
-def results(folder):
-    return json.loads((folder / "results.json").read_text())
+def episodes(folder):
+    return pl.read_parquet(folder / "episodes.parquet")
 
 
-def columns(folder: Path, controller: str) -> dict[str, np.ndarray]:
-    with (folder / "episodes.csv").open(newline="") as file:
-        rows = [row for row in csv.DictReader(file) if row["controller"] == controller]
-    return {name: np.array([row[name] for row in rows]) for name in rows[0]}
+def of(episodes, contestant, weight=None):
+    rows = episodes.filter(pl.col("contestant") == contestant)
+    return rows if weight is None else rows.filter(pl.col("time_weight") == weight)
 
 
-def test_the_answer_follows_from_the_episodes_on_disk(folder, results):
-    policy, paper = columns(folder, report.LEARNED), columns(folder, report.PAPER)
-    velocity = [rows["object_velocity"].astype(float) for rows in (policy, paper)]
-    times = [rows["approach_time"].astype(float) for rows in (policy, paper)]
-    answer = results["answer"]
-    assert answer["object_velocity_reduction"]["value"] == pytest.approx(1 - velocity[0].mean() / velocity[1].mean())
-    assert answer["approach_time_saved"]["value"] == pytest.approx(times[1].mean() - times[0].mean())
-    for estimate in (answer["object_velocity_reduction"], answer["approach_time_saved"]):
-        assert estimate["low"] < estimate["value"] < estimate["high"]
+def test_the_answer_follows_from_the_episodes_on_disk(folder, episodes):
+    found = json.loads((folder / "results.json").read_text())
+    answer = found["answers"]["linear-blind"]
+    seeds = [name for name in found["contestants"]["linear-blind"] if name.startswith("seed-")]
+    assert len(seeds) == 2
+    paper = of(episodes, PAPER)
+    curve = [
+        [np.mean([of(episodes, seed, w)[field].mean() for seed in seeds]) for w in (4.0, 2.0, 1.0, 0.7)]
+        for field in ("approach_time", "object_velocity")
+    ]
+    there = np.interp(paper["approach_time"].mean(), *curve)
+    assert answer["reduction"]["value"] == pytest.approx(1 - there / paper["object_velocity"].mean())
+    then = np.interp(paper["object_velocity"].mean(), curve[1][::-1], curve[0][::-1])
+    assert answer["sooner"]["value"] == pytest.approx(1 - then / paper["approach_time"].mean())
+    for name in ("reduction", "sooner", "velocity", "improvement"):
+        assert answer[name]["low"] <= answer[name]["value"] <= answer[name]["high"]
+    assert f"{100 * answer['reduction']['value']:.1f} %" in (folder / "index.html").read_text()
 
 
-def test_every_controller_meets_the_same_scenarios(folder):
-    one, *others = (columns(folder, name) for name in report.controllers())
+def test_episodes_are_those_of_a_stage_and_of_the_same_scenarios(episodes):
+    frozen = evaluation_sets.load("test")
+    for name, weight in ((PAPER, 2.0), ("blind-profile", 4.0)):
+        rows = of(episodes, name, weight).sort("scenario")
+        stage = Stage.of("test", 30, time_weight=[weight])
+        judged = stage.play(load_baseline("paper-trapezoid" if name == PAPER else name, weight))
+        for field in RESULTS:
+            assert (rows[field].to_numpy() == getattr(judged, field)).all()
+    for (name, _), rows in episodes.group_by("contestant", "time_weight"):
+        for field, values in frozen.scenario.items():
+            assert (rows.sort("scenario")[field].to_numpy() == values[: len(rows)]).all(), name
+
+
+def test_as_late_is_as_late_on_the_validation_set():
+    found = play.play_as_late(LINEAR.policy.controller, LINEAR.environment, SCENARIOS, LINEAR.policy.weights)
+    validation = {"set": "validation", "count": 1000}
+    weight = float(found["weight"][0])
+    ours = evaluations.play(LINEAR.policy.controller, validation, [weight])
+    rule = evaluations.play(PAPERS_RULE, validation)
+    assert ours["approach_time"].mean() == pytest.approx(rule["approach_time"].mean(), abs=2e-4)
+    assert ours["approach_time"].mean() <= rule["approach_time"].mean()
+
+
+def test_the_papers_rule_does_after_the_alarm_what_it_says():
+    seen = play.reactions(PAPERS_RULE, {}, SCENARIOS, 2.0)
+    assert seen["velocity"] == pytest.approx(0.0, abs=1e-6)
+    assert seen["acceleration"] == pytest.approx(8.0, abs=1e-5)
+    assert seen["before"].max() == pytest.approx(1.0, abs=1e-6)
+    assert seen["since"].min() == 0.0
+    assert seen["since"].max() < 0.15
+    assert (seen["sensed"] >= 1.0 - 1e-3).all()  # the alarm comes with the reading that caused it
+
+
+def test_a_profile_is_the_flanges():
+    found = play.profile(PAPERS_RULE, {}, [2.0], 0.36)
+    x = found["position"]
+    reached = x < 0.35  # the tool swings ahead of the flange and touches first
+    assert found["velocity"][0][reached] == pytest.approx(np.minimum(np.sqrt(16.0 * x), 1.0)[reached], abs=2e-3)
+
+
+def test_scenarios_come_from_sets_tables_and_ranges_alike():
+    frozen = evaluation_sets.load("test")
+    table = {name: values[:20].tolist() for name, values in frozen.scenario.items()}
+    ranges = {"object_mass": [0.1, 2.5], "contact_stiffness": [1e3, 1e6], "restitution": [0.1, 1.0],
+              "distance": [0.15, 0.35]}  # fmt: skip
+    same = [
+        {"set": "test", "count": 20}, {"table": table, "seed": frozen.seed, "count": 20},
+        {"ranges": ranges, "seed": frozen.seed, "count": 20},
+    ]  # fmt: skip
+    first, *others = (evaluations.play(PAPERS_RULE, one, environment={"range_noise": 0.01}) for one in same)
     for other in others:
-        for field in ("seed", "object_mass", "contact_stiffness", "restitution", "distance"):
-            assert (one[field] == other[field]).all()
+        for name, values in first.items():
+            assert np.array_equal(values, other[name])
 
 
-def test_the_page_states_the_answer_and_leads_to_files_that_are_there(folder, results):
-    page = (folder / "index.html").read_text()
-    value = 100 * results["answer"]["object_velocity_reduction"]["value"]
-    assert f"{value:.1f} %" in page
-    for name in report.controllers():
-        assert name.replace("'", "&#39;") in page
-    links = re.findall(r'(?:src|href)="([^"]*)"', page)
-    assert links
-    for link in links:
-        assert (folder / link).is_file(), link
-    assert "http" not in page
+def test_what_was_played_is_not_played_again(tmp_path, monkeypatch):
+    arena = replace(LINEAR, seeds=(replace(LINEAR.policy, weights=(2.0,)),), scenarios={"set": "test", "count": 4})
+    first = results.gather_arenas([replace(arena, baselines=arena.baselines[:1])], tmp_path, processes=0)
+    calls = []
+    monkeypatch.setattr(evaluations, "play", lambda *a, _play=evaluations.play, **k: calls.append(k) or _play(*a, **k))
+    job.resolve.cache_clear()
+    second = results.gather_arenas([replace(arena, baselines=arena.baselines[:1])], tmp_path, processes=0)
+    assert calls == []
+    third = results.gather_arenas([arena], tmp_path, processes=0)
+    assert calls
+    assert all(call["controller"] != PAPERS_RULE for call in calls)
+    job.resolve.cache_clear()
+    for one in (second, third):
+        assert np.array_equal(first[0].paper["object_velocity"], one[0].paper["object_velocity"])
 
 
-def test_every_picture_has_a_text_and_is_well_formed(folder):
-    class Pictures(HTMLParser):
+def test_a_users_own_baseline_ranges_and_tool(tmp_path, monkeypatch):
+    (tmp_path / "my_rules.py").write_text(
+        "from agents.baselines import ConstantSpeed\n"
+        "class Half(ConstantSpeed):\n    def __init__(self):\n        super().__init__(0.5)\n"
+        "idle = 3\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    scenarios = tmp_path / "mine.json"
+    wanted = {"ranges": {"object_mass": 0.4, "distance": [0.2, 0.3]}, "seed": 5, "count": 6,
+              "environment": {"tool_mass": 0.2}}  # fmt: skip
+    scenarios.write_text(json.dumps(wanted))
+    settings = Settings(
+        policy=("linear-blind",),
+        baseline=("my_rules:Half",),
+        scenarios=str(scenarios),
+        out=tmp_path / "out",
+        processes=0,
+    )
+    write(settings)
+    episodes = pl.read_parquet(tmp_path / "out" / "episodes.parquet")
+    assert set(episodes["object_mass"]) == {0.4}
+    assert episodes["distance"].is_between(0.2, 0.3).all()
+    half = of(episodes, "my_rules:Half").sort("scenario")
+    ranges = {"object_mass": 0.4, "distance": (0.2, 0.3)}
+    from my_rules import Half
+
+    judged = Stage(5, 6, scenario=ranges, tool_mass=0.2).play(Half())
+    assert (half["object_velocity"].to_numpy() == judged.object_velocity).all()
+    with pytest.raises(ValueError, match="out is there: --force"):
+        write(settings)
+    write(replace(settings, force=True, count=4))
+    assert len(of(pl.read_parquet(tmp_path / "out" / "episodes.parquet"), "my_rules:Half")) == 4
+    assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".")] == []
+    for bad in ("my_rules:idle", "my_rules:nothing", "no_such_module:x"):
+        with pytest.raises(ValueError, match="no controller"):
+            write(replace(settings, baseline=(bad,), out=tmp_path / "bad"))
+    sys.modules.pop("my_rules")
+
+
+@pytest.mark.parametrize(("wanted", "message"), [
+    ({"scenarios": "nowhere"}, "nowhere"),
+    ({"policy": ("linear-ranged",), "scenarios": '{"environment": {"range_noise": null}}'}, "network takes 9.*shows 8"),
+    ({"policy": ("linear-blind",), "scenarios": '{"tool": 1}'}, "tool"),
+    ({"policy": ("linear-blind",), "scenarios": '{"ranges": {"mass": 1}}'}, "mass"),
+    ({"policy": ("linear-blind",), "scenarios": "{"}, "not read"),
+    ({"policy": ("linear-blind",), "baseline": ("fastest",)}, "no baseline 'fastest'"),
+    ({"scenarios": '{"environment": {"tool_mass": 1.0}}'}, "--policy"),
+    ({"count": 2001}, "at most 2000"),
+])  # fmt: skip
+def test_what_makes_no_sense_is_refused_before_anything_is_played(wanted, message, tmp_path):
+    if wanted.get("scenarios", "").startswith("{"):
+        (tmp_path / "mine.json").write_text(wanted["scenarios"])
+        wanted = {**wanted, "scenarios": str(tmp_path / "mine.json")}
+    with pytest.raises(ValueError, match=message):
+        write(Settings(out=tmp_path / "out", **wanted))
+    assert not (tmp_path / "out").exists()
+
+
+def test_settings_are_checked(tmp_path):
+    with pytest.raises(ValueError, match=r"count.*at least 2"):
+        Settings(count=1)
+    with pytest.raises(ValueError, match="baseline needs --policy"):
+        Settings(baseline=("ranged",))
+    (tmp_path / "letter").write_text("dear")
+    with pytest.raises(ValueError, match="is not replaced"):
+        write(Settings(out=tmp_path, force=True))
+
+
+def test_every_figure_is_there_as_picture_and_data(folder):
+    class Page(HTMLParser):
         def handle_starttag(self, tag, attributes):
-            if tag == "img":
-                found.append(dict(attributes))
+            given = dict(attributes)
+            if "chart" in (given.get("class") or "").split():
+                charts.append(given)
+            links.extend(given[name] for name in ("href", "src") if name in given)
 
-    found: list[dict[str, str]] = []
-    Pictures().feed((folder / "index.html").read_text())
-    assert len(found) == 2
-    for picture in found:
-        assert len(picture["alt"]) > 40
-        assert ElementTree.parse(folder / picture["src"]).getroot().tag.endswith("svg")
-
-
-def test_a_replay_is_the_episode_that_was_judged():
-    judged = evaluate(PaperTrapezoid(), TEST_SEED, 5)
-    for k in range(5):
-        trace, info = replay(PaperTrapezoid(), TEST_SEED + k)
-        assert info["object_velocity"] == judged.object_velocity[k]
-        assert trace.object_velocity[-1] == judged.object_velocity[k]
-        touched = trace.time[trace.contact_force > 0]
-        assert judged.approach_time[k] < touched[0] < judged.approach_time[k] + 2e-3
+    charts, links = [], []
+    text = (folder / "index.html").read_text()
+    Page().feed(text)
+    assert len(charts) >= 15
+    for chart in charts:
+        assert len(chart["aria-label"]) > 20
+        name = chart["data-spec"].removeprefix("spec-")
+        assert ElementTree.parse(folder / "figures" / f"{name}.svg").getroot().tag.endswith("svg")
+        assert len(pl.read_csv(folder / "figures" / f"{name}.csv", infer_schema_length=None)) > 1
+    for link in links:
+        assert link.startswith(("#", "data:")) or (folder / link).is_file(), link
+    assert len(text) < 12e6
 
 
-def test_a_report_of_one_scenario_is_refused(tmp_path):
-    with pytest.raises(ValueError, match="scenarios must be at least 2"):
-        report.write(report.Settings(out=tmp_path / "latest", scenarios=1))
-    assert not (tmp_path / "latest").exists()
+@pytest.fixture(scope="module")
+def browser():
+    with chromium() as program:
+        yield program
 
 
-def test_a_folder_is_replaced_whole_or_not_at_all(tmp_path):
-    target = tmp_path / "latest"
-    with whole_folder(target) as unfinished:
-        (unfinished / "page").write_text("first")
-
-    def break_off():
-        with whole_folder(target) as unfinished:
-            (unfinished / "page").write_text("half")
-            raise OSError("no room")
-
-    with pytest.raises(OSError, match="no room"):
-        break_off()
-    assert (target / "page").read_text() == "first"
-    with whole_folder(target) as unfinished:
-        (unfinished / "page").write_text("second")
-    assert (target / "page").read_text() == "second"
-    assert [path.name for path in tmp_path.iterdir()] == ["latest"]
-
-
-def test_the_interval_of_a_mean_is_that_of_normal_theory():
-    sample = np.random.default_rng(0).standard_normal(2000)
-    estimate = mean(sample)
-    half = norm.ppf(0.975) * sample.std(ddof=1) / np.sqrt(2000)
-    assert estimate.value == pytest.approx(sample.mean())
-    assert estimate.low == pytest.approx(sample.mean() - half, abs=0.1 * half)
-    assert estimate.high == pytest.approx(sample.mean() + half, abs=0.1 * half)
+@pytest.mark.parametrize("width", [390, 1280])
+def test_the_page_in_a_browser(browser, folder, width):
+    page, problems = opened(browser, folder / "index.html", width)
+    page.evaluate("drawAll()")
+    charts = page.locator(".chart")
+    page.wait_for_function("[...document.querySelectorAll('.chart')].every(one => one.querySelector('svg'))")
+    for k in range(charts.count()):
+        box = charts.nth(k).locator("svg").first.bounding_box()
+        assert box["height"] > 150
+        assert 0.6 * min(width, 420) < box["width"] <= width
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    pictures = []
+    for share in (0.1, 0.6):
+        page.evaluate("""share => { const slider = document.querySelector('.igw-slider');
+            slider.value = share * slider.max; slider.dispatchEvent(new Event('input')); }""", share)  # fmt: skip
+        pictures.append(page.locator(".igw-panel svg").first.evaluate("one => one.outerHTML"))
+    assert pictures[0] != pictures[1]
+    assert problems == []
 
 
-def test_pairing_takes_out_what_the_scenarios_share():
-    rng = np.random.default_rng(1)
-    hard = rng.uniform(1.0, 10.0, 500)
-    ratio = relative_reduction(0.4 * hard, hard)
-    assert (ratio.value, ratio.low, ratio.high) == pytest.approx((0.6, 0.6, 0.6))
-    shift = mean_reduction(hard - 0.25, hard)
-    assert (shift.value, shift.low, shift.high) == pytest.approx((0.25, 0.25, 0.25))
-
-
-def test_a_folder_that_no_run_wrote_is_left_alone(tmp_path):
-    (tmp_path / "mine").mkdir()
-    (tmp_path / "mine" / "letter").write_text("dear")
-    with pytest.raises(ValueError, match="mine is not replaced"):
-        report.write(report.Settings(out=tmp_path / "mine", scenarios=5))
-    assert (tmp_path / "mine" / "letter").read_text() == "dear"
-
-
-def test_an_interrupted_swap_brings_the_old_folder_back(tmp_path, monkeypatch):
-    target = tmp_path / "latest"
-    with whole_folder(target) as unfinished:
-        (unfinished / "page").write_text("first")
-    move = os.replace
-
-    def replace(source, destination):
-        if Path(destination) == target and Path(source).name != target.name:
-            raise KeyboardInterrupt
-        move(source, destination)
-
-    def swap():
-        monkeypatch.setattr(os, "replace", replace)
-        with whole_folder(target) as unfinished:
-            (unfinished / "page").write_text("second")
-
-    with pytest.raises(KeyboardInterrupt):
-        swap()
-    assert (target / "page").read_text() == "first"
-    assert [path.name for path in tmp_path.iterdir()] == ["latest"]
+def test_a_chart_answers_the_pointer_and_the_theme_changes(browser, folder):
+    page, problems = opened(browser, folder / "index.html")
+    page.evaluate("drawAll()")
+    marks = page.locator("#linear-blind_trade_off .mark-symbol path")
+    marks.first.wait_for()
+    marks.nth(2).scroll_into_view_if_needed()
+    marks.nth(2).hover(force=True)
+    page.wait_for_selector("#vg-tooltip-element.visible")
+    assert re.search(r"V_p", page.inner_text("#vg-tooltip-element"))
+    colours = set()
+    for _ in range(3):
+        page.click("#theme")
+        colours.add(page.evaluate("getComputedStyle(document.body).backgroundColor"))
+    assert len(colours) == 2
+    assert problems == []

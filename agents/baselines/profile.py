@@ -85,10 +85,17 @@ class Shape(NamedTuple):
     r_squared: float  # of v^2 against a straight line in x
 
 
-def constant_deceleration(profile: BlindProfile) -> Shape:
+def constant_deceleration(profile: BlindProfile | ConstantDeceleration) -> Shape:
     """Fit v^2 linear in position over the range of the object's distances, by least squares."""
-    positions = np.linspace(*ScenarioRanges().distance, 401)
-    squares = profile.speed(positions) ** 2
-    slope, intercept = np.polyfit(positions, squares, 1)
-    rest = squares - (slope * positions + intercept)
+    distances = ScenarioRanges().distance
+    positions = np.linspace(*distances, 401)
+    return constant_deceleration_of(positions, profile.speed(positions), distances)
+
+
+def constant_deceleration_of(positions: Floats, speeds: Floats, between: tuple[float, float]) -> Shape:
+    """Fit v^2 linear in position to a profile given by points, where these lie `between` two positions (m)."""
+    inside = (positions >= between[0]) & (positions <= between[1]) & np.isfinite(speeds)
+    x, squares = positions[inside], speeds[inside] ** 2
+    slope, intercept = np.polyfit(x, squares, 1)
+    rest = squares - (slope * x + intercept)
     return Shape(float(-slope / 2), float(-intercept / slope), float(1 - rest.var() / squares.var()))

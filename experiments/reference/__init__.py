@@ -10,6 +10,8 @@ the commanded acceleration, a node of a table of robot parameters.
     `chain`        forces and accelerations, in units that a contact chooses
     `phases`       one phase by SciPy's integrators, cut at the first event
     `flight`       linear chains between contacts, exactly, by the matrix exponential
+    `commanded`    a chain whose flange is told on the way what to do
+    `task`         the environment's whole episode, with a controller that is asked
 
 A contact runs in its own scales,
 

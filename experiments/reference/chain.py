@@ -47,6 +47,7 @@ class Chain:
         self.m = float(getattr(contact, "stiffness_exponent", 1.5))
         self.n = float(getattr(contact, "damping_exponent", 1.5))
         self.d = damping_factor(getattr(contact, "dissipation", "hu-guo"), contact.restitution, self.m, self.n)
+        self.clamp = getattr(contact, "clamp", True)  # of the contact force, at zero: without it the surfaces may pull
         self.on = {"pressed": True, "loading": True, "front": True, "rear": False, "alignment": True}
 
         self.bistable = BistableForce(coupling, self.m_t) if hasattr(coupling, "free_length") else None
@@ -190,7 +191,7 @@ class System:
         """What to watch from here on."""
         chain, on = self.chain, self.on
         found = [Switch("touching", self.touching, lambda _, y: y[0])]
-        if self.touching and self.d > 0:
+        if self.touching and self.d > 0 and chain.clamp:
             found.append(Switch("pressed", on["pressed"], self._sign_of_force, SLACK))
         if self.touching and on["pressed"]:
             found.append(Switch("loading", on["loading"], self._slope_of_force, SLACK))

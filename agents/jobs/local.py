@@ -1,0 +1,106 @@
+"""Jobs on this machine: processes that each do one job at a time, so that it is known whose process was lost."""
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections import Counter, deque
+from collections.abc import Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
+
+from agents.jobs.job import Job
+from agents.jobs.work import ONE_THREAD, Answer, Answers, lost, perform
+
+
+def run(jobs: Sequence[Job], retries: int, *, processes: int | None = None) -> Answers:
+    """Do jobs in so many processes; see `agents.jobs.work.Engine` and `agents.jobs.gather`."""
+    count = min(len(jobs), (os.cpu_count() or 1) if processes is None else processes)
+    if count == 0:
+        for place, job in enumerate(jobs):
+            yield place, perform(job.function, job.arguments)
+        return
+    waiting, losses = deque(range(len(jobs))), Counter[int]()
+    slots = [_Slot() for _ in range(count)]
+    busy: dict[Future[Answer], tuple[_Slot, int]] = {}
+
+    def give(slot: _Slot) -> None:
+        if waiting:
+            place = waiting.popleft()
+            busy[slot.begin(jobs[place])] = slot, place
+
+    try:
+        for slot in slots:
+            give(slot)
+        while busy:
+            for future in wait(busy, return_when=FIRST_COMPLETED).done:
+                slot, place = busy.pop(future)
+                try:
+                    answer = future.result()
+                except BrokenProcessPool as error:
+                    losses[place] += 1
+                    slot.end()
+                    if losses[place] <= retries:
+                        waiting.append(place)
+                        give(slot)
+                        continue
+                    answer = lost(losses[place], str(error))
+                give(slot)  # first, so that the process works while the answer is dealt with
+                yield place, answer
+    finally:
+        for slot in slots:
+            slot.end()
+
+
+class _Slot:
+    """A process that does one job at a time; a fresh one where it was lost."""
+
+    def __init__(self) -> None:
+        self._pool: ProcessPoolExecutor | None = None
+        self._process: Future[int] = Future()
+
+    def begin(self, job: Job) -> Future[Answer]:
+        try:
+            return self._running().submit(perform, job.function, job.arguments)
+        except BrokenProcessPool:  # lost while it had nothing to do
+            self.end()
+            return self._running().submit(perform, job.function, job.arguments)
+
+    def _running(self) -> ProcessPoolExecutor:
+        """Return the process, started afresh (a fork would inherit threads and locks) with one thread for libraries."""
+        if self._pool is None:
+            before = {name: os.environ.get(name) for name in ONE_THREAD}
+            os.environ.update(ONE_THREAD)
+            try:
+                self._pool = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _prepare)
+                self._process = self._pool.submit(os.getpid)
+            finally:
+                for name, value in before.items():
+                    if value is None:
+                        del os.environ[name]
+                    else:
+                        os.environ[name] = value
+        return self._pool
+
+    def end(self) -> None:
+        """End the process, whatever it is doing."""
+        if self._pool is None:
+            return
+        with suppress(BrokenProcessPool, ProcessLookupError):
+            os.kill(self._process.result(), signal.SIGKILL)
+        self._pool.shutdown(cancel_futures=True)
+        self._pool = None
+
+
+def _prepare() -> None:
+    """Leave Ctrl-C to the gathering process, and end with it however it ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    assert parent is not None  # this is a worker
+    parent.join()
+    os._exit(1)

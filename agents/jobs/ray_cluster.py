@@ -1,0 +1,145 @@
+"""Jobs on an existing Ray cluster: one task of one core each, a bounded number of them under way.
+
+The nodes need the same Python, Ray, NumPy, SciPy and numba; the project's sources are sent to them. What Ray itself
+would repeat after a loss is repeated here, so that it is counted the same way as on one machine, and a result whose
+node dies before it was fetched is one more loss: the job is done again. A lost head ends the gathering; what it had
+fetched is in the folder, and the same command goes on.
+"""
+
+import os
+import socket
+import tempfile
+from collections import Counter, deque
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm  # type: ignore[import-untyped]
+
+from agents.jobs.job import Job
+from agents.jobs.sources import stage
+from agents.jobs.work import ONE_THREAD, Answer, Answers, Failure, lost, perform
+
+AHEAD = (
+    4  # tasks under way for each core of the cluster: enough to hide the way there, few enough for the head's memory
+)
+LEAST = 64
+"""Tasks under way at the least. Where the last one in Ray's queue is done while a longer one runs on another node, what
+is asked for next may wait for that node though this one is idle (seen with Ray 2.60): so the queue never runs dry."""
+PATIENCE = 60.0  # s without a result until it is said when there is no core
+DECISIVE = ("numpy", "scipy", "numba", "llvmlite")
+"""Packages whose version may show in the last bit."""
+
+
+def run(jobs: Sequence[Job], retries: int, *, address: str) -> Answers:
+    """Do jobs on the cluster at `address`; see `agents.jobs.work.Engine` and `agents.jobs.gather`."""
+    ray = _ray()
+    versions = {name: version(name) for name in DECISIVE}
+    with _connected(ray, address, jobs):
+        task = ray.remote(num_cpus=1, max_retries=0)(_perform_alike)
+        waiting, losses = deque(range(len(jobs))), Counter[int]()
+        flying: dict[Any, int] = {}
+        cores = 0
+
+        def fill() -> None:
+            while waiting and len(flying) < max(AHEAD * cores, LEAST):
+                place = waiting.popleft()
+                flying[task.remote(jobs[place].function, jobs[place].arguments, versions)] = place
+
+        try:
+            while waiting or flying:
+                cores = int(ray.cluster_resources().get("CPU", 0))
+                fill()
+                if not ray.wait(list(flying), timeout=PATIENCE)[0] and cores == 0:
+                    tqdm.write("the Ray cluster has no core: waiting for one")
+                for ready in ray.wait(list(flying), num_returns=len(flying), timeout=0)[0]:
+                    place = flying.pop(ready)
+                    try:
+                        answer = ray.get(ready)
+                    except ray.exceptions.RayTaskError as error:  # perform itself raises nothing: it could not be sent
+                        answer = Failure(f"the worker could not begin: {error.cause!r}", str(error))
+                    except ray.exceptions.RayError as error:
+                        losses[place] += 1
+                        if losses[place] <= retries:
+                            waiting.append(place)
+                            continue
+                        answer = lost(losses[place], f"{type(error).__name__}: {error}".splitlines()[0])
+                    fill()  # first, so that the nodes have work while the answer is dealt with
+                    yield place, answer
+        finally:
+            for under_way in flying:
+                ray.cancel(under_way, force=True)
+
+
+def _perform_alike(function: str, arguments: Mapping[str, Any], versions: Mapping[str, str]) -> Answer:
+    """Do a job if this worker's libraries are those of the gathering process."""
+    other = {name: found for name, found in _versions().items() if found != versions[name]}
+    if other:
+        return Failure(f"the node has {other}, the gathering process {dict(versions)}: install the same on all")
+    return perform(function, arguments)
+
+
+@cache
+def _versions() -> dict[str, str]:
+    return {name: version(name) for name in DECISIVE}
+
+
+def _ray() -> Any:
+    try:
+        import ray
+        import ray.exceptions
+    except ImportError as error:
+        raise RuntimeError(
+            f"Ray is not installed ({error}): install the extra `cluster`, here and on all nodes"
+        ) from error
+    return ray
+
+
+@contextmanager
+def _connected(ray: Any, address: str, jobs: Sequence[Job]) -> Iterator[None]:
+    """Connect to the cluster, with the sources; or use the connection that this process has, as it is.
+
+    Raises:
+        RuntimeError: there is no cluster; says how to start one.
+    """
+    if ray.is_initialized():
+        yield
+        return
+    with tempfile.TemporaryDirectory(prefix="impact-gym-sources-") as folder:
+        sources = stage(
+            {job.function for job in jobs}, Path(folder) / "sources.zip"
+        )  # of a folder, Ray leaves kernels out
+        environment = {"working_dir": str(sources), "env_vars": ONE_THREAD}
+        try:
+            _listens(address)
+            ray.init(
+                "auto" if address == "ray" else address,
+                runtime_env=environment,
+                log_to_driver=False,
+                logging_level="WARNING",
+            )
+        except (OSError, RuntimeError, ValueError) as error:
+            raise RuntimeError(
+                f"no Ray cluster at {address!r} ({error}): start one with `ray start --head`, and with `ray start "
+                "--address=HOST:PORT` on each further node; or name one that runs"
+            ) from error
+        try:
+            yield
+        finally:
+            ray.shutdown()
+
+
+def _listens(address: str) -> None:
+    """Make sure that somebody listens at the address that is given: Ray itself keeps asking for minutes.
+
+    Raises:
+        OSError, ValueError: nobody does, or it is no address.
+    """
+    given = os.environ.get("RAY_ADDRESS", "") if address in ("ray", "auto") else address
+    if given and given not in ("ray", "auto"):
+        host, _, port = given.removeprefix("ray://").rpartition(":")
+        with socket.create_connection((host.strip("[]"), int(port)), timeout=10.0):
+            pass

@@ -1,0 +1,96 @@
+"""The project's sources: a digest of them, and a copy for the nodes of a cluster."""
+
+import hashlib
+import importlib.util
+import pickle
+import sysconfig
+import zipfile
+from collections.abc import Iterable
+from pathlib import Path
+
+from impact_gym.kernel import _digest as kernels_digest  # what numba's cache is stamped with
+
+ALWAYS = ("agents", "impact_gym")
+LARGEST = 100e6  # bytes that are sent to each node
+STANDARD = Path(sysconfig.get_path("stdlib")).resolve()
+READ = (".py", ".csv", ".json", ".npz", ".jinja", ".typed")
+"""Kinds of files that a package here reads or is made of."""
+
+
+def digest_of(*modules: str) -> str:
+    """Return SHA-256 of the sources and data files of modules and whole packages, for `Job.depends`.
+
+    Raises:
+        ValueError: no such module.
+    """
+    digest = hashlib.sha256()
+    for name in sorted(modules):
+        root = _origin(name)
+        for path in _files(root):
+            digest.update(f"{name} {path.relative_to(root.parent)}\0".encode())
+            digest.update(hashlib.sha256(path.read_bytes()).digest())
+    return digest.hexdigest()
+
+
+def stage(functions: Iterable[str], path: Path) -> Path:
+    """Write a zip of what jobs of these functions import that is not installed, for a cluster's nodes; return `path`.
+
+    These are the top-level packages and modules of this project and of the functions, without what they import from
+    elsewhere. The compiled kernels of today's sources go along: a node with the same processor need not compile. The
+    same files make the same zip, so a node that has it is not sent it again.
+
+    Raises:
+        ValueError: there is more than 100 MB of it.
+    """
+    names = {*ALWAYS, *(function.partition(":")[0].partition(".")[0] for function in functions)}
+    content: dict[str, Path] = {}
+    for name in names:
+        origin = _origin(name)
+        if {"site-packages", "dist-packages"} & {*origin.parts} or origin.is_relative_to(STANDARD):
+            continue  # installed, so it is for the nodes to have it as well
+        found = _files(origin) + (_kernels(origin) if name == "impact_gym" else [])
+        content |= {file.relative_to(origin.parent).as_posix(): file for file in found}
+    size = sum(file.stat().st_size for file in content.values())
+    if size > LARGEST:
+        raise ValueError(f"the sources for the cluster are {size / 1e6:.0f} MB, more than {LARGEST / 1e6:.0f} MB")
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+        for name in sorted(content):
+            about = zipfile.ZipInfo(name)  # dated 1980, not today
+            about.external_attr = 0o644 << 16
+            about.compress_type = zipfile.ZIP_DEFLATED
+            archive.writestr(about, content[name].read_bytes())
+    return path
+
+
+def _origin(name: str) -> Path:
+    """Return a package's folder or a module's file."""
+    try:
+        found = importlib.util.find_spec(name)
+    except (ImportError, ValueError):
+        found = None
+    place = None if found is None else next(iter(found.submodule_search_locations or ()), found.origin)
+    if place is None:
+        raise ValueError(f"there is no module {name!r}")
+    return Path(place).resolve()
+
+
+def _files(root: Path) -> list[Path]:
+    """Return a module's file, or those of a package in the order of their names."""
+    if root.is_file():
+        return [root]
+    return sorted(path for path in root.rglob("*") if path.suffix in READ and not path.name.startswith("."))
+
+
+def _kernels(root: Path) -> list[Path]:
+    """Return the files of numba's cache that hold kernels of these sources; there may be many of earlier ones."""
+    kept = []
+    for index in root.rglob("__pycache__/*.nbi"):
+        try:
+            with index.open("rb") as file:
+                pickle.load(file)  # numba's version
+                stamp, kernels = pickle.loads(file.read())  # as numba reads it
+        except Exception:  # of another numba, or of sources that named things otherwise: compiled anew there
+            continue
+        if stamp == kernels_digest():
+            kept += [index, *(path for name in kernels.values() if (path := index.with_name(name)).is_file())]
+    return kept

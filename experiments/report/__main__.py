@@ -1,0 +1,171 @@
+"""`python -m experiments.report` writes reports/latest/index.html and prints where it is."""
+
+import json
+import shlex
+import shutil
+import sys
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import tyro
+
+from agents.jobs import JobsFailedError
+from agents.revision import revision
+from experiments.report import answer, arenas, holds, page
+from experiments.report.figures import Table
+from experiments.report.results import Played, checksum_of, episodes, gather_arenas
+from experiments.results import REPORTS, checksum, circumstances, replaceable, whole_folder
+from experiments.statistics import RESAMPLES
+from impact_gym.files import whole_file
+from impact_gym.validation import whole
+
+PACKAGES = ("impact-gym", "gymnasium", "numba", "numpy", "scipy", "altair", "polars", "moocore")
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Play policies and baselines through the same scenarios and write a page about it.
+
+    Without --policy it is about every recipe of training that is shipped, all its seeds.
+    """
+
+    policy: tuple[str, ...] = ()
+    """Your own policies instead: files, run folders or names of shipped ones, each against its baselines."""
+    baseline: tuple[str, ...] = ()
+    """Baselines beside the paper's rule for them: names of tuned ones, or module:object for anything with `predict`, or
+    for a function or class that returns it; it must be importable. Default: those of the preset of the policy."""
+    scenarios: str = "test"
+    """A frozen set by name or file (CSV), or a JSON file {"ranges": {...}, "seed": s, "count": n, "environment": {...}}
+    of which all may be left out; the environment holds arguments of gym.make, your tool and coupling."""
+    count: int | None = None
+    """How many of the scenarios; all unless given."""
+    out: Path = REPORTS / "latest"
+    """Folder for the page."""
+    force: bool = False
+    """Replace the folder if an earlier run wrote it; it is moved away only once the new one is complete."""
+    episodes: Path | None = None
+    """Folder where results are kept as they come; the same command goes on from what is there. Default: a hidden one
+    beside the page, removed with its completion."""
+    processes: int | None = None
+    """On this machine; None: one a core."""
+    cluster: str | None = None
+    """An existing Ray cluster instead: "ray", or its address."""
+
+    def __post_init__(self) -> None:
+        if self.count is not None:
+            whole("count", self.count, at_least=2)
+        if self.baseline and not self.policy:
+            raise ValueError("baseline needs --policy: the shipped recipes have theirs")
+
+
+def arenas_of(settings: Settings) -> list[arenas.Arena]:
+    """Return who meets whom.
+
+    Raises:
+        ValueError: a policy, a baseline or the scenarios are not what they should be; nothing has been played yet.
+    """
+    scenarios, changes = arenas.scenarios_from(settings.scenarios, settings.count)
+    if settings.policy:
+        return [arenas.own(path, settings.baseline, scenarios, changes) for path in settings.policy]
+    if changes:
+        raise ValueError("scenarios with an environment of their own need --policy: the shipped recipes have theirs")
+    return arenas.shipped(scenarios)
+
+
+def write(settings: Settings) -> Path:
+    """Play what is missing, write the folder, and return the path of its page.
+
+    Raises:
+        ValueError: something asked for is not there or makes no sense, or the folder is there and `force` is not given.
+    """
+    out = settings.out
+    if out.exists() and not (out.is_dir() and not any(out.iterdir())) and not settings.force:
+        raise ValueError(f"{out} is there: --force replaces it, --out names another folder")
+    replaceable(out)
+    return publish(arenas_of(settings), settings)
+
+
+def publish(asked: list[arenas.Arena], settings: Settings) -> Path:
+    """Play the arenas, write the folder, and return the path of its page."""
+    begun = time.perf_counter()
+    store = settings.episodes or settings.out.with_name(f".{settings.out.name}.episodes")
+    played = gather_arenas(asked, store, settings.processes, settings.cluster)
+    print("writing the page", flush=True)
+    with whole_folder(settings.out) as folder:
+        parts = page.sections(played)
+        (folder / "figures").mkdir()
+        for one in page.figures(parts):
+            one.save(folder / "figures")
+        rows = episodes(played)
+        with whole_file(folder / "episodes.parquet") as file:
+            rows.write_parquet(file, compression="zstd")
+        answers = [answer.answer(one) for one in played]
+        results = {
+            "answers": {one.arena: one.as_json() for one in answers},
+            "episodes": {"rows": len(rows), "sha256": checksum(folder / "episodes.parquet")},
+            "contestants": {one.arena.name: _checksums(one) for one in played},
+            "weights": {one.arena.name: list(one.policy.weights) for one in played},
+            "scenarios": _scenarios(asked[0].scenarios),
+            "command": shlex.join(["python", "-m", "experiments.report", *sys.argv[1:]]),
+            **revision(),
+            "seconds": time.perf_counter() - begun,
+            **circumstances(*PACKAGES),
+        }
+        (folder / "results.json").write_text(json.dumps(results, indent=2) + "\n")
+        about = {
+            **results,
+            "sentences": [answer.sentence(one, play.arena) for one, play in zip(answers, played, strict=True)],
+            "table": answer.answers_table(answers, played),
+            "weak": [holds.weak_points(one) for one in played],
+            "resamples": f"{RESAMPLES:,}",
+            "policies": _policies_table(played),
+        }
+        shown = dict(map(page.watch, played))
+        (folder / "index.html").write_text(page.render(about, parts, shown), encoding="utf-8")
+    if settings.episodes is None:
+        shutil.rmtree(store, ignore_errors=True)
+    return settings.out / "index.html"
+
+
+def _checksums(played: Played) -> dict[str, str]:
+    return {one.name: checksum_of(one) for one in (*played.arena.seeds, *played.arena.baselines)}
+
+
+def _policies_table(played: list[Played]) -> Table:
+    body = []
+    for one in played:
+        late = one.policy_as_late.weights[0]
+        commands = one.arena.provenance.get("command", "-")
+        body.append((one.arena.name, one.arena.chosen, str(len(one.seeds)), commands, f"{late:.4g}",
+                     checksum_of(one.arena.policy)[:16]))  # fmt: skip
+    head = ("recipe", "median seed", "seeds", "trained by", "weight as late as the rule (m/s per s)", "checksum")
+    return Table("The policies; checksums of all contestants are in results.json", head, tuple(body))
+
+
+def _scenarios(scenarios: Mapping[str, Any]) -> str:
+    if "set" in scenarios:
+        return f"the frozen set {scenarios['set']}, its first {scenarios['count']:,}"
+    if "table" in scenarios:
+        return f"{scenarios['count']:,} from a file, seeded from {scenarios['seed']:,} on"
+    return f"{scenarios['count']:,} drawn from {json.dumps(scenarios['ranges'])}, seeded from {scenarios['seed']:,} on"
+
+
+def main() -> None:
+    """Read the settings from the command line and write the report."""
+    try:
+        path = write(tyro.cli(Settings, prog="python -m experiments.report"))
+    except (ValueError, TypeError, FileNotFoundError) as error:
+        sys.exit(f"experiments.report: {error}")
+    except JobsFailedError as error:
+        sys.exit(f"experiments.report: {error}\nthe same command goes on")
+    except KeyboardInterrupt:
+        print("experiments.report: interrupted; the same command goes on", file=sys.stderr)
+        sys.exit(130)
+    print(f"report: {path.resolve().as_uri()}")
+
+
+if __name__ == "__main__":
+    main()

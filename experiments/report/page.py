@@ -1,0 +1,97 @@
+"""The page: sections of figures and tables, one file that opens from disk."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import vl_convert
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
+
+from agents.controllers import controller_of
+from agents.evaluation import Episodes
+from agents.jobs.evaluations import frozen_of
+from experiments.report import answer, differences, holds, learned
+from experiments.report.arenas import PAPER, POLICY
+from experiments.report.figures import Figure, Table
+from experiments.report.results import Played, Run
+from experiments.watch import choose, films, fragment
+
+HERE = Path(__file__).parent
+Section = list[Figure | Table]
+
+
+def sections(played: list[Played]) -> dict[str, dict[str, Section]]:
+    """Return what each section shows of each arena."""
+    found: dict[str, dict[str, Section]] = {
+        "trade-off": {}, "differences": {}, "learned": {}, "holds": {}, "simulator": {}
+    }  # fmt: skip
+    for one in played:
+        name = one.arena.name
+        found["trade-off"][name] = [answer.trade_off(one), answer.weights_table(one), answer.fronts_table(one)]
+        found["differences"][name] = [
+            differences.measures(one), differences.distribution(one), *differences.breakdown(one)
+        ]  # fmt: skip
+        reacted = [learned.reaction(one)] if one.reactions["since"].size else []  # else no alarm came
+        found["learned"][name] = [learned.approach(one), *reacted, *learned.urgency(one)]
+        found["holds"][name] = [*holds.robustness(one), holds.kinds(one)]
+        found["simulator"][name] = [holds.simulator(one)]
+    return found
+
+
+def figures(parts: Mapping[str, Mapping[str, Section]]) -> list[Figure]:
+    """Return all figures of the page."""
+    return [one for by_arena in parts.values() for part in by_arena.values() for one in part if isinstance(one, Figure)]
+
+
+def watch(played: Played) -> tuple[str, dict[str, Any]]:
+    """Return the name of an arena and the films of a dozen of its scenarios: the rule and the policy, as late."""
+    arena = played.arena
+    late = played.policy_as_late
+    weight = late.weights[0]
+    players = {PAPER: arena.baselines[0], POLICY: arena.policy}
+    runs = {PAPER: episodes_of(played.paper), POLICY: episodes_of(late)}
+    frozen = frozen_of(arena.scenarios)
+    environment = dict(arena.environment)
+    if frozen is None:
+        environment["scenario"] = {name: tuple(pair) for name, pair in arena.scenarios["ranges"].items()}
+    seed = frozen.seed if frozen else arena.scenarios["seed"]
+    shown = films(
+        {name: controller_of(one.controller, weight) for name, one in players.items()},
+        choose(runs[PAPER], runs[POLICY]),
+        runs,
+        seed=seed,
+        frozen=frozen,
+        environment=environment,
+        time_weight=weight,
+    )
+    return arena.name, shown
+
+
+def episodes_of(run: Run) -> Episodes:
+    """Return the results at a run's first weight as episodes."""
+    return Episodes(
+        **{
+            name: run[name][0] for name in ("object_velocity", "approach_time", "peak_force", "contact_count", "missed")
+        },
+        scenario=run.scenario,
+    )
+
+
+def render(about: Mapping[str, Any], parts: Mapping[str, Any], shown: Mapping[str, Any]) -> str:
+    """Return the page."""
+    pages = Environment(
+        loader=FileSystemLoader(HERE), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    pages.globals["is_figure"] = lambda part: isinstance(part, Figure)
+    pages.globals["embedded"] = embedded
+    template = pages.get_template("page.html.jinja")
+    players = {name: Markup(fragment(each, f"watch-{name}")) for name, each in shown.items()}
+    vega = vl_convert.javascript_bundle().replace("</script", "<\\/script")
+    return template.render(about=about, parts=parts, players=players, vega=Markup(vega))
+
+
+def embedded(content: Any) -> Markup:
+    """Return JSON that may stand in a script element."""
+    return Markup(json.dumps(content, separators=(",", ":"), allow_nan=False).replace("</", "<\\/"))

@@ -1,0 +1,130 @@
+"""The jobs of the report: functions of plain data that play a controller and return arrays."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.baselines import PaperTrapezoid
+from agents.baselines.rule import Seen
+from agents.controllers import controller_of
+from agents.jobs.evaluations import frozen_of, play, stage
+from agents.validation import Controller
+from experiments.reference.task import rescore
+from impact_gym.envs.observation import ENTRIES, FORCE_SCALE
+from impact_gym.envs.task import ACCELERATION_RANGE, VELOCITY_RANGE
+
+Arrays = dict[str, NDArray[Any]]
+HALVINGS = 12  # of the range of weights, in its logarithm
+PEAK = next(place for place, entry in enumerate(ENTRIES) if entry.name.startswith("its maximum"))
+
+
+def play_as_late(
+    controller: Mapping[str, Any],
+    environment: Mapping[str, Any],
+    scenarios: Mapping[str, Any],
+    weights: Sequence[float],
+) -> Arrays:
+    """Return the results (1, scenarios) at the weight whose mean approach takes as long as that of the paper's rule.
+
+    That weight is found by bisection within the ends of `weights`, on the validation set, so that the scenarios of the
+    answer have no part in it. It is returned as `weight` (1,).
+    """
+
+    def mean_time(weight: float, one: Controller) -> float:
+        return float(stage({"set": "validation", "count": 1000}, weight, environment).play(one).approach_time.mean())
+
+    low, high = weights[0], weights[-1]
+    target = mean_time(low, PaperTrapezoid())
+    for _ in range(HALVINGS if high > low else 0):
+        middle = math.sqrt(low * high)
+        if mean_time(middle, controller_of(controller, middle)) > target:
+            low = middle
+        else:
+            high = middle
+    return play(controller, scenarios, [high], environment) | {"weight": np.array([high])}
+
+
+def reactions(
+    controller: Mapping[str, Any], environment: Mapping[str, Any], scenarios: Mapping[str, Any], weight: float
+) -> Arrays:
+    """Return what was sensed and commanded at each control step after the alarm, an entry per step.
+
+    `since` the alarm (s), largest force `sensed` so far (N), `velocity` (m/s) and `acceleration` (m/s^2) commanded, and
+    the flange's velocity at the alarm, `before` (m/s).
+    """
+    one = controller_of(controller, weight)
+    kept: list[tuple[Any, ...]] = []
+    before = np.full(scenarios["count"], np.nan)
+
+    class Listening:
+        def predict(self, observation: Any, **arguments: Any) -> tuple[Any, Any]:
+            action, state = one.predict(observation, **arguments)
+            seen = Seen(observation)
+            new = seen.alarm & np.isnan(before)
+            before[new] = seen.velocity[new]
+            now = seen.alarm & (seen.scaled[:, 4] < 1.0)  # once the episode is over the clock stands still
+            sensed = np.expm1(seen.scaled[now, PEAK] * math.log1p(FORCE_SCALE))
+            command = 0.5 * (np.clip(np.asarray(action, np.float64)[now], -1.0, 1.0) + 1.0)
+            kept.append((seen.since_alarm[now], sensed, command[:, 0], command[:, 1], before[now]))
+            return action, state
+
+    stage(scenarios, weight, environment).play(Listening())
+    since, sensed, velocity, acceleration, at_alarm = (np.concatenate(column) for column in zip(*kept, strict=True))
+    (v_low, v_high), (a_low, a_high) = VELOCITY_RANGE, ACCELERATION_RANGE
+    return {
+        "since": since,
+        "sensed": sensed,
+        "velocity": v_low + (v_high - v_low) * velocity,
+        "acceleration": a_low + (a_high - a_low) * acceleration,
+        "before": at_alarm,
+    }
+
+
+def in_scipy(
+    controller: Mapping[str, Any],
+    environment: Mapping[str, Any],
+    scenarios: Mapping[str, Any],
+    weight: float,
+    clamp: bool,
+) -> Arrays:
+    """Return the results (scenarios,) in the independent solver, and V_p of the environment as `ours`."""
+    frozen = frozen_of(scenarios)
+    if frozen is None:
+        raise ValueError("the independent solver takes scenarios of a set or a table")
+    one = controller_of(controller, weight)
+    found = rescore(one, frozen, range(scenarios["count"]), environment, weight, clamp=clamp)
+    ours = stage(scenarios, weight, environment).play(one)
+    return {**found, "ours": ours.object_velocity}
+
+
+def profile(
+    controller: Mapping[str, Any], environment: Mapping[str, Any], weights: Sequence[float], distance: float
+) -> Arrays:
+    """Return the flange's velocity (weights, k) over even positions (k,) up to an object at `distance` (m).
+
+    A distance estimate, where there is one, is right.
+    """
+    record = {"object_mass": 0.5, "contact_stiffness": 3e4, "restitution": 0.5, "distance": distance}
+    if environment.get("range_noise") is not None:
+        record["distance_estimate"] = distance
+    position = np.linspace(0.0, distance, 141)
+    curves = []
+    for weight in weights:
+        one = controller_of(controller, weight)
+        env: Any = gym.make("ImpactApproach-v0", record_trace=True, time_weight=weight, **environment).unwrapped
+        seen, _ = env.reset(seed=0, options={"record": record})
+        state, ended = None, False
+        while not ended:
+            action, state = one.predict(seen, state=state, episode_start=np.zeros(1, np.bool_), deterministic=True)
+            seen, _, terminated, truncated, info = env.step(action)
+            ended = terminated or truncated
+        trace = env.trace()
+        approach = trace.time <= info["approach_time"] + 1e-12
+        place, velocity = trace.flange_position[approach], trace.flange_velocity[approach]
+        forward = np.flatnonzero(place >= np.maximum.accumulate(place))  # a flange may step back
+        curves.append(np.interp(position, place[forward], velocity[forward], right=np.nan))
+    return {"position": position, "velocity": np.array(curves)}

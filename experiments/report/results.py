@@ -1,0 +1,230 @@
+"""From arenas to arrays: the list of jobs behind the page, and what came of them."""
+
+import copy
+import hashlib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from agents.clairvoyance import FROZEN, shipped_scenarios
+from agents.jobs import Job, digest_of, gather_all
+from agents.jobs.evaluations import RESULTS
+from agents.validation import WEIGHTS
+from experiments.reference.task import SERVED
+from experiments.report.arenas import PAPER, Arena, Contestant, preset_of
+from experiments.report.robustness import VARIANTS
+from impact_gym.envs.scenario import FIELDS
+from impact_gym.envs.task import MISSED_COST
+
+Arrays = Mapping[str, NDArray[Any]]
+PLAYS = {"play": "agents.jobs.evaluations"}
+HERE = "experiments.report.play"
+SPEEDS = (0.4, 0.5, 0.6, 0.8, 1.0, 1.25, 1.5)  # m/s, of the family of constant speeds
+FAR = 0.36  # m, just beyond the farthest object: where an approach that meets nothing is watched
+NEAR = 0.25  # m, where one is watched that knows the distance
+SHOWN_WEIGHTS = (0.7, 2.0, 4.0)
+LESS = 500  # scenarios where many variants are played
+EXACTLY = 200  # scenarios that every policy plays once more at a hundredth of the tolerance
+IN_SCIPY = 100  # scenarios in the independent solver
+CLAMP = {"as it is": True, "clamp off": False}
+BOUND = "clairvoyant bound"
+FAMILY = "constant speeds"
+
+
+@dataclass
+class Run:
+    """Results of one contestant in one arena."""
+
+    weights: tuple[float, ...]
+    arrays: Arrays  # (weights, scenarios) each
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        return self.arrays[name]
+
+    def at(self, weight: float) -> dict[str, NDArray[Any]]:
+        """Return the results (scenarios,) at a weight, or at the only one."""
+        place = self.weights.index(weight) if weight in self.weights else 0
+        return {name: self.arrays[name][place] for name in RESULTS}
+
+    def loss(self, weight: float) -> NDArray[np.float64]:
+        """V_p + weight * approach time and what misses cost (scenarios,), m/s."""
+        one = self.at(weight)
+        return one["object_velocity"] + weight * one["approach_time"] + MISSED_COST * one["missed"]
+
+    @property
+    def scenario(self) -> dict[str, NDArray[np.float64]]:
+        """The scenarios."""
+        return {name: self.arrays[name] for name in FIELDS}
+
+
+@dataclass
+class Played:
+    """All that came of one arena."""
+
+    arena: Arena
+    seeds: dict[str, Run] = field(default_factory=dict)
+    as_late: dict[str, Run] = field(default_factory=dict)  # each seed at the weight that makes it as late as the paper
+    baselines: dict[str, Run] = field(default_factory=dict)
+    family: dict[str, Run] = field(default_factory=dict)
+    bound: Run | None = None
+    variants: dict[tuple[str, str, str], Run] = field(default_factory=dict)  # factor, label, contestant
+    exactly: dict[tuple[str, str], Run] = field(default_factory=dict)  # change, seed or baseline
+    scipy: dict[tuple[str, str], Arrays] = field(default_factory=dict)  # with the clamp or not, contestant
+    reactions: Arrays = field(default_factory=dict)
+    profiles: dict[str, Arrays] = field(default_factory=dict)
+
+    @property
+    def paper(self) -> Run:
+        """The paper's rule."""
+        return self.baselines[PAPER]
+
+    @property
+    def rival(self) -> Run:
+        """The baseline to beat."""
+        return self.baselines[self.arena.rival.name]
+
+    @property
+    def policy(self) -> Run:
+        """The median seed."""
+        return self.seeds[self.arena.chosen]
+
+    @property
+    def policy_as_late(self) -> Run:
+        """The median seed at the weight that makes it as late as the paper's rule."""
+        return self.as_late[self.arena.chosen]
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """A job and where its result goes."""
+
+    arena: int
+    where: str
+    key: Any
+    weights: tuple[float, ...]
+    job: Job
+
+
+def gather_arenas(
+    arenas: list[Arena], folder: Path, processes: int | None = None, cluster: str | None = None
+) -> list[Played]:
+    """Play everything that is not in `folder` yet, and return what came of each arena."""
+    depends = _sources()
+    asked = [one for number, arena in enumerate(arenas) for one in _asked(number, arena, depends)]
+    results = gather_all([one.job for one in asked], folder, processes=processes, cluster=cluster, title="playing")
+    played = [Played(arena) for arena in arenas]
+    for one, arrays in zip(asked, results, strict=True):
+        target = played[one.arena]
+        weights = tuple(arrays["weight"].tolist()) if one.where == "as_late" else one.weights
+        value = Run(weights, arrays) if one.weights else arrays
+        if one.where in ("bound", "reactions"):
+            setattr(target, one.where, value)
+        else:
+            getattr(target, one.where)[one.key] = value
+    return played
+
+
+def _sources() -> str:
+    """Digest of what determines results beside a job's arguments."""
+    return digest_of("impact_gym", "agents", "experiments.report.play", "experiments.reference")
+
+
+def _asked(number: int, arena: Arena, depends: str) -> Iterator[_Asked]:
+    environment = copy.deepcopy(dict(arena.environment))
+    scenarios = dict(arena.scenarios)
+    some = _first(scenarios, LESS)
+    typical = arena.typical
+
+    def ask(where: str, key: Any, function: str, controller: Mapping[str, Any], **arguments: Any) -> _Asked:
+        weights = tuple(arguments.get("weights", ())) if function in ("play", "play_as_late") else ()
+        module = PLAYS.get(function, HERE)
+        given = {"controller": dict(controller), "environment": environment, **arguments}
+        return _Asked(number, where, key, weights, Job(f"{module}:{function}", given, depends))
+
+    for one in (*arena.seeds,):
+        yield ask("seeds", one.name, "play", one.controller, scenarios=scenarios, weights=list(one.weights))
+        yield ask("as_late", one.name, "play_as_late", one.controller, scenarios=scenarios, weights=list(one.weights))
+    for one in arena.baselines:
+        yield ask("baselines", one.name, "play", one.controller, scenarios=scenarios, weights=list(one.weights))
+    for speed in SPEEDS:
+        yield ask("family", f"{speed:g} m/s", "play", {"speed": speed}, scenarios=some, weights=[typical])
+    preset = preset_of(environment)
+    preset = "linear-blind" if preset == "linear-ranged" else preset  # an estimate adds nothing to what it knows
+    known = shipped_scenarios(preset) if preset else 0
+    if known and scenarios.get("set") == FROZEN and scenarios["count"] >= known:
+        privileged = {**environment, "privileged": True}
+        arguments = {"environment": privileged, "scenarios": _first(scenarios, known), "weights": list(WEIGHTS)}
+        yield ask("bound", None, "play", {"clairvoyant": preset}, **arguments)
+    rivals = {one.name: one for one in (arena.baselines[0], arena.rival, arena.policy)}.values()
+    for variant in VARIANTS:
+        changed = variant.environment(environment)
+        if changed is None:
+            continue
+        where = variant.scenarios or some
+        for one in rivals:
+            arguments = {"environment": changed, "scenarios": where, "weights": [typical]}
+            key = (variant.factor, variant.label, one.name)
+            yield ask("variants", key, "play", one.controller, **arguments)
+    few = _first(scenarios, EXACTLY)
+    for change, options in EXACT.items():
+        for one in {**{c.name: c for c in arena.seeds}, **{c.name: c for c in rivals}}.values():
+            arguments = {"environment": {**environment, **options}, "scenarios": few, "weights": [typical]}
+            yield ask("exactly", (change, one.name), "play", one.controller, **arguments)
+    if "ranges" not in scenarios and set(environment) <= set(SERVED):
+        hundred = _first(scenarios, IN_SCIPY)
+        for label, clamp in CLAMP.items():
+            arguments = {"scenarios": hundred, "weight": typical, "clamp": clamp}
+            for one in (arena.baselines[0], arena.policy):
+                yield ask("scipy", (label, one.name), "in_scipy", one.controller, **arguments)
+    yield ask("reactions", None, "reactions", arena.policy.controller, scenarios=some, weight=typical)
+    distance = FAR if environment.get("range_noise") is None else NEAR
+    for one in rivals:
+        weights = [weight for weight in SHOWN_WEIGHTS if weight in one.weights] or [one.weights[0]]
+        yield ask("profiles", one.name, "profile", one.controller, weights=weights, distance=distance)
+
+
+EXACT: dict[str, dict[str, Any]] = {
+    "as it is": {},
+    "a hundredth of the tolerance": {"rtol": 1e-10},
+    "exact dissipation": {"dissipation": "exact"},
+}
+
+
+def _first(scenarios: Mapping[str, Any], count: int) -> dict[str, Any]:
+    return {**scenarios, "count": min(count, scenarios["count"])}
+
+
+def episodes(played: list[Played]) -> pl.DataFrame:
+    """Return all episodes of the seeds, the baselines and the bound, a row each."""
+    frames = []
+    for one in played:
+        runs = {**one.seeds, **one.baselines}
+        if one.bound is not None:
+            runs[BOUND] = one.bound
+        runs |= {f"{name}, as late as the paper's rule": run for name, run in one.as_late.items()}
+        for name, run in runs.items():
+            for place, weight in enumerate(run.weights):
+                count = run["missed"].shape[1]
+                frames.append(
+                    pl.DataFrame(
+                        {
+                            "arena": [one.arena.name] * count,
+                            "contestant": [name] * count,
+                            "time_weight": np.full(count, weight),
+                            "scenario": np.arange(count, dtype=np.int32),
+                            **{field: run[field][place] for field in RESULTS},
+                            **run.scenario,
+                        }
+                    )
+                )
+    return pl.concat(frames)
+
+
+def checksum_of(contestant: Contestant) -> str:
+    """SHA-256 of what makes the controller."""
+    return hashlib.sha256(repr(sorted(contestant.controller.items())).encode()).hexdigest()

@@ -1,0 +1,279 @@
+"""Jobs on this machine: each done once, kept, and done again only where its result is missing or damaged."""
+
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cluster_work import calls
+from training import tiny
+
+from agents import many
+from agents.jobs import Job, JobsFailedError, digest_of, gather, gather_all
+from agents.jobs.evaluations import play
+from agents.networks import to_arrays
+from agents.policy import load_policy
+from agents.settings import as_json
+
+HERE = Path(__file__).parent
+
+
+def listed(log, count=6, **more):
+    return [Job("cluster_work:numbers", {"log": str(log), "number": number, **more}) for number in range(count)]
+
+
+def same(one, other):
+    return one.keys() == other.keys() and all(
+        one[name].dtype == other[name].dtype and one[name].tobytes() == other[name].tobytes() for name in one
+    )
+
+
+@pytest.mark.parametrize("processes", [0, 1, 2])
+def test_each_job_is_done_once_with_the_same_result_whatever_the_order(tmp_path, processes):
+    log = tmp_path / "log"
+    jobs = listed(log)
+    backwards = gather_all(jobs[::-1], tmp_path / "results", processes=processes)
+    assert sorted(calls(log)) == list(range(6))
+    for number, result in enumerate(backwards[::-1]):
+        drawn = np.random.default_rng(number).standard_normal((64, 64))
+        assert int(result["number"]) == number
+        np.testing.assert_allclose(result["product"], drawn @ drawn.T, rtol=1e-12, atol=1e-12)
+    again = gather_all(jobs, tmp_path / "results", processes=processes)
+    assert len(calls(log)) == 6
+    assert all(same(*pair) for pair in zip(again, backwards[::-1], strict=True))
+
+
+def slice_of(first, count):
+    return {"set": "validation", "first": first, "count": count}
+
+
+def test_results_are_equal_to_the_bit_for_any_number_of_processes(tmp_path):
+    jobs = [
+        Job(
+            "agents.jobs.evaluations:play",
+            {"controller": {"shipped": "linear-blind"}, "scenarios": slice_of(first, 10)},
+        )
+        for first in range(0, 50, 10)
+    ]
+    few, one, two = (gather_all(jobs, tmp_path / str(count), processes=count) for count in (0, 1, 2))
+    for here, there, elsewhere in zip(few, one, two, strict=True):
+        assert same(here, there)
+        assert same(here, elsewhere)
+    whole = play({"shipped": "linear-blind"}, slice_of(0, 50))
+    assert same(whole, {name: np.concatenate([result[name] for result in two], axis=-1) for name in whole})
+
+
+def test_jobs_with_the_same_key_are_done_once_and_come_in_every_place(tmp_path):
+    log = tmp_path / "log"
+    jobs = listed(log, 2) + listed(log, 3)
+    came = dict(gather(jobs, tmp_path / "results", processes=0))
+    assert sorted(calls(log)) == [0, 1, 2]
+    assert [int(came[place]["number"]) for place in range(5)] == [0, 1, 0, 1, 2]
+
+
+@pytest.mark.parametrize("damage", [
+    lambda path, other: path.write_bytes(path.read_bytes()[:-40]),
+    lambda path, other: path.write_bytes(b""),
+    lambda path, other: path.write_bytes(other.read_bytes()),
+])  # fmt: skip
+def test_a_damaged_result_is_computed_anew(tmp_path, capsys, damage):
+    log, folder = tmp_path / "log", tmp_path / "results"
+    jobs = listed(log, 3)
+    before = gather_all(jobs, folder, processes=0)
+    damage(folder / f"{jobs[1].key}.npz", folder / f"{jobs[2].key}.npz")
+    after = gather_all(jobs, folder, processes=0)
+    assert calls(log) == [0, 1, 2, 1]
+    assert all(same(*pair) for pair in zip(before, after, strict=True))
+    assert f"computed anew: {folder / jobs[1].key}" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("processes", [0, 2])
+def test_failed_jobs_are_named_when_all_others_are_done(tmp_path, processes):
+    log = tmp_path / "log"
+    jobs = [Job("cluster_work:fails_on", {"log": str(log), "number": number, "bad": [1, 3]}) for number in range(6)] + [
+        Job("cluster_work:no_arrays", {})
+    ]
+    came = []
+    with pytest.raises(JobsFailedError) as raised:
+        came.extend(int(result["number"]) for _, result in gather(jobs, tmp_path / "results", processes=processes))
+    assert sorted(came) == sorted(calls(log)) == [0, 2, 4, 5]
+    assert len(raised.value.failed) == 3
+    said = str(raised.value)
+    assert "3 of 7 jobs failed" in said
+    for number in (1, 3):
+        assert re.search(rf"fails_on\(.*number={number}, .*\): ArithmeticError: no result for {number}", said)
+    assert "no_arrays(): TypeError: 'value' of a result must be an array" in said
+    assert "in fails_on" in said  # where the first one raised
+
+
+def test_a_job_whose_process_is_killed_is_done_again(tmp_path):
+    log = tmp_path / "log"
+    jobs = [Job("cluster_work:kills_itself", {"log": str(log), "number": 100, "times": 2}), *listed(log, 4)]
+    results = gather_all(jobs, tmp_path / "results", processes=2, retries=2)
+    assert [int(result["number"]) for result in results] == [100, 0, 1, 2, 3]
+    assert sorted(calls(log)) == [0, 1, 2, 3, 100, 100, 100]
+
+
+def test_a_job_that_kills_every_process_is_named_and_spoils_no_other(tmp_path):
+    log = tmp_path / "log"
+    jobs = [Job("cluster_work:kills_itself", {"log": str(log), "number": 100, "times": 99}), *listed(log, 4)]
+    with pytest.raises(JobsFailedError, match=r"1 of 5 jobs failed(.|\n)*kills_itself.*worker was lost 2 time"):
+        gather_all(jobs, tmp_path / "results", processes=2, retries=1)
+    assert sorted(calls(log)) == [0, 1, 2, 3, 100, 100]
+
+
+def driver(tmp_path, log):
+    script = tmp_path / "driver.py"
+    script.write_text(
+        "import sys\n"
+        f"sys.path.insert(0, {str(HERE)!r})\n"
+        "from agents.jobs import Job, gather_all\n"
+        "if __name__ == '__main__':\n"
+        f"    jobs = [Job('cluster_work:numbers', dict(log={str(log)!r}, number=n, seconds=0.2)) for n in range(12)]\n"
+        f"    gather_all(jobs, {str(tmp_path / 'results')!r}, processes=2)\n"
+    )
+    return [sys.executable, str(script)]
+
+
+def descendants(pid):
+    """Return the processes below one, as the kernel lists them."""
+    below = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+    return [int(one) for one in below] + [deeper for one in below for deeper in descendants(int(one))]
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="reads the list of processes where Linux keeps it")
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
+def test_what_a_killed_gathering_had_is_kept_and_no_process_is_left(tmp_path, how):
+    log, results = tmp_path / "log", tmp_path / "results"
+    with subprocess.Popen(driver(tmp_path, log), cwd=HERE.parent, stderr=subprocess.PIPE) as running:
+        while len(list(results.glob("[!.]*.npz"))) < 3:
+            assert running.poll() is None, running.stderr.read()
+            time.sleep(0.02)
+        below = descendants(running.pid)
+        running.send_signal(how)
+        running.wait(20)
+    assert len(below) >= 2
+    deadline = time.monotonic() + 10
+    while any(alive(pid) for pid in below):
+        assert time.monotonic() < deadline, "a worker outlived the gathering process"
+        time.sleep(0.05)
+    kept = len(list(results.glob("[!.]*.npz")))
+    begun = len(calls(log))
+    assert 3 <= kept < 12
+    subprocess.run(driver(tmp_path, log), cwd=HERE.parent, check=True, stderr=subprocess.DEVNULL)
+    assert len(calls(log)) - begun == 12 - kept
+    assert set(calls(log)) == set(range(12))
+    assert len(list(results.glob("[!.]*.npz"))) == 12
+
+
+def alive(pid):
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+
+
+def test_workers_have_one_thread_each_and_this_process_keeps_its_own(tmp_path, monkeypatch):
+    monkeypatch.setenv("OMP_NUM_THREADS", "7")
+    monkeypatch.delenv("MKL_NUM_THREADS", raising=False)
+    (result,) = gather_all([Job("cluster_work:threads", {})], tmp_path, processes=1)
+    assert result["threads"].tolist() == ["1", "1", "1", "1"]
+    assert os.environ["OMP_NUM_THREADS"] == "7"
+    assert "MKL_NUM_THREADS" not in os.environ
+
+
+def test_the_key_is_that_of_all_that_determines_the_result():
+    job = Job("cluster_work:numbers", {"log": "x", "number": 1})
+    others = [
+        Job("cluster_work:fails_on", {"log": "x", "number": 1, "bad": []}),
+        Job("cluster_work:numbers", {"log": "x", "number": 2}),
+        Job("cluster_work:numbers", {"log": "x", "number": 1}, depends=digest_of("impact_gym.kernel")),
+    ]
+    assert len({job.key, *(other.key for other in others)}) == 4
+    assert Job("cluster_work:numbers", {"number": 1, "log": "x"}).key == job.key
+    given = {"log": "x", "number": 1, "bad": [1]}
+    later = Job("cluster_work:fails_on", given)
+    key = later.key
+    given["bad"].append(2)
+    assert later.key == key
+
+
+def test_a_digest_changes_with_any_source_of_the_module(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    inner = tmp_path / "package_of_jobs" / "inner"
+    inner.mkdir(parents=True)
+    (inner.parent / "__init__.py").touch()
+    (inner / "__init__.py").write_text("ONE = 1\n")
+    before = digest_of("package_of_jobs"), digest_of("package_of_jobs.inner")
+    assert digest_of("package_of_jobs") == before[0]
+    (inner / "data.json").write_text("{}")
+    assert digest_of("package_of_jobs") != before[0]
+    assert digest_of("package_of_jobs.inner") != before[1]
+    with pytest.raises(ValueError, match="no module 'not_there'"):
+        digest_of("not_there")
+
+
+@pytest.mark.parametrize(("function", "arguments", "kind", "said"), [
+    ("cluster_work", {}, ValueError, "'module:name'"),
+    ("cluster_work:", {}, ValueError, "'module:name'"),
+    (7, {}, TypeError, "'module:name'"),
+    ("not_there:play", {}, ValueError, "not importable"),
+    ("cluster_work:not_there", {}, ValueError, "not importable"),
+    ("cluster_work:__doc__", {}, ValueError, "no function"),
+    ("__main__:play", {}, ValueError, "put it into a module"),
+    ("cluster_work:numbers", [], TypeError, "must be a mapping"),
+    ("cluster_work:numbers", {"log": "x"}, TypeError, "missing a required argument: 'number'"),
+    ("cluster_work:numbers", {"log": "x", "number": 1, "more": 1}, TypeError, "'more'"),
+    ("cluster_work:numbers", {"log": "x", "number": float("nan")}, ValueError, "finite"),
+    ("cluster_work:numbers", {"log": "x", "number": (1, 2)}, TypeError, "what JSON holds"),
+    ("cluster_work:numbers", {"log": "x", "number": {1: 2}}, TypeError, "what JSON holds"),
+    ("cluster_work:numbers", {"log": Path("x"), "number": 1}, TypeError, "what JSON holds"),
+    ("cluster_work:numbers", {"log": "x", "number": np.array([1.0])}, TypeError, "what JSON holds"),
+])  # fmt: skip
+def test_what_is_no_job_is_refused_with_the_reason(function, arguments, kind, said):
+    with pytest.raises(kind, match=re.escape(said)):
+        Job(function, arguments)
+
+
+@pytest.mark.parametrize(("options", "said"), [
+    ({"processes": -1}, "processes must be a whole number of at least 0, got -1"),
+    ({"retries": -1}, "retries must be a whole number of at least 0, got -1"),
+    ({"processes": 2, "cluster": "ray"}, "not both"),
+])  # fmt: skip
+def test_wrong_options_of_gathering_are_refused_at_once(tmp_path, options, said):
+    with pytest.raises(ValueError, match=said):
+        gather([], tmp_path, **options)
+    with pytest.raises(TypeError, match=r"jobs\[0\] must be a Job"):
+        gather(["cluster_work:numbers"], tmp_path)
+
+
+def test_a_training_is_a_job_that_needs_no_common_folder(tmp_path):
+    """A run folder that cannot be made, as on a node without a common one, gives what one does that can."""
+    settings = json.loads(json.dumps(as_json(tiny(steps=512))))
+    (tmp_path / "file").touch()
+    elsewhere = many.train_one(settings, str(tmp_path / "file" / "linear-blind" / "seed-0"))
+    here = many.train_one(settings, str(tmp_path / "linear-blind" / "seed-0"))
+    assert here["best"].tobytes() == (tmp_path / "linear-blind" / "seed-0" / "best.npz").read_bytes()
+    policies = []
+    for result in (here, elsewhere):
+        (tmp_path / "policy.npz").write_bytes(result["best"].tobytes())
+        policies.append(to_arrays(load_policy(tmp_path / "policy.npz").network))
+    assert same(*policies)
+
+
+def test_gathered_trainings_fill_the_run_folders(tmp_path, monkeypatch):
+    wanted = many.Many(seeds=1, processes=1, runs=tmp_path / "runs", policies=tmp_path / "policies")
+    shipped = many.train_all("linear-blind", wanted, tiny(steps=512))
+    folder, before = tmp_path / "runs" / "linear-blind" / "seed-0", shipped.read_bytes()
+    trained = {name: (folder / name).read_bytes() for name in many.KEPT.values()}
+    shutil.rmtree(folder)
+    monkeypatch.setattr(many, "train", None)  # which nobody calls again
+    assert many.train_all("linear-blind", wanted, tiny(steps=512)).read_bytes() == before
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == trained

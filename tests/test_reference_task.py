@@ -1,0 +1,205 @@
+"""The slow solver of the whole task: its laws, and that the environment plays what it plays."""
+
+from math import sqrt
+
+import numpy as np
+import pytest
+from scipy.special import lambertw
+
+from agents import load_policy
+from agents.baselines import ConstantSpeed, PaperTrapezoid, encode
+from agents.baselines.tuned import load_baseline
+from agents.evaluation import Stage
+from agents.settings import ENVIRONMENTS
+from experiments.reference.task import _at_rest, _settle, _task, play, rescore
+from impact_gym.envs.evaluation_sets import load
+
+SCENARIO = {"object_mass": 0.25, "contact_stiffness": 1e6, "restitution": 1.0, "distance": 0.2505}
+RIGID = {"coupling": {"type": "Rigid"}}
+ROBOT = {"type": "Robot", "mass": 5.225, "stiffness": 1.5e5, "damping": 53.75}
+TABLE = {
+    "type": "RobotTable",
+    "position": [0.05, 0.15, 0.25, 0.35],
+    "mass": [5.0, 5.3, 5.5, 5.2],
+    "stiffness": [1.5e5, 1.6e5, 1.4e5, 1.5e5],
+    "damping": [50.0, 55.0, 60.0, 50.0],
+}
+
+
+class Played:
+    """Plays random actions, a batch of them at every step; remembers what was seen."""
+
+    def __init__(self, rows, seed=3):
+        self.rng, self.rows, self.seen = np.random.default_rng(seed), rows, []
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        self.seen.append(observation)
+        return np.clip(self.rng.uniform([-0.8, -1.0], [1.2, 1.0], (self.rows, 2)), -1, 1).astype(np.float32), state
+
+
+def always(velocity, acceleration):
+    class Always:
+        def predict(self, observation, state=None, episode_start=None, deterministic=True):
+            return np.tile(encode(velocity, acceleration), (len(observation), 1)), state
+
+    return Always()
+
+
+def both(controllers, numbers, options, frozen="validation", rtol=1e-8):
+    """What the environment and the reference make of the first scenarios of a set."""
+    stage = Stage.of(frozen, len(numbers), time_weight=[1.0], rtol=rtol, **options)
+    return stage.play(controllers[0]), rescore(controllers[1], frozen, numbers, options, 1.0)
+
+
+def assert_same(episodes, found, velocity_error):
+    assert np.array_equal(found["contact_count"], episodes.contact_count)
+    assert np.array_equal(found["missed"], episodes.missed)
+    assert found["object_velocity"] == pytest.approx(episodes.object_velocity, rel=0, abs=velocity_error)
+    assert found["approach_time"] == pytest.approx(episodes.approach_time, rel=0, abs=1e-9)
+    assert found["peak_force"] == pytest.approx(episodes.peak_force, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("preset", "controller", "velocity_error"),
+    [
+        ("linear-blind", PaperTrapezoid, 1e-8),
+        # where a bit of a float32 observation differs, the command may differ by its resolution of 1e-6 m/s
+        ("linear-blind", lambda: load_policy("linear-blind"), 1e-6),
+        ("linear-ranged", lambda: load_policy("linear-ranged"), 1e-6),
+        ("bistable-blind", lambda: load_baseline("bistable-constant-speed", 1.0), 1e-7),
+    ],
+    ids=["paper", "blind policy", "ranged policy", "bistable"],
+)
+def test_the_environment_plays_what_the_reference_plays(preset, controller, velocity_error):
+    controller = controller()
+    episodes, found = both([controller, controller], range(6), ENVIRONMENTS[preset])
+    assert not found["missed"].any()
+    assert_same(episodes, found, velocity_error)
+
+
+@pytest.mark.parametrize(("frozen", "options"), [
+    ("validation", {"range_noise": 0.01, "deflection_sensor": True, "privileged": True}),
+    ("validation", {"reaction_delay": 0.04, "control_period": 0.011, "deflection_sensor": True}),
+    ("validation", {"reaction_delay": 0.0, "alarm_threshold": 5.0, "dissipation": "exact", "tool_mass": 0.2}),
+    ("hard", {"coupling": {"type": "SpringDamper", "stiffness": 150.0, "damping_ratio": 0.1}, "reaction_delay": 0.005}),
+    ("hard", ENVIRONMENTS["bistable-blind"]),
+    ("validation", {"robot": ROBOT, "deflection_sensor": True}),
+    ("validation", {"robot": TABLE} | RIGID),
+], ids=str)  # fmt: skip
+def test_both_see_the_same_whatever_is_done(frozen, options):
+    rows = 5
+    played, slow = Played(rows), Played(rows)
+    episodes, found = both([played, slow], range(rows), options, frozen)
+    assert_same(episodes, found, 1e-7)
+    assert len(played.seen) == len(slow.seen)
+    expected, seen = np.array(played.seen), np.array(slow.seen)
+    assert seen.dtype == np.float32
+    for row in range(rows):  # the reference shows an episode that is over as it was before its last step
+        steps = 1 + np.count_nonzero(np.diff(seen[:, row, 2]))
+        assert 15 < steps <= len(seen)
+        assert seen[:steps, row] == pytest.approx(expected[:steps, row], rel=0, abs=1.3e-7)  # bits of a float32
+
+
+def test_a_rigid_tool_throws_the_object_off_at_its_speed_times_one_and_the_restitution():
+    """Instantaneous impact (paper, eq. 1) with what Hu and Guo's damping delivers, before the brake comes."""
+    for e in (0.3, 0.7, 1.0):
+        d = 3 / 2 * (1 - e) / e
+        effective = (1 + lambertw(-(1 + d) * np.exp(-(1 + d))).real) / d if d else 1.0
+        out = play(PaperTrapezoid(), SCENARIO | {"restitution": e}, options=RIGID, time_weight=1.0)
+        assert out.object_velocity == pytest.approx(1 + effective, rel=1e-8)
+        assert out.approach_time == pytest.approx(0.2505 + 1 / 16, rel=1e-14)
+        assert (out.contact_count, out.missed) == (1, False)
+    hertz = 1.1432626298 * 1e6 * (0.25 / 1e6) ** 0.6  # N, elastic contact at 1 m/s
+    assert out.peak_force == pytest.approx(hertz, rel=1e-9)
+
+
+def test_an_elastic_contact_with_a_resting_flange_keeps_the_energy():
+    options = {"coupling": {"type": "SpringDamper", "stiffness": 50.0, "damping_ratio": 0.0}}
+    motion = _at_rest(_task(options), SCENARIO | {"distance": 0.13}, 1e-10)
+    motion.command.steer(0.0, 1.0, 20.0)
+    motion.advance(0.1)
+    motion.command.steer(0.1, 0.0, 20.0)
+    motion.advance(0.15)
+    assert motion.contacts == 0
+
+    def energy():
+        _, _, u, u_dot, _, _ = motion.state
+        return 0.125 * u_dot**2 / 2 + 50.0 * u**2 / 2 + 0.25 * motion.object_velocity**2 / 2
+
+    before = energy()
+    assert before > 0.01
+    while motion.contacts == 0 or motion.touching:
+        motion.advance(motion.t + 1e-3)
+    assert 0.25 * motion.object_velocity**2 / 2 > 0.1 * before
+    assert energy() == pytest.approx(before, rel=1e-8)
+
+
+def test_momentum_that_a_contact_takes_from_a_free_tool_it_gives_to_the_object():
+    """The spring is so soft that it gives nothing in a contact (paper, eq. 2)."""
+    options = {"coupling": {"type": "SpringDamper", "stiffness": 1e-9, "damping_ratio": 0.0}, "tool_mass": 0.125}
+    motion = _at_rest(_task(options), SCENARIO | {"restitution": 0.5, "distance": 0.1}, 1e-10)
+    motion._y[1], motion._y[3] = 1.0, -1.0  # delta', u' of a tool that flies at 1 m/s while the flange rests
+    for until in (0.15, 0.15):  # it stops at the alarm
+        motion.advance(until)
+    effective = 0.487741256  # docs/provenance.md, of a nominal 0.5
+    assert motion.contacts == 1
+    assert motion.object_velocity == pytest.approx((1 + effective) / 3, rel=1e-8)
+    assert -motion.state[3] == pytest.approx((1 - 2 * effective) / 3, rel=1e-6)
+
+
+@pytest.mark.parametrize("coupling", [
+    {"type": "SpringDamper", "stiffness": 150.0, "damping_ratio": 0.1},
+    {"type": "Bistable"},
+    ENVIRONMENTS["bistable-blind"]["coupling"],
+], ids=str)  # fmt: skip
+def test_once_all_is_over_nothing_comes(coupling):
+    task, frozen = _task({"coupling": coupling}), load("validation")
+    waited = 0
+    for k in range(6):
+        scenario = {name: float(values[k]) for name, values in frozen.scenario.items()}
+        motion = _at_rest(task, scenario, 1e-10)
+        motion.command.steer(0.0, 0.6, 20.0)
+        while motion.command.detection_time is None:
+            motion.advance(1.2)
+        begun = motion.t
+        _settle(motion)
+        waited += motion.t > begun + 0.1
+        contacts, velocity = motion.contacts, motion.object_velocity
+        motion.advance(motion.t + 2.0)
+        assert (motion.contacts, motion.object_velocity) == (contacts, velocity)
+        assert motion.over()
+    assert waited  # not over at once
+
+
+def test_who_stands_still_misses():
+    out = play(always(0.0, 20.0), SCENARIO, options={}, time_weight=1.0)
+    assert out[:5] == (0.0, 1.2, 0.0, 0, True)
+
+
+def test_a_scenario_is_the_same_by_itself_and_beside_others():
+    controller, frozen, numbers = ConstantSpeed(0.5, 20.0), load("test"), [7, 2]
+    found = rescore(controller, "test", numbers, {}, 1.0)
+    for row, k in enumerate(numbers):
+        scenario = {name: float(values[k]) for name, values in frozen.scenario.items()}
+        alone = play(controller, scenario, options={}, time_weight=1.0)
+        assert tuple(found[name][row] for name in alone._fields[:5]) == alone[:5]
+        assert alone.seconds > 0
+
+
+def test_the_estimate_is_seen():
+    seen = Played(1)
+    play(seen, SCENARIO, options={"range_noise": 0.01}, time_weight=2.0 * sqrt(16.0), distance_estimate=0.26)
+    assert seen.seen[0][0] == pytest.approx([-0.5, -0.5, -1, 0, 0, 0, 0, 0.5, 0.26 / 0.5], abs=1e-7)
+
+
+@pytest.mark.parametrize("option", [{"force_noise": 0.1}, {"force_bias": 0.1}, {"rtol": 1e-9}, {"speed": 1.0}])
+def test_an_option_that_is_not_served_is_named(option):
+    with pytest.raises(ValueError, match=f"does not serve the options .'{next(iter(option))}'.*coupling"):
+        play(PaperTrapezoid(), SCENARIO, options=option, time_weight=1.0)
+
+
+def test_a_range_of_delays_and_a_scenario_beyond_the_set_are_refused():
+    with pytest.raises(ValueError, match="one reaction_delay"):
+        play(PaperTrapezoid(), SCENARIO, options={"reaction_delay": (0.0, 0.02)}, time_weight=1.0)
+    with pytest.raises(ValueError, match="0 to 999, not 1000"):
+        rescore(PaperTrapezoid(), "validation", [1000], {}, 1.0)
