@@ -25,10 +25,10 @@ CONFIG: dict[str, Any] = {
     "view": {"stroke": None},
     "axis": {"labelFontSize": 12, "titleFontSize": 12, "titleFontWeight": "normal", "gridOpacity": 0.6,
              "labelOverlap": "greedy"},
-    "legend": {"labelFontSize": 12, "titleFontSize": 12, "titleFontWeight": "normal", "orient": "top", "columns": 3,
-               "labelLimit": 260, "symbolStrokeWidth": 2.5},
+    "legend": {"labelFontSize": 12, "titleFontSize": 12, "titleFontWeight": "normal", "orient": "top", "columns": 2,
+               "labelLimit": 170, "symbolStrokeWidth": 2.5, "symbolOpacity": 1},
     "line": {"strokeWidth": 2.2},
-    "point": {"filled": True, "size": 55},
+    "point": {"filled": True, "size": 55, "opacity": 1},
     "range": {"category": list(COLOURS)},
 }  # fmt: skip
 

@@ -47,7 +47,7 @@ def approach(played: Played) -> Figure:
     )  # fmt: skip
     fits = data.filter(pl.col("contestant") == THEORY).unique(["w"], maintain_order=True)
     said = "; ".join(
-        f"at w = {w:g} {a:.1f} m/s² against {w / (2 * slope):.1f} of theory (R² = {r:.2f})"
+        f"{a:.1f} m/s² at w = {w:g}, where theory has {w / (2 * slope):.1f} (R² = {r:.2f})"
         for w, r, a in zip(fits["w"], fits["r_squared"], fits["deceleration"], strict=True)
     )
     ranged = arena.environment.get("range_noise") is not None
@@ -59,7 +59,7 @@ def approach(played: Played) -> Figure:
     theory = "" if ranged else (
         f" Theory: if V_p were c v, here c = {slope:.2f}, and the object as likely in any place ahead, the best blind "
         "approach would brake evenly, v² = w / c times the distance left to the last place. A straight line fitted to "
-        f"the policy's v² between 0.15 and 0.35 m has {said}; it enters the range faster than theory has it, as "
+        f"the policy's v² between 0.15 and 0.35 m brakes at {said}. It enters the range faster than theory has it, as "
         "nothing can stand before, and then swings with the tool on its coupling."
     )  # fmt: skip
     return Figure(f"{arena.name}_approach", f"{arena.name}: velocity over position before the contact",
