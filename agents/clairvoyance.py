@@ -31,7 +31,7 @@ SEARCH_RTOL = (
 )
 FORMAT = "impact_gym clairvoyant 1"
 FROZEN = "test"
-AS_SHIPPED = (FROZEN, GENERATIONS, POPULATION, SEED)
+AS_SHIPPED = (FROZEN, GENERATIONS, POPULATION)
 PRESETS = ("linear-blind", "bistable-blind")  # linear-ranged has the bound of linear-blind: an estimate adds nothing
 
 
@@ -60,25 +60,22 @@ class Wanted:
 def clairvoyant_bound(
     preset: str,
     time_weight: float,
-    frozen: str = "validation",
+    frozen: str = FROZEN,
     scenarios: int = SCENARIOS,
     generations: int = GENERATIONS,
     population: int = POPULATION,
-    seed: int = SEED,
-    threads: int | None = None,
-    told: Callable[[float], object] = lambda loss: None,
 ) -> Episodes:
     """Optimise a `Clairvoyant` for each of the first `scenarios` of a frozen set alone, and play each through its own.
 
     What is shipped is not searched again. It is a bound on the rules of its kind, found by search: a controller with
     other freedoms could still do better.
     """
-    shipped = shipped_scenarios(preset) if (frozen, generations, population, seed) == AS_SHIPPED else 0
+    shipped = shipped_scenarios(preset) if (frozen, generations, population) == AS_SHIPPED else 0
     if scenarios <= shipped:
         found = load_clairvoyant(preset, time_weight).parameters[:scenarios]
     else:
-        found = search(preset, time_weight, frozen, scenarios, generations, population, seed, threads, told)
-    options: dict[str, Any] = {**environment_of(preset), "privileged": True, "threads": threads}
+        found = search(preset, time_weight, frozen, scenarios, generations, population)
+    options: dict[str, Any] = {**environment_of(preset), "privileged": True}
     return Stage.of(frozen, scenarios, time_weight=[time_weight], **options).play(Clairvoyant(found))
 
 
@@ -89,7 +86,6 @@ def search(
     scenarios: int = SCENARIOS,
     generations: int = GENERATIONS,
     population: int = POPULATION,
-    seed: int = SEED,
     threads: int | None = None,
     told: Callable[[float], object] = lambda loss: None,
 ) -> Floats:
@@ -102,7 +98,7 @@ def search(
         played = stage.play(Clairvoyant(candidates.reshape(population * scenarios, -1)))
         return played.loss(time_weight).reshape(population, scenarios)
 
-    found = minimise(losses, Clairvoyant.PARAMETERS, scenarios, population, generations, seed, told)
+    found = minimise(losses, Clairvoyant.PARAMETERS, scenarios, population, generations, SEED, told)
     return np.ascontiguousarray(found.parameters)
 
 

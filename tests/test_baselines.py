@@ -134,7 +134,7 @@ def test_the_clairvoyant_goes_by_the_true_gap():
 
 
 def test_knowing_the_scenario_is_worth_something():
-    bound = clairvoyant_bound("linear-blind", 1.0, scenarios=6, generations=25, population=10)
+    bound = clairvoyant_bound("linear-blind", 1.0, "validation", 6, generations=25, population=10)
     tuned = Stage.of("validation", 6, time_weight=[1.0]).play(load_baseline("blind-profile", 1.0))
     assert all(np.array_equal(bound.scenario[name], tuned.scenario[name]) for name in tuned.scenario)
     assert not bound.missed.any()

@@ -1,10 +1,11 @@
 """The films run in a browser, from disk and with nothing else."""
 
 import itertools
-import shutil
 
+import browsers
 import numpy as np
 import pytest
+from browsers import chromium
 from watched import CONTESTANTS, COUPLINGS, columns, shown
 
 from experiments.watch import fragment
@@ -17,14 +18,8 @@ def film(request):
 
 @pytest.fixture(scope="module")
 def browser():
-    programs = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")
-    chromium = shutil.which("chromium")
-    if chromium is None:
-        pytest.skip("no Chromium is installed")
-    with programs.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
-        yield browser
-        browser.close()
+    with chromium() as program:
+        yield program
 
 
 @pytest.fixture(scope="module")
@@ -37,13 +32,7 @@ def page_file(film, tmp_path_factory):
 
 
 def opened(browser, page_file, width=1280, motion="reduce"):
-    context = browser.new_context(viewport={"width": width, "height": 900}, reduced_motion=motion)
-    page, problems = context.new_page(), []
-    page.on("console", lambda message: problems.append(message.text))
-    page.on("pageerror", lambda error: problems.append(str(error)))
-    page.on("request", lambda request: request.url.startswith("file:") or problems.append(request.url))
-    page.goto(page_file.as_uri())
-    return page, problems
+    return browsers.opened(browser, page_file, width, reduced_motion=motion)
 
 
 def picture(page):
