@@ -1,10 +1,12 @@
 """The report says what the episodes say, serves a user's own, and its page stands on its own."""
 
+import hashlib
 import json
 import re
 import sys
 from dataclasses import replace
 from html.parser import HTMLParser
+from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
@@ -16,11 +18,13 @@ from agents.baselines.tuned import load_baseline
 from agents.evaluation import Stage
 from agents.jobs import evaluations, job
 from agents.jobs.evaluations import RESULTS
-from experiments.report import arenas, play, results
+from experiments.report import answer, arenas, play, results
 from experiments.report.__main__ import Settings, publish, write
 from experiments.report.arenas import PAPER
+from experiments.statistics import Estimate
 from impact_gym.envs import evaluation_sets
 
+AGENTS = Path(arenas.__file__).parents[2] / "agents"
 SCENARIOS = {"set": "test", "count": 30}
 LINEAR = arenas.shipped(SCENARIOS)[0]
 PAPERS_RULE = {"baseline": "paper-trapezoid"}
@@ -47,7 +51,7 @@ def of(episodes, contestant, weight=None):
 
 def test_the_answer_follows_from_the_episodes_on_disk(folder, episodes):
     found = json.loads((folder / "results.json").read_text())
-    answer = found["answers"]["linear-blind"]
+    told = found["answers"]["linear-blind"]
     seeds = [name for name in found["contestants"]["linear-blind"] if name.startswith("seed-")]
     assert len(seeds) == 2
     paper = of(episodes, PAPER)
@@ -56,12 +60,12 @@ def test_the_answer_follows_from_the_episodes_on_disk(folder, episodes):
         for field in ("approach_time", "object_velocity")
     ]
     there = np.interp(paper["approach_time"].mean(), *curve)
-    assert answer["reduction"]["value"] == pytest.approx(1 - there / paper["object_velocity"].mean())
+    assert told["reduction"]["value"] == pytest.approx(1 - there / paper["object_velocity"].mean())
     then = np.interp(paper["object_velocity"].mean(), curve[1][::-1], curve[0][::-1])
-    assert answer["sooner"]["value"] == pytest.approx(1 - then / paper["approach_time"].mean())
+    assert told["sooner"]["value"] == pytest.approx(1 - then / paper["approach_time"].mean())
     for name in ("reduction", "sooner", "velocity", "improvement"):
-        assert answer[name]["low"] <= answer[name]["value"] <= answer[name]["high"]
-    assert f"{100 * answer['reduction']['value']:.1f} %" in (folder / "index.html").read_text()
+        assert told[name]["low"] <= told[name]["value"] <= told[name]["high"]
+    assert f"{100 * told['reduction']['value']:.1f} %" in (folder / "index.html").read_text()
 
 
 def test_episodes_are_those_of_a_stage_and_of_the_same_scenarios(episodes):
@@ -91,7 +95,7 @@ def test_the_papers_rule_does_after_the_alarm_what_it_says():
     seen = play.reactions(PAPERS_RULE, {}, SCENARIOS, 2.0)
     assert seen["velocity"] == pytest.approx(0.0, abs=1e-6)
     assert seen["acceleration"] == pytest.approx(8.0, abs=1e-5)
-    assert seen["before"].max() == pytest.approx(1.0, abs=1e-6)
+    assert set(seen["scenario"]) == set(range(30))
     assert seen["since"].min() == 0.0
     assert seen["since"].max() < 0.15
     assert (seen["sensed"] >= 1.0 - 1e-3).all()  # the alarm comes with the reading that caused it
@@ -140,6 +144,8 @@ def test_a_users_own_baseline_ranges_and_tool(tmp_path, monkeypatch):
         "from agents.baselines import ConstantSpeed\n"
         "class Half(ConstantSpeed):\n    def __init__(self):\n        super().__init__(0.5)\n"
         "idle = 3\n"
+        "class Crooked:\n    def predict(self, observation, **more):\n        return observation, None\n"
+        "class Lost:\n    def predict(self, observation, **more):\n        return observation[:, :2] * float('nan'), None\n"
     )
     monkeypatch.syspath_prepend(tmp_path)
     scenarios = tmp_path / "mine.json"
@@ -168,10 +174,56 @@ def test_a_users_own_baseline_ranges_and_tool(tmp_path, monkeypatch):
     write(replace(settings, force=True, count=4))
     assert len(of(pl.read_parquet(tmp_path / "out" / "episodes.parquet"), "my_rules:Half")) == 4
     assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".")] == []
-    for bad in ("my_rules:idle", "my_rules:nothing", "no_such_module:x"):
-        with pytest.raises(ValueError, match="no controller"):
+    for bad, message in (
+        ("my_rules:idle", "no controller"), ("my_rules:nothing", "no controller"), ("no_such_module:x", "no controller"),
+        ("my_rules", "module:object"), ("my_rules:Crooked", "must return actions"), ("my_rules:Lost", "finite"),
+    ):  # fmt: skip
+        with pytest.raises(ValueError, match=message):
             write(replace(settings, baseline=(bad,), out=tmp_path / "bad"))
+    with pytest.raises(ValueError, match="differ"):
+        write(replace(settings, baseline=("blind-profile", "blind-profile"), out=tmp_path / "bad"))
     sys.modules.pop("my_rules")
+
+
+def test_who_misses_everything_is_not_said_to_win(tmp_path):
+    (tmp_path / "far.json").write_text('{"ranges": {"distance": [0.9, 1.0]}, "count": 5}')
+    write(Settings(policy=("linear-blind",), scenarios=str(tmp_path / "far.json"), out=tmp_path / "out", processes=0))
+    answer = json.loads((tmp_path / "out" / "results.json").read_text())["answers"]["linear-blind"]
+    assert answer["missed"] == answer["episodes"]
+    assert answer["improvement"]["value"] == 0.0
+    page = (tmp_path / "out" / "index.html").read_text()
+    assert "nothing is claimed" in page
+    assert "slower at the paper" not in page
+
+
+def test_a_curve_that_does_not_come_to_the_papers_time_says_so():
+    one = replace(LINEAR, seeds=(replace(LINEAR.policy, weights=(8.0,)),), scenarios={"set": "test", "count": 20})
+    fast = answer.answer(played_alone(one))
+    assert not fast.reached
+    assert "no weight makes its approach as long" in answer.sentence(fast, one)
+    slow = replace(fast, reached=True, reduction=Estimate(-0.2, -0.3, -0.1), beyond="faster")
+    assert "20.0 % [10.0, 30.0] faster" in answer.sentence(slow, one)
+    assert "nowhere leaves the object as slow" in answer.sentence(slow, one)
+
+
+def played_alone(arena):
+    """Return what `answer` needs of an arena, nothing else."""
+    played = results.Played(arena)
+    for one in (*arena.seeds, *arena.baselines):
+        weights = list(one.weights)
+        run = results.Run(one.weights, evaluations.play(one.controller, arena.scenarios, weights, arena.environment))
+        (played.seeds if one in arena.seeds else played.baselines)[one.name] = run
+    played.as_late = played.seeds
+    return played
+
+
+def test_checksums_are_those_of_the_files(folder):
+    found = json.loads((folder / "results.json").read_text())["contestants"]["linear-blind"]
+    files = {name: f"policies/linear-blind/{name}.npz" for name in found if name.startswith("seed-")}
+    for name, file in files.items():
+        assert found[name] == hashlib.sha256((AGENTS / file).read_bytes()).hexdigest()
+    tuned = json.loads((AGENTS / "tuned" / "blind-profile.json").read_text())
+    assert found["blind-profile"] == tuned["sha256"]
 
 
 @pytest.mark.parametrize(("wanted", "message"), [
@@ -180,7 +232,11 @@ def test_a_users_own_baseline_ranges_and_tool(tmp_path, monkeypatch):
     ({"policy": ("linear-blind",), "scenarios": '{"tool": 1}'}, "tool"),
     ({"policy": ("linear-blind",), "scenarios": '{"ranges": {"mass": 1}}'}, "mass"),
     ({"policy": ("linear-blind",), "scenarios": "{"}, "not read"),
-    ({"policy": ("linear-blind",), "baseline": ("fastest",)}, "no baseline 'fastest'"),
+    ({"policy": ("linear-blind",), "scenarios": '{"environment": {"time_weight": 3}}'}, "leave out.*time_weight"),
+    ({"policy": ("linear-blind",), "scenarios": '{"environment": [1]}'}, "arguments of gym.make"),
+    ({"policy": ("linear-blind", "agents/policies/linear-blind.npz")}, "two policies"),
+    ({"policy": ("linear-blind",), "baseline": ("paper-trapezoid",)}, "there anyway"),
+    ({"policy": ("linear-blind",), "baseline": ("fastest",)}, "no controller 'fastest'"),
     ({"scenarios": '{"environment": {"tool_mass": 1.0}}'}, "--policy"),
     ({"count": 2001}, "at most 2000"),
 ])  # fmt: skip

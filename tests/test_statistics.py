@@ -18,13 +18,13 @@ def test_the_interval_of_a_mean_is_that_of_normal_theory():
 
 @pytest.mark.parametrize(("of_seeds", "of_scenarios"), [(1.0, 0.0), (0.0, 1.0), (0.3, 5.0)])
 def test_both_levels_count(of_seeds, of_scenarios):
-    """x = a_seed + b_scenario: the variance of the mean is var(a) / seeds + var(b) / scenarios."""
+    """x = a_seed + b_scenario: the variance of the mean is var(a) / seeds + var(b) / scenarios, both unbiased."""
     rng = np.random.default_rng(1)
     seeds, scenarios = 10, 400
     a, b = of_seeds * rng.standard_normal(seeds), of_scenarios * rng.standard_normal(scenarios)
     means = Resamples(scenarios, resamples=20_000).means(a[:, None] + b)
     assert means[0] == pytest.approx(a.mean() + b.mean())
-    assert means[1:].var() == pytest.approx(a.var() / seeds + b.var() / scenarios, rel=0.05)
+    assert means[1:].var() == pytest.approx(a.var(ddof=1) / seeds + b.var(ddof=1) / scenarios, rel=0.05)
 
 
 def test_what_all_contestants_share_cancels():

@@ -172,7 +172,7 @@ def _episode(
             if motion.t > due - ROUNDING:
                 break
             motion.advance(min(at for at in (due, *(at - delay for at in times)) if at > motion.t + ROUNDING))
-            sensed[motion.t] = motion.force, motion.peak_force, motion.deflection
+            sensed[motion.t] = max(motion.force, 0.0), motion.peak_force, motion.deflection
         now = due
         if due == times[-1]:
             break

@@ -16,13 +16,16 @@ from agents.jobs import JobsFailedError
 from agents.revision import revision
 from experiments.report import answer, arenas, holds, page
 from experiments.report.figures import Table
-from experiments.report.results import Played, checksum_of, episodes, gather_arenas
+from experiments.report.results import Played, episodes, gather_arenas
 from experiments.results import REPORTS, checksum, circumstances, replaceable, whole_folder
 from experiments.statistics import RESAMPLES
 from impact_gym.files import whole_file
 from impact_gym.validation import whole
 
-PACKAGES = ("impact-gym", "gymnasium", "numba", "numpy", "scipy", "altair", "polars", "moocore")
+PACKAGES = (
+    *("impact-gym", "gymnasium", "numba", "numpy", "scipy"),
+    *("altair", "vl-convert-python", "polars", "moocore", "jinja2"),
+)
 
 
 @dataclass(frozen=True)
@@ -52,7 +55,7 @@ class Settings:
     processes: int | None = None
     """On this machine; None: one a core."""
     cluster: str | None = None
-    """An existing Ray cluster instead: "ray", or its address."""
+    """An existing Ray cluster instead: "ray", or its address. A module:object must be installed on its nodes."""
 
     def __post_init__(self) -> None:
         if self.count is not None:
@@ -69,7 +72,7 @@ def arenas_of(settings: Settings) -> list[arenas.Arena]:
     """
     scenarios, changes = arenas.scenarios_from(settings.scenarios, settings.count)
     if settings.policy:
-        return [arenas.own(path, settings.baseline, scenarios, changes) for path in settings.policy]
+        return arenas.own(settings.policy, settings.baseline, scenarios, changes)
     if changes:
         raise ValueError("scenarios with an environment of their own need --policy: the shipped recipes have theirs")
     return arenas.shipped(scenarios)
@@ -85,6 +88,9 @@ def write(settings: Settings) -> Path:
     if out.exists() and not (out.is_dir() and not any(out.iterdir())) and not settings.force:
         raise ValueError(f"{out} is there: --force replaces it, --out names another folder")
     replaceable(out)
+    for folder in (out.parent, settings.episodes or out.parent):
+        if folder.exists() and not folder.is_dir():
+            raise ValueError(f"{folder} is no folder")
     return publish(arenas_of(settings), settings)
 
 
@@ -119,7 +125,11 @@ def publish(asked: list[arenas.Arena], settings: Settings) -> Path:
             **results,
             "sentences": [answer.sentence(one, play.arena) for one, play in zip(answers, played, strict=True)],
             "table": answer.answers_table(answers, played),
-            "weak": [holds.weak_points(one) for one in played],
+            "weak": [said for one in played for said in holds.weak_points(one)],
+            "seeds": max(len(one.seeds) for one in played),
+            "own": bool(settings.policy),
+            "apart": _apart(asked[0].scenarios),
+            "trained_with": _trained_with(asked),
             "resamples": f"{RESAMPLES:,}",
             "policies": _policies_table(played),
         }
@@ -131,7 +141,20 @@ def publish(asked: list[arenas.Arena], settings: Settings) -> Path:
 
 
 def _checksums(played: Played) -> dict[str, str]:
-    return {one.name: checksum_of(one) for one in (*played.arena.seeds, *played.arena.baselines)}
+    return {one.name: one.checksum for one in (*played.arena.seeds, *played.arena.baselines)}
+
+
+def _apart(scenarios: Mapping[str, Any]) -> str:
+    if "table" in scenarios:
+        return "these scenarios themselves"
+    return "the validation set" if "set" in scenarios else "1,000 other scenarios from the same ranges"
+
+
+def _trained_with(asked: list[arenas.Arena]) -> str:
+    found = dict.fromkeys(
+        f"{name} {number}" for one in asked for name, number in one.provenance.get("versions", {}).items()
+    )
+    return ", ".join(found) or "what their files do not say"
 
 
 def _policies_table(played: list[Played]) -> Table:
@@ -140,7 +163,7 @@ def _policies_table(played: list[Played]) -> Table:
         late = one.policy_as_late.weights[0]
         commands = one.arena.provenance.get("command", "-")
         body.append((one.arena.name, one.arena.chosen, str(len(one.seeds)), commands, f"{late:.4g}",
-                     checksum_of(one.arena.policy)[:16]))  # fmt: skip
+                     one.arena.policy.checksum[:16]))  # fmt: skip
     head = ("recipe", "median seed", "seeds", "trained by", "weight as late as the rule (m/s per s)", "checksum")
     return Table("The policies; checksums of all contestants are in results.json", head, tuple(body))
 
@@ -157,10 +180,10 @@ def main() -> None:
     """Read the settings from the command line and write the report."""
     try:
         path = write(tyro.cli(Settings, prog="python -m experiments.report"))
-    except (ValueError, TypeError, FileNotFoundError) as error:
-        sys.exit(f"experiments.report: {error}")
     except JobsFailedError as error:
-        sys.exit(f"experiments.report: {error}\nthe same command goes on")
+        sys.exit(f"experiments.report: {error}\nwhat is done is kept")
+    except (ValueError, TypeError, OSError, RuntimeError) as error:
+        sys.exit(f"experiments.report: {error}")
     except KeyboardInterrupt:
         print("experiments.report: interrupted; the same command goes on", file=sys.stderr)
         sys.exit(130)

@@ -3,6 +3,7 @@
 The primary measure was fixed before the test set was played: V_p at the mean approach time of the paper's rule.
 """
 
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -12,11 +13,12 @@ import polars as pl
 
 from agents.validation import WEIGHTS
 from experiments.report.arenas import PAPER, POLICY, Arena
-from experiments.report.figures import Figure, Table, contestants, percent, plain, rows
+from experiments.report.figures import Figure, Table, contestants, percent, plain, rows, zoomable
 from experiments.report.results import BOUND, FAMILY, Played, Run
 from experiments.statistics import Estimate, Floats, Resamples, along, estimate, hypervolume, interquartile_mean
 
 WIDE_REFERENCE = (0.6, 1.0)  # s, m/s: behind every front
+MISSED_TOO_OFTEN = 0.01  # of the objects: a missed one has no V_p
 
 
 @dataclass(frozen=True)
@@ -25,13 +27,17 @@ class Answer:
 
     arena: str
     reduction: Estimate  # of V_p at the paper's mean approach time, a share
+    reached: bool  # its curve comes to that time; if not, it is the end nearest to it
     sooner: Estimate  # of the approach time at the paper's mean V_p, a share
-    at_the_end: bool  # its fastest approach still leaves the object slower: `sooner` is a lower bound
-    reached: bool  # it can be as late as the paper's rule
-    velocity: Estimate  # m/s, V_p of the policy there
-    improvement: Estimate  # probability that it leaves the object slower in a scenario
+    beyond: (
+        str  # "": its curve comes to that V_p; "slower": its fastest approach leaves the object slower still; "faster"
+    )
+    velocity: Estimate  # m/s, V_p of the policy at that time
+    rival: str  # the best tuned baseline, if there is one
+    rival_reduction: Estimate | None  # the same of that one
+    improvement: Estimate  # share of scenarios in which it leaves the object slower, and touches it
     interquartile: tuple[float, float]  # m/s, of policy and rule
-    missed: int  # of all episodes of all seeds
+    missed: int  # of all episodes of all seeds at all weights
     episodes: int
 
     def as_json(self) -> dict[str, Any]:
@@ -53,24 +59,33 @@ def as_late(played: Played, name: str) -> Floats:
 def answer(played: Played) -> Answer:
     """Return what the recipe gains, seeds and scenarios resampled."""
     resamples = Resamples(played.paper["missed"].shape[1])
-    times = resamples.means(stacked(played, "approach_time"))
-    velocities = resamples.means(stacked(played, "object_velocity"))
     paper_time, paper_velocity = (
         resamples.means(played.paper[name])[:] for name in ("approach_time", "object_velocity")
     )
+
+    def front(of: Callable[[str], Floats]) -> tuple[Floats, Floats]:
+        return resamples.means(of("approach_time")), resamples.means(of("object_velocity"))
+
+    times, velocities = front(lambda name: stacked(played, name))
     there = along(times, velocities, paper_time)
     then = along(velocities, times, paper_velocity)
+    rival = played.arena.rival.name if len(played.rival.weights) > 1 else ""
+    rival_there = along(*front(lambda name: played.rival[name].astype(float)[None]), paper_time) if rival else None
     late = as_late(played, "object_velocity")
+    touched = as_late(played, "missed") == 0.0
     rule = played.paper["object_velocity"][0]
     missed = stacked(played, "missed")
+    fastest, slowest = velocities[0].max(), velocities[0].min()
     return Answer(
         played.arena.name,
         reduction=estimate(1.0 - there / paper_velocity),
-        sooner=estimate(1.0 - then / paper_time),
-        at_the_end=bool(velocities[0].max() < paper_velocity[0]),
         reached=bool(times[0].min() <= paper_time[0] <= times[0].max()),
+        sooner=estimate(1.0 - then / paper_time),
+        beyond="slower" if fastest < paper_velocity[0] else "faster" if slowest > paper_velocity[0] else "",
         velocity=estimate(there),
-        improvement=estimate(resamples.means((late < rule) + 0.5 * (late == rule))),
+        rival=rival,
+        rival_reduction=None if rival_there is None else estimate(1.0 - rival_there / paper_velocity),
+        improvement=estimate(resamples.means(((late < rule) + 0.5 * (late == rule)) * touched)),
         interquartile=(interquartile_mean(late), interquartile_mean(rule)),
         missed=int(missed.sum()),
         episodes=missed.size,
@@ -80,19 +95,22 @@ def answer(played: Played) -> Answer:
 def answers_table(answers: list[Answer], played: list[Played]) -> Table:
     """Return the answers of all recipes."""
     head = (
-        "recipe (seeds)", "V_p lower at the paper's approach time", "sooner at the paper's V_p", "V_p there (m/s)",
-        "slower object in a scenario", "interquartile mean of V_p, rule's (m/s)", "missed",
+        "recipe (seeds)", "V_p lower at the paper's approach time", "the same, best tuned baseline",
+        "sooner at the paper's V_p", "V_p there (m/s)", "object slower in so many scenarios",
+        "interquartile mean of V_p, rule's (m/s)", "missed",
     )  # fmt: skip
     body = []
     for one, play in zip(answers, played, strict=True):
-        sooner = ("at least " if one.at_the_end else "") + percent(one.sooner)
+        sooner = {"": "", "slower": "at least ", "faster": "(not reached) "}[one.beyond] + percent(one.sooner)
         reduction = percent(one.reduction) + ("" if one.reached else " (at the nearest time it reaches)")
+        rival = f"{percent(one.rival_reduction)}, {one.rival}" if one.rival_reduction else "-"
         middle = f"{one.interquartile[0]:.3f}, {one.interquartile[1]:.3f}"
         body.append((
-            f"{one.arena} ({len(play.seeds)})", reduction, sooner, plain(one.velocity), percent(one.improvement),
-            middle, f"{one.missed} of {one.episodes:,}",
+            f"{one.arena} ({len(play.seeds)})", reduction, rival, sooner, plain(one.velocity),
+            percent(one.improvement), middle, f"{one.missed} of {one.episodes:,}",
         ))  # fmt: skip
-    return Table("Each recipe against the paper's rule in its own environment, 95 % intervals", head, tuple(body))
+    return Table("Each recipe against the paper's rule in its own environment, 95 % intervals; a miss is no win", head,
+                 tuple(body))  # fmt: skip
 
 
 def trade_off(played: Played) -> Figure:
@@ -149,15 +167,15 @@ def trade_off(played: Played) -> Figure:
         f"{at['T'][0]:.3f} s and {at['V'][0]:.3f} m/s to {at['T'][-1]:.3f} s and {at['V'][-1]:.3f} m/s."
     )
     bound = "" if played.bound is None else (
-        f" The {BOUND} is for the first {played.bound['missed'].shape[1]} scenarios, each of which it knows: "
-        "no blind controller gets there."
+        f" {BOUND}, is the best that a search found for each of the first {played.bound['missed'].shape[1]} scenarios "
+        "by itself: what one could do who knew the object."
     )  # fmt: skip
     caption = (
         "Down and left is better. A line per contestant over its time weights, the policy's faint lines are the other "
-        f"seeds; {FAMILY} speed up and brake at 20 m/s² (first scenarios alone)." + bound
+        f"seeds; {FAMILY} is sped up to and braked at 20 m/s²." + bound
     )
     return Figure(f"{played.arena.name}_trade_off", f"{played.arena.name}: approach time against V_p", caption, text,
-                  layers.interactive(), data, 380)  # fmt: skip
+                  zoomable(layers), data, 380)  # fmt: skip
 
 
 def fronts_table(played: Played) -> Table:
@@ -172,14 +190,26 @@ def fronts_table(played: Played) -> Table:
     )  # fmt: skip
     for name, run in played.baselines.items():
         groups[name] = run["approach_time"][None], run["object_velocity"][None]
+    first: list[Floats] = []
     for name, (times, velocities) in groups.items():
         t, v = resamples.means(times.astype(float)), resamples.means(velocities.astype(float))
-        volumes = [estimate(hypervolume(t, v, reference)) for reference in (near, WIDE_REFERENCE)]
-        body.append((name, *(plain(volume, 4) for volume in volumes)))
+        volumes = [hypervolume(t, v, reference) for reference in (near, WIDE_REFERENCE)]
+        first = first or volumes
+        cells = [
+            f"{plain(estimate(own), 4)}; {plain(estimate(own - policy), 4)}"
+            if own is not policy
+            else plain(estimate(own), 4)
+            for own, policy in zip(volumes, first, strict=True)
+        ]
+        body.append((name, *cells))
     head = ("front", f"against ({near[0]:.3f} s, {near[1]:.3f} m/s), the paper's point (m)",
             f"against ({WIDE_REFERENCE[0]:g} s, {WIDE_REFERENCE[1]:g} m/s) (m)")  # fmt: skip
-    return Table("Hypervolume: the area between front and reference point, more is better; fronts of the time weights "
-                 + ", ".join(f"{weight:g}" for weight in weights), head, tuple(body))  # fmt: skip
+    shown = ", ".join(f"{weight:g}" for weight in weights)
+    caption = (
+        "Hypervolume: the area between front and reference point, more is better; behind it the difference to the "
+        f"policy's. Fronts of the time weights {shown}"
+    )
+    return Table(caption, head, tuple(body))
 
 
 def weights_table(played: Played) -> Table:
@@ -197,20 +227,38 @@ def weights_table(played: Played) -> Table:
         gap = "-"
         if played.bound is not None:
             first = played.bound["missed"].shape[1]
-            bound = played.bound.loss(weight).mean()
-            gap = f"{ours[:, :first].mean() - bound:.3f}, {theirs[:first].mean() - bound:.3f}"
+            few, bound = Resamples(first), played.bound.loss(weight)
+            gaps = [estimate(few.means(one)) for one in (ours[:, :first] - bound, (theirs[:first] - bound)[None])]
+            gap = ", ".join(plain(one) for one in gaps)
         body.append((f"{weight:g}", f"{chosen.mean():.4f}", f"{theirs.mean():.4f}", plain(median, 4), plain(recipe, 4),
                      gap))  # fmt: skip
     head = ("time weight (m/s per s)", "median seed (m/s)", f"{played.arena.rival.name} (m/s)", "ratio, median seed",
-            "ratio, all seeds", "above the bound: policy, baseline (m/s)")  # fmt: skip
+            "ratio, all seeds", "above the search that knows: policy, baseline (m/s)")  # fmt: skip
     return Table("V_p + w T against the best baseline, tuned for each weight; below 1 the policy is better", head,
                  tuple(body))  # fmt: skip
 
 
 def sentence(one: Answer, arena: Arena) -> str:
-    """Return the answer of a recipe in a sentence."""
-    sooner = "at least " if one.at_the_end else ""
-    return (
-        f"{arena.name}: the object leaves {percent(one.reduction)} slower at the paper's mean approach time; at the "
-        f"paper's V_p the approach is {sooner}{percent(one.sooner)} sooner."
-    )
+    """Return the answer of a recipe in a sentence or two."""
+    begin = f"{arena.name} ({arena.note}): "
+    if one.missed > MISSED_TOO_OFTEN * one.episodes:
+        return begin + f"it misses {one.missed:,} of {one.episodes:,} objects, so nothing is claimed for it."
+    if one.reached:
+        said = f"the object leaves {_compared(one.reduction, 'slower', 'faster')} at the paper's mean approach time"
+    else:
+        said = f"no weight makes its approach as long as the paper's; at the nearest the object leaves " \
+               f"{_compared(one.reduction, 'slower', 'faster')}"  # fmt: skip
+    if one.beyond == "faster":
+        said += "; it nowhere leaves the object as slow as the paper's rule."
+    else:
+        least = "at least " if one.beyond == "slower" else ""
+        said += f"; at the paper's V_p the approach is {least}{_compared(one.sooner, 'sooner', 'later')}."
+    if one.rival_reduction:
+        said += f" The best tuned baseline, {one.rival}: {_compared(one.rival_reduction, 'slower', 'faster')}."
+    return begin + said + (f" It misses {one.missed} of {one.episodes:,} objects." if one.missed else "")
+
+
+def _compared(share: Estimate, good: str, bad: str) -> str:
+    if share.value >= 0.0:
+        return f"{percent(share)} {good}"
+    return f"{percent(Estimate(-share.value, -share.high, -share.low))} {bad}"

@@ -1,17 +1,22 @@
 """Who meets whom, where: a recipe of training, each seed of it a policy, against baselines on the same scenarios."""
 
 import base64
+import hashlib
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from agents.baselines.tuned import TUNABLE, environment_of
-from agents.controllers import controller_of
+import numpy as np
+
+from agents.baselines.tuned import FIXED, TUNABLE, environment_of
+from agents.controllers import baseline_checksum, controller_of, try_out
+from agents.jobs import digest_of
 from agents.policy import SHIPPED, Policy, load_policy
 from agents.validation import WEIGHTS
-from impact_gym.envs import evaluation_sets
+from impact_gym.envs import evaluation_sets, observation
 from impact_gym.envs.scenario import FIELDS, ScenarioRanges
 from impact_gym.envs.task import Task
 from impact_gym.validation import number, whole
@@ -28,6 +33,12 @@ RIVALS = {
     "bistable-blind": ("bistable-blind-profile", "bistable-constant-speed"),
 }
 """Baselines tuned for each weight; the first is the one that a policy has to beat."""
+NOTES = {
+    "linear-blind": "tool on a spring and damper, no idea where the object stands",
+    "linear-ranged": "the same with an estimate of the distance, good to 10 mm, which the paper's rule does not use",
+    "bistable-blind": "tool on a bistable mechanism, no idea where the object stands",
+}
+Environment = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
@@ -37,6 +48,7 @@ class Contestant:
     name: str
     controller: Mapping[str, Any]  # JSON, see `agents.controllers`
     weights: tuple[float, ...]
+    checksum: str  # of the policy's file, of the tuned parameters, of the module
 
 
 @dataclass(frozen=True)
@@ -50,6 +62,7 @@ class Arena:
     baselines: tuple[Contestant, ...]  # the paper's rule is the first, the rival the second if there is one
     scenarios: Mapping[str, Any]  # JSON, see `play.stage`
     provenance: Mapping[str, Any]  # of the median seed
+    note: str  # what a reader has to know of it
 
     @property
     def policy(self) -> Contestant:
@@ -76,34 +89,42 @@ def shipped(scenarios: Mapping[str, Any], folder: Path = SHIPPED) -> list[Arena]
             continue
         seeds = tuple(policy(path.stem, path) for path in paths)
         chosen = f"seed-{json.loads((folder / preset / 'seeds.json').read_text())['median']}"
-        environment = environment_of(preset)
         about = load_policy(folder / preset / f"{chosen}.npz").provenance
-        found.append(Arena(preset, environment, seeds, chosen, baselines(RIVALS[preset]), scenarios, about))
+        rivals = baselines(RIVALS[preset], environment_of(preset))
+        found.append(Arena(preset, environment_of(preset), seeds, chosen, rivals, scenarios, about, NOTES[preset]))
     return found
 
 
-def own(
-    path: str, names: Sequence[str], scenarios: Mapping[str, Any], changes: Mapping[str, Any] | None = None
-) -> Arena:
-    """Return the arena of one policy, by name or file, against the paper's rule and `names`.
+def own(paths: Sequence[str], names: Sequence[str], scenarios: Mapping[str, Any], changes: Environment) -> list[Arena]:
+    """Return an arena for each policy, by name or file, against the paper's rule and `names`.
 
     Without `names` it meets the baselines of the preset that it was trained for, if it was one. `changes` are arguments
     of the environment that differ from the policy's own.
 
     Raises:
-        ValueError: the policy sees other things than this environment shows.
+        ValueError: a policy sees other things than this environment shows, or is asked for twice.
     """
-    loaded = load_policy(path)
-    environment = {name: value for name, value in loaded.environment.items() if name != "time_weight"}
-    preset = preset_of(environment)
-    environment |= changes or {}
-    Policy(loaded.network, {**environment, "time_weight": 2.0}, {})  # raises where they do not fit
-    seed = policy(Path(path).stem, _file(path))
-    names = names or (RIVALS[preset] if preset else ())
-    return Arena(Path(path).stem, environment, (seed,), seed.name, baselines(names), scenarios, loaded.provenance)
+    found: list[Arena] = []
+    for path in paths:
+        file = _file(path)
+        loaded = load_policy(file)
+        trained_in = {name: value for name, value in loaded.environment.items() if name != "time_weight"}
+        environment = {**trained_in, **changes}
+        Policy(loaded.network, {**environment, "time_weight": TYPICAL}, {})  # raises where they do not fit
+        preset = preset_of(trained_in)
+        name = slug(Path(path).parent.name if Path(path).name in ("best.npz", "final.npz") else Path(path).stem)
+        if any(one.name == name for one in found):
+            raise ValueError(f"two policies would be called {name!r}: give them files or folders of different names")
+        note = f"your policy {name}"
+        if preset and environment != trained_in:
+            note += f"; its baselines were tuned for {preset}, not for this environment"
+        rivals = baselines(names or (RIVALS[preset] if preset else ()), environment)
+        seed = policy(name, file)
+        found.append(Arena(name, environment, (seed,), seed.name, rivals, scenarios, loaded.provenance, note))
+    return found
 
 
-def preset_of(environment: Mapping[str, Any]) -> str | None:
+def preset_of(environment: Environment) -> str | None:
     """Return the preset that has this environment."""
     return next((one for one in PRESETS if environment_of(one) == environment), None)
 
@@ -113,42 +134,56 @@ def policy(name: str, path: Path) -> Contestant:
     trained = load_policy(path).environment.get("time_weight", TYPICAL)
     low, high = trained if isinstance(trained, (list, tuple)) else (trained, trained)
     weights = tuple(weight for weight in CURVE if low <= weight <= high) or (float(low),)
-    return Contestant(name, {"policy": base64.b64encode(path.read_bytes()).decode()}, weights)
+    content = path.read_bytes()
+    return Contestant(
+        name, {"policy": base64.b64encode(content).decode()}, weights, hashlib.sha256(content).hexdigest()
+    )
 
 
-def baselines(names: Sequence[str]) -> tuple[Contestant, ...]:
-    """Return the paper's rule and the named ones: tuned baselines, or objects with `predict` as module:object."""
-    found = [Contestant(PAPER, {"baseline": "paper-trapezoid"}, (TYPICAL,))]
+def baselines(names: Sequence[str], environment: Environment) -> tuple[Contestant, ...]:
+    """Return the paper's rule and the named ones: tuned baselines, or objects with `predict` as module:object.
+
+    Raises:
+        ValueError: there is no such baseline, it is named twice, or it cannot be asked in this environment.
+    """
+    found = [Contestant(PAPER, {"baseline": "paper-trapezoid"}, (TYPICAL,), "")]
+    if len(set(names)) < len(names) or "paper-trapezoid" in names:
+        raise ValueError(f"baselines must differ, and the paper's rule is there anyway; got {list(names)}")
+    shown = np.zeros((2, observation.length(Task(**environment).constants())), np.float32)
     for name in names:
-        spec = {"object": name} if ":" in name else {"baseline": name}
-        controller_of(spec, TYPICAL)  # raises now, not in a worker
-        found.append(Contestant(name, spec, WEIGHTS if name in TUNABLE else (TYPICAL,)))
+        if ":" in name or name not in {*TUNABLE, *FIXED}:
+            spec: dict[str, Any] = {"object": name}
+            try_out(name, controller_of(spec, TYPICAL), shown)  # raises now, not in a worker
+            checksum = digest_of(name.partition(":")[0])
+        else:
+            checksum = baseline_checksum(name)
+            spec = {"baseline": name, "sha256": checksum}
+        found.append(Contestant(name, spec, WEIGHTS if name in TUNABLE else (TYPICAL,), checksum))
     return tuple(found)
 
 
 def scenarios_from(source: str, count: int | None) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return scenarios as JSON and changes of the environment: from a frozen set's name or file, or from a JSON file.
 
-    The JSON file says `{"ranges": {...}, "seed": s, "count": n, "environment": {...}}`, all but the ranges may be left
-    out; the environment holds arguments of `gym.make`, such as `tool_mass` or `coupling`.
+    The JSON file says `{"ranges": {...}, "seed": s, "count": n, "environment": {...}}`, all of which may be left out;
+    the environment holds arguments of `gym.make`, such as `tool_mass` or `coupling`.
 
     Raises:
         ValueError: no such set or file, or something in it is unknown or out of range; says what.
     """
     path = Path(source)
     if path.suffix == ".json":
-        try:
-            content = json.loads(path.read_text())
-        except (OSError, ValueError) as error:
-            raise ValueError(f"{path} is not read as scenarios: {error}") from error
-        unknown = set(content) - {"ranges", "seed", "count", "environment"}
-        if unknown:
-            raise ValueError(f"{path} has {sorted(unknown)}, which scenarios do not; see --help")
+        content = _content(path)
         ranges = ScenarioRanges.of(content.get("ranges", "test"))
         table = {name: list(getattr(ranges, name)) for name in FIELDS}
         number_of = whole("count", count or content.get("count", 1000), at_least=2)
         seed = whole("seed", content.get("seed", 2_000_000), at_least=0)
-        environment = dict(content.get("environment", {}))
+        environment = content.get("environment", {})
+        if not isinstance(environment, dict):
+            raise ValueError(f"{path}: environment must hold arguments of gym.make by name, got {environment!r}")
+        taken = sorted(set(environment) & {"scenario", "time_weight", "max_episode_steps", "privileged"})
+        if taken:
+            raise ValueError(f"{path}: environment must leave out {taken}: ranges and the report see to that")
         Task(**environment)  # raises
         return {"ranges": table, "seed": seed, "count": number_of}, environment
     frozen = evaluation_sets.load(source)
@@ -158,6 +193,22 @@ def scenarios_from(source: str, count: int | None) -> tuple[dict[str, Any], dict
         return {"set": source, "count": number_of}, {}
     table = {name: values[:number_of].tolist() for name, values in frozen.scenario.items()}
     return {"table": table, "seed": frozen.seed, "count": number_of}, {}
+
+
+def _content(path: Path) -> dict[str, Any]:
+    try:
+        content = json.loads(path.read_text())
+    except (OSError, ValueError) as error:
+        raise ValueError(f"{path} is not read as scenarios: {error}") from error
+    known = {"ranges", "seed", "count", "environment"}
+    if not isinstance(content, dict) or set(content) - known:
+        raise ValueError(f"{path} must be a JSON object with some of {sorted(known)}, got {str(content)[:200]}")
+    return content
+
+
+def slug(name: str) -> str:
+    """Return a name that files and links can have."""
+    return re.sub(r"[^A-Za-z0-9.-]+", "-", name).strip("-") or "policy"
 
 
 def _file(path: str) -> Path:

@@ -1,15 +1,19 @@
 """Where the policy wins and where it does not: differences on the same scenarios, one by one and in groups."""
 
+from typing import Any
+
 import altair as alt
 import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
-from experiments.report.answer import as_late
+from agents.jobs.evaluations import RESULTS
 from experiments.report.arenas import PAPER, POLICY
-from experiments.report.figures import Figure, Table, contestants, rows
+from experiments.report.figures import Figure, Table, contestants, plain, rows, zoomable
 from experiments.report.results import Played, Run
 from experiments.statistics import Floats, Resamples, estimate, interquartile_mean
 from impact_gym.envs.scenario import FIELDS, LOGARITHMIC
+from impact_gym.envs.task import MISSED_COST
 
 GROUPS = 5  # of each field of the scenario, as many scenarios in each; fewer where there would be less than SMALLEST
 SMALLEST = 10
@@ -31,6 +35,7 @@ def measures(played: Played) -> Table:
     runs[f"{POLICY}, w = {weight:g}"] = (played.policy, weight)
     late = played.policy_as_late
     runs[f"{POLICY}, as late as the paper's rule (w = {late.weights[0]:.3g})"] = (late, late.weights[0])
+    resamples = Resamples(late["missed"].shape[1])
     body = []
     for name, (run, at) in runs.items():
         one = run.at(at)
@@ -39,7 +44,8 @@ def measures(played: Played) -> Table:
         impulse = velocity * run.scenario["object_mass"]
         again = one["contact_count"] > 1
         body.append((
-            name, f"{one['approach_time'].mean():.4f}", f"{velocity.mean():.4f}", f"{interquartile_mean(velocity):.4f}",
+            name, f"{one['approach_time'].mean():.4f}", plain(estimate(resamples.means(velocity[None]))),
+            f"{interquartile_mean(velocity):.4f}",
             f"{worst:.3f}", f"{peak.mean():.1f}, {np.quantile(peak, 0.95):.0f}", f"{impulse.mean():.4f}",
             f"{100 * again.mean():.1f} %", f"{one['contact_count'].mean():.2f}", f"{int(one['missed'].sum())}",
         ))  # fmt: skip
@@ -53,7 +59,9 @@ def measures(played: Played) -> Table:
 def distribution(played: Played) -> Figure:
     """Return the distributions of the paired differences."""
     weight = played.arena.typical
-    against_rule = played.policy_as_late["object_velocity"][0] - played.paper["object_velocity"][0]
+    late = played.policy_as_late
+    against_rule = late["object_velocity"][0] - played.paper["object_velocity"][0]
+    against_rule = np.where(late["missed"][0], MISSED_COST, against_rule)  # a miss is no win
     against_rival = played.policy.loss(weight) - played.rival.loss(weight)
     rival = f"V_p + {weight:g} T, against {played.arena.rival.name}"
     rule = "V_p as late as the paper's rule, against it"
@@ -81,75 +89,99 @@ def distribution(played: Played) -> Figure:
     )
     caption = text + " Left of zero the policy is better."
     return Figure(f"{played.arena.name}_differences", f"{played.arena.name}: paired differences", caption,
-                  text, (curve + zero).interactive(bind_y=False), data)  # fmt: skip
+                  text, zoomable(curve + zero), data)  # fmt: skip
 
 
 def breakdown(played: Played) -> list[Figure]:
-    """Return a figure for each field of the scenario: V_p in groups of scenarios, of rule and policy."""
-    late = as_late(played, "object_velocity")
-    figures = []
-    for name in FIELDS:
-        values = played.paper.scenario[name]
-        groups = max(1, min(GROUPS, values.size // SMALLEST))
-        edges = np.quantile(values, np.linspace(0.0, 1.0, groups + 1))
-        group = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, groups - 1)
-        frames = []
-        for number in range(groups):
-            inside = group == number
-            if inside.sum() < 2:
-                continue
-            resamples = Resamples(int(inside.sum()))
-            rule = played.paper["object_velocity"][:, inside]
-            rival = played.rival.at(played.arena.typical)["object_velocity"][None, inside]
-            own = np.array([run.at(played.arena.typical)["object_velocity"][inside] for run in played.seeds.values()])
-            for contestant, sample in (
-                (PAPER, rule),
-                (f"{POLICY}, as late", late[:, inside]),
-                (f"{POLICY}, w = {played.arena.typical:g}", own),
-                (f"{played.arena.rival.name}, w = {played.arena.typical:g}", rival),
-            ):
-                mean = estimate(resamples.means(sample))
-                frames.append({
-                    "contestant": contestant, "low": float(edges[number]), "high": float(edges[number + 1]),
-                    "middle": float(np.median(values[inside])), "V": mean.value, "V_low": mean.low, "V_high": mean.high,
-                })  # fmt: skip
-        data = pl.DataFrame(frames).unique(maintain_order=True)
-        figures.append(_grouped(played, name, data))
-    return figures
+    """Return for each field of the scenario V_p of rule and policy, and the paired difference to the rival."""
+    return [figure(played, name) for name in FIELDS for figure in (_levels, _paired)]
 
 
-def _grouped(played: Played, name: str, data: pl.DataFrame) -> Figure:
-    look = contestants(data["contestant"].unique(maintain_order=True).to_list())
-    colours = [{PAPER: "#D55E00", f"{POLICY}, as late": "#0072B2"}.get(one, colour) for one, colour in
-               zip(look["color"].domain, look["color"].range, strict=True)]  # fmt: skip
-    logarithmic = LOGARITHMIC[FIELDS.index(name)]
-    kind = {"type": "log"} if logarithmic else {"zero": False}
-    axis = alt.Axis(format="~s") if name == "contact_stiffness" else alt.Axis()
-    base = alt.Chart(rows(data)).encode(
-        x=alt.X("middle:Q", title=TITLES[name], scale=alt.Scale(**kind, nice=False, padding=14),
-                axis=axis),
-        color=alt.Color("contestant:N", title=None, scale=alt.Scale(domain=look["color"].domain, range=colours),
-                        legend=alt.Legend(columns=2)),
-    )  # fmt: skip
-    bars = base.mark_rule(strokeWidth=2).encode(y=alt.Y("V_low:Q", title="mean V_p (m/s)"), y2="V_high:Q")
-    line = base.mark_line(strokeWidth=1.2).encode(y="V:Q")
-    marks = base.mark_point(size=60).encode(
-        y="V:Q",
-        shape=alt.Shape("contestant:N", title=None, scale=look["shape"], legend=alt.Legend(columns=2)),
-        tooltip=[alt.Tooltip("contestant:N"), alt.Tooltip("low:Q", format=".3g"), alt.Tooltip("high:Q", format=".3g"),
-                 alt.Tooltip("V:Q", format=".3f"), alt.Tooltip("V_low:Q", format=".3f"),
-                 alt.Tooltip("V_high:Q", format=".3f")],
-    )  # fmt: skip
-    first, last = data["middle"].min(), data["middle"].max()
+def _groups(values: Floats) -> list[tuple[NDArray[np.bool_], dict[str, float]]]:
+    """Return groups of as many scenarios each by a field's values: which are in it, and where it lies."""
+    count = max(1, min(GROUPS, values.size // SMALLEST))
+    edges = np.quantile(values, np.linspace(0.0, 1.0, count + 1))
+    group = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, count - 1)
+    found = []
+    for number in range(count):
+        inside = group == number
+        if inside.sum() > 1:
+            place = {"from": float(edges[number]), "to": float(edges[number + 1])}
+            found.append((inside, {**place, "middle": float(np.median(values[inside]))}))
+    return found
+
+
+def _levels(played: Played, name: str) -> Figure:
+    late = f"{POLICY}, as late"
+    runs: dict[str, list[Run]] = {PAPER: [played.paper], late: list(played.as_late.values())}
+    frames = []
+    for inside, place in _groups(played.paper.scenario[name]):
+        resamples = Resamples(int(inside.sum()))
+        for contestant, seeds in runs.items():
+            one = {field: np.array([run[field][0][inside] for run in seeds], float) for field in RESULTS}
+            mean = estimate(resamples.means(one["object_velocity"]))
+            frames.append({
+                "contestant": contestant, **place, "value": mean.value, "low": mean.low, "high": mean.high,
+                "peak force": float(one["peak_force"].mean()),
+                "touched again": float((one["contact_count"] > 1).mean()), "missed": int(one["missed"].sum()),
+            })  # fmt: skip
+    data = pl.DataFrame(frames)
     said = "; ".join(
-        f"{one}: {group['V'][0]:.2f} m/s at the low end, {group['V'][-1]:.2f} at the high end"
+        f"{one}: {group['value'][0]:.2f} m/s at the low end, {group['value'][-1]:.2f} at the high end"
         for (one,), group in data.group_by("contestant", maintain_order=True)
     )
+    more = [alt.Tooltip("peak force:Q", title="peak force (N)", format=".1f"),
+            alt.Tooltip("touched again:Q", format=".1%"), alt.Tooltip("missed:Q")]  # fmt: skip
+    chart = _grouped(data, name, "mean V_p (m/s)", (PAPER, late), (PAPER, POLICY), more)
+    caption = f"Groups of as many scenarios each, 95 % intervals. {said}."
     title = f"{played.arena.name}: V_p by {TITLES[name]}"
-    caption = f"Means of groups of as many scenarios each, 95 % intervals; centred on {first:.3g} to {last:.3g}."
-    return Figure(f"{played.arena.name}_by_{name}", title, caption, said, bars + line + marks, data, 260)
+    return Figure(f"{played.arena.name}_by_{name}", title, caption, said, chart, data, 240)
 
 
-def gains(played: Played) -> Floats:
-    """Return how much slower (m/s) the object leaves than under the paper's rule, as late (scenarios,)."""
-    return played.paper["object_velocity"][0] - played.policy_as_late["object_velocity"][0]
+def _paired(played: Played, name: str) -> Figure:
+    weight, rival = played.arena.typical, played.arena.rival.name
+    theirs = played.rival.loss(weight)
+    ours = np.array([run.loss(weight) for run in played.seeds.values()]) - theirs
+    label = f"{POLICY} minus {rival}"
+    frames = []
+    for inside, place in _groups(played.paper.scenario[name]):
+        mean = estimate(Resamples(int(inside.sum())).means(ours[:, inside]))
+        frames.append({"contestant": label, **place, "value": mean.value, "low": mean.low, "high": mean.high})
+    data = pl.DataFrame(frames)
+    won = data.filter(pl.col("high") < 0)
+    lost = data.filter(pl.col("low") > 0)
+
+    def ranges(part: pl.DataFrame) -> str:
+        places = ", ".join(f"{a:.3g} to {b:.3g}" for a, b in zip(part["from"], part["to"], strict=True))
+        return f"at {places}" if places else "nowhere"
+
+    said = f"The policy is clearly better {ranges(won)}, clearly worse {ranges(lost)}."
+    chart = _grouped(data, name, f"difference of V_p + {weight:g} T (m/s)", (label,), (POLICY,), [])
+    zero = alt.Chart(alt.Data(values=[{"zero": 0}])).mark_rule(strokeDash=[2, 3]).encode(y="zero:Q")
+    title = f"{played.arena.name}: against {rival}, by {TITLES[name]}"
+    caption = (
+        f"Paired differences at w = {weight:g}, all seeds, 95 % intervals; below zero the policy is better. {said}"
+    )
+    return Figure(f"{played.arena.name}_paired_{name}", title, caption, said, zero + chart, data, 240)
+
+
+def _grouped(
+    data: pl.DataFrame, name: str, title: str, names: tuple[str, ...], looks: tuple[str, ...], more: list[alt.Tooltip]
+) -> Any:
+    """Return points with intervals over a field; `looks` says as which contestants the names are drawn."""
+    look = contestants(looks)
+    kind: dict[str, Any] = {"type": "log"} if LOGARITHMIC[FIELDS.index(name)] else {"zero": False}
+    axis = alt.Axis(format="~s") if name == "contact_stiffness" else alt.Axis()
+    base = alt.Chart(rows(data)).encode(
+        x=alt.X("middle:Q", title=TITLES[name], scale=alt.Scale(**kind, nice=False, padding=14), axis=axis),
+        color=alt.Color("contestant:N", title=None, scale=alt.Scale(domain=list(names), range=look["color"].range)),
+    )
+    bars = base.mark_rule(strokeWidth=2).encode(y=alt.Y("low:Q", title=title), y2="high:Q")
+    line = base.mark_line(strokeWidth=1.2).encode(y="value:Q")
+    numbers = [alt.Tooltip(f"{one}:Q", format=".3g") for one in ("from", "to", "value", "low", "high")]
+    marks = base.mark_point(size=60).encode(
+        y="value:Q",
+        shape=alt.Shape("contestant:N", title=None, scale=alt.Scale(domain=list(names), range=look["shape"].range)),
+        tooltip=[alt.Tooltip("contestant:N"), *numbers, *more],
+    )
+    return bars + line + marks

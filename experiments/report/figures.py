@@ -24,9 +24,9 @@ CONFIG: dict[str, Any] = {
     "background": "transparent",
     "view": {"stroke": None},
     "axis": {"labelFontSize": 12, "titleFontSize": 12, "titleFontWeight": "normal", "gridOpacity": 0.6,
-             "labelOverlap": "greedy"},
+             "labelOverlap": "greedy", "labelSeparation": 6},
     "legend": {"labelFontSize": 12, "titleFontSize": 12, "titleFontWeight": "normal", "orient": "top", "columns": 2,
-               "labelLimit": 170, "symbolStrokeWidth": 2.5, "symbolOpacity": 1},
+               "labelLimit": 0, "symbolStrokeWidth": 2.5, "symbolOpacity": 1},
     "line": {"strokeWidth": 2.2},
     "point": {"filled": True, "size": 55, "opacity": 1},
     "range": {"category": list(COLOURS)},
@@ -66,6 +66,11 @@ class Table:
     caption: str
     head: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
+
+
+def zoomable(chart: Any) -> Any:
+    """Return a chart that is dragged, zoomed with the wheel while Ctrl is held, and put back with a double click."""
+    return chart.add_params(alt.selection_interval(bind="scales", zoom="wheel![event.ctrlKey]"))
 
 
 def rows(data: pl.DataFrame, fields: Sequence[str] | None = None, digits: int = 5) -> Any:

@@ -5,31 +5,34 @@ import numpy as np
 import polars as pl
 
 from agents.baselines.profile import constant_deceleration_of
+from agents.baselines.rule import CONTROL_PERIOD
 from experiments.report.answer import stacked
 from experiments.report.arenas import PAPER, POLICY
-from experiments.report.figures import Figure, contestants, rows
-from experiments.report.results import NEAR, SHOWN_WEIGHTS, Played
-from impact_gym.envs.scenario import ScenarioRanges
+from experiments.report.figures import Figure, contestants, rows, zoomable
+from experiments.report.results import FAR, NEAR, SHOWN_WEIGHTS, Played
 
 THEORY = "theory: even braking at w / 2c"
 BANDS = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
 """Edges of the groups of sensed force, as quantiles."""
-TIMES = 7  # groups of the time since the alarm
 
 
 def approach(played: Played) -> Figure:
     """Return velocity over position before the contact, beside the rival's and a constant deceleration."""
     frames = []
     arena = played.arena
+    ranged = arena.environment.get("range_noise") is not None
     slope = knock(played)
+    ahead = played.paper.scenario["distance"]
+    span = round(float(ahead.min()), 3), round(float(ahead.max()), 3)
+    uniform = not ranged and span[1] - span[0] > 0.05 and span[1] <= FAR  # what theory needs, about
     for contestant, arrays in played.profiles.items():
         known = arena.policy if contestant == arena.chosen else next(c for c in arena.baselines if c.name == contestant)
         weights = [weight for weight in SHOWN_WEIGHTS if weight in known.weights] or [known.weights[0]]
         name = POLICY if contestant == arena.chosen else contestant
         for weight, velocity in zip(weights, arrays["velocity"], strict=True):
             frames.append(_line(name, weight, arrays["position"], velocity))
-            if contestant == arena.chosen and not arena.environment.get("range_noise"):
-                frames.append(_theory(weight, slope, arrays["position"], velocity))
+            if contestant == arena.chosen and uniform:
+                frames.append(_theory(weight, slope, arrays["position"], velocity, *span))
     data = pl.concat(frames).drop_nans("velocity")
     names = data["contestant"].unique(maintain_order=True).to_list()
     names = sorted(names, key=lambda name: (name != PAPER, name != POLICY))
@@ -50,20 +53,19 @@ def approach(played: Played) -> Figure:
         f"{a:.1f} m/s² at w = {w:g}, where theory has {w / (2 * slope):.1f} (R² = {r:.2f})"
         for w, r, a in zip(fits["w"], fits["r_squared"], fits["deceleration"], strict=True)
     )
-    ranged = arena.environment.get("range_noise") is not None
     where = (
         f"The object stands at {NEAR:g} m and the estimate is right."
         if ranged
-        else "Nothing stands in the way; objects stand 0.15 to 0.35 m ahead."
+        else f"Nothing stands in the way here; in the scenarios objects stand {span[0]:.2f} to {span[1]:.2f} m ahead."
     )
-    theory = "" if ranged else (
+    theory = "" if not uniform else (
         f" Theory: if V_p were c v, here c = {slope:.2f}, and the object as likely in any place ahead, the best blind "
         "approach would brake evenly, v² = w / c times the distance left to the last place. A straight line fitted to "
-        f"the policy's v² between 0.15 and 0.35 m brakes at {said}. It enters the range faster than theory has it, as "
+        f"the policy's v² there brakes at {said}. It enters the range faster than theory has it, as "
         "nothing can stand before, and then swings with the tool on its coupling."
     )  # fmt: skip
     return Figure(f"{arena.name}_approach", f"{arena.name}: velocity over position before the contact",
-                  where + theory, where + " " + said, chart.interactive(), data, 340)  # fmt: skip
+                  where + theory, where + " " + said, zoomable(chart), data, 340)  # fmt: skip
 
 
 def knock(played: Played) -> float:
@@ -73,12 +75,13 @@ def knock(played: Played) -> float:
     return float(speeds @ velocities / (speeds @ speeds))
 
 
-def _theory(weight: float, slope: float, position: np.ndarray, velocity: np.ndarray) -> pl.DataFrame:
+def _theory(
+    weight: float, slope: float, position: np.ndarray, velocity: np.ndarray, near: float = 0.15, far: float = 0.35
+) -> pl.DataFrame:
     """Return the profile of least mean c v + w T: with p the density and S what is still ahead, c p = w S / v^2.
 
     For a uniform prior S / p is the distance left, so v^2 = (w / c) (end - x). Beside it, the fit to `velocity`.
     """
-    near, far = ScenarioRanges().distance
     fit = constant_deceleration_of(position, velocity, (near, far))
     inside = (position >= near) & (position <= far)
     even = np.where(inside, np.sqrt(weight / slope * np.maximum(far - position, 0.0)), np.nan)
@@ -92,48 +95,52 @@ def _line(name: str, weight: float, x: np.ndarray, v: np.ndarray, r: float = np.
 
 
 def reaction(played: Played) -> Figure:
-    """Return the velocity commanded after the alarm, by what was sensed."""
+    """Return the velocity commanded after the alarm, by what was sensed one control period after it."""
     seen = played.reactions
-    edges = np.unique(np.quantile(seen["sensed"], BANDS))
-    band = np.clip(np.searchsorted(edges, seen["sensed"], side="right") - 1, 0, max(len(edges) - 2, 0))
-    bins = np.linspace(0.0, 0.15, TIMES + 1)
-    when = np.clip(np.searchsorted(bins, seen["since"] + 1e-9, side="right") - 1, 0, TIMES - 1)
+    step = np.rint(seen["since"] / CONTROL_PERIOD).astype(int)
+    felt = dict(zip(seen["scenario"][step == 1].tolist(), seen["sensed"][step == 1].tolist(), strict=True))
+    force = np.array([felt.get(number, np.nan) for number in seen["scenario"].tolist()])
+    edges = np.unique(np.quantile(list(felt.values()), BANDS))
+    band = np.clip(np.searchsorted(edges, force, side="right") - 1, 0, max(len(edges) - 2, 0))
     frames = []
     for number in range(max(len(edges) - 1, 1)):
         label = f"{edges[number]:.3g} to {edges[min(number + 1, len(edges) - 1)]:.3g} N"
-        for place in range(TIMES):
-            chosen = (band == number) & (when == place)
+        for place in range(int(step.max()) + 1):
+            chosen = np.isfinite(force) & (band == number) & (step == place)
             if not chosen.any():
                 continue
             velocity = seen["velocity"][chosen]
             frames.append({
-                "largest force sensed": label, "number": number, "ms": float(1e3 * seen["since"][chosen].mean()),
-                "velocity": float(velocity.mean()), "low": float(np.quantile(velocity, 0.1)),
-                "high": float(np.quantile(velocity, 0.9)),
-                "acceleration": float(seen["acceleration"][chosen].mean()), "steps": int(chosen.sum()),
+                "largest force sensed": label, "number": number, "step": place,
+                "ms": 1e3 * place * CONTROL_PERIOD, "velocity": float(velocity.mean()),
+                "low": float(np.quantile(velocity, 0.1)), "high": float(np.quantile(velocity, 0.9)),
+                "acceleration": float(seen["acceleration"][chosen].mean()), "episodes": int(chosen.sum()),
             })  # fmt: skip
     data = pl.DataFrame(frames)
     order = data.sort("number")["largest force sensed"].unique(maintain_order=True).to_list()
+    colours = alt.Scale(scheme=alt.SchemeParams("viridis", extent=[0.2, 0.8]))
     base = alt.Chart(rows(data)).encode(
         x=alt.X("ms:Q", title="time since the alarm (ms)"),
-        color=alt.Color("largest force sensed:N", sort=order, scale=alt.Scale(scheme="viridis"),
-                        legend=alt.Legend(columns=3)),
-    )  # fmt: skip
+        color=alt.Color("largest force sensed:N", sort=order, scale=colours),
+    )
     band_mark = base.mark_area(opacity=0.12).encode(y=alt.Y("low:Q", title="velocity commanded (m/s)"), y2="high:Q")
     line = base.mark_line(point=True).encode(
         y="velocity:Q",
         tooltip=[alt.Tooltip("largest force sensed:N"), alt.Tooltip("ms:Q", format=".0f"),
                  alt.Tooltip("velocity:Q", format=".3f"), alt.Tooltip("acceleration:Q", format=".1f"),
-                 alt.Tooltip("steps:Q")],
+                 alt.Tooltip("episodes:Q")],
     )  # fmt: skip
-    first, last = data.filter(pl.col("number") == 0), data.filter(pl.col("number") == data["number"].max())
-    text = (
-        f"Mean velocity commanded at the first step after the alarm: {first['velocity'][0]:.2f} m/s where least force "
-        f"was sensed, {last['velocity'][0]:.2f} m/s where most was."
-    )
+    said = []
+    for place in (0, 1, 4):
+        at = data.filter(pl.col("step") == place).sort("number")
+        if len(at):
+            ends = f"{at['velocity'][0]:.2f} m/s where least, {at['velocity'][-1]:.2f} where most was sensed"
+            said.append(f"{1e3 * place * CONTROL_PERIOD:.0f} ms after the alarm {ends}")
+    text = "Mean velocity commanded: " + "; ".join(said) + "."
     caption = (
-        f"Commands at w = {played.arena.typical:g} by the largest force sensed so far, in fifths; bands hold 80 % of "
-        "the commands. Below zero the flange is told to retreat. " + text
+        f"Commands at w = {played.arena.typical:g}, episodes in fifths by the largest force sensed one control period "
+        "after the alarm (at the alarm itself it is the threshold for all); bands hold 80 % of the commands. Below "
+        "zero the flange is told to retreat. " + text
     )
     return Figure(f"{played.arena.name}_reaction", f"{played.arena.name}: reaction after the alarm", caption, text,
                   band_mark + line, data, 320)  # fmt: skip

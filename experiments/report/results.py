@@ -1,7 +1,6 @@
 """From arenas to arrays: the list of jobs behind the page, and what came of them."""
 
 import copy
-import hashlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,10 +15,10 @@ from agents.jobs import Job, digest_of, gather_all
 from agents.jobs.evaluations import RESULTS
 from agents.validation import WEIGHTS
 from experiments.reference.task import SERVED
-from experiments.report.arenas import PAPER, Arena, Contestant, preset_of
+from experiments.report.arenas import PAPER, Arena, preset_of
 from experiments.report.robustness import VARIANTS
 from impact_gym.envs.scenario import FIELDS
-from impact_gym.envs.task import MISSED_COST
+from impact_gym.envs.task import MISSED_COST, Task
 
 Arrays = Mapping[str, NDArray[Any]]
 PLAYS = {"play": "agents.jobs.evaluations"}
@@ -32,8 +31,8 @@ LESS = 500  # scenarios where many variants are played
 EXACTLY = 200  # scenarios that every policy plays once more at a hundredth of the tolerance
 IN_SCIPY = 100  # scenarios in the independent solver
 CLAMP = {"as it is": True, "clamp off": False}
-BOUND = "clairvoyant bound"
-FAMILY = "constant speeds"
+BOUND = "clairvoyant, by search"
+FAMILY = "any constant speed"
 
 
 @dataclass
@@ -48,6 +47,8 @@ class Run:
 
     def at(self, weight: float) -> dict[str, NDArray[Any]]:
         """Return the results (scenarios,) at a weight, or at the only one."""
+        if len(self.weights) > 1 and weight not in self.weights:
+            raise ValueError(f"it was not played at a weight of {weight:g}, only at {self.weights}")
         place = self.weights.index(weight) if weight in self.weights else 0
         return {name: self.arrays[name][place] for name in RESULTS}
 
@@ -114,7 +115,7 @@ def gather_arenas(
     arenas: list[Arena], folder: Path, processes: int | None = None, cluster: str | None = None
 ) -> list[Played]:
     """Play everything that is not in `folder` yet, and return what came of each arena."""
-    depends = _sources()
+    depends = _sources(arenas)
     asked = [one for number, arena in enumerate(arenas) for one in _asked(number, arena, depends)]
     results = gather_all([one.job for one in asked], folder, processes=processes, cluster=cluster, title="playing")
     played = [Played(arena) for arena in arenas]
@@ -129,9 +130,11 @@ def gather_arenas(
     return played
 
 
-def _sources() -> str:
-    """Digest of what determines results beside a job's arguments."""
-    return digest_of("impact_gym", "agents", "experiments.report.play", "experiments.reference")
+def _sources(arenas: list[Arena]) -> str:
+    """Digest of what determines results beside a job's arguments: sources, those of a user's baselines too."""
+    named = [one.controller.get("object", "") for arena in arenas for one in arena.baselines]
+    modules = sorted({name.partition(":")[0] for name in named if name})
+    return digest_of("impact_gym", "agents", "experiments.report.play", "experiments.reference", *modules)
 
 
 def _asked(number: int, arena: Arena, depends: str) -> Iterator[_Asked]:
@@ -152,7 +155,7 @@ def _asked(number: int, arena: Arena, depends: str) -> Iterator[_Asked]:
     for one in arena.baselines:
         yield ask("baselines", one.name, "play", one.controller, scenarios=scenarios, weights=list(one.weights))
     for speed in SPEEDS:
-        yield ask("family", f"{speed:g} m/s", "play", {"speed": speed}, scenarios=some, weights=[typical])
+        yield ask("family", f"{speed:g} m/s", "play", {"speed": speed}, scenarios=scenarios, weights=[typical])
     preset = preset_of(environment)
     preset = "linear-blind" if preset == "linear-ranged" else preset  # an estimate adds nothing to what it knows
     known = shipped_scenarios(preset) if preset else 0
@@ -179,7 +182,7 @@ def _asked(number: int, arena: Arena, depends: str) -> Iterator[_Asked]:
         hundred = _first(scenarios, IN_SCIPY)
         for label, clamp in CLAMP.items():
             arguments = {"scenarios": hundred, "weight": typical, "clamp": clamp}
-            for one in (arena.baselines[0], arena.policy):
+            for one in rivals:
                 yield ask("scipy", (label, one.name), "in_scipy", one.controller, **arguments)
     yield ask("reactions", None, "reactions", arena.policy.controller, scenarios=some, weight=typical)
     distance = FAR if environment.get("range_noise") is None else NEAR
@@ -190,7 +193,7 @@ def _asked(number: int, arena: Arena, depends: str) -> Iterator[_Asked]:
 
 EXACT: dict[str, dict[str, Any]] = {
     "as it is": {},
-    "a hundredth of the tolerance": {"rtol": 1e-10},
+    "a hundredth of the tolerance": {"rtol": Task.rtol / 100},
     "exact dissipation": {"dissipation": "exact"},
 }
 
@@ -223,8 +226,3 @@ def episodes(played: list[Played]) -> pl.DataFrame:
                     )
                 )
     return pl.concat(frames)
-
-
-def checksum_of(contestant: Contestant) -> str:
-    """SHA-256 of what makes the controller."""
-    return hashlib.sha256(repr(sorted(contestant.controller.items())).encode()).hexdigest()
