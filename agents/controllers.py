@@ -2,8 +2,9 @@
 
 `{"policy": ...}` holds a policy's file in base 64, `{"shipped": ...}` names one of the project's; `{"baseline": ...}`
 names one that is shipped or was tuned, with the checksum of its file beside it if wanted; `{"speed": ...}` is a
-constant speed, reached and left at 20 m/s^2; `{"clairvoyant": ...}` what was found for each scenario of a preset;
-`{"object": "module:name"}` anything with `predict`, or a function or class that returns it.
+constant speed, reached and left at 16 m/s^2, which a bistable mechanism still bears; `{"clairvoyant": ...}` what was
+found for each scenario of a preset; `{"object": "module:name"}` anything with `predict`, or a function or class that
+returns it.
 """
 
 import base64
@@ -42,7 +43,7 @@ def controller_of(spec: Mapping[str, Any], time_weight: float) -> Controller:
             raise ValueError(f"baseline {value!r} was tuned anew while this was under way")
         return load_baseline(value, time_weight)
     if kind == "speed":
-        return ConstantSpeed(value, 20.0)
+        return ConstantSpeed(value, 16.0)
     if kind == "clairvoyant":
         return load_clairvoyant(value, time_weight)
     if kind == "object":

@@ -147,7 +147,7 @@ def _checksums(played: Played) -> dict[str, str]:
 def _apart(scenarios: Mapping[str, Any]) -> str:
     if "table" in scenarios:
         return "these scenarios themselves"
-    return "the validation set" if "set" in scenarios else "1,000 other scenarios from the same ranges"
+    return "the first half of the validation set" if "set" in scenarios else "other scenarios from the same ranges"
 
 
 def _trained_with(asked: list[arenas.Arena]) -> str:

@@ -167,12 +167,12 @@ def trade_off(played: Played) -> Figure:
         f"{at['T'][0]:.3f} s and {at['V'][0]:.3f} m/s to {at['T'][-1]:.3f} s and {at['V'][-1]:.3f} m/s."
     )
     bound = "" if played.bound is None else (
-        f" {BOUND}, is the best that a search found for each of the first {played.bound['missed'].shape[1]} scenarios "
+        f" {BOUND.capitalize()}, is the best that a search found for each of the first {played.bound['missed'].shape[1]} scenarios "
         "by itself: what one could do who knew the object."
     )  # fmt: skip
     caption = (
         "Down and left is better. A line per contestant over its time weights, the policy's faint lines are the other "
-        f"seeds; {FAMILY} is sped up to and braked at 20 m/s²." + bound
+        f"seeds; {FAMILY} is sped up to and braked at 16 m/s²." + bound
     )
     return Figure(f"{played.arena.name}_trade_off", f"{played.arena.name}: approach time against V_p", caption, text,
                   zoomable(layers), data, 380)  # fmt: skip

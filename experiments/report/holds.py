@@ -177,7 +177,7 @@ def _changed(
 ) -> tuple[str, ...]:
     mean = max(abs(float(one.mean())) for one in velocity)
     most = max(float(np.abs(one).max()) for one in velocity)
-    gains = (f"{shift[name] - shift[chosen]:+.2g}" for name in (PAPER, rival))
+    gains = (f"{shift[name] - shift[chosen]:+.2g}" if name in shift else "-" for name in (PAPER, rival))
     return (what, whom, f"{mean:.2g}", f"{most:.2g}", *gains)
 
 

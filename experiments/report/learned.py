@@ -24,7 +24,8 @@ def approach(played: Played) -> Figure:
     slope = knock(played)
     ahead = played.paper.scenario["distance"]
     span = round(float(ahead.min()), 3), round(float(ahead.max()), 3)
-    uniform = not ranged and span[1] - span[0] > 0.05 and span[1] <= FAR  # what theory needs, about
+    linear = arena.environment.get("coupling", {}).get("type") != "Bistable"  # which shields above its threshold
+    uniform = linear and not ranged and span[1] - span[0] > 0.05 and span[1] <= FAR  # what theory needs, about
     for contestant, arrays in played.profiles.items():
         known = arena.policy if contestant == arena.chosen else next(c for c in arena.baselines if c.name == contestant)
         weights = [weight for weight in SHOWN_WEIGHTS if weight in known.weights] or [known.weights[0]]

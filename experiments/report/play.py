@@ -18,7 +18,8 @@ from impact_gym.envs.observation import ENTRIES, FORCE_SCALE
 from impact_gym.envs.task import ACCELERATION_RANGE, VELOCITY_RANGE
 
 Arrays = dict[str, NDArray[Any]]
-HALVINGS = 12  # of the range of weights, in its logarithm
+HALVINGS = 9  # of the range of weights, in its logarithm: to 1 %
+APART = 500  # scenarios to find a weight on
 PEAK = next(place for place, entry in enumerate(ENTRIES) if entry.name.startswith("its maximum"))
 
 
@@ -55,9 +56,9 @@ def others(scenarios: Mapping[str, Any]) -> dict[str, Any]:
     For a table of scenarios there are no others, and it is these.
     """
     if "set" in scenarios:
-        return {"set": "validation", "count": 1000}
+        return {"set": "validation", "count": APART}
     if "ranges" in scenarios:
-        return {**scenarios, "seed": scenarios["seed"] + 50_000_000, "count": 1000}
+        return {**scenarios, "seed": scenarios["seed"] + 50_000_000, "count": APART}
     return dict(scenarios)
 
 

@@ -117,7 +117,8 @@ def gather_arenas(
     """Play everything that is not in `folder` yet, and return what came of each arena."""
     depends = _sources(arenas)
     asked = [one for number, arena in enumerate(arenas) for one in _asked(number, arena, depends)]
-    results = gather_all([one.job for one in asked], folder, processes=processes, cluster=cluster, title="playing")
+    jobs = [one.job for one in reversed(asked)]  # the last recipe is the slowest: what is long begins first
+    results = reversed(gather_all(jobs, folder, processes=processes, cluster=cluster, title="playing"))
     played = [Played(arena) for arena in arenas]
     for one, arrays in zip(asked, results, strict=True):
         target = played[one.arena]
@@ -182,7 +183,7 @@ def _asked(number: int, arena: Arena, depends: str) -> Iterator[_Asked]:
         hundred = _first(scenarios, IN_SCIPY)
         for label, clamp in CLAMP.items():
             arguments = {"scenarios": hundred, "weight": typical, "clamp": clamp}
-            for one in rivals:
+            for one in rivals if clamp else (arena.baselines[0], arena.policy):
                 yield ask("scipy", (label, one.name), "in_scipy", one.controller, **arguments)
     yield ask("reactions", None, "reactions", arena.policy.controller, scenarios=some, weight=typical)
     distance = FAR if environment.get("range_noise") is None else NEAR
