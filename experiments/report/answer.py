@@ -167,8 +167,8 @@ def trade_off(played: Played) -> Figure:
         f"{at['T'][0]:.3f} s and {at['V'][0]:.3f} m/s to {at['T'][-1]:.3f} s and {at['V'][-1]:.3f} m/s."
     )
     bound = "" if played.bound is None else (
-        f" {BOUND.capitalize()}, is the best that a search found for each of the first {played.bound['missed'].shape[1]} scenarios "
-        "by itself: what one could do who knew the object."
+        f" {BOUND.capitalize()}, is the best that a search found for each of the first "
+        f"{played.bound['missed'].shape[1]} scenarios by itself: what one could do who knew the object."
     )  # fmt: skip
     caption = (
         "Down and left is better. A line per contestant over its time weights, the policy's faint lines are the other "
