@@ -49,7 +49,6 @@ def test_an_interrupted_swap_brings_the_old_folder_back(tmp_path, monkeypatch):
     assert [path.name for path in tmp_path.iterdir()] == ["latest"]
 
 
-
 def test_a_folder_that_no_run_wrote_is_left_alone(tmp_path):
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "letter").write_text("dear")
