@@ -7,6 +7,7 @@ from dataclasses import replace
 import polars as pl
 import pytest
 
+from agents import Policy, load_policy
 from agents.evaluation import Stage
 from experiments.report.__main__ import Settings, write
 
@@ -60,6 +61,17 @@ def test_a_users_own_baseline_ranges_and_tool(tmp_path, monkeypatch):
     with pytest.raises(ValueError, match="differ"):
         write(replace(settings, baseline=("blind-profile", "blind-profile"), out=tmp_path / "bad"))
     sys.modules.pop("my_rules")
+
+
+def test_a_policy_of_one_weight_meets_baselines_at_that_weight(tmp_path):
+    policy = load_policy("linear-blind")
+    Policy(policy.network, {"time_weight": 3.0}, {}).save(tmp_path / "three & a bit.npz")
+    write(Settings(policy=(str(tmp_path / "three & a bit.npz"),), baseline=("blind-profile",), count=6,
+                   out=tmp_path / "out", processes=0))  # fmt: skip
+    episodes = pl.read_parquet(tmp_path / "out" / "episodes.parquet")
+    assert set(of(episodes, "three-a-bit")["time_weight"]) == {3.0}
+    assert 3.0 in set(of(episodes, "blind-profile")["time_weight"])
+    assert "no weight makes its approach as long" in (tmp_path / "out" / "index.html").read_text()
 
 
 def test_who_misses_everything_is_not_said_to_win(tmp_path):

@@ -154,7 +154,8 @@ def _asked(number: int, arena: Arena, depends: str) -> Iterator[_Asked]:
         yield ask("seeds", one.name, "play", one.controller, scenarios=scenarios, weights=list(one.weights))
         yield ask("as_late", one.name, "play_as_late", one.controller, scenarios=scenarios, weights=list(one.weights))
     for one in arena.baselines:
-        yield ask("baselines", one.name, "play", one.controller, scenarios=scenarios, weights=list(one.weights))
+        weights = list(one.weights) if len(one.weights) == 1 else sorted({*one.weights, typical})
+        yield ask("baselines", one.name, "play", one.controller, scenarios=scenarios, weights=weights)
     for speed in SPEEDS:
         yield ask("family", f"{speed:g} m/s", "play", {"speed": speed}, scenarios=scenarios, weights=[typical])
     preset = preset_of(environment)
