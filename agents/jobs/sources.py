@@ -36,8 +36,9 @@ def stage(functions: Iterable[str], path: Path) -> Path:
     """Write a zip of what jobs of these functions import that is not installed, for a cluster's nodes; return `path`.
 
     These are the top-level packages and modules of this project and of the functions, without what they import from
-    elsewhere. The compiled kernels of today's sources go along: a node with the same processor need not compile. The
-    same files make the same zip, so a node that has it is not sent it again.
+    elsewhere. The compiled kernels of today's sources go along, those of the environment first and as many as there is
+    room for: a node with the same processor need not compile. The same files make the same zip, so a node that has it
+    is not sent it again.
 
     Raises:
         ValueError: there is more than 100 MB of it.
@@ -48,11 +49,16 @@ def stage(functions: Iterable[str], path: Path) -> Path:
         origin = _origin(name)
         if {"site-packages", "dist-packages"} & {*origin.parts} or origin.is_relative_to(STANDARD):
             continue  # installed, so it is for the nodes to have it as well
-        found = _files(origin) + (_kernels(origin) if name == "impact_gym" else [])
-        content |= {file.relative_to(origin.parent).as_posix(): file for file in found}
-    size = sum(file.stat().st_size for file in content.values())
+        content |= {file.relative_to(origin.parent).as_posix(): file for file in _files(origin)}
+    size = _size(content.values())
     if size > LARGEST:
         raise ValueError(f"the sources for the cluster are {size / 1e6:.0f} MB, more than {LARGEST / 1e6:.0f} MB")
+    package = _origin("impact_gym")
+    for kernel in _kernels(package):
+        size += _size(kernel)
+        if size > LARGEST:
+            break
+        content |= {file.relative_to(package.parent).as_posix(): file for file in kernel}
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
         for name in sorted(content):
             about = zipfile.ZipInfo(name)  # dated 1980, not today
@@ -60,6 +66,10 @@ def stage(functions: Iterable[str], path: Path) -> Path:
             about.compress_type = zipfile.ZIP_DEFLATED
             archive.writestr(about, content[name].read_bytes())
     return path
+
+
+def _size(files: Iterable[Path]) -> int:
+    return sum(file.stat().st_size for file in files)
 
 
 def _origin(name: str) -> Path:
@@ -81,10 +91,13 @@ def _files(root: Path) -> list[Path]:
     return sorted(path for path in root.rglob("*") if path.suffix in READ and not path.name.startswith("."))
 
 
-def _kernels(root: Path) -> list[Path]:
-    """Return the files of numba's cache that hold kernels of these sources; there may be many of earlier ones."""
+def _kernels(root: Path) -> list[list[Path]]:
+    """Return the files of numba's cache that hold kernels of these sources, a list for each function.
+
+    Those of the environment come first: they hold all that they call. There may be many of earlier sources.
+    """
     kept = []
-    for index in root.rglob("__pycache__/*.nbi"):
+    for index in sorted(root.rglob("__pycache__/*.nbi"), key=lambda path: ("envs" not in path.parts, path)):
         try:
             with index.open("rb") as file:
                 pickle.load(file)  # numba's version
@@ -92,5 +105,5 @@ def _kernels(root: Path) -> list[Path]:
         except Exception:  # of another numba, or of sources that named things otherwise: compiled anew there
             continue
         if stamp == kernels_digest():
-            kept += [index, *(path for name in kernels.values() if (path := index.with_name(name)).is_file())]
+            kept.append([index, *(path for name in kernels.values() if (path := index.with_name(name)).is_file())])
     return kept
