@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from agents.validation import Controller
 from impact_gym.envs import evaluation_sets
 from impact_gym.envs.batch import Batch
-from impact_gym.envs.records import DRAWS, RECORD
+from impact_gym.envs.records import DRAWS, free_record
 from impact_gym.envs.scenario import FIELDS
 from impact_gym.envs.task import MISSED_COST, Task
+from impact_gym.kernels import UNIFORMS
 
 __all__ = ["TEST_SEED", "TUNING_SEED", "VALIDATION_SEED", "Controller", "Episodes", "Stage", "evaluate"]
 
@@ -77,15 +78,15 @@ class Stage:
         self.seed, self.count = seed, count
         self._batch = Batch(copies * count, Task(**{"scenario": "test", **options}), threads)
         drawn = np.array([seeding.np_random(seed + k)[0].random(DRAWS) for k in range(count)])
-        self._uniforms = np.tile(drawn, (copies, 1))
-        self._fixed = np.full((copies * count, len(RECORD)), np.nan)
+        self._uniforms = np.tile(drawn.view(UNIFORMS)[:, 0], copies)
+        self._fixed = free_record(copies * count)
         if frozen is not None:
             if frozen.seed != seed or frozen.count < count:
                 raise ValueError(f"the set has {frozen.count} scenarios from {frozen.seed} on, not {count} from {seed}")
             for name in FIELDS:
-                self._fixed[:, RECORD.index(name)] = np.tile(frozen.scenario[name][:count], copies)
+                self._fixed[name] = np.tile(frozen.scenario[name][:count], copies)
         if time_weight is not None:
-            self._fixed[:, RECORD.index("time_weight")] = np.repeat(time_weight, count)
+            self._fixed["time_weight"] = np.repeat(time_weight, count)
 
     @classmethod
     def of(cls, name: str, count: int | None = None, **arguments: Any) -> "Stage":

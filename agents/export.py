@@ -52,7 +52,7 @@ class Form:
 
 def observations(policy: Policy) -> Floats:
     """Return OBSERVATIONS of them, (steps, rows, n_obs)."""
-    box: Any = space(Task(**policy.environment).constants())
+    box: Any = space(Task(**policy.environment))
     drawn = np.random.default_rng(0).uniform(box.low, box.high, (OBSERVATIONS, policy.inputs))
     steps = IN_A_ROW if policy.network.gates else 1
     return drawn.astype(np.float32).reshape(steps, -1, policy.inputs)

@@ -16,7 +16,7 @@ from agents.networks import Affine, Network
 from agents.policy import Policy, observation_table
 from agents.settings import Settings
 from agents.torch_networks import InformedCritic, Standardised, Tanh, behind_standard
-from impact_gym.envs.observation import WEIGHT_CENTRE, WEIGHT_SPAN
+from impact_gym.envs.observation import ENTRIES
 from impact_gym.sb3 import ImpactVecEnv
 
 TIME_WEIGHT = 7  # place of the time weight in the observation
@@ -56,7 +56,8 @@ class EvenRewards(VecEnvWrapper):
 
     def _see(self, observations: Any) -> None:
         """Take the scale from the time weights in `observations` (num_envs, n_obs)."""
-        weights = WEIGHT_CENTRE * np.float32(WEIGHT_SPAN) ** observations[:, TIME_WEIGHT]
+        low, high = ENTRIES[TIME_WEIGHT].low, ENTRIES[TIME_WEIGHT].high
+        weights = low * np.float32(high / low) ** (0.5 * (observations[:, TIME_WEIGHT] + 1.0))
         self._scale = np.asarray((1.0 + weights) ** -self._power, np.float32)
 
 

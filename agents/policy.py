@@ -102,7 +102,7 @@ class Policy:
 def observation_table(environment: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Return name, unit and scale of each entry of the observation."""
     fields = ("name", "unit", "low", "high", "scaled_low")
-    shown = observations.entries(Task(**environment).constants())
+    shown = observations.entries(Task(**environment))
     return [{field: getattr(entry, field) for field in fields} for entry in shown]
 
 

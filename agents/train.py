@@ -31,7 +31,7 @@ from agents.settings import FIRST_SEED, SLOTS, Settings, as_json, command, defau
 from agents.watch import Told, Watch
 from impact_gym.files import whole_file
 
-PACKAGES = ("impact-gym", "gymnasium", "numba", "numpy", "scipy", "stable-baselines3", "sb3-contrib", "torch")
+PACKAGES = ("impact-gym", "gymnasium", "numpy", "scipy", "stable-baselines3", "sb3-contrib", "torch")
 
 
 def train(settings: Settings, told: Told | None = None) -> Path:

@@ -30,7 +30,7 @@ from agents.validation import WEIGHTS
 from impact_gym.validation import number, whole
 
 BARS = tuple(name for name in TUNABLE if not name.startswith("rigid"))
-PACKAGES = ("impact-gym", "cma", "numba", "numpy", "scipy")
+PACKAGES = ("impact-gym", "cma", "numpy", "scipy")
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from impact_gym.envs import evaluation_sets
 from impact_gym.envs.batch import Batch
-from impact_gym.envs.records import RECORD
+from impact_gym.envs.records import free_record
 from impact_gym.envs.scenario import FIELDS
 from impact_gym.envs.task import MISSED_COST, Task
 
@@ -43,10 +43,10 @@ class Validation:
         frozen = evaluation_sets.load("validation")
         scenarios = min(scenarios, frozen.count)
         rows = scenarios * len(WEIGHTS)
-        fixed = np.full((rows, len(RECORD)), np.nan)
+        fixed = free_record(rows)
         for name in FIELDS:
-            fixed[:, RECORD.index(name)] = np.tile(frozen.scenario[name][:scenarios], len(WEIGHTS))
-        fixed[:, RECORD.index("time_weight")] = np.repeat(WEIGHTS, scenarios)
+            fixed[name] = np.tile(frozen.scenario[name][:scenarios], len(WEIGHTS))
+        fixed["time_weight"] = np.repeat(WEIGHTS, scenarios)
         self._fixed, self._scenarios, self._seed = fixed, scenarios, frozen.seed
         self._batch = Batch(rows, Task(**environment), threads)
 

@@ -221,7 +221,7 @@ def write(settings: Settings) -> tuple[Path, str]:
         "command": shlex.join(["python", "-m", "experiments.bars", *sys.argv[1:]]),
         "set": f"{settings.frozen}, its first {settings.scenarios} scenarios",
         "left out": [preset for preset, seeds in there.items() if not seeds],
-        **circumstances("impact-gym", "numba", "numpy", "scipy"),
+        **circumstances("impact-gym", "numpy", "scipy"),
     }
     page = markdown(study.bars, [row for row in study.rows if row.time_weight in WEIGHTS], about)
     with whole_folder(settings.out) as folder:

@@ -235,7 +235,7 @@ def measure(settings: Settings) -> dict[str, Any]:
     measured["full"] = timed(grid(POLICY, settings, settings.whole), "whole") if settings.full else None
     measured["extrapolated"] = extrapolate(measured, settings)
     given = {name: value for name, value in asdict(settings).items() if name != "out"}
-    return measured | {"settings": given, **circumstances("impact-gym", "numba", "numpy")}
+    return measured | {"settings": given, **circumstances("impact-gym", "numpy")}
 
 
 def markdown(measured: dict[str, Any], settings: Settings) -> str:

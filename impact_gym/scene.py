@@ -5,6 +5,7 @@ they are made, so that everything behind them may rely on them.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any, Literal, get_args
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 
-from impact_gym.physics import bistable
+from impact_gym.kernels import bistable_energy, bistable_force
 from impact_gym.validation import WrongTypeError, number, numbers
 
 Dissipation = Literal[
@@ -175,15 +176,17 @@ class Bistable:
 
     def force(self, position: ArrayLike) -> NDArray[np.float64] | float:
         """Force of the spring on the tool, N, without stops, at `position` (m) of the slider; any shape."""
-        x = np.asarray(position, np.float64)
-        force: NDArray[np.float64] | float = bistable.force(self.stiffness, self.free_length, self.height, x)  # type: ignore[arg-type]  # arrays too
-        return force
+        return self._at(bistable_force, position)
 
     def energy(self, position: ArrayLike) -> NDArray[np.float64] | float:
         """Energy of the spring, J, at `position` (m) of the slider; any shape."""
-        x = np.asarray(position, np.float64)
-        energy: NDArray[np.float64] | float = bistable.energy(self.stiffness, self.free_length, self.height, x)  # type: ignore[arg-type]  # arrays too
-        return energy
+        return self._at(bistable_energy, position)
+
+    def _at(self, law: Callable[..., float], position: ArrayLike) -> NDArray[np.float64] | float:
+        values: NDArray[np.float64] = np.vectorize(
+            lambda x: law(self.stiffness, self.free_length, self.height, x), otypes=[np.float64]
+        )(position)
+        return values if values.ndim else float(values)
 
 
 Coupling = Rigid | SpringDamper | Bistable

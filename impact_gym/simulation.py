@@ -8,28 +8,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_gym.kernel import require_compiled
-from impact_gym.lowering import chain_law, contact_law
+from impact_gym.kernels import APPROACH, CHAIN, CONTACT, TRACE, approach_rows
+from impact_gym.lowering import LOCAL_SHARE, SENTENCES, approach_plan
 from impact_gym.motion import Trapezoid
 from impact_gym.scene import Rigid, Scene
-from impact_gym.solver.approach import Profile, approach
-from impact_gym.solver.state import (
-    CHAIN,
-    LOCAL_SHARE,
-    SENTENCES,
-    TRACE_COLUMNS,
-    Bodies,
-    Recorder,
-    Status,
-    Tolerance,
-    recorder,
-)
 from impact_gym.validation import WrongTypeError, number
 
 MAX_STEPS = 1_000_000
 """Integration steps after which `simulate` gives up; an ordinary approach takes about fifty."""
 
-_CONTACT_ROWS, _TRACE_ROWS, _SNAP_ROWS = 16, 4096, 4
+_CONTACT_ROWS, _TRACE_ROWS = 16, 4096
+_NO_TRACE, _NO_SNAPS = np.empty(0, TRACE), np.empty(0)
+NOTHING_RECORDED = np.empty(0, CONTACT), _NO_TRACE, _NO_SNAPS, 1.0
+"""What the kernels are given where nobody asks for contacts, a trace or passages of a slider."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,9 +55,9 @@ class Trace:
     command_velocity: NDArray[np.float64]  # m/s, likewise
 
     @classmethod
-    def of(cls, log: Recorder, rows: int, one_mass: bool = False) -> "Trace":
-        """Return a copy of the first `rows` of what was recorded; `one_mass`: the flange moves with the tool."""
-        columns = dict(zip(TRACE_COLUMNS, log.trace[:rows].T.copy(), strict=True))
+    def of(cls, points: NDArray[Any], one_mass: bool = False) -> "Trace":
+        """Return a copy of what was recorded (n, TRACE); `one_mass`: the flange moves with the tool."""
+        columns = {name: points[name].copy() for name in TRACE.names or ()}
         if one_mass:
             columns |= {f"flange_{of}": columns[f"tool_{of}"].copy() for of in ("position", "velocity")}
         return cls(**columns)
@@ -108,55 +99,38 @@ def simulate(
         TypeError, ValueError: an argument is none of these or out of range; names it.
         RuntimeError: the run cannot finish; says why.
     """
-    require_compiled()
     if not isinstance(scene, Scene):
         raise WrongTypeError(f"scene must be a Scene, got {scene!r}")
     if not isinstance(motion, Trapezoid):
         raise WrongTypeError(f"motion must be a Trapezoid, got {motion!r}")
     duration = number("duration", duration, "s", above=0)
     rtol = number("rtol", rtol, "(no unit)", at_least=1e-13, at_most=1e-2)
-    tolerance = Tolerance(LOCAL_SHARE * rtol, MAX_STEPS)
-    law = chain_law(scene.tool.mass, scene.coupling, scene.robot)
-    bodies = Bodies(scene.object.mass, contact_law(scene.contact))
-    profile = profile_of(motion)
-    chains = _BLANK.copy()
-    rows = [_CONTACT_ROWS, _TRACE_ROWS if trace else 0, _SNAP_ROWS]
+    plan, table = approach_plan(scene, motion, duration)
+    plans, chains = np.array([plan], APPROACH), np.empty(1, CHAIN)
+    contacts, snaps = np.empty(_CONTACT_ROWS, CONTACT), _NO_SNAPS
+    points = np.empty(_TRACE_ROWS, TRACE) if trace else _NO_TRACE
     while True:
-        log = recorder(rows[0], rows[1], rows[2], interval=max(1e-3, duration / 1e5))
-        status = approach(law, bodies, chains, scene.object.distance, profile, duration, tolerance, log)
+        recorder = contacts, points, snaps, max(1e-3, duration / 1e5)
+        approach_rows(plans, table, chains, 0, 1, LOCAL_SHARE * rtol, MAX_STEPS, recorder)
         end = _End._make(chains.item())
-        if end.logged <= rows[0] and end.traced <= rows[1] and end.snaps <= rows[2]:
+        if end.logged <= len(contacts) and end.traced <= len(points) and end.snaps <= len(snaps):
             break
-        rows = [end.logged, end.traced, end.snaps]  # the run repeats itself to the bit
-    if status < 0:
-        raise RuntimeError(f"the run stopped at t = {end.time:.6g} s: {SENTENCES[Status(status)]}")
+        contacts, points, snaps = np.empty(end.logged, CONTACT), np.empty(end.traced, TRACE), np.empty(end.snaps)
+    if end.status < 0:  # what did not fit is found again by the same run: it repeats itself to the bit
+        raise RuntimeError(f"the run stopped at t = {end.time:.6g} s: {SENTENCES[end.status]}")
     one_mass = scene.robot is not None and isinstance(scene.coupling, Rigid)
-    return _outcome(end, log, trace, one_mass)
+    history = Trace.of(points[: end.traced], one_mass) if trace else None
+    return _outcome(end, contacts[: end.logged], history, tuple(snaps[: end.snaps].tolist()), one_mass)
 
 
-def profile_of(motion: Trapezoid) -> Profile:
-    """Lower a motion to the record that the kernels read."""
-    brake = motion.brake
-    return Profile(
-        motion.speed,
-        motion.acceleration,
-        brake.threshold if brake else math.inf,
-        brake.delay if brake else math.inf,
-        motion.deceleration,
-    )
-
-
-_BLANK = np.zeros(1, CHAIN)
 _record: Any = namedtuple  # whose fields mypy wants to read here
 _End = _record("_End", CHAIN.names)
 """A chain at the end of a run, as Python's own numbers: one read instead of one for each field."""
 
 
-def _outcome(end: Any, log: Recorder, trace: bool, one_mass: bool) -> Outcome:
-    contacts = [
-        ContactRecord(start, None if stop != stop else stop, *rest)
-        for start, stop, *rest in log.contacts[: end.logged].tolist()
-    ]
+def _outcome(
+    end: Any, contacts: NDArray[Any], trace: Trace | None, snap_through: tuple[float, ...], one_mass: bool
+) -> Outcome:
     tool = end.flange_velocity + end.deflection_rate
     return Outcome(
         tool - end.penetration_rate if end.contacts else 0.0,
@@ -164,11 +138,13 @@ def _outcome(end: Any, log: Recorder, trace: bool, one_mass: bool) -> Outcome:
         tool if one_mass else end.flange_velocity + end.flange_offset_rate,
         end.peak_force,
         end.detection if end.detection < math.inf else None,
-        tuple(contacts),
+        tuple(
+            ContactRecord(start, None if stop != stop else stop, *rest) for start, stop, *rest in contacts.tolist()
+        ),
         end.coupling_impulse,
         end.momentum_error,
         end.steps,
         "ok",
-        Trace.of(log, end.traced, one_mass) if trace else None,
-        tuple(log.snaps[: end.snaps].tolist()),
+        trace,
+        snap_through,
     )

@@ -7,15 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from impact_gym.kernel import require_compiled
-from impact_gym.lowering import chain_law, contact_law
+from impact_gym.kernels import APPROACH, CHAIN, approach_rows
+from impact_gym.lowering import LOCAL_SHARE, SENTENCES, approach_plan
 from impact_gym.motion import Trapezoid
-from impact_gym.physics.contact import Force, Hertz, Power
-from impact_gym.physics.coupling import Law
 from impact_gym.scene import RobotTable, Scene
-from impact_gym.simulation import MAX_STEPS, profile_of
-from impact_gym.solver.state import CHAIN, LOCAL_SHARE, SENTENCES, Status, Tolerance, recorder
-from impact_gym.solver.sweep import sweep_rows
+from impact_gym.simulation import MAX_STEPS, NOTHING_RECORDED
 from impact_gym.threads import cores, over_rows
 from impact_gym.validation import WrongTypeError, number, whole
 
@@ -64,13 +60,11 @@ def sweep(
         rtol: see `simulate`.
         threads: how many to use, None for all cores; changes no result.
 
-    Each row equals `simulate` of that row to the bit, but where the exponents of the contact are varied: then all rows
-    use the kernels for free exponents, those of 3/2 too.
+    Each row equals `simulate` of that row to the bit.
 
     Raises:
         TypeError, ValueError: an argument or a value is none of these or out of range; names it, and the row.
     """
-    require_compiled()
     if not isinstance(scene, Scene):
         raise WrongTypeError(f"scene must be a Scene, got {scene!r}")
     if not isinstance(motion, Trapezoid):
@@ -88,23 +82,18 @@ def sweep(
     except ValueError:
         shapes = {name: column.shape for name, column in columns.items()}
         raise ValueError(f"varied values must broadcast against each other, got shapes {shapes}") from None
-    rows = list(_rows(template, {name: np.broadcast_to(column, shape) for name, column in columns.items()}))
-    if any(isinstance(contact, Power) for _, contact, *_ in rows):
-        rows = [(law, _power(contact), *rest) for law, contact, *rest in rows]
-    chains = np.zeros(len(rows), CHAIN)
-    statuses = np.zeros(len(rows), np.int64)
-    if rows:
-        law, contact = rows[0][:2]
-        laws, contacts = (np.array([_numbers(row[place]) for row in rows]) for place in (0, 1))
-        objects, profiles = (np.array([row[place] for row in rows]) for place in (2, 3))
-        tolerance, log = Tolerance(LOCAL_SHARE * rtol, MAX_STEPS), recorder()
+    lowered = list(_rows(template, {name: np.broadcast_to(column, shape) for name, column in columns.items()}))
+    chains = np.zeros(len(lowered), CHAIN)
+    if lowered:
+        tables = np.concatenate([table for _, table in lowered])
+        plans = np.array([plan for plan, _ in lowered], APPROACH)
 
         def run(first: int, last: int) -> None:
-            sweep_rows(law, contact, laws, contacts, objects, profiles, first, last, tolerance, log, chains, statuses)
+            approach_rows(plans, tables, chains, first, last, LOCAL_SHARE * rtol, MAX_STEPS, NOTHING_RECORDED)
 
-        over_rows(run, len(rows), threads, ROWS_PER_THREAD)
+        over_rows(run, len(lowered), threads, ROWS_PER_THREAD)
     one_mass = scene.robot is not None and not hasattr(scene.coupling, "stiffness")
-    return _outcomes(chains.reshape(shape), statuses.reshape(shape), one_mass)
+    return _outcomes(chains.reshape(shape), one_mass)
 
 
 def _check(name: Any, template: Mapping[str, Any]) -> None:
@@ -122,10 +111,11 @@ def _names(template: Mapping[str, Any]) -> Iterator[str]:
             yield name
 
 
-def _rows(template: Mapping[str, Any], columns: Mapping[str, NDArray[Any]]) -> Iterator[tuple[Any, ...]]:
-    """Lower each row: law, contact law, object (mass, distance), profile with its duration."""
+def _rows(template: Mapping[str, Any], columns: Mapping[str, NDArray[Any]]) -> Iterator[tuple[Any, Array]]:
+    """Lower each row: its plan and its robot's table, one behind the other."""
     flat = {name: column.ravel() for name, column in columns.items()}
     durations = flat.pop("duration")
+    numbers = 0
     for row in range(len(durations)):
         try:
             duration = number("duration", durations[row], "s", above=0)
@@ -136,10 +126,10 @@ def _rows(template: Mapping[str, Any], columns: Mapping[str, NDArray[Any]]) -> I
         except (TypeError, ValueError) as problem:
             index = np.unravel_index(row, columns["duration"].shape)
             raise type(problem)(f"at {tuple(map(int, index))}: {problem}") from None
-        law = chain_law(records["tool"].mass, records["coupling"], records["robot"])
-        target = records["object"]
-        profile = (*profile_of(records["motion"]), duration)
-        yield law, contact_law(records["contact"]), (target.mass, target.distance), profile
+        motion = records.pop("motion")
+        plan, table = approach_plan(Scene(**records), motion, duration, numbers)
+        numbers += len(table)
+        yield plan, table
 
 
 def _replaced(record: Any, path: list[str], value: Any) -> Any:
@@ -148,30 +138,15 @@ def _replaced(record: Any, path: list[str], value: Any) -> Any:
     return replace(record, **{name: _replaced(getattr(record, name), rest, value) if rest else value})
 
 
-def _power(contact: Force) -> Power:
-    return Power(*contact, 1.5, 1.5) if isinstance(contact, Hertz) else contact
-
-
-def _numbers(law: Law | Force) -> list[float]:
-    """Return the numbers of a law in order, those inside it included, tables left out."""
-    flat: list[float] = []
-    for value in law:
-        if isinstance(value, tuple):
-            flat += _numbers(value)  # type: ignore[arg-type]  # couplings and robots are laws of the same kind
-        elif not isinstance(value, np.ndarray):
-            flat.append(float(value))
-    return flat
-
-
-def _outcomes(chains: NDArray[Any], statuses: NDArray[np.int64], one_mass: bool) -> Outcomes:
-    failed = statuses < 0
+def _outcomes(chains: NDArray[Any], one_mass: bool) -> Outcomes:
+    failed = chains["status"] < 0
 
     def numbers(values: Array) -> Array:
         return np.where(failed | ~np.isfinite(values), np.nan, values)
 
     tool = chains["flange_velocity"] + chains["deflection_rate"]
     flange = tool if one_mass else chains["flange_velocity"] + chains["flange_offset_rate"]
-    said = np.vectorize(lambda status: SENTENCES[Status(status)] if status < 0 else "ok", otypes=[object])
+    said = np.vectorize(lambda status: SENTENCES.get(status, "ok"), otypes=[object])
     return Outcomes(
         object_velocity=numbers(np.where(chains["contacts"] > 0, tool - chains["penetration_rate"], 0.0)),
         tool_velocity=numbers(tool),
@@ -184,5 +159,5 @@ def _outcomes(chains: NDArray[Any], statuses: NDArray[np.int64], one_mass: bool)
         coupling_impulse=numbers(chains["coupling_impulse"]),
         momentum_error=numbers(chains["momentum_error"]),
         steps=chains["steps"].copy(),
-        status=said(statuses),
+        status=said(chains["status"]),
     )

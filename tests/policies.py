@@ -19,7 +19,7 @@ def made_up_policy(seed=0, environment=None, activation="tanh", squash=False, ce
         weight = rng.normal(size=(outputs, inputs)) / (1.0 if name == "hidden_0" else np.sqrt(inputs))
         return Affine(name, weight.astype(np.float32), rng.normal(size=outputs).astype(np.float32) * np.float32(0.3))
 
-    inputs = space(Task(**environment).constants()).shape[0]
+    inputs = space(Task(**environment)).shape[0]
     gates = affine("gates", 4 * cells, inputs + cells) if cells else None
     widths = [cells or inputs, *sizes]
     hidden = [affine(f"hidden_{k}", n, m) for k, (m, n) in enumerate(itertools.pairwise(widths))]
@@ -41,5 +41,5 @@ KINDS = {
 
 def observations(policy, count=5000, seed=1):
     """Return rows drawn evenly from what the policy may see."""
-    box = space(Task(**policy.environment).constants())
+    box = space(Task(**policy.environment))
     return np.random.default_rng(seed).uniform(box.low, box.high, (count, policy.inputs)).astype(np.float32)

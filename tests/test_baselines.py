@@ -97,7 +97,7 @@ def test_ranged_arrives_at_the_estimate_with_the_tuned_speed_whatever_the_distan
 
 @pytest.mark.parametrize("rule", RULES)
 def test_a_row_of_a_batch_acts_as_the_same_rule_alone(rule):
-    box = space(Task(**NEEDS).constants())
+    box = space(Task(**NEEDS))
     seen = np.random.default_rng(1).uniform(box.low, box.high, (200, *box.shape)).astype(np.float32)
     seen[:, 3] = np.arange(200) % 2
     parameters = drawn(rule, 200)

@@ -6,7 +6,7 @@ from numpy.typing import ArrayLike
 from agents.baselines.profile import ACCELERATION, follow
 from agents.baselines.reaction import REACTION, ReactingRule
 from agents.baselines.rule import Floats, Parameter, Seen, interpolate
-from impact_gym.envs.observation import RANGE_SCALE
+from impact_gym.envs.observation import OPTIONAL_ENTRIES
 from impact_gym.envs.task import ACCELERATION_RANGE, VELOCITY_RANGE
 
 GAPS: Floats = np.array([-0.02, -0.01, 0.0, 0.01, 0.02, 0.04])
@@ -14,6 +14,7 @@ GAPS: Floats = np.array([-0.02, -0.01, 0.0, 0.01, 0.02, 0.04])
 
 GAP = -2
 """Place of the true gap in the observation, from its end: what `privileged` adds stands last there."""
+LARGEST_GAP = OPTIONAL_ENTRIES[GAP].high  # m, what stands there as 1
 
 
 class Clairvoyant(ReactingRule):
@@ -31,7 +32,7 @@ class Clairvoyant(ReactingRule):
 
     def approach(self, seen: Seen) -> tuple[ArrayLike, ArrayLike]:
         """Return the velocity one control period ahead, and the acceleration that is there by then."""
-        return follow(self.velocity, -RANGE_SCALE * seen.scaled[..., GAP], seen.velocity, self[ACCELERATION.name])
+        return follow(self.velocity, -LARGEST_GAP * seen.scaled[..., GAP], seen.velocity, self[ACCELERATION.name])
 
     def velocity(self, position: Floats) -> Floats:
         """Return the velocity (m/s) at `position` (m), counted from the object; far away it brakes evenly."""

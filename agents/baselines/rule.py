@@ -9,7 +9,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from impact_gym.envs.observation import ENTRIES, RANGE_SCALE
+from impact_gym.envs.observation import ENTRIES, OPTIONAL_ENTRIES
 from impact_gym.envs.task import ACCELERATION_RANGE, VELOCITY_RANGE, Task
 from impact_gym.validation import WrongTypeError, number
 
@@ -39,7 +39,7 @@ class Seen:
         self.scaled = np.asarray(observation, np.float64)
 
     def _physical(self, place: int) -> Floats:
-        entry = ENTRIES[place]
+        entry = (*ENTRIES, OPTIONAL_ENTRIES[0])[place]
         share = (self.scaled[..., place] - entry.scaled_low) / (1.0 - entry.scaled_low)
         return entry.low + share * (entry.high - entry.low)
 
@@ -66,7 +66,7 @@ class Seen:
     @property
     def estimate(self) -> Floats:
         """Distance estimate minus flange position, m."""
-        return RANGE_SCALE * self.scaled[..., ESTIMATE]
+        return self._physical(ESTIMATE)
 
 
 class Rule:

@@ -1,6 +1,6 @@
 """Jobs on an existing Ray cluster: one task of one core each, a bounded number of them under way.
 
-The nodes need the same Python, Ray, NumPy, SciPy and numba; the project's sources are sent to them. What Ray itself
+The nodes need the same Python, Ray, NumPy and SciPy; the project's sources and compiled kernels are sent to them. What Ray itself
 would repeat after a loss is repeated here, so that it is counted the same way as on one machine, and a result whose
 node dies before it was fetched is one more loss: the job is done again. A lost head ends the gathering; what it had
 fetched is in the folder, and the same command goes on.
@@ -30,7 +30,7 @@ LEAST = 64
 """Tasks under way at the least. Where the last one in Ray's queue is done while a longer one runs on another node, what
 is asked for next may wait for that node though this one is idle (seen with Ray 2.60): so the queue never runs dry."""
 PATIENCE = 60.0  # s without a result until it is said when there is no core
-DECISIVE = ("numpy", "scipy", "numba", "llvmlite")
+DECISIVE = ("numpy", "scipy")
 """Packages whose version may show in the last bit."""
 
 

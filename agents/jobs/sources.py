@@ -2,19 +2,17 @@
 
 import hashlib
 import importlib.util
-import pickle
 import sysconfig
 import zipfile
 from collections.abc import Iterable
 from pathlib import Path
 
-from impact_gym.kernel import _digest as kernels_digest  # what numba's cache is stamped with
-
 ALWAYS = ("agents", "impact_gym")
 LARGEST = 100e6  # bytes that are sent to each node
 STANDARD = Path(sysconfig.get_path("stdlib")).resolve()
-READ = (".py", ".csv", ".json", ".npz", ".jinja", ".typed")
+SOURCES = (".py", ".pyx", ".pxi", ".csv", ".json", ".npz", ".jinja", ".typed")
 """Kinds of files that a package here reads or is made of."""
+COMPILED = (".so",)
 
 
 def digest_of(*modules: str) -> str:
@@ -36,9 +34,8 @@ def stage(functions: Iterable[str], path: Path) -> Path:
     """Write a zip of what jobs of these functions import that is not installed, for a cluster's nodes; return `path`.
 
     These are the top-level packages and modules of this project and of the functions, without what they import from
-    elsewhere. The compiled kernels of today's sources go along, those of the environment first and as many as there is
-    room for: a node with the same processor need not compile. The same files make the same zip, so a node that has it
-    is not sent it again.
+    elsewhere. The compiled kernels go along, so the nodes need the same Python. The same files make the same zip, so a
+    node that has it is not sent it again.
 
     Raises:
         ValueError: there is more than 100 MB of it.
@@ -49,16 +46,10 @@ def stage(functions: Iterable[str], path: Path) -> Path:
         origin = _origin(name)
         if {"site-packages", "dist-packages"} & {*origin.parts} or origin.is_relative_to(STANDARD):
             continue  # installed, so it is for the nodes to have it as well
-        content |= {file.relative_to(origin.parent).as_posix(): file for file in _files(origin)}
-    size = _size(content.values())
+        content |= {file.relative_to(origin.parent).as_posix(): file for file in _files(origin, COMPILED)}
+    size = sum(file.stat().st_size for file in content.values())
     if size > LARGEST:
         raise ValueError(f"the sources for the cluster are {size / 1e6:.0f} MB, more than {LARGEST / 1e6:.0f} MB")
-    package = _origin("impact_gym")
-    for kernel in _kernels(package):
-        size += _size(kernel)
-        if size > LARGEST:
-            break
-        content |= {file.relative_to(package.parent).as_posix(): file for file in kernel}
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
         for name in sorted(content):
             about = zipfile.ZipInfo(name)  # dated 1980, not today
@@ -66,10 +57,6 @@ def stage(functions: Iterable[str], path: Path) -> Path:
             about.compress_type = zipfile.ZIP_DEFLATED
             archive.writestr(about, content[name].read_bytes())
     return path
-
-
-def _size(files: Iterable[Path]) -> int:
-    return sum(file.stat().st_size for file in files)
 
 
 def _origin(name: str) -> Path:
@@ -84,26 +71,8 @@ def _origin(name: str) -> Path:
     return Path(place).resolve()
 
 
-def _files(root: Path) -> list[Path]:
+def _files(root: Path, besides: tuple[str, ...] = ()) -> list[Path]:
     """Return a module's file, or those of a package in the order of their names."""
     if root.is_file():
         return [root]
-    return sorted(path for path in root.rglob("*") if path.suffix in READ and not path.name.startswith("."))
-
-
-def _kernels(root: Path) -> list[list[Path]]:
-    """Return the files of numba's cache that hold kernels of these sources, a list for each function.
-
-    Those of the environment come first: they hold all that they call. There may be many of earlier sources.
-    """
-    kept = []
-    for index in sorted(root.rglob("__pycache__/*.nbi"), key=lambda path: ("envs" not in path.parts, path)):
-        try:
-            with index.open("rb") as file:
-                pickle.load(file)  # numba's version
-                stamp, kernels = pickle.loads(file.read())  # as numba reads it
-        except Exception:  # of another numba, or of sources that named things otherwise: compiled anew there
-            continue
-        if stamp == kernels_digest():
-            kept.append([index, *(path for name in kernels.values() if (path := index.with_name(name)).is_file())])
-    return kept
+    return sorted(path for path in root.rglob("*") if path.suffix in SOURCES + besides and not path.name.startswith("."))

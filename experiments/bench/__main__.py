@@ -88,7 +88,7 @@ def measure(settings: Settings) -> dict[str, Any]:
         "memory": environments.memory(),
         "ratios": ratios,
         "load_before": load,
-        **circumstances("impact-gym", "numpy", "scipy", "numba", "gymnasium"),
+        **circumstances("impact-gym", "numpy", "scipy", "gymnasium"),
     }
 
 

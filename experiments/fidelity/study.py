@@ -95,7 +95,7 @@ def _write_page(path: Path, extent: Extent, sections: list[tuple[str, tables.Tab
         sections=sections,
         extent=extent,
         every=every,
-        circumstances=circumstances("impact-gym", "numba", "numpy", "scipy"),
+        circumstances=circumstances("impact-gym", "numpy", "scipy"),
     )
     with whole_file(path) as file:
         file.write(text.encode())

@@ -76,7 +76,7 @@ def write(folder: Path) -> Path:
         verdicts=Verdict,
         contradictions=contradictions(found),
         missing=[heading(name) if name.startswith("figure") else name for name in NAMES if name not in found],
-        circumstances=circumstances("impact-gym", "numba", "numpy", "scipy", "matplotlib"),
+        circumstances=circumstances("impact-gym", "numpy", "scipy", "matplotlib"),
     )
     with whole_file(folder / "index.html") as file:
         file.write(text.encode())

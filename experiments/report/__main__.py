@@ -23,7 +23,7 @@ from impact_gym.files import whole_file
 from impact_gym.validation import whole
 
 PACKAGES = (
-    *("impact-gym", "gymnasium", "numba", "numpy", "scipy"),
+    *("impact-gym", "gymnasium", "numpy", "scipy"),
     *("altair", "vl-convert-python", "polars", "moocore", "jinja2"),
 )
 

@@ -149,7 +149,7 @@ def baselines(names: Sequence[str], environment: Environment) -> tuple[Contestan
     found = [Contestant(PAPER, {"baseline": "paper-trapezoid"}, (TYPICAL,), "")]
     if len(set(names)) < len(names) or "paper-trapezoid" in names:
         raise ValueError(f"baselines must differ, and the paper's rule is there anyway; got {list(names)}")
-    shown = np.zeros((2, observation.length(Task(**environment).constants())), np.float32)
+    shown = np.zeros((2, len(observation.entries(Task(**environment)))), np.float32)
     for name in names:
         if ":" in name or name not in {*TUNABLE, *FIXED}:
             spec: dict[str, Any] = {"object": name}

@@ -14,7 +14,7 @@ from agents.controllers import controller_of
 from agents.jobs.evaluations import frozen_of, play, stage
 from agents.validation import Controller
 from experiments.reference.task import rescore
-from impact_gym.envs.observation import ENTRIES, FORCE_SCALE
+from impact_gym.envs.observation import ENTRIES
 from impact_gym.envs.task import ACCELERATION_RANGE, VELOCITY_RANGE
 
 Arrays = dict[str, NDArray[Any]]
@@ -78,7 +78,7 @@ def reactions(
             action, state = one.predict(observation, **arguments)
             seen = Seen(observation)
             now = seen.alarm & (seen.scaled[:, 4] < 1.0)  # once the episode is over the clock stands still
-            sensed = np.expm1(seen.scaled[now, PEAK] * math.log1p(FORCE_SCALE))
+            sensed = np.expm1(seen.scaled[now, PEAK] * math.log1p(ENTRIES[PEAK].high))
             command = 0.5 * (np.clip(np.asarray(action, np.float64)[now], -1.0, 1.0) + 1.0)
             kept.append((np.flatnonzero(now), seen.since_alarm[now], sensed, command[:, 0], command[:, 1]))
             return action, state

@@ -6,7 +6,8 @@ import numpy as np
 
 import impact_gym as ig
 from experiments.paper.scenes import DISTANCE, MECHANISM, MOTION, TOOL_MASS, decoupled, held
-from impact_gym.envs.scenario import FIELDS, LOGARITHMIC, NAMED, draw
+from impact_gym.envs.scenario import FIELDS, LOGARITHMIC, NAMED
+from impact_gym.kernels import draw
 
 POPULATION_SEED = 20_000  # of scene 0
 CRUISE = ig.Trapezoid(1.0, 8.0, ig.Brake(threshold=1.0, delay=10.0))  # the alarm is noted, the robot goes on
@@ -64,7 +65,7 @@ def population(count: int) -> tuple[Approach, ...]:
     found = []
     for place in range(count):
         rng = np.random.default_rng(POPULATION_SEED + place)
-        ranges = zip(NAMED["test"].table(), LOGARITHMIC, rng.random(len(FIELDS)), strict=True)
+        ranges = zip(NAMED["test"].pairs(), LOGARITHMIC, rng.random(len(FIELDS)), strict=True)
         mass, stiffness, restitution, distance = (draw(low, high, log, u) for (low, high), log, u in ranges)
         spring = ig.SpringDamper(draw(10.0, 2000.0, True, rng.random()), 2.0 * rng.random())
         couplings = {"spring of 50 N/m": ig.SpringDamper(50.0, 1.0), "spring": spring, "rigid": ig.Rigid()}

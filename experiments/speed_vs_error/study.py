@@ -67,7 +67,7 @@ def run(folder: Path, extent: Extent, again: bool, command: str) -> Path:
         "command": command,
         "load_before": os.getloadavg()[0],
         "seconds": None,  # until it is done: the rows of a run that was interrupted stay
-        **circumstances("impact-gym", "numpy", "scipy", "numba", *([] if peer.missing() else ["mujoco"])),
+        **circumstances("impact-gym", "numpy", "scipy", *([] if peer.missing() else ["mujoco"])),
     }
     results["runs"].append(this)
     _keep(folder, results)

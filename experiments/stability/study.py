@@ -90,7 +90,7 @@ def run(folder: Path, extent: Extent, again: bool, command: str, processes: int 
         "load_before": os.getloadavg()[0],
         "seconds": None,  # until it is done: what a run that was interrupted has computed stays
         "computed": 0,
-        **circumstances("impact-gym", "numpy", "scipy", "numba"),
+        **circumstances("impact-gym", "numpy", "scipy"),
     }
     results["runs"].append(this)
     results["sample"] = agreement.sample(extent.scenes, extent.every)

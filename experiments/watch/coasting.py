@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from impact_gym.envs.task import Task
-from impact_gym.lowering import chain_law
-from impact_gym.physics.bistable import stop_force
-from impact_gym.physics.coupling import MechanismLaw
+from impact_gym.lowering import rest_of
 from impact_gym.scene import Bistable, SpringDamper
 
 STEP = 0.002  # s, between points
@@ -57,14 +55,14 @@ def coupling_force(task: Task) -> Callable[[float, float], float] | None:
         return lambda y, y_dot: -k * y - c * y_dot
     if not isinstance(coupling, Bistable):
         return None
-    law = chain_law(m, coupling)
-    assert isinstance(law, MechanismLaw)
-    rest, k_s, c_s = law.coupling.rest, law.coupling.stop_stiffness, law.coupling.stop_damping
+    rest, k_s = rest_of(coupling), coupling.stop_stiffness
+    c_s = 2.0 * coupling.stop_damping_ratio * np.sqrt(k_s * m)
+
+    def stop(depth: float, depth_rate: float) -> float:
+        return max(k_s * depth + c_s * depth_rate, 0.0) if depth > 0.0 else 0.0
 
     def force(y: float, y_dot: float) -> float:
         x = rest + y
-        front = stop_force(k_s, c_s, x - coupling.front_stop, y_dot)
-        rear = stop_force(k_s, c_s, coupling.rear_stop - x, -y_dot)
-        return float(coupling.force(x)) - front + rear
+        return float(coupling.force(x)) - stop(x - coupling.front_stop, y_dot) + stop(coupling.rear_stop - x, -y_dot)
 
     return force

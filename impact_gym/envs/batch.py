@@ -1,20 +1,18 @@
-"""The batch behind every front end: arrays of rows and the two kernels that move them."""
+"""The batch behind every front end: arrays of rows and the kernels that move them."""
 
-import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from impact_gym.envs import observation
-from impact_gym.envs.episode import begin_rows, step_rows
-from impact_gym.envs.records import DRAWS, RECORD
-from impact_gym.envs.rows import EPISODE
+from impact_gym.envs.records import RECORD, free_record
 from impact_gym.envs.scenario import FIELDS, ScenarioRanges
 from impact_gym.envs.task import Task
-from impact_gym.kernel import require_compiled
-from impact_gym.solver.state import CHAIN, SENTENCES, Status, recorder
+from impact_gym.kernels import CHAIN, EPISODE, LAW, READING, TASK, UNIFORMS, Rows, draw_uniforms
+from impact_gym.lowering import SENTENCES, chain_law
+from impact_gym.simulation import MAX_STEPS, NOTHING_RECORDED
 from impact_gym.threads import cores, over_rows
 from impact_gym.validation import WrongTypeError, whole
 
@@ -24,108 +22,128 @@ ROWS_PER_THREAD = 256
 REWARD_TERMS = {"time": "time_cost", "velocity": "velocity_cost", "force": "force_cost", "missed": "missed_cost"}
 """Names in `info["reward_terms"]`, each the negative of a cost summed over the episode."""
 
+_PLACES = {
+    "object_velocity": ("object_velocity",),
+    "approach_time": ("approach_time",),
+    "time_weight": ("drawn", "time_weight"),
+    **{f"reward_terms.{name}": (cost,) for name, cost in REWARD_TERMS.items()},
+    **{f"scenario.{name}": ("drawn", name) for name in FIELDS},
+    **{f"record.{name}": ("drawn", name) for name in RECORD},
+}
+"""Where the entries of an info that are numbers stand in an episode."""
+
 _STATE = ("chains", "episodes", "readings", "observations", "rewards")
+_SPARE = 4  # readings beyond those under way: some are taken before the oldest is due
 
 
 class Batch:
-    """`size` environments of one task, each a row that no other row can touch.
+    """`size` environments, each a row that no other row can touch.
 
     The results of a row do not depend on the size of the batch, on its place in it or on the number of threads.
     """
 
-    def __init__(self, size: int, task: Task, threads: int | None = None) -> None:
-        require_compiled()
+    def __init__(
+        self,
+        size: int,
+        task: Task | Sequence[Task],
+        threads: int | None = None,
+        recorder: tuple[Any, ...] = NOTHING_RECORDED,
+    ) -> None:
+        """Make a batch.
+
+        Args:
+            size: how many rows.
+            task: of all rows, or one for each: these may differ in tool, coupling, robot, alarm threshold, noise and
+                whatever else does not change what is observed. Ranges are those of the first.
+            threads: how many to use, None for all cores; changes no result.
+            recorder: where rows write contacts and traces, see `simulation`; for a batch of one.
+
+        Raises:
+            ValueError: there is not one task for each row, or they observe different things.
+        """
+        tasks = [task] if isinstance(task, Task) else list(task)
+        if len(tasks) not in {1, size}:
+            raise ValueError(f"a batch of {size} rows needs one task for all or {size} of them, got {len(tasks)}")
+        self.task = tasks[0]
+        if any(observation.entries(one) != observation.entries(self.task) for one in tasks):
+            raise ValueError("the tasks of a batch must have the same observations")
         self.size = size
-        self.task = task
-        self.law = task.law()
-        self.constants = task.constants()
         self.threads = cores() if threads is None else whole("threads", threads, at_least=1)
-        self.recorder = recorder()  # records nothing; a batch of one may be given another
-        self.observation_space = observation.space(self.constants)
+        self.recorder = recorder
+        self.observation_space = observation.space(self.task)
+        scales = observation.scales(self.task)
+        slots = max(one.readings_under_way() for one in tasks) + _SPARE
         self.chains = np.zeros(size, CHAIN)
         self.episodes = np.zeros(size, EPISODE)
-        self.readings = np.zeros((size, task.readings_under_way() + 4, 4))
-        self.observations = np.zeros((size, observation.length(self.constants)), np.float32)
+        self.readings = np.zeros((size, slots), READING)
+        self.observations = np.zeros((size, len(scales)), np.float32)
         self.rewards = np.zeros(size)
-        self.set_scenario(task.ranges)
+        self._constants = np.array([one.record() for one in tasks], TASK), *_laws(tasks), scales
+        self._bind()
+        self.set_scenario(self.task.ranges)
+
+    def _bind(self) -> None:
+        """Tell the kernels where the arrays lie."""
+        *constants, scales = self._constants
+        arrays = [getattr(self, name) for name in _STATE]
+        self._rows = Rows(*constants, *arrays, scales, self.recorder, MAX_STEPS)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in vars(self).items() if name != "_rows"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self._bind()
 
     def set_scenario(self, ranges: ScenarioRanges) -> None:
         """Draw from `ranges` from the next episode on."""
         self.ranges = ranges
-        self._table = self.task.draw_table(ranges)
+        self._draws = self.task.draws(ranges)
 
-    def begin(self, rows: NDArray[np.int64], uniforms: NDArray[np.float64], fixed: NDArray[np.float64]) -> None:
-        """Begin an episode in each of `rows` (k,) with `uniforms` (k, DRAWS) in [0, 1) and `fixed` (k, 9) or nan."""
-        begin_rows(
-            self.law,
-            self.constants,
-            self._table,
-            uniforms,
-            fixed,
-            rows,
-            self.chains,
-            self.episodes,
-            self.readings,
-            self.observations,
-        )
+    def begin(self, rows: NDArray[np.int64], uniforms: NDArray[Any], fixed: NDArray[Any]) -> None:
+        """Begin an episode in each of `rows` (k,), with `uniforms` (k,) in [0, 1) and `fixed` (k,), nan where drawn."""
+        self._rows.begin(rows, uniforms, fixed, self._draws)
 
     def draw_and_begin(
-        self, rows: NDArray[np.int64], generators: list[np.random.Generator], fixed: NDArray[np.float64] | None = None
+        self, rows: NDArray[np.int64], generators: list[np.random.Generator], fixed: NDArray[Any] | None = None
     ) -> None:
-        """Begin an episode in each of `rows`, each with its own generator; `fixed` (9,) or one of these per row."""
-        uniforms = np.empty((len(rows), DRAWS))
-        for uniform, row in zip(uniforms, rows.tolist(), strict=True):
-            generators[row].random(out=uniform)
-        table = np.full((len(rows), len(RECORD)), math.nan)
-        if fixed is not None:
-            table[:] = fixed
-        self.begin(rows, uniforms, table)
+        """Begin an episode in each of `rows` (k,), each with its own generator; `fixed` (k,) as in `begin`."""
+        uniforms = np.empty(len(rows), UNIFORMS)
+        draw_uniforms(generators, rows, uniforms)
+        self.begin(rows, uniforms, free_record(len(rows)) if fixed is None else fixed)
 
     def step(self, actions: NDArray[Any], skip: NDArray[np.bool_]) -> None:
-        """Play a control step with `actions` (size, 2), but where `skip` (size,) is set.
+        """Play a control step with `actions` (size, 2), of any float type, but where `skip` (size,) is set.
 
         Leaves `observations`, `rewards` and the fields of `episodes` as they are after it.
         """
 
+        commands = np.ascontiguousarray(actions, np.float64)
+
         def run(first: int, last: int) -> None:
-            step_rows(
-                self.law,
-                self.constants,
-                actions,
-                skip,
-                first,
-                last,
-                self.chains,
-                self.episodes,
-                self.readings,
-                self.recorder,
-                self.observations,
-                self.rewards,
-            )
+            self._rows.step(commands, skip, first, last)
 
         over_rows(run, self.size, self.threads, ROWS_PER_THREAD)
 
-    def commands(self, actions: Any, shape: tuple[int, ...]) -> NDArray[Any]:
-        """Return `actions`, which must have `shape`, as a float array (size, 2), or raise before anything is stepped.
+    def commands(self, actions: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
+        """Return `actions`, which must have `shape`, as an array (size, 2), or raise before anything is stepped.
 
         Raises:
             TypeError, ValueError: not numbers, another shape, or not finite.
         """
         array = np.asarray(actions)
-        if array.dtype != np.float32:
-            if array.dtype.kind not in "fiu":
-                raise WrongTypeError(f"action must hold numbers, got dtype {array.dtype}")
-            array = array.astype(np.float64)
+        if array.dtype.kind not in "fiu":
+            raise WrongTypeError(f"action must hold numbers, got dtype {array.dtype}")
         if array.shape != shape:
             raise ValueError(f"action must have shape {shape}, got {array.shape}")
-        array = array.reshape(self.size, 2)
+        array = np.ascontiguousarray(array, np.float64).reshape(self.size, 2)
         if not np.isfinite(array).all():
             raise ValueError(f"action must be finite, got {array[~np.isfinite(array).all(axis=1)][0]}")
         return array
 
     def get_state(self) -> dict[str, Any]:
         """Return a copy of all that `step` and `begin` go on from: arrays, and the ranges as plain numbers."""
-        return {"ranges": self.ranges.table().tolist(), **{name: getattr(self, name).copy() for name in _STATE}}
+        return {"ranges": [list(pair) for pair in self.ranges.pairs()], **{name: getattr(self, name).copy() for name in _STATE}}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Go on from what `get_state` of a batch of this size and task returned, to the bit.
@@ -144,32 +162,69 @@ class Batch:
             getattr(self, name)[:] = state[name]
 
     def info(self, row: int | None = None) -> dict[str, Any]:
-        """Return what an episode has come to so far: plain numbers of one row, or arrays (size,) of all.
+        """Return what an episode has come to so far: plain numbers of one row, or arrays (size,) of all."""
+        return self.info_columns(np.arange(self.size)) if row is None else self.infos(np.array([row]))[0]
 
-        The arrays share memory with the batch; copy what is to last.
-        """
-        episodes: Any = self.episodes
-        chains: Any = self.chains
-        if row is not None:
-            episodes = dict(zip(EPISODE.names or (), self.episodes.item(row), strict=True))
-            chains = dict(zip(CHAIN.names or (), self.chains.item(row), strict=True))
-        return {
-            "object_velocity": episodes["object_velocity"],
-            "approach_time": episodes["approach_time"],
-            "peak_force": chains["peak_force"],
-            "contact_count": chains["contacts"],
-            "missed": (episodes["terminated"] == 1) & (chains["contacts"] == 0),
-            "time_weight": episodes["time_weight"],
-            "reward_terms": {name: -episodes[cost] for name, cost in REWARD_TERMS.items()},
-            "scenario": {name: episodes[name] for name in FIELDS},
-            "record": {name: episodes[name] for name in RECORD},
-            "status": _sentences(episodes["status"]),
-        }
+    def infos(self, rows: NDArray[np.int64]) -> list[dict[str, Any]]:
+        """Return the same of each of `rows`."""
+        count, missed, status = self._verdicts(rows)
+        entries = (*self._numbers(rows), self.chains["peak_force"][rows], count, missed, status)
+        return [nested(dict(zip(_ENTRIES, one, strict=True))) for one in zip(*map(_listed, entries), strict=True)]
+
+    def info_columns(self, rows: NDArray[np.int64]) -> dict[str, Any]:
+        """Return the same of `rows` as arrays (size,), blank elsewhere."""
+        size = self.size
+        numbers = np.zeros((len(_PLACES) + 1, size))
+        numbers[:-1, rows] = self._numbers(rows)
+        numbers[-1, rows] = self.chains["peak_force"][rows]
+        verdicts = [np.zeros(size, np.int64), np.zeros(size, np.bool_), np.full(size, None)]
+        for whole, some in zip(verdicts, self._verdicts(rows), strict=True):
+            whole[rows] = some
+        return nested(dict(zip(_ENTRIES, (*numbers, *verdicts), strict=True)))
+
+    def _numbers(self, rows: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Return the entries in `_PLACES` (n, k), in one go: every field of an episode takes eight bytes."""
+        fields = self.episodes.view(np.float64).reshape(self.size, -1)
+        return fields[rows][:, _COLUMNS].T * _SIGNS
+
+    def _verdicts(self, rows: NDArray[np.int64]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+        """Return number of contacts, whether the object was missed, and a sentence about the solver."""
+        count = self.chains["contacts"][rows]
+        missed = (self.episodes["terminated"][rows] == 1) & (count == 0)
+        status = self.episodes["status"][rows]
+        said = np.full(len(rows), "ok", object)
+        for row in np.flatnonzero(status < 0):
+            said[row] = SENTENCES[int(status[row])]
+        return count, missed, said
 
 
-def _sentences(status: Any) -> Any:
-    if np.ndim(status) == 0:
-        return SENTENCES[Status(status)] if status < 0 else "ok"
-    if (status >= 0).all():
-        return np.full(status.shape, "ok", object)
-    return np.array([_sentences(one) for one in status.tolist()], object)
+_ENTRIES = (*_PLACES, "peak_force", "contact_count", "missed", "status")
+_COLUMNS = [
+    sum(kind.fields[name][1] for kind, name in zip((EPISODE, EPISODE["drawn"]), path, strict=False)) // 8
+    for path in _PLACES.values()
+]
+_SIGNS = np.array([[-1.0] if name.startswith("reward_terms.") else [1.0] for name in _PLACES])
+
+
+def nested(flat: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a mapping with dotted names as a mapping of mappings."""
+    result: dict[str, Any] = {}
+    for name, value in flat.items():
+        group, _, rest = name.rpartition(".")
+        (result.setdefault(group, {}) if group else result)[rest] = value
+    return result
+
+
+def _listed(values: NDArray[Any]) -> list[Any]:
+    return list(values.tolist())
+
+
+def _laws(tasks: Sequence[Task]) -> tuple[NDArray[Any], NDArray[np.float64]]:
+    """Return what holds the tools for the kernels, and the numbers of all robots' tables."""
+    laws, tables, numbers = [], [], 0
+    for task in tasks:
+        law, table = chain_law(task.tool_mass, task.coupling, task.robot, numbers)
+        laws.append(law)
+        tables.append(table)
+        numbers += len(table)
+    return np.array(laws, LAW), np.concatenate(tables)

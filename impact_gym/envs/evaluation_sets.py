@@ -18,8 +18,9 @@ from gymnasium.utils import seeding
 from numpy.typing import NDArray
 
 from impact_gym.envs.records import DRAWS
-from impact_gym.envs.scenario import FIELDS, LOGARITHMIC, UNITS, ScenarioRanges, draw
+from impact_gym.envs.scenario import FIELDS, LOGARITHMIC, UNITS, ScenarioRanges
 from impact_gym.files import whole_file
+from impact_gym.kernels import draw
 from impact_gym.validation import whole
 
 SHIPPED = Path(__file__).with_name("sets")
@@ -69,7 +70,7 @@ def freeze(path: str | Path, ranges: ScenarioRanges | Mapping[str, Any] | str, s
         FileExistsError: there is a file; a frozen set is not overwritten.
     """
     path = Path(path)
-    table = ScenarioRanges.of(ranges).table()
+    table = ScenarioRanges.of(ranges).pairs()
     seed, count = whole("seed", seed, at_least=0), whole("count", count, at_least=1)
     if path.exists():
         raise FileExistsError(f"{path} is there already; a frozen set is not overwritten")

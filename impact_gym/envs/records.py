@@ -8,16 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_gym.envs.scenario import AT_MOST, FIELDS, LARGEST_WEIGHT, LONGEST_DELAY, UNITS
-from impact_gym.kernel import kernel
+from impact_gym import kernels
 from impact_gym.validation import WrongTypeError, number, numbers, whole
 
-RECORD = (*FIELDS, "time_weight", "distance_estimate", "reaction_delay", "force_bias", "noise_seed")
+RECORD: tuple[str, ...] = kernels.RECORD.names or ()
 """All that an episode draws; keys of the final `info["record"]` and of `options["record"]`, which plays it again."""
 
-DRAWS = 11
-"""Uniform numbers an episode takes from its generator, whatever the options: four for the scenario, one for the time
-weight, two for the distance estimate, one for the reaction delay, two for the force bias, one that seeds the force
-noise. So episode k of a seed can be found without playing the ones before it."""
+DRAWS = len(kernels.UNIFORMS.names or ())
+"""Uniform numbers an episode takes from its generator, whatever the options: so episode k of a seed can be found
+without playing the ones before it."""
 
 _LIMITS: dict[str, tuple[str, dict[str, float]]] = {
     **{
@@ -33,16 +32,23 @@ _LIMITS: dict[str, tuple[str, dict[str, float]]] = {
 _RESET_OPTIONS = ("scenario", "record", "episode_index")
 
 
-def fixed_record(options: Any, longest_delay: float, slots: int | None = None) -> NDArray[np.float64]:
-    """Return what `reset(options=...)` fixes as an array (9,), columns as in RECORD, nan where the episode draws.
+def free_record(count: int) -> NDArray[Any]:
+    """Return records (count,) in which nothing is fixed: all is nan."""
+    free = np.empty(count, kernels.RECORD)
+    free.view(np.float64).fill(math.nan)
+    return free
 
-    A scenario goes before a record. With `slots` a value may also be a sequence of so many, one for each, and the array
-    is (slots, 9). No reaction delay may exceed `longest_delay` (s), for which the environment keeps its force readings.
+
+def fixed_record(options: Any, longest_delay: float, slots: int | None = None) -> NDArray[Any]:
+    """Return what `reset(options=...)` fixes as records (slots or 1,), nan where the episode draws.
+
+    A scenario goes before a record. With `slots` a value may also be a sequence of so many, one for each. No reaction delay
+    may exceed `longest_delay` (s), for which the environment keeps its force readings.
 
     Raises:
         TypeError, ValueError: an unknown option or field, or a value out of range; names what is allowed.
     """
-    fixed = np.full((slots or 1, len(RECORD)), math.nan)
+    fixed = free_record(slots or 1)
     for option, known in {"record": RECORD, "scenario": FIELDS}.items():
         given = (options or {}).get(option, {})
         if not isinstance(given, Mapping):
@@ -62,8 +68,8 @@ def fixed_record(options: Any, longest_delay: float, slots: int | None = None) -
                     raise ValueError(f"{field} must be a number or {slots} of them in {unit}, got {len(values)}")
             if name == "noise_seed" and np.any(np.mod(values, 1.0)):
                 raise ValueError(f"{field} must be a whole number, got {value!r}")
-            fixed[:, RECORD.index(name)] = values
-    return fixed if slots else fixed[0]
+            fixed[name] = values
+    return fixed
 
 
 def episode_index(options: Any) -> int | None:
@@ -86,19 +92,3 @@ def episode_index(options: Any) -> int | None:
 def skip_episodes(generator: np.random.Generator, count: int) -> None:
     """Move `generator` on as if `count` episodes had been drawn from it."""
     generator.bit_generator.advance(count * DRAWS)  # type: ignore[attr-defined]  # PCG64, which Gymnasium seeds
-
-
-@kernel
-def normal(first: float, second: float) -> float:
-    """Standard normal number from two uniform ones in [0, 1) (Box and Muller)."""
-    return math.sqrt(-2.0 * math.log1p(-first)) * math.cos(2.0 * math.pi * second)
-
-
-@kernel
-def hashed(seed: float, count: int) -> float:
-    """Uniform number in [0, 1), the `count`-th of the stream that `seed` names (splitmix64, Steele et al. 2014)."""
-    z = np.uint64(seed) + np.uint64(count + 1) * np.uint64(0x9E3779B97F4A7C15)
-    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    z = z ^ (z >> np.uint64(31))
-    return float(z >> np.uint64(11)) * 2.0**-53

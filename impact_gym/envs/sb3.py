@@ -40,7 +40,8 @@ class ImpactVecEnv(VecEnv):
         """Begin an episode everywhere, with what `seed` and `set_options` gave for it."""
         seeds = None if all(one is None for one in self._seeds) else list(self._seeds)
         skipped = np.array([episode_index(options) or 0 for options in self._options])
-        fixed = np.array([fixed_record(options, self.envs.batch.task.delays[1]) for options in self._options])
+        longest = self.envs.batch.task.delays[1]
+        fixed = np.concatenate([fixed_record(options, longest) for options in self._options])
         observations = self.envs.begin(seeds, np.ones(self.num_envs, np.bool_), fixed, skipped)
         self.reset_infos = [{} for _ in range(self.num_envs)]
         self._reset_seeds()
@@ -57,8 +58,9 @@ class ImpactVecEnv(VecEnv):
         ended = terminated | truncated
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         if ended.any():
-            for row in np.flatnonzero(ended).tolist():
-                infos[row] = self.envs.batch.info(row)
+            rows = np.flatnonzero(ended)
+            for row, info in zip(rows.tolist(), self.envs.batch.infos(rows), strict=True):
+                infos[row] = info
                 infos[row]["terminal_observation"] = observations[row]
                 infos[row]["TimeLimit.truncated"] = bool(truncated[row] and not terminated[row])
             observations, _ = self.envs.reset(options={"reset_mask": ended})

@@ -5,10 +5,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from impact_gym.kernel import kernel
 from impact_gym.validation import WrongTypeError, number
 
 Range = tuple[float, float]
@@ -75,9 +71,9 @@ class ScenarioRanges:
             return cls(**value)
         raise WrongTypeError(f"scenario must be a ScenarioRanges, a mapping of its fields or a name, got {value!r}")
 
-    def table(self) -> NDArray[np.float64]:
-        """Return the ranges as an array (4, 2), rows as in FIELDS."""
-        return np.array([getattr(self, name) for name in FIELDS])
+    def pairs(self) -> tuple[Range, ...]:
+        """Return the ranges in the order of FIELDS."""
+        return tuple(getattr(self, name) for name in FIELDS)
 
 
 NAMED = {
@@ -87,13 +83,3 @@ NAMED = {
         object_mass=(0.02, 0.1), contact_stiffness=(1e6, 1e8), restitution=(0.02, 0.1), distance=(0.05, 0.15)
     ),
 }
-
-
-@kernel
-def draw(low: float, high: float, logarithmic: bool, uniform: float) -> float:
-    """Map `uniform` in [0, 1) to [low, high), log-uniformly if asked."""
-    if low == high:
-        return low
-    if logarithmic:
-        return low * math.exp(uniform * math.log(high / low))
-    return low + (high - low) * uniform

@@ -14,8 +14,8 @@ from impact_gym.envs.records import episode_index, fixed_record, skip_episodes
 from impact_gym.envs.scenario import ScenarioRanges
 from impact_gym.envs.task import Task
 from impact_gym.scene import Coupling, Rigid
-from impact_gym.simulation import Trace
-from impact_gym.solver.state import recorder
+from impact_gym.kernels import CONTACT, TRACE
+from impact_gym.simulation import NOTHING_RECORDED, Trace
 from impact_gym.validation import WrongTypeError
 
 if TYPE_CHECKING:
@@ -150,9 +150,12 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._renderer: Renderer | None = None
         if "max_episode_steps" in options:
             raise WrongTypeError("max_episode_steps is an argument of gymnasium.make, whose TimeLimit sees to it")
-        self._batch = Batch(1, task_from(scenario, coupling, options, ("record_trace",)), threads=1)
+        recorder = NOTHING_RECORDED
         if record_trace or render_mode is not None:
-            self._batch.recorder = recorder(trace_rows=TRACE_ROWS)
+            recorder = np.empty(0, CONTACT), np.empty(TRACE_ROWS, TRACE), np.empty(0), 1e-3
+        self._trace = recorder[1]
+        task = task_from(scenario, coupling, options, ("record_trace",))
+        self._batch = Batch(1, task, threads=1, recorder=recorder)
         self.observation_space = self._batch.observation_space
         self.action_space = ACTION_SPACE
         self._running = False
@@ -172,7 +175,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             RuntimeError: the environment was made without `record_trace`, or the episode was too long for it.
         """
         rows = int(self._batch.chains["traced"][0])
-        if self._batch.recorder.trace.shape[0] == 0:
+        if len(self._trace) == 0:
             raise RuntimeError("make the environment with record_trace=True to read a trace")
         if rows > TRACE_ROWS:
             raise RuntimeError(f"the episode has {rows} trace points, more than the {TRACE_ROWS} that are kept")
@@ -181,7 +184,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     def _kept(self, rows: int) -> Trace:
         task = self._batch.task
         one_mass = task.robot is not None and isinstance(task.coupling, Rigid)
-        return Trace.of(self._batch.recorder, min(rows, TRACE_ROWS), one_mass)
+        return Trace.of(self._trace[:rows], one_mass)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None

@@ -1,18 +1,16 @@
 """The task's rules: constants of the environment, its options, and the record of them that the kernels read."""
 
-import math
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, field, fields
-from typing import Any, NamedTuple, get_args
+from typing import Any, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from impact_gym.envs.scenario import LARGEST_WEIGHT, LONGEST_DELAY, Range, ScenarioRanges, interval
-from impact_gym.kernel import kernel
-from impact_gym.lowering import chain_law
-from impact_gym.physics.coupling import Law
+from impact_gym.kernels import RANGES, samples_under_way
+from impact_gym.lowering import LOCAL_SHARE
 from impact_gym.scene import Coupling, Rigid, Robot, RobotTable, SpringDamper
-from impact_gym.solver.state import LOCAL_SHARE
 from impact_gym.validation import WrongTypeError, number, whole
 
 VELOCITY_RANGE = (-0.5, 1.5)  # m/s, what action[0] in [-1, 1] is mapped to
@@ -26,23 +24,6 @@ LARGEST_RANGE_NOISE = 1e3  # m
 DISSIPATIONS = ("hu-guo", "exact")
 FULL_DECELERATION = 20.0  # m/s^2, after the end of the episode
 SETTLE_LIMIT = 10.0  # s, simulated after the end at the most
-MAX_STEPS = 1_000_000  # integration steps of one episode
-
-
-class TaskConstants(NamedTuple):
-    """The task for the kernels."""
-
-    control_period: float  # s
-    alarm_threshold: float  # N
-    exact: int  # 1: the exact damping factor, 0: that of Hu and Guo
-    range_noise: float  # m, negative if there is no estimate
-    force_noise: float  # N, standard deviation of each reading
-    force_bias: float  # N, standard deviation of the episode's
-    deflection_sensor: int  # 0 or 1
-    privileged: int  # 0 or 1
-    force_weight: float  # m/s per N
-    max_steps: int  # control steps until truncation, 0 if unlimited
-    tolerance: float  # -, local, of a contact step
 
 
 @dataclass(frozen=True)
@@ -99,39 +80,22 @@ class Task:
         if self.max_episode_steps is not None:
             put("max_episode_steps", whole("max_episode_steps", self.max_episode_steps, at_least=1))
 
-    def law(self) -> Law:
-        """Return what holds the tool for the kernels."""
-        return chain_law(self.tool_mass, self.coupling, self.robot)
+    def record(self) -> tuple[Any, ...]:
+        """Return the fields of the kernels' `Task`."""
+        return (
+            self.control_period, HORIZON, AFTER_ALARM, FULL_DECELERATION, SETTLE_LIMIT, MISSED_COST,
+            VELOCITY_RANGE, ACCELERATION_RANGE, COMMAND_RESOLUTION,
+            self.alarm_threshold, self.range_noise or 0.0, self.force_noise, self.force_bias, self.force_weight,
+            LOCAL_SHARE * self.rtol, int(self.dissipation == "exact"), self.max_episode_steps or 0,
+        )  # fmt: skip
 
-    def constants(self) -> TaskConstants:
-        """Return the rest for the kernels."""
-        return TaskConstants(
-            self.control_period,
-            self.alarm_threshold,
-            int(self.dissipation == "exact"),
-            -1.0 if self.range_noise is None else self.range_noise,
-            self.force_noise,
-            self.force_bias,
-            int(self.deflection_sensor),
-            int(self.privileged),
-            self.force_weight,
-            self.max_episode_steps or 0,
-            LOCAL_SHARE * self.rtol,
-        )
-
-    def draw_table(self, ranges: ScenarioRanges) -> np.ndarray:
-        """Return ranges of what an episode draws, an array (6, 2): the scenario's, time weight, reaction delay."""
-        return np.vstack([ranges.table(), self.weights, self.delays])
+    def draws(self, ranges: ScenarioRanges) -> NDArray[Any]:
+        """Return what an episode draws from (1,): the scenario's ranges, time weight, reaction delay."""
+        return np.array([(*ranges.pairs(), self.weights, self.delays)], RANGES)
 
     def readings_under_way(self) -> int:
         """Return how many force readings can be between sensor and controller."""
-        return samples_under_way(self.delays[1], self.control_period)
-
-
-@kernel
-def samples_under_way(reaction_delay: float, control_period: float) -> int:
-    """Force readings between sensor and controller at t = 0."""
-    return math.floor(reaction_delay / control_period + 1e-9)
+        return int(samples_under_way(self.delays[1], self.control_period))
 
 
 def coupling_from(value: Any) -> Coupling:

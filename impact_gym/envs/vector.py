@@ -85,10 +85,10 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         self,
         seed: int | Sequence[int | None] | None,
         mask: Flags,
-        fixed: NDArray[np.float64],
+        fixed: NDArray[Any],
         skipped: NDArray[np.int64],
     ) -> Floats:
-        """Begin an episode in the slots of `mask`; `fixed` (k, 9) for these slots, `skipped` (num_envs,) episodes."""
+        """Begin an episode in the slots of `mask`; `fixed` records (k,) for these slots, `skipped` (num_envs,) episodes."""
         self._seed(seed, mask)
         for slot in np.flatnonzero(mask & (skipped > 0)).tolist():
             skip_episodes(self._generators[slot], int(skipped[slot]))
@@ -118,13 +118,14 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         infos: dict[str, Any] = {}
         rewards = batch.rewards.copy()
         if ended.any():
-            infos = masked(batch.info(), ended)
+            rows = np.flatnonzero(ended)
+            infos = masked(batch.info_columns(rows), ended)
             if self.autoreset_mode is AutoresetMode.SAME_STEP:
                 final = np.full(self.num_envs, None, object)
-                for row in np.flatnonzero(ended):
+                for row in rows:
                     final[row] = batch.observations[row].copy()
                 infos = {"final_obs": final, "_final_obs": ended, "final_info": infos, "_final_info": ended.copy()}
-                batch.draw_and_begin(np.flatnonzero(ended), self._generators)
+                batch.draw_and_begin(rows, self._generators)
                 ended = self._none.copy()
         self._ended = ended
         return batch.observations.copy(), rewards, terminated, truncated, infos
@@ -180,10 +181,6 @@ def masked(info: dict[str, Any], mask: Flags) -> dict[str, Any]:
     """Return `info` in Gymnasium's form for vector environments: beside each key the mask of slots that have it."""
     result: dict[str, Any] = {}
     for name, value in info.items():
-        if isinstance(value, dict):
-            result[name] = masked(value, mask)
-        else:
-            blank = None if value.dtype == object else np.zeros((), value.dtype)
-            result[name] = np.where(mask, value, blank)
-        result[f"_{name}"] = mask.copy()
+        result[name] = masked(value, mask) if isinstance(value, dict) else value
+        result[f"_{name}"] = mask
     return result

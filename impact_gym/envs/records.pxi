@@ -1,0 +1,93 @@
+"""The records of an episode: what the task is, what it draws, what the controller may know, and the books."""
+
+
+cdef struct Range:
+    double low, high
+
+
+cdef struct Ranges:  # what an episode draws from
+    Range object_mass, contact_stiffness  # kg, N/m^1.5; log-uniform
+    Range restitution, distance  # -, m; uniform
+    Range time_weight  # m/s per s; log-uniform
+    Range reaction_delay  # s; uniform
+
+
+cdef struct Uniforms:  # the uniform numbers an episode takes from its generator, in this order, whatever the options
+    double object_mass, contact_stiffness, restitution, distance, time_weight
+    double estimate_size, estimate_angle  # of a normal number, see `normal`
+    double reaction_delay
+    double bias_size, bias_angle
+    double noise_seed
+
+
+cdef struct Record:  # all that an episode has drawn; nan where it is still to draw
+    double object_mass  # kg
+    double contact_stiffness  # N/m^1.5
+    double restitution  # -
+    double distance  # m
+    double time_weight  # m/s per s
+    double distance_estimate  # m
+    double reaction_delay  # s
+    double force_bias  # N
+    double noise_seed  # a whole number, names the stream of the force noise
+
+
+cdef struct Task:  # what a row plays
+    double control_period  # s
+    double horizon  # s, the end of an episode without an alarm
+    double after_alarm  # s, from the alarm to the end of an episode with one
+    double full_deceleration  # m/s^2, after the end
+    double settle_limit  # s, simulated after the end at the most
+    double missed_cost  # m/s
+    Range velocity, acceleration  # m/s, m/s^2, what the two actions are mapped to
+    double command_resolution  # m/s and m/s^2
+    double alarm_threshold  # N
+    double range_noise  # m, standard deviation of the distance estimate
+    double force_noise  # N, of each reading
+    double force_bias  # N, of the episode's
+    double force_weight  # m/s per N
+    double tolerance  # -, local error of a step of the integrator
+    int64_t exact  # 1: the damping factor that delivers the restitution, 0: that of Hu and Guo
+    int64_t max_steps  # control steps until truncation, 0 if unlimited
+
+
+cdef struct Reading:  # of the sensors, on its way to the controller
+    double time  # s
+    double force  # N
+    double peak  # N, largest force so far
+    double deflection  # m
+
+
+cdef struct Sensors:  # what the controller may know now, then the truth; `observation` in Python scales it
+    double position, velocity  # m, m/s, of the imposed motion
+    double time  # s
+    double alarm  # 0 or 1
+    double time_since_alarm  # s
+    double force, peak  # N
+    double time_weight  # m/s per s
+    double distance_estimate  # m, from the flange
+    double deflection  # m
+    double object_mass, contact_stiffness, restitution, distance, reaction_delay  # the distance from the flange
+
+
+cdef struct Entry:  # one number of the observation
+    int64_t place  # in `Sensors`
+    int64_t curve  # LINEAR, LOGARITHM or LOGARITHM_OF_ONE_MORE
+    double low, scaled_low  # of the curve's value, and what that becomes
+    double gain  # from there on, up to 1
+
+
+cdef struct Episode:  # a row, beside its chain
+    Record drawn
+    Sensors sensors
+    double damping  # -, damping factor of its contact
+    double alarm  # s, when it reaches the controller; inf if it has not
+    double next_sample  # s, when the sensors are read next; inf if never again
+    int64_t pushed  # readings taken so far, those under way at t = 0 included
+    int64_t popped  # of these, how many have reached the controller
+    int64_t control_steps
+    int64_t terminated, truncated  # 0 or 1
+    int64_t status  # of the solver; negative: failed
+    double time_cost, velocity_cost, force_cost, missed_cost  # m/s, terms of the reward
+    double object_velocity  # m/s, so far; once terminated, what it keeps
+    double approach_time  # s, so far

@@ -1,0 +1,218 @@
+# cython: language_level=3, boundscheck=False, wraparound=False, initializedcheck=False, cdivision=True, cpow=True
+"""The compiled heart: all that runs inside a step, as one program, so that a law costs no call.
+
+The files included are its text, in the order in which one builds on another. Below them stands what Python calls, and
+the layout of the records that both sides read and write, as NumPy data types. Arrays are handed over as they are: they
+must be contiguous and of these types, which `simulation`, `sweeps` and `envs.batch` see to.
+"""
+
+from cpython.buffer cimport PyBUF_SIMPLE, PyBuffer_Release, PyObject_GetBuffer
+from cpython.pycapsule cimport PyCapsule_GetPointer
+from libc.math cimport (
+    INFINITY, M_PI, NAN, acos, acosh, atan2, atanh, ceil, copysign, cos, exp, expf, expm1, fabs, floor, hypot, isfinite, isinf,
+    isnan, log, log1p, logf, pow, rint, sin, sqrt,
+)
+from libc.stdint cimport int64_t, uint8_t, uint32_t, uint64_t, uintptr_t
+from libc.string cimport memcpy, memset
+
+import numpy as np
+
+include "physics/contact.pxi"
+include "physics/damping.pxi"
+include "physics/oscillator.pxi"
+include "physics/mechanism.pxi"
+include "physics/robot.pxi"
+include "solver/state.pxi"
+include "solver/piece.pxi"
+include "solver/rigid.pxi"
+include "solver/spring_damper.pxi"
+include "solver/integrated.pxi"
+include "solver/bounds.pxi"
+include "solver/coupled.pxi"
+include "solver/dop853.pxi"
+include "solver/rosenbrock.pxi"
+include "solver/stepper.pxi"
+include "solver/recording.pxi"
+include "solver/events.pxi"
+include "solver/integrate.pxi"
+include "solver/advance.pxi"
+include "envs/records.pxi"
+include "envs/draw.pxi"
+include "envs/episode.pxi"
+
+cdef Approach blank_approach
+cdef Chain blank_chain
+cdef ContactRow blank_contact
+cdef TraceRow blank_trace
+cdef Episode blank_episode
+cdef Entry blank_entry
+cdef Ranges blank_ranges
+cdef Reading blank_reading
+cdef Task blank_task
+cdef Uniforms blank_uniforms
+
+
+def layout(blank):
+    """Return the NumPy record of a structure, from its fields as a mapping; all of them take eight bytes."""
+    kinds = {dict: layout, float: lambda _: np.float64, int: lambda _: np.int64}
+    return np.dtype([(name, kinds[type(value)](value)) for name, value in blank.items()])
+
+
+APPROACH, CHAIN, CONTACT, TRACE = map(layout, (blank_approach, blank_chain, blank_contact, blank_trace))
+LAW = APPROACH["law"]
+EPISODE, ENTRY, RANGES = map(layout, (blank_episode, blank_entry, blank_ranges))
+RECORD, SENSORS = EPISODE["drawn"], EPISODE["sensors"]
+READING, TASK, UNIFORMS = map(layout, (blank_reading, blank_task, blank_uniforms))
+assert (APPROACH.itemsize, CHAIN.itemsize, EPISODE.itemsize) == (sizeof(Approach), sizeof(Chain), sizeof(Episode))
+
+
+cdef void *memory_of(object array) except? NULL:
+    """Where the numbers of a contiguous array lie."""
+    cdef Py_buffer buffer
+    PyObject_GetBuffer(array, &buffer, PyBUF_SIMPLE)
+    cdef void *address = buffer.buf
+    PyBuffer_Release(&buffer)
+    return address
+
+
+cdef Recorder recorder_of(tuple arrays):
+    """Where contacts (CONTACT), the trace (TRACE) and passages of a slider (s) are written, and how often a flight is.
+
+    Arrays of no rows record nothing.
+    """
+    contacts, trace, snaps, interval = arrays
+    return Recorder(
+        <ContactRow *> memory_of(contacts), <TraceRow *> memory_of(trace), <double *> memory_of(snaps),
+        len(contacts), len(trace), len(snaps), interval,
+    )
+
+
+def approach_rows(
+    plans, tables, chains, int64_t first, int64_t last, double tolerance, int64_t max_steps, tuple recorder
+):
+    """Run the approaches `first` to `last` of `plans` (n, APPROACH) into `chains` (n, CHAIN), without the GIL.
+
+    Args:
+        plans, chains: see above.
+        tables: numbers of all robots' tables (k,), where a plan's law says.
+        first, last: rows.
+        tolerance: local error of a step, in its own scales.
+        max_steps: integration steps after which a row gives up; its status says so.
+        recorder: arrays for contacts (CONTACT), trace (TRACE) and passages of a slider (s) of the last row, which
+            record nothing if they have no rows; and the time between two points of the trace in flight, s.
+    """
+    cdef Run run
+    cdef Work work
+    cdef const Approach *plan = <const Approach *> memory_of(plans)
+    cdef Chain *chain = <Chain *> memory_of(chains)
+    cdef int64_t i
+    run.tables = <const double *> memory_of(tables)
+    run.tolerance, run.max_steps, run.work = tolerance, max_steps, &work
+    run.recorder = recorder_of(recorder)
+    with nogil:
+        for i in range(first, last):
+            run.law, run.contact = &plan[i].law, plan[i].contact
+            run.object_mass, run.threshold = plan[i].object_mass, plan[i].threshold
+            approach(&run, &chain[i], &plan[i])
+
+
+def draw_uniforms(list generators, rows, uniforms):
+    """Take the uniform numbers of an episode from the generators of `rows` (k, int64) into `uniforms` (k, UNIFORMS)."""
+    cdef const int64_t *row = <const int64_t *> memory_of(rows)
+    cdef double *number = <double *> memory_of(uniforms)
+    cdef Generator *generator
+    cdef int64_t k, i
+    for k in range(len(rows)):
+        capsule = (<object> generators[row[k]]).bit_generator.capsule
+        generator = <Generator *> PyCapsule_GetPointer(capsule, "BitGenerator")
+        for i in range(sizeof(Uniforms) // sizeof(double)):
+            number[0] = generator.next_double(generator.state)
+            number += 1
+
+
+cdef class Rows:
+    """A batch of environments: arrays of rows, of which Python owns the memory, and the kernels that move them."""
+
+    cdef object arrays
+    cdef const Task *tasks
+    cdef const Law *laws
+    cdef const double *tables
+    cdef Chain *chains
+    cdef Episode *episodes
+    cdef Reading *readings
+    cdef float *observations
+    cdef double *rewards
+    cdef const Entry *entries
+    cdef int64_t slots, length, each_task, each_law, max_steps
+    cdef Recorder recorder
+
+    def __init__(
+        self, tasks, laws, tables, chains, episodes, readings, observations, rewards, entries, tuple recorder, max_steps
+    ):
+        """Take arrays of `size` rows each; `tasks` and `laws` may have one for all.
+
+        Args:
+            tasks, laws: (size,) or (1,), TASK and LAW.
+            tables: see `approach_rows`.
+            chains, episodes, rewards: (size,), CHAIN, EPISODE and float64.
+            readings: (size, slots), READING.
+            observations: (size, length), float32.
+            entries: of an observation (length,), ENTRY.
+            recorder: see `approach_rows`; rows of a batch share it.
+            max_steps: integration steps of an episode.
+        """
+        self.arrays = (tasks, laws, tables, chains, episodes, readings, observations, rewards, entries, recorder)
+        self.tasks, self.each_task = <const Task *> memory_of(tasks), len(tasks) > 1
+        self.laws, self.each_law = <const Law *> memory_of(laws), len(laws) > 1
+        self.tables = <const double *> memory_of(tables)
+        self.chains, self.episodes = <Chain *> memory_of(chains), <Episode *> memory_of(episodes)
+        self.readings, self.slots = <Reading *> memory_of(readings), readings.shape[1]
+        self.observations, self.length = <float *> memory_of(observations), observations.shape[1]
+        self.rewards, self.entries = <double *> memory_of(rewards), <const Entry *> memory_of(entries)
+        self.recorder, self.max_steps = recorder_of(recorder), max_steps
+
+    cdef inline Row row(self, int64_t i) noexcept nogil:
+        """One environment."""
+        return Row(
+            &self.tasks[i * self.each_task], &self.chains[i], &self.episodes[i], &self.readings[i * self.slots],
+            self.slots, self.entries, self.length, &self.observations[i * self.length],
+        )
+
+    def begin(self, rows, uniforms, fixed, ranges):
+        """Begin an episode in each of `rows` (k, int64), with `uniforms` and what is `fixed` (k, UNIFORMS and RECORD).
+
+        What is fixed is nan where it is drawn from `ranges` (RANGES).
+        """
+        cdef const int64_t *places = <const int64_t *> memory_of(rows)
+        cdef const Uniforms *uniform = <const Uniforms *> memory_of(uniforms)
+        cdef const Record *given = <const Record *> memory_of(fixed)
+        cdef const Ranges *among = <const Ranges *> memory_of(ranges)
+        cdef Row row
+        cdef Record drawn
+        cdef int64_t k, count = len(rows)
+        with nogil:
+            for k in range(count):
+                row = self.row(places[k])
+                drawn = draw_record(row.task, among, &uniform[k], &given[k])
+                begin_episode(&row, &drawn)
+
+    def step(self, actions, skip, int64_t first, int64_t last):
+        """Play a control step in rows `first` to `last` with `actions` (size, 2), but where `skip` (size,) is set."""
+        cdef const double *action = <const double *> memory_of(actions)
+        cdef const uint8_t *skipped = <const uint8_t *> memory_of(skip)
+        cdef Run run
+        cdef Work work
+        cdef Row row
+        cdef int64_t i
+        run.tables, run.recorder, run.work, run.max_steps = self.tables, self.recorder, &work, self.max_steps
+        run.contact = contact_of(1.0, 0.0, 1.5, 1.5)
+        with nogil:
+            for i in range(first, last):
+                if skipped[i]:
+                    continue
+                row = self.row(i)
+                run.law = &self.laws[i * self.each_law]
+                run.contact.stiffness, run.contact.damping = row.episode.drawn.contact_stiffness, row.episode.damping
+                run.object_mass = row.episode.drawn.object_mass
+                run.threshold, run.tolerance = row.task.alarm_threshold, row.task.tolerance
+                self.rewards[i] = play_step(&run, &row, action[2 * i], action[2 * i + 1])

@@ -1,0 +1,131 @@
+"""The contact force (paper, eq. 5) in the contact's own scales and in a variable that makes it smooth.
+
+With M the reduced mass and v the approach velocity, a contact has the scales
+
+    delta0 = (M v^2 / k_c)^(1 / (m + 1))      t0 = delta0 / v      F0 = k_c delta0^m = M v / t0
+
+In them the penetration is u = delta / delta0, its rate w = delta_dot / v, and the force f = u^m + d u^n w, as long as
+that is not a pull. With m = n = 3/2 the half-integer power makes u(t) non-smooth at both ends of the contact. With the
+root z = sqrt(u) as the unknown and s as the independent variable, dt = z ds, the same motion is
+
+    dz/ds = w / 2      dw/ds = z (push - f)      f = z^3 (1 + d w)
+
+polynomial, and z passes through zero at onset and separation with a finite slope: an integrator keeps its full order
+over the whole contact, and both ends are simple roots. Other exponents use the same variable; with 2 m and 2 n whole
+they are polynomial too.
+"""
+
+cdef enum:
+    ROOT, RATE, TIME, IMPULSE  # places of the scaled state that every chain has: z, w, t, impulse on the object
+
+cdef double APPROACH_VELOCITY_FLOOR = 1e-6
+# m/s. The hysteresis damping chi grows as 1 / v_in (paper, eq. 7) without bound; slower contacts use this value.
+
+
+cdef struct Contact:
+    double stiffness  # N/m^m, k_c
+    double damping  # -, damping factor d
+    double m  # -, exponent of the stiffness, at least 1
+    double n  # -, exponent of the damping, 0 or at least 1
+    int64_t twice_m, twice_n  # 2 m and 2 n where they are whole, else -1
+    double held  # 1, or 0 once the surfaces part faster than they recover: then there is no force and no damping
+
+
+cdef struct Units:
+    double length  # m, delta0
+    double time  # s, t0
+    double velocity  # m/s, approach velocity, floored
+    double force  # N, F0
+
+
+cdef Contact contact_of(double stiffness, double damping, double m, double n) noexcept nogil:
+    """A contact whose surfaces hold."""
+    cdef Contact law = Contact(stiffness, damping, m, n, -1, -1, 1.0)
+    if 2.0 * m == floor(2.0 * m):
+        law.twice_m = <int64_t> (2.0 * m)
+    if 2.0 * n == floor(2.0 * n):
+        law.twice_n = <int64_t> (2.0 * n)
+    return law
+
+
+cdef inline bint is_hertz(const Contact *law) noexcept nogil:
+    """Whether m = n = 3/2."""
+    return law.twice_m == 3 and law.twice_n == 3
+
+
+cdef inline double root_power(double z, double exponent, int64_t twice) noexcept nogil:
+    """u^exponent, from the root z; `twice` that exponent, or -1."""
+    cdef double power = 1.0
+    if twice < 0:
+        return pow(z * z, exponent)
+    while twice > 0:
+        if twice & 1:
+            power *= z
+        z *= z
+        twice >>= 1
+    return power
+
+
+cdef Units natural_units(const Contact *law, double reduced_mass, double approach_velocity) noexcept nogil:
+    """The natural units of a contact that begins at `approach_velocity` (m/s)."""
+    cdef Units units
+    units.velocity = max(approach_velocity, APPROACH_VELOCITY_FLOOR)
+    units.length = pow(reduced_mass * units.velocity * units.velocity / law.stiffness, 1.0 / (law.m + 1.0))
+    units.time = units.length / units.velocity
+    units.force = reduced_mass * units.velocity / units.time
+    return units
+
+
+cdef inline double contact_force(const Contact *law, double z, double w) noexcept nogil:
+    """Contact force over F0 (paper, eq. 5); a pull where the surfaces part faster than they recover."""
+    if is_hertz(law):
+        return z * z * z * (law.held + law.damping * w)
+    return law.held * root_power(z, law.m, law.twice_m) + law.damping * root_power(z, law.n, law.twice_n) * w
+
+
+cdef inline double impulse_rate(const Contact *law, double z, double w) noexcept nogil:
+    """z f, the rate of the impulse over s; written so that little is left to do once w is known."""
+    cdef double fourth
+    if is_hertz(law):
+        fourth = (z * z) * (z * z)
+        return fourth * law.held + (fourth * law.damping) * w
+    return z * contact_force(law, z, w)
+
+
+cdef inline (double, double) contact_gradient(const Contact *law, double z, double w) noexcept nogil:
+    """df/dz and df/dw."""
+    cdef double u_m, u_n
+    if is_hertz(law):
+        return 3.0 * z * z * (law.held + law.damping * w), law.damping * z * z * z
+    if z == 0.0:
+        return 0.0, law.damping if law.n == 0.0 else 0.0
+    u_m, u_n = root_power(z, law.m, law.twice_m), root_power(z, law.n, law.twice_n)
+    return 2.0 * (law.held * law.m * u_m + law.damping * law.n * u_n * w) / z, law.damping * u_n
+
+
+cdef inline (double, double) force_along(const Contact *law, double z, double w, double w_slope) noexcept nogil:
+    """The force and df/ds, with z' = w / 2 and w' = `w_slope`."""
+    cdef double f_z, f_w, grip
+    if is_hertz(law):
+        grip = law.held + law.damping * w
+        return z * z * z * grip, z * z * (1.5 * w * grip + law.damping * z * w_slope)
+    f_z, f_w = contact_gradient(law, z, w)
+    return contact_force(law, z, w), 0.5 * f_z * w + f_w * w_slope
+
+
+cdef inline (double, double) contact_grip(const Contact *law, double z, double w, double w_slope) noexcept nogil:
+    """The force without the lower of its two powers of u, which has its sign, and d/ds of that, w' = `w_slope`."""
+    cdef double p, u_p, growth
+    if law.m == law.n:
+        return 1.0 + law.damping * w, law.damping * w_slope
+    p = fabs(law.m - law.n)
+    u_p = pow(z * z, p)
+    growth = p * pow(fabs(z), 2.0 * p - 1.0) * w  # d(u^p)/ds
+    if law.m >= law.n:
+        return u_p + law.damping * w, growth + law.damping * w_slope
+    return 1.0 + law.damping * u_p * w, law.damping * (growth * w + u_p * w_slope)
+
+
+cdef inline bint rises_at_onset(const Contact *law) noexcept nogil:
+    """Whether the force grows where the contact begins; with n = 0 it begins with d, and mostly falls from there."""
+    return law.n > 0.0 or (law.m == 1.0 and law.damping < 1.0)

@@ -1,0 +1,89 @@
+"""The damping factor d = (chi / k_c) v_in of a contact, and the restitution that it delivers.
+
+Everything about an isolated contact with m = n depends on d alone, whatever the exponent, the masses, the stiffness and
+the velocity: multiply u'' = -u^n (1 + d u') by u' / (1 + d u') and integrate from onset to separation:
+
+    d - ln(1 + d) = -z - ln(1 - z),      z = d e_eff                                   (closed form: Lambert's W)
+"""
+
+cdef double SERIES_BELOW = 0.3
+cdef enum:
+    SERIES_TERMS = 34  # of which the last is rounding at 0.3
+
+
+cpdef double hu_guo(double restitution) noexcept nogil:
+    """Damping factor after Hu and Guo, Multibody Syst. Dyn. 35 (2015) 131-151 (paper, eq. 7)."""
+    return 1.5 * (1.0 - restitution) / restitution
+
+
+cdef double shortfall(double x) noexcept nogil:
+    """(1 - phi(x)) / x with phi(x) = 2 (x - ln(1 + x)) / x^2, which is 2/3 - x/2 + 2 x^2/5 - ..."""
+    cdef double total = 0.0
+    cdef int k
+    if fabs(x) > SERIES_BELOW:
+        return (1.0 - 2.0 * (x - log1p(x)) / (x * x)) / x
+    for k in range(SERIES_TERMS, 0, -1):
+        total = 2.0 / (k + 2.0) - x * total
+    return total
+
+
+cpdef double exact_damping(double restitution) noexcept nogil:
+    """Damping factor that delivers the restitution: ln((1 + d) / (1 - d e)) = d (1 + e).
+
+    In terms of `shortfall` the equation reads (1 - e)(1 + e) = d (S(d) + e^3 S(-d e)), which loses nothing as e -> 1;
+    for small e the root lies close under 1 / e and is found from 1 - d e = exp(ln(1 + d) - d (1 + e)).
+    """
+    cdef double rest, following, e = restitution, d = 1.5 * (1.0 - e) if e > 0.6 else 1.0 / e
+    for _ in range(200):
+        if e > 0.6:  # d < 1.1
+            following = (1.0 - e) * (1.0 + e) / (shortfall(d) + e * e * e * shortfall(-d * e))
+        else:
+            rest = exp(log1p(d) - d * (1.0 + e))
+            following = d - (d * e - 1.0 + rest) / (e - rest * (1.0 + e - 1.0 / (1.0 + d)))
+        if fabs(following - d) <= 1e-16 * d:
+            break
+        d = following
+    return d
+
+
+cpdef double delivered(double damping) noexcept nogil:
+    """Restitution of an isolated contact with m = n and damping factor `damping`; relative error a few 1e-15.
+
+    Newton's method: for small d on e^2 (1 + d e S(-d e)) = 1 - d S(d), else on q = -ln(1 - z), q - z = d - ln(1 + d),
+    which does not feel how close z = d e comes to 1.
+    """
+    cdef double d = damping, e, excess, gain, residual, step, rest, q
+    if d < SERIES_BELOW:
+        e = 1.0 - 2.0 / 3.0 * d * (1.0 - 2.0 / 3.0 * d)
+        excess = d * shortfall(d)
+        for _ in range(50):
+            gain = d * e * shortfall(-d * e)
+            residual = (e - 1.0) * (e + 1.0) + e * e * gain + excess
+            step = residual * (1.0 - d * e) / (2.0 * e)
+            e -= step
+            if fabs(step) <= 2e-16:
+                break
+        return e
+    rest = d - log1p(d)
+    q = rest + 1.0 if rest > 1.0 else sqrt(2.0 * rest)
+    for _ in range(50):
+        step = (q + expm1(-q) - rest) / -expm1(-q)
+        q -= step
+        if fabs(step) <= 1e-16 * q:
+            break
+    return -expm1(-q) / d
+
+
+cpdef double delivered_linear(double damping) noexcept nogil:
+    """Restitution of the linear contact m = 1, n = 0, whose force ends before it would pull; d = 2 zeta.
+
+    e = exp(-2 zeta arccos(zeta) / sqrt(1 - zeta^2)), hyperbolic above critical damping: exp(-2) at zeta = 1.
+    """
+    cdef double ratio, zeta = 0.5 * damping, square = (1.0 - zeta) * (1.0 + zeta)
+    if fabs(square) < 1e-6:  # arccos(zeta) / sqrt(1 - zeta^2) = 1 + y/6 + 3 y^2/40 + ... with y = 1 - zeta^2
+        ratio = 1.0 + square * (1.0 / 6.0 + square * 3.0 / 40.0)
+    elif square > 0.0:
+        ratio = acos(zeta) / sqrt(square)
+    else:
+        ratio = acosh(zeta) / sqrt(-square)
+    return exp(-2.0 * zeta * ratio)

@@ -1,0 +1,109 @@
+"""The bistable mechanism and its stops: a spring on a pivot at height H above the slider's path (paper, Fig. 21).
+
+x is the position of the slider from the vertical alignment, where the spring is shortest and pushes neither way; the
+stretch of the coupling is counted from the slider's place at rest, `rest`. A stop is a one-sided linear spring and
+damper that never pulls.
+"""
+
+cdef enum:
+    FREE = 0, FRONT = 1, REAR = -1  # which stop pushes
+
+
+cdef struct Mechanism:
+    double stiffness  # N/m, k
+    double free_length  # m, L0
+    double height  # m, H
+    double rest  # m, where the slider is at rest
+    double front_stop  # m
+    double rear_stop  # m
+    double stop_stiffness  # N/m
+    double stop_damping  # N s/m
+
+
+cpdef inline double bistable_force(double stiffness, double free_length, double height, double x) noexcept nogil:
+    """Force of the spring on the slider along its path, N: k (L0 - L) x / L, L = sqrt(H^2 + x^2) (paper, eq. 23-24)."""
+    return stiffness * (free_length / sqrt(height * height + x * x) - 1.0) * x
+
+
+cdef inline double bistable_slope(const Mechanism *law, double x) noexcept nogil:
+    """Derivative of the force by the position, N/m: k (L0 H^2 / L^3 - 1)."""
+    cdef double L = sqrt(law.height * law.height + x * x)
+    return law.stiffness * (law.free_length * law.height * law.height / (L * L * L) - 1.0)
+
+
+cpdef inline double bistable_energy(double stiffness, double free_length, double height, double x) noexcept nogil:
+    """Elastic energy of the spring, J."""
+    cdef double squeeze = free_length - sqrt(height * height + x * x)
+    return 0.5 * stiffness * squeeze * squeeze
+
+
+cdef inline double mechanism_pull(const Mechanism *law, int pressed, double stretch, double stretch_rate) noexcept nogil:
+    """Force on the tool, N: the spring (paper, eq. 23) and the stop that is `pressed`."""
+    cdef double x = law.rest + stretch
+    cdef double pull = bistable_force(law.stiffness, law.free_length, law.height, x)
+    if pressed == FREE:
+        return pull
+    return pull - law.stop_stiffness * (x - stop_place(law, pressed)) - law.stop_damping * stretch_rate
+
+
+cdef inline double stop_place(const Mechanism *law, int stop) noexcept nogil:
+    """Position of a stop, m."""
+    return law.front_stop if stop == FRONT else law.rear_stop
+
+
+cdef inline (double, double, double) stop_switch(
+    const Mechanism *law, int stop, int pressed, double stretch, double rate, double acceleration
+) noexcept nogil:
+    """Positive once `stop` begins to push, or, if it is `pressed`, once its force would become a pull, N.
+
+    It begins when the slider reaches it, may let go before the slider has left it, and then push again. Then a smooth
+    quantity that is the same wherever it is largest, N, and the derivative of that by time.
+    """
+    cdef double k = law.stop_stiffness, c = law.stop_damping
+    cdef double push = stop * k * (law.rest + stretch - stop_place(law, stop)), moving = stop * rate
+    if pressed == stop:
+        return -(push + c * moving), -(push + c * moving), -(k * moving + c * stop * acceleration)
+    if pressed != FREE:
+        return -1.0, -1.0, 0.0
+    return push + min(c * moving, 0.0), push, k * moving
+
+
+cdef inline double stiffness_bound(const Mechanism *law) noexcept nogil:
+    """Largest stiffness of the spring in size, N/m: at the alignment or far from it."""
+    return law.stiffness * max(law.free_length / law.height - 1.0, 1.0)
+
+
+cdef inline double spring_energy(const Mechanism *law, double x) noexcept nogil:
+    """Elastic energy of the mechanism's spring, J."""
+    return bistable_energy(law.stiffness, law.free_length, law.height, x)
+
+
+cdef inline double mechanism_energy(const Mechanism *law, double stretch) noexcept nogil:
+    """Energy of mechanism and stops, J."""
+    cdef double x = law.rest + stretch
+    cdef double depth = max(max(x - law.front_stop, law.rear_stop - x), 0.0)
+    return spring_energy(law, x) + 0.5 * law.stop_stiffness * depth * depth
+
+
+cdef inline (double, double) mechanism_floor(const Mechanism *law, int side) noexcept nogil:
+    """A bound from below on the energy on one side of the alignment, and the energy between the sides, J.
+
+    It is lowest where the slider rests on a stop: on the front one known, on the rear one bounded, because the spring
+    pushes with less than F = k (L0 - H), which the stop of stiffness k_s gives at most F^2 / (2 k_s) for.
+    """
+    cdef double barrier = spring_energy(law, 0.0), F = law.stiffness * (law.free_length - law.height)
+    if side > 0:
+        return mechanism_energy(law, 0.0), barrier
+    return max(spring_energy(law, law.rear_stop) - 0.5 * F * F / law.stop_stiffness, 0.0), barrier
+
+
+cdef inline double mechanism_reach(const Mechanism *law, double stretch, double kinetic) noexcept nogil:
+    """Largest stretch (m) that the energy of mechanism and stops and `kinetic` (J) allow.
+
+    Behind the alignment with less energy than the barrier the slider stays there; else the front stop, which holds
+    no more energy than there is, ends its way.
+    """
+    cdef double energy = kinetic + mechanism_energy(law, stretch)
+    if law.rest + stretch < 0.0 and energy < spring_energy(law, 0.0):
+        return -law.rest
+    return law.front_stop - law.rest + sqrt(2.0 * energy / law.stop_stiffness)

@@ -1,0 +1,50 @@
+"""The closed form of a tool on one linear spring and damper.
+
+y = x_t - x_r is the deflection. Away from the object, under a flange acceleration a,
+
+    y'' + 2 zeta omega y' + omega^2 y = -a        (paper, eq. 17 with F = 0)
+
+so z = y + a / omega^2 decays freely, and its motion is known over any span of time.
+"""
+
+
+cdef inline (double, double) decay_basis(double frequency, double damping_ratio, double time) noexcept nogil:
+    """exp(-zeta omega t) times cos(omega_d t) and sin(omega_d t) / omega_d, whatever the damping ratio.
+
+    omega_d = omega sqrt(1 - zeta^2): imaginary above critical damping, where cosine and sine become hyperbolic; near
+    it both are series in (omega_d t)^2, so that nothing is lost to cancellation.
+    """
+    cdef double alpha = damping_ratio * frequency
+    cdef double square = (damping_ratio - 1.0) * (damping_ratio + 1.0) * frequency * frequency  # -omega_d^2
+    cdef double q = square * time * time, envelope, damped, split, slow, lost
+    if fabs(q) < 1e-3:
+        envelope = exp(-alpha * time)
+        return (
+            envelope * (1.0 + q / 2.0 * (1.0 + q / 12.0 * (1.0 + q / 30.0))),
+            envelope * time * (1.0 + q / 6.0 * (1.0 + q / 20.0 * (1.0 + q / 42.0))),
+        )
+    if q < 0.0:
+        envelope = exp(-alpha * time)
+        damped = sqrt(-square)
+        return envelope * cos(damped * time), envelope * sin(damped * time) / damped
+    split = sqrt(square)
+    slow = exp(-frequency * frequency / (alpha + split) * time)
+    lost = -expm1(-2.0 * split * time)
+    return slow * (1.0 - 0.5 * lost), slow * lost / (2.0 * split)
+
+
+cdef inline (double, double) free_decay(
+    double frequency, double damping_ratio, double position, double velocity, double time
+) noexcept nogil:
+    """z and z' after `time` (s) of z'' + 2 zeta omega z' + omega^2 z = 0 from `position` and `velocity`."""
+    cdef double cosine, sine, alpha = damping_ratio * frequency
+    cosine, sine = decay_basis(frequency, damping_ratio, time)
+    return (
+        position * cosine + (velocity + alpha * position) * sine,
+        velocity * cosine - (frequency * frequency * position + alpha * velocity) * sine,
+    )
+
+
+cdef inline double relative_force(double frequency, double damping_ratio, double y, double y_dot) noexcept nogil:
+    """Force of spring and damper on the tool over the tool's mass, m/s^2 (paper, right side of eq. 17)."""
+    return -frequency * (frequency * y + 2.0 * damping_ratio * y_dot)

@@ -1,0 +1,87 @@
+"""The compliance of a robot along its approach (paper, eq. 8 and 16): a table over the imposed position.
+
+Between its breaks mass, stiffness and damping are cubic polynomials, beyond the ends they are constant. A robot whose
+parameters do not change is a table of one interval, wider than any way.
+"""
+
+
+cdef struct RobotTable:
+    const double *breaks  # (n + 1,), m
+    const double *coefficients  # (n, 3, 4): mass, stiffness, damping; constant first, by powers of x - breaks[i]
+    int64_t intervals  # n; 0 if the robot is rigid
+    double stiffest  # 1/s^2, largest k_r / m_r at the breaks: a scale, not a bound
+
+
+cdef struct RobotNow:
+    double mass, stiffness, damping  # kg, N/m, N s/m: m_r, k_r, c_r
+    double mass_slope  # kg/m, by the imposed position
+
+
+cdef struct RobotSlopes:  # further derivatives by the imposed position
+    double stiffness, damping  # N/m^2, N s/m^2
+    double mass_bend  # kg/m^2, the second one
+
+
+cdef inline int robot_place(const RobotTable *table, double position, double direction) noexcept nogil:
+    """Interval that begins or goes on at `position` (m) in `direction`: -1 before the first break, n behind all.
+
+    A break that only rounding keeps `position` from counts as passed.
+    """
+    cdef int place = -1
+    cdef double near = 1e-9 * (table.breaks[table.intervals] - table.breaks[0])
+    position += copysign(near, direction)
+    while place < table.intervals and table.breaks[place + 1] < position:
+        place += 1
+    return place
+
+
+cdef inline (double, double) robot_bounds(const RobotTable *table, int place) noexcept nogil:
+    """Imposed positions (m) between which interval `place` lies."""
+    return (
+        table.breaks[place] if place >= 0 else -INFINITY,
+        table.breaks[place + 1] if place < table.intervals else INFINITY,
+    )
+
+
+cdef inline double table_offset(const RobotTable *table, int place, double position, int *interval) noexcept nogil:
+    """What the polynomials of an interval are to be taken at, m, and which interval; beyond the ends nothing changes."""
+    cdef int i = min(max(place, 0), <int> table.intervals - 1)
+    interval[0] = i
+    if place == i:
+        return position - table.breaks[i]
+    return 0.0 if place < 0 else table.breaks[i + 1] - table.breaks[i]
+
+
+cdef inline RobotNow robot_within(const RobotTable *table, int place, double position) noexcept nogil:
+    """The parameters at an imposed `position` (m) by the polynomials of interval `place`."""
+    cdef RobotNow robot
+    cdef int i
+    cdef double u = table_offset(table, place, position, &i)
+    cdef const double *m = table.coefficients + 12 * i
+    cdef const double *k = m + 4
+    cdef const double *c = m + 8
+    robot.mass = ((m[3] * u + m[2]) * u + m[1]) * u + m[0]
+    robot.stiffness = ((k[3] * u + k[2]) * u + k[1]) * u + k[0]
+    robot.damping = ((c[3] * u + c[2]) * u + c[1]) * u + c[0]
+    robot.mass_slope = (3.0 * m[3] * u + 2.0 * m[2]) * u + m[1] if place == i else 0.0
+    return robot
+
+
+cdef RobotSlopes robot_slopes(const RobotTable *table, int place, double position) noexcept nogil:
+    """Further derivatives of the parameters there."""
+    cdef RobotSlopes slopes = RobotSlopes(0.0, 0.0, 0.0)
+    cdef int i
+    cdef double u = table_offset(table, place, position, &i)
+    cdef const double *m = table.coefficients + 12 * i
+    cdef const double *k = m + 4
+    cdef const double *c = m + 8
+    if place == i:
+        slopes.stiffness = (3.0 * k[3] * u + 2.0 * k[2]) * u + k[1]
+        slopes.damping = (3.0 * c[3] * u + 2.0 * c[2]) * u + c[1]
+        slopes.mass_bend = 6.0 * m[3] * u + 2.0 * m[2]
+    return slopes
+
+
+cdef inline RobotNow robot_at(const RobotTable *table, double position) noexcept nogil:
+    """The parameters at an imposed `position` (m)."""
+    return robot_within(table, robot_place(table, position, 1.0), position)

@@ -1,0 +1,169 @@
+"""The loop that hands over: a command to the flange becomes a ramp and a hold, each a run of flights and contacts."""
+
+cdef double GRAZE = 1e-12  # m/s, approach velocity of a touch at rest: from exactly zero the scaled equations never start
+
+
+cdef void forget(Memory *memory, double step) noexcept nogil:
+    """Begin a contact or a flight with a first trial `step`."""
+    memset(memory, 0, sizeof(Memory))
+    memory.step, memory.method, memory.patience = step, EXPLICIT, UNWATCHED
+
+
+cdef void reset_chain(Chain *chain, double distance) noexcept nogil:
+    """Put `chain` at rest at t = 0, the object `distance` (m) ahead, nothing having happened yet."""
+    memset(chain, 0, sizeof(Chain))
+    chain.penetration = -distance
+    chain.pressed = FRONT  # if there is a mechanism
+    chain.side = 1
+    chain.first_contact = chain.detection = INFINITY
+    forget(&chain.memory, FIRST_FLIGHT)
+
+
+cdef void begin_contact(const Run *run, Chain *chain) noexcept nogil:
+    """Open a contact at the state of `chain`: fresh approach velocity, empty budget."""
+    cdef double mass = run.object_mass
+    chain.touching = chain.holding = 1
+    chain.penetration = 0.0
+    chain.penetration_rate = max(chain.penetration_rate, GRAZE)
+    if run.law.kind != RIGID:  # else the flange is imposed, as if infinitely heavy
+        mass = parallel(moving_mass(run, chain.flange_position), mass)
+    chain.units = natural_units(&run.contact, mass, chain.penetration_rate)
+    chain.start = chain.time
+    chain.approach_velocity = chain.penetration_rate
+    chain.start_tool_velocity = tool_velocity(chain)
+    chain.start_object_velocity = object_velocity(chain)
+    chain.start_deflection = chain.deflection
+    chain.start_flange_position = chain.flange_position
+    chain.impulse = chain.deflection_integral = chain.pull_impulse = chain.joined = 0.0
+    chain.contact_peak_force = 0.0
+    forget(&chain.memory, FIRST_STEP)
+    chain.contacts += 1
+    chain.first_contact = min(chain.first_contact, chain.time)
+
+
+cdef double sensed_force(const Run *run, const Chain *chain) noexcept nogil:
+    """Contact force now, N."""
+    cdef double root
+    if not chain.touching or not chain.holding:
+        return 0.0
+    root = sqrt(max(chain.penetration, 0.0) / chain.units.length)
+    return chain.units.force * max(contact_force(&run.contact, root, chain.penetration_rate / chain.units.velocity), 0.0)
+
+
+cdef int command(Run *run, Chain *chain, double target, double acceleration, double until) noexcept nogil:
+    """Take the flange to velocity `target` (m/s) at `acceleration` (m/s^2) and hold it, until time `until` (s).
+
+    Comes back earlier, with DETECTED, when the contact force first exceeds the threshold.
+    """
+    cdef double change, ramp, end
+    cdef bint ramp_ends
+    cdef int status
+    while chain.time < until:
+        change = target - chain.flange_velocity
+        ramp = copysign(acceleration, change) if change != 0.0 else 0.0
+        end = chain.time + fabs(change) / acceleration
+        ramp_ends = change != 0.0 and end <= until
+        status = advance(run, chain, ramp, end if ramp_ends else until)
+        if status != ARRIVED:
+            return status
+        if ramp_ends:
+            round_off(run.law, chain, target)
+    return ARRIVED
+
+
+cdef int advance(Run *run, Chain *chain, double acceleration, double until) noexcept nogil:
+    """Advance through flights and contacts under one constant acceleration of the flange."""
+    cdef double end
+    cdef int status = ARRIVED
+    while chain.time < until:
+        end = smooth_until(run, chain, acceleration, until)
+        if not chain.touching:
+            if run.law.kind == INTEGRATED and status != SWITCHED:
+                trace(run, chain, chain, acceleration, 0.0)
+            status = fly(run, chain, acceleration, end)
+        else:
+            status = integrate(run, chain, acceleration, end, False)
+        if status == TOUCHED:
+            begin_contact(run, chain)
+            trace(run, chain, chain, acceleration, 0.0)
+            if run.threshold == 0.0 and isinf(chain.detection):
+                chain.detection = chain.time
+                return DETECTED
+        elif status == PARTED:
+            close_contact(run, chain, chain.time)
+            chain.touching = 0
+            forget(&chain.memory, FIRST_FLIGHT)
+        elif status != ARRIVED and status != SWITCHED:
+            return status
+    return ARRIVED
+
+
+cdef int fly(Run *run, Chain *chain, double acceleration, double until) noexcept nogil:
+    """Fly to the first touch (TOUCHED) or to time `until` (s, ARRIVED): exactly, or integrated without a closed form."""
+    cdef double touch, left = until - chain.time
+    if run.law.kind == INTEGRATED:
+        return integrate(run, chain, acceleration, until, True)
+    touch = touch_time(run.law, chain, acceleration, left)
+    trace_flight(run, chain, acceleration, min(touch, left))
+    drift(run.law, chain, acceleration, min(touch, left))
+    if touch <= left:
+        return TOUCHED
+    chain.time = until
+    trace(run, chain, chain, acceleration, 0.0)
+    return ARRIVED
+
+
+cdef struct Approach:  # the paper's rule, and what it meets
+    Law law
+    Contact contact
+    double object_mass  # kg
+    double distance  # m
+    double speed  # m/s
+    double acceleration  # m/s^2
+    double threshold  # N, inf without a brake
+    double delay  # s
+    double deceleration  # m/s^2
+    double duration  # s
+    double frame  # m/s, of the room: flange, tool and object have this velocity from the start
+
+
+cdef void approach(Run *run, Chain *chain, const Approach *plan) noexcept nogil:
+    """Run `chain` from rest: trapezoid, contact alarm, brake; a contact unfinished then is entered with an end of nan."""
+    cdef double speed = plan.speed, acceleration = plan.acceleration, brake_at = INFINITY
+    cdef int status = ARRIVED
+    reset_chain(chain, plan.distance)
+    chain.flange_velocity = plan.frame
+    while chain.time < plan.duration:
+        status = command(run, chain, plan.frame + speed, acceleration, min(brake_at, plan.duration))
+        if status == DETECTED:
+            brake_at = chain.detection + plan.delay
+        elif status != ARRIVED:
+            break
+        if chain.time >= brake_at:
+            speed, acceleration, brake_at = 0.0, plan.deceleration, INFINITY
+        status = ARRIVED
+    if chain.touching:
+        close_contact(run, chain, NAN)
+    if status == ARRIVED and not isfinite(chain.penetration_rate + chain.deflection_rate):
+        status = NOT_FINITE
+    chain.status = status
+
+
+cpdef double separation_velocity(double damping, double stiffness_exponent, double damping_exponent) noexcept:
+    """Velocity of separation over that of approach of an isolated contact u'' = -u^m - d u^n u', by integration."""
+    cdef Law law
+    cdef Work work
+    cdef Run run
+    cdef Chain chain
+    memset(&law, 0, sizeof(law))
+    memset(&run, 0, sizeof(run))
+    law.kind = RIGID
+    run.law, run.work = &law, &work
+    run.contact = contact_of(1.0, damping, stiffness_exponent, damping_exponent)
+    run.object_mass, run.threshold, run.tolerance, run.max_steps = 1.0, INFINITY, 1e-13, 1000000
+    reset_chain(&chain, 0.0)
+    chain.flange_velocity = chain.penetration_rate = 1.0
+    begin_contact(&run, &chain)
+    while integrate(&run, &chain, 0.0, 1e300, False) == SWITCHED:
+        pass
+    return -chain.penetration_rate

@@ -1,0 +1,105 @@
+"""What an INTEGRATED chain can still do and has done: frequencies, energy, reach, momentum."""
+
+
+cdef inline double coupling_energy(const Law *law, double stretch) noexcept nogil:
+    """Energy of the coupling, J."""
+    if law.bistable:
+        return mechanism_energy(&law.mechanism, stretch)
+    return 0.5 * law.stiffness * stretch * stretch
+
+
+cdef inline double coupling_reach(const Law *law, double stretch, double kinetic) noexcept nogil:
+    """A bound on the stretch to come, m, with so much `kinetic` energy (J) to feed it."""
+    if law.bistable:
+        return mechanism_reach(&law.mechanism, stretch, kinetic)
+    return sqrt(stretch * stretch + 2.0 * kinetic / law.stiffness)
+
+
+cdef inline double moving_mass(const Run *run, double position) noexcept nogil:
+    """Mass that touches the object, kg: the tool's, and the robot's if they are one."""
+    cdef RobotTable table
+    if run.law.kind != INTEGRATED or run.law.coupled:
+        return run.law.tool_mass
+    table = robot_table(run)
+    return run.law.tool_mass + robot_at(&table, position).mass
+
+
+cdef double highest_frequency(const Run *run, double position) noexcept nogil:
+    """A bound on the angular frequencies but for the stops, rad/s."""
+    cdef const Law *law = run.law
+    cdef RobotTable table = robot_table(run)
+    cdef double square = law.stiffest if law.intervals else 0.0, k = law.stiffness
+    if law.coupled:
+        if law.bistable:
+            k = stiffness_bound(&law.mechanism)
+        square += k / law.tool_mass
+        if law.intervals:
+            square += k / robot_at(&table, position).mass
+    return sqrt(square)
+
+
+cdef Units flight_units(const Run *run, const Chain *chain, double acceleration) noexcept nogil:
+    """Natural units of a flight: the chain's fastest motion, and the largest velocity at hand."""
+    cdef Units units
+    units.time = 1.0 / highest_frequency(run, chain.flange_position)
+    units.velocity = max(fabs(chain.penetration_rate - chain.deflection_rate), fabs(chain.flange_velocity))
+    units.velocity = max(units.velocity, max(fabs(chain.deflection_rate), fabs(chain.flange_offset_rate)))
+    units.velocity = max(units.velocity, max(fabs(acceleration) * units.time, APPROACH_VELOCITY_FLOOR))
+    units.length = units.velocity * units.time
+    units.force = units.velocity / units.time
+    return units
+
+
+cdef enum:
+    TABLE = 2  # factor by which a robot's parameters, changing within an interval, may feed the swing: they vary slowly
+
+
+cdef double longest_blind_step(const Piece *now, const double *x, double longest, double shortest) noexcept nogil:
+    """A step of a flight between `shortest` and `longest` (scaled) in which tool and object cannot touch.
+
+    From the imposed motion, the tool is at most as fast as the energy E of the swing allows, of which the acceleration
+    a feeds it at most |a| sqrt(2 E m) per second: sqrt(E) grows by at most |a| sqrt(m / 2) t. `shortest` is returned
+    where nothing is known.
+    """
+    cdef const Law *law = now.law
+    cdef Swing at = swing(now, x[TIME], x[DEFLECTION], x[DEFLECTION_RATE], x[OFFSET], x[OFFSET_RATE])
+    cdef double touching = law.tool_mass, mass = law.tool_mass, energy, floor = 0.0, barrier = INFINITY
+    cdef double closing = (x[RATE] - x[DEFLECTION_RATE]) * now.units.velocity, gap = -x[ROOT] * now.units.length
+    cdef double span, fed, h = longest
+    if now.robot.intervals:
+        mass += at.robot.mass
+    if law.coupled:
+        energy = coupling_energy(law, at.y - at.q) + 0.5 * law.tool_mass * at.y_dot * at.y_dot
+        if now.robot.intervals:
+            energy += 0.5 * (at.robot.mass * at.q_dot * at.q_dot + at.robot.stiffness * at.q * at.q)
+        if law.bistable:
+            floor, barrier = mechanism_floor(&law.mechanism, now.side)
+    else:
+        touching = mass
+        energy = 0.5 * (mass * at.y_dot * at.y_dot + at.robot.stiffness * at.y * at.y)
+    while h > shortest:
+        span = h * now.units.time
+        fed = sqrt(TABLE * max(energy - floor, 0.0)) + fabs(now.acceleration) * sqrt(0.5 * mass) * span
+        if floor + fed * fed >= barrier:  # and then there is more to gain on the other side
+            fed = sqrt(TABLE * energy) + fabs(now.acceleration) * sqrt(0.5 * mass) * span
+        if span * (closing + fabs(now.acceleration) * span + fed * sqrt(2.0 / touching)) < gap:
+            return h
+        h *= 0.5
+    return shortest
+
+
+cdef double integrated_reach(const Run *run, const Chain *chain) noexcept nogil:
+    """Largest deflection to come, m, while the imposed motion rests and there is no contact."""
+    cdef const Law *law = run.law
+    cdef RobotTable table = robot_table(run)
+    cdef RobotNow robot
+    cdef double stretch = chain.deflection - chain.flange_offset
+    cdef double outside = 0.5 * law.tool_mass * chain.deflection_rate * chain.deflection_rate
+    if not law.intervals:
+        return coupling_reach(law, stretch, outside)
+    robot = robot_at(&table, chain.flange_position)
+    if not law.coupled:
+        return hypot(chain.deflection, chain.deflection_rate * sqrt((robot.mass + law.tool_mass) / robot.stiffness))
+    outside += 0.5 * robot.mass * chain.flange_offset_rate * chain.flange_offset_rate
+    outside += 0.5 * robot.stiffness * chain.flange_offset * chain.flange_offset
+    return coupling_reach(law, stretch, outside) + sqrt(2.0 * (outside + coupling_energy(law, stretch)) / robot.stiffness)

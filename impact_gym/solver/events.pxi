@@ -1,0 +1,311 @@
+"""What can happen within a smooth piece. Each event is a row: a value, negative until it happens, and its slope.
+
+A step is searched once it is good: what has happened at its end, and what has come and gone within it, shows by the
+rows at both ends. Where in the step is found on the integrator's polynomial; then one step is taken that ends there.
+"""
+
+cdef enum:
+    CLOCK  # the time is up
+    SEPARATION  # the root z passes zero; it does not come back, dt = z ds runs backwards there
+    CLAMP  # the force would become a pull, or no longer would
+    FORCE  # it exceeds the threshold; where it is largest is recorded
+    FRONT_STOP  # a stop begins to push, or lets go
+    REAR_STOP
+    ALIGNMENT  # the slider passes it
+    TOUCH  # a flight ends
+    ROWS
+    NOTHING = -1
+    SHORTER = -2  # nothing to land on yet: try a shorter step
+
+cdef double SHORTEST_STEP = 1e-10
+# Of a step that starts on an event and ends beyond it; below this it is taken to happen at once.
+
+
+cdef struct Sight:
+    double[ROWS] value
+    double[ROWS] height, slope  # what is smooth and the same wherever the row is largest, and d/ds, in flight d/dt
+
+
+cdef void look(const Piece *now, const double *x, const double *rate, Sight *sight) noexcept nogil:
+    """Fill the rows that this piece has."""
+    cdef double z = x[ROOT], w = x[RATE]
+    if now.law.bistable:
+        look_at_slider(now, x, rate, sight)
+    if now.flying:
+        sight.value[TOUCH] = sight.height[TOUCH] = z
+        sight.slope[TOUCH] = rate[ROOT]
+        return
+    sight.value[CLOCK], sight.slope[CLOCK] = x[TIME] - now.horizon, rate[TIME]
+    sight.value[SEPARATION], sight.slope[SEPARATION] = -z, -rate[ROOT]
+    sight.value[CLAMP], sight.slope[CLAMP] = contact_grip(now.grip, z, w, rate[RATE])
+    sight.height[FORCE] = sight.slope[FORCE] = 0.0
+    if now.contact.held != 0.0:
+        sight.value[CLAMP], sight.slope[CLAMP] = -sight.value[CLAMP], -sight.slope[CLAMP]
+        sight.height[FORCE], sight.slope[FORCE] = force_along(&now.contact, z, w, rate[RATE])
+        if z == 0.0 and rises_at_onset(now.grip):  # where the slope may vanish
+            sight.slope[FORCE] = 1e-300
+    sight.height[CLAMP] = sight.value[CLAMP]
+    sight.value[FORCE] = sight.height[FORCE] - now.threshold
+
+
+cdef void look_at_slider(const Piece *now, const double *x, const double *rate, Sight *sight) noexcept nogil:
+    """Fill the rows of a mechanism."""
+    cdef const Mechanism *law = &now.law.mechanism
+    cdef double pace = rate[TIME], per_s = pace * now.units.time
+    cdef double stretch = (x[DEFLECTION] - x[OFFSET]) * now.units.length
+    cdef double speed = (x[DEFLECTION_RATE] - x[OFFSET_RATE]) * now.units.velocity
+    cdef double acceleration = 0.0
+    if pace > 0.0:
+        acceleration = (rate[DEFLECTION_RATE] - rate[OFFSET_RATE]) * now.units.velocity / per_s
+    sight.value[FRONT_STOP], sight.height[FRONT_STOP], sight.slope[FRONT_STOP] = stop_switch(
+        law, FRONT, now.pressed, stretch, speed, acceleration
+    )
+    sight.value[REAR_STOP], sight.height[REAR_STOP], sight.slope[REAR_STOP] = stop_switch(
+        law, REAR, now.pressed, stretch, speed, acceleration
+    )
+    sight.value[ALIGNMENT], sight.slope[ALIGNMENT] = -now.side * (law.rest + stretch), -now.side * speed
+    sight.height[ALIGNMENT] = sight.value[ALIGNMENT]
+    sight.slope[FRONT_STOP] *= per_s
+    sight.slope[REAR_STOP] *= per_s
+    sight.slope[ALIGNMENT] *= per_s
+
+
+cdef struct Finding:
+    int event  # the first, or NOTHING, or SHORTER
+    double share  # of the step: where it is, or how much shorter
+    double within  # share at which it has surely happened
+    double peak  # largest force inside the step, over F0
+    double peak_at  # and where, from the start of the step
+
+
+cdef Finding search(
+    const Piece *now, Work *work, double h, const Sight *start, const Sight *end, bint unfelt
+) noexcept nogil:
+    """Return what happens first in the step of `h` just tried, from `start` to `end`."""
+    cdef Finding found = Finding(NOTHING, 1.0, 1.0, 0.0, 0.0)
+    cdef int row
+    cdef double high, share, reached
+    cdef Sight summit
+    for row in range(FRONT_STOP if now.flying else CLOCK, ROWS if now.flying else TOUCH):
+        if FRONT_STOP <= row <= ALIGNMENT and not now.law.bistable:
+            continue
+        high, reached = 1.0, end.value[row]
+        if (row == FORCE or (row >= CLAMP and reached <= 0.0)) and comes_back(row, h, start, end):
+            share = climb(now, work, h, row, start, end, &summit)
+            if row == FORCE:
+                found.peak, found.peak_at = summit.height[FORCE], share * h
+            if reached <= 0.0:
+                high, reached = share, summit.value[row]
+        if not reached > 0.0 or (row == FORCE and not unfelt):
+            continue
+        if row >= CLAMP and h > SHORTEST_STEP and start.value[row] > -1e-9 * reached:
+            if FRONT_STOP <= row <= ALIGNMENT or start.slope[row] <= 0.0:
+                return Finding(SHORTER, 0.5, 1.0, 0.0, 0.0)  # it starts on the event: shorter steps show which zero it is
+        if row == CLOCK:
+            share = clock_share(now, work, h)
+        else:
+            share = crossing_share(now, work, h, row, start, end, high)
+        if found.event == NOTHING or share < found.share:
+            found.event, found.share, found.within = row, share, high
+    if found.event == NOTHING and now.flying:
+        share = bend_share(work, h)
+        if share < 1.0:
+            return Finding(SHORTER, share, 1.0, 0.0, 0.0)
+    return found
+
+
+cdef int before_landing(const Piece *now, const Sight *end, int landed, bint unfelt) noexcept nogil:
+    """Return what else has happened in a step that ends on an event, or NOTHING.
+
+    Behind a separation time runs backwards, and what happened shortly before it may look as if it had not.
+    """
+    cdef int row
+    for row in range(FRONT_STOP if now.flying else CLOCK, ROWS if now.flying else TOUCH):
+        if FRONT_STOP <= row <= ALIGNMENT and not now.law.bistable:
+            continue
+        if row != landed and end.value[row] > 0.0 and (unfelt or row != FORCE):
+            return row
+    return NOTHING
+
+
+cdef double extremum(double start, double start_slope, double end, double end_slope) noexcept nogil:
+    """Place in (0, 1) where the cubic with these values and slopes, of opposite signs, at 0 and 1 turns."""
+    cdef double a = 3.0 * (end - start) - 2.0 * start_slope - end_slope, b = start_slope + end_slope - 2.0 * (end - start)
+    cdef double root = sqrt(max(a * a - 3.0 * b * start_slope, 0.0))
+    cdef double first = -start_slope / (a + root), second = -start_slope / (a - root)
+    return first if 0.0 < first < 1.0 else second if 0.0 < second < 1.0 else 0.5
+
+
+cdef double on_cubic(double t, double start, double start_slope, double end, double end_slope) noexcept nogil:
+    """Value at t of the cubic with these values and slopes at 0 and 1."""
+    return start + t * (
+        start_slope + t * (3.0 * (end - start) - 2.0 * start_slope - end_slope
+        + t * (start_slope + end_slope - 2.0 * (end - start)))
+    )
+
+
+cdef bint comes_back(int row, double h, const Sight *start, const Sight *end) noexcept nogil:
+    """Whether a row rises and falls within a step, and not clearly below zero all the while."""
+    cdef double v0 = start.height[row], v1 = end.height[row], s0 = h * start.slope[row], s1 = h * end.slope[row], top
+    if not s0 > 0.0 > s1:
+        return False
+    if row == FORCE:
+        return True
+    top = on_cubic(extremum(v0, s0, v1, s1), v0, s0, v1, s1)
+    return top + 0.1 * (top - max(v0, v1)) > 0.0  # the cubic is not that far off
+
+
+cdef double climb(
+    const Piece *now, Work *work, double h, int row, const Sight *start, const Sight *end, Sight *summit
+) noexcept nogil:
+    """Find where in the step a row that rises and falls is largest, and what is to be seen there.
+
+    Secants through the slope, held inside the bracket (Illinois): on the polynomial to a millionth of the step, which
+    its height hardly feels; then by steps, of which the first nearly always shows that there is no more to gain.
+    """
+    cdef double low = 0.0, high = 1.0, low_slope = start.slope[row], high_slope = end.slope[row], before, gain
+    cdef double share = extremum(start.height[row], h * low_slope, end.height[row], h * high_slope)
+    cdef int side = 0
+    cdef bint exactly = work.method == STIFF
+    for _ in range(60):
+        if exactly:
+            probe_exactly(now, work, h, share)
+        else:
+            probe(now, work, h, share)
+        look(now, work.probe, work.probe_rate, summit)
+        before = share
+        if summit.slope[row] < 0.0:
+            high, high_slope = share, summit.slope[row]
+            low_slope *= 0.5 if side > 0 else 1.0
+            side = 1
+        else:
+            low, low_slope = share, summit.slope[row]
+            high_slope *= 0.5 if side < 0 else 1.0
+            side = -1
+        share = (low * high_slope - high * low_slope) / (high_slope - low_slope)
+        if not low < share < high:
+            share = 0.5 * (low + high)
+        gain = fabs(h * summit.slope[row] * (share - before))
+        if exactly and gain <= now.tolerance * fabs(summit.height[row]):
+            return before
+        if not exactly and fabs(share - before) <= 1e-6:
+            exactly = True
+            low, low_slope, high, high_slope, side = 0.0, start.slope[row], 1.0, end.slope[row], 0
+    return before
+
+
+cdef double cubic_zero(double start, double start_slope, double end, double end_slope) noexcept nogil:
+    """Guess the zero in (0, 1) of the cubic with these values, of opposite signs, and slopes at 0 and 1."""
+    cdef double f, tangent, a = 3.0 * (end - start) - 2.0 * start_slope - end_slope
+    cdef double b = start_slope + end_slope - 2.0 * (end - start), t = start / (start - end)
+    for _ in range(4):
+        f = start + t * (start_slope + t * (a + t * b))
+        tangent = start_slope + t * (2.0 * a + 3.0 * t * b)
+        if tangent == 0.0:
+            break
+        t -= f / tangent
+    return t
+
+
+cdef double crossing_share(
+    const Piece *now, Work *work, double h, int row, const Sight *start, const Sight *end, double high
+) noexcept nogil:
+    """Find where a row, negative at the start and positive at `high`, passes zero, to a share of 1e-9.
+
+    Newton's method on the polynomial through the step, held inside the bracket by bisection.
+    """
+    cdef double low = 0.0, share = 0.5 * high, value, move
+    cdef Sight sight
+    if start.value[row] >= 0.0:  # by rounding
+        return 0.0
+    if high == 1.0:
+        share = cubic_zero(start.value[row], h * start.slope[row], end.value[row], h * end.slope[row])
+    for _ in range(60):
+        if not low < share < high:
+            share = 0.5 * (low + high)
+        probe(now, work, h, share)
+        look(now, work.probe, work.probe_rate, &sight)
+        value = sight.value[row]
+        move = -value / (h * sight.slope[row])
+        if fabs(move) <= 1e-9:
+            return min(max(share + move, 0.0), high)
+        if value > 0.0:
+            high = share
+        else:
+            low = share
+        share += move
+        if high - low <= 1e-12:
+            break
+    return high
+
+
+cdef double clock_share(const Piece *now, const Work *work, double h) noexcept nogil:
+    """Guess where the time is up: on the polynomial of order 7 that has time, its rate z and the next two at both ends.
+
+    The step that ends there shows how good it is; it mostly is to 1e-9.
+    """
+    cdef double v0 = h * work.x[ROOT], a0 = 0.25 * h * h * work.x[RATE], j0 = h * h * h / 12.0 * work.rate[RATE]
+    cdef double v1 = h * work.trial[ROOT], a1 = 0.25 * h * h * work.trial[RATE], j1 = h * h * h / 12.0 * work.trial_rate[RATE]
+    cdef double way = work.trial[TIME] - work.x[TIME], left = now.horizon - work.x[TIME]
+    # what the cubic Taylor polynomial at the start leaves of value, slope and the next two at the end
+    cdef double p = way - v0 - a0 - j0, q = v1 - v0 - 2.0 * a0 - 3.0 * j0
+    cdef double r = a1 - a0 - 3.0 * j0, t = j1 - j0
+    cdef double c4 = 35.0 * p - 15.0 * q + 5.0 * r - t, c5 = -84.0 * p + 39.0 * q - 14.0 * r + 3.0 * t
+    cdef double c6 = 70.0 * p - 34.0 * q + 13.0 * r - 3.0 * t, c7 = -20.0 * p + 10.0 * q - 4.0 * r + t
+    cdef double share = left / way, value, slope
+    for _ in range(8):
+        value = share * (v0 + share * (a0 + share * (j0 + share * (c4 + share * (c5 + share * (c6 + share * c7))))))
+        slope = v0 + share * (2.0 * a0 + share * (3.0 * j0 + share * (
+            4.0 * c4 + share * (5.0 * c5 + share * (6.0 * c6 + share * 7.0 * c7))
+        )))
+        value = (left - value) / slope
+        share = min(max(share + value, 0.0), 1.0)
+        if fabs(value) <= 1e-12:
+            break
+    return share
+
+
+cdef double bend_share(const Work *work, double h) noexcept nogil:
+    """A share of a step of flight, the gap opening at both ends, at which it may be closing; 1 if there is none.
+
+    A step that ends there shows it. Between its ends the gap bends once at the most, see `solver/flight.pxi`.
+    """
+    cdef double w0 = work.x[RATE], w1 = work.trial[RATE], bend0 = h * work.rate[RATE], bend1 = h * work.trial_rate[RATE]
+    cdef double share
+    if w0 > 0.0 or w1 > 0.0 or not bend0 > 0.0 > bend1 or w0 + bend0 <= 0.0:
+        return 1.0
+    share = extremum(w0, bend0, w1, bend1)
+    return share if share < 0.999 and on_cubic(share, w0, bend0, w1, bend1) > 0.0 else 1.0
+
+
+cdef double land(const Piece *now, Work *work, const Finding *found, double tried, double *error) noexcept nogil:
+    """Take a step that ends on an event found in the one of `tried` length; return its length, and its error.
+
+    Newton's method on the step length itself, every iterate a full step of the integrator: what is found is a zero of
+    the computed motion, not of a polynomial. From a ten-millionth of the step on, a straight line does the rest.
+    """
+    cdef double h = found.share * tried, low = 0.0, high = found.within * tried, off
+    cdef int row = found.event
+    cdef Sight sight
+    cdef int i
+    error[0] = 0.0
+    if h == 0.0:
+        memcpy(work.trial, work.x, sizeof(work.x))
+        memcpy(work.trial_rate, work.rate, sizeof(work.x))
+        return 0.0
+    for _ in range(60):
+        error[0] = attempt(now, work, h)
+        look(now, work.trial, work.trial_rate, &sight)
+        off = -sight.value[row] / sight.slope[row]
+        if fabs(off) <= 1e-7 * h:
+            for i in range(now.width):
+                work.trial[i] += off * work.trial_rate[i]
+            return h + off
+        if sight.value[row] > 0.0:
+            high = h
+        else:
+            low = h
+        if high - low <= 1e-14 * tried:
+            return h
+        h = h + off if low < h + off < high else 0.5 * (low + high)
+    return h

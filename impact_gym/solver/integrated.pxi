@@ -1,0 +1,174 @@
+"""Equations of motion of the chain without a closed form: a coupling on a compliant robot, a mechanism, or both.
+
+Its parts are data: a tool behind a spring and damper or behind a mechanism, on a rigid robot or on one with a table of
+parameters; or a tool that is one mass with such a robot. It is integrated in flight as in contact. Forces are computed
+in SI units and scaled at the border. Further places of its state: the impulse of what pulls the tool, the momentum of
+the mass that has joined it, the offset of the flange from the imposed motion and its rate.
+"""
+
+
+cdef struct IntegratedRates:
+    double z, w, t, p, y, v, s, j, q, r
+
+
+cdef struct Swing:  # the chain seen from the imposed motion, SI units
+    double x_r, v_r  # m, m/s, of the imposed motion
+    double y, y_dot, q, q_dot  # deflection and flange offset
+    RobotNow robot
+
+
+cdef struct Motion:  # scaled accelerations, and the forces behind them
+    double tool, flange  # of tool and flange from the imposed motion
+    double gap  # of the tool from the object
+    double pull  # N, on the tool of what holds it
+    double joined  # N, momentum per second of the mass that joins the moving part
+
+
+cdef inline Swing swing(const Piece *now, double t, double y, double v, double q, double r) noexcept nogil:
+    """The chain at a scaled state."""
+    cdef Swing at
+    cdef double elapsed = t * now.units.time
+    at.x_r = now.position + elapsed * (now.velocity + 0.5 * now.acceleration * elapsed)
+    at.v_r = now.velocity + now.acceleration * elapsed
+    at.y, at.y_dot = y * now.units.length, v * now.units.velocity
+    at.q, at.q_dot = q * now.units.length, r * now.units.velocity
+    if now.robot.intervals:
+        at.robot = robot_within(&now.robot, now.place, at.x_r)
+    return at
+
+
+cdef inline double coupling_pull(const Piece *now, double stretch, double stretch_rate) noexcept nogil:
+    """Force of the coupling on the tool, N (paper, right side of eq. 17, or eq. 23)."""
+    if now.law.bistable:
+        return mechanism_pull(&now.law.mechanism, now.pressed, stretch, stretch_rate)
+    return -now.law.stiffness * stretch - now.law.damping * stretch_rate
+
+
+cdef inline Motion motion(const Piece *now, const Swing *at, double push) noexcept nogil:
+    """What happens under a contact force `push` (N; paper, eq. 8, 16 and 17)."""
+    cdef Motion move
+    cdef const RobotNow *robot = &at.robot
+    cdef double flange_rate
+    move.flange = move.joined = 0.0
+    if not now.law.coupled:
+        move.pull = -robot.stiffness * at.y - robot.damping * at.y_dot
+        move.gap = (move.pull - push) * now.per_acceleration / (robot.mass + now.law.tool_mass)
+        move.joined = robot.mass_slope * at.v_r * (at.v_r + at.y_dot)
+    else:
+        move.pull = coupling_pull(now, at.y - at.q, at.y_dot - at.q_dot)
+        move.gap = (move.pull - push) * now.tool_rate
+        if now.robot.intervals:
+            flange_rate = now.per_acceleration / robot.mass  # while the pull is not yet known
+            move.flange = (-robot.stiffness * at.q - robot.damping * at.q_dot - move.pull) * flange_rate - now.push
+    move.tool = move.gap - now.push
+    move.gap -= push * now.object_rate
+    return move
+
+
+cdef inline IntegratedRates integrated_rates(
+    const Piece *now, double z, double w, double t, double y, double v, double q, double r
+) noexcept nogil:
+    """d/ds of the scaled state; in flight d/dt."""
+    cdef IntegratedRates rates
+    cdef Swing at = swing(now, t, y, v, q, r)
+    cdef double pace = 1.0 if now.flying else z
+    cdef double force = 0.0 if now.flying else contact_force(&now.contact, z, w)
+    cdef Motion move = motion(now, &at, force * now.units.force)
+    rates.z = w if now.flying else 0.5 * w
+    rates.w = pace * move.gap
+    rates.t = pace
+    rates.p = pace * force
+    rates.y = pace * v
+    rates.v = pace * move.tool
+    rates.s = pace * move.pull * now.per_force
+    rates.j = pace * move.joined * now.per_force
+    rates.q = pace * r
+    rates.r = pace * move.flange
+    return rates
+
+
+cdef struct Gradient:  # derivatives of one entry of `Motion`
+    double y, y_dot  # by the deflection, per m, and its rate, s/m
+    double q, q_dot  # by the flange offset and its rate
+    double time  # per s
+
+
+cdef inline Gradient pull_gradient(const Piece *now, const Swing *at) noexcept nogil:
+    """Derivatives of what pulls the tool."""
+    cdef double k, c
+    cdef RobotSlopes slopes
+    if not now.law.coupled:
+        slopes = robot_slopes(&now.robot, now.place, at.x_r)
+        return Gradient(
+            -at.robot.stiffness, -at.robot.damping, 0.0, 0.0,
+            -(slopes.stiffness * at.y + slopes.damping * at.y_dot) * at.v_r,
+        )
+    k, c = now.law.stiffness, now.law.damping
+    if now.law.bistable:
+        k = -bistable_slope(&now.law.mechanism, now.law.mechanism.rest + at.y - at.q)
+        c = 0.0
+        if now.pressed != FREE:
+            k, c = k + now.law.mechanism.stop_stiffness, now.law.mechanism.stop_damping
+    return Gradient(-k, -c, k, c, 0.0)
+
+
+cdef inline Gradient flange_gradient(const Piece *now, const Swing *at, const Gradient *pull, double T) noexcept nogil:
+    """Derivatives of the force on a flange of its own over its mass, given those of the pull T (N) it bears."""
+    cdef const RobotNow *robot = &at.robot
+    cdef RobotSlopes slopes = robot_slopes(&now.robot, now.place, at.x_r)
+    cdef double m = robot.mass, force = -robot.stiffness * at.q - robot.damping * at.q_dot - T
+    cdef double change = -slopes.stiffness * at.q - slopes.damping * at.q_dot - force * robot.mass_slope / m
+    return Gradient(
+        -pull.y / m, -pull.y_dot / m, -(pull.q + robot.stiffness) / m, -(pull.q_dot + robot.damping) / m,
+        change * at.v_r / m,
+    )
+
+
+cdef inline void gradient_row(const Piece *now, const Gradient *part, double scale, double *row) noexcept nogil:
+    """Write a row but for the columns of z and w; `scale` is the scaled rate for one unit of what `part` is of."""
+    row[DEFLECTION] = scale * part.y * now.units.length
+    row[DEFLECTION_RATE] = scale * part.y_dot * now.units.velocity
+    row[OFFSET] = scale * part.q * now.units.length
+    row[OFFSET_RATE] = scale * part.q_dot * now.units.velocity
+    row[TIME] = scale * part.time * now.units.time
+
+
+cdef void integrated_jacobian(const Piece *now, const double *x, double[WIDTH] *J) noexcept nogil:
+    """Write d(rates)/d(state), all else being zero."""
+    cdef Swing at = swing(now, x[TIME], x[DEFLECTION], x[DEFLECTION_RATE], x[OFFSET], x[OFFSET_RATE])
+    cdef double z = x[ROOT], pace = 1.0 if now.flying else z, push = 0.0, tool_rate = now.tool_rate, f_z, f_w
+    cdef Motion move
+    cdef Gradient pull = pull_gradient(now, &at), tool = pull, flange, joined
+    cdef const RobotNow *robot = &at.robot
+    if not now.flying:
+        push = contact_force(&now.contact, z, x[RATE]) * now.units.force
+    move = motion(now, &at, push)
+    if not now.law.coupled:
+        tool_rate = now.per_acceleration / (robot.mass + now.law.tool_mass)
+        tool.time -= (move.pull - push) * robot.mass_slope * at.v_r / (robot.mass + now.law.tool_mass)
+        joined = Gradient(0.0, robot.mass_slope * at.v_r, 0.0, 0.0, 0.0)
+        joined.time = robot_slopes(&now.robot, now.place, at.x_r).mass_bend * at.v_r * at.v_r * (at.v_r + at.y_dot)
+        joined.time += robot.mass_slope * now.acceleration * (2.0 * at.v_r + at.y_dot)
+        gradient_row(now, &joined, pace * now.per_force, J[JOINED])
+    elif now.robot.intervals:
+        flange = flange_gradient(now, &at, &pull, move.pull)
+        gradient_row(now, &flange, pace * now.per_acceleration, J[OFFSET_RATE])
+    gradient_row(now, &tool, pace * tool_rate, J[RATE])
+    gradient_row(now, &tool, pace * tool_rate, J[DEFLECTION_RATE])
+    gradient_row(now, &pull, pace * now.per_force, J[PULL_IMPULSE])
+    J[DEFLECTION][DEFLECTION_RATE] = J[OFFSET][OFFSET_RATE] = pace
+    if now.flying:
+        J[ROOT][RATE] = 1.0
+        return
+    contact_rows(now, x, J)
+    f_z, f_w = contact_gradient(&now.contact, z, x[RATE])
+    f_z, f_w = z * f_z * now.units.force, z * f_w * now.units.force
+    J[RATE][ROOT] = move.gap - (tool_rate + now.object_rate) * f_z
+    J[RATE][RATE] = -(tool_rate + now.object_rate) * f_w
+    J[DEFLECTION][ROOT] = x[DEFLECTION_RATE]
+    J[DEFLECTION_RATE][ROOT] = move.tool - tool_rate * f_z
+    J[DEFLECTION_RATE][RATE] = -tool_rate * f_w
+    J[PULL_IMPULSE][ROOT] = move.pull * now.per_force
+    J[JOINED][ROOT] = move.joined * now.per_force
+    J[OFFSET][ROOT] = x[OFFSET_RATE]
+    J[OFFSET_RATE][ROOT] = move.flange

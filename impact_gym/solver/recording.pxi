@@ -1,0 +1,58 @@
+"""Writing down what happens: finished contacts and the trace. Rows that do not fit are counted, not written."""
+
+
+cdef void close_contact(const Run *run, Chain *chain, double end) noexcept nogil:
+    """Enter the contact under way into the totals of `chain` and the contact log; `end` (s) is nan if unfinished."""
+    cdef double impulse = coupling_impulse(run.law, chain)
+    cdef double given = run.object_mass * (object_velocity(chain) - chain.start_object_velocity)
+    cdef double residual = tool_momentum(run, chain) + given - impulse  # what the paper's eq. 20 leaves over
+    cdef double error = fabs(residual) / chain.impulse if chain.impulse > 0.0 else 0.0
+    chain.momentum_error = max(chain.momentum_error, error)
+    chain.coupling_impulse += impulse
+    if chain.logged < run.recorder.contact_rows:
+        run.recorder.contacts[chain.logged] = ContactRow(
+            chain.start,
+            end,
+            chain.approach_velocity,
+            -chain.penetration_rate,
+            chain.contact_peak_force,
+            chain.impulse,
+            object_velocity(chain),
+            impulse,
+            error,
+        )
+    chain.logged += 1
+
+
+cdef void trace(const Run *run, Chain *counter, const Chain *chain, double acceleration, double push) noexcept nogil:
+    """Append the state of `chain` under a contact force `push` (N) to the trace; `counter` knows how long it is."""
+    cdef TraceRow *row
+    if run.recorder.trace_rows == 0:
+        return
+    if counter.traced < run.recorder.trace_rows:
+        row = &run.recorder.trace[counter.traced]
+        row.time = chain.time
+        row.flange_position = chain.flange_position + chain.flange_offset
+        row.flange_velocity = chain.flange_velocity + chain.flange_offset_rate
+        row.tool_position = chain.flange_position + chain.deflection
+        row.tool_velocity = tool_velocity(chain)
+        row.object_position = row.tool_position - chain.penetration
+        row.object_velocity = object_velocity(chain)
+        row.contact_force = push
+        row.coupling_force = coupling_force(run, chain, acceleration, push)
+        row.command_position = chain.flange_position
+        row.command_velocity = chain.flange_velocity
+    counter.traced += 1
+
+
+cdef void trace_flight(const Run *run, Chain *chain, double acceleration, double duration) noexcept nogil:
+    """Trace the `duration` (s) of closed-form flight ahead of `chain`, a point every `interval` at least."""
+    cdef Chain ghost
+    cdef int64_t point, points
+    if run.recorder.trace_rows == 0:
+        return
+    points = <int64_t> ceil(duration / run.recorder.interval)
+    for point in range(points):
+        ghost = chain[0]
+        drift(run.law, &ghost, acceleration, duration * point / points)
+        trace(run, chain, &ghost, acceleration, 0.0)

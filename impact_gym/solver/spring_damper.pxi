@@ -1,0 +1,188 @@
+"""A tool behind a spring and damper: flight in closed form, the first touch isolated between extrema of the gap."""
+
+
+cdef struct SpringRates:
+    double z, w, t, p, y, v, q
+
+
+cdef inline SpringRates spring_rates(const Piece *now, double z, double w, double y, double v) noexcept nogil:
+    """d/ds of z, w, time, impulse, deflection, its rate and its integral (paper, eq. 17-18)."""
+    cdef SpringRates rates
+    cdef double pull = z * (now.pull_y * y + now.pull_y_dot * v)
+    rates.p = impulse_rate(&now.contact, z, w)
+    rates.z = 0.5 * w
+    rates.w = pull - rates.p
+    rates.t = z
+    rates.y = z * v
+    rates.v = (pull - z * now.push) - now.tool_share * rates.p
+    rates.q = z * y
+    return rates
+
+
+cdef void spring_jacobian(const Piece *now, const double *x, double[WIDTH] *J) noexcept nogil:
+    """Write d(rates)/d(state), all else being zero."""
+    cdef double z = x[ROOT], y = x[DEFLECTION], v = x[DEFLECTION_RATE]
+    cdef double pull = now.pull_y * y + now.pull_y_dot * v
+    contact_rows(now, x, J)
+    J[RATE][ROOT] = pull - J[IMPULSE][ROOT]
+    J[RATE][RATE] = -J[IMPULSE][RATE]
+    J[DEFLECTION_RATE][ROOT] = pull - now.push - now.tool_share * J[IMPULSE][ROOT]
+    J[DEFLECTION_RATE][RATE] = -now.tool_share * J[IMPULSE][RATE]
+    J[RATE][DEFLECTION] = J[DEFLECTION_RATE][DEFLECTION] = z * now.pull_y
+    J[RATE][DEFLECTION_RATE] = J[DEFLECTION_RATE][DEFLECTION_RATE] = z * now.pull_y_dot
+    J[DEFLECTION][ROOT] = v
+    J[DEFLECTION][DEFLECTION_RATE] = z
+    J[DEFLECTION_INTEGRAL][ROOT] = y
+    J[DEFLECTION_INTEGRAL][DEFLECTION] = z
+
+
+cdef void spring_drift(const Law *law, Chain *chain, double acceleration, double time) noexcept nogil:
+    """Move `chain` through `time` (s) of flight, exactly."""
+    cdef double z, z_dot, rest = -acceleration / (law.frequency * law.frequency)
+    cdef double object_speed = tool_velocity(chain) - chain.penetration_rate
+    cdef double travel = time * (chain.flange_velocity + 0.5 * acceleration * time)
+    z, z_dot = free_decay(law.frequency, law.damping_ratio, chain.deflection - rest, chain.deflection_rate, time)
+    chain.penetration += travel + (z + rest - chain.deflection) - object_speed * time
+    chain.deflection = z + rest
+    chain.deflection_rate = z_dot
+    chain.flange_position += travel
+    chain.flange_velocity += acceleration * time
+    chain.penetration_rate = chain.flange_velocity + z_dot - object_speed
+    chain.time += time
+
+
+cdef struct Glide:  # the gap as a function of time: penetration = start + z(t) - z(0) + closing t + a t^2 / 2
+    double frequency  # rad/s
+    double damping_ratio
+    double position, velocity  # m, m/s: z(0) = y + a / omega^2, z'(0)
+    double start  # m, penetration at t = 0, not positive
+    double closing  # m/s, flange velocity less object velocity
+    double acceleration  # m/s^2, of the flange
+
+
+cdef struct Gap:
+    double[5] order  # penetration (m) and its first four derivatives
+
+
+cdef Gap gap_at(const Glide *glide, double time) noexcept nogil:
+    """The penetration at `time` and its derivatives."""
+    cdef double z, w2 = glide.frequency * glide.frequency, c = 2.0 * glide.damping_ratio * glide.frequency
+    cdef Gap gap
+    z, gap.order[1] = free_decay(glide.frequency, glide.damping_ratio, glide.position, glide.velocity, time)
+    gap.order[2] = -w2 * z - c * gap.order[1]
+    gap.order[3] = -w2 * gap.order[1] - c * gap.order[2]
+    gap.order[4] = -w2 * gap.order[2] - c * gap.order[3]
+    gap.order[0] = glide.start + (z - glide.position) + time * (glide.closing + 0.5 * glide.acceleration * time)
+    gap.order[1] += glide.closing + glide.acceleration * time
+    gap.order[2] += glide.acceleration
+    return gap
+
+
+cdef double monotone_zero(const Glide *glide, int order, double low, double high) noexcept nogil:
+    """Zero of derivative `order` between `low` and `high`, where it is monotone and changes sign, to rounding.
+
+    Newton's method, held inside the bracket by bisection.
+    """
+    cdef Gap gap = gap_at(glide, high)
+    cdef bint rising = gap.order[order] > 0.0
+    cdef double following, time = 0.5 * (low + high)
+    for _ in range(100):
+        gap = gap_at(glide, time)
+        if (gap.order[order] > 0.0) == rising:
+            high = time
+        else:
+            low = time
+        following = time - gap.order[order] / gap.order[order + 1] if gap.order[order + 1] != 0.0 else low
+        if not low < following < high:
+            following = 0.5 * (low + high)
+        if fabs(following - time) <= 4e-16 * high:
+            return following
+        time = following
+    return time
+
+
+cdef double inflection_time(const Glide *glide, double after) noexcept nogil:
+    """First zero after `after` of the third derivative of the gap, itself a free decay; inf if there is none."""
+    cdef Gap gap = gap_at(glide, after)
+    cdef double w = glide.frequency, zeta = glide.damping_ratio, p = gap.order[3]
+    cdef double slope = gap.order[4] + zeta * w * p, square = (1.0 - zeta) * (1.0 + zeta) * w * w
+    cdef double damped, phase, ratio, split
+    if square > 0.0:
+        damped = sqrt(square)
+        phase = atan2(-p * damped, slope)
+        while phase <= 1e-9:
+            phase += M_PI
+        return after + phase / damped
+    if slope == 0.0:
+        return INFINITY
+    ratio = -p / slope
+    if ratio * w <= 1e-9:  # behind, or the zero that `after` stands on: there is no other
+        return INFINITY
+    if square == 0.0:
+        return after + ratio
+    split = sqrt(-square)
+    return after + atanh(ratio * split) / split if ratio * split < 1.0 else INFINITY
+
+
+cdef double within_reach(const Glide *glide, double now) noexcept nogil:
+    """First time from `now` on at which a bound allows a touch, inf if it never does.
+
+    The free part loses energy, so it stays below r / omega with r^2 = z'^2 + omega^2 z^2: the gap cannot close before
+    a tool that swings out so far at once would close it.
+    """
+    cdef double gap, swing, closed, z = glide.position, z_dot = glide.velocity
+    if now > 0.0:
+        z, z_dot = free_decay(glide.frequency, glide.damping_ratio, z, z_dot, now)
+    closed = glide.start + (z - glide.position) + now * (glide.closing + 0.5 * glide.acceleration * now)
+    swing = sqrt((z_dot / glide.frequency) ** 2 + z * z) - z
+    gap = -closed - swing
+    if gap <= 0.0:
+        return now
+    return now + gap_closes(gap, glide.closing + glide.acceleration * now, glide.acceleration)
+
+
+cdef double spring_touch(const Law *law, const Chain *chain, double acceleration, double horizon) noexcept nogil:
+    """Time (s) until tool and object touch, inf if not within `horizon`; no touch is stepped over.
+
+    Between two zeros of its third derivative the gap has at most one inflection, so at most two extrema, so at most
+    three monotone pieces: each is tested by its ends.
+    """
+    cdef Glide glide
+    cdef double low, high, middle, touch
+    glide.frequency, glide.damping_ratio = law.frequency, law.damping_ratio
+    glide.position = chain.deflection + acceleration / (law.frequency * law.frequency)
+    glide.velocity = chain.deflection_rate
+    glide.start = min(chain.penetration, 0.0)
+    glide.closing = chain.penetration_rate - chain.deflection_rate
+    glide.acceleration = acceleration
+    low = within_reach(&glide, 0.0)
+    while low < horizon:
+        high = min(inflection_time(&glide, low), horizon)
+        middle = high
+        if (gap_at(&glide, low).order[2] > 0.0) != (gap_at(&glide, high).order[2] > 0.0):
+            middle = monotone_zero(&glide, 2, low, high)
+        touch = touch_in_bend(&glide, low, middle)
+        if touch == INFINITY:
+            touch = touch_in_bend(&glide, middle, high)
+        if touch < INFINITY:
+            return touch
+        low = within_reach(&glide, high)
+    return INFINITY
+
+
+cdef double touch_in_bend(const Glide *glide, double begin, double end) noexcept nogil:
+    """First touch between `begin` and `end`, where the gap bends one way only; inf if there is none."""
+    cdef double left, right, extremum = end
+    cdef int half
+    if begin >= end:
+        return INFINITY
+    if (gap_at(glide, begin).order[1] > 0.0) != (gap_at(glide, end).order[1] > 0.0):
+        extremum = monotone_zero(glide, 1, begin, end)
+    for half in range(2):
+        left = begin if half == 0 else extremum
+        right = extremum if half == 0 else end
+        if not left < right or gap_at(glide, 0.5 * (left + right)).order[1] <= 0.0:
+            continue  # opening: what looks like a touch after a contact has just ended is rounding
+        if gap_at(glide, right).order[0] > 0.0:
+            return left if gap_at(glide, left).order[0] >= 0.0 else monotone_zero(glide, 0, left, right)
+    return INFINITY

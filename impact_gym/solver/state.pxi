@@ -1,0 +1,150 @@
+"""The records that the kernels work on: what does not change in a run, the row that does, and scratch.
+
+Those that Python reads and writes are NumPy records of the same names and layout, see `kernels.pyx`.
+"""
+
+cpdef enum:
+    RIGID, SPRING, INTEGRATED  # chains: the tool imposed, on one spring and damper, and all that has no closed form
+
+cpdef enum:
+    ARRIVED = 0  # at the time asked for
+    DETECTED = 1  # the contact force has just exceeded the threshold for the first time
+    TOUCHED = 2  # a contact begins
+    PARTED = 3  # the contact has ended
+    SWITCHED = 4  # the equations of motion change: a stop, the alignment, or a force that would be a pull
+    STEP_LIMIT = -1  # more integration steps than allowed
+    NOT_FINITE = -2  # a state became inf or nan
+
+
+cdef struct Law:  # what holds the tool
+    int64_t kind  # of chain
+    double tool_mass  # kg; of a RIGID or SPRING chain all that moves with the tool
+    double frequency  # rad/s, omega of a SPRING chain
+    double damping_ratio  # -, zeta of a SPRING chain
+    int64_t coupled  # of an INTEGRATED chain: 1 if a coupling is between tool and flange, 0 if they are one mass
+    int64_t bistable  # 1 if that coupling is a mechanism, 0 if a spring and damper, or if there is none
+    double stiffness  # N/m, of the spring and damper
+    double damping  # N s/m, likewise
+    Mechanism mechanism
+    int64_t table  # where the robot's table begins among the numbers of all tables
+    int64_t intervals  # of that table; 0 if the robot is rigid
+    double stiffest  # 1/s^2, see `RobotTable`
+
+
+cdef struct Memory:  # what the integrator knows of a contact, or of a flight, from the steps before
+    double step  # next trial step
+    int64_t method  # of the next step: EXPLICIT or STIFF
+    int64_t seen  # attempts by this method; by the explicit one those near the border of its stability count once more
+    int64_t patience  # attempts of the explicit pair that are not looked at
+    int64_t rejected  # 1 if the last attempt was
+    double log_before  # of the error of the last good one
+
+
+cdef struct Chain:  # a row: where everything is, and what has happened
+    double time  # s
+    double flange_position  # m, of the imposed motion: where the flange is if the robot is rigid
+    double flange_velocity  # m/s, likewise
+    double deflection  # m, tool minus imposed motion
+    double deflection_rate  # m/s
+    double penetration  # m, tool minus object face: the gap is its negative
+    double penetration_rate  # m/s
+    double flange_offset  # m, flange minus imposed motion; 0 but for a flange of its own behind a coupling
+    double flange_offset_rate  # m/s
+    int64_t pressed  # which stop of a mechanism pushes: 1 front, -1 rear, 0 none
+    int64_t side  # of the alignment the slider of a mechanism is on, 1 in front
+
+    # the contact under way
+    int64_t touching  # 0 or 1
+    int64_t holding  # 0 while the surfaces part faster than they recover
+    Units units
+    double start  # s
+    double approach_velocity  # m/s
+    double start_tool_velocity  # m/s
+    double start_object_velocity  # m/s
+    double start_deflection  # m
+    double start_flange_position  # m
+    double impulse  # N s, on the object
+    double deflection_integral  # m s
+    double pull_impulse  # N s, of the coupling on the tool, where no closed form gives it
+    double joined  # N s, momentum of the mass that has joined the moving part
+    double contact_peak_force  # N
+    Memory memory
+
+    # what has happened so far
+    int64_t contacts
+    double first_contact  # s, inf if none yet
+    double detection  # s, inf if none yet
+    double peak_force  # N
+    double coupling_impulse  # N s, over the finished contacts (paper, eq. 21)
+    double momentum_error  # -, largest over the finished contacts (paper, eq. 20)
+    int64_t steps  # integration steps, rejected ones included
+    int64_t logged  # rows of the contact log, those that did not fit included
+    int64_t traced  # rows of the trace, likewise
+    int64_t snaps  # passages of the slider through the alignment, likewise
+    int64_t status  # how a whole approach ended
+
+
+cdef struct ContactRow:
+    double start, end  # s; nan if unfinished
+    double approach_velocity, separation_velocity  # m/s
+    double peak_force  # N
+    double impulse  # N s, on the object
+    double object_velocity  # m/s, at the end
+    double coupling_impulse  # N s, on the tool (paper, eq. 21)
+    double momentum_error  # -, residual of the paper's eq. 20 over the impulse
+
+
+cdef struct TraceRow:
+    double time  # s
+    double flange_position, flange_velocity  # m, m/s
+    double tool_position, tool_velocity
+    double object_position, object_velocity
+    double contact_force, coupling_force  # N, on the object and on the tool
+    double command_position, command_velocity  # of the imposed motion
+
+
+cdef struct Recorder:  # where contacts and trace are written; no rows record nothing
+    ContactRow *contacts
+    TraceRow *trace
+    double *snaps  # s, times at which a slider passes its alignment
+    int64_t contact_rows, trace_rows, snap_rows
+    double interval  # s, between two points of a trace in flight
+
+
+cdef enum:
+    WIDTH = 10  # places of the longest scaled state
+    KEPT = 8  # stages of a step that are kept: the rates of stages 5 to 11 for dense output, or all of a stiff step
+
+
+cdef struct Work:  # scratch of the integrator
+    double[WIDTH] x, rate  # the state a step starts from
+    double[WIDTH] trial, trial_rate  # the state it tries
+    double[WIDTH] probe, probe_rate  # a state within it
+    double[WIDTH] late  # the last stage but one
+    double[KEPT][WIDTH] stage
+    double[7][WIDTH] dense  # polynomial through the step
+    bint dense_known
+    double[WIDTH][WIDTH] matrix
+    int method  # of the step under way
+    Memory memory
+
+
+cdef struct Run:  # what stays as it is while a chain moves
+    const Law *law
+    const double *tables  # numbers of all robots' tables
+    Contact contact
+    double object_mass  # kg
+    double threshold  # N, of the contact alarm; inf if there is none
+    double tolerance  # -, local error of a step in its own scales
+    int64_t max_steps
+    Recorder recorder
+    Work *work
+
+
+cdef inline RobotTable robot_table(const Run *run) noexcept nogil:
+    """The robot's table: breaks, then coefficients."""
+    cdef RobotTable table
+    table.intervals = run.law.intervals
+    table.breaks = run.tables + run.law.table
+    table.coefficients = table.breaks + table.intervals + 1
+    return table

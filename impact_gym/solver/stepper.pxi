@@ -1,0 +1,127 @@
+"""One step of the integrator: the explicit pair DOP853, or the L-stable one where that is held back by stiffness.
+
+The explicit pair knows that it is by the estimate of Hairer's code: the rates of its last two stages, which stand at
+the same time, differ by about lambda times their states. Near the border of its stability, h lambda about 6, its error
+estimate keeps it there however smooth the motion is. Attempts near it that repeat, good or not, hand over to the
+L-stable pair. From time to time that lets the explicit one try its step: if it can, it goes on. Whoever hands over in
+vain, as swings that only look stiff make it, is more patient the next time.
+"""
+
+cdef enum:
+    EXPLICIT, STIFF
+    UNWATCHED = 25  # attempts that are not looked at: most smooth pieces have no more
+    REPEATED = 10  # attempts near the border that hand over
+    TRY = 10  # stiff steps after which the explicit pair tries the next
+    IN_VAIN = 2  # tries within which a return shows that it was for nothing
+    MOST = 16 * UNWATCHED
+
+cdef double NEAR = 3.5  # of h lambda; kept at the border of 6, good attempts and bad ones alternate between 4 and 7
+
+
+cdef double attempt(const Piece *now, Work *work, double h) noexcept nogil:
+    """Try a step of `h` from `work.x` into `work.trial`; return its estimated error over what is allowed."""
+    work.dense_known = False
+    if work.method == EXPLICIT:
+        return explicit_step(now, work, h)
+    return stiff_step(now, work, h)
+
+
+cdef double judge(const Piece *now, Work *work, double h, double *error) noexcept nogil:
+    """Return the factor on the step after an attempt of `h` with an estimated `error`, which above 1 is rejected.
+
+    Decides, too, by which method the next step goes.
+    """
+    cdef Memory *memory = &work.memory
+    memory.seen += 1
+    if work.method != memory.method:  # the explicit pair tries: one step may look good however unstable it is
+        if error[0] > 1.0 or h * apparent_eigenvalue(now, work) > NEAR:
+            memory.seen, error[0] = 0, 2.0
+            return 1.0
+        memory.patience = min(4 * memory.patience, MOST) if memory.seen <= IN_VAIN * TRY else UNWATCHED
+        memory.method, memory.seen = EXPLICIT, 0
+    elif work.method == EXPLICIT and memory.seen > memory.patience:
+        if h * apparent_eigenvalue(now, work) <= NEAR:
+            memory.seen -= 1
+        if memory.seen > memory.patience + REPEATED:
+            memory.method, memory.seen = STIFF, 0
+    return step_factor(work, error[0])
+
+
+cdef int method_now(const Memory *memory) noexcept nogil:
+    """Method of the step ahead: now and then the explicit pair may try."""
+    if memory.method == STIFF and memory.seen > 0 and memory.seen % TRY == 0:
+        return EXPLICIT
+    return <int> memory.method
+
+
+cdef double step_factor(Work *work, double error) noexcept nogil:
+    """Factor on the step by the order of the method.
+
+    Of the explicit pair with Hairer's stabilisation: the error before this one counts too, and a step that follows a
+    rejected one does not grow. That leaves one attempt in eight rejected, where without it is one in four.
+    """
+    cdef float factor, log_error  # a step needs no more digits
+    cdef Memory *memory = &work.memory
+    if error == 0.0:
+        return 5.0
+    if work.method == STIFF:
+        return min(5.0, max(0.2, 0.9 * pow(error, -0.2)))
+    log_error = logf(<float> max(error, 1e-30))
+    if error > 1.0:
+        memory.rejected = 1
+        return max(0.2, 0.95 * expf(-0.125 * log_error))
+    factor = 0.95 * expf(<float> (0.04 * memory.log_before) - <float> 0.095 * log_error)
+    memory.log_before = max(log_error, <float> -9.0)
+    factor = min(factor, <float> (1.0 if memory.rejected else 5.0))
+    memory.rejected = 0
+    return max(<float> 0.2, factor)
+
+
+cdef void probe(const Piece *now, Work *work, double h, double share) noexcept nogil:
+    """Find the state and its rate at a share of the step of `h` just tried, on the polynomial if there is one."""
+    cdef int i
+    if work.method == STIFF:
+        probe_exactly(now, work, h, share)
+        return
+    lay_polynomial(now, work, h)
+    for i in range(now.width):
+        work.probe[i] = on_polynomial(work, i, share)[0]
+    rates(now, work.probe, work.probe_rate)
+
+
+cdef void probe_exactly(const Piece *now, Work *work, double h, double share) noexcept nogil:
+    """Find the same by a step of that length."""
+    cdef Work other
+    other.method = work.method
+    memcpy(other.x, work.x, sizeof(other.x))
+    memcpy(other.rate, work.rate, sizeof(other.x))
+    attempt(now, &other, share * h)
+    memcpy(work.probe, other.trial, sizeof(other.x))
+    memcpy(work.probe_rate, other.trial_rate, sizeof(other.x))
+
+
+cdef void lay_polynomial(const Piece *now, Work *work, double h) noexcept nogil:
+    """Lay the explicit pair's polynomial through the step just tried, unless it lies there."""
+    cdef double change
+    cdef int i
+    if work.dense_known:
+        return
+    dense_output(now, work, h)
+    for i in range(now.width):
+        change = work.trial[i] - work.x[i]
+        work.dense[0][i] = change
+        work.dense[1][i] = h * work.rate[i] - change
+        work.dense[2][i] = 2.0 * change - h * (work.rate[i] + work.trial_rate[i])
+    work.dense_known = True
+
+
+cdef inline (double, double) on_polynomial(const Work *work, int i, double share) noexcept nogil:
+    """Component `i` at a share of the step, on its polynomial (Hairer's CONTD8), and its derivative by the share."""
+    cdef double left = 1.0 - share, value = work.dense[6][i], slope = 0.0
+    cdef int k
+    for k in range(5, 0, -2):
+        slope = value + share * slope
+        value = work.dense[k][i] + share * value
+        slope = left * slope - value
+        value = work.dense[k - 1][i] + left * value
+    return work.x[i] + share * value, value + share * slope
