@@ -8,7 +8,7 @@ so z = y + a / omega^2 decays freely, and its motion is known over any span of t
 """
 
 
-cdef inline (double, double) decay_basis(double frequency, double damping_ratio, double time) noexcept nogil:
+cpdef (double, double) decay_basis(double frequency, double damping_ratio, double time) noexcept nogil:
     """exp(-zeta omega t) times cos(omega_d t) and sin(omega_d t) / omega_d, whatever the damping ratio.
 
     omega_d = omega sqrt(1 - zeta^2): imaginary above critical damping, where cosine and sine become hyperbolic; near
@@ -33,7 +33,7 @@ cdef inline (double, double) decay_basis(double frequency, double damping_ratio,
     return slow * (1.0 - 0.5 * lost), slow * lost / (2.0 * split)
 
 
-cdef inline (double, double) free_decay(
+cpdef (double, double) free_decay(
     double frequency, double damping_ratio, double position, double velocity, double time
 ) noexcept nogil:
     """z and z' after `time` (s) of z'' + 2 zeta omega z' + omega^2 z = 0 from `position` and `velocity`."""
