@@ -1,5 +1,9 @@
 """A tool approaches an object: how to move and brake so that it arrives soon and does not shoot the object away."""
 
+from impact_gym import sources
+
+sources.check()
+
 from impact_gym import envs
 from impact_gym.motion import Brake, Trapezoid
 from impact_gym.physics.dissipation import effective_restitution

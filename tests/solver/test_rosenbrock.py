@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from solver.pieces import SPRING_PIECE, STATES, piece, rates_of, state
+from pieces import SPRING_PIECE, STATES, piece, rates_of, state
 
 import impact_gym as ig
 from impact_gym.kernels import STIFF_TABLEAU, inverse_of, step_once

@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from solver.pieces import SPRING_PIECE, STATES, piece, rates_of
+from pieces import SPRING_PIECE, STATES, piece, rates_of
 from scipy.integrate import solve_ivp
 
 from impact_gym.kernels import step_once

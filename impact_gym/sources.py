@@ -1,0 +1,27 @@
+"""Whether the compiled solver is there, and is what its sources say: one that outlives a change of them would lie."""
+
+import hashlib
+from importlib.util import find_spec
+from pathlib import Path
+
+HERE = Path(__file__).parent
+REMEDY = "compile it with `make setup`, or `python setup.py build_ext --inplace` in the project's folder"
+
+
+def digest() -> str:
+    """Return a digest of the sources of `impact_gym.kernels`, empty where a wheel left them out."""
+    files = sorted((*HERE.glob("*.pyx"), *HERE.glob("*/*.pxi")))
+    content = hashlib.sha256()
+    for file in files:
+        content.update(file.read_bytes())
+    return content.hexdigest()[:16] if files else ""
+
+
+def check() -> None:
+    """Raise ImportError if the solver is not compiled, or was from other sources than those beside it."""
+    if find_spec("impact_gym.kernels") is None:
+        raise ImportError(f"impact_gym: the solver is not compiled; {REMEDY}")
+    from impact_gym.kernels import COMPILED_FROM
+
+    if digest() not in ("", COMPILED_FROM):
+        raise ImportError(f"impact_gym: the sources of the solver have changed since it was compiled; {REMEDY}")
