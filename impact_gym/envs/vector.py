@@ -182,5 +182,5 @@ def masked(info: dict[str, Any], mask: Flags) -> dict[str, Any]:
     result: dict[str, Any] = {}
     for name, value in info.items():
         result[name] = masked(value, mask) if isinstance(value, dict) else value
-        result[f"_{name}"] = mask
+        result[f"_{name}"] = mask.copy()
     return result

@@ -22,7 +22,7 @@ from agents.networks import to_arrays
 from agents.policy import load_policy
 from agents.settings import as_json
 
-HERE = Path(__file__).parent
+HERE = Path(__file__).parents[1]
 
 
 def listed(log, count=6, **more):

@@ -15,7 +15,7 @@ from agents.jobs import gather, gather_all, ray_cluster, sources
 from agents.jobs.evaluations import play
 from agents.jobs.store import Store
 
-HERE = Path(__file__).parent
+HERE = Path(__file__).parents[1]
 
 
 @pytest.fixture(scope="module")

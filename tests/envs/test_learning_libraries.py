@@ -23,7 +23,7 @@ ID = "ImpactApproach-v0"
 IDS = sorted(name for name in gym.registry if name.startswith("ImpactApproach"))
 OPTIONS = {"scenario": "hard", "time_weight": (0.5, 8.0), "reaction_delay": 0.03}
 SLOTS = 4
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 CONFIGURATION = ROOT / "docs" / "examples" / "rl_zoo3.yml"
 
 
