@@ -8,54 +8,17 @@ import math
 import numpy as np
 
 from experiments.speed_vs_error.scenes import Approach
-from impact_gym.kernel import kernel
-from impact_gym.lowering import chain_law, contact_law
-from impact_gym.physics.coupling import Law
-from impact_gym.simulation import MAX_STEPS, profile_of
-from impact_gym.solver import stepper
-from impact_gym.solver.advance import command, reset
-from impact_gym.solver.approach import Profile
-from impact_gym.solver.contact import ARRIVED, DETECTED
-from impact_gym.solver.recording import object_velocity
-from impact_gym.solver.state import CHAIN, LOCAL_SHARE, Array, Bodies, Recorder, Run, Tolerance, recorder
-
-
-@kernel
-def boosted(
-    law: Law,
-    bodies: Bodies,
-    chains: Array,
-    distance: float,
-    profile: Profile,
-    duration: float,
-    tolerance: Tolerance,
-    log: Recorder,
-    boost: float,
-) -> float:
-    """Return V_p (m/s) as `solver.approach` would find it, all velocities and targets raised by `boost` (m/s)."""
-    chain = chains[0]
-    run = Run(law, bodies, profile.threshold, tolerance, log, stepper.workspace(law))
-    reset(chain, distance)
-    chain.flange_velocity = boost
-    target, acceleration, brake_at = profile.speed + boost, profile.acceleration, math.inf
-    while chain.time < duration:
-        status = command(run, chain, target, acceleration, min(brake_at, duration))
-        if status == DETECTED:
-            brake_at = chain.detection + profile.delay
-        elif status != ARRIVED:
-            return math.nan
-        if chain.time >= brake_at:
-            target, acceleration, brake_at = boost, profile.deceleration, math.inf
-    return object_velocity(chain)
+from impact_gym.kernels import APPROACH, CHAIN, approach_rows
+from impact_gym.lowering import LOCAL_SHARE, approach_plan
+from impact_gym.simulation import MAX_STEPS, NOTHING_RECORDED
 
 
 def velocity_in_frame(approach: Approach, boost: float, rtol: float) -> float:
-    """V_p as someone at rest in the room finds it, m/s."""
-    scene = approach.scene
-    law = chain_law(scene.tool.mass, scene.coupling, scene.robot)
-    bodies = Bodies(scene.object.mass, contact_law(scene.contact))
-    profile, tolerance = profile_of(approach.motion), Tolerance(LOCAL_SHARE * rtol, MAX_STEPS)
-    found = boosted(
-        law, bodies, np.zeros(1, CHAIN), scene.object.distance, profile, approach.duration, tolerance, recorder(), boost
-    )
-    return float(found) - boost
+    """V_p as someone at rest in a room of velocity `boost` (m/s) finds it, m/s; nan if the run does not finish."""
+    plan, table = approach_plan(approach.scene, approach.motion, approach.duration)
+    plans, chains = np.array([plan], APPROACH), np.empty(1, CHAIN)
+    plans["frame"] = boost
+    approach_rows(plans, table, chains, 0, 1, LOCAL_SHARE * rtol, MAX_STEPS, NOTHING_RECORDED)
+    (end,) = chains
+    object_velocity = end["flange_velocity"] + end["deflection_rate"] - end["penetration_rate"]
+    return float(object_velocity) - boost if end["status"] >= 0 else math.nan

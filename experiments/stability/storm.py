@@ -28,7 +28,7 @@ LIMIT = 120.0  # s, without an answer: a hang
 AGAIN_OVER = 20.0  # ms; the better of two, so that loading a kernel does not count
 LONGEST_TRACE = 50_000  # steps, beyond which a trace would fill the memory
 FINER = 1e-10  # rtol of a second run
-SOURCES = ("solver", "physics", "lowering.py", "scene.py", "motion.py", "simulation.py", "kernel.py")
+SOURCES = ("solver", "physics", "lowering.py", "scene.py", "motion.py", "simulation.py", "kernels.pyx")
 
 
 @cache

@@ -41,9 +41,9 @@ cdef void begin_episode(Row *row, const Record *drawn) noexcept nogil:
     observe(row)
 
 
-cdef double decode(double action, Range physical, double resolution) noexcept nogil:
-    """Physical command of an action, clipped to [-1, 1], on a grid."""
-    cdef double value = physical.low + 0.5 * (min(1.0, max(-1.0, action)) + 1.0) * (physical.high - physical.low)
+cpdef double decode(double action, double low, double high, double resolution) noexcept nogil:
+    """Return the physical command of an action, clipped to [-1, 1], on a grid."""
+    cdef double value = low + 0.5 * (min(1.0, max(-1.0, action)) + 1.0) * (high - low)
     return rint(value / resolution) * resolution
 
 
@@ -127,8 +127,10 @@ cdef double play_step(Run *run, Row *row, double velocity_action, double acceler
     cdef const Task *task = row.task
     cdef Chain *chain = row.chain
     cdef Episode *episode = row.episode
-    cdef double velocity = decode(velocity_action, task.velocity, task.command_resolution)
-    cdef double acceleration = decode(acceleration_action, task.acceleration, task.command_resolution)
+    cdef double velocity = decode(velocity_action, task.velocity.low, task.velocity.high, task.command_resolution)
+    cdef double acceleration = decode(
+        acceleration_action, task.acceleration.low, task.acceleration.high, task.command_resolution
+    )
     cdef double begun = min(chain.time, chain.first_contact), alarm, until, time_cost
     alarm = drive(run, row, velocity, acceleration)
     if isinf(episode.alarm) and chain.time >= alarm:

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from policies import made_up_policy, observations
 
-import impact_gym as ig
 from agents import baselines, load_policy
 from agents.evaluation import TEST_SEED, VALIDATION_SEED, evaluate
+from impact_gym.envs import batch
 
 CONTROLLERS = [
     (baselines.PaperTrapezoid(), (1.0, 8.0), (0.0, 8.0)),
@@ -77,10 +77,10 @@ def test_every_controller_meets_the_same_scenarios_and_other_seeds_others():
     assert not np.isin(validation["distance"], sets[0]["distance"]).any()
 
 
-def test_a_solver_that_fails_is_reported_with_the_seed_of_the_scenario():
-    ringing = ig.Robot(mass=1.0, stiffness=1e15, damping=1e-3)  # for ever, at 5 MHz
+def test_a_solver_that_fails_is_reported_with_the_seed_of_the_scenario(monkeypatch):
+    monkeypatch.setattr(batch, "MAX_STEPS", 10)
     with pytest.raises(RuntimeError, match=f"scenario seeded {TEST_SEED}: .*more integration steps"):
-        evaluate(baselines.PaperTrapezoid(), TEST_SEED, 1, coupling=ig.SpringDamper(1e8), robot=ringing)
+        evaluate(baselines.PaperTrapezoid(), TEST_SEED, 1)
 
 
 def test_the_cost_of_an_episode_is_minus_its_return():

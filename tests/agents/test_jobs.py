@@ -22,7 +22,7 @@ from agents.networks import to_arrays
 from agents.policy import load_policy
 from agents.settings import as_json
 
-HERE = Path(__file__).parents[1]
+HERE = Path(__file__).parents[1] / "helpers"
 
 
 def listed(log, count=6, **more):
@@ -152,7 +152,7 @@ def descendants(pid):
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
 def test_what_a_killed_gathering_had_is_kept_and_no_process_is_left(tmp_path, how):
     log, results = tmp_path / "log", tmp_path / "results"
-    with subprocess.Popen(driver(tmp_path, log), cwd=HERE.parent, stderr=subprocess.PIPE) as running:
+    with subprocess.Popen(driver(tmp_path, log), cwd=HERE.parents[1], stderr=subprocess.PIPE) as running:
         while len(list(results.glob("[!.]*.npz"))) < 3:
             assert running.poll() is None, running.stderr.read()
             time.sleep(0.02)
@@ -167,7 +167,7 @@ def test_what_a_killed_gathering_had_is_kept_and_no_process_is_left(tmp_path, ho
     kept = len(list(results.glob("[!.]*.npz")))
     begun = len(calls(log))
     assert 3 <= kept < 12
-    subprocess.run(driver(tmp_path, log), cwd=HERE.parent, check=True, stderr=subprocess.DEVNULL)
+    subprocess.run(driver(tmp_path, log), cwd=HERE.parents[1], check=True, stderr=subprocess.DEVNULL)
     assert len(calls(log)) - begun == 12 - kept
     assert set(calls(log)) == set(range(12))
     assert len(list(results.glob("[!.]*.npz"))) == 12
@@ -194,7 +194,7 @@ def test_the_key_is_that_of_all_that_determines_the_result():
     others = [
         Job("cluster_work:fails_on", {"log": "x", "number": 1, "bad": []}),
         Job("cluster_work:numbers", {"log": "x", "number": 2}),
-        Job("cluster_work:numbers", {"log": "x", "number": 1}, depends=digest_of("impact_gym.kernel")),
+        Job("cluster_work:numbers", {"log": "x", "number": 1}, depends=digest_of("impact_gym.files")),
     ]
     assert len({job.key, *(other.key for other in others)}) == 4
     assert Job("cluster_work:numbers", {"number": 1, "log": "x"}).key == job.key

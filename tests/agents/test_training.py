@@ -200,7 +200,7 @@ def test_rewards_are_divided_by_a_power_of_one_plus_the_weight_of_their_episode(
     for envs in (plain, even):
         envs.seed(5)
         envs.reset()
-    weights = plain.envs.batch.episodes["time_weight"].copy()
+    weights = plain.envs.batch.episodes["drawn"]["time_weight"].copy()
     ended_once = 0
     for _ in range(120):
         actions = np.full((16, 2), 0.4, np.float32)
@@ -209,7 +209,7 @@ def test_rewards_are_divided_by_a_power_of_one_plus_the_weight_of_their_episode(
         assert scaled == pytest.approx(rewards / (1.0 + weights) ** power, rel=1e-5)
         for row in np.flatnonzero(ended):
             assert infos[row]["time_weight"] == weights[row]
-        weights = plain.envs.batch.episodes["time_weight"].copy()
+        weights = plain.envs.batch.episodes["drawn"]["time_weight"].copy()
         ended_once += ended.sum()
     assert ended_once > 30
 

@@ -11,8 +11,9 @@ from scipy import stats
 import impact_gym as ig
 from agents.baselines import ConstantSpeed, PaperTrapezoid, encode
 from experiments.reference import task as slow
-from impact_gym.envs.episode import decode
 from impact_gym.envs.scenario import FIELDS
+from impact_gym.envs.task import ACCELERATION_RANGE, COMMAND_RESOLUTION, VELOCITY_RANGE
+from impact_gym.kernels import decode
 
 INFO_KEYS = {
     "object_velocity", "approach_time", "peak_force", "contact_count", "missed", "time_weight", "reward_terms",
@@ -336,15 +337,17 @@ def test_the_named_sets_are_the_documented_ones():
 
 
 def test_float32_actions_command_the_papers_rule_exactly_and_every_round_number_to_rounding():
-    go = encode(1.0, 8.0)
-    assert go.dtype == np.float32
-    assert (decode(float(go[0]), -0.5, 1.5), decode(float(go[1]), 1.0, 20.0)) == (1.0, 8.0)
-    assert decode(float(encode(0.0, 8.0)[0]), -0.5, 1.5) == 0.0
+    def commanded(action):
+        ranges = zip(action.astype(float), (VELOCITY_RANGE, ACCELERATION_RANGE), strict=True)
+        return tuple(decode(share, *limits, COMMAND_RESOLUTION) for share, limits in ranges)
+
+    assert encode(1.0, 8.0).dtype == np.float32
+    assert commanded(encode(1.0, 8.0)) == (1.0, 8.0)
+    assert commanded(encode(0.0, 8.0)) == (0.0, 8.0)
     for velocity in np.arange(-50, 151) / 100:
         for acceleration in (1.0, 8.0 + velocity, 20.0):
-            action = encode(velocity, acceleration).astype(float)
-            assert decode(action[0], -0.5, 1.5) == pytest.approx(velocity, rel=1e-15, abs=1e-300)
-            assert decode(action[1], 1.0, 20.0) == pytest.approx(acceleration, rel=1e-15)
+            found = commanded(encode(velocity, acceleration))
+            assert found == pytest.approx((velocity, acceleration), rel=1e-15, abs=1e-300)
 
 
 def test_an_action_means_the_same_as_float32_float64_or_list():
