@@ -10,17 +10,14 @@ from dataclasses import dataclass
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
-
-import numba
 
 import impact_gym
 from impact_gym.envs import doctor as measure
 from impact_gym.envs.doctor import LEARN_ENVS, Rate
 
-PACKAGES = ("numpy", "scipy", "numba", "gymnasium")
+PACKAGES = ("numpy", "scipy", "gymnasium")
 EXTRAS = ("torch", "stable-baselines3", "sb3-contrib", "pygame", "mujoco")
-THREAD_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
+THREAD_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 SIZES = (64, 256, 1024, 4096, 16384)  # environments in a batch
 QUICK_SIZES = (64, 1024)
 NEAR_BEST = 0.9  # share of the best rate that is good enough
@@ -35,22 +32,19 @@ class Machine:
     usable: float  # cores that this process may use: affinity and the limit of its control group
     memory: float  # GiB free
     load: float  # mean number of processes that wanted a core in the last minute
-    compiled: bool  # False under NUMBA_DISABLE_JIT
-    optimised: bool  # False if numba or Python are told or built not to be
+    debug: bool  # Python was built for debugging
     packages: frozenset[str]  # extras that are there
 
     @classmethod
     def here(cls) -> "Machine":
         """Return what this process runs on."""
         cores = os.cpu_count() or 1
-        config: Any = numba.config
         return cls(
             cores=cores,
             usable=min(len(os.sched_getaffinity(0)), group_limit(), cores),
             memory=free_memory(),
             load=os.getloadavg()[0],
-            compiled=not config.DISABLE_JIT,
-            optimised=int(config.OPT) >= 3 and not hasattr(sys, "gettotalrefcount"),
+            debug=hasattr(sys, "gettotalrefcount"),
             packages=frozenset(name for name in EXTRAS if installed(name)),
         )
 
@@ -92,12 +86,8 @@ def enough(batches: Sequence[Rate]) -> Rate:
 def warnings(machine: Machine) -> list[str]:
     """Return what is wrong with this machine or with how Python runs on it."""
     found = []
-    if not machine.compiled:
-        found.append(
-            "NUMBA_DISABLE_JIT is set: the environment works compiled only, so nothing was measured. Unset it."
-        )
-    if not machine.optimised:
-        found.append("numba or Python is a debug build or told not to optimise (NUMBA_OPT): the rates are too low.")
+    if machine.debug:
+        found.append("Python is a debug build: the rates are too low.")
     if machine.memory < LITTLE_MEMORY:
         found.append(f"{machine.memory:.1f} GiB of memory are free; training wants {LITTLE_MEMORY:g} GiB.")
     if machine.load > 0.5 * machine.usable:
@@ -167,29 +157,13 @@ def examine(machine: Machine, seconds: float, sizes: Sequence[int], learn_envs: 
     ours = [("python", platform.python_version()), ("impact-gym", impact_gym.__version__)]
     print(table("versions", [*ours, *found]))
     print(table("machine", _machine_rows(machine)))
-    told = []
-    if machine.compiled:
-        print(table("a fresh process", _starts()))
-        told = _rates(machine, seconds, sizes, learn_envs)
+    progress("starting a fresh process")
+    start = measure.first_start()
+    rows = [("import", f"{start.importing:.2f} s"), ("make to first step", f"{start.making:.2f} s")]
+    print(table("a fresh process", rows))
+    told = _rates(machine, seconds, sizes, learn_envs)
     print(listed("warnings", warnings(machine)))
     print(listed("advice", [*told, *_missing(machine)]))
-
-
-def _starts() -> list[tuple[str, ...]]:
-    progress("starting a fresh process")
-    starts = [measure.first_start()]
-    if starts[0].compiled:
-        progress("and another, which finds the kernels in the cache")
-        starts.append(measure.first_start())
-    return [
-        (
-            f"start {place}",
-            f"import {start.importing:.2f} s",
-            f"make to first step {start.making:.2f} s",
-            f"{start.compiled} kernels compiled, {start.cached} from the cache",
-        )
-        for place, start in enumerate(starts, 1)
-    ]
 
 
 def _rates(machine: Machine, seconds: float, sizes: Sequence[int], learn_envs: int) -> list[str]:
@@ -229,7 +203,6 @@ def _machine_rows(machine: Machine) -> list[tuple[str, str]]:
         ("cores, usable by this process", f"{machine.cores}, {machine.usable:g}"),
         ("load, memory free", f"{machine.load:.2f}, {machine.memory:.1f} GiB"),
         ("threads of a batch", f"{machine.cores} (argument threads; small batches use fewer)"),
-        ("threads of numba", f"{numba.get_num_threads()}"),
     ]
     if "torch" in machine.packages:
         rows.append(("threads of torch", f"{measure.torch_threads()}"))

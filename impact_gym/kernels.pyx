@@ -18,19 +18,9 @@ from libc.string cimport memcpy, memset
 import numpy as np
 
 cdef extern from *:
-    """
-    #ifdef __AVX2__
-    static int processor_suits(void) { return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma"); }
-    #else
-    static int processor_suits(void) { return 1; }
-    #endif
-    """
     const char *DIGEST "COMPILED_FROM"
-    int processor_suits()
 
 COMPILED_FROM = DIGEST.decode()  # see `impact_gym.sources`
-if not processor_suits():
-    raise ImportError("impact_gym: compiled for a processor with AVX2 and FMA; compile with IMPACT_GYM_PORTABLE=1 set")
 
 include "physics/contact.pxi"
 include "physics/damping.pxi"

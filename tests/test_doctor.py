@@ -17,7 +17,7 @@ from impact_gym.envs import doctor as measure
 from impact_gym.envs.doctor import Rate
 
 HEALTHY = doctor.Machine(
-    cores=4, usable=4, memory=16.0, load=0.1, compiled=True, optimised=True, packages=frozenset(doctor.EXTRAS)
+    cores=4, usable=4, memory=16.0, load=0.1, debug=False, packages=frozenset(doctor.EXTRAS)
 )
 BARRED = (
     "import runpy, sys\n"
@@ -57,14 +57,12 @@ def test_it_reports_versions_machine_rates_and_advice_on_stdout_and_progress_on_
     found = sections(said)
     versions = dict(map(cells, found["versions"]))
     assert versions["python"] == platform.python_version()
-    for name in ("numpy", "numba", "gymnasium", "torch", "stable-baselines3", "sb3-contrib"):
+    for name in ("numpy", "gymnasium", "torch", "stable-baselines3", "sb3-contrib"):
         assert versions[name] == importlib.metadata.version(name)
     machine = dict(map(cells, found["machine"]))
     assert machine["cores, usable by this process"].startswith(f"{os.cpu_count()},")
     assert machine["OMP_NUM_THREADS"] == os.environ.get("OMP_NUM_THREADS", "not set")
-    starts = [list(map(int, re.findall(r"\d+", cells(line)[-1]))) for line in found["a fresh process"]]
-    assert len(starts) == 1 + (starts[0][0] > 0)  # looks again if the first process had to compile
-    assert all(compiled + cached > 0 for compiled, cached in starts)
+    assert [cells(line)[0] for line in found["a fresh process"]] == ["import", "make to first step"]
     rates = rates_in(said)
     for name in ("gym.make('ImpactApproach-v0')", "gym.make('Pendulum-v1')"):
         assert (name, 1) in rates
@@ -89,18 +87,6 @@ def test_without_the_extras_it_says_what_is_missing_and_measures_the_rest():
     assert "impact-gym[train]" in found["advice"][-1]
 
 
-def test_with_compilation_switched_off_it_warns_and_measures_nothing():
-    said, _ = run("-m", "impact_gym.doctor", "--quick", NUMBA_DISABLE_JIT="1")
-    found = sections(said)
-    assert "NUMBA_DISABLE_JIT" in found["warnings"][0]
-    assert not any("per second" in title for title in found)
-
-
-def test_an_optimisation_level_lowered_is_seen():
-    code = "from impact_gym.doctor import Machine; print(Machine.here().optimised)"
-    assert [run("-c", code, NUMBA_OPT=level)[0].strip() for level in ("0", "3")] == ["False", "True"]
-
-
 def test_an_unknown_argument_is_refused():
     with pytest.raises(SystemExit) as raised:
         doctor.main(["--slow"])
@@ -111,8 +97,7 @@ def test_an_unknown_argument_is_refused():
     ("change", "said"),
     [
         ({}, None),
-        ({"compiled": False}, "NUMBA_DISABLE_JIT"),
-        ({"optimised": False}, "debug build"),
+        ({"debug": True}, "debug build"),
         ({"memory": 1.5}, "1.5 GiB of memory"),
         ({"memory": math.nan}, None),
         ({"load": 3.0}, "load 3.0 on 4 cores"),
@@ -166,27 +151,6 @@ def test_the_faster_number_of_torch_threads_and_the_share_of_stepping_are_advise
         assert f"set_num_threads({best})" in threads
         assert f"{share} goes into stepping 512" in stepping
     assert len(doctor.advice([], stable, [(1, stable)])) == 1  # nothing to compare on one core
-
-
-def test_compiled_kernels_are_told_from_cached_ones(tmp_path, monkeypatch):
-    (tmp_path / "two_kernels.py").write_text(
-        "import numba\n"
-        "@numba.njit(cache=True)\n"
-        "def one(x):\n    return x + 1\n"
-        "@numba.njit(cache=True)\n"
-        "def two(x):\n    return one(x) + 1\n"
-        "again = two\n"
-    )
-    monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setitem(sys.modules, "two_kernels", importlib.import_module("two_kernels"))
-    module = sys.modules["two_kernels"]
-    assert measure.kernels("two_kernels") == (0, 0)
-    module.two(1.0)
-    assert measure.kernels("two_kernels") == (0, 2)
-    monkeypatch.delitem(sys.modules, "two_kernels")
-    importlib.import_module("two_kernels").two(1.0)
-    assert measure.kernels("two_kernels") == (1, 0)  # it brings the other along
-    assert measure.kernels("two") == (0, 0)
 
 
 def test_a_rate_counts_every_step_of_the_calls_made():

@@ -21,4 +21,6 @@ def velocity_in_frame(approach: Approach, boost: float, rtol: float) -> float:
     approach_rows(plans, table, chains, 0, 1, LOCAL_SHARE * rtol, MAX_STEPS, NOTHING_RECORDED)
     (end,) = chains
     object_velocity = end["flange_velocity"] + end["deflection_rate"] - end["penetration_rate"]
-    return float(object_velocity) - boost if end["status"] >= 0 else math.nan
+    if end["status"] < 0:
+        return math.nan
+    return float(object_velocity) - boost if end["contacts"] else 0.0

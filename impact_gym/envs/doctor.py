@@ -4,8 +4,7 @@ import json
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
-from types import ModuleType
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import gymnasium as gym
@@ -27,8 +26,7 @@ env = gymnasium.make("{ID}")
 env.reset(seed=0)
 env.step(env.action_space.sample())
 made = time.perf_counter()
-from impact_gym.envs.doctor import kernels
-print(json.dumps([imported - begun, made - imported, *kernels("impact_gym")]))
+print(json.dumps([imported - begun, made - imported]))
 """
 
 
@@ -45,20 +43,6 @@ class Start(NamedTuple):
 
     importing: float  # s
     making: float  # s, `make`, `reset` and one step
-    cached: int  # kernels read from numba's cache
-    compiled: int  # kernels compiled instead
-
-
-def kernels(package: str) -> tuple[int, int]:
-    """Return how many kernels of the loaded modules of `package` came from the cache, and how many were compiled."""
-    modules = [module for name, module in list(sys.modules.items()) if f"{name}.".startswith(f"{package}.")]
-    found = {id(kernel): kernel for module in modules for kernel in _dispatchers(module)}
-    stats = [kernel.stats for kernel in found.values()]
-    return sum(sum(one.cache_hits.values()) for one in stats), sum(sum(one.cache_misses.values()) for one in stats)
-
-
-def _dispatchers(module: ModuleType) -> Iterator[Any]:
-    return (value for value in list(vars(module).values()) if hasattr(value, "stats") and hasattr(value, "py_func"))
 
 
 def first_start() -> Start:
