@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import impact_gym as ig
+from impact_gym import simulation
 from experiments import reference
 from impact_gym import simulation
 
@@ -310,8 +311,20 @@ def test_a_coupling_of_any_stiffness_is_followed_and_ends_as_the_rigid_tool(damp
     assert sprung.steps < 1000
 
 
-def test_what_swings_too_fast_to_follow_ends_with_a_sentence_and_not_with_a_hang():
+def test_a_robot_that_swings_too_fast_to_follow_is_passed_over_and_ends_as_the_rigid_robot():
     ringing = ig.Robot(mass=1.0, stiffness=1e15, damping=1e-3)  # at 5 MHz, for ever
-    scene = ig.Scene(ig.Tool(0.125), ig.Object(0.25, 0.25), ig.Contact(1e5, 0.5), ig.SpringDamper(1e8), ringing)
+    motion = ig.Trapezoid(1.0, 8.0, ig.Brake())
+    stiff, rigid = (
+        ig.simulate(
+            ig.Scene(ig.Tool(0.125), ig.Object(0.25, 0.25), ig.Contact(1e5, 0.5), ig.SpringDamper(1e8), robot), motion
+        )
+        for robot in (ringing, None)
+    )
+    assert stiff.object_velocity == pytest.approx(rigid.object_velocity, rel=1e-8)
+
+
+def test_a_run_that_would_not_end_stops_with_a_sentence(monkeypatch):
+    monkeypatch.setattr(simulation, "MAX_STEPS", 10)
+    scene = ig.Scene(ig.Tool(0.125), ig.Object(0.25, 0.25), ig.Contact(1e5, 0.5), ig.SpringDamper(150.0))
     with pytest.raises(RuntimeError, match="more integration steps than allowed"):
         ig.simulate(scene, ig.Trapezoid(1.0, 8.0, ig.Brake()))
