@@ -1,0 +1,151 @@
+"""What a scene needs: `advise` runs simpler models beside the full one and names the cheapest that is as good."""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from time import perf_counter
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_gym.motion import Trapezoid
+from impact_gym.scene import Bistable, Rigid, Robot, RobotTable, Scene, SpringDamper
+from impact_gym.simulation import Outcome, simulate
+from impact_gym.validation import number
+
+Quantity = Literal["object_velocity", "peak_force", "impulse"]
+ROUNDS = 3  # runs of a model, of which the fastest counts
+FULL = "as it is"
+
+
+def _rigid_robot(scene: Scene) -> Scene:
+    return replace(scene, robot=None)
+
+
+def _frozen_robot(scene: Scene) -> Scene:
+    table = scene.robot
+    if not isinstance(table, RobotTable):
+        return scene
+    mass, stiffness, damping = (float(values) for values in table.at(scene.object.distance))
+    return replace(scene, robot=Robot(mass, stiffness, damping))
+
+
+def _rigid_tool(scene: Scene) -> Scene:
+    return replace(scene, coupling=Rigid()) if isinstance(scene.coupling, SpringDamper) else scene
+
+
+def _softer_stops(scene: Scene) -> Scene:
+    mechanism = scene.coupling
+    if not isinstance(mechanism, Bistable):
+        return scene
+    return replace(scene, coupling=replace(mechanism, stop_stiffness=0.1 * mechanism.stop_stiffness))
+
+
+def _as_it_is(scene: Scene) -> Scene:
+    return scene
+
+
+ROBOTS = {FULL: _as_it_is, "robot frozen where the object stands": _frozen_robot, "robot rigid": _rigid_robot}
+TOOLS = {FULL: _as_it_is, "tool fixed to the flange": _rigid_tool, "stops ten times softer": _softer_stops}
+
+
+@dataclass(frozen=True)
+class Model:
+    """A simpler model, and how it did."""
+
+    name: str
+    simplify: Callable[[Scene], Scene]
+    errors: NDArray[np.float64]  # (scenes,), -, relative, beside the full model; inf where it did not finish
+    time_saved: float  # -, share of the full model's time
+
+    @property
+    def bound(self) -> float:
+        """Largest error seen."""
+        return float(self.errors.max())
+
+
+@dataclass(frozen=True)
+class Advice:
+    """The cheapest model of scenes that kept a tolerance in all of them."""
+
+    quantity: Quantity
+    tolerance: float  # -, relative
+    model: Model
+    tried: tuple[Model, ...]  # the full one first
+
+    def __str__(self) -> str:
+        head = f"{self.quantity} within {self.tolerance:g} in {len(self.model.errors)} scenes: {self.model.name}"
+        lines = (f"  {one.name}: error at most {one.bound:.2g}, {one.time_saved:.0%} less time" for one in self.tried)
+        return "\n".join([head, *lines])
+
+
+def advise(
+    scenes: Scene | Sequence[Scene],
+    motion: Trapezoid,
+    tolerance: float = 1e-3,
+    quantity: Quantity = "object_velocity",
+    duration: float = 1.5,
+) -> Advice:
+    """Run every simpler model of `scenes` beside the full one; return the cheapest that keeps `tolerance` in all.
+
+    Args:
+        scenes: one, or a sample of those that will be run; what is advised holds for the sample.
+        motion: imposed motion of the robot.
+        tolerance: relative error allowed.
+        quantity: the object's velocity at the end, the largest contact force, or the impulse of all contacts.
+        duration: of a run, s.
+
+    Raises:
+        TypeError, ValueError: an argument is none of these or out of range; names it.
+        RuntimeError: a full run cannot finish; says why.
+    """
+    sample = [scenes] if isinstance(scenes, Scene) else list(scenes)
+    if not sample:
+        raise ValueError("scenes must be a Scene or some of them, got none")
+    if quantity not in get_args(Quantity):
+        raise ValueError(f"quantity must be one of {', '.join(get_args(Quantity))}, got {quantity!r}")
+    tolerance = number("tolerance", tolerance, "(no unit)", above=0)
+    true, seconds = _run(sample, motion, duration, quantity)
+    full = Model(FULL, _as_it_is, np.zeros(len(sample)), 0.0)
+    tried = [full]
+    for name, simplify in _models():
+        simpler = [simplify(scene) for scene in sample]
+        if simpler == sample:
+            continue
+        try:
+            found, taken = _run(simpler, motion, duration, quantity)
+        except (RuntimeError, ValueError):  # a model may be impossible where the scene is not
+            tried.append(Model(name, simplify, np.full(len(sample), math.inf), 0.0))
+            continue
+        gap = np.abs(found - true)
+        errors = np.divide(gap, np.abs(true), out=np.where(gap > 0, math.inf, 0.0), where=true != 0)
+        tried.append(Model(name, simplify, errors, 1.0 - taken / seconds))
+    kept = [model for model in tried if model.bound <= tolerance]
+    return Advice(quantity, tolerance, max(kept, key=lambda model: model.time_saved), tuple(tried))
+
+
+def _models() -> Iterator[tuple[str, Callable[[Scene], Scene]]]:
+    for (robot, of_robot), (tool, of_tool) in product(ROBOTS.items(), TOOLS.items()):
+        parts = [part for part in (robot, tool) if part != FULL]
+        if parts:
+            yield ", ".join(parts), lambda scene, one=of_robot, two=of_tool: two(one(scene))
+
+
+def _run(
+    scenes: Sequence[Scene], motion: Trapezoid, duration: float, quantity: Quantity
+) -> tuple[NDArray[np.float64], float]:
+    """Return the quantity of each scene, and the time for all of them, s."""
+    times = []
+    for _ in range(ROUNDS):
+        begun = perf_counter()
+        outcomes = [simulate(scene, motion, duration) for scene in scenes]
+        times.append(perf_counter() - begun)
+    return np.array([_read(outcome, quantity) for outcome in outcomes]), min(times)
+
+
+def _read(outcome: Outcome, quantity: Quantity) -> float:
+    if quantity == "impulse":
+        return math.fsum(contact.impulse for contact in outcome.contacts)
+    return float(getattr(outcome, quantity))
