@@ -11,19 +11,20 @@ help:  ## list what can be made
 
 setup: $(STAMP)  ## make .venv and install everything that is pinned
 
-$(STAMP): pyproject.toml constraints.txt
+$(STAMP): pyproject.toml constraints.txt setup.py $(wildcard impact_gym/*.pyx impact_gym/*/*.pxi)
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
 		|| { echo "Python 3.11 or newer is needed; name one with make PYTHON=..."; exit 1; }
-	@echo "installing what constraints.txt pins into $(VENV); torch is large: this can take minutes"
+	@echo "installing what constraints.txt pins into $(VENV); torch is large: this can take minutes,"
+	@echo "of which compiling the solver takes about half of one"
 	@$(PYTHON) -m venv $(VENV)
-	@$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[train,report,robot,render,zoo,cluster,dev]'
+	@$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[train,report,robot,render,zoo,peers,cluster,dev]'
 	@touch $@
 
 report: setup  ## play every shipped policy and baseline on the test set and write reports/latest/index.html
 	$(BIN)/python -m experiments.report --force
 
 test: setup  ## run the tests
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n auto
 
 train: setup  ## train a policy with default settings; prints its run folder
 	$(BIN)/python -m agents.train
@@ -56,7 +57,7 @@ speed: setup  ## speed against error, ours beside others, below reports/speed_vs
 stability: setup  ## a storm of random scenes through the solver, its checks and rivals, below reports/stability
 	$(BIN)/python -m experiments.stability
 
-fidelity: setup  ## calibrate impact_gym.fidelity, test it on other scenes and write reports/fidelity/index.html
+fidelity: setup  ## what simpler models of random scenes cost, below reports/fidelity
 	$(BIN)/python -m experiments.fidelity
 
 lint: setup  ## format check, lint, types, import order

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_gym.motion import Trapezoid
-from impact_gym.scene import Bistable, Rigid, Robot, RobotTable, Scene, SpringDamper
+from impact_gym.scene import Bistable, Rigid, RobotTable, Scene, SpringDamper
 from impact_gym.simulation import Outcome, simulate
 from impact_gym.validation import number
 
@@ -25,11 +25,9 @@ def _rigid_robot(scene: Scene) -> Scene:
 
 
 def _frozen_robot(scene: Scene) -> Scene:
-    table = scene.robot
-    if not isinstance(table, RobotTable):
+    if not isinstance(scene.robot, RobotTable):
         return scene
-    mass, stiffness, damping = (float(values) for values in table.at(scene.object.distance))
-    return replace(scene, robot=Robot(mass, stiffness, damping))
+    return replace(scene, robot=scene.robot.at(scene.object.distance))
 
 
 def _rigid_tool(scene: Scene) -> Scene:
