@@ -107,11 +107,12 @@ def advise(
     tolerance = number("tolerance", tolerance, "(no unit)", above=0)
     true, seconds = _run(sample, motion, duration, quantity)
     full = Model(FULL, _as_it_is, np.zeros(len(sample)), 0.0)
-    tried = [full]
+    tried, seen = [full], [sample]
     for name, simplify in _models():
         simpler = [simplify(scene) for scene in sample]
-        if simpler == sample:
+        if simpler in seen:
             continue
+        seen.append(simpler)
         try:
             found, taken = _run(simpler, motion, duration, quantity)
         except (RuntimeError, ValueError):  # a model may be impossible where the scene is not
