@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from gymnasium.utils import seeding
+from impact_gym.kernels import UNIFORMS
 from numpy.typing import NDArray
 
 from agents.validation import Controller
@@ -14,7 +15,6 @@ from impact_gym.envs.batch import Batch
 from impact_gym.envs.records import DRAWS, free_record
 from impact_gym.envs.scenario import FIELDS
 from impact_gym.envs.task import MISSED_COST, Task
-from impact_gym.kernels import UNIFORMS
 
 __all__ = ["TEST_SEED", "TUNING_SEED", "VALIDATION_SEED", "Controller", "Episodes", "Stage", "evaluate"]
 

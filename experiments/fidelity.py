@@ -45,7 +45,9 @@ def main() -> None:
         errors = np.array([model.bound for model in models])
         saved = np.median([model.time_saved for model in models])
         kept = np.count_nonzero(errors <= settings.tolerance)
-        lines.append(f"| {name} | {len(models)} | {kept} | {np.median(errors):.1e} | {errors.max():.1e} | {saved:.0%} |")
+        lines.append(
+            f"| {name} | {len(models)} | {kept} | {np.median(errors):.1e} | {errors.max():.1e} | {saved:.0%} |"
+        )
     simpler = [model.time_saved for model in taken if model.bound > 0]
     median = f", which then took {np.median(simpler):.0%} less time (median)" if simpler else ""
     lines += ["", f"Something could be left out in {len(simpler)} of {settings.scenes}{median}."]

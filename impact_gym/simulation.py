@@ -138,9 +138,7 @@ def _outcome(
         tool if one_mass else end.flange_velocity + end.flange_offset_rate,
         end.peak_force,
         end.detection if end.detection < math.inf else None,
-        tuple(
-            ContactRecord(start, None if stop != stop else stop, *rest) for start, stop, *rest in contacts.tolist()
-        ),
+        tuple(ContactRecord(start, None if stop != stop else stop, *rest) for start, stop, *rest in contacts.tolist()),
         end.coupling_impulse,
         end.momentum_error,
         end.steps,

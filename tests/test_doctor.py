@@ -16,9 +16,7 @@ from impact_gym import doctor
 from impact_gym.envs import doctor as measure
 from impact_gym.envs.doctor import Rate
 
-HEALTHY = doctor.Machine(
-    cores=4, usable=4, memory=16.0, load=0.1, debug=False, packages=frozenset(doctor.EXTRAS)
-)
+HEALTHY = doctor.Machine(cores=4, usable=4, memory=16.0, load=0.1, debug=False, packages=frozenset(doctor.EXTRAS))
 BARRED = (
     "import runpy, sys\n"
     "sys.modules.update(dict.fromkeys(['torch', 'stable_baselines3', 'sb3_contrib', 'pygame', 'mujoco', 'rich']))\n"

@@ -75,4 +75,6 @@ def _files(root: Path, besides: tuple[str, ...] = ()) -> list[Path]:
     """Return a module's file, or those of a package in the order of their names."""
     if root.is_file():
         return [root]
-    return sorted(path for path in root.rglob("*") if path.suffix in SOURCES + besides and not path.name.startswith("."))
+    return sorted(
+        path for path in root.rglob("*") if path.suffix in SOURCES + besides and not path.name.startswith(".")
+    )

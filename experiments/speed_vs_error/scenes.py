@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
+from impact_gym.kernels import draw
 
 import impact_gym as ig
 from experiments.paper.scenes import DISTANCE, MECHANISM, MOTION, TOOL_MASS, decoupled, held
 from impact_gym.envs.scenario import FIELDS, LOGARITHMIC, NAMED
-from impact_gym.kernels import draw
 
 POPULATION_SEED = 20_000  # of scene 0
 CRUISE = ig.Trapezoid(1.0, 8.0, ig.Brake(threshold=1.0, delay=10.0))  # the alarm is noted, the robot goes on

@@ -6,9 +6,9 @@ A scene begins at rest, so that the public functions offer no other frame; the k
 import math
 
 import numpy as np
+from impact_gym.kernels import APPROACH, CHAIN, approach_rows
 
 from experiments.speed_vs_error.scenes import Approach
-from impact_gym.kernels import APPROACH, CHAIN, approach_rows
 from impact_gym.lowering import LOCAL_SHARE, approach_plan
 from impact_gym.simulation import MAX_STEPS, NOTHING_RECORDED
 

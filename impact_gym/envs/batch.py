@@ -117,7 +117,6 @@ class Batch:
 
         Leaves `observations`, `rewards` and the fields of `episodes` as they are after it.
         """
-
         commands = np.ascontiguousarray(actions, np.float64)
 
         def run(first: int, last: int) -> None:
@@ -143,7 +142,10 @@ class Batch:
 
     def get_state(self) -> dict[str, Any]:
         """Return a copy of all that `step` and `begin` go on from: arrays, and the ranges as plain numbers."""
-        return {"ranges": [list(pair) for pair in self.ranges.pairs()], **{name: getattr(self, name).copy() for name in _STATE}}
+        return {
+            "ranges": [list(pair) for pair in self.ranges.pairs()],
+            **{name: getattr(self, name).copy() for name in _STATE},
+        }
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Go on from what `get_state` of a batch of this size and task returned, to the bit.

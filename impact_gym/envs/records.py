@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_gym.envs.scenario import AT_MOST, FIELDS, LARGEST_WEIGHT, LONGEST_DELAY, UNITS
 from impact_gym import kernels
+from impact_gym.envs.scenario import AT_MOST, FIELDS, LARGEST_WEIGHT, LONGEST_DELAY, UNITS
 from impact_gym.validation import WrongTypeError, number, numbers, whole
 
 RECORD: tuple[str, ...] = kernels.RECORD.names or ()

@@ -13,8 +13,8 @@ from impact_gym.envs.batch import Batch
 from impact_gym.envs.records import episode_index, fixed_record, skip_episodes
 from impact_gym.envs.scenario import ScenarioRanges
 from impact_gym.envs.task import Task
-from impact_gym.scene import Coupling, Rigid
 from impact_gym.kernels import CONTACT, TRACE
+from impact_gym.scene import Coupling, Rigid
 from impact_gym.simulation import NOTHING_RECORDED, Trace
 from impact_gym.validation import WrongTypeError
 

@@ -79,7 +79,11 @@ class Layout:
     felt: str  # those that the rates depend on; the others are integrals alone
 
 
-LAYOUTS = (Layout("rigid", "zwtp", "zw"), Layout("spring", "zwtpyvq", "zwyv"), Layout("integrated", "zwtpyvsjqr", "zwtyvqr"))
+LAYOUTS = (
+    Layout("rigid", "zwtp", "zw"),
+    Layout("spring", "zwtpyvq", "zwyv"),
+    Layout("integrated", "zwtpyvsjqr", "zwtyvqr"),
+)
 
 
 def weighed(weights: dict[int, float], place: str) -> str:
@@ -151,9 +155,7 @@ def dense(layout: Layout) -> list[str]:
     lines = header(layout, f"void {layout.name}_dense(const Piece *now, Work *work, double h)", stages, given)
     body = [line for stage in stages for line in stage_lines(layout, stage)]
     for i, weights in enumerate(DENSE):
-        body += [
-            f"work.dense[{3 + i}][{j}] = h * ({weighed(weights, place)})" for j, place in enumerate(layout.places)
-        ]
+        body += [f"work.dense[{3 + i}][{j}] = h * ({weighed(weights, place)})" for j, place in enumerate(layout.places)]
     return lines + ["    " + line for line in body]
 
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 import gymnasium as gym
 import numpy as np
 import pytest
+from impact_gym.kernels import decode
 from scipy import stats
 
 import impact_gym as ig
@@ -13,7 +14,6 @@ from agents.baselines import ConstantSpeed, PaperTrapezoid, encode
 from experiments.reference import task as slow
 from impact_gym.envs.scenario import FIELDS
 from impact_gym.envs.task import ACCELERATION_RANGE, COMMAND_RESOLUTION, VELOCITY_RANGE
-from impact_gym.kernels import decode
 
 INFO_KEYS = {
     "object_velocity", "approach_time", "peak_force", "contact_count", "missed", "time_weight", "reward_terms",

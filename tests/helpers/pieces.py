@@ -3,9 +3,9 @@
 from itertools import product
 
 import numpy as np
+from impact_gym.kernels import APPROACH, CHAIN, step_once
 
 import impact_gym as ig
-from impact_gym.kernels import APPROACH, CHAIN, step_once
 from impact_gym.lowering import approach_plan
 
 TABLE = ig.RobotTable([0.0, 0.1, 0.2, 0.3, 0.5], [3, 4, 5, 4, 6], [1e4, 2e4, 3e4, 2e4, 2e4], [10, 20, 30, 20, 20])

@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 import pytest
+from impact_gym.kernels import APPROACH
 from scipy.special import beta
 
 import impact_gym as ig
-from impact_gym.kernels import APPROACH
 from impact_gym.lowering import contact_law
 
 MASS = 0.25

@@ -5,11 +5,11 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from impact_gym.kernels import CHAIN, LAW, decay_basis, drift_once, first_touch, free_decay
 from scipy.linalg import expm
 from scipy.optimize import brentq
 
 import impact_gym as ig
-from impact_gym.kernels import CHAIN, LAW, decay_basis, drift_once, first_touch, free_decay
 from impact_gym.lowering import chain_law
 
 TOOL_MASS = 0.125  # kg

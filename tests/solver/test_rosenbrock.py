@@ -5,11 +5,11 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+from impact_gym.kernels import STIFF_TABLEAU, inverse_of, step_once
 from pieces import SPRING_PIECE, STATES, piece, rates_of, state
+from scipy.integrate import solve_ivp
 
 import impact_gym as ig
-from impact_gym.kernels import STIFF_TABLEAU, inverse_of, step_once
 from impact_gym.physics.dissipation import damping_factor
 
 EXPONENTS = {"Hertz": (1.5, 1.5), "2-1": (2.0, 1.0), "1-0": (1.0, 0.0), "2.2-1.1": (2.2, 1.1)}

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import impact_gym as ig
-from impact_gym import simulation
 from experiments import reference
 from impact_gym import simulation
 

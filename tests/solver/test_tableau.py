@@ -5,10 +5,10 @@ from functools import cache
 
 import numpy as np
 import pytest
+from impact_gym.kernels import step_once
 from pieces import SPRING_PIECE, STATES, piece, rates_of
 from scipy.integrate import solve_ivp
 
-from impact_gym.kernels import step_once
 from impact_gym.solver import tableau
 
 STAGES = len(tableau.A)
