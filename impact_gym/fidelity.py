@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import product
 from time import perf_counter
 from typing import Literal, get_args
@@ -43,6 +44,10 @@ def _softer_stops(scene: Scene) -> Scene:
 
 def _as_it_is(scene: Scene) -> Scene:
     return scene
+
+
+def _both(of_robot: Callable[[Scene], Scene], of_tool: Callable[[Scene], Scene], scene: Scene) -> Scene:
+    return of_tool(of_robot(scene))
 
 
 ROBOTS = {FULL: _as_it_is, "robot frozen where the object stands": _frozen_robot, "robot rigid": _rigid_robot}
@@ -129,7 +134,7 @@ def _models() -> Iterator[tuple[str, Callable[[Scene], Scene]]]:
     for (robot, of_robot), (tool, of_tool) in product(ROBOTS.items(), TOOLS.items()):
         parts = [part for part in (robot, tool) if part != FULL]
         if parts:
-            yield ", ".join(parts), lambda scene, one=of_robot, two=of_tool: two(one(scene))
+            yield ", ".join(parts), partial(_both, of_robot, of_tool)
 
 
 def _run(

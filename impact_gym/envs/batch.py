@@ -180,8 +180,8 @@ class Batch:
         numbers[:-1, rows] = self._numbers(rows)
         numbers[-1, rows] = self.chains["peak_force"][rows]
         verdicts = [np.zeros(size, np.int64), np.zeros(size, np.bool_), np.full(size, None)]
-        for whole, some in zip(verdicts, self._verdicts(rows), strict=True):
-            whole[rows] = some
+        for column, some in zip(verdicts, self._verdicts(rows), strict=True):
+            column[rows] = some
         return nested(dict(zip(_ENTRIES, (*numbers, *verdicts), strict=True)))
 
     def _numbers(self, rows: NDArray[np.int64]) -> NDArray[np.float64]:

@@ -42,8 +42,8 @@ def free_record(count: int) -> NDArray[Any]:
 def fixed_record(options: Any, longest_delay: float, slots: int | None = None) -> NDArray[Any]:
     """Return what `reset(options=...)` fixes as records (slots or 1,), nan where the episode draws.
 
-    A scenario goes before a record. With `slots` a value may also be a sequence of so many, one for each. No reaction delay
-    may exceed `longest_delay` (s), for which the environment keeps its force readings.
+    A scenario goes before a record. With `slots` a value may also be a sequence of so many, one for each. No reaction
+    delay may exceed `longest_delay` (s), for which the environment keeps its force readings.
 
     Raises:
         TypeError, ValueError: an unknown option or field, or a value out of range; names what is allowed.

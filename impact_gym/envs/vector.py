@@ -88,7 +88,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         fixed: NDArray[Any],
         skipped: NDArray[np.int64],
     ) -> Floats:
-        """Begin an episode in the slots of `mask`; `fixed` records (k,) for these slots, `skipped` (num_envs,) episodes."""
+        """Begin an episode in the slots of `mask`; `fixed` records (k,) for these, `skipped` (num_envs,) episodes."""
         self._seed(seed, mask)
         for slot in np.flatnonzero(mask & (skipped > 0)).tolist():
             skip_episodes(self._generators[slot], int(skipped[slot]))
