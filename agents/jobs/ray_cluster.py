@@ -1,6 +1,6 @@
 """Jobs on an existing Ray cluster: one task of one core each, a bounded number of them under way.
 
-The nodes need the same Python, Ray, NumPy and SciPy; the project's sources and compiled kernels are sent. What Ray itself
+The nodes need the same Python, Ray, NumPy and SciPy; the project goes along, compiled. What Ray itself
 would repeat after a loss is repeated here, so that it is counted the same way as on one machine, and a result whose
 node dies before it was fetched is one more loss: the job is done again. A lost head ends the gathering; what it had
 fetched is in the folder, and the same command goes on.

@@ -1,6 +1,7 @@
 """What the controller sees: one table that the kernel scales by and the documentation is made from."""
 
 import math
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,7 +27,10 @@ class Entry(NamedTuple):
 
     def record(self) -> tuple[Any, ...]:
         """Return the fields of the kernels' `Entry`."""
-        bend = {LINEAR: float, LOGARITHM: math.log, LOGARITHM_OF_ONE_MORE: math.log1p}[self.curve]
+        bends: dict[int, Callable[[float], float]] = {
+            LINEAR: float, LOGARITHM: math.log, LOGARITHM_OF_ONE_MORE: math.log1p,
+        }
+        bend = bends[self.curve]
         place = (SENSORS.names or ()).index(self.sensor)
         gain = (1.0 - self.scaled_low) / (bend(self.high) - bend(self.low))
         return place, self.curve, bend(self.low), self.scaled_low, gain

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 # fmt: off
-A = (
+A: tuple[dict[int, float], ...] = (
     {},
     {0: 0.05260015195876773},
     {0: 0.0197250569845379, 1: 0.0591751709536137},
