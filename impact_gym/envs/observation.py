@@ -28,7 +28,9 @@ class Entry(NamedTuple):
     def record(self) -> tuple[Any, ...]:
         """Return the fields of the kernels' `Entry`."""
         bends: dict[int, Callable[[float], float]] = {
-            LINEAR: float, LOGARITHM: math.log, LOGARITHM_OF_ONE_MORE: math.log1p,
+            LINEAR: float,
+            LOGARITHM: math.log,
+            LOGARITHM_OF_ONE_MORE: math.log1p,
         }
         bend = bends[self.curve]
         place = (SENSORS.names or ()).index(self.sensor)
