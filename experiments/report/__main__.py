@@ -6,7 +6,7 @@ import shutil
 import sys
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,9 @@ from experiments.statistics import RESAMPLES
 from impact_gym.files import whole_file
 from impact_gym.validation import whole
 
+RESULTS = "results.json"
+FIRST_LOOK = 100  # scenarios of the first page, which is there while the others are played
+WORTH_A_FIRST_LOOK = 3  # times as many scenarios, or the page itself is there soon enough
 PACKAGES = (
     *("impact-gym", "gymnasium", "numpy", "scipy"),
     *("altair", "vl-convert-python", "polars", "moocore", "jinja2"),
@@ -85,23 +88,37 @@ def write(settings: Settings) -> Path:
         ValueError: something asked for is not there or makes no sense, or the folder is there and `force` is not given.
     """
     out = settings.out
-    if out.exists() and not (out.is_dir() and not any(out.iterdir())) and not settings.force:
-        raise ValueError(f"{out} is there: --force replaces it, --out names another folder")
     replaceable(out)
+    if not settings.force and not _nothing_whole(out):
+        raise ValueError(f"{out} is there: --force replaces it, --out names another folder")
     for folder in (out.parent, settings.episodes or out.parent):
         if folder.exists() and not folder.is_dir():
             raise ValueError(f"{folder} is no folder")
-    return publish(arenas_of(settings), settings)
+    asked = arenas_of(settings)
+    if asked[0].scenarios["count"] >= WORTH_A_FIRST_LOOK * FIRST_LOOK and _nothing_whole(out):
+        few = [replace(one, scenarios={**one.scenarios, "count": FIRST_LOOK}) for one in asked]
+        print(
+            f"first page, of {FIRST_LOOK} scenarios: {publish(few, settings, first=True).resolve().as_uri()}",
+            flush=True,
+        )
+    return publish(asked, settings)
 
 
-def publish(asked: list[arenas.Arena], settings: Settings) -> Path:
-    """Play the arenas, write the folder, and return the path of its page."""
+def _nothing_whole(out: Path) -> bool:
+    """Whether there is nothing at `out`, or no more than a first page."""
+    if not out.exists() or (out.is_dir() and not any(out.iterdir())):
+        return True
+    return (out / RESULTS).is_file() and json.loads((out / RESULTS).read_text()).get("first page", False)
+
+
+def publish(asked: list[arenas.Arena], settings: Settings, first: bool = False) -> Path:
+    """Play the arenas, write the folder, and return the path of its page; a first one holds the answer alone."""
     begun = time.perf_counter()
     store = settings.episodes or settings.out.with_name(f".{settings.out.name}.episodes")
-    played = gather_arenas(asked, store, settings.processes, settings.cluster)
+    played = gather_arenas(asked, store, settings.processes, settings.cluster, first)
     print("writing the page", flush=True)
     with whole_folder(settings.out) as folder:
-        parts = page.sections(played)
+        parts = page.sections(played, first)
         (folder / "figures").mkdir()
         for one in page.figures(parts):
             one.save(folder / "figures")
@@ -111,6 +128,7 @@ def publish(asked: list[arenas.Arena], settings: Settings) -> Path:
         answers = [answer.answer(one) for one in played]
         results = {
             "answers": {one.arena: one.as_json() for one in answers},
+            "first page": first,
             "episodes": {"rows": len(rows), "sha256": checksum(folder / "episodes.parquet")},
             "contestants": {one.arena.name: _checksums(one) for one in played},
             "weights": {one.arena.name: list(one.policy.weights) for one in played},
@@ -120,12 +138,13 @@ def publish(asked: list[arenas.Arena], settings: Settings) -> Path:
             "seconds": time.perf_counter() - begun,
             **circumstances(*PACKAGES),
         }
-        (folder / "results.json").write_text(json.dumps(results, indent=2) + "\n")
+        (folder / RESULTS).write_text(json.dumps(results, indent=2) + "\n")
         about = {
             **results,
+            "first": first,
             "sentences": [answer.sentence(one, play.arena) for one, play in zip(answers, played, strict=True)],
             "table": answer.answers_table(answers, played),
-            "weak": [said for one in played for said in holds.weak_points(one)],
+            "weak": [] if first else [said for one in played for said in holds.weak_points(one)],
             "seeds": max(len(one.seeds) for one in played),
             "own": bool(settings.policy),
             "apart": _apart(asked[0].scenarios),
@@ -133,9 +152,9 @@ def publish(asked: list[arenas.Arena], settings: Settings) -> Path:
             "resamples": f"{RESAMPLES:,}",
             "policies": _policies_table(played),
         }
-        shown = dict(map(page.watch, played))
+        shown = {} if first else dict(map(page.watch, played))
         (folder / "index.html").write_text(page.render(about, parts, shown), encoding="utf-8")
-    if settings.episodes is None:
+    if settings.episodes is None and not first:
         shutil.rmtree(store, ignore_errors=True)
     return settings.out / "index.html"
 

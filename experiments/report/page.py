@@ -22,14 +22,16 @@ HERE = Path(__file__).parent
 Section = list[Figure | Table]
 
 
-def sections(played: list[Played]) -> dict[str, dict[str, Section]]:
-    """Return what each section shows of each arena."""
+def sections(played: list[Played], first: bool = False) -> dict[str, dict[str, Section]]:
+    """Return what each section shows of each arena; of a first page, that of the trade-off alone."""
     found: dict[str, dict[str, Section]] = {
         "trade-off": {}, "differences": {}, "learned": {}, "holds": {}, "simulator": {}
     }  # fmt: skip
     for one in played:
         name = one.arena.name
         found["trade-off"][name] = [answer.trade_off(one), answer.weights_table(one), answer.fronts_table(one)]
+        if first:
+            continue
         found["differences"][name] = [
             differences.measures(one), differences.distribution(one), *differences.breakdown(one)
         ]  # fmt: skip

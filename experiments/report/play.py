@@ -19,7 +19,7 @@ from impact_gym.envs.task import ACCELERATION_RANGE, VELOCITY_RANGE
 
 Arrays = dict[str, NDArray[Any]]
 HALVINGS = 9  # of the range of weights, in its logarithm: to 1 %
-APART = 500  # scenarios to find a weight on
+APART = 500  # scenarios to find a weight on, or as many as are then played
 PEAK = next(place for place, entry in enumerate(ENTRIES) if entry.name.startswith("its maximum"))
 
 
@@ -55,10 +55,11 @@ def others(scenarios: Mapping[str, Any]) -> dict[str, Any]:
 
     For a table of scenarios there are no others, and it is these.
     """
+    count = min(APART, scenarios["count"])
     if "set" in scenarios:
-        return {"set": "validation", "count": APART}
+        return {"set": "validation", "count": count}
     if "ranges" in scenarios:
-        return {**scenarios, "seed": scenarios["seed"] + 50_000_000, "count": APART}
+        return {**scenarios, "seed": scenarios["seed"] + 50_000_000, "count": count}
     return dict(scenarios)
 
 

@@ -82,7 +82,7 @@ def test_episodes_are_those_of_a_stage_and_of_the_same_scenarios(episodes):
 
 def test_as_late_is_as_late_on_the_validation_set():
     found = play.play_as_late(LINEAR.policy.controller, LINEAR.environment, SCENARIOS, LINEAR.policy.weights)
-    validation = {"set": "validation", "count": play.APART}
+    validation = {"set": "validation", "count": SCENARIOS["count"]}
     weight = float(found["weight"][0])
     ours = evaluations.play(LINEAR.policy.controller, validation, [weight])
     rule = evaluations.play(PAPERS_RULE, validation)

@@ -9,6 +9,7 @@ import pytest
 
 from agents import Policy, load_policy
 from agents.evaluation import Stage
+from experiments.report import __main__ as report
 from experiments.report.__main__ import Settings, write
 
 
@@ -116,3 +117,38 @@ def test_settings_are_checked(tmp_path):
     (tmp_path / "letter").write_text("dear")
     with pytest.raises(ValueError, match="is not replaced"):
         write(Settings(out=tmp_path, force=True))
+
+
+def test_a_first_page_answers_on_few_scenarios_and_the_full_one_takes_its_place(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(report, "FIRST_LOOK", 5)
+    settings = Settings(policy=("linear-blind",), count=15, out=tmp_path / "out", processes=0)
+    whole, seen = report.publish, []
+
+    def publish(asked, settings, first=False):
+        if not first:
+            seen.append(
+                (json.loads((settings.out / "results.json").read_text()), (settings.out / "index.html").read_text())
+            )
+            if len(seen) == 1:
+                raise KeyboardInterrupt
+        return whole(asked, settings, first)
+
+    monkeypatch.setattr(report, "publish", publish)
+    with pytest.raises(KeyboardInterrupt):
+        write(settings)
+    write(settings)  # a first page needs no --force to be replaced
+    found, text = seen[-1]
+    assert found["first page"]
+    assert found["answers"]["linear-blind"]["reduction"]["low"] < found["answers"]["linear-blind"]["reduction"]["high"]
+    assert "its first 5" in text
+    assert "First page." in text
+    assert 'id="holds"' not in text
+    assert "first page, of 5 scenarios: file://" in capsys.readouterr().out
+    full = json.loads((tmp_path / "out" / "results.json").read_text())
+    assert not full["first page"]
+    first, last = (one["episodes"]["rows"] for one in (found, full))
+    assert last == 3 * first
+    assert "First page." not in (tmp_path / "out" / "index.html").read_text()
+    monkeypatch.setattr(report, "publish", lambda asked, settings, first=False: seen.append(first))
+    write(replace(settings, force=True))
+    assert seen[2:] == [False]  # a full page is not replaced by a first one
