@@ -1,7 +1,9 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-STAMP := $(VENV)/installed
+WHOLE := $(VENV)/installed
+SMALL := $(VENV)/installed-for-report
+EXTRAS := train,report,robot,render,zoo,peers,cluster,dev
 
 .DEFAULT_GOAL := help
 .PHONY: help setup report test train train-all tune bars search figures cost bench speed stability fidelity lint
@@ -9,18 +11,29 @@ STAMP := $(VENV)/installed
 help:  ## list what can be made
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "make %-9s %s\n", $$1, $$2}'
 
-setup: $(STAMP)  ## make .venv and install everything that is pinned
+SOLVER := pyproject.toml constraints.txt setup.py $(wildcard impact_gym/*.pyx impact_gym/*/*.pxi)
 
-$(STAMP): pyproject.toml constraints.txt setup.py $(wildcard impact_gym/*.pyx impact_gym/*/*.pxi)
-	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
-		|| { echo "Python 3.11 or newer is needed; name one with make PYTHON=..."; exit 1; }
-	@echo "installing what constraints.txt pins into $(VENV); torch is large: this can take minutes,"
-	@echo "of which compiling the solver takes about half of one"
-	@$(PYTHON) -m venv $(VENV)
-	@$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[train,report,robot,render,zoo,peers,cluster,dev]'
+define install
+@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
+	|| { echo "Python 3.11 or newer is needed; name one with make PYTHON=..."; exit 1; }
+@$(PYTHON) -m venv $(VENV)
+@echo "1 of 2: installing what compiles the solver into $(VENV)"
+@$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt cython setuptools
+@echo "2 of 2: compiling the solver (about 10 s) and installing $(2)"
+@$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt --no-build-isolation -e '.[$(1)]'
+endef
+
+setup: $(WHOLE)  ## make .venv and install everything that is pinned
+
+$(WHOLE): $(SOLVER)
+	$(call install,$(EXTRAS),everything; torch is large: this can take minutes)
+	@touch $(SMALL) $@
+
+$(SMALL): $(SOLVER)
+	$(call install,report,what a report needs)
 	@touch $@
 
-report: setup  ## play every shipped policy and baseline on the test set and write reports/latest/index.html
+report: $(SMALL)  ## play every shipped policy and baseline on the test set and write reports/latest/index.html
 	$(BIN)/python -m experiments.report --force
 
 test: setup  ## run the tests
