@@ -1,20 +1,26 @@
 """What was promised of the storm, and whether it is met. A failure is listed with its scene, never dropped."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
+from statistics import median_high
+
+import numpy as np
+import polars as pl
 
 from experiments.speed_vs_error.records import Row
-from experiments.stability.agreement import SHARE, relative_error
+from experiments.stability.agreement import SHARE
+from experiments.stability.scenes import relative_error
 
 SLOWEST = 50.0  # ms
 MOMENTUM = 1e-9  # over the impulse of the contact
 ENERGY = 1e-6  # over the energy that went to and fro in the contact, beyond the doubt of the quadrature
 PULL = 1e-12  # over the peak force, or the speed of the tool: rounding
 FALL = 1e-8  # over the speed of the tool: rtol
+ABOUT = ("coupling", "milliseconds", "steps", "slowest_contact", "description")  # what a failure says of its scene
 ROUNDINGS = 8.0  # of the momenta in a contact, that may explain a momentum error
 
-FINISHED, FINITE, FAST, BALANCED, PASSIVE, PUSHED, RISING, SETTLED = (
+PROMISES = FINISHED, FINITE, FAST, BALANCED, PASSIVE, PUSHED, RISING, SETTLED = (
     "every run ends by itself, with an outcome",
     "every number is finite",
     "slowest run under 50 ms",
@@ -24,52 +30,36 @@ FINISHED, FINITE, FAST, BALANCED, PASSIVE, PUSHED, RISING, SETTLED = (
     "V_p falls nowhere along a trace, to rtol",
     "V_p within 1e-6 of a run at a hundredth of rtol",
 )
-PROMISES = (FINISHED, FINITE, FAST, BALANCED, PASSIVE, PUSHED, RISING, SETTLED)
 
 
-@dataclass(frozen=True)
-class Failure:
-    """A scene that does not keep a promise."""
+def failures(row: Row) -> list[Row]:
+    """Return a row for each promise that a row of the storm breaks; a number that is not there breaks its promise."""
+    found: list[Row] = []
 
-    scene: str
-    promise: str
-    reason: str
-    row: Row = field(repr=False)
+    def check(promise: str, kept: bool, reason: str) -> None:
+        if not kept:
+            about = {name: row[name] for name in ABOUT}
+            found.append({"scene": row["scene"], "contender": promise, "failure": reason} | about)
 
-
-def failures(row: Row) -> list[Failure]:
-    """Return which promises a row of the storm breaks. A number that is not there breaks its promise."""
-    found: list[tuple[str, str]] = []
-    if row["failure"]:
-        return [Failure(row["scene"], FINISHED, row["failure"], row), *_late(row)]
-    if not row["finite"]:
-        found.append((FINITE, "a number is inf or nan"))
-    for name in ("momentum_error", "impulse_error"):
-        if not row[name] < MOMENTUM:
-            reason = f"{name.replace('_', ' ')} {row[name]:.1e}"
-            if row[name] <= ROUNDINGS * row["rounding"]:
-                reason += f", of which rounding of the momenta explains {ROUNDINGS * row['rounding']:.1e}"
-            found.append((BALANCED, reason))
-    if row["traced"] and not row["energy_created"] <= ENERGY + row["energy_doubt"]:
-        created, doubt = row["energy_created"], row["energy_doubt"]
-        found.append((PASSIVE, f"{created:.1e} of the energy appeared (known to {doubt:.1e})"))
-    if not row["pull"] <= PULL:
-        found.append(
-            (PUSHED, f"pulled by {row['pull']:.1e} of the peak force, or V_p fell by that of the tool's speed")
-        )
-    if not row["trace_fall"] <= FALL:
-        found.append((RISING, f"V_p falls by {row['trace_fall']:.1e} of the tool's speed"))
-    change = row["finer_change"] / max(abs(row["object_velocity"]), 1e-6 * row["speed"])
-    if row["traced"] and not change <= SHARE:
-        found.append((SETTLED, f"V_p changes by {change:.1e}"))
-    return [Failure(row["scene"], promise, reason, row) for promise, reason in found] + _late(row)
-
-
-def _late(row: Row) -> list[Failure]:
-    if row["milliseconds"] < SLOWEST or (row["failure"] and math.isnan(row["milliseconds"])):
-        return []
-    reason = f"{row['milliseconds']:.0f} ms" + (f", {row['steps']:.0f} steps" if row["steps"] else "")
-    return [Failure(row["scene"], FAST, reason, row)]
+    check(FINISHED, not row["failure"], row["failure"])
+    if not row["failure"]:
+        check(FINITE, row["finite"], "a number is inf or nan")
+        for name in ("momentum_error", "impulse_error"):
+            reason, rounding = f"{name.replace('_', ' ')} {row[name]:.1e}", ROUNDINGS * row["rounding"]
+            if row[name] <= rounding:
+                reason += f", of which rounding of the momenta explains {rounding:.1e}"
+            check(BALANCED, row[name] < MOMENTUM, reason)
+        created, doubt, traced = row["energy_created"], row["energy_doubt"], row["traced"]
+        reason = f"{created:.1e} of the energy appeared (known to {doubt:.1e})"
+        check(PASSIVE, not traced or created <= ENERGY + doubt, reason)
+        reason = f"pulled by {row['pull']:.1e} of the peak force, or V_p fell by that of the tool's speed"
+        check(PUSHED, row["pull"] <= PULL, reason)
+        check(RISING, row["trace_fall"] <= FALL, f"V_p falls by {row['trace_fall']:.1e} of the tool's speed")
+        check(SETTLED, not traced or row["finer_change"] <= SHARE, f"V_p changes by {row['finer_change']:.1e}")
+    reason = f"{row['milliseconds']:.0f} ms" + (f", {row['steps']:.0f} steps" if row["steps"] > 0 else "")
+    hung = row["failure"] and math.isnan(row["milliseconds"])
+    check(FAST, hung or row["milliseconds"] < SLOWEST, reason)
+    return found
 
 
 @dataclass(frozen=True)
@@ -81,27 +71,36 @@ class Bar:
     met: bool
 
 
-def over_storm(found: Sequence[Failure], extremes: Mapping[str, float]) -> list[Bar]:
-    """Return the bars of the storm; `extremes` are the worst of each column over the scenes that finished."""
+def over_storm(rows: Sequence[Row], broken: Sequence[Row]) -> list[Bar]:
+    """Return the bars of the storm: the worst of each column over the scenes that finished, and what is `broken`."""
+    frame = pl.DataFrame(rows, infer_schema_length=None)
+    done = frame.filter(pl.col("failure") == "")
+    struck = done.filter(pl.col("contacts") > 0, pl.col("traced") == 1)
+
+    def largest(values: pl.Series) -> float:
+        return max(values.filter(values.is_finite()), default=math.nan)
+
+    excess = largest(struck["energy_created"] - struck["energy_doubt"])
     worst = {
-        FINISHED: f"{extremes['steps']:,.0f} steps at most",
+        FINISHED: f"{largest(frame['steps']):,.0f} steps at most",
         FINITE: "",
-        FAST: f"median {extremes['median']:.2g} ms, slowest {extremes['milliseconds']:,.0f} ms",
-        BALANCED: f"largest {max(extremes['momentum_error'], extremes['impulse_error']):.1e}",
-        PASSIVE: f"largest beyond the doubt of the quadrature {extremes['excess']:.1e} (lost, if negative), "
-        f"doubt {extremes['doubt']:.1e} at most, {extremes['untraced']:.0f} scenes not traced",
-        PUSHED: f"largest {extremes['pull']:.1e}",
-        SETTLED: f"median {extremes['settled']:.1e}",
-        RISING: f"largest {extremes['trace_fall']:.1e}",
+        FAST: f"median {np.nanmedian(frame['milliseconds']):.2g} ms, slowest {largest(frame['milliseconds']):,.0f} ms",
+        BALANCED: f"largest {max(largest(done['momentum_error']), largest(done['impulse_error'])):.1e}",
+        PASSIVE: f"largest beyond the doubt of the quadrature {excess:.1e} (lost, if negative), "
+        f"doubt {largest(struck['energy_doubt']):.1e} at most, {(done['traced'] == 0).sum()} scenes not traced",
+        PUSHED: f"largest {largest(done['pull']):.1e}",
+        SETTLED: f"median {np.nanmedian(done['finer_change']):.1e}",
+        RISING: f"largest {largest(done['trace_fall']):.1e}",
     }
     bars = []
     for promise in PROMISES:
-        broken = len({failure.scene for failure in found if failure.promise == promise})
-        unexplained = sum(f.promise == promise and "explains" not in f.reason for f in found)
-        words = [f"{broken} of {extremes['scenes']:.0f} scenes do not"] if broken else []
-        if promise == BALANCED and broken:
+        here = [row for row in broken if row["contender"] == promise]
+        count = len({row["scene"] for row in here})
+        words = [f"{count} of {frame.height} scenes do not"] if here else []
+        if promise == BALANCED and here:
+            unexplained = sum("explains" not in row["failure"] for row in here)
             words.append(f"{unexplained} of these beyond what rounding of the momenta explains")
-        bars.append(Bar(promise, ", ".join([*words, worst[promise]]).strip(", "), broken == 0))
+        bars.append(Bar(promise, ", ".join([*words, worst[promise]]).strip(", "), not here))
     return bars
 
 
@@ -109,14 +108,12 @@ def disagreement(row: Row) -> str:
     """Return how ours and the independent solver differ on a scene, or an empty string."""
     if row["failure"]:
         return str(row["failure"])
-    error = relative_error(row["velocity"], row["true_velocity"], row["speed"])
-    if error <= SHARE and row["passes"] == row["true_passes"]:
+    if row["velocity_error"] <= SHARE and row["passes"] == row["true_passes"]:
         return ""
-    words = [f"V_p {row['velocity']:.9g}, not {row['true_velocity']:.9g} m/s ({error:.1e})"]
-    if row["contacts"] != row["true_contacts"]:
-        words.append(f"{row['contacts']:.0f} contacts, not {row['true_contacts']:.0f}")
-    if row["passes"] != row["true_passes"]:
-        words.append(f"{row['passes']:.0f} snap-throughs, not {row['true_passes']:.0f}")
+    words = [f"V_p {row['velocity']:.9g}, not {row['true_velocity']:.9g} m/s ({row['velocity_error']:.1e})"]
+    for name, many in (("contacts", "contacts"), ("passes", "snap-throughs")):
+        if row[name] != row[f"true_{name}"]:
+            words.append(f"{row[name]:.0f} {many}, not {row[f'true_{name}']:.0f}")
     if not math.isnan(row["finest_velocity"]):
         fine = relative_error(row["finest_velocity"], row["true_velocity"], row["speed"])
         spread = row["spread"] / max(abs(row["true_velocity"]), 1e-300)
@@ -124,26 +121,10 @@ def disagreement(row: Row) -> str:
     return "; ".join(words)
 
 
-def over_agreement(rows: Iterable[Row], unknown: int) -> Bar:
+def over_agreement(rows: Sequence[Row], unknown: int) -> Bar:
     """Return the bar of the agreement with the independent solver, which could not do `unknown` scenes."""
-    rows = list(rows)
     apart = sum(bool(disagreement(row)) for row in rows)
-    errors = sorted(
-        relative_error(row["velocity"], row["true_velocity"], row["speed"]) for row in rows if not row["failure"]
-    )
-    middle = errors[len(errors) // 2] if errors else math.nan
+    errors = [row["velocity_error"] for row in rows if not row["failure"]]
+    middle = median_high(errors) if errors else math.nan
     words = f"{apart} of {len(rows)} do not, median {middle:.1e}; {unknown} scenes the independent solver could not do"
     return Bar("V_p within 1e-6 of the independent solver, on 2 %", words, bool(rows) and apart == 0)
-
-
-def over_invariances(rows: Sequence[Row]) -> list[Bar]:
-    """Return the bars of what must not matter."""
-    return [
-        Bar(
-            f"{row['contender']}: {row['description']}",
-            f"median {row['median']:.1e}, largest {row['largest']:.1e}, equal to the bit in "
-            f"{100 * row['equal']:.0f} % of {row['scenes']:.0f}",
-            bool(row["met"]),
-        )
-        for row in rows
-    ]

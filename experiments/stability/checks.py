@@ -38,13 +38,9 @@ class Findings:
 
 def finite(outcome: ig.Outcome) -> bool:
     """Whether all numbers of an outcome are numbers."""
-    numbers = [outcome.object_velocity, outcome.tool_velocity, outcome.flange_velocity, outcome.peak_force]
-    numbers += [outcome.coupling_impulse, outcome.momentum_error, outcome.detection_time or 0.0]
-    for contact in outcome.contacts:
-        numbers += [getattr(contact, name) or 0.0 for name in contact.__dataclass_fields__]
-    if outcome.trace is not None:
-        numbers += [float(getattr(outcome.trace, name).sum()) for name in outcome.trace.__dataclass_fields__]
-    return bool(np.all(np.isfinite(numbers)))
+    records = [record for record in (outcome, *outcome.contacts, outcome.trace) if record is not None]
+    values = [getattr(record, name) for record in records for name in record.__dataclass_fields__]
+    return all(bool(np.all(np.isfinite(value))) for value in values if isinstance(value, float | np.ndarray))
 
 
 def examine(scene: ig.Scene, outcome: ig.Outcome) -> Findings:
@@ -53,7 +49,9 @@ def examine(scene: ig.Scene, outcome: ig.Outcome) -> Findings:
         return Findings()
     budgets, energies, pulls, fall = [], [], [0.0], 0.0
     before, m_p, trace = 0.0, scene.object.mass, outcome.trace
-    heaviest = heaviest_tool(scene)
+    heaviest = scene.tool.mass  # of what moves as one with the tool
+    if isinstance(scene.coupling, ig.Rigid) and scene.robot is not None:
+        heaviest += float(np.max(scene.robot.mass))
     for contact in outcome.contacts:
         after, striking = contact.object_velocity, before + contact.approach_velocity
         impulse = max(contact.impulse, 1e-300)
@@ -78,28 +76,19 @@ def _worst(*values: float) -> float:
     return math.inf if any(map(math.isnan, values)) else max(values)
 
 
-def heaviest_tool(scene: ig.Scene) -> float:
-    """What moves as one with the tool, kg."""
-    mass = scene.tool.mass
-    if isinstance(scene.coupling, ig.Rigid) and scene.robot is not None:
-        mass += float(np.max(scene.robot.mass))
-    return mass
-
-
 def energy(scene: ig.Scene, trace: ig.Trace, contact: ig.ContactRecord) -> tuple[float, float]:
     """Return the energy that a contact has created, and its doubt, as in `Findings`."""
     first = int(np.searchsorted(trace.time, contact.start, side="right")) - 1
-    last = len(trace.time) - 1
-    if contact.end is not None:
-        last = int(np.searchsorted(trace.time, contact.end, side="left"))
-    inside = slice(first, last + 1)
-    time, mass = trace.time[inside], reduced_mass(scene, trace, inside)
+    last = np.searchsorted(trace.time, math.inf if contact.end is None else contact.end, side="left")
+    inside = slice(first, int(last) + 1)
+    time, mass = trace.time[inside], reduced_mass(scene, trace.command_position[inside])
     delta = (trace.tool_position - trace.object_position)[inside]
     rate = (trace.tool_velocity - trace.object_velocity)[inside]
     given = scene.object.mass * trace.object_velocity[inside]
     parts = _work(time, mass, delta, rate, given)
     work = float(np.sum(parts))
-    doubt = abs(work - float(np.sum(_work(*map(_every_second, (time, mass, delta, rate, given))))))
+    every_second = [np.append(values[:-1:2], values[-1]) for values in (time, mass, delta, rate, given)]
+    doubt = abs(work - float(np.sum(_work(*every_second))))
     rounding = 4 * EPS * np.sqrt(len(time)) * np.abs(given).max() * np.abs(rate).max()
     rate[0], rate[-1] = contact.approach_velocity, -contact.separation_velocity
     kinetic = float(np.sum((mass[1:] + mass[:-1]) / 2 * np.diff(rate**2 / 2)))
@@ -115,26 +104,14 @@ def _work(time: Array, mass: Array, delta: Array, rate: Array, given: Array) -> 
     return parts
 
 
-def _every_second(values: Array) -> Array:
-    return np.append(values[:-1:2], values[-1])
-
-
-def _moving_mass(scene: ig.Scene, trace: ig.Trace, inside: slice) -> Array:
-    """The tool and what moves as one with it, kg; with a table it varies along the commanded motion."""
-    command = trace.command_position[inside]
-    mass = np.full_like(command, scene.tool.mass)
-    if isinstance(scene.coupling, ig.Rigid) and scene.robot is not None:
-        robot = scene.robot
+def reduced_mass(scene: ig.Scene, command: Array) -> Array:
+    """M (kg) at each commanded position (m); a tool fixed to a rigid robot is as if infinitely heavy."""
+    mass, m_p, robot = np.full_like(command, scene.tool.mass), scene.object.mass, scene.robot
+    if isinstance(scene.coupling, ig.Rigid):
+        if robot is None:
+            return np.full_like(command, m_p)
         if isinstance(robot, ig.RobotTable):
             mass += robot.splines(np.clip(command, robot.position[0], robot.position[-1]))[:, 0]
         else:
             mass += robot.mass
-    return mass
-
-
-def reduced_mass(scene: ig.Scene, trace: ig.Trace, inside: slice) -> Array:
-    """M at each point, kg; a tool fixed to a rigid robot is as if infinitely heavy."""
-    mass, m_p = _moving_mass(scene, trace, inside), scene.object.mass
-    if isinstance(scene.coupling, ig.Rigid) and scene.robot is None:
-        return np.full_like(mass, m_p)
     return mass * m_p / (mass + m_p)

@@ -7,12 +7,14 @@ tolerance   an absolute tolerance in metres is far too coarse for a stiff contac
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import replace
+from statistics import median
 from typing import Any
 
 import numpy as np
 from scipy.integrate import solve_ivp
-from scipy.optimize import brentq
 from scipy.special import lambertw
 
 import impact_gym as ig
@@ -20,11 +22,12 @@ from experiments.speed_vs_error import by_hand
 from experiments.speed_vs_error.contenders import OURS
 from experiments.speed_vs_error.records import Row
 from experiments.speed_vs_error.scenes import Approach
-from experiments.stability import plain_ivp
-from experiments.stability.plain_ivp import OutOfTimeError
+from experiments.stability import rivals
+from experiments.stability.scenes import velocity
+from experiments.stability.workers import limited
 
 SPEED = 0.5  # m/s
-STAGES = 6  # evaluations in an attempted step of RK45
+STAGES = {"RK45": 6, "Radau": 4}  # evaluations in an attempted step
 PUSH = 0.1  # s
 PATIENCE = 20.0  # s of processor time for a slow contact
 MARGINS = tuple(float(f"1e-{k}") for k in range(3, 11))  # m, by which the tool passes the face of the object
@@ -44,23 +47,20 @@ def isolated(k_c: float, e: float, speed: float, distance: float) -> tuple[Appro
     return Approach("isolated", "", scene, motion, distance / speed + 0.1), speed * (1 + e_eff)
 
 
-def onset(places: int = 9) -> Iterator[Row]:
+def onset(places: int) -> Iterator[Row]:
     """Error of V_p against steps in the contact, each the median over some places of the object."""
     approaches = [isolated(1e4, 0.5, SPEED, 0.05 * (1 + 0.0137 * place)) for place in range(places)]
     first = approaches[0][0]
     contact = ig.simulate(first.scene, first.motion, first.duration).contacts[0]
     lasts = (contact.end or math.nan) - contact.start
     for method in by_hand.METHODS:
-        for step in np.geomspace(1e-3, 1e-6, 10):
-            errors = [
-                abs(by_hand.solve(method, approach, float(step)).velocity - true) for approach, true in approaches
-            ]
-            yield row("onset", f"{method}, fixed step", lasts / float(step), float(np.median(errors)) / SPEED)
-    for rtol in 10.0 ** -np.arange(2, 13):
-        found = [ig.simulate(a.scene, a.motion, a.duration, float(rtol)) for a, _ in approaches]
-        errors = [abs(outcome.object_velocity - true) for outcome, (_, true) in zip(found, approaches, strict=True)]
-        steps = float(np.median([outcome.steps for outcome in found]))
-        yield row("onset", OURS, steps, max(float(np.median(errors)) / SPEED, 1e-16))
+        for step in np.geomspace(1e-3, 1e-6, 10).tolist():
+            error = median(abs(by_hand.solve(method, a, step).velocity - true) for a, true in approaches)
+            yield row("onset", f"{method}, fixed step", lasts / step, error / SPEED)
+    for rtol in (10.0 ** -np.arange(2, 13)).tolist():
+        found = [(ig.simulate(a.scene, a.motion, a.duration, rtol), true) for a, true in approaches]
+        error = median(abs(outcome.object_velocity - true) for outcome, true in found)
+        yield row("onset", OURS, median(outcome.steps for outcome, _ in found), max(error / SPEED, 1e-16))
 
 
 def swaying(number: int) -> tuple[ig.Scene, ig.Trapezoid]:
@@ -73,9 +73,7 @@ def swaying(number: int) -> tuple[ig.Scene, ig.Trapezoid]:
 
 def free_tool(scene: ig.Scene, motion: ig.Trapezoid) -> Any:
     """Return the rates of tool and robot, undamped, under the ramp and then the cruise (paper, eq. 8 and 17)."""
-    robot: Any = scene.robot
-    coupling: Any = scene.coupling
-    ramp = motion.speed / motion.acceleration
+    robot, coupling, ramp = scene.robot, scene.coupling, motion.speed / motion.acceleration
 
     def rates(t: float, y: Any) -> list[float]:
         early = min(t, ramp)
@@ -88,84 +86,68 @@ def free_tool(scene: ig.Scene, motion: ig.Trapezoid) -> Any:
 
 def summit(scene: ig.Scene, motion: ig.Trapezoid) -> tuple[float, float] | None:
     """Return when, and how far out, the tool first turns back, s and m; None if it does not."""
-    run = solve_ivp(free_tool(scene, motion), (0, 0.6), [0.0] * 4, "DOP853", rtol=1e-13, atol=1e-16, dense_output=True)
-    speed = lambda t: float(run.sol(t)[1])  # noqa: E731
-    times = np.linspace(0.01, 0.6, 3000)
-    falls = np.flatnonzero((run.sol(times)[1][:-1] > 0) & (run.sol(times)[1][1:] <= 0))
-    if not len(falls):
-        return None
-    when = float(brentq(speed, times[falls[0]], times[falls[0] + 1], xtol=1e-15))
-    return when, float(run.sol(when)[0])
+    turn = rivals.event(lambda _, y: y[1], -1.0)
+    run = solve_ivp(free_tool(scene, motion), (0, 0.6), [0.0] * 4, "DOP853", events=turn, rtol=1e-13, atol=1e-16)
+    return (float(run.t_events[0][0]), float(run.y_events[0][0, 0])) if run.status else None
 
 
-def graze(scenes: int = 40) -> Iterator[Row]:
+def graze(scenes: int) -> Iterator[Row]:
     """Share of touches that are found, against how far the tool passes the face of the object, which stands just so."""
-    found: dict[str, list[list[bool]]] = {}
-    for number in range(scenes):
-        scene, motion = swaying(number)
-        top = summit(scene, motion)
-        if top is not None:
-            for name, saw in _grazes_of(scene, motion, *top):
-                found.setdefault(name, []).append(saw)
-    for name, saws in found.items():
-        for margin, share in zip(MARGINS, np.mean(saws, axis=0).tolist(), strict=True):
+    tops = [(scene, motion, summit(scene, motion)) for scene, motion in map(swaying, range(scenes))]
+    seen = [seen_by(scene, motion, *top) for scene, motion, top in tops if top is not None]
+    for name in seen[0]:
+        for margin, share in zip(MARGINS, np.mean([saw[name] for saw in seen], axis=0).tolist(), strict=True):
             yield row("graze", name, margin, share)
 
 
-def _grazes_of(scene: ig.Scene, motion: ig.Trapezoid, when: float, far: float) -> Iterator[tuple[str, list[bool]]]:
-    """Yield, for each of MARGINS, who sees the touch before the tool is at its summit."""
-    saw = []
-    for margin in MARGINS:
-        target = ig.Object(scene.object.mass, far - margin)
-        there = ig.Scene(scene.tool, target, scene.contact, scene.coupling, scene.robot)
-        outcome = ig.simulate(there, motion, when + 0.02, 1e-12)
-        saw.append(bool(outcome.contacts) and outcome.contacts[0].start <= when)
-    yield OURS, saw
-    touches = [plain_ivp.event(_passes(far - margin), 1.0, terminal=False) for margin in MARGINS]
+def seen_by(scene: ig.Scene, motion: ig.Trapezoid, when: float, far: float) -> dict[str, list[bool]]:
+    """Return, for each of MARGINS, whether the touch is seen before the tool is at its summit, by who looks for it."""
+    rates, end = free_tool(scene, motion), when + 0.02
+
+    def ours(margin: float) -> bool:
+        there = replace(scene, object=ig.Object(scene.object.mass, far - margin))
+        contacts = ig.simulate(there, motion, end, 1e-12).contacts
+        return bool(contacts) and contacts[0].start <= when
+
+    seen = {OURS: [ours(margin) for margin in MARGINS]}
+    touches = [rivals.event(lambda _, y, face=far - margin: y[0] - face, 1.0, terminal=False) for margin in MARGINS]
     for method in ("RK45", "DOP853", "LSODA", "Radau"):
         # tolerances far below the margins, so that only the search for events is judged
-        run = solve_ivp(
-            free_tool(scene, motion), (0, when + 0.02), [0.0] * 4, method, events=touches, rtol=1e-10, atol=1e-13
-        )
-        yield f"{method}, solve_ivp events", [bool(np.any(times <= when)) for times in run.t_events]
+        run = solve_ivp(rates, (0, end), [0.0] * 4, method, events=touches, rtol=1e-10, atol=1e-13)
+        seen[f"{method}, solve_ivp events"] = [bool(np.any(times <= when)) for times in run.t_events]
+    return seen
 
 
-def _passes(face: float) -> Callable[[float, Any], float]:
-    """Return how far the tool is beyond a face, m."""
-    return lambda _, y: float(y[0]) - face
+def attempts(approach: Approach, method: str) -> float:
+    """Return the attempted steps of ours or of solve_ivp; nan where there was no end in PATIENCE."""
+    with suppress(TimeoutError, RuntimeError), limited(PATIENCE):
+        if method == OURS:
+            return ig.simulate(approach.scene, approach.motion, approach.duration).steps
+        return rivals.plain(approach, method, 1e-6, 1e-12).steps / STAGES[method]
+    return math.nan
 
 
-def slow() -> Iterator[Row]:
-    """Attempted steps of a push of PUSH s that begins with a touch at v_in; nan where there was no end in PATIENCE."""
-    for v_in in 10.0 ** -np.arange(0, 9):
-        v, a = float(v_in), 8.0
+def slow(slowest: int) -> Iterator[Row]:
+    """Attempted steps of a push of PUSH s that begins with a touch at v_in, from 1 m/s down to 10^-slowest."""
+    for v in (10.0 ** -np.arange(0, slowest + 1)).tolist():
+        a = 8.0
         scene = ig.Scene(ig.Tool(0.125), ig.Object(0.25, v**2 / (2 * a)), ig.Contact(1e8, 0.1))
         approach = Approach("slow", "", scene, ig.Trapezoid(v + 0.5, a), v / a + PUSH)
-        try:
-            steps = float(ig.simulate(approach.scene, approach.motion, approach.duration).steps)
-        except RuntimeError:
-            steps = math.nan
-        yield row("slow", OURS, v, steps)
-        for method in ("RK45", "Radau"):
-            try:
-                evaluations = plain_ivp.solve(approach, method, 1e-6, 1e-12, PATIENCE).steps
-            except (OutOfTimeError, RuntimeError):
-                evaluations = 0
-            stages = STAGES if method == "RK45" else 4
-            yield row("slow", f"{method}, solve_ivp", v, evaluations / stages or math.nan)
+        for method in (OURS, *STAGES):
+            name = OURS if method == OURS else f"{method}, solve_ivp"
+            yield row("slow", name, v, attempts(approach, method))
 
 
 def tolerance() -> Iterator[Row]:
     """Error of V_p against rtol where delta0 is 3e-7 m."""
     approach, true = isolated(1e10, 0.5, 0.01, 0.001)
-    for rtol in 10.0 ** -np.arange(3, 13):
+    for rtol in (10.0 ** -np.arange(3, 13)).tolist():
         for atol in (1e-6, 1e-9):
-            answer = plain_ivp.solve(approach, "RK45", float(rtol), atol, PATIENCE)
-            yield row("tolerance", f"RK45, solve_ivp, atol {atol:g}", float(rtol), abs(answer.velocity / true - 1))
-        outcome = ig.simulate(approach.scene, approach.motion, approach.duration, float(rtol))
-        yield row("tolerance", OURS, float(rtol), max(abs(outcome.object_velocity / true - 1), 1e-16))
+            answer = rivals.plain(approach, "RK45", rtol, atol)
+            yield row("tolerance", f"RK45, solve_ivp, atol {atol:g}", rtol, abs(answer.velocity / true - 1))
+        yield row("tolerance", OURS, rtol, max(abs(velocity(approach, rtol) / true - 1), 1e-16))
 
 
-def rows() -> list[Row]:
-    """Return all points."""
-    return [*onset(), *graze(), *slow(), *tolerance()]
+def rows(quick: bool) -> list[Row]:
+    """Return all points, or a few of each panel if it has to be `quick`."""
+    return [*onset(1 if quick else 9), *graze(1 if quick else 40), *slow(3 if quick else 8), *tolerance()]

@@ -1,21 +1,20 @@
 """What must not matter: units, frame, order of rows, number of threads, the process. As numbers, over storm scenes."""
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
-from itertools import count as numbers_from
-from itertools import islice
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import is_dataclass, replace
 from typing import Any
 
 import numpy as np
+from impact_gym.kernels import APPROACH, CHAIN, approach_rows
 
 import impact_gym as ig
 from experiments.speed_vs_error.records import Row
 from experiments.speed_vs_error.scenes import Approach
-from experiments.stability.agreement import relative_error
-from experiments.stability.frame import velocity_in_frame
 from experiments.stability.rivals import eligible
-from experiments.stability.scenes import draw
+from experiments.stability.scenes import draw, relative_error, velocity
+from impact_gym.lowering import LOCAL_SHARE, approach_plan
+from impact_gym.simulation import MAX_STEPS, NOTHING_RECORDED
 
 RTOL = 1e-8  # of the runs
 BOOST = 2.0  # m/s
@@ -24,168 +23,138 @@ UNITS = {
     "units scaled by 3, 0.7 and 1.3": (3.0, 0.7, 1.3),
 }
 """Factors of mass, length and time."""
+LENGTHS = ("distance", "position", "free_length", "height", "front_stop", "rear_stop")
 CONVERGED = 10 * RTOL  # relative, that a different sequence of steps may change
 ROUNDING = 1e-12  # relative, in the median
-SWEPT = ("object.mass", "object.distance", "contact.stiffness", "contact.restitution", "motion.speed")
 SLOWEST = 1e-5  # m/s, ten times the floor of v_in, which no unit scales
-MAX_STEPS = 20_000
+MOST_STEPS = 20_000
 
 
 def scaled(approach: Approach, mass: float, length: float, time: float) -> Approach:
     """Return the approach with its numbers in other units: each mass so many times as large, and so on."""
-    speed, acceleration, force = length / time, length / time**2, mass * length / time**2
-    scene, motion, contact, coupling, robot = (
-        approach.scene, approach.motion, approach.scene.contact, approach.scene.coupling, approach.scene.robot,
-    )  # fmt: skip
-    if isinstance(coupling, ig.SpringDamper):
-        coupling = replace(coupling, stiffness=coupling.stiffness * force / length)
-    if isinstance(coupling, ig.Bistable):
-        lengths = {name: getattr(coupling, name) * length for name in ("free_length", "height")}
-        lengths |= {name: getattr(coupling, name) * length for name in ("front_stop", "rear_stop")}
-        stiffness = {name: getattr(coupling, name) * force / length for name in ("stiffness", "stop_stiffness")}
-        coupling = replace(coupling, **lengths, **stiffness)
-    if robot is not None:
-        factors = {"mass": mass, "stiffness": force / length, "damping": force / speed}
-        if isinstance(robot, ig.RobotTable):
-            factors["position"] = length
-        robot = type(robot)(**{name: _times(getattr(robot, name), factor) for name, factor in factors.items()})
-    brake = motion.brake
-    if brake is not None:
-        deceleration = None if brake.deceleration is None else brake.deceleration * acceleration
-        brake = ig.Brake(brake.threshold * force, brake.delay * time, deceleration)
-    stiffness_unit = force / length**contact.stiffness_exponent
-    return replace(
-        approach,
-        scene=ig.Scene(
-            ig.Tool(scene.tool.mass * mass),
-            ig.Object(scene.object.mass * mass, scene.object.distance * length),
-            replace(contact, stiffness=contact.stiffness * stiffness_unit),
-            coupling,
-            robot,
-        ),
-        motion=ig.Trapezoid(motion.speed * speed, motion.acceleration * acceleration, brake),
-        duration=approach.duration * time,
-    )
+    force = mass * length / time**2
+    groups = {
+        ("mass",): mass,
+        LENGTHS: length,
+        ("duration", "delay"): time,
+        ("speed",): length / time,
+        ("acceleration", "deceleration"): length / time**2,
+        ("threshold",): force,
+        ("stiffness", "stop_stiffness"): force / length,
+        ("damping",): force * time / length,
+    }
+    return _times(approach, {name: factor for names, factor in groups.items() for name in names})
 
 
-def _times(value: float | tuple[float, ...], factor: float) -> Any:
-    return tuple(one * factor for one in value) if isinstance(value, tuple) else value * factor
+def _times(value: Any, factors: Mapping[str, float], factor: float = 1.0) -> Any:
+    """Return a number or tuple of numbers times `factor`, or a record whose fields have theirs by name."""
+    if is_dataclass(value):
+        if isinstance(value, ig.Contact):  # N/m^m
+            factors = {"stiffness": factors["threshold"] / factors["distance"] ** value.stiffness_exponent}
+        parts = {name: getattr(value, name) for name in value.__dataclass_fields__}
+        return replace(value, **{name: _times(part, factors, factors.get(name, 1.0)) for name, part in parts.items()})
+    if isinstance(value, tuple):
+        return tuple(one * factor for one in value)
+    return value * factor if isinstance(value, float) else value
 
 
-def velocity(approach: Approach) -> float:
-    """V_p, m/s."""
-    return ig.simulate(approach.scene, approach.motion, approach.duration, RTOL).object_velocity
+def velocity_in_frame(approach: Approach, boost: float, rtol: float) -> float:
+    """V_p as someone at rest in a room of velocity `boost` (m/s) finds it, m/s; nan if the run does not finish.
 
-
-def candidates(plain: bool = False) -> Iterator[Approach]:
-    """Storm scenes with a contact, none of them slower than SLOWEST, that need no more steps than MAX_STEPS.
-
-    With `plain` only those with m = n = 3/2 and a rigid robot.
+    Flange, tool and object have that velocity from the start. A scene begins at rest, so that the public functions
+    offer no other frame; the kernels do.
     """
-    for number in numbers_from():
-        approach = draw(number)
-        if plain and not eligible(approach):
-            continue
-        try:
-            outcome = ig.simulate(approach.scene, approach.motion, approach.duration, RTOL)
-        except RuntimeError:
-            continue
-        slowest = min((contact.approach_velocity for contact in outcome.contacts), default=0.0)
-        if slowest > SLOWEST and outcome.steps < MAX_STEPS:
-            yield approach
+    plan, table = approach_plan(approach.scene, approach.motion, approach.duration)
+    plans, chains = np.array([plan], APPROACH), np.empty(1, CHAIN)
+    plans["frame"] = boost
+    approach_rows(plans, table, chains, 0, 1, LOCAL_SHARE * rtol, MAX_STEPS, NOTHING_RECORDED)
+    (end,) = chains
+    object_velocity = float(end["flange_velocity"] + end["deflection_rate"] - end["penetration_rate"])
+    found = object_velocity - boost if end["contacts"] else 0.0
+    return math.nan if end["status"] < 0 else found
 
 
-def line(name: str, differences: Sequence[float], bar: str, met: bool) -> Row:
-    """Return a row of the table: what must not matter, by how much it does, and by how much it may."""
+def line(name: str, differences: Sequence[float], exact: bool = True) -> Row:
+    """Return a row of the table: what must not matter, by how much it does, and by how much it may.
+
+    Where it need not be `exact`, rounding may differ, and with it the sequence of steps.
+    """
     values = np.array(differences)
+    median, largest = float(np.median(values)), float(values.max())
+    bar = "no difference at all" if exact else f"median below {ROUNDING:g}, none above {CONVERGED:g}"
     return {
         "contender": name,
         "scenes": len(values),
         "equal": float(np.mean(values == 0.0)),
-        "median": float(np.median(values)),
-        "largest": float(values.max()),
+        "median": median,
+        "largest": largest,
         "description": bar,
-        "met": int(met),
+        "met": int(not np.any(values) if exact else median < ROUNDING and largest < CONVERGED),
     }
 
 
-def to_rounding(name: str, differences: Sequence[float]) -> Row:
-    """Return the row of what rounding may change, and with it the sequence of steps."""
-    bar = f"median below {ROUNDING:g}, none above {CONVERGED:g}"
-    return line(name, differences, bar, float(np.median(differences)) < ROUNDING and max(differences) < CONVERGED)
-
-
-def to_the_bit(name: str, differences: Sequence[float]) -> Row:
-    """Return the row of what may change nothing."""
-    return line(name, differences, "no difference at all", not np.any(differences))
-
-
-def units(name: str, approaches: Iterable[Approach]) -> Row:
+def units(name: str, approaches: Sequence[Approach]) -> Row:
     """Other units change only the numbers."""
-    mass, length, time = UNITS[name]
-    unit = length / time
-    return to_rounding(
-        name,
-        [
-            relative_error(velocity(scaled(a, mass, length, time)) / unit, velocity(a), a.motion.speed)
-            for a in approaches
-        ],
-    )
+    _, length, time = UNITS[name]
+    pairs = [(velocity(scaled(a, *UNITS[name]), RTOL) / (length / time), velocity(a, RTOL)) for a in approaches]
+    speeds = [a.motion.speed for a in approaches]
+    return line(name, [relative_error(*pair, v) for pair, v in zip(pairs, speeds, strict=True)], exact=False)
 
 
-def frame(approaches: Iterable[Approach]) -> Row:
+def frame(approaches: Sequence[Approach]) -> Row:
     """A room that moves at BOOST changes nothing within it; over V_p or BOOST, whose rounding comes in."""
     found = []
     for approach in approaches:
         here, moving = (velocity_in_frame(approach, boost, RTOL) for boost in (0.0, BOOST))
         found.append(abs(moving - here) / max(abs(here), BOOST))
-    return to_rounding(f"frame moving at {BOOST:g} m/s", found)
+    return line(f"frame moving at {BOOST:g} m/s", found, exact=False)
 
 
-def sweep_of(rows: int, coupling: ig.SpringDamper | ig.Rigid, order: Any, threads: int) -> Any:
-    """Return V_p of a sweep over storm values, rows taken in `order`."""
-    approaches = [draw(number) for number in range(rows)]
-    values = {
+def sweep_of(order: Sequence[int], threads: int) -> Any:
+    """Return V_p (m/s) of a sweep over storm values, its rows those of the scenes in `order`."""
+    approaches = [draw(number) for number in order]
+    varied = {
         "object.mass": [a.scene.object.mass / a.scene.tool.mass for a in approaches],
         "object.distance": [a.scene.object.distance for a in approaches],
         "contact.stiffness": [a.scene.contact.stiffness for a in approaches],
         "contact.restitution": [max(a.scene.contact.restitution, 0.05) for a in approaches],
         "motion.speed": [a.motion.speed for a in approaches],
     }
-    template = ig.Scene(ig.Tool(1.0), ig.Object(1.0, 0.1), ig.Contact(1e5, 0.5), coupling)
-    varied = {name: np.array(values[name])[order] for name in SWEPT}
-    duration = np.array([a.duration for a in approaches])[order]
-    found = ig.sweep(template, ig.Trapezoid(1.0, 8.0, ig.Brake()), varied, duration, RTOL, threads)
+    template = ig.Scene(ig.Tool(1.0), ig.Object(1.0, 0.1), ig.Contact(1e5, 0.5), ig.SpringDamper(150.0, 0.5))
+    found = ig.sweep(
+        template, ig.Trapezoid(1.0, 8.0, ig.Brake()), varied, [a.duration for a in approaches], RTOL, threads
+    )
     return np.nan_to_num(found.object_velocity, nan=-1.0)  # a run that does not finish must not finish always
 
 
 def sweeps(rows: int) -> Iterator[Row]:
     """Rows in another order, and on other numbers of threads."""
-    coupling = ig.SpringDamper(150.0, 0.5)
-    plain, order = np.arange(rows), np.random.default_rng(0).permutation(rows)
-    first = sweep_of(rows, coupling, plain, 1)
-    mixed = np.empty(rows)
-    mixed[order] = sweep_of(rows, coupling, order, 1)
-    yield to_the_bit("order of the rows of a sweep", np.abs(mixed - first).tolist())
+    order = np.random.default_rng(0).permutation(rows)
+    first = sweep_of(range(rows), 1)
+    yield line("order of the rows of a sweep", np.abs(sweep_of(order, 1) - first[order]).tolist())
     for threads in (2, 7):
-        there = sweep_of(rows, coupling, plain, threads)
-        yield to_the_bit(f"{threads} threads instead of 1", np.abs(there - first).tolist())
+        yield line(f"{threads} threads instead of 1", np.abs(sweep_of(range(rows), threads) - first).tolist())
 
 
-def repeated(storm_velocities: dict[int, float]) -> Row:
+def repeated(storm_velocities: Mapping[int, float]) -> Row:
     """A scene computed again, here and not in the process that wrote its row."""
-    found = []
-    for number, before in storm_velocities.items():
-        found.append(abs(velocity(draw(number)) - before) if math.isfinite(before) else 0.0)
-    return to_the_bit("another process, another order of scenes", found)
+    found = [abs(velocity(draw(number), RTOL) - before) for number, before in storm_velocities.items()]
+    return line("another process, another order of scenes", found)
 
 
-def table(size: int, storm_velocities: dict[int, float], trace_changes: Sequence[float]) -> list[Row]:
-    """Return all rows, over `size` scenes each."""
-    approaches = list(islice(candidates(), size))
-    found = [units(name, approaches) for name in UNITS]
-    found.append(frame(islice(candidates(plain=True), size)))
-    found += sweeps(max(size, 32))
-    found.append(repeated(storm_velocities))
-    found.append(to_the_bit("with a trace", trace_changes))
-    return found
+def table(size: int, storm: Sequence[Row]) -> list[Row]:
+    """Return all rows, over `size` scenes each; `storm` are the rows of the storm.
+
+    Units and frame: scenes with a contact, none slower than SLOWEST, in fewer steps than MOST_STEPS. The frame only
+    those with m = n = 3/2 and a rigid robot.
+    """
+    done = [row for row in storm if not row["failure"]]
+    struck = [row for row in done if row["slowest_contact"] > SLOWEST and row["steps"] < MOST_STEPS]
+    approaches = [draw(int(row["scene"])) for row in struck]
+    return [
+        *(units(name, approaches[:size]) for name in UNITS),
+        frame([approach for approach in approaches if eligible(approach)][:size]),
+        *sweeps(max(size, 32)),
+        repeated({int(row["scene"]): row["object_velocity"] for row in done[:size]}),
+        line("with a trace", [row["trace_change"] for row in done if row["traced"]]),
+    ]

@@ -1,4 +1,4 @@
-"""The page about the storm, made from the tables on disk: one file, its figures inside."""
+"""The page about the storm and its figures, drawn from the tables: one file, its figures inside."""
 
 import base64
 from collections.abc import Mapping, Sequence
@@ -6,108 +6,142 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import polars as pl
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
+from experiments.charts import SERIES, save
 from experiments.speed_vs_error import records
+from experiments.speed_vs_error.contenders import OURS
 from experiments.speed_vs_error.page import short
 from experiments.speed_vs_error.records import Row
-from experiments.stability import bars, figures, rivals, storm
-from experiments.stability.bars import Failure
-from experiments.stability.scenes import EXPONENTS, OTHERS, RANGES
+from experiments.stability import bars, rivals, scenes
+from experiments.stability.agreement import SHARE
 from impact_gym.files import whole_file
 
-HERE = Path(__file__).parent
-TRUTH, AGREEMENT, RIVALS = "truth.csv", "agreement.csv", "rivals.csv"
-INVARIANCES, HARD_CASES, FAILURES = "invariances.csv", "hard_cases.csv", "failures.csv"
 SHOWN = 200  # failures in the page; the table has all
 
-
-def broken(folder: Path, count: int) -> list[Failure]:
-    """Return every failure of the storm, in the order of the scenes."""
-    return [failure for row in storm.known(folder, count) for failure in bars.failures(row)]
-
-
-def extremes(columns: Mapping[str, Any]) -> dict[str, float]:
-    """Return the worst of each column over the scenes that finished, and how many scenes there are."""
-    done = columns["failure"] == ""
-
-    worst = {name: _largest(columns[name][done]) for name in ("momentum_error", "impulse_error", "pull", "trace_fall")}
-    struck = done & (columns["contacts"] > 0) & (columns["traced"] == 1)
-    worst["excess"] = _largest((columns["energy_created"] - columns["energy_doubt"])[struck])
-    worst["doubt"] = _largest(columns["energy_doubt"][struck])
-    change = columns["finer_change"] / np.maximum(np.abs(columns["object_velocity"]), 1e-6 * columns["speed"])
-    worst["settled"] = float(np.nanmedian(change)) if np.any(np.isfinite(change)) else float("nan")
-    worst |= {name: _largest(columns[name]) for name in ("milliseconds", "steps")}
-    worst["median"] = float(np.nanmedian(columns["milliseconds"]))
-    worst["untraced"] = float(np.sum(done & (columns["traced"] == 0)))
-    worst["scenes"] = float(len(done))
-    return worst
+# from good to bad, told apart by lightness as well
+SHADES = dict(zip(rivals.CLASSES, ("#009E73", "#9BD8C3", "#E69F00", "#D55E00", "#56B4E9", "#999999"), strict=True))
+COUPLINGS = {"rigid": "#0072B2", "spring": "#E69F00", "bistable": "#CC79A7"}
+MARKS = "os^Dv<>"
+POINTS = 400  # of a curve
 
 
-def _largest(values: Any) -> float:
-    values = values[np.isfinite(values)]
-    return float(values.max()) if values.size else float("nan")
+def _share_above(axes: Axes, values: Any, floor: float, bar: float, name: str, **style: Any) -> None:
+    """Draw which share of the scenes is above a value; what is below `floor` is drawn there."""
+    ordered = np.sort(np.maximum(values[np.isfinite(values)], floor))
+    size = len(ordered)
+    if not size:
+        return
+    # every one of the worst, and no more of the rest than can be told apart
+    places = np.unique(size - np.unique(np.geomspace(1, size, POINTS).astype(int)))
+    axes.plot(ordered[places], 100 * (1 - places / size), drawstyle="steps-pre", **style)
+    axes.axvline(bar, color="black", linewidth=0.9, linestyle=(0, (4, 2)))
+    axes.set(xscale="log", yscale="log", xlabel=name)
 
 
-def listed(found: Sequence[Failure]) -> list[Row]:
-    """Return the table of failures."""
-    rows = []
-    for failure in found:
-        row = failure.row
-        numbers = {name: row[name] for name in ("milliseconds", "steps", "slowest_contact")}
-        words = {"contender": failure.promise, "failure": failure.reason, "coupling": row["coupling"]}
-        rows.append({"scene": failure.scene, **words, **numbers, "description": row["description"]})
-    return rows
+def storm_figure(rows: Sequence[Row], agreement: Sequence[Row]) -> Figure:
+    """Which share of the scenes is above a time, number of steps, momentum error, error of V_p."""
+    figure = Figure(figsize=(10.8, 6.6))
+    panels: Any = figure.subplots(2, 2, sharey=True)
+    for coupling, colour in COUPLINGS.items():
+        of = pl.DataFrame(rows, infer_schema_length=None).filter(pl.col("coupling").str.starts_with(coupling))
+        done = of.filter(pl.col("failure") == "")
+        errors = [
+            row["velocity_error"] for row in agreement if row["coupling"].startswith(coupling) and not row["failure"]
+        ]
+        momentum = np.fmax(done["momentum_error"], done["impulse_error"])
+        for axes, values, floor, bar, name in (
+            (panels[0, 0], of["milliseconds"], 1e-2, bars.SLOWEST, "time of a run (ms)"),
+            (panels[0, 1], done["steps"], 1, 1e6, "steps of a run"),
+            (panels[1, 0], momentum, 1e-16, bars.MOMENTUM, "momentum error over impulse"),
+            (panels[1, 1], errors, 1e-16, SHARE, "error of V_p against the independent solver"),
+        ):
+            _share_above(axes, np.asarray(values), floor, bar, name, color=colour, label=coupling)
+    for axes in panels[:, 0]:
+        axes.set_ylabel("scenes above (%)")
+    panels[0, 0].legend(title="coupling")
+    return figure
 
 
-def draw(folder: Path, columns: Mapping[str, Any], table: Sequence[Row], size: int) -> None:
-    """Draw every figure from the tables in `folder`."""
-    figures.both(figures.storm(columns, records.read(folder / AGREEMENT)), folder / "storm.svg")
-    figures.both(figures.rivals(table, size), folder / "rivals.svg")
-    figures.both(figures.hard_cases(records.read(folder / HARD_CASES)), folder / "hard_cases.svg")
+def rivals_figure(table: Sequence[Row]) -> Figure:
+    """What became of each rival on the same scenes: bars of shares."""
+    figure = Figure(figsize=(10.8, 5.6))
+    axes = figure.subplots()
+    frame, left = pl.DataFrame(table).reverse(), np.zeros(len(table))
+    style = {"edgecolor": "white", "linewidth": 0.5}
+    for kind, colour in SHADES.items():
+        shares = 100 * frame[kind].to_numpy()
+        drawn = axes.barh(frame["contender"], shares, left=left, color=colour, label=kind, **style)
+        axes.bar_label(drawn, fmt=lambda x: f"{x:.0f}" if x >= 4 else "", label_type="center", fontsize=8)
+        left = left + shares
+    axes.set(xlabel=f"share of {table[0]['scenes']} scenes (%)", xlim=(0, 100))
+    axes.grid(visible=False, axis="y")
+    figure.legend(loc="outside lower center", ncols=3, fontsize=9)
+    return figure
 
 
-def write(folder: Path, count: int, results: Mapping[str, Any]) -> Path:
+PANELS = {
+    "onset": ("Across the onset at a fixed step", "steps in the contact", "error of V_p / v"),
+    "graze": ("A touch and a parting in one step", "tool passes the face by (m)", "touches found (%)"),
+    "slow": ("A slow contact under a push", "approach velocity v_in (m/s)", "attempted steps"),
+    "tolerance": ("Tolerances in metres, contact of 3e-7 m", "rtol", "relative error of V_p"),
+}
+
+
+def hard_cases_figure(rows: Sequence[Row]) -> Figure:
+    """What fails elsewhere and not here, a panel for each cause."""
+    figure = Figure(figsize=(10.8, 8.2))
+    grid: Any = figure.subplots(2, 2)
+    frame = pl.DataFrame(rows, infer_schema_length=None).sort(pl.col("contender") != OURS, "contender", "x")
+    for axes, (panel, (title, x, y)) in zip(grid.flat, PANELS.items(), strict=True):
+        curves = frame.filter(pl.col("scene") == panel).group_by("contender", maintain_order=True)
+        scale = 100 if panel == "graze" else 1
+        for place, ((name,), curve) in enumerate(curves):
+            width, colour, order = (2.4, "#000000", 3) if name == OURS else (1.3, SERIES[place % len(SERIES)], 2)
+            style = {"linewidth": width, "color": colour, "zorder": order, "marker": MARKS[place % len(MARKS)]}
+            axes.plot(curve["x"], scale * curve["y"], markersize=4, label=name, **style)
+        axes.set(xscale="log", xlabel=x, ylabel=y, title=title)
+        if panel != "graze":
+            axes.set_yscale("log")
+        if panel != "onset":
+            axes.invert_xaxis()
+        axes.legend(fontsize=8, frameon=True)
+    return figure
+
+
+def write(folder: Path, tables: Mapping[str, Sequence[Row]], results: Mapping[str, Any]) -> Path:
     """Draw the figures and write the page and the table of failures; return the path of the page."""
-    columns = storm.columns(folder, count)
-    found = broken(folder, count)
-    judged, truths = records.read(folder / AGREEMENT), records.read(folder / TRUTH)
-    sampled = {row["scene"] for row in judged} | {row["scene"] for row in truths if row["failure"]}
-    unknown = [row for row in truths if row["failure"] and int(row["scene"]) in results["sample"]]
-    rival_rows = records.read(folder / RIVALS)
-    table = rivals.table(rival_rows, list(dict.fromkeys(row["contender"] for row in rival_rows)))
-    size = len({row["scene"] for row in rival_rows})
-    invariances = records.read(folder / INVARIANCES)
-    storm_bars = bars.over_storm(found, extremes(columns))
-    rows = listed(found)
-    if rows:
-        records.write(folder / FAILURES, rows)
-    else:
-        (folder / FAILURES).unlink(missing_ok=True)
-    draw(folder, columns, table, size)
+    storm, judged = tables["storm"], tables["agreement"]
+    broken = [failure for row in storm for failure in bars.failures(row)]
+    unknown = [row for row in tables["truth"] if row["failure"]]
+    shares = rivals.table(tables["rivals"])
+    (folder / "failures.csv").unlink(missing_ok=True)
+    if broken:
+        records.write(folder / "failures.csv", broken)
+    save(storm_figure(storm, judged), folder / "storm.svg")
+    save(rivals_figure(shares), folder / "rivals.svg")
+    save(hard_cases_figure(tables["hard_cases"]), folder / "hard_cases.svg")
 
     def image(name: str) -> str:
         return "data:image/svg+xml;base64," + base64.b64encode((folder / f"{name}.svg").read_bytes()).decode()
 
-    pages = Environment(loader=FileSystemLoader(HERE), autoescape=True, undefined=StrictUndefined)
+    pages = Environment(loader=FileSystemLoader(Path(__file__).parent), autoescape=True, undefined=StrictUndefined)
     pages.filters |= {"short": short}
     text = pages.get_template("page.html.jinja").render(
-        bars=[*storm_bars, bars.over_agreement(judged, len(unknown))],
-        invariances=bars.over_invariances(invariances),
-        failures=rows[:SHOWN],
-        failure_count=len(rows),
-        failing=len({row["scene"] for row in rows}),
+        bars=[*bars.over_storm(storm, broken), bars.over_agreement(judged, len(unknown))],
+        invariances=tables["invariances"],
+        failures=broken,
+        shown=SHOWN,
         apart=[(row, bars.disagreement(row)) for row in judged if bars.disagreement(row)],
         unknown=unknown,
-        sampled=len(sampled),
-        scenes=len(columns["failure"]),
-        table=table,
-        classes=rivals.CLASSES,
-        size=size,
-        rival_settings=rivals,
-        ranges=RANGES,
-        others=OTHERS,
-        pairs=len(set(EXPONENTS)),
+        sampled=len(tables["truth"]),
+        table=shares,
+        rivals=rivals,
+        storm=scenes,
+        size=len(storm),
         energy=bars.ENERGY,
         image=image,
         results=results,

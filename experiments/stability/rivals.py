@@ -5,9 +5,7 @@ by the independent solver.
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from itertools import count as numbers_from
 from itertools import islice
@@ -15,20 +13,21 @@ from pathlib import Path
 from time import thread_time
 from typing import Any
 
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+
 import impact_gym as ig
 from experiments import reference
-from experiments.reference.chain import System
-from experiments.speed_vs_error import by_hand, records
+from experiments.speed_vs_error import by_hand
 from experiments.speed_vs_error.contenders import METHODS, OURS
 from experiments.speed_vs_error.quantities import Answer, answer_of
 from experiments.speed_vs_error.records import Row
 from experiments.speed_vs_error.scenes import Approach
-from experiments.stability import plain_ivp
-from experiments.stability.agreement import relative_error
-from experiments.stability.plain_ivp import OutOfTimeError
-from experiments.stability.scenes import draw
+from experiments.stability.scenes import draw, relative_error
 from experiments.stability.storm import sources
-from experiments.stability.workers import Job, answers
+from experiments.stability.workers import filled, limited
 
 SECONDS = 5.0  # of processor time for a run: a hundred times what ours may take
 RTOL, ATOL = 1e-6, 1e-9
@@ -36,7 +35,8 @@ OUR_RTOL = 1e-8
 CLOSE = 1e-3  # of V_p, relative
 STEPS = (1e-4, 1e-5)  # s
 PLAIN = ("RK45", "LSODA", "Radau")
-GOOD, MISCOUNTED, WRONG, NOT_FINITE, LATE, GAVE_UP = (
+State = NDArray[np.float64]
+CLASSES = GOOD, MISCOUNTED, WRONG, NOT_FINITE, LATE, GAVE_UP = (
     "V_p within 1e-3, contacts right",
     "V_p within 1e-3, contacts miscounted",
     "V_p wrong",
@@ -44,67 +44,96 @@ GOOD, MISCOUNTED, WRONG, NOT_FINITE, LATE, GAVE_UP = (
     "no answer in 5 s",
     "gave up",
 )
-CLASSES = (GOOD, MISCOUNTED, WRONG, NOT_FINITE, LATE, GAVE_UP)
 
 
-@dataclass(frozen=True)
-class Rival:
-    """A way to compute an approach."""
-
-    name: str
-    solve: Callable[[Approach], Answer]
+def simulated(approach: Approach, simulate: Callable[..., Any] = ig.simulate, **options: Any) -> Answer:
+    """By impact_gym, or by the reference: scaled contacts, exact flight, every event looked for with care."""
+    return answer_of(simulate(approach.scene, approach.motion, approach.duration, **options), approach.duration)
 
 
-@contextmanager
-def limited(seconds: float) -> Iterator[None]:
-    """Let the reference raise OutOfTimeError once it has used so much processor time, s."""
-    plain, deadline = System.derivatives, thread_time() + seconds
-
-    def derivatives(self: System, tau: float, y: list[float]) -> list[float]:
-        if thread_time() > deadline:
-            raise OutOfTimeError
-        return plain(self, tau, y)
-
-    System.derivatives = derivatives  # type: ignore[method-assign]
-    try:
-        yield
-    finally:
-        System.derivatives = plain  # type: ignore[method-assign]
+def event(function: Callable[[float, State], float], direction: float, terminal: bool = True) -> Any:
+    """Return `function` as solve_ivp takes it."""
+    found: Any = partial(function)
+    found.direction, found.terminal = direction, terminal
+    return found
 
 
-def ours(approach: Approach) -> Answer:
-    """By impact_gym."""
-    return answer_of(ig.simulate(approach.scene, approach.motion, approach.duration, OUR_RTOL), approach.duration)
+class _PlainRun:
+    """An approach by solve_ivp as people write it: SI units, tests of signs at ends of steps, restarts at each touch.
+
+    The right-hand side is that of the hand-written integrators. The motion is cut where the commanded acceleration
+    jumps and at touch, separation and alarm; what turns there and back within a step is not seen, and neither are the
+    stops of a mechanism. Nobody asks for peak force, contact duration and snap-throughs.
+    """
+
+    def __init__(self, approach: Approach, method: str, rtol: float, atol: float) -> None:
+        self.law, self.command = by_hand.law_of(approach.scene), by_hand.command_of(approach.motion)
+        self.duration = approach.duration
+        self.options: dict[str, Any] = {"method": method, "rtol": rtol, "atol": atol}
+        self.v_in, self.brake, self.detection = 0.0, math.inf, math.nan
+        self.contacts, self.evaluations = 0, 0
+
+    def rates(self, t: float, y: State) -> list[float]:
+        self.evaluations += 1
+        x, v, y_p, w = y.tolist()
+        x, v = by_hand.place(self.law, self.command, self.brake, t, x, v)
+        a, b = by_hand.accelerations(self.law, self.command, self.brake, self.v_in, t, x, v, y_p, w)
+        return [v, a, w, b]
+
+    def penetration(self, t: float, y: State) -> tuple[float, float]:
+        """Penetration (m) and its rate (m/s)."""
+        x, v = by_hand.place(self.law, self.command, self.brake, t, y[0], y[1])
+        return x - y[2], v - y[3]
+
+    def over_threshold(self, t: float, y: State) -> float:
+        return by_hand.contact_force(self.law, *self.penetration(t, y), self.v_in) - self.command.threshold
+
+    def next_jump(self, t: float) -> float:
+        """When the commanded acceleration jumps next, s."""
+        ramp = self.command.speed / self.command.acceleration
+        stopped = self.brake + self.command.speed / self.command.deceleration
+        return min((at for at in (ramp, self.brake, stopped, self.duration) if at > t), default=self.duration)
+
+    def piece(self, t: float, y: State) -> tuple[float, State]:
+        """Integrate to the next jump or event."""
+        found = [event(lambda t, y: self.penetration(t, y)[0], -1.0 if self.v_in else 1.0)]
+        if self.v_in and math.isnan(self.detection):
+            found.append(event(self.over_threshold, 1.0))
+        run = solve_ivp(self.rates, (t, self.next_jump(t)), y, events=found, **self.options)
+        if run.status < 0:
+            raise RuntimeError(run.message)
+        t, y = float(run.t[-1]), run.y[:, -1].copy()
+        if len(run.t_events[0]):
+            self.contacts += self.v_in == 0.0
+            self.v_in = 0.0 if self.v_in else max(self.penetration(t, y)[1], by_hand.SLOWEST)
+        elif len(found) > 1 and len(run.t_events[1]):
+            self.detection = t
+            self.brake = t + self.command.delay
+        return t, y
 
 
-def careful(approach: Approach, method: str) -> Answer:
-    """One of SciPy's integrators, driven by the reference: scaled contacts, exact flight, every event looked for."""
-    with limited(SECONDS):
-        found = reference.simulate(approach.scene, approach.motion, approach.duration, rtol=RTOL, method=method)
-    return answer_of(found, approach.duration)
+def plain(approach: Approach, method: str, rtol: float, atol: float) -> Answer:
+    """solve_ivp as people write it.
+
+    Raises:
+        RuntimeError: the integrator gave up.
+    """
+    run = _PlainRun(approach, method, rtol, atol)
+    t, y = 0.0, np.array([0.0, 0.0, approach.scene.object.distance, 0.0])
+    while t < approach.duration:
+        t, y = run.piece(t, y)
+    return Answer(float(y[3]), math.nan, math.nan, run.detection, run.contacts, passes=0, steps=run.evaluations)
 
 
-def plain(approach: Approach, method: str) -> Answer:
-    """solve_ivp as people write it."""
-    return plain_ivp.solve(approach, method, RTOL, ATOL, SECONDS)
-
-
-def fixed(approach: Approach, method: str, step: float) -> Answer:
-    """A fixed step, without events."""
-    return by_hand.solve(method, approach, step)
-
-
-def rivals() -> tuple[Rival, ...]:
-    """Return all of them."""
-    found = [Rival(OURS, ours)]
-    found += [Rival(f"{method}, careful events", partial(careful, method=method)) for method in METHODS]
-    found += [Rival(f"{method}, solve_ivp events", partial(plain, method=method)) for method in PLAIN]
-    found += [
-        Rival(f"{method}, {step:g} s", partial(fixed, method=method, step=step))
-        for method in by_hand.METHODS
-        for step in STEPS
-    ]
-    return tuple(found)
+RIVALS: dict[str, Callable[[Approach], Answer]] = {
+    OURS: partial(simulated, rtol=OUR_RTOL),
+    **{
+        f"{method}, careful events": partial(simulated, simulate=reference.simulate, rtol=RTOL, method=method)
+        for method in METHODS
+    },
+    **{f"{method}, solve_ivp events": partial(plain, method=method, rtol=RTOL, atol=ATOL) for method in PLAIN},
+    **{f"{method}, {h:g} s": partial(by_hand.solve, method, step=h) for method in by_hand.METHODS for h in STEPS},
+}
 
 
 def eligible(approach: Approach) -> bool:
@@ -127,63 +156,47 @@ def grade(answer: Answer, truth: Row) -> str:
     return GOOD if answer.contacts == truth["contacts"] else MISCOUNTED
 
 
-def row_of(rival: Rival, number: int, truth: Row) -> Row:
-    """Return the row of a rival on a scene."""
-    approach, begun = draw(number), thread_time()
-    row = {"scene": str(number), "contender": rival.name, "run": sources() if rival.name == OURS else ""}
-    empty = {"velocity_error": math.nan, "contacts": math.nan, "true_contacts": truth["contacts"]}
+def row_of(row: Row, truth: Row) -> Row:
+    """Return the row with what its rival makes of its scene."""
+    approach, begun = draw(int(row["scene"])), thread_time()
+    row |= {"velocity_error": math.nan, "contacts": math.nan, "true_contacts": truth["contacts"]}
     try:
-        answer = rival.solve(approach)
-    except OutOfTimeError:
-        return row | {"failure": LATE, "seconds": thread_time() - begun, **empty}
-    except Exception:  # of any kind: it is counted
-        return row | {"failure": GAVE_UP, "seconds": thread_time() - begun, **empty}
-    empty |= {
-        "velocity_error": relative_error(answer.velocity, truth["velocity"], truth["speed"]),
-        "contacts": answer.contacts,
-    }
-    return row | {"failure": grade(answer, truth), "seconds": thread_time() - begun, **empty}
+        with limited(SECONDS):
+            answer = RIVALS[row["contender"]](approach)
+    except Exception as problem:  # of any kind: it is counted
+        grave = LATE if isinstance(problem, TimeoutError) else GAVE_UP
+        return row | {"failure": grave, "seconds": thread_time() - begun}
+    error = relative_error(answer.velocity, truth["velocity"], truth["speed"])
+    found = {"failure": grade(answer, truth), "velocity_error": error, "contacts": answer.contacts}
+    return row | found | {"seconds": thread_time() - begun}
 
 
-def rows_of(task: tuple[int, Row, tuple[str, ...]]) -> list[Row]:
-    """Return the rows of the rivals named, on a scene."""
-    number, truth, names = task
-    return [row_of(rival, number, truth) for rival in rivals() if rival.name in names]
-
-
-def _silent(task: tuple[int, Row, tuple[str, ...]], reason: str) -> list[Row]:
-    """One of the rivals was somewhere that it did not look at its time: all of the task count as late, ours too."""
-    number, truth, names = task
-    blank: dict[str, Any] = {"seconds": math.nan, "velocity_error": math.nan, "contacts": math.nan}
-    head = {"scene": str(number), "run": "", "failure": LATE, "true_contacts": truth["contacts"]}
-    return [head | blank | {"contender": name} for name in names]
-
-
-def extend(path: Path, truths: Mapping[int, Row], names: Sequence[str], processes: int | None = None) -> list[Row]:
-    """Return the rows of the rivals named on the scenes whose truth is known; compute what the table has not."""
-    rows = {(row["scene"], row["contender"]): row for row in records.read(path)}
-    rows = {key: row for key, row in rows.items() if row["contender"] != OURS or row["run"] == sources()}
-    known = {number: truth for number, truth in truths.items() if not truth["failure"]}
+def rows(path: Path, truths: Mapping[int, Row], names: Sequence[str], processes: int | None = None) -> list[Row]:
+    """Return the rows of the rivals named on the scenes whose truth is known."""
     tasks = [
-        (number, truth, (name,)) for number, truth in known.items() for name in names if (str(number), name) not in rows
+        ({"scene": true["scene"], "contender": name, "run": sources() if name == OURS else "", "failure": ""}, true)
+        for true in truths.values()
+        for name in names
+        if not true["failure"]
     ]
-    order = [(str(number), name) for number in known for name in names]
-    job = Job(rows_of, by_hand.compile_now)
-    for done, new in enumerate(answers(job, tasks, 12 * SECONDS, _silent, "rivals", processes), start=1):
-        rows |= {(row["scene"], row["contender"]): row for row in new}
-        if done % 100 == 0 or done == len(tasks):
-            records.write(path, [rows[key] for key in order if key in rows])
-    return [rows[key] for key in order]
+    return filled(path, row_of, tasks, 12 * SECONDS, by_hand.compile_now, processes)[0]
 
 
-def table(rows: Sequence[Row], names: Sequence[str]) -> list[Row]:
-    """Return, by rival, the share in each class, of those that missed contacts, and the median time, s."""
-    found: list[Row] = []
-    for name in names:
-        here = [row for row in rows if row["contender"] == name]
-        if here:
-            shares: Row = {kind: sum(row["failure"] == kind for row in here) / len(here) for kind in CLASSES}
-            missed = sum(row["contacts"] < row["true_contacts"] for row in here) / len(here)
-            times = sorted(math.inf if math.isnan(row["seconds"]) else row["seconds"] for row in here)
-            found.append({"contender": name, **shares, "missed": missed, "seconds": times[len(times) // 2]})
-    return found
+def table(rows: Sequence[Row]) -> list[Row]:
+    """Return, by rival, the share in each class, of those that missed contacts, and the median time, s.
+
+    Who was somewhere that it did not look at its time, and had to be ended, counts as late.
+    """
+    kind = pl.col("failure")
+    return (
+        pl.DataFrame(rows, infer_schema_length=None)
+        .with_columns(pl.when(kind.is_in(CLASSES)).then(kind).otherwise(pl.lit(LATE)).alias("failure"))
+        .group_by("contender", maintain_order=True)
+        .agg(
+            *((kind == name).mean().alias(name) for name in CLASSES),
+            scenes=pl.len(),
+            missed=(pl.col("contacts") < pl.col("true_contacts")).mean(),
+            seconds=pl.col("seconds").fill_nan(math.inf).quantile(0.5, "higher"),
+        )
+        .to_dicts()
+    )

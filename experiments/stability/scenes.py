@@ -1,7 +1,7 @@
 """The storm: random scenes over the ranges in which the solver is to stand, scene k a pure function of the number k."""
 
 import math
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 
@@ -46,6 +46,7 @@ class _Draw:
 
     def __init__(self, number: int) -> None:
         self.rng = np.random.default_rng([SEED, number])
+        self.share = self.rng.uniform
 
     def one(self, name: str) -> float:
         """A value of a range; log-uniform unless it begins at 0."""
@@ -57,31 +58,45 @@ class _Draw:
             return high * u
         return min(max(math.exp(math.log(low) + u * math.log(high / low)), low), high)
 
-    def share(self, low: float, high: float) -> float:
-        """Uniform."""
-        return float(self.rng.uniform(low, high))
+    def spring(self) -> ig.SpringDamper:
+        return ig.SpringDamper(self.one("coupling stiffness"), self.one("damping ratio"))
+
+    def mechanism(self) -> ig.Bistable:
+        length = self.one("free length")
+        height = self.share(0.2, 0.9) * length
+        stroke = math.sqrt((length - height) * (length + height))
+        front, rear = self.share(0.1, 0.9) * stroke, -self.share(0.1, 0.9) * stroke
+        spring, stop = self.one("coupling stiffness"), self.one("stop stiffness")
+        return ig.Bistable(spring, length, height, front, rear, stop, self.one("damping ratio"))
+
+    def robot(self) -> list[float]:
+        return [self.one(f"robot {name}") for name in ("mass", "stiffness", "damping")]
+
+    def robot_table(self, distance: float) -> ig.RobotTable:
+        """The shipped robot, or a random one that varies by up to a factor of two on the way to the object."""
+        if self.share(0, 1) < 0.25:
+            return default_approach().robot_table()
+        way = np.linspace(0.0, 1.0, 6)
+        start = np.array(self.robot())[:, None]
+        slopes = self.rng.uniform(-1, 1, (3, 2))
+        columns = (start * np.exp(0.5 * slopes[:, :1] * way + 0.2 * slopes[:, 1:] * way**2)).tolist()
+        return ig.RobotTable(tuple((1.2 * distance * way).tolist()), *map(tuple, columns))
 
 
 def draw(number: int) -> Approach:
     """Return scene `number` of the storm; every coupling comes with every robot."""
     draw = _Draw(number)
-    coupling_kind, robot_kind = COUPLINGS[number % 3], ROBOTS[number // 3 % 3]
     tool = ig.Tool(draw.one("tool mass"))
     target = ig.Object(tool.mass * draw.one("mass ratio"), draw.one("distance"))
     m, n = EXPONENTS[draw.rng.integers(len(EXPONENTS))]
     laws: tuple[Dissipation, ...] = get_args(Dissipation)
     law: Dissipation = laws[draw.rng.integers(len(laws))] if draw.share(0, 1) < 0.5 else "hu-guo"
     contact = ig.Contact(draw.one("contact stiffness"), draw.one("restitution"), law, m, n)
-    coupling: ig.Rigid | ig.SpringDamper | ig.Bistable = ig.Rigid()
-    if coupling_kind == "spring":
-        coupling = ig.SpringDamper(draw.one("coupling stiffness"), draw.one("damping ratio"))
-    if coupling_kind == "bistable":
-        coupling = _mechanism(draw)
+    coupling = {"rigid": ig.Rigid, "spring": draw.spring, "bistable": draw.mechanism}[COUPLINGS[number % 3]]()
     robot: ig.Robot | ig.RobotTable | None = None
-    if robot_kind == "robot":
-        robot = ig.Robot(*(draw.one(f"robot {name}") for name in ("mass", "stiffness", "damping")))
-    if robot_kind == "robot table":
-        robot = _table(draw, target.distance)
+    if ROBOTS[number // 3 % 3] != "rigid robot":
+        lumped = ROBOTS[number // 3 % 3] == "robot"
+        robot = ig.Robot(*draw.robot()) if lumped else draw.robot_table(target.distance)
     brake = None
     if draw.share(0, 1) < 0.8:
         brake = ig.Brake(draw.one("threshold"), draw.one("delay"), draw.one("deceleration"))
@@ -89,26 +104,6 @@ def draw(number: int) -> Approach:
     duration = target.distance / motion.speed + motion.speed / motion.acceleration + AFTERMATH
     scene = ig.Scene(tool, target, contact, coupling, robot)
     return Approach(str(number), describe(scene, motion), scene, motion, duration)
-
-
-def _mechanism(draw: _Draw) -> ig.Bistable:
-    length = draw.one("free length")
-    height = draw.share(0.2, 0.9) * length
-    stroke = math.sqrt((length - height) * (length + height))
-    front, rear = draw.share(0.1, 0.9) * stroke, -draw.share(0.1, 0.9) * stroke
-    spring, stop = draw.one("coupling stiffness"), draw.one("stop stiffness")
-    return ig.Bistable(spring, length, height, front, rear, stop, draw.one("damping ratio"))
-
-
-def _table(draw: _Draw, distance: float) -> ig.RobotTable:
-    """The shipped robot, or a random one whose parameters vary by up to a factor of two on the way to the object."""
-    if draw.share(0, 1) < 0.25:
-        return default_approach().robot_table()
-    way = np.linspace(0.0, 1.0, 6)
-    start = np.array([[draw.one(f"robot {name}")] for name in ("mass", "stiffness", "damping")])
-    slopes = draw.rng.uniform(-1, 1, (3, 2))
-    columns = (start * np.exp(0.5 * slopes[:, :1] * way + 0.2 * slopes[:, 1:] * way**2)).tolist()
-    return ig.RobotTable(tuple((1.2 * distance * way).tolist()), *(tuple(column) for column in columns))
 
 
 def kind(scene: ig.Scene) -> str:
@@ -120,18 +115,40 @@ def kind(scene: ig.Scene) -> str:
 
 def describe(scene: ig.Scene, motion: ig.Trapezoid) -> str:
     """Return what is hard about a scene in a line; `draw` gives it whole."""
-    contact, coupling = scene.contact, scene.coupling
-    words = [f"{kind(scene)}: k_c {contact.stiffness:.3g}, e {contact.restitution:.3g} ({contact.dissipation})"]
-    if (contact.stiffness_exponent, contact.damping_exponent) != (1.5, 1.5):
-        words.append(f"m {contact.stiffness_exponent:g}, n {contact.damping_exponent:g}")
-    words += [f"m_t {scene.tool.mass:.3g} kg, m_p {scene.object.mass:.3g} kg, {motion.speed:.3g} m/s"]
-    if isinstance(coupling, ig.SpringDamper):
-        words.append(f"k_t {coupling.stiffness:.3g}, zeta {coupling.damping_ratio:.3g}")
-    if isinstance(coupling, ig.Bistable):
-        words.append(f"k {coupling.stiffness:.3g}, k_s {coupling.stop_stiffness:.3g}")
-        words.append(f"zeta_s {coupling.stop_damping_ratio:.3g}")
-    if isinstance(scene.robot, ig.Robot):
-        words.append(f"m_r {scene.robot.mass:.3g}, k_r {scene.robot.stiffness:.3g}, c_r {scene.robot.damping:.3g}")
-    if motion.brake:
-        words.append(f"brake {motion.deceleration:.3g} m/s^2")
-    return ", ".join(words)
+    contact, coupling, robot = scene.contact, scene.coupling, scene.robot
+    m, n = contact.stiffness_exponent, contact.damping_exponent
+    words = [
+        f"{kind(scene)}: k_c {contact.stiffness:.3g}, e {contact.restitution:.3g} ({contact.dissipation})",
+        (m, n) != (1.5, 1.5) and f"m {m:g}, n {n:g}",
+        f"m_t {scene.tool.mass:.3g} kg, m_p {scene.object.mass:.3g} kg, {motion.speed:.3g} m/s",
+        isinstance(coupling, ig.SpringDamper) and f"k_t {coupling.stiffness:.3g}, zeta {coupling.damping_ratio:.3g}",
+        isinstance(coupling, ig.Bistable)
+        and f"k {coupling.stiffness:.3g}, k_s {coupling.stop_stiffness:.3g}, zeta_s {coupling.stop_damping_ratio:.3g}",
+        isinstance(robot, ig.Robot) and f"m_r {robot.mass:.3g}, k_r {robot.stiffness:.3g}, c_r {robot.damping:.3g}",
+        motion.brake and f"brake {motion.deceleration:.3g} m/s^2",
+    ]
+    return ", ".join(filter(None, words))
+
+
+def labels(approach: Approach) -> dict[str, Any]:
+    """Return the columns that say which scene a row is about."""
+    return {
+        "scene": approach.name,
+        "coupling": kind(approach.scene),
+        "speed": approach.motion.speed,
+        "description": approach.description,
+        "failure": "",
+    }
+
+
+def velocity(approach: Approach, rtol: float = 1e-8) -> float:
+    """V_p of ours, m/s; nan if the run does not finish."""
+    try:
+        return ig.simulate(approach.scene, approach.motion, approach.duration, rtol).object_velocity
+    except RuntimeError:
+        return math.nan
+
+
+def relative_error(value: float, true: float, speed: float) -> float:
+    """Error of V_p, relative to V_p or to a millionth of the commanded speed: an object at rest has some rounding."""
+    return abs(value - true) / max(abs(true), 1e-6 * speed)

@@ -1,139 +1,127 @@
-"""Processes that do one task after another, and are ended when they say nothing for too long.
+"""Processes that do one task after another, each within its time, and the tables on disk that they fill.
 
 Compiled code does not listen to signals: the only way to survive a hang is a process of its own. Each task is done by
 one process alone, so that no answer depends on which other tasks there are.
 """
 
+import math
 import os
-import time
+import signal
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
-from dataclasses import dataclass
+from concurrent.futures import as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from functools import partial
 from multiprocessing import get_context
-from multiprocessing.connection import Connection, wait
-from typing import Any, Generic, TypeVar
+from pathlib import Path
+from time import monotonic
+from typing import Any
+from unittest.mock import patch
 
+from pebble import ProcessExpired, ProcessPool
 from tqdm import tqdm
 
+from experiments.speed_vs_error import records
+from experiments.speed_vs_error.records import Row
 from experiments.speed_vs_error.truth import THREADS
 
-Task = TypeVar("Task")
-Result = TypeVar("Result")
-PATIENCE = 1800.0  # s, for a process to get ready: it may have to compile
+SAVED_EVERY = 10.0  # s
+Task = tuple[Any, ...]
+KEY = ("scene", "contender", "run", "description")
 
 
-@dataclass(frozen=True)
-class Job(Generic[Task, Result]):
-    """What a process does: both are functions of a module, so that they can be sent."""
+@contextmanager
+def limited(seconds: float) -> Iterator[None]:
+    """Raise TimeoutError once this process has used so much more processor time, s."""
 
-    work: Callable[[Task], Result]
-    prepare: Callable[[], None]  # once in each process, not counted
+    def late(*_: Any) -> None:
+        raise TimeoutError
 
-
-class _Worker(Generic[Task, Result]):
-    """A process and what it is doing."""
-
-    def __init__(self, job: Job[Task, Result]) -> None:
-        context = get_context("spawn")
-        self.connection, other = context.Pipe()
-        self.process = context.Process(target=_serve, args=(other, job), daemon=True)
-        self.process.start()
-        other.close()
-        self.task: Task | None = None
-        self.ready = False
-        self.deadline = time.monotonic() + PATIENCE
-
-    def give(self, task: Task, seconds: float) -> None:
-        self.task, self.deadline = task, time.monotonic() + seconds
-        self.connection.send((task,))
-
-    def end(self) -> None:
-        self.connection.close()
-        self.process.kill()
-        self.process.join()
+    before = signal.signal(signal.SIGPROF, late)
+    signal.setitimer(signal.ITIMER_PROF, seconds, 0.1)  # more than once: a destructor swallows what is raised in it
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+        signal.signal(signal.SIGPROF, before)
 
 
-def _serve(connection: Connection, job: Job[Any, Any]) -> None:
-    job.prepare()
-    connection.send(None)
-    with suppress(EOFError, KeyboardInterrupt):
-        while True:
-            (task,) = connection.recv()
-            connection.send((job.work(task),))
+def _answers(
+    work: Callable[..., Row], tasks: Sequence[Task], seconds: float, title: str, prepare: Any, processes: int | None
+) -> Iterator[Row]:
+    """Yield the row of each task as it comes, in any order; see `filled`."""
+    count = min(len(tasks), (os.cpu_count() or 1) if processes is None else processes)
+    bar = partial(tqdm, desc=title, total=len(tasks), smoothing=0.02)
+    if count == 0:
+        yield from (_answer(partial(work, *task), task[0], seconds) for task in bar(tasks))
+        return
+    alone = patch.dict(os.environ, dict.fromkeys(THREADS, "1"))  # each process has its core
+    with alone, ProcessPool(count, initializer=prepare, context=get_context("spawn")) as pool:
+        try:
+            begun = {pool.schedule(work, task, timeout=seconds): task[0] for task in tasks}
+            for future in bar(as_completed(begun)):
+                yield _answer(future.result, begun[future], seconds)
+        finally:
+            pool.stop()
 
 
-def answers(
-    job: Job[Task, Result],
+def _answer(result: Callable[[], Row], blank: Row, seconds: float) -> Row:
+    try:
+        return result()
+    except BrokenProcessPool:  # no process gets ready
+        raise
+    except TimeoutError:
+        reason = f"no answer within {seconds:g} s"
+    except ProcessExpired as death:
+        reason = f"the process died, exit code {death.exitcode}"
+    except Exception as problem:  # of any kind: it is counted
+        reason = f"{type(problem).__name__}: {problem}".replace("\n", " ")
+    return blank | {"failure": reason}
+
+
+def filled(
+    path: Path,
+    work: Callable[..., Row],
     tasks: Sequence[Task],
     seconds: float,
-    silent: Callable[[Task, str], Result],
-    title: str,
+    prepare: Callable[[], Any] | None = None,
     processes: int | None = None,
-) -> Iterator[Result]:
-    """Yield the result of each task as it comes, in any order.
+) -> tuple[list[Row], int]:
+    """Return the row of each task, and how many of them the table at `path` did not have.
+
+    Rows of the table stand for those with the same words in KEY. New ones are kept as they come, with nan
+    where others have a number.
 
     Args:
-        job: what is done.
-        tasks: to do; begun in this order.
+        path: of the table.
+        work: makes a row; a function of a module, so that it can be sent.
+        tasks: what it takes, begun in this order; first a row, which is the answer, with the reason as its failure,
+            where a task takes too long, ends its process or raises.
         seconds: how long one may take by the clock.
-        silent: makes the result of a task whose process took longer, or died, from the task and the reason.
-        title: of the progress bar.
+        prepare: called once in each process, not counted.
         processes: how many; None for one a core, 0 for none but this one, without a limit of time.
     """
-    bar = tqdm(total=len(tasks), desc=title, smoothing=0.02)
-    count = min(len(tasks), (os.cpu_count() or 1) if processes is None else processes)
-    if count == 0:
-        for task in tasks:
-            yield job.work(task)
-            bar.update()
-        return
-    before = os.environ.copy()
-    os.environ.update(dict.fromkeys(THREADS, "1"))  # each process has its core
-    left = list(reversed(tasks))
-    workers: list[_Worker[Task, Result]] = []
+    wanted, runs = [_key(task[0]) for task in tasks], {task[0].get("run") for task in tasks}
+    rows = {_key(row): row for row in records.read(path) if row.get("run") in runs}
+    left = [task for key, task in zip(wanted, tasks, strict=True) if key not in rows]
+
+    def save() -> None:
+        columns = dict.fromkeys((name for row in rows.values() for name in row), math.nan)
+        rows.update({key: columns | row for key, row in rows.items()})
+        records.write(path, sorted(rows.values(), key=lambda row: (int(row["scene"]), row.get("contender", ""))))
+
+    saved = monotonic()
     try:
-        workers += [_Worker(job) for _ in range(count)]
-        while workers:
-            soonest = min(worker.deadline for worker in workers)
-            wait([worker.connection for worker in workers], max(soonest - time.monotonic(), 0.0))
-            for worker in list(workers):
-                for result in _heard(worker, seconds, silent):
-                    bar.update()
-                    yield result
-                if worker.process.is_alive() and worker.ready and worker.task is None and left:
-                    worker.give(left.pop(), seconds)
-                elif worker.task is None and (worker.ready or not worker.process.is_alive()):
-                    worker.end()
-                    workers.remove(worker)
-            workers += [_Worker(job) for _ in range(min(count, len(left)) - len(workers))]
-    finally:
-        for worker in workers:
-            worker.end()
-        os.environ.clear()
-        os.environ.update(before)
-        bar.close()
+        for row in _answers(work, left, seconds, path.stem, prepare, processes):
+            rows[_key(row)] = row
+            if monotonic() > saved + SAVED_EVERY:
+                save()
+                saved = monotonic()
+    finally:  # of a run that is stopped too
+        if left and rows:
+            save()
+    return [rows[key] for key in wanted], len(left)
 
 
-def _heard(worker: _Worker[Task, Result], seconds: float, silent: Callable[[Task, str], Result]) -> Iterator[Result]:
-    """Yield the result of the worker's task if there is one; end the worker if it is too late or dead."""
-    task = worker.task
-    try:
-        if worker.connection.poll():
-            answer = worker.connection.recv()
-            worker.ready, worker.task = True, None
-            if answer is not None:
-                yield answer[0]
-            return
-        if time.monotonic() < worker.deadline:
-            return
-        reason = f"no answer within {seconds:g} s"
-    except (EOFError, ConnectionResetError):
-        worker.process.join()
-        reason = f"the process died, exit code {worker.process.exitcode}"
-    if not worker.ready:
-        raise RuntimeError(f"a process did not get ready: {reason}")
-    worker.process.kill()
-    worker.process.join()
-    worker.task = None
-    assert task is not None
-    yield silent(task, reason)
+def _key(row: Row) -> tuple[Any, ...]:
+    return tuple(row.get(name) for name in KEY)

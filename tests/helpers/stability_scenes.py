@@ -1,5 +1,8 @@
 """Chains that the tests of the stability study share: the paper's motion, every coupling with every robot."""
 
+import os
+import time
+
 import numpy as np
 
 import impact_gym as ig
@@ -26,3 +29,14 @@ def approach_of(coupling=None, robot=None, k_c=1e5, e=0.5, motion=MOTION, **law)
 def astuple(approach):
     """What `simulate` takes."""
     return approach.scene, approach.motion, approach.duration
+
+
+def asleep(row):
+    """Take a task's time."""
+    time.sleep(row["seconds"])
+    return row
+
+
+def dying(row):
+    """End the process."""
+    os._exit(3)
