@@ -17,7 +17,7 @@ from impact_gym.validation import WrongTypeError, number
 MAX_STEPS = 1_000_000
 """Integration steps after which `simulate` gives up; an ordinary approach takes about fifty."""
 
-_CONTACT_ROWS, _TRACE_ROWS = 16, 4096
+_CONTACT_ROWS, _SNAP_ROWS, _TRACE_ROWS = 4096, 64, 4096  # what does not fit costs a second run
 _NO_TRACE, _NO_SNAPS = np.empty(0, TRACE), np.empty(0)
 NOTHING_RECORDED = np.empty(0, CONTACT), _NO_TRACE, _NO_SNAPS, 1.0
 """What the kernels are given where nobody asks for contacts, a trace or passages of a slider."""
@@ -105,7 +105,7 @@ def simulate(
     rtol = number("rtol", rtol, "(no unit)", at_least=1e-13, at_most=1e-2)
     plan, table = approach_plan(scene, motion, duration)
     plans, chains = packed(plan), np.empty(1, CHAIN)
-    contacts, snaps = np.empty(_CONTACT_ROWS, CONTACT), _NO_SNAPS
+    contacts, snaps = np.empty(_CONTACT_ROWS, CONTACT), np.empty(_SNAP_ROWS)
     points = np.empty(_TRACE_ROWS, TRACE) if trace else _NO_TRACE
     while True:
         recorder = contacts, points, snaps, max(1e-3, duration / 1e5)
