@@ -6,7 +6,6 @@ N. Hansen, The CMA Evolution Strategy: A Tutorial, arXiv:1604.00772; the package
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-import cma  # type: ignore[import-untyped]  # it ships no types
 import numpy as np
 
 from agents.baselines.rule import Floats, Parameter
@@ -46,6 +45,8 @@ def minimise(
         seed: the result depends on it and on the above alone.
         told: hears the mean loss of the best after each generation.
     """
+    import cma  # type: ignore[import-untyped]  # it ships no types; whoever only plays has no need of it
+
     low, high, start = (np.array([getattr(one, field) for one in parameters]) for field in ("low", "high", "start"))
     searches = [
         cma.CMAEvolutionStrategy((start - low) / (high - low), SIGMA, _options(population, seed, problem))

@@ -123,12 +123,11 @@ def _core_seconds() -> float:
     return sum(one.ru_utime + one.ru_stime for one in used)
 
 
-def compiling() -> float:
-    """Return how long a process takes on a core that finds no compiled kernels, s, until it has played one scenario."""
+def starting() -> float:
+    """Return how long a fresh process takes on a core until it has played one scenario, s."""
     before = _core_seconds()
     call = f"from agents.jobs.evaluations import play; play({CONTROLLERS[RULE]!r}, {drawn(1)!r})"
-    with tempfile.TemporaryDirectory() as empty:
-        subprocess.run([sys.executable, "-c", call], env=os.environ | {"NUMBA_CACHE_DIR": empty}, check=True)
+    subprocess.run([sys.executable, "-c", call], check=True)
     return _core_seconds() - before
 
 
@@ -187,7 +186,6 @@ def growth(settings: Settings) -> dict[str, dict[str, float]]:
     for title, rows in tables.items():
         result[title] = {}
         for name, environment in rows.items():
-            play(CONTROLLERS[RULE], drawn(100), environment=environment)  # compile
             best = np.inf
             for _ in range(settings.rounds):
                 begun = time.process_time()
@@ -230,7 +228,7 @@ def measure(settings: Settings) -> dict[str, Any]:
             for count in counts
         }
     measured["blank"] = timed(blanks(settings), "blank, 1", processes=1)
-    measured["compiling"] = compiling()
+    measured["starting"] = starting()
     measured["ray"] = on_ray(settings)
     measured["full"] = timed(grid(POLICY, settings, settings.whole), "whole") if settings.full else None
     measured["extrapolated"] = extrapolate(measured, settings)
@@ -262,7 +260,7 @@ def markdown(measured: dict[str, Any], settings: Settings) -> str:
     if full := measured["full"]:
         told = f"All {settings.whole:,} with {POLICY}, played: {full['all'] / 60.0:.1f} min on all cores, "
         lines += ["", told + f"{full['core_seconds'] / 3600.0:.2f} core hours, load {full['load_before']:.1f} before."]
-    lines += ["", f"A process that finds no compiled kernels: {measured['compiling']:.0f} s on a core until it begins."]
+    lines += ["", f"A process: {measured['starting']:.1f} s on a core until it begins."]
     lines += ["", f"| a job that returns {settings.per_job:,} rows at once | ms a job | kB a result |", "|---|---|---|"]
     for name, one in (("one process here", measured["blank"]), ("Ray", (measured["ray"] or {}).get("blank"))):
         if one:

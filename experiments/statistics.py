@@ -6,6 +6,7 @@ Statistical Precipice, NeurIPS 2021, for the interquartile mean and the probabil
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import moocore
 import numpy as np
@@ -30,8 +31,7 @@ class Resamples:
 
     def __init__(self, scenarios: int, resamples: int = RESAMPLES, seed: int = 0) -> None:
         self._seed, self.scenarios, self.count = seed, scenarios, resamples
-        rng = np.random.default_rng((seed, 0))
-        self._scenario_shares = _shares(rng, scenarios, resamples)
+        self._scenario_shares = _shares((seed, 0), scenarios, resamples)
 
     def means(self, values: Floats) -> Floats:
         """Return the mean of `values` (seeds, ..., scenarios) over seeds and scenarios in each resample: (1 + n, ...).
@@ -39,15 +39,15 @@ class Resamples:
         Seeds are resampled independently of scenarios and alike in all calls with as many seeds.
         """
         seeds = values.shape[0]
-        rng = np.random.default_rng((self._seed, seeds))
-        shares = _shares(rng, seeds, self.count)
+        shares = _shares((self._seed, seeds), seeds, self.count)
         flat = values.reshape(-1, self.scenarios) @ self._scenario_shares.T  # (seeds * ..., 1 + n)
         by_seed = flat.reshape(seeds, -1, self.count + 1)
         means = np.einsum("rs,skr->rk", shares, by_seed)
         return means.reshape(self.count + 1, *values.shape[1:-1])
 
 
-def _shares(rng: np.random.Generator, units: int, resamples: int) -> Floats:
+@lru_cache(maxsize=32)
+def _shares(seed: tuple[int, int], units: int, resamples: int) -> Floats:
     """Return the share of each unit in the sample and in each resample (1 + n, units).
 
     One less than there are is drawn: the variance of a mean is then right for ten seeds as well, where drawing as many
@@ -55,6 +55,7 @@ def _shares(rng: np.random.Generator, units: int, resamples: int) -> Floats:
     """
     drawn = max(units - 1, 1)
     even = np.full(units, 1.0 / units)
+    rng = np.random.default_rng(seed)
     return np.vstack([even, rng.multinomial(drawn, even, resamples) / drawn])
 
 

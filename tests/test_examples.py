@@ -59,6 +59,7 @@ def test_the_vector_loop_prints_the_mean_of_what_simulate_gives():
     assert (time, velocity) == pytest.approx(tuple(expected), rel=0, abs=0.51e-4)
 
 
+@pytest.mark.storm
 def test_the_stable_baselines3_script_learns():
     (untrained,), (steps, trained) = printed_by("stable_baselines3_ppo.py", "98304")
     assert steps == 98304

@@ -6,6 +6,7 @@ it. Colours are those of Okabe and Ito (2008), and every series has a dash or a 
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -45,14 +46,15 @@ class Figure:
     data: pl.DataFrame
     height: int = 320  # pixels
 
+    @cached_property
     def spec(self) -> dict[str, Any]:
-        """Return the chart as Vega-Lite, as wide as what holds it."""
+        """The chart as Vega-Lite, as wide as what holds it."""
         chart = self.chart.properties(width="container", height=self.height, description=self.alternative)
-        return chart.configure(**CONFIG).to_dict()
+        return chart.configure(**CONFIG).to_dict(validate=False)  # a wrong one would not become the SVG
 
     def save(self, folder: Path) -> None:
         """Write the chart as SVG and its data as CSV."""
-        spec = self.spec() | {"width": 640, "background": "white"}
+        spec = self.spec | {"width": 640, "background": "white"}
         with whole_file(folder / f"{self.name}.svg") as file:
             file.write(vl_convert.vegalite_to_svg(spec).encode())
         with whole_file(folder / f"{self.name}.csv") as file:

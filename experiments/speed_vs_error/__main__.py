@@ -18,22 +18,18 @@ class Settings:
     out: Path | None = None
     """Folder for tables, figures and the page: reports/speed_vs_error, or speed_vs_error_quick beside it."""
     quick: bool = False
-    """A first look in under a minute: few settings, few scenes, no compile times."""
+    """A first look in under a minute: few settings, few scenes."""
     force: bool = False
     """Measure everything again."""
-
-    @property
-    def folder(self) -> Path:
-        """Where it goes."""
-        return self.out or REPORTS / ("speed_vs_error_quick" if self.quick else "speed_vs_error")
 
 
 def main() -> None:
     """Read the settings from the command line and run."""
     settings = tyro.cli(Settings)
     command = shlex.join(["python", "-m", "experiments.speed_vs_error", *sys.argv[1:]])
+    folder = settings.out or REPORTS / ("speed_vs_error_quick" if settings.quick else "speed_vs_error")
     try:
-        written = run(settings.folder, QUICK if settings.quick else FULL, settings.force, command)
+        written = run(folder, QUICK if settings.quick else FULL, settings.force, command)
     except KeyboardInterrupt:
         print("experiments.speed_vs_error: interrupted; what was measured is kept", file=sys.stderr)
         sys.exit(130)

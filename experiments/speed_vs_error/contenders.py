@@ -4,23 +4,23 @@ Times are processor times of the one thread that each contender uses: what else 
 calls, SciPy's, more than the best of many short ones.
 """
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from time import thread_time
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 
 import impact_gym as ig
 from experiments import reference
-from experiments.speed_vs_error import by_hand, peer
+from experiments.speed_vs_error import by_hand, peer, taylor
 from experiments.speed_vs_error.quantities import Answer, answer_of
 from experiments.speed_vs_error.scenes import Approach
 
-OURS, SCIPY, MUJOCO = "impact_gym", "SciPy", "MuJoCo"
+OURS, SCIPY, MUJOCO, HEYOKA = "impact_gym", "SciPy", "MuJoCo", "heyoka Taylor"
 METHODS = ("RK45", "DOP853", "LSODA", "Radau")
-NAMES = (OURS, *(f"{SCIPY} {method}" for method in METHODS), *by_hand.METHODS, MUJOCO)
+NAMES = (OURS, *(f"{SCIPY} {method}" for method in METHODS), *by_hand.METHODS, MUJOCO, HEYOKA)
 
 
 @dataclass(frozen=True)
@@ -31,6 +31,7 @@ class Grid:
     scipy_rtols: tuple[float, ...] = tuple(float(f"1e-{k}") for k in range(3, 13))
     steps: tuple[float, ...] = tuple(float(f"{step:.2g}") for step in np.geomspace(1e-3, 1e-6, 10))  # s
     mujoco_steps: tuple[float, ...] = (1e-3, 5e-4, 2e-4, 1e-4, 5e-5, 2e-5, 1e-5)  # s
+    taylor_tolerances: tuple[float, ...] = (1e-3, 1e-6, 1e-9, 1e-12, 1e-15)
 
 
 @dataclass(frozen=True)
@@ -77,17 +78,6 @@ class _Clocked(reference._Run):
         return after
 
 
-@contextmanager
-def _clocked() -> Iterator[None]:
-    """Let the reference use `_Clocked`: one code path for what is timed and what is trusted."""
-    plain = reference._Run
-    reference._Run = _Clocked  # type: ignore[misc]
-    try:
-        yield
-    finally:
-        reference._Run = plain  # type: ignore[misc]
-
-
 def scipy(method: str, approach: Approach, rtol: float) -> Contender:
     """One of SciPy's integrators, driven by the reference; its contacts alone are timed.
 
@@ -102,7 +92,7 @@ def scipy(method: str, approach: Approach, rtol: float) -> Contender:
 
     def seconds(calls: int) -> float:
         _Clocked.spent = 0.0
-        with _clocked():
+        with patch.object(reference, "_Run", _Clocked):  # one code path for what is timed and what is trusted
             for _ in range(calls):
                 run()
         return _Clocked.spent / calls
@@ -128,11 +118,28 @@ def mujoco(approach: Approach, fit: peer.Fit, step: float) -> Contender:
     return Contender(MUJOCO, step, lambda: answer, repeated(model.repeat))
 
 
-def contenders(approach: Approach, grid: Grid, fit: peer.Fit | None) -> Sequence[Contender]:
-    """Return all of them for an approach; MuJoCo only with its fit."""
-    found = [ours(approach, rtol) for rtol in grid.rtols]
-    found += [scipy(method, approach, rtol) for method in METHODS for rtol in grid.scipy_rtols]
-    found += [hand_written(method, approach, step) for method in by_hand.METHODS for step in grid.steps]
-    if fit is not None:
-        found += [mujoco(approach, fit, step) for step in grid.mujoco_steps]
-    return found
+def heyoka(approach: Approach, tolerance: float) -> Contender:
+    """The whole run by heyoka; making and compiling its integrators is free of charge."""
+    run = taylor.Run(approach, tolerance)
+    return Contender(HEYOKA, tolerance, run.solve, repeated(run.solve))
+
+
+def settings(grid: Grid) -> list[tuple[str, float]]:
+    """Return who is tried at which tolerance or step, ours first."""
+    tried = [(OURS, rtol) for rtol in grid.rtols]
+    tried += [(f"{SCIPY} {method}", rtol) for method in METHODS for rtol in grid.scipy_rtols]
+    tried += [(method, step) for method in by_hand.METHODS for step in grid.steps]
+    tried += [(MUJOCO, step) for step in grid.mujoco_steps if not peer.missing()]
+    return tried + [(HEYOKA, tolerance) for tolerance in grid.taylor_tolerances if not taylor.missing()]
+
+
+def contender(approach: Approach, name: str, setting: float, fit: peer.Fit | None = None) -> Contender:
+    """Return one of `NAMES` at a tolerance or step (s); MuJoCo needs its fit."""
+    if name in by_hand.METHODS:
+        return hand_written(name, approach, setting)
+    if name == MUJOCO:
+        assert fit is not None
+        return mujoco(approach, fit, setting)
+    if name in (OURS, HEYOKA):
+        return ours(approach, setting) if name == OURS else heyoka(approach, setting)
+    return scipy(name.removeprefix(f"{SCIPY} "), approach, setting)

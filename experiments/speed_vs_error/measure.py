@@ -1,32 +1,56 @@
-"""Time and judge contenders, and add the rows to a table."""
+"""Time contenders in rounds in which they take turns, judge them, and add the rows to a table."""
 
 import math
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
-from experiments.speed_vs_error import records
-from experiments.speed_vs_error.contenders import OURS, Contender, Grid, contenders
+from tqdm import tqdm
+
+from experiments.speed_vs_error import peer, records
+from experiments.speed_vs_error.contenders import OURS, Contender, Grid, contender, settings
 from experiments.speed_vs_error.quantities import ERRORS, Answer, errors, failure
 from experiments.speed_vs_error.records import Row
 from experiments.speed_vs_error.scenes import Approach
-from experiments.speed_vs_error.timing import best_times
 from experiments.speed_vs_error.truth import in_parallel
 
-Key = tuple[str, str, float]
+LEAST = 5e-3  # s, in a round, so that the clock's grain does not matter
+SLOW = 0.2  # s, of a call that is made in the first round only
 SAVED_EVERY = 20  # scenes of the population
 
 
-def key(row: Row) -> Key:
-    """What tells a row from others."""
-    return row["scene"], row["contender"], row["setting"]
+def best_times(found: Sequence[Contender], rounds: int, title: str | None) -> dict[Contender, float]:
+    """Return seconds per call, the best of `rounds` rounds in which every contender has its turn.
+
+    What fails is given inf. A first call says how many calls make a round; it is a round where one does. Whatever has
+    to be compiled or loaded is so by an earlier call of the first contender, which does not count.
+    """
+    calls: dict[Contender, int] = {}
+    best: dict[Contender, float] = {}
+    with suppress(Exception):  # `solve` says why
+        found[0].seconds(1)
+    for turn in tqdm(range(rounds), desc=title, leave=False, disable=title is None):
+        for one in found:
+            if turn == 0:
+                try:
+                    once = one.seconds(1)
+                except Exception:  # likewise
+                    once = math.inf
+                best[one], calls[one] = once, math.ceil(min(LEAST / max(once, 1e-9), 1e4))
+                if calls[one] == 1:
+                    continue
+            if best[one] < SLOW:
+                best[one] = min(best[one], one.seconds(calls[one]))
+    return best
 
 
-def judged(contender: Contender, truth: Answer) -> Row:
+def judged(one: Contender, truth: Answer) -> Row:
     """Return the row of a contender without its time."""
     try:
-        answer = contender.solve()
+        answer = one.solve()
     except Exception as problem:  # a failure is a result here
         nothing = dict.fromkeys((*ERRORS, "contacts", "passes"), math.nan)
         return {**nothing, "steps": 0, "failure": f"{type(problem).__name__}: {problem}".replace("\n", " ")}
@@ -34,55 +58,48 @@ def judged(contender: Contender, truth: Answer) -> Row:
     return {**errors(answer, truth), **counts, "failure": failure(answer, truth)}
 
 
-def measured(approach: Approach, found: Sequence[Contender], truth: Answer, rounds: int) -> list[Row]:
+@dataclass(frozen=True)
+class Job:
+    """What is to be measured of one approach."""
+
+    approach: Approach
+    truth: Answer
+    fit: peer.Fit | None
+    settings: tuple[tuple[str, float], ...]
+    rounds: int
+
+
+def measured(job: Job) -> list[Row]:
     """Return a row for each contender, timed in turns."""
-    load, run = os.getloadavg()[0], datetime.now(UTC).isoformat(timespec="seconds")
-    seconds = best_times(found, rounds, approach.name if rounds > 1 else None)
+    approach, load, run = job.approach, os.getloadavg()[0], datetime.now(UTC).isoformat(timespec="seconds")
+    found = [contender(approach, name, setting, job.fit) for name, setting in job.settings]
+    seconds = best_times(found, job.rounds, approach.name if job.rounds > 1 else None)
+    about = {"rounds": job.rounds, "load": load, "run": run}
     return [
-        {
-            "scene": approach.name,
-            "contender": contender.name,
-            "setting": contender.setting,
-            "microseconds": 1e6 * seconds[contender],
-            **judged(contender, truth),
-            "rounds": rounds,
-            "load": load,
-            "run": run,
-        }
-        for contender in found
+        {"scene": approach.name, "contender": one.name, "setting": one.setting, "microseconds": 1e6 * seconds[one]}
+        | judged(one, job.truth)
+        | about
+        for one in found
     ]
 
 
-def missing(there: Iterable[Key], approach: Approach, found: Sequence[Contender]) -> list[Contender]:
-    """Return the contenders that have no row, and ours if there are any, so that their ratios are of one run."""
-    there = set(there)
-    left = [contender for contender in found if (approach.name, contender.name, contender.setting) not in there]
-    return [contender for contender in found if contender.name == OURS or contender in left] if left else []
+def extend(
+    path: Path, approaches: Sequence[Approach], grid: Grid, truth: Mapping[str, Answer],
+    fits: Mapping[str, peer.Fit], rounds: int,
+) -> None:  # fmt: skip
+    """Measure what the table does not have; ours anew with it, so that ratios are of one run.
 
-
-def extend(path: Path, approach: Approach, found: Sequence[Contender], truth: Answer, rounds: int) -> None:
-    """Measure what the table does not have of an approach, and write the table."""
-    rows = {key(row): row for row in records.read(path)}
-    left = missing(rows, approach, found)
-    if left:
-        rows |= {key(row): row for row in measured(approach, left, truth, rounds)}
-        records.write(path, rows.values())
-
-
-def _rows(task: tuple[Approach, Answer, Grid, frozenset[Key]]) -> list[Row]:
-    approach, truth, grid, there = task
-    return measured(approach, missing(there, approach, contenders(approach, grid, None)), truth, rounds=1)
-
-
-def extend_all(path: Path, approaches: Sequence[Approach], grid: Grid, truth: Mapping[str, Answer]) -> None:
-    """Likewise for many approaches, in one round each; as many at a time as there are cores."""
-    rows = {key(row): row for row in records.read(path)}
-    tasks = []
+    In a single round the approaches are measured as many at a time as there are cores, in more one after the other.
+    """
+    rows = {(row["scene"], row["contender"], row["setting"]): row for row in records.read(path)}
+    jobs = []
     for approach in approaches:
-        there = frozenset(place for place in rows if place[0] == approach.name)
-        if missing(there, approach, contenders(approach, grid, None)):
-            tasks.append((approach, truth[approach.name], grid, there))
-    for count, new in enumerate(in_parallel(_rows, tasks, "population"), start=1):
-        rows |= {key(row): row for row in new}
-        if count % SAVED_EVERY == 0 or count == len(tasks):
+        left = [one for one in settings(grid) if (approach.name, *one) not in rows]
+        if left:
+            tried = tuple(one for one in settings(grid) if one[0] == OURS or one in left)
+            jobs.append(Job(approach, truth[approach.name], fits.get(approach.name), tried, rounds))
+    new = in_parallel(measured, jobs, path.stem) if rounds == 1 else map(measured, jobs)
+    for count, found in enumerate(new, start=1):
+        rows |= {(row["scene"], row["contender"], row["setting"]): row for row in found}
+        if rounds > 1 or count % SAVED_EVERY == 0 or count == len(jobs):
             records.write(path, rows.values())

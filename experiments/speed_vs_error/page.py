@@ -5,29 +5,28 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import polars as pl
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from experiments.charts import save
-from experiments.speed_vs_error import figures, records, summary
-from experiments.speed_vs_error.by_hand import METHODS as BY_HAND
-from experiments.speed_vs_error.heat_map import OUR_RTOL
-from experiments.speed_vs_error.quantities import ERRORS, TOO_WRONG
-from experiments.speed_vs_error.truth import RTOL
+from experiments.speed_vs_error import figures, heat_map, quantities, summary, truth
+from experiments.speed_vs_error.by_hand import METHODS
+from experiments.speed_vs_error.quantities import ERRORS
+from experiments.speed_vs_error.records import table
 from impact_gym.files import whole_file
 
-HERE = Path(__file__).parent
 NAMED, POPULATION, HEAT_MAP = "named.csv", "population.csv", "heat_map.csv"
 NAMED_TRUTH, POPULATION_TRUTH, FITS = "named_truth.csv", "population_truth.csv", "mujoco_fits.csv"
 
 
 def draw(folder: Path) -> None:
     """Draw every figure from the tables in `folder`."""
-    rows, truths = records.read(folder / NAMED), records.read(folder / NAMED_TRUTH)
+    rows, truths = table(folder / NAMED), table(folder / NAMED_TRUTH)
     for column in ERRORS:
         save(figures.named_scenes(rows, truths, column), folder / f"{column}.svg")
-    save(figures.population(records.read(folder / POPULATION)), folder / "population.svg")
-    save(figures.heat_map(records.read(folder / HEAT_MAP), OUR_RTOL), folder / "heat_map.svg")
+    save(figures.population(table(folder / POPULATION)), folder / "population.svg")
+    save(figures.heat_map(table(folder / HEAT_MAP), heat_map.OUR_RTOL), folder / "heat_map.svg")
 
 
 def factor(value: float) -> str:
@@ -42,39 +41,33 @@ def short(value: float) -> Markup:
     return Markup('<span class="number">{}</span>').format(text)
 
 
-def write(folder: Path, results: Mapping[str, Any]) -> Path:
+def write(folder: Path, runs: list[Mapping[str, Any]]) -> Path:
     """Write the page about the tables and figures in `folder`; return its path."""
-    named, truths = records.read(folder / NAMED), records.read(folder / NAMED_TRUTH)
-    heat = records.read(folder / HEAT_MAP)
-    doubts = records.read(folder / POPULATION_TRUTH) + truths
-    pages = Environment(loader=FileSystemLoader(HERE), autoescape=True, undefined=StrictUndefined)
+    tables = {name.removesuffix(".csv"): table(folder / name) for name in (NAMED, NAMED_TRUTH, POPULATION_TRUTH, FITS)}
+    doubts = pl.concat([tables["named_truth"], tables["population_truth"]], how="vertical_relaxed")
+    differ = (pl.col("second_contacts") != pl.col("contacts")) | (pl.col("second_passes") != pl.col("passes"))
+    pages = Environment(loader=FileSystemLoader(Path(__file__).parent), autoescape=True, undefined=StrictUndefined)
     pages.filters |= {"factor": factor, "short": short}
 
     def image(name: str) -> str:
         return "data:image/svg+xml;base64," + base64.b64encode((folder / f"{name}.svg").read_bytes()).decode()
 
     text = pages.get_template("page.html.jinja").render(
-        lines=summary.lines(named, truths),
-        fine=summary.FINE,
-        coarse=summary.COARSE,
+        lines=summary.lines(tables["named"], tables["named_truth"]),
+        summary=summary,
         errors=ERRORS,
         image=image,
-        table=summary.over_population(records.read(folder / POPULATION)),
-        population_truths=records.read(folder / POPULATION_TRUTH),
-        doubt=max(row["velocity_error_doubt"] for row in doubts),
-        disagreements=sum(
-            (row["second_contacts"], row["second_passes"]) != (row["contacts"], row["passes"]) for row in doubts
-        ),
-        truth_rtol=RTOL,
-        too_wrong=TOO_WRONG,
-        by_hand=list(BY_HAND),
-        fits=records.read(folder / FITS),
-        heat=heat,
-        heat_worst=max((row["velocity_error"] for row in heat if not row["failure"]), default=float("nan")),
-        heat_failed=sum(bool(row["failure"]) for row in heat),
-        heat_steps=[min(row["steps"] for row in heat), max(row["steps"] for row in heat)],
-        results=results,
-        loads=[min(row["load"] for row in named), max(row["load"] for row in named)],
+        table=summary.over_population(table(folder / POPULATION)).to_dicts(),
+        population_size=tables["population_truth"].height,
+        doubt=doubts["velocity_error_doubt"].max(),
+        disagreements=doubts.filter(differ).height,
+        truth_rtol=truth.RTOL,
+        too_wrong=quantities.TOO_WRONG,
+        by_hand=list(METHODS),
+        fits=not tables["mujoco_fits"].is_empty(),
+        heat=table(folder / HEAT_MAP),
+        runs=runs,
+        load=tables["named"]["load"],
     )
     with whole_file(folder / "index.html") as file:
         file.write(text.encode())

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +11,11 @@ import numpy as np
 from scipy.optimize import minimize
 
 import impact_gym as ig
-from experiments.speed_vs_error import records
 from experiments.speed_vs_error.peer import Fit, Model, missing
 from experiments.speed_vs_error.quantities import Answer
+from experiments.speed_vs_error.records import Row
 from experiments.speed_vs_error.scenes import Approach
-from experiments.speed_vs_error.truth import in_parallel
+from experiments.speed_vs_error.truth import filled
 
 STEP = 1e-5  # s
 GOOD = (1e-4, 1e-2)  # errors that weigh the same: V_p in m/s, relative duration
@@ -55,8 +56,8 @@ def fitted(approach: Approach, truth: Answer, evaluations: int) -> Fit:
     return Fit(*np.exp(found.x).tolist())
 
 
-def _fitted(task: tuple[Approach, Answer, int]) -> Fit:
-    return fitted(*task)
+def _row(approach: Approach, truth: dict[str, Answer], evaluations: int) -> Row:
+    return asdict(fitted(approach, truth[approach.name], evaluations))
 
 
 def fits(
@@ -64,13 +65,7 @@ def fits(
 ) -> dict[str, Fit]:
     """Return MuJoCo's contact by the name of the scene, none without MuJoCo; fit what the table does not have."""
     if missing():
-        print(f"speed_vs_error: {missing()}; it takes no part")
         return {}
-    rows = {} if again else {row["scene"]: row for row in records.read(path)}
-    left = [a for a in approaches if a.name not in rows or rows[a.name]["description"] != a.description]
-    if left:
-        new = in_parallel(_fitted, [(a, truth[a.name], evaluations) for a in left], "fits of MuJoCo's contact")
-        described = [{"scene": a.name, "description": a.description} for a in left]
-        rows |= {about["scene"]: about | asdict(fit) for about, fit in zip(described, new, strict=True)}
-        records.write(path, rows.values())
+    function = partial(_row, truth=truth, evaluations=evaluations)
+    rows = filled(path, approaches, function, "fits of MuJoCo's contact", again)
     return {name: Fit(row["stiffness"], row["damping"]) for name, row in rows.items()}

@@ -1,36 +1,35 @@
 """What follows from the tables: who is cheapest at an error, and medians over the population."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import takewhile
+from typing import Any
 
-import numpy as np
+import polars as pl
 
 from experiments.speed_vs_error.by_hand import METHODS as BY_HAND
-from experiments.speed_vs_error.contenders import MUJOCO, NAMES, OURS, SCIPY
+from experiments.speed_vs_error.contenders import HEYOKA, MUJOCO, NAMES, OURS, SCIPY
 from experiments.speed_vs_error.quantities import ERRORS
 from experiments.speed_vs_error.records import Row
 
-FINE, COARSE = 1e-6, 1e-3  # m/s in V_p
-SCIPY_NAMES = tuple(name for name in NAMES if name.startswith(SCIPY))
+FINEST, FINE, COARSE = 1e-10, 1e-6, 1e-3  # m/s in V_p
+RIVALS = {  # and the error at which each is compared
+    "scipy": ([name for name in NAMES if name.startswith(SCIPY)], FINE),
+    "by_hand": ([*BY_HAND], FINE),
+    "heyoka": ([HEYOKA], FINE),
+    "heyoka_finest": ([HEYOKA], FINEST),
+    "mujoco": ([MUJOCO], COARSE),
+}
 
 
-def of(rows: Iterable[Row], **values: str) -> list[Row]:
-    """Return the rows in which each named column has the value given for it."""
-    return [row for row in rows if all(row[name] == value for name, value in values.items())]
-
-
-def cheapest(rows: Sequence[Row], names: Iterable[str], error: float) -> Row | None:
+def cheapest(rows: pl.DataFrame, names: Sequence[str], error: float) -> Row | None:
     """Return the row with the least time that keeps `error` (m/s in V_p), at it and at every finer setting there is.
 
     An error that is small at one setting by the chance of its sign does not count.
     """
-    kept: list[Row] = []
-    for name in names:
-        finest_first = sorted(of(rows, contender=name), key=lambda row: float(row["setting"]))
-        kept += takewhile(lambda row: row["velocity_error"] <= error, finest_first)
-    return min(kept, key=lambda row: float(row["microseconds"]), default=None)
+    keeps = (pl.col("velocity_error") <= error).cast(pl.Int8).cum_min().over("contender") == 1
+    kept = rows.filter(pl.col("contender").is_in(names)).sort("setting").filter(keeps).sort("microseconds")
+    return kept.row(0, named=True) if kept.height else None
 
 
 @dataclass(frozen=True)
@@ -52,58 +51,34 @@ class Comparison:
         return self.row is None or bool(self.row["run"] == self.ours["run"])
 
 
-@dataclass(frozen=True)
-class Line:
-    """What is said of one scene; a comparison is None where that kind took no part, or ours does not get there."""
-
-    scene: str
-    description: str
-    scipy: Comparison | None
-    by_hand: Comparison | None
-    mujoco: Comparison | None
-
-
-def compared(rows: Sequence[Row], names: Sequence[str], error: float) -> Comparison | None:
-    """Return the cheapest of `names` beside ours."""
+def compared(rows: pl.DataFrame, names: Sequence[str], error: float) -> Comparison | None:
+    """Return the cheapest of `names` beside ours; None where they took no part, or ours does not get there."""
     mine = cheapest(rows, [OURS], error)
-    if mine is None or not any(row["contender"] in names for row in rows):
+    if mine is None or rows.filter(pl.col("contender").is_in(names)).is_empty():
         return None
     return Comparison(error, mine, cheapest(rows, names, error))
 
 
-def lines(named: Sequence[Row], truths: Sequence[Row]) -> list[Line]:
-    """Return one line for each named scene."""
-    found = []
-    for truth in truths:
-        rows = of(named, scene=truth["scene"])
-        found.append(
-            Line(
-                truth["scene"],
-                truth["description"],
-                compared(rows, SCIPY_NAMES, FINE),
-                compared(rows, tuple(BY_HAND), FINE),
-                compared(rows, (MUJOCO,), COARSE),
-            )
-        )
-    return found
+def lines(named: pl.DataFrame, truths: pl.DataFrame) -> list[dict[str, Any]]:
+    """Return one line for each named scene: its name, its description and a comparison with each of `RIVALS`."""
+    return [
+        {"scene": scene, "description": description}
+        | {kind: compared(named.filter(scene=scene), *rival) for kind, rival in RIVALS.items()}
+        for scene, description in truths.select("scene", "description").rows()
+    ]
 
 
-def over_population(rows: Sequence[Row]) -> list[Row]:
+def over_population(rows: pl.DataFrame) -> pl.DataFrame:
     """Return, for each contender and setting, quartiles of time and errors, and the share of failures.
 
-    An answer that is missing has an infinite error.
+    An answer that is missing has an infinite error; without an alarm there is no detection time to be wrong.
     """
-    found: list[Row] = []
-    for name in NAMES:
-        for setting in sorted({row["setting"] for row in of(rows, contender=name)}, reverse=True):
-            here = [row for row in of(rows, contender=name) if row["setting"] == setting]
-            row: Row = {"contender": name, "setting": setting, "scenes": len(here)}
-            for column in ("microseconds", *ERRORS):
-                # without an alarm in truth and answer there is no detection time to be wrong
-                values = [math.inf if not math.isfinite(r[column]) and r["failure"] else float(r[column]) for r in here]
-                values = [value for value in values if not math.isnan(value)]
-                quartiles = np.quantile(values, (0.25, 0.5, 0.75), method="lower") if values else np.full(3, math.nan)
-                row |= {f"{column}_{q}": float(v) for q, v in zip((25, 50, 75), quartiles, strict=True)}
-            row["failures"] = sum(bool(r["failure"]) for r in here) / len(here)
-            found.append(row)
-    return found
+    answered = pl.col("failure") == ""
+    quartiles = [
+        pl.when(pl.col(column).is_finite() | answered).then(column).otherwise(math.inf)
+        .fill_nan(None).quantile(percent / 100, "lower").fill_null(math.nan).alias(f"{column}_{percent}")
+        for column in ("microseconds", *ERRORS)
+        for percent in (25, 50, 75)
+    ]  # fmt: skip
+    found = rows.group_by("contender", "setting").agg(pl.len().alias("scenes"), *quartiles, failures=(~answered).mean())
+    return found.sort(pl.col("contender").cast(pl.Enum(NAMES)), "setting", descending=[False, True])

@@ -148,6 +148,7 @@ def descendants(pid):
     return [int(one) for one in below] + [deeper for one in below for deeper in descendants(int(one))]
 
 
+@pytest.mark.storm
 @pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="reads the list of processes where Linux keeps it")
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
 def test_what_a_killed_gathering_had_is_kept_and_no_process_is_left(tmp_path, how):

@@ -1,5 +1,6 @@
 """Jobs on a Ray cluster of two nodes, one of which is killed midway: nothing is lost, nothing is counted twice."""
 
+import fcntl
 import json
 import os
 import subprocess
@@ -16,14 +17,25 @@ from agents.jobs.evaluations import play
 from agents.jobs.store import Store
 
 HERE = Path(__file__).parents[1] / "helpers"
+LAST = "none.json"  # the file that cluster_script.py writes last
 
 
 @pytest.fixture(scope="module")
 def cluster(tmp_path_factory):
-    """The folder that cluster_script.py filled."""
+    """The folder that cluster_script.py filled, once for all workers of pytest-xdist, and the results made here."""
     pytest.importorskip("ray", reason="the extra `cluster` is not installed")
-    folder, here = tmp_path_factory.mktemp("cluster"), tmp_path_factory.mktemp("here")
-    locally = gather_all(cluster_script.jobs(here), here / "results", processes=0)
+    root = tmp_path_factory.getbasetemp()
+    root = root.parent if "PYTEST_XDIST_WORKER" in os.environ else root
+    folder, here = root / "cluster", root / "here"
+    with (root / "cluster.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not (folder / LAST).exists():
+            folder.mkdir()
+            run_script(folder)
+        return folder, gather_all(cluster_script.jobs(here), here / "results", processes=0)
+
+
+def run_script(folder):
     environment = os.environ | {"RAY_USAGE_STATS_ENABLED": "0", "PYTHONPATH": str(HERE), "PYTHONWARNINGS": "default"}
     for name in ("RAY_ADDRESS", "RAY_RUNTIME_ENV_HOOK"):
         environment.pop(name, None)
@@ -38,9 +50,9 @@ def cluster(tmp_path_factory):
             timeout=300,
         )
     assert done.returncode == 0, (folder / "said").read_text()[-4000:]
-    return folder, locally
 
 
+@pytest.mark.storm
 def test_every_result_comes_once_and_equals_the_local_one_to_the_bit(cluster):
     folder, locally = cluster
     jobs = cluster_script.jobs(folder)
@@ -58,6 +70,7 @@ def test_every_result_comes_once_and_equals_the_local_one_to_the_bit(cluster):
             assert there[name].tobytes() == values.tobytes(), name
 
 
+@pytest.mark.storm
 def test_the_killed_node_had_done_jobs_whose_results_had_to_be_made_again(cluster):
     folder, _ = cluster
     told = json.loads((folder / "came.json").read_text())
@@ -66,6 +79,7 @@ def test_the_killed_node_had_done_jobs_whose_results_had_to_be_made_again(cluste
     assert again
 
 
+@pytest.mark.storm
 def test_a_gathering_that_is_repeated_needs_no_cluster_any_more(cluster):
     folder, _ = cluster
     before = len(begun(folder / "log"))
@@ -74,6 +88,7 @@ def test_a_gathering_that_is_repeated_needs_no_cluster_any_more(cluster):
     assert len(begun(folder / "log")) == before
 
 
+@pytest.mark.storm
 def test_lost_workers_are_retried_and_failed_jobs_named(cluster):
     folder, _ = cluster
     told = json.loads((folder / "bad.json").read_text())
@@ -83,6 +98,7 @@ def test_lost_workers_are_retried_and_failed_jobs_named(cluster):
     assert "number=200, times=99): its worker was lost 2 time(s)" in told["said"]
 
 
+@pytest.mark.storm
 def test_where_no_cluster_is_the_remedy_is_named(cluster):
     folder, _ = cluster
     assert "ray start --head" in json.loads((folder / "none.json").read_text())

@@ -62,6 +62,7 @@ def assert_same(one, other):
     assert metrics[0]["curve"] == metrics[1]["curve"]
 
 
+@pytest.mark.storm
 @pytest.mark.parametrize("algo", ALGORITHMS)
 def test_an_interrupted_training_ends_as_one_that_is_not(tmp_path, algo):
     settings = tiny(algo)
@@ -75,31 +76,39 @@ def test_an_interrupted_training_ends_as_one_that_is_not(tmp_path, algo):
     assert steps[-1] == settings.whole_steps
 
 
+@pytest.mark.storm
 def test_a_killed_process_is_gone_on_with(tmp_path):
-    """By SIGKILL, at moments of no meaning, until it is done."""
+    """By SIGKILL, at moments of no meaning, three times, until it is done."""
     folder = tmp_path / "killed"
-    settings = tiny(steps=30_000, checkpoint_every=256)
+    settings = tiny(steps=6000, checkpoint_every=256)
     whole = train(replace(settings, out=tmp_path / "whole"))
-    script = (
-        "import sys, json; from pathlib import Path; from dataclasses import replace\n"
+    script = (  # which imports torch once: each line on stdin starts another process
+        "import os, sys, json; from pathlib import Path; from dataclasses import replace\n"
         "from agents.settings import from_json; from agents.train import resume, train\n"
-        "folder = Path(sys.argv[1])\n"
-        "resume(folder) if folder.exists() else train(replace(from_json(json.loads(sys.argv[2])), out=folder))\n"
+        "folder, settings = Path(sys.argv[1]), from_json(json.loads(sys.argv[2]))\n"
+        "for _ in sys.stdin:\n"
+        "    if (process := os.fork()) == 0:\n"
+        "        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)\n"
+        "        resume(folder) if folder.exists() else train(replace(settings, out=folder))\n"
+        "        os._exit(0)\n"
+        "    print(process, flush=True)\n"
+        "    print(os.waitstatus_to_exitcode(os.waitpid(process, 0)[1]), flush=True)\n"
     )
     command = [sys.executable, "-c", script, str(folder), json.dumps(as_json(settings))]
-    kills = 0
-    for _ in range(50):
-        process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
-        before = _steps_saved(folder)
-        while process.poll() is None and (kills >= 3 or _steps_saved(folder) <= before):
-            time.sleep(0.01)
-        if process.poll() is not None:
-            break
-        os.kill(process.pid, signal.SIGKILL)
-        process.wait()
-        kills += 1
-    assert kills == 3
-    assert process.returncode == 0
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as starter:
+        ends = []
+        for kill in (True, True, True, False):
+            before = _steps_saved(folder)
+            print(file=starter.stdin, flush=True)
+            process = int(starter.stdout.readline())
+            while kill and _steps_saved(folder) <= before:
+                assert not (folder / "metrics.json").exists(), "it was done before it could be killed"
+                time.sleep(0.01)
+            if kill:
+                os.kill(process, signal.SIGKILL)
+            ends.append(int(starter.stdout.readline()))
+        starter.stdin.close()
+    assert ends == [-signal.SIGKILL] * 3 + [0]
     assert_same(whole, folder)
     assert not [file.name for file in folder.iterdir() if file.name.startswith(".")]
 

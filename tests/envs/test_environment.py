@@ -162,6 +162,7 @@ def test_the_hard_scenarios_equal_simulate_too():
         assert_same_outcome(info, ig.simulate(scene(info["scenario"], ig.SpringDamper(50.0)), motion, duration=3.0))
 
 
+@pytest.mark.storm
 @pytest.mark.parametrize(("period", "delay"), [(0.016, 0.016), (0.011, 0.0), (0.016, 0.040)])
 @pytest.mark.parametrize("seed", range(12))
 def test_random_actions_give_what_a_slow_independent_solver_of_the_whole_task_gives(seed, period, delay):

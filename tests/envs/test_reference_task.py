@@ -59,6 +59,7 @@ def assert_same(episodes, found, velocity_error):
     assert found["peak_force"] == pytest.approx(episodes.peak_force, rel=1e-6)
 
 
+@pytest.mark.storm
 @pytest.mark.parametrize(
     ("preset", "controller", "velocity_error"),
     [
@@ -77,6 +78,7 @@ def test_the_environment_plays_what_the_reference_plays(preset, controller, velo
     assert_same(episodes, found, velocity_error)
 
 
+@pytest.mark.storm
 @pytest.mark.parametrize(("frozen", "options"), [
     ("validation", {"range_noise": 0.01, "deflection_sensor": True, "privileged": True}),
     ("validation", {"reaction_delay": 0.04, "control_period": 0.011, "deflection_sensor": True}),
@@ -147,6 +149,7 @@ def test_momentum_that_a_contact_takes_from_a_free_tool_it_gives_to_the_object()
     assert -motion.state[3] == pytest.approx((1 - 2 * effective) / 3, rel=1e-6)
 
 
+@pytest.mark.storm
 @pytest.mark.parametrize("coupling", [
     {"type": "SpringDamper", "stiffness": 150.0, "damping_ratio": 0.1},
     {"type": "Bistable"},

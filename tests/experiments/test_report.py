@@ -3,6 +3,9 @@
 import hashlib
 import json
 import re
+import subprocess
+import sys
+import tomllib
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
@@ -157,6 +160,18 @@ def played_alone(arena):
         (played.seeds if one in arena.seeds else played.baselines)[one.name] = run
     played.as_late = played.seeds
     return played
+
+
+def test_a_report_needs_no_more_than_its_extra():
+    extras = tomllib.loads((AGENTS.parent / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    names = {extra: {re.split("[><=]", one)[0].replace("-", "_") for one in extras[extra]} for extra in extras}
+    others = set().union(*names.values()) - names["report"]
+    assert {"torch", "cma", "mujoco", "ray"} <= others
+    program = (
+        f"import sys; sys.modules.update(dict.fromkeys({sorted(others)})); import experiments.report.__main__; "
+        "from experiments.report.arenas import shipped; shipped({'set': 'test', 'count': 2})"
+    )
+    subprocess.run([sys.executable, "-c", program], check=True, cwd=AGENTS.parent)
 
 
 def test_checksums_are_those_of_the_files(folder):

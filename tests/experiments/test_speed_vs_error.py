@@ -7,6 +7,7 @@ from dataclasses import replace
 from xml.etree import ElementTree
 
 import numpy as np
+import polars as pl
 import pytest
 from scipy.integrate import solve_ivp
 
@@ -26,6 +27,7 @@ from experiments.speed_vs_error import (
     scenes,
     study,
     summary,
+    taylor,
     truth,
 )
 from experiments.speed_vs_error.contenders import OURS
@@ -98,6 +100,23 @@ def test_scipy_through_the_reference_is_judged_and_timed_in_its_contacts():
     assert quantities.errors(contender.solve(), exact)["velocity_error"] < 1e-7
 
 
+@pytest.mark.parametrize("name", NAMED)
+def test_taylor_series_lead_to_the_truth(name):
+    pytest.importorskip("heyoka")
+    approach = NAMED[name]
+    exact = true_answer(approach)
+    for tolerance, allowed in ((1e-6, 1e-5), (1e-15, 1e-10)):  # events in a row multiply errors
+        answer = taylor.Run(approach, tolerance).solve()
+        assert quantities.failure(answer, exact) == ""
+        assert max(quantities.errors(answer, exact).values()) < allowed
+
+
+def test_taylor_series_can_be_run_again():
+    pytest.importorskip("heyoka")
+    run = taylor.Run(NAMED["pushed"], 1e-9)
+    assert run.solve() == run.solve()
+
+
 def test_the_named_scenes_are_what_they_are_called():
     answers = {name: true_answer(approach) for name, approach in NAMED.items()}
     assert answers["multiple"].contacts == 6
@@ -134,19 +153,23 @@ def row(contender, setting, microseconds, error, **changes):
     return first | errors | counts | about | changes
 
 
+def table(rows):
+    return pl.DataFrame(rows, infer_schema_length=None)
+
+
 def test_an_error_that_is_small_by_chance_does_not_count():
     rows = [row("RK4", 1e-3, 10.0, 1e-9), row("RK4", 1e-4, 100.0, 1e-5), row("RK4", 1e-5, 1000.0, 1e-7)]
-    assert summary.cheapest(rows, ["RK4"], 1e-6)["setting"] == 1e-5
-    assert summary.cheapest(rows, ["RK4"], 1e-8) is None
-    compared = summary.compared([*rows, row(OURS, 1e-6, 50.0, 1e-8)], ("RK4",), 1e-6)
+    assert summary.cheapest(table(rows), ["RK4"], 1e-6)["setting"] == 1e-5
+    assert summary.cheapest(table(rows), ["RK4"], 1e-8) is None
+    compared = summary.compared(table([*rows, row(OURS, 1e-6, 50.0, 1e-8)]), ["RK4"], 1e-6)
     assert compared.ratio == 20.0
-    assert summary.compared(rows, ("RK4",), 1e-6) is None  # ours is not there
+    assert summary.compared(table(rows), ["RK4"], 1e-6) is None  # ours is not there
 
 
 def test_a_missing_answer_counts_as_an_infinite_error_and_a_failure():
     rows = [row(OURS, 1e-6, 50.0, 1e-8), row(OURS, 1e-6, 60.0, math.nan, failure="RuntimeError: none")]
     rows.append(row(OURS, 1e-6, 70.0, 1e-7))
-    (found,) = summary.over_population(rows)
+    (found,) = summary.over_population(table(rows)).to_dicts()
     assert (found["velocity_error_25"], found["velocity_error_50"]) == (1e-8, 1e-7)
     assert found["microseconds_50"] == 60.0
     assert found["failures"] == pytest.approx(1 / 3)
@@ -184,10 +207,10 @@ def test_a_frozen_table_draws_and_a_figure_follows_its_table(tables):
         ElementTree.fromstring(picture)
     for name in contenders.NAMES:
         assert name.encode() in first["velocity_error"]
-    rows, truths = records.read(tables / page.NAMED), records.read(tables / page.NAMED_TRUTH)
+    rows, truths = records.table(tables / page.NAMED), records.table(tables / page.NAMED_TRUTH)
     again = save(figures.named_scenes(rows, truths, "velocity_error"), tables / "again.svg").read_bytes()
     assert again == first["velocity_error"]
-    rows[4]["velocity_error"] *= 100
+    rows = rows.with_columns(pl.col("velocity_error") * 100)
     changed = save(figures.named_scenes(rows, truths, "velocity_error"), tables / "changed.svg").read_bytes()
     assert changed != again
 
@@ -213,7 +236,8 @@ def quick(tmp_path_factory):
 
 def test_a_quick_run_measures_every_contender_on_every_scene(quick):
     folder, _, _ = quick
-    expected = {name for name in contenders.NAMES if name != contenders.MUJOCO or not peer.missing()}
+    absent = {contenders.MUJOCO: peer.missing(), contenders.HEYOKA: taylor.missing()}
+    expected = {name for name in contenders.NAMES if not absent.get(name)}
     assert {row["contender"] for row in records.read(folder / page.NAMED)} == expected
     population = records.read(folder / page.POPULATION)
     assert {row["scene"] for row in population} == {"000", "001", "002", "003"}

@@ -13,6 +13,8 @@ from cluster_work import begun, calls
 from agents.jobs import Job, JobsFailedError, gather, gather_all
 
 NODE = {"num_cpus": 1, "object_store_memory": 80 * 2**20}
+HEAD = {**NODE, "include_dashboard": False, "_system_config": {"health_check_period_ms": 300}}
+"""A node is lost once five looks after it fail; by itself Ray looks every 3 s."""
 
 
 def jobs(folder):
@@ -80,7 +82,7 @@ def main():
     from ray.cluster_utils import Cluster
 
     folder = Path(sys.argv[1])
-    cluster = Cluster(initialize_head=True, head_node_args={**NODE, "include_dashboard": False})
+    cluster = Cluster(initialize_head=True, head_node_args=HEAD)
     try:
         node = cluster.add_node(**NODE)
         for step in (lambda: one_node_killed(cluster, node, folder), lambda: bad_jobs(cluster, folder)):

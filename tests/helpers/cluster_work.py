@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from agents.jobs.evaluations import play
 from agents.jobs.work import ONE_THREAD
 
 
@@ -57,6 +56,8 @@ def no_arrays():
 
 def played(log, number, controller, first, count):
     """Play a slice of the frozen validation set."""
+    from agents.jobs.evaluations import play  # 2 s, which every other worker does without
+
     _called(log, number)
     return play(controller, {"set": "validation", "first": first, "count": count}) | {"where": np.array(__file__)}
 

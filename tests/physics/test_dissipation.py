@@ -1,6 +1,7 @@
 """What restitution a damping factor delivers, against Lambert's W in many digits, and what the solver makes of it."""
 
 import math
+from itertools import product
 
 import mpmath
 import numpy as np
@@ -75,8 +76,55 @@ def test_a_simulated_contact_delivers_the_closed_form(law, restitution):
     assert outcome.contacts[0].separation_velocity == pytest.approx(expected, rel=1e-10)
 
 
-def SCENE(contact):  # noqa: N802 - reads as the scene of a contact
-    return ig.Scene(ig.Tool(0.125), ig.Object(0.25, 0.2505), contact)
+def SCENE(contact, tool_mass=0.125, coupling=ig.Rigid(), distance=0.2505):  # noqa: N802, B008 - reads as the scene of a contact
+    return ig.Scene(ig.Tool(tool_mass), ig.Object(0.25, distance), contact, coupling)
+
+
+def by_lambert(damping):
+    return lambda e: float(lambert(damping(mpmath.mpf(e))))
+
+
+GRID = {  # contact law: how the tool's restitution follows from the nominal one, by the closed form of its authors
+    "Hooke": ({"dissipation": "exact", "stiffness_exponent": 1.0, "damping_exponent": 0.0}, float),
+    "Hertz": ({"dissipation": "exact"}, float),
+    "Flores": ({"dissipation": "flores"}, by_lambert(lambda e: 8 / mpmath.mpf(5) * (1 - e) / e)),
+    "Hu-Guo": ({"dissipation": "hu-guo"}, by_lambert(lambda e: 3 / mpmath.mpf(2) * (1 - e) / e)),
+}
+RESTITUTION_GRID = pytest.mark.parametrize(("law", "restitution"), list(product(GRID, (0.25, 0.5, 0.75, 1.0))))
+"""That of Project Chrono's test of the normal restitution, which asks for 1e-3."""
+
+
+@RESTITUTION_GRID
+@pytest.mark.parametrize("stiffness", [1e3, 1e6, 1e9])
+def test_an_object_rebounds_from_a_wall_that_moves_with_the_restitution_of_each_law(law, restitution, stiffness):
+    options, delivered = GRID[law]
+    contact = ig.Contact(stiffness, restitution, **options)
+    (hit,) = ig.simulate(SCENE(contact), ig.Trapezoid(1.0, 8.0), duration=1.0, rtol=1e-10).contacts
+    assert hit.start == pytest.approx(0.2505 + 1 / 16, rel=1e-14)
+    assert hit.separation_velocity == pytest.approx(delivered(restitution), rel=1e-9)
+    assert hit.object_velocity == pytest.approx(1 + delivered(restitution), rel=1e-9)
+
+
+@RESTITUTION_GRID
+@pytest.mark.parametrize("tool_mass", [0.01, 0.125, 2.5])
+def test_a_free_tool_and_its_object_part_with_the_restitution_of_each_law(law, restitution, tool_mass):
+    """On a soft spring that is relaxed at the impact, half a period after the flange set out: it has not pushed yet.
+
+    What it does meanwhile is of the order (omega t0)^2 < 1e-11 of what the contact does.
+    """
+    options, delivered = GRID[law]
+    contact = ig.Contact(1e12 if law == "Hooke" else 1e14, restitution, **options)
+    omega, speed, ramp = 0.5, 1.0, 1 / 8  # 1/s, m/s, s
+    coupling, distance = ig.SpringDamper(tool_mass * omega**2, 0.0), math.pi * speed / omega
+    scene, motion = SCENE(contact, tool_mass, coupling, distance), ig.Trapezoid(speed, speed / ramp)
+    hit = ig.simulate(scene, motion, math.pi / omega + 0.1, rtol=1e-11).contacts[0]
+    # y'' + omega^2 y = -a during the ramp: the tool swings about the flange from the middle of the ramp on
+    assert hit.start == pytest.approx(math.pi / omega + ramp / 2, rel=1e-12)
+    arrival = speed * (1 + math.sin(omega * ramp / 2) / (omega * ramp / 2))
+    assert hit.approach_velocity == pytest.approx(arrival, rel=1e-12)
+    e, share = delivered(restitution), tool_mass / (tool_mass + 0.25)
+    assert hit.separation_velocity == pytest.approx(e * arrival, rel=1e-9)
+    assert hit.object_velocity == pytest.approx(share * (1 + e) * arrival, rel=1e-9)  # momentum
 
 
 @pytest.mark.parametrize(("m", "n"), [(1.0, 0.0), (1.0, 1.0), (2.0, 2.0), (1.5, 1.0), (1.2, 1.7), (1.5, 0.0)])
