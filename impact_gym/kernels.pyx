@@ -51,7 +51,6 @@ cdef ContactRow blank_contact
 cdef TraceRow blank_trace
 cdef Episode blank_episode
 cdef Entry blank_entry
-cdef Ranges blank_ranges
 cdef Reading blank_reading
 cdef Task blank_task
 cdef Uniforms blank_uniforms
@@ -65,7 +64,7 @@ def layout(blank):
 
 APPROACH, CHAIN, CONTACT, TRACE = map(layout, (blank_approach, blank_chain, blank_contact, blank_trace))
 LAW = APPROACH["law"]
-EPISODE, ENTRY, RANGES = map(layout, (blank_episode, blank_entry, blank_ranges))
+EPISODE, ENTRY = map(layout, (blank_episode, blank_entry))
 RECORD, SENSORS = EPISODE["drawn"], EPISODE["sensors"]
 READING, TASK, UNIFORMS = map(layout, (blank_reading, blank_task, blank_uniforms))
 assert (APPROACH.itemsize, CHAIN.itemsize, EPISODE.itemsize) == (sizeof(Approach), sizeof(Chain), sizeof(Episode))
@@ -183,22 +182,21 @@ cdef class Rows:
             self.slots, self.entries, self.length, &self.observations[i * self.length],
         )
 
-    def begin(self, rows, uniforms, fixed, ranges):
+    def begin(self, rows, uniforms, fixed):
         """Begin an episode in each of `rows` (k, int64), with `uniforms` and what is `fixed` (k, UNIFORMS and RECORD).
 
-        What is fixed is nan where it is drawn from `ranges` (RANGES).
+        What is fixed is nan where it is drawn from what the row's task says.
         """
         cdef const int64_t *places = <const int64_t *> memory_of(rows)
         cdef const Uniforms *uniform = <const Uniforms *> memory_of(uniforms)
         cdef const Record *given = <const Record *> memory_of(fixed)
-        cdef const Ranges *among = <const Ranges *> memory_of(ranges)
         cdef Row row
         cdef Record drawn
         cdef int64_t k, count = len(rows)
         with nogil:
             for k in range(count):
                 row = self.row(places[k])
-                drawn = draw_record(row.task, among, &uniform[k], &given[k])
+                drawn = draw_record(row.task, &uniform[k], &given[k])
                 begin_episode(&row, &drawn)
 
     def step(self, actions, skip, int64_t first, int64_t last):

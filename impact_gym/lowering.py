@@ -1,6 +1,7 @@
 """From the records a user describes a scene with to the flat ones that the kernels read."""
 
 import math
+import struct
 from functools import lru_cache
 from typing import Any
 
@@ -8,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from impact_gym.kernels import INTEGRATED, LAW, NOT_FINITE, RIGID, SPRING, STEP_LIMIT, bistable_force
+from impact_gym.kernels import APPROACH, INTEGRATED, LAW, NOT_FINITE, RIGID, SPRING, STEP_LIMIT, bistable_force
 from impact_gym.motion import Trapezoid
 from impact_gym.physics.dissipation import damping_factor
 from impact_gym.scene import Bistable, Contact, Coupling, Rigid, Robot, RobotTable, Scene, SpringDamper
@@ -18,6 +19,16 @@ Numbers = NDArray[np.float64]
 EVERYWHERE = 1e9  # m; a lumped robot is a table of one interval, so much to either side
 NO_TABLE: Numbers = np.zeros(1)
 _MECHANISM = tuple(LAW["mechanism"].names or ())
+_MECHANISM_AT = (LAW.names or ()).index("mechanism")
+
+
+def _codes(record: np.dtype[Any]) -> str:
+    """Return what `struct` calls the fields of a record."""
+    inner = [record[name] for name in record.names or ()]
+    return "".join(_codes(one) if one.names else "dq"[one.kind == "i"] for one in inner)
+
+
+_APPROACH = struct.Struct(_codes(APPROACH))
 
 
 LOCAL_SHARE = 0.2
@@ -40,6 +51,13 @@ def approach_plan(
     target = scene.object
     profile = motion.speed, motion.acceleration, threshold, delay, motion.deceleration
     return (law, contact_law(scene.contact), target.mass, target.distance, *profile, duration, 0.0), table
+
+
+def packed(plan: tuple[Any, ...]) -> bytes:
+    """Return a plan as the bytes of one APPROACH: what an array of one would hold, at a tenth of its cost."""
+    law, contact, *rest = plan
+    at = _MECHANISM_AT
+    return _APPROACH.pack(*law[:at], *law[at], *law[at + 1 :], *contact, *rest)
 
 
 def contact_law(contact: Contact) -> tuple[Any, ...]:

@@ -3,13 +3,13 @@
 import math
 from collections import namedtuple
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_gym.kernels import APPROACH, CHAIN, CONTACT, TRACE, approach_rows
-from impact_gym.lowering import LOCAL_SHARE, SENTENCES, approach_plan
+from impact_gym.kernels import CHAIN, CONTACT, TRACE, approach_rows
+from impact_gym.lowering import LOCAL_SHARE, SENTENCES, approach_plan, packed
 from impact_gym.motion import Trapezoid
 from impact_gym.scene import Rigid, Scene
 from impact_gym.validation import WrongTypeError, number
@@ -17,14 +17,13 @@ from impact_gym.validation import WrongTypeError, number
 MAX_STEPS = 1_000_000
 """Integration steps after which `simulate` gives up; an ordinary approach takes about fifty."""
 
-_CONTACT_ROWS, _TRACE_ROWS = 16, 4096
+_CONTACT_ROWS, _SNAP_ROWS, _TRACE_ROWS = 4096, 64, 4096  # what does not fit costs a second run
 _NO_TRACE, _NO_SNAPS = np.empty(0, TRACE), np.empty(0)
 NOTHING_RECORDED = np.empty(0, CONTACT), _NO_TRACE, _NO_SNAPS, 1.0
 """What the kernels are given where nobody asks for contacts, a trace or passages of a slider."""
 
 
-@dataclass(frozen=True, slots=True)
-class ContactRecord:
+class ContactRecord(NamedTuple):
     """One contact of tool and object."""
 
     start: float  # s
@@ -63,8 +62,7 @@ class Trace:
         return cls(**columns)
 
 
-@dataclass(frozen=True, slots=True)
-class Outcome:
+class Outcome(NamedTuple):
     """What came of an approach; velocities at `duration`."""
 
     object_velocity: float  # m/s
@@ -106,8 +104,8 @@ def simulate(
     duration = number("duration", duration, "s", above=0)
     rtol = number("rtol", rtol, "(no unit)", at_least=1e-13, at_most=1e-2)
     plan, table = approach_plan(scene, motion, duration)
-    plans, chains = np.array([plan], APPROACH), np.empty(1, CHAIN)
-    contacts, snaps = np.empty(_CONTACT_ROWS, CONTACT), _NO_SNAPS
+    plans, chains = packed(plan), np.empty(1, CHAIN)
+    contacts, snaps = np.empty(_CONTACT_ROWS, CONTACT), np.empty(_SNAP_ROWS)
     points = np.empty(_TRACE_ROWS, TRACE) if trace else _NO_TRACE
     while True:
         recorder = contacts, points, snaps, max(1e-3, duration / 1e5)

@@ -33,6 +33,7 @@ _PLACES = {
 """Where the entries of an info that are numbers stand in an episode."""
 
 _STATE = ("chains", "episodes", "readings", "observations", "rewards")
+_KEPT = (*_STATE, "draws")
 _SPARE = 4  # readings beyond those under way: some are taken before the oldest is due
 
 
@@ -53,8 +54,8 @@ class Batch:
 
         Args:
             size: how many rows.
-            task: of all rows, or one for each: these may differ in tool, coupling, robot, alarm threshold, noise and
-                whatever else does not change what is observed. Ranges are those of the first.
+            task: of all rows, or one for each: these may differ in tool, coupling, robot, alarm threshold, noise,
+                scenarios and whatever else does not change what is observed.
             threads: how many to use, None for all cores; changes no result.
             recorder: where rows write contacts and traces, see `simulation`; for a batch of one.
 
@@ -65,8 +66,13 @@ class Batch:
         if len(tasks) not in {1, size}:
             raise ValueError(f"a batch of {size} rows needs one task for all or {size} of them, got {len(tasks)}")
         self.task = tasks[0]
-        if any(observation.entries(one) != observation.entries(self.task) for one in tasks):
-            raise ValueError("the tasks of a batch must have the same observations")
+        for row, one in enumerate(tasks):
+            other = {entry.argument for entry in {*observation.entries(one)} ^ {*observation.entries(self.task)}}
+            if other:
+                raise ValueError(
+                    f"the tasks of a batch must have the same observations, but row {row} has other "
+                    f"{' and '.join(sorted(other))} than row 0"
+                )
         self.size = size
         self.threads = cores() if threads is None else whole("threads", threads, at_least=1)
         self.recorder = recorder
@@ -78,15 +84,15 @@ class Batch:
         self.readings = np.zeros((size, slots), READING)
         self.observations = np.zeros((size, len(scales)), np.float32)
         self.rewards = np.zeros(size)
-        self._constants = np.array([one.record() for one in tasks], TASK), *_laws(tasks), scales
+        self.tasks = np.array([one.record() for one in tasks], TASK)
+        self._constants = *_laws(tasks), scales
         self._bind()
-        self.set_scenario(self.task.ranges)
 
     def _bind(self) -> None:
         """Tell the kernels where the arrays lie."""
-        *constants, scales = self._constants
+        laws, tables, scales = self._constants
         arrays = [getattr(self, name) for name in _STATE]
-        self._rows = Rows(*constants, *arrays, scales, self.recorder, MAX_STEPS)
+        self._rows = Rows(self.tasks, laws, tables, *arrays, scales, self.recorder, MAX_STEPS)
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in vars(self).items() if name != "_rows"}
@@ -95,14 +101,20 @@ class Batch:
         vars(self).update(state)
         self._bind()
 
+    @property
+    def draws(self) -> NDArray[Any]:
+        """What episodes draw from, of all rows (1,) or of each (size,)."""
+        draws: NDArray[Any] = self.tasks["draws"]
+        return draws
+
     def set_scenario(self, ranges: ScenarioRanges) -> None:
-        """Draw from `ranges` from the next episode on."""
-        self.ranges = ranges
-        self._draws = self.task.draws(ranges)
+        """Draw scenarios from `ranges` from the next episode on, in all rows."""
+        for name, pair in zip(FIELDS, ranges.pairs(), strict=True):
+            self.draws[name] = pair
 
     def begin(self, rows: NDArray[np.int64], uniforms: NDArray[Any], fixed: NDArray[Any]) -> None:
         """Begin an episode in each of `rows` (k,), with `uniforms` (k,) in [0, 1) and `fixed` (k,), nan where drawn."""
-        self._rows.begin(rows, uniforms, fixed, self._draws)
+        self._rows.begin(rows, uniforms, fixed)
 
     def draw_and_begin(
         self, rows: NDArray[np.int64], generators: list[np.random.Generator], fixed: NDArray[Any] | None = None
@@ -141,11 +153,8 @@ class Batch:
         return array
 
     def get_state(self) -> dict[str, Any]:
-        """Return a copy of all that `step` and `begin` go on from: arrays, and the ranges as plain numbers."""
-        return {
-            "ranges": [list(pair) for pair in self.ranges.pairs()],
-            **{name: getattr(self, name).copy() for name in _STATE},
-        }
+        """Return a copy of all that `step` and `begin` go on from."""
+        return {name: getattr(self, name).copy() for name in _KEPT}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Go on from what `get_state` of a batch of this size and task returned, to the bit.
@@ -153,14 +162,13 @@ class Batch:
         Raises:
             ValueError: an array is not what this batch has.
         """
-        for name in _STATE:
+        for name in _KEPT:
             here, there = getattr(self, name), state[name]
             if there.shape != here.shape or there.dtype != here.dtype:
                 raise ValueError(
                     f"{name} of another batch: {there.dtype}{there.shape}, this one has {here.dtype}{here.shape}"
                 )
-        self.set_scenario(ScenarioRanges(*map(tuple, state["ranges"])))
-        for name in _STATE:
+        for name in _KEPT:
             getattr(self, name)[:] = state[name]
 
     def info(self, row: int | None = None) -> dict[str, Any]:

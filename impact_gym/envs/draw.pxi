@@ -37,12 +37,10 @@ cdef inline double drawn_or(double fixed, double drawn) noexcept nogil:
     return drawn if isnan(fixed) else fixed
 
 
-cdef Record draw_record(
-    const Task *task, const Ranges *ranges, const Uniforms *uniforms, const Record *fixed
-) noexcept nogil:
+cdef Record draw_record(const Task *task, const Uniforms *uniforms, const Record *fixed) noexcept nogil:
     """Draw all that an episode draws, but for what is fixed."""
     cdef Record record
-    cdef const Ranges *r = ranges
+    cdef const Ranges *r = &task.draws
     cdef const Uniforms *u = uniforms
     record.object_mass = drawn_or(fixed.object_mass, draw(r.object_mass.low, r.object_mass.high, True, u.object_mass))
     record.contact_stiffness = drawn_or(

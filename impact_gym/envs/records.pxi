@@ -49,6 +49,7 @@ cdef struct Task:  # what a row plays
     double tolerance  # -, local error of a step of the integrator
     int64_t exact  # 1: the damping factor that delivers the restitution, 0: that of Hu and Guo
     int64_t max_steps  # control steps until truncation, 0 if unlimited
+    Ranges draws  # of its episodes
 
 
 cdef struct Reading:  # of the sensors, on its way to the controller

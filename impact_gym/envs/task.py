@@ -5,10 +5,9 @@ from dataclasses import MISSING, dataclass, field, fields
 from typing import Any, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from impact_gym.envs.scenario import LARGEST_WEIGHT, LONGEST_DELAY, Range, ScenarioRanges, interval
-from impact_gym.kernels import RANGES, samples_under_way
+from impact_gym.kernels import samples_under_way
 from impact_gym.lowering import LOCAL_SHARE
 from impact_gym.scene import Coupling, Rigid, Robot, RobotTable, SpringDamper
 from impact_gym.validation import WrongTypeError, number, whole
@@ -87,11 +86,8 @@ class Task:
             VELOCITY_RANGE, ACCELERATION_RANGE, COMMAND_RESOLUTION,
             self.alarm_threshold, self.range_noise or 0.0, self.force_noise, self.force_bias, self.force_weight,
             LOCAL_SHARE * self.rtol, int(self.dissipation == "exact"), self.max_episode_steps or 0,
+            (*self.ranges.pairs(), self.weights, self.delays),
         )  # fmt: skip
-
-    def draws(self, ranges: ScenarioRanges) -> NDArray[Any]:
-        """Return what an episode draws from (1,): the scenario's ranges, time weight, reaction delay."""
-        return np.array([(*ranges.pairs(), self.weights, self.delays)], RANGES)
 
     def readings_under_way(self) -> int:
         """Return how many force readings can be between sensor and controller."""

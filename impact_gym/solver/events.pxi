@@ -268,7 +268,7 @@ cdef double clock_share(const Piece *now, const Work *work, double h) noexcept n
 cdef double bend_share(const Work *work, double h) noexcept nogil:
     """A share of a step of flight, the gap opening at both ends, at which it may be closing; 1 if there is none.
 
-    A step that ends there shows it. Between its ends the gap bends once at the most, see `solver/flight.pxi`.
+    A step that ends there shows it. Between its ends the gap bends once at the most, see `LARGEST_STEP`.
     """
     cdef double w0 = work.x[RATE], w1 = work.trial[RATE], bend0 = h * work.rate[RATE], bend1 = h * work.trial_rate[RATE]
     cdef double share

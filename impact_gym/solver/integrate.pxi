@@ -3,9 +3,8 @@
 cdef double FIRST_STEP = 0.3  # of the variable s of a contact
 cdef double FIRST_FLIGHT = 0.1  # of a flight, over the inverse of the chain's highest angular frequency
 cdef double LARGEST_STEP = 1.0
-# Likewise, stops apart. Within it the gap's third
-# derivative hardly changes sign twice, which is what the search for a touch relies on; a step too short for the tool to
-# get there need not be searched, and may be larger.
+# Likewise, stops apart. Within it the gap's third derivative hardly changes sign twice, which the search for a touch
+# relies on; a step in which the tool cannot get there need not be searched and may be larger (`longest_blind_step`).
 
 cdef enum:
     TRACE_POINTS = 8  # in a step of a contact
@@ -19,10 +18,8 @@ cdef int integrate(Run *run, Chain *chain, double acceleration, double until, bi
     cdef Sight *start = &sights[0]
     cdef Sight *end = &sights[1]
     cdef Finding found
-    cdef int other
     cdef bint unfelt = not flying and isinf(chain.detection)
-    cdef double h = FIRST_FLIGHT if flying else chain.memory.step
-    cdef double left, taken, error, factor, following, peak = 0.0
+    cdef double taken, peak = 0.0, h = FIRST_FLIGHT if flying else chain.memory.step
     begin_piece(run, chain, acceleration, until, flying, &now)
     load(&now, chain, work.x)
     rates(&now, work.x, work.rate)
@@ -37,40 +34,12 @@ cdef int integrate(Run *run, Chain *chain, double acceleration, double until, bi
     work.memory = chain.memory
     while True:
         chain.steps += 1
-        if chain.steps > run.max_steps:
-            found.event = NOTHING
+        found.event = NOTHING
+        if h < 1e-300:
+            work.x[RATE] = NAN
+        if h < 1e-300 or chain.steps > run.max_steps:
             break
-        left = INFINITY
-        if flying:
-            left = now.horizon - work.x[TIME]
-            if h > LARGEST_STEP:
-                h = longest_blind_step(&now, work.x, min(h, left), LARGEST_STEP)
-        taken = min(h, left)
-        work.method = method_now(&work.memory)
-        error = attempt(&now, work, taken)
-        factor = judge(&now, work, taken, &error)
-        if error > 1.0:
-            h = taken * factor
-            if h < 1e-300:
-                found.event = NOTHING
-                work.x[RATE] = NAN
-                break
-            continue
-        following = max(h, factor * taken) if taken < h else factor * taken
-        look(&now, work.trial, work.trial_rate, end)
-        found = search(&now, work, taken, start, end, unfelt)
-        if found.event == SHORTER:
-            h = found.share * taken
-            continue
-        while found.event != NOTHING:
-            taken = land(&now, work, &found, taken, &error)
-            look(&now, work.trial, work.trial_rate, end)
-            other = before_landing(&now, end, found.event, unfelt)
-            if other == NOTHING:
-                break
-            found.event, found.share, found.within = other, crossing_share(&now, work, taken, other, start, end, 1.0), 1.0
-        if error > 1.0:  # shorter, but not as good as it looked
-            h = taken * step_factor(work, error)
+        if not good_step(&now, work, start, end, unfelt, &h, &taken, &found):
             continue
         if run.recorder.trace_rows > 0:
             trace_step(run, &now, chain, taken)
@@ -79,11 +48,7 @@ cdef int integrate(Run *run, Chain *chain, double acceleration, double until, bi
         memcpy(work.x, work.trial, sizeof(work.x))
         memcpy(work.rate, work.trial_rate, sizeof(work.x))
         start, end = end, start
-        h = following
         if found.event != NOTHING:
-            break
-        if taken >= left:
-            found.event = CLOCK
             break
     store(&now, chain, work.x, chain)
     chain.memory = work.memory
@@ -94,6 +59,54 @@ cdef int integrate(Run *run, Chain *chain, double acceleration, double until, bi
     if not isfinite(chain.penetration_rate + chain.deflection_rate):
         return NOT_FINITE
     return conclude(run, chain, found.event, until)
+
+
+cdef bint good_step(
+    const Piece *now, Work *work, const Sight *start, Sight *end, bint unfelt, double *h, double *taken, Finding *found
+) noexcept nogil:
+    """Try a step of `h`, or up to the first event in it; return whether it is good, and in `h` what to try next."""
+    cdef double error, factor, tried, left = INFINITY
+    if now.flying:
+        left = now.horizon - work.x[TIME]
+        if h[0] > LARGEST_STEP:
+            h[0] = longest_blind_step(now, work.x, min(h[0], left), LARGEST_STEP)
+    taken[0] = tried = min(h[0], left)
+    work.method = method_now(&work.memory)
+    error = attempt(now, work, tried)
+    factor = judge(now, work, tried, &error)
+    if error > 1.0:
+        h[0] = factor * tried
+        return False
+    look(now, work.trial, work.trial_rate, end)
+    found[0] = search(now, work, tried, start, end, unfelt)
+    if found.event == SHORTER:
+        h[0] = found.share * tried
+        return False
+    if found.event != NOTHING:
+        taken[0] = land_on_first(now, work, tried, start, end, unfelt, found, &error)
+        if error > 1.0:  # shorter, but not as good as it looked
+            h[0] = taken[0] * step_factor(work, error)
+            return False
+    elif tried >= left:
+        found.event = CLOCK
+    h[0] = max(h[0], factor * tried) if tried < h[0] else factor * tried
+    return True
+
+
+cdef double land_on_first(
+    const Piece *now, Work *work, double tried, const Sight *start, Sight *end, bint unfelt, Finding *found, double *error
+) noexcept nogil:
+    """Land on the event found in a step, or on what turns out to come before it; return the length of that step."""
+    cdef int other
+    cdef double taken = tried
+    while True:
+        taken = land(now, work, found, taken, error)
+        look(now, work.trial, work.trial_rate, end)
+        other = before_landing(now, end, found.event, unfelt)
+        if other == NOTHING:
+            return taken
+        found.event, found.within = other, 1.0
+        found.share = crossing_share(now, work, taken, other, start, end, 1.0)
 
 
 cdef int conclude(Run *run, Chain *chain, int event, double until) noexcept nogil:

@@ -129,7 +129,6 @@ def test_one_option_changes_the_row_that_has_it_and_no_other(name, value):
         assert_identical(first, other)
 
 
-@pytest.mark.xfail(strict=True, reason="a batch draws every row's episodes from the ranges of its first task")
 @pytest.mark.parametrize(("name", "value"), [(name, value) for name, some in DRAWN.items() for value in some], ids=str)
 def test_what_a_row_draws_is_drawn_from_its_own_ranges(name, value):
     options = [{}, {name: value}, {}]
@@ -169,7 +168,6 @@ def test_rows_that_observe_different_things_are_refused(option):
         Batch(3, [Task(), Task(**option), Task()])
 
 
-@pytest.mark.xfail(strict=True, reason="the error says neither which row nor which option")
 @pytest.mark.parametrize("option", [{"deflection_sensor": True}, {"privileged": True}, {"range_noise": 0.01}], ids=str)
 def test_the_option_and_the_row_that_differ_are_named(option):
     with pytest.raises(ValueError, match=rf"(?s)(?=.*{next(iter(option))})(?=.*row 1)"):
