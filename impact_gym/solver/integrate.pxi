@@ -135,7 +135,7 @@ cdef int conclude(Run *run, Chain *chain, int event, double until) noexcept nogi
 
 
 cdef void trace_step(Run *run, const Piece *now, Chain *chain, double taken) noexcept nogil:
-    """Trace points along the step just found good, each on the integrator's polynomial."""
+    """Trace points along the step just found good, each by a step of its own: its polynomial is not as exact."""
     cdef Chain ghost = chain[0]
     cdef Sight sight
     cdef int64_t point, points = TRACE_POINTS
@@ -143,7 +143,7 @@ cdef void trace_step(Run *run, const Piece *now, Chain *chain, double taken) noe
         points = <int64_t> ceil(taken * now.units.time / run.recorder.interval)
     for point in range(1, points + 1):
         if point < points:
-            probe(now, run.work, taken, <double> point / points)
+            probe_exactly(now, run.work, taken, <double> point / points)
         else:
             memcpy(run.work.probe, run.work.trial, sizeof(run.work.probe))
             memcpy(run.work.probe_rate, run.work.trial_rate, sizeof(run.work.probe))

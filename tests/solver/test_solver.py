@@ -343,3 +343,19 @@ def test_a_run_that_would_not_end_stops_with_a_sentence(monkeypatch):
     scene = ig.Scene(ig.Tool(0.125), ig.Object(0.25, 0.25), ig.Contact(1e5, 0.5), ig.SpringDamper(150.0))
     with pytest.raises(RuntimeError, match="more integration steps than allowed"):
         ig.simulate(scene, ig.Trapezoid(1.0, 8.0, ig.Brake()))
+
+
+def test_what_is_recorded_does_not_depend_on_the_room_for_it(monkeypatch):
+    bounces = ig.Scene(ig.Tool(0.125), ig.Object(1.0, 0.2505), ig.Contact(1e6, 1.0), ig.SpringDamper(150.0, 1.0))
+    snap = ig.Scene(ig.Tool(0.125), ig.Object(0.25, 0.2505), ig.Contact(1e5, 0.5), ig.Bistable())
+    motion = ig.Trapezoid(1.2, 8.0, ig.Brake())
+    at_once = [ig.simulate(scene, motion, trace=True) for scene in (bounces, snap)]
+    assert len(at_once[0].contacts) > 1
+    assert at_once[1].snap_through
+    for name in ("_CONTACT_ROWS", "_SNAP_ROWS", "_TRACE_ROWS"):
+        monkeypatch.setattr(simulation, name, 1)
+    for scene, before in zip((bounces, snap), at_once, strict=True):
+        after = ig.simulate(scene, motion, trace=True)
+        assert after._replace(trace=None) == before._replace(trace=None)
+        for name in ("time", "object_velocity", "contact_force", "flange_position"):
+            assert np.array_equal(getattr(after.trace, name), getattr(before.trace, name))
