@@ -18,9 +18,9 @@ define install
 	|| { echo "Python 3.11 or newer is needed; name one with make PYTHON=..."; exit 1; }
 @$(PYTHON) -m venv $(VENV)
 @echo "1 of 2: installing what compiles the solver into $(VENV)"
-@$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt cython setuptools
+@$(BIN)/pip install --quiet --no-compile --disable-pip-version-check -c constraints.txt cython setuptools
 @echo "2 of 2: compiling the solver (about 10 s) and installing $(2)"
-@$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt --no-build-isolation -e '.[$(1)]'
+@$(BIN)/pip install --quiet --no-compile --disable-pip-version-check -c constraints.txt --no-build-isolation -e '.[$(1)]'
 endef
 
 setup: $(WHOLE)  ## make .venv and install everything that is pinned

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -77,8 +78,7 @@ class Stage:
         """
         self.seed, self.count = seed, count
         self._batch = Batch(copies * count, Task(**{"scenario": "test", **options}), threads)
-        drawn = np.array([seeding.np_random(seed + k)[0].random(DRAWS) for k in range(count)])
-        self._uniforms = np.tile(drawn.view(UNIFORMS)[:, 0], copies)
+        self._uniforms = np.tile(_uniforms(seed, count), copies)
         self._fixed = free_record(copies * count)
         if frozen is not None:
             if frozen.seed != seed or frozen.count < count:
@@ -123,6 +123,14 @@ class Stage:
         fields = ("object_velocity", "approach_time", "peak_force", "contact_count", "missed")
         scenario = {name: values.copy() for name, values in info["scenario"].items()}
         return Episodes(**{name: np.array(info[name]) for name in fields}, scenario=scenario)
+
+
+@lru_cache(maxsize=8)
+def _uniforms(seed: int, count: int) -> NDArray[Any]:
+    """Return what environments seeded `seed` ... draw first (count,), UNIFORMS."""
+    drawn = np.array([seeding.np_random(seed + k)[0].random(DRAWS) for k in range(count)])
+    uniforms: NDArray[Any] = drawn.view(UNIFORMS)[:, 0]
+    return uniforms
 
 
 def evaluate(controller: Controller, seed: int, count: int, **options: Any) -> Episodes:

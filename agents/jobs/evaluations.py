@@ -6,6 +6,7 @@ k of them), `{"table": {field: values}, "seed": s, "count": n}` any others, `{"r
 """
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -56,9 +57,12 @@ def frozen_of(scenarios: Mapping[str, Any]) -> EvaluationSet | None:
         return EvaluationSet(scenarios["seed"], table, "")
     if "set" not in scenarios:
         return None
-    whole, first = evaluation_sets.load(scenarios["set"]), scenarios.get("first", 0)
+    whole, first = _shipped(scenarios["set"]), scenarios.get("first", 0)
     if not 0 <= first < first + scenarios["count"] <= whole.count:
         last = first + scenarios["count"] - 1
         raise ValueError(f"the set {scenarios['set']!r} has {whole.count} scenarios, not {first} ... {last}")
     cut = {name: values[first:] for name, values in whole.scenario.items()}
     return EvaluationSet(whole.seed + first, cut, whole.checksum if first == 0 else "")
+
+
+_shipped = lru_cache(maxsize=4)(evaluation_sets.load)  # the sets do not change while a process lives

@@ -6,11 +6,12 @@ import shutil
 import sys
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import tyro
+from tqdm import tqdm
 
 from agents.jobs import JobsFailedError
 from agents.revision import revision
@@ -94,14 +95,7 @@ def write(settings: Settings) -> Path:
     for folder in (out.parent, settings.episodes or out.parent):
         if folder.exists() and not folder.is_dir():
             raise ValueError(f"{folder} is no folder")
-    asked = arenas_of(settings)
-    if asked[0].scenarios["count"] >= WORTH_A_FIRST_LOOK * FIRST_LOOK and _nothing_whole(out):
-        few = [replace(one, scenarios={**one.scenarios, "count": FIRST_LOOK}) for one in asked]
-        print(
-            f"first page, of {FIRST_LOOK} scenarios: {publish(few, settings, first=True).resolve().as_uri()}",
-            flush=True,
-        )
-    return publish(asked, settings)
+    return publish(arenas_of(settings), settings)
 
 
 def _nothing_whole(out: Path) -> bool:
@@ -111,12 +105,30 @@ def _nothing_whole(out: Path) -> bool:
     return (out / RESULTS).is_file() and json.loads((out / RESULTS).read_text()).get("first page", False)
 
 
-def publish(asked: list[arenas.Arena], settings: Settings, first: bool = False) -> Path:
-    """Play the arenas, write the folder, and return the path of its page; a first one holds the answer alone."""
+def publish(asked: list[arenas.Arena], settings: Settings) -> Path:
+    """Play the arenas, write the folder, and return the path of its page.
+
+    Where no page is there and many scenarios are to be played, a first page with the answer on a few is there before.
+    """
     begun = time.perf_counter()
     store = settings.episodes or settings.out.with_name(f".{settings.out.name}.episodes")
-    played = gather_arenas(asked, store, settings.processes, settings.cluster, first)
+    many = asked[0].scenarios["count"] >= WORTH_A_FIRST_LOOK * FIRST_LOOK and _nothing_whole(settings.out)
+
+    def first_look(played: list[Played]) -> None:
+        page = write_folder(played, settings, begun, first=True)
+        tqdm.write(f"first page, of {FIRST_LOOK} scenarios: {page.resolve().as_uri()}")
+
+    played = gather_arenas(asked, store, settings.processes, settings.cluster, FIRST_LOOK if many else 0, first_look)
     print("writing the page", flush=True)
+    path = write_folder(played, settings, begun)
+    if settings.episodes is None:
+        shutil.rmtree(store, ignore_errors=True)
+    return path
+
+
+def write_folder(played: list[Played], settings: Settings, begun: float, first: bool = False) -> Path:
+    """Write the folder of what was played since `begun`; return its page, of which a first one has the answer alone."""
+    asked = [one.arena for one in played]
     with whole_folder(settings.out) as folder:
         parts = page.sections(played, first)
         (folder / "figures").mkdir()
@@ -154,8 +166,6 @@ def publish(asked: list[arenas.Arena], settings: Settings, first: bool = False) 
         }
         shown = {} if first else dict(map(page.watch, played))
         (folder / "index.html").write_text(page.render(about, parts, shown), encoding="utf-8")
-    if settings.episodes is None and not first:
-        shutil.rmtree(store, ignore_errors=True)
     return settings.out / "index.html"
 
 

@@ -1,8 +1,8 @@
 """From arenas to arrays: the list of jobs behind the page, and what came of them."""
 
 import copy
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from agents.clairvoyance import FROZEN, shipped_scenarios
-from agents.jobs import Job, digest_of, gather_all
+from agents.jobs import Job, digest_of, gather
 from agents.jobs.evaluations import RESULTS
 from agents.validation import WEIGHTS
 from experiments.reference.task import SERVED
@@ -117,16 +117,29 @@ def gather_arenas(
     folder: Path,
     processes: int | None = None,
     cluster: str | None = None,
-    first: bool = False,
+    first: int = 0,
+    told: Callable[[list[Played]], None] = lambda played: None,
 ) -> list[Played]:
-    """Play what is not in `folder` yet, or only what the answer needs, and return what came of each arena."""
+    """Play everything that is not in `folder` yet, and return what came of each arena.
+
+    With `first`, what the answer needs on so many scenarios is played before all else, and `told` while others play.
+    """
     depends = _sources(arenas)
-    asked = [one for number, arena in enumerate(arenas) for one in _asked(number, arena, depends)]
-    asked = [one for one in asked if one.where in ANSWER or not first]
-    jobs = [one.job for one in reversed(asked)]  # the last recipe is the slowest: what is long begins first
-    results = reversed(
-        gather_all(jobs, folder, processes=processes, cluster=cluster, title="playing first" if first else "playing")
-    )
+    few = [replace(arena, scenarios=_first(arena.scenarios, first)) for arena in arenas if first]
+    asked_first = [one for one in _all_asked(few, depends) if one.where in ANSWER]
+    asked = _all_asked(arenas, depends)
+    # the last recipe is the slowest: what is long begins first
+    jobs = [one.job for one in (*reversed(asked_first), *reversed(asked))]
+    missing, came = set(range(len(asked_first))), {}
+    for place, arrays in gather(jobs, folder, processes=processes, cluster=cluster, title="playing"):
+        came[place] = arrays
+        if missing and not (missing := missing - {place}):
+            told(_played(few, asked_first, [came[k] for k in reversed(range(len(asked_first)))]))
+    return _played(arenas, asked, [came[k] for k in reversed(range(len(asked_first), len(jobs)))])
+
+
+def _played(arenas: list[Arena], asked: list[_Asked], results: list[Arrays]) -> list[Played]:
+    """Put the results where they belong."""
     played = [Played(arena) for arena in arenas]
     for one, arrays in zip(asked, results, strict=True):
         target = played[one.arena]
@@ -137,6 +150,10 @@ def gather_arenas(
         else:
             getattr(target, one.where)[one.key] = value
     return played
+
+
+def _all_asked(arenas: list[Arena], depends: str) -> list[_Asked]:
+    return [one for number, arena in enumerate(arenas) for one in _asked(number, arena, depends)]
 
 
 def _sources(arenas: list[Arena]) -> str:

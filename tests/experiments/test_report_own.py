@@ -122,18 +122,18 @@ def test_settings_are_checked(tmp_path):
 def test_a_first_page_answers_on_few_scenarios_and_the_full_one_takes_its_place(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(report, "FIRST_LOOK", 5)
     settings = Settings(policy=("linear-blind",), count=15, out=tmp_path / "out", processes=0)
-    whole, seen = report.publish, []
+    whole, seen = report.write_folder, []
 
-    def publish(asked, settings, first=False):
+    def write_folder(played, settings, begun, first=False):
         if not first:
             seen.append(
                 (json.loads((settings.out / "results.json").read_text()), (settings.out / "index.html").read_text())
             )
             if len(seen) == 1:
                 raise KeyboardInterrupt
-        return whole(asked, settings, first)
+        return whole(played, settings, begun, first)
 
-    monkeypatch.setattr(report, "publish", publish)
+    monkeypatch.setattr(report, "write_folder", write_folder)
     with pytest.raises(KeyboardInterrupt):
         write(settings)
     write(settings)  # a first page needs no --force to be replaced
@@ -149,6 +149,6 @@ def test_a_first_page_answers_on_few_scenarios_and_the_full_one_takes_its_place(
     first, last = (one["episodes"]["rows"] for one in (found, full))
     assert last == 3 * first
     assert "First page." not in (tmp_path / "out" / "index.html").read_text()
-    monkeypatch.setattr(report, "publish", lambda asked, settings, first=False: seen.append(first))
+    monkeypatch.setattr(report, "write_folder", lambda played, settings, begun, first=False: seen.append(first))
     write(replace(settings, force=True))
     assert seen[2:] == [False]  # a full page is not replaced by a first one
