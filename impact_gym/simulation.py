@@ -2,7 +2,6 @@
 
 import math
 from collections import namedtuple
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -37,8 +36,7 @@ class ContactRecord(NamedTuple):
     momentum_error: float  # -, residual of the paper's eq. 20 over the impulse
 
 
-@dataclass(frozen=True, slots=True)
-class Trace:
+class Trace(NamedTuple):
     """Time histories, (n,) each; points lie closer together inside contacts."""
 
     time: NDArray[np.float64]  # s

@@ -3,7 +3,6 @@
 import csv
 import io
 from collections.abc import Mapping
-from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -56,7 +55,7 @@ def stack(outcomes: Mapping[str, ig.Outcome]) -> Table:
         if trace is None:
             raise ValueError(f"case {case!r} was simulated without a trace")
         part: Table = {"case": np.full(len(trace.time), case)}
-        part |= {field.name: getattr(trace, field.name) for field in fields(trace)}
+        part |= trace._asdict()
         part["contact"] = np.zeros(len(trace.time))
         for number, contact in enumerate(outcome.contacts, start=1):
             end = np.inf if contact.end is None else contact.end
@@ -74,7 +73,7 @@ def histories(scenes: Mapping[str, ig.Scene], motion: ig.Trapezoid, duration: fl
 def trace_of(table: Table, case: str) -> ig.Trace:
     """Return the trace of one case of `stack`."""
     rows = where(table, case=case)
-    return ig.Trace(*(rows[field.name] for field in fields(ig.Trace)))
+    return ig.Trace(*(rows[name] for name in ig.Trace._fields))
 
 
 def contact_of(table: Table, case: str) -> NDArray[np.float64]:

@@ -39,7 +39,7 @@ class Findings:
 def finite(outcome: ig.Outcome) -> bool:
     """Whether all numbers of an outcome are numbers."""
     records = [record for record in (outcome, *outcome.contacts, outcome.trace) if record is not None]
-    values = [getattr(record, name) for record in records for name in record.__dataclass_fields__]
+    values = [value for record in records for value in record]
     return all(bool(np.all(np.isfinite(value))) for value in values if isinstance(value, float | np.ndarray))
 
 

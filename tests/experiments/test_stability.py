@@ -2,7 +2,6 @@
 
 import math
 import time
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -105,11 +104,11 @@ def planted(**changes):
 
     def simulate(scene, motion, duration, trace):
         outcome = ig.simulate(scene, motion, duration, trace=trace)
-        for name in ig.Trace.__dataclass_fields__:
+        for name in ig.Trace._fields:
             changes.get(f"trace.{name}", len)(getattr(outcome.trace, name))
         first, *rest = outcome.contacts
         wrong = {name: f(getattr(first, name)) for name, f in changes.items() if hasattr(first, name)}
-        return replace(outcome, contacts=(replace(first, **wrong), *rest))
+        return outcome._replace(contacts=(first._replace(**wrong), *rest))
 
     return simulate
 
@@ -146,8 +145,8 @@ def test_an_object_that_is_slowed_between_two_contacts_is_found():
     assert len(outcome.contacts) > 1
     assert checks.examine(approach_of().scene, outcome).pull <= 0.0
     first, second, *rest = outcome.contacts
-    slowed = replace(second, object_velocity=first.object_velocity - 1e-6)
-    found = checks.examine(approach_of().scene, replace(outcome, contacts=(first, slowed, *rest)))
+    slowed = second._replace(object_velocity=first.object_velocity - 1e-6)
+    found = checks.examine(approach_of().scene, outcome._replace(contacts=(first, slowed, *rest)))
     assert found.pull > bars.PULL
 
 
