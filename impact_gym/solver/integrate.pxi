@@ -41,7 +41,7 @@ cdef int integrate(Run *run, Chain *chain, double acceleration, double until, bi
             break
         if not good_step(&now, work, start, end, unfelt, &h, &taken, &found):
             continue
-        if run.recorder.trace_rows > 0:
+        if run.recorder.trace_rows > 0 and taken > 0.0:
             trace_step(run, &now, chain, taken)
         if not flying:
             peak = max(max(peak, end.height[FORCE]), found.peak if found.peak_at <= taken else 0.0)
