@@ -33,6 +33,7 @@ cdef void begin_integrated(const Run *run, const Chain *chain, Piece *now) noexc
     now.robot = robot_table(run)
     if now.robot.intervals:
         now.place = robot_place(&now.robot, chain.flange_position, direction)
+        now.lumped = robot_within(&now.robot, now.place, chain.flange_position)
     now.position, now.velocity = chain.flange_position, chain.flange_velocity
     now.per_acceleration = now.units.time / now.units.velocity
     now.per_force = 1.0 / now.units.force

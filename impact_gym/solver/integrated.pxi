@@ -32,7 +32,9 @@ cdef inline Swing swing(const Piece *now, double t, double y, double v, double q
     at.v_r = now.velocity + now.acceleration * elapsed
     at.y, at.y_dot = y * now.units.length, v * now.units.velocity
     at.q, at.q_dot = q * now.units.length, r * now.units.velocity
-    if now.robot.intervals:
+    if now.robot.intervals == 1:
+        at.robot = now.lumped
+    elif now.robot.intervals:
         at.robot = robot_within(&now.robot, now.place, at.x_r)
     return at
 

@@ -26,6 +26,7 @@ cdef struct Piece:
     # of an INTEGRATED chain
     RobotTable robot
     int place  # interval of that table
+    RobotNow lumped  # what it says everywhere, if it has but one
     double per_acceleration  # scaled acceleration for 1 m/s^2
     double tool_rate, object_rate  # likewise of tool and object for 1 N
     double position, velocity  # m, m/s, of the imposed motion where the piece starts
