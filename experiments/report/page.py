@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -90,8 +91,13 @@ def render(about: Mapping[str, Any], parts: Mapping[str, Any], shown: Mapping[st
     pages.globals["embedded"] = embedded
     template = pages.get_template("page.html.jinja")
     players = {name: Markup(fragment(each, f"watch-{name}")) for name, each in shown.items()}
-    vega = vl_convert.javascript_bundle().replace("</script", "<\\/script")
-    return template.render(about=about, parts=parts, players=players, vega=Markup(vega))
+    return template.render(about=about, parts=parts, players=players, vega=vega())
+
+
+@cache
+def vega() -> Markup:
+    """Return the program that draws the charts."""
+    return Markup(vl_convert.javascript_bundle().replace("</script", "<\\/script"))
 
 
 def embedded(content: Any) -> Markup:

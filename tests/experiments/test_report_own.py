@@ -10,6 +10,7 @@ import pytest
 from agents import Policy, load_policy
 from agents.evaluation import Stage
 from experiments.report import __main__ as report
+from experiments.report import results
 from experiments.report.__main__ import Settings, write
 
 
@@ -121,6 +122,8 @@ def test_settings_are_checked(tmp_path):
 
 def test_a_first_page_answers_on_few_scenarios_and_the_full_one_takes_its_place(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(report, "FIRST_LOOK", 5)
+    monkeypatch.setattr(results, "EXACTLY", 2)
+    monkeypatch.setattr(results, "IN_SCIPY", 2)
     settings = Settings(policy=("linear-blind",), count=15, out=tmp_path / "out", processes=0)
     whole, seen = report.write_folder, []
 
@@ -149,6 +152,7 @@ def test_a_first_page_answers_on_few_scenarios_and_the_full_one_takes_its_place(
     first, last = (one["episodes"]["rows"] for one in (found, full))
     assert last == 3 * first
     assert "First page." not in (tmp_path / "out" / "index.html").read_text()
-    monkeypatch.setattr(report, "write_folder", lambda played, settings, begun, first=False: seen.append(first))
+    monkeypatch.setattr(report, "write_folder", lambda *given: tmp_path)
+    monkeypatch.setattr(report, "gather_arenas", lambda *given: seen.append(given[4]))
     write(replace(settings, force=True))
-    assert seen[2:] == [False]  # a full page is not replaced by a first one
+    assert seen[2:] == [0]  # a full page is not replaced by a first one
