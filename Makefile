@@ -38,7 +38,7 @@ report: $(SMALL)  ## play every shipped policy and baseline on the test set and 
 	$(BIN)/python -m experiments.report --force
 
 test: setup  ## run the tests
-	$(BIN)/python -m pytest -n auto --dist loadscope
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadscope  # a core for each worker
 
 train: setup  ## train a policy with default settings; prints its run folder
 	$(BIN)/python -m agents.train
