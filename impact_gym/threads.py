@@ -27,4 +27,7 @@ def over_rows(run: Callable[[int, int], object], rows: int, threads: int, smalle
     if pieces == 1:
         run(0, rows)
     else:
-        list(_pool().map(run, bounds[:-1], bounds[1:]))
+        others = [_pool().submit(run, first, last) for first, last in zip(bounds[1:-1], bounds[2:])]
+        run(bounds[0], bounds[1])
+        for other in others:
+            other.result()
