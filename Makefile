@@ -3,7 +3,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 WHOLE := $(VENV)/installed
 SMALL := $(VENV)/installed-for-report
-EXTRAS := train,report,robot,render,zoo,peers,cluster,dev
+EXTRAS := train report robot render zoo peers cluster dev
 
 .DEFAULT_GOAL := help
 .PHONY: help setup report test train train-all tune bars search figures cost bench speed stability fidelity lint
@@ -13,14 +13,20 @@ help:  ## list what can be made
 
 SOLVER := pyproject.toml constraints.txt setup.py $(wildcard impact_gym/*.pyx impact_gym/*/*.pxi)
 
+PIP = $(BIN)/pip install --quiet --no-compile --disable-pip-version-check -c constraints.txt
+WANTED := import sys, tomllib; project = tomllib.load(open("pyproject.toml", "rb"))["project"]; \
+	lists = map(project["optional-dependencies"].get, sys.argv[1:]); \
+	print(*project["dependencies"], *sum(lists, []), sep="\n")
+
 define install
 @$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
 	|| { echo "Python 3.11 or newer is needed; name one with make PYTHON=..."; exit 1; }
 @$(PYTHON) -m venv $(VENV)
 @echo "1 of 2: installing what compiles the solver into $(VENV)"
-@$(BIN)/pip install --quiet --no-compile --disable-pip-version-check -c constraints.txt cython setuptools
-@echo "2 of 2: compiling the solver (about 10 s) and installing $(2)"
-@$(BIN)/pip install --quiet --no-compile --disable-pip-version-check -c constraints.txt --no-build-isolation -e '.[$(1)]'
+@$(PIP) cython setuptools
+@echo "2 of 2: compiling the solver (about 15 s) and, beside it, installing $(2)"
+@$(PIP) --no-build-isolation --no-deps -e . & $(BIN)/python -c '$(WANTED)' $(1) > $(VENV)/wanted.txt \
+	&& $(PIP) -r $(VENV)/wanted.txt && wait $$!
 @$(BIN)/python -m compileall -qq -j 0 $(VENV)/lib || true  # on all cores, where pip takes one
 endef
 

@@ -81,7 +81,7 @@ class Motion:
         self._impulse = 0.0  # N s, of the contacts that are over
         self._fly(np.array([-scene.object.distance, 0.0, 0.0, 0.0, 0.0, 0.0]))
         rates = max(self.chain.slow_rate, self.chain.stop_rate)
-        self._longest_step = 1 / rates if rates else inf  # s, a sixth of a period
+        self._longest_step = 1 / rates if rates else inf  # s, a sixth of a period; twice that in flight
         self._flight_atol = FLIGHT_ATOL * np.tile([1.0, max(1.0, self.chain.stop_rate)], 4)
 
     @property
@@ -217,6 +217,6 @@ class Motion:
         return self._by("Radau", end, rtol, np.full(8, rtol / 100))
 
     def _by(self, method: str, end: float, rtol: float, atol: Vector) -> tuple[float, Vector, Switch | None]:
-        longest_step = self._longest_step / self._system.scales.time
+        longest_step = (1 if self.touching else 2) * self._longest_step / self._system.scales.time
         switches = self._system.switches()
         return advance(self._system, end, self._y, switches, method, rtol, atol, longest_step)[:3]
