@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 
 _pools: dict[int, ThreadPoolExecutor] = {}
 
@@ -23,11 +24,8 @@ def _pool() -> ThreadPoolExecutor:
 def over_rows(run: Callable[[int, int], object], rows: int, threads: int, smallest: int) -> None:
     """Call `run(first, last)` for pieces of `rows`, each of at least `smallest` rows, on up to `threads` threads."""
     pieces = max(1, min(threads, rows // smallest))
-    bounds = [rows * piece // pieces for piece in range(pieces + 1)]
-    if pieces == 1:
-        run(0, rows)
-    else:
-        others = [_pool().submit(run, first, last) for first, last in zip(bounds[1:-1], bounds[2:])]
-        run(bounds[0], bounds[1])
-        for other in others:
-            other.result()
+    (first, last), *others = pairwise(rows * piece // pieces for piece in range(pieces + 1))
+    under_way = [_pool().submit(run, *other) for other in others]
+    run(first, last)
+    for one in under_way:
+        one.result()
