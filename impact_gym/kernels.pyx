@@ -28,6 +28,7 @@ include "physics/oscillator.pxi"
 include "physics/mechanism.pxi"
 include "physics/robot.pxi"
 include "solver/state.pxi"
+include "solver/lowering.pxi"
 include "solver/piece.pxi"
 include "solver/rigid.pxi"
 include "solver/spring_damper.pxi"
@@ -50,21 +51,24 @@ cdef Chain blank_chain
 cdef ContactRow blank_contact
 cdef TraceRow blank_trace
 cdef Episode blank_episode
+cdef Draw blank_draw
 cdef Entry blank_entry
+cdef Law blank_law
 cdef Reading blank_reading
 cdef Task blank_task
 cdef Uniforms blank_uniforms
 
 
 def layout(blank):
-    """Return the NumPy record of a structure, from its fields as a mapping; all of them take eight bytes."""
+    """Return the NumPy record of a structure, from its fields as a mapping; all numbers take eight bytes."""
     kinds = {dict: layout, float: lambda _: np.float64, int: lambda _: np.int64}
+    kinds[list] = lambda values: np.dtype((np.float64, len(values)))
     return np.dtype([(name, kinds[type(value)](value)) for name, value in blank.items()])
 
 
 APPROACH, CHAIN, CONTACT, TRACE = map(layout, (blank_approach, blank_chain, blank_contact, blank_trace))
-LAW = APPROACH["law"]
-EPISODE, ENTRY = map(layout, (blank_episode, blank_entry))
+HOLDER = APPROACH["holder"]
+DRAW, EPISODE, ENTRY, LAW = map(layout, (blank_draw, blank_episode, blank_entry, blank_law))
 RECORD, SENSORS = EPISODE["drawn"], EPISODE["sensors"]
 READING, TASK, UNIFORMS = map(layout, (blank_reading, blank_task, blank_uniforms))
 assert (APPROACH.itemsize, CHAIN.itemsize, EPISODE.itemsize) == (sizeof(Approach), sizeof(Chain), sizeof(Episode))
@@ -107,6 +111,7 @@ def approach_rows(
     """
     cdef Run run
     cdef Work work
+    cdef Law law
     cdef const Approach *plan = <const Approach *> memory_of(plans)
     cdef Chain *chain = <Chain *> memory_of(chains)
     cdef int64_t i
@@ -115,9 +120,21 @@ def approach_rows(
     run.recorder = recorder_of(recorder)
     with nogil:
         for i in range(first, last):
-            run.law, run.contact = &plan[i].law, plan[i].contact
+            lower(&plan[i].holder, &law)
+            run.law, run.contact = &law, plan[i].contact
             run.object_mass, run.threshold = plan[i].object_mass, plan[i].threshold
             approach(&run, &chain[i], &plan[i])
+
+
+def laws_of(holders):
+    """Return the chain of each of `holders` (n, HOLDER) as (n, LAW)."""
+    cdef int64_t i
+    laws = np.empty(len(holders), LAW)
+    cdef const Holder *holder = <const Holder *> memory_of(holders)
+    cdef Law *law = <Law *> memory_of(laws)
+    for i in range(len(holders)):
+        lower(&holder[i], &law[i])
+    return laws
 
 
 def draw_uniforms(list generators, rows, uniforms):
@@ -139,7 +156,9 @@ cdef class Rows:
 
     cdef object arrays
     cdef const Task *tasks
-    cdef const Law *laws
+    cdef const Draw *draws
+    cdef const Holder *holders
+    cdef Law *laws
     cdef const double *tables
     cdef Chain *chains
     cdef Episode *episodes
@@ -151,12 +170,15 @@ cdef class Rows:
     cdef Recorder recorder
 
     def __init__(
-        self, tasks, laws, tables, chains, episodes, readings, observations, rewards, entries, tuple recorder, max_steps
+        self, tasks, draws, holders, laws, tables, chains, episodes, readings, observations, rewards, entries,
+        tuple recorder, max_steps,
     ):
-        """Take arrays of `size` rows each; `tasks` and `laws` may have one for all.
+        """Take arrays of `size` rows each; `tasks` with `holders`, and `laws`, may have one for all.
 
         Args:
-            tasks, laws: (size,) or (1,), TASK and LAW.
+            tasks, holders: (size,) or (1,), TASK and HOLDER.
+            draws: numbers of the set-up that episodes draw (n,), DRAW, where the tasks say.
+            laws: (size,), or (1,) if all rows have the same and no episode draws what holds its tool; LAW.
             tables: see `approach_rows`.
             chains, episodes, rewards: (size,), CHAIN, EPISODE and float64.
             readings: (size, slots), READING.
@@ -165,9 +187,12 @@ cdef class Rows:
             recorder: see `approach_rows`; rows of a batch share it.
             max_steps: integration steps of an episode.
         """
-        self.arrays = (tasks, laws, tables, chains, episodes, readings, observations, rewards, entries, recorder)
+        self.arrays = (
+            tasks, draws, holders, laws, tables, chains, episodes, readings, observations, rewards, entries, recorder
+        )
         self.tasks, self.each_task = <const Task *> memory_of(tasks), len(tasks) > 1
-        self.laws, self.each_law = <const Law *> memory_of(laws), len(laws) > 1
+        self.draws, self.holders = <const Draw *> memory_of(draws), <const Holder *> memory_of(holders)
+        self.laws, self.each_law = <Law *> memory_of(laws), len(laws) > 1
         self.tables = <const double *> memory_of(tables)
         self.chains, self.episodes = <Chain *> memory_of(chains), <Episode *> memory_of(episodes)
         self.readings, self.slots = <Reading *> memory_of(readings), readings.shape[1]
@@ -192,11 +217,17 @@ cdef class Rows:
         cdef const Record *given = <const Record *> memory_of(fixed)
         cdef Row row
         cdef Record drawn
+        cdef Holder holder
         cdef int64_t k, count = len(rows)
         with nogil:
             for k in range(count):
                 row = self.row(places[k])
-                drawn = draw_record(row.task, &uniform[k], &given[k])
+                drawn = draw_record(row.task, self.draws, &uniform[k], &given[k])
+                if row.task.holder_drawn:
+                    holder = self.holders[places[k] * self.each_task]
+                    holder.tool_mass = drawn.setting.tool_mass
+                    holder.of_coupling, holder.of_robot = drawn.setting.coupling, drawn.setting.robot
+                    lower(&holder, &self.laws[places[k] * self.each_law])
                 begin_episode(&row, &drawn)
 
     def step(self, actions, skip, int64_t first, int64_t last):
@@ -217,7 +248,7 @@ cdef class Rows:
                 run.law = &self.laws[i * self.each_law]
                 run.contact.stiffness, run.contact.damping = row.episode.drawn.contact_stiffness, row.episode.damping
                 run.object_mass = row.episode.drawn.object_mass
-                run.threshold, run.tolerance = row.task.alarm_threshold, row.task.tolerance
+                run.threshold, run.tolerance = row.episode.drawn.setting.alarm_threshold, row.task.tolerance
                 self.rewards[i] = play_step(&run, &row, action[2 * i], action[2 * i + 1])
 
 
@@ -247,10 +278,12 @@ def step_once(plan, table, chain, double acceleration, bint flying, x, double h,
     cdef Run run
     cdef Work work
     cdef Piece now
+    cdef Law law
     cdef const Approach *given = <const Approach *> memory_of(plan)
     cdef double error
     cdef int i, j
-    run.law, run.tables, run.contact = &given.law, <const double *> memory_of(table), given.contact
+    lower(&given.holder, &law)
+    run.law, run.tables, run.contact = &law, <const double *> memory_of(table), given.contact
     run.object_mass, run.threshold, run.tolerance = given.object_mass, given.threshold, 1.0
     begin_piece(&run, <const Chain *> memory_of(chain), acceleration, INFINITY, flying, &now)
     memcpy(work.x, memory_of(x), now.width * sizeof(double))

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 
-from impact_gym.kernels import bistable_energy, bistable_force
+from impact_gym.kernels import bistable_energy, bistable_force, rest_of
 from impact_gym.validation import WrongTypeError, number, numbers
 
 Dissipation = Literal[
@@ -158,6 +158,11 @@ class Bistable:
     def equilibria(self) -> tuple[float, float, float]:
         """Where the mechanism without stops is at rest, m: stable, unstable, stable."""
         return -self.stroke, 0.0, self.stroke
+
+    @property
+    def rest(self) -> float:
+        """Where the front stop bears the mechanism's own force, m: the slider's place at t = 0."""
+        return float(rest_of(self.stiffness, self.free_length, self.height, self.front_stop, self.stop_stiffness))
 
     @property
     def barrier(self) -> float:

@@ -25,19 +25,11 @@ from impact_gym.envs import evaluation_sets
 from impact_gym.envs.observation import ENTRIES, OPTIONAL_ENTRIES, Entry
 from impact_gym.envs.records import DRAWS
 from impact_gym.envs.scenario import FIELDS
-from impact_gym.envs.task import (
-    ACCELERATION_RANGE,
-    AFTER_ALARM,
-    FULL_DECELERATION,
-    HORIZON,
-    SETTLE_LIMIT,
-    VELOCITY_RANGE,
-    Task,
-)
+from impact_gym.envs.task import AFTER_ALARM, HORIZON, SETTLE_LIMIT, Task
 
 SERVED = (
     "coupling", "tool_mass", "robot", "reaction_delay", "control_period", "alarm_threshold", "dissipation",
-    "range_noise", "deflection_sensor", "privileged",
+    "range_noise", "deflection_sensor", "privileged", "velocity_range", "acceleration_range",
 )  # fmt: skip
 RTOL = 1e-10  # of contacts
 ROUNDING = 1e-9  # s, of the clock
@@ -121,6 +113,8 @@ def _task(options: Mapping[str, Any]) -> Task:
     task = Task(**options)
     if task.delays[0] != task.delays[1]:
         raise ValueError(f"the reference serves one reaction_delay, not a range of them, got {task.delays}")
+    if task.drawn:
+        raise ValueError(f"the reference serves numbers, not ranges of them, got ranges of {list(task.drawn)}")
     return task
 
 
@@ -162,7 +156,7 @@ def _episode(
         action = yield _observe(task, scenario, weight, estimate, now, alarm, reading, flange)
         velocity, acceleration = (
             round(low + (min(max(float(one), -1.0), 1.0) + 1) / 2 * (high - low), 6)
-            for one, (low, high) in zip(action, (VELOCITY_RANGE, ACCELERATION_RANGE), strict=True)
+            for one, (low, high) in zip(action, (task.velocity_range, task.acceleration_range), strict=True)
         )
         motion.command.steer(motion.t, velocity, acceleration)
         while True:
@@ -178,7 +172,7 @@ def _episode(
             break
     missed = motion.contacts == 0
     if not missed:
-        _settle(motion)
+        _settle(motion, task.acceleration_range[1])
     approach_time = min(motion.first_contact, HORIZON)
     return Outcome(motion.object_velocity, approach_time, motion.peak_force, motion.contacts, missed, 0.0)
 
@@ -200,10 +194,10 @@ def _at_rest(task: Task, scenario: Mapping[str, float], rtol: float, clamp: bool
     return Motion(scene, task.alarm_threshold, rtol)
 
 
-def _settle(motion: Motion) -> None:
+def _settle(motion: Motion, deceleration: float) -> None:
     """Brake the flange to rest, and wait until no contact is left or to come."""
     end = motion.t + SETTLE_LIMIT
-    motion.command.steer(motion.t, 0.0, FULL_DECELERATION)
+    motion.command.steer(motion.t, 0.0, deceleration)
     while motion.t < end and not motion.over():
         motion.advance(min(end, motion.t + SETTLE_SLICE))
 
@@ -237,7 +231,8 @@ def _observe(
         "deflection_sensor": [deflection] if task.deflection_sensor else [],
         "privileged": [*scenario_values, task.delays[0]] if task.privileged else [],
     }
-    entries = [*ENTRIES, *(entry for entry in OPTIONAL_ENTRIES if shown[entry.argument])]
+    velocity = ENTRIES[1]._replace(low=task.velocity_range[0], high=task.velocity_range[1])
+    entries = [ENTRIES[0], velocity, *ENTRIES[2:], *(entry for entry in OPTIONAL_ENTRIES if shown[entry.argument])]
     values += [value for group in shown.values() for value in group]
     return np.array([_scaled(entry, value) for entry, value in zip(entries, values, strict=True)], np.float32)
 

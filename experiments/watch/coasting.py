@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from impact_gym.envs.task import Task
-from impact_gym.lowering import rest_of
 from impact_gym.scene import Bistable, SpringDamper
 
 STEP = 0.002  # s, between points
@@ -55,7 +54,7 @@ def coupling_force(task: Task) -> Callable[[float, float], float] | None:
         return lambda y, y_dot: -k * y - c * y_dot
     if not isinstance(coupling, Bistable):
         return None
-    rest, k_s = rest_of(coupling), coupling.stop_stiffness
+    rest, k_s = coupling.rest, coupling.stop_stiffness
     c_s = 2.0 * coupling.stop_damping_ratio * np.sqrt(k_s * m)
 
     def stop(depth: float, depth_rate: float) -> float:

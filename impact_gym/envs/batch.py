@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 from impact_gym.envs import observation
 from impact_gym.envs.records import RECORD, free_record
 from impact_gym.envs.scenario import FIELDS, ScenarioRanges
+from impact_gym.envs.setting import NUMBERS, places
 from impact_gym.envs.task import Task
-from impact_gym.kernels import CHAIN, EPISODE, LAW, READING, TASK, UNIFORMS, Rows, draw_uniforms
-from impact_gym.lowering import SENTENCES, chain_law
+from impact_gym.kernels import CHAIN, DRAW, EPISODE, HOLDER, READING, TASK, UNIFORMS, Rows, draw_uniforms, laws_of
+from impact_gym.lowering import SENTENCES, holder
 from impact_gym.simulation import MAX_STEPS, NOTHING_RECORDED
 from impact_gym.threads import cores, over_rows
 from impact_gym.validation import WrongTypeError, whole
@@ -22,17 +23,17 @@ ROWS_PER_THREAD = 256
 REWARD_TERMS = {"time": "time_cost", "velocity": "velocity_cost", "force": "force_cost", "missed": "missed_cost"}
 """Names in `info["reward_terms"]`, each the negative of a cost summed over the episode."""
 
-_PLACES = {
-    "object_velocity": ("object_velocity",),
-    "approach_time": ("approach_time",),
-    "time_weight": ("drawn", "time_weight"),
-    **{f"reward_terms.{name}": (cost,) for name, cost in REWARD_TERMS.items()},
-    **{f"scenario.{name}": ("drawn", name) for name in FIELDS},
-    **{f"record.{name}": ("drawn", name) for name in RECORD},
+_NUMBERS = {
+    "object_velocity": "object_velocity",
+    "approach_time": "approach_time",
+    "time_weight": "drawn.time_weight",
+    **{f"reward_terms.{name}": cost for name, cost in REWARD_TERMS.items()},
+    **{f"scenario.{name}": f"drawn.{name}" for name in FIELDS},
+    **{f"record.{name}": f"drawn.{name}" for name in RECORD},
 }
-"""Where the entries of an info that are numbers stand in an episode."""
+"""Entries of an info that are numbers, and which of an episode's they are."""
 
-_STATE = ("chains", "episodes", "readings", "observations", "rewards")
+_STATE = ("laws", "chains", "episodes", "readings", "observations", "rewards")
 _KEPT = (*_STATE, "draws")
 _SPARE = 4  # readings beyond those under way: some are taken before the oldest is due
 
@@ -84,15 +85,40 @@ class Batch:
         self.readings = np.zeros((size, slots), READING)
         self.observations = np.zeros((size, len(scales)), np.float32)
         self.rewards = np.zeros(size)
-        self.tasks = np.array([one.record() for one in tasks], TASK)
-        self._constants = *_laws(tasks), scales
+        self._lower(tasks, scales)
+        self._tell(tasks)
         self._bind()
+
+    def _lower(self, tasks: Sequence[Task], scales: NDArray[Any]) -> None:
+        """Write the tasks for the kernels: rules, what is drawn, what holds the tools, and its laws and tables."""
+        records, draws, holders, tables, numbers = [], [], [], [], 0
+        for task in tasks:
+            records.append(task.record(len(draws)))
+            draws += task.draws()
+            held, table = holder(task.tool_mass, task.coupling, task.robot, numbers)
+            holders.append(held)
+            tables.append(table)
+            numbers += len(table)
+        self.tasks = np.array(records, TASK)
+        self._constants = np.array(draws, DRAW), np.array(holders, HOLDER), np.concatenate(tables), scales
+        self.laws = laws_of(self._constants[1])
+        if any(task.draws_holder for task in tasks):
+            self.laws = np.resize(self.laws, self.size)
+
+    def _tell(self, tasks: Sequence[Task]) -> None:
+        """Say where the entries of an info stand, those of what a task draws of its set-up included."""
+        drawn = [name for name in NUMBERS if any(name in task.drawn for task in tasks)]
+        numbers = _NUMBERS | {f"record.{name}": f"drawn.setting.{name}" for name in drawn}
+        found = places(EPISODE)
+        self._entries = (*numbers, "peak_force", "contact_count", "missed", "status")
+        self._columns = [found[name] for name in numbers.values()]
+        self._signs = np.array([[-1.0] if name.startswith("reward_terms.") else [1.0] for name in numbers])
 
     def _bind(self) -> None:
         """Tell the kernels where the arrays lie."""
-        laws, tables, scales = self._constants
-        arrays = [getattr(self, name) for name in _STATE]
-        self._rows = Rows(self.tasks, laws, tables, *arrays, scales, self.recorder, MAX_STEPS)
+        draws, holders, tables, scales = self._constants
+        laws, *arrays = (getattr(self, name) for name in _STATE)
+        self._rows = Rows(self.tasks, draws, holders, laws, tables, *arrays, scales, self.recorder, MAX_STEPS)
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in vars(self).items() if name != "_rows"}
@@ -179,23 +205,30 @@ class Batch:
         """Return the same of each of `rows`."""
         count, missed, status = self._verdicts(rows)
         entries = (*self._numbers(rows), self.chains["peak_force"][rows], count, missed, status)
-        return [nested(dict(zip(_ENTRIES, one, strict=True))) for one in zip(*map(_listed, entries), strict=True)]
+        return [nested(dict(zip(self._entries, one, strict=True))) for one in zip(*map(_listed, entries), strict=True)]
 
     def info_columns(self, rows: NDArray[np.int64]) -> dict[str, Any]:
         """Return the same of `rows` as arrays (size,), blank elsewhere."""
         size = self.size
-        numbers = np.zeros((len(_PLACES) + 1, size))
+        numbers = np.zeros((len(self._columns) + 1, size))
         numbers[:-1, rows] = self._numbers(rows)
         numbers[-1, rows] = self.chains["peak_force"][rows]
         verdicts = [np.zeros(size, np.int64), np.zeros(size, np.bool_), np.full(size, None)]
         for column, some in zip(verdicts, self._verdicts(rows), strict=True):
             column[rows] = some
-        return nested(dict(zip(_ENTRIES, (*numbers, *verdicts), strict=True)))
+        return nested(dict(zip(self._entries, (*numbers, *verdicts), strict=True)))
 
     def _numbers(self, rows: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Return the entries in `_PLACES` (n, k), in one go: every field of an episode takes eight bytes."""
+        """Return the entries of an info that an episode holds (n, k), in one go."""
         fields = self.episodes.view(np.float64).reshape(self.size, -1)
-        return fields[rows][:, _COLUMNS].T * _SIGNS
+        return fields[rows][:, self._columns].T * self._signs
+
+    def sensors(self) -> dict[str, NDArray[np.float64]]:
+        """Return what the controllers may know now, in SI units (size,) each; see `ImpactApproachEnv.sensors`."""
+        shown = ["time", "position", "velocity", "alarm", "time_since_alarm", "force"]
+        shown += ["distance_estimate"] if self.task.range_noise is not None else []
+        shown += ["deflection"] if self.task.deflection_sensor else []
+        return {name: self.episodes["sensors"][name].copy() for name in shown}
 
     def _verdicts(self, rows: NDArray[np.int64]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
         """Return number of contacts, whether the object was missed, and a sentence about the solver."""
@@ -208,33 +241,15 @@ class Batch:
         return count, missed, said
 
 
-_ENTRIES = (*_PLACES, "peak_force", "contact_count", "missed", "status")
-_COLUMNS = [
-    sum(kind.fields[name][1] for kind, name in zip((EPISODE, EPISODE["drawn"]), path, strict=False)) // 8
-    for path in _PLACES.values()
-]
-_SIGNS = np.array([[-1.0] if name.startswith("reward_terms.") else [1.0] for name in _PLACES])
-
-
 def nested(flat: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a mapping with dotted names as a mapping of mappings."""
+    """Return a mapping with dotted names as a mapping of mappings, by the first part of each name."""
     result: dict[str, Any] = {}
     for name, value in flat.items():
-        group, _, rest = name.rpartition(".")
+        *first, rest = name.split(".", 1)
+        group = "".join(first)
         (result.setdefault(group, {}) if group else result)[rest] = value
     return result
 
 
 def _listed(values: NDArray[Any]) -> list[Any]:
     return list(values.tolist())
-
-
-def _laws(tasks: Sequence[Task]) -> tuple[NDArray[Any], NDArray[np.float64]]:
-    """Return what holds the tools for the kernels, and the numbers of all robots' tables."""
-    laws, tables, numbers = [], [], 0
-    for task in tasks:
-        law, table = chain_law(task.tool_mass, task.coupling, task.robot, numbers)
-        laws.append(law)
-        tables.append(table)
-        numbers += len(table)
-    return np.array(laws, LAW), np.concatenate(tables)

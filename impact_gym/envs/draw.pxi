@@ -37,11 +37,33 @@ cdef inline double drawn_or(double fixed, double drawn) noexcept nogil:
     return drawn if isnan(fixed) else fixed
 
 
-cdef Record draw_record(const Task *task, const Uniforms *uniforms, const Record *fixed) noexcept nogil:
+cdef Setting draw_setting(const Task *task, const Draw *draws, double seed, const Setting *fixed) noexcept nogil:
+    """Draw the numbers of the set-up, each from a place of its own in the stream that `seed` names.
+
+    Thereby an episode takes the same count of numbers from its generator, whatever is drawn.
+    """
+    cdef Setting setting = task.setting
+    cdef double *number = <double *> &setting
+    cdef const double *given = <const double *> fixed
+    cdef const Draw *one
+    cdef int64_t k
+    for k in range(task.first_draw, task.last_draw):
+        one = &draws[k]
+        number[one.place] = drawn_or(
+            given[one.place], draw(one.low, one.high, one.logarithmic, hashed(seed, -1 - one.place))
+        )
+    return setting
+
+
+cdef Record draw_record(
+    const Task *task, const Draw *draws, const Uniforms *uniforms, const Record *fixed
+) noexcept nogil:
     """Draw all that an episode draws, but for what is fixed."""
     cdef Record record
     cdef const Ranges *r = &task.draws
     cdef const Uniforms *u = uniforms
+    cdef double seed = floor(u.noise_seed * 2.0**53)
+    record.setting = draw_setting(task, draws, seed, &fixed.setting)
     record.object_mass = drawn_or(fixed.object_mass, draw(r.object_mass.low, r.object_mass.high, True, u.object_mass))
     record.contact_stiffness = drawn_or(
         fixed.contact_stiffness, draw(r.contact_stiffness.low, r.contact_stiffness.high, True, u.contact_stiffness)
@@ -50,11 +72,13 @@ cdef Record draw_record(const Task *task, const Uniforms *uniforms, const Record
     record.distance = drawn_or(fixed.distance, draw(r.distance.low, r.distance.high, False, u.distance))
     record.time_weight = drawn_or(fixed.time_weight, draw(r.time_weight.low, r.time_weight.high, True, u.time_weight))
     record.distance_estimate = drawn_or(
-        fixed.distance_estimate, record.distance + task.range_noise * normal(u.estimate_size, u.estimate_angle)
+        fixed.distance_estimate, record.distance + record.setting.range_noise * normal(u.estimate_size, u.estimate_angle)
     )
     record.reaction_delay = drawn_or(
         fixed.reaction_delay, draw(r.reaction_delay.low, r.reaction_delay.high, False, u.reaction_delay)
     )
-    record.force_bias = drawn_or(fixed.force_bias, task.force_bias * normal(u.bias_size, u.bias_angle))
-    record.noise_seed = drawn_or(fixed.noise_seed, floor(u.noise_seed * 2.0**53))
+    record.force_error = drawn_or(
+        fixed.force_error, record.setting.force_bias * normal(u.error_size, u.error_angle)
+    )
+    record.noise_seed = drawn_or(fixed.noise_seed, seed)
     return record

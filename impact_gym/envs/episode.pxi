@@ -83,9 +83,10 @@ cdef void receive(Row *row) noexcept nogil:
     cdef Episode *episode = row.episode
     cdef Sensors *sensors = &episode.sensors
     cdef const Reading *reading = &row.readings[episode.popped % row.slots]
-    cdef double error = episode.drawn.force_bias, seed = episode.drawn.noise_seed
-    if row.task.force_noise > 0.0:
-        error += row.task.force_noise * normal(hashed(seed, 2 * episode.popped), hashed(seed, 2 * episode.popped + 1))
+    cdef double error = episode.drawn.force_error, seed = episode.drawn.noise_seed
+    cdef double noise = episode.drawn.setting.force_noise
+    if noise > 0.0:
+        error += noise * normal(hashed(seed, 2 * episode.popped), hashed(seed, 2 * episode.popped + 1))
     sensors.force = max(reading.force + error, 0.0)
     sensors.peak = max(sensors.peak, reading.peak + error)
     sensors.deflection = reading.deflection
@@ -97,7 +98,7 @@ cdef void observe(Row *row) noexcept nogil:
     cdef Chain *chain = row.chain
     cdef const Record *drawn = &row.episode.drawn
     cdef Sensors *sensors = &row.episode.sensors
-    cdef const double *values = <const double *> sensors
+    cdef const double *values = <const double *> row.episode
     cdef const Entry *entry
     cdef double value
     cdef int64_t k

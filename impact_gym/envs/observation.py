@@ -8,14 +8,15 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from impact_gym.envs.setting import NUMBERS, places
 from impact_gym.envs.task import AFTER_ALARM, VELOCITY_RANGE, Task
-from impact_gym.kernels import ENTRY, LINEAR, LOGARITHM, LOGARITHM_OF_ONE_MORE, SENSORS
+from impact_gym.kernels import ENTRY, EPISODE, LINEAR, LOGARITHM, LOGARITHM_OF_ONE_MORE
 
 
 class Entry(NamedTuple):
     """One number of the observation."""
 
-    sensor: str  # what it shows, a field of the kernels' `Sensors`
+    sensor: str  # what it shows, a field of the kernels' `Sensors` or a number of the set-up
     name: str
     unit: str
     low: float  # physical value that becomes `scaled_low`
@@ -33,18 +34,19 @@ class Entry(NamedTuple):
             LOGARITHM_OF_ONE_MORE: math.log1p,
         }
         bend = bends[self.curve]
-        place = (SENSORS.names or ()).index(self.sensor)
+        place = _PLACES[f"drawn.setting.{self.sensor}" if self.sensor in NUMBERS else f"sensors.{self.sensor}"]
         gain = (1.0 - self.scaled_low) / (bend(self.high) - bend(self.low))
         return place, self.curve, bend(self.low), self.scaled_low, gain
 
 
+_PLACES = places(EPISODE)
 _SENSED = ("reaction_delay", "force_noise", "force_bias")
 _ALARM = ("reaction_delay",)
 _FORCE = "N, as log(1 + F)"
 
 ENTRIES = (
     Entry("position", "flange position", "m", -0.25, 0.75, -1.0),
-    Entry("velocity", "flange velocity", "m/s", *VELOCITY_RANGE, -1.0),
+    Entry("velocity", "flange velocity", "m/s", *VELOCITY_RANGE, -1.0, shaped_by=("velocity_range",)),
     Entry("time", "time", "s", 0.0, 1.5, -1.0),  # an episode lasts 1.35 s and a reaction delay at the most
     Entry("alarm", "alarm", "-", 0.0, 1.0, 0.0, shaped_by=_ALARM),
     Entry("time_since_alarm", "time since the alarm", "s", 0.0, AFTER_ALARM, 0.0, shaped_by=_ALARM),
@@ -64,7 +66,7 @@ OPTIONAL_ENTRIES = (
     Entry("distance", "distance minus flange position", "m", -0.5, 0.5, -1.0, LINEAR, "privileged"),
     Entry("reaction_delay", "reaction delay", "s", 0.0, 0.1, 0.0, LINEAR, "privileged"),
 )  # fmt: skip
-"""What an argument adds, in this order, behind the rest."""
+"""What an argument adds, in this order, behind the rest; `privileged` first adds what episodes draw of the set-up."""
 
 
 def documentation() -> str:
@@ -102,7 +104,20 @@ def entries(task: Task) -> tuple[Entry, ...]:
         "deflection_sensor": task.deflection_sensor,
         "privileged": task.privileged,
     }
-    return ENTRIES + tuple(entry for entry in OPTIONAL_ENTRIES if asked_for[entry.argument])
+    low, high = task.velocity_range
+    seen = [one._replace(low=low, high=high) if one.sensor == "velocity" else one for one in ENTRIES]
+    added = [entry for entry in OPTIONAL_ENTRIES if asked_for[entry.argument]]
+    told = [drawn_entry(name, pair) for name, pair in task.drawn.items()] if task.privileged else []
+    behind = sum(entry.argument != "privileged" for entry in added)
+    return (*seen, *added[:behind], *told, *added[behind:])
+
+
+def drawn_entry(name: str, pair: tuple[float, float]) -> Entry:
+    """Return what shows a number of the set-up that is drawn from a range, from its low end to its high one."""
+    unit, logarithmic, _ = NUMBERS[name]
+    if logarithmic:
+        return Entry(name, name, f"{unit}, as log", *pair, -1.0, LOGARITHM, "privileged")
+    return Entry(name, name, unit, *pair, -1.0, LINEAR, "privileged")
 
 
 def scales(task: Task) -> NDArray[Any]:

@@ -16,8 +16,24 @@ cdef struct Uniforms:  # the uniform numbers an episode takes from its generator
     double object_mass, contact_stiffness, restitution, distance, time_weight
     double estimate_size, estimate_angle  # of a normal number, see `normal`
     double reaction_delay
-    double bias_size, bias_angle
-    double noise_seed
+    double error_size, error_angle  # of the force
+    double noise_seed  # names the stream of the numbers of the set-up, too
+
+
+cdef struct Setting:  # numbers of the set-up, of which an episode may draw any
+    double tool_mass  # kg
+    double alarm_threshold  # N
+    double range_noise  # m, standard deviation of the distance estimate
+    double force_noise  # N, of each reading
+    double force_bias  # N, of the error that stays for the episode
+    CouplingNumbers coupling
+    RobotNumbers robot
+
+
+cdef struct Draw:  # a number of the set-up that an episode draws
+    int64_t place  # in `Setting`
+    int64_t logarithmic  # 1: log-uniform, 0: uniform
+    double low, high
 
 
 cdef struct Record:  # all that an episode has drawn; nan where it is still to draw
@@ -28,8 +44,9 @@ cdef struct Record:  # all that an episode has drawn; nan where it is still to d
     double time_weight  # m/s per s
     double distance_estimate  # m
     double reaction_delay  # s
-    double force_bias  # N
+    double force_error  # N, on all readings
     double noise_seed  # a whole number, names the stream of the force noise
+    Setting setting  # what is not drawn as the task has it
 
 
 cdef struct Task:  # what a row plays
@@ -41,10 +58,9 @@ cdef struct Task:  # what a row plays
     double missed_cost  # m/s
     Range velocity, acceleration  # m/s, m/s^2, what the two actions are mapped to
     double command_resolution  # m/s and m/s^2
-    double alarm_threshold  # N
-    double range_noise  # m, standard deviation of the distance estimate
-    double force_noise  # N, of each reading
-    double force_bias  # N, of the episode's
+    Setting setting
+    int64_t first_draw, last_draw  # of the numbers of it that an episode draws, among those of all tasks
+    int64_t holder_drawn  # 1: some of these are what holds the tool
     double force_weight  # m/s per N
     double tolerance  # -, local error of a step of the integrator
     int64_t exact  # 1: the damping factor that delivers the restitution, 0: that of Hu and Guo
@@ -72,7 +88,7 @@ cdef struct Sensors:  # what the controller may know now, then the truth; `obser
 
 
 cdef struct Entry:  # one number of the observation
-    int64_t place  # in `Sensors`
+    int64_t place  # in `Episode`
     int64_t curve  # LINEAR, LOGARITHM or LOGARITHM_OF_ONE_MORE
     double low, scaled_low  # of the curve's value, and what that becomes
     double gain  # from there on, up to 1

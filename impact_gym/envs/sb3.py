@@ -40,8 +40,8 @@ class ImpactVecEnv(VecEnv):
         """Begin an episode everywhere, with what `seed` and `set_options` gave for it."""
         seeds = None if all(one is None for one in self._seeds) else list(self._seeds)
         skipped = np.array([episode_index(options) or 0 for options in self._options])
-        longest = self.envs.batch.task.delays[1]
-        fixed = np.concatenate([fixed_record(options, longest) for options in self._options])
+        task = self.envs.batch.task
+        fixed = np.concatenate([fixed_record(options, task) for options in self._options])
         observations = self.envs.begin(seeds, np.ones(self.num_envs, np.bool_), fixed, skipped)
         self.reset_infos = [{} for _ in range(self.num_envs)]
         self._reset_seeds()

@@ -168,6 +168,15 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         """Return the entries of the final `info` as they stand now."""
         return self._batch.info(0)
 
+    def sensors(self) -> dict[str, float]:
+        """Return what the controller may know now, in SI units, without the observation's scales and clips.
+
+        `time` (s), `position` (m) and `velocity` (m/s) of the imposed motion, `alarm` (0 or 1), `time_since_alarm`
+        (s), `force` (N, as it has reached the controller), and, where the arguments ask for them,
+        `distance_estimate` (m, from the flange as it stands now) and `deflection` (m).
+        """
+        return {name: float(column[0]) for name, column in self._batch.sensors().items()}
+
     def trace(self) -> Trace:
         """Return the time histories of the episode so far; once it has ended, to the end of the settling.
 
@@ -191,7 +200,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """Begin an episode; see Starting State."""
         skipped = episode_index(options)
-        fixed = fixed_record(options, self._batch.task.delays[1])
+        fixed = fixed_record(options, self._batch.task)
         super().reset(seed=seed)
         if skipped:
             skip_episodes(self.np_random, skipped)

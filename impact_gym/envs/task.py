@@ -1,97 +1,143 @@
 """The task's rules: constants of the environment, its options, and the record of them that the kernels read."""
 
 from collections.abc import Mapping
-from dataclasses import MISSING, dataclass, field, fields
+from dataclasses import MISSING, dataclass, field, fields, replace
 from typing import Any, get_args
 
 import numpy as np
 
 from impact_gym.envs.scenario import LARGEST_WEIGHT, LONGEST_DELAY, Range, ScenarioRanges, interval
+from impact_gym.envs.setting import HOLDER_NUMBERS, NUMBERS, SETTING_PLACES, middle, ranged_record
 from impact_gym.kernels import samples_under_way
-from impact_gym.lowering import LOCAL_SHARE
+from impact_gym.lowering import LOCAL_SHARE, holder
 from impact_gym.scene import Coupling, Rigid, Robot, RobotTable, SpringDamper
 from impact_gym.validation import WrongTypeError, number, whole
 
-VELOCITY_RANGE = (-0.5, 1.5)  # m/s, what action[0] in [-1, 1] is mapped to
-ACCELERATION_RANGE = (1.0, 20.0)  # m/s^2, what action[1] in [-1, 1] is mapped to
+VELOCITY_RANGE = (-0.5, 1.5)  # m/s, what action[0] in [-1, 1] is mapped to, if not said otherwise
+ACCELERATION_RANGE = (1.0, 20.0)  # m/s^2, what action[1] in [-1, 1] is mapped to, likewise; its end brakes afterwards
+FASTEST, STRONGEST = 1e3, 1e6  # m/s, m/s^2
 COMMAND_RESOLUTION = 1e-6  # m/s and m/s^2; so 8 m/s^2 can be commanded exactly through a float32
 AFTER_ALARM = 0.15  # s, an episode ends this long after the alarm
 HORIZON = 1.2  # s, or here, if there is no alarm
 MISSED_COST = 2.0  # m/s
-LARGEST_FORCE_NOISE = 1e6  # N
-LARGEST_RANGE_NOISE = 1e3  # m
 DISSIPATIONS = ("hu-guo", "exact")
-FULL_DECELERATION = 20.0  # m/s^2, after the end of the episode
 SETTLE_LIMIT = 10.0  # s, simulated after the end at the most
 
 
 @dataclass(frozen=True)
 class Task:
-    """Options of the environment, checked; the arguments of every front end."""
+    """Options of the environment, checked; the arguments of every front end.
+
+    A physical number may be given as a pair (low, high), which episodes draw from: `drawn` has it then, and the field
+    itself the middle. `at` returns the task of one episode.
+    """
 
     scenario: Any = "train"
-    coupling: Coupling = field(default_factory=lambda: SpringDamper(50.0, 1.0))
-    tool_mass: float = 0.125  # kg
+    coupling: Any = field(default_factory=lambda: SpringDamper(50.0, 1.0))
+    tool_mass: Any = 0.125  # kg
     time_weight: Any = 2.0  # m/s per s, a number or a range (log-uniform per episode)
     force_weight: float = 0.0  # m/s per N
     reaction_delay: Any = 0.016  # s, a number or a range (uniform per episode)
     control_period: float = 0.016  # s
-    alarm_threshold: float = 1.0  # N, of the contact force (paper, section 3.2)
+    velocity_range: Any = VELOCITY_RANGE
+    acceleration_range: Any = ACCELERATION_RANGE
+    alarm_threshold: Any = 1.0  # N, of the contact force (paper, section 3.2)
     dissipation: str = "hu-guo"  # or "exact", see Contact
-    range_noise: float | None = None  # m, standard deviation of the distance estimate; None: no estimate
-    force_noise: float = 0.0  # N, standard deviation of each reading of the force
-    force_bias: float = 0.0  # N, standard deviation of an error that stays for the episode
+    range_noise: Any = None  # m, standard deviation of the distance estimate; None: no estimate
+    force_noise: Any = 0.0  # N, standard deviation of each reading of the force
+    force_bias: Any = 0.0  # N, standard deviation of an error that stays for the episode
     deflection_sensor: bool = False
     privileged: bool = False
-    robot: Robot | RobotTable | None = None
+    robot: Any = None
     rtol: float = 1e-8  # -, see simulate
     max_episode_steps: int | None = None
 
     ranges: ScenarioRanges = field(init=False)
     weights: Range = field(init=False)
     delays: Range = field(init=False)
+    drawn: Mapping[str, Range] = field(init=False)
 
     def __post_init__(self) -> None:
         def put(name: str, value: Any) -> None:
             object.__setattr__(self, name, value)
 
         put("ranges", ScenarioRanges.of(self.scenario))
-        put("coupling", coupling_from(self.coupling))
-        put("tool_mass", number("tool_mass", self.tool_mass, "kg", above=0))
+        coupling, of_coupling = ranged_record("coupling", self.coupling, coupling_from)
+        robot, of_robot = ranged_record("robot", self.robot, robot_from)
+        put("coupling", coupling)
+        put("robot", robot)
+        drawn: dict[str, Range] = {}
+        for name, (unit, _, limits) in NUMBERS.items():
+            if "." not in name and getattr(self, name) is not None:
+                pair = interval(name, getattr(self, name), unit, **limits)
+                put(name, middle(name, pair))
+                drawn |= {name: pair} if pair[0] < pair[1] else {}
+        drawn |= of_coupling | of_robot
+        put("drawn", {name: drawn[name] for name in NUMBERS if name in drawn})
         put("weights", interval("time_weight", self.time_weight, "m/s per s", above=0, at_most=LARGEST_WEIGHT))
         put("force_weight", number("force_weight", self.force_weight, "m/s per N", at_least=0, at_most=LARGEST_WEIGHT))
         put("delays", interval("reaction_delay", self.reaction_delay, "s", at_least=0, at_most=LONGEST_DELAY))
         put("control_period", number("control_period", self.control_period, "s", at_least=1e-4, at_most=0.15))
-        put("alarm_threshold", number("alarm_threshold", self.alarm_threshold, "N", at_least=1e-6, at_most=1e6))
+        put("velocity_range", command_range("velocity_range", self.velocity_range, "m/s", at_most=FASTEST))
+        if self.velocity_range[0] < -FASTEST or self.velocity_range[1] <= 0.0:
+            raise ValueError(f"velocity_range must end above 0 and begin at -1000 m/s or more, got {self.velocity_range}")
+        put(
+            "acceleration_range",
+            command_range("acceleration_range", self.acceleration_range, "m/s^2", above=0.0, at_most=STRONGEST),
+        )
         if self.dissipation not in DISSIPATIONS:
             raise ValueError(f"dissipation must be one of {DISSIPATIONS}, got {self.dissipation!r}")
-        if self.range_noise is not None:
-            put("range_noise", number("range_noise", self.range_noise, "m", at_least=0, at_most=LARGEST_RANGE_NOISE))
-        put("force_noise", number("force_noise", self.force_noise, "N", at_least=0, at_most=LARGEST_FORCE_NOISE))
-        put("force_bias", number("force_bias", self.force_bias, "N", at_least=0, at_most=LARGEST_FORCE_NOISE))
         for name in ("deflection_sensor", "privileged"):
             if not isinstance(getattr(self, name), (bool, np.bool_)):
                 raise WrongTypeError(f"{name} must be True or False, got {getattr(self, name)!r}")
-        put("robot", robot_from(self.robot))
         if self.deflection_sensor and isinstance(self.coupling, Rigid):
             raise ValueError("deflection_sensor must be False with a Rigid coupling, which has no deflection")
         put("rtol", number("rtol", self.rtol, "(no unit)", at_least=1e-13, at_most=1e-2))
         if self.max_episode_steps is not None:
             put("max_episode_steps", whole("max_episode_steps", self.max_episode_steps, at_least=1))
 
-    def record(self) -> tuple[Any, ...]:
-        """Return the fields of the kernels' `Task`."""
+    def record(self, first_draw: int = 0) -> tuple[Any, ...]:
+        """Return the fields of the kernels' `Task`; its draws begin at `first_draw` among those of all tasks."""
+        _, _, _, of_coupling, of_robot, *_ = holder(self.tool_mass, self.coupling, self.robot)[0]
+        numbers = (self.tool_mass, self.alarm_threshold, self.range_noise or 0.0, self.force_noise, self.force_bias)
         return (
-            self.control_period, HORIZON, AFTER_ALARM, FULL_DECELERATION, SETTLE_LIMIT, MISSED_COST,
-            VELOCITY_RANGE, ACCELERATION_RANGE, COMMAND_RESOLUTION,
-            self.alarm_threshold, self.range_noise or 0.0, self.force_noise, self.force_bias, self.force_weight,
+            self.control_period, HORIZON, AFTER_ALARM, self.acceleration_range[1], SETTLE_LIMIT, MISSED_COST,
+            self.velocity_range, self.acceleration_range, COMMAND_RESOLUTION,
+            (*numbers, of_coupling, of_robot),
+            first_draw, first_draw + len(self.drawn), int(self.draws_holder), self.force_weight,
             LOCAL_SHARE * self.rtol, int(self.dissipation == "exact"), self.max_episode_steps or 0,
             (*self.ranges.pairs(), self.weights, self.delays),
         )  # fmt: skip
 
+    @property
+    def draws_holder(self) -> bool:
+        """Whether episodes differ in what holds the tool."""
+        return not self.drawn.keys().isdisjoint(HOLDER_NUMBERS)
+
+    def draws(self) -> list[tuple[Any, ...]]:
+        """Return the fields of the kernels' `Draw` of each number that episodes draw."""
+        return [(SETTING_PLACES[name], int(NUMBERS[name].logarithmic), *pair) for name, pair in self.drawn.items()]
+
+    def at(self, record: Mapping[str, float]) -> "Task":
+        """Return the task of the episode that drew `record`, the final `info["record"]`: nothing in it is drawn."""
+        changes: dict[str, Any] = {}
+        for name in self.drawn:
+            top, _, inner = name.partition(".")
+            value = float(record[name])
+            changes[top] = replace(changes.get(top, getattr(self, top)), **{inner: value}) if inner else value
+        return replace(self, **changes)
+
     def readings_under_way(self) -> int:
         """Return how many force readings can be between sensor and controller."""
         return int(samples_under_way(self.delays[1], self.control_period))
+
+
+def command_range(name: str, value: Any, unit: str, **limits: float) -> Range:
+    """Return what an action is mapped to: a pair whose ends differ."""
+    low, high = interval(name, value, unit, **limits)
+    if not low < high:
+        raise ValueError(f"{name} must be a pair (low, high) in {unit}, low below high, got {value!r}")
+    return low, high
 
 
 def coupling_from(value: Any) -> Coupling:

@@ -78,7 +78,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         rest = dict(options or {})
         mask = self._mask(rest.pop("reset_mask", None))
         skipped = episode_index(rest) or 0
-        fixed = fixed_record(rest, self.batch.task.delays[1], self.num_envs)
+        fixed = fixed_record(rest, self.batch.task, self.num_envs)
         return self.begin(seed, mask, fixed[mask], np.full(self.num_envs, skipped)), {}
 
     def begin(
@@ -129,6 +129,10 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
                 ended = self._none.copy()
         self._ended = ended
         return batch.observations.copy(), rewards, terminated, truncated, infos
+
+    def sensors(self) -> dict[str, NDArray[np.float64]]:
+        """Return what the controllers may know now, arrays (num_envs,); see `ImpactApproachEnv.sensors`."""
+        return self.batch.sensors()
 
     def get_state(self) -> dict[str, Any]:
         """Return a copy of all that `reset` and `step` go on from, generators included."""

@@ -9,7 +9,6 @@ cdef struct RobotTable:
     const double *breaks  # (n + 1,), m
     const double *coefficients  # (n, 3, 4): mass, stiffness, damping; constant first, by powers of x - breaks[i]
     int64_t intervals  # n; 0 if the robot is rigid
-    double stiffest  # 1/s^2, largest k_r / m_r at the breaks: a scale, not a bound
 
 
 cdef struct RobotNow:

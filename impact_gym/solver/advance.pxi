@@ -114,7 +114,7 @@ cdef int fly(Run *run, Chain *chain, double acceleration, double until) noexcept
 
 
 cdef struct Approach:  # the paper's rule, and what it meets
-    Law law
+    Holder holder
     Contact contact
     double object_mass  # kg
     double distance  # m

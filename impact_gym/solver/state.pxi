@@ -16,7 +16,39 @@ cpdef enum:
     NOT_FINITE = -2  # a state became inf or nan
 
 
-cdef struct Law:  # what holds the tool
+cpdef enum:
+    DIRECT, SPRING_DAMPER, MECHANISM  # couplings
+    STIFF_ROBOT, LUMPED, TABLE_OF_POSITION  # robots
+
+
+cdef struct CouplingNumbers:  # of a coupling as a user gives them; those that its kind has not are 0
+    double stiffness  # N/m
+    double damping_ratio  # -
+    double free_length, height  # m, of a mechanism, as are the rest
+    double front_stop, rear_stop  # m
+    double stop_stiffness  # N/m
+    double stop_damping_ratio  # -
+
+
+cdef struct RobotNumbers:  # of a lumped robot, likewise
+    double mass, stiffness, damping  # kg, N/m, N s/m
+
+
+cdef struct Holder:  # what holds the tool, as a user describes it
+    int64_t coupling, robot  # kinds
+    double tool_mass  # kg
+    CouplingNumbers of_coupling
+    RobotNumbers of_robot
+    int64_t table, intervals  # of a TABLE_OF_POSITION, as in `Law`
+    double stiffest
+
+
+cdef struct Interval:  # a robot's table of one interval
+    double begin, end  # m
+    double[4] mass, stiffness, damping  # coefficients
+
+
+cdef struct Law:  # the simplest chain that is what holds the tool
     int64_t kind  # of chain
     double tool_mass  # kg; of a RIGID or SPRING chain all that moves with the tool
     double frequency  # rad/s, omega of a SPRING chain
@@ -26,9 +58,10 @@ cdef struct Law:  # what holds the tool
     double stiffness  # N/m, of the spring and damper
     double damping  # N s/m, likewise
     Mechanism mechanism
-    int64_t table  # where the robot's table begins among the numbers of all tables
+    int64_t table  # where the robot's table begins among the numbers of all tables; -1 if it is `lumped`
     int64_t intervals  # of that table; 0 if the robot is rigid
-    double stiffest  # 1/s^2, see `RobotTable`
+    Interval lumped
+    double stiffest  # 1/s^2, largest k_r / m_r at the breaks: a scale, not a bound
 
 
 cdef struct Memory:  # what the integrator knows of a contact, or of a flight, from the steps before
@@ -145,6 +178,6 @@ cdef inline RobotTable robot_table(const Run *run) noexcept nogil:
     """The robot's table: breaks, then coefficients."""
     cdef RobotTable table
     table.intervals = run.law.intervals
-    table.breaks = run.tables + run.law.table
+    table.breaks = <const double *> &run.law.lumped if run.law.table < 0 else run.tables + run.law.table
     table.coefficients = table.breaks + table.intervals + 1
     return table

@@ -165,7 +165,7 @@ def test_once_all_is_over_nothing_comes(coupling):
         while motion.command.detection_time is None:
             motion.advance(1.2)
         begun = motion.t
-        _settle(motion)
+        _settle(motion, 20.0)
         waited += motion.t > begun + 0.1
         contacts, velocity = motion.contacts, motion.object_velocity
         motion.advance(motion.t + 2.0)

@@ -5,19 +5,19 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from impact_gym.kernels import CHAIN, LAW, decay_basis, drift_once, first_touch, free_decay
+from impact_gym.kernels import CHAIN, HOLDER, decay_basis, drift_once, first_touch, free_decay, laws_of
 from scipy.linalg import expm
 from scipy.optimize import brentq
 
 import impact_gym as ig
-from impact_gym.lowering import chain_law
+from impact_gym.lowering import holder
 
 TOOL_MASS = 0.125  # kg
 DAMPING_RATIOS = [0.0, 0.3, 1 - 1e-9, 1.0, 1 + 1e-9, 3.0, 50.0]
 
 
 def law_of(coupling):
-    return np.array([chain_law(TOOL_MASS, coupling)[0]], LAW)
+    return laws_of(np.array([holder(TOOL_MASS, coupling)[0]], HOLDER))
 
 
 def spring(frequency, damping_ratio):
