@@ -68,8 +68,9 @@ class Batch:
             raise ValueError(f"a batch of {size} rows needs one task for all or {size} of them, got {len(tasks)}")
         self.task = tasks[0]
         for row, one in enumerate(tasks):
-            other = {entry.argument for entry in {*observation.entries(one)} ^ {*observation.entries(self.task)}}
-            if other:
+            unlike = {*observation.entries(one)} ^ {*observation.entries(self.task)}
+            if unlike:
+                other = {entry.argument or " and ".join(entry.shaped_by) for entry in unlike}
                 raise ValueError(
                     f"the tasks of a batch must have the same observations, but row {row} has other "
                     f"{' and '.join(sorted(other))} than row 0"
@@ -106,11 +107,15 @@ class Batch:
             self.laws = np.resize(self.laws, self.size)
 
     def _tell(self, tasks: Sequence[Task]) -> None:
-        """Say where the entries of an info stand, those of what a task draws of its set-up included."""
+        """Say where the entries of an info stand, those of what tasks draw of their set-ups included.
+
+        A batch's columns have them for all rows; a row by itself lacks what its own task does not draw.
+        """
         drawn = [name for name in NUMBERS if any(name in task.drawn for task in tasks)]
         numbers = _NUMBERS | {f"record.{name}": f"drawn.setting.{name}" for name in drawn}
         found = places(EPISODE)
         self._entries = (*numbers, "peak_force", "contact_count", "missed", "status")
+        self._not_drawn = [[f"record.{name}" for name in drawn if name not in task.drawn] for task in tasks]
         self._columns = [found[name] for name in numbers.values()]
         self._signs = np.array([[-1.0] if name.startswith("reward_terms.") else [1.0] for name in numbers])
 
@@ -205,7 +210,13 @@ class Batch:
         """Return the same of each of `rows`."""
         count, missed, status = self._verdicts(rows)
         entries = (*self._numbers(rows), self.chains["peak_force"][rows], count, missed, status)
-        return [nested(dict(zip(self._entries, one, strict=True))) for one in zip(*map(_listed, entries), strict=True)]
+        told = []
+        for row, one in zip(rows.tolist(), zip(*map(_listed, entries), strict=True), strict=True):
+            flat = dict(zip(self._entries, one, strict=True))
+            for name in self._not_drawn[row % len(self._not_drawn)]:
+                del flat[name]
+            told.append(nested(flat))
+        return told
 
     def info_columns(self, rows: NDArray[np.int64]) -> dict[str, Any]:
         """Return the same of `rows` as arrays (size,), blank elsewhere."""

@@ -86,6 +86,7 @@ def test_the_environment_plays_what_the_reference_plays(preset, controller, velo
     ("hard", {"coupling": {"type": "SpringDamper", "stiffness": 150.0, "damping_ratio": 0.1}, "reaction_delay": 0.005}),
     ("hard", ENVIRONMENTS["bistable-blind"]),
     ("validation", {"robot": ROBOT, "deflection_sensor": True}),
+    ("validation", {"velocity_range": (-0.1, 1.0), "acceleration_range": (0.5, 8.0), "privileged": True}),
     ("validation", {"robot": TABLE} | RIGID),
 ], ids=str)  # fmt: skip
 def test_both_see_the_same_whatever_is_done(frozen, options):

@@ -20,14 +20,22 @@ ROBOT = ig.Robot(5.225, 1.5e5, 53.75)
 TABLE = ig.RobotTable([0.05, 0.15, 0.25, 0.35], [5.0, 5.3, 5.5, 5.2], [1.5e5, 1.6e5, 1.4e5, 1.5e5], [50, 55, 60, 50])
 
 CHANGES = {
-    "tool_mass": (0.05, 0.4),
-    "coupling": (ig.Rigid(), ig.SpringDamper(150.0, 0.3), ig.Bistable(), ig.Bistable(80.0, rear_stop=-0.01)),
-    "robot": (ROBOT, ig.Robot(2.0, 4e4, 10.0), TABLE),
-    "alarm_threshold": (0.2, 15.0),
+    "tool_mass": (0.05, 0.4, (0.05, 0.4)),
+    "coupling": (
+        ig.Rigid(), ig.SpringDamper(150.0, 0.3), ig.Bistable(), ig.Bistable(80.0, rear_stop=-0.01),
+        {"type": "SpringDamper", "stiffness": (20.0, 200.0), "damping_ratio": (0.1, 1.5)},
+        {"type": "Bistable", "stiffness": (40.0, 80.0), "front_stop": (0.001, 0.02), "stop_stiffness": (1e4, 1e5)},
+    ),
+    "robot": (
+        ROBOT, ig.Robot(2.0, 4e4, 10.0), TABLE,
+        {"type": "Robot", "mass": (2.0, 6.0), "stiffness": (5e4, 2e5), "damping": (10.0, 60.0)},
+    ),
+    "alarm_threshold": (0.2, 15.0, (0.2, 15.0)),
     "dissipation": ("exact",),
-    "force_noise": (0.3, 2.0),
-    "force_bias": (0.2, 1.0),
-    "range_noise": (0.001, 0.05),
+    "force_noise": (0.3, 2.0, (0.0, 2.0)),
+    "force_bias": (0.2, 1.0, (0.2, 1.0)),
+    "range_noise": (0.001, 0.05, (0.001, 0.05)),
+    "acceleration_range": ((0.5, 8.0),),
     "force_weight": (0.02,),
     "control_period": (0.009, 0.03),
     "rtol": (1e-5, 1e-11),
@@ -40,7 +48,7 @@ DRAWN = {
     "time_weight": (0.5, (1.0, 8.0)),
     "reaction_delay": (0.0, 0.05, (0.0, 0.04)),
 }
-OBSERVED = {"deflection_sensor", "privileged"}  # other observations: all rows must agree
+OBSERVED = {"deflection_sensor", "privileged", "velocity_range"}  # other observations: all rows must agree
 ONE_FOR_ALL = {"range_noise": 0.01}
 
 
@@ -166,13 +174,16 @@ def test_a_batch_needs_one_task_or_one_for_each_row(count):
         Batch(3, [Task()] * count)
 
 
-@pytest.mark.parametrize("option", [{"deflection_sensor": True}, {"privileged": True}, {"range_noise": 0.01}], ids=str)
+REFUSED = [{"deflection_sensor": True}, {"privileged": True}, {"range_noise": 0.01}, {"velocity_range": (0.0, 1.0)}]
+
+
+@pytest.mark.parametrize("option", REFUSED, ids=str)
 def test_rows_that_observe_different_things_are_refused(option):
     with pytest.raises(ValueError, match="the same observations"):
         Batch(3, [Task(), Task(**option), Task()])
 
 
-@pytest.mark.parametrize("option", [{"deflection_sensor": True}, {"privileged": True}, {"range_noise": 0.01}], ids=str)
+@pytest.mark.parametrize("option", REFUSED, ids=str)
 def test_the_option_and_the_row_that_differ_are_named(option):
     with pytest.raises(ValueError, match=rf"(?s)(?=.*{next(iter(option))})(?=.*row 1)"):
         Batch(3, [Task(), Task(**option), Task()])
