@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from agents.export_c import identifier, write_header
 from agents.export_onnx import write_onnx
-from agents.policy import ACTION_TABLE, Policy, load_policy
+from agents.policy import ACTIONS, Policy, load_policy
 from impact_gym.envs.observation import space
 from impact_gym.envs.task import Task
 
@@ -61,7 +61,7 @@ def observations(policy: Policy) -> Floats:
 def with_numpy(policy: Policy, seen: Floats) -> Form:
     """Play the policy itself."""
     state: Any = None
-    actions = np.empty((*seen.shape[:2], len(ACTION_TABLE)), np.float32)
+    actions = np.empty((*seen.shape[:2], ACTIONS), np.float32)
     for step, now in enumerate(seen):
         actions[step], state = policy.predict(now, state=state)
     return Form(actions, _time(lambda: policy.predict(seen[0, 0])))
@@ -81,7 +81,7 @@ def with_onnx(policy: Policy, path: Path, seen: Floats) -> Form | None:
         return [np.zeros((rows, policy.network.width), np.float32)] * (2 if policy.network.gates else 0)
 
     names = [one.name for one in session.get_inputs()]
-    actions, state = np.empty((*seen.shape[:2], len(ACTION_TABLE)), np.float32), start(seen.shape[1])
+    actions, state = np.empty((*seen.shape[:2], ACTIONS), np.float32), start(seen.shape[1])
     for step, now in enumerate(seen):
         actions[step], *state = session.run(None, dict(zip(names, [now, *state], strict=True)))
     one = dict(zip(names, [seen[0, :1], *start(1)], strict=True))
@@ -101,7 +101,7 @@ def with_c(policy: Policy, path: Path, seen: Floats) -> Form | None:
         + (f"        {name}_state state = {{{{0}}, {{0}}}};\n" if recurrent else "")
         + "        for (int step = 0; step < steps; step++)\n"
         f"            {name}_act({'&state, ' if recurrent else ''}seen + (step * rows + row) * {policy.inputs},\n"
-        f"                actions + (step * rows + row) * {len(ACTION_TABLE)});\n"
+        f"                actions + (step * rows + row) * {ACTIONS});\n"
         "    }\n}\n"
     )
     with TemporaryDirectory() as folder:
@@ -110,7 +110,7 @@ def with_c(policy: Policy, path: Path, seen: Floats) -> Form | None:
         command = [compiler, *flags, "-I", str(path.parent.resolve()), "-o", str(library), "-lm"]
         subprocess.run(command, input=source, text=True, check=True)
         play = ctypes.CDLL(str(library)).play
-    actions = np.empty((*seen.shape[:2], len(ACTION_TABLE)), np.float32)
+    actions = np.empty((*seen.shape[:2], ACTIONS), np.float32)
     pointers = (seen.ctypes.data_as(ctypes.c_void_p), actions.ctypes.data_as(ctypes.c_void_p))
     begun = time.perf_counter()
     play(*seen.shape[:2], *pointers)

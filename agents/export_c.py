@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.networks import Affine
-from agents.policy import ACTION_TABLE, Policy
+from agents.policy import ACTIONS, Policy
 from impact_gym.files import whole_file
 
 C_ACTIVATIONS = {"tanh": "tanhf((float)sum)", "relu": "sum > 0.0 ? (float)sum : 0.0f", "none": "(float)sum"}
@@ -64,7 +64,7 @@ def header(policy: Policy, name: str) -> str:
             "",
         ]
     lines += [
-        f"static void {name}_act({state}const float observation[{network.inputs}], float action[{len(ACTION_TABLE)}])",
+        f"static void {name}_act({state}const float observation[{network.inputs}], float action[{ACTIONS}])",
         "{",
         f"    float a[{widest}], b[{widest}];",
     ]
@@ -75,7 +75,7 @@ def header(policy: Policy, name: str) -> str:
         into, out = out, into
     lines += [
         _call(name, network.mean, "none", into, out),
-        f"    for (int k = 0; k < {len(ACTION_TABLE)}; k++)",
+        f"    for (int k = 0; k < {ACTIONS}; k++)",
         f"        action[k] = tanhf({out}[k]);"
         if network.squash
         else f"        action[k] = {out}[k] < -1.0f ? -1.0f : {out}[k] > 1.0f ? 1.0f : {out}[k];",
@@ -129,7 +129,7 @@ def _comment(policy: Policy, name: str) -> list[str]:
         scale = f"{entry['low']:g} ... {entry['high']:g} to {entry['scaled_low']:g} ... 1"
         lines.append(f"  [{place}] {entry['name']}, {entry['unit']}: {scale}")
     lines += ["", "action[k] in -1 ... 1:"]
-    for place, command in enumerate(ACTION_TABLE):
+    for place, command in enumerate(policy.action_table):
         lines.append(f"  [{place}] {command['name']}: {command['low']:g} ... {command['high']:g} {command['unit']}")
     lines += ["", f"Made by: {policy.provenance.get('command', 'unknown')}"]
     return [line.replace("*/", "* /") for line in lines]

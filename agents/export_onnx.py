@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from agents.networks import Affine
-from agents.policy import ACTION_TABLE, Policy
+from agents.policy import ACTIONS, Policy
 from impact_gym.files import whole_file
 
 OPSET = 17
@@ -46,7 +46,7 @@ def write_onnx(policy: Policy, path: Path) -> Path:
         raise ValueError("ONNX needs the package onnx: pip install -c constraints.txt onnx") from error
     network = policy.network
     graph = _Graph(helper)
-    shapes = {"observation": network.inputs, "action": len(ACTION_TABLE)}
+    shapes = {"observation": network.inputs, "action": ACTIONS}
     inputs, outputs, values = ["observation"], ["action"], "observation"
     if network.gates:
         shapes |= dict.fromkeys(("output", "cell", "next_output", "next_cell"), network.width)

@@ -14,20 +14,11 @@ from numpy.typing import NDArray
 from agents.archive import read_archive, write_archive
 from agents.networks import Network, State, from_arrays, to_arrays
 from impact_gym.envs import observation as observations
-from impact_gym.envs.task import ACCELERATION_RANGE, VELOCITY_RANGE, Task
+from impact_gym.envs.task import Task
 
 SHIPPED = Path(__file__).parent / "policies"
 FORMAT = "impact_gym policy 2"
-ACTION_TABLE = [
-    {"name": "velocity to go to", "unit": "m/s", "low": VELOCITY_RANGE[0], "high": VELOCITY_RANGE[1]},
-    {
-        "name": "acceleration to use for it",
-        "unit": "m/s^2",
-        "low": ACCELERATION_RANGE[0],
-        "high": ACCELERATION_RANGE[1],
-    },
-]
-"""What the action's entries in [-1, 1] mean."""
+ACTIONS = 2  # numbers of an action
 
 
 class Policy:
@@ -45,12 +36,12 @@ class Policy:
             ValueError: the network does not fit the environment.
         """
         self.network, self.environment, self.provenance = network, dict(environment), dict(provenance)
-        self.observation_table = observation_table(environment)
+        self.observation_table, self.action_table = observation_table(environment), action_table(environment)
         if network.inputs != len(self.observation_table):
             raise ValueError(f"the network takes {network.inputs} numbers, the environment shows "
                              f"{len(self.observation_table)}")  # fmt: skip
-        if network.mean.outputs != len(ACTION_TABLE):
-            raise ValueError(f"the network gives {network.mean.outputs} numbers, an action has {len(ACTION_TABLE)}")
+        if network.mean.outputs != ACTIONS:
+            raise ValueError(f"the network gives {network.mean.outputs} numbers, an action has {ACTIONS}")
         self._noise = np.random.default_rng()
 
     @property
@@ -92,7 +83,7 @@ class Policy:
             "network": self.network.description(),
             "environment": self.environment,
             "observation": self.observation_table,
-            "action": ACTION_TABLE,
+            "action": self.action_table,
             "provenance": self.provenance,
         }
         write_archive(Path(path), FORMAT, content, to_arrays(self.network))
@@ -104,6 +95,18 @@ def observation_table(environment: Mapping[str, Any]) -> list[dict[str, Any]]:
     fields = ("name", "unit", "low", "high", "scaled_low")
     shown = observations.entries(Task(**environment))
     return [{field: getattr(entry, field) for field in fields} for entry in shown]
+
+
+def action_table(environment: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return what the action's entries in [-1, 1] mean."""
+    task = Task(**environment)
+    columns = {
+        "name": ("velocity to go to", "acceleration to use for it"),
+        "unit": ("m/s", "m/s^2"),
+        "low": (task.velocity_range[0], task.acceleration_range[0]),
+        "high": (task.velocity_range[1], task.acceleration_range[1]),
+    }
+    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
 
 
 def load_policy(name: str | Path) -> Policy:
@@ -127,6 +130,6 @@ def load_policy(name: str | Path) -> Policy:
         tables = content["observation"], content["action"]
     except (LookupError, TypeError, AttributeError, ValueError) as error:
         raise ValueError(f"{path} is no policy: {error}") from error
-    if tables != (policy.observation_table, ACTION_TABLE):
+    if tables != (policy.observation_table, policy.action_table):
         raise ValueError(f"{path} was made for other scales of observation or action than this version's environment")
     return policy

@@ -8,11 +8,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_gym.kernels import (
-    APPROACH, DIRECT, HOLDER, LUMPED, MECHANISM, NOT_FINITE, SPRING_DAMPER, STEP_LIMIT, STIFF_ROBOT, TABLE_OF_POSITION,
+    APPROACH,
+    DIRECT,
+    HOLDER,
+    LUMPED,
+    MECHANISM,
+    NOT_FINITE,
+    SPRING_DAMPER,
+    STEP_LIMIT,
+    STIFF_ROBOT,
+    TABLE_OF_POSITION,
 )  # fmt: skip
 from impact_gym.motion import Trapezoid
 from impact_gym.physics.dissipation import damping_factor
-from impact_gym.scene import Bistable, Contact, Coupling, Rigid, Robot, RobotTable, Scene, SpringDamper
+from impact_gym.scene import Bistable, Contact, Coupling, Robot, RobotTable, Scene, SpringDamper
 
 Numbers = NDArray[np.float64]
 

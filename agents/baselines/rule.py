@@ -4,12 +4,15 @@ A rule is given one set of numbers, or one for each row of the batch that it is 
 tried at once, and one compiled batch plays them all.
 """
 
-from typing import Any, ClassVar, NamedTuple
+import copy
+from collections.abc import Mapping
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from impact_gym.envs.observation import ENTRIES, OPTIONAL_ENTRIES
+from impact_gym.envs.scenario import Range
 from impact_gym.envs.task import ACCELERATION_RANGE, VELOCITY_RANGE, Task
 from impact_gym.validation import WrongTypeError, number
 
@@ -35,13 +38,14 @@ class Parameter(NamedTuple):
 class Seen:
     """Observations (..., n_obs) in physical units, an array (...) of each."""
 
-    def __init__(self, observation: ArrayLike) -> None:
-        self.scaled = np.asarray(observation, np.float64)
+    def __init__(self, observation: ArrayLike, velocity_range: Range = VELOCITY_RANGE) -> None:
+        self.scaled, self._velocity_range = np.asarray(observation, np.float64), velocity_range
 
     def _physical(self, place: int) -> Floats:
         entry = (*ENTRIES, OPTIONAL_ENTRIES[0])[place]
+        low, high = self._velocity_range if place == VELOCITY else (entry.low, entry.high)
         share = (self.scaled[..., place] - entry.scaled_low) / (1.0 - entry.scaled_low)
-        return entry.low + share * (entry.high - entry.low)
+        return low + share * (high - low)
 
     @property
     def position(self) -> Floats:
@@ -73,6 +77,8 @@ class Rule:
     """A controller of a few numbers, each within its limits."""
 
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = ()
+    velocity_range: Range = VELOCITY_RANGE
+    acceleration_range: Range = ACCELERATION_RANGE
 
     def __init__(self, parameters: ArrayLike) -> None:
         """Make a controller.
@@ -96,6 +102,12 @@ class Rule:
         """Return the rule with `parameters`, whatever else its constructor takes."""
         return cls(parameters)
 
+    def for_environment(self, environment: Mapping[str, Any]) -> Self:
+        """Return the same rule for an environment with these arguments, whose actions may have ranges of their own."""
+        task, twin = Task(**environment), copy.copy(self)
+        twin.velocity_range, twin.acceleration_range = task.velocity_range, task.acceleration_range
+        return twin
+
     def __getitem__(self, name: str) -> Floats:
         """A parameter by its name."""
         return self.parameters[..., [parameter.name for parameter in self.PARAMETERS].index(name)]
@@ -113,18 +125,22 @@ class Rule:
         deterministic: bool = True,
     ) -> tuple[NDArray[np.float32], Any]:
         """Return the action for an observation (n_obs,) or the actions for a batch of them (n, n_obs)."""
-        velocity, acceleration = self.command(Seen(observation))
-        return encode(velocity, acceleration), state
+        velocity, acceleration = self.command(Seen(observation, self.velocity_range))
+        return encode(velocity, acceleration, self.velocity_range, self.acceleration_range), state
 
     def command(self, seen: Seen) -> tuple[ArrayLike, ArrayLike]:
         """Return the velocity (m/s) to go to and the acceleration (m/s^2) to use for it."""
         raise NotImplementedError
 
 
-def encode(velocity: ArrayLike, acceleration: ArrayLike) -> NDArray[np.float32]:
-    """Return the action (..., 2) that commands `velocity` (m/s) at `acceleration` (m/s^2)."""
-    low = np.array([VELOCITY_RANGE[0], ACCELERATION_RANGE[0]])
-    high = np.array([VELOCITY_RANGE[1], ACCELERATION_RANGE[1]])
+def encode(
+    velocity: ArrayLike,
+    acceleration: ArrayLike,
+    velocity_range: Range = VELOCITY_RANGE,
+    acceleration_range: Range = ACCELERATION_RANGE,
+) -> NDArray[np.float32]:
+    """Return the action (..., 2) for `velocity` (m/s) at `acceleration` (m/s^2), given what it is mapped to."""
+    low, high = np.array([velocity_range, acceleration_range]).T
     command = np.stack(np.broadcast_arrays(velocity, acceleration), axis=-1)
     return (2.0 * (command - low) / (high - low) - 1.0).astype(np.float32)
 

@@ -15,7 +15,7 @@ from agents.jobs.evaluations import frozen_of, play, stage
 from agents.validation import Controller
 from experiments.reference.task import rescore
 from impact_gym.envs.observation import ENTRIES
-from impact_gym.envs.task import ACCELERATION_RANGE, VELOCITY_RANGE
+from impact_gym.envs.task import Task
 
 Arrays = dict[str, NDArray[Any]]
 HALVINGS = 9  # of the range of weights, in its logarithm: to 1 %
@@ -86,7 +86,8 @@ def reactions(
 
     stage(scenarios, weight, environment).play(Listening())
     scenario, since, sensed, velocity, acceleration = (np.concatenate(column) for column in zip(*kept, strict=True))
-    (v_low, v_high), (a_low, a_high) = VELOCITY_RANGE, ACCELERATION_RANGE
+    task = Task(**environment)
+    (v_low, v_high), (a_low, a_high) = task.velocity_range, task.acceleration_range
     return {
         "scenario": scenario,
         "since": since,

@@ -49,14 +49,14 @@ class Run:
             for start, end in zip(self.history.touches, self.history.partings, strict=True)
         ]
 
-    def until(self, end: float, task: Task) -> Columns:
+    def until(self, end: float) -> Columns:
         """Return the time histories up to `end` (s).
 
         Where the trace is shorter it is continued by `coast`.
         """
         columns = {name: self.history.columns[name] for name in COLUMNS}
         if end > self.history.now:
-            columns = coast(columns, end, task)
+            columns = coast(columns, end, self.history.task)
         time = columns["time"]
         before = (time < end) & np.append(True, np.diff(time) > 0.0)  # a trace has its corners twice
         return {name: np.append(column[before], np.interp(end, time, column)) for name, column in columns.items()}
@@ -107,7 +107,7 @@ def films(
                     f"scenario {number}: the replay of {name!r} leaves the object at {found!r} m/s, "
                     f"but it was judged by {judged!r} m/s"
                 )
-        scenes.append({"label": label, "number": number, **_scene(runs, task)})
+        scenes.append({"label": label, "number": number, **_scene(runs)})
     return {"contestants": list(contestants), "chain": _chain(task), "columns": list(COLUMNS), "scenes": scenes}
 
 
@@ -133,12 +133,12 @@ def play(
     return Run(History(env.trace(), info, task, ended=True), info)
 
 
-def _scene(runs: Mapping[str, Run], task: Task) -> dict[str, Any]:
+def _scene(runs: Mapping[str, Run]) -> dict[str, Any]:
     """Return one scenario: its clock, the scales that all panels share, and the contestants' histories."""
     contacts = [contact for run in runs.values() for contact in run.contacts]
     ends = [run.contacts[-1][1] + AFTER if run.contacts else run.history.now for run in runs.values()]
     end = round(max(ends), DECIMALS[0])
-    histories = {name: run.until(end, task) for name, run in runs.items()}
+    histories = {name: run.until(end) for name, run in runs.items()}
     speeds = [abs(columns[f"{body}_velocity"]).max() for columns in histories.values() for body in _BODIES]
     depths = [(columns["tool_position"] - columns["object_position"]).max() for columns in histories.values()]
     limits = {

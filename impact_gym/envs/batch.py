@@ -92,7 +92,8 @@ class Batch:
 
     def _lower(self, tasks: Sequence[Task], scales: NDArray[Any]) -> None:
         """Write the tasks for the kernels: rules, what is drawn, what holds the tools, and its laws and tables."""
-        records, draws, holders, tables, numbers = [], [], [], [], 0
+        records, holders, tables, numbers = [], [], [], 0
+        draws: list[tuple[Any, ...]] = []
         for task in tasks:
             records.append(task.record(len(draws)))
             draws += task.draws()

@@ -8,7 +8,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from impact_gym.envs.setting import NUMBERS, places
+from impact_gym.envs.setting import NUMBERS, markdown, places
 from impact_gym.envs.task import AFTER_ALARM, VELOCITY_RANGE, Task
 from impact_gym.kernels import ENTRY, EPISODE, LINEAR, LOGARITHM, LOGARITHM_OF_ONE_MORE
 
@@ -84,10 +84,7 @@ def documentation() -> str:
         )
         for place, entry in enumerate((*ENTRIES, *OPTIONAL_ENTRIES))
     ]
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    lines = ["| " + " | ".join(map(str.ljust, row, widths)) + " |" for row in rows]
-    lines.insert(1, "|" + "|".join("-" * (width + 2) for width in widths) + "|")
-    return "\n".join("    " + line for line in lines)
+    return markdown(rows)
 
 
 def _arguments(entry: Entry) -> str:

@@ -11,7 +11,7 @@ from impact_gym.envs import render_canvas as look
 from impact_gym.envs.render_canvas import Box, Canvas
 from impact_gym.envs.render_coupling import CLEARANCE, bistable, rigid, spring, spring_damper
 from impact_gym.envs.render_history import History, State
-from impact_gym.envs.task import VELOCITY_RANGE, Task
+from impact_gym.envs.task import Task
 from impact_gym.scene import Bistable, SpringDamper
 
 PANEL: Box = (0.0, 64.0, float(look.WIDTH), 208.0)
@@ -94,8 +94,9 @@ def camera(task: Task, state: State) -> Camera:
     return Camera(left, scale, axis)
 
 
-def draw(canvas: Canvas, task: Task, history: History, state: State) -> None:
+def draw(canvas: Canvas, history: History, state: State) -> None:
     """Draw the panel of the chain."""
+    task = history.task
     view, at = camera(task, state), places(task, state)
     canvas.rectangle(PANEL, look.PANEL)
     _ruler(canvas, view)
@@ -177,7 +178,7 @@ def _ruler(canvas: Canvas, view: Camera) -> None:
 def _loupe(canvas: Canvas, history: History, state: State) -> None:
     """Draw the faces enlarged, as far as the hardest impact that can be commanded would press them."""
     left, top, width, height = LOUPE
-    scale = 0.4 * width / min(max(history.impact_depth(VELOCITY_RANGE[1]), 1e-9), 1.0)
+    scale = 0.4 * width / min(max(history.impact_depth(history.task.velocity_range[1]), 1e-9), 1.0)
     face, middle = left + 0.4 * width, top + 0.5 * height
     radius = object_radius(history) * scale
     with canvas.clipped(LOUPE):

@@ -50,9 +50,13 @@ class History:
     """An episode up to now, from the simulator's own trace: nothing here is simulated again."""
 
     def __init__(self, trace: Trace, info: dict[str, Any], task: Task, ended: bool) -> None:
-        """Take the trace, which begins with the first step, and `info` as `episode_info()` gives it."""
+        """Take the trace, which begins with the first step, and `info` as `episode_info()` gives it.
+
+        `task` becomes that of this episode, with what it drew.
+        """
         self.info = info
         self.ended = ended
+        self.task = task = task.at(info["record"])
         at_rest = {name: 0.0 for name in State._fields} | {"object_position": info["scenario"]["distance"]}
         rows = np.vstack([list(at_rest.values()), np.column_stack([getattr(trace, name) for name in at_rest])])
         rows = rows[np.isfinite(rows).all(axis=1)]  # a solver that fails may leave others

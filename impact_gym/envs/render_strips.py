@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from impact_gym.envs import render_canvas as look
 from impact_gym.envs.render_canvas import Box, Canvas
 from impact_gym.envs.render_history import History, State
-from impact_gym.envs.task import VELOCITY_RANGE
 
 LEFT, RIGHT = 58.0, look.WIDTH - 190.0
 VELOCITY: Box = (LEFT, 310.0, RIGHT - LEFT, 90.0)
@@ -51,8 +50,8 @@ def draw(canvas: Canvas, history: History, state: State) -> None:
 def _velocities(canvas: Canvas, history: History, state: State, start: float, seen: slice) -> None:
     names = {"object_velocity": look.OBJECT, "tool_velocity": look.TOOL, "flange_velocity": look.FLANGE}
     so_far = [history.columns[name][: seen.stop] for name in names]
-    high = max(VELOCITY_RANGE[1], *(math.ceil(2.0 * float(column.max())) / 2.0 for column in so_far)) + 0.1
-    low = min(VELOCITY_RANGE[0], *(math.floor(2.0 * float(column.min())) / 2.0 for column in so_far)) - 0.1
+    high = max(history.task.velocity_range[1], *(math.ceil(2.0 * float(column.max())) / 2.0 for column in so_far)) + 0.1
+    low = min(history.task.velocity_range[0], *(math.floor(2.0 * float(column.min())) / 2.0 for column in so_far)) - 0.1
     axes = Axes(VELOCITY, start, low, high)
     spacing = math.ceil((high - low) / 5.0)
     _ground(canvas, axes, history, state, "velocity (m/s)")

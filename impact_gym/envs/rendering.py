@@ -123,10 +123,10 @@ class Renderer:
             self._canvas = Canvas()
         canvas, state = self._canvas, history.at(time)
         canvas.clear()
-        render_chain.draw(canvas, self._task, history, state)
+        render_chain.draw(canvas, history, state)
         render_strips.draw(canvas, history, state)
         _head(canvas, history, state, factor)
-        _foot(canvas, self._task, history, state)
+        _foot(canvas, history, state)
         return canvas
 
 
@@ -172,7 +172,7 @@ def pace(factor: float) -> str:
     return "real time" if factor == 1.0 else f"fast motion {1.0 / factor:.2g} x"
 
 
-def _foot(canvas: Canvas, task: Task, history: History, state: State) -> None:
+def _foot(canvas: Canvas, history: History, state: State) -> None:
     """Write the scenario, or at the end what came of the episode."""
     info, scenario = history.info, history.info["scenario"]
     if history.ended and state.time >= history.now:
@@ -188,7 +188,7 @@ def _foot(canvas: Canvas, task: Task, history: History, state: State) -> None:
     canvas.text(
         f"object {scenario['object_mass']:.3g} kg at {1e3 * scenario['distance']:.0f} mm, "
         f"{scenario['contact_stiffness']:.3g} N/m^1.5, restitution {scenario['restitution']:.2f}   |   "
-        f"{coupling_words(task)}   |   time weight {info['time_weight']:.3g} m/s per s",
+        f"{coupling_words(history.task)}   |   time weight {info['time_weight']:.3g} m/s per s",
         (14.0, 520.0),
         17,
         look.FAINT,

@@ -1,7 +1,7 @@
 """Numbers of a set-up that an episode may draw: which may be a range, and how it is drawn."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from itertools import product
 from typing import Any, NamedTuple
 
@@ -17,7 +17,7 @@ class Number(NamedTuple):
 
     unit: str
     logarithmic: bool = False  # log-uniform, where the ratio matters, or uniform
-    limits: Mapping[str, float] = {}  # noqa: RUF012  # read only; those of a coupling and a robot are in `scene`
+    limits: Mapping[str, float] = {}  # read only; those of a coupling and a robot are in `scene`
 
 
 def places(kind: Any, before: int = 0) -> dict[str, int]:
@@ -80,3 +80,21 @@ def ranged_record(name: str, value: Any, make: Callable[[Any], Any]) -> tuple[An
     ranges = {f"{name}.{field}": pair for field, pair in pairs.items()}
     middles = {field: middle(f"{name}.{field}", pair) for field, pair in pairs.items()}
     return make({**value, **middles}), {field: pair for field, pair in ranges.items() if pair[0] < pair[1]}
+
+
+def setting_table() -> str:
+    """Return the table of all that may be a range as Markdown."""
+    rows = [("Number of the set-up", "Distribution", "Unit")]
+    rows += [
+        (f"`{name}`", "log-uniform" if one.logarithmic else "uniform", one.unit.replace("(no unit)", "-"))
+        for name, one in NUMBERS.items()
+    ]
+    return markdown(rows)
+
+
+def markdown(rows: Sequence[Sequence[str]]) -> str:
+    """Return a table, the first row its head, for a docstring."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = ["| " + " | ".join(map(str.ljust, row, widths)) + " |" for row in rows]
+    lines.insert(1, "|" + "|".join("-" * (width + 2) for width in widths) + "|")
+    return "\n".join("    " + line for line in lines)

@@ -12,6 +12,7 @@ from impact_gym.envs import observation
 from impact_gym.envs.batch import Batch
 from impact_gym.envs.records import episode_index, fixed_record, skip_episodes
 from impact_gym.envs.scenario import ScenarioRanges
+from impact_gym.envs.setting import setting_table
 from impact_gym.envs.task import Task
 from impact_gym.kernels import CONTACT, TRACE
 from impact_gym.scene import Coupling, Rigid
@@ -39,18 +40,20 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     ## Action Space
     `Box(-1, 1, (2,), float32)`. The flange ramps to the velocity asked for, then holds it. Values outside are clipped.
 
-    | Num | Action                     | at -1 | at +1 | Unit  |
-    |-----|----------------------------|-------|-------|-------|
-    | 0   | velocity to go to          | -0.5  | 1.5   | m/s   |
-    | 1   | acceleration to use for it | 1     | 20    | m/s^2 |
+    | Num | Action                     | at -1 | at +1 | Unit  | Argument             |
+    |-----|----------------------------|-------|-------|-------|----------------------|
+    | 0   | velocity to go to          | -0.5  | 1.5   | m/s   | `velocity_range`     |
+    | 1   | acceleration to use for it | 1     | 20    | m/s^2 | `acceleration_range` |
 
     Commands are resolved to 1e-6 m/s and 1e-6 m/s^2, so that the paper's rule, 1 m/s at 8 m/s^2, is one of them.
 
     ## Observation Space
     `Box(..., (8,), float32)`, more with some arguments: the last column says which add or change what. Constants scale
     each number into [-1, 1] or [0, 1]; beyond their ends it is clipped. What is privileged is the truth, for a critic
-    and not for an actor: it stands last, so that `observation[:-5]` is what the actor may see. Position and velocity
-    are those of the imposed motion, which are the flange's if the robot is rigid.
+    and not for an actor: it stands last, so that `observation[:-5]` is what the actor may see. Where episodes draw
+    numbers of the set-up, these stand before the five, in the order of Starting State, each from its low end at -1 to
+    its high one at 1. Position and velocity are those of the imposed motion, which are the flange's if the robot is
+    rigid. `sensors()` of the unwrapped environment has what the controller may know in SI units.
 
     OBSERVATION_TABLE
 
@@ -75,25 +78,35 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     | `distance`          | 0.15 - 0.35   | uniform      | m        |
 
     and, where the arguments ask for it, the time weight (log-uniform), the reaction delay (uniform), the errors of
-    distance estimate and force bias (normal), and the seed of the force noise.
+    distance estimate and force (normal), and the seed of the force noise. Of these numbers of the set-up, too, each
+    may be given as a pair (low, high), from which every episode draws on its own:
+
+    SETTING_TABLE
+
+    They come from a stream that the last of the eleven names: what one of them is given as changes nothing else.
 
     `reset(options=...)` holds for one episode: `{"scenario": {...}}` fixes any of the fields above; `{"record": {...}}`
-    any of what is drawn, so that the final `info["record"]` plays an episode again (its reaction delay no longer than
-    the environment was made for); `{"episode_index": k}` with a seed goes to the k-th episode of that seed.
+    any of what is drawn, so that the final `info["record"]` plays an episode again (a reaction delay no longer than
+    the environment was made for, a number of the set-up within its range); `{"episode_index": k}` with a seed goes to
+    the k-th episode of that seed.
 
     ## Episode End
-    Terminates 0.15 s after the alarm. V_p is then what the object keeps after the flange has braked to rest at
-    20 m/s^2 and no contact is left or to come: simulated (for 10 s at most), so nothing is gained by ending early.
+    Terminates 0.15 s after the alarm. V_p is then what the object keeps after the flange has braked to rest, as hard
+    as an action can, and no contact is left or to come: simulated (for 10 s at most), so nothing is gained by ending
+    early.
     Without an alarm it terminates at 1.2 s, with V_p if something was touched too softly to raise it, otherwise as
     `missed`. A row whose solver fails terminates as well, with the cost of a miss and a sentence in `info["status"]`.
     Truncated only by `TimeLimit`.
 
     The final `info` has `object_velocity` (m/s), `approach_time` (s), `peak_force` (N), `contact_count`, `missed`,
     `time_weight`, `reward_terms` (time, velocity, force, missed; they sum to the return), `scenario`, `record` (all
-    that was drawn) and `status`.
+    that was drawn, numbers of the set-up under dotted names such as `coupling.stiffness`) and `status`.
     A `TimeLimit` truncates without telling the environment: `env.unwrapped.episode_info()` then has them as they stand.
 
     ## Arguments
+    A number of the table in Starting State may be a pair; in a coupling or a robot, where these are given as dicts:
+    `coupling={"type": "SpringDamper", "stiffness": (40, 60)}`.
+
     | Name                | Default                | Meaning                                                         |
     |---------------------|------------------------|-----------------------------------------------------------------|
     | `scenario`          | "train"                | "train", "test", "hard", a `ScenarioRanges` or a dict of ranges |
@@ -103,6 +116,8 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     | `force_weight`      | 0.0                    | m/s per N                                                       |
     | `reaction_delay`    | 0.016                  | s; a pair draws it uniformly per episode                        |
     | `control_period`    | 0.016                  | s                                                               |
+    | `velocity_range`    | (-0.5, 1.5)            | m/s, what the first action is mapped to                         |
+    | `acceleration_range`| (1.0, 20.0)            | m/s^2, what the second is mapped to; its end brakes at the end  |
     | `alarm_threshold`   | 1.0                    | N of contact force, above which the alarm sets out              |
     | `dissipation`       | "hu-guo"               | or "exact": how damping follows from restitution, see `Contact` |
     | `range_noise`       | None                   | m, standard deviation of a distance estimate; None: no estimate |
@@ -253,7 +268,8 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
 
 if ImpactApproachEnv.__doc__:  # there is none under python -OO
-    ImpactApproachEnv.__doc__ = ImpactApproachEnv.__doc__.replace("    OBSERVATION_TABLE", observation.documentation())
+    for place, table in {"OBSERVATION_TABLE": observation.documentation(), "SETTING_TABLE": setting_table()}.items():
+        ImpactApproachEnv.__doc__ = ImpactApproachEnv.__doc__.replace(f"    {place}", table)
 
 
 def task_from(

@@ -80,7 +80,9 @@ class Task:
         put("control_period", number("control_period", self.control_period, "s", at_least=1e-4, at_most=0.15))
         put("velocity_range", command_range("velocity_range", self.velocity_range, "m/s", at_most=FASTEST))
         if self.velocity_range[0] < -FASTEST or self.velocity_range[1] <= 0.0:
-            raise ValueError(f"velocity_range must end above 0 and begin at -1000 m/s or more, got {self.velocity_range}")
+            raise ValueError(
+                f"velocity_range must end above 0 and begin at -1000 m/s or more, got {self.velocity_range}"
+            )
         put(
             "acceleration_range",
             command_range("acceleration_range", self.acceleration_range, "m/s^2", above=0.0, at_most=STRONGEST),
@@ -120,6 +122,8 @@ class Task:
 
     def at(self, record: Mapping[str, float]) -> "Task":
         """Return the task of the episode that drew `record`, the final `info["record"]`: nothing in it is drawn."""
+        if not self.drawn:
+            return self
         changes: dict[str, Any] = {}
         for name in self.drawn:
             top, _, inner = name.partition(".")

@@ -11,7 +11,9 @@ from scipy.optimize import brentq
 from scipy.stats import kstest
 
 import impact_gym as ig
+from agents.baselines.profile import ConstantDeceleration
 from impact_gym.envs.observation import entries
+from impact_gym.envs.render_history import History
 from impact_gym.envs.setting import NUMBERS, SETTING_PLACES
 from impact_gym.envs.task import Task
 from impact_gym.lowering import COUPLING_NUMBERS, ROBOT_NUMBERS
@@ -26,7 +28,12 @@ MECHANISM = {
 }  # fmt: skip
 ROBOT = {"type": "Robot", "mass": (3.0, 6.0), "stiffness": (5e4, 2e5), "damping": (0.0, 60.0)}
 TABLE = ig.RobotTable([0.05, 0.15, 0.25, 0.35], [5.0, 5.3, 5.5, 5.2], [1.5e5, 1.6e5, 1.4e5, 1.5e5], [50, 55, 60, 50])
-SENSED = {"alarm_threshold": (0.2, 5.0), "range_noise": (0.0, 0.02), "force_noise": (0.0, 2.0), "force_bias": (0.1, 0.5)}
+SENSED = {
+    "alarm_threshold": (0.2, 5.0),
+    "range_noise": (0.0, 0.02),
+    "force_noise": (0.0, 2.0),
+    "force_bias": (0.1, 0.5),
+}
 SETUPS = {
     "sensors": SENSED,
     "rigid": {"coupling": ig.Rigid(), "tool_mass": (0.05, 0.4)},
@@ -52,7 +59,9 @@ def finals(envs, actions):
 
 def leaning(rows, ticks, seed=0):
     rng = np.random.default_rng(seed)
-    return np.clip(rng.uniform(-1.0, 1.0, (ticks, rows, 2)) + rng.uniform(0.0, 0.6, (rows, 1)), -1, 1).astype(np.float32)
+    return np.clip(rng.uniform(-1.0, 1.0, (ticks, rows, 2)) + rng.uniform(0.0, 0.6, (rows, 1)), -1, 1).astype(
+        np.float32
+    )
 
 
 def episode(env, actions, **reset):
@@ -163,8 +172,21 @@ def test_a_batch_goes_on_from_a_state_with_what_it_had_drawn(options):
         assert_identical(first.step(action), second.step(action))
 
 
+def test_pictures_show_what_the_episode_drew():
+    options = {"coupling": SPRING, "tool_mass": (0.05, 0.4), "alarm_threshold": (0.2, 5.0), "record_trace": True}
+    env = gym.make(ID, **options)
+    _, info = episode(env, leaning(1, 200)[:, 0], seed=1)
+    history = History(env.unwrapped.trace(), info, env.unwrapped._batch.task, ended=True)
+    assert history.threshold == info["record"]["alarm_threshold"]
+    assert history.task.coupling.stiffness == info["record"]["coupling.stiffness"]
+    reduced = 1.0 / (1.0 / info["record"]["tool_mass"] + 1.0 / info["record"]["object_mass"])
+    assert history.reduced_mass == pytest.approx(reduced, rel=1e-15)
+
+
 def test_ranges_of_no_width_are_numbers():
-    narrow = Task(tool_mass=(0.2, 0.2), coupling={"type": "SpringDamper", "stiffness": [60.0, 60.0]}, force_noise=(1, 1))
+    narrow = Task(
+        tool_mass=(0.2, 0.2), coupling={"type": "SpringDamper", "stiffness": [60.0, 60.0]}, force_noise=(1, 1)
+    )
     assert narrow.drawn == {}
     assert narrow.record() == Task(tool_mass=0.2, coupling=ig.SpringDamper(60.0), force_noise=1.0).record()
 
@@ -261,12 +283,23 @@ def test_the_papers_rule_at_the_papers_limits_is_the_corner_of_the_action_space(
     while not ended:
         go = 1.0 if observation[3] == 0.0 else -1.0
         observation, _, ended, _, info = env.step(np.array([go, 1.0], np.float32))
-    scene = ig.Scene(
-        ig.Tool(0.125), ig.Object(0.5, 0.3), ig.Contact(3e4, 0.4), ig.SpringDamper(50.0, 1.0)
-    )
+    scene = ig.Scene(ig.Tool(0.125), ig.Object(0.5, 0.3), ig.Contact(3e4, 0.4), ig.SpringDamper(50.0, 1.0))
     outcome = ig.simulate(scene, ig.Trapezoid(1.0, 8.0, ig.Brake(1.0, 0.016)), 3.0)
     assert info["object_velocity"] == pytest.approx(outcome.object_velocity, abs=1e-9)
     assert info["approach_time"] == pytest.approx(outcome.contacts[0].start, abs=1e-9)
+
+
+def test_a_baseline_commands_what_it_means_on_an_arm_of_other_ranges():
+    scenario = {"object_mass": 0.5, "contact_stiffness": 3e4, "restitution": 0.4, "distance": 0.3}
+    results = []
+    for options in ({}, {"velocity_range": (-1.0, 2.0), "acceleration_range": (0.5, 20.0)}):
+        rule = ConstantDeceleration([parameter.start for parameter in ConstantDeceleration.PARAMETERS])
+        env, rule = gym.make(ID, **options), rule.for_environment(options)
+        observation, ended = env.reset(seed=1, options={"scenario": scenario})[0], False
+        while not ended:
+            observation, _, ended, _, info = env.step(rule.predict(observation)[0])
+        results.append([info["object_velocity"], info["approach_time"], info["peak_force"]])
+    assert results[0] == pytest.approx(results[1], rel=1e-4)  # actions and observations are of single precision
 
 
 def test_sensors_say_in_si_units_what_the_observation_says():

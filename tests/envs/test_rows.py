@@ -22,12 +22,17 @@ TABLE = ig.RobotTable([0.05, 0.15, 0.25, 0.35], [5.0, 5.3, 5.5, 5.2], [1.5e5, 1.
 CHANGES = {
     "tool_mass": (0.05, 0.4, (0.05, 0.4)),
     "coupling": (
-        ig.Rigid(), ig.SpringDamper(150.0, 0.3), ig.Bistable(), ig.Bistable(80.0, rear_stop=-0.01),
+        ig.Rigid(),
+        ig.SpringDamper(150.0, 0.3),
+        ig.Bistable(),
+        ig.Bistable(80.0, rear_stop=-0.01),
         {"type": "SpringDamper", "stiffness": (20.0, 200.0), "damping_ratio": (0.1, 1.5)},
         {"type": "Bistable", "stiffness": (40.0, 80.0), "front_stop": (0.001, 0.02), "stop_stiffness": (1e4, 1e5)},
     ),
     "robot": (
-        ROBOT, ig.Robot(2.0, 4e4, 10.0), TABLE,
+        ROBOT,
+        ig.Robot(2.0, 4e4, 10.0),
+        TABLE,
         {"type": "Robot", "mass": (2.0, 6.0), "stiffness": (5e4, 2e5), "damping": (10.0, 60.0)},
     ),
     "alarm_threshold": (0.2, 15.0, (0.2, 15.0)),

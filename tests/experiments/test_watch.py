@@ -72,7 +72,7 @@ def test_what_is_left_of_a_trace_still_obeys_momentum_and_kinematics(film):
 
 def test_thinning_keeps_within_what_it_allows():
     run = play(PaperTrapezoid(), TEST_SET.seed, 2, {"time_weight": 2.0}, {}, Task())
-    rows = run.until(run.history.now, Task())
+    rows = run.until(run.history.now)
     limits = {"farthest": 0.5, "speed": 1.0, "force": rows["contact_force"].max(), "depth": 1e-3}
     kept = thin(rows, limits)
     assert len(kept) < len(rows["time"]) / 3
@@ -95,7 +95,7 @@ def test_a_trace_cut_short_is_continued_as_the_simulator_does(coupling):
             continue  # the trace ends with the motion
         history.columns = {name: column[:cut] for name, column in whole.items()}
         history.now = history.columns["time"][-1]
-        again = run.until(whole["time"][-1], task)
+        again = run.until(whole["time"][-1])
         assert again["time"][-1] == whole["time"][-1] > history.now
         for name in COLUMNS:
             assert again[name][-1] == pytest.approx(whole[name][-1], abs=1e-7), name
