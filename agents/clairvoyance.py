@@ -1,7 +1,7 @@
 """The bound: for every scenario by itself, the best that a controller does that knows it.
 
 `python -m agents.clairvoyance` searches it for the first scenarios of the frozen test set and writes what it found to
-agents/tuned/clairvoyant-PRESET.npz; what is there is kept, so the same command goes on where it was stopped.
+agents/tuned/clairvoyant-SETUP.npz; what is there is kept, so the same command goes on where it was stopped.
 """
 
 import multiprocessing
@@ -19,9 +19,10 @@ from tqdm import tqdm
 from agents.archive import read_archive, write_archive
 from agents.baselines.clairvoyant import Clairvoyant
 from agents.baselines.rule import Floats
-from agents.baselines.tuned import TUNED, environment_of
+from agents.baselines.tuned import TUNED
 from agents.evaluation import Episodes, Stage
 from agents.search_rules import minimise
+from agents.setups import load_setup
 from agents.validation import WEIGHTS
 from impact_gym.validation import whole
 
@@ -32,15 +33,15 @@ SEARCH_RTOL = (
 FORMAT = "impact_gym clairvoyant 1"
 FROZEN = "test"
 AS_SHIPPED = (FROZEN, GENERATIONS, POPULATION)
-PRESETS = ("linear-blind", "bistable-blind")  # linear-ranged has the bound of linear-blind: an estimate adds nothing
+SETUPS = ("linear-blind", "bistable-blind")
 
 
 @dataclass(frozen=True)
 class Wanted:
-    """Search the bound for the presets, at each time weight of the bars."""
+    """Search the bound for set-ups, at each time weight of the bars."""
 
-    presets: tyro.conf.Positional[tuple[str, ...]] = PRESETS
-    """Which ones."""
+    setups: tyro.conf.Positional[tuple[str, ...]] = SETUPS
+    """Which ones, by name or file."""
     scenarios: int = SCENARIOS
     """How many of the test set, from its first on."""
     generations: int = GENERATIONS
@@ -53,12 +54,12 @@ class Wanted:
     def __post_init__(self) -> None:
         for name in ("scenarios", "generations", "processes"):
             whole(name, getattr(self, name), at_least=1)
-        for name in self.presets:
-            environment_of(name)
+        for name in self.setups:
+            load_setup(name)
 
 
 def clairvoyant_bound(
-    preset: str,
+    setup: str,
     time_weight: float,
     frozen: str = FROZEN,
     scenarios: int = SCENARIOS,
@@ -70,17 +71,17 @@ def clairvoyant_bound(
     What is shipped is not searched again. It is a bound on the rules of its kind, found by search: a controller with
     other freedoms could still do better.
     """
-    shipped = shipped_scenarios(preset) if (frozen, generations, population) == AS_SHIPPED else 0
+    shipped = shipped_scenarios(setup) if (frozen, generations, population) == AS_SHIPPED else 0
     if scenarios <= shipped:
-        found = load_clairvoyant(preset, time_weight).parameters[:scenarios]
+        found = load_clairvoyant(setup, time_weight).parameters[:scenarios]
     else:
-        found = search(preset, time_weight, frozen, scenarios, generations, population)
-    options: dict[str, Any] = {**environment_of(preset), "privileged": True}
+        found = search(setup, time_weight, frozen, scenarios, generations, population)
+    options: dict[str, Any] = {**load_setup(setup).environment, "privileged": True}
     return Stage.of(frozen, scenarios, time_weight=[time_weight], **options).play(Clairvoyant(found))
 
 
 def search(
-    preset: str,
+    setup: str,
     time_weight: float,
     frozen: str = FROZEN,
     scenarios: int = SCENARIOS,
@@ -90,7 +91,7 @@ def search(
     told: Callable[[float], object] = lambda loss: None,
 ) -> Floats:
     """Return the parameters (scenarios, k) of the best `Clairvoyant` for each scenario."""
-    options: dict[str, Any] = {**environment_of(preset), "privileged": True, "threads": threads}
+    options: dict[str, Any] = {**load_setup(setup).environment, "privileged": True, "threads": threads}
     weights = [time_weight] * population
     stage = Stage.of(frozen, scenarios, copies=population, time_weight=weights, **{"rtol": SEARCH_RTOL, **options})
 
@@ -102,35 +103,35 @@ def search(
     return np.ascontiguousarray(found.parameters)
 
 
-def load_clairvoyant(preset: str, time_weight: float, folder: Path = TUNED) -> Clairvoyant:
+def load_clairvoyant(setup: str, time_weight: float, folder: Path = TUNED) -> Clairvoyant:
     """Return the controller whose row k is made for scenario k of the test set, in an environment with `privileged`.
 
     Raises:
-        ValueError: it was not searched for this preset and weight, or for other parameters, or the file is damaged.
+        ValueError: it was not searched for this set-up and weight, or for other parameters, or the file is damaged.
     """
-    content, arrays = read_archive(folder / f"clairvoyant-{preset}.npz", FORMAT)
+    content, arrays = read_archive(folder / f"clairvoyant-{setup}.npz", FORMAT)
     names = [parameter.name for parameter in Clairvoyant.PARAMETERS]
     if content["parameters"] != names or f"{time_weight:g}" not in arrays:
-        raise ValueError(f"the bound of {preset} at {time_weight:g} was not searched: python -m agents.clairvoyance")
+        raise ValueError(f"the bound of {setup} at {time_weight:g} was not searched: python -m agents.clairvoyance")
     return Clairvoyant(arrays[f"{time_weight:g}"])
 
 
-def shipped_scenarios(preset: str, folder: Path = TUNED) -> int:
-    """Return for how many scenarios of the test set the bound of a preset is shipped at every weight; 0 for none."""
+def shipped_scenarios(setup: str, folder: Path = TUNED) -> int:
+    """Return for how many scenarios of the test set the bound of a set-up is shipped at every weight; 0 for none."""
     try:
-        return min(len(load_clairvoyant(preset, weight, folder).parameters) for weight in WEIGHTS)
+        return min(len(load_clairvoyant(setup, weight, folder).parameters) for weight in WEIGHTS)
     except ValueError:
         return 0
 
 
-def _search_one(preset: str, weight: float, wanted: Wanted) -> Floats:
-    with tqdm(total=wanted.generations, desc=f"{preset} at {weight:g}", leave=False, disable=None) as bar:
+def _search_one(setup: str, weight: float, wanted: Wanted) -> Floats:
+    with tqdm(total=wanted.generations, desc=f"{setup} at {weight:g}", leave=False, disable=None) as bar:
 
         def told(loss: float) -> None:
             bar.set_postfix_str(f"{loss:.4f} m/s", refresh=False)
             bar.update()
 
-        return search(preset, weight, scenarios=wanted.scenarios, generations=wanted.generations, threads=1, told=told)
+        return search(setup, weight, scenarios=wanted.scenarios, generations=wanted.generations, threads=1, told=told)
 
 
 def search_all(wanted: Wanted) -> list[Path]:
@@ -138,10 +139,10 @@ def search_all(wanted: Wanted) -> list[Path]:
     names = [parameter.name for parameter in Clairvoyant.PARAMETERS]
     paths = []
     with ProcessPoolExecutor(wanted.processes, multiprocessing.get_context("spawn")) as pool:
-        for preset in wanted.presets:
-            path = wanted.out / f"clairvoyant-{preset}.npz"
+        for setup in map(load_setup, wanted.setups):
+            path = wanted.out / f"clairvoyant-{setup.name}.npz"
             about = {
-                "preset": preset,
+                "preset": setup.name,
                 "set": FROZEN,
                 "parameters": names,
                 **{name: getattr(wanted, name) for name in ("scenarios", "generations")},
@@ -151,7 +152,7 @@ def search_all(wanted: Wanted) -> list[Path]:
                 content, there = read_archive(path, FORMAT)
                 arrays = there if content == about else {}
             missing = {
-                weight: pool.submit(_search_one, preset, weight, wanted)
+                weight: pool.submit(_search_one, str(setup.path), weight, wanted)
                 for weight in WEIGHTS
                 if f"{weight:g}" not in arrays
             }

@@ -3,7 +3,7 @@
 `{"policy": ...}` holds a policy's file in base 64, `{"shipped": ...}` names one of the project's; `{"baseline": ...}`
 names one that is shipped or was tuned, with the checksum of its file beside it if wanted; `{"speed": ...}` is a
 constant speed, reached and left at 16 m/s^2, which a bistable mechanism still bears; `{"clairvoyant": ...}` what was
-found for each scenario of a preset; `{"object": "module:name"}` anything with `predict`, or a function or class that
+found for each scenario of a set-up; `{"object": "module:name"}` anything with `predict`, or a function or class that
 returns it.
 """
 
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from agents import load_policy
 from agents.baselines import ConstantSpeed
-from agents.baselines.tuned import TUNABLE, load_baseline, read_tuned
+from agents.baselines.tuned import load_baseline, names, read_tuned
 from agents.clairvoyance import load_clairvoyant
 from agents.policy import Policy
 from agents.validation import Controller
@@ -53,7 +53,7 @@ def controller_of(spec: Mapping[str, Any], time_weight: float) -> Controller:
 
 def baseline_checksum(name: str) -> str:
     """Return the checksum of a tuned baseline's file; empty for one that has no file."""
-    checksum: str = read_tuned(name)["sha256"] if name in TUNABLE else ""
+    checksum: str = read_tuned(name)["sha256"] if name in names() else ""
     return checksum
 
 

@@ -1,10 +1,10 @@
-"""Train every preset with ten seeds and ship the median: `python -m agents.many`, or `make train-all`.
+"""Train set-ups with ten seeds each and ship the medians: `python -m agents.many`, or `make train-all`.
 
 Each training is a job of `agents.jobs`: on this machine's cores, or with `--cluster ray` on an existing Ray cluster.
 Finished seeds are kept, a run that was killed goes on from its checkpoint: run the command again. On a cluster that
 holds where the nodes see the folder --runs at the same place; where they do not, a training whose node is lost starts
-over. Every seed's policy goes to agents/policies/PRESET/seed-K.npz, what became of it to seeds.json beside it, and the
-median to PRESET.npz.
+over. Every seed's policy goes to agents/policies/SETUP/seed-K.npz, what became of it to seeds.json beside it, and the
+median to SETUP.npz.
 """
 
 import json
@@ -15,29 +15,30 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 import tyro
 
 from agents.jobs import Job, JobsFailedError, Result, gather
 from agents.policy import SHIPPED, load_policy
-from agents.settings import Preset, Settings, as_json, default_settings, from_json
+from agents.settings import Settings, as_json, default_settings, from_json
+from agents.setups import load_setup
 from agents.train import resume, train, write_json
 from impact_gym.files import whole_file
 from impact_gym.validation import whole
 
-PRESETS: tuple[Preset, ...] = get_args(Preset)
+SETUPS = ("linear-blind", "linear-ranged", "bistable-blind")
 KEPT = {"config": "config.json", "best": "best.npz", "final": "final.npz", "metrics": "metrics.json"}
 """What is gathered of a run folder; the last one says that the run is finished."""
 
 
 @dataclass(frozen=True)
 class Many:
-    """Train presets with several seeds each and ship the median seed of each by its score on the validation set."""
+    """Train set-ups with several seeds each and ship the median seed of each by its score on the validation set."""
 
-    presets: tyro.conf.Positional[tuple[Preset, ...]] = PRESETS
-    """Which ones, one after the other; all of them unless some are named."""
+    setups: tyro.conf.Positional[tuple[str, ...]] = SETUPS
+    """Names or files, one after the other; those whose policies are shipped unless some are named."""
     seeds: int = 10
     """How many, from 0 on."""
     processes: int = 2
@@ -45,7 +46,7 @@ class Many:
     cluster: str | None = None
     """Train on this Ray cluster instead, one core each: "ray" for the one that runs here, or its address."""
     runs: Path = Path("runs/all")
-    """Folder of the run folders, one below PRESET for each seed."""
+    """Folder of the run folders, one below SETUP for each seed."""
     policies: Path = SHIPPED
     """Folder for what is shipped."""
 
@@ -54,14 +55,14 @@ class Many:
             whole(name, getattr(self, name), at_least=1)
 
 
-def train_all(preset: Preset, wanted: Many, settings: Settings) -> Path:
+def train_all(name: str, wanted: Many, settings: Settings) -> Path:
     """Train the seeds that are missing, and return the path of the median's policy.
 
     Raises:
         ValueError: a run that is there has other settings.
         JobsFailedError: trainings failed; the others are done.
     """
-    runs = wanted.runs.resolve() / preset
+    runs = wanted.runs.resolve() / name
     asked_for = [replace(settings, seed=seed, simulation_threads=1) for seed in range(wanted.seeds)]
     folders = [runs / f"seed-{seed}" for seed in range(wanted.seeds)]
     for folder, one in zip(folders, asked_for, strict=True):
@@ -71,15 +72,15 @@ def train_all(preset: Preset, wanted: Many, settings: Settings) -> Path:
         for folder, one in zip(folders, asked_for, strict=True)
     ]
     processes = None if wanted.cluster else wanted.processes
-    for seed, result in gather(jobs, runs / "results", processes=processes, cluster=wanted.cluster, title=preset):
+    for seed, result in gather(jobs, runs / "results", processes=processes, cluster=wanted.cluster, title=name):
         _fill(folders[seed], result)
         score = json.loads(result["metrics"].tobytes())["validation"]["best"]["score"]
-        print(f"{preset}: seed {seed} scored {score:.4f} m/s", flush=True)
-    rows = [_ship(folder, wanted.policies / preset / f"{folder.name}.npz") for folder in folders]
+        print(f"{name}: seed {seed} scored {score:.4f} m/s", flush=True)
+    rows = [_ship(folder, wanted.policies / name / f"{folder.name}.npz") for folder in folders]
     chosen = median(rows)
-    write_json(wanted.policies / preset / "seeds.json", {"median": chosen["seed"], "seeds": rows})
-    shipped = wanted.policies / f"{preset}.npz"
-    return load_policy(wanted.policies / preset / f"seed-{chosen['seed']}.npz").save(shipped)
+    write_json(wanted.policies / name / "seeds.json", {"median": chosen["seed"], "seeds": rows})
+    shipped = wanted.policies / f"{name}.npz"
+    return load_policy(wanted.policies / name / f"seed-{chosen['seed']}.npz").save(shipped)
 
 
 def median(rows: list[dict[str, Any]]) -> dict[str, Any]:
@@ -153,8 +154,8 @@ def main() -> None:
     """Read from the command line what to train, and train it."""
     try:
         wanted = tyro.cli(Many, prog="python -m agents.many")
-        for preset in wanted.presets:
-            print(train_all(preset, wanted, default_settings(preset)))
+        for setup in wanted.setups:
+            print(train_all(load_setup(setup).name, wanted, default_settings(setup)))
     except (JobsFailedError, RuntimeError, ValueError) as error:
         sys.exit(f"agents.many: {error}")
     except KeyboardInterrupt:

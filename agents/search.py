@@ -1,15 +1,17 @@
-"""Search for settings: `python -m agents.search [PRESET] --algo ppo --trials 16`.
+"""Search for settings: `python -m agents.search [SETUP] --algo ppo --trials 16`.
 
 Each trial is a short training, judged by the best score it reaches on the validation set; one that is worse than the
 median of those before it at the same step is given up. The study is a journal below runs/search: the same command goes
-on with it, after a kill as well. Its summary, settings and score of each trial, goes to agents/studies, where
-`agents.train` takes its defaults from.
+on with it, after a kill as well. Its summary, settings and score of each trial, goes to agents/studies; what it found
+best is printed as the table `[training]` of a set-up, for whoever wants it there.
 """
 
+import json
 import shlex
 import shutil
 import sys
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from operator import attrgetter
 from pathlib import Path
@@ -22,10 +24,12 @@ from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend
 from optuna.trial import Trial, TrialState
 
-from agents.settings import STUDIES, Algorithm, Preset, Settings, settings_by_hand, with_changes
+from agents.settings import Algorithm, Settings, settings_by_hand, with_changes
+from agents.setups import load_setup
 from agents.train import provenance, train, write_json
 from impact_gym.validation import whole
 
+STUDIES = Path(__file__).parent / "studies"
 ON_POLICY = {
     "learning_rate": FloatDistribution(3e-4, 3e-3, log=True),
     "batch": CategoricalDistribution([1024, 2048, 4096]),
@@ -50,8 +54,8 @@ SPACES: dict[str, dict[str, BaseDistribution]] = {
 class Search:
     """Search for the settings of a training."""
 
-    preset: tyro.conf.Positional[Preset] = "linear-blind"
-    """Whose environment is trained in."""
+    setup: tyro.conf.Positional[str] = "linear-blind"
+    """Name or file of the set-up that is trained for."""
     algo: Algorithm = "ppo"
     """Whose settings are looked for."""
     trials: int = 16
@@ -75,14 +79,15 @@ class Search:
 def search(wanted: Search) -> Path:
     """Run the trials that are missing, and return the path of the summary."""
     start = replace(
-        settings_by_hand(wanted.preset, wanted.algo),
+        settings_by_hand(wanted.setup, wanted.algo),
         steps=wanted.steps,
         validate_every=wanted.validate_every,
         validation_scenarios=wanted.validation_scenarios,
         checkpoint_every=wanted.steps,
     )
-    space, summary = SPACES[wanted.algo], wanted.summaries / f"{wanted.preset}-{wanted.algo}.json"
-    name = f"{wanted.preset}-{wanted.algo}-{wanted.steps}"
+    label = f"{load_setup(wanted.setup).name}-{wanted.algo}"
+    space, summary = SPACES[wanted.algo], wanted.summaries / f"{label}.json"
+    name = f"{label}-{wanted.steps}"
     wanted.journals.mkdir(parents=True, exist_ok=True)
     study = optuna.create_study(
         storage=JournalStorage(JournalFileBackend(str(wanted.journals / f"{name}.journal"))),
@@ -162,10 +167,20 @@ def _summary(study: optuna.Study, start: Settings, wanted: Search) -> dict[str, 
     ]
     best = study.best_trial
     found = {"number": best.number, "score": best.value, "settings": _nested(best.params)}
-    words = ["python", "-m", "agents.search", wanted.preset, "--algo", wanted.algo]
+    words = ["python", "-m", "agents.search", wanted.setup, "--algo", wanted.algo]
     for name in ("trials", "steps", "validate_every", "validation_scenarios"):
         words += [f"--{name}".replace("_", "-"), str(getattr(wanted, name))]
     return {"best": found, **provenance(start), "command": shlex.join(words), "trials": trials}
+
+
+def training_table(settings: Mapping[str, Any]) -> str:
+    """Return settings as the table [training] of a set-up."""
+    plain = {name: value for name, value in settings.items() if not isinstance(value, dict)}
+    groups = {f"training.{name}": value for name, value in settings.items() if isinstance(value, dict)}
+    lines = []
+    for name, values in {"training": plain, **groups}.items():
+        lines += [f"[{name}]", *(f"{key} = {json.dumps(value)}" for key, value in values.items()), ""]
+    return "\n".join(lines)
 
 
 def main() -> None:
@@ -173,7 +188,8 @@ def main() -> None:
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
     try:
-        print(search(tyro.cli(Search, prog="python -m agents.search")))
+        summary = search(tyro.cli(Search, prog="python -m agents.search"))
+        print(training_table(json.loads(summary.read_text())["best"]["settings"]), summary, sep="\n")
     except ValueError as error:
         sys.exit(f"agents.search: {error}")
     except KeyboardInterrupt:

@@ -1,6 +1,5 @@
-"""Settings of a training, with a sentence under each, and the presets that give them their defaults."""
+"""Settings of a training, with a sentence under each; a set-up says which of them it wants otherwise."""
 
-import json
 import shlex
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
@@ -9,24 +8,11 @@ from typing import Annotated, Any, Literal, get_args
 
 import tyro
 
-from impact_gym.envs import IDS
+from agents.setups import Setup, known, load_setup
 from impact_gym.envs.scenario import interval
 from impact_gym.validation import number, whole
 
-Preset = Literal["linear-blind", "linear-ranged", "bistable-blind"]
 Algorithm = Literal["ppo", "sac", "tqc", "recurrent_ppo"]
-ENVIRONMENTS: dict[str, dict[str, Any]] = {
-    "linear-blind": IDS["ImpactApproach-v0"],
-    "linear-ranged": IDS["ImpactApproachRanged-v0"],
-    "bistable-blind": {"coupling": {"type": "Bistable", "stiffness": 1400.0, "front_stop": 0.001, "rear_stop": -0.05}},
-}
-"""What sets the environment of each preset apart.
-
-The mechanism is not the paper's but one for slow touches. Its front stop stands 1 mm before the alignment, not 20.8 mm:
-it holds the tool with twice the force (2.1 N, enough for 16 m/s^2) behind a twelfth of the barrier (1.1 mJ instead of
-13 mJ), so that a touch at 0.15 m/s snaps it through, and its rear stop leaves the flange 50 mm to brake in.
-"""
-
 FIRST_SEED, SLOTS = 10_000_000, 100_000
 """Environment i of training seed s is seeded FIRST_SEED + s * SLOTS + i: above all that evaluation uses, and no two
 trainings share any."""
@@ -39,8 +25,6 @@ OTHERWISE: dict[str, dict[str, Any]] = {
     "tqc": _OFF,
 }
 """What is set otherwise for an algorithm; by hand, while a study searches for the rest."""
-
-STUDIES = Path(__file__).parent / "studies"
 
 
 @dataclass(frozen=True)
@@ -99,9 +83,8 @@ class OffPolicy:
 class Settings:
     """Train a policy on ImpactApproach-v0."""
 
-    preset: tyro.conf.Positional[Preset] = "linear-blind"
-    """What holds the tool and what is seen: a spring and damper or the bistable mechanism; nothing ahead
-    (blind), or an estimate of the distance with an error of 10 mm (ranged)."""
+    setup: tyro.conf.Positional[str] = "linear-blind"
+    """What is trained for: a set-up by name or file."""
     algo: Algorithm = "ppo"
     """Algorithm of stable-baselines3 or sb3-contrib."""
     steps: int = 12_000_000
@@ -153,9 +136,11 @@ class Settings:
         whole("seed", self.seed, at_least=0)
         if self.envs > SLOTS:
             raise ValueError(f"envs must be at most {SLOTS}, got {self.envs}")
-        for name, allowed in (("preset", get_args(Preset)), ("algo", get_args(Algorithm))):
-            if getattr(self, name) not in allowed:
-                raise ValueError(f"{name} must be one of {allowed}, got {getattr(self, name)!r}")
+        load_setup(self.setup)
+        if self.algo not in get_args(Algorithm):
+            raise ValueError(f"algo must be one of {get_args(Algorithm)}, got {self.algo!r}")
+        if self.activation not in ("tanh", "relu"):
+            raise ValueError(f"activation must be tanh or relu, got {self.activation!r}")
         interval("time_weight", self.time_weight, "m/s per s", above=0)
         number("weight_power", self.weight_power, "(no unit)", at_least=0, at_most=1)
         number("learning_rate", self.learning_rate, "(no unit)", above=0)
@@ -164,7 +149,7 @@ class Settings:
     @property
     def environment(self) -> dict[str, Any]:
         """Arguments of the environment."""
-        return {**ENVIRONMENTS[self.preset], "time_weight": list(self.time_weight)}
+        return {**load_setup(self.setup).environment, "time_weight": list(self.time_weight)}
 
     @property
     def training_environment(self) -> dict[str, Any]:
@@ -183,19 +168,38 @@ class Settings:
         return -(-self.steps // self.round) * self.round
 
 
-def settings_by_hand(preset: Preset, algo: Algorithm) -> Settings:
+def settings_by_hand(setup: str, algo: Algorithm) -> Settings:
     """Return what a study begins with."""
-    return replace(Settings(), preset=preset, algo=algo, **OTHERWISE[algo])
+    return replace(Settings(), setup=setup, algo=algo, **OTHERWISE[algo])
 
 
-def default_settings(preset: Preset = "linear-blind", algo: Algorithm = "ppo") -> Settings:
-    """Return the settings of a preset: what its study found, or that of linear-blind, where there is one."""
-    settings = settings_by_hand(preset, algo)
-    studies = (STUDIES / f"{one}-{algo}.json" for one in (preset, "linear-blind"))
-    study = next((path for path in studies if path.is_file()), None)
-    if study:
-        settings = with_changes(settings, json.loads(study.read_text())["best"]["settings"])
-    return settings
+def default_settings(setup: str = "linear-blind", algo: Algorithm | None = None) -> Settings:
+    """Return the settings of a set-up: what its file says, which holds for the algorithm that it names.
+
+    Raises:
+        ValueError: there is no such set-up, or a setting in its file is unknown or out of range; names the file.
+    """
+    there = load_setup(setup)
+    try:
+        return _settings(there, setup, algo)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{there.path}: training: {error}") from error
+
+
+def _settings(there: Setup, setup: str, algo: Algorithm | None) -> Settings:
+    training = {name: value for name, value in there.training.items() if name != "seeds"}
+    its_own = training.pop("algo", "ppo")
+    if its_own not in OTHERWISE:
+        raise ValueError(f"algo must be one of {', '.join(OTHERWISE)}, got {its_own!r}")
+    known("", training, [one.name for one in fields(Settings) if one.name not in ("setup", "seed", "out", "resume")])
+    for group in ("on_policy", "off_policy"):
+        inner = training.get(group, {})
+        if not isinstance(inner, Mapping):
+            raise ValueError(f"{group} must be a table, [training.{group}], got {inner!r}")
+        known(f"{group}.", inner, [one.name for one in fields({"on_policy": OnPolicy, "off_policy": OffPolicy}[group])])
+    if algo not in (None, its_own):
+        return settings_by_hand(setup, algo)
+    return with_changes(settings_by_hand(setup, its_own), training)
 
 
 def with_changes(settings: Any, changes: Mapping[str, Any]) -> Any:
@@ -230,8 +234,8 @@ def from_json(content: Mapping[str, Any]) -> Settings:
 
 def command(settings: Settings) -> str:
     """Return the command that trains with these settings, as short as it can be."""
-    words = ["python", "-m", "agents.train", settings.preset, "--algo", settings.algo]
-    default = _flat(as_json(default_settings(settings.preset, settings.algo)))
+    words = ["python", "-m", "agents.train", settings.setup, "--algo", settings.algo]
+    default = _flat(as_json(default_settings(settings.setup, settings.algo)))
     for name, value in _flat(as_json(settings)).items():
         if value == default[name]:
             continue

@@ -1,4 +1,4 @@
-"""Train a policy: `python -m agents.train [PRESET] --algo ppo`. Writes a run folder and prints its path.
+"""Train a policy: `python -m agents.train [SETUP] --algo ppo`. Writes a run folder and prints its path.
 
 The folder holds `config.json` (settings, versions, command), `progress.csv` and events for TensorBoard, `best.npz` (the
 policy that did best on the validation set) and `final.npz`, `metrics.json`, and until the end `checkpoint.npz`, from
@@ -44,7 +44,7 @@ def train(settings: Settings, told: Told | None = None) -> Path:
     if settings.resume:
         return resume(settings.resume, told)
     stamp = datetime.now(UTC).strftime("%Y%m%d-%H%M%S")
-    folder = settings.out or Path("runs") / f"{stamp}-{settings.preset}-{settings.algo}-seed{settings.seed}"
+    folder = settings.out or Path("runs") / f"{stamp}-{Path(settings.setup).stem}-{settings.algo}-seed{settings.seed}"
     folder.mkdir(parents=True)
     write_json(folder / "config.json", provenance(settings))
     return resume(folder, told)
@@ -113,7 +113,10 @@ def _configuration(folder: Path) -> tuple[dict[str, Any], Settings]:
     path = folder / "config.json"
     try:
         record = json.loads(path.read_text())
-        return record, from_json(record["settings"])
+        settings = from_json(record["settings"])
+        if record["environment"] != json.loads(json.dumps(settings.environment)):
+            raise ValueError(f"the set-up {settings.setup} has changed since")
+        return record, settings
     except (OSError, LookupError, TypeError, AttributeError, ValueError) as error:
         raise ValueError(f"{folder} holds no run that this version can go on with: {error}") from error
 
@@ -142,6 +145,7 @@ def provenance(settings: Settings) -> dict[str, Any]:
     return {
         "command": command(settings),
         "settings": as_json(settings),
+        "environment": settings.environment,
         "versions": {"python": platform.python_version()} | {name: version(name) for name in PACKAGES},
         **revision(),
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -149,7 +153,7 @@ def provenance(settings: Settings) -> dict[str, Any]:
 
 
 def read_settings(arguments: list[str]) -> Settings:
-    """Return the settings that a command line asks for; the preset and the algorithm decide what the others are.
+    """Return the settings that a command line asks for; the set-up and the algorithm decide what the others are.
 
     Raises:
         ValueError: something beside the folder to resume.
@@ -161,9 +165,9 @@ def read_settings(arguments: list[str]) -> Settings:
             if replace(settings, resume=None) != default_settings():
                 raise ValueError("--resume takes its settings from the run: give nothing else")
             return settings
-        if (settings.preset, settings.algo) == (default.preset, default.algo):
+        if (settings.setup, settings.algo) == (default.setup, default.algo):
             return settings
-        default = default_settings(settings.preset, settings.algo)
+        default = default_settings(settings.setup, settings.algo if settings.algo != default.algo else None)
 
 
 def main() -> None:

@@ -16,10 +16,11 @@ import tyro
 from tqdm import tqdm
 
 from agents.baselines.rule import Floats
-from agents.baselines.tuned import environment_of, load_baseline
+from agents.baselines.tuned import load_baseline
 from agents.clairvoyance import SCENARIOS, clairvoyant_bound
 from agents.evaluation import Controller, Episodes, Stage
 from agents.policy import SHIPPED, Policy, load_policy
+from agents.setups import load_setup
 from agents.validation import WEIGHTS
 from experiments.bars_table import BOUND, Bar, Row, markdown
 from experiments.results import REPORTS, circumstances, whole_folder
@@ -27,17 +28,11 @@ from experiments.statistics import Estimate, Resamples, estimate
 from impact_gym.envs import evaluation_sets
 from impact_gym.validation import whole
 
-PRESETS = ("linear-blind", "linear-ranged", "bistable-blind")
+SETUPS = ("linear-blind", "linear-ranged", "bistable-blind")
 PAPER = "paper-trapezoid"
 REACHED = {"linear-blind": 0.40, "linear-ranged": 0.12}
 """V_p over that of the paper's rule at an approach no later, at most; bistable-blind is measured against linear-blind.
 """
-RIVALS = {
-    "linear-blind": ("blind-profile", "constant-deceleration", "constant-speed", "random"),
-    "linear-ranged": ("ranged", "blind-profile", "constant-speed"),
-    "bistable-blind": ("bistable-blind-profile", "bistable-constant-speed"),
-}
-"""Baselines beside the paper's rule; the bar is set by the best of them at each weight."""
 HALVINGS = 8  # of that range's logarithm, so a weight is found to 1 %
 
 
@@ -52,7 +47,7 @@ class Settings:
     clairvoyant: int = SCENARIOS
     """Scenarios of the bound; 0 leaves it out."""
     policies: Path = SHIPPED
-    """Folder of the policies: PRESET/seed-K.npz, or PRESET.npz where there are no seeds."""
+    """Folder of the policies: SETUP/seed-K.npz, or SETUP.npz where there are no seeds."""
     out: Path = REPORTS / "bars"
     """Folder for the tables; one that an earlier run wrote is replaced."""
 
@@ -72,18 +67,20 @@ class Study:
         self.bars: list[Bar] = []
         self._bounds: dict[tuple[str, float], Episodes] = {}
 
-    def play(self, preset: str, name: str, controller: Controller, weight: float) -> Episodes:
+    def play(self, setup: str, name: str, controller: Controller, weight: float) -> Episodes:
         """Play one controller at one weight and keep the means."""
-        stage = Stage.of(self.settings.frozen, self.settings.scenarios, time_weight=[weight], **environment_of(preset))
+        stage = Stage.of(
+            self.settings.frozen, self.settings.scenarios, time_weight=[weight], **load_setup(setup).environment
+        )
         played = stage.play(controller)
-        self.keep(preset, name, weight, played)
+        self.keep(setup, name, weight, played)
         return played
 
-    def keep(self, preset: str, name: str, weight: float, played: Episodes) -> None:
+    def keep(self, setup: str, name: str, weight: float, played: Episodes) -> None:
         """Keep the means of what was played."""
         self.rows.append(
             Row(
-                preset,
+                setup,
                 name,
                 weight,
                 scenarios=len(played.missed),
@@ -94,57 +91,57 @@ class Study:
             )
         )
 
-    def no_later(self, preset: str, name: str, policy: Policy, limit: float) -> Episodes | None:
+    def no_later(self, setup: str, name: str, policy: Policy, limit: float) -> Episodes | None:
         """Play a policy at the lowest weight at which its mean approach takes no longer than `limit` (s).
 
         None where it takes longer at every weight. Bisection: the time falls as the weight rises.
         """
         low, high = policy.environment["time_weight"]
-        if (played := self.play(preset, name, policy, low)).approach_time.mean() <= limit:
+        if (played := self.play(setup, name, policy, low)).approach_time.mean() <= limit:
             return played
-        found = self.play(preset, name, policy, high)
+        found = self.play(setup, name, policy, high)
         if found.approach_time.mean() > limit:
             return None
         for _ in range(HALVINGS):
             middle = math.sqrt(low * high)
-            played = self.play(preset, name, policy, middle)
+            played = self.play(setup, name, policy, middle)
             if played.approach_time.mean() <= limit:
                 high, found = middle, played
             else:
                 low = middle
         return found
 
-    def measure(self, preset: str, seeds: dict[str, Policy], reference: Episodes | None) -> Episodes | None:
-        """Measure the bars of one preset; return its median seed at an approach no later than the paper's rule.
+    def measure(self, setup: str, seeds: dict[str, Policy], reference: Episodes | None) -> Episodes | None:
+        """Measure the bars of one setup; return its median seed at an approach no later than the paper's rule.
 
         `reference` is what V_p is measured against instead of the paper's rule.
         """
-        middle = median(seeds)
-        papers = [self.play(preset, PAPER, load_baseline(PAPER), weight) for weight in WEIGHTS]  # all the same
+        middle, others = median(seeds), load_setup(setup).against
+        papers = [self.play(setup, PAPER, load_baseline(PAPER), weight) for weight in WEIGHTS]  # all the same
         rivals = {
-            (name, weight): self.play(preset, name, load_baseline(name, weight), weight)
-            for name in RIVALS[preset]
+            (name, weight): self.play(setup, name, load_baseline(name, weight), weight)
+            for name in others
             for weight in WEIGHTS
         }
         against, whom = (papers[0], "the paper's rule") if reference is None else (reference, "linear-blind")
         limit = float(against.approach_time.mean())
         early: dict[str, Episodes | None] = {}
         at: dict[tuple[str, float], Episodes] = {}
-        for name, policy in tqdm(seeds.items(), desc=preset, unit="seed", disable=None):
-            early[name] = self.no_later(preset, name, policy, limit)
-            at |= {(name, weight): self.play(preset, name, policy, weight) for weight in WEIGHTS}
+        for name, policy in tqdm(seeds.items(), desc=setup, unit="seed", disable=None):
+            early[name] = self.no_later(setup, name, policy, limit)
+            at |= {(name, weight): self.play(setup, name, policy, weight) for weight in WEIGHTS}
 
         def bar(what: str, limit: float, pairs: dict[str, tuple[Floats, Floats] | None]) -> None:
             interval = ratio(pairs[middle])
-            self.bars.append(Bar(preset, what, limit, middle, interval, {name: _ratio(p) for name, p in pairs.items()}))
+            self.bars.append(Bar(setup, what, limit, middle, interval, {name: _ratio(p) for name, p in pairs.items()}))
 
         bar(
             f"V_p over that of {whom}, at an approach of at most {limit:.4f} s",
-            REACHED.get(preset, 1.0),
+            REACHED.get(setup, 1.0),
             {name: (one.object_velocity, against.object_velocity) if one else None for name, one in early.items()},
         )
         for weight in WEIGHTS:
-            name = min(RIVALS[preset], key=lambda name: rivals[name, weight].loss(weight).mean())
+            name = min(others, key=lambda name: rivals[name, weight].loss(weight).mean())
             best = rivals[name, weight].loss(weight)
             bar(f"V_p + w T over that of {name}, w = {weight:g}", 1.0,
                 {seed: (at[seed, weight].loss(weight), best) for seed in seeds})  # fmt: skip
@@ -152,36 +149,39 @@ class Study:
             name: float(sum(one.missed.sum() for one in (early[name], *(at[name, w] for w in WEIGHTS)) if one))
             for name in seeds
         }
-        self.bars.append(Bar(preset, "objects missed in all of these", 0.0, middle, None, missed))
+        self.bars.append(Bar(setup, "objects missed in all of these", 0.0, middle, None, missed))
         for weight in WEIGHTS if self.settings.clairvoyant else ():
-            self.bound(preset, weight, {middle: at[middle, weight], **{n: rivals[n, weight] for n in RIVALS[preset]}})
+            self.bound(
+                setup, weight, {middle: at[middle, weight], **{n: rivals[n, weight] for n in load_setup(setup).against}}
+            )
         return early[middle]
 
-    def bound(self, preset: str, weight: float, others: dict[str, Episodes]) -> None:
+    def bound(self, setup: str, weight: float, others: dict[str, Episodes]) -> None:
         """Keep what one that knows each scenario reaches, and beside it `others` on these scenarios."""
         count, frozen = self.settings.clairvoyant, self.settings.frozen
-        without_estimate = "linear-blind" if preset == "linear-ranged" else preset  # it knows better: the same bound
-        if (without_estimate, weight) not in self._bounds:
-            print(f"{preset}: the bound at {weight:g}", flush=True)
-            self._bounds[without_estimate, weight] = clairvoyant_bound(without_estimate, weight, frozen, count)
-        self.keep(preset, BOUND, weight, self._bounds[without_estimate, weight])
+        bound = load_setup(setup).bound
+        if (bound, weight) not in self._bounds:
+            print(f"{setup}: the bound at {weight:g}", flush=True)
+            self._bounds[bound, weight] = clairvoyant_bound(bound, weight, frozen, count)
+        self.keep(setup, BOUND, weight, self._bounds[bound, weight])
         for name, played in others.items():
-            self.keep(preset, name, weight, played.first(count))
+            self.keep(setup, name, weight, played.first(count))
 
 
-def policies(preset: str, folder: Path) -> dict[str, Policy]:
-    """Return the seeds of a preset by name, or the one policy that is there, or none.
+def policies(setup: str, folder: Path) -> dict[str, Policy]:
+    """Return the seeds of a setup by name, or the one policy that is there, or none.
 
     Raises:
-        ValueError: one was trained in another environment than the preset's.
+        ValueError: one was trained in another environment than the setup's.
     """
-    paths = sorted((folder / preset).glob("seed-*.npz"), key=lambda path: int(path.stem.removeprefix("seed-")))
-    shipped = folder / f"{preset}.npz"
+    paths = sorted((folder / setup).glob("seed-*.npz"), key=lambda path: int(path.stem.removeprefix("seed-")))
+    shipped = folder / f"{setup}.npz"
     found = {path.stem: load_policy(path) for path in paths or [shipped] if path.is_file()}
     for name, policy in found.items():
         trained_in = {field: value for field, value in policy.environment.items() if field != "time_weight"}
-        if trained_in != environment_of(preset):
-            raise ValueError(f"{preset}, {name}: trained in {trained_in}, the preset is {environment_of(preset)}")
+        if not load_setup(setup).is_of(trained_in):
+            there = dict(load_setup(setup).environment)
+            raise ValueError(f"{setup}, {name}: trained in {trained_in}, the set-up is {there}")
     return found
 
 
@@ -210,17 +210,17 @@ def write(settings: Settings) -> tuple[Path, str]:
     """Measure, write the folder, and return its path and the table."""
     study = Study(settings)
     blind = None
-    there = {preset: policies(preset, settings.policies) for preset in PRESETS}
-    for preset, seeds in there.items():
+    there = {setup: policies(setup, settings.policies) for setup in SETUPS}
+    for setup, seeds in there.items():
         if not seeds:
-            print(f"{preset} is left out: {settings.policies} holds no policy of it")
+            print(f"{setup} is left out: {settings.policies} holds no policy of it")
             continue
-        found = study.measure(preset, seeds, blind if preset == "bistable-blind" else None)
-        blind = found if preset == "linear-blind" else blind
+        found = study.measure(setup, seeds, blind if setup == "bistable-blind" else None)
+        blind = found if setup == "linear-blind" else blind
     about = {
         "command": shlex.join(["python", "-m", "experiments.bars", *sys.argv[1:]]),
         "set": f"{settings.frozen}, its first {settings.scenarios} scenarios",
-        "left out": [preset for preset, seeds in there.items() if not seeds],
+        "left out": [setup for setup, seeds in there.items() if not seeds],
         **circumstances("impact-gym", "numpy", "scipy"),
     }
     page = markdown(study.bars, [row for row in study.rows if row.time_weight in WEIGHTS], about)

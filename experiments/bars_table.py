@@ -10,7 +10,7 @@ from experiments.statistics import CONFIDENCE, RESAMPLES, Estimate
 
 BOUND = "clairvoyant"
 HEAD = (
-    *("preset", "controller", "w [m/s per s]", "scenarios", "V_p + w T [m/s]", "V_p [m/s]", "T [s]"),
+    *("setup", "controller", "w [m/s per s]", "scenarios", "V_p + w T [m/s]", "V_p [m/s]", "T [s]"),
     *("above the bound [m/s]", "missed"),
 )
 
@@ -18,7 +18,7 @@ HEAD = (
 class Row(NamedTuple):
     """Means of one controller at one time weight."""
 
-    preset: str
+    setup: str
     controller: str
     time_weight: float  # m/s per s
     scenarios: int
@@ -32,7 +32,7 @@ class Row(NamedTuple):
 class Bar:
     """What was to be reached, and what each seed reached; less is better."""
 
-    preset: str
+    setup: str
     what: str
     limit: float  # at most
     chosen: str  # the median seed by validation score
@@ -64,7 +64,7 @@ def markdown(bars: Sequence[Bar], rows: Sequence[Row], about: Mapping[str, Any])
         f"Intervals: {100 * CONFIDENCE:g} % of a paired bootstrap over scenarios, {RESAMPLES:,} resamples.",
         "",
         *_table(
-            ("preset", "what", "at most", "median seed", "interval", "seeds: least", "middle", "most", "meet it", ""),
+            ("setup", "what", "at most", "median seed", "interval", "seeds: least", "middle", "most", "meet it", ""),
             map(_bar, bars),
         ),
         "",
@@ -85,20 +85,20 @@ def _bar(bar: Bar) -> tuple[str, ...]:
     meet = f"{sum(value <= bar.limit for value in values)} of {len(values)}"
     chosen = f"{bar.value:.4f} ({bar.chosen})"
     spread = (f"{min(values):.4f}", f"{median(values):.4f}", f"{max(values):.4f}")
-    return bar.preset, bar.what, f"{bar.limit:.2f}", chosen, interval, *spread, meet, bar.verdict
+    return bar.setup, bar.what, f"{bar.limit:.2f}", chosen, interval, *spread, meet, bar.verdict
 
 
 def _row(row: Row, rows: Sequence[Row]) -> tuple[str, ...]:
     means = (f"{value:.4f}" for value in (row.loss, row.object_velocity, row.approach_time))
     same = [one for one in rows if one.controller == BOUND and one[:1] + one[2:4] == row[:1] + row[2:4]]
     above = f"{row.loss - same[0].loss:.4f}" if same else ""
-    return row.preset, row.controller, f"{row.time_weight:.4g}", str(row.scenarios), *means, above, str(row.missed)
+    return row.setup, row.controller, f"{row.time_weight:.4g}", str(row.scenarios), *means, above, str(row.missed)
 
 
 def _once(rows: Sequence[Row]) -> list[Row]:
     """Rows without repetition, in an order that puts beside one another what is to be compared."""
-    presets = list(dict.fromkeys(row.preset for row in rows))
-    return sorted(set(rows), key=lambda row: (presets.index(row.preset), row.scenarios, row.time_weight, row.loss))
+    setups = list(dict.fromkeys(row.setup for row in rows))
+    return sorted(set(rows), key=lambda row: (setups.index(row.setup), row.scenarios, row.time_weight, row.loss))
 
 
 def _table(head: Sequence[str], body: Iterable[Sequence[str]]) -> list[str]:

@@ -23,7 +23,7 @@ import tyro
 
 from agents.jobs import Job, Result, gather
 from agents.jobs.evaluations import RESULTS, play
-from agents.settings import ENVIRONMENTS
+from agents.setups import load_setup
 from experiments.results import REPORTS, circumstances, whole_folder
 from impact_gym.envs import IDS
 from impact_gym.envs.scenario import FIELDS as SCENARIO
@@ -170,7 +170,7 @@ def growth(settings: Settings) -> dict[str, dict[str, float]]:
             "rigid": IDS["ImpactApproachRigid-v0"],
             "spring and damper (the default)": spring,
             "bistable, the paper's": IDS["ImpactApproachBistable-v0"],
-            "bistable, for slow touches": ENVIRONMENTS["bistable-blind"],
+            "bistable, for slow touches": dict(load_setup("bistable-blind").environment),
         },
         "robot, with the default coupling": {
             "rigid (the default)": spring,

@@ -43,7 +43,7 @@ class Settings:
     """Your own policies instead: files, run folders or names of shipped ones, each against its baselines."""
     baseline: tuple[str, ...] = ()
     """Baselines beside the paper's rule for them: names of tuned ones, or module:object for anything with `predict`, or
-    for a function or class that returns it; it must be importable. Default: those of the preset of the policy."""
+    for a function or class that returns it; it must be importable. Default: those of the set-up of the policy."""
     scenarios: str = "test"
     """A frozen set by name or file (CSV), or a JSON file {"ranges": {...}, "seed": s, "count": n, "environment": {...}}
     of which all may be left out; the environment holds arguments of gym.make, your tool and coupling."""

@@ -11,10 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from agents.baselines.tuned import FIXED, TUNABLE, environment_of
+from agents.baselines.tuned import FIXED
+from agents.baselines.tuned import names as tuned_names
 from agents.controllers import baseline_checksum, controller_of, try_out
 from agents.jobs import digest_of
 from agents.policy import SHIPPED, Policy, load_policy
+from agents.setups import Setup, load_setup, same_environment
+from agents.setups import shipped as shipped_setups
 from agents.validation import WEIGHTS
 from impact_gym.envs import evaluation_sets, observation
 from impact_gym.envs.scenario import FIELDS, ScenarioRanges
@@ -26,18 +29,7 @@ POLICY = "learned policy"
 CURVE = (0.3, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0)
 """Time weights (m/s per s) at which a policy is played, as far as it was trained for them."""
 TYPICAL = 2.0  # m/s per s, where one weight must do
-PRESETS = ("linear-blind", "linear-ranged", "bistable-blind")
-RIVALS = {
-    "linear-blind": ("blind-profile", "constant-deceleration", "constant-speed"),
-    "linear-ranged": ("ranged", "blind-profile", "constant-speed"),
-    "bistable-blind": ("bistable-blind-profile", "bistable-constant-speed"),
-}
-"""Baselines tuned for each weight; the first is the one that a policy has to beat."""
-NOTES = {
-    "linear-blind": "tool on a spring and damper, no idea where the object stands",
-    "linear-ranged": "the same with an estimate of the distance, good to 10 mm, which the paper's rule does not use",
-    "bistable-blind": "tool on a bistable mechanism, no idea where the object stands",
-}
+FIRST = ("linear-blind", "linear-ranged", "bistable-blind")  # in the order of the README
 Environment = Mapping[str, Any]
 
 
@@ -81,25 +73,30 @@ class Arena:
 
 
 def shipped(scenarios: Mapping[str, Any], folder: Path = SHIPPED) -> list[Arena]:
-    """Return an arena for each preset whose policies are there."""
+    """Return an arena for each shipped set-up whose policies are there."""
     found = []
-    for preset in PRESETS:
-        paths = sorted((folder / preset).glob("seed-*.npz"), key=lambda path: int(path.stem.removeprefix("seed-")))
-        if not paths:
-            continue
+    for setup in setups_with_policies(folder):
+        name = setup.name
+        paths = sorted((folder / name).glob("seed-*.npz"), key=lambda path: int(path.stem.removeprefix("seed-")))
         seeds = tuple(policy(path.stem, path) for path in paths)
-        chosen = f"seed-{json.loads((folder / preset / 'seeds.json').read_text())['median']}"
-        about = load_policy(folder / preset / f"{chosen}.npz").provenance
-        rivals = baselines(RIVALS[preset], environment_of(preset))
-        found.append(Arena(preset, environment_of(preset), seeds, chosen, rivals, scenarios, about, NOTES[preset]))
+        chosen = f"seed-{json.loads((folder / name / 'seeds.json').read_text())['median']}"
+        about = load_policy(folder / name / f"{chosen}.npz").provenance
+        rivals = baselines(setup.against, setup.environment)
+        found.append(Arena(name, setup.environment, seeds, chosen, rivals, scenarios, about, setup.about))
     return found
+
+
+def setups_with_policies(folder: Path = SHIPPED) -> list[Setup]:
+    """Return the shipped set-ups of which seeds are in `folder`, those named in FIRST before the others."""
+    there = [name for name in shipped_setups() if any((folder / name).glob("seed-*.npz"))]
+    return [load_setup(name) for name in sorted(there, key=(*FIRST, *there).index)]
 
 
 def own(paths: Sequence[str], names: Sequence[str], scenarios: Mapping[str, Any], changes: Environment) -> list[Arena]:
     """Return an arena for each policy, by name or file, against the paper's rule and `names`.
 
-    Without `names` it meets the baselines of the preset that it was trained for, if it was one. `changes` are arguments
-    of the environment that differ from the policy's own.
+    Without `names` it meets the baselines of the set-up that it was trained for, if that is shipped. `changes` are
+    arguments of the environment that differ from the policy's own.
 
     Raises:
         ValueError: a policy sees other things than this environment shows, or is asked for twice.
@@ -111,22 +108,22 @@ def own(paths: Sequence[str], names: Sequence[str], scenarios: Mapping[str, Any]
         trained_in = {name: value for name, value in loaded.environment.items() if name != "time_weight"}
         environment = {**trained_in, **changes}
         Policy(loaded.network, {**environment, "time_weight": TYPICAL}, {})  # raises where they do not fit
-        preset = preset_of(trained_in)
+        setup = setup_of(trained_in)
         name = slug(Path(path).parent.name if Path(path).name in ("best.npz", "final.npz") else Path(path).stem)
         if any(one.name == name for one in found):
             raise ValueError(f"two policies would be called {name!r}: give them files or folders of different names")
         note = f"your policy {name}"
-        if preset and environment != trained_in:
-            note += f"; its baselines were tuned for {preset}, not for this environment"
-        rivals = baselines(names or (RIVALS[preset] if preset else ()), environment)
+        if setup and not same_environment(environment, trained_in):
+            note += f"; its baselines were tuned for {setup.name}, not for this environment"
+        rivals = baselines(names or (setup.against if setup else ()), environment)
         seed = policy(name, file)
         found.append(Arena(name, environment, (seed,), seed.name, rivals, scenarios, loaded.provenance, note))
     return found
 
 
-def preset_of(environment: Environment) -> str | None:
-    """Return the preset that has this environment."""
-    return next((one for one in PRESETS if environment_of(one) == environment), None)
+def setup_of(environment: Environment) -> Setup | None:
+    """Return the shipped set-up that has this environment."""
+    return next((one for one in map(load_setup, shipped_setups()) if one.is_of(environment)), None)
 
 
 def policy(name: str, path: Path) -> Contestant:
@@ -151,14 +148,14 @@ def baselines(names: Sequence[str], environment: Environment) -> tuple[Contestan
         raise ValueError(f"baselines must differ, and the paper's rule is there anyway; got {list(names)}")
     shown = np.zeros((2, len(observation.entries(Task(**environment)))), np.float32)
     for name in names:
-        if ":" in name or name not in {*TUNABLE, *FIXED}:
+        if ":" in name or name not in {*tuned_names(), *FIXED}:
             spec: dict[str, Any] = {"object": name}
             try_out(name, controller_of(spec, TYPICAL), shown)  # raises now, not in a worker
             checksum = digest_of(name.partition(":")[0])
         else:
             checksum = baseline_checksum(name)
             spec = {"baseline": name, "sha256": checksum}
-        found.append(Contestant(name, spec, WEIGHTS if name in TUNABLE else (TYPICAL,), checksum))
+        found.append(Contestant(name, spec, WEIGHTS if name in tuned_names() else (TYPICAL,), checksum))
     return tuple(found)
 
 

@@ -15,7 +15,7 @@ from agents.jobs import Job, digest_of, gather
 from agents.jobs.evaluations import RESULTS
 from agents.validation import WEIGHTS
 from experiments.reference.task import SERVED
-from experiments.report.arenas import PAPER, Arena, preset_of
+from experiments.report.arenas import PAPER, Arena, setup_of
 from experiments.report.robustness import VARIANTS
 from impact_gym.envs.scenario import FIELDS
 from impact_gym.envs.task import MISSED_COST, Task
@@ -183,13 +183,12 @@ def _asked(number: int, arena: Arena, depends: str) -> Iterator[_Asked]:
         yield ask("baselines", one.name, "play", one.controller, scenarios=scenarios, weights=weights)
     for speed in SPEEDS:
         yield ask("family", f"{speed:g} m/s", "play", {"speed": speed}, scenarios=scenarios, weights=[typical])
-    preset = preset_of(environment)
-    preset = "linear-blind" if preset == "linear-ranged" else preset  # an estimate adds nothing to what it knows
-    known = shipped_scenarios(preset) if preset else 0
-    if known and scenarios.get("set") == FROZEN and scenarios["count"] >= known:
+    setup = setup_of(environment)
+    known = shipped_scenarios(setup.bound) if setup else 0
+    if setup and known and scenarios.get("set") == FROZEN and scenarios["count"] >= known:
         privileged = {**environment, "privileged": True}
         arguments = {"environment": privileged, "scenarios": _first(scenarios, known), "weights": list(WEIGHTS)}
-        yield ask("bound", None, "play", {"clairvoyant": preset}, **arguments)
+        yield ask("bound", None, "play", {"clairvoyant": setup.bound}, **arguments)
     rivals = {one.name: one for one in (arena.baselines[0], arena.rival, arena.policy)}.values()
     for variant in VARIANTS:
         changed = variant.environment(environment)

@@ -12,10 +12,11 @@ from agents.baselines import BlindProfile, Clairvoyant, ConstantSpeed, Ranged
 from agents.baselines.profile import KNOTS, ConstantDeceleration, constant_deceleration
 from agents.baselines.reaction import REACTION
 from agents.baselines.rule import Seen
-from agents.baselines.tuned import TUNABLE, TUNED, load_baseline, read_tuned, write_tuned
+from agents.baselines.tuned import load_baseline, names, read_tuned, write_tuned
 from agents.clairvoyance import clairvoyant_bound
 from agents.evaluation import TUNING_SEED, VALIDATION_SEED, Stage, evaluate
 from agents.settings import FIRST_SEED
+from agents.setups import load_setup
 from agents.validation import WEIGHTS, Validation
 from impact_gym.envs import evaluation_sets
 from impact_gym.envs.observation import space
@@ -189,7 +190,7 @@ def found(rule, seed):
 
 def test_what_was_tuned_is_loaded_for_the_nearest_weight(tmp_path):
     weights = {"4": found(BlindProfile, 4), "1": found(BlindProfile, 1)}
-    write_tuned("blind-profile", weights, tmp_path)
+    write_tuned("blind-profile", weights, load_setup("linear-blind"), tmp_path)
     for weight, nearest in ((0.1, "1"), (1.0, "1"), (1.9, "1"), (2.1, "4"), (50.0, "4")):
         rule = load_baseline("blind-profile", weight, tmp_path)
         assert isinstance(rule, BlindProfile)
@@ -199,7 +200,7 @@ def test_what_was_tuned_is_loaded_for_the_nearest_weight(tmp_path):
 
 @pytest.mark.parametrize("damage", ["altered", "cut short", "another environment", "other limits", "missing"])
 def test_a_tuned_file_that_is_not_what_was_written_is_refused_with_the_remedy(tmp_path, damage):
-    path = write_tuned("ranged", {"2": found(Ranged, 1)}, tmp_path)
+    path = write_tuned("ranged", {"2": found(Ranged, 1)}, load_setup("linear-ranged"), tmp_path)
     text = path.read_text()
     content = json.loads(text)
     if damage == "missing":
@@ -220,7 +221,7 @@ def test_a_tuned_file_that_is_not_what_was_written_is_refused_with_the_remedy(tm
         "other limits": "another table of parameters",
         "missing": "was not tuned",
     }[damage]
-    with pytest.raises(ValueError, match=rf"({reason}).*python -m agents.tune ranged"):
+    with pytest.raises(ValueError, match=rf"({reason}).*python -m agents.tune linear-ranged"):
         load_baseline("ranged", 2.0, tmp_path)
 
 
@@ -239,10 +240,8 @@ def test_an_unknown_baseline_is_refused_with_a_list_of_those_there_are():
         load_baseline("ranged", 0.0)
 
 
-@pytest.mark.parametrize("name", [name for name in TUNABLE if not name.startswith("rigid")])
+@pytest.mark.parametrize("name", names())
 def test_a_shipped_baseline_beats_the_papers_rule_at_its_weight_and_misses_nothing(name):
-    if not (TUNED / f"{name}.json").is_file():
-        pytest.skip("not tuned yet: make tune")
     content = read_tuned(name)
     environment = content["environment"]
     for weight in map(float, content["weights"]):

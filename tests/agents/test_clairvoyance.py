@@ -4,26 +4,22 @@ import numpy as np
 import pytest
 
 from agents import clairvoyance
-from agents.baselines.tuned import TUNED, environment_of, load_baseline
-from agents.clairvoyance import FROZEN, PRESETS, Wanted, load_clairvoyant, search_all
+from agents.baselines.tuned import TUNED, load_baseline
+from agents.clairvoyance import FROZEN, SETUPS, Wanted, load_clairvoyant, search_all
 from agents.evaluation import Stage
+from agents.setups import load_setup
 from agents.validation import WEIGHTS
-
-RIVALS = {
-    "linear-blind": ("blind-profile", "constant-deceleration", "constant-speed"),
-    "bistable-blind": ("bistable-blind-profile", "bistable-constant-speed"),
-}
 
 
 @pytest.mark.parametrize("weight", WEIGHTS)
-@pytest.mark.parametrize("preset", PRESETS)
-def test_the_shipped_bound_is_below_every_baseline(preset, weight):
-    if not (TUNED / f"clairvoyant-{preset}.npz").is_file():
+@pytest.mark.parametrize("setup", SETUPS)
+def test_the_shipped_bound_is_below_every_baseline(setup, weight):
+    if not (TUNED / f"clairvoyant-{setup}.npz").is_file():
         pytest.skip("not searched yet: make tune")
-    bound = load_clairvoyant(preset, weight)
-    count, options = len(bound.parameters), {"time_weight": [weight], **environment_of(preset)}
+    bound = load_clairvoyant(setup, weight)
+    count, options = len(bound.parameters), {"time_weight": [weight], **load_setup(setup).environment}
     known = Stage.of(FROZEN, count, privileged=True, **options).play(bound).loss(weight)
-    for name in RIVALS[preset]:
+    for name in load_setup(setup).against:
         blind = Stage.of(FROZEN, count, **options).play(load_baseline(name, weight)).loss(weight)
         assert known.mean() < blind.mean()
         assert np.mean(known < blind) > 0.9  # in single scenarios a search may end in the wrong valley

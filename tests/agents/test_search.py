@@ -6,7 +6,7 @@ from operator import attrgetter
 import pytest
 from training import tiny
 
-from agents import many, search, settings
+from agents import many, search
 from agents.many import Many, median, train_all
 from agents.policy import load_policy
 from agents.search import SPACES, Search
@@ -19,8 +19,7 @@ class Stopped(BaseException):
 
 @pytest.fixture
 def small(tmp_path, monkeypatch):
-    monkeypatch.setattr(search, "settings_by_hand", lambda preset, algo: tiny(algo, preset=preset))
-    monkeypatch.setattr(settings, "STUDIES", tmp_path / "studies")
+    monkeypatch.setattr(search, "settings_by_hand", lambda setup, algo: tiny(algo, setup=setup))
     return Search(
         trials=3,
         steps=1024,
@@ -31,7 +30,7 @@ def small(tmp_path, monkeypatch):
     )
 
 
-def test_a_search_that_was_stopped_goes_on_and_training_takes_what_it_found(small, monkeypatch):
+def test_a_search_that_was_stopped_goes_on_and_a_set_up_takes_what_it_found(small, monkeypatch):
     started, original = [], search.train
 
     def train(chosen, told):
@@ -56,10 +55,12 @@ def test_a_search_that_was_stopped_goes_on_and_training_takes_what_it_found(smal
     complete = [trial for trial in trials if trial["state"] == "complete"]
     best = min(complete, key=lambda trial: trial["score"])
     assert summary["best"]["score"] == best["score"]
-    found = default_settings("bistable-blind", "ppo")
+    own = small.journals.parent / "own.toml"
+    own.write_text(search.training_table(summary["best"]["settings"]))
+    found = default_settings(str(own))
     assert found.learning_rate == best["parameters"]["learning_rate"]
     assert found.on_policy.epochs == best["parameters"]["on_policy.epochs"]
-    assert found.preset == "bistable-blind"
+    assert found.setup == str(own)
     assert search.search(small) == path
     assert len(started) == 4
     assert [file.suffix for file in small.journals.iterdir()] == [".journal"]

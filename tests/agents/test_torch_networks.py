@@ -57,9 +57,9 @@ def test_a_layer_behind_the_standard_is_the_same_layer():
     assert behind_standard(gates, names)(both) == pytest.approx(expected, rel=0, abs=2e-5)
 
 
-@pytest.mark.parametrize("preset", ["linear-blind", "linear-ranged"])
-def test_what_acts_does_not_see_the_scenario_and_what_judges_does(preset):
-    settings = tiny(preset=preset)
+@pytest.mark.parametrize("setup", ["linear-blind", "linear-ranged"])
+def test_what_acts_does_not_see_the_scenario_and_what_judges_does(setup):
+    settings = tiny(setup=setup)
     model = make_model(settings, make_environment(settings))
     count = len(entry_names(settings.environment))
     seen = torch.as_tensor(model.env.reset())

@@ -20,6 +20,7 @@ from agents.evaluation import TEST_SEED, VALIDATION_SEED, evaluate
 from agents.models import EvenRewards, make_environment
 from agents.networks import to_arrays
 from agents.settings import FIRST_SEED, SLOTS, OffPolicy, OnPolicy, Settings, command, default_settings
+from agents.setups import shipped
 from agents.train import read_settings, train
 from agents.validation import WEIGHTS, Validation, velocity_at
 from impact_gym.envs.task import coupling_from
@@ -214,16 +215,16 @@ def test_rewards_are_divided_by_a_power_of_one_plus_the_weight_of_their_episode(
     assert ended_once > 30
 
 
-def test_the_preset_and_the_algorithm_decide_the_defaults():
+def test_the_set_up_and_the_algorithm_decide_the_defaults():
     assert read_settings([]) == default_settings("linear-blind", "ppo")
     ranged = read_settings(["linear-ranged", "--algo", "sac", "--off-policy.tau", "0.01"])
     default = default_settings("linear-ranged", "sac")
     assert ranged == replace(default, off_policy=replace(default.off_policy, tau=0.01))
     assert ranged.environment["range_noise"] == 0.01
     assert read_settings(["bistable-blind"]).environment["coupling"]["type"] == "Bistable"
-    for preset in ("linear-blind", "linear-ranged", "bistable-blind"):
-        envs = make_environment(replace(default_settings(preset), envs=2))
-        assert envs.observation_space.shape == ((9 if preset == "linear-ranged" else 8) + 5,)
+    for setup in shipped():
+        envs = make_environment(replace(default_settings(setup), envs=2))
+        assert envs.observation_space.shape == ((9 if setup == "linear-ranged" else 8) + 5,)
     with pytest.raises(ValueError, match="give nothing else"):
         read_settings(["--resume", "there", "--steps", "5"])
 
@@ -242,7 +243,7 @@ def test_the_command_that_is_kept_asks_for_the_same_settings():
     ({"steps": 0}, "steps.*at least 1"),
     ({"batch": 1}, "batch.*at least 2"),
     ({"seed": -1}, "seed.*at least 0"),
-    ({"preset": "cubic"}, "preset must be one of"),
+    ({"setup": "cubic"}, "no set-up 'cubic'.*linear-blind"),
     ({"algo": "dqn"}, "algo must be one of"),
     ({"time_weight": (2.0, 1.0)}, "time_weight.*inverted"),
     ({"weight_power": 2.0}, "weight_power.*at most 1"),

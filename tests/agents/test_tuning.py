@@ -2,6 +2,7 @@
 
 import json
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from agents.baselines import ConstantSpeed
 from agents.baselines.rule import Parameter
 from agents.baselines.tuned import load_baseline, read_tuned
 from agents.search_rules import minimise
+from agents.setups import load_setup
 from agents.tune import Tune, tune
 
 SPACE = (
@@ -60,7 +62,14 @@ class Stopped(BaseException):
 def small(tmp_path, monkeypatch):
     monkeypatch.setattr(tuning, "ProcessPoolExecutor", lambda count, *spawned: ThreadPoolExecutor(1))
     return Tune(
-        names=("constant-speed",), weights=(1.0, 4.0), scenarios=8, budget=24, population=8, processes=1, out=tmp_path
+        ("linear-blind",),
+        ("constant-speed",),
+        (1.0, 4.0),
+        scenarios=8,
+        budget=24,
+        population=8,
+        processes=1,
+        out=tmp_path,
     )
 
 
@@ -68,11 +77,11 @@ def counted(monkeypatch, stop_at=None):
     """Return the weights that are tuned from now on; before the one `stop_at` the process ends."""
     begun, original = [], tuning.tune_one
 
-    def tune_one(name, weight, wanted):
+    def tune_one(name, setup, weight, wanted):
         if weight == stop_at:
             raise Stopped
         begun.append(weight)
-        return original(name, weight, wanted)
+        return original(name, setup, weight, wanted)
 
     monkeypatch.setattr(tuning, "tune_one", tune_one)
     return begun
@@ -97,10 +106,12 @@ def test_tuning_that_was_stopped_goes_on_and_ends_as_if_it_had_not_been(small, t
     for weight in (1.0, 4.0):
         found = json.loads(whole)["weights"][f"{weight:g}"]
         assert found["search"] == {"scenarios": 8, "budget": 24, "population": 8, "seed": 1}
-        assert f"constant-speed --weights {weight:g} --scenarios 8 --budget 24" in found["command"]
+        assert f"linear-blind --names constant-speed --weights {weight:g} --scenarios 8 --budget 24" in found["command"]
         rule = load_baseline("constant-speed", weight, tmp_path)
         assert isinstance(rule, ConstantSpeed)
-        assert found["validation"] == tuning.scores("constant-speed", weight, rule.parameters)
+        assert found["validation"] == tuning.scores(
+            "constant-speed", load_setup("linear-blind"), weight, rule.parameters
+        )
 
 
 def test_what_was_tuned_otherwise_or_for_another_environment_is_tuned_anew(small, monkeypatch, capsys):
@@ -109,8 +120,8 @@ def test_what_was_tuned_otherwise_or_for_another_environment_is_tuned_anew(small
     tune(Tune(**{**vars(small), "seed": 9}))
     assert begun == [1.0, 4.0]
     assert "other settings" in capsys.readouterr().out
-    monkeypatch.setattr(tuning, "environment_of", lambda preset: {"tool_mass": 0.2})
-    monkeypatch.setattr("agents.baselines.tuned.environment_of", lambda preset: {"tool_mass": 0.2})
+    heavier = replace(load_setup("linear-blind"), environment={"tool_mass": 0.2})
+    monkeypatch.setattr(tuning, "load_setup", lambda name: heavier)
     tune(Tune(**{**vars(small), "seed": 9}))
     assert begun == [1.0, 4.0, 1.0, 4.0]
     assert "another environment" in capsys.readouterr().out

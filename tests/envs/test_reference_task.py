@@ -10,7 +10,7 @@ from agents import load_policy
 from agents.baselines import ConstantSpeed, PaperTrapezoid, encode
 from agents.baselines.tuned import load_baseline
 from agents.evaluation import Stage
-from agents.settings import ENVIRONMENTS
+from agents.setups import load_setup
 from experiments.reference.task import _at_rest, _settle, _task, play, rescore
 from impact_gym.envs.evaluation_sets import load
 
@@ -61,7 +61,7 @@ def assert_same(episodes, found, velocity_error):
 
 @pytest.mark.storm
 @pytest.mark.parametrize(
-    ("preset", "controller", "velocity_error"),
+    ("setup", "controller", "velocity_error"),
     [
         ("linear-blind", PaperTrapezoid, 1e-8),
         # where a bit of a float32 observation differs, the command may differ by its resolution of 1e-6 m/s
@@ -71,9 +71,9 @@ def assert_same(episodes, found, velocity_error):
     ],
     ids=["paper", "blind policy", "ranged policy", "bistable"],
 )
-def test_the_environment_plays_what_the_reference_plays(preset, controller, velocity_error):
+def test_the_environment_plays_what_the_reference_plays(setup, controller, velocity_error):
     controller = controller()
-    episodes, found = both([controller, controller], range(6), ENVIRONMENTS[preset])
+    episodes, found = both([controller, controller], range(6), load_setup(setup).environment)
     assert not found["missed"].any()
     assert_same(episodes, found, velocity_error)
 
@@ -84,7 +84,7 @@ def test_the_environment_plays_what_the_reference_plays(preset, controller, velo
     ("validation", {"reaction_delay": 0.04, "control_period": 0.011, "deflection_sensor": True}),
     ("validation", {"reaction_delay": 0.0, "alarm_threshold": 5.0, "dissipation": "exact", "tool_mass": 0.2}),
     ("hard", {"coupling": {"type": "SpringDamper", "stiffness": 150.0, "damping_ratio": 0.1}, "reaction_delay": 0.005}),
-    ("hard", ENVIRONMENTS["bistable-blind"]),
+    ("hard", dict(load_setup("bistable-blind").environment)),
     ("validation", {"robot": ROBOT, "deflection_sensor": True}),
     ("validation", {"velocity_range": (-0.1, 1.0), "acceleration_range": (0.5, 8.0), "privileged": True}),
     ("validation", {"robot": TABLE} | RIGID),
@@ -154,7 +154,7 @@ def test_momentum_that_a_contact_takes_from_a_free_tool_it_gives_to_the_object()
 @pytest.mark.parametrize("coupling", [
     {"type": "SpringDamper", "stiffness": 150.0, "damping_ratio": 0.1},
     {"type": "Bistable"},
-    ENVIRONMENTS["bistable-blind"]["coupling"],
+    load_setup("bistable-blind").environment["coupling"],
 ], ids=str)  # fmt: skip
 def test_once_all_is_over_nothing_comes(coupling):
     task, frozen = _task({"coupling": coupling}), load("validation")

@@ -9,43 +9,37 @@ import pytest
 from policies import made_up_policy
 
 from agents.baselines import ConstantSpeed, PaperTrapezoid, load_baseline
-from agents.baselines.tuned import TUNABLE, TUNED, environment_of
 from agents.evaluation import VALIDATION_SEED, evaluate
+from agents.setups import load_setup
 from agents.validation import WEIGHTS
 from experiments import bars
-from experiments.bars import RIVALS, Settings, Study, median, policies, ratio
+from experiments.bars import Settings, Study, median, policies, ratio
 from experiments.bars_table import Bar, Row, markdown
 from experiments.statistics import Estimate
 
 SCENARIOS = 30
 
 
-def seeded(preset, seed, score=0.0):
-    policy = made_up_policy(seed, {**environment_of(preset), "time_weight": [0.5, 8.0]})
+def seeded(setup, seed, score=0.0):
+    policy = made_up_policy(seed, {**load_setup(setup).environment, "time_weight": [0.5, 8.0]})
     policy.provenance["validation"] = {"score": score}
     return policy
 
 
-def quick_bound(preset, weight, frozen, count):
+def quick_bound(setup, weight, frozen, count):
     """No bound, but played on the same scenarios in a moment."""
-    return evaluate(PaperTrapezoid(), VALIDATION_SEED, count, time_weight=weight, **environment_of(preset))
-
-
-def tuned_at_all(name):
-    return name not in TUNABLE or (TUNED / f"{name}.json").is_file()
+    return evaluate(PaperTrapezoid(), VALIDATION_SEED, count, time_weight=weight, **load_setup(setup).environment)
 
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):
     """Made-up policies: what is tested is the table, not they."""
     folder = tmp_path_factory.mktemp("bars")
-    if missing := {name for rivals in bars.RIVALS.values() for name in rivals if not tuned_at_all(name)}:
-        pytest.skip(f"{sorted(missing)} not tuned yet: make tune")
-    for preset in bars.PRESETS:
+    for setup in bars.SETUPS:
         for seed, score in enumerate((0.5, 0.9, 0.7)):
-            path = folder / "policies" / preset / f"seed-{seed}.npz"
+            path = folder / "policies" / setup / f"seed-{seed}.npz"
             path.parent.mkdir(parents=True, exist_ok=True)
-            seeded(preset, seed, score).save(path)
+            seeded(setup, seed, score).save(path)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(bars, "clairvoyant_bound", quick_bound)
         out, page = bars.write(
@@ -55,10 +49,10 @@ def written(tmp_path_factory):
         return folder, page, list(csv.DictReader(file))
 
 
-def means(rows, preset, controller, weight, scenarios=SCENARIOS):
+def means(rows, setup, controller, weight, scenarios=SCENARIOS):
     """Return the row of a controller; where it was played twice, at the same weight, the two are the same."""
-    wanted = (preset, controller, weight, scenarios)
-    fields = ("preset", "controller", "time_weight", "scenarios")
+    wanted = (setup, controller, weight, scenarios)
+    fields = ("setup", "controller", "time_weight", "scenarios")
     found = [row for row in rows if (row[fields[0]], row[fields[1]], *(float(row[f]) for f in fields[2:])) == wanted]
     assert all(row == found[0] for row in found)
     return found[0]
@@ -66,17 +60,17 @@ def means(rows, preset, controller, weight, scenarios=SCENARIOS):
 
 def test_the_means_are_those_of_evaluation(written):
     folder, _, rows = written
-    for preset in bars.PRESETS:
+    for setup in bars.SETUPS:
         for weight in WEIGHTS:
-            options = {"time_weight": weight, **environment_of(preset)}
-            name = RIVALS[preset][0]
+            options = {"time_weight": weight, **load_setup(setup).environment}
+            name = load_setup(setup).against[0]
             for controller, player in (
                 ("paper-trapezoid", PaperTrapezoid()),
                 (name, load_baseline(name, weight)),
-                ("seed-1", policies(preset, folder / "policies")["seed-1"]),
+                ("seed-1", policies(setup, folder / "policies")["seed-1"]),
             ):
                 played = evaluate(player, VALIDATION_SEED, SCENARIOS, **options)
-                row = means(rows, preset, controller, weight)
+                row = means(rows, setup, controller, weight)
                 assert float(row["loss"]) == pytest.approx(played.loss(weight).mean(), rel=1e-12)
                 assert float(row["object_velocity"]) == pytest.approx(played.object_velocity.mean(), rel=1e-12)
                 assert int(row["missed"]) == played.missed.sum()
@@ -85,12 +79,12 @@ def test_the_means_are_those_of_evaluation(written):
 def test_the_page_compares_the_median_seed_with_the_best_baseline(written):
     folder, page, rows = written
     assert (folder / "bars" / "bars.md").read_text() == page
-    for preset in bars.PRESETS:
+    for setup in bars.SETUPS:
         for weight in WEIGHTS:
-            best = min(RIVALS[preset], key=lambda name: float(means(rows, preset, name, weight)["loss"]))
-            limit = float(means(rows, preset, best, weight)["loss"])
-            ratios = [float(means(rows, preset, f"seed-{k}", weight)["loss"]) / limit for k in range(3)]
-            (line,) = re.findall(rf"\| {preset} \| V_p \+ w T over that of {best}, w = {weight:g} \|.*", page)
+            best = min(load_setup(setup).against, key=lambda name: float(means(rows, setup, name, weight)["loss"]))
+            limit = float(means(rows, setup, best, weight)["loss"])
+            ratios = [float(means(rows, setup, f"seed-{k}", weight)["loss"]) / limit for k in range(3)]
+            (line,) = re.findall(rf"\| {setup} \| V_p \+ w T over that of {best}, w = {weight:g} \|.*", page)
             cells = [cell.strip() for cell in line.strip("|").split("|")]
             assert cells[3] == f"{ratios[2]:.4f} (seed-2)"  # the middle score of 0.5, 0.9, 0.7
             assert cells[5:8] == [f"{value:.4f}" for value in sorted(ratios)]
@@ -100,14 +94,14 @@ def test_the_page_compares_the_median_seed_with_the_best_baseline(written):
 
 def test_the_bound_and_those_beside_it_met_the_same_scenarios(written):
     folder, page, rows = written
-    for preset in bars.PRESETS:
-        options = {"time_weight": 2.0, **environment_of(preset)}
-        player = policies(preset, folder / "policies")["seed-2"]
+    for setup in bars.SETUPS:
+        options = {"time_weight": 2.0, **load_setup(setup).environment}
+        player = policies(setup, folder / "policies")["seed-2"]
         played = evaluate(player, VALIDATION_SEED, 4, **options).loss(2.0).mean()
-        bound = quick_bound(preset, 2.0, "validation", 4).loss(2.0).mean()
-        assert float(means(rows, preset, "seed-2", 2.0, 4)["loss"]) == pytest.approx(played, rel=1e-12)
-        assert float(means(rows, preset, "clairvoyant", 2.0, 4)["loss"]) == pytest.approx(bound, rel=1e-12)
-        assert re.search(rf"\| {preset} \| seed-2 \| 2 \| 4 \| {played:.4f} .*\| {played - bound:.4f} \|", page)
+        bound = quick_bound(setup, 2.0, "validation", 4).loss(2.0).mean()
+        assert float(means(rows, setup, "seed-2", 2.0, 4)["loss"]) == pytest.approx(played, rel=1e-12)
+        assert float(means(rows, setup, "clairvoyant", 2.0, 4)["loss"]) == pytest.approx(bound, rel=1e-12)
+        assert re.search(rf"\| {setup} \| seed-2 \| 2 \| 4 \| {played:.4f} .*\| {played - bound:.4f} \|", page)
 
 
 class Hurried:

@@ -1,0 +1,173 @@
+"""Set-ups: an arm in one file, and all that follows from it.
+
+A set-up is a TOML file. `[environment]` are the arguments of the environment, in which every physical number may be a
+pair (low, high), drawn per episode; `[training]` what differs from the defaults of `agents.train`; `[baselines]` the
+rules that are tuned for it and those it is compared with. Those in this folder are known by name.
+"""
+
+import tomllib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+
+from impact_gym.envs.task import Task
+from impact_gym.validation import number, whole
+
+SHIPPED = Path(__file__).parent
+VERSION = 1
+BUDGET = 4800  # candidates for each time weight, unless the file says otherwise
+SET_BY_OTHERS = ("time_weight", "privileged", "max_episode_steps")
+"""Arguments of the environment that training and evaluation see to."""
+RULES = ("BlindProfile", "ConstantDeceleration", "ConstantSpeed", "Ranged")
+
+
+class Tuned(NamedTuple):
+    """A baseline that is tuned for a set-up."""
+
+    rule: str  # one of RULES
+    rtol: float = Task.rtol  # of the simulation while searching; scores are played at the environment's
+
+
+@dataclass(frozen=True)
+class Setup:
+    """An arm, what is trained for it, and what that is compared with."""
+
+    name: str
+    title: str
+    about: str  # one sentence
+    environment: Mapping[str, Any]  # arguments of `gym.make("ImpactApproach-v0", ...)`
+    training: Mapping[str, Any] = field(default_factory=dict)  # settings by name, see `agents.settings`
+    tuned: Mapping[str, Tuned] = field(default_factory=dict)  # baselines by name
+    against: tuple[str, ...] = ()  # baselines beside the paper's rule; the first is the one to beat
+    bound: str = ""  # set-up whose clairvoyant bound holds here, too
+    budget: int = BUDGET  # of tuning
+    path: Path = Path()
+
+    def make(self, **more: Any) -> gym.Env[Any, Any]:
+        """Return the environment of Gymnasium, with `more` arguments."""
+        return gym.make("impact_gym:ImpactApproach-v0", **{**self.environment, **more})
+
+    def make_vec(self, num_envs: int, **more: Any) -> gym.vector.VectorEnv[Any, Any, Any]:
+        """Return `num_envs` of them as a native batch."""
+        return gym.make_vec("impact_gym:ImpactApproach-v0", num_envs=num_envs, **{**self.environment, **more})
+
+    def is_of(self, environment: Mapping[str, Any]) -> bool:
+        """Whether these arguments of an environment are this one's, but for those that others see to."""
+        return same_environment(self.environment, environment)
+
+
+def same_environment(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
+    """Whether two mappings of arguments are the same environment, whatever is left to defaults."""
+    tasks = [Task(**{name: v for name, v in each.items() if name not in SET_BY_OTHERS}) for each in (one, other)]
+    return tasks[0] == tasks[1]
+
+
+def shipped() -> tuple[str, ...]:
+    """Return the names of the set-ups in this folder."""
+    return tuple(sorted(path.stem for path in SHIPPED.glob("*.toml")))
+
+
+def owner(baseline: str) -> Setup | None:
+    """Return the shipped set-up for which `baseline` is tuned."""
+    return next((one for one in map(load_setup, shipped()) if baseline in one.tuned), None)
+
+
+def load_setup(name_or_path: str | Path) -> Setup:
+    """Return a set-up that is shipped, by name, or one from a file.
+
+    Raises:
+        ValueError: there is none, or something in the file is wrong: names file, key, value and what is allowed.
+    """
+    shipped_path = SHIPPED / f"{name_or_path}.toml"
+    path = shipped_path if shipped_path.is_file() else Path(name_or_path)
+    if not path.is_file():
+        raise ValueError(f"no set-up {str(name_or_path)!r}: it is no file, and shipped are {', '.join(shipped())}")
+    return _loaded(path.resolve(), path.stat().st_mtime_ns)
+
+
+@lru_cache(maxsize=64)
+def _loaded(path: Path, _: int) -> Setup:
+    try:
+        content = tomllib.loads(path.read_text())
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise ValueError(f"{path} is not read as TOML: {error}") from error
+    try:
+        return _setup(path, content)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{path}: {error}") from error
+
+
+def _setup(path: Path, content: dict[str, Any]) -> Setup:
+    version = content.get("version", VERSION)
+    if version != VERSION:
+        raise ValueError(f"version must be {VERSION}, got {version!r}: the set-up is one of another version of agents")
+    known("", content, ("version", "title", "about", "environment", "training", "baselines"))
+    environment, training, baselines = (_table(content, name) for name in ("environment", "training", "baselines"))
+    arguments = [name for name, one in Task.__dataclass_fields__.items() if one.init and name not in SET_BY_OTHERS]
+    known("environment.", environment, arguments)
+    try:
+        task = Task(**environment)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"environment: {error}") from error
+    known("baselines.", baselines, ("against", "tuned", "bound", "budget"))
+    given = _table(baselines, "tuned", "baselines.")
+    usual = {f"{path.stem}-profile": "BlindProfile" if task.range_noise is None else "Ranged"}
+    tuned = {name: _tuned(f"baselines.tuned.{name}", one) for name, one in (given or usual).items()}
+    return Setup(
+        path.stem,
+        _text(content, "title", path.stem),
+        _text(content, "about", _text(content, "title", path.stem)),
+        environment,
+        training,
+        tuned,
+        _names("baselines.against", baselines.get("against", list(tuned))),
+        _text(baselines, "bound", path.stem, "baselines."),
+        whole("baselines.budget", baselines.get("budget", BUDGET), at_least=1),
+        path,
+    )
+
+
+def known(prefix: str, given: Iterable[str], allowed: Iterable[str]) -> None:
+    """Refuse the first key that is not allowed, and name the nearest that is."""
+    names = list(allowed)
+    for key in given:
+        if key not in names:
+            nearest = get_close_matches(key, names, 1)
+            meant = f"; did you mean {nearest[0]!r}?" if nearest else ""
+            raise ValueError(f"unknown key {prefix}{key!s}{meant} Known are {', '.join(names)}")
+
+
+def _table(content: Mapping[str, Any], name: str, prefix: str = "") -> dict[str, Any]:
+    table = content.get(name, {})
+    if not isinstance(table, dict):
+        raise ValueError(f"{prefix}{name} must be a table, [{prefix}{name}], got {table!r}")
+    return table
+
+
+def _text(content: Mapping[str, Any], name: str, otherwise: str, prefix: str = "") -> str:
+    text = content.get(name, otherwise)
+    if not isinstance(text, str) or not text:
+        raise ValueError(f"{prefix}{name} must be a text, got {text!r}")
+    return text
+
+
+def _names(field_name: str, given: Any) -> tuple[str, ...]:
+    if not isinstance(given, list) or not all(isinstance(one, str) for one in given):
+        raise ValueError(f"{field_name} must be a list of names, got {given!r}")
+    if len(set(given)) < len(given):
+        raise ValueError(f"{field_name} must not name one twice, got {given!r}")
+    return tuple(given)
+
+
+def _tuned(name: str, given: Any) -> Tuned:
+    table = {"rule": given} if isinstance(given, str) else given
+    if not isinstance(table, dict) or table.get("rule") not in RULES:
+        raise ValueError(f"{name} must be a rule, one of {', '.join(RULES)}, or a table with one, got {given!r}")
+    known(f"{name}.", table, Tuned._fields)
+    rtol = number(f"{name}.rtol", table.get("rtol", Task.rtol), "(no unit)", at_least=1e-13, at_most=1e-2)
+    return Tuned(table["rule"], rtol)
