@@ -20,18 +20,28 @@ from numpy.typing import NDArray
 
 from agents import load_policy
 from agents.baselines import ConstantSpeed
-from agents.baselines.tuned import load_baseline, names, read_tuned
+from agents.baselines.rule import Rule
+from agents.baselines.tuned import load_baseline, names, read_tuned, tuned_rule
 from agents.clairvoyance import load_clairvoyant
 from agents.policy import Policy
 from agents.validation import Controller
 
 
-def controller_of(spec: Mapping[str, Any], time_weight: float) -> Controller:
+def controller_of(
+    spec: Mapping[str, Any], time_weight: float, environment: Mapping[str, Any] | None = None
+) -> Controller:
     """Return the controller that `spec` describes, for a time weight (m/s per s).
+
+    A baseline's commands are made for what the actions of `environment`, its arguments, are mapped to.
 
     Raises:
         ValueError: there is none, or it cannot `predict`; says why.
     """
+    controller = _made(spec, time_weight)
+    return controller.for_environment(environment) if environment and isinstance(controller, Rule) else controller
+
+
+def _made(spec: Mapping[str, Any], time_weight: float) -> Controller:
     rest = {name: value for name, value in spec.items() if name != "sha256"}
     ((kind, value),) = rest.items()
     if kind == "policy":
@@ -42,6 +52,8 @@ def controller_of(spec: Mapping[str, Any], time_weight: float) -> Controller:
         if spec.get("sha256", found := baseline_checksum(value)) != found:
             raise ValueError(f"baseline {value!r} was tuned anew while this was under way")
         return load_baseline(value, time_weight)
+    if kind == "tuned":
+        return tuned_rule(value, time_weight)
     if kind == "speed":
         return ConstantSpeed(value, 16.0)
     if kind == "clairvoyant":

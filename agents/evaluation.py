@@ -90,9 +90,13 @@ class Stage:
 
     @classmethod
     def of(cls, name: str, count: int | None = None, **arguments: Any) -> "Stage":
-        """Return a stage of the frozen set `name`, or of its first `count` scenarios."""
+        """Return a stage of the frozen set `name`, or of its first `count` scenarios.
+
+        An environment with a `scenario` of its own draws its own ones instead, from the seeds of the set.
+        """
         frozen = evaluation_sets.load(name)
-        return cls(frozen.seed, frozen.count if count is None else count, frozen=frozen, **arguments)
+        taken = None if "scenario" in arguments else frozen
+        return cls(frozen.seed, frozen.count if count is None else count, frozen=taken, **arguments)
 
     def play(self, controller: Controller) -> Episodes:
         """Play every row to its end.

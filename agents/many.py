@@ -21,7 +21,7 @@ import numpy as np
 import tyro
 
 from agents.jobs import Job, JobsFailedError, Result, gather
-from agents.policy import SHIPPED, load_policy
+from agents.policy import load_policy
 from agents.settings import Settings, as_json, default_settings, from_json
 from agents.setups import load_setup
 from agents.train import resume, train, write_json
@@ -39,20 +39,26 @@ class Many:
 
     setups: tyro.conf.Positional[tuple[str, ...]] = SETUPS
     """Names or files, one after the other; those whose policies are shipped unless some are named."""
-    seeds: int = 10
-    """How many, from 0 on."""
+    seeds: int | None = None
+    """How many, from 0 on; what the set-up says, or 10, unless given."""
+    steps: int | None = None
+    """Environment steps of each training; what the set-up says unless given."""
     processes: int = 2
     """Trainings at a time on this machine; each uses one core."""
     cluster: str | None = None
     """Train on this Ray cluster instead, one core each: "ray" for the one that runs here, or its address."""
     runs: Path = Path("runs/all")
     """Folder of the run folders, one below SETUP for each seed."""
-    policies: Path = SHIPPED
-    """Folder for what is shipped."""
+    policies: Path | None = None
+    """Folder for what comes of it; that of the shipped ones unless given, for a set-up from a file
+    runs/NAME/policies."""
 
     def __post_init__(self) -> None:
-        for name in ("seeds", "processes"):
-            whole(name, getattr(self, name), at_least=1)
+        whole("processes", self.processes, at_least=1)
+        if self.seeds is not None:
+            whole("seeds", self.seeds, at_least=1)
+        if self.steps is not None:
+            whole("steps", self.steps, at_least=1)
 
 
 def train_all(name: str, wanted: Many, settings: Settings) -> Path:
@@ -63,8 +69,10 @@ def train_all(name: str, wanted: Many, settings: Settings) -> Path:
         JobsFailedError: trainings failed; the others are done.
     """
     runs = wanted.runs.resolve() / name
-    asked_for = [replace(settings, seed=seed, simulation_threads=1) for seed in range(wanted.seeds)]
-    folders = [runs / f"seed-{seed}" for seed in range(wanted.seeds)]
+    setup = load_setup(settings.setup)
+    seeds = range(setup.seeds if wanted.seeds is None else wanted.seeds)
+    asked_for = [replace(settings, seed=seed, simulation_threads=1) for seed in seeds]
+    folders = [runs / f"seed-{seed}" for seed in seeds]
     for folder, one in zip(folders, asked_for, strict=True):
         _refuse_other_settings(folder, one)
     jobs = [
@@ -76,11 +84,12 @@ def train_all(name: str, wanted: Many, settings: Settings) -> Path:
         _fill(folders[seed], result)
         score = json.loads(result["metrics"].tobytes())["validation"]["best"]["score"]
         print(f"{name}: seed {seed} scored {score:.4f} m/s", flush=True)
-    rows = [_ship(folder, wanted.policies / name / f"{folder.name}.npz") for folder in folders]
+    policies = setup.folder / "policies" if wanted.policies is None else wanted.policies
+    rows = [_ship(folder, policies / name / f"{folder.name}.npz") for folder in folders]
     chosen = median(rows)
-    write_json(wanted.policies / name / "seeds.json", {"median": chosen["seed"], "seeds": rows})
-    shipped = wanted.policies / f"{name}.npz"
-    return load_policy(wanted.policies / name / f"seed-{chosen['seed']}.npz").save(shipped)
+    write_json(policies / name / "seeds.json", {"median": chosen["seed"], "seeds": rows})
+    shipped = policies / f"{name}.npz"
+    return load_policy(policies / name / f"seed-{chosen['seed']}.npz").save(shipped)
 
 
 def median(rows: list[dict[str, Any]]) -> dict[str, Any]:
@@ -155,7 +164,12 @@ def main() -> None:
     try:
         wanted = tyro.cli(Many, prog="python -m agents.many")
         for setup in wanted.setups:
-            print(train_all(load_setup(setup).name, wanted, default_settings(setup)))
+            settings = default_settings(setup)
+            if wanted.steps is not None:
+                settings = replace(
+                    settings, steps=wanted.steps, validate_every=min(settings.validate_every, wanted.steps)
+                )
+            print(train_all(load_setup(setup).name, wanted, settings))
     except (JobsFailedError, RuntimeError, ValueError) as error:
         sys.exit(f"agents.many: {error}")
     except KeyboardInterrupt:

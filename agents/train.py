@@ -88,7 +88,7 @@ def _run(folder: Path, settings: Settings, record: dict[str, Any], told: Told | 
     finally:
         log.close()
     curve = watch.kept["curve"]
-    rule = watch.validation.play(PaperTrapezoid())
+    rule = watch.validation.play(PaperTrapezoid().for_environment(settings.environment))
     judged = {name: load_policy(folder / f"{name}.npz").provenance["validation"] for name in ("best", "final")}
     metrics = {
         "validation": {**judged, "paper's rule": rule},

@@ -23,7 +23,7 @@ from tqdm import tqdm
 
 from agents.baselines.profile import BlindProfile, constant_deceleration
 from agents.baselines.rule import Floats
-from agents.baselines.tuned import RULES, TUNED, read_tuned, write_tuned
+from agents.baselines.tuned import RULES, read_tuned, write_tuned
 from agents.evaluation import TUNING_SEED, Stage
 from agents.search_rules import minimise
 from agents.setups import Setup, load_setup, shipped
@@ -89,9 +89,7 @@ class Tune:
 
     def folder(self, setup: Setup) -> Path:
         """Return where the files of a set-up are."""
-        if self.out is not None:
-            return self.out
-        return TUNED if setup.name in shipped() else Path("runs") / setup.name / "tuned"
+        return setup.folder / "tuned" if self.out is None else self.out
 
 
 def tune(wanted: Tune) -> list[Path]:

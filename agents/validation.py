@@ -36,7 +36,8 @@ class Validation:
         """Make a validation.
 
         Args:
-            environment: arguments of the environment but for its time weight and scenario.
+            environment: arguments of the environment but for its time weight. With a `scenario` of its own it draws
+                its own ones from the seeds of the set.
             scenarios: how many of the set, from its first on.
             threads: of the simulation; they change no result.
         """
@@ -44,7 +45,7 @@ class Validation:
         scenarios = min(scenarios, frozen.count)
         rows = scenarios * len(WEIGHTS)
         fixed = free_record(rows)
-        for name in FIELDS:
+        for name in () if "scenario" in environment else FIELDS:
             fixed[name] = np.tile(frozen.scenario[name][:scenarios], len(WEIGHTS))
         fixed["time_weight"] = np.repeat(WEIGHTS, scenarios)
         self._fixed, self._scenarios, self._seed = fixed, scenarios, frozen.seed

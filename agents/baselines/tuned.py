@@ -45,10 +45,14 @@ def load_baseline(name: str, time_weight: float = 2.0, folder: Path = TUNED) -> 
     number("time_weight", time_weight, "m/s per s", above=0)
     if name in FIXED:
         return FIXED[name]()
-    content = read_tuned(name, folder)
+    return tuned_rule(read_tuned(name, folder), time_weight)
+
+
+def tuned_rule(content: Mapping[str, Any], time_weight: float) -> Rule:
+    """Return the rule in what `read_tuned` returned, with what was tuned for the nearest weight (m/s per s)."""
     weights = [float(weight) for weight in content["weights"]]
     if not weights:
-        raise ValueError(f"{folder / name}.json holds no weight: {_remedy(name)}")
+        raise ValueError(f"baseline {content['baseline']!r} holds no weight: tune it")
     nearest = min(weights, key=lambda weight: abs(math.log(weight / time_weight)))
     return RULES[content["rule"]].of(list(content["weights"][f"{nearest:g}"]["parameters"].values()))
 
@@ -56,58 +60,49 @@ def load_baseline(name: str, time_weight: float = 2.0, folder: Path = TUNED) -> 
 def read_tuned(name: str, folder: Path = TUNED, setup: Setup | None = None) -> dict[str, Any]:
     """Return what `write_tuned` wrote: what was tuned, and below "weights" what was found for each.
 
-    It must be what `setup` has tuned, or the shipped set-up of which it is a baseline.
+    It must be what `setup` has tuned, or the shipped set-up of which it is one; a file of neither is taken as it is.
 
     Raises:
         ValueError: as in `load_baseline`.
     """
     path, setup = folder / f"{name}.json", setup or owner(name)
-    if setup is None or name not in setup.tuned:
+    if setup is None and not path.is_file():
         raise ValueError(f"no baseline {name!r}: there are {sorted([*FIXED, *names()])}")
+    remedy = f"python -m agents.tune {setup.name if setup else 'SETUP'}"
     try:
         content: dict[str, Any] = json.loads(path.read_text())
         found = _checksum(content)
         if found != content["sha256"]:
             raise ValueError(f"its checksum is {found}, not {content['sha256']}: it was altered")
-        about = {field: content[field] for field in _about(name, setup)}
-        elsewhere = not setup.is_of(about.pop("environment"))
+        expected = _about(name, setup.tuned[name].rule if setup else content["rule"])
+        about = {field: content[field] for field in expected}
+        elsewhere = setup is not None and not setup.is_of(content["environment"])
     except FileNotFoundError:
-        raise ValueError(f"baseline {name!r} was not tuned, there is no {path}: {_remedy(setup)}") from None
+        raise ValueError(f"baseline {name!r} was not tuned, there is no {path}: {remedy}") from None
     except (OSError, LookupError, TypeError, AttributeError, ValueError) as error:
-        raise ValueError(f"{path} is no tuned baseline, or is damaged: {error}; {_remedy(setup)}") from error
-    other = [NOUNS.get(field, field) for field, value in about.items() if _about(name, setup)[field] != value]
+        raise ValueError(f"{path} is no tuned baseline, or is damaged: {error}; {remedy}") from error
+    other = [NOUNS.get(field, field) for field, value in about.items() if expected[field] != value]
     if other or elsewhere:
         what = other[0] if other else "environment"
-        raise ValueError(f"{path} was tuned for another {what} than this version's: {_remedy(setup)}")
+        raise ValueError(f"{path} was tuned for another {what} than this version's: {remedy}")
     return content
 
 
 def write_tuned(name: str, weights: Mapping[str, Any], setup: Setup, folder: Path = TUNED) -> Path:
     """Write what was found for each weight, whole or not at all, and return where."""
-    content = {**_about(name, setup), "weights": {key: weights[key] for key in sorted(weights, key=float)}}
+    ordered = {key: weights[key] for key in sorted(weights, key=float)}
+    about = {**_about(name, setup.tuned[name].rule), "environment": dict(setup.environment)}
+    content = json.loads(json.dumps({**about, "weights": ordered}))
     path = folder / f"{name}.json"
     with whole_file(path) as file:
         file.write((json.dumps({**content, "sha256": _checksum(content)}, indent=2) + "\n").encode())
     return path
 
 
-def _about(name: str, setup: Setup) -> dict[str, Any]:
-    """What a tuned file is for, as JSON gives it back."""
-    rule = RULES[setup.tuned[name].rule]
-    limits = [{"name": one.name, "unit": one.unit, "low": one.low, "high": one.high} for one in rule.PARAMETERS]
-    about = {
-        "format": FORMAT,
-        "baseline": name,
-        "rule": rule.__name__,
-        "parameters": limits,
-        "environment": dict(setup.environment),
-    }
-    plain: dict[str, Any] = json.loads(json.dumps(about))
-    return plain
-
-
-def _remedy(setup: Setup) -> str:
-    return f"python -m agents.tune {setup.name}"
+def _about(name: str, rule: str) -> dict[str, Any]:
+    """What a tuned file is, but for its environment."""
+    limits = [{"name": one.name, "unit": one.unit, "low": one.low, "high": one.high} for one in RULES[rule].PARAMETERS]
+    return {"format": FORMAT, "baseline": name, "rule": rule, "parameters": limits}
 
 
 def _checksum(content: Mapping[str, Any]) -> str:

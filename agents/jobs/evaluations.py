@@ -35,7 +35,9 @@ def play(
         weights: what a second costs, m/s per s.
         environment: arguments of the environment but for scenario and time weight.
     """
-    played = [stage(scenarios, weight, environment).play(controller_of(controller, weight)) for weight in weights]
+    played = [
+        stage(scenarios, weight, environment).play(controller_of(controller, weight, environment)) for weight in weights
+    ]
     return {name: np.array([getattr(one, name) for one in played]) for name in RESULTS} | played[0].scenario
 
 

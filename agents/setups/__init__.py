@@ -18,8 +18,9 @@ import gymnasium as gym
 from impact_gym.envs.task import Task
 from impact_gym.validation import number, whole
 
-SHIPPED = Path(__file__).parent
+SHIPPED = Path(__file__).resolve().parent
 VERSION = 1
+SEEDS = 10
 BUDGET = 4800  # candidates for each time weight, unless the file says otherwise
 SET_BY_OTHERS = ("time_weight", "privileged", "max_episode_steps")
 """Arguments of the environment that training and evaluation see to."""
@@ -48,6 +49,11 @@ class Setup:
     budget: int = BUDGET  # of tuning
     path: Path = Path()
 
+    @property
+    def seeds(self) -> int:
+        """How many seeds are trained."""
+        return whole("training.seeds", self.training.get("seeds", SEEDS), at_least=1)
+
     def make(self, **more: Any) -> gym.Env[Any, Any]:
         """Return the environment of Gymnasium, with `more` arguments."""
         return gym.make("impact_gym:ImpactApproach-v0", **{**self.environment, **more})
@@ -55,6 +61,16 @@ class Setup:
     def make_vec(self, num_envs: int, **more: Any) -> gym.vector.VectorEnv[Any, Any, Any]:
         """Return `num_envs` of them as a native batch."""
         return gym.make_vec("impact_gym:ImpactApproach-v0", num_envs=num_envs, **{**self.environment, **more})
+
+    @property
+    def shipped(self) -> bool:
+        """Whether it is one of this folder's."""
+        return self.path.parent == SHIPPED
+
+    @property
+    def folder(self) -> Path:
+        """Where what is made for it goes, unless one says otherwise: `policies`, `tuned`."""
+        return SHIPPED.parent if self.shipped else Path("runs") / self.name
 
     def is_of(self, environment: Mapping[str, Any]) -> bool:
         """Whether these arguments of an environment are this one's, but for those that others see to."""

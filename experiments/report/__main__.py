@@ -15,6 +15,7 @@ from tqdm import tqdm
 
 from agents.jobs import JobsFailedError
 from agents.revision import revision
+from agents.setups import load_setup
 from experiments.report import answer, arenas, holds, page
 from experiments.report.figures import Table
 from experiments.report.results import Played, episodes, gather_arenas
@@ -36,9 +37,14 @@ PACKAGES = (
 class Settings:
     """Play policies and baselines through the same scenarios and write a page about it.
 
-    Without --policy it is about every recipe of training that is shipped, all its seeds.
+    Without a set-up and --policy it is about every set-up that is shipped, all its seeds.
     """
 
+    setups: tyro.conf.Positional[tuple[str, ...]] = ()
+    """Set-ups by name or file, whose policies and baselines are where agents.many and agents.tune left them."""
+
+    folder: Path | None = None
+    """Where `policies` and `tuned` of the set-ups are, if not where these commands leave them."""
     policy: tuple[str, ...] = ()
     """Your own policies instead: files, run folders or names of shipped ones, each against its baselines."""
     baseline: tuple[str, ...] = ()
@@ -64,6 +70,8 @@ class Settings:
     def __post_init__(self) -> None:
         if self.count is not None:
             whole("count", self.count, at_least=2)
+        if self.setups and self.policy:
+            raise ValueError("name set-ups or policies, not both")
         if self.baseline and not self.policy:
             raise ValueError("baseline needs --policy: the shipped recipes have theirs")
 
@@ -79,6 +87,8 @@ def arenas_of(settings: Settings) -> list[arenas.Arena]:
         return arenas.own(settings.policy, settings.baseline, scenarios, changes)
     if changes:
         raise ValueError("scenarios with an environment of their own need --policy: the shipped recipes have theirs")
+    if settings.setups:
+        return [arenas.of_setup(load_setup(name), scenarios, settings.folder) for name in settings.setups]
     return arenas.shipped(scenarios)
 
 

@@ -11,11 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from agents.baselines.tuned import FIXED
+from agents.baselines.tuned import FIXED, TUNED, read_tuned
 from agents.baselines.tuned import names as tuned_names
 from agents.controllers import baseline_checksum, controller_of, try_out
+from agents.evaluation import TEST_SEED
 from agents.jobs import digest_of
 from agents.policy import SHIPPED, Policy, load_policy
+from agents.settings import default_settings
 from agents.setups import Setup, load_setup, same_environment
 from agents.setups import shipped as shipped_setups
 from agents.validation import WEIGHTS
@@ -72,24 +74,59 @@ class Arena:
         return min(self.policy.weights, key=lambda weight: abs(weight - TYPICAL))
 
 
-def shipped(scenarios: Mapping[str, Any], folder: Path = SHIPPED) -> list[Arena]:
-    """Return an arena for each shipped set-up whose policies are there."""
-    found = []
-    for setup in setups_with_policies(folder):
-        name = setup.name
-        paths = sorted((folder / name).glob("seed-*.npz"), key=lambda path: int(path.stem.removeprefix("seed-")))
-        seeds = tuple(policy(path.stem, path) for path in paths)
-        chosen = f"seed-{json.loads((folder / name / 'seeds.json').read_text())['median']}"
-        about = load_policy(folder / name / f"{chosen}.npz").provenance
-        rivals = baselines(setup.against, setup.environment)
-        found.append(Arena(name, setup.environment, seeds, chosen, rivals, scenarios, about, setup.about))
-    return found
+def shipped(scenarios: Mapping[str, Any]) -> list[Arena]:
+    """Return an arena for each shipped set-up whose policies are there, those named in FIRST before the others."""
+    there = [name for name in shipped_setups() if any((SHIPPED / name).glob("seed-*.npz"))]
+    return [of_setup(load_setup(name), scenarios) for name in sorted(there, key=(*FIRST, *there).index)]
 
 
-def setups_with_policies(folder: Path = SHIPPED) -> list[Setup]:
-    """Return the shipped set-ups of which seeds are in `folder`, those named in FIRST before the others."""
-    there = [name for name in shipped_setups() if any((folder / name).glob("seed-*.npz"))]
-    return [load_setup(name) for name in sorted(there, key=(*FIRST, *there).index)]
+def of_setup(setup: Setup, scenarios: Mapping[str, Any], folder: Path | None = None) -> Arena:
+    """Return the arena of a set-up, whose policies and tuned baselines are below `folder`, or where they are made.
+
+    Raises:
+        ValueError: there are no policies yet, or a baseline was not tuned.
+    """
+    folder = setup.folder if folder is None else folder
+    there = folder / "policies" / setup.name
+    paths = sorted(there.glob("seed-*.npz"), key=lambda path: int(path.stem.removeprefix("seed-")))
+    if not paths or not (there / "seeds.json").is_file():
+        raise ValueError(f"{there} holds no policies: python -m agents.many {setup.name}")
+    seeds = tuple(policy(path.stem, path) for path in paths)
+    chosen = f"seed-{json.loads((there / 'seeds.json').read_text())['median']}"
+    about = load_policy(there / f"{chosen}.npz").provenance
+    environment, met = met_in(setup.environment, scenarios)
+    rivals = baselines(setup.against, environment, setup, folder / "tuned")
+    note = setup.about + with_less(setup, about, rivals)
+    return Arena(setup.name, environment, seeds, chosen, rivals, met, about, note)
+
+
+def with_less(setup: Setup, about: Mapping[str, Any], rivals: Sequence[Contestant]) -> str:
+    """Say what was trained or tuned with less than the set-up wants; nothing if nothing was."""
+    told = []
+    steps, wanted = about["settings"]["steps"], default_settings(str(setup.path)).steps
+    if steps < wanted:
+        told.append(f"trained for {steps:,} steps of {wanted:,}")
+    budgets = [
+        at["search"]["budget"]
+        for one in rivals
+        for at in one.controller.get("tuned", {"weights": {}})["weights"].values()
+    ]
+    if budgets and min(budgets) < setup.budget:
+        told.append(f"baselines tuned with {min(budgets):,} candidates of {setup.budget:,}")
+    return f" (A QUICK LOOK: {', '.join(told)})" if told else ""
+
+
+def met_in(environment: Environment, scenarios: Mapping[str, Any]) -> tuple[dict[str, Any], Mapping[str, Any]]:
+    """Return an environment's arguments but for its scenario, and the scenarios that it meets.
+
+    One with ranges of its own meets as many from these, where it is only asked for scenarios of the frozen set test.
+    """
+    rest = {name: value for name, value in environment.items() if name != "scenario"}
+    if "scenario" in environment and scenarios.get("set") == "test":
+        ranges = ScenarioRanges.of(environment["scenario"])
+        table = {name: list(getattr(ranges, name)) for name in FIELDS}
+        return rest, {"ranges": table, "seed": TEST_SEED, "count": scenarios["count"]}
+    return rest, scenarios
 
 
 def own(paths: Sequence[str], names: Sequence[str], scenarios: Mapping[str, Any], changes: Environment) -> list[Arena]:
@@ -106,18 +143,18 @@ def own(paths: Sequence[str], names: Sequence[str], scenarios: Mapping[str, Any]
         file = _file(path)
         loaded = load_policy(file)
         trained_in = {name: value for name, value in loaded.environment.items() if name != "time_weight"}
-        environment = {**trained_in, **changes}
+        environment, met = met_in({**trained_in, **changes}, scenarios)
         Policy(loaded.network, {**environment, "time_weight": TYPICAL}, {})  # raises where they do not fit
         setup = setup_of(trained_in)
         name = slug(Path(path).parent.name if Path(path).name in ("best.npz", "final.npz") else Path(path).stem)
         if any(one.name == name for one in found):
             raise ValueError(f"two policies would be called {name!r}: give them files or folders of different names")
         note = f"your policy {name}"
-        if setup and not same_environment(environment, trained_in):
+        if setup and not same_environment({**trained_in, **changes}, trained_in):
             note += f"; its baselines were tuned for {setup.name}, not for this environment"
         rivals = baselines(names or (setup.against if setup else ()), environment)
         seed = policy(name, file)
-        found.append(Arena(name, environment, (seed,), seed.name, rivals, scenarios, loaded.provenance, note))
+        found.append(Arena(name, environment, (seed,), seed.name, rivals, met, loaded.provenance, note))
     return found
 
 
@@ -137,25 +174,36 @@ def policy(name: str, path: Path) -> Contestant:
     )
 
 
-def baselines(names: Sequence[str], environment: Environment) -> tuple[Contestant, ...]:
+def baselines(
+    names: Sequence[str], environment: Environment, setup: Setup | None = None, folder: Path = TUNED
+) -> tuple[Contestant, ...]:
     """Return the paper's rule and the named ones: tuned baselines, or objects with `predict` as module:object.
+
+    Tuned ones are those that are shipped, or, of a `setup`, those in `folder`.
 
     Raises:
         ValueError: there is no such baseline, it is named twice, or it cannot be asked in this environment.
     """
+    spec: dict[str, Any]
+    weights: tuple[float, ...]
     found = [Contestant(PAPER, {"baseline": "paper-trapezoid"}, (TYPICAL,), "")]
     if len(set(names)) < len(names) or "paper-trapezoid" in names:
         raise ValueError(f"baselines must differ, and the paper's rule is there anyway; got {list(names)}")
     shown = np.zeros((2, len(observation.entries(Task(**environment)))), np.float32)
     for name in names:
-        if ":" in name or name not in {*tuned_names(), *FIXED}:
-            spec: dict[str, Any] = {"object": name}
+        weights, spec = (TYPICAL,), {}
+        if setup and not setup.shipped and name in setup.tuned:
+            content = read_tuned(name, folder, setup)
+            weights, spec, checksum = tuple(map(float, content["weights"])), {"tuned": content}, content["sha256"]
+        elif ":" in name or name not in {*tuned_names(), *FIXED}:
+            spec = {"object": name}
             try_out(name, controller_of(spec, TYPICAL), shown)  # raises now, not in a worker
             checksum = digest_of(name.partition(":")[0])
         else:
             checksum = baseline_checksum(name)
             spec = {"baseline": name, "sha256": checksum}
-        found.append(Contestant(name, spec, WEIGHTS if name in tuned_names() else (TYPICAL,), checksum))
+            weights = WEIGHTS if name in tuned_names() else weights
+        found.append(Contestant(name, spec, weights, checksum))
     return tuple(found)
 
 

@@ -61,7 +61,7 @@ def watch(played: Played) -> tuple[str, dict[str, Any]]:
         environment["scenario"] = {name: tuple(pair) for name, pair in arena.scenarios["ranges"].items()}
     seed = frozen.seed if frozen else arena.scenarios["seed"]
     shown = films(
-        {name: controller_of(one.controller, weight) for name, one in players.items()},
+        {name: controller_of(one.controller, weight, environment) for name, one in players.items()},
         choose(runs[PAPER], runs[POLICY]),
         runs,
         seed=seed,

@@ -43,7 +43,7 @@ def play_as_late(
     target = mean_time(low, PaperTrapezoid())
     for _ in range(HALVINGS if high > low else 0):
         middle = math.sqrt(low * high)
-        if mean_time(middle, controller_of(controller, middle)) > target:
+        if mean_time(middle, controller_of(controller, middle, environment)) > target:
             low = middle
         else:
             high = middle
@@ -71,7 +71,7 @@ def reactions(
     Which `scenario` it was, time `since` the alarm (s), largest force `sensed` so far (N), `velocity` (m/s) and
     `acceleration` (m/s^2) commanded.
     """
-    one = controller_of(controller, weight)
+    one = controller_of(controller, weight, environment)
     kept: list[tuple[Any, ...]] = []
 
     class Listening:
@@ -108,7 +108,7 @@ def in_scipy(
     frozen = frozen_of(scenarios)
     if frozen is None:
         raise ValueError("the independent solver takes scenarios of a set or a table")
-    one = controller_of(controller, weight)
+    one = controller_of(controller, weight, environment)
     found = rescore(one, frozen, range(scenarios["count"]), environment, weight, clamp=clamp)
     ours = stage(scenarios, weight, environment).play(one)
     return {**found, "ours": ours.object_velocity, "our_time": ours.approach_time, "our_missed": ours.missed}
@@ -127,7 +127,7 @@ def profile(
     position = np.linspace(0.0, distance, 141)
     curves = []
     for weight in weights:
-        one = controller_of(controller, weight)
+        one = controller_of(controller, weight, environment)
         env: Any = gym.make("ImpactApproach-v0", record_trace=True, time_weight=weight, **environment).unwrapped
         seen, _ = env.reset(seed=0, options={"record": record})
         state, start, ended = None, np.ones(1, np.bool_), False

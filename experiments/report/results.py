@@ -163,6 +163,12 @@ def _sources(arenas: list[Arena]) -> str:
     return digest_of("impact_gym", "agents", "experiments.report.play", "experiments.reference", *modules)
 
 
+def _fixed(environment: Mapping[str, Any]) -> bool:
+    """Whether episodes draw nothing but their scenario."""
+    task = Task(**environment)
+    return not task.drawn and task.delays[0] == task.delays[1]
+
+
 def _asked(number: int, arena: Arena, depends: str) -> Iterator[_Asked]:
     environment = copy.deepcopy(dict(arena.environment))
     scenarios = dict(arena.scenarios)
@@ -204,7 +210,7 @@ def _asked(number: int, arena: Arena, depends: str) -> Iterator[_Asked]:
         for one in {**{c.name: c for c in arena.seeds}, **{c.name: c for c in rivals}}.values():
             arguments = {"environment": {**environment, **options}, "scenarios": few, "weights": [typical]}
             yield ask("exactly", (change, one.name), "play", one.controller, **arguments)
-    if "ranges" not in scenarios and set(environment) <= set(SERVED):
+    if "ranges" not in scenarios and set(environment) <= set(SERVED) and _fixed(environment):
         hundred = _first(scenarios, IN_SCIPY)
         for label, clamp in CLAMP.items():
             arguments = {"scenarios": hundred, "weight": typical, "clamp": clamp}

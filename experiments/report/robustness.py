@@ -1,11 +1,11 @@
 """Does it hold? One thing at a time is changed in the environment; the policies and baselines stay as they are."""
 
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import fields
 from typing import Any, NamedTuple
 
 from impact_gym.envs import evaluation_sets
 from impact_gym.envs.task import Task
-from impact_gym.scene import Bistable, SpringDamper
 
 Environment = Mapping[str, Any]
 
@@ -39,25 +39,20 @@ def _estimate(error: float) -> Callable[[Environment], dict[str, Any] | None]:
     return lambda environment: None if environment.get("range_noise") is None else {"range_noise": error}
 
 
+def _times(share: float, value: Any) -> Any:
+    """Return a share of a number, or of both ends of a range."""
+    return [share * one for one in value] if isinstance(value, (list, tuple)) else share * value
+
+
 def _mass(share: float) -> Callable[[Environment], dict[str, Any]]:
-    return lambda environment: {"tool_mass": share * environment.get("tool_mass", Task.tool_mass)}
+    return lambda environment: {"tool_mass": _times(share, environment.get("tool_mass", Task.tool_mass))}
 
 
 def _coupling(environment: Environment) -> dict[str, Any]:
     """The coupling as JSON, with every default."""
-    given = environment.get("coupling")
-    if given is None:
-        return {"type": "SpringDamper", "stiffness": 50.0, "damping_ratio": 1.0}
-    kind = {"SpringDamper": SpringDamper, "Bistable": Bistable}.get(given["type"])
-    rest = {name: value for name, value in given.items() if name != "type"}
-    record = kind(**rest) if kind else None
-    return dict(given) if record is None else {"type": given["type"], **_fields(record)}
-
-
-def _fields(record: Any) -> dict[str, Any]:
-    return {
-        name: getattr(record, name) for name in record.__dataclass_fields__ if record.__dataclass_fields__[name].init
-    }
+    given = environment.get("coupling", {})
+    record = Task(**environment).coupling
+    return {"type": type(record).__name__, **{one.name: getattr(record, one.name) for one in fields(record)}, **given}
 
 
 def _stiffness(share: float) -> Callable[[Environment], dict[str, Any] | None]:
@@ -65,7 +60,7 @@ def _stiffness(share: float) -> Callable[[Environment], dict[str, Any] | None]:
         coupling = _coupling(environment)
         if "stiffness" not in coupling:
             return None
-        return {"coupling": {**coupling, "stiffness": share * coupling["stiffness"]}}
+        return {"coupling": {**coupling, "stiffness": _times(share, coupling["stiffness"])}}
 
     return change
 

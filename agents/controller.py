@@ -1,0 +1,95 @@
+"""From a set-up to a controller: `python -m agents.controller my.toml --out DIR`, or `make controller SETUP=my.toml`.
+
+Tunes the baselines, trains the seeds, writes the report and exports the median policy, each by the command that it
+prints. What a stage leaves in DIR is kept: the same command goes on where it was stopped. `--quick` does all of it with
+a fraction of the work, which the report says.
+"""
+
+import shlex
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+from agents.setups import Setup, load_setup
+from impact_gym.files import whole_file
+
+QUICK = {
+    "tune": ["--scenarios", "100", "--budget", "320"],
+    "many": ["--seeds", "3", "--steps", "1000000"],
+    "report": ["--count", "200"],
+}
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """Make a controller for a set-up: baselines, policies, report and export."""
+
+    setup: tyro.conf.Positional[str]
+    """A name or a file."""
+    out: Path
+    """Folder for all of it; one that an earlier run for this set-up wrote is gone on with."""
+    quick: bool = False
+    """A first look in a few minutes: less tuning, three seeds of a million steps, 200 scenarios. Use another folder
+    than for the whole."""
+    processes: int = 2
+    """Tunings and trainings at a time on this machine; each uses one core."""
+    cluster: str | None = None
+    """Train and play on this Ray cluster instead: "ray" for the one that runs here, or its address."""
+
+
+def kept(setup: Setup, out: Path) -> Path:
+    """Return the copy of the set-up's file in `out`, by which every stage goes.
+
+    Raises:
+        ValueError: the folder holds something else.
+    """
+    copy, text = out / f"{setup.path.stem}.toml", setup.path.read_bytes()
+    if out.exists() and not out.is_dir():
+        raise ValueError(f"{out} is no folder")
+    there = sorted(out.iterdir()) if out.is_dir() else []
+    if there and copy not in there:
+        raise ValueError(f"{out} holds something else ({there[0].name}): name another folder with --out")
+    if copy.is_file() and copy.read_bytes() != text:
+        raise ValueError(f"{out} holds results of {copy.name} as it was: it has changed since, name another folder")
+    with whole_file(copy) as file:
+        file.write(text)
+    return copy
+
+
+def stages(setup: Path, wanted: Wanted) -> Iterator[list[str]]:
+    """Yield the command of each stage, without the interpreter."""
+    out, name = wanted.out, setup.stem
+    elsewhere = ["--cluster", wanted.cluster] if wanted.cluster else []
+    at_a_time = ["--processes", str(wanted.processes)]
+    quick = QUICK if wanted.quick else {}
+    yield ["-m", "agents.tune", f"{setup}", "--out", f"{out / 'tuned'}", *at_a_time, *quick.get("tune", [])]
+    folders = ["--runs", f"{out / 'runs'}", "--policies", f"{out / 'policies'}"]
+    yield ["-m", "agents.many", f"{setup}", *folders, *at_a_time, *elsewhere, *quick.get("many", [])]
+    page = ["--folder", f"{out}", "--out", f"{out / 'report'}", "--force"]
+    yield ["-m", "experiments.report", f"{setup}", *page, *elsewhere, *quick.get("report", [])]
+    yield ["-m", "agents.export", f"{out / 'policies' / f'{name}.npz'}", "--out", f"{out / 'export'}"]
+
+
+def main() -> None:
+    """Read from the command line what is wanted, and do one stage after the other."""
+    try:
+        wanted = tyro.cli(Wanted, prog="python -m agents.controller")
+        setup = kept(load_setup(wanted.setup), wanted.out)
+        for command in stages(setup, wanted):
+            print(f"$ {shlex.join(['python', *command])}", flush=True)
+            if ended := subprocess.run([sys.executable, *command], check=False).returncode:
+                sys.exit(f"agents.controller: that failed ({ended}); once mended, the same command goes on here")
+    except ValueError as error:
+        sys.exit(f"agents.controller: {error}")
+    except KeyboardInterrupt:
+        sys.exit("agents.controller: interrupted; the same command goes on")
+    print(f"report: {(wanted.out / 'report' / 'index.html').resolve().as_uri()}")
+    print(f"controller: {wanted.out / 'export'}")
+
+
+if __name__ == "__main__":
+    main()
