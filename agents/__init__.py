@@ -2,5 +2,6 @@
 
 from agents import baselines
 from agents.policy import Policy, load_policy
+from agents.setups import Setup, load_setup
 
-__all__ = ["Policy", "baselines", "load_policy"]
+__all__ = ["Policy", "Setup", "baselines", "load_policy", "load_setup"]

@@ -17,11 +17,7 @@ import tyro
 from agents.setups import Setup, load_setup
 from impact_gym.files import whole_file
 
-QUICK = {
-    "tune": ["--scenarios", "100", "--budget", "320"],
-    "many": ["--seeds", "3", "--steps", "1000000"],
-    "report": ["--count", "200"],
-}
+QUICK_BUDGET, QUICK_STEPS, QUICK_SEEDS = 320, 1_000_000, 3
 
 
 @dataclass(frozen=True)
@@ -60,17 +56,21 @@ def kept(setup: Setup, out: Path) -> Path:
     return copy
 
 
-def stages(setup: Path, wanted: Wanted) -> Iterator[list[str]]:
+def stages(copy: Path, wanted: Wanted) -> Iterator[list[str]]:
     """Yield the command of each stage, without the interpreter."""
-    out, name = wanted.out, setup.stem
+    out, setup, name = wanted.out, load_setup(copy), copy.stem
     elsewhere = ["--cluster", wanted.cluster] if wanted.cluster else []
     at_a_time = ["--processes", str(wanted.processes)]
-    quick = QUICK if wanted.quick else {}
-    yield ["-m", "agents.tune", f"{setup}", "--out", f"{out / 'tuned'}", *at_a_time, *quick.get("tune", [])]
+    less: dict[str, list[str]] = {"tune": [], "many": [], "report": []}
+    if wanted.quick:
+        less["tune"] = ["--scenarios", "100", "--budget", f"{min(QUICK_BUDGET, setup.budget)}"]
+        less["many"] = ["--seeds", f"{min(QUICK_SEEDS, setup.seeds)}", "--steps", f"{QUICK_STEPS}"]
+        less["report"] = ["--count", "200"]
+    yield ["-m", "agents.tune", f"{copy}", "--out", f"{out / 'tuned'}", *at_a_time, *less["tune"]]
     folders = ["--runs", f"{out / 'runs'}", "--policies", f"{out / 'policies'}"]
-    yield ["-m", "agents.many", f"{setup}", *folders, *at_a_time, *elsewhere, *quick.get("many", [])]
+    yield ["-m", "agents.many", f"{copy}", *folders, *at_a_time, *elsewhere, *less["many"]]
     page = ["--folder", f"{out}", "--out", f"{out / 'report'}", "--force"]
-    yield ["-m", "experiments.report", f"{setup}", *page, *elsewhere, *quick.get("report", [])]
+    yield ["-m", "experiments.report", f"{copy}", *page, *elsewhere, *less["report"]]
     yield ["-m", "agents.export", f"{out / 'policies' / f'{name}.npz'}", "--out", f"{out / 'export'}"]
 
 

@@ -42,7 +42,7 @@ class Many:
     seeds: int | None = None
     """How many, from 0 on; what the set-up says, or 10, unless given."""
     steps: int | None = None
-    """Environment steps of each training; what the set-up says unless given."""
+    """Environment steps of each training at the most; what the set-up says unless given."""
     processes: int = 2
     """Trainings at a time on this machine; each uses one core."""
     cluster: str | None = None
@@ -166,9 +166,8 @@ def main() -> None:
         for setup in wanted.setups:
             settings = default_settings(setup)
             if wanted.steps is not None:
-                settings = replace(
-                    settings, steps=wanted.steps, validate_every=min(settings.validate_every, wanted.steps)
-                )
+                steps = min(settings.steps, wanted.steps)
+                settings = replace(settings, steps=steps, validate_every=min(settings.validate_every, steps))
             print(train_all(load_setup(setup).name, wanted, settings))
     except (JobsFailedError, RuntimeError, ValueError) as error:
         sys.exit(f"agents.many: {error}")

@@ -21,6 +21,7 @@ from experiments.report.figures import Table
 from experiments.report.results import Played, episodes, gather_arenas
 from experiments.results import REPORTS, checksum, circumstances, replaceable, whole_folder
 from experiments.statistics import RESAMPLES
+from impact_gym.envs.task import Task
 from impact_gym.files import whole_file
 from impact_gym.validation import whole
 
@@ -154,7 +155,7 @@ def write_folder(played: list[Played], settings: Settings, begun: float, first: 
             "episodes": {"rows": len(rows), "sha256": checksum(folder / "episodes.parquet")},
             "contestants": {one.arena.name: _checksums(one) for one in played},
             "weights": {one.arena.name: list(one.policy.weights) for one in played},
-            "scenarios": _scenarios(asked[0].scenarios),
+            "scenarios": "; ".join(dict.fromkeys(_scenarios(one.scenarios) for one in asked)),
             "command": shlex.join(["python", "-m", "experiments.report", *sys.argv[1:]]),
             **revision(),
             "seconds": time.perf_counter() - begun,
@@ -168,6 +169,7 @@ def write_folder(played: list[Played], settings: Settings, begun: float, first: 
             "table": answer.answers_table(answers, played),
             "weak": [] if first else [said for one in played for said in holds.weak_points(one)],
             "seeds": max(len(one.seeds) for one in played),
+            "limits": _limits(asked),
             "own": bool(settings.policy),
             "apart": _apart(asked[0].scenarios),
             "trained_with": _trained_with(asked),
@@ -205,6 +207,17 @@ def _policies_table(played: list[Played]) -> Table:
                      one.arena.policy.checksum[:16]))  # fmt: skip
     head = ("recipe", "median seed", "seeds", "trained by", "weight as late as the rule (m/s per s)", "checksum")
     return Table("The policies; checksums of all contestants are in results.json", head, tuple(body))
+
+
+def _limits(asked: list[arenas.Arena]) -> str:
+    """Say what the arms can do."""
+    limits: dict[str, list[str]] = {}
+    for one in asked:
+        task = Task(**one.environment)
+        can = f"{task.acceleration_range[1]:g} m/s² and {task.velocity_range[1]:g} m/s"
+        limits.setdefault(can, []).append(one.name)
+    told = [f"{can} ({', '.join(names)})" if len(limits) > 1 else can for can, names in limits.items()]
+    return f"Policies and tuned baselines may use up to {'; '.join(told)}."
 
 
 def _scenarios(scenarios: Mapping[str, Any]) -> str:

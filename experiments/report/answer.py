@@ -172,7 +172,7 @@ def trade_off(played: Played) -> Figure:
     )  # fmt: skip
     caption = (
         "Down and left is better. A line per contestant over its time weights, the policy's faint lines are the other "
-        f"seeds; {FAMILY} is sped up to and braked at 16 m/s²." + bound
+        f"seeds; {FAMILY} is sped up to and braked at 16 m/s² or as hard as the arm can." + bound
     )
     return Figure(f"{played.arena.name}_trade_off", f"{played.arena.name}: approach time against V_p", caption, text,
                   zoomable(layers), data, 380)  # fmt: skip

@@ -113,7 +113,7 @@ def with_less(setup: Setup, about: Mapping[str, Any], rivals: Sequence[Contestan
     ]
     if budgets and min(budgets) < setup.budget:
         told.append(f"baselines tuned with {min(budgets):,} candidates of {setup.budget:,}")
-    return f" (A QUICK LOOK: {', '.join(told)})" if told else ""
+    return f"; A QUICK LOOK, {', '.join(told)}" if told else ""
 
 
 def met_in(environment: Environment, scenarios: Mapping[str, Any]) -> tuple[dict[str, Any], Mapping[str, Any]]:
