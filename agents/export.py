@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from agents.export_c import identifier, write_header
 from agents.export_onnx import write_onnx
+from agents.export_replay import CALLS, EPISODES, Replay, logged, replay
 from agents.policy import ACTIONS, Policy, load_policy
 from impact_gym.envs.observation import space
 from impact_gym.envs.task import Task
@@ -29,6 +30,7 @@ from impact_gym.envs.task import Task
 Floats = NDArray[np.float32]
 CYCLE = 0.016  # s, the controller's
 AGREEMENT = 1e-6  # of actions in -1 ... 1
+SAME_COMMANDS = 1e-5  # of their range
 OBSERVATIONS, IN_A_ROW = 10_000, 100  # a recurrent policy sees so many one after the other
 
 
@@ -98,7 +100,7 @@ def with_c(policy: Policy, path: Path, seen: Floats) -> Form | None:
         f'#include "{path.name}"\n'
         f"void play(int steps, int rows, const float *seen, float *actions) {{\n"
         f"    for (int row = 0; row < rows; row++) {{\n"
-        + (f"        {name}_state state = {{{{0}}, {{0}}}};\n" if recurrent else "")
+        + (f"        {name}_memory state = {{{{0}}, {{0}}}};\n" if recurrent else "")
         + "        for (int step = 0; step < steps; step++)\n"
         f"            {name}_act({'&state, ' if recurrent else ''}seen + (step * rows + row) * {policy.inputs},\n"
         f"                actions + (step * rows + row) * {ACTIONS});\n"
@@ -141,6 +143,7 @@ def export(wanted: Export) -> list[Path]:
     paths = [write_header(policy, wanted.out / f"{stem}.h"), write_onnx(policy, wanted.out / f"{stem}.onnx")]
     forms = {"C": with_c(policy, paths[0], seen), "ONNX": with_onnx(policy, paths[1], seen)}
     missing = {"C": "no C compiler is here", "ONNX": "the package onnxruntime is missing"}
+    _replayed(policy, paths[0])
     for path, (name, form) in zip(paths, forms.items(), strict=True):
         if form is None:
             print(f"{path}: not checked, {missing[name]}")
@@ -150,6 +153,24 @@ def export(wanted: Export) -> list[Path]:
             raise ValueError(f"{path} differs from the policy by {difference:.1e}, more than {AGREEMENT:g}")
         print(f"{path}: differs by at most {difference:.1e}; a call takes {_told(form.seconds)}")
     return paths
+
+
+def _replayed(policy: Policy, header: Path) -> None:
+    """Play episodes through the controller in C, and say how it compares and how long it takes."""
+    found: Replay | None = replay(policy, header, logged(policy))
+    if found is None:
+        print(f"{header}: its controller is not checked: no C compiler, or a policy that sees what no sensor tells")
+        return
+    if not found.difference <= SAME_COMMANDS:
+        raise ValueError(
+            f"{header} commands otherwise, by {found.difference:.1e} of the range, more than {SAME_COMMANDS:g}"
+        )
+    period = Task(**policy.environment).control_period
+    print(
+        f"{header}: {EPISODES:,} episodes replayed, commands differ by at most {found.difference:.1e} of their range; "
+        f"of {CALLS:,} calls 99.9 % take at most {1e6 * found.usual:.1f} us, the worst {1e6 * found.worst:.0f} us, "
+        f"where the control period is {1e6 * period:,.0f} us"
+    )
 
 
 def _told(seconds: float) -> str:

@@ -237,10 +237,8 @@ class Batch:
 
     def sensors(self) -> dict[str, NDArray[np.float64]]:
         """Return what the controllers may know now, in SI units (size,) each; see `ImpactApproachEnv.sensors`."""
-        shown = ["time", "position", "velocity", "alarm", "time_since_alarm", "force"]
-        shown += ["distance_estimate"] if self.task.range_noise is not None else []
-        shown += ["deflection"] if self.task.deflection_sensor else []
-        return {name: self.episodes["sensors"][name].copy() for name in shown}
+        now = self.episodes["sensors"]
+        return {name: now[field].copy() for name, field in observation.sensor_fields(self.task).items()}
 
     def _verdicts(self, rows: NDArray[np.int64]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
         """Return number of contacts, whether the object was missed, and a sentence about the solver."""

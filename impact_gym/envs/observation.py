@@ -109,6 +109,14 @@ def entries(task: Task) -> tuple[Entry, ...]:
     return (*seen, *added[:behind], *told, *added[behind:])
 
 
+def sensor_fields(task: Task) -> dict[str, str]:
+    """Return what a controller may know by name, and which of the kernels' `Sensors` it is."""
+    fields = {name: name for name in ("time", "position", "velocity", "alarm", "time_since_alarm", "force")}
+    fields["force_peak"] = "peak"
+    fields |= {"distance_estimate": "distance_estimate"} if task.range_noise is not None else {}
+    return fields | ({"deflection": "deflection"} if task.deflection_sensor else {})
+
+
 def drawn_entry(name: str, pair: tuple[float, float]) -> Entry:
     """Return what shows a number of the set-up that is drawn from a range, from its low end to its high one."""
     unit, logarithmic, _ = NUMBERS[name]

@@ -187,8 +187,9 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         """Return what the controller may know now, in SI units, without the observation's scales and clips.
 
         `time` (s), `position` (m) and `velocity` (m/s) of the imposed motion, `alarm` (0 or 1), `time_since_alarm`
-        (s), `force` (N, as it has reached the controller), and, where the arguments ask for them,
-        `distance_estimate` (m, from the flange as it stands now) and `deflection` (m).
+        (s), `force` and `force_peak` (N, as they have reached the controller; the peak is the sensor's own, between
+        its readings too), and, where the arguments ask for them, `distance_estimate` (m, from the flange as it stands
+        now) and `deflection` (m).
         """
         return {name: float(column[0]) for name, column in self._batch.sensors().items()}
 

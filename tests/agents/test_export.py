@@ -13,6 +13,7 @@ from policies import KINDS, made_up_policy, observations
 from agents import export as exporting
 from agents.export import Export, export
 from agents.export_c import header, identifier
+from agents.export_replay import LANGUAGES, address, compiled, logged, replay
 
 needs_c = pytest.mark.skipif(shutil.which("cc") is None and shutil.which("gcc") is None, reason="no C compiler")
 needs_onnx = pytest.mark.skipif(
@@ -71,7 +72,7 @@ def test_the_header_is_plain_c99_and_can_stand_twice_in_a_program(tmp_path):
     source = (
         '#include "one.h"\n#include "other.h"\n#include "one.h"\n'
         "void play(const float *seen, float *first, float *second) {\n"
-        "    other_state state = {{0}, {0}};\n    one_act(seen, first);\n    other_act(&state, seen, second);\n}\n"
+        "    other_memory state = {{0}, {0}};\n    one_act(seen, first);\n    other_act(&state, seen, second);\n}\n"
     )
     (tmp_path / "main.c").write_text(source)
     compiler = shutil.which("cc") or shutil.which("gcc")
@@ -94,7 +95,7 @@ def test_the_header_says_what_goes_in_and_out():
     assert "[1] flange velocity, m/s: -0.5 ... 1.5 to -1 ... 1" in text
     assert "[8] distance estimate minus flange position" in text
     assert "acceleration to use for it: 1 ... 20 m/s^2" in text
-    assert text.count("*/") == 1
+    assert text.partition("#ifndef")[0].count("*/") == 1
 
 
 @pytest.mark.parametrize(("name", "expected"), [
@@ -125,3 +126,126 @@ def test_what_cannot_be_checked_is_said(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(shutil, "which", lambda _: None)
     export(Export(str(path), tmp_path / "out"))
     assert "policy.h: not checked, no C compiler is here" in capsys.readouterr().out
+
+
+CONTROLLERS = {
+    "plain": {},
+    "squashed": {"squash": True},
+    "recurrent": {"cells": 6},
+    "all sensors": {"environment": {"range_noise": 0.01, "deflection_sensor": True, "force_noise": 0.5}},
+    "its own arm": {
+        "environment": {
+            "velocity_range": [-0.2, 0.6],
+            "acceleration_range": [0.5, 4.0],
+            "tool_mass": [0.3, 0.5],
+            "time_weight": [0.05, 50.0],  # beyond what is observed
+            "reaction_delay": [0.0, 0.05],
+        }
+    },
+}
+
+
+@needs_c
+@pytest.mark.parametrize("kind", CONTROLLERS.values(), ids=list(CONTROLLERS))
+def test_the_controller_in_c_commands_what_the_policy_commands(tmp_path, kind):
+    policy = made_up_policy(**kind)
+    (tmp_path / "it.h").write_text(header(policy, "it"))
+    log = logged(policy, 300)
+    assert log.commands.std() > 0.0
+    found = replay(policy, tmp_path / "it.h", log, calls=1000)
+    assert found.difference < 1e-5  # a command is on a grid, and may fall on the next point of it
+    assert 0.0 < found.usual <= found.worst
+
+
+@needs_c
+@pytest.mark.parametrize("language", LANGUAGES)
+@pytest.mark.parametrize("kind", CONTROLLERS.values(), ids=list(CONTROLLERS))
+def test_the_controller_compiles_without_a_warning(tmp_path, kind, language):
+    if language == "C++17" and shutil.which("g++") is None:
+        pytest.skip("no C++ compiler")
+    policy = made_up_policy(**kind)
+    (tmp_path / "it.h").write_text(header(policy, "it"))
+    assert compiled(policy, tmp_path / "it.h", tmp_path, language)
+    text = header(policy, "it")
+    assert {line for line in text.splitlines() if line.startswith("#include")} == {"#include <math.h>"}
+
+
+@pytest.fixture
+def told(tmp_path):
+    """Commands of a made-up policy for readings (steps, fields), at one time weight."""
+    policy = made_up_policy(environment={"range_noise": 0.01})
+    (tmp_path / "it.h").write_text(header(policy, "it"))
+    program = compiled(policy, tmp_path / "it.h", tmp_path)
+
+    def commands(readings):
+        sensors = np.ascontiguousarray(np.array(readings, float)[:, None, :])
+        steps, weights = np.array([len(sensors)], np.int32), np.array([2.0])
+        found = np.zeros((len(sensors), 1, 2))
+        program.play(1, address(sensors), address(steps), address(weights), address(found))
+        return found[:, 0]
+
+    return commands
+
+
+def reading(time, position=0.1, velocity=0.5, alarm=0.0, since=0.0, force=0.0, peak=0.0, estimate=0.2):
+    return [time, position, velocity, alarm, since, force, peak, estimate]
+
+
+@needs_c
+def test_a_late_or_repeated_reading_or_one_without_a_time_changes_nothing(told):
+    first, second, third = reading(0.0), reading(0.016, 0.15), reading(0.032, 0.2, force=5.0)
+    plain = told([first, second, third])
+    assert len(np.unique(plain, axis=0)) == 3
+    other = reading(0.016, 0.9, force=50.0)
+    for wrong in (second, other, reading(0.008, 0.9, force=50.0), reading(np.nan, 0.9), reading(np.inf, 0.9)):
+        played = told([first, second, wrong, third])
+        assert np.array_equal(played[[0, 1, 3]], plain)
+        assert np.array_equal(played[2], plain[1])
+
+
+@needs_c
+def test_before_the_first_reading_the_arm_is_to_rest(told):
+    assert told([reading(np.nan)]).tolist() == [[0.0, 20.0]]
+
+
+@needs_c
+@pytest.mark.parametrize("missing", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("place", [1, 2, 5, 7])
+def test_a_number_that_is_missing_keeps_its_last_value(told, place, missing):
+    first, second = reading(0.0, 0.1, 0.5, force=3.0), reading(0.016, 0.15, 0.6, force=4.0, estimate=0.1)
+    gap, kept = list(second), list(second)
+    gap[place], kept[place] = missing, first[place]
+    assert np.array_equal(told([first, gap]), told([first, kept]))
+    assert not np.array_equal(told([first, gap]), told([first, second]))
+
+
+@needs_c
+def test_an_alarm_once_heard_stays_and_its_clock_goes_on(told):
+    before, heard = reading(0.0, force=2.0), reading(0.016, alarm=1.0, force=2.0)
+    plain = told([before, heard, reading(0.046, alarm=1.0, since=0.03, force=2.0)])
+    for alarm, since in ((0.0, 0.0), (np.nan, np.nan), (1.0, np.nan)):
+        again = told([before, heard, reading(0.046, alarm=alarm, since=since, force=2.0)])
+        assert again == pytest.approx(plain, abs=1e-5)
+    assert not np.array_equal(told([before, reading(0.046, force=2.0)])[1], plain[2])
+
+
+@needs_c
+def test_the_largest_force_is_kept(told):
+    seen = [reading(0.0), reading(0.016, force=40.0), reading(0.032, force=1.0)]
+    assert np.array_equal(told(seen)[2], told([*seen[:2], reading(0.032, force=1.0, peak=40.0)])[2])
+    assert not np.array_equal(told(seen)[2], told([*seen[:2], reading(0.032, force=1.0, peak=80.0)])[2])
+    assert np.array_equal(told([reading(0.0, force=-5.0)]), told([reading(0.0)]))
+
+
+@needs_c
+def test_a_controller_that_commands_otherwise_is_refused(tmp_path, monkeypatch):
+    path = made_up_policy().save(tmp_path / "policy.npz")
+    monkeypatch.setattr(exporting, "replay", lambda *_: exporting.Replay(2e-5, 1e-6, 1e-6))
+    with pytest.raises(ValueError, match=r"commands otherwise, by 2.0e-05 of the range"):
+        export(Export(str(path), tmp_path))
+
+
+def test_a_policy_that_sees_the_truth_gets_no_controller(tmp_path):
+    policy = made_up_policy(environment={"privileged": True})
+    assert "_step" not in header(policy, "it").partition("*/")[2]
+    assert replay(policy, tmp_path / "it.h", logged(policy, 3)) is None

@@ -310,15 +310,13 @@ def test_sensors_say_in_si_units_what_the_observation_says():
     observation, ended, touched, tick = env.reset(seed=4)[0], False, 0.0, 0
     while not ended:
         sensors = env.unwrapped.sensors()
-        assert {*sensors} == {
-            "time", "position", "velocity", "alarm", "time_since_alarm", "force", "distance_estimate", "deflection"
-        }  # fmt: skip
+        known = {"time", "position", "velocity", "alarm", "time_since_alarm", "force", "force_peak"}
+        assert {*sensors} == known | {"distance_estimate", "deflection"}
         for name, value in sensors.items():
             assert type(value) is float
-            entry = table[name]
-            if name == "force":
-                value = math.log1p(value)
-            high = math.log1p(entry.high) if name == "force" else entry.high
+            name = name.replace("force_peak", "peak")
+            entry, of_force = table[name], name in {"force", "peak"}
+            value, high = (math.log1p(one) if of_force else one for one in (value, entry.high))
             scaled = entry.scaled_low + (1.0 - entry.scaled_low) * (value - entry.low) / (high - entry.low)
             assert observation[shown[name]] == pytest.approx(min(max(scaled, entry.scaled_low), 1.0), abs=1e-6)
         touched = max(touched, sensors["force"])
