@@ -10,6 +10,7 @@ from gymnasium.utils import seeding
 from impact_gym.kernels import UNIFORMS
 from numpy.typing import NDArray
 
+from agents.policy import Policy
 from agents.validation import Controller
 from impact_gym.envs import evaluation_sets
 from impact_gym.envs.batch import Batch
@@ -63,6 +64,7 @@ class Stage:
         time_weight: Sequence[float] | None = None,
         frozen: evaluation_sets.EvaluationSet | None = None,
         threads: int | None = None,
+        quiet: bool = False,
         **options: Any,
     ) -> None:
         """Make a stage of `copies * count` rows: row k holds scenario `k % count` of its copy.
@@ -74,9 +76,10 @@ class Stage:
             time_weight: one for each copy, m/s per s; None: what the options say.
             frozen: the set that the scenarios are taken from, not drawn; its seed must be `seed`.
             threads: of the simulation; they change no result.
+            quiet: say nothing of policies that were trained for another environment: here they are meant to be.
             options: of the environment.
         """
-        self.seed, self.count = seed, count
+        self.seed, self.count, self.quiet = seed, count, quiet
         self._batch = Batch(copies * count, Task(**{"scenario": "test", **options}), threads)
         self._uniforms = np.tile(_uniforms(seed, count), copies)
         self._fixed = free_record(copies * count)
@@ -103,12 +106,14 @@ class Stage:
 
         The result of a row depends on its scenario and the controller alone, as long as the controller's action for an
         observation does not depend on those beside it (`Policy` sees to that; a matrix product of BLAS rounds
-        differently in batches of different size).
+        differently in batches of different size). A policy that was trained for another environment says so once.
 
         Raises:
             RuntimeError: the solver failed in a scenario; names it.
         """
         batch = self._batch
+        if isinstance(controller, Policy) and not self.quiet:
+            controller.say_if_elsewhere(batch.task)
         batch.begin(np.arange(batch.size), self._uniforms, self._fixed)
         ended, start = np.zeros(batch.size, np.bool_), np.ones(batch.size, np.bool_)
         state: Any = None

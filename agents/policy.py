@@ -4,7 +4,9 @@ A policy file is an archive of arrays and JSON: the weights of a small network, 
 units, and how it came about. Reading one runs no code.
 """
 
+import warnings
 from collections.abc import Mapping
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +21,8 @@ from impact_gym.envs.task import Task
 SHIPPED = Path(__file__).parent / "policies"
 FORMAT = "impact_gym policy 2"
 ACTIONS = 2  # numbers of an action
+SEEN_TO = ("scenario", "time_weight", "privileged", "rtol", "max_episode_steps")
+"""Arguments of an environment that a policy may meet otherwise than in training."""
 
 
 class Policy:
@@ -43,6 +47,7 @@ class Policy:
         if network.mean.outputs != ACTIONS:
             raise ValueError(f"the network gives {network.mean.outputs} numbers, an action has {ACTIONS}")
         self._noise = np.random.default_rng()
+        self._said = False
 
     @property
     def inputs(self) -> int:
@@ -77,6 +82,22 @@ class Policy:
             action = (action + noise).astype(np.float32)
         return self.network.action(action), state
 
+    def differs_in(self, task: Task) -> list[str]:
+        """Return the arguments in which a task is another than the one that the policy was trained for."""
+        own = Task(**self.environment)
+        names = [one.name for one in fields(Task) if one.init and one.name not in SEEN_TO]
+        other = {name for name in names if getattr(own, name) != getattr(task, name)}
+        ranges = {name for name in {*own.drawn, *task.drawn} if own.drawn.get(name) != task.drawn.get(name)}
+        return sorted(other | {name.partition(".")[0] for name in ranges})
+
+    def say_if_elsewhere(self, task: Task) -> None:
+        """Warn, once, if a task is another than the one that the policy was trained for."""
+        other = [] if self._said else self.differs_in(task)
+        if other:
+            self._said = True
+            said = f"the policy was trained for another environment, which differs in {', '.join(other)}"
+            warnings.warn(said, stacklevel=3)
+
     def save(self, path: Path | str) -> Path:
         """Write the policy to `path`, whole or not at all."""
         content = {
@@ -92,9 +113,9 @@ class Policy:
 
 def observation_table(environment: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Return name, unit and scale of each entry of the observation."""
-    fields = ("name", "unit", "low", "high", "scaled_low")
+    columns = ("name", "unit", "low", "high", "scaled_low")
     shown = observations.entries(Task(**environment))
-    return [{field: getattr(entry, field) for field in fields} for entry in shown]
+    return [{column: getattr(entry, column) for column in columns} for entry in shown]
 
 
 def action_table(environment: Mapping[str, Any]) -> list[dict[str, Any]]:

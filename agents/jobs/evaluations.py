@@ -43,7 +43,7 @@ def play(
 
 def stage(scenarios: Mapping[str, Any], weight: float, environment: Mapping[str, Any] | None = None) -> Stage:
     """Return the stage of `scenarios` at a time weight (m/s per s)."""
-    options: dict[str, Any] = {"time_weight": [weight], "threads": 1, **(environment or {})}
+    options: dict[str, Any] = {"time_weight": [weight], "threads": 1, "quiet": True, **(environment or {})}
     frozen = frozen_of(scenarios)
     if frozen is not None:
         return Stage(frozen.seed, scenarios["count"], frozen=frozen, **options)

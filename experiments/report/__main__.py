@@ -38,7 +38,7 @@ PACKAGES = (
 class Settings:
     """Play policies and baselines through the same scenarios and write a page about it.
 
-    Without a set-up and --policy it is about every set-up that is shipped, all its seeds.
+    Without a set-up and --policy it is about the three set-ups of the README, all their seeds.
     """
 
     setups: tyro.conf.Positional[tuple[str, ...]] = ()

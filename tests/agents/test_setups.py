@@ -13,6 +13,7 @@ from agents import load_policy, setup
 from agents.baselines import PaperTrapezoid
 from agents.baselines.tuned import TUNED, names, read_tuned
 from agents.controller import Wanted, kept, stages
+from agents.evaluation import Stage
 from agents.policy import SHIPPED
 from agents.settings import default_settings
 from agents.setups import load_setup, owner, same_environment, shipped
@@ -263,3 +264,17 @@ def test_less_than_a_set_up_wants_is_said(mine, tmp_path):
     assert arenas.with_less(there, {"settings": {"steps": 2000}}, []) == ""
     said = arenas.with_less(there, {"settings": {"steps": 500}}, [contestant])
     assert said == "; A QUICK LOOK, trained for 500 steps of 2,000, baselines tuned with 8 candidates of 16"
+
+
+def test_a_policy_says_once_that_it_is_played_elsewhere(recwarn):
+    policy = load_policy("bistable-blind")
+    elsewhere = Stage(5, 3, coupling={"type": "Bistable"})
+    with pytest.warns(UserWarning, match="another environment, which differs in coupling$"):
+        elsewhere.play(policy)
+    recwarn.clear()
+    elsewhere.play(policy)
+    at_home = load_setup("bistable-blind").environment
+    Stage(5, 3, **at_home, time_weight=[1.0]).play(load_policy("bistable-blind"))
+    Stage(5, 3, coupling={"type": "Bistable"}, quiet=True).play(load_policy("bistable-blind"))
+    assert not recwarn.list
+    assert policy.differs_in(Task(**{**at_home, "tool_mass": [0.1, 0.15], "privileged": True})) == ["tool_mass"]
