@@ -60,7 +60,7 @@ bars: setup  ## play every shipped seed and every baseline on the test set and w
 	$(BIN)/python -m experiments.bars
 
 controller: setup  ## tune, train, report and export for SETUP=my.toml into OUT=runs/NAME; QUICK=1 for a first look
-	$(BIN)/python -m agents.controller $(SETUP) --out $(or $(OUT),runs/$(basename $(notdir $(SETUP)))) $(if $(QUICK),--quick)
+	$(BIN)/python -m agents.controller $(SETUP) --out $(or $(OUT),runs/$(basename $(notdir $(SETUP)))$(if $(QUICK),-quick)) $(if $(QUICK),--quick)
 
 search: setup  ## search for settings of training; goes on where it was stopped
 	$(BIN)/python -m agents.search

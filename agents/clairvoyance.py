@@ -4,6 +4,7 @@
 agents/tuned/clairvoyant-SETUP.npz; what is there is kept, so the same command goes on where it was stopped.
 """
 
+import json
 import multiprocessing
 import sys
 from collections.abc import Callable
@@ -48,8 +49,8 @@ class Wanted:
     """Of the search in each scenario."""
     processes: int = 2
     """Weights at a time; each uses one core."""
-    out: Path = TUNED
-    """Folder of the files."""
+    out: Path | None = None
+    """Folder of the files; that of the shipped ones unless given, for a set-up from a file runs/NAME/tuned."""
 
     def __post_init__(self) -> None:
         for name in ("scenarios", "generations", "processes"):
@@ -76,8 +77,9 @@ def clairvoyant_bound(
         found = load_clairvoyant(setup, time_weight).parameters[:scenarios]
     else:
         found = search(setup, time_weight, frozen, scenarios, generations, population)
-    options: dict[str, Any] = {**load_setup(setup).environment, "privileged": True}
-    return Stage.of(frozen, scenarios, time_weight=[time_weight], **options).play(Clairvoyant(found))
+    environment = load_setup(setup).environment
+    stage = Stage.of(frozen, scenarios, time_weight=[time_weight], **environment, privileged=True)
+    return stage.play(Clairvoyant(found).for_environment(environment))
 
 
 def search(
@@ -96,7 +98,9 @@ def search(
     stage = Stage.of(frozen, scenarios, copies=population, time_weight=weights, **{"rtol": SEARCH_RTOL, **options})
 
     def losses(candidates: Floats) -> Floats:
-        played = stage.play(Clairvoyant(candidates.reshape(population * scenarios, -1)))
+        played = stage.play(
+            Clairvoyant(candidates.reshape(population * scenarios, -1)).for_environment(load_setup(setup).environment)
+        )
         return played.loss(time_weight).reshape(population, scenarios)
 
     found = minimise(losses, Clairvoyant.PARAMETERS, scenarios, population, generations, SEED, told)
@@ -140,9 +144,10 @@ def search_all(wanted: Wanted) -> list[Path]:
     paths = []
     with ProcessPoolExecutor(wanted.processes, multiprocessing.get_context("spawn")) as pool:
         for setup in map(load_setup, wanted.setups):
-            path = wanted.out / f"clairvoyant-{setup.name}.npz"
+            path = (setup.folder / "tuned" if wanted.out is None else wanted.out) / f"clairvoyant-{setup.name}.npz"
             about = {
                 "preset": setup.name,
+                **({} if setup.shipped else {"environment": json.loads(json.dumps(dict(setup.environment)))}),
                 "set": FROZEN,
                 "parameters": names,
                 **{name: getattr(wanted, name) for name in ("scenarios", "generations")},

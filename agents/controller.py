@@ -14,9 +14,12 @@ from pathlib import Path
 
 import tyro
 
+from agents.setup import check
 from agents.setups import Setup, load_setup
 from impact_gym.files import whole_file
 
+MADE_FOR = ("environment", "training", "tuned", "budget")
+MADE_FOR = ("environment", "training", "tuned", "budget")
 QUICK_BUDGET, QUICK_STEPS, QUICK_SEEDS = 320, 1_000_000, 3
 
 
@@ -37,22 +40,32 @@ class Wanted:
     """Train and play on this Ray cluster instead: "ray" for the one that runs here, or its address."""
 
 
-def kept(setup: Setup, out: Path) -> Path:
+def kept(setup: Setup, out: Path, quick: bool = False) -> Path:
     """Return the copy of the set-up's file in `out`, by which every stage goes.
+
+    Words, rivals and the bound may change from one run to the next, but nothing that what is there was made for.
 
     Raises:
         ValueError: the folder holds something else.
     """
     copy, text = out / f"{setup.path.stem}.toml", setup.path.read_bytes()
+    sign = out / "quick"
     if out.exists() and not out.is_dir():
         raise ValueError(f"{out} is no folder")
     there = sorted(out.iterdir()) if out.is_dir() else []
     if there and copy not in there:
         raise ValueError(f"{out} holds something else ({there[0].name}): name another folder with --out")
-    if copy.is_file() and copy.read_bytes() != text:
-        raise ValueError(f"{out} holds results of {copy.name} as it was: it has changed since, name another folder")
+    if copy.is_file():
+        before = load_setup(copy)
+        if any(getattr(before, name) != getattr(setup, name) for name in MADE_FOR):
+            raise ValueError(f"{out} holds results of {copy.name} as it was: it has changed since, name another folder")
+        if sign.exists() != quick:
+            kind = "a quick look" if sign.exists() else "the whole"
+            raise ValueError(f"{out} holds {kind}: name another folder with --out")
     with whole_file(copy) as file:
         file.write(text)
+    if quick:
+        sign.touch()
     return copy
 
 
@@ -78,7 +91,8 @@ def main() -> None:
     """Read from the command line what is wanted, and do one stage after the other."""
     try:
         wanted = tyro.cli(Wanted, prog="python -m agents.controller")
-        setup = kept(load_setup(wanted.setup), wanted.out)
+        check(load_setup(wanted.setup), wanted.setup)
+        setup = kept(load_setup(wanted.setup), wanted.out, wanted.quick)
         for command in stages(setup, wanted):
             print(f"$ {shlex.join(['python', *command])}", flush=True)
             if ended := subprocess.run([sys.executable, *command], check=False).returncode:

@@ -28,7 +28,6 @@ from impact_gym.envs.observation import space
 from impact_gym.envs.task import Task
 
 Floats = NDArray[np.float32]
-CYCLE = 0.016  # s, the controller's
 AGREEMENT = 1e-6  # of actions in -1 ... 1
 SAME_COMMANDS = 1e-5  # of their range
 OBSERVATIONS, IN_A_ROW = 10_000, 100  # a recurrent policy sees so many one after the other
@@ -137,9 +136,10 @@ def export(wanted: Export) -> list[Path]:
     """
     policy = load_policy(wanted.policy)
     stem = Path(wanted.policy).stem
+    period = Task(**policy.environment).control_period
     seen = observations(policy)
     original = with_numpy(policy, seen)
-    print(f"a call of the policy on NumPy takes {_told(original.seconds)}")
+    print(f"a call of the policy on NumPy takes {_told(original.seconds, period)}")
     paths = [write_header(policy, wanted.out / f"{stem}.h"), write_onnx(policy, wanted.out / f"{stem}.onnx")]
     forms = {"C": with_c(policy, paths[0], seen), "ONNX": with_onnx(policy, paths[1], seen)}
     missing = {"C": "no C compiler is here", "ONNX": "the package onnxruntime is missing"}
@@ -151,7 +151,7 @@ def export(wanted: Export) -> list[Path]:
         difference = float(np.abs(form.actions - original.actions).max())
         if not difference <= AGREEMENT:
             raise ValueError(f"{path} differs from the policy by {difference:.1e}, more than {AGREEMENT:g}")
-        print(f"{path}: differs by at most {difference:.1e}; a call takes {_told(form.seconds)}")
+        print(f"{path}: differs by at most {difference:.1e}; a call takes {_told(form.seconds, period)}")
     return paths
 
 
@@ -173,8 +173,8 @@ def _replayed(policy: Policy, header: Path) -> None:
     )
 
 
-def _told(seconds: float) -> str:
-    return f"{1e6 * seconds:.1f} us, 1/{CYCLE / seconds:,.0f} of the controller's cycle of {1e3 * CYCLE:g} ms"
+def _told(seconds: float, period: float) -> str:
+    return f"{1e6 * seconds:.1f} us, 1/{period / seconds:,.0f} of the controller's cycle of {1e3 * period:g} ms"
 
 
 def main() -> None:

@@ -161,7 +161,7 @@ def controller(policy: Policy, name: str) -> list[str]:
         ),
         "    now->force = fmax(now->force, 0.0);",
         f"    now->force_peak = fmax(now->force_peak, fmax(now->force, {name}_kept(sensors->force_peak, 0.0)));",
-        "    if (!state->heard && sensors->alarm > 0.5) {",
+        f"    if (!state->heard && {name}_kept(sensors->alarm, 0.0) > 0.5) {{",
         "        state->heard = 1;",
         f"        state->heard_at = now->time - {name}_kept(sensors->time_since_alarm, 0.0);",
         "    }",

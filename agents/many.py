@@ -46,7 +46,8 @@ class Many:
     processes: int = 2
     """Trainings at a time on this machine; each uses one core."""
     cluster: str | None = None
-    """Train on this Ray cluster instead, one core each: "ray" for the one that runs here, or its address."""
+    """Train on this Ray cluster instead, one core each: "ray" for the one that runs here, or its address. Its nodes
+    must see the files of set-ups that are not shipped."""
     runs: Path = Path("runs/all")
     """Folder of the run folders, one below SETUP for each seed."""
     policies: Path | None = None
@@ -76,7 +77,10 @@ def train_all(name: str, wanted: Many, settings: Settings) -> Path:
     for folder, one in zip(folders, asked_for, strict=True):
         _refuse_other_settings(folder, one)
     jobs = [
-        Job("agents.many:train_one", {"settings": _plain(one), "folder": str(folder)})
+        Job(
+            "agents.many:train_one",
+            {"settings": _plain(one), "folder": str(folder), "environment": _json(one.environment)},
+        )
         for folder, one in zip(folders, asked_for, strict=True)
     ]
     processes = None if wanted.cluster else wanted.processes
@@ -97,8 +101,10 @@ def median(rows: list[dict[str, Any]]) -> dict[str, Any]:
     return sorted(rows, key=lambda row: (row["score"], row["seed"]))[len(rows) // 2]
 
 
-def train_one(settings: Mapping[str, Any], folder: str) -> Result:
+def train_one(settings: Mapping[str, Any], folder: str, environment: Mapping[str, Any] | None = None) -> Result:
     """Train in a run folder, or go on there, or find it done; return the bytes of the files in KEPT.
+
+    The `environment`, which the set-up that the settings name says, makes it another job where the set-up has changed.
 
     Where the folder cannot be made, as on a node of a cluster without a common one, a temporary one takes its place.
     """
@@ -128,13 +134,19 @@ def _bytes(folder: Path) -> Result:
 
 def _refuse_other_settings(folder: Path, settings: Settings) -> None:
     with suppress(FileNotFoundError):
-        if json.loads((folder / "config.json").read_text())["settings"] != _plain(settings):
-            raise ValueError(f"{folder} was trained with other settings: remove it, or name another folder with --runs")
+        record = json.loads((folder / "config.json").read_text())
+        if (record["settings"], record["environment"]) != (_plain(settings), _json(settings.environment)):
+            other = f"{folder} was trained with other settings or for another environment"
+            raise ValueError(f"{other}: remove it, or name another folder with --runs")
 
 
 def _plain(settings: Settings) -> dict[str, Any]:
     """Return the settings as JSON gives them back."""
-    plain: dict[str, Any] = json.loads(json.dumps(as_json(settings)))
+    return _json(as_json(settings))
+
+
+def _json(content: Mapping[str, Any]) -> dict[str, Any]:
+    plain: dict[str, Any] = json.loads(json.dumps(content))
     return plain
 
 

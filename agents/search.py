@@ -24,7 +24,7 @@ from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend
 from optuna.trial import Trial, TrialState
 
-from agents.settings import Algorithm, Settings, settings_by_hand, with_changes
+from agents.settings import Algorithm, Settings, default_settings, with_changes
 from agents.setups import load_setup
 from agents.train import provenance, train, write_json
 from impact_gym.validation import whole
@@ -68,8 +68,8 @@ class Search:
     """How many of its scenarios."""
     journals: Path = Path("runs/search")
     """Folder of the journals."""
-    summaries: Path = STUDIES
-    """Folder of the summaries."""
+    summaries: Path | None = None
+    """Folder of the summaries; agents/studies unless given, for a set-up from a file runs/NAME."""
 
     def __post_init__(self) -> None:
         for name in ("trials", "steps", "validate_every", "validation_scenarios"):
@@ -79,14 +79,16 @@ class Search:
 def search(wanted: Search) -> Path:
     """Run the trials that are missing, and return the path of the summary."""
     start = replace(
-        settings_by_hand(wanted.setup, wanted.algo),
+        default_settings(wanted.setup, wanted.algo),
         steps=wanted.steps,
         validate_every=wanted.validate_every,
         validation_scenarios=wanted.validation_scenarios,
         checkpoint_every=wanted.steps,
     )
     label = f"{load_setup(wanted.setup).name}-{wanted.algo}"
-    space, summary = SPACES[wanted.algo], wanted.summaries / f"{label}.json"
+    there = load_setup(wanted.setup)
+    folder = (STUDIES if there.shipped else there.folder) if wanted.summaries is None else wanted.summaries
+    space, summary = SPACES[wanted.algo], folder / f"{label}.json"
     name = f"{label}-{wanted.steps}"
     wanted.journals.mkdir(parents=True, exist_ok=True)
     study = optuna.create_study(

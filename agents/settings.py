@@ -136,7 +136,7 @@ class Settings:
         whole("seed", self.seed, at_least=0)
         if self.envs > SLOTS:
             raise ValueError(f"envs must be at most {SLOTS}, got {self.envs}")
-        load_setup(self.setup)
+        object.__setattr__(self, "setup", load_setup(self.setup).called)  # wherever it is asked for again
         if self.algo not in get_args(Algorithm):
             raise ValueError(f"algo must be one of {get_args(Algorithm)}, got {self.algo!r}")
         if self.activation not in ("tanh", "relu"):

@@ -10,9 +10,10 @@ import numpy as np
 import tyro
 
 from agents.baselines import PaperTrapezoid
+from agents.baselines.tuned import FIXED, names
 from agents.evaluation import VALIDATION_SEED, Stage
 from agents.settings import command, default_settings
-from agents.setups import Setup, load_setup
+from agents.setups import Setup, known, load_setup, shipped
 from impact_gym.envs import observation
 from impact_gym.envs.scenario import FIELDS, LOGARITHMIC, UNITS, Range
 from impact_gym.envs.setting import HOLDER_NUMBERS, NUMBERS
@@ -24,6 +25,7 @@ from impact_gym.scene import Bistable, Rigid, Robot, RobotTable, SpringDamper
 PAPERS_SPEED = 1.0  # m/s
 SAMPLE = 500  # scenarios that the paper's rule is played through
 MOST_CORNERS = 4096
+FARTHEST_SEEN = observation.ENTRIES[0].high  # m, of the flange
 
 
 @dataclass(frozen=True)
@@ -34,6 +36,25 @@ class Check:
     """A name or a file."""
     picture: Path | None = None
     """Where the picture of the chain goes, to scale, a PNG; default: reports/setups/NAME.png. Needs extra render."""
+
+
+def check(setup: Setup, called: str) -> None:
+    """Refuse what would only show hours later: a setting, a seed, a baseline or a bound that there is not.
+
+    Raises:
+        ValueError: names the file and what is wrong.
+    """
+    default_settings(called)
+    there = {*setup.tuned, *names(), *FIXED}
+    try:
+        if setup.seeds < 1:
+            raise ValueError
+        for name in setup.against:
+            if ":" not in name:
+                known("baselines.against.", [name], there)
+        known("baselines.bound.", [setup.bound], [setup.name, *shipped()])
+    except ValueError as error:
+        raise ValueError(f"{setup.path}: {error}") from None
 
 
 def drawn(task: Task) -> list[str]:
@@ -128,6 +149,12 @@ def lines(setup: Setup, called: str) -> Iterator[str]:
             f"  warning: the front stop holds the tool up to {weakest:.3g} m/s^2, the arm can make"
             f" {task.acceleration_range[1]:g}: above that the mechanism leaves its stop without a touch"
         )
+    if task.ranges.distance[1] > FARTHEST_SEEN:
+        yield (
+            f"  warning: objects stand up to {task.ranges.distance[1]:g} m ahead, but the observation ends at a flange"
+            f" position of {FARTHEST_SEEN:g} m, and profiles by position were made for 0.15 to 0.35 m"
+        )
+    check(setup, called)
     yield "\ntrained by"
     yield f"  {command(default_settings(called))}"
     yield f"baselines: {', '.join(setup.against) or 'none'}; tuned here: {', '.join(setup.tuned)}"

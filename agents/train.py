@@ -28,6 +28,7 @@ from agents.models import make_environment, make_model
 from agents.policy import load_policy
 from agents.revision import revision
 from agents.settings import FIRST_SEED, SLOTS, Settings, as_json, command, default_settings, from_json
+from agents.setups import load_setup
 from agents.watch import Told, Watch
 from impact_gym.files import whole_file
 
@@ -44,7 +45,9 @@ def train(settings: Settings, told: Told | None = None) -> Path:
     if settings.resume:
         return resume(settings.resume, told)
     stamp = datetime.now(UTC).strftime("%Y%m%d-%H%M%S")
-    folder = settings.out or Path("runs") / f"{stamp}-{Path(settings.setup).stem}-{settings.algo}-seed{settings.seed}"
+    folder = (
+        settings.out or Path("runs") / f"{stamp}-{load_setup(settings.setup).name}-{settings.algo}-seed{settings.seed}"
+    )
     folder.mkdir(parents=True)
     write_json(folder / "config.json", provenance(settings))
     return resume(folder, told)

@@ -173,7 +173,7 @@ def scores(name: str, setup: Setup, weight: float, parameters: Any, frozen: str 
 
 def command(name: str, setup: Setup, weight: float, search: dict[str, int]) -> str:
     """Return the command that finds it again."""
-    words = ["python", "-m", "agents.tune", setup.name, "--names", name, "--weights", f"{weight:g}"]
+    words = ["python", "-m", "agents.tune", setup.called, "--names", name, "--weights", f"{weight:g}"]
     for option, value in search.items():
         words += [f"--{option}", str(value)]
     return shlex.join(words)

@@ -32,7 +32,13 @@ class Clairvoyant(ReactingRule):
 
     def approach(self, seen: Seen) -> tuple[ArrayLike, ArrayLike]:
         """Return the velocity one control period ahead, and the acceleration that is there by then."""
-        return follow(self.velocity, -LARGEST_GAP * seen.scaled[..., GAP], seen.velocity, self[ACCELERATION.name])
+        return follow(
+            self.velocity,
+            -LARGEST_GAP * seen.scaled[..., GAP],
+            seen.velocity,
+            self[ACCELERATION.name],
+            self.control_period,
+        )
 
     def velocity(self, position: Floats) -> Floats:
         """Return the velocity (m/s) at `position` (m), counted from the object; far away it brakes evenly."""

@@ -29,7 +29,7 @@ class BlindProfile(ReactingRule):
 
     def approach(self, seen: Seen) -> tuple[ArrayLike, ArrayLike]:
         """Return the velocity of the profile one control period ahead, and the acceleration that is there by then."""
-        return follow(self.speed, seen.position, seen.velocity, self[ACCELERATION.name])
+        return follow(self.speed, seen.position, seen.velocity, self[ACCELERATION.name], self.control_period)
 
     def speed(self, position: Floats) -> Floats:
         """Return the profile's speed (m/s) at `position` (m)."""
@@ -50,7 +50,7 @@ class ConstantDeceleration(ReactingRule):
 
     def approach(self, seen: Seen) -> tuple[ArrayLike, ArrayLike]:
         """Return the velocity one control period ahead, and the acceleration that is there by then."""
-        return follow(self.speed, seen.position, seen.velocity, self[ACCELERATION.name])
+        return follow(self.speed, seen.position, seen.velocity, self[ACCELERATION.name], self.control_period)
 
     def speed(self, position: Floats) -> Floats:
         """Return the speed (m/s) at `position` (m)."""
@@ -64,17 +64,18 @@ def follow(
     position: Floats,
     velocity: Floats,
     acceleration: ArrayLike = ACCELERATION_RANGE[1],
+    period: float = CONTROL_PERIOD,
 ) -> tuple[Floats, Floats]:
-    """Return the command that has the flange on the profile `speed` one control period from now.
+    """Return the command that has the flange on the profile `speed` one control `period` (s) from now.
 
     The position by then follows from the mean of the velocities now and then; one look ahead gives the latter. Where
     the profile asks for more than `acceleration` (m/s^2), that much is used.
     """
-    ahead = speed(position + velocity * CONTROL_PERIOD)
-    reach = np.asarray(acceleration) * CONTROL_PERIOD
+    ahead = speed(position + velocity * period)
+    reach = np.asarray(acceleration) * period
     ahead = np.clip(ahead, velocity - reach, velocity + reach)
-    target = speed(position + 0.5 * (velocity + ahead) * CONTROL_PERIOD)
-    return target, np.clip(np.abs(target - velocity) / CONTROL_PERIOD, ACCELERATION_RANGE[0], acceleration)
+    target = speed(position + 0.5 * (velocity + ahead) * period)
+    return target, np.clip(np.abs(target - velocity) / period, ACCELERATION_RANGE[0], acceleration)
 
 
 class Shape(NamedTuple):

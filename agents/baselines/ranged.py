@@ -12,6 +12,7 @@ from impact_gym.envs.task import ACCELERATION_RANGE, VELOCITY_RANGE
 class Ranged(ReactingRule):
     """Brake at constant deceleration to the contact speed, reached a margin before the estimated distance; creep on."""
 
+    needs_estimate = True
     PARAMETERS = (
         Parameter("top speed", "m/s", 0.1, VELOCITY_RANGE[1], 1.0),
         Parameter("contact speed", "m/s", 0.01, 1.0, 0.3),
@@ -22,7 +23,7 @@ class Ranged(ReactingRule):
 
     def approach(self, seen: Seen) -> tuple[ArrayLike, ArrayLike]:
         """Return the velocity one control period ahead, and the acceleration that is there by then."""
-        return follow(self.speed, -seen.estimate, seen.velocity)
+        return follow(self.speed, -seen.estimate, seen.velocity, period=self.control_period)
 
     def speed(self, position: Floats) -> Floats:
         """Return the speed (m/s) at `position` (m), counted from the estimated distance."""

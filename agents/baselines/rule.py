@@ -79,6 +79,8 @@ class Rule:
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = ()
     velocity_range: Range = VELOCITY_RANGE
     acceleration_range: Range = ACCELERATION_RANGE
+    control_period: float = CONTROL_PERIOD  # s
+    needs_estimate: ClassVar[bool] = False  # of the distance
 
     def __init__(self, parameters: ArrayLike) -> None:
         """Make a controller.
@@ -103,9 +105,16 @@ class Rule:
         return cls(parameters)
 
     def for_environment(self, environment: Mapping[str, Any]) -> Self:
-        """Return the same rule for an environment with these arguments, whose actions may have ranges of their own."""
+        """Return the same rule for an environment with these arguments: its ranges of actions, its control period.
+
+        Raises:
+            ValueError: the rule needs an estimate of the distance, and the environment shows none.
+        """
         task, twin = Task(**environment), copy.copy(self)
+        if self.needs_estimate and task.range_noise is None:
+            raise ValueError(f"{type(self).__name__} needs an estimate of the distance: environment.range_noise")
         twin.velocity_range, twin.acceleration_range = task.velocity_range, task.acceleration_range
+        twin.control_period = task.control_period
         return twin
 
     def __getitem__(self, name: str) -> Floats:

@@ -68,7 +68,7 @@ def read_tuned(name: str, folder: Path = TUNED, setup: Setup | None = None) -> d
     path, setup = folder / f"{name}.json", setup or owner(name)
     if setup is None and not path.is_file():
         raise ValueError(f"no baseline {name!r}: there are {sorted([*FIXED, *names()])}")
-    remedy = f"python -m agents.tune {setup.name if setup else 'SETUP'}"
+    remedy = f"python -m agents.tune {setup.called if setup else 'SETUP'}"
     try:
         content: dict[str, Any] = json.loads(path.read_text())
         found = _checksum(content)

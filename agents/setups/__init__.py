@@ -7,6 +7,7 @@ rules that are tuned for it and those it is compared with. Those in this folder 
 
 import tomllib
 from collections.abc import Iterable, Mapping
+from copy import deepcopy
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from functools import lru_cache
@@ -68,6 +69,11 @@ class Setup:
         return self.path.parent == SHIPPED
 
     @property
+    def called(self) -> str:
+        """What a command line calls it."""
+        return self.name if self.shipped else str(self.path)
+
+    @property
     def folder(self) -> Path:
         """Where what is made for it goes, unless one says otherwise: `policies`, `tuned`."""
         return SHIPPED.parent if self.shipped else Path("runs") / self.name
@@ -103,7 +109,7 @@ def load_setup(name_or_path: str | Path) -> Setup:
     path = shipped_path if shipped_path.is_file() else Path(name_or_path)
     if not path.is_file():
         raise ValueError(f"no set-up {str(name_or_path)!r}: it is no file, and shipped are {', '.join(shipped())}")
-    return _loaded(path.resolve(), path.stat().st_mtime_ns)
+    return deepcopy(_loaded(path.resolve(), path.stat().st_mtime_ns))
 
 
 @lru_cache(maxsize=64)
@@ -134,6 +140,11 @@ def _setup(path: Path, content: dict[str, Any]) -> Setup:
     given = _table(baselines, "tuned", "baselines.")
     usual = {f"{path.stem}-profile": "BlindProfile" if task.range_noise is None else "Ranged"}
     tuned = {name: _tuned(f"baselines.tuned.{name}", one) for name, one in (given or usual).items()}
+    blind = [name for name, one in tuned.items() if one.rule == "Ranged" and task.range_noise is None]
+    if blind:
+        raise ValueError(
+            f"baselines.tuned.{blind[0]}: Ranged needs an estimate of the distance, environment.range_noise"
+        )
     return Setup(
         path.stem,
         _text(content, "title", path.stem),

@@ -89,7 +89,10 @@ def arenas_of(settings: Settings) -> list[arenas.Arena]:
     if changes:
         raise ValueError("scenarios with an environment of their own need --policy: the shipped recipes have theirs")
     if settings.setups:
-        return [arenas.of_setup(load_setup(name), scenarios, settings.folder) for name in settings.setups]
+        found = [load_setup(name) for name in settings.setups]
+        if len({one.name for one in found}) < len(found):
+            raise ValueError(f"two set-ups would have the same name: {', '.join(settings.setups)}")
+        return [arenas.of_setup(one, scenarios, settings.folder) for one in found]
     return arenas.shipped(scenarios)
 
 

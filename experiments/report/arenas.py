@@ -89,7 +89,10 @@ def of_setup(setup: Setup, scenarios: Mapping[str, Any], folder: Path | None = N
     there = folder / "policies" / setup.name
     paths = sorted(there.glob("seed-*.npz"), key=lambda path: int(path.stem.removeprefix("seed-")))
     if not paths or not (there / "seeds.json").is_file():
-        raise ValueError(f"{there} holds no policies: python -m agents.many {setup.name}")
+        raise ValueError(f"{there} holds no policies: python -m agents.many {setup.called}")
+    for path in paths:
+        if not setup.is_of(load_policy(path).environment):
+            raise ValueError(f"{path} was trained for another environment than {setup.called} says: train it anew")
     seeds = tuple(policy(path.stem, path) for path in paths)
     chosen = f"seed-{json.loads((there / 'seeds.json').read_text())['median']}"
     about = load_policy(there / f"{chosen}.npz").provenance

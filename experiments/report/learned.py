@@ -5,11 +5,11 @@ import numpy as np
 import polars as pl
 
 from agents.baselines.profile import constant_deceleration_of
-from agents.baselines.rule import CONTROL_PERIOD
 from experiments.report.answer import stacked
 from experiments.report.arenas import PAPER, POLICY
 from experiments.report.figures import Figure, contestants, rows, zoomable
-from experiments.report.results import FAR, NEAR, SHOWN_WEIGHTS, Played
+from experiments.report.results import FAR, SHOWN_WEIGHTS, Played, watched_at
+from impact_gym.envs.task import Task
 
 THEORY = "theory: even braking at w / 2c"
 BANDS = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
@@ -55,7 +55,7 @@ def approach(played: Played) -> Figure:
         for w, r, a in zip(fits["w"], fits["r_squared"], fits["deceleration"], strict=True)
     )
     where = (
-        f"The object stands at {NEAR:g} m and the estimate is right."
+        f"The object stands at {watched_at(arena):.3g} m and the estimate is right."
         if ranged
         else f"Nothing stands in the way here; in the scenarios objects stand {span[0]:.2f} to {span[1]:.2f} m ahead."
     )
@@ -97,8 +97,8 @@ def _line(name: str, weight: float, x: np.ndarray, v: np.ndarray, r: float = np.
 
 def reaction(played: Played) -> Figure:
     """Return the velocity commanded after the alarm, by what was sensed one control period after it."""
-    seen = played.reactions
-    step = np.rint(seen["since"] / CONTROL_PERIOD).astype(int)
+    seen, period = played.reactions, Task(**played.arena.environment).control_period
+    step = np.rint(seen["since"] / period).astype(int)
     felt = dict(zip(seen["scenario"][step == 1].tolist(), seen["sensed"][step == 1].tolist(), strict=True))
     force = np.array([felt.get(number, np.nan) for number in seen["scenario"].tolist()])
     edges = np.unique(np.quantile(list(felt.values()), BANDS))
@@ -113,7 +113,7 @@ def reaction(played: Played) -> Figure:
             velocity = seen["velocity"][chosen]
             frames.append({
                 "largest force sensed": label, "number": number, "step": place,
-                "ms": 1e3 * place * CONTROL_PERIOD, "velocity": float(velocity.mean()),
+                "ms": 1e3 * place * period, "velocity": float(velocity.mean()),
                 "low": float(np.quantile(velocity, 0.1)), "high": float(np.quantile(velocity, 0.9)),
                 "acceleration": float(seen["acceleration"][chosen].mean()), "episodes": int(chosen.sum()),
             })  # fmt: skip
@@ -136,7 +136,7 @@ def reaction(played: Played) -> Figure:
         at = data.filter(pl.col("step") == place).sort("number")
         if len(at):
             ends = f"{at['velocity'][0]:.2f} m/s where least, {at['velocity'][-1]:.2f} where most was sensed"
-            said.append(f"{1e3 * place * CONTROL_PERIOD:.0f} ms after the alarm {ends}")
+            said.append(f"{1e3 * place * period:.0f} ms after the alarm {ends}")
     text = "Mean velocity commanded: " + "; ".join(said) + "."
     caption = (
         f"Commands at w = {played.arena.typical:g}, episodes in fifths by the largest force sensed one control period "

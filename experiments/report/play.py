@@ -40,7 +40,7 @@ def play_as_late(
         return float(stage(apart, weight, environment).play(one).approach_time.mean())
 
     low, high = weights[0], weights[-1]
-    target = mean_time(low, PaperTrapezoid())
+    target = mean_time(low, PaperTrapezoid().for_environment(environment))
     for _ in range(HALVINGS if high > low else 0):
         middle = math.sqrt(low * high)
         if mean_time(middle, controller_of(controller, middle, environment)) > target:

@@ -163,6 +163,15 @@ def _sources(arenas: list[Arena]) -> str:
     return digest_of("impact_gym", "agents", "experiments.report.play", "experiments.reference", *modules)
 
 
+def watched_at(arena: Arena) -> float:
+    """Return where the object stands when an approach is watched, m: where it is known, as usual, or just too far."""
+    known = arena.environment.get("range_noise") is not None
+    if "ranges" not in arena.scenarios:
+        return NEAR if known else FAR
+    low, high = arena.scenarios["ranges"]["distance"]
+    return float(0.5 * (low + high) if known else high + 0.01)
+
+
 def _fixed(environment: Mapping[str, Any]) -> bool:
     """Whether episodes draw nothing but their scenario."""
     task = Task(**environment)
@@ -171,7 +180,7 @@ def _fixed(environment: Mapping[str, Any]) -> bool:
 
 def _asked(number: int, arena: Arena, depends: str) -> Iterator[_Asked]:
     environment = copy.deepcopy(dict(arena.environment))
-    scenarios = dict(arena.scenarios)
+    scenarios, task = dict(arena.scenarios), Task(**arena.environment)
     some = _first(scenarios, LESS)
     typical = arena.typical
 
@@ -187,7 +196,7 @@ def _asked(number: int, arena: Arena, depends: str) -> Iterator[_Asked]:
     for one in arena.baselines:
         weights = list(one.weights) if len(one.weights) == 1 else sorted({*one.weights, typical})
         yield ask("baselines", one.name, "play", one.controller, scenarios=scenarios, weights=weights)
-    for speed in SPEEDS:
+    for speed in (one for one in SPEEDS if one <= task.velocity_range[1]):
         yield ask("family", f"{speed:g} m/s", "play", {"speed": speed}, scenarios=scenarios, weights=[typical])
     setup = setup_of(environment)
     known = shipped_scenarios(setup.bound) if setup else 0
@@ -217,7 +226,7 @@ def _asked(number: int, arena: Arena, depends: str) -> Iterator[_Asked]:
             for one in rivals if clamp else (arena.baselines[0], arena.policy):
                 yield ask("scipy", (label, one.name), "in_scipy", one.controller, **arguments)
     yield ask("reactions", None, "reactions", arena.policy.controller, scenarios=some, weight=typical)
-    distance = FAR if environment.get("range_noise") is None else NEAR
+    distance = watched_at(arena)
     for one in rivals:
         weights = [weight for weight in SHOWN_WEIGHTS if weight in one.weights] or [one.weights[0]]
         yield ask("profiles", one.name, "profile", one.controller, weights=weights, distance=distance)

@@ -20,9 +20,15 @@ class Variant(NamedTuple):
     scenarios: dict[str, Any] | None = None  # others than the report's
 
     def environment(self, environment: Environment) -> dict[str, Any] | None:
-        """Return the changed environment, or None where the change does not apply."""
+        """Return the changed environment, or None where the change does not apply or leaves no environment."""
         change = self.change(environment)
-        return None if change is None else {**environment, **change}
+        if change is None:
+            return None
+        try:
+            Task(**{**environment, **change})
+        except ValueError:
+            return None
+        return {**environment, **change}
 
 
 DELAY, THRESHOLD, NOISE = "reaction delay (ms)", "alarm threshold (N)", "noise of the force (N)"

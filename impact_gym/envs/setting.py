@@ -73,7 +73,7 @@ def ranged_record(name: str, value: Any, make: Callable[[Any], Any]) -> tuple[An
     pairs = {
         field: interval(f"{name}.{field}", given, NUMBERS[f"{name}.{field}"].unit)
         for field, given in value.items()
-        if f"{name}.{field}" in NUMBERS and isinstance(given, (tuple, list))
+        if f"{name}.{field}" in NUMBERS and (isinstance(given, (tuple, list)) or getattr(given, "ndim", 0) > 0)
     }
     for corner in product(*pairs.values()):
         make({**value, **dict(zip(pairs, corner, strict=True))})

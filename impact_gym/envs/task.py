@@ -62,6 +62,7 @@ class Task:
             object.__setattr__(self, name, value)
 
         put("ranges", ScenarioRanges.of(self.scenario))
+        put("scenario", self.ranges)
         coupling, of_coupling = ranged_record("coupling", self.coupling, coupling_from)
         robot, of_robot = ranged_record("robot", self.robot, robot_from)
         put("coupling", coupling)
@@ -77,6 +78,8 @@ class Task:
         put("weights", interval("time_weight", self.time_weight, "m/s per s", above=0, at_most=LARGEST_WEIGHT))
         put("force_weight", number("force_weight", self.force_weight, "m/s per N", at_least=0, at_most=LARGEST_WEIGHT))
         put("delays", interval("reaction_delay", self.reaction_delay, "s", at_least=0, at_most=LONGEST_DELAY))
+        for name, (low, high) in {"time_weight": self.weights, "reaction_delay": self.delays}.items():
+            put(name, low if low == high else (low, high))
         put("control_period", number("control_period", self.control_period, "s", at_least=1e-4, at_most=0.15))
         put("velocity_range", command_range("velocity_range", self.velocity_range, "m/s", at_most=FASTEST))
         if self.velocity_range[0] < -FASTEST or self.velocity_range[1] <= 0.0:

@@ -223,10 +223,12 @@ def test_a_number_that_is_missing_keeps_its_last_value(told, place, missing):
 def test_an_alarm_once_heard_stays_and_its_clock_goes_on(told):
     before, heard = reading(0.0, force=2.0), reading(0.016, alarm=1.0, force=2.0)
     plain = told([before, heard, reading(0.046, alarm=1.0, since=0.03, force=2.0)])
-    for alarm, since in ((0.0, 0.0), (np.nan, np.nan), (1.0, np.nan)):
+    for alarm, since in ((0.0, 0.0), (np.nan, np.nan), (1.0, np.nan), (np.inf, np.nan)):
         again = told([before, heard, reading(0.046, alarm=alarm, since=since, force=2.0)])
         assert again == pytest.approx(plain, abs=1e-5)
     assert not np.array_equal(told([before, reading(0.046, force=2.0)])[1], plain[2])
+    unheard = [before, reading(0.016, alarm=np.inf, force=2.0)]
+    assert np.array_equal(told(unheard), told([before, reading(0.016, force=2.0)]))
 
 
 @needs_c

@@ -19,7 +19,7 @@ class Stopped(BaseException):
 
 @pytest.fixture
 def small(tmp_path, monkeypatch):
-    monkeypatch.setattr(search, "settings_by_hand", lambda setup, algo: tiny(algo, setup=setup))
+    monkeypatch.setattr(search, "default_settings", lambda setup, algo: tiny(algo, setup=setup))
     return Search(
         trials=3,
         steps=1024,

@@ -3,22 +3,29 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from policies import made_up_policy
 
 import impact_gym as ig
 from agents import load_policy, setup
-from agents.baselines import PaperTrapezoid
+from agents.baselines import PaperTrapezoid, load_baseline
 from agents.baselines.tuned import TUNED, names, read_tuned
 from agents.controller import Wanted, kept, stages
 from agents.evaluation import Stage
+from agents.many import Many, train_all
 from agents.policy import SHIPPED
 from agents.settings import default_settings
 from agents.setups import load_setup, owner, same_environment, shipped
+from agents.train import resume
 from agents.validation import Validation
 from experiments.report import arenas
+from experiments.report.__main__ import Settings, arenas_of
+from experiments.report.play import play_as_late
+from experiments.report.robustness import MECHANISM, VARIANTS
 from impact_gym.envs.task import Task
 
 MINE = """
@@ -60,7 +67,7 @@ def test_what_is_shipped_of_a_set_up_was_made_for_it(name):
     for path in (SHIPPED / name).glob("seed-*.npz"):
         assert there.is_of(load_policy(path).environment)
     for baseline in there.tuned:
-        assert owner(baseline) is there
+        assert owner(baseline) == there
     assert {*there.against} <= {*there.tuned, *names()}
 
 
@@ -220,12 +227,16 @@ def test_a_folder_keeps_its_set_up_and_takes_no_other(mine, tmp_path):
     copy = kept(load_setup(mine), out)
     assert copy.read_text() == MINE
     assert kept(load_setup(mine), out) == copy
+    mine.write_text(MINE.replace("A slow arm", "A slower arm"))
+    assert "slower" in kept(load_setup(mine), out).read_text()
+    with pytest.raises(ValueError, match="holds the whole: name another folder"):
+        kept(load_setup(mine), out, quick=True)
     mine.write_text(MINE.replace("0.7", "0.8"))
     with pytest.raises(ValueError, match=r"mine\.toml as it was.*name another folder"):
         kept(load_setup(mine), out)
     with pytest.raises(ValueError, match=r"holds something else \(mine\.toml\)"):
         kept(load_setup("linear-blind"), out)
-    assert copy.read_text() == MINE
+    assert "0.7" in copy.read_text()
     with pytest.raises(ValueError, match="is no folder"):
         kept(load_setup(mine), mine)
 
@@ -278,3 +289,98 @@ def test_a_policy_says_once_that_it_is_played_elsewhere(recwarn):
     Stage(5, 3, coupling={"type": "Bistable"}, quiet=True).play(load_policy("bistable-blind"))
     assert not recwarn.list
     assert policy.differs_in(Task(**{**at_home, "tool_mass": [0.1, 0.15], "privileged": True})) == ["tool_mass"]
+
+
+@pytest.mark.parametrize(("change", "message"), [
+    ('against = ["mine-profil"]', "unknown key baselines.against.mine-profil; did you mean 'mine-profile'"),
+    ('bound = "nonsense"', "unknown key baselines.bound.nonsense"),
+], ids=str)  # fmt: skip
+def test_what_would_show_hours_later_shows_at_once(mine, change, message):
+    mine.write_text(MINE + change)
+    with pytest.raises(ValueError, match=rf"mine\.toml: {message}"):
+        setup.check(load_setup(mine), str(mine))
+    mine.write_text(MINE.replace("seeds = 2", "seeds = 0"))
+    with pytest.raises(ValueError, match=r"seeds.*at least 1"):
+        setup.check(load_setup(mine), str(mine))
+
+
+def test_a_rule_that_needs_an_estimate_is_refused_where_there_is_none(tmp_path):
+    path = tmp_path / "blind.toml"
+    path.write_text('[environment]\ndeflection_sensor = true\n[baselines.tuned]\nmine = "Ranged"')
+    with pytest.raises(ValueError, match=r"baselines.tuned.mine: Ranged needs"):
+        load_setup(path)
+    with pytest.raises(ValueError, match="Ranged needs an estimate"):
+        load_baseline("ranged", 1.0).for_environment({})
+
+
+def test_nobody_can_change_a_set_up_for_all():
+    load_setup("linear-blind").environment["tool_mass"] = 9.0
+    assert load_setup("linear-blind").environment["tool_mass"] == 0.125
+
+
+def test_numbers_and_ranges_compare_whatever_they_are_written_as():
+    policy = load_policy("linear-blind")
+    for delay in (0.016, (0.016, 0.016), [0.016, 0.016], np.array([0.016, 0.016])):
+        assert policy.differs_in(Task(reaction_delay=delay)) == []
+    assert policy.differs_in(Task(reaction_delay=[0.01, 0.02])) == ["reaction_delay"]
+    assert same_environment({"reaction_delay": [0.01, 0.02]}, {"reaction_delay": np.array([0.01, 0.02])})
+    assert same_environment({"scenario": {"distance": [0.1, 0.2]}}, {"scenario": {"distance": (0.1, 0.2)}})
+    assert same_environment({"scenario": "train"}, {"scenario": {"distance": [0.15, 0.35]}})
+    array = {"type": "SpringDamper", "stiffness": np.array([40.0, 60.0])}
+    assert Task(coupling=array).drawn == {"coupling.stiffness": (40.0, 60.0)}
+
+
+def test_a_policy_is_made_as_late_as_the_rule_is_on_that_arm():
+    arm = {"velocity_range": [-0.2, 1.2], "acceleration_range": [1.0, 10.0]}
+    scenarios = {"set": "test", "count": 200}
+    late = play_as_late({"shipped": "linear-blind"}, arm, scenarios, [0.3, 8.0])
+    rule = Stage.of("test", 200, **arm).play(PaperTrapezoid().for_environment(arm))
+    assert late["approach_time"].mean() == pytest.approx(rule.approach_time.mean(), rel=0.03)
+
+
+def test_a_baseline_follows_its_profile_in_its_own_control_period():
+    slow = {"control_period": 0.1, "time_weight": [2.0]}
+    rule, stage = load_baseline("blind-profile", 2.0), Stage.of("validation", 100, **slow)
+    assert (
+        stage.play(rule.for_environment(slow | {"time_weight": 2.0})).loss(2.0).mean()
+        < stage.play(rule).loss(2.0).mean()
+    )
+
+
+def test_a_change_that_leaves_no_environment_is_left_out():
+    tight = {"type": "Bistable", "free_length": 0.07, "height": 0.06995, "front_stop": 0.001, "rear_stop": -0.001}
+    changed = [one.environment({"coupling": tight}) for one in VARIANTS if one.factor == MECHANISM]
+    assert None in changed
+    assert any(changed)
+
+
+def test_two_set_ups_of_one_name_cannot_share_a_report(mine, tmp_path):
+    other = tmp_path / "there" / "mine.toml"
+    other.parent.mkdir()
+    other.write_text(MINE)
+    with pytest.raises(ValueError, match="the same name"):
+        arenas_of(Settings(setups=(str(mine), str(other))))
+
+
+def test_policies_that_were_trained_for_another_arm_are_refused(mine, tmp_path):
+    folder = tmp_path / "policies" / "mine"
+    made_up_policy(environment={"range_noise": 0.01}).save(folder / "seed-0.npz")
+    (folder / "seeds.json").write_text('{"median": 0}')
+    with pytest.raises(ValueError, match=r"seed-0\.npz was trained for another environment than .*mine\.toml"):
+        arenas.of_setup(load_setup(mine), {"set": "test", "count": 5}, tmp_path)
+
+
+def test_seeds_of_a_set_up_that_has_changed_are_not_taken_for_its_own(mine, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    wanted = Many(
+        ("mine.toml",), seeds=1, steps=512, processes=1, runs=tmp_path / "runs", policies=tmp_path / "policies"
+    )
+    settings = replace(default_settings("mine.toml"), steps=512, validate_every=512)
+    assert settings.setup == str(mine)  # from wherever it is gone on with
+    shipped_to = train_all("mine", wanted, settings)
+    assert load_setup(mine).is_of(load_policy(shipped_to).environment)
+    mine.write_text(MINE.replace("damping_ratio = 0.7", "damping_ratio = 0.9"))
+    with pytest.raises(ValueError, match="for another environment: remove it"):
+        train_all("mine", wanted, replace(default_settings("mine.toml"), steps=512, validate_every=512))
+    with pytest.raises(ValueError, match="has changed since"):
+        resume(tmp_path / "runs" / "mine" / "seed-0")

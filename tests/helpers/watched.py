@@ -15,7 +15,7 @@ TEST_SET = evaluation_sets.load("test")
 
 
 def shown(count=40, **environment):
-    stage = Stage.of("test", count, time_weight=[2.0], **environment)
+    stage = Stage.of("test", count, time_weight=[2.0], quiet=True, **environment)
     played = {name: stage.play(controller) for name, controller in CONTESTANTS.items()}
     numbers = choose(*played.values())
     return films(CONTESTANTS, numbers, played, frozen=TEST_SET, environment=environment), played
