@@ -19,7 +19,6 @@ from agents.setups import Setup, load_setup
 from impact_gym.files import whole_file
 
 MADE_FOR = ("environment", "training", "tuned", "budget")
-MADE_FOR = ("environment", "training", "tuned", "budget")
 QUICK_BUDGET, QUICK_STEPS, QUICK_SEEDS = 320, 1_000_000, 3
 
 

@@ -23,12 +23,11 @@ import tyro
 from agents.jobs import Job, JobsFailedError, Result, gather
 from agents.policy import load_policy
 from agents.settings import Settings, as_json, default_settings, from_json
-from agents.setups import load_setup
+from agents.setups import README, load_setup
 from agents.train import resume, train, write_json
 from impact_gym.files import whole_file
 from impact_gym.validation import whole
 
-SETUPS = ("linear-blind", "linear-ranged", "bistable-blind")
 KEPT = {"config": "config.json", "best": "best.npz", "final": "final.npz", "metrics": "metrics.json"}
 """What is gathered of a run folder; the last one says that the run is finished."""
 
@@ -37,8 +36,8 @@ KEPT = {"config": "config.json", "best": "best.npz", "final": "final.npz", "metr
 class Many:
     """Train set-ups with several seeds each and ship the median seed of each by its score on the validation set."""
 
-    setups: tyro.conf.Positional[tuple[str, ...]] = SETUPS
-    """Names or files, one after the other; those whose policies are shipped unless some are named."""
+    setups: tyro.conf.Positional[tuple[str, ...]] = README
+    """Names or files, one after the other; those of the README unless some are named."""
     seeds: int | None = None
     """How many, from 0 on; what the set-up says, or 10, unless given."""
     steps: int | None = None

@@ -85,9 +85,9 @@ def search(wanted: Search) -> Path:
         validation_scenarios=wanted.validation_scenarios,
         checkpoint_every=wanted.steps,
     )
-    label = f"{load_setup(wanted.setup).name}-{wanted.algo}"
-    there = load_setup(wanted.setup)
-    folder = (STUDIES if there.shipped else there.folder) if wanted.summaries is None else wanted.summaries
+    setup = load_setup(wanted.setup)
+    label = f"{setup.name}-{wanted.algo}"
+    folder = (STUDIES if setup.shipped else setup.folder) if wanted.summaries is None else wanted.summaries
     space, summary = SPACES[wanted.algo], folder / f"{label}.json"
     name = f"{label}-{wanted.steps}"
     wanted.journals.mkdir(parents=True, exist_ok=True)

@@ -169,7 +169,7 @@ class Settings:
 
 
 def settings_by_hand(setup: str, algo: Algorithm) -> Settings:
-    """Return what a study begins with."""
+    """Return what an algorithm is trained with where no set-up says otherwise."""
     return replace(Settings(), setup=setup, algo=algo, **OTHERWISE[algo])
 
 

@@ -20,7 +20,7 @@ from agents.baselines.tuned import load_baseline
 from agents.clairvoyance import SCENARIOS, clairvoyant_bound
 from agents.evaluation import Controller, Episodes, Stage
 from agents.policy import SHIPPED, Policy, load_policy
-from agents.setups import load_setup
+from agents.setups import README, load_setup
 from agents.validation import WEIGHTS
 from experiments.bars_table import BOUND, Bar, Row, markdown
 from experiments.results import REPORTS, circumstances, whole_folder
@@ -28,7 +28,6 @@ from experiments.statistics import Estimate, Resamples, estimate
 from impact_gym.envs import evaluation_sets
 from impact_gym.validation import whole
 
-SETUPS = ("linear-blind", "linear-ranged", "bistable-blind")
 PAPER = "paper-trapezoid"
 REACHED = {"linear-blind": 0.40, "linear-ranged": 0.12}
 """V_p over that of the paper's rule at an approach no later, at most; bistable-blind is measured against linear-blind.
@@ -210,7 +209,7 @@ def write(settings: Settings) -> tuple[Path, str]:
     """Measure, write the folder, and return its path and the table."""
     study = Study(settings)
     blind = None
-    there = {setup: policies(setup, settings.policies) for setup in SETUPS}
+    there = {setup: policies(setup, settings.policies) for setup in README}
     for setup, seeds in there.items():
         if not seeds:
             print(f"{setup} is left out: {settings.policies} holds no policy of it")

@@ -20,8 +20,6 @@ from impact_gym.validation import number
 TUNED = Path(__file__).parents[1] / "tuned"
 FORMAT = "impact_gym tuned baseline 1"
 NOUNS = {"parameters": "table of parameters"}
-
-
 RULES: dict[str, type[Rule]] = {
     rule.__name__: rule for rule in (BlindProfile, ConstantDeceleration, ConstantSpeed, Ranged)
 }

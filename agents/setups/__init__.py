@@ -25,6 +25,8 @@ SEEDS = 10
 BUDGET = 4800  # candidates for each time weight, unless the file says otherwise
 SET_BY_OTHERS = ("time_weight", "privileged", "max_episode_steps")
 """Arguments of the environment that training and evaluation see to."""
+README = ("linear-blind", "linear-ranged", "bistable-blind")
+"""Those that the README, `make report` and `make train-all` are about."""
 RULES = ("BlindProfile", "ConstantDeceleration", "ConstantSpeed", "Ranged")
 
 
@@ -48,12 +50,8 @@ class Setup:
     against: tuple[str, ...] = ()  # baselines beside the paper's rule; the first is the one to beat
     bound: str = ""  # set-up whose clairvoyant bound holds here, too
     budget: int = BUDGET  # of tuning
+    seeds: int = SEEDS  # that are trained
     path: Path = Path()
-
-    @property
-    def seeds(self) -> int:
-        """How many seeds are trained."""
-        return whole("training.seeds", self.training.get("seeds", SEEDS), at_least=1)
 
     def make(self, **more: Any) -> gym.Env[Any, Any]:
         """Return the environment of Gymnasium, with `more` arguments."""
@@ -155,6 +153,7 @@ def _setup(path: Path, content: dict[str, Any]) -> Setup:
         _names("baselines.against", baselines.get("against", list(tuned))),
         _text(baselines, "bound", path.stem, "baselines."),
         whole("baselines.budget", baselines.get("budget", BUDGET), at_least=1),
+        whole("training.seeds", training.get("seeds", SEEDS), at_least=1),
         path,
     )
 

@@ -18,7 +18,7 @@ from agents.evaluation import TEST_SEED
 from agents.jobs import digest_of
 from agents.policy import SHIPPED, Policy, load_policy
 from agents.settings import default_settings
-from agents.setups import Setup, load_setup, same_environment
+from agents.setups import README, Setup, load_setup, same_environment
 from agents.setups import shipped as shipped_setups
 from agents.validation import WEIGHTS
 from impact_gym.envs import evaluation_sets, observation
@@ -31,7 +31,6 @@ POLICY = "learned policy"
 CURVE = (0.3, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0)
 """Time weights (m/s per s) at which a policy is played, as far as it was trained for them."""
 TYPICAL = 2.0  # m/s per s, where one weight must do
-README = ("linear-blind", "linear-ranged", "bistable-blind")
 Environment = Mapping[str, Any]
 
 

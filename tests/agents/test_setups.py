@@ -13,12 +13,13 @@ from policies import made_up_policy
 import impact_gym as ig
 from agents import load_policy, setup
 from agents.baselines import PaperTrapezoid, load_baseline
-from agents.baselines.tuned import TUNED, names, read_tuned
+from agents.baselines.tuned import RULES, TUNED, names, read_tuned
 from agents.controller import Wanted, kept, stages
 from agents.evaluation import Stage
 from agents.many import Many, train_all
 from agents.policy import SHIPPED
 from agents.settings import default_settings
+from agents.setups import RULES as SETUP_RULES
 from agents.setups import load_setup, owner, same_environment, shipped
 from agents.train import resume
 from agents.validation import Validation
@@ -76,6 +77,11 @@ def test_every_tuned_baseline_belongs_to_a_set_up():
         found = owner(path.stem)
         assert found is not None
         assert read_tuned(path.stem)["rule"] == found.tuned[path.stem].rule
+
+
+def test_a_set_up_may_name_every_rule_that_is_tuned_and_one_of_them_needs_an_estimate():
+    assert {*SETUP_RULES} == {*RULES}
+    assert [name for name, rule in RULES.items() if rule.needs_estimate] == ["Ranged"]
 
 
 def test_an_environment_is_the_same_whatever_is_left_to_defaults():
@@ -300,8 +306,8 @@ def test_what_would_show_hours_later_shows_at_once(mine, change, message):
     with pytest.raises(ValueError, match=rf"mine\.toml: {message}"):
         setup.check(load_setup(mine), str(mine))
     mine.write_text(MINE.replace("seeds = 2", "seeds = 0"))
-    with pytest.raises(ValueError, match=r"seeds.*at least 1"):
-        setup.check(load_setup(mine), str(mine))
+    with pytest.raises(ValueError, match=r"mine\.toml: training\.seeds.*at least 1"):
+        load_setup(mine)
 
 
 def test_a_rule_that_needs_an_estimate_is_refused_where_there_is_none(tmp_path):

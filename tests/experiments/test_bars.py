@@ -10,7 +10,7 @@ from policies import made_up_policy
 
 from agents.baselines import ConstantSpeed, PaperTrapezoid, load_baseline
 from agents.evaluation import VALIDATION_SEED, evaluate
-from agents.setups import load_setup
+from agents.setups import README, load_setup
 from agents.validation import WEIGHTS
 from experiments import bars
 from experiments.bars import Settings, Study, median, policies, ratio
@@ -35,7 +35,7 @@ def quick_bound(setup, weight, frozen, count):
 def written(tmp_path_factory):
     """Made-up policies: what is tested is the table, not they."""
     folder = tmp_path_factory.mktemp("bars")
-    for setup in bars.SETUPS:
+    for setup in README:
         for seed, score in enumerate((0.5, 0.9, 0.7)):
             path = folder / "policies" / setup / f"seed-{seed}.npz"
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -60,7 +60,7 @@ def means(rows, setup, controller, weight, scenarios=SCENARIOS):
 
 def test_the_means_are_those_of_evaluation(written):
     folder, _, rows = written
-    for setup in bars.SETUPS:
+    for setup in README:
         for weight in WEIGHTS:
             options = {"time_weight": weight, **load_setup(setup).environment}
             name = load_setup(setup).against[0]
@@ -79,7 +79,7 @@ def test_the_means_are_those_of_evaluation(written):
 def test_the_page_compares_the_median_seed_with_the_best_baseline(written):
     folder, page, rows = written
     assert (folder / "bars" / "bars.md").read_text() == page
-    for setup in bars.SETUPS:
+    for setup in README:
         for weight in WEIGHTS:
             best = min(load_setup(setup).against, key=lambda name: float(means(rows, setup, name, weight)["loss"]))
             limit = float(means(rows, setup, best, weight)["loss"])
@@ -94,7 +94,7 @@ def test_the_page_compares_the_median_seed_with_the_best_baseline(written):
 
 def test_the_bound_and_those_beside_it_met_the_same_scenarios(written):
     folder, page, rows = written
-    for setup in bars.SETUPS:
+    for setup in README:
         options = {"time_weight": 2.0, **load_setup(setup).environment}
         player = policies(setup, folder / "policies")["seed-2"]
         played = evaluate(player, VALIDATION_SEED, 4, **options).loss(2.0).mean()
