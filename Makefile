@@ -50,11 +50,11 @@ train: setup  ## train a policy with default settings; prints its run folder
 	$(BIN)/python -m agents.train
 
 train-all: setup  ## train ten seeds of three set-ups and ship the medians; goes on where it was stopped
-	$(BIN)/python -m agents.many
+	$(BIN)/python -m agents.train_seeds
 
 tune: setup  ## tune the baselines and search the clairvoyant bound; goes on where it was stopped
 	$(BIN)/python -m agents.tune
-	$(BIN)/python -m agents.clairvoyance
+	$(BIN)/python -m agents.baselines.bound
 
 bars: setup  ## play every shipped seed and every baseline on the test set and write reports/bars/bars.md
 	$(BIN)/python -m experiments.bars
@@ -63,7 +63,7 @@ controller: setup  ## tune, train, report and export for SETUP=my.toml into OUT=
 	$(BIN)/python -m agents.controller $(SETUP) --out $(or $(OUT),runs/$(basename $(notdir $(SETUP)))$(if $(QUICK),-quick)) $(if $(QUICK),--quick)
 
 search: setup  ## search for settings of training; goes on where it was stopped
-	$(BIN)/python -m agents.search
+	$(BIN)/python -m agents.tune_training
 
 figures: setup  ## reproduce figures of the paper below reports/paper
 	$(BIN)/python -m experiments.paper

@@ -80,7 +80,7 @@ def stages(copy: Path, wanted: Wanted) -> Iterator[list[str]]:
         less["report"] = ["--count", "200"]
     yield ["-m", "agents.tune", f"{copy}", "--out", f"{out / 'tuned'}", *at_a_time, *less["tune"]]
     folders = ["--runs", f"{out / 'runs'}", "--policies", f"{out / 'policies'}"]
-    yield ["-m", "agents.many", f"{copy}", *folders, *at_a_time, *elsewhere, *less["many"]]
+    yield ["-m", "agents.train_seeds", f"{copy}", *folders, *at_a_time, *elsewhere, *less["many"]]
     page = ["--folder", f"{out}", "--out", f"{out / 'report'}", "--force"]
     yield ["-m", "experiments.report", f"{copy}", *page, *elsewhere, *less["report"]]
     yield ["-m", "agents.export", f"{out / 'policies' / f'{name}.npz'}", "--out", f"{out / 'export'}"]

@@ -11,9 +11,9 @@ import tyro
 
 from agents.baselines import PaperTrapezoid
 from agents.baselines.tuned import FIXED, names
-from agents.evaluation import VALIDATION_SEED, Stage
-from agents.settings import command, default_settings
+from agents.evaluate.stage import VALIDATION_SEED, Stage
 from agents.setups import Setup, known, load_setup, shipped
+from agents.train.settings import command, default_settings
 from impact_gym.envs import observation
 from impact_gym.envs.scenario import FIELDS, LOGARITHMIC, UNITS, Range
 from impact_gym.envs.setting import HOLDER_NUMBERS, NUMBERS

@@ -21,13 +21,13 @@ import numpy as np
 import tyro
 from tqdm import tqdm
 
+from agents.baselines.cmaes import minimise
 from agents.baselines.profile import BlindProfile, constant_deceleration
 from agents.baselines.rule import Floats
 from agents.baselines.tuned import RULES, read_tuned, write_tuned
-from agents.evaluation import TUNING_SEED, Stage
-from agents.search_rules import minimise
+from agents.evaluate.stage import TUNING_SEED, Stage
 from agents.setups import Setup, load_setup, shipped
-from agents.validation import WEIGHTS
+from agents.setups.evaluation import WEIGHTS
 from impact_gym.validation import number, whole
 
 SETUPS = shipped()

@@ -15,16 +15,17 @@ from pathlib import Path
 import tyro
 from tqdm import tqdm
 
+from agents.baselines.bound import SCENARIOS, clairvoyant_bound
 from agents.baselines.rule import Floats
 from agents.baselines.tuned import load_baseline
-from agents.clairvoyance import SCENARIOS, clairvoyant_bound
-from agents.evaluation import Controller, Episodes, Stage
-from agents.policy import SHIPPED, Policy, load_policy
+from agents.evaluate.stage import Controller, Episodes, Stage
+from agents.policies.policy import SHIPPED, Policy, load_policy
+from agents.provenance import circumstances
 from agents.setups import README, load_setup
-from agents.validation import WEIGHTS
+from agents.setups.evaluation import WEIGHTS
 from experiments.bars_table import BOUND, Bar, Row, markdown
-from experiments.results import REPORTS, circumstances, whole_folder
-from experiments.statistics import Estimate, Resamples, estimate
+from experiments.lab.results import REPORTS, whole_folder
+from experiments.lab.statistics import Estimate, Resamples, estimate
 from impact_gym.envs import evaluation_sets
 from impact_gym.validation import whole
 
@@ -185,7 +186,7 @@ def policies(setup: str, folder: Path) -> dict[str, Policy]:
 
 
 def median(seeds: dict[str, Policy]) -> str:
-    """Return the name of the middle one by validation score, as `agents.many` does; of two, the worse."""
+    """Return the name of the middle one by validation score, as `agents.train_seeds` does; of two, the worse."""
     if len(seeds) == 1:
         return next(iter(seeds))
     scored = [(policy.provenance["validation"]["score"], place) for place, policy in enumerate(seeds.values())]

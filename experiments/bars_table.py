@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from statistics import median
 from typing import Any, NamedTuple
 
-from experiments.statistics import CONFIDENCE, RESAMPLES, Estimate
+from experiments.lab.statistics import CONFIDENCE, RESAMPLES, Estimate
 
 BOUND = "clairvoyant"
 HEAD = (

@@ -21,10 +21,12 @@ from typing import Any
 import numpy as np
 import tyro
 
+from agents.evaluate import RESULTS
+from agents.evaluate.play import play
 from agents.jobs import Job, Result, gather
-from agents.jobs.evaluations import RESULTS, play
+from agents.provenance import circumstances
 from agents.setups import load_setup
-from experiments.results import REPORTS, circumstances, whole_folder
+from experiments.lab.results import REPORTS, whole_folder
 from impact_gym.envs import IDS
 from impact_gym.envs.scenario import FIELDS as SCENARIO
 from impact_gym.robot import default_approach
@@ -85,7 +87,7 @@ def grid(controller: str, settings: Settings, approaches: int) -> list[Job]:
     starts = range(0, approaches, settings.per_job)
     return [
         Job(
-            "agents.jobs.evaluations:play",
+            "agents.evaluate.play:play",
             {
                 "controller": CONTROLLERS[controller],
                 "scenarios": drawn(min(settings.per_job, approaches - start), start),
@@ -126,7 +128,7 @@ def _core_seconds() -> float:
 def starting() -> float:
     """Return how long a fresh process takes on a core until it has played one scenario, s."""
     before = _core_seconds()
-    call = f"from agents.jobs.evaluations import play; play({CONTROLLERS[RULE]!r}, {drawn(1)!r})"
+    call = f"from agents.evaluate.play import play; play({CONTROLLERS[RULE]!r}, {drawn(1)!r})"
     subprocess.run([sys.executable, "-c", call], check=True)
     return _core_seconds() - before
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import tyro
 
-from experiments.results import REPORTS
+from experiments.lab.results import REPORTS
 from experiments.stability.scenes import draw
 from impact_gym.fidelity import ROUNDS, Model, advise
 

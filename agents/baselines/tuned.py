@@ -12,8 +12,8 @@ from agents.baselines.profile import BlindProfile, ConstantDeceleration
 from agents.baselines.random import RandomActions
 from agents.baselines.ranged import Ranged
 from agents.baselines.rule import Rule
+from agents.evaluate.stage import Controller
 from agents.setups import Setup, owner
-from agents.validation import Controller
 from impact_gym.files import whole_file
 from impact_gym.validation import number
 

@@ -45,7 +45,7 @@ class Setup:
     title: str
     about: str  # one sentence
     environment: Mapping[str, Any]  # arguments of `gym.make("ImpactApproach-v0", ...)`
-    training: Mapping[str, Any] = field(default_factory=dict)  # settings by name, see `agents.settings`
+    training: Mapping[str, Any] = field(default_factory=dict)  # settings by name, see `agents.train.settings`
     tuned: Mapping[str, Tuned] = field(default_factory=dict)  # baselines by name
     against: tuple[str, ...] = ()  # baselines beside the paper's rule; the first is the one to beat
     bound: str = ""  # set-up whose clairvoyant bound holds here, too

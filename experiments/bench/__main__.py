@@ -12,8 +12,9 @@ import rich
 import tyro
 from tqdm import tqdm
 
+from agents.provenance import circumstances
 from experiments.bench import approaches, environments
-from experiments.results import REPORTS, circumstances, whole_folder
+from experiments.lab.results import REPORTS, whole_folder
 from experiments.speed_vs_error.contenders import OURS
 
 

@@ -9,7 +9,7 @@ import gymnasium as gym
 import numpy as np
 
 from agents.baselines import PaperTrapezoid
-from agents.evaluation import VALIDATION_SEED, evaluate
+from agents.evaluate.stage import VALIDATION_SEED, evaluate
 
 BATCH = 1024
 SIZES = (64, 256, 1024, 4096, 16384, 65536)

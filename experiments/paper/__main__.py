@@ -9,10 +9,10 @@ from typing import Annotated
 import tyro
 from tqdm import tqdm
 
-from experiments.charts import save
+from experiments.lab.charts import save
+from experiments.lab.results import REPORTS
 from experiments.paper import page, tables
 from experiments.paper.catalogue import NAMES, load, resolve
-from experiments.results import REPORTS
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import impact_gym as ig
-from experiments.charts import COUPLING, FORCE, OBJECT, TOOL
+from experiments.lab.charts import COUPLING, FORCE, OBJECT, TOOL
 from experiments.paper.beyond_speed import approach
 from experiments.paper.scenes import LINEAR, MECHANISM, MOTION, TOOL_MASS
 from experiments.paper.statements import Statement, claim

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import impact_gym as ig
-from experiments.charts import OBJECT, TOOL
+from experiments.lab.charts import OBJECT, TOOL
 from experiments.paper.scenes import DISTANCE, LINEAR, MECHANISM, MOTION, held
 from experiments.paper.statements import Statement, claim
 from experiments.paper.sweeps import Row, enclosed

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import impact_gym as ig
-from experiments.charts import FLANGE, OBJECT, TOOL
+from experiments.lab.charts import FLANGE, OBJECT, TOOL
 from experiments.paper.scenes import DURATION, MOTION
 from experiments.paper.tables import Table, contact_of, stack, trace_of, where
 

@@ -3,7 +3,7 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from experiments.charts import FLANGE, OBJECT, TOOL
+from experiments.lab.charts import FLANGE, OBJECT, TOOL
 from experiments.paper.scenes import OBJECT_MASS, TOOL_MASS
 from experiments.paper.statements import Statement, claim, number
 from experiments.paper.tables import Table

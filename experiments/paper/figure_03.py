@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from experiments.charts import SERIES
+from experiments.lab.charts import SERIES
 from experiments.paper.scenes import OBJECT_MASS, TOOL_MASS
 from experiments.paper.statements import Statement, claim
 from experiments.paper.tables import Table, from_rows, where

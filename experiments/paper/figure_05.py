@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from experiments.charts import FORCE, OBJECT, TOOL
+from experiments.lab.charts import FORCE, OBJECT, TOOL
 from experiments.paper.limit_cases import REDUCED_MASS, STEADY
 from experiments.paper.scenes import rigid
 from experiments.paper.statements import Statement, claim, number

@@ -3,7 +3,7 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from experiments.charts import OBJECT, TOOL
+from experiments.lab.charts import OBJECT, TOOL
 from experiments.paper.limit_cases import OBJECT_MASS, REDUCED_MASS, RESTITUTIONS, STIFFNESSES, draw, gridded, sweep
 from experiments.paper.statements import Statement, claim
 from experiments.paper.tables import Table, where

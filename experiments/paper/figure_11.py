@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import impact_gym as ig
-from experiments.charts import FLANGE, OBJECT
+from experiments.lab.charts import FLANGE, OBJECT
 from experiments.paper.scenes import DURATION, MOTION, ROBOT, on_robot
 from experiments.paper.statements import Statement, claim, number
 from experiments.paper.tables import Table

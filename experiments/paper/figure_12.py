@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from experiments.charts import OBJECT, TOOL
+from experiments.lab.charts import OBJECT, TOOL
 from experiments.paper.scenes import TOOL_MASS
 from experiments.paper.statements import Statement, claim, number, undecided
 from experiments.paper.tables import Table

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from experiments.charts import SERIES
+from experiments.lab.charts import SERIES
 from experiments.paper import stiffness_sweep as sweep
 from experiments.paper.scenes import DISTANCE
 from experiments.paper.statements import Statement, claim, number

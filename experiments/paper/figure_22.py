@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import impact_gym as ig
-from experiments.charts import SERIES
+from experiments.lab.charts import SERIES
 from experiments.paper.scenes import MECHANISM, MOTION, TOOL_MASS
 from experiments.paper.statements import Statement, claim
 from experiments.paper.tables import Table, from_rows, where

@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from experiments.charts import COUPLING
+from experiments.lab.charts import COUPLING
 from experiments.paper import time_history as history
 from experiments.paper.scenes import DURATION, LINEAR, MECHANISM, MOTION, held
 from experiments.paper.statements import Statement, claim, number

@@ -2,7 +2,7 @@
 
 from matplotlib.figure import Figure
 
-from experiments.charts import OBJECT, velocities
+from experiments.lab.charts import OBJECT, velocities
 from experiments.paper import time_history as history
 from experiments.paper.scenes import DURATION, MECHANISM, MOTION, held, rigid
 from experiments.paper.statements import Statement, claim, number

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 from matplotlib.figure import Figure
 
-from experiments.charts import SERIES
+from experiments.lab.charts import SERIES
 from experiments.paper import time_history as history
 from experiments.paper.scenes import OBJECT_MASS, TOOL_MASS
 from experiments.paper.tables import Table, contact_of, trace_of, where

@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import impact_gym as ig
-from experiments.charts import SERIES
+from experiments.lab.charts import SERIES
 from experiments.paper.scenes import MOTION, OBJECT_MASS, TOOL_MASS, rigid
 from experiments.paper.tables import Table, from_rows, where
 

@@ -8,11 +8,11 @@ from pathlib import Path
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
+from agents.provenance import circumstances
 from experiments.paper import tables
 from experiments.paper.catalogue import HERE, NAMES, Module, heading, load
 from experiments.paper.contradictions import contradictions
 from experiments.paper.statements import Statement, Verdict
-from experiments.results import circumstances
 from impact_gym.files import whole_file
 
 

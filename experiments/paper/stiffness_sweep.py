@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 import impact_gym as ig
-from experiments.charts import SERIES
+from experiments.lab.charts import SERIES
 from experiments.paper.scenes import DISTANCE, DURATION, MOTION, decoupled
 from experiments.paper.sweeps import Row, enclosed
 from experiments.paper.tables import Table, from_rows, where

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from experiments.charts import COUPLING, FORCE, velocities
+from experiments.lab.charts import COUPLING, FORCE, velocities
 from experiments.paper.tables import Table, contact_of, trace_of
 
 

@@ -84,7 +84,7 @@ def rescore(
     rtol: float = RTOL,
     clamp: bool = True,
 ) -> dict[str, NDArray[Any]]:
-    """Play the scenarios `numbers` of a frozen set, all of a step at once, as `agents.evaluation.Stage` does.
+    """Play the scenarios `numbers` of a frozen set, all of a step at once, as `agents.evaluate.stage.Stage` does.
 
     The controller is shown a batch whose row k is scenario numbers[k]. Returns the fields of `Outcome`, an array each.
 

@@ -14,13 +14,13 @@ import tyro
 from tqdm import tqdm
 
 from agents.jobs import JobsFailedError
-from agents.revision import revision
+from agents.provenance import circumstances, revision
 from agents.setups import load_setup
-from experiments.report import answer, arenas, holds, page
+from experiments.lab.results import REPORTS, checksum, replaceable, whole_folder
+from experiments.lab.statistics import RESAMPLES
+from experiments.report import answer, matchups, page, robustness
 from experiments.report.figures import Table
-from experiments.report.results import Played, episodes, gather_arenas
-from experiments.results import REPORTS, checksum, circumstances, replaceable, whole_folder
-from experiments.statistics import RESAMPLES
+from experiments.report.results import Played, episodes, gather_matchups
 from impact_gym.envs.task import Task
 from impact_gym.files import whole_file
 from impact_gym.validation import whole
@@ -42,7 +42,7 @@ class Settings:
     """
 
     setups: tyro.conf.Positional[tuple[str, ...]] = ()
-    """Set-ups by name or file, whose policies and baselines are where agents.many and agents.tune left them."""
+    """Set-ups by name or file, whose policies and baselines are where agents.train_seeds and agents.tune left them."""
 
     folder: Path | None = None
     """Where `policies` and `tuned` of the set-ups are, if not where these commands leave them."""
@@ -77,23 +77,23 @@ class Settings:
             raise ValueError("baseline needs --policy: the shipped recipes have theirs")
 
 
-def arenas_of(settings: Settings) -> list[arenas.Arena]:
+def matchups_of(settings: Settings) -> list[matchups.Matchup]:
     """Return who meets whom.
 
     Raises:
         ValueError: a policy, a baseline or the scenarios are not what they should be; nothing has been played yet.
     """
-    scenarios, changes = arenas.scenarios_from(settings.scenarios, settings.count)
+    scenarios, changes = matchups.scenarios_from(settings.scenarios, settings.count)
     if settings.policy:
-        return arenas.own(settings.policy, settings.baseline, scenarios, changes)
+        return matchups.own(settings.policy, settings.baseline, scenarios, changes)
     if changes:
         raise ValueError("scenarios with an environment of their own need --policy: the shipped recipes have theirs")
     if settings.setups:
         found = [load_setup(name) for name in settings.setups]
         if len({one.name for one in found}) < len(found):
             raise ValueError(f"two set-ups would have the same name: {', '.join(settings.setups)}")
-        return [arenas.of_setup(one, scenarios, settings.folder) for one in found]
-    return arenas.shipped(scenarios)
+        return [matchups.of_setup(one, scenarios, settings.folder) for one in found]
+    return matchups.shipped(scenarios)
 
 
 def write(settings: Settings) -> Path:
@@ -109,7 +109,7 @@ def write(settings: Settings) -> Path:
     for folder in (out.parent, settings.episodes or out.parent):
         if folder.exists() and not folder.is_dir():
             raise ValueError(f"{folder} is no folder")
-    return publish(arenas_of(settings), settings)
+    return publish(matchups_of(settings), settings)
 
 
 def _nothing_whole(out: Path) -> bool:
@@ -119,8 +119,8 @@ def _nothing_whole(out: Path) -> bool:
     return (out / RESULTS).is_file() and json.loads((out / RESULTS).read_text()).get("first page", False)
 
 
-def publish(asked: list[arenas.Arena], settings: Settings) -> Path:
-    """Play the arenas, write the folder, and return the path of its page.
+def publish(asked: list[matchups.Matchup], settings: Settings) -> Path:
+    """Play the matchups, write the folder, and return the path of its page.
 
     Where no page is there and many scenarios are to be played, a first page with the answer on a few is there before.
     """
@@ -132,7 +132,7 @@ def publish(asked: list[arenas.Arena], settings: Settings) -> Path:
         page = write_folder(played, settings, begun, first=True)
         tqdm.write(f"first page, of {FIRST_LOOK} scenarios: {page.resolve().as_uri()}")
 
-    played = gather_arenas(asked, store, settings.processes, settings.cluster, FIRST_LOOK if many else 0, first_look)
+    played = gather_matchups(asked, store, settings.processes, settings.cluster, FIRST_LOOK if many else 0, first_look)
     print("writing the page", flush=True)
     path = write_folder(played, settings, begun)
     if settings.episodes is None:
@@ -142,7 +142,7 @@ def publish(asked: list[arenas.Arena], settings: Settings) -> Path:
 
 def write_folder(played: list[Played], settings: Settings, begun: float, first: bool = False) -> Path:
     """Write the folder of what was played since `begun`; return its page, of which a first one has the answer alone."""
-    asked = [one.arena for one in played]
+    asked = [one.matchup for one in played]
     with whole_folder(settings.out) as folder:
         parts = page.sections(played, first)
         (folder / "figures").mkdir()
@@ -153,11 +153,11 @@ def write_folder(played: list[Played], settings: Settings, begun: float, first: 
             rows.write_parquet(file, compression="zstd")
         answers = [answer.answer(one) for one in played]
         results = {
-            "answers": {one.arena: one.as_json() for one in answers},
+            "answers": {one.matchup: one.as_json() for one in answers},
             "first page": first,
             "episodes": {"rows": len(rows), "sha256": checksum(folder / "episodes.parquet")},
-            "contestants": {one.arena.name: _checksums(one) for one in played},
-            "weights": {one.arena.name: list(one.policy.weights) for one in played},
+            "contestants": {one.matchup.name: _checksums(one) for one in played},
+            "weights": {one.matchup.name: list(one.policy.weights) for one in played},
             "scenarios": "; ".join(dict.fromkeys(_scenarios(one.scenarios) for one in asked)),
             "command": shlex.join(["python", "-m", "experiments.report", *sys.argv[1:]]),
             **revision(),
@@ -168,9 +168,9 @@ def write_folder(played: list[Played], settings: Settings, begun: float, first: 
         about = {
             **results,
             "first": first,
-            "sentences": [answer.sentence(one, play.arena) for one, play in zip(answers, played, strict=True)],
+            "sentences": [answer.sentence(one, play.matchup) for one, play in zip(answers, played, strict=True)],
             "table": answer.answers_table(answers, played),
-            "weak": [] if first else [said for one in played for said in holds.weak_points(one)],
+            "weak": [] if first else [said for one in played for said in robustness.weak_points(one)],
             "seeds": max(len(one.seeds) for one in played),
             "limits": _limits(asked),
             "own": bool(settings.policy),
@@ -185,7 +185,7 @@ def write_folder(played: list[Played], settings: Settings, begun: float, first: 
 
 
 def _checksums(played: Played) -> dict[str, str]:
-    return {one.name: one.checksum for one in (*played.arena.seeds, *played.arena.baselines)}
+    return {one.name: one.checksum for one in (*played.matchup.seeds, *played.matchup.baselines)}
 
 
 def _apart(scenarios: Mapping[str, Any]) -> str:
@@ -194,7 +194,7 @@ def _apart(scenarios: Mapping[str, Any]) -> str:
     return "the first half of the validation set" if "set" in scenarios else "other scenarios from the same ranges"
 
 
-def _trained_with(asked: list[arenas.Arena]) -> str:
+def _trained_with(asked: list[matchups.Matchup]) -> str:
     found = dict.fromkeys(
         f"{name} {number}" for one in asked for name, number in one.provenance.get("versions", {}).items()
     )
@@ -205,14 +205,14 @@ def _policies_table(played: list[Played]) -> Table:
     body = []
     for one in played:
         late = one.policy_as_late.weights[0]
-        commands = one.arena.provenance.get("command", "-")
-        body.append((one.arena.name, one.arena.chosen, str(len(one.seeds)), commands, f"{late:.4g}",
-                     one.arena.policy.checksum[:16]))  # fmt: skip
+        commands = one.matchup.provenance.get("command", "-")
+        body.append((one.matchup.name, one.matchup.chosen, str(len(one.seeds)), commands, f"{late:.4g}",
+                     one.matchup.policy.checksum[:16]))  # fmt: skip
     head = ("recipe", "median seed", "seeds", "trained by", "weight as late as the rule (m/s per s)", "checksum")
     return Table("The policies; checksums of all contestants are in results.json", head, tuple(body))
 
 
-def _limits(asked: list[arenas.Arena]) -> str:
+def _limits(asked: list[matchups.Matchup]) -> str:
     """Say what the arms can do."""
     limits: dict[str, list[str]] = {}
     for one in asked:

@@ -11,11 +11,11 @@ import altair as alt
 import numpy as np
 import polars as pl
 
-from agents.validation import WEIGHTS
-from experiments.report.arenas import PAPER, POLICY, Arena
+from agents.setups.evaluation import WEIGHTS
+from experiments.lab.statistics import Estimate, Floats, Resamples, along, estimate, hypervolume, interquartile_mean
 from experiments.report.figures import Figure, Table, contestants, percent, plain, rows, zoomable
+from experiments.report.matchups import PAPER, POLICY, Matchup
 from experiments.report.results import BOUND, FAMILY, Played, Run
-from experiments.statistics import Estimate, Floats, Resamples, along, estimate, hypervolume, interquartile_mean
 
 WIDE_REFERENCE = (0.6, 1.0)  # s, m/s: behind every front
 MISSED_TOO_OFTEN = 0.01  # of the objects: a missed one has no V_p
@@ -25,7 +25,7 @@ MISSED_TOO_OFTEN = 0.01  # of the objects: a missed one has no V_p
 class Answer:
     """What one recipe of training gains over the paper's rule."""
 
-    arena: str
+    matchup: str
     reduction: Estimate  # of V_p at the paper's mean approach time, a share
     reached: bool  # its curve comes to that time; if not, it is the end nearest to it
     sooner: Estimate  # of the approach time at the paper's mean V_p, a share
@@ -69,7 +69,7 @@ def answer(played: Played) -> Answer:
     times, velocities = front(lambda name: stacked(played, name))
     there = along(times, velocities, paper_time)
     then = along(velocities, times, paper_velocity)
-    rival = played.arena.rival.name if len(played.rival.weights) > 1 else ""
+    rival = played.matchup.rival.name if len(played.rival.weights) > 1 else ""
     rival_there = along(*front(lambda name: played.rival[name].astype(float)[None]), paper_time) if rival else None
     late = as_late(played, "object_velocity")
     touched = as_late(played, "missed") == 0.0
@@ -77,7 +77,7 @@ def answer(played: Played) -> Answer:
     missed = stacked(played, "missed")
     fastest, slowest = velocities[0].max(), velocities[0].min()
     return Answer(
-        played.arena.name,
+        played.matchup.name,
         reduction=estimate(1.0 - there / paper_velocity),
         reached=bool(times[0].min() <= paper_time[0] <= times[0].max()),
         sooner=estimate(1.0 - then / paper_time),
@@ -106,7 +106,7 @@ def answers_table(answers: list[Answer], played: list[Played]) -> Table:
         rival = f"{percent(one.rival_reduction)}, {one.rival}" if one.rival_reduction else "-"
         middle = f"{one.interquartile[0]:.3f}, {one.interquartile[1]:.3f}"
         body.append((
-            f"{one.arena} ({len(play.seeds)})", reduction, rival, sooner, plain(one.velocity),
+            f"{one.matchup} ({len(play.seeds)})", reduction, rival, sooner, plain(one.velocity),
             percent(one.improvement), middle, f"{one.missed} of {one.episodes:,}",
         ))  # fmt: skip
     return Table("Each recipe against the paper's rule in its own environment, 95 % intervals; a miss is no win", head,
@@ -139,7 +139,7 @@ def trade_off(played: Played) -> Figure:
     names = [POLICY, *played.baselines, FAMILY, *([BOUND] if played.bound is not None else [])]
     names = sorted(dict.fromkeys(names), key=lambda name: (name != PAPER, name != POLICY))
     look = contestants(names)
-    data = data.with_columns(chosen=pl.col("line") == played.arena.chosen)
+    data = data.with_columns(chosen=pl.col("line") == played.matchup.chosen)
     base = alt.Chart(rows(data)).encode(
         x=alt.X("T:Q", title="mean approach time (s)", scale=alt.Scale(zero=False, nice=True)),
         y=alt.Y("V:Q", title="mean V_p (m/s)", scale=alt.Scale(zero=True)),
@@ -174,8 +174,8 @@ def trade_off(played: Played) -> Figure:
         "Down and left is better. A line per contestant over its time weights, the policy's faint lines are the other "
         f"seeds; {FAMILY} is sped up to and braked at 16 m/s² or as hard as the arm can." + bound
     )
-    return Figure(f"{played.arena.name}_trade_off", f"{played.arena.name}: approach time against V_p", caption, text,
-                  zoomable(layers), data, 380)  # fmt: skip
+    name = played.matchup.name
+    return Figure(f"{name}_trade_off", f"{name}: approach time against V_p", caption, text, zoomable(layers), data, 380)
 
 
 def fronts_table(played: Played) -> Table:
@@ -232,15 +232,15 @@ def weights_table(played: Played) -> Table:
             gap = ", ".join(plain(one) for one in gaps)
         body.append((f"{weight:g}", f"{chosen.mean():.4f}", f"{theirs.mean():.4f}", plain(median, 4), plain(recipe, 4),
                      gap))  # fmt: skip
-    head = ("time weight (m/s per s)", "median seed (m/s)", f"{played.arena.rival.name} (m/s)", "ratio, median seed",
+    head = ("time weight (m/s per s)", "median seed (m/s)", f"{played.matchup.rival.name} (m/s)", "ratio, median seed",
             "ratio, all seeds", "above the search that knows: policy, baseline (m/s)")  # fmt: skip
     return Table("V_p + w T against the best baseline, tuned for each weight; below 1 the policy is better", head,
                  tuple(body))  # fmt: skip
 
 
-def sentence(one: Answer, arena: Arena) -> str:
+def sentence(one: Answer, matchup: Matchup) -> str:
     """Return the answer of a recipe in a sentence or two."""
-    begin = f"{arena.name} ({arena.note}): "
+    begin = f"{matchup.name} ({matchup.note}): "
     if one.missed > MISSED_TOO_OFTEN * one.episodes:
         return begin + f"it misses {one.missed:,} of {one.episodes:,} objects, so nothing is claimed for it."
     if one.reached:

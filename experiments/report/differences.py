@@ -7,11 +7,11 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from agents.jobs.evaluations import RESULTS
-from experiments.report.arenas import PAPER, POLICY
+from agents.evaluate import RESULTS
+from experiments.lab.statistics import Floats, Resamples, estimate, interquartile_mean
 from experiments.report.figures import Figure, Table, contestants, plain, rows, zoomable
+from experiments.report.matchups import PAPER, POLICY
 from experiments.report.results import Played, Run
-from experiments.statistics import Floats, Resamples, estimate, interquartile_mean
 from impact_gym.envs.scenario import FIELDS, LOGARITHMIC
 from impact_gym.envs.task import MISSED_COST
 
@@ -28,10 +28,10 @@ POINTS = 201  # of a distribution's curve
 
 def measures(played: Played) -> Table:
     """Return what each contestant does to the objects and to itself, over the same scenarios."""
-    weight = played.arena.typical
+    weight = played.matchup.typical
     runs: dict[str, tuple[Run, float]] = {PAPER: (played.paper, weight)}
-    if played.arena.rival.name != PAPER:
-        runs[f"{played.arena.rival.name}, w = {weight:g}"] = (played.rival, weight)
+    if played.matchup.rival.name != PAPER:
+        runs[f"{played.matchup.rival.name}, w = {weight:g}"] = (played.rival, weight)
     runs[f"{POLICY}, w = {weight:g}"] = (played.policy, weight)
     late = played.policy_as_late
     runs[f"{POLICY}, as late as the paper's rule (w = {late.weights[0]:.3g})"] = (late, late.weights[0])
@@ -58,12 +58,12 @@ def measures(played: Played) -> Table:
 
 def distribution(played: Played) -> Figure:
     """Return the distributions of the paired differences."""
-    weight = played.arena.typical
+    weight = played.matchup.typical
     late = played.policy_as_late
     against_rule = late["object_velocity"][0] - played.paper["object_velocity"][0]
     against_rule = np.where(late["missed"][0], MISSED_COST, against_rule)  # a miss is no win
     against_rival = played.policy.loss(weight) - played.rival.loss(weight)
-    rival = f"V_p + {weight:g} T, against {played.arena.rival.name}"
+    rival = f"V_p + {weight:g} T, against {played.matchup.rival.name}"
     rule = "V_p as late as the paper's rule, against it"
     share = np.linspace(0.0, 1.0, POINTS)
     frames = [
@@ -85,10 +85,10 @@ def distribution(played: Played) -> Figure:
     zero = alt.Chart(alt.Data(values=[{"zero": 0}])).mark_rule(strokeDash=[2, 3]).encode(x="zero:Q")
     text = (
         f"The policy leaves the object slower than the paper's rule in {won[0]:.0f} % of the scenarios and costs less "
-        f"than {played.arena.rival.name} in {won[1]:.0f} %."
+        f"than {played.matchup.rival.name} in {won[1]:.0f} %."
     )
     caption = text + " Left of zero the policy is better."
-    return Figure(f"{played.arena.name}_differences", f"{played.arena.name}: paired differences", caption,
+    return Figure(f"{played.matchup.name}_differences", f"{played.matchup.name}: paired differences", caption,
                   text, zoomable(curve + zero), data)  # fmt: skip
 
 
@@ -134,12 +134,12 @@ def _levels(played: Played, name: str) -> Figure:
             alt.Tooltip("touched again:Q", format=".1%"), alt.Tooltip("missed:Q")]  # fmt: skip
     chart = _grouped(data, name, "mean V_p (m/s)", (PAPER, late), (PAPER, POLICY), more)
     caption = f"Groups of as many scenarios each, 95 % intervals. {said}."
-    title = f"{played.arena.name}: V_p by {TITLES[name]}"
-    return Figure(f"{played.arena.name}_by_{name}", title, caption, said, chart, data, 240)
+    title = f"{played.matchup.name}: V_p by {TITLES[name]}"
+    return Figure(f"{played.matchup.name}_by_{name}", title, caption, said, chart, data, 240)
 
 
 def _paired(played: Played, name: str) -> Figure:
-    weight, rival = played.arena.typical, played.arena.rival.name
+    weight, rival = played.matchup.typical, played.matchup.rival.name
     theirs = played.rival.loss(weight)
     ours = np.array([run.loss(weight) for run in played.seeds.values()]) - theirs
     label = f"{POLICY} minus {rival}"
@@ -158,11 +158,11 @@ def _paired(played: Played, name: str) -> Figure:
     said = f"The policy is clearly better {ranges(won)}, clearly worse {ranges(lost)}."
     chart = _grouped(data, name, f"difference of V_p + {weight:g} T (m/s)", (label,), (POLICY,), [])
     zero = alt.Chart(alt.Data(values=[{"zero": 0}])).mark_rule(strokeDash=[2, 3]).encode(y="zero:Q")
-    title = f"{played.arena.name}: against {rival}, by {TITLES[name]}"
+    title = f"{played.matchup.name}: against {rival}, by {TITLES[name]}"
     caption = (
         f"Paired differences at w = {weight:g}, all seeds, 95 % intervals; below zero the policy is better. {said}"
     )
-    return Figure(f"{played.arena.name}_paired_{name}", title, caption, said, zero + chart, data, 240)
+    return Figure(f"{played.matchup.name}_paired_{name}", title, caption, said, zero + chart, data, 240)
 
 
 def _grouped(

@@ -14,7 +14,7 @@ import altair as alt
 import polars as pl
 import vl_convert
 
-from experiments.report.arenas import PAPER, POLICY
+from experiments.report.matchups import PAPER, POLICY
 from impact_gym.files import whole_file
 
 COLOURS = ("#D55E00", "#0072B2", "#009E73", "#E69F00", "#CC79A7", "#56B4E9", "#8A8A8A")

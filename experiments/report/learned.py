@@ -6,8 +6,8 @@ import polars as pl
 
 from agents.baselines.profile import constant_deceleration_of
 from experiments.report.answer import stacked
-from experiments.report.arenas import PAPER, POLICY
 from experiments.report.figures import Figure, contestants, rows, zoomable
+from experiments.report.matchups import PAPER, POLICY
 from experiments.report.results import FAR, SHOWN_WEIGHTS, Played, watched_at
 from impact_gym.envs.task import Task
 
@@ -19,20 +19,24 @@ BANDS = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
 def approach(played: Played) -> Figure:
     """Return velocity over position before the contact, beside the rival's and a constant deceleration."""
     frames = []
-    arena = played.arena
-    ranged = arena.environment.get("range_noise") is not None
+    matchup = played.matchup
+    ranged = matchup.environment.get("range_noise") is not None
     slope = knock(played)
     ahead = played.paper.scenario["distance"]
     span = round(float(ahead.min()), 3), round(float(ahead.max()), 3)
-    linear = arena.environment.get("coupling", {}).get("type") != "Bistable"  # which shields above its threshold
+    linear = matchup.environment.get("coupling", {}).get("type") != "Bistable"  # which shields above its threshold
     uniform = linear and not ranged and span[1] - span[0] > 0.05 and span[1] <= FAR  # what theory needs, about
     for contestant, arrays in played.profiles.items():
-        known = arena.policy if contestant == arena.chosen else next(c for c in arena.baselines if c.name == contestant)
+        known = (
+            matchup.policy
+            if contestant == matchup.chosen
+            else next(c for c in matchup.baselines if c.name == contestant)
+        )
         weights = [weight for weight in SHOWN_WEIGHTS if weight in known.weights] or [known.weights[0]]
-        name = POLICY if contestant == arena.chosen else contestant
+        name = POLICY if contestant == matchup.chosen else contestant
         for weight, velocity in zip(weights, arrays["velocity"], strict=True):
             frames.append(_line(name, weight, arrays["position"], velocity))
-            if contestant == arena.chosen and uniform:
+            if contestant == matchup.chosen and uniform:
                 frames.append(_theory(weight, slope, arrays["position"], velocity, *span))
     data = pl.concat(frames).drop_nans("velocity")
     names = data["contestant"].unique(maintain_order=True).to_list()
@@ -55,7 +59,7 @@ def approach(played: Played) -> Figure:
         for w, r, a in zip(fits["w"], fits["r_squared"], fits["deceleration"], strict=True)
     )
     where = (
-        f"The object stands at {watched_at(arena):.3g} m and the estimate is right."
+        f"The object stands at {watched_at(matchup):.3g} m and the estimate is right."
         if ranged
         else f"Nothing stands in the way here; in the scenarios objects stand {span[0]:.2f} to {span[1]:.2f} m ahead."
     )
@@ -65,7 +69,7 @@ def approach(played: Played) -> Figure:
         f"the policy's v² there brakes at {said}. It enters the range faster than theory has it, as "
         "nothing can stand before, and then swings with the tool on its coupling."
     )  # fmt: skip
-    return Figure(f"{arena.name}_approach", f"{arena.name}: velocity over position before the contact",
+    return Figure(f"{matchup.name}_approach", f"{matchup.name}: velocity over position before the contact",
                   where + theory, where + " " + said, zoomable(chart), data, 340)  # fmt: skip
 
 
@@ -97,7 +101,7 @@ def _line(name: str, weight: float, x: np.ndarray, v: np.ndarray, r: float = np.
 
 def reaction(played: Played) -> Figure:
     """Return the velocity commanded after the alarm, by what was sensed one control period after it."""
-    seen, period = played.reactions, Task(**played.arena.environment).control_period
+    seen, period = played.reactions, Task(**played.matchup.environment).control_period
     step = np.rint(seen["since"] / period).astype(int)
     felt = dict(zip(seen["scenario"][step == 1].tolist(), seen["sensed"][step == 1].tolist(), strict=True))
     force = np.array([felt.get(number, np.nan) for number in seen["scenario"].tolist()])
@@ -139,11 +143,11 @@ def reaction(played: Played) -> Figure:
             said.append(f"{1e3 * place * period:.0f} ms after the alarm {ends}")
     text = "Mean velocity commanded: " + "; ".join(said) + "."
     caption = (
-        f"Commands at w = {played.arena.typical:g}, episodes in fifths by the largest force sensed one control period "
-        "after the alarm (at the alarm itself it is the threshold for all); bands hold 80 % of the commands. Below "
-        "zero the flange is told to retreat. " + text
+        f"Commands at w = {played.matchup.typical:g}, episodes in fifths by the largest force sensed one control "
+        "period after the alarm (at the alarm itself it is the threshold for all); bands hold 80 % of the commands. "
+        "Below zero the flange is told to retreat. " + text
     )
-    return Figure(f"{played.arena.name}_reaction", f"{played.arena.name}: reaction after the alarm", caption, text,
+    return Figure(f"{played.matchup.name}_reaction", f"{played.matchup.name}: reaction after the alarm", caption, text,
                   band_mark + line, data, 320)  # fmt: skip
 
 
@@ -160,7 +164,7 @@ def urgency(played: Played) -> list[Figure]:
         rival = played.rival
         frames += [
             {
-                "contestant": played.arena.rival.name,
+                "contestant": played.matchup.rival.name,
                 "seed": "-",
                 "w": weight,
                 "value": float(rival.at(weight)[name].mean()),
@@ -168,7 +172,7 @@ def urgency(played: Played) -> list[Figure]:
             for weight in rival.weights
         ]
         data = pl.DataFrame(frames)
-        names = [played.arena.rival.name, POLICY]
+        names = [played.matchup.rival.name, POLICY]
         look = contestants(names)
         chart = alt.Chart(rows(data)).mark_line(point={"filled": True, "size": 40}).encode(
             x=alt.X("w:Q", title="time weight (m/s per s)", scale=alt.Scale(type="log", nice=False)),
@@ -181,6 +185,6 @@ def urgency(played: Played) -> list[Figure]:
         )  # fmt: skip
         ends = f"{means[:, 0].mean():.3f} at w = {played.policy.weights[0]:g}, {means[:, -1].mean():.3f} at "
         text = f"Mean over seeds: {ends}{played.policy.weights[-1]:g}."
-        figures.append(Figure(f"{played.arena.name}_urgency_{name}", f"{played.arena.name}: {title} over urgency",
+        figures.append(Figure(f"{played.matchup.name}_urgency_{name}", f"{played.matchup.name}: {title} over urgency",
                               "A line per training seed. " + text, text, chart, data, 260))  # fmt: skip
     return figures

@@ -10,26 +10,26 @@ import vl_convert
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from agents.controllers import controller_of
-from agents.evaluation import Episodes
-from agents.jobs.evaluations import frozen_of
-from experiments.report import answer, differences, holds, learned
-from experiments.report.arenas import PAPER, POLICY
+from agents.evaluate.controllers import controller_of
+from agents.evaluate.play import frozen_of
+from agents.evaluate.stage import Episodes
+from experiments.lab.player import choose, films, fragment
+from experiments.report import answer, differences, learned, robustness
 from experiments.report.figures import Figure, Table
+from experiments.report.matchups import PAPER, POLICY
 from experiments.report.results import Played, Run
-from experiments.watch import choose, films, fragment
 
 HERE = Path(__file__).parent
 Section = list[Figure | Table]
 
 
 def sections(played: list[Played], first: bool = False) -> dict[str, dict[str, Section]]:
-    """Return what each section shows of each arena; of a first page, that of the trade-off alone."""
+    """Return what each section shows of each matchup; of a first page, that of the trade-off alone."""
     found: dict[str, dict[str, Section]] = {
         "trade-off": {}, "differences": {}, "learned": {}, "holds": {}, "simulator": {}
     }  # fmt: skip
     for one in played:
-        name = one.arena.name
+        name = one.matchup.name
         found["trade-off"][name] = [answer.trade_off(one), answer.weights_table(one), answer.fronts_table(one)]
         if first:
             continue
@@ -38,28 +38,30 @@ def sections(played: list[Played], first: bool = False) -> dict[str, dict[str, S
         ]  # fmt: skip
         reacted = [learned.reaction(one)] if one.reactions["since"].size else []  # else no alarm came
         found["learned"][name] = [learned.approach(one), *reacted, *learned.urgency(one)]
-        found["holds"][name] = [*holds.robustness(one), holds.kinds(one)]
-        found["simulator"][name] = [holds.simulator(one)]
+        found["holds"][name] = [*robustness.robustness(one), robustness.kinds(one)]
+        found["simulator"][name] = [robustness.simulator(one)]
     return found
 
 
 def figures(parts: Mapping[str, Mapping[str, Section]]) -> list[Figure]:
     """Return all figures of the page."""
-    return [one for by_arena in parts.values() for part in by_arena.values() for one in part if isinstance(one, Figure)]
+    return [
+        one for by_matchup in parts.values() for part in by_matchup.values() for one in part if isinstance(one, Figure)
+    ]
 
 
 def watch(played: Played) -> tuple[str, dict[str, Any]]:
-    """Return the name of an arena and the films of a dozen of its scenarios: the rule and the policy, as late."""
-    arena = played.arena
+    """Return the name of a matchup and the films of a dozen of its scenarios: the rule and the policy, as late."""
+    matchup = played.matchup
     late = played.policy_as_late
     weight = late.weights[0]
-    players = {PAPER: arena.baselines[0], POLICY: arena.policy}
+    players = {PAPER: matchup.baselines[0], POLICY: matchup.policy}
     runs = {PAPER: episodes_of(played.paper), POLICY: episodes_of(late)}
-    frozen = frozen_of(arena.scenarios)
-    environment = dict(arena.environment)
+    frozen = frozen_of(matchup.scenarios)
+    environment = dict(matchup.environment)
     if frozen is None:
-        environment["scenario"] = {name: tuple(pair) for name, pair in arena.scenarios["ranges"].items()}
-    seed = frozen.seed if frozen else arena.scenarios["seed"]
+        environment["scenario"] = {name: tuple(pair) for name, pair in matchup.scenarios["ranges"].items()}
+    seed = frozen.seed if frozen else matchup.scenarios["seed"]
     shown = films(
         {name: controller_of(one.controller, weight, environment) for name, one in players.items()},
         choose(runs[PAPER], runs[POLICY]),
@@ -69,7 +71,7 @@ def watch(played: Played) -> tuple[str, dict[str, Any]]:
         environment=environment,
         time_weight=weight,
     )
-    return arena.name, shown
+    return matchup.name, shown
 
 
 def episodes_of(run: Run) -> Episodes:

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from agents.baselines import PaperTrapezoid
 from agents.baselines.rule import Seen
-from agents.controllers import controller_of
-from agents.jobs.evaluations import frozen_of, play, stage
-from agents.validation import Controller
+from agents.evaluate.controllers import controller_of
+from agents.evaluate.play import frozen_of, play, stage
+from agents.evaluate.stage import Controller
 from experiments.reference.task import rescore
 from impact_gym.envs.observation import ENTRIES
 from impact_gym.envs.task import Task

@@ -1,4 +1,4 @@
-"""From arenas to arrays: the list of jobs behind the page, and what came of them."""
+"""From matchups to arrays: the list of jobs behind the page, and what came of them."""
 
 import copy
 from collections.abc import Callable, Iterator, Mapping
@@ -10,18 +10,18 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from agents.clairvoyance import FROZEN, shipped_scenarios
+from agents.baselines.bound import FROZEN, shipped_scenarios
+from agents.evaluate import RESULTS
 from agents.jobs import Job, digest_of, gather
-from agents.jobs.evaluations import RESULTS
-from agents.validation import WEIGHTS
+from agents.setups.evaluation import WEIGHTS
 from experiments.reference.task import SERVED
-from experiments.report.arenas import PAPER, Arena, setup_of
-from experiments.report.robustness import VARIANTS
+from experiments.report.matchups import PAPER, Matchup, setup_of
+from experiments.report.variants import VARIANTS
 from impact_gym.envs.scenario import FIELDS
 from impact_gym.envs.task import MISSED_COST, Task
 
 Arrays = Mapping[str, NDArray[Any]]
-PLAYS = {"play": "agents.jobs.evaluations"}
+PLAYS = {"play": "agents.evaluate.play"}
 HERE = "experiments.report.play"
 SPEEDS = (0.4, 0.5, 0.6, 0.8, 1.0, 1.25, 1.5)  # m/s, of the family of constant speeds
 FAR = 0.36  # m, just beyond the farthest object: where an approach that meets nothing is watched
@@ -38,7 +38,7 @@ FAMILY = "any constant speed"
 
 @dataclass
 class Run:
-    """Results of one contestant in one arena."""
+    """Results of one contestant in one matchup."""
 
     weights: tuple[float, ...]
     arrays: Arrays  # (weights, scenarios) each
@@ -66,9 +66,9 @@ class Run:
 
 @dataclass
 class Played:
-    """All that came of one arena."""
+    """All that came of one matchup."""
 
-    arena: Arena
+    matchup: Matchup
     seeds: dict[str, Run] = field(default_factory=dict)
     as_late: dict[str, Run] = field(default_factory=dict)  # each seed at the weight that makes it as late as the paper
     baselines: dict[str, Run] = field(default_factory=dict)
@@ -88,46 +88,46 @@ class Played:
     @property
     def rival(self) -> Run:
         """The baseline to beat."""
-        return self.baselines[self.arena.rival.name]
+        return self.baselines[self.matchup.rival.name]
 
     @property
     def policy(self) -> Run:
         """The median seed."""
-        return self.seeds[self.arena.chosen]
+        return self.seeds[self.matchup.chosen]
 
     @property
     def policy_as_late(self) -> Run:
         """The median seed at the weight that makes it as late as the paper's rule."""
-        return self.as_late[self.arena.chosen]
+        return self.as_late[self.matchup.chosen]
 
 
 @dataclass(frozen=True)
 class _Asked:
     """A job and where its result goes."""
 
-    arena: int
+    matchup: int
     where: str
     key: Any
     weights: tuple[float, ...]
     job: Job
 
 
-def gather_arenas(
-    arenas: list[Arena],
+def gather_matchups(
+    matchups: list[Matchup],
     folder: Path,
     processes: int | None = None,
     cluster: str | None = None,
     first: int = 0,
     told: Callable[[list[Played]], None] = lambda played: None,
 ) -> list[Played]:
-    """Play everything that is not in `folder` yet, and return what came of each arena.
+    """Play everything that is not in `folder` yet, and return what came of each matchup.
 
     With `first`, what the answer needs on so many scenarios is played before all else, and `told` while others play.
     """
-    depends = _sources(arenas)
-    few = [replace(arena, scenarios=_first(arena.scenarios, first)) for arena in arenas if first]
+    depends = _sources(matchups)
+    few = [replace(matchup, scenarios=_first(matchup.scenarios, first)) for matchup in matchups if first]
     asked_first = [one for one in _all_asked(few, depends) if one.where in ANSWER]
-    asked = _all_asked(arenas, depends)
+    asked = _all_asked(matchups, depends)
     # the last recipe is the slowest: what is long begins first
     jobs = [one.job for one in (*reversed(asked_first), *reversed(asked))]
     missing, came = set(range(len(asked_first))), {}
@@ -135,14 +135,14 @@ def gather_arenas(
         came[place] = arrays
         if missing and not (missing := missing - {place}):
             told(_played(few, asked_first, [came[k] for k in reversed(range(len(asked_first)))]))
-    return _played(arenas, asked, [came[k] for k in reversed(range(len(asked_first), len(jobs)))])
+    return _played(matchups, asked, [came[k] for k in reversed(range(len(asked_first), len(jobs)))])
 
 
-def _played(arenas: list[Arena], asked: list[_Asked], results: list[Arrays]) -> list[Played]:
+def _played(matchups: list[Matchup], asked: list[_Asked], results: list[Arrays]) -> list[Played]:
     """Put the results where they belong."""
-    played = [Played(arena) for arena in arenas]
+    played = [Played(matchup) for matchup in matchups]
     for one, arrays in zip(asked, results, strict=True):
-        target = played[one.arena]
+        target = played[one.matchup]
         weights = tuple(arrays["weight"].tolist()) if one.where == "as_late" else one.weights
         value = Run(weights, arrays) if one.weights else arrays
         if one.where in ("bound", "reactions"):
@@ -152,23 +152,23 @@ def _played(arenas: list[Arena], asked: list[_Asked], results: list[Arrays]) -> 
     return played
 
 
-def _all_asked(arenas: list[Arena], depends: str) -> list[_Asked]:
-    return [one for number, arena in enumerate(arenas) for one in _asked(number, arena, depends)]
+def _all_asked(matchups: list[Matchup], depends: str) -> list[_Asked]:
+    return [one for number, matchup in enumerate(matchups) for one in _asked(number, matchup, depends)]
 
 
-def _sources(arenas: list[Arena]) -> str:
+def _sources(matchups: list[Matchup]) -> str:
     """Digest of what determines results beside a job's arguments: sources, those of a user's baselines too."""
-    named = [one.controller.get("object", "") for arena in arenas for one in arena.baselines]
+    named = [one.controller.get("object", "") for matchup in matchups for one in matchup.baselines]
     modules = sorted({name.partition(":")[0] for name in named if name})
     return digest_of("impact_gym", "agents", "experiments.report.play", "experiments.reference", *modules)
 
 
-def watched_at(arena: Arena) -> float:
+def watched_at(matchup: Matchup) -> float:
     """Return where the object stands when an approach is watched, m: where it is known, as usual, or just too far."""
-    known = arena.environment.get("range_noise") is not None
-    if "ranges" not in arena.scenarios:
+    known = matchup.environment.get("range_noise") is not None
+    if "ranges" not in matchup.scenarios:
         return NEAR if known else FAR
-    low, high = arena.scenarios["ranges"]["distance"]
+    low, high = matchup.scenarios["ranges"]["distance"]
     return float(0.5 * (low + high) if known else high + 0.01)
 
 
@@ -178,11 +178,11 @@ def _fixed(environment: Mapping[str, Any]) -> bool:
     return not task.drawn and task.delays[0] == task.delays[1]
 
 
-def _asked(number: int, arena: Arena, depends: str) -> Iterator[_Asked]:
-    environment = copy.deepcopy(dict(arena.environment))
-    scenarios, task = dict(arena.scenarios), Task(**arena.environment)
+def _asked(number: int, matchup: Matchup, depends: str) -> Iterator[_Asked]:
+    environment = copy.deepcopy(dict(matchup.environment))
+    scenarios, task = dict(matchup.scenarios), Task(**matchup.environment)
     some = _first(scenarios, LESS)
-    typical = arena.typical
+    typical = matchup.typical
 
     def ask(where: str, key: Any, function: str, controller: Mapping[str, Any], **arguments: Any) -> _Asked:
         weights = tuple(arguments.get("weights", ())) if function in ("play", "play_as_late") else ()
@@ -190,10 +190,10 @@ def _asked(number: int, arena: Arena, depends: str) -> Iterator[_Asked]:
         given = {"controller": dict(controller), "environment": environment, **arguments}
         return _Asked(number, where, key, weights, Job(f"{module}:{function}", given, depends))
 
-    for one in (*arena.seeds,):
+    for one in (*matchup.seeds,):
         yield ask("seeds", one.name, "play", one.controller, scenarios=scenarios, weights=list(one.weights))
         yield ask("as_late", one.name, "play_as_late", one.controller, scenarios=scenarios, weights=list(one.weights))
-    for one in arena.baselines:
+    for one in matchup.baselines:
         weights = list(one.weights) if len(one.weights) == 1 else sorted({*one.weights, typical})
         yield ask("baselines", one.name, "play", one.controller, scenarios=scenarios, weights=weights)
     for speed in (one for one in SPEEDS if one <= task.velocity_range[1]):
@@ -204,7 +204,7 @@ def _asked(number: int, arena: Arena, depends: str) -> Iterator[_Asked]:
         privileged = {**environment, "privileged": True}
         arguments = {"environment": privileged, "scenarios": _first(scenarios, known), "weights": list(WEIGHTS)}
         yield ask("bound", None, "play", {"clairvoyant": setup.bound}, **arguments)
-    rivals = {one.name: one for one in (arena.baselines[0], arena.rival, arena.policy)}.values()
+    rivals = {one.name: one for one in (matchup.baselines[0], matchup.rival, matchup.policy)}.values()
     for variant in VARIANTS:
         changed = variant.environment(environment)
         if changed is None:
@@ -216,17 +216,17 @@ def _asked(number: int, arena: Arena, depends: str) -> Iterator[_Asked]:
             yield ask("variants", key, "play", one.controller, **arguments)
     few = _first(scenarios, EXACTLY)
     for change, options in EXACT.items():
-        for one in {**{c.name: c for c in arena.seeds}, **{c.name: c for c in rivals}}.values():
+        for one in {**{c.name: c for c in matchup.seeds}, **{c.name: c for c in rivals}}.values():
             arguments = {"environment": {**environment, **options}, "scenarios": few, "weights": [typical]}
             yield ask("exactly", (change, one.name), "play", one.controller, **arguments)
     if "ranges" not in scenarios and set(environment) <= set(SERVED) and _fixed(environment):
         hundred = _first(scenarios, IN_SCIPY)
         for label, clamp in CLAMP.items():
             arguments = {"scenarios": hundred, "weight": typical, "clamp": clamp}
-            for one in rivals if clamp else (arena.baselines[0], arena.policy):
+            for one in rivals if clamp else (matchup.baselines[0], matchup.policy):
                 yield ask("scipy", (label, one.name), "in_scipy", one.controller, **arguments)
-    yield ask("reactions", None, "reactions", arena.policy.controller, scenarios=some, weight=typical)
-    distance = watched_at(arena)
+    yield ask("reactions", None, "reactions", matchup.policy.controller, scenarios=some, weight=typical)
+    distance = watched_at(matchup)
     for one in rivals:
         weights = [weight for weight in SHOWN_WEIGHTS if weight in one.weights] or [one.weights[0]]
         yield ask("profiles", one.name, "profile", one.controller, weights=weights, distance=distance)
@@ -257,7 +257,7 @@ def episodes(played: list[Played]) -> pl.DataFrame:
                 frames.append(
                     pl.DataFrame(
                         {
-                            "arena": [one.arena.name] * count,
+                            "matchup": [one.matchup.name] * count,
                             "contestant": [name] * count,
                             "time_weight": np.full(count, weight),
                             "scenario": np.arange(count, dtype=np.int32),

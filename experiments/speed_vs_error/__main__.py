@@ -7,7 +7,7 @@ from pathlib import Path
 
 import tyro
 
-from experiments.results import REPORTS
+from experiments.lab.results import REPORTS
 from experiments.speed_vs_error.study import FULL, QUICK, run
 
 

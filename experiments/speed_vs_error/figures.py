@@ -10,7 +10,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from experiments.charts import SERIES
+from experiments.lab.charts import SERIES
 from experiments.speed_vs_error.contenders import NAMES, OURS
 from experiments.speed_vs_error.quantities import ERRORS
 from experiments.speed_vs_error.summary import over_population

@@ -12,9 +12,9 @@ import numpy as np
 
 import impact_gym as ig
 from experiments import reference
+from experiments.lab import tables as records
+from experiments.lab.tables import Row
 from experiments.paper.scenes import DURATION, MOTION, decoupled
-from experiments.speed_vs_error import records
-from experiments.speed_vs_error.records import Row
 from experiments.speed_vs_error.truth import RTOL, in_parallel
 
 OUR_RTOL = 1e-8

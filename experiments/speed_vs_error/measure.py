@@ -10,10 +10,11 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from experiments.speed_vs_error import peer, records
+from experiments.lab import tables as records
+from experiments.lab.tables import Row
+from experiments.speed_vs_error import peer
 from experiments.speed_vs_error.contenders import OURS, Contender, Grid, contender, settings
 from experiments.speed_vs_error.quantities import ERRORS, Answer, errors, failure
-from experiments.speed_vs_error.records import Row
 from experiments.speed_vs_error.scenes import Approach
 from experiments.speed_vs_error.truth import in_parallel
 

@@ -9,11 +9,11 @@ import polars as pl
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from experiments.charts import save
+from experiments.lab.charts import save
+from experiments.lab.tables import table
 from experiments.speed_vs_error import figures, heat_map, quantities, summary, truth
 from experiments.speed_vs_error.by_hand import METHODS
 from experiments.speed_vs_error.quantities import ERRORS
-from experiments.speed_vs_error.records import table
 from impact_gym.files import whole_file
 
 NAMED, POPULATION, HEAT_MAP = "named.csv", "population.csv", "heat_map.csv"

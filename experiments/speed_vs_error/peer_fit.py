@@ -11,9 +11,9 @@ import numpy as np
 from scipy.optimize import minimize
 
 import impact_gym as ig
+from experiments.lab.tables import Row
 from experiments.speed_vs_error.peer import Fit, Model, missing
 from experiments.speed_vs_error.quantities import Answer
-from experiments.speed_vs_error.records import Row
 from experiments.speed_vs_error.scenes import Approach
 from experiments.speed_vs_error.truth import filled
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from experiments.results import circumstances
+from agents.provenance import circumstances
 from experiments.speed_vs_error import by_hand, heat_map, measure, page, peer, peer_fit, scenes, taylor
 from experiments.speed_vs_error.contenders import Grid
 from experiments.speed_vs_error.truth import truths

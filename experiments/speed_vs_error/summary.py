@@ -7,10 +7,10 @@ from typing import Any
 
 import polars as pl
 
+from experiments.lab.tables import Row
 from experiments.speed_vs_error.by_hand import METHODS as BY_HAND
 from experiments.speed_vs_error.contenders import HEYOKA, MUJOCO, NAMES, OURS, SCIPY
 from experiments.speed_vs_error.quantities import ERRORS
-from experiments.speed_vs_error.records import Row
 
 FINEST, FINE, COARSE = 1e-10, 1e-6, 1e-3  # m/s in V_p
 RIVALS = {  # and the error at which each is compared

@@ -13,9 +13,9 @@ from unittest.mock import patch
 from tqdm import tqdm
 
 from experiments import reference
-from experiments.speed_vs_error import records
+from experiments.lab import tables as records
+from experiments.lab.tables import Row
 from experiments.speed_vs_error.quantities import Answer, answer_of, errors
-from experiments.speed_vs_error.records import Row
 from experiments.speed_vs_error.scenes import Approach
 
 RTOL = 1e-13

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import tyro
 
-from experiments.results import REPORTS
+from experiments.lab.results import REPORTS
 from experiments.stability.study import run
 
 

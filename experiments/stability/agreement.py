@@ -12,9 +12,9 @@ from pathlib import Path
 
 import impact_gym as ig
 from experiments import reference
+from experiments.lab.tables import Row
 from experiments.reference.dissipation import damping_factor
 from experiments.speed_vs_error.quantities import answer_of
-from experiments.speed_vs_error.records import Row
 from experiments.speed_vs_error.scenes import Approach
 from experiments.stability.scenes import draw, labels, relative_error, velocity
 from experiments.stability.storm import LIMIT, sources

@@ -8,7 +8,7 @@ from statistics import median_high
 import numpy as np
 import polars as pl
 
-from experiments.speed_vs_error.records import Row
+from experiments.lab.tables import Row
 from experiments.stability.agreement import SHARE
 from experiments.stability.scenes import relative_error
 

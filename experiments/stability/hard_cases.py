@@ -18,9 +18,9 @@ from scipy.integrate import solve_ivp
 from scipy.special import lambertw
 
 import impact_gym as ig
+from experiments.lab.tables import Row
 from experiments.speed_vs_error import by_hand
 from experiments.speed_vs_error.contenders import OURS
-from experiments.speed_vs_error.records import Row
 from experiments.speed_vs_error.scenes import Approach
 from experiments.stability import rivals
 from experiments.stability.scenes import velocity

@@ -9,7 +9,7 @@ import numpy as np
 from impact_gym.kernels import APPROACH, CHAIN, approach_rows
 
 import impact_gym as ig
-from experiments.speed_vs_error.records import Row
+from experiments.lab.tables import Row
 from experiments.speed_vs_error.scenes import Approach
 from experiments.stability.rivals import eligible
 from experiments.stability.scenes import draw, relative_error, velocity

@@ -11,11 +11,11 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.charts import SERIES, save
-from experiments.speed_vs_error import records
+from experiments.lab import tables as records
+from experiments.lab.charts import SERIES, save
+from experiments.lab.tables import Row
 from experiments.speed_vs_error.contenders import OURS
 from experiments.speed_vs_error.page import short
-from experiments.speed_vs_error.records import Row
 from experiments.stability import bars, rivals, scenes
 from experiments.stability.agreement import SHARE
 from impact_gym.files import whole_file

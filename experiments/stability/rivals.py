@@ -20,10 +20,10 @@ from scipy.integrate import solve_ivp
 
 import impact_gym as ig
 from experiments import reference
+from experiments.lab.tables import Row
 from experiments.speed_vs_error import by_hand
 from experiments.speed_vs_error.contenders import METHODS, OURS
 from experiments.speed_vs_error.quantities import Answer, answer_of
-from experiments.speed_vs_error.records import Row
 from experiments.speed_vs_error.scenes import Approach
 from experiments.stability.scenes import draw, relative_error
 from experiments.stability.storm import sources

@@ -14,7 +14,7 @@ from time import thread_time
 from impact_gym.kernels import COMPILED_FROM
 
 import impact_gym as ig
-from experiments.speed_vs_error.records import Row
+from experiments.lab.tables import Row
 from experiments.speed_vs_error.scenes import Approach
 from experiments.stability import checks
 from experiments.stability.scenes import draw, labels, relative_error, velocity

@@ -8,9 +8,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from experiments.results import circumstances
-from experiments.speed_vs_error import records
-from experiments.speed_vs_error.records import Row
+from agents.provenance import circumstances
+from experiments.lab import tables as records
+from experiments.lab.tables import Row
 from experiments.stability import agreement, hard_cases, invariances, page, rivals, storm
 from impact_gym.files import whole_file
 

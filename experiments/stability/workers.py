@@ -21,8 +21,8 @@ from unittest.mock import patch
 from pebble import ProcessExpired, ProcessPool
 from tqdm import tqdm
 
-from experiments.speed_vs_error import records
-from experiments.speed_vs_error.records import Row
+from experiments.lab import tables as records
+from experiments.lab.tables import Row
 from experiments.speed_vs_error.truth import THREADS
 
 SAVED_EVERY = 10.0  # s

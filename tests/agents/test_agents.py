@@ -8,7 +8,7 @@ import pytest
 from policies import made_up_policy, observations
 
 from agents import baselines, load_policy
-from agents.evaluation import TEST_SEED, VALIDATION_SEED, evaluate
+from agents.evaluate.stage import TEST_SEED, VALIDATION_SEED, evaluate
 from impact_gym.envs import batch
 
 CONTROLLERS = [

@@ -9,15 +9,16 @@ import pytest
 import impact_gym as ig
 from agents import baselines
 from agents.baselines import BlindProfile, Clairvoyant, ConstantSpeed, Ranged
+from agents.baselines.bound import clairvoyant_bound
 from agents.baselines.profile import KNOTS, ConstantDeceleration, constant_deceleration
 from agents.baselines.reaction import REACTION
 from agents.baselines.rule import Seen
 from agents.baselines.tuned import load_baseline, names, read_tuned, write_tuned
-from agents.clairvoyance import clairvoyant_bound
-from agents.evaluation import TUNING_SEED, VALIDATION_SEED, Stage, evaluate
-from agents.settings import FIRST_SEED
+from agents.evaluate import Validation
+from agents.evaluate.stage import TUNING_SEED, VALIDATION_SEED, Stage, evaluate
 from agents.setups import load_setup
-from agents.validation import WEIGHTS, Validation
+from agents.setups.evaluation import WEIGHTS
+from agents.train.settings import FIRST_SEED
 from impact_gym.envs import evaluation_sets
 from impact_gym.envs.observation import space
 from impact_gym.envs.task import Task
@@ -146,7 +147,7 @@ def test_knowing_the_scenario_is_worth_something():
 
 def test_a_stage_plays_the_frozen_set_as_validation_does():
     rule = baselines.PaperTrapezoid()
-    expected = Validation({"range_noise": 0.01}, 40).play(rule)
+    expected = Validation({"range_noise": 0.01}, WEIGHTS, 40).score(rule)
     played = Stage.of("validation", 40, copies=len(WEIGHTS), time_weight=WEIGHTS, range_noise=0.01).play(rule)
     weights = np.repeat(WEIGHTS, 40)
     assert played.loss(weights).reshape(-1, 40).mean(axis=1) == pytest.approx(expected["cost"], rel=1e-12)

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from policies import KINDS, made_up_policy, observations
 
-from agents import export as exporting
-from agents.export import Export, export
-from agents.export_c import header, identifier
-from agents.export_replay import LANGUAGES, address, compiled, logged, replay
+from agents.export import check as exporting
+from agents.export.c_header import header, identifier
+from agents.export.check import Export, export
+from agents.export.replay import LANGUAGES, address, compiled, logged, replay
 
 needs_c = pytest.mark.skipif(shutil.which("cc") is None and shutil.which("gcc") is None, reason="no C compiler")
 needs_onnx = pytest.mark.skipif(

@@ -15,12 +15,12 @@ import pytest
 from cluster_work import calls
 from training import tiny
 
-from agents import many
+from agents import train_seeds
+from agents.evaluate.play import play
 from agents.jobs import Job, JobsFailedError, digest_of, gather, gather_all
-from agents.jobs.evaluations import play
-from agents.networks import to_arrays
-from agents.policy import load_policy
-from agents.settings import as_json
+from agents.policies.networks import to_arrays
+from agents.policies.policy import load_policy
+from agents.train.settings import as_json
 
 HERE = Path(__file__).parents[1] / "helpers"
 
@@ -57,7 +57,7 @@ def slice_of(first, count):
 def test_results_are_equal_to_the_bit_for_any_number_of_processes(tmp_path):
     jobs = [
         Job(
-            "agents.jobs.evaluations:play",
+            "agents.evaluate.play:play",
             {"controller": {"shipped": "linear-blind"}, "scenarios": slice_of(first, 10)},
         )
         for first in range(0, 50, 10)
@@ -259,8 +259,8 @@ def test_a_training_is_a_job_that_needs_no_common_folder(tmp_path):
     """A run folder that cannot be made, as on a node without a common one, gives what one does that can."""
     settings = json.loads(json.dumps(as_json(tiny(steps=512))))
     (tmp_path / "file").touch()
-    elsewhere = many.train_one(settings, str(tmp_path / "file" / "linear-blind" / "seed-0"))
-    here = many.train_one(settings, str(tmp_path / "linear-blind" / "seed-0"))
+    elsewhere = train_seeds.train_one(settings, str(tmp_path / "file" / "linear-blind" / "seed-0"))
+    here = train_seeds.train_one(settings, str(tmp_path / "linear-blind" / "seed-0"))
     assert here["best"].tobytes() == (tmp_path / "linear-blind" / "seed-0" / "best.npz").read_bytes()
     policies = []
     for result in (here, elsewhere):
@@ -270,11 +270,11 @@ def test_a_training_is_a_job_that_needs_no_common_folder(tmp_path):
 
 
 def test_gathered_trainings_fill_the_run_folders(tmp_path, monkeypatch):
-    wanted = many.Many(seeds=1, processes=1, runs=tmp_path / "runs", policies=tmp_path / "policies")
-    shipped = many.train_all("linear-blind", wanted, tiny(steps=512))
+    wanted = train_seeds.Many(seeds=1, processes=1, runs=tmp_path / "runs", policies=tmp_path / "policies")
+    shipped = train_seeds.train_all("linear-blind", wanted, tiny(steps=512))
     folder, before = tmp_path / "runs" / "linear-blind" / "seed-0", shipped.read_bytes()
-    trained = {name: (folder / name).read_bytes() for name in many.KEPT.values()}
+    trained = {name: (folder / name).read_bytes() for name in train_seeds.KEPT.values()}
     shutil.rmtree(folder)
-    monkeypatch.setattr(many, "train", None)  # which nobody calls again
-    assert many.train_all("linear-blind", wanted, tiny(steps=512)).read_bytes() == before
+    monkeypatch.setattr(train_seeds, "train", None)  # which nobody calls again
+    assert train_seeds.train_all("linear-blind", wanted, tiny(steps=512)).read_bytes() == before
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == trained

@@ -12,8 +12,8 @@ import cluster_script
 import pytest
 from cluster_work import begun
 
+from agents.evaluate.play import play
 from agents.jobs import gather, gather_all, ray_cluster, sources
-from agents.jobs.evaluations import play
 from agents.jobs.store import Store
 
 HERE = Path(__file__).parents[1] / "helpers"

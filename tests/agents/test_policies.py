@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from policies import KINDS, made_up_policy, observations
 
-from agents.networks import Affine, Network, to_arrays
+from agents.policies.networks import Affine, Network, to_arrays
 
 
 def sigmoid(x):

@@ -16,8 +16,8 @@ import pytest
 from policies import KINDS, made_up_policy, observations
 
 from agents import archive, load_policy
-from agents.networks import to_arrays
-from agents.policy import FORMAT, Policy
+from agents.policies.networks import to_arrays
+from agents.policies.policy import FORMAT, Policy
 
 DAMAGED = r"policy\.npz is no impact_gym policy 2 file, or is damaged"
 

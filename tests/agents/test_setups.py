@@ -15,16 +15,17 @@ from agents import load_policy, setup
 from agents.baselines import PaperTrapezoid, load_baseline
 from agents.baselines.tuned import RULES, TUNED, names, read_tuned
 from agents.controller import Wanted, kept, stages
-from agents.evaluation import Stage
-from agents.many import Many, train_all
-from agents.policy import SHIPPED
-from agents.settings import default_settings
+from agents.evaluate import Validation
+from agents.evaluate.stage import Stage
+from agents.policies.policy import SHIPPED
 from agents.setups import RULES as SETUP_RULES
 from agents.setups import load_setup, owner, same_environment, shipped
-from agents.train import resume
-from agents.validation import Validation
-from experiments.report import arenas
-from experiments.report.__main__ import Settings, arenas_of
+from agents.setups.evaluation import WEIGHTS
+from agents.train.run import resume
+from agents.train.settings import default_settings
+from agents.train_seeds import Many, train_all
+from experiments.report import matchups
+from experiments.report.__main__ import Settings, matchups_of
 from experiments.report.play import play_as_late
 from experiments.report.robustness import MECHANISM, VARIANTS
 from impact_gym.envs.task import Task
@@ -108,8 +109,8 @@ def test_a_file_says_what_is_played(mine):
 
 def test_validation_draws_from_a_set_ups_own_scenarios(mine):
     there = load_setup(mine)
-    validation = Validation(there.environment, 20)
-    validation.play(PaperTrapezoid())
+    validation = Validation(there.environment, WEIGHTS, 20)
+    validation.score(PaperTrapezoid())
     drawn = validation._batch.info()["scenario"]
     assert 0.2 <= drawn["object_mass"].min() < drawn["object_mass"].max() <= 1.0
     assert 0.1 <= drawn["distance"].min() < drawn["distance"].max() <= 0.3
@@ -266,9 +267,9 @@ def test_one_command_goes_from_a_file_to_a_controller_and_on_where_it_was(mine, 
     weights = json.loads((out / "tuned" / "mine-profile.json").read_text())["weights"]
     assert {found["search"]["budget"] for found in weights.values()} == {16}
     assert load_setup(mine).is_of(load_policy(out / "policies" / "mine.npz").environment)
-    arena = arenas.of_setup(load_setup(out / "mine.toml"), {"set": "test", "count": 30}, out)
-    assert arena.scenarios["ranges"]["object_mass"] == [0.2, 1.0]
-    assert [one.name for one in arena.baselines] == ["paper's rule", "mine-profile"]
+    matchup = matchups.of_setup(load_setup(out / "mine.toml"), {"set": "test", "count": 30}, out)
+    assert matchup.scenarios["ranges"]["object_mass"] == [0.2, 1.0]
+    assert [one.name for one in matchup.baselines] == ["paper's rule", "mine-profile"]
     first = (out / "policies" / "mine.npz").read_bytes()
     again = subprocess.run(command, capture_output=True, text=True, check=True)
     assert (out / "policies" / "mine.npz").read_bytes() == first
@@ -277,9 +278,9 @@ def test_one_command_goes_from_a_file_to_a_controller_and_on_where_it_was(mine, 
 
 def test_less_than_a_set_up_wants_is_said(mine, tmp_path):
     there = load_setup(mine)
-    contestant = arenas.Contestant("a", {"tuned": {"weights": {"2": {"search": {"budget": 8}}}}}, (2.0,), "")
-    assert arenas.with_less(there, {"settings": {"steps": 2000}}, []) == ""
-    said = arenas.with_less(there, {"settings": {"steps": 500}}, [contestant])
+    contestant = matchups.Contestant("a", {"tuned": {"weights": {"2": {"search": {"budget": 8}}}}}, (2.0,), "")
+    assert matchups.with_less(there, {"settings": {"steps": 2000}}, []) == ""
+    said = matchups.with_less(there, {"settings": {"steps": 500}}, [contestant])
     assert said == "; A QUICK LOOK, trained for 500 steps of 2,000, baselines tuned with 8 candidates of 16"
 
 
@@ -365,7 +366,7 @@ def test_two_set_ups_of_one_name_cannot_share_a_report(mine, tmp_path):
     other.parent.mkdir()
     other.write_text(MINE)
     with pytest.raises(ValueError, match="the same name"):
-        arenas_of(Settings(setups=(str(mine), str(other))))
+        matchups_of(Settings(setups=(str(mine), str(other))))
 
 
 def test_policies_that_were_trained_for_another_arm_are_refused(mine, tmp_path):
@@ -373,7 +374,7 @@ def test_policies_that_were_trained_for_another_arm_are_refused(mine, tmp_path):
     made_up_policy(environment={"range_noise": 0.01}).save(folder / "seed-0.npz")
     (folder / "seeds.json").write_text('{"median": 0}')
     with pytest.raises(ValueError, match=r"seed-0\.npz was trained for another environment than .*mine\.toml"):
-        arenas.of_setup(load_setup(mine), {"set": "test", "count": 5}, tmp_path)
+        matchups.of_setup(load_setup(mine), {"set": "test", "count": 5}, tmp_path)
 
 
 def test_seeds_of_a_set_up_that_has_changed_are_not_taken_for_its_own(mine, tmp_path, monkeypatch):

@@ -8,9 +8,9 @@ import torch
 from policies import made_up_policy, observations
 from training import tiny
 
-from agents.models import entry_names, make_environment, make_model, policy_from
-from agents.settings import OnPolicy
-from agents.torch_networks import MET, Standardised, Tanh, behind_standard, met
+from agents.train.algorithms import make_model, policy_from
+from agents.train.ppo import MET, Standardised, Tanh, behind_standard, entry_names, make_environment, met
+from agents.train.settings import OnPolicy
 from impact_gym.sb3 import ImpactVecEnv
 
 

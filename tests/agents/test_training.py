@@ -13,16 +13,27 @@ from policies import observations
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from training import ALGORITHMS, OBJECTIVES, tiny
 
-import agents.train
+import agents.train.run
 import impact_gym as ig
-from agents import baselines, load_policy, watch
-from agents.evaluation import TEST_SEED, VALIDATION_SEED, evaluate
-from agents.models import EvenRewards, make_environment
-from agents.networks import to_arrays
-from agents.settings import FIRST_SEED, SLOTS, OffPolicy, OnPolicy, Settings, command, default_settings
+from agents import baselines, load_policy
+from agents.evaluate import Validation
+from agents.evaluate.stage import TEST_SEED, VALIDATION_SEED, evaluate
+from agents.policies.networks import to_arrays
 from agents.setups import shipped
-from agents.train import read_settings, train
-from agents.validation import WEIGHTS, Validation, velocity_at
+from agents.setups.evaluation import WEIGHTS
+from agents.train import callback
+from agents.train.ppo import EvenRewards, make_environment
+from agents.train.run import train
+from agents.train.settings import (
+    FIRST_SEED,
+    SLOTS,
+    OffPolicy,
+    OnPolicy,
+    Settings,
+    command,
+    default_settings,
+    read_settings,
+)
 from impact_gym.envs.task import coupling_from
 from impact_gym.sb3 import ImpactVecEnv
 
@@ -32,7 +43,7 @@ class Run:
 
     def __init__(self, settings):
         self.settings = settings
-        models, logs, original = [], [], agents.train.make_model
+        models, logs, original = [], [], agents.train.run.make_model
 
         def make_model(*arguments):
             models.append(original(*arguments))
@@ -40,9 +51,9 @@ class Run:
 
         with pytest.MonkeyPatch.context() as patch, warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            patch.setattr(agents.train, "make_model", make_model)
-            patch.setattr(agents.train, "outputs", lambda *args: logs.extend(original_outputs(*args)) or logs)
-            original_outputs = agents.logs.outputs
+            patch.setattr(agents.train.run, "make_model", make_model)
+            patch.setattr(agents.train.run, "outputs", lambda *args: logs.extend(original_outputs(*args)) or logs)
+            original_outputs = agents.train.logs.outputs
             self.folder = train(settings)
         self.model = models[0]
         self.left_open = [output.file.name for output in logs if hasattr(output, "file") and not output.file.closed]
@@ -151,7 +162,7 @@ def test_the_best_policy_is_chosen_by_the_validation_set_alone(tmp_path, monkeyp
         kept.append((result["score"], controller))
         return result
 
-    monkeypatch.setattr(watch.Validation, "play", play)
+    monkeypatch.setattr(callback.Validation, "score", play)
     folder = train(tiny(steps=2048, validate_every=512, out=tmp_path / "run"))
     best, final = load_policy(folder), load_policy(folder / "final.npz")
     expected = next(controller for score, controller in kept if score == 0.5)
@@ -164,7 +175,7 @@ def test_validation_plays_what_evaluation_plays():
     """By another way: a frozen set in one batch without reset, and seeds in a vector environment of Gymnasium."""
     for environment in ({}, {"range_noise": 0.01}, {"coupling": {"type": "Bistable"}}):
         rule = baselines.ConstantSpeed(0.8, 12.0)
-        result = Validation(environment, scenarios=40).play(rule)
+        result = Validation(environment, WEIGHTS, scenarios=40).score(rule)
         for place, weight in enumerate(WEIGHTS):
             episodes = evaluate(rule, VALIDATION_SEED, 40, scenario="train", time_weight=weight, **environment)
             assert result["cost"][place] == pytest.approx(episodes.cost(weight).mean(), rel=1e-12)
@@ -181,17 +192,9 @@ class Wait:
 
 
 def test_missing_the_object_costs_what_it_costs_in_the_environment():
-    result = Validation({}, scenarios=5).play(Wait())
+    result = Validation({}, WEIGHTS, scenarios=5).score(Wait())
     assert result["missed"] == [1.0] * len(WEIGHTS)
     assert result["cost"] == pytest.approx([2.0 + 1.2 * weight for weight in WEIGHTS], rel=1e-12)
-
-
-def test_the_velocity_at_a_time_lies_between_the_points_of_the_trade_off():
-    result = {"approach_time": [0.4, 0.3, 0.2], "object_velocity": [0.1, 0.3, 0.7]}
-    assert velocity_at(result, 0.35) == pytest.approx(0.2)
-    assert velocity_at(result, 0.225) == pytest.approx(0.6)
-    assert np.isnan(velocity_at(result, 0.45))
-    assert np.isnan(velocity_at(result, 0.19))
 
 
 @pytest.mark.parametrize("power", [0.0, 0.5, 1.0])

@@ -14,12 +14,12 @@ import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from training import ALGORITHMS, TINY, tiny
 
-from agents import checkpoint
 from agents.archive import read_archive
-from agents.networks import to_arrays
-from agents.policy import load_policy
-from agents.settings import as_json
-from agents.train import resume, train
+from agents.policies.networks import to_arrays
+from agents.policies.policy import load_policy
+from agents.train import checkpoint
+from agents.train.run import resume, train
+from agents.train.settings import as_json
 from impact_gym.sb3 import ImpactVecEnv
 
 
@@ -84,7 +84,7 @@ def test_a_killed_process_is_gone_on_with(tmp_path):
     whole = train(replace(settings, out=tmp_path / "whole"))
     script = (  # which imports torch once: each line on stdin starts another process
         "import os, sys, json; from pathlib import Path; from dataclasses import replace\n"
-        "from agents.settings import from_json; from agents.train import resume, train\n"
+        "from agents.train.settings import from_json; from agents.train.run import resume, train\n"
         "folder, settings = Path(sys.argv[1]), from_json(json.loads(sys.argv[2]))\n"
         "for _ in sys.stdin:\n"
         "    if (process := os.fork()) == 0:\n"

@@ -9,9 +9,9 @@ import pytest
 
 from agents import tune as tuning
 from agents.baselines import ConstantSpeed
+from agents.baselines.cmaes import minimise
 from agents.baselines.rule import Parameter
 from agents.baselines.tuned import load_baseline, read_tuned
-from agents.search_rules import minimise
 from agents.setups import load_setup
 from agents.tune import Tune, tune
 

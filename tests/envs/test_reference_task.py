@@ -9,7 +9,7 @@ from scipy.special import lambertw
 from agents import load_policy
 from agents.baselines import ConstantSpeed, PaperTrapezoid, encode
 from agents.baselines.tuned import load_baseline
-from agents.evaluation import Stage
+from agents.evaluate.stage import Stage
 from agents.setups import load_setup
 from experiments.reference.task import _at_rest, _settle, _task, play, rescore
 from impact_gym.envs.evaluation_sets import load

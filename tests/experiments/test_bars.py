@@ -9,13 +9,13 @@ import pytest
 from policies import made_up_policy
 
 from agents.baselines import ConstantSpeed, PaperTrapezoid, load_baseline
-from agents.evaluation import VALIDATION_SEED, evaluate
+from agents.evaluate.stage import VALIDATION_SEED, evaluate
 from agents.setups import README, load_setup
-from agents.validation import WEIGHTS
+from agents.setups.evaluation import WEIGHTS
 from experiments import bars
 from experiments.bars import Settings, Study, median, policies, ratio
 from experiments.bars_table import Bar, Row, markdown
-from experiments.statistics import Estimate
+from experiments.lab.statistics import Estimate
 
 SCENARIOS = 30
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import impact_gym as ig
-from experiments.charts import save
+from experiments.lab.charts import save
 from experiments.paper import __main__ as command
 from experiments.paper import (
     beyond_design,

@@ -17,18 +17,19 @@ import pytest
 from browsers import chromium, opened
 
 from agents.baselines.tuned import load_baseline
-from agents.evaluation import Stage
-from agents.jobs import evaluations, job
-from agents.jobs.evaluations import RESULTS
-from experiments.report import answer, arenas, play, results
+from agents.evaluate import RESULTS
+from agents.evaluate import play as evaluations
+from agents.evaluate.stage import Stage
+from agents.jobs import job
+from experiments.lab.statistics import Estimate
+from experiments.report import answer, matchups, play, results
 from experiments.report.__main__ import Settings, publish
-from experiments.report.arenas import PAPER
-from experiments.statistics import Estimate
+from experiments.report.matchups import PAPER
 from impact_gym.envs import evaluation_sets
 
-AGENTS = Path(arenas.__file__).parents[2] / "agents"
+AGENTS = Path(matchups.__file__).parents[2] / "agents"
 SCENARIOS = {"set": "test", "count": 30}
-LINEAR = arenas.shipped(SCENARIOS)[0]
+LINEAR = matchups.shipped(SCENARIOS)[0]
 PAPERS_RULE = {"baseline": "paper-trapezoid"}
 
 
@@ -36,8 +37,8 @@ PAPERS_RULE = {"baseline": "paper-trapezoid"}
 def folder(tmp_path_factory):
     out = tmp_path_factory.mktemp("report") / "latest"
     few = [LINEAR.policy, next(seed for seed in LINEAR.seeds if seed.name != LINEAR.chosen)]
-    arena = replace(LINEAR, seeds=tuple(replace(seed, weights=(0.7, 1.0, 2.0, 4.0)) for seed in few))
-    assert publish([arena], Settings(out=out, processes=0)) == out / "index.html"
+    matchup = replace(LINEAR, seeds=tuple(replace(seed, weights=(0.7, 1.0, 2.0, 4.0)) for seed in few))
+    assert publish([matchup], Settings(out=out, processes=0)) == out / "index.html"
     return out
 
 
@@ -126,14 +127,14 @@ def test_scenarios_come_from_sets_tables_and_ranges_alike():
 
 
 def test_what_was_played_is_not_played_again(tmp_path, monkeypatch):
-    arena = replace(LINEAR, seeds=(replace(LINEAR.policy, weights=(2.0,)),), scenarios={"set": "test", "count": 4})
-    first = results.gather_arenas([replace(arena, baselines=arena.baselines[:1])], tmp_path, processes=0)
+    matchup = replace(LINEAR, seeds=(replace(LINEAR.policy, weights=(2.0,)),), scenarios={"set": "test", "count": 4})
+    first = results.gather_matchups([replace(matchup, baselines=matchup.baselines[:1])], tmp_path, processes=0)
     calls = []
     monkeypatch.setattr(evaluations, "play", lambda *a, _play=evaluations.play, **k: calls.append(k) or _play(*a, **k))
     job.resolve.cache_clear()
-    second = results.gather_arenas([replace(arena, baselines=arena.baselines[:1])], tmp_path, processes=0)
+    second = results.gather_matchups([replace(matchup, baselines=matchup.baselines[:1])], tmp_path, processes=0)
     assert calls == []
-    third = results.gather_arenas([arena], tmp_path, processes=0)
+    third = results.gather_matchups([matchup], tmp_path, processes=0)
     assert calls
     assert all(call["controller"] != PAPERS_RULE for call in calls)
     job.resolve.cache_clear()
@@ -151,13 +152,15 @@ def test_a_curve_that_does_not_come_to_the_papers_time_says_so():
     assert "nowhere leaves the object as slow" in answer.sentence(slow, one)
 
 
-def played_alone(arena):
-    """Return what `answer` needs of an arena, nothing else."""
-    played = results.Played(arena)
-    for one in (*arena.seeds, *arena.baselines):
+def played_alone(matchup):
+    """Return what `answer` needs of a matchup, nothing else."""
+    played = results.Played(matchup)
+    for one in (*matchup.seeds, *matchup.baselines):
         weights = list(one.weights)
-        run = results.Run(one.weights, evaluations.play(one.controller, arena.scenarios, weights, arena.environment))
-        (played.seeds if one in arena.seeds else played.baselines)[one.name] = run
+        run = results.Run(
+            one.weights, evaluations.play(one.controller, matchup.scenarios, weights, matchup.environment)
+        )
+        (played.seeds if one in matchup.seeds else played.baselines)[one.name] = run
     played.as_late = played.seeds
     return played
 
@@ -169,7 +172,7 @@ def test_a_report_needs_no_more_than_its_extra():
     assert {"torch", "cma", "mujoco", "ray"} <= others
     program = (
         f"import sys; sys.modules.update(dict.fromkeys({sorted(others)})); import experiments.report.__main__; "
-        "from experiments.report.arenas import shipped; shipped({'set': 'test', 'count': 2})"
+        "from experiments.report.matchups import shipped; shipped({'set': 'test', 'count': 2})"
     )
     subprocess.run([sys.executable, "-c", program], check=True, cwd=AGENTS.parent)
 

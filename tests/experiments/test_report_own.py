@@ -8,7 +8,7 @@ import polars as pl
 import pytest
 
 from agents import Policy, load_policy
-from agents.evaluation import Stage
+from agents.evaluate.stage import Stage
 from experiments.report import __main__ as report
 from experiments.report import results
 from experiments.report.__main__ import Settings, write
@@ -153,6 +153,6 @@ def test_a_first_page_answers_on_few_scenarios_and_the_full_one_takes_its_place(
     assert last == 3 * first
     assert "First page." not in (tmp_path / "out" / "index.html").read_text()
     monkeypatch.setattr(report, "write_folder", lambda *given: tmp_path)
-    monkeypatch.setattr(report, "gather_arenas", lambda *given: seen.append(given[4]))
+    monkeypatch.setattr(report, "gather_matchups", lambda *given: seen.append(given[4]))
     write(replace(settings, force=True))
     assert seen[2:] == [0]  # a full page is not replaced by a first one

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from experiments.results import whole_folder
+from experiments.lab.results import whole_folder
 
 
 def test_a_folder_is_replaced_whole_or_not_at_all(tmp_path):

@@ -13,7 +13,8 @@ from scipy.integrate import solve_ivp
 
 import impact_gym as ig
 from experiments import reference
-from experiments.charts import save
+from experiments.lab import tables as records
+from experiments.lab.charts import save
 from experiments.paper.scenes import MOTION, decoupled
 from experiments.speed_vs_error import (
     by_hand,
@@ -23,7 +24,6 @@ from experiments.speed_vs_error import (
     page,
     peer,
     quantities,
-    records,
     scenes,
     study,
     summary,

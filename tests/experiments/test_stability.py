@@ -9,7 +9,7 @@ import pytest
 from stability_scenes import COUPLINGS, ROBOTS, approach_of, asleep, astuple, dying
 
 import impact_gym as ig
-from experiments.speed_vs_error import records
+from experiments.lab import tables as records
 from experiments.stability import agreement, bars, checks, scenes, storm, workers
 from impact_gym import simulation
 from impact_gym.scene import Dissipation

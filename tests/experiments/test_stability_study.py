@@ -11,7 +11,8 @@ from stability_scenes import COUPLINGS, ROBOTS, approach_of, astuple
 
 import impact_gym as ig
 from experiments import reference
-from experiments.speed_vs_error import quantities, records
+from experiments.lab import tables as records
+from experiments.speed_vs_error import quantities
 from experiments.speed_vs_error.contenders import OURS
 from experiments.stability import (
     agreement,

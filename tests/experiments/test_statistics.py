@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm, trim_mean
 
-from experiments.statistics import Resamples, along, estimate, hypervolume, interquartile_mean
+from experiments.lab.statistics import Resamples, along, estimate, hypervolume, interquartile_mean
 
 
 def test_the_interval_of_a_mean_is_that_of_normal_theory():

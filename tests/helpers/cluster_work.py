@@ -56,7 +56,7 @@ def no_arrays():
 
 def played(log, number, controller, first, count):
     """Play a slice of the frozen validation set."""
-    from agents.jobs.evaluations import play  # 2 s, which every other worker does without
+    from agents.evaluate.play import play  # 2 s, which every other worker does without
 
     _called(log, number)
     return play(controller, {"set": "validation", "first": first, "count": count}) | {"where": np.array(__file__)}

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 
 from agents import Policy
-from agents.networks import Affine, Network
+from agents.policies.networks import Affine, Network
 from impact_gym.envs.observation import space
 from impact_gym.envs.task import Task
 

@@ -2,8 +2,8 @@
 
 from dataclasses import replace
 
-from agents import watch
-from agents.settings import OffPolicy, OnPolicy, Settings
+from agents.train import callback
+from agents.train.settings import OffPolicy, OnPolicy, Settings
 
 TINY = Settings(
     steps=4096,
@@ -18,7 +18,7 @@ TINY = Settings(
     off_policy=OffPolicy(buffer=3000, warm_up=200, gradient_steps=1),
 )
 ALGORITHMS = ("ppo", "recurrent_ppo", "sac", "tqc")
-OBJECTIVES = watch.OBJECTIVES
+OBJECTIVES = callback.OBJECTIVES
 
 
 def tiny(algo="ppo", **changes):

@@ -4,9 +4,9 @@ import numpy as np
 
 from agents import load_policy
 from agents.baselines import PaperTrapezoid
-from agents.evaluation import Stage
-from experiments.watch import choose, films
-from experiments.watch.films import COLUMNS
+from agents.evaluate.stage import Stage
+from experiments.lab.player import choose, films
+from experiments.lab.player.films import COLUMNS
 from impact_gym.envs import evaluation_sets
 
 CONTESTANTS = {"the paper's <b>rule</b>": PaperTrapezoid(), "learned </script> policy": load_policy("linear-blind")}

@@ -1,0 +1,107 @@
+"""Controllers from plain data, so that a job can name one on another machine.
+
+`{"policy": ...}` holds a policy's file in base 64, `{"shipped": ...}` names one of the project's; `{"baseline": ...}`
+names one that is shipped or was tuned, with the checksum of its file beside it if wanted; `{"speed": ...}` is a
+constant speed, reached and left at 16 m/s^2, which a bistable mechanism still bears; `{"clairvoyant": ...}` what was
+found for each scenario of a set-up; `{"object": "module:name"}` anything with `predict`, or a function or class that
+returns it.
+"""
+
+import base64
+import importlib
+import tempfile
+from collections.abc import Mapping
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents import load_policy
+from agents.baselines import ConstantSpeed
+from agents.baselines.bound import load_clairvoyant
+from agents.baselines.rule import Rule
+from agents.baselines.tuned import load_baseline, names, read_tuned, tuned_rule
+from agents.evaluate.stage import Controller
+from agents.policies.policy import Policy
+
+
+def controller_of(
+    spec: Mapping[str, Any], time_weight: float, environment: Mapping[str, Any] | None = None
+) -> Controller:
+    """Return the controller that `spec` describes, for a time weight (m/s per s).
+
+    A baseline's commands are made for what the actions of `environment`, its arguments, are mapped to.
+
+    Raises:
+        ValueError: there is none, or it cannot `predict`; says why.
+    """
+    controller = _made(spec, time_weight)
+    return controller.for_environment(environment) if environment and isinstance(controller, Rule) else controller
+
+
+def _made(spec: Mapping[str, Any], time_weight: float) -> Controller:
+    rest = {name: value for name, value in spec.items() if name != "sha256"}
+    ((kind, value),) = rest.items()
+    if kind == "policy":
+        return _policy(value)
+    if kind == "shipped":
+        return load_policy(value)
+    if kind == "baseline":
+        if spec.get("sha256", found := baseline_checksum(value)) != found:
+            raise ValueError(f"baseline {value!r} was tuned anew while this was under way")
+        return load_baseline(value, time_weight)
+    if kind == "tuned":
+        return tuned_rule(value, time_weight)
+    if kind == "speed":
+        return ConstantSpeed(value, 16.0)
+    if kind == "clairvoyant":
+        return load_clairvoyant(value, time_weight)
+    if kind == "object":
+        return _object(value)
+    raise ValueError(f"no controller of the kind {kind!r}")
+
+
+def baseline_checksum(name: str) -> str:
+    """Return the checksum of a tuned baseline's file; empty for one that has no file."""
+    checksum: str = read_tuned(name)["sha256"] if name in names() else ""
+    return checksum
+
+
+@lru_cache(maxsize=64)
+def _policy(content: str) -> Policy:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "policy.npz"
+        path.write_bytes(base64.b64decode(content))
+        return load_policy(path)
+
+
+def _object(name: str) -> Controller:
+    module, colon, attribute = name.partition(":")
+    if not (module and colon and attribute):
+        raise ValueError(f"no controller {name!r}: name it as module:object")
+    try:
+        found = getattr(importlib.import_module(module), attribute)
+        found = found() if isinstance(found, type) or not hasattr(found, "predict") else found
+    except Exception as error:
+        raise ValueError(f"no controller {name!r}: {error!r}") from error
+    if not callable(getattr(found, "predict", None)):
+        raise ValueError(f"{name!r} is no controller: it has no method `predict`")
+    return found
+
+
+def try_out(name: str, controller: Controller, observations: NDArray[np.float32]) -> None:
+    """Ask a controller once for a batch of observations (n, n_obs), as evaluation will.
+
+    Raises:
+        ValueError: it fails, or what it returns are no n actions; names it.
+    """
+    start = np.ones(len(observations), np.bool_)
+    try:
+        actions, _ = controller.predict(observations.copy(), state=None, episode_start=start, deterministic=True)
+        actions = np.asarray(actions, np.float64)
+    except Exception as error:
+        raise ValueError(f"{name!r} cannot be asked for a batch of observations: {error!r}") from error
+    if actions.shape != (len(observations), 2) or not np.isfinite(actions).all():
+        raise ValueError(f"{name!r} must return actions {(len(observations), 2)}, finite; got {actions!r}")

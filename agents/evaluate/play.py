@@ -1,0 +1,68 @@
+"""Jobs that play a controller through scenarios; the pieces of an evaluation grid or of a robustness sweep.
+
+Scenarios are plain data: `{"set": name, "count": n}` the first of a frozen set that is shipped (`"first": k` leaves out
+k of them), `{"table": {field: values}, "seed": s, "count": n}` any others, `{"ranges": {field: pair}, "seed": s,
+"count": n}` what environments seeded s, s + 1, ... draw first from ranges, or from a named set of these.
+"""
+
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.evaluate.controllers import controller_of
+from agents.evaluate.stage import RESULTS, Stage
+from impact_gym.envs import evaluation_sets
+from impact_gym.envs.evaluation_sets import EvaluationSet
+from impact_gym.envs.scenario import FIELDS
+
+
+def play(
+    controller: Mapping[str, Any],
+    scenarios: Mapping[str, Any],
+    weights: Sequence[float] = (2.0,),
+    environment: Mapping[str, Any] | None = None,
+) -> dict[str, NDArray[Any]]:
+    """Return the results (weights, scenarios) at each time weight (m/s per s), and the scenarios' fields (scenarios,).
+
+    Args:
+        controller: as `agents.evaluate.controllers` describes.
+        scenarios: see above.
+        weights: what a second costs, m/s per s.
+        environment: arguments of the environment but for scenario and time weight.
+    """
+    played = [
+        stage(scenarios, weight, environment).play(controller_of(controller, weight, environment)) for weight in weights
+    ]
+    return {name: np.array([getattr(one, name) for one in played]) for name in RESULTS} | played[0].scenario
+
+
+def stage(scenarios: Mapping[str, Any], weight: float, environment: Mapping[str, Any] | None = None) -> Stage:
+    """Return the stage of `scenarios` at a time weight (m/s per s)."""
+    options: dict[str, Any] = {"time_weight": [weight], "threads": 1, "quiet": True, **(environment or {})}
+    frozen = frozen_of(scenarios)
+    if frozen is not None:
+        return Stage(frozen.seed, scenarios["count"], frozen=frozen, **options)
+    ranges = scenarios["ranges"]
+    ranges = ranges if isinstance(ranges, str) else {name: tuple(pair) for name, pair in ranges.items()}
+    return Stage(scenarios["seed"], scenarios["count"], **{**options, "scenario": ranges})
+
+
+def frozen_of(scenarios: Mapping[str, Any]) -> EvaluationSet | None:
+    """Return scenarios as a frozen set; None where they are drawn from ranges."""
+    if "table" in scenarios:
+        table = {name: np.asarray(scenarios["table"][name], np.float64) for name in FIELDS}
+        return EvaluationSet(scenarios["seed"], table, "")
+    if "set" not in scenarios:
+        return None
+    whole, first = _shipped(scenarios["set"]), scenarios.get("first", 0)
+    if not 0 <= first < first + scenarios["count"] <= whole.count:
+        last = first + scenarios["count"] - 1
+        raise ValueError(f"the set {scenarios['set']!r} has {whole.count} scenarios, not {first} ... {last}")
+    cut = {name: values[first:] for name, values in whole.scenario.items()}
+    return EvaluationSet(whole.seed + first, cut, whole.checksum if first == 0 else "")
+
+
+_shipped = lru_cache(maxsize=4)(evaluation_sets.load)  # the sets do not change while a process lives

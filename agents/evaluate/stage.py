@@ -1,0 +1,196 @@
+"""Playing a controller through numbered scenarios, the same for every controller."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, Protocol
+
+import numpy as np
+from gymnasium.utils import seeding
+from impact_gym.kernels import UNIFORMS
+from numpy.typing import NDArray
+
+from agents.policies.policy import Policy
+from impact_gym.envs import evaluation_sets
+from impact_gym.envs.batch import Batch
+from impact_gym.envs.records import DRAWS, free_record
+from impact_gym.envs.scenario import FIELDS
+from impact_gym.envs.task import MISSED_COST, Task
+
+VALIDATION_SEED = 1_000_000
+TEST_SEED = 2_000_000
+TUNING_SEED = 4_000_000
+"""Scenario k of a set is what an environment seeded with the set's seed + k draws first. Baselines are tuned on the
+third set; agents are trained with seeds above all of these, from `agents.train.settings.FIRST_SEED` on."""
+
+
+RESULTS = ("object_velocity", "approach_time", "peak_force", "contact_count", "missed")
+"""What is known of an episode, see `Episodes`."""
+SCORED = ("object_velocity", "approach_time", "missed")
+
+
+class Controller(Protocol):
+    """Anything that acts as a policy of stable-baselines3 does."""
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[Any, Any]:
+        """Return actions and the controller's next state."""
+
+
+@dataclass(frozen=True)
+class Episodes:
+    """Results of one controller, an array entry per scenario."""
+
+    object_velocity: NDArray[np.float64]  # m/s, V_p
+    approach_time: NDArray[np.float64]  # s
+    peak_force: NDArray[np.float64]  # N
+    contact_count: NDArray[np.int64]
+    missed: NDArray[np.bool_]
+    scenario: dict[str, NDArray[np.float64]]
+
+    def cost(self, time_weight: float | NDArray[np.float64]) -> NDArray[np.float64]:
+        """V_p + time_weight * approach time, m/s, per scenario."""
+        return self.object_velocity + time_weight * self.approach_time
+
+    def loss(self, time_weight: float | NDArray[np.float64]) -> NDArray[np.float64]:
+        """The same and what the environment charges for a miss, m/s: minus the return."""
+        return self.cost(time_weight) + MISSED_COST * self.missed
+
+    def first(self, count: int) -> "Episodes":
+        """Return the first `count` of them."""
+        scenario = {name: values[:count] for name, values in self.scenario.items()}
+        return Episodes(**{name: getattr(self, name)[:count] for name in RESULTS}, scenario=scenario)
+
+
+class Stage:
+    """Scenarios that controllers are played through, all at once and as often as one likes."""
+
+    def __init__(
+        self,
+        seed: int,
+        count: int,
+        copies: int = 1,
+        time_weight: Sequence[float] | None = None,
+        frozen: evaluation_sets.EvaluationSet | None = None,
+        threads: int | None = None,
+        quiet: bool = False,
+        **options: Any,
+    ) -> None:
+        """Make a stage of `copies * count` rows: row k holds scenario `k % count` of its copy.
+
+        Args:
+            seed: of the first scenario; scenario k is what an environment seeded `seed + k` draws first.
+            count: how many scenarios.
+            copies: how often each is there.
+            time_weight: one for each copy, m/s per s; None: what the options say.
+            frozen: the set that the scenarios are taken from, not drawn; its seed must be `seed`.
+            threads: of the simulation; they change no result.
+            quiet: say nothing of policies that were trained for another environment: here they are meant to be.
+            options: of the environment.
+        """
+        self.seed, self.count, self.quiet = seed, count, quiet
+        self._batch = Batch(copies * count, Task(**{"scenario": "test", **options}), threads)
+        self._uniforms = np.tile(_uniforms(seed, count), copies)
+        self._fixed = free_record(copies * count)
+        if frozen is not None:
+            if frozen.seed != seed or frozen.count < count:
+                raise ValueError(f"the set has {frozen.count} scenarios from {frozen.seed} on, not {count} from {seed}")
+            for name in FIELDS:
+                self._fixed[name] = np.tile(frozen.scenario[name][:count], copies)
+        if time_weight is not None:
+            self._fixed["time_weight"] = np.repeat(time_weight, count)
+
+    @classmethod
+    def of(cls, name: str, count: int | None = None, **arguments: Any) -> "Stage":
+        """Return a stage of the frozen set `name`, or of its first `count` scenarios.
+
+        An environment with a `scenario` of its own draws its own ones instead, from the seeds of the set.
+        """
+        frozen = evaluation_sets.load(name)
+        taken = None if "scenario" in arguments else frozen
+        return cls(frozen.seed, frozen.count if count is None else count, frozen=taken, **arguments)
+
+    def play(self, controller: Controller) -> Episodes:
+        """Play every row to its end.
+
+        The result of a row depends on its scenario and the controller alone, as long as the controller's action for an
+        observation does not depend on those beside it (`Policy` sees to that; a matrix product of BLAS rounds
+        differently in batches of different size). A policy that was trained for another environment says so once.
+
+        Raises:
+            RuntimeError: the solver failed in a scenario; names it.
+        """
+        batch = self._batch
+        if isinstance(controller, Policy) and not self.quiet:
+            controller.say_if_elsewhere(batch.task)
+        batch.begin(np.arange(batch.size), self._uniforms, self._fixed)
+        ended, start = np.zeros(batch.size, np.bool_), np.ones(batch.size, np.bool_)
+        state: Any = None
+        while not ended.all():
+            actions, state = controller.predict(
+                batch.observations.copy(), state=state, episode_start=start, deterministic=True
+            )
+            batch.step(batch.commands(actions, (batch.size, 2)), ended)
+            ended = (batch.episodes["terminated"] == 1) | (batch.episodes["truncated"] == 1)
+            start = np.zeros(batch.size, np.bool_)
+        info = batch.info()
+        failed = np.flatnonzero(info["status"] != "ok")
+        if failed.size:
+            row = int(failed[0])
+            raise RuntimeError(f"scenario seeded {self.seed + row % self.count}: {info['status'][row]}")
+        scenario = {name: values.copy() for name, values in info["scenario"].items()}
+        return Episodes(**{name: np.array(info[name]) for name in RESULTS}, scenario=scenario)
+
+
+class Validation(Stage):
+    """The frozen validation set at several time weights: the number that training is judged and chosen by.
+
+    It is never the test set of the report. The score is the cost of the environment, V_p + w T, and the missed cost.
+    """
+
+    def __init__(
+        self,
+        environment: Mapping[str, Any],
+        weights: Sequence[float],
+        scenarios: int | None = None,
+        threads: int | None = None,
+    ) -> None:
+        """Make a validation.
+
+        Args:
+            environment: arguments of the environment but for its time weight. With a `scenario` of its own it draws
+                its own ones from the seeds of the set.
+            weights: m/s per s; each scenario is played at each.
+            scenarios: how many of the set, from its first on; all unless given.
+            threads: of the simulation; they change no result.
+        """
+        frozen = evaluation_sets.load("validation")
+        count = frozen.count if scenarios is None else min(scenarios, frozen.count)
+        self.weights, options = tuple(weights), {name: v for name, v in environment.items() if name != "time_weight"}
+        taken = None if "scenario" in options else frozen
+        super().__init__(frozen.seed, count, len(self.weights), self.weights, taken, threads, **options)
+
+    def score(self, controller: Controller) -> dict[str, Any]:
+        """Return the means over the scenarios at each time weight, and their mean cost, the `score` (m/s)."""
+        played = self.play(controller)
+        costs = played.loss(np.repeat(self.weights, self.count))
+        columns = {"cost": costs} | {
+            name: getattr(played, name) for name in ("object_velocity", "approach_time", "missed")
+        }
+        means = {name: np.reshape(values, (len(self.weights), -1)).mean(axis=1) for name, values in columns.items()}
+        table = {name: values.tolist() for name, values in means.items()}
+        return {"score": float(means["cost"].mean()), "time_weight": list(self.weights), **table}
+
+
+@lru_cache(maxsize=8)
+def _uniforms(seed: int, count: int) -> NDArray[Any]:
+    """Return what environments seeded `seed` ... draw first (count,), UNIFORMS."""
+    drawn = np.array([seeding.np_random(seed + k)[0].random(DRAWS) for k in range(count)])
+    uniforms: NDArray[Any] = drawn.view(UNIFORMS)[:, 0]
+    return uniforms
+
+
+def evaluate(controller: Controller, seed: int, count: int, **options: Any) -> Episodes:
+    """Play `controller` through scenarios `seed` ... `seed + count - 1`; `options` go to the environment."""
+    return Stage(seed, count, **options).play(controller)

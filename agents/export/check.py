@@ -1,0 +1,189 @@
+"""Export a policy: `python -m agents.export linear-blind --out DIR` writes ONNX and a C header and checks both.
+
+Checked against the policy on NumPy over 10,000 observations drawn evenly from the observation space; how long one call
+takes is printed beside the controller's cycle. What cannot be checked here is said.
+"""
+
+import ctypes
+import importlib
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+import tyro
+from numpy.typing import NDArray
+
+from agents.export.c_header import identifier, write_header
+from agents.export.onnx_graph import write_onnx
+from agents.export.replay import CALLS, EPISODES, Replay, logged, replay
+from agents.policies.policy import ACTIONS, Policy, load_policy
+from impact_gym.envs.observation import space
+from impact_gym.envs.task import Task
+
+Floats = NDArray[np.float32]
+AGREEMENT = 1e-6  # of actions in -1 ... 1
+SAME_COMMANDS = 1e-5  # of their range
+OBSERVATIONS, IN_A_ROW = 10_000, 100  # a recurrent policy sees so many one after the other
+
+
+@dataclass(frozen=True)
+class Export:
+    """Write a policy as ONNX and as a C header."""
+
+    policy: tyro.conf.Positional[str]
+    """Name of a shipped policy, or a file, or a run folder."""
+    out: Path
+    """Folder for the files."""
+
+
+@dataclass(frozen=True)
+class Form:
+    """What a policy computes in one form."""
+
+    actions: Floats  # (steps, rows, 2)
+    seconds: float  # for one call with one observation
+
+
+def observations(policy: Policy) -> Floats:
+    """Return OBSERVATIONS of them, (steps, rows, n_obs)."""
+    box: Any = space(Task(**policy.environment))
+    drawn = np.random.default_rng(0).uniform(box.low, box.high, (OBSERVATIONS, policy.inputs))
+    steps = IN_A_ROW if policy.network.gates else 1
+    return drawn.astype(np.float32).reshape(steps, -1, policy.inputs)
+
+
+def with_numpy(policy: Policy, seen: Floats) -> Form:
+    """Play the policy itself."""
+    state: Any = None
+    actions = np.empty((*seen.shape[:2], ACTIONS), np.float32)
+    for step, now in enumerate(seen):
+        actions[step], state = policy.predict(now, state=state)
+    return Form(actions, _time(lambda: policy.predict(seen[0, 0])))
+
+
+def with_onnx(policy: Policy, path: Path, seen: Floats) -> Form | None:
+    """Play the ONNX file with onnxruntime; None where that is missing."""
+    try:
+        onnxruntime = importlib.import_module("onnxruntime")  # has no types
+    except ModuleNotFoundError:
+        return None
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = 1
+    session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+
+    def start(rows: int) -> list[Floats]:
+        return [np.zeros((rows, policy.network.width), np.float32)] * (2 if policy.network.gates else 0)
+
+    names = [one.name for one in session.get_inputs()]
+    actions, state = np.empty((*seen.shape[:2], ACTIONS), np.float32), start(seen.shape[1])
+    for step, now in enumerate(seen):
+        actions[step], *state = session.run(None, dict(zip(names, [now, *state], strict=True)))
+    one = dict(zip(names, [seen[0, :1], *start(1)], strict=True))
+    return Form(actions, _time(lambda: session.run(None, one)))
+
+
+def with_c(policy: Policy, path: Path, seen: Floats) -> Form | None:
+    """Compile the header and play it; None where there is no C compiler."""
+    compiler = shutil.which("cc") or shutil.which("gcc")
+    if compiler is None:
+        return None
+    name, recurrent = identifier(path.stem), policy.network.gates is not None
+    source = (
+        f'#include "{path.name}"\n'
+        f"void play(int steps, int rows, const float *seen, float *actions) {{\n"
+        f"    for (int row = 0; row < rows; row++) {{\n"
+        + (f"        {name}_memory state = {{{{0}}, {{0}}}};\n" if recurrent else "")
+        + "        for (int step = 0; step < steps; step++)\n"
+        f"            {name}_act({'&state, ' if recurrent else ''}seen + (step * rows + row) * {policy.inputs},\n"
+        f"                actions + (step * rows + row) * {ACTIONS});\n"
+        "    }\n}\n"
+    )
+    with TemporaryDirectory() as folder:
+        library = Path(folder) / "policy.so"
+        flags = ["-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-pedantic", "-shared", "-fPIC", "-x", "c", "-"]
+        command = [compiler, *flags, "-I", str(path.parent.resolve()), "-o", str(library), "-lm"]
+        subprocess.run(command, input=source, text=True, check=True)
+        play = ctypes.CDLL(str(library)).play
+    actions = np.empty((*seen.shape[:2], ACTIONS), np.float32)
+    pointers = (seen.ctypes.data_as(ctypes.c_void_p), actions.ctypes.data_as(ctypes.c_void_p))
+    begun = time.perf_counter()
+    play(*seen.shape[:2], *pointers)
+    return Form(actions, (time.perf_counter() - begun) / OBSERVATIONS)
+
+
+def _time(call: Callable[[], Any], count: int = 1000) -> float:
+    """Return the median time of a call, s."""
+    taken = []
+    for _ in range(count):
+        begun = time.perf_counter()
+        call()
+        taken.append(time.perf_counter() - begun)
+    return float(np.median(taken))
+
+
+def export(wanted: Export) -> list[Path]:
+    """Write both files, check them, and return their paths.
+
+    Raises:
+        ValueError: no such policy, a package is missing, or a file computes something else than the policy.
+    """
+    policy = load_policy(wanted.policy)
+    stem = Path(wanted.policy).stem
+    period = Task(**policy.environment).control_period
+    seen = observations(policy)
+    original = with_numpy(policy, seen)
+    print(f"a call of the policy on NumPy takes {_told(original.seconds, period)}")
+    paths = [write_header(policy, wanted.out / f"{stem}.h"), write_onnx(policy, wanted.out / f"{stem}.onnx")]
+    forms = {"C": with_c(policy, paths[0], seen), "ONNX": with_onnx(policy, paths[1], seen)}
+    missing = {"C": "no C compiler is here", "ONNX": "the package onnxruntime is missing"}
+    _replayed(policy, paths[0])
+    for path, (name, form) in zip(paths, forms.items(), strict=True):
+        if form is None:
+            print(f"{path}: not checked, {missing[name]}")
+            continue
+        difference = float(np.abs(form.actions - original.actions).max())
+        if not difference <= AGREEMENT:
+            raise ValueError(f"{path} differs from the policy by {difference:.1e}, more than {AGREEMENT:g}")
+        print(f"{path}: differs by at most {difference:.1e}; a call takes {_told(form.seconds, period)}")
+    return paths
+
+
+def _replayed(policy: Policy, header: Path) -> None:
+    """Play episodes through the controller in C, and say how it compares and how long it takes."""
+    found: Replay | None = replay(policy, header, logged(policy))
+    if found is None:
+        print(f"{header}: its controller is not checked: no C compiler, or a policy that sees what no sensor tells")
+        return
+    if not found.difference <= SAME_COMMANDS:
+        raise ValueError(
+            f"{header} commands otherwise, by {found.difference:.1e} of the range, more than {SAME_COMMANDS:g}"
+        )
+    period = Task(**policy.environment).control_period
+    print(
+        f"{header}: {EPISODES:,} episodes replayed, commands differ by at most {found.difference:.1e} of their range; "
+        f"of {CALLS:,} calls 99.9 % take at most {1e6 * found.usual:.1f} us, the worst {1e6 * found.worst:.0f} us, "
+        f"where the control period is {1e6 * period:,.0f} us"
+    )
+
+
+def _told(seconds: float, period: float) -> str:
+    return f"{1e6 * seconds:.1f} us, 1/{period / seconds:,.0f} of the controller's cycle of {1e3 * period:g} ms"
+
+
+def main() -> None:
+    """Read from the command line what to export, and export it."""
+    try:
+        export(tyro.cli(Export, prog="python -m agents.export"))
+    except (FileNotFoundError, ValueError) as error:
+        sys.exit(f"agents.export: {error}")
+
+
+if __name__ == "__main__":
+    main()

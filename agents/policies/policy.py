@@ -1,0 +1,156 @@
+"""Policies as plain arrays: what training leaves behind, and what runs without torch.
+
+A policy file is an archive of arrays and JSON: the weights of a small network, what it sees and commands in which
+units, and how it came about. Reading one runs no code.
+"""
+
+import warnings
+from collections.abc import Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.archive import read_archive, write_archive
+from agents.policies.networks import Network, State, from_arrays, to_arrays
+from impact_gym.envs import observation as observations
+from impact_gym.envs.task import Task
+
+SHIPPED = Path(__file__).parent
+FORMAT = "impact_gym policy 2"
+ACTIONS = 2  # numbers of an action
+SEEN_TO = ("scenario", "time_weight", "privileged", "rtol", "max_episode_steps")
+"""Arguments of an environment that a policy may meet otherwise than in training."""
+
+
+class Policy:
+    """A network with the environment it was trained for, called as a policy of stable-baselines3 is."""
+
+    def __init__(self, network: Network, environment: Mapping[str, Any], provenance: Mapping[str, Any]) -> None:
+        """Make a policy.
+
+        Args:
+            network: from the scaled observation to the action in [-1, 1].
+            environment: arguments of the environment; they say what the observation holds.
+            provenance: how the policy came about: command, seed, versions, anything that JSON holds.
+
+        Raises:
+            ValueError: the network does not fit the environment.
+        """
+        self.network, self.environment, self.provenance = network, dict(environment), dict(provenance)
+        self.observation_table, self.action_table = observation_table(environment), action_table(environment)
+        if network.inputs != len(self.observation_table):
+            raise ValueError(f"the network takes {network.inputs} numbers, the environment shows "
+                             f"{len(self.observation_table)}")  # fmt: skip
+        if network.mean.outputs != ACTIONS:
+            raise ValueError(f"the network gives {network.mean.outputs} numbers, an action has {ACTIONS}")
+        self._noise = np.random.default_rng()
+        self._said = False
+
+    @property
+    def inputs(self) -> int:
+        """Length of the observation."""
+        return self.network.inputs
+
+    def predict(
+        self,
+        observation: NDArray[np.float32],
+        state: State | None = None,
+        episode_start: NDArray[np.bool_] | bool | None = None,
+        deterministic: bool = True,
+    ) -> tuple[NDArray[np.float32], Any]:
+        """Return the action for an observation (n_obs,) or the actions for a batch of them (n, n_obs), and a state.
+
+        A recurrent policy needs the state back at the next call, and `episode_start` where an episode begins; others
+        hand it through. Unlike in stable-baselines3, deterministic is the default: it is what the policy was judged by.
+        """
+        seen = np.asarray(observation, np.float32)
+        if seen.ndim == 0 or seen.shape[-1] != self.inputs:
+            raise ValueError(f"the policy takes {self.inputs} numbers, the observation has the shape {seen.shape}")
+        if not np.isfinite(seen).all():
+            raise ValueError("the observation must be finite")
+        if self.network.gates and state is not None and episode_start is not None:
+            going_on = ~np.asarray(episode_start, np.bool_).reshape(*seen.shape[:-1], 1)
+            state = np.where(going_on, state[0], 0), np.where(going_on, state[1], 0)
+        latent, state = self.network.latent(seen, state)
+        action = self.network.mean(latent)
+        if not deterministic:
+            sigma = np.exp(np.clip(self.network.log_std(latent), -20.0, 2.0))  # limits as in stable-baselines3's SAC
+            noise = sigma * self._noise.standard_normal(action.shape, np.float32)
+            action = (action + noise).astype(np.float32)
+        return self.network.action(action), state
+
+    def differs_in(self, task: Task) -> list[str]:
+        """Return the arguments in which a task is another than the one that the policy was trained for."""
+        own = Task(**self.environment)
+        names = [one.name for one in fields(Task) if one.init and one.name not in SEEN_TO]
+        other = {name for name in names if getattr(own, name) != getattr(task, name)}
+        ranges = {name for name in {*own.drawn, *task.drawn} if own.drawn.get(name) != task.drawn.get(name)}
+        return sorted(other | {name.partition(".")[0] for name in ranges})
+
+    def say_if_elsewhere(self, task: Task) -> None:
+        """Warn, once, if a task is another than the one that the policy was trained for."""
+        other = [] if self._said else self.differs_in(task)
+        if other:
+            self._said = True
+            said = f"the policy was trained for another environment, which differs in {', '.join(other)}"
+            warnings.warn(said, stacklevel=3)
+
+    def save(self, path: Path | str) -> Path:
+        """Write the policy to `path`, whole or not at all."""
+        content = {
+            "network": self.network.description(),
+            "environment": self.environment,
+            "observation": self.observation_table,
+            "action": self.action_table,
+            "provenance": self.provenance,
+        }
+        write_archive(Path(path), FORMAT, content, to_arrays(self.network))
+        return Path(path)
+
+
+def observation_table(environment: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return name, unit and scale of each entry of the observation."""
+    columns = ("name", "unit", "low", "high", "scaled_low")
+    shown = observations.entries(Task(**environment))
+    return [{column: getattr(entry, column) for column in columns} for entry in shown]
+
+
+def action_table(environment: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return what the action's entries in [-1, 1] mean."""
+    task = Task(**environment)
+    columns = {
+        "name": ("velocity to go to", "acceleration to use for it"),
+        "unit": ("m/s", "m/s^2"),
+        "low": (task.velocity_range[0], task.acceleration_range[0]),
+        "high": (task.velocity_range[1], task.acceleration_range[1]),
+    }
+    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+
+
+def load_policy(name: str | Path) -> Policy:
+    """Return a policy shipped with the project, by name, or from a file, or the best one of a run folder.
+
+    Raises:
+        FileNotFoundError: neither a shipped policy nor a file; lists what is shipped.
+        ValueError: the file is not a policy, or is damaged, or was made for other scales than the environment has.
+    """
+    path = SHIPPED / f"{name}.npz"
+    if not path.is_file():
+        path = Path(name)
+    if path.is_dir():
+        path = path / "best.npz"
+    if not path.is_file():
+        shipped = sorted(file.stem for file in SHIPPED.glob("*.npz"))
+        raise FileNotFoundError(f"no policy {str(name)!r}: it is no file, and shipped are {shipped}")
+    content, arrays = read_archive(path, FORMAT)
+    try:
+        policy = Policy(from_arrays(content["network"], arrays), content["environment"], content["provenance"])
+        tables = content["observation"], content["action"]
+    except (LookupError, TypeError, AttributeError, ValueError) as error:
+        raise ValueError(f"{path} is no policy: {error}") from error
+    if tables != (policy.observation_table, policy.action_table):
+        raise ValueError(f"{path} was made for other scales of observation or action than this version's environment")
+    return policy

@@ -1,0 +1,117 @@
+"""What happens between two rollouts: the two objectives by name, validation, the best policy, checkpoints."""
+
+import math
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from stable_baselines3.common.callbacks import BaseCallback
+
+from agents.evaluate import Validation
+from agents.policies.policy import Policy
+from agents.setups.evaluation import WEIGHTS
+from agents.train import checkpoint
+from agents.train.algorithms import policy_from
+from agents.train.logs import STEPS
+from agents.train.ppo import EvenRewards
+from agents.train.settings import Settings
+
+OBJECTIVES = ("object_velocity", "approach_time", "peak_force", "missed")
+Told = Callable[[int, dict[str, Any]], None]
+"""What hears of a validation: steps and result."""
+ROWS = 200  # of a learning curve, at the most
+
+
+class TrainingCallback(BaseCallback):
+    """Acts between two rollouts, after the update: what it sees then is all there is to save."""
+
+    def __init__(
+        self,
+        folder: Path,
+        settings: Settings,
+        record: Mapping[str, Any],
+        environment: EvenRewards,
+        told: Told | None = None,
+    ) -> None:
+        super().__init__()
+        self._told = told
+        self._folder, self._settings, self._record, self._environment = folder, settings, record, environment
+        self.validation = Validation(
+            settings.environment, WEIGHTS, settings.validation_scenarios, threads=settings.simulation_threads
+        )
+        self._begun = time.perf_counter()
+        self._begun_at = 0
+        self.kept: dict[str, Any] = {  # all that must survive an interruption
+            "sums": dict.fromkeys(OBJECTIVES, 0.0),
+            "episodes": 0,
+            "last": {"row": 0, "validation": 0, "checkpoint": 0},
+            "best": math.inf,
+            "curve": [],  # [steps, score] of each validation
+            "seconds": 0.0,
+        }
+
+    def _on_training_start(self) -> None:
+        self._begun, self._begun_at = time.perf_counter(), self.num_timesteps
+
+    def _on_step(self) -> bool:
+        for row in np.flatnonzero(self.locals["dones"]).tolist():
+            info = self.locals["infos"][row]
+            for name in OBJECTIVES:
+                self.kept["sums"][name] += float(info[name])
+            self.kept["episodes"] += 1
+        return True
+
+    def _on_rollout_start(self) -> None:
+        settings = self._settings
+        if self._due("validation", settings.validate_every):
+            self.validate()
+        if self._due("row", max(settings.round, settings.whole_steps // ROWS)):
+            self._write_row()
+        if self._due("checkpoint", settings.checkpoint_every):
+            now = time.perf_counter()
+            self.kept["seconds"] += now - self._begun
+            self._begun, self._begun_at = now, self.num_timesteps
+            checkpoint.write(self._folder / "checkpoint.npz", self.model, self._environment, self.kept)
+
+    def _on_training_end(self) -> None:
+        self.validate().save(self._folder / "final.npz")
+        self._write_row()
+        self.kept["seconds"] += time.perf_counter() - self._begun
+
+    def _due(self, what: str, every: int) -> bool:
+        due: bool = self.num_timesteps // every > self.kept["last"][what] // every
+        if due:
+            self.kept["last"][what] = self.num_timesteps
+        return due
+
+    def validate(self) -> Policy:
+        """Play the validation set, keep the policy if it is the best so far, and return it."""
+        steps = self.num_timesteps
+        policy = policy_from(self.model, self._settings, self._record)
+        result = self.validation.score(policy)
+        policy.provenance |= {"steps": steps, "validation": result}
+        self.kept["curve"].append([steps, result["score"]])
+        self.logger.record("validation/score", result["score"])
+        for name in ("object_velocity", "approach_time"):
+            for weight, mean in zip(result["time_weight"], result[name], strict=True):
+                self.logger.record(f"validation/{name} at weight {weight:g}", mean)
+        if result["score"] < self.kept["best"]:
+            self.kept["best"] = result["score"]
+            policy.save(self._folder / "best.npz")
+        if self._told:
+            self._told(steps, result)
+        return policy
+
+    def _write_row(self) -> None:
+        kept = self.kept
+        if kept["episodes"]:  # else it would say nan
+            for name in OBJECTIVES:
+                self.logger.record(f"objectives/{name}", kept["sums"][name] / kept["episodes"])
+        kept["sums"], kept["episodes"] = dict.fromkeys(OBJECTIVES, 0.0), 0
+        seconds = time.perf_counter() - self._begun
+        if self.num_timesteps > self._begun_at:
+            self.logger.record("time/steps_per_second", (self.num_timesteps - self._begun_at) / seconds)
+        self.logger.record(STEPS, self.num_timesteps, exclude="tensorboard")
+        self.logger.dump(step=self.num_timesteps)

@@ -1,0 +1,135 @@
+"""Checkpoints: all that a training goes on from, so that it ends as if nothing had interrupted it.
+
+Taken between two rollouts, when the rollout buffer is empty: networks, optimisers, counters, the replay buffer, the
+random states of torch, NumPy and Python, the environments with their generators, and what the log has not written yet.
+"""
+
+import random
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from sb3_contrib.common.recurrent.type_aliases import RNNStates
+from stable_baselines3.common.base_class import BaseAlgorithm
+
+from agents.archive import read_archive, write_archive
+from agents.train.ppo import EvenRewards
+
+FORMAT = "impact_gym checkpoint 1"
+COUNTERS = ("num_timesteps", "_n_updates", "_episode_num", "_current_progress_remaining")
+REPLAY = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
+
+
+def write(path: Path, model: BaseAlgorithm, environment: EvenRewards, watched: Mapping[str, Any]) -> None:
+    """Write a checkpoint of `model`, its `environment` and what the callbacks have `watched`, whole or not at all."""
+    arrays: dict[str, NDArray[Any]] = {}
+    state = {
+        "model": _model_state(model),
+        "environment": environment.get_state(),
+        "random": {"torch": torch.get_rng_state(), "numpy": np.random.get_state(), "python": random.getstate()},  # noqa: NPY002 - stable-baselines3 draws from it
+        "log": [dict(values) for values in _pending(model)],
+        "watched": dict(watched),
+    }
+    tree = _pack(state, arrays)
+    write_archive(path, FORMAT, {"state": tree}, arrays)
+
+
+def restore(path: Path, model: BaseAlgorithm, environment: EvenRewards) -> dict[str, Any]:
+    """Put `model` and `environment`, made from the same settings, where they were; return what was watched.
+
+    Raises:
+        ValueError: the file is no checkpoint, is damaged, or is one of another model.
+    """
+    content, arrays = read_archive(path, FORMAT)
+    state = _unpack(content["state"], arrays)
+    try:
+        _restore_model(model, state["model"])
+        environment.set_state(state["environment"])
+    except (LookupError, TypeError, ValueError, RuntimeError) as error:
+        raise ValueError(f"{path} is a checkpoint of another training: {error}") from error
+    torch.set_rng_state(state["random"]["torch"])
+    np.random.set_state(state["random"]["numpy"])  # noqa: NPY002 - stable-baselines3 draws from it
+    random.setstate(state["random"]["python"])
+    for values, kept in zip(_pending(model), state["log"], strict=True):
+        values.clear()
+        values.update(kept)
+    watched: dict[str, Any] = state["watched"]
+    return watched
+
+
+def _pending(model: BaseAlgorithm) -> tuple[dict[str, Any], ...]:
+    """What the log was told and has not written."""
+    return model.logger.name_to_value, model.logger.name_to_count, model.logger.name_to_excluded
+
+
+def _model_state(model: Any) -> dict[str, Any]:
+    state = {
+        "parameters": model.get_parameters(),
+        "variables": {name: getattr(model, name) for name in model._get_torch_save_params()[1]},
+        "counters": {name: getattr(model, name) for name in COUNTERS},
+        "last": (model._last_obs, model._last_episode_starts),
+        "action_space": model.action_space.np_random.bit_generator.state,
+    }
+    if hasattr(model, "_last_lstm_states"):
+        state["lstm"] = tuple(model._last_lstm_states)
+    if getattr(model, "replay_buffer", None) is not None:
+        buffer = model.replay_buffer
+        filled = buffer.size()
+        state["replay"] = {name: getattr(buffer, name)[:filled] for name in REPLAY}
+        state["replay"] |= {"pos": buffer.pos, "full": buffer.full}
+    return state
+
+
+def _restore_model(model: Any, state: Mapping[str, Any]) -> None:
+    model.set_parameters(state["parameters"])
+    with torch.no_grad():
+        for name, value in state["variables"].items():
+            getattr(model, name).copy_(value)
+    for name, value in state["counters"].items():
+        setattr(model, name, value)
+    model._last_obs, model._last_episode_starts = state["last"]
+    model._last_original_obs = model._last_obs
+    model.action_space.np_random.bit_generator.state = state["action_space"]
+    if "lstm" in state:
+        model._last_lstm_states = RNNStates(*state["lstm"])
+    if "replay" in state:
+        buffer = model.replay_buffer
+        for name in REPLAY:
+            getattr(buffer, name)[: len(state["replay"][name])] = state["replay"][name]
+        buffer.pos, buffer.full = state["replay"]["pos"], state["replay"]["full"]
+
+
+def _pack(value: Any, arrays: dict[str, NDArray[Any]]) -> Any:
+    """Return `value` as JSON can hold it, tensors and arrays put into `arrays` and named in their place."""
+    if isinstance(value, torch.Tensor | np.ndarray):
+        kind = "tensor" if isinstance(value, torch.Tensor) else "array"
+        name = f"{kind}_{len(arrays)}"
+        arrays[name] = value.detach().numpy() if isinstance(value, torch.Tensor) else value
+        return {kind: name}
+    if isinstance(value, Mapping):
+        return {"items": [[key, _pack(one, arrays)] for key, one in value.items()]}
+    if isinstance(value, tuple | list):
+        return {type(value).__name__: [_pack(one, arrays) for one in value]}
+    if isinstance(value, np.generic):
+        return {"scalar": _pack(np.asarray(value), arrays)["array"]}
+    if value is None or isinstance(value, str | int | float):
+        return value
+    raise TypeError(f"a checkpoint cannot hold {type(value)}")
+
+
+def _unpack(tree: Any, arrays: Mapping[str, NDArray[Any]]) -> Any:
+    """Return what `_pack` was given."""
+    if not isinstance(tree, dict):
+        return tree
+    ((kind, value),) = tree.items()
+    if kind == "items":
+        return {key: _unpack(one, arrays) for key, one in value}
+    if kind in ("tuple", "list"):
+        values = [_unpack(one, arrays) for one in value]
+        return tuple(values) if kind == "tuple" else values
+    if kind == "scalar":
+        return arrays[value][()]
+    return torch.from_numpy(arrays[value]) if kind == "tensor" else arrays[value]

@@ -1,0 +1,235 @@
+"""PPO from top to bottom: what it plays in, what its networks see and are made of, and every number that it is given.
+
+The numbers are in `agents.train.settings`; a set-up's file says which of them it wants otherwise.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import torch
+from gymnasium import spaces
+from numpy.typing import NDArray
+from stable_baselines3 import PPO
+from stable_baselines3.common.policies import ActorCriticPolicy
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, MlpExtractor
+from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
+
+from agents.policies.networks import Affine
+from agents.policies.policy import observation_table
+from agents.train.settings import Settings
+from impact_gym.envs.observation import ENTRIES
+from impact_gym.sb3 import ImpactVecEnv
+
+TIME_WEIGHT = 7  # place of the time weight in the observation
+MET = {
+    "flange position": (-0.1, 0.3),
+    "flange velocity": (0.4, 0.45),
+    "time": (-0.7, 0.2),
+    "alarm": (0.35, 0.5),
+    "time since the alarm": (0.2, 0.3),
+    "contact force as sensed a delay ago": (0.05, 0.1),
+    "its maximum so far, likewise": (0.15, 0.25),
+    "time weight": (0.0, 0.3),
+    "distance estimate minus flange position": (0.05, 0.1),  # sharper than it is met: 10 mm, its error, must count
+    "object mass": (0.15, 0.3),
+    "contact stiffness": (-0.4, 0.35),
+    "restitution": (0.55, 0.25),
+    "distance minus flange position": (0.1, 0.3),
+}
+"""Centre and spread of each entry of the observation while a policy trains, to a digit. The networks see entries
+standardised by them, or what differs little would be learned late; an exported policy has them in its weights."""
+
+
+class EvenRewards(VecEnvWrapper):
+    """Divides rewards by (1 + time weight) to a power, so that hurried episodes do not drown the others."""
+
+    def __init__(self, envs: ImpactVecEnv, power: float) -> None:
+        super().__init__(envs)
+        self._envs = envs
+        self._power = power
+        self._scale: NDArray[np.float32] = np.ones(envs.num_envs, np.float32)
+
+    def reset(self) -> VecEnvObs:
+        """Begin an episode everywhere."""
+        observations = self.venv.reset()
+        self._see(observations)
+        return observations
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """Play a step; the scale is that of the episode the reward belongs to."""
+        observations, rewards, ended, infos = self.venv.step_wait()
+        rewards = rewards * self._scale
+        self._see(observations)
+        return observations, rewards, ended, infos
+
+    def get_state(self) -> dict[str, Any]:
+        """Return a copy of all that goes on."""
+        return {"scale": self._scale, "envs": self._envs.get_state()}
+
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Go on from what `get_state` returned."""
+        self._scale = state["scale"]
+        self._envs.set_state(state["envs"])
+
+    def _see(self, observations: Any) -> None:
+        """Take the scale from the time weights in `observations` (num_envs, n_obs)."""
+        low, high = ENTRIES[TIME_WEIGHT].low, ENTRIES[TIME_WEIGHT].high
+        weights = low * np.float32(high / low) ** (0.5 * (observations[:, TIME_WEIGHT] + 1.0))
+        self._scale = np.asarray((1.0 + weights) ** -self._power, np.float32)
+
+
+def make_environment(settings: Settings) -> EvenRewards:
+    """Return the environments a training plays in."""
+    envs = ImpactVecEnv(settings.envs, threads=settings.simulation_threads, **settings.training_environment)
+    return EvenRewards(envs, settings.weight_power)
+
+
+def ppo(settings: Settings, environment: VecEnv) -> PPO:
+    """Return a model that has learned nothing yet; the discount is 1, as an episode ends and its sum is what counts."""
+    on = settings.on_policy
+    network = network_arguments(settings)
+    if on.informed_critic:
+        network["seen"] = len(entry_names(settings.environment))
+    return PPO(
+        InformedCritic if on.informed_critic else "MlpPolicy",
+        policy_kwargs=network,
+        **on_policy_arguments(settings, environment),
+    )
+
+
+def on_policy_arguments(settings: Settings, environment: VecEnv) -> dict[str, Any]:
+    """Return what PPO is given, recurrent or not, but for its network."""
+    on = settings.on_policy
+    return {
+        "env": environment,
+        "n_steps": on.rollout,
+        "batch_size": min(settings.batch, settings.round),
+        "n_epochs": on.epochs,
+        "learning_rate": settings.rate,
+        "gamma": 1.0,
+        "gae_lambda": on.gae_lambda,
+        "clip_range": on.clip,
+        "ent_coef": on.entropy,
+        "seed": settings.seed,
+        "device": "cpu",
+    }
+
+
+def network_arguments(settings: Settings) -> dict[str, Any]:
+    """Return what the networks of PPO are made of."""
+    return {
+        **layer_arguments(settings),
+        "log_std_init": settings.on_policy.log_std,
+        "optimizer_kwargs": {"eps": 1e-5, "fused": True},
+    }
+
+
+def layer_arguments(settings: Settings) -> dict[str, Any]:
+    """Return what the networks of every algorithm have in common."""
+    return {
+        "net_arch": [settings.width] * settings.depth,
+        "activation_fn": {"tanh": Tanh, "relu": torch.nn.ReLU}[settings.activation],
+        "features_extractor_class": Standardised,
+        "features_extractor_kwargs": {"names": entry_names(settings.training_environment)},
+    }
+
+
+def entry_names(environment: Mapping[str, Any]) -> list[str]:
+    """Return the names of what an environment shows."""
+    return [entry["name"] for entry in observation_table(environment)]
+
+
+def met(names: Sequence[str]) -> tuple[list[float], list[float]]:
+    """Return centres and spreads of entries of the observation; of one that is not in the table, 0 and 1."""
+    pairs = [MET.get(name, (0.0, 1.0)) for name in names]
+    return [centre for centre, _ in pairs], [spread for _, spread in pairs]
+
+
+class Standardised(BaseFeaturesExtractor):
+    """(observation - centre) / spread, of each entry."""
+
+    centre: torch.Tensor
+    spread: torch.Tensor
+
+    def __init__(self, observation_space: spaces.Space[Any], names: Sequence[str]) -> None:
+        """Make one for the entries `names`."""
+        super().__init__(observation_space, len(names))
+        for buffer, values in zip(("centre", "spread"), met(names), strict=True):
+            self.register_buffer(buffer, torch.tensor(values))
+
+    def forward(self, observations: torch.Tensor) -> torch.Tensor:
+        """Return what the networks see."""
+        return (observations - self.centre) / self.spread
+
+
+def behind_standard(layer: Affine, names: Sequence[str]) -> Affine:
+    """Return a layer that does to observations what `layer` does to standardised ones, which are its first inputs."""
+    centre, spread = np.array(met(names))
+    weight = layer.weight.astype(np.float64)
+    weight[:, : len(names)] /= spread
+    bias = layer.bias - weight[:, : len(names)] @ centre
+    return Affine(layer.name, weight.astype(np.float32), bias.astype(np.float32))
+
+
+class InformedCritic(ActorCriticPolicy):
+    """A policy whose critic also sees the scenario (`privileged`), so that luck is not taken for skill.
+
+    The advantage of an action has the same mean with any critic that does not see the action, and less variance with
+    one that knows the mass and the distance of the object (Pinto et al. 2018, asymmetric actor critic).
+    """
+
+    def __init__(self, *arguments: Any, seen: int, **options: Any) -> None:
+        """Make one whose actor sees the first `seen` entries."""
+        self._seen = seen
+        super().__init__(*arguments, **options)
+
+    def _build_mlp_extractor(self) -> None:
+        layers = self.net_arch
+        assert isinstance(layers, list)  # as make_model gives them
+        self.mlp_extractor = _TwoViews(self.features_dim, self._seen, layers, self.activation_fn)
+
+
+class _TwoViews(MlpExtractor):
+    """An actor that sees the first `seen` features, and a critic that sees all."""
+
+    def __init__(self, features: int, seen: int, layers: list[int], activation: type[torch.nn.Module]) -> None:
+        super().__init__(seen, {"pi": layers, "vf": []}, activation, "cpu")
+        critic = MlpExtractor(features, {"pi": [], "vf": layers}, activation, "cpu")
+        self._seen, self.value_net, self.latent_dim_vf = seen, critic.value_net, critic.latent_dim_vf
+
+    def forward_actor(self, features: torch.Tensor) -> torch.Tensor:
+        """Return what the action is read from."""
+        latent: torch.Tensor = self.policy_net(features[:, : self._seen])
+        return latent
+
+
+class _FastTanh(torch.autograd.Function):
+    """tanh(x) = 2 sigmoid(2 x) - 1, which torch computes four times as fast.
+
+    Its own tanh takes a path of MKL that is
+    slow on some processors, and was a third of an update.
+    """
+
+    @staticmethod
+    def forward(ctx: Any, values: torch.Tensor) -> torch.Tensor:
+        """Return tanh of `values`."""
+        result = torch.sigmoid(2.0 * values).mul_(2.0).sub_(1.0)
+        ctx.save_for_backward(result)
+        return result
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: torch.Tensor) -> torch.Tensor:
+        """Return the gradient with respect to the values."""
+        (result,) = ctx.saved_tensors
+        return torch.ops.aten.tanh_backward(gradients[0], result)
+
+
+class Tanh(torch.nn.Module):
+    """As torch.nn.Tanh, to rounding."""
+
+    def forward(self, values: torch.Tensor) -> torch.Tensor:
+        """Return tanh of `values`."""
+        result: torch.Tensor = _FastTanh.apply(values)  # type: ignore[no-untyped-call]
+        return result

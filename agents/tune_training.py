@@ -1,0 +1,202 @@
+"""Search for settings: `python -m agents.tune_training [SETUP] --algo ppo --trials 16`.
+
+Each trial is a short training, judged by the best score it reaches on the validation set; one that is worse than the
+median of those before it at the same step is given up. The study is a journal below runs/search: the same command goes
+on with it, after a kill as well. Its summary, settings and score of each trial, goes to agents/studies; what it found
+best is printed as the table `[training]` of a set-up, for whoever wants it there.
+"""
+
+import json
+import shlex
+import shutil
+import sys
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from operator import attrgetter
+from pathlib import Path
+from typing import Any
+
+import optuna
+import tyro
+from optuna.distributions import BaseDistribution, CategoricalDistribution, FloatDistribution, IntDistribution
+from optuna.storages import JournalStorage
+from optuna.storages.journal import JournalFileBackend
+from optuna.trial import Trial, TrialState
+
+from agents.setups import load_setup
+from agents.train.run import provenance, train, write_json
+from agents.train.settings import Algorithm, Settings, default_settings, with_changes
+from impact_gym.validation import whole
+
+STUDIES = Path(__file__).parent / "studies"
+ON_POLICY = {
+    "learning_rate": FloatDistribution(3e-4, 3e-3, log=True),
+    "batch": CategoricalDistribution([1024, 2048, 4096]),
+    "weight_power": CategoricalDistribution([0.0, 0.5, 1.0]),
+    "on_policy.rollout": CategoricalDistribution([32, 64]),
+    "on_policy.epochs": IntDistribution(1, 3),
+    "on_policy.gae_lambda": CategoricalDistribution([0.9, 0.95, 0.98, 1.0]),
+    "on_policy.log_std": FloatDistribution(-2.0, -0.7),
+}
+OFF_POLICY = {
+    "learning_rate": FloatDistribution(1e-4, 3e-3, log=True),
+    "batch": CategoricalDistribution([256, 512, 1024]),
+    "off_policy.gradient_steps": CategoricalDistribution([4, 8, 16]),
+}
+SPACES: dict[str, dict[str, BaseDistribution]] = {
+    "ppo": ON_POLICY, "recurrent_ppo": ON_POLICY, "sac": OFF_POLICY, "tqc": OFF_POLICY,
+}  # fmt: skip
+"""What is looked for; all other settings stay as they are."""
+
+
+@dataclass(frozen=True)
+class Search:
+    """Search for the settings of a training."""
+
+    setup: tyro.conf.Positional[str] = "linear-blind"
+    """Name or file of the set-up that is trained for."""
+    algo: Algorithm = "ppo"
+    """Whose settings are looked for."""
+    trials: int = 16
+    """How many trials the study shall have in the end; those it has already count."""
+    steps: int = 3_000_000
+    """Environment steps of each."""
+    validate_every: int = 500_000
+    """Steps between two plays of the validation set; there a trial may be given up."""
+    validation_scenarios: int = 1000
+    """How many of its scenarios."""
+    journals: Path = Path("runs/search")
+    """Folder of the journals."""
+    summaries: Path | None = None
+    """Folder of the summaries; agents/studies unless given, for a set-up from a file runs/NAME."""
+
+    def __post_init__(self) -> None:
+        for name in ("trials", "steps", "validate_every", "validation_scenarios"):
+            whole(name, getattr(self, name), at_least=1)
+
+
+def search(wanted: Search) -> Path:
+    """Run the trials that are missing, and return the path of the summary."""
+    start = replace(
+        default_settings(wanted.setup, wanted.algo),
+        steps=wanted.steps,
+        validate_every=wanted.validate_every,
+        validation_scenarios=wanted.validation_scenarios,
+        checkpoint_every=wanted.steps,
+    )
+    setup = load_setup(wanted.setup)
+    label = f"{setup.name}-{wanted.algo}"
+    folder = (STUDIES if setup.shipped else setup.folder) if wanted.summaries is None else wanted.summaries
+    space, summary = SPACES[wanted.algo], folder / f"{label}.json"
+    name = f"{label}-{wanted.steps}"
+    wanted.journals.mkdir(parents=True, exist_ok=True)
+    study = optuna.create_study(
+        storage=JournalStorage(JournalFileBackend(str(wanted.journals / f"{name}.journal"))),
+        study_name=name,
+        load_if_exists=True,
+        pruner=optuna.pruners.MedianPruner(n_startup_trials=4, n_warmup_steps=wanted.steps // 3),
+    )
+    for killed in study.get_trials(states=(TrialState.RUNNING,)):
+        study.tell(killed.number, state=TrialState.FAIL)
+    if not study.trials:
+        there = {setting: attrgetter(setting)(start) for setting in space}  # what is to be beaten
+        study.enqueue_trial({setting: value for setting, value in there.items() if _holds(space[setting], value)})
+    while len(_finished(study)) < wanted.trials:
+        # seeded anew in each process, so with another seed, or it would suggest the same again
+        study.sampler = optuna.samplers.TPESampler(seed=len(study.trials), n_startup_trials=6)
+        trial = study.ask(space)
+        settings = replace(
+            with_changes(start, _nested(trial.params)),
+            seed=1000 + trial.number,  # none of those that train-all uses
+            out=wanted.journals / f"{name}-{trial.number}",
+        )
+        _play(study, trial, settings)
+        write_json(summary, _summary(study, start, wanted))
+    write_json(summary, _summary(study, start, wanted))
+    return summary
+
+
+def _play(study: optuna.Study, trial: Trial, settings: Settings) -> None:
+    """Train as `trial` suggests and tell the study what came of it."""
+    scores: list[float] = []
+
+    def told(steps: int, result: dict[str, Any]) -> None:
+        scores.append(result["score"])
+        trial.report(min(scores), steps)
+        if steps < settings.whole_steps and trial.should_prune():
+            raise optuna.TrialPruned
+
+    try:
+        train(settings, told)
+        study.tell(trial, min(scores))
+    except optuna.TrialPruned:
+        study.tell(trial, state=TrialState.PRUNED)
+    if settings.out:
+        shutil.rmtree(settings.out)
+
+
+def _finished(study: optuna.Study) -> list[optuna.trial.FrozenTrial]:
+    return study.get_trials(states=(TrialState.COMPLETE, TrialState.PRUNED))
+
+
+def _holds(distribution: Any, value: Any) -> bool:
+    """Return whether a value is one that may be suggested."""
+    if isinstance(distribution, CategoricalDistribution):
+        return value in distribution.choices
+    return bool(distribution.low <= value <= distribution.high)
+
+
+def _nested(parameters: dict[str, Any]) -> dict[str, Any]:
+    """Return settings by name, those of a group below its name."""
+    result: dict[str, Any] = {}
+    for name, value in parameters.items():
+        group, _, setting = name.rpartition(".")
+        (result.setdefault(group, {}) if group else result)[setting] = value
+    return result
+
+
+def _summary(study: optuna.Study, start: Settings, wanted: Search) -> dict[str, Any]:
+    trials = [
+        {
+            "number": trial.number,
+            "state": trial.state.name.lower(),
+            "score": trial.value,
+            "steps": trial.last_step,
+            "parameters": trial.params,
+        }
+        for trial in _finished(study)
+    ]
+    best = study.best_trial
+    found = {"number": best.number, "score": best.value, "settings": _nested(best.params)}
+    words = ["python", "-m", "agents.tune_training", wanted.setup, "--algo", wanted.algo]
+    for name in ("trials", "steps", "validate_every", "validation_scenarios"):
+        words += [f"--{name}".replace("_", "-"), str(getattr(wanted, name))]
+    return {"best": found, **provenance(start), "command": shlex.join(words), "trials": trials}
+
+
+def training_table(settings: Mapping[str, Any]) -> str:
+    """Return settings as the table [training] of a set-up."""
+    plain = {name: value for name, value in settings.items() if not isinstance(value, dict)}
+    groups = {f"training.{name}": value for name, value in settings.items() if isinstance(value, dict)}
+    lines = []
+    for name, values in {"training": plain, **groups}.items():
+        lines += [f"[{name}]", *(f"{key} = {json.dumps(value)}" for key, value in values.items()), ""]
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Read from the command line what to search for, and search."""
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
+    try:
+        summary = search(tyro.cli(Search, prog="python -m agents.tune_training"))
+        print(training_table(json.loads(summary.read_text())["best"]["settings"]), summary, sep="\n")
+    except ValueError as error:
+        sys.exit(f"agents.tune_training: {error}")
+    except KeyboardInterrupt:
+        sys.exit("agents.tune_training: interrupted; the same command goes on")
+
+
+if __name__ == "__main__":
+    main()

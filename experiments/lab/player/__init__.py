@@ -1,0 +1,10 @@
+"""Watch contestants side by side in the same scenario: films for a page that opens from disk.
+
+`choose` picks the scenarios, `films` plays them and keeps what the eye needs, `fragment` is the part of the page.
+"""
+
+from experiments.lab.player.choice import choose
+from experiments.lab.player.films import films
+from experiments.lab.player.page import fragment
+
+__all__ = ["choose", "films", "fragment"]

@@ -1,0 +1,69 @@
+"""Which scenarios are worth watching."""
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.evaluate.stage import Episodes
+
+
+def choose(played_baseline: Episodes, played_policy: Episodes) -> dict[str, int]:
+    """Return numbers of scenarios, all different, below a phrase each that says why it is shown.
+
+    A scenario that stands out in several ways is there once, with all of them in its phrase. Of equals it is the first.
+
+    Raises:
+        ValueError: the two did not play the same scenarios.
+    """
+    ours, theirs = played_policy.scenario, played_baseline.scenario
+    if any(not np.array_equal(ours[name], theirs[name]) for name in ours):
+        raise ValueError("baseline and policy must have played the same scenarios")
+    reasons: dict[int, list[str]] = {}
+    for reason, number in _outstanding(played_baseline, played_policy):
+        reasons.setdefault(number, []).append(reason)
+    return {_phrase(found): number for number, found in reasons.items()}
+
+
+def _phrase(reasons: list[str]) -> str:
+    text = "; ".join(reasons)
+    return text[0].upper() + text[1:]
+
+
+def _outstanding(baseline: Episodes, policy: Episodes) -> Iterable[tuple[str, int]]:
+    """Yield why a scenario is worth watching, and its number."""
+    both = ~(baseline.missed | policy.missed)
+    touched = np.flatnonzero(both) if both.any() else np.arange(len(both))
+    ours, gain = policy.object_velocity, baseline.object_velocity - policy.object_velocity
+    scenario = policy.scenario
+    contacts = np.maximum(baseline.contact_count, policy.contact_count)
+
+    def at(share: float, values: NDArray[np.float64]) -> int:
+        """Return where the `share`-quantile is, the lower one of two."""
+        order = touched[np.argsort(values[touched], kind="stable")]
+        return int(order[round(share * (len(order) - 1) - 1e-9)])
+
+    def largest(values: NDArray[np.float64] | NDArray[np.int64]) -> int:
+        return int(touched[np.argmax(values[touched])])
+
+    if both.any():
+        yield "a typical scenario: the policy's V_p is the median", at(0.5, ours)
+        yield "the policy's largest gain on the baseline", largest(gain)
+        worst = largest(-gain)
+        yield f"the policy's {'largest loss to' if gain[worst] < 0.0 else 'smallest gain on'} the baseline", worst
+        yield "the policy's best: its lowest V_p", largest(-ours)
+        yield "the policy's worst: its highest V_p", largest(ours)
+        if contacts[touched].max() > 1:
+            yield "most contacts: it is hit again and again", largest(contacts)
+        yield "the highest contact force", largest(np.maximum(baseline.peak_force, policy.peak_force))
+    for field, least, most in (
+        ("object_mass", "the lightest object", "the heaviest object"),
+        ("contact_stiffness", "the softest contact", "the stiffest contact"),
+        ("distance", "the nearest object", "the farthest object"),
+    ):
+        yield least, largest(-scenario[field])
+        yield most, largest(scenario[field])
+    if policy.missed.any():
+        yield "missed by the policy", int(np.argmax(policy.missed))
+    elif baseline.missed.any():
+        yield "missed by the baseline", int(np.argmax(baseline.missed))

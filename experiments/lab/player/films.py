@@ -1,0 +1,189 @@
+"""Scenarios played again with their traces, thinned to what the eye needs and put on one clock."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.evaluate.stage import TEST_SEED, Controller, Episodes
+from experiments.lab.player.clock import clock
+from experiments.lab.player.coasting import coast
+from experiments.lab.player.thinning import thin
+from impact_gym.envs.evaluation_sets import EvaluationSet
+from impact_gym.envs.render_chain import DENSITY, LARGEST_RADIUS, rest_length
+from impact_gym.envs.render_history import History
+from impact_gym.envs.single import ImpactApproachEnv
+from impact_gym.envs.task import Task
+from impact_gym.scene import Bistable, Rigid, SpringDamper
+
+COLUMNS = (
+    "time",
+    "flange_position",
+    "tool_position",
+    "object_position",
+    "flange_velocity",
+    "tool_velocity",
+    "object_velocity",
+    "contact_force",
+)
+DECIMALS = (7, 7, 7, 7, 5, 5, 5, 5)  # s, m, m/s, N: a stiff contact lasts 0.1 ms and is 1 um deep
+AFTER = 0.15  # s, shown after the last separation
+
+Columns = dict[str, NDArray[np.float64]]
+
+
+@dataclass(frozen=True)
+class Run:
+    """One contestant in one scenario."""
+
+    history: History
+    info: dict[str, Any]
+
+    @property
+    def contacts(self) -> list[tuple[float, float]]:
+        """Start and end of each contact, s; one that goes on ends with the trace."""
+        return [
+            (float(start), float(min(end, self.history.now)))
+            for start, end in zip(self.history.touches, self.history.partings, strict=True)
+        ]
+
+    def until(self, end: float) -> Columns:
+        """Return the time histories up to `end` (s).
+
+        Where the trace is shorter it is continued by `coast`.
+        """
+        columns = {name: self.history.columns[name] for name in COLUMNS}
+        if end > self.history.now:
+            columns = coast(columns, end, self.history.task)
+        time = columns["time"]
+        before = (time < end) & np.append(True, np.diff(time) > 0.0)  # a trace has its corners twice
+        return {name: np.append(column[before], np.interp(end, time, column)) for name, column in columns.items()}
+
+
+def films(
+    contestants: Mapping[str, Controller],
+    numbers: Mapping[str, int],
+    played: Mapping[str, Episodes],
+    *,
+    seed: int = TEST_SEED,
+    frozen: EvaluationSet | None = None,
+    environment: Mapping[str, Any] | None = None,
+    time_weight: float | Mapping[str, float] = 2.0,
+    rounding: float = 0.0,
+) -> dict[str, Any]:
+    """Return what `fragment` shows: per scenario the clock and the thinned traces of all contestants, as plain JSON.
+
+    Args:
+        contestants: by name, the baseline first.
+        numbers: of scenarios, by what is said of them, as `choose` returns.
+        played: what they were judged by, under the same names: `Stage(...).play(...)`.
+        seed: of the set's scenario 0; a frozen set brings its own.
+        frozen: the set from which the scenarios were taken, if they were not drawn.
+        environment: arguments of the environment but for its time weight.
+        time_weight: m/s per s, for all or by name.
+        rounding: m/s by which V_p of a controller may differ whose action for an observation depends on others in its
+            batch (a matrix product of BLAS rounds so); 0 for policies and rules of this project.
+
+    Raises:
+        RuntimeError: a replay differs from what was judged.
+    """
+    options = {"scenario": "test", **(environment or {})}
+    options.pop("time_weight", None)
+    task = Task(**options)
+    scenes = []
+    for label, number in numbers.items():
+        runs = {}
+        for name, controller in contestants.items():
+            weight = time_weight[name] if isinstance(time_weight, Mapping) else time_weight
+            record: dict[str, float] = {"time_weight": weight}
+            if frozen is not None:
+                record |= {field: float(values[number]) for field, values in frozen.scenario.items()}
+            runs[name] = play(controller, frozen.seed if frozen else seed, number, record, options, task)
+            judged, found = float(played[name].object_velocity[number]), runs[name].info["object_velocity"]
+            if abs(found - judged) > rounding:
+                raise RuntimeError(
+                    f"scenario {number}: the replay of {name!r} leaves the object at {found!r} m/s, "
+                    f"but it was judged by {judged!r} m/s"
+                )
+        scenes.append({"label": label, "number": number, **_scene(runs)})
+    return {"contestants": list(contestants), "chain": _chain(task), "columns": list(COLUMNS), "scenes": scenes}
+
+
+def play(
+    controller: Controller,
+    seed: int,
+    number: int,
+    record: Mapping[str, float],
+    options: Mapping[str, Any],
+    task: Task,
+) -> Run:
+    """Play scenario `number` as `Stage` does, in a batch of one, with its trace to the end of the settling."""
+    env = ImpactApproachEnv(record_trace=True, **options)
+    observation, _ = env.reset(seed=seed + number, options={"record": dict(record)})
+    state, start, ended = None, np.ones(1, np.bool_), False
+    info: dict[str, Any] = {}
+    while not ended:
+        actions, state = controller.predict(observation[None], state=state, episode_start=start, deterministic=True)
+        observation, _, terminated, truncated, info = env.step(np.asarray(actions)[0])
+        start, ended = np.zeros(1, np.bool_), terminated or truncated
+    if info["status"] != "ok":
+        raise RuntimeError(f"scenario {number}: {info['status']}")
+    return Run(History(env.trace(), info, task, ended=True), info)
+
+
+def _scene(runs: Mapping[str, Run]) -> dict[str, Any]:
+    """Return one scenario: its clock, the scales that all panels share, and the contestants' histories."""
+    contacts = [contact for run in runs.values() for contact in run.contacts]
+    ends = [run.contacts[-1][1] + AFTER if run.contacts else run.history.now for run in runs.values()]
+    end = round(max(ends), DECIMALS[0])
+    histories = {name: run.until(end) for name, run in runs.items()}
+    speeds = [abs(columns[f"{body}_velocity"]).max() for columns in histories.values() for body in _BODIES]
+    depths = [(columns["tool_position"] - columns["object_position"]).max() for columns in histories.values()]
+    limits = {
+        "force": max(float(columns["contact_force"].max()) for columns in histories.values()),
+        "speed": max(1e-3, *map(float, speeds)),
+        "lowest": min(float(columns[f"{body}_velocity"].min()) for columns in histories.values() for body in _BODIES),
+        "depth": max(0.0, *map(float, depths)),
+        "farthest": max(float(columns["object_position"].max()) for columns in histories.values()),
+        "rearmost": min(float(columns["flange_position"].min()) for columns in histories.values()),
+    }
+    scenario = next(iter(runs.values())).info["scenario"]
+    return {
+        "scenario": scenario,
+        "radius": float(min(np.cbrt(0.75 * scenario["object_mass"] / (np.pi * DENSITY)), LARGEST_RADIUS)),
+        "end": end,
+        "clock": clock(contacts, end),
+        "limits": limits,
+        "runs": [_run(name, run, histories[name], limits) for name, run in runs.items()],
+    }
+
+
+_BODIES = ("flange", "tool", "object")
+
+
+def _run(name: str, run: Run, columns: Columns, limits: Mapping[str, float]) -> dict[str, Any]:
+    alarm = run.history.alarm
+    fields = ("object_velocity", "approach_time", "peak_force", "contact_count", "missed")
+    contacts = [[round(instant, DECIMALS[0]) for instant in contact] for contact in run.contacts]
+    kept = thin(columns, limits)
+    kept = kept[np.append(True, np.diff(np.round(columns["time"][kept], DECIMALS[0])) > 0.0)]
+    rows = {key: np.round(columns[key][kept], digits).tolist() for key, digits in zip(COLUMNS, DECIMALS, strict=True)}
+    return {
+        "name": name,
+        **{field: run.info[field] for field in fields},
+        "contacts": contacts,
+        "alarm": round(float(alarm), DECIMALS[0]) if np.isfinite(alarm) else None,
+        "rows": list(rows.values()),
+    }
+
+
+def _chain(task: Task) -> dict[str, Any]:
+    """Return what holds the tool, m."""
+    coupling = task.coupling
+    kind = {SpringDamper: "spring", Bistable: "bistable", Rigid: "rigid"}[type(coupling)]
+    chain = {"coupling": kind, "rest": rest_length(task), "compliant_robot": task.robot is not None}
+    if isinstance(coupling, Bistable):
+        chain |= {"height": coupling.height, "front_stop": coupling.front_stop, "rear_stop": coupling.rear_stop}
+    return chain

@@ -1,0 +1,196 @@
+"""The films show what was judged."""
+
+import itertools
+import json
+import re
+
+import numpy as np
+import pytest
+from watched import COUPLINGS, TEST_SET, columns, shown
+
+from agents import load_policy
+from agents.baselines import ConstantSpeed, PaperTrapezoid
+from agents.evaluate.stage import Episodes, Stage
+from experiments.lab.player import choose, films, fragment
+from experiments.lab.player.clock import LEVELS, SHOWN, clock
+from experiments.lab.player.films import COLUMNS, play
+from experiments.lab.player.thinning import FORCE, MOST, POSITION, VELOCITY, thin
+from impact_gym.envs.task import HORIZON, Task
+
+
+@pytest.fixture(scope="module", params=COUPLINGS)
+def film(request):
+    return shown(**COUPLINGS[request.param])
+
+
+def every_run(film):
+    return [(scene, run, columns(run)) for scene in film["scenes"] for run in scene["runs"]]
+
+
+def test_a_film_shows_the_episode_that_was_judged(film):
+    content, played = film
+    for scene, run, rows in every_run(content):
+        judged, number = played[run["name"]], scene["number"]
+        assert run["object_velocity"] == judged.object_velocity[number]
+        assert rows["object_velocity"][-1] == pytest.approx(run["object_velocity"], abs=0.6e-5)  # as it is rounded
+        assert run["contacts"][0][0] == pytest.approx(judged.approach_time[number], abs=0.6e-7)
+        assert len(run["contacts"]) == judged.contact_count[number]
+        allowed = FORCE * scene["limits"]["force"] + 1e-5
+        assert rows["contact_force"].max() == pytest.approx(judged.peak_force[number], abs=allowed)
+        assert scene["scenario"] == {name: values[number] for name, values in TEST_SET.scenario.items()}
+
+
+def test_time_rises_and_the_bodies_overlap_in_contacts_only(film):
+    for scene, run, rows in every_run(film[0]):
+        time = rows["time"]
+        assert (time[0], time[-1]) == (0.0, scene["end"])
+        assert (np.diff(time) > 0.0).all()
+        touching = np.zeros(len(time), np.bool_)
+        for start, end in run["contacts"]:
+            touching |= (time > start) & (time < end)
+        assert touching.any()
+        assert (rows["tool_position"] <= rows["object_position"])[~touching].all()
+        assert (rows["tool_position"] >= rows["object_position"])[touching].all()
+        assert (rows["tool_position"] > rows["object_position"]).any()
+        assert (rows["contact_force"][~touching] == 0.0).all()
+        assert rows["object_position"][0] == pytest.approx(scene["scenario"]["distance"], abs=0.6e-7)
+
+
+def test_what_is_left_of_a_trace_still_obeys_momentum_and_kinematics(film):
+    for scene, run, rows in every_run(film[0]):
+        limits, time = scene["limits"], rows["time"]
+        touched = sum(end - start for start, end in run["contacts"])
+        impulse = np.trapezoid(rows["contact_force"], time)
+        speed_error = VELOCITY * limits["speed"]
+        momentum = scene["scenario"]["object_mass"] * run["object_velocity"]
+        assert impulse == pytest.approx(momentum, abs=FORCE * limits["force"] * touched + 1e-4 * momentum)
+        for body in ("flange", "tool", "object"):
+            way = np.trapezoid(rows[f"{body}_velocity"], time)
+            allowed = speed_error * scene["end"] + 2.0 * POSITION * limits["farthest"]
+            assert way == pytest.approx(rows[f"{body}_position"][-1] - rows[f"{body}_position"][0], abs=allowed)
+
+
+def test_thinning_keeps_within_what_it_allows():
+    run = play(PaperTrapezoid(), TEST_SET.seed, 2, {"time_weight": 2.0}, {}, Task())
+    rows = run.until(run.history.now)
+    limits = {"farthest": 0.5, "speed": 1.0, "force": rows["contact_force"].max(), "depth": 1e-3}
+    kept = thin(rows, limits)
+    assert len(kept) < len(rows["time"]) / 3
+    assert len(kept) < MOST
+    for name, allowed in (("tool_position", POSITION * 0.5), ("tool_velocity", VELOCITY), ("contact_force",
+                          FORCE * limits["force"])):  # fmt: skip
+        again = np.interp(rows["time"], rows["time"][kept], rows[name][kept])
+        assert np.abs(again - rows[name]).max() <= allowed * (1.0 + 1e-9)
+
+
+@pytest.mark.parametrize("coupling", COUPLINGS)
+def test_a_trace_cut_short_is_continued_as_the_simulator_does(coupling):
+    task, moved = Task(**COUPLINGS[coupling]), []
+    for number in range(20):
+        run = play(PaperTrapezoid(), TEST_SET.seed, number, {"time_weight": 2.0}, COUPLINGS[coupling], task)
+        history, whole = run.history, dict(run.history.columns)
+        busy = (whole["flange_velocity"] != 0.0) | (whole["contact_force"] > 0.0)
+        cut = np.flatnonzero(busy)[-1] + 2
+        if cut > len(whole["time"]) - 5:
+            continue  # the trace ends with the motion
+        history.columns = {name: column[:cut] for name, column in whole.items()}
+        history.now = history.columns["time"][-1]
+        again = run.until(whole["time"][-1])
+        assert again["time"][-1] == whole["time"][-1] > history.now
+        for name in COLUMNS:
+            assert again[name][-1] == pytest.approx(whole[name][-1], abs=1e-7), name
+        moved.append(np.ptp(whole["tool_position"][cut:]))
+    assert len(moved) >= 5
+    assert max(moved) > 1e-3 or coupling == "rigid"
+
+
+def test_a_replay_that_differs_from_what_was_judged_is_refused():
+    stage = Stage.of("test", 3, time_weight=[2.0])
+    played = {"paper": stage.play(PaperTrapezoid())}
+    with pytest.raises(RuntimeError, match=r"scenario 1: the replay of 'paper' leaves the object at .* judged by"):
+        films({"paper": load_policy("linear-blind")}, {"one": 1}, played, frozen=TEST_SET)
+    played["paper"].object_velocity[1] += 1e-9
+    with pytest.raises(RuntimeError, match="scenario 1"):
+        films({"paper": PaperTrapezoid()}, {"one": 1}, played, frozen=TEST_SET)
+    assert films({"paper": PaperTrapezoid()}, {"one": 1}, played, frozen=TEST_SET, rounding=2e-9)["scenes"]
+
+
+def test_a_dozen_scenarios_of_two_contestants_are_small(film):
+    content = film[0]
+    assert len(content["scenes"]) >= 8
+    assert len(json.dumps(content)) * 13 / len(content["scenes"]) < 1.5e6
+    assert max(len(run["rows"][0]) for _, run, _ in every_run(content)) <= MOST
+
+
+def made_up(rng, scenario, count=300):
+    return Episodes(rng.uniform(0.1, 2.0, count), rng.uniform(0.2, 0.6, count), rng.uniform(1.0, 99.0, count),
+                    rng.integers(1, 3, count), np.zeros(count, np.bool_), scenario)  # fmt: skip
+
+
+def test_what_is_chosen_is_what_its_phrase_says():
+    rng = np.random.default_rng(0)
+    scenario = {name: rng.uniform(0.1, 1.0, 300) for name in TEST_SET.scenario}
+    baseline, policy = made_up(rng, scenario), made_up(rng, scenario)
+    policy.missed[7], policy.object_velocity[7], baseline.contact_count[11] = True, 0.0, 5
+    chosen = choose(baseline, policy)
+    assert 10 <= len(chosen) <= 14
+    assert len(set(chosen.values())) == len(chosen)
+    there = np.arange(300) != 7
+
+    def find(phrase):
+        (number,) = (number for text, number in chosen.items() if phrase in text.lower())
+        return number
+
+    assert np.sum(policy.object_velocity[there] < policy.object_velocity[find("median")]) == 149
+    extremes = [
+        (policy.object_velocity, "lowest v_p", "highest v_p"),
+        (baseline.object_velocity - policy.object_velocity, "largest loss", "largest gain"),
+        (np.maximum(baseline.peak_force, policy.peak_force), None, "highest contact force"),
+        (scenario["object_mass"], "lightest", "heaviest"),
+        (scenario["contact_stiffness"], "softest", "stiffest"),
+        (scenario["distance"], "nearest", "farthest"),
+    ]
+    for values, least, most in extremes:
+        assert least is None or values[find(least)] == values[there].min()
+        assert values[find(most)] == values[there].max()
+    assert find("most contacts") == 11
+    assert find("missed by the policy") == 7
+
+
+def test_a_miss_is_shown_as_one():
+    stage, slow = Stage.of("test", 20, time_weight=[2.0]), ConstantSpeed(0.05)
+    played = {"paper": stage.play(PaperTrapezoid()), "slow": stage.play(slow)}
+    chosen = choose(*played.values())
+    assert played["slow"].missed.all()
+    assert any("missed by the policy" in text.lower() for text in chosen)
+    assert not any("v_p" in text.lower() for text in chosen)
+    content = films({"paper": PaperTrapezoid(), "slow": slow}, chosen, played, frozen=TEST_SET)
+    for scene in content["scenes"]:
+        assert scene["runs"][1]["missed"]
+        assert scene["runs"][1]["contacts"] == []
+        assert scene["end"] == pytest.approx(HORIZON)
+
+
+def test_scenarios_are_the_same_or_nothing_is_chosen():
+    rng = np.random.default_rng(0)
+    one, other = ({name: rng.uniform(0.1, 1.0, 300) for name in TEST_SET.scenario} for _ in range(2))
+    with pytest.raises(ValueError, match="same scenarios"):
+        choose(made_up(rng, one), made_up(rng, other))
+
+
+@pytest.mark.parametrize("length", [2e-4, 4e-3, 0.05])
+def test_a_contact_lasts_long_enough_in_the_film_to_be_seen(length):
+    stretches = clock([(0.3, 0.3 + length)], 0.6)
+    assert stretches[0] == [0.0, 4]
+    starts = [start for start, _ in stretches]
+    assert starts == sorted(set(starts))
+    (slower,) = (slower for (start, slower), (end, _) in itertools.pairwise([*stretches, [0.6, 0]])
+                 if start <= 0.3 and end >= 0.3 + length)  # fmt: skip
+    assert slower * length >= SHOWN or slower == LEVELS[-1]
+
+
+def test_names_cannot_leave_their_script(film):
+    page = fragment(film[0])
+    assert page.count("</script>") == 2  # the data's and the code's
+    data = re.search(r'<script type="application/json"[^>]*>(.*?)</script>', page, re.DOTALL)
+    assert json.loads(data[1]) == json.loads(json.dumps(film[0]))
