@@ -6,7 +6,7 @@ SMALL := $(VENV)/installed-for-report
 EXTRAS := train report robot render zoo peers cluster dev
 
 .DEFAULT_GOAL := help
-.PHONY: help setup report test train train-all controller tune bars search figures cost bench speed stability fidelity lint
+.PHONY: help setup report test train train-all controller tune search figures cost bench speed stability fidelity lint
 
 help:  ## list what can be made
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "make %-9s %s\n", $$1, $$2}'
@@ -53,11 +53,7 @@ train-all: setup  ## train ten seeds of three set-ups and ship the medians; goes
 	$(BIN)/python -m agents.train_seeds
 
 tune: setup  ## tune the baselines and search the clairvoyant bound; goes on where it was stopped
-	$(BIN)/python -m agents.tune
-	$(BIN)/python -m agents.baselines.bound
-
-bars: setup  ## play every shipped seed and every baseline on the test set and write reports/bars/bars.md
-	$(BIN)/python -m experiments.bars
+	$(BIN)/python -m agents.tune --bound
 
 controller: setup  ## tune, train, report and export for SETUP=my.toml into OUT=runs/NAME; QUICK=1 for a first look
 	$(BIN)/python -m agents.controller $(SETUP) --out $(or $(OUT),runs/$(basename $(notdir $(SETUP)))$(if $(QUICK),-quick)) $(if $(QUICK),--quick)

@@ -10,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
+from operator import attrgetter
 from pathlib import Path
 
 import tyro
@@ -18,7 +19,7 @@ from agents.setup import check
 from agents.setups import Setup, load_setup
 from impact_gym.files import whole_file
 
-MADE_FOR = ("environment", "training", "tuned", "budget")
+MADE_FOR = attrgetter("environment", "training", "tuned", "budget", "evaluation.weights")
 QUICK_BUDGET, QUICK_STEPS, QUICK_SEEDS = 320, 1_000_000, 3
 
 
@@ -36,13 +37,14 @@ class Wanted:
     processes: int = 2
     """Tunings and trainings at a time on this machine; each uses one core."""
     cluster: str | None = None
-    """Train and play on this Ray cluster instead: "ray" for the one that runs here, or its address."""
+    """Tune, train and play on this Ray cluster instead: "ray" for the one that runs here, or its address."""
 
 
 def kept(setup: Setup, out: Path, quick: bool = False) -> Path:
     """Return the copy of the set-up's file in `out`, by which every stage goes.
 
-    Words, rivals and the bound may change from one run to the next, but nothing that what is there was made for.
+    Words, rivals, the bound and what is varied may change from one run to the next, but nothing that what is there was
+    made for.
 
     Raises:
         ValueError: the folder holds something else.
@@ -56,7 +58,7 @@ def kept(setup: Setup, out: Path, quick: bool = False) -> Path:
         raise ValueError(f"{out} holds something else ({there[0].name}): name another folder with --out")
     if copy.is_file():
         before = load_setup(copy)
-        if any(getattr(before, name) != getattr(setup, name) for name in MADE_FOR):
+        if MADE_FOR(before) != MADE_FOR(setup):
             raise ValueError(f"{out} holds results of {copy.name} as it was: it has changed since, name another folder")
         if sign.exists() != quick:
             kind = "a quick look" if sign.exists() else "the whole"
@@ -73,14 +75,15 @@ def stages(copy: Path, wanted: Wanted) -> Iterator[list[str]]:
     out, setup, name = wanted.out, load_setup(copy), copy.stem
     elsewhere = ["--cluster", wanted.cluster] if wanted.cluster else []
     at_a_time = ["--processes", str(wanted.processes)]
-    less: dict[str, list[str]] = {"tune": [], "many": [], "report": []}
+    less: dict[str, list[str]] = {"tune": ["--bound"] if setup.bound == name else [], "seeds": [], "report": []}
     if wanted.quick:
         less["tune"] = ["--scenarios", "100", "--budget", f"{min(QUICK_BUDGET, setup.budget)}"]
-        less["many"] = ["--seeds", f"{min(QUICK_SEEDS, setup.seeds)}", "--steps", f"{QUICK_STEPS}"]
+        less["seeds"] = ["--seeds", f"{min(QUICK_SEEDS, setup.seeds)}", "--steps", f"{QUICK_STEPS}"]
         less["report"] = ["--count", "200"]
-    yield ["-m", "agents.tune", f"{copy}", "--out", f"{out / 'tuned'}", *at_a_time, *less["tune"]]
+    yield ["-m", "agents.tune", f"{copy}", "--out", f"{out / 'tuned'}", "--jobs", f"{out / 'searches'}",
+           *at_a_time, *elsewhere, *less["tune"]]  # fmt: skip
     folders = ["--runs", f"{out / 'runs'}", "--policies", f"{out / 'policies'}"]
-    yield ["-m", "agents.train_seeds", f"{copy}", *folders, *at_a_time, *elsewhere, *less["many"]]
+    yield ["-m", "agents.train_seeds", f"{copy}", *folders, *at_a_time, *elsewhere, *less["seeds"]]
     page = ["--folder", f"{out}", "--out", f"{out / 'report'}", "--force"]
     yield ["-m", "experiments.report", f"{copy}", *page, *elsewhere, *less["report"]]
     yield ["-m", "agents.export", f"{out / 'policies' / f'{name}.npz'}", "--out", f"{out / 'export'}"]

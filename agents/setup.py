@@ -3,7 +3,8 @@
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import product
+from itertools import groupby, product
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,9 @@ import tyro
 from agents.baselines import PaperTrapezoid
 from agents.baselines.tuned import FIXED, names
 from agents.evaluate.stage import VALIDATION_SEED, Stage
-from agents.setups import Setup, known, load_setup, shipped
+from agents.setups import Setup, load_setup, shipped
+from agents.setups.evaluation import variants
+from agents.setups.keys import known
 from agents.train.settings import command, default_settings
 from impact_gym.envs import observation
 from impact_gym.envs.scenario import FIELDS, LOGARITHMIC, UNITS, Range
@@ -50,6 +53,7 @@ def check(setup: Setup, called: str) -> None:
             if ":" not in name:
                 known("baselines.against.", [name], there)
         known("baselines.bound.", [setup.bound], [setup.name, *shipped()])
+        known("evaluation.of.", [setup.evaluation.of], ["paper-trapezoid", *shipped()])
     except ValueError as error:
         raise ValueError(f"{setup.path}: {error}") from None
 
@@ -153,6 +157,12 @@ def lines(setup: Setup, called: str) -> Iterator[str]:
     yield "\ntrained by"
     yield f"  {command(default_settings(called))}"
     yield f"baselines: {', '.join(setup.against) or 'none'}; tuned here: {', '.join(setup.tuned)}"
+    yield "\nevaluation"
+    weights = ", ".join(f"{weight:g}" for weight in setup.evaluation.weights)
+    yield f"  on {setup.evaluation.scenarios:,} scenarios ({setup.evaluation.set}), time weights of {weights} m/s per s"
+    changes = groupby(variants(setup.evaluation, setup.environment), attrgetter("argument"))
+    varied = [f"{name} ({len([one for one in found if not one.same])})" for name, found in changes]
+    yield f"  changed one at a time, so many values each: {', '.join(varied) or 'nothing'}"
 
 
 def _impact(task: Task) -> Iterator[str]:

@@ -23,7 +23,7 @@ import tyro
 from agents.jobs import Job, JobsFailedError, Result, gather
 from agents.policies.policy import load_policy
 from agents.setups import README, load_setup
-from agents.train.run import resume, train, write_json
+from agents.train.run import made_for, resume, train, write_json
 from agents.train.settings import Settings, as_json, default_settings, from_json
 from impact_gym.files import whole_file
 from impact_gym.validation import whole
@@ -33,7 +33,7 @@ KEPT = {"config": "config.json", "best": "best.npz", "final": "final.npz", "metr
 
 
 @dataclass(frozen=True)
-class Many:
+class Seeds:
     """Train set-ups with several seeds each and ship the median seed of each by its score on the validation set."""
 
     setups: tyro.conf.Positional[tuple[str, ...]] = README
@@ -61,7 +61,7 @@ class Many:
             whole("steps", self.steps, at_least=1)
 
 
-def train_all(name: str, wanted: Many, settings: Settings) -> Path:
+def train_all(name: str, wanted: Seeds, settings: Settings) -> Path:
     """Train the seeds that are missing, and return the path of the median's policy.
 
     Raises:
@@ -76,10 +76,7 @@ def train_all(name: str, wanted: Many, settings: Settings) -> Path:
     for folder, one in zip(folders, asked_for, strict=True):
         _refuse_other_settings(folder, one)
     jobs = [
-        Job(
-            "agents.train_seeds:train_one",
-            {"settings": _plain(one), "folder": str(folder), "environment": _json(one.environment)},
-        )
+        Job("agents.train_seeds:train_one", {"settings": _plain(one), "folder": str(folder), **made_for(one)})
         for folder, one in zip(folders, asked_for, strict=True)
     ]
     processes = None if wanted.cluster else wanted.processes
@@ -100,10 +97,10 @@ def median(rows: list[dict[str, Any]]) -> dict[str, Any]:
     return sorted(rows, key=lambda row: (row["score"], row["seed"]))[len(rows) // 2]
 
 
-def train_one(settings: Mapping[str, Any], folder: str, environment: Mapping[str, Any] | None = None) -> Result:
+def train_one(settings: Mapping[str, Any], folder: str, **set_up: Any) -> Result:
     """Train in a run folder, or go on there, or find it done; return the bytes of the files in KEPT.
 
-    The `environment`, which the set-up that the settings name says, makes it another job where the set-up has changed.
+    What the set-up says beside the settings makes it another job where that has changed.
 
     Where the folder cannot be made, as on a node of a cluster without a common one, a temporary one takes its place.
     """
@@ -134,18 +131,15 @@ def _bytes(folder: Path) -> Result:
 def _refuse_other_settings(folder: Path, settings: Settings) -> None:
     with suppress(FileNotFoundError):
         record = json.loads((folder / "config.json").read_text())
-        if (record["settings"], record["environment"]) != (_plain(settings), _json(settings.environment)):
+        wanted = {"settings": _plain(settings), **made_for(settings)}
+        if any(record.get(name) != value for name, value in wanted.items()):
             other = f"{folder} was trained with other settings or for another environment"
             raise ValueError(f"{other}: remove it, or name another folder with --runs")
 
 
 def _plain(settings: Settings) -> dict[str, Any]:
     """Return the settings as JSON gives them back."""
-    return _json(as_json(settings))
-
-
-def _json(content: Mapping[str, Any]) -> dict[str, Any]:
-    plain: dict[str, Any] = json.loads(json.dumps(content))
+    plain: dict[str, Any] = json.loads(json.dumps(as_json(settings)))
     return plain
 
 
@@ -173,7 +167,7 @@ def _ship(folder: Path, path: Path) -> dict[str, Any]:
 def main() -> None:
     """Read from the command line what to train, and train it."""
     try:
-        wanted = tyro.cli(Many, prog="python -m agents.train_seeds")
+        wanted = tyro.cli(Seeds, prog="python -m agents.train_seeds")
         for setup in wanted.setups:
             settings = default_settings(setup)
             if wanted.steps is not None:

@@ -1,17 +1,14 @@
-"""Tune the baselines: `python -m agents.tune [SETUP ...]`, or `make tune`.
+"""Tune the baselines of set-ups: `python -m agents.tune my.toml`, or `make tune` for those that are shipped.
 
-Each is tuned for each time weight by CMA-ES, on scenarios of the training ranges that no evaluation uses, the same ones
-for all candidates. What was found goes to agents/tuned/NAME.json as soon as a weight is done; the same command goes on
-where it was stopped, and does nothing where all is done. What was tuned with other settings, or for an environment that
-has changed since, is tuned anew.
+Each baseline is tuned for each time weight of the set-up's evaluation, by CMA-ES on training scenarios; `--bound` also
+searches the clairvoyant bound. Each search is a job of `agents.jobs`: what is done is kept, and the same command goes
+on where it was stopped.
 """
 
-import multiprocessing
 import platform
 import shlex
 import sys
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -19,19 +16,21 @@ from typing import Any
 
 import numpy as np
 import tyro
-from tqdm import tqdm
 
+from agents.baselines import bound
 from agents.baselines.cmaes import minimise
 from agents.baselines.profile import BlindProfile, constant_deceleration
 from agents.baselines.rule import Floats
 from agents.baselines.tuned import RULES, read_tuned, write_tuned
-from agents.evaluate.stage import TUNING_SEED, Stage
+from agents.evaluate import TUNING_SEED, Stage
+from agents.jobs import Job, JobsFailedError, Result, digest_of, gather
 from agents.setups import Setup, load_setup, shipped
-from agents.setups.evaluation import WEIGHTS
 from impact_gym.validation import number, whole
 
 SETUPS = shipped()
 PACKAGES = ("impact-gym", "cma", "numpy", "scipy")
+SEARCHED = ("impact_gym", "agents.baselines", "agents.evaluate", "agents.tune")
+"""Sources that what a search finds depends on."""
 
 
 @dataclass(frozen=True)
@@ -42,8 +41,8 @@ class Tune:
     """Names or files; all that are shipped unless some are named."""
     names: tuple[str, ...] = ()
     """Of their baselines only these."""
-    weights: tuple[float, ...] = WEIGHTS
-    """What a second of approach costs, m/s per s."""
+    weights: tuple[float, ...] = ()
+    """What a second of approach costs, m/s per s; what the set-up says unless given."""
     scenarios: int = 300
     """Training scenarios that each candidate is played through."""
     budget: int | None = None
@@ -52,14 +51,20 @@ class Tune:
     """Of these in a generation: they are played together."""
     seed: int = 1
     """Of the search."""
+    bound: bool = False
+    """Search the clairvoyant bound of each set-up as well, unless its file says that another's holds for it."""
     processes: int = 2
-    """Weights at a time; each uses one core."""
+    """Searches at a time on this machine, each on one core; 0: none but this process."""
+    cluster: str | None = None
+    """Search on this Ray cluster instead: "ray" for the one that runs here, or its address."""
     out: Path | None = None
     """Folder of the files; that of the shipped ones unless given, for a set-up from a file runs/NAME/tuned."""
+    jobs: Path = Path("runs/tune")
+    """Folder where finished searches are kept."""
 
     def __post_init__(self) -> None:
-        for name in ("scenarios", "processes"):
-            whole(name, getattr(self, name), at_least=1)
+        whole("scenarios", self.scenarios, at_least=1)
+        whole("processes", self.processes, at_least=0)
         if self.budget is not None:
             whole("budget", self.budget, at_least=1)
         whole("population", self.population, at_least=4)
@@ -82,6 +87,10 @@ class Tune:
                     found[name] = setup
         return found
 
+    def weights_of(self, setup: Setup) -> tuple[float, ...]:
+        """Return the time weights, m/s per s."""
+        return self.weights or setup.evaluation.weights
+
     def search(self, setup: Setup) -> dict[str, int]:
         """Return what the result depends on."""
         budget = setup.budget if self.budget is None else self.budget
@@ -91,30 +100,34 @@ class Tune:
         """Return where the files of a set-up are."""
         return setup.folder / "tuned" if self.out is None else self.out
 
+    def done(self, jobs: list[Job], title: str) -> Iterator[tuple[int, Result]]:
+        """Do jobs; yield places and results as they come."""
+        processes = None if self.cluster else self.processes
+        return gather(jobs, self.jobs, processes=processes, cluster=self.cluster, title=title)
+
 
 def tune(wanted: Tune) -> list[Path]:
     """Tune what is missing, and return the paths of the files."""
     setups = wanted.baselines()
-    done = {name: _done(name, setup, wanted) for name, setup in setups.items()}
-    missing = [(name, weight) for name in setups for weight in wanted.weights if f"{weight:g}" not in done[name]]
-    context = multiprocessing.get_context("spawn")
-    tqdm.set_lock(context.RLock())
-    with ProcessPoolExecutor(wanted.processes, context, tqdm.set_lock, (tqdm.get_lock(),)) as pool:
-        jobs = {pool.submit(tune_one, name, setups[name], weight, wanted): (name, weight) for name, weight in missing}
-        try:
-            for job in as_completed(jobs):
-                name, weight = jobs[job]
-                done[name][f"{weight:g}"] = job.result()
-                write_tuned(name, done[name], setups[name], wanted.folder(setups[name]))
-                tqdm.write(_sentence(name, setups[name], f"{weight:g}", job.result()))
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
+    found = {name: _kept(name, setup, wanted) for name, setup in setups.items()}
+    missing = [
+        (name, weight)
+        for name, setup in setups.items()
+        for weight in wanted.weights_of(setup)
+        if f"{weight:g}" not in found[name]
+    ]
+    depends = digest_of(*SEARCHED) if missing else ""
+    jobs = [Job("agents.tune:tune_one", _arguments(setups[name], name, w, wanted), depends) for name, w in missing]
+    for place, result in wanted.done(jobs, "tuning"):
+        name, weight = missing[place]
+        setup = setups[name]
+        found[name][f"{weight:g}"] = as_json(name, setup, weight, wanted.search(setup), result)
+        write_tuned(name, found[name], setup, wanted.folder(setup))
     return [wanted.folder(setup) / f"{name}.json" for name, setup in setups.items()]
 
 
-def _done(name: str, setup: Setup, wanted: Tune) -> dict[str, Any]:
-    """What an earlier run found for each weight, with these settings and in today's environment."""
+def _kept(name: str, setup: Setup, wanted: Tune) -> dict[str, Any]:
+    """What a file has for each weight, with these settings and for today's environment."""
     if not (wanted.folder(setup) / f"{name}.json").is_file():
         return {}
     try:
@@ -128,41 +141,49 @@ def _done(name: str, setup: Setup, wanted: Tune) -> dict[str, Any]:
     return same
 
 
-def tune_one(name: str, setup: Setup, weight: float, wanted: Tune) -> dict[str, Any]:
-    """Return what was found for one weight, its scores and how it came about."""
-    rule, search = RULES[setup.tuned[name].rule], wanted.search(setup)
-    population, scenarios = wanted.population, wanted.scenarios
-    options = {"scenario": "train", **setup.environment, "rtol": setup.tuned[name].rtol}
+def _arguments(setup: Setup, name: str, weight: float, wanted: Tune) -> dict[str, Any]:
+    rule, rtol = setup.tuned[name]
+    return {
+        "rule": rule, "environment": dict(setup.environment), "weight": weight, "rtol": rtol, **wanted.search(setup),
+    }  # fmt: skip
+
+
+def tune_one(
+    rule: str,
+    environment: Mapping[str, Any],
+    weight: float,
+    rtol: float,
+    scenarios: int,
+    budget: int,
+    population: int,
+    seed: int,
+) -> Result:
+    """Return the best parameters (k,) of a rule at one weight, its scores and how many generations that took."""
+    kind = RULES[rule]
+    options = {"scenario": "train", **environment, "rtol": rtol}
     stage = Stage(TUNING_SEED, scenarios, population, [weight] * population, threads=1, **options)
 
     def losses(candidates: Floats) -> Floats:
-        played = stage.play(rule.of(np.repeat(candidates[:, 0], scenarios, axis=0)).for_environment(setup.environment))
+        played = stage.play(kind.of(np.repeat(candidates[:, 0], scenarios, axis=0)).for_environment(environment))
         return played.loss(weight).reshape(population, scenarios).mean(axis=1)[:, None]
 
-    generations = -(-search["budget"] // population)
-    with tqdm(total=generations, desc=f"{name} at {weight:g}", leave=False, disable=None) as bar:
-
-        def told(loss: float) -> None:
-            bar.set_postfix_str(f"{loss:.4f} m/s", refresh=False)
-            bar.update()
-
-        found = minimise(losses, rule.PARAMETERS, 1, population, generations, wanted.seed, told)
-    best = found.parameters[0].tolist()
+    found = minimise(losses, kind.PARAMETERS, 1, population, -(-budget // population), seed)
+    best = found.parameters[0]
+    validation = scores(rule, environment, weight, best)
     return {
-        "parameters": {one.name: value for one, value in zip(rule.PARAMETERS, best, strict=True)},
-        "train": float(found.loss[0]),
-        "validation": scores(name, setup, weight, best),
-        "generations": found.generations,
-        "search": search,
-        "command": command(name, setup, weight, search),
-        "versions": {"python": platform.python_version()} | {package: version(package) for package in PACKAGES},
+        "parameters": best,
+        "train": found.loss,
+        "generations": np.array([found.generations]),
+        **{name: np.array([value]) for name, value in validation.items()},
     }
 
 
-def scores(name: str, setup: Setup, weight: float, parameters: Any, frozen: str = "validation") -> dict[str, float]:
+def scores(
+    rule: str, environment: Mapping[str, Any], weight: float, parameters: Any, frozen: str = "validation"
+) -> dict[str, float]:
     """Return the means over a frozen set."""
-    stage = Stage.of(frozen, time_weight=[weight], threads=1, **setup.environment)
-    played = stage.play(RULES[setup.tuned[name].rule].of(parameters).for_environment(setup.environment))
+    stage = Stage.of(frozen, time_weight=[weight], threads=1, **environment)
+    played = stage.play(RULES[rule].of(parameters).for_environment(environment))
     return {
         "loss": float(played.loss(weight).mean()),
         "object_velocity": float(played.object_velocity.mean()),
@@ -171,7 +192,41 @@ def scores(name: str, setup: Setup, weight: float, parameters: Any, frozen: str 
     }
 
 
-def command(name: str, setup: Setup, weight: float, search: dict[str, int]) -> str:
+def as_json(name: str, setup: Setup, weight: float, search: Mapping[str, int], result: Result) -> dict[str, Any]:
+    """Return what a file keeps of what was found for one weight: its scores and how it came about."""
+    rule = RULES[setup.tuned[name].rule]
+    return {
+        "parameters": {one.name: v for one, v in zip(rule.PARAMETERS, result["parameters"].tolist(), strict=True)},
+        "train": result["train"].item(),
+        "validation": {key: result[key].item() for key in ("loss", "object_velocity", "approach_time", "missed")},
+        "generations": result["generations"].item(),
+        "search": dict(search),
+        "command": command(name, setup, weight, search),
+        "versions": {"python": platform.python_version()} | {package: version(package) for package in PACKAGES},
+    }
+
+
+def search_bounds(wanted: Tune) -> list[Path]:
+    """Search what is missing of the clairvoyant bounds, and return the paths of their files."""
+    found: dict[str, dict[float, Floats]] = {}
+    setups = {setup.name: setup for setup in map(load_setup, wanted.setups) if setup.bound == setup.name}
+    for name, setup in setups.items():
+        there = bound.path_of(setup, wanted.folder(setup)).is_file()
+        found[name] = bound.read_bound(setup, wanted.folder(setup)) if there else {}
+    missing = [(name, w) for name, setup in setups.items() for w in wanted.weights_of(setup) if w not in found[name]]
+    depends = digest_of(*SEARCHED) if missing else ""
+    jobs = [
+        Job("agents.baselines.bound:search", {"environment": dict(setups[n].environment), "time_weight": w}, depends)
+        for n, w in missing
+    ]
+    for place, result in wanted.done(jobs, "clairvoyant bound"):
+        name, weight = missing[place]
+        found[name][weight] = result["parameters"]
+        bound.write_bound(setups[name], found[name], wanted.folder(setups[name]))
+    return [bound.path_of(setup, wanted.folder(setup)) for setup in setups.values()]
+
+
+def command(name: str, setup: Setup, weight: float, search: Mapping[str, int]) -> str:
     """Return the command that finds it again."""
     words = ["python", "-m", "agents.tune", setup.called, "--names", name, "--weights", f"{weight:g}"]
     for option, value in search.items():
@@ -202,10 +257,10 @@ def main() -> None:
             print(path)
             for weight, found in read_tuned(name, path.parent, setup)["weights"].items():
                 print("  " + _sentence(name, setup, weight, found))
-    except ValueError as error:
+        for path in search_bounds(wanted) if wanted.bound else ():
+            print(path)
+    except (JobsFailedError, RuntimeError, ValueError) as error:
         sys.exit(f"agents.tune: {error}")
-    except BrokenProcessPool:
-        sys.exit("agents.tune: one of its processes was killed; the same command goes on")
     except KeyboardInterrupt:
         sys.exit("agents.tune: interrupted; the same command goes on")
 

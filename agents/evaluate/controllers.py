@@ -1,10 +1,10 @@
 """Controllers from plain data, so that a job can name one on another machine.
 
 `{"policy": ...}` holds a policy's file in base 64, `{"shipped": ...}` names one of the project's; `{"baseline": ...}`
-names one that is shipped or was tuned, with the checksum of its file beside it if wanted; `{"speed": ...}` is a
-constant speed, reached and left at 16 m/s^2, which a bistable mechanism still bears; `{"clairvoyant": ...}` what was
-found for each scenario of a set-up; `{"object": "module:name"}` anything with `predict`, or a function or class that
-returns it.
+names one that is shipped, `{"tuned": ...}` holds what the file of a tuned one says; `{"speed": ...}` is a
+constant speed, reached and left at 16 m/s^2, which a bistable mechanism still bears; `{"clairvoyant": ...}` holds by
+time weight what was found for each scenario of a set-up; `{"object": "module:name"}` anything with `predict`, or a
+function or class that returns it.
 """
 
 import base64
@@ -19,10 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents import load_policy
-from agents.baselines import ConstantSpeed
-from agents.baselines.bound import load_clairvoyant
+from agents.baselines import Clairvoyant, ConstantSpeed
 from agents.baselines.rule import Rule
-from agents.baselines.tuned import load_baseline, names, read_tuned, tuned_rule
+from agents.baselines.tuned import load_baseline, tuned_rule
 from agents.evaluate.stage import Controller
 from agents.policies.policy import Policy
 
@@ -42,31 +41,22 @@ def controller_of(
 
 
 def _made(spec: Mapping[str, Any], time_weight: float) -> Controller:
-    rest = {name: value for name, value in spec.items() if name != "sha256"}
-    ((kind, value),) = rest.items()
+    ((kind, value),) = spec.items()
     if kind == "policy":
         return _policy(value)
     if kind == "shipped":
         return load_policy(value)
     if kind == "baseline":
-        if spec.get("sha256", found := baseline_checksum(value)) != found:
-            raise ValueError(f"baseline {value!r} was tuned anew while this was under way")
         return load_baseline(value, time_weight)
     if kind == "tuned":
         return tuned_rule(value, time_weight)
     if kind == "speed":
         return ConstantSpeed(value, 16.0)
     if kind == "clairvoyant":
-        return load_clairvoyant(value, time_weight)
+        return Clairvoyant(value[f"{time_weight:g}"])
     if kind == "object":
         return _object(value)
     raise ValueError(f"no controller of the kind {kind!r}")
-
-
-def baseline_checksum(name: str) -> str:
-    """Return the checksum of a tuned baseline's file; empty for one that has no file."""
-    checksum: str = read_tuned(name)["sha256"] if name in names() else ""
-    return checksum
 
 
 @lru_cache(maxsize=64)

@@ -2,25 +2,28 @@
 
 A set-up is a TOML file. `[environment]` are the arguments of the environment, in which every physical number may be a
 pair (low, high), drawn per episode; `[training]` what differs from the defaults of `agents.train`; `[baselines]` the
-rules that are tuned for it and those it is compared with. Those in this folder are known by name.
+rules that are tuned for it and those it is compared with; `[evaluation]` at which time weights, on which scenarios, and
+what is varied to see whether policies hold. Those in this folder are known by name.
 """
 
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import dataclass, field
-from difflib import get_close_matches
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import gymnasium as gym
 
+from agents.setups.evaluation import Evaluation
+from agents.setups.keys import known, names, table, text
 from impact_gym.envs.task import Task
 from impact_gym.validation import number, whole
 
 SHIPPED = Path(__file__).resolve().parent
 VERSION = 1
+TABLES = ("environment", "training", "baselines", "evaluation")
 SEEDS = 10
 BUDGET = 4800  # candidates for each time weight, unless the file says otherwise
 SET_BY_OTHERS = ("time_weight", "privileged", "max_episode_steps")
@@ -51,6 +54,7 @@ class Setup:
     bound: str = ""  # set-up whose clairvoyant bound holds here, too
     budget: int = BUDGET  # of tuning
     seeds: int = SEEDS  # that are trained
+    evaluation: Evaluation = field(default_factory=Evaluation)
     path: Path = Path()
 
     def make(self, **more: Any) -> gym.Env[Any, Any]:
@@ -126,8 +130,8 @@ def _setup(path: Path, content: dict[str, Any]) -> Setup:
     version = content.get("version", VERSION)
     if version != VERSION:
         raise ValueError(f"version must be {VERSION}, got {version!r}: the set-up is one of another version of agents")
-    known("", content, ("version", "title", "about", "environment", "training", "baselines"))
-    environment, training, baselines = (_table(content, name) for name in ("environment", "training", "baselines"))
+    known("", content, ("version", "title", "about", *TABLES))
+    environment, training, baselines, evaluation = (table(content, name) for name in TABLES)
     arguments = [name for name, one in Task.__dataclass_fields__.items() if one.init and name not in SET_BY_OTHERS]
     known("environment.", environment, arguments)
     try:
@@ -135,7 +139,7 @@ def _setup(path: Path, content: dict[str, Any]) -> Setup:
     except (TypeError, ValueError) as error:
         raise ValueError(f"environment: {error}") from error
     known("baselines.", baselines, ("against", "tuned", "bound", "budget"))
-    given = _table(baselines, "tuned", "baselines.")
+    given = table(baselines, "tuned", "baselines.")
     usual = {f"{path.stem}-profile": "BlindProfile" if task.range_noise is None else "Ranged"}
     tuned = {name: _tuned(f"baselines.tuned.{name}", one) for name, one in (given or usual).items()}
     blind = [name for name, one in tuned.items() if one.rule == "Ranged" and task.range_noise is None]
@@ -145,49 +149,18 @@ def _setup(path: Path, content: dict[str, Any]) -> Setup:
         )
     return Setup(
         path.stem,
-        _text(content, "title", path.stem),
-        _text(content, "about", _text(content, "title", path.stem)),
+        text(content, "title", path.stem),
+        text(content, "about", text(content, "title", path.stem)),
         environment,
         training,
         tuned,
-        _names("baselines.against", baselines.get("against", list(tuned))),
-        _text(baselines, "bound", path.stem, "baselines."),
+        names("baselines.against", baselines.get("against", list(tuned))),
+        text(baselines, "bound", path.stem, "baselines."),
         whole("baselines.budget", baselines.get("budget", BUDGET), at_least=1),
         whole("training.seeds", training.get("seeds", SEEDS), at_least=1),
+        Evaluation.of_table(evaluation, environment),
         path,
     )
-
-
-def known(prefix: str, given: Iterable[str], allowed: Iterable[str]) -> None:
-    """Refuse the first key that is not allowed, and name the nearest that is."""
-    names = list(allowed)
-    for key in given:
-        if key not in names:
-            nearest = get_close_matches(key, names, 1)
-            meant = f"; did you mean {nearest[0]!r}?" if nearest else ""
-            raise ValueError(f"unknown key {prefix}{key!s}{meant} Known are {', '.join(names)}")
-
-
-def _table(content: Mapping[str, Any], name: str, prefix: str = "") -> dict[str, Any]:
-    table = content.get(name, {})
-    if not isinstance(table, dict):
-        raise ValueError(f"{prefix}{name} must be a table, [{prefix}{name}], got {table!r}")
-    return table
-
-
-def _text(content: Mapping[str, Any], name: str, otherwise: str, prefix: str = "") -> str:
-    text = content.get(name, otherwise)
-    if not isinstance(text, str) or not text:
-        raise ValueError(f"{prefix}{name} must be a text, got {text!r}")
-    return text
-
-
-def _names(field_name: str, given: Any) -> tuple[str, ...]:
-    if not isinstance(given, list) or not all(isinstance(one, str) for one in given):
-        raise ValueError(f"{field_name} must be a list of names, got {given!r}")
-    if len(set(given)) < len(given):
-        raise ValueError(f"{field_name} must not name one twice, got {given!r}")
-    return tuple(given)
 
 
 def _tuned(name: str, given: Any) -> Tuned:

@@ -1,3 +1,186 @@
-"""How a set-up is evaluated."""
+"""How a set-up is evaluated, the table `[evaluation]` of its file: at which weights, on which scenarios."""
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, fields, is_dataclass
+from typing import Any
+
+from agents.setups.keys import known, table
+from impact_gym.envs import evaluation_sets
+from impact_gym.envs.task import Task
+from impact_gym.validation import number, numbers, whole
 
 WEIGHTS = (0.7, 1.0, 2.0, 4.0)  # m/s per s
+SEEN_TO = ("scenario", "time_weight", "privileged", "max_episode_steps")
+"""Arguments of the environment that training and evaluation see to."""
+AS_TRAINED = "as trained"
+
+COMPLIANT = {"type": "Robot", "mass": 5.225, "stiffness": 1.5e5, "damping": 53.75}  # paper, section 4
+VARIED: Mapping[str, Any] = {
+    "reaction_delay": [0.0, 0.008, 0.016, 0.024, 0.032, 0.048, 0.064],
+    "alarm_threshold": [0.25, 0.5, 1.0, 2.0, 4.0],
+    "force_noise": [0.0, 0.5, 1.0, 2.0, 5.0],
+    "range_noise": [0.0, 0.005, 0.01, 0.02, 0.03],
+    "tool_mass": {"times": [0.7, 0.85, 1.0, 1.15, 1.3]},
+    "coupling.stiffness": {"times": [0.7, 0.85, 1.0, 1.15, 1.3]},
+    "coupling.front_stop": {"times": [0.5, 1.0, 2.0, 4.0]},
+    "robot": ["rigid", COMPLIANT],
+    "scenario": [AS_TRAINED, "hard"],
+}
+"""What is varied unless a file says otherwise; what a set-up does not have, such as an estimate, is left out."""
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """How a set-up is evaluated."""
+
+    weights: tuple[float, ...] = WEIGHTS
+    """Time weights, m/s per s: baselines are tuned for each, policies are validated and compared at each."""
+    curve: tuple[float, ...] = (0.3, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0)
+    """Those at which a policy is played for its trade-off, as far as it was trained for them."""
+    typical: float = 2.0
+    """Where one weight must do."""
+    set: str = "test"
+    """Frozen set of the report; an environment with a scenario of its own meets as many from its own ranges."""
+    scenarios: int = 2000
+    """How many of it."""
+    at_most: float | None = None
+    """What was to be reached: V_p over that of `of`, at an approach no later; None: nothing was."""
+    of: str = "paper-trapezoid"
+    """The paper's rule, or the set-up whose policy that is measured against."""
+    varied: Mapping[str, Any] = field(default_factory=lambda: VARIED)
+    """What is changed, one at a time, to see whether policies hold: arguments of the environment by dotted names, each
+    with a list of values or a table {times = [...]} of multiples; `scenario` with names of frozen sets."""
+
+    @classmethod
+    def of_table(cls, content: Mapping[str, Any], environment: Mapping[str, Any]) -> "Evaluation":
+        """Return what a file's table says for an environment.
+
+        Raises:
+            TypeError, ValueError: a key is unknown, a value out of range, or a change makes no environment; names it.
+        """
+        known("evaluation.", content, [one.name for one in fields(cls)])
+        given = dict(content)
+        for name in ("weights", "curve"):
+            if name in given:
+                given[name] = tuple(sorted(numbers(f"evaluation.{name}", given[name], "m/s per s", above=0)))
+                if not given[name] or len(set(given[name])) < len(given[name]):
+                    raise ValueError(f"evaluation.{name} must hold weights, none twice, got {content[name]!r}")
+        if "typical" in given:
+            given["typical"] = number("evaluation.typical", given["typical"], "m/s per s", above=0)
+        if "at_most" in given:
+            given["at_most"] = number("evaluation.at_most", given["at_most"], "(no unit)", above=0)
+        for name in ("set", "of"):
+            if not isinstance(given.get(name, ""), str):
+                raise ValueError(f"evaluation.{name} must be a name, got {given[name]!r}")
+        count = evaluation_sets.load(given.get("set", cls.set)).count
+        given["scenarios"] = whole(
+            "evaluation.scenarios", given.get("scenarios", min(cls.scenarios, count)), at_least=2
+        )
+        if given["scenarios"] > count:
+            raise ValueError(f"evaluation.scenarios must be at most the {count} of the set, got {given['scenarios']}")
+        if "varied" in given:
+            for name, values in table(content, "varied", "evaluation.").items():
+                list(changes(name, values, environment, strict=True))
+        return cls(**given)
+
+
+@dataclass(frozen=True)
+class Change:
+    """One change of an environment."""
+
+    argument: str  # dotted
+    label: str
+    value: float  # in the argument's unit, or a multiple; nan where it is no number
+    multiple: bool  # of what the environment has
+    environment: Mapping[str, Any]  # as changed
+    scenarios: str = ""  # the frozen set it is played on, if that is the change
+    same: bool = False  # it is no change
+
+
+def variants(evaluation: Evaluation, environment: Mapping[str, Any]) -> list[Change]:
+    """Return all changes that `evaluation` asks for and `environment` knows, argument by argument."""
+    return [one for name, values in evaluation.varied.items() for one in changes(name, values, environment)]
+
+
+def changes(name: str, values: Any, environment: Mapping[str, Any], strict: bool = False) -> Iterator[Change]:
+    """Yield the changes of one argument; what the environment does not have, or refuses, is left out.
+
+    Raises:
+        TypeError, ValueError: no list of values; or, where `strict`, an argument that there is not or a value that the
+            environment refuses. Names it.
+    """
+    where = f"evaluation.varied.{name}"
+    multiples = isinstance(values, Mapping)
+    if multiples:
+        known(f"{where}.", values, ("times",))
+    listed = values.get("times") if multiples else values
+    if not isinstance(listed, list) or not listed:
+        raise ValueError(f"{where} must be a list of values, or a table with one, {{ times = [...] }}, got {values!r}")
+    if name == "scenario":
+        yield from _other_scenarios(listed, environment)
+        return
+    if strict:
+        known("evaluation.varied.", [name], ["scenario", *_arguments(environment)])
+    own = _arguments(environment).get(name)
+    if own is None and name != "robot":
+        return
+    for value in listed:
+        try:
+            new = _times(number("times", value, "(no unit)", above=0), own) if multiples else value
+            changed = _changed(environment, name, None if new == "rigid" else new)
+            same = Task(**changed) == Task(**environment)
+        except (TypeError, ValueError) as error:
+            if strict:
+                raise ValueError(f"{where}: {error}") from error
+            continue
+        at = float(value) if isinstance(value, (int, float)) else math.nan
+        yield Change(name, _label(value), at, multiples, changed, same=same)
+
+
+def _other_scenarios(listed: list[Any], environment: Mapping[str, Any]) -> Iterator[Change]:
+    for one in listed:
+        same = one == AS_TRAINED
+        if not same:
+            evaluation_sets.load(one)  # raises where there is none
+        yield Change("scenario", one, math.nan, False, environment, "" if same else one, same)
+
+
+def _arguments(environment: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what an environment is made with, by dotted name, whatever is left to defaults."""
+    task, found = Task(**environment), {}
+    for one in fields(Task):
+        if not one.init or one.name in SEEN_TO:
+            continue
+        value, record = environment.get(one.name, getattr(task, one.name)), getattr(task, one.name)
+        if is_dataclass(record):
+            given = value if isinstance(value, Mapping) else {}
+            found |= {f"{one.name}.{part.name}": getattr(record, part.name) for part in fields(record)}
+            found |= {f"{one.name}.{part}": pair for part, pair in given.items() if part != "type"}
+        found[one.name] = value
+    return found
+
+
+def _changed(environment: Mapping[str, Any], name: str, new: Any) -> dict[str, Any]:
+    """Return the arguments with one that is new; a field of a record among those that the record has."""
+    top, _, inner = name.partition(".")
+    if not inner:
+        return {**environment, top: new}
+    kind = type(getattr(Task(**environment), top)).__name__
+    parts = {
+        key.partition(".")[2]: value for key, value in _arguments(environment).items() if key.startswith(f"{top}.")
+    }
+    return {**environment, top: {"type": kind, **parts, inner: new}}
+
+
+def _times(share: float, value: Any) -> Any:
+    """Return a multiple of a number, or of both ends of a range."""
+    return [share * one for one in value] if isinstance(value, (list, tuple)) else share * value
+
+
+def _label(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return ", ".join(
+            f"{name} {one:g}" if isinstance(one, (int, float)) else f"{one}" for name, one in value.items()
+        )
+    return f"{value:g}" if isinstance(value, (int, float)) else str(value)

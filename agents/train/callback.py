@@ -11,7 +11,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 
 from agents.evaluate import Validation
 from agents.policies.policy import Policy
-from agents.setups.evaluation import WEIGHTS
+from agents.setups import load_setup
 from agents.train import checkpoint
 from agents.train.algorithms import policy_from
 from agents.train.logs import STEPS
@@ -39,7 +39,10 @@ class TrainingCallback(BaseCallback):
         self._told = told
         self._folder, self._settings, self._record, self._environment = folder, settings, record, environment
         self.validation = Validation(
-            settings.environment, WEIGHTS, settings.validation_scenarios, threads=settings.simulation_threads
+            settings.environment,
+            load_setup(settings.setup).evaluation.weights,
+            settings.validation_scenarios,
+            threads=settings.simulation_threads,
         )
         self._begun = time.perf_counter()
         self._begun_at = 0

@@ -114,7 +114,7 @@ def _configuration(folder: Path) -> tuple[dict[str, Any], Settings]:
     try:
         record = json.loads(path.read_text())
         settings = from_json(record["settings"])
-        if record["environment"] != json.loads(json.dumps(settings.environment)):
+        if any(record[name] != value for name, value in made_for(settings).items()):
             raise ValueError(f"the set-up {settings.setup} has changed since")
         return record, settings
     except (OSError, LookupError, TypeError, AttributeError, ValueError) as error:
@@ -140,12 +140,19 @@ def write_json(path: Path, content: Any) -> None:
         file.write((json.dumps(content, indent=2) + "\n").encode())
 
 
+def made_for(settings: Settings) -> dict[str, Any]:
+    """Return what a set-up says that a run was made for, as JSON gives it back: environment and validation weights."""
+    weights = load_setup(settings.setup).evaluation.weights
+    plain: dict[str, Any] = json.loads(json.dumps({"environment": settings.environment, "weights": weights}))
+    return plain
+
+
 def provenance(settings: Settings) -> dict[str, Any]:
     """Return what it takes to repeat a run."""
     return {
         "command": command(settings),
         "settings": as_json(settings),
-        "environment": settings.environment,
+        **made_for(settings),
         **revision(),
         **circumstances(*PACKAGES),
     }

@@ -8,7 +8,8 @@ from typing import Annotated, Any, Literal, get_args
 
 import tyro
 
-from agents.setups import Setup, known, load_setup
+from agents.setups import Setup, load_setup
+from agents.setups.keys import known
 from impact_gym.envs.scenario import interval
 from impact_gym.validation import number, whole
 

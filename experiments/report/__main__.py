@@ -6,7 +6,7 @@ import shutil
 import sys
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +15,10 @@ from tqdm import tqdm
 
 from agents.jobs import JobsFailedError
 from agents.provenance import circumstances, revision
-from agents.setups import load_setup
+from agents.setups import README, load_setup
 from experiments.lab.results import REPORTS, checksum, replaceable, whole_folder
 from experiments.lab.statistics import RESAMPLES
-from experiments.report import answer, matchups, page, robustness
+from experiments.report import answer, bars, matchups, page, robustness
 from experiments.report.figures import Table
 from experiments.report.results import Played, episodes, gather_matchups
 from impact_gym.envs.task import Task
@@ -35,7 +35,7 @@ PACKAGES = (
 
 
 @dataclass(frozen=True)
-class Settings:
+class ReportOptions:
     """Play policies and baselines through the same scenarios and write a page about it.
 
     Without a set-up and --policy it is about the three set-ups of the README, all their seeds.
@@ -51,11 +51,12 @@ class Settings:
     baseline: tuple[str, ...] = ()
     """Baselines beside the paper's rule for them: names of tuned ones, or module:object for anything with `predict`, or
     for a function or class that returns it; it must be importable. Default: those of the set-up of the policy."""
-    scenarios: str = "test"
-    """A frozen set by name or file (CSV), or a JSON file {"ranges": {...}, "seed": s, "count": n, "environment": {...}}
-    of which all may be left out; the environment holds arguments of gym.make, your tool and coupling."""
+    scenarios: str | None = None
+    """What they meet, if not what their set-ups say: a frozen set by name or file (CSV), or a JSON file
+    {"ranges": {...}, "seed": s, "count": n, "environment": {...}} of which all may be left out; the environment holds
+    arguments of gym.make, your tool and coupling."""
     count: int | None = None
-    """How many of the scenarios; all unless given."""
+    """How many of the scenarios; as many as the set-up says, or all of `scenarios`, unless given."""
     out: Path = REPORTS / "latest"
     """Folder for the page."""
     force: bool = False
@@ -77,39 +78,42 @@ class Settings:
             raise ValueError("baseline needs --policy: the shipped recipes have theirs")
 
 
-def matchups_of(settings: Settings) -> list[matchups.Matchup]:
+def matchups_of(options: ReportOptions) -> list[matchups.Matchup]:
     """Return who meets whom.
 
     Raises:
         ValueError: a policy, a baseline or the scenarios are not what they should be; nothing has been played yet.
     """
-    scenarios, changes = matchups.scenarios_from(settings.scenarios, settings.count)
-    if settings.policy:
-        return matchups.own(settings.policy, settings.baseline, scenarios, changes)
-    if changes:
-        raise ValueError("scenarios with an environment of their own need --policy: the shipped recipes have theirs")
-    if settings.setups:
-        found = [load_setup(name) for name in settings.setups]
-        if len({one.name for one in found}) < len(found):
-            raise ValueError(f"two set-ups would have the same name: {', '.join(settings.setups)}")
-        return [matchups.of_setup(one, scenarios, settings.folder) for one in found]
-    return matchups.shipped(scenarios)
+    if options.policy:
+        scenarios, changes = matchups.scenarios_from(options.scenarios or "test", options.count)
+        return matchups.own(options.policy, options.baseline, scenarios, changes)
+    found = [load_setup(name) for name in options.setups or README]
+    if len({one.name for one in found}) < len(found):
+        raise ValueError(f"two set-ups would have the same name: {', '.join(options.setups)}")
+    asked = []
+    for setup in found:
+        count = options.count or (setup.evaluation.scenarios if options.scenarios is None else None)
+        scenarios, changes = matchups.scenarios_from(options.scenarios or setup.evaluation.set, count)
+        if changes:
+            raise ValueError("scenarios with an environment of their own need --policy: set-ups have theirs")
+        asked.append(matchups.of_setup(setup, scenarios, options.folder))
+    return asked
 
 
-def write(settings: Settings) -> Path:
+def write(options: ReportOptions) -> Path:
     """Play what is missing, write the folder, and return the path of its page.
 
     Raises:
         ValueError: something asked for is not there or makes no sense, or the folder is there and `force` is not given.
     """
-    out = settings.out
+    out = options.out
     replaceable(out)
-    if not settings.force and not _nothing_whole(out):
+    if not options.force and not _nothing_whole(out):
         raise ValueError(f"{out} is there: --force replaces it, --out names another folder")
-    for folder in (out.parent, settings.episodes or out.parent):
+    for folder in (out.parent, options.episodes or out.parent):
         if folder.exists() and not folder.is_dir():
             raise ValueError(f"{folder} is no folder")
-    return publish(matchups_of(settings), settings)
+    return publish(matchups_of(options), options)
 
 
 def _nothing_whole(out: Path) -> bool:
@@ -119,31 +123,31 @@ def _nothing_whole(out: Path) -> bool:
     return (out / RESULTS).is_file() and json.loads((out / RESULTS).read_text()).get("first page", False)
 
 
-def publish(asked: list[matchups.Matchup], settings: Settings) -> Path:
+def publish(asked: list[matchups.Matchup], options: ReportOptions) -> Path:
     """Play the matchups, write the folder, and return the path of its page.
 
     Where no page is there and many scenarios are to be played, a first page with the answer on a few is there before.
     """
     begun = time.perf_counter()
-    store = settings.episodes or settings.out.with_name(f".{settings.out.name}.episodes")
-    many = asked[0].scenarios["count"] >= WORTH_A_FIRST_LOOK * FIRST_LOOK and _nothing_whole(settings.out)
+    store = options.episodes or options.out.with_name(f".{options.out.name}.episodes")
+    many = asked[0].scenarios["count"] >= WORTH_A_FIRST_LOOK * FIRST_LOOK and _nothing_whole(options.out)
 
     def first_look(played: list[Played]) -> None:
-        page = write_folder(played, settings, begun, first=True)
+        page = write_folder(played, options, begun, first=True)
         tqdm.write(f"first page, of {FIRST_LOOK} scenarios: {page.resolve().as_uri()}")
 
-    played = gather_matchups(asked, store, settings.processes, settings.cluster, FIRST_LOOK if many else 0, first_look)
+    played = gather_matchups(asked, store, options.processes, options.cluster, FIRST_LOOK if many else 0, first_look)
     print("writing the page", flush=True)
-    path = write_folder(played, settings, begun)
-    if settings.episodes is None:
+    path = write_folder(played, options, begun)
+    if options.episodes is None:
         shutil.rmtree(store, ignore_errors=True)
     return path
 
 
-def write_folder(played: list[Played], settings: Settings, begun: float, first: bool = False) -> Path:
+def write_folder(played: list[Played], options: ReportOptions, begun: float, first: bool = False) -> Path:
     """Write the folder of what was played since `begun`; return its page, of which a first one has the answer alone."""
     asked = [one.matchup for one in played]
-    with whole_folder(settings.out) as folder:
+    with whole_folder(options.out) as folder:
         parts = page.sections(played, first)
         (folder / "figures").mkdir()
         for one in page.figures(parts):
@@ -152,8 +156,10 @@ def write_folder(played: list[Played], settings: Settings, begun: float, first: 
         with whole_file(folder / "episodes.parquet") as file:
             rows.write_parquet(file, compression="zstd")
         answers = [answer.answer(one) for one in played]
+        reached = {one.matchup.name: [asdict(bar) for bar in bars.bars(one, played)] for one in played if not first}
         results = {
             "answers": {one.matchup: one.as_json() for one in answers},
+            "bars": reached,
             "first page": first,
             "episodes": {"rows": len(rows), "sha256": checksum(folder / "episodes.parquet")},
             "contestants": {one.matchup.name: _checksums(one) for one in played},
@@ -173,7 +179,7 @@ def write_folder(played: list[Played], settings: Settings, begun: float, first: 
             "weak": [] if first else [said for one in played for said in robustness.weak_points(one)],
             "seeds": max(len(one.seeds) for one in played),
             "limits": _limits(asked),
-            "own": bool(settings.policy),
+            "own": bool(options.policy),
             "apart": _apart(asked[0].scenarios),
             "trained_with": _trained_with(asked),
             "resamples": f"{RESAMPLES:,}",
@@ -181,7 +187,7 @@ def write_folder(played: list[Played], settings: Settings, begun: float, first: 
         }
         shown = {} if first else dict(map(page.watch, played))
         (folder / "index.html").write_text(page.render(about, parts, shown), encoding="utf-8")
-    return settings.out / "index.html"
+    return options.out / "index.html"
 
 
 def _checksums(played: Played) -> dict[str, str]:
@@ -232,9 +238,9 @@ def _scenarios(scenarios: Mapping[str, Any]) -> str:
 
 
 def main() -> None:
-    """Read the settings from the command line and write the report."""
+    """Read the options from the command line and write the report."""
     try:
-        path = write(tyro.cli(Settings, prog="python -m experiments.report"))
+        path = write(tyro.cli(ReportOptions, prog="python -m experiments.report"))
     except JobsFailedError as error:
         sys.exit(f"experiments.report: {error}\nwhat is done is kept")
     except (ValueError, TypeError, OSError, RuntimeError) as error:

@@ -11,11 +11,10 @@ import altair as alt
 import numpy as np
 import polars as pl
 
-from agents.setups.evaluation import WEIGHTS
 from experiments.lab.statistics import Estimate, Floats, Resamples, along, estimate, hypervolume, interquartile_mean
 from experiments.report.figures import Figure, Table, contestants, percent, plain, rows, zoomable
-from experiments.report.matchups import PAPER, POLICY, Matchup
-from experiments.report.results import BOUND, FAMILY, Played, Run
+from experiments.report.matchups import BOUND, PAPER, POLICY, Matchup
+from experiments.report.results import FAMILY, Played, Run
 
 WIDE_REFERENCE = (0.6, 1.0)  # s, m/s: behind every front
 MISSED_TOO_OFTEN = 0.01  # of the objects: a missed one has no V_p
@@ -184,7 +183,7 @@ def fronts_table(played: Played) -> Table:
     near = (float(played.paper["approach_time"].mean()), float(played.paper["object_velocity"].mean()))
     body = []
     groups: dict[str, tuple[Floats, Floats]] = {}
-    weights = tuple(weight for weight in WEIGHTS if weight in played.policy.weights) or played.policy.weights
+    weights = played.matchup.weights
     groups[f"{POLICY}, {len(played.seeds)} seeds"] = (
         stacked(played, "approach_time", weights), stacked(played, "object_velocity", weights)
     )  # fmt: skip
@@ -217,7 +216,7 @@ def weights_table(played: Played) -> Table:
     count = played.paper["missed"].shape[1]
     resamples = Resamples(count)
     body = []
-    for weight in (weight for weight in WEIGHTS if weight in played.policy.weights):
+    for weight in played.matchup.weights:
         ours = np.array([run.loss(weight) for run in played.seeds.values()])
         theirs = played.rival.loss(weight)
         chosen = played.policy.loss(weight)
@@ -225,7 +224,7 @@ def weights_table(played: Played) -> Table:
         recipe = estimate(resamples.means(ours) / means)
         median = estimate(resamples.means(chosen[None]) / means)
         gap = "-"
-        if played.bound is not None:
+        if played.bound is not None and weight in played.bound.weights:
             first = played.bound["missed"].shape[1]
             few, bound = Resamples(first), played.bound.loss(weight)
             gaps = [estimate(few.means(one)) for one in (ours[:, :first] - bound, (theirs[:first] - bound)[None])]

@@ -8,7 +8,7 @@ from agents.baselines.profile import constant_deceleration_of
 from experiments.report.answer import stacked
 from experiments.report.figures import Figure, contestants, rows, zoomable
 from experiments.report.matchups import PAPER, POLICY
-from experiments.report.results import FAR, SHOWN_WEIGHTS, Played, watched_at
+from experiments.report.results import FAR, Played, shown_weights, watched_at
 from impact_gym.envs.task import Task
 
 THEORY = "theory: even braking at w / 2c"
@@ -32,7 +32,7 @@ def approach(played: Played) -> Figure:
             if contestant == matchup.chosen
             else next(c for c in matchup.baselines if c.name == contestant)
         )
-        weights = [weight for weight in SHOWN_WEIGHTS if weight in known.weights] or [known.weights[0]]
+        weights = shown_weights(matchup, known)
         name = POLICY if contestant == matchup.chosen else contestant
         for weight, velocity in zip(weights, arrays["velocity"], strict=True):
             frames.append(_line(name, weight, arrays["position"], velocity))

@@ -5,21 +5,23 @@ import hashlib
 import json
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from agents.baselines.bound import FROZEN, bound_of
 from agents.baselines.tuned import FIXED, TUNED, read_tuned
 from agents.baselines.tuned import names as tuned_names
-from agents.evaluate.controllers import baseline_checksum, controller_of, try_out
+from agents.evaluate.controllers import controller_of, try_out
 from agents.evaluate.stage import TEST_SEED
 from agents.jobs import digest_of
 from agents.policies.policy import SHIPPED, Policy, load_policy
-from agents.setups import README, Setup, load_setup, same_environment
+from agents.setups import Setup, load_setup, same_environment
 from agents.setups import shipped as shipped_setups
-from agents.setups.evaluation import WEIGHTS
+from agents.setups.evaluation import Change, Evaluation, variants
 from agents.train.settings import default_settings
 from impact_gym.envs import evaluation_sets, observation
 from impact_gym.envs.scenario import FIELDS, ScenarioRanges
@@ -28,9 +30,7 @@ from impact_gym.validation import number, whole
 
 PAPER = "paper's rule"
 POLICY = "learned policy"
-CURVE = (0.3, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0)
-"""Time weights (m/s per s) at which a policy is played, as far as it was trained for them."""
-TYPICAL = 2.0  # m/s per s, where one weight must do
+BOUND = "clairvoyant, by search"
 Environment = Mapping[str, Any]
 
 
@@ -56,6 +56,8 @@ class Matchup:
     scenarios: Mapping[str, Any]  # JSON, see `play.stage`
     provenance: Mapping[str, Any]  # of the median seed
     note: str  # what a reader has to know of it
+    evaluation: Evaluation = field(default_factory=Evaluation)
+    bound: Contestant | None = None  # what a search found for each of the first scenarios by itself
 
     @property
     def policy(self) -> Contestant:
@@ -69,13 +71,19 @@ class Matchup:
 
     @property
     def typical(self) -> float:
-        """The weight (m/s per s) that stands for all: 2, or the nearest that the policy is played at."""
-        return min(self.policy.weights, key=lambda weight: abs(weight - TYPICAL))
+        """The weight (m/s per s) that stands for all, or the nearest that the policy is played at."""
+        return min(self.policy.weights, key=lambda weight: abs(weight - self.evaluation.typical))
 
+    @property
+    def weights(self) -> tuple[float, ...]:
+        """The weights (m/s per s) at which contestants are compared, as far as the policy was trained for them."""
+        weights = tuple(weight for weight in self.evaluation.weights if weight in self.policy.weights)
+        return weights or self.policy.weights
 
-def shipped(scenarios: Mapping[str, Any]) -> list[Matchup]:
-    """Return a matchup for each set-up of the README; the others that are shipped have to be named."""
-    return [of_setup(load_setup(name), scenarios) for name in README]
+    @cached_property
+    def changes(self) -> list[Change]:
+        """What is varied to see whether the policy holds."""
+        return variants(self.evaluation, self.environment)
 
 
 def of_setup(setup: Setup, scenarios: Mapping[str, Any], folder: Path | None = None) -> Matchup:
@@ -92,13 +100,27 @@ def of_setup(setup: Setup, scenarios: Mapping[str, Any], folder: Path | None = N
     for path in paths:
         if not setup.is_of(load_policy(path).environment):
             raise ValueError(f"{path} was trained for another environment than {setup.called} says: train it anew")
-    seeds = tuple(policy(path.stem, path) for path in paths)
+    seeds = tuple(policy(path.stem, path, setup.evaluation) for path in paths)
     chosen = f"seed-{json.loads((there / 'seeds.json').read_text())['median']}"
     about = load_policy(there / f"{chosen}.npz").provenance
     environment, met = met_in(setup.environment, scenarios)
     rivals = baselines(setup.against, environment, setup, folder / "tuned")
     note = setup.about + with_less(setup, about, rivals)
-    return Matchup(setup.name, environment, seeds, chosen, rivals, met, about, note)
+    bound = clairvoyant(setup, met, folder / "tuned")
+    return Matchup(setup.name, environment, seeds, chosen, rivals, met, about, note, setup.evaluation, bound)
+
+
+def clairvoyant(setup: Setup, scenarios: Mapping[str, Any], folder: Path = TUNED) -> Contestant | None:
+    """Return the bound that holds for a set-up; None where there is none for the first of these scenarios."""
+    its_own = setup.bound == setup.name
+    found = bound_of(setup, folder) if its_own else bound_of(load_setup(setup.bound))
+    searched = min(map(len, found.values()), default=0)
+    first = scenarios.get("set") == FROZEN or (scenarios.get("seed") == TEST_SEED and its_own)
+    if not first or not 0 < searched <= scenarios["count"]:
+        return None
+    spec = {f"{weight:g}": parameters[:searched].tolist() for weight, parameters in found.items()}
+    checksum = hashlib.sha256(json.dumps(spec).encode()).hexdigest()
+    return Contestant(BOUND, {"clairvoyant": spec}, tuple(found), checksum)
 
 
 def with_less(setup: Setup, about: Mapping[str, Any], rivals: Sequence[Contestant]) -> str:
@@ -110,7 +132,8 @@ def with_less(setup: Setup, about: Mapping[str, Any], rivals: Sequence[Contestan
     budgets = [
         at["search"]["budget"]
         for one in rivals
-        for at in one.controller.get("tuned", {"weights": {}})["weights"].values()
+        if one.name in setup.tuned
+        for at in one.controller["tuned"]["weights"].values()
     ]
     if budgets and min(budgets) < setup.budget:
         told.append(f"baselines tuned with {min(budgets):,} candidates of {setup.budget:,}")
@@ -120,13 +143,15 @@ def with_less(setup: Setup, about: Mapping[str, Any], rivals: Sequence[Contestan
 def met_in(environment: Environment, scenarios: Mapping[str, Any]) -> tuple[dict[str, Any], Mapping[str, Any]]:
     """Return an environment's arguments but for its scenario, and the scenarios that it meets.
 
-    One with ranges of its own meets as many from these, where it is only asked for scenarios of the frozen set test.
+    One with ranges of its own meets as many from these, drawn from the seeds of the frozen set that is asked for,
+    unless that is `hard`.
     """
     rest = {name: value for name, value in environment.items() if name != "scenario"}
-    if "scenario" in environment and scenarios.get("set") == "test":
+    if "scenario" in environment and scenarios.get("set", "hard") != "hard":
         ranges = ScenarioRanges.of(environment["scenario"])
         table = {name: list(getattr(ranges, name)) for name in FIELDS}
-        return rest, {"ranges": table, "seed": TEST_SEED, "count": scenarios["count"]}
+        seed = evaluation_sets.load(scenarios["set"]).seed
+        return rest, {"ranges": table, "seed": seed, "count": scenarios["count"]}
     return rest, scenarios
 
 
@@ -147,8 +172,9 @@ def own(
         loaded = load_policy(file)
         trained_in = {name: value for name, value in loaded.environment.items() if name != "time_weight"}
         environment, met = met_in({**trained_in, **changes}, scenarios)
-        Policy(loaded.network, {**environment, "time_weight": TYPICAL}, {})  # raises where they do not fit
+        Policy(loaded.network, environment, {})  # raises where they do not fit
         setup = setup_of(trained_in)
+        evaluation = setup.evaluation if setup else Evaluation()
         name = slug(Path(path).parent.name if Path(path).name in ("best.npz", "final.npz") else Path(path).stem)
         if any(one.name == name for one in found):
             raise ValueError(f"two policies would be called {name!r}: give them files or folders of different names")
@@ -156,8 +182,9 @@ def own(
         if setup and not same_environment({**trained_in, **changes}, trained_in):
             note += f"; its baselines were tuned for {setup.name}, not for this environment"
         rivals = baselines(names or (setup.against if setup else ()), environment)
-        seed = policy(name, file)
-        found.append(Matchup(name, environment, (seed,), seed.name, rivals, met, loaded.provenance, note))
+        bound = clairvoyant(setup, met) if setup and not changes else None
+        seed, about = policy(name, file, evaluation), loaded.provenance
+        found.append(Matchup(name, environment, (seed,), seed.name, rivals, met, about, note, evaluation, bound))
     return found
 
 
@@ -166,11 +193,12 @@ def setup_of(environment: Environment) -> Setup | None:
     return next((one for one in map(load_setup, shipped_setups()) if one.is_of(environment)), None)
 
 
-def policy(name: str, path: Path) -> Contestant:
+def policy(name: str, path: Path, evaluation: Evaluation) -> Contestant:
     """Return the policy in a file; it travels with its jobs, so that another machine needs no file."""
-    trained = load_policy(path).environment.get("time_weight", TYPICAL)
+    trained = load_policy(path).environment.get("time_weight", evaluation.typical)
     low, high = trained if isinstance(trained, (list, tuple)) else (trained, trained)
-    weights = tuple(weight for weight in CURVE if low <= weight <= high) or (float(low),)
+    played = sorted({*evaluation.curve, *evaluation.weights, evaluation.typical})
+    weights = tuple(weight for weight in played if low <= weight <= high) or (float(low),)
     content = path.read_bytes()
     return Contestant(
         name, {"policy": base64.b64encode(content).decode()}, weights, hashlib.sha256(content).hexdigest()
@@ -188,25 +216,23 @@ def baselines(
         ValueError: there is no such baseline, it is named twice, or it cannot be asked in this environment.
     """
     spec: dict[str, Any]
-    weights: tuple[float, ...]
-    found = [Contestant(PAPER, {"baseline": "paper-trapezoid"}, (TYPICAL,), "")]
+    typical = (setup.evaluation if setup else Evaluation()).typical
+    found = [Contestant(PAPER, {"baseline": "paper-trapezoid"}, (typical,), "")]
     if len(set(names)) < len(names) or "paper-trapezoid" in names:
         raise ValueError(f"baselines must differ, and the paper's rule is there anyway; got {list(names)}")
     shown = np.zeros((2, len(observation.entries(Task(**environment)))), np.float32)
     for name in names:
-        weights, spec = (TYPICAL,), {}
-        if setup and not setup.shipped and name in setup.tuned:
-            content = read_tuned(name, folder, setup)
-            weights, spec, checksum = tuple(map(float, content["weights"])), {"tuned": content}, content["sha256"]
-        elif ":" in name or name not in {*tuned_names(), *FIXED}:
-            spec = {"object": name}
-            try_out(name, controller_of(spec, TYPICAL), shown)  # raises now, not in a worker
-            checksum = digest_of(name.partition(":")[0])
+        its_own = setup is not None and name in setup.tuned
+        if its_own or name in tuned_names():
+            content = read_tuned(name, folder, setup) if its_own else read_tuned(name)
+            weights = tuple(map(float, content["weights"]))
+            found.append(Contestant(name, {"tuned": content}, weights, content["sha256"]))
+        elif name in FIXED:
+            found.append(Contestant(name, {"baseline": name}, (typical,), ""))
         else:
-            checksum = baseline_checksum(name)
-            spec = {"baseline": name, "sha256": checksum}
-            weights = WEIGHTS if name in tuned_names() else weights
-        found.append(Contestant(name, spec, weights, checksum))
+            spec = {"object": name}
+            try_out(name, controller_of(spec, typical), shown)  # raises now, not in a worker
+            found.append(Contestant(name, spec, (typical,), digest_of(name.partition(":")[0])))
     return tuple(found)
 
 

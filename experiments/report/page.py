@@ -14,7 +14,7 @@ from agents.evaluate.controllers import controller_of
 from agents.evaluate.play import frozen_of
 from agents.evaluate.stage import Episodes
 from experiments.lab.player import choose, films, fragment
-from experiments.report import answer, differences, learned, robustness
+from experiments.report import answer, bars, differences, learned, robustness
 from experiments.report.figures import Figure, Table
 from experiments.report.matchups import PAPER, POLICY
 from experiments.report.results import Played, Run
@@ -26,7 +26,7 @@ Section = list[Figure | Table]
 def sections(played: list[Played], first: bool = False) -> dict[str, dict[str, Section]]:
     """Return what each section shows of each matchup; of a first page, that of the trade-off alone."""
     found: dict[str, dict[str, Section]] = {
-        "trade-off": {}, "differences": {}, "learned": {}, "holds": {}, "simulator": {}
+        "trade-off": {}, "bars": {}, "differences": {}, "learned": {}, "robustness": {}, "simulator": {}
     }  # fmt: skip
     for one in played:
         name = one.matchup.name
@@ -38,7 +38,8 @@ def sections(played: list[Played], first: bool = False) -> dict[str, dict[str, S
         ]  # fmt: skip
         reacted = [learned.reaction(one)] if one.reactions["since"].size else []  # else no alarm came
         found["learned"][name] = [learned.approach(one), *reacted, *learned.urgency(one)]
-        found["holds"][name] = [*robustness.robustness(one), robustness.kinds(one)]
+        found["bars"][name] = [bars.table(bars.bars(one, played))]
+        found["robustness"][name] = [*robustness.figures(one), robustness.kinds(one)]
         found["simulator"][name] = [robustness.simulator(one)]
     return found
 

@@ -10,13 +10,11 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from agents.baselines.bound import FROZEN, shipped_scenarios
 from agents.evaluate import RESULTS
 from agents.jobs import Job, digest_of, gather
-from agents.setups.evaluation import WEIGHTS
 from experiments.reference.task import SERVED
-from experiments.report.matchups import PAPER, Matchup, setup_of
-from experiments.report.variants import VARIANTS
+from experiments.report.matchups import BOUND, PAPER, Contestant, Matchup
+from impact_gym.envs import evaluation_sets
 from impact_gym.envs.scenario import FIELDS
 from impact_gym.envs.task import MISSED_COST, Task
 
@@ -26,13 +24,11 @@ HERE = "experiments.report.play"
 SPEEDS = (0.4, 0.5, 0.6, 0.8, 1.0, 1.25, 1.5)  # m/s, of the family of constant speeds
 FAR = 0.36  # m, just beyond the farthest object: where an approach that meets nothing is watched
 NEAR = 0.25  # m, where one is watched that knows the distance
-SHOWN_WEIGHTS = (0.7, 2.0, 4.0)
 LESS = 500  # scenarios where many variants are played
 EXACTLY = 200  # scenarios that every policy plays once more at a hundredth of the tolerance
 IN_SCIPY = 100  # scenarios in the independent solver
 ANSWER = ("seeds", "as_late", "baselines", "family")  # what of `Played` a first page needs
 CLAMP = {"as it is": True, "clamp off": False}
-BOUND = "clairvoyant, by search"
 FAMILY = "any constant speed"
 
 
@@ -74,7 +70,7 @@ class Played:
     baselines: dict[str, Run] = field(default_factory=dict)
     family: dict[str, Run] = field(default_factory=dict)
     bound: Run | None = None
-    variants: dict[tuple[str, str, str], Run] = field(default_factory=dict)  # factor, label, contestant
+    varied: dict[tuple[str, str, str], Run] = field(default_factory=dict)  # argument, label, contestant
     exactly: dict[tuple[str, str], Run] = field(default_factory=dict)  # change, seed or baseline
     scipy: dict[tuple[str, str], Arrays] = field(default_factory=dict)  # with the clamp or not, contestant
     reactions: Arrays = field(default_factory=dict)
@@ -172,6 +168,12 @@ def watched_at(matchup: Matchup) -> float:
     return float(0.5 * (low + high) if known else high + 0.01)
 
 
+def shown_weights(matchup: Matchup, one: Contestant) -> list[float]:
+    """Return the weights (m/s per s) at which an approach is watched: the least, the typical, the largest compared."""
+    shown = dict.fromkeys((matchup.weights[0], matchup.typical, matchup.weights[-1]))
+    return [weight for weight in shown if weight in one.weights] or [one.weights[0]]
+
+
 def _fixed(environment: Mapping[str, Any]) -> bool:
     """Whether episodes draw nothing but their scenario."""
     task = Task(**environment)
@@ -194,31 +196,29 @@ def _asked(number: int, matchup: Matchup, depends: str) -> Iterator[_Asked]:
         yield ask("seeds", one.name, "play", one.controller, scenarios=scenarios, weights=list(one.weights))
         yield ask("as_late", one.name, "play_as_late", one.controller, scenarios=scenarios, weights=list(one.weights))
     for one in matchup.baselines:
-        weights = list(one.weights) if len(one.weights) == 1 else sorted({*one.weights, typical})
+        weights = list(one.weights)
+        if len(weights) > 1:  # it is tuned for weights: each is played at what was tuned for the nearest
+            weights = sorted({*weights, *matchup.weights, typical})
         yield ask("baselines", one.name, "play", one.controller, scenarios=scenarios, weights=weights)
     for speed in (one for one in SPEEDS if one <= task.velocity_range[1]):
         yield ask("family", f"{speed:g} m/s", "play", {"speed": speed}, scenarios=scenarios, weights=[typical])
-    setup = setup_of(environment)
-    known = shipped_scenarios(setup.bound) if setup else 0
-    if setup and known and scenarios.get("set") == FROZEN and scenarios["count"] >= known:
-        privileged = {**environment, "privileged": True}
-        arguments = {"environment": privileged, "scenarios": _first(scenarios, known), "weights": list(WEIGHTS)}
-        yield ask("bound", None, "play", {"clairvoyant": setup.bound}, **arguments)
+    if (bound := matchup.bound) is not None:
+        searched = len(bound.controller["clairvoyant"][f"{bound.weights[0]:g}"])
+        known: dict[str, Any] = {"scenarios": _first(scenarios, searched), "weights": list(bound.weights)}
+        yield ask("bound", None, "play", bound.controller, **known, environment={**environment, "privileged": True})
     rivals = {one.name: one for one in (matchup.baselines[0], matchup.rival, matchup.policy)}.values()
-    for variant in VARIANTS:
-        changed = variant.environment(environment)
-        if changed is None:
-            continue
-        where = variant.scenarios or some
+    for change in matchup.changes:
+        other = evaluation_sets.load(change.scenarios).count if change.scenarios else 0
+        where = {"set": change.scenarios, "count": min(LESS, other)} if change.scenarios else some
+        changed = copy.deepcopy(dict(change.environment))
         for one in rivals:
             arguments = {"environment": changed, "scenarios": where, "weights": [typical]}
-            key = (variant.factor, variant.label, one.name)
-            yield ask("variants", key, "play", one.controller, **arguments)
+            yield ask("varied", (change.argument, change.label, one.name), "play", one.controller, **arguments)
     few = _first(scenarios, EXACTLY)
-    for change, options in EXACT.items():
+    for label, options in EXACT.items():
         for one in {**{c.name: c for c in matchup.seeds}, **{c.name: c for c in rivals}}.values():
             arguments = {"environment": {**environment, **options}, "scenarios": few, "weights": [typical]}
-            yield ask("exactly", (change, one.name), "play", one.controller, **arguments)
+            yield ask("exactly", (label, one.name), "play", one.controller, **arguments)
     if "ranges" not in scenarios and set(environment) <= set(SERVED) and _fixed(environment):
         hundred = _first(scenarios, IN_SCIPY)
         for label, clamp in CLAMP.items():
@@ -228,7 +228,7 @@ def _asked(number: int, matchup: Matchup, depends: str) -> Iterator[_Asked]:
     yield ask("reactions", None, "reactions", matchup.policy.controller, scenarios=some, weight=typical)
     distance = watched_at(matchup)
     for one in rivals:
-        weights = [weight for weight in SHOWN_WEIGHTS if weight in one.weights] or [one.weights[0]]
+        weights = shown_weights(matchup, one)
         yield ask("profiles", one.name, "profile", one.controller, weights=weights, distance=distance)
 
 

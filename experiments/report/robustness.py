@@ -1,50 +1,51 @@
 """Does it hold, and is it the simulator? Figures and tables of the changed environments and of the other solvers."""
 
 from collections.abc import Mapping
+from itertools import chain, groupby
+from operator import attrgetter
 from typing import Any
 
 import altair as alt
 import numpy as np
 import polars as pl
 
+from agents.setups.evaluation import Change
 from experiments.report.figures import Figure, Table, contestants, rows
 from experiments.report.matchups import PAPER, POLICY
 from experiments.report.results import EXACT, Played, Run
-from experiments.report.variants import (
-    CONTINUOUS,
-    DELAY,
-    ESTIMATE,
-    MASS,
-    MECHANISM,
-    NOISE,
-    ROBOT,
-    SCENARIOS,
-    STIFFNESS,
-    THRESHOLD,
-    VARIANTS,
-)
+from impact_gym.envs.setting import NUMBERS
 from impact_gym.envs.task import MISSED_COST
 
-
-def robustness(played: Played) -> list[Figure]:
-    """Return a figure for each factor: V_p + w T over it."""
-    return [_factor(played, factor) for factor in CONTINUOUS if _runs(played, factor)]
+SHOWN = {"s": ("ms", 1e3), "m": ("mm", 1e3)}  # units and scales of an axis, where they are others than a set-up's
 
 
-AS_TRAINED = {(DELAY, "16"), (THRESHOLD, "1"), (NOISE, "0"), (ESTIMATE, "10"), (MASS, "100"), (STIFFNESS, "100"),
-              (MECHANISM, "1"), (ROBOT, "rigid"), (SCENARIOS, "as trained")}  # fmt: skip
-"""Where a variant is no change, for the shipped recipes."""
+def figures(played: Played) -> list[Figure]:
+    """Return a figure for each argument that is varied over numbers: V_p + w T over it."""
+    return [_figure(played, found) for found in _varied(played) if _numeric(found)]
 
 
-def _runs(played: Played, factor: str) -> list[tuple[str, float, str, Run]]:
-    """Label, value, contestant and run of each variant of a factor."""
-    found = []
-    for variant in VARIANTS:
-        for (name, label, contestant), run in played.variants.items():
-            if (name, label) == (variant.factor, variant.label) and name == factor:
-                shown = POLICY if contestant == played.matchup.chosen else contestant
-                found.append((label, variant.value, shown, run))
-    return found
+def _varied(played: Played) -> list[list[tuple[Change, dict[str, Run]]]]:
+    """Return each change with the runs of all contestants, in a list for each argument."""
+    runs: dict[tuple[str, str], dict[str, Run]] = {}
+    for (argument, label, contestant), run in played.varied.items():
+        shown = POLICY if contestant == played.matchup.chosen else contestant
+        runs.setdefault((argument, label), {})[shown] = run
+    by_argument = groupby(played.matchup.changes, attrgetter("argument"))
+    return [[(change, runs[change.argument, change.label]) for change in found] for _, found in by_argument]
+
+
+def _numeric(found: list[tuple[Change, dict[str, Run]]]) -> bool:
+    return all(np.isfinite(change.value) for change, _ in found)
+
+
+def _axis(change: Change) -> tuple[str, float]:
+    """Return the title of an axis, and what values are multiplied by."""
+    words = change.argument.replace(".", ", ").replace("_", " ")
+    if change.multiple:
+        return f"{words} (%)", 100.0
+    unit = "s" if change.argument in ("reaction_delay", "control_period") else NUMBERS[change.argument].unit
+    shown, scale = SHOWN.get(unit, (unit, 1.0))
+    return f"{words} ({shown})", scale
 
 
 def _row(run: Run, weight: float) -> dict[str, Any]:
@@ -57,18 +58,22 @@ def _row(run: Run, weight: float) -> dict[str, Any]:
     }
 
 
-def _factor(played: Played, factor: str) -> Figure:
-    weight = played.matchup.typical
-    found = _runs(played, factor)
-    data = pl.DataFrame([{"contestant": name, "value": value, **_row(run, weight)} for _, value, name, run in found])
+def _figure(played: Played, found: list[tuple[Change, dict[str, Run]]]) -> Figure:
+    weight, argument = played.matchup.typical, found[0][0].argument
+    title, factor = _axis(found[0][0])
+    data = pl.DataFrame([
+        {"contestant": name, "value": factor * change.value, **_row(run, weight)}
+        for change, runs in found
+        for name, run in runs.items()
+    ])  # fmt: skip
     names = sorted(data["contestant"].unique(maintain_order=True), key=lambda name: (name != PAPER, name != POLICY))
     look = contestants(names)
-    scale = alt.Scale(type="log", nice=False, padding=10) if "threshold" in factor or "stop" in factor else alt.Scale(
-        zero=False, nice=False, padding=10
-    )  # fmt: skip
+    least, most = data["value"].min(), data["value"].max()
+    wide = least > 0.0 and most > 5.0 * least
+    scale = alt.Scale(padding=10, nice=False, **({"type": "log"} if wide else {"zero": False}))
     ticks = alt.Axis(values=data["value"].unique().sort().to_list(), format="~r")
     chart = alt.Chart(rows(data)).mark_line().encode(
-        x=alt.X("value:Q", title=factor, scale=scale, axis=ticks),
+        x=alt.X("value:Q", title=title, scale=scale, axis=ticks),
         y=alt.Y("loss:Q", title=f"mean V_p + {weight:g} T (m/s)", scale=alt.Scale(zero=False)),
         color=alt.Color("contestant:N", title=None, scale=look["color"], legend=alt.Legend(columns=2)),
     )  # fmt: skip
@@ -83,55 +88,50 @@ def _factor(played: Played, factor: str) -> Figure:
         own = data.filter(pl.col("contestant") == name).sort("value")
         said.append(f"{name}: {own['loss'][0]:.3f} to {own['loss'][-1]:.3f} m/s")
     worst = int(data.filter(pl.col("contestant") == POLICY)["missed"].max() or 0)
-    missed = f" The policy misses at most {worst} of {found[0][3]['missed'].shape[1]} objects." if worst else ""
-    slug = factor.split(" (")[0].replace(" ", "_")
-    return Figure(f"{played.matchup.name}_{slug}", f"{played.matchup.name}: {factor}", "From left to right, "
-                  + "; ".join(said) + "." + missed, "; ".join(said), chart + marks, data, 220)  # fmt: skip
+    missed = f" The policy misses at most {worst} of {found[0][1][POLICY]['missed'].shape[1]} objects." if worst else ""
+    name, text = played.matchup.name, "; ".join(said)
+    caption = f"From left to right, {text}.{missed}"
+    return Figure(f"{name}_{argument}", f"{name}: {title}", caption, text, chart + marks, data, 220)
 
 
 def kinds(played: Played) -> Table:
-    """Return what a compliant robot and the hard scenarios do."""
+    """Return what changes do that are no numbers, such as a compliant robot and the hard scenarios."""
     weight = played.matchup.typical
     body = []
-    for factor in (ROBOT, SCENARIOS):
-        for label, _, name, run in _runs(played, factor):
+    for change, runs in chain.from_iterable(found for found in _varied(played) if not _numeric(found)):
+        for name, run in runs.items():
             row = _row(run, weight)
-            body.append((factor, label, name, f"{row['loss']:.4f}", f"{row['V']:.4f}", f"{row['T']:.4f}",
-                         f"{row['missed']} of {run['missed'].shape[1]}"))  # fmt: skip
+            body.append((change.argument, change.label, name, f"{row['loss']:.4f}", f"{row['V']:.4f}",
+                         f"{row['T']:.4f}", f"{row['missed']} of {run['missed'].shape[1]}"))  # fmt: skip
     head = ("changed", "to", "contestant", f"V_p + {weight:g} T (m/s)", "V_p (m/s)", "T (s)", "missed")
-    return Table("A compliant robot (the paper's, 5.225 kg on 150 kN/m) instead of a rigid one, and the scenarios "
-                 "beyond the training ranges: lighter, stiffer, less elastic, nearer", head, tuple(body))  # fmt: skip
+    return Table("Another robot, other scenarios: hard ones lie beyond the training ranges, lighter, stiffer, less "
+                 "elastic, nearer", head, tuple(body))  # fmt: skip
 
 
 def weak_points(played: Played) -> list[str]:
     """Return sentences on where the policy loses to its rival or to the paper's rule, or misses objects."""
-    weight = played.matchup.typical
-    against = dict.fromkeys((played.matchup.rival.name, PAPER))
-    said, asked = [], 0
-    for name in against:
+    weight, name = played.matchup.typical, played.matchup.name
+    varied = {
+        f"{change.argument} {change.label}{' times' * change.multiple}": (change, runs)
+        for change, runs in chain.from_iterable(_varied(played))
+    }
+    asked = {what: runs for what, (change, runs) in varied.items() if not change.same}
+    said = []
+    for rival in dict.fromkeys((played.matchup.rival.name, PAPER)):
         lost = []
-        for factor in dict.fromkeys(variant.factor for variant in VARIANTS):
-            found = {(label, who): run for label, _, who, run in _runs(played, factor)}
-            labels = [
-                label for label in dict.fromkeys(label for label, _ in found) if (factor, label) not in AS_TRAINED
-            ]
-            asked += len(labels)
-            worse = []
-            for label in labels:
-                difference = found[label, POLICY].loss(weight) - found[label, name].loss(weight)
-                if difference.mean() > 2.0 * difference.std(ddof=1) / np.sqrt(difference.size):
-                    worse.append(f"{label} (by {difference.mean():.3f} m/s)")
-            if worse:
-                lost.append(f"{factor} {', '.join(worse)}")
-        said.append(f"worse than {name} at {'; '.join(lost)}" if lost else f"nowhere worse than {name}")
+        for what, runs in asked.items():
+            difference = runs[POLICY].loss(weight) - runs[rival].loss(weight)
+            if difference.mean() > 2.0 * difference.std(ddof=1) / np.sqrt(difference.size):
+                lost.append(f"{what} (by {difference.mean():.3f} m/s)")
+        said.append(f"worse than {rival} at {', '.join(lost)}" if lost else f"nowhere worse than {rival}")
     missing = [
-        f"{count} of {run['missed'].shape[1]} at {factor} {label}"
-        for factor in dict.fromkeys(variant.factor for variant in VARIANTS)
-        for label, _, who, run in _runs(played, factor)
-        if who == POLICY and (count := int(run.at(weight)["missed"].sum()))
+        f"{count} of {runs[POLICY]['missed'].shape[1]} at {what}"
+        for what, (_, runs) in varied.items()
+        if (count := int(runs[POLICY].at(weight)["missed"].sum()))
     ]
-    rule = f"{played.matchup.name}, {asked} comparisons of the median seed, worse by more than two standard errors: "
-    return [rule + "; ".join(said) + ".", *([f"{played.matchup.name} misses {'; '.join(missing)}."] if missing else [])]
+    comparisons = len(asked) * len(said)
+    rule = f"{name}, {comparisons} comparisons of the median seed, worse by more than two standard errors: "
+    return [rule + "; ".join(said) + ".", *([f"{name} misses {'; '.join(missing)}."] if missing else [])]
 
 
 def simulator(played: Played) -> Table:

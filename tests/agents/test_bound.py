@@ -3,41 +3,57 @@
 import numpy as np
 import pytest
 
-from agents.baselines import bound
-from agents.baselines.bound import FROZEN, SETUPS, Wanted, load_clairvoyant, search_all
-from agents.baselines.tuned import TUNED, load_baseline
-from agents.evaluate.stage import Stage
+from agents import tune
+from agents.baselines import Clairvoyant, bound
+from agents.baselines.tuned import load_baseline
+from agents.evaluate import Stage
+from agents.jobs.job import resolve
 from agents.setups import load_setup
-from agents.setups.evaluation import WEIGHTS
 
 
-@pytest.mark.parametrize("weight", WEIGHTS)
-@pytest.mark.parametrize("setup", SETUPS)
-def test_the_shipped_bound_is_below_every_baseline(setup, weight):
-    if not (TUNED / f"clairvoyant-{setup}.npz").is_file():
-        pytest.skip("not searched yet: make tune")
-    bound = load_clairvoyant(setup, weight)
-    count, options = len(bound.parameters), {"time_weight": [weight], **load_setup(setup).environment}
-    known = Stage.of(FROZEN, count, privileged=True, **options).play(bound).loss(weight)
-    for name in load_setup(setup).against:
-        blind = Stage.of(FROZEN, count, **options).play(load_baseline(name, weight)).loss(weight)
+@pytest.mark.parametrize("weight", load_setup("linear-blind").evaluation.weights)
+@pytest.mark.parametrize("name", ["linear-blind", "bistable-blind"])
+def test_the_shipped_bound_is_below_every_baseline(name, weight):
+    setup = load_setup(name)
+    rule = Clairvoyant(bound.bound_of(setup)[weight])
+    count, options = len(rule.parameters), {"time_weight": [weight], **setup.environment}
+    known = Stage.of(bound.FROZEN, count, privileged=True, **options).play(rule).loss(weight)
+    for baseline in setup.against:
+        blind = Stage.of(bound.FROZEN, count, **options).play(load_baseline(baseline, weight)).loss(weight)
         assert known.mean() < blind.mean()
         assert np.mean(known < blind) > 0.9  # in single scenarios a search may end in the wrong valley
 
 
-def test_a_search_goes_on_where_it_was_and_a_damaged_one_is_refused(tmp_path, monkeypatch):
-    wanted = Wanted(("linear-blind",), scenarios=3, generations=2, processes=1, out=tmp_path)
-    (path,) = search_all(wanted)
-    first = path.read_bytes()
+@pytest.fixture
+def wanted(tmp_path, monkeypatch):
+    """A small search of two weights, in this process."""
+    original = bound.search
+    monkeypatch.setattr(bound, "search", lambda **given: original(**given, scenarios=3, generations=2))
+    resolve.cache_clear()
+    yield tune.Tune(("linear-blind",), weights=(1.0, 2.0), processes=0, out=tmp_path, jobs=tmp_path / "jobs")
+    resolve.cache_clear()
+
+
+def test_a_search_is_done_once_and_kept(wanted, tmp_path, monkeypatch):
+    (path,) = tune.search_bounds(wanted)
+    first, setup = path.read_bytes(), load_setup("linear-blind")
     monkeypatch.setattr(bound, "write_archive", None)  # it would fail, were anything written
-    search_all(wanted)
+    assert tune.search_bounds(wanted) == [path]
     assert path.read_bytes() == first
-    assert load_clairvoyant("linear-blind", 2.0, tmp_path).parameters.shape == (
-        3,
-        len(bound.Clairvoyant.PARAMETERS),
-    )
-    with pytest.raises(ValueError, match=r"was not searched.*agents.baselines.bound"):
-        load_clairvoyant("linear-blind", 3.0, tmp_path)
-    path.write_bytes(first[:-100])
+    found = bound.read_bound(setup, tmp_path)
+    assert {weight: one.shape for weight, one in found.items()} == {1.0: (3, 13), 2.0: (3, 13)}
+    assert bound.bound_of(setup, tmp_path) == {}  # which has no 0.7 and no 4
+
+
+def test_a_bound_that_is_missing_damaged_or_anothers_is_refused(wanted, tmp_path):
+    setup = load_setup("linear-blind")
+    with pytest.raises(ValueError, match=r"was not searched.*agents.tune linear-blind --bound"):
+        bound.read_bound(setup, tmp_path)
+    (path,) = tune.search_bounds(wanted)
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-100])
     with pytest.raises(ValueError, match="damaged"):
-        load_clairvoyant("linear-blind", 2.0, tmp_path)
+        bound.read_bound(setup, tmp_path)
+    path.with_name("clairvoyant-rigid-blind.npz").write_bytes(whole)
+    with pytest.raises(ValueError, match="for another environment"):
+        bound.read_bound(load_setup("rigid-blind"), tmp_path)

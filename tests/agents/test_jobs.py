@@ -270,7 +270,7 @@ def test_a_training_is_a_job_that_needs_no_common_folder(tmp_path):
 
 
 def test_gathered_trainings_fill_the_run_folders(tmp_path, monkeypatch):
-    wanted = train_seeds.Many(seeds=1, processes=1, runs=tmp_path / "runs", policies=tmp_path / "policies")
+    wanted = train_seeds.Seeds(seeds=1, processes=1, runs=tmp_path / "runs", policies=tmp_path / "policies")
     shipped = train_seeds.train_all("linear-blind", wanted, tiny(steps=512))
     folder, before = tmp_path / "runs" / "linear-blind" / "seed-0", shipped.read_bytes()
     trained = {name: (folder / name).read_bytes() for name in train_seeds.KEPT.values()}

@@ -9,7 +9,7 @@ from training import tiny
 from agents import train_seeds, tune_training
 from agents.policies.policy import load_policy
 from agents.train.settings import default_settings, with_changes
-from agents.train_seeds import Many, median, train_all
+from agents.train_seeds import Seeds, median, train_all
 from agents.tune_training import SPACES, Search
 
 
@@ -96,7 +96,7 @@ def test_what_is_searched_are_settings(algo):
 
 
 def test_all_seeds_are_trained_once_and_the_median_is_shipped(tmp_path, monkeypatch):
-    wanted = Many(seeds=3, processes=2, runs=tmp_path / "runs", policies=tmp_path / "policies")
+    wanted = Seeds(seeds=3, processes=2, runs=tmp_path / "runs", policies=tmp_path / "policies")
     short = tiny(steps=512)
     shipped = train_all("linear-blind", wanted, short)
     assert shipped == tmp_path / "policies" / "linear-blind.npz"

@@ -1,7 +1,8 @@
 """The search finds optima that are known, and tuning goes on where it was stopped."""
 
 import json
-from concurrent.futures import ThreadPoolExecutor
+import shutil
+from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +13,7 @@ from agents.baselines import ConstantSpeed
 from agents.baselines.cmaes import minimise
 from agents.baselines.rule import Parameter
 from agents.baselines.tuned import load_baseline, read_tuned
+from agents.jobs.job import resolve
 from agents.setups import load_setup
 from agents.tune import Tune, tune
 
@@ -59,49 +61,55 @@ class Stopped(BaseException):
 
 
 @pytest.fixture
-def small(tmp_path, monkeypatch):
-    monkeypatch.setattr(tuning, "ProcessPoolExecutor", lambda count, *spawned: ThreadPoolExecutor(1))
+def small(tmp_path):
+    names, weights = ("constant-speed",), (1.0, 4.0)
     return Tune(
         ("linear-blind",),
-        ("constant-speed",),
-        (1.0, 4.0),
+        names,
+        weights,
         scenarios=8,
         budget=24,
         population=8,
-        processes=1,
+        processes=0,
         out=tmp_path,
+        jobs=tmp_path / "jobs",
     )
 
 
-def counted(monkeypatch, stop_at=None):
-    """Return the weights that are tuned from now on; before the one `stop_at` the process ends."""
+@contextmanager
+def counted(stop_at=None):
+    """Give the weights that are tuned from now on; before the one `stop_at` the process ends."""
     begun, original = [], tuning.tune_one
 
-    def tune_one(name, setup, weight, wanted):
-        if weight == stop_at:
+    def tune_one(**arguments):
+        if arguments["weight"] == stop_at:
             raise Stopped
-        begun.append(weight)
-        return original(name, setup, weight, wanted)
+        begun.append(arguments["weight"])
+        return original(**arguments)
 
-    monkeypatch.setattr(tuning, "tune_one", tune_one)
-    return begun
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(tuning, "tune_one", tune_one)
+        resolve.cache_clear()
+        yield begun
+    resolve.cache_clear()
 
 
-def test_tuning_that_was_stopped_goes_on_and_ends_as_if_it_had_not_been(small, tmp_path, monkeypatch):
-    with monkeypatch.context() as patch:
-        counted(patch, stop_at=4.0)
-        with pytest.raises(Stopped):
-            tune(small)
+def test_tuning_that_was_stopped_goes_on_and_ends_as_if_it_had_not_been(small, tmp_path):
+    with counted(stop_at=4.0), pytest.raises(Stopped):
+        tune(small)
     assert list(read_tuned("constant-speed", tmp_path)["weights"]) == ["1"]
-    begun = counted(monkeypatch)
-    (path,) = tune(small)
-    assert begun == [4.0]
-    whole = path.read_bytes()
-    tune(small)
-    assert begun == [4.0]
-    path.unlink()
-    tune(small)
-    assert begun == [4.0, 1.0, 4.0]
+    with counted() as begun:
+        (path,) = tune(small)
+        assert begun == [4.0]
+        whole = path.read_bytes()
+        tune(small)
+        path.unlink()
+        tune(small)  # from the finished searches
+        assert begun == [4.0]
+        shutil.rmtree(small.jobs)
+        path.unlink()
+        tune(small)
+        assert begun == [4.0, 1.0, 4.0]
     assert path.read_bytes() == whole
     for weight in (1.0, 4.0):
         found = json.loads(whole)["weights"][f"{weight:g}"]
@@ -109,21 +117,20 @@ def test_tuning_that_was_stopped_goes_on_and_ends_as_if_it_had_not_been(small, t
         assert f"linear-blind --names constant-speed --weights {weight:g} --scenarios 8 --budget 24" in found["command"]
         rule = load_baseline("constant-speed", weight, tmp_path)
         assert isinstance(rule, ConstantSpeed)
-        assert found["validation"] == tuning.scores(
-            "constant-speed", load_setup("linear-blind"), weight, rule.parameters
-        )
+        environment = load_setup("linear-blind").environment
+        assert found["validation"] == tuning.scores("ConstantSpeed", environment, weight, rule.parameters)
 
 
 def test_what_was_tuned_otherwise_or_for_another_environment_is_tuned_anew(small, monkeypatch, capsys):
     tune(small)
-    begun = counted(monkeypatch)
-    tune(Tune(**{**vars(small), "seed": 9}))
-    assert begun == [1.0, 4.0]
-    assert "other settings" in capsys.readouterr().out
-    heavier = replace(load_setup("linear-blind"), environment={"tool_mass": 0.2})
-    monkeypatch.setattr(tuning, "load_setup", lambda name: heavier)
-    tune(Tune(**{**vars(small), "seed": 9}))
-    assert begun == [1.0, 4.0, 1.0, 4.0]
+    with counted() as begun:
+        tune(replace(small, seed=9))
+        assert begun == [1.0, 4.0]
+        assert "other settings" in capsys.readouterr().out
+        heavier = replace(load_setup("linear-blind"), environment={"tool_mass": 0.2})
+        monkeypatch.setattr(tuning, "load_setup", lambda name: heavier)
+        tune(replace(small, seed=9))
+        assert begun == [1.0, 4.0, 1.0, 4.0]
     assert "another environment" in capsys.readouterr().out
 
 

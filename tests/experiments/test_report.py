@@ -21,15 +21,16 @@ from agents.evaluate import RESULTS
 from agents.evaluate import play as evaluations
 from agents.evaluate.stage import Stage
 from agents.jobs import job
+from agents.setups import load_setup
 from experiments.lab.statistics import Estimate
 from experiments.report import answer, matchups, play, results
-from experiments.report.__main__ import Settings, publish
+from experiments.report.__main__ import ReportOptions, publish
 from experiments.report.matchups import PAPER
 from impact_gym.envs import evaluation_sets
 
 AGENTS = Path(matchups.__file__).parents[2] / "agents"
 SCENARIOS = {"set": "test", "count": 30}
-LINEAR = matchups.shipped(SCENARIOS)[0]
+LINEAR = matchups.of_setup(load_setup("linear-blind"), SCENARIOS)
 PAPERS_RULE = {"baseline": "paper-trapezoid"}
 
 
@@ -38,7 +39,7 @@ def folder(tmp_path_factory):
     out = tmp_path_factory.mktemp("report") / "latest"
     few = [LINEAR.policy, next(seed for seed in LINEAR.seeds if seed.name != LINEAR.chosen)]
     matchup = replace(LINEAR, seeds=tuple(replace(seed, weights=(0.7, 1.0, 2.0, 4.0)) for seed in few))
-    assert publish([matchup], Settings(out=out, processes=0)) == out / "index.html"
+    assert publish([matchup], ReportOptions(out=out, processes=0)) == out / "index.html"
     return out
 
 
@@ -172,7 +173,7 @@ def test_a_report_needs_no_more_than_its_extra():
     assert {"torch", "cma", "mujoco", "ray"} <= others
     program = (
         f"import sys; sys.modules.update(dict.fromkeys({sorted(others)})); import experiments.report.__main__; "
-        "from experiments.report.matchups import shipped; shipped({'set': 'test', 'count': 2})"
+        "from experiments.report.__main__ import ReportOptions, matchups_of; matchups_of(ReportOptions())"
     )
     subprocess.run([sys.executable, "-c", program], check=True, cwd=AGENTS.parent)
 

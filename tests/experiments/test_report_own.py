@@ -11,7 +11,7 @@ from agents import Policy, load_policy
 from agents.evaluate.stage import Stage
 from experiments.report import __main__ as report
 from experiments.report import results
-from experiments.report.__main__ import Settings, write
+from experiments.report.__main__ import ReportOptions, write
 
 
 def of(episodes, contestant):
@@ -32,7 +32,7 @@ def test_a_users_own_baseline_ranges_and_tool(tmp_path, monkeypatch):
     wanted = {"ranges": {"object_mass": 0.4, "distance": [0.2, 0.3]}, "seed": 5, "count": 6,
               "environment": {"tool_mass": 0.2}}  # fmt: skip
     scenarios.write_text(json.dumps(wanted))
-    settings = Settings(
+    settings = ReportOptions(
         policy=("linear-blind",),
         baseline=("my_rules:Half",),
         scenarios=str(scenarios),
@@ -68,7 +68,7 @@ def test_a_users_own_baseline_ranges_and_tool(tmp_path, monkeypatch):
 def test_a_policy_of_one_weight_meets_baselines_at_that_weight(tmp_path):
     policy = load_policy("linear-blind")
     Policy(policy.network, {"time_weight": 3.0}, {}).save(tmp_path / "three & a bit.npz")
-    write(Settings(policy=(str(tmp_path / "three & a bit.npz"),), baseline=("blind-profile",), count=6,
+    write(ReportOptions(policy=(str(tmp_path / "three & a bit.npz"),), baseline=("blind-profile",), count=6,
                    out=tmp_path / "out", processes=0))  # fmt: skip
     episodes = pl.read_parquet(tmp_path / "out" / "episodes.parquet")
     assert set(of(episodes, "three-a-bit")["time_weight"]) == {3.0}
@@ -78,7 +78,9 @@ def test_a_policy_of_one_weight_meets_baselines_at_that_weight(tmp_path):
 
 def test_who_misses_everything_is_not_said_to_win(tmp_path):
     (tmp_path / "far.json").write_text('{"ranges": {"distance": [0.9, 1.0]}, "count": 5}')
-    write(Settings(policy=("linear-blind",), scenarios=str(tmp_path / "far.json"), out=tmp_path / "out", processes=0))
+    write(
+        ReportOptions(policy=("linear-blind",), scenarios=str(tmp_path / "far.json"), out=tmp_path / "out", processes=0)
+    )
     answer = json.loads((tmp_path / "out" / "results.json").read_text())["answers"]["linear-blind"]
     assert answer["missed"] == answer["episodes"]
     assert answer["improvement"]["value"] == 0.0
@@ -106,25 +108,25 @@ def test_what_makes_no_sense_is_refused_before_anything_is_played(wanted, messag
         (tmp_path / "mine.json").write_text(wanted["scenarios"])
         wanted = {**wanted, "scenarios": str(tmp_path / "mine.json")}
     with pytest.raises(ValueError, match=message):
-        write(Settings(out=tmp_path / "out", **wanted))
+        write(ReportOptions(out=tmp_path / "out", **wanted))
     assert not (tmp_path / "out").exists()
 
 
 def test_settings_are_checked(tmp_path):
     with pytest.raises(ValueError, match=r"count.*at least 2"):
-        Settings(count=1)
+        ReportOptions(count=1)
     with pytest.raises(ValueError, match="baseline needs --policy"):
-        Settings(baseline=("ranged",))
+        ReportOptions(baseline=("ranged",))
     (tmp_path / "letter").write_text("dear")
     with pytest.raises(ValueError, match="is not replaced"):
-        write(Settings(out=tmp_path, force=True))
+        write(ReportOptions(out=tmp_path, force=True))
 
 
 def test_a_first_page_answers_on_few_scenarios_and_the_full_one_takes_its_place(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(report, "FIRST_LOOK", 5)
     monkeypatch.setattr(results, "EXACTLY", 2)
     monkeypatch.setattr(results, "IN_SCIPY", 2)
-    settings = Settings(policy=("linear-blind",), count=15, out=tmp_path / "out", processes=0)
+    settings = ReportOptions(policy=("linear-blind",), count=15, out=tmp_path / "out", processes=0)
     whole, seen = report.write_folder, []
 
     def write_folder(played, settings, begun, first=False):
@@ -145,7 +147,7 @@ def test_a_first_page_answers_on_few_scenarios_and_the_full_one_takes_its_place(
     assert found["answers"]["linear-blind"]["reduction"]["low"] < found["answers"]["linear-blind"]["reduction"]["high"]
     assert "its first 5" in text
     assert "First page." in text
-    assert 'id="holds"' not in text
+    assert 'id="robustness"' not in text
     assert "first page, of 5 scenarios: file://" in capsys.readouterr().out
     full = json.loads((tmp_path / "out" / "results.json").read_text())
     assert not full["first page"]

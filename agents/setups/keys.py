@@ -1,0 +1,40 @@
+"""Reading tables of a file: a mistake gets one line that names the key, what it was given and what is allowed."""
+
+from collections.abc import Iterable, Mapping
+from difflib import get_close_matches
+from typing import Any
+
+
+def known(prefix: str, given: Iterable[str], allowed: Iterable[str]) -> None:
+    """Refuse the first key that is not allowed, and name the nearest that is."""
+    names = list(allowed)
+    for key in given:
+        if key not in names:
+            nearest = get_close_matches(key, names, 1)
+            meant = f"; did you mean {nearest[0]!r}?" if nearest else ""
+            raise ValueError(f"unknown key {prefix}{key!s}{meant} Known are {', '.join(names)}")
+
+
+def table(content: Mapping[str, Any], name: str, prefix: str = "") -> dict[str, Any]:
+    """Return a table of a file, empty where there is none."""
+    found = content.get(name, {})
+    if not isinstance(found, dict):
+        raise ValueError(f"{prefix}{name} must be a table, [{prefix}{name}], got {found!r}")
+    return found
+
+
+def text(content: Mapping[str, Any], name: str, otherwise: str, prefix: str = "") -> str:
+    """Return a text of a file."""
+    found = content.get(name, otherwise)
+    if not isinstance(found, str) or not found:
+        raise ValueError(f"{prefix}{name} must be a text, got {found!r}")
+    return found
+
+
+def names(field_name: str, given: Any) -> tuple[str, ...]:
+    """Return a list of names, none twice."""
+    if not isinstance(given, list) or not all(isinstance(one, str) for one in given):
+        raise ValueError(f"{field_name} must be a list of names, got {given!r}")
+    if len(set(given)) < len(given):
+        raise ValueError(f"{field_name} must not name one twice, got {given!r}")
+    return tuple(given)
