@@ -151,7 +151,7 @@ def lines(setup: Setup, called: str) -> Iterator[str]:
     if task.ranges.distance[1] > FARTHEST_SEEN:
         yield (
             f"  warning: objects stand up to {task.ranges.distance[1]:g} m ahead, but the observation ends at a flange"
-            f" position of {FARTHEST_SEEN:g} m, and profiles by position were made for 0.15 to 0.35 m"
+            f" position of {FARTHEST_SEEN:g} m"
         )
     check(setup, called)
     yield "\ntrained by"

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import tyro
 
-from agents.baselines import bound
+from agents.baselines import Clairvoyant, bound
 from agents.baselines.cmaes import minimise
 from agents.baselines.profile import BlindProfile, constant_deceleration
 from agents.baselines.rule import Floats
@@ -29,6 +29,8 @@ from impact_gym.validation import number, whole
 
 SETUPS = shipped()
 PACKAGES = ("impact-gym", "cma", "numpy", "scipy")
+BOUND_SCENARIOS, BOUND_POPULATION, BOUND_SEED = 64, 16, 1
+BOUND_RTOL = 1e-5  # of the simulation while searching: V_p is within 1e-6 m/s
 SEARCHED = ("impact_gym", "agents.baselines", "agents.evaluate", "agents.tune")
 """Sources that what a search finds depends on."""
 
@@ -216,7 +218,7 @@ def search_bounds(wanted: Tune) -> list[Path]:
     missing = [(name, w) for name, setup in setups.items() for w in wanted.weights_of(setup) if w not in found[name]]
     depends = digest_of(*SEARCHED) if missing else ""
     jobs = [
-        Job("agents.baselines.bound:search", {"environment": dict(setups[n].environment), "time_weight": w}, depends)
+        Job("agents.tune:search_bound", {"environment": dict(setups[n].environment), "time_weight": w}, depends)
         for n, w in missing
     ]
     for place, result in wanted.done(jobs, "clairvoyant bound"):
@@ -224,6 +226,33 @@ def search_bounds(wanted: Tune) -> list[Path]:
         found[name][weight] = result["parameters"]
         bound.write_bound(setups[name], found[name], wanted.folder(setups[name]))
     return [bound.path_of(setup, wanted.folder(setup)) for setup in setups.values()]
+
+
+def search_bound(
+    environment: Mapping[str, Any],
+    time_weight: float,
+    scenarios: int = BOUND_SCENARIOS,
+    generations: int = bound.GENERATIONS,
+    population: int = BOUND_POPULATION,
+) -> Result:
+    """Return as `parameters` (scenarios, k) those of the best `Clairvoyant` for each of the first test scenarios.
+
+    Args:
+        environment: arguments of the environment; with a scenario of its own it draws from the seeds of the set.
+        time_weight: what a second costs, m/s per s.
+        scenarios: how many of the set, from its first on.
+        generations: of the search in each scenario.
+        population: candidates of each in a generation.
+    """
+    options = {"rtol": BOUND_RTOL, **environment, "privileged": True, "threads": 1}
+    stage = Stage.of(bound.FROZEN, scenarios, copies=population, time_weight=[time_weight] * population, **options)
+
+    def losses(candidates: Floats) -> Floats:
+        rule = Clairvoyant(candidates.reshape(population * scenarios, -1)).for_environment(environment)
+        return stage.play(rule).loss(time_weight).reshape(population, scenarios)
+
+    found = minimise(losses, Clairvoyant.PARAMETERS, scenarios, population, generations, BOUND_SEED)
+    return {"parameters": np.ascontiguousarray(found.parameters)}
 
 
 def command(name: str, setup: Setup, weight: float, search: Mapping[str, int]) -> str:

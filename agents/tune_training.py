@@ -6,6 +6,7 @@ on with it, after a kill as well. Its summary, settings and score of each trial,
 best is printed as the table `[training]` of a set-up, for whoever wants it there.
 """
 
+import hashlib
 import json
 import shlex
 import shutil
@@ -25,7 +26,7 @@ from optuna.storages.journal import JournalFileBackend
 from optuna.trial import Trial, TrialState
 
 from agents.setups import load_setup
-from agents.train.run import provenance, train, write_json
+from agents.train.run import made_for, provenance, train, write_json
 from agents.train.settings import Algorithm, Settings, default_settings, with_changes
 from impact_gym.validation import whole
 
@@ -89,7 +90,8 @@ def search(wanted: Search) -> Path:
     label = f"{setup.name}-{wanted.algo}"
     folder = (STUDIES if setup.shipped else setup.folder) if wanted.summaries is None else wanted.summaries
     space, summary = SPACES[wanted.algo], folder / f"{label}.json"
-    name = f"{label}-{wanted.steps}"
+    about = json.dumps([made_for(start), {name: vars(one) for name, one in space.items()}], sort_keys=True)
+    name = f"{label}-{wanted.steps}-{hashlib.sha256(about.encode()).hexdigest()[:8]}"  # another where that has changed
     wanted.journals.mkdir(parents=True, exist_ok=True)
     study = optuna.create_study(
         storage=JournalStorage(JournalFileBackend(str(wanted.journals / f"{name}.journal"))),

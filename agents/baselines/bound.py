@@ -7,50 +7,18 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from agents.archive import read_archive, write_archive
 from agents.baselines.clairvoyant import Clairvoyant
-from agents.baselines.cmaes import minimise
 from agents.baselines.rule import Floats
 from agents.baselines.tuned import TUNED
-from agents.evaluate import Stage
 from agents.setups import Setup, same_environment
 
-SCENARIOS, GENERATIONS, POPULATION, SEED = 64, 150, 16, 1
+GENERATIONS = 150  # of the search in each scenario
 SEARCH_RTOL = (
     1e-5  # of the simulation while searching: V_p is within 1e-6 m/s, and the best is played as all others are
 )
 FORMAT = "impact_gym clairvoyant 2"
 FROZEN = "test"
-
-
-def search(
-    environment: Mapping[str, Any],
-    time_weight: float,
-    scenarios: int = SCENARIOS,
-    generations: int = GENERATIONS,
-    population: int = POPULATION,
-) -> dict[str, NDArray[np.float64]]:
-    """Return as `parameters` (scenarios, k) those of the best `Clairvoyant` for each of the first test scenarios.
-
-    Args:
-        environment: arguments of the environment; with a scenario of its own it draws from the seeds of the set.
-        time_weight: what a second costs, m/s per s.
-        scenarios: how many of the set, from its first on.
-        generations: of the search in each scenario.
-        population: candidates of each in a generation.
-    """
-    options = {"rtol": SEARCH_RTOL, **environment, "privileged": True, "threads": 1}
-    stage = Stage.of(FROZEN, scenarios, copies=population, time_weight=[time_weight] * population, **options)
-
-    def losses(candidates: Floats) -> Floats:
-        rule = Clairvoyant(candidates.reshape(population * scenarios, -1)).for_environment(environment)
-        return stage.play(rule).loss(time_weight).reshape(population, scenarios)
-
-    found = minimise(losses, Clairvoyant.PARAMETERS, scenarios, population, generations, SEED)
-    return {"parameters": np.ascontiguousarray(found.parameters)}
 
 
 def about(environment: Mapping[str, Any]) -> dict[str, Any]:

@@ -8,11 +8,10 @@ from numpy.typing import ArrayLike
 
 from agents.baselines.reaction import REACTION, ReactingRule
 from agents.baselines.rule import CONTROL_PERIOD, Floats, Parameter, Seen, interpolate
-from impact_gym.envs.scenario import ScenarioRanges
 from impact_gym.envs.task import ACCELERATION_RANGE, VELOCITY_RANGE
 
 KNOTS: Floats = np.array([0.08, 0.12, 0.15, 0.17, 0.19, 0.22, 0.25, 0.28, 0.315, 0.35])
-"""Positions (m) of the profile's corners; before the first the start from rest rules."""
+"""Positions (m) of the profile's corners, see `Rule.placed`; before the first the start from rest rules."""
 
 ACCELERATION = Parameter("acceleration", "m/s^2", *ACCELERATION_RANGE, 15.0)
 """The most that following a profile may take, either way: too much throws a bistable mechanism off its stop."""
@@ -33,7 +32,7 @@ class BlindProfile(ReactingRule):
 
     def speed(self, position: Floats) -> Floats:
         """Return the profile's speed (m/s) at `position` (m)."""
-        return interpolate(KNOTS, self.columns(self.PARAMETERS[0].name, len(KNOTS)), position)
+        return interpolate(self.placed(KNOTS), self.columns(self.PARAMETERS[0].name, len(KNOTS)), position)
 
 
 class ConstantDeceleration(ReactingRule):
@@ -54,7 +53,7 @@ class ConstantDeceleration(ReactingRule):
 
     def speed(self, position: Floats) -> Floats:
         """Return the speed (m/s) at `position` (m)."""
-        left = np.maximum(self["end"] - position, 0.0)
+        left = np.maximum(self.placed(self["end"]) - position, 0.0)
         braking = np.sqrt(self["lowest speed"] ** 2 + 2.0 * self["deceleration"] * left)
         return np.minimum(braking, self["top speed"])
 
@@ -88,9 +87,8 @@ class Shape(NamedTuple):
 
 def constant_deceleration(profile: BlindProfile | ConstantDeceleration) -> Shape:
     """Fit v^2 linear in position over the range of the object's distances, by least squares."""
-    distances = ScenarioRanges().distance
-    positions = np.linspace(*distances, 401)
-    return constant_deceleration_of(positions, profile.speed(positions), distances)
+    positions = np.linspace(*profile.distances, 401)
+    return constant_deceleration_of(positions, profile.speed(positions), profile.distances)
 
 
 def constant_deceleration_of(positions: Floats, speeds: Floats, between: tuple[float, float]) -> Shape:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from impact_gym.envs.observation import ENTRIES, OPTIONAL_ENTRIES
-from impact_gym.envs.scenario import Range
+from impact_gym.envs.scenario import Range, ScenarioRanges
 from impact_gym.envs.task import ACCELERATION_RANGE, VELOCITY_RANGE, Task
 from impact_gym.validation import WrongTypeError, number
 
@@ -23,6 +23,9 @@ ESTIMATE = len(ENTRIES)
 """Places in the observation; that of the distance estimate where there is one."""
 
 CONTROL_PERIOD = Task.control_period  # s
+DISTANCES = ScenarioRanges().distance
+"""Where objects stand, m, unless an environment says otherwise: what positions in rules are made for."""
+LEAST_STRETCH = 0.01  # m
 
 
 class Parameter(NamedTuple):
@@ -80,6 +83,7 @@ class Rule:
     velocity_range: Range = VELOCITY_RANGE
     acceleration_range: Range = ACCELERATION_RANGE
     control_period: float = CONTROL_PERIOD  # s
+    distances: Range = DISTANCES  # m, where objects stand
     needs_estimate: ClassVar[bool] = False  # of the distance
 
     def __init__(self, parameters: ArrayLike) -> None:
@@ -107,6 +111,8 @@ class Rule:
     def for_environment(self, environment: Mapping[str, Any]) -> Self:
         """Return the same rule for an environment with these arguments: its ranges of actions, its control period.
 
+        With a scenario of its own, positions are moved to where its objects stand, see `placed`.
+
         Raises:
             ValueError: the rule needs an estimate of the distance, and the environment shows none.
         """
@@ -115,7 +121,18 @@ class Rule:
             raise ValueError(f"{type(self).__name__} needs an estimate of the distance: environment.range_noise")
         twin.velocity_range, twin.acceleration_range = task.velocity_range, task.acceleration_range
         twin.control_period = task.control_period
+        if "scenario" in environment:
+            twin.distances = task.ranges.distance
         return twin
+
+    def placed(self, position: Floats) -> Floats:
+        """Return where a position (m) of the rule lies: its stretch of DISTANCES is the one in which objects stand."""
+        if self.distances == DISTANCES:
+            return position
+        (near, far), (low, high) = DISTANCES, self.distances
+        low = max(low, LEAST_STRETCH)
+        within = max(high - low, LEAST_STRETCH) / (far - near)
+        return np.where(position < near, position * low / near, low + (position - near) * within)
 
     def __getitem__(self, name: str) -> Floats:
         """A parameter by its name."""

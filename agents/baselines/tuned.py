@@ -12,7 +12,7 @@ from agents.baselines.profile import BlindProfile, ConstantDeceleration
 from agents.baselines.random import RandomActions
 from agents.baselines.ranged import Ranged
 from agents.baselines.rule import Rule
-from agents.evaluate.stage import Controller
+from agents.policies import Controller
 from agents.setups import Setup, owner
 from impact_gym.files import whole_file
 from impact_gym.validation import number
@@ -52,7 +52,8 @@ def tuned_rule(content: Mapping[str, Any], time_weight: float) -> Rule:
     if not weights:
         raise ValueError(f"baseline {content['baseline']!r} holds no weight: tune it")
     nearest = min(weights, key=lambda weight: abs(math.log(weight / time_weight)))
-    return RULES[content["rule"]].of(list(content["weights"][f"{nearest:g}"]["parameters"].values()))
+    rule = RULES[content["rule"]].of(list(content["weights"][f"{nearest:g}"]["parameters"].values()))
+    return rule.for_environment(content["environment"])
 
 
 def read_tuned(name: str, folder: Path = TUNED, setup: Setup | None = None) -> dict[str, Any]:

@@ -22,7 +22,7 @@ from agents import load_policy
 from agents.baselines import Clairvoyant, ConstantSpeed
 from agents.baselines.rule import Rule
 from agents.baselines.tuned import load_baseline, tuned_rule
-from agents.evaluate.stage import Controller
+from agents.policies import Controller
 from agents.policies.policy import Policy
 
 

@@ -3,14 +3,14 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from gymnasium.utils import seeding
 from impact_gym.kernels import UNIFORMS
 from numpy.typing import NDArray
 
-from agents.policies.policy import Policy
+from agents.policies import Controller, Policy
 from impact_gym.envs import evaluation_sets
 from impact_gym.envs.batch import Batch
 from impact_gym.envs.records import DRAWS, free_record
@@ -27,15 +27,6 @@ third set; agents are trained with seeds above all of these, from `agents.train.
 RESULTS = ("object_velocity", "approach_time", "peak_force", "contact_count", "missed")
 """What is known of an episode, see `Episodes`."""
 SCORED = ("object_velocity", "approach_time", "missed")
-
-
-class Controller(Protocol):
-    """Anything that acts as a policy of stable-baselines3 does."""
-
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
-    ) -> tuple[Any, Any]:
-        """Return actions and the controller's next state."""
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,15 @@ FORMAT = "impact_gym policy 2"
 ACTIONS = 2  # numbers of an action
 SEEN_TO = ("scenario", "time_weight", "privileged", "rtol", "max_episode_steps")
 """Arguments of an environment that a policy may meet otherwise than in training."""
+
+
+class Controller(Protocol):
+    """Anything that acts as a policy of stable-baselines3 does."""
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[Any, Any]:
+        """Return actions and the controller's next state."""
 
 
 class Policy:

@@ -12,7 +12,7 @@ from agents.baselines import PaperTrapezoid
 from agents.baselines.rule import Seen
 from agents.evaluate.controllers import controller_of
 from agents.evaluate.play import frozen_of, play, stage
-from agents.evaluate.stage import Controller
+from agents.policies import Controller
 from experiments.reference.task import rescore
 from impact_gym.envs.observation import ENTRIES
 from impact_gym.envs.task import Task

@@ -24,11 +24,22 @@ def test_the_shipped_bound_is_below_every_baseline(name, weight):
         assert np.mean(known < blind) > 0.9  # in single scenarios a search may end in the wrong valley
 
 
+def test_knowing_the_scenario_is_worth_something():
+    found = tune.search_bound({}, 1.0, scenarios=6, generations=25, population=10)["parameters"]
+    bound = Stage.of("test", 6, time_weight=[1.0], privileged=True).play(Clairvoyant(found))
+    tuned = Stage.of("test", 6, time_weight=[1.0]).play(load_baseline("blind-profile", 1.0))
+    assert all(np.array_equal(bound.scenario[name], tuned.scenario[name]) for name in tuned.scenario)
+    assert not bound.missed.any()
+    assert bound.loss(1.0).mean() < tuned.loss(1.0).mean()
+    fastest = np.sqrt(2 * bound.scenario["distance"] / 20.0)  # at full acceleration all the way
+    assert (bound.approach_time > fastest - 0.02).all()  # the tool may swing ahead of the flange
+
+
 @pytest.fixture
 def wanted(tmp_path, monkeypatch):
     """A small search of two weights, in this process."""
-    original = bound.search
-    monkeypatch.setattr(bound, "search", lambda **given: original(**given, scenarios=3, generations=2))
+    original = tune.search_bound
+    monkeypatch.setattr(tune, "search_bound", lambda **given: original(**given, scenarios=3, generations=2))
     resolve.cache_clear()
     yield tune.Tune(("linear-blind",), weights=(1.0, 2.0), processes=0, out=tmp_path, jobs=tmp_path / "jobs")
     resolve.cache_clear()
