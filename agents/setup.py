@@ -116,7 +116,7 @@ def estimate(task: Task, scenario: dict[str, float]) -> float:
 
 
 def lines(setup: Setup, called: str) -> Iterator[str]:
-    """Yield what is to be said of a set-up that a command line calls `called`."""
+    """Yield the lines to print about a set-up; `called` is how the command line named it."""
     task = Task(**setup.environment)
     yield f"{setup.name}: {setup.title}"
     yield f"  {setup.about}"

@@ -144,7 +144,7 @@ def _plain(settings: Settings) -> dict[str, Any]:
 
 
 def _fill(folder: Path, result: Result) -> None:
-    """Write what was gathered of a run whose folder is on another machine, or gone."""
+    """Write the files of a run that was made on another machine, or whose folder is gone."""
     if not (folder / KEPT["metrics"]).is_file():
         for name, file in KEPT.items():
             with whole_file(folder / file) as opened:
@@ -152,7 +152,7 @@ def _fill(folder: Path, result: Result) -> None:
 
 
 def _ship(folder: Path, path: Path) -> dict[str, Any]:
-    """Copy the best policy of a run to `path`; return what became of the run."""
+    """Copy the best policy of a run to `path`; return its row of seeds.json."""
     policy = load_policy(folder)
     policy.save(path)
     metrics = json.loads((folder / "metrics.json").read_text())

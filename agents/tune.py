@@ -94,7 +94,7 @@ class Tune:
         return self.weights or setup.evaluation.weights
 
     def search(self, setup: Setup) -> dict[str, int]:
-        """Return what the result depends on."""
+        """Return the settings of the search, on which its result depends."""
         budget = setup.budget if self.budget is None else self.budget
         return {"scenarios": self.scenarios, "budget": budget, "population": self.population, "seed": self.seed}
 
@@ -129,7 +129,7 @@ def tune(wanted: Tune) -> list[Path]:
 
 
 def _kept(name: str, setup: Setup, wanted: Tune) -> dict[str, Any]:
-    """What a file has for each weight, with these settings and for today's environment."""
+    """Return what the file has for each weight, if it was tuned with these settings for this environment."""
     if not (wanted.folder(setup) / f"{name}.json").is_file():
         return {}
     try:

@@ -143,7 +143,7 @@ def _finished(study: optuna.Study) -> list[optuna.trial.FrozenTrial]:
 
 
 def _holds(distribution: Any, value: Any) -> bool:
-    """Return whether a value is one that may be suggested."""
+    """Return whether the search space contains a value."""
     if isinstance(distribution, CategoricalDistribution):
         return value in distribution.choices
     return bool(distribution.low <= value <= distribution.high)

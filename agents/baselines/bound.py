@@ -14,9 +14,6 @@ from agents.baselines.tuned import TUNED
 from agents.setups import Setup, same_environment
 
 GENERATIONS = 150  # of the search in each scenario
-SEARCH_RTOL = (
-    1e-5  # of the simulation while searching: V_p is within 1e-6 m/s, and the best is played as all others are
-)
 FORMAT = "impact_gym clairvoyant 2"
 FROZEN = "test"
 

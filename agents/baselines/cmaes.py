@@ -32,7 +32,6 @@ def minimise(
     population: int = 20,
     generations: int = 150,
     seed: int = 0,
-    told: Callable[[float], object] = lambda loss: None,
 ) -> Found:
     """Search within the limits of `parameters`, from their starts, in each problem alone.
 
@@ -43,7 +42,6 @@ def minimise(
         population: candidates of each in a generation.
         generations: at the most; a search that has converged waits for the others.
         seed: the result depends on it and on the above alone.
-        told: hears the mean loss of the best after each generation.
     """
     import cma  # type: ignore[import-untyped]  # it ships no types; whoever only plays has no need of it
 
@@ -66,7 +64,6 @@ def minimise(
         for problem in np.flatnonzero(values.min(axis=0) < found).tolist():
             found[problem] = values[winner[problem], problem]
             best[problem] = candidates[winner[problem], problem]
-        told(float(found.mean()))
     return Found(best, found, generation)
 
 

@@ -75,7 +75,7 @@ def read_tuned(name: str, folder: Path = TUNED, setup: Setup | None = None) -> d
             raise ValueError(f"its checksum is {found}, not {content['sha256']}: it was altered")
         expected = _about(name, setup.tuned[name].rule if setup else content["rule"])
         about = {field: content[field] for field in expected}
-        elsewhere = setup is not None and not setup.is_of(content["environment"])
+        elsewhere = setup is not None and not setup.describes(content["environment"])
     except FileNotFoundError:
         raise ValueError(f"baseline {name!r} was not tuned, there is no {path}: {remedy}") from None
     except (OSError, LookupError, TypeError, AttributeError, ValueError) as error:

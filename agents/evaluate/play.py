@@ -34,12 +34,13 @@ def play(
         environment: arguments of the environment but for scenario and time weight.
     """
     played = [
-        stage(scenarios, weight, environment).play(controller_of(controller, weight, environment)) for weight in weights
+        stage_of(scenarios, weight, environment).play(controller_of(controller, weight, environment))
+        for weight in weights
     ]
     return {name: np.array([getattr(one, name) for one in played]) for name in RESULTS} | played[0].scenario
 
 
-def stage(scenarios: Mapping[str, Any], weight: float, environment: Mapping[str, Any] | None = None) -> Stage:
+def stage_of(scenarios: Mapping[str, Any], weight: float, environment: Mapping[str, Any] | None = None) -> Stage:
     """Return the stage of `scenarios` at a time weight (m/s per s)."""
     options: dict[str, Any] = {"time_weight": [weight], "threads": 1, "quiet": True, **(environment or {})}
     frozen = frozen_of(scenarios)

@@ -26,7 +26,6 @@ third set; agents are trained with seeds above all of these, from `agents.train.
 
 RESULTS = ("object_velocity", "approach_time", "peak_force", "contact_count", "missed")
 """What is known of an episode, see `Episodes`."""
-SCORED = ("object_velocity", "approach_time", "missed")
 
 
 @dataclass(frozen=True)
@@ -114,7 +113,7 @@ class Stage:
         """
         batch = self._batch
         if isinstance(controller, Policy) and not self.quiet:
-            controller.say_if_elsewhere(batch.task)
+            controller.warn_if_elsewhere(batch.task)
         batch.begin(np.arange(batch.size), self._uniforms, self._fixed)
         ended, start = np.zeros(batch.size, np.bool_), np.ones(batch.size, np.bool_)
         state: Any = None

@@ -44,8 +44,8 @@ class Export:
 
 
 @dataclass(frozen=True)
-class Form:
-    """What a policy computes in one form."""
+class Implementation:
+    """What one implementation of a policy, in NumPy, C or ONNX, computes, and how fast."""
 
     actions: Floats  # (steps, rows, 2)
     seconds: float  # for one call with one observation
@@ -59,16 +59,16 @@ def observations(policy: Policy) -> Floats:
     return drawn.astype(np.float32).reshape(steps, -1, policy.inputs)
 
 
-def with_numpy(policy: Policy, seen: Floats) -> Form:
+def with_numpy(policy: Policy, seen: Floats) -> Implementation:
     """Play the policy itself."""
     state: Any = None
     actions = np.empty((*seen.shape[:2], ACTIONS), np.float32)
     for step, now in enumerate(seen):
         actions[step], state = policy.predict(now, state=state)
-    return Form(actions, _time(lambda: policy.predict(seen[0, 0])))
+    return Implementation(actions, _time(lambda: policy.predict(seen[0, 0])))
 
 
-def with_onnx(policy: Policy, path: Path, seen: Floats) -> Form | None:
+def with_onnx(policy: Policy, path: Path, seen: Floats) -> Implementation | None:
     """Play the ONNX file with onnxruntime; None where that is missing."""
     try:
         onnxruntime = importlib.import_module("onnxruntime")  # has no types
@@ -86,10 +86,10 @@ def with_onnx(policy: Policy, path: Path, seen: Floats) -> Form | None:
     for step, now in enumerate(seen):
         actions[step], *state = session.run(None, dict(zip(names, [now, *state], strict=True)))
     one = dict(zip(names, [seen[0, :1], *start(1)], strict=True))
-    return Form(actions, _time(lambda: session.run(None, one)))
+    return Implementation(actions, _time(lambda: session.run(None, one)))
 
 
-def with_c(policy: Policy, path: Path, seen: Floats) -> Form | None:
+def with_c(policy: Policy, path: Path, seen: Floats) -> Implementation | None:
     """Compile the header and play it; None where there is no C compiler."""
     compiler = shutil.which("cc") or shutil.which("gcc")
     if compiler is None:
@@ -115,7 +115,7 @@ def with_c(policy: Policy, path: Path, seen: Floats) -> Form | None:
     pointers = (seen.ctypes.data_as(ctypes.c_void_p), actions.ctypes.data_as(ctypes.c_void_p))
     begun = time.perf_counter()
     play(*seen.shape[:2], *pointers)
-    return Form(actions, (time.perf_counter() - begun) / OBSERVATIONS)
+    return Implementation(actions, (time.perf_counter() - begun) / OBSERVATIONS)
 
 
 def _time(call: Callable[[], Any], count: int = 1000) -> float:

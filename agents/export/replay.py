@@ -34,7 +34,7 @@ class Log(NamedTuple):
 
 
 class Replay(NamedTuple):
-    """What became of it in C."""
+    """How the compiled controller compares."""
 
     difference: float  # largest, of commands over their range
     usual: float  # s, what 99.9 % of the calls take at the most

@@ -103,11 +103,11 @@ class Network:
         return np.tanh(mean) if self.squash else np.clip(mean, np.float32(-1.0), np.float32(1.0))
 
     def layers(self) -> tuple[Affine, ...]:
-        """Return all of it that has weights."""
+        """Return every layer that has weights."""
         return (*((self.gates,) if self.gates else ()), *self.hidden, self.mean, self.log_std)
 
     def description(self) -> dict[str, Any]:
-        """Return what the weights do not say, as JSON has it."""
+        """Return activation, squashing and the order of the layers, for JSON."""
         return {"activation": self.activation, "squash": self.squash, "layers": [layer.name for layer in self.layers()]}
 
 

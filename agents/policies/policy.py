@@ -99,7 +99,7 @@ class Policy:
         ranges = {name for name in {*own.drawn, *task.drawn} if own.drawn.get(name) != task.drawn.get(name)}
         return sorted(other | {name.partition(".")[0] for name in ranges})
 
-    def say_if_elsewhere(self, task: Task) -> None:
+    def warn_if_elsewhere(self, task: Task) -> None:
         """Warn, once, if a task is another than the one that the policy was trained for."""
         other = [] if self._said else self.differs_in(task)
         if other:

@@ -80,7 +80,7 @@ class Setup:
         """Where what is made for it goes, unless one says otherwise: `policies`, `tuned`."""
         return SHIPPED.parent if self.shipped else Path("runs") / self.name
 
-    def is_of(self, environment: Mapping[str, Any]) -> bool:
+    def describes(self, environment: Mapping[str, Any]) -> bool:
         """Whether these arguments of an environment are this one's, but for those that others see to."""
         return same_environment(self.environment, environment)
 

@@ -14,8 +14,8 @@ from stable_baselines3.common.vec_env import VecEnv
 from agents.policies.networks import Affine, Network
 from agents.policies.policy import Policy
 from agents.train.ppo import (
-    behind_standard,
     entry_names,
+    fold_in_standardisation,
     layer_arguments,
     network_arguments,
     on_policy_arguments,
@@ -67,9 +67,9 @@ def policy_from(model: BaseAlgorithm, settings: Settings, provenance: Mapping[st
     layers = [_affine(f"hidden_{place}", layer) for place, layer in enumerate(linear)]
     names = entry_names(settings.environment)
     if gates:
-        gates = behind_standard(gates, names)
+        gates = fold_in_standardisation(gates, names)
     else:
-        layers[0] = behind_standard(layers[0], names)
+        layers[0] = fold_in_standardisation(layers[0], names)
     acting = Network(tuple(layers), _affine("mean", mean), log_std, settings.activation, squash, gates)
     return Policy(acting, settings.environment, provenance)
 

@@ -15,12 +15,12 @@ from agents.setups import load_setup
 from agents.train import checkpoint
 from agents.train.algorithms import policy_from
 from agents.train.logs import STEPS
-from agents.train.ppo import EvenRewards
+from agents.train.ppo import ScaledRewards
 from agents.train.settings import Settings
 
 OBJECTIVES = ("object_velocity", "approach_time", "peak_force", "missed")
-Told = Callable[[int, dict[str, Any]], None]
-"""What hears of a validation: steps and result."""
+OnValidation = Callable[[int, dict[str, Any]], None]
+"""Called after each validation with the steps made so far and the result."""
 ROWS = 200  # of a learning curve, at the most
 
 
@@ -32,11 +32,11 @@ class TrainingCallback(BaseCallback):
         folder: Path,
         settings: Settings,
         record: Mapping[str, Any],
-        environment: EvenRewards,
-        told: Told | None = None,
+        environment: ScaledRewards,
+        on_validation: OnValidation | None = None,
     ) -> None:
         super().__init__()
-        self._told = told
+        self._on_validation = on_validation
         self._folder, self._settings, self._record, self._environment = folder, settings, record, environment
         self.validation = Validation(
             settings.environment,
@@ -103,8 +103,8 @@ class TrainingCallback(BaseCallback):
         if result["score"] < self.kept["best"]:
             self.kept["best"] = result["score"]
             policy.save(self._folder / "best.npz")
-        if self._told:
-            self._told(steps, result)
+        if self._on_validation:
+            self._on_validation(steps, result)
         return policy
 
     def _write_row(self) -> None:

@@ -16,14 +16,14 @@ from sb3_contrib.common.recurrent.type_aliases import RNNStates
 from stable_baselines3.common.base_class import BaseAlgorithm
 
 from agents.archive import read_archive, write_archive
-from agents.train.ppo import EvenRewards
+from agents.train.ppo import ScaledRewards
 
 FORMAT = "impact_gym checkpoint 1"
 COUNTERS = ("num_timesteps", "_n_updates", "_episode_num", "_current_progress_remaining")
 REPLAY = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
 
 
-def write(path: Path, model: BaseAlgorithm, environment: EvenRewards, watched: Mapping[str, Any]) -> None:
+def write(path: Path, model: BaseAlgorithm, environment: ScaledRewards, watched: Mapping[str, Any]) -> None:
     """Write a checkpoint of `model`, its `environment` and what the callbacks have `watched`, whole or not at all."""
     arrays: dict[str, NDArray[Any]] = {}
     state = {
@@ -37,7 +37,7 @@ def write(path: Path, model: BaseAlgorithm, environment: EvenRewards, watched: M
     write_archive(path, FORMAT, {"state": tree}, arrays)
 
 
-def restore(path: Path, model: BaseAlgorithm, environment: EvenRewards) -> dict[str, Any]:
+def restore(path: Path, model: BaseAlgorithm, environment: ScaledRewards) -> dict[str, Any]:
     """Put `model` and `environment`, made from the same settings, where they were; return what was watched.
 
     Raises:
@@ -61,7 +61,7 @@ def restore(path: Path, model: BaseAlgorithm, environment: EvenRewards) -> dict[
 
 
 def _pending(model: BaseAlgorithm) -> tuple[dict[str, Any], ...]:
-    """What the log was told and has not written."""
+    """What the log was given and has not written yet."""
     return model.logger.name_to_value, model.logger.name_to_count, model.logger.name_to_excluded
 
 

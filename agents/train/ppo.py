@@ -23,7 +23,7 @@ from impact_gym.envs.observation import ENTRIES
 from impact_gym.sb3 import ImpactVecEnv
 
 TIME_WEIGHT = 7  # place of the time weight in the observation
-MET = {
+CENTRE_AND_SPREAD = {
     "flange position": (-0.1, 0.3),
     "flange velocity": (0.4, 0.45),
     "time": (-0.7, 0.2),
@@ -42,7 +42,7 @@ MET = {
 standardised by them, or what differs little would be learned late; an exported policy has them in its weights."""
 
 
-class EvenRewards(VecEnvWrapper):
+class ScaledRewards(VecEnvWrapper):
     """Divides rewards by (1 + time weight) to a power, so that hurried episodes do not drown the others."""
 
     def __init__(self, envs: ImpactVecEnv, power: float) -> None:
@@ -80,10 +80,10 @@ class EvenRewards(VecEnvWrapper):
         self._scale = np.asarray((1.0 + weights) ** -self._power, np.float32)
 
 
-def make_environment(settings: Settings) -> EvenRewards:
+def make_environment(settings: Settings) -> ScaledRewards:
     """Return the environments a training plays in."""
     envs = ImpactVecEnv(settings.envs, threads=settings.simulation_threads, **settings.training_environment)
-    return EvenRewards(envs, settings.weight_power)
+    return ScaledRewards(envs, settings.weight_power)
 
 
 def ppo(settings: Settings, environment: VecEnv) -> PPO:
@@ -141,9 +141,9 @@ def entry_names(environment: Mapping[str, Any]) -> list[str]:
     return [entry["name"] for entry in observation_table(environment)]
 
 
-def met(names: Sequence[str]) -> tuple[list[float], list[float]]:
+def centres_and_spreads(names: Sequence[str]) -> tuple[list[float], list[float]]:
     """Return centres and spreads of entries of the observation; of one that is not in the table, 0 and 1."""
-    pairs = [MET.get(name, (0.0, 1.0)) for name in names]
+    pairs = [CENTRE_AND_SPREAD.get(name, (0.0, 1.0)) for name in names]
     return [centre for centre, _ in pairs], [spread for _, spread in pairs]
 
 
@@ -156,7 +156,7 @@ class Standardised(BaseFeaturesExtractor):
     def __init__(self, observation_space: spaces.Space[Any], names: Sequence[str]) -> None:
         """Make one for the entries `names`."""
         super().__init__(observation_space, len(names))
-        for buffer, values in zip(("centre", "spread"), met(names), strict=True):
+        for buffer, values in zip(("centre", "spread"), centres_and_spreads(names), strict=True):
             self.register_buffer(buffer, torch.tensor(values))
 
     def forward(self, observations: torch.Tensor) -> torch.Tensor:
@@ -164,9 +164,9 @@ class Standardised(BaseFeaturesExtractor):
         return (observations - self.centre) / self.spread
 
 
-def behind_standard(layer: Affine, names: Sequence[str]) -> Affine:
+def fold_in_standardisation(layer: Affine, names: Sequence[str]) -> Affine:
     """Return a layer that does to observations what `layer` does to standardised ones, which are its first inputs."""
-    centre, spread = np.array(met(names))
+    centre, spread = np.array(centres_and_spreads(names))
     weight = layer.weight.astype(np.float64)
     weight[:, : len(names)] /= spread
     bias = layer.bias - weight[:, : len(names)] @ centre

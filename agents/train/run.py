@@ -23,7 +23,7 @@ from agents.provenance import circumstances, revision
 from agents.setups import load_setup
 from agents.train import checkpoint
 from agents.train.algorithms import make_model
-from agents.train.callback import Told, TrainingCallback
+from agents.train.callback import OnValidation, TrainingCallback
 from agents.train.logs import outputs
 from agents.train.ppo import make_environment
 from agents.train.settings import FIRST_SEED, SLOTS, Settings, as_json, command, from_json
@@ -32,7 +32,7 @@ from impact_gym.files import whole_file
 PACKAGES = ("impact-gym", "gymnasium", "numpy", "scipy", "stable-baselines3", "sb3-contrib", "torch")
 
 
-def train(settings: Settings, told: Told | None = None) -> Path:
+def train(settings: Settings, on_validation: OnValidation | None = None) -> Path:
     """Train, write the run folder, and return its path; `told` hears of each validation.
 
     Raises:
@@ -40,26 +40,26 @@ def train(settings: Settings, told: Told | None = None) -> Path:
         ValueError: the run to resume is damaged, of another version, or under way.
     """
     if settings.resume:
-        return resume(settings.resume, told)
+        return resume(settings.resume, on_validation)
     stamp = datetime.now(UTC).strftime("%Y%m%d-%H%M%S")
     folder = (
         settings.out or Path("runs") / f"{stamp}-{load_setup(settings.setup).name}-{settings.algo}-seed{settings.seed}"
     )
     folder.mkdir(parents=True)
     write_json(folder / "config.json", provenance(settings))
-    return resume(folder, told)
+    return resume(folder, on_validation)
 
 
-def resume(folder: Path, told: Told | None = None) -> Path:
+def resume(folder: Path, on_validation: OnValidation | None = None) -> Path:
     """Go on with the run in `folder` from its last checkpoint, or from its beginning, and return the folder."""
     record, settings = _configuration(folder)
-    with _alone(folder):
+    with _locked(folder):
         if not (folder / "metrics.json").is_file():
-            _run(folder, settings, record, told)
+            _run(folder, settings, record, on_validation)
     return folder
 
 
-def _run(folder: Path, settings: Settings, record: dict[str, Any], told: Told | None) -> None:
+def _run(folder: Path, settings: Settings, record: dict[str, Any], on_validation: OnValidation | None) -> None:
     torch.set_num_threads(settings.threads)
     torch.distributions.Distribution.set_default_validate_args(
         False
@@ -67,7 +67,7 @@ def _run(folder: Path, settings: Settings, record: dict[str, Any], told: Told | 
     environment = make_environment(settings)
     model = make_model(settings, environment)
     environment.seed(FIRST_SEED + settings.seed * SLOTS)
-    callback = TrainingCallback(folder, settings, record, environment, told)
+    callback = TrainingCallback(folder, settings, record, environment, on_validation)
     log = Logger(str(folder), [])
     model.set_logger(log)
     saved = folder / "checkpoint.npz"
@@ -122,7 +122,7 @@ def _configuration(folder: Path) -> tuple[dict[str, Any], Settings]:
 
 
 @contextmanager
-def _alone(folder: Path) -> Iterator[None]:
+def _locked(folder: Path) -> Iterator[None]:
     """Hold the run folder, so that no two processes write into it; a killed process lets go of it."""
     with (folder / "lock").open("w") as file:
         try:

@@ -160,7 +160,7 @@ class Settings:
 
     @property
     def round(self) -> int:
-        """Steps of all environments between two moments at which there is something to save."""
+        """Environment steps between two moments at which a checkpoint can be taken."""
         return self.envs * (self.on_policy.rollout if "ppo" in self.algo else 1)
 
     def rate(self, remaining: float) -> float:
@@ -169,12 +169,12 @@ class Settings:
 
     @property
     def whole_steps(self) -> int:
-        """Environment steps that are really made."""
+        """Environment steps in all, in whole rollouts."""
         return -(-self.steps // self.round) * self.round
 
 
 def settings_by_hand(setup: str, algo: Algorithm) -> Settings:
-    """Return what an algorithm is trained with where no set-up says otherwise."""
+    """Return the settings of an algorithm that no set-up's file has changed."""
     return replace(Settings(), setup=setup, algo=algo, **OTHERWISE[algo])
 
 

@@ -16,7 +16,7 @@ MARK = ".impact_gym"
 
 
 def replaceable(path: Path) -> None:
-    """Pass if `path` is not there, is an empty folder or one that an earlier run wrote.
+    """Check that `path` is missing, an empty folder, or a folder that an earlier run wrote.
 
     Raises:
         ValueError: it is anything else.
@@ -27,7 +27,7 @@ def replaceable(path: Path) -> None:
 
 @contextmanager
 def whole_folder(path: Path) -> Iterator[Path]:
-    """Give a folder to fill; once that went well it takes the place of `path`.
+    """Yield an empty folder; when the block ends without an error it takes the place of `path`.
 
     Raises:
         ValueError: `path` is there and is neither an empty folder nor one that an earlier run wrote.

@@ -13,7 +13,7 @@ TEXT = ("scene", "description", "contender", "failure", "run", "coupling")
 
 
 def table(path: Path) -> pl.DataFrame:
-    """Return a table, without rows and columns if there is no file. Columns not in TEXT are numbers."""
+    """Return the table in a file, an empty one if there is no file; columns not in TEXT are numbers."""
     if not path.is_file():
         return pl.DataFrame()
     text = pl.read_csv(path, infer_schema=False).fill_null("")

@@ -79,14 +79,14 @@ class ReportOptions:
 
 
 def matchups_of(options: ReportOptions) -> list[matchups.Matchup]:
-    """Return who meets whom.
+    """Return the matchups that are asked for.
 
     Raises:
         ValueError: a policy, a baseline or the scenarios are not what they should be; nothing has been played yet.
     """
     if options.policy:
         scenarios, changes = matchups.scenarios_from(options.scenarios or "test", options.count)
-        return matchups.own(options.policy, options.baseline, scenarios, changes)
+        return matchups.of_policies(options.policy, options.baseline, scenarios, changes)
     found = [load_setup(name) for name in options.setups or README]
     if len({one.name for one in found}) < len(found):
         raise ValueError(f"two set-ups would have the same name: {', '.join(options.setups)}")
@@ -117,7 +117,7 @@ def write(options: ReportOptions) -> Path:
 
 
 def _nothing_whole(out: Path) -> bool:
-    """Whether there is nothing at `out`, or no more than a first page."""
+    """Return whether `out` is missing, empty, or holds no more than a first page."""
     if not out.exists() or (out.is_dir() and not any(out.iterdir())):
         return True
     return (out / RESULTS).is_file() and json.loads((out / RESULTS).read_text()).get("first page", False)

@@ -98,7 +98,7 @@ def breakdown(played: Played) -> list[Figure]:
 
 
 def _groups(values: Floats) -> list[tuple[NDArray[np.bool_], dict[str, float]]]:
-    """Return groups of as many scenarios each by a field's values: which are in it, and where it lies."""
+    """Return equally large groups of scenarios, ordered by a field: a mask for each, and where the group lies."""
     count = max(1, min(GROUPS, values.size // SMALLEST))
     edges = np.quantile(values, np.linspace(0.0, 1.0, count + 1))
     group = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, count - 1)
@@ -168,7 +168,7 @@ def _paired(played: Played, name: str) -> Figure:
 def _grouped(
     data: pl.DataFrame, name: str, title: str, names: tuple[str, ...], looks: tuple[str, ...], more: list[alt.Tooltip]
 ) -> Any:
-    """Return points with intervals over a field; `looks` says as which contestants the names are drawn."""
+    """Return points with intervals over a field; `looks` names the contestants whose colours and shapes are used."""
     look = contestants(looks)
     kind: dict[str, Any] = {"type": "log"} if LOGARITHMIC[FIELDS.index(name)] else {"zero": False}
     axis = alt.Axis(format="~s") if name == "contact_stiffness" else alt.Axis()

@@ -21,7 +21,7 @@ def approach(played: Played) -> Figure:
     frames = []
     matchup = played.matchup
     ranged = matchup.environment.get("range_noise") is not None
-    slope = knock(played)
+    slope = impact_ratio(played)
     ahead = played.paper.scenario["distance"]
     span = round(float(ahead.min()), 3), round(float(ahead.max()), 3)
     linear = matchup.environment.get("coupling", {}).get("type") != "Bistable"  # which shields above its threshold
@@ -73,7 +73,7 @@ def approach(played: Played) -> Figure:
                   where + theory, where + " " + said, zoomable(chart), data, 340)  # fmt: skip
 
 
-def knock(played: Played) -> float:
+def impact_ratio(played: Played) -> float:
     """Return c of V_p = c v, fitted to the constant speeds up to 1 m/s by least squares."""
     points = [(float(name.split()[0]), float(run["object_velocity"].mean())) for name, run in played.family.items()]
     speeds, velocities = np.array([point for point in points if point[0] <= 1.0]).T

@@ -36,7 +36,7 @@ Environment = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Contestant:
-    """One that plays, and at which time weights (m/s per s)."""
+    """A controller, and the time weights (m/s per s) at which it plays."""
 
     name: str
     controller: Mapping[str, Any]  # JSON, see `agents.evaluate.controllers`
@@ -98,14 +98,14 @@ def of_setup(setup: Setup, scenarios: Mapping[str, Any], folder: Path | None = N
     if not paths or not (there / "seeds.json").is_file():
         raise ValueError(f"{there} holds no policies: python -m agents.train_seeds {setup.called}")
     for path in paths:
-        if not setup.is_of(load_policy(path).environment):
+        if not setup.describes(load_policy(path).environment):
             raise ValueError(f"{path} was trained for another environment than {setup.called} says: train it anew")
     seeds = tuple(policy(path.stem, path, setup.evaluation) for path in paths)
     chosen = f"seed-{json.loads((there / 'seeds.json').read_text())['median']}"
     about = load_policy(there / f"{chosen}.npz").provenance
-    environment, met = met_in(setup.environment, scenarios)
+    environment, met = environment_and_scenarios(setup.environment, scenarios)
     rivals = baselines(setup.against, environment, setup, folder / "tuned")
-    note = setup.about + with_less(setup, about, rivals)
+    note = setup.about + quick_look_note(setup, about, rivals)
     bound = clairvoyant(setup, met, folder / "tuned")
     return Matchup(setup.name, environment, seeds, chosen, rivals, met, about, note, setup.evaluation, bound)
 
@@ -123,8 +123,8 @@ def clairvoyant(setup: Setup, scenarios: Mapping[str, Any], folder: Path = TUNED
     return Contestant(BOUND, {"clairvoyant": spec}, tuple(found), checksum)
 
 
-def with_less(setup: Setup, about: Mapping[str, Any], rivals: Sequence[Contestant]) -> str:
-    """Say what was trained or tuned with less than the set-up wants; nothing if nothing was."""
+def quick_look_note(setup: Setup, about: Mapping[str, Any], rivals: Sequence[Contestant]) -> str:
+    """Say what was trained or tuned with less than the set-up asks for; empty if nothing was."""
     told = []
     steps, wanted = about["settings"]["steps"], default_settings(str(setup.path)).steps
     if steps < wanted:
@@ -140,8 +140,10 @@ def with_less(setup: Setup, about: Mapping[str, Any], rivals: Sequence[Contestan
     return f"; A QUICK LOOK, {', '.join(told)}" if told else ""
 
 
-def met_in(environment: Environment, scenarios: Mapping[str, Any]) -> tuple[dict[str, Any], Mapping[str, Any]]:
-    """Return an environment's arguments but for its scenario, and the scenarios that it meets.
+def environment_and_scenarios(
+    environment: Environment, scenarios: Mapping[str, Any]
+) -> tuple[dict[str, Any], Mapping[str, Any]]:
+    """Return the arguments of an environment without its scenario, and the scenarios that are played in it.
 
     One with ranges of its own meets as many from these, drawn from the seeds of the frozen set that is asked for,
     unless that is `hard`.
@@ -155,7 +157,7 @@ def met_in(environment: Environment, scenarios: Mapping[str, Any]) -> tuple[dict
     return rest, scenarios
 
 
-def own(
+def of_policies(
     paths: Sequence[str], names: Sequence[str], scenarios: Mapping[str, Any], changes: Environment
 ) -> list[Matchup]:
     """Return a matchup for each policy, by name or file, against the paper's rule and `names`.
@@ -171,7 +173,7 @@ def own(
         file = _file(path)
         loaded = load_policy(file)
         trained_in = {name: value for name, value in loaded.environment.items() if name != "time_weight"}
-        environment, met = met_in({**trained_in, **changes}, scenarios)
+        environment, met = environment_and_scenarios({**trained_in, **changes}, scenarios)
         Policy(loaded.network, environment, {})  # raises where they do not fit
         setup = setup_of(trained_in)
         evaluation = setup.evaluation if setup else Evaluation()
@@ -190,7 +192,7 @@ def own(
 
 def setup_of(environment: Environment) -> Setup | None:
     """Return the shipped set-up that has this environment."""
-    return next((one for one in map(load_setup, shipped_setups()) if one.is_of(environment)), None)
+    return next((one for one in map(load_setup, shipped_setups()) if one.describes(environment)), None)
 
 
 def policy(name: str, path: Path, evaluation: Evaluation) -> Contestant:

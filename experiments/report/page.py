@@ -39,7 +39,7 @@ def sections(played: list[Played], first: bool = False) -> dict[str, dict[str, S
         reacted = [learned.reaction(one)] if one.reactions["since"].size else []  # else no alarm came
         found["learned"][name] = [learned.approach(one), *reacted, *learned.urgency(one)]
         found["bars"][name] = [bars.table(bars.bars(one, played))]
-        found["robustness"][name] = [*robustness.figures(one), robustness.kinds(one)]
+        found["robustness"][name] = [*robustness.figures(one), robustness.categories(one)]
         found["simulator"][name] = [robustness.simulator(one)]
     return found
 

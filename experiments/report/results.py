@@ -20,7 +20,7 @@ from impact_gym.envs.task import MISSED_COST, Task
 
 Arrays = Mapping[str, NDArray[Any]]
 PLAYS = {"play": "agents.evaluate.play"}
-HERE = "experiments.report.play"
+HERE = "experiments.report.measures"
 SPEEDS = (0.4, 0.5, 0.6, 0.8, 1.0, 1.25, 1.5)  # m/s, of the family of constant speeds
 FAR = 0.36  # m, just beyond the farthest object: where an approach that meets nothing is watched
 NEAR = 0.25  # m, where one is watched that knows the distance
@@ -135,7 +135,7 @@ def gather_matchups(
 
 
 def _played(matchups: list[Matchup], asked: list[_Asked], results: list[Arrays]) -> list[Played]:
-    """Put the results where they belong."""
+    """Return what came of each matchup, every result in its place."""
     played = [Played(matchup) for matchup in matchups]
     for one, arrays in zip(asked, results, strict=True):
         target = played[one.matchup]
@@ -156,7 +156,7 @@ def _sources(matchups: list[Matchup]) -> str:
     """Digest of what determines results beside a job's arguments: sources, those of a user's baselines too."""
     named = [one.controller.get("object", "") for matchup in matchups for one in matchup.baselines]
     modules = sorted({name.partition(":")[0] for name in named if name})
-    return digest_of("impact_gym", "agents", "experiments.report.play", "experiments.reference", *modules)
+    return digest_of("impact_gym", "agents", "experiments.report.measures", "experiments.reference", *modules)
 
 
 def watched_at(matchup: Matchup) -> float:

@@ -94,8 +94,8 @@ def _figure(played: Played, found: list[tuple[Change, dict[str, Run]]]) -> Figur
     return Figure(f"{name}_{argument}", f"{name}: {title}", caption, text, chart + marks, data, 220)
 
 
-def kinds(played: Played) -> Table:
-    """Return what changes do that are no numbers, such as a compliant robot and the hard scenarios."""
+def categories(played: Played) -> Table:
+    """Return the table of changes that are not numbers, such as a compliant robot or other scenarios."""
     weight = played.matchup.typical
     body = []
     for change, runs in chain.from_iterable(found for found in _varied(played) if not _numeric(found)):

@@ -26,7 +26,7 @@ from agents.train.settings import default_settings
 from agents.train_seeds import Seeds, train_all
 from experiments.report import matchups
 from experiments.report.__main__ import ReportOptions, matchups_of
-from experiments.report.play import play_as_late
+from experiments.report.measures import play_as_late
 from impact_gym.envs.task import Task
 
 MINE = """
@@ -66,7 +66,7 @@ def test_what_is_shipped_of_a_set_up_was_made_for_it(name):
     there = load_setup(name)
     assert default_settings(name).environment == {**there.environment, "time_weight": [0.3, 8.0]}
     for path in (SHIPPED / name).glob("seed-*.npz"):
-        assert there.is_of(load_policy(path).environment)
+        assert there.describes(load_policy(path).environment)
     for baseline in there.tuned:
         assert owner(baseline) == there
     assert {*there.against} <= {*there.tuned, *names()}
@@ -265,7 +265,7 @@ def test_one_command_goes_from_a_file_to_a_controller_and_on_where_it_was(mine, 
         assert (out / path).is_file(), path
     weights = json.loads((out / "tuned" / "mine-profile.json").read_text())["weights"]
     assert {found["search"]["budget"] for found in weights.values()} == {16}
-    assert load_setup(mine).is_of(load_policy(out / "policies" / "mine.npz").environment)
+    assert load_setup(mine).describes(load_policy(out / "policies" / "mine.npz").environment)
     matchup = matchups.of_setup(load_setup(out / "mine.toml"), {"set": "test", "count": 30}, out)
     assert matchup.scenarios["ranges"]["object_mass"] == [0.2, 1.0]
     assert [one.name for one in matchup.baselines] == ["paper's rule", "mine-profile"]
@@ -280,8 +280,8 @@ def test_less_than_a_set_up_wants_is_said(mine, tmp_path):
     contestant = matchups.Contestant(
         next(iter(there.tuned)), {"tuned": {"weights": {"2": {"search": {"budget": 8}}}}}, (2.0,), ""
     )
-    assert matchups.with_less(there, {"settings": {"steps": 2000}}, []) == ""
-    said = matchups.with_less(there, {"settings": {"steps": 500}}, [contestant])
+    assert matchups.quick_look_note(there, {"settings": {"steps": 2000}}, []) == ""
+    said = matchups.quick_look_note(there, {"settings": {"steps": 500}}, [contestant])
     assert said == "; A QUICK LOOK, trained for 500 steps of 2,000, baselines tuned with 8 candidates of 16"
 
 
@@ -379,7 +379,7 @@ def test_seeds_of_a_set_up_that_has_changed_are_not_taken_for_its_own(mine, tmp_
     settings = replace(default_settings("mine.toml"), steps=512, validate_every=512)
     assert settings.setup == str(mine)  # from wherever it is gone on with
     shipped_to = train_all("mine", wanted, settings)
-    assert load_setup(mine).is_of(load_policy(shipped_to).environment)
+    assert load_setup(mine).describes(load_policy(shipped_to).environment)
     mine.write_text(MINE.replace("damping_ratio = 0.7", "damping_ratio = 0.9"))
     with pytest.raises(ValueError, match="for another environment: remove it"):
         train_all("mine", wanted, replace(default_settings("mine.toml"), steps=512, validate_every=512))

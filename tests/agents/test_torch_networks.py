@@ -9,7 +9,15 @@ from policies import made_up_policy, observations
 from training import tiny
 
 from agents.train.algorithms import make_model, policy_from
-from agents.train.ppo import MET, Standardised, Tanh, behind_standard, entry_names, make_environment, met
+from agents.train.ppo import (
+    CENTRE_AND_SPREAD,
+    Standardised,
+    Tanh,
+    centres_and_spreads,
+    entry_names,
+    fold_in_standardisation,
+    make_environment,
+)
 from agents.train.settings import OnPolicy
 from impact_gym.sb3 import ImpactVecEnv
 
@@ -30,14 +38,14 @@ def test_networks_see_entries_of_about_unit_size():
     """While a policy of random commands plays; what is rare or one-sided may be far from it."""
     envs = ImpactVecEnv(256, privileged=True, range_noise=0.01, time_weight=(0.5, 8.0))
     names = entry_names({"privileged": True, "range_noise": 0.01})
-    assert set(names) - set(MET) == {"reaction_delay".replace("_", " ")}  # which is fixed in training
+    assert set(names) - set(CENTRE_AND_SPREAD) == {"reaction_delay".replace("_", " ")}  # which is fixed in training
     envs.seed(0)
     seen, rng = [envs.reset()], np.random.default_rng(0)
     for _ in range(120):
         command = np.stack((rng.normal(0.2, 0.4, 256), rng.uniform(-1.0, 1.0, 256)), axis=1)
         seen.append(envs.step(command.clip(-1.0, 1.0).astype(np.float32))[0])
     layer = Standardised(envs.observation_space, names)
-    standard = layer(torch.as_tensor(np.concatenate(seen))).numpy()[:, [name in MET for name in names]]
+    standard = layer(torch.as_tensor(np.concatenate(seen))).numpy()[:, [name in CENTRE_AND_SPREAD for name in names]]
     assert np.abs(standard.mean(axis=0)).max() < 1.5
     assert standard.std(axis=0).min() > 0.2
     assert standard.std(axis=0).max() < 3.0
@@ -46,15 +54,15 @@ def test_networks_see_entries_of_about_unit_size():
 def test_a_layer_behind_the_standard_is_the_same_layer():
     policy = made_up_policy(environment={"range_noise": 0.01})
     names, layer, seen = entry_names(policy.environment), policy.network.hidden[0], observations(policy)
-    centre, spread = np.array(met(names))
+    centre, spread = np.array(centres_and_spreads(names))
     expected = (seen - centre) / spread @ layer.weight.T + layer.bias
-    assert behind_standard(layer, names)(seen) == pytest.approx(expected, rel=0, abs=2e-5)
+    assert fold_in_standardisation(layer, names)(seen) == pytest.approx(expected, rel=0, abs=2e-5)
     wider = made_up_policy(cells=6)
     names, gates = entry_names({}), wider.network.gates
-    centre, spread = np.array(met(names))
+    centre, spread = np.array(centres_and_spreads(names))
     both = np.random.default_rng(0).uniform(-1.0, 1.0, (50, 14)).astype(np.float32)
     expected = np.concatenate(((both[:, :8] - centre) / spread, both[:, 8:]), axis=1) @ gates.weight.T + gates.bias
-    assert behind_standard(gates, names)(both) == pytest.approx(expected, rel=0, abs=2e-5)
+    assert fold_in_standardisation(gates, names)(both) == pytest.approx(expected, rel=0, abs=2e-5)
 
 
 @pytest.mark.parametrize("setup", ["linear-blind", "linear-ranged"])

@@ -22,7 +22,7 @@ from agents.policies.networks import to_arrays
 from agents.setups import shipped
 from agents.setups.evaluation import WEIGHTS
 from agents.train import callback
-from agents.train.ppo import EvenRewards, make_environment
+from agents.train.ppo import ScaledRewards, make_environment
 from agents.train.run import train
 from agents.train.settings import (
     FIRST_SEED,
@@ -200,7 +200,7 @@ def test_missing_the_object_costs_what_it_costs_in_the_environment():
 @pytest.mark.parametrize("power", [0.0, 0.5, 1.0])
 def test_rewards_are_divided_by_a_power_of_one_plus_the_weight_of_their_episode(power):
     plain, even = (ImpactVecEnv(16, time_weight=(0.5, 8.0)) for _ in range(2))
-    even = EvenRewards(even, power)
+    even = ScaledRewards(even, power)
     for envs in (plain, even):
         envs.seed(5)
         envs.reset()

@@ -23,7 +23,7 @@ from agents.evaluate.stage import Stage
 from agents.jobs import job
 from agents.setups import load_setup
 from experiments.lab.statistics import Estimate
-from experiments.report import answer, matchups, play, results
+from experiments.report import answer, matchups, measures, results
 from experiments.report.__main__ import ReportOptions, publish
 from experiments.report.matchups import PAPER
 from impact_gym.envs import evaluation_sets
@@ -86,7 +86,7 @@ def test_episodes_are_those_of_a_stage_and_of_the_same_scenarios(episodes):
 
 
 def test_as_late_is_as_late_on_the_validation_set():
-    found = play.play_as_late(LINEAR.policy.controller, LINEAR.environment, SCENARIOS, LINEAR.policy.weights)
+    found = measures.play_as_late(LINEAR.policy.controller, LINEAR.environment, SCENARIOS, LINEAR.policy.weights)
     validation = {"set": "validation", "count": SCENARIOS["count"]}
     weight = float(found["weight"][0])
     ours = evaluations.play(LINEAR.policy.controller, validation, [weight])
@@ -96,7 +96,7 @@ def test_as_late_is_as_late_on_the_validation_set():
 
 
 def test_the_papers_rule_does_after_the_alarm_what_it_says():
-    seen = play.reactions(PAPERS_RULE, {}, SCENARIOS, 2.0)
+    seen = measures.reactions(PAPERS_RULE, {}, SCENARIOS, 2.0)
     assert seen["velocity"] == pytest.approx(0.0, abs=1e-6)
     assert seen["acceleration"] == pytest.approx(8.0, abs=1e-5)
     assert set(seen["scenario"]) == set(range(30))
@@ -106,7 +106,7 @@ def test_the_papers_rule_does_after_the_alarm_what_it_says():
 
 
 def test_a_profile_is_the_flanges():
-    found = play.profile(PAPERS_RULE, {}, [2.0], 0.36)
+    found = measures.profile(PAPERS_RULE, {}, [2.0], 0.36)
     x = found["position"]
     reached = x < 0.35  # the tool swings ahead of the flange and touches first
     assert found["velocity"][0][reached] == pytest.approx(np.minimum(np.sqrt(16.0 * x), 1.0)[reached], abs=2e-3)

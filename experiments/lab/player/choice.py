@@ -9,7 +9,7 @@ from agents.evaluate.stage import Episodes
 
 
 def choose(played_baseline: Episodes, played_policy: Episodes) -> dict[str, int]:
-    """Return numbers of scenarios, all different, below a phrase each that says why it is shown.
+    """Return the scenarios to show: numbers, all different, each under a phrase that says why.
 
     A scenario that stands out in several ways is there once, with all of them in its phrase. Of equals it is the first.
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from agents.baselines import PaperTrapezoid
 from agents.baselines.rule import Seen
 from agents.evaluate.controllers import controller_of
-from agents.evaluate.play import frozen_of, play, stage
+from agents.evaluate.play import frozen_of, play, stage_of
 from agents.policies import Controller
 from experiments.reference.task import rescore
 from impact_gym.envs.observation import ENTRIES
@@ -37,7 +37,7 @@ def play_as_late(
     apart = others(scenarios)
 
     def mean_time(weight: float, one: Controller) -> float:
-        return float(stage(apart, weight, environment).play(one).approach_time.mean())
+        return float(stage_of(apart, weight, environment).play(one).approach_time.mean())
 
     low, high = weights[0], weights[-1]
     target = mean_time(low, PaperTrapezoid().for_environment(environment))
@@ -84,7 +84,7 @@ def reactions(
             kept.append((np.flatnonzero(now), seen.since_alarm[now], sensed, command[:, 0], command[:, 1]))
             return action, state
 
-    stage(scenarios, weight, environment).play(Listening())
+    stage_of(scenarios, weight, environment).play(Listening())
     scenario, since, sensed, velocity, acceleration = (np.concatenate(column) for column in zip(*kept, strict=True))
     task = Task(**environment)
     (v_low, v_high), (a_low, a_high) = task.velocity_range, task.acceleration_range
@@ -110,7 +110,7 @@ def in_scipy(
         raise ValueError("the independent solver takes scenarios of a set or a table")
     one = controller_of(controller, weight, environment)
     found = rescore(one, frozen, range(scenarios["count"]), environment, weight, clamp=clamp)
-    ours = stage(scenarios, weight, environment).play(one)
+    ours = stage_of(scenarios, weight, environment).play(one)
     return {**found, "ours": ours.object_velocity, "our_time": ours.approach_time, "our_missed": ours.missed}
 
 
