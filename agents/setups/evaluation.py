@@ -180,7 +180,5 @@ def _times(share: float, value: Any) -> Any:
 
 def _label(value: Any) -> str:
     if isinstance(value, Mapping):
-        return ", ".join(
-            f"{name} {one:g}" if isinstance(one, (int, float)) else f"{one}" for name, one in value.items()
-        )
+        return ", ".join(f"{name} {_label(one)}" for name, one in value.items() if name != "type")
     return f"{value:g}" if isinstance(value, (int, float)) else str(value)

@@ -58,6 +58,14 @@ def _row(run: Run, weight: float) -> dict[str, Any]:
     }
 
 
+def _place(change: Change) -> str:
+    """Return what a change is, in words."""
+    if not np.isfinite(change.value):
+        return f"{change.argument} {change.label}"
+    title, factor = _axis(change)
+    return f"{title} {factor * change.value:g}"
+
+
 def _figure(played: Played, found: list[tuple[Change, dict[str, Run]]]) -> Figure:
     weight, argument = played.matchup.typical, found[0][0].argument
     title, factor = _axis(found[0][0])
@@ -71,7 +79,7 @@ def _figure(played: Played, found: list[tuple[Change, dict[str, Run]]]) -> Figur
     least, most = data["value"].min(), data["value"].max()
     wide = least > 0.0 and most > 5.0 * least
     scale = alt.Scale(padding=10, nice=False, **({"type": "log"} if wide else {"zero": False}))
-    ticks = alt.Axis(values=data["value"].unique().sort().to_list(), format="~r")
+    ticks = alt.Axis(values=data["value"].unique().sort().to_list(), labelExpr="format(datum.value, '~g')")
     chart = alt.Chart(rows(data)).mark_line().encode(
         x=alt.X("value:Q", title=title, scale=scale, axis=ticks),
         y=alt.Y("loss:Q", title=f"mean V_p + {weight:g} T (m/s)", scale=alt.Scale(zero=False)),
@@ -112,7 +120,7 @@ def weak_points(played: Played) -> list[str]:
     """Return sentences on where the policy loses to its rival or to the paper's rule, or misses objects."""
     weight, name = played.matchup.typical, played.matchup.name
     varied = {
-        f"{change.argument} {change.label}{' times' * change.multiple}": (change, runs)
+        _place(change): (change, runs)
         for change, runs in chain.from_iterable(_varied(played))
     }
     asked = {what: runs for what, (change, runs) in varied.items() if not change.same}
