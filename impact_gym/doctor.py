@@ -242,11 +242,9 @@ def examine(seconds: float, sizes: Sequence[int], learn_envs: int) -> None:
     show("a fresh process", [f"import              {importing:.2f} s", f"make to first step  {making:.2f} s"])
     told = examine_rates(seconds, sizes, learn_envs, [] if missing else sorted({1, max(1, int(usable))}))
     if missing:
-        told.append(
-            f"{' and '.join(missing)} missing: ImpactVecEnv and PPO not measured. pip install 'impact-gym[train]'"
-        )
-    debug = hasattr(sys, "gettotalrefcount")
-    wrong = warnings(cores=cores, usable=usable, memory=memory, load=load, debug=debug)
+        unmeasured = "ImpactVecEnv and PPO not measured. pip install 'impact-gym[train]'"
+        told.append(f"{' and '.join(missing)} missing: {unmeasured}")
+    wrong = warnings(cores=cores, usable=usable, memory=memory, load=load, debug=hasattr(sys, "gettotalrefcount"))
     for title, texts in {"warnings": wrong, "advice": told}.items():
         show(title, [f"- {text}" for text in texts or ["none"]])
 

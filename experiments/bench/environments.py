@@ -18,7 +18,7 @@ SECONDS = 1.0  # of each measurement
 
 
 def error() -> float:
-    """Return the largest error in V_p of a batch under the paper's rule, m/s."""
+    """Return the largest error in V_p of a batch of scenarios under the paper's rule, m/s."""
     exact, found = (
         evaluate(PaperTrapezoid(), VALIDATION_SEED, BATCH, rtol=rtol).object_velocity for rtol in (1e-12, RTOL)
     )
@@ -57,5 +57,5 @@ def measure(quick: bool) -> dict[str, pl.DataFrame]:
     ratio = pl.col(steps.name).first().over("in a batch") / pl.col(steps.name)
     return {
         "Environments": rates.with_columns(steps).with_columns(ratio.alias("ours over it")),
-        "The batch": pl.DataFrame([{"rtol": RTOL, "largest error in V_p, m/s": error(), **memory()}]),
+        "The batch": pl.DataFrame([{"rtol": RTOL, "largest error in V_p, µm/s": 1e6 * error(), **memory()}]),
     }

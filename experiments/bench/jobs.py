@@ -3,8 +3,6 @@
 import os
 import tempfile
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from functools import partial
 from importlib.util import find_spec
@@ -81,20 +79,12 @@ def gathered(controller: str, count: int, where: str, **engine: Any) -> dict[str
     }
 
 
-@contextmanager
-def ray_here() -> Iterator[str]:
-    """Start a Ray cluster of one node with this machine's cores; give its address."""
-    import ray
+def ray_here() -> Any:
+    """Start a Ray cluster of one node with this machine's cores; at the latest it ends with this process."""
     from ray.cluster_utils import Cluster
 
     node = {"num_cpus": os.cpu_count() or 1, "object_store_memory": 200 * 2**20, "include_dashboard": False}
-    cluster = Cluster(initialize_head=True, head_node_args=node)
-    try:
-        yield cluster.address
-    finally:
-        with suppress(Exception):  # whatever it says at its end, the figures are there
-            ray.shutdown()
-            cluster.shutdown()
+    return Cluster(initialize_head=True, head_node_args=node)
 
 
 def extrapolated(one: dict[str, Any], last: dict[str, Any], blank: dict[str, Any]) -> pl.DataFrame:
@@ -147,17 +137,14 @@ def measure(quick: bool) -> dict[str, pl.DataFrame]:
     ]
     runs.append(gathered(BLANK, BLANKS, f"1 of {cores} cores", processes=1))
     if find_spec("ray"):
-        with ray_here() as address:
-            runs += [gathered(name, count, "Ray", cluster=address) for name, count in ((POLICY, jobs), (BLANK, BLANKS))]
+        ray = ray_here()
+        runs += [gathered(name, count, "Ray", cluster=ray.address) for name, count in ((POLICY, jobs), (BLANK, BLANKS))]
+        ray.shutdown()
     one, *_, last = (run for run in runs if run["controller"] == POLICY)
     *_, blank = (run for run in runs if run["controller"] == BLANK)
-    return {
-        f"Grids of approaches, {PER_JOB:,} a job": pl.DataFrame(runs),
-        f"Extrapolated, not measured: {WHOLE:,} approaches of {POLICY} on nodes of {CORES} such cores": extrapolated(
-            one, last, blank
-        ),
-        **growth(1 if quick else 3),
-    }
+    title = f"Extrapolated, not measured: {WHOLE:,} approaches of {POLICY} on nodes of {CORES} such cores"
+    grids = {f"Grids of approaches, {PER_JOB:,} a job": pl.DataFrame(runs), title: extrapolated(one, last, blank)}
+    return grids | growth(1 if quick else 3)
 
 
 def ten_million(quick: bool) -> dict[str, pl.DataFrame]:
