@@ -6,7 +6,7 @@ SMALL := $(VENV)/installed-for-report
 EXTRAS := train report robot render zoo peers cluster dev
 
 .DEFAULT_GOAL := help
-.PHONY: help setup report test train train-all controller tune search figures cost bench speed stability fidelity lint
+.PHONY: help setup report test train train-all controller tune search figures bench speed stability lint
 
 help:  ## list what can be made
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "make %-9s %s\n", $$1, $$2}'
@@ -64,10 +64,7 @@ search: setup  ## search for settings of training; goes on where it was stopped
 figures: setup  ## reproduce figures of the paper below reports/paper
 	$(BIN)/python -m experiments.paper
 
-cost: setup  ## measure what approaches cost, for docs/cost.md
-	$(BIN)/python -m experiments.cost
-
-bench: setup  ## measure speed against SciPy and Gymnasium, as ratios in one run
+bench: setup  ## measure speed against SciPy, MuJoCo and Gymnasium in one run, and what simpler models save
 	$(BIN)/python -m experiments.bench
 
 speed: setup  ## speed against error, ours beside others, below reports/speed_vs_error
@@ -75,9 +72,6 @@ speed: setup  ## speed against error, ours beside others, below reports/speed_vs
 
 stability: setup  ## a storm of random scenes through the solver, its checks and rivals, below reports/stability
 	$(BIN)/python -m experiments.stability
-
-fidelity: setup  ## what simpler models of random scenes cost, below reports/fidelity
-	$(BIN)/python -m experiments.fidelity
 
 lint: setup  ## format check, lint, types, import order
 	$(BIN)/ruff format --check .

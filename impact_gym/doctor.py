@@ -1,149 +1,195 @@
 """What this machine makes of the environment, and what to do about it: `python -m impact_gym.doctor`."""
 
 import argparse
-import importlib.util
+import importlib
 import os
 import platform
+import subprocess
 import sys
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
+from importlib.util import find_spec
+from itertools import cycle
 from pathlib import Path
+from typing import Any, NamedTuple
 
-import impact_gym
-from impact_gym.envs import doctor as measure
-from impact_gym.envs.doctor import LEARN_ENVS, Rate
+import gymnasium as gym
 
-PACKAGES = ("numpy", "scipy", "gymnasium")
-EXTRAS = ("torch", "stable-baselines3", "sb3-contrib", "pygame", "mujoco")
+from impact_gym import __version__
+
+ID, SCALE, BATCH_SCALE = "ImpactApproach-v0", "Pendulum-v1", "CartPole-v1"
+LEARNING = ("torch", "stable-baselines3")
+PACKAGES = ("numpy", "scipy", "gymnasium", *LEARNING, "sb3-contrib", "pygame", "mujoco")
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
-SIZES = (64, 256, 1024, 4096, 16384)  # environments in a batch
-QUICK_SIZES = (64, 1024)
+SIZES, QUICK_SIZES = (64, 256, 1024, 4096, 16384), (64, 1024)  # environments in a batch
+LEARN_ENVS, ROLLOUT = 512, 64  # environments of PPO, and steps of each between two updates, as in `agents.train`
+MIX = 80  # steps before a measurement: episodes have 20 to 75, and slots begin in step
 NEAR_BEST = 0.9  # share of the best rate that is good enough
 LITTLE_MEMORY = 2.0  # GiB, torch and a rollout want about one
+FRESH = f"""
+import time
+begun = time.perf_counter()
+import gymnasium, impact_gym
+imported = time.perf_counter()
+env = gymnasium.make("{ID}")
+env.reset(seed=0)
+env.step(env.action_space.sample())
+print(imported - begun, time.perf_counter() - imported)
+"""
 
 
-@dataclass(frozen=True)
-class Machine:
-    """What it runs on."""
+class Rate(NamedTuple):
+    """What one front end does."""
 
-    cores: int
-    usable: float  # cores that this process may use: affinity and the limit of its control group
-    memory: float  # GiB free
-    load: float  # mean number of processes that wanted a core in the last minute
-    debug: bool  # Python was built for debugging
-    packages: frozenset[str]  # extras that are there
-
-    @classmethod
-    def here(cls) -> "Machine":
-        """Return what this process runs on."""
-        cores = os.cpu_count() or 1
-        return cls(
-            cores=cores,
-            usable=min(len(os.sched_getaffinity(0)), group_limit(), cores),
-            memory=free_memory(),
-            load=os.getloadavg()[0],
-            debug=hasattr(sys, "gettotalrefcount"),
-            packages=frozenset(name for name in EXTRAS if installed(name)),
-        )
+    name: str
+    envs: int  # in its batch, 1 without one
+    steps: float  # environment steps a second
 
 
 def installed(name: str) -> str | None:
     """Return the version of a package, None if it is not there or cannot be imported."""
-    try:
-        if importlib.util.find_spec(name.replace("-", "_")) is None:
-            return None
-        return version(name)
-    except (PackageNotFoundError, ValueError):  # ValueError: barred in sys.modules
-        return None
+    with suppress(PackageNotFoundError):  # any folder of that name can be imported
+        return version(name) if find_spec(name.replace("-", "_")) else None
+    return None
 
 
 def group_limit(file: Path = Path("/sys/fs/cgroup/cpu.max")) -> float:
     """Return how many cores the control group may use, inf without a limit; containers often have one."""
-    try:
-        quota, period = file.read_text().split()
-        return float("inf") if quota == "max" else float(quota) / float(period)
-    except (OSError, ValueError):
-        return float("inf")
+    with suppress(OSError, ValueError):
+        quota, period = map(float, file.read_text().split())
+        return quota / period
+    return float("inf")
 
 
 def free_memory(file: Path = Path("/proc/meminfo")) -> float:
     """Return the memory available, GiB; nan where it is not said."""
-    try:
+    with suppress(OSError, KeyError, ValueError):
         entries = dict(line.split(":") for line in file.read_text().splitlines())
         return float(entries["MemAvailable"].split()[0]) / 2**20
-    except (OSError, KeyError, ValueError):
-        return float("nan")
+    return float("nan")
 
 
-def enough(batches: Sequence[Rate]) -> Rate:
-    """Return the smallest batch whose rate is within 10 % of the best."""
-    best = max(one.steps for one in batches)
-    return min((one for one in batches if one.steps >= NEAR_BEST * best), key=lambda one: one.envs)
+def first_start() -> tuple[float, float]:
+    """Return how long a fresh process imports, and then takes to `make`, `reset` and step once, s.
 
-
-def warnings(machine: Machine) -> list[str]:
-    """Return what is wrong with this machine or with how Python runs on it."""
-    found = []
-    if machine.debug:
-        found.append("Python is a debug build: the rates are too low.")
-    if machine.memory < LITTLE_MEMORY:
-        found.append(f"{machine.memory:.1f} GiB of memory are free; training wants {LITTLE_MEMORY:g} GiB.")
-    if machine.load > 0.5 * machine.usable:
-        found.append(
-            f"others keep this machine busy (load {machine.load:.1f} on {machine.usable:g} cores): "
-            "the rates are lower than it could make, and vary."
-        )
-    if machine.usable < machine.cores:
-        found.append(
-            f"this process may use {machine.usable:g} of {machine.cores} cores; batches start a thread per core: "
-            f"pass threads={max(1, int(machine.usable))} to make_vec and to ImpactVecEnv."
-        )
-    return found
-
-
-def advice(batches: Sequence[Rate], stable: Rate | None, learners: Sequence[tuple[int, Rate]]) -> list[str]:
-    """Return what the rates mean: how many environments, how many threads of torch.
-
-    Args:
-        batches: of `make_vec`.
-        stable: of `ImpactVecEnv`, with as many environments as the learners have.
-        learners: threads of torch, and the rate of PPO with so many.
+    Raises:
+        RuntimeError: it fails; says what it said.
     """
-    told = []
-    if batches:
-        best = enough(batches)
+    done = subprocess.run([sys.executable, "-c", FRESH], capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise RuntimeError(f"a fresh process cannot make {ID}:\n{done.stderr}")
+    importing, making = map(float, done.stdout.split()[-2:])
+    return importing, making
+
+
+def rate(call: Callable[[], Any], steps: int, seconds: float, rounds: int = 3) -> float:
+    """Return the steps per second of `call`, which makes `steps`: the best of `rounds`, together of `seconds`."""
+    best = 0.0
+    for _ in range(rounds):
+        calls, spent, begun = 0, 0.0, time.perf_counter()
+        while spent < seconds / rounds or calls == 0:
+            call()
+            calls += 1
+            spent = time.perf_counter() - begun
+        best = max(best, calls * steps / spent)
+    return best
+
+
+def stepping(env: Any, act: Callable[[Any], Any]) -> Callable[[], None]:
+    """Return a call that steps `env` by `act` of what it returned last; by now its episodes are in all phases."""
+    last = env.reset()
+
+    def step() -> None:
+        nonlocal last
+        last = env.step(act(last))
+
+    for _ in range(MIX):
+        step()
+    return step
+
+
+def at_random(space: gym.Space[Any]) -> Callable[[Any], Any]:
+    """Return what answers anything with the next of some actions, drawn before time is taken."""
+    actions = cycle([space.sample() for _ in range(32)])
+    return lambda _: next(actions)
+
+
+def single(name: str) -> Callable[[], None]:
+    """Return a call that steps `gym.make(name)`; a reset is a step of its own, as in Gymnasium's batches."""
+    env: Any = gym.wrappers.Autoreset(gym.make(name))
+    return stepping(env, at_random(env.action_space))
+
+
+def batch(name: str, num_envs: int) -> Callable[[], None]:
+    """Return a call that steps the native batch of `gym.make_vec(name)`."""
+    envs = gym.make_vec(name, num_envs=num_envs, vectorization_mode="vector_entry_point")
+    return stepping(envs, at_random(envs.action_space))
+
+
+def stable_baselines3(num_envs: int) -> Callable[[], None]:
+    """Return a call that steps `ImpactVecEnv`."""
+    from impact_gym.envs.sb3 import ImpactVecEnv
+
+    envs = ImpactVecEnv(num_envs)
+    return stepping(envs, at_random(gym.vector.utils.batch_space(envs.action_space, num_envs)))
+
+
+def ppo(num_envs: int, threads: int) -> Callable[[], Any]:
+    """Return a call that plays a rollout and learns from it with a net of 64x64; torch stays on `threads`."""
+    import torch
+    from stable_baselines3 import PPO
+
+    from impact_gym.envs.sb3 import ImpactVecEnv
+
+    torch.set_num_threads(threads)
+    envs, rollout = ImpactVecEnv(num_envs), num_envs * ROLLOUT
+    size = min(2048, rollout)
+    model = PPO("MlpPolicy", envs, n_steps=ROLLOUT, batch_size=size, n_epochs=3, gamma=1.0, seed=0, device="cpu")
+    model.learn(rollout)
+    return partial(model.learn, rollout, reset_num_timesteps=False)
+
+
+def warnings(*, cores: int, usable: float, memory: float, load: float, debug: bool) -> list[str]:
+    """Return what is wrong with a machine's cores, those usable by this process, free memory (GiB), load, or Python."""
+    wrong = {
+        "Python is a debug build: the rates are too low.": debug,
+        f"{memory:.1f} GiB of memory are free; training wants {LITTLE_MEMORY:g} GiB.": memory < LITTLE_MEMORY,
+        f"others keep this machine busy (load {load:.1f} on {usable:g} cores): the rates are lower than it could make, "
+        "and vary.": load > 0.5 * usable,
+        f"this process may use {usable:g} of {cores} cores; batches start a thread per core: pass "
+        f"threads={max(1, int(usable))} to make_vec and to ImpactVecEnv.": usable < cores,
+    }
+    return [text for text, holds in wrong.items() if holds]
+
+
+def advice(batches: Sequence[Rate], stable: Rate | None, learners: Mapping[int, Rate]) -> list[str]:
+    """Return what follows from the rates of `make_vec`, of `ImpactVecEnv`, and of PPO by its threads of torch."""
+    best = max(one.steps for one in batches)
+    envs = min(one.envs for one in batches if one.steps >= NEAR_BEST * best)
+    told = [
+        f"{envs:,} environments are enough: the smallest batch measured within 10 % of the best rate. Take as "
+        "many where stepping is all, as in an evaluation. PPO plays n_steps of each between two updates; with 32, "
+        f"about an episode, its rollout would be {32 * envs:,} samples."
+    ]
+    if len(learners) > 1:
+        threads = max(learners, key=lambda count: learners[count].steps)
+        rates = ", ".join(f"{one.steps:,.0f} steps/s with {count}" for count, one in learners.items())
+        told.append(f"torch.set_num_threads({threads}) is the faster here for a 64x64 net: {rates}.")
+    if stable:
+        share = max(one.steps for one in learners.values()) / stable.steps
         told.append(
-            f"{best.envs:,} environments are enough: the smallest batch measured within 10 % of the best rate. Take as "
-            "many where stepping is all, as in an evaluation. PPO plays n_steps of each between two updates; with 32, "
-            f"about an episode, its rollout would be {32 * best.envs:,} samples."
+            f"of PPO's time {share:.0%} goes into stepping {stable.envs:,} environments, the rest into the net: "
+            "a faster batch gains no more than that, so let learning decide on their number."
         )
-    if learners:
-        threads, fastest = max(learners, key=lambda one: one[1].steps)
-        if len(learners) > 1:
-            rates = ", ".join(f"{one.steps:,.0f} steps/s with {count}" for count, one in learners)
-            told.append(f"torch.set_num_threads({threads}) is the faster here for a 64x64 net: {rates}.")
-        if stable is not None and stable.steps > 0:
-            share = fastest.steps / stable.steps
-            told.append(
-                f"of PPO's time {share:.0%} goes into stepping {stable.envs:,} environments, the rest into the net: "
-                "a faster batch gains no more than that, so let learning decide on their number."
-            )
     return told
 
 
-def table(title: str, rows: Sequence[Sequence[str]], align: str = "<") -> str:
-    """Return a plain table; `align` says to which side columns after the first go."""
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    aligned = [f"{'<' if place == 0 else align}{width}" for place, width in enumerate(widths)]
-    lines = ["  ".join(f"{cell:{one}}" for cell, one in zip(row, aligned, strict=True)).rstrip() for row in rows]
-    return "\n  ".join([title, *lines]) + "\n"
-
-
-def listed(title: str, texts: Sequence[str]) -> str:
-    """Return texts, one a line."""
-    return "\n".join([title, *(f"  - {text}" for text in texts or ["none"])]) + "\n"
+def show(title: str, lines: Iterable[str]) -> None:
+    """Print a part of the findings."""
+    print("\n  ".join([title, *lines]) + "\n")
 
 
 def progress(text: str) -> None:
@@ -151,62 +197,56 @@ def progress(text: str) -> None:
     print(f"  {text} ...", file=sys.stderr, flush=True)
 
 
-def examine(machine: Machine, seconds: float, sizes: Sequence[int], learn_envs: int) -> None:
-    """Measure and print, as it goes."""
-    found = [(name, installed(name) or "not installed") for name in (*PACKAGES, *EXTRAS)]
-    ours = [("python", platform.python_version()), ("impact-gym", impact_gym.__version__)]
-    print(table("versions", [*ours, *found]))
-    print(table("machine", _machine_rows(machine)))
-    progress("starting a fresh process")
-    start = measure.first_start()
-    rows = [("import", f"{start.importing:.2f} s"), ("make to first step", f"{start.making:.2f} s")]
-    print(table("a fresh process", rows))
-    told = _rates(machine, seconds, sizes, learn_envs)
-    print(listed("warnings", warnings(machine)))
-    print(listed("advice", [*told, *_missing(machine)]))
+def examine_rates(seconds: float, sizes: Sequence[int], learn_envs: int, learn_threads: Sequence[int]) -> list[str]:
+    """Measure and print the rates; return advice. Without `learn_threads` of torch the extra `train` is not needed."""
 
+    def timed(name: str, envs: int, call: Callable[[], Callable[[], Any]], steps: int = 1, rounds: int = 3) -> Rate:
+        progress(f"{name}, {envs:,}")
+        return Rate(name, envs, rate(call(), steps * envs, seconds, rounds))
 
-def _rates(machine: Machine, seconds: float, sizes: Sequence[int], learn_envs: int) -> list[str]:
-    """Measure, print the rates, return advice."""
-
-    def watched(text: str, call: Callable[[], Rate]) -> Rate:
-        progress(text)
-        return call()
-
-    single = watched("gym.make", partial(measure.single, measure.ID, seconds))
-    pendulum = watched("Pendulum-v1, for scale", partial(measure.single, "Pendulum-v1", seconds))
-    batches = [watched(f"make_vec, {size} environments", partial(measure.batch, size, seconds)) for size in sizes]
-    stable, learners = None, []
-    if {"torch", "stable-baselines3"} <= machine.packages:
-        stable = watched("ImpactVecEnv", partial(measure.stable_baselines3, learn_envs, seconds))
-        for threads in sorted({1, max(1, int(machine.usable))}):
-            learner = watched(f"PPO, torch on {threads}", partial(measure.ppo, learn_envs, threads, seconds))
-            learners.append((threads, learner))
-    cart_pole = watched("CartPole-v1, for scale", partial(measure.cart_pole, seconds))
-    rates = [single, *batches, *([stable] if stable else []), *(one for _, one in learners), pendulum, cart_pole]
-    rows = [(one.name, f"{one.envs:,}", f"{one.steps:,.0f}") for one in rates]
-    print(table("environments, steps per second (random actions, resets included)", rows, ">"))
-    print(f"  one environment steps {single.steps / pendulum.steps:.2f} times as fast as Pendulum-v1\n")
+    one, scale = (timed(f"gym.make({name!r})", 1, partial(single, name)) for name in (ID, SCALE))
+    batches = [timed(f"gym.make_vec({ID!r})", size, partial(batch, ID, size)) for size in sizes]
+    batch_scale = timed(f"gym.make_vec({BATCH_SCALE!r})", 1024, partial(batch, BATCH_SCALE, 1024))
+    stable = timed("ImpactVecEnv", learn_envs, partial(stable_baselines3, learn_envs)) if learn_threads else None
+    learners = {}
+    for threads in learn_threads:
+        name = f"PPO on ImpactVecEnv, {threads} torch thread{'s' * (threads > 1)}"
+        learners[threads] = timed(name, learn_envs, partial(ppo, learn_envs, threads), ROLLOUT, 1)
+    found = [one, *batches, *([stable] if stable else []), *learners.values(), scale, batch_scale]
+    rows = [f"{name:<37}{envs:>7,}{steps:>13,.0f}" for name, envs, steps in found]
+    show("environments, steps per second (random actions, resets included)", rows)
+    print(f"  one environment steps {one.steps / scale.steps:.2f} times as fast as {SCALE}\n")
     return advice(batches, stable, learners)
 
 
-def _missing(machine: Machine) -> list[str]:
-    lacking = [name for name in ("torch", "stable-baselines3") if name not in machine.packages]
-    if not lacking:
-        return []
-    return [f"{' and '.join(lacking)} missing: ImpactVecEnv and PPO not measured. pip install 'impact-gym[train]'"]
-
-
-def _machine_rows(machine: Machine) -> list[tuple[str, str]]:
-    rows = [
-        ("platform", f"{platform.system()} {platform.machine()}"),
-        ("cores, usable by this process", f"{machine.cores}, {machine.usable:g}"),
-        ("load, memory free", f"{machine.load:.2f}, {machine.memory:.1f} GiB"),
-        ("threads of a batch", f"{machine.cores} (argument threads; small batches use fewer)"),
-    ]
-    if "torch" in machine.packages:
-        rows.append(("threads of torch", f"{measure.torch_threads()}"))
-    return rows + [(name, os.environ.get(name, "not set")) for name in THREAD_VARIABLES]
+def examine(seconds: float, sizes: Sequence[int], learn_envs: int) -> None:
+    """Measure and print, as it goes."""
+    versions = {"python": platform.python_version(), "impact-gym": __version__}
+    versions |= {name: installed(name) or "not installed" for name in PACKAGES}
+    show("versions", [f"{name:<19}{found}" for name, found in versions.items()])
+    missing = [name for name in LEARNING if versions[name] == "not installed"]
+    cores, memory, load = os.cpu_count() or 1, free_memory(), os.getloadavg()[0]
+    usable = min(len(os.sched_getaffinity(0)), group_limit(), cores)
+    machine = {
+        "platform": f"{platform.system()} {platform.machine()}",
+        "cores, usable by this process": f"{cores}, {usable:g}",
+        "load, memory free": f"{load:.2f}, {memory:.1f} GiB",
+        "threads of a batch": f"{cores} (argument threads; small batches use fewer)",
+    }
+    if "torch" not in missing:
+        machine["threads of torch"] = str(importlib.import_module("torch").get_num_threads())
+    machine |= {name: os.environ.get(name, "not set") for name in THREAD_VARIABLES}
+    show("machine", [f"{name:<31}{fact}" for name, fact in machine.items()])
+    progress("starting a fresh process")
+    importing, making = first_start()
+    show("a fresh process", [f"import              {importing:.2f} s", f"make to first step  {making:.2f} s"])
+    told = examine_rates(seconds, sizes, learn_envs, [] if missing else sorted({1, max(1, int(usable))}))
+    if missing:
+        unmeasured = "ImpactVecEnv and PPO not measured. pip install 'impact-gym[train]'"
+        told.append(f"{' and '.join(missing)} missing: {unmeasured}")
+    wrong = warnings(cores=cores, usable=usable, memory=memory, load=load, debug=hasattr(sys, "gettotalrefcount"))
+    for title, texts in {"warnings": wrong, "advice": told}.items():
+        show(title, [f"- {text}" for text in texts or ["none"]])
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -215,7 +255,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--quick", action="store_true", help="measure so briefly that the rates mean little")
     quick = parser.parse_args(arguments).quick
     try:
-        examine(Machine.here(), *((0.03, QUICK_SIZES, 16) if quick else (1.0, SIZES, LEARN_ENVS)))
+        examine(*((0.03, QUICK_SIZES, 16) if quick else (1.0, SIZES, LEARN_ENVS)))
     except RuntimeError as error:
         sys.exit(f"impact_gym.doctor: {error}")
 

@@ -8,15 +8,14 @@ import platform
 import re
 import subprocess
 import sys
-from dataclasses import replace
 
 import pytest
 
 from impact_gym import doctor
-from impact_gym.envs import doctor as measure
-from impact_gym.envs.doctor import Rate
+from impact_gym.doctor import Rate
 
-HEALTHY = doctor.Machine(cores=4, usable=4, memory=16.0, load=0.1, debug=False, packages=frozenset(doctor.EXTRAS))
+HEALTHY = {"cores": 4, "usable": 4, "memory": 16.0, "load": 0.1, "debug": False}
+EXTRAS = ("torch", "stable-baselines3", "sb3-contrib", "pygame", "mujoco")
 BARRED = (
     "import runpy, sys\n"
     "sys.modules.update(dict.fromkeys(['torch', 'stable_baselines3', 'sb3_contrib', 'pygame', 'mujoco', 'rich']))\n"
@@ -24,11 +23,7 @@ BARRED = (
     "runpy.run_module('impact_gym.doctor', run_name='__main__')"
 )
 BRIEF = (  # on busy cores torch with several threads may need a tenth of a second for each step of a rollout
-    "import runpy, sys\n"
-    "from impact_gym.envs import doctor as measure\n"
-    "measure.ROLLOUT = 4\n"
-    "sys.argv = ['doctor', '--quick']\n"
-    "runpy.run_module('impact_gym.doctor', run_name='__main__')"
+    "from impact_gym import doctor\ndoctor.ROLLOUT = 4\ndoctor.main(['--quick'])"
 )
 
 
@@ -84,7 +79,7 @@ def test_without_the_extras_it_says_what_is_missing_and_measures_the_rest():
     said, _ = run("-c", BARRED)
     found = sections(said)
     versions = dict(map(cells, found["versions"]))
-    assert {versions[name] for name in doctor.EXTRAS} == {"not installed"}
+    assert {versions[name] for name in EXTRAS} == {"not installed"}
     names = {name for name, _ in rates_in(said)}
     assert {"gym.make('ImpactApproach-v0')", "gym.make_vec('ImpactApproach-v0')"} <= names
     assert not any("PPO" in name or "ImpactVecEnv" in name for name in names)
@@ -112,7 +107,7 @@ def test_an_unknown_argument_is_refused():
     ids=str,
 )
 def test_a_warning_names_what_is_wrong_and_only_that(change, said):
-    found = doctor.warnings(replace(HEALTHY, **change))
+    found = doctor.warnings(**(HEALTHY | change))
     assert len(found) == (said is not None)
     assert said is None or said in found[0]
 
@@ -142,8 +137,7 @@ def test_the_memory_available_is_read_and_nan_where_it_is_not_said(tmp_path):
 )
 def test_the_smallest_batch_within_a_tenth_of_the_best_is_advised(steps, smallest):
     batches = [Rate("", envs, rate) for envs, rate in zip((64, 1024, 16384), steps, strict=True)]
-    assert doctor.enough(batches).envs == smallest
-    (told,) = doctor.advice(batches, None, [])
+    (told,) = doctor.advice(batches, None, {})
     assert told.startswith(f"{smallest:,} environments")
     assert f"{32 * smallest:,} samples" in told
 
@@ -151,11 +145,12 @@ def test_the_smallest_batch_within_a_tenth_of_the_best_is_advised(steps, smalles
 def test_the_faster_number_of_torch_threads_and_the_share_of_stepping_are_advised():
     stable = Rate("", 512, 1000.0)
     for rates, best, share in (((200.0, 100.0), 1, "20%"), ((200.0, 400.0), 8, "40%")):
-        learners = [(threads, Rate("", 512, rate)) for threads, rate in zip((1, 8), rates, strict=True)]
-        threads, stepping = doctor.advice([], stable, learners)
+        learners = {threads: Rate("", 512, rate) for threads, rate in zip((1, 8), rates, strict=True)}
+        _, threads, stepping = doctor.advice([stable], stable, learners)
         assert f"set_num_threads({best})" in threads
         assert f"{share} goes into stepping 512" in stepping
-    assert len(doctor.advice([], stable, [(1, stable)])) == 1  # nothing to compare on one core
+    _, stepping = doctor.advice([stable], stable, {1: stable})  # nothing to compare on one core
+    assert "100% goes into stepping" in stepping
 
 
 def test_a_rate_counts_every_step_of_the_calls_made():
@@ -167,13 +162,13 @@ def test_a_rate_counts_every_step_of_the_calls_made():
 
     clock = Clock()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(measure, "time", clock)
+        patch.setattr(doctor, "time", clock)
         for rounds in (1, 3):
-            assert measure.rate(lambda: setattr(clock, "now", clock.now + 0.25), 5, 3.0, rounds) == 20.0
-            assert measure.rate(lambda: setattr(clock, "now", clock.now + 8.0), 4, 3.0, rounds) == 0.5
+            assert doctor.rate(lambda: setattr(clock, "now", clock.now + 0.25), 5, 3.0, rounds) == 20.0
+            assert doctor.rate(lambda: setattr(clock, "now", clock.now + 8.0), 4, 3.0, rounds) == 0.5
 
 
 def test_an_environment_that_cannot_be_made_ends_it_with_the_reason(monkeypatch):
-    monkeypatch.setattr(measure, "_FIRST", "raise SystemExit('no disk')")
-    with pytest.raises(RuntimeError, match="no disk"):
-        measure.first_start()
+    monkeypatch.setattr(doctor, "FRESH", "raise SystemExit('no disk')")
+    with pytest.raises(SystemExit, match=f"cannot make {doctor.ID}:\nno disk"):
+        doctor.main(["--quick"])

@@ -1,1 +1,1 @@
-"""Speed, as ratios measured in one run, each beside its error: `python -m experiments.bench`."""
+"""What things cost, each beside what it is compared with, in one run: `python -m experiments.bench`."""

@@ -3,82 +3,66 @@
 import json
 import os
 import sys
-from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from timeit import timeit
-from typing import Any
+from typing import Literal
 
-import rich
+import polars as pl
 import tyro
-from tqdm import tqdm
+from polars import selectors
 
 from agents.provenance import circumstances
-from experiments.bench import approaches, environments
+from experiments.bench import approaches, environments, jobs, models
 from experiments.lab.results import REPORTS, whole_folder
-from experiments.speed_vs_error.contenders import OURS
+
+PARTS = {
+    "approaches": approaches.measure,
+    "environments": environments.measure,
+    "models": models.measure,
+    "jobs": jobs.measure,
+    "ten-million": jobs.ten_million,
+}
 
 
-def seconds(function: Callable[[], Any], calls: int) -> float:
-    """Mean time of a call, s."""
-    return timeit(function, "import gc; gc.enable()", number=calls) / calls  # with garbage collection, as programs run
+@dataclass(frozen=True)
+class Settings:
+    """Measure speed: approaches and environments beside others', simpler models, grids of approaches as jobs."""
+
+    parts: tyro.conf.Positional[tuple[Literal[*PARTS], ...]] = ("approaches", "environments", "models")
+    """The first three take a minute together. The others are to be asked for: jobs plays grids on this machine and on
+    Ray (five minutes), ten-million plays the whole grid (as long again, with 0.7 GB of results for a while)."""
+    quick: bool = False
+    """Measure so briefly that the figures mean little."""
+    out: Path = REPORTS / "bench"
+    """Folder for results.json and tables.md; one that an earlier run wrote is replaced."""
 
 
-def measure(rounds: int) -> dict[str, Any]:
-    """Return all figures."""
-    results = {"load_before": os.getloadavg()[0], **circumstances("impact-gym", "numpy", "scipy", "gymnasium")}
-    compared = approaches.contenders()
-    approaching = [(scene, one) for scene, contenders in compared.items() for one, _ in contenders]
-    rtol, error = environments.cheapest_tolerance()
-    environment = environments.contenders(rtol)
-    batches = {size: environments.stepper(size, rtol) for size in environments.SIZES}
-    for call, _ in environment.values():
-        seconds(call, 50)  # mix the phases of the episodes
-
-    def turn() -> dict[Any, float]:
-        """Return what each takes now, s."""
-        times = {(scene, one.name): one.seconds(2000 if one.name == OURS else 5) for scene, one in approaching}
-        times |= {name: seconds(call, 200 if n > 1 else 5000) / n for name, (call, n) in environment.items()}
-        return times | {size: seconds(call, max(50, 2**19 // size)) / size for size, call in batches.items()}
-
-    turns = [turn() for _ in tqdm(range(rounds), desc="rounds")]
-    best = {name: min(times[name] for times in turns) for name in turns[0]}
-    rows, ratios = [], {}
-    for scene, contenders in compared.items():
-        for contender, off in contenders:
-            row = {"scene": scene, "solver": contender.name, "rtol or step (s)": contender.setting}
-            rows.append(row | {"microseconds": 1e6 * best[scene, contender.name], "error_m_per_s": off})
-        mine, *others = (contender.name for contender, _ in contenders)
-        fastest = min(others, key=lambda name: best[scene, name])
-        ratios[f"{scene}: ours is faster than {fastest}, by"] = best[scene, fastest] / best[scene, mine]
-    native, cart_pole, single, pendulum = environment
-    ratios["our batch's step rate over CartPole's"] = best[cart_pole] / best[native]
-    ratios["our single step rate over Pendulum's"] = best[pendulum] / best[single]
-    return results | {
-        "approach": rows,
-        "environment_steps_per_second": {name: 1.0 / best[name] for name in environment},
-        "largest_error_of_the_batch_m_per_s": error,
-        "microseconds_of_a_step_per_environment": {str(size): 1e6 * best[size] for size in batches},
-        "memory": environments.memory(),
-        "ratios": ratios,
-    }
+def markdown(table: pl.DataFrame) -> str:
+    """Return a table to print, its numbers to three digits."""
+    whole = {"tbl_rows": -1, "tbl_cols": -1, "tbl_width_chars": -1, "fmt_str_lengths": 1000}
+    plain = {"fmt_float": "full", "thousands_separator": True, "tbl_formatting": "MARKDOWN"}
+    with pl.Config(**whole, **plain, tbl_hide_dataframe_shape=True, tbl_hide_column_data_types=True):
+        return str(table.with_columns(selectors.float().round_sig_figs(3)))
 
 
-def main(out: Path = REPORTS / "bench", rounds: int = 5) -> None:
-    """Measure speed against SciPy, MuJoCo and Gymnasium's own environments.
-
-    Args:
-        out: folder for results.json.
-        rounds: each figure is the best of so many rounds, the contenders taking turns.
-    """
+def main() -> None:
+    """Read the settings from the command line, measure, print, write."""
+    settings = tyro.cli(Settings, prog="python -m experiments.bench")
+    results = {"quick": settings.quick, "load_before": os.getloadavg()[0]}
+    results |= circumstances("impact-gym", "numpy", "scipy", "gymnasium")
+    text = f"Measured on {results['machine']}, {results['date']}, load {results['load_before']:.1f} before.\n"
     try:
-        with whole_folder(out) as folder:
-            results = measure(rounds)
+        with whole_folder(settings.out) as folder:
+            for part in settings.parts:
+                tables = PARTS[part](settings.quick)
+                results[part] = {title: table.to_dicts() for title, table in tables.items()}
+                text += "".join(f"\n{title}:\n\n{markdown(table)}\n" for title, table in tables.items())
             (folder / "results.json").write_text(json.dumps(results, indent=2) + "\n")
-    except ValueError as error:
+            (folder / "tables.md").write_text(text)
+    except (RuntimeError, ValueError) as error:
         sys.exit(f"experiments.bench: {error}")
-    rich.print_json(data=results)
-    print(f"results: {(out / 'results.json').resolve().as_uri()}")
+    print(f"{text}\nresults: {(settings.out / 'results.json').resolve().as_uri()}")
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    main()

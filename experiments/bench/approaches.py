@@ -1,49 +1,49 @@
 """One whole approach with one contact, by us, by SciPy's solvers and by MuJoCo, each as fast as an error allows."""
 
-from collections.abc import Iterable
-from functools import cache
-from itertools import islice
+import polars as pl
 
 from experiments import reference
 from experiments.paper.scenes import DURATION, MOTION, decoupled
 from experiments.speed_vs_error import peer
-from experiments.speed_vs_error.contenders import METHODS, Contender, Grid, mujoco, ours, scipy
+from experiments.speed_vs_error.contenders import Grid, settings
+from experiments.speed_vs_error.measure import Job, measured
 from experiments.speed_vs_error.peer_fit import fitted
-from experiments.speed_vs_error.quantities import Answer, answer_of
+from experiments.speed_vs_error.quantities import answer_of
 from experiments.speed_vs_error.scenes import Approach
+from experiments.speed_vs_error.summary import COARSE, FINE, cheapest
 
-ERROR = 1e-6  # m/s in V_p, at which SciPy's solvers are compared
-PEER_ERROR = 1e-3  # m/s, at which MuJoCo is
 SCENE = Approach("Fig. 17b", "", decoupled(1e4, 1.0, 150.0), MOTION, DURATION)
 PEER_SCENE = Approach("Fig. 19a", "", decoupled(1e5, 0.1, 150.0), MOTION, DURATION)  # near MuJoCo's own law of contact
-RTOLS = (1e-2, *Grid().rtols)
+RTOLS = tuple(float(f"1e-{k}") for k in range(2, 9))
+AMONG_SCIPY = Grid(RTOLS, RTOLS, steps=(), mujoco_steps=(), taylor_tolerances=())
+AMONG_PEERS = Grid(RTOLS, scipy_rtols=(), steps=(), taylor_tolerances=())
 FIT = 60  # evaluations for the two parameters of MuJoCo's contact
 
 
-@cache
-def truth(approach: Approach) -> Answer:
-    """Return what the independent solver says."""
-    return answer_of(reference.simulate(approach.scene, approach.motion, approach.duration, rtol=1e-13), DURATION)
+def compared(approach: Approach, error: float, grid: Grid, rounds: int) -> pl.DataFrame:
+    """Return the fastest setting of each solver that keeps `error` (m/s in V_p), timed in turns, ours first."""
+    truth = answer_of(reference.simulate(approach.scene, approach.motion, approach.duration, rtol=1e-13), DURATION)
+    tried = tuple(settings(grid))
+    fit = fitted(approach, truth, FIT) if grid.mujoco_steps and not peer.missing() else None
+    rows = pl.DataFrame(measured(Job(approach, truth, fit, tried, rounds)))
+    kept = [cheapest(rows, [name], error) for name in dict.fromkeys(name for name, _ in tried)]
+    took = pl.col("microseconds")
+    return pl.DataFrame([row for row in kept if row]).select(
+        pl.col("contender").alias("solver"),
+        pl.col("setting").alias("rtol or step, s"),
+        (1e6 * pl.col("velocity_error")).alias("error in V_p, µm/s"),
+        took,
+        (took / took.first()).alias("times ours"),
+    )
 
 
-def cheapest(approach: Approach, candidates: Iterable[Contender], allowed: float) -> list[tuple[Contender, float]]:
-    """Return the first that is within `allowed` (m/s) of V_p, with its error; nothing if there is none."""
-    errors = ((one, abs(one.solve().velocity - truth(approach).velocity)) for one in candidates)
-    return list(islice((found for found in errors if found[1] <= allowed), 1))
-
-
-def contenders() -> dict[str, list[tuple[Contender, float]]]:
-    """Return those to compare, by scene, ours first, each with its error in V_p (m/s)."""
-    compared = {SCENE.name: cheapest(SCENE, (ours(SCENE, rtol) for rtol in RTOLS), ERROR)}
-    for method in METHODS:
-        compared[SCENE.name] += cheapest(SCENE, [scipy(method, SCENE, rtol) for rtol in RTOLS], ERROR)
+def measure(quick: bool) -> dict[str, pl.DataFrame]:
+    """Return a row for each solver that comes near enough."""
     if peer.missing():
         print(f"experiments.bench: {peer.missing()}; it takes no part")
-        return compared
-    fit = fitted(PEER_SCENE, truth(PEER_SCENE), FIT)
-    theirs = cheapest(PEER_SCENE, (mujoco(PEER_SCENE, fit, step) for step in Grid().mujoco_steps), PEER_ERROR)
-    own = cheapest(PEER_SCENE, (ours(PEER_SCENE, rtol) for rtol in RTOLS), PEER_ERROR)
-    if own and theirs:
-        return compared | {PEER_SCENE.name: own + theirs}
-    print(f"experiments.bench: MuJoCo's law, fitted, comes no closer than {PEER_ERROR:g} m/s; it takes no part")
-    return compared
+    return {
+        f"One whole approach, {approach.name}, V_p within {error:g} m/s": compared(
+            approach, error, grid, 1 if quick else 5
+        )
+        for approach, error, grid in ((SCENE, FINE, AMONG_SCIPY), (PEER_SCENE, COARSE, AMONG_PEERS))
+    }

@@ -119,10 +119,7 @@ def categories(played: Played) -> Table:
 def weak_points(played: Played) -> list[str]:
     """Return sentences on where the policy loses to its rival or to the paper's rule, or misses objects."""
     weight, name = played.matchup.typical, played.matchup.name
-    varied = {
-        _place(change): (change, runs)
-        for change, runs in chain.from_iterable(_varied(played))
-    }
+    varied = {_place(change): (change, runs) for change, runs in chain.from_iterable(_varied(played))}
     asked = {what: runs for what, (change, runs) in varied.items() if not change.same}
     said = []
     for rival in dict.fromkeys((played.matchup.rival.name, PAPER)):
