@@ -104,7 +104,9 @@ def test_garbage_in_the_options_of_a_reset_is_a_clear_error_or_a_scenario_after_
 )
 def test_whatever_is_accepted_is_played_to_a_finite_end(arguments, scenario, actions):
     env = gym.make(ID, **arguments)
-    observations, rewards, info = play(env, Given(islice(cycle(map(np.array, actions)), 1300)), seed=0, scenario=scenario)
+    observations, rewards, info = play(
+        env, Given(islice(cycle(map(np.array, actions)), 1300)), seed=0, scenario=scenario
+    )
     assert all(observation in env.observation_space for observation in observations)
     assert len(rewards) < 1 + (1.2 + 0.15 + 1.0) / arguments.get("control_period", 0.016) + 2
     assert math.isfinite(rewards.sum())

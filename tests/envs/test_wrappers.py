@@ -5,52 +5,56 @@ from functools import partial
 import gymnasium as gym
 import numpy as np
 import pytest
-from episodes import SLOTS, action_table, assert_identical, play
+from episodes import ID, SLOTS, Given, action_table, assert_identical, history
 from gymnasium.spaces import Box
 from gymnasium.utils.env_checker import data_equivalence
 from gymnasium.wrappers import vector as vector_wrappers
 
-import impact_gym  # noqa: F401  # registers the environments
-
-ID = "ImpactApproach-v0"
 OPTIONS = {"scenario": "hard", "time_weight": (0.5, 8.0), "force_weight": 0.002, "reaction_delay": 0.03}
 
 
-def plain(seed=3, actions=None, **options):
-    return play(gym.make(ID, **options), action_table(0)[:, 0] if actions is None else actions, seed)
+ACTIONS = action_table(0)[:, 0]
+
+
+def play(env, actions=ACTIONS, seed=3):
+    return history(env, Given(actions), seed)
+
+
+def plain(actions=ACTIONS, seed=3, **options):
+    return play(gym.make(ID, **options), actions, seed)
 
 
 def test_a_time_limit_cuts_without_changing_anything_else():
-    whole, actions = plain(), action_table(0)[:, 0]
-    cut = play(gym.wrappers.TimeLimit(gym.make(ID), 10), actions)
+    whole = plain()
+    cut = play(gym.wrappers.TimeLimit(gym.make(ID), 10))
     assert_identical(cut[:10], whole[:10])
     assert_identical(cut[10][:3], whole[10][:3])
     assert [step[3] for step in cut[1:]] == [False] * 9 + [True]
     assert len(whole) > 20
-    assert_identical(play(gym.wrappers.TimeLimit(gym.make(ID), 200), actions), whole)
+    assert_identical(play(gym.wrappers.TimeLimit(gym.make(ID), 200)), whole)
 
 
 @pytest.mark.parametrize("options", [{}, OPTIONS], ids=str)
 def test_recorded_statistics_are_the_sum_and_the_count_and_leave_the_final_info(options):
     env = gym.wrappers.RecordEpisodeStatistics(gym.make(ID, **options))
     for seed in range(5):
-        _, *steps = play(env, action_table(seed)[:, 0], seed)
+        actions = action_table(seed)[:, 0]
+        _, *steps = play(env, actions, seed)
         info = dict(steps[-1][4])
         episode = info.pop("episode")
         assert episode["r"] == pytest.approx(sum(step[1] for step in steps), rel=1e-12)
         assert episode["r"] == pytest.approx(sum(info["reward_terms"].values()), rel=1e-12)
         assert episode["l"] == len(steps)
-        assert_identical(info, plain(seed, action_table(seed)[:, 0], **options)[-1][4])
+        assert_identical(info, plain(actions, seed, **options)[-1][4])
 
 
 def test_stacked_and_delayed_observations_are_the_earlier_ones():
     observations = [step[0] for step in plain()]
-    actions = action_table(0)[:, 0]
     env = gym.wrappers.FrameStackObservation(gym.make(ID), 3)
-    for place, (stacked, *_) in enumerate(play(env, actions)):
+    for place, (stacked, *_) in enumerate(play(env)):
         assert stacked in env.observation_space
         assert np.array_equal(stacked, [observations[max(0, place - back)] for back in (2, 1, 0)])
-    for place, (late, *_) in enumerate(play(gym.wrappers.DelayObservation(gym.make(ID), 2), actions)):
+    for place, (late, *_) in enumerate(play(gym.wrappers.DelayObservation(gym.make(ID), 2))):
         assert np.array_equal(late, observations[place - 2] if place >= 2 else np.zeros_like(late))
 
 
@@ -58,9 +62,9 @@ def test_normalised_observations_and_rewards_are_the_plain_ones_scaled():
     env = gym.wrappers.NormalizeObservation(gym.wrappers.NormalizeReward(gym.make(ID)))
     seen, rewards = [], []
     for seed in range(3):
-        whole, actions = plain(seed), action_table(0)[:, 0]
+        whole = plain(seed=seed)
         for place, (observation, *_) in enumerate(whole):
-            result = env.reset(seed=seed) if place == 0 else env.step(actions[place - 1])
+            result = env.reset(seed=seed) if place == 0 else env.step(ACTIONS[place - 1])
             seen.append(observation)
             # Gymnasium begins with a mean of 0, a variance of 1 and a count of 1e-4, soon forgotten
             mean, deviation = np.mean(seen, axis=0), np.std(seen, axis=0)
@@ -90,9 +94,8 @@ def test_actions_rescaled_to_metres_and_seconds_clipped_or_made_shorter_mean_the
 
     one = gym.wrappers.TransformAction(gym.make(ID), with_the_papers_acceleration, Box(-1, 1, (1,)))
     assert_identical(play(one, encoded[:, :1]), expected)
-    beyond = 3 * action_table(0)[:, 0]
-    clipped = plain(actions=np.clip(beyond, -1, 1))
-    assert_identical(play(gym.wrappers.ClipAction(gym.make(ID)), beyond), clipped)
+    beyond = 3 * ACTIONS
+    assert_identical(play(gym.wrappers.ClipAction(gym.make(ID)), beyond), plain(np.clip(beyond, -1, 1)))
 
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
@@ -109,36 +112,29 @@ def test_vector_statistics_are_sums_and_counts_and_leave_the_final_info(mode):
         if terminated.any():
             assert infos["episode"]["r"][terminated] == pytest.approx(returns[terminated], rel=1e-12)
             assert np.array_equal(infos["episode"]["l"][terminated], lengths[terminated])
+            final = infos["final_info"] if mode == "SameStep" else infos
+            terms = sum(value for name, value in final["reward_terms"].items() if name[0] != "_")
+            assert terms[terminated] == pytest.approx(returns[terminated], rel=1e-12)
             ended += terminated.sum()
             del infos["episode"], infos["_episode"]
         assert_identical(infos, plain_infos)
         returns[terminated], lengths[terminated] = 0.0, 0
         fresh = terminated if mode == "NextStep" else fresh
-    assert ended > 2 * SLOTS
+    assert envs.episode_count == ended > 2 * SLOTS
 
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
-@pytest.mark.parametrize(
-    "wrap",
-    [
-        vector_wrappers.NormalizeReward,
-        vector_wrappers.NormalizeObservation,
-        partial(vector_wrappers.TransformReward, func=lambda reward: 10.0 * reward),
-        partial(
-            vector_wrappers.TransformObservation,
-            func=lambda observations: observations[:, :5],
-            single_observation_space=Box(-1.0, 1.0, (5,)),
-        ),
-        partial(
-            vector_wrappers.RescaleAction,
-            min_action=np.full(2, -0.5, np.float32),
-            max_action=np.full(2, 1.5, np.float32),
-        ),
-        vector_wrappers.ClipAction,
-        vector_wrappers.DictInfoToList,
-    ],
-    ids=["rewards", "observations", "ten times", "five", "rescaled", "clipped", "list"],
-)
+@pytest.mark.parametrize("wrap", [
+    vector_wrappers.NormalizeReward,
+    vector_wrappers.NormalizeObservation,
+    partial(vector_wrappers.TransformReward, func=lambda reward: 10.0 * reward),
+    partial(vector_wrappers.TransformObservation, func=lambda seen: seen[:, :5],
+            single_observation_space=Box(-1.0, 1.0, (5,))),
+    partial(vector_wrappers.RescaleAction, min_action=np.full(2, -0.5, np.float32),
+            max_action=np.full(2, 1.5, np.float32)),
+    vector_wrappers.ClipAction,
+    vector_wrappers.DictInfoToList,
+], ids=["rewards", "observations", "ten times", "five", "rescaled", "clipped", "list"])  # fmt: skip
 def test_a_vector_wrapper_does_to_the_native_batch_what_it_does_to_gymnasiums_loop(wrap, mode):
     native = gym.make_vec(ID, num_envs=SLOTS, autoreset_mode=mode)
     loop = gym.make_vec(ID, SLOTS, vectorization_mode="sync", vector_kwargs={"autoreset_mode": mode})
@@ -153,7 +149,7 @@ def test_a_vector_wrapper_does_to_the_native_batch_what_it_does_to_gymnasiums_lo
     assert_identical(one.reset(seed=8), other.reset(seed=8))
     bare.reset(seed=8)
     ended, changed = 0, False
-    for row in action_table(2, ticks=100):
+    for row in action_table(2):
         result = one.step(row)
         assert_identical(result, other.step(row))
         changed |= not data_equivalence(result, bare.step(row), exact=True)

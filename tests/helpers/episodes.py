@@ -21,8 +21,8 @@ PAPERS_SPRING = ig.SpringDamper(50.0, 1.0)
 def action_table(seed, ticks=160, slots=SLOTS, lean=(0.3, 0.3)):
     """Random actions (ticks, slots, 2) that lean forward, each slot's by its own share, so that slots end apart."""
     rng = np.random.default_rng(seed)
-    leaning = rng.uniform(-1.0, 1.0, (ticks, slots, 2)) + rng.uniform(*lean, (1, slots, 1))
-    return np.clip(leaning, -1.0, 1.0).astype(np.float32)
+    leans = rng.uniform(*lean, (1, slots, 1))
+    return np.clip(rng.uniform(-1.0, 1.0, (ticks, slots, 2)) + leans, -1.0, 1.0).astype(np.float32)
 
 
 def assert_identical(one, other):
