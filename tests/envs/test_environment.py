@@ -5,7 +5,7 @@ from itertools import product
 import gymnasium as gym
 import numpy as np
 import pytest
-from episodes import ID, PAPERS_SPRING, Always, Given, assert_identical, history, play, random_actions, scene
+from episodes import ID, PAPERS_SPRING, Always, Given, assert_identical, history, play, random_actions, scene, seconds
 from impact_gym.kernels import decode
 
 import impact_gym as ig
@@ -116,7 +116,7 @@ def test_an_object_never_reached_is_missed_at_twelve_tenths_of_a_second(still, p
     assert info["missed"] is True
     assert (info["approach_time"], info["contact_count"], info["peak_force"]) == (1.2, 0, 0.0)
     assert len(rewards) == steps
-    assert 0.75 * (observations[-1, 2] + 1.0) == pytest.approx(1.2, rel=0, abs=1e-7)
+    assert seconds(observations[-1]) == pytest.approx(1.2, rel=0, abs=1e-7)
     assert rewards.sum() == pytest.approx(-(2.0 * 1.2 + 2.0), rel=0, abs=1e-12)
     assert info["reward_terms"]["missed"] == -2.0
 
@@ -145,7 +145,7 @@ def test_what_the_flange_does_to_the_object_after_the_end_still_counts():
     observations, _, info = play(env, press_on, scenario=heavy)
     outcome = slow.play(press_on, heavy, options={}, time_weight=2.0)
     assert info["object_velocity"] == pytest.approx(outcome.object_velocity, rel=0, abs=1e-8)
-    trace, end = env.unwrapped.trace(), 0.75 * (observations[-1, 2] + 1.0)
+    trace, end = env.unwrapped.trace(), seconds(observations[-1])
     assert outcome.object_velocity > np.interp(end, trace.time, trace.object_velocity) + 0.1
 
 

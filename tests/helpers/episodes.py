@@ -1,5 +1,6 @@
-"""Episodes played, and the scenes of `simulate` that they are."""
+"""Episodes played, what was seen in them, and the scenes of `simulate` that they are."""
 
+import math
 from typing import NamedTuple
 
 import gymnasium as gym
@@ -93,3 +94,17 @@ def scene(scenario, coupling=PAPERS_SPRING, dissipation="hu-guo"):
     """The scene of a scenario, with the tool of 125 g that the environment has where nothing else is said."""
     contact = ig.Contact(scenario["contact_stiffness"], scenario["restitution"], dissipation)
     return ig.Scene(ig.Tool(0.125), ig.Object(scenario["object_mass"], scenario["distance"]), contact, coupling)
+
+
+def newtons(reading):
+    """Force of a reading: 0 ... 1000 N on a log scale."""
+    return np.expm1(np.asarray(reading, float) * math.log1p(1000.0))
+
+
+def seconds(observations):
+    return 0.75 * (np.asarray(observations, float)[..., 2] + 1.0)
+
+
+def metres(observations):
+    """Position of the flange."""
+    return -0.25 + 0.5 * (np.asarray(observations, float)[..., 0] + 1.0)
