@@ -32,10 +32,8 @@ def test_a_search_goes_on_where_it_was_and_a_damaged_one_is_refused(tmp_path, mo
     monkeypatch.setattr(clairvoyance, "write_archive", None)  # it would fail, were anything written
     search_all(wanted)
     assert path.read_bytes() == first
-    assert load_clairvoyant("linear-blind", 2.0, tmp_path).parameters.shape == (
-        3,
-        len(clairvoyance.Clairvoyant.PARAMETERS),
-    )
+    shape = load_clairvoyant("linear-blind", 2.0, tmp_path).parameters.shape
+    assert shape == (3, len(clairvoyance.Clairvoyant.PARAMETERS))
     with pytest.raises(ValueError, match=r"was not searched.*agents.clairvoyance"):
         load_clairvoyant("linear-blind", 3.0, tmp_path)
     path.write_bytes(first[:-100])

@@ -257,8 +257,8 @@ SCENARIO = {"object_mass": 0.5, "contact_stiffness": 3e4, "restitution": 0.4, "d
 
 def test_the_papers_rule_at_the_papers_limits_is_the_corner_of_the_action_space():
     class Corner:
-        def predict(self, observation):
-            return np.array([1.0 if observation[3] == 0.0 else -1.0, 1.0], np.float32), None
+        def predict(self, observation, state=None):
+            return np.array([1.0 if observation[3] == 0.0 else -1.0, 1.0], np.float32), state
 
     env = gym.make(ID, velocity_range=(0.0, 1.0), acceleration_range=(1.0, 8.0))
     info = play(env, Corner(), scenario=SCENARIO).info

@@ -46,8 +46,8 @@ class Given:
     def __init__(self, actions):
         self.left = iter(actions)
 
-    def predict(self, observation):
-        return next(self.left), None
+    def predict(self, observation, state=None):
+        return next(self.left), state
 
 
 def random_actions(seed):
@@ -65,9 +65,10 @@ class Episode(NamedTuple):
 
 def history(env, controller, seed=None, **options):
     """Play one episode of a single environment: all that reset, with such options, and step returned."""
-    returned = [env.reset(seed=seed, options=options)]
+    returned, state = [env.reset(seed=seed, options=options)], None
     while True:
-        returned.append(env.step(controller.predict(returned[-1][0])[0]))
+        action, state = controller.predict(returned[-1][0], state=state)
+        returned.append(env.step(action))
         if returned[-1][2] or returned[-1][3]:
             return returned
 
