@@ -20,14 +20,8 @@ class Stopped(BaseException):
 @pytest.fixture
 def small(tmp_path, monkeypatch):
     monkeypatch.setattr(search, "default_settings", lambda setup, algo: tiny(algo, setup=setup))
-    return Search(
-        trials=3,
-        steps=1024,
-        validate_every=512,
-        validation_scenarios=20,
-        journals=tmp_path / "journals",
-        summaries=tmp_path / "studies",
-    )
+    folders = {"journals": tmp_path / "journals", "summaries": tmp_path / "studies"}
+    return Search(trials=3, steps=1024, validate_every=512, validation_scenarios=20, **folders)
 
 
 def test_a_search_that_was_stopped_goes_on_and_a_set_up_takes_what_it_found(small, monkeypatch):
