@@ -82,13 +82,29 @@ def test_every_tuned_baseline_belongs_to_a_set_up():
 def test_a_set_up_may_name_every_rule_that_is_tuned_and_one_of_them_needs_an_estimate():
     assert {*SETUP_RULES} == {*RULES}
     assert [name for name, rule in RULES.items() if rule.needs_estimate] == ["Ranged"]
+    with pytest.raises(ValueError, match="Ranged needs an estimate"):
+        load_baseline("ranged", 1.0).for_environment({})
 
 
-def test_an_environment_is_the_same_whatever_is_left_to_defaults():
-    spring = {"type": "SpringDamper", "stiffness": 50.0}
-    assert same_environment({}, {"tool_mass": 0.125, "coupling": spring, "time_weight": [0.3, 8.0]})
-    assert not same_environment({}, {"tool_mass": 0.2})
-    assert not same_environment({}, {"tool_mass": [0.1, 0.15]})
+@pytest.mark.parametrize(("one", "other"), [
+    ({}, {"tool_mass": 0.125, "coupling": {"type": "SpringDamper", "stiffness": 50.0}, "time_weight": [0.3, 8.0]}),
+    ({"reaction_delay": [0.01, 0.02]}, {"reaction_delay": np.array([0.01, 0.02])}),
+    ({"scenario": {"distance": [0.1, 0.2]}}, {"scenario": {"distance": (0.1, 0.2)}}),
+    ({"scenario": "train"}, {"scenario": {"distance": [0.15, 0.35]}}),
+], ids=str)  # fmt: skip
+def test_an_environment_is_the_same_whatever_is_left_to_defaults_or_written_as(one, other):
+    assert same_environment(one, other)
+    for another in ({"tool_mass": 0.2}, {"tool_mass": [0.1, 0.15]}):
+        assert not same_environment(one, another)
+
+
+def test_a_policy_names_what_differs_whatever_numbers_and_ranges_are_written_as():
+    policy = load_policy("linear-blind")
+    for delay in (0.016, (0.016, 0.016), [0.016, 0.016], np.array([0.016, 0.016])):
+        assert policy.differs_in(Task(reaction_delay=delay)) == []
+    assert policy.differs_in(Task(reaction_delay=[0.01, 0.02])) == ["reaction_delay"]
+    array = {"type": "SpringDamper", "stiffness": np.array([40.0, 60.0])}
+    assert Task(coupling=array).drawn == {"coupling.stiffness": (40.0, 60.0)}
 
 
 def test_a_file_says_what_is_played(mine):
@@ -140,6 +156,8 @@ def test_a_file_that_changes_is_read_again(mine):
     ("[baselines.tuned]\na = 'Rule'", "baselines.tuned.a must be a rule, one of BlindProfile.*'Rule'"),
     ("[baselines.tuned]\na = {rule = 'Ranged', rtoll = 1.0}", "baselines.tuned.a.rtoll; did you mean 'rtol'"),
     ("[baselines.tuned]\na = {rule = 'Ranged', rtol = 1.0}", "baselines.tuned.a.rtol.*at most"),
+    ("[environment]\ndeflection_sensor = true\n[baselines.tuned]\na = 'Ranged'", "baselines.tuned.a: Ranged needs"),
+    ("[training]\nseeds = 0", "training.seeds.*at least 1"),
 ], ids=str)  # fmt: skip
 def test_a_mistake_gets_one_line_with_the_file(tmp_path, text, message):
     path = tmp_path / "bad.toml"
@@ -170,18 +188,18 @@ def test_a_set_up_that_is_not_there_is_refused_with_those_that_are():
         load_setup("cubic")
 
 
-CHAINS = {
-    "spring": Task(tool_mass=0.3, coupling=ig.SpringDamper(200.0, 1.0)),
-    "spring on a robot": Task(tool_mass=0.3, coupling=ig.SpringDamper(200.0, 1.0), robot=ig.Robot(5.0, 3e3, 200.0)),
-    "robot": Task(tool_mass=0.3, coupling=ig.Rigid(), robot=ig.Robot(5.0, 3e3, 200.0)),
-    "rigid": Task(tool_mass=0.3, coupling=ig.Rigid()),
-}
+def far_flight(task, acceleration, duration):
+    """Trace of a chain that only accelerates."""
+    tool, struck, contact = ig.Tool(task.tool_mass), ig.Object(1.0, 1e6), ig.Contact(1e4, 0.5)
+    one = ig.Scene(tool, struck, contact, task.coupling, task.robot)
+    return ig.simulate(one, ig.Trapezoid(1e3, acceleration), duration, trace=True).trace
 
 
-@pytest.mark.parametrize("task", CHAINS.values(), ids=list(CHAINS))
-def test_the_lag_is_that_of_a_long_run_at_full_acceleration(task):
-    far = ig.Scene(ig.Tool(task.tool_mass), ig.Object(1.0, 1e6), ig.Contact(1e4, 0.5), task.coupling, task.robot)
-    trace = ig.simulate(far, ig.Trapezoid(1e3, 20.0), 5.0, trace=True).trace
+@pytest.mark.parametrize("robot", [None, ig.Robot(5.0, 3e3, 200.0)])
+@pytest.mark.parametrize("coupling", [ig.Rigid(), ig.SpringDamper(200.0, 1.0)])
+def test_the_lag_is_that_of_a_long_run_at_full_acceleration(coupling, robot):
+    task = Task(tool_mass=0.3, coupling=coupling, robot=robot)
+    trace = far_flight(task, 20.0, 5.0)
     behind = trace.command_position[-1] - trace.tool_position[-1]
     assert setup.lag(task) == pytest.approx(behind, rel=1e-6, abs=1e-9)
 
@@ -189,8 +207,7 @@ def test_the_lag_is_that_of_a_long_run_at_full_acceleration(task):
 @pytest.mark.parametrize("share", [0.98, 1.02])
 def test_a_mechanism_leaves_its_stop_above_what_it_holds(share):
     task = Task(coupling=ig.Bistable())
-    scene = ig.Scene(ig.Tool(task.tool_mass), ig.Object(1.0, 1e6), ig.Contact(1e4, 0.5), task.coupling)
-    trace = ig.simulate(scene, ig.Trapezoid(1e3, share * setup.held(task)), 2.0, trace=True).trace
+    trace = far_flight(task, share * setup.held(task), 2.0)
     behind = np.abs(trace.command_position - trace.tool_position).max()
     assert (behind > 0.01) == (share > 1.0)
 
@@ -200,32 +217,23 @@ def test_a_mechanism_leaves_its_stop_above_what_it_holds(share):
 def test_the_estimate_is_the_impact_of_a_hard_contact(coupling, robot):
     task = Task(coupling=coupling, robot=robot)
     scenario = {"object_mass": 0.4, "restitution": 0.6, "distance": 0.3}
-    contact = ig.Contact(1e12, scenario["restitution"], "exact")
-    scene = ig.Scene(ig.Tool(task.tool_mass), ig.Object(0.4, 0.3), contact, coupling, robot)
-    outcome = ig.simulate(scene, ig.Trapezoid(1.0, 8.0), 1.0)
-    first = outcome.contacts[0]
+    scene = ig.Scene(ig.Tool(task.tool_mass), ig.Object(0.4, 0.3), ig.Contact(1e12, 0.6, "exact"), coupling, robot)
+    first = ig.simulate(scene, ig.Trapezoid(1.0, 8.0), 1.0).contacts[0]
     speed = first.approach_velocity if isinstance(coupling, ig.SpringDamper) or robot else 1.0
     assert setup.estimate(task, scenario) * speed == pytest.approx(first.object_velocity, rel=1e-3)
 
 
-def test_what_follows_is_said(mine, capsys):
-    said = "\n".join(setup.lines(load_setup(mine), str(mine)))
-    task = Task(**load_setup(mine).environment)
-    lags = [setup.lag(one) for one in setup.corners(task)]
+def test_what_follows_is_said(mine):
+    lags = [setup.lag(one) for one in setup.corners(Task(**load_setup(mine).environment))]
     assert len(lags) == 8
     hand = [4.0 * m / k + 4.0 * (8.0 + m) / k_r for m in (0.3, 0.5) for k in (200, 400) for k_r in (5e4, 2e5)]
     assert sorted(lags) == pytest.approx(sorted(hand), rel=1e-12)
-    for part in (
-        "robot.stiffness: 50000 to 200000 N/m, log-uniform",
-        "agents.train",
-        "mine-profile",
-        "distance estimate",
-    ):
-        assert part in said
+    said = "\n".join(setup.lines(load_setup(mine), str(mine)))
+    drawn = "robot.stiffness: 50000 to 200000 N/m, log-uniform"
+    assert all(part in said for part in (drawn, "agents.train", "mine-profile", "distance estimate"))
     assert "warning" not in said
-    assert "the front stop holds the tool up to 8.38" in "\n".join(
-        setup.lines(load_setup("bistable-paper"), "bistable-paper")
-    )
+    held = "the front stop holds the tool up to 8.38"
+    assert held in "\n".join(setup.lines(load_setup("bistable-paper"), "bistable-paper"))
 
 
 def test_a_folder_keeps_its_set_up_and_takes_no_other(mine, tmp_path):
@@ -258,6 +266,7 @@ def test_a_quick_run_takes_no_more_than_the_set_up_says(mine, tmp_path):
 @pytest.mark.storm
 def test_one_command_goes_from_a_file_to_a_controller_and_on_where_it_was(mine, tmp_path):
     out = tmp_path / "out"
+    policy = out / "policies" / "mine.npz"
     command = [sys.executable, "-m", "agents.controller", str(mine), "--out", str(out), "--quick"]
     ended = subprocess.run(command, capture_output=True, text=True, check=False)
     assert ended.returncode == 0, ended.stderr
@@ -265,13 +274,13 @@ def test_one_command_goes_from_a_file_to_a_controller_and_on_where_it_was(mine, 
         assert (out / path).is_file(), path
     weights = json.loads((out / "tuned" / "mine-profile.json").read_text())["weights"]
     assert {found["search"]["budget"] for found in weights.values()} == {16}
-    assert load_setup(mine).is_of(load_policy(out / "policies" / "mine.npz").environment)
+    assert load_setup(mine).is_of(load_policy(policy).environment)
     arena = arenas.of_setup(load_setup(out / "mine.toml"), {"set": "test", "count": 30}, out)
     assert arena.scenarios["ranges"]["object_mass"] == [0.2, 1.0]
     assert [one.name for one in arena.baselines] == ["paper's rule", "mine-profile"]
-    first = (out / "policies" / "mine.npz").read_bytes()
+    first = policy.read_bytes()
     again = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert (out / "policies" / "mine.npz").read_bytes() == first
+    assert policy.read_bytes() == first
     assert "training for" not in again.stdout
 
 
@@ -305,35 +314,11 @@ def test_what_would_show_hours_later_shows_at_once(mine, change, message):
     mine.write_text(MINE + change)
     with pytest.raises(ValueError, match=rf"mine\.toml: {message}"):
         setup.check(load_setup(mine), str(mine))
-    mine.write_text(MINE.replace("seeds = 2", "seeds = 0"))
-    with pytest.raises(ValueError, match=r"mine\.toml: training\.seeds.*at least 1"):
-        load_setup(mine)
-
-
-def test_a_rule_that_needs_an_estimate_is_refused_where_there_is_none(tmp_path):
-    path = tmp_path / "blind.toml"
-    path.write_text('[environment]\ndeflection_sensor = true\n[baselines.tuned]\nmine = "Ranged"')
-    with pytest.raises(ValueError, match=r"baselines.tuned.mine: Ranged needs"):
-        load_setup(path)
-    with pytest.raises(ValueError, match="Ranged needs an estimate"):
-        load_baseline("ranged", 1.0).for_environment({})
 
 
 def test_nobody_can_change_a_set_up_for_all():
     load_setup("linear-blind").environment["tool_mass"] = 9.0
     assert load_setup("linear-blind").environment["tool_mass"] == 0.125
-
-
-def test_numbers_and_ranges_compare_whatever_they_are_written_as():
-    policy = load_policy("linear-blind")
-    for delay in (0.016, (0.016, 0.016), [0.016, 0.016], np.array([0.016, 0.016])):
-        assert policy.differs_in(Task(reaction_delay=delay)) == []
-    assert policy.differs_in(Task(reaction_delay=[0.01, 0.02])) == ["reaction_delay"]
-    assert same_environment({"reaction_delay": [0.01, 0.02]}, {"reaction_delay": np.array([0.01, 0.02])})
-    assert same_environment({"scenario": {"distance": [0.1, 0.2]}}, {"scenario": {"distance": (0.1, 0.2)}})
-    assert same_environment({"scenario": "train"}, {"scenario": {"distance": [0.15, 0.35]}})
-    array = {"type": "SpringDamper", "stiffness": np.array([40.0, 60.0])}
-    assert Task(coupling=array).drawn == {"coupling.stiffness": (40.0, 60.0)}
 
 
 def test_a_policy_is_made_as_late_as_the_rule_is_on_that_arm():
@@ -347,10 +332,8 @@ def test_a_policy_is_made_as_late_as_the_rule_is_on_that_arm():
 def test_a_baseline_follows_its_profile_in_its_own_control_period():
     slow = {"control_period": 0.1, "time_weight": [2.0]}
     rule, stage = load_baseline("blind-profile", 2.0), Stage.of("validation", 100, **slow)
-    assert (
-        stage.play(rule.for_environment(slow | {"time_weight": 2.0})).loss(2.0).mean()
-        < stage.play(rule).loss(2.0).mean()
-    )
+    fitted = rule.for_environment(slow | {"time_weight": 2.0})
+    assert stage.play(fitted).loss(2.0).mean() < stage.play(rule).loss(2.0).mean()
 
 
 def test_a_change_that_leaves_no_environment_is_left_out():
@@ -378,9 +361,8 @@ def test_policies_that_were_trained_for_another_arm_are_refused(mine, tmp_path):
 
 def test_seeds_of_a_set_up_that_has_changed_are_not_taken_for_its_own(mine, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    wanted = Many(
-        ("mine.toml",), seeds=1, steps=512, processes=1, runs=tmp_path / "runs", policies=tmp_path / "policies"
-    )
+    folders = {"runs": tmp_path / "runs", "policies": tmp_path / "policies"}
+    wanted = Many(("mine.toml",), seeds=1, steps=512, processes=1, **folders)
     settings = replace(default_settings("mine.toml"), steps=512, validate_every=512)
     assert settings.setup == str(mine)  # from wherever it is gone on with
     shipped_to = train_all("mine", wanted, settings)
