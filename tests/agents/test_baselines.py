@@ -14,7 +14,7 @@ from agents.baselines.reaction import REACTION
 from agents.baselines.rule import Seen
 from agents.baselines.tuned import load_baseline, names, read_tuned, write_tuned
 from agents.clairvoyance import clairvoyant_bound
-from agents.evaluation import TUNING_SEED, VALIDATION_SEED, Stage, evaluate
+from agents.evaluation import TUNING_SEED, Stage
 from agents.settings import FIRST_SEED
 from agents.setups import load_setup
 from agents.validation import WEIGHTS, Validation
@@ -128,8 +128,8 @@ def test_knowing_the_scenario_is_worth_something():
     assert (bound.approach_time > fastest - 0.02).all()  # the tool may swing ahead of the flange
 
 
-def test_a_stage_plays_the_frozen_set_as_validation_does():
-    rule = baselines.PaperTrapezoid()
+@pytest.mark.parametrize("rule", [baselines.PaperTrapezoid(), Always(0.0, 1.0)], ids=["paper", "misses"])
+def test_a_stage_plays_the_frozen_set_as_validation_does(rule):
     expected = Validation({"range_noise": 0.01}, 40).play(rule)
     played = Stage.of("validation", 40, copies=len(WEIGHTS), time_weight=WEIGHTS, range_noise=0.01).play(rule)
     weights = np.repeat(WEIGHTS, 40)
@@ -139,12 +139,6 @@ def test_a_stage_plays_the_frozen_set_as_validation_does():
     assert np.array_equal(played.scenario["distance"], np.tile(frozen["distance"][:40], len(WEIGHTS)))
     with pytest.raises(ValueError, match="1000 scenarios"):
         Stage.of("validation", 1001)
-
-
-def test_a_miss_costs_what_the_environment_charges():
-    played = evaluate(Always(0.0, 1.0), VALIDATION_SEED, 5)
-    assert played.missed.all()
-    assert played.loss(3.0) == pytest.approx(np.full(5, 3.0 * 1.2 + 2.0))
 
 
 def test_random_actions_fill_the_action_space_and_repeat_with_their_seed():

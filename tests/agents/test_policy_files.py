@@ -17,7 +17,7 @@ from policies import KINDS, made_up_policy, observations
 
 from agents import archive, load_policy
 from agents.networks import to_arrays
-from agents.policy import FORMAT, Policy
+from agents.policy import FORMAT
 
 DAMAGED = r"policy\.npz is no impact_gym policy 2 file, or is damaged"
 
@@ -216,9 +216,3 @@ def test_an_altered_file_that_is_whole_is_refused(path):
 def test_an_unknown_name_lists_what_is_shipped():
     with pytest.raises(FileNotFoundError, match=r"'linear-blnd'.*linear-blind"):
         load_policy("linear-blnd")
-
-
-def test_a_policy_that_does_not_fit_its_environment_is_refused():
-    network = made_up_policy().network
-    with pytest.raises(ValueError, match="takes 8 numbers, the environment shows 9"):
-        Policy(network, {"range_noise": 0.01}, {})

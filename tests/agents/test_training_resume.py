@@ -182,34 +182,6 @@ def test_two_processes_do_not_write_one_run(tmp_path):
     resume(tmp_path / "run")
 
 
-@pytest.mark.parametrize("options", [
-    {},
-    {"range_noise": 0.01, "time_weight": (0.5, 8.0)},
-    {"coupling": {"type": "Bistable"}, "force_noise": 0.3, "reaction_delay": (0.0, 0.05), "max_episode_steps": 20},
-], ids=["plain", "ranged", "noisy"])  # fmt: skip
-def test_a_restored_batch_goes_on_to_the_bit(options):
-    rng = np.random.default_rng(0)
-    actions = rng.uniform(-1.0, 1.0, (90, 32, 2)).astype(np.float32)
-    one, other = ImpactVecEnv(32, **options), ImpactVecEnv(32, **options)
-    one.seed(3)
-    one.reset()
-    other.reset()
-    one.set_scenario({"distance": (0.1, 0.2)})
-    for action in actions[:40]:
-        one.step(action)
-    state = one.get_state()
-    ended = 0
-    for repetition in range(2):  # the state itself must not have moved on
-        other.set_state(state)
-        if repetition:
-            one.set_state(state)
-        for action in actions[40:]:
-            for left, right in zip(one.step(action)[:3], other.step(action)[:3], strict=True):
-                assert np.array_equal(left, right)
-                ended += left.dtype == bool and int(left.sum())
-    assert ended > 32
-
-
 def test_the_state_of_another_batch_is_refused():
     state = ImpactVecEnv(4).get_state()
     with pytest.raises(ValueError, match="of another batch"):

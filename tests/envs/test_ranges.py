@@ -6,7 +6,7 @@ from dataclasses import replace
 import gymnasium as gym
 import numpy as np
 import pytest
-from episodes import ID, TABLE, Given, action_table, assert_identical, play, scene
+from episodes import ID, TABLE, Given, action_table, assert_identical, begin, play, scene
 from scipy.optimize import brentq
 from scipy.stats import kstest
 
@@ -134,17 +134,27 @@ def test_front_ends_draw_the_same(options):
             assert_identical(alone, seen[row])
 
 
-@EVERY
+@pytest.mark.parametrize("options", [
+    {}, {"range_noise": 0.01, "time_weight": (0.5, 8.0)},
+    {"coupling": ig.Bistable(), "force_noise": 0.3, "reaction_delay": (0.0, 0.05), "max_episode_steps": 20},
+    *SETUPS.values(),
+], ids=["plain", "ranged", "noisy and cut", *SETUPS])  # fmt: skip
 def test_a_batch_goes_on_from_a_state_with_what_it_had_drawn(options):
-    actions = leaning(4, 60, seed=3)
-    first, second = (gym.make_vec(ID, num_envs=4, **options).unwrapped for _ in range(2))
-    first.reset(seed=1)
-    second.reset(seed=2)
-    for action in actions[:10]:
-        first.step(action)
-    second.set_state(first.get_state())
-    for action in actions[10:]:
-        assert_identical(first.step(action), second.step(action))
+    one, other = (ImpactVecEnv(32, **options) for _ in range(2))
+    begin(one, seed=1), begin(other, seed=2)
+    one.set_scenario({"distance": (0.1, 0.2)})
+    actions, ended = leaning(32, 90, seed=3), 0
+    for action in actions[:40]:
+        one.step(action)
+    state = one.get_state()
+    for from_state in ((other,), (one, other)):  # the state itself must not have moved on
+        for each in from_state:
+            each.set_state(state)
+        for action in actions[40:]:
+            result = one.step(action)
+            assert_identical(result, other.step(action))
+            ended += result[2].sum()
+    assert ended > 32
 
 
 def test_pictures_show_what_the_episode_drew():

@@ -42,13 +42,13 @@ CHANGES = {
     "rtol": (1e-5, 1e-11),
     "max_episode_steps": (13, 41),
 }
-"""What the tasks of one batch may differ in; of all, beside the first, the default with an estimate of the distance."""
-
 DRAWN = {
     "scenario": ({"distance": (0.1, 0.12)}, {"object_mass": (0.02, 0.1)}),
     "time_weight": (0.5, (1.0, 8.0)),
     "reaction_delay": (0.0, 0.05, (0.0, 0.04)),
 }
+"""What the tasks of one batch may differ in; of all, beside the first, the default with an estimate of the distance."""
+
 OBSERVED = {"deflection_sensor", "privileged", "velocity_range"}  # other observations: all rows must agree
 ONE_FOR_ALL = {"range_noise": 0.01}
 
@@ -127,35 +127,15 @@ def test_every_row_plays_what_the_single_environment_of_its_task_plays(threads, 
     assert max(info["contact_count"] for info in infos) > 1
 
 
-def each_of(changes):
-    """Parametrise over the values of every option."""
-    return pytest.mark.parametrize(
-        ("name", "value"), [(name, value) for name, some in changes.items() for value in some], ids=str
-    )
-
-
-@each_of(CHANGES)
+@pytest.mark.parametrize(
+    ("name", "value"), [(name, value) for name, some in (CHANGES | DRAWN).items() for value in some], ids=str
+)
 def test_one_option_changes_the_row_that_has_it_and_no_other(name, value):
-    changed = ONE_FOR_ALL | {name: value}
-    options, actions = [ONE_FOR_ALL, changed, ONE_FOR_ALL], np.repeat(actions_for(1, ticks=160, seed=1), 3, axis=1)
-    first, other, last = assert_each_as_alone(options, actions, [5, 5, 5])
+    options, actions = [ONE_FOR_ALL, ONE_FOR_ALL | {name: value}, ONE_FOR_ALL], actions_for(1, ticks=160, seed=1)
+    first, other, last = assert_each_as_alone(options, np.repeat(actions, 3, axis=1), [5, 5, 5])
     assert_identical(first, last)
     with pytest.raises(AssertionError):
         assert_identical(first, other)
-
-
-@each_of(DRAWN)
-def test_what_a_row_draws_is_drawn_from_its_own_ranges(name, value):
-    options = [{}, {name: value}, {}]
-    assert_each_as_alone(options, np.repeat(actions_for(1, ticks=160, seed=1), 3, axis=1), [5, 6, 5])
-
-
-@pytest.mark.parametrize("name", CHANGES)
-def test_equal_tasks_given_for_each_row_are_one_given_for_all(name):
-    task = Task(**ONE_FOR_ALL | {name: CHANGES[name][0]})
-    actions, seeds = actions_for(5, ticks=120, seed=2), list(range(5))
-    each, all_at_once = (play_batch(Batch(5, tasks), actions, seeds) for tasks in ([task] * 5, task))
-    assert_identical(each, all_at_once)
 
 
 @pytest.mark.parametrize("twin", [copy.deepcopy, lambda one: pickle.loads(pickle.dumps(one))], ids=["copy", "pickle"])
