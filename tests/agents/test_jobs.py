@@ -55,19 +55,15 @@ def slice_of(first, count):
 
 
 def test_results_are_equal_to_the_bit_for_any_number_of_processes(tmp_path):
+    policy = {"shipped": "linear-blind"}
     jobs = [
-        Job(
-            "agents.jobs.evaluations:play",
-            {"controller": {"shipped": "linear-blind"}, "scenarios": slice_of(first, 10)},
-        )
+        Job("agents.jobs.evaluations:play", {"controller": policy, "scenarios": slice_of(first, 10)})
         for first in range(0, 50, 10)
     ]
-    few, one, two = (gather_all(jobs, tmp_path / str(count), processes=count) for count in (0, 1, 2))
-    for here, there, elsewhere in zip(few, one, two, strict=True):
-        assert same(here, there)
-        assert same(here, elsewhere)
-    whole = play({"shipped": "linear-blind"}, slice_of(0, 50))
-    assert same(whole, {name: np.concatenate([result[name] for result in two], axis=-1) for name in whole})
+    whole = play(policy, slice_of(0, 50))
+    for count in (0, 1, 2):
+        parts = gather_all(jobs, tmp_path / str(count), processes=count)
+        assert same(whole, {name: np.concatenate([part[name] for part in parts], axis=-1) for name in whole})
 
 
 def test_jobs_with_the_same_key_are_done_once_and_come_in_every_place(tmp_path):
@@ -96,11 +92,9 @@ def test_a_damaged_result_is_computed_anew(tmp_path, capsys, damage):
 
 @pytest.mark.parametrize("processes", [0, 2])
 def test_failed_jobs_are_named_when_all_others_are_done(tmp_path, processes):
-    log = tmp_path / "log"
-    jobs = [Job("cluster_work:fails_on", {"log": str(log), "number": number, "bad": [1, 3]}) for number in range(6)] + [
-        Job("cluster_work:no_arrays", {})
-    ]
-    came = []
+    log, came = tmp_path / "log", []
+    jobs = [Job("cluster_work:fails_on", {"log": str(log), "number": number, "bad": [1, 3]}) for number in range(6)]
+    jobs.append(Job("cluster_work:no_arrays", {}))
     with pytest.raises(JobsFailedError) as raised:
         came.extend(int(result["number"]) for _, result in gather(jobs, tmp_path / "results", processes=processes))
     assert sorted(came) == sorted(calls(log)) == [0, 2, 4, 5]

@@ -61,16 +61,8 @@ class Stopped(BaseException):
 @pytest.fixture
 def small(tmp_path, monkeypatch):
     monkeypatch.setattr(tuning, "ProcessPoolExecutor", lambda count, *spawned: ThreadPoolExecutor(1))
-    return Tune(
-        ("linear-blind",),
-        ("constant-speed",),
-        (1.0, 4.0),
-        scenarios=8,
-        budget=24,
-        population=8,
-        processes=1,
-        out=tmp_path,
-    )
+    effort = {"scenarios": 8, "budget": 24, "population": 8}
+    return Tune(("linear-blind",), ("constant-speed",), (1.0, 4.0), **effort, processes=1, out=tmp_path)
 
 
 def counted(monkeypatch, stop_at=None):
@@ -109,20 +101,20 @@ def test_tuning_that_was_stopped_goes_on_and_ends_as_if_it_had_not_been(small, t
         assert f"linear-blind --names constant-speed --weights {weight:g} --scenarios 8 --budget 24" in found["command"]
         rule = load_baseline("constant-speed", weight, tmp_path)
         assert isinstance(rule, ConstantSpeed)
-        assert found["validation"] == tuning.scores(
-            "constant-speed", load_setup("linear-blind"), weight, rule.parameters
-        )
+        scores = tuning.scores("constant-speed", load_setup("linear-blind"), weight, rule.parameters)
+        assert found["validation"] == scores
 
 
 def test_what_was_tuned_otherwise_or_for_another_environment_is_tuned_anew(small, monkeypatch, capsys):
     tune(small)
     begun = counted(monkeypatch)
-    tune(Tune(**{**vars(small), "seed": 9}))
+    other = replace(small, seed=9)
+    tune(other)
     assert begun == [1.0, 4.0]
     assert "other settings" in capsys.readouterr().out
     heavier = replace(load_setup("linear-blind"), environment={"tool_mass": 0.2})
     monkeypatch.setattr(tuning, "load_setup", lambda name: heavier)
-    tune(Tune(**{**vars(small), "seed": 9}))
+    tune(other)
     assert begun == [1.0, 4.0, 1.0, 4.0]
     assert "another environment" in capsys.readouterr().out
 
