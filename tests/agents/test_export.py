@@ -135,27 +135,18 @@ CONTROLLERS = {
 
 @needs_c
 @pytest.mark.parametrize("kind", CONTROLLERS.values(), ids=list(CONTROLLERS))
-def test_the_controller_in_c_commands_what_the_policy_commands(tmp_path, kind):
-    policy = made_up_policy(**kind)
-    (tmp_path / "it.h").write_text(header(policy, "it"))
+def test_the_controller_in_c_compiles_without_a_warning_and_commands_what_the_policy_commands(tmp_path, kind):
+    policy, file = made_up_policy(**kind), tmp_path / "it.h"
+    text = header(policy, "it")
+    file.write_text(text)
+    assert {line for line in text.splitlines() if line.startswith("#include")} == {"#include <math.h>"}
+    for language in LANGUAGES:
+        assert compiled(policy, file, tmp_path, language) or (language == "C++17" and shutil.which("g++") is None)
     log = logged(policy, 300)
     assert log.commands.std() > 0.0
-    found = replay(policy, tmp_path / "it.h", log, calls=1000)
+    found = replay(policy, file, log, calls=1000)
     assert found.difference < 1e-5  # a command is on a grid, and may fall on the next point of it
     assert 0.0 < found.usual <= found.worst
-
-
-@needs_c
-@pytest.mark.parametrize("language", LANGUAGES)
-@pytest.mark.parametrize("kind", CONTROLLERS.values(), ids=list(CONTROLLERS))
-def test_the_controller_compiles_without_a_warning(tmp_path, kind, language):
-    if language == "C++17" and shutil.which("g++") is None:
-        pytest.skip("no C++ compiler")
-    policy = made_up_policy(**kind)
-    text = header(policy, "it")
-    (tmp_path / "it.h").write_text(text)
-    assert compiled(policy, tmp_path / "it.h", tmp_path, language)
-    assert {line for line in text.splitlines() if line.startswith("#include")} == {"#include <math.h>"}
 
 
 @pytest.fixture

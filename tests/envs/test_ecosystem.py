@@ -4,14 +4,12 @@ import copy
 import pickle
 import subprocess
 import sys
-from functools import partial
 
 import gymnasium as gym
 import numpy as np
 import pytest
 from episodes import ID, IDS, SLOTS, action_table, assert_identical, begin
 from gymnasium.utils.env_checker import data_equivalence
-from stable_baselines3.common.vec_env import SubprocVecEnv
 
 from impact_gym.sb3 import ImpactVecEnv
 
@@ -123,26 +121,6 @@ def test_workers_of_gymnasium_give_what_the_native_batch_gives(context):
             result = envs.step(row)
             assert_identical(result, native.step(row))
             ended += result[2].sum()
-        assert ended > 2
-    finally:
-        envs.close()
-
-
-@pytest.mark.parametrize("context", ["spawn", "forkserver"])
-def test_workers_of_stable_baselines3_give_what_the_native_batch_gives(context):
-    make = partial(gym.make, f"impact_gym:{ID}", **OPTIONS)
-    envs, native = SubprocVecEnv([make] * 2, start_method=context), ImpactVecEnv(2, **OPTIONS)
-    try:
-        assert envs.seed(2) == native.seed(2)
-        assert_identical(envs.reset(), native.reset())
-        ended = 0
-        for row in action_table(8, ticks=90, slots=2):
-            observations, rewards, dones, infos = envs.step(row)
-            *expected, native_infos = native.step(row)
-            assert_identical([observations, np.float32(rewards), dones], expected)  # its loop in-process rounds, too
-            for slot in np.flatnonzero(dones):
-                assert_identical(infos[slot], native_infos[slot])
-                ended += 1
         assert ended > 2
     finally:
         envs.close()

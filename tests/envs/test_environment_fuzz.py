@@ -25,8 +25,7 @@ GARBAGE = st.one_of(
     st.lists(st.floats(), max_size=3),
     st.floats().map(np.float64),
     st.lists(st.floats(), max_size=2).map(np.array),
-    st.just({}),
-    st.just({"type": "Rigid", "stiffness": 1.0}),
+    st.sampled_from([{}, {"type": "Rigid", "stiffness": 1.0}]),
 )
 SCENARIO = {
     "object_mass": powers(1e-6, 1e6),
@@ -34,16 +33,12 @@ SCENARIO = {
     "restitution": powers(1e-4, 1.0),
     "distance": powers(1e-6, 1e3),
 }
+SPRINGS = st.fixed_dictionaries(
+    {"type": st.just("SpringDamper"), "stiffness": powers(1e-3, 1e7), "damping_ratio": st.floats(0.0, 10.0)}
+)
 ARGUMENTS = {
     "scenario": st.fixed_dictionaries({}, optional={name: SCENARIO[name] | GARBAGE for name in SCENARIO}),
-    "coupling": st.one_of(
-        st.just({"type": "Rigid"}),
-        st.fixed_dictionaries(
-            {"type": st.just("SpringDamper"), "stiffness": powers(1e-3, 1e7), "damping_ratio": st.floats(0.0, 10.0)}
-        ),
-        st.just(ig.SpringDamper(150.0)),
-        st.just({"type": "Bistable"}),
-    ),
+    "coupling": st.sampled_from([{"type": "Rigid"}, ig.SpringDamper(150.0), {"type": "Bistable"}]) | SPRINGS,
     "tool_mass": powers(1e-4, 1e3),
     "time_weight": powers(1e-3, 1e3),
     "force_weight": st.floats(0.0, 10.0),
@@ -53,11 +48,7 @@ ARGUMENTS = {
     "force_noise": st.floats(0.0, 100.0),
     "force_bias": st.floats(0.0, 100.0),
     "privileged": st.booleans(),
-    "robot": st.one_of(
-        st.none(),
-        st.just(ROBOT),
-        st.just({"type": "Robot", "mass": 1.0, "stiffness": 1e4, "damping": 10.0}),
-    ),
+    "robot": st.sampled_from([None, ROBOT, {"type": "Robot", "mass": 1.0, "stiffness": 1e4, "damping": 10.0}]),
     "rtol": powers(1e-12, 1e-2),
 }
 EPISODE = st.fixed_dictionaries({}, optional=ARGUMENTS)

@@ -200,24 +200,16 @@ def test_a_list_of_seeds_and_a_reset_mask_reach_exactly_the_slots_they_name():
             break
 
 
-def test_a_slot_that_was_never_reset_cannot_be_stepped():
-    envs = gym.make_vec(ID, num_envs=2)
-    envs.reset(seed=0, options={"reset_mask": np.array([True, False])})
-    with pytest.raises((RuntimeError, gym.error.ResetNeeded), match="reset"):
-        envs.step(np.zeros((2, 2), np.float32))
-
-
-def test_without_autoreset_an_ended_slot_must_be_reset_first():
+def test_a_slot_that_was_never_reset_or_without_autoreset_has_ended_must_be_reset_first():
     envs = gym.make_vec(ID, num_envs=2, autoreset_mode="Disabled", max_episode_steps=2)
-    envs.reset(seed=0)
-    action = np.zeros((2, 2), np.float32)
-    envs.step(action)
-    assert envs.step(action)[3].all()
-    envs.reset(options={"reset_mask": np.array([True, False])})
-    with pytest.raises(gym.error.ResetNeeded, match="reset_mask"):
-        envs.step(action)
-    envs.reset(options={"reset_mask": np.array([False, True])})
-    assert not envs.step(action)[3].any()
+    action, one, other = np.zeros((2, 2), np.float32), np.array([True, False]), np.array([False, True])
+    for mask_named in ("reset", "reset_mask"):
+        envs.reset(seed=0, options={"reset_mask": one})
+        with pytest.raises(gym.error.ResetNeeded, match=mask_named):
+            envs.step(action)
+        envs.reset(options={"reset_mask": other})
+        assert not envs.step(action)[3].any()
+        assert envs.step(action)[3].all()
 
 
 @pytest.mark.usefixtures("cut_small")

@@ -1,7 +1,6 @@
 """Rows of a batch with each its own task: every one plays what the single environment of its task plays, to the bit."""
 
 import copy
-import math
 import pickle
 from dataclasses import fields
 
@@ -85,18 +84,15 @@ def play_batch(some, actions, seeds, twin=None):
 
 def play_alone(options, actions, seed):
     """The same of Gymnasium's single environment."""
-    env, limit, steps = gym.make(ID, **options), options.get("max_episode_steps", math.inf), 0
+    env = gym.make(ID, **options)
     history = [env.reset(seed=seed)[0]]
     for action in actions:
         observation, reward, terminated, truncated, info = env.step(action)
-        steps += 1
-        truncated |= steps >= limit  # which rl_zoo3, wherever it was imported, keeps from being said at a last step
         if truncated:
             info = env.unwrapped.episode_info()
         history += [observation, reward, terminated, truncated, info]
         if terminated or truncated:
             history.append(env.reset()[0])
-            steps = 0
     return history
 
 

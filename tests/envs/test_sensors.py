@@ -132,14 +132,6 @@ def test_readings_keep_their_age_when_the_alarm_comes_at_the_end(delay, period):
     assert late > 3
 
 
-def test_a_new_episode_knows_nothing_of_the_last():
-    options = {"deflection_sensor": True, "force_noise": 0.2, "force_bias": 0.1, "reaction_delay": (0.0, 0.04)}
-    used, fresh = gym.make(ID, **options), gym.make(ID, **options)
-    for seed in range(4):
-        play(used, seed=seed)
-        assert np.array_equal(used.reset(seed=99)[0], fresh.reset(seed=99)[0])
-
-
 def test_the_scales_of_what_arguments_add_are_the_documented_ones():
     rows = {entry.name: (entry.low, entry.high, entry.scaled_low) for entry in observation.OPTIONAL_ENTRIES}
     assert (
