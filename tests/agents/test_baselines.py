@@ -14,7 +14,7 @@ from agents.baselines.reaction import REACTION
 from agents.baselines.rule import Seen
 from agents.baselines.tuned import load_baseline, names, read_tuned, write_tuned
 from agents.clairvoyance import clairvoyant_bound
-from agents.evaluation import TUNING_SEED, Stage
+from agents.evaluation import TEST_SEED, TUNING_SEED, VALIDATION_SEED, Stage
 from agents.settings import FIRST_SEED
 from agents.setups import load_setup
 from agents.validation import WEIGHTS, Validation
@@ -151,8 +151,10 @@ def test_random_actions_fill_the_action_space_and_repeat_with_their_seed():
     assert baselines.RandomActions().predict(seen[0])[0].shape == (2,)
 
 
-def test_tuning_meets_no_scenario_of_training_or_evaluation():
+def test_training_tuning_and_evaluation_meet_each_their_own_scenarios():
+    """By the seeds of environments: of evaluation, of tuning, of training, one above the other."""
     sets = [evaluation_sets.load(name) for name in ("validation", "test", "hard")]
+    assert [one.seed for one in sets[:2]] == [VALIDATION_SEED, TEST_SEED]
     assert all(one.seed + one.count <= TUNING_SEED for one in sets)
     assert TUNING_SEED + 1_000_000 <= FIRST_SEED
 

@@ -9,6 +9,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import stable_baselines3.common.env_checker as sb3_checker
+from drawn_setups import SETUPS
 from episodes import ID, IDS, ROBOT, Given, action_table, assert_identical, begin, history
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env
@@ -26,11 +27,7 @@ OPTION_SETS = [
     {"coupling": {"type": "Rigid"}, "reaction_delay": 0.0, "control_period": 0.011},
     {"scenario": "hard", "reaction_delay": 0.04, "force_weight": 0.01, "tool_mass": 0.3},
     {"coupling": {"type": "Bistable"}, "reaction_delay": (0.0, 0.04), "deflection_sensor": True, "privileged": True},
-    {
-        "robot": {"type": "Robot", "mass": 5.225, "stiffness": 1.5e5, "damping": 53.75},
-        "force_noise": 0.2,
-        "force_bias": 0.1,
-    },
+    {"robot": ROBOT, "force_noise": 0.2, "force_bias": 0.1},
 ]
 EACH_OPTION = [
     {"time_weight": (0.5, 8.0)}, {"force_weight": 0.01}, {"reaction_delay": (0.0, 0.05)}, {"control_period": 0.004},
@@ -113,7 +110,7 @@ def test_importing_twice_registers_once():
 @pytest.mark.usefixtures("cut_small")
 @pytest.mark.parametrize("threads", [1, 3])
 @pytest.mark.parametrize("mode", MODES)
-@pytest.mark.parametrize("options", OPTION_SETS, ids=str)
+@pytest.mark.parametrize("options", [*OPTION_SETS, *SETUPS.values()], ids=str)
 def test_the_native_batch_equals_gymnasiums_loop_over_single_environments(options, mode, threads):
     envs = gym.make_vec(ID, num_envs=SLOTS, autoreset_mode=mode, threads=threads, **options)
     assert envs.metadata["autoreset_mode"] is AutoresetMode(mode)
@@ -214,7 +211,7 @@ def test_a_slot_that_was_never_reset_or_without_autoreset_has_ended_must_be_rese
 
 @pytest.mark.usefixtures("cut_small")
 @pytest.mark.parametrize("threads", [1, 3])
-@pytest.mark.parametrize("options", [*OPTION_SETS, {"max_episode_steps": 29}], ids=str)
+@pytest.mark.parametrize("options", [*OPTION_SETS, {"max_episode_steps": 29}, *SETUPS.values()], ids=str)
 def test_the_stable_baselines3_batch_equals_its_own_loop_over_single_environments(options, threads):
     envs = ImpactVecEnv(SLOTS, threads=threads, **options)
     reference = DummyVecEnv([lambda: gym.make(ID, **options)] * SLOTS)

@@ -6,7 +6,8 @@ from dataclasses import replace
 import gymnasium as gym
 import numpy as np
 import pytest
-from episodes import ID, TABLE, Given, action_table, assert_identical, begin, play, scene
+from drawn_setups import MECHANISM, ROBOT, SENSED, SETUPS, SPRING, TOOL
+from episodes import ID, Given, action_table, assert_identical, begin, play, scene
 from scipy.optimize import brentq
 from scipy.stats import kstest
 
@@ -19,25 +20,6 @@ from impact_gym.envs.task import Task
 from impact_gym.lowering import COUPLING_NUMBERS, ROBOT_NUMBERS
 from impact_gym.sb3 import ImpactVecEnv
 
-SPRING = {"type": "SpringDamper", "stiffness": (40.0, 600.0), "damping_ratio": (0.2, 1.5)}
-MECHANISM = {
-    "type": "Bistable", "stiffness": (40.0, 80.0), "free_length": (0.07, 0.08), "height": (0.02, 0.03),
-    "front_stop": (0.001, 0.02), "rear_stop": (-0.03, -0.01), "stop_stiffness": (1e4, 1e5),
-    "stop_damping_ratio": (0.5, 1.0),
-}  # fmt: skip
-ROBOT = {"type": "Robot", "mass": (3.0, 6.0), "stiffness": (5e4, 2e5), "damping": (0.0, 60.0)}
-TOOL = {"tool_mass": (0.05, 0.4)}
-SENSED = {"alarm_threshold": (0.2, 5.0), "range_noise": (0, 0.02), "force_noise": (0, 2.0), "force_bias": (0.1, 0.5)}
-SETUPS = {
-    "sensors": {**SENSED, "deflection_sensor": True, "reaction_delay": (0.0, 0.04)},
-    "rigid": {"coupling": ig.Rigid(), **TOOL},
-    "spring": {"coupling": SPRING, **TOOL, **SENSED},
-    "mechanism": {"coupling": MECHANISM, **TOOL},
-    "one mass": {"coupling": ig.Rigid(), "robot": ROBOT, **TOOL},
-    "spring on a robot": {"coupling": SPRING, "robot": ROBOT, **TOOL},
-    "mechanism on a robot": {"coupling": MECHANISM, "robot": ROBOT},
-    "spring on a table": {"coupling": SPRING, "robot": TABLE, **TOOL},
-}
 EVERY = pytest.mark.parametrize("options", SETUPS.values(), ids=list(SETUPS))
 
 
@@ -47,14 +29,6 @@ def leaning(rows, ticks, seed=0):
 
 def episode(env, seed=None, actions_seed=0, **options):
     return play(env, Given(leaning(1, 200, actions_seed)[:, 0]), seed, **options)
-
-
-def at_once(nested, prefix=""):
-    """A mapping of mappings with dotted names."""
-    flat = {}
-    for name, value in nested.items():
-        flat |= at_once(value, f"{prefix}{name}.") if isinstance(value, dict) else {prefix + name: value}
-    return flat
 
 
 def test_what_may_be_a_range_stands_in_the_order_of_the_kernels():
@@ -81,10 +55,11 @@ def test_each_number_is_drawn_evenly_from_its_range_and_apart_from_all_others():
 
 
 @EVERY
-def test_an_episode_is_that_of_an_environment_with_the_numbers_it_drew(options):
+def test_an_episode_is_that_of_an_environment_with_the_numbers_it_drew_and_can_be_played_again(options):
     env, drawn = gym.make(ID, **options), Task(**options).drawn
     for seed in range(6):
-        *seen, info = episode(env, seed)
+        *seen, info = first = episode(env, seed)
+        assert_identical(episode(env, record=info["record"]), first)
         numbers = {name: info["record"][name] for name in drawn}
         assert all(low <= numbers[name] <= high for name, (low, high) in drawn.items())
         fixed = dict(options)
@@ -98,40 +73,6 @@ def test_an_episode_is_that_of_an_environment_with_the_numbers_it_drew(options):
         task = Task(**options).at(info["record"])
         assert (task.drawn, task.coupling, task.robot) == ({}, Task(**fixed).coupling, Task(**fixed).robot)
         assert task.tool_mass == Task(**fixed).tool_mass
-
-
-@EVERY
-def test_the_record_plays_an_episode_again(options):
-    env = gym.make(ID, **options)
-    first = episode(env, seed=3, actions_seed=1)
-    env.reset(seed=9)
-    assert_identical(first, episode(env, actions_seed=1, record=first.info["record"]))
-
-
-@EVERY
-def test_front_ends_draw_the_same(options):
-    rows, actions = 5, leaning(5, 120, seed=2)
-    vector = gym.make_vec(ID, num_envs=rows, autoreset_mode="SameStep", **options)
-    stable = ImpactVecEnv(rows, **options)
-    stable.seed(7)
-    assert_identical(vector.reset(seed=7)[0], stable.reset())
-    singles = [gym.make(ID, **options) for _ in range(rows)]
-    for row, env in enumerate(singles):
-        env.reset(seed=7 + row)
-    for action in actions:
-        seen, rewards, ended, _, infos = vector.step(action)
-        stable_seen, _, stable_ended, stable_infos = stable.step(action)
-        assert_identical([seen, ended], [stable_seen, stable_ended])
-        for row, env in enumerate(singles):
-            alone, reward, over, _, info = env.step(action[row])
-            assert (reward, over) == (rewards[row], ended[row])
-            if over:
-                told = at_once({name: value for name, value in infos["final_info"].items() if name[0] != "_"})
-                told = {name: column[row] for name, column in told.items() if "._" not in name}
-                assert {name: value for name, value in at_once(info).items()} == told
-                assert stable_infos[row]["record"] == info["record"]
-                alone = env.reset()[0]
-            assert_identical(alone, seen[row])
 
 
 @pytest.mark.parametrize("options", [
