@@ -9,6 +9,7 @@ from functools import partial
 import gymnasium as gym
 import numpy as np
 import pytest
+from drawn_setups import EVERYTHING
 from episodes import ID, IDS, SLOTS, action_table, assert_identical, begin
 from gymnasium.spaces import Box
 from gymnasium.utils.env_checker import data_equivalence
@@ -16,29 +17,17 @@ from gymnasium.wrappers import vector as vector_wrappers
 
 from impact_gym.sb3 import ImpactVecEnv
 
-OPTIONS = {
-    "scenario": {"object_mass": (0.2, 0.9), "distance": 0.18},
-    "time_weight": (0.5, 8.0),
-    "force_weight": 0.002,
-    "reaction_delay": (0.01, 0.04),
-    "range_noise": 0.01,
-    "force_noise": 0.05,
-    "force_bias": 0.1,
-    "privileged": True,
-}
-
-
 KINDS = ["single", "NextStep", "SameStep", "stable"]
 
 
 def running(kind, id):
     """An environment in mid-episode."""
     if kind == "single":
-        env = gym.wrappers.RecordEpisodeStatistics(gym.make(id, record_trace=True, **OPTIONS))
+        env = gym.wrappers.RecordEpisodeStatistics(gym.make(id, record_trace=True, **EVERYTHING))
     elif kind == "stable":
-        env = ImpactVecEnv(SLOTS, **gym.registry[id].kwargs | OPTIONS)  # its wrappers cannot be pickled
+        env = ImpactVecEnv(SLOTS, **gym.registry[id].kwargs | EVERYTHING)  # its wrappers cannot be pickled
     else:
-        env = gym.make_vec(id, num_envs=SLOTS, autoreset_mode=kind, **OPTIONS)
+        env = gym.make_vec(id, num_envs=SLOTS, autoreset_mode=kind, **EVERYTHING)
     begin(env, seed=1)
     go_on(env, action_table(4)[:19])
     return env
@@ -111,8 +100,8 @@ def test_returned_arrays_are_never_used_again(kind):
 def test_workers_of_gymnasium_give_what_the_native_batch_gives(context):
     """Also that the same seed gives the same episode in another process, which first imports the package by the id."""
     options = {"context": context, "autoreset_mode": "NextStep"}
-    envs = gym.make_vec(f"impact_gym:{ID}", 2, vectorization_mode="async", vector_kwargs=options, **OPTIONS)
-    native = gym.make_vec(ID, num_envs=2, **OPTIONS)
+    envs = gym.make_vec(f"impact_gym:{ID}", 2, vectorization_mode="async", vector_kwargs=options, **EVERYTHING)
+    native = gym.make_vec(ID, num_envs=2, **EVERYTHING)
     try:
         assert_identical(envs.reset(seed=2), native.reset(seed=2))
         ended = 0

@@ -9,7 +9,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import stable_baselines3.common.env_checker as sb3_checker
-from drawn_setups import SETUPS
+from drawn_setups import EVERYTHING, SETUPS
 from episodes import ID, IDS, ROBOT, Given, action_table, assert_identical, begin, history
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env
@@ -71,12 +71,6 @@ def test_the_checkers_of_gymnasium_and_stable_baselines3_find_nothing(id, option
         check_env(gym.make(id, **options).unwrapped)
         sb3_checker.check_env(gym.make(id, **options))
     assert [str(warning.message) for warning in caught] == []
-
-
-EVERYTHING = {
-    "scenario": {"object_mass": (0.2, 0.9), "distance": 0.18}, "time_weight": (0.5, 8.0), "force_weight": 0.002,
-    "reaction_delay": (0.01, 0.03), "force_noise": 0.05, "force_bias": 0.1, "privileged": True,
-}  # fmt: skip
 
 
 @pytest.mark.parametrize(("id", "options"), [
@@ -200,9 +194,9 @@ def test_a_list_of_seeds_and_a_reset_mask_reach_exactly_the_slots_they_name():
 def test_a_slot_that_was_never_reset_or_without_autoreset_has_ended_must_be_reset_first():
     envs = gym.make_vec(ID, num_envs=2, autoreset_mode="Disabled", max_episode_steps=2)
     action, one, other = np.zeros((2, 2), np.float32), np.array([True, False]), np.array([False, True])
-    for mask_named in ("reset", "reset_mask"):
+    for remedy in ("reset", "reset_mask"):
         envs.reset(seed=0, options={"reset_mask": one})
-        with pytest.raises(gym.error.ResetNeeded, match=mask_named):
+        with pytest.raises(gym.error.ResetNeeded, match=remedy):
             envs.step(action)
         envs.reset(options={"reset_mask": other})
         assert not envs.step(action)[3].any()

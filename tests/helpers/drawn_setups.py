@@ -1,4 +1,4 @@
-"""Set-ups of which every number may be drawn for each episode."""
+"""Set-ups of which numbers are drawn for each episode."""
 
 from episodes import TABLE
 
@@ -23,3 +23,7 @@ SETUPS = {
     "mechanism on a robot": {"coupling": MECHANISM, "robot": ROBOT},
     "spring on a table": {"coupling": SPRING, "robot": TABLE, **TOOL},
 }
+EVERYTHING = {
+    "scenario": {"object_mass": (0.2, 0.9), "distance": 0.18}, "time_weight": (0.5, 8.0), "force_weight": 0.002,
+    "reaction_delay": (0.01, 0.04), "range_noise": 0.01, "force_noise": 0.05, "force_bias": 0.1, "privileged": True,
+}  # fmt: skip
