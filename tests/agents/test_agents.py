@@ -5,20 +5,19 @@ import math
 import gymnasium as gym
 import numpy as np
 import pytest
+from episodes import ID, play
 from policies import made_up_policy, observations
 
 from agents import baselines, load_policy
 from agents.evaluate.stage import TEST_SEED, VALIDATION_SEED, evaluate
 from impact_gym.envs import batch
 
-CONTROLLERS = [
+
+@pytest.mark.parametrize(("controller", "go", "stop"), [
     (baselines.PaperTrapezoid(), (1.0, 8.0), (0.0, 8.0)),
     (baselines.ConstantSpeed(0.3), (0.3, 8.0), (0.0, 8.0)),
     (baselines.ConstantSpeed(1.5, 20.0, 1.0), (1.5, 20.0), (0.0, 1.0)),
-]
-
-
-@pytest.mark.parametrize(("controller", "go", "stop"), CONTROLLERS)
+])  # fmt: skip
 def test_the_baselines_go_until_the_alarm_and_then_stop(controller, go, stop):
     seen = observations(made_up_policy(), 50)
     seen[:, 3] = np.arange(50) % 2
@@ -33,7 +32,7 @@ def test_the_baselines_go_until_the_alarm_and_then_stop(controller, go, stop):
         action, state = controller.predict(observation)
         assert state is None
         assert action.shape == (2,)
-        assert action in gym.make("ImpactApproach-v0").action_space
+        assert action in gym.make(ID).action_space
         assert np.array_equal(action, row)
 
 
@@ -56,13 +55,9 @@ def test_the_result_for_a_scenario_depends_on_neither_count_nor_neighbours(contr
     assert all(np.array_equal(values[41:48], few.scenario[name]) for name, values in many.scenario.items())
     for name in ("object_velocity", "approach_time", "peak_force", "contact_count", "missed"):
         assert np.array_equal(getattr(many, name)[41:48], getattr(few, name))
-    env = gym.make("ImpactApproach-v0", scenario="test")
+    env = gym.make(ID, scenario="test")
     for row in (0, 41, 59):
-        observation, _ = env.reset(seed=TEST_SEED + row)
-        ended, state = False, None
-        while not ended:
-            action, state = controller.predict(observation, state=state)
-            observation, _, ended, _, info = env.step(action)
+        info = play(env, controller, TEST_SEED + row).info
         assert info["scenario"] == {name: values[row] for name, values in many.scenario.items()}
         for name in ("object_velocity", "approach_time", "peak_force"):
             assert info[name] == getattr(many, name)[row]
@@ -85,14 +80,9 @@ def test_a_solver_that_fails_is_reported_with_the_seed_of_the_scenario(monkeypat
 
 def test_the_cost_of_an_episode_is_minus_its_return():
     episodes = evaluate(baselines.PaperTrapezoid(), TEST_SEED, 20, time_weight=3.0)
-    envs = gym.make_vec("ImpactApproach-v0", num_envs=20, scenario="test", time_weight=3.0)
-    seen, _ = envs.reset(seed=TEST_SEED)
-    total, open_rows = np.zeros(20), np.ones(20, bool)
-    while open_rows.any():
-        seen, rewards, terminated, _, _ = envs.step(baselines.PaperTrapezoid().predict(seen)[0])
-        total += np.where(open_rows, rewards, 0.0)
-        open_rows &= ~terminated
-    assert episodes.cost(3.0) == pytest.approx(-total, rel=1e-12)
+    env = gym.make(ID, scenario="test", time_weight=3.0)
+    returns = [play(env, baselines.PaperTrapezoid(), TEST_SEED + k).rewards.sum() for k in range(20)]
+    assert episodes.cost(3.0) == pytest.approx(-np.array(returns), rel=1e-12)
 
 
 def test_the_shipped_policy_beats_the_papers_rule_on_both_objectives():

@@ -5,16 +5,16 @@ import json
 import gymnasium as gym
 import numpy as np
 import pytest
+from episodes import ID, Always, play
 
-import impact_gym as ig
 from agents import baselines
-from agents.baselines import BlindProfile, Clairvoyant, ConstantSpeed, Ranged
+from agents.baselines import BlindProfile, Clairvoyant, ConstantSpeed, Ranged, tuned
 from agents.baselines.profile import KNOTS, ConstantDeceleration, constant_deceleration
 from agents.baselines.reaction import REACTION
 from agents.baselines.rule import Seen
 from agents.baselines.tuned import load_baseline, names, read_tuned, write_tuned
 from agents.evaluate import Validation
-from agents.evaluate.stage import TUNING_SEED, VALIDATION_SEED, Stage, evaluate
+from agents.evaluate.stage import TEST_SEED, TUNING_SEED, VALIDATION_SEED, Stage
 from agents.setups import load_setup
 from agents.setups.evaluation import WEIGHTS
 from agents.train.settings import FIRST_SEED
@@ -35,27 +35,11 @@ def drawn(rule, rows, seed=0):
 
 def flange(controller, record, **options):
     """Return the flange's path (time, position, velocity) up to the first contact."""
-    env = gym.make("ImpactApproach-v0", record_trace=True, **options).unwrapped
-    seen, _ = env.reset(seed=0, options={"record": record})
-    ended = False
-    while not ended:
-        seen, _, ended, _, info = env.step(controller.predict(seen)[0])
-    trace = env.trace()
+    env = gym.make(ID, record_trace=True, **options)
+    info = play(env, controller, record=record).info
+    trace = env.unwrapped.trace()
     before = trace.time <= info["approach_time"]
     return trace.time[before], trace.flange_position[before], trace.flange_velocity[before]
-
-
-def test_constant_speed_is_the_trapezoid_of_simulate():
-    episodes = evaluate(ConstantSpeed(0.6, 12.0, 5.0), VALIDATION_SEED, 12)
-    motion = ig.Trapezoid(0.6, 12.0, ig.Brake(threshold=1.0, delay=0.016, deceleration=5.0))
-    for k in range(12):
-        mass, stiffness, restitution, distance = (values[k] for values in episodes.scenario.values())
-        scene = ig.Scene(
-            ig.Tool(0.125), ig.Object(mass, distance), ig.Contact(stiffness, restitution), ig.SpringDamper(50.0, 1.0)
-        )
-        outcome = ig.simulate(scene, motion, duration=3.0)
-        assert episodes.object_velocity[k] == pytest.approx(outcome.object_velocity, abs=1e-7)
-        assert episodes.approach_time[k] == pytest.approx(outcome.contacts[0].start, abs=1e-9)
 
 
 def test_a_profile_is_followed_as_far_as_the_limits_allow():
@@ -124,8 +108,8 @@ def test_parameters_beyond_the_limits_or_too_few_are_refused_by_name(rule):
 
 
 def test_the_clairvoyant_goes_by_the_true_gap():
-    env = gym.make("ImpactApproach-v0", **NEEDS)
-    seen, _ = env.reset(seed=0, options={"scenario": {"distance": 0.2718}})
+    env = gym.make(ID, **NEEDS)
+    seen, _ = env.reset(options={"scenario": {"distance": 0.2718}})
     contact = Clairvoyant([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 10.0, 20.0, *STAY])
     velocity, _ = contact.approach(Seen(seen))
     far = np.sqrt(0.6**2 + 2 * 10.0 * (0.2718 - 0.04))
@@ -134,8 +118,8 @@ def test_the_clairvoyant_goes_by_the_true_gap():
     assert contact.velocity(-gaps) == pytest.approx([0.45, 0.3, 0.15, 0.1])
 
 
-def test_a_stage_plays_the_frozen_set_as_validation_does():
-    rule = baselines.PaperTrapezoid()
+@pytest.mark.parametrize("rule", [baselines.PaperTrapezoid(), Always(0.0, 1.0)], ids=["paper", "misses"])
+def test_a_stage_plays_the_frozen_set_as_validation_does(rule):
     expected = Validation({"range_noise": 0.01}, WEIGHTS, 40).score(rule)
     played = Stage.of("validation", 40, copies=len(WEIGHTS), time_weight=WEIGHTS, range_noise=0.01).play(rule)
     weights = np.repeat(WEIGHTS, 40)
@@ -145,16 +129,6 @@ def test_a_stage_plays_the_frozen_set_as_validation_does():
     assert np.array_equal(played.scenario["distance"], np.tile(frozen["distance"][:40], len(WEIGHTS)))
     with pytest.raises(ValueError, match="1000 scenarios"):
         Stage.of("validation", 1001)
-
-
-def test_a_miss_costs_what_the_environment_charges():
-    class Rest:
-        def predict(self, observation, state=None, episode_start=None, deterministic=True):
-            return baselines.encode(np.zeros(len(observation)), 1.0), state
-
-    played = evaluate(Rest(), VALIDATION_SEED, 5)
-    assert played.missed.all()
-    assert played.loss(3.0) == pytest.approx(np.full(5, 3.0 * 1.2 + 2.0))
 
 
 def test_random_actions_fill_the_action_space_and_repeat_with_their_seed():
@@ -167,8 +141,10 @@ def test_random_actions_fill_the_action_space_and_repeat_with_their_seed():
     assert baselines.RandomActions().predict(seen[0])[0].shape == (2,)
 
 
-def test_tuning_meets_no_scenario_of_training_or_evaluation():
+def test_training_tuning_and_evaluation_meet_each_their_own_scenarios():
+    """By the seeds of environments: of evaluation, of tuning, of training, one above the other."""
     sets = [evaluation_sets.load(name) for name in ("validation", "test", "hard")]
+    assert [one.seed for one in sets[:2]] == [VALIDATION_SEED, TEST_SEED]
     assert all(one.seed + one.count <= TUNING_SEED for one in sets)
     assert TUNING_SEED + 1_000_000 <= FIRST_SEED
 
@@ -188,39 +164,32 @@ def test_what_was_tuned_is_loaded_for_the_nearest_weight(tmp_path):
     assert isinstance(load_baseline("paper-trapezoid", 3.0, tmp_path), baselines.PaperTrapezoid)
 
 
-@pytest.mark.parametrize("damage", ["altered", "cut short", "another environment", "other limits", "missing"])
-def test_a_tuned_file_that_is_not_what_was_written_is_refused_with_the_remedy(tmp_path, damage):
-    path = write_tuned("ranged", {"2": found(Ranged, 1)}, load_setup("linear-ranged"), tmp_path)
-    text = path.read_text()
-    content = json.loads(text)
-    if damage == "missing":
-        path.unlink()
-    elif damage == "cut short":
-        path.write_text(text[: len(text) // 2])
-    elif damage == "altered":
-        content["weights"]["2"]["parameters"]["contact speed"] = 0.05
-        path.write_text(json.dumps(content))
-    elif damage == "another environment":
-        rewritten(path, content, {"environment": {"range_noise": 0.02}})
-    else:
-        rewritten(path, content, {"parameters": content["parameters"][1:]})
-    reason = {
-        "altered": "was altered",
-        "cut short": "damaged",
-        "another environment": "another environment",
-        "other limits": "another table of parameters",
-        "missing": "was not tuned",
-    }[damage]
+def refused(reason, folder):
+    """Expect that the tuned `Ranged` of a folder is refused, with the remedy."""
     with pytest.raises(ValueError, match=rf"({reason}).*python -m agents.tune linear-ranged"):
-        load_baseline("ranged", 2.0, tmp_path)
+        load_baseline("ranged", 2.0, folder)
 
 
-def rewritten(path, content, changes):
-    """Write a file that is sound but for what it was made for."""
-    from agents.baselines import tuned
+@pytest.mark.parametrize(("changes", "sealed_anew", "reason"), [
+    ({"weights": {"2": found(Ranged, 2)}}, False, "was altered"),
+    ({"environment": {"range_noise": 0.02}}, True, "another environment"),
+    ({"parameters": []}, True, "another table of parameters"),
+], ids=str)  # fmt: skip
+def test_a_tuned_file_that_is_not_what_was_written_is_refused_with_the_remedy(tmp_path, changes, sealed_anew, reason):
+    path = write_tuned("ranged", {"2": found(Ranged, 1)}, load_setup("linear-ranged"), tmp_path)
+    content = json.loads(path.read_text()) | changes
+    if sealed_anew:
+        content["sha256"] = tuned._checksum(content)
+    path.write_text(json.dumps(content))
+    refused(reason, tmp_path)
 
-    content = {**content, **changes}
-    path.write_text(json.dumps({**content, "sha256": tuned._checksum(content)}))
+
+def test_a_tuned_file_that_is_cut_short_or_missing_is_refused_with_the_remedy(tmp_path):
+    path = write_tuned("ranged", {"2": found(Ranged, 1)}, load_setup("linear-ranged"), tmp_path)
+    path.write_text(path.read_text()[: path.stat().st_size // 2])
+    refused("damaged", tmp_path)
+    path.unlink()
+    refused("was not tuned", tmp_path)
 
 
 def test_an_unknown_baseline_is_refused_with_a_list_of_those_there_are():
@@ -233,12 +202,11 @@ def test_an_unknown_baseline_is_refused_with_a_list_of_those_there_are():
 @pytest.mark.parametrize("name", names())
 def test_a_shipped_baseline_beats_the_papers_rule_at_its_weight_and_misses_nothing(name):
     content = read_tuned(name)
-    environment = content["environment"]
     for weight in map(float, content["weights"]):
-        stage = Stage.of("validation", 200, time_weight=[weight], **environment)
-        tuned, paper = stage.play(load_baseline(name, weight)), stage.play(baselines.PaperTrapezoid())
-        assert not tuned.missed.any()
-        assert tuned.loss(weight).mean() < paper.loss(weight).mean()
+        stage = Stage.of("validation", 200, time_weight=[weight], **content["environment"])
+        ours, paper = stage.play(load_baseline(name, weight)), stage.play(baselines.PaperTrapezoid())
+        assert not ours.missed.any()
+        assert ours.loss(weight).mean() < paper.loss(weight).mean()
 
 
 @pytest.mark.parametrize("name", ["blind-profile", "constant-deceleration"])

@@ -1,10 +1,10 @@
 """Exported policies compute what the policy computes."""
 
-import builtins
 import ctypes
 import importlib.util
 import shutil
 import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -15,10 +15,17 @@ from agents.export.c_header import header, identifier
 from agents.export.check import Export, export
 from agents.export.replay import LANGUAGES, address, compiled, logged, replay
 
-needs_c = pytest.mark.skipif(shutil.which("cc") is None and shutil.which("gcc") is None, reason="no C compiler")
+COMPILER = shutil.which("cc") or shutil.which("gcc")
+needs_c = pytest.mark.skipif(COMPILER is None, reason="no C compiler")
 needs_onnx = pytest.mark.skipif(
     not all(map(importlib.util.find_spec, ("onnx", "onnxruntime"))), reason="onnx or onnxruntime is missing"
 )
+
+
+@pytest.fixture
+def saved(tmp_path):
+    """The file of a made-up policy."""
+    return str(made_up_policy().save(tmp_path / "policy.npz"))
 
 
 @needs_c
@@ -33,24 +40,19 @@ def test_both_forms_agree_with_the_policy(tmp_path, kind, capsys):
     assert said.count("differs by at most") == 2
 
 
-def spoiled(form):
-    def play(*arguments):
-        found = form(*arguments)
+@pytest.mark.parametrize(("form", "other"), [("with_c", "with_onnx"), ("with_onnx", "with_c")])
+def test_a_form_that_computes_something_else_is_refused(saved, tmp_path, monkeypatch, form, other):
+    """In one action of 10,000, by little more than rounding."""
+
+    def spoiled(policy, _, seen):
+        found = exporting.with_numpy(policy, seen)
         found.actions[-1, -1, 1] += 2e-6
         return found
 
-    return play
-
-
-@pytest.mark.parametrize("form", ["with_c", "with_onnx"])
-def test_a_form_that_computes_something_else_is_refused(tmp_path, monkeypatch, form):
-    """In one action of 10,000, by little more than rounding."""
-    path = made_up_policy().save(tmp_path / "policy.npz")
-    other = {"with_c": "with_onnx", "with_onnx": "with_c"}[form]
     monkeypatch.setattr(exporting, other, lambda *_: None)
-    monkeypatch.setattr(exporting, form, spoiled(lambda policy, _, seen: exporting.with_numpy(policy, seen)))
+    monkeypatch.setattr(exporting, form, spoiled)
     with pytest.raises(ValueError, match="differs from the policy by 2"):
-        export(Export(str(path), tmp_path))
+        export(Export(saved, tmp_path))
 
 
 def test_every_part_of_every_form_is_exercised():
@@ -75,9 +77,8 @@ def test_the_header_is_plain_c99_and_can_stand_twice_in_a_program(tmp_path):
         "    other_memory state = {{0}, {0}};\n    one_act(seen, first);\n    other_act(&state, seen, second);\n}\n"
     )
     (tmp_path / "main.c").write_text(source)
-    compiler = shutil.which("cc") or shutil.which("gcc")
     flags = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-Werror", "-O1"]
-    command = [compiler, *flags, "-shared", "-fPIC", str(tmp_path / "main.c"), "-o", str(tmp_path / "main.so"), "-lm"]
+    command = [COMPILER, *flags, "-shared", "-fPIC", str(tmp_path / "main.c"), "-o", str(tmp_path / "main.so"), "-lm"]
     subprocess.run(command, check=True)
     seen = observations(one, 1)[0]
     actions = [np.zeros(2, np.float32) for _ in range(2)]
@@ -105,26 +106,17 @@ def test_names_are_ones_that_c_knows(name, expected):
     assert identifier(name) == expected
 
 
-def test_a_missing_package_is_named(tmp_path, monkeypatch):
-    real = builtins.__import__
-
-    def without(name, *arguments, **options):
-        if name == "onnx":
-            raise ModuleNotFoundError(name)
-        return real(name, *arguments, **options)
-
-    path = made_up_policy().save(tmp_path / "policy.npz")
-    monkeypatch.setattr(builtins, "__import__", without)
+def test_a_missing_package_is_named(saved, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "onnx", None)
     with pytest.raises(ValueError, match="ONNX needs the package onnx: pip install"):
-        export(Export(str(path), tmp_path / "out"))
+        export(Export(saved, tmp_path / "out"))
 
 
 @needs_c
 @needs_onnx
-def test_what_cannot_be_checked_is_said(tmp_path, monkeypatch, capsys):
-    path = made_up_policy().save(tmp_path / "policy.npz")
+def test_what_cannot_be_checked_is_said(saved, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(shutil, "which", lambda _: None)
-    export(Export(str(path), tmp_path / "out"))
+    export(Export(saved, tmp_path / "out"))
     assert "policy.h: not checked, no C compiler is here" in capsys.readouterr().out
 
 
@@ -133,46 +125,36 @@ CONTROLLERS = {
     "squashed": {"squash": True},
     "recurrent": {"cells": 6},
     "all sensors": {"environment": {"range_noise": 0.01, "deflection_sensor": True, "force_noise": 0.5}},
-    "its own arm": {
-        "environment": {
-            "velocity_range": [-0.2, 0.6],
-            "acceleration_range": [0.5, 4.0],
-            "tool_mass": [0.3, 0.5],
-            "time_weight": [0.05, 50.0],  # beyond what is observed
-            "reaction_delay": [0.0, 0.05],
-        }
-    },
-}
+    "its own arm": {"environment": {
+        "velocity_range": [-0.2, 0.6], "acceleration_range": [0.5, 4.0], "tool_mass": [0.3, 0.5],
+        "time_weight": [0.05, 50.0],  # beyond what is observed
+        "reaction_delay": [0.0, 0.05],
+    }},
+}  # fmt: skip
 
 
 @needs_c
 @pytest.mark.parametrize("kind", CONTROLLERS.values(), ids=list(CONTROLLERS))
-def test_the_controller_in_c_commands_what_the_policy_commands(tmp_path, kind):
-    policy = made_up_policy(**kind)
-    (tmp_path / "it.h").write_text(header(policy, "it"))
+def test_the_controller_in_c_compiles_without_a_warning_and_commands_what_the_policy_commands(tmp_path, kind):
+    policy, file = made_up_policy(**kind), tmp_path / "it.h"
+    text = header(policy, "it")
+    file.write_text(text)
+    assert {line for line in text.splitlines() if line.startswith("#include")} == {"#include <math.h>"}
+    for language in LANGUAGES:
+        if language != "C++17" or shutil.which("g++"):
+            assert compiled(policy, file, tmp_path, language)
     log = logged(policy, 300)
     assert log.commands.std() > 0.0
-    found = replay(policy, tmp_path / "it.h", log, calls=1000)
+    found = replay(policy, file, log, calls=1000)
     assert found.difference < 1e-5  # a command is on a grid, and may fall on the next point of it
     assert 0.0 < found.usual <= found.worst
-
-
-@needs_c
-@pytest.mark.parametrize("language", LANGUAGES)
-@pytest.mark.parametrize("kind", CONTROLLERS.values(), ids=list(CONTROLLERS))
-def test_the_controller_compiles_without_a_warning(tmp_path, kind, language):
-    if language == "C++17" and shutil.which("g++") is None:
-        pytest.skip("no C++ compiler")
-    policy = made_up_policy(**kind)
-    (tmp_path / "it.h").write_text(header(policy, "it"))
-    assert compiled(policy, tmp_path / "it.h", tmp_path, language)
-    text = header(policy, "it")
-    assert {line for line in text.splitlines() if line.startswith("#include")} == {"#include <math.h>"}
 
 
 @pytest.fixture
 def told(tmp_path):
     """Commands of a made-up policy for readings (steps, fields), at one time weight."""
+    if COMPILER is None:
+        pytest.skip("no C compiler")
     policy = made_up_policy(environment={"range_noise": 0.01})
     (tmp_path / "it.h").write_text(header(policy, "it"))
     program = compiled(policy, tmp_path / "it.h", tmp_path)
@@ -191,7 +173,6 @@ def reading(time, position=0.1, velocity=0.5, alarm=0.0, since=0.0, force=0.0, p
     return [time, position, velocity, alarm, since, force, peak, estimate]
 
 
-@needs_c
 def test_a_late_or_repeated_reading_or_one_without_a_time_changes_nothing(told):
     first, second, third = reading(0.0), reading(0.016, 0.15), reading(0.032, 0.2, force=5.0)
     plain = told([first, second, third])
@@ -203,12 +184,10 @@ def test_a_late_or_repeated_reading_or_one_without_a_time_changes_nothing(told):
         assert np.array_equal(played[2], plain[1])
 
 
-@needs_c
 def test_before_the_first_reading_the_arm_is_to_rest(told):
     assert told([reading(np.nan)]).tolist() == [[0.0, 20.0]]
 
 
-@needs_c
 @pytest.mark.parametrize("missing", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("place", [1, 2, 5, 7])
 def test_a_number_that_is_missing_keeps_its_last_value(told, place, missing):
@@ -219,7 +198,6 @@ def test_a_number_that_is_missing_keeps_its_last_value(told, place, missing):
     assert not np.array_equal(told([first, gap]), told([first, second]))
 
 
-@needs_c
 def test_an_alarm_once_heard_stays_and_its_clock_goes_on(told):
     before, heard = reading(0.0, force=2.0), reading(0.016, alarm=1.0, force=2.0)
     plain = told([before, heard, reading(0.046, alarm=1.0, since=0.03, force=2.0)])
@@ -231,7 +209,6 @@ def test_an_alarm_once_heard_stays_and_its_clock_goes_on(told):
     assert np.array_equal(told(unheard), told([before, reading(0.016, force=2.0)]))
 
 
-@needs_c
 def test_the_largest_force_is_kept(told):
     seen = [reading(0.0), reading(0.016, force=40.0), reading(0.032, force=1.0)]
     assert np.array_equal(told(seen)[2], told([*seen[:2], reading(0.032, force=1.0, peak=40.0)])[2])
@@ -240,11 +217,10 @@ def test_the_largest_force_is_kept(told):
 
 
 @needs_c
-def test_a_controller_that_commands_otherwise_is_refused(tmp_path, monkeypatch):
-    path = made_up_policy().save(tmp_path / "policy.npz")
+def test_a_controller_that_commands_otherwise_is_refused(saved, tmp_path, monkeypatch):
     monkeypatch.setattr(exporting, "replay", lambda *_: exporting.Replay(2e-5, 1e-6, 1e-6))
     with pytest.raises(ValueError, match=r"commands otherwise, by 2.0e-05 of the range"):
-        export(Export(str(path), tmp_path))
+        export(Export(saved, tmp_path))
 
 
 def test_a_policy_that_sees_the_truth_gets_no_controller(tmp_path):

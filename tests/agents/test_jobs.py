@@ -3,7 +3,6 @@
 import json
 import os
 import re
-import shutil
 import signal
 import subprocess
 import sys
@@ -25,6 +24,12 @@ from agents.train.settings import as_json
 HERE = Path(__file__).parents[1] / "helpers"
 
 
+@pytest.fixture
+def log(tmp_path):
+    """Where each job that is begun leaves a line."""
+    return tmp_path / "log"
+
+
 def listed(log, count=6, **more):
     return [Job("cluster_work:numbers", {"log": str(log), "number": number, **more}) for number in range(count)]
 
@@ -36,8 +41,7 @@ def same(one, other):
 
 
 @pytest.mark.parametrize("processes", [0, 1, 2])
-def test_each_job_is_done_once_with_the_same_result_whatever_the_order(tmp_path, processes):
-    log = tmp_path / "log"
+def test_each_job_is_done_once_with_the_same_result_whatever_the_order(log, tmp_path, processes):
     jobs = listed(log)
     backwards = gather_all(jobs[::-1], tmp_path / "results", processes=processes)
     assert sorted(calls(log)) == list(range(6))
@@ -55,39 +59,31 @@ def slice_of(first, count):
 
 
 def test_results_are_equal_to_the_bit_for_any_number_of_processes(tmp_path):
+    policy = {"shipped": "linear-blind"}
     jobs = [
-        Job(
-            "agents.evaluate.play:play",
-            {"controller": {"shipped": "linear-blind"}, "scenarios": slice_of(first, 10)},
-        )
+        Job("agents.evaluate.play:play", {"controller": policy, "scenarios": slice_of(first, 10)})
         for first in range(0, 50, 10)
     ]
-    few, one, two = (gather_all(jobs, tmp_path / str(count), processes=count) for count in (0, 1, 2))
-    for here, there, elsewhere in zip(few, one, two, strict=True):
-        assert same(here, there)
-        assert same(here, elsewhere)
-    whole = play({"shipped": "linear-blind"}, slice_of(0, 50))
-    assert same(whole, {name: np.concatenate([result[name] for result in two], axis=-1) for name in whole})
+    whole = play(policy, slice_of(0, 50))
+    for count in (0, 1, 2):
+        parts = gather_all(jobs, tmp_path / str(count), processes=count)
+        assert same(whole, {name: np.concatenate([part[name] for part in parts], axis=-1) for name in whole})
 
 
-def test_jobs_with_the_same_key_are_done_once_and_come_in_every_place(tmp_path):
-    log = tmp_path / "log"
+def test_jobs_with_the_same_key_are_done_once_and_come_in_every_place(log, tmp_path):
     jobs = listed(log, 2) + listed(log, 3)
     came = dict(gather(jobs, tmp_path / "results", processes=0))
     assert sorted(calls(log)) == [0, 1, 2]
     assert [int(came[place]["number"]) for place in range(5)] == [0, 1, 0, 1, 2]
 
 
-@pytest.mark.parametrize("damage", [
-    lambda path, other: path.write_bytes(path.read_bytes()[:-40]),
-    lambda path, other: path.write_bytes(b""),
-    lambda path, other: path.write_bytes(other.read_bytes()),
-])  # fmt: skip
-def test_a_damaged_result_is_computed_anew(tmp_path, capsys, damage):
-    log, folder = tmp_path / "log", tmp_path / "results"
-    jobs = listed(log, 3)
+@pytest.mark.parametrize("damage", ["cut short", "empty", "that of another job"])
+def test_a_damaged_result_is_computed_anew(log, tmp_path, capsys, damage):
+    folder, jobs = tmp_path / "results", listed(log, 3)
     before = gather_all(jobs, folder, processes=0)
-    damage(folder / f"{jobs[1].key}.npz", folder / f"{jobs[2].key}.npz")
+    whole, other = ((folder / f"{job.key}.npz").read_bytes() for job in jobs[1:])
+    damaged = {"cut short": whole[:-40], "empty": b"", "that of another job": other}[damage]
+    (folder / f"{jobs[1].key}.npz").write_bytes(damaged)
     after = gather_all(jobs, folder, processes=0)
     assert calls(log) == [0, 1, 2, 1]
     assert all(same(*pair) for pair in zip(before, after, strict=True))
@@ -95,12 +91,10 @@ def test_a_damaged_result_is_computed_anew(tmp_path, capsys, damage):
 
 
 @pytest.mark.parametrize("processes", [0, 2])
-def test_failed_jobs_are_named_when_all_others_are_done(tmp_path, processes):
-    log = tmp_path / "log"
-    jobs = [Job("cluster_work:fails_on", {"log": str(log), "number": number, "bad": [1, 3]}) for number in range(6)] + [
-        Job("cluster_work:no_arrays", {})
-    ]
+def test_failed_jobs_are_named_when_all_others_are_done(log, tmp_path, processes):
     came = []
+    jobs = [Job("cluster_work:fails_on", {"log": str(log), "number": number, "bad": [1, 3]}) for number in range(6)]
+    jobs.append(Job("cluster_work:no_arrays", {}))
     with pytest.raises(JobsFailedError) as raised:
         came.extend(int(result["number"]) for _, result in gather(jobs, tmp_path / "results", processes=processes))
     assert sorted(came) == sorted(calls(log)) == [0, 2, 4, 5]
@@ -113,16 +107,14 @@ def test_failed_jobs_are_named_when_all_others_are_done(tmp_path, processes):
     assert "in fails_on" in said  # where the first one raised
 
 
-def test_a_job_whose_process_is_killed_is_done_again(tmp_path):
-    log = tmp_path / "log"
+def test_a_job_whose_process_is_killed_is_done_again(log, tmp_path):
     jobs = [Job("cluster_work:kills_itself", {"log": str(log), "number": 100, "times": 2}), *listed(log, 4)]
     results = gather_all(jobs, tmp_path / "results", processes=2, retries=2)
     assert [int(result["number"]) for result in results] == [100, 0, 1, 2, 3]
     assert sorted(calls(log)) == [0, 1, 2, 3, 100, 100, 100]
 
 
-def test_a_job_that_kills_every_process_is_named_and_spoils_no_other(tmp_path):
-    log = tmp_path / "log"
+def test_a_job_that_kills_every_process_is_named_and_spoils_no_other(log, tmp_path):
     jobs = [Job("cluster_work:kills_itself", {"log": str(log), "number": 100, "times": 99}), *listed(log, 4)]
     with pytest.raises(JobsFailedError, match=r"1 of 5 jobs failed(.|\n)*kills_itself.*worker was lost 2 time"):
         gather_all(jobs, tmp_path / "results", processes=2, retries=1)
@@ -133,7 +125,7 @@ def driver(tmp_path, log):
     script = tmp_path / "driver.py"
     script.write_text(
         "import sys\n"
-        f"sys.path.insert(0, {str(HERE)!r})\n"
+        f"sys.path[:0] = {[str(HERE), str(HERE.parents[1])]}\n"
         "from agents.jobs import Job, gather_all\n"
         "if __name__ == '__main__':\n"
         f"    jobs = [Job('cluster_work:numbers', dict(log={str(log)!r}, number=n, seconds=0.2)) for n in range(12)]\n"
@@ -151,8 +143,8 @@ def descendants(pid):
 @pytest.mark.storm
 @pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="reads the list of processes where Linux keeps it")
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
-def test_what_a_killed_gathering_had_is_kept_and_no_process_is_left(tmp_path, how):
-    log, results = tmp_path / "log", tmp_path / "results"
+def test_what_a_killed_gathering_had_is_kept_and_no_process_is_left(log, tmp_path, how):
+    results = tmp_path / "results"
     with subprocess.Popen(driver(tmp_path, log), cwd=HERE.parents[1], stderr=subprocess.PIPE) as running:
         while len(list(results.glob("[!.]*.npz"))) < 3:
             assert running.poll() is None, running.stderr.read()
@@ -192,12 +184,10 @@ def test_workers_have_one_thread_each_and_this_process_keeps_its_own(tmp_path, m
 
 def test_the_key_is_that_of_all_that_determines_the_result():
     job = Job("cluster_work:numbers", {"log": "x", "number": 1})
-    others = [
-        Job("cluster_work:fails_on", {"log": "x", "number": 1, "bad": []}),
-        Job("cluster_work:numbers", {"log": "x", "number": 2}),
-        Job("cluster_work:numbers", {"log": "x", "number": 1}, depends=digest_of("impact_gym.files")),
-    ]
-    assert len({job.key, *(other.key for other in others)}) == 4
+    function = Job("cluster_work:fails_on", {"log": "x", "number": 1, "bad": []})
+    arguments = Job("cluster_work:numbers", {"log": "x", "number": 2})
+    sources = Job("cluster_work:numbers", {"log": "x", "number": 1}, depends=digest_of("impact_gym.files"))
+    assert len({one.key for one in (job, function, arguments, sources)}) == 4
     assert Job("cluster_work:numbers", {"number": 1, "log": "x"}).key == job.key
     given = {"log": "x", "number": 1, "bad": [1]}
     later = Job("cluster_work:fails_on", given)
@@ -267,14 +257,3 @@ def test_a_training_is_a_job_that_needs_no_common_folder(tmp_path):
         (tmp_path / "policy.npz").write_bytes(result["best"].tobytes())
         policies.append(to_arrays(load_policy(tmp_path / "policy.npz").network))
     assert same(*policies)
-
-
-def test_gathered_trainings_fill_the_run_folders(tmp_path, monkeypatch):
-    wanted = train_seeds.Seeds(seeds=1, processes=1, runs=tmp_path / "runs", policies=tmp_path / "policies")
-    shipped = train_seeds.train_all("linear-blind", wanted, tiny(steps=512))
-    folder, before = tmp_path / "runs" / "linear-blind" / "seed-0", shipped.read_bytes()
-    trained = {name: (folder / name).read_bytes() for name in train_seeds.KEPT.values()}
-    shutil.rmtree(folder)
-    monkeypatch.setattr(train_seeds, "train", None)  # which nobody calls again
-    assert train_seeds.train_all("linear-blind", wanted, tiny(steps=512)).read_bytes() == before
-    assert {path.name: path.read_bytes() for path in folder.iterdir()} == trained

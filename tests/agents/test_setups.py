@@ -1,64 +1,22 @@
-"""Set-ups: what is shipped is whole, a file says what it means or is refused in one line, and what follows is true."""
+"""Set-ups: what is shipped is whole, and a file says what it means or is refused in one line."""
 
-import json
-import subprocess
-import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from policies import made_up_policy
 
-import impact_gym as ig
-from agents import load_policy, setup
+from agents import load_policy
 from agents.baselines import PaperTrapezoid, load_baseline
 from agents.baselines.tuned import RULES, TUNED, names, read_tuned
-from agents.controller import Wanted, kept, stages
 from agents.evaluate import Validation
 from agents.evaluate.stage import Stage
 from agents.policies.policy import SHIPPED
 from agents.setups import RULES as SETUP_RULES
 from agents.setups import load_setup, owner, same_environment, shipped
 from agents.setups.evaluation import WEIGHTS
-from agents.train.run import resume
 from agents.train.settings import default_settings
-from agents.train_seeds import Seeds, train_all
-from experiments.report import matchups
-from experiments.report.__main__ import ReportOptions, matchups_of
 from experiments.report.measures import play_as_late
 from impact_gym.envs.task import Task
-
-MINE = """
-title = "A slow arm"
-[environment]
-tool_mass = [0.3, 0.5]
-coupling = { type = "SpringDamper", stiffness = [200.0, 400.0], damping_ratio = 0.7 }
-robot = { type = "Robot", mass = 8.0, stiffness = [5e4, 2e5], damping = 80.0 }
-range_noise = [0.005, 0.02]
-velocity_range = [-0.2, 0.6]
-acceleration_range = [0.5, 4.0]
-[environment.scenario]
-object_mass = [0.2, 1.0]
-distance = [0.1, 0.3]
-[training]
-steps = 2000
-envs = 16
-batch = 64
-validation_scenarios = 10
-seeds = 2
-[training.on_policy]
-rollout = 16
-[baselines]
-budget = 16
-"""
-
-
-@pytest.fixture
-def mine(tmp_path):
-    path = tmp_path / "mine.toml"
-    path.write_text(MINE)
-    return path
 
 
 @pytest.mark.parametrize("name", shipped())
@@ -82,13 +40,29 @@ def test_every_tuned_baseline_belongs_to_a_set_up():
 def test_a_set_up_may_name_every_rule_that_is_tuned_and_one_of_them_needs_an_estimate():
     assert {*SETUP_RULES} == {*RULES}
     assert [name for name, rule in RULES.items() if rule.needs_estimate] == ["Ranged"]
+    with pytest.raises(ValueError, match="Ranged needs an estimate"):
+        load_baseline("ranged", 1.0).for_environment({})
 
 
-def test_an_environment_is_the_same_whatever_is_left_to_defaults():
-    spring = {"type": "SpringDamper", "stiffness": 50.0}
-    assert same_environment({}, {"tool_mass": 0.125, "coupling": spring, "time_weight": [0.3, 8.0]})
-    assert not same_environment({}, {"tool_mass": 0.2})
-    assert not same_environment({}, {"tool_mass": [0.1, 0.15]})
+@pytest.mark.parametrize(("one", "other"), [
+    ({}, {"tool_mass": 0.125, "coupling": {"type": "SpringDamper", "stiffness": 50.0}, "time_weight": [0.3, 8.0]}),
+    ({"reaction_delay": [0.01, 0.02]}, {"reaction_delay": np.array([0.01, 0.02])}),
+    ({"scenario": {"distance": [0.1, 0.2]}}, {"scenario": {"distance": (0.1, 0.2)}}),
+    ({"scenario": "train"}, {"scenario": {"distance": [0.15, 0.35]}}),
+], ids=str)  # fmt: skip
+def test_an_environment_is_the_same_whatever_is_left_to_defaults_or_written_as(one, other):
+    assert same_environment(one, other)
+    for another in ({"tool_mass": 0.2}, {"tool_mass": [0.1, 0.15]}):
+        assert not same_environment(one, another)
+
+
+def test_a_policy_names_what_differs_whatever_numbers_and_ranges_are_written_as():
+    policy = load_policy("linear-blind")
+    for delay in (0.016, (0.016, 0.016), [0.016, 0.016], np.array([0.016, 0.016])):
+        assert policy.differs_in(Task(reaction_delay=delay)) == []
+    assert policy.differs_in(Task(reaction_delay=[0.01, 0.02])) == ["reaction_delay"]
+    array = {"type": "SpringDamper", "stiffness": np.array([40.0, 60.0])}
+    assert Task(coupling=array).drawn == {"coupling.stiffness": (40.0, 60.0)}
 
 
 def test_a_file_says_what_is_played(mine):
@@ -115,12 +89,6 @@ def test_validation_draws_from_a_set_ups_own_scenarios(mine):
     assert 0.1 <= drawn["distance"].min() < drawn["distance"].max() <= 0.3
 
 
-def test_a_file_that_changes_is_read_again(mine):
-    assert load_setup(mine).title == "A slow arm"
-    mine.write_text(MINE.replace("A slow arm", "Another arm"))
-    assert load_setup(mine).title == "Another arm"
-
-
 @pytest.mark.parametrize(("text", "message"), [
     ("nonsense", "is not read as TOML: Expected"),
     ('titel = "x"', "unknown key titel; did you mean 'title'"),
@@ -140,6 +108,8 @@ def test_a_file_that_changes_is_read_again(mine):
     ("[baselines.tuned]\na = 'Rule'", "baselines.tuned.a must be a rule, one of BlindProfile.*'Rule'"),
     ("[baselines.tuned]\na = {rule = 'Ranged', rtoll = 1.0}", "baselines.tuned.a.rtoll; did you mean 'rtol'"),
     ("[baselines.tuned]\na = {rule = 'Ranged', rtol = 1.0}", "baselines.tuned.a.rtol.*at most"),
+    ("[environment]\ndeflection_sensor = true\n[baselines.tuned]\na = 'Ranged'", "baselines.tuned.a: Ranged needs"),
+    ("[training]\nseeds = 0", "training.seeds.*at least 1"),
 ], ids=str)  # fmt: skip
 def test_a_mistake_gets_one_line_with_the_file(tmp_path, text, message):
     path = tmp_path / "bad.toml"
@@ -170,121 +140,6 @@ def test_a_set_up_that_is_not_there_is_refused_with_those_that_are():
         load_setup("cubic")
 
 
-CHAINS = {
-    "spring": Task(tool_mass=0.3, coupling=ig.SpringDamper(200.0, 1.0)),
-    "spring on a robot": Task(tool_mass=0.3, coupling=ig.SpringDamper(200.0, 1.0), robot=ig.Robot(5.0, 3e3, 200.0)),
-    "robot": Task(tool_mass=0.3, coupling=ig.Rigid(), robot=ig.Robot(5.0, 3e3, 200.0)),
-    "rigid": Task(tool_mass=0.3, coupling=ig.Rigid()),
-}
-
-
-@pytest.mark.parametrize("task", CHAINS.values(), ids=list(CHAINS))
-def test_the_lag_is_that_of_a_long_run_at_full_acceleration(task):
-    far = ig.Scene(ig.Tool(task.tool_mass), ig.Object(1.0, 1e6), ig.Contact(1e4, 0.5), task.coupling, task.robot)
-    trace = ig.simulate(far, ig.Trapezoid(1e3, 20.0), 5.0, trace=True).trace
-    behind = trace.command_position[-1] - trace.tool_position[-1]
-    assert setup.lag(task) == pytest.approx(behind, rel=1e-6, abs=1e-9)
-
-
-@pytest.mark.parametrize("share", [0.98, 1.02])
-def test_a_mechanism_leaves_its_stop_above_what_it_holds(share):
-    task = Task(coupling=ig.Bistable())
-    scene = ig.Scene(ig.Tool(task.tool_mass), ig.Object(1.0, 1e6), ig.Contact(1e4, 0.5), task.coupling)
-    trace = ig.simulate(scene, ig.Trapezoid(1e3, share * setup.held(task)), 2.0, trace=True).trace
-    behind = np.abs(trace.command_position - trace.tool_position).max()
-    assert (behind > 0.01) == (share > 1.0)
-
-
-@pytest.mark.parametrize("robot", [None, ig.Robot(2.0, 1e3, 5.0)])
-@pytest.mark.parametrize("coupling", [ig.Rigid(), ig.SpringDamper(50.0, 1.0)])
-def test_the_estimate_is_the_impact_of_a_hard_contact(coupling, robot):
-    task = Task(coupling=coupling, robot=robot)
-    scenario = {"object_mass": 0.4, "restitution": 0.6, "distance": 0.3}
-    contact = ig.Contact(1e12, scenario["restitution"], "exact")
-    scene = ig.Scene(ig.Tool(task.tool_mass), ig.Object(0.4, 0.3), contact, coupling, robot)
-    outcome = ig.simulate(scene, ig.Trapezoid(1.0, 8.0), 1.0)
-    first = outcome.contacts[0]
-    speed = first.approach_velocity if isinstance(coupling, ig.SpringDamper) or robot else 1.0
-    assert setup.estimate(task, scenario) * speed == pytest.approx(first.object_velocity, rel=1e-3)
-
-
-def test_what_follows_is_said(mine, capsys):
-    said = "\n".join(setup.lines(load_setup(mine), str(mine)))
-    task = Task(**load_setup(mine).environment)
-    lags = [setup.lag(one) for one in setup.corners(task)]
-    assert len(lags) == 8
-    hand = [4.0 * m / k + 4.0 * (8.0 + m) / k_r for m in (0.3, 0.5) for k in (200, 400) for k_r in (5e4, 2e5)]
-    assert sorted(lags) == pytest.approx(sorted(hand), rel=1e-12)
-    for part in (
-        "robot.stiffness: 50000 to 200000 N/m, log-uniform",
-        "agents.train",
-        "mine-profile",
-        "distance estimate",
-    ):
-        assert part in said
-    assert "warning" not in said
-    assert "the front stop holds the tool up to 8.38" in "\n".join(
-        setup.lines(load_setup("bistable-paper"), "bistable-paper")
-    )
-
-
-def test_a_folder_keeps_its_set_up_and_takes_no_other(mine, tmp_path):
-    out = tmp_path / "out"
-    copy = kept(load_setup(mine), out)
-    assert copy.read_text() == MINE
-    assert kept(load_setup(mine), out) == copy
-    mine.write_text(MINE.replace("A slow arm", "A slower arm"))
-    assert "slower" in kept(load_setup(mine), out).read_text()
-    with pytest.raises(ValueError, match="holds the whole: name another folder"):
-        kept(load_setup(mine), out, quick=True)
-    mine.write_text(MINE.replace("0.7", "0.8"))
-    with pytest.raises(ValueError, match=r"mine\.toml as it was.*name another folder"):
-        kept(load_setup(mine), out)
-    with pytest.raises(ValueError, match=r"holds something else \(mine\.toml\)"):
-        kept(load_setup("linear-blind"), out)
-    assert "0.7" in copy.read_text()
-    with pytest.raises(ValueError, match="is no folder"):
-        kept(load_setup(mine), mine)
-
-
-def test_a_quick_run_takes_no_more_than_the_set_up_says(mine, tmp_path):
-    tune, many, report, export = stages(mine, Wanted(str(mine), tmp_path / "out", quick=True))
-    assert tune[tune.index("--budget") + 1] == "16"
-    assert many[many.index("--seeds") + 1] == "2"
-    assert report[report.index("--folder") + 1] == str(tmp_path / "out")
-    assert export[2] == str(tmp_path / "out" / "policies" / "mine.npz")
-
-
-@pytest.mark.storm
-def test_one_command_goes_from_a_file_to_a_controller_and_on_where_it_was(mine, tmp_path):
-    out = tmp_path / "out"
-    command = [sys.executable, "-m", "agents.controller", str(mine), "--out", str(out), "--quick"]
-    ended = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert ended.returncode == 0, ended.stderr
-    for path in ("tuned/mine-profile.json", "policies/mine.npz", "report/index.html", "export/mine.h"):
-        assert (out / path).is_file(), path
-    weights = json.loads((out / "tuned" / "mine-profile.json").read_text())["weights"]
-    assert {found["search"]["budget"] for found in weights.values()} == {16}
-    assert load_setup(mine).describes(load_policy(out / "policies" / "mine.npz").environment)
-    matchup = matchups.of_setup(load_setup(out / "mine.toml"), {"set": "test", "count": 30}, out)
-    assert matchup.scenarios["ranges"]["object_mass"] == [0.2, 1.0]
-    assert [one.name for one in matchup.baselines] == ["paper's rule", "mine-profile"]
-    first = (out / "policies" / "mine.npz").read_bytes()
-    again = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert (out / "policies" / "mine.npz").read_bytes() == first
-    assert "training for" not in again.stdout
-
-
-def test_less_than_a_set_up_wants_is_said(mine, tmp_path):
-    there = load_setup(mine)
-    contestant = matchups.Contestant(
-        next(iter(there.tuned)), {"tuned": {"weights": {"2": {"search": {"budget": 8}}}}}, (2.0,), ""
-    )
-    assert matchups.quick_look_note(there, {"settings": {"steps": 2000}}, []) == ""
-    said = matchups.quick_look_note(there, {"settings": {"steps": 500}}, [contestant])
-    assert said == "; A QUICK LOOK, trained for 500 steps of 2,000, baselines tuned with 8 candidates of 16"
-
-
 def test_a_policy_says_once_that_it_is_played_elsewhere(recwarn):
     policy = load_policy("bistable-blind")
     elsewhere = Stage(5, 3, coupling={"type": "Bistable"})
@@ -299,43 +154,9 @@ def test_a_policy_says_once_that_it_is_played_elsewhere(recwarn):
     assert policy.differs_in(Task(**{**at_home, "tool_mass": [0.1, 0.15], "privileged": True})) == ["tool_mass"]
 
 
-@pytest.mark.parametrize(("change", "message"), [
-    ('against = ["mine-profil"]', "unknown key baselines.against.mine-profil; did you mean 'mine-profile'"),
-    ('bound = "nonsense"', "unknown key baselines.bound.nonsense"),
-], ids=str)  # fmt: skip
-def test_what_would_show_hours_later_shows_at_once(mine, change, message):
-    mine.write_text(MINE + change)
-    with pytest.raises(ValueError, match=rf"mine\.toml: {message}"):
-        setup.check(load_setup(mine), str(mine))
-    mine.write_text(MINE.replace("seeds = 2", "seeds = 0"))
-    with pytest.raises(ValueError, match=r"mine\.toml: training\.seeds.*at least 1"):
-        load_setup(mine)
-
-
-def test_a_rule_that_needs_an_estimate_is_refused_where_there_is_none(tmp_path):
-    path = tmp_path / "blind.toml"
-    path.write_text('[environment]\ndeflection_sensor = true\n[baselines.tuned]\nmine = "Ranged"')
-    with pytest.raises(ValueError, match=r"baselines.tuned.mine: Ranged needs"):
-        load_setup(path)
-    with pytest.raises(ValueError, match="Ranged needs an estimate"):
-        load_baseline("ranged", 1.0).for_environment({})
-
-
 def test_nobody_can_change_a_set_up_for_all():
     load_setup("linear-blind").environment["tool_mass"] = 9.0
     assert load_setup("linear-blind").environment["tool_mass"] == 0.125
-
-
-def test_numbers_and_ranges_compare_whatever_they_are_written_as():
-    policy = load_policy("linear-blind")
-    for delay in (0.016, (0.016, 0.016), [0.016, 0.016], np.array([0.016, 0.016])):
-        assert policy.differs_in(Task(reaction_delay=delay)) == []
-    assert policy.differs_in(Task(reaction_delay=[0.01, 0.02])) == ["reaction_delay"]
-    assert same_environment({"reaction_delay": [0.01, 0.02]}, {"reaction_delay": np.array([0.01, 0.02])})
-    assert same_environment({"scenario": {"distance": [0.1, 0.2]}}, {"scenario": {"distance": (0.1, 0.2)}})
-    assert same_environment({"scenario": "train"}, {"scenario": {"distance": [0.15, 0.35]}})
-    array = {"type": "SpringDamper", "stiffness": np.array([40.0, 60.0])}
-    assert Task(coupling=array).drawn == {"coupling.stiffness": (40.0, 60.0)}
 
 
 def test_a_policy_is_made_as_late_as_the_rule_is_on_that_arm():
@@ -349,39 +170,5 @@ def test_a_policy_is_made_as_late_as_the_rule_is_on_that_arm():
 def test_a_baseline_follows_its_profile_in_its_own_control_period():
     slow = {"control_period": 0.1, "time_weight": [2.0]}
     rule, stage = load_baseline("blind-profile", 2.0), Stage.of("validation", 100, **slow)
-    assert (
-        stage.play(rule.for_environment(slow | {"time_weight": 2.0})).loss(2.0).mean()
-        < stage.play(rule).loss(2.0).mean()
-    )
-
-
-def test_two_set_ups_of_one_name_cannot_share_a_report(mine, tmp_path):
-    other = tmp_path / "there" / "mine.toml"
-    other.parent.mkdir()
-    other.write_text(MINE)
-    with pytest.raises(ValueError, match="the same name"):
-        matchups_of(ReportOptions(setups=(str(mine), str(other))))
-
-
-def test_policies_that_were_trained_for_another_arm_are_refused(mine, tmp_path):
-    folder = tmp_path / "policies" / "mine"
-    made_up_policy(environment={"range_noise": 0.01}).save(folder / "seed-0.npz")
-    (folder / "seeds.json").write_text('{"median": 0}')
-    with pytest.raises(ValueError, match=r"seed-0\.npz was trained for another environment than .*mine\.toml"):
-        matchups.of_setup(load_setup(mine), {"set": "test", "count": 5}, tmp_path)
-
-
-def test_seeds_of_a_set_up_that_has_changed_are_not_taken_for_its_own(mine, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    wanted = Seeds(
-        ("mine.toml",), seeds=1, steps=512, processes=1, runs=tmp_path / "runs", policies=tmp_path / "policies"
-    )
-    settings = replace(default_settings("mine.toml"), steps=512, validate_every=512)
-    assert settings.setup == str(mine)  # from wherever it is gone on with
-    shipped_to = train_all("mine", wanted, settings)
-    assert load_setup(mine).describes(load_policy(shipped_to).environment)
-    mine.write_text(MINE.replace("damping_ratio = 0.7", "damping_ratio = 0.9"))
-    with pytest.raises(ValueError, match="for another environment: remove it"):
-        train_all("mine", wanted, replace(default_settings("mine.toml"), steps=512, validate_every=512))
-    with pytest.raises(ValueError, match="has changed since"):
-        resume(tmp_path / "runs" / "mine" / "seed-0")
+    fitted = rule.for_environment(slow | {"time_weight": 2.0})
+    assert stage.play(fitted).loss(2.0).mean() < stage.play(rule).loss(2.0).mean()

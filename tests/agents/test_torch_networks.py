@@ -52,17 +52,18 @@ def test_networks_see_entries_of_about_unit_size():
 
 
 def test_a_layer_behind_the_standard_is_the_same_layer():
+    """What a layer takes besides the observation, its own state, is left as it is."""
     policy = made_up_policy(environment={"range_noise": 0.01})
-    names, layer, seen = entry_names(policy.environment), policy.network.hidden[0], observations(policy)
-    centre, spread = np.array(centres_and_spreads(names))
-    expected = (seen - centre) / spread @ layer.weight.T + layer.bias
-    assert fold_in_standardisation(layer, names)(seen) == pytest.approx(expected, rel=0, abs=2e-5)
-    wider = made_up_policy(cells=6)
-    names, gates = entry_names({}), wider.network.gates
-    centre, spread = np.array(centres_and_spreads(names))
-    both = np.random.default_rng(0).uniform(-1.0, 1.0, (50, 14)).astype(np.float32)
-    expected = np.concatenate(((both[:, :8] - centre) / spread, both[:, 8:]), axis=1) @ gates.weight.T + gates.bias
-    assert fold_in_standardisation(gates, names)(both) == pytest.approx(expected, rel=0, abs=2e-5)
+    memory = np.random.default_rng(0).uniform(-1.0, 1.0, (50, 14)).astype(np.float32)
+    for layer, environment, taken in (
+        (policy.network.hidden[0], policy.environment, observations(policy)),
+        (made_up_policy(cells=6).network.gates, {}, memory),
+    ):
+        names = entry_names(environment)
+        centre, spread = np.array(centres_and_spreads(names))
+        seen, state = np.split(taken, [len(names)], axis=1)
+        expected = np.append((seen - centre) / spread, state, axis=1) @ layer.weight.T + layer.bias
+        assert fold_in_standardisation(layer, names)(taken) == pytest.approx(expected, rel=0, abs=2e-5)
 
 
 @pytest.mark.parametrize("setup", ["linear-blind", "linear-ranged"])
@@ -75,9 +76,8 @@ def test_what_acts_does_not_see_the_scenario_and_what_judges_does(setup):
     other = seen.clone()
     other[:, count:] += 0.3
     network = model.policy
-    assert torch.equal(
-        network.get_distribution(seen).distribution.mean, network.get_distribution(other).distribution.mean
-    )
+    means = [network.get_distribution(one).distribution.mean for one in (seen, other)]
+    assert torch.equal(*means)
     assert (network.predict_values(seen) != network.predict_values(other)).all()
     actions, values, _ = network(seen, deterministic=True)
     assert torch.equal(values, network.predict_values(seen))

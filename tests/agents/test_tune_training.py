@@ -1,6 +1,7 @@
 """The search for settings and the training of many seeds go on where they were."""
 
 import json
+import shutil
 from operator import attrgetter
 
 import pytest
@@ -20,14 +21,8 @@ class Stopped(BaseException):
 @pytest.fixture
 def small(tmp_path, monkeypatch):
     monkeypatch.setattr(tune_training, "default_settings", lambda setup, algo: tiny(algo, setup=setup))
-    return Search(
-        trials=3,
-        steps=1024,
-        validate_every=512,
-        validation_scenarios=20,
-        journals=tmp_path / "journals",
-        summaries=tmp_path / "studies",
-    )
+    folders = {"journals": tmp_path / "journals", "summaries": tmp_path / "studies"}
+    return Search(trials=3, steps=1024, validate_every=512, validation_scenarios=20, **folders)
 
 
 def test_a_search_that_was_stopped_goes_on_and_a_set_up_takes_what_it_found(small, monkeypatch):
@@ -95,7 +90,7 @@ def test_what_is_searched_are_settings(algo):
         assert taken == list(ends)
 
 
-def test_all_seeds_are_trained_once_and_the_median_is_shipped(tmp_path, monkeypatch):
+def test_all_seeds_are_trained_once_the_median_is_shipped_and_a_lost_run_folder_filled_again(tmp_path, monkeypatch):
     wanted = Seeds(seeds=3, processes=2, runs=tmp_path / "runs", policies=tmp_path / "policies")
     short = tiny(steps=512)
     shipped = train_all("linear-blind", wanted, short)
@@ -110,8 +105,13 @@ def test_all_seeds_are_trained_once_and_the_median_is_shipped(tmp_path, monkeypa
         assert policy.provenance["validation"]["score"] == scores[seed]
     assert load_policy(shipped).provenance["settings"]["seed"] == record["median"]
 
+    folder, before = tmp_path / "runs" / "linear-blind" / "seed-0", shipped.read_bytes()
+    trained = {name: (folder / name).read_bytes() for name in train_seeds.KEPT.values()}
+    shutil.rmtree(folder)
     monkeypatch.setattr(train_seeds, "train", None)  # which nobody calls again
     assert train_all("linear-blind", wanted, short) == shipped
+    assert shipped.read_bytes() == before
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == trained
     with pytest.raises(ValueError, match="trained with other settings"):
         train_all("linear-blind", wanted, tiny(steps=512, width=24))
 

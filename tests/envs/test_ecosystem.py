@@ -1,4 +1,4 @@
-"""Descriptions as JSON, copies and pickles of running environments, worker processes."""
+"""Copies and pickles of running environments, worker processes, Gymnasium's vector wrappers."""
 
 import copy
 import pickle
@@ -9,56 +9,26 @@ from functools import partial
 import gymnasium as gym
 import numpy as np
 import pytest
-from episodes import SLOTS, action_table, assert_identical, play
-from gymnasium.envs.registration import EnvSpec
+from drawn_setups import EVERYTHING
+from episodes import ID, IDS, SLOTS, action_table, assert_identical, begin
+from gymnasium.spaces import Box
 from gymnasium.utils.env_checker import data_equivalence
-from gymnasium.vector import AsyncVectorEnv
-from stable_baselines3.common.vec_env import SubprocVecEnv
+from gymnasium.wrappers import vector as vector_wrappers
 
-import impact_gym  # noqa: F401  # registers the environments
 from impact_gym.sb3 import ImpactVecEnv
 
-ID = "ImpactApproach-v0"
-IDS = sorted(name for name in gym.registry if name.startswith("ImpactApproach"))
-OPTIONS = {
-    "scenario": {"object_mass": (0.2, 0.9), "distance": 0.18},
-    "time_weight": (0.5, 8.0),
-    "force_weight": 0.002,
-    "reaction_delay": (0.01, 0.03),
-    "force_noise": 0.05,
-    "force_bias": 0.1,
-    "privileged": True,
-}
-
-
-@pytest.mark.parametrize("id", IDS)
-def test_every_registered_environment_is_made_again_from_its_json(id):
-    actions = action_table(3)
-    for wrapped in (gym.make(id, **OPTIONS), gym.make(id, max_episode_steps=12, **OPTIONS)):
-        again = gym.make(EnvSpec.from_json(wrapped.spec.to_json()))
-        history = play(wrapped, actions[:, 0])
-        assert history[-1][3] == (wrapped.spec.max_episode_steps == 12)
-        assert_identical(play(again, actions[:, 0]), history)
-        assert gym.make(id).observation_space != again.observation_space  # the arguments were not those of the id
-    envs = gym.make_vec(id, num_envs=SLOTS, autoreset_mode="Disabled", **OPTIONS)
-    again = gym.make_vec(EnvSpec.from_json(envs.spec.to_json()))
-    assert_identical(again.reset(seed=3), envs.reset(seed=3))
-    for row in actions[:12]:
-        assert_identical(again.step(row), envs.step(row))
+KINDS = ["single", "NextStep", "SameStep", "stable"]
 
 
 def running(kind, id):
     """An environment in mid-episode."""
     if kind == "single":
-        env = gym.wrappers.RecordEpisodeStatistics(gym.make(id, record_trace=True, **OPTIONS))
-        env.reset(seed=1)
+        env = gym.wrappers.RecordEpisodeStatistics(gym.make(id, record_trace=True, **EVERYTHING))
     elif kind == "stable":
-        env = ImpactVecEnv(SLOTS, **gym.registry[id].kwargs, **OPTIONS)  # its wrappers cannot be pickled
-        env.seed(1)
-        env.reset()
+        env = ImpactVecEnv(SLOTS, **gym.registry[id].kwargs | EVERYTHING)  # its wrappers cannot be pickled
     else:
-        env = gym.make_vec(id, num_envs=SLOTS, autoreset_mode=kind, **OPTIONS)
-        env.reset(seed=1)
+        env = gym.make_vec(id, num_envs=SLOTS, autoreset_mode=kind, **EVERYTHING)
+    begin(env, seed=1)
     go_on(env, action_table(4)[:19])
     return env
 
@@ -76,12 +46,8 @@ def go_on(env, rows):
     return history
 
 
-def pickled(env):
-    return pickle.loads(pickle.dumps(env))
-
-
-@pytest.mark.parametrize("twin", [copy.deepcopy, pickled], ids=["copy", "pickle"])
-@pytest.mark.parametrize("kind", ["single", "NextStep", "SameStep", "stable"])
+@pytest.mark.parametrize("twin", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))], ids=["copy", "pickle"])
+@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("id", IDS)
 def test_copies_of_a_running_environment_go_on_identically_and_apart(id, kind, twin):
     env, rows, others = running(kind, id), action_table(5, ticks=90), action_table(6, ticks=90)
@@ -107,11 +73,35 @@ def test_a_pickle_goes_on_identically_in_a_process_that_never_imported_the_packa
         assert_identical(pickle.load(history), [envs.step(row) for row in rows])
 
 
+def arrays_in(value):
+    """Every array of numbers in nested dicts, lists, tuples and arrays of objects."""
+    if isinstance(value, np.ndarray) and value.dtype != object:
+        return [value]
+    if isinstance(value, dict):
+        return [array for item in value.values() for array in arrays_in(item)]
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return [array for item in value for array in arrays_in(item)]
+    return []
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_returned_arrays_are_never_used_again(kind):
+    env = running(kind, ID)
+    returned = [begin(env), *go_on(env, action_table(9)[:60])]
+    snapshot = copy.deepcopy(returned)
+    go_on(env, action_table(10)[:60])
+    assert_identical(returned, snapshot)
+    arrays = arrays_in(returned)
+    assert len(arrays) > 60
+    assert len({array.__array_interface__["data"][0] for array in arrays}) == len(arrays)
+
+
 @pytest.mark.parametrize("context", ["spawn", "forkserver"])
 def test_workers_of_gymnasium_give_what_the_native_batch_gives(context):
-    make = partial(gym.make, f"impact_gym:{ID}", **OPTIONS)
-    envs = AsyncVectorEnv([make] * 2, context=context, autoreset_mode="NextStep")
-    native = gym.make_vec(ID, num_envs=2, **OPTIONS)
+    """Also that the same seed gives the same episode in another process, which first imports the package by the id."""
+    options = {"context": context, "autoreset_mode": "NextStep"}
+    envs = gym.make_vec(f"impact_gym:{ID}", 2, vectorization_mode="async", vector_kwargs=options, **EVERYTHING)
+    native = gym.make_vec(ID, num_envs=2, **EVERYTHING)
     try:
         assert_identical(envs.reset(seed=2), native.reset(seed=2))
         ended = 0
@@ -124,21 +114,40 @@ def test_workers_of_gymnasium_give_what_the_native_batch_gives(context):
         envs.close()
 
 
-@pytest.mark.parametrize("context", ["spawn", "forkserver"])
-def test_workers_of_stable_baselines3_give_what_the_native_batch_gives(context):
-    make = partial(gym.make, f"impact_gym:{ID}", **OPTIONS)
-    envs, native = SubprocVecEnv([make] * 2, start_method=context), ImpactVecEnv(2, **OPTIONS)
-    try:
-        assert envs.seed(2) == native.seed(2)
-        assert_identical(envs.reset(), native.reset())
-        ended = 0
-        for row in action_table(8, ticks=90, slots=2):
-            observations, rewards, dones, infos = envs.step(row)
-            *expected, native_infos = native.step(row)
-            assert_identical([observations, np.float32(rewards), dones], expected)  # its loop in-process rounds, too
-            for slot in np.flatnonzero(dones):
-                assert_identical(infos[slot], native_infos[slot])
-                ended += 1
-        assert ended > 2
-    finally:
-        envs.close()
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+@pytest.mark.parametrize("wrap", [
+    vector_wrappers.NormalizeReward,
+    vector_wrappers.NormalizeObservation,
+    partial(vector_wrappers.TransformReward, func=lambda reward: 10.0 * reward),
+    partial(vector_wrappers.TransformObservation, func=lambda seen: seen[:, :5],
+            single_observation_space=Box(-1.0, 1.0, (5,))),
+    partial(vector_wrappers.RescaleAction, min_action=np.full(2, -0.5, np.float32),
+            max_action=np.full(2, 1.5, np.float32)),
+    vector_wrappers.ClipAction,
+    vector_wrappers.DictInfoToList,
+    vector_wrappers.RecordEpisodeStatistics,
+], ids=["rewards", "observations", "ten times", "five", "rescaled", "clipped", "list", "statistics"])  # fmt: skip
+def test_a_vector_wrapper_does_to_the_native_batch_what_it_does_to_gymnasiums_loop(wrap, mode):
+    native = gym.make_vec(ID, num_envs=SLOTS, autoreset_mode=mode)
+    loop = gym.make_vec(ID, SLOTS, vectorization_mode="sync", vector_kwargs={"autoreset_mode": mode})
+    refusing = (vector_wrappers.NormalizeObservation, vector_wrappers.TransformObservation)
+    if mode == "SameStep" and getattr(wrap, "func", wrap) in refusing:
+        with pytest.raises(ValueError, match="NEXT_STEP"):  # Gymnasium's own: final_obs would be left as it is
+            wrap(native)
+        return
+    one, other, bare = wrap(native), wrap(loop), gym.make_vec(ID, num_envs=SLOTS, autoreset_mode=mode)
+    assert one.observation_space == other.observation_space
+    assert one.action_space == other.action_space
+    assert_identical(one.reset(seed=8), other.reset(seed=8))
+    bare.reset(seed=8)
+    ended, changed = 0, False
+    for row in action_table(2):
+        result, expected = one.step(row), other.step(row)
+        for returned in (result, expected):
+            if "episode" in returned[4]:
+                del returned[4]["episode"]["t"]  # s, of the clock on the wall
+        assert_identical(result, expected)
+        changed |= not data_equivalence(result, bare.step(row), exact=True)
+        ended += result[2].sum()
+    assert ended > SLOTS
+    assert changed == (wrap is not vector_wrappers.ClipAction)  # these actions are inside the box

@@ -5,52 +5,26 @@ import math
 import gymnasium as gym
 import numpy as np
 import pytest
+from episodes import ID, Always, metres, newtons, play, random_actions, scene, seconds
 from scipy import stats
 
 import impact_gym as ig
-from agents.baselines import PaperTrapezoid, encode
+from agents.baselines import PaperTrapezoid
 
 DELAYS = [0.0, 0.005, 0.016, 0.040]
 POSITION, VELOCITY, TIME, ALARM, SINCE, FORCE, PEAK, WEIGHT, RANGE = range(9)
 
 
-def play(env, policy, seed=None, scenario=None):
-    """Play one episode; returns the observations as float64 and the final info."""
-    observation, _ = env.reset(seed=seed, options={"scenario": scenario} if scenario else None)
-    observations, ended = [observation], False
-    while not ended:
-        observation, _, ended, _, info = env.step(policy(observation))
-        observations.append(observation)
-    return np.array(observations, float), info
-
-
-def paper(observation):
-    return PaperTrapezoid().predict(observation)[0]
-
-
-def newtons(reading):
-    """Force of a reading: 0 ... 1000 N on a log scale."""
-    return np.expm1(np.asarray(reading) * math.log1p(1000.0))
-
-
-def seconds(observations):
-    return 0.5 * (observations[..., TIME] + 1.0) * 1.5
-
-
-def metres(observations):
-    return -0.25 + 0.5 * (observations[..., POSITION] + 1.0)
+def paper(env, seed, **scenario):
+    """Play the paper's rule; returns the observations as float64 and the final info."""
+    observations, _, info = play(env, PaperTrapezoid(), seed, scenario=scenario)
+    return observations.astype(float), info
 
 
 def truth(scenario, delay):
     """Return a function of the duration that runs the paper's rule, and when the force passes 1 N."""
-    scene = ig.Scene(
-        ig.Tool(0.125),
-        ig.Object(scenario["object_mass"], scenario["distance"]),
-        ig.Contact(scenario["contact_stiffness"], scenario["restitution"]),
-        ig.SpringDamper(50.0, 1.0),
-    )
-    motion = ig.Trapezoid(1.0, 8.0, ig.Brake(delay=delay))
-    return lambda time: ig.simulate(scene, motion, duration=time, trace=True), ig.simulate(scene, motion).detection_time
+    one, motion = scene(scenario), ig.Trapezoid(1.0, 8.0, ig.Brake(delay=delay))
+    return lambda time: ig.simulate(one, motion, duration=time, trace=True), ig.simulate(one, motion).detection_time
 
 
 def clock(detection, delay, period):
@@ -65,11 +39,11 @@ def clock(detection, delay, period):
 @pytest.mark.parametrize("delay", DELAYS)
 def test_the_forces_seen_are_those_of_one_reaction_delay_ago(delay, period):
     """A reading is compared with the last force, and the largest, of a run that is cut off one delay earlier."""
-    env = gym.make("ImpactApproach-v0", reaction_delay=delay, control_period=period)
+    env = gym.make(ID, reaction_delay=delay, control_period=period)
     met = 0
     for seed in range(12):
         stiffness = [1e3, 1e3, 1e4, 1e6][seed % 4]  # the softest last long enough to be met in the middle
-        observations, info = play(env, paper, seed, {"contact_stiffness": stiffness, "object_mass": 0.3 * (1 + seed)})
+        observations, info = paper(env, seed, contact_stiffness=stiffness, object_mass=0.3 * (1 + seed))
         run, detection = truth(info["scenario"], delay)
         before, after = clock(detection, delay, period)
         then = np.concatenate([before, after]) - delay
@@ -88,22 +62,23 @@ def test_the_forces_seen_are_those_of_one_reaction_delay_ago(delay, period):
     assert met > 10
 
 
-@pytest.mark.parametrize("period", [0.004, 0.011, 0.016, 0.05])
+@pytest.mark.parametrize("period", [0.004, 0.011, 0.016, 0.05, 0.15])
 @pytest.mark.parametrize("delay", DELAYS)
-def test_the_clock_skips_once_when_the_alarm_comes(delay, period):
-    env = gym.make("ImpactApproach-v0", reaction_delay=delay, control_period=period)
-    for seed in range(10):
-        observations, info = play(env, paper, seed)
+def test_the_clock_skips_once_when_the_alarm_comes_and_ends_a_fixed_time_after_it(delay, period):
+    env = gym.make(ID, reaction_delay=delay, control_period=period)
+    for seed in range(20):
+        observations, info = paper(env, seed)
         before, after = clock(truth(info["scenario"], delay)[1], delay, period)
+        assert not observations[: len(before), SINCE].any()
+        assert 0.15 * observations[len(before) :, SINCE] == pytest.approx(after - after[0], rel=0, abs=4e-7)
         assert seconds(observations) == pytest.approx(np.concatenate([before, after]), rel=0, abs=2e-7)
         assert observations[:, ALARM].tolist() == [0.0] * len(before) + [1.0] * len(after)
 
 
 def test_beside_the_last_step_only_one_is_short_whatever_the_policy_does():
-    env = gym.make("ImpactApproach-v0")
+    env = gym.make(ID)
     for seed in range(30):
-        actions = iter(np.random.default_rng(seed).uniform(-1.0, 1.0, (100, 2)).astype(np.float32))
-        observations, _ = play(env, lambda _, actions=actions: next(actions), seed)
+        observations = play(env, random_actions(seed), seed).observations
         steps = np.diff(seconds(observations))
         assert np.all(steps < 0.016 + 2e-7)
         short = np.flatnonzero(steps[:-1] < 0.016 - 2e-7)
@@ -112,7 +87,7 @@ def test_beside_the_last_step_only_one_is_short_whatever_the_policy_does():
 
 
 def test_without_a_distance_estimate_the_approach_looks_the_same_whatever_stands_ahead():
-    envs = gym.make_vec("ImpactApproach-v0", num_envs=300, scenario="hard", autoreset_mode="SameStep")
+    envs = gym.make_vec(ID, num_envs=300, scenario="hard", autoreset_mode="SameStep")
     rng = np.random.default_rng(0)
     observations, _ = envs.reset(seed=0)
     history, approach, done = [observations], np.full(300, np.nan), np.zeros(300, bool)
@@ -137,35 +112,28 @@ def test_without_a_distance_estimate_the_approach_looks_the_same_whatever_stands
 
 
 @pytest.mark.parametrize("sigma", [0.002, 0.02])
-def test_the_distance_estimate_is_normal_around_the_truth(sigma):
-    count = 4000
-    envs = gym.make_vec("ImpactApproach-v0", num_envs=count, range_noise=sigma)
-    observations, _ = envs.reset(seed=70, options={"scenario": {"distance": 0.25}})
-    error = 0.5 * observations[:, RANGE].astype(float) - 0.25
-    assert abs(error.mean()) < 4.0 * sigma / math.sqrt(count)
-    assert abs(error.std() - sigma) < 4.0 * sigma / math.sqrt(2 * count)
-    assert stats.kstest(error / sigma, "norm").pvalue > 1e-3
-
-
-def test_the_error_of_the_estimate_is_independent_of_the_scenario():
-    count = 4000
-    envs = gym.make_vec("ImpactApproach-v0", num_envs=count, range_noise=0.01, time_weight=(0.5, 8.0))
-    exact = gym.make_vec("ImpactApproach-v0", num_envs=count, range_noise=0.0, time_weight=(0.5, 8.0))
-    noisy, true = envs.reset(seed=3)[0].astype(float), exact.reset(seed=3)[0].astype(float)
+def test_the_distance_estimate_is_normal_around_the_truth_whatever_the_scenario(sigma):
+    noisy, true = (
+        gym.make_vec(ID, num_envs=4000, range_noise=noise, time_weight=(0.5, 8.0)).reset(seed=70)[0].astype(float)
+        for noise in (sigma, 0.0)
+    )
     assert np.array_equal(noisy[:, :RANGE], true[:, :RANGE])
-    error, distance = noisy[:, RANGE] - true[:, RANGE], true[:, RANGE]
+    error, distance = 0.5 * (noisy[:, RANGE] - true[:, RANGE]), true[:, RANGE]
+    assert abs(error.mean()) < 4.0 * sigma / math.sqrt(4000)
+    assert abs(error.std() - sigma) < 4.0 * sigma / math.sqrt(2 * 4000)
+    assert stats.kstest(error / sigma, "norm").pvalue > 1e-3
     assert 0.15 <= 0.5 * distance.min() < 0.5 * distance.max() <= 0.35 + 1e-7
     for other in (distance, true[:, WEIGHT]):
-        for part in np.array_split(np.argsort(other), 8):  # whatever is known of the scenario, the law is the same
-            assert stats.kstest(0.5 * error[part] / 0.01, "norm").pvalue > 1e-4
+        for part in np.array_split(np.argsort(other), 8):
+            assert stats.kstest(error[part] / sigma, "norm").pvalue > 1e-4
 
 
 @pytest.mark.parametrize("sigma", [0.0, 0.01])
 def test_the_estimate_is_one_number_an_episode_seen_from_the_flange(sigma):
-    env = gym.make("ImpactApproach-v0", range_noise=sigma)
+    env = gym.make(ID, range_noise=sigma)
     errors = set()
     for seed in range(10):
-        observations, info = play(env, paper, seed)
+        observations, info = paper(env, seed)
         estimate = 0.5 * observations[:, RANGE] + metres(observations)
         assert np.ptp(estimate) < 2e-7
         errors.add(round(estimate[0] - info["scenario"]["distance"], 6))
@@ -174,16 +142,13 @@ def test_the_estimate_is_one_number_an_episode_seen_from_the_flange(sigma):
 
 @pytest.mark.parametrize(("weight", "reading"), [(2.0, 0.0), (0.125, -1.0), (32.0, 1.0), (8.0, 0.5), (1000.0, 1.0)])
 def test_the_time_weight_is_seen_on_a_log_scale(weight, reading):
-    env = gym.make("ImpactApproach-v0", time_weight=weight)
+    env = gym.make(ID, time_weight=weight)
     assert env.reset(seed=0)[0][WEIGHT] == pytest.approx(reading, rel=0, abs=1e-7)
 
 
 def test_position_and_velocity_follow_the_ramp_asked_for():
-    env = gym.make("ImpactApproach-v0")
-    env.reset(seed=0, options={"scenario": {"distance": 5.0}})
-    for tick in range(1, 40):
-        observation = env.step(encode(0.6, 5.0))[0].astype(float)
-        time = tick * 0.016
-        ramp = min(time, 0.12)
-        assert metres(observation) == pytest.approx(2.5 * ramp**2 + 0.6 * (time - ramp), rel=0, abs=1e-7)
-        assert -0.5 + (observation[VELOCITY] + 1.0) == pytest.approx(5.0 * ramp, rel=0, abs=1e-7)
+    seen = play(gym.make(ID), Always(0.6, 5.0), scenario={"distance": 5.0}).observations[1:40].astype(float)
+    time = 0.016 * np.arange(1, 40)
+    ramp = np.minimum(time, 0.12)
+    assert metres(seen) == pytest.approx(2.5 * ramp**2 + 0.6 * (time - ramp), rel=0, abs=1e-7)
+    assert -0.5 + (seen[:, VELOCITY] + 1.0) == pytest.approx(5.0 * ramp, rel=0, abs=1e-7)

@@ -5,37 +5,39 @@ import math
 import gymnasium as gym
 import numpy as np
 import pytest
+from episodes import ID, Always, action_table, metres, newtons, seconds
+from episodes import play as play_with
 from scipy import stats
 
 import impact_gym as ig
 from agents.baselines import PaperTrapezoid
 from impact_gym.envs import observation
+from impact_gym.envs.observation import entries
+from impact_gym.envs.task import Task
 
-ID = "ImpactApproach-v0"
 TIME, ALARM, FORCE, PEAK = 2, 3, 5, 6
-PAPER = PaperTrapezoid().predict(np.zeros(8, np.float32))[0]
+STILL, PAPERS_RULE = Always(0.0, 20.0), PaperTrapezoid()
 
 
-def play(env, seed=None, options=None):
+def play(env, seed=None, controller=PAPERS_RULE, **options):
     """Play the paper's rule; returns the observations and the final info."""
-    observation, _ = env.reset(seed=seed, options=options)
-    observations, ended = [observation], False
-    while not ended:
-        action = PaperTrapezoid().predict(observation[:8])[0]
-        observation, _, ended, _, info = env.step(action)
-        observations.append(observation)
-    return np.array(observations, float), info
+    observations, _, info = play_with(env, controller, seed, **options)
+    return observations.astype(float), info
 
 
-def newtons(reading):
-    return np.expm1(reading * math.log1p(1000.0))
+def at_rest(steps, count=2000, **options):
+    """Observations (steps, count, n) of a batch whose tools stay where nothing can be touched."""
+    envs = gym.make_vec(ID, num_envs=count, **options)
+    seen, _ = envs.reset(seed=5)
+    return np.array([envs.step(STILL.predict(seen)[0])[0] for _ in range(steps)])
 
 
-def stand_still(envs, steps):
-    """Force readings of a batch whose tools stay where nothing can be touched."""
-    envs.reset(seed=5)
-    still = np.tile(np.array([-0.5, 1.0], np.float32), (envs.num_envs, 1))  # 0 m/s
-    return np.array([newtons(envs.step(still)[0][:, FORCE].astype(float)) for _ in range(steps)])
+def assert_deflection(seen, trace, delay):
+    """What entry 8 shows is the trace of one reaction delay ago."""
+    times = seconds(seen) - delay
+    deflection = np.interp(times, trace.time, trace.tool_position - trace.flange_position)
+    expected = np.where(times < 0.0, 0.0, np.clip(deflection / 0.05, -1.0, 1.0))
+    assert seen[:, 8] == pytest.approx(expected, abs=2e-5)
 
 
 def test_a_range_of_delays_is_drawn_uniformly_and_moves_the_alarm():
@@ -43,10 +45,8 @@ def test_a_range_of_delays_is_drawn_uniformly_and_moves_the_alarm():
     delays = []
     for seed in range(60):
         observations, info = play(env, seed=seed)
-        delay = info["record"]["reaction_delay"]
-        delays.append(delay)
-        fixed = gym.make(ID, reaction_delay=delay)
-        again, fixed_info = play(fixed, seed=seed)
+        delays.append(info["record"]["reaction_delay"])
+        again, fixed_info = play(gym.make(ID, reaction_delay=delays[-1]), seed=seed)
         assert np.array_equal(observations, again)
         assert fixed_info["object_velocity"] == info["object_velocity"]
     assert stats.kstest(delays, stats.uniform(0.005, 0.04).cdf).pvalue > 1e-3
@@ -54,14 +54,13 @@ def test_a_range_of_delays_is_drawn_uniformly_and_moves_the_alarm():
 
 
 def test_noise_and_bias_are_normal_and_leave_the_motion_alone():
-    quiet = gym.make_vec(ID, num_envs=2000)
-    assert not stand_still(quiet, 5).any()
+    assert not at_rest(5)[..., FORCE].any()
     # readings never fall below zero: half of a normal distribution is seen, the other half as zeros
-    noise = stand_still(gym.make_vec(ID, num_envs=2000, force_noise=0.3), 30)
+    noise = newtons(at_rest(30, force_noise=0.3)[..., FORCE])
     assert np.mean(noise == 0.0) == pytest.approx(0.5, abs=0.01)
     assert stats.kstest(noise[noise > 0.0][::7], stats.halfnorm(scale=0.3).cdf).pvalue > 1e-3
     assert abs(np.corrcoef(noise[10], noise[11])[0, 1]) < 0.1  # fresh at each reading
-    bias = stand_still(gym.make_vec(ID, num_envs=2000, force_bias=0.3), 6)
+    bias = newtons(at_rest(6, force_bias=0.3)[..., FORCE])
     assert np.ptp(bias, axis=0) == pytest.approx(0.0, abs=1e-6)  # stays for the episode
     assert stats.kstest(bias[3][bias[3] > 0.0], stats.halfnorm(scale=0.3).cdf).pvalue > 1e-3
 
@@ -79,12 +78,7 @@ def test_noise_and_bias_are_normal_and_leave_the_motion_alone():
 
 
 def test_the_alarm_does_not_feel_the_noise():
-    envs = gym.make_vec(ID, num_envs=200, force_noise=50.0)
-    envs.reset(seed=1)
-    still = np.tile(np.array([-0.5, 1.0], np.float32), (200, 1))
-    for _ in range(40):
-        observations = envs.step(still)[0]
-        assert not observations[:, ALARM].any()
+    assert not at_rest(40, count=200, force_noise=50.0)[..., ALARM].any()
 
 
 @pytest.mark.parametrize("coupling", [ig.SpringDamper(50.0), ig.Bistable()], ids=["spring", "bistable"])
@@ -93,11 +87,7 @@ def test_the_deflection_is_that_of_one_reaction_delay_ago(coupling, delay):
     env = gym.make(ID, coupling=coupling, deflection_sensor=True, reaction_delay=delay, record_trace=True)
     assert env.observation_space.shape == (9,)
     observations, _ = play(env, seed=3)
-    trace = env.unwrapped.trace()
-    times = 0.5 * (observations[:, TIME] + 1.0) * 1.5 - delay
-    deflection = np.interp(times, trace.time, trace.tool_position - trace.flange_position)
-    expected = np.clip(deflection / 0.05, -1.0, 1.0)
-    assert observations[:, 8] == pytest.approx(np.where(times < 0.0, 0.0, expected), abs=2e-5)
+    assert_deflection(observations, env.unwrapped.trace(), delay)
     assert np.abs(observations[:, 8]).max() > 0.02
 
 
@@ -115,8 +105,7 @@ def test_the_privileged_observation_is_the_truth_behind_all_else():
         assert 10 ** (2.5 * (stiffness + 1.0) + 3.0) == pytest.approx(truth["contact_stiffness"], rel=1e-5)
         assert restitution == pytest.approx(truth["restitution"], abs=1e-7)
         assert 0.1 * delay == pytest.approx(info["record"]["reaction_delay"], abs=1e-7)
-        flange = -0.25 + 0.5 * (critic[:, 0] + 1.0)
-        assert 0.5 * distance == pytest.approx(np.clip(truth["distance"] - flange, -0.5, 0.5), abs=1e-6)
+        assert 0.5 * distance == pytest.approx(np.clip(truth["distance"] - metres(critic), -0.5, 0.5), abs=1e-6)
 
 
 def test_the_table_of_the_docstring_is_that_of_the_code():
@@ -137,33 +126,58 @@ def test_readings_keep_their_age_when_the_alarm_comes_at_the_end(delay, period):
     scenario = {"distance": 0.3, "object_mass": 1.0, "contact_stiffness": 1e4, "restitution": 0.5}
     late = 0
     for speed in np.linspace(0.249, 0.262, 14):
-        observation, _ = env.reset(seed=0, options={"scenario": scenario})
-        seen, ended = [observation], False
-        while not ended:
-            observation, _, ended, _, _ = env.step(np.array([speed - 0.5, 1.0], np.float32))
-            seen.append(observation)
-        seen, trace = np.array(seen, float), env.unwrapped.trace()
+        seen, _ = play(env, controller=Always(speed, 20.0), scenario=scenario)
         late += seen[-1, TIME] > 0.61  # beyond 1.2 s: an alarm was under way then
-        times = 0.75 * (seen[:, TIME] + 1.0) - delay
-        deflection = np.interp(times, trace.time, trace.tool_position - trace.flange_position)
-        expected = np.where(times < 0.0, 0.0, np.clip(deflection / 0.05, -1.0, 1.0))
-        assert seen[:, 8] == pytest.approx(expected, abs=2e-5)
+        assert_deflection(seen, env.unwrapped.trace(), delay)
     assert late > 3
-
-
-def test_a_new_episode_knows_nothing_of_the_last():
-    options = {"deflection_sensor": True, "force_noise": 0.2, "force_bias": 0.1, "reaction_delay": (0.0, 0.04)}
-    used, fresh = gym.make(ID, **options), gym.make(ID, **options)
-    for seed in range(4):
-        play(used, seed=seed)
-        assert np.array_equal(used.reset(seed=99)[0], fresh.reset(seed=99)[0])
 
 
 def test_the_scales_of_what_arguments_add_are_the_documented_ones():
     rows = {entry.name: (entry.low, entry.high, entry.scaled_low) for entry in observation.OPTIONAL_ENTRIES}
-    assert rows["distance estimate minus flange position"] == (-0.5, 0.5, -1.0)
-    assert rows["tool minus flange from rest, as sensed a delay ago"] == (-0.05, 0.05, -1.0)
-    assert rows["object mass"] == (0.01, 10.0, -1.0)
-    assert rows["contact stiffness"] == (1e3, 1e8, -1.0)
-    assert rows["restitution"] == (0.0, 1.0, 0.0)
-    assert rows["reaction delay"] == (0.0, 0.1, 0.0)
+    assert (
+        rows.items()
+        >= {
+            "distance estimate minus flange position": (-0.5, 0.5, -1.0),
+            "tool minus flange from rest, as sensed a delay ago": (-0.05, 0.05, -1.0),
+            "object mass": (0.01, 10.0, -1.0),
+            "contact stiffness": (1e3, 1e8, -1.0),
+            "restitution": (0.0, 1.0, 0.0),
+            "reaction delay": (0.0, 0.1, 0.0),
+        }.items()
+    )
+
+
+def test_sensors_say_in_si_units_what_the_observation_says():
+    options = {"range_noise": 0.01, "deflection_sensor": True, "force_bias": 0.1, "reaction_delay": 0.04}
+    env, touched = gym.make(ID, **options), 0.0
+    table = {entry.sensor: (place, entry) for place, entry in enumerate(entries(Task(**options)))}
+    actions, observation, ended = iter(action_table(6, 200, 1)[:, 0]), env.reset(seed=4)[0], False
+    while not ended:
+        sensors = env.unwrapped.sensors()
+        known = {"time", "position", "velocity", "alarm", "time_since_alarm", "force", "force_peak"}
+        assert {*sensors} == known | {"distance_estimate", "deflection"}
+        for name, value in sensors.items():
+            assert type(value) is float
+            place, entry = table[name.replace("force_peak", "peak")]
+            bend = math.log1p if name in {"force", "force_peak"} else float
+            share = (bend(value) - entry.low) / (bend(entry.high) - entry.low)
+            scaled = entry.scaled_low + (1.0 - entry.scaled_low) * share
+            assert observation[place] == pytest.approx(min(max(scaled, entry.scaled_low), 1.0), abs=1e-6)
+        touched = max(touched, sensors["force"])
+        observation, _, ended, _, _ = env.step(next(actions))
+    assert touched > 1.0
+
+
+def test_sensors_of_a_batch_are_those_of_each_of_its_rows():
+    options = {"range_noise": 0.01, "force_noise": (0.0, 1.0)}
+    envs, singles = gym.make_vec(ID, num_envs=4, **options), [gym.make(ID, **options) for _ in range(4)]
+    envs.reset(seed=1)
+    for row, env in enumerate(singles):
+        env.reset(seed=1 + row)
+    for action in action_table(0, 12, 4):
+        envs.step(action)
+        for row, env in enumerate(singles):
+            env.step(action[row])
+    together = envs.unwrapped.sensors()
+    for row, env in enumerate(singles):
+        assert env.unwrapped.sensors() == {name: column[row] for name, column in together.items()}

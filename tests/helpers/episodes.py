@@ -1,26 +1,111 @@
-"""Episodes for the tests of front ends, wrappers and other libraries."""
+"""Episodes played, what was seen in them, and the scenes of `simulate` that they are."""
 
+import math
+from typing import NamedTuple
+
+import gymnasium as gym
 import numpy as np
 from gymnasium.utils.env_checker import data_equivalence
 
+import impact_gym as ig
+from agents.baselines import encode
+from impact_gym.sb3 import ImpactVecEnv
+
+ID = "ImpactApproach-v0"
+IDS = sorted(name for name in gym.registry if name.startswith("ImpactApproach"))
 SLOTS = 4
+ROBOT = ig.Robot(5.225, 1.5e5, 53.75)
+TABLE = ig.RobotTable([0.05, 0.15, 0.25, 0.35], [5.0, 5.3, 5.5, 5.2], [1.5e5, 1.6e5, 1.4e5, 1.5e5], [50, 55, 60, 50])
+PAPERS_SPRING = ig.SpringDamper(50.0, 1.0)
 
 
-def action_table(seed, ticks=160, slots=SLOTS):
-    """Random actions that lean forward, so that slots end at different times."""
+def action_table(seed, ticks=160, slots=SLOTS, lean=(0.3, 0.3)):
+    """Random actions (ticks, slots, 2) that lean forward, each slot's by its own share, so that slots end apart."""
     rng = np.random.default_rng(seed)
-    return np.clip(rng.uniform(-1.0, 1.0, (ticks, slots, 2)) + 0.3, -1.0, 1.0).astype(np.float32)
+    leans = rng.uniform(*lean, (1, slots, 1))
+    return np.clip(rng.uniform(-1.0, 1.0, (ticks, slots, 2)) + leans, -1.0, 1.0).astype(np.float32)
 
 
 def assert_identical(one, other):
     assert data_equivalence(one, other, exact=True), f"{one}\n{other}"
 
 
-def play(env, actions, seed=3):
-    """One episode: all that reset and step return."""
-    history = [env.reset(seed=seed)]
-    for action in actions:
-        history.append(env.step(action))
-        if history[-1][2] or history[-1][3]:
-            return history
-    raise AssertionError("the episode did not end")
+class Always:
+    """Commands one velocity (m/s) and acceleration (m/s^2) for ever, alone or in every row of a batch."""
+
+    def __init__(self, velocity, acceleration):
+        self.action = encode(velocity, acceleration)
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        return np.broadcast_to(self.action, (*np.shape(observation)[:-1], 2)), state
+
+
+class Given:
+    """Plays the actions it was given."""
+
+    def __init__(self, actions):
+        self.left = iter(actions)
+
+    def predict(self, observation, state=None):
+        return next(self.left), state
+
+
+def random_actions(seed):
+    """Return a controller of even random actions, whatever it sees."""
+    return Given(np.random.default_rng(seed).uniform(-1.0, 1.0, (1000, 2)).astype(np.float32))
+
+
+class Episode(NamedTuple):
+    """What one saw, was paid, and was told at the end."""
+
+    observations: np.ndarray
+    rewards: np.ndarray
+    info: dict
+
+
+def history(env, controller, seed=None, **options):
+    """Play one episode of a single environment: all that reset, with such options, and step returned."""
+    returned, state = [env.reset(seed=seed, options=options)], None
+    while True:
+        action, state = controller.predict(returned[-1][0], state=state)
+        returned.append(env.step(action))
+        if returned[-1][2] or returned[-1][3]:
+            return returned
+
+
+def play(env, controller, seed=None, **options):
+    """The same as arrays; before the end there is nothing in the info."""
+    (first, _), *steps = history(env, controller, seed, **options)
+    assert all(step[4] == {} for step in steps[:-1])
+    return Episode(np.array([first, *(step[0] for step in steps)]), np.array([step[1] for step in steps]), steps[-1][4])
+
+
+def begin(env, seed=None, options=None):
+    """Reset any front end: the observations."""
+    if not isinstance(env, ImpactVecEnv):
+        return env.reset(seed=seed, options=options)[0]
+    if options is not None:
+        env.set_options(options)
+    if seed is not None:
+        env.seed(seed)
+    return env.reset()
+
+
+def scene(scenario, coupling=PAPERS_SPRING, dissipation="hu-guo"):
+    """The scene of a scenario, with the tool of 125 g that the environment has where nothing else is said."""
+    contact = ig.Contact(scenario["contact_stiffness"], scenario["restitution"], dissipation)
+    return ig.Scene(ig.Tool(0.125), ig.Object(scenario["object_mass"], scenario["distance"]), contact, coupling)
+
+
+def newtons(reading):
+    """Force of a reading: 0 ... 1000 N on a log scale."""
+    return np.expm1(np.asarray(reading, float) * math.log1p(1000.0))
+
+
+def seconds(observations):
+    return 0.75 * (np.asarray(observations, float)[..., 2] + 1.0)
+
+
+def metres(observations):
+    """Position of the flange."""
+    return -0.25 + 0.5 * (np.asarray(observations, float)[..., 0] + 1.0)
