@@ -4,14 +4,16 @@ import csv
 import io
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 import impact_gym as ig
+from experiments.paper.scenes import DURATION, MOTION
 from impact_gym.files import whole_file
 
-Table = dict[str, NDArray[np.generic]]
+Table = dict[str, NDArray[Any]]
 
 
 def write(path: Path, table: Table) -> None:
@@ -25,7 +27,7 @@ def write(path: Path, table: Table) -> None:
 
 
 def read(path: Path) -> Table:
-    """Read what `write` wrote."""
+    """Read what `write` wrote; all but the column `case` are numbers."""
     with path.open(newline="") as file:
         header, *rows = csv.reader(file)
     columns = {name: np.array([row[place] for row in rows]) for place, name in enumerate(header)}
@@ -43,39 +45,29 @@ def where(table: Table, **values: float | str) -> Table:
     return {name: column[rows] for name, column in table.items()}
 
 
-def stack(outcomes: Mapping[str, ig.Outcome]) -> Table:
-    """Return the traces of several runs below each other, told apart by the column `case`.
+def histories(
+    scenes: Mapping[str, ig.Scene],
+    motion: ig.Trapezoid = MOTION,
+    duration: float = DURATION,
+    impact_velocity: bool = False,
+) -> Table:
+    """Simulate scenes for `duration` (s) and return their traces below each other, told apart by the column `case`.
 
-    The column `contact` says which contact is going on, counted from 1, and is 0 in flight; `impulse` is eq. 21 as
-    the simulation integrated it over all contacts, in N s, the same in every row of a case.
+    The column `contact` counts the contact going on from 1 and is 0 in flight. `impulse` is eq. 21 over all contacts in
+    N s, and `impact_velocity`, if asked for, that at which the tool strikes first in m/s: the same in all rows of a
+    case.
     """
-    parts: list[Table] = []
-    for case, outcome in outcomes.items():
-        trace = outcome.trace
-        if trace is None:
-            raise ValueError(f"case {case!r} was simulated without a trace")
-        part: Table = {"case": np.full(len(trace.time), case)}
-        part |= trace._asdict()
-        part["contact"] = np.zeros(len(trace.time))
-        for number, contact in enumerate(outcome.contacts, start=1):
-            end = np.inf if contact.end is None else contact.end
-            part["contact"][(trace.time >= contact.start) & (trace.time <= end)] = number
-        part["impulse"] = np.full(len(trace.time), outcome.coupling_impulse)
-        parts.append(part)
-    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-
-
-def histories(scenes: Mapping[str, ig.Scene], motion: ig.Trapezoid, duration: float) -> Table:
-    """Simulate several scenes under one motion and return their traces, as `stack` does."""
-    return stack({case: ig.simulate(scene, motion, duration, trace=True) for case, scene in scenes.items()})
-
-
-def trace_of(table: Table, case: str) -> ig.Trace:
-    """Return the trace of one case of `stack`."""
-    rows = where(table, case=case)
-    return ig.Trace(*(rows[name] for name in ig.Trace._fields))
-
-
-def contact_of(table: Table, case: str) -> NDArray[np.float64]:
-    """Return, beside `trace_of`, the number of the contact going on (0 in flight)."""
-    return where(table, case=case)["contact"].astype(float)
+    cases = []
+    for case, scene in scenes.items():
+        outcome = ig.simulate(scene, motion, duration, trace=True)
+        time = outcome.trace.time
+        contact = np.zeros_like(time)
+        for number, one in enumerate(outcome.contacts, start=1):
+            contact[(time >= one.start) & (time <= (np.inf if one.end is None else one.end))] = number
+        part = {"case": np.full(time.shape, case), **outcome.trace._asdict(), "contact": contact}
+        part["impulse"] = np.full_like(time, outcome.coupling_impulse)
+        if impact_velocity:
+            struck = outcome.contacts[0].approach_velocity if outcome.contacts else np.nan
+            part["impact_velocity"] = np.full_like(time, struck)
+        cases.append(part)
+    return {name: np.concatenate([part[name] for part in cases]) for name in cases[0]}
