@@ -120,10 +120,6 @@ class Canvas:
         """Write `text`; `anchor` is the name of the point of its box that lies `at`."""
         self._texts.append((text, at, size, colour, anchor))
 
-    def text_width(self, text: str, size: int) -> float:
-        """How wide `text` will be, in pixels."""
-        return self._font(size).size(text)[0]
-
     def _font(self, size: int) -> "pygame.font.Font":
         if size not in self._fonts:
             self._fonts[size] = self.pygame.font.Font(None, size)  # the one that pygame brings, alike everywhere
