@@ -146,8 +146,7 @@ def _head(canvas: Canvas, history: History, state: State, factor: float) -> None
     ):
         canvas.text(f"{name} {value}", (x, 47.0), 20, colour)
         x += 185.0
-    seen = history.columns["contact_force"][: int(np.searchsorted(history.time, state.time, side="right"))]
-    canvas.text(f"peak {max(float(seen.max()), state.contact_force):.3g} N", (x + 30.0, 47.0), 20, look.FORCE)
+    canvas.text(f"peak {history.peak_force(state):.3g} N", (x + 30.0, 47.0), 20, look.FORCE)
 
 
 LAMP = (look.WIDTH - 22.0, 19.0)
