@@ -247,3 +247,8 @@ class Scene:
         one_of("Scene.contact", self.contact, Contact)
         one_of("Scene.coupling", self.coupling, *get_args(Coupling))
         one_of("Scene.robot", self.robot, Robot, RobotTable, type(None))
+
+
+def one_mass(scene: "Scene | Any") -> bool:
+    """Whether the flange moves with the tool: a compliant robot and a rigid coupling; of a `Task`, too."""
+    return scene.robot is not None and isinstance(scene.coupling, Rigid)

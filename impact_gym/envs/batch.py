@@ -212,7 +212,7 @@ class Batch:
         count, missed, status = self._verdicts(rows)
         entries = (*self._numbers(rows), self.chains["peak_force"][rows], count, missed, status)
         told = []
-        for row, one in zip(rows.tolist(), zip(*map(_listed, entries), strict=True), strict=True):
+        for row, one in zip(rows.tolist(), zip(*(column.tolist() for column in entries), strict=True), strict=True):
             flat = dict(zip(self._entries, one, strict=True))
             for name in self._not_drawn[row % len(self._not_drawn)]:
                 del flat[name]
@@ -259,7 +259,3 @@ def nested(flat: Mapping[str, Any]) -> dict[str, Any]:
         group = "".join(first)
         (result.setdefault(group, {}) if group else result)[rest] = value
     return result
-
-
-def _listed(values: NDArray[Any]) -> list[Any]:
-    return list(values.tolist())
