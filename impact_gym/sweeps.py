@@ -149,9 +149,6 @@ def _outcomes(chains: NDArray[Any], with_the_tool: bool) -> Outcomes:
         contact_count=chains["contacts"].copy(),
         snap_count=chains["snaps"].copy(),
         steps=chains["steps"].copy(),
-        **{
-            name: numbers(chains[name])
-            for name in ("peak_force", "first_contact", "coupling_impulse", "momentum_error")
-        },
+        **{name: numbers(chains[name]) for name in alike},
         status=said(chains["status"]),
     )

@@ -27,6 +27,7 @@ STOPS = np.linspace(0.004, 0.060, 29)  # m
 REFINEMENTS, POINTS, ZOOM = 4, 7, 0.4
 CASES = {"holds": "tuned, holds the tool", "slips": "tuned, does not hold it"}
 STYLES = {"fixed": (OBJECT, "-"), "linear": (TOOL, "-"), "holds": (FORCE, "-"), "slips": (COUPLING, "--")}
+KNOWN = (MECHANISM.height, MECHANISM.front_stop)  # off the grid, and not to be missed
 Design = tuple[float, float]  # H, front stop, m
 NAMES = (
     "case", "speed", "object_velocity", "height", "front_stop", "force_at_stop", "passes", "height_edge", "stop_edge",
@@ -57,8 +58,7 @@ def best(designs: Iterable[Design], speed: float, case: str) -> tuple[float, Des
 
 def search(speed: float, case: str) -> tuple[Design, int, int]:
     """Return the best design, and on which edge of the searched range its H and its stop lie: -1, 0 or 1."""
-    known = (MECHANISM.height, MECHANISM.front_stop)  # off the grid, and not to be missed
-    found = best((known, *product(HEIGHTS.tolist(), STOPS.tolist())), speed, case)
+    found = best((KNOWN, *product(HEIGHTS.tolist(), STOPS.tolist())), speed, case)
     grids = (HEIGHTS, STOPS)
     widths = [float(grid[1] - grid[0]) for grid in grids]
     for _ in range(REFINEMENTS):
@@ -77,8 +77,7 @@ def compute(speeds: Sequence[float] = SPEEDS) -> Table:
     rows: list[tuple[str | float, ...]] = []
     for speed in speeds:
         chosen = {case: search(speed, case) for case in CASES}
-        fixed = ((MECHANISM.height, MECHANISM.front_stop), 0, 0)
-        for case, (design, *edges) in {"fixed": fixed, **chosen}.items():
+        for case, (design, *edges) in {"fixed": (KNOWN, 0, 0), **chosen}.items():
             coupling = mechanism(design)
             assert coupling is not None  # it was simulated
             outcome = approach(coupling, speed)

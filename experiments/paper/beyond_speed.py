@@ -21,7 +21,6 @@ below the linear one between about 0.8 and 1.9 m/s, with its best ratio near 1.1
 snap through for good."""
 SPEEDS = np.round(np.arange(0.2, 2.0001, 0.02), 2)  # m/s
 CRUISE = (DISTANCE - MOTION.speed**2 / (2.0 * MOTION.acceleration)) / MOTION.speed  # s, at constant speed in Fig. 23
-STIFFNESS, RESTITUTION = 1e3, 0.1
 COUPLINGS = (MECHANISM, LINEAR)
 NAMES = ("coupling", "speed", "object_velocity", "contacts", "passes", "alarm")
 """coupling: 0 bistable, 1 linear; passes: how often the slider passes the alignment; alarm: 1 if the robot braked."""
@@ -31,7 +30,7 @@ def approach(coupling: ig.Bistable | ig.SpringDamper, speed: float) -> ig.Outcom
     """Simulate one approach at `speed` (m/s)."""
     motion = ig.Trapezoid(speed, MOTION.acceleration, MOTION.brake)
     distance = speed**2 / (2.0 * MOTION.acceleration) + speed * CRUISE
-    return ig.simulate(held(coupling, STIFFNESS, RESTITUTION, distance), motion, duration=2.0)
+    return ig.simulate(held(coupling, 1e3, 0.1, distance), motion, duration=2.0)
 
 
 def compute() -> Table:
@@ -77,14 +76,13 @@ def statements(table: Table) -> Statements:
     """Compare with section 6."""
     rows, linear = where(table, coupling=0), where(table, coupling=1)
     speed = rows["speed"]
-    snapped = rows["passes"] % 2 == 1  # ends behind the alignment
-    lost = speed[(speed < MOTION.speed) & ~snapped].max(initial=0.0)
+    ahead = rows["passes"] % 2 == 0  # the slider ends ahead of the alignment
+    lost = speed[(speed < MOTION.speed) & ahead].max(initial=0.0)
     turns = changes(rows, "speed", "passes")
     velocity = {v: np.interp(v, speed, rows["object_velocity"]) for v in (1.0, 1.1, 1.2)}
     passes = int(rows["passes"][np.argmin(np.abs(speed - 1.1))])
     change = velocity[1.1] / velocity[1.0] - 1.0
-    other = np.interp(speed, linear["speed"], linear["object_velocity"])
-    better = speed[rows["object_velocity"] < other]
+    better = speed[rows["object_velocity"] < np.interp(speed, linear["speed"], linear["object_velocity"])]
     ratio = rows["object_velocity"] / rows["speed"]
     best = int(np.argmin(ratio))
     yield section_6.claim(

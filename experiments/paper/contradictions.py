@@ -8,9 +8,8 @@ import numpy as np
 
 from experiments.paper.figure_03 import ROBOT_AND_TOOL
 from experiments.paper.figure_14 import HEAVY
-from experiments.paper.runs import Run
 from experiments.paper.scenes import TOOL_MASS
-from experiments.paper.tables import Table, where
+from experiments.paper.tables import Run, Table, where
 
 
 class Contradiction(NamedTuple):

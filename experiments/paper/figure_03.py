@@ -49,8 +49,7 @@ def plot(table: Table, grid: Panels) -> None:
 def statements(table: Table) -> Statements:
     """Compare with sections 2.1 and 3.2."""
     curves = [where(table, restitution=e)["object_velocity"] for e in RESTITUTIONS]
-    elastic = where(table, restitution=1.0)
-    heavy = elastic["object_velocity"][elastic["tool_mass"] == ROBOT_AND_TOOL][0]
+    heavy = where(table, restitution=1.0, tool_mass=ROBOT_AND_TOOL)["object_velocity"][0]
     yield section_2_1.claim(
         "A decrease in the mass of the tool causes a decrease in V_p for every value of e",
         all((np.diff(curve) > 0).all() for curve in curves),

@@ -7,10 +7,9 @@ import numpy as np
 from experiments.charts import FORCE, OBJECT, TOOL
 from experiments.paper.layouts import Panels, panels
 from experiments.paper.limit_cases import REDUCED_MASS, STEADY
-from experiments.paper.runs import Run
 from experiments.paper.scenes import rigid
 from experiments.paper.statements import Statements, section_2_2
-from experiments.paper.tables import Table, histories
+from experiments.paper.tables import Run, Table, histories
 
 TITLE = "Contact force and its elastic and damping parts"
 ALT = """Two panels, force against time. With the tool fixed the force peaks near 46 N, with the tool free near 24 N and

@@ -22,20 +22,14 @@ def compute() -> Table:
     return sweep(sorted(grid | {(CUT, e) for e in CUT_RESTITUTIONS}))
 
 
-def cut(table: Table, free: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return restitution, rising, and largest contact force (N) of one limit case at the stiffness of panel (c)."""
-    rows = where(table, free=free, contact_stiffness=CUT)
-    order = np.argsort(rows["restitution"])
-    return rows["restitution"][order], rows["peak_force"][order]
-
-
 @panels(15.0, 4.2, columns=3)
 def plot(table: Table, grid: Panels) -> None:
     """Draw force against k_c as the paper does, and against e at one k_c."""
     *limit_cases, last = grid
     draw(limit_cases, table, "peak_force", "largest contact force (N)")
     for free, colour, label in ((0, OBJECT, "tool fixed"), (1, TOOL, "tool decoupled")):
-        restitution, force = cut(table, free)
+        row = where(table, free=free, contact_stiffness=CUT)  # by rising restitution
+        restitution, force = row["restitution"], row["peak_force"]
         last.plot(restitution, force, color=colour, label=label)
         lowest = int(np.argmin(force))
         last.plot(restitution[lowest], force[lowest], "o", color=colour, markeredgecolor="black")
@@ -50,8 +44,8 @@ def statements(table: Table) -> Statements:
     fixed, free = (gridded(table, "peak_force", free) for free in (0, 1))
     velocities = [gridded(table, "object_velocity", free) for free in (0, 1)]
     energy_spread = max((np.ptp(v_p, axis=1) / v_p.mean(axis=1)).max() for v_p in velocities)
-    restitution, force = cut(table, free=0)
-    lowest = int(np.argmin(force))
+    row = where(table, free=0, contact_stiffness=CUT)
+    restitution, force, lowest = row["restitution"], row["peak_force"], np.argmin(row["peak_force"])
     yield section_2_2.claim(
         "When e is assigned, an increase in k_c leads to an increase in contact force",
         all((np.diff(peaks, axis=1) > 0).all() for peaks in (fixed, free)),

@@ -3,16 +3,14 @@
 from functools import partial
 
 from experiments.paper.layouts import imposed_and_actual
-from experiments.paper.runs import Run
 from experiments.paper.scenes import MOTION, ROBOT, on_robot
 from experiments.paper.statements import Statements, section_3, section_3_2
-from experiments.paper.tables import Table, histories
+from experiments.paper.tables import Run, Table, histories
 from impact_gym.robot import default_approach
 
 TITLE = "Velocities of tool and object, robot with rigid and with compliant joints"
 ALT = """Two panels, velocity against time. The object leaves at 2.00 m/s with rigid joints and at 1.94 m/s with
 compliant ones, where the tool's velocity swings about the imposed one by some hundredths."""
-STIFFNESS, RESTITUTION = 1e5, 1.0
 CASES = {"a": "(a) rigid joints", "b": "(b) compliant joints"}
 
 
@@ -20,9 +18,9 @@ def compute() -> Table:
     """Simulate both, and the second again with our estimates of the robot: frozen at the impact, and along the line."""
     approach = default_approach()
     robots = {"a": None, "b": ROBOT, "frozen": approach.at_impact(), "along": approach.robot_table()}
-    scenes = {case: on_robot(robot, STIFFNESS, RESTITUTION) for case, robot in robots.items()}
+    scenes = {case: on_robot(robot, 1e5, 1.0) for case, robot in robots.items()}
     for case in ("b", "along"):  # beyond reach: nothing is struck within the run
-        scenes[f"{case}, unhindered"] = on_robot(robots[case], STIFFNESS, RESTITUTION, distance=10.0)
+        scenes[f"{case}, unhindered"] = on_robot(robots[case], 1e5, 1.0, distance=10.0)
     return histories(scenes, impact_velocity=True)
 
 

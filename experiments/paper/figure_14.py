@@ -3,10 +3,9 @@
 from functools import partial
 
 from experiments.paper.layouts import imposed_and_actual
-from experiments.paper.runs import Run
 from experiments.paper.scenes import MOTION, ROBOT, TOOL_MASS, on_robot
 from experiments.paper.statements import Statements, section_3_2
-from experiments.paper.tables import Table, histories
+from experiments.paper.tables import Run, Table, histories
 
 TITLE = "Velocities of tool and object, heavy object"
 ALT = """Two panels, velocity against time. With the softer contact the object leaves at 1.86 m/s and the tool keeps

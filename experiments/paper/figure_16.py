@@ -13,7 +13,6 @@ TITLE = "Effects of the stiffness and of the damping of the decoupling system on
 ALT = """Left, V_p against coupling stiffness for three contact stiffnesses; the curve of the stiffest contact bends
 upward sharply near 90 N/m, where a second contact sets in. Right, V_p against the damping ratio at 150 N/m: it falls
 with the damping where there are two contacts and rises where there is one."""
-RESTITUTION = 1.0
 DAMPED_STIFFNESS = 150.0  # N/m
 DAMPING_RATIOS = np.round(np.arange(0.1, 2.0001, 0.05), 2)
 
@@ -21,12 +20,12 @@ DAMPING_RATIOS = np.round(np.arange(0.1, 2.0001, 0.05), 2)
 def compute() -> Table:
     """Simulate the curves, and at one k_t a row over the damping ratio."""
     extra = (
-        sweep.point(DAMPED_STIFFNESS, k_c, RESTITUTION, zeta)
+        sweep.point(DAMPED_STIFFNESS, k_c, 1.0, zeta)
         for k_c in sweep.CONTACT_STIFFNESSES
         for zeta in DAMPING_RATIOS
         if zeta != 1.0  # that one is on the curve
     )
-    return sweep.compute(RESTITUTION, extra)
+    return sweep.compute(1.0, extra)
 
 
 def damped(table: Table, k_c: float) -> Table:
@@ -68,7 +67,7 @@ def statements(table: Table) -> Statements:
     soft, middle, stiff = grid.values()
     ordered = (soft > middle) & (middle > stiff)
     falls = {k_c: (np.diff(damped(table, k_c)["object_velocity"]) <= 0).sum() for k_c in grid}
-    largest = max(velocity.max() for velocity in grid.values())
+    largest = np.max([soft, middle, stiff])
     (onset, before, after), *_ = sweep.changes(table, 1e5)
     settled = [sweep.curve(table, k_c, sweep.SETTLED)["object_velocity"] for k_c in grid]
     settled_rises = all((np.diff(velocity) > 0).all() for velocity in settled)

@@ -5,10 +5,9 @@ from functools import partial
 import numpy as np
 
 from experiments.paper.layouts import velocities_and_forces
-from experiments.paper.runs import Run
 from experiments.paper.scenes import MOTION, decoupled
 from experiments.paper.statements import Statements, section_4_2
-from experiments.paper.tables import Table, histories
+from experiments.paper.tables import Run, Table, histories
 
 TITLE = "Velocities and forces for two contact stiffnesses, e = 1"
 ALT = """Two columns, velocities above and forces below, against time. Left, the stiff contact: two short force peaks,

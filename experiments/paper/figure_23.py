@@ -7,18 +7,16 @@ from matplotlib.figure import Figure
 
 from experiments.charts import COUPLING
 from experiments.paper.layouts import velocities_and_forces
-from experiments.paper.runs import Run
 from experiments.paper.scenes import LINEAR, MECHANISM, MOTION, held
 from experiments.paper.statements import Statements, section_5
-from experiments.paper.tables import Table, histories
+from experiments.paper.tables import Run, Table, histories
 
 TITLE = "End-effector with bistable mechanism and with linear spring-damper"
 ALT = """Two columns, velocities above and forces below, against time. Left, bistable: the tool falls from 1.0 to 0.4
 m/s, crosses the alignment and is pulled back to the flange; the object leaves at 0.45 m/s. Right, linear: 0.69 m/s."""
 CASES = {"a": "(a, c) bistable mechanism", "b": "(b, d) linear spring-damper"}
-STIFFNESS, RESTITUTION = 1e3, 0.1
 
-compute = partial(histories, {"a": held(MECHANISM, STIFFNESS, RESTITUTION), "b": held(LINEAR, STIFFNESS, RESTITUTION)})
+compute = partial(histories, {"a": held(MECHANISM, 1e3, 0.1), "b": held(LINEAR, 1e3, 0.1)})
 
 
 def slider(table: Table) -> tuple[np.ndarray, np.ndarray]:
@@ -83,10 +81,7 @@ def statements(table: Table) -> Statements:
         why="The front stop and the acceleration, both identified, let the preload outweigh the tool's inertia.",
     )
     yield section_5.number(
-        "The velocity of the tool changes from 1.0 m/s ...",
-        "1.0 m/s",
-        tool[touch],
-        why="The speed is an input.",
+        "The velocity of the tool changes from 1.0 m/s ...", "1.0 m/s", tool[touch], why="The speed is an input."
     )
     yield section_5.number(
         "... to 0.4 m/s",

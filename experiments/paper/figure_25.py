@@ -4,10 +4,9 @@ from functools import partial
 
 from experiments.charts import OBJECT, velocities
 from experiments.paper.layouts import Panels, panels
-from experiments.paper.runs import Run
 from experiments.paper.scenes import MECHANISM, held, rigid
 from experiments.paper.statements import Statements, section_5, section_6
-from experiments.paper.tables import Table, histories
+from experiments.paper.tables import Run, Table, histories
 
 TITLE = "Velocities with the tool fixed to the rigid robot, e = 0.1"
 ALT = """Velocity against time: the object is brought to 0.92 m/s during a contact of some hundredths of a second, and
@@ -39,10 +38,7 @@ def statements(table: Table) -> Statements:
         "identified with this number.",
     )
     yield section_6.number(
-        "A reduction of about 50 % with respect to a rigid connection",
-        "5e1 %",
-        reduction,
-        fitted=True,
+        "A reduction of about 50 % with respect to a rigid connection", "5e1 %", reduction, fitted=True
     )
     yield section_5.claim(
         "The decoupling and the bistable mechanism reduce V_p below that of the rigid connection",

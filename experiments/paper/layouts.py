@@ -8,8 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from experiments.charts import COUPLING, FLANGE, FORCE, OBJECT, SERIES, TOOL, velocities
-from experiments.paper.runs import Run
-from experiments.paper.tables import Table
+from experiments.paper.tables import Run, Table
 
 Panels = Any
 """Axes of matplotlib: one, or an array of them."""

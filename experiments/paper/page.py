@@ -1,9 +1,8 @@
 """The page about the paper's figures, made from the tables on disk: reports/paper/index.html."""
 
-from collections import Counter
-from dataclasses import asdict, dataclass
+from collections import Counter, namedtuple
+from dataclasses import asdict
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
@@ -11,19 +10,12 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from experiments.paper import tables
 from experiments.paper.catalogue import HERE, NAMES, heading, load
 from experiments.paper.contradictions import contradictions
-from experiments.paper.statements import Statement, Verdict
+from experiments.paper.statements import Verdict
 from experiments.results import circumstances
 from impact_gym.files import whole_file
 
-
-@dataclass(frozen=True, slots=True)
-class Entry:
-    """A figure on the page."""
-
-    name: str
-    heading: str
-    module: ModuleType
-    statements: tuple[Statement, ...]
+Entry = namedtuple("Entry", ["name", "heading", "module", "statements"])
+"""A figure on the page."""
 
 
 def read(folder: Path) -> tuple[list[Entry], dict[str, tables.Table]]:

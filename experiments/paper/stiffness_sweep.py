@@ -33,8 +33,8 @@ def point(k_t: float, k_c: float, restitution: float, zeta: float = 1.0, distanc
     """Simulate one approach; a row of the table."""
     scene = decoupled(k_c, restitution, k_t, zeta, distance)
     outcome = ig.simulate(scene, MOTION, DURATION + distance / MOTION.speed)
-    first = outcome.contacts[0].object_velocity
-    return distance, zeta, k_c, k_t, float(len(outcome.contacts)), outcome.object_velocity, first
+    first, *others = outcome.contacts
+    return distance, zeta, k_c, k_t, 1 + len(others), outcome.object_velocity, first.object_velocity
 
 
 def compute(restitution: float, extra: Iterable[Row] = ()) -> Table:

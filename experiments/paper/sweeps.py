@@ -14,14 +14,10 @@ WIDTH = 1e-6  # to which the two rows of a pair close in, in units of the parame
 def enclosed(
     values: Iterable[float], row: Callable[[float], Row], names: Sequence[str], parameter: str, *marks: str
 ) -> list[Row]:
-    """Return the rows at `values`, and the pairs of rows within WIDTH that enclose each change of a mark.
+    """Return the rows at rising `values` of the parameter, and the pairs within WIDTH that enclose a change of a mark.
 
-    Args:
-        values: the parameter, rising.
-        row: computes a row.
-        names: of the entries of a row.
-        parameter: which of them is the parameter.
-        marks: which discrete ones to watch; between two values one change is found.
+    `row` computes a row, whose entries have `names`. One of them is the `parameter`; `marks` are the discrete ones to
+    watch, of which between two values one change is found.
     """
     at = names.index(parameter)
     rows = [row(value) for value in values]

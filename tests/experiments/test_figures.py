@@ -26,8 +26,8 @@ from experiments.paper import (
     sweeps,
     tables,
 )
-from experiments.paper.runs import Run
 from experiments.paper.statements import Verdict
+from experiments.paper.tables import Run
 
 # what a correct model says otherwise than the text; each carries its reason on the page
 DISAGREEMENTS = {
