@@ -83,9 +83,9 @@ def entries(task: Task) -> tuple[Entry, ...]:
     low, high = task.velocity_range
     seen = [one._replace(low=low, high=high) if one.sensor == "velocity" else one for one in ENTRIES]
     added = [entry for entry in OPTIONAL_ENTRIES if getattr(task, entry.argument) not in (None, False)]
-    told = [drawn_entry(name, pair) for name, pair in task.drawn.items()] if task.privileged else []
+    drawn = [drawn_entry(name, pair) for name, pair in task.drawn.items()] if task.privileged else []
     behind = sum(entry.argument != "privileged" for entry in added)
-    return (*seen, *added[:behind], *told, *added[behind:])
+    return (*seen, *added[:behind], *drawn, *added[behind:])
 
 
 def sensor_fields(task: Task) -> dict[str, str]:
@@ -104,7 +104,7 @@ def drawn_entry(name: str, pair: tuple[float, float]) -> Entry:
 
 
 def scales(task: Task) -> NDArray[Any]:
-    """Return the same for the kernels (n,), ENTRY."""
+    """Return the entries of `task` as the kernels read them (n,), ENTRY."""
     return np.array([entry.record() for entry in entries(task)], ENTRY)
 
 

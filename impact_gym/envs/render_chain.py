@@ -15,7 +15,7 @@ from impact_gym.envs.task import Task
 from impact_gym.scene import Bistable, SpringDamper
 
 PANEL: Box = (0.0, 64.0, float(look.WIDTH), 208.0)
-LOUPE: Box = (look.WIDTH - 174.0, 310.0, 160.0, 158.0)
+CLOSE_UP: Box = (look.WIDTH - 174.0, 310.0, 160.0, 158.0)
 
 TOOL_LENGTH, TOOL_HEIGHT = 0.024, 0.018  # m
 FLANGE_LENGTH, FLANGE_HEIGHT = 0.016, 0.024  # m
@@ -106,7 +106,7 @@ def draw(canvas: Canvas, history: History, state: State) -> None:
         view.block(canvas, at.tool_back, at.tool_front, TOOL_HEIGHT, look.TOOL)
         _press(canvas, view, history, state)
     _names(canvas, task, view, at, history)
-    _loupe(canvas, history, state)
+    _close_up(canvas, history, state)
 
 
 def object_radius(history: History) -> float:
@@ -153,14 +153,14 @@ def _ruler(canvas: Canvas, view: Camera) -> None:
     canvas.text(f"{1e3 * length:.4g} mm", (20.0 + length * view.scale, ground + 13.0), SMALL)
 
 
-def _loupe(canvas: Canvas, history: History, state: State) -> None:
+def _close_up(canvas: Canvas, history: History, state: State) -> None:
     """Draw the faces enlarged, as far as the hardest impact that can be commanded would press them."""
-    left, top, width, height = LOUPE
+    left, top, width, height = CLOSE_UP
     scale = 0.4 * width / min(max(history.impact_depth(history.task.velocity_range[1]), 1e-9), 1.0)
     face, middle = left + 0.4 * width, top + 0.5 * height
     radius = object_radius(history) * scale
-    with canvas.clipped(LOUPE):
-        canvas.rectangle(LOUPE, look.PANEL)
+    with canvas.clipped(CLOSE_UP):
+        canvas.rectangle(CLOSE_UP, look.PANEL)
         rows = [0.5 * height * step / 12.0 for step in range(-12, 13)]
         rim = [(face + radius - math.sqrt(max(radius * radius - y * y, 0.0)), middle + y) for y in rows]
         rear = face + radius if radius < 0.5 * height else left + width
@@ -170,7 +170,7 @@ def _loupe(canvas: Canvas, history: History, state: State) -> None:
             canvas.rectangle((left, top, tool - left, height), look.TOOL)
         if state.penetration > 0.0:
             canvas.dashes((face, top), (face, top + height), look.PAPER)
-    canvas.frame(LOUPE, look.FAINT)
+    canvas.frame(CLOSE_UP, look.FAINT)
     length = round_length(0.3 * width / scale)
     below = top + height + 12.0
     canvas.rectangle((left, below - 2.0, length * scale, 4.0), look.INK)

@@ -96,8 +96,7 @@ class History:
     def impact_depth(self, speed: float) -> float:
         """Deepest penetration of such an impact, m (Johnson 1985, eq. 11.23)."""
         stiffness = self.info["scenario"]["contact_stiffness"]
-        depth: float = (1.25 * self.reduced_mass * speed * speed / stiffness) ** 0.4
-        return depth
+        return (1.25 * self.reduced_mass * speed * speed / stiffness) ** 0.4
 
     def factor(self, time: float, rate: float) -> float:
         """How many times slower than life a film of `rate` frames per s runs at `time` (s): a power of two.
