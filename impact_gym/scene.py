@@ -249,6 +249,6 @@ class Scene:
         one_of("Scene.robot", self.robot, Robot, RobotTable, type(None))
 
 
-def one_mass(scene: "Scene | Any") -> bool:
-    """Whether the flange moves with the tool: a compliant robot and a rigid coupling; of a `Task`, too."""
-    return scene.robot is not None and isinstance(scene.coupling, Rigid)
+def flange_moves_with_tool(coupling: Coupling, robot: Robot | RobotTable | None) -> bool:
+    """Whether flange and tool are one mass, whose motion is not imposed: behind a compliant robot, coupled rigidly."""
+    return robot is not None and isinstance(coupling, Rigid)

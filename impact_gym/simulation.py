@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_gym.kernels import CHAIN, CONTACT, TRACE, approach_rows
-from impact_gym.lowering import LOCAL_SHARE, SENTENCES, approach_plan, packed
+from impact_gym.lowering import LOCAL_SHARE, STATUS_MESSAGES, approach_plan, packed
 from impact_gym.motion import Trapezoid
-from impact_gym.scene import Scene, one_mass
+from impact_gym.scene import Scene, flange_moves_with_tool
 from impact_gym.validation import number, one_of
 
 MAX_STEPS = 1_000_000
@@ -111,9 +111,10 @@ def simulate(
             break
         contacts, points, snaps = np.empty(end.logged, CONTACT), np.empty(end.traced, TRACE), np.empty(end.snaps)
     if end.status < 0:  # what did not fit is found again by the same run: it repeats itself to the bit
-        raise RuntimeError(f"the run stopped at t = {end.time:.6g} s: {SENTENCES[end.status]}")
-    history = Trace.of(points[: end.traced], one_mass(scene)) if trace else None
-    return _outcome(end, contacts[: end.logged], history, tuple(snaps[: end.snaps].tolist()), one_mass(scene))
+        raise RuntimeError(f"the run stopped at t = {end.time:.6g} s: {STATUS_MESSAGES[end.status]}")
+    with_the_tool = flange_moves_with_tool(scene.coupling, scene.robot)
+    history = Trace.of(points[: end.traced], with_the_tool) if trace else None
+    return _outcome(end, contacts[: end.logged], history, tuple(snaps[: end.snaps].tolist()), with_the_tool)
 
 
 _record: Any = namedtuple  # whose fields mypy wants to read here

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from impact_gym.kernels import APPROACH, CHAIN, approach_rows
-from impact_gym.lowering import LOCAL_SHARE, SENTENCES, approach_plan
+from impact_gym.lowering import LOCAL_SHARE, STATUS_MESSAGES, approach_plan
 from impact_gym.motion import Trapezoid
-from impact_gym.scene import RobotTable, Scene, one_mass
+from impact_gym.scene import RobotTable, Scene, flange_moves_with_tool
 from impact_gym.simulation import MAX_STEPS, NOTHING_RECORDED
 from impact_gym.threads import cores, over_rows
 from impact_gym.validation import WrongTypeError, number, one_of, whole
@@ -92,7 +92,7 @@ def sweep(
             approach_rows(plans, tables, chains, first, last, LOCAL_SHARE * rtol, MAX_STEPS, NOTHING_RECORDED)
 
         over_rows(run, len(lowered), threads, ROWS_PER_THREAD)
-    return _outcomes(chains.reshape(shape), one_mass(scene))
+    return _outcomes(chains.reshape(shape), flange_moves_with_tool(scene.coupling, scene.robot))
 
 
 def _names(template: Mapping[str, Any]) -> Iterator[str]:
@@ -139,7 +139,7 @@ def _outcomes(chains: NDArray[Any], with_the_tool: bool) -> Outcomes:
 
     tool = chains["flange_velocity"] + chains["deflection_rate"]
     flange = tool if with_the_tool else chains["flange_velocity"] + chains["flange_offset_rate"]
-    said = np.vectorize(lambda status: SENTENCES.get(status, "ok"), otypes=[object])
+    said = np.vectorize(lambda status: STATUS_MESSAGES.get(status, "ok"), otypes=[object])
     alike = ("peak_force", "first_contact", "coupling_impulse", "momentum_error")
     return Outcomes(
         object_velocity=numbers(np.where(chains["contacts"] > 0, tool - chains["penetration_rate"], 0.0)),

@@ -12,7 +12,7 @@ from impact_gym.envs.scenario import FIELDS, ScenarioRanges
 from impact_gym.envs.setting import NUMBERS, places
 from impact_gym.envs.task import Task
 from impact_gym.kernels import CHAIN, DRAW, EPISODE, HOLDER, READING, TASK, UNIFORMS, Rows, draw_uniforms, laws_of
-from impact_gym.lowering import SENTENCES, holder
+from impact_gym.lowering import STATUS_MESSAGES, holder
 from impact_gym.simulation import MAX_STEPS, NOTHING_RECORDED
 from impact_gym.threads import cores, over_rows
 from impact_gym.validation import WrongTypeError, whole
@@ -243,7 +243,7 @@ class Batch:
         status = self.episodes["status"][rows]
         messages = np.full(len(rows), "ok", object)
         for row in np.flatnonzero(status < 0):
-            messages[row] = SENTENCES[int(status[row])]
+            messages[row] = STATUS_MESSAGES[int(status[row])]
         return count, missed, messages
 
 

@@ -82,7 +82,9 @@ def entries(task: Task) -> tuple[Entry, ...]:
     """Return what the options of `task` let the controller see."""
     low, high = task.velocity_range
     seen = [one._replace(low=low, high=high) if one.sensor == "velocity" else one for one in ENTRIES]
-    added = [entry for entry in OPTIONAL_ENTRIES if getattr(task, entry.argument) not in (None, False)]
+    asked_for = {"deflection_sensor": task.deflection_sensor, "privileged": task.privileged}
+    asked_for["range_noise"] = task.range_noise is not None  # 0 is an estimate without an error
+    added = [entry for entry in OPTIONAL_ENTRIES if asked_for[entry.argument]]
     drawn = [drawn_entry(name, pair) for name, pair in task.drawn.items()] if task.privileged else []
     behind = sum(entry.argument != "privileged" for entry in added)
     return (*seen, *added[:behind], *drawn, *added[behind:])
