@@ -42,11 +42,11 @@ _APPROACH = struct.Struct(_codes(APPROACH))
 LOCAL_SHARE = 0.2
 """Local error allowed in a step, as a share of the `rtol` a user asks of the whole run."""
 
-SENTENCES = {
+STATUS_MESSAGES = {
     STEP_LIMIT: "more integration steps than allowed: the motion has too many swings or contacts",
     NOT_FINITE: "the state overflowed: the scene's scales differ by more than floating point can hold",
 }
-"""What the statuses below zero mean."""
+"""What a run's status below zero means."""
 
 
 def approach_plan(
@@ -71,10 +71,11 @@ def contact_law(contact: Contact) -> tuple[Any, ...]:
     """Lower a contact to the fields of the kernels' `Contact`."""
     m, n = contact.stiffness_exponent, contact.damping_exponent
     damping = damping_factor(contact.dissipation, contact.restitution, m, n)
-    return contact.stiffness, damping, m, n, _whole(2.0 * m), _whole(2.0 * n), 1.0
+    return contact.stiffness, damping, m, n, _integer(2.0 * m), _integer(2.0 * n), 1.0
 
 
-def _whole(number: float) -> int:
+def _integer(number: float) -> int:
+    """Return a whole number as an int, -1 for any other."""
     return int(number) if number == int(number) else -1
 
 

@@ -5,44 +5,41 @@ is one command at t = 0 and, if it brakes, a second one when the contact alarm r
 """
 
 from dataclasses import dataclass
+from typing import Annotated
 
-from impact_gym.validation import WrongTypeError, number
+from impact_gym.validation import SI, Record, number, one_of
 
 
 @dataclass(frozen=True, slots=True)
-class Brake:
+class Brake(Record):
     """Stop once the contact is felt: `delay` after the contact force first exceeds `threshold`.
 
     The delay is the paper's 16 ms; the deceleration of the paper is not printed (8 m/s^2 identified, see
     docs/provenance.md).
     """
 
-    threshold: float = 1.0  # N
-    delay: float = 0.016  # s
+    threshold: Annotated[float, SI("N", at_least=0)] = 1.0
+    delay: Annotated[float, SI("s", at_least=0)] = 0.016
     deceleration: float | None = None  # m/s^2; None: the acceleration of the trapezoid
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "threshold", number("Brake.threshold", self.threshold, "N", at_least=0))
-        object.__setattr__(self, "delay", number("Brake.delay", self.delay, "s", at_least=0))
+        Record.__post_init__(self)
         if self.deceleration is not None:
             value = number("Brake.deceleration", self.deceleration, "m/s^2", above=0)
             object.__setattr__(self, "deceleration", value)
 
 
 @dataclass(frozen=True, slots=True)
-class Trapezoid:
+class Trapezoid(Record):
     """From rest to `speed` at `acceleration`, then constant; never ends by itself (paper, Fig. 11)."""
 
-    speed: float  # m/s
-    acceleration: float  # m/s^2
+    speed: Annotated[float, SI("m/s", above=0)]
+    acceleration: Annotated[float, SI("m/s^2", above=0)]
     brake: Brake | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "speed", number("Trapezoid.speed", self.speed, "m/s", above=0))
-        acceleration = number("Trapezoid.acceleration", self.acceleration, "m/s^2", above=0)
-        object.__setattr__(self, "acceleration", acceleration)
-        if self.brake is not None and not isinstance(self.brake, Brake):
-            raise WrongTypeError(f"Trapezoid.brake must be a Brake or None, got {self.brake!r}")
+        Record.__post_init__(self)
+        one_of("Trapezoid.brake", self.brake, Brake, type(None))
 
     @property
     def deceleration(self) -> float:

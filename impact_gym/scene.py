@@ -8,47 +8,38 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Any, Literal, get_args
+from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 
 from impact_gym.kernels import bistable_energy, bistable_force, rest_of
-from impact_gym.validation import WrongTypeError, number, numbers
+from impact_gym.validation import SI, Record, number, one_of
 
 Dissipation = Literal[
     "hu-guo", "exact", "hunt-crossley", "lankarani-nikravesh", "herbert-mcwhannell", "gonthier", "flores"
 ]
 """How the damping follows from the restitution; what each delivers is `physics.dissipation.effective_restitution`."""
 
-LARGEST_EXPONENT = 10.0
-
 
 @dataclass(frozen=True, slots=True)
-class Tool:
+class Tool(Record):
     """The body that strikes."""
 
-    mass: float  # kg
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "mass", number("Tool.mass", self.mass, "kg", above=0))
+    mass: Annotated[float, SI("kg", above=0)]
 
 
 @dataclass(frozen=True, slots=True)
-class Object:
+class Object(Record):
     """The body that is struck; at rest until then, without friction."""
 
-    mass: float  # kg
-    distance: float  # m, gap between the faces at rest, t = 0
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "mass", number("Object.mass", self.mass, "kg", above=0))
-        object.__setattr__(self, "distance", number("Object.distance", self.distance, "m", above=0))
+    mass: Annotated[float, SI("kg", above=0)]
+    distance: Annotated[float, SI("m", above=0)]  # gap between the faces at rest, t = 0
 
 
 @dataclass(frozen=True, slots=True)
-class Contact:
+class Contact(Record):
     """Contact of a plane tool with an object, F = k_c delta^m + chi delta^n delta_dot, never negative (paper, eq. 5).
 
     m = n = 3/2, the default, is a sphere with hysteresis damping; m = 1, n = 0 a linear spring and damper.
@@ -59,23 +50,19 @@ class Contact:
     """
 
     stiffness: float  # N/m^m
-    restitution: float  # -, nominal
+    restitution: Annotated[float, SI("(no unit)", above=0, at_most=1)]  # nominal
     dissipation: Dissipation = "hu-guo"
-    stiffness_exponent: float = 1.5  # -, m, 1 to 10
-    damping_exponent: float = 1.5  # -, n, 0 or 1 to 10
+    stiffness_exponent: Annotated[float, SI("(no unit)", at_least=1, at_most=10)] = 1.5  # m
+    damping_exponent: Annotated[float, SI("(no unit)", at_least=0, at_most=10)] = 1.5  # n, 0 or at least 1
 
     def __post_init__(self) -> None:
-        def put(name: str, unit: str, **limits: float) -> None:
-            object.__setattr__(self, name, number(f"Contact.{name}", getattr(self, name), unit, **limits))
-
-        put("stiffness_exponent", "(no unit)", at_least=1, at_most=LARGEST_EXPONENT)
-        put("damping_exponent", "(no unit)", at_least=0, at_most=LARGEST_EXPONENT)
+        Record.__post_init__(self)
         if 0 < self.damping_exponent < 1:
             raise ValueError(
                 f"Contact.damping_exponent must be 0 or at least 1 (no unit), got {self.damping_exponent!r} (no unit)"
             )
-        put("stiffness", f"N/m^{self.stiffness_exponent:g}", above=0)
-        put("restitution", "(no unit)", above=0, at_most=1)
+        stiffness = number("Contact.stiffness", self.stiffness, f"N/m^{self.stiffness_exponent:g}", above=0)
+        object.__setattr__(self, "stiffness", stiffness)
         if self.dissipation not in get_args(Dissipation):
             raise ValueError(f"Contact.dissipation must be one of {get_args(Dissipation)}, got {self.dissipation!r}")
 
@@ -86,20 +73,15 @@ class Rigid:
 
 
 @dataclass(frozen=True, slots=True)
-class SpringDamper:
+class SpringDamper(Record):
     """Tool behind a linear spring and damper (paper, eq. 17-18); c_t = 2 zeta sqrt(k_t m_t)."""
 
-    stiffness: float  # N/m
-    damping_ratio: float = 1.0  # -
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "stiffness", number("SpringDamper.stiffness", self.stiffness, "N/m", above=0))
-        ratio = number("SpringDamper.damping_ratio", self.damping_ratio, "(no unit)", at_least=0, at_most=1e6)
-        object.__setattr__(self, "damping_ratio", ratio)
+    stiffness: Annotated[float, SI("N/m", above=0)]
+    damping_ratio: Annotated[float, SI("(no unit)", at_least=0, at_most=1e6)] = 1.0
 
 
 @dataclass(frozen=True, slots=True)
-class Bistable:
+class Bistable(Record):
     """Tool on a bistable mechanism with two stops (paper, eq. 23-24, Fig. 21-22).
 
     Positions are those of the slider from the vertical alignment of the spring. Each stop is a one-sided linear
@@ -109,25 +91,16 @@ class Bistable:
     by the mechanism's own force, and leaves it if the flange accelerates faster than that holds.
     """
 
-    stiffness: float = 50.0  # N/m, k
-    free_length: float = 0.07  # m, L0
-    height: float = 0.028  # m, H, of the pivot above the path
-    front_stop: float = 0.0208  # m, between 0 and the stroke sqrt(L0^2 - H^2)
-    rear_stop: float = -0.02  # m, between minus the stroke and 0
-    stop_stiffness: float = 1e5  # N/m, k_s
-    stop_damping_ratio: float = 1.0  # -, zeta_s
+    stiffness: Annotated[float, SI("N/m", above=0)] = 50.0  # k
+    free_length: Annotated[float, SI("m", above=0)] = 0.07  # L0
+    height: Annotated[float, SI("m", above=0)] = 0.028  # H, of the pivot above the path
+    front_stop: Annotated[float, SI("m")] = 0.0208  # between 0 and the stroke sqrt(L0^2 - H^2)
+    rear_stop: Annotated[float, SI("m")] = -0.02  # between minus the stroke and 0
+    stop_stiffness: Annotated[float, SI("N/m", above=0)] = 1e5  # k_s
+    stop_damping_ratio: Annotated[float, SI("(no unit)", at_least=0, at_most=1e6)] = 1.0  # zeta_s
 
     def __post_init__(self) -> None:
-        def put(name: str, unit: str, **limits: float) -> None:
-            object.__setattr__(self, name, number(f"Bistable.{name}", getattr(self, name), unit, **limits))
-
-        put("stiffness", "N/m", above=0)
-        put("free_length", "m", above=0)
-        put("height", "m", above=0)
-        put("stop_stiffness", "N/m", above=0)
-        put("stop_damping_ratio", "(no unit)", at_least=0, at_most=1e6)
-        put("front_stop", "m")
-        put("rear_stop", "m")
+        Record.__post_init__(self)
         if not self.height < self.free_length:
             raise ValueError(
                 f"Bistable.height must be below Bistable.free_length = {self.free_length!r} m, got {self.height!r} m: "
@@ -198,43 +171,32 @@ Coupling = Rigid | SpringDamper | Bistable
 
 
 @dataclass(frozen=True, slots=True)
-class Robot:
+class Robot(Record):
     """Lumped compliance of a robot along the approach (paper, eq. 8-9, Fig. 8), at rest and relaxed at t = 0.
 
     The imposed motion x_r drives the mass through spring and damper. With a `Rigid` coupling robot and tool are one
     mass; with another the flange is a mass of its own between the two.
     """
 
-    mass: float  # kg, m_r
-    stiffness: float  # N/m, k_r
-    damping: float  # N s/m, c_r
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "mass", number("Robot.mass", self.mass, "kg", above=0))
-        object.__setattr__(self, "stiffness", number("Robot.stiffness", self.stiffness, "N/m", above=0))
-        object.__setattr__(self, "damping", number("Robot.damping", self.damping, "N s/m", at_least=0))
+    mass: Annotated[float, SI("kg", above=0)]  # m_r
+    stiffness: Annotated[float, SI("N/m", above=0)]  # k_r
+    damping: Annotated[float, SI("N s/m", at_least=0)]  # c_r
 
 
 @dataclass(frozen=True, slots=True)
-class RobotTable:
+class RobotTable(Record):
     """A compliant robot whose parameters vary along its imposed motion (paper, eq. 16, Fig. 12).
 
     Between the positions each parameter is a cubic spline (not-a-knot), beyond them it keeps its last value.
     """
 
-    position: tuple[float, ...]  # m, of the imposed motion from its start at t = 0; rising, at least 4
-    mass: tuple[float, ...]  # kg, at each position, as are the next two
-    stiffness: tuple[float, ...]  # N/m
-    damping: tuple[float, ...]  # N s/m
+    position: Annotated[tuple[float, ...], SI("m")]  # of the imposed motion from its start; rising, at least 4
+    mass: Annotated[tuple[float, ...], SI("kg", above=0)]  # at each position, as are the next two
+    stiffness: Annotated[tuple[float, ...], SI("N/m", above=0)]
+    damping: Annotated[tuple[float, ...], SI("N s/m", at_least=0)]
 
     def __post_init__(self) -> None:
-        def put(name: str, unit: str, **limits: float) -> None:
-            object.__setattr__(self, name, numbers(f"RobotTable.{name}", getattr(self, name), unit, **limits))
-
-        put("position", "m")
-        put("mass", "kg", above=0)
-        put("stiffness", "N/m", above=0)
-        put("damping", "N s/m", at_least=0)
+        Record.__post_init__(self)
         if len(self.position) < 4 or not np.all(np.diff(self.position) > 0):
             raise ValueError(f"RobotTable.position must be at least 4 rising numbers in m, got {self.position!r}")
         for name in ("mass", "stiffness", "damping"):
@@ -280,14 +242,13 @@ class Scene:
     robot: Robot | RobotTable | None = None  # None: rigid, the flange follows the imposed motion
 
     def __post_init__(self) -> None:
-        kinds = {
-            "tool": (Tool,),
-            "object": (Object,),
-            "contact": (Contact,),
-            "coupling": get_args(Coupling),
-            "robot": (Robot, RobotTable, type(None)),
-        }
-        for name, allowed in kinds.items():
-            if not isinstance(getattr(self, name), allowed):
-                wanted = " or ".join("None" if kind is type(None) else kind.__name__ for kind in allowed)
-                raise WrongTypeError(f"Scene.{name} must be a {wanted}, got {getattr(self, name)!r}")
+        one_of("Scene.tool", self.tool, Tool)
+        one_of("Scene.object", self.object, Object)
+        one_of("Scene.contact", self.contact, Contact)
+        one_of("Scene.coupling", self.coupling, *get_args(Coupling))
+        one_of("Scene.robot", self.robot, Robot, RobotTable, type(None))
+
+
+def flange_moves_with_tool(coupling: Coupling, robot: Robot | RobotTable | None) -> bool:
+    """Whether flange and tool are one mass, whose motion is not imposed: behind a compliant robot, coupled rigidly."""
+    return robot is not None and isinstance(coupling, Rigid)

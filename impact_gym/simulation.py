@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_gym.kernels import CHAIN, CONTACT, TRACE, approach_rows
-from impact_gym.lowering import LOCAL_SHARE, SENTENCES, approach_plan, packed
+from impact_gym.lowering import LOCAL_SHARE, STATUS_MESSAGES, approach_plan, packed
 from impact_gym.motion import Trapezoid
-from impact_gym.scene import Rigid, Scene
-from impact_gym.validation import WrongTypeError, number
+from impact_gym.scene import Scene, flange_moves_with_tool
+from impact_gym.validation import number, one_of
 
 MAX_STEPS = 1_000_000
 """Integration steps after which `simulate` gives up; an ordinary approach takes about fifty."""
@@ -52,10 +52,10 @@ class Trace(NamedTuple):
     command_velocity: NDArray[np.float64]  # m/s, likewise
 
     @classmethod
-    def of(cls, points: NDArray[Any], one_mass: bool = False) -> "Trace":
-        """Return a copy of what was recorded (n, TRACE); `one_mass`: the flange moves with the tool."""
+    def of(cls, points: NDArray[Any], with_the_tool: bool = False) -> "Trace":
+        """Return a copy of what was recorded (n, TRACE); `with_the_tool`: the flange moves so."""
         columns = {name: points[name].copy() for name in TRACE.names or ()}
-        if one_mass:
+        if with_the_tool:
             columns |= {f"flange_{of}": columns[f"tool_{of}"].copy() for of in ("position", "velocity")}
         return cls(**columns)
 
@@ -95,10 +95,8 @@ def simulate(
         TypeError, ValueError: an argument is none of these or out of range; names it.
         RuntimeError: the run cannot finish; says why.
     """
-    if not isinstance(scene, Scene):
-        raise WrongTypeError(f"scene must be a Scene, got {scene!r}")
-    if not isinstance(motion, Trapezoid):
-        raise WrongTypeError(f"motion must be a Trapezoid, got {motion!r}")
+    one_of("scene", scene, Scene)
+    one_of("motion", motion, Trapezoid)
     duration = number("duration", duration, "s", above=0)
     rtol = number("rtol", rtol, "(no unit)", at_least=1e-13, at_most=1e-2)
     plan, table = approach_plan(scene, motion, duration)
@@ -113,10 +111,10 @@ def simulate(
             break
         contacts, points, snaps = np.empty(end.logged, CONTACT), np.empty(end.traced, TRACE), np.empty(end.snaps)
     if end.status < 0:  # what did not fit is found again by the same run: it repeats itself to the bit
-        raise RuntimeError(f"the run stopped at t = {end.time:.6g} s: {SENTENCES[end.status]}")
-    one_mass = scene.robot is not None and isinstance(scene.coupling, Rigid)
-    history = Trace.of(points[: end.traced], one_mass) if trace else None
-    return _outcome(end, contacts[: end.logged], history, tuple(snaps[: end.snaps].tolist()), one_mass)
+        raise RuntimeError(f"the run stopped at t = {end.time:.6g} s: {STATUS_MESSAGES[end.status]}")
+    with_the_tool = flange_moves_with_tool(scene.coupling, scene.robot)
+    history = Trace.of(points[: end.traced], with_the_tool) if trace else None
+    return _outcome(end, contacts[: end.logged], history, tuple(snaps[: end.snaps].tolist()), with_the_tool)
 
 
 _record: Any = namedtuple  # whose fields mypy wants to read here
@@ -125,13 +123,13 @@ _End = _record("_End", CHAIN.names)
 
 
 def _outcome(
-    end: Any, contacts: NDArray[Any], trace: Trace | None, snap_through: tuple[float, ...], one_mass: bool
+    end: Any, contacts: NDArray[Any], trace: Trace | None, snap_through: tuple[float, ...], with_the_tool: bool
 ) -> Outcome:
     tool = end.flange_velocity + end.deflection_rate
     return Outcome(
         tool - end.penetration_rate if end.contacts else 0.0,
         tool,
-        tool if one_mass else end.flange_velocity + end.flange_offset_rate,
+        tool if with_the_tool else end.flange_velocity + end.flange_offset_rate,
         end.peak_force,
         end.detection if end.detection < math.inf else None,
         tuple(ContactRecord(start, None if stop != stop else stop, *rest) for start, stop, *rest in contacts.tolist()),

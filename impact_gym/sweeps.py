@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from impact_gym.kernels import APPROACH, CHAIN, approach_rows
-from impact_gym.lowering import LOCAL_SHARE, SENTENCES, approach_plan
+from impact_gym.lowering import LOCAL_SHARE, STATUS_MESSAGES, approach_plan
 from impact_gym.motion import Trapezoid
-from impact_gym.scene import RobotTable, Scene
+from impact_gym.scene import RobotTable, Scene, flange_moves_with_tool
 from impact_gym.simulation import MAX_STEPS, NOTHING_RECORDED
 from impact_gym.threads import cores, over_rows
-from impact_gym.validation import WrongTypeError, number, whole
+from impact_gym.validation import WrongTypeError, number, one_of, whole
 
 ROWS_PER_THREAD = 16
 
@@ -65,17 +65,17 @@ def sweep(
     Raises:
         TypeError, ValueError: an argument or a value is none of these or out of range; names it, and the row.
     """
-    if not isinstance(scene, Scene):
-        raise WrongTypeError(f"scene must be a Scene, got {scene!r}")
-    if not isinstance(motion, Trapezoid):
-        raise WrongTypeError(f"motion must be a Trapezoid, got {motion!r}")
+    one_of("scene", scene, Scene)
+    one_of("motion", motion, Trapezoid)
     if not isinstance(varied, Mapping):
         raise WrongTypeError(f"varied must be a mapping from names to arrays, got {varied!r}")
     rtol = number("rtol", rtol, "(no unit)", at_least=1e-13, at_most=1e-2)
     threads = cores() if threads is None else whole("threads", threads, at_least=1)
     template: dict[str, Any] = {field.name: getattr(scene, field.name) for field in fields(scene)} | {"motion": motion}
+    known = list(_names(template))
     for name in varied:
-        _check(name, template)
+        if name not in known:
+            raise ValueError(f"varied has no number named {name!r}; there are {', '.join(known)}")
     columns = {**{name: np.asarray(values) for name, values in varied.items()}, "duration": np.asarray(duration)}
     try:
         shape = np.broadcast_shapes(*(column.shape for column in columns.values()))
@@ -92,14 +92,7 @@ def sweep(
             approach_rows(plans, tables, chains, first, last, LOCAL_SHARE * rtol, MAX_STEPS, NOTHING_RECORDED)
 
         over_rows(run, len(lowered), threads, ROWS_PER_THREAD)
-    one_mass = scene.robot is not None and not hasattr(scene.coupling, "stiffness")
-    return _outcomes(chains.reshape(shape), one_mass)
-
-
-def _check(name: Any, template: Mapping[str, Any]) -> None:
-    """Refuse a name that no number in the records has."""
-    if name not in list(_names(template)):
-        raise ValueError(f"varied has no number named {name!r}; there are {', '.join(_names(template))}")
+    return _outcomes(chains.reshape(shape), flange_moves_with_tool(scene.coupling, scene.robot))
 
 
 def _names(template: Mapping[str, Any]) -> Iterator[str]:
@@ -138,26 +131,24 @@ def _replaced(record: Any, path: list[str], value: Any) -> Any:
     return replace(record, **{name: _replaced(getattr(record, name), rest, value) if rest else value})
 
 
-def _outcomes(chains: NDArray[Any], one_mass: bool) -> Outcomes:
+def _outcomes(chains: NDArray[Any], with_the_tool: bool) -> Outcomes:
     failed = chains["status"] < 0
 
     def numbers(values: Array) -> Array:
         return np.where(failed | ~np.isfinite(values), np.nan, values)
 
     tool = chains["flange_velocity"] + chains["deflection_rate"]
-    flange = tool if one_mass else chains["flange_velocity"] + chains["flange_offset_rate"]
-    said = np.vectorize(lambda status: SENTENCES.get(status, "ok"), otypes=[object])
+    flange = tool if with_the_tool else chains["flange_velocity"] + chains["flange_offset_rate"]
+    said = np.vectorize(lambda status: STATUS_MESSAGES.get(status, "ok"), otypes=[object])
+    alike = ("peak_force", "first_contact", "coupling_impulse", "momentum_error")
     return Outcomes(
         object_velocity=numbers(np.where(chains["contacts"] > 0, tool - chains["penetration_rate"], 0.0)),
         tool_velocity=numbers(tool),
         flange_velocity=numbers(flange),
-        peak_force=numbers(chains["peak_force"]),
         detection_time=numbers(chains["detection"]),
-        first_contact=numbers(chains["first_contact"]),
         contact_count=chains["contacts"].copy(),
         snap_count=chains["snaps"].copy(),
-        coupling_impulse=numbers(chains["coupling_impulse"]),
-        momentum_error=numbers(chains["momentum_error"]),
         steps=chains["steps"].copy(),
+        **{name: numbers(chains[name]) for name in alike},
         status=said(chains["status"]),
     )

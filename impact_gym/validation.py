@@ -2,8 +2,8 @@
 
 import math
 import operator
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar
 
 
 class WrongTypeError(TypeError, ValueError):
@@ -69,3 +69,34 @@ def whole(field: str, value: Any, at_least: int) -> int:
     if result < at_least:
         raise ValueError(f"{field} must be a whole number of at least {at_least}, got {value!r}")
     return result
+
+
+def one_of(field: str, value: Any, *kinds: type[Any]) -> None:
+    """Raise TypeError unless `value` is of one of `kinds`."""
+    if not isinstance(value, kinds):
+        wanted = " or ".join("None" if kind is type(None) else kind.__name__ for kind in kinds)
+        raise WrongTypeError(f"{field} must be a {wanted}, got {value!r}")
+
+
+class SI:
+    """The unit of a record's number and what `number` allows for it, in the annotation of its field."""
+
+    def __init__(self, unit: str, **limits: float) -> None:
+        self.unit, self.limits = unit, limits
+
+
+class Record:
+    """A frozen dataclass that checks its numbers when it is made, by the `SI` of their fields, and holds floats."""
+
+    __slots__ = ()
+    _checks: ClassVar[Mapping[str, tuple[Callable[..., Any], SI]]] = {}
+
+    def __init_subclass__(cls) -> None:
+        annotated = {name: hint for name, hint in cls.__annotations__.items() if hasattr(hint, "__metadata__")}
+        check = {name: number if hint.__origin__ is float else numbers for name, hint in annotated.items()}
+        cls._checks = {name: (check[name], hint.__metadata__[0]) for name, hint in annotated.items()}
+
+    def __post_init__(self) -> None:
+        for name, (check, si) in self._checks.items():
+            value = check(f"{type(self).__name__}.{name}", getattr(self, name), si.unit, **si.limits)
+            object.__setattr__(self, name, value)

@@ -25,14 +25,6 @@ class Settings:
     """Folder for tables, figures and the page."""
 
 
-def make(name: str, folder: Path) -> None:
-    """Compute a figure's table, write it, and draw it from disk."""
-    module = load(name)
-    table_file = folder / f"{name}.csv"
-    tables.write(table_file, module.compute())
-    save(module.plot(tables.read(table_file)), folder / f"{name}.svg")
-
-
 def main() -> None:
     """Read the settings from the command line, compute, draw, write the page."""
     settings = tyro.cli(Settings)
@@ -44,7 +36,9 @@ def main() -> None:
     settings.out.mkdir(parents=True, exist_ok=True)
     for name in (bar := tqdm(names, desc="figures")):
         bar.set_postfix_str(name)
-        make(name, settings.out)
+        module, table_file = load(name), settings.out / f"{name}.csv"
+        tables.write(table_file, module.compute())
+        save(module.plot(tables.read(table_file)), table_file.with_suffix(".svg"))
     try:
         written = page.write(settings.out)
     except ValueError as error:

@@ -3,29 +3,24 @@
 The object stands so far ahead that the robot has moved at constant speed for as long as in Fig. 23, 188 ms.
 """
 
-from typing import Any
+from functools import partial
 
 import numpy as np
-from matplotlib.figure import Figure
 
 import impact_gym as ig
 from experiments.lab.charts import OBJECT, TOOL
+from experiments.paper.layouts import Panels, panels
 from experiments.paper.scenes import DISTANCE, LINEAR, MECHANISM, MOTION, held
-from experiments.paper.statements import Statement, claim
-from experiments.paper.sweeps import Row, enclosed
+from experiments.paper.statements import Statements, section_6
+from experiments.paper.sweeps import Row, changes, enclosed
 from experiments.paper.tables import Table, from_rows, where
 
 TITLE = "V_p against impact speed, bistable and linear"
-ALT = (
-    "Two panels against impact speed from 0.2 to 2 m/s: V_p, and V_p over the impact speed. The bistable tool lies "
-    "below "
-    "the linear one between about 0.8 and 1.9 m/s, with its best ratio near 1.1 m/s; below about 0.9 m/s it does not "
-    "snap through for good."
-)
+ALT = """Two panels against impact speed from 0.2 to 2 m/s: V_p, and V_p over the impact speed. The bistable tool lies
+below the linear one between about 0.8 and 1.9 m/s, with its best ratio near 1.1 m/s; below about 0.9 m/s it does not
+snap through for good."""
 SPEEDS = np.round(np.arange(0.2, 2.0001, 0.02), 2)  # m/s
 CRUISE = (DISTANCE - MOTION.speed**2 / (2.0 * MOTION.acceleration)) / MOTION.speed  # s, at constant speed in Fig. 23
-STIFFNESS, RESTITUTION = 1e3, 0.1
-ENCLOSURE = 1e-6  # m/s
 COUPLINGS = (MECHANISM, LINEAR)
 NAMES = ("coupling", "speed", "object_velocity", "contacts", "passes", "alarm")
 """coupling: 0 bistable, 1 linear; passes: how often the slider passes the alignment; alarm: 1 if the robot braked."""
@@ -35,7 +30,7 @@ def approach(coupling: ig.Bistable | ig.SpringDamper, speed: float) -> ig.Outcom
     """Simulate one approach at `speed` (m/s)."""
     motion = ig.Trapezoid(speed, MOTION.acceleration, MOTION.brake)
     distance = speed**2 / (2.0 * MOTION.acceleration) + speed * CRUISE
-    return ig.simulate(held(coupling, STIFFNESS, RESTITUTION, distance), motion, duration=2.0)
+    return ig.simulate(held(coupling, 1e3, 0.1, distance), motion, duration=2.0)
 
 
 def compute() -> Table:
@@ -43,92 +38,71 @@ def compute() -> Table:
 
     def row(number: int, speed: float) -> Row:
         outcome = approach(COUPLINGS[number], speed)
-        alarm = outcome.detection_time is not None
-        counts = len(outcome.contacts), len(outcome.snap_through), alarm
-        return (float(number), speed, outcome.object_velocity, *map(float, counts))
+        counts = len(outcome.contacts), len(outcome.snap_through), outcome.detection_time is not None
+        return number, speed, outcome.object_velocity, *counts
 
     rows: list[Row] = []
     for number in range(len(COUPLINGS)):
-        marks = [NAMES.index(name) for name in ("contacts", "passes", "alarm")]
-        rows += enclosed(SPEEDS.tolist(), lambda speed, n=number: row(n, speed), NAMES.index("speed"), marks, ENCLOSURE)
+        rows += enclosed(SPEEDS, partial(row, number), NAMES, "speed", "contacts", "passes", "alarm")
     return from_rows(NAMES, rows)
 
 
-def changes(table: Table, coupling: int, name: str) -> list[tuple[float, int, int]]:
-    """Return where the column `name` changes: speed (m/s), value below and above it."""
-    rows = where(table, coupling=coupling)
-    places = np.flatnonzero(np.diff(rows[name]))
-    return [(float(rows["speed"][i]), int(rows[name][i]), int(rows[name][i + 1])) for i in places]
-
-
-def plot(table: Table) -> Figure:
+@panels(10.6, 4.6, columns=2, sharex=True)
+def plot(table: Table, grid: Panels) -> None:
     """Draw V_p, and V_p over the impact speed, with the changes marked."""
-    figure = Figure(figsize=(10.6, 4.6))
-    grid: Any = figure.subplots(1, 2, sharex=True)
     for number, (colour, label) in enumerate(((OBJECT, "bistable"), (TOOL, "linear, k_t = 50 N/m"))):
         rows = where(table, coupling=number)
         for axes, values in zip(grid, (rows["object_velocity"], rows["object_velocity"] / rows["speed"]), strict=True):
             axes.plot(rows["speed"], values, color=colour, label=label)
             for name, mark in (("contacts", "o"), ("passes", "D")):
-                at = [speed for speed, _, _ in changes(table, number, name)]
+                at = [speed for speed, _, _ in changes(rows, "speed", name)]
                 axes.plot(at, np.interp(at, rows["speed"], values), mark, color=colour, markeredgecolor="black")
     for axes in grid:
         axes.plot([], [], "D", color="none", markeredgecolor="black", label="number of snap-throughs changes")
-        if any(changes(table, number, "contacts") for number in range(len(COUPLINGS))):
+        if any(changes(where(table, coupling=number), "speed", "contacts") for number in range(len(COUPLINGS))):
             axes.plot([], [], "o", color="none", markeredgecolor="black", label="number of contacts changes")
-        for speed, below, above in changes(table, 0, "passes"):
+        for speed, below, above in changes(where(table, coupling=0), "speed", "passes"):
             axes.axvline(speed, color="#888888", linewidth=0.8, linestyle=":")
-            axes.annotate(
-                f"{below} to {above}", (speed, 0.0), (3, 3), textcoords="offset points", fontsize=8, rotation=90
-            )
+            beside = {"xytext": (3, 3), "textcoords": "offset points", "fontsize": 8, "rotation": 90}
+            axes.annotate(f"{below} to {above}", (speed, 0.0), **beside)
         axes.set_ylim(0.0, 1.25 * axes.get_ylim()[1])  # room for the legend
         axes.set_xlabel("impact speed (m/s)")
         axes.legend(fontsize=9, loc="upper left")
     grid[0].set_ylabel("final object velocity V_p (m/s)")
     grid[1].set_ylabel("V_p over impact speed")
-    return figure
 
 
-def statements(table: Table) -> tuple[Statement, ...]:
+def statements(table: Table) -> Statements:
     """Compare with section 6."""
     rows, linear = where(table, coupling=0), where(table, coupling=1)
-    speed = rows["speed"].astype(float)
-    snapped = rows["passes"] % 2 == 1  # ends behind the alignment
-    below = speed < MOTION.speed
-    lost = float(speed[below & ~snapped].max()) if (below & ~snapped).any() else 0.0
-    velocity = {v: float(np.interp(v, speed, rows["object_velocity"])) for v in (1.0, 1.1, 1.2)}
+    speed = rows["speed"]
+    ahead = rows["passes"] % 2 == 0  # the slider ends ahead of the alignment
+    lost = speed[(speed < MOTION.speed) & ahead].max(initial=0.0)
+    turns = changes(rows, "speed", "passes")
+    velocity = {v: np.interp(v, speed, rows["object_velocity"]) for v in (1.0, 1.1, 1.2)}
     passes = int(rows["passes"][np.argmin(np.abs(speed - 1.1))])
     change = velocity[1.1] / velocity[1.0] - 1.0
-    other = np.interp(speed, linear["speed"], linear["object_velocity"])
-    better = speed[rows["object_velocity"] < other]
+    better = speed[rows["object_velocity"] < np.interp(speed, linear["speed"], linear["object_velocity"])]
     ratio = rows["object_velocity"] / rows["speed"]
     best = int(np.argmin(ratio))
-    return (
-        claim(
-            "6",
-            "A decrease in the impact velocity may prevent the mechanism from reaching the second stable configuration",
-            0.0 < lost < MOTION.speed,
-            f"it does not stay there below {lost:.3f} m/s"
-            + "".join(
-                f"; {a} to {b} passes of the alignment at {v:.3f} m/s" for v, a, b in changes(table, 0, "passes")
-            ),
-            "at some speed below 1 m/s the slider ends ahead of the alignment",
-        ),
-        claim(
-            "6",
-            "A small increase in the impact velocity does not greatly change the behavior of the system",
-            abs(change) < 0.1 and passes == 1,
-            f"at 1.1 m/s V_p changes by {100 * change:.1f} % with {passes} snap-through; at 1.2 m/s by "
-            f"{100 * (velocity[1.2] / velocity[1.0] - 1.0):.0f} %",
-            "at 1.1 m/s it snaps through once as at 1 m/s, and V_p is within 10 %",
-        ),
-        claim(
-            "6",
-            "The extension of the results to different velocities is difficult due to the non-linearities",
-            float(np.ptp(ratio)) > 0.1,
-            f"V_p over impact speed goes from {ratio[best]:.3f} at {speed[best]:.2f} m/s to {ratio.max():.3f}; the "
-            "bistable "
-            f"tool beats the linear one from {better.min():.2f} to {better.max():.2f} m/s only",
-            "V_p over impact speed varies by more than 0.1 between 0.2 and 2 m/s",
-        ),
+    yield section_6.claim(
+        "A decrease in the impact velocity may prevent the mechanism from reaching the second stable configuration",
+        0.0 < lost < MOTION.speed,
+        f"it does not stay there below {lost:.3f} m/s"
+        + "".join(f"; {below} to {above} passes of the alignment at {v:.3f} m/s" for v, below, above in turns),
+        "at some speed below 1 m/s the slider ends ahead of the alignment",
+    )
+    yield section_6.claim(
+        "A small increase in the impact velocity does not greatly change the behavior of the system",
+        abs(change) < 0.1 and passes == 1,
+        f"at 1.1 m/s V_p changes by {100 * change:.1f} % with {passes} snap-through; at 1.2 m/s by "
+        f"{100 * (velocity[1.2] / velocity[1.0] - 1.0):.0f} %",
+        "at 1.1 m/s it snaps through once as at 1 m/s, and V_p is within 10 %",
+    )
+    yield section_6.claim(
+        "The extension of the results to different velocities is difficult due to the non-linearities",
+        np.ptp(ratio) > 0.1,
+        f"V_p over impact speed goes from {ratio[best]:.3f} at {speed[best]:.2f} m/s to {ratio.max():.3f}; the "
+        f"bistable tool beats the linear one from {better.min():.2f} to {better.max():.2f} m/s only",
+        "V_p over impact speed varies by more than 0.1 between 0.2 and 2 m/s",
     )

@@ -1,41 +1,20 @@
-"""Which figures there are. Each is a module with TITLE, ALT, `compute`, `plot` and `statements`, found by its name."""
+"""Which figures there are: each is a module, found by its name.
+
+It has a TITLE; ALT, which says what the picture shows to those who cannot see it; `compute`, which returns the table
+that goes to disk; `plot`, which draws the table read back; and `statements`, which compares it with the text.
+"""
 
 import importlib
 from pathlib import Path
-from typing import Protocol, cast
-
-from matplotlib.figure import Figure
-
-from experiments.paper.statements import Statement
-from experiments.paper.tables import Table
+from types import ModuleType
 
 HERE = Path(__file__).parent
 NAMES = tuple(path.stem for kind in ("figure", "beyond") for path in sorted(HERE.glob(f"{kind}_*.py")))
 
 
-class Module(Protocol):
-    """What a figure's module has."""
-
-    TITLE: str
-    ALT: str  # what the picture shows, for those who cannot see it
-    __doc__: str | None
-
-    def compute(self) -> Table:
-        """Simulate; the table goes to disk."""
-        ...
-
-    def plot(self, table: Table) -> Figure:
-        """Draw the table read back from disk."""
-        ...
-
-    def statements(self, table: Table) -> tuple[Statement, ...]:
-        """Compare the table with what the paper says."""
-        ...
-
-
-def load(name: str) -> Module:
+def load(name: str) -> ModuleType:
     """Return the module of a figure."""
-    return cast(Module, importlib.import_module(f"experiments.paper.{name}"))
+    return importlib.import_module(f"experiments.paper.{name}")
 
 
 def resolve(word: str) -> str:

@@ -1,19 +1,17 @@
 """Fig. 2: velocities after an instantaneous impact of a free tool against e (paper, eq. 1, 3, 4); no simulation."""
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from experiments.lab.charts import FLANGE, OBJECT, TOOL
+from experiments.paper.layouts import Panels, panels
 from experiments.paper.scenes import OBJECT_MASS, TOOL_MASS
-from experiments.paper.statements import Statement, claim, number
+from experiments.paper.statements import Statements, section_2_1
 from experiments.paper.tables import Table
 from impact_gym.physics import impact
 
 TITLE = "Influence of restitution on the final velocities of tool and object"
-ALT = (
-    "Velocity against restitution from 0 to 1, three straight lines: the object behind a free tool rises from 0.33 to "
-    "0.67 m/s, the free tool falls from 0.33 to -0.33 m/s, the object behind a fixed tool rises from 1 to 2 m/s."
-)
+ALT = """Velocity against restitution from 0 to 1, three straight lines: the object behind a free tool rises from 0.33
+to 0.67 m/s, the free tool falls from 0.33 to -0.33 m/s, the object behind a fixed tool rises from 1 to 2 m/s."""
 
 
 def compute() -> Table:
@@ -24,49 +22,40 @@ def compute() -> Table:
     return {"restitution": restitution, "tool_velocity": tool, "object_velocity": hit, "object_velocity_fixed": fixed}
 
 
-def plot(table: Table) -> Figure:
+@panels(7.0, 4.4)
+def plot(table: Table, axes: Panels) -> None:
     """Draw velocities against e."""
-    figure = Figure(figsize=(7.0, 4.4))
-    axes = figure.subplots()
     e = table["restitution"]
     axes.plot(e, table["object_velocity_fixed"], color=FLANGE, linestyle="--", label="object, tool fixed (eq. 1)")
     axes.plot(e, table["object_velocity"], color=OBJECT, label="object, tool free (eq. 4)")
     axes.plot(e, table["tool_velocity"], color=TOOL, label="free tool (eq. 3)")
     axes.set(xlabel="restitution e", ylabel="velocity after the impact (m/s)")
     axes.legend()
-    return figure
 
 
-def statements(table: Table) -> tuple[Statement, ...]:
+def statements(table: Table) -> Statements:
     """Compare with section 2.1."""
-    fixed, hit, tool = (
-        table[name].astype(float) for name in ("object_velocity_fixed", "object_velocity", "tool_velocity")
-    )
+    fixed, hit, tool = table["object_velocity_fixed"], table["object_velocity"], table["tool_velocity"]
     momentum = TOOL_MASS * tool + OBJECT_MASS * hit - TOOL_MASS
-    return (
-        number("2.1", "v_t = 1 m/s, fixed tool: the final velocity is 2 m/s with e = 1", "2", float(fixed[-1]), "m/s"),
-        number("2.1", "v_t = 1 m/s, fixed tool: the final velocity is 1 m/s with e = 0", "1", float(fixed[0]), "m/s"),
-        claim(
-            "2.1",
-            "The increase in e leads to increases in the final velocity of the object and in the change of the tool's",
-            bool((np.diff(hit) > 0).all() and (np.diff(np.abs(tool - 1.0)) > 0).all()),
-            f"V_p {hit[0]:.3f} to {hit[-1]:.3f}, V_t {tool[0]:.3f} to {tool[-1]:.3f}",
-            "both rise from each e to the next",
-            unit="m/s",
-        ),
-        claim(
-            "2.1",
-            "The variation in the velocity of the tool leads to a large reduction in the final velocity of the object",
-            bool((hit < 0.5 * fixed).all()),
-            f"V_p of the free tool is {hit[-1] / fixed[-1]:.3f} of that of the fixed one, at every e",
-            "less than half, at every e",
-        ),
-        claim(
-            "2.1",
-            "The momentum of tool and object is conserved (eq. 2)",
-            bool(np.abs(momentum).max() < 1e-12),
-            f"largest residual {np.abs(momentum).max():.1g}",
-            "residual of eq. 2 below 1e-12 kg m/s",
-            unit="kg m/s",
-        ),
+    yield section_2_1.number("v_t = 1 m/s, fixed tool: the final velocity is 2 m/s with e = 1", "2 m/s", fixed[-1])
+    yield section_2_1.number("v_t = 1 m/s, fixed tool: the final velocity is 1 m/s with e = 0", "1 m/s", fixed[0])
+    yield section_2_1.claim(
+        "The increase in e leads to increases in the final velocity of the object and in the change of the tool's",
+        (np.diff(hit) > 0).all() and (np.diff(np.abs(tool - 1.0)) > 0).all(),
+        f"V_p {hit[0]:.3f} to {hit[-1]:.3f}, V_t {tool[0]:.3f} to {tool[-1]:.3f}",
+        "both rise from each e to the next",
+        unit="m/s",
+    )
+    yield section_2_1.claim(
+        "The variation in the velocity of the tool leads to a large reduction in the final velocity of the object",
+        (hit < 0.5 * fixed).all(),
+        f"V_p of the free tool is {hit[-1] / fixed[-1]:.3f} of that of the fixed one, at every e",
+        "less than half, at every e",
+    )
+    yield section_2_1.claim(
+        "The momentum of tool and object is conserved (eq. 2)",
+        np.abs(momentum).max() < 1e-12,
+        f"largest residual {np.abs(momentum).max():.1g}",
+        "residual of eq. 2 below 1e-12 kg m/s",
+        unit="kg m/s",
     )

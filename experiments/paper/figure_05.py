@@ -1,44 +1,37 @@
 """Fig. 5: contact force and its two parts, tool fixed to the robot (a) and free (b); k_c = 1e5, e = 0.5, no brake."""
 
-from typing import Any
+from functools import partial
 
 import numpy as np
-from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from experiments.lab.charts import FORCE, OBJECT, TOOL
+from experiments.paper.layouts import Panels, panels
 from experiments.paper.limit_cases import REDUCED_MASS, STEADY
 from experiments.paper.scenes import rigid
-from experiments.paper.statements import Statement, claim, number
-from experiments.paper.tables import Table, contact_of, histories, trace_of
+from experiments.paper.statements import Statements, section_2_2
+from experiments.paper.tables import Run, Table, histories
 
 TITLE = "Contact force and its elastic and damping parts"
-ALT = (
-    "Two panels, force against time. With the tool fixed the force peaks near 46 N, with the tool free near 24 N and "
-    "earlier over; in both the damping part is positive first and negative later."
-)
+ALT = """Two panels, force against time. With the tool fixed the force peaks near 46 N, with the tool free near 24 N and
+earlier over; in both the damping part is positive first and negative later."""
 STIFFNESS, RESTITUTION = 1e5, 0.5
 CASES = {"a": "(a) tool fixed to the robot", "b": "(b) tool decoupled from the robot"}
+SCENES = {"a": rigid(STIFFNESS, RESTITUTION), "b": rigid(STIFFNESS, RESTITUTION, REDUCED_MASS)}  # see `limit_cases`
+
+compute = partial(histories, SCENES, STEADY, duration=0.5)
 
 
-def compute() -> Table:
-    """Simulate both limit cases, the free tool as an object of the reduced mass (see `limit_cases`)."""
-    scenes = {"a": rigid(STIFFNESS, RESTITUTION), "b": rigid(STIFFNESS, RESTITUTION, object_mass=REDUCED_MASS)}
-    return histories(scenes, STEADY, duration=0.5)
-
-
-def parts(table: Table, case: str) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def parts(table: Table, case: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return time (s), elastic part and damping part of the contact force (N)."""
-    trace = trace_of(table, case)
+    trace = Run(table, case).trace
     penetration = np.maximum(trace.tool_position - trace.object_position, 0.0)
     elastic = np.where(trace.contact_force > 0.0, STIFFNESS * penetration**1.5, 0.0)
     return trace.time, elastic, trace.contact_force - elastic
 
 
-def plot(table: Table) -> Figure:
+@panels(10.4, 3.8, columns=2, sharex=True, sharey=True)
+def plot(table: Table, grid: Panels) -> None:
     """Draw force against time."""
-    figure = Figure(figsize=(10.4, 3.8))
-    grid: Any = figure.subplots(1, 2, sharex=True, sharey=True)
     for axes, (case, title) in zip(grid, CASES.items(), strict=True):
         time, elastic, damping = parts(table, case)
         axes.plot(time, elastic + damping, color=FORCE, label="contact force")
@@ -46,58 +39,46 @@ def plot(table: Table) -> Figure:
         axes.plot(time, damping, color=OBJECT, linestyle=":", label="damping part")
         axes.set(title=title, xlabel="time (s)", ylabel="force (N)", xlim=(0.31, 0.335))
         axes.legend()
-    return figure
 
 
-def statements(table: Table) -> tuple[Statement, ...]:
+def statements(table: Table) -> Statements:
     """Compare with section 2.2."""
-    peaks = {case: float(trace_of(table, case).contact_force.max()) for case in CASES}
-    durations = {case: float(np.ptp(trace_of(table, case).time[contact_of(table, case) > 0])) for case in CASES}
+    a, b = (Run(table, case) for case in CASES)
+    peak_a, peak_b = a.trace.contact_force.max(), b.trace.contact_force.max()
     time, _, damping = parts(table, "a")
     last = int(np.flatnonzero((damping[:-1] > 0.0) & (damping[1:] <= 0.0))[0])
     fraction = damping[last] / (damping[last] - damping[last + 1])
-    change = float(time[last] + fraction * (time[last + 1] - time[last]))
-    ends = float(np.abs(damping[contact_of(table, "a") > 0][[0, -1]]).max() / damping.max())
-    least = min(float(trace_of(table, case).contact_force.min()) for case in CASES)
-    ratio = peaks["a"] / peaks["b"]
-    return (
-        claim(
-            "2.2",
-            "If the tool is rigidly connected, the peak of the contact force is almost twice that of the decoupled "
-            "tool",
-            1.8 <= ratio < 2.0,
-            f"{ratio:.4f} ({peaks['a']:.2f} N against {peaks['b']:.2f} N)",
-            "ratio at least 1.8 and below 2",
-            why="The force scales as M^(3/5), and the masses are 0.25 kg and 0.25/3 kg: the ratio is 3^(3/5) = 1.933.",
-        ),
-        claim(
-            "2.2",
-            "The duration of the contact decreases if the tool is decoupled",
-            durations["b"] < durations["a"],
-            f"{1e3 * durations['b']:.2f} ms against {1e3 * durations['a']:.2f} ms",
-            "(b) shorter than (a)",
-        ),
-        number(
-            "2.2",
-            "The damping component becomes negative for t > 0.321 s",
-            "0.321",
-            change,
-            "s",
-            fitted=True,
-            why="The paper does not print how far ahead the object stands; 0.2505 m was identified with this instant.",
-        ),
-        claim(
-            "2.2",
-            "The damping force has no discontinuities",
-            ends < 0.01,
-            f"{100 * ends:.2g} % of its peak at both ends of the contact",
-            "below 1 % of its peak at both ends",
-        ),
-        claim(
-            "2.2",
-            "The negative damping component does not mean a force that is opposed to the detachment of the two bodies",
-            least >= 0.0,
-            f"the contact force is never below {least:.1g} N",
-            "total contact force never negative, in (a) and (b)",
-        ),
+    ends = np.abs(damping[a.contact > 0][[0, -1]]).max() / damping.max()
+    least = min(run.trace.contact_force.min() for run in (a, b))
+    yield section_2_2.claim(
+        "If the tool is rigidly connected, the peak of the contact force is almost twice that of the decoupled tool",
+        1.8 <= peak_a / peak_b < 2.0,
+        f"{peak_a / peak_b:.4f} ({peak_a:.2f} N against {peak_b:.2f} N)",
+        "ratio at least 1.8 and below 2",
+        why="The force scales as M^(3/5), and the masses are 0.25 kg and 0.25/3 kg: the ratio is 3^(3/5) = 1.933.",
+    )
+    yield section_2_2.claim(
+        "The duration of the contact decreases if the tool is decoupled",
+        b.duration_of_contact < a.duration_of_contact,
+        f"{1e3 * b.duration_of_contact:.2f} ms against {1e3 * a.duration_of_contact:.2f} ms",
+        "(b) shorter than (a)",
+    )
+    yield section_2_2.number(
+        "The damping component becomes negative for t > 0.321 s",
+        "0.321 s",
+        time[last] + fraction * (time[last + 1] - time[last]),
+        fitted=True,
+        why="The paper does not print how far ahead the object stands; 0.2505 m was identified with this instant.",
+    )
+    yield section_2_2.claim(
+        "The damping force has no discontinuities",
+        ends < 0.01,
+        f"{100 * ends:.2g} % of its peak at both ends of the contact",
+        "below 1 % of its peak at both ends",
+    )
+    yield section_2_2.claim(
+        "The negative damping component does not mean a force that is opposed to the detachment of the two bodies",
+        least >= 0.0,
+        f"the contact force is never below {least:.1g} N",
+        "total contact force never negative, in (a) and (b)",
     )

@@ -1,99 +1,78 @@
 """Fig. 6: largest contact force against k_c for several e, tool fixed (a) and free (b); no brake."""
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from experiments.lab.charts import OBJECT, TOOL
+from experiments.paper.layouts import Panels, panels
 from experiments.paper.limit_cases import OBJECT_MASS, REDUCED_MASS, RESTITUTIONS, STIFFNESSES, draw, gridded, sweep
-from experiments.paper.statements import Statement, claim
+from experiments.paper.statements import Statements, section_2_2
 from experiments.paper.tables import Table, where
 
 TITLE = "Influence of contact stiffness and restitution on the largest contact force"
-ALT = (
-    "Three panels. Force against contact stiffness, both logarithmic, is a straight line per restitution, for the "
-    "fixed "
-    "and for the free tool. Force against restitution falls from e = 0 to a minimum between 0.5 and 0.8 and rises "
-    "again."
-)
+ALT = """Three panels. Force against contact stiffness, both logarithmic, is a straight line per restitution, for the
+fixed and for the free tool. Force against restitution falls from e = 0 to a minimum between 0.5 and 0.8 and rises
+again."""
 CUT = 1e5  # N/m^1.5, the stiffness of panel (c)
 CUT_RESTITUTIONS = np.round(np.arange(0.05, 1.0001, 0.025), 3)
 
 
 def compute() -> Table:
     """Simulate the grid of (a) and (b), and a finer row over e at one k_c."""
-    grid = {(float(k), float(e)) for e in RESTITUTIONS for k in STIFFNESSES}
-    return sweep(sorted(grid | {(CUT, float(e)) for e in CUT_RESTITUTIONS}))
+    grid = {(k, e) for e in RESTITUTIONS for k in STIFFNESSES}
+    return sweep(sorted(grid | {(CUT, e) for e in CUT_RESTITUTIONS}))
 
 
-def plot(table: Table) -> Figure:
+@panels(15.0, 4.2, columns=3)
+def plot(table: Table, grid: Panels) -> None:
     """Draw force against k_c as the paper does, and against e at one k_c."""
-    figure, grid = draw(table, "peak_force", "largest contact force (N)", panels=3)
+    *limit_cases, last = grid
+    draw(limit_cases, table, "peak_force", "largest contact force (N)")
     for free, colour, label in ((0, OBJECT, "tool fixed"), (1, TOOL, "tool decoupled")):
-        rows = where(table, free=free, contact_stiffness=CUT)
-        order = np.argsort(rows["restitution"])
-        restitution, force = rows["restitution"][order], rows["peak_force"][order]
-        grid[2].plot(restitution, force, color=colour, label=label)
+        row = where(table, free=free, contact_stiffness=CUT)  # by rising restitution
+        restitution, force = row["restitution"], row["peak_force"]
+        last.plot(restitution, force, color=colour, label=label)
         lowest = int(np.argmin(force))
-        grid[2].plot(restitution[lowest], force[lowest], "o", color=colour, markeredgecolor="black")
-    grid[2].plot([], [], "o", color="none", markeredgecolor="black", label="smallest")
-    grid[2].set(
-        title="(c) ours: the same against e, k_c = $10^5$ N/m$^{1.5}$",
-        xlabel="restitution e given to eq. 7",
-        ylabel="largest contact force (N)",
-        ylim=(0, None),
-    )
-    grid[2].legend()
-    return figure
+        last.plot(restitution[lowest], force[lowest], "o", color=colour, markeredgecolor="black")
+    last.plot([], [], "o", color="none", markeredgecolor="black", label="smallest")
+    last.set(xlabel="restitution e given to eq. 7", ylabel="largest contact force (N)", ylim=(0, None))
+    last.set_title("(c) ours: the same against e, k_c = $10^5$ N/m$^{1.5}$")
+    last.legend()
 
 
-def statements(table: Table) -> tuple[Statement, ...]:
+def statements(table: Table) -> Statements:
     """Compare with section 2.2."""
-    rising, energy_spread = True, 0.0
-    for free in (0, 1):
-        rising &= bool((np.diff(gridded(table, "peak_force", free), axis=1) > 0).all())
-        velocity = gridded(table, "object_velocity", free)
-        energy_spread = max(energy_spread, float((np.ptp(velocity, axis=1) / velocity.mean(axis=1)).max()))
+    fixed, free = (gridded(table, "peak_force", free) for free in (0, 1))
+    velocities = [gridded(table, "object_velocity", free) for free in (0, 1)]
+    energy_spread = max((np.ptp(v_p, axis=1) / v_p.mean(axis=1)).max() for v_p in velocities)
     row = where(table, free=0, contact_stiffness=CUT)
-    order = np.argsort(row["restitution"])
-    restitution, force = row["restitution"][order].astype(float), row["peak_force"][order].astype(float)
-    lowest = int(np.argmin(force))
-    falling = bool((np.diff(force) < 0).all())
-    peaks = {free: gridded(table, "peak_force", free) for free in (0, 1)}
-    ratio = float((peaks[0] / peaks[1]).mean())
-    return (
-        claim(
-            "2.2",
-            "When e is assigned, an increase in k_c leads to an increase in contact force",
-            rising,
-            "rises at every e, with k_c^(2/5)",
-            "rises from each k_c to the next, at every e, in both cases",
-        ),
-        claim(
-            "2.2",
-            "The energy transferred to the object has to remain constant, since e is fixed",
-            energy_spread < 1e-6,
-            f"V_p varies by {energy_spread:.1g} of itself over k_c",
-            "V_p at every e the same to 1e-6 over all k_c",
-        ),
-        claim(
-            "2.2",
-            "At constant k_c the contact force increases as e decreases, owing to the damper",
-            falling,
-            f"{force[-1]:.2f} N at e = 1, {force[lowest]:.2f} N at {restitution[lowest]:g}, "
-            f"{force[0]:.2f} N at {restitution[0]:g}",
-            f"rises at every step from e = 1 down to {restitution[0]:g} (fixed tool, k_c = 1e5)",
-            why="With eq. 5 and 7 the trend holds only below the minimum. From e = 1 down to there the force falls: "
-            "the "
-            "damper takes energy during compression, the penetration at the end of it is smaller, and the elastic "
-            "part loses more than the damping part adds. In contact scales the peak depends on e alone, so no choice "
-            "of masses, k_c or speed mends it.",
-        ),
-        claim(
-            "2.2",
-            "The force of the fixed tool lies above that of the decoupled one (panels a and b)",
-            bool((peaks[0] > peaks[1]).all()),
-            f"by a factor {ratio:.3f} everywhere",
-            "larger at every e and k_c",
-            why=f"The factor is (m_p/M)^(3/5) = {(OBJECT_MASS / REDUCED_MASS) ** 0.6:.3f}, M the reduced mass.",
-        ),
+    restitution, force, lowest = row["restitution"], row["peak_force"], np.argmin(row["peak_force"])
+    yield section_2_2.claim(
+        "When e is assigned, an increase in k_c leads to an increase in contact force",
+        all((np.diff(peaks, axis=1) > 0).all() for peaks in (fixed, free)),
+        "rises at every e, with k_c^(2/5)",
+        "rises from each k_c to the next, at every e, in both cases",
+    )
+    yield section_2_2.claim(
+        "The energy transferred to the object has to remain constant, since e is fixed",
+        energy_spread < 1e-6,
+        f"V_p varies by {energy_spread:.1g} of itself over k_c",
+        "V_p at every e the same to 1e-6 over all k_c",
+    )
+    yield section_2_2.claim(
+        "At constant k_c the contact force increases as e decreases, owing to the damper",
+        (np.diff(force) < 0).all(),
+        f"{force[-1]:.2f} N at e = 1, {force[lowest]:.2f} N at {restitution[lowest]:g}, {force[0]:.2f} N at "
+        f"{restitution[0]:g}",
+        f"rises at every step from e = 1 down to {restitution[0]:g} (fixed tool, k_c = 1e5)",
+        why="With eq. 5 and 7 the trend holds only below the minimum. From e = 1 down to there the force falls: the "
+        "damper takes energy during compression, the penetration at the end of it is smaller, and the elastic part "
+        "loses more than the damping part adds. In contact scales the peak depends on e alone, so no choice of masses, "
+        "k_c or speed mends it.",
+    )
+    yield section_2_2.claim(
+        "The force of the fixed tool lies above that of the decoupled one (panels a and b)",
+        (fixed > free).all(),
+        f"by a factor {(fixed / free).mean():.3f} everywhere",
+        "larger at every e and k_c",
+        why=f"The factor is (m_p/M)^(3/5) = {(OBJECT_MASS / REDUCED_MASS) ** 0.6:.3f}, M the reduced mass.",
     )

@@ -1,37 +1,34 @@
 """Fig. 22a: force of the bistable mechanism on the tool for several H; L0 = 0.07 m, k = 50 N/m; no simulation."""
 
 import numpy as np
-from matplotlib.figure import Figure
 
 import impact_gym as ig
 from experiments.lab.charts import SERIES
-from experiments.paper.scenes import MECHANISM, MOTION, TOOL_MASS
-from experiments.paper.statements import Statement, claim
+from experiments.paper.layouts import Panels, panels
+from experiments.paper.scenes import HOLD, MECHANISM
+from experiments.paper.statements import Statements, section_5
 from experiments.paper.tables import Table, from_rows, where
 
 TITLE = "Tangential force profiles for different values of H"
-ALT = (
-    "Force against position of the slider, odd curves through zero: positive ahead of the alignment, negative behind "
-    "it; the smaller H, the higher the peaks. Shaded beyond the stops at -20 and 20.8 mm."
-)
+ALT = """Force against position of the slider, odd curves through zero: positive ahead of the alignment, negative behind
+it; the smaller H, the higher the peaks. Shaded beyond the stops at -20 and 20.8 mm."""
 HEIGHTS = (0.020, 0.024, 0.028, 0.032, 0.035)  # m
 POSITIONS = np.linspace(-0.06, 0.06, 241)  # m, within the stroke of every H
 
 
 def compute() -> Table:
     """Evaluate eq. 23-24."""
-    rows: list[tuple[float, ...]] = []
+    rows = []
     for height in HEIGHTS:
         mechanism = ig.Bistable(MECHANISM.stiffness, MECHANISM.free_length, height)
         for x in sorted({*POSITIONS.tolist(), mechanism.peak_position, -mechanism.peak_position, MECHANISM.front_stop}):
-            rows.append((height, x, float(mechanism.force(x))))
+            rows.append((height, x, mechanism.force(x)))
     return from_rows(("height", "position", "force"), rows)
 
 
-def plot(table: Table) -> Figure:
+@panels(7.6, 4.8)
+def plot(table: Table, axes: Panels) -> None:
     """Draw force against position, mark the peak at H = 0.028 m, shade what the stops bar."""
-    figure = Figure(figsize=(7.6, 4.8))
-    axes = figure.subplots()
     for low, high in ((-60.0, 1e3 * MECHANISM.rear_stop), (1e3 * MECHANISM.front_stop, 60.0)):
         axes.axvspan(low, high, color="#E69F00", alpha=0.15, linewidth=0)
         axes.annotate("barred by a stop", (0.5 * (low + high), 1.55), ha="center", va="bottom", fontsize=8)
@@ -40,61 +37,45 @@ def plot(table: Table) -> Figure:
         used = height == MECHANISM.height
         label = f"H = {1e3 * height:g} mm" + (" (used)" if used else "")
         axes.plot(1e3 * rows["position"], rows["force"], color=colour, linewidth=2.4 if used else 1.3, label=label)
-    hold = TOOL_MASS * MOTION.acceleration
-    axes.axhline(hold, color="#888888", linewidth=0.8, linestyle=":")
-    axes.annotate(f"m_t a = {hold:g} N", (-58.0, hold), (0, 3), textcoords="offset points", fontsize=8)
-    axes.set(
-        xlabel="position of the slider from the alignment x (mm)",
-        ylabel="force on the tool F_T (N)",
-        xlim=(-60.0, 60.0),
-        ylim=(-1.7, 1.75),
-    )
+    axes.axhline(HOLD, color="#888888", linewidth=0.8, linestyle=":")
+    axes.annotate(f"m_t a = {HOLD:g} N", (-58.0, HOLD), (0, 3), textcoords="offset points", fontsize=8)
+    axes.set(xlabel="position of the slider from the alignment x (mm)", ylabel="force on the tool F_T (N)")
+    axes.set(xlim=(-60.0, 60.0), ylim=(-1.7, 1.75))
     axes.legend(loc="lower right")
-    return figure
 
 
-def statements(table: Table) -> tuple[Statement, ...]:
+def statements(table: Table) -> Statements:
     """Compare with section 5."""
-    x, force = table["position"].astype(float), table["force"].astype(float)
-    peaks = [float(where(table, height=height)["force"].max()) for height in HEIGHTS]
+    x, force = table["position"], table["force"]
+    peaks = [where(table, height=height)["force"].max() for height in HEIGHTS]
     used = where(table, height=MECHANISM.height)
-    peak, at = float(used["force"].max()), float(used["position"][np.argmax(used["force"])])
-    stop = float(used["force"][used["position"] == MECHANISM.front_stop][0])
-    hold = TOOL_MASS * MOTION.acceleration
-    return (
-        claim(
-            "5",
-            "For x > 0 the force is positive, whereas for x < 0 the force is negative",
-            bool((np.sign(force[x != 0.0]) == np.sign(x[x != 0.0])).all()),
-            f"holds up to the stable equilibria, where the spring is relaxed ({1e3 * MECHANISM.equilibria[2]:.1f} mm "
-            "at "
-            f"H = {1e3 * MECHANISM.height:g} mm)",
-            "force and position have the same sign at every point drawn",
-        ),
-        claim(
-            "5",
-            "It is possible to adjust the maximum values of the force by modifying H",
-            bool((np.diff(peaks) < 0).all()),
-            f"from {peaks[0]:.3f} N at H = {1e3 * HEIGHTS[0]:g} mm to {peaks[-1]:.3f} N at {1e3 * HEIGHTS[-1]:g} mm",
-            "the peak falls from each H to the next larger one",
-        ),
-        claim(
-            "5",
-            "The maximum positive value should be large enough to keep the tool against the right constraint before "
-            "the "
-            "impact (H = 0.028 m)",
-            peak > hold,
-            f"{peak:.4f} N at {1e3 * at:.2f} mm, against m_t a = {hold:g} N",
-            "peak above tool mass times acceleration",
-            fitted=True,
-            why="The acceleration, which the paper does not print, was identified with this condition among others.",
-        ),
-        claim(
-            "5",
-            "The system has to exert a minimum force to keep the tool in position during the acceleration "
-            "(requirement 1)",
-            stop > hold,
-            f"{stop:.4f} N at the front stop, {1e3 * MECHANISM.front_stop:g} mm, against {hold:g} N",
-            "force at the front stop above tool mass times acceleration",
-        ),
+    peak, at = used["force"].max(), used["position"][np.argmax(used["force"])]
+    stop = used["force"][used["position"] == MECHANISM.front_stop][0]
+    yield section_5.claim(
+        "For x > 0 the force is positive, whereas for x < 0 the force is negative",
+        (np.sign(force[x != 0.0]) == np.sign(x[x != 0.0])).all(),
+        f"holds up to the stable equilibria, where the spring is relaxed ({1e3 * MECHANISM.equilibria[2]:.1f} mm at H "
+        f"= {1e3 * MECHANISM.height:g} mm)",
+        "force and position have the same sign at every point drawn",
+    )
+    yield section_5.claim(
+        "It is possible to adjust the maximum values of the force by modifying H",
+        (np.diff(peaks) < 0).all(),
+        f"from {peaks[0]:.3f} N at H = {1e3 * HEIGHTS[0]:g} mm to {peaks[-1]:.3f} N at {1e3 * HEIGHTS[-1]:g} mm",
+        "the peak falls from each H to the next larger one",
+    )
+    yield section_5.claim(
+        "The maximum positive value should be large enough to keep the tool against the right constraint before the "
+        "impact (H = 0.028 m)",
+        peak > HOLD,
+        f"{peak:.4f} N at {1e3 * at:.2f} mm, against m_t a = {HOLD:g} N",
+        "peak above tool mass times acceleration",
+        fitted=True,
+        why="The acceleration, which the paper does not print, was identified with this condition among others.",
+    )
+    yield section_5.claim(
+        "The system has to exert a minimum force to keep the tool in position during the acceleration (requirement 1)",
+        stop > HOLD,
+        f"{stop:.4f} N at the front stop, {1e3 * MECHANISM.front_stop:g} mm, against {HOLD:g} N",
+        "force at the front stop above tool mass times acceleration",
     )

@@ -5,13 +5,12 @@ impulse on that object is the impulse on the free one.
 """
 
 from collections.abc import Iterable
-from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 import impact_gym as ig
 from experiments.lab.charts import SERIES
+from experiments.paper.layouts import Panels
 from experiments.paper.scenes import MOTION, OBJECT_MASS, TOOL_MASS, rigid
 from experiments.paper.tables import Table, from_rows, where
 
@@ -37,30 +36,19 @@ def sweep(pairs: Iterable[tuple[float, float]]) -> Table:
     return from_rows(names, rows)
 
 
-def draw(table: Table, column: str, label: str, panels: int = 2) -> tuple[Figure, Any]:
-    """Draw `column` against k_c, a panel per limit case and a curve per restitution; return the panels too."""
-    figure = Figure(figsize=(5.0 * panels, 4.2))
-    grid: Any = figure.subplots(1, panels)
-    for free, axes in zip(TITLES, grid, strict=False):
-        for colour, restitution in zip(SERIES, RESTITUTIONS, strict=True):
-            rows = where(table, free=free, restitution=restitution)
-            on_grid = np.isin(rows["contact_stiffness"], STIFFNESSES)
-            axes.loglog(
-                rows["contact_stiffness"][on_grid], rows[column][on_grid], color=colour, label=f"e = {restitution:g}"
-            )
+def draw(grid: Panels, table: Table, column: str, label: str) -> None:
+    """Draw `column` against k_c, a panel of `grid` (2,) per limit case and a curve per restitution."""
+    for free, axes in zip(TITLES, grid, strict=True):
+        for colour, e, values in zip(SERIES, RESTITUTIONS, gridded(table, column, free), strict=True):
+            axes.loglog(STIFFNESSES, values, color=colour, label=f"e = {e:g}")
         axes.set(title=TITLES[free], xlabel="contact stiffness k_c (N/m$^{1.5}$)", ylabel=label)
         axes.legend(ncols=2, fontsize=9)
-    shared = (min(a.get_ylim()[0] for a in grid[:2]), max(a.get_ylim()[1] for a in grid[:2]))
-    for axes in grid[:2]:
-        axes.set_ylim(shared)
-    return figure, grid
+    limits = [axes.get_ylim() for axes in grid]
+    for axes in grid:
+        axes.set_ylim(np.min(limits), np.max(limits))
 
 
-def gridded(table: Table, column: str, free: int) -> Any:
-    """Return `column` of one limit case as an array over (restitution, contact stiffness)."""
-    return np.array(
-        [
-            [where(table, free=free, restitution=e, contact_stiffness=k)[column][0] for k in STIFFNESSES]
-            for e in RESTITUTIONS
-        ]
-    )
+def gridded(table: Table, column: str, free: int) -> np.ndarray:
+    """Return `column` of one limit case over (restitution, contact stiffness)."""
+    rows = [where(table, free=free, restitution=e) for e in RESTITUTIONS]  # each by rising stiffness
+    return np.array([row[column][np.isin(row["contact_stiffness"], STIFFNESSES)] for row in rows])

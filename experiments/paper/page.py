@@ -1,29 +1,21 @@
 """The page about the paper's figures, made from the tables on disk: reports/paper/index.html."""
 
-import csv
-import io
-from collections import Counter
-from dataclasses import asdict, dataclass
+from collections import Counter, namedtuple
+from dataclasses import asdict
 from pathlib import Path
 
+import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from agents.provenance import circumstances
 from experiments.paper import tables
-from experiments.paper.catalogue import HERE, NAMES, Module, heading, load
+from experiments.paper.catalogue import HERE, NAMES, heading, load
 from experiments.paper.contradictions import contradictions
-from experiments.paper.statements import Statement, Verdict
+from experiments.paper.statements import Verdict
 from impact_gym.files import whole_file
 
-
-@dataclass(frozen=True, slots=True)
-class Entry:
-    """A figure on the page."""
-
-    name: str
-    heading: str
-    module: Module
-    statements: tuple[Statement, ...]
+Entry = namedtuple("Entry", ["name", "heading", "module", "statements"])
+"""A figure on the page."""
 
 
 def read(folder: Path) -> tuple[list[Entry], dict[str, tables.Table]]:
@@ -40,7 +32,7 @@ def read(folder: Path) -> tuple[list[Entry], dict[str, tables.Table]]:
         module = load(name)
         try:
             found[name] = tables.read(file)
-            entries.append(Entry(name, heading(name), module, module.statements(found[name])))
+            entries.append(Entry(name, heading(name), module, tuple(module.statements(found[name]))))
         except (KeyError, IndexError, ValueError) as error:
             word = name.removeprefix("figure_")
             raise ValueError(
@@ -49,24 +41,15 @@ def read(folder: Path) -> tuple[list[Entry], dict[str, tables.Table]]:
     return entries, found
 
 
-def write_statements(path: Path, entries: list[Entry]) -> None:
-    """Write one row per statement."""
-    text = io.StringIO(newline="")
-    rows = [{"figure": entry.name, **asdict(statement)} for entry in entries for statement in entry.statements]
-    writer = csv.DictWriter(text, rows[0])
-    writer.writeheader()
-    writer.writerows(rows)
-    with whole_file(path) as file:
-        file.write(text.getvalue().encode())
-
-
 def write(folder: Path) -> Path:
     """Write the page about all figures whose tables are in `folder`; return its path."""
     entries, found = read(folder)
     if not entries:
         raise ValueError(f"{folder} has no tables")
-    write_statements(folder / "statements.csv", entries)
     every = [statement for entry in entries for statement in entry.statements]
+    rows = [{"figure": entry.name, **asdict(statement)} for entry in entries for statement in entry.statements]
+    columns = {column: np.array([row[column] for row in rows], object) for column in rows[0]}
+    tables.write(folder / "statements.csv", columns)
     pages = Environment(loader=FileSystemLoader(HERE), autoescape=True, undefined=StrictUndefined)
     text = pages.get_template("page.html.jinja").render(
         entries=entries,

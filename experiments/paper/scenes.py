@@ -10,15 +10,16 @@ DURATION = 1.5  # s
 ROBOT = ig.Robot(mass=5.225, stiffness=1.5e5, damping=53.75)  # mass printed, stiffness and damping identified
 ROBOT_DISTANCE = 0.280  # m, identified: the impact falls on a local minimum of the tool's velocity
 MECHANISM = ig.Bistable()  # H, L0 and k printed, front stop identified
+HOLD = TOOL_MASS * MOTION.acceleration  # N, what keeps the tool on its front stop while the robot accelerates
 LINEAR = ig.SpringDamper(stiffness=50.0, damping_ratio=1.0)  # what Fig. 23 compares it with
 
 
-def rigid(stiffness: float, restitution: float, object_mass: float = OBJECT_MASS) -> ig.Scene:
-    """Tool fixed to a rigid robot; `stiffness` of the contact in N/m^1.5."""
+def held(
+    coupling: ig.Bistable | ig.SpringDamper, stiffness: float, restitution: float, distance: float = DISTANCE
+) -> ig.Scene:
+    """Return the scene with the tool on a coupling, rigid robot; `stiffness` of the contact in N/m^1.5."""
     return ig.Scene(
-        tool=ig.Tool(TOOL_MASS),
-        object=ig.Object(object_mass, DISTANCE),
-        contact=ig.Contact(stiffness, restitution),
+        ig.Tool(TOOL_MASS), ig.Object(OBJECT_MASS, distance), ig.Contact(stiffness, restitution), coupling=coupling
     )
 
 
@@ -29,25 +30,8 @@ def decoupled(
     damping_ratio: float = 1.0,
     distance: float = DISTANCE,
 ) -> ig.Scene:
-    """Tool behind a spring of `coupling_stiffness` (N/m), critically damped unless said otherwise."""
-    return ig.Scene(
-        tool=ig.Tool(TOOL_MASS),
-        object=ig.Object(OBJECT_MASS, distance),
-        contact=ig.Contact(stiffness, restitution),
-        coupling=ig.SpringDamper(coupling_stiffness, damping_ratio),
-    )
-
-
-def held(
-    coupling: ig.Bistable | ig.SpringDamper, stiffness: float, restitution: float, distance: float = DISTANCE
-) -> ig.Scene:
-    """Tool on any coupling, rigid robot."""
-    return ig.Scene(
-        tool=ig.Tool(TOOL_MASS),
-        object=ig.Object(OBJECT_MASS, distance),
-        contact=ig.Contact(stiffness, restitution),
-        coupling=coupling,
-    )
+    """Return the scene with the tool behind a spring of `coupling_stiffness` (N/m), if not said critically damped."""
+    return held(ig.SpringDamper(coupling_stiffness, damping_ratio), stiffness, restitution, distance)
 
 
 def on_robot(
@@ -57,10 +41,12 @@ def on_robot(
     object_mass: float = OBJECT_MASS,
     distance: float = ROBOT_DISTANCE,
 ) -> ig.Scene:
-    """Tool fixed to a compliant robot, or to a rigid one if that is None (section 3.2)."""
+    """Return the scene with the tool fixed to a compliant robot, or to a rigid one if that is None (section 3.2)."""
     return ig.Scene(
-        tool=ig.Tool(TOOL_MASS),
-        object=ig.Object(object_mass, distance),
-        contact=ig.Contact(stiffness, restitution),
-        robot=robot,
+        ig.Tool(TOOL_MASS), ig.Object(object_mass, distance), ig.Contact(stiffness, restitution), robot=robot
     )
+
+
+def rigid(stiffness: float, restitution: float, object_mass: float = OBJECT_MASS) -> ig.Scene:
+    """Return the scene with the tool fixed to a rigid robot."""
+    return on_robot(None, stiffness, restitution, object_mass, DISTANCE)

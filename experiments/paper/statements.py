@@ -4,6 +4,7 @@ A printed number is agreed with to n digits if ours is within half a unit of its
 says 'about', one unit of the last printed digit is allowed. A trend or a comparison comes with a rule of its own.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from decimal import Decimal
 from enum import StrEnum
@@ -34,6 +35,9 @@ class Statement:
     fitted: bool = False  # a value that the paper does not print was identified with this very statement
 
 
+Statements = Iterator[Statement]
+
+
 def agreeing_digits(printed: str, ours: float) -> tuple[int, int]:
     """Return to how many significant digits `ours` agrees with `printed`, and how many are printed."""
     value = Decimal(printed)  # "5e1" is 50 with one significant digit
@@ -43,36 +47,37 @@ def agreeing_digits(printed: str, ours: float) -> tuple[int, int]:
     return sum(error <= half_unit for half_unit in half_units), count
 
 
-def number(
-    section: str,
-    text: str,
-    printed: str,
-    ours: float,
-    unit: str = "",
-    *,
-    about: bool = False,
-    why: str = "",
-    fitted: bool = False,
-) -> Statement:
-    """Judge a printed number; `about` if the text itself calls it approximate."""
-    digits, count = agreeing_digits(printed, ours)
-    last_unit = Decimal(1).scaleb(int(Decimal(printed).as_tuple().exponent))
-    rule = f"within half a unit of the last printed digit ({last_unit / 2})"
-    verdict = Verdict.DIGITS if digits == count else Verdict.DISAGREES
-    if about and verdict is Verdict.DISAGREES:
-        rule = f"printed as approximate: within one unit of the last printed digit ({last_unit})"
-        verdict = Verdict.AGREES if abs(Decimal(ours) - Decimal(printed)) <= last_unit else Verdict.DISAGREES
-    return Statement(section, text, f"{Decimal(printed):f}", f"{ours:.5g}", unit, verdict, rule, digits, why, fitted)
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A section of the paper, and the ways to judge what it says."""
+
+    name: str
+
+    def number(self, text: str, printed: str, ours: float, why: str = "", fitted: bool = False) -> Statement:
+        """Judge a number that is `printed` with its unit ("0.98 m/s"), approximate if the text says 'about'."""
+        value, _, unit = printed.partition(" ")
+        digits, count = agreeing_digits(value, ours)
+        last_unit = Decimal(1).scaleb(int(Decimal(value).as_tuple().exponent))
+        rule = f"within half a unit of the last printed digit ({last_unit / 2})"
+        verdict = Verdict.DIGITS if digits == count else Verdict.DISAGREES
+        if "about" in text and verdict is Verdict.DISAGREES:
+            rule = f"printed as approximate: within one unit of the last printed digit ({last_unit})"
+            verdict = Verdict.AGREES if abs(Decimal(ours) - Decimal(value)) <= last_unit else Verdict.DISAGREES
+        plain = f"{Decimal(value):f}"
+        return Statement(self.name, text, plain, f"{ours:.5g}", unit, verdict, rule, digits, why, fitted)
+
+    def claim(
+        self, text: str, holds: bool, ours: str, rule: str, unit: str = "", why: str = "", fitted: bool = False
+    ) -> Statement:
+        """Judge a trend or a comparison: `holds` is the outcome of `rule`."""
+        verdict = Verdict.AGREES if holds else Verdict.DISAGREES
+        return Statement(self.name, text, None, ours, unit, verdict, rule, None, why, fitted)
+
+    def undecided(self, text: str, ours: str, why: str, unit: str = "") -> Statement:
+        """Note what the text alone does not suffice to judge, and why."""
+        return Statement(self.name, text, None, ours, unit, Verdict.UNDECIDED, "none", None, why)
 
 
-def claim(
-    section: str, text: str, holds: bool, ours: str, rule: str, *, unit: str = "", why: str = "", fitted: bool = False
-) -> Statement:
-    """Judge a trend or a comparison: `holds` is the outcome of `rule`."""
-    verdict = Verdict.AGREES if holds else Verdict.DISAGREES
-    return Statement(section, text, None, ours, unit, verdict, rule, None, why, fitted)
-
-
-def undecided(section: str, text: str, ours: str, why: str, *, printed: str | None = None, unit: str = "") -> Statement:
-    """Note what the text alone does not suffice to judge, and why."""
-    return Statement(section, text, printed, ours, unit, Verdict.UNDECIDED, "none", None, why)
+section_2_1, section_2_2, section_3, section_3_1, section_3_2, section_4_1, section_4_2, section_5, section_6 = map(
+    Section, ("2.1", "2.2", "3.1-3.2", "3.1", "3.2", "4.1", "4.2", "5", "6")
+)

@@ -1,17 +1,20 @@
-"""Tables between computing and drawing: columns of equal length by name, as CSV on disk."""
+"""Tables between computing and drawing: columns of equal length by name, as CSV on disk; and the runs in them."""
 
 import csv
 import io
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 import impact_gym as ig
+from experiments.paper.scenes import DURATION, MOTION, OBJECT_MASS, TOOL_MASS
 from impact_gym.files import whole_file
+from impact_gym.physics import impact
 
-Table = dict[str, NDArray[np.generic]]
+Table = dict[str, NDArray[Any]]
 
 
 def write(path: Path, table: Table) -> None:
@@ -25,7 +28,7 @@ def write(path: Path, table: Table) -> None:
 
 
 def read(path: Path) -> Table:
-    """Read what `write` wrote."""
+    """Read what `write` wrote; all but the column `case` are numbers."""
     with path.open(newline="") as file:
         header, *rows = csv.reader(file)
     columns = {name: np.array([row[place] for row in rows]) for place, name in enumerate(header)}
@@ -43,39 +46,118 @@ def where(table: Table, **values: float | str) -> Table:
     return {name: column[rows] for name, column in table.items()}
 
 
-def stack(outcomes: Mapping[str, ig.Outcome]) -> Table:
-    """Return the traces of several runs below each other, told apart by the column `case`.
+def histories(
+    scenes: Mapping[str, ig.Scene],
+    motion: ig.Trapezoid = MOTION,
+    duration: float = DURATION,
+    impact_velocity: bool = False,
+) -> Table:
+    """Simulate scenes for `duration` (s) and return their traces below each other, told apart by the column `case`.
 
-    The column `contact` says which contact is going on, counted from 1, and is 0 in flight; `impulse` is eq. 21 as
-    the simulation integrated it over all contacts, in N s, the same in every row of a case.
+    The column `contact` counts the contact going on from 1 and is 0 in flight. `impulse` is eq. 21 over all contacts in
+    N s, and `impact_velocity`, if asked for, that at which the tool strikes first in m/s: the same in all rows of a
+    case.
     """
-    parts: list[Table] = []
-    for case, outcome in outcomes.items():
-        trace = outcome.trace
-        if trace is None:
-            raise ValueError(f"case {case!r} was simulated without a trace")
-        part: Table = {"case": np.full(len(trace.time), case)}
-        part |= trace._asdict()
-        part["contact"] = np.zeros(len(trace.time))
-        for number, contact in enumerate(outcome.contacts, start=1):
-            end = np.inf if contact.end is None else contact.end
-            part["contact"][(trace.time >= contact.start) & (trace.time <= end)] = number
-        part["impulse"] = np.full(len(trace.time), outcome.coupling_impulse)
-        parts.append(part)
-    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    cases = []
+    for case, scene in scenes.items():
+        outcome = ig.simulate(scene, motion, duration, trace=True)
+        time = outcome.trace.time
+        contact = np.zeros_like(time)
+        for number, one in enumerate(outcome.contacts, start=1):
+            contact[(time >= one.start) & (time <= (np.inf if one.end is None else one.end))] = number
+        part = {"case": np.full(time.shape, case), **outcome.trace._asdict(), "contact": contact}
+        part["impulse"] = np.full_like(time, outcome.coupling_impulse)
+        if impact_velocity:
+            struck = outcome.contacts[0].approach_velocity if outcome.contacts else np.nan
+            part["impact_velocity"] = np.full_like(time, struck)
+        cases.append(part)
+    return {name: np.concatenate([part[name] for part in cases]) for name in cases[0]}
 
 
-def histories(scenes: Mapping[str, ig.Scene], motion: ig.Trapezoid, duration: float) -> Table:
-    """Simulate several scenes under one motion and return their traces, as `stack` does."""
-    return stack({case: ig.simulate(scene, motion, duration, trace=True) for case, scene in scenes.items()})
+class Run:
+    """One case of a table that `histories` made, and what is read off it."""
 
+    def __init__(self, table: Table, case: str) -> None:
+        """Pick the rows of `case`."""
+        rows = where(table, case=case)
+        self.trace = ig.Trace(*(rows[name] for name in ig.Trace._fields))
+        self.contact = rows["contact"]  # number of the contact going on, 0 in flight
+        self.contacts = int(self.contact.max())
+        self.impulse = float(rows["impulse"][-1])  # N s, eq. 21 as the simulation integrated it
+        self.final_velocity = float(self.trace.object_velocity[-1])  # m/s, V_p
+        self.impact_velocity = float(rows.get("impact_velocity", [np.nan])[0])  # m/s, approach of the first contact
+        self.before_contact = self._part(np.cumsum(self.contact) == 0)
+        self.first_contact = self._part(self.contact == 1)
+        self.during_contact = self._part(self.contact > 0)
 
-def trace_of(table: Table, case: str) -> ig.Trace:
-    """Return the trace of one case of `stack`."""
-    rows = where(table, case=case)
-    return ig.Trace(*(rows[name] for name in ig.Trace._fields))
+    def _part(self, rows: NDArray[np.bool_]) -> ig.Trace:
+        return ig.Trace(*(column[rows] for column in self.trace))
 
+    @property
+    def duration_of_contact(self) -> float:
+        """How long the first contact lasts, s."""
+        return float(np.ptp(self.first_contact.time))
 
-def contact_of(table: Table, case: str) -> NDArray[np.float64]:
-    """Return, beside `trace_of`, the number of the contact going on (0 in flight)."""
-    return where(table, case=case)["contact"].astype(float)
+    @property
+    def deceleration(self) -> float:
+        """Largest deceleration of the tool during contact, m/s^2 (paper, eq. 17)."""
+        return float((self.during_contact.contact_force - self.during_contact.coupling_force).max()) / TOOL_MASS
+
+    @property
+    def force_peaks(self) -> int:
+        """Number of peaks of the contact force that are higher than a tenth of the highest."""
+        force = self.trace.contact_force
+        inner = force[1:-1]
+        return int(np.sum((inner > force[:-2]) & (inner >= force[2:]) & (inner > 0.1 * force.max())))
+
+    @property
+    def restitution(self) -> float:
+        """Restitution that the first contact had: separation over approach velocity."""
+        rate = self.first_contact.tool_velocity - self.first_contact.object_velocity
+        return float(-rate[-1] / rate[0])
+
+    @property
+    def deflection(self) -> float:
+        """By how much the robot gives way to the contact: largest x_r - x_t less its value at the impact, m."""
+        behind = self.first_contact.command_position - self.first_contact.tool_position
+        return float(behind.max() - behind[0])
+
+    @property
+    def vibration(self) -> tuple[float, float]:
+        """Range of x_t' - x_r' in the 50 ms before the first contact, and in the 50 ms after it, m/s."""
+        relative, time = self.trace.tool_velocity - self.trace.command_velocity, self.trace.time
+        start, end = self.first_contact.time[[0, -1]]
+        before, after = (time > start - 0.05) & (time < start), (time > end) & (time < end + 0.05)
+        return float(np.ptp(relative[before])), float(np.ptp(relative[after]))
+
+    def nearest_minimum(self, unhindered: "Run") -> tuple[float, float]:
+        """Return by how much the impact follows the local minimum of the tool's velocity nearest to it.
+
+        In s, negative if the minimum would have come later, and that minimum in m/s, both from `unhindered`: the same
+        approach with nothing in the way.
+        """
+        impact_time = float(self.during_contact.time[0])
+        time, velocity = unhindered.trace.time, unhindered.trace.tool_velocity
+        minima = np.flatnonzero((velocity[1:-1] < velocity[:-2]) & (velocity[1:-1] <= velocity[2:])) + 1
+        nearest = minima[np.argmin(np.abs(time[minima] - impact_time))]
+        return impact_time - float(time[nearest]), float(velocity[nearest])
+
+    def running_impulse(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return time since the first contact began (s) and the impulse of the coupling until then (N s; eq. 21).
+
+        By the trapezoidal rule over the trace, contacts only: between two of them the impulse stays where it is.
+        """
+        time, force, contact = self.trace.time, self.trace.coupling_force, self.contact
+        within = (contact[1:] > 0) & (contact[1:] == contact[:-1])
+        pieces = np.where(within, 0.5 * (force[1:] + force[:-1]) * np.diff(time), 0.0)
+        begin, end = np.flatnonzero(contact > 0)[[0, -1]]
+        total = np.concatenate([[0.0], np.cumsum(pieces)])[begin : end + 1]
+        return time[begin : end + 1] - time[begin], total
+
+    def equation_22(self, restitution: float | None = None) -> float:
+        """Return V_p after eq. 22 with the simulated impulse, m/s; None: with the restitution that the contact had."""
+        if self.contacts != 1:
+            raise ValueError(f"eq. 22 is about one contact, and here are {self.contacts}")
+        v_t, v_p = float(self.during_contact.tool_velocity[0]), float(self.during_contact.object_velocity[0])
+        e = self.restitution if restitution is None else restitution
+        return float(impact.free_tool(TOOL_MASS, OBJECT_MASS, v_t, v_p, e, self.impulse)[1])

@@ -12,7 +12,7 @@ from impact_gym.envs.scenario import FIELDS, ScenarioRanges
 from impact_gym.envs.setting import NUMBERS, places
 from impact_gym.envs.task import Task
 from impact_gym.kernels import CHAIN, DRAW, EPISODE, HOLDER, READING, TASK, UNIFORMS, Rows, draw_uniforms, laws_of
-from impact_gym.lowering import SENTENCES, holder
+from impact_gym.lowering import STATUS_MESSAGES, holder
 from impact_gym.simulation import MAX_STEPS, NOTHING_RECORDED
 from impact_gym.threads import cores, over_rows
 from impact_gym.validation import WrongTypeError, whole
@@ -34,7 +34,6 @@ _NUMBERS = {
 """Entries of an info that are numbers, and which of an episode's they are."""
 
 _STATE = ("laws", "chains", "episodes", "readings", "observations", "rewards")
-_KEPT = (*_STATE, "draws")
 _SPARE = 4  # readings beyond those under way: some are taken before the oldest is due
 
 
@@ -68,9 +67,9 @@ class Batch:
             raise ValueError(f"a batch of {size} rows needs one task for all or {size} of them, got {len(tasks)}")
         self.task = tasks[0]
         for row, one in enumerate(tasks):
-            unlike = {*observation.entries(one)} ^ {*observation.entries(self.task)}
-            if unlike:
-                other = {entry.argument or " and ".join(entry.shaped_by) for entry in unlike}
+            differing = {*observation.entries(one)} ^ {*observation.entries(self.task)}
+            if differing:
+                other = {entry.argument or " and ".join(entry.shaped_by) for entry in differing}
                 raise ValueError(
                     f"the tasks of a batch must have the same observations, but row {row} has other "
                     f"{' and '.join(sorted(other))} than row 0"
@@ -87,8 +86,8 @@ class Batch:
         self.observations = np.zeros((size, len(scales)), np.float32)
         self.rewards = np.zeros(size)
         self._lower(tasks, scales)
-        self._tell(tasks)
-        self._bind()
+        self._name_entries(tasks)
+        self._make_rows()
 
     def _lower(self, tasks: Sequence[Task], scales: NDArray[Any]) -> None:
         """Write the tasks for the kernels: rules, what is drawn, what holds the tools, and its laws and tables."""
@@ -107,10 +106,10 @@ class Batch:
         if any(task.draws_holder for task in tasks):
             self.laws = np.resize(self.laws, self.size)
 
-    def _tell(self, tasks: Sequence[Task]) -> None:
-        """Say where the entries of an info stand, those of what tasks draw of their set-ups included.
+    def _name_entries(self, tasks: Sequence[Task]) -> None:
+        """Find the numbers of an info in an episode's record.
 
-        A batch's columns have them for all rows; a row by itself lacks what its own task does not draw.
+        `info_columns` has all that any task draws of its set-up, the info of one row only what its own task draws.
         """
         drawn = [name for name in NUMBERS if any(name in task.drawn for task in tasks)]
         numbers = _NUMBERS | {f"record.{name}": f"drawn.setting.{name}" for name in drawn}
@@ -120,8 +119,8 @@ class Batch:
         self._columns = [found[name] for name in numbers.values()]
         self._signs = np.array([[-1.0] if name.startswith("reward_terms.") else [1.0] for name in numbers])
 
-    def _bind(self) -> None:
-        """Tell the kernels where the arrays lie."""
+    def _make_rows(self) -> None:
+        """Hand the arrays to the kernels."""
         draws, holders, tables, scales = self._constants
         laws, *arrays = (getattr(self, name) for name in _STATE)
         self._rows = Rows(self.tasks, draws, holders, laws, tables, *arrays, scales, self.recorder, MAX_STEPS)
@@ -131,18 +130,12 @@ class Batch:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
-        self._bind()
-
-    @property
-    def draws(self) -> NDArray[Any]:
-        """What episodes draw from, of all rows (1,) or of each (size,)."""
-        draws: NDArray[Any] = self.tasks["draws"]
-        return draws
+        self._make_rows()
 
     def set_scenario(self, ranges: ScenarioRanges) -> None:
         """Draw scenarios from `ranges` from the next episode on, in all rows."""
         for name, pair in zip(FIELDS, ranges.pairs(), strict=True):
-            self.draws[name] = pair
+            self.tasks["draws"][name] = pair
 
     def begin(self, rows: NDArray[np.int64], uniforms: NDArray[Any], fixed: NDArray[Any]) -> None:
         """Begin an episode in each of `rows` (k,), with `uniforms` (k,) in [0, 1) and `fixed` (k,), nan where drawn."""
@@ -184,9 +177,12 @@ class Batch:
             raise ValueError(f"action must be finite, got {array[~np.isfinite(array).all(axis=1)][0]}")
         return array
 
+    def _arrays(self) -> dict[str, NDArray[Any]]:
+        return {**{name: getattr(self, name) for name in _STATE}, "draws": self.tasks["draws"]}
+
     def get_state(self) -> dict[str, Any]:
         """Return a copy of all that `step` and `begin` go on from."""
-        return {name: getattr(self, name).copy() for name in _KEPT}
+        return {name: array.copy() for name, array in self._arrays().items()}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Go on from what `get_state` of a batch of this size and task returned, to the bit.
@@ -194,33 +190,33 @@ class Batch:
         Raises:
             ValueError: an array is not what this batch has.
         """
-        for name in _KEPT:
-            here, there = getattr(self, name), state[name]
+        for name, here in self._arrays().items():
+            there = state[name]
             if there.shape != here.shape or there.dtype != here.dtype:
                 raise ValueError(
                     f"{name} of another batch: {there.dtype}{there.shape}, this one has {here.dtype}{here.shape}"
                 )
-        for name in _KEPT:
-            getattr(self, name)[:] = state[name]
+        for name, here in self._arrays().items():
+            here[:] = state[name]
 
     def info(self, row: int | None = None) -> dict[str, Any]:
-        """Return what an episode has come to so far: plain numbers of one row, or arrays (size,) of all."""
+        """Return the entries of the final info as they stand: plain numbers of one row, or arrays (size,) of all."""
         return self.info_columns(np.arange(self.size)) if row is None else self.infos(np.array([row]))[0]
 
     def infos(self, rows: NDArray[np.int64]) -> list[dict[str, Any]]:
-        """Return the same of each of `rows`."""
+        """Return the info of each of `rows`."""
         count, missed, status = self._verdicts(rows)
         entries = (*self._numbers(rows), self.chains["peak_force"][rows], count, missed, status)
-        told = []
-        for row, one in zip(rows.tolist(), zip(*map(_listed, entries), strict=True), strict=True):
+        infos = []
+        for row, one in zip(rows.tolist(), zip(*(column.tolist() for column in entries), strict=True), strict=True):
             flat = dict(zip(self._entries, one, strict=True))
             for name in self._not_drawn[row % len(self._not_drawn)]:
                 del flat[name]
-            told.append(nested(flat))
-        return told
+            infos.append(nested(flat))
+        return infos
 
     def info_columns(self, rows: NDArray[np.int64]) -> dict[str, Any]:
-        """Return the same of `rows` as arrays (size,), blank elsewhere."""
+        """Return the infos of `rows` as arrays (size,), blank elsewhere."""
         size = self.size
         numbers = np.zeros((len(self._columns) + 1, size))
         numbers[:-1, rows] = self._numbers(rows)
@@ -245,10 +241,10 @@ class Batch:
         count = self.chains["contacts"][rows]
         missed = (self.episodes["terminated"][rows] == 1) & (count == 0)
         status = self.episodes["status"][rows]
-        said = np.full(len(rows), "ok", object)
+        messages = np.full(len(rows), "ok", object)
         for row in np.flatnonzero(status < 0):
-            said[row] = SENTENCES[int(status[row])]
-        return count, missed, said
+            messages[row] = STATUS_MESSAGES[int(status[row])]
+        return count, missed, messages
 
 
 def nested(flat: Mapping[str, Any]) -> dict[str, Any]:
@@ -259,7 +255,3 @@ def nested(flat: Mapping[str, Any]) -> dict[str, Any]:
         group = "".join(first)
         (result.setdefault(group, {}) if group else result)[rest] = value
     return result
-
-
-def _listed(values: NDArray[Any]) -> list[Any]:
-    return list(values.tolist())

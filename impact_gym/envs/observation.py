@@ -28,17 +28,13 @@ class Entry(NamedTuple):
 
     def record(self) -> tuple[Any, ...]:
         """Return the fields of the kernels' `Entry`."""
-        bends: dict[int, Callable[[float], float]] = {
-            LINEAR: float,
-            LOGARITHM: math.log,
-            LOGARITHM_OF_ONE_MORE: math.log1p,
-        }
-        bend = bends[self.curve]
+        bend = _CURVES[self.curve]
         place = _PLACES[f"drawn.setting.{self.sensor}" if self.sensor in NUMBERS else f"sensors.{self.sensor}"]
         gain = (1.0 - self.scaled_low) / (bend(self.high) - bend(self.low))
         return place, self.curve, bend(self.low), self.scaled_low, gain
 
 
+_CURVES: dict[int, Callable[[float], float]] = {LINEAR: float, LOGARITHM: math.log, LOGARITHM_OF_ONE_MORE: math.log1p}
 _PLACES = places(EPISODE)
 _SENSED = ("reaction_delay", "force_noise", "force_bias")
 _ALARM = ("reaction_delay",)
@@ -72,41 +68,26 @@ OPTIONAL_ENTRIES = (
 def documentation() -> str:
     """Return the table of all entries as Markdown."""
     rows = [("Num", "Observation", "Unit", "from", "to", "Scaled to", "Argument")]
-    rows += [
-        (
-            "then" if entry.argument else str(place),
-            entry.name,
-            entry.unit,
-            f"{entry.low:g}",
-            f"{entry.high:g}",
-            f"[{entry.scaled_low:g}, 1]",
-            _arguments(entry),
-        )
-        for place, entry in enumerate((*ENTRIES, *OPTIONAL_ENTRIES))
-    ]
+    for place, entry in enumerate((*ENTRIES, *OPTIONAL_ENTRIES)):
+        number = "then" if entry.argument else str(place)
+        scaled = f"[{entry.scaled_low:g}, 1]"
+        added = [f"only with `{entry.argument}`"] if entry.argument else []
+        shaped = [", ".join(f"`{name}`" for name in entry.shaped_by)] if entry.shaped_by else []
+        arguments = "; ".join(added + shaped)
+        rows.append((number, entry.name, entry.unit, f"{entry.low:g}", f"{entry.high:g}", scaled, arguments))
     return markdown(rows)
-
-
-def _arguments(entry: Entry) -> str:
-    """Say which arguments add or change an entry."""
-    added = f"only with `{entry.argument}`" if entry.argument else ""
-    shaped = ", ".join(f"`{name}`" for name in entry.shaped_by)
-    return "; ".join(part for part in (added, shaped) if part)
 
 
 def entries(task: Task) -> tuple[Entry, ...]:
     """Return what the options of `task` let the controller see."""
-    asked_for = {
-        "range_noise": task.range_noise is not None,
-        "deflection_sensor": task.deflection_sensor,
-        "privileged": task.privileged,
-    }
     low, high = task.velocity_range
     seen = [one._replace(low=low, high=high) if one.sensor == "velocity" else one for one in ENTRIES]
+    asked_for = {"deflection_sensor": task.deflection_sensor, "privileged": task.privileged}
+    asked_for["range_noise"] = task.range_noise is not None  # 0 is an estimate without an error
     added = [entry for entry in OPTIONAL_ENTRIES if asked_for[entry.argument]]
-    told = [drawn_entry(name, pair) for name, pair in task.drawn.items()] if task.privileged else []
+    drawn = [drawn_entry(name, pair) for name, pair in task.drawn.items()] if task.privileged else []
     behind = sum(entry.argument != "privileged" for entry in added)
-    return (*seen, *added[:behind], *told, *added[behind:])
+    return (*seen, *added[:behind], *drawn, *added[behind:])
 
 
 def sensor_fields(task: Task) -> dict[str, str]:
@@ -120,13 +101,12 @@ def sensor_fields(task: Task) -> dict[str, str]:
 def drawn_entry(name: str, pair: tuple[float, float]) -> Entry:
     """Return what shows a number of the set-up that is drawn from a range, from its low end to its high one."""
     unit, logarithmic, _ = NUMBERS[name]
-    if logarithmic:
-        return Entry(name, name, f"{unit}, as log", *pair, -1.0, LOGARITHM, "privileged")
-    return Entry(name, name, unit, *pair, -1.0, LINEAR, "privileged")
+    shown, curve = (f"{unit}, as log", LOGARITHM) if logarithmic else (unit, LINEAR)
+    return Entry(name, name, shown, *pair, -1.0, curve, "privileged")
 
 
 def scales(task: Task) -> NDArray[Any]:
-    """Return the same for the kernels (n,), ENTRY."""
+    """Return the entries of `task` as the kernels read them (n,), ENTRY."""
     return np.array([entry.record() for entry in entries(task)], ENTRY)
 
 

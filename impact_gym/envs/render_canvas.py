@@ -8,6 +8,7 @@ import os
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,6 +24,7 @@ Colour = str | tuple[int, int, int]
 
 WIDTH, HEIGHT = 960, 540
 OVERSAMPLING = 2
+FAR = 1 << 14  # pixels
 
 # Okabe and Ito (2008), as in the report's charts
 FLANGE, TOOL, OBJECT, FORCE, COUPLING = "#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7"
@@ -54,7 +56,7 @@ class Canvas:
         self.pygame.font.init()
         self._surface: pygame.Surface = self.pygame.Surface((WIDTH * OVERSAMPLING, HEIGHT * OVERSAMPLING), 0, 32)
         self._texts: list[tuple[str, Point, int, Colour, str]] = []
-        self._fonts: dict[int, pygame.font.Font] = {}
+        self._font = cache(partial(self.pygame.font.Font, None))  # the one that pygame brings, alike everywhere
 
     def clear(self) -> None:
         """Begin a frame."""
@@ -86,10 +88,9 @@ class Canvas:
 
     def rectangle(self, box: Box, colour: Colour) -> None:
         """Fill a rectangle, edges to a fraction of a pixel."""
-        left, top, right, bottom = box[0], box[1], box[0] + box[2], box[1] + box[3]
-        corners = self._scaled([(left, top), (right, bottom)])
-        size = (corners[1][0] - corners[0][0], corners[1][1] - corners[0][1])
-        self._surface.fill(colour, (corners[0], (max(size[0], 1), max(size[1], 1))))
+        left, top, width, height = box
+        (x0, y0), (x1, y1) = self._scaled([(left, top), (left + width, top + height)])
+        self._surface.fill(colour, (x0, y0, max(x1 - x0, 1), max(y1 - y0, 1)))
 
     def frame(self, box: Box, colour: Colour) -> None:
         """Draw the outline of a rectangle."""
@@ -112,31 +113,18 @@ class Canvas:
         (x0, y0), (x1, y1) = start, end
         count = max(1, int(np.hypot(x1 - x0, y1 - y0) / (2.0 * length)))
         for dash in range(count):
-            a, b = dash / count, (dash + 0.5) / count
-            ends = [(x0 + part * (x1 - x0), y0 + part * (y1 - y0)) for part in (a, b)]
-            self.lines(ends, colour, width)
+            ends = (dash / count, (dash + 0.5) / count)
+            self.lines([(x0 + part * (x1 - x0), y0 + part * (y1 - y0)) for part in ends], colour, width)
 
     def text(self, text: str, at: Point, size: int = 18, colour: Colour = INK, anchor: str = "midleft") -> None:
         """Write `text`; `anchor` is the name of the point of its box that lies `at`."""
         self._texts.append((text, at, size, colour, anchor))
 
-    def text_width(self, text: str, size: int) -> float:
-        """How wide `text` will be, in pixels."""
-        return self._font(size).size(text)[0]
-
-    def _font(self, size: int) -> "pygame.font.Font":
-        if size not in self._fonts:
-            self._fonts[size] = self.pygame.font.Font(None, size)  # the one that pygame brings, alike everywhere
-        return self._fonts[size]
-
     @staticmethod
     def _scaled(points: Sequence[Point]) -> list[tuple[int, int]]:
         """Return `points` on the larger surface; far ones are brought near, whose coordinates pygame could not hold."""
-        far = 1 << 14
-        return [
-            (
-                round(min(max(x * OVERSAMPLING, -far), far)),
-                round(min(max(y * OVERSAMPLING, -far), far)),
-            )
-            for x, y in points
-        ]
+
+        def scaled(side: float) -> int:
+            return round(min(max(side * OVERSAMPLING, -FAR), FAR))
+
+        return [(scaled(x), scaled(y)) for x, y in points]

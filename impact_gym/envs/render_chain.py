@@ -9,34 +9,23 @@ from typing import NamedTuple
 
 from impact_gym.envs import render_canvas as look
 from impact_gym.envs.render_canvas import Box, Canvas
-from impact_gym.envs.render_coupling import CLEARANCE, bistable, rigid, spring, spring_damper
+from impact_gym.envs.render_coupling import CLEARANCE, Camera, bistable, spring, spring_damper
 from impact_gym.envs.render_history import History, State
 from impact_gym.envs.task import Task
 from impact_gym.scene import Bistable, SpringDamper
 
 PANEL: Box = (0.0, 64.0, float(look.WIDTH), 208.0)
-LOUPE: Box = (look.WIDTH - 174.0, 310.0, 160.0, 158.0)
+CLOSE_UP: Box = (look.WIDTH - 174.0, 310.0, 160.0, 158.0)
 
 TOOL_LENGTH, TOOL_HEIGHT = 0.024, 0.018  # m
 FLANGE_LENGTH, FLANGE_HEIGHT = 0.016, 0.024  # m
+BAR = 0.004  # m, thickness of a rigid coupling
 BASE_LENGTH, ROBOT_LENGTH = 0.008, 0.03  # m, of the imposed motion's mark and of the robot's spring
 OBJECT_SHOWN = 0.06  # m, of the object behind its face
 MARGIN = 0.006  # m
 DENSITY, LARGEST_RADIUS = 1500.0, 0.5  # kg/m^3, m
 NAME, SMALL = 17, 15  # pixels, sizes of text
 LARGEST_SPAN = 3.0  # m; an object further off leaves the picture
-
-
-class Camera(NamedTuple):
-    """Where a position lies in the picture."""
-
-    left: float  # m, at the left edge
-    scale: float  # pixels per m
-    axis: float  # pixels from above, of the line along which all move
-
-    def x(self, position: float) -> float:
-        """Return the column of `position` (m), pixels."""
-        return PANEL[0] + (position - self.left) * self.scale
 
 
 class Places(NamedTuple):
@@ -101,40 +90,29 @@ def draw(canvas: Canvas, history: History, state: State) -> None:
     canvas.rectangle(PANEL, look.PANEL)
     _ruler(canvas, view)
     with canvas.clipped(PANEL):
-        _object(canvas, view, history, state)
-        half = 0.5 * FLANGE_HEIGHT * view.scale
+        radius = object_radius(history)
+        canvas.circle((view.x(at.object_front + radius), view.axis), radius * view.scale, look.OBJECT)
         if task.robot is not None:
-            base = view.x(at.base)
-            back = view.x(at.base - BASE_LENGTH)
-            canvas.rectangle((back, view.axis - half, base - back, 2.0 * half), look.FAINT)
-            spring(canvas, (base, view.axis), (view.x(at.flange_back), view.axis), 0.2 * half, look.FAINT, 6)
+            view.block(canvas, at.base - BASE_LENGTH, at.base, FLANGE_HEIGHT, look.FAINT)
+            ends = (view.x(at.base), view.axis), (view.x(at.flange_back), view.axis)
+            spring(canvas, *ends, 0.1 * FLANGE_HEIGHT * view.scale, look.FAINT, 6)
         if isinstance(task.coupling, SpringDamper):
             spring_damper(canvas, view, at.flange_front, at.tool_back, 0.5 * TOOL_HEIGHT, rest_length(task))
         elif isinstance(task.coupling, Bistable):
             bistable(canvas, view, at.flange_front, at.tool_back, task.coupling)
         else:
-            rigid(canvas, view, at.flange_front, at.tool_back)
-        _block(canvas, view, at.flange_back, at.flange_front, FLANGE_HEIGHT, look.FLANGE)
-        _block(canvas, view, at.tool_back, at.tool_front, TOOL_HEIGHT, look.TOOL)
+            view.block(canvas, at.flange_front, at.tool_back, BAR, look.FLANGE)
+        view.block(canvas, at.flange_back, at.flange_front, FLANGE_HEIGHT, look.FLANGE)
+        view.block(canvas, at.tool_back, at.tool_front, TOOL_HEIGHT, look.TOOL)
         _press(canvas, view, history, state)
     _names(canvas, task, view, at, history)
-    _loupe(canvas, history, state)
+    _close_up(canvas, history, state)
 
 
 def object_radius(history: History) -> float:
     """Return the radius of the ball that is drawn, m."""
     mass: float = history.info["scenario"]["object_mass"]
     return min(math.cbrt(0.75 * mass / (math.pi * DENSITY)), LARGEST_RADIUS)
-
-
-def _block(canvas: Canvas, view: Camera, back: float, front: float, height: float, colour: look.Colour) -> None:
-    tall = height * view.scale
-    canvas.rectangle((view.x(back), view.axis - 0.5 * tall, view.x(front) - view.x(back), tall), colour)
-
-
-def _object(canvas: Canvas, view: Camera, history: History, state: State) -> None:
-    radius = object_radius(history)
-    canvas.circle((view.x(state.object_position + radius), view.axis), radius * view.scale, look.OBJECT)
 
 
 def _press(canvas: Canvas, view: Camera, history: History, state: State) -> None:
@@ -165,8 +143,8 @@ def _ruler(canvas: Canvas, view: Camera) -> None:
     """Draw the ground with a mark every round distance, and a bar that says how long one is."""
     ground = PANEL[1] + PANEL[3] + 6.0
     length = round_length(110.0 / view.scale)
-    canvas.lines([(PANEL[0], ground), (PANEL[0] + PANEL[2], ground)], look.FAINT, 1.0)
-    for mark in range(math.ceil(view.left / length), math.floor((view.left + PANEL[2] / view.scale) / length) + 1):
+    canvas.lines([(0.0, ground), (look.WIDTH, ground)], look.FAINT, 1.0)
+    for mark in range(math.ceil(view.left / length), math.floor((view.left + look.WIDTH / view.scale) / length) + 1):
         x = view.x(mark * length)
         canvas.lines([(x, ground - 4.0), (x, ground + 4.0)], look.FAINT, 1.0)
         if 210.0 < x < look.WIDTH - 30.0:
@@ -175,14 +153,14 @@ def _ruler(canvas: Canvas, view: Camera) -> None:
     canvas.text(f"{1e3 * length:.4g} mm", (20.0 + length * view.scale, ground + 13.0), SMALL)
 
 
-def _loupe(canvas: Canvas, history: History, state: State) -> None:
+def _close_up(canvas: Canvas, history: History, state: State) -> None:
     """Draw the faces enlarged, as far as the hardest impact that can be commanded would press them."""
-    left, top, width, height = LOUPE
+    left, top, width, height = CLOSE_UP
     scale = 0.4 * width / min(max(history.impact_depth(history.task.velocity_range[1]), 1e-9), 1.0)
     face, middle = left + 0.4 * width, top + 0.5 * height
     radius = object_radius(history) * scale
-    with canvas.clipped(LOUPE):
-        canvas.rectangle(LOUPE, look.PANEL)
+    with canvas.clipped(CLOSE_UP):
+        canvas.rectangle(CLOSE_UP, look.PANEL)
         rows = [0.5 * height * step / 12.0 for step in range(-12, 13)]
         rim = [(face + radius - math.sqrt(max(radius * radius - y * y, 0.0)), middle + y) for y in rows]
         rear = face + radius if radius < 0.5 * height else left + width
@@ -192,15 +170,15 @@ def _loupe(canvas: Canvas, history: History, state: State) -> None:
             canvas.rectangle((left, top, tool - left, height), look.TOOL)
         if state.penetration > 0.0:
             canvas.dashes((face, top), (face, top + height), look.PAPER)
-    canvas.frame(LOUPE, look.FAINT)
+    canvas.frame(CLOSE_UP, look.FAINT)
     length = round_length(0.3 * width / scale)
     below = top + height + 12.0
     canvas.rectangle((left, below - 2.0, length * scale, 4.0), look.INK)
     canvas.text(f"{1e3 * length:.3g} mm", (left + 6.0 + length * scale, below), SMALL)
     canvas.text("faces, enlarged", (left + width, below), SMALL, look.FAINT, "midright")
     if state.penetration > 0.0:
-        canvas.text(f"pressed {1e3 * state.penetration:.2f} mm", (left + width - 6.0, top + 10.0), SMALL, look.PAPER,
-                    "midright")  # fmt: skip
+        pressed = f"pressed {1e3 * state.penetration:.2f} mm"
+        canvas.text(pressed, (left + width - 6.0, top + 10.0), SMALL, look.PAPER, "midright")
 
 
 def round_length(longest: float) -> float:

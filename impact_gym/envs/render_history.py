@@ -81,6 +81,14 @@ class History:
         """Return the chain at `time` (s), linear between points of the trace."""
         return State(*(float(np.interp(time, self.time, column)) for column in self.columns.values()))
 
+    def seen(self, time: float) -> int:
+        """Return how many points of the trace lie up to `time` (s)."""
+        return int(np.searchsorted(self.time, time, side="right"))
+
+    def peak_force(self, state: State) -> float:
+        """Return the largest contact force up to the time of `state`, N."""
+        return max(float(self.columns["contact_force"][: self.seen(state.time)].max()), state.contact_force)
+
     def impact_time(self, speed: float) -> float:
         """Time from touch to parting of an elastic Hertz impact at `speed` (m/s), s (Johnson 1985, eq. 11.24)."""
         return 2.9432 * self.impact_depth(speed) / speed
@@ -88,8 +96,7 @@ class History:
     def impact_depth(self, speed: float) -> float:
         """Deepest penetration of such an impact, m (Johnson 1985, eq. 11.23)."""
         stiffness = self.info["scenario"]["contact_stiffness"]
-        depth: float = (1.25 * self.reduced_mass * speed * speed / stiffness) ** 0.4
-        return depth
+        return (1.25 * self.reduced_mass * speed * speed / stiffness) ** 0.4
 
     def factor(self, time: float, rate: float) -> float:
         """How many times slower than life a film of `rate` frames per s runs at `time` (s): a power of two.

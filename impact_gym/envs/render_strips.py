@@ -3,7 +3,6 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from impact_gym.envs import render_canvas as look
 from impact_gym.envs.render_canvas import Box, Canvas
@@ -19,13 +18,14 @@ LIGHT_CONTACT, LIGHT_DELAY = "#E3F1EC", "#F7CF78"
 DELAY_BAND = 8.0  # pixels
 
 
-class Axes:
-    """A strip: where a time and a value lie in the picture."""
+class Strip:
+    """A strip of the picture up to the time of `state`, and where a time and a value lie in it."""
 
-    def __init__(self, box: Box, start: float, low: float, high: float) -> None:
-        """Show times from `start` (s) and values from `low` to `high` in `box`."""
+    def __init__(self, canvas: Canvas, history: History, state: State, box: Box, low: float, high: float) -> None:
+        """Show the last moments and values from `low` to `high` in `box`."""
+        self.canvas, self.history, self.state, self.box = canvas, history, state, box
         self.left, self.top, self.width, self.height = box
-        self.start, self.low, self.high = start, low, high
+        self.start, self.low, self.high = window(state), low, high
 
     def x(self, time: float) -> float:
         """Return the column of a time, kept inside the strip."""
@@ -35,93 +35,89 @@ class Axes:
         """Return the row of a value, kept inside the strip."""
         return self.top + self.height * (1.0 - min(max((value - self.low) / (self.high - self.low), 0.0), 1.0))
 
+    def ground(self, title: str) -> None:
+        """Draw what lies under the curves: contacts, the reaction delay, the grid of time, the alarm."""
+        history, now = self.history, self.state.time
+        self.canvas.rectangle(self.box, look.PAPER)
+        with self.canvas.clipped(self.box):
+            for touch, parting in zip(history.touches, history.partings, strict=True):
+                if touch < now and parting > self.start:
+                    self._span(touch, min(parting, now), LIGHT_CONTACT, self.height)
+            if history.detection <= now and history.alarm > self.start:
+                self._span(history.detection, min(history.alarm, now), LIGHT_DELAY, DELAY_BAND)
+            for time in ticks(self.start):
+                self._instant(time, look.GRID, 0.5)
+            for instant, colour in ((history.detection, look.WARNING), (history.alarm, look.ALARM)):
+                if self.start < instant <= now:
+                    self._instant(instant, colour, 1.5)
+            self._instant(now, look.FAINT, 1.0)
+        self.canvas.text(title, (self.left + 6.0, self.top + 9.0), SMALL, look.FAINT)
+
+    def _span(self, begin: float, end: float, colour: str, height: float) -> None:
+        self.canvas.rectangle((self.x(begin), self.top, self.x(end) - self.x(begin), height), colour)
+
+    def _instant(self, time: float, colour: str, width: float) -> None:
+        x = self.x(time)
+        self.canvas.lines([(x, self.top), (x, self.top + self.height)], colour, width)
+
+    def mark(self, value: float, label: str) -> None:
+        """Draw a line of the grid at a value."""
+        y = self.y(value)
+        self.canvas.lines([(self.left, y), (self.left + self.width, y)], look.GRID, 0.5)
+        self.canvas.text(label, (self.left - 6.0, y), SMALL, look.FAINT, "midright")
+
+    def curve(self, name: str, colour: str, logarithmic: bool = False) -> None:
+        """Draw the trace up to the time of the state and the value at it."""
+        first = max(int(np.searchsorted(self.history.time, self.start)) - 1, 0)
+        seen = slice(first, self.history.seen(self.state.time))
+        times = np.append(self.history.time[seen], self.state.time)
+        values = np.append(self.history.columns[name][seen], getattr(self.state, name))
+        if logarithmic:
+            values = np.log10(np.maximum(values, LOWEST_FORCE))
+        points = [(self.x(time), self.y(value)) for time, value in zip(times.tolist(), values.tolist(), strict=True)]
+        with self.canvas.clipped((self.left, self.top, self.width, self.height + 1.0)):
+            self.canvas.lines(points, colour, 1.5)
+        self.canvas.circle(points[-1], 3.0, colour)
+
+
+def window(state: State) -> float:
+    """Return the earliest time that is shown, s."""
+    return max(state.time + AHEAD - WINDOW, 0.0)
+
+
+def ticks(start: float) -> list[float]:
+    """Return the times of the grid, s, a twentieth of a second apart."""
+    return [tick / 20.0 for tick in range(math.ceil(start * 20.0), math.floor((start + WINDOW) * 20.0) + 1)]
+
 
 def draw(canvas: Canvas, history: History, state: State) -> None:
     """Draw both strips up to the time of `state`."""
-    start = max(state.time + AHEAD - WINDOW, 0.0)
-    seen = slice(
-        max(int(np.searchsorted(history.time, start)) - 1, 0),
-        int(np.searchsorted(history.time, state.time, side="right")),
-    )
-    _velocities(canvas, history, state, start, seen)
-    _force(canvas, history, state, start, seen)
+    _velocities(canvas, history, state)
+    _force(canvas, history, state)
 
 
-def _velocities(canvas: Canvas, history: History, state: State, start: float, seen: slice) -> None:
+def _velocities(canvas: Canvas, history: History, state: State) -> None:
     names = {"object_velocity": look.OBJECT, "tool_velocity": look.TOOL, "flange_velocity": look.FLANGE}
-    so_far = [history.columns[name][: seen.stop] for name in names]
+    so_far = [history.columns[name][: history.seen(state.time)] for name in names]
     high = max(history.task.velocity_range[1], *(math.ceil(2.0 * float(column.max())) / 2.0 for column in so_far)) + 0.1
     low = min(history.task.velocity_range[0], *(math.floor(2.0 * float(column.min())) / 2.0 for column in so_far)) - 0.1
-    axes = Axes(VELOCITY, start, low, high)
+    strip = Strip(canvas, history, state, VELOCITY, low, high)
     spacing = math.ceil((high - low) / 5.0)
-    _ground(canvas, axes, history, state, "velocity (m/s)")
+    strip.ground("velocity (m/s)")
     for mark in range(math.ceil(low / spacing), math.floor(high / spacing) + 1):
-        _mark(canvas, axes, mark * spacing, f"{mark * spacing}")
+        strip.mark(mark * spacing, f"{mark * spacing}")
     for name, colour in names.items():
-        _curve(canvas, axes, history, state, seen, name, colour)
+        strip.curve(name, colour)
 
 
-def _force(canvas: Canvas, history: History, state: State, start: float, seen: slice) -> None:
-    peak = max(float(history.columns["contact_force"][: seen.stop].max()), state.contact_force, HIGHEST_FORCE)
-    top = math.ceil(math.log10(peak))
-    axes = Axes(FORCE, start, math.log10(LOWEST_FORCE), float(top))
-    _ground(canvas, axes, history, state, "contact force (N)")
-    for decade in range(round(axes.low), top + 1, math.ceil((top + 1) / 5.0)):
-        _mark(canvas, axes, float(decade), f"{10.0**decade:g}")
-    threshold = axes.y(math.log10(history.threshold))
-    canvas.dashes((axes.left, threshold), (axes.left + axes.width, threshold), look.WARNING)
-    _curve(canvas, axes, history, state, seen, "contact_force", look.FORCE, logarithmic=True)
-    for time in range(math.ceil(start * 20.0), math.floor((start + WINDOW) * 20.0) + 1):
-        canvas.text(f"{time / 20.0:.2f} s", (axes.x(time / 20.0), axes.top + axes.height + 9.0), SMALL, look.FAINT,
-                    "center")  # fmt: skip
-
-
-def _ground(canvas: Canvas, axes: Axes, history: History, state: State, title: str) -> None:
-    """Draw what lies under the curves: contacts, the reaction delay, the grid of time, the alarm."""
-    bottom = axes.top + axes.height
-    canvas.rectangle((axes.left, axes.top, axes.width, axes.height), look.PAPER)
-    with canvas.clipped((axes.left, axes.top, axes.width, axes.height)):
-        for touch, parting in zip(history.touches, history.partings, strict=True):
-            if touch < state.time and parting > axes.start:
-                _span(canvas, axes, touch, min(parting, state.time), LIGHT_CONTACT, axes.height)
-        if history.detection <= state.time and history.alarm > axes.start:
-            _span(canvas, axes, history.detection, min(history.alarm, state.time), LIGHT_DELAY, DELAY_BAND)
-        for time in range(math.ceil(axes.start * 20.0), math.floor((axes.start + WINDOW) * 20.0) + 1):
-            canvas.lines([(axes.x(time / 20.0), axes.top), (axes.x(time / 20.0), bottom)], look.GRID, 0.5)
-        for instant, colour in ((history.detection, look.WARNING), (history.alarm, look.ALARM)):
-            if axes.start < instant <= state.time:
-                canvas.lines([(axes.x(instant), axes.top), (axes.x(instant), bottom)], colour, 1.5)
-        now = axes.x(state.time)
-        canvas.lines([(now, axes.top), (now, bottom)], look.FAINT, 1.0)
-    canvas.text(title, (axes.left + 6.0, axes.top + 9.0), SMALL, look.FAINT)
-
-
-def _span(canvas: Canvas, axes: Axes, begin: float, end: float, colour: str, height: float) -> None:
-    canvas.rectangle((axes.x(begin), axes.top, axes.x(end) - axes.x(begin), height), colour)
-
-
-def _mark(canvas: Canvas, axes: Axes, value: float, label: str) -> None:
-    y = axes.y(value)
-    canvas.lines([(axes.left, y), (axes.left + axes.width, y)], look.GRID, 0.5)
-    canvas.text(label, (axes.left - 6.0, y), SMALL, look.FAINT, "midright")
-
-
-def _curve(
-    canvas: Canvas,
-    axes: Axes,
-    history: History,
-    state: State,
-    seen: slice,
-    name: str,
-    colour: str,
-    logarithmic: bool = False,
-) -> None:
-    """Draw the trace up to the time of `state` and the value at it."""
-    times = np.append(history.time[seen], state.time)
-    values: NDArray[np.float64] = np.append(history.columns[name][seen], getattr(state, name))
-    if logarithmic:
-        values = np.log10(np.maximum(values, LOWEST_FORCE))
-    with canvas.clipped((axes.left, axes.top, axes.width, axes.height + 1.0)):
-        points = [(axes.x(time), axes.y(value)) for time, value in zip(times.tolist(), values.tolist(), strict=True)]
-        canvas.lines(points, colour, 1.5)
-    canvas.circle(points[-1], 3.0, colour)
+def _force(canvas: Canvas, history: History, state: State) -> None:
+    top = math.ceil(math.log10(max(history.peak_force(state), HIGHEST_FORCE)))
+    strip = Strip(canvas, history, state, FORCE, math.log10(LOWEST_FORCE), float(top))
+    strip.ground("contact force (N)")
+    for decade in range(round(strip.low), top + 1, math.ceil((top + 1) / 5.0)):
+        strip.mark(float(decade), f"{10.0**decade:g}")
+    threshold = strip.y(math.log10(history.threshold))
+    canvas.dashes((strip.left, threshold), (strip.left + strip.width, threshold), look.WARNING)
+    strip.curve("contact_force", look.FORCE, logarithmic=True)
+    for time in ticks(strip.start):
+        canvas.text(f"{time:.2f} s", (strip.x(time), strip.top + strip.height + 9.0), SMALL, look.FAINT, "center")

@@ -137,17 +137,11 @@ def _head(canvas: Canvas, history: History, state: State, factor: float) -> None
     words, colour = alarm(history, state)
     canvas.circle(LAMP, 9.0, colour)
     canvas.text(words, (LAMP[0] - 18.0, LAMP[1]), 20, look.INK, "midright")
-    x = 14.0
-    for name, value, colour in (
-        ("flange", f"{state.flange_velocity:+.3f} m/s", look.FLANGE),
-        ("tool", f"{state.tool_velocity:+.3f} m/s", look.TOOL),
-        ("object", f"{state.object_velocity:+.3f} m/s", look.OBJECT),
-        ("contact force", f"{state.contact_force:.3g} N", look.FORCE),
-    ):
-        canvas.text(f"{name} {value}", (x, 47.0), 20, colour)
-        x += 185.0
-    seen = history.columns["contact_force"][: int(np.searchsorted(history.time, state.time, side="right"))]
-    canvas.text(f"peak {max(float(seen.max()), state.contact_force):.3g} N", (x + 30.0, 47.0), 20, look.FORCE)
+    canvas.text(f"flange {state.flange_velocity:+.3f} m/s", (14.0, 47.0), 20, look.FLANGE)
+    canvas.text(f"tool {state.tool_velocity:+.3f} m/s", (199.0, 47.0), 20, look.TOOL)
+    canvas.text(f"object {state.object_velocity:+.3f} m/s", (384.0, 47.0), 20, look.OBJECT)
+    canvas.text(f"contact force {state.contact_force:.3g} N", (569.0, 47.0), 20, look.FORCE)
+    canvas.text(f"peak {history.peak_force(state):.3g} N", (784.0, 47.0), 20, look.FORCE)
 
 
 LAMP = (look.WIDTH - 22.0, 19.0)
@@ -176,23 +170,17 @@ def _foot(canvas: Canvas, history: History, state: State) -> None:
     """Write the scenario, or at the end what came of the episode."""
     info, scenario = history.info, history.info["scenario"]
     if history.ended and state.time >= history.now:
+        words = "missed: nothing was touched"
+        if not info["missed"]:
+            words = f"V_p = {info['object_velocity']:.3f} m/s   approach time {info['approach_time']:.3f} s   "
+            words += f"peak force {info['peak_force']:.3g} N   contacts {info['contact_count']}"
         failed = "" if info["status"] == "ok" else f"   {info['status']}"
-        words = (
-            "missed: nothing was touched"
-            if info["missed"]
-            else f"V_p = {info['object_velocity']:.3f} m/s   approach time {info['approach_time']:.3f} s   "
-            f"peak force {info['peak_force']:.3g} N   contacts {info['contact_count']}"
-        )
         canvas.text(words + failed + f"   return {sum(info['reward_terms'].values()):.3f}", (14.0, 520.0), 22)
         return
-    canvas.text(
-        f"object {scenario['object_mass']:.3g} kg at {1e3 * scenario['distance']:.0f} mm, "
-        f"{scenario['contact_stiffness']:.3g} N/m^1.5, restitution {scenario['restitution']:.2f}   |   "
-        f"{coupling_words(history.task)}   |   time weight {info['time_weight']:.3g} m/s per s",
-        (14.0, 520.0),
-        17,
-        look.FAINT,
-    )
+    words = f"object {scenario['object_mass']:.3g} kg at {1e3 * scenario['distance']:.0f} mm, "
+    words += f"{scenario['contact_stiffness']:.3g} N/m^1.5, restitution {scenario['restitution']:.2f}   |   "
+    words += f"{coupling_words(history.task)}   |   time weight {info['time_weight']:.3g} m/s per s"
+    canvas.text(words, (14.0, 520.0), 17, look.FAINT)
     if history.ended and state.time >= history.end_of_control:
         canvas.text("settling", (look.WIDTH - 14.0, 520.0), 17, look.FAINT, "midright")
 

@@ -60,9 +60,8 @@ class ImpactVecEnv(VecEnv):
         if ended.any():
             rows = np.flatnonzero(ended)
             for row, info in zip(rows.tolist(), self.envs.batch.infos(rows), strict=True):
-                infos[row] = info
-                infos[row]["terminal_observation"] = observations[row]
-                infos[row]["TimeLimit.truncated"] = bool(truncated[row] and not terminated[row])
+                cut = bool(truncated[row] and not terminated[row])
+                infos[row] = {**info, "terminal_observation": observations[row], "TimeLimit.truncated": cut}
             observations, _ = self.envs.reset(options={"reset_mask": ended})
         return observations, rewards.astype(np.float32), ended, infos
 
@@ -79,8 +78,7 @@ class ImpactVecEnv(VecEnv):
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
         """Return the batch's attribute once per environment asked for."""
-        value = getattr(self.envs, attr_name)
-        return [value for _ in self._get_indices(indices)]
+        return [getattr(self.envs, attr_name) for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
         """Set an attribute of the batch; it is shared, so `indices` must mean all of them."""

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 from impact_gym.validation import WrongTypeError, number
@@ -64,10 +64,9 @@ class ScenarioRanges:
                 raise ValueError(f"scenario must be one of {sorted(NAMED)} or a record of ranges, got {value!r}")
             return NAMED[value]
         if isinstance(value, Mapping):
-            known = [field.name for field in fields(cls)]
             for name in value:
-                if name not in known:
-                    raise ValueError(f"scenario has no field {name!r}; its fields are {known}")
+                if name not in FIELDS:
+                    raise ValueError(f"scenario has no field {name!r}; its fields are {list(FIELDS)}")
             return cls(**value)
         raise WrongTypeError(f"scenario must be a ScenarioRanges, a mapping of its fields or a name, got {value!r}")
 

@@ -8,9 +8,6 @@ from typing import Any, NamedTuple
 from impact_gym.envs.scenario import Range, interval
 from impact_gym.kernels import EPISODE
 
-LARGEST_FORCE_NOISE = 1e6  # N
-LARGEST_RANGE_NOISE = 1e3  # m
-
 
 class Number(NamedTuple):
     """One number of a set-up."""
@@ -32,9 +29,9 @@ def places(kind: Any, before: int = 0) -> dict[str, int]:
 NUMBERS = {
     "tool_mass": Number("kg", True, {"above": 0.0}),
     "alarm_threshold": Number("N", True, {"at_least": 1e-6, "at_most": 1e6}),
-    "range_noise": Number("m", limits={"at_least": 0.0, "at_most": LARGEST_RANGE_NOISE}),
-    "force_noise": Number("N", limits={"at_least": 0.0, "at_most": LARGEST_FORCE_NOISE}),
-    "force_bias": Number("N", limits={"at_least": 0.0, "at_most": LARGEST_FORCE_NOISE}),
+    "range_noise": Number("m", limits={"at_least": 0.0, "at_most": 1e3}),
+    "force_noise": Number("N", limits={"at_least": 0.0, "at_most": 1e6}),
+    "force_bias": Number("N", limits={"at_least": 0.0, "at_most": 1e6}),
     "coupling.stiffness": Number("N/m", True),
     "coupling.damping_ratio": Number("(no unit)"),
     "coupling.free_length": Number("m"),
@@ -85,10 +82,8 @@ def ranged_record(name: str, value: Any, make: Callable[[Any], Any]) -> tuple[An
 def setting_table() -> str:
     """Return the table of all that may be a range as Markdown."""
     rows = [("Number of the set-up", "Distribution", "Unit")]
-    rows += [
-        (f"`{name}`", "log-uniform" if one.logarithmic else "uniform", one.unit.replace("(no unit)", "-"))
-        for name, one in NUMBERS.items()
-    ]
+    for name, one in NUMBERS.items():
+        rows.append((f"`{name}`", "log-uniform" if one.logarithmic else "uniform", one.unit.replace("(no unit)", "-")))
     return markdown(rows)
 
 

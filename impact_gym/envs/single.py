@@ -15,7 +15,7 @@ from impact_gym.envs.scenario import ScenarioRanges
 from impact_gym.envs.setting import setting_table
 from impact_gym.envs.task import Task
 from impact_gym.kernels import CONTACT, TRACE
-from impact_gym.scene import Coupling, Rigid
+from impact_gym.scene import Coupling, flange_moves_with_tool
 from impact_gym.simulation import NOTHING_RECORDED, Trace
 from impact_gym.validation import WrongTypeError
 
@@ -208,8 +208,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     def _kept(self, rows: int) -> Trace:
         task = self._batch.task
-        one_mass = task.robot is not None and isinstance(task.coupling, Rigid)
-        return Trace.of(self._trace[:rows], one_mass)
+        return Trace.of(self._trace[:rows], flange_moves_with_tool(task.coupling, task.robot))
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None

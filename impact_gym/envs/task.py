@@ -63,17 +63,16 @@ class Task:
 
         put("ranges", ScenarioRanges.of(self.scenario))
         put("scenario", self.ranges)
-        coupling, of_coupling = ranged_record("coupling", self.coupling, coupling_from)
-        robot, of_robot = ranged_record("robot", self.robot, robot_from)
-        put("coupling", coupling)
-        put("robot", robot)
         drawn: dict[str, Range] = {}
-        for name, (unit, _, limits) in NUMBERS.items():
+        for name, make in {"coupling": coupling_from, "robot": robot_from}.items():
+            record, of_record = ranged_record(name, getattr(self, name), make)
+            put(name, record)
+            drawn |= of_record
+        for name, (unit, _, allowed) in NUMBERS.items():
             if "." not in name and getattr(self, name) is not None:
-                pair = interval(name, getattr(self, name), unit, **limits)
+                pair = interval(name, getattr(self, name), unit, **allowed)
                 put(name, middle(name, pair))
                 drawn |= {name: pair} if pair[0] < pair[1] else {}
-        drawn |= of_coupling | of_robot
         put("drawn", {name: drawn[name] for name in NUMBERS if name in drawn})
         put("weights", interval("time_weight", self.time_weight, "m/s per s", above=0, at_most=LARGEST_WEIGHT))
         put("force_weight", number("force_weight", self.force_weight, "m/s per N", at_least=0, at_most=LARGEST_WEIGHT))
@@ -86,10 +85,8 @@ class Task:
             raise ValueError(
                 f"velocity_range must end above 0 and begin at -1000 m/s or more, got {self.velocity_range}"
             )
-        put(
-            "acceleration_range",
-            command_range("acceleration_range", self.acceleration_range, "m/s^2", above=0.0, at_most=STRONGEST),
-        )
+        limits = {"above": 0.0, "at_most": STRONGEST}
+        put("acceleration_range", command_range("acceleration_range", self.acceleration_range, "m/s^2", **limits))
         if self.dissipation not in DISSIPATIONS:
             raise ValueError(f"dissipation must be one of {DISSIPATIONS}, got {self.dissipation!r}")
         for name in ("deflection_sensor", "privileged"):
@@ -149,25 +146,22 @@ def command_range(name: str, value: Any, unit: str, **limits: float) -> Range:
 
 def coupling_from(value: Any) -> Coupling:
     """Return a coupling from one or from a plain mapping, such as {"type": "SpringDamper", "stiffness": 50}."""
-    coupling: Coupling = _record_from("coupling", value, {kind.__name__: kind for kind in get_args(Coupling)})
-    return coupling
+    return _record_from("coupling", value, *get_args(Coupling))
 
 
 def robot_from(value: Any) -> Robot | RobotTable | None:
     """Return a robot from one, from a plain mapping, or None for a rigid one."""
-    if value is None:
-        return None
-    robot: Robot | RobotTable = _record_from("robot", value, {"Robot": Robot, "RobotTable": RobotTable})
-    return robot
+    return None if value is None else _record_from("robot", value, Robot, RobotTable)
 
 
-def _record_from(name: str, value: Any, kinds: dict[str, type[Any]]) -> Any:
-    """Return one of the records `kinds` from one, or from a mapping with its fields and its name as "type".
+def _record_from(name: str, value: Any, *allowed: type[Any]) -> Any:
+    """Return a record of one of the `allowed` kinds from one, or from a mapping with its fields and its kind as "type".
 
     A mapping of all fields of one kind needs no type: that is what `EnvSpec.to_json` makes of a record.
     """
-    if isinstance(value, tuple(kinds.values())):
+    if isinstance(value, allowed):
         return value
+    kinds = {kind.__name__: kind for kind in allowed}
     if isinstance(value, Mapping):
         given = {field: argument for field, argument in value.items() if field != "type"}
         named = {kind: [field.name for field in fields(of)] for kind, of in kinds.items()}

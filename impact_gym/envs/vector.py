@@ -82,11 +82,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         return self.begin(seed, mask, fixed[mask], np.full(self.num_envs, skipped)), {}
 
     def begin(
-        self,
-        seed: int | Sequence[int | None] | None,
-        mask: Flags,
-        fixed: NDArray[Any],
-        skipped: NDArray[np.int64],
+        self, seed: int | Sequence[int | None] | None, mask: Flags, fixed: NDArray[Any], skipped: NDArray[np.int64]
     ) -> Floats:
         """Begin an episode in the slots of `mask`; `fixed` records (k,) for these, `skipped` (num_envs,) episodes."""
         self._seed(seed, mask)

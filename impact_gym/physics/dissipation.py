@@ -20,31 +20,6 @@ from scipy.optimize import brentq
 from impact_gym.kernels import delivered, delivered_linear, exact_damping, hu_guo, separation_velocity
 
 
-def hunt_crossley(restitution: float) -> float:
-    """Damping factor after Hunt and Crossley, J. Appl. Mech. 42 (1975) 440-445; for e near 1."""
-    return 1.5 * (1.0 - restitution)
-
-
-def lankarani_nikravesh(restitution: float) -> float:
-    """Damping factor after Lankarani and Nikravesh, J. Mech. Des. 112 (1990) 369-376; for e near 1."""
-    return 0.75 * (1.0 - restitution) * (1.0 + restitution)
-
-
-def herbert_mcwhannell(restitution: float) -> float:
-    """Damping factor after Herbert and McWhannell, J. Eng. Ind. 99 (1977) 263-266."""
-    return 6.0 * (1.0 - restitution) / ((2.0 * restitution - 1.0) ** 2 + 3.0)
-
-
-def gonthier(restitution: float) -> float:
-    """Damping factor after Gonthier, McPhee, Lange, Piedboeuf, Multibody Syst. Dyn. 11 (2004) 209-233; for small e."""
-    return (1.0 - restitution) * (1.0 + restitution) / restitution
-
-
-def flores(restitution: float) -> float:
-    """Damping factor after Flores, Machado, Silva, Martins, Multibody Syst. Dyn. 25 (2011) 357-375."""
-    return 1.6 * (1.0 - restitution) / restitution
-
-
 def delivered_by(damping: float, stiffness_exponent: float, damping_exponent: float) -> float:
     """Restitution of an isolated contact u'' = -(u^m + d u^n u')+, in closed form where there is one."""
     m, n, d = stiffness_exponent, damping_exponent, damping
@@ -56,13 +31,17 @@ def delivered_by(damping: float, stiffness_exponent: float, damping_exponent: fl
 
 
 PUBLISHED: dict[str, Callable[[float], float]] = {
-    "hu-guo": hu_guo,
-    "hunt-crossley": hunt_crossley,
-    "lankarani-nikravesh": lankarani_nikravesh,
-    "herbert-mcwhannell": herbert_mcwhannell,
-    "gonthier": gonthier,
-    "flores": flores,
+    "hu-guo": hu_guo,  # the paper's eq. 7
+    "hunt-crossley": lambda e: 1.5 * (1.0 - e),  # J. Appl. Mech. 42 (1975) 440-445
+    "lankarani-nikravesh": lambda e: 0.75 * (1.0 - e) * (1.0 + e),  # J. Mech. Des. 112 (1990) 369-376
+    "herbert-mcwhannell": lambda e: 6.0 * (1.0 - e) / ((2.0 * e - 1.0) ** 2 + 3.0),  # J. Eng. Ind. 99 (1977) 263-266
+    "gonthier": lambda e: (1.0 - e) * (1.0 + e) / e,  # with McPhee, Lange, Piedboeuf, MSD 11 (2004) 209-233
+    "flores": lambda e: 1.6 * (1.0 - e) / e,  # with Machado, Silva, Martins, MSD 25 (2011) 357-375
 }
+"""Damping factor d of a nominal restitution; the second and third are for e near 1, Gonthier's is for small e.
+
+MSD is Multibody Syst. Dyn.
+"""
 
 
 @lru_cache(maxsize=4096)

@@ -6,7 +6,7 @@ All arguments broadcast against each other as NumPy arrays; a restitution of 0 i
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from impact_gym.validation import WrongTypeError
+from impact_gym.validation import WrongTypeError, number
 
 Velocities = NDArray[np.float64] | np.float64
 
@@ -17,8 +17,8 @@ def rigid_tool(tool_velocity: ArrayLike, object_velocity: ArrayLike, restitution
     Raises:
         ValueError: a velocity (m/s) is not finite or a restitution is outside [0, 1].
     """
-    v_t, v_p = _finite("tool_velocity", tool_velocity, "m/s"), _finite("object_velocity", object_velocity, "m/s")
-    e = _restitution(restitution)
+    v_t, v_p = _checked("tool_velocity", tool_velocity, "m/s"), _checked("object_velocity", object_velocity, "m/s")
+    e = _checked("restitution", restitution, "(no unit)", at_least=0, at_most=1)
     return v_t + e * (v_t - v_p)
 
 
@@ -37,32 +37,19 @@ def free_tool(
     Raises:
         ValueError: a mass (kg) is not positive, a restitution outside [0, 1], anything not finite.
     """
-    m_t, m_p = _mass("tool_mass", tool_mass), _mass("object_mass", object_mass)
-    v_t, v_p = _finite("tool_velocity", tool_velocity, "m/s"), _finite("object_velocity", object_velocity, "m/s")
-    e, push = _restitution(restitution), _finite("impulse", impulse, "N s") / (m_t + m_p)
+    m_t, m_p = _checked("tool_mass", tool_mass, "kg", above=0), _checked("object_mass", object_mass, "kg", above=0)
+    v_t, v_p = _checked("tool_velocity", tool_velocity, "m/s"), _checked("object_velocity", object_velocity, "m/s")
+    e = _checked("restitution", restitution, "(no unit)", at_least=0, at_most=1)
+    push = _checked("impulse", impulse, "N s") / (m_t + m_p)
     V_t = v_t + m_p / (m_t + m_p) * (1 + e) * (v_p - v_t) + push
     V_p = v_p - m_t / (m_t + m_p) * (1 + e) * (v_p - v_t) + push
     return V_t, V_p
 
 
-def _finite(field: str, values: ArrayLike, unit: str) -> NDArray[np.float64]:
+def _checked(field: str, values: ArrayLike, unit: str, **limits: float) -> NDArray[np.float64]:
     array = np.asarray(values)
     if array.dtype.kind not in "fiu":
         raise WrongTypeError(f"{field} must be numbers in {unit}, got {values!r}")
-    if not np.isfinite(array).all():
-        raise ValueError(f"{field} must be finite {unit}, got {values!r}")
+    for value in array.flat:
+        number(field, value, unit, **limits)
     return array.astype(np.float64)
-
-
-def _mass(field: str, values: ArrayLike) -> NDArray[np.float64]:
-    array = _finite(field, values, "kg")
-    if not (array > 0).all():
-        raise ValueError(f"{field} must be above 0 kg, got {values!r}")
-    return array
-
-
-def _restitution(values: ArrayLike) -> NDArray[np.float64]:
-    array = _finite("restitution", values, "(no unit)")
-    if not ((array >= 0) & (array <= 1)).all():
-        raise ValueError(f"restitution must be at least 0 and at most 1 (no unit), got {values!r}")
-    return array

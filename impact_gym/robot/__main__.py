@@ -67,7 +67,7 @@ def _summary(arm: Arm, line: Line, result: Approach) -> str:
         f"{'':8}{'travel':>8}{'m_r':>9}{'c_r':>9}{'k_r':>11}{'eff. mass':>11}{'eff. stiffness':>16}  joint angles",
         f"{'':8}{'m':>8}{'kg':>9}{'N s/m':>9}{'N/m':>11}{'kg':>11}{'N/m':>16}  deg",
     ]
-    for name, row in {"start": 0, "impact": result.impact_row, "end": len(result.travel) - 1}.items():
+    for name, row in {"start": 0, "impact": result.impact_row, "end": -1}.items():
         joints = " ".join(f"{angle:8.2f}" for angle in result.joint_angles[row])
         lines.append(
             f"{name:8}{result.travel[row]:8.3f}{result.mass[row]:9.4f}{result.damping[row]:9.3f}"
@@ -86,12 +86,12 @@ def _summary(arm: Arm, line: Line, result: Approach) -> str:
 
 def _provenance(line: Line, placed: bool) -> dict[str, Any]:
     """Say where a table comes from; no version and no date, so that the same table makes the same file."""
-    pose = line.impact
-    place = f" --x {pose.x!r} --y {pose.y!r} --z {pose.z!r}" if placed else ""
-    lengths = "".join(f" --{name} {getattr(line, name)!r}" for name in LENGTHS) if placed else ""
-    orientation = f" --orientation {pose.orientation}" if placed else ""
+    pose, options = line.impact, ""
+    if placed:
+        options = f" --x {pose.x!r} --y {pose.y!r} --z {pose.z!r} --orientation {pose.orientation}"
+        options += "".join(f" --{name} {getattr(line, name)!r}" for name in LENGTHS)
     return {
-        "made_by": f"python -m impact_gym.robot{place}{orientation}{lengths} --out FILE",
+        "made_by": f"python -m impact_gym.robot{options} --out FILE",
         "robot": "Viper s650 as viper_s650.json beside this file has it: inertia and joint stiffness are ESTIMATES",
         "choice": "given on the command line" if placed else "solved for, see impact_gym/robot/choice.py",
         "columns": "paper, eq. 12-16: m_r, c_r, k_r are elements (1,1); effective: 1/(M_X^-1)_11 and 1/(K_X^-1)_11",

@@ -4,7 +4,7 @@ import json
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -12,47 +12,43 @@ from impact_gym.files import whole_file
 from impact_gym.robot.description import JOINTS, Array
 from impact_gym.robot.pose import Orientation, Pose
 from impact_gym.scene import Robot, RobotTable
-from impact_gym.validation import WrongTypeError, number, numbers
+from impact_gym.validation import SI, Record, WrongTypeError, numbers
 
 SHIPPED = Path(__file__).with_name("default_approach.json")
 
 COLUMNS = {
-    "travel": ("travel_m", "m"),
-    "x": ("x_m", "m"),
-    "mass": ("m_r_kg", "kg"),
-    "damping": ("c_r_N_s_per_m", "N s/m"),
-    "stiffness": ("k_r_N_per_m", "N/m"),
-    "effective_mass": ("effective_mass_kg", "kg"),
-    "effective_stiffness": ("effective_stiffness_N_per_m", "N/m"),
-}
-"""Name in the file and unit of each field; the joint angles follow as q1_deg to q6_deg."""
+    "travel": "travel_m", "x": "x_m", "mass": "m_r_kg", "damping": "c_r_N_s_per_m", "stiffness": "k_r_N_per_m",
+    "effective_mass": "effective_mass_kg", "effective_stiffness": "effective_stiffness_N_per_m",
+}  # fmt: skip
+"""Name in the file of each field; the joint angles follow as q1_deg to q6_deg."""
 
-HEADER = [*(name for name, _ in COLUMNS.values()), *(f"q{joint + 1}_deg" for joint in range(JOINTS))]
+HEADER = [*COLUMNS.values(), *(f"q{joint + 1}_deg" for joint in range(JOINTS))]
 
 
 @dataclass(frozen=True, eq=False)
-class Approach:
+class Approach(Record):
     """The flange on a straight line along +x at constant y, z and orientation; arrays with a row per place.
 
     The mass is that of the bare robot: a tool's own mass comes on top (paper: 'simply adds').
     """
 
-    travel: Array  # m, of the imposed motion from its start, rising from 0
-    x: Array  # m, of the flange in the base frame
-    mass: Array  # kg, m_r = M_X,11 (paper, eq. 12 and 16)
-    damping: Array  # N s/m, c_r = D_X,11 (paper, eq. 13 and 16)
-    stiffness: Array  # N/m, k_r = K_X,11 (paper, eq. 14 and 16)
-    effective_mass: Array  # kg, 1/(M_X^-1)_11
-    effective_stiffness: Array  # N/m, 1/(K_X^-1)_11
+    travel: Annotated[Array, SI("m")]  # of the imposed motion from its start, rising from 0
+    x: Annotated[Array, SI("m")]  # of the flange in the base frame
+    mass: Annotated[Array, SI("kg")]  # m_r = M_X,11 (paper, eq. 12 and 16)
+    damping: Annotated[Array, SI("N s/m")]  # c_r = D_X,11 (paper, eq. 13 and 16)
+    stiffness: Annotated[Array, SI("N/m")]  # k_r = K_X,11 (paper, eq. 14 and 16)
+    effective_mass: Annotated[Array, SI("kg")]  # 1/(M_X^-1)_11
+    effective_stiffness: Annotated[Array, SI("N/m")]  # 1/(K_X^-1)_11
     joint_angles: Array  # deg, (rows, 6)
-    y: float  # m
-    z: float  # m
+    y: Annotated[float, SI("m")]
+    z: Annotated[float, SI("m")]
     orientation: Orientation
-    impact_travel: float  # m, where the object's face is; one of `travel`
+    impact_travel: Annotated[float, SI("m")]  # where the object's face is; one of `travel`
 
     def __post_init__(self) -> None:
-        for name, (_, unit) in COLUMNS.items():
-            _store(self, name, numbers(f"Approach.{name}", getattr(self, name), unit))
+        Record.__post_init__(self)
+        for name in COLUMNS:
+            _store(self, name, getattr(self, name))
         rows = len(self.travel)
         if rows < 4 or np.any(np.diff(self.travel) <= 0) or self.travel[0] != 0:
             raise ValueError(f"Approach.travel must be at least 4 numbers in m rising from 0, got {self.travel!r}")
@@ -67,8 +63,6 @@ class Approach:
         for name in COLUMNS:
             if len(getattr(self, name)) != rows:
                 raise ValueError(f"Approach.{name} must have a value for each of the {rows} places of travel")
-        for name in ("y", "z", "impact_travel"):
-            object.__setattr__(self, name, number(f"Approach.{name}", getattr(self, name), "m"))
         if self.impact_travel not in self.travel:
             raise ValueError(
                 f"Approach.impact_travel must be one of its places of travel, got {self.impact_travel!r} m"

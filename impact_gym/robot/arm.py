@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from impact_gym.robot.description import JOINTS, Array, Description, viper_s650
-from impact_gym.validation import WrongTypeError, numbers
+from impact_gym.validation import numbers, one_of
 
 
 def _mujoco() -> Any:
@@ -23,8 +23,7 @@ class Arm:
     """The robot as a MuJoCo model without geometry. Joint angles in rad, base frame for everything that comes out."""
 
     def __init__(self, description: Description | None = None) -> None:
-        if description is not None and not isinstance(description, Description):
-            raise WrongTypeError(f"Arm.description must be a Description or None, got {description!r}")
+        one_of("Arm.description", description, Description, type(None))
         self.description = description or viper_s650()
         self._mujoco = _mujoco()
         self._model = self._build()

@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 JOINTS = 6
 DATA = Path(__file__).with_name("viper_s650.json")
 
+ELEMENTS = ("xx", "yy", "zz", "xy", "xz", "yz")
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
@@ -31,7 +32,7 @@ class Description:
     upper_limits: Array  # rad
     masses: Array  # kg, estimates
     centres: Array  # m, (6, 3), centre of mass in the link's frame
-    inertias: Array  # kg m^2, (6, 6): xx, yy, zz, xy, xz, yz about the centre of mass, elements of the tensor
+    inertias: Array  # kg m^2, (6, 6): ELEMENTS about the centre of mass, elements of the tensor
     joint_stiffness: Array  # N m/rad, estimates
     damping_over_stiffness: float  # s, beta in D = beta K
     mass_at_impact: float  # kg, the printed m_r + m_t less m_t
@@ -80,9 +81,7 @@ def viper_s650() -> Description:
         upper_limits=limits[:, 1],
         masses=np.array([link["mass_kg"] for link in links]),
         centres=np.array([link["com_m"] for link in links]),
-        inertias=np.array(
-            [[link["inertia_kg_m2"][key] for key in ("xx", "yy", "zz", "xy", "xz", "yz")] for link in links]
-        ),
+        inertias=np.array([[link["inertia_kg_m2"][element] for element in ELEMENTS] for link in links]),
         joint_stiffness=np.array(joints["stiffness_N_m_per_rad"], dtype=float),
         damping_over_stiffness=float(joints["damping_over_stiffness_s"]),
         mass_at_impact=float(data["targets"]["m_r_at_impact_kg"]),

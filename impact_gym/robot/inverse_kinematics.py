@@ -40,18 +40,19 @@ def solve(arm: Arm, pose: Pose, start: Array | None = None) -> Array:
         return np.concatenate([position - pose.position, turn])
 
     # the Jacobian of `turn` is exactly that of the flange at the solution, and close to it on the way
-    guess = _guess(pose) if start is None else start
-    found = least_squares(
-        error, np.clip(guess, lower, upper), jac=arm.jacobian, bounds=(lower, upper), xtol=1e-15, ftol=1e-15, gtol=1e-15
-    )
+    if start is None:  # the middle of the workspace, turned towards the pose
+        start = np.array([np.arctan2(pose.y, pose.x), -0.7, 3.2, 0.0, PITCH[pose.orientation] - 2.5, 0.0])
+    guess, finest = np.clip(start, lower, upper), {"xtol": 1e-15, "ftol": 1e-15, "gtol": 1e-15}
+    found = least_squares(error, guess, jac=arm.jacobian, bounds=(lower, upper), **finest)
     angles = np.asarray(found.x)
     miss = float(np.max(np.abs(found.fun)))
     if miss > TOLERANCE:
         raise ValueError(f"the robot cannot reach {pose}: it misses by {miss:.3g} (m or rad){_why(arm, pose)}")
     reached = condition(arm, angles)
     if not reached <= MAX_CONDITION:
+        degrees = ", ".join(f"{angle:.2f}" for angle in np.degrees(angles))
         raise ValueError(
-            f"{pose} is too near a singularity: at joint angles {_degrees(angles)} deg the condition number of the "
+            f"{pose} is too near a singularity: at joint angles ({degrees}) deg the condition number of the "
             f"Jacobian is {reached:.4g}, allowed is at most {MAX_CONDITION:g}"
         )
     return angles
@@ -62,15 +63,6 @@ def _limits(arm: Arm) -> tuple[Array, Array]:
     lower = arm.description.lower_limits.copy()
     lower[2] = arm.description.stretched_elbow
     return lower, arm.description.upper_limits
-
-
-def _guess(pose: Pose) -> Array:
-    """Angles in the middle of the workspace, rad, turned towards the pose."""
-    return np.array([np.arctan2(pose.y, pose.x), -0.7, 3.2, 0.0, PITCH[pose.orientation] - 2.5, 0.0])
-
-
-def _degrees(angles: Array) -> str:
-    return "(" + ", ".join(f"{angle:.2f}" for angle in np.degrees(angles)) + ")"
 
 
 def _why(arm: Arm, pose: Pose) -> str:

@@ -1,6 +1,7 @@
 """A straight line for the flange, and the walk along it that fills the table of an approach."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Annotated
 
 import numpy as np
 
@@ -8,27 +9,23 @@ from impact_gym.robot import inverse_kinematics
 from impact_gym.robot.approach import Approach
 from impact_gym.robot.arm import Arm
 from impact_gym.robot.description import Array
-from impact_gym.robot.lumped import along_x
+from impact_gym.robot.lumped import Lumped, along_x
 from impact_gym.robot.pose import Pose
-from impact_gym.validation import WrongTypeError, number
+from impact_gym.validation import SI, Record, one_of
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class Line(Record):
     """Along +x through the pose of the impact, orientation constant."""
 
     impact: Pose
-    ahead: float = 0.28  # m, from the start to the impact; identified from the paper's Fig. 13b
-    behind: float = 0.1  # m, beyond the impact: 16 ms at 1 m/s and a brake from there at 8 m/s^2 take 0.0785 m
-    spacing: float = 0.005  # m, at most, from one row of the table to the next
+    ahead: Annotated[float, SI("m", above=0, at_most=2)] = 0.28  # from the start to the impact; identified
+    behind: Annotated[float, SI("m", above=0, at_most=2)] = 0.1  # beyond it: 16 ms at 1 m/s and a brake take 0.0785 m
+    spacing: Annotated[float, SI("m", at_least=1e-4, at_most=2)] = 0.005  # from row to row of the table, at most
 
     def __post_init__(self) -> None:
-        if not isinstance(self.impact, Pose):
-            raise WrongTypeError(f"Line.impact must be a Pose, got {self.impact!r}")
-        for name in ("ahead", "behind", "spacing"):
-            object.__setattr__(self, name, number(f"Line.{name}", getattr(self, name), "m", above=0, at_most=2))
-        if self.spacing < 1e-4:
-            raise ValueError(f"Line.spacing must be at least 0.0001 m, got {self.spacing!r} m")
+        one_of("Line.impact", self.impact, Pose)
+        Record.__post_init__(self)
 
     def pose(self, travel: float) -> Pose:
         """Return the pose after `travel`, m."""
@@ -73,11 +70,7 @@ def follow(arm: Arm, line: Line) -> Approach:
     return Approach(
         travel=travel,
         x=np.array([line.pose(float(place)).x for place in travel]),
-        mass=np.array([row.mass for row in rows]),
-        damping=np.array([row.damping for row in rows]),
-        stiffness=np.array([row.stiffness for row in rows]),
-        effective_mass=np.array([row.effective_mass for row in rows]),
-        effective_stiffness=np.array([row.effective_stiffness for row in rows]),
+        **{field.name: np.array([getattr(row, field.name) for row in rows]) for field in fields(Lumped)},
         joint_angles=np.degrees(angles),
         y=line.impact.y,
         z=line.impact.z,

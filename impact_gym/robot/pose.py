@@ -1,13 +1,13 @@
 """A place and an orientation of the flange."""
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Annotated, Literal, get_args
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from impact_gym.robot.description import Array
-from impact_gym.validation import number
+from impact_gym.validation import SI, Record
 
 Orientation = Literal["down", "horizontal"]
 
@@ -16,20 +16,19 @@ PITCH = {"down": np.pi, "horizontal": np.pi / 2}
 
 
 @dataclass(frozen=True, slots=True)
-class Pose:
+class Pose(Record):
     """A place for the flange in the base frame: x forward, z up; the origin is the foot of joint 1's axis.
 
     Tool down: the flange's z axis is -z; tool horizontal: it is +x, the direction of the approach.
     """
 
-    x: float  # m
-    y: float  # m
-    z: float  # m
+    x: Annotated[float, SI("m")]
+    y: Annotated[float, SI("m")]
+    z: Annotated[float, SI("m")]
     orientation: Orientation
 
     def __post_init__(self) -> None:
-        for name in ("x", "y", "z"):
-            object.__setattr__(self, name, number(f"Pose.{name}", getattr(self, name), "m"))
+        Record.__post_init__(self)
         if not isinstance(self.orientation, str) or self.orientation not in get_args(Orientation):
             raise ValueError(f"Pose.orientation must be one of {get_args(Orientation)}, got {self.orientation!r}")
 

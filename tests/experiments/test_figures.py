@@ -16,19 +16,18 @@ from experiments.paper import (
     beyond_design,
     beyond_speed,
     catalogue,
-    compliant,
     figure_05,
     figure_16,
-    impulse,
     limit_cases,
     page,
     scenes,
     statements,
     stiffness_sweep,
+    sweeps,
     tables,
 )
-from experiments.paper import time_history as history
 from experiments.paper.statements import Verdict
+from experiments.paper.tables import Run
 
 # what a correct model says otherwise than the text; each carries its reason on the page
 DISAGREEMENTS = {
@@ -89,7 +88,7 @@ def test_a_figure_is_drawn_from_its_table_on_disk(name, computed, folder):
 
 @pytest.mark.parametrize("name", catalogue.NAMES)
 def test_the_text_holds_but_where_the_page_says_why_not(name, computed):
-    found = catalogue.load(name).statements(computed[name])
+    found = list(catalogue.load(name).statements(computed[name]))
     assert found
     for statement in found:
         assert statement.ours
@@ -123,7 +122,8 @@ def test_digits_to_which_a_printed_number_is_agreed_with(printed, ours, digits):
 
 def test_about_allows_one_unit_of_the_last_digit_and_no_more():
     def verdict(ours, about):
-        return statements.number("1", "text", "0.98", ours, about=about).verdict
+        text = "the velocity is about 0.98" if about else "the velocity is 0.98"
+        return statements.Section("1").number(text, "0.98", ours).verdict
 
     assert verdict(0.9786, False) == verdict(0.9786, True) == Verdict.DIGITS
     assert verdict(0.972, False) == Verdict.DISAGREES
@@ -196,10 +196,10 @@ def test_peaks_and_durations_follow_the_contact_scales(computed, e, duration, pe
 @pytest.mark.parametrize("name", ["figure_16", "figure_18"])
 def test_a_change_in_the_number_of_contacts_is_enclosed(computed, name):
     for k_c in stiffness_sweep.CONTACT_STIFFNESSES:
-        stiffness = stiffness_sweep.column(computed[name], k_c, "coupling_stiffness")
-        contacts = stiffness_sweep.column(computed[name], k_c, "contacts")
+        rows = stiffness_sweep.curve(computed[name], k_c)
+        stiffness, contacts = rows["coupling_stiffness"], rows["contacts"]
         assert (np.diff(stiffness) > 0.0).all()
-        assert (np.diff(stiffness)[np.diff(contacts) != 0] <= stiffness_sweep.ENCLOSURE).all()
+        assert (np.diff(stiffness)[np.diff(contacts) != 0] <= sweeps.WIDTH).all()
     if name == "figure_16":
         ((onset, before, after),) = stiffness_sweep.changes(computed[name], 1e5)
         assert (before, after) == (1, 2)
@@ -218,7 +218,7 @@ def test_the_far_object_is_struck_by_a_tool_at_rest_behind_its_flange():
 def test_no_deceleration_keeps_the_coupling_pushing_to_the_end(deceleration, k_c):
     motion = replace(scenes.MOTION, brake=replace(scenes.MOTION.brake, deceleration=deceleration))
     table = tables.histories({"a": scenes.decoupled(k_c, 0.1, 150.0)}, motion, duration=2.5)
-    assert history.during_contact(table, "a", "coupling_force")[-1] < 0.0
+    assert Run(table, "a").during_contact.coupling_force[-1] < 0.0
 
 
 @pytest.mark.parametrize(
@@ -238,12 +238,12 @@ def test_no_deceleration_keeps_the_coupling_pushing_to_the_end(deceleration, k_c
 )
 def test_final_velocities(computed, name, case, target):
     half_a_unit = 0.5 * 10.0 ** -len(target.partition(".")[2])
-    velocity = history.final_velocity(computed[name], case)
+    velocity = Run(computed[name], case).final_velocity
     assert velocity == pytest.approx(float(target), abs=max(half_a_unit, 1e-5 * float(target)))
 
 
 def test_nothing_before_the_impact_depends_on_the_object(computed):
-    struck = [compliant.impact_velocity(computed["figure_14"], case) for case in ("a", "b", "13b")]
+    struck = [Run(computed["figure_14"], case).impact_velocity for case in ("a", "b", "13b")]
     assert struck == pytest.approx([0.9786] * 3, abs=5e-5)
     assert max(struck) - min(struck) < 1e-12
 
@@ -251,9 +251,10 @@ def test_nothing_before_the_impact_depends_on_the_object(computed):
 @pytest.mark.parametrize(("name", "total"), [("figure_20", (0.1962, 0.1092)), ("figure_24", (0.0058, 0.0791))])
 def test_the_impulse_drawn_ends_where_the_simulation_says(computed, name, total):
     for case, target in zip("ab", total, strict=True):
-        drawn = history.running_impulse(computed[name], case)[1]
-        assert impulse.final_impulse(computed[name], case) == pytest.approx(target, abs=5e-5)
-        assert drawn[-1] == pytest.approx(impulse.final_impulse(computed[name], case), abs=2e-4 * drawn.max())
+        run = Run(computed[name], case)
+        drawn = run.running_impulse()[1]
+        assert run.impulse == pytest.approx(target, abs=5e-5)
+        assert drawn[-1] == pytest.approx(run.impulse, abs=2e-4 * drawn.max())
 
 
 def test_the_bistable_force_peaks_where_its_slope_is_zero(computed):
@@ -266,7 +267,7 @@ def test_the_bistable_force_peaks_where_its_slope_is_zero(computed):
 def test_the_speed_sweep_passes_through_figure_23(computed):
     for coupling, case in enumerate("ab"):
         row = tables.where(computed["beyond_speed"], coupling=coupling, speed=1.0)
-        assert row["object_velocity"][0] == pytest.approx(history.final_velocity(computed["figure_23"], case), rel=1e-6)
+        assert row["object_velocity"][0] == pytest.approx(Run(computed["figure_23"], case).final_velocity, rel=1e-6)
 
 
 def test_a_tuned_design_holds_or_does_not_and_is_no_worse_than_the_fixed_one(computed):

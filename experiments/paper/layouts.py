@@ -1,0 +1,70 @@
+"""What figures look like: panels beside each other, and the layouts that several share."""
+
+from collections.abc import Callable, Mapping
+from functools import wraps
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from experiments.lab.charts import COUPLING, FLANGE, FORCE, OBJECT, SERIES, TOOL, velocities
+from experiments.paper.tables import Run, Table
+
+Panels = Any
+"""Axes of matplotlib: one, or an array of them."""
+
+
+def panels(width: float, height: float, columns: int = 1, rows: int = 1, **sharing: Any) -> Callable[..., Any]:
+    """Decorate a function that draws a table on axes: it makes these in a figure (inches), and returns the figure."""
+
+    def decorate(draw: Callable[..., None]) -> Callable[..., Figure]:
+        @wraps(draw)
+        def plot(table: Table, **options: Any) -> Figure:
+            figure = Figure(figsize=(width, height))
+            draw(table, figure.subplots(rows, columns, **sharing), **options)
+            return figure
+
+        return plot
+
+    return decorate
+
+
+@panels(10.4, 6.4, columns=2, rows=2, sharex=True, sharey="row")
+def velocities_and_forces(table: Table, grid: Panels, titles: Mapping[str, str], window: tuple[float, float]) -> None:
+    """Draw two cases of `table` over `window` (s): the layout of Fig. 17, 19 and 23."""
+    for (above, below), (case, title) in zip(grid.T, titles.items(), strict=True):
+        trace = Run(table, case).trace
+        velocities(above, trace)
+        above.set(title=title, xlabel="", xlim=window)
+        below.plot(trace.time, trace.contact_force, color=FORCE, label="contact force on the object")
+        below.plot(trace.time, trace.coupling_force, color=COUPLING, label="force of the coupling on the tool")
+        below.set(xlabel="time (s)", ylabel="force (N)")
+        below.legend()
+
+
+@panels(10.4, 4.0, columns=2, sharex=True, sharey=True)
+def imposed_and_actual(table: Table, grid: Panels, titles: Mapping[str, str]) -> None:
+    """Draw velocities of two cases against time where the robot is compliant: the layout of Fig. 13 and 14."""
+    for axes, (case, title) in zip(grid, titles.items(), strict=True):
+        trace = Run(table, case).trace
+        axes.plot(trace.time, trace.command_velocity, color=FLANGE, linestyle=(0, (4, 2)), label="imposed")
+        axes.plot(trace.time, trace.tool_velocity, color=TOOL, label="tool")
+        axes.plot(trace.time, trace.object_velocity, color=OBJECT, label="object")
+        axes.set(title=title, xlabel="time (s)", ylabel="velocity (m/s)", xlim=(0.0, 0.6))
+        axes.legend(loc="upper left")
+
+
+@panels(7.0, 4.4)
+def impulses(table: Table, axes: Panels, titles: Mapping[str, str]) -> None:
+    """Draw what the coupling has given the tool since the contact began: the layout of Fig. 20 and 24."""
+    for colour, (case, title) in zip(SERIES, titles.items(), strict=False):
+        run = Run(table, case)
+        time, impulse = run.running_impulse()
+        axes.plot(time, impulse, color=colour, label=f"{title}: {impulse[-1]:.4f} N s")
+        axes.plot(time[-1], impulse[-1], "o", color=colour, markeredgecolor="black")
+        last = np.flatnonzero(run.during_contact.contact_force)[-1]
+        axes.plot(time[last], impulse[last], "D", color=colour, markersize=5)
+    axes.plot([], [], "o", color="none", markeredgecolor="black", label="end of the contact")
+    axes.plot([], [], "D", color="black", markersize=5, label="contact force has fallen to zero")
+    axes.set(xlabel="time since the contact began (s)", ylabel="impulse of the coupling (N s)")
+    axes.legend()
