@@ -34,7 +34,7 @@ def first_turn(switches, method="DOP853"):
 @pytest.mark.parametrize("method", ["DOP853", "Radau", "LSODA"])
 @pytest.mark.parametrize("above", [1e-3, 1e-6, 1e-8])
 def test_a_switch_that_turns_there_and_back_within_a_step_is_found(above, method):
-    tau, y, switch, _ = first_turn([Switch("touch", False, lambda _, y: y[0] - (1 - above))], method)
+    tau, y, switch = first_turn([Switch("touch", False, lambda _, y: y[0] - (1 - above))], method)
     assert switch is not None
     # the closer to the summit, the less an error of x says about the time
     assert tau == pytest.approx(np.arcsin(1 - above), abs=1e-10 / np.sqrt(2 * above))
@@ -45,9 +45,9 @@ def test_a_switch_that_turns_there_and_back_within_a_step_is_found(above, method
 
 def test_the_first_of_two_switches_counts_and_one_on_the_wrong_side_turns_at_once():
     late, early = (Switch(name, True, lambda _, y, x=x: x - y[0]) for name, x in (("late", 0.6), ("early", 0.5)))
-    tau, _, switch, _ = first_turn([late, early])
+    tau, _, switch = first_turn([late, early])
     assert (switch.name, tau) == ("early", pytest.approx(pi / 6, rel=1e-12))
-    tau, y, switch, _ = first_turn([Switch("wrong", True, lambda _, y: y[0] - 2.0)])
+    tau, y, switch = first_turn([Switch("wrong", True, lambda _, y: y[0] - 2.0)])
     assert (switch.name, tau, y.tolist()) == ("wrong", 0.0, [0.0, 1.0])
 
 
@@ -71,7 +71,7 @@ def test_the_jacobian_is_that_of_the_rates(name, exponents):
     for _ in range(5):
         y = random.uniform(0.2, 1.5, 8)
         steps = 1e-5 * np.eye(8)
-        columns = [(np.subtract(system.rates(0.1, y + h), system.rates(0.1, y - h))) / 2e-5 for h in steps]
+        columns = [np.subtract(system.rates(0.1, y + h), system.rates(0.1, y - h)) / 2e-5 for h in steps]
         jacobian = system.jacobian(0.1, y)
         assert jacobian == pytest.approx(np.array(columns).T, rel=1e-6, abs=1e-6 * abs(jacobian).max())
 

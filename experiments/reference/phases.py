@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,18 +42,8 @@ class Switch:
     slack: float = 0.0  # rounding of the gauge: it turns only beyond this, or it would turn back and forth at zero
 
 
-class Equations(Protocol):
-    """What is integrated."""
-
-    def rates(self, tau: float, y: Vector) -> list[float]:
-        """Derivatives of the state."""
-
-    def jacobian(self, tau: float, y: Vector) -> Vector:
-        """Their derivatives."""
-
-
 def advance(
-    equations: Equations,
+    equations: Any,
     end: float,
     y: Vector,
     switches: list[Switch],
@@ -61,8 +51,11 @@ def advance(
     rtol: float,
     atol: Vector,
     longest_step: float,
-) -> tuple[float, Vector, Switch | None, int]:
-    """Integrate from time 0 to `end` or to the first switch that turns; return time, state, switch, evaluations."""
+) -> tuple[float, Vector, Switch | None]:
+    """Integrate from time 0 to `end` or to the first switch that turns; return time, state and switch.
+
+    `equations` have `rates` and, for the implicit methods, `jacobian`, of time and state.
+    """
     options: dict[str, Any] = {"jac": equations.jacobian} if method in IMPLICIT else {}
     options |= {"rtol": rtol, "atol": atol}
 
@@ -88,8 +81,8 @@ def advance(
             last = begin(solver.t_old, y_old, tau)
             while last.status == "running":
                 step(last)
-            return tau, last.y.copy(), switch, solver.nfev + last.nfev
-    return end, solver.y.copy(), None, solver.nfev
+            return tau, last.y.copy(), switch
+    return end, solver.y.copy(), None
 
 
 def _first_turn(
