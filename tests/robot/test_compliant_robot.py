@@ -139,10 +139,8 @@ def stored(coupling, stretch):
         return 0.0
     if isinstance(coupling, ig.SpringDamper):
         return 0.5 * coupling.stiffness * stretch**2
-    rest = brentq(
-        lambda x: coupling.force(x) - coupling.stop_stiffness * (x - coupling.front_stop), 0.0, coupling.stroke
-    )
-    x = rest + stretch
+    k, front = coupling.stop_stiffness, coupling.front_stop
+    x = brentq(lambda x: coupling.force(x) - k * (x - front), front, coupling.stroke) + stretch
     depth = np.maximum(np.maximum(x - front, coupling.rear_stop - x), 0.0)
     return coupling.energy(x) + 0.5 * k * depth**2
 

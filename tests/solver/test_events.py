@@ -7,17 +7,14 @@ from itertools import product
 
 import numpy as np
 import pytest
+from scenes import log_uniform, scene
 from scipy.optimize import brentq
 from scipy.special import beta, betainc
 
 import impact_gym as ig
 
-RTOLS = (1e-4, 1e-6, 1e-8, 1e-10)
 ROUNDING = 1e-12  # of a clock at 1 s, over the durations below
-
-
-def log_uniform(random, low, high):
-    return float(np.exp(random.uniform(np.log(low), np.log(high))))
+EVERY_TOLERANCE = pytest.mark.parametrize("rtol", [1e-4, 1e-6, 1e-8, 1e-10])
 
 
 class Hertz:
@@ -42,12 +39,12 @@ class Hertz:
         return 0.5 * self.duration * betainc(0.4, 0.5, min(max(share, 0.0), 1.0) ** (5 / 3))
 
     def run(self, threshold, rtol):
-        scene = ig.Scene(ig.Tool(0.1), ig.Object(self.mass, self.distance), ig.Contact(self.stiffness, 1.0), ig.Rigid())
+        elastic = scene(self.stiffness, 1.0, m_p=self.mass, distance=self.distance)
         motion = ig.Trapezoid(self.speed, self.acceleration, ig.Brake(threshold, delay=1.0))
-        return ig.simulate(scene, motion, self.start + 2 * self.duration, rtol)
+        return ig.simulate(elastic, motion, self.start + 2 * self.duration, rtol)
 
 
-@pytest.mark.parametrize("rtol", RTOLS)
+@EVERY_TOLERANCE
 def test_peak_duration_and_separation_of_a_contact_without_loss_are_those_of_its_energy(rtol):
     for seed in range(100):
         case = Hertz(seed)
@@ -59,7 +56,7 @@ def test_peak_duration_and_separation_of_a_contact_without_loss_are_those_of_its
         assert contact.separation_velocity == pytest.approx(case.speed, rel=rtol)
 
 
-@pytest.mark.parametrize("rtol", RTOLS)
+@EVERY_TOLERANCE
 @pytest.mark.parametrize("share", [1e-3, 0.1, 0.5, 0.9, 0.999])
 def test_the_alarm_comes_when_the_force_has_risen_to_its_threshold(share, rtol):
     for seed in range(50):
@@ -70,7 +67,7 @@ def test_the_alarm_comes_when_the_force_has_risen_to_its_threshold(share, rtol):
         assert early - 1e-14 < felt < late + 1e-14
 
 
-@pytest.mark.parametrize("rtol", RTOLS)
+@EVERY_TOLERANCE
 def test_a_threshold_just_below_the_peak_is_met_and_one_just_above_is_not(rtol):
     for seed, margin in product(range(50), (2 * rtol, 1e-3)):
         case = Hertz(seed)
@@ -93,11 +90,8 @@ class Oscillator:
         random = np.random.default_rng([14, seed])
         self.zeta = random.uniform(0.01, 0.95)
         self.phi, self.w = math.asin(self.zeta), math.sqrt(1 - self.zeta**2)
-        self.speed, self.mass, self.stiffness = (
-            random.uniform(0.2, 1.5),
-            random.uniform(0.1, 2),
-            random.uniform(1e3, 1e5),
-        )
+        self.speed, self.mass = random.uniform(0.2, 1.5), random.uniform(0.1, 2)
+        self.stiffness = random.uniform(1e3, 1e5)
         self.clamped = (math.pi - 2 * self.phi) / self.w
         self.restitution = -self.derivative(1, self.clamped)
         self.duration = self.clamped + self.derivative(0, self.clamped) / self.restitution  # then they drift apart
@@ -119,14 +113,14 @@ class Oscillator:
         return brentq(lambda t: self.force(t) - force, 0.0, self.summit, xtol=1e-15)
 
     def run(self, threshold, rtol):
-        contact = ig.Contact(self.stiffness, self.restitution, "exact", stiffness_exponent=1.0, damping_exponent=0.0)
-        scene = ig.Scene(ig.Tool(0.1), ig.Object(self.mass, 0.2), contact, ig.Rigid())
+        law = {"dissipation": "exact", "stiffness_exponent": 1.0, "damping_exponent": 0.0}
+        linear = scene(self.stiffness, self.restitution, m_p=self.mass, distance=0.2, **law)
         motion = ig.Trapezoid(self.speed, 10.0, ig.Brake(threshold * self.newton, delay=1.0))
         start = 0.2 / self.speed + self.speed / 20
-        return ig.simulate(scene, motion, start + 2 * self.duration * self.second, rtol), start
+        return ig.simulate(linear, motion, start + 2 * self.duration * self.second, rtol), start
 
 
-@pytest.mark.parametrize("rtol", RTOLS)
+@EVERY_TOLERANCE
 def test_peak_clamp_and_separation_of_a_linear_contact_are_those_of_the_oscillator(rtol):
     for seed in range(100):
         case = Oscillator(seed)
@@ -139,7 +133,7 @@ def test_peak_clamp_and_separation_of_a_linear_contact_are_those_of_the_oscillat
         assert contact.end - contact.start == pytest.approx(lasted, rel=rtol + ROUNDING / lasted)
 
 
-@pytest.mark.parametrize("rtol", RTOLS)
+@EVERY_TOLERANCE
 def test_the_alarm_of_a_linear_contact_comes_when_the_oscillator_says(rtol):
     risen = 0
     for seed in range(100):
