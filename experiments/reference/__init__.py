@@ -28,7 +28,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from experiments.reference.chain import Chain
-from experiments.reference.motion import ContactRecord, Motion
+from experiments.reference.motion import ContactRecord
+from experiments.reference.motion import Motion as _Run  # whose contacts experiments.speed_vs_error times
 from experiments.reference.phases import SOLVERS
 
 STIFF_RATES = 1e5  # -, decay rate of a stop times duration, beyond which flight is left to an implicit method
@@ -58,7 +59,7 @@ def simulate(scene: Any, motion: Any, duration: float, rtol: float = 1e-11, meth
     """
     if method not in SOLVERS:
         raise ValueError(f"method must be one of {list(SOLVERS)}, got {method!r}")
-    run = Motion(Chain(scene, motion), scene.object.distance, rtol)
+    run = _Run(Chain(scene, motion), scene.object.distance, rtol)
     run.method = method
     if run.chain.stop_decay * duration > STIFF_RATES:
         run.flight_method, run.fastest = "Radau", run.chain.slow_rate

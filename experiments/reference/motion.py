@@ -85,7 +85,7 @@ class Motion:
                 if met:
                     self._touch()
             else:
-                self._phase(until)
+                self.move(self.t, until, self.touching)
             stalled = stalled + 1 if self.t == before else 0
             if stalled > PATIENCE:
                 raise RuntimeError(f"reference: switches without end at {self.t:.9g} s")
@@ -112,15 +112,15 @@ class Motion:
         self._onset, self._peak = (self.t, float(z[1])), 0.0
         self._go_on(self.chain.contact_scales(self.t, max(float(z[1]), self.floor)), z, touching=True)
 
-    def _phase(self, until: float) -> None:
-        """Move to `until` or to the first switch that turns."""
-        system, a, cut = self._system, *self.command.at(self.t)[2:]
+    def move(self, t: float, until: float, touching: bool) -> None:
+        """Integrate from t to `until` or to the first switch that turns, all of it in a contact or in flight."""
+        system, a, cut = self._system, *self.command.at(t)[2:]
         t_stop = min(cut, until)
-        system.enter(self.t, a)
+        system.enter(t, a)
         before = self.force
-        tau, self._y, switch = self._integrate((t_stop - self.t) / system.scales.time)
-        self.t = t_stop if switch is None else self.t + tau * system.scales.time
-        if self.touching:  # between two switches the force is monotonic
+        tau, self._y, switch = self._integrate((t_stop - t) / system.scales.time)
+        self.t = t_stop if switch is None else t + tau * system.scales.time
+        if touching:  # between two switches the force is monotonic
             self._peak = max(self._peak, before, self.force)
             self.peak_force = max(self.peak_force, self._peak)
         if switch is not None:

@@ -48,25 +48,14 @@ class Outcome(NamedTuple):
 
 
 def play(
-    controller: Any,
-    scenario: Mapping[str, float],
-    *,
-    options: Mapping[str, Any],
-    time_weight: float,
-    distance_estimate: float | None = None,
-    rtol: float = RTOL,
-    clamp: bool = True,
-) -> Outcome:
-    """Play one episode.
+    controller: Any, scenario: Mapping[str, float], *, options: Mapping[str, Any], time_weight: float,
+    distance_estimate: float | None = None, rtol: float = RTOL,
+) -> Outcome:  # fmt: skip
+    """Play one episode of a scenario: object_mass (kg), contact_stiffness (N/m^1.5), restitution, distance (m).
 
-    Args:
-        controller: with `predict` as stable-baselines3 has it; is shown a batch of one.
-        scenario: object_mass (kg), contact_stiffness (N/m^1.5), restitution, distance (m).
-        options: of the environment; those in `SERVED`.
-        time_weight: m/s per s; does nothing but be seen.
-        distance_estimate: m; None: the distance.
-        rtol: relative error allowed in a step of a contact.
-        clamp: the contact never pulls, as in the environment; False: where it would, it does.
+    The controller has `predict` as stable-baselines3 has it, and is shown a batch of one. `options` are of the
+    environment, `time_weight` (m/s per s) does nothing but be seen, `distance_estimate` (m) is the distance if None,
+    and `rtol` is allowed in a step of a contact.
 
     Raises:
         ValueError: an option that is not served; names it.
@@ -86,7 +75,8 @@ def rescore(
 ) -> dict[str, NDArray[Any]]:
     """Play the scenarios `numbers` of a frozen set, all of a step at once, as `agents.evaluation.Stage` does.
 
-    The controller is shown a batch whose row k is scenario numbers[k]. Returns the fields of `Outcome`, an array each.
+    The controller is shown a batch whose row k is scenario numbers[k]. `clamp` False: the contact pulls where it would.
+    Returns the fields of `Outcome`, an array each.
 
     Raises:
         ValueError: an option that is not served, or a scenario that the set does not have.
