@@ -5,7 +5,8 @@ from types import SimpleNamespace as Record
 
 import numpy as np
 import pytest
-from reference_scenes import BRAKE, CRUISE, MOTION, RIGID, ROBOT, TABLE, bistable, law, scene, spring
+import scenes
+from reference_scenes import CRUISE, MOTION, RIGID, ROBOT, TABLE, bistable, law, scene, spring
 from scipy.integrate import quad
 from scipy.special import lambertw
 
@@ -17,18 +18,13 @@ from experiments.reference.command import Command
 from experiments.reference.phases import Switch, advance
 
 
-class Swing:
-    """x'' = -x: x = sin(tau) from (0, 1)."""
-
-    def rates(self, tau, y):
-        return [y[1], -y[0]]
-
-    def jacobian(self, tau, y):
-        return np.array([[0.0, 1.0], [-1.0, 0.0]])
-
-
 def first_turn(switches, method="DOP853"):
-    return advance(Swing(), 10.0, np.array([0.0, 1.0]), switches, method, 1e-11, np.full(2, 1e-13), np.inf)
+    """x'' = -x from (0, 1): x = sin(tau)."""
+    swing = Record(
+        rates=lambda tau, y: [y[1], -y[0]],
+        jacobian=lambda tau, y: np.array([[0.0, 1.0], [-1.0, 0.0]]),
+    )
+    return advance(swing, 10.0, np.array([0.0, 1.0]), switches, method, 1e-11, np.full(2, 1e-13), np.inf)
 
 
 @pytest.mark.parametrize("method", ["DOP853", "Radau", "LSODA"])
@@ -39,8 +35,7 @@ def test_a_switch_that_turns_there_and_back_within_a_step_is_found(above, method
     # the closer to the summit, the less an error of x says about the time
     assert tau == pytest.approx(np.arcsin(1 - above), abs=1e-10 / np.sqrt(2 * above))
     assert y[0] == pytest.approx(1 - above, abs=1e-10)
-    untouched = Switch("touch", False, lambda _, y: y[0] - (1 + above))
-    assert first_turn([untouched], method)[2] is None
+    assert first_turn([Switch("touch", False, lambda _, y: y[0] - (1 + above))], method)[2] is None
 
 
 def test_the_first_of_two_switches_counts_and_one_on_the_wrong_side_turns_at_once():
@@ -67,9 +62,7 @@ def test_the_jacobian_is_that_of_the_rates(name, exponents):
     chain.on["rear"] = True
     system = System(chain, Scales(2e-3, 3e-3, 7.0), touching=True)
     system.enter(0.2, 0.0)
-    random = np.random.default_rng(5)
-    for _ in range(5):
-        y = random.uniform(0.2, 1.5, 8)
+    for y in np.random.default_rng(5).uniform(0.2, 1.5, (5, 8)):
         steps = 1e-5 * np.eye(8)
         columns = [np.subtract(system.rates(0.1, y + h), system.rates(0.1, y - h)) / 2e-5 for h in steps]
         jacobian = system.jacobian(0.1, y)
@@ -107,8 +100,7 @@ def test_below_its_floor_the_approach_velocity_counts_as_the_floor_in_the_dampin
 
 
 def test_the_command_is_cut_at_nodes_and_keeps_its_position_through_the_brake():
-    motion = Record(speed=1.0, acceleration=8.0, brake=BRAKE)
-    command = Command(motion, nodes=(0.01, 0.2, 0.35))
+    command = Command(MOTION, nodes=(0.01, 0.2, 0.35))
     assert command.at(0.0)[3] == pytest.approx((2 * 0.01 / 8) ** 0.5, rel=1e-12)
     assert command.at(command.at(0.0)[3])[3] == 0.125
     assert command.at(0.125)[3] == pytest.approx(0.2 + 1 / 16, rel=1e-12)
@@ -121,13 +113,17 @@ def test_the_command_is_cut_at_nodes_and_keeps_its_position_through_the_brake():
     assert command.at(1.0)[:3] == (pytest.approx(0.316, rel=1e-12), 0.0, 0.0)
 
 
-def test_what_it_does_not_know_it_refuses():
-    with pytest.raises(ValueError, match="no dissipation 'guess'"):
-        simulate(scene(e=0.5, dissipation="guess"), CRUISE, 0.1)
-    with pytest.raises(ValueError, match="method must be one of"):
-        simulate(scene(), CRUISE, 0.1, method="Euler")
-    with pytest.raises(NotImplementedError, match="no coupling like"):
-        simulate(scene(coupling=Record(stiffness=1.0)), CRUISE, 0.1)
+@pytest.mark.parametrize(
+    ("changes", "options", "says"),
+    [
+        ({"e": 0.5, "dissipation": "guess"}, {}, "no dissipation 'guess'"),
+        ({}, {"method": "Euler"}, "method must be one of"),
+        ({"coupling": Record(stiffness=1.0)}, {}, "no coupling like"),
+    ],
+)
+def test_what_it_does_not_know_it_refuses(changes, options, says):
+    with pytest.raises((ValueError, NotImplementedError), match=says):
+        simulate(scene(**changes), CRUISE, 0.1, **options)
 
 
 def test_the_bistable_mechanism_of_figure_22():
@@ -143,10 +139,7 @@ def test_the_bistable_mechanism_of_figure_22():
 
 def test_the_records_of_the_package_read_the_same():
     nodes = {name: tuple(values.tolist()) for name, values in vars(TABLE).items()}
-    contact = {"stiffness": 1e3, "restitution": 0.3, "dissipation": "flores", "damping_exponent": 1.0}
-    packaged = ig.Scene(
-        ig.Tool(0.125), ig.Object(0.25, 0.2505), ig.Contact(**contact), ig.Bistable(), ig.RobotTable(**nodes)
-    )
+    packaged = scenes.scene(1e3, 0.3, ig.Bistable(), ig.RobotTable(**nodes), **law("flores", 1.5, 1.0))
     plain = scene(1e3, 0.3, bistable(), TABLE, **law("flores", 1.5, 1.0))
     motion = ig.Trapezoid(1.0, 8.0, ig.Brake(1.0, 0.016, 8.0))
     assert simulate(packaged, motion, 0.6) == simulate(plain, MOTION, 0.6)

@@ -1,8 +1,5 @@
 """Contacts with free exponents (paper, eq. 5): against closed forms, quadrature and the Hertz kernels."""
 
-import math
-
-import numpy as np
 import pytest
 from impact_gym.kernels import APPROACH
 from scenes import MOTION, scene
@@ -28,33 +25,6 @@ def test_an_elastic_contact_of_any_exponent_has_the_depth_force_and_duration_of_
     assert contact.end - contact.start == pytest.approx(duration, rel=1e-9)
     assert contact.separation_velocity == pytest.approx(v, rel=1e-9)
     assert outcome.object_velocity == pytest.approx(2 * v, rel=1e-9)
-
-
-@pytest.mark.parametrize("zeta", [0.1, 0.45, 0.8, 1.2])
-def test_the_linear_contact_is_felt_at_once_and_is_the_linear_oscillator(zeta):
-    k, w = 1e4, math.sqrt(1e4 / MASS)
-    e = float(ig.physics.dissipation.delivered_linear(2 * zeta))
-    linear = scene(k, e, dissipation="exact", stiffness_exponent=1.0, damping_exponent=0.0)
-    outcome = ig.simulate(linear, ig.Trapezoid(1.0, 8.0, ig.Brake(delay=1.0)), 1.0, 1e-10, trace=True)
-    (contact,), wd = outcome.contacts, w * np.emath.sqrt(1 - zeta**2)
-
-    def penetration(t):
-        return (np.exp(-zeta * w * t) * np.sin(wd * t) / wd).real
-
-    def force(t):  # until it would pull; with the damping c = 2 zeta k / w
-        rate = (np.exp(-zeta * w * t) * (np.cos(wd * t) - zeta * w / wd * np.sin(wd * t))).real
-        return k * (penetration(t) + 2 * zeta / w * rate)
-
-    times = np.linspace(0.0, 4.0 / w, 200_001)
-    ends = times[np.argmax(force(times) <= 0.0)]  # then the surfaces part at e, faster than they recover
-    assert outcome.detection_time == contact.start
-    assert contact.separation_velocity == pytest.approx(e, rel=1e-9)
-    assert contact.end - contact.start == pytest.approx(ends + penetration(ends) / e, rel=1e-4)
-    assert contact.peak_force == pytest.approx(force(times).max(), rel=1e-8)
-    touching = (outcome.trace.time > contact.start) & (outcome.trace.time < contact.start + 0.999 * ends)
-    expected = force(outcome.trace.time[touching] - contact.start)
-    assert outcome.trace.contact_force[touching] == pytest.approx(expected, abs=1e-8 * contact.peak_force)
-    assert (outcome.trace.contact_force >= 0.0).all()
 
 
 @pytest.mark.parametrize("e", [0.1, 0.5, 1.0])
@@ -83,7 +53,7 @@ def test_momentum_and_energy_hold_for_any_exponents(m, n, coupling):
 
 @pytest.mark.parametrize(("m", "n"), [(1.0, 0.0), (1.2, 1.2), (1.5, 1.0), (2.0, 3.0)])
 def test_the_answer_converges_with_rtol(m, n):
-    any_law = scene(1e4, 0.3, SPRING, stiffness_exponent=m, damping_exponent=n)
-    exact = ig.simulate(any_law, MOTION, 1.0, 1e-13).object_velocity
+    chain = scene(1e4, 0.3, SPRING, stiffness_exponent=m, damping_exponent=n)
+    exact = ig.simulate(chain, MOTION, 1.0, 1e-13).object_velocity
     for rtol in (1e-4, 1e-6, 1e-8, 1e-10):
-        assert abs(ig.simulate(any_law, MOTION, 1.0, rtol).object_velocity - exact) < 2 * rtol
+        assert abs(ig.simulate(chain, MOTION, 1.0, rtol).object_velocity - exact) < 2 * rtol

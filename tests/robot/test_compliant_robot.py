@@ -10,6 +10,7 @@ from scenes import scene
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.optimize import brentq
+from solvers import BOTH
 
 import impact_gym as ig
 from impact_gym.robot import default_approach
@@ -27,10 +28,13 @@ def approach(coupling, robot, *, k_c=1e5, e=1.0, m_p=OBJECT_MASS, distance=0.28,
     return ig.simulate(chain, ig.Trapezoid(1.0, 8.0, brake), duration, rtol, trace=True)
 
 
+@BOTH
 @pytest.mark.parametrize(("figure", "k_c", "m_p"), [("13b", 1e5, 0.25), ("14a", 1e5, 2.5), ("14b", 1e6, 2.5)])
-def test_velocities_of_figure(figure, k_c, m_p):
-    outcome = approach(ig.Rigid(), ROBOT, k_c=k_c, m_p=m_p)
-    assert outcome.contacts[0].approach_velocity == pytest.approx(IMPACT_VELOCITY, abs=5e-5)
+def test_velocities_of_figure(simulate, figure, k_c, m_p):
+    chain = scene(k_c, 1.0, robot=ROBOT, m_p=m_p, distance=0.28)
+    outcome = simulate(chain, ig.Trapezoid(1.0, 8.0, BRAKE), 1.0)
+    (contact,) = outcome.contacts
+    assert contact.approach_velocity == pytest.approx(IMPACT_VELOCITY, abs=5e-5)
     assert outcome.object_velocity == pytest.approx(OBJECT_VELOCITIES[figure], abs=5e-5)
 
 

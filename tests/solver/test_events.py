@@ -2,6 +2,7 @@
 clamp, separation. Each against a closed form, to the tolerance asked for.
 """
 
+import cmath
 import math
 from itertools import product
 
@@ -12,6 +13,7 @@ from scipy.optimize import brentq
 from scipy.special import beta, betainc
 
 import impact_gym as ig
+from experiments import reference
 
 ROUNDING = 1e-12  # of a clock at 1 s, over the durations below
 EVERY_TOLERANCE = pytest.mark.parametrize("rtol", [1e-4, 1e-6, 1e-8, 1e-10])
@@ -81,27 +83,29 @@ def test_a_threshold_just_below_the_peak_is_met_and_one_just_above_is_not(rtol):
 class Oscillator:
     """A linear contact, x'' + 2 zeta x' + x = 0 from x = 0, x' = 1, in its own time and force.
 
-    With zeta = sin(phi), each derivative turns the phase by pi/2 + phi,
+    With zeta = sin(phi), complex above critical damping, each derivative turns the phase by pi/2 + phi,
     x^(n) = exp(-zeta t) sin(w t + n (pi/2 + phi)) / w.
     The force -x'' is largest where x''' = 0, at w t = pi/2 - 3 phi, and zero, where it is clamped, at w t = pi - 2 phi.
     """
 
     def __init__(self, seed):
         random = np.random.default_rng([14, seed])
-        self.zeta = random.uniform(0.01, 0.95)
-        self.phi, self.w = math.asin(self.zeta), math.sqrt(1 - self.zeta**2)
+        self.zeta = random.uniform(0.01, 1.5)
+        self.phi = cmath.asin(self.zeta)
+        self.w = cmath.cos(self.phi)
         self.speed, self.mass = random.uniform(0.2, 1.5), random.uniform(0.1, 2)
         self.stiffness = random.uniform(1e3, 1e5)
-        self.clamped = (math.pi - 2 * self.phi) / self.w
+        self.clamped = ((math.pi - 2 * self.phi) / self.w).real
         self.restitution = -self.derivative(1, self.clamped)
         self.duration = self.clamped + self.derivative(0, self.clamped) / self.restitution  # then they drift apart
-        self.summit = max(0.0, (0.5 * math.pi - 3 * self.phi) / self.w)
+        self.summit = ((0.5 * math.pi - 3 * self.phi) / self.w).real if self.zeta < 0.5 else 0.0  # it falls from there
         self.peak = self.force(self.summit)
         self.second = math.sqrt(self.mass / self.stiffness)  # s, of its time
         self.newton = math.sqrt(self.mass * self.stiffness) * self.speed  # N, of its force
+        self.start = 0.2 / self.speed + self.speed / 20  # s
 
     def derivative(self, n, t):
-        return math.exp(-self.zeta * t) * math.sin(self.w * t + n * (0.5 * math.pi + self.phi)) / self.w
+        return (np.exp(-self.zeta * t) * np.sin(self.w * t + n * (0.5 * math.pi + self.phi)) / self.w).real
 
     def force(self, t):
         return -self.derivative(2, t)
@@ -112,38 +116,53 @@ class Oscillator:
             return 0.0 if force < self.peak else self.summit
         return brentq(lambda t: self.force(t) - force, 0.0, self.summit, xtol=1e-15)
 
-    def run(self, threshold, rtol):
+    def run(self, threshold, rtol, simulate=ig.simulate, **options):
         law = {"dissipation": "exact", "stiffness_exponent": 1.0, "damping_exponent": 0.0}
         linear = scene(self.stiffness, self.restitution, m_p=self.mass, distance=0.2, **law)
         motion = ig.Trapezoid(self.speed, 10.0, ig.Brake(threshold * self.newton, delay=1.0))
-        start = 0.2 / self.speed + self.speed / 20
-        return ig.simulate(linear, motion, start + 2 * self.duration * self.second, rtol), start
+        return simulate(linear, motion, self.start + 2 * self.duration * self.second, rtol, **options)
 
 
 @EVERY_TOLERANCE
-def test_peak_clamp_and_separation_of_a_linear_contact_are_those_of_the_oscillator(rtol):
+@pytest.mark.parametrize("share", [0.0, 0.99])  # of the force that it begins with: felt at once
+def test_peak_clamp_and_separation_of_a_linear_contact_are_those_of_the_oscillator(share, rtol):
     for seed in range(100):
         case = Oscillator(seed)
-        outcome, start = case.run(threshold=0.0, rtol=rtol)
-        (contact,) = outcome.contacts
-        assert outcome.detection_time == contact.start == pytest.approx(start, rel=1e-14)  # felt at once
+        outcome = case.run(share * case.force(0.0), rtol, trace=True)
+        (contact,), trace = outcome.contacts, outcome.trace
+        assert outcome.detection_time == contact.start == pytest.approx(case.start, rel=1e-14)
         assert contact.peak_force == pytest.approx(case.peak * case.newton, rel=rtol)
         assert contact.separation_velocity == pytest.approx(case.restitution * case.speed, rel=rtol + ROUNDING)
         lasted = case.duration * case.second
         assert contact.end - contact.start == pytest.approx(lasted, rel=rtol + ROUNDING / lasted)
+        time = (trace.time - contact.start) / case.second
+        touching = (time > 0.0) & (time < case.clamped)
+        expected = case.newton * case.force(time[touching])
+        assert trace.contact_force[touching] == pytest.approx(expected, abs=(rtol + 1e-9) * contact.peak_force)
+        assert np.all(trace.contact_force >= 0.0)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_the_slow_solver_comes_to_the_oscillator_too(seed):
+    case = Oscillator(seed)
+    outcome = case.run(0.99 * case.force(0.0), 1e-11, reference.simulate)
+    (contact,) = outcome.contacts
+    assert outcome.detection_time == contact.start  # felt at once
+    assert contact.peak_force == pytest.approx(case.peak * case.newton, rel=1e-9)
+    assert contact.separation_velocity == pytest.approx(case.restitution * case.speed, rel=1e-9)
+    assert contact.end - contact.start == pytest.approx(case.duration * case.second, rel=1e-9)
 
 
 @EVERY_TOLERANCE
 def test_the_alarm_of_a_linear_contact_comes_when_the_oscillator_says(rtol):
     risen = 0
-    for seed in range(100):
+    for seed in range(200):
         case = Oscillator(seed)
         if case.summit == 0.0:  # it is largest at the onset
             continue
         low = case.force(0.0)
         threshold = low + 0.7 * (case.peak - low)
-        outcome, start = case.run(threshold, rtol)
-        felt = (outcome.detection_time - start) / case.second
+        felt = (case.run(threshold, rtol).detection_time - case.start) / case.second
         early, late = (case.rises_to(threshold + side * rtol * case.peak) for side in (-1, 1))
         assert early - 1e-14 / case.second < felt < late + 1e-14 / case.second
         risen += 1
