@@ -7,12 +7,10 @@ import numpy as np
 import pytest
 import scenes
 from reference_scenes import CRUISE, MOTION, RIGID, ROBOT, TABLE, bistable, law, scene, spring
-from scipy.integrate import quad
 from scipy.special import lambertw
 
 import impact_gym as ig
 from experiments.reference import simulate
-from experiments.reference.bistable import BistableForce
 from experiments.reference.chain import Chain, Scales, System
 from experiments.reference.command import Command
 from experiments.reference.phases import Switch, advance
@@ -78,17 +76,6 @@ def test_an_implicit_method_comes_to_the_same(name):
     assert implicit.snap_through == pytest.approx(explicit.snap_through, abs=1e-8)
 
 
-@pytest.mark.parametrize("coupling", [RIGID, spring(150.0)], ids=["rigid", "spring"])
-def test_a_table_of_constants_is_the_robot_itself(coupling):
-    nodes = np.linspace(0.0, 0.4, 7)
-    constants = {name: np.full(7, getattr(ROBOT, name)) for name in ("mass", "stiffness", "damping")}
-    cases = (scene(1e5, 0.5, coupling, robot) for robot in (ROBOT, Record(position=nodes, **constants)))
-    exact, stepped = (simulate(case, MOTION, 1.0) for case in cases)  # matrix exponentials against DOP853
-    assert stepped.object_velocity == pytest.approx(exact.object_velocity, rel=1e-9)
-    assert stepped.flange_velocity == pytest.approx(exact.flange_velocity, abs=1e-10)
-    assert stepped.detection_time == pytest.approx(exact.detection_time, rel=1e-11)
-
-
 def test_below_its_floor_the_approach_velocity_counts_as_the_floor_in_the_damping():
     slow = Record(speed=1e-7, acceleration=1e-3, brake=None)  # m/s, a tenth of the floor
     outcome = simulate(scene(1e5, 0.1, distance=1e-8), slow, 1.0)
@@ -124,17 +111,6 @@ def test_the_command_is_cut_at_nodes_and_keeps_its_position_through_the_brake():
 def test_what_it_does_not_know_it_refuses(changes, options, says):
     with pytest.raises((ValueError, NotImplementedError), match=says):
         simulate(scene(**changes), CRUISE, 0.1, **options)
-
-
-def test_the_bistable_mechanism_of_figure_22():
-    law = BistableForce(bistable(), 0.125)
-    x = np.linspace(0.0, 0.07, 70_001)
-    force = np.array([law.spring(each) for each in x])
-    assert force.max() == pytest.approx(1.0817, abs=5e-5)
-    assert x[force.argmax()] == pytest.approx(25.69e-3, abs=5e-6)
-    assert x[1:][force[1:] > 0].max() == pytest.approx(64.156e-3, abs=1e-6)
-    assert quad(law.spring, 0.0, 64.156e-3)[0] == pytest.approx(44.1e-3, abs=5e-5)
-    assert law.spring(law.x0) == pytest.approx(law.k_s * law.p_front, rel=1e-12)  # at rest against the front stop
 
 
 def test_the_records_of_the_package_read_the_same():
