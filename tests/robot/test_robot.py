@@ -69,18 +69,14 @@ def test_mass_matrix_is_that_of_the_links(arm, angles):
     assert np.linalg.eigvalsh(M)[0] > 0
 
 
-def test_reach_is_that_of_the_data_sheet():
+def test_reach_is_that_of_the_data_sheet_and_damping_as_it_is_said_in_words():
     robot = description.viper_s650()
+    assert float(re.search(r"beta = (\S+) s", DATA["joints"]["damping_rule"])[1]) == robot.damping_over_stiffness
     reach = KINEMATICS["link_lengths_m"]["a1"] + robot.wrist_distance(robot.stretched_elbow)
     assert reach == pytest.approx(KINEMATICS["reach_to_wrist_centre_m"], abs=5e-5)  # four digits are given
     for elbow in (1.0, 2.0, 4.0):
         places = frames([0.3, -0.7, elbow, 0, 0, 0])
         assert np.linalg.norm(places[4][:3, 3] - places[1][:3, 3]) == pytest.approx(robot.wrist_distance(elbow))
-
-
-def test_damping_is_as_the_data_says_in_words():
-    beta = re.search(r"beta = (\S+) s", DATA["joints"]["damping_rule"])
-    assert float(beta[1]) == description.viper_s650().damping_over_stiffness
 
 
 @pytest.mark.parametrize("angles", np.radians(SHIPPED.joint_angles[::19]))
@@ -101,17 +97,21 @@ def test_reduction_is_energy_and_force_along_x(arm, angles):
     assert 1 / np.linalg.inv(whole)[0, 0] == pytest.approx(result.effective_mass, rel=1e-9)
 
 
+def in_the_plane(arm, x, z, orientation):
+    """The robot along x with its flange there, in the plane of the arm."""
+    return lumped.along_x(arm, ik.solve(arm, Pose(x, 0.0, z, orientation)))
+
+
 def test_in_the_plane_of_the_arm_the_orientation_of_the_tool_does_not_matter(arm):
     flange = DATA["kinematics"]["link_lengths_m"]["d6"]
-    down = lumped.along_x(arm, ik.solve(arm, Pose(0.5, 0.0, 0.3 - flange, "down")))
-    horizontal = lumped.along_x(arm, ik.solve(arm, Pose(0.5 + flange, 0.0, 0.3, "horizontal")))
-    assert horizontal.mass == pytest.approx(down.mass, rel=1e-10)
-    assert horizontal.stiffness == pytest.approx(down.stiffness, rel=1e-10)
+    down = in_the_plane(arm, 0.5, 0.3 - flange, "down")
+    horizontal = in_the_plane(arm, 0.5 + flange, 0.3, "horizontal")
+    assert (horizontal.mass, horizontal.stiffness) == pytest.approx((down.mass, down.stiffness), rel=1e-10)
 
 
 def test_in_the_plane_of_the_arm_no_approach_has_both_values(arm):
     def misfit(place):
-        at_impact = lumped.along_x(arm, ik.solve(arm, Pose(place[0], 0.0, place[1], "horizontal")))
+        at_impact = in_the_plane(arm, *place, "horizontal")
         return at_impact.mass / 5.225 - 1, at_impact.stiffness / choice.STIFFNESS_AT_IMPACT - 1
 
     found = root(misfit, (0.57, 0.31))
