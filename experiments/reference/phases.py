@@ -22,14 +22,8 @@ IMPLICIT = ("Radau", "BDF", "LSODA")
 
 # the two points next to the ends show a turn that lies between an end and its neighbour
 POINTS = np.array([0.0, 0.001, 0.3, 0.7, 0.999, 1.0])
-HERMITE = np.array(
-    [
-        (1 + 2 * POINTS) * (1 - POINTS) ** 2,
-        POINTS * (1 - POINTS) ** 2,
-        POINTS**2 * (3 - 2 * POINTS),
-        POINTS**2 * (POINTS - 1),
-    ]
-).T
+LEFT, RIGHT = (1 - POINTS) ** 2, POINTS**2
+HERMITE = np.array([(1 + 2 * POINTS) * LEFT, POINTS * LEFT, RIGHT * (3 - 2 * POINTS), RIGHT * (POINTS - 1)]).T
 
 
 @dataclass
@@ -43,15 +37,9 @@ class Switch:
 
 
 def advance(
-    equations: Any,
-    end: float,
-    y: Vector,
-    switches: list[Switch],
-    method: str,
-    rtol: float,
-    atol: Vector,
+    equations: Any, end: float, y: Vector, switches: list[Switch], method: str, rtol: float, atol: Vector,
     longest_step: float,
-) -> tuple[float, Vector, Switch | None]:
+) -> tuple[float, Vector, Switch | None]:  # fmt: skip
     """Integrate from time 0 to `end` or to the first switch that turns; return time, state and switch.
 
     `equations` have `rates` and, for the implicit methods, `jacobian`, of time and state.

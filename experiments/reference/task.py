@@ -65,14 +65,9 @@ def play(
 
 
 def rescore(
-    controller: Any,
-    frozen: str | evaluation_sets.EvaluationSet,
-    numbers: Sequence[int],
-    options: Mapping[str, Any],
-    time_weight: float,
-    rtol: float = RTOL,
-    clamp: bool = True,
-) -> dict[str, NDArray[Any]]:
+    controller: Any, frozen: str | evaluation_sets.EvaluationSet, numbers: Sequence[int], options: Mapping[str, Any],
+    time_weight: float, rtol: float = RTOL, clamp: bool = True,
+) -> dict[str, NDArray[Any]]:  # fmt: skip
     """Play the scenarios `numbers` of a frozen set, all of a step at once, as `agents.evaluation.Stage` does.
 
     The controller is shown a batch whose row k is scenario numbers[k]. `clamp` False: the contact pulls where it would.
@@ -169,15 +164,11 @@ def _episode(
 
 def _at_rest(task: Task, scenario: Mapping[str, float], rtol: float, clamp: bool = True) -> Motion:
     """Return the chain as an episode finds it."""
+    law = {"restitution": scenario["restitution"], "dissipation": task.dissipation, "clamp": clamp}
     scene = Record(
         tool=Record(mass=task.tool_mass),
         object=Record(mass=scenario["object_mass"], distance=scenario["distance"]),
-        contact=Record(
-            stiffness=scenario["contact_stiffness"],
-            restitution=scenario["restitution"],
-            dissipation=task.dissipation,
-            clamp=clamp,
-        ),
+        contact=Record(stiffness=scenario["contact_stiffness"], **law),
         coupling=task.coupling,
         robot=task.robot,
     )
@@ -200,15 +191,9 @@ def _observation_times(period: float, alarm: float) -> list[float]:
 
 
 def _observe(
-    task: Task,
-    scenario: Mapping[str, float],
-    weight: float,
-    estimate: float,
-    now: float,
-    alarm: float,
-    reading: tuple[float, float, float],
-    flange: Sequence[float],
-) -> NDArray[np.float32]:
+    task: Task, scenario: Mapping[str, float], weight: float, estimate: float, now: float, alarm: float,
+    reading: tuple[float, float, float], flange: Sequence[float],
+) -> NDArray[np.float32]:  # fmt: skip
     """Return the observation, each number scaled as its entry says."""
     heard = now > alarm - ROUNDING
     x, v = flange

@@ -1,30 +1,13 @@
-"""Contacts with free exponents (paper, eq. 5): against closed forms, quadrature and the Hertz kernels."""
+"""Contacts with free exponents (paper, eq. 5): against the Hertz kernels, and the balances they keep."""
 
 import pytest
 from impact_gym.kernels import APPROACH
 from scenes import MOTION, scene
-from scipy.special import beta
 
 import impact_gym as ig
 from impact_gym.lowering import contact_law
 
-MASS = 0.25
 SPRING = ig.SpringDamper(150.0)
-
-
-@pytest.mark.parametrize("m", [1.0, 1.2, 1.5, 2.0, 3.0])
-def test_an_elastic_contact_of_any_exponent_has_the_depth_force_and_duration_of_its_energy(m):
-    # (m + 1) / 2 M v^2 = k_c delta^(m + 1) at the deepest; duration = 2 integral d(delta) / sqrt(v^2 - ...) is a beta
-    k_c, v = 1e4, 0.8
-    elastic = scene(k_c, 1.0, stiffness_exponent=m, damping_exponent=m)
-    outcome = ig.simulate(elastic, ig.Trapezoid(v, 8.0), 1.0, 1e-10)
-    (contact,) = outcome.contacts
-    deepest = ((m + 1) / 2 * MASS * v * v / k_c) ** (1 / (m + 1))
-    assert contact.peak_force == pytest.approx(k_c * deepest**m, rel=1e-9)
-    duration = 2 * deepest / v * beta(1 / (m + 1), 0.5) / (m + 1)
-    assert contact.end - contact.start == pytest.approx(duration, rel=1e-9)
-    assert contact.separation_velocity == pytest.approx(v, rel=1e-9)
-    assert outcome.object_velocity == pytest.approx(2 * v, rel=1e-9)
 
 
 @pytest.mark.parametrize("e", [0.1, 0.5, 1.0])
