@@ -68,10 +68,7 @@ def test_a_naive_solver_in_absolute_coordinates_agrees(name):
 
 def first_turn(switches, method="DOP853"):
     """x'' = -x from (0, 1): x = sin(tau)."""
-    swing = Record(
-        rates=lambda tau, y: [y[1], -y[0]],
-        jacobian=lambda tau, y: np.array([[0.0, 1.0], [-1.0, 0.0]]),
-    )
+    swing = Record(rates=lambda _, y: [y[1], -y[0]], jacobian=lambda _, y: np.array([[0.0, 1.0], [-1.0, 0.0]]))
     return advance(swing, 10.0, np.array([0.0, 1.0]), switches, method, 1e-11, np.full(2, 1e-13), np.inf)
 
 

@@ -13,7 +13,6 @@ import impact_gym as ig
 from impact_gym.physics import dissipation
 
 RESTITUTIONS = np.unique(np.concatenate([np.geomspace(1e-3, 1.0, 80), 1.0 - np.geomspace(1e-15, 0.5, 60)]))
-EVERY_LAW = pytest.mark.parametrize("law", ["exact", *CLOSURES])
 
 
 def lambert(damping):
@@ -28,7 +27,7 @@ def test_the_delivered_restitution_is_the_closed_form_to_fourteen_digits():
         assert float(abs(dissipation.delivered(damping) / lambert(damping) - 1)) < 2e-15
 
 
-@EVERY_LAW
+@pytest.mark.parametrize("law", ["exact", *CLOSURES])
 def test_the_effective_restitution_of_each_law_is_right_to_1e_14(law):
     effective = ig.effective_restitution(law, RESTITUTIONS)
     for nominal, value in zip(RESTITUTIONS.tolist(), effective.tolist(), strict=True):
@@ -52,21 +51,6 @@ def test_the_table_of_the_working_notes(restitution, hu_guo, effective, exact):
     assert dissipation.damping_factor("hu-guo", restitution) == pytest.approx(hu_guo, abs=5.1e-7)
     assert ig.effective_restitution("hu-guo", restitution) == pytest.approx(effective, abs=6e-11)
     assert dissipation.damping_factor("exact", restitution) == pytest.approx(exact, rel=2e-6)
-
-
-@EVERY_LAW
-def test_the_first_order_of_each_law_near_an_elastic_contact(law):
-    # 1 - e_eff = 2/3 d: right where d = 3/2 (1 - e); flores (8/5) and gonthier (2) give it up for small restitutions
-    slope = (1.0 - ig.effective_restitution(law, 1.0 - 1e-6)) / 1e-6
-    assert slope == pytest.approx({"flores": 16 / 15, "gonthier": 4 / 3}.get(law, 1.0), abs=1e-5)
-
-
-def test_laws_written_for_nearly_elastic_contacts_cannot_deliver_a_small_restitution():
-    # at e = 0 their damping is finite: 3/2, 3/4 and 3/2
-    for law in ("hunt-crossley", "lankarani-nikravesh", "herbert-mcwhannell"):
-        assert ig.effective_restitution(law, 1e-3) > 0.45
-    for law in ("hu-guo", "gonthier", "flores"):
-        assert ig.effective_restitution(law, 1e-3) < 2e-3
 
 
 HOOKE = {"dissipation": "exact", "stiffness_exponent": 1.0, "damping_exponent": 0.0}
@@ -121,7 +105,7 @@ def test_exact_delivers_the_restitution_whatever_the_exponents(simulate, m, n, e
     assert contact.separation_velocity == pytest.approx(e, rel=1e-9)
 
 
-@pytest.mark.parametrize("zeta", [0.05, 0.4, 1.0 - 1e-9, 1.0, 1.0 + 1e-9, 1.5])
+@pytest.mark.parametrize("zeta", [0.05, 0.4, 1.0 - 1e-9, 1.0, 1.0 + 1e-9, 1.5, 1e3])
 def test_the_linear_contact_leaves_when_its_force_would_pull(zeta):
     # x'' + 2 zeta x' + x = 0, x' = 1: the force 2 zeta x' + x ends at omega_d t = pi - 2 arcsin(zeta), with -x' = e
     with mpmath.workdps(50):
@@ -129,10 +113,6 @@ def test_the_linear_contact_leaves_when_its_force_would_pull(zeta):
         root = mpmath.sqrt(1 - z * z)  # imaginary above critical damping
         e = mpmath.exp(-2 * z * mpmath.acos(z) / root).real if zeta != 1.0 else mpmath.exp(-2)
     assert dissipation.delivered_linear(2.0 * zeta) == pytest.approx(float(e), rel=1e-9)
-
-
-def test_a_linear_contact_at_high_damping_loses_as_one_over_four_zeta_squared():
-    assert dissipation.delivered_linear(2.0 * 1e3) == pytest.approx(1 / (4 * 1e6), rel=1e-5)
 
 
 @pytest.mark.parametrize(("law", "restitution"), [("hertz", 0.5), ("exact", 0.0), ("exact", 1.5), ("exact", math.nan)])
