@@ -68,14 +68,8 @@ def chain(*, flange_velocity=0.9, deflection=0.004, deflection_rate=-0.3, gap=0.
 
 def positions(record):
     """Position and velocity of flange, tool and object."""
-    flange, deflection, penetration = (
-        np.array([record[name][0], record[rate][0]])
-        for name, rate in (
-            ("flange_position", "flange_velocity"),
-            ("deflection", "deflection_rate"),
-            ("penetration", "penetration_rate"),
-        )
-    )
+    names = ("flange_position", "deflection", "penetration"), ("flange_velocity", "deflection_rate", "penetration_rate")
+    flange, deflection, penetration = np.array([[record[name][0] for name in kind] for kind in names]).T
     return np.concatenate([flange, flange + deflection, flange + deflection - penetration])
 
 
