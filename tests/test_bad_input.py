@@ -21,57 +21,57 @@ def with_field(record, field):
 
 
 def argument(name):
-    return lambda value: ig.simulate(SCENE, MOTION, **{name: value})
+    return lambda value: ig.simulate(SCENE, **{"motion": MOTION} | {name: value})
 
 
-# (name in the message, unit, what makes the record, values in range, values out of range)
 POSITIVE = (TINY, 1e300), (0, 0.0, -0.0, -TINY, -1)
 NOT_NEGATIVE = (0, -0.0, TINY, 1e300), (-TINY, -1)
-NUMBERS = [
-    ("Tool.mass", "kg", with_field(SCENE.tool, "mass"), *POSITIVE),
-    ("Object.mass", "kg", with_field(SCENE.object, "mass"), *POSITIVE),
-    ("Object.distance", "m", with_field(SCENE.object, "distance"), *POSITIVE),
-    ("Contact.stiffness", "N/m^1.5", with_field(SCENE.contact, "stiffness"), *POSITIVE),
-    ("Contact.restitution", "(no unit)", with_field(SCENE.contact, "restitution"), (1e-9, 1), (0, -1, 1 + 1e-15, 2)),
-    ("SpringDamper.stiffness", "N/m", with_field(SCENE.coupling, "stiffness"), *POSITIVE),
-    (
-        "SpringDamper.damping_ratio",
-        "(no unit)",
-        with_field(SCENE.coupling, "damping_ratio"),
-        (0, -0.0, TINY, 1e6),
-        (-TINY, 2e6),
-    ),
-    ("Contact.stiffness_exponent", "(no unit)", with_field(SCENE.contact, "stiffness_exponent"), (1, 10), (0.9, 0, 11)),
-    ("Contact.damping_exponent", "(no unit)", with_field(SCENE.contact, "damping_exponent"), (0, 1, 10), (-1, 11)),
-    ("Bistable.stiffness", "N/m", with_field(ig.Bistable(), "stiffness"), *POSITIVE),
-    ("Bistable.stop_stiffness", "N/m", with_field(ig.Bistable(), "stop_stiffness"), *POSITIVE),
-    ("Robot.mass", "kg", with_field(ROBOT, "mass"), *POSITIVE),
-    ("Robot.stiffness", "N/m", with_field(ROBOT, "stiffness"), *POSITIVE),
-    ("Robot.damping", "N s/m", with_field(ROBOT, "damping"), *NOT_NEGATIVE),
-    ("Trapezoid.speed", "m/s", with_field(MOTION, "speed"), *POSITIVE),
-    ("Trapezoid.acceleration", "m/s^2", with_field(MOTION, "acceleration"), *POSITIVE),
-    ("Brake.threshold", "N", with_field(MOTION.brake, "threshold"), *NOT_NEGATIVE),
-    ("Brake.delay", "s", with_field(MOTION.brake, "delay"), *NOT_NEGATIVE),
-    ("Brake.deceleration", "m/s^2", with_field(MOTION.brake, "deceleration"), *POSITIVE),
-    ("duration", "s", argument("duration"), (1e-3, 1), (0, -1)),
-    ("rtol", "(no unit)", argument("rtol"), (1e-13, 1e-2), (0, -1e-6, 9e-14, 0.011)),
+FIELDS = [  # record, field, unit, values in range, values out of range
+    (SCENE.tool, "mass", "kg", *POSITIVE),
+    (SCENE.object, "mass", "kg", *POSITIVE),
+    (SCENE.object, "distance", "m", *POSITIVE),
+    (SCENE.contact, "stiffness", "N/m^1.5", *POSITIVE),
+    (SCENE.contact, "restitution", "(no unit)", (1e-9, 1), (0, -1, 1 + 1e-15, 2)),
+    (SCENE.contact, "stiffness_exponent", "(no unit)", (1, 10), (0.99, 0, 11)),
+    (SCENE.contact, "damping_exponent", "(no unit)", (0, 1, 10), (-1, 0.5, 11)),
+    (SCENE.coupling, "stiffness", "N/m", *POSITIVE),
+    (SCENE.coupling, "damping_ratio", "(no unit)", (0, -0.0, TINY, 1e6), (-TINY, 2e6)),
+    (ig.Bistable(), "stiffness", "N/m", *POSITIVE),
+    (ig.Bistable(), "stop_stiffness", "N/m", *POSITIVE),
+    (ROBOT, "mass", "kg", *POSITIVE),
+    (ROBOT, "stiffness", "N/m", *POSITIVE),
+    (ROBOT, "damping", "N s/m", *NOT_NEGATIVE),
+    (MOTION, "speed", "m/s", *POSITIVE),
+    (MOTION, "acceleration", "m/s^2", *POSITIVE),
+    (MOTION.brake, "threshold", "N", *NOT_NEGATIVE),
+    (MOTION.brake, "delay", "s", *NOT_NEGATIVE),
+    (MOTION.brake, "deceleration", "m/s^2", *POSITIVE),
+]
+# name in the message, what takes the value, unit, values in range, values out of range
+NUMBERS = [(f"{type(record).__name__}.{field}", with_field(record, field), *rest) for record, field, *rest in FIELDS]
+NUMBERS += [
+    ("duration", argument("duration"), "s", (1e-3, 1), (0, -1)),
+    ("rtol", argument("rtol"), "(no unit)", (1e-13, 1e-2), (0, -1e-6, 9e-14, 0.011)),
 ]
 NOT_FINITE = (math.nan, math.inf, -math.inf, np.float32("nan"), np.inf)
 NO_NUMBERS = (None, True, False, "1", b"1", "", [1.0], (1.0,), {}, 1j, object(), SCENE)
-NAMES = [name for name, *_ in NUMBERS]
+EVERY_NUMBER = pytest.mark.parametrize(
+    ("name", "make", "unit", "good", "bad"), NUMBERS, ids=[row[0] for row in NUMBERS]
+)
 
 
-@pytest.mark.parametrize(("name", "unit", "make"), [row[:3] for row in NUMBERS], ids=NAMES)
-def test_a_number_that_is_not_finite_is_refused_with_its_name_value_and_unit(name, unit, make):
-    for value in NOT_FINITE:
-        with pytest.raises(ValueError, match="finite") as raised:
-            make(value)
-        assert name in str(raised.value)
-        assert f"got {float(value)!r} {unit}" in str(raised.value)
+@EVERY_NUMBER
+def test_a_number_out_of_range_or_not_finite_is_refused_with_its_name_value_and_unit(name, make, unit, good, bad):
+    for says, values in (("finite", NOT_FINITE), ("above|at least|at most", bad)):
+        for value in values:
+            with pytest.raises(ValueError, match=says) as raised:
+                make(value)
+            assert name in str(raised.value)
+            assert f"got {float(value)!r} {unit}" in str(raised.value)
 
 
-@pytest.mark.parametrize(("name", "unit", "make"), [row[:3] for row in NUMBERS], ids=NAMES)
-def test_what_is_no_number_is_refused_with_its_name_and_unit(name, unit, make):
+@EVERY_NUMBER
+def test_what_is_no_number_is_refused_with_its_name_and_unit(name, make, unit, good, bad):
     for value in NO_NUMBERS:
         if name == "Brake.deceleration" and value is None:
             continue  # the acceleration of the trapezoid
@@ -79,6 +79,18 @@ def test_what_is_no_number_is_refused_with_its_name_and_unit(name, unit, make):
             make(value)
         assert name in str(raised.value)
         assert f"a number in {unit}, got {value!r}" in str(raised.value)
+
+
+@EVERY_NUMBER
+def test_the_ends_of_a_range_belong_to_it_and_whatever_is_a_number_is_stored_as_a_float(name, make, unit, good, bad):
+    field = name.split(".")[-1]
+    for value in good:
+        made = make(value)
+        assert "." not in name or getattr(made, field) == value
+    for one in (1, 1.0, np.int64(1), np.uint8(1), np.float32(1), np.float64(1), Fraction(1)) if "." in name else ():
+        made = make(one)
+        assert type(getattr(made, field)) is float
+        assert made == make(1.0)
 
 
 @pytest.mark.parametrize(
@@ -89,37 +101,6 @@ def test_what_is_no_number_is_refused_with_its_name_and_unit(name, unit, make):
 def test_what_only_looks_like_a_number_is_refused_with_its_name(value):
     with pytest.raises((TypeError, ValueError), match=r"Tool\.mass"):
         ig.Tool(value)
-
-
-@pytest.mark.parametrize(("name", "unit", "make", "_", "bad"), NUMBERS, ids=NAMES)
-def test_a_number_out_of_range_is_refused_with_its_name_value_and_unit(name, unit, make, _, bad):
-    for value in bad:
-        with pytest.raises(ValueError, match=r"above|at least|at most") as raised:
-            make(value)
-        assert name in str(raised.value)
-        assert f"got {float(value)!r} {unit}" in str(raised.value)
-
-
-@pytest.mark.parametrize(("name", "unit", "make", "good", "_"), NUMBERS, ids=NAMES)
-def test_the_ends_of_a_range_belong_to_it_or_not_as_said(name, unit, make, good, _):
-    for value in good:
-        made = make(value)
-        if "." in name:
-            assert getattr(made, name.split(".")[1]) == value
-
-
-@pytest.mark.parametrize(
-    ("name", "make"),
-    [(name, make) for name, _, make, *_ in NUMBERS if "." in name],
-    ids=[name for name in NAMES if "." in name],
-)
-def test_whatever_is_a_number_is_stored_as_a_float(name, make):
-    ones = (1, 1.0, np.int64(1), np.uint8(1), np.float32(1), np.float64(1), Fraction(1))
-    for one in ones:
-        made = make(one)
-        stored = getattr(made, name.split(".")[1])
-        assert type(stored) is float
-        assert made == make(1.0)
 
 
 @pytest.mark.parametrize("duration", [1, np.float32(1), np.int64(1)])
@@ -141,46 +122,29 @@ def test_a_record_cannot_be_changed(record):
     assert hash(record) == hash(dataclasses.replace(record))
 
 
-@pytest.mark.parametrize("field", ["tool", "object", "contact", "coupling"])
-@pytest.mark.parametrize("value", [None, 1.0, "rigid", ig.Tool, MOTION], ids=repr)
-def test_a_scene_takes_records_only(field, value):
-    with pytest.raises(TypeError, match=rf"Scene\.{field} must be a"):
-        dataclasses.replace(SCENE, **{field: value})
+NO_RECORDS = (None, 1.0, "rigid", ig.Tool, MOTION)
+NO_ROBOTS = (1.0, "robot", SCENE.tool, False, {"mass": 5.0}, ig.Rigid())
+DISSIPATIONS = (None, 1, "Hu-Guo", "huntcrossley", b"hu-guo", ["hu-guo"])
 
 
-def test_a_scene_takes_each_record_in_its_own_place():
-    with pytest.raises(TypeError, match=r"Scene\.tool must be a Tool"):
-        ig.Scene(SCENE.object, SCENE.tool, SCENE.contact)
-
-
-@pytest.mark.parametrize("value", [5.35, "robot", SCENE.tool, False])
-def test_a_robot_is_refused_as_long_as_there_is_none(value):
-    with pytest.raises((TypeError, ValueError), match=r"Scene\.robot"):
-        dataclasses.replace(SCENE, robot=value)
-
-
-@pytest.mark.parametrize("value", [None, 1, "Hu-Guo", "huntcrossley", b"hu-guo", ["hu-guo"]])
-def test_an_unknown_dissipation_is_refused_with_the_known_ones(value):
-    with pytest.raises((TypeError, ValueError), match=r"Contact\.dissipation .*hu-guo"):
-        dataclasses.replace(SCENE.contact, dissipation=value)
-
-
-@pytest.mark.parametrize("value", [1.0, "now", True, MOTION])
-def test_a_brake_is_a_brake(value):
-    with pytest.raises(TypeError, match=r"Trapezoid\.brake must be a Brake"):
-        dataclasses.replace(MOTION, brake=value)
-
-
-@pytest.mark.parametrize("value", [None, 1.0, "scene", SCENE.tool, MOTION])
-def test_simulate_takes_a_scene_first(value):
-    with pytest.raises(TypeError, match="scene must be a Scene"):
-        ig.simulate(value, MOTION)
-
-
-@pytest.mark.parametrize("value", [None, 1.0, "motion", SCENE, MOTION.brake])
-def test_simulate_takes_a_motion_second(value):
-    with pytest.raises(TypeError, match="motion must be a Trapezoid"):
-        ig.simulate(SCENE, value)
+@pytest.mark.parametrize(
+    ("make", "says", "values"),
+    [
+        (with_field(SCENE, "tool"), r"Scene\.tool must be a Tool", (*NO_RECORDS, SCENE.object)),
+        (with_field(SCENE, "object"), r"Scene\.object must be a", NO_RECORDS),
+        (with_field(SCENE, "contact"), r"Scene\.contact must be a", NO_RECORDS),
+        (with_field(SCENE, "coupling"), r"Scene\.coupling must be a", NO_RECORDS),
+        (with_field(SCENE, "robot"), r"Scene\.robot must be a Robot or RobotTable or None", NO_ROBOTS),
+        (with_field(SCENE.contact, "dissipation"), r"Contact\.dissipation .*hu-guo", DISSIPATIONS),
+        (with_field(MOTION, "brake"), r"Trapezoid\.brake must be a Brake", (1.0, "now", True, MOTION)),
+        (lambda value: ig.simulate(value, MOTION), "scene must be a Scene", (None, 1.0, "scene", SCENE.tool, MOTION)),
+        (argument("motion"), "motion must be a Trapezoid", (None, 1.0, "motion", SCENE, MOTION.brake)),
+    ],
+)
+def test_what_is_not_of_its_kind_is_refused_with_its_name_and_the_kind(make, says, values):
+    for value in values:
+        with pytest.raises((TypeError, ValueError) if values is DISSIPATIONS else TypeError, match=says):
+            make(value)
 
 
 def test_a_brake_without_deceleration_has_that_of_the_trapezoid():

@@ -8,6 +8,7 @@ from pathlib import Path
 import gymnasium as gym
 import numpy as np
 import pytest
+from scenes import MOTION, scene
 
 import impact_gym as ig
 
@@ -25,18 +26,11 @@ def printed_by(name, *arguments):
 
 def paper_rule(seed):
     """Approach time and V_p of the paper's rule, by `simulate`, in the scenario that a seed is documented to draw."""
-    low, high = np.array([(0.1, 2.5), (1e3, 1e6), (0.1, 1.0), (0.15, 0.35)]).T
-    uniform = gym.utils.seeding.np_random(seed)[0].random(7)[:4]
-    mass, stiffness, restitution, distance = np.where(
-        [1, 1, 0, 0], low * (high / low) ** uniform, low + (high - low) * uniform
-    )
-    scene = ig.Scene(
-        ig.Tool(0.125),
-        ig.Object(mass=mass, distance=distance),
-        ig.Contact(stiffness=stiffness, restitution=restitution),
-        ig.SpringDamper(50.0, 1.0),
-    )
-    outcome = ig.simulate(scene, ig.Trapezoid(1.0, 8.0, ig.Brake(threshold=1.0, delay=0.016)), duration=3.0)
+    mass, stiffness, restitution, share = gym.utils.seeding.np_random(seed)[0].random(7)[:4]
+    mass, stiffness = 0.1 * 25.0**mass, 1e3 * 1e3**stiffness
+    restitution, distance = 0.1 + 0.9 * restitution, 0.15 + 0.2 * share
+    chain = scene(stiffness, restitution, ig.SpringDamper(50.0), m_p=mass, distance=distance)
+    outcome = ig.simulate(chain, MOTION, duration=3.0)
     return outcome.contacts[0].start, outcome.object_velocity
 
 

@@ -57,3 +57,17 @@ class BistableForce:
         stops = on["front"] + on["rear"]
         L = hypot(self.H, self.x0 - u)
         return self.k * (1 - self.L0 * self.H**2 / L**3) + stops * self.k_s, stops * self.c_s
+
+    def energy(self, u: float) -> float:
+        """Of the spring and of the stops that are penetrated, J."""
+        spring = self.k / 2 * (hypot(self.H, self.position(u)) - self.L0) ** 2
+        return spring + self.k_s / 2 * (max(self.p_front - u, 0.0) ** 2 + max(self.p_rear + u, 0.0) ** 2)
+
+    def rest(self, front: bool) -> float:
+        """Deflection at which a stop holds the mechanism, m."""
+        if front:
+            return 0.0
+        held = brentq(
+            lambda u: self.spring(self.position(u)) + self.k_s * (self.p_rear + u), -self.p_rear, 1 - self.p_rear
+        )
+        return float(held)

@@ -26,7 +26,7 @@ POSITION_SLACK = 1e-16  # m, of the slider
 
 @dataclass(frozen=True)
 class Scales:
-    """Units of a contact, in SI; those of flight are all 1."""
+    """Units of a contact, in SI; those of flight are `UNITS`."""
 
     length: float  # delta0
     time: float  # t0
@@ -36,6 +36,18 @@ class Scales:
     def impulse(self) -> float:
         """N s."""
         return self.force * self.time
+
+    @property
+    def state(self) -> Vector:
+        """Of penetration and deflections, each with its rate (m, m/s)."""
+        return np.tile([self.length, self.length / self.time], 3)
+
+
+UNITS = Scales(1.0, 1.0, 1.0)
+
+
+class StiffError(Exception):
+    """An explicit method needs too many steps."""
 
 
 class Chain:
@@ -106,6 +118,7 @@ class System:
         self.m_t, self.m_p = chain.m_t / self.mass_unit, chain.m_p / self.mass_unit
         self.k_t, self.c_t = chain.k_t / self.stiffness_unit, chain.c_t / self.damping_unit
         self.alpha, self.x_r, self.v_r, self.a = 0.0, 0.0, 0.0, 0.0
+        self.patience = inf  # evaluations
 
     def enter(self, t: float, a: float) -> None:
         """Begin a phase at t (s), commanded acceleration a (m/s^2)."""
@@ -132,30 +145,33 @@ class System:
         length, time = self.scales.length, self.scales.time
         return self.chain.bistable.force(length * u, length / time * u_dot, self.on) / self.scales.force
 
-    def accelerations(self, tau: float, y: list[float]) -> tuple[float, float, float, float]:
-        """F, T and the accelerations of tool and flange, scaled (paper, eq. 8-9 and 17-18)."""
-        _, _, u, u_dot, w, w_dot, _, _ = y
-        F = self.force(y)
-        if self.chain.robot is None:
+    def balance(self, tau: float, y: Any, F: Any, T: Any, alpha: Any) -> list[Any]:
+        """Rates of the state y under F and T (paper, eq. 8-9 and 17-18); or, of y's derivatives, those of the rates."""
+        _, rate, _, u_dot, w, w_dot, _, _ = y
+        x_t_ddot = x_f_ddot = alpha
+        if self.chain.robot is not None:
+            m_r, k_r, c_r = self.robot(tau)
+            R = k_r * w + c_r * w_dot
             if self.chain.rigid:
-                return F, self.m_t * self.alpha + F, self.alpha, self.alpha
-            T = self.coupling_force(u, u_dot)
-            return F, T, (T - F) / self.m_t, self.alpha
-        m_r, k_r, c_r = self.robot(tau)
-        R = k_r * w + c_r * w_dot
-        if self.chain.rigid:
-            x_ddot = (R - F) / (m_r + self.m_t)
-            return F, R, x_ddot, x_ddot
-        T = self.coupling_force(u, u_dot)
-        return F, T, (T - F) / self.m_t, (R - T) / m_r
+                T, x_f_ddot = R, (R - F) / (m_r + self.m_t)
+                x_t_ddot = x_f_ddot
+            else:
+                x_f_ddot = (R - T) / m_r
+        elif self.chain.rigid:
+            T = self.m_t * alpha + F
+        if not self.chain.rigid:
+            x_t_ddot = (T - F) / self.m_t
+        return [rate, x_t_ddot - F / self.m_p, u_dot, x_f_ddot - x_t_ddot, w_dot, alpha - x_f_ddot, F, T]
 
     def derivatives(self, tau: float, y: list[float]) -> list[float]:
         """Derivative of the state."""
-        F, T, x_t_ddot, x_f_ddot = self.accelerations(tau, y)
-        return [y[1], x_t_ddot - F / self.m_p, y[3], x_f_ddot - x_t_ddot, y[5], self.alpha - x_f_ddot, F, T]
+        return self.balance(tau, y, self.force(y), self.coupling_force(y[2], y[3]), self.alpha)
 
     def rates(self, tau: float, y: Vector) -> list[float]:
-        """`derivatives` as an integrator calls it; a trial step that overflows is one to reject."""
+        """`derivatives` as an integrator calls it, `patience` times; a trial step that overflows is one to reject."""
+        self.patience -= 1
+        if self.patience < 0:
+            raise StiffError
         try:
             return self.derivatives(tau, y.tolist())
         except OverflowError:
@@ -163,29 +179,16 @@ class System:
 
     def jacobian(self, tau: float, y: Vector) -> Vector:
         """Derivatives of `rates` by y."""
-        e, chain = np.eye(8), self.chain
-        dF, dT, dx_t, dx_f = 0 * e[0], 0 * e[0], 0 * e[0], 0 * e[0]
+        e, dF = np.eye(8), np.zeros(8)
         if self.touching and self.on["pressed"]:
             u, m, n, d = max(float(y[0]), 0.0), self.m, self.n, self.d
             by_delta = m * u ** (m - 1) + (d * n * u ** (n - 1) * y[1] if n else 0.0)
             dF = by_delta * e[0] + d * u**n * e[1]
-        if chain.bistable is not None:
-            by_u, by_u_dot = chain.bistable.slopes(self.scales.length * float(y[2]), self.on)
-            dT = by_u / self.stiffness_unit * e[2] + by_u_dot / self.damping_unit * e[3]
-        elif not chain.rigid:
-            dT = self.k_t * e[2] + self.c_t * e[3]
-        if chain.robot is not None:
-            m_r, k_r, c_r = self.robot(tau)
-            dR = k_r * e[4] + c_r * e[5]
-            dx_f = (dR - dF) / (m_r + self.m_t) if chain.rigid else (dR - dT) / m_r
-            dT = dR if chain.rigid else dT
-        elif chain.rigid:
-            dT = dF
-        if not chain.rigid:
-            dx_t = (dT - dF) / self.m_t
-        elif chain.robot is not None:
-            dx_t = dx_f
-        return np.array([e[1], dx_t - dF / self.m_p, e[3], dx_f - dx_t, e[5], -dx_f, dF, dT])
+        by_u, by_u_dot = self.k_t, self.c_t
+        if self.chain.bistable is not None:
+            by_u, by_u_dot = self.chain.bistable.slopes(self.scales.length * float(y[2]), self.on)
+            by_u, by_u_dot = by_u / self.stiffness_unit, by_u_dot / self.damping_unit
+        return np.array(self.balance(tau, e, dF, by_u * e[2] + by_u_dot * e[3], np.zeros(8)))
 
     def switches(self) -> list[Switch]:
         """What to watch from here on."""

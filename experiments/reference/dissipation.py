@@ -7,9 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
-from math import acos, acosh, exp, log, log1p, sqrt
+from math import exp, log, log1p
 
 import numpy as np
+from numpy import emath
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
@@ -42,10 +43,8 @@ def damping_factor(name: str, e: float, m: float, n: float) -> float:
 
 def linear_restitution(zeta: float) -> float:
     """Of a linear spring and damper that never pulls: speed where x'' = 0 again, over that at the onset."""
-    if abs(zeta - 1) < 1e-9:
-        ratio = 1 - (zeta - 1) / 3
-    else:
-        ratio = acos(zeta) / sqrt(1 - zeta**2) if zeta < 1 else acosh(zeta) / sqrt(zeta**2 - 1)
+    critical = abs(zeta - 1) < 1e-9
+    ratio = 1 - (zeta - 1) / 3 if critical else abs(emath.arccos(zeta) / emath.sqrt(1 - zeta**2))
     return exp(-2 * zeta * ratio)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.linalg import expm
 from scipy.optimize import brentq
 
-from experiments.reference.chain import Chain
+from experiments.reference.chain import UNITS, Chain, System
 from experiments.reference.phases import Vector
 
 TIGHT = {"xtol": 1e-18, "rtol": 4 * np.finfo(float).eps}  # brentq: s, relative
@@ -38,19 +38,10 @@ def fly(chain: Chain, t: float, z: Vector, t_end: float) -> tuple[float, Vector,
 
 def matrix(chain: Chain, a: float) -> Vector:
     """The A of z' = A z, z = (delta, delta', u, u', w, w', 1): paper, eq. 8 and 17, without contact."""
-    e = np.eye(7)
-    T = chain.k_t * e[2] + chain.c_t * e[3]
-    if chain.robot is None:
-        x_f_ddot = a * e[6]
-        x_t_ddot = x_f_ddot if chain.rigid else T / chain.m_t
-    else:
-        m_r, k_r, c_r = chain.robot(0.0)
-        R = k_r * e[4] + c_r * e[5]
-        if chain.rigid:
-            x_f_ddot = x_t_ddot = R / (m_r + chain.m_t)
-        else:
-            x_f_ddot, x_t_ddot = (R - T) / m_r, T / chain.m_t
-    return np.array([e[1], x_t_ddot, e[3], x_f_ddot - x_t_ddot, e[5], a * e[6] - x_f_ddot, 0 * e[6]])
+    system, at_rest, A = System(chain, UNITS, touching=False), np.zeros(8), np.zeros((7, 7))
+    system.alpha = a
+    A[:6, :6], A[:6, 6] = system.jacobian(0.0, at_rest)[:6, :6], system.rates(0.0, at_rest)[:6]
+    return A
 
 
 def _meeting(A: Vector, z: Vector, z_next: Vector, h: float) -> float | None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,14 +22,8 @@ IMPLICIT = ("Radau", "BDF", "LSODA")
 
 # the two points next to the ends show a turn that lies between an end and its neighbour
 POINTS = np.array([0.0, 0.001, 0.3, 0.7, 0.999, 1.0])
-HERMITE = np.array(
-    [
-        (1 + 2 * POINTS) * (1 - POINTS) ** 2,
-        POINTS * (1 - POINTS) ** 2,
-        POINTS**2 * (3 - 2 * POINTS),
-        POINTS**2 * (POINTS - 1),
-    ]
-).T
+LEFT, RIGHT = (1 - POINTS) ** 2, POINTS**2
+HERMITE = np.array([(1 + 2 * POINTS) * LEFT, POINTS * LEFT, RIGHT * (3 - 2 * POINTS), RIGHT * (POINTS - 1)]).T
 
 
 @dataclass
@@ -42,27 +36,14 @@ class Switch:
     slack: float = 0.0  # rounding of the gauge: it turns only beyond this, or it would turn back and forth at zero
 
 
-class Equations(Protocol):
-    """What is integrated."""
-
-    def rates(self, tau: float, y: Vector) -> list[float]:
-        """Derivatives of the state."""
-
-    def jacobian(self, tau: float, y: Vector) -> Vector:
-        """Their derivatives."""
-
-
 def advance(
-    equations: Equations,
-    end: float,
-    y: Vector,
-    switches: list[Switch],
-    method: str,
-    rtol: float,
-    atol: Vector,
+    equations: Any, end: float, y: Vector, switches: list[Switch], method: str, rtol: float, atol: Vector,
     longest_step: float,
-) -> tuple[float, Vector, Switch | None, int]:
-    """Integrate from time 0 to `end` or to the first switch that turns; return time, state, switch, evaluations."""
+) -> tuple[float, Vector, Switch | None]:  # fmt: skip
+    """Integrate from time 0 to `end` or to the first switch that turns; return time, state and switch.
+
+    `equations` have `rates` and, for the implicit methods, `jacobian`, of time and state.
+    """
     options: dict[str, Any] = {"jac": equations.jacobian} if method in IMPLICIT else {}
     options |= {"rtol": rtol, "atol": atol}
 
@@ -88,8 +69,8 @@ def advance(
             last = begin(solver.t_old, y_old, tau)
             while last.status == "running":
                 step(last)
-            return tau, last.y.copy(), switch, solver.nfev + last.nfev
-    return end, solver.y.copy(), None, solver.nfev
+            return tau, last.y.copy(), switch
+    return end, solver.y.copy(), None
 
 
 def _first_turn(

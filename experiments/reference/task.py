@@ -48,25 +48,14 @@ class Outcome(NamedTuple):
 
 
 def play(
-    controller: Any,
-    scenario: Mapping[str, float],
-    *,
-    options: Mapping[str, Any],
-    time_weight: float,
-    distance_estimate: float | None = None,
-    rtol: float = RTOL,
-    clamp: bool = True,
-) -> Outcome:
-    """Play one episode.
+    controller: Any, scenario: Mapping[str, float], *, options: Mapping[str, Any], time_weight: float,
+    distance_estimate: float | None = None, rtol: float = RTOL,
+) -> Outcome:  # fmt: skip
+    """Play one episode of a scenario: object_mass (kg), contact_stiffness (N/m^1.5), restitution, distance (m).
 
-    Args:
-        controller: with `predict` as stable-baselines3 has it; is shown a batch of one.
-        scenario: object_mass (kg), contact_stiffness (N/m^1.5), restitution, distance (m).
-        options: of the environment; those in `SERVED`.
-        time_weight: m/s per s; does nothing but be seen.
-        distance_estimate: m; None: the distance.
-        rtol: relative error allowed in a step of a contact.
-        clamp: the contact never pulls, as in the environment; False: where it would, it does.
+    The controller has `predict` as stable-baselines3 has it, and is shown a batch of one. `options` are of the
+    environment, `time_weight` (m/s per s) does nothing but be seen, `distance_estimate` (m) is the distance if None,
+    and `rtol` is allowed in a step of a contact.
 
     Raises:
         ValueError: an option that is not served; names it.
@@ -76,17 +65,13 @@ def play(
 
 
 def rescore(
-    controller: Any,
-    frozen: str | evaluation_sets.EvaluationSet,
-    numbers: Sequence[int],
-    options: Mapping[str, Any],
-    time_weight: float,
-    rtol: float = RTOL,
-    clamp: bool = True,
-) -> dict[str, NDArray[Any]]:
-    """Play the scenarios `numbers` of a frozen set, all of a step at once, as `agents.evaluate.stage.Stage` does.
+    controller: Any, frozen: str | evaluation_sets.EvaluationSet, numbers: Sequence[int], options: Mapping[str, Any],
+    time_weight: float, rtol: float = RTOL, clamp: bool = True,
+) -> dict[str, NDArray[Any]]:  # fmt: skip
+    """Play the scenarios `numbers` of a frozen set, all of a step at once, as `agents.evaluate.Stage` does.
 
-    The controller is shown a batch whose row k is scenario numbers[k]. Returns the fields of `Outcome`, an array each.
+    The controller is shown a batch whose row k is scenario numbers[k]. `clamp` False: the contact pulls where it would.
+    Returns the fields of `Outcome`, an array each.
 
     Raises:
         ValueError: an option that is not served, or a scenario that the set does not have.
@@ -179,15 +164,11 @@ def _episode(
 
 def _at_rest(task: Task, scenario: Mapping[str, float], rtol: float, clamp: bool = True) -> Motion:
     """Return the chain as an episode finds it."""
+    law = {"restitution": scenario["restitution"], "dissipation": task.dissipation, "clamp": clamp}
     scene = Record(
         tool=Record(mass=task.tool_mass),
         object=Record(mass=scenario["object_mass"], distance=scenario["distance"]),
-        contact=Record(
-            stiffness=scenario["contact_stiffness"],
-            restitution=scenario["restitution"],
-            dissipation=task.dissipation,
-            clamp=clamp,
-        ),
+        contact=Record(stiffness=scenario["contact_stiffness"], **law),
         coupling=task.coupling,
         robot=task.robot,
     )
@@ -210,15 +191,9 @@ def _observation_times(period: float, alarm: float) -> list[float]:
 
 
 def _observe(
-    task: Task,
-    scenario: Mapping[str, float],
-    weight: float,
-    estimate: float,
-    now: float,
-    alarm: float,
-    reading: tuple[float, float, float],
-    flange: Sequence[float],
-) -> NDArray[np.float32]:
+    task: Task, scenario: Mapping[str, float], weight: float, estimate: float, now: float, alarm: float,
+    reading: tuple[float, float, float], flange: Sequence[float],
+) -> NDArray[np.float32]:  # fmt: skip
     """Return the observation, each number scaled as its entry says."""
     heard = now > alarm - ROUNDING
     x, v = flange

@@ -8,43 +8,36 @@ import pytest
 from experiments.lab.results import whole_folder
 
 
+def write(target, text, problem=None):
+    with whole_folder(target) as unfinished:
+        (unfinished / "page").write_text(text)
+        if problem:
+            raise problem
+
+
 def test_a_folder_is_replaced_whole_or_not_at_all(tmp_path):
     target = tmp_path / "latest"
-    with whole_folder(target) as unfinished:
-        (unfinished / "page").write_text("first")
-
-    def break_off():
-        with whole_folder(target) as unfinished:
-            (unfinished / "page").write_text("half")
-            raise OSError("no room")
-
+    write(target, "first")
     with pytest.raises(OSError, match="no room"):
-        break_off()
+        write(target, "half", OSError("no room"))
     assert (target / "page").read_text() == "first"
-    with whole_folder(target) as unfinished:
-        (unfinished / "page").write_text("second")
+    write(target, "second")
     assert (target / "page").read_text() == "second"
     assert [path.name for path in tmp_path.iterdir()] == ["latest"]
 
 
 def test_an_interrupted_swap_brings_the_old_folder_back(tmp_path, monkeypatch):
-    target = tmp_path / "latest"
-    with whole_folder(target) as unfinished:
-        (unfinished / "page").write_text("first")
-    move = os.replace
+    target, move = tmp_path / "latest", os.replace
+    write(target, "first")
 
     def replace(source, destination):
         if Path(destination) == target and Path(source).name != target.name:
             raise KeyboardInterrupt
         move(source, destination)
 
-    def swap():
-        monkeypatch.setattr(os, "replace", replace)
-        with whole_folder(target) as unfinished:
-            (unfinished / "page").write_text("second")
-
+    monkeypatch.setattr(os, "replace", replace)
     with pytest.raises(KeyboardInterrupt):
-        swap()
+        write(target, "second")
     assert (target / "page").read_text() == "first"
     assert [path.name for path in tmp_path.iterdir()] == ["latest"]
 
@@ -52,6 +45,6 @@ def test_an_interrupted_swap_brings_the_old_folder_back(tmp_path, monkeypatch):
 def test_a_folder_that_no_run_wrote_is_left_alone(tmp_path):
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "letter").write_text("dear")
-    with pytest.raises(ValueError, match="mine is not replaced"), whole_folder(tmp_path / "mine"):
-        pass
+    with pytest.raises(ValueError, match="mine is not replaced"):
+        write(tmp_path / "mine", "first")
     assert (tmp_path / "mine" / "letter").read_text() == "dear"

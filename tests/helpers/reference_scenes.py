@@ -28,14 +28,8 @@ def bistable(**changes):
 
 
 def scene(k_c=1e5, e=1.0, coupling=RIGID, robot=None, *, m_t=0.125, m_p=0.25, distance=0.2505, **law):
-    contact = Record(stiffness=k_c, restitution=e, **law)
-    return Record(
-        tool=Record(mass=m_t),
-        object=Record(mass=m_p, distance=distance),
-        contact=contact,
-        coupling=coupling,
-        robot=robot,
-    )
+    contact, target = Record(stiffness=k_c, restitution=e, **law), Record(mass=m_p, distance=distance)
+    return Record(tool=Record(mass=m_t), object=target, contact=contact, coupling=coupling, robot=robot)
 
 
 def law(dissipation, m=1.5, n=1.5):
