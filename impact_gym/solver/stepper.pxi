@@ -9,11 +9,11 @@ vain, as swings that only look stiff make it, is more patient the next time.
 
 cdef enum:
     EXPLICIT, STIFF
-    UNWATCHED = 25  # attempts that are not looked at: most smooth pieces have no more
+    UNCHECKED = 25  # attempts that are not looked at: most smooth pieces have no more
     REPEATED = 10  # attempts near the border that hand over
     TRY = 10  # stiff steps after which the explicit pair tries the next
     IN_VAIN = 2  # tries within which a return shows that it was for nothing
-    MOST = 16 * UNWATCHED
+    MOST = 16 * UNCHECKED
 
 cdef double NEAR = 3.5  # of h lambda; kept at the border of 6, good attempts and bad ones alternate between 4 and 7
 
@@ -37,7 +37,7 @@ cdef double judge(const Piece *now, Work *work, double h, double *error) noexcep
         if error[0] > 1.0 or h * apparent_eigenvalue(now, work) > NEAR:
             memory.seen, error[0] = 0, 2.0
             return 1.0
-        memory.patience = min(4 * memory.patience, MOST) if memory.seen <= IN_VAIN * TRY else UNWATCHED
+        memory.patience = min(4 * memory.patience, MOST) if memory.seen <= IN_VAIN * TRY else UNCHECKED
         memory.method, memory.seen = EXPLICIT, 0
     elif work.method == EXPLICIT and memory.seen > memory.patience:
         if h * apparent_eigenvalue(now, work) <= NEAR:
