@@ -6,7 +6,7 @@ cdef double GRAZE = 1e-12  # m/s, approach velocity of a touch at rest: from exa
 cdef void forget(Memory *memory, double step) noexcept nogil:
     """Begin a contact or a flight with a first trial `step`."""
     memset(memory, 0, sizeof(Memory))
-    memory.step, memory.method, memory.patience = step, EXPLICIT, UNWATCHED
+    memory.step, memory.method, memory.patience = step, EXPLICIT, UNCHECKED
 
 
 cdef void reset_chain(Chain *chain, double distance) noexcept nogil:
