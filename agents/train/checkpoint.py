@@ -23,22 +23,22 @@ COUNTERS = ("num_timesteps", "_n_updates", "_episode_num", "_current_progress_re
 REPLAY = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
 
 
-def write(path: Path, model: BaseAlgorithm, environment: ScaledRewards, watched: Mapping[str, Any]) -> None:
-    """Write a checkpoint of `model`, its `environment` and what the callbacks have `watched`, whole or not at all."""
+def write(path: Path, model: BaseAlgorithm, environment: ScaledRewards, callback_state: Mapping[str, Any]) -> None:
+    """Write a checkpoint of `model`, its `environment` and the state of the callback, whole or not at all."""
     arrays: dict[str, NDArray[Any]] = {}
     state = {
         "model": _model_state(model),
         "environment": environment.get_state(),
         "random": {"torch": torch.get_rng_state(), "numpy": np.random.get_state(), "python": random.getstate()},  # noqa: NPY002 - stable-baselines3 draws from it
         "log": [dict(values) for values in _pending(model)],
-        "watched": dict(watched),
+        "callback_state": dict(callback_state),
     }
     tree = _pack(state, arrays)
     write_archive(path, FORMAT, {"state": tree}, arrays)
 
 
 def restore(path: Path, model: BaseAlgorithm, environment: ScaledRewards) -> dict[str, Any]:
-    """Put `model` and `environment`, made from the same settings, where they were; return what was watched.
+    """Put `model` and `environment`, made from the same settings, where they were; return the state of the callback.
 
     Raises:
         ValueError: the file is no checkpoint, is damaged, or is one of another model.
@@ -56,8 +56,8 @@ def restore(path: Path, model: BaseAlgorithm, environment: ScaledRewards) -> dic
     for values, kept in zip(_pending(model), state["log"], strict=True):
         values.clear()
         values.update(kept)
-    watched: dict[str, Any] = state["watched"]
-    return watched
+    callback_state: dict[str, Any] = state["callback_state"]
+    return callback_state
 
 
 def _pending(model: BaseAlgorithm) -> tuple[dict[str, Any], ...]:
