@@ -15,6 +15,7 @@ from pathlib import Path
 
 import tyro
 
+from agents.command_line import command_line
 from agents.setup import check
 from agents.setups import Setup, load_setup
 from impact_gym.files import whole_file
@@ -91,7 +92,7 @@ def stages(copy: Path, wanted: Wanted) -> Iterator[list[str]]:
 
 def main() -> None:
     """Read from the command line what is wanted, and do one stage after the other."""
-    try:
+    with command_line("agents.controller"):
         wanted = tyro.cli(Wanted, prog="python -m agents.controller")
         check(load_setup(wanted.setup), wanted.setup)
         setup = kept(load_setup(wanted.setup), wanted.out, wanted.quick)
@@ -99,10 +100,6 @@ def main() -> None:
             print(f"$ {shlex.join(['python', *command])}", flush=True)
             if ended := subprocess.run([sys.executable, *command], check=False).returncode:
                 sys.exit(f"agents.controller: that failed ({ended}); once mended, the same command goes on here")
-    except ValueError as error:
-        sys.exit(f"agents.controller: {error}")
-    except KeyboardInterrupt:
-        sys.exit("agents.controller: interrupted; the same command goes on")
     print(f"report: {(wanted.out / 'report' / 'index.html').resolve().as_uri()}")
     print(f"controller: {wanted.out / 'export'}")
 

@@ -1,6 +1,5 @@
 """Check a set-up and see what follows from it: `python -m agents.setup my.toml`, or the name of one that is shipped."""
 
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import groupby, product
@@ -12,6 +11,7 @@ import tyro
 
 from agents.baselines import PaperTrapezoid
 from agents.baselines.tuned import FIXED, names
+from agents.command_line import command_line
 from agents.evaluate.stage import VALIDATION_SEED, Stage
 from agents.setups import Setup, load_setup, shipped
 from agents.setups.evaluation import variants
@@ -196,7 +196,7 @@ def draw(setup: Setup, path: Path) -> None:
 
 def main() -> None:
     """Read from the command line which set-up, and say what follows from it."""
-    try:
+    with command_line("agents.setup"):
         wanted = tyro.cli(Check, prog="python -m agents.setup")
         setup = load_setup(wanted.setup)
         for line in lines(setup, wanted.setup):
@@ -207,8 +207,6 @@ def main() -> None:
             print(f"picture: {path}")
         except ImportError as error:
             print(f"no picture: {error}")
-    except ValueError as error:
-        sys.exit(f"agents.setup: {error}")
 
 
 if __name__ == "__main__":

@@ -9,7 +9,6 @@ median to SETUP.npz.
 
 import json
 import shutil
-import sys
 import tempfile
 from collections.abc import Mapping
 from contextlib import suppress
@@ -20,7 +19,8 @@ from typing import Any
 import numpy as np
 import tyro
 
-from agents.jobs import Job, JobsFailedError, Result, gather
+from agents.command_line import command_line
+from agents.jobs import Job, Result, gather
 from agents.policies.policy import load_policy
 from agents.setups import README, load_setup
 from agents.train.run import made_for, resume, train, write_json
@@ -166,7 +166,7 @@ def _ship(folder: Path, path: Path) -> dict[str, Any]:
 
 def main() -> None:
     """Read from the command line what to train, and train it."""
-    try:
+    with command_line("agents.train_seeds"):
         wanted = tyro.cli(Seeds, prog="python -m agents.train_seeds")
         for setup in wanted.setups:
             settings = default_settings(setup)
@@ -174,10 +174,6 @@ def main() -> None:
                 steps = min(settings.steps, wanted.steps)
                 settings = replace(settings, steps=steps, validate_every=min(settings.validate_every, steps))
             print(train_all(load_setup(setup).name, wanted, settings))
-    except (JobsFailedError, RuntimeError, ValueError) as error:
-        sys.exit(f"agents.train_seeds: {error}")
-    except KeyboardInterrupt:
-        sys.exit("agents.train_seeds: interrupted; the same command goes on")
 
 
 if __name__ == "__main__":

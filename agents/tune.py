@@ -7,7 +7,6 @@ on where it was stopped.
 
 import platform
 import shlex
-import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -22,8 +21,9 @@ from agents.baselines.cmaes import minimise
 from agents.baselines.profile import BlindProfile, constant_deceleration
 from agents.baselines.rule import Floats
 from agents.baselines.tuned import RULES, read_tuned, write_tuned
+from agents.command_line import command_line
 from agents.evaluate import TUNING_SEED, Stage
-from agents.jobs import Job, JobsFailedError, Result, digest_of, gather
+from agents.jobs import Job, Result, digest_of, gather
 from agents.setups import Setup, load_setup, shipped
 from impact_gym.validation import number, whole
 
@@ -280,7 +280,7 @@ def _sentence(name: str, setup: Setup, weight: str, found: dict[str, Any]) -> st
 
 def main() -> None:
     """Read from the command line what to tune, and tune it."""
-    try:
+    with command_line("agents.tune"):
         wanted = tyro.cli(Tune, prog="python -m agents.tune")
         for (name, setup), path in zip(wanted.baselines().items(), tune(wanted), strict=True):
             print(path)
@@ -288,10 +288,6 @@ def main() -> None:
                 print("  " + _sentence(name, setup, weight, found))
         for path in search_bounds(wanted) if wanted.bound else ():
             print(path)
-    except (JobsFailedError, RuntimeError, ValueError) as error:
-        sys.exit(f"agents.tune: {error}")
-    except KeyboardInterrupt:
-        sys.exit("agents.tune: interrupted; the same command goes on")
 
 
 if __name__ == "__main__":

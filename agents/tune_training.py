@@ -10,7 +10,6 @@ import hashlib
 import json
 import shlex
 import shutil
-import sys
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -25,6 +24,7 @@ from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend
 from optuna.trial import Trial, TrialState
 
+from agents.command_line import command_line
 from agents.setups import load_setup
 from agents.train.run import made_for, provenance, train, write_json
 from agents.train.settings import Algorithm, Settings, default_settings, with_changes
@@ -191,13 +191,9 @@ def main() -> None:
     """Read from the command line what to search for, and search."""
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
-    try:
+    with command_line("agents.tune_training"):
         summary = search(tyro.cli(Search, prog="python -m agents.tune_training"))
         print(training_table(json.loads(summary.read_text())["best"]["settings"]), summary, sep="\n")
-    except ValueError as error:
-        sys.exit(f"agents.tune_training: {error}")
-    except KeyboardInterrupt:
-        sys.exit("agents.tune_training: interrupted; the same command goes on")
 
 
 if __name__ == "__main__":

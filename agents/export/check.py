@@ -8,7 +8,6 @@ import ctypes
 import importlib
 import shutil
 import subprocess
-import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -20,6 +19,7 @@ import numpy as np
 import tyro
 from numpy.typing import NDArray
 
+from agents.command_line import command_line
 from agents.export.c_header import identifier, write_header
 from agents.export.onnx_graph import write_onnx
 from agents.export.replay import CALLS, EPISODES, Replay, logged, replay
@@ -179,10 +179,8 @@ def _told(seconds: float, period: float) -> str:
 
 def main() -> None:
     """Read from the command line what to export, and export it."""
-    try:
+    with command_line("agents.export"):
         export(tyro.cli(Export, prog="python -m agents.export"))
-    except (FileNotFoundError, ValueError) as error:
-        sys.exit(f"agents.export: {error}")
 
 
 if __name__ == "__main__":

@@ -2,19 +2,15 @@
 
 import sys
 
+from agents.command_line import command_line
 from agents.train.run import train
 from agents.train.settings import read_settings
 
 
 def main() -> None:
     """Read the settings from the command line and train."""
-    try:
+    with command_line("agents.train", "--resume with the run folder goes on"):
         print(train(read_settings(sys.argv[1:])))
-    except (FileExistsError, TypeError, ValueError) as error:
-        sys.exit(f"agents.train: {error}")
-    except KeyboardInterrupt:
-        print("agents.train: interrupted; --resume with the run folder goes on", file=sys.stderr)
-        sys.exit(130)
 
 
 if __name__ == "__main__":
