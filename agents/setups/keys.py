@@ -11,7 +11,7 @@ def known(prefix: str, given: Iterable[str], allowed: Iterable[str]) -> None:
     for key in given:
         if key not in names:
             nearest = get_close_matches(key, names, 1)
-            meant = f"; did you mean {nearest[0]!r}?" if nearest else ""
+            meant = f"; did you mean {nearest[0]!r}?" if nearest else "."
             raise ValueError(f"unknown key {prefix}{key!s}{meant} Known are {', '.join(names)}")
 
 
