@@ -1,11 +1,13 @@
 """Results on disk: one archive for each job, whole or not there, named by the job's key."""
 
+from dataclasses import asdict
 from pathlib import Path
 
 from tqdm import tqdm  # type: ignore[import-untyped]
 
 from agents.archive import read_archive, write_archive
-from agents.jobs.job import Job, Result
+from agents.jobs.job import Job
+from agents.jobs.work import Answer, Failure
 
 FORMAT = "impact_gym job result 1"
 
@@ -21,8 +23,8 @@ class Store:
         """Return where the result of a job is kept."""
         return self.folder / f"{key}.npz"
 
-    def read(self, key: str) -> Result | None:
-        """Return the result of a job, None where there is none or a damaged one."""
+    def read(self, key: str) -> Answer | None:
+        """Return the result of a job, or its failure where that was kept; None where there is none or it is damaged."""
         path = self.path(key)
         if not path.is_file():
             return None
@@ -30,12 +32,15 @@ class Store:
             content, arrays = read_archive(path, FORMAT)
             if content["key"] != key:
                 raise ValueError(f"{path} is the result of another job")
+            return Failure(**content["failure"]) if "failure" in content else arrays
         except (LookupError, ValueError) as error:
             tqdm.write(f"computed anew: {error}")
             return None
-        return arrays
 
-    def write(self, job: Job, result: Result) -> None:
-        """Keep a result."""
+    def write(self, job: Job, answer: Answer) -> None:
+        """Keep a result, or a failure that counts as one."""
         content = {"key": job.key, "function": job.function, "arguments": job.arguments, "depends": job.depends}
-        write_archive(self.path(job.key), FORMAT, content, result)
+        if isinstance(answer, Failure):
+            write_archive(self.path(job.key), FORMAT, content | {"failure": asdict(answer)}, {})
+        else:
+            write_archive(self.path(job.key), FORMAT, content, answer)

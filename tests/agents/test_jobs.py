@@ -17,7 +17,7 @@ from training import tiny
 
 from agents import train_seeds
 from agents.evaluate.play import play
-from agents.jobs import Job, JobsFailedError, digest_of, gather, gather_all
+from agents.jobs import Failure, Job, JobsFailedError, digest_of, gather, gather_all
 from agents.policies.networks import to_arrays
 from agents.policies.policy import load_policy
 from agents.train.settings import as_json
@@ -127,6 +127,47 @@ def test_a_job_that_kills_every_process_is_named_and_spoils_no_other(tmp_path):
     with pytest.raises(JobsFailedError, match=r"1 of 5 jobs failed(.|\n)*kills_itself.*worker was lost 2 time"):
         gather_all(jobs, tmp_path / "results", processes=2, retries=1)
     assert sorted(calls(log)) == [0, 1, 2, 3, 100, 100]
+
+
+def test_a_job_that_hangs_is_ended_named_and_not_begun_again_and_the_others_go_on(tmp_path):
+    log, folder = tmp_path / "log", tmp_path / "results"
+    hang = Job("cluster_work:numbers", {"log": str(log), "number": 100, "seconds": 600.0})
+    dying = Job("cluster_work:kills_itself", {"log": str(log), "number": 200, "times": 1})
+    jobs = [hang, *listed(log, 4), dying, *listed(log, 3, seconds=0.2)]
+    came, begun = [], time.monotonic()
+    with pytest.raises(JobsFailedError, match=r"1 of 9 jobs failed(.|\n)*number=100.*: no answer within 1\.5 s"):
+        came.extend(place for place, _ in gather(jobs, folder, processes=2, seconds=1.5))
+    assert time.monotonic() - begun < 60.0
+    assert sorted(came) == list(range(1, 9))
+    assert sorted(calls(log)) == [0, 0, 1, 1, 2, 2, 3, 100, 200, 200]
+
+
+def test_the_time_that_a_process_takes_to_begin_and_to_import_the_function_is_not_that_of_its_job(tmp_path):
+    (result,) = gather_all([Job("slow_to_load:at_once", {})], tmp_path, processes=1, seconds=0.5)
+    assert result["value"] == 1.0
+
+
+def test_failures_are_values_that_are_kept_where_they_are_asked_for(tmp_path):
+    log, folder = tmp_path / "log", tmp_path / "results"
+    jobs = [
+        Job("cluster_work:fails_on", {"log": str(log), "number": 1, "bad": [1]}),
+        Job("cluster_work:kills_itself", {"log": str(log), "number": 2, "times": 99}),
+        Job("cluster_work:numbers", {"log": str(log), "number": 3, "seconds": 600.0}),
+        *listed(log, 1),
+    ]
+    found = gather_all(jobs, folder, processes=2, retries=0, seconds=1.0, failures=True)
+    assert [type(one) for one in found] == [Failure, Failure, Failure, dict]
+    raised, lost, late = (one.reason for one in found[:3])
+    assert raised == "ArithmeticError: no result for 1"
+    assert "worker was lost 1 time" in lost
+    assert late == "no answer within 1 s"
+    assert "in fails_on" in found[0].trace
+    before = calls(log)
+    again = gather_all(jobs, folder, processes=2, failures=True)
+    assert again[:3] == found[:3]
+    assert calls(log) == before
+    with pytest.raises(JobsFailedError, match="ArithmeticError"):  # whoever wants results tries once more
+        gather_all(jobs[:1], folder, processes=0)
 
 
 def driver(tmp_path, log):
@@ -246,7 +287,9 @@ def test_what_is_no_job_is_refused_with_the_reason(function, arguments, kind, sa
 @pytest.mark.parametrize(("options", "said"), [
     ({"processes": -1}, "processes must be a whole number of at least 0, got -1"),
     ({"retries": -1}, "retries must be a whole number of at least 0, got -1"),
-    ({"processes": 2, "cluster": "ray"}, "not both"),
+    ({"processes": 2, "cluster": "ray"}, "processes or cluster, not both"),
+    ({"seconds": 1.0, "cluster": "ray"}, "seconds or cluster, not both"),
+    ({"seconds": 0.0}, "seconds must be finite and above 0 s"),
 ])  # fmt: skip
 def test_wrong_options_of_gathering_are_refused_at_once(tmp_path, options, said):
     with pytest.raises(ValueError, match=said):
