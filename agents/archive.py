@@ -23,10 +23,13 @@ DAMAGE = (
 """What reading a file can raise that is not an archive, or no longer."""
 
 
-def write_archive(path: Path, kind: str, content: Mapping[str, Any], arrays: Arrays) -> None:
-    """Write JSON `content` and `arrays` to `path`, whole or not at all; `kind` says what they are, with a version."""
+def write_archive(path: Path, kind: str, content: Mapping[str, Any], arrays: Arrays, durable: bool = True) -> None:
+    """Write JSON `content` and `arrays` to `path`, whole or not at all; `kind` says what they are, with a version.
+
+    See `whole_file` for what is `durable`.
+    """
     header = {"format": kind, "content": dict(content), "sha256": _checksum(kind, content, arrays)}
-    with whole_file(path) as file:
+    with whole_file(path, durable) as file:
         np.savez(file, allow_pickle=False, header=np.array(json.dumps(header)), **arrays)
 
 

@@ -98,7 +98,7 @@ def _gather(
         places.setdefault(job.key, []).append(place)
     missing: list[str] = []
     failed: list[tuple[Job, Failure]] = []
-    with tqdm(total=len(jobs), desc=title, smoothing=0.02) as bar:
+    with tqdm(total=len(jobs), desc=title, smoothing=0.02, disable=not jobs) as bar:
         for key, same in places.items():
             kept = store.read(key)
             if kept is None or (isinstance(kept, Failure) and not failures):

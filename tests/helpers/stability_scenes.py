@@ -6,6 +6,7 @@ import time
 import numpy as np
 
 import impact_gym as ig
+from experiments.lab.tables import result_of
 from experiments.paper.scenes import DISTANCE, MECHANISM, MOTION
 from experiments.speed_vs_error.scenes import Approach
 
@@ -31,12 +32,12 @@ def astuple(approach):
     return approach.scene, approach.motion, approach.duration
 
 
-def asleep(row):
-    """Take a task's time."""
-    time.sleep(row["seconds"])
-    return row
+def asleep(scene, seconds):
+    """Take a job's time."""
+    time.sleep(seconds)
+    return result_of([{"scene": scene, "failure": "", "seconds": seconds}])
 
 
-def dying(row):
+def dying(scene):
     """End the process."""
     os._exit(3)
