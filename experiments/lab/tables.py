@@ -15,7 +15,6 @@ from experiments.lab.results import KEPT
 from impact_gym.files import whole_file
 
 Row = dict[str, Any]
-TEXT = ("scene", "description", "contender", "failure", "run", "coupling")
 SOLVER = tuple(f"impact_gym.{name}" for name in ("physics", "scene", "motion", "robot", "lowering", "simulation"))
 
 
@@ -64,19 +63,6 @@ def gathered(
             rows += rows_of(answer)
     columns = dict.fromkeys((name for row in rows for name in row), math.nan)
     return [columns | row for row in rows]
-
-
-def table(path: Path) -> pl.DataFrame:
-    """Return a table, without rows and columns if there is no file. Columns not in TEXT are numbers."""
-    if not path.is_file():
-        return pl.DataFrame()
-    text = pl.read_csv(path, infer_schema=False).fill_null("")
-    return text.with_columns(pl.exclude(TEXT).cast(pl.Float64))
-
-
-def read(path: Path) -> list[Row]:
-    """Return the rows of `table`."""
-    return table(path).to_dicts()
 
 
 def write(path: Path, rows: Iterable[Mapping[str, Any]]) -> None:

@@ -6,12 +6,12 @@ import re
 from dataclasses import replace
 
 import numpy as np
+import polars as pl
 import pytest
 from stability_scenes import COUPLINGS, ROBOTS, approach_of, astuple
 
 import impact_gym as ig
 from experiments import reference
-from experiments.lab import tables as records
 from experiments.lab.tables import rows_of
 from experiments.speed_vs_error import quantities
 from experiments.speed_vs_error.contenders import OURS
@@ -147,13 +147,17 @@ def quick(tmp_path_factory):
     return folder
 
 
+def read(path):
+    return pl.read_csv(path, infer_schema=False).to_dicts()
+
+
 def refuse(*_, **__):
     pytest.fail("computed again")  # not an Exception, which would be a row
 
 
 def test_a_row_for_each_scene_and_a_page_that_stands_on_its_own(quick):
     folder = quick
-    assert [int(row["scene"]) for row in records.read(folder / "storm.csv")] == list(range(FEW))
+    assert [int(row["scene"]) for row in read(folder / "storm.csv")] == list(range(FEW))
     text = (folder / "index.html").read_text()
     assert len(re.findall("data:image/svg", text)) == 3
     assert not re.search(r"""(src|href)=["'](https?:|//)""", text)
@@ -185,7 +189,7 @@ def test_the_page_lists_every_failure(quick, tmp_path):
     rows[8] |= {"energy_created": 1e-3, "energy_doubt": 1e-9, "traced": 1}
     written = study.write(tmp_path, tables, json.loads((folder / "results.json").read_text())["runs"])
     text = written.read_text()
-    found = {(row["scene"], row["contender"]) for row in records.read(tmp_path / "failures.csv")}
+    found = {(row["scene"], row["contender"]) for row in read(tmp_path / "failures.csv")}
     assert {("3", bars.FAST), ("5", bars.FINISHED), ("8", bars.PASSIVE)} <= found
     assert "RuntimeError: the run stopped" in text
     assert "promises are missed" in text
