@@ -1,5 +1,6 @@
 """`python -m experiments.paper [NAME ...]`: the paper's figures, and a page that compares them with its text."""
 
+import shlex
 import sys
 import time
 from dataclasses import dataclass
@@ -46,7 +47,8 @@ def main() -> None:
         bar.set_postfix_str(name)
         make(name, settings.out)
     try:
-        written = page.write(settings.out)
+        command = shlex.join(["python", "-m", "experiments.paper", *sys.argv[1:]])
+        written = page.write(settings.out, {"command": command, "seconds": time.perf_counter() - begun})
     except ValueError as error:
         sys.exit(f"experiments.paper: {error}")
     print(f"{len(names)} figures in {time.perf_counter() - begun:.0f} s: {written.resolve().as_uri()}")

@@ -3,14 +3,15 @@
 import csv
 import io
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from typing import Any
 
 from agents.provenance import circumstances
+from experiments.lab import page
 from experiments.paper import tables
-from experiments.paper.catalogue import HERE, NAMES, Module, heading, load
+from experiments.paper.catalogue import NAMES, Module, heading, load
 from experiments.paper.contradictions import contradictions
 from experiments.paper.statements import Statement, Verdict
 from impact_gym.files import whole_file
@@ -27,7 +28,7 @@ class Entry:
 
 
 def read(folder: Path) -> tuple[list[Entry], dict[str, tables.Table]]:
-    """Return the figures whose tables are in `folder`, judged afresh, and the tables.
+    """Return the figures that are in `folder` with their tables, judged afresh, and the tables.
 
     Raises:
         ValueError: a table is not as this version writes it; names it.
@@ -35,7 +36,7 @@ def read(folder: Path) -> tuple[list[Entry], dict[str, tables.Table]]:
     entries, found = [], {}
     for name in NAMES:
         file = folder / f"{name}.csv"
-        if not file.is_file():
+        if not (file.is_file() and file.with_suffix(".svg").is_file()):
             continue
         module = load(name)
         try:
@@ -60,15 +61,21 @@ def write_statements(path: Path, entries: list[Entry]) -> None:
         file.write(text.getvalue().encode())
 
 
-def write(folder: Path) -> Path:
-    """Write the page about all figures whose tables are in `folder`; return its path."""
+def write(folder: Path, run: Mapping[str, Any]) -> Path:
+    """Write the page about all figures whose tables are in `folder`; return its path.
+
+    Args:
+        folder: of tables and figures.
+        run: command and seconds of what made the figures.
+    """
     entries, found = read(folder)
     if not entries:
         raise ValueError(f"{folder} has no tables")
     write_statements(folder / "statements.csv", entries)
     every = [statement for entry in entries for statement in entry.statements]
-    pages = Environment(loader=FileSystemLoader(HERE), autoescape=True, undefined=StrictUndefined)
-    text = pages.get_template("page.html.jinja").render(
+    return page.write(
+        folder,
+        "paper",
         entries=entries,
         counts=Counter(statement.verdict for statement in every),
         total=len(every),
@@ -76,8 +83,5 @@ def write(folder: Path) -> Path:
         verdicts=Verdict,
         contradictions=contradictions(found),
         missing=[heading(name) if name.startswith("figure") else name for name in NAMES if name not in found],
-        circumstances=circumstances("impact-gym", "numpy", "scipy", "matplotlib"),
+        runs=[{**run, **circumstances("impact-gym", "numpy", "scipy", "matplotlib")}],
     )
-    with whole_file(folder / "index.html") as file:
-        file.write(text.encode())
-    return folder / "index.html"
