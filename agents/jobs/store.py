@@ -2,11 +2,10 @@
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 from tqdm import tqdm  # type: ignore[import-untyped]
 
-from agents.archive import Arrays, read_archive, write_archive
+from agents.archive import read_archive, write_archive
 from agents.jobs.job import Job
 from agents.jobs.work import Answer, Failure
 
@@ -40,12 +39,7 @@ class Store:
 
     def write(self, job: Job, answer: Answer) -> None:
         """Keep a result, or a failure that counts as one; what a power cut damages will be computed anew."""
-        content: dict[str, Any] = {
-            "key": job.key, "function": job.function, "arguments": job.arguments, "depends": job.depends
-        }  # fmt: skip
-        arrays: Arrays = {}
-        if isinstance(answer, Failure):
-            content["failure"] = asdict(answer)
-        else:
-            arrays = answer
-        write_archive(self.path(job.key), FORMAT, content, arrays, durable=False)
+        content = {"key": job.key, "function": job.function, "arguments": job.arguments, "depends": job.depends}
+        failed = isinstance(answer, Failure)
+        more, arrays = ({"failure": asdict(answer)}, {}) if failed else ({}, answer)
+        write_archive(self.path(job.key), FORMAT, content | more, arrays, durable=False)

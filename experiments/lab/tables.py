@@ -1,18 +1,16 @@
-"""Tables: rows that jobs compute once and keep, and the same as CSV for people."""
+"""Tables: rows that jobs return, computed once and kept."""
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import polars as pl
 from impact_gym.kernels import COMPILED_FROM
 
 from agents.jobs import Failure, Job, Result, digest_of, gather_all
 from experiments.lab.results import KEPT
-from impact_gym.files import whole_file
 
 Row = dict[str, Any]
 SOLVER = tuple(f"impact_gym.{name}" for name in ("physics", "scene", "motion", "robot", "lowering", "simulation"))
@@ -36,36 +34,33 @@ def rows_of(result: Result) -> list[Row]:
 
 
 def gathered(
-    folder: Path, title: str, jobs: Iterable[Job], failed: Callable[[Job], Row] | None = None, **options: Any
-) -> list[Row]:
+    folder: Path, title: str, work: Callable[..., Result], asked: Sequence[Mapping[str, Any]], depends: str,
+    failed: Callable[[Mapping[str, Any]], Row] | None = None, **options: Any,
+) -> list[Row]:  # fmt: skip
     """Return the rows of jobs, in their order; what `folder` has of their results is not computed again.
 
     Args:
         folder: of the experiment.
         title: of the table.
-        jobs: whose functions return `result_of` rows.
-        failed: gives the row of a job that has no result, what of it is known; the reason is then its failure, and
+        work: a function of a module that returns `result_of` rows.
+        asked: its arguments, for each job.
+        depends: what else the rows follow from; see `Job`.
+        failed: gives the row of a job that has no result, from its arguments; the reason is then its failure, and
             numbers that other rows have are nan. Without it a failure is an error.
         options: of `agents.jobs.gather`.
 
     Raises:
         JobsFailedError: jobs failed, and none may.
     """
-    wanted = list(jobs)
+    jobs = [Job(f"{work.__module__}:{work.__name__}", arguments, depends) for arguments in asked]
     # a crash that another attempt would hide is a finding
-    answers = gather_all(wanted, folder / KEPT, title=title, retries=0, failures=failed is not None, **options)
+    answers = gather_all(jobs, folder / KEPT, title=title, retries=0, failures=failed is not None, **options)
     rows: list[Row] = []
-    for job, answer in zip(wanted, answers, strict=True):
+    for arguments, answer in zip(asked, answers, strict=True):
         if isinstance(answer, Failure):
             assert failed is not None
-            rows.append(failed(job) | {"failure": answer.reason.replace("\n", " ")})
+            rows.append(failed(arguments) | {"failure": answer.reason.replace("\n", " ")})
         else:
             rows += rows_of(answer)
     columns = dict.fromkeys((name for row in rows for name in row), math.nan)
     return [columns | row for row in rows]
-
-
-def write(path: Path, rows: Iterable[Mapping[str, Any]]) -> None:
-    """Write all rows, whole or not at all."""
-    with whole_file(path) as file:
-        pl.DataFrame(list(rows), infer_schema_length=None).write_csv(file)

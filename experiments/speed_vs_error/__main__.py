@@ -1,12 +1,11 @@
 """`python -m experiments.speed_vs_error`: measure what is missing, draw, write reports/speed_vs_error/index.html."""
 
-import shlex
-import sys
+from functools import partial
 from pathlib import Path
 
 import tyro
 
-from experiments.lab.results import REPORTS
+from experiments.lab import experiment
 from experiments.speed_vs_error.study import FULL, QUICK, run
 
 
@@ -18,14 +17,8 @@ def main(out: Path | None = None, quick: bool = False, force: bool = False) -> N
         quick: a first look in under a minute: few settings, few scenes.
         force: measure everything again.
     """
-    folder = out or REPORTS / ("speed_vs_error_quick" if quick else "speed_vs_error")
-    command = shlex.join(["python", "-m", "experiments.speed_vs_error", *sys.argv[1:]])
-    try:
-        written = run(folder, QUICK if quick else FULL, force, command)
-    except KeyboardInterrupt:
-        print("experiments.speed_vs_error: interrupted; what was measured is kept", file=sys.stderr)
-        sys.exit(130)
-    print(f"speed against error: {written.resolve().as_uri()}")
+    extent = QUICK if quick else FULL
+    experiment.command("speed_vs_error", partial(run, extent=extent, again=force), out, quick)
 
 
 if __name__ == "__main__":

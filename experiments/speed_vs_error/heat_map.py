@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 import impact_gym as ig
-from agents.jobs import Job, Result
+from agents.jobs import Result
 from experiments import reference
 from experiments.lab.tables import Row, gathered, result_of, solver_and
 from experiments.paper.scenes import DURATION, MOTION, decoupled
@@ -47,5 +47,4 @@ def rows(folder: Path, points_per_two_decades: int, processes: int | None = None
     """Return the rows of all cells."""
     depends = solver_and(reference.__name__, "experiments.paper.scenes", __name__)
     asked = [{"k_c": k_c, "d": d, "reference_rtol": RTOL} for k_c, d in grid(points_per_two_decades)]
-    jobs = [Job(f"{__name__}:cell", arguments, depends) for arguments in asked]
-    return gathered(folder, "heat map", jobs, processes=processes)
+    return gathered(folder, "heat map", cell, asked, depends, processes=processes)

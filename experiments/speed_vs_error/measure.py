@@ -9,7 +9,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from agents.jobs import Job, Result
+from agents.jobs import Result
 from experiments import reference
 from experiments.lab.tables import Row, gathered, result_of, solver_and
 from experiments.speed_vs_error import by_hand, contenders, peer, quantities, taylor
@@ -71,15 +71,11 @@ def measured(
     contact = None if fit is None else peer.Fit(**fit)
     found = [contender(approach_of(scene), name, setting, contact) for name, setting in tried]
     seconds = best_times(found, rounds, scene if rounds > 1 else None)
-    about = {"rounds": rounds, "load": load, "run": run}
-    return result_of(
-        [
-            {"scene": scene, "contender": one.name, "setting": one.setting, "microseconds": 1e6 * seconds[one]}
-            | judged(one, from_json(truth))
-            | about
-            for one in found
-        ]
-    )
+    rows = []
+    for one in found:
+        row = {"scene": scene, "contender": one.name, "setting": one.setting, "microseconds": 1e6 * seconds[one]}
+        rows.append(row | judged(one, from_json(truth)) | {"rounds": rounds, "load": load, "run": run})
+    return result_of(rows)
 
 
 def rows(
@@ -93,6 +89,5 @@ def rows(
     judges = (by_hand, contenders, peer, quantities, reference, taylor)
     depends = solver_and(*(judge.__name__ for judge in judges), __name__, *SOURCES)
     about = {"tried": [list(one) for one in tried], "rounds": rounds}
-    asked = [{"scene": name, "truth": as_json(truth), "fit": fits.get(name)} for name, truth in truths.items()]
-    jobs = [Job(f"{__name__}:measured", arguments | about, depends) for arguments in asked]
-    return gathered(folder, title, jobs, processes=processes if rounds == 1 else 0)
+    asked = [{"scene": name, "truth": as_json(true), "fit": fits.get(name)} | about for name, true in truths.items()]
+    return gathered(folder, title, measured, asked, depends, processes=processes if rounds == 1 else 0)

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 import impact_gym as ig
-from agents.jobs import Job, Result
+from agents.jobs import Result
 from experiments.lab.tables import Row, gathered, result_of, solver_and
 from experiments.speed_vs_error import by_hand, peer
 from experiments.speed_vs_error.peer import Fit, Model, missing
@@ -69,5 +69,4 @@ def rows(folder: Path, truths: Mapping[str, Answer], evaluations: int, processes
         return []
     depends = solver_and(by_hand.__name__, peer.__name__, __name__, *SOURCES)
     asked = [{"scene": name, "truth": as_json(truth), "evaluations": evaluations} for name, truth in truths.items()]
-    jobs = [Job(f"{__name__}:fit", arguments, depends) for arguments in asked]
-    return gathered(folder, "fits of MuJoCo's contact", jobs, processes=processes)
+    return gathered(folder, "fits of MuJoCo's contact", fit, asked, depends, processes=processes)

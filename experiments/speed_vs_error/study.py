@@ -1,17 +1,13 @@
 """The whole study: measure what is missing, draw, write the page."""
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import polars as pl
 
-from experiments.lab import page
-from experiments.lab import tables as records
-from experiments.lab.charts import save
-from experiments.lab.results import noted
-from experiments.lab.tables import Row
+from experiments.lab import experiment
+from experiments.lab.experiment import Shown, Tables
 from experiments.speed_vs_error import (
     by_hand,
     figures,
@@ -48,7 +44,7 @@ FULL = Extent(Grid(), COARSER, rounds=3, scenes=200, heat_map=8, fit=90)
 QUICK = Extent(FEW, replace(FEW, mujoco_steps=()), rounds=1, scenes=8, heat_map=1, fit=25)
 
 
-def tables(folder: Path, extent: Extent, processes: int | None = None) -> dict[str, list[Row]]:
+def tables(folder: Path, extent: Extent, processes: int | None = None) -> Tables:
     """Return all tables, after measuring what `folder` does not have of them."""
     named = [approach for approach in scenes.named() if not extent.names or approach.name in extent.names]
     found = {
@@ -65,44 +61,36 @@ def tables(folder: Path, extent: Extent, processes: int | None = None) -> dict[s
     return found
 
 
-def run(folder: Path, extent: Extent, again: bool, command: str, processes: int | None = None) -> Path:
-    """Measure what `folder` does not have, or everything `again`; return the path of the page."""
-    missing = {"mujoco": peer.missing(), "heyoka": taylor.missing()}
-    for why in filter(None, missing.values()):
-        print(f"speed_vs_error: {why}; it takes no part")
-    with noted(folder, command, (name for name, why in missing.items() if not why), again) as runs:
-        found = tables(folder, extent, processes)
-    return write(folder, found, runs)
-
-
-def write(folder: Path, tables: Mapping[str, Sequence[Row]], runs: Sequence[Mapping[str, Any]]) -> Path:
-    """Write the tables, draw them, write the page; return its path."""
-    for name, rows in tables.items():
-        (folder / f"{name}.csv").unlink(missing_ok=True)
-        if rows:
-            records.write(folder / f"{name}.csv", rows)
+def shown(tables: Tables) -> Shown:
+    """Return figures and what the page says."""
     frames = {name: pl.DataFrame(rows, infer_schema_length=None) for name, rows in tables.items()}
-    for column in ERRORS:
-        save(figures.named_scenes(frames["named"], frames["named_truth"], column), folder / f"{column}.svg")
-    save(figures.population(frames["population"]), folder / "population.svg")
-    save(figures.heat_map(frames["heat_map"], heat_map.OUR_RTOL), folder / "heat_map.svg")
-    doubts = pl.concat([frames["named_truth"], frames["population_truth"]], how="vertical_relaxed")
+    named, truths, population, heat = (frames[name] for name in ("named", "named_truth", "population", "heat_map"))
+    drawn = {column: figures.named_scenes(named, truths, column) for column in ERRORS}
+    drawn |= {"population": figures.population(population), "heat_map": figures.heat_map(heat, heat_map.OUR_RTOL)}
+    doubts = pl.concat([truths, frames["population_truth"]], how="vertical_relaxed")
     differ = (pl.col("second_contacts") != pl.col("contacts")) | (pl.col("second_passes") != pl.col("passes"))
-    return page.write(
-        folder,
-        "speed_vs_error",
-        lines=summary.lines(frames["named"], frames["named_truth"]),
-        summary=summary,
-        errors=ERRORS,
-        table=summary.over_population(frames["population"]).to_dicts(),
-        population_size=frames["population_truth"].height,
-        doubt=doubts["velocity_error_doubt"].max(),
-        disagreements=doubts.filter(differ).height,
-        truth_rtol=truth.RTOL,
-        too_wrong=quantities.TOO_WRONG,
-        by_hand=list(by_hand.METHODS),
-        fits=bool(tables["mujoco_fits"]),
-        heat=frames["heat_map"],
-        runs=runs,
-        load=frames["named"]["load"],
-    )
+    return drawn, {
+        "lines": summary.lines(named, truths),
+        "summary": summary,
+        "errors": ERRORS,
+        "table": summary.over_population(population).to_dicts(),
+        "population_size": frames["population_truth"].height,
+        "doubt": doubts["velocity_error_doubt"].max(),
+        "disagreements": doubts.filter(differ).height,
+        "truth_rtol": truth.RTOL,
+        "too_wrong": quantities.TOO_WRONG,
+        "by_hand": list(by_hand.METHODS),
+        "fits": bool(tables["mujoco_fits"]),
+        "heat": heat,
+        "load": named["load"],
+    }
+
+
+def run(folder: Path, line: str, *, extent: Extent, again: bool = False, processes: int | None = None) -> Path:
+    """Measure what `folder` does not have, or everything `again`; return the path of the page."""
+    absent = {"mujoco": peer.missing(), "heyoka": taylor.missing()}
+    for why in filter(None, absent.values()):
+        print(f"speed_vs_error: {why}; it takes no part")
+    peers = [name for name, why in absent.items() if not why]
+    compute = partial(tables, folder, extent, processes)
+    return experiment.run("speed_vs_error", folder, line, compute, shown, again=again, packages=peers)

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from agents.jobs import Job, Result, digest_of
+from agents.jobs import Result, digest_of
 from experiments import reference
 from experiments.lab.tables import Row, gathered, result_of
 from experiments.speed_vs_error import quantities, scenes
@@ -34,8 +34,7 @@ def rows(folder: Path, approaches: Sequence[Approach], second_rtol: float, proce
     """Return the rows of all approaches."""
     depends = digest_of(reference.__name__, quantities.__name__, __name__, *scenes.SOURCES)
     asked = [{"scene": approach.name, "second_rtol": second_rtol} for approach in approaches]
-    jobs = [Job(f"{__name__}:truth", arguments, depends) for arguments in asked]
-    return gathered(folder, "truth", jobs, processes=processes)
+    return gathered(folder, "truth", truth, asked, depends, processes=processes)
 
 
 def answers(rows: Sequence[Row]) -> dict[str, Answer]:

@@ -12,13 +12,13 @@ from pathlib import Path
 from typing import Any
 
 import impact_gym as ig
-from agents.jobs import Job, Result, digest_of
+from agents.jobs import Result, digest_of
 from experiments import reference
 from experiments.lab.tables import Row, gathered, result_of, solver_and
 from experiments.reference.dissipation import damping_factor
 from experiments.speed_vs_error.quantities import answer_of
 from experiments.speed_vs_error.scenes import Approach
-from experiments.stability.scenes import draw, labels, relative_error, velocity
+from experiments.stability.scenes import draw, known, labels, relative_error, velocity
 from experiments.stability.storm import LIMIT
 
 EVERY = 50  # one scene in so many: 2 %
@@ -44,26 +44,24 @@ def sampled(scenes: int) -> range:
     return range(FIRST, scenes, EVERY)
 
 
-def truth(scene: int, method: str) -> Result:
-    """Return the row of what the independent solver finds."""
+def truth(scene: int, contender: str) -> Result:
+    """Return the row of what the independent solver finds by one of its methods."""
     approach = draw(scene)
-    found = reference.simulate(approach.scene, approach.motion, approach.duration, rtol=RTOL[method], method=method)
+    found = reference.simulate(
+        approach.scene, approach.motion, approach.duration, rtol=RTOL[contender], method=contender
+    )
     answer = asdict(answer_of(found, approach.duration)) | {"tool_velocity": found.tool_velocity}
-    return result_of([labels(approach) | {"contender": method} | answer])
+    return result_of([labels(approach) | {"contender": contender} | answer])
 
 
 def truths(folder: Path, scenes: Iterable[int], seconds: float, processes: int | None = None) -> dict[int, Row]:
     """Return the truth by the number of the scene, each method having so many seconds for it."""
     depends = digest_of(reference.__name__, "experiments.stability.scenes", __name__)
     found: dict[int, Row] = {}
-
-    def unknown(job: Job) -> Row:
-        return labels(draw(job.arguments["scene"])) | {"contender": job.arguments["method"]}
-
     for turn in range(2):
-        left = {scene: order(draw(scene))[turn] for scene in scenes if scene not in found or found[scene]["failure"]}
-        jobs = [Job(f"{__name__}:truth", {"scene": scene, "method": method}, depends) for scene, method in left.items()]
-        rows = gathered(folder, "truth", jobs, unknown, processes=processes, seconds=seconds)
+        left = [scene for scene in scenes if scene not in found or found[scene]["failure"]]
+        asked = [{"scene": scene, "contender": order(draw(scene))[turn]} for scene in left]
+        rows = gathered(folder, "truth", truth, asked, depends, known, processes=processes, seconds=seconds)
         found |= zip(left, rows, strict=True)
     return found
 
@@ -100,11 +98,7 @@ def shifted(approach: Approach, share: float) -> Approach:
 
 def comparisons(folder: Path, truths: Mapping[int, Row], processes: int | None = None) -> list[Row]:
     """Return the row of each scene whose truth is known."""
+    sure = {scene: {name: true[name] for name in JUDGED} for scene, true in truths.items() if not true["failure"]}
+    asked = [{"scene": scene, "truth": true} for scene, true in sure.items()]
     depends = solver_and("experiments.stability.scenes", __name__)
-    known = {scene: {name: true[name] for name in JUDGED} for scene, true in truths.items() if not true["failure"]}
-    jobs = [Job(f"{__name__}:compared", {"scene": scene, "truth": true}, depends) for scene, true in known.items()]
-
-    def hung(job: Job) -> Row:
-        return labels(draw(job.arguments["scene"]))
-
-    return gathered(folder, "agreement", jobs, hung, processes=processes, seconds=LIMIT)
+    return gathered(folder, "agreement", compared, asked, depends, known, processes=processes, seconds=LIMIT)

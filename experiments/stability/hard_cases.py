@@ -19,7 +19,7 @@ from scipy.integrate import solve_ivp
 from scipy.special import lambertw
 
 import impact_gym as ig
-from agents.jobs import Job, Result
+from agents.jobs import Result
 from experiments.lab.tables import Row, gathered, result_of, solver_and
 from experiments.speed_vs_error import by_hand
 from experiments.speed_vs_error.contenders import OURS
@@ -163,6 +163,5 @@ def rows(folder: Path, quick: bool, processes: int | None = None) -> list[Row]:
     """Return all points, or a few for each cause if it has to be `quick`."""
     by_hand.compile_now()
     depends = solver_and("experiments.stability.scenes", "experiments.stability.rivals", by_hand.__name__, __name__)
-    sizes = FEW if quick else ALL
-    jobs = [Job(f"{__name__}:points", {"cause": cause, "size": size}, depends) for cause, size in sizes.items()]
-    return gathered(folder, "hard_cases", jobs, processes=processes)
+    asked = [{"cause": cause, "size": size} for cause, size in (FEW if quick else ALL).items()]
+    return gathered(folder, "hard_cases", points, asked, depends, processes=processes)

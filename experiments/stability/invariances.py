@@ -10,7 +10,7 @@ import numpy as np
 from impact_gym.kernels import APPROACH, CHAIN, approach_rows
 
 import impact_gym as ig
-from agents.jobs import Job, Result
+from agents.jobs import Result
 from experiments.lab.tables import Row, gathered, result_of, solver_and
 from experiments.speed_vs_error.scenes import Approach
 from experiments.stability.rivals import eligible
@@ -95,23 +95,23 @@ def line(name: str, differences: Sequence[float], exact: bool = True) -> Row:
     }
 
 
-def units(name: str, scenes: Sequence[int]) -> Result:
+def units(name: str, scenes: Sequence[int]) -> list[Row]:
     """Other units change only the numbers."""
     _, length, time = UNITS[name]
     approaches = [draw(scene) for scene in scenes]
     pairs = [(velocity(scaled(a, *UNITS[name]), RTOL) / (length / time), velocity(a, RTOL)) for a in approaches]
     speeds = [a.motion.speed for a in approaches]
     found = [relative_error(*pair, v) for pair, v in zip(pairs, speeds, strict=True)]
-    return result_of([line(name, found, exact=False)])
+    return [line(name, found, exact=False)]
 
 
-def frame(scenes: Sequence[int]) -> Result:
+def frame(scenes: Sequence[int]) -> list[Row]:
     """A room that moves at BOOST changes nothing within it; over V_p or BOOST, whose rounding comes in."""
     found = []
     for scene in scenes:
         here, moving = (velocity_in_frame(draw(scene), boost, RTOL) for boost in (0.0, BOOST))
         found.append(abs(moving - here) / max(abs(here), BOOST))
-    return result_of([line(f"frame moving at {BOOST:g} m/s", found, exact=False)])
+    return [line(f"frame moving at {BOOST:g} m/s", found, exact=False)]
 
 
 def sweep_of(order: Sequence[int], threads: int) -> Any:
@@ -131,7 +131,7 @@ def sweep_of(order: Sequence[int], threads: int) -> Any:
     return np.nan_to_num(found.object_velocity, nan=-1.0)  # a run that does not finish must not finish always
 
 
-def sweeps(rows: int) -> Result:
+def sweeps(rows: int) -> list[Row]:
     """Rows in another order, and on other numbers of threads."""
     order = np.random.default_rng(0).permutation(rows)
     first = sweep_of(range(rows), 1)
@@ -139,13 +139,21 @@ def sweeps(rows: int) -> Result:
     for threads in (2, 7):
         change = np.abs(sweep_of(range(rows), threads) - first)
         found.append(line(f"{threads} threads instead of 1", change.tolist()))
-    return result_of(found)
+    return found
 
 
-def repeated(scenes: Sequence[int], velocities: Sequence[float]) -> Result:
+def repeated(scenes: Sequence[int], velocities: Sequence[float]) -> list[Row]:
     """Scenes computed again, here and not in the processes that the storm had; V_p of those, m/s."""
     found = [abs(velocity(draw(scene), RTOL) - before) for scene, before in zip(scenes, velocities, strict=True)]
-    return result_of([line("another process, another order of scenes", found)])
+    return [line("another process, another order of scenes", found)]
+
+
+CHANGES = {change.__name__: change for change in (units, frame, sweeps, repeated)}
+
+
+def changed(change: str, given: Mapping[str, Any]) -> Result:
+    """Return the rows of one of CHANGES."""
+    return result_of(CHANGES[change](**given))
 
 
 def rows(folder: Path, size: int, storm: Sequence[Row], processes: int | None = None) -> list[Row]:
@@ -164,6 +172,7 @@ def rows(folder: Path, size: int, storm: Sequence[Row], processes: int | None = 
         ("sweeps", {"rows": max(size, 32)}),
         ("repeated", {"scenes": [*before], "velocities": [*before.values()]}),
     ]
-    jobs = [Job(f"{__name__}:{name}", arguments, depends) for name, arguments in asked]
+    jobs = [{"change": change, "given": given} for change, given in asked]
+    found = gathered(folder, "invariances", changed, jobs, depends, processes=processes)
     traced = line("with a trace", [row["trace_change"] for row in done if row["traced"]])
-    return [*gathered(folder, "invariances", jobs, processes=processes), traced]
+    return [*found, traced]

@@ -21,14 +21,14 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 import impact_gym as ig
-from agents.jobs import Job, Result, digest_of
+from agents.jobs import Result, digest_of
 from experiments import reference
 from experiments.lab.tables import Row, gathered, result_of, solver_and
 from experiments.speed_vs_error import by_hand
 from experiments.speed_vs_error.contenders import METHODS, OURS
 from experiments.speed_vs_error.quantities import Answer, answer_of
 from experiments.speed_vs_error.scenes import Approach
-from experiments.stability.scenes import draw, relative_error
+from experiments.stability.scenes import draw, known, labels, relative_error
 
 SECONDS = 5.0  # of processor time for a run: a hundred times what ours may take
 RTOL, ATOL = 1e-6, 1e-9
@@ -37,6 +37,7 @@ CLOSE = 1e-3  # of V_p, relative
 STEPS = (1e-4, 1e-5)  # s
 PLAIN = ("RK45", "LSODA", "Radau")
 State = NDArray[np.float64]
+COMPARED = ("velocity", "contacts")
 CLASSES = GOOD, MISCOUNTED, WRONG, NOT_FINITE, LATE, GAVE_UP = (
     "V_p within 1e-3, contacts right",
     "V_p within 1e-3, contacts miscounted",
@@ -177,7 +178,7 @@ def judged(scene: int, contender: str, truth: Mapping[str, float]) -> Result:
     """Return the row of what a rival makes of a scene."""
     by_hand.compile_now()  # free of charge
     approach, begun = draw(scene), thread_time()
-    row = {"scene": approach.name, "contender": contender, "velocity_error": math.nan, "contacts": math.nan}
+    row = labels(approach) | {"contender": contender, "velocity_error": math.nan, "contacts": math.nan}
     try:
         with limited(SECONDS):
             answer = RIVALS[contender](approach)
@@ -194,20 +195,15 @@ def rows(folder: Path, truths: Mapping[int, Row], names: Sequence[str], processe
     """Return the rows of the rivals named on the scenes whose truth is known."""
     by_hand.compile_now()  # once, not in each process
     judges = "experiments.stability.scenes", by_hand.__name__, reference.__name__, __name__
-    theirs, ours = digest_of(*judges), solver_and(*judges)
-    jobs = []
-    for scene, true in truths.items():
-        if not true["failure"]:
-            truth = {name: true[name] for name in ("velocity", "contacts")}
-            for name in names:
-                given = {"scene": scene, "contender": name, "truth": truth}
-                jobs.append(Job(f"{__name__}:judged", given, ours if name == OURS else theirs))
-
-    def hung(job: Job) -> Row:
-        scene, name, truth = job.arguments.values()
-        return {"scene": str(scene), "contender": name, "true_contacts": truth["contacts"]}
-
-    return gathered(folder, "rivals", jobs, hung, processes=processes, seconds=12 * SECONDS)
+    sure = {scene: {name: true[name] for name in COMPARED} for scene, true in truths.items() if not true["failure"]}
+    found: list[Row] = []
+    for depends, some in (
+        (solver_and(*judges), [name for name in names if name == OURS]),
+        (digest_of(*judges), [name for name in names if name != OURS]),
+    ):
+        asked = [{"scene": n, "contender": name, "truth": true} for n, true in sure.items() for name in some]
+        found += gathered(folder, "rivals", judged, asked, depends, known, processes=processes, seconds=12 * SECONDS)
+    return found
 
 
 def table(rows: Sequence[Row]) -> list[Row]:

@@ -1,13 +1,14 @@
 """A row of numbers for each scene of the storm."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from time import thread_time
+from typing import Any
 
 import impact_gym as ig
-from agents.jobs import Job, Result
+from agents.jobs import Result
 from experiments.lab.tables import Row, gathered, result_of, solver_and
 from experiments.speed_vs_error.scenes import Approach
 from experiments.stability import checks
@@ -72,10 +73,10 @@ def one(scene: int) -> Result:
 
 def rows(folder: Path, count: int, processes: int | None = None) -> list[Row]:
     """Return the rows of the first `count` scenes."""
+    asked = [{"scene": number} for number in range(count)]
     depends = solver_and(*(f"experiments.stability.{name}" for name in ("scenes", "checks", "storm")))
-    jobs = [Job(f"{__name__}:one", {"scene": number}, depends) for number in range(count)]
 
-    def hung(job: Job) -> Row:
-        return blank(draw(job.arguments["scene"]))
+    def hung(arguments: Mapping[str, Any]) -> Row:
+        return blank(draw(arguments["scene"]))
 
-    return gathered(folder, "storm", jobs, hung, processes=processes, seconds=LIMIT)
+    return gathered(folder, "storm", one, asked, depends, hung, processes=processes, seconds=LIMIT)

@@ -1,21 +1,17 @@
 """The whole study: compute what is missing, draw, write the page."""
 
-from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Any
 
-from experiments.lab import page
-from experiments.lab import tables as records
-from experiments.lab.charts import save
-from experiments.lab.results import noted
-from experiments.lab.tables import Row
+from experiments.lab import experiment
+from experiments.lab.experiment import Shown, Tables
 from experiments.stability import agreement, bars, figures, hard_cases, invariances, rivals, scenes, storm
 
 IN_A_QUICK_RUN = ("impact_gym", "solve_ivp", "0.0001")  # rivals whose names have one of these
 SHOWN = 200  # failures in the page; the table has all
 
 
-def tables(folder: Path, count: int, quick: bool, processes: int | None = None) -> dict[str, list[Row]]:
+def tables(folder: Path, count: int, quick: bool, processes: int | None = None) -> Tables:
     """Return all tables of a storm of `count` scenes, after computing what `folder` does not have of them.
 
     A `quick` look has fewer scenes for rivals and invariances, fewer rivals and hard cases, and less time for the
@@ -29,6 +25,7 @@ def tables(folder: Path, count: int, quick: bool, processes: int | None = None) 
     judges = {number: truths[number] for number in contest}
     return {
         "storm": rows,
+        "failures": [failure for row in rows for failure in bars.failures(row)],
         "truth": list(truths.values()),
         "agreement": agreement.comparisons(folder, {number: truths[number] for number in sampled}, processes),
         "rivals": rivals.rows(folder, judges, names, processes),
@@ -37,40 +34,36 @@ def tables(folder: Path, count: int, quick: bool, processes: int | None = None) 
     }
 
 
-def run(folder: Path, count: int, quick: bool, again: bool, command: str, processes: int | None = None) -> Path:
-    """Compute what `folder` does not have of a storm, or everything `again`; return the path of the page."""
-    with noted(folder, command, (), again) as runs:
-        found = tables(folder, count, quick, processes)
-    return write(folder, found, runs)
-
-
-def write(folder: Path, tables: Mapping[str, Sequence[Row]], runs: Sequence[Mapping[str, Any]]) -> Path:
-    """Write the tables, and one of what broke a promise; draw them and write the page; return its path."""
-    rows, judged, shares = tables["storm"], tables["agreement"], rivals.table(tables["rivals"])
-    broken = [failure for row in rows for failure in bars.failures(row)]
-    for name, found in {**tables, "failures": broken}.items():
-        (folder / f"{name}.csv").unlink(missing_ok=True)
-        if found:
-            records.write(folder / f"{name}.csv", found)
-    save(figures.storm(rows, judged), folder / "storm.svg")
-    save(figures.who_stands(shares), folder / "rivals.svg")
-    save(figures.hard_cases(tables["hard_cases"]), folder / "hard_cases.svg")
+def shown(tables: Tables) -> Shown:
+    """Return figures and what the page says."""
+    rows, judged, broken = (tables[name] for name in ("storm", "agreement", "failures"))
     sampled = [row for row in tables["truth"] if int(row["scene"]) in agreement.sampled(len(rows))]
-    unknown = [row for row in sampled if row["failure"]]
-    return page.write(
-        folder,
-        "stability",
-        bars=[*bars.over_storm(rows, broken), bars.over_agreement(judged, len(unknown))],
-        invariances=tables["invariances"],
-        failures=broken,
-        shown=SHOWN,
-        apart=[(row, bars.disagreement(row)) for row in judged if bars.disagreement(row)],
-        unknown=unknown,
-        sampled=len(sampled),
-        table=shares,
-        rivals=rivals,
-        storm=scenes,
-        size=len(rows),
-        energy=bars.ENERGY,
-        runs=runs,
+    unknown, shares = [row for row in sampled if row["failure"]], rivals.table(tables["rivals"])
+    drawn = {
+        "storm": figures.storm(rows, judged),
+        "rivals": figures.who_stands(shares),
+        "hard_cases": figures.hard_cases(tables["hard_cases"]),
+    }
+    return drawn, {
+        "bars": [*bars.over_storm(rows, broken), bars.over_agreement(judged, len(unknown))],
+        "invariances": tables["invariances"],
+        "failures": broken,
+        "shown": SHOWN,
+        "apart": [(row, bars.disagreement(row)) for row in judged if bars.disagreement(row)],
+        "unknown": unknown,
+        "sampled": len(sampled),
+        "table": shares,
+        "rivals": rivals,
+        "storm": scenes,
+        "size": len(rows),
+        "energy": bars.ENERGY,
+    }
+
+
+def run(
+    folder: Path, line: str, *, scenes: int, quick: bool, again: bool = False, processes: int | None = None
+) -> Path:
+    """Compute what `folder` does not have of a storm, or everything `again`; return the path of the page."""
+    return experiment.run(
+        "stability", folder, line, partial(tables, folder, scenes, quick, processes), shown, again=again
     )

@@ -14,6 +14,7 @@ from scipy.integrate import solve_ivp
 import impact_gym as ig
 from agents.jobs import Job
 from experiments import reference
+from experiments.lab import experiment
 from experiments.lab.charts import save
 from experiments.lab.results import KEPT
 from experiments.lab.tables import rows_of
@@ -203,7 +204,7 @@ def tables():
 
 
 def test_a_frozen_table_draws_and_a_figure_follows_its_table(tables, tmp_path):
-    study.write(tmp_path, tables, [])
+    experiment.write("speed_vs_error", tmp_path, tables, *study.shown(tables), [])
     names = [*ERRORS, "population", "heat_map"]
     first = {name: (tmp_path / f"{name}.svg").read_bytes() for name in names}
     for picture in first.values():
@@ -230,9 +231,9 @@ def quick(tmp_path_factory):
     folder = tmp_path_factory.mktemp("study") / "speed_vs_error"
     extent = replace(study.QUICK, names=("soft",), scenes=4, fit=8)
     command = "python -m experiments.speed_vs_error --quick"
-    study.run(folder, extent, again=False, command=command, processes=0)  # others would only import everything anew
+    study.run(folder, command, extent=extent, processes=0)  # others would only import everything anew
     named = (folder / "named.csv").read_bytes()
-    written = study.run(folder, extent, again=False, command="again", processes=0)
+    written = study.run(folder, "again", extent=extent, processes=0)
     return folder, named, written
 
 

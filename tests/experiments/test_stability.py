@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 import pytest
-from stability_scenes import COUPLINGS, ROBOTS, approach_of, astuple
+from stability_scenes import COUPLINGS, ROBOTS, approach_of, asleep, astuple
 
 import impact_gym as ig
-from agents.jobs import Job, JobsFailedError
+from agents.jobs import JobsFailedError
 from experiments.lab import tables
 from experiments.lab.results import KEPT
 from experiments.lab.tables import gathered, rows_of
@@ -61,13 +61,12 @@ def test_a_scene_depends_on_its_number_alone():
 
 
 def test_jobs_that_hang_die_or_raise_are_rows_and_told_apart(tmp_path):
-    asked = [("asleep", {"seconds": 0.0}), ("asleep", {"seconds": 60.0}), ("dying", {}), ("asleep", {"seconds": "1"})]
-    jobs = [Job(f"stability_scenes:{name}", {"scene": str(place)} | more) for place, (name, more) in enumerate(asked)]
+    def named(arguments):
+        return {"scene": arguments["scene"]}
 
-    def failed(job):
-        return {"scene": job.arguments["scene"]}
-
-    rows = gathered(tmp_path, "any", jobs, failed, processes=2, seconds=1.0)
+    asked = [{"seconds": 0.0}, {"seconds": 60.0}, {"seconds": -1.0}, {"seconds": "1"}]
+    asked = [{"scene": str(place)} | arguments for place, arguments in enumerate(asked)]
+    rows = gathered(tmp_path, "any", asleep, asked, "", named, processes=2, seconds=1.0)
     assert [row["scene"] for row in rows] == list("0123")
     fine, hung, died, raised = (row["failure"] for row in rows)
     assert fine == ""
@@ -76,7 +75,7 @@ def test_jobs_that_hang_die_or_raise_are_rows_and_told_apart(tmp_path):
     assert raised.startswith("TypeError")
     assert math.isnan(rows[1]["seconds"])  # what is not known is not a number
     with pytest.raises(JobsFailedError, match="no answer within 1 s"):
-        gathered(tmp_path, "any", jobs[1:2], processes=1, seconds=1.0)
+        gathered(tmp_path, "any", asleep, asked[1:2], "", processes=1, seconds=1.0)
 
 
 def promises_broken(row):

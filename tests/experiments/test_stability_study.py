@@ -3,6 +3,7 @@
 import json
 import math
 import re
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +13,8 @@ from stability_scenes import COUPLINGS, ROBOTS, approach_of, astuple
 
 import impact_gym as ig
 from experiments import reference
-from experiments.lab.tables import rows_of
+from experiments.lab import experiment
+from experiments.lab.results import KEPT
 from experiments.speed_vs_error import quantities
 from experiments.speed_vs_error.contenders import OURS
 from experiments.stability import (
@@ -106,7 +108,7 @@ def test_a_moving_room_changes_nothing_within_it(coupling):
 
 
 def test_rows_in_another_order_and_other_threads_are_the_same_to_the_bit():
-    assert all(row["met"] and row["largest"] == 0.0 for row in rows_of(invariances.sweeps(64)))
+    assert all(row["met"] and row["largest"] == 0.0 for row in invariances.sweeps(64))
 
 
 def test_an_invariance_that_does_not_hold_is_missed():
@@ -118,8 +120,8 @@ def test_an_invariance_that_does_not_hold_is_missed():
     assert not invariances.line("any", [0.0, math.nan])["met"]
     number = next(number for number in range(20) if ig.simulate(*astuple(scenes.draw(number))).contacts)
     true = scenes.velocity(scenes.draw(number))
-    assert rows_of(invariances.repeated([number], [true]))[0]["met"]
-    assert not rows_of(invariances.repeated([number], [float(np.nextafter(true, 1.0))]))[0]["met"]
+    assert invariances.repeated([number], [true])[0]["met"]
+    assert not invariances.repeated([number], [float(np.nextafter(true, 1.0))])[0]["met"]
 
 
 def test_a_graze_is_seen_here_and_not_by_signs_at_the_ends_of_steps():
@@ -143,7 +145,7 @@ def test_a_tolerance_in_metres_floors_the_error():
 @pytest.fixture(scope="module")
 def quick(tmp_path_factory):
     folder = tmp_path_factory.mktemp("study") / "stability"
-    study.run(folder, FEW, quick=True, again=False, command="first", processes=0)
+    study.run(folder, "first", scenes=FEW, quick=True, processes=0)
     return folder
 
 
@@ -174,23 +176,39 @@ def test_what_is_on_disk_is_not_computed_again(quick, monkeypatch):
     for name in ("velocity_in_frame", "sweep_of", "velocity"):
         monkeypatch.setattr(invariances, name, refuse)
     monkeypatch.setattr(hard_cases, "row", refuse)
-    study.run(folder, FEW, quick=True, again=False, command="again", processes=0)
+    study.run(folder, "again", scenes=FEW, quick=True, processes=0)
     first, second = json.loads((folder / "results.json").read_text())["runs"]
     assert first["computed"] > FEW
     assert second["computed"] == 0
 
 
-def test_the_page_lists_every_failure(quick, tmp_path):
+def test_the_page_lists_every_failure(quick, tmp_path, monkeypatch):
     folder = quick
-    tables = study.tables(folder, FEW, quick=True, processes=0)
-    rows = tables["storm"]
+    rows = study.tables(folder, FEW, quick=True, processes=0)["storm"]
     rows[3] |= {"milliseconds": 77.0}
     rows[5] |= {"failure": "RuntimeError: the run stopped", "object_velocity": math.nan}
     rows[8] |= {"energy_created": 1e-3, "energy_doubt": 1e-9, "traced": 1}
-    written = study.write(tmp_path, tables, json.loads((folder / "results.json").read_text())["runs"])
-    text = written.read_text()
+    monkeypatch.setattr(storm, "rows", lambda *_: rows)
+    tables = study.tables(folder, FEW, quick=True, processes=0)
+    runs = json.loads((folder / "results.json").read_text())["runs"]
+    text = experiment.write("stability", tmp_path, tables, *study.shown(tables), runs).read_text()
     found = {(row["scene"], row["contender"]) for row in read(tmp_path / "failures.csv")}
     assert {("3", bars.FAST), ("5", bars.FINISHED), ("8", bars.PASSIVE)} <= found
     assert "RuntimeError: the run stopped" in text
     assert "promises are missed" in text
     assert text.count('class="missed"') >= 3
+
+
+def test_everything_is_computed_again_where_that_is_asked_for_and_a_stopped_run_is_noted(quick, tmp_path, monkeypatch):
+    folder = tmp_path / "stability"
+    shutil.copytree(quick, folder)
+
+    def stopped(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(storm, "row_of", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        study.run(folder, "anew", scenes=FEW, quick=True, again=True, processes=0)
+    *_, last = json.loads((folder / "results.json").read_text())["runs"]
+    assert (last["command"], last["seconds"], last["computed"]) == ("anew", None, 0)
+    assert not any((folder / KEPT).iterdir())
