@@ -11,6 +11,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from time import monotonic
+from unittest.mock import patch
 
 from agents.jobs.job import Job, resolve
 from agents.jobs.work import ONE_THREAD, Answer, Answers, Failure, lost, perform
@@ -92,18 +93,10 @@ class _Slot:
     def _running(self, job: Job) -> ProcessPoolExecutor:
         """Return the process, started afresh (a fork would inherit threads and locks) with one thread for libraries."""
         if self._pool is None:
-            before = {name: os.environ.get(name) for name in ONE_THREAD}
-            os.environ.update(ONE_THREAD)
-            try:
+            with patch.dict(os.environ, ONE_THREAD):
                 self._pool = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _prepare)
                 self._process = self._pool.submit(os.getpid)
                 self._ready = self._pool.submit(_load, job.function)
-            finally:
-                for name, value in before.items():
-                    if value is None:
-                        del os.environ[name]
-                    else:
-                        os.environ[name] = value
         return self._pool
 
     def end(self) -> None:

@@ -8,21 +8,10 @@ import polars as pl
 
 from experiments.lab import experiment
 from experiments.lab.experiment import Shown, Tables
-from experiments.speed_vs_error import (
-    by_hand,
-    figures,
-    heat_map,
-    measure,
-    peer,
-    peer_fit,
-    quantities,
-    scenes,
-    summary,
-    taylor,
-    truth,
-)  # fmt: skip
+from experiments.speed_vs_error import figures, heat_map, measure, peer, peer_fit, scenes, summary, taylor, truth
+from experiments.speed_vs_error.by_hand import METHODS
 from experiments.speed_vs_error.contenders import Grid, settings
-from experiments.speed_vs_error.quantities import ERRORS
+from experiments.speed_vs_error.quantities import ERRORS, TOO_WRONG
 
 
 @dataclass(frozen=True)
@@ -78,8 +67,8 @@ def shown(tables: Tables) -> Shown:
         "doubt": doubts["velocity_error_doubt"].max(),
         "disagreements": doubts.filter(differ).height,
         "truth_rtol": truth.RTOL,
-        "too_wrong": quantities.TOO_WRONG,
-        "by_hand": list(by_hand.METHODS),
+        "too_wrong": TOO_WRONG,
+        "by_hand": list(METHODS),
         "fits": bool(tables["mujoco_fits"]),
         "heat": heat,
         "load": named["load"],
