@@ -108,7 +108,7 @@ def timed(jobs: Sequence[Job], title: str, **engine: Any) -> dict[str, float]:
         cores = _core_seconds()
         for _ in gather(jobs, folder, title=title, **engine):
             came.append(time.perf_counter() - begun)
-        size = sum(path.stat().st_size for path in Path(folder).glob("*.npz"))
+        size = sum(path.stat().st_size for path in Path(folder).iterdir())
     return {
         "first": came[0],
         "all": came[-1],

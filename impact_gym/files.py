@@ -8,19 +8,15 @@ from typing import IO
 
 
 @contextmanager
-def whole_file(path: Path, durable: bool = True) -> Iterator[IO[bytes]]:
-    """Open a file beside `path` for writing and move it there once it is complete.
-
-    Where it need not be `durable`, a power cut may damage it: that is for readers who notice, and it is faster.
-    """
+def whole_file(path: Path) -> Iterator[IO[bytes]]:
+    """Open a file beside `path` for writing and move it there once it is complete."""
     path.parent.mkdir(parents=True, exist_ok=True)
     unfinished = path.with_name(f".{path.name}.{os.getpid()}")
     try:
         with unfinished.open("wb") as file:
             yield file
             file.flush()
-            if durable:
-                os.fsync(file.fileno())
+            os.fsync(file.fileno())
         os.replace(unfinished, path)
     finally:
         unfinished.unlink(missing_ok=True)

@@ -80,7 +80,7 @@ def gather(
             if given is not None:
                 raise ValueError(f"{name} are those of this machine: give {name} or cluster, not both")
         engine = partial(ray_cluster.run, address=cluster)
-    return _gather(wanted, Store(Path(folder)), engine, title, retries, failures)
+    return _gather(wanted, Path(folder), engine, title, retries, failures)
 
 
 def gather_all(jobs: Iterable[Job], folder: Path | str, **options: Any) -> list[Answer]:
@@ -91,14 +91,15 @@ def gather_all(jobs: Iterable[Job], folder: Path | str, **options: Any) -> list[
 
 
 def _gather(
-    jobs: Sequence[Job], store: Store, engine: Engine, title: str, retries: int, failures: bool
+    jobs: Sequence[Job], folder: Path, engine: Engine, title: str, retries: int, failures: bool
 ) -> Iterator[tuple[int, Answer]]:
     places: dict[str, list[int]] = {}
     for place, job in enumerate(jobs):
         places.setdefault(job.key, []).append(place)
     missing: list[str] = []
     failed: list[tuple[Job, Failure]] = []
-    with tqdm(total=len(jobs), desc=title, smoothing=0.02, disable=not jobs) as bar:
+    bar = tqdm(total=len(jobs), desc=title, smoothing=0.02, disable=not jobs)
+    with bar, closing(Store(folder)) as store:
         for key, same in places.items():
             kept = store.read(key)
             if kept is None or (isinstance(kept, Failure) and not failures):

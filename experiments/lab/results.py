@@ -7,10 +7,11 @@ import shutil
 import tempfile
 import time
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
+from agents.jobs.store import Store
 from agents.provenance import circumstances
 from impact_gym.files import whole_file
 
@@ -75,14 +76,19 @@ def noted(folder: Path, command: str, packages: Iterable[str], again: bool) -> I
     if again:
         shutil.rmtree(kept, ignore_errors=True)
     runs: list[dict[str, Any]] = json.loads(log.read_text())["runs"] if kept.is_dir() and log.is_file() else []
-    kept.mkdir(parents=True, exist_ok=True)
-    begun, before = time.perf_counter(), len(list(kept.iterdir()))
+    begun, before = time.perf_counter(), _results(kept)
     note: dict[str, Any] = {"command": command, "seconds": None, "load_before": os.getloadavg()[0]}
     runs.append(note | circumstances("impact-gym", "numpy", "scipy", *packages))
     try:
         yield runs
         runs[-1]["seconds"] = time.perf_counter() - begun
     finally:
-        runs[-1]["computed"] = len(list(kept.iterdir())) - before
+        runs[-1]["computed"] = _results(kept) - before
         with whole_file(log) as file:
             file.write((json.dumps({"runs": runs}, indent=2) + "\n").encode())
+
+
+def _results(folder: Path) -> int:
+    """Return how many results of jobs there are."""
+    with closing(Store(folder)) as store:
+        return len(store)

@@ -5,9 +5,11 @@ import os
 import re
 import shutil
 import signal
+import sqlite3
 import subprocess
 import sys
 import time
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +20,7 @@ from training import tiny
 from agents import train_seeds
 from agents.evaluate.play import play
 from agents.jobs import Failure, Job, JobsFailedError, digest_of, gather, gather_all
+from agents.jobs.store import NAME, Store
 from agents.policies.networks import to_arrays
 from agents.policies.policy import load_policy
 from agents.train.settings import as_json
@@ -78,20 +81,52 @@ def test_jobs_with_the_same_key_are_done_once_and_come_in_every_place(tmp_path):
     assert [int(came[place]["number"]) for place in range(5)] == [0, 1, 0, 1, 2]
 
 
+def change(path, statement, *values):
+    with closing(sqlite3.connect(path)) as database, database:
+        database.execute(statement, values)
+
+
 @pytest.mark.parametrize("damage", [
-    lambda path, other: path.write_bytes(path.read_bytes()[:-40]),
-    lambda path, other: path.write_bytes(b""),
-    lambda path, other: path.write_bytes(other.read_bytes()),
+    "UPDATE results SET answer = substr(answer, 1, length(answer) - 40) WHERE key = ?1",
+    "UPDATE results SET answer = x'' WHERE key = ?1",
+    "UPDATE results SET answer = (SELECT answer FROM results WHERE key = ?2) WHERE key = ?1",
 ])  # fmt: skip
 def test_a_damaged_result_is_computed_anew(tmp_path, capsys, damage):
     log, folder = tmp_path / "log", tmp_path / "results"
     jobs = listed(log, 3)
     before = gather_all(jobs, folder, processes=0)
-    damage(folder / f"{jobs[1].key}.npz", folder / f"{jobs[2].key}.npz")
+    change(folder / NAME, damage, jobs[1].key, *([jobs[2].key] if "?2" in damage else []))
     after = gather_all(jobs, folder, processes=0)
     assert calls(log) == [0, 1, 2, 1]
     assert all(same(*pair) for pair in zip(before, after, strict=True))
-    assert f"computed anew: {folder / jobs[1].key}" in capsys.readouterr().out
+    assert f"computed anew: {jobs[1].key}" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("damage", [
+    lambda content: b"no database" + content[11:],
+    lambda content: content[:100] + bytes(len(content) - 100),
+])  # fmt: skip
+def test_where_the_file_of_results_is_damaged_all_are_computed_anew_and_it_is_put_aside(tmp_path, capsys, damage):
+    log, folder = tmp_path / "log", tmp_path / "results"
+    before = gather_all(listed(log, 3), folder, processes=0)
+    damaged = damage((folder / NAME).read_bytes())
+    (folder / NAME).write_bytes(damaged)
+    for _ in range(2):
+        after = gather_all(listed(log, 3), folder, processes=0)
+        assert calls(log) == [0, 1, 2, 0, 1, 2]
+        assert all(same(*pair) for pair in zip(before, after, strict=True))
+    assert "is damaged" in capsys.readouterr().out
+    assert (folder / f"{NAME}.damaged").read_bytes() == damaged
+
+
+def test_two_gatherings_may_share_a_folder_and_use_what_is_there(tmp_path):
+    log, folder = tmp_path / "log", tmp_path / "results"
+    one, other = gather(listed(log, 3), folder, processes=0), gather(listed(log, 6)[::-1], folder, processes=0)
+    first = [next(one), next(other)]  # 0; and 5, once it is seen that 1 and 2 are still to do
+    came = [*first, *one, *other]
+    assert sorted(int(result["number"]) for _, result in came) == [0, 0, 1, 1, 2, 2, 3, 4, 5]
+    assert len(calls(log)) == len({*calls(log)}) + 2
+    assert kept(folder) == 6
 
 
 @pytest.mark.parametrize("processes", [0, 2])
@@ -189,13 +224,18 @@ def descendants(pid):
     return [int(one) for one in below] + [deeper for one in below for deeper in descendants(int(one))]
 
 
+def kept(folder):
+    with closing(Store(folder)) as store:
+        return len(store)
+
+
 @pytest.mark.storm
 @pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="reads the list of processes where Linux keeps it")
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
 def test_what_a_killed_gathering_had_is_kept_and_no_process_is_left(tmp_path, how):
     log, results = tmp_path / "log", tmp_path / "results"
     with subprocess.Popen(driver(tmp_path, log), cwd=HERE.parents[1], stderr=subprocess.PIPE) as running:
-        while len(list(results.glob("[!.]*.npz"))) < 3:
+        while kept(results) < 3:
             assert running.poll() is None, running.stderr.read()
             time.sleep(0.02)
         below = descendants(running.pid)
@@ -206,13 +246,12 @@ def test_what_a_killed_gathering_had_is_kept_and_no_process_is_left(tmp_path, ho
     while any(alive(pid) for pid in below):
         assert time.monotonic() < deadline, "a worker outlived the gathering process"
         time.sleep(0.05)
-    kept = len(list(results.glob("[!.]*.npz")))
-    begun = len(calls(log))
-    assert 3 <= kept < 12
+    before, begun = kept(results), len(calls(log))
+    assert 3 <= before < 12
     subprocess.run(driver(tmp_path, log), cwd=HERE.parents[1], check=True, stderr=subprocess.DEVNULL)
-    assert len(calls(log)) - begun == 12 - kept
+    assert len(calls(log)) - begun == 12 - before
     assert set(calls(log)) == set(range(12))
-    assert len(list(results.glob("[!.]*.npz"))) == 12
+    assert kept(results) == 12
 
 
 def alive(pid):

@@ -4,6 +4,7 @@ import json
 import math
 import re
 import shutil
+from contextlib import closing
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 from stability_scenes import COUPLINGS, ROBOTS, approach_of, astuple
 
 import impact_gym as ig
+from agents.jobs.store import Store
 from experiments import reference
 from experiments.lab import experiment
 from experiments.lab.results import KEPT
@@ -211,4 +213,5 @@ def test_everything_is_computed_again_where_that_is_asked_for_and_a_stopped_run_
         study.run(folder, "anew", scenes=FEW, quick=True, again=True, processes=0)
     *_, last = json.loads((folder / "results.json").read_text())["runs"]
     assert (last["command"], last["seconds"], last["computed"]) == ("anew", None, 0)
-    assert not any((folder / KEPT).iterdir())
+    with closing(Store(folder / KEPT)) as store:
+        assert len(store) == 0
