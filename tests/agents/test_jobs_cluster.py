@@ -36,7 +36,8 @@ def cluster(tmp_path_factory):
 
 
 def run_script(folder):
-    environment = os.environ | {"RAY_USAGE_STATS_ENABLED": "0", "PYTHONPATH": str(HERE), "PYTHONWARNINGS": "default"}
+    path = os.pathsep.join(map(str, (HERE, HERE.parents[1])))  # what is tested, not what is installed
+    environment = os.environ | {"RAY_USAGE_STATS_ENABLED": "0", "PYTHONPATH": path, "PYTHONWARNINGS": "default"}
     for name in ("RAY_ADDRESS", "RAY_RUNTIME_ENV_HOOK"):
         environment.pop(name, None)
     with (folder / "said").open("w") as said:
