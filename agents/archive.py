@@ -8,7 +8,7 @@ import zipfile
 import zlib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,9 +25,14 @@ DAMAGE = (
 
 def write_archive(path: Path, kind: str, content: Mapping[str, Any], arrays: Arrays) -> None:
     """Write JSON `content` and `arrays` to `path`, whole or not at all; `kind` says what they are, with a version."""
-    header = {"format": kind, "content": dict(content), "sha256": _checksum(kind, content, arrays)}
     with whole_file(path) as file:
-        np.savez(file, allow_pickle=False, header=np.array(json.dumps(header)), **arrays)
+        save(file, kind, content, arrays)
+
+
+def save(file: IO[bytes], kind: str, content: Mapping[str, Any], arrays: Arrays) -> None:
+    """Write an archive to an open file."""
+    header = {"format": kind, "content": dict(content), "sha256": _checksum(kind, content, arrays)}
+    np.savez(file, allow_pickle=False, header=np.array(json.dumps(header)), **arrays)
 
 
 def read_archive(path: Path, kind: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
@@ -37,18 +42,28 @@ def read_archive(path: Path, kind: str) -> tuple[dict[str, Any], dict[str, NDArr
         ValueError: the file is no archive of this kind, or not what was written.
     """
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            header = json.loads(str(archive["header"]))
-            if header["format"] != kind:
-                raise ValueError(f"its format is {header['format']!r}, this version reads {kind!r}")
-            arrays = {name: archive[name] for name in archive.files if name != "header"}
-        found = _checksum(kind, header["content"], arrays)
-        if found != header["sha256"]:
-            raise ValueError(f"its checksum is {found}, not {header['sha256']}: it was altered")
-        return header["content"], arrays
+        with path.open("rb") as file:
+            return load(file, kind)
     except DAMAGE as error:
         reason = "it holds pickled objects, which are never loaded" if "pickle" in str(error) else error
         raise ValueError(f"{path} is no {kind} file, or is damaged: {reason}") from error
+
+
+def load(file: IO[bytes], kind: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+    """Return content and arrays of an archive in an open file.
+
+    Raises:
+        DAMAGE: it is none of this kind, or not what was written.
+    """
+    with np.load(file, allow_pickle=False) as archive:
+        header = json.loads(str(archive["header"]))
+        if header["format"] != kind:
+            raise ValueError(f"its format is {header['format']!r}, this version reads {kind!r}")
+        arrays = {name: archive[name] for name in archive.files if name != "header"}
+    found = _checksum(kind, header["content"], arrays)
+    if found != header["sha256"]:
+        raise ValueError(f"its checksum is {found}, not {header['sha256']}: it was altered")
+    return header["content"], arrays
 
 
 def _checksum(kind: str, content: Mapping[str, Any], arrays: Arrays) -> str:

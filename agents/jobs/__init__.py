@@ -7,5 +7,6 @@ folder; what is there is never computed again, so a batch that was stopped goes 
 from agents.jobs.gathering import JobsFailedError, gather, gather_all
 from agents.jobs.job import Job, Result
 from agents.jobs.sources import digest_of
+from agents.jobs.work import Failure
 
-__all__ = ["Job", "JobsFailedError", "Result", "digest_of", "gather", "gather_all"]
+__all__ = ["Failure", "Job", "JobsFailedError", "Result", "digest_of", "gather", "gather_all"]

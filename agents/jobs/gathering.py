@@ -2,16 +2,18 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing
+from copy import copy
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from tqdm import tqdm  # type: ignore[import-untyped]
 
 from agents.jobs import local, ray_cluster
-from agents.jobs.job import Job, Result
+from agents.jobs.job import Job
 from agents.jobs.store import Store
-from agents.jobs.work import Engine, Failure
-from impact_gym.validation import WrongTypeError, whole
+from agents.jobs.work import Answer, Engine, Failure
+from impact_gym.validation import WrongTypeError, number, whole
 
 SHOWN = 10  # failed jobs that an error names one by one
 
@@ -37,7 +39,9 @@ def gather(
     cluster: str | None = None,
     title: str = "jobs",
     retries: int = 3,
-) -> Iterator[tuple[int, Result]]:
+    seconds: float | None = None,
+    failures: bool = False,
+) -> Iterator[tuple[int, Answer]]:
     """Yield the place of each job in `jobs` and its result, in any order; results that are in `folder` come first.
 
     Every new result is written to the folder before it is yielded, by this process. Run again, only what is missing is
@@ -52,9 +56,13 @@ def gather(
             RAY_ADDRESS), "host:port", "ray://host:port".
         title: of the progress bar.
         retries: how often a job is begun again whose worker, or its node, was lost.
+        seconds: how long a job may take by the clock; whose answer is not there by then fails, its process is ended,
+            and it is not begun again. Only for processes of this machine; with `processes` 0 nothing can end a job.
+        failures: yield a `Failure` for a job that has no result, and keep it in the folder like one.
 
     Raises:
-        JobsFailedError: after all others are done, jobs that raised, or lost too many workers; names them.
+        JobsFailedError: after all others are done, jobs that raised, took too long or lost too many workers; names
+            them. Not with `failures`.
         RuntimeError: no such cluster, or Ray is not installed.
     """
     wanted = list(jobs)
@@ -62,58 +70,55 @@ def gather(
         if not isinstance(job, Job):
             raise WrongTypeError(f"jobs[{place}] must be a Job, got {job!r}")
     retries = whole("retries", retries, at_least=0)
-    if cluster is not None:
-        if processes is not None:
-            raise ValueError("processes are those of this machine: give processes or cluster, not both")
-        engine: Engine = partial(ray_cluster.run, address=cluster)
+    if seconds is not None:
+        seconds = number("seconds", seconds, "s", above=0.0)
+    if cluster is None:
+        count = None if processes is None else whole("processes", processes, at_least=0)
+        engine: Engine = partial(local.run, processes=count, seconds=seconds)
     else:
-        engine = partial(local.run, processes=None if processes is None else whole("processes", processes, at_least=0))
-    return _gather(wanted, Store(Path(folder)), engine, title, retries)
+        for name, given in (("processes", processes), ("seconds", seconds)):
+            if given is not None:
+                raise ValueError(f"{name} are those of this machine: give {name} or cluster, not both")
+        engine = partial(ray_cluster.run, address=cluster)
+    return _gather(wanted, Path(folder), engine, title, retries, failures)
 
 
-def gather_all(
-    jobs: Iterable[Job],
-    folder: Path | str,
-    *,
-    processes: int | None = None,
-    cluster: str | None = None,
-    title: str = "jobs",
-    retries: int = 3,
-) -> list[Result]:
-    """Return the results in the order of the jobs; see `gather`."""
+def gather_all(jobs: Iterable[Job], folder: Path | str, **options: Any) -> list[Answer]:
+    """Return the results in the order of the jobs; options and errors are those of `gather`."""
     wanted = list(jobs)
-    came = dict(gather(wanted, folder, processes=processes, cluster=cluster, title=title, retries=retries))
+    came = dict(gather(wanted, folder, **options))
     return [came[place] for place in range(len(wanted))]
 
 
 def _gather(
-    jobs: Sequence[Job], store: Store, engine: Engine, title: str, retries: int
-) -> Iterator[tuple[int, Result]]:
+    jobs: Sequence[Job], folder: Path, engine: Engine, title: str, retries: int, failures: bool
+) -> Iterator[tuple[int, Answer]]:
     places: dict[str, list[int]] = {}
     for place, job in enumerate(jobs):
         places.setdefault(job.key, []).append(place)
     missing: list[str] = []
     failed: list[tuple[Job, Failure]] = []
-    with tqdm(total=len(jobs), desc=title, smoothing=0.02) as bar:
+    bar = tqdm(total=len(jobs), desc=title, smoothing=0.02, disable=not jobs)
+    with bar, closing(Store(folder)) as store:
         for key, same in places.items():
             kept = store.read(key)
-            if kept is None:
+            if kept is None or (isinstance(kept, Failure) and not failures):
                 missing.append(key)
                 continue
             bar.update(len(same))
             for place in same:
-                yield place, dict(kept)
+                yield place, copy(kept)
         if missing:
             pending = [jobs[places[key][0]] for key in missing]
             with closing(engine(pending, retries)) as answers:
                 for number, answer in answers:
                     same = places[missing[number]]
                     bar.update(len(same))
-                    if isinstance(answer, Failure):
+                    if isinstance(answer, Failure) and not failures:
                         failed.append((pending[number], answer))
                         continue
                     store.write(pending[number], answer)
                     for place in same:
-                        yield place, dict(answer)
+                        yield place, copy(answer)
     if failed:
         raise JobsFailedError(failed, len(jobs))

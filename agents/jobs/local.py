@@ -1,5 +1,6 @@
 """Jobs on this machine: processes that each do one job at a time, so that it is known whose process was lost."""
 
+import math
 import multiprocessing
 import os
 import signal
@@ -9,13 +10,18 @@ from collections.abc import Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
+from time import monotonic
+from unittest.mock import patch
 
-from agents.jobs.job import Job
-from agents.jobs.work import ONE_THREAD, Answer, Answers, lost, perform
+from agents.jobs.job import Job, resolve
+from agents.jobs.work import ONE_THREAD, Answer, Answers, Failure, lost, perform
+
+LOOKING_EVERY = 0.1  # s, for jobs that are late
 
 
-def run(jobs: Sequence[Job], retries: int, *, processes: int | None = None) -> Answers:
+def run(jobs: Sequence[Job], retries: int, *, processes: int | None = None, seconds: float | None = None) -> Answers:
     """Do jobs in so many processes; see `agents.jobs.work.Engine` and `agents.jobs.gather`."""
+    limit = math.inf if seconds is None else seconds
     count = min(len(jobs), (os.cpu_count() or 1) if processes is None else processes)
     if count == 0:
         for place, job in enumerate(jobs):
@@ -34,10 +40,15 @@ def run(jobs: Sequence[Job], retries: int, *, processes: int | None = None) -> A
         for slot in slots:
             give(slot)
         while busy:
-            for future in wait(busy, return_when=FIRST_COMPLETED).done:
+            over = wait(busy, LOOKING_EVERY, FIRST_COMPLETED).done
+            late = {future for future, (slot, _) in busy.items() if slot.worked() > limit}
+            for future in over | late:
                 slot, place = busy.pop(future)
                 try:
-                    answer = future.result()
+                    answer = future.result(timeout=0.0)
+                except TimeoutError:
+                    slot.end()  # compiled code listens to nothing else
+                    answer = Failure(f"no answer within {limit:g} s")
                 except BrokenProcessPool as error:
                     losses[place] += 1
                     slot.end()
@@ -59,28 +70,33 @@ class _Slot:
     def __init__(self) -> None:
         self._pool: ProcessPoolExecutor | None = None
         self._process: Future[int] = Future()
+        self._ready: Future[None] = Future()
+        self._began = math.inf  # s
 
     def begin(self, job: Job) -> Future[Answer]:
         try:
-            return self._running().submit(perform, job.function, job.arguments)
+            answer = self._running(job).submit(perform, job.function, job.arguments)
         except BrokenProcessPool:  # lost while it had nothing to do
             self.end()
-            return self._running().submit(perform, job.function, job.arguments)
+            answer = self._running(job).submit(perform, job.function, job.arguments)
+        self._began = math.inf
+        self._ready.add_done_callback(self._note_beginning)
+        return answer
 
-    def _running(self) -> ProcessPoolExecutor:
+    def worked(self) -> float:
+        """Return for how long it has been at its job, s; starting the process does not count."""
+        return monotonic() - self._began
+
+    def _note_beginning(self, _: Future[None]) -> None:
+        self._began = monotonic()
+
+    def _running(self, job: Job) -> ProcessPoolExecutor:
         """Return the process, started afresh (a fork would inherit threads and locks) with one thread for libraries."""
         if self._pool is None:
-            before = {name: os.environ.get(name) for name in ONE_THREAD}
-            os.environ.update(ONE_THREAD)
-            try:
+            with patch.dict(os.environ, ONE_THREAD):
                 self._pool = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _prepare)
                 self._process = self._pool.submit(os.getpid)
-            finally:
-                for name, value in before.items():
-                    if value is None:
-                        del os.environ[name]
-                    else:
-                        os.environ[name] = value
+                self._ready = self._pool.submit(_load, job.function)
         return self._pool
 
     def end(self) -> None:
@@ -97,6 +113,12 @@ def _prepare() -> None:
     """Leave Ctrl-C to the gathering process, and end with it however it ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _load(function: str) -> None:
+    """Import what a job needs, which takes seconds where it is large; `perform` says why it cannot be."""
+    with suppress(Exception, SystemExit):
+        resolve(function)
 
 
 def _end_with_parent() -> None:

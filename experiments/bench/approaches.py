@@ -6,7 +6,7 @@ from experiments import reference
 from experiments.paper.scenes import DURATION, MOTION, decoupled
 from experiments.speed_vs_error import peer
 from experiments.speed_vs_error.contenders import Grid, settings
-from experiments.speed_vs_error.measure import Job, measured
+from experiments.speed_vs_error.measure import timed
 from experiments.speed_vs_error.peer_fit import fitted
 from experiments.speed_vs_error.quantities import answer_of
 from experiments.speed_vs_error.scenes import Approach
@@ -25,7 +25,7 @@ def compared(approach: Approach, error: float, grid: Grid, rounds: int) -> pl.Da
     truth = answer_of(reference.simulate(approach.scene, approach.motion, approach.duration, rtol=1e-13), DURATION)
     tried = tuple(settings(grid))
     fit = fitted(approach, truth, FIT) if grid.mujoco_steps and not peer.missing() else None
-    rows = pl.DataFrame(measured(Job(approach, truth, fit, tried, rounds)))
+    rows = pl.DataFrame(timed(approach, truth, fit, tried, rounds))
     kept = [cheapest(rows, [name], error) for name in dict.fromkeys(name for name, _ in tried)]
     took = pl.col("microseconds")
     return pl.DataFrame([row for row in kept if row]).select(

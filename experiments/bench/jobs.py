@@ -62,7 +62,7 @@ def gathered(controller: str, count: int, where: str, **engine: Any) -> dict[str
     with tempfile.TemporaryDirectory() as folder:
         load, begun, used = os.getloadavg()[0], time.perf_counter(), sum(os.times()[:4])
         came = [time.perf_counter() - begun for _ in gather(jobs, folder, title=f"{controller}, {where}", **engine)]
-        size = sum(path.stat().st_size for path in Path(folder).glob("*.npz"))
+        size = sum(path.stat().st_size for path in Path(folder).iterdir())
     hours, each = (sum(os.times()[:4]) - used) / 3600.0, (came[-1] - came[0]) / (count - 1)
     return {
         "controller": controller,

@@ -1,15 +1,23 @@
 """Where results go: whole folders, and the record of what produced them."""
 
 import hashlib
+import json
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
+import time
+from collections.abc import Iterable, Iterator
+from contextlib import closing, contextmanager
 from pathlib import Path
+from typing import Any
+
+from agents.jobs.store import Store
+from agents.provenance import circumstances
+from impact_gym.files import whole_file
 
 REPORTS = Path("reports")
-
+KEPT = "kept"
+"""Folder, in that of an experiment, of what its jobs have returned."""
 
 MARK = ".impact_gym"
 """A file that says a folder was written here and may be replaced."""
@@ -55,3 +63,32 @@ def whole_folder(path: Path) -> Iterator[Path]:
 def checksum(path: Path) -> str:
     """SHA-256 of a file."""
     return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+@contextmanager
+def noted(folder: Path, command: str, packages: Iterable[str], again: bool) -> Iterator[list[dict[str, Any]]]:
+    """Note a run of an experiment in `folder`/results.json; give the notes of all, its own complete at its end.
+
+    A note has the command, the circumstances, the load before, how many results of jobs are new and how many seconds
+    it took, None if it was stopped. Where everything is computed `again`, what was kept goes first.
+    """
+    kept, log = folder / KEPT, folder / "results.json"
+    if again:
+        shutil.rmtree(kept, ignore_errors=True)
+    runs: list[dict[str, Any]] = json.loads(log.read_text())["runs"] if kept.is_dir() and log.is_file() else []
+    begun, before = time.perf_counter(), _results(kept)
+    note: dict[str, Any] = {"command": command, "seconds": None, "load_before": os.getloadavg()[0]}
+    runs.append(note | circumstances("impact-gym", "numpy", "scipy", *packages))
+    try:
+        yield runs
+        runs[-1]["seconds"] = time.perf_counter() - begun
+    finally:
+        runs[-1]["computed"] = _results(kept) - before
+        with whole_file(log) as file:
+            file.write((json.dumps({"runs": runs}, indent=2) + "\n").encode())
+
+
+def _results(folder: Path) -> int:
+    """Return how many results of jobs there are."""
+    with closing(Store(folder)) as store:
+        return len(store)

@@ -1,5 +1,6 @@
 """`python -m experiments.paper [NAME ...]`: the paper's figures, and a page that compares them with its text."""
 
+import shlex
 import sys
 import time
 from dataclasses import dataclass
@@ -40,7 +41,8 @@ def main() -> None:
         tables.write(table_file, module.compute())
         save(module.plot(tables.read(table_file)), table_file.with_suffix(".svg"))
     try:
-        written = page.write(settings.out)
+        command = shlex.join(["python", "-m", "experiments.paper", *sys.argv[1:]])
+        written = page.write(settings.out, {"command": command, "seconds": time.perf_counter() - begun})
     except ValueError as error:
         sys.exit(f"experiments.paper: {error}")
     print(f"{len(names)} figures in {time.perf_counter() - begun:.0f} s: {written.resolve().as_uri()}")

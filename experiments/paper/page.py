@@ -1,25 +1,26 @@
 """The page about the paper's figures, made from the tables on disk: reports/paper/index.html."""
 
 from collections import Counter, namedtuple
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from agents.provenance import circumstances
+from experiments.lab import page
 from experiments.paper import tables
-from experiments.paper.catalogue import HERE, NAMES, heading, load
+from experiments.paper.catalogue import NAMES, heading, load
 from experiments.paper.contradictions import contradictions
 from experiments.paper.statements import Verdict
-from impact_gym.files import whole_file
 
 Entry = namedtuple("Entry", ["name", "heading", "module", "statements"])
 """A figure on the page."""
 
 
 def read(folder: Path) -> tuple[list[Entry], dict[str, tables.Table]]:
-    """Return the figures whose tables are in `folder`, judged afresh, and the tables.
+    """Return the figures that are in `folder` with their tables, judged afresh, and the tables.
 
     Raises:
         ValueError: a table is not as this version writes it; names it.
@@ -27,7 +28,7 @@ def read(folder: Path) -> tuple[list[Entry], dict[str, tables.Table]]:
     entries, found = [], {}
     for name in NAMES:
         file = folder / f"{name}.csv"
-        if not file.is_file():
+        if not (file.is_file() and file.with_suffix(".svg").is_file()):
             continue
         module = load(name)
         try:
@@ -41,8 +42,13 @@ def read(folder: Path) -> tuple[list[Entry], dict[str, tables.Table]]:
     return entries, found
 
 
-def write(folder: Path) -> Path:
-    """Write the page about all figures whose tables are in `folder`; return its path."""
+def write(folder: Path, run: Mapping[str, Any]) -> Path:
+    """Write the page about all figures whose tables are in `folder`; return its path.
+
+    Args:
+        folder: of tables and figures.
+        run: command and seconds of what made the figures.
+    """
     entries, found = read(folder)
     if not entries:
         raise ValueError(f"{folder} has no tables")
@@ -50,8 +56,9 @@ def write(folder: Path) -> Path:
     rows = [{"figure": entry.name, **asdict(statement)} for entry in entries for statement in entry.statements]
     columns = {column: np.array([row[column] for row in rows], object) for column in rows[0]}
     tables.write(folder / "statements.csv", columns)
-    pages = Environment(loader=FileSystemLoader(HERE), autoescape=True, undefined=StrictUndefined)
-    text = pages.get_template("page.html.jinja").render(
+    return page.write(
+        folder,
+        "paper",
         entries=entries,
         counts=Counter(statement.verdict for statement in every),
         total=len(every),
@@ -59,8 +66,5 @@ def write(folder: Path) -> Path:
         verdicts=Verdict,
         contradictions=contradictions(found),
         missing=[heading(name) if name.startswith("figure") else name for name in NAMES if name not in found],
-        circumstances=circumstances("impact-gym", "numpy", "scipy", "matplotlib"),
+        runs=[{**run, **circumstances("impact-gym", "numpy", "scipy", "matplotlib")}],
     )
-    with whole_file(folder / "index.html") as file:
-        file.write(text.encode())
-    return folder / "index.html"

@@ -8,13 +8,11 @@
     `taylor`      Taylor series, by heyoka
     `peer`        the same bodies in MuJoCo
     `peer_fit`    its contact, fitted to each scene
-    `measure`     times of contenders that take turns, and their errors, added to a table
+    `measure`     times of contenders that take turns, and their errors
     `heat_map`    error and steps over contact stiffness and damping factor
-    `records`     tables on disk to which rows are added
     `summary`     who is cheapest at an error; medians over the population
     `figures`     drawn from the tables
-    `page`        the page about them
-    `study`       all of it in order
+    `study`       all of it in order, and the page
 
 After the manner of the work-precision diagrams of SciMLBenchmarks (Rackauckas and others).
 """

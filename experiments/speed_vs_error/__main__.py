@@ -1,40 +1,25 @@
 """`python -m experiments.speed_vs_error`: measure what is missing, draw, write reports/speed_vs_error/index.html."""
 
-import shlex
-import sys
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import tyro
 
-from experiments.lab.results import REPORTS
+from experiments.lab import experiment
 from experiments.speed_vs_error.study import FULL, QUICK, run
 
 
-@dataclass(frozen=True)
-class Settings:
-    """Measure speed against error and write a page about it; what the tables have already is not measured again."""
+def main(out: Path | None = None, quick: bool = False, force: bool = False) -> None:
+    """Measure speed against error and write a page about it; what is on disk is not measured again.
 
-    out: Path | None = None
-    """Folder for tables, figures and the page: reports/speed_vs_error, or speed_vs_error_quick beside it."""
-    quick: bool = False
-    """A first look in under a minute: few settings, few scenes."""
-    force: bool = False
-    """Measure everything again."""
-
-
-def main() -> None:
-    """Read the settings from the command line and run."""
-    settings = tyro.cli(Settings)
-    command = shlex.join(["python", "-m", "experiments.speed_vs_error", *sys.argv[1:]])
-    folder = settings.out or REPORTS / ("speed_vs_error_quick" if settings.quick else "speed_vs_error")
-    try:
-        written = run(folder, QUICK if settings.quick else FULL, settings.force, command)
-    except KeyboardInterrupt:
-        print("experiments.speed_vs_error: interrupted; what was measured is kept", file=sys.stderr)
-        sys.exit(130)
-    print(f"speed against error: {written.resolve().as_uri()}")
+    Args:
+        out: folder for tables, figures and the page: reports/speed_vs_error, or speed_vs_error_quick beside it.
+        quick: a first look in under a minute: few settings, few scenes.
+        force: measure everything again.
+    """
+    extent = QUICK if quick else FULL
+    experiment.command("speed_vs_error", partial(run, extent=extent, again=force), out, quick)
 
 
 if __name__ == "__main__":
-    main()
+    tyro.cli(main)

@@ -5,17 +5,16 @@ a tenth of a contact after the first contact, which so stays alone, or after 1.5
 """
 
 import math
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 import impact_gym as ig
+from agents.jobs import Result
 from experiments import reference
-from experiments.lab import tables as records
-from experiments.lab.tables import Row
+from experiments.lab.tables import Row, gathered, result_of, solver_and
 from experiments.paper.scenes import DURATION, MOTION, decoupled
-from experiments.speed_vs_error.truth import RTOL, in_parallel
+from experiments.speed_vs_error.truth import RTOL
 
 OUR_RTOL = 1e-8
 
@@ -27,29 +26,25 @@ def grid(points_per_two_decades: int) -> list[tuple[float, float]]:
     return [(float(f"{k_c:.4g}"), float(f"{d:.4g}")) for k_c in stiffness for d in damping]
 
 
-def cell(place: tuple[float, float], reference_rtol: float) -> Row:
+def cell(k_c: float, d: float, reference_rtol: float) -> Result:
     """Return the row of one k_c (N/m^1.5) and d."""
-    k_c, d = place
+    row = {"stiffness": k_c, "damping_factor": d, "velocity_error": math.nan, "steps": 0, "ended": 0, "failure": ""}
     scene = decoupled(k_c, 1.0 / (1.0 + d / 1.5), 50.0)  # paper, eq. 7, solved for e
-    row: Row = {"stiffness": k_c, "damping_factor": d, "velocity_error": math.nan, "steps": 0, "ended": 0}
     try:
         first = ig.simulate(scene, MOTION, DURATION, OUR_RTOL).contacts[0]
         duration = DURATION if first.end is None else min(first.end + 0.1 * (first.end - first.start), DURATION)
         outcome = ig.simulate(scene, MOTION, duration, OUR_RTOL)
     except RuntimeError as problem:
-        return row | {"failure": str(problem)}
+        return result_of([row | {"failure": str(problem)}])
     truth = reference.simulate(scene, MOTION, duration, rtol=reference_rtol)
     if len(truth.contacts) != len(outcome.contacts):
-        return row | {"failure": f"{len(outcome.contacts)} contacts, not {len(truth.contacts)}"}
-    row |= {"velocity_error": abs(outcome.object_velocity - truth.object_velocity), "failure": ""}
-    return row | {"steps": outcome.steps, "ended": int(outcome.contacts[0].end is not None)}
+        return result_of([row | {"failure": f"{len(outcome.contacts)} contacts, not {len(truth.contacts)}"}])
+    row["velocity_error"] = abs(outcome.object_velocity - truth.object_velocity)
+    return result_of([row | {"steps": outcome.steps, "ended": int(outcome.contacts[0].end is not None)}])
 
 
-def extend(path: Path, points_per_two_decades: int, again: bool) -> None:
-    """Compute the cells that the table does not have, and write it."""
-    rows = [] if again else records.read(path)
-    there = {(row["stiffness"], row["damping_factor"]) for row in rows}
-    left = [place for place in grid(points_per_two_decades) if place not in there]
-    if left:
-        rows += in_parallel(partial(cell, reference_rtol=RTOL), left, "heat map")
-        records.write(path, rows)
+def rows(folder: Path, points_per_two_decades: int, processes: int | None = None) -> list[Row]:
+    """Return the rows of all cells."""
+    depends = solver_and(reference.__name__, "experiments.paper.scenes", __name__)
+    asked = [{"k_c": k_c, "d": d, "reference_rtol": RTOL} for k_c, d in grid(points_per_two_decades)]
+    return gathered(folder, "heat map", cell, asked, depends, processes=processes)

@@ -1,26 +1,24 @@
-"""Time contenders in rounds in which they take turns, judge them, and add the rows to a table."""
+"""Times of contenders, in rounds in which they take turns, and their errors."""
 
 import math
 import os
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
 from tqdm import tqdm
 
-from experiments.lab import tables as records
-from experiments.lab.tables import Row
-from experiments.speed_vs_error import peer
-from experiments.speed_vs_error.contenders import OURS, Contender, Grid, contender, settings
-from experiments.speed_vs_error.quantities import ERRORS, Answer, errors, failure
-from experiments.speed_vs_error.scenes import Approach
-from experiments.speed_vs_error.truth import in_parallel
+from agents.jobs import Result
+from experiments import reference
+from experiments.lab.tables import Row, gathered, result_of, solver_and
+from experiments.speed_vs_error import by_hand, contenders, peer, quantities, taylor
+from experiments.speed_vs_error.contenders import Contender, contender
+from experiments.speed_vs_error.quantities import ERRORS, Answer, as_json, errors, failure, from_json
+from experiments.speed_vs_error.scenes import SOURCES, Approach, approach_of
 
 LEAST = 5e-3  # s, in a round, so that the clock's grain does not matter
 SLOW = 0.2  # s, of a call that is made in the first round only
-SAVED_EVERY = 20  # scenes of the population
 
 
 def best_times(found: Sequence[Contender], rounds: int, title: str | None) -> dict[Contender, float]:
@@ -33,7 +31,8 @@ def best_times(found: Sequence[Contender], rounds: int, title: str | None) -> di
     best: dict[Contender, float] = {}
     with suppress(Exception):  # `solve` says why
         found[0].seconds(1)
-    for turn in tqdm(range(rounds), desc=title, leave=False, disable=title is None):
+    # not in a worker: what tqdm holds of the system is lost when its process is ended
+    for turn in range(rounds) if title is None else tqdm(range(rounds), desc=title, leave=False):
         for one in found:
             if turn == 0:
                 try:
@@ -59,48 +58,44 @@ def judged(one: Contender, truth: Answer) -> Row:
     return {**errors(answer, truth), **counts, "failure": failure(answer, truth)}
 
 
-@dataclass(frozen=True)
-class Job:
-    """What is to be measured of one approach."""
-
-    approach: Approach
-    truth: Answer
-    fit: peer.Fit | None
-    settings: tuple[tuple[str, float], ...]
-    rounds: int
-
-
-def measured(job: Job) -> list[Row]:
-    """Return a row for each contender, timed in turns."""
-    approach, load, run = job.approach, os.getloadavg()[0], datetime.now(UTC).isoformat(timespec="seconds")
-    found = [contender(approach, name, setting, job.fit) for name, setting in job.settings]
-    seconds = best_times(found, job.rounds, approach.name if job.rounds > 1 else None)
-    about = {"rounds": job.rounds, "load": load, "run": run}
-    return [
-        {"scene": approach.name, "contender": one.name, "setting": one.setting, "microseconds": 1e6 * seconds[one]}
-        | judged(one, job.truth)
-        | about
-        for one in found
-    ]
+def timed(
+    approach: Approach, truth: Answer, fit: peer.Fit | None, tried: Sequence[tuple[str, float]], rounds: int
+) -> list[Row]:
+    """Return a row for each contender that is tried on an approach, timed in turns; MuJoCo needs its fit."""
+    load, run = os.getloadavg()[0], datetime.now(UTC).isoformat(timespec="seconds")
+    found = [contender(approach, name, setting, fit) for name, setting in tried]
+    seconds = best_times(found, rounds, approach.name if rounds > 1 else None)
+    rows = []
+    for one in found:
+        row = {"scene": approach.name, "contender": one.name, "setting": one.setting}
+        row |= {"microseconds": 1e6 * seconds[one], **judged(one, truth), "rounds": rounds, "load": load, "run": run}
+        rows.append(row)
+    return rows
 
 
-def extend(
-    path: Path, approaches: Sequence[Approach], grid: Grid, truth: Mapping[str, Answer],
-    fits: Mapping[str, peer.Fit], rounds: int,
-) -> None:  # fmt: skip
-    """Measure what the table does not have; ours anew with it, so that ratios are of one run.
+def measured(
+    scene: str,
+    truth: Mapping[str, float | None],
+    fit: Mapping[str, float] | None,
+    tried: Sequence[tuple[str, float]],
+    rounds: int,
+) -> Result:
+    """Return the rows of `timed` for a scene by its name, as a job."""
+    by_hand.compile_now()
+    contact = None if fit is None else peer.Fit(**fit)
+    return result_of(timed(approach_of(scene), from_json(truth), contact, tried, rounds))
 
-    In a single round the approaches are measured as many at a time as there are cores, in more one after the other.
+
+def rows(
+    folder: Path, title: str, truths: Mapping[str, Answer], fits: Mapping[str, Mapping[str, float]],
+    tried: Sequence[tuple[str, float]], rounds: int, processes: int | None = None,
+) -> list[Row]:  # fmt: skip
+    """Return the rows of all approaches whose truth is given.
+
+    In a single round they are measured as many at a time as there are `processes`, in more one after the other, here.
     """
-    rows = {(row["scene"], row["contender"], row["setting"]): row for row in records.read(path)}
-    jobs = []
-    for approach in approaches:
-        left = [one for one in settings(grid) if (approach.name, *one) not in rows]
-        if left:
-            tried = tuple(one for one in settings(grid) if one[0] == OURS or one in left)
-            jobs.append(Job(approach, truth[approach.name], fits.get(approach.name), tried, rounds))
-    new = in_parallel(measured, jobs, path.stem) if rounds == 1 else map(measured, jobs)
-    for count, found in enumerate(new, start=1):
-        rows |= {(row["scene"], row["contender"], row["setting"]): row for row in found}
-        if rounds > 1 or count % SAVED_EVERY == 0 or count == len(jobs):
-            records.write(path, rows.values())
+    judges = (by_hand, contenders, peer, quantities, reference, taylor)
+    depends = solver_and(*(judge.__name__ for judge in judges), __name__, *SOURCES)
+    about = {"tried": [list(one) for one in tried], "rounds": rounds}
+    asked = [{"scene": name, "truth": as_json(true), "fit": fits.get(name)} | about for name, true in truths.items()]
+    return gathered(folder, title, measured, asked, depends, processes=processes if rounds == 1 else 0)

@@ -1,9 +1,8 @@
 """MuJoCo's own contact law, fitted to each scene."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import asdict
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +10,12 @@ import numpy as np
 from scipy.optimize import minimize
 
 import impact_gym as ig
-from experiments.lab.tables import Row
+from agents.jobs import Result
+from experiments.lab.tables import Row, gathered, result_of, solver_and
+from experiments.speed_vs_error import by_hand, peer
 from experiments.speed_vs_error.peer import Fit, Model, missing
-from experiments.speed_vs_error.quantities import Answer
-from experiments.speed_vs_error.scenes import Approach
-from experiments.speed_vs_error.truth import filled
+from experiments.speed_vs_error.quantities import Answer, as_json, from_json
+from experiments.speed_vs_error.scenes import SOURCES, Approach, approach_of
 
 STEP = 1e-5  # s
 GOOD = (1e-4, 1e-2)  # errors that weigh the same: V_p in m/s, relative duration
@@ -56,16 +56,17 @@ def fitted(approach: Approach, truth: Answer, evaluations: int) -> Fit:
     return Fit(*np.exp(found.x).tolist())
 
 
-def _row(approach: Approach, truth: dict[str, Answer], evaluations: int) -> Row:
-    return asdict(fitted(approach, truth[approach.name], evaluations))
+def fit(scene: str, truth: Mapping[str, float | None], evaluations: int) -> Result:
+    """Return the row of a scene."""
+    approach = approach_of(scene)
+    about = {"scene": scene, "description": approach.description}
+    return result_of([about | asdict(fitted(approach, from_json(truth), evaluations))])
 
 
-def fits(
-    path: Path, approaches: Sequence[Approach], truth: dict[str, Answer], evaluations: int, again: bool
-) -> dict[str, Fit]:
-    """Return MuJoCo's contact by the name of the scene, none without MuJoCo; fit what the table does not have."""
+def rows(folder: Path, truths: Mapping[str, Answer], evaluations: int, processes: int | None = None) -> list[Row]:
+    """Return the rows of MuJoCo's contact in these scenes, none without MuJoCo."""
     if missing():
-        return {}
-    function = partial(_row, truth=truth, evaluations=evaluations)
-    rows = filled(path, approaches, function, "fits of MuJoCo's contact", again)
-    return {name: Fit(row["stiffness"], row["damping"]) for name, row in rows.items()}
+        return []
+    depends = solver_and(by_hand.__name__, peer.__name__, __name__, *SOURCES)
+    asked = [{"scene": name, "truth": as_json(truth), "evaluations": evaluations} for name, truth in truths.items()]
+    return gathered(folder, "fits of MuJoCo's contact", fit, asked, depends, processes=processes)

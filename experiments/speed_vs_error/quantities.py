@@ -1,7 +1,8 @@
 """What is compared of an approach, and when an answer counts as a failure."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 from typing import Any
 
 TOO_WRONG = 1e-2  # m/s in V_p
@@ -18,6 +19,16 @@ class Answer:
     contacts: int
     passes: int  # of a slider through its alignment
     steps: int = 0  # of the integrator, 0 if not known
+
+
+def as_json(answer: Answer) -> dict[str, float | None]:
+    """Return an answer as arguments of a job: None for nan."""
+    return {name: None if math.isnan(value) else value for name, value in asdict(answer).items()}
+
+
+def from_json(values: Mapping[str, float | None]) -> Answer:
+    """Return the answer of which `as_json` made these."""
+    return Answer(**{name: math.nan if value is None else value for name, value in values.items()})
 
 
 ERRORS = {

@@ -10,6 +10,8 @@ from experiments.paper.scenes import DISTANCE, MECHANISM, MOTION, TOOL_MASS, dec
 from impact_gym.envs.scenario import FIELDS, LOGARITHMIC, NAMED
 
 POPULATION_SEED = 20_000  # of scene 0
+SOURCES = (__name__, "experiments.paper.scenes", "impact_gym.envs.scenario")
+"""What the approaches follow from."""
 CRUISE = ig.Trapezoid(1.0, 8.0, ig.Brake(threshold=1.0, delay=10.0))  # the alarm is noted, the robot goes on
 
 
@@ -62,17 +64,22 @@ def population(count: int) -> tuple[Approach, ...]:
     The couplings are that of the environment (50 N/m, critically damped), another spring and damper (10 to 2000 N/m,
     log-uniform, damping ratio 0 to 2), none and the bistable mechanism; the motion is the paper's.
     """
-    found = []
-    for place in range(count):
-        rng = np.random.default_rng(POPULATION_SEED + place)
-        ranges = zip(NAMED["test"].pairs(), LOGARITHMIC, rng.random(len(FIELDS)), strict=True)
-        mass, stiffness, restitution, distance = (draw(low, high, log, u) for (low, high), log, u in ranges)
-        spring = ig.SpringDamper(draw(10.0, 2000.0, True, rng.random()), 2.0 * rng.random())
-        couplings = {"spring of 50 N/m": ig.SpringDamper(50.0, 1.0), "spring": spring, "rigid": ig.Rigid()}
-        couplings["bistable"] = MECHANISM
-        kind = list(couplings)[place % 4]
-        contact = ig.Contact(stiffness, restitution)
-        scene = ig.Scene(ig.Tool(TOOL_MASS), ig.Object(mass, distance), contact, couplings[kind])
-        words = f"{kind}, k_c {stiffness:.3g}, e {restitution:.3f}, object {mass:.3f} kg at {distance:.3f} m"
-        found.append(Approach(f"{place:03d}", words, scene, MOTION, 1.2))
-    return tuple(found)
+    return tuple(map(_member, range(count)))
+
+
+def _member(place: int) -> Approach:
+    rng = np.random.default_rng(POPULATION_SEED + place)
+    ranges = zip(NAMED["test"].pairs(), LOGARITHMIC, rng.random(len(FIELDS)), strict=True)
+    mass, stiffness, restitution, distance = (draw(low, high, log, u) for (low, high), log, u in ranges)
+    spring = ig.SpringDamper(draw(10.0, 2000.0, True, rng.random()), 2.0 * rng.random())
+    couplings = {"spring of 50 N/m": ig.SpringDamper(50.0, 1.0), "spring": spring, "rigid": ig.Rigid()}
+    couplings["bistable"] = MECHANISM
+    kind = list(couplings)[place % 4]
+    scene = ig.Scene(ig.Tool(TOOL_MASS), ig.Object(mass, distance), ig.Contact(stiffness, restitution), couplings[kind])
+    words = f"{kind}, k_c {stiffness:.3g}, e {restitution:.3f}, object {mass:.3f} kg at {distance:.3f} m"
+    return Approach(f"{place:03d}", words, scene, MOTION, 1.2)
+
+
+def approach_of(name: str) -> Approach:
+    """Return the approach of this name."""
+    return _member(int(name)) if name.isdecimal() else {one.name: one for one in named()}[name]

@@ -45,11 +45,6 @@ class Comparison:
         """Its time over ours."""
         return math.nan if self.row is None else float(self.row["microseconds"] / self.ours["microseconds"])
 
-    @property
-    def one_run(self) -> bool:
-        """Whether both were timed in the same run, in turns."""
-        return self.row is None or bool(self.row["run"] == self.ours["run"])
-
 
 def compared(rows: pl.DataFrame, names: Sequence[str], error: float) -> Comparison | None:
     """Return the cheapest of `names` beside ours; None where they took no part, or ours does not get there."""

@@ -2,12 +2,14 @@
 
 `scenes`       scene k of the storm, a function of the number k alone
 `checks`       what physics says about a run: momentum, energy of contacts, no pull
-`workers`      processes that are ended when they say nothing for too long, and the tables that they fill
-`storm`        a row for each scene, in a table that an interrupted run leaves behind for the next
+`storm`        a row for each scene
 `agreement`    the slow independent solver on a random sample
 `rivals`       SciPy and fixed steps on the same storm, and solve_ivp with event functions, as people write it
 `invariances`  units, frame, order of rows, number of threads, as numbers
 `hard_cases`   what makes other solvers fall, measured: onset, grazes, slow contacts, absolute tolerances
 `bars`         what was promised, and whether it is met
-`page`, `study`
+`figures`      drawn from the tables
+`study`        all of it in order, and the page
+
+Whatever is computed is a job of `agents.jobs`, whose result is kept: hangs and crashes end its process, not the study.
 """

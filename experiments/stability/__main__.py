@@ -1,13 +1,12 @@
 """`python -m experiments.stability`: a storm of random scenes, who stands in it, reports/stability/index.html."""
 
-import shlex
-import sys
+from functools import partial
 from pathlib import Path
 
 import tyro
 
-from experiments.lab.results import REPORTS
-from experiments.stability.study import run
+from experiments.lab import experiment
+from experiments.stability import study
 
 
 def main(scenes: int | None = None, out: Path | None = None, quick: bool = False, force: bool = False) -> None:
@@ -19,14 +18,8 @@ def main(scenes: int | None = None, out: Path | None = None, quick: bool = False
         quick: a first look in under a minute: few scenes, few contenders.
         force: compute everything again.
     """
-    folder = out or REPORTS / ("stability_quick" if quick else "stability")
-    command = shlex.join(["python", "-m", "experiments.stability", *sys.argv[1:]])
-    try:
-        written = run(folder, scenes or (200 if quick else 10_000), quick, force, command)
-    except KeyboardInterrupt:
-        print("experiments.stability: interrupted; what was computed is kept", file=sys.stderr)
-        sys.exit(130)
-    print(f"stability: {written.resolve().as_uri()}")
+    count = scenes or (200 if quick else 10_000)
+    experiment.command("stability", partial(study.run, scenes=count, quick=quick, again=force), out, quick)
 
 
 if __name__ == "__main__":

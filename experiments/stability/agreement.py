@@ -9,16 +9,17 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 import impact_gym as ig
+from agents.jobs import Result, digest_of
 from experiments import reference
-from experiments.lab.tables import Row
+from experiments.lab.tables import Row, gathered, result_of, solver_and
 from experiments.reference.dissipation import damping_factor
 from experiments.speed_vs_error.quantities import answer_of
 from experiments.speed_vs_error.scenes import Approach
-from experiments.stability.scenes import draw, labels, relative_error, velocity
-from experiments.stability.storm import LIMIT, sources
-from experiments.stability.workers import filled
+from experiments.stability.scenes import draw, known, labels, relative_error, velocity
+from experiments.stability.storm import LIMIT
 
 EVERY = 50  # one scene in so many: 2 %
 FIRST = 17  # of them; the scenes are random themselves
@@ -26,6 +27,7 @@ RTOL = {"DOP853": 1e-11, "Radau": 1e-10}
 STIFF = 20.0  # d, above which Radau begins
 FINEST = 1e-12  # rtol of ours
 SHIFT = 1e-13  # of the distance, relative
+JUDGED = ("contender", "velocity", "contacts", "passes", "peak_force", "tool_velocity")
 SHARE = 1e-6  # error of V_p beyond which a scene is looked at again, relative
 
 
@@ -37,44 +39,54 @@ def order(approach: Approach) -> tuple[str, str]:
     return ("Radau", "DOP853") if d > STIFF else ("DOP853", "Radau")
 
 
-def truth(row: Row) -> Row:
-    """Return the row with what the independent solver finds."""
-    approach, method = draw(int(row["scene"])), row["contender"]
-    found = reference.simulate(approach.scene, approach.motion, approach.duration, rtol=RTOL[method], method=method)
-    return row | asdict(answer_of(found, approach.duration)) | {"tool_velocity": found.tool_velocity}
+def sampled(scenes: int) -> range:
+    """Return the numbers of the random sample of so many scenes."""
+    return range(FIRST, scenes, EVERY)
 
 
-def truths(path: Path, numbers: Iterable[int], seconds: float, processes: int | None = None) -> dict[int, Row]:
+def truth(scene: int, contender: str) -> Result:
+    """Return the row of what the independent solver finds by one of its methods."""
+    approach = draw(scene)
+    found = reference.simulate(
+        approach.scene, approach.motion, approach.duration, rtol=RTOL[contender], method=contender
+    )
+    answer = asdict(answer_of(found, approach.duration)) | {"tool_velocity": found.tool_velocity}
+    return result_of([labels(approach) | {"contender": contender} | answer])
+
+
+def truths(folder: Path, scenes: Iterable[int], seconds: float, processes: int | None = None) -> dict[int, Row]:
     """Return the truth by the number of the scene, each method having so many seconds for it."""
+    depends = digest_of(reference.__name__, "experiments.stability.scenes", __name__)
     found: dict[int, Row] = {}
     for turn in range(2):
-        left = [number for number in numbers if number not in found or found[number]["failure"]]
-        approaches = [draw(number) for number in left]
-        tasks = [(labels(approach) | {"contender": order(approach)[turn]},) for approach in approaches]
-        found |= zip(left, filled(path, truth, tasks, seconds, processes=processes)[0], strict=True)
+        left = [scene for scene in scenes if scene not in found or found[scene]["failure"]]
+        asked = [{"scene": scene, "contender": order(draw(scene))[turn]} for scene in left]
+        rows = gathered(folder, "truth", truth, asked, depends, known, processes=processes, seconds=seconds)
+        found |= zip(left, rows, strict=True)
     return found
 
 
-def compared(row: Row, true: Row) -> Row:
+def compared(scene: int, truth: Mapping[str, Any]) -> Result:
     """Return the row of a scene with what ours finds beside the truth."""
-    approach = draw(int(row["scene"]))
+    approach = draw(scene)
     speed = approach.motion.speed
     outcome = ig.simulate(approach.scene, approach.motion, approach.duration)
-    row |= {
+    row = labels(approach) | {
+        "contender": truth["contender"],
         "velocity": outcome.object_velocity,
-        "velocity_error": relative_error(outcome.object_velocity, true["velocity"], speed),
+        "velocity_error": relative_error(outcome.object_velocity, truth["velocity"], speed),
         "contacts": len(outcome.contacts),
         "passes": len(outcome.snap_through),
-        "peak_error": abs(outcome.peak_force - true["peak_force"]) / max(abs(true["peak_force"]), 1e-300),
-        "tool_error": abs(outcome.tool_velocity - true["tool_velocity"]) / speed,
+        "peak_error": abs(outcome.peak_force - truth["peak_force"]) / max(abs(truth["peak_force"]), 1e-300),
+        "tool_error": abs(outcome.tool_velocity - truth["tool_velocity"]) / speed,
         "finest_velocity": math.nan,
         "spread": math.nan,
-        **{f"true_{name}": true[name] for name in ("velocity", "contacts", "passes")},
+        **{f"true_{name}": truth[name] for name in ("velocity", "contacts", "passes")},
     }
     if not row["velocity_error"] <= SHARE:
         fine, *moved = (velocity(shifted(approach, share), FINEST) for share in (0.0, SHIFT, -SHIFT))
         row |= {"finest_velocity": fine, "spread": max(abs(one - fine) for one in moved)}
-    return row
+    return result_of([row])
 
 
 def shifted(approach: Approach, share: float) -> Approach:
@@ -84,8 +96,9 @@ def shifted(approach: Approach, share: float) -> Approach:
     return replace(approach, scene=replace(approach.scene, object=target))
 
 
-def comparisons(path: Path, truths: Mapping[int, Row], processes: int | None = None) -> list[Row]:
+def comparisons(folder: Path, truths: Mapping[int, Row], processes: int | None = None) -> list[Row]:
     """Return the row of each scene whose truth is known."""
-    known = {number: true for number, true in truths.items() if not true["failure"]}
-    tasks = [(labels(draw(number)) | {"contender": t["contender"], "run": sources()}, t) for number, t in known.items()]
-    return filled(path, compared, tasks, LIMIT, processes=processes)[0]
+    sure = {scene: {name: true[name] for name in JUDGED} for scene, true in truths.items() if not true["failure"]}
+    asked = [{"scene": scene, "truth": true} for scene, true in sure.items()]
+    depends = solver_and("experiments.stability.scenes", __name__)
+    return gathered(folder, "agreement", compared, asked, depends, known, processes=processes, seconds=LIMIT)

@@ -10,6 +10,7 @@ import math
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
 from statistics import median
 from typing import Any
 
@@ -18,13 +19,13 @@ from scipy.integrate import solve_ivp
 from scipy.special import lambertw
 
 import impact_gym as ig
-from experiments.lab.tables import Row
+from agents.jobs import Result
+from experiments.lab.tables import Row, gathered, result_of, solver_and
 from experiments.speed_vs_error import by_hand
 from experiments.speed_vs_error.contenders import OURS
 from experiments.speed_vs_error.scenes import Approach
 from experiments.stability import rivals
 from experiments.stability.scenes import velocity
-from experiments.stability.workers import limited
 
 SPEED = 0.5  # m/s
 STAGES = {"RK45": 6, "Radau": 4}  # evaluations in an attempted step
@@ -120,7 +121,7 @@ def seen_by(scene: ig.Scene, motion: ig.Trapezoid, when: float, far: float) -> d
 
 def attempts(approach: Approach, method: str) -> float:
     """Return the attempted steps of ours or of solve_ivp; nan where there was no end in PATIENCE."""
-    with suppress(TimeoutError, RuntimeError), limited(PATIENCE):
+    with suppress(TimeoutError, RuntimeError), rivals.limited(PATIENCE):
         if method == OURS:
             return ig.simulate(approach.scene, approach.motion, approach.duration).steps
         return rivals.plain(approach, method, 1e-6, 1e-12).steps / STAGES[method]
@@ -138,16 +139,29 @@ def slow(slowest: int) -> Iterator[Row]:
             yield row("slow", name, v, attempts(approach, method))
 
 
-def tolerance() -> Iterator[Row]:
-    """Error of V_p against rtol where delta0 is 3e-7 m."""
+def tolerance(finest: int) -> Iterator[Row]:
+    """Error of V_p against rtol down to 10^-finest where delta0 is 3e-7 m."""
     approach, true = isolated(1e10, 0.5, 0.01, 0.001)
-    for rtol in (10.0 ** -np.arange(3, 13)).tolist():
+    for rtol in (10.0 ** -np.arange(3, finest + 1)).tolist():
         for atol in (1e-6, 1e-9):
             answer = rivals.plain(approach, "RK45", rtol, atol)
             yield row("tolerance", f"RK45, solve_ivp, atol {atol:g}", rtol, abs(answer.velocity / true - 1))
         yield row("tolerance", OURS, rtol, max(abs(velocity(approach, rtol) / true - 1), 1e-16))
 
 
-def rows(quick: bool) -> list[Row]:
-    """Return all points, or a few of each panel if it has to be `quick`."""
-    return [*onset(1 if quick else 9), *graze(1 if quick else 40), *slow(3 if quick else 8), *tolerance()]
+CAUSES = {cause.__name__: cause for cause in (onset, graze, slow, tolerance)}
+ALL = {"onset": 9, "graze": 40, "slow": 8, "tolerance": 12}
+FEW = {"onset": 1, "graze": 1, "slow": 3, "tolerance": 12}
+
+
+def points(cause: str, size: int) -> Result:
+    """Return the points of one cause."""
+    return result_of(list(CAUSES[cause](size)))
+
+
+def rows(folder: Path, quick: bool, processes: int | None = None) -> list[Row]:
+    """Return all points, or a few for each cause if it has to be `quick`."""
+    by_hand.compile_now()
+    depends = solver_and("experiments.stability.scenes", "experiments.stability.rivals", by_hand.__name__, __name__)
+    asked = [{"cause": cause, "size": size} for cause, size in (FEW if quick else ALL).items()]
+    return gathered(folder, "hard_cases", points, asked, depends, processes=processes)

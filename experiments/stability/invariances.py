@@ -1,15 +1,17 @@
 """What must not matter: units, frame, order of rows, number of threads, the process. As numbers, over storm scenes."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import is_dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from impact_gym.kernels import APPROACH, CHAIN, approach_rows
 
 import impact_gym as ig
-from experiments.lab.tables import Row
+from agents.jobs import Result
+from experiments.lab.tables import Row, gathered, result_of, solver_and
 from experiments.speed_vs_error.scenes import Approach
 from experiments.stability.rivals import eligible
 from experiments.stability.scenes import draw, relative_error, velocity
@@ -93,21 +95,23 @@ def line(name: str, differences: Sequence[float], exact: bool = True) -> Row:
     }
 
 
-def units(name: str, approaches: Sequence[Approach]) -> Row:
+def units(name: str, scenes: Sequence[int]) -> list[Row]:
     """Other units change only the numbers."""
     _, length, time = UNITS[name]
+    approaches = [draw(scene) for scene in scenes]
     pairs = [(velocity(scaled(a, *UNITS[name]), RTOL) / (length / time), velocity(a, RTOL)) for a in approaches]
     speeds = [a.motion.speed for a in approaches]
-    return line(name, [relative_error(*pair, v) for pair, v in zip(pairs, speeds, strict=True)], exact=False)
+    found = [relative_error(*pair, v) for pair, v in zip(pairs, speeds, strict=True)]
+    return [line(name, found, exact=False)]
 
 
-def frame(approaches: Sequence[Approach]) -> Row:
+def frame(scenes: Sequence[int]) -> list[Row]:
     """A room that moves at BOOST changes nothing within it; over V_p or BOOST, whose rounding comes in."""
     found = []
-    for approach in approaches:
-        here, moving = (velocity_in_frame(approach, boost, RTOL) for boost in (0.0, BOOST))
+    for scene in scenes:
+        here, moving = (velocity_in_frame(draw(scene), boost, RTOL) for boost in (0.0, BOOST))
         found.append(abs(moving - here) / max(abs(here), BOOST))
-    return line(f"frame moving at {BOOST:g} m/s", found, exact=False)
+    return [line(f"frame moving at {BOOST:g} m/s", found, exact=False)]
 
 
 def sweep_of(order: Sequence[int], threads: int) -> Any:
@@ -127,34 +131,48 @@ def sweep_of(order: Sequence[int], threads: int) -> Any:
     return np.nan_to_num(found.object_velocity, nan=-1.0)  # a run that does not finish must not finish always
 
 
-def sweeps(rows: int) -> Iterator[Row]:
+def sweeps(rows: int) -> list[Row]:
     """Rows in another order, and on other numbers of threads."""
     order = np.random.default_rng(0).permutation(rows)
     first = sweep_of(range(rows), 1)
-    yield line("order of the rows of a sweep", np.abs(sweep_of(order, 1) - first[order]).tolist())
+    found = [line("order of the rows of a sweep", np.abs(sweep_of(order, 1) - first[order]).tolist())]
     for threads in (2, 7):
-        yield line(f"{threads} threads instead of 1", np.abs(sweep_of(range(rows), threads) - first).tolist())
+        change = np.abs(sweep_of(range(rows), threads) - first)
+        found.append(line(f"{threads} threads instead of 1", change.tolist()))
+    return found
 
 
-def repeated(storm_velocities: Mapping[int, float]) -> Row:
-    """A scene computed again, here and not in the process that wrote its row."""
-    found = [abs(velocity(draw(number), RTOL) - before) for number, before in storm_velocities.items()]
-    return line("another process, another order of scenes", found)
+def repeated(scenes: Sequence[int], velocities: Sequence[float]) -> list[Row]:
+    """Scenes computed again, here and not in the processes that the storm had; V_p of those, m/s."""
+    found = [abs(velocity(draw(scene), RTOL) - before) for scene, before in zip(scenes, velocities, strict=True)]
+    return [line("another process, another order of scenes", found)]
 
 
-def table(size: int, storm: Sequence[Row]) -> list[Row]:
+CHANGES = {change.__name__: change for change in (units, frame, sweeps, repeated)}
+
+
+def changed(change: str, given: Mapping[str, Any]) -> Result:
+    """Return the rows of one of CHANGES."""
+    return result_of(CHANGES[change](**given))
+
+
+def rows(folder: Path, size: int, storm: Sequence[Row], processes: int | None = None) -> list[Row]:
     """Return all rows, over `size` scenes each; `storm` are the rows of the storm.
 
     Units and frame: scenes with a contact, none slower than SLOWEST, in fewer steps than MOST_STEPS. The frame only
     those with m = n = 3/2 and a rigid robot.
     """
     done = [row for row in storm if not row["failure"]]
-    struck = [row for row in done if row["slowest_contact"] > SLOWEST and row["steps"] < MOST_STEPS]
-    approaches = [draw(int(row["scene"])) for row in struck]
-    return [
-        *(units(name, approaches[:size]) for name in UNITS),
-        frame([approach for approach in approaches if eligible(approach)][:size]),
-        *sweeps(max(size, 32)),
-        repeated({int(row["scene"]): row["object_velocity"] for row in done[:size]}),
-        line("with a trace", [row["trace_change"] for row in done if row["traced"]]),
+    struck = [int(row["scene"]) for row in done if row["slowest_contact"] > SLOWEST and row["steps"] < MOST_STEPS]
+    before = {int(row["scene"]): row["object_velocity"] for row in done[:size] if row["finite"]}
+    depends = solver_and("experiments.stability.scenes", "experiments.stability.rivals", __name__)
+    asked: list[tuple[str, dict[str, Any]]] = [
+        *(("units", {"name": name, "scenes": struck[:size]}) for name in UNITS),
+        ("frame", {"scenes": [scene for scene in struck if eligible(draw(scene))][:size]}),
+        ("sweeps", {"rows": max(size, 32)}),
+        ("repeated", {"scenes": [*before], "velocities": [*before.values()]}),
     ]
+    jobs = [{"change": change, "given": given} for change, given in asked]
+    found = gathered(folder, "invariances", changed, jobs, depends, processes=processes)
+    traced = line("with a trace", [row["trace_change"] for row in done if row["traced"]])
+    return [*found, traced]

@@ -5,7 +5,9 @@ by the independent solver.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+import signal
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import partial
 from itertools import count as numbers_from
 from itertools import islice
@@ -19,15 +21,14 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 import impact_gym as ig
+from agents.jobs import Result, digest_of
 from experiments import reference
-from experiments.lab.tables import Row
+from experiments.lab.tables import Row, gathered, result_of, solver_and
 from experiments.speed_vs_error import by_hand
 from experiments.speed_vs_error.contenders import METHODS, OURS
 from experiments.speed_vs_error.quantities import Answer, answer_of
 from experiments.speed_vs_error.scenes import Approach
-from experiments.stability.scenes import draw, relative_error
-from experiments.stability.storm import sources
-from experiments.stability.workers import filled, limited
+from experiments.stability.scenes import draw, known, labels, relative_error
 
 SECONDS = 5.0  # of processor time for a run: a hundred times what ours may take
 RTOL, ATOL = 1e-6, 1e-9
@@ -36,6 +37,7 @@ CLOSE = 1e-3  # of V_p, relative
 STEPS = (1e-4, 1e-5)  # s
 PLAIN = ("RK45", "LSODA", "Radau")
 State = NDArray[np.float64]
+COMPARED = ("velocity", "contacts")
 CLASSES = GOOD, MISCOUNTED, WRONG, NOT_FINITE, LATE, GAVE_UP = (
     "V_p within 1e-3, contacts right",
     "V_p within 1e-3, contacts miscounted",
@@ -44,6 +46,22 @@ CLASSES = GOOD, MISCOUNTED, WRONG, NOT_FINITE, LATE, GAVE_UP = (
     "no answer in 5 s",
     "gave up",
 )
+
+
+@contextmanager
+def limited(seconds: float) -> Iterator[None]:
+    """Raise TimeoutError once this process has used so much more processor time, s."""
+
+    def late(*_: Any) -> None:
+        raise TimeoutError
+
+    before = signal.signal(signal.SIGPROF, late)
+    signal.setitimer(signal.ITIMER_PROF, seconds, 0.1)  # more than once: a destructor swallows what is raised in it
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+        signal.signal(signal.SIGPROF, before)
 
 
 def simulated(approach: Approach, simulate: Callable[..., Any] = ig.simulate, **options: Any) -> Answer:
@@ -147,39 +165,45 @@ def sample(size: int) -> list[int]:
     return list(islice((number for number in numbers_from() if eligible(draw(number))), size))
 
 
-def grade(answer: Answer, truth: Row) -> str:
-    """Return one of CLASSES."""
+def grade(answer: Answer, truth: Mapping[str, float], speed: float) -> str:
+    """Return one of CLASSES, at a commanded speed, m/s."""
     if not math.isfinite(answer.velocity):
         return NOT_FINITE
-    if not relative_error(answer.velocity, truth["velocity"], truth["speed"]) <= CLOSE:
+    if not relative_error(answer.velocity, truth["velocity"], speed) <= CLOSE:
         return WRONG
     return GOOD if answer.contacts == truth["contacts"] else MISCOUNTED
 
 
-def row_of(row: Row, truth: Row) -> Row:
-    """Return the row with what its rival makes of its scene."""
-    approach, begun = draw(int(row["scene"])), thread_time()
-    row |= {"velocity_error": math.nan, "contacts": math.nan, "true_contacts": truth["contacts"]}
+def judged(scene: int, contender: str, truth: Mapping[str, float]) -> Result:
+    """Return the row of what a rival makes of a scene."""
+    by_hand.compile_now()  # free of charge
+    approach, begun = draw(scene), thread_time()
+    row = labels(approach) | {"contender": contender, "velocity_error": math.nan, "contacts": math.nan}
     try:
         with limited(SECONDS):
-            answer = RIVALS[row["contender"]](approach)
+            answer = RIVALS[contender](approach)
     except Exception as problem:  # of any kind: it is counted
-        grave = LATE if isinstance(problem, TimeoutError) else GAVE_UP
-        return row | {"failure": grave, "seconds": thread_time() - begun}
-    error = relative_error(answer.velocity, truth["velocity"], truth["speed"])
-    found = {"failure": grade(answer, truth), "velocity_error": error, "contacts": answer.contacts}
-    return row | found | {"seconds": thread_time() - begun}
+        row["failure"] = LATE if isinstance(problem, TimeoutError) else GAVE_UP
+    else:
+        speed = approach.motion.speed
+        row |= {"failure": grade(answer, truth, speed), "contacts": answer.contacts}
+        row["velocity_error"] = relative_error(answer.velocity, truth["velocity"], speed)
+    return result_of([row | {"true_contacts": truth["contacts"], "seconds": thread_time() - begun}])
 
 
-def rows(path: Path, truths: Mapping[int, Row], names: Sequence[str], processes: int | None = None) -> list[Row]:
+def rows(folder: Path, truths: Mapping[int, Row], names: Sequence[str], processes: int | None = None) -> list[Row]:
     """Return the rows of the rivals named on the scenes whose truth is known."""
-    tasks = [
-        ({"scene": true["scene"], "contender": name, "run": sources() if name == OURS else "", "failure": ""}, true)
-        for true in truths.values()
-        for name in names
-        if not true["failure"]
-    ]
-    return filled(path, row_of, tasks, 12 * SECONDS, by_hand.compile_now, processes)[0]
+    by_hand.compile_now()  # once, not in each process
+    judges = "experiments.stability.scenes", by_hand.__name__, reference.__name__, __name__
+    sure = {scene: {name: true[name] for name in COMPARED} for scene, true in truths.items() if not true["failure"]}
+    found: list[Row] = []
+    for depends, some in (
+        (solver_and(*judges), [name for name in names if name == OURS]),
+        (digest_of(*judges), [name for name in names if name != OURS]),
+    ):
+        asked = [{"scene": n, "contender": name, "truth": true} for n, true in sure.items() for name in some]
+        found += gathered(folder, "rivals", judged, asked, depends, known, processes=processes, seconds=12 * SECONDS)
+    return found
 
 
 def table(rows: Sequence[Row]) -> list[Row]:

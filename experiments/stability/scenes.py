@@ -1,11 +1,13 @@
 """The storm: random scenes over the ranges in which the solver is to stand, scene k a pure function of the number k."""
 
 import math
+from collections.abc import Mapping
 from typing import Any, get_args
 
 import numpy as np
 
 import impact_gym as ig
+from experiments.lab.tables import Row
 from experiments.speed_vs_error.scenes import Approach
 from impact_gym.robot import default_approach
 from impact_gym.scene import Dissipation
@@ -130,7 +132,7 @@ def describe(scene: ig.Scene, motion: ig.Trapezoid) -> str:
     return ", ".join(filter(None, words))
 
 
-def labels(approach: Approach) -> dict[str, Any]:
+def labels(approach: Approach) -> Row:
     """Return the columns that say which scene a row is about."""
     return {
         "scene": approach.name,
@@ -139,6 +141,11 @@ def labels(approach: Approach) -> dict[str, Any]:
         "description": approach.description,
         "failure": "",
     }
+
+
+def known(arguments: Mapping[str, Any]) -> Row:
+    """Return the row of a job that has no result, by its arguments: what is known of its scene."""
+    return labels(draw(arguments["scene"])) | {"contender": arguments.get("contender", "")}
 
 
 def velocity(approach: Approach, rtol: float = 1e-8) -> float:

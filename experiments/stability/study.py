@@ -1,74 +1,69 @@
 """The whole study: compute what is missing, draw, write the page."""
 
-import json
-import os
-import time
-from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
 
-from agents.provenance import circumstances
-from experiments.lab import tables as records
-from experiments.lab.tables import Row
-from experiments.stability import agreement, hard_cases, invariances, page, rivals, storm
-from impact_gym.files import whole_file
+from experiments.lab import experiment
+from experiments.lab.experiment import Shown, Tables
+from experiments.stability import agreement, bars, figures, hard_cases, invariances, rivals, scenes, storm
 
 IN_A_QUICK_RUN = ("impact_gym", "solve_ivp", "0.0001")  # rivals whose names have one of these
+SHOWN = 200  # failures in the page; the table has all
 
 
-def once(path: Path, extent: str, rows: Callable[[], Sequence[Row]]) -> list[Row]:
-    """Return the table at `path` if it is of these sources and this extent; make it anew if not."""
-    run = f"{storm.sources()}, {extent}"
-    found = [row for row in records.read(path) if row["run"] == run]
-    if not found:
-        found = [row | {"run": run} for row in rows()]
-        records.write(path, found)
-    return found
-
-
-def tables(folder: Path, scenes: int, quick: bool, processes: int | None = None) -> tuple[dict[str, list[Row]], int]:
-    """Compute what the tables in `folder` do not have; return them all, and how many scenes of the storm are new.
+def tables(folder: Path, count: int, quick: bool, processes: int | None = None) -> Tables:
+    """Return all tables of a storm of `count` scenes, after computing what `folder` does not have of them.
 
     A `quick` look has fewer scenes for rivals and invariances, fewer rivals and hard cases, and less time for the
     independent solver.
     """
     patience, contested, size = (10.0, 6, 8) if quick else (60.0, 250, 300)  # s by the clock, scenes, scenes
     names = [name for name in rivals.RIVALS if not quick or any(word in name for word in IN_A_QUICK_RUN)]
-    rows, computed = storm.rows(folder, scenes, processes)
-    sampled, compared = range(agreement.FIRST, scenes, agreement.EVERY), rivals.sample(contested)
-    truths = agreement.truths(folder / "truth.csv", sorted({*sampled, *compared}), patience, processes)
-    judged, judges = ({number: truths[number] for number in numbers} for numbers in (sampled, compared))
+    sampled, contest = agreement.sampled(count), rivals.sample(contested)
+    rows = storm.rows(folder, count, processes)
+    truths = agreement.truths(folder, sorted({*sampled, *contest}), patience, processes)
+    judges = {number: truths[number] for number in contest}
     return {
         "storm": rows,
-        "truth": list(judged.values()),
-        "agreement": agreement.comparisons(folder / "agreement.csv", judged, processes),
-        "rivals": rivals.rows(folder / "rivals.csv", judges, names, processes),
-        "invariances": once(folder / "invariances.csv", f"{size} scenes", partial(invariances.table, size, rows)),
-        "hard_cases": once(folder / "hard_cases.csv", "few" if quick else "all", partial(hard_cases.rows, quick)),
-    }, computed
-
-
-def run(folder: Path, scenes: int, quick: bool, again: bool, command: str, processes: int | None = None) -> Path:
-    """Compute what the tables in `folder` do not have, or everything `again`; return the path of the page."""
-    begun, file = time.perf_counter(), folder / "results.json"
-    folder.mkdir(parents=True, exist_ok=True)
-    if again:
-        for table in [*folder.glob("*.csv"), file]:
-            table.unlink(missing_ok=True)
-    results: dict[str, Any] = json.loads(file.read_text()) if file.is_file() else {"runs": []}
-    this: dict[str, Any] = {
-        "command": command,
-        "load_before": os.getloadavg()[0],
-        "seconds": None,  # of a run that is stopped
-        "computed": 0,
-        **circumstances("impact-gym", "numpy", "scipy"),
+        "failures": [failure for row in rows for failure in bars.failures(row)],
+        "truth": list(truths.values()),
+        "agreement": agreement.comparisons(folder, {number: truths[number] for number in sampled}, processes),
+        "rivals": rivals.rows(folder, judges, names, processes),
+        "invariances": invariances.rows(folder, size, rows, processes),
+        "hard_cases": hard_cases.rows(folder, quick, processes),
     }
-    results["runs"].append(this)
-    try:
-        found, this["computed"] = tables(folder, scenes, quick, processes)
-        this["seconds"] = time.perf_counter() - begun
-    finally:
-        with whole_file(file) as out:
-            out.write((json.dumps(results, indent=2) + "\n").encode())
-    return page.write(folder, found, results)
+
+
+def shown(tables: Tables) -> Shown:
+    """Return figures and what the page says."""
+    rows, judged, broken = (tables[name] for name in ("storm", "agreement", "failures"))
+    sampled = [row for row in tables["truth"] if int(row["scene"]) in agreement.sampled(len(rows))]
+    unknown, shares = [row for row in sampled if row["failure"]], rivals.table(tables["rivals"])
+    drawn = {
+        "storm": figures.storm(rows, judged),
+        "rivals": figures.who_stands(shares),
+        "hard_cases": figures.hard_cases(tables["hard_cases"]),
+    }
+    return drawn, {
+        "bars": [*bars.over_storm(rows, broken), bars.over_agreement(judged, len(unknown))],
+        "invariances": tables["invariances"],
+        "failures": broken,
+        "shown": SHOWN,
+        "apart": [(row, bars.disagreement(row)) for row in judged if bars.disagreement(row)],
+        "unknown": unknown,
+        "sampled": len(sampled),
+        "table": shares,
+        "rivals": rivals,
+        "storm": scenes,
+        "size": len(rows),
+        "energy": bars.ENERGY,
+    }
+
+
+def run(
+    folder: Path, line: str, *, scenes: int, quick: bool, again: bool = False, processes: int | None = None
+) -> Path:
+    """Compute what `folder` does not have of a storm, or everything `again`; return the path of the page."""
+    return experiment.run(
+        "stability", folder, line, partial(tables, folder, scenes, quick, processes), shown, again=again
+    )

@@ -4,9 +4,11 @@ import json
 import os
 import re
 import signal
+import sqlite3
 import subprocess
 import sys
 import time
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +18,8 @@ from training import tiny
 
 from agents import train_seeds
 from agents.evaluate.play import play
-from agents.jobs import Job, JobsFailedError, digest_of, gather, gather_all
+from agents.jobs import Failure, Job, JobsFailedError, digest_of, gather, gather_all
+from agents.jobs.store import NAME, Store
 from agents.policies.networks import to_arrays
 from agents.policies.policy import load_policy
 from agents.train.settings import as_json
@@ -77,17 +80,51 @@ def test_jobs_with_the_same_key_are_done_once_and_come_in_every_place(log, tmp_p
     assert [int(came[place]["number"]) for place in range(5)] == [0, 1, 0, 1, 2]
 
 
-@pytest.mark.parametrize("damage", ["cut short", "empty", "that of another job"])
+def change(path, statement, *values):
+    with closing(sqlite3.connect(path)) as database, database:
+        database.execute(statement, values)
+
+
+@pytest.mark.parametrize("damage", [
+    "UPDATE results SET answer = substr(answer, 1, length(answer) - 40) WHERE key = ?1",
+    "UPDATE results SET answer = x'' WHERE key = ?1",
+    "UPDATE results SET answer = (SELECT answer FROM results WHERE key = ?2) WHERE key = ?1",
+])  # fmt: skip
 def test_a_damaged_result_is_computed_anew(log, tmp_path, capsys, damage):
     folder, jobs = tmp_path / "results", listed(log, 3)
     before = gather_all(jobs, folder, processes=0)
-    whole, other = ((folder / f"{job.key}.npz").read_bytes() for job in jobs[1:])
-    damaged = {"cut short": whole[:-40], "empty": b"", "that of another job": other}[damage]
-    (folder / f"{jobs[1].key}.npz").write_bytes(damaged)
+    change(folder / NAME, damage, jobs[1].key, *([jobs[2].key] if "?2" in damage else []))
     after = gather_all(jobs, folder, processes=0)
     assert calls(log) == [0, 1, 2, 1]
     assert all(same(*pair) for pair in zip(before, after, strict=True))
-    assert f"computed anew: {folder / jobs[1].key}" in capsys.readouterr().out
+    assert f"computed anew: {jobs[1].key}" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("damage", [
+    lambda content: b"no database" + content[11:],
+    lambda content: content[:100] + bytes(len(content) - 100),
+])  # fmt: skip
+def test_where_the_file_of_results_is_damaged_all_are_computed_anew_and_it_is_put_aside(tmp_path, capsys, damage):
+    log, folder = tmp_path / "log", tmp_path / "results"
+    before = gather_all(listed(log, 3), folder, processes=0)
+    damaged = damage((folder / NAME).read_bytes())
+    (folder / NAME).write_bytes(damaged)
+    for _ in range(2):
+        after = gather_all(listed(log, 3), folder, processes=0)
+        assert calls(log) == [0, 1, 2, 0, 1, 2]
+        assert all(same(*pair) for pair in zip(before, after, strict=True))
+    assert "is damaged" in capsys.readouterr().out
+    assert (folder / f"{NAME}.damaged").read_bytes() == damaged
+
+
+def test_two_gatherings_may_share_a_folder_and_use_what_is_there(tmp_path):
+    log, folder = tmp_path / "log", tmp_path / "results"
+    one, other = gather(listed(log, 3), folder, processes=0), gather(listed(log, 6)[::-1], folder, processes=0)
+    first = [next(one), next(other)]  # 0; and 5, once it is seen that 1 and 2 are still to do
+    came = [*first, *one, *other]
+    assert sorted(int(result["number"]) for _, result in came) == [0, 0, 1, 1, 2, 2, 3, 4, 5]
+    assert len(calls(log)) == len({*calls(log)}) + 2
+    assert kept(folder) == 6
 
 
 @pytest.mark.parametrize("processes", [0, 2])
@@ -121,11 +158,52 @@ def test_a_job_that_kills_every_process_is_named_and_spoils_no_other(log, tmp_pa
     assert sorted(calls(log)) == [0, 1, 2, 3, 100, 100]
 
 
+def test_a_job_that_hangs_is_ended_named_and_not_begun_again_and_the_others_go_on(tmp_path):
+    log, folder = tmp_path / "log", tmp_path / "results"
+    hang = Job("cluster_work:numbers", {"log": str(log), "number": 100, "seconds": 600.0})
+    dying = Job("cluster_work:kills_itself", {"log": str(log), "number": 200, "times": 1})
+    jobs = [hang, *listed(log, 4), dying, *listed(log, 3, seconds=0.2)]
+    came, begun = [], time.monotonic()
+    with pytest.raises(JobsFailedError, match=r"1 of 9 jobs failed(.|\n)*number=100.*: no answer within 1\.5 s"):
+        came.extend(place for place, _ in gather(jobs, folder, processes=2, seconds=1.5))
+    assert time.monotonic() - begun < 60.0
+    assert sorted(came) == list(range(1, 9))
+    assert sorted(calls(log)) == [0, 0, 1, 1, 2, 2, 3, 100, 200, 200]
+
+
+def test_the_time_that_a_process_takes_to_begin_and_to_import_the_function_is_not_that_of_its_job(tmp_path):
+    (result,) = gather_all([Job("slow_to_load:at_once", {})], tmp_path, processes=1, seconds=0.5)
+    assert result["value"] == 1.0
+
+
+def test_failures_are_values_that_are_kept_where_they_are_asked_for(tmp_path):
+    log, folder = tmp_path / "log", tmp_path / "results"
+    jobs = [
+        Job("cluster_work:fails_on", {"log": str(log), "number": 1, "bad": [1]}),
+        Job("cluster_work:kills_itself", {"log": str(log), "number": 2, "times": 99}),
+        Job("cluster_work:numbers", {"log": str(log), "number": 3, "seconds": 600.0}),
+        *listed(log, 1),
+    ]
+    found = gather_all(jobs, folder, processes=2, retries=0, seconds=1.0, failures=True)
+    assert [type(one) for one in found] == [Failure, Failure, Failure, dict]
+    raised, lost, late = (one.reason for one in found[:3])
+    assert raised == "ArithmeticError: no result for 1"
+    assert "worker was lost 1 time" in lost
+    assert late == "no answer within 1 s"
+    assert "in fails_on" in found[0].trace
+    before = calls(log)
+    again = gather_all(jobs, folder, processes=2, failures=True)
+    assert again[:3] == found[:3]
+    assert calls(log) == before
+    with pytest.raises(JobsFailedError, match="ArithmeticError"):  # whoever wants results tries once more
+        gather_all(jobs[:1], folder, processes=0)
+
+
 def driver(tmp_path, log):
     script = tmp_path / "driver.py"
     script.write_text(
         "import sys\n"
-        f"sys.path[:0] = {[str(HERE), str(HERE.parents[1])]}\n"
+        f"sys.path[:0] = {[str(HERE), str(HERE.parents[1])]!r}\n"  # what is tested, not what is installed
         "from agents.jobs import Job, gather_all\n"
         "if __name__ == '__main__':\n"
         f"    jobs = [Job('cluster_work:numbers', dict(log={str(log)!r}, number=n, seconds=0.2)) for n in range(12)]\n"
@@ -140,13 +218,18 @@ def descendants(pid):
     return [int(one) for one in below] + [deeper for one in below for deeper in descendants(int(one))]
 
 
+def kept(folder):
+    with closing(Store(folder)) as store:
+        return len(store)
+
+
 @pytest.mark.storm
 @pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="reads the list of processes where Linux keeps it")
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
 def test_what_a_killed_gathering_had_is_kept_and_no_process_is_left(log, tmp_path, how):
     results = tmp_path / "results"
     with subprocess.Popen(driver(tmp_path, log), cwd=HERE.parents[1], stderr=subprocess.PIPE) as running:
-        while len(list(results.glob("[!.]*.npz"))) < 3:
+        while kept(results) < 3:
             assert running.poll() is None, running.stderr.read()
             time.sleep(0.02)
         below = descendants(running.pid)
@@ -157,13 +240,12 @@ def test_what_a_killed_gathering_had_is_kept_and_no_process_is_left(log, tmp_pat
     while any(alive(pid) for pid in below):
         assert time.monotonic() < deadline, "a worker outlived the gathering process"
         time.sleep(0.05)
-    kept = len(list(results.glob("[!.]*.npz")))
-    begun = len(calls(log))
-    assert 3 <= kept < 12
+    before, begun = kept(results), len(calls(log))
+    assert 3 <= before < 12
     subprocess.run(driver(tmp_path, log), cwd=HERE.parents[1], check=True, stderr=subprocess.DEVNULL)
-    assert len(calls(log)) - begun == 12 - kept
+    assert len(calls(log)) - begun == 12 - before
     assert set(calls(log)) == set(range(12))
-    assert len(list(results.glob("[!.]*.npz"))) == 12
+    assert kept(results) == 12
 
 
 def alive(pid):
@@ -236,7 +318,9 @@ def test_what_is_no_job_is_refused_with_the_reason(function, arguments, kind, sa
 @pytest.mark.parametrize(("options", "said"), [
     ({"processes": -1}, "processes must be a whole number of at least 0, got -1"),
     ({"retries": -1}, "retries must be a whole number of at least 0, got -1"),
-    ({"processes": 2, "cluster": "ray"}, "not both"),
+    ({"processes": 2, "cluster": "ray"}, "processes or cluster, not both"),
+    ({"seconds": 1.0, "cluster": "ray"}, "seconds or cluster, not both"),
+    ({"seconds": 0.0}, "seconds must be finite and above 0 s"),
 ])  # fmt: skip
 def test_wrong_options_of_gathering_are_refused_at_once(tmp_path, options, said):
     with pytest.raises(ValueError, match=said):

@@ -3,6 +3,7 @@
 import re
 import shutil
 import sys
+from base64 import b64encode
 from dataclasses import replace
 from html import unescape
 
@@ -30,6 +31,7 @@ from experiments.paper import (
 from experiments.paper.statements import Verdict
 from experiments.paper.tables import Run
 
+RUN = {"command": "python -m experiments.paper", "seconds": 1.0}
 # what a correct model says otherwise than the text; each carries its reason on the page
 DISAGREEMENTS = {
     "figure_06": {"At constant k_c the contact force increases as e decreases"},
@@ -69,7 +71,7 @@ def folder(computed, tmp_path_factory):
     for name, table in computed.items():
         tables.write(path / f"{name}.csv", table)
         save(catalogue.load(name).plot(tables.read(path / f"{name}.csv")), path / f"{name}.svg")
-    page.write(path)
+    page.write(path, RUN)
     return path
 
 
@@ -136,11 +138,14 @@ def test_about_allows_one_unit_of_the_last_digit_and_no_more(ours, about, verdic
 def test_the_page_has_every_figure_and_needs_no_network(folder):
     text = (folder / "index.html").read_text()
     assert not re.search(r"https?:|src=\"//|@import|url\(", text)
-    for reference in re.findall(r'(?:src|href)="([^#"][^"]*)"', text):
+    for reference in re.findall(r'href="([^#"][^"]*)"', text):
         assert (folder / reference).is_file(), reference
-    images = dict(re.findall(r'<img src="([^"]+)" alt="([^"]+)"', text))
-    assert set(images) == {f"{name}.svg" for name in catalogue.NAMES}
-    assert all(len(alternative) > 60 for alternative in images.values())
+    images = re.findall(r'<a href="([^"]+)"><img src="([^"]+)" alt="([^"]+)"', text)
+    assert [file for file, _, _ in images] == [f"{name}.svg" for name in catalogue.NAMES]
+    assert len(images) == text.count("<img")
+    for file, source, alternative in images:
+        assert source == "data:image/svg+xml;base64," + b64encode((folder / file).read_bytes()).decode()
+        assert len(alternative) > 60
     assert "prefers-color-scheme" in text
     assert 'name="viewport"' in text
 
@@ -172,8 +177,11 @@ def test_what_cannot_be_drawn_is_named(folder, tmp_path, monkeypatch):
     with pytest.raises(SystemExit, match=r"no figure '4': there are 2, 3, 5, .*beyond_speed"):
         command.main()
     shutil.copy(folder / "figure_02.csv", tmp_path / "figure_03.csv")
+    with pytest.raises(ValueError, match="has no tables"):  # what was stopped before it was drawn does not count
+        page.write(tmp_path, RUN)
+    shutil.copy(folder / "figure_02.svg", tmp_path / "figure_03.svg")
     with pytest.raises(ValueError, match=r"figure_03\.csv is not of this version"):
-        page.write(tmp_path)
+        page.write(tmp_path, RUN)
 
 
 def test_the_damping_force_changes_sign_where_the_penetration_peaks(computed):

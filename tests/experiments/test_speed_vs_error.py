@@ -3,6 +3,7 @@
 import json
 import math
 import re
+from contextlib import closing
 from dataclasses import replace
 from xml.etree import ElementTree
 
@@ -12,16 +13,20 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import impact_gym as ig
+from agents.jobs import Job
+from agents.jobs.store import Store
 from experiments import reference
-from experiments.lab import tables as records
+from experiments.lab import experiment
 from experiments.lab.charts import save
+from experiments.lab.results import KEPT
+from experiments.lab.tables import rows_of
 from experiments.paper.scenes import MOTION, decoupled
 from experiments.speed_vs_error import (
     by_hand,
     contenders,
     figures,
     heat_map,
-    page,
+    measure,
     peer,
     quantities,
     scenes,
@@ -130,7 +135,7 @@ def test_the_named_scenes_are_what_they_are_called():
 
 
 def test_the_truth_is_what_a_second_method_finds():
-    row = truth.truth(NAMED["multiple"], 1e-11)
+    (row,) = rows_of(truth.truth("multiple", 1e-11))
     assert row["second_contacts"] == row["contacts"]
     assert max(row[f"{name}_doubt"] for name in ERRORS) < 1e-9
 
@@ -157,6 +162,10 @@ def table(rows):
     return pl.DataFrame(rows, infer_schema_length=None)
 
 
+def read(path):
+    return pl.read_csv(path, infer_schema_length=None, schema_overrides={"scene": pl.String, "failure": pl.String})
+
+
 def test_an_error_that_is_small_by_chance_does_not_count():
     rows = [row("RK4", 1e-3, 10.0, 1e-9), row("RK4", 1e-4, 100.0, 1e-5), row("RK4", 1e-5, 1000.0, 1e-7)]
     assert summary.cheapest(table(rows), ["RK4"], 1e-6)["setting"] == 1e-5
@@ -176,47 +185,44 @@ def test_a_missing_answer_counts_as_an_infinite_error_and_a_failure():
 
 
 @pytest.fixture
-def tables(tmp_path):
+def tables():
     """A frozen table of every kind."""
     about = {"scene": "soft", "description": "a scene", "contacts": 1, "passes": 0, "second_contacts": 1}
     doubt = {f"{name}_doubt": 1e-14 for name in ERRORS}
-    records.write(tmp_path / page.NAMED_TRUTH, [about | {"second_passes": 0} | doubt])
-    records.write(tmp_path / page.POPULATION_TRUTH, [about | {"second_passes": 0} | doubt])
+    truths = [about | {"second_passes": 0} | doubt]
     rows = [
         row(name, setting, 10.0 / setting, setting, failure="2 contacts, not 1" if setting > 1e-4 else "")
         for name in contenders.NAMES
         for setting in (1e-3, 1e-5, 1e-7)
     ]
-    records.write(tmp_path / page.NAMED, rows)
-    records.write(tmp_path / page.POPULATION, rows)
     cells = [
         {"stiffness": k_c, "damping_factor": d, "velocity_error": 1e-9, "steps": 40, "ended": 1, "failure": ""}
         for k_c in (1e2, 1e4)
         for d in (1e-2, 1.0)
     ]
     cells[0] |= {"velocity_error": math.nan, "failure": "RuntimeError"}
-    records.write(tmp_path / page.HEAT_MAP, cells)
-    return tmp_path
+    about_both = {"named_truth": truths, "population_truth": truths, "mujoco_fits": []}
+    return about_both | {"named": rows, "population": rows, "heat_map": cells}
 
 
-def test_a_frozen_table_draws_and_a_figure_follows_its_table(tables):
-    page.draw(tables)
+def test_a_frozen_table_draws_and_a_figure_follows_its_table(tables, tmp_path):
+    experiment.write("speed_vs_error", tmp_path, tables, *study.shown(tables), [])
     names = [*ERRORS, "population", "heat_map"]
-    first = {name: (tables / f"{name}.svg").read_bytes() for name in names}
+    first = {name: (tmp_path / f"{name}.svg").read_bytes() for name in names}
     for picture in first.values():
         ElementTree.fromstring(picture)
     for name in contenders.NAMES:
         assert name.encode() in first["velocity_error"]
-    rows, truths = records.table(tables / page.NAMED), records.table(tables / page.NAMED_TRUTH)
-    again = save(figures.named_scenes(rows, truths, "velocity_error"), tables / "again.svg").read_bytes()
+    rows, truths = read(tmp_path / "named.csv"), read(tmp_path / "named_truth.csv")
+    again = save(figures.named_scenes(rows, truths, "velocity_error"), tmp_path / "again.svg").read_bytes()
     assert again == first["velocity_error"]
     rows = rows.with_columns(pl.col("velocity_error") * 100)
-    changed = save(figures.named_scenes(rows, truths, "velocity_error"), tables / "changed.svg").read_bytes()
+    changed = save(figures.named_scenes(rows, truths, "velocity_error"), tmp_path / "changed.svg").read_bytes()
     assert changed != again
 
 
-def test_the_heat_map_runs_one_contact(tmp_path):
-    cell = heat_map.cell((1e6, 10.0), 1e-12)
+def test_the_heat_map_runs_one_contact():
+    (cell,) = rows_of(heat_map.cell(1e6, 10.0, 1e-12))
     assert cell["failure"] == ""
     assert cell["ended"] == 1
     assert cell["velocity_error"] < 1e-7  # ten times the rtol, of 0.7 m/s
@@ -226,11 +232,10 @@ def test_the_heat_map_runs_one_contact(tmp_path):
 def quick(tmp_path_factory):
     folder = tmp_path_factory.mktemp("study") / "speed_vs_error"
     extent = replace(study.QUICK, names=("soft",), scenes=4, fit=8)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(truth.os, "cpu_count", lambda: 1)  # processes would only import everything anew
-        study.run(folder, extent, again=False, command="python -m experiments.speed_vs_error --quick")
-        named = (folder / page.NAMED).read_bytes()
-        written = study.run(folder, extent, again=False, command="again")
+    command = "python -m experiments.speed_vs_error --quick"
+    study.run(folder, command, extent=extent, processes=0)  # others would only import everything anew
+    named = (folder / "named.csv").read_bytes()
+    written = study.run(folder, "again", extent=extent, processes=0)
     return folder, named, written
 
 
@@ -238,22 +243,40 @@ def test_a_quick_run_measures_every_contender_on_every_scene(quick):
     folder, _, _ = quick
     absent = {contenders.MUJOCO: peer.missing(), contenders.HEYOKA: taylor.missing()}
     expected = {name for name in contenders.NAMES if not absent.get(name)}
-    assert {row["contender"] for row in records.read(folder / page.NAMED)} == expected
-    population = records.read(folder / page.POPULATION)
+    named, population = (read(folder / f"{name}.csv").to_dicts() for name in ("named", "population"))
+    assert {row["contender"] for row in named} == expected
     assert {row["scene"] for row in population} == {"000", "001", "002", "003"}
-    for found in (*population, *records.read(folder / page.NAMED)):
+    for found in (*population, *named):
         assert found["microseconds"] > 0
     fine = [row for row in population if row["contender"] == OURS and row["setting"] == 1e-9]
-    assert all(row["failure"] == "" and row["velocity_error"] < 1e-7 for row in fine)
-    assert len(records.read(folder / page.HEAT_MAP)) == len(heat_map.grid(study.QUICK.heat_map))
+    assert len(fine) == 4
+    assert all(not row["failure"] and row["velocity_error"] < 1e-7 for row in fine)
+    assert read(folder / "heat_map.csv").height == len(heat_map.grid(study.QUICK.heat_map))
 
 
 def test_what_is_on_disk_is_not_measured_again(quick):
     folder, named, _ = quick
-    assert (folder / page.NAMED).read_bytes() == named
+    assert (folder / "named.csv").read_bytes() == named
     runs = json.loads((folder / "results.json").read_text())["runs"]
-    assert len(runs) == 2
+    with closing(Store(folder / KEPT)) as store:
+        assert [run["computed"] for run in runs] == [len(store), 0]
     assert all(run["seconds"] > 0 and run["machine"] and run["versions"] for run in runs)
+
+
+def test_what_is_timed_in_turns_is_so_in_this_process_alone(tmp_path, monkeypatch):
+    asked = []
+    monkeypatch.setattr(measure, "gathered", lambda *_, **options: asked.append(options["processes"]))
+    for rounds in (1, 3):
+        measure.rows(tmp_path, "any", {"soft": Answer(1.0, 10.0, 0.1, math.nan, 2, 1)}, {}, [(OURS, 1e-6)], rounds)
+    assert asked == [None, 0]
+
+
+def test_an_approach_is_drawn_again_by_its_name_and_an_answer_sent_is_that_which_comes():
+    for approach in (*scenes.named(), *scenes.population(5)):
+        assert scenes.approach_of(approach.name) == approach
+    answer = Answer(1.0, 10.0, 0.1, math.nan, contacts=2, passes=1)
+    sent = Job("cluster_work:fails_on", {"log": "", "number": quantities.as_json(answer), "bad": []})
+    assert str(quantities.from_json(sent.arguments["number"])) == str(answer)  # nan is not equal to itself
 
 
 def test_the_page_stands_on_its_own_and_leads_to_files_that_are_there(quick):

@@ -1,16 +1,19 @@
 """The storm covers what it says, its checks find what is planted, and what is on disk is not computed again."""
 
 import math
-import time
-from functools import partial
+from contextlib import closing
 
 import numpy as np
 import pytest
-from stability_scenes import COUPLINGS, ROBOTS, approach_of, asleep, astuple, dying
+from stability_scenes import COUPLINGS, ROBOTS, approach_of, asleep, astuple
 
 import impact_gym as ig
-from experiments.lab import tables as records
-from experiments.stability import agreement, bars, checks, scenes, storm, workers
+from agents.jobs import JobsFailedError
+from agents.jobs.store import Store
+from experiments.lab import tables
+from experiments.lab.results import KEPT
+from experiments.lab.tables import gathered, rows_of
+from experiments.stability import agreement, bars, checks, scenes, storm
 from impact_gym import simulation
 from impact_gym.scene import Dissipation
 
@@ -59,16 +62,22 @@ def test_a_scene_depends_on_its_number_alone():
     assert len({approach.description for approach in forwards}) == 40
 
 
-def test_processes_answer_and_those_that_hang_or_die_are_told_apart(tmp_path):
-    def said(work, seconds, limit, **options):
-        tasks = [({"scene": str(k), "seconds": time, "failure": ""},) for k, time in enumerate(seconds)]
-        rows, _ = workers.filled(tmp_path / f"{work.__name__}.csv", work, tasks, limit, **options)
-        return [row["failure"] for row in rows]
+def test_jobs_that_hang_die_or_raise_are_rows_and_told_apart(tmp_path):
+    def named(arguments):
+        return {"scene": arguments["scene"]}
 
-    preparing = partial(time.sleep, 2.0)  # it does not count
-    assert said(asleep, [0.0, 60.0, 0.01], 1.0, prepare=preparing, processes=2) == ["", "no answer within 1 s", ""]
-    assert said(dying, [0.0], 60.0, processes=1) == ["the process died, exit code 3"]
-    assert said(math.cos, [0.0], 60.0, processes=0) == ["TypeError: must be real number, not dict"]
+    asked = [{"seconds": 0.0}, {"seconds": 60.0}, {"seconds": -1.0}, {"seconds": "1"}]
+    asked = [{"scene": str(place)} | arguments for place, arguments in enumerate(asked)]
+    rows = gathered(tmp_path, "any", asleep, asked, "", named, processes=2, seconds=1.0)
+    assert [row["scene"] for row in rows] == list("0123")
+    fine, hung, died, raised = (row["failure"] for row in rows)
+    assert fine == ""
+    assert hung == "no answer within 1 s"
+    assert "its worker was lost 1 time" in died
+    assert raised.startswith("TypeError")
+    assert math.isnan(rows[1]["seconds"])  # what is not known is not a number
+    with pytest.raises(JobsFailedError, match="no answer within 1 s"):
+        gathered(tmp_path, "any", asleep, asked[1:2], "", processes=1, seconds=1.0)
 
 
 def promises_broken(row):
@@ -167,12 +176,12 @@ def test_a_run_that_cannot_finish_takes_too_long_or_is_not_settled_is_found(monk
 def test_a_disagreement_is_found_and_what_is_not_known_is_counted():
     number = 17
     approach = scenes.draw(number)
-    true = agreement.truth(scenes.labels(approach) | {"contender": agreement.order(approach)[0]})
+    (true,) = rows_of(agreement.truth(number, agreement.order(approach)[0]))
     assert true["failure"] == ""
-    same = agreement.compared(scenes.labels(approach), true)
+    (same,) = rows_of(agreement.compared(number, true))
     assert bars.disagreement(same) == ""
     false = true | {"velocity": true["velocity"] * (1 + 3e-6)}
-    apart = agreement.compared(scenes.labels(approach), false)
+    (apart,) = rows_of(agreement.compared(number, false))
     assert "3.0e-06" in bars.disagreement(apart)
     assert apart["spread"] < 1e-9 * abs(apart["velocity"])  # the scene is not to blame
     assert bars.disagreement(same | {"passes": same["passes"] + 1})
@@ -185,26 +194,38 @@ def test_a_disagreement_is_found_and_what_is_not_known_is_counted():
 def test_an_interrupted_storm_goes_on_where_it_stopped_and_other_sources_start_anew(tmp_path, monkeypatch):
     done = []
 
-    def one(row):
-        if row["scene"] == "4" and "4" not in done:
-            done.append("4")
+    def row_of(approach):
+        done.append(approach.name)
+        if done.count("4") == 1 and approach.name == "4":
             raise KeyboardInterrupt
-        done.append(row["scene"])
-        return row | {"failure": "not run"}
+        return storm.blank(approach) | {"failure": "not run"}
 
-    monkeypatch.setattr(storm, "one", one)
+    monkeypatch.setattr(storm, "row_of", row_of)
     with pytest.raises(KeyboardInterrupt):
         storm.rows(tmp_path, 8, 0)
-    assert [row["scene"] for row in records.read(tmp_path / "storm.csv")] == ["0", "1", "2", "3"]
-    for new in (4, 0):
-        rows, computed = storm.rows(tmp_path, 8, 0)
+    assert done == list("01234")
+    with closing(Store(tmp_path / KEPT)) as store:
+        assert len(store) == 4
+    for _ in range(2):
+        rows = storm.rows(tmp_path, 8, 0)
         assert [row["scene"] for row in rows] == list("01234567")
-        assert computed == new
-    assert done == list("012344567")
-    assert len(storm.rows(tmp_path, 5, 0)[0]) == 5
-    monkeypatch.setattr(storm, "sources", lambda: "other")
-    assert storm.rows(tmp_path, 8, 0)[1] == 8
-    assert {row["run"] for row in records.read(tmp_path / "storm.csv")} == {"other"}
+        assert {row["failure"] for row in rows} == {"not run"}
+        assert done == list("012344567")
+    assert len(storm.rows(tmp_path, 5, 0)) == 5
+    monkeypatch.setattr(storm, "solver_and", lambda *modules: "other")
+    assert len(storm.rows(tmp_path, 8, 0)) == 8
+    assert done == list("01234456701234567")
+
+
+def test_what_a_row_depends_on_is_the_solver_as_it_is_compiled_and_who_judges_it(monkeypatch):
+    judged = tables.solver_and("experiments.stability.checks")
+    assert judged != tables.solver_and("experiments.stability.storm")
+    tables.solver_and.cache_clear()
+    assert tables.solver_and("experiments.stability.checks") == judged
+    tables.solver_and.cache_clear()
+    monkeypatch.setattr(tables, "COMPILED_FROM", "another solver")
+    assert tables.solver_and("experiments.stability.checks") != judged
+    tables.solver_and.cache_clear()
 
 
 def test_a_promise_with_no_failure_is_kept():

@@ -6,6 +6,7 @@ import time
 import numpy as np
 
 import impact_gym as ig
+from experiments.lab.tables import result_of
 from experiments.paper.scenes import DISTANCE, MECHANISM, MOTION
 from experiments.speed_vs_error.scenes import Approach
 
@@ -31,12 +32,9 @@ def astuple(approach):
     return approach.scene, approach.motion, approach.duration
 
 
-def asleep(row):
-    """Take a task's time."""
-    time.sleep(row["seconds"])
-    return row
-
-
-def dying(row):
-    """End the process."""
-    os._exit(3)
+def asleep(scene, seconds):
+    """Take a job's time; end the process where that is negative."""
+    if seconds < 0.0:
+        os._exit(3)
+    time.sleep(seconds)
+    return result_of([{"scene": scene, "failure": "", "seconds": seconds}])

@@ -1,26 +1,18 @@
-"""The page about the storm and its figures, drawn from the tables: one file, its figures inside."""
+"""The figures, drawn from the tables."""
 
-import base64
-from collections.abc import Mapping, Sequence
-from pathlib import Path
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import polars as pl
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.lab import tables as records
-from experiments.lab.charts import SERIES, save
+from experiments.lab.charts import SERIES
 from experiments.lab.tables import Row
 from experiments.speed_vs_error.contenders import OURS
-from experiments.speed_vs_error.page import short
-from experiments.stability import bars, rivals, scenes
+from experiments.stability import bars, rivals
 from experiments.stability.agreement import SHARE
-from impact_gym.files import whole_file
-
-SHOWN = 200  # failures in the page; the table has all
 
 # from good to bad, told apart by lightness as well
 SHADES = dict(zip(rivals.CLASSES, ("#009E73", "#9BD8C3", "#E69F00", "#D55E00", "#56B4E9", "#999999"), strict=True))
@@ -42,7 +34,7 @@ def _share_above(axes: Axes, values: Any, floor: float, bar: float, name: str, *
     axes.set(xscale="log", yscale="log", xlabel=name)
 
 
-def storm_figure(rows: Sequence[Row], agreement: Sequence[Row]) -> Figure:
+def storm(rows: Sequence[Row], agreement: Sequence[Row]) -> Figure:
     """Which share of the scenes is above a time, number of steps, momentum error, error of V_p."""
     figure = Figure(figsize=(10.8, 6.6))
     panels: Any = figure.subplots(2, 2, sharey=True)
@@ -66,7 +58,7 @@ def storm_figure(rows: Sequence[Row], agreement: Sequence[Row]) -> Figure:
     return figure
 
 
-def rivals_figure(table: Sequence[Row]) -> Figure:
+def who_stands(table: Sequence[Row]) -> Figure:
     """What became of each rival on the same scenes: bars of shares."""
     figure = Figure(figsize=(10.8, 5.6))
     axes = figure.subplots()
@@ -91,7 +83,7 @@ PANELS = {
 }
 
 
-def hard_cases_figure(rows: Sequence[Row]) -> Figure:
+def hard_cases(rows: Sequence[Row]) -> Figure:
     """What fails elsewhere and not here, a panel for each cause."""
     figure = Figure(figsize=(10.8, 8.2))
     grid: Any = figure.subplots(2, 2)
@@ -110,42 +102,3 @@ def hard_cases_figure(rows: Sequence[Row]) -> Figure:
             axes.invert_xaxis()
         axes.legend(fontsize=8, frameon=True)
     return figure
-
-
-def write(folder: Path, tables: Mapping[str, Sequence[Row]], results: Mapping[str, Any]) -> Path:
-    """Draw the figures and write the page and the table of failures; return the path of the page."""
-    storm, judged = tables["storm"], tables["agreement"]
-    broken = [failure for row in storm for failure in bars.failures(row)]
-    unknown = [row for row in tables["truth"] if row["failure"]]
-    shares = rivals.table(tables["rivals"])
-    (folder / "failures.csv").unlink(missing_ok=True)
-    if broken:
-        records.write(folder / "failures.csv", broken)
-    save(storm_figure(storm, judged), folder / "storm.svg")
-    save(rivals_figure(shares), folder / "rivals.svg")
-    save(hard_cases_figure(tables["hard_cases"]), folder / "hard_cases.svg")
-
-    def image(name: str) -> str:
-        return "data:image/svg+xml;base64," + base64.b64encode((folder / f"{name}.svg").read_bytes()).decode()
-
-    pages = Environment(loader=FileSystemLoader(Path(__file__).parent), autoescape=True, undefined=StrictUndefined)
-    pages.filters |= {"short": short}
-    text = pages.get_template("page.html.jinja").render(
-        bars=[*bars.over_storm(storm, broken), bars.over_agreement(judged, len(unknown))],
-        invariances=tables["invariances"],
-        failures=broken,
-        shown=SHOWN,
-        apart=[(row, bars.disagreement(row)) for row in judged if bars.disagreement(row)],
-        unknown=unknown,
-        sampled=len(tables["truth"]),
-        table=shares,
-        rivals=rivals,
-        storm=scenes,
-        size=len(storm),
-        energy=bars.ENERGY,
-        image=image,
-        results=results,
-    )
-    with whole_file(folder / "index.html") as file:
-        file.write(text.encode())
-    return folder / "index.html"

@@ -1,0 +1,63 @@
+"""What every experiment does: compute what is missing of its tables, write them, draw them, write the page."""
+
+import shlex
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+from matplotlib.figure import Figure
+
+from experiments.lab import page
+from experiments.lab.charts import save
+from experiments.lab.results import REPORTS, noted
+from experiments.lab.tables import Row
+from impact_gym.files import whole_file
+
+Tables = dict[str, list[Row]]
+Shown = tuple[Mapping[str, Figure], Mapping[str, Any]]
+"""Figures by name, and what else the template of the page needs."""
+
+
+def command(name: str, run: Callable[[Path, str], Path], out: Path | None, quick: bool) -> None:
+    """Run an experiment for its command line, in reports/name, or name_quick beside it, and say where its page is.
+
+    Args:
+        name: of the package below `experiments`.
+        run: takes the folder and the command line; returns the path of the page.
+        out: another folder.
+        quick: whether it is a first look.
+    """
+    folder = out or REPORTS / (f"{name}_quick" if quick else name)
+    try:
+        written = run(folder, shlex.join(["python", "-m", f"experiments.{name}", *sys.argv[1:]]))
+    except KeyboardInterrupt:
+        print(f"experiments.{name}: interrupted; what was computed is kept", file=sys.stderr)
+        sys.exit(130)
+    print(f"{name}: {written.resolve().as_uri()}")
+
+
+def run(
+    name: str, folder: Path, line: str, compute: Callable[[], Tables], show: Callable[[Tables], Shown],
+    *, again: bool, packages: Iterable[str] = (),
+) -> Path:  # fmt: skip
+    """Compute the tables, forgetting before what is kept if all is to be done `again`; show them; return the page."""
+    with noted(folder, line, packages, again) as runs:
+        tables = compute()
+    return write(name, folder, tables, *show(tables), runs)
+
+
+def write(
+    name: str, folder: Path, tables: Tables, figures: Mapping[str, Figure], content: Mapping[str, Any],
+    runs: Sequence[Mapping[str, Any]],
+) -> Path:  # fmt: skip
+    """Write tables, as CSV for people, figures and the page into `folder`; return the path of the page."""
+    for title, rows in tables.items():
+        (folder / f"{title}.csv").unlink(missing_ok=True)
+        if rows:
+            with whole_file(folder / f"{title}.csv") as file:
+                pl.DataFrame(rows, infer_schema_length=None).write_csv(file)
+    for title, figure in figures.items():
+        save(figure, folder / f"{title}.svg")
+    return page.write(folder, name, runs=runs, **content)

@@ -1,0 +1,42 @@
+"""The page of an experiment: one file with its figures inside, from the experiment's template, which extends ours."""
+
+import base64
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
+
+from impact_gym.files import whole_file
+
+EXPERIMENTS = Path(__file__).parents[1]
+
+
+def factor(value: float) -> str:
+    """Return a ratio in words: two digits, or one decimal below ten."""
+    return f"{value:.1f}" if value < 10 else f"{float(f'{value:.2g}'):,.0f}"
+
+
+def short(value: float) -> Markup:
+    """Return a power of ten without the zeros that fill its exponent, 1e-6 or 2.2e-4, not to be broken over lines."""
+    mantissa, _, exponent = f"{value:.1e}".partition("e")  # inf and nan have no exponent
+    text = f"{mantissa.removesuffix('.0')}e{int(exponent)}" if exponent else mantissa
+    return Markup('<span class="number">{}</span>').format(text)
+
+
+def write(folder: Path, experiment: str, **content: Any) -> Path:
+    """Write `folder`/index.html from the template experiments/`experiment`/page.html.jinja; return its path.
+
+    The template has the filters `factor` and `short`, and `image(figure)`, which is the content of `folder`/figure.svg
+    as a URI. Of `content`, `runs` are notes of what made the page, as `experiments.lab.results.noted` gives them.
+    """
+
+    def image(figure: str) -> str:
+        return "data:image/svg+xml;base64," + base64.b64encode((folder / f"{figure}.svg").read_bytes()).decode()
+
+    pages = Environment(loader=FileSystemLoader(EXPERIMENTS), autoescape=True, undefined=StrictUndefined)
+    pages.filters |= {"factor": factor, "short": short}
+    text = pages.get_template(f"{experiment}/page.html.jinja").render(image=image, **content)
+    with whole_file(folder / "index.html") as file:
+        file.write(text.encode())
+    return folder / "index.html"
