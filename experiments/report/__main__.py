@@ -146,7 +146,7 @@ def publish(asked: list[matchups.Matchup], options: ReportOptions) -> Path:
 
 def write_folder(played: list[Played], options: ReportOptions, begun: float, first: bool = False) -> Path:
     """Write the folder of what was played since `begun`; return its page, of which a first one has the answer alone."""
-    asked = [one.matchup for one in played]
+    asked, whole = [one.matchup for one in played], [] if first else played
     with whole_folder(options.out) as folder:
         parts = page.sections(played, first)
         (folder / "figures").mkdir()
@@ -156,14 +156,15 @@ def write_folder(played: list[Played], options: ReportOptions, begun: float, fir
         with whole_file(folder / "episodes.parquet") as file:
             rows.write_parquet(file, compression="zstd")
         answers = [answer.answer(one) for one in played]
-        reached = {one.matchup.name: [asdict(bar) for bar in bars.bars(one, played)] for one in played if not first}
         results = {
-            "answers": {one.matchup: one.as_json() for one in answers},
-            "bars": reached,
+            "answers": {one.matchup: asdict(one) for one in answers},
+            "bars": {one.matchup.name: [asdict(bar) for bar in bars.bars(one, played)] for one in whole},
             "first page": first,
             "episodes": {"rows": len(rows), "sha256": checksum(folder / "episodes.parquet")},
-            "contestants": {one.matchup.name: _checksums(one) for one in played},
-            "weights": {one.matchup.name: list(one.policy.weights) for one in played},
+            "contestants": {
+                one.name: {each.name: each.checksum for each in (*one.seeds, *one.baselines)} for one in asked
+            },
+            "weights": {one.name: list(one.policy.weights) for one in asked},
             "scenarios": "; ".join(dict.fromkeys(_scenarios(one.scenarios) for one in asked)),
             "command": shlex.join(["python", "-m", "experiments.report", *sys.argv[1:]]),
             **revision(),
@@ -174,9 +175,9 @@ def write_folder(played: list[Played], options: ReportOptions, begun: float, fir
         about = {
             **results,
             "first": first,
-            "sentences": [answer.sentence(one, play.matchup) for one, play in zip(answers, played, strict=True)],
+            "sentences": [answer.sentence(*pair) for pair in zip(answers, asked, strict=True)],
             "table": answer.answers_table(answers, played),
-            "weak": [] if first else [said for one in played for said in robustness.weak_points(one)],
+            "weak": [said for one in whole for said in robustness.weak_points(one)],
             "seeds": max(len(one.seeds) for one in played),
             "limits": _limits(asked),
             "own": bool(options.policy),
@@ -185,13 +186,9 @@ def write_folder(played: list[Played], options: ReportOptions, begun: float, fir
             "resamples": f"{RESAMPLES:,}",
             "policies": _policies_table(played),
         }
-        shown = {} if first else dict(map(page.watch, played))
+        shown = {one.matchup.name: page.watch(one) for one in whole}
         (folder / "index.html").write_text(page.render(about, parts, shown), encoding="utf-8")
     return options.out / "index.html"
-
-
-def _checksums(played: Played) -> dict[str, str]:
-    return {one.name: one.checksum for one in (*played.matchup.seeds, *played.matchup.baselines)}
 
 
 def _apart(scenarios: Mapping[str, Any]) -> str:
@@ -208,14 +205,13 @@ def _trained_with(asked: list[matchups.Matchup]) -> str:
 
 
 def _policies_table(played: list[Played]) -> Table:
-    body = []
-    for one in played:
-        late = one.policy_as_late.weights[0]
-        commands = one.matchup.provenance.get("command", "-")
-        body.append((one.matchup.name, one.matchup.chosen, str(len(one.seeds)), commands, f"{late:.4g}",
-                     one.matchup.policy.checksum[:16]))  # fmt: skip
+    body = [
+        (one.name, one.chosen, str(len(one.seeds)), one.provenance.get("command", "-"),
+         f"{each.policy_as_late.weights[0]:.4g}", one.policy.checksum[:16])
+        for each in played for one in [each.matchup]
+    ]  # fmt: skip
     head = ("recipe", "median seed", "seeds", "trained by", "weight as late as the rule (m/s per s)", "checksum")
-    return Table("The policies; checksums of all contestants are in results.json", head, tuple(body))
+    return Table("The policies; checksums of all contestants are in results.json", head, body)
 
 
 def _limits(asked: list[matchups.Matchup]) -> str:
