@@ -6,9 +6,8 @@ from statistics import median
 
 from experiments.lab.statistics import Estimate, Floats, Resamples, estimate
 from experiments.report.figures import Table
+from experiments.report.matchups import RULE
 from experiments.report.results import Played
-
-RULE = "paper-trapezoid"
 
 
 @dataclass(frozen=True)
