@@ -4,7 +4,6 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,8 +12,10 @@ from agents.baselines.rule import Seen
 from agents.evaluate.controllers import controller_of
 from agents.evaluate.play import frozen_of, play, stage_of
 from agents.policies import Controller
+from experiments.lab.player.films import play_to_the_end
 from experiments.reference.task import rescore
 from impact_gym.envs.observation import ENTRIES
+from impact_gym.envs.single import ImpactApproachEnv
 from impact_gym.envs.task import Task
 
 Arrays = dict[str, NDArray[Any]]
@@ -71,8 +72,9 @@ def reactions(
     Which `scenario` it was, time `since` the alarm (s), largest force `sensed` so far (N), `velocity` (m/s) and
     `acceleration` (m/s^2) commanded.
     """
-    one = controller_of(controller, weight, environment)
-    kept: list[tuple[Any, ...]] = []
+    one, task = controller_of(controller, weight, environment), Task(**environment)
+    low, high = np.array([task.velocity_range, task.acceleration_range]).T
+    kept: list[NDArray[np.float64]] = []
 
     class Listening:
         def predict(self, observation: Any, **arguments: Any) -> tuple[Any, Any]:
@@ -80,21 +82,13 @@ def reactions(
             seen = Seen(observation)
             now = seen.alarm & (seen.scaled[:, 4] < 1.0)  # once the episode is over the clock stands still
             sensed = np.expm1(seen.scaled[now, PEAK] * math.log1p(ENTRIES[PEAK].high))
-            command = 0.5 * (np.clip(np.asarray(action, np.float64)[now], -1.0, 1.0) + 1.0)
-            kept.append((np.flatnonzero(now), seen.since_alarm[now], sensed, command[:, 0], command[:, 1]))
+            command = low + (high - low) * (0.5 * (np.clip(np.asarray(action, np.float64)[now], -1.0, 1.0) + 1.0))
+            kept.append(np.column_stack([np.flatnonzero(now), seen.since_alarm[now], sensed, command]))
             return action, state
 
     stage_of(scenarios, weight, environment).play(Listening())
-    scenario, since, sensed, velocity, acceleration = (np.concatenate(column) for column in zip(*kept, strict=True))
-    task = Task(**environment)
-    (v_low, v_high), (a_low, a_high) = task.velocity_range, task.acceleration_range
-    return {
-        "scenario": scenario,
-        "since": since,
-        "sensed": sensed,
-        "velocity": v_low + (v_high - v_low) * velocity,
-        "acceleration": a_low + (a_high - a_low) * acceleration,
-    }
+    names = ("scenario", "since", "sensed", "velocity", "acceleration")
+    return dict(zip(names, np.concatenate(kept).T, strict=True))
 
 
 def in_scipy(
@@ -104,14 +98,14 @@ def in_scipy(
     weight: float,
     clamp: bool,
 ) -> Arrays:
-    """Return the results (scenarios,) in the independent solver, and those of the environment as `ours`."""
+    """Return the results (scenarios,) in the independent solver, and those of the environment, `our_...`."""
     frozen = frozen_of(scenarios)
     if frozen is None:
         raise ValueError("the independent solver takes scenarios of a set or a table")
     one = controller_of(controller, weight, environment)
     found = rescore(one, frozen, range(scenarios["count"]), environment, weight, clamp=clamp)
     ours = stage_of(scenarios, weight, environment).play(one)
-    return {**found, "ours": ours.object_velocity, "our_time": ours.approach_time, "our_missed": ours.missed}
+    return found | {f"our_{name}": getattr(ours, name) for name in ("object_velocity", "approach_time", "missed")}
 
 
 def profile(
@@ -127,14 +121,8 @@ def profile(
     position = np.linspace(0.0, distance, 141)
     curves = []
     for weight in weights:
-        one = controller_of(controller, weight, environment)
-        env: Any = gym.make("ImpactApproach-v0", record_trace=True, time_weight=weight, **environment).unwrapped
-        seen, _ = env.reset(seed=0, options={"record": record})
-        state, start, ended = None, np.ones(1, np.bool_), False
-        while not ended:
-            actions, state = one.predict(seen[None], state=state, episode_start=start, deterministic=True)
-            seen, _, terminated, truncated, info = env.step(np.asarray(actions)[0])
-            start, ended = np.zeros(1, np.bool_), terminated or truncated
+        env = ImpactApproachEnv(record_trace=True, time_weight=weight, **environment)
+        info = play_to_the_end(env, controller_of(controller, weight, environment), 0, record)
         trace = env.trace()
         approach = trace.time <= info["approach_time"] + 1e-12
         place, velocity = trace.flange_position[approach], trace.flange_velocity[approach]

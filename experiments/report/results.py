@@ -21,6 +21,7 @@ from impact_gym.envs.task import Task
 Arrays = Mapping[str, NDArray[Any]]
 PLAY = "agents.evaluate.play:play"
 MEASURES = "experiments.report.measures"
+PLAYER = "experiments.lab.player.films"  # plays what `MEASURES` watches
 SPEEDS = (0.4, 0.5, 0.6, 0.8, 1.0, 1.25, 1.5)  # m/s, of the family of constant speeds
 FAR = 0.36  # m, just beyond the farthest object: where an approach that meets nothing is watched
 NEAR = 0.25  # m, where one is watched that knows the distance
@@ -192,7 +193,7 @@ def _sources(matchups: list[Matchup]) -> str:
     """Digest of what determines results beside a job's arguments: sources, those of a user's baselines too."""
     named = [one.controller.get("object", "") for matchup in matchups for one in matchup.baselines]
     modules = sorted({name.partition(":")[0] for name in named if name})
-    return digest_of("impact_gym", "agents", MEASURES, "experiments.reference", *modules)
+    return digest_of("impact_gym", "agents", MEASURES, PLAYER, "experiments.reference", *modules)
 
 
 def watched_at(matchup: Matchup) -> float:

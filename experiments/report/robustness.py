@@ -152,7 +152,7 @@ def simulator(played: Played) -> Table:
         add(change, f"{len(seeds)} seeds", velocities, losses)
     for label in dict.fromkeys(label for label, _ in played.scipy):
         solved = {name: arrays for (kind, name), arrays in played.scipy.items() if kind == label}
-        velocities = [solved[chosen]["object_velocity"] - solved[chosen]["ours"]]
+        velocities = [solved[chosen]["object_velocity"] - solved[chosen]["our_object_velocity"]]
         losses = {name: _scipy_loss(one, weight) for name, one in solved.items()}
         add(f"SciPy's solver, {label}", chosen, velocities, losses)
     if not played.scipy:
@@ -168,5 +168,6 @@ def simulator(played: Played) -> Table:
 
 def _scipy_loss(arrays: Arrays, weight: float) -> Floats:
     """Change of V_p + w T and of what misses cost (scenarios,), m/s."""
-    velocity, time = arrays["object_velocity"] - arrays["ours"], arrays["approach_time"] - arrays["our_time"]
-    return velocity + weight * time + MISSED_COST * (arrays["missed"].astype(float) - arrays["our_missed"])
+    names = ("object_velocity", "approach_time", "missed")
+    change = {name: arrays[name].astype(float) - arrays[f"our_{name}"] for name in names}
+    return change["object_velocity"] + weight * change["approach_time"] + MISSED_COST * change["missed"]
