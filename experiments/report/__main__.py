@@ -5,6 +5,7 @@ import shlex
 import shutil
 import sys
 import time
+from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -28,10 +29,7 @@ from impact_gym.validation import whole
 RESULTS = "results.json"
 FIRST_LOOK = 100  # scenarios of the first page, which is there while the others are played
 WORTH_A_FIRST_LOOK = 3  # times as many scenarios, or the page itself is there soon enough
-PACKAGES = (
-    *("impact-gym", "gymnasium", "numpy", "scipy"),
-    *("altair", "vl-convert-python", "polars", "moocore", "jinja2"),
-)
+PACKAGES = ("impact-gym", "gymnasium", "numpy", "scipy", "altair", "vl-convert-python", "polars", "moocore", "jinja2")
 
 
 @dataclass(frozen=True)
@@ -106,11 +104,10 @@ def write(options: ReportOptions) -> Path:
     Raises:
         ValueError: something asked for is not there or makes no sense, or the folder is there and `force` is not given.
     """
-    out = options.out
-    replaceable(out)
-    if not options.force and not _nothing_whole(out):
-        raise ValueError(f"{out} is there: --force replaces it, --out names another folder")
-    for folder in (out.parent, options.episodes or out.parent):
+    replaceable(options.out)
+    if not options.force and not _nothing_whole(options.out):
+        raise ValueError(f"{options.out} is there: --force replaces it, --out names another folder")
+    for folder in (options.out.parent, options.episodes or options.out.parent):
         if folder.exists() and not folder.is_dir():
             raise ValueError(f"{folder} is no folder")
     return publish(matchups_of(options), options)
@@ -198,10 +195,8 @@ def _apart(scenarios: Mapping[str, Any]) -> str:
 
 
 def _trained_with(asked: list[matchups.Matchup]) -> str:
-    found = dict.fromkeys(
-        f"{name} {number}" for one in asked for name, number in one.provenance.get("versions", {}).items()
-    )
-    return ", ".join(found) or "what their files do not say"
+    versions = [item for one in asked for item in one.provenance.get("versions", {}).items()]
+    return ", ".join(dict.fromkeys(map(" ".join, versions))) or "what their files do not say"
 
 
 def _policies_table(played: list[Played]) -> Table:
@@ -216,12 +211,11 @@ def _policies_table(played: list[Played]) -> Table:
 
 def _limits(asked: list[matchups.Matchup]) -> str:
     """Say what the arms can do."""
-    limits: dict[str, list[str]] = {}
+    names = defaultdict(list)
     for one in asked:
         task = Task(**one.environment)
-        can = f"{task.acceleration_range[1]:g} m/s² and {task.velocity_range[1]:g} m/s"
-        limits.setdefault(can, []).append(one.name)
-    told = [f"{can} ({', '.join(names)})" if len(limits) > 1 else can for can, names in limits.items()]
+        names[f"{task.acceleration_range[1]:g} m/s² and {task.velocity_range[1]:g} m/s"].append(one.name)
+    told = [f"{limits} ({', '.join(whose)})" if len(names) > 1 else limits for limits, whose in names.items()]
     return f"Policies and tuned baselines may use up to {'; '.join(told)}."
 
 

@@ -152,18 +152,19 @@ def gather_matchups(
 
     With `first`, what the answer needs on so many scenarios is played before all else, and `told` while others play.
     """
-    depends = _sources(matchups)
     few = [replace(matchup, scenarios=_first(matchup.scenarios, first)) for matchup in matchups if first]
-    asked_first = [one for one in _all_asked(few, depends) if one.where in ANSWER]
-    asked = _all_asked(matchups, depends)
-    # the last recipe is the slowest: what is long begins first
-    jobs = [one.job for one in (*reversed(asked_first), *reversed(asked))]
-    missing, came = set(range(len(asked_first))), {}
+    asked, asked_first = _all_asked(matchups), [one for one in _all_asked(few) if one.where in ANSWER]
+    # from the last on: what is asked first, then what takes longest
+    jobs = [one.job for one in reversed([*asked, *asked_first])]
+    came: list[Arrays] = [{}] * len(jobs)
+    missing = len(asked_first)
     for place, arrays in gather(jobs, folder, processes=processes, cluster=cluster, title="playing"):
-        came[place] = arrays
-        if missing and not (missing := missing - {place}):
-            told(_played(few, asked_first, [came[k] for k in reversed(range(len(asked_first)))]))
-    return _played(matchups, asked, [came[k] for k in reversed(range(len(asked_first), len(jobs)))])
+        came[-1 - place] = arrays
+        if place < len(asked_first):
+            missing -= 1
+            if not missing:
+                told(_played(few, asked_first, came[len(asked) :]))
+    return _played(matchups, asked, came[: len(asked)])
 
 
 def _played(matchups: list[Matchup], asked: list[_Asked], results: list[Arrays]) -> list[Played]:
@@ -181,19 +182,15 @@ def _played(matchups: list[Matchup], asked: list[_Asked], results: list[Arrays])
     return played
 
 
-def _all_asked(matchups: list[Matchup], depends: str) -> list[_Asked]:
+def _all_asked(matchups: list[Matchup]) -> list[_Asked]:
+    """Return all jobs; they depend on sources, too, those of a user's baselines among them."""
+    named = {one.controller.get("object", "").partition(":")[0] for matchup in matchups for one in matchup.baselines}
+    depends = digest_of("impact_gym", "agents", MEASURES, PLAYER, "experiments.reference", *(named - {""}))
     return [
         _Asked(number, where, key, Job(function, arguments, depends))
         for number, matchup in enumerate(matchups)
         for where, key, function, arguments in _asked(matchup)
     ]
-
-
-def _sources(matchups: list[Matchup]) -> str:
-    """Digest of what determines results beside a job's arguments: sources, those of a user's baselines too."""
-    named = [one.controller.get("object", "") for matchup in matchups for one in matchup.baselines]
-    modules = sorted({name.partition(":")[0] for name in named if name})
-    return digest_of("impact_gym", "agents", MEASURES, PLAYER, "experiments.reference", *modules)
 
 
 def watched_at(matchup: Matchup) -> float:
