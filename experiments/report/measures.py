@@ -19,17 +19,13 @@ from impact_gym.envs.single import ImpactApproachEnv
 from impact_gym.envs.task import Task
 
 Arrays = dict[str, NDArray[Any]]
+JSON = Mapping[str, Any]
 HALVINGS = 9  # of the range of weights, in its logarithm: to 1 %
 APART = 500  # scenarios to find a weight on, or as many as are then played
 PEAK = next(place for place, entry in enumerate(ENTRIES) if entry.name.startswith("its maximum"))
 
 
-def play_as_late(
-    controller: Mapping[str, Any],
-    environment: Mapping[str, Any],
-    scenarios: Mapping[str, Any],
-    weights: Sequence[float],
-) -> Arrays:
+def play_as_late(controller: JSON, environment: JSON, scenarios: JSON, weights: Sequence[float]) -> Arrays:
     """Return the results (1, scenarios) at the weight whose mean approach takes as long as that of the paper's rule.
 
     That weight is found by bisection within the ends of `weights`, on other scenarios of the same kind (see `others`).
@@ -51,7 +47,7 @@ def play_as_late(
     return play(controller, scenarios, [high], environment) | {"weight": np.array([high])}
 
 
-def others(scenarios: Mapping[str, Any]) -> dict[str, Any]:
+def others(scenarios: JSON) -> dict[str, Any]:
     """Return scenarios to choose a weight on: the validation set for a shipped one, the same ranges with another seed.
 
     For a table of scenarios there are no others, and it is these.
@@ -64,9 +60,7 @@ def others(scenarios: Mapping[str, Any]) -> dict[str, Any]:
     return dict(scenarios)
 
 
-def reactions(
-    controller: Mapping[str, Any], environment: Mapping[str, Any], scenarios: Mapping[str, Any], weight: float
-) -> Arrays:
+def reactions(controller: JSON, environment: JSON, scenarios: JSON, weight: float) -> Arrays:
     """Return what was sensed and commanded at each control step after the alarm, an entry per step.
 
     Which `scenario` it was, time `since` the alarm (s), largest force `sensed` so far (N), `velocity` (m/s) and
@@ -91,13 +85,7 @@ def reactions(
     return dict(zip(names, np.concatenate(kept).T, strict=True))
 
 
-def in_scipy(
-    controller: Mapping[str, Any],
-    environment: Mapping[str, Any],
-    scenarios: Mapping[str, Any],
-    weight: float,
-    clamp: bool,
-) -> Arrays:
+def in_scipy(controller: JSON, environment: JSON, scenarios: JSON, weight: float, clamp: bool) -> Arrays:
     """Return the results (scenarios,) in the independent solver, and those of the environment, `our_...`."""
     frozen = frozen_of(scenarios)
     if frozen is None:
@@ -108,9 +96,7 @@ def in_scipy(
     return found | {f"our_{name}": getattr(ours, name) for name in ("object_velocity", "approach_time", "missed")}
 
 
-def profile(
-    controller: Mapping[str, Any], environment: Mapping[str, Any], weights: Sequence[float], distance: float
-) -> Arrays:
+def profile(controller: JSON, environment: JSON, weights: Sequence[float], distance: float) -> Arrays:
     """Return the flange's velocity (weights, k) over even positions (k,) up to an object at `distance` (m).
 
     A distance estimate, where there is one, is right.

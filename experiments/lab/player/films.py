@@ -102,12 +102,7 @@ def films(
 
 
 def play(
-    controller: Controller,
-    seed: int,
-    number: int,
-    record: Mapping[str, float],
-    options: Mapping[str, Any],
-    task: Task,
+    controller: Controller, seed: int, number: int, record: Mapping[str, float], options: Mapping[str, Any], task: Task
 ) -> Run:
     """Play scenario `number` as `Stage` does, in a batch of one, with its trace to the end of the settling."""
     env = ImpactApproachEnv(record_trace=True, **options)
