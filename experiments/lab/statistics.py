@@ -83,9 +83,9 @@ def along(curve_x: Floats, curve_y: Floats, at: Floats) -> Floats:
 
 
 def quantile_groups(values: Floats, count: int) -> list[tuple[NDArray[np.bool_], float, float]]:
-    """Return a mask (n,) of `values` (n,), the least and the largest of each of `count` equally large groups.
+    """Return the mask (n,), lower and upper edge of `count` equally large groups of `values` (n,), in order.
 
-    Where values repeat there are fewer.
+    Where so many values are equal that edges coincide there are fewer groups.
     """
     edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, count + 1)))
     last = max(len(edges) - 2, 0)

@@ -91,7 +91,7 @@ def breakdown(played: Played) -> list[Figure]:
 
 
 def _groups(played: Played, field: str) -> Iterator[tuple[NDArray[np.bool_], Resamples, dict[str, float]]]:
-    """Yield equally large groups of scenarios, ordered by a field: a mask, its resamples, where the group lies."""
+    """Yield a mask, resamples and the place on the axis of each group of scenarios that are close in a field."""
     values = played.paper.scenario[field]
     for inside, low, high in quantile_groups(values, max(1, min(GROUPS, values.size // SMALLEST))):
         if (count := int(inside.sum())) > 1:

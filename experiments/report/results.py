@@ -136,7 +136,7 @@ class _Asked(NamedTuple):
 
     matchup: int
     where: str  # in `Played`
-    key: Any  # there, None where one result is all
+    key: Any  # there; None if the matchup has only one such result
     job: Job
 
 
@@ -146,15 +146,15 @@ def gather_matchups(
     processes: int | None = None,
     cluster: str | None = None,
     first: int = 0,
-    told: Callable[[list[Played]], None] = lambda played: None,
+    show_first: Callable[[list[Played]], None] = lambda played: None,
 ) -> list[Played]:
     """Play everything that is not in `folder` yet, and return what came of each matchup.
 
-    With `first`, what the answer needs on so many scenarios is played before all else, and `told` while others play.
+    With `first`, what the answer needs on so many scenarios is played before all else and given to `show_first`.
     """
     few = [replace(matchup, scenarios=_first(matchup.scenarios, first)) for matchup in matchups if first]
     asked, asked_first = _all_asked(matchups), [one for one in _all_asked(few) if one.where in ANSWER]
-    # from the last on: what is asked first, then what takes longest
+    # the last begin first: those of the first page, then those of the last recipe, which is the slowest
     jobs = [one.job for one in reversed([*asked, *asked_first])]
     came: list[Arrays] = [{}] * len(jobs)
     missing = len(asked_first)
@@ -163,7 +163,7 @@ def gather_matchups(
         if place < len(asked_first):
             missing -= 1
             if not missing:
-                told(_played(few, asked_first, came[len(asked) :]))
+                show_first(_played(few, asked_first, came[len(asked) :]))
     return _played(matchups, asked, came[: len(asked)])
 
 
