@@ -25,6 +25,9 @@ class Estimate:
     low: float
     high: float
 
+    def __format__(self, spec: str) -> str:
+        return f"{self.value:{spec}} [{self.low:{spec}}, {self.high:{spec}}]"
+
 
 class Resamples:
     """How often each scenario is in each resample; row 0 is the sample itself."""
@@ -36,9 +39,11 @@ class Resamples:
     def means(self, values: Floats) -> Floats:
         """Return the mean of `values` (seeds, ..., scenarios) over seeds and scenarios in each resample: (1 + n, ...).
 
-        Seeds are resampled independently of scenarios and alike in all calls with as many seeds.
+        Values (scenarios,) are of one seed. Seeds are resampled independently of scenarios and alike in all calls with
+        as many seeds.
         """
-        seeds = values.shape[0]
+        values = np.atleast_2d(values).astype(np.float64)
+        seeds = len(values)
         shares = _shares((self._seed, seeds), seeds, self.count)
         flat = values.reshape(-1, self.scenarios) @ self._scenario_shares.T  # (seeds * ..., 1 + n)
         by_seed = flat.reshape(seeds, -1, self.count + 1)
@@ -75,6 +80,17 @@ def along(curve_x: Floats, curve_y: Floats, at: Floats) -> Floats:
     order = np.argsort(curve_x, axis=1)
     x, y = np.take_along_axis(curve_x, order, 1), np.take_along_axis(curve_y, order, 1)
     return np.array([np.interp(point, *line) for point, *line in zip(at, x, y, strict=True)])
+
+
+def quantile_groups(values: Floats, count: int) -> list[tuple[NDArray[np.bool_], float, float]]:
+    """Return the mask (n,), lower and upper edge of `count` equally large groups of `values` (n,), in order.
+
+    Where so many values are equal that edges coincide there are fewer groups.
+    """
+    edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, count + 1)))
+    last = max(len(edges) - 2, 0)
+    group = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, last)
+    return [(group == k, float(edges[k]), float(edges[min(k + 1, len(edges) - 1)])) for k in range(last + 1)]
 
 
 def interquartile_mean(values: Floats) -> float:

@@ -5,6 +5,7 @@ import shlex
 import shutil
 import sys
 import time
+from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -28,10 +29,7 @@ from impact_gym.validation import whole
 RESULTS = "results.json"
 FIRST_LOOK = 100  # scenarios of the first page, which is there while the others are played
 WORTH_A_FIRST_LOOK = 3  # times as many scenarios, or the page itself is there soon enough
-PACKAGES = (
-    *("impact-gym", "gymnasium", "numpy", "scipy"),
-    *("altair", "vl-convert-python", "polars", "moocore", "jinja2"),
-)
+PACKAGES = ("impact-gym", "gymnasium", "numpy", "scipy", "altair", "vl-convert-python", "polars", "moocore", "jinja2")
 
 
 @dataclass(frozen=True)
@@ -106,11 +104,10 @@ def write(options: ReportOptions) -> Path:
     Raises:
         ValueError: something asked for is not there or makes no sense, or the folder is there and `force` is not given.
     """
-    out = options.out
-    replaceable(out)
-    if not options.force and not _nothing_whole(out):
-        raise ValueError(f"{out} is there: --force replaces it, --out names another folder")
-    for folder in (out.parent, options.episodes or out.parent):
+    replaceable(options.out)
+    if not options.force and not _nothing_whole(options.out):
+        raise ValueError(f"{options.out} is there: --force replaces it, --out names another folder")
+    for folder in (options.out.parent, options.episodes or options.out.parent):
         if folder.exists() and not folder.is_dir():
             raise ValueError(f"{folder} is no folder")
     return publish(matchups_of(options), options)
@@ -146,7 +143,7 @@ def publish(asked: list[matchups.Matchup], options: ReportOptions) -> Path:
 
 def write_folder(played: list[Played], options: ReportOptions, begun: float, first: bool = False) -> Path:
     """Write the folder of what was played since `begun`; return its page, of which a first one has the answer alone."""
-    asked = [one.matchup for one in played]
+    asked, whole = [one.matchup for one in played], [] if first else played
     with whole_folder(options.out) as folder:
         parts = page.sections(played, first)
         (folder / "figures").mkdir()
@@ -156,14 +153,15 @@ def write_folder(played: list[Played], options: ReportOptions, begun: float, fir
         with whole_file(folder / "episodes.parquet") as file:
             rows.write_parquet(file, compression="zstd")
         answers = [answer.answer(one) for one in played]
-        reached = {one.matchup.name: [asdict(bar) for bar in bars.bars(one, played)] for one in played if not first}
         results = {
-            "answers": {one.matchup: one.as_json() for one in answers},
-            "bars": reached,
+            "answers": {one.matchup: asdict(one) for one in answers},
+            "bars": {one.matchup.name: [asdict(bar) for bar in bars.bars(one, played)] for one in whole},
             "first page": first,
             "episodes": {"rows": len(rows), "sha256": checksum(folder / "episodes.parquet")},
-            "contestants": {one.matchup.name: _checksums(one) for one in played},
-            "weights": {one.matchup.name: list(one.policy.weights) for one in played},
+            "contestants": {
+                one.name: {each.name: each.checksum for each in (*one.seeds, *one.baselines)} for one in asked
+            },
+            "weights": {one.name: list(one.policy.weights) for one in asked},
             "scenarios": "; ".join(dict.fromkeys(_scenarios(one.scenarios) for one in asked)),
             "command": shlex.join(["python", "-m", "experiments.report", *sys.argv[1:]]),
             **revision(),
@@ -174,9 +172,9 @@ def write_folder(played: list[Played], options: ReportOptions, begun: float, fir
         about = {
             **results,
             "first": first,
-            "sentences": [answer.sentence(one, play.matchup) for one, play in zip(answers, played, strict=True)],
+            "sentences": [answer.sentence(*pair) for pair in zip(answers, asked, strict=True)],
             "table": answer.answers_table(answers, played),
-            "weak": [] if first else [said for one in played for said in robustness.weak_points(one)],
+            "weak": [said for one in whole for said in robustness.weak_points(one)],
             "seeds": max(len(one.seeds) for one in played),
             "limits": _limits(asked),
             "own": bool(options.policy),
@@ -185,13 +183,9 @@ def write_folder(played: list[Played], options: ReportOptions, begun: float, fir
             "resamples": f"{RESAMPLES:,}",
             "policies": _policies_table(played),
         }
-        shown = {} if first else dict(map(page.watch, played))
+        shown = {one.matchup.name: page.watch(one) for one in whole}
         (folder / "index.html").write_text(page.render(about, parts, shown), encoding="utf-8")
     return options.out / "index.html"
-
-
-def _checksums(played: Played) -> dict[str, str]:
-    return {one.name: one.checksum for one in (*played.matchup.seeds, *played.matchup.baselines)}
 
 
 def _apart(scenarios: Mapping[str, Any]) -> str:
@@ -201,31 +195,27 @@ def _apart(scenarios: Mapping[str, Any]) -> str:
 
 
 def _trained_with(asked: list[matchups.Matchup]) -> str:
-    found = dict.fromkeys(
-        f"{name} {number}" for one in asked for name, number in one.provenance.get("versions", {}).items()
-    )
-    return ", ".join(found) or "what their files do not say"
+    versions = [item for one in asked for item in one.provenance.get("versions", {}).items()]
+    return ", ".join(dict.fromkeys(map(" ".join, versions))) or "what their files do not say"
 
 
 def _policies_table(played: list[Played]) -> Table:
-    body = []
-    for one in played:
-        late = one.policy_as_late.weights[0]
-        commands = one.matchup.provenance.get("command", "-")
-        body.append((one.matchup.name, one.matchup.chosen, str(len(one.seeds)), commands, f"{late:.4g}",
-                     one.matchup.policy.checksum[:16]))  # fmt: skip
+    body = [
+        (one.name, one.chosen, str(len(one.seeds)), one.provenance.get("command", "-"),
+         f"{each.policy_as_late.weights[0]:.4g}", one.policy.checksum[:16])
+        for each in played for one in [each.matchup]
+    ]  # fmt: skip
     head = ("recipe", "median seed", "seeds", "trained by", "weight as late as the rule (m/s per s)", "checksum")
-    return Table("The policies; checksums of all contestants are in results.json", head, tuple(body))
+    return Table("The policies; checksums of all contestants are in results.json", head, body)
 
 
 def _limits(asked: list[matchups.Matchup]) -> str:
     """Say what the arms can do."""
-    limits: dict[str, list[str]] = {}
+    names = defaultdict(list)
     for one in asked:
         task = Task(**one.environment)
-        can = f"{task.acceleration_range[1]:g} m/s² and {task.velocity_range[1]:g} m/s"
-        limits.setdefault(can, []).append(one.name)
-    told = [f"{can} ({', '.join(names)})" if len(limits) > 1 else can for can, names in limits.items()]
+        names[f"{task.acceleration_range[1]:g} m/s² and {task.velocity_range[1]:g} m/s"].append(one.name)
+    told = [f"{limits} ({', '.join(whose)})" if len(names) > 1 else limits for limits, whose in names.items()]
     return f"Policies and tuned baselines may use up to {'; '.join(told)}."
 
 

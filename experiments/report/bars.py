@@ -4,13 +4,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from statistics import median
 
-import numpy as np
-
 from experiments.lab.statistics import Estimate, Floats, Resamples, estimate
-from experiments.report.figures import Table, plain
+from experiments.report.figures import Table
+from experiments.report.matchups import RULE
 from experiments.report.results import Played
-
-RULE = "paper-trapezoid"
 
 
 @dataclass(frozen=True)
@@ -34,32 +31,30 @@ class Bar:
 def bars(played: Played, others: Sequence[Played]) -> list[Bar]:
     """Return the bars of a matchup; `others` are all of the report, against whose policies some are measured."""
     evaluation, chosen = played.matchup.evaluation, played.matchup.chosen
+
+    def ratio(what: str, at_most: float, ours: Mapping[str, Floats], theirs: Floats) -> Bar:
+        resamples = Resamples(theirs.size)
+        interval = estimate(resamples.means(ours[chosen]) / resamples.means(theirs))
+        reached = {name: float(one.mean() / theirs.mean()) for name, one in ours.items()}
+        return Bar(what, at_most, chosen, interval, reached)
+
     found = []
-    against = played.paper if evaluation.of == RULE else None
-    against = next((one.policy_as_late for one in others if one.matchup.name == evaluation.of), against)
-    if evaluation.at_most is not None and against is not None:
-        whom = "the paper's rule" if evaluation.of == RULE else f"the policy of {evaluation.of}"
+    known = {one.matchup.name: (f"the policy of {one.matchup.name}", one.policy_as_late) for one in others}
+    known[RULE] = ("the paper's rule", played.paper)
+    if evaluation.at_most is not None and evaluation.of in known:
+        whom, against = known[evaluation.of]
         ours = {name: run["object_velocity"][0] for name, run in played.as_late.items()}
         what = f"V_p over that of {whom}, as late as the paper's rule"
-        found.append(_bar(what, evaluation.at_most, chosen, ours, against["object_velocity"][0]))
+        found.append(ratio(what, evaluation.at_most, ours, against["object_velocity"][0]))
     tuned = {name: run for name, run in played.baselines.items() if len(run.weights) > 1}
     for weight in played.matchup.weights if tuned else ():
         losses = {name: run.loss(weight) for name, run in tuned.items()}
         best = min(losses, key=lambda name: losses[name].mean())
         ours = {name: run.loss(weight) for name, run in played.seeds.items()}
-        found.append(_bar(f"V_p + w T over that of {best}, w = {weight:g}", 1.0, chosen, ours, losses[best]))
-    missed = {
-        name: float(run["missed"].sum() + played.as_late[name]["missed"].sum()) for name, run in played.seeds.items()
-    }
+        found.append(ratio(f"V_p + w T over that of {best}, w = {weight:g}", 1.0, ours, losses[best]))
+    late = played.as_late
+    missed = {name: float(run["missed"].sum() + late[name]["missed"].sum()) for name, run in played.seeds.items()}
     return [*found, Bar("objects missed, at all weights", 0.0, chosen, None, missed)]
-
-
-def _bar(what: str, at_most: float, chosen: str, ours: Mapping[str, Floats], theirs: Floats) -> Bar:
-    resamples = Resamples(theirs.size)
-    means = resamples.means(theirs[None])
-    interval = estimate(resamples.means(ours[chosen][None]) / means)
-    reached = {name: float(np.mean(one) / np.mean(theirs)) for name, one in ours.items()}
-    return Bar(what, at_most, chosen, interval, reached)
 
 
 def table(found: Sequence[Bar]) -> Table:
@@ -67,10 +62,9 @@ def table(found: Sequence[Bar]) -> Table:
     body = []
     for bar in found:
         values = list(bar.reached.values())
-        value = f"{bar.reached[bar.chosen]:g}" if bar.interval is None else plain(bar.interval)
+        value = f"{bar.reached[bar.chosen]:g}" if bar.interval is None else f"{bar.interval:.3f}"
         spread = ", ".join(f"{one:.4g}" for one in (min(values), median(values), max(values)))
         meet = f"{sum(value <= bar.at_most for value in values)} of {len(values)}"
         body.append((bar.what, f"{bar.at_most:g}", value, spread, meet, bar.verdict))
     head = ("what", "at most", "median seed", "seeds: least, middle, most", "seeds that meet it", "")
-    caption = "What was to be reached; less is better, 95 % intervals over scenarios"
-    return Table(caption, head, tuple(body))
+    return Table("What was to be reached; less is better, 95 % intervals over scenarios", head, body)

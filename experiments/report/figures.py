@@ -4,16 +4,17 @@ A figure is a Vega-Lite chart: in the page it can be hovered and zoomed, on disk
 it. Colours are those of Okabe and Ito (2008), and every series has a dash or a shape of its own as well.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import altair as alt
 import polars as pl
 import vl_convert
 
+from experiments.lab.statistics import Estimate
 from experiments.report.matchups import PAPER, POLICY
 from impact_gym.files import whole_file
 
@@ -32,19 +33,34 @@ CONFIG: dict[str, Any] = {
     "point": {"filled": True, "size": 55, "opacity": 1},
     "range": {"category": list(COLOURS)},
 }  # fmt: skip
+MEANS = (
+    alt.Tooltip("T:Q", title="T (s)", format=".4f"), alt.Tooltip("V:Q", title="V_p (m/s)", format=".4f"), "missed:Q"
+)  # fmt: skip
+"""What a chart tells of a point that has the fields of `Run.means`."""
 
 
 @dataclass(frozen=True)
 class Figure:
-    """A chart, what it shows, and its data."""
+    """A chart of a matchup, what it shows, and its data."""
 
-    name: str  # of its files
-    title: str
+    matchup: str
+    key: str  # of its files
+    subject: str
     caption: str
     alternative: str  # what it says, for one who does not see it
     chart: Any
     data: pl.DataFrame
     height: int = 320  # pixels
+
+    @property
+    def name(self) -> str:
+        """What its files are called."""
+        return f"{self.matchup}_{self.key}"
+
+    @property
+    def title(self) -> str:
+        """What stands above it."""
+        return f"{self.matchup}: {self.subject}"
 
     @cached_property
     def spec(self) -> dict[str, Any]:
@@ -54,11 +70,10 @@ class Figure:
 
     def save(self, folder: Path) -> None:
         """Write the chart as SVG and its data as CSV."""
-        spec = self.spec | {"width": 640, "background": "white"}
-        with whole_file(folder / f"{self.name}.svg") as file:
-            file.write(vl_convert.vegalite_to_svg(spec).encode())
-        with whole_file(folder / f"{self.name}.csv") as file:
-            file.write(self.data.write_csv().encode())
+        svg = vl_convert.vegalite_to_svg(self.spec | {"width": 640, "background": "white"})
+        for suffix, content in (("svg", svg), ("csv", self.data.write_csv())):
+            with whole_file(folder / f"{self.name}.{suffix}") as file:
+                file.write(content.encode())
 
 
 @dataclass(frozen=True)
@@ -66,8 +81,8 @@ class Table:
     """Rows of words; the first column names the row."""
 
     caption: str
-    head: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
+    head: Sequence[str]
+    rows: Sequence[Sequence[str]]
 
 
 def zoomable(chart: Any) -> Any:
@@ -75,31 +90,45 @@ def zoomable(chart: Any) -> Any:
     return chart.add_params(alt.selection_interval(bind="scales", zoom="wheel![event.ctrlKey]"))
 
 
-def rows(data: pl.DataFrame, fields: Sequence[str] | None = None, digits: int = 5) -> Any:
-    """Return what a chart is given: only `fields`, floats to so many digits: the page must stay small."""
-    chosen = data.select(fields) if fields else data
-    floats = [name for name, kind in chosen.schema.items() if kind in (pl.Float64, pl.Float32)]
-    return alt.Data(values=chosen.with_columns(pl.col(floats).round_sig_figs(digits)).to_dicts())
+def chart_of(data: pl.DataFrame, digits: int = 5) -> alt.Chart:
+    """Return an empty chart of `data`, floats rounded to so many significant digits: the page must stay small."""
+    return alt.Chart(alt.Data(values=data.with_columns(pl.selectors.float().round_sig_figs(digits)).to_dicts()))
 
 
-def contestants(names: Sequence[str]) -> dict[str, Any]:
-    """Return colour, dash and shape scales for contestants: the paper's rule and the policy look alike everywhere."""
-    fixed = {PAPER: 0, POLICY: 1}
-    free = iter(range(2, len(COLOURS)))
-    places = [fixed[name] if name in fixed else next(free, len(COLOURS) - 1) for name in names]
-    return {
-        "color": alt.Scale(domain=list(names), range=[COLOURS[place] for place in places]),
-        "dash": alt.Scale(domain=list(names), range=[DASHES[place] for place in places]),
-        "shape": alt.Scale(domain=list(names), range=[SHAPES[place] for place in places]),
-    }
+def zero_line(**channel: str) -> alt.Chart:
+    """Return a dotted line at zero: `x="zero:Q"` or `y="zero:Q"`."""
+    return alt.Chart(alt.Data(values=[{"zero": 0}])).mark_rule(strokeDash=[2, 3]).encode(**channel)
 
 
-def percent(estimate: Any, digits: int = 1) -> str:
+class Looks(NamedTuple):
+    """How contestants are told apart in a chart: channels of its encoding, and their names in order."""
+
+    names: list[str]
+    colour: alt.Color
+    dash: alt.StrokeDash
+    shape: alt.Shape
+
+
+def looks_of(data: pl.DataFrame, column: str = "contestant", like: Mapping[str, str] | None = None) -> Looks:
+    """Return the looks of the contestants in a column: the paper's rule and the policy look alike in all charts.
+
+    `like` says whose look another name takes.
+    """
+    own = {PAPER: 0, POLICY: 1}
+    others = iter(range(len(own), len(COLOURS)))
+    place = {}
+    for name in data[column].unique(maintain_order=True):
+        alike = (like or {}).get(name, name)
+        place[name] = own[alike] if alike in own else next(others, len(COLOURS) - 1)
+    names = sorted(place, key=place.__getitem__)
+
+    def told(channel: Any, looks: Sequence[Any]) -> Any:
+        scale = alt.Scale(domain=names, range=[looks[place[name]] for name in names])
+        return channel(f"{column}:N", title=None, scale=scale)
+
+    return Looks(names, told(alt.Color, COLOURS), told(alt.StrokeDash, DASHES), told(alt.Shape, SHAPES))
+
+
+def percent(share: Estimate) -> str:
     """Return a share with its interval in percent."""
-    value, low, high = (100.0 * one for one in (estimate.value, estimate.low, estimate.high))
-    return f"{value:.{digits}f} % [{low:.{digits}f}, {high:.{digits}f}]"
-
-
-def plain(estimate: Any, digits: int = 3) -> str:
-    """Return a number with its interval."""
-    return f"{estimate.value:.{digits}f} [{estimate.low:.{digits}f}, {estimate.high:.{digits}f}]"
+    return f"{100 * share.value:.1f} % [{100 * share.low:.1f}, {100 * share.high:.1f}]"

@@ -5,7 +5,7 @@ import hashlib
 import json
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -21,14 +21,16 @@ from agents.jobs import digest_of
 from agents.policies.policy import SHIPPED, Policy, load_policy
 from agents.setups import Setup, load_setup, same_environment
 from agents.setups import shipped as shipped_setups
-from agents.setups.evaluation import Change, Evaluation, variants
+from agents.setups.evaluation import SEEN_TO, Change, Evaluation, variants
 from agents.train.settings import default_settings
+from experiments.lab.results import checksum
 from impact_gym.envs import evaluation_sets, observation
-from impact_gym.envs.scenario import FIELDS, ScenarioRanges
+from impact_gym.envs.scenario import ScenarioRanges
 from impact_gym.envs.task import Task
 from impact_gym.validation import number, whole
 
 PAPER = "paper's rule"
+RULE = "paper-trapezoid"  # what the package calls it
 POLICY = "learned policy"
 BOUND = "clairvoyant, by search"
 Environment = Mapping[str, Any]
@@ -129,14 +131,10 @@ def quick_look_note(setup: Setup, about: Mapping[str, Any], rivals: Sequence[Con
     steps, wanted = about["settings"]["steps"], default_settings(str(setup.path)).steps
     if steps < wanted:
         told.append(f"trained for {steps:,} steps of {wanted:,}")
-    budgets = [
-        at["search"]["budget"]
-        for one in rivals
-        if one.name in setup.tuned
-        for at in one.controller["tuned"]["weights"].values()
-    ]
-    if budgets and min(budgets) < setup.budget:
-        told.append(f"baselines tuned with {min(budgets):,} candidates of {setup.budget:,}")
+    tuned = [one.controller["tuned"]["weights"].values() for one in rivals if one.name in setup.tuned]
+    budget = min((at["search"]["budget"] for weights in tuned for at in weights), default=setup.budget)
+    if budget < setup.budget:
+        told.append(f"baselines tuned with {budget:,} candidates of {setup.budget:,}")
     return f"; A QUICK LOOK, {', '.join(told)}" if told else ""
 
 
@@ -149,12 +147,15 @@ def environment_and_scenarios(
     unless that is `hard`.
     """
     rest = {name: value for name, value in environment.items() if name != "scenario"}
-    if "scenario" in environment and scenarios.get("set", "hard") != "hard":
-        ranges = ScenarioRanges.of(environment["scenario"])
-        table = {name: list(getattr(ranges, name)) for name in FIELDS}
-        seed = evaluation_sets.load(scenarios["set"]).seed
-        return rest, {"ranges": table, "seed": seed, "count": scenarios["count"]}
-    return rest, scenarios
+    if "scenario" not in environment or scenarios.get("set", "hard") == "hard":
+        return rest, scenarios
+    seed = evaluation_sets.load(scenarios["set"]).seed
+    return rest, {"ranges": _pairs(environment["scenario"]), "seed": seed, "count": scenarios["count"]}
+
+
+def _pairs(ranges: Any) -> dict[str, list[float]]:
+    """Return ranges of scenarios as JSON."""
+    return {name: list(pair) for name, pair in asdict(ScenarioRanges.of(ranges)).items()}
 
 
 def of_policies(
@@ -168,31 +169,29 @@ def of_policies(
     Raises:
         ValueError: a policy sees other things than this environment shows, or is asked for twice.
     """
-    found: list[Matchup] = []
-    for path in paths:
-        file = _file(path)
+    found: dict[str, Matchup] = {}
+    for path in map(Path, paths):
+        named = SHIPPED / f"{path}.npz"
+        file = named if named.is_file() else path / "best.npz" if path.is_dir() else path
         loaded = load_policy(file)
         trained_in = {name: value for name, value in loaded.environment.items() if name != "time_weight"}
-        environment, met = environment_and_scenarios({**trained_in, **changes}, scenarios)
+        asked = {**trained_in, **changes}
+        environment, met = environment_and_scenarios(asked, scenarios)
         Policy(loaded.network, environment, {})  # raises where they do not fit
-        setup = setup_of(trained_in)
+        setup = next((one for one in map(load_setup, shipped_setups()) if one.describes(trained_in)), None)
         evaluation = setup.evaluation if setup else Evaluation()
-        name = slug(Path(path).parent.name if Path(path).name in ("best.npz", "final.npz") else Path(path).stem)
-        if any(one.name == name for one in found):
+        called = path.parent.name if path.name in ("best.npz", "final.npz") else path.stem
+        name = re.sub(r"[^A-Za-z0-9.-]+", "-", called).strip("-") or "policy"  # files and links can have it
+        if name in found:
             raise ValueError(f"two policies would be called {name!r}: give them files or folders of different names")
         note = f"your policy {name}"
-        if setup and not same_environment({**trained_in, **changes}, trained_in):
+        if setup and not same_environment(asked, trained_in):
             note += f"; its baselines were tuned for {setup.name}, not for this environment"
         rivals = baselines(names or (setup.against if setup else ()), environment)
         bound = clairvoyant(setup, met) if setup and not changes else None
-        seed, about = policy(name, file, evaluation), loaded.provenance
-        found.append(Matchup(name, environment, (seed,), seed.name, rivals, met, about, note, evaluation, bound))
-    return found
-
-
-def setup_of(environment: Environment) -> Setup | None:
-    """Return the shipped set-up that has this environment."""
-    return next((one for one in map(load_setup, shipped_setups()) if one.describes(environment)), None)
+        seeds, about = (policy(name, file, evaluation),), loaded.provenance
+        found[name] = Matchup(name, environment, seeds, name, rivals, met, about, note, evaluation, bound)
+    return list(found.values())
 
 
 def policy(name: str, path: Path, evaluation: Evaluation) -> Contestant:
@@ -201,10 +200,8 @@ def policy(name: str, path: Path, evaluation: Evaluation) -> Contestant:
     low, high = trained if isinstance(trained, (list, tuple)) else (trained, trained)
     played = sorted({*evaluation.curve, *evaluation.weights, evaluation.typical})
     weights = tuple(weight for weight in played if low <= weight <= high) or (float(low),)
-    content = path.read_bytes()
-    return Contestant(
-        name, {"policy": base64.b64encode(content).decode()}, weights, hashlib.sha256(content).hexdigest()
-    )
+    controller = {"policy": base64.b64encode(path.read_bytes()).decode()}
+    return Contestant(name, controller, weights, checksum(path))
 
 
 def baselines(
@@ -217,10 +214,9 @@ def baselines(
     Raises:
         ValueError: there is no such baseline, it is named twice, or it cannot be asked in this environment.
     """
-    spec: dict[str, Any]
     typical = (setup.evaluation if setup else Evaluation()).typical
-    found = [Contestant(PAPER, {"baseline": "paper-trapezoid"}, (typical,), "")]
-    if len(set(names)) < len(names) or "paper-trapezoid" in names:
+    found = [Contestant(PAPER, {"baseline": RULE}, (typical,), "")]
+    if len({*names, RULE}) <= len(names):
         raise ValueError(f"baselines must differ, and the paper's rule is there anyway; got {list(names)}")
     shown = np.zeros((2, len(observation.entries(Task(**environment)))), np.float32)
     for name in names:
@@ -232,9 +228,8 @@ def baselines(
         elif name in FIXED:
             found.append(Contestant(name, {"baseline": name}, (typical,), ""))
         else:
-            spec = {"object": name}
-            try_out(name, controller_of(spec, typical), shown)  # raises now, not in a worker
-            found.append(Contestant(name, spec, (typical,), digest_of(name.partition(":")[0])))
+            try_out(name, controller_of({"object": name}, typical), shown)  # raises now, not in a worker
+            found.append(Contestant(name, {"object": name}, (typical,), digest_of(name.partition(":")[0])))
     return tuple(found)
 
 
@@ -250,25 +245,23 @@ def scenarios_from(source: str, count: int | None) -> tuple[dict[str, Any], dict
     path = Path(source)
     if path.suffix == ".json":
         content = _content(path)
-        ranges = ScenarioRanges.of(content.get("ranges", "test"))
-        table = {name: list(getattr(ranges, name)) for name in FIELDS}
-        number_of = whole("count", count or content.get("count", 1000), at_least=2)
+        ranges, environment = _pairs(content.get("ranges", "test")), content.get("environment", {})
+        asked = whole("count", count or content.get("count", 1000), at_least=2)
         seed = whole("seed", content.get("seed", 2_000_000), at_least=0)
-        environment = content.get("environment", {})
         if not isinstance(environment, dict):
             raise ValueError(f"{path}: environment must hold arguments of gym.make by name, got {environment!r}")
-        taken = sorted(set(environment) & {"scenario", "time_weight", "max_episode_steps", "privileged"})
+        taken = sorted(set(environment) & set(SEEN_TO))
         if taken:
             raise ValueError(f"{path}: environment must leave out {taken}: ranges and the report see to that")
         Task(**environment)  # raises
-        return {"ranges": table, "seed": seed, "count": number_of}, environment
+        return {"ranges": ranges, "seed": seed, "count": asked}, environment
     frozen = evaluation_sets.load(source)
-    number_of = whole("scenarios", count or frozen.count, at_least=2)
-    number("scenarios", number_of, "(no unit)", at_most=frozen.count)
+    asked = whole("scenarios", count or frozen.count, at_least=2)
+    number("scenarios", asked, "(no unit)", at_most=frozen.count)
     if (evaluation_sets.SHIPPED / f"{source}.csv").is_file():
-        return {"set": source, "count": number_of}, {}
-    table = {name: values[:number_of].tolist() for name, values in frozen.scenario.items()}
-    return {"table": table, "seed": frozen.seed, "count": number_of}, {}
+        return {"set": source, "count": asked}, {}
+    table = {name: values[:asked].tolist() for name, values in frozen.scenario.items()}
+    return {"table": table, "seed": frozen.seed, "count": asked}, {}
 
 
 def _content(path: Path) -> dict[str, Any]:
@@ -280,14 +273,3 @@ def _content(path: Path) -> dict[str, Any]:
     if not isinstance(content, dict) or set(content) - known:
         raise ValueError(f"{path} must be a JSON object with some of {sorted(known)}, got {str(content)[:200]}")
     return content
-
-
-def slug(name: str) -> str:
-    """Return a name that files and links can have."""
-    return re.sub(r"[^A-Za-z0-9.-]+", "-", name).strip("-") or "policy"
-
-
-def _file(path: str) -> Path:
-    named = SHIPPED / f"{path}.npz"
-    file = named if named.is_file() else Path(path)
-    return file / "best.npz" if file.is_dir() else file

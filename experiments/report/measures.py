@@ -4,7 +4,6 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,22 +12,20 @@ from agents.baselines.rule import Seen
 from agents.evaluate.controllers import controller_of
 from agents.evaluate.play import frozen_of, play, stage_of
 from agents.policies import Controller
+from experiments.lab.player.films import play_to_the_end
 from experiments.reference.task import rescore
 from impact_gym.envs.observation import ENTRIES
+from impact_gym.envs.single import ImpactApproachEnv
 from impact_gym.envs.task import Task
 
 Arrays = dict[str, NDArray[Any]]
+JSON = Mapping[str, Any]
 HALVINGS = 9  # of the range of weights, in its logarithm: to 1 %
 APART = 500  # scenarios to find a weight on, or as many as are then played
 PEAK = next(place for place, entry in enumerate(ENTRIES) if entry.name.startswith("its maximum"))
 
 
-def play_as_late(
-    controller: Mapping[str, Any],
-    environment: Mapping[str, Any],
-    scenarios: Mapping[str, Any],
-    weights: Sequence[float],
-) -> Arrays:
+def play_as_late(controller: JSON, environment: JSON, scenarios: JSON, weights: Sequence[float]) -> Arrays:
     """Return the results (1, scenarios) at the weight whose mean approach takes as long as that of the paper's rule.
 
     That weight is found by bisection within the ends of `weights`, on other scenarios of the same kind (see `others`).
@@ -50,7 +47,7 @@ def play_as_late(
     return play(controller, scenarios, [high], environment) | {"weight": np.array([high])}
 
 
-def others(scenarios: Mapping[str, Any]) -> dict[str, Any]:
+def others(scenarios: JSON) -> dict[str, Any]:
     """Return scenarios to choose a weight on: the validation set for a shipped one, the same ranges with another seed.
 
     For a table of scenarios there are no others, and it is these.
@@ -63,16 +60,15 @@ def others(scenarios: Mapping[str, Any]) -> dict[str, Any]:
     return dict(scenarios)
 
 
-def reactions(
-    controller: Mapping[str, Any], environment: Mapping[str, Any], scenarios: Mapping[str, Any], weight: float
-) -> Arrays:
+def reactions(controller: JSON, environment: JSON, scenarios: JSON, weight: float) -> Arrays:
     """Return what was sensed and commanded at each control step after the alarm, an entry per step.
 
     Which `scenario` it was, time `since` the alarm (s), largest force `sensed` so far (N), `velocity` (m/s) and
     `acceleration` (m/s^2) commanded.
     """
-    one = controller_of(controller, weight, environment)
-    kept: list[tuple[Any, ...]] = []
+    one, task = controller_of(controller, weight, environment), Task(**environment)
+    low, high = np.array([task.velocity_range, task.acceleration_range]).T
+    kept: list[NDArray[np.float64]] = []
 
     class Listening:
         def predict(self, observation: Any, **arguments: Any) -> tuple[Any, Any]:
@@ -80,43 +76,27 @@ def reactions(
             seen = Seen(observation)
             now = seen.alarm & (seen.scaled[:, 4] < 1.0)  # once the episode is over the clock stands still
             sensed = np.expm1(seen.scaled[now, PEAK] * math.log1p(ENTRIES[PEAK].high))
-            command = 0.5 * (np.clip(np.asarray(action, np.float64)[now], -1.0, 1.0) + 1.0)
-            kept.append((np.flatnonzero(now), seen.since_alarm[now], sensed, command[:, 0], command[:, 1]))
+            command = low + (high - low) * (0.5 * (np.clip(np.asarray(action, np.float64)[now], -1.0, 1.0) + 1.0))
+            kept.append(np.column_stack([np.flatnonzero(now), seen.since_alarm[now], sensed, command]))
             return action, state
 
     stage_of(scenarios, weight, environment).play(Listening())
-    scenario, since, sensed, velocity, acceleration = (np.concatenate(column) for column in zip(*kept, strict=True))
-    task = Task(**environment)
-    (v_low, v_high), (a_low, a_high) = task.velocity_range, task.acceleration_range
-    return {
-        "scenario": scenario,
-        "since": since,
-        "sensed": sensed,
-        "velocity": v_low + (v_high - v_low) * velocity,
-        "acceleration": a_low + (a_high - a_low) * acceleration,
-    }
+    names = ("scenario", "since", "sensed", "velocity", "acceleration")
+    return dict(zip(names, np.concatenate(kept).T, strict=True))
 
 
-def in_scipy(
-    controller: Mapping[str, Any],
-    environment: Mapping[str, Any],
-    scenarios: Mapping[str, Any],
-    weight: float,
-    clamp: bool,
-) -> Arrays:
-    """Return the results (scenarios,) in the independent solver, and those of the environment as `ours`."""
+def in_scipy(controller: JSON, environment: JSON, scenarios: JSON, weight: float, clamp: bool) -> Arrays:
+    """Return the results (scenarios,) in the independent solver, and those of the environment, `our_...`."""
     frozen = frozen_of(scenarios)
     if frozen is None:
         raise ValueError("the independent solver takes scenarios of a set or a table")
     one = controller_of(controller, weight, environment)
     found = rescore(one, frozen, range(scenarios["count"]), environment, weight, clamp=clamp)
     ours = stage_of(scenarios, weight, environment).play(one)
-    return {**found, "ours": ours.object_velocity, "our_time": ours.approach_time, "our_missed": ours.missed}
+    return found | {f"our_{name}": getattr(ours, name) for name in ("object_velocity", "approach_time", "missed")}
 
 
-def profile(
-    controller: Mapping[str, Any], environment: Mapping[str, Any], weights: Sequence[float], distance: float
-) -> Arrays:
+def profile(controller: JSON, environment: JSON, weights: Sequence[float], distance: float) -> Arrays:
     """Return the flange's velocity (weights, k) over even positions (k,) up to an object at `distance` (m).
 
     A distance estimate, where there is one, is right.
@@ -127,14 +107,8 @@ def profile(
     position = np.linspace(0.0, distance, 141)
     curves = []
     for weight in weights:
-        one = controller_of(controller, weight, environment)
-        env: Any = gym.make("ImpactApproach-v0", record_trace=True, time_weight=weight, **environment).unwrapped
-        seen, _ = env.reset(seed=0, options={"record": record})
-        state, start, ended = None, np.ones(1, np.bool_), False
-        while not ended:
-            actions, state = one.predict(seen[None], state=state, episode_start=start, deterministic=True)
-            seen, _, terminated, truncated, info = env.step(np.asarray(actions)[0])
-            start, ended = np.zeros(1, np.bool_), terminated or truncated
+        env = ImpactApproachEnv(record_trace=True, time_weight=weight, **environment)
+        info = play_to_the_end(env, controller_of(controller, weight, environment), 0, record)
         trace = env.trace()
         approach = trace.time <= info["approach_time"] + 1e-12
         place, velocity = trace.flange_position[approach], trace.flange_velocity[approach]

@@ -8,6 +8,7 @@ from experiments.lab.statistics import Estimate
 from experiments.report.bars import Bar, bars, table
 from experiments.report.matchups import PAPER, Contestant, Matchup
 from experiments.report.results import Played, Run
+from impact_gym.envs.scenario import FIELDS
 
 COUNT, WEIGHTS = 400, (1.0, 4.0)
 RNG = np.random.default_rng(0)
@@ -19,10 +20,9 @@ def run(share, weights, missed=0):
     shape = (len(weights), COUNT)
     lost = np.zeros(shape, bool)
     lost[0, :missed] = True
-    return Run(weights, {
-        "object_velocity": np.broadcast_to(share * SPEEDS, shape), "approach_time": np.full(shape, 0.3),
-        "peak_force": np.ones(shape), "contact_count": np.ones(shape, int), "missed": lost,
-    })  # fmt: skip
+    results = {"object_velocity": np.broadcast_to(share * SPEEDS, shape), "approach_time": np.full(shape, 0.3)}
+    others = dict.fromkeys(("peak_force", "contact_count", *FIELDS), np.ones(shape))
+    return Run(weights, {**results, **others, "missed": lost})
 
 
 def played(name, late, evaluation, shares=(1.1, 0.8, 0.95)):

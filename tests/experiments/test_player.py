@@ -76,8 +76,8 @@ def test_thinning_keeps_within_what_it_allows():
     kept = thin(rows, limits)
     assert len(kept) < len(rows["time"]) / 3
     assert len(kept) < MOST
-    for name, allowed in (("tool_position", POSITION * 0.5), ("tool_velocity", VELOCITY), ("contact_force",
-                          FORCE * limits["force"])):  # fmt: skip
+    bounds = {"tool_position": POSITION * 0.5, "tool_velocity": VELOCITY, "contact_force": FORCE * limits["force"]}
+    for name, allowed in bounds.items():
         again = np.interp(rows["time"], rows["time"][kept], rows[name][kept])
         assert np.abs(again - rows[name]).max() <= allowed * (1.0 + 1e-9)
 

@@ -15,6 +15,7 @@ import numpy as np
 import polars as pl
 import pytest
 from browsers import chromium, opened
+from episodes import assert_identical
 
 from agents.baselines.tuned import load_baseline
 from agents.evaluate import RESULTS
@@ -48,9 +49,8 @@ def episodes(folder):
     return pl.read_parquet(folder / "episodes.parquet")
 
 
-def of(episodes, contestant, weight=None):
-    rows = episodes.filter(pl.col("contestant") == contestant)
-    return rows if weight is None else rows.filter(pl.col("time_weight") == weight)
+def of(episodes, contestant, **columns):
+    return episodes.filter(pl.col("contestant") == contestant, **columns)
 
 
 def test_the_answer_follows_from_the_episodes_on_disk(folder, episodes):
@@ -60,7 +60,7 @@ def test_the_answer_follows_from_the_episodes_on_disk(folder, episodes):
     assert len(seeds) == 2
     paper = of(episodes, PAPER)
     curve = [
-        [np.mean([of(episodes, seed, w)[field].mean() for seed in seeds]) for w in (4.0, 2.0, 1.0, 0.7)]
+        [np.mean([of(episodes, seed, time_weight=w)[field].mean() for seed in seeds]) for w in (4.0, 2.0, 1.0, 0.7)]
         for field in ("approach_time", "object_velocity")
     ]
     there = np.interp(paper["approach_time"].mean(), *curve)
@@ -75,7 +75,7 @@ def test_the_answer_follows_from_the_episodes_on_disk(folder, episodes):
 def test_episodes_are_those_of_a_stage_and_of_the_same_scenarios(episodes):
     frozen = evaluation_sets.load("test")
     for name, weight in ((PAPER, 2.0), ("blind-profile", 4.0)):
-        rows = of(episodes, name, weight).sort("scenario")
+        rows = of(episodes, name, time_weight=weight).sort("scenario")
         stage = Stage.of("test", 30, time_weight=[weight])
         judged = stage.play(load_baseline("paper-trapezoid" if name == PAPER else name, weight))
         for field in RESULTS:
@@ -117,30 +117,29 @@ def test_scenarios_come_from_sets_tables_and_ranges_alike():
     table = {name: values[:20].tolist() for name, values in frozen.scenario.items()}
     ranges = {"object_mass": [0.1, 2.5], "contact_stiffness": [1e3, 1e6], "restitution": [0.1, 1.0],
               "distance": [0.15, 0.35]}  # fmt: skip
-    same = [
-        {"set": "test", "count": 20}, {"table": table, "seed": frozen.seed, "count": 20},
-        {"ranges": ranges, "seed": frozen.seed, "count": 20},
-    ]  # fmt: skip
-    first, *others = (evaluations.play(PAPERS_RULE, one, environment={"range_noise": 0.01}) for one in same)
+    same = [{"set": "test"}, {"table": table, "seed": frozen.seed}, {"ranges": ranges, "seed": frozen.seed}]
+    first, *others = (
+        evaluations.play(PAPERS_RULE, {**one, "count": 20}, environment={"range_noise": 0.01}) for one in same
+    )
     for other in others:
-        for name, values in first.items():
-            assert np.array_equal(values, other[name])
+        assert_identical(first, other)
 
 
 def test_what_was_played_is_not_played_again(tmp_path, monkeypatch):
     matchup = replace(LINEAR, seeds=(replace(LINEAR.policy, weights=(2.0,)),), scenarios={"set": "test", "count": 4})
-    first = results.gather_matchups([replace(matchup, baselines=matchup.baselines[:1])], tmp_path, processes=0)
+    alone = replace(matchup, baselines=matchup.baselines[:1])
+    (first,) = results.gather_matchups([alone], tmp_path, processes=0)
     calls = []
     monkeypatch.setattr(evaluations, "play", lambda *a, _play=evaluations.play, **k: calls.append(k) or _play(*a, **k))
     job.resolve.cache_clear()
-    second = results.gather_matchups([replace(matchup, baselines=matchup.baselines[:1])], tmp_path, processes=0)
+    (second,) = results.gather_matchups([alone], tmp_path, processes=0)
     assert calls == []
-    third = results.gather_matchups([matchup], tmp_path, processes=0)
+    (third,) = results.gather_matchups([matchup], tmp_path, processes=0)
     assert calls
     assert all(call["controller"] != PAPERS_RULE for call in calls)
     job.resolve.cache_clear()
     for one in (second, third):
-        assert np.array_equal(first[0].paper["object_velocity"], one[0].paper["object_velocity"])
+        assert np.array_equal(first.paper["object_velocity"], one.paper["object_velocity"])
 
 
 def test_a_curve_that_does_not_come_to_the_papers_time_says_so():
@@ -157,11 +156,9 @@ def played_alone(matchup):
     """Return what `answer` needs of a matchup, nothing else."""
     played = results.Played(matchup)
     for one in (*matchup.seeds, *matchup.baselines):
-        weights = list(one.weights)
-        run = results.Run(
-            one.weights, evaluations.play(one.controller, matchup.scenarios, weights, matchup.environment)
-        )
-        (played.seeds if one in matchup.seeds else played.baselines)[one.name] = run
+        arrays = evaluations.play(one.controller, matchup.scenarios, list(one.weights), matchup.environment)
+        runs = played.seeds if one in matchup.seeds else played.baselines
+        runs[one.name] = results.Run(one.weights, arrays)
     played.as_late = played.seeds
     return played
 

@@ -1,19 +1,20 @@
 """Intervals of means over seeds and scenarios, and what is read from curves."""
 
+from dataclasses import astuple
+
 import numpy as np
 import pytest
 from scipy.stats import norm, trim_mean
 
-from experiments.lab.statistics import Resamples, along, estimate, hypervolume, interquartile_mean
+from experiments.lab.statistics import Resamples, along, estimate, hypervolume, interquartile_mean, quantile_groups
 
 
 def test_the_interval_of_a_mean_is_that_of_normal_theory():
     sample = np.random.default_rng(0).standard_normal(2000)
-    found = estimate(Resamples(2000).means(sample[None]))
+    found = estimate(Resamples(2000).means(sample))
     half = norm.ppf(0.975) * sample.std(ddof=1) / np.sqrt(2000)
     assert found.value == pytest.approx(sample.mean())
-    assert found.low == pytest.approx(sample.mean() - half, abs=0.1 * half)
-    assert found.high == pytest.approx(sample.mean() + half, abs=0.1 * half)
+    assert (found.low, found.high) == pytest.approx((sample.mean() - half, sample.mean() + half), abs=0.1 * half)
 
 
 @pytest.mark.parametrize(("of_seeds", "of_scenarios"), [(1.0, 0.0), (0.0, 1.0), (0.3, 5.0)])
@@ -31,12 +32,11 @@ def test_what_all_contestants_share_cancels():
     rng = np.random.default_rng(2)
     hard = rng.uniform(1.0, 10.0, 500)
     resamples = Resamples(500)
-    rule = resamples.means(hard[None])
+    rule = resamples.means(hard)
     recipe = resamples.means(np.tile(0.4 * hard, (7, 1)))
-    ratio = estimate(recipe / rule)
-    assert (ratio.value, ratio.low, ratio.high) == pytest.approx((0.4, 0.4, 0.4))
-    shift = estimate(resamples.means(hard[None] - 0.25) - rule)
-    assert (shift.value, shift.low, shift.high) == pytest.approx((-0.25, -0.25, -0.25))
+    assert astuple(estimate(recipe / rule)) == pytest.approx((0.4, 0.4, 0.4))
+    shift = estimate(resamples.means(hard - 0.25) - rule)
+    assert astuple(shift) == pytest.approx((-0.25, -0.25, -0.25))
 
 
 def test_a_mean_keeps_what_lies_between_seeds_and_scenarios():
@@ -53,6 +53,15 @@ def test_a_curve_is_read_between_its_points_and_at_its_ends():
     x, y = np.array([[3.0, 1.0, 2.0]]), np.array([[9.0, 1.0, 4.0]])
     for at, there in ((1.5, 2.5), (2.75, 7.75), (0.0, 1.0), (5.0, 9.0)):
         assert along(x, y, np.array([at])) == pytest.approx([there])
+
+
+def test_groups_are_as_large_as_each_other_and_fewer_where_values_repeat():
+    sample = np.random.default_rng(5).permutation(np.arange(1.0, 26.0))
+    groups = quantile_groups(sample, 5)
+    assert [sorted(sample[inside]) for inside, _, _ in groups] == np.arange(1.0, 26.0).reshape(5, 5).tolist()
+    assert (groups[0][1], groups[-1][2]) == (1.0, 25.0)
+    ((inside, low, high),) = quantile_groups(np.full(7, 0.4), 5)
+    assert (inside.sum(), low, high) == (7, 0.4, 0.4)
 
 
 def test_the_interquartile_mean_is_that_of_scipy():

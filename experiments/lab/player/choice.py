@@ -22,12 +22,8 @@ def choose(played_baseline: Episodes, played_policy: Episodes) -> dict[str, int]
     reasons: dict[int, list[str]] = {}
     for reason, number in _outstanding(played_baseline, played_policy):
         reasons.setdefault(number, []).append(reason)
-    return {_phrase(found): number for number, found in reasons.items()}
-
-
-def _phrase(reasons: list[str]) -> str:
-    text = "; ".join(reasons)
-    return text[0].upper() + text[1:]
+    phrases = {"; ".join(found): number for number, found in reasons.items()}
+    return {phrase[0].upper() + phrase[1:]: number for phrase, number in phrases.items()}
 
 
 def _outstanding(baseline: Episodes, policy: Episodes) -> Iterable[tuple[str, int]]:
@@ -38,16 +34,12 @@ def _outstanding(baseline: Episodes, policy: Episodes) -> Iterable[tuple[str, in
     scenario = policy.scenario
     contacts = np.maximum(baseline.contact_count, policy.contact_count)
 
-    def at(share: float, values: NDArray[np.float64]) -> int:
-        """Return where the `share`-quantile is, the lower one of two."""
-        order = touched[np.argsort(values[touched], kind="stable")]
-        return int(order[round(share * (len(order) - 1) - 1e-9)])
-
     def largest(values: NDArray[np.float64] | NDArray[np.int64]) -> int:
         return int(touched[np.argmax(values[touched])])
 
     if both.any():
-        yield "a typical scenario: the policy's V_p is the median", at(0.5, ours)
+        median = touched[np.argsort(ours[touched], kind="stable")][(len(touched) - 1) // 2]  # the lower one of two
+        yield "a typical scenario: the policy's V_p is the median", int(median)
         yield "the policy's largest gain on the baseline", largest(gain)
         worst = largest(-gain)
         yield f"the policy's {'largest loss to' if gain[worst] < 0.0 else 'smallest gain on'} the baseline", worst

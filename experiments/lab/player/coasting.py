@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from experiments.reference.bistable import BistableForce
 from impact_gym.envs.task import Task
 from impact_gym.scene import Bistable, SpringDamper
 
@@ -27,20 +28,14 @@ def coast(columns: Mapping[str, NDArray[np.float64]], end: float, task: Task) ->
     more["time"] += elapsed
     more["object_position"] += last["object_velocity"] * elapsed
     more["contact_force"][:] = more["flange_velocity"][:] = 0.0
-    law = coupling_force(task)
-    if law is None:
+    force = coupling_force(task)
+    if force is None:
         more["tool_velocity"][:] = 0.0
     else:
         start = [last["tool_position"] - last["flange_position"], last["tool_velocity"] - last["flange_velocity"]]
-        swing = solve_ivp(
-            lambda _, y: [y[1], law(y[0], y[1]) / task.tool_mass],
-            (0.0, elapsed[-1]),
-            start,
-            "LSODA",
-            elapsed,
-            rtol=TOLERANCE,
-            atol=TOLERANCE,
-        ).y
+        times = {"t_span": (0.0, elapsed[-1]), "t_eval": elapsed}
+        tight = {"method": "LSODA", "rtol": TOLERANCE, "atol": TOLERANCE}
+        swing = solve_ivp(lambda _, y: [y[1], force(*y) / task.tool_mass], y0=start, **times, **tight).y
         more["tool_position"] = more["flange_position"] + swing[0]
         more["tool_velocity"] = swing[1]
     return {name: np.concatenate([column, more[name]]) for name, column in columns.items()}
@@ -48,20 +43,16 @@ def coast(columns: Mapping[str, NDArray[np.float64]], end: float, task: Task) ->
 
 def coupling_force(task: Task) -> Callable[[float, float], float] | None:
     """Return the coupling's force on the tool, N, of its deflection (m) and that one's rate (m/s); None if rigid."""
-    coupling, m = task.coupling, task.tool_mass
+    coupling = task.coupling
     if isinstance(coupling, SpringDamper):
-        k, c = coupling.stiffness, 2.0 * coupling.damping_ratio * np.sqrt(coupling.stiffness * m)
+        k, c = coupling.stiffness, 2.0 * coupling.damping_ratio * np.sqrt(coupling.stiffness * task.tool_mass)
         return lambda y, y_dot: -k * y - c * y_dot
     if not isinstance(coupling, Bistable):
         return None
-    rest, k_s = coupling.rest, coupling.stop_stiffness
-    c_s = 2.0 * coupling.stop_damping_ratio * np.sqrt(k_s * m)
-
-    def stop(depth: float, depth_rate: float) -> float:
-        return max(k_s * depth + c_s * depth_rate, 0.0) if depth > 0.0 else 0.0
+    law = BistableForce(coupling, task.tool_mass)  # of the flange's way ahead of the tool
 
     def force(y: float, y_dot: float) -> float:
-        x = rest + y
-        return float(coupling.force(x)) - stop(x - coupling.front_stop, y_dot) + stop(coupling.rear_stop - x, -y_dot)
+        pushes = {"front": law.front(-y, -y_dot) > 0.0, "rear": law.rear(-y, -y_dot) > 0.0}
+        return law.force(-y, -y_dot, pushes)
 
     return force

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.evaluate.stage import TEST_SEED, Controller, Episodes
+from agents.evaluate.stage import RESULTS, TEST_SEED, Controller, Episodes
 from experiments.lab.player.clock import clock
 from experiments.lab.player.coasting import coast
 from experiments.lab.player.thinning import thin
@@ -18,17 +18,14 @@ from impact_gym.envs.single import ImpactApproachEnv
 from impact_gym.envs.task import Task
 from impact_gym.scene import Bistable, Rigid, SpringDamper
 
-COLUMNS = (
-    "time",
-    "flange_position",
-    "tool_position",
-    "object_position",
-    "flange_velocity",
-    "tool_velocity",
-    "object_velocity",
-    "contact_force",
-)
-DECIMALS = (7, 7, 7, 7, 5, 5, 5, 5)  # s, m, m/s, N: a stiff contact lasts 0.1 ms and is 1 um deep
+BODIES = ("flange", "tool", "object")
+DECIMALS = {  # s, m, m/s, N: a stiff contact lasts 0.1 ms and is 1 um deep
+    "time": 7,
+    **{f"{body}_position": 7 for body in BODIES},
+    **{f"{body}_velocity": 5 for body in BODIES},
+    "contact_force": 5,
+}
+COLUMNS = tuple(DECIMALS)
 AFTER = 0.15  # s, shown after the last separation
 
 Columns = dict[str, NDArray[np.float64]]
@@ -44,16 +41,11 @@ class Run:
     @property
     def contacts(self) -> list[tuple[float, float]]:
         """Start and end of each contact, s; one that goes on ends with the trace."""
-        return [
-            (float(start), float(min(end, self.history.now)))
-            for start, end in zip(self.history.touches, self.history.partings, strict=True)
-        ]
+        ends = np.minimum(self.history.partings, self.history.now)
+        return list(zip(self.history.touches.tolist(), ends.tolist(), strict=True))
 
     def until(self, end: float) -> Columns:
-        """Return the time histories up to `end` (s).
-
-        Where the trace is shorter it is continued by `coast`.
-        """
+        """Return the time histories up to `end` (s), continued by `coast` where the trace is shorter."""
         columns = {name: self.history.columns[name] for name in COLUMNS}
         if end > self.history.now:
             columns = coast(columns, end, self.history.task)
@@ -70,7 +62,7 @@ def films(
     seed: int = TEST_SEED,
     frozen: EvaluationSet | None = None,
     environment: Mapping[str, Any] | None = None,
-    time_weight: float | Mapping[str, float] = 2.0,
+    time_weight: float = 2.0,
     rounding: float = 0.0,
 ) -> dict[str, Any]:
     """Return what `fragment` shows: per scenario the clock and the thinned traces of all contestants, as plain JSON.
@@ -82,7 +74,7 @@ def films(
         seed: of the set's scenario 0; a frozen set brings its own.
         frozen: the set from which the scenarios were taken, if they were not drawn.
         environment: arguments of the environment but for its time weight.
-        time_weight: m/s per s, for all or by name.
+        time_weight: m/s per s.
         rounding: m/s by which V_p of a controller may differ whose action for an observation depends on others in its
             batch (a matrix product of BLAS rounds so); 0 for policies and rules of this project.
 
@@ -91,15 +83,13 @@ def films(
     """
     options = {"scenario": "test", **(environment or {})}
     options.pop("time_weight", None)
-    task = Task(**options)
-    scenes = []
+    task, scenes = Task(**options), []
     for label, number in numbers.items():
+        record = {"time_weight": time_weight}
+        if frozen is not None:
+            record |= {field: float(values[number]) for field, values in frozen.scenario.items()}
         runs = {}
         for name, controller in contestants.items():
-            weight = time_weight[name] if isinstance(time_weight, Mapping) else time_weight
-            record: dict[str, float] = {"time_weight": weight}
-            if frozen is not None:
-                record |= {field: float(values[number]) for field, values in frozen.scenario.items()}
             runs[name] = play(controller, frozen.seed if frozen else seed, number, record, options, task)
             judged, found = float(played[name].object_velocity[number]), runs[name].info["object_velocity"]
             if abs(found - judged) > rounding:
@@ -112,42 +102,44 @@ def films(
 
 
 def play(
-    controller: Controller,
-    seed: int,
-    number: int,
-    record: Mapping[str, float],
-    options: Mapping[str, Any],
-    task: Task,
+    controller: Controller, seed: int, number: int, record: Mapping[str, float], options: Mapping[str, Any], task: Task
 ) -> Run:
     """Play scenario `number` as `Stage` does, in a batch of one, with its trace to the end of the settling."""
     env = ImpactApproachEnv(record_trace=True, **options)
-    observation, _ = env.reset(seed=seed + number, options={"record": dict(record)})
+    info = play_to_the_end(env, controller, seed + number, record)
+    if info["status"] != "ok":
+        raise RuntimeError(f"scenario {number}: {info['status']}")
+    return Run(History(env.trace(), info, task, ended=True), info)
+
+
+def play_to_the_end(
+    env: ImpactApproachEnv, controller: Controller, seed: int, record: Mapping[str, float]
+) -> dict[str, Any]:
+    """Play the episode of an environment that has this seed and record; return its last info."""
+    observation, info = env.reset(seed=seed, options={"record": dict(record)})
     state, start, ended = None, np.ones(1, np.bool_), False
-    info: dict[str, Any] = {}
     while not ended:
         actions, state = controller.predict(observation[None], state=state, episode_start=start, deterministic=True)
         observation, _, terminated, truncated, info = env.step(np.asarray(actions)[0])
         start, ended = np.zeros(1, np.bool_), terminated or truncated
-    if info["status"] != "ok":
-        raise RuntimeError(f"scenario {number}: {info['status']}")
-    return Run(History(env.trace(), info, task, ended=True), info)
+    return info
 
 
 def _scene(runs: Mapping[str, Run]) -> dict[str, Any]:
     """Return one scenario: its clock, the scales that all panels share, and the contestants' histories."""
     contacts = [contact for run in runs.values() for contact in run.contacts]
     ends = [run.contacts[-1][1] + AFTER if run.contacts else run.history.now for run in runs.values()]
-    end = round(max(ends), DECIMALS[0])
+    end = round(max(ends), DECIMALS["time"])
     histories = {name: run.until(end) for name, run in runs.items()}
-    speeds = [abs(columns[f"{body}_velocity"]).max() for columns in histories.values() for body in _BODIES]
-    depths = [(columns["tool_position"] - columns["object_position"]).max() for columns in histories.values()]
+    all_of = {name: np.concatenate([columns[name] for columns in histories.values()]) for name in COLUMNS}
+    velocities = np.concatenate([all_of[f"{body}_velocity"] for body in BODIES])
     limits = {
-        "force": max(float(columns["contact_force"].max()) for columns in histories.values()),
-        "speed": max(1e-3, *map(float, speeds)),
-        "lowest": min(float(columns[f"{body}_velocity"].min()) for columns in histories.values() for body in _BODIES),
-        "depth": max(0.0, *map(float, depths)),
-        "farthest": max(float(columns["object_position"].max()) for columns in histories.values()),
-        "rearmost": min(float(columns["flange_position"].min()) for columns in histories.values()),
+        "force": float(all_of["contact_force"].max()),
+        "speed": max(1e-3, float(np.abs(velocities).max())),
+        "lowest": float(velocities.min()),
+        "depth": max(0.0, float((all_of["tool_position"] - all_of["object_position"]).max())),
+        "farthest": float(all_of["object_position"].max()),
+        "rearmost": float(all_of["flange_position"].min()),
     }
     scenario = next(iter(runs.values())).info["scenario"]
     return {
@@ -160,22 +152,16 @@ def _scene(runs: Mapping[str, Run]) -> dict[str, Any]:
     }
 
 
-_BODIES = ("flange", "tool", "object")
-
-
 def _run(name: str, run: Run, columns: Columns, limits: Mapping[str, float]) -> dict[str, Any]:
-    alarm = run.history.alarm
-    fields = ("object_velocity", "approach_time", "peak_force", "contact_count", "missed")
-    contacts = [[round(instant, DECIMALS[0]) for instant in contact] for contact in run.contacts]
+    alarm, digits = float(run.history.alarm), DECIMALS["time"]
     kept = thin(columns, limits)
-    kept = kept[np.append(True, np.diff(np.round(columns["time"][kept], DECIMALS[0])) > 0.0)]
-    rows = {key: np.round(columns[key][kept], digits).tolist() for key, digits in zip(COLUMNS, DECIMALS, strict=True)}
+    kept = kept[np.append(True, np.diff(np.round(columns["time"][kept], digits)) > 0.0)]
     return {
         "name": name,
-        **{field: run.info[field] for field in fields},
-        "contacts": contacts,
-        "alarm": round(float(alarm), DECIMALS[0]) if np.isfinite(alarm) else None,
-        "rows": list(rows.values()),
+        **{field: run.info[field] for field in RESULTS},
+        "contacts": [[round(instant, digits) for instant in contact] for contact in run.contacts],
+        "alarm": round(alarm, digits) if np.isfinite(alarm) else None,
+        "rows": [np.round(columns[key][kept], decimals).tolist() for key, decimals in DECIMALS.items()],
     }
 
 
