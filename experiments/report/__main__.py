@@ -177,7 +177,7 @@ def write_folder(played: list[Played], options: ReportOptions, begun: float, fir
             "weak": [said for one in whole for said in robustness.weak_points(one)],
             "seeds": max(len(one.seeds) for one in played),
             "limits": _limits(asked),
-            "own": bool(options.policy),
+            "own": bool(options.policy) or not all(load_setup(name).shipped for name in options.setups),
             "apart": _apart(asked[0].scenarios),
             "trained_with": _trained_with(asked),
             "resamples": f"{RESAMPLES:,}",

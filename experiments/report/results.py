@@ -23,6 +23,7 @@ PLAY = "agents.evaluate.play:play"
 MEASURES = "experiments.report.measures"
 PLAYER = "experiments.lab.player.films"  # plays what `MEASURES` watches
 SPEEDS = (0.4, 0.5, 0.6, 0.8, 1.0, 1.25, 1.5)  # m/s, of the family of constant speeds
+SHARES = (0.4, 0.6, 0.8, 1.0)  # of the largest speed of an arm that is slower than all of these
 FAR = 0.36  # m, just beyond the farthest object: where an approach that meets nothing is watched
 NEAR = 0.25  # m, where one is watched that knows the distance
 LESS = 500  # scenarios where many variants are played
@@ -224,7 +225,8 @@ def _asked(matchup: Matchup) -> Iterator[tuple[str, Any, str, dict[str, Any]]]:
         tuned = len(one.weights) > 1  # each weight is played at what was tuned for the nearest
         weights = sorted({*one.weights, *matchup.weights, typical}) if tuned else list(one.weights)
         yield "baselines", one.name, PLAY, of(one, scenarios=scenarios, weights=weights)
-    for speed in (one for one in SPEEDS if one <= task.velocity_range[1]):
+    fastest = task.velocity_range[1]
+    for speed in [one for one in SPEEDS if one <= fastest] or [share * fastest for share in SHARES]:
         constant = Contestant(f"{speed:g} m/s", {"speed": speed}, (typical,), "")
         yield "family", constant.name, PLAY, of(constant, scenarios=scenarios, weights=[typical])
     if (bound := matchup.bound) is not None:
