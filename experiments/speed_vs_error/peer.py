@@ -15,7 +15,7 @@ import numpy as np
 import impact_gym as ig
 from experiments.reference.bistable import BistableForce
 from experiments.speed_vs_error.by_hand import command_of, flange
-from experiments.speed_vs_error.quantities import Answer
+from experiments.speed_vs_error.quantities import Solution
 from experiments.speed_vs_error.scenes import Approach
 
 HEAVY = 1e6  # kg, the flange
@@ -47,9 +47,7 @@ MODEL = """
   {tendon}
 </mujoco>
 """
-TENDON = (
-    """<tendon><spatial stiffness="{}" springlength="{}"><site site="pivot"/><site site="end"/></spatial></tendon>"""
-)
+TENDON = '<tendon><spatial stiffness="{}" springlength="{}"><site site="pivot"/><site site="end"/></spatial></tendon>'
 
 
 @dataclass(frozen=True)
@@ -58,15 +56,6 @@ class Fit:
 
     stiffness: float  # 1/s^2
     damping: float  # 1/s
-
-
-def missing() -> str:
-    """Return why MuJoCo takes no part, or an empty string."""
-    try:
-        import mujoco  # noqa: F401  # an extra
-    except ImportError:
-        return "MuJoCo is not installed (extra `peers`)"
-    return ""
 
 
 def xml(approach: Approach, fit: Fit, step: float) -> str:
@@ -118,7 +107,7 @@ class Model:
         if self.start is not None:
             self.data.qpos[:], self.data.qvel[:] = self.start
 
-    def run(self) -> Answer:
+    def run(self) -> Solution:
         """Step by step, looking at the forces; remember when the flange's acceleration changes."""
         self._begin()
         begin, end = self.window
@@ -126,7 +115,7 @@ class Model:
         count = round((end - begin) / h)
         pushes, push, positions = data.qfrc_applied, data.qfrc_constraint, data.qpos
         brake, detection, peak, touching, contacts, passes = math.inf, math.nan, 0.0, 0, 0, 0
-        before, behind = False, False
+        before = behind = False
         weight = HEAVY + float(self.model.body("tool").mass[0])
         forces = np.empty(count)
         for i in range(count):
@@ -134,24 +123,20 @@ class Model:
             change = flange(command, brake, t + h)[1] - flange(command, brake, t)[1]
             pushes[0] = forces[i] = round(change / h, 9) * weight
             self._step(self.model, data)
-            force = push[2]
+            force, now, now_behind = push[2], data.ncon > 0, self.x0 + positions[1] < 0.0
             peak = max(peak, force)
-            now = data.ncon > 0
             touching += now
             contacts += now and not before
-            before = now
+            passes += now_behind != behind
+            before, behind = now, now_behind
             if force > command.threshold and math.isnan(detection):
-                detection = t
-                brake = t + command.delay
-            if math.isfinite(self.x0):
-                passes += (self.x0 + positions[1] < 0.0) != behind
-                behind = self.x0 + positions[1] < 0.0
+                detection, brake = t, t + command.delay
         starts = np.flatnonzero(np.diff(forces, prepend=np.nan) != 0.0)
         lengths = np.diff(starts, append=count)
         self.pieces = [(int(n), float(forces[i])) for i, n in zip(starts, lengths, strict=True)]
         # where it diverges, MuJoCo warns and starts afresh from rest
         velocity = math.nan if any(warning.number for warning in data.warning) else float(data.qvel[2])
-        return Answer(velocity, float(peak), touching * h, detection, int(contacts), int(passes), count)
+        return Solution(velocity, float(peak), touching * h, detection, int(contacts), int(passes), count)
 
     def repeat(self) -> float:
         """Make the same steps again without looking; return V_p (m/s)."""

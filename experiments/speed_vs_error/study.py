@@ -1,16 +1,14 @@
-"""The whole study: measure what is missing, draw, write the page."""
+"""The whole study: all tables in order, and what the page shows of them."""
 
 from dataclasses import dataclass, replace
-from functools import partial
-from pathlib import Path
 
 import polars as pl
 
-from experiments.lab import experiment
 from experiments.lab.experiment import Shown, Tables
-from experiments.speed_vs_error import figures, heat_map, measure, peer, peer_fit, scenes, summary, taylor, truth
+from experiments.lab.tables import Gather
+from experiments.speed_vs_error import figures, heat_map, measure, peer_fit, scenes, summary, truth
 from experiments.speed_vs_error.by_hand import METHODS
-from experiments.speed_vs_error.contenders import Grid, settings
+from experiments.speed_vs_error.contenders import Grid
 from experiments.speed_vs_error.quantities import ERRORS, TOO_WRONG
 
 
@@ -33,21 +31,21 @@ FULL = Extent(Grid(), COARSER, rounds=3, scenes=200, heat_map=8, fit=90)
 QUICK = Extent(FEW, replace(FEW, mujoco_steps=()), rounds=1, scenes=8, heat_map=1, fit=25)
 
 
-def tables(folder: Path, extent: Extent, processes: int | None = None) -> Tables:
-    """Return all tables, after measuring what `folder` does not have of them."""
+def tables(extent: Extent, gather: Gather) -> Tables:
+    """Return all tables, after measuring what is missing of them."""
     named = [approach for approach in scenes.named() if not extent.names or approach.name in extent.names]
     found = {
-        "named_truth": truth.rows(folder, named, 1e-11, processes),
-        "population_truth": truth.rows(folder, scenes.population(extent.scenes), 1e-10, processes),
+        "named_truth": truth.rows(gather, named, 1e-11),
+        "population_truth": truth.rows(gather, scenes.population(extent.scenes), 1e-10),
     }
-    true, all_true = (truth.answers(rows) for rows in found.values())
-    found["mujoco_fits"] = peer_fit.rows(folder, true, extent.fit, processes)
-    fits = {row["scene"]: {name: row[name] for name in ("stiffness", "damping")} for row in found["mujoco_fits"]}
-    found["heat_map"] = heat_map.rows(folder, extent.heat_map, processes)
-    tried = settings(extent.named), settings(extent.population)
-    found["named"] = measure.rows(folder, "named", true, fits, tried[0], extent.rounds, processes)
-    found["population"] = measure.rows(folder, "population", all_true, {}, tried[1], 1, processes)
-    return found
+    true, all_true = (truth.solutions(rows) for rows in found.values())
+    fits = peer_fit.rows(gather, true, extent.fit)
+    return found | {
+        "mujoco_fits": fits,
+        "heat_map": heat_map.rows(gather, extent.heat_map),
+        "named": measure.rows(gather, "named", true, fits, extent.named.settings(), extent.rounds),
+        "population": measure.rows(gather, "population", all_true, [], extent.population.settings(), 1),
+    }
 
 
 def shown(tables: Tables) -> Shown:
@@ -73,13 +71,3 @@ def shown(tables: Tables) -> Shown:
         "heat": heat,
         "load": named["load"],
     }
-
-
-def run(folder: Path, line: str, *, extent: Extent, again: bool = False, processes: int | None = None) -> Path:
-    """Measure what `folder` does not have, or everything `again`; return the path of the page."""
-    absent = {"mujoco": peer.missing(), "heyoka": taylor.missing()}
-    for why in filter(None, absent.values()):
-        print(f"speed_vs_error: {why}; it takes no part")
-    peers = [name for name, why in absent.items() if not why]
-    compute = partial(tables, folder, extent, processes)
-    return experiment.run("speed_vs_error", folder, line, compute, shown, again=again, packages=peers)

@@ -57,9 +57,8 @@ def compared(rows: pl.DataFrame, names: Sequence[str], error: float) -> Comparis
 def lines(named: pl.DataFrame, truths: pl.DataFrame) -> list[dict[str, Any]]:
     """Return one line for each named scene: its name, its description and a comparison with each of `RIVALS`."""
     return [
-        {"scene": scene, "description": description}
-        | {kind: compared(named.filter(scene=scene), *rival) for kind, rival in RIVALS.items()}
-        for scene, description in truths.select("scene", "description").rows()
+        row | {kind: compared(named.filter(scene=row["scene"]), *rival) for kind, rival in RIVALS.items()}
+        for row in truths.select("scene", "description").to_dicts()
     ]
 
 

@@ -7,7 +7,7 @@
 `rivals`       SciPy and fixed steps on the same storm, and solve_ivp with event functions, as people write it
 `invariances`  units, frame, order of rows, number of threads, as numbers
 `hard_cases`   what makes other solvers fall, measured: onset, grazes, slow contacts, absolute tolerances
-`bars`         what was promised, and whether it is met
+`promises`     what was promised, and whether it is met
 `figures`      drawn from the tables
 `study`        all of it in order, and the page
 

@@ -19,7 +19,8 @@ def main(scenes: int | None = None, out: Path | None = None, quick: bool = False
         force: compute everything again.
     """
     count = scenes or (200 if quick else 10_000)
-    experiment.command("stability", partial(study.run, scenes=count, quick=quick, again=force), out, quick)
+    compute = partial(study.tables, count, quick)
+    experiment.command("stability", compute, study.shown, out, quick, again=force)
 
 
 if __name__ == "__main__":

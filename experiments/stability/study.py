@@ -1,18 +1,15 @@
-"""The whole study: compute what is missing, draw, write the page."""
+"""The whole study: all tables in order, and what the page shows of them."""
 
-from functools import partial
-from pathlib import Path
-
-from experiments.lab import experiment
 from experiments.lab.experiment import Shown, Tables
-from experiments.stability import agreement, bars, figures, hard_cases, invariances, rivals, scenes, storm
+from experiments.lab.tables import Gather
+from experiments.stability import agreement, figures, hard_cases, invariances, promises, rivals, scenes, storm
 
 IN_A_QUICK_RUN = ("impact_gym", "solve_ivp", "0.0001")  # rivals whose names have one of these
 SHOWN = 200  # failures in the page; the table has all
 
 
-def tables(folder: Path, count: int, quick: bool, processes: int | None = None) -> Tables:
-    """Return all tables of a storm of `count` scenes, after computing what `folder` does not have of them.
+def tables(count: int, quick: bool, gather: Gather) -> Tables:
+    """Return all tables of a storm of `count` scenes, after computing what is missing of them.
 
     A `quick` look has fewer scenes for rivals and invariances, fewer rivals and hard cases, and less time for the
     independent solver.
@@ -20,17 +17,16 @@ def tables(folder: Path, count: int, quick: bool, processes: int | None = None) 
     patience, contested, size = (10.0, 6, 8) if quick else (60.0, 250, 300)  # s by the clock, scenes, scenes
     names = [name for name in rivals.RIVALS if not quick or any(word in name for word in IN_A_QUICK_RUN)]
     sampled, contest = agreement.sampled(count), rivals.sample(contested)
-    rows = storm.rows(folder, count, processes)
-    truths = agreement.truths(folder, sorted({*sampled, *contest}), patience, processes)
-    judges = {number: truths[number] for number in contest}
+    rows = storm.rows(gather, count)
+    truths = agreement.truths(gather, sorted({*sampled, *contest}), patience)
     return {
         "storm": rows,
-        "failures": [failure for row in rows for failure in bars.failures(row)],
+        "failures": [failure for row in rows for failure in promises.failures(row)],
         "truth": list(truths.values()),
-        "agreement": agreement.comparisons(folder, {number: truths[number] for number in sampled}, processes),
-        "rivals": rivals.rows(folder, judges, names, processes),
-        "invariances": invariances.rows(folder, size, rows, processes),
-        "hard_cases": hard_cases.rows(folder, quick, processes),
+        "agreement": agreement.comparisons(gather, {number: truths[number] for number in sampled}),
+        "rivals": rivals.rows(gather, {number: truths[number] for number in contest}, names),
+        "invariances": invariances.rows(gather, size, rows),
+        "hard_cases": hard_cases.rows(gather, quick),
     }
 
 
@@ -45,25 +41,16 @@ def shown(tables: Tables) -> Shown:
         "hard_cases": figures.hard_cases(tables["hard_cases"]),
     }
     return drawn, {
-        "bars": [*bars.over_storm(rows, broken), bars.over_agreement(judged, len(unknown))],
+        "promises": [*promises.over_storm(rows, broken), promises.over_agreement(judged, len(unknown))],
         "invariances": tables["invariances"],
         "failures": broken,
         "shown": SHOWN,
-        "apart": [(row, bars.disagreement(row)) for row in judged if bars.disagreement(row)],
+        "apart": [(row, reason) for row in judged if (reason := promises.disagreement(row))],
         "unknown": unknown,
         "sampled": len(sampled),
         "table": shares,
         "rivals": rivals,
         "storm": scenes,
         "size": len(rows),
-        "energy": bars.ENERGY,
+        "energy": promises.ENERGY,
     }
-
-
-def run(
-    folder: Path, line: str, *, scenes: int, quick: bool, again: bool = False, processes: int | None = None
-) -> Path:
-    """Compute what `folder` does not have of a storm, or everything `again`; return the path of the page."""
-    return experiment.run(
-        "stability", folder, line, partial(tables, folder, scenes, quick, processes), shown, again=again
-    )
