@@ -6,7 +6,7 @@ from experiments import reference
 from experiments.paper.scenes import DURATION, MOTION, decoupled
 from experiments.speed_vs_error.contenders import MISSING, MUJOCO, Grid
 from experiments.speed_vs_error.measure import timed
-from experiments.speed_vs_error.peer_fit import fitted
+from experiments.speed_vs_error.peer import fitted
 from experiments.speed_vs_error.scenes import Approach
 from experiments.speed_vs_error.summary import COARSE, FINE, cheapest
 

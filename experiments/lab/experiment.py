@@ -24,15 +24,9 @@ Show = Callable[[Tables], Shown]
 
 
 def command(name: str, compute: Compute, show: Show, out: Path | None, quick: bool, **options: Any) -> None:
-    """Do what `run` does, for a command line, in `out`, reports/name, or name_quick beside it; say where the page is.
+    """Do what `run` does, for a command line, and say where the page is.
 
-    Args:
-        name: of the package below `experiments`.
-        compute: returns the tables.
-        show: returns figures and content of the page.
-        out: another folder.
-        quick: whether it is a first look.
-        options: of `run`.
+    The folder is `out`, or reports/name, or name_quick beside it; `name` is of the package below `experiments`.
     """
     folder = out or REPORTS / (f"{name}_quick" if quick else name)
     line = shlex.join(["python", "-m", f"experiments.{name}", *sys.argv[1:]])

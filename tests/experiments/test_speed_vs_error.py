@@ -22,6 +22,7 @@ from experiments.lab.charts import save
 from experiments.lab.results import KEPT
 from experiments.lab.tables import rows_of
 from experiments.paper.scenes import MOTION, decoupled
+from experiments.speed_vs_error import __main__ as study
 from experiments.speed_vs_error import (
     by_hand,
     contenders,
@@ -31,7 +32,6 @@ from experiments.speed_vs_error import (
     peer,
     quantities,
     scenes,
-    study,
     summary,
     taylor,
     truth,

@@ -21,7 +21,8 @@ from experiments.lab.results import KEPT
 from experiments.lab.tables import gathered
 from experiments.speed_vs_error import quantities
 from experiments.speed_vs_error.contenders import OURS
-from experiments.stability import agreement, hard_cases, invariances, promises, rivals, scenes, storm, study
+from experiments.stability import __main__ as study
+from experiments.stability import agreement, hard_cases, invariances, promises, rivals, scenes, storm
 
 FEW = 27  # scenes: every coupling with every robot, three times
 
