@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import partial
 from importlib.util import find_spec
 from time import thread_time
+from timeit import timeit
 from typing import Any
 from unittest.mock import patch
 
@@ -18,7 +19,7 @@ import impact_gym as ig
 from experiments import reference
 from experiments.reference.motion import Motion
 from experiments.speed_vs_error import by_hand, peer, taylor
-from experiments.speed_vs_error.quantities import Solution, solution_of
+from experiments.speed_vs_error.quantities import Solution
 from experiments.speed_vs_error.scenes import Approach
 
 OURS, SCIPY, MUJOCO, HEYOKA = "impact_gym", "SciPy", "MuJoCo", "heyoka Taylor"
@@ -77,21 +78,13 @@ def contender(approach: Approach, name: str, setting: float, fit: peer.Fit | Non
     if name == HEYOKA:
         solve = taylor.Run(approach, setting).solve
         return Contender(name, setting, solve, repeated(solve))
-    return Contender(
-        name, setting, partial(approach.solved, rtol=setting), repeated(partial(ig.simulate, *approach.run, setting))
-    )
+    seconds = repeated(partial(ig.simulate, *approach.run, setting))
+    return Contender(name, setting, partial(approach.solved, rtol=setting), seconds)
 
 
 def repeated(function: Callable[[], Any]) -> Callable[[int], float]:
     """Return what times so many calls, s each."""
-
-    def seconds(calls: int) -> float:
-        begun = thread_time()
-        for _ in range(calls):
-            function()
-        return (thread_time() - begun) / calls
-
-    return seconds
+    return lambda calls: timeit(function, timer=thread_time, number=calls) / calls
 
 
 class _Clocked(Motion):
@@ -112,12 +105,11 @@ def scipy(name: str, approach: Approach, rtol: float) -> Contender:
     The reference flies by the matrix exponential, or at rtol 1e-12 where there is no closed form: neither is what this
     contender is about, so its flights are exact and free of charge.
     """
-    method = name.removeprefix(f"{SCIPY} ")
-    outcomes: list[reference.Reference] = []  # the last, so that what was timed need not be computed again
+    solutions: list[Solution] = []  # what was timed need not be computed again
 
-    def run() -> reference.Reference:
-        outcomes[:] = [reference.simulate(*approach.run, rtol=rtol, method=method)]
-        return outcomes[0]
+    def run() -> Solution:
+        solutions.append(approach.solved(reference.simulate, rtol=rtol, method=name.removeprefix(f"{SCIPY} ")))
+        return solutions[-1]
 
     def seconds(calls: int) -> float:
         _Clocked.spent = 0.0
@@ -126,7 +118,4 @@ def scipy(name: str, approach: Approach, rtol: float) -> Contender:
                 run()
         return _Clocked.spent / calls
 
-    def solve() -> Solution:
-        return solution_of(outcomes[0] if outcomes else run(), approach.duration)
-
-    return Contender(name, rtol, solve, seconds)
+    return Contender(name, rtol, lambda: solutions[-1] if solutions else run(), seconds)

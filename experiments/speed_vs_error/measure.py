@@ -49,12 +49,12 @@ def best_times(found: Sequence[Contender], rounds: int, title: str | None) -> di
 def judged(one: Contender, truth: Solution) -> Row:
     """Return the row of a contender without its time."""
     try:
-        solution = one.solve()
+        found = one.solve()
     except Exception as problem:  # a failure is a result here
         nothing = dict.fromkeys((*ERRORS, "contacts", "passes"), math.nan)
         return {**nothing, "steps": 0, "failure": f"{type(problem).__name__}: {problem}".replace("\n", " ")}
-    counts = {"contacts": solution.contacts, "passes": solution.passes, "steps": solution.steps}
-    return {**errors(solution, truth), **counts, "failure": failure(solution, truth)}
+    counts = {name: getattr(found, name) for name in ("contacts", "passes", "steps")}
+    return {**errors(found, truth), **counts, "failure": failure(found, truth)}
 
 
 def timed(

@@ -17,9 +17,8 @@ from scipy.optimize import minimize
 import impact_gym as ig
 from agents.jobs import Result
 from experiments.lab.tables import Gather, Row, result_of, solver_and
-from experiments.reference.bistable import BistableForce
 from experiments.speed_vs_error import by_hand
-from experiments.speed_vs_error.by_hand import command_of, flange
+from experiments.speed_vs_error.by_hand import BISTABLE, SPRING, command_of, flange, law_of
 from experiments.speed_vs_error.quantities import Solution, as_json, from_json
 from experiments.speed_vs_error.scenes import SOURCES, Approach, approach_of
 
@@ -67,26 +66,18 @@ class Fit:
 
 def xml(approach: Approach, fit: Fit, step: float) -> str:
     """Return the model of an approach."""
-    coupling, m_t = approach.scene.coupling, approach.scene.tool.mass
-    solimp = f"{IMPEDANCE} {IMPEDANCE} 1 0.5 1"
+    law, solimp = law_of(approach.scene), f"{IMPEDANCE} {IMPEDANCE} 1 0.5 1"
     words: dict[str, Any] = {"stiffness": 0.0, "damping": 0.0, "stops": "", "tendon": "", "pivot": 0.0, "height": 0.0}
-    if isinstance(coupling, ig.SpringDamper):
-        damping = 2.0 * coupling.damping_ratio * math.sqrt(coupling.stiffness * m_t)
-        words |= {"stiffness": coupling.stiffness, "damping": damping}
-    elif isinstance(coupling, ig.Bistable):
-        force = BistableForce(coupling, m_t)
-        limits = f"{coupling.rear_stop - force.x0} {coupling.front_stop - force.x0}"
-        solref = f"-{force.k_s / m_t} -{force.c_s / m_t}"
-        words |= {
-            "stops": f'limited="true" range="{limits}" solreflimit="{solref}" solimplimit="{solimp}"',
-            "tendon": TENDON.format(force.k, force.L0),
-            "pivot": -force.x0,
-            "height": force.H,
-        }
+    if law.kind == SPRING:
+        words |= {"stiffness": law.k_t, "damping": law.c_t}
+    elif law.kind == BISTABLE:
+        limits, solref = f"{law.rear - law.x0} {law.front - law.x0}", f"-{law.k_s / law.m_t} -{law.c_s / law.m_t}"
+        stops = f'limited="true" range="{limits}" solreflimit="{solref}" solimplimit="{solimp}"'
+        words |= {"stops": stops, "tendon": TENDON.format(law.k_t, law.L0), "pivot": -law.x0, "height": law.H}
     else:
-        raise NotImplementedError(f"speed_vs_error: no coupling like {coupling!r} in MuJoCo")
+        raise NotImplementedError(f"speed_vs_error: no coupling like {approach.scene.coupling!r} in MuJoCo")
     return MODEL.format(
-        step=step, heavy=HEAVY, radius=RADIUS, tool=m_t, object=approach.scene.object.mass,
+        step=step, heavy=HEAVY, radius=RADIUS, tool=law.m_t, object=law.m_p,
         distance=approach.scene.object.distance, solref=f"-{fit.stiffness} -{fit.damping}", solimp=solimp, **words,
     )  # fmt: skip
 
@@ -105,8 +96,8 @@ class Model:
         self._step, self._reset = mujoco.mj_step, mujoco.mj_resetData
         self.command, self.step, self.start = command_of(approach.motion), step, start
         self.window = window or (0.0, approach.duration)
-        force = approach.scene.coupling
-        self.x0 = BistableForce(force, approach.scene.tool.mass).x0 if isinstance(force, ig.Bistable) else math.inf
+        law = law_of(approach.scene)
+        self.x0 = law.x0 if law.kind == BISTABLE else math.inf
         self.pieces: list[tuple[int, float]] = []
 
     def _begin(self) -> None:

@@ -78,8 +78,7 @@ class _PlainRun:
 
     def __init__(self, approach: Approach, method: str, rtol: float, atol: float) -> None:
         self.law, self.command = by_hand.law_of(approach.scene), by_hand.command_of(approach.motion)
-        self.duration = approach.duration
-        self.options: dict[str, Any] = {"method": method, "rtol": rtol, "atol": atol}
+        self.duration, self.options = approach.duration, {"method": method, "rtol": rtol, "atol": atol}
         self.v_in, self.brake, self.detection = 0.0, math.inf, math.nan
         self.contacts, self.evaluations = 0, 0
 
@@ -189,10 +188,8 @@ def rows(gather: Gather, truths: Mapping[int, Row], names: Sequence[str]) -> lis
     judges = "experiments.stability.scenes", by_hand.__name__, reference.__name__, __name__
     sure = judging(truths, COMPARED)
     found: list[Row] = []
-    for depends, some in (
-        (solver_and(*judges), [name for name in names if name == OURS]),
-        (digest_of(*judges), [name for name in names if name != OURS]),
-    ):
+    for ours, depends in ((True, solver_and(*judges)), (False, digest_of(*judges))):
+        some = [name for name in names if (name == OURS) == ours]
         asked = [{"scene": n, "contender": name, "truth": true} for n, true in sure.items() for name in some]
         found += gather("rivals", judged, asked, depends, known, seconds=12 * SECONDS)
     return found

@@ -129,13 +129,8 @@ def describe(scene: ig.Scene, motion: ig.Trapezoid) -> str:
 
 def labels(approach: Approach) -> Row:
     """Return the columns that say which scene a row is about."""
-    return {
-        "scene": approach.name,
-        "coupling": kind(approach.scene),
-        "speed": approach.motion.speed,
-        "description": approach.description,
-        "failure": "",
-    }
+    first = {"scene": approach.name, "coupling": kind(approach.scene), "speed": approach.motion.speed}
+    return first | {"description": approach.description, "failure": ""}
 
 
 def known(arguments: Mapping[str, Any]) -> Row:

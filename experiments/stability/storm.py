@@ -1,10 +1,9 @@
 """A row of numbers for each scene of the storm."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import asdict
 from time import thread_time
-from typing import Any
 
 import impact_gym as ig
 from agents.jobs import Result
@@ -70,13 +69,8 @@ def one(scene: int) -> Result:
     return result_of([row_of(draw(scene))])
 
 
-def hung(arguments: Mapping[str, Any]) -> Row:
-    """Return the row of a job that has no result, by its arguments."""
-    return blank(draw(arguments["scene"]))
-
-
 def rows(gather: Gather, count: int) -> list[Row]:
     """Return the rows of the first `count` scenes."""
     asked = [{"scene": number} for number in range(count)]
     depends = solver_and("experiments.stability.scenes", checks.__name__, __name__)
-    return gather("storm", one, asked, depends, hung, seconds=LIMIT)
+    return gather("storm", one, asked, depends, lambda hung: blank(draw(hung["scene"])), seconds=LIMIT)

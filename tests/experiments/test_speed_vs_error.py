@@ -80,10 +80,8 @@ def test_a_hand_written_integrator_converges_with_its_order_inside_a_contact(met
 @pytest.mark.parametrize("method", by_hand.METHODS)
 @pytest.mark.parametrize("coupling", COUPLINGS)
 def test_a_small_fixed_step_leads_to_the_truth(method, coupling):
-    approach = approach_with(COUPLINGS[coupling])
-    exact = true_solution(approach)
-    step = 2e-6
-    solution = by_hand.solve(method, approach, step)
+    approach, step = approach_with(COUPLINGS[coupling]), 2e-6
+    solution, exact = by_hand.solve(method, approach, step), true_solution(approach)
     assert quantities.failure(solution, exact) == ""
     errors = quantities.errors(solution, exact)
     # the contact lasts some 30 ms: an onset noticed one step late is 1e-4 of it
@@ -93,22 +91,20 @@ def test_a_small_fixed_step_leads_to_the_truth(method, coupling):
 
 def test_scipy_through_the_reference_is_judged_and_timed_in_its_contacts():
     approach = NAMED["soft"]
-    exact = true_solution(approach)
     contender = contenders.contender(approach, "SciPy RK45", 1e-8)
     plain = reference._Run
     spent = contender.seconds(1)
     assert reference._Run is plain
     assert 0 < spent < contenders.repeated(lambda: contender.seconds(1))(1)
-    assert quantities.errors(contender.solve(), exact)["velocity_error"] < 1e-7
+    assert quantities.errors(contender.solve(), true_solution(approach))["velocity_error"] < 1e-7
 
 
 @pytest.mark.parametrize("name", NAMED)
 def test_taylor_series_lead_to_the_truth(name):
     pytest.importorskip("heyoka")
-    approach = NAMED[name]
-    exact = true_solution(approach)
+    exact = true_solution(NAMED[name])
     for tolerance, allowed in ((1e-6, 1e-5), (1e-15, 1e-10)):  # events in a row multiply errors
-        solution = taylor.Run(approach, tolerance).solve()
+        solution = taylor.Run(NAMED[name], tolerance).solve()
         assert quantities.failure(solution, exact) == ""
         assert max(quantities.errors(solution, exact).values()) < allowed
 
@@ -145,11 +141,9 @@ def test_what_is_a_failure():
 
 
 def row(contender, setting, microseconds, error, **changes):
-    errors = dict.fromkeys(ERRORS, error)
-    counts = {"contacts": 1, "passes": 0, "steps": 50, "failure": ""}
-    about = {"rounds": 1, "load": 0.5, "run": "one"}
     first = {"scene": "soft", "contender": contender, "setting": setting, "microseconds": microseconds}
-    return first | errors | counts | about | changes
+    about = {"contacts": 1, "passes": 0, "steps": 50, "failure": "", "rounds": 1, "load": 0.5, "run": "one"}
+    return first | dict.fromkeys(ERRORS, error) | about | changes
 
 
 def table(rows):
@@ -161,7 +155,7 @@ def read(path):
 
 
 def test_an_error_that_is_small_by_chance_does_not_count():
-    rows = [row("RK4", 1e-3, 10.0, 1e-9), row("RK4", 1e-4, 100.0, 1e-5), row("RK4", 1e-5, 1000.0, 1e-7)]
+    rows = [row("RK4", *numbers) for numbers in ((1e-3, 10.0, 1e-9), (1e-4, 100.0, 1e-5), (1e-5, 1000.0, 1e-7))]
     assert summary.cheapest(table(rows), ["RK4"], 1e-6)["setting"] == 1e-5
     assert summary.cheapest(table(rows), ["RK4"], 1e-8) is None
     compared = summary.compared(table([*rows, row(OURS, 1e-6, 50.0, 1e-8)]), ["RK4"], 1e-6)
@@ -170,8 +164,8 @@ def test_an_error_that_is_small_by_chance_does_not_count():
 
 
 def test_a_missing_answer_counts_as_an_infinite_error_and_a_failure():
-    rows = [row(OURS, 1e-6, 50.0, 1e-8), row(OURS, 1e-6, 60.0, math.nan, failure="RuntimeError: none")]
-    rows.append(row(OURS, 1e-6, 70.0, 1e-7))
+    missing = row(OURS, 1e-6, 60.0, math.nan, failure="RuntimeError: none")
+    rows = [row(OURS, 1e-6, 50.0, 1e-8), missing, row(OURS, 1e-6, 70.0, 1e-7)]
     (found,) = summary.over_population(table(rows)).to_dicts()
     assert (found["velocity_error_25"], found["velocity_error_50"]) == (1e-8, 1e-7)
     assert found["microseconds_50"] == 60.0
@@ -181,9 +175,9 @@ def test_a_missing_answer_counts_as_an_infinite_error_and_a_failure():
 @pytest.fixture
 def tables():
     """A frozen table of every kind."""
-    about = {"scene": "soft", "description": "a scene", "contacts": 1, "passes": 0, "second_contacts": 1}
+    counts = {"contacts": 1, "passes": 0, "second_contacts": 1, "second_passes": 0}
     doubt = {f"{name}_doubt": 1e-14 for name in ERRORS}
-    truths = [about | {"second_passes": 0} | doubt]
+    truths = [{"scene": "soft", "description": "a scene", **counts, **doubt}]
     rows = [
         row(name, setting, 10.0 / setting, setting, failure="2 contacts, not 1" if setting > 1e-4 else "")
         for name in contenders.NAMES
@@ -241,8 +235,7 @@ def test_a_quick_run_measures_every_contender_on_every_scene(quick):
     named, population = (read(folder / f"{name}.csv").to_dicts() for name in ("named", "population"))
     assert {row["contender"] for row in named} == expected
     assert {row["scene"] for row in population} == {"000", "001", "002", "003"}
-    for found in (*population, *named):
-        assert found["microseconds"] > 0
+    assert all(row["microseconds"] > 0 for row in (*population, *named))
     fine = [row for row in population if row["contender"] == OURS and row["setting"] == 1e-9]
     assert len(fine) == 4
     assert all(not row["failure"] and row["velocity_error"] < 1e-7 for row in fine)
