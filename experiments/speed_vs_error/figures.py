@@ -50,9 +50,9 @@ def named_scenes(rows: pl.DataFrame, truths: pl.DataFrame, column: str) -> Figur
             axes.plot(wrong["microseconds"], wrong[column], **STYLES[name] | {"linestyle": ""}, mfc="white")
         axes.axhspan(RANGE[0], max(truth[f"{column}_doubt"], RANGE[0]), color="#bbbbbb", alpha=0.4, linewidth=0)
         axes.set(xscale="log", yscale="log", ylim=(RANGE[0] / 3, RANGE[1] * 3))
+        axes.set(xlabel="time per approach (µs)", ylabel=ERRORS[column])
+        axes.label_outer()
         axes.set_title("\n".join(wrap(f"{truth['scene']}: {truth['description']}", 44)), fontsize=9)
-    figure.supxlabel("time per approach (µs)", fontsize=10)
-    figure.supylabel(ERRORS[column], fontsize=10)
     return figure
 
 

@@ -133,13 +133,11 @@ def plain(approach: Approach, method: str, rtol: float, atol: float) -> Solution
     return Solution(float(y[3]), math.nan, math.nan, run.detection, run.contacts, passes=0, steps=run.evaluations)
 
 
+# of the reference: scaled contacts, exact flight, every event looked for with care
+careful = partial(Approach.solved, simulate=reference.simulate, rtol=RTOL)
 RIVALS: dict[str, Callable[[Approach], Solution]] = {
     OURS: partial(Approach.solved, rtol=OUR_RTOL),
-    # the reference: scaled contacts, exact flight, every event looked for with care
-    **{
-        f"{method}, careful events": partial(Approach.solved, simulate=reference.simulate, rtol=RTOL, method=method)
-        for method in METHODS
-    },
+    **{f"{method}, careful events": partial(careful, method=method) for method in METHODS},
     **{f"{method}, solve_ivp events": partial(plain, method=method, rtol=RTOL, atol=ATOL) for method in PLAIN},
     **{f"{method}, {h:g} s": partial(by_hand.solve, method, step=h) for method in by_hand.METHODS for h in STEPS},
 }
