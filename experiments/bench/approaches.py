@@ -4,11 +4,9 @@ import polars as pl
 
 from experiments import reference
 from experiments.paper.scenes import DURATION, MOTION, decoupled
-from experiments.speed_vs_error import peer
-from experiments.speed_vs_error.contenders import Grid, settings
+from experiments.speed_vs_error.contenders import MISSING, MUJOCO, Grid
 from experiments.speed_vs_error.measure import timed
-from experiments.speed_vs_error.peer_fit import fitted
-from experiments.speed_vs_error.quantities import answer_of
+from experiments.speed_vs_error.peer import fitted
 from experiments.speed_vs_error.scenes import Approach
 from experiments.speed_vs_error.summary import COARSE, FINE, cheapest
 
@@ -22,9 +20,8 @@ FIT = 60  # evaluations for the two parameters of MuJoCo's contact
 
 def compared(approach: Approach, error: float, grid: Grid, rounds: int) -> pl.DataFrame:
     """Return the fastest setting of each solver that keeps `error` (m/s in V_p), timed in turns, ours first."""
-    truth = answer_of(reference.simulate(approach.scene, approach.motion, approach.duration, rtol=1e-13), DURATION)
-    tried = tuple(settings(grid))
-    fit = fitted(approach, truth, FIT) if grid.mujoco_steps and not peer.missing() else None
+    truth, tried = approach.solved(reference.simulate, rtol=1e-13), grid.settings()
+    fit = fitted(approach, truth, FIT) if MUJOCO in dict(tried) else None
     rows = pl.DataFrame(timed(approach, truth, fit, tried, rounds))
     kept = [cheapest(rows, [name], error) for name in dict.fromkeys(name for name, _ in tried)]
     took = pl.col("microseconds")
@@ -39,11 +36,10 @@ def compared(approach: Approach, error: float, grid: Grid, rounds: int) -> pl.Da
 
 def measure(quick: bool) -> dict[str, pl.DataFrame]:
     """Return a row for each solver that comes near enough."""
-    if peer.missing():
-        print(f"experiments.bench: {peer.missing()}; it takes no part")
+    if MUJOCO in MISSING:
+        print(f"experiments.bench: {MUJOCO} is not installed (extra `peers`); it takes no part")
+    rounds, title = 1 if quick else 5, "One whole approach, {}, V_p within {:g} m/s"
     return {
-        f"One whole approach, {approach.name}, V_p within {error:g} m/s": compared(
-            approach, error, grid, 1 if quick else 5
-        )
+        title.format(approach.name, error): compared(approach, error, grid, rounds)
         for approach, error, grid in ((SCENE, FINE, AMONG_SCIPY), (PEER_SCENE, COARSE, AMONG_PEERS))
     }

@@ -121,21 +121,17 @@ def growth(rounds: int) -> dict[str, pl.DataFrame]:
         times = [min(repeat(one, timer=time.process_time, repeat=rounds, number=1)) for one in plays]
         table = pl.DataFrame({"case": list(cases), "microseconds": 1e6 * np.array(times) / GROWTH})
         default = pl.col("microseconds").filter(pl.col("case").str.ends_with("(the default)")).first()
-        tables[f"An approach of {RULE} on one core, by {what}"] = table.with_columns(
-            ratio=pl.col("microseconds") / default
-        )
+        ratio = pl.col("microseconds") / default
+        tables[f"An approach of {RULE} on one core, by {what}"] = table.with_columns(ratio=ratio)
     return tables
 
 
 def measure(quick: bool) -> dict[str, pl.DataFrame]:
     """Return what grids of approaches cost here and on Ray, what follows for clusters, and how the cost grows."""
     jobs, cores = 4 if quick else 80, os.cpu_count() or 1
-    runs = [
-        gathered(name, jobs, f"{count} of {cores} cores", processes=count)
-        for name in CONTROLLERS
-        for count in sorted({1, cores})
-    ]
-    runs.append(gathered(BLANK, BLANKS, f"1 of {cores} cores", processes=1))
+    here = [(name, jobs, count) for name in CONTROLLERS for count in sorted({1, cores})]
+    here.append((BLANK, BLANKS, 1))
+    runs = [gathered(name, many, f"{count} of {cores} cores", processes=count) for name, many, count in here]
     if find_spec("ray"):
         ray = ray_here()
         runs += [gathered(name, count, "Ray", cluster=ray.address) for name, count in ((POLICY, jobs), (BLANK, BLANKS))]

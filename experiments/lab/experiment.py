@@ -3,6 +3,7 @@
 import shlex
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,26 +13,25 @@ from matplotlib.figure import Figure
 from experiments.lab import page
 from experiments.lab.charts import save
 from experiments.lab.results import REPORTS, noted
-from experiments.lab.tables import Row
+from experiments.lab.tables import Gather, Row, gathered
 from impact_gym.files import whole_file
 
 Tables = dict[str, list[Row]]
+Compute = Callable[[Gather], Tables]
 Shown = tuple[Mapping[str, Figure], Mapping[str, Any]]
 """Figures by name, and what else the template of the page needs."""
+Show = Callable[[Tables], Shown]
 
 
-def command(name: str, run: Callable[[Path, str], Path], out: Path | None, quick: bool) -> None:
-    """Run an experiment for its command line, in reports/name, or name_quick beside it, and say where its page is.
+def command(name: str, compute: Compute, show: Show, out: Path | None, quick: bool, **options: Any) -> None:
+    """Do what `run` does, for a command line, and say where the page is.
 
-    Args:
-        name: of the package below `experiments`.
-        run: takes the folder and the command line; returns the path of the page.
-        out: another folder.
-        quick: whether it is a first look.
+    The folder is `out`, or reports/name, or name_quick beside it; `name` is of the package below `experiments`.
     """
     folder = out or REPORTS / (f"{name}_quick" if quick else name)
+    line = shlex.join(["python", "-m", f"experiments.{name}", *sys.argv[1:]])
     try:
-        written = run(folder, shlex.join(["python", "-m", f"experiments.{name}", *sys.argv[1:]]))
+        written = run(name, folder, line, compute, show, **options)
     except KeyboardInterrupt:
         print(f"experiments.{name}: interrupted; what was computed is kept", file=sys.stderr)
         sys.exit(130)
@@ -39,12 +39,12 @@ def command(name: str, run: Callable[[Path, str], Path], out: Path | None, quick
 
 
 def run(
-    name: str, folder: Path, line: str, compute: Callable[[], Tables], show: Callable[[Tables], Shown],
-    *, again: bool, packages: Iterable[str] = (),
+    name: str, folder: Path, line: str, compute: Compute, show: Show,
+    *, again: bool = False, packages: Iterable[str] = (), processes: int | None = None,
 ) -> Path:  # fmt: skip
-    """Compute the tables, forgetting before what is kept if all is to be done `again`; show them; return the page."""
+    """Compute what `folder` does not have, or everything `again`; write and show it; return the path of the page."""
     with noted(folder, line, packages, again) as runs:
-        tables = compute()
+        tables = compute(partial(gathered, folder, processes=processes))
     return write(name, folder, tables, *show(tables), runs)
 
 

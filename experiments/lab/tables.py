@@ -13,6 +13,8 @@ from agents.jobs import Failure, Job, Result, digest_of, gather_all
 from experiments.lab.results import KEPT
 
 Row = dict[str, Any]
+Gather = Callable[..., list[Row]]
+"""`gathered` into a folder, by as many processes as were asked for."""
 SOLVER = tuple(f"impact_gym.{name}" for name in ("physics", "scene", "motion", "robot", "lowering", "simulation"))
 
 
@@ -57,8 +59,7 @@ def gathered(
     answers = gather_all(jobs, folder / KEPT, title=title, retries=0, failures=failed is not None, **options)
     rows: list[Row] = []
     for arguments, answer in zip(asked, answers, strict=True):
-        if isinstance(answer, Failure):
-            assert failed is not None
+        if failed is not None and isinstance(answer, Failure):
             rows.append(failed(arguments) | {"failure": answer.reason.replace("\n", " ")})
         else:
             rows += rows_of(answer)

@@ -13,13 +13,14 @@ import numba
 import impact_gym as ig
 from experiments.reference.bistable import BistableForce
 from experiments.reference.dissipation import damping_factor
-from experiments.speed_vs_error.quantities import Answer
+from experiments.speed_vs_error.quantities import Solution
 from experiments.speed_vs_error.scenes import Approach
 
 RIGID, SPRING, BISTABLE = range(3)
 EULER, RK4 = range(2)
 METHODS = {"semi-implicit Euler": EULER, "RK4": RK4}
 SLOWEST = 1e-6  # m/s, of v_in in eq. 7
+compiled = numba.njit(cache=True, error_model="numpy")
 
 
 class Law(NamedTuple):
@@ -72,7 +73,7 @@ def command_of(motion: ig.Trapezoid) -> Command:
     return Command(motion.speed, motion.acceleration, brake.threshold, brake.delay, motion.deceleration)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def flange(command: Command, brake_time: float, t: float) -> tuple[float, float]:
     """Position (m) and velocity (m/s) of the trapezoid that brakes at `brake_time` (s)."""
     v, a, b = command.speed, command.acceleration, command.deceleration
@@ -86,7 +87,7 @@ def flange(command: Command, brake_time: float, t: float) -> tuple[float, float]
     return x, speed
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def contact_force(law: Law, delta: float, rate: float, v_in: float) -> float:
     """Paper, eq. 5 and 7, never negative."""
     if delta <= 0.0:
@@ -94,7 +95,7 @@ def contact_force(law: Law, delta: float, rate: float, v_in: float) -> float:
     return max(law.k_c * delta * math.sqrt(delta) * (1.0 + law.d / v_in * rate), 0.0)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def coupling_force(law: Law, stretch: float, rate: float) -> float:
     """Force on the tool, N, by x_t - x_f (m) and its rate: paper, eq. 17 or 23-24."""
     if law.kind == SPRING:
@@ -109,7 +110,7 @@ def coupling_force(law: Law, stretch: float, rate: float) -> float:
     return force
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def accelerations(
     law: Law, command: Command, brake_time: float, v_in: float, t: float, x_t: float, v_t: float, x_p: float, v_p: float
 ) -> tuple[float, float]:
@@ -121,7 +122,7 @@ def accelerations(
     return (coupling_force(law, x_t - x_f, v_t - v_f) - F) / law.m_t, F / law.m_p
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def place(law: Law, command: Command, brake_time: float, t: float, x: float, v: float) -> tuple[float, float]:
     """Position and velocity of the tool: its own, or the flange's if it is fixed to it."""
     if law.kind == RIGID:
@@ -129,7 +130,7 @@ def place(law: Law, command: Command, brake_time: float, t: float, x: float, v: 
     return x, v
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def march(
     method: int, law: Law, command: Command, start: Any, duration: float, step: float
 ) -> tuple[float, float, float, float, int, int]:
@@ -139,9 +140,8 @@ def march(
     """
     x, v, y, w = start
     h, count = step, round(duration / step)
-    v_in, brake_time, detection = 0.0, math.inf, math.nan
+    v_in, brake_time, detection, behind = 0.0, math.inf, math.nan, False
     peak, touching, contacts, passes = 0.0, 0, 0, 0
-    behind = False
     for i in range(count):
         t = i * h
         x, v = place(law, command, brake_time, t, x, v)
@@ -155,18 +155,15 @@ def march(
             F = contact_force(law, x - y, v - w, v_in)
             peak = max(peak, F)
             if command.threshold < F and math.isnan(detection):
-                detection = t
-                brake_time = t + command.delay
+                detection, brake_time = t, t + command.delay
         if law.kind == BISTABLE:
             now_behind = law.x0 + x - flange(command, brake_time, t)[0] < 0.0
             passes += now_behind != behind
             behind = now_behind
         a, b = accelerations(law, command, brake_time, v_in, t, x, v, y, w)
         if method == EULER:
-            v += h * a
-            w += h * b
-            x += h * v
-            y += h * w
+            v, w = v + h * a, w + h * b
+            x, y = x + h * v, y + h * w
         else:
             x_s, v_s, y_s, w_s = v, a, w, b  # slopes of the stage before, and below the weighted sums of all
             dx, dv, dy, dw = x_s, v_s, y_s, w_s
@@ -187,10 +184,9 @@ def arguments(method: str, approach: Approach, step: float) -> tuple[Any, ...]:
     return METHODS[method], law_of(approach.scene), command_of(approach.motion), start, approach.duration, step
 
 
-def solve(method: str, approach: Approach, step: float) -> Answer:
+def solve(method: str, approach: Approach, step: float) -> Solution:
     """Run an approach."""
-    found = march(*arguments(method, approach, step))
-    return Answer(*(float(value) for value in found[:4]), *found[4:], steps=round(approach.duration / step))
+    return Solution(*march(*arguments(method, approach, step)), steps=round(approach.duration / step))
 
 
 def compile_now() -> None:

@@ -5,7 +5,6 @@ from textwrap import wrap
 from typing import Any
 
 import polars as pl
-from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -17,19 +16,19 @@ from experiments.speed_vs_error.summary import over_population
 
 RANGE = (1e-16, 1e1)  # of errors; what is outside is drawn at the edge
 COLOURS = (*SERIES, "#000000", "#8a8a8a", "#7F3C8D")
+LINES = ("-", *4 * ("--",), *2 * (":",), "-.", "-")
 STYLES: dict[str, dict[str, Any]] = {
-    name: {"color": colour, "marker": mark, "linestyle": line, "linewidth": 2.4 if name == OURS else 1.2}
-    for name, colour, mark, line in zip(
-        NAMES, COLOURS, "os^Dv<>PX", ("-", *4 * ("--",), *2 * (":",), "-.", "-"), strict=True
-    )
+    name: {"color": colour, "marker": mark, "linestyle": line, "linewidth": 1.2, "markersize": 4}
+    for name, colour, mark, line in zip(NAMES, COLOURS, "os^Dv<>PX", LINES, strict=True)
 }
+STYLES[OURS]["linewidth"] = 2.4
 OPEN = {"marker": "o", "linestyle": "", "color": "#555555", "markerfacecolor": "white"}
 
 
 def _legend(figure: Figure, rows: pl.DataFrame, failures: bool) -> list[str]:
     """Put the legend below all panels; return who is in it."""
     names = [name for name in NAMES if name in rows["contender"]]
-    handles = [Line2D([], [], markersize=4.5, label=name, **STYLES[name]) for name in names]
+    handles = [Line2D([], [], label=name, **STYLES[name]) for name in names]
     if failures:
         handles.append(Line2D([], [], label="failure: wrong contacts, snap-throughs, alarm, V_p", **OPEN))
     figure.legend(handles=handles, loc="outside lower center", ncols=5, fontsize=9)
@@ -46,18 +45,14 @@ def named_scenes(rows: pl.DataFrame, truths: pl.DataFrame, column: str) -> Figur
     for axes, truth in zip(panels.flat, truths.iter_rows(named=True), strict=False):
         for name in reversed(names):  # ours on top
             curve = timed.filter(scene=truth["scene"], contender=name).with_columns(error)
-            axes.plot(curve["microseconds"], curve[column], markersize=4, **STYLES[name])
             wrong = curve.filter(pl.col("failure") != "")
-            axes.plot(
-                wrong["microseconds"], wrong[column], markersize=4, **STYLES[name] | {"linestyle": ""}, mfc="white"
-            )
+            axes.plot(curve["microseconds"], curve[column], **STYLES[name])
+            axes.plot(wrong["microseconds"], wrong[column], **STYLES[name] | {"linestyle": ""}, mfc="white")
         axes.axhspan(RANGE[0], max(truth[f"{column}_doubt"], RANGE[0]), color="#bbbbbb", alpha=0.4, linewidth=0)
         axes.set(xscale="log", yscale="log", ylim=(RANGE[0] / 3, RANGE[1] * 3))
+        axes.set(xlabel="time per approach (µs)", ylabel=ERRORS[column])
+        axes.label_outer()
         axes.set_title("\n".join(wrap(f"{truth['scene']}: {truth['description']}", 44)), fontsize=9)
-    for axes in panels[:, 0]:
-        axes.set_ylabel(ERRORS[column])
-    for axes in panels[-1]:
-        axes.set_xlabel("time per approach (µs)")
     return figure
 
 
@@ -68,25 +63,20 @@ def population(rows: pl.DataFrame) -> Figure:
     *panels, unused = figure.subplots(2, 3).flat
     unused.set_visible(False)
     names = _legend(figure, table, failures=False)
-    for column, axes in zip((*ERRORS, "failures"), panels, strict=True):
-        for name in reversed(names):
-            curve = table.filter(contender=name)
+    curves = {name: table.filter(contender=name) for name in reversed(names)}
+    for column, axes in zip(ERRORS, panels[:-1], strict=True):
+        for name, curve in curves.items():
             early, time, late = (curve[f"microseconds_{q}"].to_numpy() for q in (25, 50, 75))
-            if column == "failures":
-                axes.plot(time, 100 * curve[column], markersize=4, **STYLES[name])
-                continue
             low, middle, high = (curve[f"{column}_{q}"].clip(*RANGE).to_numpy() for q in (25, 50, 75))
             bars = {"yerr": (middle - low, high - middle), "xerr": (time - early, late - time), "elinewidth": 0.7}
-            axes.errorbar(time, middle, markersize=4, **bars, **STYLES[name])
-        axes.set(xscale="log", xlabel="time per approach (µs)", ylabel=ERRORS.get(column, "scenes that fail (%)"))
-        if column != "failures":
-            axes.set(yscale="log")
+            axes.errorbar(time, middle, **bars, **STYLES[name])
+        axes.set(ylabel=ERRORS[column], yscale="log")
+    for name, curve in curves.items():
+        panels[-1].plot(curve["microseconds_50"], 100 * curve["failures"], **STYLES[name])
+    panels[-1].set_ylabel("scenes that fail (%)")
+    for axes in panels:
+        axes.set(xscale="log", xlabel="time per approach (µs)")
     return figure
-
-
-def _marks(axes: Axes, cells: pl.DataFrame, mark: str, label: str) -> None:
-    if cells.height:
-        axes.plot(cells["stiffness"], cells["damping_factor"], mark, color="#D55E00", markersize=3, label=label)
 
 
 def _edges(centres: Sequence[float] | pl.Series) -> list[float]:
@@ -107,8 +97,10 @@ def heat_map(rows: pl.DataFrame, rtol: float) -> Figure:
         stiffness, damping = _edges([float(name) for name in cells.columns[1:]]), _edges(cells["damping_factor"])
         values = cells[:, 1:].to_numpy()
         mesh = axes.pcolormesh(stiffness, damping, values, norm=LogNorm(), cmap=colours, edgecolors="face")
-        _marks(axes, rows.filter(failed), "x", "failed")
-        _marks(axes, rows.filter(~failed, ended=0), ".", "contact not over after 1.5 s")
+        unfinished = rows.filter(~failed, ended=0), ".", "contact not over after 1.5 s"
+        for some, mark, label in ((rows.filter(failed), "x", "failed"), unfinished):
+            if some.height:
+                axes.plot(some["stiffness"], some["damping_factor"], mark, color=SERIES[0], markersize=3, label=label)
         axes.grid(visible=False)
         axes.set(xscale="log", yscale="log", xlabel="contact stiffness k_c (N/m^1.5)", title=title)
         figure.colorbar(mesh, ax=axes)

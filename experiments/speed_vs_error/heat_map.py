@@ -5,14 +5,13 @@ a tenth of a contact after the first contact, which so stays alone, or after 1.5
 """
 
 import math
-from pathlib import Path
 
 import numpy as np
 
 import impact_gym as ig
 from agents.jobs import Result
 from experiments import reference
-from experiments.lab.tables import Row, gathered, result_of, solver_and
+from experiments.lab.tables import Gather, Row, result_of, solver_and
 from experiments.paper.scenes import DURATION, MOTION, decoupled
 from experiments.speed_vs_error.truth import RTOL
 
@@ -43,8 +42,8 @@ def cell(k_c: float, d: float, reference_rtol: float) -> Result:
     return result_of([row | {"steps": outcome.steps, "ended": int(outcome.contacts[0].end is not None)}])
 
 
-def rows(folder: Path, points_per_two_decades: int, processes: int | None = None) -> list[Row]:
+def rows(gather: Gather, points_per_two_decades: int) -> list[Row]:
     """Return the rows of all cells."""
     depends = solver_and(reference.__name__, "experiments.paper.scenes", __name__)
     asked = [{"k_c": k_c, "d": d, "reference_rtol": RTOL} for k_c, d in grid(points_per_two_decades)]
-    return gathered(folder, "heat map", cell, asked, depends, processes=processes)
+    return gather("heat map", cell, asked, depends)

@@ -5,16 +5,15 @@ import os
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
-from pathlib import Path
 
 from tqdm import tqdm
 
 from agents.jobs import Result
 from experiments import reference
-from experiments.lab.tables import Row, gathered, result_of, solver_and
+from experiments.lab.tables import Gather, Row, result_of, solver_and
 from experiments.speed_vs_error import by_hand, contenders, peer, quantities, taylor
 from experiments.speed_vs_error.contenders import Contender, contender
-from experiments.speed_vs_error.quantities import ERRORS, Answer, as_json, errors, failure, from_json
+from experiments.speed_vs_error.quantities import ERRORS, Solution, as_json, errors, failure, from_json
 from experiments.speed_vs_error.scenes import SOURCES, Approach, approach_of
 
 LEAST = 5e-3  # s, in a round, so that the clock's grain does not matter
@@ -47,39 +46,37 @@ def best_times(found: Sequence[Contender], rounds: int, title: str | None) -> di
     return best
 
 
-def judged(one: Contender, truth: Answer) -> Row:
+def judged(one: Contender, truth: Solution) -> Row:
     """Return the row of a contender without its time."""
     try:
-        answer = one.solve()
+        found = one.solve()
     except Exception as problem:  # a failure is a result here
         nothing = dict.fromkeys((*ERRORS, "contacts", "passes"), math.nan)
         return {**nothing, "steps": 0, "failure": f"{type(problem).__name__}: {problem}".replace("\n", " ")}
-    counts = {"contacts": answer.contacts, "passes": answer.passes, "steps": answer.steps}
-    return {**errors(answer, truth), **counts, "failure": failure(answer, truth)}
+    counts = {name: getattr(found, name) for name in ("contacts", "passes", "steps")}
+    return {**errors(found, truth), **counts, "failure": failure(found, truth)}
 
 
 def timed(
-    approach: Approach, truth: Answer, fit: peer.Fit | None, tried: Sequence[tuple[str, float]], rounds: int
+    approach: Approach, truth: Solution, fit: peer.Fit | None, tried: Sequence[tuple[str, float]], rounds: int
 ) -> list[Row]:
     """Return a row for each contender that is tried on an approach, timed in turns; MuJoCo needs its fit."""
     load, run = os.getloadavg()[0], datetime.now(UTC).isoformat(timespec="seconds")
     found = [contender(approach, name, setting, fit) for name, setting in tried]
     seconds = best_times(found, rounds, approach.name if rounds > 1 else None)
-    rows = []
-    for one in found:
-        row = {"scene": approach.name, "contender": one.name, "setting": one.setting}
-        row |= {"microseconds": 1e6 * seconds[one], **judged(one, truth), "rounds": rounds, "load": load, "run": run}
-        rows.append(row)
-    return rows
+    circumstances = {"rounds": rounds, "load": load, "run": run}
+    return [
+        {"scene": approach.name, "contender": one.name, "setting": one.setting, "microseconds": 1e6 * seconds[one]}
+        | judged(one, truth)
+        | circumstances
+        for one in found
+    ]
 
 
 def measured(
-    scene: str,
-    truth: Mapping[str, float | None],
-    fit: Mapping[str, float] | None,
-    tried: Sequence[tuple[str, float]],
-    rounds: int,
-) -> Result:
+    scene: str, truth: Mapping[str, float | None], fit: Mapping[str, float] | None,
+    tried: Sequence[tuple[str, float]], rounds: int,
+) -> Result:  # fmt: skip
     """Return the rows of `timed` for a scene by its name, as a job."""
     by_hand.compile_now()
     contact = None if fit is None else peer.Fit(**fit)
@@ -87,15 +84,16 @@ def measured(
 
 
 def rows(
-    folder: Path, title: str, truths: Mapping[str, Answer], fits: Mapping[str, Mapping[str, float]],
-    tried: Sequence[tuple[str, float]], rounds: int, processes: int | None = None,
+    gather: Gather, title: str, truths: Mapping[str, Solution], fits: Sequence[Row],
+    tried: Sequence[tuple[str, float]], rounds: int,
 ) -> list[Row]:  # fmt: skip
     """Return the rows of all approaches whose truth is given.
 
-    In a single round they are measured as many at a time as there are `processes`, in more one after the other, here.
+    In a single round they are measured as many at a time as there are processes, in more one after the other, here.
     """
     judges = (by_hand, contenders, peer, quantities, reference, taylor)
     depends = solver_and(*(judge.__name__ for judge in judges), __name__, *SOURCES)
+    fit = {row["scene"]: {name: row[name] for name in ("stiffness", "damping")} for row in fits}
     about = {"tried": [list(one) for one in tried], "rounds": rounds}
-    asked = [{"scene": name, "truth": as_json(true), "fit": fits.get(name)} | about for name, true in truths.items()]
-    return gathered(folder, title, measured, asked, depends, processes=processes if rounds == 1 else 0)
+    asked = [{"scene": name, "truth": as_json(true), "fit": fit.get(name)} | about for name, true in truths.items()]
+    return gather(title, measured, asked, depends, **({"processes": 0} if rounds > 1 else {}))

@@ -7,19 +7,25 @@ makes it. The flange is a slider so heavy that the tool does not slow it.
 """
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+from scipy.optimize import minimize
 
 import impact_gym as ig
-from experiments.reference.bistable import BistableForce
-from experiments.speed_vs_error.by_hand import command_of, flange
-from experiments.speed_vs_error.quantities import Answer
-from experiments.speed_vs_error.scenes import Approach
+from agents.jobs import Result
+from experiments.lab.tables import Gather, Row, result_of, solver_and
+from experiments.speed_vs_error import by_hand
+from experiments.speed_vs_error.by_hand import BISTABLE, SPRING, command_of, flange, law_of
+from experiments.speed_vs_error.quantities import Solution, as_json, from_json
+from experiments.speed_vs_error.scenes import SOURCES, Approach, approach_of
 
 HEAVY = 1e6  # kg, the flange
 RADIUS = 0.05  # m, of the two spheres that touch
+STEP = 1e-5  # s, at which the contact is fitted
+GOOD = (1e-4, 1e-2)  # errors that weigh the same there: V_p in m/s, relative duration
 IMPEDANCE = 1e-3  # -, of the constraints: so small that what pushes the bodies together is not taken out of the contact
 
 MODEL = """
@@ -47,9 +53,7 @@ MODEL = """
   {tendon}
 </mujoco>
 """
-TENDON = (
-    """<tendon><spatial stiffness="{}" springlength="{}"><site site="pivot"/><site site="end"/></spatial></tendon>"""
-)
+TENDON = '<tendon><spatial stiffness="{}" springlength="{}"><site site="pivot"/><site site="end"/></spatial></tendon>'
 
 
 @dataclass(frozen=True)
@@ -60,37 +64,20 @@ class Fit:
     damping: float  # 1/s
 
 
-def missing() -> str:
-    """Return why MuJoCo takes no part, or an empty string."""
-    try:
-        import mujoco  # noqa: F401  # an extra
-    except ImportError:
-        return "MuJoCo is not installed (extra `peers`)"
-    return ""
-
-
 def xml(approach: Approach, fit: Fit, step: float) -> str:
     """Return the model of an approach."""
-    coupling, m_t = approach.scene.coupling, approach.scene.tool.mass
-    solimp = f"{IMPEDANCE} {IMPEDANCE} 1 0.5 1"
+    law, solimp = law_of(approach.scene), f"{IMPEDANCE} {IMPEDANCE} 1 0.5 1"
     words: dict[str, Any] = {"stiffness": 0.0, "damping": 0.0, "stops": "", "tendon": "", "pivot": 0.0, "height": 0.0}
-    if isinstance(coupling, ig.SpringDamper):
-        damping = 2.0 * coupling.damping_ratio * math.sqrt(coupling.stiffness * m_t)
-        words |= {"stiffness": coupling.stiffness, "damping": damping}
-    elif isinstance(coupling, ig.Bistable):
-        force = BistableForce(coupling, m_t)
-        limits = f"{coupling.rear_stop - force.x0} {coupling.front_stop - force.x0}"
-        solref = f"-{force.k_s / m_t} -{force.c_s / m_t}"
-        words |= {
-            "stops": f'limited="true" range="{limits}" solreflimit="{solref}" solimplimit="{solimp}"',
-            "tendon": TENDON.format(force.k, force.L0),
-            "pivot": -force.x0,
-            "height": force.H,
-        }
+    if law.kind == SPRING:
+        words |= {"stiffness": law.k_t, "damping": law.c_t}
+    elif law.kind == BISTABLE:
+        limits, solref = f"{law.rear - law.x0} {law.front - law.x0}", f"-{law.k_s / law.m_t} -{law.c_s / law.m_t}"
+        stops = f'limited="true" range="{limits}" solreflimit="{solref}" solimplimit="{solimp}"'
+        words |= {"stops": stops, "tendon": TENDON.format(law.k_t, law.L0), "pivot": -law.x0, "height": law.H}
     else:
-        raise NotImplementedError(f"speed_vs_error: no coupling like {coupling!r} in MuJoCo")
+        raise NotImplementedError(f"speed_vs_error: no coupling like {approach.scene.coupling!r} in MuJoCo")
     return MODEL.format(
-        step=step, heavy=HEAVY, radius=RADIUS, tool=m_t, object=approach.scene.object.mass,
+        step=step, heavy=HEAVY, radius=RADIUS, tool=law.m_t, object=law.m_p,
         distance=approach.scene.object.distance, solref=f"-{fit.stiffness} -{fit.damping}", solimp=solimp, **words,
     )  # fmt: skip
 
@@ -109,8 +96,8 @@ class Model:
         self._step, self._reset = mujoco.mj_step, mujoco.mj_resetData
         self.command, self.step, self.start = command_of(approach.motion), step, start
         self.window = window or (0.0, approach.duration)
-        force = approach.scene.coupling
-        self.x0 = BistableForce(force, approach.scene.tool.mass).x0 if isinstance(force, ig.Bistable) else math.inf
+        law = law_of(approach.scene)
+        self.x0 = law.x0 if law.kind == BISTABLE else math.inf
         self.pieces: list[tuple[int, float]] = []
 
     def _begin(self) -> None:
@@ -118,7 +105,7 @@ class Model:
         if self.start is not None:
             self.data.qpos[:], self.data.qvel[:] = self.start
 
-    def run(self) -> Answer:
+    def run(self) -> Solution:
         """Step by step, looking at the forces; remember when the flange's acceleration changes."""
         self._begin()
         begin, end = self.window
@@ -126,7 +113,7 @@ class Model:
         count = round((end - begin) / h)
         pushes, push, positions = data.qfrc_applied, data.qfrc_constraint, data.qpos
         brake, detection, peak, touching, contacts, passes = math.inf, math.nan, 0.0, 0, 0, 0
-        before, behind = False, False
+        before = behind = False
         weight = HEAVY + float(self.model.body("tool").mass[0])
         forces = np.empty(count)
         for i in range(count):
@@ -134,24 +121,20 @@ class Model:
             change = flange(command, brake, t + h)[1] - flange(command, brake, t)[1]
             pushes[0] = forces[i] = round(change / h, 9) * weight
             self._step(self.model, data)
-            force = push[2]
+            force, now, now_behind = push[2], data.ncon > 0, self.x0 + positions[1] < 0.0
             peak = max(peak, force)
-            now = data.ncon > 0
             touching += now
             contacts += now and not before
-            before = now
+            passes += now_behind != behind
+            before, behind = now, now_behind
             if force > command.threshold and math.isnan(detection):
-                detection = t
-                brake = t + command.delay
-            if math.isfinite(self.x0):
-                passes += (self.x0 + positions[1] < 0.0) != behind
-                behind = self.x0 + positions[1] < 0.0
+                detection, brake = t, t + command.delay
         starts = np.flatnonzero(np.diff(forces, prepend=np.nan) != 0.0)
         lengths = np.diff(starts, append=count)
         self.pieces = [(int(n), float(forces[i])) for i, n in zip(starts, lengths, strict=True)]
         # where it diverges, MuJoCo warns and starts afresh from rest
         velocity = math.nan if any(warning.number for warning in data.warning) else float(data.qvel[2])
-        return Answer(velocity, float(peak), touching * h, detection, int(contacts), int(passes), count)
+        return Solution(velocity, float(peak), touching * h, detection, int(contacts), int(passes), count)
 
     def repeat(self) -> float:
         """Make the same steps again without looking; return V_p (m/s)."""
@@ -160,3 +143,50 @@ class Model:
             self.data.qfrc_applied[0] = force
             self._step(self.model, self.data, count)
         return float(self.data.qvel[2])
+
+
+def fitted(approach: Approach, truth: Solution, evaluations: int) -> Fit:
+    """Return the contact with which duration and V_p come closest to the truth, by the simplex method of Nelder, Mead.
+
+    Only the time from just before the first contact to just after the last is simulated.
+    """
+    outcome = ig.simulate(*approach.run)
+    first, last = outcome.contacts[0], outcome.contacts[-1]
+    length = (first.end or approach.duration) - first.start
+    begin = first.start - 10 * STEP
+    end = min((last.end or approach.duration) + 0.2 * truth.contact_duration, approach.duration)
+    trace = ig.simulate(approach.scene, approach.motion, begin, trace=True).trace
+    flange = np.array([trace.flange_position[-1], trace.flange_velocity[-1]])
+    tool = np.array([trace.tool_position[-1], trace.tool_velocity[-1]])
+    start = np.stack([flange, tool - flange, np.zeros(2)], axis=1)
+
+    def cost(logarithms: Any) -> float:
+        fit = Fit(*np.exp(logarithms).tolist())
+        solution = Model(approach, fit, STEP, (begin, end), start).run()
+        if not (math.isfinite(solution.velocity) and solution.contact_duration > 0.0):
+            return 1e9
+        misses = (solution.velocity - truth.velocity, math.log(solution.contact_duration / truth.contact_duration))
+        wrong = abs(solution.contacts - truth.contacts) + abs(solution.passes - truth.passes)
+        return sum(abs(miss) / good for miss, good in zip(misses, GOOD, strict=True)) + 10.0 * wrong
+
+    # half a period of a free oscillation whose amplitude falls by the restitution of the first contact
+    ratio = min(max(first.separation_velocity / first.approach_velocity, 1e-2), 0.999)
+    frequency = math.hypot(math.pi, math.log(ratio)) / length
+    guess = np.log([frequency**2, -2.0 * math.log(ratio) / length])
+    simplex = guess + np.array([[0.0, 0.0], [-1.0, 0.0], [0.0, -1.0]])
+    found = minimize(cost, guess, method="Nelder-Mead", options={"maxfev": evaluations, "initial_simplex": simplex})
+    return Fit(*np.exp(found.x).tolist())
+
+
+def fit(scene: str, truth: Mapping[str, float | None], evaluations: int) -> Result:
+    """Return the row of a scene."""
+    approach = approach_of(scene)
+    about = {"scene": scene, "description": approach.description}
+    return result_of([about | asdict(fitted(approach, from_json(truth), evaluations))])
+
+
+def rows(gather: Gather, truths: Mapping[str, Solution], evaluations: int) -> list[Row]:
+    """Return the rows of MuJoCo's contact in these scenes."""
+    depends = solver_and(by_hand.__name__, __name__, *SOURCES)
+    asked = [{"scene": name, "truth": as_json(truth), "evaluations": evaluations} for name, truth in truths.items()]
+    return gather("fits of MuJoCo's contact", fit, asked, depends)

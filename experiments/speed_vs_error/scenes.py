@@ -1,12 +1,15 @@
 """The approaches that are timed: six with a name, and a population drawn at random."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from impact_gym.kernels import draw
 
 import impact_gym as ig
 from experiments.paper.scenes import DISTANCE, MECHANISM, MOTION, TOOL_MASS, decoupled, held
+from experiments.speed_vs_error.quantities import Solution, solution_of
 from impact_gym.envs.scenario import FIELDS, LOGARITHMIC, NAMED
 
 POPULATION_SEED = 20_000  # of scene 0
@@ -25,6 +28,15 @@ class Approach:
     motion: ig.Trapezoid
     duration: float
 
+    @property
+    def run(self) -> tuple[ig.Scene, ig.Trapezoid, float]:
+        """What `simulate` takes."""
+        return self.scene, self.motion, self.duration
+
+    def solved(self, simulate: Callable[..., Any] = ig.simulate, **options: Any) -> Solution:
+        """Return the solution by impact_gym, or by `simulate` of the reference."""
+        return solution_of(simulate(*self.run, **options), self.duration)
+
 
 def _at_threshold() -> Approach:
     """Bistable tool of Fig. 23, a little slower than the speed above which the slider passes its alignment for good.
@@ -41,19 +53,14 @@ def _at_threshold() -> Approach:
 def named() -> tuple[Approach, ...]:
     """Return the six approaches."""
     heavy = ig.Object(1.0, DISTANCE)
+    pushed = "k_c 1e8, e 0.1, spring 150 N/m, no brake: the second contact is slow and pushed"
     bouncing = ig.Scene(ig.Tool(TOOL_MASS), heavy, ig.Contact(1e6, 1.0), ig.SpringDamper(150.0, 1.0))
     return (
         Approach("soft", "k_c 1e3, e 0.7, spring 50 N/m", decoupled(1e3, 0.7, 50.0), MOTION, 1.5),
         Approach("stiff", "k_c 1e8, e 0.7, spring 50 N/m: two short contacts", decoupled(1e8, 0.7, 50.0), MOTION, 1.5),
         Approach("inelastic", "k_c 1e5, e 0.02 (d = 73.5), spring 50 N/m", decoupled(1e5, 0.02, 50.0), MOTION, 1.5),
         Approach("multiple", "k_c 1e6, e 1, spring 150 N/m, object 1 kg: six contacts", bouncing, MOTION, 1.5),
-        Approach(
-            "pushed",
-            "k_c 1e8, e 0.1, spring 150 N/m, no brake: the second contact is slow and pushed",
-            decoupled(1e8, 0.1, 150.0),
-            CRUISE,
-            0.8,
-        ),
+        Approach("pushed", pushed, decoupled(1e8, 0.1, 150.0), CRUISE, 0.8),
         _at_threshold(),
     )
 

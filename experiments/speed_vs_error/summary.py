@@ -2,8 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import polars as pl
 
@@ -32,34 +31,27 @@ def cheapest(rows: pl.DataFrame, names: Sequence[str], error: float) -> Row | No
     return kept.row(0, named=True) if kept.height else None
 
 
-@dataclass(frozen=True)
-class Comparison:
+class Comparison(NamedTuple):
     """One contender beside ours at the same error; `row` is None if it does not get there."""
 
     error: float  # m/s
-    ours: Row
     row: Row | None
-
-    @property
-    def ratio(self) -> float:
-        """Its time over ours."""
-        return math.nan if self.row is None else float(self.row["microseconds"] / self.ours["microseconds"])
+    ratio: float  # its time over ours
 
 
 def compared(rows: pl.DataFrame, names: Sequence[str], error: float) -> Comparison | None:
     """Return the cheapest of `names` beside ours; None where they took no part, or ours does not get there."""
-    mine = cheapest(rows, [OURS], error)
+    mine, theirs = cheapest(rows, [OURS], error), cheapest(rows, names, error)
     if mine is None or rows.filter(pl.col("contender").is_in(names)).is_empty():
         return None
-    return Comparison(error, mine, cheapest(rows, names, error))
+    return Comparison(error, theirs, theirs["microseconds"] / mine["microseconds"] if theirs else math.nan)
 
 
 def lines(named: pl.DataFrame, truths: pl.DataFrame) -> list[dict[str, Any]]:
     """Return one line for each named scene: its name, its description and a comparison with each of `RIVALS`."""
     return [
-        {"scene": scene, "description": description}
-        | {kind: compared(named.filter(scene=scene), *rival) for kind, rival in RIVALS.items()}
-        for scene, description in truths.select("scene", "description").rows()
+        row | {kind: compared(named.filter(scene=row["scene"]), *rival) for kind, rival in RIVALS.items()}
+        for row in truths.select("scene", "description").to_dicts()
     ]
 
 

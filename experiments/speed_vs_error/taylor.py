@@ -12,22 +12,13 @@ from functools import cache
 from typing import Any
 
 from experiments.speed_vs_error.by_hand import BISTABLE, RIGID, SPRING, Law, command_of, law_of
-from experiments.speed_vs_error.quantities import Answer
+from experiments.speed_vs_error.quantities import Solution
 from experiments.speed_vs_error.scenes import Approach
 
 PARAMETERS = (*Law._fields, "a", "cut", "alarm", "length", "speed", "pressed", "front_on", "rear_on")
 FOREVER = 1e12  # in the units of a piece; its end is an event
 BESIDE = 1e-20  # where a piece begins: heyoka passes over an event whose gauge begins at zero
 ROUNDING = 1e-12  # m, of a slider's place
-
-
-def missing() -> str:
-    """Return why heyoka takes no part, or an empty string."""
-    try:
-        import heyoka  # noqa: F401  # an extra
-    except ImportError:
-        return "heyoka is not installed (extra `peers`)"
-    return ""
 
 
 @cache
@@ -84,7 +75,7 @@ class Run:
         m_t, m_p = self.law.m_t, self.law.m_p
         self.M = m_p if self.law.kind == RIGID else m_t * m_p / (m_t + m_p)  # kg
 
-    def solve(self) -> Answer:
+    def solve(self) -> Solution:
         """Go from event to event, and from piece to piece."""
         command = self.command
         numbers = (*self.law, command.acceleration, 0.0, 1.0 / command.threshold, 1.0, 1.0, 1.0, 1.0, 0.0)
@@ -92,8 +83,7 @@ class Run:
         self.changes = [(command.speed / command.acceleration, 0.0), (self.duration, math.nan)]  # s, m/s^2 from then on
         self.peak, self.detection, self.passes, self.steps = 0.0, math.nan, 0, 0
         rest = [0.0, 0.0]  # y and q, SI
-        t, touching, delta_dot, v_p, lasted, contacts = 0.0, False, 0.0, 0.0, 0.0, 0
-        begin = -self.distance
+        t, touching, begin, delta_dot, v_p, lasted, contacts = 0.0, False, -self.distance, 0.0, 0.0, 0.0, 0
         while self.changes:
             length = (self.M * delta_dot**2 / self.law.k_c) ** 0.4 if touching else 1.0
             speed = delta_dot if touching else 1.0
@@ -106,7 +96,7 @@ class Run:
             touching = not touching
             contacts += touching and bool(self.changes)
             begin = BESIDE if touching else -BESIDE
-        return Answer(v_p, self.peak, lasted, self.detection, contacts, self.passes, self.steps)
+        return Solution(v_p, self.peak, lasted, self.detection, contacts, self.passes, self.steps)
 
     def _move(self, touching: bool, begun: float, state: list[float]) -> tuple[float, list[float]]:
         """From `begun` (s) to the end of a flight, a contact or the run; return when, and the state."""

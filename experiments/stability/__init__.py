@@ -7,9 +7,9 @@
 `rivals`       SciPy and fixed steps on the same storm, and solve_ivp with event functions, as people write it
 `invariances`  units, frame, order of rows, number of threads, as numbers
 `hard_cases`   what makes other solvers fall, measured: onset, grazes, slow contacts, absolute tolerances
-`bars`         what was promised, and whether it is met
+`promises`     what was promised, and whether it is met
 `figures`      drawn from the tables
-`study`        all of it in order, and the page
+`__main__`     all of it in order, and the page
 
 Whatever is computed is a job of `agents.jobs`, whose result is kept: hangs and crashes end its process, not the study.
 """

@@ -8,17 +8,16 @@ at the finest tolerance, two with the object moved by a few rounding errors of i
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, replace
-from pathlib import Path
 from typing import Any
 
 import impact_gym as ig
 from agents.jobs import Result, digest_of
 from experiments import reference
-from experiments.lab.tables import Row, gathered, result_of, solver_and
+from experiments.lab.tables import Gather, Row, result_of, solver_and
 from experiments.reference.dissipation import damping_factor
-from experiments.speed_vs_error.quantities import answer_of
+from experiments.speed_vs_error.quantities import solution_of
 from experiments.speed_vs_error.scenes import Approach
-from experiments.stability.scenes import draw, known, labels, relative_error, velocity
+from experiments.stability.scenes import draw, judging, known, labels, relative_error, velocity
 from experiments.stability.storm import LIMIT
 
 EVERY = 50  # one scene in so many: 2 %
@@ -47,21 +46,19 @@ def sampled(scenes: int) -> range:
 def truth(scene: int, contender: str) -> Result:
     """Return the row of what the independent solver finds by one of its methods."""
     approach = draw(scene)
-    found = reference.simulate(
-        approach.scene, approach.motion, approach.duration, rtol=RTOL[contender], method=contender
-    )
-    answer = asdict(answer_of(found, approach.duration)) | {"tool_velocity": found.tool_velocity}
-    return result_of([labels(approach) | {"contender": contender} | answer])
+    found = reference.simulate(*approach.run, rtol=RTOL[contender], method=contender)
+    solution = asdict(solution_of(found, approach.duration)) | {"tool_velocity": found.tool_velocity}
+    return result_of([labels(approach) | {"contender": contender} | solution])
 
 
-def truths(folder: Path, scenes: Iterable[int], seconds: float, processes: int | None = None) -> dict[int, Row]:
+def truths(gather: Gather, scenes: Iterable[int], seconds: float) -> dict[int, Row]:
     """Return the truth by the number of the scene, each method having so many seconds for it."""
     depends = digest_of(reference.__name__, "experiments.stability.scenes", __name__)
     found: dict[int, Row] = {}
     for turn in range(2):
         left = [scene for scene in scenes if scene not in found or found[scene]["failure"]]
         asked = [{"scene": scene, "contender": order(draw(scene))[turn]} for scene in left]
-        rows = gathered(folder, "truth", truth, asked, depends, known, processes=processes, seconds=seconds)
+        rows = gather("truth", truth, asked, depends, known, seconds=seconds)
         found |= zip(left, rows, strict=True)
     return found
 
@@ -70,7 +67,7 @@ def compared(scene: int, truth: Mapping[str, Any]) -> Result:
     """Return the row of a scene with what ours finds beside the truth."""
     approach = draw(scene)
     speed = approach.motion.speed
-    outcome = ig.simulate(approach.scene, approach.motion, approach.duration)
+    outcome = ig.simulate(*approach.run)
     row = labels(approach) | {
         "contender": truth["contender"],
         "velocity": outcome.object_velocity,
@@ -91,14 +88,13 @@ def compared(scene: int, truth: Mapping[str, Any]) -> Result:
 
 def shifted(approach: Approach, share: float) -> Approach:
     """Return the approach with the object farther by a share of its distance."""
-    target = approach.scene.object
-    target = replace(target, distance=target.distance * (1.0 + share))
-    return replace(approach, scene=replace(approach.scene, object=target))
+    scene = approach.scene
+    moved = replace(scene.object, distance=scene.object.distance * (1.0 + share))
+    return replace(approach, scene=replace(scene, object=moved))
 
 
-def comparisons(folder: Path, truths: Mapping[int, Row], processes: int | None = None) -> list[Row]:
+def comparisons(gather: Gather, truths: Mapping[int, Row]) -> list[Row]:
     """Return the row of each scene whose truth is known."""
-    sure = {scene: {name: true[name] for name in JUDGED} for scene, true in truths.items() if not true["failure"]}
-    asked = [{"scene": scene, "truth": true} for scene, true in sure.items()]
+    asked = [{"scene": scene, "truth": true} for scene, true in judging(truths, JUDGED).items()]
     depends = solver_and("experiments.stability.scenes", __name__)
-    return gathered(folder, "agreement", compared, asked, depends, known, processes=processes, seconds=LIMIT)
+    return gather("agreement", compared, asked, depends, known, seconds=LIMIT)

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from experiments.lab.charts import SERIES
 from experiments.lab.tables import Row
 from experiments.speed_vs_error.contenders import OURS
-from experiments.stability import bars, rivals
+from experiments.stability import promises, rivals
 from experiments.stability.agreement import SHARE
 
 # from good to bad, told apart by lightness as well
@@ -38,17 +38,17 @@ def storm(rows: Sequence[Row], agreement: Sequence[Row]) -> Figure:
     """Which share of the scenes is above a time, number of steps, momentum error, error of V_p."""
     figure = Figure(figsize=(10.8, 6.6))
     panels: Any = figure.subplots(2, 2, sharey=True)
+    frame = pl.DataFrame(rows, infer_schema_length=None)
     for coupling, colour in COUPLINGS.items():
-        of = pl.DataFrame(rows, infer_schema_length=None).filter(pl.col("coupling").str.starts_with(coupling))
+        of = frame.filter(pl.col("coupling").str.starts_with(coupling))
         done = of.filter(pl.col("failure") == "")
-        errors = [
-            row["velocity_error"] for row in agreement if row["coupling"].startswith(coupling) and not row["failure"]
-        ]
+        judged = [row for row in agreement if row["coupling"].startswith(coupling) and not row["failure"]]
+        errors = [row["velocity_error"] for row in judged]
         momentum = np.fmax(done["momentum_error"], done["impulse_error"])
         for axes, values, floor, bar, name in (
-            (panels[0, 0], of["milliseconds"], 1e-2, bars.SLOWEST, "time of a run (ms)"),
+            (panels[0, 0], of["milliseconds"], 1e-2, promises.SLOWEST, "time of a run (ms)"),
             (panels[0, 1], done["steps"], 1, 1e6, "steps of a run"),
-            (panels[1, 0], momentum, 1e-16, bars.MOMENTUM, "momentum error over impulse"),
+            (panels[1, 0], momentum, 1e-16, promises.MOMENTUM, "momentum error over impulse"),
             (panels[1, 1], errors, 1e-16, SHARE, "error of V_p against the independent solver"),
         ):
             _share_above(axes, np.asarray(values), floor, bar, name, color=colour, label=coupling)

@@ -10,7 +10,6 @@ import math
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
-from pathlib import Path
 from statistics import median
 from typing import Any
 
@@ -20,7 +19,7 @@ from scipy.special import lambertw
 
 import impact_gym as ig
 from agents.jobs import Result
-from experiments.lab.tables import Row, gathered, result_of, solver_and
+from experiments.lab.tables import Gather, Row, result_of, solver_and
 from experiments.speed_vs_error import by_hand
 from experiments.speed_vs_error.contenders import OURS
 from experiments.speed_vs_error.scenes import Approach
@@ -51,17 +50,15 @@ def isolated(k_c: float, e: float, speed: float, distance: float) -> tuple[Appro
 def onset(places: int) -> Iterator[Row]:
     """Error of V_p against steps in the contact, each the median over some places of the object."""
     approaches = [isolated(1e4, 0.5, SPEED, 0.05 * (1 + 0.0137 * place)) for place in range(places)]
-    first = approaches[0][0]
-    contact = ig.simulate(first.scene, first.motion, first.duration).contacts[0]
-    lasts = (contact.end or math.nan) - contact.start
+    lasts = approaches[0][0].solved().contact_duration
     for method in by_hand.METHODS:
         for step in np.geomspace(1e-3, 1e-6, 10).tolist():
             error = median(abs(by_hand.solve(method, a, step).velocity - true) for a, true in approaches)
             yield row("onset", f"{method}, fixed step", lasts / step, error / SPEED)
     for rtol in (10.0 ** -np.arange(2, 13)).tolist():
-        found = [(ig.simulate(a.scene, a.motion, a.duration, rtol), true) for a, true in approaches]
-        error = median(abs(outcome.object_velocity - true) for outcome, true in found)
-        yield row("onset", OURS, median(outcome.steps for outcome, _ in found), max(error / SPEED, 1e-16))
+        found = [(a.solved(rtol=rtol), true) for a, true in approaches]
+        error = median(abs(solution.velocity - true) for solution, true in found)
+        yield row("onset", OURS, median(solution.steps for solution, _ in found), max(error / SPEED, 1e-16))
 
 
 def swaying(number: int) -> tuple[ig.Scene, ig.Trapezoid]:
@@ -123,7 +120,7 @@ def attempts(approach: Approach, method: str) -> float:
     """Return the attempted steps of ours or of solve_ivp; nan where there was no end in PATIENCE."""
     with suppress(TimeoutError, RuntimeError), rivals.limited(PATIENCE):
         if method == OURS:
-            return ig.simulate(approach.scene, approach.motion, approach.duration).steps
+            return approach.solved().steps
         return rivals.plain(approach, method, 1e-6, 1e-12).steps / STAGES[method]
     return math.nan
 
@@ -144,14 +141,13 @@ def tolerance(finest: int) -> Iterator[Row]:
     approach, true = isolated(1e10, 0.5, 0.01, 0.001)
     for rtol in (10.0 ** -np.arange(3, finest + 1)).tolist():
         for atol in (1e-6, 1e-9):
-            answer = rivals.plain(approach, "RK45", rtol, atol)
-            yield row("tolerance", f"RK45, solve_ivp, atol {atol:g}", rtol, abs(answer.velocity / true - 1))
+            solution = rivals.plain(approach, "RK45", rtol, atol)
+            yield row("tolerance", f"RK45, solve_ivp, atol {atol:g}", rtol, abs(solution.velocity / true - 1))
         yield row("tolerance", OURS, rtol, max(abs(velocity(approach, rtol) / true - 1), 1e-16))
 
 
 CAUSES = {cause.__name__: cause for cause in (onset, graze, slow, tolerance)}
-ALL = {"onset": 9, "graze": 40, "slow": 8, "tolerance": 12}
-FEW = {"onset": 1, "graze": 1, "slow": 3, "tolerance": 12}
+SIZES = {"onset": (9, 1), "graze": (40, 1), "slow": (8, 3), "tolerance": (12, 12)}  # all, and a few
 
 
 def points(cause: str, size: int) -> Result:
@@ -159,9 +155,9 @@ def points(cause: str, size: int) -> Result:
     return result_of(list(CAUSES[cause](size)))
 
 
-def rows(folder: Path, quick: bool, processes: int | None = None) -> list[Row]:
+def rows(gather: Gather, quick: bool) -> list[Row]:
     """Return all points, or a few for each cause if it has to be `quick`."""
     by_hand.compile_now()
     depends = solver_and("experiments.stability.scenes", "experiments.stability.rivals", by_hand.__name__, __name__)
-    asked = [{"cause": cause, "size": size} for cause, size in (FEW if quick else ALL).items()]
-    return gathered(folder, "hard_cases", points, asked, depends, processes=processes)
+    asked = [{"cause": cause, "size": size[quick]} for cause, size in SIZES.items()]
+    return gather("hard_cases", points, asked, depends)

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import is_dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,7 @@ from impact_gym.kernels import APPROACH, CHAIN, approach_rows
 
 import impact_gym as ig
 from agents.jobs import Result
-from experiments.lab.tables import Row, gathered, result_of, solver_and
+from experiments.lab.tables import Gather, Row, result_of, solver_and
 from experiments.speed_vs_error.scenes import Approach
 from experiments.stability.rivals import eligible
 from experiments.stability.scenes import draw, relative_error, velocity
@@ -20,10 +19,7 @@ from impact_gym.simulation import MAX_STEPS, NOTHING_RECORDED
 
 RTOL = 1e-8  # of the runs
 BOOST = 2.0  # m/s
-UNITS = {
-    "units scaled by powers of two": (8.0, 0.25, 2.0),
-    "units scaled by 3, 0.7 and 1.3": (3.0, 0.7, 1.3),
-}
+UNITS = {"units scaled by powers of two": (8.0, 0.25, 2.0), "units scaled by 3, 0.7 and 1.3": (3.0, 0.7, 1.3)}
 """Factors of mass, length and time."""
 LENGTHS = ("distance", "position", "free_length", "height", "front_stop", "rear_stop")
 CONVERGED = 10 * RTOL  # relative, that a different sequence of steps may change
@@ -35,17 +31,10 @@ MOST_STEPS = 20_000
 def scaled(approach: Approach, mass: float, length: float, time: float) -> Approach:
     """Return the approach with its numbers in other units: each mass so many times as large, and so on."""
     force = mass * length / time**2
-    groups = {
-        ("mass",): mass,
-        LENGTHS: length,
-        ("duration", "delay"): time,
-        ("speed",): length / time,
-        ("acceleration", "deceleration"): length / time**2,
-        ("threshold",): force,
-        ("stiffness", "stop_stiffness"): force / length,
-        ("damping",): force * time / length,
-    }
-    return _times(approach, {name: factor for names, factor in groups.items() for name in names})
+    factors = {"mass": mass, "speed": length / time, "threshold": force, "damping": force * time / length}
+    factors |= dict.fromkeys(LENGTHS, length) | dict.fromkeys(("duration", "delay"), time)
+    factors |= dict.fromkeys(("acceleration", "deceleration"), length / time**2)
+    return _times(approach, factors | dict.fromkeys(("stiffness", "stop_stiffness"), force / length))
 
 
 def _times(value: Any, factors: Mapping[str, float], factor: float = 1.0) -> Any:
@@ -66,14 +55,15 @@ def velocity_in_frame(approach: Approach, boost: float, rtol: float) -> float:
     Flange, tool and object have that velocity from the start. A scene begins at rest, so that the public functions
     offer no other frame; the kernels do.
     """
-    plan, table = approach_plan(approach.scene, approach.motion, approach.duration)
+    plan, table = approach_plan(*approach.run)
     plans, chains = np.array([plan], APPROACH), np.empty(1, CHAIN)
     plans["frame"] = boost
     approach_rows(plans, table, chains, 0, 1, LOCAL_SHARE * rtol, MAX_STEPS, NOTHING_RECORDED)
     (end,) = chains
+    if end["status"] < 0:
+        return math.nan
     object_velocity = float(end["flange_velocity"] + end["deflection_rate"] - end["penetration_rate"])
-    found = object_velocity - boost if end["contacts"] else 0.0
-    return math.nan if end["status"] < 0 else found
+    return object_velocity - boost if end["contacts"] else 0.0
 
 
 def line(name: str, differences: Sequence[float], exact: bool = True) -> Row:
@@ -82,26 +72,23 @@ def line(name: str, differences: Sequence[float], exact: bool = True) -> Row:
     Where it need not be `exact`, rounding may differ, and with it the sequence of steps.
     """
     values = np.array(differences)
-    median, largest = float(np.median(values)), float(values.max())
-    bar = "no difference at all" if exact else f"median below {ROUNDING:g}, none above {CONVERGED:g}"
-    return {
-        "contender": name,
-        "scenes": len(values),
-        "equal": float(np.mean(values == 0.0)),
-        "median": median,
-        "largest": largest,
-        "description": bar,
-        "met": int(not np.any(values) if exact else median < ROUNDING and largest < CONVERGED),
-    }
+    median, largest, equal = float(np.median(values)), float(values.max()), float(np.mean(values == 0.0))
+    if exact:
+        allowed, met = "no difference at all", equal == 1.0
+    else:
+        allowed = f"median below {ROUNDING:g}, none above {CONVERGED:g}"
+        met = median < ROUNDING and largest < CONVERGED
+    found = {"scenes": len(values), "equal": equal, "median": median, "largest": largest}
+    return {"contender": name, **found, "description": allowed, "met": int(met)}
 
 
 def units(name: str, scenes: Sequence[int]) -> list[Row]:
     """Other units change only the numbers."""
     _, length, time = UNITS[name]
-    approaches = [draw(scene) for scene in scenes]
-    pairs = [(velocity(scaled(a, *UNITS[name]), RTOL) / (length / time), velocity(a, RTOL)) for a in approaches]
-    speeds = [a.motion.speed for a in approaches]
-    found = [relative_error(*pair, v) for pair, v in zip(pairs, speeds, strict=True)]
+    found = []
+    for approach in map(draw, scenes):
+        there = velocity(scaled(approach, *UNITS[name]), RTOL) / (length / time)
+        found.append(relative_error(there, velocity(approach, RTOL), approach.motion.speed))
     return [line(name, found, exact=False)]
 
 
@@ -125,9 +112,8 @@ def sweep_of(order: Sequence[int], threads: int) -> Any:
         "motion.speed": [a.motion.speed for a in approaches],
     }
     template = ig.Scene(ig.Tool(1.0), ig.Object(1.0, 0.1), ig.Contact(1e5, 0.5), ig.SpringDamper(150.0, 0.5))
-    found = ig.sweep(
-        template, ig.Trapezoid(1.0, 8.0, ig.Brake()), varied, [a.duration for a in approaches], RTOL, threads
-    )
+    motion, durations = ig.Trapezoid(1.0, 8.0, ig.Brake()), [a.duration for a in approaches]
+    found = ig.sweep(template, motion, varied, durations, RTOL, threads)
     return np.nan_to_num(found.object_velocity, nan=-1.0)  # a run that does not finish must not finish always
 
 
@@ -156,7 +142,7 @@ def changed(change: str, given: Mapping[str, Any]) -> Result:
     return result_of(CHANGES[change](**given))
 
 
-def rows(folder: Path, size: int, storm: Sequence[Row], processes: int | None = None) -> list[Row]:
+def rows(gather: Gather, size: int, storm: Sequence[Row]) -> list[Row]:
     """Return all rows, over `size` scenes each; `storm` are the rows of the storm.
 
     Units and frame: scenes with a contact, none slower than SLOWEST, in fewer steps than MOST_STEPS. The frame only
@@ -173,6 +159,5 @@ def rows(folder: Path, size: int, storm: Sequence[Row], processes: int | None = 
         ("repeated", {"scenes": [*before], "velocities": [*before.values()]}),
     ]
     jobs = [{"change": change, "given": given} for change, given in asked]
-    found = gathered(folder, "invariances", changed, jobs, depends, processes=processes)
     traced = line("with a trace", [row["trace_change"] for row in done if row["traced"]])
-    return [*found, traced]
+    return [*gather("invariances", changed, jobs, depends), traced]

@@ -9,9 +9,7 @@ import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
-from itertools import count as numbers_from
-from itertools import islice
-from pathlib import Path
+from itertools import count, islice
 from time import thread_time
 from typing import Any
 
@@ -20,15 +18,14 @@ import polars as pl
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-import impact_gym as ig
 from agents.jobs import Result, digest_of
 from experiments import reference
-from experiments.lab.tables import Row, gathered, result_of, solver_and
+from experiments.lab.tables import Gather, Row, result_of, solver_and
 from experiments.speed_vs_error import by_hand
 from experiments.speed_vs_error.contenders import METHODS, OURS
-from experiments.speed_vs_error.quantities import Answer, answer_of
+from experiments.speed_vs_error.quantities import Solution
 from experiments.speed_vs_error.scenes import Approach
-from experiments.stability.scenes import draw, known, labels, relative_error
+from experiments.stability.scenes import draw, judging, known, labels, relative_error
 
 SECONDS = 5.0  # of processor time for a run: a hundred times what ours may take
 RTOL, ATOL = 1e-6, 1e-9
@@ -64,11 +61,6 @@ def limited(seconds: float) -> Iterator[None]:
         signal.signal(signal.SIGPROF, before)
 
 
-def simulated(approach: Approach, simulate: Callable[..., Any] = ig.simulate, **options: Any) -> Answer:
-    """By impact_gym, or by the reference: scaled contacts, exact flight, every event looked for with care."""
-    return answer_of(simulate(approach.scene, approach.motion, approach.duration, **options), approach.duration)
-
-
 def event(function: Callable[[float, State], float], direction: float, terminal: bool = True) -> Any:
     """Return `function` as solve_ivp takes it."""
     found: Any = partial(function)
@@ -86,8 +78,7 @@ class _PlainRun:
 
     def __init__(self, approach: Approach, method: str, rtol: float, atol: float) -> None:
         self.law, self.command = by_hand.law_of(approach.scene), by_hand.command_of(approach.motion)
-        self.duration = approach.duration
-        self.options: dict[str, Any] = {"method": method, "rtol": rtol, "atol": atol}
+        self.duration, self.options = approach.duration, {"method": method, "rtol": rtol, "atol": atol}
         self.v_in, self.brake, self.detection = 0.0, math.inf, math.nan
         self.contacts, self.evaluations = 0, 0
 
@@ -125,12 +116,11 @@ class _PlainRun:
             self.contacts += self.v_in == 0.0
             self.v_in = 0.0 if self.v_in else max(self.penetration(t, y)[1], by_hand.SLOWEST)
         elif len(found) > 1 and len(run.t_events[1]):
-            self.detection = t
-            self.brake = t + self.command.delay
+            self.detection, self.brake = t, t + self.command.delay
         return t, y
 
 
-def plain(approach: Approach, method: str, rtol: float, atol: float) -> Answer:
+def plain(approach: Approach, method: str, rtol: float, atol: float) -> Solution:
     """solve_ivp as people write it.
 
     Raises:
@@ -140,15 +130,14 @@ def plain(approach: Approach, method: str, rtol: float, atol: float) -> Answer:
     t, y = 0.0, np.array([0.0, 0.0, approach.scene.object.distance, 0.0])
     while t < approach.duration:
         t, y = run.piece(t, y)
-    return Answer(float(y[3]), math.nan, math.nan, run.detection, run.contacts, passes=0, steps=run.evaluations)
+    return Solution(float(y[3]), math.nan, math.nan, run.detection, run.contacts, passes=0, steps=run.evaluations)
 
 
-RIVALS: dict[str, Callable[[Approach], Answer]] = {
-    OURS: partial(simulated, rtol=OUR_RTOL),
-    **{
-        f"{method}, careful events": partial(simulated, simulate=reference.simulate, rtol=RTOL, method=method)
-        for method in METHODS
-    },
+# of the reference: scaled contacts, exact flight, every event looked for with care
+careful = partial(Approach.solved, simulate=reference.simulate, rtol=RTOL)
+RIVALS: dict[str, Callable[[Approach], Solution]] = {
+    OURS: partial(Approach.solved, rtol=OUR_RTOL),
+    **{f"{method}, careful events": partial(careful, method=method) for method in METHODS},
     **{f"{method}, solve_ivp events": partial(plain, method=method, rtol=RTOL, atol=ATOL) for method in PLAIN},
     **{f"{method}, {h:g} s": partial(by_hand.solve, method, step=h) for method in by_hand.METHODS for h in STEPS},
 }
@@ -162,16 +151,16 @@ def eligible(approach: Approach) -> bool:
 
 def sample(size: int) -> list[int]:
     """Return the numbers of the first `size` scenes that all can do."""
-    return list(islice((number for number in numbers_from() if eligible(draw(number))), size))
+    return list(islice((number for number in count() if eligible(draw(number))), size))
 
 
-def grade(answer: Answer, truth: Mapping[str, float], speed: float) -> str:
+def grade(solution: Solution, truth: Mapping[str, float], speed: float) -> str:
     """Return one of CLASSES, at a commanded speed, m/s."""
-    if not math.isfinite(answer.velocity):
+    if not math.isfinite(solution.velocity):
         return NOT_FINITE
-    if not relative_error(answer.velocity, truth["velocity"], speed) <= CLOSE:
+    if not relative_error(solution.velocity, truth["velocity"], speed) <= CLOSE:
         return WRONG
-    return GOOD if answer.contacts == truth["contacts"] else MISCOUNTED
+    return GOOD if solution.contacts == truth["contacts"] else MISCOUNTED
 
 
 def judged(scene: int, contender: str, truth: Mapping[str, float]) -> Result:
@@ -181,28 +170,26 @@ def judged(scene: int, contender: str, truth: Mapping[str, float]) -> Result:
     row = labels(approach) | {"contender": contender, "velocity_error": math.nan, "contacts": math.nan}
     try:
         with limited(SECONDS):
-            answer = RIVALS[contender](approach)
+            solution = RIVALS[contender](approach)
     except Exception as problem:  # of any kind: it is counted
         row["failure"] = LATE if isinstance(problem, TimeoutError) else GAVE_UP
     else:
         speed = approach.motion.speed
-        row |= {"failure": grade(answer, truth, speed), "contacts": answer.contacts}
-        row["velocity_error"] = relative_error(answer.velocity, truth["velocity"], speed)
+        row |= {"failure": grade(solution, truth, speed), "contacts": solution.contacts}
+        row["velocity_error"] = relative_error(solution.velocity, truth["velocity"], speed)
     return result_of([row | {"true_contacts": truth["contacts"], "seconds": thread_time() - begun}])
 
 
-def rows(folder: Path, truths: Mapping[int, Row], names: Sequence[str], processes: int | None = None) -> list[Row]:
+def rows(gather: Gather, truths: Mapping[int, Row], names: Sequence[str]) -> list[Row]:
     """Return the rows of the rivals named on the scenes whose truth is known."""
     by_hand.compile_now()  # once, not in each process
     judges = "experiments.stability.scenes", by_hand.__name__, reference.__name__, __name__
-    sure = {scene: {name: true[name] for name in COMPARED} for scene, true in truths.items() if not true["failure"]}
+    sure = judging(truths, COMPARED)
     found: list[Row] = []
-    for depends, some in (
-        (solver_and(*judges), [name for name in names if name == OURS]),
-        (digest_of(*judges), [name for name in names if name != OURS]),
-    ):
+    for ours, depends in ((True, solver_and(*judges)), (False, digest_of(*judges))):
+        some = [name for name in names if (name == OURS) == ours]
         asked = [{"scene": n, "contender": name, "truth": true} for n, true in sure.items() for name in some]
-        found += gathered(folder, "rivals", judged, asked, depends, known, processes=processes, seconds=12 * SECONDS)
+        found += gather("rivals", judged, asked, depends, known, seconds=12 * SECONDS)
     return found
 
 

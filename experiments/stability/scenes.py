@@ -1,7 +1,7 @@
 """The storm: random scenes over the ranges in which the solver is to stand, scene k a pure function of the number k."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, get_args
 
 import numpy as np
@@ -36,8 +36,6 @@ OTHERS = {
     "robot damping": (1.0, 1e3),  # N s/m
 }
 """What a scene needs besides, over ranges of our own."""
-COUPLINGS = ("rigid", "spring", "bistable")
-ROBOTS = ("rigid robot", "robot", "robot table")
 EXPONENTS = (*((1.5, 1.5),) * 6, (1.0, 0.0), (1.0, 1.0), (2.0, 2.0), (1.5, 1.0), (1.2, 1.2), (3.0, 0.0))
 AT_AN_END = 0.05  # share of draws from a range of the storm that are one of its ends
 AFTERMATH = 0.5  # s, after the flange would reach the object
@@ -94,14 +92,11 @@ def draw(number: int) -> Approach:
     laws: tuple[Dissipation, ...] = get_args(Dissipation)
     law: Dissipation = laws[draw.rng.integers(len(laws))] if draw.share(0, 1) < 0.5 else "hu-guo"
     contact = ig.Contact(draw.one("contact stiffness"), draw.one("restitution"), law, m, n)
-    coupling = {"rigid": ig.Rigid, "spring": draw.spring, "bistable": draw.mechanism}[COUPLINGS[number % 3]]()
-    robot: ig.Robot | ig.RobotTable | None = None
-    if ROBOTS[number // 3 % 3] != "rigid robot":
-        lumped = ROBOTS[number // 3 % 3] == "robot"
-        robot = ig.Robot(*draw.robot()) if lumped else draw.robot_table(target.distance)
-    brake = None
-    if draw.share(0, 1) < 0.8:
-        brake = ig.Brake(draw.one("threshold"), draw.one("delay"), draw.one("deceleration"))
+    coupling = (ig.Rigid, draw.spring, draw.mechanism)[number % 3]()
+    robots = (lambda: None, lambda: ig.Robot(*draw.robot()), lambda: draw.robot_table(target.distance))
+    robot = robots[number // 3 % 3]()
+    brakes = draw.share(0, 1) < 0.8
+    brake = ig.Brake(*map(draw.one, ("threshold", "delay", "deceleration"))) if brakes else None
     motion = ig.Trapezoid(draw.one("speed"), draw.one("acceleration"), brake)
     duration = target.distance / motion.speed + motion.speed / motion.acceleration + AFTERMATH
     scene = ig.Scene(tool, target, contact, coupling, robot)
@@ -134,13 +129,8 @@ def describe(scene: ig.Scene, motion: ig.Trapezoid) -> str:
 
 def labels(approach: Approach) -> Row:
     """Return the columns that say which scene a row is about."""
-    return {
-        "scene": approach.name,
-        "coupling": kind(approach.scene),
-        "speed": approach.motion.speed,
-        "description": approach.description,
-        "failure": "",
-    }
+    first = {"scene": approach.name, "coupling": kind(approach.scene), "speed": approach.motion.speed}
+    return first | {"description": approach.description, "failure": ""}
 
 
 def known(arguments: Mapping[str, Any]) -> Row:
@@ -148,10 +138,15 @@ def known(arguments: Mapping[str, Any]) -> Row:
     return labels(draw(arguments["scene"])) | {"contender": arguments.get("contender", "")}
 
 
+def judging(truths: Mapping[int, Row], columns: Iterable[str]) -> dict[int, Row]:
+    """Return these columns of the truth, where there is one, by the number of the scene."""
+    return {scene: {name: true[name] for name in columns} for scene, true in truths.items() if not true["failure"]}
+
+
 def velocity(approach: Approach, rtol: float = 1e-8) -> float:
     """V_p of ours, m/s; nan if the run does not finish."""
     try:
-        return ig.simulate(approach.scene, approach.motion, approach.duration, rtol).object_velocity
+        return ig.simulate(*approach.run, rtol).object_velocity
     except RuntimeError:
         return math.nan
 

@@ -1,15 +1,13 @@
 """A row of numbers for each scene of the storm."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import asdict
-from pathlib import Path
 from time import thread_time
-from typing import Any
 
 import impact_gym as ig
 from agents.jobs import Result
-from experiments.lab.tables import Row, gathered, result_of, solver_and
+from experiments.lab.tables import Gather, Row, result_of, solver_and
 from experiments.speed_vs_error.scenes import Approach
 from experiments.stability import checks
 from experiments.stability.scenes import draw, labels, relative_error, velocity
@@ -29,7 +27,7 @@ def run(approach: Approach) -> tuple[ig.Outcome | None, str, float]:
     """Return the outcome, or why there is none, and the processor time of one `simulate` in ms."""
     begun, outcome, problem = thread_time(), None, ""
     try:
-        outcome = ig.simulate(approach.scene, approach.motion, approach.duration)
+        outcome = ig.simulate(*approach.run)
     except Exception as error:  # a failure is a result here
         problem = f"{type(error).__name__}: {error}".replace("\n", " ")
     return outcome, problem, 1e3 * (thread_time() - begun)
@@ -54,7 +52,7 @@ def row_of(approach: Approach, simulate: Callable[..., ig.Outcome] = ig.simulate
         "traced": int(outcome.steps <= LONGEST_TRACE),
     }
     if row["traced"]:
-        outcome = simulate(approach.scene, approach.motion, approach.duration, trace=True)
+        outcome = simulate(*approach.run, trace=True)
         row["finite"] = int(bool(row["finite"]) and checks.finite(outcome))
         row["trace_change"] = relative_error(outcome.object_velocity, v_p, speed)
         row["finer_change"] = relative_error(velocity(approach, FINER), v_p, speed)
@@ -71,12 +69,8 @@ def one(scene: int) -> Result:
     return result_of([row_of(draw(scene))])
 
 
-def rows(folder: Path, count: int, processes: int | None = None) -> list[Row]:
+def rows(gather: Gather, count: int) -> list[Row]:
     """Return the rows of the first `count` scenes."""
     asked = [{"scene": number} for number in range(count)]
-    depends = solver_and(*(f"experiments.stability.{name}" for name in ("scenes", "checks", "storm")))
-
-    def hung(arguments: Mapping[str, Any]) -> Row:
-        return blank(draw(arguments["scene"]))
-
-    return gathered(folder, "storm", one, asked, depends, hung, processes=processes, seconds=LIMIT)
+    depends = solver_and("experiments.stability.scenes", checks.__name__, __name__)
+    return gather("storm", one, asked, depends, lambda hung: blank(draw(hung["scene"])), seconds=LIMIT)

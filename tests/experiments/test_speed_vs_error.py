@@ -2,14 +2,15 @@
 
 import json
 import math
-import re
 from contextlib import closing
 from dataclasses import replace
+from functools import partial
 from xml.etree import ElementTree
 
 import numpy as np
 import polars as pl
 import pytest
+from pages import text_of_a_page_that_stands_on_its_own
 from scipy.integrate import solve_ivp
 
 import impact_gym as ig
@@ -21,6 +22,7 @@ from experiments.lab.charts import save
 from experiments.lab.results import KEPT
 from experiments.lab.tables import rows_of
 from experiments.paper.scenes import MOTION, decoupled
+from experiments.speed_vs_error import __main__ as study
 from experiments.speed_vs_error import (
     by_hand,
     contenders,
@@ -30,13 +32,12 @@ from experiments.speed_vs_error import (
     peer,
     quantities,
     scenes,
-    study,
     summary,
     taylor,
     truth,
 )
 from experiments.speed_vs_error.contenders import OURS
-from experiments.speed_vs_error.quantities import ERRORS, Answer
+from experiments.speed_vs_error.quantities import ERRORS, Solution
 
 NAMED = {approach.name: approach for approach in scenes.named()}
 COUPLINGS = {"rigid": ig.Rigid(), "spring": ig.SpringDamper(150.0, 0.5), "bistable": ig.Bistable()}
@@ -47,10 +48,8 @@ def approach_with(coupling):
     return scenes.Approach("any", "", scene, MOTION, 1.0)
 
 
-def true_answer(approach):
-    return quantities.answer_of(
-        reference.simulate(approach.scene, approach.motion, approach.duration, rtol=1e-12), approach.duration
-    )
+def true_solution(approach):
+    return approach.solved(reference.simulate, rtol=1e-12)
 
 
 def inside_a_contact(duration):
@@ -73,22 +72,18 @@ def test_a_hand_written_integrator_converges_with_its_order_inside_a_contact(met
     command = by_hand.command_of(ig.Trapezoid(1.0, 8.0))
     duration, start = 2e-3, (1e-3, 1.0, 0.0, 0.0)
     exact = inside_a_contact(duration)
-    errors = [
-        abs(by_hand.march(by_hand.METHODS[method], law, command, start, duration, duration / n)[0] - exact)
-        for n in (16, 32, 64)
-    ]
+    march = partial(by_hand.march, by_hand.METHODS[method], law, command, start, duration)
+    errors = [abs(march(duration / n)[0] - exact) for n in (16, 32, 64)]
     assert np.log2(np.divide(errors[:-1], errors[1:])) == pytest.approx([order, order], abs=0.15)
 
 
 @pytest.mark.parametrize("method", by_hand.METHODS)
 @pytest.mark.parametrize("coupling", COUPLINGS)
 def test_a_small_fixed_step_leads_to_the_truth(method, coupling):
-    approach = approach_with(COUPLINGS[coupling])
-    exact = true_answer(approach)
-    step = 2e-6
-    answer = by_hand.solve(method, approach, step)
-    assert quantities.failure(answer, exact) == ""
-    errors = quantities.errors(answer, exact)
+    approach, step = approach_with(COUPLINGS[coupling]), 2e-6
+    solution, exact = by_hand.solve(method, approach, step), true_solution(approach)
+    assert quantities.failure(solution, exact) == ""
+    errors = quantities.errors(solution, exact)
     # the contact lasts some 30 ms: an onset noticed one step late is 1e-4 of it
     assert max(errors["velocity_error"], errors["peak_error"], errors["duration_error"]) < 2e-4
     assert errors["detection_error"] < 2 * step
@@ -96,24 +91,22 @@ def test_a_small_fixed_step_leads_to_the_truth(method, coupling):
 
 def test_scipy_through_the_reference_is_judged_and_timed_in_its_contacts():
     approach = NAMED["soft"]
-    exact = true_answer(approach)
-    contender = contenders.scipy("RK45", approach, 1e-8)
+    contender = contenders.contender(approach, "SciPy RK45", 1e-8)
     plain = reference._Run
     spent = contender.seconds(1)
     assert reference._Run is plain
-    assert 0 < spent < contenders.repeated(lambda: contenders.scipy("RK45", approach, 1e-8).seconds(1))(1)
-    assert quantities.errors(contender.solve(), exact)["velocity_error"] < 1e-7
+    assert 0 < spent < contenders.repeated(lambda: contender.seconds(1))(1)
+    assert quantities.errors(contender.solve(), true_solution(approach))["velocity_error"] < 1e-7
 
 
 @pytest.mark.parametrize("name", NAMED)
 def test_taylor_series_lead_to_the_truth(name):
     pytest.importorskip("heyoka")
-    approach = NAMED[name]
-    exact = true_answer(approach)
+    exact = true_solution(NAMED[name])
     for tolerance, allowed in ((1e-6, 1e-5), (1e-15, 1e-10)):  # events in a row multiply errors
-        answer = taylor.Run(approach, tolerance).solve()
-        assert quantities.failure(answer, exact) == ""
-        assert max(quantities.errors(answer, exact).values()) < allowed
+        solution = taylor.Run(NAMED[name], tolerance).solve()
+        assert quantities.failure(solution, exact) == ""
+        assert max(quantities.errors(solution, exact).values()) < allowed
 
 
 def test_taylor_series_can_be_run_again():
@@ -123,15 +116,14 @@ def test_taylor_series_can_be_run_again():
 
 
 def test_the_named_scenes_are_what_they_are_called():
-    answers = {name: true_answer(approach) for name, approach in NAMED.items()}
+    answers = {name: true_solution(approach) for name, approach in NAMED.items()}
     assert answers["multiple"].contacts == 6
     assert (answers["pushed"].contacts, answers["bistable"].passes) == (2, 2)
-    faster = NAMED["bistable"]
-    faster = replace(faster, motion=replace(faster.motion, speed=faster.motion.speed + 1e-4))
-    assert true_answer(faster).passes == 1
-    scene = NAMED["pushed"]
-    outcome = ig.simulate(scene.scene, scene.motion, scene.duration)
-    assert outcome.contacts[1].approach_velocity < 0.05 < 0.1 < outcome.contacts[1].end - outcome.contacts[1].start
+    slower = NAMED["bistable"]
+    faster = replace(slower, motion=replace(slower.motion, speed=slower.motion.speed + 1e-4))
+    assert true_solution(faster).passes == 1
+    second = ig.simulate(*NAMED["pushed"].run).contacts[1]
+    assert second.approach_velocity < 0.05 < 0.1 < second.end - second.start
 
 
 def test_the_truth_is_what_a_second_method_finds():
@@ -141,21 +133,17 @@ def test_the_truth_is_what_a_second_method_finds():
 
 
 def test_what_is_a_failure():
-    exact = Answer(1.0, 10.0, 0.1, 0.3, contacts=2, passes=1)
+    exact = Solution(1.0, 10.0, 0.1, 0.3, contacts=2, passes=1)
     assert quantities.failure(replace(exact, velocity=1.009), exact) == ""
-    assert "V_p" in quantities.failure(replace(exact, velocity=1.011), exact)
-    assert "1 contacts, not 2" in quantities.failure(replace(exact, contacts=1), exact)
-    assert "snap" in quantities.failure(replace(exact, passes=0), exact)
-    assert "missed" in quantities.failure(replace(exact, detection_time=math.nan), exact)
-    assert "finite" in quantities.failure(replace(exact, velocity=math.nan), exact)
+    wrong = {"contacts": 1}, {"passes": 0}, {"detection_time": math.nan}, {"velocity": math.nan}, {"velocity": 1.011}
+    for change, words in zip(wrong, ("1 contacts, not 2", "snap", "missed", "finite", "V_p"), strict=True):
+        assert words in quantities.failure(replace(exact, **change), exact)
 
 
 def row(contender, setting, microseconds, error, **changes):
-    errors = dict.fromkeys(ERRORS, error)
-    counts = {"contacts": 1, "passes": 0, "steps": 50, "failure": ""}
-    about = {"rounds": 1, "load": 0.5, "run": "one"}
     first = {"scene": "soft", "contender": contender, "setting": setting, "microseconds": microseconds}
-    return first | errors | counts | about | changes
+    about = {"contacts": 1, "passes": 0, "steps": 50, "failure": "", "rounds": 1, "load": 0.5, "run": "one"}
+    return first | dict.fromkeys(ERRORS, error) | about | changes
 
 
 def table(rows):
@@ -167,7 +155,7 @@ def read(path):
 
 
 def test_an_error_that_is_small_by_chance_does_not_count():
-    rows = [row("RK4", 1e-3, 10.0, 1e-9), row("RK4", 1e-4, 100.0, 1e-5), row("RK4", 1e-5, 1000.0, 1e-7)]
+    rows = [row("RK4", *numbers) for numbers in ((1e-3, 10.0, 1e-9), (1e-4, 100.0, 1e-5), (1e-5, 1000.0, 1e-7))]
     assert summary.cheapest(table(rows), ["RK4"], 1e-6)["setting"] == 1e-5
     assert summary.cheapest(table(rows), ["RK4"], 1e-8) is None
     compared = summary.compared(table([*rows, row(OURS, 1e-6, 50.0, 1e-8)]), ["RK4"], 1e-6)
@@ -176,8 +164,8 @@ def test_an_error_that_is_small_by_chance_does_not_count():
 
 
 def test_a_missing_answer_counts_as_an_infinite_error_and_a_failure():
-    rows = [row(OURS, 1e-6, 50.0, 1e-8), row(OURS, 1e-6, 60.0, math.nan, failure="RuntimeError: none")]
-    rows.append(row(OURS, 1e-6, 70.0, 1e-7))
+    missing = row(OURS, 1e-6, 60.0, math.nan, failure="RuntimeError: none")
+    rows = [row(OURS, 1e-6, 50.0, 1e-8), missing, row(OURS, 1e-6, 70.0, 1e-7)]
     (found,) = summary.over_population(table(rows)).to_dicts()
     assert (found["velocity_error_25"], found["velocity_error_50"]) == (1e-8, 1e-7)
     assert found["microseconds_50"] == 60.0
@@ -187,9 +175,9 @@ def test_a_missing_answer_counts_as_an_infinite_error_and_a_failure():
 @pytest.fixture
 def tables():
     """A frozen table of every kind."""
-    about = {"scene": "soft", "description": "a scene", "contacts": 1, "passes": 0, "second_contacts": 1}
+    counts = {"contacts": 1, "passes": 0, "second_contacts": 1, "second_passes": 0}
     doubt = {f"{name}_doubt": 1e-14 for name in ERRORS}
-    truths = [about | {"second_passes": 0} | doubt]
+    truths = [{"scene": "soft", "description": "a scene", **counts, **doubt}]
     rows = [
         row(name, setting, 10.0 / setting, setting, failure="2 contacts, not 1" if setting > 1e-4 else "")
         for name in contenders.NAMES
@@ -201,8 +189,8 @@ def tables():
         for d in (1e-2, 1.0)
     ]
     cells[0] |= {"velocity_error": math.nan, "failure": "RuntimeError"}
-    about_both = {"named_truth": truths, "population_truth": truths, "mujoco_fits": []}
-    return about_both | {"named": rows, "population": rows, "heat_map": cells}
+    measured = {"named_truth": truths, "named": rows, "population_truth": truths, "population": rows}
+    return measured | {"mujoco_fits": [], "heat_map": cells}
 
 
 def test_a_frozen_table_draws_and_a_figure_follows_its_table(tables, tmp_path):
@@ -230,24 +218,24 @@ def test_the_heat_map_runs_one_contact():
 
 @pytest.fixture(scope="module")
 def quick(tmp_path_factory):
+    """The folder of a study that was run twice, and a table as it was after the first."""
     folder = tmp_path_factory.mktemp("study") / "speed_vs_error"
-    extent = replace(study.QUICK, names=("soft",), scenes=4, fit=8)
-    command = "python -m experiments.speed_vs_error --quick"
-    study.run(folder, command, extent=extent, processes=0)  # others would only import everything anew
+    compute = partial(study.tables, replace(study.QUICK, names=("soft",), scenes=4, fit=8))
+    # other processes would only import everything anew
+    run = partial(experiment.run, "speed_vs_error", folder, compute=compute, show=study.shown, processes=0)
+    run("python -m experiments.speed_vs_error --quick")
     named = (folder / "named.csv").read_bytes()
-    written = study.run(folder, "again", extent=extent, processes=0)
-    return folder, named, written
+    assert run("again") == folder / "index.html"
+    return folder, named
 
 
 def test_a_quick_run_measures_every_contender_on_every_scene(quick):
-    folder, _, _ = quick
-    absent = {contenders.MUJOCO: peer.missing(), contenders.HEYOKA: taylor.missing()}
-    expected = {name for name in contenders.NAMES if not absent.get(name)}
+    folder, _ = quick
+    expected = set(contenders.NAMES) - set(contenders.MISSING)
     named, population = (read(folder / f"{name}.csv").to_dicts() for name in ("named", "population"))
     assert {row["contender"] for row in named} == expected
     assert {row["scene"] for row in population} == {"000", "001", "002", "003"}
-    for found in (*population, *named):
-        assert found["microseconds"] > 0
+    assert all(row["microseconds"] > 0 for row in (*population, *named))
     fine = [row for row in population if row["contender"] == OURS and row["setting"] == 1e-9]
     assert len(fine) == 4
     assert all(not row["failure"] and row["velocity_error"] < 1e-7 for row in fine)
@@ -255,7 +243,7 @@ def test_a_quick_run_measures_every_contender_on_every_scene(quick):
 
 
 def test_what_is_on_disk_is_not_measured_again(quick):
-    folder, named, _ = quick
+    folder, named = quick
     assert (folder / "named.csv").read_bytes() == named
     runs = json.loads((folder / "results.json").read_text())["runs"]
     with closing(Store(folder / KEPT)) as store:
@@ -263,40 +251,33 @@ def test_what_is_on_disk_is_not_measured_again(quick):
     assert all(run["seconds"] > 0 and run["machine"] and run["versions"] for run in runs)
 
 
-def test_what_is_timed_in_turns_is_so_in_this_process_alone(tmp_path, monkeypatch):
+def test_what_is_timed_in_turns_is_so_in_this_process_alone():
     asked = []
-    monkeypatch.setattr(measure, "gathered", lambda *_, **options: asked.append(options["processes"]))
+    gather = partial(lambda *_, processes: asked.append(processes), processes=None)
     for rounds in (1, 3):
-        measure.rows(tmp_path, "any", {"soft": Answer(1.0, 10.0, 0.1, math.nan, 2, 1)}, {}, [(OURS, 1e-6)], rounds)
+        measure.rows(gather, "any", {"soft": Solution(1.0, 10.0, 0.1, math.nan, 2, 1)}, [], [(OURS, 1e-6)], rounds)
     assert asked == [None, 0]
 
 
 def test_an_approach_is_drawn_again_by_its_name_and_an_answer_sent_is_that_which_comes():
     for approach in (*scenes.named(), *scenes.population(5)):
         assert scenes.approach_of(approach.name) == approach
-    answer = Answer(1.0, 10.0, 0.1, math.nan, contacts=2, passes=1)
-    sent = Job("cluster_work:fails_on", {"log": "", "number": quantities.as_json(answer), "bad": []})
-    assert str(quantities.from_json(sent.arguments["number"])) == str(answer)  # nan is not equal to itself
+    solution = Solution(1.0, 10.0, 0.1, math.nan, contacts=2, passes=1)
+    sent = Job("cluster_work:fails_on", {"log": "", "number": quantities.as_json(solution), "bad": []})
+    assert str(quantities.from_json(sent.arguments["number"])) == str(solution)  # nan is not equal to itself
 
 
 def test_the_page_stands_on_its_own_and_leads_to_files_that_are_there(quick):
-    folder, _, written = quick
-    text = written.read_text()
-    assert written == folder / "index.html"
-    assert len(re.findall("data:image/svg", text)) == len(ERRORS) + 2
-    assert not re.search(r"""(src|href)=["'](https?:|//)""", text)
-    for file in re.findall('href="([^"#]+)"', text):
-        assert (folder / file).is_file()
-    assert "times faster" in text
+    assert "times faster" in text_of_a_page_that_stands_on_its_own(quick[0], figures=len(ERRORS) + 2)
 
 
 def test_mujoco_repeats_its_steps_and_its_flange_follows_the_command():
     pytest.importorskip("mujoco")
     approach = NAMED["soft"]
     model = peer.Model(approach, peer.Fit(1000.0, 3.0), 1e-3)
-    answer = model.run()
-    assert model.repeat() == answer.velocity
-    position, velocity = by_hand.flange(model.command, answer.detection_time + 0.016, approach.duration)
+    solution = model.run()
+    assert model.repeat() == solution.velocity
+    position, velocity = by_hand.flange(model.command, solution.detection_time + 0.016, approach.duration)
     # semi-implicit Euler is half a step's way off for each change of velocity; the tool weighs 1e-7 of the flange
     assert model.data.qpos[0] == pytest.approx(position, abs=2e-3)
     assert model.data.qvel[0] == pytest.approx(velocity, abs=1e-5)
@@ -308,7 +289,7 @@ def test_an_elastic_contact_in_mujoco_keeps_energy_and_momentum():
     approach = scenes.Approach("free", "", weak, ig.Trapezoid(1.0, 8.0), 0.3)
     start = np.array([[0.25, 0.0, 0.0], [1.0, 0.0, 0.0]])  # 0.5 mm before the object, at 1 m/s
     model = peer.Model(approach, peer.Fit(2e5, 1e-9), 1e-5, (0.2, 0.3), start)
-    answer = model.run()
+    solution = model.run()
     # two free masses, e = 1 (paper, eq. 3-4): 2 m_t/(m_t + m_p) of 1 m/s
-    assert answer.contacts == 1
-    assert answer.velocity == pytest.approx(2 / 3, abs=2e-3)
+    assert solution.contacts == 1
+    assert solution.velocity == pytest.approx(2 / 3, abs=2e-3)

@@ -2,10 +2,11 @@
 
 import math
 from contextlib import closing
+from functools import partial
 
 import numpy as np
 import pytest
-from stability_scenes import COUPLINGS, ROBOTS, approach_of, asleep, astuple
+from stability_scenes import COUPLINGS, ROBOTS, approach_of, asleep
 
 import impact_gym as ig
 from agents.jobs import JobsFailedError
@@ -13,15 +14,15 @@ from agents.jobs.store import Store
 from experiments.lab import tables
 from experiments.lab.results import KEPT
 from experiments.lab.tables import gathered, rows_of
-from experiments.stability import agreement, bars, checks, scenes, storm
+from experiments.stability import agreement, checks, promises, scenes, storm
 from impact_gym import simulation
 from impact_gym.scene import Dissipation
 
 
 def ranges_of(number):
     """What a scene has of each range of the storm."""
-    approach = scenes.draw(number)
-    scene, motion, coupling = approach.scene, approach.motion, approach.scene.coupling
+    scene, motion, _ = scenes.draw(number).run
+    coupling = scene.coupling
     found = {
         "contact stiffness": scene.contact.stiffness,
         "restitution": scene.contact.restitution,
@@ -66,8 +67,7 @@ def test_jobs_that_hang_die_or_raise_are_rows_and_told_apart(tmp_path):
     def named(arguments):
         return {"scene": arguments["scene"]}
 
-    asked = [{"seconds": 0.0}, {"seconds": 60.0}, {"seconds": -1.0}, {"seconds": "1"}]
-    asked = [{"scene": str(place)} | arguments for place, arguments in enumerate(asked)]
+    asked = [{"scene": str(place), "seconds": seconds} for place, seconds in enumerate((0.0, 60.0, -1.0, "1"))]
     rows = gathered(tmp_path, "any", asleep, asked, "", named, processes=2, seconds=1.0)
     assert [row["scene"] for row in rows] == list("0123")
     fine, hung, died, raised = (row["failure"] for row in rows)
@@ -81,29 +81,29 @@ def test_jobs_that_hang_die_or_raise_are_rows_and_told_apart(tmp_path):
 
 
 def promises_broken(row):
-    return {failure["contender"] for failure in bars.failures(row)}
+    return {failure["contender"] for failure in promises.failures(row)}
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
 @pytest.mark.parametrize("coupling", COUPLINGS)
 @pytest.mark.parametrize("e", [0.3, 1.0])
 def test_a_sound_run_breaks_no_promise(coupling, robot, e):
-    row = storm.row_of(approach_of(COUPLINGS[coupling], ROBOTS[robot], e=e))
+    approach = approach_of(COUPLINGS[coupling], ROBOTS[robot], e=e)
+    row = storm.row_of(approach)
     assert row["contacts"] > 0
     assert row["traced"]
     assert promises_broken(row | {"milliseconds": 1.0}) == set()  # how fast is for the storm to say
     assert row["energy_doubt"] < 1e-3
     if e == 1.0:
         # nothing dissipates: what has gone in has come out again, but for a contact under way at the end
-        outcome = ig.simulate(*astuple(approach_of(COUPLINGS[coupling], ROBOTS[robot], e=e)))
+        outcome = ig.simulate(*approach.run)
         if outcome.contacts[-1].end is not None:
             assert abs(row["energy_created"]) < 1e-6 + row["energy_doubt"]
 
 
 @pytest.mark.parametrize("e", [0.1, 0.5, 0.9])
 def test_an_isolated_contact_loses_what_its_restitution_says(e):
-    cruise = ig.Trapezoid(1.0, 8.0)
-    row = storm.row_of(approach_of(e=e, motion=cruise))
+    row = storm.row_of(approach_of(e=e, motion=ig.Trapezoid(1.0, 8.0)))
     lost = 1.0 - ig.effective_restitution("hu-guo", e) ** 2
     assert row["energy_created"] == pytest.approx(-lost, rel=1e-7)
 
@@ -132,15 +132,15 @@ def at(place, value):
 @pytest.mark.parametrize(
     ("fault", "promise"),
     [
-        ({"separation_velocity": lambda v: 1.01 * v}, bars.PASSIVE),
-        ({"trace.contact_force": at(400, -1e-9)}, bars.PUSHED),
-        ({"impulse": lambda j: -j}, bars.PUSHED),
-        ({"trace.object_velocity": at(slice(-30, None), 0.0)}, bars.RISING),
-        ({"impulse": lambda j: j * (1 + 1e-8)}, bars.BALANCED),
-        ({"momentum_error": lambda _: 2e-9}, bars.BALANCED),
-        ({"momentum_error": lambda _: math.nan}, bars.BALANCED),
-        ({"trace.tool_position": at(3, math.nan)}, bars.FINITE),
-        ({"peak_force": lambda _: math.inf}, bars.FINITE),
+        ({"separation_velocity": lambda v: 1.01 * v}, promises.PASSIVE),
+        ({"trace.contact_force": at(400, -1e-9)}, promises.PUSHED),
+        ({"impulse": lambda j: -j}, promises.PUSHED),
+        ({"trace.object_velocity": at(slice(-30, None), 0.0)}, promises.RISING),
+        ({"impulse": lambda j: j * (1 + 1e-8)}, promises.BALANCED),
+        ({"momentum_error": lambda _: 2e-9}, promises.BALANCED),
+        ({"momentum_error": lambda _: math.nan}, promises.BALANCED),
+        ({"trace.tool_position": at(3, math.nan)}, promises.FINITE),
+        ({"peak_force": lambda _: math.inf}, promises.FINITE),
     ],
 )
 @pytest.mark.parametrize("coupling", COUPLINGS)
@@ -150,49 +150,49 @@ def test_a_planted_fault_is_found(fault, promise, coupling):
 
 
 def test_an_object_that_is_slowed_between_two_contacts_is_found():
-    outcome = ig.simulate(*astuple(approach_of(ig.SpringDamper(150.0), e=1.0)))
+    outcome = ig.simulate(*approach_of(ig.SpringDamper(150.0), e=1.0).run)
     assert len(outcome.contacts) > 1
     assert checks.examine(approach_of().scene, outcome).pull <= 0.0
     first, second, *rest = outcome.contacts
     slowed = second._replace(object_velocity=first.object_velocity - 1e-6)
     found = checks.examine(approach_of().scene, outcome._replace(contacts=(first, slowed, *rest)))
-    assert found.pull > bars.PULL
+    assert found.pull > promises.PULL
 
 
 def test_a_run_that_cannot_finish_takes_too_long_or_is_not_settled_is_found(monkeypatch):
-    row = storm.row_of(approach_of(ig.SpringDamper(150.0)))
-    assert promises_broken(row | {"milliseconds": 50.1}) == {bars.FAST}
+    approach = approach_of(ig.SpringDamper(150.0))
+    row = storm.row_of(approach)
+    assert promises_broken(row | {"milliseconds": 50.1}) == {promises.FAST}
     unsettled = row | {"milliseconds": 1.0, "finer_change": 2e-6}
-    assert promises_broken(unsettled) == {bars.SETTLED}
-    assert promises_broken(unsettled | {"finer_change": math.nan}) == {bars.SETTLED}
+    assert promises_broken(unsettled) == {promises.SETTLED}
+    assert promises_broken(unsettled | {"finer_change": math.nan}) == {promises.SETTLED}
     monkeypatch.setattr(simulation, "MAX_STEPS", 10)
-    stopped = storm.row_of(approach_of(ig.SpringDamper(150.0)))
-    assert promises_broken(stopped | {"milliseconds": 1.0}) == {bars.FINISHED}
-    assert "integration steps" in bars.failures(stopped)[0]["failure"]
+    stopped = storm.row_of(approach)
+    assert promises_broken(stopped | {"milliseconds": 1.0}) == {promises.FINISHED}
+    assert "integration steps" in promises.failures(stopped)[0]["failure"]
     hung = storm.blank(scenes.draw(3)) | {"failure": "no answer within 120 s"}
-    assert promises_broken(hung) == {bars.FINISHED}
+    assert promises_broken(hung) == {promises.FINISHED}
 
 
 def test_a_disagreement_is_found_and_what_is_not_known_is_counted():
     number = 17
-    approach = scenes.draw(number)
-    (true,) = rows_of(agreement.truth(number, agreement.order(approach)[0]))
+    (true,) = rows_of(agreement.truth(number, agreement.order(scenes.draw(number))[0]))
     assert true["failure"] == ""
     (same,) = rows_of(agreement.compared(number, true))
-    assert bars.disagreement(same) == ""
-    false = true | {"velocity": true["velocity"] * (1 + 3e-6)}
-    (apart,) = rows_of(agreement.compared(number, false))
-    assert "3.0e-06" in bars.disagreement(apart)
+    assert promises.disagreement(same) == ""
+    (apart,) = rows_of(agreement.compared(number, true | {"velocity": true["velocity"] * (1 + 3e-6)}))
+    assert "3.0e-06" in promises.disagreement(apart)
     assert apart["spread"] < 1e-9 * abs(apart["velocity"])  # the scene is not to blame
-    assert bars.disagreement(same | {"passes": same["passes"] + 1})
-    assert bars.over_agreement([same], 1).met
-    assert "1 scenes the independent solver could not do" in bars.over_agreement([same], 1).found
-    assert not bars.over_agreement([same, apart], 0).met
-    assert not bars.over_agreement([], 0).met
+    assert promises.disagreement(same | {"passes": same["passes"] + 1})
+    kept = promises.over_agreement([same], 1)
+    assert kept.met
+    assert "1 scenes the independent solver could not do" in kept.found
+    assert not promises.over_agreement([same, apart], 0).met
+    assert not promises.over_agreement([], 0).met
 
 
 def test_an_interrupted_storm_goes_on_where_it_stopped_and_other_sources_start_anew(tmp_path, monkeypatch):
-    done = []
+    done, gather = [], partial(gathered, tmp_path, processes=0)
 
     def row_of(approach):
         done.append(approach.name)
@@ -202,35 +202,36 @@ def test_an_interrupted_storm_goes_on_where_it_stopped_and_other_sources_start_a
 
     monkeypatch.setattr(storm, "row_of", row_of)
     with pytest.raises(KeyboardInterrupt):
-        storm.rows(tmp_path, 8, 0)
+        storm.rows(gather, 8)
     assert done == list("01234")
     with closing(Store(tmp_path / KEPT)) as store:
         assert len(store) == 4
     for _ in range(2):
-        rows = storm.rows(tmp_path, 8, 0)
+        rows = storm.rows(gather, 8)
         assert [row["scene"] for row in rows] == list("01234567")
         assert {row["failure"] for row in rows} == {"not run"}
         assert done == list("012344567")
-    assert len(storm.rows(tmp_path, 5, 0)) == 5
+    assert len(storm.rows(gather, 5)) == 5
     monkeypatch.setattr(storm, "solver_and", lambda *modules: "other")
-    assert len(storm.rows(tmp_path, 8, 0)) == 8
+    assert len(storm.rows(gather, 8)) == 8
     assert done == list("01234456701234567")
 
 
 def test_what_a_row_depends_on_is_the_solver_as_it_is_compiled_and_who_judges_it(monkeypatch):
-    judged = tables.solver_and("experiments.stability.checks")
-    assert judged != tables.solver_and("experiments.stability.storm")
-    tables.solver_and.cache_clear()
-    assert tables.solver_and("experiments.stability.checks") == judged
-    tables.solver_and.cache_clear()
+    solver_and = tables.solver_and.__wrapped__  # not what it said before
+    judged = solver_and("experiments.stability.checks")
+    assert judged != solver_and("experiments.stability.storm")
+    assert judged == solver_and("experiments.stability.checks")
     monkeypatch.setattr(tables, "COMPILED_FROM", "another solver")
-    assert tables.solver_and("experiments.stability.checks") != judged
-    tables.solver_and.cache_clear()
+    assert judged != solver_and("experiments.stability.checks")
 
 
 def test_a_promise_with_no_failure_is_kept():
     rows = [storm.row_of(approach_of(coupling)) for coupling in COUPLINGS.values()]
-    assert all(bar.met for bar in bars.over_storm(rows, []))
-    missed = [bar for bar in bars.over_storm(rows, bars.failures(rows[0] | {"finite": 0})) if not bar.met]
-    assert [bar.promise for bar in missed] == [bars.FINITE]
-    assert "1 of 3 scenes" in missed[0].found
+    kept = promises.over_storm(rows, [])
+    assert [promise.text for promise in kept] == list(promises.PROMISES)
+    assert all(promise.met for promise in kept)
+    broken = promises.failures(rows[0] | {"finite": 0})
+    (missed,) = (promise for promise in promises.over_storm(rows, broken) if not promise.met)
+    assert missed.text == promises.FINITE
+    assert "1 of 3 scenes" in missed.found

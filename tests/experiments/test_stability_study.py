@@ -2,33 +2,27 @@
 
 import json
 import math
-import re
 import shutil
 from contextlib import closing
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import polars as pl
 import pytest
-from stability_scenes import COUPLINGS, ROBOTS, approach_of, astuple
+from pages import text_of_a_page_that_stands_on_its_own
+from stability_scenes import COUPLINGS, ROBOTS, approach_of
 
 import impact_gym as ig
 from agents.jobs.store import Store
 from experiments import reference
 from experiments.lab import experiment
 from experiments.lab.results import KEPT
+from experiments.lab.tables import gathered
 from experiments.speed_vs_error import quantities
 from experiments.speed_vs_error.contenders import OURS
-from experiments.stability import (
-    agreement,
-    bars,
-    hard_cases,
-    invariances,
-    rivals,
-    scenes,
-    storm,
-    study,
-)
+from experiments.stability import __main__ as study
+from experiments.stability import agreement, hard_cases, invariances, promises, rivals, scenes, storm
 
 FEW = 27  # scenes: every coupling with every robot, three times
 
@@ -36,34 +30,32 @@ FEW = 27  # scenes: every coupling with every robot, three times
 @pytest.mark.parametrize("coupling", COUPLINGS)
 def test_solve_ivp_with_events_leads_to_the_truth_at_a_fine_tolerance(coupling):
     approach = approach_of(COUPLINGS[coupling])
-    true = quantities.answer_of(reference.simulate(*astuple(approach), rtol=1e-12), approach.duration)
-    answer = rivals.plain(approach, "DOP853", 1e-10, 1e-14)
-    assert answer.contacts == true.contacts
-    assert answer.velocity == pytest.approx(true.velocity, rel=1e-7)
-    assert answer.detection_time == pytest.approx(true.detection_time, abs=1e-8)
+    true = approach.solved(reference.simulate, rtol=1e-12)
+    solution = rivals.plain(approach, "DOP853", 1e-10, 1e-14)
+    assert solution.contacts == true.contacts
+    assert solution.velocity == pytest.approx(true.velocity, rel=1e-7)
+    assert solution.detection_time == pytest.approx(true.detection_time, abs=1e-8)
 
 
 def test_whoever_takes_too_long_is_stopped():
     approach = approach_of(ig.SpringDamper(150.0))
-    for solve in (
-        lambda: rivals.plain(approach, "RK45", 1e-10, 1e-14),
-        lambda: reference.simulate(*astuple(approach)),
-        lambda: reference.simulate(*astuple(approach), method="LSODA"),
-    ):
+    plain = partial(rivals.plain, approach, "RK45", 1e-10, 1e-14)
+    careful = [partial(reference.simulate, *approach.run, method=method) for method in ("DOP853", "LSODA")]
+    for solve in (plain, *careful):
         with pytest.raises(TimeoutError), rivals.limited(1e-2):
             solve()
     with rivals.limited(1e-2):
         pass
-    reference.simulate(*astuple(approach))  # the time of one is not taken from another
+    reference.simulate(*approach.run)  # the time of one is not taken from another
 
 
 def test_what_a_rival_says_is_graded():
     truth = {"velocity": 1.0, "contacts": 2.0}
-    answer = quantities.Answer(1.0005, 1.0, 0.1, 0.3, contacts=2, passes=0)
-    assert rivals.grade(answer, truth, 1.0) == rivals.GOOD
-    assert rivals.grade(replace(answer, contacts=1), truth, 1.0) == rivals.MISCOUNTED
-    assert rivals.grade(replace(answer, velocity=1.002), truth, 1.0) == rivals.WRONG
-    assert rivals.grade(replace(answer, velocity=math.nan), truth, 1.0) == rivals.NOT_FINITE
+    solution = quantities.Solution(1.0005, 1.0, 0.1, 0.3, contacts=2, passes=0)
+    assert rivals.grade(solution, truth, 1.0) == rivals.GOOD
+    assert rivals.grade(replace(solution, contacts=1), truth, 1.0) == rivals.MISCOUNTED
+    assert rivals.grade(replace(solution, velocity=1.002), truth, 1.0) == rivals.WRONG
+    assert rivals.grade(replace(solution, velocity=math.nan), truth, 1.0) == rivals.NOT_FINITE
     rows = [
         {"contender": OURS, "failure": kind, "contacts": contacts, "true_contacts": 2.0, "seconds": 1.0}
         for kind, contacts in ((rivals.GOOD, 2), (rivals.WRONG, 1), (rivals.LATE, math.nan), (rivals.GOOD, 2))
@@ -89,7 +81,7 @@ def test_other_units_change_only_the_numbers(coupling, robot, law):
     plain = approach_of(COUPLINGS[coupling], ROBOTS[robot], **law)
     for name, (mass, length, tick) in invariances.UNITS.items():
         other = invariances.scaled(plain, mass, length, tick)
-        a, b = ig.simulate(*astuple(plain)), ig.simulate(*astuple(other))
+        a, b = ig.simulate(*plain.run), ig.simulate(*other.run)
         assert len(a.contacts) == len(b.contacts), name
         # the same to rounding; where flight is integrated its steps may be other ones, and then to the tolerance
         tolerance = 1e-11 if ROBOTS[robot] is None and coupling != "bistable" else 1e-8
@@ -115,12 +107,11 @@ def test_rows_in_another_order_and_other_threads_are_the_same_to_the_bit():
 
 def test_an_invariance_that_does_not_hold_is_missed():
     assert invariances.line("any", [0.0, 1e-16, 9e-8], exact=False)["met"]
-    assert not invariances.line("any", [0.0, 1e-16, 2e-7], exact=False)["met"]
-    assert not invariances.line("any", [1e-11, 1e-11, 0.0], exact=False)["met"]
-    assert not invariances.line("any", [0.0, math.nan, 0.0], exact=False)["met"]
-    assert not invariances.line("any", [0.0, 1e-17])["met"]
-    assert not invariances.line("any", [0.0, math.nan])["met"]
-    number = next(number for number in range(20) if ig.simulate(*astuple(scenes.draw(number))).contacts)
+    for differences in ([0.0, 1e-16, 2e-7], [1e-11, 1e-11, 0.0], [0.0, math.nan, 0.0]):
+        assert not invariances.line("any", differences, exact=False)["met"]
+    for differences in ([0.0, 1e-17], [0.0, math.nan]):
+        assert not invariances.line("any", differences)["met"]
+    number = next(number for number in range(20) if ig.simulate(*scenes.draw(number).run).contacts)
     true = scenes.velocity(scenes.draw(number))
     assert invariances.repeated([number], [true])[0]["met"]
     assert not invariances.repeated([number], [float(np.nextafter(true, 1.0))])[0]["met"]
@@ -144,11 +135,14 @@ def test_a_tolerance_in_metres_floors_the_error():
     assert finest[OURS] < 1e-11
 
 
+def studied(folder, line, **options):
+    compute = partial(study.tables, FEW, True)
+    return experiment.run("stability", folder, line, compute, study.shown, processes=0, **options)
+
+
 @pytest.fixture(scope="module")
 def quick(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("study") / "stability"
-    study.run(folder, "first", scenes=FEW, quick=True, processes=0)
-    return folder
+    return studied(tmp_path_factory.mktemp("study") / "stability", "first").parent
 
 
 def read(path):
@@ -160,42 +154,40 @@ def refuse(*_, **__):
 
 
 def test_a_row_for_each_scene_and_a_page_that_stands_on_its_own(quick):
-    folder = quick
-    assert [int(row["scene"]) for row in read(folder / "storm.csv")] == list(range(FEW))
-    text = (folder / "index.html").read_text()
-    assert len(re.findall("data:image/svg", text)) == 3
-    assert not re.search(r"""(src|href)=["'](https?:|//)""", text)
-    for file in re.findall('href="([^"#]+)"', text):
-        assert (folder / file).is_file()
-    for promise in bars.PROMISES:
-        assert promise in text
+    assert [int(row["scene"]) for row in read(quick / "storm.csv")] == list(range(FEW))
+    text = text_of_a_page_that_stands_on_its_own(quick, figures=3)
+    assert all(promise in text for promise in promises.PROMISES)
 
 
 def test_what_is_on_disk_is_not_computed_again(quick, monkeypatch):
-    folder = quick
-    for place, name in ((storm, "row_of"), (agreement, "answer_of"), (agreement, "relative_error"), (rivals, "grade")):
+    for place, name in (
+        (storm, "row_of"),
+        (agreement, "solution_of"),
+        (agreement, "relative_error"),
+        (rivals, "grade"),
+    ):
         monkeypatch.setattr(place, name, refuse)
     for name in ("velocity_in_frame", "sweep_of", "velocity"):
         monkeypatch.setattr(invariances, name, refuse)
     monkeypatch.setattr(hard_cases, "row", refuse)
-    study.run(folder, "again", scenes=FEW, quick=True, processes=0)
-    first, second = json.loads((folder / "results.json").read_text())["runs"]
+    studied(quick, "again")
+    first, second = json.loads((quick / "results.json").read_text())["runs"]
     assert first["computed"] > FEW
     assert second["computed"] == 0
 
 
 def test_the_page_lists_every_failure(quick, tmp_path, monkeypatch):
-    folder = quick
-    rows = study.tables(folder, FEW, quick=True, processes=0)["storm"]
+    gather = partial(gathered, quick, processes=0)
+    rows = storm.rows(gather, FEW)
     rows[3] |= {"milliseconds": 77.0}
     rows[5] |= {"failure": "RuntimeError: the run stopped", "object_velocity": math.nan}
     rows[8] |= {"energy_created": 1e-3, "energy_doubt": 1e-9, "traced": 1}
     monkeypatch.setattr(storm, "rows", lambda *_: rows)
-    tables = study.tables(folder, FEW, quick=True, processes=0)
-    runs = json.loads((folder / "results.json").read_text())["runs"]
+    tables = study.tables(FEW, True, gather)
+    runs = json.loads((quick / "results.json").read_text())["runs"]
     text = experiment.write("stability", tmp_path, tables, *study.shown(tables), runs).read_text()
     found = {(row["scene"], row["contender"]) for row in read(tmp_path / "failures.csv")}
-    assert {("3", bars.FAST), ("5", bars.FINISHED), ("8", bars.PASSIVE)} <= found
+    assert {("3", promises.FAST), ("5", promises.FINISHED), ("8", promises.PASSIVE)} <= found
     assert "RuntimeError: the run stopped" in text
     assert "promises are missed" in text
     assert text.count('class="missed"') >= 3
@@ -210,7 +202,7 @@ def test_everything_is_computed_again_where_that_is_asked_for_and_a_stopped_run_
 
     monkeypatch.setattr(storm, "row_of", stopped)
     with pytest.raises(KeyboardInterrupt):
-        study.run(folder, "anew", scenes=FEW, quick=True, again=True, processes=0)
+        studied(folder, "anew", again=True)
     *_, last = json.loads((folder / "results.json").read_text())["runs"]
     assert (last["command"], last["seconds"], last["computed"]) == ("anew", None, 0)
     with closing(Store(folder / KEPT)) as store:

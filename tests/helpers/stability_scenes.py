@@ -12,12 +12,8 @@ from experiments.speed_vs_error.scenes import Approach
 
 COUPLINGS = {"rigid": ig.Rigid(), "spring": ig.SpringDamper(150.0, 0.5), "bistable": MECHANISM}
 POSITIONS = np.linspace(0.0, 0.35, 6)
-TABLE = ig.RobotTable(
-    tuple(POSITIONS.tolist()),
-    tuple((4 + 3 * POSITIONS**2).tolist()),
-    tuple((1.5e5 * (1 + POSITIONS)).tolist()),
-    tuple((40 + 100 * POSITIONS).tolist()),
-)
+COLUMNS = POSITIONS, 4 + 3 * POSITIONS**2, 1.5e5 * (1 + POSITIONS), 40 + 100 * POSITIONS
+TABLE = ig.RobotTable(*(tuple(column.tolist()) for column in COLUMNS))
 ROBOTS = {"rigid robot": None, "robot": ig.Robot(5.0, 1.5e5, 50.0), "robot table": TABLE}
 
 
@@ -25,11 +21,6 @@ def approach_of(coupling=None, robot=None, k_c=1e5, e=0.5, motion=MOTION, **law)
     contact = ig.Contact(k_c, e, **law)
     scene = ig.Scene(ig.Tool(0.125), ig.Object(0.25, DISTANCE), contact, coupling or ig.Rigid(), robot)
     return Approach("7", "planted", scene, motion, 0.8)
-
-
-def astuple(approach):
-    """What `simulate` takes."""
-    return approach.scene, approach.motion, approach.duration
 
 
 def asleep(scene, seconds):

@@ -5,7 +5,7 @@ from scenes import MOTION, scene
 
 import impact_gym as ig
 from experiments.speed_vs_error import taylor
-from experiments.speed_vs_error.quantities import answer_of
+from experiments.speed_vs_error.quantities import solution_of
 from experiments.speed_vs_error.scenes import Approach
 
 pytest.importorskip("heyoka")
@@ -22,7 +22,7 @@ TIGHT = 1e-16  # of the series' truncation
 )
 def test_an_approach_is_that_of_taylor_series(coupling, motion, e):
     chain = scene(1e5, e, coupling)
-    ours = answer_of(ig.simulate(chain, motion, 1.0, rtol=1e-13), 1.0)
+    ours = solution_of(ig.simulate(chain, motion, 1.0, rtol=1e-13), 1.0)
     series = taylor.Run(Approach("7", "", chain, motion, 1.0), TIGHT).solve()
     assert (ours.contacts, ours.passes) == (series.contacts, series.passes)
     for name in ("velocity", "peak_force", "contact_duration", "detection_time"):

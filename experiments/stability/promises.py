@@ -1,9 +1,9 @@
 """What was promised of the storm, and whether it is met. A failure is listed with its scene, never dropped."""
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from statistics import median_high
+from typing import NamedTuple
 
 import numpy as np
 import polars as pl
@@ -34,45 +34,45 @@ PROMISES = FINISHED, FINITE, FAST, BALANCED, PASSIVE, PUSHED, RISING, SETTLED = 
 
 def failures(row: Row) -> list[Row]:
     """Return a row for each promise that a row of the storm breaks; a number that is not there breaks its promise."""
-    found: list[Row] = []
+    about = {name: row[name] for name in ABOUT}
+    return [
+        {"scene": row["scene"], "contender": promise, "failure": reason} | about
+        for promise, kept, reason in checked(row)
+        if not kept
+    ]
 
-    def check(promise: str, kept: bool, reason: str) -> None:
-        if not kept:
-            about = {name: row[name] for name in ABOUT}
-            found.append({"scene": row["scene"], "contender": promise, "failure": reason} | about)
 
-    check(FINISHED, not row["failure"], row["failure"])
+def checked(row: Row) -> Iterator[tuple[str, bool, str]]:
+    """Yield the promises that are about a row of the storm, whether each is kept, and what there is to say if not."""
+    yield FINISHED, not row["failure"], row["failure"]
     if not row["failure"]:
-        check(FINITE, row["finite"], "a number is inf or nan")
+        yield FINITE, row["finite"], "a number is inf or nan"
+        rounding = ROUNDINGS * row["rounding"]
         for name in ("momentum_error", "impulse_error"):
-            reason, rounding = f"{name.replace('_', ' ')} {row[name]:.1e}", ROUNDINGS * row["rounding"]
-            if row[name] <= rounding:
-                reason += f", of which rounding of the momenta explains {rounding:.1e}"
-            check(BALANCED, row[name] < MOMENTUM, reason)
-        created, doubt, traced = row["energy_created"], row["energy_doubt"], row["traced"]
+            explained = f", of which rounding of the momenta explains {rounding:.1e}" if row[name] <= rounding else ""
+            yield BALANCED, row[name] < MOMENTUM, f"{name.replace('_', ' ')} {row[name]:.1e}{explained}"
+        created, doubt, untraced = row["energy_created"], row["energy_doubt"], not row["traced"]
         reason = f"{created:.1e} of the energy appeared (known to {doubt:.1e})"
-        check(PASSIVE, not traced or created <= ENERGY + doubt, reason)
+        yield PASSIVE, untraced or created <= ENERGY + doubt, reason
         reason = f"pulled by {row['pull']:.1e} of the peak force, or V_p fell by that of the tool's speed"
-        check(PUSHED, row["pull"] <= PULL, reason)
-        check(RISING, row["trace_fall"] <= FALL, f"V_p falls by {row['trace_fall']:.1e} of the tool's speed")
-        check(SETTLED, not traced or row["finer_change"] <= SHARE, f"V_p changes by {row['finer_change']:.1e}")
-    reason = f"{row['milliseconds']:.0f} ms" + (f", {row['steps']:.0f} steps" if row["steps"] > 0 else "")
+        yield PUSHED, row["pull"] <= PULL, reason
+        yield RISING, row["trace_fall"] <= FALL, f"V_p falls by {row['trace_fall']:.1e} of the tool's speed"
+        yield SETTLED, untraced or row["finer_change"] <= SHARE, f"V_p changes by {row['finer_change']:.1e}"
     hung = row["failure"] and math.isnan(row["milliseconds"])
-    check(FAST, hung or row["milliseconds"] < SLOWEST, reason)
-    return found
+    steps = f", {row['steps']:.0f} steps" if row["steps"] > 0 else ""
+    yield FAST, hung or row["milliseconds"] < SLOWEST, f"{row['milliseconds']:.0f} ms{steps}"
 
 
-@dataclass(frozen=True)
-class Bar:
-    """A promise and what became of it."""
+class Promise(NamedTuple):
+    """A promise, what was found of it, and whether it is kept."""
 
-    promise: str
+    text: str
     found: str
     met: bool
 
 
-def over_storm(rows: Sequence[Row], broken: Sequence[Row]) -> list[Bar]:
-    """Return the bars of the storm: the worst of each column over the scenes that finished, and what is `broken`."""
+def over_storm(rows: Sequence[Row], broken: Sequence[Row]) -> list[Promise]:
+    """Return the promises of the storm: the worst over the scenes that finished, and how many have `broken` it."""
     frame = pl.DataFrame(rows, infer_schema_length=None)
     done = frame.filter(pl.col("failure") == "")
     struck = done.filter(pl.col("contacts") > 0, pl.col("traced") == 1)
@@ -89,19 +89,17 @@ def over_storm(rows: Sequence[Row], broken: Sequence[Row]) -> list[Bar]:
         PASSIVE: f"largest beyond the doubt of the quadrature {excess:.1e} (lost, if negative), "
         f"doubt {largest(struck['energy_doubt']):.1e} at most, {(done['traced'] == 0).sum()} scenes not traced",
         PUSHED: f"largest {largest(done['pull']):.1e}",
-        SETTLED: f"median {np.nanmedian(done['finer_change']):.1e}",
         RISING: f"largest {largest(done['trace_fall']):.1e}",
+        SETTLED: f"median {np.nanmedian(done['finer_change']):.1e}",
     }
-    bars = []
-    for promise in PROMISES:
-        here = [row for row in broken if row["contender"] == promise]
-        count = len({row["scene"] for row in here})
-        words = [f"{count} of {frame.height} scenes do not"] if here else []
-        if promise == BALANCED and here:
-            unexplained = sum("explains" not in row["failure"] for row in here)
-            words.append(f"{unexplained} of these beyond what rounding of the momenta explains")
-        bars.append(Bar(promise, ", ".join([*words, worst[promise]]).strip(", "), not here))
-    return bars
+    unexplained = sum(row["contender"] == BALANCED and "explains" not in row["failure"] for row in broken)
+    beyond = {BALANCED: f"{unexplained} of these beyond what rounding of the momenta explains, "}
+    promises = []
+    for text, found in worst.items():
+        if count := len({row["scene"] for row in broken if row["contender"] == text}):
+            found = f"{count} of {frame.height} scenes do not, {beyond.get(text, '')}{found}".removesuffix(", ")
+        promises.append(Promise(text, found, met=not count))
+    return promises
 
 
 def disagreement(row: Row) -> str:
@@ -121,10 +119,9 @@ def disagreement(row: Row) -> str:
     return "; ".join(words)
 
 
-def over_agreement(rows: Sequence[Row], unknown: int) -> Bar:
-    """Return the bar of the agreement with the independent solver, which could not do `unknown` scenes."""
+def over_agreement(rows: Sequence[Row], unknown: int) -> Promise:
+    """Return the promise of agreement with the independent solver, which could not do `unknown` scenes."""
     apart = sum(bool(disagreement(row)) for row in rows)
-    errors = [row["velocity_error"] for row in rows if not row["failure"]]
-    middle = median_high(errors) if errors else math.nan
+    middle = median_high([row["velocity_error"] for row in rows if not row["failure"]] or [math.nan])
     words = f"{apart} of {len(rows)} do not, median {middle:.1e}; {unknown} scenes the independent solver could not do"
-    return Bar("V_p within 1e-6 of the independent solver, on 2 %", words, bool(rows) and apart == 0)
+    return Promise("V_p within 1e-6 of the independent solver, on 2 %", words, bool(rows) and apart == 0)
