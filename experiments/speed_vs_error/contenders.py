@@ -84,7 +84,8 @@ def contender(approach: Approach, name: str, setting: float, fit: peer.Fit | Non
 
 def repeated(function: Callable[[], Any]) -> Callable[[int], float]:
     """Return what times so many calls, s each."""
-    return lambda calls: timeit(function, timer=thread_time, number=calls) / calls
+    # with garbage collection, as programs run
+    return lambda calls: timeit(function, "import gc; gc.enable()", timer=thread_time, number=calls) / calls
 
 
 class _Clocked(Motion):
