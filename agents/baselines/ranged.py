@@ -1,9 +1,7 @@
 """The classical rule for an object whose distance is known roughly: brake so as to arrive slowly."""
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from agents.baselines.profile import follow
 from agents.baselines.reaction import REACTION, ReactingRule
 from agents.baselines.rule import Floats, Parameter, Seen
 from impact_gym.envs.task import ACCELERATION_RANGE, VELOCITY_RANGE
@@ -21,9 +19,9 @@ class Ranged(ReactingRule):
         *REACTION,
     )
 
-    def approach(self, seen: Seen) -> tuple[ArrayLike, ArrayLike]:
-        """Return the velocity one control period ahead, and the acceleration that is there by then."""
-        return follow(self.speed, -seen.estimate, seen.velocity, period=self.control_period)
+    def position(self, seen: Seen) -> Floats:
+        """Return the flange's position (m), counted from the estimated distance."""
+        return -seen.estimate
 
     def speed(self, position: Floats) -> Floats:
         """Return the speed (m/s) at `position` (m), counted from the estimated distance."""

@@ -4,11 +4,9 @@ Checked against the policy on NumPy over 10,000 observations drawn evenly from t
 takes is printed beside the controller's cycle. What cannot be checked here is said.
 """
 
-import ctypes
 import importlib
-import shutil
-import subprocess
 import time
+import timeit
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,9 +18,9 @@ import tyro
 from numpy.typing import NDArray
 
 from agents.command_line import command_line
-from agents.export.c_header import identifier, write_header
+from agents.export.c_header import write_header
 from agents.export.onnx_graph import write_onnx
-from agents.export.replay import CALLS, EPISODES, Replay, logged, replay
+from agents.export.replay import CALLS, EPISODES, address, compiled, logged, replay
 from agents.policies.policy import ACTIONS, Policy, load_policy
 from impact_gym.envs.observation import space
 from impact_gym.envs.task import Task
@@ -91,89 +89,65 @@ def with_onnx(policy: Policy, path: Path, seen: Floats) -> Implementation | None
 
 def with_c(policy: Policy, path: Path, seen: Floats) -> Implementation | None:
     """Compile the header and play it; None where there is no C compiler."""
-    compiler = shutil.which("cc") or shutil.which("gcc")
-    if compiler is None:
-        return None
-    name, recurrent = identifier(path.stem), policy.network.gates is not None
-    source = (
-        f'#include "{path.name}"\n'
-        f"void play(int steps, int rows, const float *seen, float *actions) {{\n"
-        f"    for (int row = 0; row < rows; row++) {{\n"
-        + (f"        {name}_memory state = {{{{0}}, {{0}}}};\n" if recurrent else "")
-        + "        for (int step = 0; step < steps; step++)\n"
-        f"            {name}_act({'&state, ' if recurrent else ''}seen + (step * rows + row) * {policy.inputs},\n"
-        f"                actions + (step * rows + row) * {ACTIONS});\n"
-        "    }\n}\n"
-    )
     with TemporaryDirectory() as folder:
-        library = Path(folder) / "policy.so"
-        flags = ["-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-pedantic", "-shared", "-fPIC", "-x", "c", "-"]
-        command = [compiler, *flags, "-I", str(path.parent.resolve()), "-o", str(library), "-lm"]
-        subprocess.run(command, input=source, text=True, check=True)
-        play = ctypes.CDLL(str(library)).play
+        program = compiled(policy, path, Path(folder), program="network.c.jinja")
+    if program is None:
+        return None
     actions = np.empty((*seen.shape[:2], ACTIONS), np.float32)
-    pointers = (seen.ctypes.data_as(ctypes.c_void_p), actions.ctypes.data_as(ctypes.c_void_p))
     begun = time.perf_counter()
-    play(*seen.shape[:2], *pointers)
+    program.play(*seen.shape[:2], address(seen), address(actions))
     return Implementation(actions, (time.perf_counter() - begun) / OBSERVATIONS)
 
 
-def _time(call: Callable[[], Any], count: int = 1000) -> float:
+def _time(call: Callable[[], Any]) -> float:
     """Return the median time of a call, s."""
-    taken = []
-    for _ in range(count):
-        begun = time.perf_counter()
-        call()
-        taken.append(time.perf_counter() - begun)
-    return float(np.median(taken))
+    return float(np.median(timeit.repeat(call, number=1, repeat=1000)))
 
 
-def export(wanted: Export) -> list[Path]:
+def export(options: Export) -> list[Path]:
     """Write both files, check them, and return their paths.
 
     Raises:
         ValueError: no such policy, a package is missing, or a file computes something else than the policy.
     """
-    policy = load_policy(wanted.policy)
-    stem = Path(wanted.policy).stem
-    period = Task(**policy.environment).control_period
+    policy = load_policy(options.policy)
+    stem, period = Path(options.policy).stem, Task(**policy.environment).control_period
     seen = observations(policy)
     original = with_numpy(policy, seen)
-    print(f"a call of the policy on NumPy takes {_told(original.seconds, period)}")
-    paths = [write_header(policy, wanted.out / f"{stem}.h"), write_onnx(policy, wanted.out / f"{stem}.onnx")]
-    forms = {"C": with_c(policy, paths[0], seen), "ONNX": with_onnx(policy, paths[1], seen)}
-    missing = {"C": "no C compiler is here", "ONNX": "the package onnxruntime is missing"}
-    _replayed(policy, paths[0])
-    for path, (name, form) in zip(paths, forms.items(), strict=True):
+    print(f"a call of the policy on NumPy takes {_beside(original.seconds, period)}")
+    paths = [write_header(policy, options.out / f"{stem}.h"), write_onnx(policy, options.out / f"{stem}.onnx")]
+    forms = [with_c(policy, paths[0], seen), with_onnx(policy, paths[1], seen)]
+    missing = ["no C compiler is here", "the package onnxruntime is missing"]
+    _check_controller(policy, paths[0], period)
+    for path, form, reason in zip(paths, forms, missing, strict=True):
         if form is None:
-            print(f"{path}: not checked, {missing[name]}")
+            print(f"{path}: not checked, {reason}")
             continue
         difference = float(np.abs(form.actions - original.actions).max())
         if not difference <= AGREEMENT:
             raise ValueError(f"{path} differs from the policy by {difference:.1e}, more than {AGREEMENT:g}")
-        print(f"{path}: differs by at most {difference:.1e}; a call takes {_told(form.seconds, period)}")
+        print(f"{path}: differs by at most {difference:.1e}; a call takes {_beside(form.seconds, period)}")
     return paths
 
 
-def _replayed(policy: Policy, header: Path) -> None:
+def _check_controller(policy: Policy, header: Path, period: float) -> None:
     """Play episodes through the controller in C, and say how it compares and how long it takes."""
-    found: Replay | None = replay(policy, header, logged(policy))
+    found = replay(policy, header, logged(policy))
     if found is None:
         print(f"{header}: its controller is not checked: no C compiler, or a policy that sees what no sensor tells")
         return
+    difference = f"{found.difference:.1e}"
     if not found.difference <= SAME_COMMANDS:
-        raise ValueError(
-            f"{header} commands otherwise, by {found.difference:.1e} of the range, more than {SAME_COMMANDS:g}"
-        )
-    period = Task(**policy.environment).control_period
+        raise ValueError(f"{header} commands otherwise, by {difference} of the range, more than {SAME_COMMANDS:g}")
     print(
-        f"{header}: {EPISODES:,} episodes replayed, commands differ by at most {found.difference:.1e} of their range; "
+        f"{header}: {EPISODES:,} episodes replayed, commands differ by at most {difference} of their range; "
         f"of {CALLS:,} calls 99.9 % take at most {1e6 * found.usual:.1f} us, the worst {1e6 * found.worst:.0f} us, "
         f"where the control period is {1e6 * period:,.0f} us"
     )
 
 
-def _told(seconds: float, period: float) -> str:
+def _beside(seconds: float, period: float) -> str:
+    """Return the time of a call beside the control period."""
     return f"{1e6 * seconds:.1f} us, 1/{period / seconds:,.0f} of the controller's cycle of {1e3 * period:g} ms"
 
 
