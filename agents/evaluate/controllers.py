@@ -41,22 +41,22 @@ def controller_of(
 
 
 def _made(spec: Mapping[str, Any], time_weight: float) -> Controller:
-    ((kind, value),) = spec.items()
-    if kind == "policy":
-        return _policy(value)
-    if kind == "shipped":
-        return load_policy(value)
-    if kind == "baseline":
-        return load_baseline(value, time_weight)
-    if kind == "tuned":
-        return tuned_rule(value, time_weight)
-    if kind == "speed":
-        return ConstantSpeed(value, 16.0)
-    if kind == "clairvoyant":
-        return Clairvoyant(value[f"{time_weight:g}"])
-    if kind == "object":
-        return _object(value)
-    raise ValueError(f"no controller of the kind {kind!r}")
+    match spec:
+        case {"policy": content}:
+            return _policy(content)
+        case {"shipped": name}:
+            return load_policy(name)
+        case {"baseline": name}:
+            return load_baseline(name, time_weight)
+        case {"tuned": content}:
+            return tuned_rule(content, time_weight)
+        case {"speed": speed}:
+            return ConstantSpeed(speed, 16.0)
+        case {"clairvoyant": parameters}:
+            return Clairvoyant(parameters[f"{time_weight:g}"])
+        case {"object": name}:
+            return _object(name)
+    raise ValueError(f"no controller of the kind {next(iter(spec), None)!r}")
 
 
 @lru_cache(maxsize=64)

@@ -84,7 +84,7 @@ class TrainingCallback(BaseCallback):
         self.kept["seconds"] += time.perf_counter() - self._begun
 
     def _due(self, what: str, every: int) -> bool:
-        due: bool = self.num_timesteps // every > self.kept["last"][what] // every
+        due = self.num_timesteps // every > self.kept["last"][what] // every
         if due:
             self.kept["last"][what] = self.num_timesteps
         return due

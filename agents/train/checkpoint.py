@@ -33,8 +33,7 @@ def write(path: Path, model: BaseAlgorithm, environment: ScaledRewards, callback
         "log": [dict(values) for values in _pending(model)],
         "callback_state": dict(callback_state),
     }
-    tree = _pack(state, arrays)
-    write_archive(path, FORMAT, {"state": tree}, arrays)
+    write_archive(path, FORMAT, {"state": _pack(state, arrays)}, arrays)
 
 
 def restore(path: Path, model: BaseAlgorithm, environment: ScaledRewards) -> dict[str, Any]:
@@ -56,8 +55,7 @@ def restore(path: Path, model: BaseAlgorithm, environment: ScaledRewards) -> dic
     for values, kept in zip(_pending(model), state["log"], strict=True):
         values.clear()
         values.update(kept)
-    callback_state: dict[str, Any] = state["callback_state"]
-    return callback_state
+    return state["callback_state"]
 
 
 def _pending(model: BaseAlgorithm) -> tuple[dict[str, Any], ...]:

@@ -186,9 +186,7 @@ class InformedCritic(ActorCriticPolicy):
         super().__init__(*arguments, **options)
 
     def _build_mlp_extractor(self) -> None:
-        layers = self.net_arch
-        assert isinstance(layers, list)  # as make_model gives them
-        self.mlp_extractor = _TwoViews(self.features_dim, self._seen, layers, self.activation_fn)
+        self.mlp_extractor = _TwoViews(self.features_dim, self._seen, self.net_arch, self.activation_fn)
 
 
 class _TwoViews(MlpExtractor):
@@ -201,15 +199,13 @@ class _TwoViews(MlpExtractor):
 
     def forward_actor(self, features: torch.Tensor) -> torch.Tensor:
         """Return what the action is read from."""
-        latent: torch.Tensor = self.policy_net(features[:, : self._seen])
-        return latent
+        return self.policy_net(features[:, : self._seen])
 
 
 class _FastTanh(torch.autograd.Function):
-    """tanh(x) = 2 sigmoid(2 x) - 1, which torch computes four times as fast.
+    """tanh(x) = 2 sigmoid(2 x) - 1, four times as fast as torch's own tanh.
 
-    Its own tanh takes a path of MKL that is
-    slow on some processors, and was a third of an update.
+    That takes a path of MKL that is slow on some processors, and was a third of an update.
     """
 
     @staticmethod
@@ -231,5 +227,4 @@ class Tanh(torch.nn.Module):
 
     def forward(self, values: torch.Tensor) -> torch.Tensor:
         """Return tanh of `values`."""
-        result: torch.Tensor = _FastTanh.apply(values)  # type: ignore[no-untyped-call]
-        return result
+        return _FastTanh.apply(values)
