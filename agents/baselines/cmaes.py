@@ -43,7 +43,7 @@ def minimise(
         generations: at the most; a search that has converged waits for the others.
         seed: the result depends on it and on the above alone.
     """
-    import cma  # type: ignore[import-untyped]  # it ships no types; whoever only plays has no need of it
+    import cma  # whoever only plays has no need of it
 
     low, high, start = (np.array([getattr(one, field) for one in parameters]) for field in ("low", "high", "start"))
     searches = [

@@ -1,11 +1,11 @@
-"""Open-loop speed profiles over position, and how near one is to constant deceleration."""
+"""Speed profiles over position or over an estimated distance, and how near one is to constant deceleration."""
 
 from typing import NamedTuple
 
 import numpy as np
 
 from agents.baselines.reaction import ACCELERATION, REACTION, ReactingRule
-from agents.baselines.rule import Floats, Parameter, interpolate
+from agents.baselines.rule import Floats, Parameter, Seen, interpolate
 from impact_gym.envs.task import ACCELERATION_RANGE, VELOCITY_RANGE
 
 KNOTS: Floats = np.array([0.08, 0.12, 0.15, 0.17, 0.19, 0.22, 0.25, 0.28, 0.315, 0.35])
@@ -43,6 +43,29 @@ class ConstantDeceleration(ReactingRule):
         left = np.maximum(self.placed(self["end"]) - position, 0.0)
         braking = np.sqrt(self["lowest speed"] ** 2 + 2.0 * self["deceleration"] * left)
         return np.minimum(braking, self["top speed"])
+
+
+class Ranged(ReactingRule):
+    """Brake at constant deceleration to the contact speed, reached a margin before the estimated distance; creep on."""
+
+    needs_estimate = True
+    PARAMETERS = (
+        Parameter("top speed", "m/s", 0.1, VELOCITY_RANGE[1], 1.0),
+        Parameter("contact speed", "m/s", 0.01, 1.0, 0.3),
+        Parameter("deceleration", "m/s^2", *ACCELERATION_RANGE, 10.0),
+        Parameter("margin", "m", -0.05, 0.05, 0.0),
+        *REACTION,
+    )
+
+    def position(self, seen: Seen) -> Floats:
+        """Return the flange's position (m), counted from the estimated distance."""
+        return -seen.estimate
+
+    def speed(self, position: Floats) -> Floats:
+        """Return the speed (m/s) at `position` (m), counted from the estimated distance."""
+        left = np.maximum(-position - self["margin"], 0.0)
+        braking = np.sqrt(self["contact speed"] ** 2 + 2.0 * self["deceleration"] * left)
+        return np.minimum(braking, np.maximum(self["top speed"], self["contact speed"]))
 
 
 class Shape(NamedTuple):

@@ -41,22 +41,23 @@ def controller_of(
 
 
 def _made(spec: Mapping[str, Any], time_weight: float) -> Controller:
-    match spec:
-        case {"policy": content}:
-            return _policy(content)
-        case {"shipped": name}:
-            return load_policy(name)
-        case {"baseline": name}:
-            return load_baseline(name, time_weight)
-        case {"tuned": content}:
-            return tuned_rule(content, time_weight)
-        case {"speed": speed}:
-            return ConstantSpeed(speed, 16.0)
-        case {"clairvoyant": parameters}:
-            return Clairvoyant(parameters[f"{time_weight:g}"])
-        case {"object": name}:
-            return _object(name)
-    raise ValueError(f"no controller of the kind {next(iter(spec), None)!r}")
+    ((kind, value),) = spec.items()
+    match kind:
+        case "policy":
+            return _policy(value)
+        case "shipped":
+            return load_policy(value)
+        case "baseline":
+            return load_baseline(value, time_weight)
+        case "tuned":
+            return tuned_rule(value, time_weight)
+        case "speed":
+            return ConstantSpeed(value, 16.0)
+        case "clairvoyant":
+            return Clairvoyant(value[f"{time_weight:g}"])
+        case "object":
+            return _object(value)
+    raise ValueError(f"no controller of the kind {kind!r}")
 
 
 @lru_cache(maxsize=64)

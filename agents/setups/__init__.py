@@ -79,7 +79,7 @@ class Setup:
         return SHIPPED.parent if self.shipped else Path("runs") / self.name
 
     def describes(self, environment: Mapping[str, Any]) -> bool:
-        """Whether these arguments of an environment are this one's, but for those that others see to."""
+        """Whether an environment with these arguments is this set-up's."""
         return same_environment(self.environment, environment)
 
 

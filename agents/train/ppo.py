@@ -47,7 +47,6 @@ class ScaledRewards(VecEnvWrapper):
 
     def __init__(self, envs: ImpactVecEnv, power: float) -> None:
         super().__init__(envs)
-        self._envs = envs
         self._power = power
         self._scale: NDArray[np.float32] = np.ones(envs.num_envs, np.float32)
 
@@ -66,12 +65,12 @@ class ScaledRewards(VecEnvWrapper):
 
     def get_state(self) -> dict[str, Any]:
         """Return a copy of all that goes on."""
-        return {"scale": self._scale, "envs": self._envs.get_state()}
+        return {"scale": self._scale, "envs": self.venv.get_state()}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Go on from what `get_state` returned."""
         self._scale = state["scale"]
-        self._envs.set_state(state["envs"])
+        self.venv.set_state(state["envs"])
 
     def _see(self, observations: Any) -> None:
         """Take the scale from the time weights in `observations` (num_envs, n_obs)."""
@@ -141,23 +140,20 @@ def entry_names(environment: Mapping[str, Any]) -> list[str]:
     return [entry["name"] for entry in observation_table(environment)]
 
 
-def centres_and_spreads(names: Sequence[str]) -> tuple[list[float], list[float]]:
-    """Return centres and spreads of entries of the observation; of one that is not in the table, 0 and 1."""
-    pairs = [CENTRE_AND_SPREAD.get(name, (0.0, 1.0)) for name in names]
-    return [centre for centre, _ in pairs], [spread for _, spread in pairs]
+def centres_and_spreads(names: Sequence[str]) -> NDArray[np.float64]:
+    """Return centres and spreads (2, entries) of entries of the observation; of one not in the table, 0 and 1."""
+    return np.array([CENTRE_AND_SPREAD.get(name, (0.0, 1.0)) for name in names]).T
 
 
 class Standardised(BaseFeaturesExtractor):
     """(observation - centre) / spread, of each entry."""
 
-    centre: torch.Tensor
-    spread: torch.Tensor
-
     def __init__(self, observation_space: spaces.Space[Any], names: Sequence[str]) -> None:
         """Make one for the entries `names`."""
         super().__init__(observation_space, len(names))
-        for buffer, values in zip(("centre", "spread"), centres_and_spreads(names), strict=True):
-            self.register_buffer(buffer, torch.tensor(values))
+        centre, spread = torch.tensor(centres_and_spreads(names), dtype=torch.float32)
+        self.register_buffer("centre", centre)
+        self.register_buffer("spread", spread)
 
     def forward(self, observations: torch.Tensor) -> torch.Tensor:
         """Return what the networks see."""
@@ -166,7 +162,7 @@ class Standardised(BaseFeaturesExtractor):
 
 def fold_in_standardisation(layer: Affine, names: Sequence[str]) -> Affine:
     """Return a layer that does to observations what `layer` does to standardised ones, which are its first inputs."""
-    centre, spread = np.array(centres_and_spreads(names))
+    centre, spread = centres_and_spreads(names)
     weight = layer.weight.astype(np.float64)
     weight[:, : len(names)] /= spread
     bias = layer.bias - weight[:, : len(names)] @ centre
