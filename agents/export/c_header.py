@@ -38,15 +38,7 @@ def header(policy: Policy, name: str) -> str:
     task, network = Task(**policy.environment), policy.network
     layers = [layer for layer in network.layers() if layer.name != "log_std"]
     used = sorted({"none", *([network.activation] if network.hidden else [])})
-    content: dict[str, Any] = {}
-    if has_controller(policy):
-        field_of = {sensor: field for field, sensor in sensor_fields(task).items()}
-        seen = entries(task)
-        content = {
-            "fields": list(field_of.values()),
-            "scales": [_scale(entry, field_of.get(entry.sensor)) for entry in seen],
-            "lightest": next(entry.low for entry in seen if entry.sensor == "time_weight"),
-        }
+    field_of, seen = {sensor: field for field, sensor in sensor_fields(task).items()}, entries(task)
     return c_text(
         "controller.h.jinja",
         policy=policy,
@@ -59,7 +51,9 @@ def header(policy: Policy, name: str) -> str:
         activations={activation: C_ACTIVATIONS[activation] for activation in used},
         controlled=has_controller(policy),
         resolution=COMMAND_RESOLUTION,
-        **content,
+        fields=list(field_of.values()),
+        scales=[_scale(entry, field_of.get(entry.sensor)) for entry in seen],
+        lightest=next(entry.low for entry in seen if entry.sensor == "time_weight"),
     )
 
 

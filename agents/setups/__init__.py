@@ -85,8 +85,8 @@ class Setup:
 
 def same_environment(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
     """Whether two mappings of arguments are the same environment, whatever is left to defaults."""
-    known_here = arguments_of_task()
-    first, second = (Task(**{name: each[name] for name in known_here if name in each}) for each in (one, other))
+    names = arguments_of_task()
+    first, second = (Task(**{name: each[name] for name in names if name in each}) for each in (one, other))
     return first == second
 
 

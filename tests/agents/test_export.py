@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from policies import KINDS, made_up_policy, observations
 
-from agents.export import check as exporting
+from agents.export import __main__ as exporting
+from agents.export.__main__ import Export, export
 from agents.export.c_header import header, identifier
-from agents.export.check import Export, export
 from agents.export.replay import LANGUAGES, Replay, address, compiled, logged, replay
 
 COMPILER = shutil.which("cc") or shutil.which("gcc")
