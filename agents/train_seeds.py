@@ -55,7 +55,7 @@ class Seeds:
 
     def __post_init__(self) -> None:
         for name in ("processes", "seeds", "steps"):
-            if getattr(self, name) is not None:
+            if getattr(self, name) is not None or name == "processes":
                 whole(name, getattr(self, name), at_least=1)
 
 

@@ -65,9 +65,10 @@ class Tune:
     """Folder where finished searches are kept."""
 
     def __post_init__(self) -> None:
-        for name, least in (("scenarios", 1), ("processes", 0), ("population", 4), ("seed", 0), ("budget", 1)):
-            if getattr(self, name) is not None:
-                whole(name, getattr(self, name), at_least=least)
+        for name, least in (("scenarios", 1), ("processes", 0), ("population", 4), ("seed", 0)):
+            whole(name, getattr(self, name), at_least=least)
+        if self.budget is not None:
+            whole("budget", self.budget, at_least=1)
         for weight in self.weights:
             number("weights", weight, "m/s per s", above=0)
         tuned = {name for setup in self.setups for name in load_setup(setup).tuned}

@@ -45,7 +45,9 @@ def minimise(
     """
     import cma  # whoever only plays has no need of it
 
-    low, high, start = (np.array([getattr(one, field) for one in parameters]) for field in ("low", "high", "start"))
+    low, high, start = (
+        np.array([getattr(parameter, field) for parameter in parameters]) for field in ("low", "high", "start")
+    )
     searches = [
         cma.CMAEvolutionStrategy((start - low) / (high - low), SIGMA, _options(population, seed, problem))
         for problem in range(problems)

@@ -96,7 +96,8 @@ def write_tuned(name: str, weights: Mapping[str, Any], setup: Setup, folder: Pat
 
 def _description(name: str, rule: str) -> dict[str, Any]:
     """What a tuned file is, but for its environment."""
-    limits = [{"name": one.name, "unit": one.unit, "low": one.low, "high": one.high} for one in RULES[rule].PARAMETERS]
+    fields = ("name", "unit", "low", "high")
+    limits = [{field: getattr(parameter, field) for field in fields} for parameter in RULES[rule].PARAMETERS]
     return {"format": FORMAT, "baseline": name, "rule": rule, "parameters": limits}
 
 

@@ -73,8 +73,7 @@ class Store:
     def write(self, job: Job, answer: Answer) -> None:
         """Keep a result, or a failure that counts as one."""
         content = {"key": job.key, "function": job.function, "arguments": job.arguments, "depends": job.depends}
-        failed = isinstance(answer, Failure)
-        more, arrays = ({"failure": asdict(answer)}, {}) if failed else ({}, answer)
+        more, arrays = ({"failure": asdict(answer)}, {}) if isinstance(answer, Failure) else ({}, answer)
         packed = io.BytesIO()
         save(packed, FORMAT, content | more, arrays)
         self._database.execute("INSERT OR REPLACE INTO results VALUES (?, ?)", (job.key, packed.getbuffer()))
