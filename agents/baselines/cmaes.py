@@ -45,9 +45,7 @@ def minimise(
     """
     import cma  # whoever only plays has no need of it
 
-    low, high, start = (
-        np.array([getattr(parameter, field) for parameter in parameters]) for field in ("low", "high", "start")
-    )
+    low, high, start = np.array([(each.low, each.high, each.start) for each in parameters]).T
     searches = [
         cma.CMAEvolutionStrategy((start - low) / (high - low), SIGMA, _options(population, seed, problem))
         for problem in range(problems)
