@@ -25,7 +25,7 @@ QUICK_BUDGET, QUICK_STEPS, QUICK_SEEDS = 320, 1_000_000, 3
 
 
 @dataclass(frozen=True)
-class Wanted:
+class ControllerOptions:
     """Make a controller for a set-up: baselines, policies, report and export."""
 
     setup: tyro.conf.Positional[str]
@@ -41,11 +41,11 @@ class Wanted:
     """Tune, train and play on this Ray cluster instead: "ray" for the one that runs here, or its address."""
 
 
-def kept(setup: Setup, out: Path, quick: bool = False) -> Path:
+def copy_setup(setup: Setup, out: Path, quick: bool = False) -> Path:
     """Return the copy of the set-up's file in `out`, by which every stage goes.
 
-    Words, rivals, the bound and what is varied may change from one run to the next, but nothing that what is there was
-    made for.
+    Words, rivals, the bound and what is varied may change from one run to the next, but nothing that the results in
+    the folder were made for.
 
     Raises:
         ValueError: the folder holds something else.
@@ -54,12 +54,11 @@ def kept(setup: Setup, out: Path, quick: bool = False) -> Path:
     sign = out / "quick"
     if out.exists() and not out.is_dir():
         raise ValueError(f"{out} is no folder")
-    there = sorted(out.iterdir()) if out.is_dir() else []
-    if there and copy not in there:
-        raise ValueError(f"{out} holds something else ({there[0].name}): name another folder with --out")
+    content = sorted(out.iterdir()) if out.is_dir() else []
+    if content and copy not in content:
+        raise ValueError(f"{out} holds something else ({content[0].name}): name another folder with --out")
     if copy.is_file():
-        before = load_setup(copy)
-        if MADE_FOR(before) != MADE_FOR(setup):
+        if MADE_FOR(load_setup(copy)) != MADE_FOR(setup):
             raise ValueError(f"{out} holds results of {copy.name} as it was: it has changed since, name another folder")
         if sign.exists() != quick:
             kind = "a quick look" if sign.exists() else "the whole"
@@ -71,37 +70,37 @@ def kept(setup: Setup, out: Path, quick: bool = False) -> Path:
     return copy
 
 
-def stages(copy: Path, wanted: Wanted) -> Iterator[list[str]]:
+def stages(copy: Path, options: ControllerOptions) -> Iterator[list[str]]:
     """Yield the command of each stage, without the interpreter."""
-    out, setup, name = wanted.out, load_setup(copy), copy.stem
-    elsewhere = ["--cluster", wanted.cluster] if wanted.cluster else []
-    at_a_time = ["--processes", str(wanted.processes)]
-    less: dict[str, list[str]] = {"tune": ["--bound"] if setup.bound == name else [], "seeds": [], "report": []}
-    if wanted.quick:
-        less["tune"] = ["--scenarios", "100", "--budget", f"{min(QUICK_BUDGET, setup.budget)}"]
-        less["seeds"] = ["--seeds", f"{min(QUICK_SEEDS, setup.seeds)}", "--steps", f"{QUICK_STEPS}"]
-        less["report"] = ["--count", "200"]
-    yield ["-m", "agents.tune", f"{copy}", "--out", f"{out / 'tuned'}", "--jobs", f"{out / 'searches'}",
-           *at_a_time, *elsewhere, *less["tune"]]  # fmt: skip
+    out, setup, name = options.out, load_setup(copy), copy.stem
+    cluster = ["--cluster", options.cluster] if options.cluster else []
+    workers = ["--processes", str(options.processes), *cluster]
+    tune, seeds, report = ["--bound"] if setup.bound == name else [], [], []
+    if options.quick:
+        tune = ["--scenarios", "100", "--budget", f"{min(QUICK_BUDGET, setup.budget)}"]
+        seeds = ["--seeds", f"{min(QUICK_SEEDS, setup.seeds)}", "--steps", f"{QUICK_STEPS}"]
+        report = ["--count", "200"]
+    folders = ["--out", f"{out / 'tuned'}", "--jobs", f"{out / 'searches'}"]
+    yield ["-m", "agents.tune", f"{copy}", *folders, *workers, *tune]
     folders = ["--runs", f"{out / 'runs'}", "--policies", f"{out / 'policies'}"]
-    yield ["-m", "agents.train_seeds", f"{copy}", *folders, *at_a_time, *elsewhere, *less["seeds"]]
-    page = ["--folder", f"{out}", "--out", f"{out / 'report'}", "--force"]
-    yield ["-m", "experiments.report", f"{copy}", *page, *elsewhere, *less["report"]]
+    yield ["-m", "agents.train_seeds", f"{copy}", *folders, *workers, *seeds]
+    folders = ["--folder", f"{out}", "--out", f"{out / 'report'}", "--force"]
+    yield ["-m", "experiments.report", f"{copy}", *folders, *cluster, *report]
     yield ["-m", "agents.export", f"{out / 'policies' / f'{name}.npz'}", "--out", f"{out / 'export'}"]
 
 
 def main() -> None:
-    """Read from the command line what is wanted, and do one stage after the other."""
+    """Make the controller that the command line asks for, one stage after the other."""
     with command_line("agents.controller"):
-        wanted = tyro.cli(Wanted, prog="python -m agents.controller")
-        check(load_setup(wanted.setup), wanted.setup)
-        setup = kept(load_setup(wanted.setup), wanted.out, wanted.quick)
-        for command in stages(setup, wanted):
+        options = tyro.cli(ControllerOptions, prog="python -m agents.controller")
+        setup = load_setup(options.setup)
+        check(setup, options.setup)
+        for command in stages(copy_setup(setup, options.out, options.quick), options):
             print(f"$ {shlex.join(['python', *command])}", flush=True)
             if ended := subprocess.run([sys.executable, *command], check=False).returncode:
                 sys.exit(f"agents.controller: that failed ({ended}); once mended, the same command goes on here")
-    print(f"report: {(wanted.out / 'report' / 'index.html').resolve().as_uri()}")
-    print(f"controller: {wanted.out / 'export'}")
+    print(f"report: {(options.out / 'report' / 'index.html').resolve().as_uri()}")
+    print(f"controller: {options.out / 'export'}")
 
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
 """Check a set-up and see what follows from it: `python -m agents.setup my.toml`, or the name of one that is shipped."""
 
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import groupby, product
-from operator import attrgetter
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -13,12 +13,13 @@ from agents.baselines import PaperTrapezoid
 from agents.baselines.tuned import FIXED, names
 from agents.command_line import command_line
 from agents.evaluate.stage import VALIDATION_SEED, Stage
+from agents.policies.policy import action_table
 from agents.setups import Setup, load_setup, shipped
 from agents.setups.evaluation import variants
-from agents.setups.keys import known
+from agents.setups.keys import known, within
 from agents.train.settings import command, default_settings
 from impact_gym.envs import observation
-from impact_gym.envs.scenario import FIELDS, LOGARITHMIC, UNITS, Range
+from impact_gym.envs.scenario import FIELDS, LOGARITHMIC, UNITS
 from impact_gym.envs.setting import HOLDER_NUMBERS, NUMBERS
 from impact_gym.envs.task import Task
 from impact_gym.files import whole_file
@@ -47,31 +48,30 @@ def check(setup: Setup, called: str) -> None:
         ValueError: names the file and what is wrong.
     """
     default_settings(called)
-    there = {*setup.tuned, *names(), *FIXED}
-    try:
-        for name in setup.against:
-            if ":" not in name:
-                known("baselines.against.", [name], there)
+    with within(str(setup.path)):
+        rivals = [name for name in setup.against if ":" not in name]
+        known("baselines.against.", rivals, {*setup.tuned, *names(), *FIXED})
         known("baselines.bound.", [setup.bound], [setup.name, *shipped()])
         known("evaluation.of.", [setup.evaluation.of], ["paper-trapezoid", *shipped()])
-    except ValueError as error:
-        raise ValueError(f"{setup.path}: {error}") from None
 
 
 def drawn(task: Task) -> list[str]:
     """Return a line for each number that episodes draw."""
-    pairs: dict[str, tuple[Range, str, bool]] = {
-        name: (pair, unit, logarithmic)
-        for name, pair, unit, logarithmic in zip(FIELDS, task.ranges.pairs(), UNITS, LOGARITHMIC, strict=True)
-    }
-    pairs["reaction_delay"] = task.delays, "s", False
-    pairs |= {name: (pair, NUMBERS[name].unit, NUMBERS[name].logarithmic) for name, pair in task.drawn.items()}
+    rows = list(zip(FIELDS, task.ranges.pairs(), UNITS, LOGARITHMIC, strict=True))
+    rows.append(("reaction_delay", task.delays, "s", False))
+    rows += [(name, pair, NUMBERS[name].unit, NUMBERS[name].logarithmic) for name, pair in task.drawn.items()]
     lines = []
-    for name, ((low, high), unit, logarithmic) in pairs.items():
+    for name, (low, high), unit, logarithmic in rows:
         how = "fixed" if low == high else "log-uniform" if logarithmic else "uniform"
-        values = f"{low:g}" if low == high else f"{low:g} to {high:g}"
-        lines.append(f"  {name}: {values} {unit.replace('(no unit)', '')}".rstrip() + f", {how}")
+        values = f"{_spread([low, high], 'g')} {unit.removeprefix('(no unit)')}".rstrip()
+        lines.append(f"  {name}: {values}, {how}")
     return lines
+
+
+def _spread(values: Sequence[float], form: str = ".3g") -> str:
+    """Return the least and the largest of `values`; one where they are the same."""
+    low, high = min(values), max(values)
+    return f"{low:{form}}" if low == high else f"{low:{form}} to {high:{form}}"
 
 
 def corners(task: Task) -> Iterator[Task]:
@@ -87,14 +87,11 @@ def lag(task: Task) -> float:
 
     The force on all that is behind a spring, over its stiffness: the coupling's and the robot's, one behind the other.
     """
-    acceleration = task.acceleration_range[1]
-    behind = 0.0
-    if isinstance(task.coupling, SpringDamper):
-        behind = acceleration * task.tool_mass / task.coupling.stiffness
-    robots = [task.robot] if isinstance(task.robot, Robot) else []
-    if isinstance(task.robot, RobotTable):
-        robots = [task.robot.at(position) for position in task.robot.position]
-    return behind + max((acceleration * (one.mass + task.tool_mass) / one.stiffness for one in robots), default=0.0)
+    robots = [task.robot.at(position) for position in task.robot.position] if isinstance(task.robot, RobotTable) else []
+    robots += [task.robot] if isinstance(task.robot, Robot) else []
+    spring = task.tool_mass / task.coupling.stiffness if isinstance(task.coupling, SpringDamper) else 0.0
+    arm = max(((robot.mass + task.tool_mass) / robot.stiffness for robot in robots), default=0.0)
+    return task.acceleration_range[1] * (spring + arm)
 
 
 def held(task: Task) -> float:
@@ -118,35 +115,32 @@ def estimate(task: Task, scenario: dict[str, float]) -> float:
 def lines(setup: Setup, called: str) -> Iterator[str]:
     """Yield the lines to print about a set-up; `called` is how the command line named it."""
     task = Task(**setup.environment)
+    most = task.acceleration_range[1]
     yield f"{setup.name}: {setup.title}"
     yield f"  {setup.about}"
     yield "\nobservation"
     for place, entry in enumerate(observation.entries(task)):
         yield f"  {place}: {entry.name} ({entry.unit}), {entry.low:g} to {entry.high:g}"
     yield "\nactions"
-    for name, (low, high), unit in (
-        ("velocity to go to", task.velocity_range, "m/s"),
-        ("acceleration to use for it", task.acceleration_range, "m/s^2"),
-    ):
-        yield f"  {name}: {low:g} to {high:g} {unit}"
+    for entry in action_table(setup.environment):
+        yield f"  {entry['name']}: {entry['low']:g} to {entry['high']:g} {entry['unit']}"
     yield "\neach episode"
     yield from drawn(task)
     yield "\nwhat follows"
-    lags = [1e3 * lag(one) for one in corners(task)]
-    spread = f"{min(lags):.3g}" if min(lags) == max(lags) else f"{min(lags):.3g} to {max(lags):.3g}"
-    yield f"  the tool lags {spread} mm behind at the full {task.acceleration_range[1]:g} m/s^2"
-    yield from _impact(task)
+    spread = _spread([1e3 * lag(corner) for corner in corners(task)])
+    yield f"  the tool lags {spread} mm behind at the full {most:g} m/s^2"
+    yield _impact(task)
     rule = PaperTrapezoid().for_environment(setup.environment)
     played = Stage.of("validation", SAMPLE, **setup.environment).play(rule)
     yield (
         f"  played through {SAMPLE} scenarios, the paper's rule leaves the object {played.object_velocity.mean():.3f}"
         f" m/s (mean), arrives after {played.approach_time.mean():.3f} s and misses {int(played.missed.sum())}"
     )
-    weakest = min(held(one) for one in corners(task))
-    if weakest < task.acceleration_range[1]:
+    weakest = min(held(corner) for corner in corners(task))
+    if weakest < most:
         yield (
-            f"  warning: the front stop holds the tool up to {weakest:.3g} m/s^2, the arm can make"
-            f" {task.acceleration_range[1]:g}: above that the mechanism leaves its stop without a touch"
+            f"  warning: the front stop holds the tool up to {weakest:.3g} m/s^2, the arm can make {most:g}: above that"
+            " the mechanism leaves its stop without a touch"
         )
     if task.ranges.distance[1] > FARTHEST_SEEN:
         yield (
@@ -160,20 +154,22 @@ def lines(setup: Setup, called: str) -> Iterator[str]:
     yield "\nevaluation"
     weights = ", ".join(f"{weight:g}" for weight in setup.evaluation.weights)
     yield f"  on {setup.evaluation.scenarios:,} scenarios ({setup.evaluation.set}), time weights of {weights} m/s per s"
-    changes = groupby(variants(setup.evaluation, setup.environment), attrgetter("argument"))
-    varied = [f"{name} ({len([one for one in found if not one.same])})" for name, found in changes]
-    yield f"  changed one at a time, so many values each: {', '.join(varied) or 'nothing'}"
+    changes = variants(setup.evaluation, setup.environment)
+    counts = dict.fromkeys((change.argument for change in changes), 0)
+    counts |= Counter(change.argument for change in changes if not change.same)
+    varied = ", ".join(f"{name} ({count})" for name, count in counts.items())
+    yield f"  changed one at a time, so many values each: {varied or 'nothing'}"
 
 
-def _impact(task: Task) -> Iterator[str]:
-    """Yield the closed-form estimate at the easiest and the hardest scenario."""
+def _impact(task: Task) -> str:
+    """Return the closed-form estimate at the easiest and the hardest scenario."""
     pairs = dict(zip(FIELDS, task.ranges.pairs(), strict=True))
-    ends = [
-        {"object_mass": mass, "restitution": e, "distance": pairs["distance"][1]}
-        for mass, e in product(pairs["object_mass"], pairs["restitution"])
+    found = [
+        estimate(corner, {"object_mass": mass, "restitution": restitution, "distance": pairs["distance"][1]})
+        for corner in corners(task)
+        for mass, restitution in product(pairs["object_mass"], pairs["restitution"])
     ]
-    found = [estimate(one, scenario) for one in corners(task) for scenario in ends]
-    yield (
+    return (
         f"  the paper's rule, at {min(PAPERS_SPEED, task.velocity_range[1]):g} m/s, leaves the object"
         f" {min(found):.3g} to {max(found):.3g} m/s by an instantaneous impact (the coupling's push left out)"
     )
@@ -195,13 +191,13 @@ def draw(setup: Setup, path: Path) -> None:
 
 
 def main() -> None:
-    """Read from the command line which set-up, and say what follows from it."""
+    """Say what follows from the set-up that the command line names."""
     with command_line("agents.setup"):
-        wanted = tyro.cli(Check, prog="python -m agents.setup")
-        setup = load_setup(wanted.setup)
-        for line in lines(setup, wanted.setup):
+        options = tyro.cli(Check, prog="python -m agents.setup")
+        setup = load_setup(options.setup)
+        for line in lines(setup, options.setup):
             print(line)
-        path = wanted.picture or Path("reports/setups") / f"{setup.name}.png"
+        path = options.picture or Path("reports/setups") / f"{setup.name}.png"
         try:
             draw(setup, path)
             print(f"picture: {path}")

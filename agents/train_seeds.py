@@ -54,42 +54,36 @@ class Seeds:
     runs/NAME/policies."""
 
     def __post_init__(self) -> None:
-        whole("processes", self.processes, at_least=1)
-        if self.seeds is not None:
-            whole("seeds", self.seeds, at_least=1)
-        if self.steps is not None:
-            whole("steps", self.steps, at_least=1)
+        for name in ("processes", "seeds", "steps"):
+            if getattr(self, name) is not None or name == "processes":
+                whole(name, getattr(self, name), at_least=1)
 
 
-def train_all(name: str, wanted: Seeds, settings: Settings) -> Path:
+def train_all(name: str, options: Seeds, settings: Settings) -> Path:
     """Train the seeds that are missing, and return the path of the median's policy.
 
     Raises:
         ValueError: a run that is there has other settings.
         JobsFailedError: trainings failed; the others are done.
     """
-    runs = wanted.runs.resolve() / name
+    runs = options.runs.resolve() / name
     setup = load_setup(settings.setup)
-    seeds = range(setup.seeds if wanted.seeds is None else wanted.seeds)
-    asked_for = [replace(settings, seed=seed, simulation_threads=1) for seed in seeds]
-    folders = [runs / f"seed-{seed}" for seed in seeds]
-    for folder, one in zip(folders, asked_for, strict=True):
-        _refuse_other_settings(folder, one)
-    jobs = [
-        Job("agents.train_seeds:train_one", {"settings": _plain(one), "folder": str(folder), **made_for(one)})
-        for folder, one in zip(folders, asked_for, strict=True)
-    ]
-    processes = None if wanted.cluster else wanted.processes
-    for seed, result in gather(jobs, runs / "results", processes=processes, cluster=wanted.cluster, title=name):
+    folders = [runs / f"seed-{seed}" for seed in range(setup.seeds if options.seeds is None else options.seeds)]
+    jobs = []
+    for seed, folder in enumerate(folders):
+        record = _record(replace(settings, seed=seed, simulation_threads=1))
+        _refuse_another(folder, record)
+        jobs.append(Job("agents.train_seeds:train_one", {"folder": str(folder), **record}))
+    processes = None if options.cluster else options.processes
+    for seed, result in gather(jobs, runs / "results", processes=processes, cluster=options.cluster, title=name):
         _fill(folders[seed], result)
         score = json.loads(result["metrics"].tobytes())["validation"]["best"]["score"]
         print(f"{name}: seed {seed} scored {score:.4f} m/s", flush=True)
-    policies = setup.folder / "policies" if wanted.policies is None else wanted.policies
+    policies = setup.folder / "policies" if options.policies is None else options.policies
     rows = [_ship(folder, policies / name / f"{folder.name}.npz") for folder in folders]
-    chosen = median(rows)
-    write_json(policies / name / "seeds.json", {"median": chosen["seed"], "seeds": rows})
-    shipped = policies / f"{name}.npz"
-    return load_policy(policies / name / f"seed-{chosen['seed']}.npz").save(shipped)
+    chosen = median(rows)["seed"]
+    write_json(policies / name / "seeds.json", {"median": chosen, "seeds": rows})
+    return load_policy(policies / name / f"seed-{chosen}.npz").save(policies / f"{name}.npz")
 
 
 def median(rows: list[dict[str, Any]]) -> dict[str, Any]:
@@ -100,47 +94,37 @@ def median(rows: list[dict[str, Any]]) -> dict[str, Any]:
 def train_one(settings: Mapping[str, Any], folder: str, **set_up: Any) -> Result:
     """Train in a run folder, or go on there, or find it done; return the bytes of the files in KEPT.
 
-    What the set-up says beside the settings makes it another job where that has changed.
+    What the set-up says beside the settings, `set_up`, makes it another job where that has changed.
 
     Where the folder cannot be made, as on a node of a cluster without a common one, a temporary one takes its place.
     """
-    out, wanted = Path(folder), from_json(settings)
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-    except OSError:
-        with tempfile.TemporaryDirectory(prefix="impact-gym-run-") as elsewhere:
-            return _bytes(_train_one(replace(wanted, out=Path(elsewhere) / out.name)))
-    return _bytes(_train_one(replace(wanted, out=out)))
+    run = Path(folder)
+    with tempfile.TemporaryDirectory(prefix="impact-gym-run-") as elsewhere:
+        try:
+            run.parent.mkdir(parents=True, exist_ok=True)
+        except OSError:
+            run = Path(elsewhere) / run.name
+        if (run / "config.json").is_file():
+            _refuse_another(run, _record(from_json(settings)))
+            resume(run)
+        else:
+            shutil.rmtree(run, ignore_errors=True)  # killed before it had begun
+            train(replace(from_json(settings), out=run))
+        return {name: np.frombuffer((run / file).read_bytes(), np.uint8) for name, file in KEPT.items()}
 
 
-def _train_one(settings: Settings) -> Path:
-    """Train, or go on, or find it done; return the run folder."""
-    folder = settings.out
-    assert folder is not None  # train_one says where
-    if (folder / "config.json").is_file():
-        _refuse_other_settings(folder, settings)
-        return resume(folder)
-    shutil.rmtree(folder, ignore_errors=True)  # killed before it had begun
-    return train(settings)
+def _record(settings: Settings) -> dict[str, Any]:
+    """Return what a run is made with, as JSON gives it back."""
+    return json.loads(json.dumps({"settings": as_json(settings), **made_for(settings)}))
 
 
-def _bytes(folder: Path) -> Result:
-    return {name: np.frombuffer((folder / file).read_bytes(), np.uint8) for name, file in KEPT.items()}
-
-
-def _refuse_other_settings(folder: Path, settings: Settings) -> None:
+def _refuse_another(folder: Path, record: Mapping[str, Any]) -> None:
+    """Raise ValueError if the folder holds a run that was made with something else."""
     with suppress(FileNotFoundError):
-        record = json.loads((folder / "config.json").read_text())
-        wanted = {"settings": _plain(settings), **made_for(settings)}
-        if any(record.get(name) != value for name, value in wanted.items()):
+        found = json.loads((folder / "config.json").read_text())
+        if any(found.get(name) != value for name, value in record.items()):
             other = f"{folder} was trained with other settings or for another environment"
             raise ValueError(f"{other}: remove it, or name another folder with --runs")
-
-
-def _plain(settings: Settings) -> dict[str, Any]:
-    """Return the settings as JSON gives them back."""
-    plain: dict[str, Any] = json.loads(json.dumps(as_json(settings)))
-    return plain
 
 
 def _fill(folder: Path, result: Result) -> None:
@@ -165,15 +149,15 @@ def _ship(folder: Path, path: Path) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Read from the command line what to train, and train it."""
+    """Train what the command line asks for."""
     with command_line("agents.train_seeds"):
-        wanted = tyro.cli(Seeds, prog="python -m agents.train_seeds")
-        for setup in wanted.setups:
+        options = tyro.cli(Seeds, prog="python -m agents.train_seeds")
+        for setup in options.setups:
             settings = default_settings(setup)
-            if wanted.steps is not None:
-                steps = min(settings.steps, wanted.steps)
+            if options.steps is not None:
+                steps = min(settings.steps, options.steps)
                 settings = replace(settings, steps=steps, validate_every=min(settings.validate_every, steps))
-            print(train_all(load_setup(setup).name, wanted, settings))
+            print(train_all(load_setup(setup).name, options, settings))
 
 
 if __name__ == "__main__":

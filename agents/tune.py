@@ -5,11 +5,10 @@ searches the clairvoyant bound. Each search is a job of `agents.jobs`: what is d
 on where it was stopped.
 """
 
-import platform
 import shlex
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +23,7 @@ from agents.baselines.tuned import RULES, read_tuned, write_tuned
 from agents.command_line import command_line
 from agents.evaluate import TUNING_SEED, Stage
 from agents.jobs import Job, Result, digest_of, gather
+from agents.provenance import circumstances
 from agents.setups import Setup, load_setup, shipped
 from impact_gym.validation import number, whole
 
@@ -65,28 +65,25 @@ class Tune:
     """Folder where finished searches are kept."""
 
     def __post_init__(self) -> None:
-        whole("scenarios", self.scenarios, at_least=1)
-        whole("processes", self.processes, at_least=0)
+        for name, least in (("scenarios", 1), ("processes", 0), ("population", 4), ("seed", 0)):
+            whole(name, getattr(self, name), at_least=least)
         if self.budget is not None:
             whole("budget", self.budget, at_least=1)
-        whole("population", self.population, at_least=4)
-        whole("seed", self.seed, at_least=0)
         for weight in self.weights:
             number("weights", weight, "m/s per s", above=0)
-        there = {name for setup in self.setups for name in load_setup(setup).tuned}
+        tuned = {name for setup in self.setups for name in load_setup(setup).tuned}
         for name in self.names:
-            if name not in there:
-                raise ValueError(f"no baseline {name!r} to tune: there are {sorted(there)}")
+            if name not in tuned:
+                raise ValueError(f"no baseline {name!r} to tune: there are {sorted(tuned)}")
 
     def baselines(self) -> dict[str, Setup]:
         """Return the set-up of each baseline that is asked for."""
-        found: dict[str, Setup] = {}
-        for setup in map(load_setup, self.setups):
-            for name in setup.tuned:
-                if not self.names or name in self.names:
-                    if name in found:
-                        raise ValueError(f"two set-ups have a baseline {name!r}: tune them one after the other")
-                    found[name] = setup
+        asked = [(name, setup) for setup in map(load_setup, self.setups) for name in setup.tuned]
+        asked = [(name, setup) for name, setup in asked if not self.names or name in self.names]
+        found = dict(asked)
+        if len(found) < len(asked):
+            ((twice, _),) = Counter(name for name, _ in asked).most_common(1)
+            raise ValueError(f"two set-ups have a baseline {twice!r}: tune them one after the other")
         return found
 
     def weights_of(self, setup: Setup) -> tuple[float, ...]:
@@ -102,52 +99,52 @@ class Tune:
         """Return where the files of a set-up are."""
         return setup.folder / "tuned" if self.out is None else self.out
 
-    def done(self, jobs: list[Job], title: str) -> Iterator[tuple[int, Result]]:
-        """Do jobs; yield places and results as they come."""
+    def results(self, function: str, arguments: list[dict[str, Any]], title: str) -> Iterator[tuple[int, Result]]:
+        """Call a function of this module with each of the arguments, as jobs; yield places and results as they come."""
+        depends = digest_of(*SEARCHED) if arguments else ""
+        jobs = [Job(f"agents.tune:{function}", given, depends) for given in arguments]
         processes = None if self.cluster else self.processes
         return gather(jobs, self.jobs, processes=processes, cluster=self.cluster, title=title)
 
 
-def tune(wanted: Tune) -> list[Path]:
+def tune(options: Tune) -> list[Path]:
     """Tune what is missing, and return the paths of the files."""
-    setups = wanted.baselines()
-    found = {name: _kept(name, setup, wanted) for name, setup in setups.items()}
+    setups = options.baselines()
+    found = {name: _tuned_before(name, setup, options) for name, setup in setups.items()}
     missing = [
         (name, weight)
         for name, setup in setups.items()
-        for weight in wanted.weights_of(setup)
+        for weight in options.weights_of(setup)
         if f"{weight:g}" not in found[name]
     ]
-    depends = digest_of(*SEARCHED) if missing else ""
-    jobs = [Job("agents.tune:tune_one", _arguments(setups[name], name, w, wanted), depends) for name, w in missing]
-    for place, result in wanted.done(jobs, "tuning"):
+    arguments = [_arguments(setups[name], name, weight, options) for name, weight in missing]
+    for place, result in options.results("tune_one", arguments, "tuning"):
         name, weight = missing[place]
         setup = setups[name]
-        found[name][f"{weight:g}"] = as_json(name, setup, weight, wanted.search(setup), result)
-        write_tuned(name, found[name], setup, wanted.folder(setup))
-    return [wanted.folder(setup) / f"{name}.json" for name, setup in setups.items()]
+        found[name][f"{weight:g}"] = as_json(name, setup, weight, options.search(setup), result)
+        write_tuned(name, found[name], setup, options.folder(setup))
+    return [options.folder(setup) / f"{name}.json" for name, setup in setups.items()]
 
 
-def _kept(name: str, setup: Setup, wanted: Tune) -> dict[str, Any]:
+def _tuned_before(name: str, setup: Setup, options: Tune) -> dict[str, Any]:
     """Return what the file has for each weight, if it was tuned with these settings for this environment."""
-    if not (wanted.folder(setup) / f"{name}.json").is_file():
+    if not (options.folder(setup) / f"{name}.json").is_file():
         return {}
     try:
-        weights = read_tuned(name, wanted.folder(setup), setup)["weights"]
+        weights = read_tuned(name, options.folder(setup), setup)["weights"]
     except ValueError as reason:
         print(f"{name} is tuned anew: {reason}")
         return {}
-    same = {weight: found for weight, found in weights.items() if found["search"] == wanted.search(setup)}
+    same = {weight: found for weight, found in weights.items() if found["search"] == options.search(setup)}
     if same != weights:
         print(f"{name} is tuned anew at {sorted(set(weights) - set(same))}: it was tuned with other settings")
     return same
 
 
-def _arguments(setup: Setup, name: str, weight: float, wanted: Tune) -> dict[str, Any]:
-    rule, rtol = setup.tuned[name]
-    return {
-        "rule": rule, "environment": dict(setup.environment), "weight": weight, "rtol": rtol, **wanted.search(setup),
-    }  # fmt: skip
+def _arguments(setup: Setup, name: str, weight: float, options: Tune) -> dict[str, Any]:
+    """Return what `tune_one` is given."""
+    environment = {"environment": dict(setup.environment), "weight": weight}
+    return setup.tuned[name]._asdict() | environment | options.search(setup)
 
 
 def tune_one(
@@ -170,21 +167,14 @@ def tune_one(
         return played.loss(weight).reshape(population, scenarios).mean(axis=1)[:, None]
 
     found = minimise(losses, kind.PARAMETERS, 1, population, -(-budget // population), seed)
-    best = found.parameters[0]
-    validation = scores(rule, environment, weight, best)
-    return {
-        "parameters": best,
-        "train": found.loss,
-        "generations": np.array([found.generations]),
-        **{name: np.array([value]) for name, value in validation.items()},
-    }
+    means = scores(rule, environment, weight, found.parameters[0])
+    results = {"train": found.loss[0], "generations": found.generations, **means}
+    return {"parameters": found.parameters[0]} | {name: np.array([value]) for name, value in results.items()}
 
 
-def scores(
-    rule: str, environment: Mapping[str, Any], weight: float, parameters: Any, frozen: str = "validation"
-) -> dict[str, float]:
-    """Return the means over a frozen set."""
-    stage = Stage.of(frozen, time_weight=[weight], threads=1, **environment)
+def scores(rule: str, environment: Mapping[str, Any], weight: float, parameters: Any) -> dict[str, float]:
+    """Return the means over the validation set, and how many objects were missed."""
+    stage = Stage.of("validation", time_weight=[weight], threads=1, **environment)
     played = stage.play(RULES[rule].of(parameters).for_environment(environment))
     return {
         "loss": float(played.loss(weight).mean()),
@@ -196,36 +186,35 @@ def scores(
 
 def as_json(name: str, setup: Setup, weight: float, search: Mapping[str, int], result: Result) -> dict[str, Any]:
     """Return what a file keeps of what was found for one weight: its scores and how it came about."""
-    rule = RULES[setup.tuned[name].rule]
+    names = RULES[setup.tuned[name].rule].names()
     return {
-        "parameters": {one.name: v for one, v in zip(rule.PARAMETERS, result["parameters"].tolist(), strict=True)},
+        "parameters": dict(zip(names, result["parameters"].tolist(), strict=True)),
         "train": result["train"].item(),
         "validation": {key: result[key].item() for key in ("loss", "object_velocity", "approach_time", "missed")},
         "generations": result["generations"].item(),
         "search": dict(search),
         "command": command(name, setup, weight, search),
-        "versions": {"python": platform.python_version()} | {package: version(package) for package in PACKAGES},
+        "versions": circumstances(*PACKAGES)["versions"],
     }
 
 
-def search_bounds(wanted: Tune) -> list[Path]:
+def search_bounds(options: Tune) -> list[Path]:
     """Search what is missing of the clairvoyant bounds, and return the paths of their files."""
-    found: dict[str, dict[float, Floats]] = {}
-    setups = {setup.name: setup for setup in map(load_setup, wanted.setups) if setup.bound == setup.name}
-    for name, setup in setups.items():
-        there = bound.path_of(setup, wanted.folder(setup)).is_file()
-        found[name] = bound.read_bound(setup, wanted.folder(setup)) if there else {}
-    missing = [(name, w) for name, setup in setups.items() for w in wanted.weights_of(setup) if w not in found[name]]
-    depends = digest_of(*SEARCHED) if missing else ""
-    jobs = [
-        Job("agents.tune:search_bound", {"environment": dict(setups[n].environment), "time_weight": w}, depends)
-        for n, w in missing
+    setups = [setup for setup in map(load_setup, options.setups) if setup.bound == setup.name]
+    paths = [bound.path_of(setup, options.folder(setup)) for setup in setups]
+    found = {
+        setup.name: bound.read_bound(setup, path.parent) if path.is_file() else {}
+        for setup, path in zip(setups, paths, strict=True)
+    }
+    missing = [
+        (setup, weight) for setup in setups for weight in options.weights_of(setup) if weight not in found[setup.name]
     ]
-    for place, result in wanted.done(jobs, "clairvoyant bound"):
-        name, weight = missing[place]
-        found[name][weight] = result["parameters"]
-        bound.write_bound(setups[name], found[name], wanted.folder(setups[name]))
-    return [bound.path_of(setup, wanted.folder(setup)) for setup in setups.values()]
+    arguments = [{"environment": dict(setup.environment), "time_weight": weight} for setup, weight in missing]
+    for place, result in options.results("search_bound", arguments, "clairvoyant bound"):
+        setup, weight = missing[place]
+        found[setup.name][weight] = result["parameters"]
+        bound.write_bound(setup, found[setup.name], options.folder(setup))
+    return paths
 
 
 def search_bound(
@@ -258,9 +247,7 @@ def search_bound(
 def command(name: str, setup: Setup, weight: float, search: Mapping[str, int]) -> str:
     """Return the command that finds it again."""
     words = ["python", "-m", "agents.tune", setup.called, "--names", name, "--weights", f"{weight:g}"]
-    for option, value in search.items():
-        words += [f"--{option}", str(value)]
-    return shlex.join(words)
+    return shlex.join(words + [word for option, value in search.items() for word in (f"--{option}", str(value))])
 
 
 def _sentence(name: str, setup: Setup, weight: str, found: dict[str, Any]) -> str:
@@ -269,24 +256,22 @@ def _sentence(name: str, setup: Setup, weight: str, found: dict[str, Any]) -> st
         f"{name} at {weight}: {found['train']:.4f} m/s on train, {means['loss']:.4f} on validation "
         f"(V_p {means['object_velocity']:.4f} m/s, T {means['approach_time']:.4f} s, missed {means['missed']})"
     )
-    if RULES[setup.tuned[name].rule] is BlindProfile:
-        shape = constant_deceleration(BlindProfile(list(found["parameters"].values())))
-        text += (
-            f"; v^2 is linear in position with R^2 = {shape.r_squared:.3f}, "
-            f"{shape.deceleration:.2f} m/s^2 to rest at {shape.end:.3f} m"
-        )
-    return text
+    if RULES[setup.tuned[name].rule] is not BlindProfile:
+        return text
+    shape = constant_deceleration(BlindProfile(list(found["parameters"].values())))
+    line = f"v^2 is linear in position with R^2 = {shape.r_squared:.3f}"
+    return f"{text}; {line}, {shape.deceleration:.2f} m/s^2 to rest at {shape.end:.3f} m"
 
 
 def main() -> None:
-    """Read from the command line what to tune, and tune it."""
+    """Tune what the command line asks for."""
     with command_line("agents.tune"):
-        wanted = tyro.cli(Tune, prog="python -m agents.tune")
-        for (name, setup), path in zip(wanted.baselines().items(), tune(wanted), strict=True):
+        options = tyro.cli(Tune, prog="python -m agents.tune")
+        for (name, setup), path in zip(options.baselines().items(), tune(options), strict=True):
             print(path)
             for weight, found in read_tuned(name, path.parent, setup)["weights"].items():
                 print("  " + _sentence(name, setup, weight, found))
-        for path in search_bounds(wanted) if wanted.bound else ():
+        for path in search_bounds(options) if options.bound else ():
             print(path)
 
 

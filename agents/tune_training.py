@@ -49,6 +49,7 @@ SPACES: dict[str, dict[str, BaseDistribution]] = {
     "ppo": ON_POLICY, "recurrent_ppo": ON_POLICY, "sac": OFF_POLICY, "tqc": OFF_POLICY,
 }  # fmt: skip
 """What is looked for; all other settings stay as they are."""
+COUNTS = ("trials", "steps", "validate_every", "validation_scenarios")
 
 
 @dataclass(frozen=True)
@@ -73,49 +74,49 @@ class Search:
     """Folder of the summaries; agents/studies unless given, for a set-up from a file runs/NAME."""
 
     def __post_init__(self) -> None:
-        for name in ("trials", "steps", "validate_every", "validation_scenarios"):
+        for name in COUNTS:
             whole(name, getattr(self, name), at_least=1)
 
 
-def search(wanted: Search) -> Path:
+def search(options: Search) -> Path:
     """Run the trials that are missing, and return the path of the summary."""
     start = replace(
-        default_settings(wanted.setup, wanted.algo),
-        steps=wanted.steps,
-        validate_every=wanted.validate_every,
-        validation_scenarios=wanted.validation_scenarios,
-        checkpoint_every=wanted.steps,
+        default_settings(options.setup, options.algo),
+        steps=options.steps,
+        validate_every=options.validate_every,
+        validation_scenarios=options.validation_scenarios,
+        checkpoint_every=options.steps,
     )
-    setup = load_setup(wanted.setup)
-    label = f"{setup.name}-{wanted.algo}"
-    folder = (STUDIES if setup.shipped else setup.folder) if wanted.summaries is None else wanted.summaries
-    space, summary = SPACES[wanted.algo], folder / f"{label}.json"
-    about = json.dumps([made_for(start), {name: vars(one) for name, one in space.items()}], sort_keys=True)
-    name = f"{label}-{wanted.steps}-{hashlib.sha256(about.encode()).hexdigest()[:8]}"  # another where that has changed
-    wanted.journals.mkdir(parents=True, exist_ok=True)
+    setup, space = load_setup(options.setup), SPACES[options.algo]
+    label = f"{setup.name}-{options.algo}"
+    summary = (options.summaries or (STUDIES if setup.shipped else setup.folder)) / f"{label}.json"
+    content = json.dumps([made_for(start), {name: vars(one) for name, one in space.items()}], sort_keys=True)
+    digest = hashlib.sha256(content.encode()).hexdigest()[:8]  # another study where that has changed
+    name = f"{label}-{options.steps}-{digest}"
+    options.journals.mkdir(parents=True, exist_ok=True)
     study = optuna.create_study(
-        storage=JournalStorage(JournalFileBackend(str(wanted.journals / f"{name}.journal"))),
+        storage=JournalStorage(JournalFileBackend(str(options.journals / f"{name}.journal"))),
         study_name=name,
         load_if_exists=True,
-        pruner=optuna.pruners.MedianPruner(n_startup_trials=4, n_warmup_steps=wanted.steps // 3),
+        pruner=optuna.pruners.MedianPruner(n_startup_trials=4, n_warmup_steps=options.steps // 3),
     )
     for killed in study.get_trials(states=(TrialState.RUNNING,)):
         study.tell(killed.number, state=TrialState.FAIL)
     if not study.trials:
-        there = {setting: attrgetter(setting)(start) for setting in space}  # what is to be beaten
-        study.enqueue_trial({setting: value for setting, value in there.items() if _holds(space[setting], value)})
-    while len(_finished(study)) < wanted.trials:
+        values = {setting: attrgetter(setting)(start) for setting in space}  # what is to be beaten
+        study.enqueue_trial({setting: value for setting, value in values.items() if _holds(space[setting], value)})
+    while len(_finished(study)) < options.trials:
         # seeded anew in each process, so with another seed, or it would suggest the same again
         study.sampler = optuna.samplers.TPESampler(seed=len(study.trials), n_startup_trials=6)
         trial = study.ask(space)
         settings = replace(
             with_changes(start, _nested(trial.params)),
             seed=1000 + trial.number,  # none of those that train-all uses
-            out=wanted.journals / f"{name}-{trial.number}",
+            out=options.journals / f"{name}-{trial.number}",
         )
         _play(study, trial, settings)
-        write_json(summary, _summary(study, start, wanted))
-    write_json(summary, _summary(study, start, wanted))
+        write_json(summary, _summary(study, start, options))
+    write_json(summary, _summary(study, start, options))
     return summary
 
 
@@ -123,30 +124,29 @@ def _play(study: optuna.Study, trial: Trial, settings: Settings) -> None:
     """Train as `trial` suggests and tell the study what came of it."""
     scores: list[float] = []
 
-    def told(steps: int, result: dict[str, Any]) -> None:
+    def on_validation(steps: int, result: dict[str, Any]) -> None:
         scores.append(result["score"])
         trial.report(min(scores), steps)
         if steps < settings.whole_steps and trial.should_prune():
             raise optuna.TrialPruned
 
     try:
-        train(settings, told)
+        train(settings, on_validation)
         study.tell(trial, min(scores))
     except optuna.TrialPruned:
         study.tell(trial, state=TrialState.PRUNED)
-    if settings.out:
-        shutil.rmtree(settings.out)
+    shutil.rmtree(settings.out)
 
 
 def _finished(study: optuna.Study) -> list[optuna.trial.FrozenTrial]:
     return study.get_trials(states=(TrialState.COMPLETE, TrialState.PRUNED))
 
 
-def _holds(distribution: Any, value: Any) -> bool:
+def _holds(distribution: BaseDistribution, value: Any) -> bool:
     """Return whether the search space contains a value."""
     if isinstance(distribution, CategoricalDistribution):
         return value in distribution.choices
-    return bool(distribution.low <= value <= distribution.high)
+    return distribution.low <= value <= distribution.high
 
 
 def _nested(parameters: dict[str, Any]) -> dict[str, Any]:
@@ -158,7 +158,7 @@ def _nested(parameters: dict[str, Any]) -> dict[str, Any]:
     return result
 
 
-def _summary(study: optuna.Study, start: Settings, wanted: Search) -> dict[str, Any]:
+def _summary(study: optuna.Study, start: Settings, options: Search) -> dict[str, Any]:
     trials = [
         {
             "number": trial.number,
@@ -171,9 +171,9 @@ def _summary(study: optuna.Study, start: Settings, wanted: Search) -> dict[str, 
     ]
     best = study.best_trial
     found = {"number": best.number, "score": best.value, "settings": _nested(best.params)}
-    words = ["python", "-m", "agents.tune_training", wanted.setup, "--algo", wanted.algo]
-    for name in ("trials", "steps", "validate_every", "validation_scenarios"):
-        words += [f"--{name}".replace("_", "-"), str(getattr(wanted, name))]
+    words = ["python", "-m", "agents.tune_training", options.setup, "--algo", options.algo]
+    for name in COUNTS:
+        words += [f"--{name}".replace("_", "-"), str(getattr(options, name))]
     return {"best": found, **provenance(start), "command": shlex.join(words), "trials": trials}
 
 

@@ -2,9 +2,8 @@
 
 from agents.baselines.clairvoyant import Clairvoyant
 from agents.baselines.constant import ConstantSpeed, PaperTrapezoid
-from agents.baselines.profile import BlindProfile
+from agents.baselines.profile import BlindProfile, Ranged
 from agents.baselines.random import RandomActions
-from agents.baselines.ranged import Ranged
 from agents.baselines.rule import ALARM, Rule, encode
 from agents.baselines.tuned import load_baseline
 

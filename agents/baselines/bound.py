@@ -11,17 +11,16 @@ from agents.archive import read_archive, write_archive
 from agents.baselines.clairvoyant import Clairvoyant
 from agents.baselines.rule import Floats
 from agents.baselines.tuned import TUNED
-from agents.setups import Setup, same_environment
+from agents.setups import Setup
 
 GENERATIONS = 150  # of the search in each scenario
 FORMAT = "impact_gym clairvoyant 2"
 FROZEN = "test"
 
 
-def about(environment: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what a file of the bound says of itself."""
-    names = [parameter.name for parameter in Clairvoyant.PARAMETERS]
-    return {"environment": dict(environment), "set": FROZEN, "parameters": names, "generations": GENERATIONS}
+def _searched() -> dict[str, Any]:
+    """Return what a file of the bound says of its search."""
+    return {"set": FROZEN, "parameters": Clairvoyant.names(), "generations": GENERATIONS}
 
 
 def path_of(setup: Setup, folder: Path = TUNED) -> Path:
@@ -32,7 +31,8 @@ def path_of(setup: Setup, folder: Path = TUNED) -> Path:
 def write_bound(setup: Setup, found: Mapping[float, Floats], folder: Path = TUNED) -> Path:
     """Write the parameters that were found for each time weight, whole or not at all, and return where."""
     path = path_of(setup, folder)
-    write_archive(path, FORMAT, about(setup.environment), {f"{weight:g}": found[weight] for weight in sorted(found)})
+    content = {"environment": dict(setup.environment), **_searched()}
+    write_archive(path, FORMAT, content, {f"{weight:g}": found[weight] for weight in sorted(found)})
     return path
 
 
@@ -47,9 +47,8 @@ def read_bound(setup: Setup, folder: Path = TUNED) -> dict[float, Floats]:
         content, arrays = read_archive(path, FORMAT)
     except ValueError as error:
         raise ValueError(f"the bound of {setup.name} was not searched: {error}; {remedy}") from error
-    expected = about(setup.environment)
-    same = same_environment(content["environment"], setup.environment)
-    if not same or any(content[name] != expected[name] for name in ("set", "parameters", "generations")):
+    same = all(content[name] == value for name, value in _searched().items())
+    if not same or not setup.describes(content["environment"]):
         raise ValueError(f"{path} was searched for another environment or for other parameters: {remedy}")
     return {float(weight): parameters for weight, parameters in arrays.items()}
 

@@ -1,10 +1,8 @@
 """A controller that knows the scenario, for a bound on what any could do."""
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from agents.baselines.profile import ACCELERATION, follow
-from agents.baselines.reaction import REACTION, ReactingRule
+from agents.baselines.reaction import ACCELERATION, REACTION, ReactingRule
 from agents.baselines.rule import Floats, Parameter, Seen, interpolate
 from impact_gym.envs.observation import OPTIONAL_ENTRIES
 from impact_gym.envs.task import ACCELERATION_RANGE, VELOCITY_RANGE
@@ -30,18 +28,12 @@ class Clairvoyant(ReactingRule):
         *REACTION,
     )
 
-    def approach(self, seen: Seen) -> tuple[ArrayLike, ArrayLike]:
-        """Return the velocity one control period ahead, and the acceleration that is there by then."""
-        return follow(
-            self.velocity,
-            -LARGEST_GAP * seen.scaled[..., GAP],
-            seen.velocity,
-            self[ACCELERATION.name],
-            self.control_period,
-        )
+    def position(self, seen: Seen) -> Floats:
+        """Return the tool's position (m), counted from the object."""
+        return -LARGEST_GAP * seen.scaled[..., GAP]
 
-    def velocity(self, position: Floats) -> Floats:
-        """Return the velocity (m/s) at `position` (m), counted from the object; far away it brakes evenly."""
+    def speed(self, position: Floats) -> Floats:
+        """Return the speed (m/s, below 0 backwards) at `position` (m) from the object; far away it brakes evenly."""
         corners = self.columns(self.PARAMETERS[0].name, len(GAPS))
         far = np.maximum(-position - GAPS[-1], 0.0)
         near = interpolate(GAPS, corners, -position)

@@ -43,9 +43,9 @@ def minimise(
         generations: at the most; a search that has converged waits for the others.
         seed: the result depends on it and on the above alone.
     """
-    import cma  # type: ignore[import-untyped]  # it ships no types; whoever only plays has no need of it
+    import cma  # whoever only plays has no need of it
 
-    low, high, start = (np.array([getattr(one, field) for one in parameters]) for field in ("low", "high", "start"))
+    low, high, start = np.array([(each.low, each.high, each.start) for each in parameters]).T
     searches = [
         cma.CMAEvolutionStrategy((start - low) / (high - low), SIGMA, _options(population, seed, problem))
         for problem in range(problems)

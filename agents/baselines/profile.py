@@ -1,24 +1,19 @@
-"""Open-loop velocity profiles over position, and what following one takes."""
+"""Speed profiles over position or over an estimated distance, and how near one is to constant deceleration."""
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from agents.baselines.reaction import REACTION, ReactingRule
-from agents.baselines.rule import CONTROL_PERIOD, Floats, Parameter, Seen, interpolate
+from agents.baselines.reaction import ACCELERATION, REACTION, ReactingRule
+from agents.baselines.rule import Floats, Parameter, Seen, interpolate
 from impact_gym.envs.task import ACCELERATION_RANGE, VELOCITY_RANGE
 
 KNOTS: Floats = np.array([0.08, 0.12, 0.15, 0.17, 0.19, 0.22, 0.25, 0.28, 0.315, 0.35])
 """Positions (m) of the profile's corners, see `Rule.placed`; before the first the start from rest rules."""
 
-ACCELERATION = Parameter("acceleration", "m/s^2", *ACCELERATION_RANGE, 15.0)
-"""The most that following a profile may take, either way: too much throws a bistable mechanism off its stop."""
-
 
 class BlindProfile(ReactingRule):
-    """Follow a velocity profile over the flange's position, a broken line, until the alarm; then react."""
+    """Follow a speed profile over the flange's position, a broken line, until the alarm; then react."""
 
     PARAMETERS = (
         *(Parameter(f"speed at {1e3 * knot:g} mm", "m/s", 0.01, VELOCITY_RANGE[1], 0.6) for knot in KNOTS),
@@ -26,12 +21,8 @@ class BlindProfile(ReactingRule):
         *REACTION,
     )
 
-    def approach(self, seen: Seen) -> tuple[ArrayLike, ArrayLike]:
-        """Return the velocity of the profile one control period ahead, and the acceleration that is there by then."""
-        return follow(self.speed, seen.position, seen.velocity, self[ACCELERATION.name], self.control_period)
-
     def speed(self, position: Floats) -> Floats:
-        """Return the profile's speed (m/s) at `position` (m)."""
+        """Return the broken line's speed (m/s) at `position` (m)."""
         return interpolate(self.placed(KNOTS), self.columns(self.PARAMETERS[0].name, len(KNOTS)), position)
 
 
@@ -47,10 +38,6 @@ class ConstantDeceleration(ReactingRule):
         *REACTION,
     )
 
-    def approach(self, seen: Seen) -> tuple[ArrayLike, ArrayLike]:
-        """Return the velocity one control period ahead, and the acceleration that is there by then."""
-        return follow(self.speed, seen.position, seen.velocity, self[ACCELERATION.name], self.control_period)
-
     def speed(self, position: Floats) -> Floats:
         """Return the speed (m/s) at `position` (m)."""
         left = np.maximum(self.placed(self["end"]) - position, 0.0)
@@ -58,23 +45,27 @@ class ConstantDeceleration(ReactingRule):
         return np.minimum(braking, self["top speed"])
 
 
-def follow(
-    speed: Callable[[Floats], Floats],
-    position: Floats,
-    velocity: Floats,
-    acceleration: ArrayLike = ACCELERATION_RANGE[1],
-    period: float = CONTROL_PERIOD,
-) -> tuple[Floats, Floats]:
-    """Return the command that has the flange on the profile `speed` one control `period` (s) from now.
+class Ranged(ReactingRule):
+    """Brake at constant deceleration to the contact speed, reached a margin before the estimated distance; creep on."""
 
-    The position by then follows from the mean of the velocities now and then; one look ahead gives the latter. Where
-    the profile asks for more than `acceleration` (m/s^2), that much is used.
-    """
-    ahead = speed(position + velocity * period)
-    reach = np.asarray(acceleration) * period
-    ahead = np.clip(ahead, velocity - reach, velocity + reach)
-    target = speed(position + 0.5 * (velocity + ahead) * period)
-    return target, np.clip(np.abs(target - velocity) / period, ACCELERATION_RANGE[0], acceleration)
+    needs_estimate = True
+    PARAMETERS = (
+        Parameter("top speed", "m/s", 0.1, VELOCITY_RANGE[1], 1.0),
+        Parameter("contact speed", "m/s", 0.01, 1.0, 0.3),
+        Parameter("deceleration", "m/s^2", *ACCELERATION_RANGE, 10.0),
+        Parameter("margin", "m", -0.05, 0.05, 0.0),
+        *REACTION,
+    )
+
+    def position(self, seen: Seen) -> Floats:
+        """Return the flange's position (m), counted from the estimated distance."""
+        return -seen.estimate
+
+    def speed(self, position: Floats) -> Floats:
+        """Return the speed (m/s) at `position` (m), counted from the estimated distance."""
+        left = np.maximum(-position - self["margin"], 0.0)
+        braking = np.sqrt(self["contact speed"] ** 2 + 2.0 * self["deceleration"] * left)
+        return np.minimum(braking, np.maximum(self["top speed"], self["contact speed"]))
 
 
 class Shape(NamedTuple):

@@ -42,38 +42,19 @@ class Seen:
     """Observations (..., n_obs) in physical units, an array (...) of each."""
 
     def __init__(self, observation: ArrayLike, velocity_range: Range = VELOCITY_RANGE) -> None:
-        self.scaled, self._velocity_range = np.asarray(observation, np.float64), velocity_range
+        self.scaled: Floats = np.asarray(observation, np.float64)
+        self.position = self._physical(POSITION)  # of the flange, m
+        self.velocity = self._physical(VELOCITY, velocity_range)  # of the flange, m/s
+        self.alarm = self.scaled[..., ALARM] > 0.5  # whether the contact alarm has come
+        self.since_alarm = self._physical(SINCE_ALARM)  # s
+        if self.scaled.shape[-1] > ESTIMATE:
+            self.estimate = self._physical(ESTIMATE)  # distance estimate minus flange position, m
 
-    def _physical(self, place: int) -> Floats:
+    def _physical(self, place: int, limits: Range | None = None) -> Floats:
         entry = (*ENTRIES, OPTIONAL_ENTRIES[0])[place]
-        low, high = self._velocity_range if place == VELOCITY else (entry.low, entry.high)
+        low, high = limits or (entry.low, entry.high)
         share = (self.scaled[..., place] - entry.scaled_low) / (1.0 - entry.scaled_low)
         return low + share * (high - low)
-
-    @property
-    def position(self) -> Floats:
-        """Of the flange, m."""
-        return self._physical(POSITION)
-
-    @property
-    def velocity(self) -> Floats:
-        """Of the flange, m/s."""
-        return self._physical(VELOCITY)
-
-    @property
-    def alarm(self) -> NDArray[np.bool_]:
-        """Whether the contact alarm has come."""
-        return self.scaled[..., ALARM] > 0.5
-
-    @property
-    def since_alarm(self) -> Floats:
-        """Time since then, s."""
-        return self._physical(SINCE_ALARM)
-
-    @property
-    def estimate(self) -> Floats:
-        """Distance estimate minus flange position, m."""
-        return self._physical(ESTIMATE)
 
 
 class Rule:
@@ -96,12 +77,18 @@ class Rule:
             ValueError: another number of them, or one out of its limits; names it.
         """
         self.parameters = np.array(parameters, np.float64)
-        names = [parameter.name for parameter in self.PARAMETERS]
-        if self.parameters.ndim not in (1, 2) or self.parameters.shape[-1] != len(names):
-            raise WrongTypeError(f"{type(self).__name__} has the parameters {names}, got {self.parameters.shape}")
+        if self.parameters.ndim not in (1, 2) or self.parameters.shape[-1] != len(self.names()):
+            raise WrongTypeError(
+                f"{type(self).__name__} has the parameters {self.names()}, got {self.parameters.shape}"
+            )
         for parameter, values in zip(self.PARAMETERS, np.moveaxis(self.parameters, -1, 0), strict=True):
             for value in (values.min(), values.max()):
                 number(parameter.name, value, parameter.unit, at_least=parameter.low, at_most=parameter.high)
+
+    @classmethod
+    def names(cls) -> list[str]:
+        """Return the names of its parameters."""
+        return [parameter.name for parameter in cls.PARAMETERS]
 
     @classmethod
     def of(cls, parameters: ArrayLike) -> "Rule":
@@ -136,11 +123,11 @@ class Rule:
 
     def __getitem__(self, name: str) -> Floats:
         """A parameter by its name."""
-        return self.parameters[..., [parameter.name for parameter in self.PARAMETERS].index(name)]
+        return self.parameters[..., self.names().index(name)]
 
     def columns(self, first: str, count: int) -> Floats:
         """Return `count` parameters (..., count) from the one named `first` on."""
-        place = [parameter.name for parameter in self.PARAMETERS].index(first)
+        place = self.names().index(first)
         return self.parameters[..., place : place + count]
 
     def predict(

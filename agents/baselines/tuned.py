@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from agents.baselines.constant import ConstantSpeed, PaperTrapezoid
-from agents.baselines.profile import BlindProfile, ConstantDeceleration
+from agents.baselines.profile import BlindProfile, ConstantDeceleration, Ranged
 from agents.baselines.random import RandomActions
-from agents.baselines.ranged import Ranged
 from agents.baselines.rule import Rule
 from agents.policies import Controller
 from agents.setups import Setup, owner
@@ -19,10 +18,7 @@ from impact_gym.validation import number
 
 TUNED = Path(__file__).parents[1] / "tuned"
 FORMAT = "impact_gym tuned baseline 1"
-NOUNS = {"parameters": "table of parameters"}
-RULES: dict[str, type[Rule]] = {
-    rule.__name__: rule for rule in (BlindProfile, ConstantDeceleration, ConstantSpeed, Ranged)
-}
+RULES = {rule.__name__: rule for rule in (BlindProfile, ConstantDeceleration, ConstantSpeed, Ranged)}
 FIXED = {"paper-trapezoid": PaperTrapezoid, "random": RandomActions}
 
 
@@ -73,16 +69,16 @@ def read_tuned(name: str, folder: Path = TUNED, setup: Setup | None = None) -> d
         found = _checksum(content)
         if found != content["sha256"]:
             raise ValueError(f"its checksum is {found}, not {content['sha256']}: it was altered")
-        expected = _about(name, setup.tuned[name].rule if setup else content["rule"])
-        about = {field: content[field] for field in expected}
-        elsewhere = setup is not None and not setup.describes(content["environment"])
+        expected = _description(name, setup.tuned[name].rule if setup else content["rule"])
+        other = [field for field, value in expected.items() if content[field] != value]
+        if setup and not setup.describes(content["environment"]):
+            other.append("environment")
     except FileNotFoundError:
         raise ValueError(f"baseline {name!r} was not tuned, there is no {path}: {remedy}") from None
     except (OSError, LookupError, TypeError, AttributeError, ValueError) as error:
         raise ValueError(f"{path} is no tuned baseline, or is damaged: {error}; {remedy}") from error
-    other = [NOUNS.get(field, field) for field, value in about.items() if expected[field] != value]
-    if other or elsewhere:
-        what = other[0] if other else "environment"
+    if other:
+        what = "table of parameters" if other[0] == "parameters" else other[0]
         raise ValueError(f"{path} was tuned for another {what} than this version's: {remedy}")
     return content
 
@@ -90,17 +86,18 @@ def read_tuned(name: str, folder: Path = TUNED, setup: Setup | None = None) -> d
 def write_tuned(name: str, weights: Mapping[str, Any], setup: Setup, folder: Path = TUNED) -> Path:
     """Write what was found for each weight, whole or not at all, and return where."""
     ordered = {key: weights[key] for key in sorted(weights, key=float)}
-    about = {**_about(name, setup.tuned[name].rule), "environment": dict(setup.environment)}
-    content = json.loads(json.dumps({**about, "weights": ordered}))
+    made_for = {**_description(name, setup.tuned[name].rule), "environment": dict(setup.environment)}
+    content = json.loads(json.dumps({**made_for, "weights": ordered}))
     path = folder / f"{name}.json"
     with whole_file(path) as file:
         file.write((json.dumps({**content, "sha256": _checksum(content)}, indent=2) + "\n").encode())
     return path
 
 
-def _about(name: str, rule: str) -> dict[str, Any]:
+def _description(name: str, rule: str) -> dict[str, Any]:
     """What a tuned file is, but for its environment."""
-    limits = [{"name": one.name, "unit": one.unit, "low": one.low, "high": one.high} for one in RULES[rule].PARAMETERS]
+    fields = ("name", "unit", "low", "high")
+    limits = [{field: getattr(parameter, field) for field in fields} for parameter in RULES[rule].PARAMETERS]
     return {"format": FORMAT, "baseline": name, "rule": rule, "parameters": limits}
 
 

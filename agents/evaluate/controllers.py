@@ -42,20 +42,21 @@ def controller_of(
 
 def _made(spec: Mapping[str, Any], time_weight: float) -> Controller:
     ((kind, value),) = spec.items()
-    if kind == "policy":
-        return _policy(value)
-    if kind == "shipped":
-        return load_policy(value)
-    if kind == "baseline":
-        return load_baseline(value, time_weight)
-    if kind == "tuned":
-        return tuned_rule(value, time_weight)
-    if kind == "speed":
-        return ConstantSpeed(value, 16.0)
-    if kind == "clairvoyant":
-        return Clairvoyant(value[f"{time_weight:g}"])
-    if kind == "object":
-        return _object(value)
+    match kind:
+        case "policy":
+            return _policy(value)
+        case "shipped":
+            return load_policy(value)
+        case "baseline":
+            return load_baseline(value, time_weight)
+        case "tuned":
+            return tuned_rule(value, time_weight)
+        case "speed":
+            return ConstantSpeed(value, 16.0)
+        case "clairvoyant":
+            return Clairvoyant(value[f"{time_weight:g}"])
+        case "object":
+            return _object(value)
     raise ValueError(f"no controller of the kind {kind!r}")
 
 

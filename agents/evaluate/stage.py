@@ -118,12 +118,11 @@ class Stage:
         ended, start = np.zeros(batch.size, np.bool_), np.ones(batch.size, np.bool_)
         state: Any = None
         while not ended.all():
-            actions, state = controller.predict(
-                batch.observations.copy(), state=state, episode_start=start, deterministic=True
-            )
+            seen = batch.observations.copy()
+            actions, state = controller.predict(seen, state=state, episode_start=start, deterministic=True)
             batch.step(batch.commands(actions, (batch.size, 2)), ended)
             ended = (batch.episodes["terminated"] == 1) | (batch.episodes["truncated"] == 1)
-            start = np.zeros(batch.size, np.bool_)
+            start = np.zeros_like(ended)
         info = batch.info()
         failed = np.flatnonzero(info["status"] != "ok")
         if failed.size:
@@ -164,11 +163,9 @@ class Validation(Stage):
     def score(self, controller: Controller) -> dict[str, Any]:
         """Return the means over the scenarios at each time weight, and their mean cost, the `score` (m/s)."""
         played = self.play(controller)
-        costs = played.loss(np.repeat(self.weights, self.count))
-        columns = {"cost": costs} | {
-            name: getattr(played, name) for name in ("object_velocity", "approach_time", "missed")
-        }
-        means = {name: np.reshape(values, (len(self.weights), -1)).mean(axis=1) for name, values in columns.items()}
+        columns = {"cost": played.loss(np.repeat(self.weights, self.count))}
+        columns |= {name: getattr(played, name) for name in ("object_velocity", "approach_time", "missed")}
+        means = {name: values.reshape(len(self.weights), -1).mean(axis=1) for name, values in columns.items()}
         table = {name: values.tolist() for name, values in means.items()}
         return {"score": float(means["cost"].mean()), "time_weight": list(self.weights), **table}
 
@@ -177,8 +174,7 @@ class Validation(Stage):
 def _uniforms(seed: int, count: int) -> NDArray[Any]:
     """Return what environments seeded `seed` ... draw first (count,), UNIFORMS."""
     drawn = np.array([seeding.np_random(seed + k)[0].random(DRAWS) for k in range(count)])
-    uniforms: NDArray[Any] = drawn.view(UNIFORMS)[:, 0]
-    return uniforms
+    return drawn.view(UNIFORMS)[:, 0]
 
 
 def evaluate(controller: Controller, seed: int, count: int, **options: Any) -> Episodes:

@@ -11,10 +11,11 @@ import numpy as np
 from impact_gym.kernels import UNIFORMS
 from numpy.typing import NDArray
 
-from agents.export.c_header import controller, identifier
+from agents.export.c_header import c_text, has_controller, identifier
 from agents.policies.policy import ACTIONS, Policy
 from impact_gym.envs.batch import Batch
-from impact_gym.envs.records import DRAWS
+from impact_gym.envs.observation import sensor_fields
+from impact_gym.envs.records import DRAWS, free_record
 from impact_gym.envs.task import COMMAND_RESOLUTION, Task
 
 Floats = NDArray[np.float64]
@@ -46,8 +47,7 @@ def logged(policy: Policy, episodes: int = EPISODES) -> Log:
     task = Task(**policy.environment)
     batch = Batch(episodes, task)
     uniforms = np.random.default_rng(SEED).random((episodes, DRAWS)).view(UNIFORMS)[:, 0]
-    free = np.full((episodes, batch.episodes["drawn"].dtype.itemsize // 8), np.nan).view(batch.episodes["drawn"].dtype)
-    batch.begin(np.arange(episodes), uniforms, free[:, 0])
+    batch.begin(np.arange(episodes), uniforms, free_record(episodes))
     low, high = np.array([task.velocity_range, task.acceleration_range]).T
     ended, start, state = np.zeros(episodes, np.bool_), np.ones(episodes, np.bool_), None
     steps, sensors, commands = np.zeros(episodes, np.int64), [], []
@@ -63,62 +63,10 @@ def logged(policy: Policy, episodes: int = EPISODES) -> Log:
     return Log(np.array(sensors), np.array(commands), steps, batch.episodes["drawn"]["time_weight"].copy())
 
 
-def source(header: str, name: str, fields: int) -> str:
-    """Return a program that plays a log through the controller of `header`, and times calls of it."""
-    return f"""
-#ifdef __cplusplus
-extern "C"
-#endif
-void play(int rows, const double *sensors, const int *steps, const double *weights, double *commands);
-#ifdef __cplusplus
-extern "C"
-#endif
-void clocked(int rows, const double *sensors, const int *steps, const double *weights, int calls, double *seconds);
-#define _POSIX_C_SOURCE 199309L
-#include <string.h>
-#include <time.h>
-#include "{header}"
-void play(int rows, const double *sensors, const int *steps, const double *weights, double *commands)
-{{
-    for (int row = 0; row < rows; row++) {{
-        {name}_state state;
-        {name}_reset(&state, weights[row]);
-        for (int step = 0; step < steps[row]; step++) {{
-            int at = step * rows + row;
-            {name}_sensors now;
-            {name}_command command;
-            memcpy(&now, sensors + at * {fields}, sizeof now);
-            {name}_step(&state, &now, &command);
-            commands[2 * at] = command.velocity;
-            commands[2 * at + 1] = command.acceleration;
-        }}
-    }}
-}}
-void clocked(int rows, const double *sensors, const int *steps, const double *weights, int calls, double *seconds)
-{{
-    {name}_state state;
-    int row = 0, step = 0;
-    volatile double sink = 0.0;
-    for (int call = 0; call < calls; call++) {{
-        struct timespec begun, ended;
-        {name}_sensors now;
-        {name}_command command;
-        if (step == 0) {name}_reset(&state, weights[row]);
-        memcpy(&now, sensors + (step * rows + row) * {fields}, sizeof now);
-        clock_gettime(CLOCK_MONOTONIC, &begun);
-        {name}_step(&state, &now, &command);
-        clock_gettime(CLOCK_MONOTONIC, &ended);
-        sink = command.velocity;
-        seconds[call] = (double)(ended.tv_sec - begun.tv_sec) + 1e-9 * (double)(ended.tv_nsec - begun.tv_nsec);
-        if (++step == steps[row]) {{ step = 0; row = (row + 1) % rows; }}
-    }}
-    (void)sink;
-}}
-"""
-
-
-def compiled(policy: Policy, header: Path, folder: Path, language: str = "C99") -> ctypes.CDLL | None:
-    """Compile that program without a warning; None where there is no compiler.
+def compiled(
+    policy: Policy, header: Path, folder: Path, language: str = "C99", program: str = "replay.c.jinja"
+) -> ctypes.CDLL | None:
+    """Compile a program of this folder around the header without a warning; None where there is no compiler.
 
     Raises:
         CalledProcessError: the compiler warned, or worse.
@@ -126,11 +74,18 @@ def compiled(policy: Policy, header: Path, folder: Path, language: str = "C99") 
     compiler = shutil.which("g++" if language == "C++17" else "gcc") or shutil.which("cc")
     if compiler is None:
         return None
-    fields = len(Batch(1, Task(**policy.environment)).sensors())
+    source = c_text(
+        program,
+        header=header.name,
+        name=identifier(header.stem),
+        fields=len(sensor_fields(Task(**policy.environment))),
+        inputs=policy.inputs,
+        recurrent=policy.network.gates is not None,
+    )
     library = folder / f"{header.stem}-{len(language)}.so"
     flags = [*LANGUAGES[language], "-O2", "-ffp-contract=off", *WARNINGS, "-shared", "-fPIC", "-"]
     command = [compiler, *flags, "-I", str(header.parent.resolve()), "-o", str(library), "-lm"]
-    subprocess.run(command, input=source(header.name, identifier(header.stem), fields), text=True, check=True)
+    subprocess.run(command, input=source, text=True, check=True)
     return ctypes.CDLL(str(library))
 
 
@@ -141,7 +96,7 @@ def address(array: NDArray[Any]) -> ctypes.c_void_p:
 
 def replay(policy: Policy, header: Path, log: Log, calls: int = CALLS) -> Replay | None:
     """Play a log through the header; None where it holds no controller, or there is no compiler."""
-    if not controller(policy, "any"):
+    if not has_controller(policy):
         return None
     with TemporaryDirectory() as folder:
         program = compiled(policy, header, Path(folder))
@@ -149,9 +104,9 @@ def replay(policy: Policy, header: Path, log: Log, calls: int = CALLS) -> Replay
             return None
         steps = log.steps.astype(np.int32)
         commands, seconds = np.zeros_like(log.commands), np.zeros(calls)
-        told = [address(one) for one in (log.sensors, steps, log.time_weight)]
-        program.play(len(steps), *told, address(commands))
-        program.clocked(len(steps), *told, calls, address(seconds))
+        given = [address(array) for array in (log.sensors, steps, log.time_weight)]
+        program.play(len(steps), *given, address(commands))
+        program.clocked(len(steps), *given, calls, address(seconds))
     task = Task(**policy.environment)
     span = np.diff([task.velocity_range, task.acceleration_range])[:, 0]
     played = np.arange(len(commands))[:, None] < steps

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from tqdm import tqdm  # type: ignore[import-untyped]
+from tqdm import tqdm
 
 from agents.jobs import local, ray_cluster
 from agents.jobs.job import Job
@@ -65,8 +65,8 @@ def gather(
             them. Not with `failures`.
         RuntimeError: no such cluster, or Ray is not installed.
     """
-    wanted = list(jobs)
-    for place, job in enumerate(wanted):
+    jobs = list(jobs)
+    for place, job in enumerate(jobs):
         if not isinstance(job, Job):
             raise WrongTypeError(f"jobs[{place}] must be a Job, got {job!r}")
     retries = whole("retries", retries, at_least=0)
@@ -80,14 +80,13 @@ def gather(
             if given is not None:
                 raise ValueError(f"{name} are those of this machine: give {name} or cluster, not both")
         engine = partial(ray_cluster.run, address=cluster)
-    return _gather(wanted, Path(folder), engine, title, retries, failures)
+    return _gather(jobs, Path(folder), engine, title, retries, failures)
 
 
 def gather_all(jobs: Iterable[Job], folder: Path | str, **options: Any) -> list[Answer]:
     """Return the results in the order of the jobs; options and errors are those of `gather`."""
-    wanted = list(jobs)
-    came = dict(gather(wanted, folder, **options))
-    return [came[place] for place in range(len(wanted))]
+    answers = dict(gather(jobs, folder, **options))
+    return [answers[place] for place in range(len(answers))]
 
 
 def _gather(
@@ -96,29 +95,26 @@ def _gather(
     places: dict[str, list[int]] = {}
     for place, job in enumerate(jobs):
         places.setdefault(job.key, []).append(place)
-    missing: list[str] = []
+    missing: list[Job] = []
     failed: list[tuple[Job, Failure]] = []
     bar = tqdm(total=len(jobs), desc=title, smoothing=0.02, disable=not jobs)
     with bar, closing(Store(folder)) as store:
         for key, same in places.items():
-            kept = store.read(key)
-            if kept is None or (isinstance(kept, Failure) and not failures):
-                missing.append(key)
+            answer = store.read(key)
+            if answer is None or (isinstance(answer, Failure) and not failures):
+                missing.append(jobs[same[0]])
                 continue
             bar.update(len(same))
-            for place in same:
-                yield place, copy(kept)
+            yield from ((place, copy(answer)) for place in same)
         if missing:
-            pending = [jobs[places[key][0]] for key in missing]
-            with closing(engine(pending, retries)) as answers:
+            with closing(engine(missing, retries)) as answers:
                 for number, answer in answers:
-                    same = places[missing[number]]
-                    bar.update(len(same))
+                    job = missing[number]
+                    bar.update(len(places[job.key]))
                     if isinstance(answer, Failure) and not failures:
-                        failed.append((pending[number], answer))
+                        failed.append((job, answer))
                         continue
-                    store.write(pending[number], answer)
-                    for place in same:
-                        yield place, copy(answer)
+                    store.write(job, answer)
+                    yield from ((place, copy(answer)) for place in places[job.key])
     if failed:
         raise JobsFailedError(failed, len(jobs))

@@ -74,24 +74,21 @@ def resolve(function: str) -> Callable[..., Any]:
         raise ValueError(f"function {function!r} is not importable: {error}") from error
     if not callable(found):
         raise ValueError(f"function {function!r} is no function but {found!r}")
-    called: Callable[..., Any] = found
-    return called
+    return found
 
 
-@lru_cache
-def _signature(called: Callable[..., Any]) -> inspect.Signature:
-    return inspect.signature(called)
+_signature = lru_cache(inspect.signature)
 
 
 def _plain(function: str, arguments: dict[str, Any]) -> dict[str, Any]:
     """Return a copy of the arguments as JSON gives them back, which must be what they are."""
+    where = f"arguments of {function} must be"
     try:
-        copied: dict[str, Any] = json.loads(json.dumps(arguments, allow_nan=False))
-        same = copied == arguments
+        copied = json.loads(json.dumps(arguments, allow_nan=False))
+        if copied == arguments:
+            return copied
     except TypeError as error:
-        raise WrongTypeError(f"arguments of {function} must be what JSON holds: {error}; got {arguments!r}") from None
+        raise WrongTypeError(f"{where} what JSON holds: {error}; got {arguments!r}") from None
     except ValueError as error:  # not finite, or a circle
-        raise ValueError(f"arguments of {function} must be finite and what JSON holds: {error}") from None
-    if not same:
-        raise WrongTypeError(f"arguments of {function} must be what JSON holds (lists, string keys), got {arguments!r}")
-    return copied
+        raise ValueError(f"{where} finite and what JSON holds: {error}") from None
+    raise WrongTypeError(f"{where} what JSON holds (lists, string keys), got {arguments!r}")

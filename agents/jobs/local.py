@@ -80,14 +80,14 @@ class _Slot:
             self.end()
             answer = self._running(job).submit(perform, job.function, job.arguments)
         self._began = math.inf
-        self._ready.add_done_callback(self._note_beginning)
+        self._ready.add_done_callback(self._begin_to_count)
         return answer
 
     def worked(self) -> float:
         """Return for how long it has been at its job, s; starting the process does not count."""
         return monotonic() - self._began
 
-    def _note_beginning(self, _: Future[None]) -> None:
+    def _begin_to_count(self, _: Future[None]) -> None:
         self._began = monotonic()
 
     def _running(self, job: Job) -> ProcessPoolExecutor:
@@ -111,18 +111,16 @@ class _Slot:
 
 def _prepare() -> None:
     """Leave Ctrl-C to the gathering process, and end with it however it ends."""
+
+    def end_with_parent() -> None:
+        multiprocessing.parent_process().join()
+        os._exit(1)
+
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    threading.Thread(target=end_with_parent, daemon=True).start()
 
 
 def _load(function: str) -> None:
     """Import what a job needs, which takes seconds where it is large; `perform` says why it cannot be."""
     with suppress(Exception, SystemExit):
         resolve(function)
-
-
-def _end_with_parent() -> None:
-    parent = multiprocessing.parent_process()
-    assert parent is not None  # this is a worker
-    parent.join()
-    os._exit(1)

@@ -17,15 +17,13 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from tqdm import tqdm  # type: ignore[import-untyped]
+from tqdm import tqdm
 
 from agents.jobs.job import Job
 from agents.jobs.sources import stage
 from agents.jobs.work import ONE_THREAD, Answer, Answers, Failure, lost, perform
 
-AHEAD = (
-    4  # tasks under way for each core of the cluster: enough to hide the way there, few enough for the head's memory
-)
+AHEAD = 4  # tasks under way for each core: enough to hide the way there, few enough for the head's memory
 LEAST = 64
 """Tasks under way at the least. Where the last one in Ray's queue is done while a longer one runs on another node, what
 is asked for next may wait for that node though this one is idle (seen with Ray 2.60): so the queue never runs dry."""
@@ -36,8 +34,12 @@ DECISIVE = ("numpy", "scipy")
 
 def run(jobs: Sequence[Job], retries: int, *, address: str) -> Answers:
     """Do jobs on the cluster at `address`; see `agents.jobs.work.Engine` and `agents.jobs.gather`."""
-    ray = _ray()
-    versions = {name: version(name) for name in DECISIVE}
+    try:
+        import ray
+        import ray.exceptions
+    except ImportError as error:
+        message = f"Ray is not installed ({error}): install the extra `cluster`, here and on all nodes"
+        raise RuntimeError(message) from error
     with _connected(ray, address, jobs):
         task = ray.remote(num_cpus=1, max_retries=0)(_perform_alike)
         waiting, losses = deque(range(len(jobs))), Counter[int]()
@@ -47,7 +49,7 @@ def run(jobs: Sequence[Job], retries: int, *, address: str) -> Answers:
         def fill() -> None:
             while waiting and len(flying) < max(AHEAD * cores, LEAST):
                 place = waiting.popleft()
-                flying[task.remote(jobs[place].function, jobs[place].arguments, versions)] = place
+                flying[task.remote(jobs[place].function, jobs[place].arguments, _versions())] = place
 
         try:
             while waiting or flying:
@@ -87,17 +89,6 @@ def _versions() -> dict[str, str]:
     return {name: version(name) for name in DECISIVE}
 
 
-def _ray() -> Any:
-    try:
-        import ray
-        import ray.exceptions
-    except ImportError as error:
-        raise RuntimeError(
-            f"Ray is not installed ({error}): install the extra `cluster`, here and on all nodes"
-        ) from error
-    return ray
-
-
 @contextmanager
 def _connected(ray: Any, address: str, jobs: Sequence[Job]) -> Iterator[None]:
     """Connect to the cluster, with the sources; or use the connection that this process has, as it is.
@@ -109,18 +100,12 @@ def _connected(ray: Any, address: str, jobs: Sequence[Job]) -> Iterator[None]:
         yield
         return
     with tempfile.TemporaryDirectory(prefix="impact-gym-sources-") as folder:
-        sources = stage(
-            {job.function for job in jobs}, Path(folder) / "sources.zip"
-        )  # of a folder, Ray leaves kernels out
+        sources = stage({job.function for job in jobs}, Path(folder) / "sources.zip")  # Ray leaves kernels out
         environment = {"working_dir": str(sources), "env_vars": ONE_THREAD}
+        name = "auto" if address == "ray" else address
         try:
             _listens(address)
-            ray.init(
-                "auto" if address == "ray" else address,
-                runtime_env=environment,
-                log_to_driver=False,
-                logging_level="WARNING",
-            )
+            ray.init(name, runtime_env=environment, log_to_driver=False, logging_level="WARNING")
         except (OSError, RuntimeError, ValueError) as error:
             raise RuntimeError(
                 f"no Ray cluster at {address!r} ({error}): start one with `ray start --head`, and with `ray start "

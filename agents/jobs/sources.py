@@ -52,10 +52,10 @@ def stage(functions: Iterable[str], path: Path) -> Path:
         raise ValueError(f"the sources for the cluster are {size / 1e6:.0f} MB, more than {LARGEST / 1e6:.0f} MB")
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
         for name in sorted(content):
-            about = zipfile.ZipInfo(name)  # dated 1980, not today
-            about.external_attr = 0o644 << 16
-            about.compress_type = zipfile.ZIP_DEFLATED
-            archive.writestr(about, content[name].read_bytes())
+            entry = zipfile.ZipInfo(name)  # dated 1980, not today
+            entry.external_attr = 0o644 << 16
+            entry.compress_type = zipfile.ZIP_DEFLATED
+            archive.writestr(entry, content[name].read_bytes())
     return path
 
 
@@ -75,6 +75,5 @@ def _files(root: Path, besides: tuple[str, ...] = ()) -> list[Path]:
     """Return a module's file, or those of a package in the order of their names."""
     if root.is_file():
         return [root]
-    return sorted(
-        path for path in root.rglob("*") if path.suffix in SOURCES + besides and not path.name.startswith(".")
-    )
+    suffixes = SOURCES + besides
+    return sorted(path for path in root.rglob("*") if path.suffix in suffixes and not path.name.startswith("."))

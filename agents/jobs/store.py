@@ -5,7 +5,7 @@ import sqlite3
 from dataclasses import asdict
 from pathlib import Path
 
-from tqdm import tqdm  # type: ignore[import-untyped]
+from tqdm import tqdm
 
 from agents.archive import DAMAGE, load, save
 from agents.jobs.job import Job
@@ -73,8 +73,7 @@ class Store:
     def write(self, job: Job, answer: Answer) -> None:
         """Keep a result, or a failure that counts as one."""
         content = {"key": job.key, "function": job.function, "arguments": job.arguments, "depends": job.depends}
-        failed = isinstance(answer, Failure)
-        more, arrays = ({"failure": asdict(answer)}, {}) if failed else ({}, answer)
+        more, arrays = ({"failure": asdict(answer)}, {}) if isinstance(answer, Failure) else ({}, answer)
         packed = io.BytesIO()
         save(packed, FORMAT, content | more, arrays)
         self._database.execute("INSERT OR REPLACE INTO results VALUES (?, ?)", (job.key, packed.getbuffer()))

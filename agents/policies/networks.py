@@ -31,22 +31,12 @@ class Affine:
         if not (np.isfinite(weight).all() and np.isfinite(bias).all()):
             raise ValueError(f"{name}: weight and bias must be finite")
         self.name, self.weight, self.bias = name, weight, bias
+        self.outputs, self.inputs = weight.shape
         self._columns = np.ascontiguousarray(weight.T)
 
     def __call__(self, inputs: Floats) -> Floats:
         """Return the layer's outputs for each row of `inputs`."""
-        result: Floats = np.matmul(inputs[..., None, :], self._columns)[..., 0, :] + self.bias
-        return result
-
-    @property
-    def inputs(self) -> int:
-        """How many numbers it takes."""
-        return int(self.weight.shape[1])
-
-    @property
-    def outputs(self) -> int:
-        """How many numbers it gives."""
-        return int(self.weight.shape[0])
+        return np.matmul(inputs[..., None, :], self._columns)[..., 0, :] + self.bias
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,9 +54,8 @@ class Network:
         if self.activation not in ACTIVATIONS:
             raise ValueError(f"activation must be one of {sorted(ACTIVATIONS)}, got {self.activation!r}")
         if self.log_std.weight.shape != self.mean.weight.shape:
-            raise ValueError(
-                f"log_std {self.log_std.weight.shape} must have the shape of mean {self.mean.weight.shape}"
-            )
+            shapes = self.log_std.weight.shape, self.mean.weight.shape
+            raise ValueError(f"log_std {shapes[0]} must have the shape of mean {shapes[1]}")
         if self.gates and (self.gates.outputs % 4 or self.gates.inputs <= self.width):
             raise ValueError(f"gates {self.gates.weight.shape} are no four gates over inputs and outputs")
         before = self.width if self.gates else self.inputs
@@ -120,8 +109,7 @@ def from_arrays(description: Mapping[str, Any], arrays: Mapping[str, Floats]) ->
 
 def to_arrays(network: Network) -> dict[str, Floats]:
     """Return the weights by name."""
-    named = [(f"{layer.name}.weight", layer.weight) for layer in network.layers()]
-    return dict(named + [(f"{layer.name}.bias", layer.bias) for layer in network.layers()])
+    return {f"{layer.name}.{part}": getattr(layer, part) for part in ("weight", "bias") for layer in network.layers()}
 
 
 def _sigmoid(values: Floats) -> Floats:

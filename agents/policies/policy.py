@@ -21,7 +21,7 @@ from impact_gym.envs.task import Task
 SHIPPED = Path(__file__).parent
 FORMAT = "impact_gym policy 2"
 ACTIONS = 2  # numbers of an action
-SEEN_TO = ("scenario", "time_weight", "privileged", "rtol", "max_episode_steps")
+SET_BY_OTHERS = ("scenario", "time_weight", "privileged", "rtol", "max_episode_steps")
 """Arguments of an environment that a policy may meet otherwise than in training."""
 
 
@@ -50,18 +50,14 @@ class Policy:
         """
         self.network, self.environment, self.provenance = network, dict(environment), dict(provenance)
         self.observation_table, self.action_table = observation_table(environment), action_table(environment)
-        if network.inputs != len(self.observation_table):
-            raise ValueError(f"the network takes {network.inputs} numbers, the environment shows "
-                             f"{len(self.observation_table)}")  # fmt: skip
+        self.inputs, shown = network.inputs, len(self.observation_table)
+        """Length of the observation."""
+        if self.inputs != shown:
+            raise ValueError(f"the network takes {self.inputs} numbers, the environment shows {shown}")
         if network.mean.outputs != ACTIONS:
             raise ValueError(f"the network gives {network.mean.outputs} numbers, an action has {ACTIONS}")
         self._noise = np.random.default_rng()
-        self._said = False
-
-    @property
-    def inputs(self) -> int:
-        """Length of the observation."""
-        return self.network.inputs
+        self._warned = False
 
     def predict(
         self,
@@ -94,18 +90,18 @@ class Policy:
     def differs_in(self, task: Task) -> list[str]:
         """Return the arguments in which a task is another than the one that the policy was trained for."""
         own = Task(**self.environment)
-        names = [one.name for one in fields(Task) if one.init and one.name not in SEEN_TO]
+        names = {argument.name for argument in fields(Task) if argument.init} - {*SET_BY_OTHERS}
         other = {name for name in names if getattr(own, name) != getattr(task, name)}
         ranges = {name for name in {*own.drawn, *task.drawn} if own.drawn.get(name) != task.drawn.get(name)}
         return sorted(other | {name.partition(".")[0] for name in ranges})
 
     def warn_if_elsewhere(self, task: Task) -> None:
         """Warn, once, if a task is another than the one that the policy was trained for."""
-        other = [] if self._said else self.differs_in(task)
+        other = [] if self._warned else self.differs_in(task)
         if other:
-            self._said = True
-            said = f"the policy was trained for another environment, which differs in {', '.join(other)}"
-            warnings.warn(said, stacklevel=3)
+            self._warned = True
+            differs = f"which differs in {', '.join(other)}"
+            warnings.warn(f"the policy was trained for another environment, {differs}", stacklevel=3)
 
     def save(self, path: Path | str) -> Path:
         """Write the policy to `path`, whole or not at all."""
@@ -130,13 +126,11 @@ def observation_table(environment: Mapping[str, Any]) -> list[dict[str, Any]]:
 def action_table(environment: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Return what the action's entries in [-1, 1] mean."""
     task = Task(**environment)
-    columns = {
-        "name": ("velocity to go to", "acceleration to use for it"),
-        "unit": ("m/s", "m/s^2"),
-        "low": (task.velocity_range[0], task.acceleration_range[0]),
-        "high": (task.velocity_range[1], task.acceleration_range[1]),
-    }
-    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+    rows = [
+        ("velocity to go to", "m/s", *task.velocity_range),
+        ("acceleration to use for it", "m/s^2", *task.acceleration_range),
+    ]
+    return [dict(zip(("name", "unit", "low", "high"), row, strict=True)) for row in rows]
 
 
 def load_policy(name: str | Path) -> Policy:
@@ -146,12 +140,9 @@ def load_policy(name: str | Path) -> Policy:
         FileNotFoundError: neither a shipped policy nor a file; lists what is shipped.
         ValueError: the file is not a policy, or is damaged, or was made for other scales than the environment has.
     """
-    path = SHIPPED / f"{name}.npz"
-    if not path.is_file():
-        path = Path(name)
-    if path.is_dir():
-        path = path / "best.npz"
-    if not path.is_file():
+    places = (SHIPPED / f"{name}.npz", Path(name), Path(name) / "best.npz")
+    path = next((place for place in places if place.is_file()), None)
+    if path is None:
         shipped = sorted(file.stem for file in SHIPPED.glob("*.npz"))
         raise FileNotFoundError(f"no policy {str(name)!r}: it is no file, and shipped are {shipped}")
     content, arrays = read_archive(path, FORMAT)

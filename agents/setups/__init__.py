@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 
 import gymnasium as gym
 
-from agents.setups.evaluation import Evaluation
-from agents.setups.keys import known, names, table, text
+from agents.setups.evaluation import Evaluation, arguments_of_task
+from agents.setups.keys import known, names, table, text, within
 from impact_gym.envs.task import Task
 from impact_gym.validation import number, whole
 
@@ -26,8 +26,6 @@ VERSION = 1
 TABLES = ("environment", "training", "baselines", "evaluation")
 SEEDS = 10
 BUDGET = 4800  # candidates for each time weight, unless the file says otherwise
-SET_BY_OTHERS = ("time_weight", "privileged", "max_episode_steps")
-"""Arguments of the environment that training and evaluation see to."""
 README = ("linear-blind", "linear-ranged", "bistable-blind")
 """Those that the README, `make report` and `make train-all` are about."""
 RULES = ("BlindProfile", "ConstantDeceleration", "ConstantSpeed", "Ranged")
@@ -81,14 +79,15 @@ class Setup:
         return SHIPPED.parent if self.shipped else Path("runs") / self.name
 
     def describes(self, environment: Mapping[str, Any]) -> bool:
-        """Whether these arguments of an environment are this one's, but for those that others see to."""
+        """Whether an environment with these arguments is this set-up's."""
         return same_environment(self.environment, environment)
 
 
 def same_environment(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
     """Whether two mappings of arguments are the same environment, whatever is left to defaults."""
-    tasks = [Task(**{name: v for name, v in each.items() if name not in SET_BY_OTHERS}) for each in (one, other)]
-    return tasks[0] == tasks[1]
+    names = arguments_of_task()
+    first, second = (Task(**{name: each[name] for name in names if name in each}) for each in (one, other))
+    return first == second
 
 
 def shipped() -> tuple[str, ...]:
@@ -98,7 +97,7 @@ def shipped() -> tuple[str, ...]:
 
 def owner(baseline: str) -> Setup | None:
     """Return the shipped set-up for which `baseline` is tuned."""
-    return next((one for one in map(load_setup, shipped()) if baseline in one.tuned), None)
+    return next((setup for setup in map(load_setup, shipped()) if baseline in setup.tuned), None)
 
 
 def load_setup(name_or_path: str | Path) -> Setup:
@@ -120,10 +119,8 @@ def _loaded(path: Path, _: int) -> Setup:
         content = tomllib.loads(path.read_text())
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise ValueError(f"{path} is not read as TOML: {error}") from error
-    try:
+    with within(str(path)):
         return _setup(path, content)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{path}: {error}") from error
 
 
 def _setup(path: Path, content: dict[str, Any]) -> Setup:
@@ -132,25 +129,19 @@ def _setup(path: Path, content: dict[str, Any]) -> Setup:
         raise ValueError(f"version must be {VERSION}, got {version!r}: the set-up is one of another version of agents")
     known("", content, ("version", "title", "about", *TABLES))
     environment, training, baselines, evaluation = (table(content, name) for name in TABLES)
-    arguments = [name for name, one in Task.__dataclass_fields__.items() if one.init and name not in SET_BY_OTHERS]
-    known("environment.", environment, arguments)
-    try:
+    known("environment.", environment, arguments_of_task())
+    with within("environment"):
         task = Task(**environment)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"environment: {error}") from error
     known("baselines.", baselines, ("against", "tuned", "bound", "budget"))
-    given = table(baselines, "tuned", "baselines.")
-    usual = {f"{path.stem}-profile": "BlindProfile" if task.range_noise is None else "Ranged"}
-    tuned = {name: _tuned(f"baselines.tuned.{name}", one) for name, one in (given or usual).items()}
-    blind = [name for name, one in tuned.items() if one.rule == "Ranged" and task.range_noise is None]
-    if blind:
-        raise ValueError(
-            f"baselines.tuned.{blind[0]}: Ranged needs an estimate of the distance, environment.range_noise"
-        )
+    blind = task.range_noise is None
+    usual = {f"{path.stem}-profile": "BlindProfile" if blind else "Ranged"}
+    listed = table(baselines, "tuned", "baselines.") or usual
+    tuned = {name: _tuned(f"baselines.tuned.{name}", given, blind) for name, given in listed.items()}
+    title = text(content, "title", path.stem)
     return Setup(
         path.stem,
-        text(content, "title", path.stem),
-        text(content, "about", text(content, "title", path.stem)),
+        title,
+        text(content, "about", title),
         environment,
         training,
         tuned,
@@ -163,10 +154,13 @@ def _setup(path: Path, content: dict[str, Any]) -> Setup:
     )
 
 
-def _tuned(name: str, given: Any) -> Tuned:
-    table = {"rule": given} if isinstance(given, str) else given
-    if not isinstance(table, dict) or table.get("rule") not in RULES:
+def _tuned(name: str, given: Any, blind: bool) -> Tuned:
+    """Return what a file says of a baseline: a rule, or a table with one; `blind` where no distance is estimated."""
+    entry = {"rule": given} if isinstance(given, str) else given
+    if not isinstance(entry, dict) or entry.get("rule") not in RULES:
         raise ValueError(f"{name} must be a rule, one of {', '.join(RULES)}, or a table with one, got {given!r}")
-    known(f"{name}.", table, Tuned._fields)
-    rtol = number(f"{name}.rtol", table.get("rtol", Task.rtol), "(no unit)", at_least=1e-13, at_most=1e-2)
-    return Tuned(table["rule"], rtol)
+    known(f"{name}.", entry, Tuned._fields)
+    rtol = number(f"{name}.rtol", entry.get("rtol", Task.rtol), "(no unit)", at_least=1e-13, at_most=1e-2)
+    if blind and entry["rule"] == "Ranged":
+        raise ValueError(f"{name}: Ranged needs an estimate of the distance, environment.range_noise")
+    return Tuned(entry["rule"], rtol)

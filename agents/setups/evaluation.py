@@ -5,13 +5,13 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Any
 
-from agents.setups.keys import known, table
+from agents.setups.keys import known, table, within
 from impact_gym.envs import evaluation_sets
 from impact_gym.envs.task import Task
 from impact_gym.validation import number, numbers, whole
 
 WEIGHTS = (0.7, 1.0, 2.0, 4.0)  # m/s per s
-SEEN_TO = ("scenario", "time_weight", "privileged", "max_episode_steps")
+SET_BY_OTHERS = ("time_weight", "privileged", "max_episode_steps")
 """Arguments of the environment that training and evaluation see to."""
 AS_TRAINED = "as trained"
 
@@ -59,30 +59,25 @@ class Evaluation:
         Raises:
             TypeError, ValueError: a key is unknown, a value out of range, or a change makes no environment; names it.
         """
-        known("evaluation.", content, [one.name for one in fields(cls)])
+        known("evaluation.", content, [item.name for item in fields(cls)])
         given = dict(content)
-        for name in ("weights", "curve"):
-            if name in given:
-                given[name] = tuple(sorted(numbers(f"evaluation.{name}", given[name], "m/s per s", above=0)))
-                if not given[name] or len(set(given[name])) < len(given[name]):
-                    raise ValueError(f"evaluation.{name} must hold weights, none twice, got {content[name]!r}")
-        if "typical" in given:
-            given["typical"] = number("evaluation.typical", given["typical"], "m/s per s", above=0)
-        if "at_most" in given:
-            given["at_most"] = number("evaluation.at_most", given["at_most"], "(no unit)", above=0)
+        for name in {"weights", "curve"} & content.keys():
+            given[name] = tuple(sorted(numbers(f"evaluation.{name}", content[name], "m/s per s", above=0)))
+            if not given[name] or len(set(given[name])) < len(given[name]):
+                raise ValueError(f"evaluation.{name} must hold weights, none twice, got {content[name]!r}")
+        for name, unit in (("typical", "m/s per s"), ("at_most", "(no unit)")):
+            if name in content:
+                given[name] = number(f"evaluation.{name}", content[name], unit, above=0)
         for name in ("set", "of"):
             if not isinstance(given.get(name, ""), str):
                 raise ValueError(f"evaluation.{name} must be a name, got {given[name]!r}")
         count = evaluation_sets.load(given.get("set", cls.set)).count
-        given["scenarios"] = whole(
-            "evaluation.scenarios", given.get("scenarios", min(cls.scenarios, count)), at_least=2
-        )
-        if given["scenarios"] > count:
-            raise ValueError(f"evaluation.scenarios must be at most the {count} of the set, got {given['scenarios']}")
-        if "varied" in given:
-            for name, values in table(content, "varied", "evaluation.").items():
-                list(changes(name, values, environment, strict=True))
-        return cls(**given)
+        scenarios = whole("evaluation.scenarios", given.get("scenarios", min(cls.scenarios, count)), at_least=2)
+        if scenarios > count:
+            raise ValueError(f"evaluation.scenarios must be at most the {count} of the set, got {scenarios}")
+        for name, values in table(content, "varied", "evaluation.").items():
+            list(changes(name, values, environment, strict=True))
+        return cls(**given | {"scenarios": scenarios})
 
 
 @dataclass(frozen=True)
@@ -100,7 +95,8 @@ class Change:
 
 def variants(evaluation: Evaluation, environment: Mapping[str, Any]) -> list[Change]:
     """Return all changes that `evaluation` asks for and `environment` knows, argument by argument."""
-    return [one for name, values in evaluation.varied.items() for one in changes(name, values, environment)]
+    varied = evaluation.varied.items()
+    return [change for name, values in varied for change in changes(name, values, environment)]
 
 
 def changes(name: str, values: Any, environment: Mapping[str, Any], strict: bool = False) -> Iterator[Change]:
@@ -118,67 +114,64 @@ def changes(name: str, values: Any, environment: Mapping[str, Any], strict: bool
     if not isinstance(listed, list) or not listed:
         raise ValueError(f"{where} must be a list of values, or a table with one, {{ times = [...] }}, got {values!r}")
     if name == "scenario":
-        yield from _other_scenarios(listed, environment)
+        for scenarios in listed:
+            same = scenarios == AS_TRAINED
+            if not same:
+                evaluation_sets.load(scenarios)  # raises where there is none
+            yield Change(name, scenarios, math.nan, False, environment, "" if same else scenarios, same)
         return
+    arguments = _arguments(environment)
     if strict:
-        known("evaluation.varied.", [name], ["scenario", *_arguments(environment)])
-    own = _arguments(environment).get(name)
-    if own is None and name != "robot":
+        known("evaluation.varied.", [name], ["scenario", *arguments])
+    if arguments.get(name) is None and name != "robot":
         return
     for value in listed:
         try:
-            new = _times(number("times", value, "(no unit)", above=0), own) if multiples else value
-            changed = _changed(environment, name, None if new == "rigid" else new)
-            same = Task(**changed) == Task(**environment)
-        except (TypeError, ValueError) as error:
+            with within(where):
+                changed = _changed(environment, name, value, multiples)
+                same = Task(**changed) == Task(**environment)
+        except ValueError:
             if strict:
-                raise ValueError(f"{where}: {error}") from error
+                raise
             continue
-        at = float(value) if isinstance(value, (int, float)) else math.nan
-        yield Change(name, _label(value), at, multiples, changed, same=same)
+        size = float(value) if isinstance(value, (int, float)) else math.nan
+        yield Change(name, _label(value), size, multiples, changed, same=same)
 
 
-def _other_scenarios(listed: list[Any], environment: Mapping[str, Any]) -> Iterator[Change]:
-    for one in listed:
-        same = one == AS_TRAINED
-        if not same:
-            evaluation_sets.load(one)  # raises where there is none
-        yield Change("scenario", one, math.nan, False, environment, "" if same else one, same)
+def arguments_of_task() -> list[str]:
+    """Return the names of the arguments that say what an environment is, not what it is used for."""
+    return [item.name for item in fields(Task) if item.init and item.name not in SET_BY_OTHERS]
 
 
 def _arguments(environment: Mapping[str, Any]) -> dict[str, Any]:
     """Return what an environment is made with, by dotted name, whatever is left to defaults."""
     task, found = Task(**environment), {}
-    for one in fields(Task):
-        if not one.init or one.name in SEEN_TO:
-            continue
-        value, record = environment.get(one.name, getattr(task, one.name)), getattr(task, one.name)
+    for name in (name for name in arguments_of_task() if name != "scenario"):
+        record = getattr(task, name)
+        found[name] = environment.get(name, record)
         if is_dataclass(record):
-            given = value if isinstance(value, Mapping) else {}
-            found |= {f"{one.name}.{part.name}": getattr(record, part.name) for part in fields(record)}
-            found |= {f"{one.name}.{part}": pair for part, pair in given.items() if part != "type"}
-        found[one.name] = value
+            given = found[name] if isinstance(found[name], Mapping) else {}
+            parts = {part.name: getattr(record, part.name) for part in fields(record)} | given
+            found |= {f"{name}.{part}": value for part, value in parts.items() if part != "type"}
     return found
 
 
-def _changed(environment: Mapping[str, Any], name: str, new: Any) -> dict[str, Any]:
-    """Return the arguments with one that is new; a field of a record among those that the record has."""
+def _changed(environment: Mapping[str, Any], name: str, value: Any, multiple: bool) -> dict[str, Any]:
+    """Return the arguments with one that is new, or a multiple; a field of a record among those that the record has."""
+    arguments = _arguments(environment)
+    if multiple:
+        own, factor = arguments[name], number("times", value, "(no unit)", above=0)
+        value = [factor * end for end in own] if isinstance(own, (list, tuple)) else factor * own
+    value = None if value == "rigid" else value
     top, _, inner = name.partition(".")
     if not inner:
-        return {**environment, top: new}
+        return {**environment, top: value}
+    parts = {key.removeprefix(f"{top}."): held for key, held in arguments.items() if key.startswith(f"{top}.")}
     kind = type(getattr(Task(**environment), top)).__name__
-    parts = {
-        key.partition(".")[2]: value for key, value in _arguments(environment).items() if key.startswith(f"{top}.")
-    }
-    return {**environment, top: {"type": kind, **parts, inner: new}}
-
-
-def _times(share: float, value: Any) -> Any:
-    """Return a multiple of a number, or of both ends of a range."""
-    return [share * one for one in value] if isinstance(value, (list, tuple)) else share * value
+    return {**environment, top: {"type": kind, **parts, inner: value}}
 
 
 def _label(value: Any) -> str:
     if isinstance(value, Mapping):
-        return ", ".join(f"{name} {_label(one)}" for name, one in value.items() if name != "type")
+        return ", ".join(f"{name} {_label(part)}" for name, part in value.items() if name != "type")
     return f"{value:g}" if isinstance(value, (int, float)) else str(value)

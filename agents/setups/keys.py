@@ -1,8 +1,18 @@
 """Reading tables of a file: a mistake gets one line that names the key, what it was given and what is allowed."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from difflib import get_close_matches
 from typing import Any
+
+
+@contextmanager
+def within(place: str) -> Iterator[None]:
+    """Raise what is wrong inside as a ValueError that begins with `place`."""
+    try:
+        yield
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{place}: {error}") from error
 
 
 def known(prefix: str, given: Iterable[str], allowed: Iterable[str]) -> None:
@@ -12,7 +22,7 @@ def known(prefix: str, given: Iterable[str], allowed: Iterable[str]) -> None:
         if key not in names:
             nearest = get_close_matches(key, names, 1)
             meant = f"; did you mean {nearest[0]!r}?" if nearest else "."
-            raise ValueError(f"unknown key {prefix}{key!s}{meant} Known are {', '.join(names)}")
+            raise ValueError(f"unknown key {prefix}{key}{meant} Known are {', '.join(names)}")
 
 
 def table(content: Mapping[str, Any], name: str, prefix: str = "") -> dict[str, Any]:

@@ -13,25 +13,17 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from agents.policies.networks import Affine, Network
 from agents.policies.policy import Policy
-from agents.train.ppo import (
-    entry_names,
-    fold_in_standardisation,
-    layer_arguments,
-    network_arguments,
-    on_policy_arguments,
-    ppo,
-)
+from agents.train import ppo
 from agents.train.settings import Settings
 
 
 def make_model(settings: Settings, environment: VecEnv) -> BaseAlgorithm:
     """Return a model that has learned nothing yet."""
     if settings.algo == "ppo":
-        return ppo(settings, environment)
+        return ppo.ppo(settings, environment)
     if settings.algo == "recurrent_ppo":
-        network = network_arguments(settings) | {"lstm_hidden_size": settings.on_policy.lstm}
-        arguments = on_policy_arguments(settings, environment)
-        return RecurrentPPO("MlpLstmPolicy", policy_kwargs=network, **arguments)
+        network = ppo.network_arguments(settings) | {"lstm_hidden_size": settings.on_policy.lstm}
+        return RecurrentPPO("MlpLstmPolicy", policy_kwargs=network, **ppo.on_policy_arguments(settings, environment))
     off = settings.off_policy
     return {"sac": SAC, "tqc": TQC}[settings.algo](
         "MlpPolicy",
@@ -44,7 +36,7 @@ def make_model(settings: Settings, environment: VecEnv) -> BaseAlgorithm:
         gamma=1.0,
         train_freq=1,
         gradient_steps=off.gradient_steps,
-        policy_kwargs=layer_arguments(settings),
+        policy_kwargs=ppo.layer_arguments(settings),
         seed=settings.seed,
         device="cpu",
     )
@@ -52,8 +44,7 @@ def make_model(settings: Settings, environment: VecEnv) -> BaseAlgorithm:
 
 def policy_from(model: BaseAlgorithm, settings: Settings, provenance: Mapping[str, Any]) -> Policy:
     """Return a copy of what acts in a model, as plain arrays."""
-    network: Any = model.policy
-    gates = None
+    network, gates = model.policy, None
     if settings.algo in ("sac", "tqc"):
         hidden, mean, squash = network.actor.latent_pi, network.actor.mu, True
         log_std = _affine("log_std", network.actor.log_std)
@@ -65,18 +56,17 @@ def policy_from(model: BaseAlgorithm, settings: Settings, provenance: Mapping[st
             gates = _gates(network.lstm_actor)
     linear = [layer for layer in hidden if isinstance(layer, torch.nn.Linear)]
     layers = [_affine(f"hidden_{place}", layer) for place, layer in enumerate(linear)]
-    names = entry_names(settings.environment)
+    names = ppo.entry_names(settings.environment)
     if gates:
-        gates = fold_in_standardisation(gates, names)
+        gates = ppo.fold_in_standardisation(gates, names)
     else:
-        layers[0] = fold_in_standardisation(layers[0], names)
+        layers[0] = ppo.fold_in_standardisation(layers[0], names)
     acting = Network(tuple(layers), _affine("mean", mean), log_std, settings.activation, squash, gates)
     return Policy(acting, settings.environment, provenance)
 
 
-def _array(tensor: Any) -> NDArray[np.float32]:
-    array: NDArray[np.float32] = tensor.detach().numpy().copy()
-    return array
+def _array(tensor: torch.Tensor) -> NDArray[np.float32]:
+    return tensor.detach().numpy().copy()
 
 
 def _affine(name: str, layer: torch.nn.Linear) -> Affine:

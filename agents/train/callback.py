@@ -84,10 +84,10 @@ class TrainingCallback(BaseCallback):
         self.kept["seconds"] += time.perf_counter() - self._begun
 
     def _due(self, what: str, every: int) -> bool:
-        due: bool = self.num_timesteps // every > self.kept["last"][what] // every
-        if due:
-            self.kept["last"][what] = self.num_timesteps
-        return due
+        if self.num_timesteps // every == self.kept["last"][what] // every:
+            return False
+        self.kept["last"][what] = self.num_timesteps
+        return True
 
     def validate(self) -> Policy:
         """Play the validation set, keep the policy if it is the best so far, and return it."""
@@ -108,13 +108,11 @@ class TrainingCallback(BaseCallback):
         return policy
 
     def _write_row(self) -> None:
-        kept = self.kept
-        if kept["episodes"]:  # else it would say nan
+        if self.kept["episodes"]:  # else it would say nan
             for name in OBJECTIVES:
-                self.logger.record(f"objectives/{name}", kept["sums"][name] / kept["episodes"])
-        kept["sums"], kept["episodes"] = dict.fromkeys(OBJECTIVES, 0.0), 0
-        seconds = time.perf_counter() - self._begun
-        if self.num_timesteps > self._begun_at:
-            self.logger.record("time/steps_per_second", (self.num_timesteps - self._begun_at) / seconds)
+                self.logger.record(f"objectives/{name}", self.kept["sums"][name] / self.kept["episodes"])
+        self.kept |= {"sums": dict.fromkeys(OBJECTIVES, 0.0), "episodes": 0}
+        if steps := self.num_timesteps - self._begun_at:
+            self.logger.record("time/steps_per_second", steps / (time.perf_counter() - self._begun))
         self.logger.record(STEPS, self.num_timesteps, exclude="tensorboard")
         self.logger.dump(step=self.num_timesteps)

@@ -33,8 +33,7 @@ def write(path: Path, model: BaseAlgorithm, environment: ScaledRewards, callback
         "log": [dict(values) for values in _pending(model)],
         "callback_state": dict(callback_state),
     }
-    tree = _pack(state, arrays)
-    write_archive(path, FORMAT, {"state": tree}, arrays)
+    write_archive(path, FORMAT, {"state": _pack(state, arrays)}, arrays)
 
 
 def restore(path: Path, model: BaseAlgorithm, environment: ScaledRewards) -> dict[str, Any]:
@@ -56,8 +55,7 @@ def restore(path: Path, model: BaseAlgorithm, environment: ScaledRewards) -> dic
     for values, kept in zip(_pending(model), state["log"], strict=True):
         values.clear()
         values.update(kept)
-    callback_state: dict[str, Any] = state["callback_state"]
-    return callback_state
+    return state["callback_state"]
 
 
 def _pending(model: BaseAlgorithm) -> tuple[dict[str, Any], ...]:
@@ -104,32 +102,36 @@ def _restore_model(model: Any, state: Mapping[str, Any]) -> None:
 
 def _pack(value: Any, arrays: dict[str, NDArray[Any]]) -> Any:
     """Return `value` as JSON can hold it, tensors and arrays put into `arrays` and named in their place."""
-    if isinstance(value, torch.Tensor | np.ndarray):
-        kind = "tensor" if isinstance(value, torch.Tensor) else "array"
-        name = f"{kind}_{len(arrays)}"
-        arrays[name] = value.detach().numpy() if isinstance(value, torch.Tensor) else value
-        return {kind: name}
-    if isinstance(value, Mapping):
-        return {"items": [[key, _pack(one, arrays)] for key, one in value.items()]}
-    if isinstance(value, tuple | list):
-        return {type(value).__name__: [_pack(one, arrays) for one in value]}
-    if isinstance(value, np.generic):
-        return {"scalar": _pack(np.asarray(value), arrays)["array"]}
-    if value is None or isinstance(value, str | int | float):
-        return value
+    match value:
+        case torch.Tensor() | np.ndarray():
+            kind = "tensor" if isinstance(value, torch.Tensor) else "array"
+            name = f"{kind}_{len(arrays)}"
+            arrays[name] = value.detach().numpy() if kind == "tensor" else value
+            return {kind: name}
+        case Mapping():
+            return {"items": [[key, _pack(part, arrays)] for key, part in value.items()]}
+        case tuple() | list():
+            return {type(value).__name__: [_pack(part, arrays) for part in value]}
+        case np.generic():
+            return {"scalar": _pack(np.asarray(value), arrays)["array"]}
+        case None | str() | int() | float():
+            return value
     raise TypeError(f"a checkpoint cannot hold {type(value)}")
 
 
 def _unpack(tree: Any, arrays: Mapping[str, NDArray[Any]]) -> Any:
     """Return what `_pack` was given."""
-    if not isinstance(tree, dict):
-        return tree
-    ((kind, value),) = tree.items()
-    if kind == "items":
-        return {key: _unpack(one, arrays) for key, one in value}
-    if kind in ("tuple", "list"):
-        values = [_unpack(one, arrays) for one in value]
-        return tuple(values) if kind == "tuple" else values
-    if kind == "scalar":
-        return arrays[value][()]
-    return torch.from_numpy(arrays[value]) if kind == "tensor" else arrays[value]
+    match tree:
+        case {"items": pairs}:
+            return {key: _unpack(part, arrays) for key, part in pairs}
+        case {"tuple": parts}:
+            return tuple(_unpack(part, arrays) for part in parts)
+        case {"list": parts}:
+            return [_unpack(part, arrays) for part in parts]
+        case {"scalar": name}:
+            return arrays[name][()]
+        case {"tensor": name}:
+            return torch.from_numpy(arrays[name])
+        case {"array": name}:
+            return arrays[name]
+    return tree

@@ -47,7 +47,6 @@ class ScaledRewards(VecEnvWrapper):
 
     def __init__(self, envs: ImpactVecEnv, power: float) -> None:
         super().__init__(envs)
-        self._envs = envs
         self._power = power
         self._scale: NDArray[np.float32] = np.ones(envs.num_envs, np.float32)
 
@@ -66,12 +65,12 @@ class ScaledRewards(VecEnvWrapper):
 
     def get_state(self) -> dict[str, Any]:
         """Return a copy of all that goes on."""
-        return {"scale": self._scale, "envs": self._envs.get_state()}
+        return {"scale": self._scale, "envs": self.venv.get_state()}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Go on from what `get_state` returned."""
         self._scale = state["scale"]
-        self._envs.set_state(state["envs"])
+        self.venv.set_state(state["envs"])
 
     def _see(self, observations: Any) -> None:
         """Take the scale from the time weights in `observations` (num_envs, n_obs)."""
@@ -141,23 +140,20 @@ def entry_names(environment: Mapping[str, Any]) -> list[str]:
     return [entry["name"] for entry in observation_table(environment)]
 
 
-def centres_and_spreads(names: Sequence[str]) -> tuple[list[float], list[float]]:
-    """Return centres and spreads of entries of the observation; of one that is not in the table, 0 and 1."""
-    pairs = [CENTRE_AND_SPREAD.get(name, (0.0, 1.0)) for name in names]
-    return [centre for centre, _ in pairs], [spread for _, spread in pairs]
+def centres_and_spreads(names: Sequence[str]) -> NDArray[np.float64]:
+    """Return centres and spreads (2, entries) of entries of the observation; of one not in the table, 0 and 1."""
+    return np.array([CENTRE_AND_SPREAD.get(name, (0.0, 1.0)) for name in names]).T
 
 
 class Standardised(BaseFeaturesExtractor):
     """(observation - centre) / spread, of each entry."""
 
-    centre: torch.Tensor
-    spread: torch.Tensor
-
     def __init__(self, observation_space: spaces.Space[Any], names: Sequence[str]) -> None:
         """Make one for the entries `names`."""
         super().__init__(observation_space, len(names))
-        for buffer, values in zip(("centre", "spread"), centres_and_spreads(names), strict=True):
-            self.register_buffer(buffer, torch.tensor(values))
+        centre, spread = torch.tensor(centres_and_spreads(names), dtype=torch.float32)
+        self.register_buffer("centre", centre)
+        self.register_buffer("spread", spread)
 
     def forward(self, observations: torch.Tensor) -> torch.Tensor:
         """Return what the networks see."""
@@ -166,7 +162,7 @@ class Standardised(BaseFeaturesExtractor):
 
 def fold_in_standardisation(layer: Affine, names: Sequence[str]) -> Affine:
     """Return a layer that does to observations what `layer` does to standardised ones, which are its first inputs."""
-    centre, spread = np.array(centres_and_spreads(names))
+    centre, spread = centres_and_spreads(names)
     weight = layer.weight.astype(np.float64)
     weight[:, : len(names)] /= spread
     bias = layer.bias - weight[:, : len(names)] @ centre
@@ -186,9 +182,7 @@ class InformedCritic(ActorCriticPolicy):
         super().__init__(*arguments, **options)
 
     def _build_mlp_extractor(self) -> None:
-        layers = self.net_arch
-        assert isinstance(layers, list)  # as make_model gives them
-        self.mlp_extractor = _TwoViews(self.features_dim, self._seen, layers, self.activation_fn)
+        self.mlp_extractor = _TwoViews(self.features_dim, self._seen, self.net_arch, self.activation_fn)
 
 
 class _TwoViews(MlpExtractor):
@@ -201,15 +195,13 @@ class _TwoViews(MlpExtractor):
 
     def forward_actor(self, features: torch.Tensor) -> torch.Tensor:
         """Return what the action is read from."""
-        latent: torch.Tensor = self.policy_net(features[:, : self._seen])
-        return latent
+        return self.policy_net(features[:, : self._seen])
 
 
 class _FastTanh(torch.autograd.Function):
-    """tanh(x) = 2 sigmoid(2 x) - 1, which torch computes four times as fast.
+    """tanh(x) = 2 sigmoid(2 x) - 1, four times as fast as torch's own tanh.
 
-    Its own tanh takes a path of MKL that is
-    slow on some processors, and was a third of an update.
+    That takes a path of MKL that is slow on some processors, and was a third of an update.
     """
 
     @staticmethod
@@ -231,5 +223,4 @@ class Tanh(torch.nn.Module):
 
     def forward(self, values: torch.Tensor) -> torch.Tensor:
         """Return tanh of `values`."""
-        result: torch.Tensor = _FastTanh.apply(values)  # type: ignore[no-untyped-call]
-        return result
+        return _FastTanh.apply(values)

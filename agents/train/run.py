@@ -33,7 +33,7 @@ PACKAGES = ("impact-gym", "gymnasium", "numpy", "scipy", "stable-baselines3", "s
 
 
 def train(settings: Settings, on_validation: OnValidation | None = None) -> Path:
-    """Train, write the run folder, and return its path; `told` hears of each validation.
+    """Train, write the run folder, and return its path; `on_validation` is called after each validation.
 
     Raises:
         FileExistsError: the run folder is there already.
@@ -41,10 +41,8 @@ def train(settings: Settings, on_validation: OnValidation | None = None) -> Path
     """
     if settings.resume:
         return resume(settings.resume, on_validation)
-    stamp = datetime.now(UTC).strftime("%Y%m%d-%H%M%S")
-    folder = (
-        settings.out or Path("runs") / f"{stamp}-{load_setup(settings.setup).name}-{settings.algo}-seed{settings.seed}"
-    )
+    stamp, name = datetime.now(UTC).strftime("%Y%m%d-%H%M%S"), load_setup(settings.setup).name
+    folder = settings.out or Path("runs") / f"{stamp}-{name}-{settings.algo}-seed{settings.seed}"
     folder.mkdir(parents=True)
     write_json(folder / "config.json", provenance(settings))
     return resume(folder, on_validation)
@@ -61,9 +59,7 @@ def resume(folder: Path, on_validation: OnValidation | None = None) -> Path:
 
 def _run(folder: Path, settings: Settings, record: dict[str, Any], on_validation: OnValidation | None) -> None:
     torch.set_num_threads(settings.threads)
-    torch.distributions.Distribution.set_default_validate_args(
-        False
-    )  # slow; the environment refuses what is not finite
+    torch.distributions.Distribution.set_default_validate_args(False)  # slow; the environment checks what it is given
     environment = make_environment(settings)
     model = make_model(settings, environment)
     environment.seed(FIRST_SEED + settings.seed * SLOTS)
@@ -81,18 +77,17 @@ def _run(folder: Path, settings: Settings, record: dict[str, Any], on_validation
         model.learn(
             settings.whole_steps - model.num_timesteps,
             callback=callback,
-            log_interval=None,  # type: ignore[arg-type]  # the callback writes the log, for every algorithm alike
+            log_interval=None,  # the callback writes the log, for every algorithm alike
             reset_num_timesteps=not saved.is_file(),
             progress_bar=sys.stderr.isatty(),
         )
     finally:
         log.close()
-    curve = callback.kept["curve"]
     rule = callback.validation.score(PaperTrapezoid().for_environment(settings.environment))
     judged = {name: load_policy(folder / f"{name}.npz").provenance["validation"] for name in ("best", "final")}
     metrics = {
         "validation": {**judged, "paper's rule": rule},
-        "curve": [{"steps": steps, "score": score} for steps, score in curve],
+        "curve": [{"steps": steps, "score": score} for steps, score in callback.kept["curve"]],
         "training_seconds": callback.kept["seconds"],
         "steps_per_second": settings.whole_steps / callback.kept["seconds"],
     }
@@ -100,8 +95,8 @@ def _run(folder: Path, settings: Settings, record: dict[str, Any], on_validation
     saved.unlink(missing_ok=True)
     for name, means in metrics["validation"].items():
         points = zip(means["time_weight"], means["object_velocity"], means["approach_time"], strict=True)
-        points_told = "; ".join(f"at {w:g}: {v:.3f} m/s, {t:.3f} s" for w, v, t in points)
-        print(f"{name}: score {means['score']:.4f} m/s; V_p and approach time {points_told}")
+        listed = "; ".join(f"at {w:g}: {v:.3f} m/s, {t:.3f} s" for w, v, t in points)
+        print(f"{name}: score {means['score']:.4f} m/s; V_p and approach time {listed}")
 
 
 def _configuration(folder: Path) -> tuple[dict[str, Any], Settings]:
@@ -143,8 +138,7 @@ def write_json(path: Path, content: Any) -> None:
 def made_for(settings: Settings) -> dict[str, Any]:
     """Return what a set-up says that a run was made for, as JSON gives it back: environment and validation weights."""
     weights = load_setup(settings.setup).evaluation.weights
-    plain: dict[str, Any] = json.loads(json.dumps({"environment": settings.environment, "weights": weights}))
-    return plain
+    return json.loads(json.dumps({"environment": settings.environment, "weights": weights}))
 
 
 def provenance(settings: Settings) -> dict[str, Any]:

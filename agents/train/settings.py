@@ -8,12 +8,13 @@ from typing import Annotated, Any, Literal, get_args
 
 import tyro
 
-from agents.setups import Setup, load_setup
-from agents.setups.keys import known
+from agents.setups import load_setup
+from agents.setups.keys import known, table, within
 from impact_gym.envs.scenario import interval
 from impact_gym.validation import number, whole
 
 Algorithm = Literal["ppo", "sac", "tqc", "recurrent_ppo"]
+Activation = Literal["tanh", "relu"]
 FIRST_SEED, SLOTS = 10_000_000, 100_000
 """Environment i of training seed s is seeded FIRST_SEED + s * SLOTS + i: above all that evaluation uses, and no two
 trainings share any."""
@@ -113,7 +114,7 @@ class Settings:
     """Neurons in each hidden layer."""
     depth: int = 2
     """Hidden layers."""
-    activation: Literal["tanh", "relu"] = "tanh"
+    activation: Activation = "tanh"
     """What follows each hidden layer."""
     threads: int = 1
     """Threads of torch. A second one pays only where no other process wants the core."""
@@ -129,9 +130,8 @@ class Settings:
     off_policy: OffPolicy = field(default_factory=OffPolicy)
 
     def __post_init__(self) -> None:
-        for name in ("steps", "envs", "width", "depth", "threads", "checkpoint_every"):
-            whole(name, getattr(self, name), at_least=1)
-        for name in ("validate_every", "validation_scenarios"):
+        positive = ("steps", "envs", "width", "depth", "threads", "validate_every", "validation_scenarios")
+        for name in (*positive, "checkpoint_every"):
             whole(name, getattr(self, name), at_least=1)
         whole("batch", self.batch, at_least=2)
         whole("seed", self.seed, at_least=0)
@@ -140,8 +140,8 @@ class Settings:
         object.__setattr__(self, "setup", load_setup(self.setup).called)  # wherever it is asked for again
         if self.algo not in get_args(Algorithm):
             raise ValueError(f"algo must be one of {get_args(Algorithm)}, got {self.algo!r}")
-        if self.activation not in ("tanh", "relu"):
-            raise ValueError(f"activation must be tanh or relu, got {self.activation!r}")
+        if self.activation not in get_args(Activation):
+            raise ValueError(f"activation must be {' or '.join(get_args(Activation))}, got {self.activation!r}")
         interval("time_weight", self.time_weight, "m/s per s", above=0)
         number("weight_power", self.weight_power, "(no unit)", at_least=0, at_most=1)
         number("learning_rate", self.learning_rate, "(no unit)", above=0)
@@ -156,7 +156,7 @@ class Settings:
     def training_environment(self) -> dict[str, Any]:
         """The same with what an informed critic sees."""
         informed = self.algo == "ppo" and self.on_policy.informed_critic
-        return {**self.environment, **({"privileged": True} if informed else {})}
+        return self.environment | ({"privileged": True} if informed else {})
 
     @property
     def round(self) -> int:
@@ -173,38 +173,23 @@ class Settings:
         return -(-self.steps // self.round) * self.round
 
 
-def settings_by_hand(setup: str, algo: Algorithm) -> Settings:
-    """Return the settings of an algorithm that no set-up's file has changed."""
-    return replace(Settings(), setup=setup, algo=algo, **OTHERWISE[algo])
-
-
 def default_settings(setup: str = "linear-blind", algo: Algorithm | None = None) -> Settings:
     """Return the settings of a set-up: what its file says, which holds for the algorithm that it names.
 
     Raises:
         ValueError: there is no such set-up, or a setting in its file is unknown or out of range; names the file.
     """
-    there = load_setup(setup)
-    try:
-        return _settings(there, setup, algo)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{there.path}: training: {error}") from error
-
-
-def _settings(there: Setup, setup: str, algo: Algorithm | None) -> Settings:
-    training = {name: value for name, value in there.training.items() if name != "seeds"}
-    its_own = training.pop("algo", "ppo")
-    if its_own not in OTHERWISE:
-        raise ValueError(f"algo must be one of {', '.join(OTHERWISE)}, got {its_own!r}")
-    known("", training, [one.name for one in fields(Settings) if one.name not in ("setup", "seed", "out", "resume")])
-    for group in ("on_policy", "off_policy"):
-        inner = training.get(group, {})
-        if not isinstance(inner, Mapping):
-            raise ValueError(f"{group} must be a table, [training.{group}], got {inner!r}")
-        known(f"{group}.", inner, [one.name for one in fields({"on_policy": OnPolicy, "off_policy": OffPolicy}[group])])
-    if algo not in (None, its_own):
-        return settings_by_hand(setup, algo)
-    return with_changes(settings_by_hand(setup, its_own), training)
+    loaded = load_setup(setup)
+    with within(f"{loaded.path}: training"):
+        changes = {name: value for name, value in loaded.training.items() if name != "seeds"}
+        named = changes.pop("algo", "ppo")
+        if named not in OTHERWISE:
+            raise ValueError(f"algo must be one of {', '.join(OTHERWISE)}, got {named!r}")
+        known("", changes, [name for name in as_json(Settings()) if name not in ("setup", "seed")])
+        for group, kind in (("on_policy", OnPolicy), ("off_policy", OffPolicy)):
+            known(f"{group}.", table(changes, group, "training."), [item.name for item in fields(kind)])
+        settings = replace(Settings(), setup=setup, algo=algo or named, **OTHERWISE[algo or named])
+        return with_changes(settings, changes) if algo in (None, named) else settings
 
 
 def read_settings(arguments: list[str]) -> Settings:
@@ -238,7 +223,7 @@ def with_changes(settings: Any, changes: Mapping[str, Any]) -> Any:
 
 
 def as_json(settings: Settings) -> dict[str, Any]:
-    """Return the settings but for what names folders."""
+    """Return the settings by name for JSON, without the paths `out` and `resume`."""
     return {name: value for name, value in asdict(settings).items() if name not in ("out", "resume")}
 
 
@@ -248,11 +233,9 @@ def from_json(content: Mapping[str, Any]) -> Settings:
     Raises:
         ValueError: a setting is missing or unknown, as in a run of another version.
     """
-    known = {one.name for one in fields(Settings)} - {"out", "resume"}
-    if set(content) != known:
-        raise ValueError(f"settings {sorted(set(content) ^ known)} are missing or unknown: another version's run")
-    settings: Settings = with_changes(Settings(), content)
-    return settings
+    if odd := content.keys() ^ as_json(Settings()).keys():
+        raise ValueError(f"settings {sorted(odd)} are missing or unknown: another version's run")
+    return with_changes(Settings(), content)
 
 
 def command(settings: Settings) -> str:
@@ -267,7 +250,7 @@ def command(settings: Settings) -> str:
             group, _, switch = option.rpartition(".")
             words.append(option if value else f"{group}.no-{switch}")
         else:
-            words += [option, *(str(one) for one in (value if isinstance(value, tuple) else (value,)))]
+            words += [option, *map(str, value if isinstance(value, tuple) else (value,))]
     return shlex.join(words)
 
 

@@ -115,7 +115,7 @@ def test_the_clairvoyant_goes_by_the_true_gap():
     far = np.sqrt(0.6**2 + 2 * 10.0 * (0.2718 - 0.04))
     assert velocity == pytest.approx(min(1.5, far), abs=1e-6)  # not there within a period: what it goes for
     gaps = np.array([0.015, 0.0, -0.015, -0.1])
-    assert contact.velocity(-gaps) == pytest.approx([0.45, 0.3, 0.15, 0.1])
+    assert contact.speed(-gaps) == pytest.approx([0.45, 0.3, 0.15, 0.1])
 
 
 @pytest.mark.parametrize("rule", [baselines.PaperTrapezoid(), Always(0.0, 1.0)], ids=["paper", "misses"])

@@ -8,12 +8,12 @@ import sys
 
 import numpy as np
 import pytest
+from agents.export.check import __main__ as exporting
 from policies import KINDS, made_up_policy, observations
 
-from agents.export import check as exporting
+from agents.export.__main__ import Export, export
 from agents.export.c_header import header, identifier
-from agents.export.check import Export, export
-from agents.export.replay import LANGUAGES, address, compiled, logged, replay
+from agents.export.replay import LANGUAGES, Replay, address, compiled, logged, replay
 
 COMPILER = shutil.which("cc") or shutil.which("gcc")
 needs_c = pytest.mark.skipif(COMPILER is None, reason="no C compiler")
@@ -218,7 +218,7 @@ def test_the_largest_force_is_kept(told):
 
 @needs_c
 def test_a_controller_that_commands_otherwise_is_refused(saved, tmp_path, monkeypatch):
-    monkeypatch.setattr(exporting, "replay", lambda *_: exporting.Replay(2e-5, 1e-6, 1e-6))
+    monkeypatch.setattr(exporting, "replay", lambda *_: Replay(2e-5, 1e-6, 1e-6))
     with pytest.raises(ValueError, match=r"commands otherwise, by 2.0e-05 of the range"):
         export(Export(saved, tmp_path))
 

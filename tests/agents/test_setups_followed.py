@@ -11,7 +11,7 @@ from policies import made_up_policy
 
 import impact_gym as ig
 from agents import load_policy, setup
-from agents.controller import Wanted, kept, stages
+from agents.controller import ControllerOptions, copy_setup, stages
 from agents.setups import load_setup
 from agents.train.run import resume
 from agents.train.settings import default_settings
@@ -77,25 +77,25 @@ def test_what_follows_is_said(mine):
 
 def test_a_folder_keeps_its_set_up_and_takes_no_other(mine, tmp_path):
     out = tmp_path / "out"
-    copy = kept(load_setup(mine), out)
+    copy = copy_setup(load_setup(mine), out)
     assert copy.read_bytes() == mine.read_bytes()
-    assert kept(load_setup(mine), out) == copy
+    assert copy_setup(load_setup(mine), out) == copy
     change(mine, "A slow arm", "A slower arm")
-    assert "slower" in kept(load_setup(mine), out).read_text()
+    assert "slower" in copy_setup(load_setup(mine), out).read_text()
     with pytest.raises(ValueError, match="holds the whole: name another folder"):
-        kept(load_setup(mine), out, quick=True)
+        copy_setup(load_setup(mine), out, quick=True)
     change(mine, "0.7", "0.8")
     with pytest.raises(ValueError, match=r"mine\.toml as it was.*name another folder"):
-        kept(load_setup(mine), out)
+        copy_setup(load_setup(mine), out)
     with pytest.raises(ValueError, match=r"holds something else \(mine\.toml\)"):
-        kept(load_setup("linear-blind"), out)
+        copy_setup(load_setup("linear-blind"), out)
     assert "0.7" in copy.read_text()
     with pytest.raises(ValueError, match="is no folder"):
-        kept(load_setup(mine), mine)
+        copy_setup(load_setup(mine), mine)
 
 
 def test_a_quick_run_takes_no_more_than_the_set_up_says(mine, tmp_path):
-    tune, many, report, export = stages(mine, Wanted(str(mine), tmp_path / "out", quick=True))
+    tune, many, report, export = stages(mine, ControllerOptions(str(mine), tmp_path / "out", quick=True))
     assert tune[tune.index("--budget") + 1] == "16"
     assert many[many.index("--seeds") + 1] == "2"
     assert report[report.index("--folder") + 1] == str(tmp_path / "out")
