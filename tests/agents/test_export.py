@@ -8,7 +8,7 @@ import sys
 
 import numpy as np
 import pytest
-from agents.export.check import __main__ as exporting
+from agents.export import __main__ as exporting
 from policies import KINDS, made_up_policy, observations
 
 from agents.export.__main__ import Export, export
