@@ -84,7 +84,7 @@ def stages(copy: Path, options: ControllerOptions) -> Iterator[list[str]]:
     yield ["-m", "agents.tune", f"{copy}", *folders, *workers, *tune]
     folders = ["--runs", f"{out / 'runs'}", "--policies", f"{out / 'policies'}"]
     yield ["-m", "agents.train_seeds", f"{copy}", *folders, *workers, *seeds]
-    folders = ["--folder", f"{out}", "--out", f"{out / 'report'}", "--force"]
+    folders = ["--folder", f"{out}", "--out", f"{out / 'report'}", "--episodes", f"{out / 'episodes'}", "--force"]
     yield ["-m", "experiments.report", f"{copy}", *folders, *cluster, *report]
     yield ["-m", "agents.export", f"{out / 'policies' / f'{name}.npz'}", "--out", f"{out / 'export'}"]
 

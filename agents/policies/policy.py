@@ -21,7 +21,7 @@ from impact_gym.envs.task import Task
 SHIPPED = Path(__file__).parent
 FORMAT = "impact_gym policy 2"
 ACTIONS = 2  # numbers of an action
-SET_BY_OTHERS = ("scenario", "time_weight", "privileged", "rtol", "max_episode_steps")
+MAY_DIFFER = ("scenario", "time_weight", "privileged", "rtol", "max_episode_steps")
 """Arguments of an environment that a policy may meet otherwise than in training."""
 
 
@@ -90,7 +90,7 @@ class Policy:
     def differs_in(self, task: Task) -> list[str]:
         """Return the arguments in which a task is another than the one that the policy was trained for."""
         own = Task(**self.environment)
-        names = {argument.name for argument in fields(Task) if argument.init} - {*SET_BY_OTHERS}
+        names = {argument.name for argument in fields(Task) if argument.init} - {*MAY_DIFFER}
         other = {name for name in names if getattr(own, name) != getattr(task, name)}
         ranges = {name for name in {*own.drawn, *task.drawn} if own.drawn.get(name) != task.drawn.get(name)}
         return sorted(other | {name.partition(".")[0] for name in ranges})

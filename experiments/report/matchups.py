@@ -21,7 +21,7 @@ from agents.jobs import digest_of
 from agents.policies.policy import SHIPPED, Policy, load_policy
 from agents.setups import Setup, load_setup, same_environment
 from agents.setups import shipped as shipped_setups
-from agents.setups.evaluation import SEEN_TO, Change, Evaluation, variants
+from agents.setups.evaluation import SET_BY_OTHERS, Change, Evaluation, variants
 from agents.train.settings import default_settings
 from experiments.lab.results import checksum
 from impact_gym.envs import evaluation_sets, observation
@@ -250,7 +250,7 @@ def scenarios_from(source: str, count: int | None) -> tuple[dict[str, Any], dict
         seed = whole("seed", content.get("seed", 2_000_000), at_least=0)
         if not isinstance(environment, dict):
             raise ValueError(f"{path}: environment must hold arguments of gym.make by name, got {environment!r}")
-        taken = sorted(set(environment) & set(SEEN_TO))
+        taken = sorted(set(environment) & {"scenario", *SET_BY_OTHERS})
         if taken:
             raise ValueError(f"{path}: environment must leave out {taken}: ranges and the report see to that")
         Task(**environment)  # raises

@@ -8,9 +8,9 @@ import sys
 
 import numpy as np
 import pytest
-from agents.export import __main__ as exporting
 from policies import KINDS, made_up_policy, observations
 
+from agents.export import __main__ as exporting
 from agents.export.__main__ import Export, export
 from agents.export.c_header import header, identifier
 from agents.export.replay import LANGUAGES, Replay, address, compiled, logged, replay

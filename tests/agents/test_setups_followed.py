@@ -114,9 +114,9 @@ def test_one_command_goes_from_a_file_to_a_controller_and_on_where_it_was(mine, 
     weights = json.loads((out / "tuned" / "mine-profile.json").read_text())["weights"]
     assert {found["search"]["budget"] for found in weights.values()} == {16}
     assert load_setup(mine).describes(load_policy(policy).environment)
-    arena = matchups.of_setup(load_setup(out / "mine.toml"), {"set": "test", "count": 30}, out)
-    assert arena.scenarios["ranges"]["object_mass"] == [0.2, 1.0]
-    assert [one.name for one in arena.baselines] == ["paper's rule", "mine-profile"]
+    found = matchups.of_setup(load_setup(out / "mine.toml"), {"set": "test", "count": 30}, out)
+    assert found.scenarios["ranges"]["object_mass"] == [0.2, 1.0]
+    assert [one.name for one in found.baselines] == ["paper's rule", "mine-profile"]
     first = policy.read_bytes()
     again = subprocess.run(command, capture_output=True, text=True, check=True)
     assert policy.read_bytes() == first
