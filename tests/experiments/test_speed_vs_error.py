@@ -92,10 +92,10 @@ def test_a_small_fixed_step_leads_to_the_truth(method, coupling):
 def test_scipy_through_the_reference_is_judged_and_timed_in_its_contacts():
     approach = NAMED["soft"]
     contender = contenders.contender(approach, "SciPy RK45", 1e-8)
-    plain = reference._Run
-    spent = contender.seconds(1)
+    plain, spent = reference._Run, []
+    whole = contenders.repeated(lambda: spent.append(contender.seconds(1)))(1)
     assert reference._Run is plain
-    assert 0 < spent < contenders.repeated(lambda: contender.seconds(1))(1)
+    assert 0 < spent[0] < whole  # of the same call, whatever else the machine does
     assert quantities.errors(contender.solve(), true_solution(approach))["velocity_error"] < 1e-7
 
 
