@@ -25,6 +25,7 @@ from impact_gym.envs.task import Task
 from impact_gym.files import whole_file
 from impact_gym.physics.impact import free_tool, rigid_tool
 from impact_gym.scene import Bistable, Rigid, Robot, RobotTable, SpringDamper
+from impact_gym.validation import number
 
 PAPERS_SPEED = 1.0  # m/s
 SAMPLE = 500  # scenarios that the paper's rule is played through
@@ -42,13 +43,15 @@ class Check:
 
 
 def check(setup: Setup, called: str) -> None:
-    """Refuse what would only show hours later: a setting, a baseline or a bound that there is not.
+    """Refuse what would only show hours later: what there is not, or a weight for which no policy is trained.
 
     Raises:
         ValueError: names the file and what is wrong.
     """
-    default_settings(called)
+    low, high = default_settings(called).time_weight
     with within(str(setup.path)):
+        for weight in (*setup.evaluation.weights, setup.evaluation.typical):
+            number("evaluation: weights and typical", weight, "m/s per s", at_least=low, at_most=high)
         rivals = [name for name in setup.against if ":" not in name]
         known("baselines.against.", rivals, {*setup.tuned, *names(), *FIXED})
         known("baselines.bound.", [setup.bound], [setup.name, *shipped()])

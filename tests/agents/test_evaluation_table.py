@@ -6,6 +6,7 @@ import pytest
 
 from agents import load_setup
 from agents.evaluate import Validation
+from agents.setup import check
 from agents.setups.evaluation import VARIED, Evaluation, changes, variants
 from agents.tune import Tune
 from experiments.report.__main__ import ReportOptions, matchups_of
@@ -97,3 +98,9 @@ def test_a_mistake_gets_one_line_that_names_file_key_and_what_is_allowed(table, 
         load_setup(written(tmp_path, table))
     assert "mine.toml: " in str(raised.value)
     assert "\n" not in str(raised.value)
+
+
+def test_a_weight_for_which_no_policy_is_trained_is_refused_before_anything_is_trained(tmp_path):
+    path = written(tmp_path, "weights = [1.0, 20.0]")
+    with pytest.raises(ValueError, match=r"mine.toml: evaluation: weights .* at most 8 m/s per s, got 20"):
+        check(load_setup(path), str(path))
