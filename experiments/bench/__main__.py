@@ -2,7 +2,6 @@
 
 import json
 import os
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -11,6 +10,7 @@ import polars as pl
 import tyro
 from polars import selectors
 
+from agents.command_line import command_line
 from agents.provenance import circumstances
 from experiments.bench import approaches, environments, jobs, models
 from experiments.lab.results import REPORTS, whole_folder
@@ -25,7 +25,7 @@ PARTS = {
 
 
 @dataclass(frozen=True)
-class Settings:
+class BenchOptions:
     """Measure speed: approaches and environments beside others', simpler models, grids of approaches as jobs."""
 
     parts: tyro.conf.Positional[tuple[Literal[*PARTS], ...]] = ("approaches", "environments", "models")
@@ -46,22 +46,20 @@ def markdown(table: pl.DataFrame) -> str:
 
 
 def main() -> None:
-    """Read the settings from the command line, measure, print, write."""
-    settings = tyro.cli(Settings, prog="python -m experiments.bench")
-    results = {"quick": settings.quick, "load_before": os.getloadavg()[0]}
-    results |= circumstances("impact-gym", "numpy", "scipy", "gymnasium")
-    text = f"Measured on {results['machine']}, {results['date']}, load {results['load_before']:.1f} before.\n"
-    try:
-        with whole_folder(settings.out) as folder:
-            for part in settings.parts:
-                tables = PARTS[part](settings.quick)
+    """Read the options from the command line, measure, print, write."""
+    with command_line("experiments.bench", "what was there before is unchanged"):
+        options = tyro.cli(BenchOptions, prog="python -m experiments.bench")
+        results = {"quick": options.quick, "load_before": os.getloadavg()[0]}
+        results |= circumstances("impact-gym", "numpy", "scipy", "gymnasium")
+        text = f"Measured on {results['machine']}, {results['date']}, load {results['load_before']:.1f} before.\n"
+        with whole_folder(options.out) as folder:
+            for part in options.parts:
+                tables = PARTS[part](options.quick)
                 results[part] = {title: table.to_dicts() for title, table in tables.items()}
                 text += "".join(f"\n{title}:\n\n{markdown(table)}\n" for title, table in tables.items())
             (folder / "results.json").write_text(json.dumps(results, indent=2) + "\n")
             (folder / "tables.md").write_text(text)
-    except (RuntimeError, ValueError) as error:
-        sys.exit(f"experiments.bench: {error}")
-    print(f"{text}\nresults: {(settings.out / 'results.json').resolve().as_uri()}")
+    print(f"{text}\nresults: {(options.out / 'results.json').resolve().as_uri()}")
 
 
 if __name__ == "__main__":

@@ -10,6 +10,7 @@ from typing import Any
 import polars as pl
 from matplotlib.figure import Figure
 
+from agents.command_line import command_line
 from experiments.lab import page
 from experiments.lab.charts import save
 from experiments.lab.results import REPORTS, noted
@@ -30,11 +31,8 @@ def command(name: str, compute: Compute, show: Show, out: Path | None, quick: bo
     """
     folder = out or REPORTS / (f"{name}_quick" if quick else name)
     line = shlex.join(["python", "-m", f"experiments.{name}", *sys.argv[1:]])
-    try:
+    with command_line(f"experiments.{name}", "what was computed is kept"):
         written = run(name, folder, line, compute, show, **options)
-    except KeyboardInterrupt:
-        print(f"experiments.{name}: interrupted; what was computed is kept", file=sys.stderr)
-        sys.exit(130)
     print(f"{name}: {written.resolve().as_uri()}")
 
 

@@ -10,6 +10,7 @@ from typing import Annotated
 import tyro
 from tqdm import tqdm
 
+from agents.command_line import command_line
 from experiments.lab.charts import save
 from experiments.lab.results import REPORTS
 from experiments.paper import page, tables
@@ -17,7 +18,7 @@ from experiments.paper.catalogue import NAMES, load, resolve
 
 
 @dataclass(frozen=True)
-class Settings:
+class PaperOptions:
     """Reproduce figures of the paper and compare them with its text."""
 
     names: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
@@ -27,24 +28,19 @@ class Settings:
 
 
 def main() -> None:
-    """Read the settings from the command line, compute, draw, write the page."""
-    settings = tyro.cli(Settings)
+    """Read the options from the command line, compute, draw, write the page."""
     begun = time.perf_counter()
-    try:
-        names = sorted({resolve(word) for word in settings.names} or NAMES, key=NAMES.index)
-    except ValueError as error:
-        sys.exit(f"experiments.paper: {error}")
-    settings.out.mkdir(parents=True, exist_ok=True)
-    for name in (bar := tqdm(names, desc="figures")):
-        bar.set_postfix_str(name)
-        module, table_file = load(name), settings.out / f"{name}.csv"
-        tables.write(table_file, module.compute())
-        save(module.plot(tables.read(table_file)), table_file.with_suffix(".svg"))
-    try:
+    with command_line("experiments.paper", "what is drawn is kept"):
+        options = tyro.cli(PaperOptions, prog="python -m experiments.paper")
+        names = sorted({resolve(word) for word in options.names} or NAMES, key=NAMES.index)
+        options.out.mkdir(parents=True, exist_ok=True)
+        for name in (bar := tqdm(names, desc="figures")):
+            bar.set_postfix_str(name)
+            module, table_file = load(name), options.out / f"{name}.csv"
+            tables.write(table_file, module.compute())
+            save(module.plot(tables.read(table_file)), table_file.with_suffix(".svg"))
         command = shlex.join(["python", "-m", "experiments.paper", *sys.argv[1:]])
-        written = page.write(settings.out, {"command": command, "seconds": time.perf_counter() - begun})
-    except ValueError as error:
-        sys.exit(f"experiments.paper: {error}")
+        written = page.write(options.out, {"command": command, "seconds": time.perf_counter() - begun})
     print(f"{len(names)} figures in {time.perf_counter() - begun:.0f} s: {written.resolve().as_uri()}")
 
 

@@ -14,7 +14,7 @@ from typing import Any
 import tyro
 from tqdm import tqdm
 
-from agents.jobs import JobsFailedError
+from agents.command_line import command_line
 from agents.provenance import circumstances, revision
 from agents.setups import README, load_setup
 from experiments.lab.results import REPORTS, checksum, replaceable, whole_folder
@@ -229,15 +229,8 @@ def _scenarios(scenarios: Mapping[str, Any]) -> str:
 
 def main() -> None:
     """Read the options from the command line and write the report."""
-    try:
+    with command_line("experiments.report"):
         path = write(tyro.cli(ReportOptions, prog="python -m experiments.report"))
-    except JobsFailedError as error:
-        sys.exit(f"experiments.report: {error}\nwhat is done is kept")
-    except (ValueError, TypeError, OSError, RuntimeError) as error:
-        sys.exit(f"experiments.report: {error}")
-    except KeyboardInterrupt:
-        print("experiments.report: interrupted; the same command goes on", file=sys.stderr)
-        sys.exit(130)
     print(f"report: {path.resolve().as_uri()}")
 
 

@@ -95,9 +95,9 @@ def test_a_folder_keeps_its_set_up_and_takes_no_other(mine, tmp_path):
 
 
 def test_a_quick_run_takes_no_more_than_the_set_up_says(mine, tmp_path):
-    tune, many, report, export = stages(mine, ControllerOptions(str(mine), tmp_path / "out", quick=True))
+    tune, seeds, report, export = stages(mine, ControllerOptions(str(mine), tmp_path / "out", quick=True))
     assert tune[tune.index("--budget") + 1] == "16"
-    assert many[many.index("--seeds") + 1] == "2"
+    assert seeds[seeds.index("--seeds") + 1] == "2"
     assert report[report.index("--folder") + 1] == str(tmp_path / "out")
     assert export[2] == str(tmp_path / "out" / "policies" / "mine.npz")
 
