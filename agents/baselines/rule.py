@@ -39,22 +39,41 @@ class Parameter(NamedTuple):
 
 
 class Seen:
-    """Observations (..., n_obs) in physical units, an array (...) of each."""
+    """Observations (..., n_obs) in physical units, an array (...) of each; only what a rule asks for is computed."""
 
     def __init__(self, observation: ArrayLike, velocity_range: Range = VELOCITY_RANGE) -> None:
-        self.scaled: Floats = np.asarray(observation, np.float64)
-        self.position = self._physical(POSITION)  # of the flange, m
-        self.velocity = self._physical(VELOCITY, velocity_range)  # of the flange, m/s
-        self.alarm = self.scaled[..., ALARM] > 0.5  # whether the contact alarm has come
-        self.since_alarm = self._physical(SINCE_ALARM)  # s
-        if self.scaled.shape[-1] > ESTIMATE:
-            self.estimate = self._physical(ESTIMATE)  # distance estimate minus flange position, m
+        self.scaled, self._velocity_range = np.asarray(observation, np.float64), velocity_range
 
-    def _physical(self, place: int, limits: Range | None = None) -> Floats:
+    def _physical(self, place: int) -> Floats:
         entry = (*ENTRIES, OPTIONAL_ENTRIES[0])[place]
-        low, high = limits or (entry.low, entry.high)
+        low, high = self._velocity_range if place == VELOCITY else (entry.low, entry.high)
         share = (self.scaled[..., place] - entry.scaled_low) / (1.0 - entry.scaled_low)
         return low + share * (high - low)
+
+    @property
+    def position(self) -> Floats:
+        """Of the flange, m."""
+        return self._physical(POSITION)
+
+    @property
+    def velocity(self) -> Floats:
+        """Of the flange, m/s."""
+        return self._physical(VELOCITY)
+
+    @property
+    def alarm(self) -> NDArray[np.bool_]:
+        """Whether the contact alarm has come."""
+        return self.scaled[..., ALARM] > 0.5
+
+    @property
+    def since_alarm(self) -> Floats:
+        """Time since then, s."""
+        return self._physical(SINCE_ALARM)
+
+    @property
+    def estimate(self) -> Floats:
+        """Distance estimate minus flange position, m."""
+        return self._physical(ESTIMATE)
 
 
 class Rule:
