@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
+from impact_gym.kernels import LOGARITHM_OF_ONE_MORE
 from numpy.typing import ArrayLike, NDArray
 
 from impact_gym.envs.observation import ENTRIES, OPTIONAL_ENTRIES
@@ -18,7 +19,7 @@ from impact_gym.validation import WrongTypeError, number
 
 Floats = NDArray[np.float64]
 
-POSITION, VELOCITY, ALARM, SINCE_ALARM = 0, 1, 3, 4
+POSITION, VELOCITY, TIME, ALARM, SINCE_ALARM, FORCE = range(6)
 ESTIMATE = len(ENTRIES)
 """Places in the observation; that of the distance estimate where there is one."""
 
@@ -48,6 +49,8 @@ class Seen:
         entry = (*ENTRIES, OPTIONAL_ENTRIES[0])[place]
         low, high = self._velocity_range if place == VELOCITY else (entry.low, entry.high)
         share = (self.scaled[..., place] - entry.scaled_low) / (1.0 - entry.scaled_low)
+        if entry.curve == LOGARITHM_OF_ONE_MORE:
+            return np.expm1(share * np.log1p(high))
         return low + share * (high - low)
 
     @property
@@ -59,6 +62,16 @@ class Seen:
     def velocity(self) -> Floats:
         """Of the flange, m/s."""
         return self._physical(VELOCITY)
+
+    @property
+    def time(self) -> Floats:
+        """Since the beginning, s."""
+        return self._physical(TIME)
+
+    @property
+    def force(self) -> Floats:
+        """The last reading, N."""
+        return self._physical(FORCE)
 
     @property
     def alarm(self) -> NDArray[np.bool_]:

@@ -11,6 +11,7 @@ from agents.baselines.constant import ConstantSpeed, PaperTrapezoid
 from agents.baselines.profile import BlindProfile, ConstantDeceleration, Ranged
 from agents.baselines.random import RandomActions
 from agents.baselines.rule import Rule
+from agents.baselines.wary import WaryProfile, WaryRanged
 from agents.policies import Controller
 from agents.setups import Setup, owner
 from impact_gym.files import whole_file
@@ -18,7 +19,9 @@ from impact_gym.validation import number
 
 TUNED = Path(__file__).parents[1] / "tuned"
 FORMAT = "impact_gym tuned baseline 1"
-RULES = {rule.__name__: rule for rule in (BlindProfile, ConstantDeceleration, ConstantSpeed, Ranged)}
+RULES = {
+    rule.__name__: rule for rule in (BlindProfile, ConstantDeceleration, ConstantSpeed, Ranged, WaryProfile, WaryRanged)
+}
 FIXED = {"paper-trapezoid": PaperTrapezoid, "random": RandomActions}
 
 

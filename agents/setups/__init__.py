@@ -28,7 +28,7 @@ SEEDS = 10
 BUDGET = 4800  # candidates for each time weight, unless the file says otherwise
 README = ("linear-blind", "linear-ranged", "bistable-blind")
 """Those that the README, `make report` and `make train-all` are about."""
-RULES = ("BlindProfile", "ConstantDeceleration", "ConstantSpeed", "Ranged")
+RULES = ("BlindProfile", "ConstantDeceleration", "ConstantSpeed", "Ranged", "WaryProfile", "WaryRanged")
 
 
 class Tuned(NamedTuple):
@@ -161,6 +161,6 @@ def _tuned(name: str, given: Any, blind: bool) -> Tuned:
         raise ValueError(f"{name} must be a rule, one of {', '.join(RULES)}, or a table with one, got {given!r}")
     known(f"{name}.", entry, Tuned._fields)
     rtol = number(f"{name}.rtol", entry.get("rtol", Task.rtol), "(no unit)", at_least=1e-13, at_most=1e-2)
-    if blind and entry["rule"] == "Ranged":
-        raise ValueError(f"{name}: Ranged needs an estimate of the distance, environment.range_noise")
+    if blind and entry["rule"].endswith("Ranged"):
+        raise ValueError(f"{name}: {entry['rule']} needs an estimate of the distance, environment.range_noise")
     return Tuned(entry["rule"], rtol)

@@ -40,6 +40,7 @@ class Motion:
         self.chain, self.command, self.rtol = chain, chain.command, rtol
         self.t = 0.0  # s
         self.peak_force = 0.0  # N
+        self.unread_force = 0.0  # N, largest since the sensor was last read
         self.records: list[ContactRecord] = []  # of the contacts that are over
         self.past_impulse = self.coupling_impulse = 0.0  # N s, over these: on the object; of the coupling on the tool
         self.snap_through: list[float] = []  # s
@@ -123,6 +124,7 @@ class Motion:
         if touching:  # between two switches the force is monotonic
             self._peak = max(self._peak, before, self.force)
             self.peak_force = max(self.peak_force, self._peak)
+            self.unread_force = max(self.unread_force, before, self.force)
         if switch is not None:
             self._turn(switch)
 

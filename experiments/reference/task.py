@@ -28,8 +28,9 @@ from impact_gym.envs.scenario import FIELDS
 from impact_gym.envs.task import AFTER_ALARM, HORIZON, SETTLE_LIMIT, Task
 
 SERVED = (
-    "coupling", "tool_mass", "robot", "reaction_delay", "control_period", "alarm_threshold", "dissipation",
-    "range_noise", "deflection_sensor", "privileged", "velocity_range", "acceleration_range",
+    "coupling", "tool_mass", "robot", "reaction_delay", "control_period", "alarm", "alarm_threshold", "dissipation",
+    "range_noise", "range_bias", "range_told", "deflection_sensor", "privileged", "velocity_range",
+    "acceleration_range",
 )  # fmt: skip
 RTOL = 1e-10  # of contacts
 ROUNDING = 1e-9  # s, of the clock
@@ -84,7 +85,7 @@ def rescore(
         scenario = {name: float(taken.scenario[name][k]) for name in FIELDS}
         uniforms = seeding.np_random(taken.seed + k)[0].random(DRAWS)
         normal = sqrt(-2 * log1p(-uniforms[5])) * cos(2 * pi * uniforms[6])  # Box and Muller
-        estimate = scenario["distance"] + (task.range_noise or 0.0) * normal
+        estimate = scenario["distance"] + task.range_bias + (task.range_noise or 0.0) * normal
         episodes.append(_episode(task, scenario, time_weight, estimate, rtol, clamp))
     outcomes = _together(controller, episodes)
     return {name: np.array([getattr(one, name) for one in outcomes]) for name in Outcome._fields}
@@ -133,12 +134,18 @@ def _episode(
     motion = _at_rest(task, scenario, rtol, clamp)
     delay, now = task.delays[0], 0.0
     sensed = {0.0: (0.0, 0.0, 0.0)}  # force, its peak and the deflection, by the time
+    by_reading, raised, heard_until = task.alarm == "reading", inf, 0.0
     while True:
-        detected = motion.command.detection_time
-        alarm = inf if detected is None else detected + delay
-        reading = [one for at, one in sensed.items() if at <= max(now - delay, 0.0) + ROUNDING][-1]
+        received = {at: one for at, one in sensed.items() if at <= max(now - delay, 0.0) + ROUNDING}
+        reading = list(received.values())[-1]
+        if by_reading:
+            raised = inf if now > raised + AFTER_ALARM - ROUNDING else raised
+            above = any(force > task.alarm_threshold for at, (force, _, _) in received.items() if at > heard_until)
+            raised, heard_until = min(raised, now if above else inf), max(received)
+        elif motion.command.detection_time is not None:
+            raised = motion.command.detection_time + delay
         flange = motion.command.at(motion.t)[:2]
-        action = yield _observe(task, scenario, weight, estimate, now, alarm, reading, flange)
+        action = yield _observe(task, scenario, weight, estimate, now, raised, reading, flange)
         velocity, acceleration = (
             round(low + (min(max(float(one), -1.0), 1.0) + 1) / 2 * (high - low), 6)
             for one, (low, high) in zip(action, (task.velocity_range, task.acceleration_range), strict=True)
@@ -146,12 +153,17 @@ def _episode(
         motion.command.steer(motion.t, velocity, acceleration)
         while True:
             detected = motion.command.detection_time
-            times = _observation_times(task.control_period, inf if detected is None else detected + delay)
+            alarm = inf if detected is None else detected + delay
+            times = _observation_times(task.control_period, alarm, by_reading)
             due = min(at for at in times if at > now + ROUNDING)
             if motion.t > due - ROUNDING:
                 break
             motion.advance(min(at for at in (due, *(at - delay for at in times)) if at > motion.t + ROUNDING))
-            sensed[motion.t] = max(motion.force, 0.0), motion.peak_force, motion.deflection
+            if not by_reading:
+                sensed[motion.t] = max(motion.force, 0.0), motion.peak_force, motion.deflection
+            elif any(abs(at - delay - motion.t) < ROUNDING for at in times):
+                sensed[motion.t] = max(motion.unread_force, motion.force, 0.0), motion.peak_force, motion.deflection
+                motion.unread_force = 0.0
         now = due
         if due == times[-1]:
             break
@@ -183,10 +195,11 @@ def _settle(motion: Motion, deceleration: float) -> None:
         motion.advance(min(end, motion.t + SETTLE_SLICE))
 
 
-def _observation_times(period: float, alarm: float) -> list[float]:
-    """When the controller is asked, and when the episode ends, s: the clock starts anew at the alarm."""
-    start, end = (0.0, HORIZON) if alarm == inf else (alarm, alarm + AFTER_ALARM)
-    before = [] if alarm == inf else [k * period for k in range(1, 1 + int((alarm - ROUNDING) / period))] + [alarm]
+def _observation_times(period: float, alarm: float, by_reading: bool) -> list[float]:
+    """When the controller is asked, and when the episode ends, s: the clock starts anew at an alarm of its own."""
+    end = HORIZON if alarm == inf else alarm + AFTER_ALARM
+    start = 0.0 if alarm == inf or by_reading else alarm
+    before = [] if start == 0.0 else [k * period for k in range(1, 1 + int((alarm - ROUNDING) / period))] + [alarm]
     return before + [start + k * period for k in range(1, 1 + int((end - ROUNDING - start) / period))] + [end]
 
 
@@ -203,6 +216,7 @@ def _observe(
     scenario_values[-1] -= x
     shown = {
         "range_noise": [estimate - x] if task.range_noise is not None else [],
+        "range_told": [task.range_noise] if task.range_told else [],
         "deflection_sensor": [deflection] if task.deflection_sensor else [],
         "privileged": [*scenario_values, task.delays[0]] if task.privileged else [],
     }

@@ -72,7 +72,10 @@ cdef Record draw_record(
     record.distance = drawn_or(fixed.distance, draw(r.distance.low, r.distance.high, False, u.distance))
     record.time_weight = drawn_or(fixed.time_weight, draw(r.time_weight.low, r.time_weight.high, True, u.time_weight))
     record.distance_estimate = drawn_or(
-        fixed.distance_estimate, record.distance + record.setting.range_noise * normal(u.estimate_size, u.estimate_angle)
+        fixed.distance_estimate,
+        record.distance
+        + record.setting.range_bias
+        + record.setting.range_noise * normal(u.estimate_size, u.estimate_angle),
     )
     record.reaction_delay = drawn_or(
         fixed.reaction_delay, draw(r.reaction_delay.low, r.reaction_delay.high, False, u.reaction_delay)

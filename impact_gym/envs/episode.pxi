@@ -58,28 +58,34 @@ cdef void sample(const Run *run, Row *row) noexcept nogil:
     There is a reading one delay before each observation that may come, at times known a delay ahead, because the alarm,
     which shifts the clock, comes a delay after its cause. Each carries its time: an observation gets the last one that
     is due, and one for an observation that did not come (at the horizon, with an alarm under way) is passed over.
+    An alarm by the readings comes with an observation and shifts nothing.
     """
     cdef Chain *chain = row.chain
     cdef Episode *episode = row.episode
+    cdef bint shifted = not isinf(chain.detection) and not row.task.alarm_by_reading
     cdef double delay = episode.drawn.reaction_delay, period = row.task.control_period, last, following
+    cdef double force = take_peak(run, chain) if row.task.alarm_by_reading else sensed_force(run, chain)
     row.readings[episode.pushed % row.slots] = Reading(
-        chain.time, sensed_force(run, chain), chain.peak_force, chain.deflection - chain.flange_offset
+        chain.time, force, chain.peak_force, chain.deflection - chain.flange_offset
     )
     episode.pushed += 1
-    if isinf(chain.detection):
+    last = row.task.horizon - delay if isinf(chain.detection) else chain.detection + row.task.after_alarm
+    if not shifted:
         following = (floor((chain.time + delay + ROUNDING) / period) + 1.0) * period - delay
-        last = row.task.horizon - delay  # where an observation is one of its own, if there is no alarm by then
+        # the end is an observation of its own
         if chain.time < last - ROUNDING and last < following - ROUNDING:
             following = last
         episode.next_sample = following
     else:
-        last = chain.detection + row.task.after_alarm
         following = snap(max(episode.next_sample, chain.detection) + period, last)
         episode.next_sample = following if chain.time < last else INFINITY
 
 
 cdef void receive(Row *row) noexcept nogil:
-    """Let the oldest reading under way reach the controller, with the sensor's errors; forces never fall below zero."""
+    """Let the oldest reading under way reach the controller, with the sensor's errors; forces never fall below zero.
+
+    One above the threshold raises an alarm by the readings, if none is on.
+    """
     cdef Episode *episode = row.episode
     cdef Sensors *sensors = &episode.sensors
     cdef const Reading *reading = &row.readings[episode.popped % row.slots]
@@ -88,7 +94,12 @@ cdef void receive(Row *row) noexcept nogil:
     if noise > 0.0:
         error += noise * normal(hashed(seed, 2 * episode.popped), hashed(seed, 2 * episode.popped + 1))
     sensors.force = max(reading.force + error, 0.0)
-    sensors.peak = max(sensors.peak, reading.peak + error)
+    if row.task.alarm_by_reading:
+        sensors.peak = max(sensors.peak, sensors.force)
+        if sensors.force > episode.drawn.setting.alarm_threshold:
+            episode.alarm = min(episode.alarm, row.chain.time)
+    else:
+        sensors.peak = max(sensors.peak, reading.peak + error)
     sensors.deflection = reading.deflection
     episode.popped += 1
 
@@ -134,7 +145,10 @@ cdef double play_step(Run *run, Row *row, double velocity_action, double acceler
     )
     cdef double begun = min(chain.time, chain.first_contact), alarm, until, time_cost
     alarm = drive(run, row, velocity, acceleration)
-    if isinf(episode.alarm) and chain.time >= alarm:
+    if task.alarm_by_reading:
+        if chain.time >= episode.alarm + task.after_alarm - ROUNDING:
+            episode.alarm = INFINITY
+    elif isinf(episode.alarm) and chain.time >= alarm:
         episode.alarm = alarm
     until = chain.time - episode.drawn.reaction_delay + ROUNDING
     while episode.popped < episode.pushed and row.readings[episode.popped % row.slots].time <= until:
@@ -157,11 +171,12 @@ cdef double drive(Run *run, Row *row, double velocity, double acceleration) noex
     cdef Chain *chain = row.chain
     cdef Episode *episode = row.episode
     cdef double period_end = chain.time + row.task.control_period, alarm = chain.detection + episode.drawn.reaction_delay
-    cdef double until, end
+    cdef bint shifts = not row.task.alarm_by_reading
+    cdef double until, end, late = 0.0 if shifts else ROUNDING
     cdef int status
     if isinf(alarm):
         end = snap(period_end, row.task.horizon)
-    elif isinf(episode.alarm):
+    elif shifts and isinf(episode.alarm):
         end = snap(period_end, alarm)
     else:
         end = snap(period_end, alarm + row.task.after_alarm)
@@ -173,9 +188,12 @@ cdef double drive(Run *run, Row *row, double velocity, double acceleration) noex
             break
         if status == DETECTED:
             alarm = chain.detection + episode.drawn.reaction_delay
-            end = snap(period_end, alarm)
-            episode.next_sample = chain.time
-        if chain.time >= episode.next_sample:
+            if shifts:
+                end = snap(period_end, alarm)
+                episode.next_sample = chain.time
+            else:
+                end = snap(period_end, alarm + row.task.after_alarm)
+        if chain.time >= episode.next_sample - late:
             sample(run, row)
     return alarm
 

@@ -36,8 +36,9 @@ class Entry(NamedTuple):
 
 _CURVES: dict[int, Callable[[float], float]] = {LINEAR: float, LOGARITHM: math.log, LOGARITHM_OF_ONE_MORE: math.log1p}
 _PLACES = places(EPISODE)
-_SENSED = ("reaction_delay", "force_noise", "force_bias")
-_ALARM = ("reaction_delay",)
+_DELAY = ("reaction_delay",)
+_SENSED = ("reaction_delay", "force_noise", "force_bias", "alarm")
+_ALARM = ("reaction_delay", "alarm")
 _FORCE = "N, as log(1 + F)"
 
 ENTRIES = (
@@ -53,8 +54,11 @@ ENTRIES = (
 OPTIONAL_ENTRIES = (
     Entry("distance_estimate", "distance estimate minus flange position", "m", -0.5, 0.5, -1.0, LINEAR, "range_noise"),
     Entry(
+        "range_noise", "standard deviation of the distance estimate", "m", 0.0, 0.05, 0.0, LINEAR, "range_told"
+    ),
+    Entry(
         "deflection", "tool minus flange from rest, as sensed a delay ago",
-        "m", -0.05, 0.05, -1.0, LINEAR, "deflection_sensor", _ALARM,
+        "m", -0.05, 0.05, -1.0, LINEAR, "deflection_sensor", _DELAY,
     ),
     Entry("object_mass", "object mass", "kg, as log", 0.01, 10.0, -1.0, LOGARITHM, "privileged"),
     Entry("contact_stiffness", "contact stiffness", "N/m^1.5, as log", 1e3, 1e8, -1.0, LOGARITHM, "privileged"),
@@ -82,7 +86,7 @@ def entries(task: Task) -> tuple[Entry, ...]:
     """Return what the options of `task` let the controller see."""
     low, high = task.velocity_range
     seen = [one._replace(low=low, high=high) if one.sensor == "velocity" else one for one in ENTRIES]
-    asked_for = {"deflection_sensor": task.deflection_sensor, "privileged": task.privileged}
+    asked_for = {name: getattr(task, name) for name in ("range_told", "deflection_sensor", "privileged")}
     asked_for["range_noise"] = task.range_noise is not None  # 0 is an estimate without an error
     added = [entry for entry in OPTIONAL_ENTRIES if asked_for[entry.argument]]
     drawn = [drawn_entry(name, pair) for name, pair in task.drawn.items()] if task.privileged else []

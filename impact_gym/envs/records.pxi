@@ -24,6 +24,7 @@ cdef struct Setting:  # numbers of the set-up, of which an episode may draw any
     double tool_mass  # kg
     double alarm_threshold  # N
     double range_noise  # m, standard deviation of the distance estimate
+    double range_bias  # m, by which all estimates are too far
     double force_noise  # N, of each reading
     double force_bias  # N, of the error that stays for the episode
     CouplingNumbers coupling
@@ -61,6 +62,7 @@ cdef struct Task:  # what a row plays
     Setting setting
     int64_t first_draw, last_draw  # of the numbers of it that an episode draws, among those of all tasks
     int64_t holder_drawn  # 1: some of these are what holds the tool
+    int64_t alarm_by_reading  # 1: the readings raise the alarm, 0: a switch of its own
     double force_weight  # m/s per N
     double tolerance  # -, local error of a step of the integrator
     int64_t exact  # 1: the damping factor that delivers the restitution, 0: that of Hu and Guo
@@ -70,7 +72,7 @@ cdef struct Task:  # what a row plays
 
 cdef struct Reading:  # of the sensors, on its way to the controller
     double time  # s
-    double force  # N
+    double force  # N; where the readings raise the alarm, the largest since the reading before
     double peak  # N, largest force so far
     double deflection  # m
 
@@ -98,7 +100,7 @@ cdef struct Episode:  # a row, beside its chain
     Record drawn
     Sensors sensors
     double damping  # -, damping factor of its contact
-    double alarm  # s, when it reaches the controller; inf if it has not
+    double alarm  # s, when it reached the controller; inf if it has not, or is over
     double next_sample  # s, when the sensors are read next; inf if never again
     int64_t pushed  # readings taken so far, those under way at t = 0 included
     int64_t popped  # of these, how many have reached the controller

@@ -30,6 +30,7 @@ NUMBERS = {
     "tool_mass": Number("kg", True, {"above": 0.0}),
     "alarm_threshold": Number("N", True, {"at_least": 1e-6, "at_most": 1e6}),
     "range_noise": Number("m", limits={"at_least": 0.0, "at_most": 1e3}),
+    "range_bias": Number("m", limits={"at_least": -1e3, "at_most": 1e3}),
     "force_noise": Number("N", limits={"at_least": 0.0, "at_most": 1e6}),
     "force_bias": Number("N", limits={"at_least": 0.0, "at_most": 1e6}),
     "coupling.stiffness": Number("N/m", True),

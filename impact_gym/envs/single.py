@@ -58,8 +58,13 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     OBSERVATION_TABLE
 
     A step lasts one control period, 16 ms. It ends early exactly once: when the contact alarm reaches the controller,
-    `reaction_delay` after the contact force first exceeds `alarm_threshold`, located as an event. The alarm is a switch
-    of its own, which the noise and bias of the force readings do not reach.
+    `reaction_delay` after the contact force first exceeds `alarm_threshold`, located as an event. That alarm is a switch
+    of its own, which the noise and bias of the force readings do not reach, and stays on.
+
+    With `alarm="reading"` there is no such switch. The force is then the largest since the reading before, noise and
+    bias included, and an observation whose reading exceeds `alarm_threshold` raises the alarm: no step is cut short for
+    it, it may be false, and it is over after 0.15 s, when a reading can raise it anew. The episode still ends 0.15 s
+    after a switch would have told of the touch, whatever alarms came before.
 
     ## Rewards
     `-time_weight * dt` until the first contact begins (the instant of the event, not a count of steps); at the end
@@ -118,9 +123,12 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     | `control_period`    | 0.016                  | s                                                               |
     | `velocity_range`    | (-0.5, 1.5)            | m/s, what the first action is mapped to                         |
     | `acceleration_range`| (1.0, 20.0)            | m/s^2, what the second is mapped to; its end brakes at the end  |
+    | `alarm`             | "force"                | or "reading": what raises the alarm, see Observation Space      |
     | `alarm_threshold`   | 1.0                    | N of contact force, above which the alarm sets out              |
     | `dissipation`       | "hu-guo"               | or "exact": how damping follows from restitution, see `Contact` |
     | `range_noise`       | None                   | m, standard deviation of a distance estimate; None: no estimate |
+    | `range_bias`        | 0.0                    | m, by which all estimates are too far                           |
+    | `range_told`        | False                  | observe `range_noise`, which may differ from episode to episode |
     | `force_noise`       | 0.0                    | N, standard deviation of each reading of the force              |
     | `force_bias`        | 0.0                    | N, standard deviation of an error that stays for the episode    |
     | `deflection_sensor` | False                  | observe how far the tool is displaced on its coupling           |

@@ -21,6 +21,7 @@ AFTER_ALARM = 0.15  # s, an episode ends this long after the alarm
 HORIZON = 1.2  # s, or here, if there is no alarm
 MISSED_COST = 2.0  # m/s
 DISSIPATIONS = ("hu-guo", "exact")
+ALARMS = ("force", "reading")
 SETTLE_LIMIT = 10.0  # s, simulated after the end at the most
 
 
@@ -41,9 +42,12 @@ class Task:
     control_period: float = 0.016  # s
     velocity_range: Any = VELOCITY_RANGE
     acceleration_range: Any = ACCELERATION_RANGE
+    alarm: str = "force"  # what raises it: the contact force itself, or its noisy "reading"
     alarm_threshold: Any = 1.0  # N, of the contact force (paper, section 3.2)
     dissipation: str = "hu-guo"  # or "exact", see Contact
     range_noise: Any = None  # m, standard deviation of the distance estimate; None: no estimate
+    range_bias: Any = 0.0  # m, by which all estimates are too far
+    range_told: bool = False  # observe range_noise
     force_noise: Any = 0.0  # N, standard deviation of each reading of the force
     force_bias: Any = 0.0  # N, standard deviation of an error that stays for the episode
     deflection_sensor: bool = False
@@ -87,13 +91,16 @@ class Task:
             )
         limits = {"above": 0.0, "at_most": STRONGEST}
         put("acceleration_range", command_range("acceleration_range", self.acceleration_range, "m/s^2", **limits))
-        if self.dissipation not in DISSIPATIONS:
-            raise ValueError(f"dissipation must be one of {DISSIPATIONS}, got {self.dissipation!r}")
-        for name in ("deflection_sensor", "privileged"):
+        for name, choice in {"dissipation": DISSIPATIONS, "alarm": ALARMS}.items():
+            if getattr(self, name) not in choice:
+                raise ValueError(f"{name} must be one of {choice}, got {getattr(self, name)!r}")
+        for name in ("deflection_sensor", "privileged", "range_told"):
             if not isinstance(getattr(self, name), (bool, np.bool_)):
                 raise WrongTypeError(f"{name} must be True or False, got {getattr(self, name)!r}")
         if self.deflection_sensor and isinstance(self.coupling, Rigid):
             raise ValueError("deflection_sensor must be False with a Rigid coupling, which has no deflection")
+        if self.range_noise is None and (self.range_told or self.range_bias or "range_bias" in drawn):
+            raise ValueError("range_bias and range_told must be 0 and False without an estimate, range_noise None")
         put("rtol", number("rtol", self.rtol, "(no unit)", at_least=1e-13, at_most=1e-2))
         if self.max_episode_steps is not None:
             put("max_episode_steps", whole("max_episode_steps", self.max_episode_steps, at_least=1))
@@ -101,12 +108,14 @@ class Task:
     def record(self, first_draw: int = 0) -> tuple[Any, ...]:
         """Return the fields of the kernels' `Task`; its draws begin at `first_draw` among those of all tasks."""
         _, _, _, of_coupling, of_robot, *_ = holder(self.tool_mass, self.coupling, self.robot)[0]
-        numbers = (self.tool_mass, self.alarm_threshold, self.range_noise or 0.0, self.force_noise, self.force_bias)
+        ranging = (self.range_noise or 0.0, self.range_bias)
+        numbers = (self.tool_mass, self.alarm_threshold, *ranging, self.force_noise, self.force_bias)
         return (
             self.control_period, HORIZON, AFTER_ALARM, self.acceleration_range[1], SETTLE_LIMIT, MISSED_COST,
             self.velocity_range, self.acceleration_range, COMMAND_RESOLUTION,
             (*numbers, of_coupling, of_robot),
-            first_draw, first_draw + len(self.drawn), int(self.draws_holder), self.force_weight,
+            first_draw, first_draw + len(self.drawn), int(self.draws_holder),
+            int(self.alarm == "reading"), self.force_weight,
             LOCAL_SHARE * self.rtol, int(self.dissipation == "exact"), self.max_episode_steps or 0,
             (*self.ranges.pairs(), self.weights, self.delays),
         )  # fmt: skip

@@ -50,6 +50,13 @@ cdef double sensed_force(const Run *run, const Chain *chain) noexcept nogil:
     return chain.units.force * max(contact_force(&run.contact, root, chain.penetration_rate / chain.units.velocity), 0.0)
 
 
+cdef double take_peak(const Run *run, Chain *chain) noexcept nogil:
+    """Largest contact force since it was last asked for, N."""
+    cdef double taken = max(chain.unread_force, sensed_force(run, chain))
+    chain.unread_force = 0.0
+    return taken
+
+
 cdef int command(Run *run, Chain *chain, double target, double acceleration, double until) noexcept nogil:
     """Take the flange to velocity `target` (m/s) at `acceleration` (m/s^2) and hold it, until time `until` (s).
 

@@ -56,6 +56,7 @@ cdef int integrate(Run *run, Chain *chain, double acceleration, double until, bi
     if not flying:
         chain.contact_peak_force = max(chain.contact_peak_force, peak * now.units.force)
         chain.peak_force = max(chain.peak_force, chain.contact_peak_force)
+        chain.unread_force = max(chain.unread_force, peak * now.units.force)
     if not isfinite(chain.penetration_rate + chain.deflection_rate):
         return NOT_FINITE
     return conclude(run, chain, found.event, until)

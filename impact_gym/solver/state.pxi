@@ -108,6 +108,7 @@ cdef struct Chain:  # a row: where everything is, and what has happened
     double first_contact  # s, inf if none yet
     double detection  # s, inf if none yet
     double peak_force  # N
+    double unread_force  # N, largest since `take_peak`
     double coupling_impulse  # N s, over the finished contacts (paper, eq. 21)
     double momentum_error  # -, largest over the finished contacts (paper, eq. 20)
     int64_t steps  # integration steps, rejected ones included

@@ -30,11 +30,13 @@ CHANGES = {
         TABLE,
         {"type": "Robot", "mass": (2.0, 6.0), "stiffness": (5e4, 2e5), "damping": (10.0, 60.0)},
     ),
+    "alarm": ("reading",),
     "alarm_threshold": (0.2, 15.0, (0.2, 15.0)),
     "dissipation": ("exact",),
     "force_noise": (0.3, 2.0, (0.0, 2.0)),
     "force_bias": (0.2, 1.0, (0.2, 1.0)),
     "range_noise": (0.001, 0.05, (0.001, 0.05)),
+    "range_bias": (0.01, (-0.02, 0.02)),
     "acceleration_range": ((0.5, 8.0),),
     "force_weight": (0.02,),
     "control_period": (0.009, 0.03),
@@ -48,7 +50,12 @@ DRAWN = {
 }
 """What the tasks of one batch may differ in; of all, beside the first, the default with an estimate of the distance."""
 
-OBSERVED = {"deflection_sensor", "privileged", "velocity_range"}  # other observations: all rows must agree
+OBSERVED = {
+    "range_told",
+    "deflection_sensor",
+    "privileged",
+    "velocity_range",
+}  # other observations: all rows must agree
 ONE_FOR_ALL = {"range_noise": 0.01}
 
 

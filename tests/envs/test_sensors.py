@@ -110,14 +110,14 @@ def test_the_privileged_observation_is_the_truth_behind_all_else():
 
 def test_the_table_of_the_docstring_is_that_of_the_code():
     text = gym.make(ID).unwrapped.__class__.__doc__
-    for argument in ("range_noise", "deflection_sensor", "privileged"):
+    for argument in ("range_noise", "range_told", "deflection_sensor", "privileged"):
         assert f"only with `{argument}`" in text
         assert f"| `{argument}`" in text  # among the arguments
-    assert text.count("`reaction_delay`, `force_noise`, `force_bias`") == 2
-    everything = gym.make(ID, range_noise=0.01, deflection_sensor=True, privileged=True)
+    assert text.count("`reaction_delay`, `force_noise`, `force_bias`, `alarm`") == 2
+    everything = gym.make(ID, range_noise=0.01, range_told=True, deflection_sensor=True, privileged=True)
     rows = [line for line in text.splitlines() if line.strip().startswith(("| 0 ", "| then"))]
-    assert len(rows) == 2 + 7  # the first action, the first observation, and what arguments add
-    assert everything.observation_space.shape == (8 + 7,)
+    assert len(rows) == 2 + 8  # the first action, the first observation, and what arguments add
+    assert everything.observation_space.shape == (8 + 8,)
 
 
 @pytest.mark.parametrize(("delay", "period"), [(0.04, 0.016), (0.016, 0.07), (0.04, 0.07)])
