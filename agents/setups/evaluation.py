@@ -51,6 +51,8 @@ class Evaluation:
     varied: Mapping[str, Any] = field(default_factory=lambda: VARIED)
     """What is changed, one at a time, to see whether policies hold: arguments of the environment by dotted names, each
     with a list of values or a table {times = [...]} of multiples; `scenario` with names of frozen sets."""
+    nominal: Mapping[str, Any] = field(default_factory=dict)
+    """Arguments that the environment has before these changes, instead of what its episodes draw."""
 
     @classmethod
     def of_table(cls, content: Mapping[str, Any], environment: Mapping[str, Any]) -> "Evaluation":
@@ -61,6 +63,11 @@ class Evaluation:
         """
         known("evaluation.", content, [item.name for item in fields(cls)])
         given = dict(content)
+        nominal = table(content, "nominal", "evaluation.")
+        known("evaluation.nominal.", nominal, arguments_of_task())
+        with within("evaluation.nominal"):
+            environment = nominally(nominal, environment)
+            Task(**environment)
         for name in {"weights", "curve"} & content.keys():
             given[name] = tuple(sorted(numbers(f"evaluation.{name}", content[name], "m/s per s", above=0)))
             if not given[name] or len(set(given[name])) < len(given[name]):
@@ -95,8 +102,13 @@ class Change:
 
 def variants(evaluation: Evaluation, environment: Mapping[str, Any]) -> list[Change]:
     """Return all changes that `evaluation` asks for and `environment` knows, argument by argument."""
-    varied = evaluation.varied.items()
-    return [change for name, values in varied for change in changes(name, values, environment)]
+    varied, begun = evaluation.varied.items(), nominally(evaluation.nominal, environment)
+    return [change for name, values in varied for change in changes(name, values, begun)]
+
+
+def nominally(nominal: Mapping[str, Any], environment: Mapping[str, Any]) -> dict[str, Any]:
+    """Return an environment's arguments with those that are nominal in their place."""
+    return {**environment, **{name: None if value == "rigid" else value for name, value in nominal.items()}}
 
 
 def changes(name: str, values: Any, environment: Mapping[str, Any], strict: bool = False) -> Iterator[Change]:

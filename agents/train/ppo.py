@@ -18,11 +18,10 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepR
 
 from agents.policies.networks import Affine
 from agents.policies.policy import observation_table
+from agents.train.imitation import Pupil, Teacher, time_weights
 from agents.train.settings import Settings
-from impact_gym.envs.observation import ENTRIES
 from impact_gym.sb3 import ImpactVecEnv
 
-TIME_WEIGHT = 7  # place of the time weight in the observation
 CENTRE_AND_SPREAD = {
     "flange position": (-0.1, 0.3),
     "flange velocity": (0.4, 0.45),
@@ -74,9 +73,7 @@ class ScaledRewards(VecEnvWrapper):
 
     def _see(self, observations: Any) -> None:
         """Take the scale from the time weights in `observations` (num_envs, n_obs)."""
-        low, high = ENTRIES[TIME_WEIGHT].low, ENTRIES[TIME_WEIGHT].high
-        weights = low * np.float32(high / low) ** (0.5 * (observations[:, TIME_WEIGHT] + 1.0))
-        self._scale = np.asarray((1.0 + weights) ** -self._power, np.float32)
+        self._scale = np.asarray((1.0 + time_weights(observations)) ** -self._power, np.float32)
 
 
 def make_environment(settings: Settings) -> ScaledRewards:
@@ -91,11 +88,11 @@ def ppo(settings: Settings, environment: VecEnv) -> PPO:
     network = network_arguments(settings)
     if on.informed_critic:
         network["seen"] = len(entry_names(settings.environment))
-    return PPO(
-        InformedCritic if on.informed_critic else "MlpPolicy",
-        policy_kwargs=network,
-        **on_policy_arguments(settings, environment),
-    )
+    policy = InformedCritic if on.informed_critic else "MlpPolicy"
+    arguments = {"policy": policy, "policy_kwargs": network, **on_policy_arguments(settings, environment)}
+    if not on.teacher:
+        return PPO(**arguments)
+    return Pupil(teacher=Teacher(settings.setup, on.teacher), until=on.taught, **arguments)
 
 
 def on_policy_arguments(settings: Settings, environment: VecEnv) -> dict[str, Any]:

@@ -24,6 +24,7 @@ from agents.setups import load_setup
 from agents.train import checkpoint
 from agents.train.algorithms import make_model
 from agents.train.callback import OnValidation, TrainingCallback
+from agents.train.imitation import Teacher
 from agents.train.logs import outputs
 from agents.train.ppo import make_environment
 from agents.train.settings import FIRST_SEED, SLOTS, Settings, as_json, command, from_json
@@ -136,9 +137,11 @@ def write_json(path: Path, content: Any) -> None:
 
 
 def made_for(settings: Settings) -> dict[str, Any]:
-    """Return what a set-up says that a run was made for, as JSON gives it back: environment and validation weights."""
+    """Return what a run was made for, as JSON gives it back: environment, validation weights, and who teaches."""
     weights = load_setup(settings.setup).evaluation.weights
-    return json.loads(json.dumps({"environment": settings.environment, "weights": weights}))
+    named = settings.on_policy.teacher
+    teacher = {"teacher": Teacher(settings.setup, named).checksum} if named else {}
+    return json.loads(json.dumps({"environment": settings.environment, "weights": weights, **teacher}))
 
 
 def provenance(settings: Settings) -> dict[str, Any]:

@@ -48,12 +48,16 @@ class OnPolicy:
     informed_critic: bool = True
     """The critic, which is not shipped, also sees the scenario: the object's mass, stiffness, restitution and distance.
     Of ppo alone."""
+    teacher: str = ""
+    """Tuned baseline of the set-up that ppo imitates before it learns by itself; "": none."""
+    taught: int = 1_000_000
+    """Environment steps for which it does."""
     lstm: int = 32
     """Cells of the recurrent layer; recurrent_ppo alone has one."""
 
     def __post_init__(self) -> None:
         whole("on_policy.rollout", self.rollout, at_least=2)
-        for name in ("epochs", "lstm"):
+        for name in ("epochs", "lstm", "taught"):
             whole(f"on_policy.{name}", getattr(self, name), at_least=1)
         number("on_policy.gae_lambda", self.gae_lambda, "(no unit)", at_least=0, at_most=1)
         number("on_policy.entropy", self.entropy, "(no unit)", at_least=0)

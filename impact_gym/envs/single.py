@@ -58,8 +58,8 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     OBSERVATION_TABLE
 
     A step lasts one control period, 16 ms. It ends early exactly once: when the contact alarm reaches the controller,
-    `reaction_delay` after the contact force first exceeds `alarm_threshold`, located as an event. That alarm is a switch
-    of its own, which the noise and bias of the force readings do not reach, and stays on.
+    `reaction_delay` after the contact force first exceeds `alarm_threshold`, located as an event. That alarm is a
+    switch of its own, which the noise and bias of the force readings do not reach, and stays on.
 
     With `alarm="reading"` there is no such switch. The force is then the largest since the reading before, noise and
     bias included, and an observation whose reading exceeds `alarm_threshold` raises the alarm: no step is cut short for

@@ -1,0 +1,102 @@
+"""PPO that begins as a pupil: for its first steps it is told what a tuned baseline would do where it is itself.
+
+S. Ross, G. Gordon, D. Bagnell, A Reduction of Imitation Learning and Structured Prediction to No-Regret Online
+Learning, AISTATS 2011. PPO explores around what it does; what lies far from that, such as an approach in pulses, it
+does not find, but it improves on it once it is there.
+"""
+
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from stable_baselines3 import PPO
+
+from agents.baselines.tuned import read_tuned, tuned_rule
+from agents.setups import load_setup
+from impact_gym.envs.observation import ENTRIES
+
+TIME_WEIGHT = 7
+"""Place of the time weight in the observation."""
+
+
+def time_weights(observations: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the time weights (...), m/s per s, in `observations` (..., n_obs)."""
+    low, high = ENTRIES[TIME_WEIGHT].low, ENTRIES[TIME_WEIGHT].high
+    return np.asarray(low * np.float32(high / low) ** (0.5 * (observations[..., TIME_WEIGHT] + 1.0)))
+
+
+class Teacher:
+    """A tuned baseline of a set-up, in each episode as it was tuned for the time weight at which it does best there."""
+
+    def __init__(self, setup: str, name: str) -> None:
+        """Read it.
+
+        Raises:
+            ValueError: the set-up has no such baseline, or it is not tuned for this environment.
+        """
+        loaded = load_setup(setup)
+        if name not in loaded.tuned:
+            raise ValueError(f"teacher must be a baseline that {setup} tunes, {list(loaded.tuned)}, got {name!r}")
+        content = read_tuned(name, loaded.folder / "tuned", loaded)
+        self.rules = [tuned_rule(content, float(weight)) for weight in content["weights"]]
+        means = [found["validation"] for found in content["weights"].values()]
+        self.means = np.array([(one["object_velocity"], one["approach_time"]) for one in means])
+        self.checksum: str = content["sha256"]
+
+    def actions(self, observations: NDArray[Any], episode_starts: NDArray[Any]) -> NDArray[np.float32]:
+        """Return what it would do (steps, envs, 2) at `observations` (steps, envs, n_obs), which follow each other.
+
+        What it remembers of before the first of them is lost.
+        """
+        velocity, time = self.means.T  # on the validation set
+        best = (velocity + time_weights(observations)[..., None] * time).argmin(axis=-1)
+        found = np.zeros((*best.shape, 2), np.float32)
+        for place, rule in enumerate(self.rules):
+            state = None
+            for step, (seen, start) in enumerate(zip(observations, episode_starts, strict=True)):
+                actions, state = rule.predict(seen, state, start > 0.5)
+                found[step] = np.where(best[step, :, None] == place, actions, found[step])
+        return found
+
+
+class Pupil(PPO):
+    """PPO that does as its teacher says for its first steps; its critic learns from the beginning."""
+
+    def __init__(self, *arguments: Any, teacher: Teacher, until: int, **options: Any) -> None:
+        """Make one; for so many steps, `until`, the teacher speaks."""
+        self._teacher, self._until = teacher, until
+        super().__init__(*arguments, **options)
+
+    def train(self) -> None:
+        """Learn from the last rollout."""
+        if self.num_timesteps <= self._until:
+            self._imitate()
+        else:
+            super().train()
+
+    def _imitate(self) -> None:
+        self.policy.set_training_mode(True)
+        self._update_learning_rate(self.policy.optimizer)
+        buffer = self.rollout_buffer
+        told = self._teacher.actions(buffer.observations, buffer.episode_starts)
+        seen, told, returns = (_flat(array) for array in (buffer.observations, told, buffer.returns))
+        losses = []
+        for _ in range(self.n_epochs):
+            for part in torch.as_tensor(np.random.permutation(len(seen))).split(self.batch_size):  # noqa: NPY002 - as PPO
+                features = self.policy.extract_features(seen[part])
+                for_action, for_value = self.policy.mlp_extractor(features)
+                imitation = (self.policy.action_net(for_action) - told[part]).square().mean()
+                value = (self.policy.value_net(for_value).flatten() - returns[part]).square().mean()
+                self.policy.optimizer.zero_grad()
+                (imitation + self.vf_coef * value).backward()
+                torch.nn.utils.clip_grad_norm_(self.policy.parameters(), self.max_grad_norm)
+                self.policy.optimizer.step()
+                losses.append(imitation.item())
+        self._n_updates += self.n_epochs
+        self.logger.record("train/imitation_loss", float(np.mean(losses)))
+
+
+def _flat(array: NDArray[Any]) -> torch.Tensor:
+    """Return what a buffer holds by step and environment, one behind the other."""
+    return torch.as_tensor(array.reshape(-1, *array.shape[2:]))

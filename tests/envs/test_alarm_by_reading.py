@@ -1,0 +1,175 @@
+"""`alarm="reading"`: noisy readings raise the alarm, falsely too; nothing but the touch ends an episode."""
+
+import math
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from episodes import ID, Always, newtons, play, random_actions, scene, seconds
+from scipy import stats
+
+import impact_gym as ig
+from agents.baselines import BlindProfile, PaperTrapezoid
+from agents.baselines.wary import THRESHOLD, WaryProfile
+from agents.evaluate.stage import Stage
+
+ALARM, SINCE, FORCE, PEAK = 3, 4, 5, 6
+READING = {"alarm": "reading"}
+STANDING = np.array([-0.5, 0.0], np.float32)
+
+
+def readings_of_nothing(rows, ticks, **options):
+    """Observations (ticks, rows, n_obs) of an arm that stands still."""
+    envs = gym.make_vec(ID, num_envs=rows, **READING, **options)
+    envs.reset(seed=0)
+    return np.array([envs.step(np.tile(STANDING, (rows, 1)))[0] for _ in range(ticks)], float)
+
+
+@pytest.mark.parametrize(("threshold", "sigma"), [(1.0, 0.5), (2.0, 2.0), (4.0, 5.0)])
+def test_the_first_false_alarm_comes_as_often_as_a_normal_number_exceeds_the_threshold(threshold, sigma):
+    rows, ticks = 4000, 9  # of 16 ms: fewer than an alarm lasts
+    seen = readings_of_nothing(rows, ticks, force_noise=sigma, alarm_threshold=threshold)
+    share = stats.norm.sf(threshold / sigma)
+    for tick in range(ticks):
+        expected = 1.0 - (1.0 - share) ** (tick + 1)
+        assert abs(seen[tick, :, ALARM].mean() - expected) < 4.0 * math.sqrt(expected * (1.0 - expected) / rows)
+    raised = seen[:, :, ALARM].argmax(axis=0)
+    some = np.flatnonzero(seen[-1, :, ALARM])
+    assert newtons(seen[raised[some], some, FORCE]).min() > threshold - 1e-4
+    assert 0.15 * seen[-1, some, SINCE] == pytest.approx(0.016 * (ticks - 1 - raised[some]), abs=1e-6)
+
+
+def test_a_false_alarm_is_over_after_its_time_and_can_come_again():
+    seen = readings_of_nothing(500, 70, force_noise=1.0, alarm_threshold=2.0)
+    on, readings = seen[:, :, ALARM] > 0.5, newtons(seen[:, :, FORCE])
+    begun, again = 0, 0
+    for row in range(500):
+        raised = None
+        for tick in range(70):
+            if raised is not None and 0.016 * (tick - raised) > 0.15 - 1e-9:
+                raised, begun = None, begun + 1
+            if raised is None and readings[tick, row] > 2.0:
+                raised, again = tick, again + (begun > 0)
+            assert on[tick, row] == (raised is not None)
+    assert begun > 100 and again > 100
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.016, 0.03])
+def test_without_errors_the_alarm_comes_with_the_first_reading_behind_the_threshold(delay):
+    env = gym.make(ID, reaction_delay=delay, **READING)
+    for seed in range(20):
+        observations, _, info = play(env, PaperTrapezoid(), seed)
+        motion = ig.Trapezoid(1.0, 8.0, ig.Brake(delay=10.0))
+        touched = ig.simulate(scene(info["scenario"]), motion, duration=1.0).detection_time
+        times = seconds(observations)
+        expected = math.ceil((touched + delay) / 0.016 - 1e-6) * 0.016
+        assert times[observations[:, ALARM].argmax()] == pytest.approx(expected, abs=1e-6)
+        assert times[-1] == pytest.approx(touched + delay + 0.15, abs=1e-6)
+        assert np.diff(times[:-1]) == pytest.approx(0.016, abs=1e-6)
+
+
+def test_a_reading_is_the_largest_force_since_the_one_before():
+    env = gym.make(ID, record_trace=True, **READING)
+    met = 0
+    for seed in range(12):
+        stiffness = [1e3, 1e4, 1e6][seed % 3]
+        observations = play(env, random_actions(seed), seed, scenario={"contact_stiffness": stiffness}).observations
+        trace = env.unwrapped.trace()
+        for k in range(1, len(observations)):
+            end = seconds(observations[k]) - 0.016
+            during = (trace.time > end - 0.016 - 1e-7) & (trace.time <= end + 1e-7)
+            if k == len(observations) - 1 or not during.any():
+                continue  # the last one is of a shorter time
+            largest = max(trace.contact_force[during].max(), 0.0)
+            met += largest > 0.0
+            assert newtons(observations[k, FORCE]) == pytest.approx(largest, rel=2e-3, abs=1e-4)  # between its points
+        assert newtons(observations[:, PEAK]) == pytest.approx(
+            np.maximum.accumulate(newtons(observations[:, FORCE])), rel=1e-5, abs=1e-5
+        )
+    assert met > 20
+
+
+def test_false_alarms_end_nothing():
+    """Who goes on whatever comes meets what it would have met without a sensor."""
+    quiet, noisy = (
+        gym.make_vec(ID, num_envs=100, autoreset_mode="SameStep", force_noise=noise, **READING) for noise in (0.0, 5.0)
+    )
+    action = Always(0.7, 20.0)
+    finals = []
+    for envs in (quiet, noisy):
+        observations, _ = envs.reset(seed=4)
+        found = {}
+        while len(found) < 100:
+            observations, _, ended, _, infos = envs.step(action.predict(observations)[0])
+            for row in set(np.flatnonzero(ended)) - set(found):
+                final = infos["final_info"]
+                found[row] = final["object_velocity"][row], final["approach_time"][row]
+        finals.append([found[row] for row in range(100)])
+    assert np.array(finals[0]) == pytest.approx(np.array(finals[1]), rel=1e-7, abs=1e-9)
+
+
+def test_a_rule_that_judges_for_itself_does_as_the_alarm_where_the_alarm_is_right():
+    numbers = [parameter.start for parameter in BlindProfile.PARAMETERS]
+    stage = Stage.of("validation", 200, alarm="reading", alarm_threshold=3.0)
+    trusting, wary = stage.play(BlindProfile(numbers)), stage.play(WaryProfile([*numbers, 3.0]))
+    assert np.array_equal(trusting.object_velocity, wary.object_velocity)
+    deaf = stage.play(WaryProfile([*numbers, 100.0]))
+    assert (deaf.object_velocity > 1.1 * trusting.object_velocity).mean() > 0.3
+
+
+def test_a_rule_that_judges_for_itself_goes_on_after_what_was_no_touch():
+    numbers = [parameter.start for parameter in WaryProfile.PARAMETERS]
+    stage = Stage.of("validation", 200, alarm="reading", force_noise=3.0)
+    missed = {}
+    for threshold in (1.0, 8.0, 20.0):
+        numbers[-1] = threshold
+        missed[threshold] = stage.play(WaryProfile(numbers)).missed.sum()
+    assert missed[1.0] > 100  # within the noise
+    assert missed[8.0] == missed[20.0] == 0
+    assert stage.play(BlindProfile(numbers[:-1])).missed.sum() > 100
+    assert WaryProfile.PARAMETERS[-1] is THRESHOLD
+
+
+def test_what_a_rule_remembers_ends_with_the_episode():
+    rule = WaryProfile([parameter.start for parameter in WaryProfile.PARAMETERS])
+    high = np.zeros((2, 8), np.float32)
+    high[:, FORCE] = 1.0  # 1 kN
+    _, raised = rule.predict(high)
+    assert np.isfinite(raised).all()
+    _, raised = rule.predict(np.zeros((2, 8), np.float32), raised, np.array([True, False]))
+    assert np.isfinite(raised).tolist() == [False, True]
+
+
+@pytest.mark.parametrize("bias", [0.01, -0.02])
+def test_a_bias_moves_every_estimate_by_as_much(bias):
+    plain, biased = (
+        gym.make_vec(ID, num_envs=500, range_noise=0.005, range_bias=shift).reset(seed=1)[0].astype(float)[:, 8]
+        for shift in (0.0, bias)
+    )
+    assert 0.5 * (biased - plain) == pytest.approx(bias, abs=1e-7)
+
+
+def test_who_is_told_how_good_the_estimate_is_sees_its_standard_deviation():
+    env = gym.make(ID, range_noise=(0.002, 0.03), range_told=True)
+    errors, told = [], []
+    for seed in range(1000):
+        observation, _ = env.reset(seed=seed)
+        record = env.unwrapped.episode_info()["record"]
+        assert 0.05 * observation[9] == pytest.approx(record["range_noise"], abs=1e-8)
+        errors.append(0.5 * observation[8] - env.unwrapped.episode_info()["scenario"]["distance"])
+        told.append(0.05 * observation[9])
+    assert 0.0019 < min(told) < 0.003 < 0.029 < max(told) < 0.0301
+    assert stats.kstest(np.array(errors) / told, "norm").pvalue > 1e-3
+
+
+@pytest.mark.parametrize(("options", "words"), [
+    ({"alarm": "bell"}, "alarm must be one of .'force', 'reading'., got 'bell'"),
+    ({"range_told": True}, "without an estimate"),
+    ({"range_bias": 0.01}, "without an estimate"),
+    ({"range_bias": (-0.01, 0.01)}, "without an estimate"),
+    ({"range_noise": 0.01, "range_told": 1}, "range_told must be True or False, got 1"),
+    ({"range_noise": 0.01, "range_bias": float("nan")}, "range_bias.*nan"),
+])  # fmt: skip
+def test_what_makes_no_sense_is_refused(options, words):
+    with pytest.raises((ValueError, TypeError), match=words):
+        gym.make(ID, **options)
