@@ -16,20 +16,20 @@ from agents.evaluate.stage import VALIDATION_SEED, Stage
 from agents.policies.policy import action_table
 from agents.setups import Setup, load_setup, shipped
 from agents.setups.evaluation import variants
+from agents.setups.feasible import corners, warnings
 from agents.setups.keys import known, within
 from agents.train.settings import command, default_settings
 from impact_gym.envs import observation
 from impact_gym.envs.scenario import FIELDS, LOGARITHMIC, UNITS
-from impact_gym.envs.setting import HOLDER_NUMBERS, NUMBERS
+from impact_gym.envs.setting import NUMBERS
 from impact_gym.envs.task import Task
 from impact_gym.files import whole_file
 from impact_gym.physics.impact import free_tool, rigid_tool
-from impact_gym.scene import Bistable, Rigid, Robot, RobotTable, SpringDamper
+from impact_gym.scene import Rigid, Robot, RobotTable, SpringDamper
 from impact_gym.validation import number
 
 PAPERS_SPEED = 1.0  # m/s
 SAMPLE = 500  # scenarios that the paper's rule is played through
-FARTHEST_SEEN = observation.ENTRIES[0].high  # m, of the flange
 
 
 @dataclass(frozen=True)
@@ -77,14 +77,6 @@ def _spread(values: Sequence[float], form: str = ".3g") -> str:
     return f"{low:{form}}" if low == high else f"{low:{form}} to {high:{form}}"
 
 
-def corners(task: Task) -> Iterator[Task]:
-    """Yield the task with every end of every range of what holds the tool."""
-    names = [name for name in task.drawn if name in HOLDER_NUMBERS]
-    middles = {name: sum(pair) / 2 for name, pair in task.drawn.items()}
-    for ends in product(*(task.drawn[name] for name in names)):
-        yield task.at(middles | dict(zip(names, ends, strict=True)))
-
-
 def lag(task: Task) -> float:
     """How far the tool stays behind the imposed motion at full acceleration, m, in equilibrium.
 
@@ -95,13 +87,6 @@ def lag(task: Task) -> float:
     spring = task.tool_mass / task.coupling.stiffness if isinstance(task.coupling, SpringDamper) else 0.0
     arm = max(((robot.mass + task.tool_mass) / robot.stiffness for robot in robots), default=0.0)
     return task.acceleration_range[1] * (spring + arm)
-
-
-def held(task: Task) -> float:
-    """Return the acceleration up to which the front stop of a bistable mechanism keeps its slider, m/s^2; else inf."""
-    if not isinstance(task.coupling, Bistable):
-        return np.inf
-    return float(task.coupling.force(task.coupling.rest)) / task.tool_mass
 
 
 def estimate(task: Task, scenario: dict[str, float]) -> float:
@@ -139,17 +124,7 @@ def lines(setup: Setup, called: str) -> Iterator[str]:
         f"  played through {SAMPLE} scenarios, the paper's rule leaves the object {played.object_velocity.mean():.3f}"
         f" m/s (mean), arrives after {played.approach_time.mean():.3f} s and misses {int(played.missed.sum())}"
     )
-    weakest = min(held(corner) for corner in corners(task))
-    if weakest < most:
-        yield (
-            f"  warning: the front stop holds the tool up to {weakest:.3g} m/s^2, the arm can make {most:g}: above that"
-            " the mechanism leaves its stop without a touch"
-        )
-    if task.ranges.distance[1] > FARTHEST_SEEN:
-        yield (
-            f"  warning: objects stand up to {task.ranges.distance[1]:g} m ahead, but the observation ends at a flange"
-            f" position of {FARTHEST_SEEN:g} m"
-        )
+    yield from (f"  warning: {sentence}" for sentence in warnings(task))
     check(setup, called)
     yield "\ntrained by"
     yield f"  {command(default_settings(called))}"

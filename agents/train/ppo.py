@@ -32,6 +32,8 @@ CENTRE_AND_SPREAD = {
     "its maximum so far, likewise": (0.15, 0.25),
     "time weight": (0.0, 0.3),
     "distance estimate minus flange position": (0.05, 0.1),  # sharper than it is met: 10 mm, its error, must count
+    "standard deviation of the distance estimate": (0.3, 0.2),
+    "tool minus flange from rest, as sensed a delay ago": (0.0, 0.2),
     "object mass": (0.15, 0.3),
     "contact stiffness": (-0.4, 0.35),
     "restitution": (0.55, 0.25),

@@ -21,6 +21,8 @@ from agents.baselines import PaperTrapezoid
 from agents.policies.policy import load_policy
 from agents.provenance import circumstances, revision
 from agents.setups import load_setup
+from agents.setups.feasible import warnings
+from agents.setups.keys import within
 from agents.train import checkpoint
 from agents.train.algorithms import make_model
 from agents.train.callback import OnValidation, TrainingCallback
@@ -28,6 +30,7 @@ from agents.train.imitation import Teacher
 from agents.train.logs import outputs
 from agents.train.ppo import make_environment
 from agents.train.settings import FIRST_SEED, SLOTS, Settings, as_json, command, from_json
+from impact_gym.envs.task import Task
 from impact_gym.files import whole_file
 
 PACKAGES = ("impact-gym", "gymnasium", "numpy", "scipy", "stable-baselines3", "sb3-contrib", "torch")
@@ -42,6 +45,9 @@ def train(settings: Settings, on_validation: OnValidation | None = None) -> Path
     """
     if settings.resume:
         return resume(settings.resume, on_validation)
+    with within(settings.setup):
+        for sentence in warnings(Task(**settings.environment)):
+            print(f"warning: {sentence}")
     stamp, name = datetime.now(UTC).strftime("%Y%m%d-%H%M%S"), load_setup(settings.setup).name
     folder = settings.out or Path("runs") / f"{stamp}-{name}-{settings.algo}-seed{settings.seed}"
     folder.mkdir(parents=True)

@@ -5,6 +5,7 @@ import subprocess
 import sys
 from dataclasses import replace
 
+import gymnasium as gym
 import numpy as np
 import pytest
 from policies import made_up_policy
@@ -12,8 +13,8 @@ from policies import made_up_policy
 import impact_gym as ig
 from agents import load_policy, setup
 from agents.controller import ControllerOptions, copy_setup, stages
-from agents.setups import load_setup
-from agents.train.run import resume
+from agents.setups import feasible, load_setup
+from agents.train.run import resume, train
 from agents.train.settings import default_settings
 from agents.train_seeds import Seeds, train_all
 from experiments.report import matchups
@@ -46,7 +47,7 @@ def test_the_lag_is_that_of_a_long_run_at_full_acceleration(coupling, robot):
 @pytest.mark.parametrize("share", [0.98, 1.02])
 def test_a_mechanism_leaves_its_stop_above_what_it_holds(share):
     task = Task(coupling=ig.Bistable())
-    trace = far_flight(task, share * setup.held(task), 2.0)
+    trace = far_flight(task, share * feasible.held(task), 2.0)
     behind = np.abs(trace.command_position - trace.tool_position).max()
     assert (behind > 0.01) == (share > 1.0)
 
@@ -63,7 +64,7 @@ def test_the_estimate_is_the_impact_of_a_hard_contact(coupling, robot):
 
 
 def test_what_follows_is_said(mine):
-    lags = [setup.lag(one) for one in setup.corners(Task(**load_setup(mine).environment))]
+    lags = [setup.lag(one) for one in feasible.corners(Task(**load_setup(mine).environment))]
     assert len(lags) == 8
     hand = [4.0 * m / k + 4.0 * (8.0 + m) / k_r for m in (0.3, 0.5) for k in (200, 400) for k_r in (5e4, 2e5)]
     assert sorted(lags) == pytest.approx(sorted(hand), rel=1e-12)
@@ -172,3 +173,59 @@ def test_seeds_of_a_set_up_that_has_changed_are_not_taken_for_its_own(mine, tmp_
         train_all("mine", wanted, replace(default_settings("mine.toml"), steps=512, validate_every=512))
     with pytest.raises(ValueError, match="has changed since"):
         resume(tmp_path / "runs" / "mine" / "seed-0")
+
+
+def reaching(acceleration, speed):
+    return {"acceleration_range": (1.0, acceleration), "velocity_range": (-0.1, speed)}
+
+
+@pytest.mark.parametrize(("acceleration", "speed"), [(20.0, 1.5), (2.0, 0.4), (1.5, 10.0)])
+def test_no_arm_gets_farther_before_the_end_than_is_said(acceleration, speed):
+    """At full acceleration the flange touches what stands a hair nearer than that, and misses what stands beyond."""
+    for share, missed in ((0.999, False), (1.001, True)):
+        arm = reaching(acceleration, speed)
+        distance = share * feasible.reached(Task(**arm))
+        env = gym.make("ImpactApproach-v0", coupling={"type": "Rigid"}, scenario={"distance": distance}, **arm)
+        env.reset(seed=0)
+        terminated = False
+        while not terminated:
+            _, _, terminated, _, info = env.step(np.ones(2, np.float32))
+        assert info["missed"] == missed
+
+
+@pytest.mark.parametrize(("environment", "words"), [
+    ({"scenario": {"distance": (1.8, 2.0)}}, r"distance must begin below 1\.74 m.*got 1\.8 m: every object would"),
+    (reaching(2.0, 0.1), r"distance must begin below 0\.117 m.*got 0\.15 m"),
+    ({"coupling": ig.Bistable(5.0), "acceleration_range": (2.0, 20.0)}, r"must hold the tool at 2 m/s\^2.*0\.838"),
+], ids=["far", "slow", "loose"])  # fmt: skip
+def test_what_can_never_be_done_is_refused_before_it_is_trained(mine, tmp_path, environment, words):
+    with pytest.raises(ValueError, match=words):
+        feasible.warnings(Task(**environment))
+    change(mine, "distance = ", "distance = [9.0, 9.1]  # ")
+    with pytest.raises(ValueError, match=r"mine\.toml.*distance must begin below"):
+        train(replace(default_settings(str(mine)), out=tmp_path / "run"))
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(("environment", "words"), [
+    ({}, []),
+    ({"scenario": {"distance": (0.2, 1.75)}}, ["gets only 1.74 m", "ends at a flange position of 0.75"]),
+    ({"scenario": {"distance": (0.01, 0.3)}}, ["from 10 mm on, where the tool can be before the first reading"]),
+    ({"coupling": ig.Bistable()}, ["holds the tool up to 8.38 m/s^2, the arm can make 20: above that"]),
+    ({"coupling": ig.Bistable(), "acceleration_range": (1.0, 8.0)}, []),
+    ({"coupling": ig.Bistable(), "acceleration_range": (1.0, 8.0), "robot": ig.Robot(5.0, 1e5, 50.0)},
+     ["the arm can make 8, and a compliant robot swings up to 2 times that"]),
+], ids=str)  # fmt: skip
+def test_what_goes_wrong_in_some_episodes_is_said(environment, words):
+    said = feasible.warnings(Task(**environment))
+    assert len(said) == len(words)
+    assert all(part in sentence for part, sentence in zip(words, said, strict=True))
+
+
+def test_a_compliant_robot_swings_no_more_than_is_said():
+    robot = ig.Robot(5.0, 1e5, 1e-6)
+    task = Task(coupling=ig.Rigid(), robot=robot)
+    scene = ig.Scene(ig.Tool(0.125), ig.Object(1.0, 1e6), ig.Contact(1e4, 0.5), task.coupling, robot)
+    trace = ig.simulate(scene, ig.Trapezoid(1e3, 10.0), 0.2, trace=True).trace
+    swing = np.diff(trace.tool_velocity) / np.diff(trace.time)
+    assert 0.98 * feasible.OVERSHOOT < swing.max() / 10.0 < 1.001 * feasible.OVERSHOOT

@@ -1,0 +1,83 @@
+"""Whether a set-up's task can be done at all: what is better known before an hour of training."""
+
+from collections.abc import Iterator
+from itertools import product
+
+import numpy as np
+
+from impact_gym.envs import observation
+from impact_gym.envs.setting import HOLDER_NUMBERS
+from impact_gym.envs.task import HORIZON, Task
+from impact_gym.scene import Bistable
+
+FARTHEST_SEEN = observation.ENTRIES[0].high  # m, of the flange
+OVERSHOOT = 2.0
+"""Largest acceleration of a compliant robot's flange over the one asked for: a step on a spring without damping."""
+
+
+def warnings(task: Task) -> list[str]:
+    """Return what will go wrong in some episodes, a sentence each.
+
+    Raises:
+        ValueError: it goes wrong in all of them; names the field.
+    """
+    (near, far), reach, most = task.ranges.distance, reached(task), task.acceleration_range[1]
+    if near > reach:
+        raise ValueError(
+            f"environment.scenario.distance must begin below {reach:.3g} m, as far as the arm gets in {HORIZON:g} s, "
+            f"got {near:g} m: every object would be missed"
+        )
+    said = []
+    if far > reach:
+        said.append(f"objects stand up to {far:g} m ahead, but the arm gets only {reach:.3g} m far in {HORIZON:g} s")
+    if far > FARTHEST_SEEN:
+        said.append(
+            f"objects stand up to {far:g} m ahead, but the observation ends at a flange position of {FARTHEST_SEEN:g} m"
+        )
+    heard = task.delays[1] + task.control_period
+    if near <= 0.5 * most * heard**2:
+        said.append(
+            f"objects stand from {1e3 * near:.3g} mm on, where the tool can be before the first reading arrives, "
+            f"{1e3 * heard:g} ms after the start"
+        )
+    return said + _off_its_stop(task)
+
+
+def _off_its_stop(task: Task) -> list[str]:
+    """Return whether a bistable mechanism can leave its front stop without a touch."""
+    least, most = task.acceleration_range
+    holds = [held(corner) for corner in corners(task)]
+    if max(holds) < least:
+        raise ValueError(
+            f"environment.coupling must hold the tool at {least:g} m/s^2, the least that the arm makes; its front stop "
+            f"holds {max(holds):.3g} m/s^2 at the most"
+        )
+    if min(holds) >= most * (1.0 if task.robot is None else OVERSHOOT):
+        return []
+    swings = "" if task.robot is None else f", and a compliant robot swings up to {OVERSHOOT:g} times that"
+    return [
+        f"the front stop holds the tool up to {min(holds):.3g} m/s^2, the arm can make {most:g}{swings}: above that "
+        "the mechanism leaves its stop without a touch"
+    ]
+
+
+def reached(task: Task) -> float:
+    """Return how far the flange gets before an episode without a touch ends, m."""
+    speed, acceleration = task.velocity_range[1], task.acceleration_range[1]
+    ramp = min(HORIZON, speed / acceleration)
+    return 0.5 * acceleration * ramp**2 + speed * (HORIZON - ramp)
+
+
+def held(task: Task) -> float:
+    """Return the acceleration up to which the front stop of a bistable mechanism keeps its slider, m/s^2; else inf."""
+    if not isinstance(task.coupling, Bistable):
+        return np.inf
+    return float(task.coupling.force(task.coupling.rest)) / task.tool_mass
+
+
+def corners(task: Task) -> Iterator[Task]:
+    """Yield the task with every end of every range of what holds the tool."""
+    names = [name for name in task.drawn if name in HOLDER_NUMBERS]
+    middles = {name: sum(pair) / 2 for name, pair in task.drawn.items()}
+    for ends in product(*(task.drawn[name] for name in names)):
+        yield task.at(middles | dict(zip(names, ends, strict=True)))
