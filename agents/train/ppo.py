@@ -3,6 +3,7 @@
 The numbers are in `agents.train.settings`; a set-up's file says which of them it wants otherwise.
 """
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -141,7 +142,8 @@ def entry_names(environment: Mapping[str, Any]) -> list[str]:
 
 def centres_and_spreads(names: Sequence[str]) -> NDArray[np.float64]:
     """Return centres and spreads (2, entries) of entries of the observation; of one not in the table, 0 and 1."""
-    return np.array([CENTRE_AND_SPREAD.get(name, (0.0, 1.0)) for name in names]).T
+    now = (re.sub(r", \d before$", "", name) for name in names)  # a past reading as the last one
+    return np.array([CENTRE_AND_SPREAD.get(name, (0.0, 1.0)) for name in now]).T
 
 
 class Standardised(BaseFeaturesExtractor):

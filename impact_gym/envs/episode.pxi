@@ -93,6 +93,9 @@ cdef void receive(Row *row) noexcept nogil:
     cdef double noise = episode.drawn.setting.force_noise
     if noise > 0.0:
         error += noise * normal(hashed(seed, 2 * episode.popped), hashed(seed, 2 * episode.popped + 1))
+    sensors.force_3, sensors.force_2, sensors.force_1 = sensors.force_2, sensors.force_1, sensors.force
+    sensors.deflection_3, sensors.deflection_2 = sensors.deflection_2, sensors.deflection_1
+    sensors.deflection_1 = sensors.deflection
     sensors.force = max(reading.force + error, 0.0)
     if row.task.alarm_by_reading:
         sensors.peak = max(sensors.peak, sensors.force)

@@ -79,6 +79,8 @@ def documentation() -> str:
         shaped = [", ".join(f"`{name}`" for name in entry.shaped_by)] if entry.shaped_by else []
         arguments = "; ".join(added + shaped)
         rows.append((number, entry.name, entry.unit, f"{entry.low:g}", f"{entry.high:g}", scaled, arguments))
+        if entry.sensor == "deflection":
+            rows.append(("then", "force and deflection, 1, 2, 3 before", "", "", "", "", "only with `past_readings`"))
     return markdown(rows)
 
 
@@ -89,9 +91,11 @@ def entries(task: Task) -> tuple[Entry, ...]:
     asked_for = {name: getattr(task, name) for name in ("range_told", "deflection_sensor", "privileged")}
     asked_for["range_noise"] = task.range_noise is not None  # 0 is an estimate without an error
     added = [entry for entry in OPTIONAL_ENTRIES if asked_for[entry.argument]]
-    drawn = [drawn_entry(name, pair) for name, pair in task.drawn.items()] if task.privileged else []
     behind = sum(entry.argument != "privileged" for entry in added)
-    return (*seen, *added[:behind], *drawn, *added[behind:])
+    read = [entry for entry in (*seen, *added) if entry.sensor in ("force", "deflection")]
+    past = [past_entry(entry, before) for before in range(1, task.past_readings + 1) for entry in read]
+    drawn = [drawn_entry(name, pair) for name, pair in task.drawn.items()] if task.privileged else []
+    return (*seen, *added[:behind], *past, *drawn, *added[behind:])
 
 
 def sensor_fields(task: Task) -> dict[str, str]:
@@ -100,6 +104,12 @@ def sensor_fields(task: Task) -> dict[str, str]:
     fields["force_peak"] = "peak"
     fields |= {"distance_estimate": "distance_estimate"} if task.range_noise is not None else {}
     return fields | ({"deflection": "deflection"} if task.deflection_sensor else {})
+
+
+def past_entry(entry: Entry, before: int) -> Entry:
+    """Return what shows a reading of the same sensor so many readings `before` the last one."""
+    name = f"{entry.name}, {before} before"
+    return entry._replace(sensor=f"{entry.sensor}_{before}", name=name, argument="past_readings")
 
 
 def drawn_entry(name: str, pair: tuple[float, float]) -> Entry:

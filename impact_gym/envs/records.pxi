@@ -85,7 +85,9 @@ cdef struct Sensors:  # what the controller may know now, then the truth; `obser
     double force, peak  # N
     double time_weight  # m/s per s
     double distance_estimate  # m, from the flange
+    double force_1, force_2, force_3  # N, one, two and three readings before
     double deflection  # m
+    double deflection_1, deflection_2, deflection_3  # m, likewise
     double object_mass, contact_stiffness, restitution, distance, reaction_delay  # the distance from the flange
 
 

@@ -132,6 +132,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     | `force_noise`       | 0.0                    | N, standard deviation of each reading of the force              |
     | `force_bias`        | 0.0                    | N, standard deviation of an error that stays for the episode    |
     | `deflection_sensor` | False                  | observe how far the tool is displaced on its coupling           |
+    | `past_readings`     | 0                      | observe so many readings before the last one, too; 3 at most    |
     | `privileged`        | False                  | observe the true scenario too                                   |
     | `robot`             | None                   | a compliant `Robot` or `RobotTable`; a dict works too           |
     | `render_mode`       | None                   | "human", "rgb_array" or "rgb_array_list", see Rendering         |

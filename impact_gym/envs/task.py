@@ -22,6 +22,7 @@ HORIZON = 1.2  # s, or here, if there is no alarm
 MISSED_COST = 2.0  # m/s
 DISSIPATIONS = ("hu-guo", "exact")
 ALARMS = ("force", "reading")
+PAST_READINGS = 3
 SETTLE_LIMIT = 10.0  # s, simulated after the end at the most
 
 
@@ -51,6 +52,7 @@ class Task:
     force_noise: Any = 0.0  # N, standard deviation of each reading of the force
     force_bias: Any = 0.0  # N, standard deviation of an error that stays for the episode
     deflection_sensor: bool = False
+    past_readings: int = 0  # observe so many before the last one, too
     privileged: bool = False
     robot: Any = None
     rtol: float = 1e-8  # -, see simulate
@@ -102,6 +104,8 @@ class Task:
         if self.range_noise is None and (self.range_told or self.range_bias or "range_bias" in drawn):
             raise ValueError("range_bias and range_told must be 0 and False without an estimate, range_noise None")
         put("rtol", number("rtol", self.rtol, "(no unit)", at_least=1e-13, at_most=1e-2))
+        put("past_readings", whole("past_readings", self.past_readings, at_least=0))
+        number("past_readings", self.past_readings, "(no unit)", at_most=PAST_READINGS)
         if self.max_episode_steps is not None:
             put("max_episode_steps", whole("max_episode_steps", self.max_episode_steps, at_least=1))
 

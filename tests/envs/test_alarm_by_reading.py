@@ -174,3 +174,26 @@ def test_who_is_told_how_good_the_estimate_is_sees_its_standard_deviation():
 def test_what_makes_no_sense_is_refused(options, words):
     with pytest.raises((ValueError, TypeError), match=words):
         gym.make(ID, **options)
+
+
+@pytest.mark.parametrize("deflection", [False, True])
+def test_past_readings_are_those_that_were_shown_then(deflection):
+    env = gym.make(ID, past_readings=3, deflection_sensor=deflection, force_noise=2.0, **READING)
+    read = [FORCE, 8] if deflection else [FORCE]
+    first = 8 + deflection
+    assert env.observation_space.shape == (first + 3 * len(read),)
+    differ = 0
+    for seed in range(10):
+        seen = play(env, random_actions(seed), seed).observations[:-1]  # the last step is a short one
+        for before in (1, 2, 3):
+            for place, sensor in enumerate(read):
+                column = first + (before - 1) * len(read) + place
+                assert np.array_equal(seen[before:, column], seen[:-before, sensor])
+                differ += not np.array_equal(seen[:, column], seen[:, sensor])
+    assert differ == 10 * 3 * len(read)
+
+
+@pytest.mark.parametrize(("given", "words"), [(4, "at most 3 .*got 4"), (-1, "at least 0, got -1"), (1.0, "whole")])
+def test_no_more_past_readings_are_shown_than_are_kept(given, words):
+    with pytest.raises((ValueError, TypeError), match=words):
+        gym.make(ID, past_readings=given)

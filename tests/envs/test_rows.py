@@ -52,6 +52,7 @@ DRAWN = {
 
 OBSERVED = {
     "range_told",
+    "past_readings",
     "deflection_sensor",
     "privileged",
     "velocity_range",

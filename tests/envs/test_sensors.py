@@ -116,7 +116,7 @@ def test_the_table_of_the_docstring_is_that_of_the_code():
     assert text.count("`reaction_delay`, `force_noise`, `force_bias`, `alarm`") == 2
     everything = gym.make(ID, range_noise=0.01, range_told=True, deflection_sensor=True, privileged=True)
     rows = [line for line in text.splitlines() if line.strip().startswith(("| 0 ", "| then"))]
-    assert len(rows) == 2 + 8  # the first action, the first observation, and what arguments add
+    assert len(rows) == 2 + 9  # the first action, the first observation, and what arguments add
     assert everything.observation_space.shape == (8 + 8,)
 
 
