@@ -19,7 +19,7 @@ from agents.provenance import circumstances, revision
 from agents.setups import README, load_setup
 from experiments.lab.results import REPORTS, checksum, replaceable, whole_folder
 from experiments.lab.statistics import RESAMPLES
-from experiments.report import answer, bars, matchups, page, robustness
+from experiments.report import answer, bars, chain, matchups, page, robustness
 from experiments.report.figures import Table
 from experiments.report.results import Played, episodes, gather_matchups
 from impact_gym.envs.task import Task
@@ -152,9 +152,12 @@ def write_folder(played: list[Played], options: ReportOptions, begun: float, fir
         rows = episodes(played)
         with whole_file(folder / "episodes.parquet") as file:
             rows.write_parquet(file, compression="zstd")
-        answers = [answer.answer(one) for one in played]
+        answers, chains = [answer.answer(one) for one in played], {one.matchup.name: chain.chain(one) for one in played}
+        told = zip(answers, asked, chains.values(), strict=True)
         results = {
             "answers": {one.matchup: asdict(one) for one in answers},
+            "chains": {name: [asdict(step) for step in steps] for name, steps in chains.items()},
+            "sentences": [answer.sentence(one, matchup) + chain.sentence(steps) for one, matchup, steps in told],
             "bars": {one.matchup.name: [asdict(bar) for bar in bars.bars(one, played)] for one in whole},
             "first page": first,
             "episodes": {"rows": len(rows), "sha256": checksum(folder / "episodes.parquet")},
@@ -172,7 +175,7 @@ def write_folder(played: list[Played], options: ReportOptions, begun: float, fir
         about = {
             **results,
             "first": first,
-            "sentences": [answer.sentence(*pair) for pair in zip(answers, asked, strict=True)],
+            "chain": chain.table(chains),
             "table": answer.answers_table(answers, played),
             "weak": [said for one in whole for said in robustness.weak_points(one)],
             "seeds": max(len(one.seeds) for one in played),
