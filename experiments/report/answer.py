@@ -143,8 +143,8 @@ def seeds_table(played: Played) -> Table:
     count = len(played.seeds)
     head = ("what", "mean of seeds", "standard deviation", "95 % of trainings: at least as good as", "worst seed")
     caption = (
-        f"The next training, by {count} seeds on these scenarios, with 95 % confidence. What 95 % of trainings reach is "
-        "said of normal scores (one-sided tolerance bound); whatever their distribution, at least "
+        f"The next training, by {count} seeds on these scenarios, with 95 % confidence. What 95 % of trainings reach "
+        "is said of normal scores (one-sided tolerance bound); whatever their distribution, at least "
         f"{content_of_worst(count):.0%} are as good as the worst of {count}, and to say that of 95 % takes 59 seeds"
     )
     return Table(caption, head, body)
@@ -249,6 +249,7 @@ def sentence(one: Answer, matchup: Matchup) -> str:
     less = _compared(one.reduction, "slower", "faster")
     if one.reached:
         said = f"the object leaves {less} at the paper's mean approach time"
+        said += f" (95 % of trainings: at least {_at_least(one)})" * (len(one.each) > 1 and one.reduction.value >= 0.0)
     else:
         length, off = ("short", "later") if one.later > 0.0 else ("long", "sooner")
         said = f"no weight makes its approach as {length} as the paper's; at the nearest, {100 * abs(one.later):.1f} % "

@@ -144,21 +144,19 @@ def table(chains: Mapping[str, Sequence[Step]]) -> Table:
 
 def _cells(gain: Gain, limit: str = "") -> list[str]:
     less = "-" if gain.less is None else f"{limit}{gain.less:.3f}"
-    return [f"{gain.value:.3f}", less, "-" if gain.share is None else limit + percent(gain.share)]
+    return [f"{gain.value.value:.3f}", less, "-" if gain.share is None else limit + percent(gain.share)]
 
 
 def sentence(steps: Sequence[Step]) -> str:
     """Return what comes from what: of the reduction, of V_p + w T where one cannot arrive so soon; else nothing."""
-    steps = [step for step in steps[1:] if step.contestant != BOUND]
-    if any(step.later > 0.0 for step in steps):
-        what, told = (
-            f"what it saves of V_p + {steps[0].weight:g} T",
-            [("", step.loss.share, step.added) for step in steps],
-        )
+    first, *more = (step for step in steps if step.contestant != BOUND)
+    if any(step.later > 0.0 for step in more):
+        before, after = first.loss.value.value, more[-1].loss.value.value
+        what = f"the {before - after:.3f} m/s that it saves of V_p + {first.weight:g} T, {before:.3f} m/s,"
+        shares = [("", step.loss.share) for step in more]
     else:
-        what, told = "that reduction", [(step.limit, step.velocity.share, step.added) for step in steps]
-    if len(steps) < 2 or not all(share for _, share, _ in told):
+        what, shares = "that reduction", [(step.limit, step.velocity.share) for step in more]
+    if len(more) < 2 or not all(share for _, share in shares):
         return ""
-    return (
-        f" Of {what} come " + ", ".join(f"{limit}{percent(share)} from {added}" for limit, share, added in told) + "."
-    )
+    told = (f"{limit}{percent(share)} from {step.added}" for (limit, share), step in zip(shares, more, strict=True))
+    return f" Of {what} come {', '.join(told)}."
