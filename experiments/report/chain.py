@@ -1,8 +1,9 @@
 """What is due to what: from the paper's rule to one who knows the object, one thing more at each step.
 
 A step has all that the one before has, so what the steps bring adds up to the whole; in another order each could bring
-more or less. The same rule with the arm's limits is the constant speed that is tuned for each weight, braked as hard as
-the arm can: nothing is left to learn there, so it is a baseline of the set-up and no set-up of its own.
+more or less. The same rule with the arm's limits is the constant speed that is tuned for each weight and braked as hard
+as pays, on a spring with all of 20 m/s^2. Nothing is left to learn there, so it is a baseline of each set-up and none of
+its own.
 """
 
 from collections.abc import Mapping, Sequence
