@@ -11,7 +11,7 @@ from functools import lru_cache
 import moocore
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import nct, norm
+from scipy.special import nctdtrit, ndtri
 
 Floats = NDArray[np.float64]
 RESAMPLES = 2_000
@@ -84,7 +84,7 @@ def tolerated(scores: Floats) -> float:
     n = len(scores)
     if n < 2:
         return np.nan
-    k = nct.ppf(CONFIDENCE, n - 1, norm.ppf(CONTENT) * np.sqrt(n)) / np.sqrt(n)
+    k = nctdtrit(n - 1, ndtri(CONTENT) * np.sqrt(n), CONFIDENCE) / np.sqrt(n)
     return float(np.mean(scores) - k * np.std(scores, ddof=1))
 
 

@@ -2,8 +2,8 @@
 
 A step has all that the one before has, so what the steps bring adds up to the whole; in another order each could bring
 more or less. The same rule with the arm's limits is the constant speed that is tuned for each weight and braked as hard
-as pays, on a spring with all of 20 m/s^2. Nothing is left to learn there, so it is a baseline of each set-up and none of
-its own.
+as pays, on a spring with all of 20 m/s^2. Nothing is left to learn there, so it is a baseline of each set-up and no
+set-up of its own.
 """
 
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""paper-limits: an arm that can do what the paper's rule does and no more, and the rule with an arm that can do more."""
+"""paper-limits: an arm that can do what the paper's rule does and no more, beside one that can do more."""
 
 import gymnasium as gym
 import numpy as np
