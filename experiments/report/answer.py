@@ -137,7 +137,7 @@ def seeds_table(played: Played) -> Table:
         ends = sign * tolerated(sign * scores), sign * (sign * scores).min()
         return what, *(format(number, form) for number in (scores.mean(), scores.std(ddof=1), *ends))
 
-    body = [row("V_p lower at the paper's approach time", reductions(played), ".2%", 1.0)]
+    body = [row("V_p lower at the paper's approach time (%)", 100.0 * reductions(played), ".2f", 1.0)]
     for weight in played.matchup.weights:
         body.append(row(f"V_p + {weight:g} T (m/s)", played.losses(weight).mean(axis=1), ".4f", -1.0))
     count = len(played.seeds)
@@ -145,7 +145,7 @@ def seeds_table(played: Played) -> Table:
     caption = (
         f"The next training, by {count} seeds on these scenarios, with 95 % confidence. What 95 % of trainings reach "
         "is said of normal scores (one-sided tolerance bound); whatever their distribution, at least "
-        f"{content_of_worst(count):.0%} are as good as the worst of {count}, and to say that of 95 % takes 59 seeds"
+        f"{100 * content_of_worst(count):.0f} % are as good as the worst of {count}, and to say that of 95 % takes 59 seeds"
     )
     return Table(caption, head, body)
 

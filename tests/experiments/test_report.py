@@ -114,7 +114,7 @@ def test_what_the_next_training_brings_follows_from_each_seed_by_itself(folder, 
     page = (folder / "index.html").read_text()
     (shown,) = re.findall(r"\(95 % of trainings: at least (\S+) %\)", page)
     assert float(shown) == pytest.approx(bound, abs=0.06)
-    assert "at least 22% are as good as the worst of 2" in page  # 0.05 ** (1 / 2)
+    assert "at least 22 % are as good as the worst of 2" in page  # 0.05 ** (1 / 2)
 
 
 def test_episodes_are_those_of_a_stage_and_of_the_same_scenarios(episodes):
