@@ -37,7 +37,7 @@ class Answer:
 
     matchup: str
     reduction: Estimate  # of V_p at the paper's mean approach time, a share
-    each: tuple[float, ...]  # the same, of each seed by itself
+    each: tuple[float, ...]  # the same, of each seed by itself; none where one does not come to that time
     reached: bool  # its curve comes to that time; if not, it is the end nearest to it
     later: float  # than that time at that end, a share of it; below 0 sooner
     sooner: Estimate  # of the approach time at the paper's mean V_p, a share
@@ -96,10 +96,15 @@ def front(resamples: Resamples, runs: Sequence[Run]) -> list[Floats]:
 
 
 def reductions(played: Played) -> Floats:
-    """Return by which share each seed by itself lowers V_p at the paper's mean approach time (seeds,)."""
+    """Return by which share each seed by itself lowers V_p at the paper's mean approach time (seeds,).
+
+    It is empty where the curve of one does not come to that time: they would be read at different times.
+    """
     time, velocity = (played.paper[name].mean() for name in FRONT)
-    fronts = (played.of_seeds(name, played.policy.weights).mean(axis=2) for name in FRONT)
-    return 1.0 - along(*fronts, np.full(len(played.seeds), time)) / velocity
+    times, velocities = (played.of_seeds(name, played.policy.weights).mean(axis=2) for name in FRONT)
+    if times.min(axis=1).max() > time or times.max(axis=1).min() < time:
+        return np.empty(0)
+    return 1.0 - along(times, velocities, np.full(len(times), time)) / velocity
 
 
 def answers_table(answers: list[Answer], played: list[Played]) -> Table:
@@ -137,7 +142,8 @@ def seeds_table(played: Played) -> Table:
         ends = sign * tolerated(sign * scores), sign * (sign * scores).min()
         return what, *(format(number, form) for number in (scores.mean(), scores.std(ddof=1), *ends))
 
-    body = [row("V_p lower at the paper's approach time (%)", 100.0 * reductions(played), ".2f", 1.0)]
+    lower = 100.0 * reductions(played)
+    body = [row("V_p lower at the paper's approach time (%)", lower, ".2f", 1.0)] if lower.size else []
     for weight in played.matchup.weights:
         body.append(row(f"V_p + {weight:g} T (m/s)", played.losses(weight).mean(axis=1), ".4f", -1.0))
     count = len(played.seeds)
@@ -145,7 +151,7 @@ def seeds_table(played: Played) -> Table:
     caption = (
         f"The next training, by {count} seeds on these scenarios, with 95 % confidence. What 95 % of trainings reach "
         "is said of normal scores (one-sided tolerance bound); whatever their distribution, at least "
-        f"{100 * content_of_worst(count):.0f} % are as good as the worst of {count}, and to say that of 95 % takes 59 seeds"
+        f"{100 * content_of_worst(count):.0f} % are as good as the worst of {count}; to say that of 95 % takes 59 seeds"
     )
     return Table(caption, head, body)
 

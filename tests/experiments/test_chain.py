@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from agents.setups.evaluation import Evaluation
+from experiments.report.answer import answer
 from experiments.report.chain import chain, gains, links, sentence, table
 from experiments.report.matchups import BOUND, PAPER, Contestant, Matchup
 from experiments.report.results import Played, Run
@@ -187,3 +188,12 @@ def test_all_are_resampled_alike():
     """The chain's numbers of one contestant do not depend on who else is in it."""
     alone, together = (chain(played(names)) for names in ((), ("profile", "constant")))
     assert alone[-1].velocity.value == together[-1].velocity.value
+
+
+@pytest.mark.parametrize("soonest", [0.2, 0.35])
+def test_a_rival_that_arrives_later_at_every_weight_is_not_compared_at_the_papers_time(soonest):
+    one = played()
+    one.as_late, one.baselines["profile"] = one.seeds, run((0.4, 0.6), (0.5, soonest))
+    found = answer(one)
+    assert found.rival == "profile"
+    assert (found.rival_reduction is None) == (soonest > PAPER_TIME)

@@ -191,7 +191,13 @@ def test_a_curve_that_does_not_come_to_the_papers_time_says_so():
     one = replace(LINEAR, seeds=(replace(LINEAR.policy, weights=(8.0,)),), scenarios={"set": "test", "count": 20})
     fast = answer.answer(played_alone(one))
     assert not fast.reached
+    assert fast.later < 0.0
     assert "no weight makes its approach as long" in answer.sentence(fast, one)
+    assert f"{-100 * fast.later:.1f} % sooner" in answer.sentence(fast, one)
+    assert fast.each == ()
+    late = replace(fast, later=0.02)
+    assert "no weight makes its approach as short" in answer.sentence(late, one)
+    assert "2.0 % later" in answer.sentence(late, one)
     slow = replace(fast, reached=True, reduction=Estimate(-0.2, -0.3, -0.1), beyond="faster")
     assert "20.0 % [10.0, 30.0] faster" in answer.sentence(slow, one)
     assert "nowhere leaves the object as slow" in answer.sentence(slow, one)
