@@ -40,7 +40,7 @@ $(SMALL): $(SOLVER)
 	$(call install,report,what a report needs)
 	@touch $@
 
-report: $(SMALL)  ## play the policies and baselines of three set-ups on the test set and write reports/latest/index.html
+report: $(SMALL)  ## play the policies and baselines of four set-ups on the test set and write reports/latest/index.html
 	$(BIN)/python -m experiments.report --force
 
 test: setup  ## run the tests
@@ -49,7 +49,7 @@ test: setup  ## run the tests
 train: setup  ## train a policy with default settings; prints its run folder
 	$(BIN)/python -m agents.train
 
-train-all: setup  ## train ten seeds of three set-ups and ship the medians; goes on where it was stopped
+train-all: setup  ## train ten seeds of four set-ups and ship the medians; goes on where it was stopped
 	$(BIN)/python -m agents.train_seeds
 
 tune: setup  ## tune the baselines and search the clairvoyant bound; goes on where it was stopped

@@ -26,7 +26,7 @@ VERSION = 1
 TABLES = ("environment", "training", "baselines", "evaluation")
 SEEDS = 10
 BUDGET = 4800  # candidates for each time weight, unless the file says otherwise
-README = ("linear-blind", "linear-ranged", "bistable-blind")
+README = ("linear-blind", "linear-ranged", "bistable-blind", "paper-limits")
 """Those that the README, `make report` and `make train-all` are about."""
 RULES = ("BlindProfile", "ConstantDeceleration", "ConstantSpeed", "Ranged", "WaryProfile", "WaryRanged")
 

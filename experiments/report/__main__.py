@@ -16,10 +16,10 @@ from tqdm import tqdm
 
 from agents.command_line import command_line
 from agents.provenance import circumstances, revision
-from agents.setups import README, load_setup
+from agents.setups import README, Setup, load_setup
 from experiments.lab.results import REPORTS, checksum, replaceable, whole_folder
 from experiments.lab.statistics import RESAMPLES
-from experiments.report import answer, bars, matchups, page, robustness
+from experiments.report import answer, bars, chain, matchups, page, robustness
 from experiments.report.figures import Table
 from experiments.report.results import Played, episodes, gather_matchups
 from impact_gym.envs.task import Task
@@ -36,7 +36,7 @@ PACKAGES = ("impact-gym", "gymnasium", "numpy", "scipy", "altair", "vl-convert-p
 class ReportOptions:
     """Play policies and baselines through the same scenarios and write a page about it.
 
-    Without a set-up and --policy it is about the three set-ups of the README, all their seeds.
+    Without a set-up and --policy it is about the set-ups of the README, all their seeds.
     """
 
     setups: tyro.conf.Positional[tuple[str, ...]] = ()
@@ -85,7 +85,10 @@ def matchups_of(options: ReportOptions) -> list[matchups.Matchup]:
     if options.policy:
         scenarios, changes = matchups.scenarios_from(options.scenarios or "test", options.count)
         return matchups.of_policies(options.policy, options.baseline, scenarios, changes)
-    found = [load_setup(name) for name in options.setups or README]
+    found = [load_setup(name) for name in options.setups]
+    found = found or [one for one in map(load_setup, README) if _trained(one, options.folder or one.folder)]
+    if not found:
+        raise ValueError("no set-up has policies yet: python -m agents.train_seeds")
     if len({one.name for one in found}) < len(found):
         raise ValueError(f"two set-ups would have the same name: {', '.join(options.setups)}")
     asked = []
@@ -96,6 +99,14 @@ def matchups_of(options: ReportOptions) -> list[matchups.Matchup]:
             raise ValueError("scenarios with an environment of their own need --policy: set-ups have theirs")
         asked.append(matchups.of_setup(setup, scenarios, options.folder))
     return asked
+
+
+def _trained(setup: Setup, folder: Path) -> bool:
+    """Return whether there are policies of a set-up that nobody named; where there are none, that is said."""
+    there = (folder / "policies" / setup.name / "seeds.json").is_file()
+    if not there:
+        print(f"{setup.name} is left out, it has no policies yet: python -m agents.train_seeds {setup.called}")
+    return there
 
 
 def write(options: ReportOptions) -> Path:
@@ -136,6 +147,7 @@ def publish(asked: list[matchups.Matchup], options: ReportOptions) -> Path:
     played = gather_matchups(asked, store, options.processes, options.cluster, FIRST_LOOK if many else 0, first_look)
     print("writing the page", flush=True)
     path = write_folder(played, options, begun)
+    print(*json.loads((options.out / RESULTS).read_text())["sentences"], sep="\n")
     if options.episodes is None:
         shutil.rmtree(store, ignore_errors=True)
     return path
@@ -152,9 +164,12 @@ def write_folder(played: list[Played], options: ReportOptions, begun: float, fir
         rows = episodes(played)
         with whole_file(folder / "episodes.parquet") as file:
             rows.write_parquet(file, compression="zstd")
-        answers = [answer.answer(one) for one in played]
+        answers, chains = [answer.answer(one) for one in played], {one.matchup.name: chain.chain(one) for one in played}
+        told = zip(answers, asked, chains.values(), strict=True)
         results = {
             "answers": {one.matchup: asdict(one) for one in answers},
+            "chains": {name: [asdict(step) for step in steps] for name, steps in chains.items()},
+            "sentences": [answer.sentence(one, matchup) + chain.sentence(steps) for one, matchup, steps in told],
             "bars": {one.matchup.name: [asdict(bar) for bar in bars.bars(one, played)] for one in whole},
             "first page": first,
             "episodes": {"rows": len(rows), "sha256": checksum(folder / "episodes.parquet")},
@@ -172,7 +187,7 @@ def write_folder(played: list[Played], options: ReportOptions, begun: float, fir
         about = {
             **results,
             "first": first,
-            "sentences": [answer.sentence(*pair) for pair in zip(answers, asked, strict=True)],
+            "chain": chain.table(chains),
             "table": answer.answers_table(answers, played),
             "weak": [said for one in whole for said in robustness.weak_points(one)],
             "seeds": max(len(one.seeds) for one in played),

@@ -4,18 +4,30 @@ The primary measure was fixed before the test set was played: V_p at the mean ap
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import altair as alt
+import numpy as np
 import polars as pl
 
-from experiments.lab.statistics import Estimate, Floats, Resamples, along, estimate, hypervolume, interquartile_mean
+from experiments.lab.statistics import (
+    Estimate,
+    Floats,
+    Resamples,
+    along,
+    content_of_worst,
+    estimate,
+    hypervolume,
+    interquartile_mean,
+    tolerated,
+)
 from experiments.report.figures import MEANS, Figure, Table, chart_of, looks_of, percent, zoomable
 from experiments.report.matchups import BOUND, POLICY, Matchup
-from experiments.report.results import FAMILY, Played
+from experiments.report.results import FAMILY, Played, Run
 
 WIDE_REFERENCE = (0.6, 1.0)  # s, m/s: behind every front, or is moved there in steps of 0.1
+FRONT = ("approach_time", "object_velocity")
 MISSED_TOO_OFTEN = 0.01  # of the objects: a missed one has no V_p
 
 
@@ -25,12 +37,14 @@ class Answer:
 
     matchup: str
     reduction: Estimate  # of V_p at the paper's mean approach time, a share
+    each: tuple[float, ...]  # the same, of each seed by itself; none where one does not come to that time
     reached: bool  # its curve comes to that time; if not, it is the end nearest to it
+    later: float  # than that time at that end, a share of it; below 0 sooner
     sooner: Estimate  # of the approach time at the paper's mean V_p, a share
     beyond: str  # "": its curve comes to that V_p; "slower", "faster": it leaves the object so at every weight
     velocity: Estimate  # m/s, V_p of the policy at that time
     rival: str  # the best tuned baseline, if there is one
-    rival_reduction: Estimate | None  # the same of that one
+    rival_reduction: Estimate | None  # the same of that one, unless it is later at every weight
     improvement: Estimate  # share of scenarios in which it leaves the object slower, and touches it
     interquartile: tuple[float, float]  # m/s, of policy and rule
     missed: int  # of all episodes of all seeds at all weights
@@ -40,16 +54,15 @@ class Answer:
 def answer(played: Played) -> Answer:
     """Return what the recipe gains, seeds and scenarios resampled."""
     resamples = played.resamples
-
-    def front(of: Callable[[str], Floats]) -> list[Floats]:
-        return [resamples.means(of(name)) for name in ("approach_time", "object_velocity")]
-
-    paper_time, paper_velocity = front(lambda name: played.paper[name][0])
-    times, velocities = front(lambda name: played.of_seeds(name, played.policy.weights))
+    paper_time, paper_velocity = (one[:, 0] for one in front(resamples, [played.paper]))
+    times, velocities = front(resamples, list(played.seeds.values()))
     there = along(times, velocities, paper_time)
     then = along(velocities, times, paper_velocity)
-    rival_there = along(*front(lambda name: played.rival[name][None]), paper_time)
+    rival_times, rival_velocities = front(resamples, [played.rival])
+    rival_there = along(rival_times, rival_velocities, paper_time)
     tuned = len(played.rival.weights) > 1
+    comparable = tuned and rival_times[0].min() <= paper_time[0]
+    nearest = np.clip(paper_time[0], times[0].min(), times[0].max())
     late = played.of_seeds_as_late("object_velocity")
     touched = played.of_seeds_as_late("missed") == 0.0
     rule = played.paper["object_velocity"][0]
@@ -58,12 +71,14 @@ def answer(played: Played) -> Answer:
     return Answer(
         played.matchup.name,
         reduction=estimate(1.0 - there / paper_velocity),
-        reached=bool(times[0].min() <= paper_time[0] <= times[0].max()),
+        each=tuple(reductions(played).tolist()),
+        reached=bool(nearest == paper_time[0]),
+        later=float(nearest / paper_time[0] - 1.0),
         sooner=estimate(1.0 - then / paper_time),
         beyond="slower" if fastest < paper_velocity[0] else "faster" if slowest > paper_velocity[0] else "",
         velocity=estimate(there),
         rival=played.matchup.rival.name if tuned else "",
-        rival_reduction=estimate(1.0 - rival_there / paper_velocity) if tuned else None,
+        rival_reduction=estimate(1.0 - rival_there / paper_velocity) if comparable else None,
         improvement=estimate(resamples.means(((late < rule) + 0.5 * (late == rule)) * touched)),
         interquartile=(interquartile_mean(late), interquartile_mean(rule)),
         missed=int(missed.sum()),
@@ -71,10 +86,32 @@ def answer(played: Played) -> Answer:
     )
 
 
+def front(resamples: Resamples, runs: Sequence[Run]) -> list[Floats]:
+    """Return mean approach time (s) and V_p (m/s) in each resample, (1 + n, weights) each, of runs, one for each seed.
+
+    Of the runs the first scenarios count, as many as are resampled.
+    """
+    first = slice(resamples.scenarios)
+    return [resamples.means(np.array([run[name][:, first] for run in runs])) for name in FRONT]
+
+
+def reductions(played: Played) -> Floats:
+    """Return by which share each seed by itself lowers V_p at the paper's mean approach time (seeds,).
+
+    It is empty where the curve of one does not come to that time: they would be read at different times.
+    """
+    time, velocity = (played.paper[name].mean() for name in FRONT)
+    times, velocities = (played.of_seeds(name, played.policy.weights).mean(axis=2) for name in FRONT)
+    if times.min(axis=1).max() > time or times.max(axis=1).min() < time:
+        return np.empty(0)
+    return 1.0 - along(times, velocities, np.full(len(times), time)) / velocity
+
+
 def answers_table(answers: list[Answer], played: list[Played]) -> Table:
     """Return the answers of all recipes."""
     head = (
-        "recipe (seeds)", "V_p lower at the paper's approach time", "the same, best tuned baseline",
+        "recipe (seeds)", "V_p lower at the paper's approach time", "95 % of trainings: at least",
+        "the same, best tuned baseline",
         "sooner at the paper's V_p", "V_p there (m/s)", "object slower in so many scenarios",
         "interquartile mean of V_p, rule's (m/s)", "missed",
     )  # fmt: skip
@@ -85,12 +122,38 @@ def answers_table(answers: list[Answer], played: list[Played]) -> Table:
         rival = f"{percent(one.rival_reduction)}, {one.rival}" if one.rival_reduction else "-"
         middle = f"{one.interquartile[0]:.3f}, {one.interquartile[1]:.3f}"
         body.append((
-            f"{one.matchup} ({len(play.seeds)})", reduction, rival, sooner, f"{one.velocity:.3f}",
+            f"{one.matchup} ({len(play.seeds)})", reduction, _at_least(one), rival, sooner, f"{one.velocity:.3f}",
             percent(one.improvement), middle, f"{one.missed} of {one.episodes:,}",
         ))  # fmt: skip
     return Table(
         "Each recipe against the paper's rule in its own environment, 95 % intervals; a miss is no win", head, body
     )
+
+
+def _at_least(one: Answer) -> str:
+    return f"{100 * tolerated(np.array(one.each)):.1f} %" if len(one.each) > 1 else "-"
+
+
+def seeds_table(played: Played) -> Table:
+    """Return what the seeds say of the next training: their spread, and what 95 % of trainings reach at least."""
+
+    def row(what: str, scores: Floats, form: str, sign: float) -> tuple[str, ...]:
+        """Return the cells of `scores` (seeds,), of which less is better where `sign` is -1."""
+        ends = sign * tolerated(sign * scores), sign * (sign * scores).min()
+        return what, *(format(number, form) for number in (scores.mean(), scores.std(ddof=1), *ends))
+
+    lower = 100.0 * reductions(played)
+    body = [row("V_p lower at the paper's approach time (%)", lower, ".2f", 1.0)] if lower.size else []
+    for weight in played.matchup.weights:
+        body.append(row(f"V_p + {weight:g} T (m/s)", played.losses(weight).mean(axis=1), ".4f", -1.0))
+    count = len(played.seeds)
+    head = ("what", "mean of seeds", "standard deviation", "95 % of trainings: at least as good as", "worst seed")
+    caption = (
+        f"The next training, by {count} seeds on these scenarios, with 95 % confidence. What 95 % of trainings reach "
+        "is said of normal scores (one-sided tolerance bound); whatever their distribution, at least "
+        f"{100 * content_of_worst(count):.0f} % are as good as the worst of {count}; to say that of 95 % takes 59 seeds"
+    )
+    return Table(caption, head, body)
 
 
 def trade_off(played: Played) -> Figure:
@@ -141,10 +204,9 @@ def trade_off(played: Played) -> Figure:
 def fronts_table(played: Played) -> Table:
     """Return the hypervolume of each front at both reference points, at the weights of the bars alone."""
     weights, near = played.matchup.weights, played.paper.means(played.matchup.typical)
-    names = ("approach_time", "object_velocity")
     policy = f"{POLICY}, {len(played.seeds)} seeds"
-    groups = {policy: [played.of_seeds(name, weights) for name in names]}
-    groups |= {contestant: [run[name][None] for name in names] for contestant, run in played.baselines.items()}
+    groups = {policy: [played.of_seeds(name, weights) for name in FRONT]}
+    groups |= {contestant: [run[name][None] for name in FRONT] for contestant, run in played.baselines.items()}
     fronts = {name: [played.resamples.means(values) for values in results] for name, results in groups.items()}
     farthest = [max(float(front[axis][0].max()) for front in fronts.values()) for axis in (0, 1)]
     wide = tuple(max(usual, math.ceil(10.0 * far) / 10.0) for usual, far in zip(WIDE_REFERENCE, farthest, strict=True))
@@ -193,8 +255,11 @@ def sentence(one: Answer, matchup: Matchup) -> str:
     less = _compared(one.reduction, "slower", "faster")
     if one.reached:
         said = f"the object leaves {less} at the paper's mean approach time"
+        said += f" (95 % of trainings: at least {_at_least(one)})" * (len(one.each) > 1 and one.reduction.value >= 0.0)
     else:
-        said = f"no weight makes its approach as long as the paper's; at the nearest the object leaves {less}"
+        length, off = ("short", "later") if one.later > 0.0 else ("long", "sooner")
+        said = f"no weight makes its approach as {length} as the paper's; at the nearest, {100 * abs(one.later):.1f} % "
+        said += f"{off}, the object leaves {less}"
     if one.beyond == "faster":
         said += "; it nowhere leaves the object as slow as the paper's rule."
     else:

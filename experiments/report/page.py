@@ -29,6 +29,8 @@ def sections(played: list[Played], first: bool = False) -> dict[str, dict[str, S
     for one in played:
         name = one.matchup.name
         found["trade-off"][name] = [answer.trade_off(one), answer.weights_table(one), answer.fronts_table(one)]
+        if len(one.seeds) > 1:
+            found["trade-off"][name].append(answer.seeds_table(one))
         if first:
             continue
         found["bars"][name] = [bars.table(bars.bars(one, played))]

@@ -29,7 +29,7 @@ NEAR = 0.25  # m, where one is watched that knows the distance
 LESS = 500  # scenarios where many variants are played
 EXACTLY = 200  # scenarios that every policy plays once more at a hundredth of the tolerance
 IN_SCIPY = 100  # scenarios in the independent solver
-ANSWER = ("seeds", "as_late", "baselines", "family")  # what of `Played` a first page needs
+ANSWER = ("seeds", "as_late", "baselines", "family", "bound")  # what of `Played` a first page needs
 AS_IT_IS = "as it is"
 EXACT: dict[str, dict[str, Any]] = {
     AS_IT_IS: {},

@@ -53,6 +53,12 @@ def of(episodes, contestant, **columns):
     return episodes.filter(pl.col("contestant") == contestant, **columns)
 
 
+def front_of(episodes, contestant):
+    """Return mean approach time and V_p at each weight, the soonest first."""
+    means = of(episodes, contestant).group_by("time_weight").agg(pl.mean("approach_time", "object_velocity"))
+    return means.sort("approach_time").select("approach_time", "object_velocity").to_numpy().T
+
+
 def test_the_answer_follows_from_the_episodes_on_disk(folder, episodes):
     found = json.loads((folder / "results.json").read_text())
     told = found["answers"]["linear-blind"]
@@ -70,6 +76,45 @@ def test_the_answer_follows_from_the_episodes_on_disk(folder, episodes):
     for name in ("reduction", "sooner", "velocity", "improvement"):
         assert told[name]["low"] <= told[name]["value"] <= told[name]["high"]
     assert f"{100 * told['reduction']['value']:.1f} %" in (folder / "index.html").read_text()
+
+
+def test_the_chain_follows_from_the_episodes_on_disk_and_is_the_first_table(folder, episodes):
+    found = json.loads((folder / "results.json").read_text())
+    paper, *steps = found["chains"]["linear-blind"]
+    assert [step["contestant"] for step in steps[:2]] == ["constant-speed", "blind-profile"]
+    time, before = (of(episodes, PAPER)[field].mean() for field in ("approach_time", "object_velocity"))
+    for step in steps[:2]:
+        means = (
+            of(episodes, step["contestant"]).group_by("time_weight").agg(pl.mean("approach_time", "object_velocity"))
+        )
+        there = np.interp(time, *(means.sort("approach_time")[field] for field in ("approach_time", "object_velocity")))
+        assert step["velocity"]["less"]["value"] == pytest.approx(before - there)
+        before = there
+    reduction = found["answers"]["linear-blind"]["reduction"]["value"]
+    less = sum(step["velocity"]["less"]["value"] for step in steps[:3])
+    assert less == pytest.approx(reduction * paper["velocity"]["value"]["value"])
+    assert sum(step["velocity"]["share"]["value"] for step in steps[:3]) == pytest.approx(1.0)
+    page = (folder / "index.html").read_text()
+    assert "linear-blind: + the arm&#39;s limits" in page[page.index("<table>") : page.index("</table>")]
+    assert f"{100 * steps[0]['velocity']['share']['value']:.1f} %" in found["sentences"][0]
+
+
+def test_what_the_next_training_brings_follows_from_each_seed_by_itself(folder, episodes):
+    told = json.loads((folder / "results.json").read_text())["answers"]["linear-blind"]["each"]
+    paper = of(episodes, PAPER)
+    seeds = sorted(name for name in episodes["contestant"].unique() if re.fullmatch(r"seed-\d+", name))
+    assert len(told) == len(seeds) == 2
+    each = []
+    for seed in seeds:
+        there = np.interp(paper["approach_time"].mean(), *front_of(episodes, seed))
+        each.append(1 - there / paper["object_velocity"].mean())
+    assert sorted(told) == pytest.approx(sorted(each))
+    k = 26.26  # one-sided 95/95 tolerance factor of two (M. G. Natrella, NBS Handbook 91, table A-7)
+    bound = 100 * (np.mean(each) - k * np.std(each, ddof=1))
+    page = (folder / "index.html").read_text()
+    (shown,) = re.findall(r"\(95 % of trainings: at least (\S+) %\)", page)
+    assert float(shown) == pytest.approx(bound, abs=0.06)
+    assert "at least 22 % are as good as the worst of 2" in page  # 0.05 ** (1 / 2)
 
 
 def test_episodes_are_those_of_a_stage_and_of_the_same_scenarios(episodes):
@@ -146,7 +191,13 @@ def test_a_curve_that_does_not_come_to_the_papers_time_says_so():
     one = replace(LINEAR, seeds=(replace(LINEAR.policy, weights=(8.0,)),), scenarios={"set": "test", "count": 20})
     fast = answer.answer(played_alone(one))
     assert not fast.reached
+    assert fast.later < 0.0
     assert "no weight makes its approach as long" in answer.sentence(fast, one)
+    assert f"{-100 * fast.later:.1f} % sooner" in answer.sentence(fast, one)
+    assert fast.each == ()
+    late = replace(fast, later=0.02)
+    assert "no weight makes its approach as short" in answer.sentence(late, one)
+    assert "2.0 % later" in answer.sentence(late, one)
     slow = replace(fast, reached=True, reduction=Estimate(-0.2, -0.3, -0.1), beyond="faster")
     assert "20.0 % [10.0, 30.0] faster" in answer.sentence(slow, one)
     assert "nowhere leaves the object as slow" in answer.sentence(slow, one)

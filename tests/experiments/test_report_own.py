@@ -1,6 +1,7 @@
 """The report of a user's own policy, baseline, ranges and tool; what makes no sense is refused before it is played."""
 
 import json
+import shutil
 import sys
 from dataclasses import replace
 
@@ -9,7 +10,9 @@ import pytest
 
 from agents import Policy, load_policy
 from agents.baselines import ConstantSpeed
+from agents.baselines.tuned import TUNED
 from agents.evaluate.stage import Stage
+from agents.policies.policy import SHIPPED
 from experiments.report import __main__ as report
 from experiments.report import results
 from experiments.report.__main__ import ReportOptions, write
@@ -103,6 +106,20 @@ def test_what_makes_no_sense_is_refused_before_anything_is_played(wanted, messag
     assert not (tmp_path / "out").exists()
 
 
+def test_a_set_up_of_the_readme_without_policies_is_left_out_and_said_so(tmp_path, capsys):
+    there = tmp_path / "policies" / "linear-blind"
+    shutil.copytree(SHIPPED / "linear-blind", there)
+    shutil.copytree(TUNED, tmp_path / "tuned")
+    (found,) = report.matchups_of(ReportOptions(folder=tmp_path))
+    assert found.name == "linear-blind"
+    assert "paper-limits is left out, it has no policies yet: python -m agents.train_seeds" in capsys.readouterr().out
+    with pytest.raises(ValueError, match="holds no policies"):
+        report.matchups_of(ReportOptions(setups=("paper-limits",), folder=tmp_path))
+    shutil.rmtree(there)
+    with pytest.raises(ValueError, match="no set-up has policies yet"):
+        report.matchups_of(ReportOptions(folder=tmp_path))
+
+
 def test_settings_are_checked(tmp_path):
     with pytest.raises(ValueError, match=r"count.*at least 2"):
         ReportOptions(count=1)
@@ -132,15 +149,18 @@ def test_a_first_page_answers_on_few_scenarios_and_the_full_one_takes_its_place(
         write(settings)
     write(settings)  # a first page needs no --force to be replaced
     found, text = json.loads(seen[-1][0]), seen[-1][1]
+    assert "linear-blind: + learning" in text[text.index("<table>") : text.index("</table>")]
     assert found["first page"]
     reduction = found["answers"]["linear-blind"]["reduction"]
     assert reduction["low"] < reduction["high"]
     assert "its first 5" in text
     assert "First page." in text
     assert 'id="robustness"' not in text
-    assert "first page, of 5 scenarios: file://" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "first page, of 5 scenarios: file://" in printed
     full = json.loads((tmp_path / "out" / "results.json").read_text())
     assert not full["first page"]
+    assert full["sentences"][0] in printed
     first, last = (one["episodes"]["rows"] for one in (found, full))
     assert last == 3 * first
     assert "First page." not in (tmp_path / "out" / "index.html").read_text()

@@ -6,7 +6,16 @@ import numpy as np
 import pytest
 from scipy.stats import norm, trim_mean
 
-from experiments.lab.statistics import Resamples, along, estimate, hypervolume, interquartile_mean, quantile_groups
+from experiments.lab.statistics import (
+    Resamples,
+    along,
+    content_of_worst,
+    estimate,
+    hypervolume,
+    interquartile_mean,
+    quantile_groups,
+    tolerated,
+)
 
 
 def test_the_interval_of_a_mean_is_that_of_normal_theory():
@@ -78,3 +87,38 @@ def test_a_resample_without_a_value_is_left_out():
     resampled = np.concatenate([[1.0], np.linspace(0.0, 2.0, 101), [np.nan]])
     found = estimate(resampled)
     assert (found.low, found.high) == pytest.approx((0.05, 1.95))
+
+
+@pytest.mark.parametrize(("n", "factor"), [(5, 4.203), (10, 2.911), (30, 2.220), (50, 2.065)])
+def test_the_tolerance_factor_is_that_of_the_tables(n, factor):
+    """One-sided, 95 % content and confidence: M. G. Natrella, Experimental Statistics, NBS Handbook 91, table A-7."""
+    scores = np.random.default_rng(6).normal(3.0, 2.0, n)
+    assert (scores.mean() - tolerated(scores)) / scores.std(ddof=1) == pytest.approx(factor, abs=6e-4)
+
+
+@pytest.mark.parametrize("n", [10, 30])
+def test_95_percent_of_trainings_reach_the_bound_in_95_of_100_experiments(n):
+    samples = np.random.default_rng(7).normal(0.6, 0.01, (4000, n))
+    reached = norm.ppf(0.05, 0.6, 0.01)  # by 95 % of trainings, in truth
+    noise = 3.0 * np.sqrt(0.95 * 0.05 / len(samples))
+    assert np.mean([tolerated(one) <= reached for one in samples]) == pytest.approx(0.95, abs=noise)
+    plugged = samples.mean(axis=1) + norm.ppf(0.05) * samples.std(axis=1, ddof=1)  # as if that were the truth
+    ends = samples.mean(axis=1) - norm.ppf(0.975) * samples.std(axis=1, ddof=1) / np.sqrt(n)  # of the mean's interval
+    for wrong in (plugged, ends):
+        assert np.mean(wrong <= reached) < 0.7
+
+
+@pytest.mark.parametrize("n", [10, 30])
+def test_the_worst_training_needs_no_normal_scores_where_the_bound_does(n):
+    """Scores 1 - x, x exponential: a share exp(-x) of all is below 1 - x. Few are poor, but those are very poor."""
+    samples = 1.0 - np.random.default_rng(8).exponential(size=(4000, n))
+    above_worst = 1.0 - np.exp(samples.min(axis=1) - 1.0)
+    noise = 3.0 * np.sqrt(0.95 * 0.05 / len(samples))
+    assert np.mean(above_worst >= content_of_worst(n)) == pytest.approx(0.95, abs=noise)
+    above_bound = 1.0 - np.exp(np.array([tolerated(one) for one in samples]) - 1.0)
+    assert np.mean(above_bound >= 0.95) < 0.95 - noise
+
+
+def test_fifty_nine_trainings_are_the_fewest_whose_worst_95_percent_reach():
+    assert content_of_worst(58) < 0.95 < content_of_worst(59)
+    assert np.isnan(tolerated(np.array([0.6])))

@@ -1,0 +1,163 @@
+"""What is due to what: from the paper's rule to one who knows the object, one thing more at each step.
+
+A step has all that the one before has, so what the steps bring adds up to the whole; in another order each could bring
+more or less. The same rule with the arm's limits is the constant speed that is tuned for each weight and braked as hard
+as pays, on a spring with all of 20 m/s^2. Nothing is left to learn there, so it is a baseline of each set-up and no
+set-up of its own.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from agents.baselines import PaperTrapezoid
+from experiments.lab.statistics import Estimate, Floats, Resamples, along, estimate
+from experiments.report.answer import MISSED_TOO_OFTEN, front
+from experiments.report.figures import Table, percent
+from experiments.report.matchups import BOUND, PAPER, POLICY
+from experiments.report.results import Played, Run
+from impact_gym.envs.task import Task
+
+LIMITS = {(False, False): "", (False, True): "at least ", (True, False): "at most ", (True, True): "about "}
+"""What a step brings at the paper's time, if the one before and it are read where they are sooner than that."""
+
+
+@dataclass(frozen=True)
+class Link:
+    """A contestant, and what it has beyond the one before."""
+
+    added: str
+    contestant: str
+    runs: Sequence[Run]  # one for each seed
+
+
+@dataclass(frozen=True)
+class Gain:
+    """A number of a contestant, less is better, and by how much it is below that of the one before."""
+
+    value: Estimate  # m/s
+    less: Estimate | None  # m/s; None for the first, or where nothing can be claimed
+    share: Estimate | None  # of what lies between the paper's rule and the policy; None where that may be nothing
+
+
+@dataclass(frozen=True)
+class Step:
+    """A link of the chain, and what it brings."""
+
+    added: str
+    contestant: str
+    scenarios: int
+    later: float  # than the paper's mean approach time: the nearest that its front comes to it, s; 0 where it does
+    limit: str  # of what it brings there: "at least" if it is sooner itself, "at most" if the one before is
+    velocity: Gain  # V_p at that time
+    weight: float  # w, m/s per s: the typical one
+    loss: Gain  # V_p + w T, and what misses cost
+
+
+def links(played: Played) -> list[Link]:
+    """Return the chain without the one who knows: what the matchup has no baseline for joins the next step."""
+    tuned = [one for one in played.matchup.baselines if "tuned" in one.controller]
+    by_rule = {one.controller["tuned"]["rule"]: one.name for one in reversed(tuned)}  # of two the first
+    task = Task(**played.matchup.environment)
+    stronger = task.acceleration_range[1] > PaperTrapezoid()["deceleration"]
+    more = {"ConstantSpeed": "the arm's limits" if stronger else "the choice of speed", "BlindProfile": "tuning"}
+    more |= {} if task.range_noise is None else {"Ranged": "the estimate"}
+    found, added = [Link("", PAPER, [played.paper])], []
+    for rule, what in more.items():
+        added.append(what)
+        if rule in by_rule:
+            found.append(Link(" and ".join(added), by_rule[rule], [played.baselines[by_rule[rule]]]))
+            added = []
+    return [*found, Link(" and ".join([*added, "learning"]), POLICY, list(played.seeds.values()))]
+
+
+def chain(played: Played) -> list[Step]:
+    """Return the steps; the last, who knows the object, on the scenarios that it was searched for."""
+    found, weight = links(played), played.matchup.typical
+    steps = _steps(found, played.resamples, weight, policy=len(found) - 1)
+    if played.bound is None or weight not in played.bound.weights:
+        return steps
+    knows = Link("knowing the object", BOUND, [played.bound])
+    few = Resamples(played.bound["missed"].shape[1])
+    return [*steps, _steps([found[0], found[-1], knows], few, weight, policy=1)[-1]]
+
+
+def _steps(found: Sequence[Link], resamples: Resamples, weight: float, policy: int) -> list[Step]:
+    """Return the steps on the first scenarios, as many as are resampled; `policy` is the place of the policy."""
+    fronts = [front(resamples, link.runs) for link in found]
+    paper_time = fronts[0][0][:, 0]
+    later = [_outside(times[0], paper_time[0]) for times, _ in fronts]
+    missed = max(np.mean([run["missed"] for run in link.runs]) for link in found)
+    claimed = max(later) == later[policy] == 0.0 and missed <= MISSED_TOO_OFTEN
+    velocities = gains([along(*one, paper_time) for one in fronts], policy, claimed)
+    losses = [np.array([run.loss(weight)[: resamples.scenarios] for run in link.runs]) for link in found]
+    of_losses = gains([resamples.means(one) for one in losses], policy)
+    sooner = [one < 0.0 for one in later]
+    limits = [LIMITS[pair] for pair in zip([False, *sooner], sooner, strict=False)]
+    return [
+        Step(link.added, link.contestant, resamples.scenarios, *numbers[:-1], weight, numbers[-1])
+        for link, *numbers in zip(found, later, limits, velocities, of_losses, strict=True)
+    ]
+
+
+def _outside(times: Floats, time: float) -> float:
+    """Return by how much the nearest of what lies between `times` is later than `time`, s; below 0 sooner."""
+    return float(np.clip(time, times.min(), times.max()) - time)
+
+
+def gains(values: Sequence[Floats], policy: int, claimed: bool = True) -> list[Gain]:
+    """Return the gain of each step from what resampling gave for it (1 + n,), m/s.
+
+    Unless `claimed` there are no differences: a contestant is read at another time than the one before it.
+    """
+    whole = values[0] - values[policy]
+    shared = estimate(whole).low > 0.0
+    found = [Gain(estimate(values[0]), None, None)]
+    for before, after in pairwise(values):
+        less = before - after
+        share = estimate(less / whole) if claimed and shared else None
+        found.append(Gain(estimate(after), estimate(less) if claimed else None, share))
+    return found
+
+
+def table(chains: Mapping[str, Sequence[Step]]) -> Table:
+    """Return the chains of all matchups by name."""
+    body = []
+    weights = " or ".join(dict.fromkeys(f"{steps[0].weight:g}" for steps in chains.values()))
+    for name, steps in chains.items():
+        for step in steps:
+            on = "" if step.scenarios == steps[0].scenarios else f", the first {step.scenarios} scenarios"
+            off = f" (at the nearest, {1e3 * abs(step.later):.0f} ms {'later' if step.later > 0 else 'sooner'})"
+            cells = [*_cells(step.velocity, step.limit), *_cells(step.loss)]
+            cells[0] += off if step.later else ""
+            body.append((f"{name}: {'+ ' * bool(step.added)}{step.added or 'the paper'}", step.contestant + on, *cells))
+    head = ("what is added", "contestant", "V_p at the paper's approach time (m/s)", "less by (m/s)", "share",
+            f"V_p + {weights} T (m/s)", "less by (m/s)", "share")  # fmt: skip
+    caption = (
+        "What is due to what: each row has all that the row above has and one thing more; by how much that is less, "
+        "and which share of the way from the paper's rule to the policy, 95 % intervals. Who knows the object is "
+        "compared with policy and rule on the same few scenarios"
+    )
+    return Table(caption, head, body)
+
+
+def _cells(gain: Gain, limit: str = "") -> list[str]:
+    less = "-" if gain.less is None else f"{limit}{gain.less:.3f}"
+    return [f"{gain.value.value:.3f}", less, "-" if gain.share is None else limit + percent(gain.share)]
+
+
+def sentence(steps: Sequence[Step]) -> str:
+    """Return what comes from what: of the reduction, of V_p + w T where one cannot arrive so soon; else nothing."""
+    first, *more = (step for step in steps if step.contestant != BOUND)
+    if any(step.later > 0.0 for step in more):
+        before, after = first.loss.value.value, more[-1].loss.value.value
+        what = f"the {before - after:.3f} m/s that it saves of V_p + {first.weight:g} T, {before:.3f} m/s,"
+        shares = [("", step.loss.share) for step in more]
+    else:
+        what, shares = "that reduction", [(step.limit, step.velocity.share) for step in more]
+    if len(more) < 2 or not all(share for _, share in shares):
+        return ""
+    told = (f"{limit}{percent(share)} from {step.added}" for (limit, share), step in zip(shares, more, strict=True))
+    return f" Of {what} come {', '.join(told)}."
