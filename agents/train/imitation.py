@@ -12,9 +12,11 @@ import torch
 from numpy.typing import NDArray
 from stable_baselines3 import PPO
 
+from agents.baselines.rule import ALARM, SINCE_ALARM
 from agents.baselines.tuned import read_tuned, tuned_rule
 from agents.setups import load_setup
-from impact_gym.envs.observation import ENTRIES
+from impact_gym.envs.observation import ENTRIES, TOUCH, entries
+from impact_gym.envs.task import Task
 
 TIME_WEIGHT = 7
 """Place of the time weight in the observation."""
@@ -30,16 +32,17 @@ class Teacher:
     """A tuned baseline of a set-up, in each episode as it was tuned for the time weight at which it does best there."""
 
     def __init__(self, setup: str, name: str) -> None:
-        """Read it.
+        """Read a baseline of the set-up itself, or one that is shipped.
 
         Raises:
-            ValueError: the set-up has no such baseline, or it is not tuned for this environment.
+            ValueError: there is no such baseline, or it does not fit what the set-up shows.
         """
         loaded = load_setup(setup)
-        if name not in loaded.tuned:
-            raise ValueError(f"teacher must be a baseline that {setup} tunes, {list(loaded.tuned)}, got {name!r}")
-        content = read_tuned(name, loaded.folder / "tuned", loaded)
-        self.rules = [tuned_rule(content, float(weight)) for weight in content["weights"]]
+        its_own = name in loaded.tuned
+        content = read_tuned(name, loaded.folder / "tuned", loaded) if its_own else read_tuned(name)
+        rules = [tuned_rule(content, float(weight)) for weight in content["weights"]]
+        self.rules = [rule.for_environment(loaded.environment) for rule in rules]
+        self.told = [entry.sensor for entry in entries(Task(**loaded.environment, privileged=True))]
         means = [found["validation"] for found in content["weights"].values()]
         self.means = np.array([(one["object_velocity"], one["approach_time"]) for one in means])
         self.checksum: str = content["sha256"]
@@ -47,8 +50,13 @@ class Teacher:
     def actions(self, observations: NDArray[Any], episode_starts: NDArray[Any]) -> NDArray[np.float32]:
         """Return what it would do (steps, envs, 2) at `observations` (steps, envs, n_obs), which follow each other.
 
-        What it remembers of before the first of them is lost.
+        Where readings raise the alarm it is told when a switch would have, which the pupil has to find out. What it
+        remembers of before the first of them is lost.
         """
+        if TOUCH.sensor in self.told:
+            touched = observations[..., self.told.index(TOUCH.sensor)]
+            observations = observations.copy()
+            observations[..., ALARM], observations[..., SINCE_ALARM] = touched > 0.0, touched
         velocity, time = self.means.T  # on the validation set
         best = (velocity + time_weights(observations)[..., None] * time).argmin(axis=-1)
         found = np.zeros((*best.shape, 2), np.float32)

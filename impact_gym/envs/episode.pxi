@@ -124,6 +124,7 @@ cdef void observe(Row *row) noexcept nogil:
     sensors.object_mass, sensors.contact_stiffness = drawn.object_mass, drawn.contact_stiffness
     sensors.restitution, sensors.distance = drawn.restitution, drawn.distance - chain.flange_position
     sensors.reaction_delay = drawn.reaction_delay
+    sensors.time_since_touch = max(chain.time - chain.detection - drawn.reaction_delay, 0.0)
     for k in range(row.length):
         entry = &row.entries[k]
         value = values[entry.place]

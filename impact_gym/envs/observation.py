@@ -67,6 +67,10 @@ OPTIONAL_ENTRIES = (
     Entry("reaction_delay", "reaction delay", "s", 0.0, 0.1, 0.0, LINEAR, "privileged"),
 )  # fmt: skip
 """What an argument adds, in this order, behind the rest; `privileged` first adds what episodes draw of the set-up."""
+TOUCH = Entry(
+    "time_since_touch", "time since a switch told of the touch", "s", 0.0, AFTER_ALARM, 0.0, argument="privileged"
+)
+"""Before these, where there is no such switch but readings raise the alarm."""
 
 
 def documentation() -> str:
@@ -95,7 +99,8 @@ def entries(task: Task) -> tuple[Entry, ...]:
     read = [entry for entry in (*seen, *added) if entry.sensor in ("force", "deflection")]
     past = [past_entry(entry, before) for before in range(1, task.past_readings + 1) for entry in read]
     drawn = [drawn_entry(name, pair) for name, pair in task.drawn.items()] if task.privileged else []
-    return (*seen, *added[:behind], *past, *drawn, *added[behind:])
+    touch = [TOUCH] if task.privileged and task.alarm == "reading" else []
+    return (*seen, *added[:behind], *past, *touch, *drawn, *added[behind:])
 
 
 def sensor_fields(task: Task) -> dict[str, str]:

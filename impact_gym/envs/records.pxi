@@ -89,6 +89,7 @@ cdef struct Sensors:  # what the controller may know now, then the truth; `obser
     double deflection  # m
     double deflection_1, deflection_2, deflection_3  # m, likewise
     double object_mass, contact_stiffness, restitution, distance, reaction_delay  # the distance from the flange
+    double time_since_touch  # s, since a switch of its own would have raised the alarm; 0 before
 
 
 cdef struct Entry:  # one number of the observation
