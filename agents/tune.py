@@ -31,6 +31,8 @@ SETUPS = shipped()
 PACKAGES = ("impact-gym", "cma", "numpy", "scipy")
 BOUND_SCENARIOS, BOUND_POPULATION, BOUND_SEED = 64, 16, 1
 BOUND_RTOL = 1e-5  # of the simulation while searching: V_p is within 1e-6 m/s
+A_SWITCH = {"alarm": "force", "force_noise": 0.0, "force_bias": 0.0}
+"""What tells of the touch without errors."""
 SEARCHED = ("impact_gym", "agents.baselines", "agents.evaluate", "agents.tune")
 """Sources that what a search finds depends on."""
 
@@ -143,8 +145,9 @@ def _tuned_before(name: str, setup: Setup, options: Tune) -> dict[str, Any]:
 
 def _arguments(setup: Setup, name: str, weight: float, options: Tune) -> dict[str, Any]:
     """Return what `tune_one` is given."""
-    environment = {"environment": dict(setup.environment), "weight": weight}
-    return setup.tuned[name]._asdict() | environment | options.search(setup)
+    tuned = setup.tuned[name]._asdict()
+    environment = dict(setup.environment) | (A_SWITCH if tuned.pop("told") else {})
+    return tuned | {"environment": environment, "weight": weight} | options.search(setup)
 
 
 def tune_one(

@@ -36,6 +36,7 @@ class Tuned(NamedTuple):
 
     rule: str  # one of RULES
     rtol: float = Task.rtol  # of the simulation while searching; scores are played at the environment's
+    told: bool = False  # of the touch by a switch without errors, as a teacher is
 
 
 @dataclass(frozen=True)
@@ -161,6 +162,9 @@ def _tuned(name: str, given: Any, blind: bool) -> Tuned:
         raise ValueError(f"{name} must be a rule, one of {', '.join(RULES)}, or a table with one, got {given!r}")
     known(f"{name}.", entry, Tuned._fields)
     rtol = number(f"{name}.rtol", entry.get("rtol", Task.rtol), "(no unit)", at_least=1e-13, at_most=1e-2)
+    told = entry.get("told", False)
+    if not isinstance(told, bool):
+        raise ValueError(f"{name}.told must be true or false, got {told!r}")
     if blind and entry["rule"].endswith("Ranged"):
         raise ValueError(f"{name}: {entry['rule']} needs an estimate of the distance, environment.range_noise")
-    return Tuned(entry["rule"], rtol)
+    return Tuned(entry["rule"], rtol, told)

@@ -39,7 +39,7 @@ def test_every_tuned_baseline_belongs_to_a_set_up():
 
 def test_a_set_up_may_name_every_rule_that_is_tuned_and_one_of_them_needs_an_estimate():
     assert {*SETUP_RULES} == {*RULES}
-    assert [name for name, rule in RULES.items() if rule.needs_estimate] == ["Ranged"]
+    assert [name for name, rule in RULES.items() if rule.needs_estimate] == ["Ranged", "WaryRanged"]
     with pytest.raises(ValueError, match="Ranged needs an estimate"):
         load_baseline("ranged", 1.0).for_environment({})
 

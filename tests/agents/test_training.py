@@ -20,7 +20,7 @@ from agents import baselines, load_policy
 from agents.evaluate import Validation
 from agents.evaluate.stage import VALIDATION_SEED, evaluate
 from agents.policies.networks import to_arrays
-from agents.setups import shipped
+from agents.setups import load_setup, shipped
 from agents.setups.evaluation import WEIGHTS
 from agents.train import callback
 from agents.train.ppo import ScaledRewards, make_environment
@@ -201,7 +201,8 @@ def test_the_set_up_and_the_algorithm_decide_the_defaults():
     assert read_settings(["bistable-blind"]).environment["coupling"]["type"] == "Bistable"
     for setup in shipped():
         envs = make_environment(replace(default_settings(setup), envs=2))
-        assert envs.observation_space.shape == ((9 if setup == "linear-ranged" else 8) + 5,)
+        assert envs.observation_space == load_setup(setup).make(privileged=True).observation_space
+        assert envs.observation_space.shape[0] >= (9 if "ranged" in setup else 8) + 5
     with pytest.raises(ValueError, match="give nothing else"):
         read_settings(["--resume", "there", "--steps", "5"])
 
