@@ -26,6 +26,7 @@ from optuna.trial import Trial, TrialState
 
 from agents.command_line import command_line
 from agents.setups import load_setup
+from agents.train.callback import CollapsedError
 from agents.train.run import made_for, provenance, train, write_json
 from agents.train.settings import Algorithm, Settings, default_settings, with_changes
 from impact_gym.validation import whole
@@ -133,7 +134,7 @@ def _play(study: optuna.Study, trial: Trial, settings: Settings) -> None:
     try:
         train(settings, on_validation)
         study.tell(trial, min(scores))
-    except optuna.TrialPruned:
+    except (optuna.TrialPruned, CollapsedError):
         study.tell(trial, state=TrialState.PRUNED)
     shutil.rmtree(settings.out)
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 from stable_baselines3.common.callbacks import BaseCallback
 
 from agents.evaluate import Validation
@@ -22,6 +23,13 @@ OBJECTIVES = ("object_velocity", "approach_time", "peak_force", "missed")
 OnValidation = Callable[[int, dict[str, Any]], None]
 """Called after each validation with the steps made so far and the result."""
 ROWS = 200  # of a learning curve, at the most
+NEARLY_ALL = 0.99  # of the objects missed: such a policy never touches one but by accident
+COLLAPSED = 3  # validations in a row that miss nearly all
+BEGINNING = 0.1  # share of a training in which a policy need not hit anything yet
+
+
+class CollapsedError(RuntimeError):
+    """A training that has nothing left to go on from: its policy touches no object, or its weights are not finite."""
 
 
 class TrainingCallback(BaseCallback):
@@ -52,6 +60,7 @@ class TrainingCallback(BaseCallback):
             "last": {"row": 0, "validation": 0, "checkpoint": 0},
             "best": math.inf,
             "curve": [],  # [steps, score] of each validation
+            "collapsed": 0,  # validations in a row that missed nearly all
             "seconds": 0.0,
         }
 
@@ -68,6 +77,7 @@ class TrainingCallback(BaseCallback):
 
     def _on_rollout_start(self) -> None:
         settings = self._settings
+        self._check_weights()
         if self._due("validation", settings.validate_every):
             self.validate()
         if self._due("row", max(settings.round, settings.whole_steps // ROWS)):
@@ -79,6 +89,7 @@ class TrainingCallback(BaseCallback):
             checkpoint.write(self._folder / "checkpoint.npz", self.model, self._environment, self.kept)
 
     def _on_training_end(self) -> None:
+        self._check_weights()
         self.validate().save(self._folder / "final.npz")
         self._write_row()
         self.kept["seconds"] += time.perf_counter() - self._begun
@@ -90,7 +101,11 @@ class TrainingCallback(BaseCallback):
         return True
 
     def validate(self) -> Policy:
-        """Play the validation set, keep the policy if it is the best so far, and return it."""
+        """Play the validation set, keep the policy if it is the best so far, and return it.
+
+        Raises:
+            CollapsedError: it missed nearly all objects, as in the last validations before.
+        """
         steps = self.num_timesteps
         policy = policy_from(self.model, self._settings, self._record)
         result = self.validation.score(policy)
@@ -105,7 +120,31 @@ class TrainingCallback(BaseCallback):
             policy.save(self._folder / "best.npz")
         if self._on_validation:
             self._on_validation(steps, result)
+        self._check_misses(float(np.mean(result["missed"])))
         return policy
+
+    def _check_weights(self) -> None:
+        if not torch.nn.utils.parameters_to_vector(self.model.policy.parameters()).isfinite().all():
+            raise self._collapse("the weights are no longer finite")
+
+    def _check_misses(self, missed: float) -> None:
+        """Count the validations in a row with such a share of objects missed; raise when there are too many."""
+        again = missed >= NEARLY_ALL and self.num_timesteps > BEGINNING * self._settings.whole_steps
+        self.kept["collapsed"] = self.kept["collapsed"] + 1 if again else 0
+        if self.kept["collapsed"] >= COLLAPSED:
+            raise self._collapse(
+                f"{missed:.1%} of the objects missed, nearly all of them {COLLAPSED} validations in a row"
+            )
+
+    def _collapse(self, reason: str) -> CollapsedError:
+        """Return what to raise: the reason, the step, and what to try."""
+        settings = self._settings
+        less = f" or on_policy.log_std below {settings.on_policy.log_std:g}" if "ppo" in settings.algo else ""
+        return CollapsedError(
+            f"the training collapsed after {self.num_timesteps:,} of {settings.whole_steps:,} steps: {reason}. Try a"
+            f" learning_rate below {settings.learning_rate:g}{less}, and see with `python -m agents.setup"
+            f" {settings.setup}` whether the objects can be reached at all"
+        )
 
     def _write_row(self) -> None:
         if self.kept["episodes"]:  # else it would say nan

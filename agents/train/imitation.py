@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from stable_baselines3 import PPO
 
 from agents.baselines.rule import ALARM, SINCE_ALARM
 from agents.baselines.tuned import read_tuned, tuned_rule
 from agents.setups import load_setup
+from agents.train.closed_form import ClosedFormPPO, Layers
 from impact_gym.envs.observation import ENTRIES, TOUCH, entries
 from impact_gym.envs.task import Task
 
@@ -68,7 +68,7 @@ class Teacher:
         return found
 
 
-class Pupil(PPO):
+class Pupil(ClosedFormPPO):
     """PPO that does as its teacher says for its first steps; its critic learns from the beginning."""
 
     def __init__(self, *arguments: Any, teacher: Teacher, until: int, **options: Any) -> None:
@@ -83,28 +83,26 @@ class Pupil(PPO):
         else:
             super().train()
 
+    @torch.no_grad()
     def _imitate(self) -> None:
-        self.policy.set_training_mode(True)
-        self._update_learning_rate(self.policy.optimizer)
-        buffer = self.rollout_buffer
+        """Reduce the mean squared error of the mean action, and of the values, on the last rollout."""
+        policy, buffer, hidden = self.policy, self.rollout_buffer, self.policy.mlp_extractor
+        self._update_learning_rate(policy.optimizer)
+        actor, critic = Layers(hidden.policy_net, policy.action_net), Layers(hidden.value_net, policy.value_net)
         told = self._teacher.actions(buffer.observations, buffer.episode_starts)
-        seen, told, returns = (_flat(array) for array in (buffer.observations, told, buffer.returns))
-        losses = []
+        arrays = (buffer.observations, told, buffer.returns[..., None])
+        seen, told, returns = (torch.from_numpy(array.reshape(-1, array.shape[-1])) for array in arrays)
+        features, parameters, losses = policy.features_extractor(seen), [*policy.parameters()], []
         for _ in range(self.n_epochs):
-            for part in torch.as_tensor(np.random.permutation(len(seen))).split(self.batch_size):  # noqa: NPY002 - as PPO
-                features = self.policy.extract_features(seen[part])
-                for_action, for_value = self.policy.mlp_extractor(features)
-                imitation = (self.policy.action_net(for_action) - told[part]).square().mean()
-                value = (self.policy.value_net(for_value).flatten() - returns[part]).square().mean()
-                self.policy.optimizer.zero_grad()
-                (imitation + self.vf_coef * value).backward()
-                torch.nn.utils.clip_grad_norm_(self.policy.parameters(), self.max_grad_norm)
-                self.policy.optimizer.step()
-                losses.append(imitation.item())
-        self._n_updates += self.n_epochs
+            order = torch.from_numpy(np.random.permutation(len(seen)))  # noqa: NPY002 - as stable-baselines3 draws it
+            for part in order.split(self.batch_size):
+                error = actor.forward(features[part, : policy.seen]) - told[part]
+                value_error = critic.forward(features[part]) - returns[part]
+                actor.backward(2.0 / error.numel() * error)
+                critic.backward(2.0 * self.vf_coef / len(part) * value_error)
+                policy.log_std.grad = torch.zeros_like(policy.log_std)
+                torch.nn.utils.clip_grad_norm_(parameters, self.max_grad_norm)
+                policy.optimizer.step()
+                losses.append(error.square().mean().item())
+            self._n_updates += 1
         self.logger.record("train/imitation_loss", float(np.mean(losses)))
-
-
-def _flat(array: NDArray[Any]) -> torch.Tensor:
-    """Return what a buffer holds by step and environment, one behind the other."""
-    return torch.as_tensor(array.reshape(-1, *array.shape[2:]))

@@ -11,14 +11,13 @@ import numpy as np
 import torch
 from gymnasium import spaces
 from numpy.typing import NDArray
-from stable_baselines3 import PPO
-from stable_baselines3.common.policies import ActorCriticPolicy
-from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, MlpExtractor
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
 from agents.policies.networks import Affine
 from agents.policies.policy import observation_table
+from agents.train.closed_form import ActorAndCritic, ClosedFormPPO, Tanh
 from agents.train.imitation import Pupil, Teacher, time_weights
 from agents.train.settings import Settings
 from impact_gym.sb3 import ImpactVecEnv
@@ -85,16 +84,13 @@ def make_environment(settings: Settings) -> ScaledRewards:
     return ScaledRewards(envs, settings.weight_power)
 
 
-def ppo(settings: Settings, environment: VecEnv) -> PPO:
+def ppo(settings: Settings, environment: VecEnv) -> ClosedFormPPO:
     """Return a model that has learned nothing yet; the discount is 1, as an episode ends and its sum is what counts."""
     on = settings.on_policy
-    network = network_arguments(settings)
-    if on.informed_critic:
-        network["seen"] = len(entry_names(settings.environment))
-    policy = InformedCritic if on.informed_critic else "MlpPolicy"
-    arguments = {"policy": policy, "policy_kwargs": network, **on_policy_arguments(settings, environment)}
+    network = network_arguments(settings) | {"seen": len(entry_names(settings.environment))}
+    arguments = {"policy": ActorAndCritic, "policy_kwargs": network, **on_policy_arguments(settings, environment)}
     if not on.teacher:
-        return PPO(**arguments)
+        return ClosedFormPPO(**arguments)
     return Pupil(teacher=Teacher(settings.setup, on.teacher), until=on.taught, **arguments)
 
 
@@ -168,60 +164,3 @@ def fold_in_standardisation(layer: Affine, names: Sequence[str]) -> Affine:
     weight[:, : len(names)] /= spread
     bias = layer.bias - weight[:, : len(names)] @ centre
     return Affine(layer.name, weight.astype(np.float32), bias.astype(np.float32))
-
-
-class InformedCritic(ActorCriticPolicy):
-    """A policy whose critic also sees the scenario (`privileged`), so that luck is not taken for skill.
-
-    The advantage of an action has the same mean with any critic that does not see the action, and less variance with
-    one that knows the mass and the distance of the object (Pinto et al. 2018, asymmetric actor critic).
-    """
-
-    def __init__(self, *arguments: Any, seen: int, **options: Any) -> None:
-        """Make one whose actor sees the first `seen` entries."""
-        self._seen = seen
-        super().__init__(*arguments, **options)
-
-    def _build_mlp_extractor(self) -> None:
-        self.mlp_extractor = _TwoViews(self.features_dim, self._seen, self.net_arch, self.activation_fn)
-
-
-class _TwoViews(MlpExtractor):
-    """An actor that sees the first `seen` features, and a critic that sees all."""
-
-    def __init__(self, features: int, seen: int, layers: list[int], activation: type[torch.nn.Module]) -> None:
-        super().__init__(seen, {"pi": layers, "vf": []}, activation, "cpu")
-        critic = MlpExtractor(features, {"pi": [], "vf": layers}, activation, "cpu")
-        self._seen, self.value_net, self.latent_dim_vf = seen, critic.value_net, critic.latent_dim_vf
-
-    def forward_actor(self, features: torch.Tensor) -> torch.Tensor:
-        """Return what the action is read from."""
-        return self.policy_net(features[:, : self._seen])
-
-
-class _FastTanh(torch.autograd.Function):
-    """tanh(x) = 2 sigmoid(2 x) - 1, four times as fast as torch's own tanh.
-
-    That takes a path of MKL that is slow on some processors, and was a third of an update.
-    """
-
-    @staticmethod
-    def forward(ctx: Any, values: torch.Tensor) -> torch.Tensor:
-        """Return tanh of `values`."""
-        result = torch.sigmoid(2.0 * values).mul_(2.0).sub_(1.0)
-        ctx.save_for_backward(result)
-        return result
-
-    @staticmethod
-    def backward(ctx: Any, *gradients: torch.Tensor) -> torch.Tensor:
-        """Return the gradient with respect to the values."""
-        (result,) = ctx.saved_tensors
-        return torch.ops.aten.tanh_backward(gradients[0], result)
-
-
-class Tanh(torch.nn.Module):
-    """As torch.nn.Tanh, to rounding."""
-
-    def forward(self, values: torch.Tensor) -> torch.Tensor:
-        """Return tanh of `values`."""
-        return _FastTanh.apply(values)

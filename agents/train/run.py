@@ -2,7 +2,7 @@
 
 The folder holds `config.json` (settings, versions, command), `progress.csv` and events for TensorBoard, `best.npz` (the
 policy that did best on the validation set) and `final.npz`, `metrics.json`, and until the end `checkpoint.npz`, from
-which `resume` goes on to the same end as if nothing had happened.
+which `resume` goes on to the same end as if nothing had happened. Where a training collapsed, `collapsed.txt` says why.
 """
 
 import fcntl
@@ -25,7 +25,7 @@ from agents.setups.feasible import warnings
 from agents.setups.keys import within
 from agents.train import checkpoint
 from agents.train.algorithms import make_model
-from agents.train.callback import OnValidation, TrainingCallback
+from agents.train.callback import CollapsedError, OnValidation, TrainingCallback
 from agents.train.imitation import Teacher
 from agents.train.logs import outputs
 from agents.train.ppo import make_environment
@@ -42,6 +42,7 @@ def train(settings: Settings, on_validation: OnValidation | None = None) -> Path
     Raises:
         FileExistsError: the run folder is there already.
         ValueError: the run to resume is damaged, of another version, or under way.
+        CollapsedError: there is nothing left to go on from; the folder keeps the reason.
     """
     if settings.resume:
         return resume(settings.resume, on_validation)
@@ -58,9 +59,16 @@ def train(settings: Settings, on_validation: OnValidation | None = None) -> Path
 def resume(folder: Path, on_validation: OnValidation | None = None) -> Path:
     """Go on with the run in `folder` from its last checkpoint, or from its beginning, and return the folder."""
     record, settings = _configuration(folder)
+    collapsed = folder / "collapsed.txt"
     with _locked(folder):
+        if collapsed.is_file():
+            raise CollapsedError(f"{folder}: {collapsed.read_text()}")
         if not (folder / "metrics.json").is_file():
-            _run(folder, settings, record, on_validation)
+            try:
+                _run(folder, settings, record, on_validation)
+            except CollapsedError as error:
+                collapsed.write_text(str(error))
+                raise
     return folder
 
 

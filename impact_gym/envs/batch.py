@@ -114,8 +114,9 @@ class Batch:
         drawn = [name for name in NUMBERS if any(name in task.drawn for task in tasks)]
         numbers = _NUMBERS | {f"record.{name}": f"drawn.setting.{name}" for name in drawn}
         found = places(EPISODE)
-        self._entries = (*numbers, "peak_force", "contact_count", "missed", "status")
-        self._not_drawn = [[f"record.{name}" for name in drawn if name not in task.drawn] for task in tasks]
+        entries = (*numbers, "peak_force", "contact_count", "missed", "status")
+        self._layout = nested({name: place for place, name in enumerate(entries)})
+        self._not_drawn = [[name for name in drawn if name not in task.drawn] for task in tasks]
         self._columns = [found[name] for name in numbers.values()]
         self._signs = np.array([[-1.0] if name.startswith("reward_terms.") else [1.0] for name in numbers])
 
@@ -207,12 +208,10 @@ class Batch:
         """Return the info of each of `rows`."""
         count, missed, status = self._verdicts(rows)
         entries = (*self._numbers(rows), self.chains["peak_force"][rows], count, missed, status)
-        infos = []
-        for row, one in zip(rows.tolist(), zip(*(column.tolist() for column in entries), strict=True), strict=True):
-            flat = dict(zip(self._entries, one, strict=True))
+        infos = [filled(self._layout, one) for one in zip(*(column.tolist() for column in entries), strict=True)]
+        for row, info in zip(rows.tolist(), infos, strict=True):
             for name in self._not_drawn[row % len(self._not_drawn)]:
-                del flat[name]
-            infos.append(nested(flat))
+                del info["record"][name]
         return infos
 
     def info_columns(self, rows: NDArray[np.int64]) -> dict[str, Any]:
@@ -224,7 +223,7 @@ class Batch:
         verdicts = [np.zeros(size, np.int64), np.zeros(size, np.bool_), np.full(size, None)]
         for column, some in zip(verdicts, self._verdicts(rows), strict=True):
             column[rows] = some
-        return nested(dict(zip(self._entries, (*numbers, *verdicts), strict=True)))
+        return filled(self._layout, (*numbers, *verdicts))
 
     def _numbers(self, rows: NDArray[np.int64]) -> NDArray[np.float64]:
         """Return the entries of an info that an episode holds (n, k), in one go."""
@@ -255,3 +254,8 @@ def nested(flat: Mapping[str, Any]) -> dict[str, Any]:
         group = "".join(first)
         (result.setdefault(group, {}) if group else result)[rest] = value
     return result
+
+
+def filled(layout: Mapping[str, Any], values: Sequence[Any]) -> dict[str, Any]:
+    """Return a mapping, of mappings where `layout` has one, with the value at each place that `layout` names."""
+    return {name: filled(place, values) if isinstance(place, dict) else values[place] for name, place in layout.items()}

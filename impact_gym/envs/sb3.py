@@ -54,16 +54,17 @@ class ImpactVecEnv(VecEnv):
 
     def step_wait(self) -> VecEnvStepReturn:
         """Play them."""
-        observations, rewards, terminated, truncated, _ = self.envs.step(self._actions)
-        ended = terminated | truncated
+        terminated, truncated = self.envs.play(self._actions)
+        batch, ended = self.envs.batch, terminated | truncated
+        rewards = batch.rewards.astype(np.float32)
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         if ended.any():
             rows = np.flatnonzero(ended)
-            for row, info in zip(rows.tolist(), self.envs.batch.infos(rows), strict=True):
-                cut = bool(truncated[row] and not terminated[row])
-                infos[row] = {**info, "terminal_observation": observations[row], "TimeLimit.truncated": cut}
-            observations, _ = self.envs.reset(options={"reset_mask": ended})
-        return observations, rewards.astype(np.float32), ended, infos
+            lasts, cuts = batch.observations[rows], (truncated & ~terminated)[rows].tolist()
+            for row, info, last, cut in zip(rows.tolist(), batch.infos(rows), lasts, cuts, strict=True):
+                infos[row] = info | {"terminal_observation": last, "TimeLimit.truncated": cut}
+            self.envs.reset(options={"reset_mask": ended})
+        return batch.observations.copy(), rewards, ended, infos
 
     def get_state(self) -> dict[str, Any]:
         """Return a copy of all that `reset` and `step` go on from; ask between steps."""

@@ -93,8 +93,11 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         self._begun[mask] = True
         return self.batch.observations.copy()
 
-    def step(self, actions: NDArray[Any]) -> tuple[Floats, NDArray[np.float64], Flags, Flags, dict[str, Any]]:
-        """Play one control step in every slot."""
+    def play(self, actions: NDArray[Any]) -> tuple[Flags, Flags]:
+        """Play one control step in every slot; return which episodes it terminated and which it truncated.
+
+        What there is to see then is in `batch`; `step` returns copies of it.
+        """
         if not self._begun.all():
             raise ResetNeeded("some slots have no episode under way: call reset before step")
         batch = self.batch
@@ -110,7 +113,13 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         batch.step(commands, skip)
         terminated = batch.episodes["terminated"] == 1
         truncated = batch.episodes["truncated"] == 1
-        ended = terminated | truncated
+        self._ended = terminated | truncated
+        return terminated, truncated
+
+    def step(self, actions: NDArray[Any]) -> tuple[Floats, NDArray[np.float64], Flags, Flags, dict[str, Any]]:
+        """Play one control step in every slot."""
+        terminated, truncated = self.play(actions)
+        batch, ended = self.batch, self._ended
         infos: dict[str, Any] = {}
         rewards = batch.rewards.copy()
         if ended.any():
@@ -122,8 +131,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
                     final[row] = batch.observations[row].copy()
                 infos = {"final_obs": final, "_final_obs": ended, "final_info": infos, "_final_info": ended.copy()}
                 batch.draw_and_begin(rows, self._generators)
-                ended = self._none.copy()
-        self._ended = ended
+                self._ended = self._none.copy()
         return batch.observations.copy(), rewards, terminated, truncated, infos
 
     def sensors(self) -> dict[str, NDArray[np.float64]]:
@@ -160,6 +168,8 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
 
     def _seed(self, seed: int | Sequence[int | None] | None, mask: Flags) -> None:
         """Seed slot i with seed + i, or with its place in a list; None leaves a generator as it is."""
+        if seed is None and self._generators:
+            return
         if isinstance(seed, (int, np.integer)) and not isinstance(seed, bool):
             seeds: Sequence[int | None] = [int(seed) + slot for slot in range(self.num_envs)]
         elif seed is None or (isinstance(seed, (Sequence, np.ndarray)) and not isinstance(seed, (str, bytes))):

@@ -9,10 +9,10 @@ from policies import made_up_policy, observations
 from training import tiny
 
 from agents.train.algorithms import make_model, policy_from
+from agents.train.closed_form import Tanh
 from agents.train.ppo import (
     CENTRE_AND_SPREAD,
     Standardised,
-    Tanh,
     centres_and_spreads,
     entry_names,
     fold_in_standardisation,

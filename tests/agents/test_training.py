@@ -141,6 +141,7 @@ def test_the_best_policy_is_chosen_by_the_validation_set_alone(tmp_path, monkeyp
 
     def play(self, controller):
         result = {"score": next(scores, 1.0), "time_weight": [1.0], "object_velocity": [0.0], "approach_time": [0.0]}
+        result["missed"] = [0.0]
         kept.append((result["score"], controller))
         return result
 
