@@ -1,6 +1,5 @@
 """A training that is interrupted ends as one that is not, to the bit."""
 
-import csv
 import fcntl
 import json
 import os
@@ -12,55 +11,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from episodes import assert_identical
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
-from training import ALGORITHMS, TINY, tiny
+from training import ALGORITHMS, TINY, assert_same, interrupted, rows, tiny
 
 from agents.archive import read_archive
-from agents.policies.networks import to_arrays
-from agents.policies.policy import load_policy
 from agents.train import checkpoint
 from agents.train.run import resume, train
 from agents.train.settings import as_json
 from impact_gym.sb3 import ImpactVecEnv
-
-
-class Killed(BaseException):
-    """As if the process ended here."""
-
-
-def interrupted(settings, out, checkpoints):
-    """Train until so many checkpoints are written, and some steps more."""
-    original, written = checkpoint.write, []
-
-    def write(*arguments):
-        if len(written) == checkpoints:
-            raise Killed
-        written.append(original(*arguments))
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(checkpoint, "write", write)
-        with pytest.raises(Killed):
-            train(replace(settings, out=out))
-    assert (out / "checkpoint.npz").is_file()
-    assert not (out / "metrics.json").exists()
-
-
-def rows(folder):
-    """Return the learning curve but for what the clock says."""
-    with (folder / "progress.csv").open() as file:
-        return [{name: row[name] for name in row if "per_second" not in name} for row in csv.DictReader(file)]
-
-
-def left(folder):
-    """Return what a training left, but for what the clock says: weights, learning curve, scores."""
-    weights = [to_arrays(load_policy(folder / name).network) for name in ("final.npz", "best.npz")]
-    metrics = json.loads((folder / "metrics.json").read_text())
-    return weights, rows(folder), metrics["validation"], metrics["curve"]
-
-
-def assert_same(one, other):
-    assert_identical(left(one), left(other))
 
 
 @pytest.mark.storm
