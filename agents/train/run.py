@@ -77,7 +77,7 @@ def _run(folder: Path, settings: Settings, record: dict[str, Any], on_validation
     model.set_logger(log)
     saved = folder / "checkpoint.npz"
     if saved.is_file():
-        callback.kept = checkpoint.restore(saved, model, environment)
+        callback.kept |= checkpoint.restore(saved, model, environment)
         print(f"going on behind {model.num_timesteps:,} of {settings.whole_steps:,} steps")
     else:
         print(f"training for {settings.whole_steps:,} steps; torch uses {settings.threads} thread(s)")
