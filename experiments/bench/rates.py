@@ -2,7 +2,7 @@
 
 *environment*: actions drawn beforehand. *environment with inference*: the set-up's shipped policy acts. *training*: all
 that `agents.train` does from the first rollout to the end, updates and validation included; `metrics.json` has it too.
-Random actions play other episodes than a policy, with more contacts: the first rate need not be the highest.
+Random actions play other episodes than a policy, so the first rate need not be the highest.
 """
 
 import io
