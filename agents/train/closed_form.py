@@ -131,13 +131,13 @@ class ClosedFormPPO(PPO):
         arrays = (buffer.observations, buffer.actions, buffer.log_probs, buffer.advantages, buffer.returns)
         columns = [torch.from_numpy(buffer.swap_and_flatten(array)) for array in arrays]
         columns[0] = policy.features_extractor(columns[0])
-        samples, widths, parameters = torch.cat(columns, 1), [part.shape[1] for part in columns], [*policy.parameters()]
+        parameters = [*policy.parameters()]
         terms: list[list[dict[str, torch.Tensor]]] = []
         for _ in range(self.n_epochs):
             terms.append([])
-            order = torch.from_numpy(np.random.permutation(len(samples)))  # noqa: NPY002 - as stable-baselines3 draws it
-            for batch in samples.index_select(0, order).split(self.batch_size):
-                features, *rest = batch.split(widths, 1)
+            order = torch.from_numpy(np.random.permutation(len(columns[0])))  # noqa: NPY002 - as stable-baselines3 draws it
+            shuffled = (column.index_select(0, order).split(self.batch_size) for column in columns)
+            for features, *rest in zip(*shuffled, strict=True):
                 outputs = actor.forward(features[:, : policy.seen]), critic.forward(features)
                 by_mean, by_log_std, by_values, said = self._derivatives(*outputs, *rest)
                 actor.backward(by_mean)

@@ -1,8 +1,9 @@
 """One training, from its settings to a run folder, through any number of interruptions.
 
 The folder holds `config.json` (settings, versions, command), `progress.csv` and events for TensorBoard, `best.npz` (the
-policy that did best on the validation set) and `final.npz`, `metrics.json`, and until the end `checkpoint.npz`, from
-which `resume` goes on to the same end as if nothing had happened. Where a training collapsed, `collapsed.txt` says why.
+policy that did best on the validation set) and `final.npz`, `metrics.json` (with the training rate), and until the end
+`checkpoint.npz`, from which `resume` goes on to the same end as if nothing had happened. Where a training collapsed,
+`collapsed.txt` says why.
 """
 
 import fcntl
@@ -83,7 +84,7 @@ def _run(folder: Path, settings: Settings, record: dict[str, Any], on_validation
     model.set_logger(log)
     saved = folder / "checkpoint.npz"
     if saved.is_file():
-        callback.kept = checkpoint.restore(saved, model, environment)
+        callback.kept |= checkpoint.restore(saved, model, environment)
         print(f"going on behind {model.num_timesteps:,} of {settings.whole_steps:,} steps")
     else:
         print(f"training for {settings.whole_steps:,} steps; torch uses {settings.threads} thread(s)")

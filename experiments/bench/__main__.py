@@ -12,13 +12,14 @@ from polars import selectors
 
 from agents.command_line import command_line
 from agents.provenance import circumstances
-from experiments.bench import approaches, environments, jobs, models
+from experiments.bench import approaches, environments, jobs, models, rates
 from experiments.lab.results import REPORTS, whole_folder
 
 PARTS = {
     "approaches": approaches.measure,
     "environments": environments.measure,
     "models": models.measure,
+    "rates": rates.measure,
     "jobs": jobs.measure,
     "ten-million": jobs.ten_million,
 }
@@ -26,10 +27,10 @@ PARTS = {
 
 @dataclass(frozen=True)
 class BenchOptions:
-    """Measure speed: approaches and environments beside others', simpler models, grids of approaches as jobs."""
+    """Measure speed: approaches and environments beside others', simpler models, training, grids of jobs."""
 
-    parts: tyro.conf.Positional[tuple[Literal[*PARTS], ...]] = ("approaches", "environments", "models")
-    """The first three take a minute together. The others are to be asked for: jobs plays grids on this machine and on
+    parts: tyro.conf.Positional[tuple[Literal[*PARTS], ...]] = ("approaches", "environments", "models", "rates")
+    """The first four take two minutes together. The others are to be asked for: jobs plays grids on this machine and on
     Ray (five minutes), ten-million plays the whole grid (as long again, with 0.7 GB of results for a while)."""
     quick: bool = False
     """Measure so briefly that the figures mean little."""

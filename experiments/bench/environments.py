@@ -1,4 +1,4 @@
-"""Environments: steps a second with everything included, beside Gymnasium's own, and what a batch costs a row."""
+"""Environments: steps per second with everything included, beside Gymnasium's own, and what a batch costs a row."""
 
 import tracemalloc
 from typing import Any
@@ -53,7 +53,7 @@ def measure(quick: bool) -> dict[str, pl.DataFrame]:
         for _ in tqdm(range(1 if quick else 5), desc="environments")
     ]
     rates = pl.DataFrame([(name, envs) for name, envs, _ in stepped], ["environment", "in a batch"], orient="row")
-    steps = pl.Series("steps a second", np.max(turns, axis=0))
+    steps = pl.Series("steps per second", np.max(turns, axis=0))
     ratio = pl.col(steps.name).first().over("in a batch") / pl.col(steps.name)
     return {
         "Environments": rates.with_columns(steps).with_columns(ratio.alias("ours over it")),

@@ -7,7 +7,7 @@ import polars as pl
 import pytest
 
 from experiments.bench import __main__ as bench
-from experiments.bench import jobs
+from experiments.bench import jobs, rates
 
 
 def run(monkeypatch, *arguments):
@@ -19,7 +19,7 @@ def test_a_run_writes_and_prints_the_parts_asked_for_and_no_others(monkeypatch, 
     run(monkeypatch, "models", "--quick", "--out", tmp_path / "bench")
     written = json.loads((tmp_path / "bench/results.json").read_text())
     assert "models" in written
-    assert not {"approaches", "environments", "jobs", "ten-million"} & written.keys()
+    assert not {"approaches", "environments", "rates", "jobs", "ten-million"} & written.keys()
     assert {"machine", "date", "versions", "load_before"} <= written.keys()
     models, advised = written["models"].values()
     assert all(0 <= model["within"] <= model["scenes"] <= 30 for model in models)
@@ -41,6 +41,15 @@ def test_a_part_that_fails_leaves_an_earlier_run_as_it_was(monkeypatch, tmp_path
         run(monkeypatch, "models", "jobs", "--out", tmp_path / "bench")
     assert (tmp_path / "bench/results.json").read_text() == before
     assert [path.name for path in tmp_path.iterdir()] == ["bench"]
+
+
+def test_the_three_rates_are_measured_for_each_set_up():
+    ((title, table),) = rates.measure(quick=True).items()
+    assert "steps per second" in title
+    assert table.columns == ["set-up", "environments", "environment", "environment with inference", "training"]
+    assert table["set-up"].to_list() == list(rates.SETUPS)
+    assert (table["training"] > 0.0).all()
+    assert (table["environment"] > table["training"]).all()  # which steps the same, and learns
 
 
 def test_a_part_that_is_not_there_is_refused(monkeypatch, capsys):
