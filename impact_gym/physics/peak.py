@@ -48,8 +48,10 @@ def peak_factor(damping: float) -> float:
     return (1.5 * above / d / d) ** 0.6 * (1.0 + above)
 
 
-def permitted_speed(limit: float, mass: float, stiffness: float, damping: float, push: float = 0.0) -> float:
-    """Return the largest approach velocity (m/s) at which no force of the contact exceeds `limit`.
+def permitted_speed(
+    limit: float, mass: float, stiffness: float, damping: float, push: float = 0.0, push_rate: float = 0.0
+) -> float:
+    """Return the largest approach velocity v (m/s) at which no force of the contact exceeds `limit`.
 
     Exact for an isolated contact, and for an elastic one under a constant push; else what is proven above.
 
@@ -59,13 +61,15 @@ def permitted_speed(limit: float, mass: float, stiffness: float, damping: float,
         stiffness: N/m^1.5.
         damping: factor d of the contact, see `physics.dissipation.damping_factor`.
         push: N, the most that drives the two together: `mass` times the acceleration with which they would approach.
+        push_rate: N s/m, by how much more it does for each m/s of v.
 
     Raises:
         ValueError: an argument is out of range, or the push alone may exceed the limit; names it.
     """
     push = number("push", push, "N", at_least=0)
-    number("limit", limit, "N", above=WORTH_A_PUSH * push)
+    rate = WORTH_A_PUSH * number("push_rate", push_rate, "N s/m", at_least=0)
+    left = number("limit", limit, "N", above=WORTH_A_PUSH * push) - WORTH_A_PUSH * push
     number("mass", mass, "kg", above=0)
     number("stiffness", stiffness, "N/m^1.5", above=0)
-    work = limit ** (2 / 3) * (limit - WORTH_A_PUSH * push) / stiffness ** (2 / 3)
-    return math.sqrt(work / peak_factor(damping) ** (5 / 3) / mass)
+    square = mass * peak_factor(damping) ** (5 / 3) * (stiffness / limit) ** (2 / 3)
+    return 2.0 * left / (rate + math.sqrt(rate**2 + 4.0 * square * left))  # square v^2 + rate v = left
