@@ -120,6 +120,12 @@ def test_a_tool_on_a_spring_hits_no_faster_later_if_the_flange_stops_in_time():
     assert later > 100
 
 
+def test_a_tool_that_swings_may_hit_harder_the_second_time_which_is_why_it_is_refused():
+    met = scene(1e6, 1.0, ig.SpringDamper(50.0, 0.05), m_p=2.5, distance=8.0)
+    first, second, *_ = ig.simulate(met, ig.Trapezoid(0.5, 1.0), 20.0).contacts
+    assert second.approach_velocity > 1.2 * first.approach_velocity
+
+
 @pytest.mark.parametrize(
     ("name", "change", "limit", "told"),
     [
