@@ -5,6 +5,7 @@ from agents.baselines.constant import ConstantSpeed, PaperTrapezoid
 from agents.baselines.profile import BlindProfile, Ranged
 from agents.baselines.random import RandomActions
 from agents.baselines.rule import ALARM, Rule, encode
+from agents.baselines.shield import FullSpeed, Shield
 from agents.baselines.tuned import load_baseline
 
 __all__ = [
@@ -12,10 +13,12 @@ __all__ = [
     "BlindProfile",
     "Clairvoyant",
     "ConstantSpeed",
+    "FullSpeed",
     "PaperTrapezoid",
     "RandomActions",
     "Ranged",
     "Rule",
+    "Shield",
     "encode",
     "load_baseline",
 ]

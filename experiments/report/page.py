@@ -14,7 +14,7 @@ from markupsafe import Markup
 from agents.evaluate.controllers import controller_of
 from agents.evaluate.play import frozen_of
 from experiments.lab.player import choose, films, fragment
-from experiments.report import answer, bars, differences, learned, robustness
+from experiments.report import answer, bars, differences, learned, robustness, shield
 from experiments.report.figures import Figure, Table
 from experiments.report.matchups import PAPER, POLICY
 from experiments.report.results import Played
@@ -38,7 +38,7 @@ def sections(played: list[Played], first: bool = False) -> dict[str, dict[str, S
         found["differences"][name] = shown
         reacted = [learned.reaction(one)] if one.reactions["since"].size else []  # else no alarm came
         found["learned"][name] = [learned.approach(one), *reacted, *learned.urgency(one)]
-        found["robustness"][name] = [*robustness.figures(one), robustness.categories(one)]
+        found["robustness"][name] = [*robustness.figures(one), robustness.categories(one), shield.table(one)]
         found["simulator"][name] = [robustness.simulator(one)]
     return found
 

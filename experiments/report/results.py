@@ -14,6 +14,7 @@ from agents.jobs import Job, digest_of, gather
 from experiments.lab.statistics import Floats, Resamples
 from experiments.reference.task import SERVED
 from experiments.report.matchups import BOUND, PAPER, Contestant, Matchup
+from experiments.report.shield import shielded
 from impact_gym.envs import evaluation_sets
 from impact_gym.envs.scenario import FIELDS
 from impact_gym.envs.task import Task
@@ -85,6 +86,7 @@ class Played:
     bound: Run | None = None
     varied: dict[tuple[str, str, str], Run] = field(default_factory=dict)  # argument, label, contestant
     exactly: dict[tuple[str, str], Run] = field(default_factory=dict)  # change, seed or baseline
+    shielded: dict[tuple[float, str], Run] = field(default_factory=dict)  # limit (N), around whom
     scipy: dict[tuple[str, str], Arrays] = field(default_factory=dict)  # with the clamp or not, contestant
     reactions: Arrays = field(default_factory=dict)
     profiles: dict[str, Run] = field(default_factory=dict)
@@ -252,6 +254,8 @@ def _asked(matchup: Matchup) -> Iterator[tuple[str, Any, str, dict[str, Any]]]:
             for one in rivals.values() if clamp else (matchup.baselines[0], matchup.policy):
                 solved = of(one, scenarios=hundred, weight=typical, clamp=clamp)
                 yield "scipy", (label, one.name), f"{MEASURES}:in_scipy", solved
+    for limit, one in shielded(matchup):
+        yield "shielded", (limit, one.name), PLAY, of(one, scenarios=scenarios, weights=[typical])
     yield "reactions", None, f"{MEASURES}:reactions", of(matchup.policy, scenarios=some, weight=typical)
     for one in rivals.values():
         watched = of(one, weights=_shown_weights(matchup, one), distance=watched_at(matchup))

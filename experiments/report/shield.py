@@ -1,0 +1,74 @@
+"""What a limit of force costs: the policy with a shield around it, and the shield by itself."""
+
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+from agents.baselines.permitted import permitted
+from experiments.report.figures import Table
+from experiments.report.matchups import POLICY, Contestant, Matchup
+from impact_gym.envs.scenario import NAMED
+from impact_gym.envs.task import Task
+
+if TYPE_CHECKING:
+    from experiments.report.results import Played, Run
+
+LIMITS = (20.0, 50.0, 100.0, 200.0)  # N
+ALONE = "the shield alone"
+
+
+def speeds(matchup: Matchup) -> dict[float, float | str]:
+    """Return by limit (N) the speed (m/s) at which objects may be met, or why there is no shield."""
+    found: dict[float, float | str] = {}
+    for limit in LIMITS:
+        try:
+            found[limit] = permitted(Task(**{**matchup.environment, "scenario": _ranges(matchup)}), limit)
+        except ValueError as error:
+            found[limit] = str(error)
+    return found
+
+
+def _ranges(matchup: Matchup) -> Mapping[str, Any] | str:
+    """Return which objects there are; those of a table of scenarios, or of a set of a user's, nobody has bounded."""
+    ranges = matchup.scenarios.get("ranges", matchup.scenarios.get("set"))
+    if not isinstance(ranges, Mapping) and ranges not in NAMED:
+        raise ValueError("the scenarios are from no ranges that are known")
+    return ranges
+
+
+def shielded(matchup: Matchup) -> Iterator[tuple[float, Contestant]]:
+    """Yield for each limit (N) the shield alone, which knows no weight, and around the median seed."""
+    for limit, speed in speeds(matchup).items():
+        for name, inner in {ALONE: None, POLICY: matchup.policy.controller}.items():
+            if not isinstance(speed, str):
+                spec = {"shield": limit, "scenario": _ranges(matchup), "of": inner}
+                yield limit, Contestant(name, spec, (matchup.typical,), "")
+
+
+def table(played: "Played") -> Table:
+    """Return the table of all limits."""
+    weight, own = played.matchup.typical, played.policy
+    body = [_row("-", "-", POLICY, own, own, weight, "-")]
+    for limit, speed in speeds(played.matchup).items():
+        if isinstance(speed, str):
+            body.append((f"{limit:g}", f"none: {speed}", *[""] * 7))
+            continue
+        for name in (ALONE, POLICY):
+            run = played.shielded[limit, name]
+            above = f"{(run.at(weight).peak_force > limit).sum()}"
+            if name == POLICY:
+                above += f", {(own.at(weight).peak_force > limit).sum()} without it"
+            body.append(_row(f"{limit:g}", f"{speed:.3f}", name, run, own, weight, above))
+    head = ("limit (N)", "may meet objects at (m/s)", "contestant", "largest force (N)", "above the limit", "T (s)",
+            "later than the policy without it (s)", "V_p (m/s)", "missed")  # fmt: skip
+    caption = (
+        f"What a limit of force costs: a shield slows commands down, so that the heaviest and stiffest object of these "
+        f"ranges is met slowly enough, too. {played.count} scenarios, w = {weight:g}; a miss takes until the horizon"
+    )
+    return Table(caption, head, body)
+
+
+def _row(limit: str, speed: str, name: str, run: "Run", own: "Run", weight: float, above: str) -> tuple[str, ...]:
+    mean, later = run.means(weight), run.means(weight)["T"] - own.means(weight)["T"]
+    largest = run.at(weight).peak_force.max()
+    told = (f"{largest:.1f}", above, f"{mean['T']:.3f}", f"{later:+.3f}", f"{mean['V']:.3f}", f"{mean['missed']}")
+    return limit, speed, name, *told

@@ -1,0 +1,51 @@
+"""The report's table of what a limit of force costs."""
+
+from dataclasses import replace
+
+import pytest
+
+from agents.evaluate.play import play
+from agents.setups import load_setup
+from experiments.report import matchups, shield
+from experiments.report.matchups import PAPER
+from experiments.report.results import Played, Run
+
+COUNT = 60
+RIGID = matchups.of_setup(load_setup("rigid-blind"), {"set": "test", "count": COUNT})
+
+
+def run_of(matchup, contestant):
+    played = play(contestant.controller, matchup.scenarios, [matchup.typical], matchup.environment)
+    return Run((matchup.typical,), played)
+
+
+def played_of(matchup):
+    own = run_of(matchup, matchup.policy)
+    shields = {(limit, one.name): run_of(matchup, one) for limit, one in shield.shielded(matchup)}
+    return Played(matchup, seeds={matchup.chosen: own}, baselines={PAPER: own}, shielded=shields)
+
+
+def test_no_force_of_a_shielded_row_is_above_its_limit_and_the_policys_own_are_counted():
+    played = played_of(RIGID)
+    unshielded, *rows = shield.table(played).rows
+    forces = played.policy["peak_force"][0]
+    assert float(unshielded[3]) == pytest.approx(forces.max(), abs=0.05)
+    assert len(rows) == 2 * len(shield.LIMITS)
+    for limit, _, _, largest, above, *_ in rows:
+        assert float(largest) <= float(limit)
+        assert above.split(", ")[0] == "0"
+    without = [row[4] for row in rows if row[2] == matchups.POLICY]
+    assert without == [f"0, {(forces > limit).sum()} without it" for limit in shield.LIMITS]
+    assert (forces > shield.LIMITS[0]).any()
+
+
+def test_what_has_no_shield_plays_none_and_says_why():
+    robot = {"type": "Robot", "mass": 5.0, "stiffness": 1e5, "damping": 50.0}
+    compliant = replace(RIGID, environment={**RIGID.environment, "robot": robot})
+    assert not list(shield.shielded(compliant))
+    assert all("a rigid robot" in reason for reason in shield.speeds(compliant).values())
+    unknown = replace(RIGID, scenarios={"table": {}, "count": COUNT})
+    assert not list(shield.shielded(unknown))
+    run = run_of(RIGID, RIGID.policy)
+    table = shield.table(Played(unknown, seeds={RIGID.chosen: run}, baselines={PAPER: run}))
+    assert all("from no ranges that are known" in row[1] for row in table.rows[1:])
