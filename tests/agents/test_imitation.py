@@ -36,7 +36,7 @@ def observations_at(weights, steps=40, **options):
 
 def test_a_teacher_does_as_it_was_tuned_for_the_weight_in_each_episode():
     weights = [0.7, 1.0, 2.0, 4.0]
-    seen, starts = observations_at(weights, time_weight=(0.3, 8.0), max_episode_steps=1000)
+    seen, starts = observations_at(weights, steps=15, time_weight=(0.3, 8.0))
     assert time_weights(seen[0]) == pytest.approx(weights, rel=1e-5)
     teacher = Teacher("linear-blind", "blind-profile")
     told = teacher.actions(seen, starts)
@@ -60,7 +60,7 @@ def test_where_readings_raise_the_alarm_a_teacher_is_told_of_the_touch_and_of_no
     seen, starts = observations_at([2.0] * 50, steps=70, **options)
     teacher = Teacher("linear-robust", "blind-profile")
     place = teacher.told.index("time_since_touch")
-    touched = seen[..., place]
+    touched = seen[..., place].copy()
     assert (seen[..., ALARM][touched == 0.0] > 0.5).mean() > 0.3  # false alarms
     told = teacher.actions(seen, starts)
     for alarm in (0.0, 1.0):  # the pupil's own makes no difference
@@ -81,6 +81,7 @@ def test_a_pupil_follows_the_gradient_of_its_squared_error():
     model.set_logger(Logger(None, []))
     model.max_grad_norm = np.inf
     model.policy.optimizer = torch.optim.SGD(model.policy.parameters(), 0.0)  # what is compared stays where it is
+    model._update_learning_rate = lambda _: None
     model.learn(settings.round, log_interval=None)
     buffer = model.rollout_buffer
     told = torch.as_tensor(model._teacher.actions(buffer.observations, buffer.episode_starts)).reshape(-1, 2)
