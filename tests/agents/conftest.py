@@ -1,4 +1,5 @@
 import pytest
+import torch
 
 MINE = """
 title = "A slow arm"
@@ -31,3 +32,12 @@ def mine(tmp_path):
     path = tmp_path / "mine.toml"
     path.write_text(MINE)
     return path
+
+
+@pytest.fixture
+def one_thread():
+    """As a training has it."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)

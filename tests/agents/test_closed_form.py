@@ -14,14 +14,7 @@ from agents.train.algorithms import make_model
 from agents.train.closed_form import ClosedFormPPO
 from agents.train.ppo import make_environment
 
-
-@pytest.fixture(autouse=True)
-def one_thread():
-    """As a training has it."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
+pytestmark = pytest.mark.usefixtures("one_thread")
 
 
 def model_of(settings):

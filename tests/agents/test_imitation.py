@@ -18,6 +18,7 @@ from agents.train.imitation import Teacher, time_weights
 from agents.train.ppo import make_environment
 from agents.train.run import resume, train
 
+pytestmark = pytest.mark.usefixtures("one_thread")
 TAUGHT = replace(TINY, on_policy=replace(TINY.on_policy, teacher="blind-profile", taught=2048))
 
 
