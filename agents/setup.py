@@ -62,7 +62,7 @@ def drawn(task: Task) -> list[str]:
     """Return a line for each number that episodes draw."""
     rows = list(zip(FIELDS, task.ranges.pairs(), UNITS, LOGARITHMIC, strict=True))
     rows.append(("reaction_delay", task.delays, "s", False))
-    rows += [(name, pair, NUMBERS[name].unit, NUMBERS[name].logarithmic) for name, pair in task.drawn.items()]
+    rows += [(name, pair, NUMBERS[name].unit, NUMBERS[name].log_uniform(pair[0])) for name, pair in task.drawn.items()]
     lines = []
     for name, (low, high), unit, logarithmic in rows:
         how = "fixed" if low == high else "log-uniform" if logarithmic else "uniform"

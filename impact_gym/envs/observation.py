@@ -119,8 +119,8 @@ def past_entry(entry: Entry, before: int) -> Entry:
 
 def drawn_entry(name: str, pair: tuple[float, float]) -> Entry:
     """Return what shows a number of the set-up that is drawn from a range, from its low end to its high one."""
-    unit, logarithmic, _ = NUMBERS[name]
-    shown, curve = (f"{unit}, as log", LOGARITHM) if logarithmic else (unit, LINEAR)
+    number = NUMBERS[name]
+    shown, curve = (f"{number.unit}, as log", LOGARITHM) if number.log_uniform(pair[0]) else (number.unit, LINEAR)
     return Entry(name, name, shown, *pair, -1.0, curve, "privileged")
 
 

@@ -13,8 +13,12 @@ class Number(NamedTuple):
     """One number of a set-up."""
 
     unit: str
-    logarithmic: bool = False  # log-uniform, where the ratio matters, or uniform
+    logarithmic: bool = False  # log-uniform, where the ratio matters, or uniform, as all that begins at 0
     limits: Mapping[str, float] = {}  # read only; those of a coupling and a robot are in `scene`
+
+    def log_uniform(self, low: float) -> bool:
+        """Whether it is drawn log-uniform from a range that begins at `low`."""
+        return self.logarithmic and low > 0.0
 
 
 def places(kind: Any, before: int = 0) -> dict[str, int]:
@@ -31,7 +35,7 @@ NUMBERS = {
     "alarm_threshold": Number("N", True, {"at_least": 1e-6, "at_most": 1e6}),
     "range_noise": Number("m", limits={"at_least": 0.0, "at_most": 1e3}),
     "range_bias": Number("m", limits={"at_least": -1e3, "at_most": 1e3}),
-    "force_noise": Number("N", limits={"at_least": 0.0, "at_most": 1e6}),
+    "force_noise": Number("N", True, limits={"at_least": 0.0, "at_most": 1e6}),
     "force_bias": Number("N", limits={"at_least": 0.0, "at_most": 1e6}),
     "coupling.stiffness": Number("N/m", True),
     "coupling.damping_ratio": Number("(no unit)"),
@@ -57,7 +61,7 @@ def middle(name: str, pair: Range) -> float:
     low, high = pair
     if low == high:
         return low
-    return math.sqrt(low) * math.sqrt(high) if NUMBERS[name].logarithmic else 0.5 * (low + high)
+    return math.sqrt(low) * math.sqrt(high) if NUMBERS[name].log_uniform(low) else 0.5 * (low + high)
 
 
 def ranged_record(name: str, value: Any, make: Callable[[Any], Any]) -> tuple[Any, dict[str, Range]]:
@@ -84,7 +88,9 @@ def setting_table() -> str:
     """Return the table of all that may be a range as Markdown."""
     rows = [("Number of the set-up", "Distribution", "Unit")]
     for name, one in NUMBERS.items():
-        rows.append((f"`{name}`", "log-uniform" if one.logarithmic else "uniform", one.unit.replace("(no unit)", "-")))
+        zero = one.logarithmic and one.limits.get("at_least") == 0.0
+        law = "log-uniform, uniform from 0" if zero else "log-uniform" if one.logarithmic else "uniform"
+        rows.append((f"`{name}`", law, one.unit.replace("(no unit)", "-")))
     return markdown(rows)
 
 

@@ -131,7 +131,9 @@ class Task:
 
     def draws(self) -> list[tuple[Any, ...]]:
         """Return the fields of the kernels' `Draw` of each number that episodes draw."""
-        return [(SETTING_PLACES[name], int(NUMBERS[name].logarithmic), *pair) for name, pair in self.drawn.items()]
+        return [
+            (SETTING_PLACES[name], int(NUMBERS[name].log_uniform(pair[0])), *pair) for name, pair in self.drawn.items()
+        ]
 
     def at(self, record: Mapping[str, float]) -> "Task":
         """Return the task of the episode that drew `record`, the final `info["record"]`: nothing in it is drawn."""
