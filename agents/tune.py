@@ -23,6 +23,7 @@ from agents.baselines.tuned import RULES, read_tuned, write_tuned
 from agents.command_line import command_line
 from agents.evaluate import TUNING_SEED, Stage
 from agents.jobs import Job, Result, digest_of, gather
+from agents.policies import Controller
 from agents.provenance import circumstances
 from agents.setups import Setup, load_setup, shipped
 from impact_gym.validation import number, whole
@@ -123,7 +124,7 @@ def tune(options: Tune) -> list[Path]:
     for place, result in options.results("tune_one", arguments, "tuning"):
         name, weight = missing[place]
         setup = setups[name]
-        found[name][f"{weight:g}"] = as_json(name, setup, weight, options.search(setup), result)
+        found[name][f"{weight:g}"] = as_json(name, setup, weight, options, result)
         write_tuned(name, found[name], setup, options.folder(setup))
     return [options.folder(setup) / f"{name}.json" for name, setup in setups.items()]
 
@@ -137,7 +138,7 @@ def _tuned_before(name: str, setup: Setup, options: Tune) -> dict[str, Any]:
     except ValueError as reason:
         print(f"{name} is tuned anew: {reason}")
         return {}
-    same = {weight: found for weight, found in weights.items() if found["search"] == options.search(setup)}
+    same = {weight: found for weight, found in weights.items() if found["search"] == searched(name, setup, options)}
     if same != weights:
         print(f"{name} is tuned anew at {sorted(set(weights) - set(same))}: it was tuned with other settings")
     return same
@@ -155,24 +156,45 @@ def tune_one(
     environment: Mapping[str, Any],
     weight: float,
     rtol: float,
+    jitter: float,
     scenarios: int,
     budget: int,
     population: int,
     seed: int,
 ) -> Result:
-    """Return the best parameters (k,) of a rule at one weight, its scores and how many generations that took."""
+    """Return the best parameters (k,) of a rule at one weight, its scores and how many generations that took.
+
+    With `jitter` nothing is found that holds only as long as every command is followed to the last digit.
+    """
     kind = RULES[rule]
     options = {"scenario": "train", **environment, "rtol": rtol}
     stage = Stage(TUNING_SEED, scenarios, population, [weight] * population, threads=1, **options)
 
+    rng = np.random.default_rng((seed, 1))
+
     def losses(candidates: Floats) -> Floats:
-        played = stage.play(kind.of(np.repeat(candidates[:, 0], scenarios, axis=0)).for_environment(environment))
+        rule: Controller = kind.of(np.repeat(candidates[:, 0], scenarios, axis=0)).for_environment(environment)
+        played = stage.play(Jittery(rule, jitter, scenarios, rng) if jitter else rule)
         return played.loss(weight).reshape(population, scenarios).mean(axis=1)[:, None]
 
     found = minimise(losses, kind.PARAMETERS, 1, population, -(-budget // population), seed)
     means = scores(rule, environment, weight, found.parameters[0])
     results = {"train": found.loss[0], "generations": found.generations, **means}
     return {"parameters": found.parameters[0]} | {name: np.array([value]) for name, value in results.items()}
+
+
+class Jittery:
+    """A rule whose every command is a little off, by as much in the same scenario whatever the candidate."""
+
+    def __init__(self, rule: Controller, jitter: float, scenarios: int, rng: np.random.Generator) -> None:
+        """Make one; `jitter` is a standard deviation as a share of an action's range, which is 2 wide."""
+        self._rule, self._scale, self._scenarios, self._rng = rule, 2.0 * jitter, scenarios, rng
+
+    def predict(self, observation: Floats, **arguments: Any) -> tuple[Any, Any]:
+        """Return the actions (n, 2), and what the rule remembers."""
+        actions, state = self._rule.predict(observation, **arguments)
+        off = self._rng.normal(0.0, self._scale, (self._scenarios, 2))
+        return actions + np.tile(off, (len(actions) // self._scenarios, 1)), state
 
 
 def scores(rule: str, environment: Mapping[str, Any], weight: float, parameters: Any) -> dict[str, float]:
@@ -187,7 +209,14 @@ def scores(rule: str, environment: Mapping[str, Any], weight: float, parameters:
     }
 
 
-def as_json(name: str, setup: Setup, weight: float, search: Mapping[str, int], result: Result) -> dict[str, Any]:
+def searched(name: str, setup: Setup, options: Tune) -> dict[str, float]:
+    """Return how a baseline is searched for: the search, and what the set-up asks for beside its rule."""
+    tuned = setup.tuned[name]
+    asked = {field: getattr(tuned, field) for field in ("told", "jitter") if getattr(tuned, field)}
+    return options.search(setup) | asked
+
+
+def as_json(name: str, setup: Setup, weight: float, options: Tune, result: Result) -> dict[str, Any]:
     """Return what a file keeps of what was found for one weight: its scores and how it came about."""
     names = RULES[setup.tuned[name].rule].names()
     return {
@@ -195,8 +224,8 @@ def as_json(name: str, setup: Setup, weight: float, search: Mapping[str, int], r
         "train": result["train"].item(),
         "validation": {key: result[key].item() for key in ("loss", "object_velocity", "approach_time", "missed")},
         "generations": result["generations"].item(),
-        "search": dict(search),
-        "command": command(name, setup, weight, search),
+        "search": searched(name, setup, options),
+        "command": command(name, setup, weight, options.search(setup)),
         "versions": circumstances(*PACKAGES)["versions"],
     }
 

@@ -37,6 +37,7 @@ class Tuned(NamedTuple):
     rule: str  # one of RULES
     rtol: float = Task.rtol  # of the simulation while searching; scores are played at the environment's
     told: bool = False  # of the touch by a switch without errors, as a teacher is
+    jitter: float = 0.0  # of each command while searching, a standard deviation as a share of an action's range
 
 
 @dataclass(frozen=True)
@@ -167,4 +168,5 @@ def _tuned(name: str, given: Any, blind: bool) -> Tuned:
         raise ValueError(f"{name}.told must be true or false, got {told!r}")
     if blind and entry["rule"].endswith("Ranged"):
         raise ValueError(f"{name}: {entry['rule']} needs an estimate of the distance, environment.range_noise")
-    return Tuned(entry["rule"], rtol, told)
+    jitter = number(f"{name}.jitter", entry.get("jitter", 0.0), "(no unit)", at_least=0.0, at_most=1.0)
+    return Tuned(entry["rule"], rtol, told, jitter)
