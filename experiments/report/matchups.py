@@ -83,6 +83,12 @@ class Matchup:
         return weights or self.policy.weights
 
     @cached_property
+    def measure(self) -> Contestant | None:
+        """The shipped policy that this one is measured against where nothing is drawn, if there is one."""
+        name = self.evaluation.of
+        return policy(name, SHIPPED / f"{name}.npz", self.evaluation) if name in shipped_setups() else None
+
+    @cached_property
     def changes(self) -> list[Change]:
         """What is varied to see whether the policy holds."""
         return variants(self.evaluation, self.environment)

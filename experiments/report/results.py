@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from agents.evaluate import RESULTS, Episodes
 from agents.jobs import Job, digest_of, gather
+from agents.setups import load_setup
+from agents.setups.evaluation import nominally
 from experiments.lab.statistics import Floats, Resamples
 from experiments.reference.task import SERVED
 from experiments.report.matchups import BOUND, PAPER, Contestant, Matchup
@@ -85,6 +87,7 @@ class Played:
     family: dict[str, Run] = field(default_factory=dict)
     bound: Run | None = None
     varied: dict[tuple[str, str, str], Run] = field(default_factory=dict)  # argument, label, contestant
+    nominal: dict[str, Run] = field(default_factory=dict)  # each seed with nothing drawn, and whom it is measured by
     exactly: dict[tuple[str, str], Run] = field(default_factory=dict)  # change, seed or baseline
     shielded: dict[tuple[float, str], Run] = field(default_factory=dict)  # limit (N), around whom
     scipy: dict[tuple[str, str], Arrays] = field(default_factory=dict)  # with the clamp or not, contestant
@@ -214,7 +217,8 @@ def _shown_weights(matchup: Matchup, one: Contestant) -> list[float]:
 def _asked(matchup: Matchup) -> Iterator[tuple[str, Any, str, dict[str, Any]]]:
     """Yield for each job of a matchup where its result goes, under which key, the function and its arguments."""
     scenarios, environment, typical = matchup.scenarios, matchup.environment, matchup.typical
-    task, some = Task(**environment), _first(scenarios, LESS)
+    task = Task(**environment)
+    some = scenarios if matchup.evaluation.nominal else _first(scenarios, LESS)
 
     def of(one: Contestant, **arguments: Any) -> dict[str, Any]:
         return {"controller": one.controller, "environment": environment, **arguments}
@@ -242,6 +246,19 @@ def _asked(matchup: Matchup) -> Iterator[tuple[str, Any, str, dict[str, Any]]]:
         for one in rivals.values():
             changed = of(one, scenarios=where, weights=[typical], environment=change.environment)
             yield "varied", (change.argument, change.label, one.name), PLAY, changed
+    if matchup.evaluation.nominal:
+        nominal = nominally(matchup.evaluation.nominal, environment)
+        weights = list(matchup.weights)
+        for one in matchup.seeds:
+            yield "nominal", one.name, PLAY, of(one, scenarios=scenarios, weights=weights, environment=nominal)
+        if matchup.measure is not None:
+            its_own = load_setup(matchup.measure.name).environment
+            yield (
+                "nominal",
+                matchup.measure.name,
+                PLAY,
+                of(matchup.measure, scenarios=scenarios, weights=weights, environment=its_own),
+            )
     few = _first(scenarios, EXACTLY)
     for label, options in EXACT.items():
         for one in {**{seed.name: seed for seed in matchup.seeds}, **rivals}.values():
