@@ -59,6 +59,22 @@ def test_each_change_is_what_it_says_and_the_rest_stays():
     assert arguments == set(VARIED) - {"range_noise", "coupling.front_stop"}  # which this environment does not have
 
 
+def test_single_changes_start_from_what_is_nominal(tmp_path):
+    evaluation = """nominal = { tool_mass = 0.2, robot = "rigid", force_noise = 0.0 }
+    varied = { tool_mass = [0.1, 0.2], force_noise = [3.0] }"""
+    robot = "{ type = 'Robot', mass = [3.0, 5.0], stiffness = 1e5, damping = 50.0 }"
+    inline = f"tool_mass = [0.1, 0.3]\nforce_noise = [0.0, 3.0]\nalarm = 'reading'\nrobot = {robot}"
+    setup = load_setup(written(tmp_path, evaluation, inline))
+    assert set(Task(**setup.environment).drawn) == {"tool_mass", "force_noise", "robot.mass"}
+    found = variants(setup.evaluation, setup.environment)
+    expected = [(0.1, 0.0, False), (0.2, 0.0, True), (0.2, 3.0, False)]
+    for change, (mass, noise, same) in zip(found, expected, strict=True):
+        task = Task(**change.environment)
+        assert (task.tool_mass, task.force_noise, task.robot, task.alarm) == (mass, noise, None, "reading")
+        assert not task.drawn
+        assert change.same == same
+
+
 def test_a_change_that_leaves_no_environment_is_left_out_unless_a_file_asks_for_it(tmp_path):
     tight = {"type": "Bistable", "free_length": 0.07, "height": 0.06995, "front_stop": 0.001, "rear_stop": -0.001}
     found = [one.value for one in changes("coupling.front_stop", {"times": [1.0, 4.0]}, {"coupling": tight})]
@@ -83,6 +99,9 @@ def test_a_change_that_leaves_no_environment_is_left_out_unless_a_file_asks_for_
     ("set = 3", "evaluation.set must be a name"),
     ("scenarios = 1", "evaluation.scenarios must be a whole number of at least 2"),
     ("scenarios = 5000", "evaluation.scenarios must be at most the 2000 of the set"),
+    ("nominal = { tool_mas = 1.0 }", "unknown key evaluation.nominal.tool_mas; did you mean 'tool_mass'"),
+    ("nominal = { tool_mass = -1.0 }", "evaluation.nominal: tool_mass must be .*above 0"),
+    ("nominal = 3", r"evaluation.nominal must be a table, \[evaluation.nominal\]"),
     ("varied = [1]", r"evaluation.varied must be a table, \[evaluation.varied\]"),
     ("varied = { tool_mas = [1.0] }", "unknown key evaluation.varied.tool_mas; did you mean 'tool_mass'"),
     ("varied = { tool_mass = 1.0 }", "evaluation.varied.tool_mass must be a list of values, or a table"),

@@ -14,7 +14,7 @@ from agents.baselines.cmaes import minimise
 from agents.baselines.rule import Parameter
 from agents.baselines.tuned import load_baseline, read_tuned
 from agents.jobs.job import resolve
-from agents.setups import load_setup
+from agents.setups import Tuned, load_setup
 from agents.tune import Tune, tune
 
 SPACE = (
@@ -58,6 +58,10 @@ def test_a_search_repeats_with_its_seed_and_leaves_the_global_generator_alone():
 
 class Stopped(BaseException):
     """As if the process ended here."""
+
+
+RESULT = {name: np.zeros(1) for name in ("train", "generations", "loss", "object_velocity", "approach_time", "missed")}
+RESULT["parameters"] = np.array([0.5, 8.0, 8.0])
 
 
 @pytest.fixture
@@ -119,6 +123,45 @@ def test_tuning_that_was_stopped_goes_on_and_ends_as_if_it_had_not_been(small, t
         assert isinstance(rule, ConstantSpeed)
         environment = load_setup("linear-blind").environment
         assert found["validation"] == tuning.scores("ConstantSpeed", environment, weight, rule.parameters)
+
+
+def test_every_candidate_is_jostled_alike_in_the_same_scenario_and_by_as_much_as_is_said():
+    class Still:
+        def predict(self, observation, **arguments):
+            return np.zeros((len(observation), 2)), "state"
+
+    jittery = tuning.Jittery(Still(), 0.01, 5000, np.random.default_rng(1))
+    first, state = jittery.predict(np.zeros((3 * 5000, 8)), deterministic=True)
+    second, _ = jittery.predict(np.zeros((3 * 5000, 8)))
+    assert state == "state"
+    assert np.array_equal(first[:5000], first[5000:10000])
+    assert np.array_equal(first[:5000], first[10000:])
+    assert np.abs(np.corrcoef(first[:5000, 0], second[:5000, 0])[0, 1]) < 4.0 / np.sqrt(5000)
+    assert first[:5000].std() / 2.0 == pytest.approx(0.01, rel=0.04)  # of a range that is 2 wide
+
+
+def test_what_a_set_up_asks_of_a_search_reaches_it_and_is_kept(small, tmp_path, monkeypatch):
+    given = []
+    monkeypatch.setattr(tuning, "tune_one", lambda **arguments: given.append(arguments) or RESULT)
+    resolve.cache_clear()
+    plain = load_setup("linear-blind")
+    noisy = {**plain.environment, "alarm": "reading", "force_noise": 2.0, "force_bias": 1.0}
+    asked = replace(plain, environment=noisy, tuned={"constant-speed": Tuned("ConstantSpeed", 1e-6, True, 0.02)})
+    monkeypatch.setattr(tuning, "load_setup", lambda name: asked)
+    (path,) = tune(small)
+    assert [one["jitter"] for one in given] == [0.02, 0.02]
+    for one in given:
+        assert one["environment"] == {**plain.environment, "alarm": "force", "force_noise": 0.0, "force_bias": 0.0}
+    kept = json.loads(path.read_text())
+    assert kept["environment"]["force_noise"] == 2.0
+    assert kept["weights"]["1"]["search"] == {**small.search(asked), "told": True, "jitter": 0.02}
+    tune(small)
+    assert len(given) == 2
+    calmer = replace(asked, tuned={"constant-speed": Tuned("ConstantSpeed", 1e-6, True, 0.01)})
+    monkeypatch.setattr(tuning, "load_setup", lambda name: calmer)
+    tune(small)
+    assert len(given) == 4
+    resolve.cache_clear()
 
 
 def test_what_was_tuned_otherwise_or_for_another_environment_is_tuned_anew(small, monkeypatch, capsys):

@@ -63,6 +63,29 @@ def test_a_policy_is_measured_against_another_set_ups_where_that_is_played_as_we
     assert bars(one, [one])[0].what.startswith("V_p + w T")  # alone there is nothing to measure it against
 
 
+def test_where_nothing_is_drawn_another_arm_is_the_measure_and_where_one_thing_is_off_the_paper_is():
+    evaluation = Evaluation(weights=WEIGHTS, at_most=1.02, of="linear-blind", nominal={"tool_mass": 0.2},
+                            varied={"tool_mass": [0.1, 0.2, 0.3]})  # fmt: skip
+    one = played("one", 0.5, evaluation)
+    one.nominal = {f"seed-{k}": run(share, WEIGHTS) for k, share in enumerate((0.6, 0.51, 0.5))}
+    one.nominal["linear-blind"] = run(0.5, WEIGHTS)
+    for label, share, missed in (("0.1", 0.3, 0), ("0.2", 0.5, 2), ("0.3", 1.2, 1)):
+        one.varied["tool_mass", label, "seed-1"] = run(share, (2.0,), missed)
+        one.varied["tool_mass", label, PAPER] = run(1.0, (2.0,))
+    first, second, rule, missed, *_ = bars(one, [one])
+    for bar, weight in ((first, 1.0), (second, 4.0)):
+        assert f"policy of linear-blind, w = {weight:g}" in bar.what
+        base = SPEEDS.mean()
+        assert bar.reached["seed-0"] == pytest.approx((0.6 * base + 0.3 * weight) / (0.5 * base + 0.3 * weight))
+        assert bar.at_most == 1.02
+    lost = 2.0 * 1 / COUNT  # what a miss costs
+    expected = (1.2 * SPEEDS.mean() + 0.3 + lost) / (SPEEDS.mean() + 0.3)  # w = 1, of theirs the nearest to 2
+    assert rule.reached == {"seed-1": pytest.approx(expected)}
+    assert (rule.at_most, rule.verdict) == (1.0, "missed")
+    assert missed.reached == {"seed-1": 2 / COUNT}
+    assert (missed.at_most, missed.verdict) == (1 / 500, "missed")
+
+
 @pytest.mark.parametrize(("interval", "verdict"), [
     ((0.9, 0.8, 0.95), "met"),
     ((0.99, 0.98, 1.01), "met, within the interval"),
