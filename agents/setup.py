@@ -1,13 +1,14 @@
 """Check a set-up and see what follows from it: `python -m agents.setup my.toml`, or the name of one that is shipped."""
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 
 import numpy as np
 import tyro
+from numpy.typing import NDArray
 
 from agents.baselines import PaperTrapezoid
 from agents.baselines.tuned import FIXED, names
@@ -24,12 +25,15 @@ from impact_gym.envs.scenario import FIELDS, LOGARITHMIC, UNITS
 from impact_gym.envs.setting import NUMBERS
 from impact_gym.envs.task import Task
 from impact_gym.files import whole_file
+from impact_gym.physics.dissipation import damping_factor
 from impact_gym.physics.impact import free_tool, rigid_tool
-from impact_gym.scene import Rigid, Robot, RobotTable, SpringDamper
+from impact_gym.physics.peak import peak_factor
+from impact_gym.scene import Bistable, Rigid, Robot, RobotTable, SpringDamper
 from impact_gym.validation import number
 
 PAPERS_SPEED = 1.0  # m/s
 SAMPLE = 500  # scenarios that the paper's rule is played through
+SLOW = 0.3  # m/s, of a touch that does not throw the object off
 
 
 @dataclass(frozen=True)
@@ -100,6 +104,20 @@ def estimate(task: Task, scenario: dict[str, float]) -> float:
     return float(free_tool(mass, scenario["object_mass"], speed, 0.0, scenario["restitution"])[1])
 
 
+def rigid_to(task: Task, scenario: Mapping[str, NDArray[np.float64]]) -> tuple[float, float]:
+    """Return what the front stop of a bistable mechanism holds, N, and the share of objects that never press as hard.
+
+    The peak force is that of a Hertzian contact of the object (n,) with a tool whose speed, SLOW, nothing changes.
+    """
+    held_with = float(task.coupling.force(task.coupling.rest))
+    names = ("object_mass", "contact_stiffness", "restitution")
+    peaks = [
+        peak_factor(damping_factor(task.dissipation, restitution)) * (mass * SLOW**2) ** 0.6 * stiffness**0.4
+        for mass, stiffness, restitution in zip(*(scenario[name].tolist() for name in names), strict=True)
+    ]
+    return held_with, float(np.mean(np.array(peaks) < held_with))
+
+
 def lines(setup: Setup, called: str) -> Iterator[str]:
     """Yield the lines to print about a set-up; `called` is how the command line named it."""
     task = Task(**setup.environment)
@@ -124,6 +142,12 @@ def lines(setup: Setup, called: str) -> Iterator[str]:
         f"  played through {SAMPLE} scenarios, the paper's rule leaves the object {played.object_velocity.mean():.3f}"
         f" m/s (mean), arrives after {played.approach_time.mean():.3f} s and misses {int(played.missed.sum())}"
     )
+    if isinstance(task.coupling, Bistable):
+        force, share = rigid_to(task, played.scenario)
+        yield (
+            f"  the front stop holds the tool with {force:.3g} N; {share:.0%} of the objects, touched at {SLOW:g} m/s,"
+            " never press as hard: to them the tool is as good as rigid"
+        )
     yield from (f"  warning: {sentence}" for sentence in warnings(task))
     check(setup, called)
     yield "\ntrained by"

@@ -63,6 +63,22 @@ def test_the_estimate_is_the_impact_of_a_hard_contact(coupling, robot):
     assert setup.estimate(task, scenario) * speed == pytest.approx(first.object_velocity, rel=1e-3)
 
 
+@pytest.mark.parametrize("restitution", [1.0, 0.3])
+def test_an_object_is_counted_as_never_pressing_loose_a_tool_if_its_peak_force_is_below_what_holds_it(restitution):
+    """The peak is that of a simulated contact with a rigid tool."""
+    masses = np.array([0.1, 0.3, 1.0, 2.5])
+    peaks = []
+    for mass in masses:
+        scene = ig.Scene(ig.Tool(0.125), ig.Object(mass, 0.3), ig.Contact(1e4, restitution), ig.Rigid())
+        peaks.append(ig.simulate(scene, ig.Trapezoid(setup.SLOW, 8.0), 2.0).contacts[0].peak_force)
+    assert np.all(np.diff(peaks) > 0.0)
+    scenario = {"object_mass": masses, "contact_stiffness": np.full(4, 1e4), "restitution": np.full(4, restitution)}
+    for count, force in enumerate([0.999 * peaks[0], *(1.001 * np.array(peaks))]):
+        stiffness = 50.0 * force / float(ig.Bistable().force(ig.Bistable().rest))
+        task = Task(coupling=ig.Bistable(stiffness, stop_stiffness=2e3 * stiffness))
+        assert setup.rigid_to(task, scenario) == pytest.approx((force, count / 4), rel=1e-9)
+
+
 def test_what_follows_is_said(mine):
     lags = [setup.lag(one) for one in feasible.corners(Task(**load_setup(mine).environment))]
     assert len(lags) == 8
