@@ -18,6 +18,7 @@ from agents.evaluate.stage import TEST_SEED, TUNING_SEED, VALIDATION_SEED, Stage
 from agents.setups import load_setup
 from agents.setups.evaluation import WEIGHTS
 from agents.train.settings import FIRST_SEED
+from agents.tune import A_SWITCH
 from impact_gym.envs import evaluation_sets
 from impact_gym.envs.observation import space
 from impact_gym.envs.task import Task
@@ -203,7 +204,9 @@ def test_an_unknown_baseline_is_refused_with_a_list_of_those_there_are():
 def test_a_shipped_baseline_beats_the_papers_rule_at_its_weight_and_misses_nothing(name):
     content = read_tuned(name)
     for weight in map(float, content["weights"]):
-        stage = Stage.of("validation", 200, time_weight=[weight], **content["environment"])
+        told = content["weights"][f"{weight:g}"]["search"].get("told", False)
+        environment = content["environment"] | (A_SWITCH if told else {})
+        stage = Stage.of("validation", 200, time_weight=[weight], **environment)
         ours, paper = stage.play(load_baseline(name, weight)), stage.play(baselines.PaperTrapezoid())
         assert not ours.missed.any()
         assert ours.loss(weight).mean() < paper.loss(weight).mean()

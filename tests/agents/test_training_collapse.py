@@ -14,9 +14,13 @@ from agents.train_seeds import Seeds, train_all
 
 @pytest.fixture
 def unreachable(tmp_path):
-    """Settings of 16 rollouts for a set-up whose arm is too slow for any object; validation after every second one."""
+    """Settings of 16 rollouts for an arm that only gets to an object at full speed all along, as nobody begins.
+
+    There is a validation after every second one.
+    """
     path = tmp_path / "slow.toml"
-    path.write_text('title = "Too slow"\nabout = "at 10 mm/s"\n[environment]\nvelocity_range = [0.001, 0.01]\n')
+    slow = "velocity_range = [-0.2, 0.2]\nscenario = { distance = [0.236, 0.237] }"
+    path.write_text(f'title = "Hardly there"\nabout = "at 0.2 m/s"\n[environment]\n{slow}\n')
     return tiny(setup=str(path), validate_every=512, checkpoint_every=256, out=tmp_path / "run")
 
 
