@@ -168,7 +168,7 @@ def tune_one(
     """
     kind = RULES[rule]
     options = {"scenario": "train", **environment, "rtol": rtol}
-    stage = Stage(TUNING_SEED, scenarios, population, [weight] * population, threads=1, **options)
+    stage = Stage(TUNING_SEED, scenarios, population, [weight] * population, threads=1, lenient=True, **options)
 
     rng = np.random.default_rng((seed, 1))
 

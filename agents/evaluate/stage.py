@@ -65,6 +65,7 @@ class Stage:
         frozen: evaluation_sets.EvaluationSet | None = None,
         threads: int | None = None,
         quiet: bool = False,
+        lenient: bool = False,
         **options: Any,
     ) -> None:
         """Make a stage of `copies * count` rows: row k holds scenario `k % count` of its copy.
@@ -77,9 +78,10 @@ class Stage:
             frozen: the set that the scenarios are taken from, not drawn; its seed must be `seed`.
             threads: of the simulation; they change no result.
             quiet: say nothing of policies that were trained for another environment: here they are meant to be.
+            lenient: a scenario in which the solver fails is missed, and no error: for a search that tries anything.
             options: of the environment.
         """
-        self.seed, self.count, self.quiet = seed, count, quiet
+        self.seed, self.count, self.quiet, self.lenient = seed, count, quiet, lenient
         self._batch = Batch(copies * count, Task(**{"scenario": "test", **options}), threads)
         self._uniforms = np.tile(_uniforms(seed, count), copies)
         self._fixed = free_record(copies * count)
@@ -109,7 +111,7 @@ class Stage:
         differently in batches of different size). A policy that was trained for another environment says so once.
 
         Raises:
-            RuntimeError: the solver failed in a scenario; names it.
+            RuntimeError: the solver failed in a scenario, unless that is `lenient`; names it.
         """
         batch = self._batch
         if isinstance(controller, Policy) and not self.quiet:
@@ -124,12 +126,13 @@ class Stage:
             ended = (batch.episodes["terminated"] == 1) | (batch.episodes["truncated"] == 1)
             start = np.zeros_like(ended)
         info = batch.info()
-        failed = np.flatnonzero(info["status"] != "ok")
-        if failed.size:
-            row = int(failed[0])
+        failed = info["status"] != "ok"
+        if failed.any() and not self.lenient:
+            row = int(failed.argmax())
             raise RuntimeError(f"scenario seeded {self.seed + row % self.count}: {info['status'][row]}")
         scenario = {name: values.copy() for name, values in info["scenario"].items()}
-        return Episodes(**{name: np.array(info[name]) for name in RESULTS}, scenario=scenario)
+        results = {name: np.array(info[name]) for name in RESULTS}
+        return Episodes(**results | {"missed": results["missed"] | failed}, scenario=scenario)
 
 
 class Validation(Stage):

@@ -9,7 +9,7 @@ from episodes import ID, play
 from policies import made_up_policy, observations
 
 from agents import baselines, load_policy
-from agents.evaluate.stage import TEST_SEED, VALIDATION_SEED, evaluate
+from agents.evaluate.stage import TEST_SEED, VALIDATION_SEED, Stage, evaluate
 from impact_gym.envs import batch
 
 
@@ -94,3 +94,13 @@ def test_the_shipped_policy_beats_the_papers_rule_on_both_objectives():
     assert learned.approach_time.mean() <= fixed.approach_time.mean()
     assert policy.inputs == 8
     assert {"command", "settings", "versions"} <= set(policy.provenance)
+
+
+def test_a_search_takes_a_scenario_in_which_the_solver_fails_as_missed(monkeypatch):
+    monkeypatch.setattr(batch, "MAX_STEPS", 40)
+    stage = Stage(TEST_SEED, 20, lenient=True)
+    played = stage.play(baselines.PaperTrapezoid())
+    failed = stage._batch.info()["status"] != "ok"
+    assert 0 < failed.sum() < 20
+    assert np.array_equal(played.missed, failed)
+    assert played.loss(1.0)[failed].min() > 2.0 > played.loss(1.0)[~failed].max()
