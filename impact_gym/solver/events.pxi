@@ -98,9 +98,8 @@ cdef Finding search(
                 high, reached = share, summit.value[row]
         if not reached > 0.0 or (row == FORCE and not unfelt):
             continue
-        if row >= CLAMP and h > SHORTEST_STEP and start.value[row] > -1e-9 * reached:
-            if FRONT_STOP <= row <= ALIGNMENT or start.slope[row] <= 0.0:
-                return Finding(SHORTER, 0.5, 1.0, 0.0, 0.0)  # it starts on the event: shorter steps show which zero it is
+        if starts_on(row, h, start, reached):
+            return Finding(SHORTER, 0.5, 1.0, 0.0, 0.0)
         if row == CLOCK:
             share = clock_share(now, work, h)
         else:
@@ -112,6 +111,13 @@ cdef Finding search(
         if share < 1.0:
             return Finding(SHORTER, share, 1.0, 0.0, 0.0)
     return found
+
+
+cdef bint starts_on(int row, double h, const Sight *start, double reached) noexcept nogil:
+    """Whether a step of `h` starts on an event that it ends beyond: only shorter steps show which zero that is."""
+    if row < CLAMP or h <= SHORTEST_STEP or start.value[row] <= -1e-9 * reached:
+        return False
+    return FRONT_STOP <= row <= ALIGNMENT or start.slope[row] <= 0.0
 
 
 cdef int before_landing(const Piece *now, const Sight *end, int landed, bint unfelt) noexcept nogil:

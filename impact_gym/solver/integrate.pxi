@@ -85,6 +85,9 @@ cdef bint good_step(
         return False
     if found.event != NOTHING:
         taken[0] = land_on_first(now, work, tried, start, end, unfelt, found, &error)
+        if found.event == SHORTER:
+            h[0] = found.share * taken[0]
+            return False
         if error > 1.0:  # shorter, but not as good as it looked
             h[0] = taken[0] * step_factor(work, error)
             return False
@@ -97,7 +100,10 @@ cdef bint good_step(
 cdef double land_on_first(
     const Piece *now, Work *work, double tried, const Sight *start, Sight *end, bint unfelt, Finding *found, double *error
 ) noexcept nogil:
-    """Land on the event found in a step, or on what turns out to come before it; return the length of that step."""
+    """Land on the event found in a step, or on what turns out to come before it; return the length of that step.
+
+    What is found may turn out to need a shorter one.
+    """
     cdef int other
     cdef double taken = tried
     while True:
@@ -105,6 +111,9 @@ cdef double land_on_first(
         look(now, work.trial, work.trial_rate, end)
         other = before_landing(now, end, found.event, unfelt)
         if other == NOTHING:
+            return taken
+        if starts_on(other, taken, start, end.value[other]):
+            found.event, found.share = SHORTER, 0.5
             return taken
         found.event, found.within = other, 1.0
         found.share = crossing_share(now, work, taken, other, start, end, 1.0)

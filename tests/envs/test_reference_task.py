@@ -2,19 +2,24 @@
 
 from math import sqrt
 
+import gymnasium as gym
 import numpy as np
 import pytest
 from episodes import ROBOT, TABLE, Always
+from rippling_scenes import RIPPLING
 from scipy.special import lambertw
 
 import impact_gym as ig
 from agents import load_policy
 from agents.baselines import ConstantSpeed, PaperTrapezoid
 from agents.baselines.tuned import load_baseline
+from agents.baselines.wary import WaryRanged
 from agents.evaluate.stage import Stage
 from agents.setups import load_setup
 from experiments.reference.task import _at_rest, _settle, _task, play, rescore
 from impact_gym.envs.evaluation_sets import load
+from impact_gym.envs.scenario import FIELDS
+from impact_gym.envs.task import Task
 
 SCENARIO = {"object_mass": 0.25, "contact_stiffness": 1e6, "restitution": 1.0, "distance": 0.2505}
 RIGID = {"coupling": {"type": "Rigid"}}
@@ -29,6 +34,16 @@ class Played:
     def predict(self, observation, state=None, episode_start=None, deterministic=True):
         self.seen.append(observation)
         return np.clip(self.rng.uniform([-0.8, -1.0], [1.2, 1.0], (self.rows, 2)), -1, 1).astype(np.float32), state
+
+
+class Given:
+    """Plays the actions (1, 2) that it was given, one after the other."""
+
+    def __init__(self, actions):
+        self.left = iter(actions)
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        return next(self.left), state
 
 
 def both(controllers, numbers, options, frozen="validation", rtol=1e-8):
@@ -192,3 +207,25 @@ def test_a_range_of_delays_and_a_scenario_beyond_the_set_are_refused():
         play(PaperTrapezoid(), SCENARIO, options={"reaction_delay": (0.0, 0.02)}, time_weight=1.0)
     with pytest.raises(ValueError, match="0 to 999, not 1000"):
         rescore(PaperTrapezoid(), "validation", [1000], {}, 1.0)
+
+
+@pytest.mark.parametrize(("drawn", "numbers"), RIPPLING, ids=["once", "twice"])
+@pytest.mark.parametrize("rtol", [1e-5, 1e-6])
+def test_a_contact_that_ripples_as_it_lets_go_is_followed_through(drawn, numbers, rtol):
+    """It is found to let go where a step starts that ends beyond the next time it does; that went on for ever."""
+    setup = load_setup("ranged-robust").environment
+    env, rule, state, actions = gym.make("ImpactApproach-v0", **setup, rtol=rtol), WaryRanged(numbers), None, []
+    observation, _ = env.reset(seed=0, options={"record": drawn})
+    terminated = False
+    while not terminated:
+        action, state = rule.for_environment(setup).predict(observation, state)
+        actions.append(action[None])
+        observation, _, terminated, _, info = env.step(action)
+    assert info["status"] == "ok"
+    task = Task(**setup).at(drawn)
+    fixed = {name: getattr(task, name) for name in ("tool_mass", "coupling", "robot", "alarm", "alarm_threshold")}
+    scenario = {name: drawn[name] for name in FIELDS}
+    options = fixed | {"reaction_delay": drawn["reaction_delay"]}
+    found = play(Given([*actions, actions[-1]]), scenario, options=options, time_weight=1.0)
+    assert info["object_velocity"] == pytest.approx(found.object_velocity, abs=0.1 * rtol)
+    assert info["contact_count"] == found.contact_count
