@@ -38,7 +38,7 @@ def header(policy: Policy, name: str) -> str:
     task, network = Task(**policy.environment), policy.network
     layers = [layer for layer in network.layers() if layer.name != "log_std"]
     used = sorted({"none", *([network.activation] if network.hidden else [])})
-    field_of, seen = {sensor: field for field, sensor in sensor_fields(task).items()}, entries(task)
+    value_of, seen = values(task), entries(task)
     return c_text(
         "controller.h.jinja",
         policy=policy,
@@ -51,8 +51,9 @@ def header(policy: Policy, name: str) -> str:
         activations={activation: C_ACTIVATIONS[activation] for activation in used},
         controlled=has_controller(policy),
         resolution=COMMAND_RESOLUTION,
-        fields=list(field_of.values()),
-        scales=[_scale(entry, field_of.get(entry.sensor)) for entry in seen],
+        fields=list(sensor_fields(task)),
+        remembered=[field for field in ("force", "deflection") if f"{field}_1" in value_of],
+        scales=[_scale(entry, value_of[entry.sensor]) for entry in seen] if has_controller(policy) else [],
         lightest=next(entry.low for entry in seen if entry.sensor == "time_weight"),
     )
 
@@ -70,12 +71,20 @@ def c_text(template: str, **content: Any) -> str:
 def has_controller(policy: Policy) -> bool:
     """Whether the header holds a controller around the network: sensors tell all that the policy sees."""
     task = Task(**policy.environment)
-    return {entry.sensor for entry in entries(task)} <= {*sensor_fields(task).values(), "time_weight"}
+    return {entry.sensor for entry in entries(task)} <= set(values(task))
 
 
-def _scale(entry: Entry, field: str | None) -> tuple[str, float, float, float]:
+def values(task: Task) -> dict[str, str]:
+    """Return what the controller has of each sensor as an expression in C."""
+    now = {sensor: f"now->{field}" for field, sensor in sensor_fields(task).items()}
+    before = range(task.past_readings)
+    past = {f"{sensor}_{n + 1}": f"state->{sensor}_before[{n}]" for sensor in ("force", "deflection") for n in before}
+    past = {sensor: value for sensor, value in past.items() if sensor[:-2] in now}
+    return now | past | {"time_weight": "state->time_weight"}
+
+
+def _scale(entry: Entry, value: str) -> tuple[str, float, float, float]:
     """Return an entry's value as an expression in C, and its low end, gain and scaled low end."""
-    value = f"now->{field}" if field else "state->time_weight"
     if entry.curve != LINEAR:
         value = f"{'log' if entry.curve == LOGARITHM else 'log1p'}({value})"
     _, _, low, scaled_low, gain = entry.record()

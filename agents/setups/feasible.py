@@ -12,7 +12,8 @@ from impact_gym.scene import Bistable
 
 FARTHEST_SEEN = observation.ENTRIES[0].high  # m, of the flange
 OVERSHOOT = 2.0
-"""Largest acceleration of a compliant robot's flange over the one asked for: a step on a spring without damping."""
+"""Largest acceleration of a compliant robot's flange over the one asked for: a step on a spring without damping, from
+rest. Steps in time with the robot's own swing get to more."""
 
 
 def warnings(task: Task) -> list[str]:
@@ -54,7 +55,7 @@ def _off_its_stop(task: Task) -> list[str]:
         )
     if min(holds) >= most * (1.0 if task.robot is None else OVERSHOOT):
         return []
-    swings = "" if task.robot is None else f", and a compliant robot swings up to {OVERSHOOT:g} times that"
+    swings = "" if task.robot is None else f", and a compliant robot swings to {OVERSHOOT:g} times that and more"
     return [
         f"the front stop holds the tool up to {min(holds):.3g} m/s^2, the arm can make {most:g}{swings}: above that "
         "the mechanism leaves its stop without a touch"

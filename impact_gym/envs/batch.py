@@ -232,8 +232,9 @@ class Batch:
 
     def sensors(self) -> dict[str, NDArray[np.float64]]:
         """Return what the controllers may know now, in SI units (size,) each; see `ImpactApproachEnv.sensors`."""
-        now = self.episodes["sensors"]
-        return {name: now[field].copy() for name, field in observation.sensor_fields(self.task).items()}
+        now = self.episodes.view(np.float64).reshape(self.size, -1)
+        fields = observation.sensor_fields(self.task)
+        return {name: now[:, observation.place_of(sensor)].copy() for name, sensor in fields.items()}
 
     def _verdicts(self, rows: NDArray[np.int64]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
         """Return number of contacts, whether the object was missed, and a sentence about the solver."""

@@ -29,9 +29,13 @@ class Entry(NamedTuple):
     def record(self) -> tuple[Any, ...]:
         """Return the fields of the kernels' `Entry`."""
         bend = _CURVES[self.curve]
-        place = _PLACES[f"drawn.setting.{self.sensor}" if self.sensor in NUMBERS else f"sensors.{self.sensor}"]
         gain = (1.0 - self.scaled_low) / (bend(self.high) - bend(self.low))
-        return place, self.curve, bend(self.low), self.scaled_low, gain
+        return place_of(self.sensor), self.curve, bend(self.low), self.scaled_low, gain
+
+
+def place_of(sensor: str) -> int:
+    """Return where a sensor, or a number of the set-up, stands in an episode, counted in numbers."""
+    return _PLACES[f"drawn.setting.{sensor}" if sensor in NUMBERS else f"sensors.{sensor}"]
 
 
 _CURVES: dict[int, Callable[[float], float]] = {LINEAR: float, LOGARITHM: math.log, LOGARITHM_OF_ONE_MORE: math.log1p}
@@ -104,10 +108,11 @@ def entries(task: Task) -> tuple[Entry, ...]:
 
 
 def sensor_fields(task: Task) -> dict[str, str]:
-    """Return what a controller may know by name, and which of the kernels' `Sensors` it is."""
+    """Return what a controller may know by name, and which sensor of an `Entry` it is; past readings it had before."""
     fields = {name: name for name in ("time", "position", "velocity", "alarm", "time_since_alarm", "force")}
     fields["force_peak"] = "peak"
     fields |= {"distance_estimate": "distance_estimate"} if task.range_noise is not None else {}
+    fields |= {"range_noise": "range_noise"} if task.range_told else {}
     return fields | ({"deflection": "deflection"} if task.deflection_sensor else {})
 
 
