@@ -125,6 +125,11 @@ CONTROLLERS = {
     "squashed": {"squash": True},
     "recurrent": {"cells": 6},
     "all sensors": {"environment": {"range_noise": 0.01, "deflection_sensor": True, "force_noise": 0.5}},
+    "past readings": {"environment": {
+        "alarm": "reading", "force_noise": [0.02, 5.0], "deflection_sensor": True, "past_readings": 3,
+        "range_noise": [0.002, 0.03], "range_told": True, "reaction_delay": [0.0, 0.05],
+    }},
+    "past forces": {"environment": {"past_readings": 2}, "cells": 6},
     "its own arm": {"environment": {
         "velocity_range": [-0.2, 0.6], "acceleration_range": [0.5, 4.0], "tool_mass": [0.3, 0.5],
         "time_weight": [0.05, 50.0],  # beyond what is observed
@@ -151,11 +156,11 @@ def test_the_controller_in_c_compiles_without_a_warning_and_commands_what_the_po
 
 
 @pytest.fixture
-def told(tmp_path):
+def told(tmp_path, request):
     """Commands of a made-up policy for readings (steps, fields), at one time weight."""
     if COMPILER is None:
         pytest.skip("no C compiler")
-    policy = made_up_policy(environment={"range_noise": 0.01})
+    policy = made_up_policy(environment={"range_noise": 0.01, **getattr(request, "param", {})})
     (tmp_path / "it.h").write_text(header(policy, "it"))
     program = compiled(policy, tmp_path / "it.h", tmp_path)
 
@@ -207,6 +212,33 @@ def test_an_alarm_once_heard_stays_and_its_clock_goes_on(told):
     assert not np.array_equal(told([before, reading(0.046, force=2.0)])[1], plain[2])
     unheard = [before, reading(0.016, alarm=np.inf, force=2.0)]
     assert np.array_equal(told(unheard), told([before, reading(0.016, force=2.0)]))
+
+
+@pytest.mark.parametrize("told", [{"alarm": "reading"}], indirect=True)
+def test_an_alarm_by_readings_goes_off_again_and_comes_anew(told):
+    on, off = reading(0.016, alarm=1.0), reading(0.032)
+    assert np.array_equal(told([reading(0.0), on, off])[2], told([reading(0.0), reading(0.016), off])[2])
+    later = reading(0.048, alarm=1.0, since=0.032)
+    for since in (np.nan, 0.032):  # its clock goes on by the time, unless it says otherwise
+        found = told([reading(0.0), on, reading(0.048, alarm=1.0, since=since)])[2]
+        assert found == pytest.approx(told([reading(0.0), later])[1], abs=1e-5)
+    anew = reading(0.048, alarm=1.0, since=0.0)
+    assert told([reading(0.0), on, anew])[2] == pytest.approx(told([reading(0.0), anew])[1], abs=1e-5)
+    missing = reading(0.032, alarm=np.nan, since=np.nan)
+    kept = told([reading(0.0), on, reading(0.032, alarm=1.0, since=0.016)])
+    assert told([reading(0.0), on, missing]) == pytest.approx(kept, abs=1e-5)
+
+
+@pytest.mark.parametrize("told", [{"past_readings": 2}], indirect=True)
+def test_past_readings_are_remembered_from_call_to_call_and_not_from_a_repeated_one(told):
+    def forces(*values):  # the largest comes first, and is the same for all
+        return [reading(0.016 * k, force=force) for k, force in enumerate((9.0, *values))]
+
+    seen = forces(8.0, 3.0, 1.0, 1.0, 1.0)
+    commands, others = told(seen), told(forces(8.0, 5.0, 1.0, 1.0, 1.0))
+    changed = [not np.array_equal(one, other) for one, other in zip(commands, others, strict=True)]
+    assert changed == [False, False, True, True, True, False]
+    assert np.array_equal(told([*seen[:2], seen[1], *seen[2:]])[[0, 1, 3, 4, 5, 6]], commands)
 
 
 def test_the_largest_force_is_kept(told):
