@@ -6,11 +6,12 @@ Where noisy readings raise the alarm (`alarm="reading"`) at a threshold within t
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from agents.baselines.profile import BlindProfile, Ranged
 from agents.baselines.reaction import ReactingRule
 from agents.baselines.rule import Floats, Parameter, Seen, encode
+from impact_gym.envs.scenario import Range
 from impact_gym.envs.task import AFTER_ALARM
 
 THRESHOLD = Parameter("own threshold", "N", 0.5, 100.0, 10.0)
@@ -18,15 +19,21 @@ CLOCK = 1e-6  # s, resolution of the time that is seen
 
 
 class Judged(Seen):
-    """What is seen, with another alarm."""
+    """What is seen, with an alarm that was raised at the times `raised` (s), inf where it is off."""
 
-    alarm, since_alarm = np.False_, np.float64(0.0)  # type: ignore[assignment]  # as judged, for properties
+    def __init__(self, observation: ArrayLike, velocity_range: Range, raised: Floats) -> None:
+        super().__init__(observation, velocity_range)
+        self._raised = raised
 
-    def judge(self, raised: Floats) -> "Judged":
-        """Set the alarm, which was raised at the times `raised` (s), inf where it is off; return self."""
-        self.alarm = np.isfinite(raised)
-        self.since_alarm = np.where(self.alarm, self.time - np.where(self.alarm, raised, 0.0), 0.0)
-        return self
+    @property
+    def alarm(self) -> NDArray[np.bool_]:
+        """Whether it is on."""
+        return np.isfinite(self._raised)
+
+    @property
+    def since_alarm(self) -> Floats:
+        """Time since it was raised, s; 0 where it is off."""
+        return np.where(self.alarm, self.time - np.where(self.alarm, self._raised, 0.0), 0.0)
 
 
 class WaryRule(ReactingRule):
@@ -43,13 +50,13 @@ class WaryRule(ReactingRule):
         deterministic: bool = True,
     ) -> tuple[NDArray[np.float32], Any]:
         """Return the actions, and when the alarm was raised, s."""
-        seen = Judged(observation, self.velocity_range)
+        seen = Seen(observation, self.velocity_range)
         time = seen.time
         raised = np.full(np.shape(time), np.inf) if state is None else state
         raised = np.where(time > raised + AFTER_ALARM - CLOCK, np.inf, raised)
         raised = np.where(False if episode_start is None else episode_start, np.inf, raised)
         raised = np.where(seen.force > self[THRESHOLD.name], np.minimum(raised, time), raised)
-        command = self.command(seen.judge(raised))
+        command = self.command(Judged(observation, self.velocity_range, raised))
         return encode(*command, self.velocity_range, self.acceleration_range), raised
 
 
