@@ -11,6 +11,8 @@ import pytest
 from scenes import MOTION, scene
 
 import impact_gym as ig
+from agents.setups import feasible, load_setup
+from impact_gym.envs.task import Task
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT / "docs" / "examples"
@@ -35,8 +37,25 @@ def paper_rule(seed):
 
 
 def test_every_example_has_a_test():
-    tested = {"gymnasium_loop.py", "vector_loop.py", "stable_baselines3_ppo.py", "rl_zoo3.yml"}
+    tested = {"gymnasium_loop.py", "vector_loop.py", "stable_baselines3_ppo.py", "rl_zoo3.yml", "bistable-robust.toml"}
     assert {file.name for file in EXAMPLES.iterdir() if file.is_file()} == tested
+
+
+def test_the_mechanism_is_held_from_rest_in_every_corner_of_its_ranges():
+    task = Task(**load_setup(EXAMPLES / "bistable-robust.toml").environment)
+    assert feasible.warnings(task) == []
+    found = list(feasible.corners(task))
+    assert len(found) == 64
+    for times, let_go in ((1.0, False), (3.0, True)):
+        motion = ig.Trapezoid(1.5, times * task.acceleration_range[1])
+        off = []
+        for corner in found:
+            chain = ig.Scene(ig.Tool(corner.tool_mass), ig.Object(1.0, 9.0), ig.Contact(1e4, 0.5), corner.coupling,
+                             corner.robot)  # fmt: skip
+            trace = ig.simulate(chain, motion, 0.06, trace=True).trace
+            behind = np.abs(trace.flange_position - trace.tool_position).max()
+            off.append(behind > corner.coupling.front_stop)
+        assert any(off) == let_go
 
 
 def test_the_plain_loop_prints_what_simulate_gives():
