@@ -17,6 +17,7 @@ import tyro
 
 from agents.baselines import Clairvoyant, bound
 from agents.baselines.cmaes import minimise
+from agents.baselines.jittery import Jittery
 from agents.baselines.profile import BlindProfile, constant_deceleration
 from agents.baselines.rule import Floats
 from agents.baselines.tuned import RULES, read_tuned, write_tuned
@@ -181,20 +182,6 @@ def tune_one(
     means = scores(rule, environment, weight, found.parameters[0])
     results = {"train": found.loss[0], "generations": found.generations, **means}
     return {"parameters": found.parameters[0]} | {name: np.array([value]) for name, value in results.items()}
-
-
-class Jittery:
-    """A rule whose every command is a little off, by as much in the same scenario whatever the candidate."""
-
-    def __init__(self, rule: Controller, jitter: float, scenarios: int, rng: np.random.Generator) -> None:
-        """Make one; `jitter` is a standard deviation as a share of an action's range, which is 2 wide."""
-        self._rule, self._scale, self._scenarios, self._rng = rule, 2.0 * jitter, scenarios, rng
-
-    def predict(self, observation: Floats, **arguments: Any) -> tuple[Any, Any]:
-        """Return the actions (n, 2), and what the rule remembers."""
-        actions, state = self._rule.predict(observation, **arguments)
-        off = self._rng.normal(0.0, self._scale, (self._scenarios, 2))
-        return actions + np.tile(off, (len(actions) // self._scenarios, 1)), state
 
 
 def scores(rule: str, environment: Mapping[str, Any], weight: float, parameters: Any) -> dict[str, float]:

@@ -45,7 +45,8 @@ class Evaluation:
     scenarios: int = 2000
     """How many of it."""
     at_most: float | None = None
-    """What was to be reached: V_p over that of `of`, at an approach no later; None: nothing was."""
+    """What was to be reached: V_p over that of `of`, at an approach no later, or, where something is `nominal`,
+    V_p + w T over that of `of` in its own environment; None: nothing was."""
     of: str = "paper-trapezoid"
     """The paper's rule, or the set-up whose policy that is measured against."""
     varied: Mapping[str, Any] = field(default_factory=lambda: VARIED)

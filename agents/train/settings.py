@@ -49,7 +49,7 @@ class OnPolicy:
     """The critic, which is not shipped, also sees the scenario: the object's mass, stiffness, restitution and distance.
     Of ppo alone."""
     teacher: str = ""
-    """Tuned baseline of the set-up that ppo imitates before it learns by itself; "": none."""
+    """Tuned baseline, the set-up's own or a shipped one, that ppo imitates before it learns by itself; "": none."""
     taught: int = 1_000_000
     """Environment steps for which it does."""
     lstm: int = 32

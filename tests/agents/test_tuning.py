@@ -11,6 +11,7 @@ import pytest
 from agents import tune as tuning
 from agents.baselines import ConstantSpeed
 from agents.baselines.cmaes import minimise
+from agents.baselines.jittery import Jittery
 from agents.baselines.rule import Parameter
 from agents.baselines.tuned import load_baseline, read_tuned
 from agents.jobs.job import resolve
@@ -130,7 +131,7 @@ def test_every_candidate_is_jostled_alike_in_the_same_scenario_and_by_as_much_as
         def predict(self, observation, **arguments):
             return np.zeros((len(observation), 2)), "state"
 
-    jittery = tuning.Jittery(Still(), 0.01, 5000, np.random.default_rng(1))
+    jittery = Jittery(Still(), 0.01, 5000, np.random.default_rng(1))
     first, state = jittery.predict(np.zeros((3 * 5000, 8)), deterministic=True)
     second, _ = jittery.predict(np.zeros((3 * 5000, 8)))
     assert state == "state"

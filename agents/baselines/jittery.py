@@ -1,0 +1,22 @@
+"""Commands that are a little off, as every arm's are: what holds only to the last digit does not survive them."""
+
+from typing import Any
+
+import numpy as np
+
+from agents.baselines.rule import Floats
+from agents.policies import Controller
+
+
+class Jittery:
+    """A rule whose every command is a little off, by as much in the same scenario whatever the candidate."""
+
+    def __init__(self, rule: Controller, jitter: float, scenarios: int, rng: np.random.Generator) -> None:
+        """Make one; `jitter` is a standard deviation as a share of an action's range, which is 2 wide."""
+        self._rule, self._scale, self._scenarios, self._rng = rule, 2.0 * jitter, scenarios, rng
+
+    def predict(self, observation: Floats, **arguments: Any) -> tuple[Any, Any]:
+        """Return the actions (n, 2), and what the rule remembers."""
+        actions, state = self._rule.predict(observation, **arguments)
+        off = self._rng.normal(0.0, self._scale, (self._scenarios, 2))
+        return actions + np.tile(off, (len(actions) // self._scenarios, 1)), state
