@@ -44,7 +44,8 @@ ON_POLICY = {
 OFF_POLICY = {
     "learning_rate": FloatDistribution(1e-4, 3e-3, log=True),
     "batch": CategoricalDistribution([256, 512, 1024]),
-    "off_policy.gradient_steps": CategoricalDistribution([4, 8, 16]),
+    "weight_power": CategoricalDistribution([0.0, 0.5, 1.0]),
+    "off_policy.tau": FloatDistribution(2e-3, 2e-2, log=True),
 }
 SPACES: dict[str, dict[str, BaseDistribution]] = {
     "ppo": ON_POLICY, "recurrent_ppo": ON_POLICY, "sac": OFF_POLICY, "tqc": OFF_POLICY,
@@ -79,10 +80,10 @@ class Search:
             whole(name, getattr(self, name), at_least=1)
 
 
-def search(options: Search) -> Path:
-    """Run the trials that are missing, and return the path of the summary."""
+def search(options: Search, start: Settings | None = None) -> Path:
+    """Run the trials that are missing from `start`, or the set-up's settings; return the path of the summary."""
     start = replace(
-        default_settings(options.setup, options.algo),
+        start or default_settings(options.setup, options.algo),
         steps=options.steps,
         validate_every=options.validate_every,
         validation_scenarios=options.validation_scenarios,

@@ -60,6 +60,7 @@ class TrainingCallback(BaseCallback):
             "last": {"row": 0, "validation": 0, "checkpoint": 0},
             "best": math.inf,
             "curve": [],  # [steps, score] of each validation
+            "clock": [],  # seconds of training before each
             "collapsed": 0,  # validations in a row that missed nearly all
             "seconds": 0.0,
         }
@@ -106,11 +107,12 @@ class TrainingCallback(BaseCallback):
         Raises:
             CollapsedError: it missed nearly all objects, as in the last validations before.
         """
-        steps = self.num_timesteps
+        steps, begun = self.num_timesteps, time.perf_counter()
         policy = policy_from(self.model, self._settings, self._record)
         result = self.validation.score(policy)
         policy.provenance |= {"steps": steps, "validation": result}
         self.kept["curve"].append([steps, result["score"]])
+        self.kept["clock"].append(self.kept["seconds"] + begun - self._begun)
         self.logger.record("validation/score", result["score"])
         for name in ("object_velocity", "approach_time"):
             for weight, mean in zip(result["time_weight"], result[name], strict=True):

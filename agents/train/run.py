@@ -104,6 +104,7 @@ def _run(folder: Path, settings: Settings, record: dict[str, Any], on_validation
     metrics = {
         "validation": {**judged, "paper's rule": rule},
         "curve": [{"steps": steps, "score": score} for steps, score in callback.kept["curve"]],
+        "clock": callback.kept["clock"],
         "training_seconds": callback.kept["seconds"],
         "steps_per_second": settings.whole_steps / callback.kept["seconds"],
     }

@@ -1,0 +1,1 @@
+"""Which algorithm learns the approach best in the same time."""
