@@ -120,6 +120,8 @@ class Settings:
     """Hidden layers."""
     activation: Activation = "tanh"
     """What follows each hidden layer."""
+    rtol: Annotated[float | None, tyro.conf.arg(metavar="FLOAT")] = None
+    """Relative error allowed in a contact while training, see `simulate`; None: the environment's, as in validation."""
     threads: int = 1
     """Threads of torch. A second one pays only where no other process wants the core."""
     simulation_threads: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None
@@ -148,6 +150,8 @@ class Settings:
             raise ValueError(f"activation must be {' or '.join(get_args(Activation))}, got {self.activation!r}")
         interval("time_weight", self.time_weight, "m/s per s", above=0)
         number("weight_power", self.weight_power, "(no unit)", at_least=0, at_most=1)
+        if self.rtol is not None:
+            number("rtol", self.rtol, "(no unit)", at_least=1e-13, at_most=1e-2)
         number("learning_rate", self.learning_rate, "(no unit)", above=0)
         number("final_rate", self.final_rate, "(no unit)", at_least=0, at_most=1)
 
@@ -160,7 +164,8 @@ class Settings:
     def training_environment(self) -> dict[str, Any]:
         """The same with what an informed critic sees."""
         informed = self.algo == "ppo" and self.on_policy.informed_critic
-        return self.environment | ({"privileged": True} if informed else {})
+        faster = {} if self.rtol is None else {"rtol": self.rtol}
+        return self.environment | faster | ({"privileged": True} if informed else {})
 
     @property
     def round(self) -> int:

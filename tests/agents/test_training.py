@@ -226,6 +226,7 @@ def test_the_command_that_is_kept_asks_for_the_same_settings():
     (Settings, {"time_weight": (2.0, 1.0)}, "time_weight.*inverted"),
     (Settings, {"weight_power": 2.0}, "weight_power.*at most 1"),
     (Settings, {"learning_rate": 0.0}, "learning_rate.*above 0"),
+    (Settings, {"rtol": 0.5}, r"rtol.*at most 0\.01"),
     (Settings, {"envs": SLOTS + 1}, f"envs must be at most {SLOTS}"),  # or two trainings would share a scenario
     (OnPolicy, {"gae_lambda": 1.5}, r"_policy\."),
     (OffPolicy, {"tau": 0.0}, r"_policy\."),
