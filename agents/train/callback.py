@@ -52,21 +52,22 @@ class TrainingCallback(BaseCallback):
             settings.validation_scenarios,
             threads=settings.simulation_threads,
         )
-        self._begun = time.perf_counter()
-        self._begun_at = 0
+        self._begun, self._processor, self._begun_at = time.perf_counter(), time.process_time(), 0
         self.kept: dict[str, Any] = {  # all that must survive an interruption
             "sums": dict.fromkeys(OBJECTIVES, 0.0),
             "episodes": 0,
             "last": {"row": 0, "validation": 0, "checkpoint": 0},
             "best": math.inf,
             "curve": [],  # [steps, score] of each validation
-            "clock": [],  # seconds of training before each
+            "clock": [],  # processor seconds that each came after
             "collapsed": 0,  # validations in a row that missed nearly all
             "seconds": 0.0,
+            "processor": 0.0,
         }
 
     def _on_training_start(self) -> None:
-        self._begun, self._begun_at = time.perf_counter(), self.num_timesteps
+        self._begun, self._processor = time.perf_counter(), time.process_time()
+        self._begun_at = self.num_timesteps
 
     def _on_step(self) -> bool:
         for row in np.flatnonzero(self.locals["dones"]).tolist():
@@ -84,16 +85,21 @@ class TrainingCallback(BaseCallback):
         if self._due("row", max(settings.round, settings.whole_steps // ROWS)):
             self._write_row()
         if self._due("checkpoint", settings.checkpoint_every):
-            now = time.perf_counter()
-            self.kept["seconds"] += now - self._begun
-            self._begun, self._begun_at = now, self.num_timesteps
+            self._count_time()
             checkpoint.write(self._folder / "checkpoint.npz", self.model, self._environment, self.kept)
 
     def _on_training_end(self) -> None:
         self._check_weights()
         self.validate().save(self._folder / "final.npz")
         self._write_row()
-        self.kept["seconds"] += time.perf_counter() - self._begun
+        self._count_time()
+
+    def _count_time(self) -> None:
+        """Add the time since it was last counted, by the clock and of the processor."""
+        now, processor = time.perf_counter(), time.process_time()
+        self.kept["seconds"] += now - self._begun
+        self.kept["processor"] += processor - self._processor
+        self._begun, self._processor, self._begun_at = now, processor, self.num_timesteps
 
     def _due(self, what: str, every: int) -> bool:
         if self.num_timesteps // every == self.kept["last"][what] // every:
@@ -107,12 +113,12 @@ class TrainingCallback(BaseCallback):
         Raises:
             CollapsedError: it missed nearly all objects, as in the last validations before.
         """
-        steps, begun = self.num_timesteps, time.perf_counter()
+        steps = self.num_timesteps
         policy = policy_from(self.model, self._settings, self._record)
         result = self.validation.score(policy)
         policy.provenance |= {"steps": steps, "validation": result}
         self.kept["curve"].append([steps, result["score"]])
-        self.kept["clock"].append(self.kept["seconds"] + begun - self._begun)
+        self.kept["clock"].append(self.kept["processor"] + time.process_time() - self._processor)
         self.logger.record("validation/score", result["score"])
         for name in ("object_velocity", "approach_time"):
             for weight, mean in zip(result["time_weight"], result[name], strict=True):

@@ -20,7 +20,7 @@ from agents.train.settings import Algorithm, Settings, default_settings, with_ch
 from agents.train_seeds import Seeds, train_all
 from agents.tune_training import Search, search
 
-TRIALS, TRIAL, SEEDS, TRAINING = 8, 40, 10, 120
+TRIALS, TRIAL, SEEDS, TRAINING = 8, 40, 10, 80
 VALIDATIONS = 12  # of a training, its learning curve
 RATES: dict[str, dict[Algorithm, int]] = {
     "linear-blind": {"ppo": 69_000, "recurrent_ppo": 5_600, "sac": 640, "tqc": 180},
