@@ -19,7 +19,12 @@ def circumstances(*packages: str) -> dict[str, Any]:
 
 
 def revision() -> dict[str, str | None]:
-    """Return the commit and what has changed since, as git says; None where there is no git or no repository."""
+    """Return the commit and what has changed since, as git says; None where there is no git or it does not know us.
+
+    An installation often lies within somebody else's repository, whose commit says nothing about these sources.
+    """
+    if _git("ls-files", "--error-unmatch", __file__) is None:
+        return {"commit": None, "changed since": None}
     return {
         "commit": _git("rev-parse", "HEAD"),
         "changed since": _git("status", "--porcelain", "--untracked-files=no"),

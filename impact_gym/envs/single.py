@@ -148,7 +148,12 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     `impact_gym.envs.render_video.SlowMotionVideo` is the same recorder and keeps all. A batch does not render.
 
     ## Version History
-    * v0: first version
+    * v0: first version; it may still change until version 0.1.0 of the package is released
+
+    As in Gymnasium the number goes up when results can no longer be compared: when a seed and the same actions lead to
+    other observations, rewards or ends than before, by more than `rtol` allows, or when a default changes. All four ids
+    go up together; the older id then tells what replaced it, and is played by the version of the package that had it.
+    Arguments that change nothing unless they are given, and faster code, leave the number as it is.
     """
 
     metadata = {  # noqa: RUF012  # declared so by gymnasium.Env

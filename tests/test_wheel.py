@@ -1,0 +1,151 @@
+"""What `pip install impact-gym` gives: a wheel is built and used where nothing is installed but what it asks for."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import venv
+import zipfile
+from importlib.metadata import Distribution, distribution
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+import impact_gym
+
+ROOT = Path(__file__).parents[1]
+PACKAGES = ("impact_gym", "agents", "experiments")
+NOT_SHIPPED = {".pyx", ".pxi", ".c", ".so"}
+EPISODES = """
+from agents import baselines, load_policy, load_setup
+from agents.setups import shipped
+
+for setup in map(load_setup, shipped()):
+    paper = baselines.PaperTrapezoid().for_environment(setup.environment)
+    for controller in (load_policy(setup.name), *map(baselines.load_baseline, setup.tuned), paper):
+        env = setup.make()
+        (observation, info), state, ended = env.reset(seed=1), None, False
+        while not ended:
+            action, state = controller.predict(observation, state=state)
+            observation, reward, ended, truncated, info = env.step(action)
+        print(setup.name, type(controller).__name__, info["approach_time"], info["object_velocity"])
+"""
+
+
+def run(*command, where, check=True):
+    """What a command says, in a folder and without a way to find the checkout."""
+    variables = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    return subprocess.run(
+        [*map(str, command)], cwd=where, env=variables, capture_output=True, text=True, check=check, timeout=300
+    )
+
+
+def asked_for(requirements, extra=""):
+    """Names of the distributions, installed here, that requirements ask for, directly or not."""
+    names, waiting = set(), [(line, extra) for line in requirements]
+    while waiting:
+        line, of_extra = waiting.pop()
+        wanted = Requirement(line)
+        name = canonicalize_name(wanted.name)
+        if name not in names and (wanted.marker is None or wanted.marker.evaluate({"extra": of_extra})):
+            names.add(name)
+            waiting += [(one, "") for one in distribution(name).requires or ()]
+    return names
+
+
+def environment(folder, wheel, extra=""):
+    """The commands of an environment with the wheel in it, links to what that asks for, and nothing else."""
+    venv.create(folder, with_pip=False)
+    (packages,) = folder.glob("lib/python*/site-packages")
+    install = ("install", "--quiet", "--no-deps", "--no-index", "--disable-pip-version-check", wheel)
+    run(sys.executable, "-m", "pip", "--python", folder / "bin" / "python", *install, where=folder)
+    (metadata,) = packages.glob("impact_gym-*.dist-info")
+    for name in asked_for(Distribution.at(metadata).requires, extra):
+        files = distribution(name).files
+        for top in {file.parts[0] for file in files} - {"..", "__pycache__"}:
+            (packages / top).symlink_to(distribution(name).locate_file(top))
+    return folder / "bin"
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory):
+    """A wheel of the checkout, compiled from a copy, so that nothing is left beside the sources."""
+    copy, out = tmp_path_factory.mktemp("sources"), tmp_path_factory.mktemp("wheel")
+    for name in PACKAGES:
+        shutil.copytree(ROOT / name, copy / name, ignore=shutil.ignore_patterns("__pycache__", "*.so", "kernels.c"))
+    for name in ("pyproject.toml", "setup.py", "MANIFEST.in", "README.md", "LICENSE"):
+        shutil.copy(ROOT / name, copy)
+    build = ("wheel", "--quiet", "--no-deps", "--no-build-isolation", "--no-index", "--disable-pip-version-check")
+    run(sys.executable, "-m", "pip", *build, "--wheel-dir", out, copy, where=out)
+    (path,) = out.iterdir()
+    return path
+
+
+@pytest.fixture(scope="module")
+def commands(tmp_path_factory, wheel):
+    """The folder of commands of an environment with the wheel, NumPy, SciPy, Gymnasium and what these ask for."""
+    return environment(tmp_path_factory.mktemp("plain"), wheel)
+
+
+def test_the_wheel_holds_every_file_of_the_packages_but_the_sources_of_the_solver(wheel):
+    held = {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}
+    (solver,) = (name for name in held if name.endswith(".so"))
+    assert solver.startswith("impact_gym/kernels.")
+    files = [file.relative_to(ROOT) for name in PACKAGES for file in (ROOT / name).rglob("*") if file.is_file()]
+    mine = {str(file) for file in files if "__pycache__" not in file.parts and file.suffix not in NOT_SHIPPED}
+    assert held - {solver} == mine
+
+
+def test_policies_and_baselines_play_from_the_wheel_as_from_the_checkout_without_torch(commands, tmp_path):
+    played = run(commands / "python", "-W", "error", "-c", EPISODES, where=tmp_path).stdout
+    assert played == run(sys.executable, "-W", "error", "-c", EPISODES, where=ROOT).stdout
+    assert len(played.splitlines()) > 2 * len(list((ROOT / "agents" / "setups").glob("*.toml")))
+    said = run(commands / "python", "-c", "import torch", where=tmp_path, check=False)
+    assert "No module named 'torch'" in said.stderr
+
+
+def test_the_command_lists_what_there_is_and_refuses_what_there_is_not(commands, tmp_path):
+    said = run(commands / "impact-gym", "--help", where=tmp_path).stdout
+    assert {"report", "controller", "doctor"} < {*said.split()}
+    refused = run(commands / "impact-gym", "doctors", where=tmp_path, check=False)
+    assert refused.returncode == 2
+    assert "invalid choice: 'doctors'" in refused.stderr
+
+
+def test_the_doctor_measures_the_installed_environment(commands, tmp_path):
+    said = run(commands / "impact-gym", "doctor", "--quick", where=tmp_path).stdout
+    assert re.search(r"gym.make\('ImpactApproach-v0'\) +1 +[\d,]+\n", said)
+    assert "torch and stable-baselines3 missing" in said
+
+
+@pytest.mark.parametrize(
+    ("command", "remedy"),
+    [("report", "pip install 'impact-gym[report]'"), ("controller", "pip install 'impact-gym[train,report]'")],
+)
+def test_a_command_that_needs_more_says_in_one_line_what_to_install(commands, tmp_path, command, remedy):
+    refused = run(commands / "impact-gym", command, "linear-blind", where=tmp_path, check=False)
+    assert refused.returncode == 1
+    assert refused.stdout == ""
+    (line,) = refused.stderr.splitlines()
+    assert line.startswith(f"impact-gym {command} needs ")
+    assert "polars" in line
+    assert line.endswith(remedy)
+
+
+def test_with_its_extra_a_report_is_written_in_a_folder_with_baselines_and_experiments_of_its_own(wheel, tmp_path):
+    commands = environment(tmp_path / ".venv", wheel, "report")
+    (tmp_path / "experiments").mkdir()
+    (tmp_path / "experiments" / "__init__.py").touch()
+    (tmp_path / "mine.py").write_text("from agents.baselines import PaperTrapezoid as Rule\n")
+    options = ("--policy", "linear-blind", "--baseline", "mine:Rule", "--count", "4", "--out", "page")
+    run(commands / "impact-gym", "report", *options, where=tmp_path)
+    assert "mine:Rule" in (tmp_path / "page" / "index.html").read_text()
+
+
+def test_the_newest_version_of_the_changelog_and_the_cited_one_are_the_package_s():
+    newest = re.search(r"^## (\S+)", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
+    cited = re.search(r"^version: (\S+)", (ROOT / "CITATION.cff").read_text(), re.MULTILINE)
+    assert newest[1] == cited[1] == impact_gym.__version__
