@@ -7,6 +7,7 @@ What is done is kept in --runs: the same command goes on.
 """
 
 import json
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
@@ -19,6 +20,10 @@ from agents.command_line import command_line
 from agents.train.settings import Algorithm, Settings, default_settings, with_changes
 from agents.train_seeds import Seeds, train_all
 from agents.tune_training import Search, search
+from experiments.algorithms.figures import learning_curves
+from experiments.algorithms.results import curves, finals
+from experiments.lab.charts import save
+from impact_gym.files import whole_file
 
 TRIALS, TRIAL, SEEDS, TRAINING = 8, 40, 10, 80
 VALIDATIONS = 12  # of a training, its learning curve
@@ -61,6 +66,15 @@ def found(pair: tuple[str, Algorithm], folder: Path) -> Path:
     return search(options, start)
 
 
+def write(pairs: Sequence[tuple[str, Algorithm]], folder: Path) -> None:
+    """Write curves.csv, finals.csv and curves.svg into the folder."""
+    drawn, scored = curves(pairs, folder / "policies"), finals(pairs, folder / "policies")
+    for name, table in (("curves.csv", drawn), ("finals.csv", scored)):
+        with whole_file(folder / name) as file:
+            table.write_csv(file, float_precision=4)
+    print(save(learning_curves(drawn), folder / "curves.svg"), scored, sep="\n")
+
+
 def main() -> None:
     """Search, then train."""
     with command_line("experiments.algorithms"):
@@ -74,6 +88,7 @@ def main() -> None:
             name = f"{setup}-{algo}"
             seeds = Seeds((setup,), SEEDS, processes=options.processes, runs=options.runs / "trainings")
             print(train_all(name, replace(seeds, policies=options.runs / "policies"), settings))
+        write(pairs, options.runs)
 
 
 if __name__ == "__main__":
