@@ -60,7 +60,8 @@ def plot(table: Table, grid: Panels) -> None:
     for case, label, colour in (("linear", "linear", TOOL), ("paper", "the paper's", FORCE)):
         rows = where(table, case=case, speed=1.0)
         left.plot(1e3 * rows["time"], rows["force"], color=colour, label=f"{label}: force")
-        left.plot(1e3 * rows["time"], rows["force"] - rows["elastic"], ":", color=colour, label="damping part")
+        damping = np.where(rows["force"] > 0.0, rows["force"] - rows["elastic"], np.nan)  # none once it has let go
+        left.plot(1e3 * rows["time"], damping, ":", color=colour, label="damping part")
     left.set(xlabel="time since the touch (ms)", ylabel="force (N)", title="e = 0.5")
     for (law, label), colour in zip(LAWS.items(), (OBJECT, TOOL), strict=True):
         rows = where(table, case=law)

@@ -4,8 +4,10 @@ import re
 import shutil
 import sys
 from base64 import b64encode
+from collections import Counter
 from dataclasses import replace
 from html import unescape
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -178,6 +180,22 @@ def test_the_summary_counts_what_is_on_the_page(folder, computed):
     links = re.findall(r'<li><a href="#([^"]+)">', text)
     assert len(links) == sum(s.verdict not in (Verdict.DIGITS, Verdict.AGREES) for s in every)
     assert all(f'id="{link}"' in text for link in links)
+
+
+def test_the_readme_tells_the_count_of_the_page(computed):
+    every = [s for name, table in computed.items() for s in catalogue.load(name).statements(table)]
+    bases, tested = Counter(s.basis for s in every), Counter(s.verdict for s in every if s.basis == Basis.TEST)
+    told = re.search(
+        r"Of (\d+) statements (\d+) were used to identify .* (\d+) are identities .* (\d+) say again .* "
+        r"Of the (\d+) that remain as tests (\d+) agree, (\d+) agree in one .* (\d+) disagree.* (\d+) cannot be decided",
+        " ".join((Path(__file__).parents[2] / "README.md").read_text().split()),
+    )
+    assert [int(number) for number in told.groups()] == [
+        len(every),
+        *(bases[basis] for basis in (Basis.IDENTIFIED, Basis.GIVEN, Basis.REPEATED, Basis.TEST)),
+        tested[Verdict.DIGITS] + tested[Verdict.AGREES],
+        *(tested[verdict] for verdict in (Verdict.ONE_READING, Verdict.DISAGREES, Verdict.UNDECIDED)),
+    ]
 
 
 def test_a_partial_run_keeps_the_rest(folder, tmp_path, monkeypatch):
