@@ -90,10 +90,10 @@ def statements(table: Table) -> Statements:
         "The coefficient of restitution of the linear contact does not depend on the velocity before the impact, "
         "which is a drawback",
         spread["linear"] < 1e-6,
-        f"varies by {spread['linear']:.0e} from {SPEEDS[0]:g} to {SPEEDS[-1]:g} m/s",
+        f"varies by {spread['linear']:.1g} from {SPEEDS[0]:g} to {SPEEDS[-1]:g} m/s",
         "the same to 1e-6 at all speeds",
         basis=Basis.GIVEN,
-        why="A linear oscillator scales with its velocity. That it should not is an experiment's.",
+        why="A linear oscillator scales with its velocity. That real contacts do not was found by experiment.",
     )
     yield section_2_2.claim(
         "Its viscous component is discontinuous, since it suddenly increases at the beginning of the contact",
@@ -112,7 +112,7 @@ def statements(table: Table) -> Statements:
         "A non-linear contact model overcomes most of the above-mentioned limits",
         max(jumps["paper"]) < 1e-3 and spread["paper"] < 1e-6,
         f"begins and ends within {max(jumps['paper']):.0e} of the largest force; its restitution varies by "
-        f"{spread['paper']:.0e} over the speeds",
+        f"{spread['paper']:.1g} over the speeds",
         "begins and ends below 1/1000 of its largest force; of the three limits it may keep one",
         why="It keeps the first: chi of eq. 7 falls with the approach velocity, so that the restitution does not "
         "depend on it either.",

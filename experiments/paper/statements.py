@@ -50,7 +50,7 @@ class Statement:
         second = Verdict.AGREES if holds else Verdict.DISAGREES
         differ = holds == (self.verdict == Verdict.DISAGREES)
         verdict = Verdict.ONE_READING if differ else self.verdict
-        return replace(self, verdict=verdict, otherwise=f"Read as {reading}: {ours} ({second}).")
+        return replace(self, verdict=verdict, otherwise=f"Another reading, {reading}: {ours} ({second}).")
 
 
 Statements = Iterator[Statement]

@@ -16,7 +16,7 @@ from impact_gym.physics import impact
 
 Table = dict[str, NDArray[Any]]
 THRESHOLD = 1.0  # N, printed in section 3.2: a smaller contact force is none that the robot feels
-FELT = f"the contact while its force exceeds the {THRESHOLD:g} N of section 3.2"
+FELT = f"contact only while its force exceeds the {THRESHOLD:g} N of section 3.2"
 """Another reading of 'contact': where the coupling is involved, a force below that has a long tail."""
 
 
