@@ -91,5 +91,5 @@ def statements(table: Table) -> Statements:
         f"{by_robot['object_velocity'][0]:.3f} m/s; with the tool fixed it is {fixed:.3f} m/s",
         "with the bistable mechanism V_p is within 5 % also where the braking begins later than 16 ms after the robot "
         "noticed, and below 60 % of that of the fixed tool",
-        why="Where it begins later the slider arrives at its rear stop with the robot still fast: the tool strikes again.",
+        why="If it begins later the slider reaches its rear stop with the robot still fast: the tool strikes again.",
     )
