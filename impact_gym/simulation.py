@@ -76,7 +76,7 @@ class Outcome(NamedTuple):
     status: str  # "ok"
     trace: Trace | None
     snap_through: tuple[float, ...]  # s, when the slider of a mechanism passes its alignment, first backwards
-    sliding_distance: float  # m, from `object_velocity` to rest if nothing strikes it again; infinite without friction
+    sliding_distance: float | None  # m, from `object_velocity` to rest; None if without friction it never rests
 
 
 def simulate(
@@ -135,6 +135,7 @@ def _outcome(
 ) -> Outcome:
     tool = end.flange_velocity + end.deflection_rate
     object_velocity = tool - end.penetration_rate if end.contacts else 0.0
+    slid = float(sliding_distance(object_velocity, friction))
     return Outcome(
         object_velocity,
         tool,
@@ -148,5 +149,5 @@ def _outcome(
         "ok",
         trace,
         snap_through,
-        float(sliding_distance(object_velocity, friction)),
+        slid if slid < math.inf else None,
     )

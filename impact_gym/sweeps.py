@@ -38,7 +38,7 @@ class Outcomes:
     snap_count: NDArray[np.int64]  # passages of the slider of a mechanism through its alignment
     coupling_impulse: Array  # N s
     momentum_error: Array  # -
-    sliding_distance: Array  # m, infinite without friction
+    sliding_distance: Array  # m, nan if the object never rests
     steps: NDArray[np.int64]
     status: NDArray[np.object_]  # "ok", or a sentence
 
@@ -154,7 +154,7 @@ def _outcomes(chains: NDArray[Any], with_the_tool: bool, friction: Array) -> Out
         detection_time=numbers(chains["detection"]),
         contact_count=chains["contacts"].copy(),
         snap_count=chains["snaps"].copy(),
-        sliding_distance=slid,
+        sliding_distance=numbers(slid),
         steps=chains["steps"].copy(),
         **{name: numbers(chains[name]) for name in alike},
         status=said(chains["status"]),
