@@ -32,10 +32,15 @@ class Tool(Record):
 
 @dataclass(frozen=True, slots=True)
 class Object(Record):
-    """The body that is struck; at rest until then, without friction."""
+    """The body that is struck; at rest until then.
+
+    `friction` says how far it slides after the last contact. As in the paper it changes nothing before: it is small
+    while mu m_p g is small beside the contact force, and takes at most mu g from V_p for every second of contact.
+    """
 
     mass: Annotated[float, SI("kg", above=0)]
     distance: Annotated[float, SI("m", above=0)]  # gap between the faces at rest, t = 0
+    friction: Annotated[float, SI("(no unit)", at_least=0)] = 0.0  # mu, Coulomb's, between object and ground
 
 
 @dataclass(frozen=True, slots=True)

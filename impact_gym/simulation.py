@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from impact_gym.kernels import CHAIN, CONTACT, TRACE, approach_rows
 from impact_gym.lowering import LOCAL_SHARE, STATUS_MESSAGES, approach_plan, packed
 from impact_gym.motion import Trapezoid
+from impact_gym.physics.impact import sliding_distance
 from impact_gym.scene import Scene, flange_moves_with_tool
 from impact_gym.validation import number, one_of
 
@@ -75,6 +76,7 @@ class Outcome(NamedTuple):
     status: str  # "ok"
     trace: Trace | None
     snap_through: tuple[float, ...]  # s, when the slider of a mechanism passes its alignment, first backwards
+    sliding_distance: float | None  # m, from `object_velocity` to rest; None if without friction it never rests
 
 
 def simulate(
@@ -114,7 +116,8 @@ def simulate(
         raise RuntimeError(f"the run stopped at t = {end.time:.6g} s: {STATUS_MESSAGES[end.status]}")
     with_the_tool = flange_moves_with_tool(scene.coupling, scene.robot)
     history = Trace.of(points[: end.traced], with_the_tool) if trace else None
-    return _outcome(end, contacts[: end.logged], history, tuple(snaps[: end.snaps].tolist()), with_the_tool)
+    snap_through = tuple(snaps[: end.snaps].tolist())
+    return _outcome(end, contacts[: end.logged], history, snap_through, with_the_tool, scene.object.friction)
 
 
 _record: Any = namedtuple  # whose fields mypy wants to read here
@@ -123,11 +126,18 @@ _End = _record("_End", CHAIN.names)
 
 
 def _outcome(
-    end: Any, contacts: NDArray[Any], trace: Trace | None, snap_through: tuple[float, ...], with_the_tool: bool
+    end: Any,
+    contacts: NDArray[Any],
+    trace: Trace | None,
+    snap_through: tuple[float, ...],
+    with_the_tool: bool,
+    friction: float,
 ) -> Outcome:
     tool = end.flange_velocity + end.deflection_rate
+    object_velocity = tool - end.penetration_rate if end.contacts else 0.0
+    slid = float(sliding_distance(object_velocity, friction))
     return Outcome(
-        tool - end.penetration_rate if end.contacts else 0.0,
+        object_velocity,
         tool,
         tool if with_the_tool else end.flange_velocity + end.flange_offset_rate,
         end.peak_force,
@@ -139,4 +149,5 @@ def _outcome(
         "ok",
         trace,
         snap_through,
+        slid if slid < math.inf else None,
     )

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from impact_gym.kernels import APPROACH, CHAIN, approach_rows
 from impact_gym.lowering import LOCAL_SHARE, STATUS_MESSAGES, approach_plan
 from impact_gym.motion import Trapezoid
+from impact_gym.physics.impact import sliding_distance
 from impact_gym.scene import RobotTable, Scene, flange_moves_with_tool
 from impact_gym.simulation import MAX_STEPS, NOTHING_RECORDED
 from impact_gym.threads import cores, over_rows
@@ -37,6 +38,7 @@ class Outcomes:
     snap_count: NDArray[np.int64]  # passages of the slider of a mechanism through its alignment
     coupling_impulse: Array  # N s
     momentum_error: Array  # -
+    sliding_distance: Array  # m, nan if the object never rests
     steps: NDArray[np.int64]
     status: NDArray[np.object_]  # "ok", or a sentence
 
@@ -92,7 +94,8 @@ def sweep(
             approach_rows(plans, tables, chains, first, last, LOCAL_SHARE * rtol, MAX_STEPS, NOTHING_RECORDED)
 
         over_rows(run, len(lowered), threads, ROWS_PER_THREAD)
-    return _outcomes(chains.reshape(shape), flange_moves_with_tool(scene.coupling, scene.robot))
+    friction = np.broadcast_to(columns.get("object.friction", np.asarray(scene.object.friction)), shape)
+    return _outcomes(chains.reshape(shape), flange_moves_with_tool(scene.coupling, scene.robot), friction)
 
 
 def _names(template: Mapping[str, Any]) -> Iterator[str]:
@@ -131,7 +134,7 @@ def _replaced(record: Any, path: list[str], value: Any) -> Any:
     return replace(record, **{name: _replaced(getattr(record, name), rest, value) if rest else value})
 
 
-def _outcomes(chains: NDArray[Any], with_the_tool: bool) -> Outcomes:
+def _outcomes(chains: NDArray[Any], with_the_tool: bool, friction: Array) -> Outcomes:
     failed = chains["status"] < 0
 
     def numbers(values: Array) -> Array:
@@ -140,14 +143,18 @@ def _outcomes(chains: NDArray[Any], with_the_tool: bool) -> Outcomes:
     tool = chains["flange_velocity"] + chains["deflection_rate"]
     flange = tool if with_the_tool else chains["flange_velocity"] + chains["flange_offset_rate"]
     said = np.vectorize(lambda status: STATUS_MESSAGES.get(status, "ok"), otypes=[object])
+    object_velocity = numbers(np.where(chains["contacts"] > 0, tool - chains["penetration_rate"], 0.0))
+    slid = np.full(chains.shape, np.nan)
+    slid[~failed] = sliding_distance(object_velocity[~failed], friction[~failed])
     alike = ("peak_force", "first_contact", "coupling_impulse", "momentum_error")
     return Outcomes(
-        object_velocity=numbers(np.where(chains["contacts"] > 0, tool - chains["penetration_rate"], 0.0)),
+        object_velocity=object_velocity,
         tool_velocity=numbers(tool),
         flange_velocity=numbers(flange),
         detection_time=numbers(chains["detection"]),
         contact_count=chains["contacts"].copy(),
         snap_count=chains["snaps"].copy(),
+        sliding_distance=numbers(slid),
         steps=chains["steps"].copy(),
         **{name: numbers(chains[name]) for name in alike},
         status=said(chains["status"]),

@@ -30,6 +30,7 @@ FIELDS = [  # record, field, unit, values in range, values out of range
     (SCENE.tool, "mass", "kg", *POSITIVE),
     (SCENE.object, "mass", "kg", *POSITIVE),
     (SCENE.object, "distance", "m", *POSITIVE),
+    (SCENE.object, "friction", "(no unit)", *NOT_NEGATIVE),
     (SCENE.contact, "stiffness", "N/m^1.5", *POSITIVE),
     (SCENE.contact, "restitution", "(no unit)", (1e-9, 1), (0, -1, 1 + 1e-15, 2)),
     (SCENE.contact, "stiffness_exponent", "(no unit)", (1, 10), (0.99, 0, 11)),

@@ -29,8 +29,9 @@ def assert_row(outcomes, index, outcome):
     assert outcomes.snap_count[index] == len(outcome.snap_through)
     first = outcome.contacts[0].start if outcome.contacts else np.nan
     assert np.array_equal(outcomes.first_contact[index], first, equal_nan=True)
-    detected = np.nan if outcome.detection_time is None else outcome.detection_time
-    assert np.array_equal(outcomes.detection_time[index], detected, equal_nan=True)
+    for name in ("detection_time", "sliding_distance"):
+        alone = np.nan if getattr(outcome, name) is None else getattr(outcome, name)
+        assert np.array_equal(getattr(outcomes, name)[index], alone, equal_nan=True)
 
 
 @pytest.mark.parametrize(("coupling", "robot"), CHAINS.values(), ids=CHAINS)
@@ -63,6 +64,7 @@ def changed(record, name, value):
         (scene(1e4, dissipation="exact"), "contact.stiffness_exponent", [1.5, 2.0]),
         (scene(1e4, 0.5, SPRING), "motion.brake.delay", [0.0, 0.03]),
         (scene(1e4), "tool.mass", [0.1, 0.2]),
+        (scene(1e4), "object.friction", [0.0, 0.3, 0.6]),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
@@ -76,7 +78,8 @@ def test_any_number_of_the_records_can_be_varied(template, name, values):
             assert outcomes.object_velocity[index] == pytest.approx(outcome.object_velocity, rel=1e-8)
         else:
             assert_row(outcomes, index, outcome)
-    assert len(set(outcomes.object_velocity.tolist())) > 1 or name == "tool.mass"  # imposed: its mass is nothing
+    without_effect = ("tool.mass", "object.friction")  # imposed: its mass is nothing; it slides afterwards
+    assert len(set(outcomes.object_velocity.tolist())) > 1 or name in without_effect
 
 
 def test_neither_threads_nor_order_change_a_row():
@@ -95,7 +98,7 @@ def test_a_row_that_cannot_finish_says_why_and_spoils_no_other(monkeypatch):
     outcomes = ig.sweep(scene(1e4, 0.5, SPRING), MOTION, {"coupling.damping_ratio": damping})
     assert outcomes.status[1] != "ok"
     assert "steps" in outcomes.status[1]
-    assert np.isnan(outcomes.object_velocity[1])
+    assert np.isnan([outcomes.object_velocity[1], outcomes.sliding_distance[1]]).all()
     for index in (0, 2):
         assert_row(outcomes, index, ig.simulate(scene(1e4, 0.5, ig.SpringDamper(150.0, damping[index])), MOTION))
 

@@ -8,7 +8,7 @@ import numpy as np
 from experiments.lab.charts import SERIES
 from experiments.paper.layouts import Panels, panels
 from experiments.paper.scenes import OBJECT_MASS, TOOL_MASS
-from experiments.paper.statements import Statements, section_2_1, section_3_2
+from experiments.paper.statements import Basis, Statements, section_2_1, section_3_2
 from experiments.paper.tables import Table, from_rows, where
 from impact_gym.physics import impact
 
@@ -56,6 +56,7 @@ def statements(table: Table) -> Statements:
         f"at e = 1, V_p falls from {curves[-1][-1]:.3f} m/s at {MASSES[-1]:g} kg to {curves[-1][0]:.3f} m/s at "
         f"{MASSES[0]:g} kg",
         "falls from each mass to the next smaller one, at every e",
+        basis=Basis.GIVEN,
     )
     yield section_3_2.claim(
         "Eq. 4 shows that V_p increases asymptotically towards the limit case when the tool mass becomes large",
@@ -63,4 +64,5 @@ def statements(table: Table) -> Statements:
         f"{heavy:.4f} at 5.35 kg and e = 1; the limit is 2",
         "at 5.35 kg and e = 1 above 90 % of the limit and below it",
         unit="m/s",
+        basis=Basis.GIVEN,
     )

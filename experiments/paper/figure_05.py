@@ -8,7 +8,7 @@ from experiments.lab.charts import FORCE, OBJECT, TOOL
 from experiments.paper.layouts import Panels, panels
 from experiments.paper.limit_cases import REDUCED_MASS, STEADY
 from experiments.paper.scenes import rigid
-from experiments.paper.statements import Statements, section_2_2
+from experiments.paper.statements import Basis, Statements, section_2_2
 from experiments.paper.tables import Run, Table, histories
 
 TITLE = "Contact force and its elastic and damping parts"
@@ -67,7 +67,7 @@ def statements(table: Table) -> Statements:
         "The damping component becomes negative for t > 0.321 s",
         "0.321 s",
         time[last] + fraction * (time[last + 1] - time[last]),
-        fitted=True,
+        basis=Basis.IDENTIFIED,
         why="The paper does not print how far ahead the object stands; 0.2505 m was identified with this instant.",
     )
     yield section_2_2.claim(
@@ -75,10 +75,14 @@ def statements(table: Table) -> Statements:
         ends < 0.01,
         f"{100 * ends:.2g} % of its peak at both ends of the contact",
         "below 1 % of its peak at both ends",
+        basis=Basis.GIVEN,
+        why="There is no penetration at the ends, and eq. 5 multiplies the damping by its power 3/2.",
     )
     yield section_2_2.claim(
         "The negative damping component does not mean a force that is opposed to the detachment of the two bodies",
         least >= 0.0,
         f"the contact force is never below {least:.1g} N",
         "total contact force never negative, in (a) and (b)",
+        basis=Basis.GIVEN,
+        why="Our contact never pulls.",
     )

@@ -5,7 +5,7 @@ import numpy as np
 from experiments.lab.charts import OBJECT, TOOL
 from experiments.paper.layouts import Panels, panels
 from experiments.paper.limit_cases import OBJECT_MASS, REDUCED_MASS, RESTITUTIONS, STIFFNESSES, draw, gridded, sweep
-from experiments.paper.statements import Statements, section_2_2
+from experiments.paper.statements import Basis, Statements, section_2_2
 from experiments.paper.tables import Table, where
 
 TITLE = "Influence of contact stiffness and restitution on the largest contact force"
@@ -42,6 +42,7 @@ def plot(table: Table, grid: Panels) -> None:
 def statements(table: Table) -> Statements:
     """Compare with section 2.2."""
     fixed, free = (gridded(table, "peak_force", free) for free in (0, 1))
+    depths = [gridded(table, "penetration", free) for free in (0, 1)]
     velocities = [gridded(table, "object_velocity", free) for free in (0, 1)]
     energy_spread = max((np.ptp(v_p, axis=1) / v_p.mean(axis=1)).max() for v_p in velocities)
     row = where(table, free=0, contact_stiffness=CUT)
@@ -51,6 +52,12 @@ def statements(table: Table) -> Statements:
         all((np.diff(peaks, axis=1) > 0).all() for peaks in (fixed, free)),
         "rises at every e, with k_c^(2/5)",
         "rises from each k_c to the next, at every e, in both cases",
+    )
+    yield section_2_2.claim(
+        "When k_c increases, the deformation decreases",
+        all((np.diff(depth, axis=1) < 0).all() for depth in depths),
+        f"tool fixed, e = 1: {1e3 * depths[0][-1, 0]:.1f} mm at k_c = 1e3, {1e3 * depths[0][-1, -1]:.2f} mm at 1e6",
+        "the largest penetration falls from each k_c to the next, at every e, in both cases",
     )
     yield section_2_2.claim(
         "The energy transferred to the object has to remain constant, since e is fixed",
@@ -74,5 +81,6 @@ def statements(table: Table) -> Statements:
         (fixed > free).all(),
         f"by a factor {(fixed / free).mean():.3f} everywhere",
         "larger at every e and k_c",
+        basis=Basis.REPEATED,
         why=f"The factor is (m_p/M)^(3/5) = {(OBJECT_MASS / REDUCED_MASS) ** 0.6:.3f}, M the reduced mass.",
     )

@@ -6,7 +6,7 @@ import impact_gym as ig
 from experiments.lab.charts import FLANGE, OBJECT
 from experiments.paper.layouts import Panels, panels
 from experiments.paper.scenes import DURATION, MOTION, ROBOT, on_robot
-from experiments.paper.statements import Statements, section_3_2
+from experiments.paper.statements import Basis, Statements, section_3_2
 from experiments.paper.tables import Table
 from impact_gym.robot import default_approach
 
@@ -54,11 +54,14 @@ def statements(table: Table) -> Statements:
         at_impact == MOTION.speed and time[falling[0]] > impact,
         f"impact at {impact:.4f} s, at an imposed velocity of {at_impact:g} m/s",
         "the imposed velocity is at its plateau of 1 m/s at the impact",
+        basis=Basis.GIVEN,
+        why="The object was put where this is so.",
     )
     yield section_3_2.number(
         "The robot begins to perform braking after 16 ms",
         "16 ms",
         1e3 * ((MOTION.speed - offset) / slope - detection),
+        basis=Basis.GIVEN,
         why="An input, read back from the simulation: from the instant at which the contact force exceeds 1 N to where "
         "the straight line through the braking meets 1 m/s.",
     )

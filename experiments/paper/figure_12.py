@@ -5,7 +5,7 @@ import numpy as np
 from experiments.lab.charts import OBJECT, TOOL
 from experiments.paper.layouts import Panels, panels
 from experiments.paper.scenes import TOOL_MASS
-from experiments.paper.statements import Statements, section_3_1, section_3_2
+from experiments.paper.statements import Basis, Statements, section_3_1, section_3_2
 from experiments.paper.tables import Table
 from impact_gym.robot import default_approach
 
@@ -49,7 +49,7 @@ def statements(table: Table) -> Statements:
         "m_r + m_t is equal to 5.35 kg just before the impact",
         "5.35 kg",
         table["mass"][at] + TOOL_MASS,
-        fitted=True,
+        basis=Basis.IDENTIFIED,
         why="The line of approach in front of the robot is not printed; ours was chosen such that this comes true.",
     )
     yield section_3_1.claim(

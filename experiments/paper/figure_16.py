@@ -6,7 +6,7 @@ from experiments.lab.charts import SERIES
 from experiments.paper import stiffness_sweep as sweep
 from experiments.paper.layouts import Panels, panels
 from experiments.paper.scenes import DISTANCE
-from experiments.paper.statements import Statements, section_4_2
+from experiments.paper.statements import Basis, Statements, section_4_2
 from experiments.paper.tables import Table, where
 
 TITLE = "Effects of the stiffness and of the damping of the decoupling system on V_p, e = 1"
@@ -69,8 +69,7 @@ def statements(table: Table) -> Statements:
     falls = {k_c: (np.diff(damped(table, k_c)["object_velocity"]) <= 0).sum() for k_c in grid}
     largest = np.max([soft, middle, stiff])
     (onset, before, after), *_ = sweep.changes(table, 1e5)
-    settled = [sweep.curve(table, k_c, sweep.SETTLED)["object_velocity"] for k_c in grid]
-    settled_rises = all((np.diff(velocity) > 0).all() for velocity in settled)
+    settled = {k_c: sweep.curve(table, k_c, sweep.SETTLED)["object_velocity"] for k_c in grid}
     yield section_4_2.claim(
         "The decoupling system leads to a significant reduction in V_p against Fig. 13a (2 m/s)",
         largest < 0.75 * 2.0,
@@ -80,23 +79,22 @@ def statements(table: Table) -> Statements:
     yield section_4_2.claim(
         "The increase in stiffness k_t (and with it, at zeta = 1, in damping c_t) increases V_p",
         max(rising.values()) == sweep.COUPLING_STIFFNESSES[0],
-        sweep.by_curve({k_c: f"rises from {k_t:g} N/m on" for k_c, k_t in rising.items()})
-        + f". Tool settled: {'rises everywhere' if settled_rises else 'falls in places'}",
+        sweep.by_curve({k_c: f"rises from {k_t:g} N/m on" for k_c, k_t in rising.items()}),
         "rises at every step of the grid from 5 to 200 N/m, on all curves",
         why="On soft springs the tool still swings from the acceleration when it strikes, and strikes faster the "
-        "softer they are. With the object so far ahead that the swing has died away (dashed), V_p rises at every k_t: "
-        "the law is the coupling's, the exception the approach's. The paper does not print its range of k_t.",
-    )
-    yield section_4_2.claim(
-        "The increase in damping c_t increases V_p (c_t alone, k_t = 150 N/m)",
-        not any(falls.values()),
-        sweep.by_curve({k_c: f"falls at {n} of {DAMPING_RATIOS.size - 1} steps" for k_c, n in falls.items()}),
-        f"rises at every step from zeta = {DAMPING_RATIOS[0]:g} to {DAMPING_RATIOS[-1]:g}, at every k_c",
-        why="A weakly damped spring throws the tool back at the object, and this second collision gives more than the "
+        "softer they are: the law is the coupling's, the exception the approach's. The paper does not print its range "
+        "of k_t. Nor does it say that c_t alone does so, and on the right, at k_t = 150 N/m from zeta = "
+        f"{DAMPING_RATIOS[0]:g} to {DAMPING_RATIOS[-1]:g}, it does not: "
+        + sweep.by_curve({k_c: f"V_p falls at {n} of {DAMPING_RATIOS.size - 1} steps" for k_c, n in falls.items()})
+        + ". A weakly damped spring throws the tool back at the object, and this second collision gives more than the "
         "weaker damping saved during the first (dotted: the velocity after the first contact, which rises with the "
         "damping at 1e4 and 1e5 once the tool no longer swings from the acceleration). At 1e3 there is one contact; "
         "below zeta = 0.3 the impulse of eq. 21 still rises with the damping, but the tool swings back less as the "
         "surfaces part, and the 1 + e of eq. 22 falls faster than the impulse rises.",
+    ).read_as(
+        "a tool that strikes at the v_t = 1 m/s printed, its swing died away (dashed)",
+        all((np.diff(velocity) > 0).all() for velocity in settled.values()),
+        sweep.by_curve({k_c: f"{(np.diff(v) > 0).sum()} of {v.size - 1} steps rise" for k_c, v in settled.items()}),
     )
     yield section_4_2.claim(
         "An increase in k_c leads to a decrease in V_p",
@@ -108,7 +106,7 @@ def statements(table: Table) -> Statements:
         "When k_t is about 90 N/m, the curve of the largest contact stiffness suddenly changes its slope",
         "90 N/m",
         slope_break(table, 1e5),
-        fitted=True,
+        basis=Basis.IDENTIFIED,
         why="The accelerations of the trapezoid, which the paper does not print, were identified with this break.",
     )
     yield section_4_2.claim(
@@ -116,5 +114,5 @@ def statements(table: Table) -> Statements:
         abs(onset - slope_break(table, 1e5)) <= 2.0 and (before, after) == (1, 2),
         f"{before} contact below k_t = {onset:.3f} N/m, {after} above",
         "the number of contacts goes from 1 to 2 within 2 N/m of the break in slope",
-        fitted=True,
+        basis=Basis.IDENTIFIED,
     )

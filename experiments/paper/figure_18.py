@@ -4,7 +4,7 @@ from functools import partial
 
 from experiments.paper import stiffness_sweep as sweep
 from experiments.paper.layouts import Panels, panels
-from experiments.paper.statements import Statements, section_4_1, section_4_2
+from experiments.paper.statements import Basis, Statements, section_4_1, section_4_2
 from experiments.paper.tables import Table
 
 TITLE = "Effects of the impulses of the damping and elastic forces on V_p, e = 0.1"
@@ -42,6 +42,7 @@ def statements(table: Table) -> Statements:
         ordered[at],
         f"{soft[at]:.4f}, {middle[at]:.4f}, {stiff[at]:.4f} m/s at k_c = 1e3, 1e4, 1e5",
         "in this order at k_t = 150 N/m",
+        basis=Basis.REPEATED,
     )
     yield section_4_1.claim(
         "The impulse of the decoupling system increases V_p: V_p rises with k_t",

@@ -18,6 +18,10 @@ REDUCED_MASS = TOOL_MASS * OBJECT_MASS / (TOOL_MASS + OBJECT_MASS)  # kg
 STEADY = ig.Trapezoid(MOTION.speed, MOTION.acceleration)  # without a brake
 TITLES = {0: "(a) tool fixed to the robot", 1: "(b) tool decoupled from the robot"}
 STIFFNESSES = np.logspace(3.0, 6.0, 25)  # N/m^1.5
+NAMES = (
+    "free", "contact_stiffness", "restitution", "peak_force", "duration", "object_velocity", "penetration",
+    "separation_velocity",
+)  # fmt: skip
 RESTITUTIONS = (0.1, 0.3, 0.5, 0.7, 0.9, 1.0)  # as given to eq. 7
 
 
@@ -26,14 +30,14 @@ def sweep(pairs: Iterable[tuple[float, float]]) -> Table:
     rows = []
     for stiffness, restitution in pairs:
         for free, mass in enumerate((OBJECT_MASS, REDUCED_MASS)):
-            outcome = ig.simulate(rigid(stiffness, restitution, object_mass=mass), STEADY, duration=2.0)
+            outcome = ig.simulate(rigid(stiffness, restitution, object_mass=mass), STEADY, duration=2.0, trace=True)
             (contact,) = outcome.contacts
             if contact.end is None:
                 raise RuntimeError(f"k_c = {stiffness:g}, e = {restitution:g}: the contact lasts beyond the run")
-            velocity = contact.impulse / OBJECT_MASS
-            rows.append((free, stiffness, restitution, contact.peak_force, contact.end - contact.start, velocity))
-    names = ("free", "contact_stiffness", "restitution", "peak_force", "duration", "object_velocity")
-    return from_rows(names, rows)
+            results = contact.peak_force, contact.end - contact.start, contact.impulse / OBJECT_MASS
+            penetration = np.max(outcome.trace.tool_position - outcome.trace.object_position)
+            rows.append((free, stiffness, restitution, *results, penetration, contact.separation_velocity))
+    return from_rows(NAMES, rows)
 
 
 def draw(grid: Panels, table: Table, column: str, label: str) -> None:

@@ -13,7 +13,7 @@ from experiments.lab import page
 from experiments.paper import tables
 from experiments.paper.catalogue import NAMES, heading, load
 from experiments.paper.contradictions import contradictions
-from experiments.paper.statements import Verdict
+from experiments.paper.statements import Basis, Verdict
 
 Entry = namedtuple("Entry", ["name", "heading", "module", "statements"])
 """A figure on the page."""
@@ -60,10 +60,12 @@ def write(folder: Path, run: Mapping[str, Any]) -> Path:
         folder,
         "paper",
         entries=entries,
-        counts=Counter(statement.verdict for statement in every),
         total=len(every),
-        fitted=[statement for statement in every if statement.fitted],
+        bases=Counter(statement.basis for statement in every),
+        counts=Counter(statement.verdict for statement in every),
+        tested=Counter(statement.verdict for statement in every if statement.basis is Basis.TEST),
         verdicts=Verdict,
+        basis=Basis,
         contradictions=contradictions(found),
         missing=[heading(name) if name.startswith("figure") else name for name in NAMES if name not in found],
         runs=[{**run, **circumstances("impact-gym", "numpy", "scipy", "matplotlib")}],

@@ -15,7 +15,10 @@ LINEAR = ig.SpringDamper(stiffness=50.0, damping_ratio=1.0)  # what Fig. 23 comp
 
 
 def held(
-    coupling: ig.Bistable | ig.SpringDamper, stiffness: float, restitution: float, distance: float = DISTANCE
+    coupling: ig.Bistable | ig.SpringDamper | ig.Rigid,
+    stiffness: float,
+    restitution: float,
+    distance: float = DISTANCE,
 ) -> ig.Scene:
     """Return the scene with the tool on a coupling, rigid robot; `stiffness` of the contact in N/m^1.5."""
     return ig.Scene(

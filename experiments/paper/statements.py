@@ -5,7 +5,7 @@ says 'about', one unit of the last printed digit is allowed. A trend or a compar
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from decimal import Decimal
 from enum import StrEnum
 
@@ -15,8 +15,18 @@ class Verdict(StrEnum):
 
     DIGITS = "agrees to the printed digits"
     AGREES = "agrees"
+    ONE_READING = "agrees in one of two readings"
     DISAGREES = "disagrees"
     UNDECIDED = "cannot be decided"
+
+
+class Basis(StrEnum):
+    """What stands behind a verdict: only a TEST could have come out otherwise."""
+
+    TEST = "test"
+    IDENTIFIED = "used to identify"  # a value that the paper does not print was chosen such that this comes true
+    GIVEN = "identity or input"  # an equation of the paper evaluated, an input read back, true by construction
+    REPEATED = "said already"  # follows from another statement of the list
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +42,15 @@ class Statement:
     rule: str  # by which the verdict was computed
     digits: int | None = None  # significant digits to which we agree; None for a trend
     why: str = ""  # where we disagree, or where there is something to know
-    fitted: bool = False  # a value that the paper does not print was identified with this very statement
+    basis: Basis = Basis.TEST
+    otherwise: str = ""  # what comes of another reading of the text
+
+    def read_as(self, reading: str, holds: bool, ours: str) -> "Statement":
+        """Judge the same statement by another `reading` of the text too; it stays one statement."""
+        second = Verdict.AGREES if holds else Verdict.DISAGREES
+        differ = holds == (self.verdict == Verdict.DISAGREES)
+        verdict = Verdict.ONE_READING if differ else self.verdict
+        return replace(self, verdict=verdict, otherwise=f"Another reading, {reading}: {ours} ({second}).")
 
 
 Statements = Iterator[Statement]
@@ -53,7 +71,7 @@ class Section:
 
     name: str
 
-    def number(self, text: str, printed: str, ours: float, why: str = "", fitted: bool = False) -> Statement:
+    def number(self, text: str, printed: str, ours: float, why: str = "", basis: Basis = Basis.TEST) -> Statement:
         """Judge a number that is `printed` with its unit ("0.98 m/s"), approximate if the text says 'about'."""
         value, _, unit = printed.partition(" ")
         digits, count = agreeing_digits(value, ours)
@@ -64,20 +82,28 @@ class Section:
             rule = f"printed as approximate: within one unit of the last printed digit ({last_unit})"
             verdict = Verdict.AGREES if abs(Decimal(ours) - Decimal(value)) <= last_unit else Verdict.DISAGREES
         plain = f"{Decimal(value):f}"
-        return Statement(self.name, text, plain, f"{ours:.5g}", unit, verdict, rule, digits, why, fitted)
+        return Statement(self.name, text, plain, f"{ours:.5g}", unit, verdict, rule, digits, why, basis)
 
     def claim(
-        self, text: str, holds: bool, ours: str, rule: str, unit: str = "", why: str = "", fitted: bool = False
+        self,
+        text: str,
+        holds: bool,
+        ours: str,
+        rule: str,
+        unit: str = "",
+        why: str = "",
+        basis: Basis = Basis.TEST,
     ) -> Statement:
         """Judge a trend or a comparison: `holds` is the outcome of `rule`."""
         verdict = Verdict.AGREES if holds else Verdict.DISAGREES
-        return Statement(self.name, text, None, ours, unit, verdict, rule, None, why, fitted)
+        return Statement(self.name, text, None, ours, unit, verdict, rule, None, why, basis)
 
     def undecided(self, text: str, ours: str, why: str, unit: str = "") -> Statement:
         """Note what the text alone does not suffice to judge, and why."""
         return Statement(self.name, text, None, ours, unit, Verdict.UNDECIDED, "none", None, why)
 
 
-section_2_1, section_2_2, section_3, section_3_1, section_3_2, section_4_1, section_4_2, section_5, section_6 = map(
-    Section, ("2.1", "2.2", "3.1-3.2", "3.1", "3.2", "4.1", "4.2", "5", "6")
+section_1, section_2_1, section_2_2, section_3, section_3_1, section_3_2 = map(
+    Section, ("1", "2.1", "2.2", "3.1-3.2", "3.1", "3.2")
 )
+section_4_1, section_4_2, section_5, section_6 = map(Section, ("4.1", "4.2", "5", "6"))

@@ -15,6 +15,9 @@ from impact_gym.files import whole_file
 from impact_gym.physics import impact
 
 Table = dict[str, NDArray[Any]]
+THRESHOLD = 1.0  # N, printed in section 3.2: a smaller contact force is none that the robot feels
+FELT = f"contact only while its force exceeds the {THRESHOLD:g} N of section 3.2"
+"""Another reading of 'contact': where the coupling is involved, a force below that has a long tail."""
 
 
 def write(path: Path, table: Table) -> None:
@@ -89,6 +92,7 @@ class Run:
         self.before_contact = self._part(np.cumsum(self.contact) == 0)
         self.first_contact = self._part(self.contact == 1)
         self.during_contact = self._part(self.contact > 0)
+        self.felt_contact = self._part((self.contact == 1) & (self.trace.contact_force > THRESHOLD))
 
     def _part(self, rows: NDArray[np.bool_]) -> ig.Trace:
         return ig.Trace(*(column[rows] for column in self.trace))
@@ -154,10 +158,12 @@ class Run:
         total = np.concatenate([[0.0], np.cumsum(pieces)])[begin : end + 1]
         return time[begin : end + 1] - time[begin], total
 
-    def equation_22(self, restitution: float | None = None) -> float:
-        """Return V_p after eq. 22 with the simulated impulse, m/s; None: with the restitution that the contact had."""
+    def equation_22(self, restitution: float | None = None, impulse: float | None = None) -> float:
+        """Return V_p after eq. 22, m/s; None: the restitution that the contact had, the impulse (N s) of all of it."""
         if self.contacts != 1:
             raise ValueError(f"eq. 22 is about one contact, and here are {self.contacts}")
         v_t, v_p = float(self.during_contact.tool_velocity[0]), float(self.during_contact.object_velocity[0])
         e = self.restitution if restitution is None else restitution
-        return float(impact.free_tool(TOOL_MASS, OBJECT_MASS, v_t, v_p, e, self.impulse)[1])
+        return float(
+            impact.free_tool(TOOL_MASS, OBJECT_MASS, v_t, v_p, e, self.impulse if impulse is None else impulse)[1]
+        )

@@ -1,5 +1,7 @@
 """Instantaneous impact in closed form: the limit of a contact much stiffer than all else (paper, eq. 1-4 and 22).
 
+And what follows it, the object's slide to rest.
+
 All arguments broadcast against each other as NumPy arrays; a restitution of 0 is allowed here.
 """
 
@@ -7,6 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from impact_gym.validation import WrongTypeError, number
+
+GRAVITY = 9.80665
+"""Standard gravity, m/s^2."""
 
 Velocities = NDArray[np.float64] | np.float64
 
@@ -44,6 +49,18 @@ def free_tool(
     V_t = v_t + m_p / (m_t + m_p) * (1 + e) * (v_p - v_t) + push
     V_p = v_p - m_t / (m_t + m_p) * (1 + e) * (v_p - v_t) + push
     return V_t, V_p
+
+
+def sliding_distance(object_velocity: ArrayLike, friction: ArrayLike) -> Velocities:
+    """How far the object slides until Coulomb friction has stopped it, m: V_p^2 / (2 mu g); infinite without friction.
+
+    Raises:
+        ValueError: a velocity (m/s) is not finite or a coefficient of friction is negative.
+    """
+    v_p = _checked("object_velocity", object_velocity, "m/s")
+    deceleration = GRAVITY * _checked("friction", friction, "(no unit)", at_least=0)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        return np.where(v_p == 0.0, 0.0, v_p**2 / (2.0 * deceleration))[()]
 
 
 def _checked(field: str, values: ArrayLike, unit: str, **limits: float) -> NDArray[np.float64]:

@@ -4,8 +4,10 @@ import re
 import shutil
 import sys
 from base64 import b64encode
+from collections import Counter
 from dataclasses import replace
 from html import unescape
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,12 +25,11 @@ from experiments.paper import (
     limit_cases,
     page,
     scenes,
-    statements,
     stiffness_sweep,
     sweeps,
     tables,
 )
-from experiments.paper.statements import Verdict
+from experiments.paper.statements import Basis, Verdict
 from experiments.paper.tables import Run
 
 RUN = {"command": "python -m experiments.paper", "seconds": 1.0}
@@ -38,20 +39,24 @@ DISAGREEMENTS = {
     "figure_13": {"The collision is so short that the robot starts braking after the impact"},
     "figure_14": {
         "The mass of the object is about 48 %",
-        "The impact velocity is about 0.95 m/s",
         "With k_c = 1e5 the final velocity of the object is about 1.88 m/s",
     },
-    "figure_16": {"The increase in stiffness k_t", "The increase in damping c_t increases V_p (c_t alone"},
     "figure_17": {"Since e = 1, the relative velocity before and after the impact are equal"},
     "figure_18": {"The decrease in k_c leads to a reduction in V_p, opposite to e = 1"},
+    "figure_19": {"During the contact the velocity of the tool is lower"},
+}
+# what agrees in one reading of the text and disagrees in another; the page has both
+TWO_READINGS = {
+    "figure_16": {"The increase in stiffness k_t"},
+    "figure_17": {"... which generates a large compression"},
     "figure_19": {
         "Tool and object move almost synchronously",
         "The force of the decoupling elements is positive",
         "During the contact the decoupling system is compressed",
-        "During the contact the velocity of the tool is lower",
     },
     "figure_20": {"V_p is in agreement with eq. 22 (with the nominal e = 0.1)"},
     "figure_23": {"When the tool reaches 0.4 m/s, the effect of the collision is complete"},
+    "beyond_objects": {"The tool requires very small modifications"},
 }
 
 
@@ -96,43 +101,12 @@ def test_the_text_holds_but_where_the_page_says_why_not(name, computed):
         assert statement.ours
         assert statement.rule
         assert (statement.digits is None) == (statement.printed is None)
-        assert statement.why or statement.verdict not in (Verdict.DISAGREES, Verdict.UNDECIDED), statement.text
-    disagreeing = [statement.text for statement in found if statement.verdict == Verdict.DISAGREES]
-    expected = DISAGREEMENTS.get(name, set())
-    assert len(disagreeing) == len(expected), disagreeing
-    assert all(any(text.startswith(beginning) for text in disagreeing) for beginning in expected), disagreeing
-
-
-@pytest.mark.parametrize(
-    ("printed", "ours", "digits"),
-    [
-        ("0.98", 0.9786, (2, 2)),
-        ("0.95", 0.9786, (1, 2)),
-        ("1.88", 1.8602, (2, 3)),
-        ("5e1", 51.04, (1, 1)),
-        ("90", 89.0, (1, 2)),
-        ("2", 1.99987, (1, 1)),
-        ("0.321", 0.4, (0, 3)),
-        ("1.0", 1.049, (2, 2)),
-    ],
-)
-def test_digits_to_which_a_printed_number_is_agreed_with(printed, ours, digits):
-    assert statements.agreeing_digits(printed, ours) == digits
-
-
-@pytest.mark.parametrize(
-    ("ours", "about", "verdict"),
-    [
-        (0.9786, False, Verdict.DIGITS),
-        (0.9786, True, Verdict.DIGITS),
-        (0.972, False, Verdict.DISAGREES),
-        (0.972, True, Verdict.AGREES),
-        (0.968, True, Verdict.DISAGREES),
-    ],
-)
-def test_about_allows_one_unit_of_the_last_digit_and_no_more(ours, about, verdict):
-    text = "the velocity is about 0.98" if about else "the velocity is 0.98"
-    assert statements.Section("1").number(text, "0.98", ours).verdict == verdict
+        assert statement.why or statement.verdict in (Verdict.DIGITS, Verdict.AGREES), statement.text
+        assert statement.otherwise or statement.verdict != Verdict.ONE_READING, statement.text
+    for verdict, expected in ((Verdict.DISAGREES, DISAGREEMENTS), (Verdict.ONE_READING, TWO_READINGS)):
+        texts, beginnings = [s.text for s in found if s.verdict == verdict], expected.get(name, set())
+        assert len(texts) == len(beginnings), texts
+        assert all(any(text.startswith(beginning) for text in texts) for beginning in beginnings), texts
 
 
 def test_the_page_has_every_figure_and_needs_no_network(folder):
@@ -153,12 +127,33 @@ def test_the_page_has_every_figure_and_needs_no_network(folder):
 def test_the_summary_counts_what_is_on_the_page(folder, computed):
     every = [s for name, table in computed.items() for s in catalogue.load(name).statements(table)]
     text = unescape((folder / "index.html").read_text())
+    tests = [s for s in every if s.basis == Basis.TEST]
     assert f"<strong>{len(every)} statements</strong>" in text
-    assert f"{sum(s.verdict == Verdict.DISAGREES for s in every)} disagree</strong>" in text
-    assert all(statement.text in text for statement in every)
+    assert f"<strong>{len(tests)} remain as tests</strong>" in text
+    assert f"{sum(s.verdict == Verdict.DISAGREES for s in tests)} disagree</strong>" in text
+    listed = {Basis.IDENTIFIED: "were used", Basis.GIVEN: "are identities", Basis.REPEATED: "say again"}
+    for basis, words in listed.items():
+        assert f"<li>{sum(s.basis == basis for s in every)} {words}" in text
+    assert all(statement.text in text and statement.otherwise in text for statement in every)
     links = re.findall(r'<li><a href="#([^"]+)">', text)
-    assert len(links) == sum(s.verdict in (Verdict.DISAGREES, Verdict.UNDECIDED) for s in every)
+    assert len(links) == sum(s.verdict not in (Verdict.DIGITS, Verdict.AGREES) for s in every)
     assert all(f'id="{link}"' in text for link in links)
+
+
+def test_the_readme_tells_the_count_of_the_page(computed):
+    every = [s for name, table in computed.items() for s in catalogue.load(name).statements(table)]
+    bases, tested = Counter(s.basis for s in every), Counter(s.verdict for s in every if s.basis == Basis.TEST)
+    told = re.search(
+        r"Of (\d+) statements (\d+) were used to identify .* (\d+) are identities .* (\d+) say again .* "
+        r"Of the (\d+) that remain as tests (\d+) agree, (\d+) agree in one .* (\d+) disagree.* (\d+) cannot be",
+        " ".join((Path(__file__).parents[2] / "README.md").read_text().split()),
+    )
+    assert [int(number) for number in told.groups()] == [
+        len(every),
+        *(bases[basis] for basis in (Basis.IDENTIFIED, Basis.GIVEN, Basis.REPEATED, Basis.TEST)),
+        tested[Verdict.DIGITS] + tested[Verdict.AGREES],
+        *(tested[verdict] for verdict in (Verdict.ONE_READING, Verdict.DISAGREES, Verdict.UNDECIDED)),
+    ]
 
 
 def test_a_partial_run_keeps_the_rest(folder, tmp_path, monkeypatch):
@@ -193,11 +188,18 @@ def test_the_damping_force_changes_sign_where_the_penetration_peaks(computed):
 @pytest.mark.parametrize("e", [0.1, 0.5, 1.0])
 @pytest.mark.parametrize(("free", "mass"), [(0, limit_cases.OBJECT_MASS), (1, limit_cases.REDUCED_MASS)])
 def test_peaks_and_durations_follow_the_contact_scales(computed, e, free, mass):
-    duration, _, peak = SHAPES[e]
+    duration, penetration, peak = SHAPES[e]
     forces = tables.where(computed["figure_06"], free=free, restitution=e)
     assert forces["peak_force"] == pytest.approx(peak * forces["contact_stiffness"] ** 0.4 * mass**0.6, rel=1e-6)
+    # read off points of the trace, the highest of which lies a little beside the peak
+    assert forces["penetration"] == pytest.approx(penetration * (mass / forces["contact_stiffness"]) ** 0.4, rel=1e-4)
     times = tables.where(computed["figure_07"], free=free, restitution=e)
     assert times["duration"] == pytest.approx(duration * (mass / times["contact_stiffness"]) ** 0.4, rel=1e-6)
+
+
+def test_two_free_masses_part_as_slowly_as_the_restitution_that_eq_7_delivers(computed):
+    rows = tables.where(computed["figure_07"], free=1, restitution=0.01)
+    assert rows["separation_velocity"] == pytest.approx([0.00673400673], rel=1e-6)  # closed form with Lambert's W
 
 
 @pytest.mark.parametrize("name", ["figure_16", "figure_18"])

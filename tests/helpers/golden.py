@@ -1,4 +1,4 @@
-"""Numbers of docs/provenance.md: printed in the paper, or found for it by an independent solver at rtol 1e-11."""
+"""Numbers found by an independent solver at rtol 1e-11, none of them printed in the paper (docs/provenance.md)."""
 
 # of an isolated contact, by its restitution: duration in t0, greatest penetration in delta0, peak force in F0
 SHAPES = {

@@ -1,0 +1,126 @@
+"""The linear contact (eq. 5 with m = 1, n = 0) beside the paper's, and eq. 7 beside the law that it improves on.
+
+Left, a tool that moves at 1 m/s strikes 0.25 kg. Right, the restitution that an isolated contact delivers.
+"""
+
+import numpy as np
+
+import impact_gym as ig
+from experiments.lab.charts import FORCE, OBJECT, TOOL
+from experiments.paper.layouts import Panels, panels
+from experiments.paper.limit_cases import STEADY
+from experiments.paper.scenes import OBJECT_MASS, TOOL_MASS
+from experiments.paper.statements import Basis, Statements, section_2_2
+from experiments.paper.tables import Table, where
+
+TITLE = "The linear contact, and eq. 7 beside the law of Hunt and Crossley"
+ALT = """Left, force against time: the linear contact begins with a jump to 18 N and lets go while its spring still has
+9 N; the paper's begins and ends at zero. Right, delivered against nominal restitution: eq. 7 follows the diagonal down
+to zero, the law of Hunt and Crossley ends near 0.5."""
+RESTITUTION = 0.5
+CONTACTS = {
+    "linear": ig.Contact(5e3, RESTITUTION, "exact", stiffness_exponent=1.0, damping_exponent=0.0),
+    "paper": ig.Contact(1e5, RESTITUTION),
+}
+SPEEDS = (0.5, 1.0, 2.0)  # m/s, of the tool
+NOMINAL = np.round(np.linspace(0.01, 1.0, 100), 2)
+SMALL = 0.3  # what we call a small restitution; the paper does not say
+LAWS = {"hu-guo": "eq. 7 (Hu and Guo)", "hunt-crossley": "Hunt and Crossley"}
+NAMES = ("case", "speed", "time", "force", "elastic", "nominal", "delivered")
+"""case: a contact or a law; force, elastic: of the contact, N, nan for a law; nominal, delivered: the restitution."""
+
+
+def history(case: str, speed: float) -> list[tuple[str | float, ...]]:
+    """Simulate one contact; its rows of the table, time from the touch on (s)."""
+    contact, distance = CONTACTS[case], speed**2 / STEADY.acceleration
+    scene = ig.Scene(ig.Tool(TOOL_MASS), ig.Object(OBJECT_MASS, distance), contact)
+    outcome = ig.simulate(scene, ig.Trapezoid(speed, STEADY.acceleration), trace=True)
+    (one,), trace = outcome.contacts, outcome.trace
+    rows = np.flatnonzero((trace.time >= one.start) & (trace.time <= one.end))
+    depth = np.maximum(trace.tool_position - trace.object_position, 0.0)[rows]
+    elastic = contact.stiffness * depth**contact.stiffness_exponent
+    delivered = one.separation_velocity / one.approach_velocity
+    moments = zip(trace.time[rows] - one.start, trace.contact_force[rows], elastic, strict=True)
+    return [(case, speed, *moment, RESTITUTION, delivered) for moment in moments]
+
+
+def compute() -> Table:
+    """Simulate both contacts at every speed, and evaluate both laws."""
+    rows = [row for case in CONTACTS for speed in SPEEDS for row in history(case, speed)]
+    for law in LAWS:
+        delivered = np.asarray(ig.effective_restitution(law, NOMINAL))
+        rows += [(law, *[np.nan] * 4, *pair) for pair in zip(NOMINAL, delivered, strict=True)]
+    return {name: np.array(column) for name, column in zip(NAMES, zip(*rows, strict=True), strict=True)}
+
+
+@panels(10.6, 4.2, columns=2)
+def plot(table: Table, grid: Panels) -> None:
+    """Draw both forces at 1 m/s, and both laws."""
+    left, right = grid
+    for case, label, colour in (("linear", "linear", TOOL), ("paper", "the paper's", FORCE)):
+        rows = where(table, case=case, speed=1.0)
+        left.plot(1e3 * rows["time"], rows["force"], color=colour, label=f"{label}: force")
+        damping = np.where(rows["force"] > 0.0, rows["force"] - rows["elastic"], np.nan)  # none once it has let go
+        left.plot(1e3 * rows["time"], damping, ":", color=colour, label="damping part")
+    left.set(xlabel="time since the touch (ms)", ylabel="force (N)", title="e = 0.5")
+    for (law, label), colour in zip(LAWS.items(), (OBJECT, TOOL), strict=True):
+        rows = where(table, case=law)
+        right.plot(rows["nominal"], rows["delivered"], color=colour, label=label)
+    right.plot([0.0, 1.0], [0.0, 1.0], color="#888888", linewidth=0.8, linestyle="--", label="what is asked for")
+    right.set(xlabel="nominal restitution e", ylabel="restitution delivered")
+    for axes in grid:
+        axes.legend(fontsize=9)
+
+
+def ends(rows: Table) -> tuple[float, float]:
+    """Return the force at the touch, and that of the spring where the contact lets go, over the largest force."""
+    pushing = np.flatnonzero(rows["force"] > 0.0)
+    largest = rows["force"].max()
+    return float(rows["force"][pushing[0]] / largest), float(rows["elastic"][pushing[-1]] / largest)
+
+
+def statements(table: Table) -> Statements:
+    """Compare with section 2.2."""
+    spread = {case: np.ptp(where(table, case=case)["delivered"]) for case in CONTACTS}
+    jumps = {case: ends(where(table, case=case, speed=1.0)) for case in CONTACTS}
+    linear = where(table, case="linear", speed=1.0)["force"].max()
+    off = {law: np.abs((rows := where(table, case=law))["delivered"] - rows["nominal"]) for law in LAWS}
+    small = NOMINAL < SMALL
+    yield section_2_2.claim(
+        "The coefficient of restitution of the linear contact does not depend on the velocity before the impact, "
+        "which is a drawback",
+        spread["linear"] < 1e-6,
+        f"varies by {spread['linear']:.1g} from {SPEEDS[0]:g} to {SPEEDS[-1]:g} m/s",
+        "the same to 1e-6 at all speeds",
+        basis=Basis.GIVEN,
+        why="A linear oscillator scales with its velocity. That real contacts do not was found by experiment.",
+    )
+    yield section_2_2.claim(
+        "Its viscous component is discontinuous, since it suddenly increases at the beginning of the contact",
+        jumps["linear"][0] > 0.1,
+        f"jumps to {100 * jumps['linear'][0]:.0f} % of the largest force",
+        "more than a tenth of the largest force at the touch",
+    )
+    yield section_2_2.claim(
+        "... is not zero at the end of the contact and is opposed to the separation",
+        jumps["linear"][1] > 0.1,
+        f"the damper holds back with {linear * jumps['linear'][1]:.1f} N where it outweighs the spring",
+        "more than a tenth of the largest force where the sum of spring and damper falls to zero",
+        why="There our contact lets go. Left to itself the linear one would pull from there on.",
+    )
+    yield section_2_2.claim(
+        "A non-linear contact model overcomes most of the above-mentioned limits",
+        max(jumps["paper"]) < 1e-3 and spread["paper"] < 1e-6,
+        f"begins and ends within {max(jumps['paper']):.0e} of the largest force; its restitution varies by "
+        f"{spread['paper']:.1g} over the speeds",
+        "begins and ends below 1/1000 of its largest force; of the three limits it may keep one",
+        why="It keeps the first: chi of eq. 7 falls with the approach velocity, so that the restitution does not "
+        "depend on it either.",
+    )
+    yield section_2_2.claim(
+        "Eq. 7 improves the model of Hunt and Crossley and extends its validity to small restitution coefficients",
+        (off["hu-guo"] < off["hunt-crossley"])[small].all() and off["hu-guo"][small].max() < 0.05,
+        f"below e = {SMALL:g} eq. 7 is off by at most {off['hu-guo'][small].max():.3f}, theirs by up to "
+        f"{off['hunt-crossley'][small].max():.2f}",
+        f"below e = {SMALL:g} nearer to e than theirs everywhere, and within 0.05 of it",
+    )
