@@ -1,4 +1,4 @@
-"""Search for settings: `python -m agents.tune_training [SETUP] --algo ppo --trials 16`.
+"""Search for settings: `python -m agents.tune_training [SETUP] --trials 16`.
 
 Each trial is a short training, judged by the best score it reaches on the validation set; one that is worse than the
 median of those before it at the same step is given up. The study is a journal below runs/search: the same command goes
@@ -13,7 +13,6 @@ import shutil
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -28,28 +27,19 @@ from agents.command_line import command_line
 from agents.setups import load_setup
 from agents.train.callback import CollapsedError
 from agents.train.run import made_for, provenance, train, write_json
-from agents.train.settings import Algorithm, Settings, default_settings, with_changes
+from agents.train.settings import Settings, default_settings, with_changes
 from impact_gym.validation import whole
 
 STUDIES = Path(__file__).parent / "studies"
-ON_POLICY = {
+SPACE: dict[str, BaseDistribution] = {
     "learning_rate": FloatDistribution(3e-4, 3e-3, log=True),
     "batch": CategoricalDistribution([1024, 2048, 4096]),
     "weight_power": CategoricalDistribution([0.0, 0.5, 1.0]),
-    "on_policy.rollout": CategoricalDistribution([32, 64]),
-    "on_policy.epochs": IntDistribution(1, 3),
-    "on_policy.gae_lambda": CategoricalDistribution([0.9, 0.95, 0.98, 1.0]),
-    "on_policy.log_std": FloatDistribution(-2.0, -0.7),
+    "rollout": CategoricalDistribution([32, 64]),
+    "epochs": IntDistribution(1, 3),
+    "gae_lambda": CategoricalDistribution([0.9, 0.95, 0.98, 1.0]),
+    "log_std": FloatDistribution(-2.0, -0.7),
 }
-OFF_POLICY = {
-    "learning_rate": FloatDistribution(1e-4, 3e-3, log=True),
-    "batch": CategoricalDistribution([256, 512, 1024]),
-    "weight_power": CategoricalDistribution([0.0, 0.5, 1.0]),
-    "off_policy.tau": FloatDistribution(2e-3, 2e-2, log=True),
-}
-SPACES: dict[str, dict[str, BaseDistribution]] = {
-    "ppo": ON_POLICY, "recurrent_ppo": ON_POLICY, "sac": OFF_POLICY, "tqc": OFF_POLICY,
-}  # fmt: skip
 """What is looked for; all other settings stay as they are."""
 COUNTS = ("trials", "steps", "validate_every", "validation_scenarios")
 
@@ -60,8 +50,6 @@ class Search:
 
     setup: tyro.conf.Positional[str] = "linear-blind"
     """Name or file of the set-up that is trained for."""
-    algo: Algorithm = "ppo"
-    """Whose settings are looked for."""
     trials: int = 16
     """How many trials the study shall have in the end; those it has already count."""
     steps: int = 3_000_000
@@ -80,21 +68,21 @@ class Search:
             whole(name, getattr(self, name), at_least=1)
 
 
-def search(options: Search, start: Settings | None = None) -> Path:
-    """Run the trials that are missing from `start`, or the set-up's settings; return the path of the summary."""
+def search(options: Search) -> Path:
+    """Run the trials that are missing, and return the path of the summary."""
     start = replace(
-        start or default_settings(options.setup, options.algo),
+        default_settings(options.setup),
         steps=options.steps,
         validate_every=options.validate_every,
         validation_scenarios=options.validation_scenarios,
         checkpoint_every=options.steps,
     )
-    setup, space = load_setup(options.setup), SPACES[options.algo]
-    label = f"{setup.name}-{options.algo}"
-    summary = (options.summaries or (STUDIES if setup.shipped else setup.folder)) / f"{label}.json"
-    content = json.dumps([made_for(start), {name: vars(one) for name, one in space.items()}], sort_keys=True)
+    setup = load_setup(options.setup)
+    folder = options.summaries or (STUDIES if setup.shipped else setup.folder)
+    summary = folder / f"{setup.name}.json"
+    content = json.dumps([made_for(start), {name: vars(one) for name, one in SPACE.items()}], sort_keys=True)
     digest = hashlib.sha256(content.encode()).hexdigest()[:8]  # another study where that has changed
-    name = f"{label}-{options.steps}-{digest}"
+    name = f"{setup.name}-{options.steps}-{digest}"
     options.journals.mkdir(parents=True, exist_ok=True)
     study = optuna.create_study(
         storage=JournalStorage(JournalFileBackend(str(options.journals / f"{name}.journal"))),
@@ -105,14 +93,14 @@ def search(options: Search, start: Settings | None = None) -> Path:
     for killed in study.get_trials(states=(TrialState.RUNNING,)):
         study.tell(killed.number, state=TrialState.FAIL)
     if not study.trials:
-        values = {setting: attrgetter(setting)(start) for setting in space}  # what is to be beaten
-        study.enqueue_trial({setting: value for setting, value in values.items() if _holds(space[setting], value)})
+        values = {setting: getattr(start, setting) for setting in SPACE}  # what is to be beaten
+        study.enqueue_trial({setting: value for setting, value in values.items() if _holds(SPACE[setting], value)})
     while len(_finished(study)) < options.trials:
         # seeded anew in each process, so with another seed, or it would suggest the same again
         study.sampler = optuna.samplers.TPESampler(seed=len(study.trials), n_startup_trials=6)
-        trial = study.ask(space)
+        trial = study.ask(SPACE)
         settings = replace(
-            with_changes(start, _nested(trial.params)),
+            with_changes(start, trial.params),
             seed=1000 + trial.number,  # none of those that train-all uses
             out=options.journals / f"{name}-{trial.number}",
         )
@@ -151,15 +139,6 @@ def _holds(distribution: BaseDistribution, value: Any) -> bool:
     return distribution.low <= value <= distribution.high
 
 
-def _nested(parameters: dict[str, Any]) -> dict[str, Any]:
-    """Return settings by name, those of a group below its name."""
-    result: dict[str, Any] = {}
-    for name, value in parameters.items():
-        group, _, setting = name.rpartition(".")
-        (result.setdefault(group, {}) if group else result)[setting] = value
-    return result
-
-
 def _summary(study: optuna.Study, start: Settings, options: Search) -> dict[str, Any]:
     trials = [
         {
@@ -172,8 +151,8 @@ def _summary(study: optuna.Study, start: Settings, options: Search) -> dict[str,
         for trial in _finished(study)
     ]
     best = study.best_trial
-    found = {"number": best.number, "score": best.value, "settings": _nested(best.params)}
-    words = ["python", "-m", "agents.tune_training", options.setup, "--algo", options.algo]
+    found = {"number": best.number, "score": best.value, "settings": best.params}
+    words = ["python", "-m", "agents.tune_training", options.setup]
     for name in COUNTS:
         words += [f"--{name}".replace("_", "-"), str(getattr(options, name))]
     return {"best": found, **provenance(start), "command": shlex.join(words), "trials": trials}
@@ -181,12 +160,7 @@ def _summary(study: optuna.Study, start: Settings, options: Search) -> dict[str,
 
 def training_table(settings: Mapping[str, Any]) -> str:
     """Return settings as the table [training] of a set-up."""
-    plain = {name: value for name, value in settings.items() if not isinstance(value, dict)}
-    groups = {f"training.{name}": value for name, value in settings.items() if isinstance(value, dict)}
-    lines = []
-    for name, values in {"training": plain, **groups}.items():
-        lines += [f"[{name}]", *(f"{key} = {json.dumps(value)}" for key, value in values.items()), ""]
-    return "\n".join(lines)
+    return "\n".join(["[training]", *(f"{key} = {json.dumps(value)}" for key, value in settings.items()), ""])
 
 
 def main() -> None:

@@ -22,7 +22,7 @@ from impact_gym import __version__
 
 ID, SCALE, BATCH_SCALE = "ImpactApproach-v0", "Pendulum-v1", "CartPole-v1"
 LEARNING = ("torch", "stable-baselines3")
-PACKAGES = ("numpy", "scipy", "gymnasium", *LEARNING, "sb3-contrib", "pygame", "mujoco")
+PACKAGES = ("numpy", "scipy", "gymnasium", *LEARNING, "pygame", "mujoco")
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 SIZES, QUICK_SIZES = (64, 256, 1024, 4096, 16384), (64, 1024)  # environments in a batch
 LEARN_ENVS, ROLLOUT = 512, 64  # environments of PPO, and steps of each between two updates, as in `agents.train`

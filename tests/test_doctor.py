@@ -15,10 +15,10 @@ from impact_gym import doctor
 from impact_gym.doctor import Rate
 
 HEALTHY = {"cores": 4, "usable": 4, "memory": 16.0, "load": 0.1, "debug": False}
-EXTRAS = ("torch", "stable-baselines3", "sb3-contrib", "pygame", "mujoco")
+EXTRAS = ("torch", "stable-baselines3", "pygame", "mujoco")
 BARRED = (
     "import runpy, sys\n"
-    "sys.modules.update(dict.fromkeys(['torch', 'stable_baselines3', 'sb3_contrib', 'pygame', 'mujoco', 'rich']))\n"
+    "sys.modules.update(dict.fromkeys(['torch', 'stable_baselines3', 'pygame', 'mujoco', 'rich']))\n"
     "sys.argv = ['doctor', '--quick']\n"
     "runpy.run_module('impact_gym.doctor', run_name='__main__')"
 )
@@ -57,7 +57,7 @@ def test_it_reports_versions_machine_rates_and_advice_on_stdout_and_progress_on_
     found = sections(said)
     versions = dict(map(cells, found["versions"]))
     assert versions["python"] == platform.python_version()
-    for name in ("numpy", "gymnasium", "torch", "stable-baselines3", "sb3-contrib"):
+    for name in ("numpy", "gymnasium", "torch", "stable-baselines3"):
         assert versions[name] == importlib.metadata.version(name)
     machine = dict(map(cells, found["machine"]))
     assert machine["cores, usable by this process"].startswith(f"{os.cpu_count()},")

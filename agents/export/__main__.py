@@ -28,7 +28,7 @@ from impact_gym.envs.task import Task
 Floats = NDArray[np.float32]
 AGREEMENT = 1e-6  # of actions in -1 ... 1
 SAME_COMMANDS = 1e-5  # of their range
-OBSERVATIONS, IN_A_ROW = 10_000, 100  # a recurrent policy sees so many one after the other
+OBSERVATIONS = 10_000
 
 
 @dataclass(frozen=True)
@@ -45,25 +45,20 @@ class Export:
 class Implementation:
     """What one implementation of a policy, in NumPy, C or ONNX, computes, and how fast."""
 
-    actions: Floats  # (steps, rows, 2)
+    actions: Floats  # (n, 2)
     seconds: float  # for one call with one observation
 
 
 def observations(policy: Policy) -> Floats:
-    """Return OBSERVATIONS of them, (steps, rows, n_obs)."""
+    """Return OBSERVATIONS of them, (n, n_obs)."""
     box: Any = space(Task(**policy.environment))
     drawn = np.random.default_rng(0).uniform(box.low, box.high, (OBSERVATIONS, policy.inputs))
-    steps = IN_A_ROW if policy.network.gates else 1
-    return drawn.astype(np.float32).reshape(steps, -1, policy.inputs)
+    return drawn.astype(np.float32)
 
 
 def with_numpy(policy: Policy, seen: Floats) -> Implementation:
     """Play the policy itself."""
-    state: Any = None
-    actions = np.empty((*seen.shape[:2], ACTIONS), np.float32)
-    for step, now in enumerate(seen):
-        actions[step], state = policy.predict(now, state=state)
-    return Implementation(actions, _time(lambda: policy.predict(seen[0, 0])))
+    return Implementation(policy.predict(seen)[0], _time(lambda: policy.predict(seen[0])))
 
 
 def with_onnx(policy: Policy, path: Path, seen: Floats) -> Implementation | None:
@@ -75,16 +70,8 @@ def with_onnx(policy: Policy, path: Path, seen: Floats) -> Implementation | None
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = 1
     session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
-
-    def start(rows: int) -> list[Floats]:
-        return [np.zeros((rows, policy.network.width), np.float32)] * (2 if policy.network.gates else 0)
-
-    names = [one.name for one in session.get_inputs()]
-    actions, state = np.empty((*seen.shape[:2], ACTIONS), np.float32), start(seen.shape[1])
-    for step, now in enumerate(seen):
-        actions[step], *state = session.run(None, dict(zip(names, [now, *state], strict=True)))
-    one = dict(zip(names, [seen[0, :1], *start(1)], strict=True))
-    return Implementation(actions, _time(lambda: session.run(None, one)))
+    (actions,) = session.run(None, {"observation": seen})
+    return Implementation(actions, _time(lambda: session.run(None, {"observation": seen[:1]})))
 
 
 def with_c(policy: Policy, path: Path, seen: Floats) -> Implementation | None:
@@ -93,9 +80,9 @@ def with_c(policy: Policy, path: Path, seen: Floats) -> Implementation | None:
         program = compiled(policy, path, Path(folder), program="network.c.jinja")
     if program is None:
         return None
-    actions = np.empty((*seen.shape[:2], ACTIONS), np.float32)
+    actions = np.empty((len(seen), ACTIONS), np.float32)
     begun = time.perf_counter()
-    program.play(*seen.shape[:2], address(seen), address(actions))
+    program.play(len(seen), address(seen), address(actions))
     return Implementation(actions, (time.perf_counter() - begun) / OBSERVATIONS)
 
 

@@ -46,7 +46,6 @@ def header(policy: Policy, name: str) -> str:
         task=task,
         network=network,
         layers=layers,
-        cells=network.width,
         widest=max(max(layer.weight.shape) for layer in layers),
         activations={activation: C_ACTIVATIONS[activation] for activation in used},
         controlled=has_controller(policy),

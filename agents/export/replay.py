@@ -80,7 +80,6 @@ def compiled(
         name=identifier(header.stem),
         fields=len(sensor_fields(Task(**policy.environment))),
         inputs=policy.inputs,
-        recurrent=policy.network.gates is not None,
     )
     library = folder / f"{header.stem}-{len(language)}.so"
     flags = [*LANGUAGES[language], "-O2", "-ffp-contract=off", *WARNINGS, "-shared", "-fPIC", "-"]

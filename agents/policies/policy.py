@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.archive import read_archive, write_archive
-from agents.policies.networks import Network, State, from_arrays, to_arrays
+from agents.policies.networks import Network, from_arrays, to_arrays
 from impact_gym.envs import observation as observations
 from impact_gym.envs.task import Task
 
@@ -62,30 +62,27 @@ class Policy:
     def predict(
         self,
         observation: NDArray[np.float32],
-        state: State | None = None,
+        state: Any = None,
         episode_start: NDArray[np.bool_] | bool | None = None,
         deterministic: bool = True,
     ) -> tuple[NDArray[np.float32], Any]:
-        """Return the action for an observation (n_obs,) or the actions for a batch of them (n, n_obs), and a state.
+        """Return the action for an observation (n_obs,) or the actions for a batch of them (n, n_obs), and `state`.
 
-        A recurrent policy needs the state back at the next call, and `episode_start` where an episode begins; others
-        hand it through. Unlike in stable-baselines3, deterministic is the default: it is what the policy was judged by.
+        It remembers nothing, so that `state` and `episode_start` change nothing. Unlike in stable-baselines3,
+        deterministic is the default: it is what the policy was judged by.
         """
         seen = np.asarray(observation, np.float32)
         if seen.ndim == 0 or seen.shape[-1] != self.inputs:
             raise ValueError(f"the policy takes {self.inputs} numbers, the observation has the shape {seen.shape}")
         if not np.isfinite(seen).all():
             raise ValueError("the observation must be finite")
-        if self.network.gates and state is not None and episode_start is not None:
-            going_on = ~np.asarray(episode_start, np.bool_).reshape(*seen.shape[:-1], 1)
-            state = np.where(going_on, state[0], 0), np.where(going_on, state[1], 0)
-        latent, state = self.network.latent(seen, state)
+        latent = self.network.latent(seen)
         action = self.network.mean(latent)
         if not deterministic:
-            sigma = np.exp(np.clip(self.network.log_std(latent), -20.0, 2.0))  # limits as in stable-baselines3's SAC
+            sigma = np.exp(self.network.log_std(latent))
             noise = sigma * self._noise.standard_normal(action.shape, np.float32)
             action = (action + noise).astype(np.float32)
-        return self.network.action(action), state
+        return np.clip(action, np.float32(-1.0), np.float32(1.0)), state
 
     def differs_in(self, task: Task) -> list[str]:
         """Return the arguments in which a task is another than the one that the policy was trained for."""

@@ -1,4 +1,4 @@
-"""Train a policy: `python -m agents.train [SETUP] --algo ppo`. Writes a run folder and prints its path."""
+"""Train a policy: `python -m agents.train [SETUP]`. Writes a run folder and prints its path."""
 
 import sys
 

@@ -14,9 +14,8 @@ from agents.evaluate import Validation
 from agents.policies.policy import Policy
 from agents.setups import load_setup
 from agents.train import checkpoint
-from agents.train.algorithms import policy_from
 from agents.train.logs import STEPS
-from agents.train.ppo import ScaledRewards
+from agents.train.ppo import ScaledRewards, policy_from
 from agents.train.settings import Settings
 
 OBJECTIVES = ("object_velocity", "approach_time", "peak_force", "missed")
@@ -147,11 +146,10 @@ class TrainingCallback(BaseCallback):
     def _collapse(self, reason: str) -> CollapsedError:
         """Return what to raise: the reason, the step, and what to try."""
         settings = self._settings
-        less = f" or on_policy.log_std below {settings.on_policy.log_std:g}" if "ppo" in settings.algo else ""
         return CollapsedError(
             f"the training collapsed after {self.num_timesteps:,} of {settings.whole_steps:,} steps: {reason}. Try a"
-            f" learning_rate below {settings.learning_rate:g}{less}, and see with `python -m agents.setup"
-            f" {settings.setup}` whether the objects can be reached at all"
+            f" learning_rate below {settings.learning_rate:g} or log_std below {settings.log_std:g}, and see with"
+            f" `python -m agents.setup {settings.setup}` whether the objects can be reached at all"
         )
 
     def _write_row(self) -> None:

@@ -1,6 +1,6 @@
 """Checkpoints: all that a training goes on from, so that it ends as if nothing had interrupted it.
 
-Taken between two rollouts, when the rollout buffer is empty: networks, optimisers, counters, the replay buffer, the
+Taken between two rollouts, when the rollout buffer is empty: networks, optimisers, counters, the
 random states of torch, NumPy and Python, the environments with their generators, and what the log has not written yet.
 """
 
@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from sb3_contrib.common.recurrent.type_aliases import RNNStates
 from stable_baselines3.common.base_class import BaseAlgorithm
 
 from agents.archive import read_archive, write_archive
@@ -20,7 +19,6 @@ from agents.train.ppo import ScaledRewards
 
 FORMAT = "impact_gym checkpoint 1"
 COUNTERS = ("num_timesteps", "_n_updates", "_episode_num", "_current_progress_remaining")
-REPLAY = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
 
 
 def write(path: Path, model: BaseAlgorithm, environment: ScaledRewards, callback_state: Mapping[str, Any]) -> None:
@@ -64,21 +62,13 @@ def _pending(model: BaseAlgorithm) -> tuple[dict[str, Any], ...]:
 
 
 def _model_state(model: Any) -> dict[str, Any]:
-    state = {
+    return {
         "parameters": model.get_parameters(),
         "variables": {name: getattr(model, name) for name in model._get_torch_save_params()[1]},
         "counters": {name: getattr(model, name) for name in COUNTERS},
         "last": (model._last_obs, model._last_episode_starts),
         "action_space": model.action_space.np_random.bit_generator.state,
     }
-    if hasattr(model, "_last_lstm_states"):
-        state["lstm"] = tuple(model._last_lstm_states)
-    if getattr(model, "replay_buffer", None) is not None:
-        buffer = model.replay_buffer
-        filled = buffer.size()
-        state["replay"] = {name: getattr(buffer, name)[:filled] for name in REPLAY}
-        state["replay"] |= {"pos": buffer.pos, "full": buffer.full}
-    return state
 
 
 def _restore_model(model: Any, state: Mapping[str, Any]) -> None:
@@ -91,13 +81,6 @@ def _restore_model(model: Any, state: Mapping[str, Any]) -> None:
     model._last_obs, model._last_episode_starts = state["last"]
     model._last_original_obs = model._last_obs
     model.action_space.np_random.bit_generator.state = state["action_space"]
-    if "lstm" in state:
-        model._last_lstm_states = RNNStates(*state["lstm"])
-    if "replay" in state:
-        buffer = model.replay_buffer
-        for name in REPLAY:
-            getattr(buffer, name)[: len(state["replay"][name])] = state["replay"][name]
-        buffer.pos, buffer.full = state["replay"]["pos"], state["replay"]["full"]
 
 
 def _pack(value: Any, arrays: dict[str, NDArray[Any]]) -> Any:

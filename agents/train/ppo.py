@@ -1,4 +1,4 @@
-"""PPO from top to bottom: what it plays in, what its networks see and are made of, and every number that it is given.
+"""PPO from top to bottom: what it plays in, what its networks see, every number that it is given, what it has learned.
 
 The numbers are in `agents.train.settings`; a set-up's file says which of them it wants otherwise.
 """
@@ -15,8 +15,8 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
-from agents.policies.networks import Affine
-from agents.policies.policy import observation_table
+from agents.policies.networks import Affine, Network
+from agents.policies.policy import Policy, observation_table
 from agents.train.closed_form import ActorAndCritic, ClosedFormPPO, Tanh
 from agents.train.imitation import Pupil, Teacher, time_weights
 from agents.train.settings import Settings
@@ -84,51 +84,55 @@ def make_environment(settings: Settings) -> ScaledRewards:
     return ScaledRewards(envs, settings.weight_power)
 
 
-def ppo(settings: Settings, environment: VecEnv) -> ClosedFormPPO:
+def make_model(settings: Settings, environment: VecEnv) -> ClosedFormPPO:
     """Return a model that has learned nothing yet; the discount is 1, as an episode ends and its sum is what counts."""
-    on = settings.on_policy
-    network = network_arguments(settings) | {"seen": len(entry_names(settings.environment))}
-    arguments = {"policy": ActorAndCritic, "policy_kwargs": network, **on_policy_arguments(settings, environment)}
-    if not on.teacher:
-        return ClosedFormPPO(**arguments)
-    return Pupil(teacher=Teacher(settings.setup, on.teacher), until=on.taught, **arguments)
-
-
-def on_policy_arguments(settings: Settings, environment: VecEnv) -> dict[str, Any]:
-    """Return what PPO is given, recurrent or not, but for its network."""
-    on = settings.on_policy
-    return {
-        "env": environment,
-        "n_steps": on.rollout,
-        "batch_size": min(settings.batch, settings.round),
-        "n_epochs": on.epochs,
-        "learning_rate": settings.rate,
-        "gamma": 1.0,
-        "gae_lambda": on.gae_lambda,
-        "clip_range": on.clip,
-        "ent_coef": on.entropy,
-        "seed": settings.seed,
-        "device": "cpu",
-    }
-
-
-def network_arguments(settings: Settings) -> dict[str, Any]:
-    """Return what the networks of PPO are made of."""
-    return {
-        **layer_arguments(settings),
-        "log_std_init": settings.on_policy.log_std,
-        "optimizer_kwargs": {"eps": 1e-5, "fused": True},
-    }
-
-
-def layer_arguments(settings: Settings) -> dict[str, Any]:
-    """Return what the networks of every algorithm have in common."""
-    return {
+    network = {
+        "seen": len(entry_names(settings.environment)),
         "net_arch": [settings.width] * settings.depth,
         "activation_fn": {"tanh": Tanh, "relu": torch.nn.ReLU}[settings.activation],
         "features_extractor_class": Standardised,
         "features_extractor_kwargs": {"names": entry_names(settings.training_environment)},
+        "log_std_init": settings.log_std,
+        "optimizer_kwargs": {"eps": 1e-5, "fused": True},
     }
+    arguments: dict[str, Any] = {
+        "policy": ActorAndCritic,
+        "policy_kwargs": network,
+        "env": environment,
+        "n_steps": settings.rollout,
+        "batch_size": min(settings.batch, settings.round),
+        "n_epochs": settings.epochs,
+        "learning_rate": settings.rate,
+        "gamma": 1.0,
+        "gae_lambda": settings.gae_lambda,
+        "clip_range": settings.clip,
+        "ent_coef": settings.entropy,
+        "seed": settings.seed,
+        "device": "cpu",
+    }
+    if not settings.teacher:
+        return ClosedFormPPO(**arguments)
+    return Pupil(teacher=Teacher(settings.setup, settings.teacher), until=settings.taught, **arguments)
+
+
+def policy_from(model: ClosedFormPPO, settings: Settings, provenance: Mapping[str, Any]) -> Policy:
+    """Return a copy of what acts in a model, on NumPy."""
+    acting, mean = model.policy.mlp_extractor.policy_net, model.policy.action_net
+    linear = [layer for layer in acting if isinstance(layer, torch.nn.Linear)]
+    layers = [_affine(f"hidden_{place}", layer) for place, layer in enumerate(linear)]
+    layers[0] = fold_in_standardisation(layers[0], entry_names(settings.environment))
+    bias = _array(model.policy.log_std)
+    log_std = Affine("log_std", np.zeros((len(bias), mean.in_features), np.float32), bias)
+    network = Network(tuple(layers), _affine("mean", mean), log_std, settings.activation)
+    return Policy(network, settings.environment, provenance)
+
+
+def _affine(name: str, layer: torch.nn.Linear) -> Affine:
+    return Affine(name, _array(layer.weight), _array(layer.bias))
+
+
+def _array(tensor: torch.Tensor) -> NDArray[np.float32]:
+    return tensor.detach().numpy().copy()
 
 
 def entry_names(environment: Mapping[str, Any]) -> list[str]:
@@ -158,9 +162,8 @@ class Standardised(BaseFeaturesExtractor):
 
 
 def fold_in_standardisation(layer: Affine, names: Sequence[str]) -> Affine:
-    """Return a layer that does to observations what `layer` does to standardised ones, which are its first inputs."""
+    """Return a layer that does to observations what `layer` does to standardised ones."""
     centre, spread = centres_and_spreads(names)
-    weight = layer.weight.astype(np.float64)
-    weight[:, : len(names)] /= spread
-    bias = layer.bias - weight[:, : len(names)] @ centre
+    weight = layer.weight / spread
+    bias = layer.bias - weight @ centre
     return Affine(layer.name, weight.astype(np.float32), bias.astype(np.float32))

@@ -25,16 +25,15 @@ from agents.setups import load_setup
 from agents.setups.feasible import warnings
 from agents.setups.keys import within
 from agents.train import checkpoint
-from agents.train.algorithms import make_model
 from agents.train.callback import CollapsedError, OnValidation, TrainingCallback
 from agents.train.imitation import Teacher
 from agents.train.logs import outputs
-from agents.train.ppo import make_environment
+from agents.train.ppo import make_environment, make_model
 from agents.train.settings import FIRST_SEED, SLOTS, Settings, as_json, command, from_json
 from impact_gym.envs.task import Task
 from impact_gym.files import whole_file
 
-PACKAGES = ("impact-gym", "gymnasium", "numpy", "scipy", "stable-baselines3", "sb3-contrib", "torch")
+PACKAGES = ("impact-gym", "gymnasium", "numpy", "scipy", "stable-baselines3", "torch")
 
 
 def train(settings: Settings, on_validation: OnValidation | None = None) -> Path:
@@ -51,7 +50,7 @@ def train(settings: Settings, on_validation: OnValidation | None = None) -> Path
         for sentence in warnings(Task(**settings.environment)):
             print(f"warning: {sentence}")
     stamp, name = datetime.now(UTC).strftime("%Y%m%d-%H%M%S"), load_setup(settings.setup).name
-    folder = settings.out or Path("runs") / f"{stamp}-{name}-{settings.algo}-seed{settings.seed}"
+    folder = settings.out or Path("runs") / f"{stamp}-{name}-seed{settings.seed}"
     folder.mkdir(parents=True)
     write_json(folder / "config.json", provenance(settings))
     return resume(folder, on_validation)
@@ -93,7 +92,7 @@ def _run(folder: Path, settings: Settings, record: dict[str, Any], on_validation
         model.learn(
             settings.whole_steps - model.num_timesteps,
             callback=callback,
-            log_interval=None,  # the callback writes the log, for every algorithm alike
+            log_interval=None,  # the callback writes the log
             reset_num_timesteps=not saved.is_file(),
             progress_bar=sys.stderr.isatty(),
         )
@@ -155,7 +154,7 @@ def write_json(path: Path, content: Any) -> None:
 def made_for(settings: Settings) -> dict[str, Any]:
     """Return what a run was made for, as JSON gives it back: environment, validation weights, and who teaches."""
     weights = load_setup(settings.setup).evaluation.weights
-    named = settings.on_policy.teacher
+    named = settings.teacher
     teacher = {"teacher": Teacher(settings.setup, named).checksum} if named else {}
     return json.loads(json.dumps({"environment": settings.environment, "weights": weights, **teacher}))
 

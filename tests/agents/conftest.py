@@ -19,7 +19,6 @@ envs = 16
 batch = 64
 validation_scenarios = 10
 seeds = 2
-[training.on_policy]
 rollout = 16
 [baselines]
 budget = 16

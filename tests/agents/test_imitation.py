@@ -13,13 +13,12 @@ from agents.baselines.rule import ALARM, SINCE_ALARM
 from agents.baselines.tuned import load_baseline
 from agents.evaluate.stage import Stage
 from agents.setups import load_setup
-from agents.train.algorithms import make_model, policy_from
 from agents.train.imitation import Teacher, time_weights
-from agents.train.ppo import make_environment
+from agents.train.ppo import make_environment, make_model, policy_from
 from agents.train.run import resume, train
 
 pytestmark = pytest.mark.usefixtures("one_thread")
-TAUGHT = replace(TINY, on_policy=replace(TINY.on_policy, teacher="blind-profile", taught=2048))
+TAUGHT = replace(TINY, teacher="blind-profile", taught=2048)
 
 
 def observations_at(weights, steps=40, **options):
@@ -75,7 +74,7 @@ def test_where_readings_raise_the_alarm_a_teacher_is_told_of_the_touch_and_of_no
 
 
 def test_a_pupil_follows_the_gradient_of_its_squared_error():
-    settings = replace(TAUGHT, batch=256, on_policy=replace(TAUGHT.on_policy, epochs=1))
+    settings = replace(TAUGHT, batch=256, epochs=1)
     environment = make_environment(settings)
     environment.seed(3)
     model = make_model(settings, environment)
@@ -101,7 +100,7 @@ def test_a_pupil_follows_the_gradient_of_its_squared_error():
 
 def test_a_pupil_soon_does_nearly_as_well_as_its_teacher():
     settings = replace(TAUGHT, steps=150_000, envs=128, batch=512, learning_rate=3e-3, width=32)
-    settings = replace(settings, on_policy=replace(settings.on_policy, rollout=32, taught=150_000))
+    settings = replace(settings, rollout=32, taught=150_000)
     environment = make_environment(settings)
     environment.seed(3)
     model = make_model(settings, environment)
@@ -123,7 +122,7 @@ def test_a_pupil_soon_does_nearly_as_well_as_its_teacher():
 @pytest.mark.storm
 @pytest.mark.parametrize("taught", [1024, 4096])
 def test_an_interrupted_pupil_ends_as_one_that_is_not(tmp_path, taught):
-    settings = replace(TAUGHT, on_policy=replace(TAUGHT.on_policy, taught=taught))
+    settings = replace(TAUGHT, taught=taught)
     whole = train(replace(settings, out=tmp_path / "whole"))
     interrupted(settings, tmp_path / "part", checkpoints=2)
     np.random.seed(7)  # noqa: NPY002 - stable-baselines3 draws from it
@@ -137,5 +136,5 @@ def test_an_interrupted_pupil_ends_as_one_that_is_not(tmp_path, taught):
 def test_who_cannot_teach_is_named_before_anything_is_trained(tmp_path, setup, teacher, words):
     settings = replace(TAUGHT, setup=setup, out=tmp_path / "run")
     with pytest.raises(ValueError, match=words):
-        train(replace(settings, on_policy=replace(settings.on_policy, teacher=teacher)))
+        train(replace(settings, teacher=teacher))
     assert not (tmp_path / "run" / "checkpoint.npz").exists()

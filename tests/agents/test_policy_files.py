@@ -122,7 +122,7 @@ def test_reading_a_policy_runs_no_code(path, tmp_path):
 
 def layers(**changed):
     """Return the content of a file with one layer, some of it changed, and its arrays."""
-    network = {"activation": "tanh", "squash": False, "layers": ["mean", "log_std"]}
+    network = {"activation": "tanh", "layers": ["mean", "log_std"]}
     content = {"network": network, "environment": {}, "provenance": {}}
     arrays = {"mean.weight": np.zeros((2, 8)), "mean.bias": np.zeros(2)}
     arrays |= {name.replace("mean", "log_std"): array for name, array in arrays.items()}
@@ -142,6 +142,8 @@ def layers(**changed):
     ({"layers": ["mean", "log_std", "hidden_0"]}, "hidden_0"),
     ({"layers": []}, "mean"),
     ({"layers": 3}, ""),
+    ({"network": {"squash": True, "layers": ["mean", "log_std"]}}, "squashed or recurrent"),
+    ({"layers": ["gates", "mean", "log_std"]}, "squashed or recurrent"),
     ({"activation": "gelu"}, "activation must be one of"),
     ({"network": {}}, "layers"),
     ({"environment": {"range_noise": -1.0}}, "range_noise"),

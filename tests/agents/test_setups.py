@@ -76,8 +76,7 @@ def test_a_file_says_what_is_played(mine):
     assert there.tuned["mine-profile"].rule == "Ranged"
     assert there.folder == Path("runs/mine")
     settings = default_settings(str(mine))
-    assert (settings.steps, settings.on_policy.rollout, there.seeds, there.budget) == (2000, 16, 2, 16)
-    assert default_settings(str(mine), "sac").steps == 300_000  # its settings are for the algorithm it names
+    assert (settings.steps, settings.rollout, there.seeds, there.budget) == (2000, 16, 2, 16)
 
 
 def test_validation_draws_from_a_set_ups_own_scenarios(mine):
@@ -121,9 +120,7 @@ def test_a_mistake_gets_one_line_with_the_file(tmp_path, text, message):
 
 @pytest.mark.parametrize(("text", "message"), [
     ("bacth = 3", "training: unknown key bacth; did you mean 'batch'"),
-    ("on_policy = 3", r"on_policy must be a table, \[training.on_policy\]"),
-    ("[training.on_policy]\nepoch = 3", "unknown key on_policy.epoch; did you mean 'epochs'"),
-    ('algo = "dqn"', "algo must be one of ppo.*'dqn'"),
+    ("epoch = 3", "unknown key epoch; did you mean 'epochs'"),
     ('steps = "many"', "training: steps must be a whole number"),
     ("seed = 1", "unknown key seed"),
     ('activation = "sine"', "activation must be tanh or relu"),

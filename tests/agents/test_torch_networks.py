@@ -8,7 +8,6 @@ import torch
 from policies import made_up_policy, observations
 from training import tiny
 
-from agents.train.algorithms import make_model, policy_from
 from agents.train.closed_form import Tanh
 from agents.train.ppo import (
     CENTRE_AND_SPREAD,
@@ -17,8 +16,9 @@ from agents.train.ppo import (
     entry_names,
     fold_in_standardisation,
     make_environment,
+    make_model,
+    policy_from,
 )
-from agents.train.settings import OnPolicy
 from impact_gym.sb3 import ImpactVecEnv
 
 
@@ -52,18 +52,11 @@ def test_networks_see_entries_of_about_unit_size():
 
 
 def test_a_layer_behind_the_standard_is_the_same_layer():
-    """What a layer takes besides the observation, its own state, is left as it is."""
     policy = made_up_policy(environment={"range_noise": 0.01})
-    memory = np.random.default_rng(0).uniform(-1.0, 1.0, (50, 14)).astype(np.float32)
-    for layer, environment, taken in (
-        (policy.network.hidden[0], policy.environment, observations(policy)),
-        (made_up_policy(cells=6).network.gates, {}, memory),
-    ):
-        names = entry_names(environment)
-        centre, spread = np.array(centres_and_spreads(names))
-        seen, state = np.split(taken, [len(names)], axis=1)
-        expected = np.append((seen - centre) / spread, state, axis=1) @ layer.weight.T + layer.bias
-        assert fold_in_standardisation(layer, names)(taken) == pytest.approx(expected, rel=0, abs=2e-5)
+    layer, names, seen = policy.network.hidden[0], entry_names(policy.environment), observations(policy)
+    centre, spread = np.array(centres_and_spreads(names))
+    expected = (seen - centre) / spread @ layer.weight.T + layer.bias
+    assert fold_in_standardisation(layer, names)(seen) == pytest.approx(expected, rel=0, abs=2e-5)
 
 
 @pytest.mark.parametrize("setup", ["linear-blind", "linear-ranged"])
@@ -101,6 +94,5 @@ def test_a_training_may_solve_its_contacts_less_exactly_than_validation():
 
 
 def test_without_an_informed_critic_training_shows_nothing_hidden():
-    settings = replace(tiny(), on_policy=OnPolicy(rollout=16, informed_critic=False))
+    settings = replace(tiny(), informed_critic=False)
     assert make_environment(settings).observation_space.shape == (8,)
-    assert make_environment(tiny("sac")).observation_space.shape == (8,)

@@ -66,10 +66,10 @@ def test_three_validations_in_a_row_that_miss_nearly_all_are_a_collapse(tmp_path
             train(settings)
 
 
-@pytest.mark.parametrize(("algo", "steps"), [("ppo", 4096), ("ppo", 256), ("sac", 4096)])
-def test_weights_that_are_no_longer_finite_are_a_collapse(tmp_path, algo, steps):
+@pytest.mark.parametrize("steps", [4096, 256])
+def test_weights_that_are_no_longer_finite_are_a_collapse(tmp_path, steps):
     with pytest.raises(CollapsedError, match=r"no longer finite.*learning_rate below 1e\+30"):
-        train(tiny(algo, learning_rate=1e30, steps=steps, out=tmp_path / "run"))
+        train(tiny(learning_rate=1e30, steps=steps, out=tmp_path / "run"))
     assert not (tmp_path / "run" / "final.npz").exists()
 
 

@@ -1,4 +1,4 @@
-"""Policies of every kind, made up."""
+"""Policies, made up."""
 
 import itertools
 
@@ -10,7 +10,7 @@ from impact_gym.envs.observation import space
 from impact_gym.envs.task import Task
 
 
-def made_up_policy(seed=0, environment=None, activation="tanh", squash=False, cells=0, log_std=-1.0, sizes=(16, 12)):
+def made_up_policy(seed=0, environment=None, activation="tanh", log_std=-1.0, sizes=(16, 12)):
     """Return a policy with random weights; its noise depends on nothing."""
     environment = environment or {}
     rng = np.random.default_rng(seed)
@@ -20,21 +20,17 @@ def made_up_policy(seed=0, environment=None, activation="tanh", squash=False, ce
         return Affine(name, weight.astype(np.float32), rng.normal(size=outputs).astype(np.float32) * np.float32(0.3))
 
     inputs = space(Task(**environment)).shape[0]
-    gates = affine("gates", 4 * cells, inputs + cells) if cells else None
-    widths = [cells or inputs, *sizes]
+    widths = [inputs, *sizes]
     hidden = [affine(f"hidden_{k}", n, m) for k, (m, n) in enumerate(itertools.pairwise(widths))]
     noise = Affine("log_std", np.zeros((2, widths[-1]), np.float32), np.full(2, log_std, np.float32))
-    network = Network(tuple(hidden), affine("mean", 2, widths[-1]), noise, activation, squash, gates)
+    network = Network(tuple(hidden), affine("mean", 2, widths[-1]), noise, activation)
     return Policy(network, environment, {"command": "by hand", "seed": seed})
 
 
 KINDS = {
     "tanh": {},
     "relu": {"activation": "relu", "sizes": (24,)},
-    "squashed": {"squash": True, "activation": "relu"},
     "ranged": {"environment": {"range_noise": 0.01}},
-    "recurrent": {"cells": 10},
-    "recurrent alone": {"cells": 6, "sizes": (), "squash": True},
     "linear": {"sizes": ()},
 }
 

@@ -1,4 +1,4 @@
-"""Short trainings for tests, of each algorithm."""
+"""Short trainings for tests."""
 
 import csv
 import json
@@ -11,7 +11,7 @@ from agents.policies.networks import to_arrays
 from agents.policies.policy import load_policy
 from agents.train import callback, checkpoint
 from agents.train.run import train
-from agents.train.settings import OffPolicy, OnPolicy, Settings
+from agents.train.settings import Settings
 
 TINY = Settings(
     steps=4096,
@@ -22,15 +22,13 @@ TINY = Settings(
     validate_every=1500,
     validation_scenarios=20,
     checkpoint_every=1000,
-    on_policy=OnPolicy(rollout=16, lstm=8),
-    off_policy=OffPolicy(buffer=3000, warm_up=200, gradient_steps=1),
+    rollout=16,
 )
-ALGORITHMS = ("ppo", "recurrent_ppo", "sac", "tqc")
 OBJECTIVES = callback.OBJECTIVES
 
 
-def tiny(algo="ppo", **changes):
-    return replace(TINY, algo=algo, **changes)
+def tiny(**changes):
+    return replace(TINY, **changes)
 
 
 class Killed(BaseException):

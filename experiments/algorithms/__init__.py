@@ -1,1 +1,0 @@
-"""Which algorithm learns the approach best in the same time."""
