@@ -17,6 +17,8 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepR
 
 from agents.policies.networks import Affine, Network
 from agents.policies.policy import Policy, observation_table
+from agents.setups import load_setup
+from agents.train.beside import Beside, narrowed
 from agents.train.closed_form import ActorAndCritic, ClosedFormPPO, Tanh
 from agents.train.imitation import Pupil, Teacher, time_weights
 from agents.train.settings import Settings
@@ -46,7 +48,7 @@ standardised by them, or what differs little would be learned late; an exported 
 class ScaledRewards(VecEnvWrapper):
     """Divides rewards by (1 + time weight) to a power, so that hurried episodes do not drown the others."""
 
-    def __init__(self, envs: ImpactVecEnv, power: float) -> None:
+    def __init__(self, envs: ImpactVecEnv | Beside, power: float) -> None:
         super().__init__(envs)
         self._power = power
         self._scale: NDArray[np.float32] = np.ones(envs.num_envs, np.float32)
@@ -80,8 +82,12 @@ class ScaledRewards(VecEnvWrapper):
 
 def make_environment(settings: Settings) -> ScaledRewards:
     """Return the environments a training plays in."""
-    envs = ImpactVecEnv(settings.envs, threads=settings.simulation_threads, **settings.training_environment)
-    return ScaledRewards(envs, settings.weight_power)
+    plain = round(settings.nominal * settings.envs)
+    nominal = load_setup(settings.setup).evaluation.nominal
+    parts = [(settings.envs - plain, settings.training_environment)]
+    parts += [(plain, narrowed(settings.training_environment, nominal))]
+    batches = [ImpactVecEnv(n, threads=settings.simulation_threads, **played) for n, played in parts if n]
+    return ScaledRewards(batches[0] if len(batches) == 1 else Beside(*batches), settings.weight_power)
 
 
 def make_model(settings: Settings, environment: VecEnv) -> ClosedFormPPO:

@@ -152,11 +152,14 @@ def write_json(path: Path, content: Any) -> None:
 
 
 def made_for(settings: Settings) -> dict[str, Any]:
-    """Return what a run was made for, as JSON gives it back: environment, validation weights, and who teaches."""
-    weights = load_setup(settings.setup).evaluation.weights
-    named = settings.teacher
-    teacher = {"teacher": Teacher(settings.setup, named).checksum} if named else {}
-    return json.loads(json.dumps({"environment": settings.environment, "weights": weights, **teacher}))
+    """Return what a run was made for, as JSON gives it back: environment, validation weights, teacher, nominal arm."""
+    evaluation = load_setup(settings.setup).evaluation
+    also: dict[str, Any] = {}
+    if settings.teacher:
+        also["teacher"] = Teacher(settings.setup, settings.teacher).checksum
+    if settings.nominal:
+        also["nominal"] = dict(evaluation.nominal)
+    return json.loads(json.dumps({"environment": settings.environment, "weights": evaluation.weights, **also}))
 
 
 def provenance(settings: Settings) -> dict[str, Any]:

@@ -70,6 +70,8 @@ class Settings:
     """Hidden layers."""
     activation: Activation = "tanh"
     """What follows each hidden layer."""
+    nominal: float = 0.0
+    """Share of the environments that play the set-up's [evaluation.nominal], where hardly anything is drawn."""
     rtol: Annotated[float | None, tyro.conf.arg(metavar="FLOAT")] = None
     """Relative error allowed in a contact while training, see `simulate`; None: the environment's, as in validation."""
     threads: int = 1
@@ -96,6 +98,9 @@ class Settings:
         if self.activation not in get_args(Activation):
             raise ValueError(f"activation must be {' or '.join(get_args(Activation))}, got {self.activation!r}")
         interval("time_weight", self.time_weight, "m/s per s", above=0)
+        number("nominal", self.nominal, "(no unit)", at_least=0, at_most=1)
+        if self.nominal and not load_setup(self.setup).evaluation.nominal:
+            raise ValueError(f"nominal must be 0: {self.setup} has no table [evaluation.nominal], got {self.nominal!r}")
         number("gae_lambda", self.gae_lambda, "(no unit)", at_least=0, at_most=1)
         number("entropy", self.entropy, "(no unit)", at_least=0)
         number("clip", self.clip, "(no unit)", above=0, at_most=1)
