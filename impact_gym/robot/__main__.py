@@ -21,8 +21,8 @@ Without --x and --z it is the default approach."""
 
 LENGTHS = {
     "ahead": "travel from the start to the impact, m (default 0.2505)",
-    "behind": "travel beyond the impact, m (default 0.1)",
-    "spacing": "largest distance of two rows, m (default 0.005)",
+    "behind": "travel beyond the impact, m (default 0.08)",
+    "spacing": "largest distance of two rows, m (default 0.0025)",
 }
 
 
