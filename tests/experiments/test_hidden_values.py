@@ -1,4 +1,4 @@
-"""What the paper does not print: the joint fit, its intervals, and that one robot and one distance serve all figures."""
+"""What the paper does not print: the joint fit, its intervals, and that one robot and one distance serve all."""
 
 import numpy as np
 import pytest

@@ -23,10 +23,8 @@ COUPLINGS = [ig.Rigid(), ig.SpringDamper(150.0), ig.SpringDamper(5000.0, 0.1), i
 EVERY_COUPLING = pytest.mark.parametrize("coupling", COUPLINGS, ids=str)
 
 
-def approach(
-    coupling, robot, *, k_c=1e5, e=1.0, m_p=OBJECT_MASS, distance=0.2505, brake=BRAKE, duration=1.0, rtol=1e-10
-):
-    chain = scene(k_c, e, coupling, robot, m_p=m_p, distance=distance)
+def approach(coupling, robot, *, k_c=1e5, e=1.0, brake=BRAKE, duration=1.0, rtol=1e-10, **target):
+    chain = scene(k_c, e, coupling, robot, **target)
     return ig.simulate(chain, ig.Trapezoid(1.0, 8.0, brake), duration, rtol, trace=True)
 
 
