@@ -72,7 +72,7 @@ PRINTED = (
     ("Fig. 25: object velocity reduced by", "%", 51.0, 0.5),
     ("Fig. 13b or 14a: impact velocity", "m/s", np.nan, 0.005),
 )
-"""Where, unit, number and half a unit of its last digit, of all predictions but the preload, which has a lower limit only."""
+"""Where, unit, number, half a unit of its last digit: all predictions but the preload, which only has a lower limit."""
 READINGS = (0.98, 0.95)  # m/s, the impact velocities
 MET = 1e-4  # misfit up to which all numbers hold: to a hundredth of half a unit
 GONE = 9.0  # misfit at which the likelihood is exp(-4.5), 1 %
