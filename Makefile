@@ -62,7 +62,7 @@ search: setup  ## search for settings of training; goes on where it was stopped
 	$(BIN)/python -m agents.tune_training
 
 figures: setup  ## reproduce figures of the paper below reports/paper
-	$(BIN)/python -m experiments.paper
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m experiments.paper  # its matrices are too small for more
 
 bench: setup  ## measure speed against SciPy, MuJoCo and Gymnasium in one run, and what simpler models save
 	$(BIN)/python -m experiments.bench

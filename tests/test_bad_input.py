@@ -12,7 +12,7 @@ import impact_gym as ig
 
 SCENE = ig.Scene(ig.Tool(0.125), ig.Object(0.25, 0.2505), ig.Contact(1e5, 0.5), ig.SpringDamper(150.0))
 MOTION = ig.Trapezoid(1.0, 8.0, ig.Brake())
-ROBOT = ig.Robot(5.225, 1.5e5, 53.75)
+ROBOT = ig.Robot(5.225, 1.9e5, 50.4)
 TINY = 5e-324
 
 

@@ -47,10 +47,10 @@ def test_energy_is_kept_in_the_frame_of_the_cruise(coupling, robot):
 
 
 NAIVE = {
-    "robot": scene(robot=ROBOT, distance=0.28),
+    "robot": scene(robot=ROBOT),
     "robot, spring": scene(coupling=spring(150.0), robot=ROBOT),
     "bistable, robot": scene(1e3, 0.3, bistable(), ROBOT),
-    "table": scene(robot=TABLE, distance=0.28),
+    "table": scene(robot=TABLE),
     "table, spring, linear contact": scene(1e4, 0.6, spring(150.0), TABLE, **law("flores", 1.0, 0.0)),
     "table, bistable": scene(1e3, 0.1, bistable(), TABLE),
 }

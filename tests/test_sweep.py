@@ -10,7 +10,7 @@ import impact_gym as ig
 from impact_gym import sweeps
 from impact_gym.robot import default_approach
 
-ROBOT = ig.Robot(5.225, 1.5e5, 53.75)
+ROBOT = ig.Robot(5.225, 1.9e5, 50.4)
 SPRING = ig.SpringDamper(150.0)
 CHAINS = {
     "rigid": (ig.Rigid(), None),

@@ -9,7 +9,7 @@ from pathlib import Path
 from types import ModuleType
 
 HERE = Path(__file__).parent
-NAMES = tuple(path.stem for kind in ("figure", "beyond") for path in sorted(HERE.glob(f"{kind}_*.py")))
+NAMES = tuple(path.stem for kind in ("figure", "beyond", "hidden") for path in sorted(HERE.glob(f"{kind}_*.py")))
 
 
 def load(name: str) -> ModuleType:
@@ -18,7 +18,7 @@ def load(name: str) -> ModuleType:
 
 
 def resolve(word: str) -> str:
-    """Return the name that a word on the command line means: "5", "05", "figure_05", "beyond_speed".
+    """Return the name that a word on the command line means: "5", "05", "figure_05", "hidden_values".
 
     Raises:
         ValueError: there is no such figure; says which there are.
@@ -33,4 +33,4 @@ def resolve(word: str) -> str:
 def heading(name: str) -> str:
     """Return what a figure is called on the page."""
     kind, _, rest = name.partition("_")
-    return f"Fig. {int(rest)}" if kind == "figure" else "Beyond the paper"
+    return {"figure": f"Fig. {rest.lstrip('0')}", "beyond": "Beyond the paper", "hidden": "Not printed"}[kind]

@@ -29,6 +29,14 @@ def parts(table: Table, case: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return trace.time, elastic, trace.contact_force - elastic
 
 
+def turn(table: Table) -> float:
+    """Return when the damping part turns negative with the tool fixed, s."""
+    time, _, damping = parts(table, "a")
+    last = int(np.flatnonzero((damping[:-1] > 0.0) & (damping[1:] <= 0.0))[0])
+    fraction = damping[last] / (damping[last] - damping[last + 1])
+    return float(time[last] + fraction * (time[last + 1] - time[last]))
+
+
 @panels(10.4, 3.8, columns=2, sharex=True, sharey=True)
 def plot(table: Table, grid: Panels) -> None:
     """Draw force against time."""
@@ -45,9 +53,7 @@ def statements(table: Table) -> Statements:
     """Compare with section 2.2."""
     a, b = (Run(table, case) for case in CASES)
     peak_a, peak_b = a.trace.contact_force.max(), b.trace.contact_force.max()
-    time, _, damping = parts(table, "a")
-    last = int(np.flatnonzero((damping[:-1] > 0.0) & (damping[1:] <= 0.0))[0])
-    fraction = damping[last] / (damping[last] - damping[last + 1])
+    _, _, damping = parts(table, "a")
     ends = np.abs(damping[a.contact > 0][[0, -1]]).max() / damping.max()
     least = min(run.trace.contact_force.min() for run in (a, b))
     yield section_2_2.claim(
@@ -66,7 +72,7 @@ def statements(table: Table) -> Statements:
     yield section_2_2.number(
         "The damping component becomes negative for t > 0.321 s",
         "0.321 s",
-        time[last] + fraction * (time[last + 1] - time[last]),
+        turn(table),
         basis=Basis.IDENTIFIED,
         why="The paper does not print how far ahead the object stands; 0.2505 m was identified with this instant.",
     )

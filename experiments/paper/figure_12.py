@@ -10,7 +10,7 @@ from experiments.paper.tables import Table
 from impact_gym.robot import default_approach
 
 TITLE = "Lumped components of the robot along the imposed position"
-ALT = """Three panels against the position: mass, damping and stiffness fall to a minimum and rise steeply towards the
+ALT = """Three panels against the position: mass, damping and stiffness rise, slowly at first and steeply towards the
 end of the reach; a dot marks the impact at 5.2 kg. Dashed, the effective mass and stiffness lie well below."""
 
 

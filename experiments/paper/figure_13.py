@@ -61,7 +61,8 @@ def statements(table: Table) -> Statements:
         "0.98 m/s",
         b.impact_velocity,
         basis=Basis.IDENTIFIED,
-        why="Stiffness and damping of the joints, which the paper does not print, were identified with this number.",
+        why="Stiffness and damping of the joints, which the paper does not print, were identified with this number "
+        "among others.",
     )
     yield section_3_2.claim(
         "The impact takes place when there is a local minimum of robot velocity",
@@ -110,10 +111,10 @@ def statements(table: Table) -> Statements:
         "not said",
         f"V_p {along.final_velocity:.4f} along x_r, {frozen.final_velocity:.4f} frozen; impact velocity "
         f"{along.impact_velocity:.4f} and {frozen.impact_velocity:.4f}",
-        f"With our estimates of the Viper s650 freezing costs {off:.4f} m/s in V_p, but {impact_off:.4f} m/s in the "
-        "impact velocity. Along x_r the vibration left over from the acceleration is larger and has another phase: the "
-        f"tool strikes {1e3 * past:.1f} ms after a minimum of {lowest:.3f} m/s, as fast as the frozen one by chance, "
-        "and speeds up during the contact. So V_p hangs on a phase that 5 % in k_r shift by 50 degrees. Eq. 16 as "
-        "printed, without terms from the change of mass.",
+        f"With our estimates of the Viper s650 freezing costs {off:.4f} m/s in V_p and {impact_off:.4f} m/s in the "
+        "impact velocity. Along x_r the robot is softer on the way, and what is left of the vibration has another "
+        f"phase: the tool strikes {1e3 * abs(past):.1f} ms {'after' if past > 0 else 'before'} a minimum of "
+        f"{lowest:.3f} m/s. 5 % in k_r shift that phase by 50 degrees. Eq. 16 as printed, without terms from the "
+        "change of mass.",
         unit="m/s",
     )

@@ -10,7 +10,7 @@ import numpy as np
 
 from agents.provenance import circumstances
 from experiments.lab import page
-from experiments.paper import tables
+from experiments.paper import hidden_values, tables
 from experiments.paper.catalogue import NAMES, heading, load
 from experiments.paper.contradictions import contradictions
 from experiments.paper.statements import Basis, Verdict
@@ -67,6 +67,7 @@ def write(folder: Path, run: Mapping[str, Any]) -> Path:
         verdicts=Verdict,
         basis=Basis,
         contradictions=contradictions(found),
+        intervals=list(hidden_values.intervals(found["hidden_values"])) if "hidden_values" in found else [],
         missing=[heading(name) if name.startswith("figure") else name for name in NAMES if name not in found],
         runs=[{**run, **circumstances("impact-gym", "numpy", "scipy", "matplotlib")}],
     )

@@ -98,9 +98,9 @@ class Section:
         verdict = Verdict.AGREES if holds else Verdict.DISAGREES
         return Statement(self.name, text, None, ours, unit, verdict, rule, None, why, basis)
 
-    def undecided(self, text: str, ours: str, why: str, unit: str = "") -> Statement:
+    def undecided(self, text: str, ours: str, why: str, unit: str = "", basis: Basis = Basis.TEST) -> Statement:
         """Note what the text alone does not suffice to judge, and why."""
-        return Statement(self.name, text, None, ours, unit, Verdict.UNDECIDED, "none", None, why)
+        return Statement(self.name, text, None, ours, unit, Verdict.UNDECIDED, "none", None, why, basis=basis)
 
 
 section_1, section_2_1, section_2_2, section_3, section_3_1, section_3_2 = map(

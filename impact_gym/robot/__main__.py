@@ -20,9 +20,9 @@ DESCRIPTION = """Compute a straight approach of the Viper s650 from its six join
 Without --x and --z it is the default approach."""
 
 LENGTHS = {
-    "ahead": "travel from the start to the impact, m (default 0.28)",
-    "behind": "travel beyond the impact, m (default 0.1)",
-    "spacing": "largest distance of two rows, m (default 0.005)",
+    "ahead": "travel from the start to the impact, m (default 0.2505)",
+    "behind": "travel beyond the impact, m (default 0.08)",
+    "spacing": "largest distance of two rows, m (default 0.0025)",
 }
 
 
@@ -76,7 +76,7 @@ def _summary(arm: Arm, line: Line, result: Approach) -> str:
         )
     angles = np.radians(result.joint_angles)
     worst = max(inverse_kinematics.condition(arm, row) for row in angles)
-    spare = choice.clearance(arm, angles)
+    spare = min(np.min(angles - arm.description.lower_limits), np.min(arm.description.upper_limits - angles))
     lines.append(
         f"largest condition number {worst:.2f} (allowed {inverse_kinematics.MAX_CONDITION:g}), "
         f"smallest distance of a joint from its limits {np.degrees(spare):.2f} deg"

@@ -19,9 +19,9 @@ class Line(Record):
     """Along +x through the pose of the impact, orientation constant."""
 
     impact: Pose
-    ahead: Annotated[float, SI("m", above=0, at_most=2)] = 0.28  # from the start to the impact; identified
-    behind: Annotated[float, SI("m", above=0, at_most=2)] = 0.1  # beyond it: 16 ms at 1 m/s and a brake take 0.0785 m
-    spacing: Annotated[float, SI("m", at_least=1e-4, at_most=2)] = 0.005  # from row to row of the table, at most
+    ahead: Annotated[float, SI("m", above=0, at_most=2)] = 0.2505  # from the start to the impact; identified
+    behind: Annotated[float, SI("m", above=0, at_most=2)] = 0.08  # beyond it: 16 ms at 1 m/s and a brake take 0.0785 m
+    spacing: Annotated[float, SI("m", at_least=1e-4, at_most=2)] = 0.0025  # from row to row of the table, at most
 
     def __post_init__(self) -> None:
         one_of("Line.impact", self.impact, Pose)

@@ -39,7 +39,7 @@ DISAGREEMENTS = {
     "figure_13": {"The collision is so short that the robot starts braking after the impact"},
     "figure_14": {
         "The mass of the object is about 48 %",
-        "With k_c = 1e5 the final velocity of the object is about 1.88 m/s",
+        "In the second scenario the tool is subjected to a significant deceleration",
     },
     "figure_17": {"Since e = 1, the relative velocity before and after the impact are equal"},
     "figure_18": {"The decrease in k_c leads to a reduction in V_p, opposite to e = 1"},
@@ -65,7 +65,7 @@ EVERY_FIGURE = pytest.mark.parametrize("name", catalogue.NAMES)
 
 @pytest.fixture(scope="session")
 def computed():
-    options = {"beyond_design": {"speeds": (0.6, 1.0)}}
+    options = {"beyond_design": {"speeds": (0.6, 1.0)}, "hidden_values": {"step": 0.2}}
     return {name: catalogue.load(name).compute(**options.get(name, {})) for name in catalogue.NAMES}
 
 
@@ -233,13 +233,12 @@ def test_no_deceleration_keeps_the_coupling_pushing_to_the_end(deceleration, k_c
 @pytest.mark.parametrize("figure", [figure for figure in OBJECT_VELOCITIES if not figure.startswith("16")])
 def test_final_velocities(computed, figure):
     velocity = Run(computed[f"figure_{figure[:2]}"], figure[2:] or "rigid").final_velocity
-    error = 5e-5 if figure in ("13b", "14a", "14b") else 1e-5 * velocity  # as many decimals as are printed
-    assert velocity == pytest.approx(OBJECT_VELOCITIES[figure], abs=error)
+    assert velocity == pytest.approx(OBJECT_VELOCITIES[figure], rel=1e-5)
 
 
 def test_nothing_before_the_impact_depends_on_the_object(computed):
     struck = [Run(computed["figure_14"], case).impact_velocity for case in ("a", "b", "13b")]
-    assert struck == pytest.approx([IMPACT_VELOCITY] * 3, abs=5e-5)
+    assert struck == pytest.approx([IMPACT_VELOCITY] * 3, abs=1e-6)
     assert max(struck) - min(struck) < 1e-12
 
 

@@ -14,7 +14,7 @@ from impact_gym.sb3 import ImpactVecEnv
 ID = "ImpactApproach-v0"
 IDS = sorted(name for name in gym.registry if name.startswith("ImpactApproach"))
 SLOTS = 4
-ROBOT = ig.Robot(5.225, 1.5e5, 53.75)
+ROBOT = ig.Robot(5.225, 1.9e5, 50.4)
 TABLE = ig.RobotTable([0.05, 0.15, 0.25, 0.35], [5.0, 5.3, 5.5, 5.2], [1.5e5, 1.6e5, 1.4e5, 1.5e5], [50, 55, 60, 50])
 PAPERS_SPRING = ig.SpringDamper(50.0, 1.0)
 

@@ -32,9 +32,9 @@ BEHIND_A_SPRING = [
     (0.1, 1e8, 0.0019772700, 0.378515156),
 ]
 
-OBJECT_VELOCITIES = {  # m/s, by the figure; on the robot of Fig. 13b and 14 with four decimals
-    "13b": 1.9360, "14a": 1.8602, "14b": 1.5090, "16, before the break": 0.739806, "16, at the break": 0.747012,
+OBJECT_VELOCITIES = {  # m/s, by the figure
+    "13b": 1.944081, "14a": 1.876451, "14b": 1.555295, "16, before the break": 0.739806, "16, at the break": 0.747012,
     "16, behind the break": 0.757929, "17a": 0.903164, "17b": 0.936088, "19a": 0.872899, "19b": 0.794273,
     "23a": 0.45074, "23b": 0.692859, "25": 0.920628,
 }  # fmt: skip
-IMPACT_VELOCITY = 0.9786  # m/s, on the robot of Fig. 13b and 14
+IMPACT_VELOCITY = 0.980305  # m/s, on the robot of Fig. 13b and 14

@@ -8,7 +8,7 @@ RIGID = Record()
 BRAKE = Record(threshold=1.0, delay=0.016, deceleration=8.0)
 MOTION = Record(speed=1.0, acceleration=8.0, brake=BRAKE)
 CRUISE = Record(speed=1.0, acceleration=8.0, brake=None)
-ROBOT = Record(mass=5.225, stiffness=1.5e5, damping=53.75)
+ROBOT = Record(mass=5.225, stiffness=1.9e5, damping=50.4)
 POSITIONS = np.linspace(0.05, 0.3, 9)
 TABLE = Record(
     position=POSITIONS,
