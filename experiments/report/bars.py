@@ -67,7 +67,7 @@ def _nominal(played: Played, ratio: Callable[[str, float, Mapping[str, Floats], 
     if (measure := played.nominal.get(evaluation.of)) is not None and evaluation.at_most is not None:
         for each in played.matchup.weights:
             ours = {name: played.nominal[name].loss(each) for name in played.seeds}
-            what = f"with nothing drawn, V_p + w T over that of the policy of {evaluation.of}, w = {each:g}"
+            what = f"with nothing drawn, alarm as there, V_p + w T over that of {evaluation.of}'s policy, w = {each:g}"
             yield ratio(what, evaluation.at_most, ours, measure.loss(each))
     chosen, worst, missed = played.matchup.chosen, 0.0, 0.0
     for change in played.matchup.changes:

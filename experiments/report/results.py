@@ -247,18 +247,13 @@ def _asked(matchup: Matchup) -> Iterator[tuple[str, Any, str, dict[str, Any]]]:
             changed = of(one, scenarios=where, weights=[typical], environment=change.environment)
             yield "varied", (change.argument, change.label, one.name), PLAY, changed
     if matchup.evaluation.nominal:
-        nominal = nominally(matchup.evaluation.nominal, environment)
-        weights = list(matchup.weights)
+        nominal, weights = nominally(matchup.evaluation.nominal, environment), list(matchup.weights)
+        if (measure := matchup.measure) is not None:
+            its_own = load_setup(measure.name).environment
+            nominal["alarm"] = its_own.get("alarm", Task.alarm)  # that which it is used to
+            yield "nominal", measure.name, PLAY, of(measure, scenarios=scenarios, weights=weights, environment=its_own)
         for one in matchup.seeds:
             yield "nominal", one.name, PLAY, of(one, scenarios=scenarios, weights=weights, environment=nominal)
-        if matchup.measure is not None:
-            its_own = load_setup(matchup.measure.name).environment
-            yield (
-                "nominal",
-                matchup.measure.name,
-                PLAY,
-                of(matchup.measure, scenarios=scenarios, weights=weights, environment=its_own),
-            )
     few = _first(scenarios, EXACTLY)
     for label, options in EXACT.items():
         for one in {**{seed.name: seed for seed in matchup.seeds}, **rivals}.values():
