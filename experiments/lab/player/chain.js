@@ -1,6 +1,6 @@
 // The chain to scale: flange, what holds the tool, tool, object. Bodies' own sizes are chosen, positions the trace's.
 const TOOL = {length: 0.034, height: 0.03}, FLANGE = {length: 0.016, height: 0.052}, CLEARANCE = 0.004;  // m
-const LOUPE = {width: 176, height: 92};
+const LOUPE = {width: 166, height: 80};
 const BEHIND = 0.02, AHEAD = 66;  // m, pixels
 
 function massText(scene) {

@@ -169,7 +169,7 @@ function open(number) {
                                 "aria-label": `${each.name}: velocities and contact force against time`}, box);
     return {run: each, head, chain, state, strips};
   });
-    film = poster();
+  film = poster();
   marks();
   layout();
   say(true);
