@@ -12,6 +12,7 @@ from impact_gym.files import whole_file
 
 EXPERIMENTS = Path(__file__).parents[1]
 SYMBOL = re.compile(r"\b([A-Za-z])_([a-z]{1,2})\b")
+INTERVAL = re.compile(r"\[[^][]*\]")
 
 
 def factor(value: float) -> str:
@@ -26,15 +27,16 @@ def short(value: float) -> Markup:
     return Markup('<span class="number">{}</span>').format(text)
 
 
-def symbols(text: str) -> Markup:
-    """Return a text with the subscripts of its symbols set as such: V_p, k_c, v_in."""
-    return Markup(SYMBOL.sub(r"\1<sub>\2</sub>", str(escape(text))))
+def typeset(text: str) -> Markup:
+    """Return a text with the subscripts of its symbols set as such, V_p, k_c, v_in, and its intervals in one piece."""
+    unbroken = INTERVAL.sub(lambda found: found[0].replace(" ", "\N{NO-BREAK SPACE}"), str(escape(text)))
+    return Markup(SYMBOL.sub(r"\1<sub>\2</sub>", unbroken))
 
 
 def write(folder: Path, experiment: str, **content: Any) -> Path:
     """Write `folder`/index.html from the template experiments/`experiment`/page.html.jinja; return its path.
 
-    The template has the filters `factor`, `short` and `symbols`, and `image(figure)`, which is the content of
+    The template has the filters `factor`, `short` and `typeset`, and `image(figure)`, which is the content of
     `folder`/figure.svg as a URI. Of `content`, `runs` are notes of what made the page, as
     `experiments.lab.results.noted` gives them.
     """
@@ -43,7 +45,7 @@ def write(folder: Path, experiment: str, **content: Any) -> Path:
         return "data:image/svg+xml;base64," + base64.b64encode((folder / f"{figure}.svg").read_bytes()).decode()
 
     pages = Environment(loader=FileSystemLoader(EXPERIMENTS), autoescape=True, undefined=StrictUndefined)
-    pages.filters |= {"factor": factor, "short": short, "symbols": symbols}
+    pages.filters |= {"factor": factor, "short": short, "typeset": typeset}
     text = pages.get_template(f"{experiment}/page.html.jinja").render(image=image, **content)
     with whole_file(folder / "index.html") as file:
         file.write(text.encode())

@@ -96,6 +96,13 @@ class Table:
     head: Sequence[str]
     rows: Sequence[Sequence[str]]
 
+    @property
+    def words(self) -> list[bool]:
+        """Whether a column is of words: most of its cells begin with neither a digit nor a sign."""
+        columns = zip(*self.rows, strict=False)
+        return [2 * sum(bool(re.match(r"[-+\d]|at (least|most) \d", cell)) for cell in each) < len(self.rows)
+                for each in columns]  # fmt: skip
+
 
 class Heat(NamedTuple):
     """A cell of a heat map."""

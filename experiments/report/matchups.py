@@ -36,9 +36,9 @@ PLAIN = {
     "BlindProfile": "tuned profile",
     "ConstantDeceleration": "tuned even braking",
     "ConstantSpeed": "tuned constant speed",
-    "Ranged": "tuned profile with the estimate",
+    "Ranged": "tuned ranging profile",
     "WaryProfile": "tuned wary profile",
-    "WaryRanged": "tuned wary profile with the estimate",
+    "WaryRanged": "tuned wary ranging profile",
 }
 """What a reader is told of a rule that is tuned."""
 Environment = Mapping[str, Any]

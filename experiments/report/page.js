@@ -59,7 +59,16 @@
   };
   addEventListener("hashchange", follow);
   document.addEventListener("toggle", later, true);
-  addEventListener("beforeprint", () => window.drawAll());
+
+  // What is folded is printed as well, of the set-up that is chosen.
+  let opened = [];
+  addEventListener("beforeprint", () => {
+    opened = [...document.querySelectorAll(".fold:not([open]), figcaption details:not([open])")]
+      .filter((one) => !one.closest("[hidden]"));
+    for (const one of opened) one.open = true;
+    window.drawAll();
+  });
+  addEventListener("afterprint", () => { for (const one of opened) one.open = false; });
   follow();
   requestAnimationFrame(() => setTimeout(later));
 })();

@@ -10,25 +10,33 @@ from experiments.report.matchups import PAPER, POLICY
 from experiments.report.results import Played, Run
 from experiments.report.robustness import Varied, factor, setting, varied
 
+NAMED = 3  # things that are off, in the one line; the heat map has all
+
 
 def where_it_fails(played: Played) -> str:
     """Return in one line with which changes the policy is worse than the paper's rule and than its rival, or misses."""
-    found, count = varied(played), 0
-    said = []
+    found, said = varied(played), []
     for rival, called in _rivals(played):
-        lost = []
-        for of_one in found:
-            worse = [change for change, runs in of_one if not change.same and _loss(played, runs, rival) > 0.0]
-            count += sum(not change.same for change, _ in of_one)
-            if worse:
-                own = next((change.value for change, _ in of_one if change.same), np.nan)
-                mildest = min(worse, key=lambda change: np.nan_to_num(abs(change.value - own)))
-                lost.append(f"{factor(mildest.argument)} ({setting(mildest)})")
+        lost = sorted(filter(None, (_mildest(played, of_one, rival) for of_one in found)), reverse=True)
+        more = f" and {len(lost) - NAMED} more" if len(lost) > NAMED else ""
         if lost:
-            said.append(f"It loses to the {called} from here on: {', '.join(lost)}.")
+            said.append(f"Worse than the {called} with {', '.join(words for _, words in lost[:NAMED])}{more}.")
     if not said:
-        said.append(f"It loses in none of {count} comparisons with one thing off at a time.")
+        tried = sum(not change.same for change, _ in chain.from_iterable(found))
+        said.append(f"Nowhere among {tried} changes, one at a time, is it worse than its rivals here.")
     return " ".join([*said, _missing(played, found)]).strip()
+
+
+def _mildest(played: Played, of_one: Varied, rival: str) -> tuple[float, str] | None:
+    """Return by how much changes of one argument make the policy worse than a rival, and the smallest such change."""
+    losses = [(change, _loss(played, runs, rival)) for change, runs in of_one if not change.same]
+    worse = [change for change, loss in losses if loss > 0.0]
+    if not worse:
+        return None
+    own = next((change.value for change, _ in of_one if change.same), np.nan)
+    mildest = min(worse, key=lambda change: np.nan_to_num(abs(change.value - own)))
+    where = f" ({setting(mildest)})" if len(losses) > 1 else ""
+    return max(loss for _, loss in losses), factor(mildest.argument) + where
 
 
 def _missing(played: Played, found: list[Varied]) -> str:
@@ -46,7 +54,7 @@ def _missing(played: Played, found: list[Varied]) -> str:
 def heat_map(played: Played) -> HeatMap:
     """Return what each contestant costs at worst where one thing is off, against the paper's rule with nothing off."""
     weight, found = played.matchup.typical, varied(played)
-    contestants = dict(reversed([(POLICY, POLICY), *_rivals(played)]))
+    contestants = {**dict(_rivals(played)), POLICY: POLICY}
     as_it_is = {PAPER: played.paper, played.matchup.rival.name: played.rival, POLICY: played.policy}
     as_it_is = next((runs for change, runs in chain.from_iterable(found) if change.same), as_it_is)
     measure = as_it_is[PAPER].means(weight)["loss"]
@@ -56,16 +64,17 @@ def heat_map(played: Played) -> HeatMap:
         missed = f"{mean['missed']} of {runs['missed'].shape[1]} missed" if mean["missed"] else ""
         return Heat(f"{mean['loss']:.2f}", ", ".join(filter(None, (note, missed))), mean["loss"] / measure)
 
-    rows = [("nothing", "", [cell(as_it_is[name], "") for name in contestants])]
+    rows = [("nothing", "as trained and tuned", [cell(as_it_is[name], "") for name in contestants])]
     for of_one in found:
+        tried = [setting(change) for change, _ in of_one if not change.same]
+        if not tried:
+            continue
         cells = []
         for name in contestants:
             change, runs = max(of_one, key=lambda one: one[1][name].means(weight)["loss"])
-            cells.append(cell(runs[name], "unchanged" if change.same else setting(change)))
-        tried = [setting(change) for change, _ in of_one if not change.same]
-        if tried:
-            rows.append((factor(of_one[0][0].argument), f"{len(tried)} tried: {tried[0]} to {tried[-1]}"
-                         if len(tried) > 1 else tried[0], cells))  # fmt: skip
+            cells.append(cell(runs[name], "unchanged" if change.same else setting(change) if len(tried) > 1 else ""))
+        between = f"{len(tried)} tried: {tried[0]} to {tried[-1]}" if len(tried) > 1 else tried[0]
+        rows.append((factor(of_one[0][0].argument), between, cells))
     caption = (
         f"Mean V_p + {weight:g} T (m/s), less is better, where one thing is off: the worst of the settings tried, and "
         f"which that is. Blue is below, orange above what the paper's rule costs with nothing off, {measure:.2f} m/s."
