@@ -18,8 +18,9 @@
     return vegaEmbed(element, spec, {renderer: "svg", actions: false});
   };
   const seen = (element) => !element.closest("details:not([open]), [hidden]");
-  window.drawAll = () => Promise.all(
-    [...document.querySelectorAll(".chart:not([data-drawn])")].filter(seen).map(draw));
+  window.drawAll = async () => {
+    await Promise.all([...document.querySelectorAll(".chart:not([data-drawn])")].filter(seen).map(draw));
+  };
   const soon = window.requestIdleCallback || ((work) => setTimeout(work, 50));
   const later = () => soon(() => window.drawAll());
 

@@ -39,6 +39,7 @@ function say(soon) {
 }
 
 function draw() {
+  if (!panels[0].update) return;  // it stands in a tab that nobody has opened yet
   const time = clock.time(film);
   for (const panel of panels) {
     const state = stateAt(panel.run, time);
