@@ -1,15 +1,18 @@
 """The page of an experiment: one file with its figures inside, from the experiment's template, which extends ours."""
 
 import base64
+import re
 from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from impact_gym.files import whole_file
 
 EXPERIMENTS = Path(__file__).parents[1]
+SYMBOL = re.compile(r"\b([A-Za-z])_([a-z]{1,2})\b")
+INTERVAL = re.compile(r"\[[^][]*\]")
 
 
 def factor(value: float) -> str:
@@ -24,18 +27,25 @@ def short(value: float) -> Markup:
     return Markup('<span class="number">{}</span>').format(text)
 
 
+def typeset(text: str) -> Markup:
+    """Return a text with the subscripts of its symbols set as such, V_p, k_c, v_in, and its intervals in one piece."""
+    unbroken = INTERVAL.sub(lambda found: found[0].replace(" ", "\N{NO-BREAK SPACE}"), str(escape(text)))
+    return Markup(SYMBOL.sub(r"\1<sub>\2</sub>", unbroken))
+
+
 def write(folder: Path, experiment: str, **content: Any) -> Path:
     """Write `folder`/index.html from the template experiments/`experiment`/page.html.jinja; return its path.
 
-    The template has the filters `factor` and `short`, and `image(figure)`, which is the content of `folder`/figure.svg
-    as a URI. Of `content`, `runs` are notes of what made the page, as `experiments.lab.results.noted` gives them.
+    The template has the filters `factor`, `short` and `typeset`, and `image(figure)`, which is the content of
+    `folder`/figure.svg as a URI. Of `content`, `runs` are notes of what made the page, as
+    `experiments.lab.results.noted` gives them.
     """
 
     def image(figure: str) -> str:
         return "data:image/svg+xml;base64," + base64.b64encode((folder / f"{figure}.svg").read_bytes()).decode()
 
     pages = Environment(loader=FileSystemLoader(EXPERIMENTS), autoescape=True, undefined=StrictUndefined)
-    pages.filters |= {"factor": factor, "short": short}
+    pages.filters |= {"factor": factor, "short": short, "typeset": typeset}
     text = pages.get_template(f"{experiment}/page.html.jinja").render(image=image, **content)
     with whole_file(folder / "index.html") as file:
         file.write(text.encode())

@@ -19,9 +19,10 @@ from agents.provenance import circumstances, revision
 from agents.setups import README, Setup, load_setup
 from experiments.lab.results import REPORTS, checksum, replaceable, whole_folder
 from experiments.lab.statistics import RESAMPLES
-from experiments.report import answer, bars, chain, matchups, page, robustness
+from experiments.report import answer, bars, chain, matchups, page
 from experiments.report.figures import Table
 from experiments.report.results import Played, episodes, gather_matchups
+from experiments.report.scenarios import scenarios_from
 from impact_gym.envs.task import Task
 from impact_gym.files import whole_file
 from impact_gym.validation import whole
@@ -83,7 +84,7 @@ def matchups_of(options: ReportOptions) -> list[matchups.Matchup]:
         ValueError: a policy, a baseline or the scenarios are not what they should be; nothing has been played yet.
     """
     if options.policy:
-        scenarios, changes = matchups.scenarios_from(options.scenarios or "test", options.count)
+        scenarios, changes = scenarios_from(options.scenarios or "test", options.count)
         return matchups.of_policies(options.policy, options.baseline, scenarios, changes)
     found = [load_setup(name) for name in options.setups]
     found = found or [one for one in map(load_setup, README) if _trained(one, options.folder or one.folder)]
@@ -94,7 +95,7 @@ def matchups_of(options: ReportOptions) -> list[matchups.Matchup]:
     asked = []
     for setup in found:
         count = options.count or (setup.evaluation.scenarios if options.scenarios is None else None)
-        scenarios, changes = matchups.scenarios_from(options.scenarios or setup.evaluation.set, count)
+        scenarios, changes = scenarios_from(options.scenarios or setup.evaluation.set, count)
         if changes:
             raise ValueError("scenarios with an environment of their own need --policy: set-ups have theirs")
         asked.append(matchups.of_setup(setup, scenarios, options.folder))
@@ -157,19 +158,15 @@ def write_folder(played: list[Played], options: ReportOptions, begun: float, fir
     """Write the folder of what was played since `begun`; return its page, of which a first one has the answer alone."""
     asked, whole = [one.matchup for one in played], [] if first else played
     with whole_folder(options.out) as folder:
-        parts = page.sections(played, first)
-        (folder / "figures").mkdir()
-        for one in page.figures(parts):
-            one.save(folder / "figures")
         rows = episodes(played)
         with whole_file(folder / "episodes.parquet") as file:
             rows.write_parquet(file, compression="zstd")
-        answers, chains = [answer.answer(one) for one in played], {one.matchup.name: chain.chain(one) for one in played}
-        told = zip(answers, asked, chains.values(), strict=True)
+        answers, chains = [answer.answer(one) for one in played], [chain.chain(one) for one in played]
+        tabs = [page.tab(one, played, steps, first) for one, steps in zip(played, chains, strict=True)]
         results = {
             "answers": {one.matchup: asdict(one) for one in answers},
-            "chains": {name: [asdict(step) for step in steps] for name, steps in chains.items()},
-            "sentences": [answer.sentence(one, matchup) + chain.sentence(steps) for one, matchup, steps in told],
+            "chains": {one.name: [asdict(step) for step in steps] for one, steps in zip(asked, chains, strict=True)},
+            "sentences": [one.sentence for one in tabs],
             "bars": {one.matchup.name: [asdict(bar) for bar in bars.bars(one, played)] for one in whole},
             "first page": first,
             "episodes": {"rows": len(rows), "sha256": checksum(folder / "episodes.parquet")},
@@ -187,26 +184,16 @@ def write_folder(played: list[Played], options: ReportOptions, begun: float, fir
         about = {
             **results,
             "first": first,
-            "chain": chain.table(chains),
             "table": answer.answers_table(answers, played),
-            "weak": [said for one in whole for said in robustness.weak_points(one)],
             "seeds": max(len(one.seeds) for one in played),
             "limits": _limits(asked),
             "own": bool(options.policy) or not all(load_setup(name).shipped for name in options.setups),
-            "apart": _apart(asked[0].scenarios),
             "trained_with": _trained_with(asked),
             "resamples": f"{RESAMPLES:,}",
             "policies": _policies_table(played),
         }
-        shown = {one.matchup.name: page.watch(one) for one in whole}
-        (folder / "index.html").write_text(page.render(about, parts, shown), encoding="utf-8")
+        page.write(folder, about, tabs)
     return options.out / "index.html"
-
-
-def _apart(scenarios: Mapping[str, Any]) -> str:
-    if "table" in scenarios:
-        return "these scenarios themselves"
-    return "the first half of the validation set" if "set" in scenarios else "other scenarios from the same ranges"
 
 
 def _trained_with(asked: list[matchups.Matchup]) -> str:
@@ -216,11 +203,11 @@ def _trained_with(asked: list[matchups.Matchup]) -> str:
 
 def _policies_table(played: list[Played]) -> Table:
     body = [
-        (one.name, one.chosen, str(len(one.seeds)), one.provenance.get("command", "-"),
+        (one.label, one.chosen, str(len(one.seeds)), one.provenance.get("command", "-"),
          f"{each.policy_as_late.weights[0]:.4g}", one.policy.checksum[:16])
         for each in played for one in [each.matchup]
     ]  # fmt: skip
-    head = ("recipe", "median seed", "seeds", "trained by", "weight as late as the rule (m/s per s)", "checksum")
+    head = ("set-up", "median seed", "seeds", "trained by", "weight as late as the rule (m/s per s)", "checksum")
     return Table("The policies; checksums of all contestants are in results.json", head, body)
 
 

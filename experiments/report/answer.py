@@ -33,7 +33,7 @@ MISSED_TOO_OFTEN = 0.01  # of the objects: a missed one has no V_p
 
 @dataclass(frozen=True)
 class Answer:
-    """What one recipe of training gains over the paper's rule."""
+    """What the policies of one set-up gain over the paper's rule."""
 
     matchup: str
     reduction: Estimate  # of V_p at the paper's mean approach time, a share
@@ -52,7 +52,7 @@ class Answer:
 
 
 def answer(played: Played) -> Answer:
-    """Return what the recipe gains, seeds and scenarios resampled."""
+    """Return what a set-up's policies gain, seeds and scenarios resampled."""
     resamples = played.resamples
     paper_time, paper_velocity = (one[:, 0] for one in front(resamples, [played.paper]))
     times, velocities = front(resamples, list(played.seeds.values()))
@@ -108,9 +108,9 @@ def reductions(played: Played) -> Floats:
 
 
 def answers_table(answers: list[Answer], played: list[Played]) -> Table:
-    """Return the answers of all recipes."""
+    """Return the answers of all set-ups."""
     head = (
-        "recipe (seeds)", "V_p lower at the paper's approach time", "95 % of trainings: at least",
+        "set-up (seeds)", "V_p lower at the paper's approach time", "95 % of trainings: at least",
         "the same, best tuned baseline",
         "sooner at the paper's V_p", "V_p there (m/s)", "object slower in so many scenarios",
         "interquartile mean of V_p, rule's (m/s)", "missed",
@@ -119,15 +119,13 @@ def answers_table(answers: list[Answer], played: list[Played]) -> Table:
     for one, play in zip(answers, played, strict=True):
         sooner = {"": "", "slower": "at least ", "faster": "(not reached) "}[one.beyond] + percent(one.sooner)
         reduction = percent(one.reduction) + ("" if one.reached else " (at the nearest time it reaches)")
-        rival = f"{percent(one.rival_reduction)}, {one.rival}" if one.rival_reduction else "-"
+        rival = f"{percent(one.rival_reduction)}, {play.matchup.rival.plain}" if one.rival_reduction else "-"
         middle = f"{one.interquartile[0]:.3f}, {one.interquartile[1]:.3f}"
         body.append((
-            f"{one.matchup} ({len(play.seeds)})", reduction, _at_least(one), rival, sooner, f"{one.velocity:.3f}",
-            percent(one.improvement), middle, f"{one.missed} of {one.episodes:,}",
+            f"{play.matchup.label} ({len(play.seeds)})", reduction, _at_least(one), rival, sooner,
+            f"{one.velocity:.3f}", percent(one.improvement), middle, f"{one.missed} of {one.episodes:,}",
         ))  # fmt: skip
-    return Table(
-        "Each recipe against the paper's rule in its own environment, 95 % intervals; a miss is no win", head, body
-    )
+    return Table("Each set-up's policies against the paper's rule there, 95 % intervals; a miss is no win", head, body)
 
 
 def _at_least(one: Answer) -> str:
@@ -158,7 +156,8 @@ def seeds_table(played: Played) -> Table:
 
 def trade_off(played: Played) -> Figure:
     """Return the figure of approach time against V_p."""
-    runs = [(name, name, None, run) for name, run in played.baselines.items()]
+    labels = played.matchup.labels
+    runs = [(labels[name], name, None, run) for name, run in played.baselines.items()]
     runs += [(POLICY, seed, None, run) for seed, run in played.seeds.items()]
     runs += [(FAMILY, FAMILY, speed, run) for speed, run in played.family.items()]
     runs += [(BOUND, BOUND, None, played.bound)] if played.bound else []
@@ -197,7 +196,7 @@ def trade_off(played: Played) -> Figure:
         "Down and left is better. A line per contestant over its time weights, the policy's faint lines are the other "
         f"seeds; {FAMILY} is sped up to and braked at 16 m/s² or as hard as the arm can." + bound
     )
-    subject = "approach time against V_p"
+    subject = "approach time against V_p, everybody and every seed"
     return Figure(played.matchup.name, "trade_off", subject, caption, text, zoomable(layers), data, 380)
 
 
@@ -206,7 +205,8 @@ def fronts_table(played: Played) -> Table:
     weights, near = played.matchup.weights, played.paper.means(played.matchup.typical)
     policy = f"{POLICY}, {len(played.seeds)} seeds"
     groups = {policy: [played.of_seeds(name, weights) for name in FRONT]}
-    groups |= {contestant: [run[name][None] for name in FRONT] for contestant, run in played.baselines.items()}
+    labels = played.matchup.labels
+    groups |= {labels[name]: [run[field][None] for field in FRONT] for name, run in played.baselines.items()}
     fronts = {name: [played.resamples.means(values) for values in results] for name, results in groups.items()}
     farthest = [max(float(front[axis][0].max()) for front in fronts.values()) for axis in (0, 1)]
     wide = tuple(max(usual, math.ceil(10.0 * far) / 10.0) for usual, far in zip(WIDE_REFERENCE, farthest, strict=True))
@@ -242,13 +242,13 @@ def weights_table(played: Played) -> Table:
             gap = ", ".join(f"{one:.3f}" for one in gaps)
         body.append((f"{weight:g}", f"{chosen.mean():.4f}", f"{theirs.mean():.4f}", f"{median:.4f}", f"{recipe:.4f}",
                      gap))  # fmt: skip
-    head = ("time weight (m/s per s)", "median seed (m/s)", f"{played.matchup.rival.name} (m/s)", "ratio, median seed",
+    head = ("time weight (m/s per s)", "median seed (m/s)", f"{played.matchup.rival.label} (m/s)", "ratio, median seed",
             "ratio, all seeds", "above the search that knows: policy, baseline (m/s)")  # fmt: skip
     return Table("V_p + w T against the best baseline, tuned for each weight; below 1 the policy is better", head, body)
 
 
 def sentence(one: Answer, matchup: Matchup) -> str:
-    """Return the answer of a recipe in a sentence or two."""
+    """Return the answer of a set-up in a sentence or two."""
     begin = f"{matchup.name} ({matchup.note}): "
     if one.missed > MISSED_TOO_OFTEN * one.episodes:
         return begin + f"it misses {one.missed:,} of {one.episodes:,} objects, so nothing is claimed for it."

@@ -122,23 +122,22 @@ def gains(values: Sequence[Floats], policy: int, claimed: bool = True) -> list[G
     return found
 
 
-def table(chains: Mapping[str, Sequence[Step]]) -> Table:
-    """Return the chains of all matchups by name."""
+def table(steps: Sequence[Step], labels: Mapping[str, str]) -> Table:
+    """Return the chain of a matchup, whose contestants are called by `labels`."""
     body = []
-    weights = " or ".join(dict.fromkeys(f"{steps[0].weight:g}" for steps in chains.values()))
-    for name, steps in chains.items():
-        for step in steps:
-            on = "" if step.scenarios == steps[0].scenarios else f", the first {step.scenarios} scenarios"
-            off = f" (at the nearest, {1e3 * abs(step.later):.0f} ms {'later' if step.later > 0 else 'sooner'})"
-            cells = [*_cells(step.velocity, step.limit), *_cells(step.loss)]
-            cells[0] += off if step.later else ""
-            body.append((f"{name}: {'+ ' * bool(step.added)}{step.added or 'the paper'}", step.contestant + on, *cells))
+    for step in steps:
+        on = "" if step.scenarios == steps[0].scenarios else f", the first {step.scenarios} scenarios"
+        off = f" (at the nearest, {1e3 * abs(step.later):.0f} ms {'later' if step.later > 0 else 'sooner'})"
+        cells = [*_cells(step.velocity, step.limit), *_cells(step.loss)]
+        cells[0] += off if step.later else ""
+        added = "+ " * bool(step.added) + (step.added or "the paper")
+        body.append((added, labels.get(step.contestant, step.contestant) + on, *cells))
     head = ("what is added", "contestant", "V_p at the paper's approach time (m/s)", "less by (m/s)", "share",
-            f"V_p + {weights} T (m/s)", "less by (m/s)", "share")  # fmt: skip
+            f"V_p + {steps[0].weight:g} T (m/s)", "less by (m/s)", "share")  # fmt: skip
     caption = (
-        "What is due to what: each row has all that the row above has and one thing more; by how much that is less, "
-        "and which share of the way from the paper's rule to the policy, 95 % intervals. Who knows the object is "
-        "compared with policy and rule on the same few scenarios"
+        "Each row has all that the row above has and one thing more; by how much that is less, and which share of the "
+        "way from the paper's rule to the policy, 95 % intervals. Who knows the object is compared with policy and "
+        "rule on the same few scenarios."
     )
     return Table(caption, head, body)
 

@@ -30,7 +30,7 @@ POINTS = 201  # of a distribution's curve
 
 def measures(played: Played) -> Table:
     """Return what each contestant does to the objects and to itself, over the same scenarios."""
-    weight, rival, late = played.matchup.typical, played.matchup.rival.name, played.policy_as_late
+    weight, rival, late = played.matchup.typical, played.matchup.rival.label, played.policy_as_late
     runs = {PAPER: played.paper.at(weight)}
     if rival != PAPER:
         runs[f"{rival}, w = {weight:g}"] = played.rival.at(weight)
@@ -55,7 +55,7 @@ def measures(played: Played) -> Table:
 
 def distribution(played: Played) -> Figure:
     """Return the distributions of the paired differences."""
-    weight, rival, late = played.matchup.typical, played.matchup.rival.name, played.policy_as_late
+    weight, rival, late = played.matchup.typical, played.matchup.rival.label, played.policy_as_late
     against_rule = late["object_velocity"][0] - played.paper["object_velocity"][0]
     against_rule = np.where(late["missed"][0], MISSED_COST, against_rule)  # a miss is no win
     against_rival = played.policy.loss(weight) - played.rival.loss(weight)
@@ -122,7 +122,7 @@ def _levels(played: Played, field: str) -> Figure:
 
 
 def _paired(played: Played, field: str) -> Figure:
-    weight, rival = played.matchup.typical, played.matchup.rival.name
+    weight, rival = played.matchup.typical, played.matchup.rival.label
     label, differences = f"{POLICY} minus {rival}", played.losses(weight) - played.rival.loss(weight)
     data = pl.DataFrame([
         {"contestant": label, **place, **asdict(estimate(resamples.means(differences[:, inside])))}

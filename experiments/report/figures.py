@@ -1,9 +1,12 @@
 """Figures and tables of the page, and the look that all charts share.
 
-A figure is a Vega-Lite chart: in the page it can be hovered and zoomed, on disk it stands as SVG with its data beside
-it. Colours are those of Okabe and Ito (2008), and every series has a dash or a shape of its own as well.
+A figure is a Vega-Lite chart: in the page it can be hovered and zoomed, or stands still where a reader must not wait
+for it; on disk it is SVG with its data beside it. Colours are those of Okabe and Ito (2008), and every series has a
+dash or a shape of its own as well.
 """
 
+import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,6 +16,7 @@ from typing import Any, NamedTuple
 import altair as alt
 import polars as pl
 import vl_convert
+from markupsafe import Markup
 
 from experiments.lab.statistics import Estimate
 from experiments.report.matchups import PAPER, POLICY
@@ -51,6 +55,7 @@ class Figure:
     chart: Any
     data: pl.DataFrame
     height: int = 320  # pixels
+    width: int = 640  # where nothing else says how wide
 
     @property
     def name(self) -> str:
@@ -60,17 +65,24 @@ class Figure:
     @property
     def title(self) -> str:
         """What stands above it."""
-        return f"{self.matchup}: {self.subject}"
+        return self.subject[0].upper() + self.subject[1:]
 
     @cached_property
     def spec(self) -> dict[str, Any]:
         """The chart as Vega-Lite, as wide as what holds it."""
         chart = self.chart.properties(width="container", height=self.height, description=self.alternative)
-        return chart.configure(**CONFIG).to_dict(validate=False)  # a wrong one would not become the SVG
+        content = chart.configure(**CONFIG).to_dict(validate=False)  # a wrong one would not become the SVG
+        return json.loads(json.dumps(content, ensure_ascii=False).replace("V_p", "Vₚ"))  # a chart has no markup
+
+    @cached_property
+    def still(self) -> Markup:
+        """The chart as SVG to stand in a page, as large as what holds it; the page gives it its colours."""
+        svg = vl_convert.vegalite_to_svg(self.spec | {"width": self.width})
+        return Markup(re.sub(r'(<svg [^>]*?) width="[^"]*" height="[^"]*"', r"\1", svg, count=1))
 
     def save(self, folder: Path) -> None:
         """Write the chart as SVG and its data as CSV."""
-        svg = vl_convert.vegalite_to_svg(self.spec | {"width": 640, "background": "white"})
+        svg = vl_convert.vegalite_to_svg(self.spec | {"width": self.width, "background": "white"})
         for suffix, content in (("svg", svg), ("csv", self.data.write_csv())):
             with whole_file(folder / f"{self.name}.{suffix}") as file:
                 file.write(content.encode())
@@ -83,6 +95,30 @@ class Table:
     caption: str
     head: Sequence[str]
     rows: Sequence[Sequence[str]]
+
+    @property
+    def words(self) -> list[bool]:
+        """Whether a column is of words: most of its cells begin with neither a digit nor a sign."""
+        columns = zip(*self.rows, strict=False)
+        return [2 * sum(bool(re.match(r"[-+\d]|at (least|most) \d", cell)) for cell in each) < len(self.rows)
+                for each in columns]  # fmt: skip
+
+
+class Heat(NamedTuple):
+    """A cell of a heat map."""
+
+    value: str
+    note: str  # under it
+    ratio: float  # to what the heat map compares with; below 1 better
+
+
+@dataclass(frozen=True)
+class HeatMap:
+    """Rows of cells that are as warm as they are worse than what they are compared with."""
+
+    caption: str
+    head: Sequence[str]
+    rows: Sequence[tuple[str, str, Sequence[Heat]]]  # what is changed, over which values, a cell for each contestant
 
 
 def zoomable(chart: Any) -> Any:

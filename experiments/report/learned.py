@@ -25,7 +25,7 @@ def approach(played: Played) -> Figure:
     linear = matchup.environment.get("coupling", {}).get("type") != "Bistable"  # which shields above its threshold
     uniform = linear and not ranged and far - near > 0.05 and far <= FAR  # what theory needs, about
     for contestant, run in played.profiles.items():
-        name = POLICY if contestant == matchup.chosen else contestant
+        name = matchup.labels[contestant]
         for weight, velocity in zip(run.weights, run["velocity"], strict=True):
             frames.append(_line(name, weight, run["position"], velocity))
             if name == POLICY and uniform:
@@ -128,7 +128,7 @@ def reaction(played: Played) -> Figure:
 def urgency(played: Played) -> list[Figure]:
     """Return approach time and V_p over the time weight, all seeds."""
     runs = [(POLICY, seed, run) for seed, run in played.seeds.items()]
-    runs.append((played.matchup.rival.name, "-", played.rival))
+    runs.append((played.matchup.rival.label, "-", played.rival))
     figures = []
     for name, title, mean in (
         ("approach_time", "mean approach time (s)", "T"),

@@ -5,7 +5,7 @@ import hashlib
 import json
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -21,18 +21,26 @@ from agents.jobs import digest_of
 from agents.policies.policy import SHIPPED, Policy, load_policy
 from agents.setups import Setup, load_setup, same_environment
 from agents.setups import shipped as shipped_setups
-from agents.setups.evaluation import SET_BY_OTHERS, Change, Evaluation, variants
+from agents.setups.evaluation import Change, Evaluation, variants
 from agents.train.settings import default_settings
 from experiments.lab.results import checksum
-from impact_gym.envs import evaluation_sets, observation
-from impact_gym.envs.scenario import ScenarioRanges
+from experiments.report.scenarios import environment_and_scenarios
+from impact_gym.envs import observation
 from impact_gym.envs.task import Task
-from impact_gym.validation import number, whole
 
 PAPER = "paper's rule"
 RULE = "paper-trapezoid"  # what the package calls it
 POLICY = "learned policy"
 BOUND = "clairvoyant, by search"
+PLAIN = {
+    "BlindProfile": "tuned profile",
+    "ConstantDeceleration": "tuned even braking",
+    "ConstantSpeed": "tuned constant speed",
+    "Ranged": "tuned ranging profile",
+    "WaryProfile": "tuned wary profile",
+    "WaryRanged": "tuned wary ranging profile",
+}
+"""What a reader is told of a rule that is tuned."""
 Environment = Mapping[str, Any]
 
 
@@ -44,6 +52,16 @@ class Contestant:
     controller: Mapping[str, Any]  # JSON, see `agents.evaluate.controllers`
     weights: tuple[float, ...]
     checksum: str  # of the policy's file, of the tuned parameters, of the module
+
+    @property
+    def plain(self) -> str:
+        """What it is, in words; its name if nobody has words for it."""
+        return PLAIN.get(self.controller.get("tuned", {}).get("rule", ""), self.name)
+
+    @property
+    def label(self) -> str:
+        """What it is, and its name behind."""
+        return self.name if self.plain == self.name else f"{self.plain} ({self.name})"
 
 
 @dataclass(frozen=True)
@@ -60,6 +78,17 @@ class Matchup:
     note: str  # what a reader has to know of it
     evaluation: Evaluation = field(default_factory=Evaluation)
     bound: Contestant | None = None  # what a search found for each of the first scenarios by itself
+    title: str = ""  # in plain words
+
+    @property
+    def label(self) -> str:
+        """What it is in plain words, and its name behind."""
+        return f"{self.title} ({self.name})" if self.title else self.name
+
+    @property
+    def labels(self) -> dict[str, str]:
+        """What a reader is told of contestants, by name: the median seed is the policy."""
+        return {one.name: one.label for one in self.baselines} | {self.chosen: POLICY}
 
     @property
     def policy(self) -> Contestant:
@@ -115,7 +144,9 @@ def of_setup(setup: Setup, scenarios: Mapping[str, Any], folder: Path | None = N
     rivals = baselines(setup.against, environment, setup, folder / "tuned")
     note = setup.about + quick_look_note(setup, about, rivals)
     bound = clairvoyant(setup, met, folder / "tuned")
-    return Matchup(setup.name, environment, seeds, chosen, rivals, met, about, note, setup.evaluation, bound)
+    return Matchup(
+        setup.name, environment, seeds, chosen, rivals, met, about, note, setup.evaluation, bound, setup.title
+    )
 
 
 def clairvoyant(setup: Setup, scenarios: Mapping[str, Any], folder: Path = TUNED) -> Contestant | None:
@@ -142,26 +173,6 @@ def quick_look_note(setup: Setup, about: Mapping[str, Any], rivals: Sequence[Con
     if budget < setup.budget:
         told.append(f"baselines tuned with {budget:,} candidates of {setup.budget:,}")
     return f"; A QUICK LOOK, {', '.join(told)}" if told else ""
-
-
-def environment_and_scenarios(
-    environment: Environment, scenarios: Mapping[str, Any]
-) -> tuple[dict[str, Any], Mapping[str, Any]]:
-    """Return the arguments of an environment without its scenario, and the scenarios that are played in it.
-
-    One with ranges of its own meets as many from these, drawn from the seeds of the frozen set that is asked for,
-    unless that is `hard`.
-    """
-    rest = {name: value for name, value in environment.items() if name != "scenario"}
-    if "scenario" not in environment or scenarios.get("set", "hard") == "hard":
-        return rest, scenarios
-    seed = evaluation_sets.load(scenarios["set"]).seed
-    return rest, {"ranges": _pairs(environment["scenario"]), "seed": seed, "count": scenarios["count"]}
-
-
-def _pairs(ranges: Any) -> dict[str, list[float]]:
-    """Return ranges of scenarios as JSON."""
-    return {name: list(pair) for name, pair in asdict(ScenarioRanges.of(ranges)).items()}
 
 
 def of_policies(
@@ -237,45 +248,3 @@ def baselines(
             try_out(name, controller_of({"object": name}, typical), shown)  # raises now, not in a worker
             found.append(Contestant(name, {"object": name}, (typical,), digest_of(name.partition(":")[0])))
     return tuple(found)
-
-
-def scenarios_from(source: str, count: int | None) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return scenarios as JSON and changes of the environment: from a frozen set's name or file, or from a JSON file.
-
-    The JSON file says `{"ranges": {...}, "seed": s, "count": n, "environment": {...}}`, all of which may be left out;
-    the environment holds arguments of `gym.make`, such as `tool_mass` or `coupling`.
-
-    Raises:
-        ValueError: no such set or file, or something in it is unknown or out of range; says what.
-    """
-    path = Path(source)
-    if path.suffix == ".json":
-        content = _content(path)
-        ranges, environment = _pairs(content.get("ranges", "test")), content.get("environment", {})
-        asked = whole("count", count or content.get("count", 1000), at_least=2)
-        seed = whole("seed", content.get("seed", 2_000_000), at_least=0)
-        if not isinstance(environment, dict):
-            raise ValueError(f"{path}: environment must hold arguments of gym.make by name, got {environment!r}")
-        taken = sorted(set(environment) & {"scenario", *SET_BY_OTHERS})
-        if taken:
-            raise ValueError(f"{path}: environment must leave out {taken}: ranges and the report see to that")
-        Task(**environment)  # raises
-        return {"ranges": ranges, "seed": seed, "count": asked}, environment
-    frozen = evaluation_sets.load(source)
-    asked = whole("scenarios", count or frozen.count, at_least=2)
-    number("scenarios", asked, "(no unit)", at_most=frozen.count)
-    if (evaluation_sets.SHIPPED / f"{source}.csv").is_file():
-        return {"set": source, "count": asked}, {}
-    table = {name: values[:asked].tolist() for name, values in frozen.scenario.items()}
-    return {"table": table, "seed": frozen.seed, "count": asked}, {}
-
-
-def _content(path: Path) -> dict[str, Any]:
-    try:
-        content = json.loads(path.read_text())
-    except (OSError, ValueError) as error:
-        raise ValueError(f"{path} is not read as scenarios: {error}") from error
-    known = {"ranges", "seed", "count", "environment"}
-    if not isinstance(content, dict) or set(content) - known:
-        raise ValueError(f"{path} must be a JSON object with some of {sorted(known)}, got {str(content)[:200]}")
-    return content

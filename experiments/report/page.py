@@ -1,53 +1,139 @@
-"""The page: sections of figures and tables, one file that opens from disk."""
+"""The page: a tab for each set-up, and in it what one screen answers, what an engineer and what a statistician asks."""
 
-from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import vl_convert
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from jinja2.utils import htmlsafe_json_dumps
 from markupsafe import Markup
 
 from agents.evaluate.controllers import controller_of
 from agents.evaluate.play import frozen_of
+from experiments.lab import page
 from experiments.lab.player import choose, films, fragment
-from experiments.report import answer, bars, differences, learned, robustness, shield
-from experiments.report.figures import Figure, Table
-from experiments.report.matchups import PAPER, POLICY
+from experiments.report import (
+    answer,
+    bars,
+    chain,
+    differences,
+    first_screen,
+    learned,
+    robustness,
+    shield,
+    weaknesses,
+)
+from experiments.report.figures import Figure, HeatMap, Table
+from experiments.report.matchups import PAPER, POLICY, Matchup
 from experiments.report.results import Played
 
-HERE = Path(__file__).parent
-Section = list[Figure | Table]
+KINDS = {Figure: "figure", Table: "table", HeatMap: "heat_map", str: "paragraph"}
+"""Macros of parts.html.jinja that show a part of a fold."""
 
 
-def sections(played: list[Played], first: bool = False) -> dict[str, dict[str, Section]]:
-    """Return what each section shows of each matchup; of a first page, that of the trade-off alone."""
-    found: dict[str, dict[str, Section]] = defaultdict(dict)
-    for one in played:
-        name = one.matchup.name
-        found["trade-off"][name] = [answer.trade_off(one), answer.weights_table(one), answer.fronts_table(one)]
-        if len(one.seeds) > 1:
-            found["trade-off"][name].append(answer.seeds_table(one))
-        if first:
-            continue
-        found["bars"][name] = [bars.table(bars.bars(one, played))]
-        shown = [differences.measures(one), differences.distribution(one), *differences.breakdown(one)]
-        found["differences"][name] = shown
-        reacted = [learned.reaction(one)] if one.reactions["since"].size else []  # else no alarm came
-        found["learned"][name] = [learned.approach(one), *reacted, *learned.urgency(one)]
-        found["robustness"][name] = [*robustness.figures(one), robustness.categories(one), shield.table(one)]
-        found["simulator"][name] = [robustness.simulator(one)]
-    return found
+@dataclass(frozen=True)
+class Fold:
+    """A part of a tab: what stands there, or is there to be opened."""
+
+    heading: str
+    parts: Sequence[Figure | Table | HeatMap | str]
+    closed: bool = True
+    key: str = ""  # of a link to it
 
 
-def figures(parts: Mapping[str, Mapping[str, Section]]) -> list[Figure]:
-    """Return all figures of the page."""
+@dataclass(frozen=True)
+class Tab:
+    """What the page says of a set-up."""
+
+    matchup: Matchup
+    headline: str
+    fails: str  # where it does not hold; empty on a first page
+    chart: Figure
+    sentence: str  # the answer with its intervals
+    seeds: int
+    scenarios: int
+    engineer: Sequence[Fold]
+    statistician: Sequence[Fold]
+    film: str  # HTML; empty on a first page
+
+    @property
+    def figures(self) -> list[Figure]:
+        """All figures of the tab."""
+        parts = [part for fold in (*self.engineer, *self.statistician) for part in fold.parts]
+        return [self.chart, *(part for part in parts if isinstance(part, Figure))]
+
+
+def tab(one: Played, others: Sequence[Played], steps: Sequence[chain.Step], first: bool = False) -> Tab:
+    """Return the tab of a matchup; of a first page, without what is still being played."""
+    found, matchup = answer.answer(one), one.matchup
+    return Tab(
+        matchup,
+        first_screen.headline(found, one),
+        "" if first else weaknesses.where_it_fails(one),
+        first_screen.chart(found, one),
+        answer.sentence(found, matchup) + chain.sentence(steps),
+        len(one.seeds),
+        one.count,
+        [Fold("What the gain is due to", [chain.table(steps, matchup.labels)], closed=False)]
+        + ([] if first else _engineer(one)),
+        [_trade_off(one)] + ([] if first else _statistician(one, others)),
+        "" if first else Markup(fragment(watch(one), f"watch-{matchup.name}")),
+    )
+
+
+def _engineer(one: Played) -> list[Fold]:
+    reacted = [learned.reaction(one)] if one.reactions["since"].size else []  # else no alarm came
     return [
-        one for by_matchup in parts.values() for part in by_matchup.values() for one in part if isinstance(one, Figure)
+        Fold("What it learned", [learned.approach(one), *reacted], closed=False, key="learned"),
+        Fold("Forces, and what the objects get", [differences.measures(one)], closed=False, key="forces"),
+        Fold("What a limit of force would cost", [shield.table(one)]),
+        Fold("Does it hold?", [weaknesses.heat_map(one)], closed=False, key="robustness"),
+        Fold(
+            "Each of these by itself",
+            [
+                "One thing is changed at a time; policy and baselines stay as they were trained and tuned. The alarm "
+                "is a switch that noise of the force does not reach, so a baseline that looks at nothing else is the "
+                "same at any noise. A stiffer coupling keeps its damping ratio.",
+                *weaknesses.weak_points(one),
+                *robustness.figures(one),
+                robustness.categories(one),
+            ],
+        ),
     ]
+
+
+def _trade_off(one: Played) -> Fold:
+    seeds = [answer.seeds_table(one)] if len(one.seeds) > 1 else []
+    parts = [answer.trade_off(one), answer.weights_table(one), answer.fronts_table(one), *seeds]
+    return Fold("The trade-off of every seed and every baseline", parts, key="trade-off")
+
+
+def _statistician(one: Played, others: Sequence[Played]) -> list[Fold]:
+    apart = (
+        "The weight that makes a policy as late as the paper's rule was found on "
+        f"{_apart(one.matchup.scenarios)}, so the two are equally late only nearly here."
+    )
+    solvers = (
+        "Every policy once more with a hundredth of the tolerance and with the dissipation that delivers the nominal "
+        "restitution exactly instead of Hu and Guo's; and the median seed and two baselines in an independent solver "
+        "of the whole episode, written with SciPy's integrators, with and without the clamp that keeps the contact "
+        "from pulling."
+    )
+    where = [apart, differences.distribution(one), *differences.breakdown(one)]
+    return [
+        Fold("What was to be reached", [bars.table(bars.bars(one, others))], key="bars"),
+        Fold("Where the policy wins, and where not", where, key="differences"),
+        Fold("What urgency changes", learned.urgency(one), key="urgency"),
+        Fold("Is it the simulator?", [solvers, robustness.simulator(one)], key="simulator"),
+    ]
+
+
+def _apart(scenarios: Mapping[str, Any]) -> str:
+    if "table" in scenarios:
+        return "these scenarios themselves"
+    return "the first half of the validation set" if "set" in scenarios else "other scenarios from the same ranges"
 
 
 def watch(played: Played) -> dict[str, Any]:
@@ -70,13 +156,19 @@ def watch(played: Played) -> dict[str, Any]:
     )
 
 
-def render(about: Mapping[str, Any], parts: Mapping[str, Any], shown: Mapping[str, Any]) -> str:
-    """Return the page."""
-    pages = Environment(
-        loader=FileSystemLoader(HERE), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+def write(folder: Path, about: Mapping[str, Any], tabs: Sequence[Tab]) -> Path:
+    """Write the page, and into `folder`/figures all its figures with their data; return its path."""
+    (folder / "figures").mkdir()
+    for one in (figure for each in tabs for figure in each.figures):
+        one.save(folder / "figures")
+    program = vl_convert.javascript_bundle().replace("</script", "<\\/script")  # what draws the charts
+    return page.write(
+        folder,
+        "report",
+        runs=[about],
+        about=about,
+        tabs=tabs,
+        vega=Markup(program),
+        kind=lambda part: KINDS[type(part)],
+        embedded=partial(htmlsafe_json_dumps, separators=(",", ":"), allow_nan=False),
     )
-    pages.globals["is_figure"] = lambda part: isinstance(part, Figure)
-    pages.globals["embedded"] = partial(htmlsafe_json_dumps, separators=(",", ":"), allow_nan=False)
-    players = {name: Markup(fragment(each, f"watch-{name}")) for name, each in shown.items()}
-    vega = Markup(vl_convert.javascript_bundle().replace("</script", "<\\/script"))  # the program that draws the charts
-    return pages.get_template("page.html.jinja").render(about=about, parts=parts, players=players, vega=vega)

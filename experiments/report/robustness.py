@@ -15,12 +15,27 @@ from experiments.report.results import AS_IT_IS, EXACT, Arrays, Played, Run
 from impact_gym.envs.setting import NUMBERS
 from impact_gym.envs.task import MISSED_COST
 
+FACTORS = {
+    "reaction_delay": "reaction delay",
+    "alarm_threshold": "force that raises the alarm",
+    "force_noise": "noise of the force sensor",
+    "force_bias": "bias of the force sensor",
+    "range_noise": "error of the distance estimate",
+    "tool_mass": "mass of the tool",
+    "coupling.stiffness": "stiffness of the spring",
+    "coupling.damping_ratio": "damping of the spring",
+    "coupling.front_stop": "front stop of the mechanism",
+    "robot": "robot that gives",
+    "scenario": "objects beyond the training",
+    "alarm": "what raises the alarm",
+}
+"""Arguments of the environment in plain words; others are called what they are."""
 SHOWN = {"s": ("ms", 1e3), "m": ("mm", 1e3)}  # units and scales of an axis, where they are others than a set-up's
 Varied = list[tuple[Change, dict[str, Run]]]
 """Changes with the runs of all contestants."""
 
 
-def _varied(played: Played) -> list[Varied]:
+def varied(played: Played) -> list[Varied]:
     """Return what was varied, a list for each argument."""
     runs: dict[tuple[str, str], dict[str, Run]] = {}
     for (argument, label, contestant), run in played.varied.items():
@@ -30,51 +45,55 @@ def _varied(played: Played) -> list[Varied]:
     return [list(of_one) for _, of_one in groupby(found, lambda one: one[0].argument)]
 
 
+def factor(argument: str) -> str:
+    """Return what an argument of the environment is in plain words."""
+    return FACTORS.get(argument, argument.replace(".", ", ").replace("_", " "))
+
+
+def unit(change: Change) -> tuple[str, float]:
+    """Return the unit in which a change is shown, and what its value is multiplied by."""
+    if change.multiple:
+        return "%", 100.0
+    unit = "s" if change.argument in ("reaction_delay", "control_period") else NUMBERS[change.argument].unit
+    return SHOWN.get(unit, (unit, 1.0))
+
+
+def setting(change: Change) -> str:
+    """Return what the argument is changed to, in words."""
+    if not np.isfinite(change.value):
+        return change.label
+    shown, scale = unit(change)
+    return f"{scale * change.value:g} {shown}"
+
+
 def _numeric(found: Varied) -> bool:
     return all(np.isfinite(change.value) for change, _ in found)
 
 
-def _axis(change: Change) -> tuple[str, float]:
-    """Return the title of an axis, and what values are multiplied by."""
-    words = change.argument.replace(".", ", ").replace("_", " ")
-    if change.multiple:
-        return f"{words} (%)", 100.0
-    unit = "s" if change.argument in ("reaction_delay", "control_period") else NUMBERS[change.argument].unit
-    shown, scale = SHOWN.get(unit, (unit, 1.0))
-    return f"{words} ({shown})", scale
-
-
-def _place(change: Change) -> str:
-    """Return what a change is, in words."""
-    if not np.isfinite(change.value):
-        return f"{change.argument} {change.label}"
-    title, factor = _axis(change)
-    return f"{title} {factor * change.value:g}"
-
-
 def figures(played: Played) -> list[Figure]:
     """Return a figure for each argument that is varied over numbers: V_p + w T over it."""
-    return [_figure(played, found) for found in _varied(played) if _numeric(found)]
+    return [_figure(played, found) for found in varied(played) if _numeric(found)]
 
 
 def _figure(played: Played, found: Varied) -> Figure:
     weight = played.matchup.typical
-    title, factor = _axis(found[0][0])
+    (shown, scale), labels = unit(found[0][0]), played.matchup.labels
+    subject = factor(found[0][0].argument)
     data = pl.DataFrame([
-        {"contestant": name, "value": factor * change.value, **run.means(weight)}
+        {"contestant": labels.get(name, name), "value": scale * change.value, **run.means(weight)}
         for change, runs in found
         for name, run in runs.items()
     ]).select("contestant", "value", "loss", "V", "T", "missed")  # fmt: skip
     looks = looks_of(data)
     values = data["value"].unique().sort().to_list()
     wide = 0.0 < 5.0 * values[0] < values[-1]
-    scale = alt.Scale(padding=10, nice=False, **({"type": "log"} if wide else {"zero": False}))
+    axis = alt.Scale(padding=10, nice=False, **({"type": "log"} if wide else {"zero": False}))
     ticks = alt.Axis(values=values, labelExpr="format(datum.value, '~g')")
     lines = (
         chart_of(data)
         .mark_line()
         .encode(
-            alt.X("value:Q", title=title, scale=scale, axis=ticks),
+            alt.X("value:Q", title=f"{subject} ({shown})", scale=axis, axis=ticks),
             alt.Y("loss:Q", title=f"mean V_p + {weight:g} T (m/s)", scale=alt.Scale(zero=False)),
             looks.colour,
         )
@@ -89,48 +108,27 @@ def _figure(played: Played, found: Varied) -> Figure:
     worst = data.filter(pl.col("contestant") == POLICY)["missed"].max()
     missed = f" The policy misses at most {worst} of {found[0][1][POLICY]['missed'].shape[1]} objects." if worst else ""
     caption = f"From left to right, {text}.{missed}"
-    return Figure(played.matchup.name, found[0][0].argument, title, caption, text, lines + marks, data, 220)
+    return Figure(played.matchup.name, found[0][0].argument, subject, caption, text, lines + marks, data, 220)
 
 
 def categories(played: Played) -> Table:
     """Return the table of changes that are not numbers, such as a compliant robot or other scenarios."""
-    weight, body = played.matchup.typical, []
-    for change, runs in chain.from_iterable(found for found in _varied(played) if not _numeric(found)):
+    weight, labels, body = played.matchup.typical, played.matchup.labels, []
+    for change, runs in chain.from_iterable(found for found in varied(played) if not _numeric(found)):
         for name, run in runs.items():
             mean = run.means(weight)
-            body.append((change.argument, change.label, name, f"{mean['loss']:.4f}", f"{mean['V']:.4f}",
-                         f"{mean['T']:.4f}", f"{mean['missed']} of {run['missed'].shape[1]}"))  # fmt: skip
+            changed = (factor(change.argument), change.label, labels.get(name, name))
+            body.append((*changed, f"{mean['loss']:.4f}", f"{mean['V']:.4f}", f"{mean['T']:.4f}",
+                         f"{mean['missed']} of {run['missed'].shape[1]}"))  # fmt: skip
     head = ("changed", "to", "contestant", f"V_p + {weight:g} T (m/s)", "V_p (m/s)", "T (s)", "missed")
     return Table("Another robot, other scenarios: hard ones lie beyond the training ranges, lighter, stiffer, less "
                  "elastic, nearer", head, body)  # fmt: skip
 
 
-def weak_points(played: Played) -> list[str]:
-    """Return sentences on where the policy loses to its rival or to the paper's rule, or misses objects."""
-    weight, name = played.matchup.typical, played.matchup.name
-    varied = list(chain.from_iterable(_varied(played)))
-    asked = [(change, runs) for change, runs in varied if not change.same]
-    said = []
-    for rival in dict.fromkeys((played.matchup.rival.name, PAPER)):
-        lost = []
-        for change, runs in asked:
-            difference = runs[POLICY].loss(weight) - runs[rival].loss(weight)
-            if difference.mean() > 2.0 * difference.std(ddof=1) / np.sqrt(difference.size):
-                lost.append(f"{_place(change)} (by {difference.mean():.3f} m/s)")
-        said.append(f"worse than {rival} at {', '.join(lost)}" if lost else f"nowhere worse than {rival}")
-    missing = [
-        f"{count} of {runs[POLICY]['missed'].shape[1]} at {_place(change)}"
-        for change, runs in varied
-        if (count := runs[POLICY].means(weight)["missed"])
-    ]
-    comparisons = len(asked) * len(said)
-    rule = f"{name}, {comparisons} comparisons of the median seed, worse by more than two standard errors: "
-    return [rule + "; ".join(said) + ".", *([f"{name} misses {'; '.join(missing)}."] if missing else [])]
-
-
 def simulator(played: Played) -> Table:
     """Return what other solvers and laws change, beside the gain."""
     weight, chosen, rival = played.matchup.typical, played.matchup.chosen, played.matchup.rival.name
+    rival_label = played.matchup.rival.label
     gains = [(run.loss(weight) - played.policy.loss(weight)).mean() for run in (played.paper, played.rival)]
     body = []
 
@@ -158,10 +156,10 @@ def simulator(played: Played) -> Table:
     if not played.scipy:
         body.append(("SciPy's solver", "not played: it takes neither drawn ranges nor noise", "", "", "", ""))
     head = ("changed", "played", "largest mean change of V_p (m/s)", "in any scenario (m/s)",
-            "change of the gain over the rule (m/s)", f"over {rival} (m/s)")  # fmt: skip
+            "change of the gain over the rule (m/s)", f"over {rival_label} (m/s)")  # fmt: skip
     caption = (
         f"The gain in V_p + w T at w = {weight:g} is {gains[0]:.4f} m/s over the paper's rule and "
-        f"{gains[1]:.4f} m/s over {rival}; what follows is by how much that changes."
+        f"{gains[1]:.4f} m/s over {rival_label}; what follows is by how much that changes."
     )
     return Table(caption, head, body)
 

@@ -59,9 +59,9 @@ def test_each_step_brings_what_the_one_before_lacks():
     told = sentence([first, *steps])
     for words in ("42.9 % [42.9, 42.9] from the arm's limits", "28.6 % [28.6, 28.6] from learning"):
         assert words in told
-    rows = table({"toy": [first, *steps]}).rows
-    assert rows[0][:4] == ("toy: the paper", PAPER, f"{mean:.3f}", "-")
-    assert rows[2][0] == "toy: + tuning"
+    rows = table([first, *steps], {"profile": "tuned profile (profile)"}).rows
+    assert rows[0][:4] == ("the paper", PAPER, f"{mean:.3f}", "-")
+    assert rows[2][:2] == ("+ tuning", "tuned profile (profile)")
     assert rows[2][4] == "28.6 % [28.6, 28.6]"
 
 
@@ -119,7 +119,7 @@ def test_who_knows_the_object_is_compared_on_the_scenarios_it_was_searched_for()
     assert knows.velocity.value.value == pytest.approx(0.1 * few)
     assert knows.velocity.less.value == pytest.approx((0.25 - 0.1) * few)
     assert knows.velocity.share.value == pytest.approx(0.15 / 0.75)
-    assert "the first 20 scenarios" in table({"toy": chain(one)}).rows[-1][1]
+    assert "the first 20 scenarios" in table(chain(one), {}).rows[-1][1]
     assert "knowing" not in sentence(chain(one))
     one.bound = Run((7.0, 8.0), one.bound.arrays)
     assert chain(one)[-1].contestant == policy.contestant  # not searched at the typical weight
@@ -135,7 +135,7 @@ def test_a_step_read_too_soon_bounds_what_it_and_the_next_bring(times, limits, w
     steps = chain(one)
     assert [step.limit for step in steps[1:]] == limits
     assert words in sentence(steps)
-    assert ("50 ms sooner" in table({"toy": steps}).rows[2][2]) == (times[0] < PAPER_TIME)
+    assert ("50 ms sooner" in table(steps, {}).rows[2][2]) == (times[0] < PAPER_TIME)
 
 
 def test_nothing_is_claimed_at_a_time_that_one_cannot_make():
@@ -144,7 +144,7 @@ def test_nothing_is_claimed_at_a_time_that_one_cannot_make():
     steps = chain(one)
     assert [step.velocity.share for step in steps] == [None] * 4
     assert [step.velocity.less for step in steps] == [None] * 4
-    assert "50 ms later" in table({"toy": steps}).rows[2][2]
+    assert "50 ms later" in table(steps, {}).rows[2][2]
     told = sentence(steps)
     assert "V_p + 2 T" in told  # which may be compared whenever they arrive
     assert "from the choice of speed" in told  # on an arm that can do no more than the paper's rule

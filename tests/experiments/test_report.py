@@ -3,9 +3,6 @@
 import hashlib
 import json
 import re
-import subprocess
-import sys
-import tomllib
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
@@ -15,24 +12,20 @@ import numpy as np
 import polars as pl
 import pytest
 from browsers import chromium, opened
-from episodes import assert_identical
+from played import played_alone
 
 from agents.baselines.tuned import load_baseline
 from agents.evaluate import RESULTS
-from agents.evaluate import play as evaluations
 from agents.evaluate.stage import Stage
-from agents.jobs import job
 from agents.setups import load_setup
-from experiments.lab.statistics import Estimate
-from experiments.report import answer, matchups, measures, results
-from experiments.report.__main__ import ReportOptions, publish
+from experiments.report import matchups
+from experiments.report.__main__ import ReportOptions, publish, write_folder
 from experiments.report.matchups import PAPER
 from impact_gym.envs import evaluation_sets
 
 AGENTS = Path(matchups.__file__).parents[2] / "agents"
 SCENARIOS = {"set": "test", "count": 30}
 LINEAR = matchups.of_setup(load_setup("linear-blind"), SCENARIOS)
-PAPERS_RULE = {"baseline": "paper-trapezoid"}
 
 
 @pytest.fixture(scope="module")
@@ -95,7 +88,7 @@ def test_the_chain_follows_from_the_episodes_on_disk_and_is_the_first_table(fold
     assert less == pytest.approx(reduction * paper["velocity"]["value"]["value"])
     assert sum(step["velocity"]["share"]["value"] for step in steps[:3]) == pytest.approx(1.0)
     page = (folder / "index.html").read_text()
-    assert "linear-blind: + the arm&#39;s limits" in page[page.index("<table>") : page.index("</table>")]
+    assert "+ the arm&#39;s limits" in page[page.index("<table>") : page.index("</table>")]
     assert f"{100 * steps[0]['velocity']['share']['value']:.1f} %" in found["sentences"][0]
 
 
@@ -130,102 +123,6 @@ def test_episodes_are_those_of_a_stage_and_of_the_same_scenarios(episodes):
             assert (rows.sort("scenario")[field].to_numpy() == values[: len(rows)]).all(), name
 
 
-def test_as_late_is_as_late_on_the_validation_set():
-    found = measures.play_as_late(LINEAR.policy.controller, LINEAR.environment, SCENARIOS, LINEAR.policy.weights)
-    validation = {"set": "validation", "count": SCENARIOS["count"]}
-    weight = float(found["weight"][0])
-    ours = evaluations.play(LINEAR.policy.controller, validation, [weight])
-    rule = evaluations.play(PAPERS_RULE, validation)
-    assert ours["approach_time"].mean() == pytest.approx(rule["approach_time"].mean(), abs=1e-3)
-    assert ours["approach_time"].mean() <= rule["approach_time"].mean()
-
-
-def test_the_papers_rule_does_after_the_alarm_what_it_says():
-    seen = measures.reactions(PAPERS_RULE, {}, SCENARIOS, 2.0)
-    assert seen["velocity"] == pytest.approx(0.0, abs=1e-6)
-    assert seen["acceleration"] == pytest.approx(8.0, abs=1e-5)
-    assert set(seen["scenario"]) == set(range(30))
-    assert seen["since"].min() == 0.0
-    assert seen["since"].max() < 0.15
-    assert (seen["sensed"] >= 1.0 - 1e-3).all()  # the alarm comes with the reading that caused it
-
-
-def test_a_profile_is_the_flanges():
-    found = measures.profile(PAPERS_RULE, {}, [2.0], 0.36)
-    x = found["position"]
-    reached = x < 0.35  # the tool swings ahead of the flange and touches first
-    assert found["velocity"][0][reached] == pytest.approx(np.minimum(np.sqrt(16.0 * x), 1.0)[reached], abs=2e-3)
-
-
-def test_scenarios_come_from_sets_tables_and_ranges_alike():
-    frozen = evaluation_sets.load("test")
-    table = {name: values[:20].tolist() for name, values in frozen.scenario.items()}
-    ranges = {"object_mass": [0.1, 2.5], "contact_stiffness": [1e3, 1e6], "restitution": [0.1, 1.0],
-              "distance": [0.15, 0.35]}  # fmt: skip
-    same = [{"set": "test"}, {"table": table, "seed": frozen.seed}, {"ranges": ranges, "seed": frozen.seed}]
-    first, *others = (
-        evaluations.play(PAPERS_RULE, {**one, "count": 20}, environment={"range_noise": 0.01}) for one in same
-    )
-    for other in others:
-        assert_identical(first, other)
-
-
-def test_what_was_played_is_not_played_again(tmp_path, monkeypatch):
-    matchup = replace(LINEAR, seeds=(replace(LINEAR.policy, weights=(2.0,)),), scenarios={"set": "test", "count": 4})
-    alone = replace(matchup, baselines=matchup.baselines[:1])
-    (first,) = results.gather_matchups([alone], tmp_path, processes=0)
-    calls = []
-    monkeypatch.setattr(evaluations, "play", lambda *a, _play=evaluations.play, **k: calls.append(k) or _play(*a, **k))
-    job.resolve.cache_clear()
-    (second,) = results.gather_matchups([alone], tmp_path, processes=0)
-    assert calls == []
-    (third,) = results.gather_matchups([matchup], tmp_path, processes=0)
-    assert calls
-    assert all(call["controller"] != PAPERS_RULE for call in calls)
-    job.resolve.cache_clear()
-    for one in (second, third):
-        assert np.array_equal(first.paper["object_velocity"], one.paper["object_velocity"])
-
-
-def test_a_curve_that_does_not_come_to_the_papers_time_says_so():
-    one = replace(LINEAR, seeds=(replace(LINEAR.policy, weights=(8.0,)),), scenarios={"set": "test", "count": 20})
-    fast = answer.answer(played_alone(one))
-    assert not fast.reached
-    assert fast.later < 0.0
-    assert "no weight makes its approach as long" in answer.sentence(fast, one)
-    assert f"{-100 * fast.later:.1f} % sooner" in answer.sentence(fast, one)
-    assert fast.each == ()
-    late = replace(fast, later=0.02)
-    assert "no weight makes its approach as short" in answer.sentence(late, one)
-    assert "2.0 % later" in answer.sentence(late, one)
-    slow = replace(fast, reached=True, reduction=Estimate(-0.2, -0.3, -0.1), beyond="faster")
-    assert "20.0 % [10.0, 30.0] faster" in answer.sentence(slow, one)
-    assert "nowhere leaves the object as slow" in answer.sentence(slow, one)
-
-
-def played_alone(matchup):
-    """Return what `answer` needs of a matchup, nothing else."""
-    played = results.Played(matchup)
-    for one in (*matchup.seeds, *matchup.baselines):
-        arrays = evaluations.play(one.controller, matchup.scenarios, list(one.weights), matchup.environment)
-        runs = played.seeds if one in matchup.seeds else played.baselines
-        runs[one.name] = results.Run(one.weights, arrays)
-    played.as_late = played.seeds
-    return played
-
-
-def test_a_report_needs_no_more_than_its_extra():
-    extras = tomllib.loads((AGENTS.parent / "pyproject.toml").read_text())["project"]["optional-dependencies"]
-    names = {extra: {re.split("[><=]", one)[0].replace("-", "_") for one in extras[extra]} for extra in extras}
-    others = set().union(*names.values()) - names["report"]
-    assert {"torch", "cma", "mujoco", "ray"} <= others
-    program = (
-        f"import sys; sys.modules.update(dict.fromkeys({sorted(others)})); import experiments.report.__main__; "
-        "from experiments.report.__main__ import ReportOptions, matchups_of; matchups_of(ReportOptions())"
-    )
-    subprocess.run([sys.executable, "-c", program], check=True, cwd=AGENTS.parent)
-
-
 def test_checksums_are_those_of_the_files(folder):
     found = json.loads((folder / "results.json").read_text())["contestants"]["linear-blind"]
     files = {name: f"policies/linear-blind/{name}.npz" for name in found if name.startswith("seed-")}
@@ -252,6 +149,7 @@ def test_every_figure_is_there_as_picture_and_data(folder):
         name = chart["data-spec"].removeprefix("spec-")
         assert ElementTree.parse(folder / "figures" / f"{name}.svg").getroot().tag.endswith("svg")
         assert len(pl.read_csv(folder / "figures" / f"{name}.csv", infer_schema_length=None)) > 1
+    assert ElementTree.parse(folder / "figures" / "linear-blind_answer.svg").getroot().tag.endswith("svg")
     for link in links:
         assert link.startswith(("#", "data:")) or (folder / link).is_file(), link
     assert len(text) < 12e6
@@ -263,10 +161,15 @@ def browser():
         yield program
 
 
+def unfold(page):
+    page.evaluate("document.querySelectorAll('details').forEach(one => { one.open = true; })")
+    page.evaluate("drawAll()")
+
+
 @pytest.mark.parametrize("width", [390, 1280])
 def test_the_page_in_a_browser(browser, folder, width):
     page, problems = opened(browser, folder / "index.html", width)
-    page.evaluate("drawAll()")
+    unfold(page)
     charts = page.locator(".chart")
     page.wait_for_function("[...document.querySelectorAll('.chart')].every(one => one.querySelector('svg'))")
     for k in range(charts.count()):
@@ -285,16 +188,90 @@ def test_the_page_in_a_browser(browser, folder, width):
 
 def test_a_chart_answers_the_pointer_and_the_theme_changes(browser, folder):
     page, problems = opened(browser, folder / "index.html")
-    page.evaluate("drawAll()")
+    unfold(page)
     marks = page.locator("#linear-blind_trade_off .mark-symbol path")
     marks.first.wait_for()
     marks.nth(2).scroll_into_view_if_needed()
     marks.nth(2).hover(force=True)
     page.wait_for_selector("#vg-tooltip-element.visible")
-    assert re.search(r"V_p", page.inner_text("#vg-tooltip-element"))
+    assert re.search("Vₚ", page.inner_text("#vg-tooltip-element"))
     colours = set()
     for _ in range(3):
         page.click("#theme")
         colours.add(page.evaluate("getComputedStyle(document.body).backgroundColor"))
     assert len(colours) == 2
+    assert problems == []
+
+
+def test_one_screen_answers_and_its_film_plays(browser, folder):
+    page, problems = opened(browser, folder / "index.html", 1280, 800, reduced_motion="no-preference")
+    shown = {name: page.locator(name).first for name in (".finding", ".still svg", ".fails", ".igw-panels", ".igw-controls")}
+    for name, part in shown.items():
+        box = part.bounding_box()
+        assert box["height"] > 20, name
+        assert box["y"] + box["height"] <= 800, name
+    page.wait_for_function("document.querySelector('.igw-play').textContent === 'Pause'")
+    assert page.locator(".igw-select").first.input_value() == "0"
+    assert "median" in page.locator(".igw-select option").first.inner_text()
+    for name in ("learned policy", "paper's rule", "tuned profile"):
+        assert name in page.locator(".still svg").first.text_content()
+    assert page.evaluate("document.documentElement.scrollHeight") <= 6 * 800
+    assert problems == []
+
+
+def test_all_of_a_set_up_is_printed_on_twelve_pages_and_folded_again(browser, folder):
+    page, problems = opened(browser, folder / "index.html")
+    page.wait_for_function("document.querySelectorAll('.chart svg').length > 1")
+    closed = page.locator("details:not([open])").count()
+    page.evaluate("""addEventListener("beforeprint", () => setTimeout(() => {
+        window.undrawn = document.querySelectorAll(".setup:not([hidden]) .chart:not(:has(svg))").length; }))""")
+    printed = page.pdf(format="A4")
+    assert 6 <= len(re.findall(rb"/Type\s*/Page[^s]", printed)) <= 12
+    assert page.evaluate("window.undrawn") == 0
+    assert page.locator("details:not([open])").count() == closed
+    assert problems == [], problems
+
+
+def test_the_keyboard_reaches_every_control_and_each_has_a_name(browser, folder):
+    page, _ = opened(browser, folder / "index.html")
+    page.evaluate("""() => {
+        const folded = one => one.parentElement.closest("details:not([open])");
+        const hidden = one => folded(one.matches("summary") ? one.parentElement : one) || one.closest("[hidden]");
+        const controls = [...document.querySelectorAll("a[href], button, select, input, summary, [tabindex='0']")];
+        window.wanted = new Set(controls.filter(one => one.tabIndex >= 0 && !hidden(one)));
+        addEventListener("focusin", event => window.wanted.delete(event.target)); }""")
+    count = page.evaluate("window.wanted.size")
+    assert count > 25
+    for _ in range(2 * count):
+        page.keyboard.press("Tab")
+    unreached = page.evaluate("[...window.wanted].map(one => one.outerHTML.slice(0, 80))")
+    assert unreached == [], unreached
+    nameless = page.evaluate("""[...document.querySelectorAll("button, select, input, summary, [role=region]")].filter(
+        one => !(one.getAttribute("aria-label") || one.textContent.trim() || (one.labels || []).length))""")
+    assert nameless == []
+
+
+def test_a_set_up_is_chosen_with_the_keyboard_or_by_a_link(browser, tmp_path):
+    seeds = (replace(LINEAR.policy, weights=(1.0, 4.0)),)
+    one = played_alone(replace(LINEAR, seeds=seeds, scenarios={"set": "test", "count": 12}))
+    twin = replace(one, matchup=replace(one.matchup, name="twin", title="A twin, in plain words"))
+    file = write_folder([one, twin], ReportOptions(out=tmp_path / "out"), 0.0, first=True)
+    page, problems = opened(browser, file)
+    chosen = "document.querySelector('[aria-selected=true]').id"
+    visible = (
+        "[...document.querySelectorAll('[role=tabpanel]')].filter(one => one.checkVisibility()).map(one => one.id)"
+    )
+    assert page.evaluate(chosen) == "tab-linear-blind"
+    assert page.evaluate(visible) == ["linear-blind"]
+    assert page.inner_text("#tab-twin").split("\n") == ["A twin, in plain words", "twin"]
+    page.focus("#tab-linear-blind")
+    page.keyboard.press("ArrowRight")
+    assert page.evaluate("document.activeElement.id") == page.evaluate(chosen) == "tab-twin"
+    assert page.evaluate(visible) == ["twin"]
+    page.click("nav [data-part=engineer-]")
+    assert page.evaluate("location.hash") == "#engineer-twin"
+    page.evaluate("location.hash = '#trade-off-linear-blind'")
+    page.wait_for_function(f"{chosen} === 'tab-linear-blind'")
+    assert page.evaluate("document.getElementById('trade-off-linear-blind').open")
+    page.wait_for_selector("#linear-blind_trade_off svg")
     assert problems == []

@@ -149,13 +149,13 @@ def test_a_first_page_answers_on_few_scenarios_and_the_full_one_takes_its_place(
         write(settings)
     write(settings)  # a first page needs no --force to be replaced
     found, text = json.loads(seen[-1][0]), seen[-1][1]
-    assert "linear-blind: + learning" in text[text.index("<table>") : text.index("</table>")]
+    assert "+ the arm&#39;s limits and tuning and learning" in text[text.index("<table>") : text.index("</table>")]
     assert found["first page"]
     reduction = found["answers"]["linear-blind"]["reduction"]
     assert reduction["low"] < reduction["high"]
     assert "its first 5" in text
     assert "First page." in text
-    assert 'id="robustness"' not in text
+    assert 'id="robustness-linear-blind"' not in text
     printed = capsys.readouterr().out
     assert "first page, of 5 scenarios: file://" in printed
     full = json.loads((tmp_path / "out" / "results.json").read_text())
@@ -163,7 +163,9 @@ def test_a_first_page_answers_on_few_scenarios_and_the_full_one_takes_its_place(
     assert full["sentences"][0] in printed
     first, last = (one["episodes"]["rows"] for one in (found, full))
     assert last == 3 * first
-    assert "First page." not in (tmp_path / "out" / "index.html").read_text()
+    last_text = (tmp_path / "out" / "index.html").read_text()
+    assert "First page." not in last_text
+    assert 'id="robustness-linear-blind"' in last_text
     monkeypatch.setattr(report, "write_folder", lambda *given: tmp_path)
     monkeypatch.setattr(report, "gather_matchups", lambda *given: seen.append(given[4]))
     write(replace(settings, force=True))

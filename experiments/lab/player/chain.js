@@ -1,6 +1,6 @@
 // The chain to scale: flange, what holds the tool, tool, object. Bodies' own sizes are chosen, positions the trace's.
 const TOOL = {length: 0.034, height: 0.03}, FLANGE = {length: 0.016, height: 0.052}, CLEARANCE = 0.004;  // m
-const LOUPE = {width: 176, height: 92};
+const LOUPE = {width: 166, height: 74};
 const BEHIND = 0.02, AHEAD = 66;  // m, pixels
 
 function massText(scene) {
@@ -20,7 +20,7 @@ function viewOf(films, scene, width) {
   const above = Math.max(scene.radius, 0.5 * FLANGE.height, (films.chain.height || 0) + 0.006) * scale + 8;
   const below = Math.max(scene.radius * scale + (massFits(scene, scale) ? 0 : 13), 0.5 * FLANGE.height * scale) + 6;
   const axis = LOUPE.height + 14 + Math.max(above, 30);
-  return {left, scale, width, axis, ground: axis + Math.max(below, 26), height: axis + Math.max(below, 26) + 40,
+  return {left, scale, width, axis, ground: axis + Math.max(below, 26), height: axis + Math.max(below, 26) + 36,
           x: (position) => (position - left) * scale};
 }
 
@@ -127,7 +127,7 @@ function drawChain(svg, films, scene, run, view) {
   const speed = node("path", {class: "igw-speed"}, svg);
   const speedText = node("text", {class: "igw-strong igw-object-text", y: y - 9}, svg);
   const moved = node("path", {class: "igw-moved"}, svg);
-  const movedText = node("text", {class: "igw-strong igw-object-text", y: view.ground + 36}, svg);
+  const movedText = node("text", {class: "igw-strong igw-object-text", y: view.ground + 33}, svg);
   const loupe = drawLoupe(svg, scene, view);
   return (state) => {
     const front = state.flange_position - TOOL.length - films.chain.rest;

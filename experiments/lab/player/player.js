@@ -39,6 +39,7 @@ function say(soon) {
 }
 
 function draw() {
+  if (!panels[0].update) return;  // it stands in a tab that nobody has opened yet
   const time = clock.time(film);
   for (const panel of panels) {
     const state = stateAt(panel.run, time);
@@ -157,9 +158,8 @@ function open(number) {
     const box = html("article", {class: `igw-panel igw-who-${k}`}, where);
     const head = html("header", {}, box);
     html("h3", {}, head, each.name);
-    const facts = html("p", {class: "igw-facts"}, head);
-    html("strong", {}, facts, each.missed ? "missed" : `leaves it at ${three(each.object_velocity)} m/s`);
-    facts.append(each.contacts.length ? ` \u00b7 touch ${Math.round(1000 * each.approach_time)} ms`
+    html("strong", {}, head, each.missed ? "missed" : `leaves it at ${three(each.object_velocity)} m/s`);
+    html("p", {class: "igw-facts"}, head, each.contacts.length ? `touch ${Math.round(1000 * each.approach_time)} ms`
       + ` \u00b7 peak ${newtons(each.peak_force)} N`
       + ` \u00b7 ${each.contact_count} contact${each.contact_count === 1 ? "" : "s"}` : "");
     const chain = node("svg", {class: "igw-chain", role: "img"}, box);
@@ -169,13 +169,13 @@ function open(number) {
                                 "aria-label": `${each.name}: velocities and contact force against time`}, box);
     return {run: each, head, chain, state, strips};
   });
-    film = poster();
+  film = poster();
   marks();
   layout();
   say(true);
 }
 
-films.scenes.forEach((each, k) => html("option", {value: String(k)}, select, each.label));
+films.scenes.forEach((each, k) => html("option", {value: String(k)}, select, each.label.replace("V_p", "V\u209a")));
 select.addEventListener("change", () => {
   if (playing) run(false);
   open(Number(select.value));

@@ -1,0 +1,94 @@
+"""What one screen answers: a sentence in plain words, and the trade-off with the paper's point."""
+
+from typing import Any
+
+import altair as alt
+import polars as pl
+
+from experiments.report.answer import MISSED_TOO_OFTEN, Answer
+from experiments.report.figures import Figure, chart_of, looks_of
+from experiments.report.matchups import PAPER, POLICY
+from experiments.report.results import Played
+
+WIDTH, HEIGHT = 400, 270  # pixels: read on a phone as well, where the chart is scaled by no more than 0.85
+
+
+def headline(one: Answer, played: Played) -> str:
+    """Return the answer in plain words; its intervals are for those who read on."""
+    if one.missed > MISSED_TOO_OFTEN * one.episodes:
+        return f"The learned policy misses {one.missed:,} of {one.episodes:,} objects, so nothing is claimed for it."
+    less = _less(one.reduction.value)
+    if one.reached:
+        said = f"The learned policy touches the object as soon as the paper's rule and leaves it {less}"
+    elif one.later > 0.0:
+        said = (
+            f"No learned policy arrives as soon as the paper's rule; one that is {100 * one.later:.0f} % later leaves "
+        )
+        said += f"the object {less}"
+    else:
+        said = (
+            f"However patient, the learned policy arrives {-100 * one.later:.0f} % sooner than the paper's rule, and "
+        )
+        said += f"leaves the object {less}"
+    tuned = ""
+    if one.rival_reduction:
+        alike = (one.rival_reduction.value >= 0.0) == (one.reduction.value >= 0.0)
+        less = _less(one.rival_reduction.value)
+        less = less.removesuffix(" slower") if alike else less
+        tuned = f"; a {played.matchup.rival.plain} without learning, {less}"
+    return f"{said}{tuned}."
+
+
+def _less(share: float) -> str:
+    return f"{100 * abs(share):.0f} % {'slower' if share >= 0.0 else 'faster'}"
+
+
+def chart(one: Answer, played: Played) -> Figure:
+    """Return the paper's point, the curves of the best tuned baseline and of the policy, each with its name at it."""
+    rival = played.matchup.rival.plain
+    runs = {POLICY: played.policy, PAPER: played.paper, rival: played.rival}  # without a rival the rule is its own
+    data = pl.DataFrame([
+        {"contestant": name, "w": weight, **run.means(weight)} for name, run in runs.items() for weight in run.weights
+    ]).drop("loss")  # fmt: skip
+    looks = looks_of(data)
+    axis = alt.Axis(tickCount=5)
+    horizontal = alt.X("T:Q", title="mean time until the touch (s)", scale=alt.Scale(zero=False, nice=True), axis=axis)
+    vertical = alt.Y("V:Q", title=None, scale=alt.Scale(zero=True), axis=axis)
+    base = chart_of(data).encode(horizontal, vertical, looks.colour.legend(None))
+    large = alt.condition(alt.datum.contestant == PAPER, alt.value(170), alt.value(45))
+    lines = base.mark_line(strokeWidth=2.5).encode(looks.dash.legend(None), order="w:Q")
+    marks = base.mark_point().encode(looks.shape.legend(None), size=large)
+
+    def written(text: str, x: float, y: float, contestant: str, **where: Any) -> alt.Chart:
+        said = pl.DataFrame([{"text": text, "T": x, "V": y, "contestant": contestant}])
+        return chart_of(said).mark_text(fontSize=13, fontWeight=600, **where).encode(
+            horizontal, vertical, looks.colour.legend(None), text="text:N"
+        )  # fmt: skip
+
+    paper = played.paper.means(played.matchup.typical)
+    left = paper["T"] > 0.5 * (data["T"].min() + data["T"].max())  # there is more room
+    beside = {"align": "right", "dx": -12} if left else {"align": "left", "dx": 12}
+    names = [written(PAPER, paper["T"], paper["V"], PAPER, **beside)]
+    tuned, late = (data.filter(pl.col("contestant") == name).sort("T") for name in (rival, POLICY))
+    low = late["V"][-1] < 0.12 * data["V"].max()  # the axis is near
+    names.append(written(POLICY, late["T"][-1], late["V"][-1], POLICY, align="right", dy=-12 if low else 20))
+    if rival != PAPER:
+        names.append(written(rival, tuned["T"][-1], tuned["V"][-1], rival, align="left", dx=8, dy=-8))
+    gain = []
+    if one.reached and one.reduction.value > 0.0:
+        there = pl.DataFrame([{"T": paper["T"], "V": paper["V"], "to": one.velocity.value}])
+        gain.append(chart_of(there).mark_rule(strokeDash=[2, 3]).encode(horizontal, vertical, y2="to:Q"))
+        middle = 0.5 * (paper["V"] + one.velocity.value)
+        gain.append(written(_less(one.reduction.value), paper["T"], middle, POLICY, align="left", dx=6))
+    text = (
+        f"Paper's rule: {paper['T']:.3f} s, {paper['V']:.3f} m/s. The learned policy: from {late['T'][0]:.3f} s and "
+        f"{late['V'][0]:.3f} m/s to {late['T'][-1]:.3f} s and {late['V'][-1]:.3f} m/s."
+    )
+    marks_are = "" if rival == PAPER else f", the {rival} tuned for one urgency at each mark"
+    caption = (
+        f"Down and left is better. A line is a controller from urgent to patient: the policy is told which{marks_are}. "
+        "The paper's rule goes at 1 m/s and brakes 16 ms after it feels the touch."
+    )
+    subject = "speed the object is left with, V_p (m/s)"
+    layers = alt.layer(*gain, lines, marks, *names)
+    return Figure(played.matchup.name, "answer", subject, caption, text, layers, data, HEIGHT, WIDTH)

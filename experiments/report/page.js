@@ -1,0 +1,75 @@
+// Tabs, links into what is folded, and charts that are drawn once they are seen.
+(() => {
+  const tabs = [...document.querySelectorAll("[role=tab]")];
+  const panelOf = (tab) => document.getElementById(tab.getAttribute("aria-controls"));
+
+  // The program that draws is large: it runs when the first chart is asked for, after the page is painted.
+  const drawing = () => {
+    if (window.vegaEmbed) return;
+    const program = document.createElement("script");
+    program.textContent = document.getElementById("vega").textContent;
+    document.head.append(program);
+  };
+  const draw = (element) => {
+    element.dataset.drawn = "1";
+    drawing();
+    const spec = JSON.parse(document.getElementById(element.dataset.spec).textContent);
+    if (element.clientWidth < 420) spec.config.legend.columns = 1;
+    return vegaEmbed(element, spec, {renderer: "svg", actions: false});
+  };
+  const seen = (element) => !element.closest("details:not([open]), [hidden]");
+  window.drawAll = async () => {
+    await Promise.all([...document.querySelectorAll(".chart:not([data-drawn])")].filter(seen).map(draw));
+  };
+  const soon = window.requestIdleCallback || ((work) => setTimeout(work, 50));
+  const later = () => soon(() => window.drawAll());
+
+  const choose = (tab) => {
+    for (const one of tabs) {
+      const on = one === tab;
+      one.setAttribute("aria-selected", String(on));
+      one.tabIndex = on ? 0 : -1;
+      panelOf(one).hidden = !on;
+    }
+    for (const link of document.querySelectorAll("[data-part]")) link.hash = link.dataset.part + panelOf(tab).id;
+    later();
+  };
+  for (const tab of tabs) {
+    tab.addEventListener("click", () => {
+      choose(tab);
+      history.replaceState(null, "", `#${panelOf(tab).id}`);
+    });
+    tab.addEventListener("keydown", (event) => {
+      const count = tabs.length, at = tabs.indexOf(tab);
+      const to = {ArrowRight: (at + 1) % count, ArrowLeft: (at + count - 1) % count, Home: 0, End: count - 1}[event.key];
+      if (to === undefined) return;
+      event.preventDefault();
+      tabs[to].focus();
+      tabs[to].click();
+    });
+  }
+
+  // A link leads to what it names, in whichever tab and fold that is.
+  const follow = () => {
+    const target = document.getElementById(decodeURIComponent(location.hash.slice(1)));
+    if (!target) return;
+    const panel = target.closest("[role=tabpanel]");
+    if (panel && panel.hidden) choose(tabs.find((one) => panelOf(one) === panel));
+    for (let one = target.closest("details"); one; one = one.parentElement.closest("details")) one.open = true;
+    if (target !== panel) target.scrollIntoView();
+  };
+  addEventListener("hashchange", follow);
+  document.addEventListener("toggle", later, true);
+
+  // What is folded is printed as well, of the set-up that is chosen.
+  let opened = [];
+  addEventListener("beforeprint", () => {
+    opened = [...document.querySelectorAll(".fold:not([open]), figcaption details:not([open])")]
+      .filter((one) => !one.closest("[hidden]"));
+    for (const one of opened) one.open = true;
+    window.drawAll();
+  });
+  addEventListener("afterprint", () => { for (const one of opened) one.open = false; });
+  follow();
+  requestAnimationFrame(() => setTimeout(later));
+})();

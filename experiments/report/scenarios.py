@@ -1,0 +1,75 @@
+"""Which scenarios are asked for: a frozen set by name or file, or ranges of one's own with a tool of one's own."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from agents.setups.evaluation import SET_BY_OTHERS
+from impact_gym.envs import evaluation_sets
+from impact_gym.envs.scenario import ScenarioRanges
+from impact_gym.envs.task import Task
+from impact_gym.validation import number, whole
+
+
+def scenarios_from(source: str, count: int | None) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return scenarios as JSON and changes of the environment: from a frozen set's name or file, or from a JSON file.
+
+    The JSON file says `{"ranges": {...}, "seed": s, "count": n, "environment": {...}}`, all of which may be left out;
+    the environment holds arguments of `gym.make`, such as `tool_mass` or `coupling`.
+
+    Raises:
+        ValueError: no such set or file, or something in it is unknown or out of range; says what.
+    """
+    path = Path(source)
+    if path.suffix == ".json":
+        content = _content(path)
+        ranges, environment = _pairs(content.get("ranges", "test")), content.get("environment", {})
+        asked = whole("count", count or content.get("count", 1000), at_least=2)
+        seed = whole("seed", content.get("seed", 2_000_000), at_least=0)
+        if not isinstance(environment, dict):
+            raise ValueError(f"{path}: environment must hold arguments of gym.make by name, got {environment!r}")
+        taken = sorted(set(environment) & {"scenario", *SET_BY_OTHERS})
+        if taken:
+            raise ValueError(f"{path}: environment must leave out {taken}: ranges and the report see to that")
+        Task(**environment)  # raises
+        return {"ranges": ranges, "seed": seed, "count": asked}, environment
+    frozen = evaluation_sets.load(source)
+    asked = whole("scenarios", count or frozen.count, at_least=2)
+    number("scenarios", asked, "(no unit)", at_most=frozen.count)
+    if (evaluation_sets.SHIPPED / f"{source}.csv").is_file():
+        return {"set": source, "count": asked}, {}
+    table = {name: values[:asked].tolist() for name, values in frozen.scenario.items()}
+    return {"table": table, "seed": frozen.seed, "count": asked}, {}
+
+
+def _content(path: Path) -> dict[str, Any]:
+    try:
+        content = json.loads(path.read_text())
+    except (OSError, ValueError) as error:
+        raise ValueError(f"{path} is not read as scenarios: {error}") from error
+    known = {"ranges", "seed", "count", "environment"}
+    if not isinstance(content, dict) or set(content) - known:
+        raise ValueError(f"{path} must be a JSON object with some of {sorted(known)}, got {str(content)[:200]}")
+    return content
+
+
+def environment_and_scenarios(
+    environment: Mapping[str, Any], scenarios: Mapping[str, Any]
+) -> tuple[dict[str, Any], Mapping[str, Any]]:
+    """Return the arguments of an environment without its scenario, and the scenarios that are played in it.
+
+    One with ranges of its own meets as many from these, drawn from the seeds of the frozen set that is asked for,
+    unless that is `hard`.
+    """
+    rest = {name: value for name, value in environment.items() if name != "scenario"}
+    if "scenario" not in environment or scenarios.get("set", "hard") == "hard":
+        return rest, scenarios
+    seed = evaluation_sets.load(scenarios["set"]).seed
+    return rest, {"ranges": _pairs(environment["scenario"]), "seed": seed, "count": scenarios["count"]}
+
+
+def _pairs(ranges: Any) -> dict[str, list[float]]:
+    """Return ranges of scenarios as JSON."""
+    return {name: list(pair) for name, pair in asdict(ScenarioRanges.of(ranges)).items()}

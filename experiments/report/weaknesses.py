@@ -1,0 +1,117 @@
+"""Where the policy does not hold: the one line of the first screen, the heat map, and the list of all comparisons."""
+
+from itertools import chain
+
+import numpy as np
+
+from experiments.report.answer import MISSED_TOO_OFTEN
+from experiments.report.figures import Heat, HeatMap
+from experiments.report.matchups import PAPER, POLICY
+from experiments.report.results import Played, Run
+from experiments.report.robustness import Varied, factor, setting, varied
+
+NAMED = 3  # things that are off, in the one line; the heat map has all
+
+
+def where_it_fails(played: Played) -> str:
+    """Return in one line with which changes the policy is worse than the paper's rule and than its rival, or misses."""
+    found, said = varied(played), []
+    for rival, called in _rivals(played):
+        lost = sorted(filter(None, (_mildest(played, of_one, rival) for of_one in found)), reverse=True)
+        more = f" and {len(lost) - NAMED} more" if len(lost) > NAMED else ""
+        if lost:
+            said.append(f"Worse than the {called} with {', '.join(words for _, words in lost[:NAMED])}{more}.")
+    if not said:
+        tried = sum(not change.same for change, _ in chain.from_iterable(found))
+        said.append(f"Nowhere among {tried} changes, one at a time, is it worse than its rivals here.")
+    return " ".join([*said, _missing(played, found)]).strip()
+
+
+def _mildest(played: Played, of_one: Varied, rival: str) -> tuple[float, str] | None:
+    """Return by how much changes of one argument make the policy worse than a rival, and the smallest such change."""
+    losses = [(change, _loss(played, runs, rival)) for change, runs in of_one if not change.same]
+    worse = [change for change, loss in losses if loss > 0.0]
+    if not worse:
+        return None
+    own = next((change.value for change, _ in of_one if change.same), np.nan)
+    mildest = min(worse, key=lambda change: np.nan_to_num(abs(change.value - own)))
+    where = f" ({setting(mildest)})" if len(losses) > 1 else ""
+    return max(loss for _, loss in losses), factor(mildest.argument) + where
+
+
+def _missing(played: Played, found: list[Varied]) -> str:
+    """Say where most objects are missed, if they are many."""
+    weight, changed = played.matchup.typical, list(chain.from_iterable(found))
+    if not changed:
+        return ""
+    change, runs = max(changed, key=lambda one: one[1][POLICY].at(weight).missed.mean())
+    missed = runs[POLICY].at(weight).missed
+    if missed.mean() <= MISSED_TOO_OFTEN:
+        return ""
+    return f"It misses {missed.sum()} of {missed.size} objects with {factor(change.argument)} at {setting(change)}."
+
+
+def heat_map(played: Played) -> HeatMap:
+    """Return what each contestant costs at worst where one thing is off, against the paper's rule with nothing off."""
+    weight, found = played.matchup.typical, varied(played)
+    contestants = {**dict(_rivals(played)), POLICY: POLICY}
+    as_it_is = {PAPER: played.paper, played.matchup.rival.name: played.rival, POLICY: played.policy}
+    as_it_is = next((runs for change, runs in chain.from_iterable(found) if change.same), as_it_is)
+    measure = as_it_is[PAPER].means(weight)["loss"]
+
+    def cell(runs: Run, note: str) -> Heat:
+        mean = runs.means(weight)
+        missed = f"{mean['missed']} of {runs['missed'].shape[1]} missed" if mean["missed"] else ""
+        return Heat(f"{mean['loss']:.2f}", ", ".join(filter(None, (note, missed))), mean["loss"] / measure)
+
+    rows = [("nothing", "as trained and tuned", [cell(as_it_is[name], "") for name in contestants])]
+    for of_one in found:
+        tried = [setting(change) for change, _ in of_one if not change.same]
+        if not tried:
+            continue
+        cells = []
+        for name in contestants:
+            change, runs = max(of_one, key=lambda one: one[1][name].means(weight)["loss"])
+            cells.append(cell(runs[name], "unchanged" if change.same else setting(change) if len(tried) > 1 else ""))
+        between = f"{len(tried)} tried: {tried[0]} to {tried[-1]}" if len(tried) > 1 else tried[0]
+        rows.append((factor(of_one[0][0].argument), between, cells))
+    caption = (
+        f"Mean V_p + {weight:g} T (m/s), less is better, where one thing is off: the worst of the settings tried, and "
+        f"which that is. Blue is below, orange above what the paper's rule costs with nothing off, {measure:.2f} m/s."
+    )
+    return HeatMap(caption, ("what is off", *contestants.values()), rows)
+
+
+def weak_points(played: Played) -> list[str]:
+    """Return sentences on where the policy loses to its rival or to the paper's rule, or misses objects."""
+    found = list(chain.from_iterable(varied(played)))
+    asked = [(change, runs) for change, runs in found if not change.same]
+    said = []
+    for rival, called in reversed(_rivals(played)):
+        lost = [
+            f"{factor(change.argument)} {setting(change)} (by {loss:.3f} m/s)"
+            for change, runs in asked
+            if (loss := _loss(played, runs, rival)) > 0.0
+        ]
+        said.append(f"worse than the {called} at {', '.join(lost)}" if lost else f"nowhere worse than the {called}")
+    missing = [
+        f"{count} of {runs[POLICY]['missed'].shape[1]} at {factor(change.argument)} {setting(change)}"
+        for change, runs in found
+        if (count := runs[POLICY].means(played.matchup.typical)["missed"])
+    ]
+    rule = f"{len(asked) * len(said)} comparisons of the median seed, worse by more than two standard errors: "
+    return [rule + "; ".join(said) + ".", *([f"It misses {'; '.join(missing)}."] if missing else [])]
+
+
+def _rivals(played: Played) -> list[tuple[str, str]]:
+    """Return the names of the paper's rule and of the baseline to beat, and what they are called."""
+    rival = played.matchup.rival
+    return list(dict.fromkeys([(PAPER, PAPER), (rival.name, rival.label)]))
+
+
+def _loss(played: Played, runs: dict[str, Run], rival: str) -> float:
+    """Return by how much the policy costs more than a rival, m/s; 0 unless that is above two standard errors."""
+    weight = played.matchup.typical
+    difference = runs[POLICY].loss(weight) - runs[rival].loss(weight)
+    clear = difference.mean() > 2.0 * difference.std(ddof=1) / np.sqrt(difference.size)
+    return float(difference.mean()) if clear else 0.0

@@ -1,0 +1,110 @@
+"""What the jobs of the report measure: a policy as late as the rule, its reactions, its profile; nothing twice."""
+
+import re
+import subprocess
+import sys
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from episodes import assert_identical
+from played import played_alone
+
+from agents.evaluate import play as evaluations
+from agents.jobs import job
+from agents.setups import load_setup
+from experiments.lab.statistics import Estimate
+from experiments.report import answer, matchups, measures, results
+from impact_gym.envs import evaluation_sets
+
+AGENTS = Path(matchups.__file__).parents[2] / "agents"
+SCENARIOS = {"set": "test", "count": 30}
+LINEAR = matchups.of_setup(load_setup("linear-blind"), SCENARIOS)
+PAPERS_RULE = {"baseline": "paper-trapezoid"}
+
+
+def test_as_late_is_as_late_on_the_validation_set():
+    found = measures.play_as_late(LINEAR.policy.controller, LINEAR.environment, SCENARIOS, LINEAR.policy.weights)
+    validation = {"set": "validation", "count": SCENARIOS["count"]}
+    weight = float(found["weight"][0])
+    ours = evaluations.play(LINEAR.policy.controller, validation, [weight])
+    rule = evaluations.play(PAPERS_RULE, validation)
+    assert ours["approach_time"].mean() == pytest.approx(rule["approach_time"].mean(), abs=1e-3)
+    assert ours["approach_time"].mean() <= rule["approach_time"].mean()
+
+
+def test_the_papers_rule_does_after_the_alarm_what_it_says():
+    seen = measures.reactions(PAPERS_RULE, {}, SCENARIOS, 2.0)
+    assert seen["velocity"] == pytest.approx(0.0, abs=1e-6)
+    assert seen["acceleration"] == pytest.approx(8.0, abs=1e-5)
+    assert set(seen["scenario"]) == set(range(30))
+    assert seen["since"].min() == 0.0
+    assert seen["since"].max() < 0.15
+    assert (seen["sensed"] >= 1.0 - 1e-3).all()  # the alarm comes with the reading that caused it
+
+
+def test_a_profile_is_the_flanges():
+    found = measures.profile(PAPERS_RULE, {}, [2.0], 0.36)
+    x = found["position"]
+    reached = x < 0.35  # the tool swings ahead of the flange and touches first
+    assert found["velocity"][0][reached] == pytest.approx(np.minimum(np.sqrt(16.0 * x), 1.0)[reached], abs=2e-3)
+
+
+def test_scenarios_come_from_sets_tables_and_ranges_alike():
+    frozen = evaluation_sets.load("test")
+    table = {name: values[:20].tolist() for name, values in frozen.scenario.items()}
+    ranges = {"object_mass": [0.1, 2.5], "contact_stiffness": [1e3, 1e6], "restitution": [0.1, 1.0],
+              "distance": [0.15, 0.35]}  # fmt: skip
+    same = [{"set": "test"}, {"table": table, "seed": frozen.seed}, {"ranges": ranges, "seed": frozen.seed}]
+    first, *others = (
+        evaluations.play(PAPERS_RULE, {**one, "count": 20}, environment={"range_noise": 0.01}) for one in same
+    )
+    for other in others:
+        assert_identical(first, other)
+
+
+def test_what_was_played_is_not_played_again(tmp_path, monkeypatch):
+    matchup = replace(LINEAR, seeds=(replace(LINEAR.policy, weights=(2.0,)),), scenarios={"set": "test", "count": 4})
+    alone = replace(matchup, baselines=matchup.baselines[:1])
+    (first,) = results.gather_matchups([alone], tmp_path, processes=0)
+    calls = []
+    monkeypatch.setattr(evaluations, "play", lambda *a, _play=evaluations.play, **k: calls.append(k) or _play(*a, **k))
+    job.resolve.cache_clear()
+    (second,) = results.gather_matchups([alone], tmp_path, processes=0)
+    assert calls == []
+    (third,) = results.gather_matchups([matchup], tmp_path, processes=0)
+    assert calls
+    assert all(call["controller"] != PAPERS_RULE for call in calls)
+    job.resolve.cache_clear()
+    for one in (second, third):
+        assert np.array_equal(first.paper["object_velocity"], one.paper["object_velocity"])
+
+
+def test_a_report_needs_no_more_than_its_extra():
+    extras = tomllib.loads((AGENTS.parent / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    names = {extra: {re.split("[><=]", one)[0].replace("-", "_") for one in extras[extra]} for extra in extras}
+    others = set().union(*names.values()) - names["report"]
+    assert {"torch", "cma", "mujoco", "ray"} <= others
+    program = (
+        f"import sys; sys.modules.update(dict.fromkeys({sorted(others)})); import experiments.report.__main__; "
+        "from experiments.report.__main__ import ReportOptions, matchups_of; matchups_of(ReportOptions())"
+    )
+    subprocess.run([sys.executable, "-c", program], check=True, cwd=AGENTS.parent)
+
+
+def test_a_curve_that_does_not_come_to_the_papers_time_says_so():
+    one = replace(LINEAR, seeds=(replace(LINEAR.policy, weights=(8.0,)),), scenarios={"set": "test", "count": 20})
+    fast = answer.answer(played_alone(one))
+    assert not fast.reached
+    assert fast.later < 0.0
+    assert "no weight makes its approach as long" in answer.sentence(fast, one)
+    assert f"{-100 * fast.later:.1f} % sooner" in answer.sentence(fast, one)
+    assert fast.each == ()
+    late = replace(fast, later=0.02)
+    assert "no weight makes its approach as short" in answer.sentence(late, one)
+    assert "2.0 % later" in answer.sentence(late, one)
+    slow = replace(fast, reached=True, reduction=Estimate(-0.2, -0.3, -0.1), beyond="faster")
+    assert "20.0 % [10.0, 30.0] faster" in answer.sentence(slow, one)
+    assert "nowhere leaves the object as slow" in answer.sentence(slow, one)
