@@ -1,7 +1,8 @@
 """What MkDocs makes from the code when it builds the site: tables, pictures, and formulas as MathML.
 
-`<!-- generated: NAME -->` on a page becomes what the function of that name in TEXTS returns; `pictures/NAME` is what
-the one in PICTURES draws. So nothing of it can be out of date, and no script is loaded to show it.
+On a page, `<!-- generated: NAME -->` becomes what the function of that name in TEXTS returns, and `# the file PATH` the
+file; `pictures/NAME` is what the one in PICTURES draws. So nothing of it can be out of date. No script is loaded to
+show it.
 """
 
 import html
@@ -9,6 +10,7 @@ import inspect
 import io
 import re
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -37,7 +39,8 @@ STYLE = {
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Put what is generated in its place."""
+    """Put what is generated in its place, and the examples' files."""
+    markdown = re.sub(r"^# the file (.+)$", lambda found: Path(found[1]).read_text(), markdown, flags=re.MULTILINE)
     return re.sub(r"<!-- generated: (\w+) -->", lambda found: TEXTS[found[1]](), markdown)
 
 
@@ -57,6 +60,14 @@ def on_files(files: Files, config: Any, **_: Any) -> Files:
         for name, draw in PICTURES.items():
             files.append(File.generated(config, f"pictures/{name}", content=draw()))
     return files
+
+
+def on_post_build(config: Any, **_: Any) -> None:
+    """Have every page load our own `search.js`, beside it, where the theme would load a script from a network."""
+    site = Path(config.site_dir)
+    for page in site.rglob("*.html"):
+        root = "../" * (len(page.relative_to(site).parts) - 1)
+        page.write_text(page.read_text().replace("https://unpkg.com/iframe-worker/shim", f"{root}search.js"))
 
 
 def table(head: str, rows: list[list[str]]) -> str:
@@ -181,7 +192,7 @@ def moment(which: str) -> bytes:
     rule, ended, step = PaperTrapezoid(), False, 0
     while not ended:
         action, _ = rule.predict(observation)
-        observation, _, ended, _, info = env.step(action)
+        observation, _, ended, _, _ = env.step(action)
         step += 1
         force = env.unwrapped.episode_info()["peak_force"]  # type: ignore[attr-defined]
         if (which == "approach" and step == 12) or (which == "contact" and force > 0.0):
