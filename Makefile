@@ -3,10 +3,10 @@ VENV := .venv
 BIN := $(VENV)/bin
 WHOLE := $(VENV)/installed
 SMALL := $(VENV)/installed-for-report
-EXTRAS := train report robot render zoo peers cluster dev
+EXTRAS := train report robot render zoo peers cluster docs dev
 
 .DEFAULT_GOAL := help
-.PHONY: help setup report test train train-all controller tune search figures bench speed stability lint
+.PHONY: help setup report test train train-all controller tune search figures bench speed stability docs lint
 
 help:  ## list what can be made
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "make %-9s %s\n", $$1, $$2}'
@@ -72,6 +72,9 @@ speed: setup  ## speed against error, ours beside others, below reports/speed_vs
 
 stability: setup  ## a storm of random scenes through the solver, its checks and rivals, below reports/stability
 	$(BIN)/python -m experiments.stability
+
+docs: setup  ## build the documentation as a site that needs no network, site/index.html
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet
 
 lint: setup  ## format check, lint, types, import order
 	$(BIN)/ruff format --check .

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import tyro
+from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 
 from agents.baselines import PaperTrapezoid
@@ -203,7 +204,7 @@ def main() -> None:
         try:
             draw(setup, path)
             print(f"picture: {path}")
-        except ImportError as error:
+        except DependencyNotInstalled as error:
             print(f"no picture: {error}")
 
 

@@ -92,6 +92,13 @@ def test_what_follows_is_said(mine):
     assert held in "\n".join(setup.lines(load_setup("bistable-paper"), "bistable-paper"))
 
 
+def test_without_pygame_all_but_the_picture_is_there(monkeypatch, capsys, tmp_path):
+    monkeypatch.setitem(sys.modules, "pygame", None)
+    monkeypatch.setattr(sys, "argv", ["setup", "linear-blind", "--picture", str(tmp_path / "picture.png")])
+    setup.main()
+    assert capsys.readouterr().out.splitlines()[-1].startswith("no picture: rendering needs pygame")
+
+
 def test_a_folder_keeps_its_set_up_and_takes_no_other(mine, tmp_path):
     out = tmp_path / "out"
     copy = copy_setup(load_setup(mine), out)

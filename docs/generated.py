@@ -1,0 +1,215 @@
+"""What MkDocs makes from the code when it builds the site: tables, pictures, and formulas as MathML.
+
+On a page, `<!-- generated: NAME -->` becomes what the function of that name in TEXTS returns, and `# the file PATH` the
+file; `pictures/NAME` is what the one in PICTURES draws. So nothing of it can be out of date. No script is loaded to
+show it.
+"""
+
+import html
+import inspect
+import io
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import matplotlib as mpl
+import numpy as np
+from gymnasium.spaces import Box
+from latex2mathml.converter import convert
+from matplotlib.figure import Figure
+from mkdocs.structure.files import File, Files
+from PIL import Image
+
+import impact_gym as ig
+from agents.baselines import PaperTrapezoid
+from agents.setups import load_setup, shipped
+from impact_gym.envs import IDS
+from impact_gym.envs.scenario import NAMED, UNITS, ScenarioRanges
+from impact_gym.envs.single import ImpactApproachEnv
+from impact_gym.physics.dissipation import PUBLISHED, effective_restitution
+
+GREY, BLUE, ORANGE, GREEN = "#808080", "#0072B2", "#D55E00", "#009E73"  # legible on a light and on a dark page
+STYLE = {
+    "axes.edgecolor": GREY, "axes.labelcolor": GREY, "xtick.color": GREY, "ytick.color": GREY, "text.color": GREY,
+    "axes.spines.top": False, "axes.spines.right": False, "font.size": 11, "svg.fonttype": "none",
+    "font.family": "sans-serif", "legend.frameon": False, "svg.hashsalt": "impact_gym",
+}  # fmt: skip
+
+
+def on_page_markdown(markdown: str, **_: Any) -> str:
+    """Put what is generated in its place, and the examples' files."""
+    markdown = re.sub(r"^# the file (.+)$", lambda found: Path(found[1]).read_text(), markdown, flags=re.MULTILINE)
+    return re.sub(r"<!-- generated: (\w+) -->", lambda found: TEXTS[found[1]](), markdown)
+
+
+def on_page_content(content: str, **_: Any) -> str:
+    r"""Turn \(...\) and \[...\] of `pymdownx.arithmatex` into MathML, which browsers show by themselves."""
+
+    def math(found: re.Match[str]) -> str:
+        display = "block" if found[1] == "div" else "inline"
+        return convert(html.unescape(found[2]), display=display)
+
+    return re.sub(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', math, content, flags=re.DOTALL)
+
+
+def on_files(files: Files, config: Any, **_: Any) -> Files:
+    """Add the pictures."""
+    with mpl.rc_context(STYLE):
+        for name, draw in PICTURES.items():
+            files.append(File.generated(config, f"pictures/{name}", content=draw()))
+    return files
+
+
+def on_post_build(config: Any, **_: Any) -> None:
+    """Have every page load our own `search.js`, beside it, where the theme would load a script from a network."""
+    site = Path(config.site_dir)
+    for page in site.rglob("*.html"):
+        root = "../" * (len(page.relative_to(site).parts) - 1)
+        page.write_text(page.read_text().replace("https://unpkg.com/iframe-worker/shim", f"{root}search.js"))
+
+
+def table(head: str, rows: list[list[str]]) -> str:
+    """Return a Markdown table; `head` names its columns, `|` between them."""
+    columns = head.split("|")
+    return "\n".join("| " + " | ".join(row) + " |" for row in [columns, ["---"] * len(columns), *rows])
+
+
+def environment() -> str:
+    """Return the specification of the environment: its docstring, whose tables its modules fill."""
+    return inspect.cleandoc(ImpactApproachEnv.__doc__ or "").split("\n\n", 1)[1]
+
+
+def ids() -> str:
+    """Return the table of registered ids."""
+    rows = []
+    for name, arguments in IDS.items():
+        space: Any = gym.make(name).observation_space
+        given = ", ".join(f"`{key}={value!r}`" for key, value in arguments.items()) or "defaults"
+        rows.append([f"`{name}`", given, str(space.shape[0]) if isinstance(space, Box) else ""])
+    return table("Id|Arguments|Numbers observed", rows)
+
+
+def sets() -> str:
+    """Return the table of named ranges of scenarios."""
+    names = ScenarioRanges.__dataclass_fields__
+    head = "Set|" + "|".join(f"`{field}` ({unit})" for field, unit in zip(names, UNITS, strict=True))
+    rows = [[f"`{name}`", *(f"{low:g} to {high:g}" for low, high in one.pairs())] for name, one in NAMED.items()]
+    return table(head.replace("(no unit)", "-"), rows)
+
+
+def setups() -> str:
+    """Return the table of the set-ups that are shipped."""
+    return table("Set-up|What it is", [[f"`{name}`", load_setup(name).about] for name in shipped()])
+
+
+def svg(figure: Figure) -> bytes:
+    """Return a figure on a transparent ground."""
+    file = io.BytesIO()
+    figure.savefig(file, format="svg", transparent=True, bbox_inches="tight", metadata={"Date": None})
+    return file.getvalue()
+
+
+def contact_force() -> bytes:
+    """Draw the force over the penetration for three restitutions."""
+    figure = Figure(figsize=(6.4, 3.6))
+    axes = figure.subplots()
+    for restitution, colour in ((1.0, BLUE), (0.5, ORANGE), (0.1, GREEN)):
+        scene = ig.Scene(ig.Tool(0.125), ig.Object(0.25, 0.1), ig.Contact(1e5, restitution))
+        trace = ig.simulate(scene, ig.Trapezoid(1.0, 8.0), trace=True).trace
+        assert trace is not None
+        depth = trace.tool_position - trace.object_position
+        axes.plot(1e3 * depth[depth >= 0], trace.contact_force[depth >= 0], color=colour, label=f"e = {restitution:g}")
+    axes.set(xlabel="penetration, mm", ylabel="contact force, N", xlim=(0, None), ylim=(0, None))
+    axes.legend()
+    return svg(figure)
+
+
+def restitution() -> bytes:
+    """Draw what each law delivers over what it is given."""
+    figure, nominal = Figure(figsize=(6.4, 4.2)), np.linspace(0.01, 1.0, 200)
+    axes = figure.subplots()
+    axes.plot(nominal, nominal, color=GREY, lw=1, ls="--", label="exact")
+    for law in PUBLISHED:
+        axes.plot(nominal, effective_restitution(law, nominal), lw=2.5 if law == "hu-guo" else 1.2, label=law)
+    axes.set(xlabel="nominal restitution", ylabel="restitution of an isolated contact", xlim=(0, 1), ylim=(0, 1))
+    axes.legend()
+    return svg(figure)
+
+
+def mechanism() -> bytes:
+    """Draw the force of the paper's mechanism over the slider's position, and its stops."""
+    law = ig.Bistable()
+    figure, position = Figure(figsize=(6.4, 3.4)), np.linspace(-1.05 * law.stroke, 1.05 * law.stroke, 400)
+    axes = figure.subplots()
+    axes.axhline(0.0, color=GREY, lw=0.5)
+    axes.plot(1e3 * position, law.force(position), color=BLUE)
+    for stop, name in ((law.front_stop, "front stop"), (law.rear_stop, "rear stop")):
+        axes.axvline(1e3 * stop, color=ORANGE, ls="--")
+        axes.annotate(name, (1e3 * stop, -1.15), (4, 0), textcoords="offset points", color=ORANGE)
+    axes.set(xlabel="position of the slider from the alignment, mm", ylabel="force on the tool, N")
+    return svg(figure)
+
+
+def convergence() -> bytes:
+    """Draw the error of one contact over evaluations of the force, in time and in the root of the penetration."""
+    from scipy.integrate import solve_ivp
+
+    damping = 1.5
+    exact = effective_restitution("hu-guo", 0.5)
+
+    def in_time(_: float, state: Any) -> list[float]:
+        u, rate = max(state[0], 0.0), state[1]
+        return [rate, -(u**1.5) * (1.0 + damping * rate)]
+
+    def in_the_root(_: float, state: Any) -> list[float]:
+        z, rate = state
+        return [rate / 2.0, -(z**4) * (1.0 + damping * rate)]
+
+    def parts(_: float, state: Any) -> float:
+        return float(state[0])
+
+    parts.terminal, parts.direction = True, -1.0  # type: ignore[attr-defined]
+    figure = Figure(figsize=(6.4, 3.6))
+    axes = figure.subplots()
+    for law, colour, name in ((in_time, ORANGE, "penetration over time"), (in_the_root, BLUE, "root over s")):
+        runs = [
+            solve_ivp(law, (0, 20), [0.0, 1.0], "DOP853", events=parts, rtol=10.0**-n, atol=10.0**-n)
+            for n in range(3, 14)
+        ]
+        errors = [max(abs(-run.y_events[0][0][1] - exact), 1e-16) for run in runs]
+        axes.loglog([run.nfev for run in runs], errors, "o-", color=colour, label=name)
+    axes.set(xlabel="evaluations of the force in one contact", ylabel="error of the restitution")
+    axes.legend()
+    return svg(figure)
+
+
+def moment(which: str) -> bytes:
+    """Return a picture of an episode of the paper's rule: the approach, the contact, or the end."""
+    env = gym.make("ImpactApproach-v0", render_mode="rgb_array")
+    observation, _ = env.reset(seed=3)
+    rule, ended, step = PaperTrapezoid(), False, 0
+    while not ended:
+        action, _ = rule.predict(observation)
+        observation, _, ended, _, _ = env.step(action)
+        step += 1
+        force = env.unwrapped.episode_info()["peak_force"]  # type: ignore[attr-defined]
+        if (which == "approach" and step == 12) or (which == "contact" and force > 0.0):
+            break
+    file = io.BytesIO()
+    Image.fromarray(env.render()).save(file, "png", optimize=True)  # type: ignore[arg-type]
+    env.close()
+    return file.getvalue()
+
+
+TEXTS: dict[str, Callable[[], str]] = {"environment": environment, "ids": ids, "sets": sets, "setups": setups}
+PICTURES: dict[str, Callable[[], bytes]] = {
+    "contact_force.svg": contact_force,
+    "convergence.svg": convergence,
+    "restitution.svg": restitution,
+    "mechanism.svg": mechanism,
+    "approach.png": lambda: moment("approach"),
+    "contact.png": lambda: moment("contact"),
+    "end.png": lambda: moment("end"),
+}

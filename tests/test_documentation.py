@@ -1,0 +1,174 @@
+"""The documentation does what it says: every fenced block of README.md and docs/**/*.md is run, or read as a command.
+
+The blocks of a page share one folder and one namespace, from top to bottom. A block with a title is a file. Python
+runs. Shell commands run, but for those of UNDER_WAY, whose options are read. A block of text below is the output.
+"""
+
+import argparse
+import doctest
+import functools
+import inspect
+import os
+import re
+import runpy
+import shlex
+import subprocess
+import sys
+import tomllib
+import warnings
+from pathlib import Path
+
+import pytest
+import tyro
+from browsers import chromium, opened
+
+from agents.setups.evaluation import arguments_of_task
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+BLOCK = re.compile(r"^```(\w*)(?: title=\"(.+?)\")?\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+SHOWN_FILE = re.compile(r"# the file (docs/examples/\w+\.py)\n")
+FILES, SHOWN = ("toml", "json", "c", "python"), ("text", "diff")
+UNDER_WAY = (  # these take minutes; what they do has tests of its own
+    "agents.controller", "agents.export", "agents.train", "agents.train_seeds", "agents.tune", "agents.tune_training",
+    "experiments.bench", "experiments.paper", "experiments.report", "experiments.speed_vs_error",
+    "experiments.stability", "impact_gym.doctor", "impact_gym.robot",
+)  # fmt: skip
+ELSEWHERE = {"git", "source", "tensorboard", "cleanrl/ppo_continuous_action.py", "rl_zoo3.train"}
+"""Not ours, or nothing to run here; rl_zoo3 is run by tests/envs/test_learning_libraries.py."""
+NEEDS = {"questions.md": "mujoco", "libraries.md": "stable_baselines3"}
+ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT), "PYTHONWARNINGS": "error"}
+ALIKE = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
+
+
+class Read(BaseException):
+    """The options of a command were understood."""
+
+
+def blocks(page):
+    """The language, title, code and first line of each block of a page."""
+    text = page.read_text()
+    assert text.count("```") == 2 * len(BLOCK.findall(text)), f"{page}: not all blocks are understood"
+    for found in BLOCK.finditer(text):
+        language, title, code = found.groups()
+        yield language, title, code, text[: found.start()].count("\n") + 2
+
+
+def commands(code):
+    """The commands of a shell block, as lists of words."""
+    lines = code.replace("\\\n", " ").splitlines()
+    return [words for line in lines for words in (shlex.split(line, comments=True),) if words]
+
+
+def read_options(module, words, monkeypatch):
+    """Have a command of ours read its options, and go no further."""
+
+    def and_stop(read):
+        def reading(what, *arguments, **options):
+            if inspect.isfunction(what):  # tyro would call it
+                what = functools.wraps(what)(lambda *_, **__: None)
+            read(what, *arguments, **options)
+            raise Read
+
+        return reading
+
+    with monkeypatch.context() as patched, warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # of a module that is run and was imported before
+        patched.setattr(sys, "argv", [module, *words])
+        patched.setattr(tyro, "cli", and_stop(tyro.cli))
+        patched.setattr(argparse.ArgumentParser, "parse_args", and_stop(argparse.ArgumentParser.parse_args))
+        with pytest.raises((Read, SystemExit)) as ended:
+            runpy.run_module(module, run_name="__main__", alter_sys=True)
+    assert getattr(ended.value, "code", 0) == 0  # --help ends so, an option that there is not with 2
+
+
+def run_shell(code, monkeypatch):
+    """Run a shell block, but for what takes minutes; return what it printed."""
+    printed = ""
+    for words in commands(code):
+        if words[0] == "make":
+            subprocess.run([*words, "--dry-run", "--silent"], cwd=ROOT, check=True, capture_output=True)
+        elif words[:2] == ["python", "-m"] and words[2] in UNDER_WAY:
+            read_options(words[2], words[3:], monkeypatch)
+        elif not ELSEWHERE & {*words[:3]}:
+            words = [str(ROOT / word) if word.startswith("docs/examples/") else word for word in words]
+            line = shlex.join([sys.executable, *words[1:]] if words[0] == "python" else words)
+            done = subprocess.run(line, shell=True, env=ENVIRONMENT, capture_output=True, text=True, check=False)
+            assert done.returncode == 0, f"{line}\n{done.stderr}"
+            printed += done.stdout
+    return printed
+
+
+def run_python(code, page, line, namespace):
+    """Run a block of Python, its lines numbered as on its page; what is shown of docs/examples has tests of its own."""
+    if not SHOWN_FILE.fullmatch(code):
+        exec(compile("\n" * (line - 1) + code, str(page), "exec"), namespace)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_what_a_page_shows_is_so(page, tmp_path, monkeypatch, capsys):
+    if page.name in NEEDS:
+        pytest.importorskip(NEEDS[page.name])
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    namespace, printed = {"__name__": "__main__"}, None
+    for language, title, code, line in blocks(page):
+        where = f"{page.relative_to(ROOT)}, line {line}"
+        if title:
+            assert language in FILES, where
+            (tmp_path / title).parent.mkdir(parents=True, exist_ok=True)
+            (tmp_path / title).write_text(code)
+            if language == "python":
+                runpy.run_path(title, run_name="page")
+        elif language == "python":
+            capsys.readouterr()
+            run_python(code, page, line, namespace)
+            printed = capsys.readouterr().out
+        elif language == "sh":
+            printed = run_shell(code, monkeypatch)
+        elif language == "text":
+            assert printed is not None, f"{where}: output of nothing"
+            assert doctest.OutputChecker().check_output(code, printed, ALIKE), f"{where}: printed was\n{printed}"
+            printed = None
+        elif language == "toml":
+            tomllib.loads(code)
+        else:
+            assert language in SHOWN, f"{where}: nothing says how {language!r} is tested"
+
+
+def test_the_readme_is_a_front_page_and_its_results_are_those_of_the_documentation():
+    text, results = (ROOT / "README.md").read_text(), (ROOT / "docs/results.md").read_text()
+    assert len(text.splitlines()) < 80
+    links = re.findall(r"\]\((.+?)\)", text)
+    assert links
+    assert [link for link in links if not (ROOT / link).is_file()] == []
+    shares = re.findall(r"\d+\.\d %", text)
+    assert len(shares) == 3
+    assert [share for share in shares if share not in results] == []
+
+
+def site_of(folder):
+    """The site, built with warnings as errors; skip where MkDocs or what its pages are drawn with is not installed."""
+    for package in ("material", "mkdocstrings", "latex2mathml", "pygame"):
+        pytest.importorskip(package, reason="the extra docs is not installed")
+    environment = os.environ | {"NO_MKDOCS_2_WARNING": "1"}
+    command = [sys.executable, "-m", "mkdocs", "build", "--quiet", "--site-dir", str(folder)]
+    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, ""), done.stderr
+    return folder
+
+
+def test_the_site_builds_is_whole_and_finds_what_is_searched_for_without_a_network(tmp_path):
+    site = site_of(tmp_path / "site")
+    pages = [page.relative_to(ROOT / "docs").with_suffix(".html") for page in PAGES[1:]]
+    assert [page for page in pages if not (site / page).is_file()] == []
+    for page in site.rglob("*.html"):
+        text = page.read_text()
+        assert "<!-- generated:" not in text, page
+        assert 'class="arithmatex"' not in text, page
+    assert all(f"<code>{name}</code>" in (site / "environment.html").read_text() for name in arguments_of_task())
+    with chromium() as browser:
+        page, problems = opened(browser, site / "physics" / "contact.html")
+        page.locator(".md-search__input").fill("solref")
+        page.locator(".md-search-result__item h1", has_text="Questions").wait_for()
+        assert problems == []
