@@ -205,7 +205,9 @@ def test_a_chart_answers_the_pointer_and_the_theme_changes(browser, folder):
 
 def test_one_screen_answers_and_its_film_plays(browser, folder):
     page, problems = opened(browser, folder / "index.html", 1280, 800, reduced_motion="no-preference")
-    shown = {name: page.locator(name).first for name in (".finding", ".still svg", ".fails", ".igw-panels", ".igw-controls")}
+    shown = {
+        name: page.locator(name).first for name in (".finding", ".still svg", ".fails", ".igw-panels", ".igw-controls")
+    }
     for name, part in shown.items():
         box = part.bounding_box()
         assert box["height"] > 20, name
