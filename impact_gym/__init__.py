@@ -5,6 +5,7 @@ from impact_gym import sources
 sources.check()
 
 from impact_gym import envs
+from impact_gym.identify import Identified, Sensor, identify
 from impact_gym.motion import Brake, Trapezoid
 from impact_gym.physics.dissipation import effective_restitution
 from impact_gym.scene import Bistable, Contact, Object, Rigid, Robot, RobotTable, Scene, SpringDamper, Tool
@@ -17,6 +18,7 @@ __all__ = [
     "Brake",
     "Contact",
     "ContactRecord",
+    "Identified",
     "Object",
     "Outcome",
     "Outcomes",
@@ -24,11 +26,13 @@ __all__ = [
     "Robot",
     "RobotTable",
     "Scene",
+    "Sensor",
     "SpringDamper",
     "Tool",
     "Trace",
     "Trapezoid",
     "effective_restitution",
+    "identify",
     "simulate",
     "sweep",
 ]
