@@ -96,6 +96,7 @@ def sweep(
 
 
 def numbers_of(template: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the dotted names of all numbers in records by name."""
     for name, value in template.items():
         if is_dataclass(value) and not isinstance(value, RobotTable):
             inner = {field.name: getattr(value, field.name) for field in fields(value)}

@@ -37,7 +37,7 @@ def _coordinates(row: Row) -> np.ndarray:
 
 
 def coverage(rows: Sequence[Row]) -> list[Row]:
-    """Return, for random sensors and the standard one, how many intervals hold the truth; a failed fit holds nothing."""
+    """Return, for random sensors and the standard one, how many intervals hold the truth; a failed fit holds none."""
     found = []
     for sensors, those in _groups(rows):
         for name in (*draws.NAMES, "all"):

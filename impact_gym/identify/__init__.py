@@ -40,7 +40,7 @@ def identify(
     """Fit numbers of a scene to a measured blow, or to several that have these numbers in common.
 
     Least squares on `simulate`; each log has its own unknown start, the instant at which the motion begins. Intervals
-    are profile likelihoods: how far a number may move, all else fitted anew, before the misfit grows by more than noise.
+    are profile likelihoods: how far a number may move, all else fitted anew, before the misfit grows beyond noise.
 
     Args:
         log: mapping of columns or path of a CSV file, or a list of such: `time` (s) and any of `force` (N, of the
@@ -58,7 +58,7 @@ def identify(
     """
     one_of("scene", scene, Scene)
     given = list(log) if isinstance(log, (list, tuple)) else [log]
-    motions = list(motion) if isinstance(motion, (list, tuple)) else [motion] * len(given)
+    motions: list[Any] = list(motion) if isinstance(motion, (list, tuple)) else [motion] * len(given)
     for one in motions:
         one_of("motion", one, Trapezoid)
     if not given or len(motions) != len(given):

@@ -1,4 +1,4 @@
-"""Free numbers of a scene as the coordinates of a fit: logarithms, and of the restitution e the logarithm of e/(1-e)."""
+"""Free numbers of a scene as the coordinates of a fit: logarithms, and of the restitution e the one of e/(1-e)."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -12,8 +12,8 @@ from impact_gym.validation import WrongTypeError, number
 
 RESTITUTION = "contact.restitution"
 SEARCHED = {"contact.stiffness": (1e2, 1e8), RESTITUTION: (0.03, 0.99)}
-"""Where a fit looks for starting points, unless told otherwise; a tenth to ten times of what the scene has for others."""
-SPREAD = 10.0
+"""Where a fit looks for starting points, unless told otherwise."""
+SPREAD = 10.0  # times what the scene has, up and down, of other numbers
 BEYOND = 1e4  # times the searched range on either side, where the fit gives up
 STEEPEST = 14.0  # of ln(e/(1-e)): e within 1e-6 of an end
 

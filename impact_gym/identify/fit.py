@@ -108,7 +108,9 @@ def _refuse_idle(model: Model, points: Sequence[Array]) -> None:
         ValueError: names it.
     """
     if not points:
-        raise ValueError("log: the scene and its neighbours do not reach the object within the log; is the motion right?")
+        raise ValueError(
+            "scene: neither it nor its neighbours can be simulated to a blow; are motion and distance right?"
+        )
     moved = sum(np.abs(model.jacobian(x)).max(axis=0) for x in points)
     for one, most in zip(model.free, moved, strict=False):
         if most == 0.0:
@@ -169,7 +171,7 @@ def _end(fit: Fit, i: int, side: int) -> float | None:
 
 
 def profile(fit: Fit, i: int, side: int, x: Array, t: float) -> float | None:
-    """Return where on one `side` (-1, 1) of x[i] the misfit, all else fitted anew, passes the quantile; None if nowhere.
+    """Return where on one `side` (-1, 1) of x[i] the misfit, all else fitted anew, passes the quantile, or None.
 
     The first step goes where the curvature at the best fit says; if the misfit agrees to NEAR, that is the end. x is a
     minimum, `t` its misfit in quantiles.

@@ -75,8 +75,8 @@ def read(source: Any, name: str) -> Log:
     if steps.max() > GAP * usual:
         k = int(np.argmax(steps))
         raise ValueError(
-            f"{name}, time must have no gaps, but {steps[k]:g} s lie between samples {k} and {k + 1} (at {time[k]:g} s),"
-            f" where the usual step is {usual:g} s"
+            f"{name}, time must have no gaps, but {steps[k]:g} s lie between samples {k} and {k + 1}, at {time[k]:g} s"
+            f", where the usual step is {usual:g} s"
         )
     return Log(name, time, columns)
 
@@ -134,7 +134,7 @@ def check(log: Log, motion: Trapezoid, sensors: Mapping[str, Sensor]) -> None:
         largest = float(np.abs(values).max())
         if largest > limit:
             raise ValueError(
-                f"{log.name}, {name} must be below {limit:g} {unit}, got {largest:g} {unit}: is it in {other}, not {unit}?"
+                f"{log.name}, {name} must be below {limit:g} {unit}, got {largest:g} {unit}: is it in {other}?"
             )
         if rate is not None and not 0.99 < rate * log.step < 1.01:
             raise ValueError(
@@ -154,9 +154,14 @@ def noise_of(values: Array, sensor: Sensor) -> float:
     return float(np.median(bends) / 0.6745)
 
 
+def level(values: Array, sensor: Sensor) -> float:
+    """Return what a column reads at rest: its bias, as it is known or guessed."""
+    return float(np.median(values)) if sensor.bias == "estimated" else float(sensor.bias)
+
+
 def bursts(values: Array, sensor: Sensor) -> list[tuple[int, int]]:
     """Return first and last sample of each time that a force stands out of the noise, and above a fifth of its peak."""
-    rest = np.median(values) if sensor.bias == "estimated" else sensor.bias
+    rest = level(values, sensor)
     over = values - rest > max(CLEAR * noise_of(values, sensor), 0.2 * float((values - rest).max()))
     edges = np.flatnonzero(np.diff(np.concatenate([[0], over, [0]])))
     return [(int(first), int(last) - 1) for first, last in zip(edges[::2], edges[1::2], strict=True)]

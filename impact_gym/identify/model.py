@@ -17,8 +17,8 @@ Array = NDArray[np.float64]
 
 RTOL = 1e-8
 STEP = 2e-3
-"""Of a coordinate, for forward differences: what the curvature adds to the slope, a thousandth, and what the simulator's
-own steps and the interpolation between them add, are both lost in a noise of a percent."""
+"""Of a coordinate, for forward differences: what the curvature adds to a slope, a thousandth of it, and what the
+simulator's steps and the interpolation between them add, are both lost in a noise of a percent."""
 IMPOSSIBLE = 1e3  # times its size is what a log is off a scene that cannot be
 TRACED = dict.fromkeys(UNITS) | {"force": "contact_force"}
 
@@ -40,7 +40,10 @@ class Model:
 
     def __post_init__(self) -> None:
         self.biased = [
-            (k, name) for k, log in enumerate(self.logs) for name in log.columns if self.sensors[name].bias == "estimated"
+            (k, name)
+            for k, log in enumerate(self.logs)
+            for name in log.columns
+            if self.sensors[name].bias == "estimated"
         ]
         self.size = len(self.free) + len(self.logs) + len(self.biased)
         self.slots: dict[tuple[int, str], slice] = {}
@@ -142,7 +145,7 @@ class Model:
         return (self.predicted(x)[0] + self.biases(x) - self.measured()) / self.scales()
 
     def jacobian(self, x: Array, but: int | None = None) -> Array:
-        """Return the derivatives of `residuals` by x (n, size), 0 for x[but]; forward differences where it must simulate."""
+        """Return the derivatives of `residuals` by x (n, size), forward differences in part, without x[but]."""
         here, slopes = self.predicted(x)
         columns = np.zeros((self.samples, self.size))
         seen = self._seen

@@ -106,6 +106,6 @@ def refuse_more_blows(fit: Fit) -> None:
         ]
         if lonely and len(found) > 1:
             raise ValueError(
-                f"{log.name} has {len(found)} blows, at {', '.join(f'{time:g}' for time in times)} s, of which the scene"
-                f" makes no more than {len(found) - len(lonely)}: cut it to one, or give each as a log of its own"
+                f"{log.name} has {len(found)} blows, at {', '.join(f'{time:g}' for time in times)} s, the scene makes"
+                f" no more than {len(found) - len(lonely)} of them: cut it to one, or give each as a log of its own"
             )

@@ -1,10 +1,10 @@
-"""Where a fit begins: scenes scattered over what is searched, each at the start time at which it lies best on the log."""
+"""Where a fit begins: scenes scattered over what is searched, each at the start time that suits the log best."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from impact_gym.identify.coordinates import number_at
-from impact_gym.identify.log import Log
+from impact_gym.identify.log import Log, level
 from impact_gym.identify.model import Model
 from impact_gym.simulation import Trace
 
@@ -70,14 +70,15 @@ def _arrival(model: Model, k: int) -> float:
 def _aligned(model: Model, log: Log, trace: Trace, share: float) -> tuple[float, float, dict[str, float]]:
     """Return the least misfit of a motion with a log, the start of the motion after the log's (s), and the biases."""
     step, n = log.step, len(log.time)
-    times = (np.arange(int(trace.time[-1] / step)) + share) * step
+    times: Array = (np.arange(int(trace.time[-1] / step), dtype=float) + share) * step
     m = len(times)  # shift k puts sample j of the motion on sample j + k of the log; the log ends within the motion
     misfit, rests = np.zeros(m + 1), {}
     length = 1 << int(n + m).bit_length()
     for name, values in log.columns.items():
         sensor = model.sensors[name]
         free = sensor.bias == "estimated"
-        y = values - (np.median(values) if free else sensor.bias)
+        rest = level(values, sensor)
+        y = values - rest
         read = model.read(trace, name, times)[0]
         spectrum = np.fft.rfft(y, length) * np.conj(np.fft.rfft(read, length))
         products = np.fft.irfft(spectrum, length)
@@ -87,7 +88,7 @@ def _aligned(model: Model, log: Log, trace: Trace, share: float) -> tuple[float,
         inside, power = sums[end] - sums[begin], squares[end] - squares[begin]
         off = (np.sum(y) - inside) / n
         misfit += (np.sum(y**2) - 2.0 * products[lags % length] + power - free * n * off**2) / model.noise[name] ** 2
-        rests[name] = off + np.median(values)
+        rests[name] = off + rest
     best = int(np.argmin(misfit))
     shift = (n - m + best) * step - share * step
     return float(misfit[best]), shift, {name: float(rest[best]) for name, rest in rests.items()}

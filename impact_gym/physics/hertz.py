@@ -61,7 +61,9 @@ def rubber(shore: float) -> Material:
 GENT = "A. N. Gent, Rubber Chem. Technol. 31 (1958) 896-906"
 MECHANICS = "J. M. Gere, B. J. Goodno, Mechanics of Materials, appendix of properties (also web.mst.edu, lesson 2211)"
 WOOD = "USDA Forest Products Laboratory, Wood Handbook (FPL-GTR), tables of elastic ratios and moduli, Douglas-fir"
-FOERSTER = "S. F. Foerster, M. Y. Louge, H. Chang, K. Allia, Phys. Fluids 6 (1994) 1108-1115 (restitution, 3 mm spheres)"
+FOERSTER = (
+    "S. F. Foerster, M. Y. Louge, H. Chang, K. Allia, Phys. Fluids 6 (1994) 1108-1115 (restitution, 3 mm spheres)"
+)
 
 MATERIALS = {
     "rubber, Shore A 30": rubber(30.0),
