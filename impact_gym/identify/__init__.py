@@ -19,9 +19,9 @@ import numpy as np
 
 from impact_gym.identify import log as logs_of
 from impact_gym.identify.coordinates import coordinates
-from impact_gym.identify.fit import Fit, intervals
+from impact_gym.identify.fit import MANY, Fit, intervals
 from impact_gym.identify.model import Model
-from impact_gym.identify.result import Identified, refuse_more_blows
+from impact_gym.identify.result import Identified, more_blows
 from impact_gym.identify.sensor import Sensor
 from impact_gym.identify.words import indistinguishable
 from impact_gym.motion import Trapezoid
@@ -69,8 +69,12 @@ def identify(
     for one, its_motion in zip(read, motions, strict=True):
         logs_of.check(one, its_motion, sensors)
     model = Model.of(read, scene, motions, sensors, found)
-    fit, pairs = intervals(Fit.of(model))
-    refuse_more_blows(fit)
+    fit = Fit.of(model)
+    if more_blows(fit):
+        fit = Fit.of(model, MANY)
+    fit, pairs = intervals(fit)
+    if sentence := more_blows(fit):
+        raise ValueError(sentence)
     k = len(found)
     deviations = np.sqrt(np.diag(fit.covariance))[:k]
     correlation = fit.covariance[:k, :k] / np.outer(deviations, deviations)

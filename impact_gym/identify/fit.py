@@ -18,14 +18,15 @@ from impact_gym.identify.starts import scattered
 Array = NDArray[np.float64]
 
 STARTS = 3  # best of the scattered points that are fitted
+MANY = 15  # the same, where the first fit misses a blow
 ROUNDS = 3  # of estimating noise and fitting anew
 CONFIDENCE = 0.95
 NEAR = 0.02  # of the half width, to which an end of an interval is found
 LONGEST = 1.5  # of a coordinate, a first step towards an end
-TRIES = 14  # fits for an end
+TRIES = 10  # fits for an end
 WIDEST = 1e3  # of a coordinate, a standard deviation that says there is none
 TOLERANCE, ROUGH = 1e-8, 1e-5  # -, of misfit and x, relative: of the best fit, and of those on the way to an end
-SLACK = 1e-3  # of the misfit, by which a better fit is better
+SLACK = 0.05  # of the misfit, by which a better fit is better; an end is where it has grown by 3.8
 BETTER = 20  # times that a better fit may be met
 
 Ends = tuple[float | None, ...]
@@ -42,28 +43,25 @@ class Fit:
     others: Sequence[tuple[float, Array]]
 
     @classmethod
-    def of(cls, model: Model) -> "Fit":
+    def of(cls, model: Model, starts: int = STARTS) -> "Fit":
         """Return the best fit from several starts, the noise that is not known estimated on the way."""
-        starts = scattered(model)[:STARTS]
-        _refuse_idle(model, starts)
+        begun = scattered(model)[:starts]
+        _refuse_idle(model, begun)
         first = model.of_first_blow()
         if first.samples < model.samples:  # what follows has many minima, from most of which there is no way out
-            starts += [_least(first, x)[1] for x in scattered(first)[:STARTS]]
-        found = [_least(model, x) for x in starts]
-        found.sort(key=lambda one: one[0])
-        for _ in range(ROUNDS if _estimate_noise(model, found[0][1]) else 0):
-            found = [_least(model, x) for _, x in found]
-            found.sort(key=lambda one: one[0])
-            if not _estimate_noise(model, found[0][1]):
+            begun += [x for _, x in _best(first, scattered(first)[:starts], ROUGH)]
+        found = _best(model, begun, ROUGH)[:STARTS]
+        for _ in range(ROUNDS):
+            found = _best(model, [x for _, x in found], TOLERANCE)
+            if not _estimate_noise(model, found[0][1]) or len(model.noise) == 1:  # which alone changes no minimum
                 break
-        _, x = found[0]
-        misfits = [(float(np.sum(model.residuals(other) ** 2)), other) for _, other in found]
-        return cls(model, x, misfits[0][0], _covariance(model.jacobian(x)), misfits[1:])
+        (misfit, x), *others = ((float(np.sum(model.residuals(x) ** 2)), x) for _, x in found)
+        return cls(model, x, misfit, _covariance(model.jacobian(x)), others)
 
     def moved(self, x: Array) -> "Fit":
         """Return the fit that a better point leads to."""
         misfit, x = _least(self.model, x)
-        return Fit(self.model, x, misfit, _covariance(self.model.jacobian(x)), [(self.misfit, self.x), *self.others])
+        return Fit(self.model, x, misfit, _covariance(self.model.jacobian(x)), self.others)
 
     @property
     def quantile(self) -> float:
@@ -96,7 +94,7 @@ def _least(model: Model, x: Array, fixed: int | None = None, tolerance: float = 
         ftol=tolerance,
         xtol=tolerance,
         gtol=tolerance,
-        max_nfev=60,
+        max_nfev=40,
     )
     return 2.0 * float(found.cost), put(found.x)
 
@@ -117,6 +115,11 @@ def _refuse_idle(model: Model, points: Sequence[Array]) -> None:
             raise ValueError(
                 f"free: the log does not depend on {one.name}, whatever its value; leave it out, or record what does"
             )
+
+
+def _best(model: Model, points: Sequence[Array], tolerance: float) -> list[tuple[float, Array]]:
+    """Return the minima near points, each with its misfit, the best first."""
+    return sorted((_least(model, x, tolerance=tolerance) for x in points), key=lambda one: one[0])
 
 
 def _estimate_noise(model: Model, x: Array) -> bool:

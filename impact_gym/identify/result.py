@@ -85,12 +85,8 @@ class Identified:
         return "\n".join([*lines, *self.indistinguishable])
 
 
-def refuse_more_blows(fit: Fit) -> None:
-    """Refuse a log with more blows than the fitted motion has.
-
-    Raises:
-        ValueError: says when they are.
-    """
+def more_blows(fit: Fit) -> str:
+    """Return a sentence about a log with more blows than the fitted motion has, an empty one if there is none."""
     model = fit.model
     for k, log in enumerate(model.logs):
         if "force" not in log.columns:
@@ -105,7 +101,8 @@ def refuse_more_blows(fit: Fit) -> None:
             if left[first : last + 1].mean() > 0.5 * np.abs(force[first : last + 1]).mean()
         ]
         if lonely and len(found) > 1:
-            raise ValueError(
+            return (
                 f"{log.name} has {len(found)} blows, at {', '.join(f'{time:g}' for time in times)} s, the scene makes"
                 f" no more than {len(found) - len(lonely)} of them: cut it to one, or give each as a log of its own"
             )
+    return ""
