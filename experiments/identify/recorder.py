@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicHermiteSpline
+from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 from scipy.signal import lfilter
 
 from experiments import reference
@@ -19,9 +19,9 @@ from experiments.reference.motion import Motion
 Array = NDArray[np.float64]
 
 RTOL = 1e-10
-NODES = 80  # in a contact
-FINE = 400  # steps of the filter's grid in the shortest contact
-LARGEST_GRID = 200_000
+NODES = 100  # in a contact
+FINE = 1500  # steps of the filter's grid in the shortest contact
+LARGEST_GRID = 100_000
 
 
 @dataclass(frozen=True)
@@ -54,19 +54,17 @@ def blow(scene: Any, motion: Any, after: float) -> Blow:
     for (start, end), contact in zip(spans, run.contacts, strict=True):
         shares = np.linspace(0.0, 1.0, NODES) ** 2  # the onset is the roughest place
         nodes = np.union1d(start + (end - start) * shares, [one for one in kink if start < one < end])
-        states = np.array([_at(moving, node) for node in nodes[1:-1]])
-        delta = np.concatenate([[0.0], states[:, 0], states[-1:, 0] if contact.end is None else [0.0]])
-        v_out = states[-1, 1] if contact.end is None else -contact.separation_velocity
-        rate = np.concatenate([[contact.approach_velocity], states[:, 1], [v_out]])
+        states = np.array([_at(moving, node) for node in (nodes[1:] if contact.end is None else nodes[1:-1])])
+        onset = [0.0, contact.approach_velocity, contact.object_velocity - contact.impulse / chain.m_p]
+        close = [[0.0, -contact.separation_velocity, contact.object_velocity]] if contact.end is not None else []
+        delta, rate, speed = np.vstack([onset, states, *close]).T
         inside = (time >= start) & (time < end)
         penetration = CubicHermiteSpline(nodes, delta, rate)
         u, u_dot = np.maximum(penetration(time[inside]), 0.0), penetration(time[inside], 1)
         v_in = max(contact.approach_velocity, moving.floor)
         assert chain.m == chain.n, "one power for stiffness and damping"
         force[inside] = np.maximum(chain.k_c * u**chain.m * (1.0 + chain.d * u_dot / v_in), 0.0)
-        speeds = np.concatenate([[contact.object_velocity - contact.impulse / chain.m_p], states[:, 2]])
-        speeds = np.append(speeds, contact.object_velocity)
-        velocity[inside] = np.interp(time[inside], nodes, speeds)
+        velocity[inside] = PchipInterpolator(nodes, speed)(time[inside])
         velocity[time >= end] = contact.object_velocity
     return Blow(time, force, velocity)
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from impact_gym.identify import log as logs_of
 from impact_gym.identify.coordinates import coordinates
-from impact_gym.identify.fit import MANY, Fit, intervals
+from impact_gym.identify.fit import MANY, Fit, intervals, uncertain
 from impact_gym.identify.model import Model
 from impact_gym.identify.result import Identified, more_blows
 from impact_gym.identify.sensor import Sensor
@@ -69,10 +69,9 @@ def identify(
     for one, its_motion in zip(read, motions, strict=True):
         logs_of.check(one, its_motion, sensors)
     model = Model.of(read, scene, motions, sensors, found)
-    fit = Fit.of(model)
-    if more_blows(fit):
-        fit = Fit.of(model, MANY)
-    fit, pairs = intervals(fit)
+    fit, pairs = intervals(Fit.of(model))
+    if more_blows(fit) or uncertain(fit, pairs):
+        fit, pairs = intervals(Fit.of(model, MANY))
     if sentence := more_blows(fit):
         raise ValueError(sentence)
     k = len(found)

@@ -12,19 +12,22 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.special import ndtri, stdtrit
 
+from impact_gym.identify.coordinates import RESTITUTION
 from impact_gym.identify.model import Model
 from impact_gym.identify.starts import scattered
 
 Array = NDArray[np.float64]
 
 STARTS = 3  # best of the scattered points that are fitted
-MANY = 15  # the same, where the first fit misses a blow
+MANY = 12  # the same, where the first fit misses a blow or hardly tells a number
+ALIKE = 20.0  # of the misfit, by which a rough minimum may be above the best one to be looked at again
 ROUNDS = 3  # of estimating noise and fitting anew
 CONFIDENCE = 0.95
 NEAR = 0.02  # of the half width, to which an end of an interval is found
 LONGEST = 1.5  # of a coordinate, a first step towards an end
 TRIES = 10  # fits for an end
 WIDEST = 1e3  # of a coordinate, a standard deviation that says there is none
+INSIDE = 4.0  # of ln(e/(1-e)), from where a fit may begin: e from 0.02 to 0.98
 TOLERANCE, ROUGH = 1e-8, 1e-5  # -, of misfit and x, relative: of the best fit, and of those on the way to an end
 SLACK = 0.05  # of the misfit, by which a better fit is better; an end is where it has grown by 3.8
 BETTER = 20  # times that a better fit may be met
@@ -50,7 +53,8 @@ class Fit:
         first = model.of_first_blow()
         if first.samples < model.samples:  # what follows has many minima, from most of which there is no way out
             begun += [x for _, x in _best(first, scattered(first)[:starts], ROUGH)]
-        found = _best(model, begun, ROUGH)[:STARTS]
+        found = _best(model, begun, ROUGH)[: 2 * STARTS]
+        found = [one for one in found if one[0] < found[0][0] * (1.0 + ALIKE / model.samples) + ALIKE]
         for _ in range(ROUNDS):
             found = _best(model, [x for _, x in found], TOLERANCE)
             if not _estimate_noise(model, found[0][1]) or len(model.noise) == 1:  # which alone changes no minimum
@@ -79,6 +83,10 @@ class Fit:
 def _least(model: Model, x: Array, fixed: int | None = None, tolerance: float = TOLERANCE) -> tuple[float, Array]:
     """Return the least misfit near x, with x[fixed] held, and where it is."""
     free = np.delete(np.arange(model.size), [] if fixed is None else [fixed])
+    x = x.copy()
+    for i, one in enumerate(model.free):  # at the end of what a restitution may be nothing would move it
+        if one.name == RESTITUTION and i != fixed:
+            x[i] = min(max(x[i], -INSIDE), INSIDE)
 
     def put(part: Array) -> Array:
         whole = x.copy()
@@ -96,7 +104,10 @@ def _least(model: Model, x: Array, fixed: int | None = None, tolerance: float = 
         gtol=tolerance,
         max_nfev=40,
     )
-    return 2.0 * float(found.cost), put(found.x)
+    at = put(found.x)
+    for i, one in enumerate(model.free):
+        at[i] = min(max(at[i], one.reach[0]), one.reach[1])
+    return 2.0 * float(found.cost), at
 
 
 def _refuse_idle(model: Model, points: Sequence[Array]) -> None:
@@ -171,6 +182,11 @@ def _end(fit: Fit, i: int, side: int) -> float | None:
         if ends[-1] is not None and misfit - fit.misfit < limit and side * (x[i] - ends[-1]) > 0.0:
             ends.append(profile(fit, i, side, x, math.sqrt(max(misfit - fit.misfit, 0.0) / limit)))
     return ends[-1]
+
+
+def uncertain(fit: Fit, pairs: Sequence[Ends]) -> bool:
+    """Whether an interval has no end, or is so long that the misfit may have more minima than were found."""
+    return any(low is None or high is None or high - low > LONGEST for low, high in pairs)
 
 
 def profile(fit: Fit, i: int, side: int, x: Array, t: float) -> float | None:

@@ -111,7 +111,7 @@ def _numbers(field: str, values: Any) -> Array:
         raise WrongTypeError(f"{field} must be a sequence of numbers, got {values!r}")
     if not np.all(np.isfinite(found)):
         k = int(np.argmin(np.isfinite(found)))
-        raise ValueError(f"{field} must be finite numbers, got {values[k]!r} at sample {k}")
+        raise ValueError(f"{field} must be finite numbers, got {values[k]} at sample {k}")
     return found
 
 

@@ -28,6 +28,7 @@ class Curve:
         rise = np.diff(y) / self.steps
         before, after = self.steps[:-1], self.steps[1:]
         middle = (after * rise[:-1] + before * rise[1:]) / (before + after)
+        middle[(rise[:-1] == 0.0) | (rise[1:] == 0.0)] = 0.0  # from rest, or to it
         slope = np.concatenate([rise[:1], middle, rise[-1:]])
         square = (3.0 * rise - 2.0 * slope[:-1] - slope[1:]) / self.steps
         cube = (slope[:-1] + slope[1:] - 2.0 * rise) / self.steps**2

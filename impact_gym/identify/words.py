@@ -7,6 +7,7 @@ import numpy as np
 
 from impact_gym.identify.coordinates import RESTITUTION
 from impact_gym.identify.fit import Fit
+from impact_gym.identify.log import bursts
 from impact_gym.scene import Rigid
 from impact_gym.simulation import simulate
 
@@ -69,13 +70,17 @@ def _reasons(fit: Fit) -> Iterator[str]:
     """Yield what about the sensor or the scene hides a blow."""
     model = fit.model
     scene = model.scene_at(fit.x)
-    blows, steps = [], [log.step for log in model.logs]
+    blows, seen = [], [(0, 0.0)]
     for k, log in enumerate(model.logs):
         until = float(log.time[-1]) - fit.x[len(model.free) + k]
         for one in simulate(scene, model.motions[k], max(until, log.step)).contacts[:1]:
             blows.append((until if one.end is None else one.end) - one.start)
-    if blows and max(blow / step for blow, step in zip(blows, steps, strict=False)) < FEW:
-        yield f"the samples are {1e3 * min(steps):.3g} ms apart and the blow lasts {1e3 * max(blows):.2g} ms"
+        if "force" in log.columns and model.sensors["force"].low_pass is None:
+            lengths = [last - first + 1 for first, last in bursts(log.columns["force"], model.sensors["force"])]
+            seen.append((max(lengths, default=0), log.step))
+    samples, step = max(seen)
+    if 0 < samples < FEW:
+        yield f"no more than {samples} samples, {1e3 * step:.3g} ms apart, lie in the blow"
     lags = [1.0 / (2.0 * np.pi * one.low_pass) for one in model.sensors.values() if one.low_pass is not None]
     if blows and len(lags) == len(model.sensors) and min(lags) > max(blows):
         yield f"the filter takes {1e3 * min(lags):.2g} ms and the blow lasts {1e3 * max(blows):.2g} ms"
