@@ -25,6 +25,7 @@ ROUNDS = 3  # of estimating noise and fitting anew
 CONFIDENCE = 0.95
 NEAR = 0.02  # of the half width, to which an end of an interval is found
 LONGEST = 1.5  # of a coordinate, a first step towards an end
+BEYOND = (1.6, 2.5)  # times the way to an end, where the misfit is looked at once more
 TRIES = 10  # fits for an end
 WIDEST = 1e3  # of a coordinate, a standard deviation that says there is none
 INSIDE = 4.0  # of ln(e/(1-e)), from where a fit may begin: e from 0.02 to 0.98
@@ -52,7 +53,7 @@ class Fit:
         _refuse_idle(model, begun)
         first = model.of_first_blow()
         if first.samples < model.samples:  # what follows has many minima, from most of which there is no way out
-            begun += [x for _, x in _best(first, scattered(first)[:starts], ROUGH)]
+            begun += [x for _, x in _best(first, scattered(first)[: 2 * starts], ROUGH)]
         found = _best(model, begun, ROUGH)[: 2 * STARTS]
         found = [one for one in found if one[0] < found[0][0] * (1.0 + ALIKE / model.samples) + ALIKE]
         for _ in range(ROUNDS):
@@ -180,6 +181,18 @@ def _end(fit: Fit, i: int, side: int) -> float | None:
     ends = [profile(fit, i, side, fit.x, 0.0)]
     for misfit, x in fit.others:
         if ends[-1] is not None and misfit - fit.misfit < limit and side * (x[i] - ends[-1]) > 0.0:
+            ends.append(profile(fit, i, side, x, math.sqrt(max(misfit - fit.misfit, 0.0) / limit)))
+    for factor in BEYOND:  # behind a ridge the misfit may fall again
+        if ends[-1] is None:
+            break
+        last = fit.model.free[i].reach[side > 0]
+        u = float(fit.x[i]) + factor * (ends[-1] - float(fit.x[i]))
+        x = fit.x + fit.covariance[:, i] / fit.covariance[i, i] * (u - fit.x[i])
+        x[i] = u
+        misfit, x = _least(fit.model, x, i, ROUGH) if side * (last - u) > 0.0 else (math.inf, x)
+        if misfit < fit.misfit - SLACK:
+            raise _BetterError(x)
+        if misfit - fit.misfit < limit:
             ends.append(profile(fit, i, side, x, math.sqrt(max(misfit - fit.misfit, 0.0) / limit)))
     return ends[-1]
 
