@@ -73,6 +73,9 @@ speed: setup  ## speed against error, ours beside others, below reports/speed_vs
 stability: setup  ## a storm of random scenes through the solver, its checks and rivals, below reports/stability
 	$(BIN)/python -m experiments.stability
 
+identify: setup  ## fit logs of the independent solver, intervals and errors beside the bound, below reports/identify
+	$(BIN)/python -m experiments.identify
+
 lint: setup  ## format check, lint, types, import order
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from impact_gym.identify import log as logs_of
-from impact_gym.identify.coordinates import coordinates
+from impact_gym.identify.coordinates import free_coordinates
 from impact_gym.identify.fit import MANY, Fit, intervals, uncertain
 from impact_gym.identify.model import Model
 from impact_gym.identify.result import Identified, more_blows
@@ -63,7 +63,7 @@ def identify(
         one_of("motion", one, Trapezoid)
     if not given or len(motions) != len(given):
         raise ValueError(f"motion must be one Trapezoid, or one for each of {len(given)} logs, got {len(motions)}")
-    found = coordinates(scene, free)
+    found = free_coordinates(scene, free)
     read = [logs_of.read(one, f"log {k + 1}" if len(given) > 1 else "log") for k, one in enumerate(given)]
     sensors = _by_column(sensor, [name for name in logs_of.UNITS if any(name in one.columns for one in read)])
     for one, its_motion in zip(read, motions, strict=True):

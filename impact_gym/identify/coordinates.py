@@ -57,7 +57,7 @@ class Coordinate:
         return float(side > 0) if self.name == RESTITUTION else self.sign * (math.inf if side > 0 else 0.0)
 
 
-def coordinates(scene: Scene, free: Iterable[str] | Mapping[str, Any]) -> tuple[Coordinate, ...]:
+def free_coordinates(scene: Scene, free: Iterable[str] | Mapping[str, Any]) -> tuple[Coordinate, ...]:
     """Return the coordinates of the numbers that `free` names, or maps to a pair (low, high) they are known to be in.
 
     Raises:

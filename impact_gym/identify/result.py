@@ -8,10 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_gym.identify.fit import Fit
-from impact_gym.identify.log import UNITS, bursts
+from impact_gym.identify.log import UNITS, bursts, level
 from impact_gym.scene import Scene
 
 Array = NDArray[np.float64]
+
+SURE = 6.0  # standard deviations, by which a blow that the scene does not make stands out of the fit
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,12 +96,13 @@ def more_blows(fit: Fit) -> str:
         force, sensor = log.columns["force"], model.sensors["force"]
         found = bursts(force, sensor)
         times = [float(log.time[first]) for first, _ in found]
-        left = np.abs(model.residuals(fit.x) * model.scales())[model.slots[k, "force"]]
-        lonely = [
-            time
-            for time, (first, last) in zip(times, found, strict=True)
-            if left[first : last + 1].mean() > 0.5 * np.abs(force[first : last + 1]).mean()
-        ]
+        left = -model.residuals(fit.x)[model.slots[k, "force"]]  # standard deviations
+        signal = (force - level(force, sensor)) / model.noise["force"]
+        lonely = []
+        for time, (first, last) in zip(times, found, strict=True):
+            own = slice(first, last + 1)
+            if left[own].sum() > max(SURE * (last - first + 1) ** 0.5, 0.5 * signal[own].sum()):
+                lonely.append(time)
         if lonely and len(found) > 1:
             return (
                 f"{log.name} has {len(found)} blows, at {', '.join(f'{time:g}' for time in times)} s, the scene makes"
