@@ -6,7 +6,7 @@ SMALL := $(VENV)/installed-for-report
 EXTRAS := train report robot render zoo peers cluster dev
 
 .DEFAULT_GOAL := help
-.PHONY: help setup report test train train-all controller tune search figures bench speed stability lint
+.PHONY: help setup report test train train-all controller tune search figures bench speed stability identify lint
 
 help:  ## list what can be made
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "make %-9s %s\n", $$1, $$2}'

@@ -69,11 +69,14 @@ def identify(
     for one, its_motion in zip(read, motions, strict=True):
         logs_of.check(one, its_motion, sensors)
     model = Model.of(read, scene, motions, sensors, found)
-    fit, pairs = intervals(Fit.of(model))
-    if more_blows(fit) or uncertain(fit, pairs):
-        fit, pairs = intervals(Fit.of(model, MANY))
+    fit = Fit.of(model)
+    if more_blows(fit):
+        fit = Fit.of(model, MANY)
     if sentence := more_blows(fit):
         raise ValueError(sentence)
+    fit, pairs = intervals(fit)
+    if uncertain(fit, pairs):
+        fit, pairs = intervals(Fit.of(model, MANY))
     k = len(found)
     deviations = np.sqrt(np.diag(fit.covariance))[:k]
     correlation = fit.covariance[:k, :k] / np.outer(deviations, deviations)
