@@ -18,9 +18,10 @@ from impact_gym.identify.starts import scattered
 
 Array = NDArray[np.float64]
 
-STARTS = 3  # best of the scattered points that are fitted
-MANY = 12  # the same, where the first fit misses a blow or hardly tells a number
+STARTS = 8  # best of the scattered points that are fitted
+MANY = 16  # the same, where the first fit misses a blow or hardly tells a number
 ALIKE = 20.0  # of the misfit, by which a rough minimum may be above the best one to be looked at again
+SAME = 0.03  # of any coordinate, by which minima are apart
 ROUNDS = 3  # of estimating noise and fitting anew
 CONFIDENCE = 0.95
 NEAR = 0.02  # of the half width, to which an end of an interval is found
@@ -53,9 +54,10 @@ class Fit:
         _refuse_idle(model, begun)
         first = model.of_first_blow()
         if first.samples < model.samples:  # what follows has many minima, from most of which there is no way out
-            begun += [x for _, x in _best(first, scattered(first)[: 2 * starts], ROUGH)]
-        found = _best(model, begun, ROUGH)[: 2 * STARTS]
-        found = [one for one in found if one[0] < found[0][0] * (1.0 + ALIKE / model.samples) + ALIKE]
+            begun += [x for _, x in _best(first, scattered(first)[:starts], ROUGH)]
+        found = _distinct(_best(model, begun, ROUGH))
+        above = ALIKE * (1.0 + found[0][0] / model.samples)
+        found = [one for one in found if one[0] < found[0][0] + above]
         for _ in range(ROUNDS):
             found = _best(model, [x for _, x in found], TOLERANCE)
             if not _estimate_noise(model, found[0][1]) or len(model.noise) == 1:  # which alone changes no minimum
@@ -132,6 +134,15 @@ def _refuse_idle(model: Model, points: Sequence[Array]) -> None:
 def _best(model: Model, points: Sequence[Array], tolerance: float) -> list[tuple[float, Array]]:
     """Return the minima near points, each with its misfit, the best first."""
     return sorted((_least(model, x, tolerance=tolerance) for x in points), key=lambda one: one[0])
+
+
+def _distinct(found: Sequence[tuple[float, Array]]) -> list[tuple[float, Array]]:
+    """Return the minima that are not one and the same."""
+    kept: list[tuple[float, Array]] = []
+    for misfit, x in found:
+        if all(np.abs(x - other).max() > SAME for _, other in kept):
+            kept.append((misfit, x))
+    return kept
 
 
 def _estimate_noise(model: Model, x: Array) -> bool:
