@@ -6,7 +6,7 @@ SMALL := $(VENV)/installed-for-report
 EXTRAS := train report robot render zoo peers cluster docs dev
 
 .DEFAULT_GOAL := help
-.PHONY: help setup report test train train-all controller tune search figures bench speed stability docs lint
+.PHONY: help setup report test train train-all controller tune search figures bench speed stability docs identify lint
 
 help:  ## list what can be made
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "make %-9s %s\n", $$1, $$2}'
@@ -75,6 +75,9 @@ stability: setup  ## a storm of random scenes through the solver, its checks and
 
 docs: setup  ## build the documentation as a site that needs no network, site/index.html
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet
+
+identify: setup  ## fit logs of the independent solver, intervals and errors beside the bound, below reports/identify
+	$(BIN)/python -m experiments.identify
 
 lint: setup  ## format check, lint, types, import order
 	$(BIN)/ruff format --check .

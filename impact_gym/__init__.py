@@ -5,18 +5,23 @@ from impact_gym import sources
 sources.check()
 
 from impact_gym import envs
+from impact_gym.identify import Identified, Sensor, identify
 from impact_gym.motion import Brake, Trapezoid
 from impact_gym.physics.dissipation import effective_restitution
+from impact_gym.physics.hertz import MATERIALS, Material, hertz, material_ranges
 from impact_gym.scene import Bistable, Contact, Object, Rigid, Robot, RobotTable, Scene, SpringDamper, Tool
 from impact_gym.simulation import ContactRecord, Outcome, Trace, simulate
 from impact_gym.sweeps import Outcomes, sweep
 
 __version__ = "0.1.0"
 __all__ = [
+    "MATERIALS",
     "Bistable",
     "Brake",
     "Contact",
     "ContactRecord",
+    "Identified",
+    "Material",
     "Object",
     "Outcome",
     "Outcomes",
@@ -24,11 +29,15 @@ __all__ = [
     "Robot",
     "RobotTable",
     "Scene",
+    "Sensor",
     "SpringDamper",
     "Tool",
     "Trace",
     "Trapezoid",
     "effective_restitution",
+    "hertz",
+    "identify",
+    "material_ranges",
     "simulate",
     "sweep",
 ]

@@ -74,7 +74,7 @@ def sweep(
     rtol = number("rtol", rtol, "(no unit)", at_least=1e-13, at_most=1e-2)
     threads = cores() if threads is None else whole("threads", threads, at_least=1)
     template: dict[str, Any] = {field.name: getattr(scene, field.name) for field in fields(scene)} | {"motion": motion}
-    known = list(_names(template))
+    known = list(numbers_of(template))
     for name in varied:
         if name not in known:
             raise ValueError(f"varied has no number named {name!r}; there are {', '.join(known)}")
@@ -98,11 +98,12 @@ def sweep(
     return _outcomes(chains.reshape(shape), flange_moves_with_tool(scene.coupling, scene.robot), friction)
 
 
-def _names(template: Mapping[str, Any]) -> Iterator[str]:
+def numbers_of(template: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the dotted names of all numbers in records by name."""
     for name, value in template.items():
         if is_dataclass(value) and not isinstance(value, RobotTable):
             inner = {field.name: getattr(value, field.name) for field in fields(value)}
-            yield from (f"{name}.{rest}" for rest in _names(inner))
+            yield from (f"{name}.{rest}" for rest in numbers_of(inner))
         elif isinstance(value, float):
             yield name
 
@@ -118,7 +119,7 @@ def _rows(template: Mapping[str, Any], columns: Mapping[str, NDArray[Any]]) -> I
             records = dict(template)
             for name, column in flat.items():
                 top, *path = name.split(".")
-                records[top] = _replaced(records[top], path, column[row])
+                records[top] = replaced(records[top], path, column[row])
         except (TypeError, ValueError) as problem:
             index = np.unravel_index(row, columns["duration"].shape)
             raise type(problem)(f"at {tuple(map(int, index))}: {problem}") from None
@@ -128,10 +129,10 @@ def _rows(template: Mapping[str, Any], columns: Mapping[str, NDArray[Any]]) -> I
         yield plan, table
 
 
-def _replaced(record: Any, path: list[str], value: Any) -> Any:
+def replaced(record: Any, path: list[str], value: Any) -> Any:
     """Return `record` with the number at `path` replaced, checked by the record itself."""
     name, *rest = path
-    return replace(record, **{name: _replaced(getattr(record, name), rest, value) if rest else value})
+    return replace(record, **{name: replaced(getattr(record, name), rest, value) if rest else value})
 
 
 def _outcomes(chains: NDArray[Any], with_the_tool: bool, friction: Array) -> Outcomes:

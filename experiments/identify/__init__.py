@@ -1,0 +1,1 @@
+"""How well `impact_gym.identify` finds what an independent solver put into a log."""

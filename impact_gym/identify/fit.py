@@ -1,0 +1,251 @@
+"""Least squares from several starts, and how far each number may move before the log objects.
+
+`Fit.of` is the best of the local minima; `intervals` moves one number at a time and fits all others again.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from scipy.special import ndtri, stdtrit
+
+from impact_gym.identify.coordinates import RESTITUTION
+from impact_gym.identify.model import Model
+from impact_gym.identify.starts import scattered
+
+Array = NDArray[np.float64]
+
+STARTS = 8  # best of the scattered points that are fitted
+MANY = 16  # the same, where the first fit misses a blow or hardly tells a number
+ALIKE = 20.0  # of the misfit, by which a rough minimum may be above the best one to be looked at again
+SAME = 0.03  # of any coordinate, by which minima are apart
+ROUNDS = 3  # of estimating noise and fitting anew
+CONFIDENCE = 0.95
+NEAR = 0.02  # of the half width, to which an end of an interval is found
+LONGEST = 1.5  # of a coordinate, a first step towards an end
+BEYOND = (1.6, 2.5)  # times the way to an end, where the misfit is looked at once more
+TRIES = 10  # fits for an end
+WIDEST = 1e3  # of a coordinate, a standard deviation that says there is none
+INSIDE = 4.0  # of ln(e/(1-e)), from where a fit may begin: e from 0.02 to 0.98
+TOLERANCE, ROUGH = 1e-8, 1e-5  # -, of misfit and x, relative: of the best fit, and of those on the way to an end
+SLACK = 0.05  # of the misfit, by which a better fit is better; an end is where it has grown by 3.8
+BETTER = 20  # times that a better fit may be met
+
+Ends = tuple[float | None, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """The best x, the misfit there, its covariance (size, size), and the minima that were found besides."""
+
+    model: Model
+    x: Array
+    misfit: float  # sum of squared residuals over the noise
+    covariance: Array
+    others: Sequence[tuple[float, Array]]
+
+    @classmethod
+    def of(cls, model: Model, starts: int = STARTS) -> "Fit":
+        """Return the best fit from several starts, the noise that is not known estimated on the way."""
+        begun = scattered(model)[:starts]
+        _refuse_idle(model, begun)
+        first = model.of_first_blow()
+        if first.samples < model.samples:  # what follows has many minima, from most of which there is no way out
+            begun += [x for _, x in _best(first, scattered(first)[:starts], ROUGH)]
+        found = _distinct(_best(model, begun, ROUGH))
+        above = ALIKE * (1.0 + found[0][0] / model.samples)
+        found = [one for one in found if one[0] < found[0][0] + above]
+        for _ in range(ROUNDS):
+            found = _best(model, [x for _, x in found], TOLERANCE)
+            if not _estimate_noise(model, found[0][1]) or len(model.noise) == 1:  # which alone changes no minimum
+                break
+        (misfit, x), *others = ((float(np.sum(model.residuals(x) ** 2)), x) for _, x in found)
+        return cls(model, x, misfit, _covariance(model.jacobian(x)), others)
+
+    def moved(self, x: Array) -> "Fit":
+        """Return the fit that a better point leads to."""
+        misfit, x = _least(self.model, x)
+        return Fit(self.model, x, misfit, _covariance(self.model.jacobian(x)), self.others)
+
+    @property
+    def quantile(self) -> float:
+        """How many standard deviations to either side hold CONFIDENCE; Student's where noise is estimated."""
+        upper = 0.5 + CONFIDENCE / 2.0
+        if all(sensor.noise is not None for sensor in self.model.sensors.values()):
+            return float(ndtri(upper))
+        return float(stdtrit(self.model.samples - self.model.size, upper))
+
+    def deviation(self, i: int) -> float:
+        """Return the standard deviation of x[i] by the curvature at the best fit."""
+        return min(math.sqrt(self.covariance[i, i]), WIDEST)
+
+
+def _least(model: Model, x: Array, fixed: int | None = None, tolerance: float = TOLERANCE) -> tuple[float, Array]:
+    """Return the least misfit near x, with x[fixed] held, and where it is."""
+    free = np.delete(np.arange(model.size), [] if fixed is None else [fixed])
+    x = x.copy()
+    for i, one in enumerate(model.free):  # at the end of what a restitution may be nothing would move it
+        if one.name == RESTITUTION and i != fixed:
+            x[i] = min(max(x[i], -INSIDE), INSIDE)
+
+    def put(part: Array) -> Array:
+        whole = x.copy()
+        whole[free] = part
+        return whole
+
+    found = least_squares(
+        lambda part: model.residuals(put(part)),
+        x[free],
+        jac=lambda part: model.jacobian(put(part), but=fixed)[:, free],
+        method="lm",
+        x_scale="jac",
+        ftol=tolerance,
+        xtol=tolerance,
+        gtol=tolerance,
+        max_nfev=40,
+    )
+    at = put(found.x)
+    for i, one in enumerate(model.free):
+        at[i] = min(max(at[i], one.reach[0]), one.reach[1])
+    return 2.0 * float(found.cost), at
+
+
+def _refuse_idle(model: Model, points: Sequence[Array]) -> None:
+    """Refuse a free number that changes nothing.
+
+    Raises:
+        ValueError: names it.
+    """
+    if not points:
+        raise ValueError(
+            "scene: neither it nor its neighbours can be simulated to a blow; are motion and distance right?"
+        )
+    moved = sum(np.abs(model.jacobian(x)).max(axis=0) for x in points)
+    for one, most in zip(model.free, moved, strict=False):
+        if most == 0.0:
+            raise ValueError(
+                f"free: the log does not depend on {one.name}, whatever its value; leave it out, or record what does"
+            )
+
+
+def _best(model: Model, points: Sequence[Array], tolerance: float) -> list[tuple[float, Array]]:
+    """Return the minima near points, each with its misfit, the best first."""
+    return sorted((_least(model, x, tolerance=tolerance) for x in points), key=lambda one: one[0])
+
+
+def _distinct(found: Sequence[tuple[float, Array]]) -> list[tuple[float, Array]]:
+    """Return the minima that are not one and the same."""
+    kept: list[tuple[float, Array]] = []
+    for misfit, x in found:
+        if all(np.abs(x - other).max() > SAME for _, other in kept):
+            kept.append((misfit, x))
+    return kept
+
+
+def _estimate_noise(model: Model, x: Array) -> bool:
+    """Set the noise that is not known to what is left of each column at x; return whether that changed anything."""
+    left = model.residuals(x) * model.scales()
+    share = 1.0 - model.size / model.samples
+    changed = False
+    for name, sensor in model.sensors.items():
+        if sensor.noise is None:
+            parts = [left[slot] for (_, column), slot in model.slots.items() if column == name]
+            noise = max(math.sqrt(float(np.mean(np.concatenate(parts) ** 2)) / share), 1e-9 * model.noise[name])
+            changed |= abs(noise / model.noise[name] - 1.0) > 1e-3
+            model.noise[name] = noise
+    return changed
+
+
+def _covariance(jacobian: Array) -> Array:
+    """Return the inverse of J^T J; of what no sample depends on, as good as infinite."""
+    size = np.linalg.norm(jacobian, axis=0)
+    size[size == 0.0] = 1.0
+    _, values, rows = np.linalg.svd(jacobian / size, full_matrices=False)
+    spread = rows.T / np.maximum(values, 1e-10 * values[0])
+    return spread @ spread.T / np.outer(size, size)
+
+
+def intervals(fit: Fit) -> tuple[Fit, list[Ends]]:
+    """Return both ends of each free number's interval, None where there is none, and the fit they belong to.
+
+    Other minima that the quantile does not exclude widen an interval. Where a better fit is met, that is the fit.
+    """
+    for _ in range(BETTER):
+        try:
+            return fit, [tuple(_end(fit, i, side) for side in (-1, 1)) for i in range(len(fit.model.free))]
+        except _BetterError as found:
+            fit = fit.moved(found.x)
+    raise RuntimeError(f"identify: {BETTER} times a better fit was met next to the best one")
+
+
+class _BetterError(Exception):
+    def __init__(self, x: Array) -> None:
+        self.x = x
+
+
+def _end(fit: Fit, i: int, side: int) -> float | None:
+    """Return the outermost end on one side (-1, 1) of x[i], from the best fit and all that are as good."""
+    limit = fit.quantile**2
+    ends = [profile(fit, i, side, fit.x, 0.0)]
+    for misfit, x in fit.others:
+        if ends[-1] is not None and misfit - fit.misfit < limit and side * (x[i] - ends[-1]) > 0.0:
+            ends.append(profile(fit, i, side, x, math.sqrt(max(misfit - fit.misfit, 0.0) / limit)))
+    for factor in BEYOND:  # behind a ridge the misfit may fall again
+        if ends[-1] is None:
+            break
+        last = fit.model.free[i].reach[side > 0]
+        u = float(fit.x[i]) + factor * (ends[-1] - float(fit.x[i]))
+        x = fit.x + fit.covariance[:, i] / fit.covariance[i, i] * (u - fit.x[i])
+        x[i] = u
+        misfit, x = _least(fit.model, x, i, ROUGH) if side * (last - u) > 0.0 else (math.inf, x)
+        if misfit < fit.misfit - SLACK:
+            raise _BetterError(x)
+        if misfit - fit.misfit < limit:
+            ends.append(profile(fit, i, side, x, math.sqrt(max(misfit - fit.misfit, 0.0) / limit)))
+    return ends[-1]
+
+
+def uncertain(fit: Fit, pairs: Sequence[Ends]) -> bool:
+    """Whether an interval has no end, or is so long that the misfit may have more minima than were found."""
+    return any(low is None or high is None or high - low > LONGEST for low, high in pairs)
+
+
+def profile(fit: Fit, i: int, side: int, x: Array, t: float) -> float | None:
+    """Return where on one `side` (-1, 1) of x[i] the misfit, all else fitted anew, passes the quantile, or None.
+
+    The first step goes where the curvature at the best fit says; if the misfit agrees to NEAR, that is the end. x is a
+    minimum, `t` its misfit in quantiles.
+
+    Raises:
+        _BetterError: a point on the way fits better than the best.
+    """
+    model, begin = fit.model, float(x[i])
+    last = model.free[i].reach[side > 0]
+    along = fit.covariance[:, i] / fit.covariance[i, i]
+    inner, outer = (begin, t, x), None
+    u = begin + side * min((1.0 - t) * fit.quantile * fit.deviation(i), LONGEST)
+    for _ in range(TRIES):
+        u = max(u, last) if side < 0 else min(u, last)
+        start = inner[2] + along * (u - inner[0])
+        start[i] = u
+        misfit, found = _least(model, start, i, ROUGH)
+        if misfit < fit.misfit - SLACK:
+            raise _BetterError(found)
+        t = math.sqrt(max(misfit - fit.misfit, 0.0)) / fit.quantile
+        if abs(t - 1.0) < NEAR:
+            return u
+        if t > 1.0:
+            outer = u, t
+        elif u == last:
+            return None
+        else:
+            inner = u, t, found
+        if outer is None:
+            u = begin + (u - begin) * min(max(1.0 / max(t, 0.1), 1.2), 4.0)
+        else:
+            share = (1.0 - inner[1]) / (outer[1] - inner[1])
+            u = inner[0] + (outer[0] - inner[0]) * min(max(share, 0.1), 0.9)
+    return u

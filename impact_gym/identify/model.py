@@ -1,0 +1,164 @@
+"""The logs as our simulator has them: predictions, residuals over the noise, and how they change with what is free."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_gym.identify.coordinates import Coordinate, changed
+from impact_gym.identify.log import UNITS, Log, bursts, noise_of
+from impact_gym.identify.sensor import Sensor
+from impact_gym.motion import Trapezoid
+from impact_gym.scene import Scene
+from impact_gym.simulation import Trace, simulate
+
+Array = NDArray[np.float64]
+
+RTOL = 1e-8
+STEP = 2e-3
+"""Of a coordinate, for forward differences: what the curvature adds to a slope, a thousandth of it, and what the
+simulator's steps and the interpolation between them add, are both lost in a noise of a percent. As slopes by start and
+bias cost nothing, a fit takes up to 30 % fewer simulations than with SciPy's "2-point" and less than half of its
+"3-point", to the same minimum. The batch simulator records no motion but its end and cannot give these differences."""
+IMPOSSIBLE = 1e3  # times its size is what a log is off a scene that cannot be
+TRACED = dict.fromkeys(UNITS) | {"force": "contact_force"}
+
+
+@dataclass(eq=False)
+class Model:
+    """Residuals of all logs as a function of x: free coordinates, start of each motion (s), biases that are estimated.
+
+    `noise` are the standard deviations of each column, the same in all logs.
+    """
+
+    logs: Sequence[Log]
+    scene: Scene
+    motions: Sequence[Trapezoid]
+    sensors: Mapping[str, Sensor]
+    free: Sequence[Coordinate]
+    noise: dict[str, float]
+    simulations: int = 0
+
+    def __post_init__(self) -> None:
+        self.biased = [
+            (k, name)
+            for k, log in enumerate(self.logs)
+            for name in log.columns
+            if self.sensors[name].bias == "estimated"
+        ]
+        self.size = len(self.free) + len(self.logs) + len(self.biased)
+        self.slots: dict[tuple[int, str], slice] = {}
+        n = 0
+        for k, log in enumerate(self.logs):
+            for name in log.columns:
+                self.slots[k, name] = slice(n, n + len(log.time))
+                n += len(log.time)
+        self.samples = n
+        self._seen: tuple[bytes, tuple[Array, Array]] = (b"", (np.empty(0), np.empty(0)))
+
+    @classmethod
+    def of(
+        cls, logs: Sequence[Log], scene: Scene, motions: Sequence[Trapezoid], sensors: Mapping[str, Sensor],
+        free: Sequence[Coordinate],
+    ) -> "Model":  # fmt: skip
+        """Return the model with the noise that is known, or seen in the logs; never nothing."""
+        noise = {}
+        for name, sensor in sensors.items():
+            columns = [log.columns[name] for log in logs if name in log.columns]
+            least = 1e-6 * max(float(np.ptp(values)) for values in columns)
+            noise[name] = max(float(np.mean([noise_of(values, sensor) for values in columns])), least)
+        return cls(logs, scene, motions, sensors, free, noise)
+
+    def of_first_blow(self) -> "Model":
+        """Return the model of the logs up to the end of the first blow, where they have a force."""
+        logs = []
+        for log in self.logs:
+            found = bursts(log.columns["force"], self.sensors["force"]) if "force" in log.columns else []
+            end = (found[0][1] + found[1][0]) // 2 + 1 if len(found) > 1 else len(log.time)
+            columns = {name: values[:end] for name, values in log.columns.items()}
+            logs.append(Log(log.name, log.time[:end], columns))
+        return Model(logs, self.scene, self.motions, self.sensors, self.free, dict(self.noise))
+
+    def numbers(self, x: Array) -> dict[str, float]:
+        """Return the free numbers of the scene."""
+        return {one.name: one.number(u) for one, u in zip(self.free, x, strict=False)}
+
+    def scene_at(self, x: Array) -> Scene:
+        """Return the scene with these numbers."""
+        return changed(self.scene, self.numbers(x))
+
+    def traced(self, scene: Scene, k: int, duration: float) -> Trace:
+        """Return the motion behind log k."""
+        self.simulations += 1
+        trace = simulate(scene, self.motions[k], duration, RTOL, trace=True).trace
+        assert trace is not None
+        return trace
+
+    def read(self, trace: Trace, name: str, at: Array) -> tuple[Array, Array]:
+        """Return what the sensor of a column reads `at` (n,) s of the motion, and its slope."""
+        return self.sensors[name].senses(trace.time, getattr(trace, TRACED[name] or name), at)
+
+    def predicted(self, x: Array) -> tuple[Array, Array]:
+        """Return all columns of all logs (n,) without their biases, and their slopes in time."""
+        key = x[: len(self.free) + len(self.logs)].tobytes()
+        if self._seen[0] != key:
+            self._seen = key, self._predict(x)
+        return self._seen[1]
+
+    def _predict(self, x: Array) -> tuple[Array, Array]:
+        values, slopes = np.zeros(self.samples), np.zeros(self.samples)
+        try:
+            scene = self.scene_at(x)
+            for k, log in enumerate(self.logs):
+                at = log.time - x[len(self.free) + k]
+                trace = self.traced(scene, k, max(float(at[-1]), log.step))
+                for name in log.columns:
+                    values[self.slots[k, name]], slopes[self.slots[k, name]] = self.read(trace, name, at)
+        except (ValueError, RuntimeError):  # no such scene, or the simulator cannot finish it
+            for (k, name), slot in self.slots.items():
+                values[slot], slopes[slot] = IMPOSSIBLE * np.ptp(self.logs[k].columns[name]), 0.0
+        return values, slopes
+
+    def biases(self, x: Array) -> Array:
+        """Return the bias of each sample (n,)."""
+        bias = np.zeros(self.samples)
+        for (k, name), slot in self.slots.items():
+            known = self.sensors[name].bias
+            bias[slot] = x[self._place(k, name)] if known == "estimated" else known
+        return bias
+
+    def _place(self, k: int, name: str) -> int:
+        return len(self.free) + len(self.logs) + self.biased.index((k, name))
+
+    def scales(self) -> Array:
+        """Return the noise of each sample (n,)."""
+        scale = np.empty(self.samples)
+        for (_, name), slot in self.slots.items():
+            scale[slot] = self.noise[name]
+        return scale
+
+    def measured(self) -> Array:
+        """Return all columns of all logs (n,), one behind the other."""
+        return np.concatenate([values for log in self.logs for values in log.columns.values()])
+
+    def residuals(self, x: Array) -> Array:
+        """Return predicted less measured, over the noise (n,)."""
+        return (self.predicted(x)[0] + self.biases(x) - self.measured()) / self.scales()
+
+    def jacobian(self, x: Array, but: int | None = None) -> Array:
+        """Return the derivatives of `residuals` by x (n, size), forward differences in part, without x[but]."""
+        here, slopes = self.predicted(x)
+        columns = np.zeros((self.samples, self.size))
+        seen = self._seen
+        for i in range(len(self.free)):
+            if i != but:
+                there = x.copy()
+                there[i] += STEP
+                columns[:, i] = (self._predict(there)[0] - here) / STEP
+        self._seen = seen
+        for (k, name), slot in self.slots.items():
+            columns[slot, len(self.free) + k] = -slopes[slot]
+            if (k, name) in self.biased:
+                columns[slot, self._place(k, name)] = 1.0
+        return columns / self.scales()[:, None]

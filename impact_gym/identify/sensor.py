@@ -1,0 +1,98 @@
+"""What a sensor makes of a motion: a first-order low pass, a bias, noise, and values at its sampling times only."""
+
+from dataclasses import dataclass
+from itertools import accumulate
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_gym.validation import number
+
+Array = NDArray[np.float64]
+
+GAUSS, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(4)
+CLOSEST = 1e-9  # s; points of a trace that lie closer together say nothing of a slope but rounding
+
+
+class Curve:
+    """A cubic between each two points (k,), its slopes there those of the parabola through a point and its neighbours.
+
+    What `scipy.interpolate` has for this takes as long to set up as the simulation of the points.
+    """
+
+    def __init__(self, time: Array, values: Array) -> None:
+        apart = np.append(np.diff(time) > CLOSEST, True)
+        self.time, y = time[apart], values[apart]
+        self.steps = np.diff(self.time)
+        rise = np.diff(y) / self.steps
+        before, after = self.steps[:-1], self.steps[1:]
+        middle = (after * rise[:-1] + before * rise[1:]) / (before + after)
+        middle[(rise[:-1] == 0.0) | (rise[1:] == 0.0)] = 0.0  # from rest, or to it
+        slope = np.concatenate([rise[:1], middle, rise[-1:]])
+        square = (3.0 * rise - 2.0 * slope[:-1] - slope[1:]) / self.steps
+        cube = (slope[:-1] + slope[1:] - 2.0 * rise) / self.steps**2
+        self.pieces = np.array([y[:-1], slope[:-1], square, cube])
+
+    def __call__(self, at: Array) -> tuple[Array, Array]:
+        """Return value and slope `at` times within the points, of any shape."""
+        piece = np.searchsorted(self.time[1:-1], at, side="right")
+        s = at - self.time[piece]
+        y, slope, square, cube = self.pieces[:, piece]
+        return y + s * (slope + s * (square + s * cube)), slope + s * (2.0 * square + 3.0 * s * cube)
+
+
+@dataclass(frozen=True, slots=True)
+class Sensor:
+    """What is known of the sensor behind one column of a log.
+
+    Noise is white and comes after the filter: independent from sample to sample, normal, the same all along.
+    """
+
+    rate: float | None = None  # Hz, checked against the log's times; None: as these say
+    low_pass: float | None = None  # Hz, cut-off of a first-order filter; None: no filter
+    bias: float | Literal["estimated"] = 0.0  # in the column's unit, added to every sample
+    noise: float | None = None  # standard deviation in the column's unit; None: estimated
+
+    def __post_init__(self) -> None:
+        for name, unit in {"rate": "Hz", "low_pass": "Hz", "noise": "(the column's unit)"}.items():
+            value = getattr(self, name)
+            if value is not None:
+                object.__setattr__(self, name, number(f"Sensor.{name}", value, unit, above=0))
+        if self.bias != "estimated":
+            object.__setattr__(self, "bias", number("Sensor.bias", self.bias, "(the column's unit), or 'estimated'"))
+
+    def senses(self, time: Array, values: Array, at: Array) -> tuple[Array, Array]:
+        """Return what the sensor reads `at` (n,) s, but for bias and noise, and its slope, 1/s.
+
+        Args:
+            time: of the signal (k,), s; it is at rest before.
+            values: the signal (k,), smooth between these points.
+            at: rising; beyond the last of `time` the signal keeps its value.
+        """
+        signal = Curve(time, values)
+        within = np.clip(at, signal.time[0], signal.time[-1])
+        if self.low_pass is None:
+            read, slope = signal(within)
+            return read, np.where(at == within, slope, 0.0)
+        pace = 2.0 * np.pi * self.low_pass
+        moving = np.flatnonzero(values)
+        begin = time[moving[0] - 1] if len(moving) and moving[0] else time[0]
+        nodes = np.unique(np.concatenate([time[(time >= begin) & (time <= at[-1])], at[at >= begin], [begin]]))
+        read = np.interp(at, nodes, _filtered(signal, nodes, pace, time[-1]), left=0.0)
+        return read, np.where(at >= begin, pace * (signal(within)[0] - read), 0.0)
+
+
+def _filtered(signal: Curve, nodes: Array, pace: float, last: float) -> Array:
+    """Return y at `nodes` (k,), y' = pace (u - y) from rest at the first.
+
+    Between two nodes y moves by 1 - exp(-pace h) towards the mean of u that is weighted with exp(-pace (time left)), by
+    Gauss's quadrature.
+    """
+    h = np.diff(nodes)[:, None]
+    inside = nodes[:-1, None] + h * (GAUSS + 1.0) / 2.0
+    weight = GAUSS_WEIGHTS * np.exp(-pace * h * (GAUSS[-1] - GAUSS) / 2.0)
+    mean = (weight * signal(np.minimum(inside, last))[0]).sum(1) / weight.sum(1)
+    kept = np.exp(-pace * h[:, 0])
+    steps = zip(kept.tolist(), (mean * (1.0 - kept)).tolist(), strict=True)
+    return np.fromiter(accumulate(steps, lambda y, step: y * step[0] + step[1], initial=0.0), float, len(nodes))

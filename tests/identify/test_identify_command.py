@@ -1,0 +1,91 @@
+"""From a log and a scene's file to a set-up that agents.load_setup accepts."""
+
+import numpy as np
+import pytest
+from blows import log, scene
+
+from agents import load_setup
+from impact_gym.identify.__main__ import main
+
+SCENE = """
+title = "Our arm"
+[environment]
+tool_mass = 0.125
+coupling = { type = "SpringDamper", stiffness = 150.0, damping_ratio = 1.0 }
+reaction_delay = [0.012, 0.020]
+[environment.scenario]
+object_mass = 1.0
+contact_stiffness = 1e4
+restitution = 0.8
+distance = 0.2505
+[motion]
+speed = 1.0
+acceleration = 8.0
+brake = { threshold = 1.0, delay = 0.016 }
+[sensor.force]
+rate = 4000.0
+"""
+
+
+@pytest.fixture
+def files(tmp_path):
+    recorded = log(scene(1e5, 0.5))
+    np.savetxt(
+        tmp_path / "log.csv", np.column_stack(list(recorded.values())), delimiter=",", header="time,force", comments=""
+    )
+    (tmp_path / "my.toml").write_text(SCENE)
+    return tmp_path
+
+
+def test_intervals_become_the_ranges_of_a_set_up(files, capsys):
+    out = files / "setup.toml"
+    main([str(files / "log.csv"), "--scene", str(files / "my.toml"), "--out", str(out), "--plot", str(files / "a.png")])
+    assert "contact.stiffness = " in capsys.readouterr().out
+    setup = load_setup(out)
+    scenario = setup.environment["scenario"]
+    for name, truth in (("contact_stiffness", 1e5), ("restitution", 0.5), ("object_mass", 0.25)):
+        low, high = scenario[name]
+        assert 0.8 * truth < low < high < 1.25 * truth
+    assert scenario["distance"] == 0.2505
+    assert setup.environment["reaction_delay"] == [0.012, 0.020]
+    assert setup.title == "Our arm"
+    assert (files / "a.png").stat().st_size > 0
+
+
+def test_without_out_the_set_up_is_printed_and_a_coupling_may_be_free(files, capsys):
+    main([str(files / "log.csv"), "--scene", str(files / "my.toml"), "--free", "contact.stiffness", "object.mass",
+          "contact.restitution", "coupling.stiffness"])  # fmt: skip
+    (files / "printed.toml").write_text(capsys.readouterr().out)
+    found = load_setup(files / "printed.toml").environment["coupling"]["stiffness"]
+    assert found == 150.0 or found[0] < found[1]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "match"),
+    [
+        ("[motion]", "[moved]", r"must have a table \[motion\]"),
+        ("speed = 1.0", "speeed = 1.0", "motion or sensor: .*speeed"),
+        ("distance = 0.2505", "distance = [0.2, 0.3]", r"environment\.scenario\.distance must be a number"),
+        ("stiffness = 150.0", "stiffness = [100.0, 200.0]", r"environment\.coupling\.stiffness must be a number"),
+        ("rate = 4000.0", "rate = 400.0", "Sensor.rate of force is 400 Hz"),
+        ("title =", "title", "is not read as TOML"),
+    ],
+)
+def test_what_is_wrong_with_the_file_is_one_line(files, old, new, match):
+    (files / "my.toml").write_text(SCENE.replace(old, new))
+    with pytest.raises(SystemExit, match=match) as caught:
+        main([str(files / "log.csv"), "--scene", str(files / "my.toml")])
+    assert str(caught.value).startswith("impact_gym.identify: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_number_without_a_place_in_a_set_up_is_refused(files):
+    with pytest.raises(SystemExit, match=r"contact\.stiffness_exponent has no place in a set-up"):
+        main([str(files / "log.csv"), "--scene", str(files / "my.toml"), "--free", "contact.stiffness_exponent"])
+
+
+def test_the_help_says_what_the_file_holds(capsys):
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    shown = capsys.readouterr().out
+    assert all(word in shown for word in ("[environment.scenario]", "[motion]", "[sensor.force]", "low_pass"))

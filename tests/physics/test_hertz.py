@@ -1,0 +1,60 @@
+"""Contact stiffness of two bodies by Hertz's theory, and the table of materials."""
+
+import math
+
+import pytest
+
+import impact_gym as ig
+
+STEEL = (206e9, 0.3)
+
+
+def test_it_is_hertzs_approach_of_a_sphere_to_a_plane():
+    radius, force = 0.02, 50.0
+    k = ig.hertz(radius, *STEEL, 3e9, 0.4)
+    modulus = 1.0 / ((1 - 0.3**2) / 206e9 + (1 - 0.4**2) / 3e9)
+    approach = (9.0 * force**2 / (16.0 * radius * modulus**2)) ** (1 / 3)  # Johnson, Contact Mechanics, eq. 4.23
+    assert k * approach**1.5 == pytest.approx(force, rel=1e-12)
+
+
+def test_a_rigid_tool_leaves_the_object_alone_and_bodies_may_change_places():
+    alone = 4.0 / 3.0 * math.sqrt(0.01) * 2e6 / (1 - 0.5**2)
+    assert ig.hertz(0.01, 1e30, 0.3, 2e6, 0.5) == pytest.approx(alone, rel=1e-12)
+    assert ig.hertz(0.01, *STEEL, 2e6, 0.5) == pytest.approx(ig.hertz(0.01, 2e6, 0.5, *STEEL), rel=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "match"),
+    [
+        (0, 0.0, "radius must be finite and above 0 m"),
+        (1, -1.0, "young_tool must be finite and above 0 Pa"),
+        (2, 0.6, "poisson_tool must be finite and above -1 and at most 0.5"),
+        (3, math.nan, "young_object"),
+        (4, -1.0, "poisson_object"),
+    ],
+)
+def test_what_no_body_has_is_refused(place, value, match):
+    given = [0.01, *STEEL, *STEEL]
+    given[place] = value
+    with pytest.raises(ValueError, match=match):
+        ig.hertz(*given)
+
+
+def test_every_material_has_a_source_and_numbers_that_a_body_can_have():
+    for material in ig.MATERIALS.values():
+        assert material.source
+        assert 0 < material.young[0] <= material.young[1] < 1e12
+        assert 0 < material.poisson[0] <= material.poisson[1] <= 0.5
+
+
+def test_ranges_of_a_pair_hold_its_middle_and_make_a_set_up():
+    found = ig.material_ranges((0.01, 0.03), "rubber, Shore A 50", "steel")
+    low, high = found["contact_stiffness"]
+    assert low < ig.hertz(0.02, 2.5e6, 0.48, 200e9, 0.29) < high
+    assert "restitution" not in found
+    assert ig.material_ranges((0.01, 0.03), "glass", "glass")["restitution"] == [0.96, 0.98]
+    from impact_gym.envs.scenario import ScenarioRanges
+
+    assert ScenarioRanges.of(found).contact_stiffness == (low, high)
+    with pytest.raises(ValueError, match="tool must be one of"):
+        ig.material_ranges((0.01, 0.03), "butter", "steel")
