@@ -20,6 +20,10 @@ WIDE = 10.0
 """A range whose ends differ by this factor is searched by ratio, as stiffness and mass always are."""
 
 
+DESIGN = tuple(name for name in NUMBERS if name == "tool_mass" or name.startswith("coupling."))
+"""What may be free; which of these a coupling has depends on its kind."""
+
+
 class Free(NamedTuple):
     """A number of the design that the search may choose."""
 
@@ -73,11 +77,15 @@ def read_all(texts: Sequence[str], setup: Setup) -> list[Free]:
         raise ValueError("--free must name a number of the design at least, such as coupling.stiffness=10:300")
     free, coupling = [read(text) for text in texts], Task(**setup.environment).coupling
     kind = type(coupling).__name__
-    known("--free ", [one.name for one in free], [name for name in NUMBERS if name.startswith(("tool_mass", "coupling"))])
+    known(
+        "--free ", [one.name for one in free], [name for name in NUMBERS if name.startswith(("tool_mass", "coupling"))]
+    )
     there = ["tool_mass", *(f"coupling.{item.name}" for item in fields(coupling))]
     for place, one in enumerate(free):
         if one.name not in there:
-            raise ValueError(f"--free {one.name}: {setup.called} has a {kind} coupling, whose design is {', '.join(there)}")
+            raise ValueError(
+                f"--free {one.name}: {setup.called} has a {kind} coupling, whose design is {', '.join(there)}"
+            )
         if one.name in [other.name for other in free[:place]]:
             raise ValueError(f"--free {one.name} is named twice")
     return free
@@ -104,8 +112,8 @@ def searched_environment(setup: Setup, free: Sequence[Free], deflection: float) 
         lag = min(least * lag_of(corner) for corner in corners(task))
         if lag > deflection:
             raise ValueError(
-                f"no design in these ranges holds the tool within {1e3 * deflection:g} mm: even at {least:g} m/s^2, the "
-                f"least that the arm makes, the stiffest lets it lag {1e3 * lag:.3g} mm behind"
+                f"no design in these ranges holds the tool within {1e3 * deflection:g} mm: even at {least:g} m/s^2, "
+                f"the least that the arm makes, the stiffest lets it lag {1e3 * lag:.3g} mm behind"
             )
     return environment
 

@@ -24,11 +24,19 @@ class Limits(NamedTuple):
     deflection: float | None = 0.05  # m, until the first touch
     stroke: float | None = None  # m, in the whole episode
     peak_force: float | None = None  # N
+    release: float | None = None  # J, that a mechanism sets free where it snaps through
     energy: float | None = None  # J, that the object leaves with
     touched_once: float | None = None  # share of the episodes without a second blow, at least
 
-    def excess(self, played: Episodes, travel: "Travel", copies: int) -> Floats:
-        """Return how far each copy (copies,) is beyond the limits, as a share of each, all added; 0 within them."""
+    def excess(self, played: Episodes, travel: "Travel", release: Floats) -> Floats:
+        """Return how far each candidate is beyond the limits, as a share of each, all added; 0 within them.
+
+        Args:
+            played: as many episodes of each, one candidate after the other.
+            travel: of their tools.
+            release: J, of each candidate (n,).
+        """
+        copies = len(release)
         mass = played.scenario["object_mass"]
         energy = 0.5 * mass * played.object_velocity**2
         twice = (played.contact_count > 1).reshape(copies, -1).mean(axis=1)
@@ -36,6 +44,7 @@ class Limits(NamedTuple):
             (self.deflection, travel.deflection.reshape(copies, -1).max(axis=1)),
             (self.stroke, travel.stroke.reshape(copies, -1).max(axis=1)),
             (self.peak_force, np.quantile(played.peak_force.reshape(copies, -1), MOST, axis=1)),
+            (self.release, release),
             (self.energy, np.quantile(energy.reshape(copies, -1), MOST, axis=1)),
             (None if self.touched_once is None else max(1.0 - self.touched_once, 1e-3), twice),
         ]

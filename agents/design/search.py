@@ -1,11 +1,11 @@
 """One search: design and controller together, for the least V_p at an approach no later than a given time.
 
-A design that is worth something needs its own controller, and a controller is tuned in a few hundred generations. One
-search over both takes hardly more of them than one over the controller alone (measured, see `experiments.design`), where
-a search of controllers for each design of a search of designs would take that many for each.
+A design has to be judged by its own best controller, which takes a few hundred generations to find. One search over
+both takes about twice as many; a search of designs, each with a search of its controller, takes that many for each.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,8 @@ from agents.design.limits import Limits, Travel
 from agents.design.pads import on_pad
 from agents.evaluate import RESULTS, TUNING_SEED, Episodes, Stage
 from agents.jobs import Result
-from impact_gym.envs.task import MISSED_COST
+from impact_gym.envs.task import MISSED_COST, Task
+from impact_gym.scene import Bistable, Coupling
 
 RTOL = 1e-5  # of the simulation while searching: V_p is within 1e-6 m/s
 PENALTY = 2.0
@@ -61,6 +62,7 @@ def search_one(
         seed: of the search.
         journal: file of what has been measured.
     """
+    coupling = Task(**environment).coupling
     numbers, kind, within = [Free(*one) for one in free], RULES[rule], Limits(*limits)
     options = {"scenario": "train", **environment, "rtol": RTOL}
     stage = Stage(TUNING_SEED, scenarios, population, threads=1, lenient=True, **options)
@@ -73,13 +75,15 @@ def search_one(
     def losses(candidates: Floats) -> Floats:
         designs, of_rule = np.split(candidates[:, 0], [len(numbers)], axis=1)
         controller = kind.of(np.repeat(of_rule, scenarios, axis=0)).for_environment(environment)
-        record = {one.name: np.repeat(one.value(designs[:, k]), scenarios) for k, one in enumerate(numbers)}
+        design = {one.name: one.value(designs[:, k]) for k, one in enumerate(numbers)}
+        record = {name: np.repeat(values, scenarios) for name, values in design.items()}
         record |= {name: np.tile(values, population) for name, values in contact.items()}
         travel = Travel(population * scenarios)
         played = stage.play(controller, record, travel)
         velocity, time = (each.reshape(population, scenarios).mean(axis=1) for each in _cost(played))
+        release = released(coupling, design, population)
         late = np.maximum(time / approach_time - 1.0, 0.0)
-        return (velocity + PENALTY * (late + within.excess(played, travel, population)))[:, None]
+        return (velocity + PENALTY * (late + within.excess(played, travel, release)))[:, None]
 
     found = minimise(journaled(losses, Path(journal)), parameters, 1, population, -(-budget // population), seed)
     designs, of_rule = np.split(found.parameters[0], [len(numbers)])
@@ -90,6 +94,15 @@ def search_one(
         "loss": found.loss,
         "generations": np.array([found.generations]),
     }
+
+
+def released(coupling: Coupling, design: Mapping[str, Floats], count: int) -> Floats:
+    """Return the energy (J) that each of `count` designs sets free from its front stop to its rear one (count,)."""
+    if not isinstance(coupling, Bistable):
+        return np.zeros(count)
+    inner = {name.removeprefix("coupling."): values for name, values in design.items() if name.startswith("coupling.")}
+    built = [replace(coupling, **{name: float(values[k]) for name, values in inner.items()}) for k in range(count)]
+    return np.array([one.energy(one.rest) - one.energy(one.rear_stop) for one in built])
 
 
 def _cost(played: Episodes) -> tuple[Floats, Floats]:
