@@ -32,7 +32,7 @@ class DesignOptions:
     setup: tyro.conf.Positional[str]
     """A name or a file."""
     free: tuple[str, ...]
-    """NAME=LOW:HIGH of each number that may be chosen, such as coupling.stiffness=10:300; of the coupling, or tool_mass."""
+    """NAME=LOW:HIGH of each number that may be chosen, tool_mass or of the coupling: coupling.stiffness=10:300."""
     out: Path
     """Folder for all of it; what is done is kept there, and the same command goes on."""
     pad: str = ""

@@ -26,7 +26,7 @@ SEARCHED = (
 PAPERS_RULE = {"rule": "ConstantSpeed", "parameters": [1.0, 8.0, 8.0]}  # paper, section 3.2
 VALIDATION, TEST = ["validation", None], ["test", None]
 STARTS = {("BlindProfile", False): "blind-profile", ("BlindProfile", True): "bistable-blind-profile"}
-"""What the search of a controller begins with: a shipped one of its rule, with or without a mechanism; else "ranged"."""
+"""What the search of a controller begins with, by its rule and whether there is a mechanism; otherwise "ranged"."""
 
 
 @dataclass(frozen=True)
