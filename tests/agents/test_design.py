@@ -1,0 +1,241 @@
+"""Designs: laws of pads and of a tool in flight, searches that go on, and one line for whatever cannot be searched."""
+
+import json
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from agents.baselines import BlindProfile, ConstantSpeed
+from agents.baselines.cmaes import minimise
+from agents.baselines.rule import Parameter
+from agents.baselines.tuned import read_tuned
+from agents.design import __main__ as command
+from agents.design import search
+from agents.design.__main__ import DesignOptions, write
+from agents.design.free import designed
+from agents.design.journal import journaled
+from agents.design.limits import Limits, Travel
+from agents.design.pads import on_pad, pad_of, pads
+from agents.design.study import run
+from agents.evaluate import TUNING_SEED, Stage
+from agents.setup import check
+from agents.setups import load_setup
+from agents.train.settings import default_settings
+
+STIFFNESS, SPRING = "coupling.stiffness=20:200", ("coupling.stiffness=20:200", "coupling.damping_ratio=0.2:2")
+PROFILE = list(read_tuned("blind-profile")["weights"]["2"]["parameters"].values())
+
+
+@pytest.fixture
+def small(tmp_path):
+    """A search that takes seconds and finds little."""
+    few = {"scenarios": 12, "budget": 24, "population": 8, "seeds": 1, "processes": 0, "against": ()}
+    return DesignOptions("linear-blind", SPRING, tmp_path / "out", times=(1.0, 1.3), **few)
+
+
+@pytest.mark.parametrize(("setup", "free", "said"), [
+    ("linear-blind", (), "--free must name a number"),
+    ("linear-blind", ("coupling.stifness=1:2",), "did you mean 'coupling.stiffness'"),
+    ("linear-blind", ("object_mass=1:2",), "unknown key --free object_mass"),
+    ("linear-blind", ("coupling.height=0.01:0.02",), "has a SpringDamper coupling, whose design is tool_mass, coupling.stiffness"),
+    ("rigid-blind", (STIFFNESS,), "has a Rigid coupling, whose design is tool_mass"),
+    ("linear-blind", ("coupling.stiffness=300:10",), "LOW below HIGH, got 300:10"),
+    ("linear-blind", ("coupling.stiffness=10:10",), "LOW below HIGH, got 10:10"),
+    ("linear-blind", ("coupling.stiffness=",), "must be NAME=LOW:HIGH"),
+    ("linear-blind", ("coupling.stiffness=:",), "must be NAME=LOW:HIGH"),
+    ("linear-blind", ("coupling.stiffness",), "must be NAME=LOW:HIGH"),
+    ("linear-blind", ("coupling.stiffness=10:inf",), "must be finite"),
+    ("linear-blind", (STIFFNESS, STIFFNESS), "coupling.stiffness is named twice"),
+    ("linear-blind", ("coupling.stiffness=-5:10",), "SpringDamper.stiffness must be finite and above 0"),
+    ("linear-blind", ("coupling.stiffness=0.5:2",), "no design in these ranges holds the tool within 50 mm"),
+    ("bistable-blind", ("coupling.stiffness=10:50",), "its front stop holds"),
+    ("bistable-blind", ("coupling.height=0.01:0.08",), "height must be below"),
+], ids=str)  # fmt: skip
+def test_what_cannot_be_searched_is_refused_before_anything_is_played(setup, free, said, tmp_path):
+    with pytest.raises(ValueError, match=said):
+        DesignOptions(setup, free, tmp_path).study()
+
+
+@pytest.mark.parametrize(("changes", "said"), [
+    ({"pad": "felt"}, "unknown key --pad felt"),
+    ({"times": ()}, "times must name an approach time"),
+    ({"times": (0.0,)}, "times must be finite and above 0"),
+    ({"deflection": 0.0}, "deflection must be finite and above 0"),
+    ({"touched_once": 1.5}, "touched_once must be finite and above 0 and at most 1"),
+    ({"population": 2}, "population must be a whole number of at least 4"),
+    ({"against": ("nobody",)}, "no set-up 'nobody'"),
+], ids=str)  # fmt: skip
+def test_a_setting_out_of_range_is_named(changes, said, small):
+    with pytest.raises(ValueError, match=said):
+        replace(small, **changes).study()
+
+
+def test_the_command_line_says_what_is_wrong_in_one_line(tmp_path, monkeypatch):
+    monkeypatch.setattr(
+        sys, "argv", ["design", "linear-blind", "--free", "coupling.stiffness=9:1", "--out", str(tmp_path)]
+    )
+    with pytest.raises(SystemExit) as ended:
+        command.main()
+    assert str(ended.value).startswith("agents.design: --free coupling.stiffness must have LOW below HIGH")
+    assert "\n" not in str(ended.value)
+
+
+@pytest.mark.parametrize("name", pads())
+def test_a_pad_and_an_object_share_a_force_and_their_penetrations_add_up(name):
+    pad = pad_of(name)
+    for stiffness in (1e3, 1e5, 1e7):
+        together, _ = on_pad(name, stiffness, 0.5)
+        for force in (0.1, 10.0):
+            penetration = brentq(lambda x: together * x**1.5 - force, 0.0, 1.0, xtol=1e-16)
+            assert penetration == pytest.approx((force / pad.stiffness) ** (2 / 3) + (force / stiffness) ** (2 / 3))
+
+
+@pytest.mark.parametrize("name", pads())
+def test_what_a_contact_with_a_pad_loses_is_what_its_two_halves_lose_of_what_they_store(name):
+    pad, stiffness, restitution, force = pad_of(name), 3e4, 0.8, 5.0
+    stored = np.array([0.4 * force * (force / k) ** (2 / 3) for k in (pad.stiffness, stiffness)])
+    lost = stored @ [1.0 - pad.restitution**2, 1.0 - restitution**2]
+    _, together = on_pad(name, stiffness, restitution)
+    assert (1.0 - together**2) * stored.sum() == pytest.approx(lost)
+
+
+def test_a_pad_does_nothing_to_a_far_softer_object_and_stands_for_a_far_stiffer_one():
+    pad = pad_of("norbornene")
+    assert on_pad("norbornene", 1e-6, 0.7) == pytest.approx((1e-6, 0.7), rel=1e-5)
+    assert on_pad("norbornene", 1e18, 0.7) == pytest.approx((pad.stiffness, pad.restitution), rel=1e-5)
+
+
+@pytest.mark.parametrize(("stiffness", "damping_ratio"), [(300.0, 0.2), (120.0, 0.0), (80.0, 1.0)])
+def test_the_deflection_in_flight_is_that_of_a_spring_and_damper_set_going_evenly(stiffness, damping_ratio):
+    """It swings over m a / k by exp(-pi zeta / sqrt(1 - zeta^2)), given half a period of its own."""
+    coupling = {"type": "SpringDamper", "stiffness": stiffness, "damping_ratio": damping_ratio}
+    environment = {"coupling": coupling, "scenario": {"distance": 0.5}, "acceleration_range": [1.0, 5.0]}
+    travel = Travel(4)
+    rule = ConstantSpeed(1.5, 5.0).for_environment(environment)
+    Stage(TUNING_SEED, 4, threads=1, **environment).play(rule, watch=travel)
+    over = np.exp(-np.pi * damping_ratio / np.sqrt(1.0 - damping_ratio**2)) if damping_ratio < 1.0 else 0.0
+    assert travel.deflection == pytest.approx(0.125 * 5.0 / stiffness * (1.0 + over), rel=0.01)
+    assert (travel.stroke >= travel.deflection).all()
+
+
+def test_rows_that_are_given_a_design_are_played_as_a_set_up_with_that_design():
+    ranges = {"coupling": {"type": "SpringDamper", "stiffness": [10.0, 300.0], "damping_ratio": [0.1, 2.0]}}
+    designs = {"coupling.stiffness": np.array([40.0, 150.0]), "coupling.damping_ratio": np.array([1.5, 0.3])}
+    stage = Stage(TUNING_SEED, 10, copies=2, threads=1, **ranges)
+    together = stage.play(BlindProfile(PROFILE), {name: np.repeat(values, 10) for name, values in designs.items()})
+    for copy in range(2):
+        alone = designed({}, {name: float(values[copy]) for name, values in designs.items()})
+        played = Stage(TUNING_SEED, 10, threads=1, **alone).play(BlindProfile(PROFILE))
+        assert np.array_equal(together.object_velocity[10 * copy : 10 * copy + 10], played.object_velocity)
+
+
+def test_each_limit_counts_what_exceeds_it_as_a_share_of_it():
+    stage = Stage(TUNING_SEED, 40, threads=1)
+    travel = Travel(40)
+    played = stage.play(BlindProfile(PROFILE), watch=travel)
+    release, none = np.array([2.0]), Limits(deflection=None)
+    found = {
+        "deflection": travel.deflection.max(),
+        "stroke": travel.stroke.max(),
+        "peak_force": np.quantile(played.peak_force, 0.95),
+        "energy": np.quantile(0.5 * played.scenario["object_mass"] * played.object_velocity**2, 0.95),
+        "release": 2.0,
+    }
+    assert none.excess(played, travel, release) == 0.0
+    for name, value in found.items():
+        assert none._replace(**{name: value / 1.5}).excess(played, travel, release) == pytest.approx(0.5)
+        assert none._replace(**{name: value * 1.01}).excess(played, travel, release) == 0.0
+    twice = (played.contact_count > 1).mean()
+    assert 0.0 < twice < 0.5
+    assert none._replace(touched_once=1.0 - twice / 2).excess(played, travel, release) == pytest.approx(1.0)
+    assert none._replace(touched_once=0.5).excess(played, travel, release) == 0.0
+
+
+BOWL = tuple(Parameter(name, "-", -1.0, 1.0, 0.5) for name in "xy")
+
+
+def test_a_search_that_is_killed_goes_on_from_its_journal_and_finds_the_same(tmp_path):
+    played = []
+
+    def losses(candidates):
+        played.append(len(candidates))
+        return np.sum(candidates**2, axis=-1)
+
+    def found(path):
+        result = minimise(journaled(losses, path), BOWL, population=8, generations=12, seed=3)
+        return result.parameters.tolist(), result.loss.tolist()
+
+    whole = found(tmp_path / "whole.jsonl")
+    lines = (tmp_path / "whole.jsonl").read_bytes().splitlines(keepends=True)
+    for torn in (b"".join(lines[:5]), b"".join(lines[:5]) + lines[5][:20], b"no journal\n" + lines[1]):
+        kept = 0 if torn.startswith(b"no") else 5
+        played.clear()
+        (tmp_path / "torn.jsonl").write_bytes(torn)
+        assert found(tmp_path / "torn.jsonl") == whole
+        assert len(played) == 12 - kept
+        assert (tmp_path / "torn.jsonl").read_bytes() == b"".join(lines)
+
+
+def test_a_journal_of_another_search_is_not_taken_for_this_one(tmp_path):
+    def found(seed, path):
+        return minimise(journaled(lambda x: np.sum(x**2, axis=-1), path), BOWL, population=8, generations=6, seed=seed)
+
+    alone = found(2, tmp_path / "alone.jsonl")
+    found(1, tmp_path / "one.jsonl")
+    assert np.array_equal(found(2, tmp_path / "one.jsonl").parameters, alone.parameters)
+
+
+class Stopped(BaseException):
+    """As if the process ended here."""
+
+
+def test_a_study_that_was_stopped_plays_only_what_is_missing_and_ends_with_a_set_up(small, monkeypatch):
+    study, count, stop_at = small.study(), [0], [4]
+    losses = search.minimise
+
+    def counted(function, *arguments):
+        def one_more(candidates):
+            if count[0] == stop_at[0]:
+                raise Stopped
+            count[0] += 1
+            return function(candidates)
+
+        return losses(one_more, *arguments)
+
+    monkeypatch.setattr(search, "minimise", counted)
+    with pytest.raises(Stopped):
+        run(study)
+    journals = sum(len(path.read_bytes().splitlines()) for path in (small.out / "journal").glob("*.jsonl"))
+    assert journals == 4
+    stop_at[0] = -1
+    entries = run(study)
+    assert [(one.line, one.share) for one in entries] == [
+        ("paper's rule", 1.0), ("designs", 1.0), ("designs", 1.3), ("chosen", 1.0), ("chosen", 1.3),
+        ("paper's spring", 1.0), ("paper's spring", 1.3),
+    ]  # fmt: skip
+    count[0] = 0
+    again = run(study)
+    assert count[0] == 0
+    assert [one.parameters for one in again] == [one.parameters for one in entries]
+    path = write(entries, study.setup, small)
+    made = load_setup(path)
+    check(made, str(path))
+    assert made.environment["coupling"]["stiffness"] == entries[1].design["coupling.stiffness"]
+    assert made.environment["tool_mass"] == study.setup.environment["tool_mass"]
+    settings, before = default_settings(str(path)), default_settings("linear-blind")
+    assert settings.learning_rate == before.learning_rate
+    assert settings.on_policy == before.on_policy
+
+
+def test_a_pad_of_the_chosen_design_is_in_the_ranges_of_its_set_up(small):
+    options = replace(small, pad="memory-foam", budget=8, times=(1.0,), free=(STIFFNESS,))
+    entries = run(options.study())
+    scenario = load_setup(write(entries, options.study().setup, options)).environment["scenario"]
+    pad = pad_of("memory-foam")
+    assert scenario["contact_stiffness"][1] < pad.stiffness
+    assert scenario["contact_stiffness"][0] == pytest.approx(on_pad("memory-foam", 1e3, 0.5)[0])
+    assert scenario["distance"] == [0.15, 0.35]
+    assert json.dumps(entries[1].pad) == '"memory-foam"'
