@@ -60,7 +60,7 @@ def search_one(
         budget: candidates.
         population: of these in a generation: they are played together.
         seed: of the search.
-        journal: file of what has been measured.
+        journal: file of what has been measured; empty: none.
     """
     coupling = Task(**environment).coupling
     numbers, kind, within = [Free(*one) for one in free], RULES[rule], Limits(*limits)
@@ -85,7 +85,8 @@ def search_one(
         late = np.maximum(time / approach_time - 1.0, 0.0)
         return (velocity + PENALTY * (late + within.excess(played, travel, release)))[:, None]
 
-    found = minimise(journaled(losses, Path(journal)), parameters, 1, population, -(-budget // population), seed)
+    kept = journaled(losses, Path(journal)) if journal else losses
+    found = minimise(kept, parameters, 1, population, -(-budget // population), seed)
     designs, of_rule = np.split(found.parameters[0], [len(numbers)])
     design = [one.value(value) for one, value in zip(numbers, designs, strict=True)]
     return {
@@ -144,4 +145,5 @@ def play_one(
     played = stage.play(controller, _contact(stage, controller, environment, pad), travel)
     results = {name: getattr(played, name) for name in RESULTS}
     energy = 0.5 * played.scenario["object_mass"] * played.object_velocity**2
-    return results | {"deflection": travel.deflection, "stroke": travel.stroke, "energy": energy}
+    moved = {"deflection": travel.deflection, "stroke": travel.stroke}
+    return results | moved | {"energy": energy, "distance": played.scenario["distance"]}
