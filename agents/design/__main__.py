@@ -5,6 +5,7 @@ import subprocess
 import sys
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from time import perf_counter
 
 import tyro
 
@@ -94,12 +95,12 @@ class DesignOptions:
         return Study(setup, free, searched, sorted(self.times), limits, self.pad, *rest, others)
 
 
-def write(entries: list[Entry], setup: Setup, options: DesignOptions) -> Path:
-    """Write what came of a study, and the chosen design as a set-up; return the set-up's path."""
+def write(entries: list[Entry], setup: Setup, options: DesignOptions, seconds: float) -> Path:
+    """Write what came of a study in so many seconds, and the chosen design as a set-up; return the set-up's path."""
     arrays = {f"{name}_{place}": values for place, one in enumerate(entries) for name, values in one.played.items()}
     told = [{name: value for name, value in asdict(one).items() if name != "played"} for one in entries]
     line = shlex.join(["python", "-m", "agents.design", *sys.argv[1:]])
-    content = {"command": line, "setup": setup.name, "entries": told}
+    content = {"command": line, "seconds": seconds, "setup": setup.name, "entries": told}
     write_archive(options.out / "designs.npz", FORMAT, content, arrays)
     chosen = min((one for one in entries if one.line == "chosen"), key=lambda one: abs(one.share - 1.0))
     return write_setup(options.out / f"{setup.name}-designed.toml", setup, chosen, line)
@@ -111,10 +112,11 @@ def main() -> None:
         options = tyro.cli(DesignOptions, prog="python -m agents.design")
         study = options.study()
         options.out.mkdir(parents=True, exist_ok=True)
+        begun = perf_counter()
         entries = run(study)
         for line in lines(entries):
             print(line)
-        print(f"set-up: {write(entries, study.setup, options)}")
+        print(f"set-up: {write(entries, study.setup, options, perf_counter() - begun)}")
         subprocess.run([sys.executable, "-m", "experiments.design", str(options.out)], check=False)
 
 
