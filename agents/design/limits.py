@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.baselines.rule import Floats
+from agents.design.pads import Pad
 from agents.evaluate import Episodes
 
 MOST = 0.95
@@ -28,22 +29,25 @@ class Limits(NamedTuple):
     energy: float | None = None  # J, that the object leaves with
     touched_once: float | None = None  # share of the episodes without a second blow, at least
 
-    def excess(self, played: Episodes, travel: "Travel", release: Floats) -> Floats:
+    def excess(self, played: Episodes, travel: "Travel", release: Floats, pad: Pad | None = None) -> Floats:
         """Return how far each candidate is beyond the limits, as a share of each, all added; 0 within them.
 
         Args:
             played: as many episodes of each, one candidate after the other.
             travel: of their tools.
             release: J, of each candidate (n,).
+            pad: what may be pressed in as far as its law holds, in as many episodes as the peak force is kept to.
         """
         copies = len(release)
         mass = played.scenario["object_mass"]
         energy = 0.5 * mass * played.object_velocity**2
         twice = (played.contact_count > 1).reshape(copies, -1).mean(axis=1)
+        peak = np.quantile(played.peak_force.reshape(copies, -1), MOST, axis=1)
         shares = [
             (self.deflection, travel.deflection.reshape(copies, -1).max(axis=1)),
             (self.stroke, travel.stroke.reshape(copies, -1).max(axis=1)),
-            (self.peak_force, np.quantile(played.peak_force.reshape(copies, -1), MOST, axis=1)),
+            (self.peak_force, peak),
+            (pad and pad.deepest, pad and pad.pressed(peak)),
             (self.release, release),
             (self.energy, np.quantile(energy.reshape(copies, -1), MOST, axis=1)),
             (None if self.touched_once is None else max(1.0 - self.touched_once, 1e-3), twice),

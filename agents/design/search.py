@@ -17,7 +17,7 @@ from agents.baselines.tuned import RULES
 from agents.design.free import Free, designed
 from agents.design.journal import journaled
 from agents.design.limits import Limits, Travel
-from agents.design.pads import on_pad
+from agents.design.pads import on_pad, pad_of
 from agents.evaluate import RESULTS, TUNING_SEED, Episodes, Stage
 from agents.jobs import Result
 from impact_gym.envs.task import MISSED_COST, Task
@@ -83,7 +83,9 @@ def search_one(
         velocity, time = (each.reshape(population, scenarios).mean(axis=1) for each in _cost(played))
         release = released(coupling, design, population)
         late = np.maximum(time / approach_time - 1.0, 0.0)
-        return (velocity + PENALTY * (late + within.excess(played, travel, release)))[:, None]
+        return (velocity + PENALTY * (late + within.excess(played, travel, release, pad_of(pad) if pad else None)))[
+            :, None
+        ]
 
     kept = journaled(losses, Path(journal)) if journal else losses
     found = minimise(kept, parameters, 1, population, -(-budget // population), seed)
@@ -146,4 +148,5 @@ def play_one(
     results = {name: getattr(played, name) for name in RESULTS}
     energy = 0.5 * played.scenario["object_mass"] * played.object_velocity**2
     moved = {"deflection": travel.deflection, "stroke": travel.stroke}
+    moved["pressed_in"] = pad_of(pad).pressed(played.peak_force) if pad else np.zeros(stage.count)
     return results | moved | {"energy": energy, "distance": played.scenario["distance"]}

@@ -91,7 +91,8 @@ def figure(found: list[Row]) -> Figure:
         mesh = axes.pcolormesh(speeds, objects, ratio, cmap="RdBu_r", norm=norm, shading="nearest", rasterized=False)
         axes.contour(speeds, objects, ratio, levels=[HOLDS], colors="black", linewidths=1.0)
         axes.plot(MOTION.speed, 0.25, "k*", markersize=10)
-        axes.set(yscale="log", title=f"{what[name]}; {MAPS[kind]}")
+        axes.set(yscale="log")
+        axes.set_title(f"{what[name]}; {MAPS[kind]}", fontsize=9)
         axes.grid(visible=False)
     for axes in grid[-1]:
         axes.set_xlabel("impact speed (m/s)")

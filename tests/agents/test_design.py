@@ -18,7 +18,7 @@ from agents.design.__main__ import DesignOptions, write
 from agents.design.free import designed
 from agents.design.journal import journaled
 from agents.design.limits import Limits, Travel
-from agents.design.pads import on_pad, pad_of, pads
+from agents.design.pads import PADS, gent, on_pad, pad_of
 from agents.design.study import run
 from agents.evaluate import TUNING_SEED, Stage
 from agents.setup import check
@@ -83,7 +83,7 @@ def test_the_command_line_says_what_is_wrong_in_one_line(tmp_path, monkeypatch):
     assert "\n" not in str(ended.value)
 
 
-@pytest.mark.parametrize("name", pads())
+@pytest.mark.parametrize("name", PADS)
 def test_a_pad_and_an_object_share_a_force_and_their_penetrations_add_up(name):
     pad = pad_of(name)
     for stiffness in (1e3, 1e5, 1e7):
@@ -93,13 +93,30 @@ def test_a_pad_and_an_object_share_a_force_and_their_penetrations_add_up(name):
             assert penetration == pytest.approx((force / pad.stiffness) ** (2 / 3) + (force / stiffness) ** (2 / 3))
 
 
-@pytest.mark.parametrize("name", pads())
+@pytest.mark.parametrize("name", PADS)
 def test_what_a_contact_with_a_pad_loses_is_what_its_two_halves_lose_of_what_they_store(name):
     pad, stiffness, restitution, force = pad_of(name), 3e4, 0.8, 5.0
     stored = np.array([0.4 * force * (force / k) ** (2 / 3) for k in (pad.stiffness, stiffness)])
     lost = stored @ [1.0 - pad.restitution**2, 1.0 - restitution**2]
     _, together = on_pad(name, stiffness, restitution)
     assert (1.0 - together**2) * stored.sum() == pytest.approx(lost)
+
+
+def test_rubber_of_a_hardness_has_the_modulus_that_is_tabled_for_it():
+    """Shore A 40 and 60: 1.7 and 3.6 MPa, as tables of Gent's relation have it."""
+    assert gent(40.0) == pytest.approx(1.7e6, rel=0.02)
+    assert gent(60.0) == pytest.approx(3.6e6, rel=0.02)
+
+
+def test_a_pad_may_be_pressed_in_by_half_its_radius_in_all_but_a_twentieth_of_the_episodes():
+    stage = Stage(TUNING_SEED, 40, threads=1)
+    played, pad = stage.play(BlindProfile(PROFILE)), pad_of("norbornene")
+    peak = np.quantile(played.peak_force, 0.95)
+    soft = pad._replace(young=pad.young * peak / (pad.stiffness * (0.6 * pad.radius) ** 1.5))
+    assert soft.pressed(peak) == pytest.approx(0.6 * pad.radius)
+    none, travel = Limits(deflection=None), Travel(40)
+    assert none.excess(played, travel, np.zeros(1), soft) == pytest.approx(0.2)
+    assert none.excess(played, travel, np.zeros(1), soft._replace(young=10.0 * soft.young)) == 0.0
 
 
 def test_a_pad_does_nothing_to_a_far_softer_object_and_stands_for_a_far_stiffer_one():
