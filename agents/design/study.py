@@ -84,7 +84,8 @@ def run(study: Study) -> list[Entry]:
     chosen = min(designs, key=lambda one: abs(one.share - 1.0))
     built = designed(study.setup.environment, chosen.design)
     asked = [("chosen", built, (), share, 1) for share in study.times if share != chosen.share]
-    curve = [chosen, *_searched(study, asked, time, "controllers of the chosen design")]
+    more = _searched(study, asked, time, "controllers of the chosen design", chosen.parameters)
+    curve = [chosen, *more]
     curve = [replace(one, line="chosen", environment=built, design=chosen.design) for one in curve]
     rest = [one for one in found if one.line != "designs"]
     return played(study, [papers(study), *designs, *sorted(curve, key=lambda one: one.share), *rest], TEST)
@@ -121,8 +122,13 @@ def start_of(rule: str, environment: Mapping[str, Any], approach_time: float) ->
     return list(nearest["parameters"].values())
 
 
-def _searched(study: Study, asked: Sequence[tuple[Any, ...]], paper: float, title: str) -> list[Entry]:
-    """Return what searches find, of line, environment, free numbers, share of the paper's time (s), and seed each."""
+def _searched(
+    study: Study, asked: Sequence[tuple[Any, ...]], paper: float, title: str, start: Sequence[float] | None = None
+) -> list[Entry]:
+    """Return what searches find, of line, environment, free numbers, share of the `paper`'s time (s), and seed each.
+
+    Controllers begin with `start`, or else with a shipped one.
+    """
     depends, jobs = digest_of(*SEARCHED), []
     for line, environment, free, share, seed in asked:
         pad = study.pad if line in ("designs", "chosen") else ""
@@ -131,7 +137,7 @@ def _searched(study: Study, asked: Sequence[tuple[Any, ...]], paper: float, titl
             "free": [list(one) for one in free],
             "start": own(study.setup, free),
             "rule": study.rule,
-            "rule_start": start_of(study.rule, environment, share * paper),
+            "rule_start": list(start or start_of(study.rule, environment, share * paper)),
             "approach_time": share * paper,
             "limits": list(study.limits) if line in ("designs", "chosen") else [None] * len(study.limits),
             "pad": pad,
