@@ -38,9 +38,10 @@ class Free(NamedTuple):
 
     def parameter(self, start: float) -> Parameter:
         """Return it as the search sees it, from `start` on, or from the middle where that is outside of the range."""
-        low, high, start = np.log((self.low, self.high, start)) if self.logarithmic else (self.low, self.high, start)
-        begin = start if low <= start <= high else 0.5 * (low + high)
-        return Parameter(self.name, NUMBERS[self.name].unit, float(low), float(high), float(begin))
+        scale = np.log if self.logarithmic else float
+        low, high = float(scale(self.low)), float(scale(self.high))
+        begin = float(scale(start)) if self.low <= start <= self.high else 0.5 * (low + high)
+        return Parameter(self.name, NUMBERS[self.name].unit, low, high, begin)
 
     def value(self, searched: Floats) -> Floats:
         """Return what the search's numbers stand for, any shape."""

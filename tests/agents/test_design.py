@@ -15,7 +15,7 @@ from agents.baselines.tuned import read_tuned
 from agents.design import __main__ as command
 from agents.design import search
 from agents.design.__main__ import DesignOptions, write
-from agents.design.free import designed
+from agents.design.free import designed, read
 from agents.design.journal import journaled
 from agents.design.limits import Limits, Travel
 from agents.design.pads import PADS, gent, on_pad, pad_of
@@ -256,3 +256,19 @@ def test_a_pad_of_the_chosen_design_is_in_the_ranges_of_its_set_up(small):
     assert scenario["contact_stiffness"][0] == pytest.approx(on_pad("memory-foam", 1e3, 0.5)[0])
     assert scenario["distance"] == [0.15, 0.35]
     assert json.dumps(entries[1].pad) == '"memory-foam"'
+
+
+def test_a_number_is_searched_by_ratio_where_that_is_how_it_matters_and_begins_with_what_the_set_up_has():
+    for text, begin, logarithmic in (
+        ("coupling.stiffness=20:80", 50.0, True),
+        ("coupling.damping_ratio=0.5:2", 1.0, False),
+        ("coupling.damping_ratio=0.1:2", 1.0, True),
+        ("coupling.damping_ratio=0:2", 0.0, False),
+        ("coupling.stiffness=100:400", 200.0, True),  # what the set-up has, 50 N/m, is not in it
+    ):
+        one = read(text)
+        assert one.logarithmic is logarithmic
+        parameter = one.parameter(50.0 if "stiffness" in text else begin)
+        assert one.value(np.array([parameter.low, parameter.start, parameter.high])) == pytest.approx([
+            one.low, begin, one.high,
+        ])  # fmt: skip
