@@ -83,9 +83,8 @@ def search_one(
         velocity, time = (each.reshape(population, scenarios).mean(axis=1) for each in _cost(played))
         release = released(coupling, design, population)
         late = np.maximum(time / approach_time - 1.0, 0.0)
-        return (velocity + PENALTY * (late + within.excess(played, travel, release, pad_of(pad) if pad else None)))[
-            :, None
-        ]
+        over = late + within.excess(played, travel, release, pad_of(pad) if pad else None)
+        return (velocity + PENALTY * over)[:, None]
 
     kept = journaled(losses, Path(journal)) if journal else losses
     found = minimise(kept, parameters, 1, population, -(-budget // population), seed)
