@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from browsers import chromium, opened
 
 from agents.archive import write_archive
 from agents.design.__main__ import FORMAT
@@ -17,6 +18,7 @@ SCENARIOS = 40
 def study(tmp_path):
     """A study as `agents.design` writes it: V_p falls by 0.5 m/s per s from one approach time to the next."""
     shares = [("paper's rule", 1.0, 0.6), ("designs", 1.0, 0.2), ("chosen", 1.1, 0.17), ("chosen", 0.9, 0.23)]
+    shares += [("designs", 1.2, 0.1)]
     entries = [{"line": line, "share": share, "design": {"tool_mass": 0.1}, "pad": ""} for line, share, _ in shares]
     arrays = {}
     for place, (_, share, velocity) in enumerate(shares):
@@ -39,8 +41,19 @@ def test_a_line_is_read_at_the_mean_approach_time_of_the_papers_rule(study):
 def test_the_page_says_what_the_chosen_design_gains_and_lists_every_design(study):
     text = show(study).read_text()
     assert "66.7 % [66.7, 66.7] slower" in text
-    assert text.count("tool_mass 0.1") == 4
+    assert text.count('<td class="words">tool_mass 0.1</td>') == 5
     assert "10.0 mm against the flange" in text
+
+
+def test_the_slider_of_the_page_goes_through_the_designs_of_the_front(study):
+    path = show(study)
+    with chromium() as browser:
+        page, problems = opened(browser, path)
+        assert "V_p 0.200 m/s" in page.inner_text("#design")
+        page.fill("#which", "1")
+        assert "V_p 0.100 m/s, 10.0 mm" in page.inner_text("#design")
+        assert page.inner_text("#time") == "0.360 s"
+        assert problems == []
 
 
 def test_a_folder_without_a_study_is_refused(tmp_path):
