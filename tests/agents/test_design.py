@@ -14,6 +14,7 @@ from agents.baselines.rule import Parameter
 from agents.baselines.tuned import read_tuned
 from agents.design import __main__ as command
 from agents.design import search
+from agents.design import study as study_of_designs
 from agents.design.__main__ import DesignOptions, write
 from agents.design.free import designed, read
 from agents.design.journal import journaled
@@ -272,3 +273,23 @@ def test_a_number_is_searched_by_ratio_where_that_is_how_it_matters_and_begins_w
         assert one.value(np.array([parameter.low, parameter.start, parameter.high])) == pytest.approx([
             one.low, begin, one.high,
         ])  # fmt: skip
+
+
+@pytest.mark.parametrize(("found", "best"), [
+    ([(0.20, 0.30), (0.19, 0.30)], 2),
+    ([(0.20, 0.30), (0.19, 0.306)], 1),  # 2 % later
+    ([(0.20, 0.30), (0.19, 0.28)], 2),
+])  # fmt: skip
+def test_of_two_searches_validation_chooses_and_a_later_approach_counts_against_one(found, best, small, monkeypatch):
+    asked = []
+
+    def played(_, entries, scenarios):
+        asked.append(scenarios)
+        results = [(0.6, 0.30), *found]  # the paper's rule first
+        means = [{"object_velocity": np.array([v]), "approach_time": np.array([t])} for v, t in results]
+        return [replace(one, played=each) for one, each in zip(entries, means, strict=True)]
+
+    monkeypatch.setattr(study_of_designs, "played", played)
+    designs = [study_of_designs.Entry("designs", 1.0, {}, "BlindProfile", [], {}, seed=seed) for seed in (1, 2)]
+    assert study_of_designs._best(small.study(), designs).seed == best
+    assert asked == [["validation", None]]
