@@ -1,5 +1,6 @@
 """The command line of `agents.design`."""
 
+import math
 import shlex
 import subprocess
 import sys
@@ -12,7 +13,7 @@ import tyro
 from agents.archive import write_archive
 from agents.command_line import command_line
 from agents.design.free import read_all, searched_environment
-from agents.design.limits import Limits
+from agents.design.limits import UNITS, Limits
 from agents.design.pads import pad_of
 from agents.design.set_up_file import write_setup
 from agents.design.study import Entry, Study, lines, run, with_papers_spring
@@ -37,7 +38,7 @@ class DesignOptions:
     out: Path
     """Folder for all of it; what is done is kept there, and the same command goes on."""
     pad: str = ""
-    """A pad of agents/design/pads.toml on the tool; its mass counts as the tool's."""
+    """A pad of agents/design/pads.py on the tool; its mass counts as the tool's."""
     times: tuple[float, ...] = (0.9, 1.0, 1.15, 1.35)
     """Approach times, as multiples of that of the paper's rule with the paper's spring."""
     deflection: float = 0.05
@@ -73,10 +74,9 @@ class DesignOptions:
         """
         for name, least in (("scenarios", 1), ("budget", 1), ("population", 4), ("seeds", 1), ("processes", 0)):
             whole(name, getattr(self, name), at_least=least)
-        for name in Limits._fields:
-            value = getattr(self, name)
-            if value is not None:
-                number(name, value, "SI", above=0, **({"at_most": 1.0} if name == "touched_once" else {}))
+        for name, unit in UNITS.items():
+            if getattr(self, name) is not None:
+                number(name, getattr(self, name), unit, above=0, at_most=1.0 if name == "touched_once" else math.inf)
         for time in self.times:
             number("times", time, "(no unit)", above=0)
         if not self.times:

@@ -52,7 +52,7 @@ def read(text: str) -> Free:
     """Return what `NAME=LOW:HIGH` says.
 
     Raises:
-        ValueError: it says nothing of the kind; LOW is not below HIGH.
+        ValueError: it says nothing of the kind, of no number of any design, or LOW is not below HIGH.
     """
     name, equals, ends = text.partition("=")
     low, colon, high = ends.partition(":")
@@ -62,10 +62,11 @@ def read(text: str) -> Free:
         pair = None
     if not (name and equals and colon) or pair is None:
         raise ValueError(f"--free must be NAME=LOW:HIGH, such as coupling.stiffness=10:300, got {text!r}")
-    low, high = (number(f"--free {name}", end, "SI") for end in pair)
-    if not low < high:
-        raise ValueError(f"--free {name} must have LOW below HIGH, got {low:g}:{high:g}")
-    return Free(name, low, high)
+    known("--free ", [name], DESIGN)
+    one = Free(name, *(number(f"--free {name}", end, NUMBERS[name].unit) for end in pair))
+    if not one.low < one.high:
+        raise ValueError(f"--free {name} must have LOW below HIGH, got {one.low:g}:{one.high:g}")
+    return one
 
 
 def read_all(texts: Sequence[str], setup: Setup) -> list[Free]:
@@ -77,16 +78,11 @@ def read_all(texts: Sequence[str], setup: Setup) -> list[Free]:
     if not texts:
         raise ValueError("--free must name a number of the design at least, such as coupling.stiffness=10:300")
     free, coupling = [read(text) for text in texts], Task(**setup.environment).coupling
-    kind = type(coupling).__name__
-    known(
-        "--free ", [one.name for one in free], [name for name in NUMBERS if name.startswith(("tool_mass", "coupling"))]
-    )
     there = ["tool_mass", *(f"coupling.{item.name}" for item in fields(coupling))]
+    of = f"{setup.called} has a {type(coupling).__name__} coupling, whose design is {', '.join(there)}"
     for place, one in enumerate(free):
         if one.name not in there:
-            raise ValueError(
-                f"--free {one.name}: {setup.called} has a {kind} coupling, whose design is {', '.join(there)}"
-            )
+            raise ValueError(f"--free {one.name}: {of}")
         if one.name in [other.name for other in free[:place]]:
             raise ValueError(f"--free {one.name} is named twice")
     return free

@@ -55,6 +55,9 @@ class Limits(NamedTuple):
         return sum((np.maximum(found / limit - 1.0, 0.0) for limit, found in shares if limit), np.zeros(copies))
 
 
+UNITS = dict(zip(Limits._fields, ("m", "m", "N", "J", "J", "(no unit)"), strict=True))
+
+
 class Travel:
     """How far the tool of each row went from its place on the flange, m, watched from control step to control step."""
 
