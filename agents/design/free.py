@@ -1,14 +1,13 @@
 """The numbers of a design that are free, `NAME=LOW:HIGH`, and what is wrong with them before anything is searched."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
+from dataclasses import asdict, fields
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from agents.baselines.rule import Floats, Parameter
 from agents.setups import Setup
-from agents.setups.evaluation import changed
 from agents.setups.feasible import corners, warnings
 from agents.setups.keys import known, within
 from impact_gym.envs.setting import NUMBERS
@@ -89,10 +88,14 @@ def read_all(texts: Sequence[str], setup: Setup) -> list[Free]:
 
 
 def designed(environment: Mapping[str, Any], design: Mapping[str, Any]) -> dict[str, Any]:
-    """Return an environment's arguments with the numbers of a design, or with their ranges."""
-    for name, value in design.items():
-        environment = changed(environment, name, value)
-    return dict(environment)
+    """Return an environment's arguments with the numbers of a design, or with their ranges, all at once."""
+    inner = {name.removeprefix("coupling."): value for name, value in design.items() if name.startswith("coupling.")}
+    made = {**environment, **{name: value for name, value in design.items() if not name.startswith("coupling.")}}
+    if inner:
+        coupling, given = Task(**environment).coupling, environment.get("coupling")
+        of_setup = given if isinstance(given, Mapping) else {}  # what it draws is in there
+        made["coupling"] = {"type": type(coupling).__name__, **asdict(coupling), **of_setup, **inner}
+    return made
 
 
 def searched_environment(setup: Setup, free: Sequence[Free], deflection: float) -> dict[str, Any]:

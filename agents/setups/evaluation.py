@@ -141,14 +141,14 @@ def changes(name: str, values: Any, environment: Mapping[str, Any], strict: bool
     for value in listed:
         try:
             with within(where):
-                made = changed(environment, name, value, multiples)
-                same = Task(**made) == Task(**environment)
+                changed = _changed(environment, name, value, multiples)
+                same = Task(**changed) == Task(**environment)
         except ValueError:
             if strict:
                 raise
             continue
         size = float(value) if isinstance(value, (int, float)) else math.nan
-        yield Change(name, _label(value), size, multiples, made, same=same)
+        yield Change(name, _label(value), size, multiples, changed, same=same)
 
 
 def arguments_of_task() -> list[str]:
@@ -169,7 +169,7 @@ def _arguments(environment: Mapping[str, Any]) -> dict[str, Any]:
     return found
 
 
-def changed(environment: Mapping[str, Any], name: str, value: Any, multiple: bool = False) -> dict[str, Any]:
+def _changed(environment: Mapping[str, Any], name: str, value: Any, multiple: bool) -> dict[str, Any]:
     """Return the arguments with one that is new, or a multiple; a field of a record among those that the record has."""
     arguments = _arguments(environment)
     if multiple:
