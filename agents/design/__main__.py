@@ -55,6 +55,9 @@ class DesignOptions:
     """Least share of the scenarios without a second blow, such as 0.95."""
     against: tuple[str, ...] = MECHANISMS
     """Set-ups whose coupling is compared, with a controller of its own."""
+    tolerance: float = 0.05
+    """Share by which each number of a design may be off as it is built: in search and test each scenario meets another one.
+    Without, a mechanism is found that holds its tool by a hair."""
     scenarios: int = 500
     """Training scenarios that each candidate is played through."""
     budget: int = 7200
@@ -79,6 +82,7 @@ class DesignOptions:
                 number(name, getattr(self, name), unit, above=0, at_most=1.0 if name == "touched_once" else math.inf)
         for time in self.times:
             number("times", time, "(no unit)", above=0)
+        number("tolerance", self.tolerance, "(no unit)", at_least=0.0, at_most=0.5)
         if not self.times:
             raise ValueError("times must name an approach time at least, as a multiple of that of the paper's rule")
         if self.pad:
@@ -92,7 +96,7 @@ class DesignOptions:
             name: setup.environment | {"coupling": load_setup(name).environment["coupling"]} for name in self.against
         }
         rest = (self.scenarios, self.budget, self.population, self.seeds, self.out, self.processes)
-        return Study(setup, free, searched, sorted(self.times), limits, self.pad, *rest, others)
+        return Study(setup, free, searched, sorted(self.times), limits, self.pad, self.tolerance, *rest, others)
 
 
 def write(entries: list[Entry], setup: Setup, options: DesignOptions, seconds: float) -> Path:

@@ -98,6 +98,11 @@ def designed(environment: Mapping[str, Any], design: Mapping[str, Any]) -> dict[
     return made
 
 
+def as_built(design: Mapping[str, float], tolerance: float) -> dict[str, list[float]]:
+    """Return the numbers of a design as ranges, which reach by a share `tolerance` to either side."""
+    return {name: sorted([value * (1.0 - tolerance), value * (1.0 + tolerance)]) for name, value in design.items()}
+
+
 def searched_environment(setup: Setup, free: Sequence[Free], deflection: float) -> dict[str, Any]:
     """Return the set-up's arguments with a range for each free number, as episodes would draw it.
 

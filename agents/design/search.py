@@ -14,7 +14,7 @@ import numpy as np
 from agents.baselines.cmaes import minimise
 from agents.baselines.rule import Floats, Parameter
 from agents.baselines.tuned import RULES
-from agents.design.free import Free, designed
+from agents.design.free import Free, as_built, designed
 from agents.design.journal import journaled
 from agents.design.limits import Limits, Travel
 from agents.design.pads import on_pad, pad_of
@@ -39,6 +39,7 @@ def search_one(
     approach_time: float,
     limits: Sequence[float | None],
     pad: str,
+    tolerance: float,
     scenarios: int,
     budget: int,
     population: int,
@@ -56,6 +57,7 @@ def search_one(
         approach_time: s, that the mean over the scenarios may take.
         limits: see `Limits`.
         pad: on the tool, from the table; empty: none.
+        tolerance: share by which each number of the design is off at the most, in each scenario by another.
         scenarios: training scenarios that each candidate is played through, the same for all.
         budget: candidates.
         population: of these in a generation: they are played together.
@@ -72,11 +74,15 @@ def search_one(
         *(one._replace(start=begin) for one, begin in zip(kind.PARAMETERS, rule_start, strict=True)),
     )
 
+    off = np.random.default_rng((TUNING_SEED, 1)).uniform(1.0 - tolerance, 1.0 + tolerance, (len(numbers), scenarios))
+
     def losses(candidates: Floats) -> Floats:
         designs, of_rule = np.split(candidates[:, 0], [len(numbers)], axis=1)
         controller = kind.of(np.repeat(of_rule, scenarios, axis=0)).for_environment(environment)
         design = {one.name: one.value(designs[:, k]) for k, one in enumerate(numbers)}
-        record = {name: np.repeat(values, scenarios) for name, values in design.items()}
+        record = {
+            name: np.outer(values, each).ravel() for (name, values), each in zip(design.items(), off, strict=True)
+        }
         record |= {name: np.tile(values, population) for name, values in contact.items()}
         travel = Travel(population * scenarios)
         played = stage.play(controller, record, travel)
@@ -126,6 +132,7 @@ def play_one(
     rule: str,
     parameters: Sequence[float],
     pad: str,
+    tolerance: float,
     scenarios: Sequence[Any],
 ) -> Result:
     """Return what a controller and a design do on a frozen set, an entry per scenario, deflection and stroke with it.
@@ -136,10 +143,11 @@ def play_one(
         rule: name of the controller.
         parameters: its own.
         pad: on the tool, from the table; empty: none.
+        tolerance: share by which each number of the design is off at the most, in each scenario by another.
         scenarios: the set and how many of it.
     """
     name, count = scenarios
-    options = {"threads": 1, **designed(environment, design)}
+    options = {"threads": 1, **designed(environment, as_built(design, tolerance))}
     controller = RULES[rule].of(parameters).for_environment(environment)
     stage = Stage.of(name, count, **options)
     travel = Travel(stage.count)

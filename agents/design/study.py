@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from agents.baselines.tuned import RULES, read_tuned
-from agents.design.free import Free, designed, own
+from agents.design.free import Free, as_built, designed, own
 from agents.design.limits import Limits
 from agents.design.search import PENALTY
 from agents.evaluate import TUNING_SEED, Stage
@@ -40,6 +40,7 @@ class Study:
     times: Sequence[float]  # approach times, as shares of that of the paper's rule
     limits: Limits
     pad: str
+    tolerance: float  # share by which each number of a design may be off
     scenarios: int
     budget: int
     population: int
@@ -82,7 +83,7 @@ def run(study: Study) -> list[Entry]:
     found = _searched(study, asked, time, "designs and controllers")
     designs = [_best(study, [one for one in found if one.share == share]) for share in study.times]
     chosen = min(designs, key=lambda one: abs(one.share - 1.0))
-    built = designed(study.setup.environment, chosen.design)
+    built = designed(study.setup.environment, as_built(chosen.design, study.tolerance))
     asked = [("chosen", built, (), share, 1) for share in study.times if share != chosen.share]
     more = _searched(study, asked, time, "controllers of the chosen design", chosen.parameters)
     curve = [chosen, *more]
@@ -141,6 +142,7 @@ def _searched(
             "approach_time": share * paper,
             "limits": list(study.limits) if line in ("designs", "chosen") else [None] * len(study.limits),
             "pad": pad,
+            "tolerance": study.tolerance,
             "scenarios": study.scenarios,
             "budget": study.budget,
             "population": study.population,
@@ -170,7 +172,8 @@ def played(study: Study, entries: Sequence[Entry], scenarios: Sequence[Any]) -> 
     jobs = [
         Job("agents.design.search:play_one", {
             "environment": dict(one.environment), "design": dict(one.design), "rule": one.rule,
-            "parameters": list(one.parameters), "pad": one.pad, "scenarios": list(scenarios),
+            "parameters": list(one.parameters), "pad": one.pad, "tolerance": study.tolerance,
+            "scenarios": list(scenarios),
         }, depends)
         for one in entries
     ]  # fmt: skip

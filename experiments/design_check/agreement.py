@@ -22,7 +22,14 @@ from experiments.lab.statistics import Resamples, estimate
 from experiments.lab.tables import Gather, Row, result_of
 
 STIFFNESS, DAMPING = Free("coupling.stiffness", 40.0, 200.0), Free("coupling.damping_ratio", 0.1, 1.0)
-SEARCH = {"rule": "BlindProfile", "limits": list(Limits()), "pad": "", "scenarios": 200, "population": 16}
+SEARCH = {
+    "rule": "BlindProfile",
+    "limits": list(Limits()),
+    "pad": "",
+    "tolerance": 0.0,
+    "scenarios": 200,
+    "population": 16,
+}
 BUDGET, SEEDS, POINTS = 4000, 10, (5, 4)
 TEST = ["test", 2000]
 SLOPE = 1.4
@@ -58,7 +65,7 @@ def found(approach_time: float, budget: int, springs: list[float], seed: int) ->
         approach_time=approach_time, budget=budget, seed=seed, **SEARCH,
     )  # fmt: skip
     design = dict(zip([one.name for one in free], result["design"].tolist(), strict=True))
-    played = play_one(environment, design, "BlindProfile", result["parameters"].tolist(), "", TEST)
+    played = play_one(environment, design, "BlindProfile", result["parameters"].tolist(), "", 0.0, TEST)
     stiffness, damping = springs or design.values()
     at_one_time = played["object_velocity"] + SLOPE * (played["approach_time"] - _papers_time())
     velocity = estimate(Resamples(len(at_one_time)).means(at_one_time))
