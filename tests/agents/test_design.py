@@ -11,9 +11,10 @@ from agents.baselines import BlindProfile, ConstantSpeed
 from agents.baselines.tuned import read_tuned
 from agents.design import __main__ as command
 from agents.design.__main__ import DesignOptions
-from agents.design.free import designed, read
+from agents.design.free import as_built, designed, read
 from agents.design.limits import Limits, Travel
 from agents.design.pads import PADS, gent, on_pad, pad_of
+from agents.design.search import play_one
 from agents.evaluate import TUNING_SEED, Stage
 from agents.setups import load_setup
 from impact_gym.envs.task import Task
@@ -58,6 +59,7 @@ def test_what_cannot_be_searched_is_refused_before_anything_is_played(setup, fre
     ({"times": (0.0,)}, "times must be finite and above 0"),
     ({"deflection": 0.0}, "deflection must be finite and above 0"),
     ({"touched_once": 1.5}, "touched_once must be finite and above 0 and at most 1"),
+    ({"tolerance": -0.1}, "tolerance must be finite and at least 0"),
     ({"population": 2}, "population must be a whole number of at least 4"),
     ({"against": ("nobody",)}, "no set-up 'nobody'"),
 ], ids=str)  # fmt: skip
@@ -153,6 +155,17 @@ def test_numbers_that_are_a_coupling_only_together_are_put_in_together():
     assert drawn["coupling"] == {"type": "SpringDamper", "stiffness": [40, 60], "damping_ratio": 0.5}
     with pytest.raises(ValueError, match="rear_stop must be above minus the stroke"):
         Task(**designed(before, {"coupling.height": 0.06}))
+
+
+def test_a_design_is_played_as_it_may_be_built_each_scenario_with_another():
+    design, mine = {"coupling.stiffness": 80.0, "coupling.damping_ratio": 0.4}, ["validation", 60]
+    assert as_built({"coupling.rear_stop": -0.02}, 0.05) == {"coupling.rear_stop": pytest.approx([-0.021, -0.019])}
+    exact, built = (play_one({}, design, "BlindProfile", PROFILE, "", off, mine) for off in (0.0, 0.05))
+    alone = Stage.of(*mine, threads=1, **designed({}, design)).play(BlindProfile(PROFILE))
+    assert np.array_equal(exact["object_velocity"], alone.object_velocity)
+    changes = built["object_velocity"] / exact["object_velocity"] - 1.0
+    assert (changes != 0.0).all()
+    assert np.abs(np.median(changes)) < np.abs(changes).max() < 0.5
 
 
 def test_each_limit_counts_what_exceeds_it_as_a_share_of_it():
