@@ -56,8 +56,8 @@ class DesignOptions:
     against: tuple[str, ...] = MECHANISMS
     """Set-ups whose coupling is compared, with a controller of its own."""
     tolerance: float = 0.05
-    """Share by which each number of a design may be off as it is built: in search and test each scenario meets another one.
-    Without, a mechanism is found that holds its tool by a hair."""
+    """Share by which each number of a design may be off as it is built: in search and test each scenario meets another.
+    Without it a mechanism is found that holds its tool by a hair."""
     scenarios: int = 500
     """Training scenarios that each candidate is played through."""
     budget: int = 7200
