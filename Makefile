@@ -6,7 +6,7 @@ SMALL := $(VENV)/installed-for-report
 EXTRAS := train report robot render zoo peers cluster docs dev
 
 .DEFAULT_GOAL := help
-.PHONY: help setup report test train train-all controller tune search figures bench speed stability docs identify lint
+.PHONY: help setup report test train train-all controller tune search figures bench speed stability docs identify design lint
 
 help:  ## list what can be made
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "make %-9s %s\n", $$1, $$2}'
@@ -57,6 +57,9 @@ tune: setup  ## tune the baselines and search the clairvoyant bound; goes on whe
 
 controller: setup  ## tune, train, report and export for SETUP=my.toml into OUT=runs/NAME; QUICK=1 for a first look
 	$(BIN)/python -m agents.controller $(SETUP) --out $(or $(OUT),runs/$(basename $(notdir $(SETUP)))$(if $(QUICK),-quick)) $(if $(QUICK),--quick)
+
+design: setup  ## which coupling with its best controller: FREE="coupling.stiffness=10:300 ..." SETUP=my.toml OUT=DIR
+	$(BIN)/python -m agents.design $(SETUP) --free $(FREE) --out $(OUT)
 
 search: setup  ## search for settings of training; goes on where it was stopped
 	$(BIN)/python -m agents.tune_training

@@ -1,6 +1,6 @@
 """Playing a controller through numbered scenarios, the same for every controller."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from agents.policies import Controller, Policy
 from impact_gym.envs import evaluation_sets
 from impact_gym.envs.batch import Batch
-from impact_gym.envs.records import DRAWS, free_record
+from impact_gym.envs.records import DRAWS, RECORD_PLACES, free_record
 from impact_gym.envs.scenario import FIELDS
 from impact_gym.envs.task import MISSED_COST, Task
 
@@ -103,12 +103,23 @@ class Stage:
         taken = None if "scenario" in arguments else frozen
         return cls(frozen.seed, frozen.count if count is None else count, frozen=taken, **arguments)
 
-    def play(self, controller: Controller) -> Episodes:
+    def play(
+        self,
+        controller: Controller,
+        record: Mapping[str, NDArray[np.float64]] | None = None,
+        watch: Callable[[NDArray[Any]], None] = lambda chains: None,
+    ) -> Episodes:
         """Play every row to its end.
 
         The result of a row depends on its scenario and the controller alone, as long as the controller's action for an
         observation does not depend on those beside it (`Policy` sees to that; a matrix product of BLAS rounds
         differently in batches of different size). A policy that was trained for another environment says so once.
+
+        Args:
+            controller: what is played.
+            record: what rows (copies * count,) have instead of what they would draw, by its name in an episode's
+                record, such as `coupling.stiffness`; of the set-up only what the environment draws from a range.
+            watch: is shown where everything is (rows,), CHAIN of the kernels, before each control step.
 
         Raises:
             RuntimeError: the solver failed in a scenario, unless that is `lenient`; names it.
@@ -116,10 +127,14 @@ class Stage:
         batch = self._batch
         if isinstance(controller, Policy) and not self.quiet:
             controller.warn_if_elsewhere(batch.task)
-        batch.begin(np.arange(batch.size), self._uniforms, self._fixed)
+        fixed = self._fixed.copy()
+        for name, values in (record or {}).items():
+            fixed.view(np.float64).reshape(batch.size, -1)[:, RECORD_PLACES[name]] = values
+        batch.begin(np.arange(batch.size), self._uniforms, fixed)
         ended, start = np.zeros(batch.size, np.bool_), np.ones(batch.size, np.bool_)
         state: Any = None
         while not ended.all():
+            watch(batch.chains)
             seen = batch.observations.copy()
             actions, state = controller.predict(seen, state=state, episode_start=start, deterministic=True)
             batch.step(batch.commands(actions, (batch.size, 2)), ended)
