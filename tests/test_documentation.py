@@ -30,9 +30,10 @@ BLOCK = re.compile(r"^```(\w*)(?: title=\"(.+?)\")?\n(.*?)^```$", re.DOTALL | re
 SHOWN_FILE = re.compile(r"# the file (docs/examples/\w+\.py)\n")
 FILES, SHOWN = ("toml", "json", "c", "python"), ("text", "diff")
 UNDER_WAY = (  # these take minutes; what they do has tests of its own
-    "agents.controller", "agents.design", "agents.export", "agents.train", "agents.train_seeds", "agents.tune", "agents.tune_training",
-    "experiments.bench", "experiments.design_check", "experiments.paper", "experiments.report", "experiments.speed_vs_error",
-    "experiments.stability", "impact_gym.doctor", "impact_gym.robot",
+    "agents.controller", "agents.design", "agents.export", "agents.train", "agents.train_seeds", "agents.tune",
+    "agents.tune_training", "experiments.bench", "experiments.design_check", "experiments.paper",
+    "experiments.report", "experiments.speed_vs_error", "experiments.stability", "impact_gym.doctor",
+    "impact_gym.robot",
 )  # fmt: skip
 ELSEWHERE = {"git", "source", "tensorboard", "cleanrl/ppo_continuous_action.py", "rl_zoo3.train"}
 """Not ours, or nothing to run here; rl_zoo3 is run by tests/envs/test_learning_libraries.py."""
