@@ -12,6 +12,7 @@ from scenes import MOTION, scene
 
 import impact_gym as ig
 from agents.setups import feasible, load_setup
+from agents.train.settings import default_settings
 from impact_gym.envs.task import Task
 
 ROOT = Path(__file__).parents[1]
@@ -36,8 +37,19 @@ def paper_rule(seed):
     return outcome.contacts[0].start, outcome.object_velocity
 
 
+DESIGNED = {"designed-mechanism.toml", "designed-foam.toml"}
+
+
+@pytest.mark.parametrize("name", sorted(DESIGNED))
+def test_a_designed_end_effector_is_a_set_up_whose_tool_is_held(name):
+    setup = load_setup(EXAMPLES / name)
+    assert feasible.warnings(Task(**setup.environment)) == []
+    assert default_settings(str(EXAMPLES / name)).steps == default_settings("linear-blind").steps
+
+
 def test_every_example_has_a_test():
     tested = {"gymnasium_loop.py", "vector_loop.py", "stable_baselines3_ppo.py", "rl_zoo3.yml", "bistable-robust.toml"}
+    tested |= DESIGNED
     on_a_page = {"mujoco_restitution.py"}  # what it prints stands in docs/questions.md
     assert {file.name for file in EXAMPLES.iterdir() if file.is_file()} == tested | on_a_page
 

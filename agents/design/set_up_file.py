@@ -29,9 +29,7 @@ def write_setup(path: Path, setup: Setup, entry: Entry, command: str) -> Path:
     environment = designed(setup.environment, entry.design)
     if entry.pad:
         environment["scenario"] = _padded(environment, entry.pad)
-    training = content.get("training", {})
-    if "on_policy" in training:
-        training["on_policy"] = {k: v for k, v in training["on_policy"].items() if k not in ELSEWHERE}
+    training = {name: value for name, value in content.get("training", {}).items() if name not in ELSEWHERE}
     about = "; ".join(f"{name} {value:.4g}" for name, value in entry.design.items())
     padded = f", on a pad of {entry.pad}" if entry.pad else ""
     made = {

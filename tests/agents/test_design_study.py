@@ -100,7 +100,7 @@ def test_a_study_that_was_stopped_plays_only_what_is_missing_and_ends_with_a_set
     assert made.environment["tool_mass"] == study.setup.environment["tool_mass"]
     settings, before = default_settings(str(path)), default_settings("linear-blind")
     assert settings.learning_rate == before.learning_rate
-    assert settings.on_policy == before.on_policy
+    assert (settings.rollout, settings.gae_lambda) == (before.rollout, before.gae_lambda)
 
 
 def test_a_pad_of_the_chosen_design_is_in_the_ranges_of_its_set_up(small):

@@ -74,7 +74,7 @@ def test_where_nothing_is_drawn_another_arm_is_the_measure_and_where_one_thing_i
         one.varied["tool_mass", label, PAPER] = run(1.0, (2.0,))
     first, second, rule, missed, *_ = bars(one, [one])
     for bar, weight in ((first, 1.0), (second, 4.0)):
-        assert f"policy of linear-blind, w = {weight:g}" in bar.what
+        assert f"linear-blind's policy, w = {weight:g}" in bar.what
         base = SPEEDS.mean()
         assert bar.reached["seed-0"] == pytest.approx((0.6 * base + 0.3 * weight) / (0.5 * base + 0.3 * weight))
         assert bar.at_most == 1.02

@@ -10,4 +10,4 @@ def text_of_a_page_that_stands_on_its_own(folder, figures):
     assert not re.search(r"""(src|href)=["'](https?:|//)""", text)
     for file in re.findall('href="([^"#]+)"', text):
         assert (folder / file).is_file()
-    return text
+    return re.sub(r"<sub>(\w+)</sub>", r"_\1", text)
