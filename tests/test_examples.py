@@ -41,9 +41,11 @@ DESIGNED = {"designed-mechanism.toml", "designed-foam.toml"}
 
 
 @pytest.mark.parametrize("name", sorted(DESIGNED))
-def test_a_designed_end_effector_is_a_set_up_whose_tool_is_held(name):
+def test_a_designed_end_effector_is_a_set_up_with_the_training_of_the_one_it_began_with(name):
+    """All that may be warned of is that it holds its tool only up to some acceleration; its controller stays below."""
     setup = load_setup(EXAMPLES / name)
-    assert feasible.warnings(Task(**setup.environment)) == []
+    said = feasible.warnings(Task(**setup.environment))
+    assert [sentence for sentence in said if "the front stop holds the tool up to" not in sentence] == []
     assert default_settings(str(EXAMPLES / name)).steps == default_settings("linear-blind").steps
 
 
