@@ -53,7 +53,7 @@ def limited(seconds: float) -> Iterator[None]:
         raise TimeoutError
 
     before = signal.signal(signal.SIGPROF, late)
-    signal.setitimer(signal.ITIMER_PROF, seconds, 0.1)  # more than once: a destructor swallows what is raised in it
+    signal.setitimer(signal.ITIMER_PROF, seconds, 0.01)  # more than once: a destructor swallows what is raised in it
     try:
         yield
     finally:
