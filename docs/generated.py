@@ -67,7 +67,7 @@ def on_post_build(config: Any, **_: Any) -> None:
     site = Path(config.site_dir)
     for page in site.rglob("*.html"):
         root = "../" * (len(page.relative_to(site).parts) - 1)
-        page.write_text(page.read_text().replace("https://unpkg.com/iframe-worker/shim", f"{root}search.js"))
+        page.write_text(re.sub(r"https://[^\"]*/iframe-worker/shim", f"{root}search.js", page.read_text()))
 
 
 def table(head: str, rows: list[list[str]]) -> str:

@@ -67,7 +67,6 @@ def _model_state(model: Any) -> dict[str, Any]:
         "variables": {name: getattr(model, name) for name in model._get_torch_save_params()[1]},
         "counters": {name: getattr(model, name) for name in COUNTERS},
         "last": (model._last_obs, model._last_episode_starts),
-        "action_space": model.action_space.np_random.bit_generator.state,
     }
 
 
@@ -79,8 +78,6 @@ def _restore_model(model: Any, state: Mapping[str, Any]) -> None:
     for name, value in state["counters"].items():
         setattr(model, name, value)
     model._last_obs, model._last_episode_starts = state["last"]
-    model._last_original_obs = model._last_obs
-    model.action_space.np_random.bit_generator.state = state["action_space"]
 
 
 def _pack(value: Any, arrays: dict[str, NDArray[Any]]) -> Any:
