@@ -45,13 +45,15 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
 
 
 def on_page_content(content: str, **_: Any) -> str:
-    r"""Turn \(...\) and \[...\] of `pymdownx.arithmatex` into MathML, which browsers show by themselves."""
+    r"""Turn \(...\) and \[...\] of `pymdownx.arithmatex` into MathML, which browsers show by themselves; lower V_p's index."""
 
     def math(found: re.Match[str]) -> str:
         display = "block" if found[1] == "div" else "inline"
         return convert(html.unescape(found[2]), display=display)
 
-    return re.sub(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', math, content, flags=re.DOTALL)
+    shown = re.sub(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', math, content, flags=re.DOTALL)
+    pieces = re.split(r"(<pre.*?</pre>|<code.*?</code>|<[^>]+>)", shown, flags=re.DOTALL)
+    return "".join(piece if piece.startswith("<") else piece.replace("V_p", "V<sub>p</sub>") for piece in pieces)
 
 
 def on_files(files: Files, config: Any, **_: Any) -> Files:

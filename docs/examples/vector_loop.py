@@ -5,7 +5,7 @@ import numpy as np
 
 import impact_gym  # noqa: F401  # registers the environments
 
-GO, STOP = np.float32([0.5, -5 / 19]), np.float32([-0.5, -5 / 19])  # to 1 and to 0 m/s, at 8 m/s^2
+GO, STOP = np.float32([[0.5, -5 / 19], [-0.5, -5 / 19]])  # to 1 and to 0 m/s, at 8 m/s^2
 ALARM = 3  # its place in the observation
 
 envs = gym.make_vec("ImpactApproach-v0", num_envs=1000)
