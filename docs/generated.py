@@ -106,6 +106,19 @@ def setups() -> str:
     return table("Set-up|What it is", [[f"`{name}`", load_setup(name).about] for name in shipped()])
 
 
+def materials() -> str:
+    """Return the table of materials, with what of its sources was read."""
+
+    def span(of: tuple[float, float] | None) -> str:
+        return " to ".join(f"{value:.3g}" for value in sorted(set(of or ())))
+
+    rows = [
+        [f"`{name}`", span(one.young), span(one.poisson), span(one.restitution), one.source]
+        for name, one in ig.MATERIALS.items()
+    ]
+    return table("Material|E (Pa)|Poisson's ratio|Restitution, like bodies or far stiffer other|Source", rows)
+
+
 def svg(figure: Figure) -> bytes:
     """Return a figure on a transparent ground."""
     file = io.BytesIO()
@@ -205,7 +218,9 @@ def moment(which: str) -> bytes:
     return file.getvalue()
 
 
-TEXTS: dict[str, Callable[[], str]] = {"environment": environment, "ids": ids, "sets": sets, "setups": setups}
+TEXTS: dict[str, Callable[[], str]] = {
+    "environment": environment, "ids": ids, "sets": sets, "setups": setups, "materials": materials,
+}  # fmt: skip
 PICTURES: dict[str, Callable[[], bytes]] = {
     "contact_force.svg": contact_force,
     "convergence.svg": convergence,

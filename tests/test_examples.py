@@ -11,8 +11,11 @@ import pytest
 from scenes import MOTION, scene
 
 import impact_gym as ig
+from agents.design.pads import on_pad
+from agents.design.set_up_file import DRAWN
 from agents.setups import feasible, load_setup
 from agents.train.settings import default_settings
+from impact_gym.envs.scenario import ScenarioRanges
 from impact_gym.envs.task import Task
 
 ROOT = Path(__file__).parents[1]
@@ -47,6 +50,15 @@ def test_a_designed_end_effector_is_a_set_up_with_the_training_of_the_one_it_beg
     said = feasible.warnings(Task(**setup.environment))
     assert [sentence for sentence in said if "the front stop holds the tool up to" not in sentence] == []
     assert default_settings(str(EXAMPLES / name)).steps == default_settings("linear-blind").steps
+
+
+def test_the_contact_of_the_padded_design_is_what_its_pad_leaves_of_the_usual_scenarios():
+    setup, usual = load_setup(EXAMPLES / "designed-foam.toml"), ScenarioRanges()
+    corners = np.array([on_pad("memory-foam", k, e) for k in usual.contact_stiffness for e in usual.restitution])
+    for name, values in zip(("contact_stiffness", "restitution"), corners.T, strict=True):
+        assert setup.environment["scenario"][name] == pytest.approx([values.min(), values.max()])
+    assert "on a pad of memory-foam" in setup.about
+    assert DRAWN in setup.about
 
 
 def test_every_example_has_a_test():

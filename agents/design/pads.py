@@ -16,27 +16,23 @@ import numpy as np
 
 from agents.baselines.rule import Floats
 from agents.setups.keys import known
+from impact_gym.physics.hertz import MATERIALS, hertz
+
+RIGID = (1e30, 0.0)  # Pa and Poisson's ratio of something far stiffer than any pad
 
 
 class Pad(NamedTuple):
     """A dome of one material, which sits on the tool and counts as part of its mass."""
 
-    material: str
     young: float  # Pa, Young's modulus
     poisson: float  # -
-    resilience: float  # -, share of the energy that comes back, e^2
+    restitution: float  # -, against something that loses nothing
     radius: float  # m, of the dome
-    source: str
 
     @property
     def stiffness(self) -> float:
         """Hertz stiffness against something far stiffer, 4/3 E / (1 - nu^2) sqrt(R), N/m^1.5."""
-        return 4.0 / 3.0 * self.young / (1.0 - self.poisson**2) * math.sqrt(self.radius)
-
-    @property
-    def restitution(self) -> float:
-        """Against something that loses nothing."""
-        return math.sqrt(self.resilience)
+        return hertz(self.radius, self.young, self.poisson, *RIGID)
 
     @property
     def deepest(self) -> float:
@@ -48,25 +44,15 @@ class Pad(NamedTuple):
         return (np.asarray(force) / self.stiffness) ** (2.0 / 3.0)
 
 
-def gent(shore: float) -> float:
-    """Return Young's modulus (Pa) of rubber of a Shore A hardness, good to about a fifth.
-
-    A. N. Gent, Rubber Chem. Technol. 31 (1958) 896-906.
-    """
-    return 0.0981e6 * (56.0 + 7.62336 * shore) / (0.137505 * (254.0 - 2.54 * shore))
+def dome(material: str, radius: float) -> Pad:
+    """Return a dome (radius, m) of one of `impact_gym.MATERIALS`, as stiff as in the middle and at its bounciest."""
+    of = MATERIALS[material]
+    return Pad(math.sqrt(math.prod(of.young)), sum(of.poisson) / 2.0, of.restitution[1], radius)
 
 
-BALLS = "hardness and restitution elasticity: manufacturer's sheet, quoted by BCIT Physics Commons, demonstration DLD20"
-FOAM = (
-    "modulus, of slow tests: G. Silber, C. Then, Preventive Biomechanics, 2013, table 4.3, E = 2 (mu_1 + mu_2); "
-    "resilience, the most: Polyurethane Foam Association, In Touch 11 (1), 2016, ball rebound below 20 %"
-)
-PADS = {
-    "norbornene": Pad("polynorbornene rubber (Norsorex), Shore A 32", gent(32.0), 0.49, 0.03, 0.01, BALLS),
-    "neoprene": Pad("neoprene, Shore A 63", gent(63.0), 0.49, 0.53, 0.01, BALLS),
-    "memory-foam": Pad("viscoelastic polyurethane foam", 13e3, 0.0, 0.2, 0.04, FOAM),
-}
-"""What may be put on a tool. Nothing here was measured by us; a foam is stiffer in a blow than in a slow test."""
+RADII = {"norbornene": 0.01, "neoprene": 0.01, "memory-foam": 0.04}  # m
+PADS = {material: dome(material, radius) for material, radius in RADII.items()}
+"""What may be put on a tool."""
 
 
 def pad_of(name: str) -> Pad:
@@ -84,5 +70,5 @@ def on_pad(name: str, stiffness: Floats, restitution: Floats) -> tuple[Floats, F
     pad = pad_of(name)
     of_pad, of_object = pad.stiffness ** (-2.0 / 3.0), np.asarray(stiffness) ** (-2.0 / 3.0)
     share = of_pad / (of_pad + of_object)
-    lost = share * (1.0 - pad.resilience) + (1.0 - share) * (1.0 - np.asarray(restitution) ** 2)
+    lost = share * (1.0 - pad.restitution**2) + (1.0 - share) * (1.0 - np.asarray(restitution) ** 2)
     return (of_pad + of_object) ** -1.5, np.sqrt(1.0 - lost)

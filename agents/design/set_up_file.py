@@ -17,13 +17,16 @@ from impact_gym.files import whole_file
 
 ELSEWHERE = ("teacher", "taught")
 """Settings of training that name a baseline of the set-up that was begun with."""
+DRAWN = (
+    "this file draws stiffness and restitution of the contact independently from the ranges that the pad leaves, "
+    "where on the pad both follow from the object's own: the softer it is, the more it keeps of its own restitution"
+)
 
 
 def write_setup(path: Path, setup: Setup, entry: Entry, command: str) -> Path:
     """Write a design as a set-up to `path`, and return it.
 
-    With a pad the contact's ranges are those that the pad leaves of them: the set-up draws stiffness and restitution
-    independently, where on a pad the softer object also keeps more of its own restitution.
+    With a pad the contact's ranges are those that the pad leaves of them; see DRAWN.
     """
     content = tomllib.loads(setup.path.read_text())
     environment = designed(setup.environment, entry.design)
@@ -31,7 +34,7 @@ def write_setup(path: Path, setup: Setup, entry: Entry, command: str) -> Path:
         environment["scenario"] = _padded(environment, entry.pad)
     training = {name: value for name, value in content.get("training", {}).items() if name not in ELSEWHERE}
     about = "; ".join(f"{name} {value:.4g}" for name, value in entry.design.items())
-    padded = f", on a pad of {entry.pad}" if entry.pad else ""
+    padded = f", on a pad of {entry.pad}; {DRAWN}" if entry.pad else ""
     made = {
         "version": content.get("version", 1),
         "title": f"{setup.title}: a designed coupling",

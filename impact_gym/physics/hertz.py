@@ -1,8 +1,8 @@
 """Contact stiffness of two bodies from their materials, and a small table of materials of pads and surfaces.
 
-Literature values scatter, so the table has ranges. Restitution belongs to a pair of bodies, their shapes and their
-speed; there is one only where like bodies of a material were measured. For any other pair measure a blow and
-`impact_gym.identify` it.
+Literature values scatter, so the table has ranges, and each source says what of it was read. Restitution belongs to a
+pair of bodies, their shapes and their speed; there is one only where like bodies of a material were measured, or a soft
+one against something hard, which loses the same share. For any other pair measure a blow and `impact_gym.identify` it.
 """
 
 import math
@@ -43,42 +43,74 @@ def hertz(
 
 @dataclass(frozen=True)
 class Material:
-    """What is published of a material."""
+    """What is published of a material, as the least and the most."""
 
     young: Range  # Pa
     poisson: Range
     source: str
-    restitution: Range | None = None  # of two bodies of it
+    restitution: Range | None = None  # of two bodies of it, or of one of it against something far stiffer
 
 
-def rubber(shore: float) -> Material:
-    """Return a rubber by its hardness, Shore A; the modulus by Gent's relation, given a fifth to either side."""
-    shore = number("shore", shore, "(Shore A)", at_least=20, at_most=80)
-    young = 1e6 * 0.0981 * (56.0 + 7.62336 * shore) / (0.137505 * (254.0 - 2.54 * shore))
-    return Material((young / 1.2, young * 1.2), (0.45, 0.5), GENT)
-
-
-GENT = "A. N. Gent, Rubber Chem. Technol. 31 (1958) 896-906"
-MECHANICS = "J. M. Gere, B. J. Goodno, Mechanics of Materials, appendix of properties (also web.mst.edu, lesson 2211)"
-WOOD = "USDA Forest Products Laboratory, Wood Handbook (FPL-GTR), tables of elastic ratios and moduli, Douglas-fir"
+GENT = (
+    "modulus: A. N. Gent, Rubber Chem. Technol. 31 (1958) 896-906, his paper not checked here, the relation read in "
+    "public code that names him; Poisson's ratio: Altair Radioss manual, poissons_ratio_definitions_r.htm, read"
+)
+BALLS = (
+    "hardness (JIS A, taken for Shore A) and returned energy: the maker's sheet of two balls at "
+    "commons.bcit.ca/physics-resources/physics-demonstration-manual/mechanics/dld20-coefficient-of-restitution, read; "
+    f"{GENT}"
+)
+GERE = (
+    "J. M. Gere, Mechanics of Materials, 5th ed., read at ah-engr.com/som/tools/tables/table_1_elastic_constants.htm "
+    "and issuhub.com/view/index?id=5272&pageIndex=575"
+)
+DOWLING = "N. E. Dowling, Mechanical Behavior of Materials, table 5.2, read at digilib.universitaspertamina.ac.id"
+WOOD = (
+    "USDA Forest Products Laboratory, Wood Handbook, Douglas-fir of 12 % moisture, radially and tangentially: Interior "
+    "South, the least, read at engdatabase.com/data/wood-properties/douglas-fir-interior-south; Coast, the most, and "
+    "the factor of 1.1 from the modulus in bending not checked here"
+)
 FOERSTER = (
-    "S. F. Foerster, M. Y. Louge, H. Chang, K. Allia, Phys. Fluids 6 (1994) 1108-1115 (restitution, 3 mm spheres)"
+    "restitution of 3 mm spheres: S. F. Foerster, M. Y. Louge, H. Chang, K. Allia, Phys. Fluids 6 (1994) 1108-1115, "
+    "not checked here"
+)
+FOAM = (
+    "modulus, of slow tests: G. Silber, C. Then, Preventive Biomechanics, 2013, table 4.3, 2 (mu_1 + mu_2) = 12.6 kPa "
+    "with Poisson's ratios below 0.003, read at "
+    "what-when-how.com/Tutorial/topic-5h17j2/Preventive-Biomechanics-173.html; returned energy: ball rebound below "
+    "20 %, some foams said to take up 90 % of a blow: Polyurethane Foam Association, In Touch 11 (1), 2016, read at "
+    "fdocuments.in/document/viscoelastic-memory-foam-was-first-commercialized-during-the-mid-60s.html"
 )
 
+
+def rubber(shore: float, source: str = GENT, restitution: Range | None = None) -> Material:
+    """Return a rubber by its hardness, Shore A; the modulus by Gent's relation, given a fifth to either side.
+
+    The relation is that of a flat punch, E = (1 - nu^2) F / (2 R delta), with the spring force of a durometer, its
+    indentation and the mean radius of its blunt cone.
+    """
+    shore = number("shore", shore, "(Shore A)", at_least=20, at_most=80)
+    young = 1e6 * 0.0981 * (56.0 + 7.62336 * shore) / (0.137505 * (254.0 - 2.54 * shore))
+    return Material((young / 1.2, young * 1.2), (0.48, 0.5), source, restitution)
+
+
 MATERIALS = {
+    "memory-foam": Material((13e3, 13e3), (0.0, 0.0), FOAM, (math.sqrt(0.1), math.sqrt(0.2))),
+    "norbornene": rubber(32.0, BALLS, (math.sqrt(0.03), math.sqrt(0.03))),
+    "neoprene": rubber(63.0, f"{BALLS}; rebound, seen there, almost 70 %", (math.sqrt(0.53), math.sqrt(0.7))),
     "rubber, Shore A 30": rubber(30.0),
     "rubber, Shore A 50": rubber(50.0),
     "rubber, Shore A 70": rubber(70.0),
-    "polyethylene": Material((0.7e9, 1.4e9), (0.4, 0.46), MECHANICS),
-    "nylon": Material((2.1e9, 3.4e9), (0.39, 0.4), MECHANICS),
-    "wood, across the grain": Material((0.6e9, 1.1e9), (0.29, 0.45), WOOD),
-    "concrete": Material((17e9, 31e9), (0.1, 0.2), MECHANICS),
-    "granite": Material((41e9, 97e9), (0.2, 0.3), MECHANICS),
-    "glass": Material((48e9, 83e9), (0.17, 0.27), f"{MECHANICS}; {FOERSTER}", (0.96, 0.98)),
-    "aluminium": Material((69e9, 79e9), (0.33, 0.33), MECHANICS),
-    "steel": Material((193e9, 207e9), (0.27, 0.30), MECHANICS),
+    "polyethylene": Material((0.7e9, 1.4e9), (0.4, 0.42), f"{GERE}; {DOWLING}"),
+    "nylon": Material((2.1e9, 3.4e9), (0.4, 0.41), f"{GERE}; {DOWLING}"),
+    "wood, across the grain": Material((0.57e9, 1.0e9), (0.029, 0.39), WOOD),
+    "concrete": Material((17e9, 31e9), (0.1, 0.2), GERE),
+    "granite": Material((40e9, 100e9), (0.2, 0.3), f"{GERE}; Poisson's ratio likewise, not checked here"),
+    "glass": Material((48e9, 83e9), (0.18, 0.22), f"{GERE}; Poisson's ratio: {DOWLING}; {FOERSTER}", (0.96, 0.98)),
+    "aluminium": Material((70e9, 79e9), (0.33, 0.345), f"{GERE}; {DOWLING}"),
+    "steel": Material((190e9, 210e9), (0.27, 0.30), GERE),
 }
-"""By name; those of rubber are for slow loading, a blow finds it stiffer."""
+"""By name. None was measured by us. Moduli of rubber and foam are for slow loading, a blow finds them stiffer."""
 
 
 def material_ranges(radius: Range, tool: str | Material, target: str | Material) -> dict[str, list[float]]:

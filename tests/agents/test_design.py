@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+import impact_gym as ig
 from agents.baselines import BlindProfile, ConstantSpeed
 from agents.baselines.tuned import read_tuned
 from agents.design import __main__ as command
 from agents.design.__main__ import DesignOptions
 from agents.design.free import as_built, designed, read
 from agents.design.limits import Limits, Travel
-from agents.design.pads import PADS, gent, on_pad, pad_of
+from agents.design.pads import PADS, on_pad, pad_of
 from agents.design.search import play_one
 from agents.evaluate import TUNING_SEED, Stage
 from agents.setups import load_setup
@@ -97,10 +98,12 @@ def test_what_a_contact_with_a_pad_loses_is_what_its_two_halves_lose_of_what_the
     assert (1.0 - together**2) * stored.sum() == pytest.approx(lost)
 
 
-def test_rubber_of_a_hardness_has_the_modulus_that_is_tabled_for_it():
-    """Shore A 40 and 60: 1.7 and 3.6 MPa, as tables of Gent's relation have it."""
-    assert gent(40.0) == pytest.approx(1.7e6, rel=0.02)
-    assert gent(60.0) == pytest.approx(3.6e6, rel=0.02)
+@pytest.mark.parametrize("name", PADS)
+def test_a_pad_is_a_dome_of_a_material_of_the_table_no_less_bouncy_than_the_table_has_it(name):
+    pad, material = pad_of(name), ig.MATERIALS[name]
+    edges = [4 / 3 * E / (1 - nu**2) * pad.radius**0.5 for E in material.young for nu in material.poisson]
+    assert min(edges) * (1 - 1e-12) <= pad.stiffness <= max(edges) * (1 + 1e-12)
+    assert pad.restitution == max(material.restitution)
 
 
 def test_a_pad_may_be_pressed_in_by_half_its_radius_in_all_but_a_twentieth_of_the_episodes():

@@ -106,11 +106,13 @@ def test_a_study_that_was_stopped_plays_only_what_is_missing_and_ends_with_a_set
 def test_a_pad_of_the_chosen_design_is_in_the_ranges_of_its_set_up(small):
     options = replace(small, pad="memory-foam", budget=8, times=(1.0,), free=(STIFFNESS,))
     entries = run(options.study())
-    scenario = load_setup(write(entries, options.study().setup, options, 1.0)).environment["scenario"]
+    setup = load_setup(write(entries, options.study().setup, options, 1.0))
+    scenario = setup.environment["scenario"]
     pad = pad_of("memory-foam")
     assert scenario["contact_stiffness"][1] < pad.stiffness
     assert scenario["contact_stiffness"][0] == pytest.approx(on_pad("memory-foam", 1e3, 0.5)[0])
     assert scenario["distance"] == [0.15, 0.35]
+    assert "draws stiffness and restitution of the contact independently" in setup.about
 
 
 @pytest.mark.parametrize(("found", "best"), [

@@ -1,10 +1,12 @@
 """Contact stiffness of two bodies by Hertz's theory, and the table of materials."""
 
 import math
+import re
 
 import pytest
 
 import impact_gym as ig
+from impact_gym.physics.hertz import rubber
 
 STEEL = (206e9, 0.3)
 
@@ -40,11 +42,35 @@ def test_what_no_body_has_is_refused(place, value, match):
         ig.hertz(*given)
 
 
-def test_every_material_has_a_source_and_numbers_that_a_body_can_have():
-    for material in ig.MATERIALS.values():
-        assert material.source
+def test_every_material_has_a_source_that_says_whether_it_was_read_and_numbers_that_a_body_can_have():
+    for name, material in ig.MATERIALS.items():
+        assert re.search(r"\bread\b|not checked here", material.source), name
         assert 0 < material.young[0] <= material.young[1] < 1e12
-        assert 0 < material.poisson[0] <= material.poisson[1] <= 0.5
+        assert material.poisson[0] > 0 or name == "memory-foam"  # whose cells give way sideways
+        assert 0 <= material.poisson[0] <= material.poisson[1] <= 0.5
+        least, most = material.restitution or (0, 1)
+        assert 0 <= least <= most <= 1
+
+
+@pytest.mark.parametrize("shore", [20.0, 40.0, 60.0, 80.0])
+def test_gents_relation_is_the_law_of_a_flat_punch_pressed_in_by_a_durometer(shore):
+    """ASTM D2240, type A: a cone blunted to 0.79 mm from 1.27 mm, 0.55 to 8.05 N, and 2.54 mm at hardness 0."""
+    radius, force, depth = (0.79e-3 + 1.27e-3) / 4, 0.55 + 0.075 * shore, 2.54e-3 * (1 - shore / 100)
+    young = (1 - 0.5**2) * force / (2 * radius * depth)  # Johnson, Contact Mechanics, eq. 3.36, no change of volume
+    low, high = rubber(shore).young
+    assert math.sqrt(low * high) == pytest.approx(young, rel=0.01)
+    assert high / low == pytest.approx(1.2**2)
+
+
+@pytest.mark.parametrize(("shore", "tabled"), [(40.0, 1.7e6), (60.0, 3.6e6)])
+def test_rubber_of_a_hardness_has_the_modulus_that_is_tabled_for_it(shore, tabled):
+    assert math.sqrt(math.prod(rubber(shore).young)) == pytest.approx(tabled, rel=0.02)
+
+
+@pytest.mark.parametrize("shore", [19.0, 81.0, math.nan])
+def test_a_hardness_beyond_gents_relation_is_refused(shore):
+    with pytest.raises(ValueError, match="shore"):
+        rubber(shore)
 
 
 def test_ranges_of_a_pair_hold_its_middle_and_make_a_set_up():
