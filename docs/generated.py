@@ -107,16 +107,18 @@ def setups() -> str:
 
 
 def materials() -> str:
-    """Return the table of materials, with what of its sources was read."""
+    """Return the table of materials, then their sources and what of these was read."""
 
     def span(of: tuple[float, float] | None) -> str:
         return " to ".join(f"{value:.3g}" for value in sorted(set(of or ())))
 
+    sources = list(dict.fromkeys(one.source for one in ig.MATERIALS.values()))
     rows = [
-        [f"`{name}`", span(one.young), span(one.poisson), span(one.restitution), one.source]
+        [f"`{name}`", *map(span, (one.young, one.poisson, one.restitution)), str(1 + sources.index(one.source))]
         for name, one in ig.MATERIALS.items()
     ]
-    return table("Material|E (Pa)|Poisson's ratio|Restitution, like bodies or far stiffer other|Source", rows)
+    head = "Material|E (Pa)|Poisson's ratio|Restitution, like bodies or far stiffer other|Source"
+    return "\n".join([table(head, rows), "", *(f"{k}. {source}" for k, source in enumerate(sources, 1))])
 
 
 def svg(figure: Figure) -> bytes:
