@@ -5,6 +5,7 @@ file; `pictures/NAME` is what the one in PICTURES draws. So nothing of it can be
 show it.
 """
 
+import contextlib
 import html
 import inspect
 import io
@@ -45,7 +46,7 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
 
 
 def on_page_content(content: str, **_: Any) -> str:
-    r"""Turn \(...\) and \[...\] of `pymdownx.arithmatex` into MathML, which browsers show by themselves; lower V_p's index."""
+    r"""Turn \(...\) and \[...\] of `pymdownx.arithmatex` into MathML, which browsers show; V_p gets its index."""
 
     def math(found: re.Match[str]) -> str:
         display = "block" if found[1] == "div" else "inline"
@@ -223,11 +224,25 @@ def moment(which: str) -> bytes:
 TEXTS: dict[str, Callable[[], str]] = {
     "environment": environment, "ids": ids, "sets": sets, "setups": setups, "materials": materials,
 }  # fmt: skip
+
+
+def identified() -> bytes:
+    """Draw what the example of its page identifies."""
+    page = Path("docs/how-to/identify.md").read_text()
+    names: dict[str, Any] = {}
+    with contextlib.redirect_stdout(io.StringIO()):
+        exec(page.split("```python\n")[1].split("```")[0], names)
+    figure = names["found"].plot()
+    figure.set_size_inches(9.0, 3.0)
+    return svg(figure)
+
+
 PICTURES: dict[str, Callable[[], bytes]] = {
     "contact_force.svg": contact_force,
     "convergence.svg": convergence,
     "restitution.svg": restitution,
     "mechanism.svg": mechanism,
+    "identified.svg": identified,
     "approach.png": lambda: moment("approach"),
     "contact.png": lambda: moment("contact"),
     "end.png": lambda: moment("end"),

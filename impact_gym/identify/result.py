@@ -76,7 +76,8 @@ class Identified:
             signal.set(xlabel="time (s)", ylabel=f"{name} ({UNITS[name]})", title=log.name)
             signal.legend()
             rest.plot(log.time, -left[slot], ".", markersize=3)
-            rest.set(xlabel="time (s)", ylabel="residual (standard deviations)")
+            rest.set(xlabel="time (s)", ylabel="residual over noise")
+            rest.locator_params(axis="x", nbins=4)
         return figure
 
     def __str__(self) -> str:
