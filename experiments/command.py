@@ -23,6 +23,8 @@ class Command(NamedTuple):
 COMMANDS = {
     "report": Command("experiments.report", ("report",), "play policies and baselines and write a page about it"),
     "controller": Command("agents.controller", ("train", "report"), "make a controller for a set-up, a TOML file"),
+    "identify": Command("impact_gym.identify", (), "fit the numbers of a tool and an object to a measured blow"),
+    "design": Command("agents.design", ("train", "report"), "search for the coupling that leaves the object slowest"),
     "doctor": Command("impact_gym.doctor", (), "say what this machine makes of the environment"),
 }
 

@@ -109,7 +109,8 @@ def test_policies_and_baselines_play_from_the_wheel_as_from_the_checkout_without
 
 def test_the_command_lists_what_there_is_and_refuses_what_there_is_not(commands, tmp_path):
     said = run(commands / "impact-gym", "--help", where=tmp_path).stdout
-    assert {"report", "controller", "doctor"} < {*said.split()}
+    assert {"report", "controller", "identify", "design", "doctor"} < {*said.split()}
+    assert "--scene" in run(commands / "impact-gym", "identify", "--help", where=tmp_path).stdout
     refused = run(commands / "impact-gym", "doctors", where=tmp_path, check=False)
     assert refused.returncode == 2
     assert "invalid choice: 'doctors'" in refused.stderr
