@@ -19,7 +19,7 @@ import numpy as np
 
 from impact_gym.identify import log as logs_of
 from impact_gym.identify.coordinates import free_coordinates
-from impact_gym.identify.fit import MANY, Fit, intervals, uncertain
+from impact_gym.identify.fit import Fit, intervals, uncertain
 from impact_gym.identify.model import Model
 from impact_gym.identify.result import Identified, more_blows
 from impact_gym.identify.sensor import Sensor
@@ -71,12 +71,12 @@ def identify(
     model = Model.of(read, scene, motions, sensors, found)
     fit = Fit.of(model)
     if more_blows(fit):
-        fit = Fit.of(model, MANY)
+        fit = fit.again()
     if sentence := more_blows(fit):
         raise ValueError(sentence)
     fit, pairs = intervals(fit)
-    if uncertain(fit, pairs):
-        fit, pairs = intervals(Fit.of(model, MANY))
+    if uncertain(fit, pairs) and (other := fit.again()) is not fit:
+        fit, pairs = intervals(other)
     k = len(found)
     deviations = np.sqrt(np.diag(fit.covariance))[:k]
     correlation = fit.covariance[:k, :k] / np.outer(deviations, deviations)

@@ -6,6 +6,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,10 +19,10 @@ from impact_gym.identify.starts import scattered
 
 Array = NDArray[np.float64]
 
-STARTS = 8  # best of the scattered points that are fitted
-MANY = 16  # the same, where the first fit misses a blow or hardly tells a number
+STARTS = 8  # of the scattered points that are fitted, the best first; `Fit.again` takes as many more
+HEAT, HEATS = 8, 5  # evaluations after which the starts are compared, and how often that is done
 ALIKE = 20.0  # of the misfit, by which a rough minimum may be above the best one to be looked at again
-SAME = 0.03  # of any coordinate, by which minima are apart
+SAME = 0.03  # of the coordinate of any free number, by which minima are apart
 ROUNDS = 3  # of estimating noise and fitting anew
 CONFIDENCE = 0.95
 NEAR = 0.02  # of the half width, to which an end of an interval is found
@@ -37,6 +38,14 @@ BETTER = 20  # times that a better fit may be met
 Ends = tuple[float | None, ...]
 
 
+class Point(NamedTuple):
+    """Where least squares have come to."""
+
+    misfit: float  # sum of squared residuals over the noise
+    x: Array
+    is_minimum: bool = True  # False: evaluations ran out on the way to one
+
+
 @dataclass(frozen=True, eq=False)
 class Fit:
     """The best x, the misfit there, its covariance (size, size), and the minima that were found besides."""
@@ -45,29 +54,41 @@ class Fit:
     x: Array
     misfit: float  # sum of squared residuals over the noise
     covariance: Array
-    others: Sequence[tuple[float, Array]]
+    others: Sequence[Point]
 
     @classmethod
-    def of(cls, model: Model, starts: int = STARTS) -> "Fit":
-        """Return the best fit from several starts, the noise that is not known estimated on the way."""
-        begun = scattered(model)[:starts]
+    def of(cls, model: Model) -> "Fit":
+        """Return the best fit from several starts, the noise that is not known estimated on the way.
+
+        Raises:
+            ValueError: no start leads to a blow, or a free number changes nothing.
+        """
+        first = slice(STARTS)
+        begun = scattered(model)[first]
         _refuse_idle(model, begun)
-        first = model.of_first_blow()
-        if first.samples < model.samples:  # what follows has many minima, from most of which there is no way out
-            begun += [x for _, x in _best(first, scattered(first)[:starts], ROUGH)]
-        found = _distinct(_best(model, begun, ROUGH))
-        above = ALIKE * (1.0 + found[0][0] / model.samples)
-        found = [one for one in found if one[0] < found[0][0] + above]
+        return cls._settled(model, _as_good(model, _raced(model, begun + _past_first_blow(model, first))))
+
+    def again(self) -> "Fit":
+        """Return the best fit from as many starts more and the minima that are known; itself if that finds no other."""
+        model, more = self.model, slice(STARTS, 2 * STARTS)
+        known = [Point(self.misfit, self.x), *self.others]
+        found = _raced(model, scattered(model)[more] + _past_first_blow(model, more))
+        good = _as_good(model, _distinct(model, known + found))
+        is_new = {id(one) for one in good} - {id(one) for one in known}
+        return self._settled(model, good) if is_new else self
+
+    @classmethod
+    def _settled(cls, model: Model, found: Sequence[Point]) -> "Fit":
         for _ in range(ROUNDS):
-            found = _best(model, [x for _, x in found], TOLERANCE)
-            if not _estimate_noise(model, found[0][1]) or len(model.noise) == 1:  # which alone changes no minimum
+            found = _distinct(model, [_least(model, one.x) for one in found])
+            if not _estimate_noise(model, found[0].x) or len(model.noise) == 1:  # which alone changes no minimum
                 break
-        (misfit, x), *others = ((float(np.sum(model.residuals(x) ** 2)), x) for _, x in found)
-        return cls(model, x, misfit, _covariance(model.jacobian(x)), others)
+        best, *others = (Point(float(np.sum(model.residuals(one.x) ** 2)), one.x) for one in found)
+        return cls(model, best.x, best.misfit, _covariance(model.jacobian(best.x)), others)
 
     def moved(self, x: Array) -> "Fit":
         """Return the fit that a better point leads to."""
-        misfit, x = _least(self.model, x)
+        misfit, x, _ = _least(self.model, x)
         return Fit(self.model, x, misfit, _covariance(self.model.jacobian(x)), self.others)
 
     @property
@@ -83,8 +104,10 @@ class Fit:
         return min(math.sqrt(self.covariance[i, i]), WIDEST)
 
 
-def _least(model: Model, x: Array, fixed: int | None = None, tolerance: float = TOLERANCE) -> tuple[float, Array]:
-    """Return the least misfit near x, with x[fixed] held, and where it is."""
+def _least(
+    model: Model, x: Array, fixed: int | None = None, tolerance: float = TOLERANCE, evaluations: int = HEAT * HEATS
+) -> Point:
+    """Return where least squares come to from x, with x[fixed] held, within so many evaluations."""
     free = np.delete(np.arange(model.size), [] if fixed is None else [fixed])
     x = x.copy()
     for i, one in enumerate(model.free):  # at the end of what a restitution may be nothing would move it
@@ -105,12 +128,12 @@ def _least(model: Model, x: Array, fixed: int | None = None, tolerance: float = 
         ftol=tolerance,
         xtol=tolerance,
         gtol=tolerance,
-        max_nfev=40,
+        max_nfev=evaluations,
     )
     at = put(found.x)
     for i, one in enumerate(model.free):
         at[i] = min(max(at[i], one.reach[0]), one.reach[1])
-    return 2.0 * float(found.cost), at
+    return Point(2.0 * float(found.cost), at, found.status > 0)
 
 
 def _refuse_idle(model: Model, points: Sequence[Array]) -> None:
@@ -131,17 +154,43 @@ def _refuse_idle(model: Model, points: Sequence[Array]) -> None:
             )
 
 
-def _best(model: Model, points: Sequence[Array], tolerance: float) -> list[tuple[float, Array]]:
-    """Return the minima near points, each with its misfit, the best first."""
-    return sorted((_least(model, x, tolerance=tolerance) for x in points), key=lambda one: one[0])
+def _past_first_blow(model: Model, some: slice) -> list[Array]:
+    """Return the minima of the first blow alone: those of what follows are many, and most have no way out."""
+    first = model.of_first_blow()
+    return [one.x for one in _raced(first, scattered(first)[some])] if first.samples < model.samples else []
 
 
-def _distinct(found: Sequence[tuple[float, Array]]) -> list[tuple[float, Array]]:
-    """Return the minima that are not one and the same."""
-    kept: list[tuple[float, Array]] = []
-    for misfit, x in found:
-        if all(np.abs(x - other).max() > SAME for _, other in kept):
-            kept.append((misfit, x))
+def _raced(model: Model, starts: Sequence[Array]) -> list[Point]:
+    """Return the distinct minima that rough fits from `starts` come to, the best first.
+
+    After each heat the fits are compared. Of those that have met the best goes on; one that is clearly worse than the
+    best of all, and has not made up half of that in this heat, is given up.
+    """
+    reached = [Point(math.inf, x, is_minimum=False) for x in starts]
+    for _ in range(HEATS):
+        before = [one.misfit for one in reached]
+        reached = [one if one.is_minimum else _least(model, one.x, None, ROUGH, HEAT) for one in reached]
+        least = min((one.misfit for one in reached), default=math.inf)
+        good = {id(one) for one in _as_good(model, reached)}
+        reached = _distinct(model, [
+            one for one, was in zip(reached, before, strict=True)
+            if one.is_minimum or id(one) in good or one.misfit - least < (was - least) / 2.0
+        ])  # fmt: skip
+    return reached
+
+
+def _as_good(model: Model, found: Sequence[Point]) -> list[Point]:
+    """Return those points that may lead to the best minimum, or to one as good."""
+    least = min((one.misfit for one in found), default=math.inf)
+    return [one for one in found if one.misfit < least + ALIKE * (1.0 + least / model.samples)]
+
+
+def _distinct(model: Model, found: Sequence[Point]) -> list[Point]:
+    """Return the points at which the free numbers are not the same, the best first."""
+    kept: list[Point] = []
+    for one in sorted(found, key=lambda one: one.misfit):
+        if all(np.abs(one.x - other.x)[: len(model.free)].max() > SAME for other in kept):
+            kept.append(one)
     return kept
 
 
@@ -190,7 +239,7 @@ def _end(fit: Fit, i: int, side: int) -> float | None:
     """Return the outermost end on one side (-1, 1) of x[i], from the best fit and all that are as good."""
     limit = fit.quantile**2
     ends = [profile(fit, i, side, fit.x, 0.0)]
-    for misfit, x in fit.others:
+    for misfit, x, _ in fit.others:
         if ends[-1] is not None and misfit - fit.misfit < limit and side * (x[i] - ends[-1]) > 0.0:
             ends.append(profile(fit, i, side, x, math.sqrt(max(misfit - fit.misfit, 0.0) / limit)))
     for factor in BEYOND:  # behind a ridge the misfit may fall again
@@ -200,7 +249,7 @@ def _end(fit: Fit, i: int, side: int) -> float | None:
         u = float(fit.x[i]) + factor * (ends[-1] - float(fit.x[i]))
         x = fit.x + fit.covariance[:, i] / fit.covariance[i, i] * (u - fit.x[i])
         x[i] = u
-        misfit, x = _least(fit.model, x, i, ROUGH) if side * (last - u) > 0.0 else (math.inf, x)
+        misfit, x, _ = _least(fit.model, x, i, ROUGH) if side * (last - u) > 0.0 else Point(math.inf, x)
         if misfit < fit.misfit - SLACK:
             raise _BetterError(x)
         if misfit - fit.misfit < limit:
@@ -231,7 +280,7 @@ def profile(fit: Fit, i: int, side: int, x: Array, t: float) -> float | None:
         u = max(u, last) if side < 0 else min(u, last)
         start = inner[2] + along * (u - inner[0])
         start[i] = u
-        misfit, found = _least(model, start, i, ROUGH)
+        misfit, found, _ = _least(model, start, i, ROUGH)
         if misfit < fit.misfit - SLACK:
             raise _BetterError(found)
         t = math.sqrt(max(misfit - fit.misfit, 0.0)) / fit.quantile

@@ -48,8 +48,7 @@ def _placed(model: Model, point: Array, share: float) -> tuple[float, Array]:
     try:
         scene = model.scene_at(x)
         for k, log in enumerate(model.logs):
-            span = log.time[-1] - log.time[0]
-            first = model.traced(scene, k, _arrival(model, k) + span)
+            first = model.traced(scene, k, model.latest(scene, k))
             misfit, shift, rest = _aligned(model, log, first, share)
             x[len(point) + k] = log.time[0] + shift
             for place, (other, name) in enumerate(model.biased):
@@ -59,12 +58,6 @@ def _placed(model: Model, point: Array, share: float) -> tuple[float, Array]:
     except (ValueError, RuntimeError):
         return np.inf, x
     return total, x
-
-
-def _arrival(model: Model, k: int) -> float:
-    """Return a time (s) by which the flange has gone twice the distance to the object."""
-    motion, way = model.motions[k], 2.0 * model.scene.object.distance
-    return way / motion.speed + motion.speed / motion.acceleration
 
 
 def _aligned(model: Model, log: Log, trace: Trace, share: float) -> tuple[float, float, dict[str, float]]:
