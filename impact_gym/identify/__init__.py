@@ -19,7 +19,7 @@ import numpy as np
 
 from impact_gym.identify import log as logs_of
 from impact_gym.identify.coordinates import free_coordinates
-from impact_gym.identify.fit import Fit, intervals, uncertain
+from impact_gym.identify.fit import Fit, intervals, uncertain, vague
 from impact_gym.identify.model import Model
 from impact_gym.identify.result import Identified, more_blows
 from impact_gym.identify.sensor import Sensor
@@ -70,12 +70,12 @@ def identify(
         logs_of.check(one, its_motion, sensors)
     model = Model.of(read, scene, motions, sensors, found)
     fit = Fit.of(model)
-    if more_blows(fit):
+    if twice := bool(more_blows(fit) or vague(fit)):
         fit = fit.again()
     if sentence := more_blows(fit):
         raise ValueError(sentence)
     fit, pairs = intervals(fit)
-    if uncertain(fit, pairs) and (other := fit.again()) is not fit:
+    if not twice and uncertain(fit, pairs) and (other := fit.again()) is not fit:
         fit, pairs = intervals(other)
     k = len(found)
     deviations = np.sqrt(np.diag(fit.covariance))[:k]

@@ -257,6 +257,15 @@ def _end(fit: Fit, i: int, side: int) -> float | None:
     return ends[-1]
 
 
+def vague(fit: Fit) -> bool:
+    """Whether `uncertain` can be foreseen, by the curvature or by another minimum that is as good."""
+    good = [fit.x, *(one.x for one in fit.others if one.misfit - fit.misfit < fit.quantile**2)]
+    widths = [
+        2.0 * fit.quantile * fit.deviation(i) + float(np.ptp(good, axis=0)[i]) for i in range(len(fit.model.free))
+    ]
+    return max(widths) > LONGEST
+
+
 def uncertain(fit: Fit, pairs: Sequence[Ends]) -> bool:
     """Whether an interval has no end, or is so long that the misfit may have more minima than were found."""
     return any(low is None or high is None or high - low > LONGEST for low, high in pairs)

@@ -1,11 +1,11 @@
 """What a sensor makes of a motion: a first-order low pass, a bias, noise, and values at its sampling times only."""
 
 from dataclasses import dataclass
-from itertools import accumulate
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_banded
 
 from impact_gym.validation import number
 
@@ -94,5 +94,6 @@ def _filtered(signal: Curve, nodes: Array, pace: float, last: float) -> Array:
     weight = GAUSS_WEIGHTS * np.exp(-pace * h * (GAUSS[-1] - GAUSS) / 2.0)
     mean = (weight * signal(np.minimum(inside, last))[0]).sum(1) / weight.sum(1)
     kept = np.exp(-pace * h[:, 0])
-    steps = zip(kept.tolist(), (mean * (1.0 - kept)).tolist(), strict=True)
-    return np.fromiter(accumulate(steps, lambda y, step: y * step[0] + step[1], initial=0.0), float, len(nodes))
+    steps = np.array([np.ones(len(nodes)), np.append(-kept, 0.0)])  # of y[k + 1] - kept[k] y[k], y[0] = 0
+    y: Array = solve_banded((1, 0), steps, np.append(0.0, mean * (1.0 - kept)), check_finite=False)
+    return y
