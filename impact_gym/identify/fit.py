@@ -21,6 +21,7 @@ Array = NDArray[np.float64]
 
 STARTS = 8  # of the scattered points that are fitted, the best first; `Fit.again` takes as many more
 HEAT, HEATS = 8, 5  # evaluations after which the starts are compared, and how often that is done
+SLOW = 0.8  # of what a fit is behind the best one, still left after a heat, from which it is given up
 ALIKE = 20.0  # of the misfit, by which a rough minimum may be above the best one to be looked at again
 SAME = 0.03  # of the coordinate of any free number, by which minima are apart
 ROUNDS = 3  # of estimating noise and fitting anew
@@ -164,7 +165,7 @@ def _raced(model: Model, starts: Sequence[Array]) -> list[Point]:
     """Return the distinct minima that rough fits from `starts` come to, the best first.
 
     After each heat the fits are compared. Of those that have met the best goes on; one that is clearly worse than the
-    best of all, and has not made up half of that in this heat, is given up.
+    best of all, and has hardly come closer in this heat, is given up.
     """
     reached = [Point(math.inf, x, is_minimum=False) for x in starts]
     for _ in range(HEATS):
@@ -174,7 +175,7 @@ def _raced(model: Model, starts: Sequence[Array]) -> list[Point]:
         good = {id(one) for one in _as_good(model, reached)}
         reached = _distinct(model, [
             one for one, was in zip(reached, before, strict=True)
-            if one.is_minimum or id(one) in good or one.misfit - least < (was - least) / 2.0
+            if one.is_minimum or id(one) in good or one.misfit - least < SLOW * (was - least)
         ])  # fmt: skip
     return reached
 
