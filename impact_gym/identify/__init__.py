@@ -5,7 +5,8 @@
     `coordinates`  free numbers, on the scales they are fitted on
     `model`        residuals by our simulator, and their derivatives
     `starts`       where a fit begins
-    `fit`          least squares and profile likelihoods
+    `descent`      least squares, and which of several starts go on
+    `fit`          the best fit, and profile likelihoods
     `words`        what the log cannot tell
     `result`       what comes of it, and its picture
 

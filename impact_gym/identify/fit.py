@@ -6,24 +6,18 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 from scipy.special import ndtri, stdtrit
 
-from impact_gym.identify.coordinates import RESTITUTION
+from impact_gym.identify.descent import ROUGH, Point, as_good, descended, distinct, raced
 from impact_gym.identify.model import Model
 from impact_gym.identify.starts import scattered
 
 Array = NDArray[np.float64]
 
 STARTS = 8  # of the scattered points that are fitted, the best first; `Fit.again` takes as many more
-HEAT, HEATS = 8, 5  # evaluations after which the starts are compared, and how often that is done
-SLOW = 0.8  # of what a fit is behind the best one, still left after a heat, from which it is given up
-ALIKE = 20.0  # of the misfit, by which a rough minimum may be above the best one to be looked at again
-SAME = 0.03  # of the coordinate of any free number, by which minima are apart
 ROUNDS = 3  # of estimating noise and fitting anew
 CONFIDENCE = 0.95
 NEAR = 0.02  # of the half width, to which an end of an interval is found
@@ -31,20 +25,10 @@ LONGEST = 1.5  # of a coordinate, a first step towards an end
 BEYOND = (1.6, 2.5)  # times the way to an end, where the misfit is looked at once more
 TRIES = 10  # fits for an end
 WIDEST = 1e3  # of a coordinate, a standard deviation that says there is none
-INSIDE = 4.0  # of ln(e/(1-e)), from where a fit may begin: e from 0.02 to 0.98
-TOLERANCE, ROUGH = 1e-8, 1e-5  # -, of misfit and x, relative: of the best fit, and of those on the way to an end
 SLACK = 0.05  # of the misfit, by which a better fit is better; an end is where it has grown by 3.8
 BETTER = 20  # times that a better fit may be met
 
 Ends = tuple[float | None, ...]
-
-
-class Point(NamedTuple):
-    """Where least squares have come to."""
-
-    misfit: float  # sum of squared residuals over the noise
-    x: Array
-    is_minimum: bool = True  # False: evaluations ran out on the way to one
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,21 +51,21 @@ class Fit:
         first = slice(STARTS)
         begun = scattered(model)[first]
         _refuse_idle(model, begun)
-        return cls._settled(model, _as_good(model, _raced(model, begun + _past_first_blow(model, first))))
+        return cls._settled(model, as_good(model, raced(model, begun + _past_first_blow(model, first))))
 
     def again(self) -> "Fit":
         """Return the best fit from as many starts more and the minima that are known; itself if that finds no other."""
         model, more = self.model, slice(STARTS, 2 * STARTS)
         known = [Point(self.misfit, self.x), *self.others]
-        found = _raced(model, scattered(model)[more] + _past_first_blow(model, more))
-        good = _as_good(model, _distinct(model, known + found))
+        found = raced(model, scattered(model)[more] + _past_first_blow(model, more))
+        good = as_good(model, distinct(model, known + found))
         is_new = {id(one) for one in good} - {id(one) for one in known}
         return self._settled(model, good) if is_new else self
 
     @classmethod
     def _settled(cls, model: Model, found: Sequence[Point]) -> "Fit":
         for _ in range(ROUNDS):
-            found = _distinct(model, [_least(model, one.x) for one in found])
+            found = distinct(model, [descended(model, one.x) for one in found])
             if not _estimate_noise(model, found[0].x) or len(model.noise) == 1:  # which alone changes no minimum
                 break
         best, *others = (Point(float(np.sum(model.residuals(one.x) ** 2)), one.x) for one in found)
@@ -89,7 +73,7 @@ class Fit:
 
     def moved(self, x: Array) -> "Fit":
         """Return the fit that a better point leads to."""
-        misfit, x, _ = _least(self.model, x)
+        misfit, x, _ = descended(self.model, x)
         return Fit(self.model, x, misfit, _covariance(self.model.jacobian(x)), self.others)
 
     @property
@@ -103,38 +87,6 @@ class Fit:
     def deviation(self, i: int) -> float:
         """Return the standard deviation of x[i] by the curvature at the best fit."""
         return min(math.sqrt(self.covariance[i, i]), WIDEST)
-
-
-def _least(
-    model: Model, x: Array, fixed: int | None = None, tolerance: float = TOLERANCE, evaluations: int = HEAT * HEATS
-) -> Point:
-    """Return where least squares come to from x, with x[fixed] held, within so many evaluations."""
-    free = np.delete(np.arange(model.size), [] if fixed is None else [fixed])
-    x = x.copy()
-    for i, one in enumerate(model.free):  # at the end of what a restitution may be nothing would move it
-        if one.name == RESTITUTION and i != fixed:
-            x[i] = min(max(x[i], -INSIDE), INSIDE)
-
-    def put(part: Array) -> Array:
-        whole = x.copy()
-        whole[free] = part
-        return whole
-
-    found = least_squares(
-        lambda part: model.residuals(put(part)),
-        x[free],
-        jac=lambda part: model.jacobian(put(part), but=fixed)[:, free],
-        method="lm",
-        x_scale="jac",
-        ftol=tolerance,
-        xtol=tolerance,
-        gtol=tolerance,
-        max_nfev=evaluations,
-    )
-    at = put(found.x)
-    for i, one in enumerate(model.free):
-        at[i] = min(max(at[i], one.reach[0]), one.reach[1])
-    return Point(2.0 * float(found.cost), at, found.status > 0)
 
 
 def _refuse_idle(model: Model, points: Sequence[Array]) -> None:
@@ -158,41 +110,7 @@ def _refuse_idle(model: Model, points: Sequence[Array]) -> None:
 def _past_first_blow(model: Model, some: slice) -> list[Array]:
     """Return the minima of the first blow alone: those of what follows are many, and most have no way out."""
     first = model.of_first_blow()
-    return [one.x for one in _raced(first, scattered(first)[some])] if first.samples < model.samples else []
-
-
-def _raced(model: Model, starts: Sequence[Array]) -> list[Point]:
-    """Return the distinct minima that rough fits from `starts` come to, the best first.
-
-    After each heat the fits are compared. Of those that have met the best goes on; one that is clearly worse than the
-    best of all, and has hardly come closer in this heat, is given up.
-    """
-    reached = [Point(math.inf, x, is_minimum=False) for x in starts]
-    for _ in range(HEATS):
-        before = [one.misfit for one in reached]
-        reached = [one if one.is_minimum else _least(model, one.x, None, ROUGH, HEAT) for one in reached]
-        least = min((one.misfit for one in reached), default=math.inf)
-        good = {id(one) for one in _as_good(model, reached)}
-        reached = _distinct(model, [
-            one for one, was in zip(reached, before, strict=True)
-            if one.is_minimum or id(one) in good or one.misfit - least < SLOW * (was - least)
-        ])  # fmt: skip
-    return reached
-
-
-def _as_good(model: Model, found: Sequence[Point]) -> list[Point]:
-    """Return those points that may lead to the best minimum, or to one as good."""
-    least = min((one.misfit for one in found), default=math.inf)
-    return [one for one in found if one.misfit < least + ALIKE * (1.0 + least / model.samples)]
-
-
-def _distinct(model: Model, found: Sequence[Point]) -> list[Point]:
-    """Return the points at which the free numbers are not the same, the best first."""
-    kept: list[Point] = []
-    for one in sorted(found, key=lambda one: one.misfit):
-        if all(np.abs(one.x - other.x)[: len(model.free)].max() > SAME for other in kept):
-            kept.append(one)
-    return kept
+    return [one.x for one in raced(first, scattered(first)[some])] if first.samples < model.samples else []
 
 
 def _estimate_noise(model: Model, x: Array) -> bool:
@@ -250,7 +168,7 @@ def _end(fit: Fit, i: int, side: int) -> float | None:
         u = float(fit.x[i]) + factor * (ends[-1] - float(fit.x[i]))
         x = fit.x + fit.covariance[:, i] / fit.covariance[i, i] * (u - fit.x[i])
         x[i] = u
-        misfit, x, _ = _least(fit.model, x, i, ROUGH) if side * (last - u) > 0.0 else Point(math.inf, x)
+        misfit, x, _ = descended(fit.model, x, i, ROUGH) if side * (last - u) > 0.0 else Point(math.inf, x)
         if misfit < fit.misfit - SLACK:
             raise _BetterError(x)
         if misfit - fit.misfit < limit:
@@ -290,7 +208,7 @@ def profile(fit: Fit, i: int, side: int, x: Array, t: float) -> float | None:
         u = max(u, last) if side < 0 else min(u, last)
         start = inner[2] + along * (u - inner[0])
         start[i] = u
-        misfit, found, _ = _least(model, start, i, ROUGH)
+        misfit, found, _ = descended(model, start, i, ROUGH)
         if misfit < fit.misfit - SLACK:
             raise _BetterError(found)
         t = math.sqrt(max(misfit - fit.misfit, 0.0)) / fit.quantile
