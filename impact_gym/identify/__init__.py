@@ -5,7 +5,8 @@
     `coordinates`  free numbers, on the scales they are fitted on
     `model`        residuals by our simulator, and their derivatives
     `starts`       where a fit begins
-    `fit`          least squares and profile likelihoods
+    `descent`      least squares, and which of several starts go on
+    `fit`          the best fit, and profile likelihoods
     `words`        what the log cannot tell
     `result`       what comes of it, and its picture
 
@@ -19,7 +20,7 @@ import numpy as np
 
 from impact_gym.identify import log as logs_of
 from impact_gym.identify.coordinates import free_coordinates
-from impact_gym.identify.fit import MANY, Fit, intervals, uncertain
+from impact_gym.identify.fit import Fit, intervals, uncertain, vague
 from impact_gym.identify.model import Model
 from impact_gym.identify.result import Identified, more_blows
 from impact_gym.identify.sensor import Sensor
@@ -70,13 +71,13 @@ def identify(
         logs_of.check(one, its_motion, sensors)
     model = Model.of(read, scene, motions, sensors, found)
     fit = Fit.of(model)
-    if more_blows(fit):
-        fit = Fit.of(model, MANY)
+    if twice := bool(more_blows(fit) or vague(fit)):
+        fit = fit.again()
     if sentence := more_blows(fit):
         raise ValueError(sentence)
     fit, pairs = intervals(fit)
-    if uncertain(fit, pairs):
-        fit, pairs = intervals(Fit.of(model, MANY))
+    if not twice and uncertain(fit, pairs) and (other := fit.again()) is not fit:
+        fit, pairs = intervals(other)
     k = len(found)
     deviations = np.sqrt(np.diag(fit.covariance))[:k]
     correlation = fit.covariance[:k, :k] / np.outer(deviations, deviations)

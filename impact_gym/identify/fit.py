@@ -9,19 +9,15 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 from scipy.special import ndtri, stdtrit
 
-from impact_gym.identify.coordinates import RESTITUTION
+from impact_gym.identify.descent import ROUGH, Point, as_good, descended, distinct, raced
 from impact_gym.identify.model import Model
 from impact_gym.identify.starts import scattered
 
 Array = NDArray[np.float64]
 
-STARTS = 8  # best of the scattered points that are fitted
-MANY = 16  # the same, where the first fit misses a blow or hardly tells a number
-ALIKE = 20.0  # of the misfit, by which a rough minimum may be above the best one to be looked at again
-SAME = 0.03  # of any coordinate, by which minima are apart
+STARTS = 8  # of the scattered points that are fitted, the best first; `Fit.again` takes as many more
 ROUNDS = 3  # of estimating noise and fitting anew
 CONFIDENCE = 0.95
 NEAR = 0.02  # of the half width, to which an end of an interval is found
@@ -29,8 +25,6 @@ LONGEST = 1.5  # of a coordinate, a first step towards an end
 BEYOND = (1.6, 2.5)  # times the way to an end, where the misfit is looked at once more
 TRIES = 10  # fits for an end
 WIDEST = 1e3  # of a coordinate, a standard deviation that says there is none
-INSIDE = 4.0  # of ln(e/(1-e)), from where a fit may begin: e from 0.02 to 0.98
-TOLERANCE, ROUGH = 1e-8, 1e-5  # -, of misfit and x, relative: of the best fit, and of those on the way to an end
 SLACK = 0.05  # of the misfit, by which a better fit is better; an end is where it has grown by 3.8
 BETTER = 20  # times that a better fit may be met
 
@@ -45,29 +39,41 @@ class Fit:
     x: Array
     misfit: float  # sum of squared residuals over the noise
     covariance: Array
-    others: Sequence[tuple[float, Array]]
+    others: Sequence[Point]
 
     @classmethod
-    def of(cls, model: Model, starts: int = STARTS) -> "Fit":
-        """Return the best fit from several starts, the noise that is not known estimated on the way."""
-        begun = scattered(model)[:starts]
+    def of(cls, model: Model) -> "Fit":
+        """Return the best fit from several starts, the noise that is not known estimated on the way.
+
+        Raises:
+            ValueError: no start leads to a blow, or a free number changes nothing.
+        """
+        first = slice(STARTS)
+        begun = scattered(model)[first]
         _refuse_idle(model, begun)
-        first = model.of_first_blow()
-        if first.samples < model.samples:  # what follows has many minima, from most of which there is no way out
-            begun += [x for _, x in _best(first, scattered(first)[:starts], ROUGH)]
-        found = _distinct(_best(model, begun, ROUGH))
-        above = ALIKE * (1.0 + found[0][0] / model.samples)
-        found = [one for one in found if one[0] < found[0][0] + above]
+        return cls._settled(model, as_good(model, raced(model, begun + _past_first_blow(model, first))))
+
+    def again(self) -> "Fit":
+        """Return the best fit from as many starts more and the minima that are known; itself if that finds no other."""
+        model, more = self.model, slice(STARTS, 2 * STARTS)
+        known = [Point(self.misfit, self.x), *self.others]
+        found = raced(model, scattered(model)[more] + _past_first_blow(model, more))
+        good = as_good(model, distinct(model, known + found))
+        is_new = {id(one) for one in good} - {id(one) for one in known}
+        return self._settled(model, good) if is_new else self
+
+    @classmethod
+    def _settled(cls, model: Model, found: Sequence[Point]) -> "Fit":
         for _ in range(ROUNDS):
-            found = _best(model, [x for _, x in found], TOLERANCE)
-            if not _estimate_noise(model, found[0][1]) or len(model.noise) == 1:  # which alone changes no minimum
+            found = distinct(model, [descended(model, one.x) for one in found])
+            if not _estimate_noise(model, found[0].x) or len(model.noise) == 1:  # which alone changes no minimum
                 break
-        (misfit, x), *others = ((float(np.sum(model.residuals(x) ** 2)), x) for _, x in found)
-        return cls(model, x, misfit, _covariance(model.jacobian(x)), others)
+        best, *others = (Point(float(np.sum(model.residuals(one.x) ** 2)), one.x) for one in found)
+        return cls(model, best.x, best.misfit, _covariance(model.jacobian(best.x)), others)
 
     def moved(self, x: Array) -> "Fit":
         """Return the fit that a better point leads to."""
-        misfit, x = _least(self.model, x)
+        misfit, x, _ = descended(self.model, x)
         return Fit(self.model, x, misfit, _covariance(self.model.jacobian(x)), self.others)
 
     @property
@@ -81,36 +87,6 @@ class Fit:
     def deviation(self, i: int) -> float:
         """Return the standard deviation of x[i] by the curvature at the best fit."""
         return min(math.sqrt(self.covariance[i, i]), WIDEST)
-
-
-def _least(model: Model, x: Array, fixed: int | None = None, tolerance: float = TOLERANCE) -> tuple[float, Array]:
-    """Return the least misfit near x, with x[fixed] held, and where it is."""
-    free = np.delete(np.arange(model.size), [] if fixed is None else [fixed])
-    x = x.copy()
-    for i, one in enumerate(model.free):  # at the end of what a restitution may be nothing would move it
-        if one.name == RESTITUTION and i != fixed:
-            x[i] = min(max(x[i], -INSIDE), INSIDE)
-
-    def put(part: Array) -> Array:
-        whole = x.copy()
-        whole[free] = part
-        return whole
-
-    found = least_squares(
-        lambda part: model.residuals(put(part)),
-        x[free],
-        jac=lambda part: model.jacobian(put(part), but=fixed)[:, free],
-        method="lm",
-        x_scale="jac",
-        ftol=tolerance,
-        xtol=tolerance,
-        gtol=tolerance,
-        max_nfev=40,
-    )
-    at = put(found.x)
-    for i, one in enumerate(model.free):
-        at[i] = min(max(at[i], one.reach[0]), one.reach[1])
-    return 2.0 * float(found.cost), at
 
 
 def _refuse_idle(model: Model, points: Sequence[Array]) -> None:
@@ -131,18 +107,10 @@ def _refuse_idle(model: Model, points: Sequence[Array]) -> None:
             )
 
 
-def _best(model: Model, points: Sequence[Array], tolerance: float) -> list[tuple[float, Array]]:
-    """Return the minima near points, each with its misfit, the best first."""
-    return sorted((_least(model, x, tolerance=tolerance) for x in points), key=lambda one: one[0])
-
-
-def _distinct(found: Sequence[tuple[float, Array]]) -> list[tuple[float, Array]]:
-    """Return the minima that are not one and the same."""
-    kept: list[tuple[float, Array]] = []
-    for misfit, x in found:
-        if all(np.abs(x - other).max() > SAME for _, other in kept):
-            kept.append((misfit, x))
-    return kept
+def _past_first_blow(model: Model, some: slice) -> list[Array]:
+    """Return the minima of the first blow alone: those of what follows are many, and most have no way out."""
+    first = model.of_first_blow()
+    return [one.x for one in raced(first, scattered(first)[some])] if first.samples < model.samples else []
 
 
 def _estimate_noise(model: Model, x: Array) -> bool:
@@ -190,7 +158,7 @@ def _end(fit: Fit, i: int, side: int) -> float | None:
     """Return the outermost end on one side (-1, 1) of x[i], from the best fit and all that are as good."""
     limit = fit.quantile**2
     ends = [profile(fit, i, side, fit.x, 0.0)]
-    for misfit, x in fit.others:
+    for misfit, x, _ in fit.others:
         if ends[-1] is not None and misfit - fit.misfit < limit and side * (x[i] - ends[-1]) > 0.0:
             ends.append(profile(fit, i, side, x, math.sqrt(max(misfit - fit.misfit, 0.0) / limit)))
     for factor in BEYOND:  # behind a ridge the misfit may fall again
@@ -200,12 +168,21 @@ def _end(fit: Fit, i: int, side: int) -> float | None:
         u = float(fit.x[i]) + factor * (ends[-1] - float(fit.x[i]))
         x = fit.x + fit.covariance[:, i] / fit.covariance[i, i] * (u - fit.x[i])
         x[i] = u
-        misfit, x = _least(fit.model, x, i, ROUGH) if side * (last - u) > 0.0 else (math.inf, x)
+        misfit, x, _ = descended(fit.model, x, i, ROUGH) if side * (last - u) > 0.0 else Point(math.inf, x)
         if misfit < fit.misfit - SLACK:
             raise _BetterError(x)
         if misfit - fit.misfit < limit:
             ends.append(profile(fit, i, side, x, math.sqrt(max(misfit - fit.misfit, 0.0) / limit)))
     return ends[-1]
+
+
+def vague(fit: Fit) -> bool:
+    """Whether `uncertain` can be foreseen, by the curvature or by another minimum that is as good."""
+    good = [fit.x, *(one.x for one in fit.others if one.misfit - fit.misfit < fit.quantile**2)]
+    widths = [
+        2.0 * fit.quantile * fit.deviation(i) + float(np.ptp(good, axis=0)[i]) for i in range(len(fit.model.free))
+    ]
+    return max(widths) > LONGEST
 
 
 def uncertain(fit: Fit, pairs: Sequence[Ends]) -> bool:
@@ -231,7 +208,7 @@ def profile(fit: Fit, i: int, side: int, x: Array, t: float) -> float | None:
         u = max(u, last) if side < 0 else min(u, last)
         start = inner[2] + along * (u - inner[0])
         start[i] = u
-        misfit, found = _least(model, start, i, ROUGH)
+        misfit, found, _ = descended(model, start, i, ROUGH)
         if misfit < fit.misfit - SLACK:
             raise _BetterError(found)
         t = math.sqrt(max(misfit - fit.misfit, 0.0)) / fit.quantile

@@ -95,6 +95,15 @@ class Model:
         assert trace is not None
         return trace
 
+    def latest(self, scene: Scene, k: int) -> float:
+        """Return the latest time (s) of the motion at which log k may end.
+
+        It begins before the flange has gone twice the distance to the object.
+        """
+        motion, log = self.motions[k], self.logs[k]
+        arrival = 2.0 * scene.object.distance / motion.speed + motion.speed / motion.acceleration
+        return arrival + float(log.time[-1] - log.time[0])
+
     def read(self, trace: Trace, name: str, at: Array) -> tuple[Array, Array]:
         """Return what the sensor of a column reads `at` (n,) s of the motion, and its slope."""
         return self.sensors[name].senses(trace.time, getattr(trace, TRACED[name] or name), at)
@@ -112,10 +121,12 @@ class Model:
             scene = self.scene_at(x)
             for k, log in enumerate(self.logs):
                 at = log.time - x[len(self.free) + k]
+                if at[-1] > self.latest(scene, k):
+                    raise ValueError("the log begins when the blow is over")
                 trace = self.traced(scene, k, max(float(at[-1]), log.step))
                 for name in log.columns:
                     values[self.slots[k, name]], slopes[self.slots[k, name]] = self.read(trace, name, at)
-        except (ValueError, RuntimeError):  # no such scene, or the simulator cannot finish it
+        except (ValueError, RuntimeError):  # no such scene or start, or the simulator cannot finish it
             for (k, name), slot in self.slots.items():
                 values[slot], slopes[slot] = IMPOSSIBLE * np.ptp(self.logs[k].columns[name]), 0.0
         return values, slopes

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 
 from impact_gym.identify.fit import Fit
 from impact_gym.identify.log import UNITS, bursts, level
+from impact_gym.identify.words import unit_of
 from impact_gym.scene import Scene
 
 Array = NDArray[np.float64]
@@ -81,10 +83,12 @@ class Identified:
         return figure
 
     def __str__(self) -> str:
-        lines = [
-            f"{name} = {value:.6g}, 95 % in {self.interval[name][0]:.6g} to {self.interval[name][1]:.6g}"
-            for name, value in self.estimate.items()
-        ]
+        lines = []
+        for name, value in self.estimate.items():
+            (low, high), unit = self.interval[name], unit_of(self.scene, name).replace("(no unit)", "")
+            lines.append(f"{name} = {value:.6g} {unit}".rstrip() + f", 95 % in {low:.6g} to {high:.6g}")
+        for (i, first), (j, second) in combinations(enumerate(self.estimate), 2):
+            lines.append(f"correlation of {first} and {second}: {self.correlation[i, j]:.2f}")
         return "\n".join([*lines, *self.indistinguishable])
 
 

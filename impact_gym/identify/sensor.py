@@ -1,11 +1,11 @@
 """What a sensor makes of a motion: a first-order low pass, a bias, noise, and values at its sampling times only."""
 
 from dataclasses import dataclass
-from itertools import accumulate
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_banded
 
 from impact_gym.validation import number
 
@@ -34,9 +34,13 @@ class Curve:
         cube = (slope[:-1] + slope[1:] - 2.0 * rise) / self.steps**2
         self.pieces = np.array([y[:-1], slope[:-1], square, cube])
 
-    def __call__(self, at: Array) -> tuple[Array, Array]:
-        """Return value and slope `at` times within the points, of any shape."""
-        piece = np.searchsorted(self.time[1:-1], at, side="right")
+    def piece(self, at: Array) -> NDArray[np.int64]:
+        """Return between which points each of the times lies."""
+        return np.searchsorted(self.time[1:-1], at, side="right")
+
+    def __call__(self, at: Array, piece: NDArray[np.int64] | None = None) -> tuple[Array, Array]:
+        """Return value and slope `at` times within the points, of any shape; `piece` broadcasts, where it is known."""
+        piece = self.piece(at) if piece is None else piece
         s = at - self.time[piece]
         y, slope, square, cube = self.pieces[:, piece]
         return y + s * (slope + s * (square + s * cube)), slope + s * (2.0 * square + 3.0 * s * cube)
@@ -92,7 +96,9 @@ def _filtered(signal: Curve, nodes: Array, pace: float, last: float) -> Array:
     h = np.diff(nodes)[:, None]
     inside = nodes[:-1, None] + h * (GAUSS + 1.0) / 2.0
     weight = GAUSS_WEIGHTS * np.exp(-pace * h * (GAUSS[-1] - GAUSS) / 2.0)
-    mean = (weight * signal(np.minimum(inside, last))[0]).sum(1) / weight.sum(1)
+    piece = signal.piece(nodes[:-1])[:, None]  # the points of the signal are among the nodes
+    mean = (weight * signal(np.minimum(inside, last), piece)[0]).sum(1) / weight.sum(1)
     kept = np.exp(-pace * h[:, 0])
-    steps = zip(kept.tolist(), (mean * (1.0 - kept)).tolist(), strict=True)
-    return np.fromiter(accumulate(steps, lambda y, step: y * step[0] + step[1], initial=0.0), float, len(nodes))
+    steps = np.array([np.ones(len(nodes)), np.append(-kept, 0.0)])  # of y[k + 1] - kept[k] y[k], y[0] = 0
+    y: Array = solve_banded((1, 0), steps, np.append(0.0, mean * (1.0 - kept)), check_finite=False)
+    return y

@@ -40,7 +40,8 @@ def _given(model: Model) -> Array:
 def _placed(model: Model, point: Array, share: float) -> tuple[float, Array]:
     """Return the misfit of a scene, and x with the start times and biases at which it is least.
 
-    Times are tried on the log's own grid, moved by a `share` of a sample.
+    Times are tried on the log's own grid, moved by a `share` of a sample, and none at which the log begins later than
+    its own length after the touch.
     """
     x = np.zeros(model.size)
     x[: len(point)] = point
@@ -48,8 +49,7 @@ def _placed(model: Model, point: Array, share: float) -> tuple[float, Array]:
     try:
         scene = model.scene_at(x)
         for k, log in enumerate(model.logs):
-            span = log.time[-1] - log.time[0]
-            first = model.traced(scene, k, _arrival(model, k) + span)
+            first = model.traced(scene, k, model.latest(scene, k))
             misfit, shift, rest = _aligned(model, log, first, share)
             x[len(point) + k] = log.time[0] + shift
             for place, (other, name) in enumerate(model.biased):
@@ -61,16 +61,12 @@ def _placed(model: Model, point: Array, share: float) -> tuple[float, Array]:
     return total, x
 
 
-def _arrival(model: Model, k: int) -> float:
-    """Return a time (s) by which the flange has gone twice the distance to the object."""
-    motion, way = model.motions[k], 2.0 * model.scene.object.distance
-    return way / motion.speed + motion.speed / motion.acceleration
-
-
 def _aligned(model: Model, log: Log, trace: Trace, share: float) -> tuple[float, float, dict[str, float]]:
     """Return the least misfit of a motion with a log, the start of the motion after the log's (s), and the biases."""
     step, n = log.step, len(log.time)
-    times: Array = (np.arange(int(trace.time[-1] / step), dtype=float) + share) * step
+    touch = trace.time[np.argmax(trace.contact_force > 0.0)] if np.any(trace.contact_force > 0.0) else np.inf
+    last = min(trace.time[-1], touch + 2.0 * n * step)
+    times: Array = (np.arange(int(last / step), dtype=float) + share) * step
     m = len(times)  # shift k puts sample j of the motion on sample j + k of the log; the log ends within the motion
     misfit, rests = np.zeros(m + 1), {}
     length = 1 << int(n + m).bit_length()

@@ -152,6 +152,15 @@ def test_a_filter_longer_than_the_blow_hides_the_restitution():
     assert any("contact.restitution" in one and "filter takes 32 ms" in one for one in found.indistinguishable)
 
 
+def test_a_motion_that_was_over_long_before_the_log_is_no_fit_and_costs_no_simulation():
+    recorded = log(scene(1e5, 0.5))
+    model = ig.identify(recorded, GUESS, MOTION, free=("object.mass",)).fit.model
+    done = model.simulations
+    left = model.residuals(np.array([np.log(0.25), recorded["time"][0] - 100.0]))
+    assert model.simulations == done
+    assert np.all(np.abs(left) * model.noise["force"] > 100 * recorded["force"].max())
+
+
 def test_a_sensors_low_pass_answers_a_ramp_as_its_equation_does():
     time = np.linspace(0.0, 0.05, 40)
     at = np.linspace(0.0, 0.05, 77)
@@ -167,6 +176,8 @@ def test_correlations_are_those_of_the_estimates():
     for one in found:
         assert np.allclose(np.diag(one.correlation), 1.0)
         assert np.allclose(one.correlation, one.correlation.T)
+        assert f"correlation of contact.stiffness and object.mass: {one.correlation[0, 2]:.2f}" in str(one)
+        assert " N/m^1.5, 95 % in " in str(one)
     assert np.allclose(found[0].correlation, found[1].correlation, atol=0.1)  # of the scene, hardly of the noise
 
 
