@@ -74,20 +74,22 @@ def main(arguments: Sequence[str] | None = None) -> None:
         scene, motion, sensors = described(content, options.free)
         found = identify(options.logs, scene, motion, options.free, sensors or None)
         text = "\n".join(set_up(content, found)) + "\n"
+        print(found if options.out else text)
+        if options.out:
+            with whole_file(options.out) as file:
+                file.write(text.encode())
         if options.plot:
             found.plot().savefig(options.plot)
-    except (OSError, RuntimeError, ValueError) as error:
+    except (ImportError, OSError, RuntimeError, ValueError) as error:
         sys.exit(f"impact_gym.identify: {error}")
-    print(found if options.out else text)
-    if options.out:
-        with whole_file(options.out) as file:
-            file.write(text.encode())
 
 
 def _read(path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(path.read_text())
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except OSError as error:
+        raise ValueError(f"{path} is not read: {error.strerror}") from error
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise ValueError(f"{path} is not read as TOML: {error}") from error
 
 
