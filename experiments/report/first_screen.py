@@ -67,7 +67,9 @@ def chart(one: Answer, played: Played) -> Figure:
     low = late["V"][-1] < 0.12 * data["V"].max()  # the axis is near
     names.append(written(POLICY, late["T"][-1], late["V"][-1], POLICY, align="right", dy=-12 if low else 20))
     if rival != PAPER:
-        names.append(written(rival, tuned["T"][-1], tuned["V"][-1], rival, align="left", dx=8, dy=-8))
+        last = tuned["T"][-1] > 0.3 * data["T"].min() + 0.7 * data["T"].max()  # no room to the right of it
+        above = {"align": "right", "dy": -24} if last else {"align": "left", "dx": 8, "dy": -8}
+        names.append(written(rival, tuned["T"][-1], tuned["V"][-1], rival, **above))
     gain = []
     if one.reached and one.reduction.value > 0.0:
         there = pl.DataFrame([{"T": paper["T"], "V": paper["V"], "to": one.velocity.value}])
