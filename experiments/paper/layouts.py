@@ -16,7 +16,7 @@ Panels = Any
 
 
 def panels(width: float, height: float, columns: int = 1, rows: int = 1, **sharing: Any) -> Callable[..., Any]:
-    """Decorate a function that draws a table on axes: it makes these in a figure (inches times SCALE), and returns it."""
+    """Decorate a function that draws a table on axes: makes these in a figure (inches times SCALE), and returns it."""
 
     def decorate(draw: Callable[..., None]) -> Callable[..., Figure]:
         @wraps(draw)
