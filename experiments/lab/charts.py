@@ -5,7 +5,9 @@ from pathlib import Path
 import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 
+from experiments.lab.symbols import mathtext
 from impact_gym.files import whole_file
 from impact_gym.simulation import Trace
 
@@ -32,7 +34,9 @@ SERIES = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 
 
 def save(figure: Figure, path: Path) -> Path:
-    """Write `figure` as SVG without a date in it, so that the same data give the same file."""
+    """Write `figure` as SVG, its symbols with subscripts, without a date, so that the same data give the same file."""
+    for text in figure.findobj(Text):
+        text.set_text(mathtext(text.get_text()))
     with whole_file(path) as file:
         figure.savefig(file, format="svg", metadata={"Date": None})
     return path

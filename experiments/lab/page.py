@@ -8,10 +8,10 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup, escape
 
+from experiments.lab import symbols
 from impact_gym.files import whole_file
 
 EXPERIMENTS = Path(__file__).parents[1]
-SYMBOL = re.compile(r"\b([A-Za-z])_([a-z]{1,2})\b")
 INTERVAL = re.compile(r"\[[^][]*\]")
 
 
@@ -28,9 +28,9 @@ def short(value: float) -> Markup:
 
 
 def typeset(text: str) -> Markup:
-    """Return a text with the subscripts of its symbols set as such, V_p, k_c, v_in, and its intervals in one piece."""
+    """Return a text with its subscripts and powers set as such, V_p, N/m^1.5, and its intervals in one piece."""
     unbroken = INTERVAL.sub(lambda found: found[0].replace(" ", "\N{NO-BREAK SPACE}"), str(escape(text)))
-    return Markup(SYMBOL.sub(r"\1<sub>\2</sub>", unbroken))
+    return Markup(symbols.html(unbroken))
 
 
 def write(folder: Path, experiment: str, **content: Any) -> Path:

@@ -104,9 +104,8 @@ def plot(table: Table, grid: Panels) -> None:
             axes.plot(rows["speed"][on_edge], 1e3 * rows[column][on_edge], "s", color="none", mec=colour, markersize=8)
     for axes, label in zip(grid, ("V_p (m/s)", "height H (mm)", "front stop (mm)"), strict=True):
         axes.set(xlabel="impact speed (m/s)", ylabel=label)
-        if label != "V_p (m/s)":
-            axes.plot([], [], "s", color="none", mec="black", markersize=8, label="on the edge of the grid")
-        axes.legend(fontsize=8)
+    grid[0].plot([], [], "s", color="none", mec="black", markersize=8, label="on the edge of the grid")
+    grid[0].figure.legend(loc="outside upper center", ncols=5, handles=grid[0].get_legend_handles_labels()[0])
 
 
 def statements(table: Table) -> Statements:

@@ -69,7 +69,7 @@ def plot(table: Table, grid: Panels) -> None:
             axes.annotate(f"{below} to {above}", (speed, 0.0), **beside)
         axes.set_ylim(0.0, 1.25 * axes.get_ylim()[1])  # room for the legend
         axes.set_xlabel("impact speed (m/s)")
-        axes.legend(fontsize=9, loc="upper left")
+    grid[0].legend(fontsize=9, loc="upper left")
     grid[0].set_ylabel("final object velocity V_p (m/s)")
     grid[1].set_ylabel("V_p over impact speed")
 

@@ -65,7 +65,8 @@ def contradictions(tables: Mapping[str, Table]) -> Iterator[Contradiction]:
         yield Contradiction(
             "Eq. 16",
             "The (1,1) entry of M_X is taken as the share of the robot's mass that takes part in the impact. That is "
-            "the mass felt if the tool could only move along x. The mass felt by a force along x is 1/(M_X^-1)_11: "
+            "the mass felt if the tool could only move along x. The mass felt by a force along x is the reciprocal of "
+            "that entry of the inverse of M_X: "
             f"with our estimates of the robot's inertia {at_impact['effective_mass'][0]:.2f} kg against "
             f"{at_impact['mass'][0]:.2f} kg at the impact. We reproduce the paper's and show both in Fig. 12.",
         )

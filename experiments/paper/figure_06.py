@@ -35,7 +35,7 @@ def plot(table: Table, grid: Panels) -> None:
         last.plot(restitution[lowest], force[lowest], "o", color=colour, markeredgecolor="black")
     last.plot([], [], "o", color="none", markeredgecolor="black", label="smallest")
     last.set(xlabel="restitution e given to eq. 7", ylabel="largest contact force (N)", ylim=(0, None))
-    last.set_title("(c) ours: the same against e, k_c = $10^5$ N/m$^{1.5}$")
+    last.set_title("(c) ours, at k_c = $10^5$ N/m$^{1.5}$")
     last.legend()
 
 

@@ -10,17 +10,18 @@ from matplotlib.figure import Figure
 from experiments.lab.charts import COUPLING, FLANGE, FORCE, OBJECT, SERIES, TOOL, velocities
 from experiments.paper.tables import Run, Table
 
+SCALE = 0.8  # of all figures: so small that letters can be read where two stand beside each other
 Panels = Any
 """Axes of matplotlib: one, or an array of them."""
 
 
 def panels(width: float, height: float, columns: int = 1, rows: int = 1, **sharing: Any) -> Callable[..., Any]:
-    """Decorate a function that draws a table on axes: it makes these in a figure (inches), and returns the figure."""
+    """Decorate a function that draws a table on axes: makes these in a figure (inches times SCALE), and returns it."""
 
     def decorate(draw: Callable[..., None]) -> Callable[..., Figure]:
         @wraps(draw)
         def plot(table: Table, **options: Any) -> Figure:
-            figure = Figure(figsize=(width, height))
+            figure = Figure(figsize=(SCALE * width, SCALE * height))
             draw(table, figure.subplots(rows, columns, **sharing), **options)
             return figure
 
@@ -39,7 +40,7 @@ def velocities_and_forces(table: Table, grid: Panels, titles: Mapping[str, str],
         below.plot(trace.time, trace.contact_force, color=FORCE, label="contact force on the object")
         below.plot(trace.time, trace.coupling_force, color=COUPLING, label="force of the coupling on the tool")
         below.set(xlabel="time (s)", ylabel="force (N)")
-        below.legend()
+    below.figure.legend(loc="outside lower center", ncols=2, handles=below.get_lines()[:2])
 
 
 @panels(10.4, 4.0, columns=2, sharex=True, sharey=True)

@@ -1,5 +1,6 @@
 """The page about the paper's figures, made from the tables on disk: reports/paper/index.html."""
 
+import re
 from collections import Counter, namedtuple
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -15,8 +16,9 @@ from experiments.paper.catalogue import NAMES, heading, load
 from experiments.paper.contradictions import contradictions
 from experiments.paper.statements import Basis, Verdict
 
-Entry = namedtuple("Entry", ["name", "heading", "module", "statements"])
-"""A figure on the page."""
+Entry = namedtuple("Entry", ["name", "heading", "module", "statements", "wide"])
+"""A figure on the page; a wide one stands alone in its row."""
+WIDE = 650.0  # points
 
 
 def read(folder: Path) -> tuple[list[Entry], dict[str, tables.Table]]:
@@ -33,13 +35,18 @@ def read(folder: Path) -> tuple[list[Entry], dict[str, tables.Table]]:
         module = load(name)
         try:
             found[name] = tables.read(file)
-            entries.append(Entry(name, heading(name), module, tuple(module.statements(found[name]))))
+            entries.append(Entry(name, heading(name), module, tuple(module.statements(found[name])), _wide(file)))
         except (KeyError, IndexError, ValueError) as error:
             word = name.removeprefix("figure_")
             raise ValueError(
                 f"{file} is not of this version ({error!r}): python -m experiments.paper {word}"
             ) from error
     return entries, found
+
+
+def _wide(table: Path) -> bool:
+    width = re.search(r'width="([\d.]+)pt"', table.with_suffix(".svg").read_text())
+    return width is not None and float(width[1]) > WIDE
 
 
 def write(folder: Path, run: Mapping[str, Any]) -> Path:

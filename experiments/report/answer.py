@@ -110,7 +110,7 @@ def reductions(played: Played) -> Floats:
 def answers_table(answers: list[Answer], played: list[Played]) -> Table:
     """Return the answers of all set-ups."""
     head = (
-        "set-up (seeds)", "V_p lower at the paper's approach time", "95 % of trainings: at least",
+        "set-up", "V_p lower at the paper's approach time", "95 % of trainings: at least",
         "the same, best tuned baseline",
         "sooner at the paper's V_p", "V_p there (m/s)", "object slower in so many scenarios",
         "interquartile mean of V_p, rule's (m/s)", "missed",
@@ -122,7 +122,7 @@ def answers_table(answers: list[Answer], played: list[Played]) -> Table:
         rival = f"{percent(one.rival_reduction)}, {play.matchup.rival.plain}" if one.rival_reduction else "-"
         middle = f"{one.interquartile[0]:.3f}, {one.interquartile[1]:.3f}"
         body.append((
-            f"{play.matchup.label} ({len(play.seeds)})", reduction, _at_least(one), rival, sooner,
+            f"{play.matchup.label}, seeds: {len(play.seeds)}", reduction, _at_least(one), rival, sooner,
             f"{one.velocity:.3f}", percent(one.improvement), middle, f"{one.missed} of {one.episodes:,}",
         ))  # fmt: skip
     return Table("Each set-up's policies against the paper's rule there, 95 % intervals; a miss is no win", head, body)

@@ -61,7 +61,7 @@ def distribution(played: Played) -> Figure:
     against_rival = played.policy.loss(weight) - played.rival.loss(weight)
     pairs = {
         "V_p as late as the paper's rule, against it": against_rule,
-        f"V_p + {weight:g} T, against {rival}": against_rival,
+        f"V_p + {weight:g} T, against {played.matchup.rival.plain}": against_rival,
     }
     share = np.linspace(0.0, 1.0, POINTS)
     data = pl.concat(

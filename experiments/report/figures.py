@@ -72,7 +72,8 @@ class Figure:
         """The chart as Vega-Lite, as wide as what holds it."""
         chart = self.chart.properties(width="container", height=self.height, description=self.alternative)
         content = chart.configure(**CONFIG).to_dict(validate=False)  # a wrong one would not become the SVG
-        return json.loads(json.dumps(content, ensure_ascii=False).replace("V_p", "Vₚ"))  # a chart has no markup
+        text = json.dumps(content, ensure_ascii=False)
+        return json.loads(text.replace("V_p", "Vₚ").replace("m^1.5", "m¹·⁵"))  # a chart has no markup
 
     @cached_property
     def still(self) -> Markup:

@@ -19,24 +19,18 @@ def headline(one: Answer, played: Played) -> str:
         return f"The learned policy misses {one.missed:,} of {one.episodes:,} objects, so nothing is claimed for it."
     less = _less(one.reduction.value)
     if one.reached:
-        said = f"The learned policy touches the object as soon as the paper's rule and leaves it {less}"
+        said = f"The learned policy touches the object as soon as the paper's rule, and the object moves off {less}."
     elif one.later > 0.0:
-        said = (
-            f"No learned policy arrives as soon as the paper's rule; one that is {100 * one.later:.0f} % later leaves "
-        )
-        said += f"the object {less}"
+        said = "No learned policy arrives as soon as the paper's rule; "
+        said += f"with one that is {100 * one.later:.0f} % later the object moves off {less}."
     else:
-        said = (
-            f"However patient, the learned policy arrives {-100 * one.later:.0f} % sooner than the paper's rule, and "
-        )
-        said += f"leaves the object {less}"
-    tuned = ""
+        said = f"Even at its most patient the learned policy arrives {-100 * one.later:.0f} % sooner than the paper's "
+        said += f"rule; the object moves off {less}."
     if one.rival_reduction:
         alike = (one.rival_reduction.value >= 0.0) == (one.reduction.value >= 0.0)
-        less = _less(one.rival_reduction.value)
-        less = less.removesuffix(" slower") if alike else less
-        tuned = f"; a {played.matchup.rival.plain} without learning, {less}"
-    return f"{said}{tuned}."
+        less, rival = _less(one.rival_reduction.value), played.matchup.rival.plain
+        said += f" {rival[0].upper()}{rival[1:]}, no learning: {less.removesuffix(' slower') if alike else less}."
+    return said
 
 
 def _less(share: float) -> str:
@@ -73,7 +67,9 @@ def chart(one: Answer, played: Played) -> Figure:
     low = late["V"][-1] < 0.12 * data["V"].max()  # the axis is near
     names.append(written(POLICY, late["T"][-1], late["V"][-1], POLICY, align="right", dy=-12 if low else 20))
     if rival != PAPER:
-        names.append(written(rival, tuned["T"][-1], tuned["V"][-1], rival, align="left", dx=8, dy=-8))
+        last = tuned["T"][-1] > 0.3 * data["T"].min() + 0.7 * data["T"].max()  # no room to the right of it
+        above = {"align": "right", "dy": -24} if last else {"align": "left", "dx": 8, "dy": -8}
+        names.append(written(rival, tuned["T"][-1], tuned["V"][-1], rival, **above))
     gain = []
     if one.reached and one.reduction.value > 0.0:
         there = pl.DataFrame([{"T": paper["T"], "V": paper["V"], "to": one.velocity.value}])
@@ -84,10 +80,11 @@ def chart(one: Answer, played: Played) -> Figure:
         f"Paper's rule: {paper['T']:.3f} s, {paper['V']:.3f} m/s. The learned policy: from {late['T'][0]:.3f} s and "
         f"{late['V'][0]:.3f} m/s to {late['T'][-1]:.3f} s and {late['V'][-1]:.3f} m/s."
     )
-    marks_are = "" if rival == PAPER else f", the {rival} tuned for one urgency at each mark"
+    tuned = "" if rival == PAPER else f", and for which the {rival} is tuned"
     caption = (
-        f"Down and left is better. A line is a controller from urgent to patient: the policy is told which{marks_are}. "
-        "The paper's rule goes at 1 m/s and brakes 16 ms after it feels the touch."
+        "Down and left is better: gentler and sooner. Each line runs from urgent to patient; a mark is one urgency, "
+        f"which the policy is told{tuned}. The rule of the paper, Tommasino et al. 2020, goes at 1 m/s and brakes "
+        "16 ms after it feels the touch."
     )
     subject = "speed the object is left with, V_p (m/s)"
     layers = alt.layer(*gain, lines, marks, *names)

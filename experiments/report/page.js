@@ -64,7 +64,7 @@
   // What is folded is printed as well, of the set-up that is chosen.
   let opened = [];
   addEventListener("beforeprint", () => {
-    opened = [...document.querySelectorAll(".fold:not([open]), figcaption details:not([open])")]
+    opened = [...document.querySelectorAll(".fold:not([open]), .fails:not([open]), figcaption details:not([open])")]
       .filter((one) => !one.closest("[hidden]"));
     for (const one of opened) one.open = true;
     window.drawAll();

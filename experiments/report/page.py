@@ -12,7 +12,7 @@ from markupsafe import Markup
 
 from agents.evaluate.controllers import controller_of
 from agents.evaluate.play import frozen_of
-from experiments.lab import page
+from experiments.lab import page, player
 from experiments.lab.player import choose, films, fragment
 from experiments.report import (
     answer,
@@ -49,7 +49,7 @@ class Tab:
 
     matchup: Matchup
     headline: str
-    fails: str  # where it does not hold; empty on a first page
+    fails: weaknesses.Failing | None  # where it does not hold; not on a first page
     chart: Figure
     sentence: str  # the answer with its intervals
     seeds: int
@@ -71,7 +71,7 @@ def tab(one: Played, others: Sequence[Played], steps: Sequence[chain.Step], firs
     return Tab(
         matchup,
         first_screen.headline(found, one),
-        "" if first else weaknesses.where_it_fails(one),
+        None if first else weaknesses.where_it_fails(one),
         first_screen.chart(found, one),
         answer.sentence(found, matchup) + chain.sentence(steps),
         len(one.seeds),
@@ -169,6 +169,7 @@ def write(folder: Path, about: Mapping[str, Any], tabs: Sequence[Tab]) -> Path:
         about=about,
         tabs=tabs,
         vega=Markup(program),
+        player=player,
         kind=lambda part: KINDS[type(part)],
         embedded=partial(htmlsafe_json_dumps, separators=(",", ":"), allow_nan=False),
     )

@@ -1,54 +1,90 @@
 """Where the policy does not hold: the one line of the first screen, the heat map, and the list of all comparisons."""
 
 from itertools import chain
+from typing import NamedTuple
 
 import numpy as np
 
+from agents.setups.evaluation import Change
 from experiments.report.answer import MISSED_TOO_OFTEN
 from experiments.report.figures import Heat, HeatMap
 from experiments.report.matchups import PAPER, POLICY
 from experiments.report.results import Played, Run
 from experiments.report.robustness import Varied, factor, setting, varied
 
-NAMED = 3  # things that are off, in the one line; the heat map has all
+
+class Failing(NamedTuple):
+    """Where the policy does not hold."""
+
+    worst: str  # in one line: the change under which it fares worst
+    every: str  # all changes
 
 
-def where_it_fails(played: Played) -> str:
-    """Return in one line with which changes the policy is worse than the paper's rule and than its rival, or misses."""
-    found, said = varied(played), []
-    for rival, called in _rivals(played):
-        lost = sorted(filter(None, (_mildest(played, of_one, rival) for of_one in found)), reverse=True)
-        more = f" and {len(lost) - NAMED} more" if len(lost) > NAMED else ""
-        if lost:
-            said.append(f"Worse than the {called} with {', '.join(words for _, words in lost[:NAMED])}{more}.")
-    if not said:
+class Lost(NamedTuple):
+    """One argument of the environment with which the policy is worse than a rival."""
+
+    loss: float  # m/s, the largest
+    mildest: Change  # with which it is worse
+    only: bool  # nothing else was tried
+
+
+def where_it_fails(played: Played) -> Failing:
+    """Return with which changes the policy is worse than the paper's rule and than its rival, or misses objects.
+
+    The worst is the one by which it misses most, or else loses most, to the rule before the rival.
+    """
+    found, missed = varied(played), _most_missed(played)
+    lost = {
+        rival: sorted(filter(None, (_lost(played, of_one, rival) for of_one in found)), key=lambda one: -one.loss)
+        for rival, _ in _rivals(played)
+    }
+    plain = {PAPER: PAPER, played.matchup.rival.name: played.matchup.rival.plain}
+    every = [
+        f"Worse than the {plain[rival]} with {', '.join(map(_with, those))}." for rival, those in lost.items() if those
+    ]
+    if missed:
+        change, misses = missed
+        every.append(f"It misses {misses} with {factor(change.argument)} at {setting(change)}.")
+    if not every:
         tried = sum(not change.same for change, _ in chain.from_iterable(found))
-        said.append(f"Nowhere among {tried} changes, one at a time, is it worse than its rivals here.")
-    return " ".join([*said, _missing(played, found)]).strip()
+        return Failing(f"nowhere among {tried} changes, one at a time, is it worse than its rivals.", "")
+    argument = missed[0].argument if missed else next(those[0].mildest.argument for those in lost.values() if those)
+    told = [
+        f"{_at(one.mildest)}it is worse than the {plain[rival]}"
+        for rival, those in lost.items() for one in those if one.mildest.argument == argument
+    ][:1]  # fmt: skip
+    told += [f"{_at(missed[0])}it misses {missed[1]}"] if missed else []
+    what, line = factor(argument), ", ".join(told)
+    return Failing(f"{what}. {line[0].upper()}{line[1:]}.", " ".join(every))
 
 
-def _mildest(played: Played, of_one: Varied, rival: str) -> tuple[float, str] | None:
-    """Return by how much changes of one argument make the policy worse than a rival, and the smallest such change."""
+def _at(change: Change) -> str:
+    return f"at {setting(change)} " if np.isfinite(change.value) else ""
+
+
+def _with(lost: Lost) -> str:
+    return factor(lost.mildest.argument) + ("" if lost.only else f" ({setting(lost.mildest)})")
+
+
+def _lost(played: Played, of_one: Varied, rival: str) -> Lost | None:
+    """Return what of one argument's changes makes the policy worse than a rival, if any does."""
     losses = [(change, _loss(played, runs, rival)) for change, runs in of_one if not change.same]
     worse = [change for change, loss in losses if loss > 0.0]
     if not worse:
         return None
     own = next((change.value for change, _ in of_one if change.same), np.nan)
     mildest = min(worse, key=lambda change: np.nan_to_num(abs(change.value - own)))
-    where = f" ({setting(mildest)})" if len(losses) > 1 else ""
-    return max(loss for _, loss in losses), factor(mildest.argument) + where
+    return Lost(max(loss for _, loss in losses), mildest, len(losses) == 1)
 
 
-def _missing(played: Played, found: list[Varied]) -> str:
-    """Say where most objects are missed, if they are many."""
-    weight, changed = played.matchup.typical, list(chain.from_iterable(found))
+def _most_missed(played: Played) -> tuple[Change, str] | None:
+    """Return with which change most objects are missed, and how many, if they are many."""
+    weight, changed = played.matchup.typical, list(chain.from_iterable(varied(played)))
     if not changed:
-        return ""
+        return None
     change, runs = max(changed, key=lambda one: one[1][POLICY].at(weight).missed.mean())
     missed = runs[POLICY].at(weight).missed
-    if missed.mean() <= MISSED_TOO_OFTEN:
-        return ""
-    return f"It misses {missed.sum()} of {missed.size} objects with {factor(change.argument)} at {setting(change)}."
+    return (change, f"{missed.sum()} of {missed.size} objects") if missed.mean() > MISSED_TOO_OFTEN else None
 
 
 def heat_map(played: Played) -> HeatMap:

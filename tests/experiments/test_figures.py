@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from golden import IMPACT_VELOCITY, OBJECT_VELOCITIES, SHAPES
+from pages import as_plain_text_has_it
 
 import impact_gym as ig
 from experiments.lab.charts import save
@@ -126,7 +127,7 @@ def test_the_page_has_every_figure_and_needs_no_network(folder):
 
 def test_the_summary_counts_what_is_on_the_page(folder, computed):
     every = [s for name, table in computed.items() for s in catalogue.load(name).statements(table)]
-    text = unescape(re.sub(r"<sub>(\w+)</sub>", r"_\1", (folder / "index.html").read_text()))
+    text = unescape(as_plain_text_has_it((folder / "index.html").read_text()))
     tests = [s for s in every if s.basis == Basis.TEST]
     assert f"<strong>{len(every)} statements</strong>" in text
     assert f"<strong>{len(tests)} remain as tests</strong>" in text

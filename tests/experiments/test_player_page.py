@@ -8,7 +8,7 @@ import pytest
 from browsers import chromium
 from watched import CONTESTANTS, COUPLINGS, columns, shown
 
-from experiments.lab.player import fragment
+from experiments.lab.player import fragment, script, style
 
 
 @pytest.fixture(scope="module", params=COUPLINGS)
@@ -27,12 +27,15 @@ def page_file(film, tmp_path_factory):
     path = tmp_path_factory.mktemp("watch") / "page.html"
     head = '<!doctype html><html lang="en"><meta charset="utf-8"><title>Watch</title>'
     head += '<meta name="viewport" content="width=device-width, initial-scale=1">'
-    path.write_text(f"{head}<body>{fragment(film[0])}</body></html>")
+    head += f"<style>{style()}</style>"
+    path.write_text(f"{head}<body>{fragment(film[0])}<script>{script()}</script></body></html>")
     return path
 
 
 def opened(browser, page_file, width=1280, motion="reduce"):
-    return browsers.opened(browser, page_file, width, reduced_motion=motion)
+    page, problems = browsers.opened(browser, page_file, width, reduced_motion=motion)
+    page.wait_for_selector(".igw-panel")  # a film is made when it is first seen
+    return page, problems
 
 
 def picture(page):

@@ -1,4 +1,4 @@
-"""The part of the page in which the films run: HTML, style and script in one string, with all that they need."""
+"""The part of a page in which films run: HTML with their data, and the style and the script of all films of a page."""
 
 from pathlib import Path
 from typing import Any
@@ -13,13 +13,19 @@ SCRIPTS = ("svg.js", "chain.js", "loupe.js", "strips.js", "player.js")
 def fragment(films: dict[str, Any], name: str = "watch") -> str:
     """Return a section of a page for what `films` returned; `name` is its id, one of its own for each on a page.
 
-    It needs nothing from outside, defines nothing global, and takes the colours --bg, --fg, --muted, --grid, --paper,
-    --learned, --accent of the page where the page has them.
+    The page needs `style` before the first of them and `script` behind the last. Nothing comes from outside.
     """
     pages = Environment(loader=FileSystemLoader(HERE), autoescape=True, undefined=StrictUndefined)
-    return pages.get_template("player.html.jinja").render(
-        name=name,
-        content=htmlsafe_json_dumps(films, separators=(",", ":"), allow_nan=False),
-        style=(HERE / "player.css").read_text(),
-        script="\n".join((HERE / script).read_text() for script in SCRIPTS),
-    )
+    content = htmlsafe_json_dumps(films, separators=(",", ":"), allow_nan=False)
+    return pages.get_template("player.html.jinja").render(name=name, content=content)
+
+
+def style() -> str:
+    """Return the CSS; it takes the colours --bg, --fg, --muted, --grid, --paper, --learned, --accent of the page."""
+    return (HERE / "player.css").read_text()
+
+
+def script() -> str:
+    """Return the program; it defines nothing global but the element <slow-motion>."""
+    parts = "\n".join((HERE / part).read_text() for part in SCRIPTS)
+    return f'(() => {{\n"use strict";\n{parts}\n}})();'

@@ -1,5 +1,5 @@
 // Velocities and contact force over the film's clock: the axis is stretched where the film is slow, and says so.
-const STRIP = {left: 34, right: 8, top: 16, velocity: 80, between: 12, force: 42, bottom: 20};
+const STRIP = {left: 34, right: 8, top: 16, velocity: 72, between: 10, force: 40, bottom: 20};
 
 // Instants (s) of a scene and their places in the film (s of film), both ways.
 function clockOf(scene) {
