@@ -32,13 +32,14 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     """A teleoperated tool approaches an object that it cannot see.
 
     ## Description
-    A robot flange follows an imposed motion; a tool of 0.125 kg hangs on it. Somewhere ahead, unseen, stands an object
-    of unknown mass, contact stiffness and restitution. Reach it soon; leave it slow. The setting is that of Tommasino,
-    Cipriani, Doria, Rosati (2020), 'Effect of End-Effector Compliance on Collisions in Robotic Teleoperation', whose
-    controller moves at 1 m/s and brakes 16 ms after the contact force exceeds 1 N.
+    A robot flange follows a commanded motion and carries a tool of 0.125 kg. Somewhere ahead, unseen, stands an object
+    of unknown mass, contact stiffness and restitution. The controller has to reach it soon and leave it slow. The
+    setting is that of Tommasino, Cipriani, Doria, Rosati (2020), 'Effect of End-Effector Compliance on Collisions in
+    Robotic Teleoperation', whose controller moves at 1 m/s and brakes 16 ms after the contact force exceeds 1 N.
 
     ## Action Space
-    `Box(-1, 1, (2,), float32)`. The flange ramps to the velocity asked for, then holds it. Values outside are clipped.
+    `Box(-1, 1, (2,), float32)`: a velocity, and the acceleration with which to get there. The flange ramps to that
+    velocity, then holds it. Values outside the box are clipped.
 
     | Num | Action                     | at -1 | at +1 | Unit  | Argument             |
     |-----|----------------------------|-------|-------|-------|----------------------|
@@ -48,33 +49,37 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     Commands are resolved to 1e-6 m/s and 1e-6 m/s^2, so that the paper's rule, 1 m/s at 8 m/s^2, is one of them.
 
     ## Observation Space
-    `Box(..., (8,), float32)`, more with some arguments: the last column says which add or change what. Constants scale
-    each number into [-1, 1] or [0, 1]; beyond their ends it is clipped. What is privileged is the truth, for a critic
-    and not for an actor: it stands last, so that `observation[:-5]` is what the actor may see. Where episodes draw
-    numbers of the set-up, these stand before the five, in the order of Starting State, each from its low end at -1 to
-    its high one at 1; with `alarm="reading"` before these the time, 0 to 0.15 s, since a switch told of the touch.
-    Position and velocity are those of the imposed motion, which are the flange's if the robot is rigid. `sensors()` of
-    the unwrapped environment has what the controller may know in SI units.
+    `Box(..., (8,), float32)`. Some arguments add numbers or change them; the last column of the table says which. Each
+    number is scaled to [-1, 1] or [0, 1] by constants, and clipped beyond. Position and velocity are those of the
+    commanded motion. The flange has the same if the robot is rigid. `sensors()` of the unwrapped environment returns
+    what the controller may know, in SI units.
+
+    The privileged numbers are the truth, for a critic and not for an actor. They stand last: without numbers of the
+    set-up drawn per episode and with `alarm="force"`, `observation[:-5]` is what the actor may see. Drawn numbers of
+    the set-up stand before these five, in the order of Starting State, each scaled from -1 at its low end to 1 at its
+    high end. With `alarm="reading"`, the time since a switch would have raised the alarm, 0 to 0.15 s, stands before
+    these.
 
     OBSERVATION_TABLE
 
     A step lasts one control period, 16 ms. It ends early exactly once: when the contact alarm reaches the controller,
-    `reaction_delay` after the contact force first exceeds `alarm_threshold`, located as an event. That alarm is a
-    switch of its own, which the noise and bias of the force readings do not reach, and stays on.
+    `reaction_delay` after the contact force first exceeds `alarm_threshold`. The solver finds that instant exactly. The
+    alarm comes from a switch, not from the force readings, so their noise and bias do not affect it. It stays on.
 
-    With `alarm="reading"` there is no such switch. The force is then the largest since the reading before, noise and
-    bias included, and an observation whose reading exceeds `alarm_threshold` raises the alarm: no step is cut short for
-    it, it may be false, and it is over after 0.15 s, when a reading can raise it anew. The episode still ends 0.15 s
-    after a switch would have told of the touch, whatever alarms came before.
+    With `alarm="reading"` there is no such switch. The force is then the largest since the last reading, noise and bias
+    included. A reading above `alarm_threshold` raises the alarm. Such an alarm cuts no step short and may be false. It
+    goes off after 0.15 s; a later reading can raise it again. The episode still ends 0.15 s after the switch would have
+    raised its alarm, whatever false alarms came before.
 
     ## Rewards
-    `-time_weight * dt` until the first contact begins (the instant of the event, not a count of steps); at the end
-    `-V_p - force_weight * peak force`, V_p being the object's final speed, or -2 if nothing was touched. The sum over
-    an episode lies in [-time_weight * 1.2 - 2, 0] as long as V_p stays below 2 m/s and `force_weight` is 0.
+    Each step gives `-time_weight * dt` until the first contact begins; dt ends at that instant, not at a whole step.
+    The last step adds `-V_p - force_weight * peak force`, where V_p is the object's final velocity, or -2 if nothing
+    was touched. The sum over an episode lies in [-time_weight * 1.2 - 2, 0] as long as V_p stays below 2 m/s and
+    `force_weight` is 0.
 
     ## Starting State
-    Flange, tool and object at rest, coupling relaxed (a bistable one: on its front stop), flange at 0. `np_random`
-    draws, eleven uniform numbers an episode:
+    Flange, tool and object are at rest, the flange at position 0, the coupling relaxed (a bistable one: on its front
+    stop). Each episode takes eleven uniform numbers from `np_random`. They give the scenario:
 
     | Scenario field      | Default range | Distribution | Unit     |
     |---------------------|---------------|--------------|----------|
@@ -83,35 +88,39 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     | `restitution`       | 0.1 - 1       | uniform      | -        |
     | `distance`          | 0.15 - 0.35   | uniform      | m        |
 
-    and, where the arguments ask for it, the time weight (log-uniform), the reaction delay (uniform), the errors of
-    distance estimate and force (normal), and the seed of the force noise. Of these numbers of the set-up, too, each
-    may be given as a pair (low, high), from which every episode draws on its own:
+    and, if the arguments ask for it, the time weight (log-uniform), the reaction delay (uniform), the errors of
+    distance estimate and force (normal), and the seed of the force noise. Each of the following numbers of the set-up
+    may also be a pair (low, high), from which every episode draws independently:
 
     SETTING_TABLE
 
-    They come from a stream that the last of the eleven names: what one of them is given as changes nothing else.
+    These come from a random stream of their own, seeded by the last of the eleven. So to draw one of them, or not,
+    changes no other number.
 
-    `reset(options=...)` holds for one episode: `{"scenario": {...}}` fixes any of the fields above; `{"record": {...}}`
-    any of what is drawn, so that the final `info["record"]` plays an episode again (a reaction delay no longer than
-    the environment was made for, a number of the set-up within its range); `{"episode_index": k}` with a seed goes to
-    the k-th episode of that seed.
+    `reset(options=...)` holds for one episode:
+
+    - `{"scenario": {...}}` fixes any of the scenario fields above.
+    - `{"record": {...}}` fixes anything that is drawn, so that the final `info["record"]` plays an episode again. The
+      reaction delay may be no longer than the environment was made for, a number of the set-up must be in its range.
+    - `{"episode_index": k}`, with a seed, goes to the k-th episode of that seed.
 
     ## Episode End
-    Terminates 0.15 s after the alarm. V_p is then what the object keeps after the flange has braked to rest, as hard
-    as an action can, and no contact is left or to come: simulated (for 10 s at most), so nothing is gained by ending
-    early.
-    Without an alarm it terminates at 1.2 s, with V_p if something was touched too softly to raise it, otherwise as
-    `missed`. A row whose solver fails terminates as well, with the cost of a miss and a sentence in `info["status"]`.
-    Truncated only by `TimeLimit`.
+    An episode terminates 0.15 s after the alarm. The flange then brakes to rest at the largest acceleration that an
+    action can command, and the simulation goes on until no contact is left or can follow (10 s at most). V_p is the
+    velocity that the object keeps, so nothing is gained by ending early.
+
+    Without an alarm an episode terminates at 1.2 s: with V_p if the object was touched too softly to raise the alarm,
+    otherwise as `missed`. It also terminates if the solver fails, with the cost of a miss and a sentence in
+    `info["status"]`. Only `TimeLimit` truncates.
 
     The final `info` has `object_velocity` (m/s), `approach_time` (s), `peak_force` (N), `contact_count`, `missed`,
     `time_weight`, `reward_terms` (time, velocity, force, missed; they sum to the return), `scenario`, `record` (all
     that was drawn, numbers of the set-up under dotted names such as `coupling.stiffness`) and `status`.
-    A `TimeLimit` truncates without telling the environment: `env.unwrapped.episode_info()` then has them as they stand.
+    `TimeLimit` truncates without telling the environment: `env.unwrapped.episode_info()` then has the values so far.
 
     ## Arguments
-    A number of the table in Starting State may be a pair; in a coupling or a robot, where these are given as dicts:
-    `coupling={"type": "SpringDamper", "stiffness": (40, 60)}`.
+    Any number in the second table of Starting State may be a pair. To draw one of a coupling or a robot, give that as a
+    dict: `coupling={"type": "SpringDamper", "stiffness": (40, 60)}`.
 
     | Name                | Default                | Meaning                                                         |
     |---------------------|------------------------|-----------------------------------------------------------------|
@@ -123,17 +132,17 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     | `reaction_delay`    | 0.016                  | s; a pair draws it uniformly per episode                        |
     | `control_period`    | 0.016                  | s                                                               |
     | `velocity_range`    | (-0.5, 1.5)            | m/s, what the first action is mapped to                         |
-    | `acceleration_range`| (1.0, 20.0)            | m/s^2, what the second is mapped to; its end brakes at the end  |
+    | `acceleration_range`| (1.0, 20.0)            | m/s^2, what the second is mapped to; its top brakes at the end  |
     | `alarm`             | "force"                | or "reading": what raises the alarm, see Observation Space      |
-    | `alarm_threshold`   | 1.0                    | N of contact force, above which the alarm sets out              |
+    | `alarm_threshold`   | 1.0                    | N of contact force, above which the alarm is sent               |
     | `dissipation`       | "hu-guo"               | or "exact": how damping follows from restitution, see `Contact` |
     | `range_noise`       | None                   | m, standard deviation of a distance estimate; None: no estimate |
-    | `range_bias`        | 0.0                    | m, by which all estimates are too far                           |
+    | `range_bias`        | 0.0                    | m, added to every distance estimate                             |
     | `range_told`        | False                  | observe `range_noise`, which may differ from episode to episode |
     | `force_noise`       | 0.0                    | N, standard deviation of each reading of the force              |
-    | `force_bias`        | 0.0                    | N, standard deviation of an error that stays for the episode    |
+    | `force_bias`        | 0.0                    | N, standard deviation of an error that is fixed per episode     |
     | `deflection_sensor` | False                  | observe how far the tool is displaced on its coupling           |
-    | `past_readings`     | 0                      | observe so many readings before the last one, too; 3 at most    |
+    | `past_readings`     | 0                      | how many readings before the last one to observe too; at most 3 |
     | `privileged`        | False                  | observe the true scenario too                                   |
     | `robot`             | None                   | a compliant `Robot` or `RobotTable`; a dict works too           |
     | `render_mode`       | None                   | "human", "rgb_array" or "rgb_array_list", see Rendering         |
@@ -141,19 +150,20 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     | `rtol`              | 1e-8                   | relative error allowed in a contact, see `simulate`             |
 
     ## Rendering
-    Needs the extra `render`. The chain to scale, its velocities and the contact force, the alarm on its way to the
-    controller; drawn from the trace, which is then kept, and changing nothing. A contact is over in a few steps, so
-    "human" and "rgb_array_list" show it in slow motion, 8 to 1024 times, as each picture says: many pictures a step.
-    "rgb_array" gives one, of the end of the step. Gymnasium's `RecordVideo` keeps one picture a step in either case;
-    `impact_gym.envs.render_video.SlowMotionVideo` is the same recorder and keeps all. A batch does not render.
+    Needs the extra `render`. A picture shows the chain to scale, its velocities, the contact force, and the alarm on
+    its way to the controller. It is drawn from the trace, which is then kept; rendering changes no result. A contact is
+    over in a few steps, so "human" and "rgb_array_list" show it in slow motion with many pictures per step. Each
+    picture says how slow: 8 to 1024 times. "rgb_array" gives one picture, of the end of the step. Gymnasium's
+    `RecordVideo` keeps one picture per step in either case; `impact_gym.envs.render_video.SlowMotionVideo` keeps all.
+    A batch does not render.
 
     ## Version History
     * v0: first version; it may still change until version 0.1.0 of the package is released
 
-    As in Gymnasium the number goes up when results can no longer be compared: when a seed and the same actions lead to
+    As in Gymnasium, the number goes up when results can no longer be compared: when the same seed and actions lead to
     other observations, rewards or ends than before, by more than `rtol` allows, or when a default changes. All four ids
-    go up together; the older id then tells what replaced it, and is played by the version of the package that had it.
-    Arguments that change nothing unless they are given, and faster code, leave the number as it is.
+    go up together. The old id then names its successor; to play it, install the version of the package that had it.
+    New arguments that are off by default, and faster code, do not change the number.
     """
 
     metadata = {  # noqa: RUF012  # declared so by gymnasium.Env
