@@ -1,4 +1,4 @@
-"""A tool approaches an object: how to move and brake so that it arrives soon and does not knock the object away."""
+"""A tool approaches an object: how to move and brake so that it arrives soon and does not shoot the object away."""
 
 from impact_gym import sources
 
