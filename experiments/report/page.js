@@ -19,6 +19,7 @@
   };
   const seen = (element) => !element.closest("details:not([open]), [hidden]");
   window.drawAll = async () => {
+    document.documentElement.classList.remove("fresh");  // a chart is as wide as what holds it
     await Promise.all([...document.querySelectorAll(".chart:not([data-drawn])")].filter(seen).map(draw));
   };
   const soon = window.requestIdleCallback || ((work) => setTimeout(work, 50));
@@ -70,6 +71,9 @@
     window.drawAll();
   });
   addEventListener("afterprint", () => { for (const one of opened) one.open = false; });
-  follow();
-  requestAnimationFrame(() => setTimeout(later));
+  requestAnimationFrame(() => setTimeout(() => {
+    document.documentElement.classList.remove("fresh");
+    follow();
+    later();
+  }));
 })();
