@@ -53,6 +53,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     and not for an actor: it stands last, so that `observation[:-5]` is what the actor may see. Where episodes draw
     numbers of the set-up, these stand before the five, in the order of Starting State, each from its low end at -1 to
     its high one at 1; with `alarm="reading"` before these the time, 0 to 0.15 s, since a switch told of the touch.
+    With `holder_told` the numbers of tool, coupling and robot among them are the actor's as well, before all that.
     Position and velocity are those of the imposed motion, which are the flange's if the robot is rigid. `sensors()` of
     the unwrapped environment has what the controller may know in SI units.
 
@@ -130,6 +131,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     | `range_noise`       | None                   | m, standard deviation of a distance estimate; None: no estimate |
     | `range_bias`        | 0.0                    | m, by which all estimates are too far                           |
     | `range_told`        | False                  | observe `range_noise`, which may differ from episode to episode |
+    | `holder_told`       | False                  | observe what episodes draw of tool, coupling and robot          |
     | `force_noise`       | 0.0                    | N, standard deviation of each reading of the force              |
     | `force_bias`        | 0.0                    | N, standard deviation of an error that stays for the episode    |
     | `deflection_sensor` | False                  | observe how far the tool is displaced on its coupling           |
