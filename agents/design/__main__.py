@@ -104,7 +104,13 @@ def write(entries: list[Entry], setup: Setup, options: DesignOptions, seconds: f
     arrays = {f"{name}_{place}": values for place, one in enumerate(entries) for name, values in one.played.items()}
     told = [{name: value for name, value in asdict(one).items() if name != "played"} for one in entries]
     line = shlex.join(["python", "-m", "agents.design", *sys.argv[1:]])
-    content = {"command": line, "seconds": seconds, "setup": setup.name, "entries": told}
+    content = {
+        "command": line,
+        "seconds": seconds,
+        "setup": setup.name,
+        "tolerance": options.tolerance,
+        "entries": told,
+    }
     write_archive(options.out / "designs.npz", FORMAT, content, arrays)
     chosen = min((one for one in entries if one.line == "chosen"), key=lambda one: abs(one.share - 1.0))
     return write_setup(options.out / f"{setup.name}-designed.toml", setup, chosen, line)

@@ -130,9 +130,9 @@ function layout() {
   const wide = panels[0].head.clientWidth;
   if (!wide) return;
   width = wide;
-  const view = viewOf(films, scene, width);
+  const view = viewOf(scene, width);
   for (const panel of panels) {
-    panel.update = drawChain(panel.chain, films, scene, panel.run, view);
+    panel.update = drawChain(panel.chain, scene, panel.run, view);
     panel.strip = drawStrips(panel.strips, scene, panel.run, clock, width);
     const point = (event) => {
       seek(panel.strip.film(event.clientX - panel.strips.getBoundingClientRect().left));
