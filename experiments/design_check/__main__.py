@@ -26,7 +26,7 @@ class Check:
 
 
 def compute(gather: Gather, quick: bool) -> Tables:
-    """Return the tables: what seeds and grid find, what a policy makes of the grid, and both maps of sizes and speeds."""
+    """Return the tables: what seeds and grid find, what a policy makes of the grid, maps of sizes and speeds."""
     found = agreement.tables(gather, quick)
     return found | told.tables(gather, found["grid"], quick) | {"sizes": sizes.rows(gather, quick)}
 

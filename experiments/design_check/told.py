@@ -67,15 +67,15 @@ def picked(budget: int, scenarios: int) -> Result:
 def said(tables: Mapping[str, list[Row]]) -> dict[str, Any]:
     """Return what the page says of it."""
     ours, theirs = (np.array([row["velocity"] for row in tables[name]]) for name in ("told", "grid"))
-    limit = Limits().deflection
+    allowed = np.array([row["deflection"] for row in tables["told"]]) <= Limits().deflection
     return {
         "told": [
-            {**row, "tuned": other, "ratio": row["velocity"] / other, "allowed": row["deflection"] <= limit}
-            for row, other in zip(tables["told"], theirs.tolist(), strict=True)
+            {**row, "tuned": other, "ratio": row["velocity"] / other, "allowed": may}
+            for row, other, may in zip(tables["told"], theirs.tolist(), allowed.tolist(), strict=True)
         ],
         "told_alike": int((np.abs(ours / theirs - 1.0) <= SAME).sum()),
         "told_rank": float(spearmanr(ours, theirs).statistic),
-        "told_best": tables["told"][int(ours.argmin())],
+        "told_best": tables["told"][int(np.where(allowed, ours, np.inf).argmin())],
         "picked": tables["picked"][0],
         "same": SAME,
     }

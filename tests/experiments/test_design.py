@@ -3,16 +3,18 @@
 import numpy as np
 import pytest
 from browsers import chromium, opened
+from policies import made_up_policy
 
 from agents.archive import write_archive
 from agents.baselines.tuned import read_tuned
 from agents.design.__main__ import FORMAT
 from agents.design.search import play_one
 from agents.design.study import PAPERS_RULE
-from agents.evaluate import Episodes
+from agents.evaluate import Episodes, Stage
+from agents.setups import load_setup
 from experiments.design import watch
 from experiments.design.__main__ import read, reduction, show
-from experiments.design_check import agreement, sizes
+from experiments.design_check import agreement, sizes, told
 from experiments.lab.statistics import Resamples
 from experiments.lab.tables import rows_of
 
@@ -151,3 +153,29 @@ def test_a_spring_of_the_grid_stays_as_it_is_and_a_free_one_is_found_within_its_
     (free,) = rows_of(agreement.found(0.31, 16, [], 1))
     assert agreement.STIFFNESS.low <= free["stiffness"] <= agreement.STIFFNESS.high
     assert free["low"] <= free["velocity"] <= free["high"]
+
+
+def test_a_policy_judges_a_spring_by_the_episodes_in_which_it_is_drawn(monkeypatch, tmp_path):
+    options = load_setup("linear-designs").environment
+    policy = made_up_policy(environment=options)
+    monkeypatch.setattr(told, "POLICY", str(policy.save(tmp_path / "told.npz")))
+    monkeypatch.setattr(told, "TEST", ["test", 30])
+    monkeypatch.setattr(told, "WEIGHTS", (1.0,))  # so there is nothing to read between
+    (row,) = rows_of(told.judged(90.0, 0.3))
+    drawn = {"coupling.stiffness": np.full(30, 90.0), "coupling.damping_ratio": np.full(30, 0.3)}
+    alone = Stage.of("test", 30, time_weight=[1.0], **options).play(policy, drawn)
+    assert row["velocity"] == pytest.approx(alone.loss(0.0).mean(), rel=1e-12)
+    assert row["low"] < row["velocity"] < row["high"]
+
+
+def test_policy_and_searches_are_compared_spring_by_spring_and_one_that_moves_too_far_is_not_the_best():
+    springs = [{"stiffness": stiffness, "damping_ratio": 0.5} for stiffness in (30.0, 60.0, 90.0, 120.0)]
+    ours, theirs = (0.20, 0.25, 0.26, 0.30), (0.22, 0.251, 0.262, 0.29)
+    deflections = (0.051, 0.04, 0.03, 0.02)
+    rows = [one | {"velocity": v, "deflection": d} for one, v, d in zip(springs, ours, deflections, strict=True)]
+    tables = {"told": rows, "grid": [{"velocity": v} for v in theirs], "picked": [springs[1]]}
+    said = told.said(tables)
+    assert said["told_alike"] == 2
+    assert said["told_rank"] == pytest.approx(1.0)
+    assert said["told_best"]["stiffness"] == 60.0
+    assert [row["allowed"] for row in said["told"]] == [False, True, True, True]
