@@ -1,4 +1,4 @@
-"""Designs judged by one policy that is told of them, instead of each by a controller searched for it: in seconds.
+"""Designs judged by one policy that is told of them, instead of each by a controller searched for it: within a minute.
 
 A candidate is a design and the time weight at which the policy flies it, so a search over both has few numbers to find,
 where a controller has sixteen of its own.

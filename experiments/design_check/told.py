@@ -27,7 +27,7 @@ from experiments.lab.tables import Gather, Row, result_of
 POLICY = "linear-designs"
 WEIGHTS = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)  # m/s per s
 SAME = 0.02
-"""Policy and search agree on a spring where their V_p are within this share: more than the tolerance of either."""
+"""Policy and search agree on a spring where their V_p differ by this share at the most."""
 
 
 def tables(gather: Gather, grid: list[Row], quick: bool) -> dict[str, list[Row]]:
