@@ -39,7 +39,7 @@ class DesignOptions:
     out: Path
     """Folder for all of it; what is done is kept there, and the same command goes on."""
     inner: str = ""
-    """A policy that is told of the design, such as linear-designs: it chooses designs, within a minute, and only then is
+    """A policy that is told of the design, such as linear-designs: it chooses designs in a minute, and only then is
     a controller searched for each; otherwise design and controller are searched together."""
     pad: str = ""
     """A pad of agents/design/pads.py on the tool; its mass counts as the tool's."""

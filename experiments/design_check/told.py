@@ -92,5 +92,6 @@ def figure(tables: Mapping[str, list[Row]]) -> Figure:
         axes.annotate(f"{row['stiffness']:.0f}", (x, y), xytext=(4, 3), textcoords="offset points", fontsize=7)
     axes.axline((theirs[0], theirs[0]), slope=1.0, color="#888888", linewidth=0.8)
     axes.set(xlabel="$V_p$ with a controller of its own (m/s)", ylabel="$V_p$ of the policy (m/s)")
-    drawn.colorbar(dots, label="damping ratio")
+    shown = drawn.colorbar(dots, label="damping ratio", ticks=np.unique(damping), format="%.2f")
+    shown.minorticks_off()
     return drawn
