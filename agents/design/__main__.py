@@ -17,6 +17,7 @@ from agents.design.limits import UNITS, Limits
 from agents.design.pads import pad_of
 from agents.design.set_up_file import write_setup
 from agents.design.study import Entry, Study, lines, run, with_papers_spring
+from agents.design.told import told_policy
 from agents.setups import Setup, load_setup
 from impact_gym.validation import number, whole
 
@@ -37,6 +38,9 @@ class DesignOptions:
     """NAME=LOW:HIGH of each number that may be chosen, tool_mass or of the coupling: coupling.stiffness=10:300."""
     out: Path
     """Folder for all of it; what is done is kept there, and the same command goes on."""
+    inner: str = ""
+    """A policy that is told of the design, such as linear-designs: it chooses designs in a minute, and only then is
+    a controller searched for each; otherwise design and controller are searched together."""
     pad: str = ""
     """A pad of agents/design/pads.py on the tool; its mass counts as the tool's."""
     times: tuple[float, ...] = (0.9, 1.0, 1.15, 1.35)
@@ -90,13 +94,17 @@ class DesignOptions:
         setup = load_setup(self.setup)
         free = read_all(self.free, setup)
         searched = searched_environment(setup, free, self.deflection)
+        if self.inner:
+            told_policy(self.inner, setup, free)
+            if self.pad:
+                raise ValueError(f"--inner {self.inner} knows of no pad, leave out --pad {self.pad}")
         limits = Limits(*(getattr(self, name) for name in Limits._fields))
         others = {"paper's spring": with_papers_spring(setup.environment)}
         others |= {
             name: setup.environment | {"coupling": load_setup(name).environment["coupling"]} for name in self.against
         }
-        rest = (self.scenarios, self.budget, self.population, self.seeds, self.out, self.processes)
-        return Study(setup, free, searched, sorted(self.times), limits, self.pad, self.tolerance, *rest, others)
+        rest = (self.scenarios, self.budget, self.population, self.seeds, self.out, self.processes, others, self.inner)
+        return Study(setup, free, searched, sorted(self.times), limits, self.pad, self.tolerance, *rest)
 
 
 def write(entries: list[Entry], setup: Setup, options: DesignOptions, seconds: float) -> Path:
@@ -104,7 +112,13 @@ def write(entries: list[Entry], setup: Setup, options: DesignOptions, seconds: f
     arrays = {f"{name}_{place}": values for place, one in enumerate(entries) for name, values in one.played.items()}
     told = [{name: value for name, value in asdict(one).items() if name != "played"} for one in entries]
     line = shlex.join(["python", "-m", "agents.design", *sys.argv[1:]])
-    content = {"command": line, "seconds": seconds, "setup": setup.name, "entries": told}
+    content = {
+        "command": line,
+        "seconds": seconds,
+        "setup": setup.name,
+        "tolerance": options.tolerance,
+        "entries": told,
+    }
     write_archive(options.out / "designs.npz", FORMAT, content, arrays)
     chosen = min((one for one in entries if one.line == "chosen"), key=lambda one: abs(one.share - 1.0))
     return write_setup(options.out / f"{setup.name}-designed.toml", setup, chosen, line)

@@ -13,8 +13,10 @@ from agents.baselines.tuned import RULES, read_tuned
 from agents.design.free import Free, as_built, designed, own
 from agents.design.limits import Limits
 from agents.design.search import PENALTY
+from agents.design.told import fixed
 from agents.evaluate import TUNING_SEED, Stage
 from agents.jobs import Job, Result, digest_of, gather_all
+from agents.policies import load_policy
 from agents.setups import Setup
 from impact_gym.envs.task import Task
 from impact_gym.scene import Bistable
@@ -48,6 +50,7 @@ class Study:
     folder: Path
     processes: int
     others: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # environments to compare with, by name
+    inner: str = ""  # policy that chooses the designs
 
     @property
     def rule(self) -> str:
@@ -78,18 +81,44 @@ def run(study: Study) -> list[Entry]:
     chosen, and its controller searched for the other times. Nothing is chosen by the test set.
     """
     time = papers_time(study)
+    picked = _picked(study, time) if study.inner else {}
     asked = [("designs", study.searched, study.free, share, seed) for share in study.times for seed in seeds(study)]
+    if picked:
+        asked = [("designs", built(study, design), (), share, 1) for share, design in picked.items()]
     asked += [(line, environment, (), share, 1) for line, environment in study.others.items() for share in study.times]
     found = _searched(study, asked, time, "designs and controllers")
+    found = [replace(one, design=picked[one.share]) if picked and one.line == "designs" else one for one in found]
     designs = [_best(study, [one for one in found if one.share == share]) for share in study.times]
     chosen = min(designs, key=lambda one: abs(one.share - 1.0))
-    built = designed(study.setup.environment, as_built(chosen.design, study.tolerance))
-    asked = [("chosen", built, (), share, 1) for share in study.times if share != chosen.share]
+    made = built(study, chosen.design)
+    asked = [("chosen", made, (), share, 1) for share in study.times if share != chosen.share]
     more = _searched(study, asked, time, "controllers of the chosen design", chosen.parameters)
     curve = [chosen, *more]
-    curve = [replace(one, line="chosen", environment=built, design=chosen.design) for one in curve]
+    curve = [replace(one, line="chosen", environment=made, design=chosen.design) for one in curve]
     rest = [one for one in found if one.line != "designs"]
     return played(study, [papers(study), *designs, *sorted(curve, key=lambda one: one.share), *rest], TEST)
+
+
+def built(study: Study, design: Mapping[str, float]) -> dict[str, Any]:
+    """Return the environment of a design as it is built, each number off by a tolerance in each episode."""
+    return designed(study.setup.environment, as_built(design, study.tolerance))
+
+
+def _picked(study: Study, paper: float) -> dict[float, dict[str, float]]:
+    """Return what the policy does best with at each share of the `paper`'s approach time (s)."""
+    policy, names = load_policy(study.inner), [one.name for one in study.free]
+    weights = hashlib.sha256(b"".join(layer.weight.tobytes() for layer in policy.network.layers())).hexdigest()
+    depends = digest_of(*SEARCHED, "agents.design.told") + weights
+    jobs = [
+        Job("agents.design.told:best", {
+            "policy": study.inner, "free": [list(one) for one in study.free], "start": fixed(policy, study.setup),
+            "approach_time": share * paper, "limits": list(study.limits), "scenarios": study.scenarios, "seed": 1,
+        }, depends)
+        for share in study.times
+    ]  # fmt: skip
+    results = gather_all(jobs, study.folder / "kept", processes=study.processes, title="designs for the policy")
+    designs = [dict(zip(names, result["design"].tolist(), strict=True)) for result in results]
+    return dict(zip(study.times, designs, strict=True))
 
 
 def seeds(study: Study) -> range:

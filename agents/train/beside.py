@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvObs, VecEnvStepReturn
 
+from agents.train.held_tool import HeldTool
 from impact_gym.sb3 import ImpactVecEnv
 
 NARROW = 1e-6  # share of a range that is left of it
@@ -17,7 +18,7 @@ NARROW = 1e-6  # share of a range that is left of it
 class Beside(VecEnv):
     """Batches that show the same entries, one behind the other."""
 
-    def __init__(self, *batches: ImpactVecEnv) -> None:
+    def __init__(self, *batches: ImpactVecEnv | HeldTool) -> None:
         """Put them side by side.
 
         Raises:

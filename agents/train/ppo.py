@@ -20,6 +20,7 @@ from agents.policies.policy import Policy, observation_table
 from agents.setups import load_setup
 from agents.train.beside import Beside, narrowed
 from agents.train.closed_form import ActorAndCritic, ClosedFormPPO, Tanh
+from agents.train.held_tool import HeldTool
 from agents.train.imitation import Pupil, Teacher, time_weights
 from agents.train.settings import Settings
 from impact_gym.sb3 import ImpactVecEnv
@@ -48,7 +49,7 @@ standardised by them, or what differs little would be learned late; an exported 
 class ScaledRewards(VecEnvWrapper):
     """Divides rewards by (1 + time weight) to a power, so that hurried episodes do not drown the others."""
 
-    def __init__(self, envs: ImpactVecEnv | Beside, power: float) -> None:
+    def __init__(self, envs: ImpactVecEnv | HeldTool | Beside, power: float) -> None:
         super().__init__(envs)
         self._power = power
         self._scale: NDArray[np.float32] = np.ones(envs.num_envs, np.float32)
@@ -87,6 +88,8 @@ def make_environment(settings: Settings) -> ScaledRewards:
     parts = [(settings.envs - plain, settings.training_environment)]
     parts += [(plain, narrowed(settings.training_environment, nominal))]
     batches = [ImpactVecEnv(n, threads=settings.simulation_threads, **played) for n, played in parts if n]
+    if settings.deflection is not None:
+        batches = [HeldTool(batch, settings.deflection) for batch in batches]
     return ScaledRewards(batches[0] if len(batches) == 1 else Beside(*batches), settings.weight_power)
 
 

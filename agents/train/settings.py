@@ -72,6 +72,8 @@ class Settings:
     """What follows each hidden layer."""
     nominal: float = 0.0
     """Share of the environments that play the set-up's [evaluation.nominal], where hardly anything is drawn."""
+    deflection: Annotated[float | None, tyro.conf.arg(metavar="FLOAT")] = None
+    """m, that the tool may move against the flange before it touches: more is charged while training; None: nothing."""
     rtol: Annotated[float | None, tyro.conf.arg(metavar="FLOAT")] = None
     """Relative error allowed in a contact while training, see `simulate`; None: the environment's, as in validation."""
     threads: int = 1
@@ -106,6 +108,12 @@ class Settings:
         number("clip", self.clip, "(no unit)", above=0, at_most=1)
         number("log_std", self.log_std, "(no unit)", at_least=-20, at_most=2)
         number("weight_power", self.weight_power, "(no unit)", at_least=0, at_most=1)
+        if self.deflection is not None:
+            number("deflection", self.deflection, "m", above=0)
+        if self.nominal and load_setup(self.setup).environment.get("holder_told"):
+            raise ValueError(
+                f"nominal must be 0 where holder_told scales what is shown by its range, got {self.nominal!r}"
+            )
         if self.rtol is not None:
             number("rtol", self.rtol, "(no unit)", at_least=1e-13, at_most=1e-2)
         number("learning_rate", self.learning_rate, "(no unit)", above=0)

@@ -7,16 +7,20 @@ from typing import Any
 
 import numpy as np
 import tyro
+from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from agents.archive import read_archive
 from agents.command_line import command_line
 from agents.design.__main__ import FORMAT
 from agents.provenance import circumstances
+from experiments.design import watch
+from experiments.lab import player
 from experiments.lab.charts import OBJECT, SERIES, TOOL
 from experiments.lab.experiment import write
 from experiments.lab.statistics import Estimate, Resamples, along, estimate, quantile_groups
 from experiments.lab.tables import Row
+from impact_gym.envs.setting import NUMBERS
 
 LINES = {"designs": "best design for each approach time", "chosen": "chosen design"}
 BINS = 5
@@ -37,6 +41,10 @@ class Line:
     name: str
     entries: list[Mapping[str, Any]]  # as `agents.design` tells of them, sorted by approach time
     played: dict[str, np.ndarray[Any, Any]]  # (entries, scenarios)
+
+    def told(self, place: int) -> watch.Told:
+        """Return an entry and its results (scenarios,) by name."""
+        return self.entries[place], {name: values[place] for name, values in self.played.items()}
 
     def mean(self, name: str) -> np.ndarray[Any, Any]:
         """Return the means of a result (entries,)."""
@@ -82,11 +90,16 @@ def rows(lines: Mapping[str, Line]) -> list[Row]:
             "peak_force": float(np.quantile(line.played["peak_force"][place], 0.95)),
             "second_blow": float((line.played["contact_count"][place] > 1).mean()),
             "missed": int(line.played["missed"][place].sum()),
-            "design": ", ".join(f"{name} {value:.4g}" for name, value in entry["design"].items()),
+            "design": ", ".join(f"{name} {in_unit(name, value)}" for name, value in entry["design"].items()),
         }
         for line in lines.values()
         for place, entry in enumerate(line.entries)
     ]
+
+
+def in_unit(name: str, value: float) -> str:
+    """Return a number of a design with its unit."""
+    return f"{value:.4g} {NUMBERS[name].unit.replace('(no unit)', '')}".strip()
 
 
 def front(lines: Mapping[str, Line]) -> Figure:
@@ -104,7 +117,7 @@ def front(lines: Mapping[str, Line]) -> Figure:
                 axes.annotate(f"{1e3 * moved:.1f} mm", (x, y), xytext=(5, 6), textcoords="offset points", fontsize=8)
     rule = lines["paper's rule"]
     axes.plot(rule.mean("approach_time"), rule.mean("object_velocity"), "k*", markersize=12, label="paper's rule")
-    axes.set(xlabel="mean approach time (s)", ylabel="mean V_p (m/s)", ylim=(0.0, None))
+    axes.set(xlabel="mean approach time (s)", ylabel="mean $V_p$ (m/s)", ylim=(0.0, None))
     axes.legend(fontsize=9)
     return drawn
 
@@ -119,9 +132,16 @@ def distances(lines: Mapping[str, Line], chosen: int) -> Figure:
     for line, place, colour in ((lines["chosen"], chosen, TOOL), (lines["paper's rule"], 0, OBJECT)):
         velocity = line.played["object_velocity"][place]
         axes.plot(middles, [velocity[mask].mean() for mask, _, _ in groups], "o-", color=colour, label=line.name)
-    axes.set(xlabel="object's distance (mm)", ylabel="mean V_p (m/s)", ylim=(0.0, None))
+    axes.set(xlabel="object's distance (mm)", ylabel="mean $V_p$ (m/s)", ylim=(0.0, None))
     axes.legend(fontsize=9)
     return drawn
+
+
+def filmed(lines: Mapping[str, Line], tolerance: float) -> dict[str, Any]:
+    """Return the films of the designs of the front, in the order of their rows."""
+    designs = lines["designs"]
+    told = [designs.told(place) for place in range(len(designs.entries))]
+    return watch.front(lines["paper's rule"].told(0), told, tolerance)
 
 
 def show(folder: Path) -> Path:
@@ -140,11 +160,13 @@ def show(folder: Path) -> Path:
         "setup": content["setup"],
         "gains": {LINES.get(name, name): gain for name, gain in gains.items()},
         "gain": gains["chosen"],
-        "design": chosen.entries[at]["design"],
+        "design": {name: in_unit(name, value) for name, value in chosen.entries[at]["design"].items()},
         "pad": chosen.entries[at]["pad"],
         "deflection": chosen.played["deflection"].max(),
         "least": least,
         "rows": rows(lines),
+        "player": player,
+        "films": Markup(player.fragment(filmed(lines, content["tolerance"]))),
         "file": next((path.name for path in folder.glob("*-designed.toml")), ""),
     }
     figures = {"front": front(lines), "distances": distances(lines, at)}

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import tyro
 
-from experiments.design_check import agreement, sizes
+from experiments.design_check import agreement, sizes, told
 from experiments.lab.experiment import Shown, Tables, command
 from experiments.lab.tables import Gather
 
@@ -26,14 +26,19 @@ class Check:
 
 
 def compute(gather: Gather, quick: bool) -> Tables:
-    """Return the tables: what seeds and grid find, and both maps of sizes and speeds."""
-    return agreement.tables(gather, quick) | {"sizes": sizes.rows(gather, quick)}
+    """Return the tables: what seeds and grid find, what a policy makes of the grid, maps of sizes and speeds."""
+    found = agreement.tables(gather, quick)
+    return found | told.tables(gather, found["grid"], quick) | {"sizes": sizes.rows(gather, quick)}
 
 
 def show(tables: Tables) -> Shown:
     """Return the figures and what the page says."""
-    figures = {"agreement": agreement.figure(tables), "sizes": sizes.figure(tables["sizes"])}
-    return figures, {**agreement.said(tables), **sizes.said(tables["sizes"])}
+    figures = {
+        "agreement": agreement.figure(tables),
+        "told": told.figure(tables),
+        "sizes": sizes.figure(tables["sizes"]),
+    }
+    return figures, {**agreement.said(tables), **told.said(tables), **sizes.said(tables["sizes"])}
 
 
 def main() -> None:

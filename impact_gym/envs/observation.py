@@ -8,7 +8,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from impact_gym.envs.setting import NUMBERS, markdown, places
+from impact_gym.envs.setting import HOLDER_NUMBERS, NUMBERS, markdown, places
 from impact_gym.envs.task import AFTER_ALARM, VELOCITY_RANGE, Task
 from impact_gym.kernels import ENTRY, EPISODE, LINEAR, LOGARITHM, LOGARITHM_OF_ONE_MORE
 
@@ -70,7 +70,8 @@ OPTIONAL_ENTRIES = (
     Entry("distance", "distance minus flange position", "m", -0.5, 0.5, -1.0, LINEAR, "privileged"),
     Entry("reaction_delay", "reaction delay", "s", 0.0, 0.1, 0.0, LINEAR, "privileged"),
 )  # fmt: skip
-"""What an argument adds, in this order, behind the rest; `privileged` first adds what episodes draw of the set-up."""
+"""What an argument adds, in this order, behind the rest; `privileged` first adds what episodes draw of the set-up and
+`holder_told` does not tell."""
 TOUCH = Entry(
     "time_since_touch", "time since a switch told of the touch", "s", 0.0, AFTER_ALARM, 0.0, argument="privileged"
 )
@@ -89,6 +90,9 @@ def documentation() -> str:
         rows.append((number, entry.name, entry.unit, f"{entry.low:g}", f"{entry.high:g}", scaled, arguments))
         if entry.sensor == "deflection":
             rows.append(("then", "force and deflection, 1, 2, 3 before", "", "", "", "", "only with `past_readings`"))
+            rows.append(
+                ("then", "what is drawn of tool, coupling, robot", "", "", "", "[-1, 1]", "only with `holder_told`")
+            )
     return markdown(rows)
 
 
@@ -102,9 +106,16 @@ def entries(task: Task) -> tuple[Entry, ...]:
     behind = sum(entry.argument != "privileged" for entry in added)
     read = [entry for entry in (*seen, *added) if entry.sensor in ("force", "deflection")]
     past = [past_entry(entry, before) for before in range(1, task.past_readings + 1) for entry in read]
-    drawn = [drawn_entry(name, pair) for name, pair in task.drawn.items()] if task.privileged else []
+    told = [drawn_entry(name, task.drawn[name], "holder_told") for name in told_names(task)]
+    hidden = task.drawn.keys() - told_names(task) if task.privileged else ()
+    drawn = [drawn_entry(name, pair, "privileged") for name, pair in task.drawn.items() if name in hidden]
     touch = [TOUCH] if task.privileged and task.alarm == "reading" else []
-    return (*seen, *added[:behind], *past, *touch, *drawn, *added[behind:])
+    return (*seen, *added[:behind], *past, *told, *touch, *drawn, *added[behind:])
+
+
+def told_names(task: Task) -> list[str]:
+    """Return the names of what episodes draw of the tool and what holds it, where the controller is told."""
+    return [name for name in task.drawn if task.holder_told and name in HOLDER_NUMBERS]
 
 
 def sensor_fields(task: Task) -> dict[str, str]:
@@ -113,7 +124,8 @@ def sensor_fields(task: Task) -> dict[str, str]:
     fields["force_peak"] = "peak"
     fields |= {"distance_estimate": "distance_estimate"} if task.range_noise is not None else {}
     fields |= {"range_noise": "range_noise"} if task.range_told else {}
-    return fields | ({"deflection": "deflection"} if task.deflection_sensor else {})
+    fields |= {"deflection": "deflection"} if task.deflection_sensor else {}
+    return fields | {name.replace(".", "_"): name for name in told_names(task)}
 
 
 def past_entry(entry: Entry, before: int) -> Entry:
@@ -122,11 +134,11 @@ def past_entry(entry: Entry, before: int) -> Entry:
     return entry._replace(sensor=f"{entry.sensor}_{before}", name=name, argument="past_readings")
 
 
-def drawn_entry(name: str, pair: tuple[float, float]) -> Entry:
+def drawn_entry(name: str, pair: tuple[float, float], argument: str) -> Entry:
     """Return what shows a number of the set-up that is drawn from a range, from its low end to its high one."""
     number = NUMBERS[name]
     shown, curve = (f"{number.unit}, as log", LOGARITHM) if number.log_uniform(pair[0]) else (number.unit, LINEAR)
-    return Entry(name, name, shown, *pair, -1.0, curve, "privileged")
+    return Entry(name, name, shown, *pair, -1.0, curve, argument)
 
 
 def scales(task: Task) -> NDArray[Any]:

@@ -58,7 +58,8 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     set-up drawn per episode and with `alarm="force"`, `observation[:-5]` is what the actor may see. Drawn numbers of
     the set-up stand before these five, in the order of Starting State, each scaled from -1 at its low end to 1 at its
     high end. With `alarm="reading"`, the time since a switch would have raised the alarm, 0 to 0.15 s, stands before
-    these.
+    these. With `holder_told`, the drawn numbers of tool, coupling and robot are not among them but before, for the
+    actor.
 
     OBSERVATION_TABLE
 
@@ -139,6 +140,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     | `range_noise`       | None                   | m, standard deviation of a distance estimate; None: no estimate |
     | `range_bias`        | 0.0                    | m, added to every distance estimate                             |
     | `range_told`        | False                  | observe `range_noise`, which may differ from episode to episode |
+    | `holder_told`       | False                  | observe what episodes draw of tool, coupling and robot          |
     | `force_noise`       | 0.0                    | N, standard deviation of each reading of the force              |
     | `force_bias`        | 0.0                    | N, standard deviation of an error that is fixed per episode     |
     | `deflection_sensor` | False                  | observe how far the tool is displaced on its coupling           |

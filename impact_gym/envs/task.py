@@ -49,6 +49,7 @@ class Task:
     range_noise: Any = None  # m, standard deviation of the distance estimate; None: no estimate
     range_bias: Any = 0.0  # m, by which all estimates are too far
     range_told: bool = False  # observe range_noise
+    holder_told: bool = False  # observe what is drawn of tool, coupling and robot
     force_noise: Any = 0.0  # N, standard deviation of each reading of the force
     force_bias: Any = 0.0  # N, standard deviation of an error that stays for the episode
     deflection_sensor: bool = False
@@ -96,13 +97,15 @@ class Task:
         for name, choice in {"dissipation": DISSIPATIONS, "alarm": ALARMS}.items():
             if getattr(self, name) not in choice:
                 raise ValueError(f"{name} must be one of {choice}, got {getattr(self, name)!r}")
-        for name in ("deflection_sensor", "privileged", "range_told"):
+        for name in ("deflection_sensor", "privileged", "range_told", "holder_told"):
             if not isinstance(getattr(self, name), (bool, np.bool_)):
                 raise WrongTypeError(f"{name} must be True or False, got {getattr(self, name)!r}")
         if self.deflection_sensor and isinstance(self.coupling, Rigid):
             raise ValueError("deflection_sensor must be False with a Rigid coupling, which has no deflection")
         if self.range_noise is None and (self.range_told or self.range_bias or "range_bias" in drawn):
             raise ValueError("range_bias and range_told must be 0 and False without an estimate, range_noise None")
+        if self.holder_told and not self.draws_holder:
+            raise ValueError("holder_told must be False unless a number of tool, coupling or robot is a range")
         put("rtol", number("rtol", self.rtol, "(no unit)", at_least=1e-13, at_most=1e-2))
         put("past_readings", whole("past_readings", self.past_readings, at_least=0))
         number("past_readings", self.past_readings, "(no unit)", at_most=PAST_READINGS)
@@ -139,7 +142,7 @@ class Task:
         """Return the task of the episode that drew `record`, the final `info["record"]`: nothing in it is drawn."""
         if not self.drawn:
             return self
-        changes: dict[str, Any] = {}
+        changes: dict[str, Any] = {"holder_told": False}  # of nothing drawn
         for name in self.drawn:
             top, _, inner = name.partition(".")
             value = float(record[name])

@@ -127,6 +127,10 @@ CONTROLLERS = {
         "alarm": "reading", "force_noise": [0.02, 5.0], "deflection_sensor": True, "past_readings": 3,
         "range_noise": [0.002, 0.03], "range_told": True, "reaction_delay": [0.0, 0.05],
     }},
+    "told what holds the tool": {"environment": {
+        "coupling": {"type": "SpringDamper", "stiffness": [10.0, 300.0], "damping_ratio": [0.0, 2.0]},
+        "tool_mass": [0.05, 0.2], "deflection_sensor": True, "past_readings": 1, "holder_told": True,
+    }},
     "past forces": {"environment": {"past_readings": 2}},
     "its own arm": {"environment": {
         "velocity_range": [-0.2, 0.6], "acceleration_range": [0.5, 4.0], "tool_mass": [0.3, 0.5],

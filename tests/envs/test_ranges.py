@@ -151,6 +151,43 @@ def test_the_privileged_observation_shows_what_is_drawn_from_end_to_end():
         assert env.observation_space.contains(observation)
 
 
+def test_who_is_told_what_holds_the_tool_sees_what_each_episode_drew_of_it_and_of_nothing_else():
+    drawn = {"coupling": SPRING, "tool_mass": (0.1, 0.4), "robot": ROBOT, "force_bias": (0.0, 0.5)}
+    env, untold = gym.make(ID, holder_told=True, **drawn), gym.make(ID, **drawn)
+    for seed in range(30):
+        shown, before = env.reset(seed=seed)[0], untold.reset(seed=seed)[0]
+        record, sensors = env.unwrapped.episode_info()["record"], env.unwrapped.sensors()
+        assert np.array_equal(shown[:-6], before)
+        masses = {"tool_mass": (0.1, 0.4), "coupling.stiffness": SPRING["stiffness"]}
+        masses |= {"robot.mass": ROBOT["mass"], "robot.stiffness": ROBOT["stiffness"]}
+        shares = {name: math.log(record[name] / low) / math.log(high / low) for name, (low, high) in masses.items()}
+        evenly = {"coupling.damping_ratio": SPRING["damping_ratio"], "robot.damping": ROBOT["damping"]}
+        shares |= {name: (record[name] - low) / (high - low) for name, (low, high) in evenly.items()}
+        names = ["tool_mass", "coupling.stiffness", "coupling.damping_ratio"]
+        names += ["robot.mass", "robot.stiffness", "robot.damping"]
+        assert shown[-6:] == pytest.approx([2.0 * shares[name] - 1.0 for name in names], abs=1e-6)
+        assert [sensors[name.replace(".", "_")] for name in names] == [record[name] for name in names]
+        assert "force_bias" not in sensors
+
+
+@pytest.mark.parametrize("alarm", ["force", "reading"])
+def test_a_critic_sees_all_that_an_actor_is_told_first_and_nothing_twice(alarm):
+    options = {"coupling": SPRING, "force_bias": (0.0, 0.5), "holder_told": True, "alarm": alarm}
+    actor, critic = (entries(Task(**options, privileged=privileged)) for privileged in (False, True))
+    assert critic[: len(actor)] == actor
+    assert len({entry.name for entry in critic}) == len(critic)
+    assert {entry.name for entry in critic[len(actor) :]} >= {"force_bias", "object mass"}
+
+
+def test_the_task_of_one_episode_draws_nothing_and_tells_nothing_of_it():
+    env = gym.make(ID, coupling=SPRING, holder_told=True, record_trace=True)
+    env.reset(seed=3)
+    record = env.unwrapped.episode_info()["record"]
+    one = Task(coupling=SPRING, holder_told=True).at(record)
+    assert (one.coupling.stiffness, one.drawn) == (record["coupling.stiffness"], {})
+    assert [entry.name for entry in entries(one)] == [entry.name for entry in entries(Task())]
+
+
 @pytest.mark.parametrize(("record", "message"), [
     ({"tool_mass": 0.5}, "tool_mass.*at most 0.2 kg.*0.5"),
     ({"tool_mass": math.nan}, "tool_mass.*finite"),

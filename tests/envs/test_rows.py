@@ -52,6 +52,7 @@ DRAWN = {
 
 OBSERVED = {
     "range_told",
+    "holder_told",
     "past_readings",
     "deflection_sensor",
     "privileged",

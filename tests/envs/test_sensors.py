@@ -110,13 +110,13 @@ def test_the_privileged_observation_is_the_truth_behind_all_else():
 
 def test_the_table_of_the_docstring_is_that_of_the_code():
     text = gym.make(ID).unwrapped.__class__.__doc__
-    for argument in ("range_noise", "range_told", "deflection_sensor", "privileged"):
+    for argument in ("range_noise", "range_told", "holder_told", "deflection_sensor", "privileged"):
         assert f"only with `{argument}`" in text
         assert f"| `{argument}`" in text  # among the arguments
     assert text.count("`reaction_delay`, `force_noise`, `force_bias`, `alarm`") == 2
     everything = gym.make(ID, range_noise=0.01, range_told=True, deflection_sensor=True, privileged=True)
     rows = [line for line in text.splitlines() if line.strip().startswith(("| 0 ", "| then"))]
-    assert len(rows) == 2 + 9  # the first action, the first observation, and what arguments add
+    assert len(rows) == 2 + 10  # the first action, the first observation, and what arguments add
     assert everything.observation_space.shape == (8 + 8,)
 
 

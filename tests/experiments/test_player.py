@@ -15,7 +15,7 @@ from experiments.lab.player import choose, films, fragment
 from experiments.lab.player.clock import LEVELS, SHOWN, clock
 from experiments.lab.player.films import COLUMNS, play
 from experiments.lab.player.thinning import FORCE, MOST, POSITION, VELOCITY, thin
-from impact_gym.envs.task import HORIZON, Task
+from impact_gym.envs.task import HORIZON
 
 
 @pytest.fixture(scope="module", params=COUPLINGS)
@@ -70,7 +70,7 @@ def test_what_is_left_of_a_trace_still_obeys_momentum_and_kinematics(film):
 
 
 def test_thinning_keeps_within_what_it_allows():
-    run = play(PaperTrapezoid(), TEST_SET.seed, 2, {"time_weight": 2.0}, {}, Task())
+    run = play(PaperTrapezoid(), TEST_SET.seed, 2, {"time_weight": 2.0}, {})
     rows = run.until(run.history.now)
     limits = {"farthest": 0.5, "speed": 1.0, "force": rows["contact_force"].max(), "depth": 1e-3}
     kept = thin(rows, limits)
@@ -84,9 +84,9 @@ def test_thinning_keeps_within_what_it_allows():
 
 @pytest.mark.parametrize("coupling", COUPLINGS)
 def test_a_trace_cut_short_is_continued_as_the_simulator_does(coupling):
-    task, moved = Task(**COUPLINGS[coupling]), []
+    moved = []
     for number in range(20):
-        run = play(PaperTrapezoid(), TEST_SET.seed, number, {"time_weight": 2.0}, COUPLINGS[coupling], task)
+        run = play(PaperTrapezoid(), TEST_SET.seed, number, {"time_weight": 2.0}, COUPLINGS[coupling])
         history, whole = run.history, dict(run.history.columns)
         busy = (whole["flange_velocity"] != 0.0) | (whole["contact_force"] > 0.0)
         cut = np.flatnonzero(busy)[-1] + 2
@@ -101,6 +101,19 @@ def test_a_trace_cut_short_is_continued_as_the_simulator_does(coupling):
         moved.append(np.ptp(whole["tool_position"][cut:]))
     assert len(moved) >= 5
     assert max(moved) > 1e-3 or coupling == "rigid"
+
+
+def test_contestants_may_have_couplings_and_contacts_of_their_own():
+    rule, kinds = PaperTrapezoid(), {"spring": {}, "mechanism": {"coupling": {"type": "Bistable"}}}
+    soft = {"spring": {"contact_stiffness": np.full(5, 2e3)}, "mechanism": {}}
+    played = {name: Stage.of("test", 5, time_weight=[2.0], **kinds[name]).play(rule, soft[name]) for name in kinds}
+    players = dict.fromkeys(kinds, rule)
+    found = films(players, {"one": 3}, played, frozen=TEST_SET, environments=kinds, records=soft)
+    for run in found["scenes"][0]["runs"]:
+        assert run["object_velocity"] == played[run["name"]].object_velocity[3]
+        assert run["chain"]["coupling"] == {"spring": "spring", "mechanism": "bistable"}[run["name"]]
+    with pytest.raises(RuntimeError, match="the replay of 'spring'"):
+        films(players, {"one": 3}, played, frozen=TEST_SET, environments=kinds)
 
 
 def test_a_replay_that_differs_from_what_was_judged_is_refused():

@@ -12,12 +12,13 @@ function massFits(scene, scale) {
 }
 
 // Scales of a scene that all panels share: the picture holds the start and the end of everybody.
-function viewOf(films, scene, width) {
-  const behind = TOOL.length + films.chain.rest + FLANGE.length;
+function viewOf(scene, width) {
+  const most = (name) => Math.max(...scene.runs.map((run) => run.chain[name] || 0));
+  const behind = TOOL.length + most("rest") + FLANGE.length;
   const left = Math.min(scene.limits.rearmost, 0) - behind - BEHIND;
   const right = scene.limits.farthest + 2 * scene.radius;
   const scale = (width - AHEAD) / (right - left);
-  const above = Math.max(scene.radius, 0.5 * FLANGE.height, (films.chain.height || 0) + 0.006) * scale + 8;
+  const above = Math.max(scene.radius, 0.5 * FLANGE.height, most("height") + 0.006) * scale + 8;
   const below = Math.max(scene.radius * scale + (massFits(scene, scale) ? 0 : 13), 0.5 * FLANGE.height * scale) + 6;
   const axis = LOUPE.height + 14 + Math.max(above, 30);
   return {left, scale, width, axis, ground: axis + Math.max(below, 26), height: axis + Math.max(below, 26) + 36,
@@ -108,7 +109,7 @@ function arrow(x, y, length, head) {
 }
 
 // Draw a panel into `svg`; returns a function that shows a state.
-function drawChain(svg, films, scene, run, view) {
+function drawChain(svg, scene, run, view) {
   svg.replaceChildren();
   set(svg, {viewBox: `0 0 ${view.width} ${view.height}`, width: view.width, height: view.height});
   const radius = Math.max(scene.radius * view.scale, 4), y = view.axis;
@@ -120,7 +121,7 @@ function drawChain(svg, films, scene, run, view) {
   const fits = massFits(scene, view.scale);
   const mass = node("text", {class: fits ? "igw-on-object" : "igw-small", "text-anchor": "middle",
                              y: fits ? y + 0.5 * radius + 5 : y + radius + 13}, svg, massText(scene));
-  const couple = COUPLINGS[films.chain.coupling](node("g", {}, svg), view, films.chain);
+  const couple = COUPLINGS[run.chain.coupling](node("g", {}, svg), view, run.chain);
   const flange = body(FLANGE, "igw-flange"), tool = body(TOOL, "igw-tool");
   const flash = node("path", {class: "igw-flash"}, svg);
   const push = node("path", {class: "igw-push"}, svg);
@@ -130,7 +131,7 @@ function drawChain(svg, films, scene, run, view) {
   const movedText = node("text", {class: "igw-strong igw-object-text", y: view.ground + 33}, svg);
   const loupe = drawLoupe(svg, scene, view);
   return (state) => {
-    const front = state.flange_position - TOOL.length - films.chain.rest;
+    const front = state.flange_position - TOOL.length - run.chain.rest;
     const face = view.x(state.object_position), share = state.force / (scene.limits.force || 1);
     set(flange, {x: view.x(front - FLANGE.length)});
     set(robot, {width: Math.max(view.x(front - FLANGE.length) + 4, 0)});

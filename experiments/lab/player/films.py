@@ -62,6 +62,8 @@ def films(
     seed: int = TEST_SEED,
     frozen: EvaluationSet | None = None,
     environment: Mapping[str, Any] | None = None,
+    environments: Mapping[str, Mapping[str, Any]] | None = None,
+    records: Mapping[str, Mapping[str, NDArray[np.float64]]] | None = None,
     time_weight: float = 2.0,
     rounding: float = 0.0,
 ) -> dict[str, Any]:
@@ -74,6 +76,8 @@ def films(
         seed: of the set's scenario 0; a frozen set brings its own.
         frozen: the set from which the scenarios were taken, if they were not drawn.
         environment: arguments of the environment but for its time weight.
+        environments: of contestants that have one of their own, by name.
+        records: of contestants whose scenarios (n,) have something instead of what they would draw, see `Stage.play`.
         time_weight: m/s per s.
         rounding: m/s by which V_p of a controller may differ whose action for an observation depends on others in its
             batch (a matrix product of BLAS rounds so); 0 for policies and rules of this project.
@@ -81,16 +85,15 @@ def films(
     Raises:
         RuntimeError: a replay differs from what was judged.
     """
-    options = {"scenario": "test", **(environment or {})}
-    options.pop("time_weight", None)
-    task, scenes = Task(**options), []
+    scenes = []
     for label, number in numbers.items():
-        record = {"time_weight": time_weight}
-        if frozen is not None:
-            record |= {field: float(values[number]) for field, values in frozen.scenario.items()}
         runs = {}
         for name, controller in contestants.items():
-            runs[name] = play(controller, frozen.seed if frozen else seed, number, record, options, task)
+            options = {"scenario": "test", **(environments or {}).get(name, environment or {})}
+            options.pop("time_weight", None)
+            changed = {**(frozen.scenario if frozen else {}), **(records or {}).get(name, {})}
+            record = {"time_weight": time_weight} | {field: float(each[number]) for field, each in changed.items()}
+            runs[name] = play(controller, frozen.seed if frozen else seed, number, record, options)
             judged, found = float(played[name].object_velocity[number]), runs[name].info["object_velocity"]
             if abs(found - judged) > rounding:
                 raise RuntimeError(
@@ -98,18 +101,18 @@ def films(
                     f"but it was judged by {judged!r} m/s"
                 )
         scenes.append({"label": label, "number": number, **_scene(runs)})
-    return {"contestants": list(contestants), "chain": _chain(task), "columns": list(COLUMNS), "scenes": scenes}
+    return {"contestants": list(contestants), "columns": list(COLUMNS), "scenes": scenes}
 
 
 def play(
-    controller: Controller, seed: int, number: int, record: Mapping[str, float], options: Mapping[str, Any], task: Task
+    controller: Controller, seed: int, number: int, record: Mapping[str, float], options: Mapping[str, Any]
 ) -> Run:
     """Play scenario `number` as `Stage` does, in a batch of one, with its trace to the end of the settling."""
     env = ImpactApproachEnv(record_trace=True, **options)
     info = play_to_the_end(env, controller, seed + number, record)
     if info["status"] != "ok":
         raise RuntimeError(f"scenario {number}: {info['status']}")
-    return Run(History(env.trace(), info, task, ended=True), info)
+    return Run(History(env.trace(), info, Task(**options), ended=True), info)
 
 
 def play_to_the_end(
@@ -158,6 +161,7 @@ def _run(name: str, run: Run, columns: Columns, limits: Mapping[str, float]) -> 
     kept = kept[np.append(True, np.diff(np.round(columns["time"][kept], digits)) > 0.0)]
     return {
         "name": name,
+        "chain": _chain(run.history.task),
         **{field: run.info[field] for field in RESULTS},
         "contacts": [[round(instant, digits) for instant in contact] for contact in run.contacts],
         "alarm": round(alarm, digits) if np.isfinite(alarm) else None,

@@ -130,9 +130,9 @@ function watch(root) {
     const wide = panels[0].head.clientWidth;
     if (!wide) return;
     width = wide;
-    const view = viewOf(films, scene, width);
+    const view = viewOf(scene, width);
     for (const panel of panels) {
-      panel.update = drawChain(panel.chain, films, scene, panel.run, view);
+      panel.update = drawChain(panel.chain, scene, panel.run, view);
       panel.strip = drawStrips(panel.strips, scene, panel.run, clock, width);
       const point = (event) => {
         seek(panel.strip.film(event.clientX - panel.strips.getBoundingClientRect().left));
@@ -206,11 +206,15 @@ function watch(root) {
 
 customElements.define("slow-motion", class extends HTMLElement {
   connectedCallback() {
-    const seen = new IntersectionObserver((entries) => {
-      if (!entries.some((entry) => entry.isIntersecting)) return;
-      seen.disconnect();
-      watch(this);
+    this.seen = new IntersectionObserver((entries) => {
+      if (entries.some((entry) => entry.isIntersecting)) this.start();
     });
-    seen.observe(this);
+    this.seen.observe(this);
+  }
+
+  // Make the film, seen or not.
+  start() {
+    this.seen.disconnect();
+    watch(this);
   }
 });
