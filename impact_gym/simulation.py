@@ -135,7 +135,8 @@ def _outcome(
 ) -> Outcome:
     tool = end.flange_velocity + end.deflection_rate
     object_velocity = tool - end.penetration_rate if end.contacts else 0.0
-    slid = float(sliding_distance(object_velocity, friction))
+    never = None if object_velocity else 0.0
+    slid = float(sliding_distance(object_velocity, friction)) if friction else never
     return Outcome(
         object_velocity,
         tool,
@@ -149,5 +150,5 @@ def _outcome(
         "ok",
         trace,
         snap_through,
-        slid if slid < math.inf else None,
+        slid,
     )

@@ -112,14 +112,14 @@ def _rows(template: Mapping[str, Any], columns: Mapping[str, NDArray[Any]]) -> I
     """Lower each row: its plan and its robot's table, one behind the other."""
     flat = {name: column.ravel() for name, column in columns.items()}
     durations = flat.pop("duration")
+    groups = grouped(flat)
     numbers = 0
     for row in range(len(durations)):
         try:
             duration = number("duration", durations[row], "s", above=0)
             records = dict(template)
-            for name, column in flat.items():
-                top, *path = name.split(".")
-                records[top] = replaced(records[top], path, column[row])
+            for name, inner in groups.items():
+                records[name] = replaced(records[name], {rest: column[row] for rest, column in inner.items()})
         except (TypeError, ValueError) as problem:
             index = np.unravel_index(row, columns["duration"].shape)
             raise type(problem)(f"at {tuple(map(int, index))}: {problem}") from None
@@ -129,10 +129,20 @@ def _rows(template: Mapping[str, Any], columns: Mapping[str, NDArray[Any]]) -> I
         yield plan, table
 
 
-def replaced(record: Any, path: list[str], value: Any) -> Any:
-    """Return `record` with the number at `path` replaced, checked by the record itself."""
-    name, *rest = path
-    return replace(record, **{name: replaced(getattr(record, name), rest, value) if rest else value})
+def replaced(record: Any, numbers: Mapping[str, Any]) -> Any:
+    """Return `record` with other numbers, by their dotted names; each record is made, and checked, once."""
+    inner = grouped({name: value for name, value in numbers.items() if "." in name})
+    changes = {name: value for name, value in numbers.items() if "." not in name}
+    return replace(record, **changes, **{name: replaced(getattr(record, name), those) for name, those in inner.items()})
+
+
+def grouped(numbers: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """Return dotted names and what belongs to them by the part before the first dot."""
+    groups: dict[str, dict[str, Any]] = {}
+    for name, value in numbers.items():
+        first, _, rest = name.partition(".")
+        groups.setdefault(first, {})[rest] = value
+    return groups
 
 
 def _outcomes(chains: NDArray[Any], with_the_tool: bool, friction: Array) -> Outcomes:

@@ -92,4 +92,4 @@ def main(out: Path | None = None, quick: bool = False, force: bool = False) -> N
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    tyro.cli(main, prog="python -m experiments.speed_vs_error")

@@ -77,4 +77,4 @@ def main(scenes: int | None = None, out: Path | None = None, quick: bool = False
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    tyro.cli(main, prog="python -m experiments.stability")

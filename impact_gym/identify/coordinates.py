@@ -105,6 +105,4 @@ def number_at(scene: Scene, name: str) -> float:
 
 def changed(scene: Scene, numbers: Mapping[str, float]) -> Scene:
     """Return `scene` with other `numbers`, by their dotted names."""
-    for name, value in numbers.items():
-        scene = replaced(scene, name.split("."), value)
-    return scene
+    return replaced(scene, numbers)

@@ -186,7 +186,7 @@ def test_the_picture_has_a_row_for_each_column_with_units():
     labels = [axes.get_ylabel() for axes in found.plot().axes]
     assert "force (N)" in labels
     assert "object_velocity (m/s)" in labels
-    assert labels.count("residual (standard deviations)") == 2
+    assert labels.count("residual over noise") == 2
 
 
 @pytest.mark.parametrize(
