@@ -97,6 +97,8 @@ def test_a_study_that_was_stopped_plays_only_what_is_missing_and_ends_with_a_set
     assert count[0] == 0
     assert [one.parameters for one in again] == [one.parameters for one in entries]
     path = write(entries, study.setup, small, 1.0)
+    of_controller = path.read_text().splitlines()[1].removeprefix("# Its controller: the BlindProfile with ")
+    assert [float(each) for each in of_controller.split(", ")] == pytest.approx(entries[1].parameters, rel=1e-5)
     made = load_setup(path)
     check(made, str(path))
     assert made.environment["coupling"]["stiffness"] == entries[1].design["coupling.stiffness"]
