@@ -134,8 +134,11 @@ def play_one(
     pad: str,
     tolerance: float,
     scenarios: Sequence[Any],
+    limits: Sequence[float | None] = Limits(),
 ) -> Result:
     """Return what a controller and a design do on a frozen set, an entry per scenario, deflection and stroke with it.
+
+    The `excess` (1,) is how far all of it together is beyond the limits.
 
     Args:
         environment: arguments of the environment.
@@ -145,6 +148,7 @@ def play_one(
         pad: on the tool, from the table; empty: none.
         tolerance: share by which each number of the design is off at the most, in each scenario by another.
         scenarios: the set and how many of it.
+        limits: see `Limits`.
     """
     name, count = scenarios
     options = {"threads": 1, **designed(environment, as_built(design, tolerance))}
@@ -156,4 +160,6 @@ def play_one(
     energy = 0.5 * played.scenario["object_mass"] * played.object_velocity**2
     moved = {"deflection": travel.deflection, "stroke": travel.stroke}
     moved["pressed_in"] = pad_of(pad).pressed(played.peak_force) if pad else np.zeros(stage.count)
-    return results | moved | {"energy": energy, "distance": played.scenario["distance"]}
+    release = released(Task(**environment).coupling, {name: np.array([value]) for name, value in design.items()}, 1)
+    excess = Limits(*limits).excess(played, travel, release, pad_of(pad) if pad else None)
+    return results | moved | {"energy": energy, "distance": played.scenario["distance"], "excess": excess}

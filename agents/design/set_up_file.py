@@ -44,8 +44,9 @@ def write_setup(path: Path, setup: Setup, entry: Entry, command: str) -> Path:
         "baselines": {"tuned": {f"{path.stem}-profile": entry.rule}, "against": [f"{path.stem}-profile"]},
         "evaluation": {k: v for k, v in content.get("evaluation", {}).items() if k not in ("at_most", "of")},
     }
+    controller = f"{entry.rule} with {', '.join(f'{value:.6g}' for value in entry.parameters)}"
     with whole_file(path) as file:
-        file.write((f"# {command}\n" + "\n".join(toml_lines(made)) + "\n").encode())
+        file.write((f"# {command}\n# Its controller: the {controller}\n" + "\n".join(toml_lines(made)) + "\n").encode())
     load_setup(path)
     return path
 

@@ -19,6 +19,7 @@ from experiments.paper.beyond_speed import CRUISE
 from experiments.paper.scenes import DURATION, LINEAR, MECHANISM, MOTION, held
 
 HEAVY, SPEEDS = (0.05, 2.5), (0.2, 2.0)  # kg, of the object; m/s
+TICKS = (0.05, 0.1, 0.25, 0.5, 1.0, 2.5)  # kg
 CELLS = 31
 MODIFIED = (0.8, 1.0, 1.2)
 HOLDS = 0.9
@@ -92,6 +93,7 @@ def figure(found: list[Row]) -> Figure:
         axes.contour(speeds, objects, ratio, levels=[HOLDS], colors="black", linewidths=1.0)
         axes.plot(MOTION.speed, 0.25, "k*", markersize=10)
         axes.set(yscale="log")
+        axes.set_yticks(TICKS, [f"{mass:g}" for mass in TICKS])
         axes.set_title(f"{what[name]}; {MAPS[kind]}", fontsize=9)
         axes.grid(visible=False)
     for axes in grid[-1]:

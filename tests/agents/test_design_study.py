@@ -7,6 +7,7 @@ import pytest
 
 from agents.baselines.cmaes import minimise
 from agents.baselines.rule import Parameter
+from agents.baselines.tuned import read_tuned
 from agents.design import search
 from agents.design import study as study_of_designs
 from agents.design.__main__ import DesignOptions, write
@@ -85,6 +86,8 @@ def test_a_study_that_was_stopped_plays_only_what_is_missing_and_ends_with_a_set
     assert journals == 4
     stop_at[0] = -1
     entries = run(study)
+    unbroken = run(replace(small, out=small.out / "unbroken").study())
+    assert [(one.design, one.parameters) for one in entries] == [(one.design, one.parameters) for one in unbroken]
     assert [(one.line, one.share) for one in entries] == [
         ("paper's rule", 1.0), ("designs", 1.0), ("designs", 1.3), ("chosen", 1.0), ("chosen", 1.3),
         ("paper's spring", 1.0), ("paper's spring", 1.3),
@@ -94,6 +97,8 @@ def test_a_study_that_was_stopped_plays_only_what_is_missing_and_ends_with_a_set
     assert count[0] == 0
     assert [one.parameters for one in again] == [one.parameters for one in entries]
     path = write(entries, study.setup, small, 1.0)
+    of_controller = path.read_text().splitlines()[1].removeprefix("# Its controller: the BlindProfile with ")
+    assert [float(each) for each in of_controller.split(", ")] == pytest.approx(entries[1].parameters, rel=1e-5)
     made = load_setup(path)
     check(made, str(path))
     assert made.environment["coupling"]["stiffness"] == entries[1].design["coupling.stiffness"]
@@ -116,20 +121,49 @@ def test_a_pad_of_the_chosen_design_is_in_the_ranges_of_its_set_up(small):
 
 
 @pytest.mark.parametrize(("found", "best"), [
-    ([(0.20, 0.30), (0.19, 0.30)], 2),
-    ([(0.20, 0.30), (0.19, 0.306)], 1),  # 2 % later
-    ([(0.20, 0.30), (0.19, 0.28)], 2),
+    ([(0.20, 0.30, 0.0), (0.19, 0.30, 0.0)], 2),
+    ([(0.20, 0.30, 0.0), (0.19, 0.306, 0.0)], 1),  # 2 % later
+    ([(0.20, 0.30, 0.0), (0.19, 0.28, 0.0)], 2),
+    ([(0.20, 0.30, 0.0), (0.10, 0.28, 0.1)], 1),  # a tenth beyond a limit
+    ([(0.20, 0.30, 0.2), (0.19, 0.30, 0.1)], 2),
 ])  # fmt: skip
-def test_of_two_searches_validation_chooses_and_a_later_approach_counts_against_one(found, best, small, monkeypatch):
+def test_of_two_searches_validation_chooses_and_a_later_approach_or_a_limit_that_is_not_kept_counts_against_one(
+    found, best, small, monkeypatch
+):
     asked = []
 
     def played(_, entries, scenarios):
         asked.append(scenarios)
-        results = [(0.6, 0.30), *found]  # the paper's rule first
-        means = [{"object_velocity": np.array([v]), "approach_time": np.array([t])} for v, t in results]
+        results = [(0.6, 0.30, 0.0), *found]  # the paper's rule first
+        names = ("object_velocity", "approach_time", "excess")
+        means = [dict(zip(names, np.array(each)[:, None], strict=True)) for each in results]
         return [replace(one, played=each) for one, each in zip(entries, means, strict=True)]
 
     monkeypatch.setattr(study_of_designs, "played", played)
     designs = [study_of_designs.Entry("designs", 1.0, {}, "BlindProfile", [], {}, seed=seed) for seed in (1, 2)]
     assert study_of_designs._best(small.study(), designs).seed == best
     assert asked == [["validation", None]]
+
+
+SPRINGS = [
+    {"coupling.stiffness": 60.0, "coupling.damping_ratio": 0.3},
+    {"coupling.stiffness": 200.0, "coupling.damping_ratio": 2.0},
+]
+DOES = {
+    "deflection": lambda played: played["deflection"].max(),
+    "stroke": lambda played: played["stroke"].max(),
+    "peak_force": lambda played: np.quantile(played["peak_force"], 0.95),
+    "energy": lambda played: np.quantile(played["energy"], 0.95),
+    "touched_once": lambda played: (played["contact_count"] == 1).mean(),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("limit", DOES)
+def test_a_design_that_breaks_a_limit_is_not_chosen_though_it_leaves_the_object_slower(limit, small):
+    profile = list(read_tuned("blind-profile")["weights"]["2"]["parameters"].values())
+    designs = [study_of_designs.Entry("designs", 1.0, spring, "BlindProfile", profile, {}) for spring in SPRINGS]
+    free = replace(small, deflection=1.0).study()
+    one, other = (DOES[limit](each.played) for each in study_of_designs.played(free, designs, ["validation", None]))
+    assert study_of_designs._best(free, designs).design == SPRINGS[0]
+    limited = replace(small, **{"deflection": 1.0, limit: float(one + other) / 2}).study()
+    assert study_of_designs._best(limited, designs).design == SPRINGS[1]
