@@ -19,13 +19,13 @@ def headline(one: Answer, played: Played) -> str:
         return f"The learned policy misses {one.missed:,} of {one.episodes:,} objects, so nothing is claimed for it."
     less = _less(one.reduction.value)
     if one.reached:
-        said = f"The learned policy touches the object as soon as the paper's rule, and the object moves off {less}."
+        said = f"The learned policy touches the object as soon as the paper's rule, and the object leaves {less}."
     elif one.later > 0.0:
         said = "No learned policy arrives as soon as the paper's rule; "
-        said += f"with one that is {100 * one.later:.0f} % later the object moves off {less}."
+        said += f"with one that is {100 * one.later:.0f} % later the object leaves {less}."
     else:
         said = f"Even at its most patient the learned policy arrives {-100 * one.later:.0f} % sooner than the paper's "
-        said += f"rule; the object moves off {less}."
+        said += f"rule; the object leaves {less}."
     if one.rival_reduction:
         alike = (one.rival_reduction.value >= 0.0) == (one.reduction.value >= 0.0)
         less, rival = _less(one.rival_reduction.value), played.matchup.rival.plain

@@ -110,7 +110,7 @@ function watch(root) {
     const when = Math.abs(late) < 0.5 ? "at the same time"
       : `${Math.abs(late).toFixed(0)} ms ${late > 0 ? "later" : "sooner"}`;
     const than = other.object_velocity < one.object_velocity ? "slower" : "faster";
-    return `${other.name} against ${one.name}: the object leaves ${share} % ${than}, touched ${when}.`;
+    return `In this scenario the object leaves ${share} % ${than} on the right, touched ${when}.`;
   }
 
   function marks() {
