@@ -141,13 +141,14 @@ def test_the_summary_counts_what_is_on_the_page(folder, computed):
     assert all(f'id="{link}"' in text for link in links)
 
 
-def test_the_documentation_tells_the_count_of_the_page(computed):
+@pytest.mark.parametrize("page", ["README.md", "docs/how-to/train.md"])
+def test_readme_and_documentation_tell_the_count_of_the_page(computed, page):
     every = [s for name, table in computed.items() for s in catalogue.load(name).statements(table)]
     bases, tested = Counter(s.basis for s in every), Counter(s.verdict for s in every if s.basis == Basis.TEST)
     told = re.search(
         r"Of (\d+) statements (\d+) were used to identify .* (\d+) are identities .* (\d+) say again .* "
         r"Of the (\d+) that remain as tests (\d+) agree, (\d+) agree in one .* (\d+) disagree.* (\d+) cannot be",
-        " ".join((Path(__file__).parents[2] / "docs" / "how-to" / "train.md").read_text().split()),
+        " ".join((Path(__file__).parents[2] / page).read_text().split()),
     )
     assert [int(number) for number in told.groups()] == [
         len(every),
