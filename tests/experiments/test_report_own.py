@@ -7,15 +7,18 @@ from dataclasses import replace
 
 import polars as pl
 import pytest
+from jinja2 import Environment, FileSystemLoader
 
 from agents import Policy, load_policy
 from agents.baselines import ConstantSpeed
 from agents.baselines.tuned import TUNED
 from agents.evaluate.stage import Stage
 from agents.policies.policy import SHIPPED
+from experiments.lab.page import EXPERIMENTS, typeset
 from experiments.report import __main__ as report
 from experiments.report import results
 from experiments.report.__main__ import ReportOptions, write
+from experiments.report.figures import Table
 
 
 def of(episodes, contestant):
@@ -170,3 +173,13 @@ def test_a_first_page_answers_on_few_scenarios_and_the_full_one_takes_its_place(
     monkeypatch.setattr(report, "gather_matchups", lambda *given: seen.append(given[4]))
     write(replace(settings, force=True))
     assert seen[2:] == [0]  # a full page is not replaced by a first one
+
+
+def test_a_table_of_changes_that_a_set_up_does_not_make_is_left_out():
+    pages = Environment(loader=FileSystemLoader(EXPERIMENTS), autoescape=True)
+    pages.filters["typeset"] = typeset
+    table = pages.get_template("report/parts.html.jinja").module.table
+    assert str(table(Table("changes", ("what", "V_p (m/s)"), ()))).strip() == ""
+    shown = str(table(Table("changes", ("what", "V_p (m/s)"), [("robot", "0.3")])))
+    assert shown.count("<th scope") == 3
+    assert "0.3" in shown
