@@ -9,6 +9,7 @@ from experiments.report.answer import MISSED_TOO_OFTEN, Answer
 from experiments.report.figures import Figure, chart_of, looks_of
 from experiments.report.matchups import PAPER, POLICY
 from experiments.report.results import Played
+from impact_gym.envs.task import VELOCITY_RANGE
 
 WIDTH, HEIGHT = 400, 270  # pixels: read on a phone as well, where the chart is scaled by no more than 0.85
 
@@ -80,11 +81,12 @@ def chart(one: Answer, played: Played) -> Figure:
         f"Paper's rule: {paper['T']:.3f} s, {paper['V']:.3f} m/s. The learned policy: from {late['T'][0]:.3f} s and "
         f"{late['V'][0]:.3f} m/s to {late['T'][-1]:.3f} s and {late['V'][-1]:.3f} m/s."
     )
+    fastest = played.matchup.environment.get("velocity_range", VELOCITY_RANGE)[1]
     tuned = "" if rival == PAPER else f", and for which the {rival} is tuned"
     caption = (
         "Down and left is better: gentler and sooner. Each line runs from urgent to patient; a mark is one urgency, "
-        f"which the policy is told{tuned}. The rule of the paper, Tommasino et al. 2020, goes at 1 m/s and brakes "
-        "16 ms after it feels the touch."
+        f"which the policy is told{tuned}. The rule of the paper, Tommasino et al. 2020, goes at "
+        f"{min(1.0, fastest):g} m/s and brakes as soon as the alarm of the touch arrives."
     )
     subject = "speed the object is left with, V_p (m/s)"
     layers = alt.layer(*gain, lines, marks, *names)
