@@ -3,7 +3,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 WHOLE := $(VENV)/installed
 SMALL := $(VENV)/installed-for-report
-EXTRAS := train report robot render zoo peers cluster docs dev
+EXTRAS := train report identify robot render zoo peers cluster docs dev
 
 .DEFAULT_GOAL := help
 .PHONY: help setup report test train train-all controller tune search figures bench speed stability docs identify design lint
@@ -47,34 +47,34 @@ test: setup  ## run the tests
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadscope  # a core for each worker
 
 train: setup  ## train a policy with default settings; prints its run folder
-	$(BIN)/python -m agents.train
+	$(BIN)/impact-gym train
 
 train-all: setup  ## train ten seeds of four set-ups and ship the medians; goes on where it was stopped
-	$(BIN)/python -m agents.train_seeds
+	$(BIN)/impact-gym train-seeds
 
 tune: setup  ## tune the baselines and search the clairvoyant bound; goes on where it was stopped
-	$(BIN)/python -m agents.tune --bound
+	$(BIN)/impact-gym tune --bound
 
 controller: setup  ## tune, train, report and export for SETUP=my.toml into OUT=runs/NAME; QUICK=1 for a first look
-	$(BIN)/python -m agents.controller $(SETUP) --out $(or $(OUT),runs/$(basename $(notdir $(SETUP)))$(if $(QUICK),-quick)) $(if $(QUICK),--quick)
+	$(BIN)/impact-gym controller $(SETUP) --out $(or $(OUT),runs/$(basename $(notdir $(SETUP)))$(if $(QUICK),-quick)) $(if $(QUICK),--quick)
 
 design: setup  ## which coupling with its best controller: FREE="coupling.stiffness=10:300 ..." SETUP=my.toml OUT=DIR
-	$(BIN)/python -m agents.design $(SETUP) --free $(FREE) --out $(OUT)
+	$(BIN)/impact-gym design $(SETUP) --free $(FREE) --out $(OUT)
 
 search: setup  ## search for settings of training; goes on where it was stopped
-	$(BIN)/python -m agents.tune_training
+	$(BIN)/impact-gym tune-training
 
 figures: setup  ## reproduce figures of the paper below reports/paper
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m experiments.paper  # its matrices are too small for more
 
 bench: setup  ## measure speed against SciPy, MuJoCo and Gymnasium in one run, and what simpler models save
-	$(BIN)/python -m experiments.bench
+	$(BIN)/impact-gym bench
 
-speed: setup  ## speed against error, ours beside others, below reports/speed_vs_error
-	$(BIN)/python -m experiments.speed_vs_error
+speed: setup  ## speed against error, ours beside others, below reports/speed
+	$(BIN)/python -m experiments.solver.speed
 
 stability: setup  ## a storm of random scenes through the solver, its checks and rivals, below reports/stability
-	$(BIN)/python -m experiments.stability
+	$(BIN)/python -m experiments.solver.stability
 
 docs: setup  ## build the documentation as a site that needs no network, site/index.html
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet

@@ -60,14 +60,14 @@ def load(file: IO[bytes], kind: str) -> tuple[dict[str, Any], dict[str, NDArray[
         if header["format"] != kind:
             raise ValueError(f"its format is {header['format']!r}, this version reads {kind!r}")
         arrays = {name: archive[name] for name in archive.files if name != "header"}
-    found = _checksum(kind, header["content"], arrays)
-    if found != header["sha256"]:
-        raise ValueError(f"its checksum is {found}, not {header['sha256']}: it was altered")
+    checksum = _checksum(kind, header["content"], arrays)
+    if checksum != header["sha256"]:
+        raise ValueError(f"its checksum is {checksum}, not {header['sha256']}: it was altered")
     return header["content"], arrays
 
 
 def _checksum(kind: str, content: Mapping[str, Any], arrays: Arrays) -> str:
-    """SHA-256 of all that a reader gets."""
+    """Return SHA-256 of all that a reader gets."""
     digest = hashlib.sha256(json.dumps([kind, content], sort_keys=True).encode())
     for name in sorted(arrays):
         array = np.asarray(arrays[name])

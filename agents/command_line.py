@@ -1,17 +1,73 @@
-"""What the commands have in common: one line says what went wrong, or how to go on."""
+"""What the commands share: each is called `impact-gym NAME`, and one line says what went wrong or how to continue."""
 
+import shlex
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import MISSING, Field, fields, is_dataclass
+from typing import Any, TypeVar
+
+Options = TypeVar("Options")
+
+
+def run_command(
+    name: str, options: type[Options], work: Callable[[Options], object], after: str = "the same command continues"
+) -> None:
+    """Read the command line of `impact-gym NAME` into `options`, a dataclass, and do the work."""
+    import tyro  # whoever only plays has no need of it
+
+    with command_line(name, after):
+        work(tyro.cli(options, prog=f"impact-gym {name}"))
 
 
 @contextmanager
-def command_line(name: str, after: str = "the same command goes on") -> Iterator[None]:
-    """Run the command `name`; an error that a user can mend is one line, and `after` follows an interruption."""
+def command_line(name: str, after: str = "the same command continues") -> Iterator[None]:
+    """Run `impact-gym NAME`; an error that a user can mend is one line, and `after` follows an interruption."""
     try:
         yield
     except (OSError, RuntimeError, ValueError) as error:
-        sys.exit(f"{name}: {error}")
+        sys.exit(f"impact-gym {name}: {error}")
     except KeyboardInterrupt:
-        print(f"{name}: interrupted; {after}", file=sys.stderr)
+        print(f"impact-gym {name}: interrupted; {after}", file=sys.stderr)
         sys.exit(130)
+
+
+def command_of(name: str, options: Any, default: Any = None, *first: str) -> str:
+    """Return the command line `impact-gym NAME ...` that is read into `options`, a dataclass for tyro.
+
+    Options are left out where they are those of `default`, another one, or else their own defaults. What is not among
+    them stands `first`.
+    """
+    positional, named = _words(options, default)
+    return shlex.join(["impact-gym", name, *first, *positional, *named])
+
+
+def _words(options: Any, default: Any) -> tuple[list[str], list[str]]:
+    """Return the words of positional and of named options; those of a dataclass in another have no prefix."""
+    positional, named = [], []
+    for field in fields(options):
+        value = getattr(options, field.name)
+        usual = _default(field) if default is None else getattr(default, field.name)
+        words = [str(each) for each in (value if isinstance(value, tuple) else (value,))]
+        option = field.name.replace("_", "-")
+        if is_dataclass(value):
+            named += _words(value, usual)[1]
+        elif _is_positional(field):
+            positional += words
+        elif isinstance(value, bool) and value != usual:
+            named.append(f"--{option}" if value else f"--no-{option}")
+        elif value != usual:
+            named += [f"--{option}", *words]
+    return positional, named
+
+
+def _default(field: Field[Any]) -> Any:
+    """Return a field's default; MISSING where it has none."""
+    return field.default if field.default_factory is MISSING else field.default_factory()
+
+
+def _is_positional(field: Field[Any]) -> bool:
+    """Whether tyro reads a field without its name."""
+    from tyro.conf import Positional
+
+    return Positional in getattr(field.type, "__metadata__", ())

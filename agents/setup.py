@@ -1,4 +1,4 @@
-"""Check a set-up and see what follows from it: `python -m agents.setup my.toml`, or the name of one that is shipped."""
+"""Check a set-up and see what follows from it: `impact-gym setup my.toml`, or the name of one that is shipped."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -13,23 +13,21 @@ from numpy.typing import NDArray
 
 from agents.baselines import PaperTrapezoid
 from agents.baselines.tuned import FIXED, names
-from agents.command_line import command_line
-from agents.evaluate.stage import VALIDATION_SEED, Stage
-from agents.policies.policy import action_table
+from agents.command_line import run_command
+from agents.evaluate.scenario_batch import VALIDATION_SEED, ScenarioBatch
+from agents.policies.policy import ACTION_WORDS, action_table
 from agents.setups import Setup, load_setup, shipped
 from agents.setups.evaluation import variants
 from agents.setups.feasible import corners, warnings
 from agents.setups.keys import known, within
-from agents.train.settings import command, default_settings
-from impact_gym.envs import observation
-from impact_gym.envs.scenario import FIELDS, LOGARITHMIC, UNITS
-from impact_gym.envs.setting import NUMBERS
-from impact_gym.envs.task import Task
+from agents.train.ppo import Run
 from impact_gym.files import whole_file
 from impact_gym.physics.dissipation import damping_factor
 from impact_gym.physics.impact import free_tool, rigid_tool
 from impact_gym.physics.peak import peak_factor
+from impact_gym.quantities import QUANTITIES
 from impact_gym.scene import Bistable, Rigid, Robot, RobotTable, SpringDamper
+from impact_gym.task import ObservationSpec, Task
 from impact_gym.validation import number
 
 PAPERS_SPEED = 1.0  # m/s
@@ -47,13 +45,13 @@ class Check:
     """Where the picture of the chain goes, to scale, a PNG; default: reports/setups/NAME.png. Needs extra render."""
 
 
-def check(setup: Setup, called: str) -> None:
+def check(setup: Setup) -> None:
     """Refuse what would only show hours later: what there is not, or a weight for which no policy is trained.
 
     Raises:
         ValueError: names the file and what is wrong.
     """
-    low, high = default_settings(called).time_weight
+    low, high = setup.training.time_weight
     with within(str(setup.path)):
         for weight in (*setup.evaluation.weights, setup.evaluation.typical):
             number("evaluation: weights and typical", weight, "m/s per s", at_least=low, at_most=high)
@@ -65,14 +63,13 @@ def check(setup: Setup, called: str) -> None:
 
 def drawn(task: Task) -> list[str]:
     """Return a line for each number that episodes draw."""
-    rows = list(zip(FIELDS, task.ranges.pairs(), UNITS, LOGARITHMIC, strict=True))
-    rows.append(("reaction_delay", task.delays, "s", False))
-    rows += [(name, pair, NUMBERS[name].unit, NUMBERS[name].log_uniform(pair[0])) for name, pair in task.drawn.items()]
     lines = []
-    for name, (low, high), unit, logarithmic in rows:
-        how = "fixed" if low == high else "log-uniform" if logarithmic else "uniform"
-        values = f"{_spread([low, high], 'g')} {unit.removeprefix('(no unit)')}".rstrip()
-        lines.append(f"  {name}: {values}, {how}")
+    for name, (low, high) in task.ranges.items():
+        quantity = QUANTITIES[name]
+        how = "fixed" if low == high else "log-uniform" if quantity.by_ratio(low) else "uniform"
+        if name != "time_weight":  # which training sees to
+            unit = "" if quantity.unit == "-" else f" {quantity.unit}"
+            lines.append(f"  {name}: {_spread([low, high], 'g')}{unit}, {how}")
     return lines
 
 
@@ -119,18 +116,18 @@ def rigid_to(task: Task, scenario: Mapping[str, NDArray[np.float64]]) -> tuple[f
     return held_with, float(np.mean(np.array(peaks) < held_with))
 
 
-def lines(setup: Setup, called: str) -> Iterator[str]:
-    """Yield the lines to print about a set-up; `called` is how the command line named it."""
+def lines(setup: Setup) -> Iterator[str]:
+    """Yield the lines to print about a set-up."""
     task = Task(**setup.environment)
     most = task.acceleration_range[1]
     yield f"{setup.name}: {setup.title}"
     yield f"  {setup.about}"
     yield "\nobservation"
-    for place, entry in enumerate(observation.entries(task)):
-        yield f"  {place}: {entry.name} ({entry.unit}), {entry.low:g} to {entry.high:g}"
+    for place, entry in enumerate(ObservationSpec(task).entries):
+        yield f"  {place}: {entry.words} ({entry.unit}), {entry.scale.low:g} to {entry.scale.high:g}"
     yield "\nactions"
-    for entry in action_table(setup.environment):
-        yield f"  {entry['name']}: {entry['low']:g} to {entry['high']:g} {entry['unit']}"
+    for action in action_table(setup.environment):
+        yield f"  {ACTION_WORDS[action['id']]}: {action['low']:g} to {action['high']:g} {action['unit']}"
     yield "\neach episode"
     yield from drawn(task)
     yield "\nwhat follows"
@@ -138,7 +135,7 @@ def lines(setup: Setup, called: str) -> Iterator[str]:
     yield f"  the tool lags {spread} mm behind at the full {most:g} m/s^2"
     yield _impact(task)
     rule = PaperTrapezoid().for_environment(setup.environment)
-    played = Stage.of("validation", SAMPLE, **setup.environment).play(rule)
+    played = ScenarioBatch.of("validation", SAMPLE, **setup.environment).play(rule)
     yield (
         f"  played through {SAMPLE} scenarios, the paper's rule leaves the object {played.object_velocity.mean():.3f}"
         f" m/s (mean), arrives after {played.approach_time.mean():.3f} s and misses {int(played.missed.sum())}"
@@ -150,9 +147,9 @@ def lines(setup: Setup, called: str) -> Iterator[str]:
             " never press as hard: to them the tool is as good as rigid"
         )
     yield from (f"  warning: {sentence}" for sentence in warnings(task))
-    check(setup, called)
+    check(setup)
     yield "\ntrained by"
-    yield f"  {command(default_settings(called))}"
+    yield f"  {Run(setup, setup.training).command}"
     yield f"baselines: {', '.join(setup.against) or 'none'}; tuned here: {', '.join(setup.tuned)}"
     yield "\nevaluation"
     weights = ", ".join(f"{weight:g}" for weight in setup.evaluation.weights)
@@ -166,7 +163,7 @@ def lines(setup: Setup, called: str) -> Iterator[str]:
 
 def _impact(task: Task) -> str:
     """Return the closed-form estimate at the easiest and the hardest scenario."""
-    pairs = dict(zip(FIELDS, task.ranges.pairs(), strict=True))
+    pairs = task.scenario.by_id()
     found = [
         estimate(corner, {"object_mass": mass, "restitution": restitution, "distance": pairs["distance"][1]})
         for corner in corners(task)
@@ -186,26 +183,29 @@ def draw(setup: Setup, path: Path) -> None:
     """
     env = setup.make(render_mode="rgb_array")
     env.reset(seed=VALIDATION_SEED)
-    pixels = env.render()
+    pixels = np.asarray(env.render())
     import pygame
 
     with whole_file(path) as file:
         pygame.image.save(pygame.surfarray.make_surface(np.swapaxes(pixels, 0, 1)), file, "picture.png")
 
 
+def run(options: Check) -> None:
+    """Print what follows from a set-up, and draw its chain."""
+    setup = load_setup(options.setup)
+    for line in lines(setup):
+        print(line)
+    path = options.picture or Path("reports/setups") / f"{setup.name}.png"
+    try:
+        draw(setup, path)
+        print(f"picture: {path}")
+    except DependencyNotInstalled as error:
+        print(f"no picture: {error}")
+
+
 def main() -> None:
-    """Say what follows from the set-up that the command line names."""
-    with command_line("agents.setup"):
-        options = tyro.cli(Check, prog="python -m agents.setup")
-        setup = load_setup(options.setup)
-        for line in lines(setup, options.setup):
-            print(line)
-        path = options.picture or Path("reports/setups") / f"{setup.name}.png"
-        try:
-            draw(setup, path)
-            print(f"picture: {path}")
-        except DependencyNotInstalled as error:
-            print(f"no picture: {error}")
+    """Do what the command line asks for."""
+    run_command("setup", Check, run)
 
 
 if __name__ == "__main__":

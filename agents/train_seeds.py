@@ -1,10 +1,9 @@
-"""Train set-ups with ten seeds each and ship the medians: `python -m agents.train_seeds`, or `make train-all`.
+"""Train set-ups with ten seeds each and ship the medians: `impact-gym train-seeds`, or `make train-all`.
 
 Each training is a job of `agents.jobs`: on this machine's cores, or with `--cluster ray` on an existing Ray cluster.
 Finished seeds are kept, a run that was killed goes on from its checkpoint: run the command again. On a cluster that
 holds where the nodes see the folder --runs at the same place; where they do not, a training whose node is lost starts
-over. Every seed's policy goes to agents/policies/SETUP/seed-K.npz, what became of it to seeds.json beside it, and the
-median to SETUP.npz.
+over. All seeds' policies go to agents/policies/SETUP.npz, in which the median stands for all.
 """
 
 import json
@@ -19,12 +18,11 @@ from typing import Any
 import numpy as np
 import tyro
 
-from agents.command_line import command_line
+from agents.command_line import run_command
 from agents.jobs import Job, Result, gather
-from agents.policies.policy import load_policy
-from agents.setups import README, load_setup
-from agents.train.run import made_for, resume, train, write_json
-from agents.train.settings import Settings, as_json, default_settings, from_json
+from agents.policies import Ensemble, Policy, load_policy
+from agents.setups import README, Setup, load_setup
+from agents.train.ppo import Run, resume, train
 from impact_gym.files import whole_file
 from impact_gym.validation import whole
 
@@ -43,58 +41,62 @@ class Seeds:
     steps: int | None = None
     """Environment steps of each training at the most; what the set-up says unless given."""
     processes: int = 2
-    """Trainings at a time on this machine; each uses one core."""
+    """Trainings at a time on this machine, each on one core; 0: none but this process."""
     cluster: str | None = None
     """Train on this Ray cluster instead, one core each: "ray" for the one that runs here, or its address. Its nodes
     must see the files of set-ups that are not shipped."""
     runs: Path = Path("runs/all")
     """Folder of the run folders, one below SETUP for each seed."""
     policies: Path | None = None
-    """Folder for what comes of it; that of the shipped ones unless given, for a set-up from a file
+    """Output folder for policies; that of the shipped ones unless given, for a set-up from a file
     runs/NAME/policies."""
 
     def __post_init__(self) -> None:
-        for name in ("processes", "seeds", "steps"):
-            if getattr(self, name) is not None or name == "processes":
+        whole("processes", self.processes, at_least=0)
+        for name in ("seeds", "steps"):
+            if getattr(self, name) is not None:
                 whole(name, getattr(self, name), at_least=1)
 
 
-def train_all(name: str, options: Seeds, settings: Settings) -> Path:
-    """Train the seeds that are missing, and return the path of the median's policy.
+def train_all(setup: Setup, options: Seeds) -> Path:
+    """Train the seeds that are missing, and return the path of the policies.
 
     Raises:
         ValueError: a run that is there has other settings.
         JobsFailedError: trainings failed; the others are done.
     """
-    runs = options.runs.resolve() / name
-    setup = load_setup(settings.setup)
-    folders = [runs / f"seed-{seed}" for seed in range(setup.seeds if options.seeds is None else options.seeds)]
+    training, runs = replace(setup.training, simulation_threads=1), options.runs.resolve() / setup.name
+    if options.steps is not None:
+        steps = min(training.steps, options.steps)
+        training = replace(training, steps=steps, validate_every=min(training.validate_every, steps))
+    seeds = range(training.seeds if options.seeds is None else options.seeds)
+    folders = [runs / f"seed-{seed}" for seed in seeds]
     jobs = []
-    for seed, folder in enumerate(folders):
-        record = _record(replace(settings, seed=seed, simulation_threads=1))
+    for seed, folder in zip(seeds, folders, strict=True):
+        record = Run(setup, training, seed).made_for()
         _refuse_another(folder, record)
-        jobs.append(Job("agents.train_seeds:train_one", {"folder": str(folder), **record}))
+        jobs.append(Job("agents.train_seeds:train_one", {"folder": str(folder), "made_for": record}))
     processes = None if options.cluster else options.processes
-    for seed, result in gather(jobs, runs / "results", processes=processes, cluster=options.cluster, title=name):
+    for seed, result in gather(jobs, runs / "results", processes=processes, cluster=options.cluster, title=setup.name):
         _fill(folders[seed], result)
-        score = json.loads(result["metrics"].tobytes())["validation"]["best"]["score"]
-        print(f"{name}: seed {seed} scored {score:.4f} m/s", flush=True)
-    policies = setup.folder / "policies" if options.policies is None else options.policies
-    rows = [_ship(folder, policies / name / f"{folder.name}.npz") for folder in folders]
-    chosen = median(rows)["seed"]
-    write_json(policies / name / "seeds.json", {"median": chosen, "seeds": rows})
-    return load_policy(policies / name / f"seed-{chosen}.npz").save(policies / f"{name}.npz")
+        print(f"{setup.name}: seed {seed} scored {score(load_policy(folders[seed])):.4f} m/s", flush=True)
+    policies = [load_policy(folder) for folder in folders]
+    folder = setup.folder / "policies" if options.policies is None else options.policies
+    return Ensemble(policies, median(policies).seed).save(folder / f"{setup.name}.npz")
 
 
-def median(rows: list[dict[str, Any]]) -> dict[str, Any]:
-    """Return the row in the middle by score; of two in the middle, the worse one."""
-    return sorted(rows, key=lambda row: (row["score"], row["seed"]))[len(rows) // 2]
+def score(policy: Policy) -> float:
+    """Return a policy's mean cost on the validation set, m/s."""
+    return float(policy.provenance["validation"]["score"])
 
 
-def train_one(settings: Mapping[str, Any], folder: str, **set_up: Any) -> Result:
-    """Train in a run folder, or go on there, or find it done; return the bytes of the files in KEPT.
+def median(policies: list[Policy]) -> Policy:
+    """Return the policy in the middle by score; of two in the middle, the worse one."""
+    return sorted(policies, key=lambda policy: (score(policy), policy.seed))[len(policies) // 2]
 
-    What the set-up says beside the settings, `set_up`, makes it another job where that has changed.
+
+def train_one(folder: str, made_for: Mapping[str, Any]) -> Result:
+    """Train in a run folder what a run is `made_for`, or go on there, or find it done; return the files in KEPT.
 
     Where the folder cannot be made, as on a node of a cluster without a common one, a temporary one takes its place.
     """
@@ -105,17 +107,12 @@ def train_one(settings: Mapping[str, Any], folder: str, **set_up: Any) -> Result
         except OSError:
             run = Path(elsewhere) / run.name
         if (run / "config.json").is_file():
-            _refuse_another(run, _record(from_json(settings)))
+            _refuse_another(run, made_for)
             resume(run)
         else:
             shutil.rmtree(run, ignore_errors=True)  # killed before it had begun
-            train(replace(from_json(settings), out=run))
+            train(Run.of_record(made_for["settings"]), run)
         return {name: np.frombuffer((run / file).read_bytes(), np.uint8) for name, file in KEPT.items()}
-
-
-def _record(settings: Settings) -> dict[str, Any]:
-    """Return what a run is made with, as JSON gives it back."""
-    return json.loads(json.dumps({"settings": as_json(settings), **made_for(settings)}))
 
 
 def _refuse_another(folder: Path, record: Mapping[str, Any]) -> None:
@@ -135,29 +132,15 @@ def _fill(folder: Path, result: Result) -> None:
                 opened.write(result[name].tobytes())
 
 
-def _ship(folder: Path, path: Path) -> dict[str, Any]:
-    """Copy the best policy of a run to `path`; return its row of seeds.json."""
-    policy = load_policy(folder)
-    policy.save(path)
-    metrics = json.loads((folder / "metrics.json").read_text())
-    return {
-        "seed": policy.provenance["settings"]["seed"],
-        "score": metrics["validation"]["best"]["score"],
-        "steps": policy.provenance["steps"],
-        **metrics,
-    }
+def run(options: Seeds) -> None:
+    """Train what is missing of each set-up, and print where its policies are."""
+    for name in options.setups:
+        print(train_all(load_setup(name), options))
 
 
 def main() -> None:
-    """Train what the command line asks for."""
-    with command_line("agents.train_seeds"):
-        options = tyro.cli(Seeds, prog="python -m agents.train_seeds")
-        for setup in options.setups:
-            settings = default_settings(setup)
-            if options.steps is not None:
-                steps = min(settings.steps, options.steps)
-                settings = replace(settings, steps=steps, validate_every=min(settings.validate_every, steps))
-            print(train_all(load_setup(setup).name, options, settings))
+    """Do what the command line asks for."""
+    run_command("train-seeds", Seeds, run)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Tune the baselines of set-ups: `python -m agents.tune my.toml`, or `make tune` for those that are shipped.
+"""Tune the baselines of set-ups: `impact-gym tune my.toml`, or `make tune` for those that are shipped.
 
 Each baseline is tuned for each time weight of the set-up's evaluation, by CMA-ES on training scenarios; `--bound` also
 searches the clairvoyant bound. Each search is a job of `agents.jobs`: what is done is kept, and the same command goes
@@ -21,8 +21,8 @@ from agents.baselines.jittery import Jittery
 from agents.baselines.profile import BlindProfile, constant_deceleration
 from agents.baselines.rule import Floats
 from agents.baselines.tuned import RULES, read_tuned, write_tuned
-from agents.command_line import command_line
-from agents.evaluate import TUNING_SEED, Stage
+from agents.command_line import run_command
+from agents.evaluate import TUNING_SEED, ScenarioBatch
 from agents.jobs import Job, Result, digest_of, gather
 from agents.policies import Controller
 from agents.provenance import circumstances
@@ -33,8 +33,8 @@ SETUPS = shipped()
 PACKAGES = ("impact-gym", "cma", "numpy", "scipy")
 BOUND_SCENARIOS, BOUND_POPULATION, BOUND_SEED = 64, 16, 1
 BOUND_RTOL = 1e-5  # of the simulation while searching: V_p is within 1e-6 m/s
-A_SWITCH = {"alarm": "force", "force_noise": 0.0, "force_bias": 0.0}
-"""What tells of the touch without errors."""
+CLEAN_ALARM = {"alarm": "force", "force_noise": 0.0, "force_bias": 0.0}
+"""Arguments of an environment whose alarm comes from a switch without errors."""
 SEARCHED = ("impact_gym", "agents.baselines", "agents.evaluate", "agents.tune")
 """Sources that what a search finds depends on."""
 
@@ -54,7 +54,7 @@ class Tune:
     budget: int | None = None
     """Candidates for each weight; what the set-up says unless given."""
     population: int = 16
-    """Of these in a generation: they are played together."""
+    """Candidates per generation: they are played together."""
     seed: int = 1
     """Of the search."""
     bound: bool = False
@@ -148,7 +148,7 @@ def _tuned_before(name: str, setup: Setup, options: Tune) -> dict[str, Any]:
 def _arguments(setup: Setup, name: str, weight: float, options: Tune) -> dict[str, Any]:
     """Return what `tune_one` is given."""
     tuned = setup.tuned[name]._asdict()
-    environment = dict(setup.environment) | (A_SWITCH if tuned.pop("told") else {})
+    environment = dict(setup.environment) | (CLEAN_ALARM if tuned.pop("clean_alarm") else {})
     return tuned | {"environment": environment, "weight": weight} | options.search(setup)
 
 
@@ -169,7 +169,7 @@ def tune_one(
     """
     kind = RULES[rule]
     options = {"scenario": "train", **environment, "rtol": rtol}
-    stage = Stage(TUNING_SEED, scenarios, population, [weight] * population, threads=1, lenient=True, **options)
+    stage = ScenarioBatch(TUNING_SEED, scenarios, population, [weight] * population, threads=1, lenient=True, **options)
 
     rng = np.random.default_rng((seed, 1))
 
@@ -186,7 +186,7 @@ def tune_one(
 
 def scores(rule: str, environment: Mapping[str, Any], weight: float, parameters: Any) -> dict[str, float]:
     """Return the means over the validation set, and how many objects were missed."""
-    stage = Stage.of("validation", time_weight=[weight], threads=1, **environment)
+    stage = ScenarioBatch.of("validation", time_weight=[weight], threads=1, **environment)
     played = stage.play(RULES[rule].of(parameters).for_environment(environment))
     return {
         "loss": float(played.loss(weight).mean()),
@@ -199,7 +199,7 @@ def scores(rule: str, environment: Mapping[str, Any], weight: float, parameters:
 def searched(name: str, setup: Setup, options: Tune) -> dict[str, float]:
     """Return how a baseline is searched for: the search, and what the set-up asks for beside its rule."""
     tuned = setup.tuned[name]
-    asked = {field: getattr(tuned, field) for field in ("told", "jitter") if getattr(tuned, field)}
+    asked = {field: getattr(tuned, field) for field in ("clean_alarm", "jitter") if getattr(tuned, field)}
     return options.search(setup) | asked
 
 
@@ -217,22 +217,29 @@ def as_json(name: str, setup: Setup, weight: float, options: Tune, result: Resul
     }
 
 
-def search_bounds(options: Tune) -> list[Path]:
-    """Search what is missing of the clairvoyant bounds, and return the paths of their files."""
+def search_bounds(options: Tune, scenarios: int = BOUND_SCENARIOS, generations: int = bound.GENERATIONS) -> list[Path]:
+    """Search what is missing of the clairvoyant bounds, and return the paths of their files.
+
+    Args:
+        options: which set-ups and weights, and where.
+        scenarios: how many of the test set, from its first on.
+        generations: of the search in each scenario.
+    """
     setups = [setup for setup in map(load_setup, options.setups) if setup.bound == setup.name]
     paths = [bound.path_of(setup, options.folder(setup)) for setup in setups]
-    found = {
-        setup.name: bound.read_bound(setup, path.parent) if path.is_file() else {}
+    bounds = {
+        setup.name: bound.read_bound(setup, path.parent, generations) if path.is_file() else {}
         for setup, path in zip(setups, paths, strict=True)
     }
     missing = [
-        (setup, weight) for setup in setups for weight in options.weights_of(setup) if weight not in found[setup.name]
+        (setup, weight) for setup in setups for weight in options.weights_of(setup) if weight not in bounds[setup.name]
     ]
-    arguments = [{"environment": dict(setup.environment), "time_weight": weight} for setup, weight in missing]
+    search = {"scenarios": scenarios, "generations": generations}
+    arguments = [{"environment": dict(setup.environment), "time_weight": weight, **search} for setup, weight in missing]
     for place, result in options.results("search_bound", arguments, "clairvoyant bound"):
         setup, weight = missing[place]
-        found[setup.name][weight] = result["parameters"]
-        bound.write_bound(setup, found[setup.name], options.folder(setup))
+        bounds[setup.name][weight] = result["parameters"]
+        bound.write_bound(setup, bounds[setup.name], options.folder(setup), generations)
     return paths
 
 
@@ -253,7 +260,9 @@ def search_bound(
         population: candidates of each in a generation.
     """
     options = {"rtol": BOUND_RTOL, **environment, "privileged": True, "threads": 1}
-    stage = Stage.of(bound.FROZEN, scenarios, copies=population, time_weight=[time_weight] * population, **options)
+    stage = ScenarioBatch.of(
+        bound.FROZEN, scenarios, copies=population, time_weight=[time_weight] * population, **options
+    )
 
     def losses(candidates: Floats) -> Floats:
         rule = Clairvoyant(candidates.reshape(population * scenarios, -1)).for_environment(environment)
@@ -265,7 +274,7 @@ def search_bound(
 
 def command(name: str, setup: Setup, weight: float, search: Mapping[str, int]) -> str:
     """Return the command that finds it again."""
-    words = ["python", "-m", "agents.tune", setup.called, "--names", name, "--weights", f"{weight:g}"]
+    words = ["impact-gym", "tune", setup.called, "--names", name, "--weights", f"{weight:g}"]
     return shlex.join(words + [word for option, value in search.items() for word in (f"--{option}", str(value))])
 
 
@@ -282,16 +291,19 @@ def _sentence(name: str, setup: Setup, weight: str, found: dict[str, Any]) -> st
     return f"{text}; {line}, {shape.deceleration:.2f} m/s^2 to rest at {shape.end:.3f} m"
 
 
+def run(options: Tune) -> None:
+    """Tune what is missing, and say what each baseline scores."""
+    for (name, setup), path in zip(options.baselines().items(), tune(options), strict=True):
+        print(path)
+        for weight, found in read_tuned(name, path.parent, setup)["weights"].items():
+            print("  " + _sentence(name, setup, weight, found))
+    for path in search_bounds(options) if options.bound else ():
+        print(path)
+
+
 def main() -> None:
-    """Tune what the command line asks for."""
-    with command_line("agents.tune"):
-        options = tyro.cli(Tune, prog="python -m agents.tune")
-        for (name, setup), path in zip(options.baselines().items(), tune(options), strict=True):
-            print(path)
-            for weight, found in read_tuned(name, path.parent, setup)["weights"].items():
-                print("  " + _sentence(name, setup, weight, found))
-        for path in search_bounds(options) if options.bound else ():
-            print(path)
+    """Do what the command line asks for."""
+    run_command("tune", Tune, run)
 
 
 if __name__ == "__main__":

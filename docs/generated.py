@@ -27,9 +27,10 @@ import impact_gym as ig
 from agents.baselines import PaperTrapezoid
 from agents.setups import load_setup, shipped
 from impact_gym.envs import IDS
-from impact_gym.envs.scenario import NAMED, UNITS, ScenarioRanges
 from impact_gym.envs.single import ImpactApproachEnv
 from impact_gym.physics.dissipation import PUBLISHED, effective_restitution
+from impact_gym.quantities import SCENARIO
+from impact_gym.task.scenario import NAMED
 
 GREY, BLUE, ORANGE, GREEN = "#808080", "#0072B2", "#D55E00", "#009E73"  # legible on a light and on a dark page
 STYLE = {
@@ -96,10 +97,12 @@ def ids() -> str:
 
 def sets() -> str:
     """Return the table of named ranges of scenarios."""
-    names = ScenarioRanges.__dataclass_fields__
-    head = "Set|" + "|".join(f"`{field}` ({unit})" for field, unit in zip(names, UNITS, strict=True))
-    rows = [[f"`{name}`", *(f"{low:g} to {high:g}" for low, high in one.pairs())] for name, one in NAMED.items()]
-    return table(head.replace("(no unit)", "-"), rows)
+    head = "Set|" + "|".join(f"`{row.id}` ({row.unit})" for row in SCENARIO)
+    rows = [
+        [f"`{name}`", *(f"{low:g} to {high:g}" for low, high in ranges.by_id().values())]
+        for name, ranges in NAMED.items()
+    ]
+    return table(head, rows)
 
 
 def setups() -> str:
@@ -232,7 +235,7 @@ def identified() -> bytes:
     names: dict[str, Any] = {}
     with contextlib.redirect_stdout(io.StringIO()):
         exec(page.split("```python\n")[1].split("```")[0], names)
-    figure = names["found"].plot()
+    figure = names["result"].plot()
     figure.set_size_inches(9.0, 3.0)
     return svg(figure)
 

@@ -1,4 +1,4 @@
-"""The command `impact-gym`: what `python -m` runs in a checkout, by the names that an installation gives it.
+"""The command `impact-gym`: each name runs what `python -m MODULE` runs in a checkout.
 
 A command gets its arguments as they are, so that its options, and its help, stand in one place. What its extras ask for
 is looked for first: a command that needs more than is there says so in one line, before it has worked for hours.
@@ -22,10 +22,26 @@ class Command(NamedTuple):
 
 COMMANDS = {
     "report": Command("experiments.report", ("report",), "play policies and baselines and write a page about it"),
-    "controller": Command("agents.controller", ("train", "report"), "make a controller for a set-up, a TOML file"),
+    "controller": Command(
+        "experiments.controller", ("train", "report"), "make a controller for a set-up: tune, train, report, export"
+    ),
+    "setup": Command("agents.setup", ("train",), "check a set-up, a TOML file, and see what follows from it"),
+    "tune": Command("agents.tune", ("train",), "tune the baselines of a set-up"),
+    "train": Command("agents.train", ("train",), "train a policy for a set-up"),
+    "train-seeds": Command("agents.train_seeds", ("train",), "train several seeds and ship the median"),
+    "tune-training": Command("agents.tune_training", ("train",), "search for settings of a training"),
+    "export": Command("agents.export", ("train",), "write a policy as ONNX and as a controller in C"),
+    "policies": Command("experiments.policies", (), "list the shipped policies with what they are for"),
+    "design": Command("experiments.design", ("train", "report"), "find the coupling that leaves the object slowest"),
     "identify": Command("impact_gym.identify", (), "fit the numbers of a tool and an object to a measured blow"),
-    "design": Command("agents.design", ("train", "report"), "search for the coupling that leaves the object slowest"),
-    "doctor": Command("impact_gym.doctor", (), "say what this machine makes of the environment"),
+    "paper": Command("experiments.paper", ("report",), "reproduce the paper's figures and compare its statements"),
+    "speed": Command("experiments.solver.speed", ("report",), "measure the solver's speed against its error"),
+    "stability": Command(
+        "experiments.solver.stability", ("report",), "send random scenes through solver and rivals"
+    ),
+    "fits": Command("experiments.identify", ("report",), "fit logs of the independent solver, errors beside the bound"),
+    "bench": Command("experiments.bench", ("train", "report"), "measure approaches, environments and training"),
+    "doctor": Command("impact_gym.doctor", (), "say what this machine has, and what to do about it"),
 }
 
 

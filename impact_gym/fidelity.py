@@ -80,7 +80,7 @@ class Advice:
 
     def __str__(self) -> str:
         head = f"{self.quantity} within {self.tolerance:g} in {len(self.model.errors)} scenes: {self.model.name}"
-        lines = (f"  {one.name}: error at most {one.bound:.2g}, {one.time_saved:.0%} less time" for one in self.tried)
+        lines = (f"  {m.name}: error at most {m.bound:.2g}, {m.time_saved:.0%} less time" for m in self.tried)
         return "\n".join([head, *lines])
 
 
@@ -119,11 +119,11 @@ def advise(
             continue
         seen.append(simpler)
         try:
-            found, taken = _run(simpler, motion, duration, quantity)
+            values, taken = _run(simpler, motion, duration, quantity)
         except (RuntimeError, ValueError):  # a model may be impossible where the scene is not
             tried.append(Model(name, simplify, np.full(len(sample), math.inf), 0.0))
             continue
-        gap = np.abs(found - true)
+        gap = np.abs(values - true)
         errors = np.divide(gap, np.abs(true), out=np.where(gap > 0, math.inf, 0.0), where=true != 0)
         tried.append(Model(name, simplify, errors, 1.0 - taken / seconds))
     kept = [model for model in tried if model.bound <= tolerance]

@@ -27,6 +27,7 @@ include "physics/damping.pxi"
 include "physics/oscillator.pxi"
 include "physics/mechanism.pxi"
 include "physics/robot.pxi"
+include "task/numbers.pxi"
 include "solver/state.pxi"
 include "solver/lowering.pxi"
 include "solver/piece.pxi"
@@ -42,9 +43,9 @@ include "solver/recording.pxi"
 include "solver/events.pxi"
 include "solver/integrate.pxi"
 include "solver/advance.pxi"
-include "envs/records.pxi"
-include "envs/draw.pxi"
-include "envs/episode.pxi"
+include "task/records.pxi"
+include "task/draw.pxi"
+include "task/episode.pxi"
 
 cdef Approach blank_approach
 cdef Chain blank_chain
@@ -56,7 +57,6 @@ cdef Entry blank_entry
 cdef Law blank_law
 cdef Reading blank_reading
 cdef Task blank_task
-cdef Uniforms blank_uniforms
 
 
 def layout(blank):
@@ -67,10 +67,10 @@ def layout(blank):
 
 
 APPROACH, CHAIN, CONTACT, TRACE = map(layout, (blank_approach, blank_chain, blank_contact, blank_trace))
-HOLDER = APPROACH["holder"]
+MOUNT = APPROACH["mount"]
 DRAW, EPISODE, ENTRY, LAW = map(layout, (blank_draw, blank_episode, blank_entry, blank_law))
 RECORD, SENSORS = EPISODE["drawn"], EPISODE["sensors"]
-READING, TASK, UNIFORMS = map(layout, (blank_reading, blank_task, blank_uniforms))
+READING, TASK = map(layout, (blank_reading, blank_task))
 assert (APPROACH.itemsize, CHAIN.itemsize, EPISODE.itemsize) == (sizeof(Approach), sizeof(Chain), sizeof(Episode))
 
 
@@ -120,20 +120,20 @@ def approach_rows(
     run.recorder = recorder_of(recorder)
     with nogil:
         for i in range(first, last):
-            lower(&plan[i].holder, &law)
+            lower(&plan[i].mount, &law)
             run.law, run.contact = &law, plan[i].contact
             run.object_mass, run.threshold = plan[i].object_mass, plan[i].threshold
             approach(&run, &chain[i], &plan[i])
 
 
-def laws_of(holders):
-    """Return the chain of each of `holders` (n, HOLDER) as (n, LAW)."""
+def laws_of(mounts):
+    """Return the chain of each of `mounts` (n, MOUNT) as (n, LAW)."""
     cdef int64_t i
-    laws = np.empty(len(holders), LAW)
-    cdef const Holder *holder = <const Holder *> memory_of(holders)
+    laws = np.empty(len(mounts), LAW)
+    cdef const Mount *mount = <const Mount *> memory_of(mounts)
     cdef Law *law = <Law *> memory_of(laws)
-    for i in range(len(holders)):
-        lower(&holder[i], &law[i])
+    for i in range(len(mounts)):
+        lower(&mount[i], &law[i])
     return laws
 
 
@@ -146,7 +146,7 @@ def draw_uniforms(list generators, rows, uniforms):
     for k in range(len(rows)):
         capsule = (<object> generators[row[k]]).bit_generator.capsule
         generator = <Generator *> PyCapsule_GetPointer(capsule, "BitGenerator")
-        for i in range(sizeof(Uniforms) // sizeof(double)):
+        for i in range(UNIFORMS):
             number[0] = generator.next_double(generator.state)
             number += 1
 
@@ -157,7 +157,6 @@ cdef class Rows:
     cdef object arrays
     cdef const Task *tasks
     cdef const Draw *draws
-    cdef const Holder *holders
     cdef Law *laws
     cdef const double *tables
     cdef Chain *chains
@@ -170,14 +169,14 @@ cdef class Rows:
     cdef Recorder recorder
 
     def __init__(
-        self, tasks, draws, holders, laws, tables, chains, episodes, readings, observations, rewards, entries,
+        self, tasks, draws, laws, tables, chains, episodes, readings, observations, rewards, entries,
         tuple recorder, max_steps,
     ):
-        """Take arrays of `size` rows each; `tasks` with `holders`, and `laws`, may have one for all.
+        """Take arrays of `size` rows each; `tasks` and `laws` may have one for all.
 
         Args:
-            tasks, holders: (size,) or (1,), TASK and HOLDER.
-            draws: numbers of the set-up that episodes draw (n,), DRAW, where the tasks say.
+            tasks: (size,) or (1,), TASK.
+            draws: what episodes draw from ranges (n,), DRAW, where the tasks say.
             laws: (size,), or (1,) if all rows have the same and no episode draws what holds its tool; LAW.
             tables: see `approach_rows`.
             chains, episodes, rewards: (size,), CHAIN, EPISODE and float64.
@@ -188,10 +187,10 @@ cdef class Rows:
             max_steps: integration steps of an episode.
         """
         self.arrays = (
-            tasks, draws, holders, laws, tables, chains, episodes, readings, observations, rewards, entries, recorder
+            tasks, draws, laws, tables, chains, episodes, readings, observations, rewards, entries, recorder
         )
         self.tasks, self.each_task = <const Task *> memory_of(tasks), len(tasks) > 1
-        self.draws, self.holders = <const Draw *> memory_of(draws), <const Holder *> memory_of(holders)
+        self.draws = <const Draw *> memory_of(draws)
         self.laws, self.each_law = <Law *> memory_of(laws), len(laws) > 1
         self.tables = <const double *> memory_of(tables)
         self.chains, self.episodes = <Chain *> memory_of(chains), <Episode *> memory_of(episodes)
@@ -208,26 +207,25 @@ cdef class Rows:
         )
 
     def begin(self, rows, uniforms, fixed):
-        """Begin an episode in each of `rows` (k, int64), with `uniforms` and what is `fixed` (k, UNIFORMS and RECORD).
+        """Begin an episode in each of `rows` (k, int64), with `uniforms` (k, UNIFORMS) and what is `fixed` (k,), RECORD.
 
         What is fixed is nan where it is drawn from what the row's task says.
         """
         cdef const int64_t *places = <const int64_t *> memory_of(rows)
-        cdef const Uniforms *uniform = <const Uniforms *> memory_of(uniforms)
+        cdef const double *uniform = <const double *> memory_of(uniforms)
         cdef const Record *given = <const Record *> memory_of(fixed)
         cdef Row row
         cdef Record drawn
-        cdef Holder holder
+        cdef Mount mount
         cdef int64_t k, count = len(rows)
         with nogil:
             for k in range(count):
                 row = self.row(places[k])
-                drawn = draw_record(row.task, self.draws, &uniform[k], &given[k])
-                if row.task.holder_drawn:
-                    holder = self.holders[places[k] * self.each_task]
-                    holder.tool_mass = drawn.setting.tool_mass
-                    holder.of_coupling, holder.of_robot = drawn.setting.coupling, drawn.setting.robot
-                    lower(&holder, &self.laws[places[k] * self.each_law])
+                drawn = draw_record(row.task, self.draws, &uniform[k * UNIFORMS], &given[k])
+                if row.task.mount_drawn:
+                    mount = row.task.mount
+                    mount.tool_mass, mount.coupling, mount.robot = drawn.tool_mass, drawn.coupling, drawn.robot
+                    lower(&mount, &self.laws[places[k] * self.each_law])
                 begin_episode(&row, &drawn)
 
     def step(self, actions, skip, int64_t first, int64_t last):
@@ -248,75 +246,5 @@ cdef class Rows:
                 run.law = &self.laws[i * self.each_law]
                 run.contact.stiffness, run.contact.damping = row.episode.drawn.contact_stiffness, row.episode.damping
                 run.object_mass = row.episode.drawn.object_mass
-                run.threshold, run.tolerance = row.episode.drawn.setting.alarm_threshold, row.task.tolerance
+                run.threshold, run.tolerance = row.episode.drawn.alarm_threshold, row.task.tolerance
                 self.rewards[i] = play_step(&run, &row, action[2 * i], action[2 * i + 1])
-
-
-# What tests look at: the closed forms, and one step of either method from any state.
-
-
-def drift_once(law, chain, double acceleration, double time):
-    """Move `chain` (1, CHAIN) through `time` (s) of flight in closed form under a `law` (1, LAW)."""
-    drift(<const Law *> memory_of(law), <Chain *> memory_of(chain), acceleration, time)
-
-
-def first_touch(law, chain, double acceleration, double horizon):
-    """Time (s) until `chain` touches, inf if not within `horizon`; likewise."""
-    return touch_time(<const Law *> memory_of(law), <const Chain *> memory_of(chain), acceleration, horizon)
-
-
-def step_once(plan, table, chain, double acceleration, bint flying, x, double h, bint stiff):
-    """Try a step of `h` from the scaled state `x` of a piece that begins at `chain`; return all that is known of it.
-
-    Args:
-        plan, table, chain: one approach, its robot's table, and a row whose `units` are set if it is in contact.
-        acceleration: of the flange, m/s^2.
-        flying: in flight or in contact.
-        x: state (n,), as long as the chain's.
-        h, stiff: the step, and by which method.
-    """
-    cdef Run run
-    cdef Work work
-    cdef Piece now
-    cdef Law law
-    cdef const Approach *given = <const Approach *> memory_of(plan)
-    cdef double error
-    cdef int i, j
-    lower(&given.holder, &law)
-    run.law, run.tables, run.contact = &law, <const double *> memory_of(table), given.contact
-    run.object_mass, run.threshold, run.tolerance = given.object_mass, given.threshold, 1.0
-    begin_piece(&run, <const Chain *> memory_of(chain), acceleration, INFINITY, flying, &now)
-    memcpy(work.x, memory_of(x), now.width * sizeof(double))
-    rates(&now, work.x, work.rate)
-    work.method = STIFF if stiff else EXPLICIT
-    error = attempt(&now, &work, h)
-    result = {
-        "rate": [work.rate[i] for i in range(now.width)],
-        "end": [work.trial[i] for i in range(now.width)],
-        "end_rate": [work.trial_rate[i] for i in range(now.width)],
-        "error": error,
-    }
-    probe(&now, &work, h, 0.5)
-    result["middle"] = [work.probe[i] for i in range(now.width)]
-    jacobian(&now, work.x, work.matrix)
-    result["jacobian"] = [[work.matrix[i][j] for j in range(now.width)] for i in range(now.width)]
-    return {name: np.array(value) for name, value in result.items()}
-
-
-def inverse_of(matrix):
-    """Return the inverse of a square matrix of at most WIDTH rows."""
-    cdef double[WIDTH][WIDTH] inside
-    cdef int i, j, n = len(matrix)
-    memset(inside, 0, sizeof(inside))
-    for i in range(n):
-        for j in range(n):
-            inside[i][j] = matrix[i][j]
-    invert(n, inside)
-    return np.array([[inside[j][i] for j in range(n)] for i in range(n)])
-
-
-STIFF_TABLEAU = {  # A and C as above, and gamma
-    "A": np.array([[STIFF_A[i][j] for j in range(STIFF_STAGES)] for i in range(STIFF_STAGES)]),
-    "C": np.array([[STIFF_C[i][j] for j in range(STIFF_STAGES)] for i in range(STIFF_STAGES)]),
-    "gamma": STIFF_GAMMA,
-}

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from impact_gym.kernels import (
     APPROACH,
     DIRECT,
-    HOLDER,
     LUMPED,
     MECHANISM,
+    MOUNT,
     NOT_FINITE,
     SPRING_DAMPER,
     STEP_LIMIT,
@@ -26,17 +26,26 @@ from impact_gym.scene import Bistable, Contact, Coupling, Robot, RobotTable, Sce
 Numbers = NDArray[np.float64]
 
 NO_TABLE: Numbers = np.zeros(1)
-COUPLING_NUMBERS: tuple[str, ...] = HOLDER["of_coupling"].names or ()
-ROBOT_NUMBERS: tuple[str, ...] = HOLDER["of_robot"].names or ()
+COUPLING_NUMBERS: tuple[str, ...] = MOUNT["coupling"].names or ()
+ROBOT_NUMBERS: tuple[str, ...] = MOUNT["robot"].names or ()
 
 
 def _codes(record: np.dtype[Any]) -> str:
     """Return what `struct` calls the fields of a record."""
-    inner = [record[name] for name in record.names or ()]
-    return "".join(_codes(one) if one.names else "dq"[one.kind == "i"] for one in inner)
+    fields = [record[name] for name in record.names or ()]
+    return "".join(_codes(field) if field.names else "dq"[field.kind == "i"] for field in fields)
 
 
 _APPROACH = struct.Struct(_codes(APPROACH))
+
+
+def places(kind: np.dtype[Any], before: int = 0) -> dict[str, int]:
+    """Return where each number of a compiled record stands, counted in numbers, by its dotted name."""
+    by_name: dict[str, int] = {}
+    for name, (inner, offset, *_) in (kind.fields or {}).items():
+        at = before + offset // 8
+        by_name |= {f"{name}.{rest}": place for rest, place in places(inner, at).items()} if inner.names else {name: at}
+    return by_name
 
 
 LOCAL_SHARE = 0.2
@@ -53,7 +62,7 @@ def approach_plan(
     scene: Scene, motion: Trapezoid, duration: float, table_at: int = 0
 ) -> tuple[tuple[Any, ...], Numbers]:
     """Lower an approach to the fields of the kernels' `Approach`, and its robot's table, which begins at `table_at`."""
-    held, table = holder(scene.tool.mass, scene.coupling, scene.robot, table_at)
+    held, table = mount(scene.tool.mass, scene.coupling, scene.robot, table_at)
     brake = motion.brake
     threshold, delay = (brake.threshold, brake.delay) if brake else (math.inf, math.inf)
     target = scene.object
@@ -63,8 +72,8 @@ def approach_plan(
 
 def packed(plan: tuple[Any, ...]) -> bytes:
     """Return a plan as the bytes of one APPROACH: what an array of one would hold, at a tenth of its cost."""
-    (coupling, robot, mass, of_coupling, of_robot, *table), contact, *rest = plan
-    return _APPROACH.pack(coupling, robot, mass, *of_coupling, *of_robot, *table, *contact, *rest)
+    (coupling_kind, robot_kind, tool_mass, coupling, robot, *table), contact, *rest = plan
+    return _APPROACH.pack(coupling_kind, robot_kind, tool_mass, *coupling, *robot, *table, *contact, *rest)
 
 
 def contact_law(contact: Contact) -> tuple[Any, ...]:
@@ -84,10 +93,10 @@ _NO_ROBOT = (0.0,) * len(ROBOT_NUMBERS)
 _NO_MECHANISM = _NO_COUPLING[2:]
 
 
-def holder(
+def mount(
     tool_mass: float, coupling: Coupling, robot: Robot | RobotTable | None = None, table_at: int = 0
 ) -> tuple[tuple[Any, ...], Numbers]:
-    """Lower what holds the tool to the fields of `Holder`, and its robot's table, which begins at `table_at`."""
+    """Lower what holds the tool to the fields of `Mount`, and its robot's table, which begins at `table_at`."""
     kind, numbers = DIRECT, _NO_COUPLING
     if isinstance(coupling, SpringDamper):
         kind, numbers = SPRING_DAMPER, (coupling.stiffness, coupling.damping_ratio, *_NO_MECHANISM)

@@ -5,36 +5,30 @@ is one command at t = 0 and, if it brakes, a second one when the contact alarm r
 """
 
 from dataclasses import dataclass
-from typing import Annotated
 
-from impact_gym.validation import SI, Record, number, one_of
+from impact_gym.record import Record
+from impact_gym.validation import one_of
 
 
 @dataclass(frozen=True, slots=True)
-class Brake(Record):
+class Brake(Record, path="motion.brake"):
     """Stop once the contact is felt: `delay` after the contact force first exceeds `threshold`.
 
     The delay is the paper's 16 ms; the deceleration of the paper is not printed (8 m/s^2 identified, see
     docs/provenance.md).
     """
 
-    threshold: Annotated[float, SI("N", at_least=0)] = 1.0
-    delay: Annotated[float, SI("s", at_least=0)] = 0.016
+    threshold: float = 1.0  # N
+    delay: float = 0.016  # s
     deceleration: float | None = None  # m/s^2; None: the acceleration of the trapezoid
-
-    def __post_init__(self) -> None:
-        Record.__post_init__(self)
-        if self.deceleration is not None:
-            value = number("Brake.deceleration", self.deceleration, "m/s^2", above=0)
-            object.__setattr__(self, "deceleration", value)
 
 
 @dataclass(frozen=True, slots=True)
-class Trapezoid(Record):
+class Trapezoid(Record, path="motion"):
     """From rest to `speed` at `acceleration`, then constant; never ends by itself (paper, Fig. 11)."""
 
-    speed: Annotated[float, SI("m/s", above=0)]
-    acceleration: Annotated[float, SI("m/s^2", above=0)]
+    speed: float  # m/s
+    acceleration: float  # m/s^2
     brake: Brake | None = None
 
     def __post_init__(self) -> None:

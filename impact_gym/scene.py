@@ -1,21 +1,23 @@
 """What a user describes: a tool, its coupling to the flange, the robot behind it, an object, and their contact.
 
 One axis, +x from the robot to the object. All records are frozen, hold floats in SI units and check themselves when
-they are made, so that everything behind them may rely on them.
+they are made, so that everything behind them may rely on them. What is allowed stands in `impact_gym.quantities`.
 """
 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Annotated, Any, Literal, get_args
+from typing import Any, ClassVar, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 
 from impact_gym.kernels import bistable_energy, bistable_force, rest_of
-from impact_gym.validation import SI, Record, number, one_of
+from impact_gym.quantities import BY_PATH
+from impact_gym.record import Record
+from impact_gym.validation import number, one_of
 
 Dissipation = Literal[
     "hu-guo", "exact", "hunt-crossley", "lankarani-nikravesh", "herbert-mcwhannell", "gonthier", "flores"
@@ -24,27 +26,27 @@ Dissipation = Literal[
 
 
 @dataclass(frozen=True, slots=True)
-class Tool(Record):
+class Tool(Record, path="tool"):
     """The body that strikes."""
 
-    mass: Annotated[float, SI("kg", above=0)]
+    mass: float  # kg
 
 
 @dataclass(frozen=True, slots=True)
-class Object(Record):
+class Object(Record, path="object"):
     """The body that is struck; at rest until then.
 
     `friction` says how far it slides after the last contact. As in the paper it changes nothing before: it is small
     while mu m_p g is small beside the contact force, and takes at most mu g from V_p for every second of contact.
     """
 
-    mass: Annotated[float, SI("kg", above=0)]
-    distance: Annotated[float, SI("m", above=0)]  # gap between the faces at rest, t = 0
-    friction: Annotated[float, SI("(no unit)", at_least=0)] = 0.0  # mu, Coulomb's, between object and ground
+    mass: float  # kg
+    distance: float  # m, gap between the faces at rest, t = 0
+    friction: float = 0.0  # -, mu, Coulomb's, between object and ground
 
 
 @dataclass(frozen=True, slots=True)
-class Contact(Record):
+class Contact(Record, path="contact"):
     """Contact of a plane tool with an object, F = k_c delta^m + chi delta^n delta_dot, never negative (paper, eq. 5).
 
     m = n = 3/2, the default, is a sphere with hysteresis damping; m = 1, n = 0 a linear spring and damper.
@@ -54,11 +56,12 @@ class Contact(Record):
     chi = d k_c delta0^(m - n) / v_in, with v_in the approach velocity of this contact.
     """
 
+    checked_by_itself: ClassVar = ("stiffness",)  # its unit depends on the exponent
     stiffness: float  # N/m^m
-    restitution: Annotated[float, SI("(no unit)", above=0, at_most=1)]  # nominal
+    restitution: float  # -, nominal
     dissipation: Dissipation = "hu-guo"
-    stiffness_exponent: Annotated[float, SI("(no unit)", at_least=1, at_most=10)] = 1.5  # m
-    damping_exponent: Annotated[float, SI("(no unit)", at_least=0, at_most=10)] = 1.5  # n, 0 or at least 1
+    stiffness_exponent: float = 1.5  # -, m
+    damping_exponent: float = 1.5  # -, n, 0 or at least 1
 
     def __post_init__(self) -> None:
         Record.__post_init__(self)
@@ -66,7 +69,8 @@ class Contact(Record):
             raise ValueError(
                 f"Contact.damping_exponent must be 0 or at least 1 (no unit), got {self.damping_exponent!r} (no unit)"
             )
-        stiffness = number("Contact.stiffness", self.stiffness, f"N/m^{self.stiffness_exponent:g}", above=0)
+        quantity, unit = BY_PATH["contact.stiffness"], f"N/m^{self.stiffness_exponent:g}"
+        stiffness = number("Contact.stiffness", self.stiffness, unit, **quantity.limits._asdict())
         object.__setattr__(self, "stiffness", stiffness)
         if self.dissipation not in get_args(Dissipation):
             raise ValueError(f"Contact.dissipation must be one of {get_args(Dissipation)}, got {self.dissipation!r}")
@@ -78,15 +82,15 @@ class Rigid:
 
 
 @dataclass(frozen=True, slots=True)
-class SpringDamper(Record):
+class SpringDamper(Record, path="coupling"):
     """Tool behind a linear spring and damper (paper, eq. 17-18); c_t = 2 zeta sqrt(k_t m_t)."""
 
-    stiffness: Annotated[float, SI("N/m", above=0)]
-    damping_ratio: Annotated[float, SI("(no unit)", at_least=0, at_most=1e6)] = 1.0
+    stiffness: float  # N/m
+    damping_ratio: float = 1.0  # -
 
 
 @dataclass(frozen=True, slots=True)
-class Bistable(Record):
+class Bistable(Record, path="coupling"):
     """Tool on a bistable mechanism with two stops (paper, eq. 23-24, Fig. 21-22).
 
     Positions are those of the slider from the vertical alignment of the spring. Each stop is a one-sided linear
@@ -96,13 +100,13 @@ class Bistable(Record):
     by the mechanism's own force, and leaves it if the flange accelerates faster than that holds.
     """
 
-    stiffness: Annotated[float, SI("N/m", above=0)] = 50.0  # k
-    free_length: Annotated[float, SI("m", above=0)] = 0.07  # L0
-    height: Annotated[float, SI("m", above=0)] = 0.028  # H, of the pivot above the path
-    front_stop: Annotated[float, SI("m")] = 0.0208  # between 0 and the stroke sqrt(L0^2 - H^2)
-    rear_stop: Annotated[float, SI("m")] = -0.02  # between minus the stroke and 0
-    stop_stiffness: Annotated[float, SI("N/m", above=0)] = 1e5  # k_s
-    stop_damping_ratio: Annotated[float, SI("(no unit)", at_least=0, at_most=1e6)] = 1.0  # zeta_s
+    stiffness: float = 50.0  # N/m, k
+    free_length: float = 0.07  # m, L0
+    height: float = 0.028  # m, H, of the pivot above the path
+    front_stop: float = 0.0208  # m, between 0 and the stroke sqrt(L0^2 - H^2)
+    rear_stop: float = -0.02  # m, between minus the stroke and 0
+    stop_stiffness: float = 1e5  # N/m, k_s
+    stop_damping_ratio: float = 1.0  # -, zeta_s
 
     def __post_init__(self) -> None:
         Record.__post_init__(self)
@@ -176,29 +180,29 @@ Coupling = Rigid | SpringDamper | Bistable
 
 
 @dataclass(frozen=True, slots=True)
-class Robot(Record):
+class Robot(Record, path="robot"):
     """Lumped compliance of a robot along the approach (paper, eq. 8-9, Fig. 8), at rest and relaxed at t = 0.
 
     The imposed motion x_r drives the mass through spring and damper. With a `Rigid` coupling robot and tool are one
     mass; with another the flange is a mass of its own between the two.
     """
 
-    mass: Annotated[float, SI("kg", above=0)]  # m_r
-    stiffness: Annotated[float, SI("N/m", above=0)]  # k_r
-    damping: Annotated[float, SI("N s/m", at_least=0)]  # c_r
+    mass: float  # kg, m_r
+    stiffness: float  # N/m, k_r
+    damping: float  # N s/m, c_r
 
 
 @dataclass(frozen=True, slots=True)
-class RobotTable(Record):
+class RobotTable(Record, path="robot"):
     """A compliant robot whose parameters vary along its imposed motion (paper, eq. 16, Fig. 12).
 
     Between the positions each parameter is a cubic spline (not-a-knot), beyond them it keeps its last value.
     """
 
-    position: Annotated[tuple[float, ...], SI("m")]  # of the imposed motion from its start; rising, at least 4
-    mass: Annotated[tuple[float, ...], SI("kg", above=0)]  # at each position, as are the next two
-    stiffness: Annotated[tuple[float, ...], SI("N/m", above=0)]
-    damping: Annotated[tuple[float, ...], SI("N s/m", at_least=0)]
+    position: tuple[float, ...]  # m, of the imposed motion from its start; rising, at least 4
+    mass: tuple[float, ...]  # kg, at each position, as are the next two
+    stiffness: tuple[float, ...]  # N/m
+    damping: tuple[float, ...]  # N s/m
 
     def __post_init__(self) -> None:
         Record.__post_init__(self)
@@ -211,13 +215,13 @@ class RobotTable(Record):
                     f"got {len(getattr(self, name))}"
                 )
         lowest = self.splines.derivative().roots(extrapolate=False)
-        for place, (name, unit) in enumerate({"mass": "kg", "stiffness": "N/m", "damping": "N s/m"}.items()):
+        for place, name in enumerate(("mass", "stiffness", "damping")):
             turns = lowest[place][np.isfinite(lowest[place])]
             values = self.splines(turns)[:, place]
             if np.any(values < 0) or (name != "damping" and np.any(values <= 0)):
                 raise ValueError(
                     f"RobotTable.{name} must stay positive between its positions, but its spline falls to "
-                    f"{values.min():.6g} {unit}: give more positions where it varies fast"
+                    f"{values.min():.6g} {BY_PATH[f'robot.{name}'].unit}: give more positions where it varies fast"
                 )
 
     @property

@@ -62,7 +62,7 @@ class Trace(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """What came of an approach; velocities at `duration`."""
+    """Result of one approach; velocities at `duration`."""
 
     object_velocity: float  # m/s
     tool_velocity: float  # m/s
@@ -82,7 +82,7 @@ class Outcome(NamedTuple):
 def simulate(
     scene: Scene, motion: Trapezoid, duration: float = 1.5, rtol: float = 1e-8, trace: bool = False
 ) -> Outcome:
-    """Run an approach and return what came of it.
+    """Run an approach and return its result.
 
     Args:
         scene: tool, object, contact, coupling and robot; at rest at t = 0.

@@ -17,11 +17,16 @@ def digest() -> str:
     return content.hexdigest()[:16] if files else ""
 
 
+def compiled_from() -> str:
+    """Return the digest of the sources that the solver was compiled from."""
+    from impact_gym.kernels import COMPILED_FROM
+
+    return str(COMPILED_FROM)
+
+
 def check() -> None:
     """Raise ImportError if the solver is not compiled, or was from other sources than those beside it."""
     if find_spec("impact_gym.kernels") is None:
         raise ImportError(f"impact_gym: the solver is not compiled; {REMEDY}")
-    from impact_gym.kernels import COMPILED_FROM
-
-    if digest() not in ("", COMPILED_FROM):
+    if digest() not in ("", compiled_from()):
         raise ImportError(f"impact_gym: the sources of the solver have changed since it was compiled; {REMEDY}")

@@ -1,7 +1,7 @@
 """sweep(scene, motion, varied) -> Outcomes: `simulate` for arrays of parameters, on all cores."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,8 +11,9 @@ from impact_gym.kernels import APPROACH, CHAIN, approach_rows
 from impact_gym.lowering import LOCAL_SHARE, STATUS_MESSAGES, approach_plan
 from impact_gym.motion import Trapezoid
 from impact_gym.physics.impact import sliding_distance
-from impact_gym.scene import RobotTable, Scene, flange_moves_with_tool
+from impact_gym.scene import Scene, flange_moves_with_tool
 from impact_gym.simulation import MAX_STEPS, NOTHING_RECORDED
+from impact_gym.task.paths import flatten, parts, replaced
 from impact_gym.threads import cores, over_rows
 from impact_gym.validation import WrongTypeError, number, one_of, whole
 
@@ -23,9 +24,9 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Outcomes:
-    """What came of each approach, arrays of the shape that the varied parameters broadcast to; see `Outcome`.
+    """Results of all approaches, arrays of the shape that the varied parameters broadcast to; see `Outcome`.
 
-    A row whose run could not finish has nan in its numbers and says why in its status; it spoils no other.
+    A row whose run could not finish has nan in its numbers and the reason in its status; other rows are not affected.
     """
 
     object_velocity: Array  # m/s
@@ -73,8 +74,8 @@ def sweep(
         raise WrongTypeError(f"varied must be a mapping from names to arrays, got {varied!r}")
     rtol = number("rtol", rtol, "(no unit)", at_least=1e-13, at_most=1e-2)
     threads = cores() if threads is None else whole("threads", threads, at_least=1)
-    template: dict[str, Any] = {field.name: getattr(scene, field.name) for field in fields(scene)} | {"motion": motion}
-    known = list(numbers_of(template))
+    template = {**parts(scene), "motion": motion}
+    known = list(flatten(template))
     for name in varied:
         if name not in known:
             raise ValueError(f"varied has no number named {name!r}; there are {', '.join(known)}")
@@ -98,28 +99,14 @@ def sweep(
     return _outcomes(chains.reshape(shape), flange_moves_with_tool(scene.coupling, scene.robot), friction)
 
 
-def numbers_of(template: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the dotted names of all numbers in records by name."""
-    for name, value in template.items():
-        if is_dataclass(value) and not isinstance(value, RobotTable):
-            inner = {field.name: getattr(value, field.name) for field in fields(value)}
-            yield from (f"{name}.{rest}" for rest in numbers_of(inner))
-        elif isinstance(value, float):
-            yield name
-
-
 def _rows(template: Mapping[str, Any], columns: Mapping[str, NDArray[Any]]) -> Iterator[tuple[Any, Array]]:
     """Lower each row: its plan and its robot's table, one behind the other."""
     flat = {name: column.ravel() for name, column in columns.items()}
-    durations = flat.pop("duration")
-    groups = grouped(flat)
-    numbers = 0
+    durations, numbers = flat.pop("duration"), 0
     for row in range(len(durations)):
         try:
             duration = number("duration", durations[row], "s", above=0)
-            records = dict(template)
-            for name, inner in groups.items():
-                records[name] = replaced(records[name], {rest: column[row] for rest, column in inner.items()})
+            records = replaced(template, {path: column[row] for path, column in flat.items()})
         except (TypeError, ValueError) as problem:
             index = np.unravel_index(row, columns["duration"].shape)
             raise type(problem)(f"at {tuple(map(int, index))}: {problem}") from None
@@ -127,22 +114,6 @@ def _rows(template: Mapping[str, Any], columns: Mapping[str, NDArray[Any]]) -> I
         plan, table = approach_plan(Scene(**records), motion, duration, numbers)
         numbers += len(table)
         yield plan, table
-
-
-def replaced(record: Any, numbers: Mapping[str, Any]) -> Any:
-    """Return `record` with other numbers, by their dotted names; each record is made, and checked, once."""
-    inner = grouped({name: value for name, value in numbers.items() if "." in name})
-    changes = {name: value for name, value in numbers.items() if "." not in name}
-    return replace(record, **changes, **{name: replaced(getattr(record, name), those) for name, those in inner.items()})
-
-
-def grouped(numbers: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """Return dotted names and what belongs to them by the part before the first dot."""
-    groups: dict[str, dict[str, Any]] = {}
-    for name, value in numbers.items():
-        first, _, rest = name.partition(".")
-        groups.setdefault(first, {})[rest] = value
-    return groups
 
 
 def _outcomes(chains: NDArray[Any], with_the_tool: bool, friction: Array) -> Outcomes:
@@ -153,7 +124,7 @@ def _outcomes(chains: NDArray[Any], with_the_tool: bool, friction: Array) -> Out
 
     tool = chains["flange_velocity"] + chains["deflection_rate"]
     flange = tool if with_the_tool else chains["flange_velocity"] + chains["flange_offset_rate"]
-    said = np.vectorize(lambda status: STATUS_MESSAGES.get(status, "ok"), otypes=[object])
+    sentence = np.vectorize(lambda status: STATUS_MESSAGES.get(status, "ok"), otypes=[object])
     object_velocity = numbers(np.where(chains["contacts"] > 0, tool - chains["penetration_rate"], 0.0))
     slid = np.full(chains.shape, np.nan)
     slid[~failed] = sliding_distance(object_velocity[~failed], friction[~failed])
@@ -168,5 +139,5 @@ def _outcomes(chains: NDArray[Any], with_the_tool: bool, friction: Array) -> Out
         sliding_distance=numbers(slid),
         steps=chains["steps"].copy(),
         **{name: numbers(chains[name]) for name in alike},
-        status=said(chains["status"]),
+        status=sentence(chains["status"]),
     )

@@ -27,5 +27,5 @@ def over_rows(run: Callable[[int, int], object], rows: int, threads: int, smalle
     (first, last), *others = pairwise(rows * piece // pieces for piece in range(pieces + 1))
     under_way = [_pool().submit(run, *other) for other in others]
     run(first, last)
-    for one in under_way:
-        one.result()
+    for piece in under_way:
+        piece.result()

@@ -2,12 +2,20 @@
 
 import math
 import operator
-from collections.abc import Callable, Mapping
-from typing import Any, ClassVar
+from collections.abc import Mapping
+from typing import Any
+
+Range = tuple[float, float]
+WIDEST = 1e12  # high over low of a range
 
 
 class WrongTypeError(TypeError, ValueError):
     """Something of another type than wanted: a TypeError, as in Python, and a ValueError, as all bad input is here."""
+
+
+def unit_text(unit: str) -> str:
+    """Return a unit as messages say it."""
+    return "(no unit)" if unit == "-" else unit
 
 
 def number(
@@ -19,7 +27,7 @@ def number(
     at_least: float = -math.inf,
     at_most: float = math.inf,
 ) -> float:
-    """Return `value` as a float, or raise.
+    """Return `value` as a float, or raise; a `unit` of "-" is none.
 
     Raises:
         TypeError: `value` is no number (a string, None, a bool, an array).
@@ -27,6 +35,7 @@ def number(
     """
     if type(value) is float and above < value <= at_most and at_least <= value < math.inf:  # as nearly always
         return value
+    unit = unit_text(unit)
     wrong = WrongTypeError(f"{field} must be a number in {unit}, got {value!r}")
     kind = getattr(getattr(value, "dtype", None), "kind", "f")
     if isinstance(value, (str, bytes, bool)) or not hasattr(value, "__float__") or kind not in "fiu":
@@ -52,7 +61,7 @@ def number(
 def numbers(field: str, values: Any, unit: str, **limits: float) -> tuple[float, ...]:
     """Return `values`, a sequence or array of one dimension, as floats, or raise as `number` does for each."""
     if isinstance(values, (str, bytes, Mapping)) or not hasattr(values, "__len__") or getattr(values, "ndim", 1) != 1:
-        raise WrongTypeError(f"{field} must be a sequence of numbers in {unit}, got {values!r}")
+        raise WrongTypeError(f"{field} must be a sequence of numbers in {unit_text(unit)}, got {values!r}")
     return tuple(number(f"{field}[{place}]", value, unit, **limits) for place, value in enumerate(values))
 
 
@@ -78,25 +87,21 @@ def one_of(field: str, value: Any, *kinds: type[Any]) -> None:
         raise WrongTypeError(f"{field} must be a {wanted}, got {value!r}")
 
 
-class SI:
-    """The unit of a record's number and what `number` allows for it, in the annotation of its field."""
+def interval(field: str, value: Any, unit: str, **limits: float) -> Range:
+    """Return `value`, a number or a pair (low, high), as a checked pair.
 
-    def __init__(self, unit: str, **limits: float) -> None:
-        self.unit, self.limits = unit, limits
-
-
-class Record:
-    """A frozen dataclass that checks its numbers when it is made, by the `SI` of their fields, and holds floats."""
-
-    __slots__ = ()
-    _checks: ClassVar[Mapping[str, tuple[Callable[..., Any], SI]]] = {}
-
-    def __init_subclass__(cls) -> None:
-        annotated = {name: hint for name, hint in cls.__annotations__.items() if hasattr(hint, "__metadata__")}
-        check = {name: number if hint.__origin__ is float else numbers for name, hint in annotated.items()}
-        cls._checks = {name: (check[name], hint.__metadata__[0]) for name, hint in annotated.items()}
-
-    def __post_init__(self) -> None:
-        for name, (check, si) in self._checks.items():
-            value = check(f"{type(self).__name__}.{name}", getattr(self, name), si.unit, **si.limits)
-            object.__setattr__(self, name, value)
+    Raises:
+        TypeError, ValueError: not a number or a pair of them, out of range, or inverted; names `field`.
+    """
+    unit = unit_text(unit)
+    if not (isinstance(value, (tuple, list)) or getattr(value, "ndim", 0) > 0):
+        single = number(field, value, unit, **limits)
+        return single, single
+    if len(value) != 2:
+        raise ValueError(f"{field} must be a number or a pair (low, high) in {unit}, got {value!r}")
+    low, high = (number(f"{field}[{place}]", end, unit, **limits) for place, end in enumerate(value))
+    if low > high:
+        raise ValueError(f"{field} must not be inverted: low {low:g} is above high {high:g} {unit}")
+    if low > 0 and not high / low <= WIDEST:
+        raise ValueError(f"{field} must not span more than a factor {WIDEST:g}, got {low:g} to {high:g} {unit}")
+    return low, high

@@ -11,12 +11,10 @@ import pytest
 from scenes import MOTION, scene
 
 import impact_gym as ig
-from agents.design.pads import on_pad
-from agents.design.set_up_file import DRAWN
 from agents.setups import feasible, load_setup
-from agents.train.settings import default_settings
-from impact_gym.envs.scenario import ScenarioRanges
-from impact_gym.envs.task import Task
+from experiments.design.pads import on_pad
+from experiments.design.set_up import DRAWN
+from impact_gym.task import ScenarioRanges, Task
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT / "docs" / "examples"
@@ -49,7 +47,7 @@ def test_a_designed_end_effector_is_a_set_up_with_the_training_of_the_one_it_beg
     setup = load_setup(EXAMPLES / name)
     said = feasible.warnings(Task(**setup.environment))
     assert [sentence for sentence in said if "the front stop holds the tool up to" not in sentence] == []
-    assert default_settings(str(EXAMPLES / name)).steps == default_settings("linear-blind").steps
+    assert setup.training.steps == load_setup("linear-blind").training.steps
 
 
 def test_the_contact_of_the_padded_design_is_what_its_pad_leaves_of_the_usual_scenarios():

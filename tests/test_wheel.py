@@ -15,6 +15,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 import impact_gym
+from experiments.command import COMMANDS
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("impact_gym", "agents", "experiments")
@@ -90,7 +91,7 @@ def commands(tmp_path_factory, wheel):
     return environment(tmp_path_factory.mktemp("plain"), wheel)
 
 
-def test_the_wheel_holds_every_file_of_the_packages_but_the_sources_of_the_solver(wheel):
+def test_wheel_holds_every_file_of_the_packages_but_the_sources_of_the_solver(wheel):
     held = {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}
     (solver,) = (name for name in held if name.endswith(".so"))
     assert solver.startswith("impact_gym/kernels.")
@@ -99,7 +100,7 @@ def test_the_wheel_holds_every_file_of_the_packages_but_the_sources_of_the_solve
     assert held - {solver} == mine
 
 
-def test_policies_and_baselines_play_from_the_wheel_as_from_the_checkout_without_torch(commands, tmp_path):
+def test_wheel_plays_policies_and_baselines_as_the_checkout_does_without_torch(commands, tmp_path):
     played = run(commands / "python", "-W", "error", "-c", EPISODES, where=tmp_path).stdout
     assert played == run(sys.executable, "-W", "error", "-c", EPISODES, where=ROOT).stdout
     assert len(played.splitlines()) > 2 * len(list((ROOT / "agents" / "setups").glob("*.toml")))
@@ -107,26 +108,21 @@ def test_policies_and_baselines_play_from_the_wheel_as_from_the_checkout_without
     assert "No module named 'torch'" in said.stderr
 
 
-def test_the_command_lists_what_there_is_and_refuses_what_there_is_not(commands, tmp_path):
-    said = run(commands / "impact-gym", "--help", where=tmp_path).stdout
-    assert {"report", "controller", "identify", "design", "doctor"} < {*said.split()}
+def test_command_runs_what_needs_no_extra_and_refuses_what_there_is_not(commands, tmp_path):
+    assert {*COMMANDS} < {*run(commands / "impact-gym", "--help", where=tmp_path).stdout.split()}
     assert "--scene" in run(commands / "impact-gym", "identify", "--help", where=tmp_path).stdout
+    assert "linear-blind: " in run(commands / "impact-gym", "policies", where=tmp_path).stdout
+    assert "torch and stable-baselines3 missing" in run(commands / "impact-gym", "doctor", where=tmp_path).stdout
     refused = run(commands / "impact-gym", "doctors", where=tmp_path, check=False)
     assert refused.returncode == 2
     assert "invalid choice: 'doctors'" in refused.stderr
-
-
-def test_the_doctor_measures_the_installed_environment(commands, tmp_path):
-    said = run(commands / "impact-gym", "doctor", "--quick", where=tmp_path).stdout
-    assert re.search(r"gym.make\('ImpactApproach-v0'\) +1 +[\d,]+\n", said)
-    assert "torch and stable-baselines3 missing" in said
 
 
 @pytest.mark.parametrize(
     ("command", "remedy"),
     [("report", "pip install 'impact-gym[report]'"), ("controller", "pip install 'impact-gym[train,report]'")],
 )
-def test_a_command_that_needs_more_says_in_one_line_what_to_install(commands, tmp_path, command, remedy):
+def test_command_that_needs_an_extra_says_in_one_line_what_to_install(commands, tmp_path, command, remedy):
     refused = run(commands / "impact-gym", command, "linear-blind", where=tmp_path, check=False)
     assert refused.returncode == 1
     assert refused.stdout == ""
@@ -136,7 +132,7 @@ def test_a_command_that_needs_more_says_in_one_line_what_to_install(commands, tm
     assert line.endswith(remedy)
 
 
-def test_with_its_extra_a_report_is_written_in_a_folder_with_baselines_and_experiments_of_its_own(wheel, tmp_path):
+def test_report_is_written_in_a_folder_with_baselines_and_experiments_of_its_own(wheel, tmp_path):
     commands = environment(tmp_path / ".venv", wheel, "report")
     (tmp_path / "experiments").mkdir()
     (tmp_path / "experiments" / "__init__.py").touch()
@@ -146,7 +142,7 @@ def test_with_its_extra_a_report_is_written_in_a_folder_with_baselines_and_exper
     assert "mine:Rule" in (tmp_path / "page" / "index.html").read_text()
 
 
-def test_the_newest_version_of_the_changelog_and_the_cited_one_are_the_package_s():
+def test_version_is_the_newest_of_the_changelog_and_the_cited_one():
     newest = re.search(r"^## (\S+)", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
     cited = re.search(r"^version: (\S+)", (ROOT / "CITATION.cff").read_text(), re.MULTILINE)
     assert newest[1] == cited[1] == impact_gym.__version__

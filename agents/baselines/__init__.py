@@ -4,12 +4,11 @@ from agents.baselines.clairvoyant import Clairvoyant
 from agents.baselines.constant import ConstantSpeed, PaperTrapezoid
 from agents.baselines.profile import BlindProfile, Ranged
 from agents.baselines.random import RandomActions
-from agents.baselines.rule import ALARM, Rule, encode
+from agents.baselines.rule import Rule, encode
 from agents.baselines.shield import FullSpeed, Shield
 from agents.baselines.tuned import load_baseline
 
 __all__ = [
-    "ALARM",
     "BlindProfile",
     "Clairvoyant",
     "ConstantSpeed",

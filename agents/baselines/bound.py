@@ -18,9 +18,9 @@ FORMAT = "impact_gym clairvoyant 2"
 FROZEN = "test"
 
 
-def _searched() -> dict[str, Any]:
+def _search(generations: int) -> dict[str, Any]:
     """Return what a file of the bound says of its search."""
-    return {"set": FROZEN, "parameters": Clairvoyant.names(), "generations": GENERATIONS}
+    return {"set": FROZEN, "parameters": Clairvoyant.names(), "generations": generations}
 
 
 def path_of(setup: Setup, folder: Path = TUNED) -> Path:
@@ -28,28 +28,31 @@ def path_of(setup: Setup, folder: Path = TUNED) -> Path:
     return folder / f"clairvoyant-{setup.name}.npz"
 
 
-def write_bound(setup: Setup, found: Mapping[float, Floats], folder: Path = TUNED) -> Path:
-    """Write the parameters that were found for each time weight, whole or not at all, and return where."""
+def write_bound(
+    setup: Setup, by_weight: Mapping[float, Floats], folder: Path = TUNED, generations: int = GENERATIONS
+) -> Path:
+    """Write the best parameters (scenarios, k) for each time weight, whole or not at all, and return the path."""
     path = path_of(setup, folder)
-    content = {"environment": dict(setup.environment), **_searched()}
-    write_archive(path, FORMAT, content, {f"{weight:g}": found[weight] for weight in sorted(found)})
+    content = {"environment": dict(setup.environment), **_search(generations)}
+    write_archive(path, FORMAT, content, {f"{weight:g}": by_weight[weight] for weight in sorted(by_weight)})
     return path
 
 
-def read_bound(setup: Setup, folder: Path = TUNED) -> dict[float, Floats]:
+def read_bound(setup: Setup, folder: Path = TUNED, generations: int = GENERATIONS) -> dict[float, Floats]:
     """Return the parameters (scenarios, k) of a set-up's bound by time weight, m/s per s.
 
     Raises:
-        ValueError: there is none, it is damaged, or was searched for another environment or for other parameters.
+        ValueError: there is none, it is damaged, or its search was for another environment, for other parameters or of
+            another length.
     """
-    path, remedy = path_of(setup, folder), f"python -m agents.tune {setup.called} --bound"
+    path, remedy = path_of(setup, folder), f"impact-gym tune {setup.called} --bound"
     try:
         content, arrays = read_archive(path, FORMAT)
     except ValueError as error:
         raise ValueError(f"the bound of {setup.name} was not searched: {error}; {remedy}") from error
-    same = all(content[name] == value for name, value in _searched().items())
+    same = all(content[name] == value for name, value in _search(generations).items())
     if not same or not setup.describes(content["environment"]):
-        raise ValueError(f"{path} was searched for another environment or for other parameters: {remedy}")
+        raise ValueError(f"{path} is of a search for another environment or for other parameters: {remedy}")
     return {float(weight): parameters for weight, parameters in arrays.items()}
 
 
@@ -57,6 +60,5 @@ def bound_of(setup: Setup, folder: Path = TUNED) -> dict[float, Floats]:
     """Return the parameters (scenarios, k) at each weight of the set-up's evaluation; empty where one is missing."""
     if not path_of(setup, folder).is_file():
         return {}
-    found = read_bound(setup, folder)
-    weights = setup.evaluation.weights
-    return {weight: found[weight] for weight in weights} if found.keys() >= set(weights) else {}
+    by_weight, weights = read_bound(setup, folder), setup.evaluation.weights
+    return {weight: by_weight[weight] for weight in weights} if by_weight.keys() >= set(weights) else {}

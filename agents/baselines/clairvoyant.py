@@ -3,16 +3,11 @@
 import numpy as np
 
 from agents.baselines.reaction import ACCELERATION, REACTION, ReactingRule
-from agents.baselines.rule import Floats, Parameter, Seen, interpolate
-from impact_gym.envs.observation import OPTIONAL_ENTRIES
-from impact_gym.envs.task import ACCELERATION_RANGE, VELOCITY_RANGE
+from agents.baselines.rule import Floats, Parameter, View, interpolate
+from impact_gym.task.task import ACCELERATION_RANGE, VELOCITY_RANGE
 
 GAPS: Floats = np.array([-0.02, -0.01, 0.0, 0.01, 0.02, 0.04])
 """Gaps (m) between the faces at which its profile has corners; below 0 the coupling gives way, or the object."""
-
-GAP = -2
-"""Place of the true gap in the observation, from its end: what `privileged` adds stands last there."""
-LARGEST_GAP = OPTIONAL_ENTRIES[GAP].high  # m, what stands there as 1
 
 
 class Clairvoyant(ReactingRule):
@@ -21,6 +16,7 @@ class Clairvoyant(ReactingRule):
     Needs the environment's option `privileged`, and parameters that were optimised for the scenario it meets.
     """
 
+    needs_truth = True
     PARAMETERS = (
         *(Parameter(f"velocity at a gap of {1e3 * gap:g} mm", "m/s", *VELOCITY_RANGE, 0.3) for gap in GAPS),
         Parameter("deceleration", "m/s^2", *ACCELERATION_RANGE, 12.0),
@@ -28,9 +24,9 @@ class Clairvoyant(ReactingRule):
         *REACTION,
     )
 
-    def position(self, seen: Seen) -> Floats:
+    def position(self, view: View) -> Floats:
         """Return the tool's position (m), counted from the object."""
-        return -LARGEST_GAP * seen.scaled[..., GAP]
+        return -view["distance"]
 
     def speed(self, position: Floats) -> Floats:
         """Return the speed (m/s, below 0 backwards) at `position` (m) from the object; far away it brakes evenly."""

@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from agents.baselines.rule import Parameter, Rule, Seen
-from impact_gym.envs.task import ACCELERATION_RANGE, VELOCITY_RANGE
+from agents.baselines.rule import Parameter, Rule, View
+from impact_gym.task.task import ACCELERATION_RANGE, VELOCITY_RANGE
 from impact_gym.validation import number
 
 
@@ -34,11 +34,11 @@ class ConstantSpeed(Rule):
         """Return the controller with `parameters` in the order of PARAMETERS."""
         return ConstantSpeed(*np.moveaxis(np.asarray(parameters, np.float64), -1, 0))
 
-    def command(self, seen: Seen) -> tuple[ArrayLike, ArrayLike]:
+    def command(self, view: View) -> tuple[ArrayLike, ArrayLike]:
         """Return the speed until the alarm, and rest from then on."""
         return (
-            np.where(seen.alarm, 0.0, self["speed"]),
-            np.where(seen.alarm, self["deceleration"], self["acceleration"]),
+            np.where(view.alarm, 0.0, self["speed"]),
+            np.where(view.alarm, self["deceleration"], self["acceleration"]),
         )
 
 

@@ -4,7 +4,6 @@ from typing import Any
 
 import numpy as np
 
-from agents.baselines.rule import Floats
 from agents.policies import Controller
 
 
@@ -15,8 +14,10 @@ class Jittery:
         """Make one; `jitter` is a standard deviation as a share of an action's range, which is 2 wide."""
         self._rule, self._scale, self._scenarios, self._rng = rule, 2.0 * jitter, scenarios, rng
 
-    def predict(self, observation: Floats, **arguments: Any) -> tuple[Any, Any]:
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[Any, Any]:
         """Return the actions (n, 2), and what the rule remembers."""
-        actions, state = self._rule.predict(observation, **arguments)
+        actions, state = self._rule.predict(observation, state, episode_start, deterministic)
         off = self._rng.normal(0.0, self._scale, (self._scenarios, 2))
         return actions + np.tile(off, (len(actions) // self._scenarios, 1)), state

@@ -20,11 +20,11 @@ snapped through.
 
 import math
 
-from impact_gym.envs.setting import HOLDER_NUMBERS
-from impact_gym.envs.task import Task
 from impact_gym.physics.dissipation import damping_factor
 from impact_gym.physics.peak import permitted_speed
 from impact_gym.scene import Bistable, Rigid, SpringDamper
+from impact_gym.task import Task
+from impact_gym.task.task import MOUNT_IDS
 
 APART = 1e-6  # by which a critical damping ratio is taken to be larger, so that there are two poles
 
@@ -38,11 +38,11 @@ def permitted(task: Task, limit: float) -> float:
     Raises:
         ValueError: nothing is proven for this set-up, or the limit permits no speed; names what must be otherwise.
     """
-    drawn = [name for name in task.drawn if name in HOLDER_NUMBERS]
+    drawn = [name for name in task.drawn if name in MOUNT_IDS]
     if task.robot is not None or drawn:
         got = ", ".join([*(f"{name} drawn" for name in drawn), *([f"{task.robot}"] if task.robot else [])])
         raise ValueError(f"a shield needs a rigid robot (robot = None), a known tool and a known coupling, got {got}")
-    (_, mass), (_, stiffness), restitution, _ = task.ranges.pairs()
+    (_, mass), (_, stiffness), restitution, _ = task.scenario.by_id().values()
     reduced, push, push_rate, ahead, fastest = mass, 0.0, 0.0, 0.0, math.inf
     if not isinstance(task.coupling, Rigid):
         reduced = task.tool_mass * mass / (task.tool_mass + mass)
@@ -78,7 +78,7 @@ def poles(coupling: SpringDamper, tool_mass: float) -> tuple[float, float]:
 
 def fastest_on_a_spring(task: Task, slow: float) -> float:
     """Return the speed (m/s) from which the flange stops within 1 / `slow` (s) of its way."""
-    delay, in_time = task.delays[1], 1.0 / slow
+    delay, in_time = task.longest_delay, 1.0 / slow
     if delay >= in_time:
         why = "the flange would load the coupling for longer than the tool takes to come back"
         raise ValueError(f"reaction_delay must be below {in_time:.4g} s for a shield, got {delay} s: {why}")
@@ -87,7 +87,7 @@ def fastest_on_a_spring(task: Task, slow: float) -> float:
 
 def fastest_on_a_mechanism(task: Task, mechanism: Bistable) -> float:
     """Return the speed (m/s) from which the flange stops within the stroke of the slider."""
-    delay, stop = task.delays[1], task.acceleration_range[1]
+    delay, stop = task.longest_delay, task.acceleration_range[1]
     return stop * (math.sqrt(delay**2 + 2.0 * (mechanism.rest - mechanism.rear_stop) / stop) - delay)
 
 

@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 
 from agents.baselines.reaction import ACCELERATION, REACTION, ReactingRule
-from agents.baselines.rule import Floats, Parameter, Seen, interpolate
-from impact_gym.envs.task import ACCELERATION_RANGE, VELOCITY_RANGE
+from agents.baselines.rule import Floats, Parameter, View, interpolate
+from impact_gym.task.task import ACCELERATION_RANGE, VELOCITY_RANGE
 
 KNOTS: Floats = np.array([0.08, 0.12, 0.15, 0.17, 0.19, 0.22, 0.25, 0.28, 0.315, 0.35])
 """Positions (m) of the profile's corners, see `Rule.placed`; before the first the start from rest rules."""
@@ -57,9 +57,9 @@ class Ranged(ReactingRule):
         *REACTION,
     )
 
-    def position(self, seen: Seen) -> Floats:
+    def position(self, view: View) -> Floats:
         """Return the flange's position (m), counted from the estimated distance."""
-        return -seen.estimate
+        return -view["distance_estimate"]
 
     def speed(self, position: Floats) -> Floats:
         """Return the speed (m/s) at `position` (m), counted from the estimated distance."""

@@ -9,8 +9,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from agents.baselines.rule import CONTROL_PERIOD, Floats, Parameter, Rule, Seen, interpolate
-from impact_gym.envs.task import ACCELERATION_RANGE, AFTER_ALARM, VELOCITY_RANGE
+from agents.baselines.rule import CONTROL_PERIOD, Floats, Parameter, Rule, View, interpolate
+from impact_gym.quantities import AFTER_ALARM
+from impact_gym.task.task import ACCELERATION_RANGE, VELOCITY_RANGE
 
 TIMES: Floats = np.array([0.0, 0.03, 0.07, AFTER_ALARM])  # s
 REACTION = (
@@ -27,23 +28,23 @@ class ReactingRule(Rule):
     Without the parameter ACCELERATION a rule follows its profile with all that the environment has by default.
     """
 
-    def command(self, seen: Seen) -> tuple[ArrayLike, ArrayLike]:
+    def command(self, view: View) -> tuple[ArrayLike, ArrayLike]:
         """Return what `approach` says until the alarm, and the reaction from then on."""
-        velocity, acceleration = self.approach(seen)
-        after = interpolate(TIMES, self.columns(REACTION[0].name, len(TIMES)), seen.since_alarm)
+        velocity, acceleration = self.approach(view)
+        after = interpolate(TIMES, self.columns(REACTION[0].name, len(TIMES)), view.time_since_alarm)
         return (
-            np.where(seen.alarm, after, velocity),
-            np.where(seen.alarm, self["acceleration after the alarm"], acceleration),
+            np.where(view.alarm, after, velocity),
+            np.where(view.alarm, self["acceleration after the alarm"], acceleration),
         )
 
-    def approach(self, seen: Seen) -> tuple[ArrayLike, ArrayLike]:
+    def approach(self, view: View) -> tuple[ArrayLike, ArrayLike]:
         """Return the profile's velocity (m/s) one control period ahead, and the acceleration (m/s^2) for it."""
         most = self[ACCELERATION.name] if ACCELERATION in self.PARAMETERS else ACCELERATION_RANGE[1]
-        return follow(self.speed, self.position(seen), seen.velocity, most, self.control_period)
+        return follow(self.speed, self.position(view), view["velocity"], most, self.control_period)
 
-    def position(self, seen: Seen) -> Floats:
+    def position(self, view: View) -> Floats:
         """Return the position (m) on the profile: the flange's, unless a rule counts from somewhere else."""
-        return seen.position
+        return view["position"]
 
     def speed(self, position: Floats) -> Floats:
         """Return the profile's speed (m/s) at `position` (m)."""

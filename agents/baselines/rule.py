@@ -6,24 +6,19 @@ tried at once, and one compiled batch plays them all.
 
 import copy
 from collections.abc import Mapping
+from functools import cache
 from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
-from impact_gym.kernels import LOGARITHM_OF_ONE_MORE
 from numpy.typing import ArrayLike, NDArray
 
-from impact_gym.envs.observation import ENTRIES, OPTIONAL_ENTRIES
-from impact_gym.envs.scenario import Range, ScenarioRanges
-from impact_gym.envs.task import ACCELERATION_RANGE, VELOCITY_RANGE, Task
-from impact_gym.validation import WrongTypeError, number
+from impact_gym.task import ObservationSpec, ScenarioRanges, Task
+from impact_gym.task.task import ACCELERATION_RANGE, VELOCITY_RANGE
+from impact_gym.validation import Range, WrongTypeError, number
 
 Floats = NDArray[np.float64]
 
-POSITION, VELOCITY, TIME, ALARM, SINCE_ALARM, FORCE = range(6)
-ESTIMATE = len(ENTRIES)
-"""Places in the observation; that of the distance estimate where there is one."""
-
-CONTROL_PERIOD = Task.control_period  # s
+CONTROL_PERIOD: float = Task.control_period  # s
 DISTANCES = ScenarioRanges().distance
 """Where objects stand, m, unless an environment says otherwise: what positions in rules are made for."""
 LEAST_STRETCH = 0.01  # m
@@ -39,54 +34,31 @@ class Parameter(NamedTuple):
     start: float  # where tuning begins
 
 
-class Seen:
-    """Observations (..., n_obs) in physical units, an array (...) of each; only what a rule asks for is computed."""
+class View:
+    """Observations (..., n_obs) in SI units, an array (...) of each number; only what a rule asks for is computed."""
 
-    def __init__(self, observation: ArrayLike, velocity_range: Range = VELOCITY_RANGE) -> None:
-        self.scaled, self._velocity_range = np.asarray(observation, np.float64), velocity_range
+    def __init__(self, observation: ArrayLike, spec: ObservationSpec) -> None:
+        self._observation, self._spec = np.asarray(observation, np.float64), spec
 
-    def _physical(self, place: int) -> Floats:
-        entry = (*ENTRIES, OPTIONAL_ENTRIES[0])[place]
-        low, high = self._velocity_range if place == VELOCITY else (entry.low, entry.high)
-        share = (self.scaled[..., place] - entry.scaled_low) / (1.0 - entry.scaled_low)
-        if entry.curve == LOGARITHM_OF_ONE_MORE:
-            return np.expm1(share * np.log1p(high))
-        return low + share * (high - low)
-
-    @property
-    def position(self) -> Floats:
-        """Of the flange, m."""
-        return self._physical(POSITION)
-
-    @property
-    def velocity(self) -> Floats:
-        """Of the flange, m/s."""
-        return self._physical(VELOCITY)
-
-    @property
-    def time(self) -> Floats:
-        """Since the beginning, s."""
-        return self._physical(TIME)
-
-    @property
-    def force(self) -> Floats:
-        """The last reading, N."""
-        return self._physical(FORCE)
+    def __getitem__(self, name: str) -> Floats:
+        """The number with this id, in its unit."""
+        return self._spec.decode(self._observation, name)
 
     @property
     def alarm(self) -> NDArray[np.bool_]:
         """Whether the contact alarm has come."""
-        return self.scaled[..., ALARM] > 0.5
+        return self["alarm"] > 0.5
 
     @property
-    def since_alarm(self) -> Floats:
+    def time_since_alarm(self) -> Floats:
         """Time since then, s."""
-        return self._physical(SINCE_ALARM)
+        return self["time_since_alarm"]
 
-    @property
-    def estimate(self) -> Floats:
-        """Distance estimate minus flange position, m."""
-        return self._physical(ESTIMATE)
+
+@cache
+def default_spec(needs_estimate: bool, needs_truth: bool) -> ObservationSpec:
+    """Return what an environment shows that is made with no more arguments than a rule needs."""
+    return ObservationSpec(Task(range_noise=0.0 if needs_estimate else None, privileged=needs_truth))
 
 
 class Rule:
@@ -98,6 +70,7 @@ class Rule:
     control_period: float = CONTROL_PERIOD  # s
     distances: Range = DISTANCES  # m, where objects stand
     needs_estimate: ClassVar[bool] = False  # of the distance
+    needs_truth: ClassVar[bool] = False  # what the argument `privileged` shows
 
     def __init__(self, parameters: ArrayLike) -> None:
         """Make a controller.
@@ -116,6 +89,7 @@ class Rule:
         for parameter, values in zip(self.PARAMETERS, np.moveaxis(self.parameters, -1, 0), strict=True):
             for value in (values.min(), values.max()):
                 number(parameter.name, value, parameter.unit, at_least=parameter.low, at_most=parameter.high)
+        self.spec = default_spec(self.needs_estimate, self.needs_truth)
 
     @classmethod
     def names(cls) -> list[str]:
@@ -135,13 +109,13 @@ class Rule:
         Raises:
             ValueError: the rule needs an estimate of the distance, and the environment shows none.
         """
-        task, twin = Task(**environment), copy.copy(self)
+        task, twin = Task(**{**environment, **({"privileged": True} if self.needs_truth else {})}), copy.copy(self)
         if self.needs_estimate and task.range_noise is None:
             raise ValueError(f"{type(self).__name__} needs an estimate of the distance: environment.range_noise")
         twin.velocity_range, twin.acceleration_range = task.velocity_range, task.acceleration_range
-        twin.control_period = task.control_period
+        twin.control_period, twin.spec = task.control_period, ObservationSpec(task)
         if "scenario" in environment:
-            twin.distances = task.ranges.distance
+            twin.distances = task.scenario.distance
         return twin
 
     def placed(self, position: Floats) -> Floats:
@@ -170,10 +144,10 @@ class Rule:
         deterministic: bool = True,
     ) -> tuple[NDArray[np.float32], Any]:
         """Return the action for an observation (n_obs,) or the actions for a batch of them (n, n_obs)."""
-        velocity, acceleration = self.command(Seen(observation, self.velocity_range))
+        velocity, acceleration = self.command(View(observation, self.spec))
         return encode(velocity, acceleration, self.velocity_range, self.acceleration_range), state
 
-    def command(self, seen: Seen) -> tuple[ArrayLike, ArrayLike]:
+    def command(self, view: View) -> tuple[ArrayLike, ArrayLike]:
         """Return the velocity (m/s) to go to and the acceleration (m/s^2) to use for it."""
         raise NotImplementedError
 

@@ -15,12 +15,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from agents.baselines.permitted import held_up_to, permitted, poles
-from agents.baselines.rule import Floats, Rule, Seen, encode
+from agents.baselines.rule import Floats, Rule, View, encode
 from agents.policies import Controller
-from impact_gym.envs.task import Task
 from impact_gym.scene import Bistable, Rigid, SpringDamper
+from impact_gym.task import ObservationSpec, Task
 
-TIME = 2  # place in the observation
 STEP = 1e-3  # s, between the moments of a command at which the tool's speed is looked at
 COARSE_STEP = 4e-3  # s, likewise of the stop, which the next command looks at again
 SLACK = 1e-3  # share of the permitted speed, more than the tool's differs from one moment to the next
@@ -34,10 +33,10 @@ class FullSpeed(Rule):
     def __init__(self, parameters: ArrayLike = ()) -> None:
         super().__init__(parameters)
 
-    def command(self, seen: Seen) -> tuple[ArrayLike, ArrayLike]:
+    def command(self, view: View) -> tuple[ArrayLike, ArrayLike]:
         """Return one end of the velocities or the other, at the largest acceleration."""
         back, forward = self.velocity_range
-        return np.where(seen.alarm, back, forward), self.acceleration_range[1]
+        return np.where(view.alarm, back, forward), self.acceleration_range[1]
 
 
 class Shield:
@@ -56,9 +55,10 @@ class Shield:
             ValueError: for this environment nothing is proven, or the limit permits no speed.
         """
         self.task = task = Task(**environment)
+        self.spec = ObservationSpec(task)
         self.permitted = permitted(task, limit)
         self.controller = controller or FullSpeed().for_environment(environment)
-        self.near = task.ranges.distance[0]  # m
+        self.near = task.scenario.distance[0]  # m
         self.speed_up, self.stop = 2 * task.acceleration_range[1:]  # m/s^2, the most it may, either way
         if isinstance(task.coupling, Bistable):
             self.speed_up = held_up_to(task, task.coupling)
@@ -79,20 +79,21 @@ class Shield:
         Raises:
             ValueError: the tool hangs on a spring, an episode goes on, and the state of the call before is missing.
         """
-        seen = Seen(np.atleast_2d(observation), self.task.velocity_range)
-        going_on = seen.scaled[:, TIME] > -1.0
+        view = View(np.atleast_2d(observation), self.spec)
+        going_on = view["time"] > 0.0
         if state is None and self.poles and going_on.any():
             raise ValueError("state must be what the last call returned: the shield follows the tool on its spring")
         inner, lags = state or (None, np.zeros((len(self.poles), len(going_on))))
         action, inner = self.controller.predict(observation, inner, episode_start, deterministic)
         asked = self._physical(np.atleast_2d(action))
-        now = np.stack([seen.position, seen.velocity, *np.where(going_on, lags, 0.0)])
-        free = ~seen.alarm
+        now = np.stack([view["position"], view["velocity"], *np.where(going_on, lags, 0.0)])
+        free = ~view.alarm
         command = np.stack([np.minimum(asked[0], 0.0), np.full(len(free), self.stop)])
         command[:, free] = self._slowed(now[:, free], asked[:, free])
         lags = self._flight(now, command, self.during[-1:])[2:, :, 0]
-        made = encode(*command, self.task.velocity_range, self.task.acceleration_range)
-        return made.reshape(np.shape(action)), (inner, lags)
+        velocity, acceleration = command
+        actions = encode(velocity, acceleration, self.task.velocity_range, self.task.acceleration_range)
+        return actions.reshape(np.shape(action)), (inner, lags)
 
     def _physical(self, action: ArrayLike) -> Floats:
         """Return what actions (n, 2) ask for (2, n), m/s and m/s^2."""

@@ -7,11 +7,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from agents.baselines.constant import ConstantSpeed, PaperTrapezoid
-from agents.baselines.profile import BlindProfile, ConstantDeceleration, Ranged
+from agents import setups
+from agents.baselines import constant, profile, wary
+from agents.baselines.constant import PaperTrapezoid
 from agents.baselines.random import RandomActions
 from agents.baselines.rule import Rule
-from agents.baselines.wary import WaryProfile, WaryRanged
 from agents.policies import Controller
 from agents.setups import Setup, owner
 from impact_gym.files import whole_file
@@ -19,9 +19,8 @@ from impact_gym.validation import number
 
 TUNED = Path(__file__).parents[1] / "tuned"
 FORMAT = "impact_gym tuned baseline 1"
-RULES = {
-    rule.__name__: rule for rule in (BlindProfile, ConstantDeceleration, ConstantSpeed, Ranged, WaryProfile, WaryRanged)
-}
+CLASSES = vars(constant) | vars(profile) | vars(wary)
+RULES: dict[str, type[Rule]] = {name: CLASSES[name] for name in setups.RULES}
 FIXED = {"paper-trapezoid": PaperTrapezoid, "random": RandomActions}
 
 
@@ -66,7 +65,7 @@ def read_tuned(name: str, folder: Path = TUNED, setup: Setup | None = None) -> d
     path, setup = folder / f"{name}.json", setup or owner(name)
     if setup is None and not path.is_file():
         raise ValueError(f"no baseline {name!r}: there are {sorted([*FIXED, *names()])}")
-    remedy = f"python -m agents.tune {setup.called if setup else 'SETUP'}"
+    remedy = f"impact-gym tune {setup.called if setup else 'SETUP'}"
     try:
         content: dict[str, Any] = json.loads(path.read_text())
         found = _checksum(content)

@@ -1,13 +1,12 @@
 """Evaluation: controllers played through the same numbered scenarios, here or as jobs."""
 
-from agents.evaluate.stage import (
+from agents.evaluate.scenario_batch import (
     RESULTS,
     TEST_SEED,
     TUNING_SEED,
     VALIDATION_SEED,
-    Controller,
     Episodes,
-    Stage,
+    ScenarioBatch,
     Validation,
     evaluate,
 )
@@ -17,9 +16,8 @@ __all__ = [
     "TEST_SEED",
     "TUNING_SEED",
     "VALIDATION_SEED",
-    "Controller",
     "Episodes",
-    "Stage",
+    "ScenarioBatch",
     "Validation",
     "evaluate",
 ]

@@ -10,10 +10,8 @@ limit of force, for objects from the ranges, around another controller or by its
 
 import base64
 import importlib
-import tempfile
 from collections.abc import Mapping
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,7 +22,7 @@ from agents.baselines import Clairvoyant, ConstantSpeed, Shield
 from agents.baselines.rule import Rule
 from agents.baselines.tuned import load_baseline, tuned_rule
 from agents.policies import Controller
-from agents.policies.policy import Policy
+from agents.policies.policy import Policy, policy_from_bytes
 
 
 def controller_of(
@@ -50,7 +48,7 @@ def _made(spec: Mapping[str, Any], time_weight: float) -> Controller:
         case "policy":
             return _policy(value)
         case "shipped":
-            return load_policy(value)
+            return _shipped(value)
         case "baseline":
             return load_baseline(value, time_weight)
         case "tuned":
@@ -66,10 +64,12 @@ def _made(spec: Mapping[str, Any], time_weight: float) -> Controller:
 
 @lru_cache(maxsize=64)
 def _policy(content: str) -> Policy:
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "policy.npz"
-        path.write_bytes(base64.b64decode(content))
-        return load_policy(path)
+    return policy_from_bytes(base64.b64decode(content))
+
+
+@lru_cache(maxsize=16)
+def _shipped(name: str) -> Policy:
+    return load_policy(name)  # which reads the policies of all seeds
 
 
 def _object(name: str) -> Controller:

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.evaluate.controllers import controller_of
-from agents.evaluate.stage import RESULTS, Stage
-from impact_gym.envs import evaluation_sets
-from impact_gym.envs.evaluation_sets import EvaluationSet
-from impact_gym.envs.scenario import FIELDS
+from agents.evaluate.scenario_batch import RESULTS, ScenarioBatch
+from impact_gym.task import evaluation_sets
+from impact_gym.task.evaluation_sets import EvaluationSet
+from impact_gym.task.scenario import FIELDS
 
 
 def play(
@@ -34,21 +34,23 @@ def play(
         environment: arguments of the environment but for scenario and time weight.
     """
     played = [
-        stage_of(scenarios, weight, environment).play(controller_of(controller, weight, environment))
+        scenario_batch_of(scenarios, weight, environment).play(controller_of(controller, weight, environment))
         for weight in weights
     ]
     return {name: np.array([getattr(one, name) for one in played]) for name in RESULTS} | played[0].scenario
 
 
-def stage_of(scenarios: Mapping[str, Any], weight: float, environment: Mapping[str, Any] | None = None) -> Stage:
+def scenario_batch_of(
+    scenarios: Mapping[str, Any], weight: float, environment: Mapping[str, Any] | None = None
+) -> ScenarioBatch:
     """Return the stage of `scenarios` at a time weight (m/s per s)."""
     options: dict[str, Any] = {"time_weight": [weight], "threads": 1, "quiet": True, **(environment or {})}
     frozen = frozen_of(scenarios)
     if frozen is not None:
-        return Stage(frozen.seed, scenarios["count"], frozen=frozen, **options)
+        return ScenarioBatch(frozen.seed, scenarios["count"], frozen=frozen, **options)
     ranges = scenarios["ranges"]
     ranges = ranges if isinstance(ranges, str) else {name: tuple(pair) for name, pair in ranges.items()}
-    return Stage(scenarios["seed"], scenarios["count"], **{**options, "scenario": ranges})
+    return ScenarioBatch(scenarios["seed"], scenarios["count"], **{**options, "scenario": ranges})
 
 
 def frozen_of(scenarios: Mapping[str, Any]) -> EvaluationSet | None:

@@ -1,4 +1,4 @@
-"""Export a policy: `python -m agents.export linear-blind --out DIR` writes ONNX and a C header and checks both.
+"""Export a policy: `impact-gym export linear-blind --out DIR` writes ONNX and a C header and checks both.
 
 Checked against the policy on NumPy over 10,000 observations drawn evenly from the observation space; how long one call
 takes is printed beside the controller's cycle. What cannot be checked here is said.
@@ -11,22 +11,22 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import tyro
 from numpy.typing import NDArray
 
-from agents.command_line import command_line
+from agents.command_line import run_command
 from agents.export.c_header import write_header
 from agents.export.onnx_graph import write_onnx
-from agents.export.replay import CALLS, EPISODES, address, compiled, logged, replay
+from agents.export.replay import CALLS, EPISODES, Replay, address, compiled, logged, replay
 from agents.policies.policy import ACTIONS, Policy, load_policy
-from impact_gym.envs.observation import space
-from impact_gym.envs.task import Task
+from impact_gym.task import Task
 
 Floats = NDArray[np.float32]
-AGREEMENT = 1e-6  # of actions in -1 ... 1
+AGREEMENT = 1e-6
+"""Difference of actions in -1 ... 1 that is allowed beyond what rounding to float32 makes of the policy itself."""
 SAME_COMMANDS = 1e-5  # of their range
 OBSERVATIONS = 10_000
 
@@ -41,9 +41,8 @@ class Export:
     """Folder for the files."""
 
 
-@dataclass(frozen=True)
-class Implementation:
-    """What one implementation of a policy, in NumPy, C or ONNX, computes, and how fast."""
+class Form(NamedTuple):
+    """A policy's actions as one implementation computes them, in NumPy, C or ONNX, and how fast."""
 
     actions: Floats  # (n, 2)
     seconds: float  # for one call with one observation
@@ -51,17 +50,16 @@ class Implementation:
 
 def observations(policy: Policy) -> Floats:
     """Return OBSERVATIONS of them, (n, n_obs)."""
-    box: Any = space(Task(**policy.environment))
-    drawn = np.random.default_rng(0).uniform(box.low, box.high, (OBSERVATIONS, policy.inputs))
+    drawn = np.random.default_rng(0).uniform(policy.spec.scaled_low, 1.0, (OBSERVATIONS, policy.inputs))
     return drawn.astype(np.float32)
 
 
-def with_numpy(policy: Policy, seen: Floats) -> Implementation:
+def with_numpy(policy: Policy, observed: Floats) -> Form:
     """Play the policy itself."""
-    return Implementation(policy.predict(seen)[0], _time(lambda: policy.predict(seen[0])))
+    return Form(policy.predict(observed)[0], _time(lambda: policy.predict(observed[0])))
 
 
-def with_onnx(policy: Policy, path: Path, seen: Floats) -> Implementation | None:
+def with_onnx(path: Path, observed: Floats) -> Form | None:
     """Play the ONNX file with onnxruntime; None where that is missing."""
     try:
         onnxruntime = importlib.import_module("onnxruntime")  # has no types
@@ -70,20 +68,30 @@ def with_onnx(policy: Policy, path: Path, seen: Floats) -> Implementation | None
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = 1
     session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
-    (actions,) = session.run(None, {"observation": seen})
-    return Implementation(actions, _time(lambda: session.run(None, {"observation": seen[:1]})))
+    (actions,) = session.run(None, {"observation": observed})
+    return Form(actions, _time(lambda: session.run(None, {"observation": observed[:1]})))
 
 
-def with_c(policy: Policy, path: Path, seen: Floats) -> Implementation | None:
+def with_c(policy: Policy, path: Path, observed: Floats) -> Form | None:
     """Compile the header and play it; None where there is no C compiler."""
     with TemporaryDirectory() as folder:
         program = compiled(policy, path, Path(folder), program="network.c.jinja")
     if program is None:
         return None
-    actions = np.empty((len(seen), ACTIONS), np.float32)
+    actions = np.empty((len(observed), ACTIONS), np.float32)
     begun = time.perf_counter()
-    program.play(len(seen), address(seen), address(actions))
-    return Implementation(actions, (time.perf_counter() - begun) / OBSERVATIONS)
+    program.play(len(observed), address(observed), address(actions))
+    return Form(actions, (time.perf_counter() - begun) / len(observed))
+
+
+def rounding(policy: Policy, observed: Floats, actions: Floats) -> float:
+    """Return the largest difference of the policy's `actions` (n, 2) from its network in double precision."""
+    values, network = observed.astype(np.float64), policy.network
+    for layer in network.hidden:
+        sums = values @ layer.weight.T.astype(np.float64) + layer.bias
+        values = np.tanh(sums) if network.activation == "tanh" else np.maximum(sums, 0.0)
+    exact = np.clip(values @ network.mean.weight.T.astype(np.float64) + network.mean.bias, -1.0, 1.0)
+    return float(np.abs(actions - exact).max())
 
 
 def _time(call: Callable[[], Any]) -> float:
@@ -91,7 +99,7 @@ def _time(call: Callable[[], Any]) -> float:
     return float(np.median(timeit.repeat(call, number=1, repeat=1000)))
 
 
-def export(options: Export) -> list[Path]:
+def run(options: Export) -> list[Path]:
     """Write both files, check them, and return their paths.
 
     Raises:
@@ -99,36 +107,46 @@ def export(options: Export) -> list[Path]:
     """
     policy = load_policy(options.policy)
     stem, period = Path(options.policy).stem, Task(**policy.environment).control_period
-    seen = observations(policy)
-    original = with_numpy(policy, seen)
+    observed = observations(policy)
+    original = with_numpy(policy, observed)
+    allowed = AGREEMENT + rounding(policy, observed, original.actions)
     print(f"a call of the policy on NumPy takes {_beside(original.seconds, period)}")
-    paths = [write_header(policy, options.out / f"{stem}.h"), write_onnx(policy, options.out / f"{stem}.onnx")]
-    forms = [with_c(policy, paths[0], seen), with_onnx(policy, paths[1], seen)]
-    missing = ["no C compiler is here", "the package onnxruntime is missing"]
-    _check_controller(policy, paths[0], period)
-    for path, form, reason in zip(paths, forms, missing, strict=True):
-        if form is None:
-            print(f"{path}: not checked, {reason}")
-            continue
-        difference = float(np.abs(form.actions - original.actions).max())
-        if not difference <= AGREEMENT:
-            raise ValueError(f"{path} differs from the policy by {difference:.1e}, more than {AGREEMENT:g}")
-        print(f"{path}: differs by at most {difference:.1e}; a call takes {_beside(form.seconds, period)}")
-    return paths
+    header, graph = write_header(policy, options.out / f"{stem}.h"), write_onnx(policy, options.out / f"{stem}.onnx")
+    print(judged_replay(header, replay(policy, header, logged(policy)), period))
+    for path, form, reason in (
+        (header, with_c(policy, header, observed), "no C compiler is here"),
+        (graph, with_onnx(graph, observed), "the package onnxruntime is missing"),
+    ):
+        print(judged(path, form, original, allowed, period) if form else f"{path}: not checked, {reason}")
+    return [header, graph]
 
 
-def _check_controller(policy: Policy, header: Path, period: float) -> None:
-    """Play episodes through the controller in C, and say how it compares and how long it takes."""
-    found = replay(policy, header, logged(policy))
-    if found is None:
-        print(f"{header}: its controller is not checked: no C compiler, or a policy that sees what no sensor tells")
-        return
-    difference = f"{found.difference:.1e}"
-    if not found.difference <= SAME_COMMANDS:
+def judged(path: Path, form: Form, original: Form, allowed: float, period: float) -> str:
+    """Return a sentence about the form in a file, where the control period is `period` (s).
+
+    Raises:
+        ValueError: its actions differ from the original's by more than is allowed.
+    """
+    difference = float(np.abs(form.actions - original.actions).max())
+    if not difference <= allowed:
+        raise ValueError(f"{path} differs from the policy by {difference:.1e}, more than {allowed:.1e}")
+    return f"{path}: differs by at most {difference:.1e}; a call takes {_beside(form.seconds, period)}"
+
+
+def judged_replay(header: Path, played: Replay | None, period: float) -> str:
+    """Return a sentence about episodes that were replayed through the controller in C.
+
+    Raises:
+        ValueError: its commands differ from the policy's.
+    """
+    if played is None:
+        return f"{header}: its controller is not checked: no C compiler, or a policy that sees what no sensor tells"
+    difference = f"{played.difference:.1e}"
+    if not played.difference <= SAME_COMMANDS:
         raise ValueError(f"{header} commands otherwise, by {difference} of the range, more than {SAME_COMMANDS:g}")
-    print(
+    return (
         f"{header}: {EPISODES:,} episodes replayed, commands differ by at most {difference} of their range; "
-        f"of {CALLS:,} calls 99.9 % take at most {1e6 * found.usual:.1f} us, the worst {1e6 * found.worst:.0f} us, "
+        f"of {CALLS:,} calls 99.9 % take at most {1e6 * played.usual:.1f} us, the worst {1e6 * played.worst:.0f} us, "
         f"where the control period is {1e6 * period:,.0f} us"
     )
 
@@ -139,9 +157,8 @@ def _beside(seconds: float, period: float) -> str:
 
 
 def main() -> None:
-    """Read from the command line what to export, and export it."""
-    with command_line("agents.export"):
-        export(tyro.cli(Export, prog="python -m agents.export"))
+    """Export what the command line asks for."""
+    run_command("export", Export, run)
 
 
 if __name__ == "__main__":

@@ -9,14 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from impact_gym.kernels import LINEAR, LOGARITHM
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from numpy.typing import NDArray
 
-from agents.policies.policy import Policy
-from impact_gym.envs.observation import Entry, entries, sensor_fields
-from impact_gym.envs.task import COMMAND_RESOLUTION, Task
+from agents.policies.policy import ACTION_WORDS, Policy, action_table
 from impact_gym.files import whole_file
+from impact_gym.task import ObservationSpec, Task
+from impact_gym.task.observation import Entry
+from impact_gym.task.task import COMMAND_RESOLUTION
 
 C_ACTIVATIONS = {"tanh": "tanhf((float)sum)", "relu": "sum > 0.0 ? (float)sum : 0.0f", "none": "(float)sum"}
 
@@ -38,10 +38,12 @@ def header(policy: Policy, name: str) -> str:
     task, network = Task(**policy.environment), policy.network
     layers = [layer for layer in network.layers() if layer.name != "log_std"]
     used = sorted({"none", *([network.activation] if network.hidden else [])})
-    value_of, seen = values(task), entries(task)
+    spec, value_of = policy.spec, values(policy.spec)
     return c_text(
         "controller.h.jinja",
         policy=policy,
+        actions=action_table(policy.environment),
+        words=ACTION_WORDS,
         name=name,
         task=task,
         network=network,
@@ -50,10 +52,10 @@ def header(policy: Policy, name: str) -> str:
         activations={activation: C_ACTIVATIONS[activation] for activation in used},
         controlled=has_controller(policy),
         resolution=COMMAND_RESOLUTION,
-        fields=list(sensor_fields(task)),
+        fields=spec.sensors,
         remembered=[field for field in ("force", "deflection") if f"{field}_1" in value_of],
-        scales=[_scale(entry, value_of[entry.sensor]) for entry in seen] if has_controller(policy) else [],
-        lightest=next(entry.low for entry in seen if entry.sensor == "time_weight"),
+        scales=[_scale(entry, value_of[entry.id]) for entry in spec.entries] if has_controller(policy) else [],
+        lightest=spec.scale("time_weight").low,
     )
 
 
@@ -69,25 +71,23 @@ def c_text(template: str, **content: Any) -> str:
 
 def has_controller(policy: Policy) -> bool:
     """Whether the header holds a controller around the network: sensors tell all that the policy sees."""
-    task = Task(**policy.environment)
-    return {entry.sensor for entry in entries(task)} <= set(values(task))
+    return set(policy.spec.ids) <= set(values(policy.spec))
 
 
-def values(task: Task) -> dict[str, str]:
-    """Return what the controller has of each sensor as an expression in C."""
-    now = {sensor: f"now->{field}" for field, sensor in sensor_fields(task).items()}
-    before = range(task.past_readings)
-    past = {f"{sensor}_{n + 1}": f"state->{sensor}_before[{n}]" for sensor in ("force", "deflection") for n in before}
-    past = {sensor: value for sensor, value in past.items() if sensor[:-2] in now}
+def values(spec: ObservationSpec) -> dict[str, str]:
+    """Return as expressions in C what the controller has of the numbers it observes."""
+    now = {name: f"now->{name}" for name in spec.sensors}
+    before = {name: name.rpartition("_") for name, entry in zip(spec.ids, spec.entries, strict=True)
+              if entry.argument == "past_readings"}  # fmt: skip
+    past = {name: f"state->{sensor}_before[{int(number) - 1}]" for name, (sensor, _, number) in before.items()}
     return now | past | {"time_weight": "state->time_weight"}
 
 
 def _scale(entry: Entry, value: str) -> tuple[str, float, float, float]:
     """Return an entry's value as an expression in C, and its low end, gain and scaled low end."""
-    if entry.curve != LINEAR:
-        value = f"{'log' if entry.curve == LOGARITHM else 'log1p'}({value})"
-    _, _, low, scaled_low, gain = entry.record()
-    return value, low, gain, scaled_low
+    low, gain = entry.affine
+    bent = value if entry.scale.curve == "linear" else f"{entry.scale.curve}({value})"
+    return bent, low, gain, entry.scale.scaled_low
 
 
 def _rows(values: NDArray[np.float32]) -> str:

@@ -8,15 +8,13 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
-from impact_gym.kernels import UNIFORMS
 from numpy.typing import NDArray
 
 from agents.export.c_header import c_text, has_controller, identifier
 from agents.policies.policy import ACTIONS, Policy
 from impact_gym.envs.batch import Batch
-from impact_gym.envs.observation import sensor_fields
-from impact_gym.envs.records import DRAWS, free_record
-from impact_gym.envs.task import COMMAND_RESOLUTION, Task
+from impact_gym.task import Task
+from impact_gym.task.task import COMMAND_RESOLUTION
 
 Floats = NDArray[np.float64]
 EPISODES, CALLS = 10_000, 1_000_000
@@ -26,7 +24,7 @@ LANGUAGES = {"C99": ["-x", "c", "-std=c99"], "C++17": ["-x", "c++", "-std=c++17"
 
 
 class Log(NamedTuple):
-    """What the controller was told and what it commanded, step by step."""
+    """Sensors and commands of episodes, step by step."""
 
     sensors: Floats  # (steps, rows, fields), SI units
     commands: Floats  # (steps, rows, 2), m/s and m/s^2
@@ -35,7 +33,7 @@ class Log(NamedTuple):
 
 
 class Replay(NamedTuple):
-    """How the compiled controller compares."""
+    """The compiled controller beside a log."""
 
     difference: float  # largest, of commands over their range
     usual: float  # s, what 99.9 % of the calls take at the most
@@ -46,21 +44,19 @@ def logged(policy: Policy, episodes: int = EPISODES) -> Log:
     """Play episodes of the policy's own environment."""
     task = Task(**policy.environment)
     batch = Batch(episodes, task)
-    uniforms = np.random.default_rng(SEED).random((episodes, DRAWS)).view(UNIFORMS)[:, 0]
-    batch.begin(np.arange(episodes), uniforms, free_record(episodes))
+    batch.draw_and_begin(np.arange(episodes), [np.random.default_rng(SEED)] * episodes)
     low, high = np.array([task.velocity_range, task.acceleration_range]).T
-    ended, start, state = np.zeros(episodes, np.bool_), np.ones(episodes, np.bool_), None
+    ended = batch.ended
     steps, sensors, commands = np.zeros(episodes, np.int64), [], []
     while not ended.all():
         sensors.append(np.stack(list(batch.sensors().values()), axis=-1))
-        actions, state = policy.predict(batch.observations.copy(), state=state, episode_start=start)
+        actions, _ = policy.predict(batch.observations)
         share = 0.5 * (np.clip(actions.astype(np.float64), -1.0, 1.0) + 1.0)
         commands.append(np.rint((low + share * (high - low)) / COMMAND_RESOLUTION) * COMMAND_RESOLUTION)
         steps += ~ended
         batch.step(batch.commands(actions, (episodes, ACTIONS)), ended)
-        ended = (batch.episodes["terminated"] == 1) | (batch.episodes["truncated"] == 1)
-        start = np.zeros(episodes, np.bool_)
-    return Log(np.array(sensors), np.array(commands), steps, batch.episodes["drawn"]["time_weight"].copy())
+        ended = batch.ended
+    return Log(np.array(sensors), np.array(commands), steps, batch.info()["time_weight"])
 
 
 def compiled(
@@ -78,7 +74,7 @@ def compiled(
         program,
         header=header.name,
         name=identifier(header.stem),
-        fields=len(sensor_fields(Task(**policy.environment))),
+        fields=len(policy.spec.sensors),
         inputs=policy.inputs,
     )
     library = folder / f"{header.stem}-{len(language)}.so"
@@ -103,9 +99,9 @@ def replay(policy: Policy, header: Path, log: Log, calls: int = CALLS) -> Replay
             return None
         steps = log.steps.astype(np.int32)
         commands, seconds = np.zeros_like(log.commands), np.zeros(calls)
-        given = [address(array) for array in (log.sensors, steps, log.time_weight)]
-        program.play(len(steps), *given, address(commands))
-        program.clocked(len(steps), *given, calls, address(seconds))
+        arrays = [address(array) for array in (log.sensors, steps, log.time_weight)]
+        program.play(len(steps), *arrays, address(commands))
+        program.clocked(len(steps), *arrays, calls, address(seconds))
     task = Task(**policy.environment)
     span = np.diff([task.velocity_range, task.acceleration_range])[:, 0]
     played = np.arange(len(commands))[:, None] < steps

@@ -10,9 +10,8 @@ from typing import Any
 from tqdm import tqdm
 
 from agents.jobs import local, ray_cluster
-from agents.jobs.job import Job
+from agents.jobs.job import Answer, Engine, Failure, Job
 from agents.jobs.store import Store
-from agents.jobs.work import Answer, Engine, Failure
 from impact_gym.validation import WrongTypeError, number, whole
 
 SHOWN = 10  # failed jobs that an error names one by one
@@ -41,7 +40,7 @@ def gather(
     retries: int = 3,
     seconds: float | None = None,
     failures: bool = False,
-) -> Iterator[tuple[int, Answer]]:
+) -> Iterator[tuple[int, Any]]:  # of results; with `failures`, of answers
     """Yield the place of each job in `jobs` and its result, in any order; results that are in `folder` come first.
 
     Every new result is written to the folder before it is yielded, by this process. Run again, only what is missing is
@@ -76,14 +75,14 @@ def gather(
         count = None if processes is None else whole("processes", processes, at_least=0)
         engine: Engine = partial(local.run, processes=count, seconds=seconds)
     else:
-        for name, given in (("processes", processes), ("seconds", seconds)):
-            if given is not None:
+        for name, value in (("processes", processes), ("seconds", seconds)):
+            if value is not None:
                 raise ValueError(f"{name} are those of this machine: give {name} or cluster, not both")
         engine = partial(ray_cluster.run, address=cluster)
     return _gather(jobs, Path(folder), engine, title, retries, failures)
 
 
-def gather_all(jobs: Iterable[Job], folder: Path | str, **options: Any) -> list[Answer]:
+def gather_all(jobs: Iterable[Job], folder: Path | str, **options: Any) -> list[Any]:  # as `gather`
     """Return the results in the order of the jobs; options and errors are those of `gather`."""
     answers = dict(gather(jobs, folder, **options))
     return [answers[place] for place in range(len(answers))]

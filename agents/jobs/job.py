@@ -1,19 +1,25 @@
-"""A job: a function by its name, and its arguments, as plain data that can be sent anywhere and named by a digest."""
+"""A job: a function by its name, and its arguments, as plain data that can be sent anywhere; and doing it."""
 
 import hashlib
 import importlib
 import inspect
 import json
-from collections.abc import Callable, Mapping
+import traceback
+from collections import Counter, deque
+from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from impact_gym.validation import WrongTypeError
 
+Function = Callable[..., Any]  # a job's function may return anything: `perform` checks it
 Result = dict[str, NDArray[Any]]
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
+"""Environment of every worker: each has one core, and sums are not split by how many there are."""
 
 
 @dataclass(frozen=True)
@@ -35,10 +41,10 @@ class Job:
             raise WrongTypeError(f"depends must be a string, got {self.depends!r}")
         if not isinstance(self.arguments, Mapping):
             raise WrongTypeError(f"arguments of {self.function} must be a mapping, got {self.arguments!r}")
-        called = resolve(self.function)
+        function = resolve(self.function)
         copied = _plain(self.function, dict(self.arguments))
         try:
-            _signature(called).bind(**copied)
+            _signature(function).bind(**copied)
         except TypeError as error:
             raise WrongTypeError(f"{self.function} does not take {copied}: {error}") from None
         object.__setattr__(self, "arguments", copied)  # so that no later change of the caller's reaches it
@@ -54,8 +60,59 @@ class Job:
         return f"{self.function}({arguments if len(arguments) <= 400 else arguments[:400] + '...'})"
 
 
+@dataclass(frozen=True)
+class Failure:
+    """Why a job has no result."""
+
+    reason: str
+    trace: str = ""  # where the function raised
+
+
+Answer = Result | Failure
+Answers = Generator[tuple[int, Answer], None, None]
+Engine = Callable[[Sequence[Job], int], Answers]
+"""Does jobs, each whose worker is lost up to so many times again; yields places in the list and answers, in any order.
+Closing the iterator ends what is under way."""
+
+
+class Queue:
+    """Places of the jobs that wait for a worker, and how often each job's worker was lost."""
+
+    def __init__(self, count: int, retries: int) -> None:
+        self.waiting, self._losses, self._retries = deque(range(count)), Counter[int](), retries
+
+    def lose(self, place: int, how: str) -> Failure | None:
+        """Let a job whose worker was lost wait again, or return its failure where that was once too often."""
+        self._losses[place] += 1
+        if self._losses[place] <= self._retries:
+            self.waiting.append(place)
+            return None
+        causes = "killed, out of memory, or unable to begin in a script without `if __name__ == '__main__':`"
+        return Failure(f"its worker was lost {self._losses[place]} time(s), {causes}; the last time: {how}")
+
+
+def perform(function: str, arguments: Mapping[str, Any]) -> Answer:
+    """Call the function; a failure says what it raised."""
+    try:
+        return _checked(resolve(function)(**arguments))
+    except (Exception, SystemExit) as error:
+        return Failure(f"{type(error).__name__}: {error}", traceback.format_exc())
+
+
+def _checked(result: Any) -> Result:
+    """Return the result if it is one that an archive holds."""
+    if not isinstance(result, dict):
+        raise TypeError(f"a job's function must return arrays by name, got {type(result).__name__}")
+    for name, array in result.items():
+        if not isinstance(name, str) or not name.isidentifier() or name in ("header", "file"):
+            raise ValueError(f"an array of a result must be named by a word other than header and file, got {name!r}")
+        if not isinstance(array, np.ndarray) or array.dtype.hasobject:
+            raise TypeError(f"{name!r} of a result must be an array without objects, got {type(array).__name__}")
+    return result
+
+
 @lru_cache
-def resolve(function: str) -> Callable[..., Any]:
+def resolve(function: str) -> Function:
     """Return the function that "module:name" names.
 
     Raises:
@@ -69,12 +126,12 @@ def resolve(function: str) -> Callable[..., Any]:
     if module == "__main__":
         raise ValueError(f"function {function!r} is not importable elsewhere: put it into a module")
     try:
-        found = getattr(importlib.import_module(module), name)
+        resolved: Function = getattr(importlib.import_module(module), name)
     except (ImportError, AttributeError, ValueError) as error:
         raise ValueError(f"function {function!r} is not importable: {error}") from error
-    if not callable(found):
-        raise ValueError(f"function {function!r} is no function but {found!r}")
-    return found
+    if not callable(resolved):
+        raise ValueError(f"function {function!r} is no function but {resolved!r}")
+    return resolved
 
 
 _signature = lru_cache(inspect.signature)
@@ -84,11 +141,11 @@ def _plain(function: str, arguments: dict[str, Any]) -> dict[str, Any]:
     """Return a copy of the arguments as JSON gives them back, which must be what they are."""
     where = f"arguments of {function} must be"
     try:
-        copied = json.loads(json.dumps(arguments, allow_nan=False))
-        if copied == arguments:
-            return copied
+        copied: dict[str, Any] = json.loads(json.dumps(arguments, allow_nan=False))
     except TypeError as error:
         raise WrongTypeError(f"{where} what JSON holds: {error}; got {arguments!r}") from None
     except ValueError as error:  # not finite, or a circle
         raise ValueError(f"{where} finite and what JSON holds: {error}") from None
-    raise WrongTypeError(f"{where} what JSON holds (lists, string keys), got {arguments!r}")
+    if copied != arguments:
+        raise WrongTypeError(f"{where} what JSON holds (lists, string keys), got {arguments!r}")
+    return copied

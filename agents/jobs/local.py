@@ -5,122 +5,129 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections import Counter, deque
 from collections.abc import Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
+from multiprocessing.connection import Connection, wait
+from multiprocessing.context import SpawnProcess
 from time import monotonic
 from unittest.mock import patch
 
-from agents.jobs.job import Job, resolve
-from agents.jobs.work import ONE_THREAD, Answer, Answers, Failure, lost, perform
+from agents.jobs.job import ONE_THREAD, Answer, Answers, Failure, Job, Queue, perform, resolve
 
 LOOKING_EVERY = 0.1  # s, for jobs that are late
+PATIENCE = 1.0  # s, for a process whose connection has broken to end by itself
 
 
 def run(jobs: Sequence[Job], retries: int, *, processes: int | None = None, seconds: float | None = None) -> Answers:
-    """Do jobs in so many processes; see `agents.jobs.work.Engine` and `agents.jobs.gather`."""
+    """Do jobs in so many processes; see `agents.jobs.job.Engine` and `agents.jobs.gather`."""
     limit = math.inf if seconds is None else seconds
     count = min(len(jobs), (os.cpu_count() or 1) if processes is None else processes)
     if count == 0:
         for place, job in enumerate(jobs):
             yield place, perform(job.function, job.arguments)
         return
-    waiting, losses = deque(range(len(jobs))), Counter[int]()
-    slots = [_Slot() for _ in range(count)]
-    busy: dict[Future[Answer], tuple[_Slot, int]] = {}
+    queue = Queue(len(jobs), retries)
+    workers = [_Worker() for _ in range(count)]
+    busy: dict[_Worker, int] = {}
 
-    def give(slot: _Slot) -> None:
-        if waiting:
-            place = waiting.popleft()
-            busy[slot.begin(jobs[place])] = slot, place
+    def give(worker: _Worker) -> None:
+        if queue.waiting:
+            busy[worker] = queue.waiting.popleft()
+            worker.begin(jobs[busy[worker]])
 
     try:
-        for slot in slots:
-            give(slot)
+        for worker in workers:
+            give(worker)
         while busy:
-            over = wait(busy, LOOKING_EVERY, FIRST_COMPLETED).done
-            late = {future for future, (slot, _) in busy.items() if slot.worked() > limit}
-            for future in over | late:
-                slot, place = busy.pop(future)
+            wait([worker.connection for worker in busy], LOOKING_EVERY)
+            for worker, place in list(busy.items()):
+                answer: Answer | None
                 try:
-                    answer = future.result(timeout=0.0)
-                except TimeoutError:
-                    slot.end()  # compiled code listens to nothing else
-                    answer = Failure(f"no answer within {limit:g} s")
-                except BrokenProcessPool as error:
-                    losses[place] += 1
-                    slot.end()
-                    if losses[place] <= retries:
-                        waiting.append(place)
-                        give(slot)
+                    answer = worker.answer(limit)
+                    if answer is None:
                         continue
-                    answer = lost(losses[place], str(error))
-                give(slot)  # first, so that the process works while the answer is dealt with
-                yield place, answer
+                except (EOFError, OSError):
+                    answer = queue.lose(place, f"its process ended with exit code {worker.end(PATIENCE)}")
+                del busy[worker]
+                give(worker)  # first, so that the process works while the answer is dealt with
+                if answer is not None:
+                    yield place, answer
     finally:
-        for slot in slots:
-            slot.end()
+        for worker in workers:
+            worker.end()
 
 
-class _Slot:
+class _Worker:
     """A process that does one job at a time; a fresh one where it was lost."""
 
+    connection: Connection
+
     def __init__(self) -> None:
-        self._pool: ProcessPoolExecutor | None = None
-        self._process: Future[int] = Future()
-        self._ready: Future[None] = Future()
+        self._process: SpawnProcess | None = None
         self._began = math.inf  # s
 
-    def begin(self, job: Job) -> Future[Answer]:
-        try:
-            answer = self._running(job).submit(perform, job.function, job.arguments)
-        except BrokenProcessPool:  # lost while it had nothing to do
+    def begin(self, job: Job) -> None:
+        """Give it a job; the process starts afresh (a fork would inherit threads and locks), one thread for libraries.
+
+        It is a daemon, so that a gathering that nobody finished does not keep the interpreter from ending.
+        """
+        if self._process is None or not self._process.is_alive():
             self.end()
-            answer = self._running(job).submit(perform, job.function, job.arguments)
-        self._began = math.inf
-        self._ready.add_done_callback(self._begin_to_count)
-        return answer
-
-    def worked(self) -> float:
-        """Return for how long it has been at its job, s; starting the process does not count."""
-        return monotonic() - self._began
-
-    def _begin_to_count(self, _: Future[None]) -> None:
-        self._began = monotonic()
-
-    def _running(self, job: Job) -> ProcessPoolExecutor:
-        """Return the process, started afresh (a fork would inherit threads and locks) with one thread for libraries."""
-        if self._pool is None:
+            self.connection, other_end = multiprocessing.Pipe()
             with patch.dict(os.environ, ONE_THREAD):
-                self._pool = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _prepare)
-                self._process = self._pool.submit(os.getpid)
-                self._ready = self._pool.submit(_load, job.function)
-        return self._pool
+                self._process = multiprocessing.get_context("spawn").Process(
+                    target=_work, args=[other_end], daemon=True
+                )
+                self._process.start()
+            other_end.close()
+        self._began = math.inf
+        with suppress(OSError):  # lost just now, which `answer` finds out
+            self.connection.send((job.function, job.arguments))
 
-    def end(self) -> None:
-        """End the process, whatever it is doing."""
-        if self._pool is None:
-            return
-        with suppress(BrokenProcessPool, ProcessLookupError):
-            os.kill(self._process.result(), signal.SIGKILL)
-        self._pool.shutdown(cancel_futures=True)
-        self._pool = None
+    def answer(self, limit: float) -> Answer | None:
+        """Return the answer to the job, a failure after `limit` seconds of work, or None while there is none.
+
+        Starting the process, and importing the function, does not count as work.
+
+        Raises:
+            EOFError, OSError: the process was lost.
+        """
+        if self.connection.poll():
+            answer: Answer | None = self.connection.recv()
+            if answer is not None:
+                return answer
+            self._began = monotonic()
+        if monotonic() - self._began <= limit:
+            return None
+        self.end()  # compiled code listens to nothing else
+        return Failure(f"no answer within {limit:g} s")
+
+    def end(self, patience: float = 0.0) -> int | None:
+        """End the process, whatever it is doing, after so many seconds at the most; return its exit code."""
+        if self._process is None:
+            return None
+        self._process.join(patience)
+        self._process.kill()
+        self._process.join()
+        code, self._process = self._process.exitcode, None
+        self.connection.close()
+        return code
 
 
-def _prepare() -> None:
-    """Leave Ctrl-C to the gathering process, and end with it however it ends."""
+def _work(connection: Connection) -> None:
+    """Do the jobs that come; leave Ctrl-C to the gathering process, and end with it however it ends."""
 
     def end_with_parent() -> None:
-        multiprocessing.parent_process().join()
+        parent = multiprocessing.parent_process()
+        if parent:
+            parent.join()
         os._exit(1)
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=end_with_parent, daemon=True).start()
-
-
-def _load(function: str) -> None:
-    """Import what a job needs, which takes seconds where it is large; `perform` says why it cannot be."""
-    with suppress(Exception, SystemExit):
-        resolve(function)
+    while True:
+        function, arguments = connection.recv()
+        with suppress(Exception):  # `perform` says what is wrong with it
+            resolve(function)
+        connection.send(None)  # it begins
+        connection.send(perform(function, arguments))

@@ -3,13 +3,12 @@
 The nodes need the same Python, Ray, NumPy and SciPy; the project goes along, compiled. What Ray itself
 would repeat after a loss is repeated here, so that it is counted the same way as on one machine, and a result whose
 node dies before it was fetched is one more loss: the job is done again. A lost head ends the gathering; what it had
-fetched is in the folder, and the same command goes on.
+fetched is in the folder, and the same command continues.
 """
 
 import os
 import socket
 import tempfile
-from collections import Counter, deque
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache
@@ -19,9 +18,8 @@ from typing import Any
 
 from tqdm import tqdm
 
-from agents.jobs.job import Job
+from agents.jobs.job import ONE_THREAD, Answer, Answers, Failure, Job, Queue, perform
 from agents.jobs.sources import stage
-from agents.jobs.work import ONE_THREAD, Answer, Answers, Failure, lost, perform
 
 AHEAD = 4  # tasks under way for each core: enough to hide the way there, few enough for the head's memory
 LEAST = 64
@@ -33,7 +31,7 @@ DECISIVE = ("numpy", "scipy")
 
 
 def run(jobs: Sequence[Job], retries: int, *, address: str) -> Answers:
-    """Do jobs on the cluster at `address`; see `agents.jobs.work.Engine` and `agents.jobs.gather`."""
+    """Do jobs on the cluster at `address`; see `agents.jobs.job.Engine` and `agents.jobs.gather`."""
     try:
         import ray
         import ray.exceptions
@@ -42,35 +40,33 @@ def run(jobs: Sequence[Job], retries: int, *, address: str) -> Answers:
         raise RuntimeError(message) from error
     with _connected(ray, address, jobs):
         task = ray.remote(num_cpus=1, max_retries=0)(_perform_alike)
-        waiting, losses = deque(range(len(jobs))), Counter[int]()
+        queue = Queue(len(jobs), retries)
         flying: dict[Any, int] = {}
         cores = 0
 
         def fill() -> None:
-            while waiting and len(flying) < max(AHEAD * cores, LEAST):
-                place = waiting.popleft()
+            while queue.waiting and len(flying) < max(AHEAD * cores, LEAST):
+                place = queue.waiting.popleft()
                 flying[task.remote(jobs[place].function, jobs[place].arguments, _versions())] = place
 
         try:
-            while waiting or flying:
-                cores = int(ray.cluster_resources().get("CPU", 0))
+            while queue.waiting or flying:
+                cores = int(ray.cluster_resources().get("CPU", 0))  # type: ignore[no-untyped-call]  # Ray's own
                 fill()
                 if not ray.wait(list(flying), timeout=PATIENCE)[0] and cores == 0:
                     tqdm.write("the Ray cluster has no core: waiting for one")
                 for ready in ray.wait(list(flying), num_returns=len(flying), timeout=0)[0]:
                     place = flying.pop(ready)
+                    answer: Answer | None
                     try:
                         answer = ray.get(ready)
                     except ray.exceptions.RayTaskError as error:  # perform itself raises nothing: it could not be sent
                         answer = Failure(f"the worker could not begin: {error.cause!r}", str(error))
                     except ray.exceptions.RayError as error:
-                        losses[place] += 1
-                        if losses[place] <= retries:
-                            waiting.append(place)
-                            continue
-                        answer = lost(losses[place], f"{type(error).__name__}: {error}".splitlines()[0])
+                        answer = queue.lose(place, f"{type(error).__name__}: {error}".splitlines()[0])
                     fill()  # first, so that the nodes have work while the answer is dealt with
-                    yield place, answer
+                    if answer is not None:
+                        yield place, answer
         finally:
             for under_way in flying:
                 ray.cancel(under_way, force=True)
@@ -78,7 +74,7 @@ def run(jobs: Sequence[Job], retries: int, *, address: str) -> Answers:
 
 def _perform_alike(function: str, arguments: Mapping[str, Any], versions: Mapping[str, str]) -> Answer:
     """Do a job if this worker's libraries are those of the gathering process."""
-    other = {name: found for name, found in _versions().items() if found != versions[name]}
+    other = {name: here for name, here in _versions().items() if here != versions[name]}
     if other:
         return Failure(f"the node has {other}, the gathering process {dict(versions)}: install the same on all")
     return perform(function, arguments)
@@ -123,8 +119,8 @@ def _listens(address: str) -> None:
     Raises:
         OSError, ValueError: nobody does, or it is no address.
     """
-    given = os.environ.get("RAY_ADDRESS", "") if address in ("ray", "auto") else address
-    if given and given not in ("ray", "auto"):
-        host, _, port = given.removeprefix("ray://").rpartition(":")
+    place = os.environ.get("RAY_ADDRESS", "") if address in ("ray", "auto") else address
+    if place and place not in ("ray", "auto"):
+        host, _, port = place.removeprefix("ray://").rpartition(":")
         with socket.create_connection((host.strip("[]"), int(port)), timeout=10.0):
             pass

@@ -7,8 +7,8 @@ import zipfile
 from collections.abc import Iterable
 from pathlib import Path
 
-ALWAYS = ("agents", "impact_gym")
-LARGEST = 100e6  # bytes that are sent to each node
+ALWAYS = ("agents", "impact_gym")  # packages that are sent to each node
+LARGEST = 100e6  # bytes, of all that is sent
 STANDARD = Path(sysconfig.get_path("stdlib")).resolve()
 SOURCES = (".py", ".pyx", ".pxi", ".csv", ".json", ".toml", ".npz", ".jinja", ".typed")
 """Kinds of files that a package here reads or is made of."""
@@ -30,7 +30,7 @@ def digest_of(*modules: str) -> str:
     return digest.hexdigest()
 
 
-def stage(functions: Iterable[str], path: Path) -> Path:
+def stage(functions: Iterable[str], path: Path, always: Iterable[str] = ALWAYS, largest: float = LARGEST) -> Path:
     """Write a zip of what jobs of these functions import that is not installed, for a cluster's nodes; return `path`.
 
     These are the top-level packages and modules of this project and of the functions, without what they import from
@@ -38,9 +38,9 @@ def stage(functions: Iterable[str], path: Path) -> Path:
     node that has it is not sent it again.
 
     Raises:
-        ValueError: there is more than 100 MB of it.
+        ValueError: there is more of it than `largest`, bytes.
     """
-    names = {*ALWAYS, *(function.partition(":")[0].partition(".")[0] for function in functions)}
+    names = {*always, *(function.partition(":")[0].partition(".")[0] for function in functions)}
     content: dict[str, Path] = {}
     for name in names:
         origin = _origin(name)
@@ -48,8 +48,8 @@ def stage(functions: Iterable[str], path: Path) -> Path:
             continue  # installed, so it is for the nodes to have it as well
         content |= {file.relative_to(origin.parent).as_posix(): file for file in _files(origin, COMPILED)}
     size = sum(file.stat().st_size for file in content.values())
-    if size > LARGEST:
-        raise ValueError(f"the sources for the cluster are {size / 1e6:.0f} MB, more than {LARGEST / 1e6:.0f} MB")
+    if size > largest:
+        raise ValueError(f"the sources for the cluster are {size / 1e6:.0f} MB, more than {largest / 1e6:.0f} MB")
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
         for name in sorted(content):
             entry = zipfile.ZipInfo(name)  # dated 1980, not today
@@ -62,13 +62,13 @@ def stage(functions: Iterable[str], path: Path) -> Path:
 def _origin(name: str) -> Path:
     """Return a package's folder or a module's file."""
     try:
-        found = importlib.util.find_spec(name)
+        spec = importlib.util.find_spec(name)
     except (ImportError, ValueError):
-        found = None
-    place = None if found is None else next(iter(found.submodule_search_locations or ()), found.origin)
-    if place is None:
+        spec = None
+    origin = spec and next(iter(spec.submodule_search_locations or ()), spec.origin)
+    if not origin:
         raise ValueError(f"there is no module {name!r}")
-    return Path(place).resolve()
+    return Path(origin).resolve()
 
 
 def _files(root: Path, besides: tuple[str, ...] = ()) -> list[Path]:

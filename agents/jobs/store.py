@@ -8,8 +8,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from agents.archive import DAMAGE, load, save
-from agents.jobs.job import Job
-from agents.jobs.work import Answer, Failure
+from agents.jobs.job import Answer, Failure, Job
 
 FORMAT = "impact_gym job result 1"
 NAME = "results.sqlite"
@@ -50,19 +49,19 @@ class Store:
         self._database.close()
 
     def __len__(self) -> int:
-        return self._database.execute("SELECT count(*) FROM results").fetchone()[0]
+        return int(self._database.execute("SELECT count(*) FROM results").fetchone()[0])
 
     def read(self, key: str) -> Answer | None:
         """Return the result of a job, or its failure where that was kept; None where there is none or it is damaged."""
         try:
-            found = self._database.execute("SELECT answer FROM results WHERE key = ?", (key,)).fetchone()
+            row = self._database.execute("SELECT answer FROM results WHERE key = ?", (key,)).fetchone()
         except sqlite3.DatabaseError as error:
             self._begin_anew(error)
             return None
-        if found is None:
+        if row is None:
             return None
         try:
-            content, arrays = load(io.BytesIO(found[0]), FORMAT)
+            content, arrays = load(io.BytesIO(row[0]), FORMAT)
             if content["key"] != key:
                 raise ValueError("it is the result of another job")
             return Failure(**content["failure"]) if "failure" in content else arrays

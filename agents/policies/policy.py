@@ -1,28 +1,33 @@
 """Policies as plain arrays: what training leaves behind, and what runs without torch.
 
-A policy file is an archive of arrays and JSON: the weights of a small network, what it sees and commands in which
-units, and how it came about. Reading one runs no code.
+A policy file is an archive of arrays and JSON: the weights of a small network, or of one for each seed of a training,
+what they see and command, and how they came about. Reading one runs no code.
 """
 
+import io
 import warnings
-from collections.abc import Mapping
-from dataclasses import fields
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.archive import read_archive, write_archive
+from agents import archive
 from agents.policies.networks import Network, from_arrays, to_arrays
-from impact_gym.envs import observation as observations
-from impact_gym.envs.task import Task
+from impact_gym.files import whole_file
+from impact_gym.task import ObservationSpec, Task
+from impact_gym.task.task import arguments
 
 SHIPPED = Path(__file__).parent
-FORMAT = "impact_gym policy 2"
+FORMAT = "impact_gym policies 3"
 ACTIONS = 2  # numbers of an action
+ACTION_WORDS = {"velocity": "velocity to go to", "acceleration": "acceleration to use for it"}
 MAY_DIFFER = ("scenario", "time_weight", "privileged", "rtol", "max_episode_steps")
 """Arguments of an environment that a policy may meet otherwise than in training."""
+
+Table = list[dict[str, Any]]
 
 
 class Controller(Protocol):
@@ -49,15 +54,18 @@ class Policy:
             ValueError: the network does not fit the environment.
         """
         self.network, self.environment, self.provenance = network, dict(environment), dict(provenance)
-        self.observation_table, self.action_table = observation_table(environment), action_table(environment)
-        self.inputs, shown = network.inputs, len(self.observation_table)
-        """Length of the observation."""
-        if self.inputs != shown:
-            raise ValueError(f"the network takes {self.inputs} numbers, the environment shows {shown}")
+        self.spec, self.inputs = ObservationSpec(Task(**environment)), network.inputs
+        if self.inputs != len(self.spec):
+            raise ValueError(f"the network takes {self.inputs} numbers, the environment shows {len(self.spec)}")
         if network.mean.outputs != ACTIONS:
             raise ValueError(f"the network gives {network.mean.outputs} numbers, an action has {ACTIONS}")
         self._noise = np.random.default_rng()
         self._warned = False
+
+    @property
+    def seed(self) -> int:
+        """Seed of its training; 0 where nothing says so."""
+        return int(self.provenance.get("settings", {}).get("seed", 0))
 
     def predict(
         self,
@@ -76,10 +84,9 @@ class Policy:
             raise ValueError(f"the policy takes {self.inputs} numbers, the observation has the shape {seen.shape}")
         if not np.isfinite(seen).all():
             raise ValueError("the observation must be finite")
-        latent = self.network.latent(seen)
-        action = self.network.mean(latent)
+        action = self.network.read(self.network.mean, seen)
         if not deterministic:
-            sigma = np.exp(self.network.log_std(latent))
+            sigma = np.exp(self.network.read(self.network.log_std, seen))
             noise = sigma * self._noise.standard_normal(action.shape, np.float32)
             action = (action + noise).astype(np.float32)
         return np.clip(action, np.float32(-1.0), np.float32(1.0)), state
@@ -87,7 +94,7 @@ class Policy:
     def differs_in(self, task: Task) -> list[str]:
         """Return the arguments in which a task is another than the one that the policy was trained for."""
         own = Task(**self.environment)
-        names = {argument.name for argument in fields(Task) if argument.init} - {*MAY_DIFFER}
+        names = arguments().keys() - {*MAY_DIFFER}
         other = {name for name in names if getattr(own, name) != getattr(task, name)}
         ranges = {name for name in {*own.drawn, *task.drawn} if own.drawn.get(name) != task.drawn.get(name)}
         return sorted(other | {name.partition(".")[0] for name in ranges})
@@ -102,36 +109,101 @@ class Policy:
 
     def save(self, path: Path | str) -> Path:
         """Write the policy to `path`, whole or not at all."""
-        content = {
-            "network": self.network.description(),
-            "environment": self.environment,
-            "observation": self.observation_table,
-            "action": self.action_table,
-            "provenance": self.provenance,
-        }
-        write_archive(Path(path), FORMAT, content, to_arrays(self.network))
+        return Ensemble([self], self.seed).save(path)
+
+    def to_bytes(self) -> bytes:
+        """Return the file that `save` writes."""
+        file = io.BytesIO()
+        archive.save(file, FORMAT, *Ensemble([self], self.seed).packed())
+        return file.getvalue()
+
+
+@dataclass(frozen=True)
+class Ensemble:
+    """The policies that a set-up's seeds came to, all for the same environment; one of them stands for all."""
+
+    policies: Sequence[Policy]
+    chosen: int  # seed of the one that stands for all
+
+    def __post_init__(self) -> None:
+        seeds = [policy.seed for policy in self.policies]
+        if self.chosen not in seeds or len(set(seeds)) < len(seeds):
+            raise ValueError(f"policies must have different seeds, {self.chosen!r} among them, got {seeds}")
+        kinds = [(policy.environment, policy.network.description()) for policy in self.policies]
+        if any(kind != kinds[0] for kind in kinds):
+            raise ValueError("policies of an ensemble must have one environment and one kind of network")
+
+    def __getitem__(self, seed: int | None) -> Policy:
+        """The policy of a seed, or the chosen one."""
+        wanted = self.chosen if seed is None else seed
+        for policy in self.policies:
+            if policy.seed == wanted:
+                return policy
+        raise ValueError(f"seed must be one of {[policy.seed for policy in self.policies]}, got {seed!r}")
+
+    def save(self, path: Path | str) -> Path:
+        """Write all of them to `path`, whole or not at all."""
+        with whole_file(Path(path)) as file:
+            archive.save(file, FORMAT, *self.packed())
         return Path(path)
 
+    def packed(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+        """Return content and arrays of an archive."""
+        one = self[None]
+        content = {
+            "network": one.network.description(),
+            "environment": one.environment,
+            "observation": observation_table(one.environment),
+            "action": action_table(one.environment),
+            "provenance": {str(policy.seed): policy.provenance for policy in self.policies},
+            "chosen": self.chosen,
+        }
+        arrays = {
+            f"{policy.seed}/{name}": array
+            for policy in self.policies
+            for name, array in to_arrays(policy.network).items()
+        }
+        return content, arrays
 
-def observation_table(environment: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return name, unit and scale of each entry of the observation."""
-    columns = ("name", "unit", "low", "high", "scaled_low")
-    shown = observations.entries(Task(**environment))
-    return [{column: getattr(entry, column) for column in columns} for entry in shown]
+    @classmethod
+    def unpacked(cls, content: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> "Ensemble":
+        """Return what was packed.
+
+        Raises:
+            ValueError, LookupError, TypeError: it is none, or was made for other scales than this version has.
+        """
+        environment = content["environment"]
+        tables = observation_table(environment), action_table(environment)
+        if (content["observation"], content["action"]) != tables:
+            raise ValueError("it was made for other scales of observation or action than this version's environment")
+        policies = []
+        for seed, provenance in content["provenance"].items():
+            own = {
+                name.removeprefix(f"{seed}/"): array for name, array in arrays.items() if name.startswith(f"{seed}/")
+            }
+            policies.append(Policy(from_arrays(content["network"], own), environment, provenance))
+        return cls(policies, content["chosen"])
 
 
-def action_table(environment: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return what the action's entries in [-1, 1] mean."""
+def observation_table(environment: Mapping[str, Any]) -> Table:
+    """Return id, unit and scale of each number of the observation."""
+    entries = ObservationSpec(Task(**environment)).entries
+    return [{"id": entry.id, "unit": entry.unit, **_scale(entry.scale._asdict())} for entry in entries]
+
+
+def _scale(scale: dict[str, Any]) -> dict[str, Any]:
+    return {name: scale[name] for name in ("low", "high", "scaled_low", "curve")}
+
+
+def action_table(environment: Mapping[str, Any]) -> Table:
+    """Return what the action's numbers in [-1, 1] are mapped to."""
     task = Task(**environment)
-    rows = [
-        ("velocity to go to", "m/s", *task.velocity_range),
-        ("acceleration to use for it", "m/s^2", *task.acceleration_range),
-    ]
-    return [dict(zip(("name", "unit", "low", "high"), row, strict=True)) for row in rows]
+    rows = [("velocity", "m/s", *task.velocity_range), ("acceleration", "m/s^2", *task.acceleration_range)]
+    return [dict(zip(("id", "unit", "low", "high"), row, strict=True)) for row in rows]
 
 
-def load_policy(name: str | Path) -> Policy:
-    """Return a policy shipped with the project, by name, or from a file, or the best one of a run folder.
+def load_ensemble(name: str | Path) -> Ensemble:
+    """Return the policies of all seeds of a set-up that is shipped, by name, or those in a file or a run folder.
 
     Raises:
         FileNotFoundError: neither a shipped policy nor a file; lists what is shipped.
@@ -142,12 +214,26 @@ def load_policy(name: str | Path) -> Policy:
     if path is None:
         shipped = sorted(file.stem for file in SHIPPED.glob("*.npz"))
         raise FileNotFoundError(f"no policy {str(name)!r}: it is no file, and shipped are {shipped}")
-    content, arrays = read_archive(path, FORMAT)
+    content, arrays = archive.read_archive(path, FORMAT)
     try:
-        policy = Policy(from_arrays(content["network"], arrays), content["environment"], content["provenance"])
-        tables = content["observation"], content["action"]
+        return Ensemble.unpacked(content, arrays)
     except (LookupError, TypeError, AttributeError, ValueError) as error:
-        raise ValueError(f"{path} is no policy: {error}") from error
-    if tables != (policy.observation_table, policy.action_table):
-        raise ValueError(f"{path} was made for other scales of observation or action than this version's environment")
-    return policy
+        raise ValueError(f"{path} is no policy of this version: {error}") from error
+
+
+def load_policy(name: str | Path, seed: int | None = None) -> Policy:
+    """Return a policy shipped with the project, by name, or from a file, or the best one of a run folder.
+
+    Args:
+        name: of what is shipped, or a path.
+        seed: of its training, where there are several; None: the one that stands for all.
+
+    Raises:
+        FileNotFoundError, ValueError: as `load_ensemble`, or there is no such seed.
+    """
+    return load_ensemble(name)[seed]
+
+
+def policy_from_bytes(content: bytes) -> Policy:
+    """Return what `Policy.to_bytes` gave."""
+    return Ensemble.unpacked(*archive.load(io.BytesIO(content), FORMAT))[None]

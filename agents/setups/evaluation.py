@@ -2,17 +2,20 @@
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 from agents.setups.keys import known, table, within
-from impact_gym.envs import evaluation_sets
-from impact_gym.envs.task import Task
+from impact_gym.task import Task, evaluation_sets
+from impact_gym.task.arguments import changed, flat
+from impact_gym.task.task import arguments
 from impact_gym.validation import number, numbers, whole
 
 WEIGHTS = (0.7, 1.0, 2.0, 4.0)  # m/s per s
-SET_BY_OTHERS = ("time_weight", "privileged", "max_episode_steps")
+RESERVED = ("time_weight", "privileged", "max_episode_steps")
 """Arguments of the environment that training and evaluation see to."""
+SET_UP_ARGUMENTS = tuple(name for name in arguments() if name not in RESERVED)
+"""Those that say what an environment is, not what it is used for."""
 AS_TRAINED = "as trained"
 
 COMPLIANT = {"type": "Robot", "mass": 5.225, "stiffness": 1.5e5, "damping": 53.75}  # paper, section 4
@@ -65,7 +68,7 @@ class Evaluation:
         known("evaluation.", content, [item.name for item in fields(cls)])
         given = dict(content)
         nominal = table(content, "nominal", "evaluation.")
-        known("evaluation.nominal.", nominal, arguments_of_task())
+        known("evaluation.nominal.", nominal, SET_UP_ARGUMENTS)
         with within("evaluation.nominal"):
             environment = nominally(nominal, environment)
             Task(**environment)
@@ -109,7 +112,12 @@ def variants(evaluation: Evaluation, environment: Mapping[str, Any]) -> list[Cha
 
 def nominally(nominal: Mapping[str, Any], environment: Mapping[str, Any]) -> dict[str, Any]:
     """Return an environment's arguments with those that are nominal in their place."""
-    return {**environment, **{name: None if value == "rigid" else value for name, value in nominal.items()}}
+    return {**environment, **nominal_arguments(nominal)}
+
+
+def nominal_arguments(nominal: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what a file calls nominal as arguments of the environment: a robot "rigid" is none."""
+    return {name: None if value == "rigid" else value for name, value in nominal.items()}
 
 
 def changes(name: str, values: Any, environment: Mapping[str, Any], strict: bool = False) -> Iterator[Change]:
@@ -133,55 +141,29 @@ def changes(name: str, values: Any, environment: Mapping[str, Any], strict: bool
                 evaluation_sets.load(scenarios)  # raises where there is none
             yield Change(name, scenarios, math.nan, False, environment, "" if same else scenarios, same)
         return
-    arguments = _arguments(environment)
+    given = {path: value for path, value in flat(environment).items() if path.partition(".")[0] in SET_UP_ARGUMENTS}
     if strict:
-        known("evaluation.varied.", [name], ["scenario", *arguments])
-    if arguments.get(name) is None and name != "robot":
+        known("evaluation.varied.", [name], ["scenario", *given])
+    if given.get(name) is None and name != "robot":
         return
     for value in listed:
         try:
             with within(where):
-                changed = _changed(environment, name, value, multiples)
-                same = Task(**changed) == Task(**environment)
+                other = _multiple(given[name], value) if multiples else None if value == "rigid" else value
+                varied = changed(environment, {name: other})
+                same = Task(**varied) == Task(**environment)
         except ValueError:
             if strict:
                 raise
             continue
         size = float(value) if isinstance(value, (int, float)) else math.nan
-        yield Change(name, _label(value), size, multiples, changed, same=same)
+        yield Change(name, _label(value), size, multiples, varied, same=same)
 
 
-def arguments_of_task() -> list[str]:
-    """Return the names of the arguments that say what an environment is, not what it is used for."""
-    return [item.name for item in fields(Task) if item.init and item.name not in SET_BY_OTHERS]
-
-
-def _arguments(environment: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what an environment is made with, by dotted name, whatever is left to defaults."""
-    task, found = Task(**environment), {}
-    for name in (name for name in arguments_of_task() if name != "scenario"):
-        record = getattr(task, name)
-        found[name] = environment.get(name, record)
-        if is_dataclass(record):
-            given = found[name] if isinstance(found[name], Mapping) else {}
-            parts = {part.name: getattr(record, part.name) for part in fields(record)} | given
-            found |= {f"{name}.{part}": value for part, value in parts.items() if part != "type"}
-    return found
-
-
-def _changed(environment: Mapping[str, Any], name: str, value: Any, multiple: bool) -> dict[str, Any]:
-    """Return the arguments with one that is new, or a multiple; a field of a record among those that the record has."""
-    arguments = _arguments(environment)
-    if multiple:
-        own, factor = arguments[name], number("times", value, "(no unit)", above=0)
-        value = [factor * end for end in own] if isinstance(own, (list, tuple)) else factor * own
-    value = None if value == "rigid" else value
-    top, _, inner = name.partition(".")
-    if not inner:
-        return {**environment, top: value}
-    parts = {key.removeprefix(f"{top}."): held for key, held in arguments.items() if key.startswith(f"{top}.")}
-    kind = type(getattr(Task(**environment), top)).__name__
-    return {**environment, top: {"type": kind, **parts, inner: value}}
+def _multiple(own: Any, value: Any) -> Any:
+    """Return a multiple of a number or of a range."""
+    factor = number("times", value, "-", above=0)
+    return [factor * end for end in own] if isinstance(own, (list, tuple)) else factor * own
 
 
 def _label(value: Any) -> str:

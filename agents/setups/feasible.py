@@ -5,12 +5,10 @@ from itertools import product
 
 import numpy as np
 
-from impact_gym.envs import observation
-from impact_gym.envs.setting import HOLDER_NUMBERS
-from impact_gym.envs.task import HORIZON, Task
 from impact_gym.scene import Bistable
+from impact_gym.task import ObservationSpec, Task
+from impact_gym.task.task import HORIZON, MOUNT_IDS
 
-FARTHEST_SEEN = observation.ENTRIES[0].high  # m, of the flange
 OVERSHOOT = 2.0
 """Largest acceleration of a compliant robot's flange over the one asked for: a step on a spring without damping, from
 rest. Steps in time with the robot's own swing get to more."""
@@ -22,20 +20,21 @@ def warnings(task: Task) -> list[str]:
     Raises:
         ValueError: it goes wrong in all of them; names the field.
     """
-    (near, far), reach, most = task.ranges.distance, reached(task), task.acceleration_range[1]
+    (near, far), reach, most = task.scenario.distance, reached(task), task.acceleration_range[1]
     if near > reach:
         raise ValueError(
             f"environment.scenario.distance must begin below {reach:.3g} m, as far as the arm gets in {HORIZON:g} s, "
             f"got {near:g} m: every object would be missed"
         )
+    farthest_seen = ObservationSpec(task).scale("position").high
     said = []
     if far > reach:
         said.append(f"objects stand up to {far:g} m ahead, but the arm gets only {reach:.3g} m far in {HORIZON:g} s")
-    if far > FARTHEST_SEEN:
+    if far > farthest_seen:
         said.append(
-            f"objects stand up to {far:g} m ahead, but the observation ends at a flange position of {FARTHEST_SEEN:g} m"
+            f"objects stand up to {far:g} m ahead, but the observation ends at a flange position of {farthest_seen:g} m"
         )
-    heard = task.delays[1] + task.control_period
+    heard = task.longest_delay + task.control_period
     if near <= 0.5 * most * heard**2:
         said.append(
             f"objects stand from {1e3 * near:.3g} mm on, where the tool can be before the first reading arrives, "
@@ -78,7 +77,7 @@ def held(task: Task) -> float:
 
 def corners(task: Task) -> Iterator[Task]:
     """Yield the task with every end of every range of what holds the tool."""
-    names = [name for name in task.drawn if name in HOLDER_NUMBERS]
+    names = [name for name in task.drawn if name in MOUNT_IDS]
     middles = {name: sum(pair) / 2 for name, pair in task.drawn.items()}
     for ends in product(*(task.drawn[name] for name in names)):
         yield task.at(middles | dict(zip(names, ends, strict=True)))

@@ -1,1 +1,1 @@
-"""Training with stable-baselines3: `settings` say what, `ppo` is how, `run` does it and keeps what came of it."""
+"""Training with stable-baselines3: `ppo` is all of it, from top to bottom."""

@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +12,10 @@ from stable_baselines3.common.callbacks import BaseCallback
 
 from agents.evaluate import Validation
 from agents.policies.policy import Policy
-from agents.setups import load_setup
+from agents.setups import Setup, Training
 from agents.train import checkpoint
 from agents.train.logs import STEPS
-from agents.train.ppo import ScaledRewards, policy_from
-from agents.train.settings import Settings
+from agents.wrappers import ScaledRewards
 
 OBJECTIVES = ("object_velocity", "approach_time", "peak_force", "missed")
 OnValidation = Callable[[int, dict[str, Any]], None]
@@ -37,19 +36,18 @@ class TrainingCallback(BaseCallback):
     def __init__(
         self,
         folder: Path,
-        settings: Settings,
-        record: Mapping[str, Any],
-        environment: ScaledRewards,
+        setup: Setup,
+        training: Training,
+        environments: ScaledRewards,
+        policy: Callable[[], Policy],
         on_validation: OnValidation | None = None,
     ) -> None:
+        """Make one that writes into `folder` what `policy` gives of the model."""
         super().__init__()
-        self._on_validation = on_validation
-        self._folder, self._settings, self._record, self._environment = folder, settings, record, environment
+        self._folder, self._setup, self._training, self._environments = folder, setup, training, environments
+        self._policy, self._on_validation = policy, on_validation
         self.validation = Validation(
-            settings.environment,
-            load_setup(settings.setup).evaluation.weights,
-            settings.validation_scenarios,
-            threads=settings.simulation_threads,
+            setup.environment, setup.evaluation.weights, training.validation_scenarios, training.simulation_threads
         )
         self._begun, self._processor, self._begun_at = time.perf_counter(), time.process_time(), 0
         self.kept: dict[str, Any] = {  # all that must survive an interruption
@@ -77,15 +75,15 @@ class TrainingCallback(BaseCallback):
         return True
 
     def _on_rollout_start(self) -> None:
-        settings = self._settings
+        training = self._training
         self._check_weights()
-        if self._due("validation", settings.validate_every):
+        if self._due("validation", training.validate_every):
             self.validate()
-        if self._due("row", max(settings.round, settings.whole_steps // ROWS)):
+        if self._due("row", max(training.round, training.whole_steps // ROWS)):
             self._write_row()
-        if self._due("checkpoint", settings.checkpoint_every):
+        if self._due("checkpoint", training.checkpoint_every):
             self._count_time()
-            checkpoint.write(self._folder / "checkpoint.npz", self.model, self._environment, self.kept)
+            checkpoint.write(self._folder / "checkpoint.npz", self.model, self._environments, self.kept)
 
     def _on_training_end(self) -> None:
         self._check_weights()
@@ -113,7 +111,7 @@ class TrainingCallback(BaseCallback):
             CollapsedError: it missed nearly all objects, as in the last validations before.
         """
         steps = self.num_timesteps
-        policy = policy_from(self.model, self._settings, self._record)
+        policy = self._policy()
         result = self.validation.score(policy)
         policy.provenance |= {"steps": steps, "validation": result}
         self.kept["curve"].append([steps, result["score"]])
@@ -136,7 +134,7 @@ class TrainingCallback(BaseCallback):
 
     def _check_misses(self, missed: float) -> None:
         """Count the validations in a row with such a share of objects missed; raise when there are too many."""
-        again = missed >= NEARLY_ALL and self.num_timesteps > BEGINNING * self._settings.whole_steps
+        again = missed >= NEARLY_ALL and self.num_timesteps > BEGINNING * self._training.whole_steps
         self.kept["collapsed"] = self.kept["collapsed"] + 1 if again else 0
         if self.kept["collapsed"] >= COLLAPSED:
             raise self._collapse(
@@ -145,11 +143,11 @@ class TrainingCallback(BaseCallback):
 
     def _collapse(self, reason: str) -> CollapsedError:
         """Return what to raise: the reason, the step, and what to try."""
-        settings = self._settings
+        training = self._training
         return CollapsedError(
-            f"the training collapsed after {self.num_timesteps:,} of {settings.whole_steps:,} steps: {reason}. Try a"
-            f" learning_rate below {settings.learning_rate:g} or log_std below {settings.log_std:g}, and see with"
-            f" `python -m agents.setup {settings.setup}` whether the objects can be reached at all"
+            f"the training collapsed after {self.num_timesteps:,} of {training.whole_steps:,} steps: {reason}. Try a"
+            f" learning_rate below {training.learning_rate:g} or log_std below {training.log_std:g}, and see with"
+            f" `impact-gym setup {self._setup.called}` whether the objects can be reached at all"
         )
 
     def _write_row(self) -> None:

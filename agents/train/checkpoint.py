@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
 
 from agents.archive import read_archive, write_archive
-from agents.train.ppo import ScaledRewards
+from agents.wrappers import ScaledRewards
 
 FORMAT = "impact_gym checkpoint 1"
+# stable-baselines3 2.9 has no public way to these; a test trains on from them to the bit.
 COUNTERS = ("num_timesteps", "_n_updates", "_episode_num", "_current_progress_remaining")
 
 
@@ -83,11 +84,14 @@ def _restore_model(model: Any, state: Mapping[str, Any]) -> None:
 def _pack(value: Any, arrays: dict[str, NDArray[Any]]) -> Any:
     """Return `value` as JSON can hold it, tensors and arrays put into `arrays` and named in their place."""
     match value:
-        case torch.Tensor() | np.ndarray():
-            kind = "tensor" if isinstance(value, torch.Tensor) else "array"
-            name = f"{kind}_{len(arrays)}"
-            arrays[name] = value.detach().numpy() if kind == "tensor" else value
-            return {kind: name}
+        case torch.Tensor():
+            name = f"tensor_{len(arrays)}"
+            arrays[name] = value.detach().numpy()
+            return {"tensor": name}
+        case np.ndarray():
+            name = f"array_{len(arrays)}"
+            arrays[name] = value
+            return {"array": name}
         case Mapping():
             return {"items": [[key, _pack(part, arrays)] for key, part in value.items()]}
         case tuple() | list():

@@ -1,4 +1,4 @@
-"""PPO that begins as a pupil: for its first steps it is told what a tuned baseline would do where it is itself.
+"""PPO that first imitates a tuned baseline, at the states that it visits itself.
 
 S. Ross, G. Gordon, D. Bagnell, A Reduction of Imitation Learning and Structured Prediction to No-Regret Online
 Learning, AISTATS 2011. PPO explores around what it does; what lies far from that, such as an approach in pulses, it
@@ -10,99 +10,85 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from stable_baselines3 import PPO
+from torch.nn.functional import mse_loss
 
-from agents.baselines.rule import ALARM, SINCE_ALARM
 from agents.baselines.tuned import read_tuned, tuned_rule
-from agents.setups import load_setup
-from agents.train.closed_form import ClosedFormPPO, Layers
-from impact_gym.envs.observation import ENTRIES, TOUCH, entries
-from impact_gym.envs.task import Task
-
-TIME_WEIGHT = 7
-"""Place of the time weight in the observation."""
-
-
-def time_weights(observations: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the time weights (...), m/s per s, in `observations` (..., n_obs)."""
-    low, high = ENTRIES[TIME_WEIGHT].low, ENTRIES[TIME_WEIGHT].high
-    return np.asarray(low * np.float32(high / low) ** (0.5 * (observations[..., TIME_WEIGHT] + 1.0)))
+from agents.setups import Setup
+from impact_gym.task import ObservationSpec, Task
 
 
 class Teacher:
     """A tuned baseline of a set-up, in each episode as it was tuned for the time weight at which it does best there."""
 
-    def __init__(self, setup: str, name: str) -> None:
+    def __init__(self, setup: Setup, name: str) -> None:
         """Read a baseline of the set-up itself, or one that is shipped.
 
         Raises:
             ValueError: there is no such baseline, or it does not fit what the set-up shows.
         """
-        loaded = load_setup(setup)
-        its_own = name in loaded.tuned
-        content = read_tuned(name, loaded.folder / "tuned", loaded) if its_own else read_tuned(name)
+        its_own = name in setup.tuned
+        content = read_tuned(name, setup.folder / "tuned", setup) if its_own else read_tuned(name)
         rules = [tuned_rule(content, float(weight)) for weight in content["weights"]]
-        self.rules = [rule.for_environment(loaded.environment) for rule in rules]
-        self.told = [entry.sensor for entry in entries(Task(**loaded.environment, privileged=True))]
+        self.rules = [rule.for_environment(setup.environment) for rule in rules]
+        self.spec = ObservationSpec(Task(**{**setup.environment, "privileged": True}))
         means = [found["validation"] for found in content["weights"].values()]
-        self.means = np.array([(one["object_velocity"], one["approach_time"]) for one in means])
+        self.means = np.array([(mean["object_velocity"], mean["approach_time"]) for mean in means])
         self.checksum: str = content["sha256"]
 
     def actions(self, observations: NDArray[Any], episode_starts: NDArray[Any]) -> NDArray[np.float32]:
-        """Return what it would do (steps, envs, 2) at `observations` (steps, envs, n_obs), which follow each other.
+        """Return its actions (steps, envs, 2) at privileged `observations` (steps, envs, n_obs), step by step.
 
-        Where readings raise the alarm it is told when a switch would have, which the pupil has to find out. What it
-        remembers of before the first of them is lost.
+        Where readings raise the alarm, the teacher's alarm is the clean one of a switch: its pupil has to find out.
+        What it remembers of before the first of them is lost.
         """
-        if TOUCH.sensor in self.told:
-            touched = observations[..., self.told.index(TOUCH.sensor)]
+        spec, time_weight = self.spec, self.spec.decode(observations, "time_weight")
+        if "time_since_touch" in spec:
+            touched = observations[..., spec.index("time_since_touch")]
             observations = observations.copy()
-            observations[..., ALARM], observations[..., SINCE_ALARM] = touched > 0.0, touched
+            observations[..., spec.index("alarm")] = touched > 0.0
+            observations[..., spec.index("time_since_alarm")] = touched
         velocity, time = self.means.T  # on the validation set
-        best = (velocity + time_weights(observations)[..., None] * time).argmin(axis=-1)
-        found = np.zeros((*best.shape, 2), np.float32)
+        best = (velocity + time_weight[..., None] * time).argmin(axis=-1)
+        chosen = np.zeros((*best.shape, 2), np.float32)
         for place, rule in enumerate(self.rules):
             state = None
             for step, (seen, start) in enumerate(zip(observations, episode_starts, strict=True)):
                 actions, state = rule.predict(seen, state, start > 0.5)
-                found[step] = np.where(best[step, :, None] == place, actions, found[step])
-        return found
+                chosen[step] = np.where(best[step, :, None] == place, actions, chosen[step])
+        return chosen
 
 
-class Pupil(ClosedFormPPO):
-    """PPO that does as its teacher says for its first steps; its critic learns from the beginning."""
+class PPOWithImitation(PPO):
+    """PPO that imitates a teacher for its first steps; its critic learns from the beginning."""
 
-    def __init__(self, *arguments: Any, teacher: Teacher, until: int, **options: Any) -> None:
-        """Make one; for so many steps, `until`, the teacher speaks."""
-        self._teacher, self._until = teacher, until
+    def __init__(self, *arguments: Any, teacher: Teacher, imitation_steps: int, **options: Any) -> None:
+        """Make one; arguments beside these are those of PPO."""
+        self.teacher, self.imitation_steps = teacher, imitation_steps
         super().__init__(*arguments, **options)
 
     def train(self) -> None:
         """Learn from the last rollout."""
-        if self.num_timesteps <= self._until:
-            self._imitate()
-        else:
+        if self.num_timesteps > self.imitation_steps:
             super().train()
-
-    @torch.no_grad()
-    def _imitate(self) -> None:
-        """Reduce the mean squared error of the mean action, and of the values, on the last rollout."""
-        policy, buffer, hidden = self.policy, self.rollout_buffer, self.policy.mlp_extractor
-        self._update_learning_rate(policy.optimizer)
-        actor, critic = Layers(hidden.policy_net, policy.action_net), Layers(hidden.value_net, policy.value_net)
-        told = self._teacher.actions(buffer.observations, buffer.episode_starts)
-        arrays = (buffer.observations, told, buffer.returns[..., None])
-        seen, told, returns = (torch.from_numpy(array.reshape(-1, array.shape[-1])) for array in arrays)
-        features, parameters, losses = policy.features_extractor(seen), [*policy.parameters()], []
+            return
+        policy, buffer = self.policy, self.rollout_buffer
+        policy.set_training_mode(True)
+        self._update_learning_rate(policy.optimizer)  # stable-baselines3 2.9: what `PPO.train` itself begins with
+        actions = self.teacher.actions(buffer.observations, buffer.episode_starts)
+        arrays = (buffer.observations, actions, buffer.returns[..., None])
+        columns = [torch.from_numpy(array.reshape(-1, array.shape[-1])) for array in arrays]
+        losses = []
         for _ in range(self.n_epochs):
-            order = torch.from_numpy(np.random.permutation(len(seen)))  # noqa: NPY002 - as stable-baselines3 draws it
-            for part in order.split(self.batch_size):
-                error = actor.forward(features[part, : policy.seen]) - told[part]
-                value_error = critic.forward(features[part]) - returns[part]
-                actor.backward(2.0 / error.numel() * error)
-                critic.backward(2.0 * self.vf_coef / len(part) * value_error)
-                policy.log_std.grad = torch.zeros_like(policy.log_std)
-                torch.nn.utils.clip_grad_norm_(parameters, self.max_grad_norm)
+            order = torch.from_numpy(np.random.permutation(len(columns[0])))  # noqa: NPY002 - as PPO draws it
+            for part in torch.split(order, self.batch_size):
+                observations, wanted, returns = (column[part] for column in columns)
+                loss = mse_loss(policy.get_distribution(observations).mode(), wanted)
+                losses.append(loss.item())
+                policy.optimizer.zero_grad()
+                value_loss = mse_loss(policy.predict_values(observations), returns)
+                torch.autograd.backward(loss + self.vf_coef * value_loss)
+                torch.nn.utils.clip_grad_norm_(policy.parameters(), self.max_grad_norm)
                 policy.optimizer.step()
-                losses.append(error.square().mean().item())
-            self._n_updates += 1
+            self._n_updates += 1  # likewise: it is part of a checkpoint and of the log
         self.logger.record("train/imitation_loss", float(np.mean(losses)))

@@ -1,178 +1,274 @@
-"""PPO from top to bottom: what it plays in, what its networks see, every number that it is given, what it has learned.
+"""PPO from top to bottom: settings, environments, model, learning, policy. Each training has a run folder.
 
-The numbers are in `agents.train.settings`; a set-up's file says which of them it wants otherwise.
+The folder holds `config.json` (settings, versions, command), `progress.csv` and events for TensorBoard, `best.npz` (the
+policy that did best on the validation set) and `final.npz`, `metrics.json` (with the training rate), and until the end
+`checkpoint.npz`, from which `resume` goes on to the same end as if nothing had happened. Where a training collapsed,
+`collapsed.txt` says why.
 """
 
-import re
-from collections.abc import Mapping, Sequence
+import fcntl
+import json
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
-from gymnasium import spaces
-from numpy.typing import NDArray
-from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
-from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
-from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
+from stable_baselines3 import PPO
+from stable_baselines3.common.logger import Logger
 
-from agents.policies.networks import Affine, Network
-from agents.policies.policy import Policy, observation_table
-from agents.setups import load_setup
-from agents.train.beside import Beside, narrowed
-from agents.train.closed_form import ActorAndCritic, ClosedFormPPO, Tanh
-from agents.train.held_tool import HeldTool
-from agents.train.imitation import Pupil, Teacher, time_weights
-from agents.train.settings import Settings
+from agents.baselines import PaperTrapezoid
+from agents.command_line import command_of
+from agents.policies import Policy, load_policy
+from agents.provenance import circumstances, revision
+from agents.setups import Setup, Training, load_setup
+from agents.setups.feasible import warnings
+from agents.setups.keys import within
+from agents.train import checkpoint
+from agents.train.callback import CollapsedError, OnValidation, TrainingCallback
+from agents.train.imitation import PPOWithImitation, Teacher
+from agents.train.logs import outputs
+from agents.train.networks import ACTIVATIONS, AsymmetricPolicy, Standardised, acting_network
+from agents.wrappers import ScaledRewards
+from impact_gym.files import whole_file
 from impact_gym.sb3 import ImpactVecEnv
+from impact_gym.task import ObservationSpec, Task
+from impact_gym.validation import whole
 
-CENTRE_AND_SPREAD = {
-    "flange position": (-0.1, 0.3),
-    "flange velocity": (0.4, 0.45),
-    "time": (-0.7, 0.2),
-    "alarm": (0.35, 0.5),
-    "time since the alarm": (0.2, 0.3),
-    "contact force as sensed a delay ago": (0.05, 0.1),
-    "its maximum so far, likewise": (0.15, 0.25),
-    "time weight": (0.0, 0.3),
-    "distance estimate minus flange position": (0.05, 0.1),  # sharper than it is met: 10 mm, its error, must count
-    "standard deviation of the distance estimate": (0.3, 0.2),
-    "tool minus flange from rest, as sensed a delay ago": (0.0, 0.2),
-    "object mass": (0.15, 0.3),
-    "contact stiffness": (-0.4, 0.35),
-    "restitution": (0.55, 0.25),
-    "distance minus flange position": (0.1, 0.3),
-}
-"""Centre and spread of each entry of the observation while a policy trains, to a digit. The networks see entries
-standardised by them, or what differs little would be learned late; an exported policy has them in its weights."""
+FIRST_SEED, SLOTS = 10_000_000, 100_000
+"""Environment i of training seed s is seeded FIRST_SEED + s * SLOTS + i: above all that evaluation uses, and no two
+trainings share any."""
+PACKAGES = ("impact-gym", "gymnasium", "numpy", "scipy", "stable-baselines3", "torch")
 
 
-class ScaledRewards(VecEnvWrapper):
-    """Divides rewards by (1 + time weight) to a power, so that hurried episodes do not drown the others."""
+@dataclass(frozen=True)
+class Run:
+    """One training: a set-up, settings (the set-up's own, unless others are tried) and a seed."""
 
-    def __init__(self, envs: ImpactVecEnv | HeldTool | Beside, power: float) -> None:
-        super().__init__(envs)
-        self._power = power
-        self._scale: NDArray[np.float32] = np.ones(envs.num_envs, np.float32)
+    setup: Setup
+    training: Training
+    seed: int = 0  # of the scenarios, the network and the exploration; no scenario is drawn as in evaluation
 
-    def reset(self) -> VecEnvObs:
-        """Begin an episode everywhere."""
-        observations = self.venv.reset()
-        self._see(observations)
-        return observations
+    def __post_init__(self) -> None:
+        whole("seed", self.seed, at_least=0)
 
-    def step_wait(self) -> VecEnvStepReturn:
-        """Play a step; the scale is that of the episode the reward belongs to."""
-        observations, rewards, ended, infos = self.venv.step_wait()
-        rewards = rewards * self._scale
-        self._see(observations)
-        return observations, rewards, ended, infos
+    @property
+    def environment(self) -> dict[str, Any]:
+        """Arguments of the environment that the policy is for."""
+        return {**self.setup.environment, "time_weight": list(self.training.time_weight)}
 
-    def get_state(self) -> dict[str, Any]:
-        """Return a copy of all that goes on."""
-        return {"scale": self._scale, "envs": self.venv.get_state()}
+    @property
+    def training_environment(self) -> dict[str, Any]:
+        """The same with what training adds: another tolerance, and the truth for an informed critic."""
+        faster = {} if self.training.rtol is None else {"rtol": self.training.rtol}
+        return {**self.environment, **faster, "privileged": self.training.informed_critic}
 
-    def set_state(self, state: Mapping[str, Any]) -> None:
-        """Go on from what `get_state` returned."""
-        self._scale = state["scale"]
-        self.venv.set_state(state["envs"])
+    @property
+    def command(self) -> str:
+        """The command that trains so, as short as it can be."""
+        seed = ["--seed", str(self.seed)] if self.seed else []
+        return command_of("train", self.training, self.setup.training, self.setup.called, *seed)
 
-    def _see(self, observations: Any) -> None:
-        """Take the scale from the time weights in `observations` (num_envs, n_obs)."""
-        self._scale = np.asarray((1.0 + time_weights(observations)) ** -self._power, np.float32)
+    def made_for(self) -> dict[str, Any]:
+        """Return what the result depends on, as JSON gives it back: also what the set-up says beside the settings."""
+        evaluation, also = self.setup.evaluation, dict[str, Any]()
+        if self.training.teacher:
+            also["teacher"] = Teacher(self.setup, self.training.teacher).checksum
+        if self.training.nominal:
+            also["nominal"] = dict(evaluation.nominal)
+        settings = {"setup": self.setup.called, "seed": self.seed, **asdict(self.training)}
+        made = {"settings": settings, "environment": self.environment, "weights": evaluation.weights, **also}
+        plain: dict[str, Any] = json.loads(json.dumps(made))
+        return plain
+
+    def record(self) -> dict[str, Any]:
+        """Return what it takes to repeat the run."""
+        return {"command": self.command, **self.made_for(), **revision(), **circumstances(*PACKAGES)}
+
+    @classmethod
+    def of_record(cls, settings: Mapping[str, Any]) -> "Run":
+        """Return the run whose `made_for` has these settings.
+
+        Raises:
+            TypeError, ValueError, LookupError: a setting is missing or unknown, as in a run of another version.
+        """
+        own = {name: value for name, value in settings.items() if name not in ("setup", "seed")}
+        if odd := own.keys() ^ asdict(Training()).keys():
+            raise ValueError(f"settings {sorted(odd)} are missing or unknown: another version's run")
+        return cls(load_setup(settings["setup"]), Training().changed(own), settings["seed"])
 
 
-def make_environment(settings: Settings) -> ScaledRewards:
-    """Return the environments a training plays in."""
-    plain = round(settings.nominal * settings.envs)
-    nominal = load_setup(settings.setup).evaluation.nominal
-    parts = [(settings.envs - plain, settings.training_environment)]
-    parts += [(plain, narrowed(settings.training_environment, nominal))]
-    batches = [ImpactVecEnv(n, threads=settings.simulation_threads, **played) for n, played in parts if n]
-    if settings.deflection is not None:
-        batches = [HeldTool(batch, settings.deflection) for batch in batches]
-    return ScaledRewards(batches[0] if len(batches) == 1 else Beside(*batches), settings.weight_power)
+def make_environments(run: Run) -> ScaledRewards:
+    """Return the environments a training plays in; in a share of them hardly anything is drawn, see `nominal`."""
+    training = run.training
+    nominal = round(training.nominal * training.envs)
+    slots: list[dict[str, Any]] | None = None
+    if nominal:
+        slots = [{}] * (training.envs - nominal) + [run.setup.nominal] * nominal
+    threads = training.simulation_threads
+    envs = ImpactVecEnv(training.envs, threads=threads, per_slot=slots, **run.training_environment)
+    return ScaledRewards(envs, training.weight_power)
 
 
-def make_model(settings: Settings, environment: VecEnv) -> ClosedFormPPO:
+def make_model(run: Run, environments: ScaledRewards) -> PPO:
     """Return a model that has learned nothing yet; the discount is 1, as an episode ends and its sum is what counts."""
+    training = run.training
     network = {
-        "seen": len(entry_names(settings.environment)),
-        "net_arch": [settings.width] * settings.depth,
-        "activation_fn": {"tanh": Tanh, "relu": torch.nn.ReLU}[settings.activation],
+        "actor_inputs": len(ObservationSpec(Task(**run.environment))),
+        "net_arch": [training.width] * training.depth,
+        "activation_fn": ACTIVATIONS[training.activation],
         "features_extractor_class": Standardised,
-        "features_extractor_kwargs": {"names": entry_names(settings.training_environment)},
-        "log_std_init": settings.log_std,
+        "features_extractor_kwargs": {"task": Task(**run.training_environment)},
+        "log_std_init": training.log_std,
         "optimizer_kwargs": {"eps": 1e-5, "fused": True},
     }
     arguments: dict[str, Any] = {
-        "policy": ActorAndCritic,
+        "policy": AsymmetricPolicy,
         "policy_kwargs": network,
-        "env": environment,
-        "n_steps": settings.rollout,
-        "batch_size": min(settings.batch, settings.round),
-        "n_epochs": settings.epochs,
-        "learning_rate": settings.rate,
+        "env": environments,
+        "n_steps": training.rollout,
+        "batch_size": min(training.batch, training.round),
+        "n_epochs": training.epochs,
+        "learning_rate": training.rate,
         "gamma": 1.0,
-        "gae_lambda": settings.gae_lambda,
-        "clip_range": settings.clip,
-        "ent_coef": settings.entropy,
-        "seed": settings.seed,
+        "gae_lambda": training.gae_lambda,
+        "clip_range": training.clip,
+        "ent_coef": training.entropy,
+        "seed": run.seed,
         "device": "cpu",
     }
-    if not settings.teacher:
-        return ClosedFormPPO(**arguments)
-    return Pupil(teacher=Teacher(settings.setup, settings.teacher), until=settings.taught, **arguments)
+    if not training.teacher:
+        return PPO(**arguments)
+    teacher = Teacher(run.setup, training.teacher)
+    return PPOWithImitation(teacher=teacher, imitation_steps=training.imitation_steps, **arguments)
 
 
-def policy_from(model: ClosedFormPPO, settings: Settings, provenance: Mapping[str, Any]) -> Policy:
+def policy_from(model: PPO, run: Run, provenance: Mapping[str, Any]) -> Policy:
     """Return a copy of what acts in a model, on NumPy."""
-    acting, mean = model.policy.mlp_extractor.policy_net, model.policy.action_net
-    linear = [layer for layer in acting if isinstance(layer, torch.nn.Linear)]
-    layers = [_affine(f"hidden_{place}", layer) for place, layer in enumerate(linear)]
-    layers[0] = fold_in_standardisation(layers[0], entry_names(settings.environment))
-    bias = _array(model.policy.log_std)
-    log_std = Affine("log_std", np.zeros((len(bias), mean.in_features), np.float32), bias)
-    network = Network(tuple(layers), _affine("mean", mean), log_std, settings.activation)
-    return Policy(network, settings.environment, provenance)
+    network = acting_network(model.policy, Task(**run.environment), run.training.activation)
+    return Policy(network, run.environment, provenance)
 
 
-def _affine(name: str, layer: torch.nn.Linear) -> Affine:
-    return Affine(name, _array(layer.weight), _array(layer.bias))
+def train(run: Run, out: Path | None = None, on_validation: OnValidation | None = None) -> Path:
+    """Train, write the run folder, and return its path; `on_validation` is called after each validation.
+
+    Raises:
+        FileExistsError: the run folder is there already.
+        CollapsedError: there is nothing left to go on from; the folder keeps the reason.
+    """
+    with within(run.setup.called):
+        for sentence in warnings(Task(**run.environment)):
+            print(f"warning: {sentence}")
+    stamp = datetime.now(UTC).strftime("%Y%m%d-%H%M%S")
+    folder = out or Path("runs") / f"{stamp}-{run.setup.name}-seed{run.seed}"
+    folder.mkdir(parents=True)
+    write_json(folder / "config.json", run.record())
+    return resume(folder, on_validation)
 
 
-def _array(tensor: torch.Tensor) -> NDArray[np.float32]:
-    return tensor.detach().numpy().copy()
+def resume(folder: Path, on_validation: OnValidation | None = None) -> Path:
+    """Go on with the run in `folder` from its last checkpoint, or from its beginning, and return the folder.
+
+    Raises:
+        ValueError: there is none, or it is damaged, of another version, or under way.
+        CollapsedError: there is nothing left to go on from; the folder keeps the reason.
+    """
+    record, run = read_record(folder)
+    collapsed = folder / "collapsed.txt"
+    with _locked(folder):
+        if collapsed.is_file():
+            raise CollapsedError(f"{folder}: {collapsed.read_text()}")
+        if not (folder / "metrics.json").is_file():
+            try:
+                _learn(folder, run, record, on_validation)
+            except CollapsedError as error:
+                collapsed.write_text(str(error))
+                raise
+    return folder
 
 
-def entry_names(environment: Mapping[str, Any]) -> list[str]:
-    """Return the names of what an environment shows."""
-    return [entry["name"] for entry in observation_table(environment)]
+def _learn(folder: Path, run: Run, record: dict[str, Any], on_validation: OnValidation | None) -> None:
+    """Make environments and model, learn to the end, write what came of it."""
+    training = run.training
+    torch.set_num_threads(training.threads)
+    torch.distributions.Distribution.set_default_validate_args(False)  # slow; the environment checks what it is given
+    environments = make_environments(run)
+    model = make_model(run, environments)
+    environments.seed(FIRST_SEED + run.seed * SLOTS)
+
+    def policy() -> Policy:
+        return policy_from(model, run, record)
+
+    callback = TrainingCallback(folder, run.setup, training, environments, policy, on_validation)
+    log = Logger(str(folder), [])
+    model.set_logger(log)
+    saved = folder / "checkpoint.npz"
+    if saved.is_file():
+        callback.kept |= checkpoint.restore(saved, model, environments)
+        print(f"going on behind {model.num_timesteps:,} of {training.whole_steps:,} steps")
+    else:
+        print(f"training for {training.whole_steps:,} steps; torch uses {training.threads} thread(s)")
+    log.output_formats = outputs(folder, model.num_timesteps)
+    try:
+        model.learn(
+            training.whole_steps - model.num_timesteps,
+            callback=callback,
+            log_interval=None,  # type: ignore[arg-type]  # none: the callback writes the log (stable-baselines3 2.9)
+            reset_num_timesteps=not saved.is_file(),
+            progress_bar=sys.stderr.isatty(),
+        )
+    finally:
+        log.close()
+    rule = callback.validation.score(PaperTrapezoid().for_environment(run.environment))
+    scores = {name: load_policy(folder / f"{name}.npz").provenance["validation"] for name in ("best", "final")}
+    metrics = {
+        "validation": {**scores, "paper's rule": rule},
+        "curve": [{"steps": steps, "score": score} for steps, score in callback.kept["curve"]],
+        "clock": callback.kept["clock"],
+        "training_seconds": callback.kept["seconds"],
+        "steps_per_second": training.whole_steps / callback.kept["seconds"],
+    }
+    write_json(folder / "metrics.json", metrics)
+    saved.unlink(missing_ok=True)
+    for name, means in metrics["validation"].items():
+        points = zip(means["time_weight"], means["object_velocity"], means["approach_time"], strict=True)
+        listed = "; ".join(f"at {w:g}: {v:.3f} m/s, {t:.3f} s" for w, v, t in points)
+        print(f"{name}: score {means['score']:.4f} m/s; V_p and approach time {listed}")
 
 
-def centres_and_spreads(names: Sequence[str]) -> NDArray[np.float64]:
-    """Return centres and spreads (2, entries) of entries of the observation; of one not in the table, 0 and 1."""
-    now = (re.sub(r", \d before$", "", name) for name in names)  # a past reading as the last one
-    return np.array([CENTRE_AND_SPREAD.get(name, (0.0, 1.0)) for name in now]).T
+def read_record(folder: Path) -> tuple[dict[str, Any], Run]:
+    """Return what the run in a folder was started with.
+
+    Raises:
+        ValueError: the folder holds no run, or one of another version.
+    """
+    try:
+        record = json.loads((folder / "config.json").read_text())
+        run = Run.of_record(record["settings"])
+        if any(record[name] != value for name, value in run.made_for().items()):
+            raise ValueError(f"the set-up {run.setup.called} has changed since")
+        return record, run
+    except (OSError, LookupError, TypeError, AttributeError, ValueError) as error:
+        raise ValueError(f"{folder} holds no run that this version can go on with: {error}") from error
 
 
-class Standardised(BaseFeaturesExtractor):
-    """(observation - centre) / spread, of each entry."""
-
-    def __init__(self, observation_space: spaces.Space[Any], names: Sequence[str]) -> None:
-        """Make one for the entries `names`."""
-        super().__init__(observation_space, len(names))
-        centre, spread = torch.tensor(centres_and_spreads(names), dtype=torch.float32)
-        self.register_buffer("centre", centre)
-        self.register_buffer("spread", spread)
-
-    def forward(self, observations: torch.Tensor) -> torch.Tensor:
-        """Return what the networks see."""
-        return (observations - self.centre) / self.spread
+@contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    """Hold the run folder, so that no two processes write into it; a killed process lets go of it."""
+    with (folder / "lock").open("w") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise ValueError(f"{folder} is being written by another process") from error
+        for unfinished in folder.glob(".*.npz.*"):  # what a killed process was writing
+            unfinished.unlink()
+        yield
 
 
-def fold_in_standardisation(layer: Affine, names: Sequence[str]) -> Affine:
-    """Return a layer that does to observations what `layer` does to standardised ones."""
-    centre, spread = centres_and_spreads(names)
-    weight = layer.weight / spread
-    bias = layer.bias - weight @ centre
-    return Affine(layer.name, weight.astype(np.float32), bias.astype(np.float32))
+def write_json(path: Path, content: Any) -> None:
+    """Write `content` to `path`, whole or not at all."""
+    with whole_file(path) as file:
+        file.write((json.dumps(content, indent=2) + "\n").encode())

@@ -1,1 +1,1 @@
-"""What things cost, each beside what it is compared with, in one run: `python -m experiments.bench`."""
+"""What things cost, each beside what it is compared with, in one run: `impact-gym bench`."""

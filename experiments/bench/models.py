@@ -3,7 +3,7 @@
 import polars as pl
 from tqdm import tqdm
 
-from experiments.stability.scenes import draw
+from experiments.solver.approaches import storm
 from impact_gym.fidelity import ROUNDS, advise
 
 TOLERANCE = 0.05  # relative error of V_p allowed
@@ -13,10 +13,10 @@ def measure(quick: bool) -> dict[str, pl.DataFrame]:
     """Ask for advice on scenes of the storm one by one; return a row for each model tried, and what advice saves."""
     scenes, tried = 30 if quick else 300, []
     for number in tqdm(range(scenes), desc="models"):
-        approach = draw(number)
-        told = advise(approach.scene, approach.motion, TOLERANCE, duration=approach.duration)
-        _, *simpler = told.tried
-        tried += [(one.name, one.bound, one.time_saved, one is told.model) for one in simpler]
+        approach = storm(number)
+        advice = advise(approach.scene, approach.motion, TOLERANCE, duration=approach.duration)
+        _, *simpler = advice.tried
+        tried += [(model.name, model.bound, model.time_saved, model is advice.model) for model in simpler]
     models = pl.DataFrame(tried, ["model", "error", "saved", "advised"], orient="row")
     error, saved = pl.col("error"), pl.col("saved").median().alias("median share of time saved")
     by_model = models.group_by("model").agg(

@@ -2,7 +2,6 @@
 
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import tyro
 
@@ -17,39 +16,27 @@ SCENES = 100
 
 
 def tables(scenes: int, gather: Gather) -> Tables:
-    """Return all samples of the logs, and the fits of them."""
-    depends = digest_of(reference.__name__, draws.__name__, recorder.__name__)
-    samples = gather("logs", draws.logs, [{"number": number} for number in range(scenes)], depends)
-    grouped: dict[tuple[int, int], list[Row]] = {}
+    """Return the fits of all logs of so many scenes, and what they come to."""
+    solver = digest_of(reference.__name__, draws.__name__, recorder.__name__)
+    samples = gather("logs", draws.logs, [{"number": number} for number in range(scenes)], solver)
+    logs: dict[tuple[int, int], list[Row]] = {}
     for sample in samples:
-        grouped.setdefault((sample["scene"], sample["log"]), []).append(sample)
-    asked = [_asked(number, log, rows) for (number, log), rows in grouped.items()]
-    fitted = gather("fits", fits.fit, asked, solver_and("impact_gym.identify", draws.__name__, fits.__name__))
-    bounds = [{name: rows[0][name] for name in draws.NAMES} for rows in grouped.values()]
-    joined = [measures.judged(row, bound) for row, bound in zip(fitted, bounds, strict=True)]
-    return {"fits": joined, "coverage": measures.coverage(joined), "errors": measures.errors(joined)}
-
-
-def _asked(number: int, log: int, rows: list[Row]) -> dict[str, Any]:
-    columns, noise = ["time", "force"], {"force": rows[0]["force_noise"]}
-    if draws.recording(number, log).with_velocity:
-        columns.append("object_velocity")
-        noise["object_velocity"] = rows[0]["velocity_noise"]
-    return {
-        "number": number, "log": log, "columns": {name: [row[name] for row in rows] for name in columns},
-        "noise": noise,
-    }  # fmt: skip
+        logs.setdefault((sample["scene"], sample["log"]), []).append(sample)
+    arguments = [fits.arguments(number, log, rows) for (number, log), rows in logs.items()]
+    fitted = gather("fits", fits.fit, arguments, solver_and("impact_gym.identify", draws.__name__, fits.__name__))
+    return {"fits": fitted, "coverage": measures.coverage(fitted), "errors": measures.errors(fitted)}
 
 
 def shown(tables: Tables) -> Shown:
     """Return the figure and what the page says."""
-    return {"errors": measures.figure(tables["fits"])}, {
+    fitted = tables["fits"]
+    return {"errors": measures.figure(fitted)}, {
         "coverage": tables["coverage"],
         "errors": tables["errors"],
-        "seconds": measures.seconds(tables["fits"]),
-        "failures": [row for row in tables["fits"] if row["failure"]],
-        "logs": len(tables["fits"]),
-        "random": sum(row["log"] < draws.RANDOM for row in tables["fits"]),
+        "seconds": measures.seconds(fitted),
+        "failures": [row for row in fitted if row["failure"]],
+        "logs": len(fitted),
+        "random": sum(row["log"] < draws.RANDOM for row in fitted),
     }
 
 
@@ -67,8 +54,8 @@ def main(
         processes: at a time; one a core.
     """
     compute = partial(tables, scenes or (4 if quick else SCENES))
-    experiment.command("identify", compute, shown, out, quick, again=force, processes=processes)
+    experiment.command("identify", compute, shown, out, quick, "fits", again=force, processes=processes)
 
 
 if __name__ == "__main__":
-    tyro.cli(main, prog="python -m experiments.identify")
+    tyro.cli(main, prog="impact-gym fits")

@@ -8,16 +8,14 @@ from numpy.typing import NDArray
 
 import impact_gym as ig
 from agents.jobs import Result
-from experiments.identify.recorder import Blow, blow, sampled
+from experiments.identify.recorder import Blow, blow, sample_signal
 from experiments.lab.tables import result_of
 
 Array = NDArray[np.float64]
 
 NAMES = ("contact.stiffness", "contact.restitution", "object.mass")
-RANDOM, ALIKE = 3, 2  # logs of a scene: by random sensors, and by the STANDARD one
+RANDOM, ALIKE = 3, 2  # logs of a scene: by random sensors, and by the standard one, 4 kHz and 2 % of noise
 LOGS = RANDOM + ALIKE
-STANDARD = {"rate": 4000.0, "noise": 0.02, "low_pass": None, "bias": None}
-BEFORE, AFTER = (0.005, 0.02), (0.02, 0.04)  # s of a log, about the first touch
 NUDGE = 1e-3  # of a coordinate, for the information in a log
 MOTION = ig.Trapezoid(1.0, 8.0, ig.Brake())
 
@@ -32,49 +30,56 @@ class Recording:
     bias: float | None  # over the peak; None: there is none, and that is known
     noise_known: bool
     with_velocity: bool
-    before: float  # s
-    after: float  # s
+    before: float  # s of the log before the first touch
+    after: float  # s behind it
     share: float  # of a sample, by which the first one is late
     clock: float  # s, what the log calls the motion's start
+
+    def sensor(self, noise: float) -> ig.Sensor:
+        """Return what a fit is told of a column with this noise, in its unit."""
+        known = noise if self.noise_known else None
+        return ig.Sensor(self.rate, self.low_pass, 0.0 if self.bias is None else "estimated", known)
+
+
+def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
 def scene(number: int) -> tuple[ig.Scene, ig.Trapezoid]:
     """Return a random scene and motion."""
     rng = np.random.default_rng((number, 1))
-
-    def log_uniform(low: float, high: float) -> float:
-        return float(np.exp(rng.uniform(np.log(low), np.log(high))))
-
-    spring = ig.SpringDamper(log_uniform(40.0, 300.0), rng.uniform(0.3, 1.5))
-    robot = ig.Robot(rng.uniform(3.5, 7.0), log_uniform(1e5, 1e6), rng.uniform(30.0, 80.0))
-    coupling, behind = ((spring, None), (spring, None), (ig.Rigid(), None), (spring, robot))[number % 4]
-    contact = ig.Contact(log_uniform(1e4, 1e6), rng.uniform(0.15, 0.9))
-    struck = ig.Object(log_uniform(0.05, 0.4), rng.uniform(0.15, 0.35))
+    spring = ig.SpringDamper(_log_uniform(rng, 40.0, 300.0), rng.uniform(0.3, 1.5))
+    robot = ig.Robot(rng.uniform(3.5, 7.0), _log_uniform(rng, 1e5, 1e6), rng.uniform(30.0, 80.0))
+    contact = ig.Contact(_log_uniform(rng, 1e4, 1e6), rng.uniform(0.15, 0.9))
+    struck = ig.Object(_log_uniform(rng, 0.05, 0.4), rng.uniform(0.15, 0.35))
+    coupling, behind = ig.Rigid() if number % 4 == 2 else spring, robot if number % 4 == 3 else None
     return ig.Scene(ig.Tool(0.125), struck, contact, coupling, behind), replace(MOTION, speed=rng.uniform(0.3, 1.2))
 
 
 def recording(number: int, log: int) -> Recording:
     """Return a random way to record scene `number`."""
     rng = np.random.default_rng((number, 2, log))
-    drawn = {
-        "rate": float(np.exp(rng.uniform(np.log(1e3), np.log(8e3)))),
-        "noise": float(np.exp(rng.uniform(np.log(0.01), np.log(0.1)))),
-        "low_pass": float(np.exp(rng.uniform(np.log(200.0), np.log(2000.0)))) if rng.random() < 2 / 3 else None,
-        "bias": float(rng.normal(0.0, 0.05)) if rng.random() < 0.5 else None,
-    }
+    rate, noise = _log_uniform(rng, 1e3, 8e3), _log_uniform(rng, 0.01, 0.1)
+    low_pass = _log_uniform(rng, 200.0, 2000.0) if rng.random() < 2 / 3 else None
+    bias = float(rng.normal(0.0, 0.05)) if rng.random() < 0.5 else None
     known, velocity = bool(rng.random() < 0.5), bool(rng.random() < 1 / 3)
     if log >= RANDOM:
-        drawn, known, velocity = STANDARD, False, False
+        rate, noise, low_pass, bias, known, velocity = 4000.0, 0.02, None, None, False, False
+    window = rng.uniform(0.005, 0.02), rng.uniform(0.02, 0.04)
     return Recording(
-        **drawn, noise_known=known, with_velocity=velocity, before=rng.uniform(*BEFORE), after=rng.uniform(*AFTER),
-        share=float(rng.random()), clock=float(rng.uniform(-0.5, 0.5)),
-    )  # fmt: skip
+        rate, noise, low_pass, bias, known, velocity, *window, share=float(rng.random()), clock=rng.uniform(-0.5, 0.5)
+    )
+
+
+def numbers(of: ig.Scene) -> tuple[float, float, float]:
+    """Return the numbers called NAMES."""
+    return of.contact.stiffness, of.contact.restitution, of.object.mass
 
 
 def coordinates(of: ig.Scene) -> Array:
     """Return ln k_c, ln(e/(1-e)), ln m_p."""
-    e = of.contact.restitution
-    return np.log([of.contact.stiffness, e / (1.0 - e), of.object.mass])
+    k_c, e, m_p = numbers(of)
+    return np.log([k_c, e / (1.0 - e), m_p])
 
 
 def at(of: ig.Scene, u: Array) -> ig.Scene:
@@ -86,7 +91,7 @@ def at(of: ig.Scene, u: Array) -> ig.Scene:
 def clean(struck: Blow, how: Recording, times: Array) -> Array:
     """Return what noiseless sensors read at `times` (n,) of the motion, without bias: (columns, n)."""
     columns = [struck.force, struck.object_velocity][: 1 + how.with_velocity]
-    return np.array([sampled(struck, values, times, how.low_pass) for values in columns])
+    return np.array([sample_signal(struck, values, times, how.low_pass) for values in columns])
 
 
 def logs(number: int) -> Result:
@@ -96,8 +101,7 @@ def logs(number: int) -> Result:
     """
     truth, motion = scene(number)
     longest = max(recording(number, log).after for log in range(LOGS)) + 1e-3
-    here = blow(truth, motion, longest)
-    u = coordinates(truth)
+    here, u = blow(truth, motion, longest), coordinates(truth)
     nudged = [[blow(at(truth, u + NUDGE * side * row), motion, longest) for side in (1, -1)] for row in np.eye(3)]
     rows = []
     for log in range(LOGS):
@@ -105,20 +109,21 @@ def logs(number: int) -> Result:
         first = here.time[0] - how.before + how.share / how.rate
         times = first + np.arange(int((how.before + how.after) * how.rate)) / how.rate
         values = clean(here, how, times)
-        noise = how.noise * values.max(axis=1)
+        peaks = values.max(axis=1)
+        noise = how.noise * peaks
         bound = _bound(nudged, here, how, times, noise)
-        rng = np.random.default_rng((number, 3, log))
-        offset = 0.0 if how.bias is None else how.bias * values.max(axis=1)
-        values = values + rng.normal(size=values.shape) * noise[:, None] + np.reshape(offset, (-1, 1))
-        for k, time in enumerate(times + how.clock):
-            columns = {"time": time, "force": values[0, k], "object_velocity": values[-1, k]}
-            noises = {"force_noise": noise[0], "velocity_noise": noise[-1]}
-            rows.append({"scene": number, "log": log, **columns, **noises, **dict(zip(NAMES, bound, strict=True))})
+        values += np.random.default_rng((number, 3, log)).normal(size=values.shape) * noise[:, None]
+        values += np.reshape((how.bias or 0.0) * peaks, (-1, 1))
+        alike = {"force_noise": noise[0], "velocity_noise": noise[-1], **dict(zip(NAMES, bound, strict=True))}
+        for time, force, velocity in zip(times + how.clock, values[0], values[-1], strict=True):
+            rows.append(
+                {"scene": number, "log": log, "time": time, "force": force, "object_velocity": velocity, **alike}
+            )
     return result_of(rows)
 
 
 def _bound(nudged: Any, here: Blow, how: Recording, times: Array, noise: Array) -> Array:
-    """Return the least standard deviation of the three coordinates (3,)."""
+    """Return the least standard deviation of the three coordinates (3,); `nudged` are blows up and down each."""
     columns = [(clean(up, how, times) - clean(down, how, times)) / (2.0 * NUDGE) for up, down in nudged]
     late = 1e-2 / how.rate
     columns.append((clean(here, how, times - late) - clean(here, how, times + late)) / (2.0 * late))
@@ -127,4 +132,6 @@ def _bound(nudged: Any, here: Blow, how: Recording, times: Array, noise: Array) 
         scaled += list(np.kron(np.eye(len(noise)), np.ones(len(times))))
     jacobian = np.array(scaled).T
     size = np.linalg.norm(jacobian, axis=0)
-    return np.sqrt(np.diag(np.linalg.pinv((jacobian / size).T @ (jacobian / size), rcond=1e-14)))[:3] / size[:3]
+    covariance = np.linalg.pinv((jacobian / size).T @ (jacobian / size), rcond=1e-14)
+    bound: Array = np.sqrt(np.diag(covariance))[:3] / size[:3]
+    return bound

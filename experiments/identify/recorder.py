@@ -33,31 +33,34 @@ class Blow:
     object_velocity: Array
 
 
-def blow(scene: Any, motion: Any, after: float) -> Blow:
+def blow(scene: Any, motion: Any, after: float) -> Blow:  # Any: whatever has their attributes
     """Return the motion from the first touch to `after` seconds behind it.
 
     Raises:
         ValueError: there is no touch within 3 s.
     """
-    touch = next(iter(reference.simulate(scene, motion, 3.0, RTOL).contacts), None)
-    if touch is None:
+    contacts = reference.simulate(scene, motion, 3.0, RTOL).contacts
+    if not contacts:
         raise ValueError("the tool does not reach the object")
-    until = touch.start + after
+    touch = contacts[0].start
+    until = touch + after
     run = reference.simulate(scene, motion, until, RTOL)
-    spans = [(one.start, until if one.end is None else one.end) for one in run.contacts]
+    spans = [(contact.start, until if contact.end is None else contact.end) for contact in run.contacts]
     step = max(min(end - start for start, end in spans) / FINE, after / LARGEST_GRID)
-    time = touch.start + step * np.arange(int(after / step))
+    time: Array = touch + step * np.arange(int(after / step), dtype=float)
     force, velocity = np.zeros(len(time)), np.zeros(len(time))
     chain = Chain(scene, motion)
     moving = Motion(chain, scene.object.distance, RTOL)
     kink = [] if run.detection_time is None or motion.brake is None else [run.detection_time + motion.brake.delay]
     for (start, end), contact in zip(spans, run.contacts, strict=True):
         shares = np.linspace(0.0, 1.0, NODES) ** 2  # the onset is the roughest place
-        nodes = np.union1d(start + (end - start) * shares, [one for one in kink if start < one < end])
-        states = np.array([_at(moving, node) for node in (nodes[1:] if contact.end is None else nodes[1:-1])])
+        nodes = np.union1d(start + (end - start) * shares, [time for time in kink if start < time < end])
+        states = [_at(moving, node) for node in (nodes[1:] if contact.end is None else nodes[1:-1])]
         onset = [0.0, contact.approach_velocity, contact.object_velocity - contact.impulse / chain.m_p]
-        close = [[0.0, -contact.separation_velocity, contact.object_velocity]] if contact.end is not None else []
-        delta, rate, speed = np.vstack([onset, states, *close]).T
+        points = [onset, *states]
+        if contact.separation_velocity is not None:
+            points.append([0.0, -contact.separation_velocity, contact.object_velocity])
+        delta, rate, speed = np.array(points).T
         inside = (time >= start) & (time < end)
         penetration = CubicHermiteSpline(nodes, delta, rate)
         u, u_dot = np.maximum(penetration(time[inside]), 0.0), penetration(time[inside], 1)
@@ -69,15 +72,14 @@ def blow(scene: Any, motion: Any, after: float) -> Blow:
     return Blow(time, force, velocity)
 
 
-def _at(run: Motion, time: float) -> tuple[float, float, float]:
+def _at(run: Motion, time: float) -> list[float]:
     """Move on to `time` (s) and return penetration, its rate and the object's velocity."""
     while run.t < time:
         run.advance(time)
-    delta, rate = run.state[:2].tolist()
-    return delta, rate, run.object_velocity
+    return [*run.state[:2].tolist(), run.object_velocity]
 
 
-def sampled(blow: Blow, values: Array, at: Array, low_pass: float | None) -> Array:
+def sample_signal(blow: Blow, values: Array, at: Array, low_pass: float | None) -> Array:
     """Return `values` of a blow at times `at` (s), through a first-order low pass (Hz) that is at rest at the touch."""
     if low_pass is not None:
         step = blow.time[1] - blow.time[0]

@@ -24,16 +24,20 @@ Shown = tuple[Mapping[str, Figure], Mapping[str, Any]]
 Show = Callable[[Tables], Shown]
 
 
-def command(name: str, compute: Compute, show: Show, out: Path | None, quick: bool, **options: Any) -> None:
+def command(
+    name: str, compute: Compute, show: Show, out: Path | None, quick: bool, called: str = "", **options: Any
+) -> None:
     """Do what `run` does, for a command line, and say where the page is.
 
-    The folder is `out`, or reports/name, or name_quick beside it; `name` is of the package below `experiments`.
+    The folder is `out`, or reports/name, or name_quick beside it; `name` is of the package below `experiments`, with
+    dots, of which the last part names folder and command, unless the command is `called` otherwise.
     """
-    folder = out or REPORTS / (f"{name}_quick" if quick else name)
-    line = shlex.join(["python", "-m", f"experiments.{name}", *sys.argv[1:]])
-    with command_line(f"experiments.{name}", "what was computed is kept"):
-        written = run(name, folder, line, compute, show, **options)
-    print(f"{name}: {written.resolve().as_uri()}")
+    short = name.rpartition(".")[2]
+    folder = out or REPORTS / (f"{short}_quick" if quick else short)
+    line = shlex.join(["impact-gym", called or short, *sys.argv[1:]])
+    with command_line(called or short, "what was computed is kept"):
+        written = run(name.replace(".", "/"), folder, line, compute, show, **options)
+    print(f"{short}: {written.resolve().as_uri()}")
 
 
 def run(

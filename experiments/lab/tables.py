@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from impact_gym.kernels import COMPILED_FROM
 
 from agents.jobs import Failure, Job, Result, digest_of, gather_all
 from experiments.lab.results import KEPT
+from impact_gym.sources import compiled_from
 
 Row = dict[str, Any]
 Gather = Callable[..., list[Row]]
@@ -21,7 +21,7 @@ SOLVER = tuple(f"impact_gym.{name}" for name in ("physics", "scene", "motion", "
 @cache
 def solver_and(*modules: str) -> str:
     """Return what a row depends on, for `Job.depends`: our solver, as it is compiled, and the modules that judge it."""
-    return f"{COMPILED_FROM} {digest_of(*SOLVER, *modules)}"
+    return f"{compiled_from()} {digest_of(*SOLVER, *modules)}"
 
 
 def result_of(rows: Sequence[Row]) -> Result:

@@ -1,4 +1,4 @@
-"""`python -m experiments.paper [NAME ...]`: the paper's figures, and a page that compares them with its text."""
+"""`impact-gym paper [NAME ...]`: the paper's figures, and a page that compares them with its text."""
 
 import shlex
 import sys
@@ -13,8 +13,7 @@ from tqdm import tqdm
 from agents.command_line import command_line
 from experiments.lab.charts import save
 from experiments.lab.results import REPORTS
-from experiments.paper import page, tables
-from experiments.paper.catalogue import NAMES, load, resolve
+from experiments.paper import NAMES, load, page, resolve, tables
 
 
 @dataclass(frozen=True)
@@ -30,8 +29,8 @@ class PaperOptions:
 def main() -> None:
     """Read the options from the command line, compute, draw, write the page."""
     begun = time.perf_counter()
-    with command_line("experiments.paper", "what is drawn is kept"):
-        options = tyro.cli(PaperOptions, prog="python -m experiments.paper")
+    with command_line("paper", "what is drawn is kept"):
+        options = tyro.cli(PaperOptions, prog="impact-gym paper")
         names = sorted({resolve(word) for word in options.names} or NAMES, key=NAMES.index)
         options.out.mkdir(parents=True, exist_ok=True)
         for name in (bar := tqdm(names, desc="figures")):
@@ -39,7 +38,7 @@ def main() -> None:
             module, table_file = load(name), options.out / f"{name}.csv"
             tables.write(table_file, module.compute())
             save(module.plot(tables.read(table_file)), table_file.with_suffix(".svg"))
-        command = shlex.join(["python", "-m", "experiments.paper", *sys.argv[1:]])
+        command = shlex.join(["impact-gym", "paper", *sys.argv[1:]])
         written = page.write(options.out, {"command": command, "seconds": time.perf_counter() - begun})
     print(f"{len(names)} figures in {time.perf_counter() - begun:.0f} s: {written.resolve().as_uri()}")
 

@@ -16,7 +16,7 @@ from experiments.paper.beyond_speed import approach
 from experiments.paper.layouts import Panels, panels
 from experiments.paper.scenes import HOLD, LINEAR, MECHANISM, MOTION
 from experiments.paper.statements import Statements, section_6
-from experiments.paper.tables import Table, where
+from experiments.paper.tables import Array, Row, Table, from_rows, where
 
 TITLE = "The bistable mechanism tuned to the impact speed"
 ALT = """Three panels against impact speed: V_p of the fixed, the tuned and the linear end-effector; the tuned height;
@@ -27,20 +27,7 @@ STOPS = np.linspace(0.004, 0.060, 29)  # m
 REFINEMENTS, POINTS, ZOOM = 4, 7, 0.4
 CASES = {"holds": "tuned, holds the tool", "slips": "tuned, does not hold it"}
 STYLES = {"fixed": (OBJECT, "-"), "linear": (TOOL, "-"), "holds": (FORCE, "-"), "slips": (COUPLING, "--")}
-KNOWN = (MECHANISM.height, MECHANISM.front_stop)  # off the grid, and not to be missed
-Design = tuple[float, float]  # H, front stop, m
-NAMES = (
-    "case", "speed", "object_velocity", "height", "front_stop", "force_at_stop", "passes", "height_edge", "stop_edge",
-)  # fmt: skip
-"""edges: -1, 0 or 1 where the best point lies on the lower edge of the searched range, inside, or on the upper edge."""
-
-
-def mechanism(design: Design) -> ig.Bistable | None:
-    """Return the mechanism, or None if there is none: the stop lies beyond the stroke."""
-    height, stop = design
-    if stop**2 >= MECHANISM.free_length**2 - height**2:
-        return None
-    return replace(MECHANISM, height=height, front_stop=stop)
+Optimum = tuple[float, float, float]  # V_p (m/s), H, front stop (m)
 
 
 def force_at_stop(coupling: ig.Bistable) -> float:
@@ -48,43 +35,56 @@ def force_at_stop(coupling: ig.Bistable) -> float:
     return float(coupling.force(coupling.front_stop))
 
 
-def best(designs: Iterable[Design], speed: float, case: str) -> tuple[float, Design]:
-    """Return the least V_p (m/s) and its design among those of `designs` that hold the tool, or do not."""
-    couplings = {design: coupling for design in designs if (coupling := mechanism(design)) is not None}
-    allowed = {at: one for at, one in couplings.items() if (force_at_stop(one) >= HOLD) == (case == "holds")}
-    found = ((approach(coupling, speed).object_velocity, design) for design, coupling in allowed.items())
-    return min(found, default=(np.inf, (np.nan, np.nan)))
+def best(heights: Iterable[float], stops: Iterable[float], speed: float, case: str) -> Optimum:
+    """Return the best of these designs that hold the tool, or do not; a stop beyond the stroke is no design."""
+    least: Optimum = (np.inf, np.nan, np.nan)
+    for height, stop in product(heights, stops):
+        if stop**2 >= MECHANISM.free_length**2 - height**2:
+            continue
+        coupling = replace(MECHANISM, height=height, front_stop=stop)
+        if (force_at_stop(coupling) >= HOLD) == (case == "holds"):
+            least = min(least, (approach(coupling, speed).object_velocity, height, stop))
+    return least
 
 
-def search(speed: float, case: str) -> tuple[Design, int, int]:
-    """Return the best design, and on which edge of the searched range its H and its stop lie: -1, 0 or 1."""
-    found = best((KNOWN, *product(HEIGHTS.tolist(), STOPS.tolist())), speed, case)
+def search(speed: float, case: str) -> tuple[ig.Bistable, tuple[int, int]]:
+    """Return the best design, and on which edge of the searched range its H and its stop lie: -1 lower, 0 none, 1."""
     grids = (HEIGHTS, STOPS)
+    papers = best([MECHANISM.height], [MECHANISM.front_stop], speed, case)  # off the grid, and not to be missed
+    least = min(papers, best(HEIGHTS.tolist(), STOPS.tolist(), speed, case))
     widths = [float(grid[1] - grid[0]) for grid in grids]
     for _ in range(REFINEMENTS):
-        axes = [
+        heights, stops = (
             np.clip(np.linspace(x - width, x + width, POINTS), grid[0], grid[-1]).tolist()
-            for x, width, grid in zip(found[1], widths, grids, strict=True)
-        ]
-        found = min(found, best(product(*axes), speed, case))
+            for x, width, grid in zip(least[1:], widths, grids, strict=True)
+        )
+        least = min(least, best(heights, stops, speed, case))
         widths = [ZOOM * width for width in widths]
-    on_height, on_stop = (int(x == grid[-1]) - int(x == grid[0]) for x, grid in zip(found[1], grids, strict=True))
-    return found[1], on_height, on_stop
+    on_height, on_stop = (int(x == grid[-1]) - int(x == grid[0]) for x, grid in zip(least[1:], grids, strict=True))
+    return replace(MECHANISM, height=least[1], front_stop=least[2]), (on_height, on_stop)
+
+
+def row(case: str, speed: float, coupling: ig.Bistable | ig.SpringDamper, edges: tuple[int, int] = (0, 0)) -> Row:
+    """Simulate one design; its row of the table."""
+    outcome = approach(coupling, speed)
+    height = stop = force = np.nan
+    if isinstance(coupling, ig.Bistable):
+        height, stop, force = coupling.height, coupling.front_stop, force_at_stop(coupling)
+    return {
+        "case": case, "speed": speed, "object_velocity": outcome.object_velocity, "height": height, "front_stop": stop,
+        "force_at_stop": force, "passes": len(outcome.snap_through), "height_edge": edges[0], "stop_edge": edges[1],
+    }  # fmt: skip
 
 
 def compute(speeds: Sequence[float] = SPEEDS) -> Table:
     """Search at every speed (m/s)."""
-    rows: list[tuple[str | float, ...]] = []
+    rows: list[Row] = []
     for speed in speeds:
-        chosen = {case: search(speed, case) for case in CASES}
-        for case, (design, *edges) in {"fixed": (KNOWN, 0, 0), **chosen}.items():
-            coupling = mechanism(design)
-            assert coupling is not None  # it was simulated
-            outcome = approach(coupling, speed)
-            passes = len(outcome.snap_through)
-            rows.append((case, speed, outcome.object_velocity, *design, force_at_stop(coupling), passes, *edges))
-        rows.append(("linear", speed, approach(LINEAR, speed).object_velocity, *[np.nan] * 3, 0, 0, 0))
-    return {name: np.array(column) for name, column in zip(NAMES, zip(*rows, strict=True), strict=True)}
+        rows.append(row("fixed", speed, MECHANISM))
+        for case in CASES:
+            rows.append(row(case, speed, *search(speed, case)))
+        rows.append(row("linear", speed, LINEAR))
+    return from_rows(rows)
 
 
 @panels(13.0, 4.4, columns=3, sharex=True)
@@ -134,5 +134,5 @@ def statements(table: Table) -> Statements:
     )
 
 
-def _list(speeds: np.ndarray) -> str:
+def _list(speeds: Array) -> str:
     return ", ".join(f"{speed:g}" for speed in speeds) + " m/s" if speeds.size else "no speed"

@@ -9,11 +9,11 @@ import numpy as np
 
 import impact_gym as ig
 from experiments.lab.charts import FLANGE, OBJECT, TOOL
-from experiments.paper.layouts import Panels, panels
-from experiments.paper.scenes import DISTANCE, LINEAR, MECHANISM, MOTION, held
+from experiments.paper.layouts import Panels, mark, panels
+from experiments.paper.scenes import DISTANCE, LINEAR, MECHANISM, MOTION, scene
 from experiments.paper.statements import Statements, section_1, section_6
-from experiments.paper.sweeps import Row, changes, enclosed
-from experiments.paper.tables import Table, from_rows, where
+from experiments.paper.tables import Row, Table, changes, enclose_changes, from_rows, where
+from impact_gym.scene import Coupling
 
 TITLE = "V_p against impact speed, bistable and linear"
 ALT = """Two panels against impact speed from 0.2 to 2 m/s: V_p, and V_p over the impact speed. The bistable tool lies
@@ -21,48 +21,49 @@ below the linear one between about 0.8 and 1.9 m/s, with its best ratio near 1.1
 snap through for good."""
 SPEEDS = np.round(np.arange(0.2, 2.0001, 0.02), 2)  # m/s
 CRUISE = (DISTANCE - MOTION.speed**2 / (2.0 * MOTION.acceleration)) / MOTION.speed  # s, at constant speed in Fig. 23
-COUPLINGS = (MECHANISM, LINEAR, ig.Rigid())
-NAMES = ("coupling", "speed", "object_velocity", "contacts", "passes", "alarm")
-"""coupling: 0 bistable, 1 linear, 2 tool fixed; passes: how often the slider passes the alignment; alarm: 1 if the
-robot braked."""
+COUPLINGS: tuple[Coupling, ...] = (MECHANISM, LINEAR, ig.Rigid())  # by their number in the table
+STYLES = (OBJECT, "bistable"), (TOOL, "linear, k_t = 50 N/m"), (FLANGE, "tool fixed")
 
 
-def approach(coupling: ig.Bistable | ig.SpringDamper | ig.Rigid, speed: float) -> ig.Outcome:
+def approach(coupling: Coupling, speed: float) -> ig.Outcome:
     """Simulate one approach at `speed` (m/s)."""
     motion = ig.Trapezoid(speed, MOTION.acceleration, MOTION.brake)
     distance = speed**2 / (2.0 * MOTION.acceleration) + speed * CRUISE
-    return ig.simulate(held(coupling, 1e3, 0.1, distance), motion, duration=2.0)
+    return ig.simulate(scene(1e3, 0.1, coupling, distance=distance), motion, duration=2.0)
+
+
+def row(number: int, speed: float) -> Row:
+    """Simulate one approach; a row of the table."""
+    outcome = approach(COUPLINGS[number], speed)
+    return {
+        "coupling": number, "speed": speed, "object_velocity": outcome.object_velocity,
+        "contacts": len(outcome.contacts), "passes": len(outcome.snap_through),  # of the slider through its alignment
+        "alarm": int(outcome.detection_time is not None),
+    }  # fmt: skip
 
 
 def compute() -> Table:
     """Simulate both couplings; changes in contacts, passes and alarm are enclosed."""
-
-    def row(number: int, speed: float) -> Row:
-        outcome = approach(COUPLINGS[number], speed)
-        counts = len(outcome.contacts), len(outcome.snap_through), outcome.detection_time is not None
-        return number, speed, outcome.object_velocity, *counts
-
     rows: list[Row] = []
     for number in range(len(COUPLINGS)):
-        rows += enclosed(SPEEDS, partial(row, number), NAMES, "speed", "contacts", "passes", "alarm")
-    return from_rows(NAMES, rows)
+        rows += enclose_changes(SPEEDS, partial(row, number), "speed", "contacts", "passes", "alarm")
+    return from_rows(rows)
 
 
 @panels(10.6, 4.6, columns=2, sharex=True)
 def plot(table: Table, grid: Panels) -> None:
     """Draw V_p, and V_p over the impact speed, with the changes marked."""
-    labels = (OBJECT, "bistable"), (TOOL, "linear, k_t = 50 N/m"), (FLANGE, "tool fixed")
-    for number, (colour, label) in enumerate(labels):
+    for number, (colour, label) in enumerate(STYLES):
         rows = where(table, coupling=number)
         for axes, values in zip(grid, (rows["object_velocity"], rows["object_velocity"] / rows["speed"]), strict=True):
             axes.plot(rows["speed"], values, color=colour, label=label)
-            for name, mark in (("contacts", "o"), ("passes", "D")):
+            for name, marker in (("contacts", "o"), ("passes", "D")):
                 at = [speed for speed, _, _ in changes(rows, "speed", name)]
-                axes.plot(at, np.interp(at, rows["speed"], values), mark, color=colour, markeredgecolor="black")
+                mark(axes, at, np.interp(at, rows["speed"], values), colour, marker)
     for axes in grid:
-        axes.plot([], [], "D", color="none", markeredgecolor="black", label="number of snap-throughs changes")
+        mark(axes, [], [], marker="D", label="number of snap-throughs changes")
         if any(changes(where(table, coupling=number), "speed", "contacts") for number in range(len(COUPLINGS))):
-            axes.plot([], [], "o", color="none", markeredgecolor="black", label="number of contacts changes")
+            mark(axes, [], [], label="number of contacts changes")
         for speed, below, above in changes(where(table, coupling=0), "speed", "passes"):
             axes.axvline(speed, color="#888888", linewidth=0.8, linestyle=":")
             beside = {"xytext": (3, 3), "textcoords": "offset points", "fontsize": 8, "rotation": 90}
@@ -75,7 +76,7 @@ def plot(table: Table, grid: Panels) -> None:
 
 
 def statements(table: Table) -> Statements:
-    """Compare with section 6."""
+    """Compare with sections 1 and 6."""
     rows, linear = where(table, coupling=0), where(table, coupling=1)
     speed = rows["speed"]
     ahead = rows["passes"] % 2 == 0  # the slider ends ahead of the alignment

@@ -2,11 +2,10 @@
 
 import numpy as np
 
-import impact_gym as ig
 from experiments.lab.charts import FLANGE, OBJECT
 from experiments.paper.layouts import Panels, panels
-from experiments.paper.scenes import DURATION, MOTION, ROBOT, on_robot
-from experiments.paper.statements import Basis, Statements, section_3_2
+from experiments.paper.scenes import MOTION, ROBOT, scene, simulate_with_trace
+from experiments.paper.statements import Statements, section_3_2
 from experiments.paper.tables import Table
 from impact_gym.robot import default_approach
 
@@ -17,14 +16,14 @@ the velocity rises to 1 m/s and holds. A dot on each marks the impact at 0.34 s,
 
 def compute() -> Table:
     """Simulate the approach of Fig. 13b; positions in the base frame of our robot model."""
-    outcome = ig.simulate(on_robot(ROBOT, 1e5, 1.0), MOTION, DURATION, trace=True)
-    time, detection = outcome.trace.time, outcome.detection_time
+    outcome, trace = simulate_with_trace(scene(1e5, 1.0, robot=ROBOT))
+    detection = np.inf if outcome.detection_time is None else outcome.detection_time
     return {
-        "time": time,
-        "position": default_approach().x[0] + outcome.trace.command_position,
-        "velocity": outcome.trace.command_velocity,
-        "impact": np.full_like(time, outcome.contacts[0].start),
-        "detection": np.full_like(time, np.inf if detection is None else detection),
+        "time": trace.time,
+        "position": default_approach().x[0] + trace.command_position,
+        "velocity": trace.command_velocity,
+        "impact": np.full_like(trace.time, outcome.contacts[0].start),
+        "detection": np.full_like(trace.time, detection),
     }
 
 
@@ -47,21 +46,19 @@ def statements(table: Table) -> Statements:
     time, velocity, impact, detection = table["time"], table["velocity"], table["impact"][0], table["detection"][0]
     at_impact = np.interp(impact, time, velocity)
     falling = np.flatnonzero((velocity[1:] < velocity[:-1]) & (time[:-1] > impact))
-    braked = np.flatnonzero((velocity < 0.9) & (velocity > 0.1) & (time > impact))
-    slope, offset = np.polyfit(time[braked], velocity[braked], 1)
-    yield section_3_2.claim(
+    braking = (velocity < 0.9) & (velocity > 0.1) & (time > impact)
+    slope, offset = np.polyfit(time[braking], velocity[braking], 1)
+    yield section_3_2.given.claim(
         "A collision occurred when the robot moved at a constant velocity",
         at_impact == MOTION.speed and time[falling[0]] > impact,
         f"impact at {impact:.4f} s, at an imposed velocity of {at_impact:g} m/s",
         "the imposed velocity is at its plateau of 1 m/s at the impact",
-        basis=Basis.GIVEN,
         why="The object was put where this is so.",
     )
-    yield section_3_2.number(
+    yield section_3_2.given.number(
         "The robot begins to perform braking after 16 ms",
         "16 ms",
         1e3 * ((MOTION.speed - offset) / slope - detection),
-        basis=Basis.GIVEN,
         why="An input, read back from the simulation: from the instant at which the contact force exceeds 1 N to where "
         "the straight line through the braking meets 1 m/s.",
     )

@@ -1,15 +1,14 @@
 """Fig. 19: velocities and forces for two contact stiffnesses; k_t = 150 N/m, zeta = 1, e = 0.1."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 
 import impact_gym as ig
 from experiments.paper.layouts import velocities_and_forces
 from experiments.paper.scenes import MOTION, decoupled
-from experiments.paper.statements import Basis, Statements, section_4_2
+from experiments.paper.statements import Statements, section_4_2
 from experiments.paper.tables import FELT, Run, Table, histories
 
 TITLE = "Velocities and forces for two contact stiffnesses, e = 0.1"
@@ -23,84 +22,70 @@ compute = partial(histories, SCENES | ELASTIC)
 plot = partial(velocities_and_forces, titles=CASES, window=(0.25, 0.75))
 
 
-class Coupling(NamedTuple):
-    """What the coupling does while tool and object touch, from where the tool has fallen behind the flange on."""
-
-    least_force: float  # N
-    compressed: bool  # throughout
-    slower_for: float  # s since the touch that the tool stays slower than the flange; infinite: to the end
-    duration: float  # s
-
-    @classmethod
-    def during(cls, touching: ig.Trace) -> "Coupling":
-        """Read it off a part of the motion."""
-        slower = touching.tool_velocity < touching.flange_velocity
-        behind = int(np.argmax(slower))  # in the first moments the tool still runs ahead a little
-        faster = np.flatnonzero(~slower[behind:])
-        return cls(
-            float(touching.coupling_force[behind:].min()),
-            bool((touching.tool_position < touching.flange_position).all()),
-            float(touching.time[behind + faster[0]] - touching.time[0]) if faster.size else np.inf,
-            float(np.ptp(touching.time)),
-        )
-
-    @property
-    def slower(self) -> str:
-        """For how long the tool is slower than the flange, in words."""
-        if self.slower_for == np.inf:
-            return "throughout"
-        return f"for the first {1e3 * self.slower_for:.0f} of {1e3 * self.duration:.0f} ms"
+def by_case(words: Iterable[str]) -> str:
+    """Return a sentence with the words about (a) and (b)."""
+    return "; ".join(f"({case}) {part}" for case, part in zip(CASES, words, strict=True))
 
 
-def told(values: Iterable[str]) -> str:
-    """Return what there is to say about (a) and (b)."""
-    return "; ".join(f"({case}) {said}" for case, said in zip(CASES, values, strict=True))
+Judge = Callable[[ig.Trace], tuple[bool, str]]
+"""Whether something holds while tool and object touch, and what is to be said about it."""
+
+
+def judge_contacts(contacts: Iterable[ig.Trace], judge: Judge) -> tuple[bool, str]:
+    """Return whether it holds in all contacts, and what is to be said about (a) and (b)."""
+    holds, words = zip(*map(judge, contacts), strict=True)
+    return all(holds), by_case(words)
+
+
+def falls_behind(touching: ig.Trace) -> int:
+    """Return from which point on the tool is slower than the flange; in the first moments it still runs ahead."""
+    return int(np.argmax(touching.tool_velocity < touching.flange_velocity))
+
+
+def pushes(touching: ig.Trace) -> tuple[bool, str]:
+    """Judge whether the coupling's force is positive."""
+    least = touching.coupling_force[falls_behind(touching) :].min()
+    return least > 0.0, f"smallest {least:.2f} N"
+
+
+def is_compressed(touching: ig.Trace) -> tuple[bool, str]:
+    """Judge whether the coupling is compressed."""
+    always = bool((touching.tool_position < touching.flange_position).all())
+    return always, "always" if always else "not always"
+
+
+def is_slower(touching: ig.Trace) -> tuple[bool, str]:
+    """Judge whether the tool is slower than the flange, and for how long."""
+    begin, time = falls_behind(touching), touching.time
+    faster = np.flatnonzero(touching.tool_velocity[begin:] >= touching.flange_velocity[begin:])
+    if not faster.size:
+        return True, "throughout"
+    return False, f"for the first {1e3 * (time[begin + faster[0]] - time[0]):.0f} of {1e3 * np.ptp(time):.0f} ms"
 
 
 def statements(table: Table) -> Statements:
     """Compare with section 4.2."""
-    runs = {case: Run(table, case) for case in CASES}
-    a, b = runs.values()
-    pairs = [(run, Run(table, f"{case}, e = 1")) for case, run in runs.items()]
+    a, b = (Run(table, case) for case in CASES)
+    pairs = [(run, Run(table, f"{case}, e = 1")) for case, run in zip(CASES, (a, b), strict=True)]
+    shares = [_share_before_the_brake(run) for run in (a, b)]
     parting_a, parting_b = (run.during_contact.flange_velocity[-1] for run in (a, b))
-    whole = [Coupling.during(run.first_contact) for run in (a, b)]
-    felt = [Coupling.during(run.felt_contact) for run in (a, b)]
-    parting = [run.felt_contact.object_velocity[-1] - run.felt_contact.tool_velocity[-1] for run in (a, b)]
-    struck = [run.first_contact.tool_velocity[0] for run in (a, b)]
-    kept = [left / v_in for left, v_in in zip(parting, struck, strict=True)]
-    by_brake = [
-        np.interp(run.trace.time[np.argmax(braking)], run.trace.time, run.trace.object_velocity) / run.final_velocity
-        for run in (a, b)
-        for braking in [(run.trace.flange_velocity < MOTION.speed) & (run.contact > 0)]
-    ]
     yield section_4_2.claim(
         "When inelastic impacts are considered, V_p decreases",
-        all(one.final_velocity < other.final_velocity for one, other in pairs),
-        "; ".join(f"{one.final_velocity:.4f} against {other.final_velocity:.4f}" for one, other in pairs),
+        all(inelastic.final_velocity < elastic.final_velocity for inelastic, elastic in pairs),
+        "; ".join(f"{run.final_velocity:.4f} against {elastic.final_velocity:.4f}" for run, elastic in pairs) + " m/s",
         "V_p below that of the same scene with e = 1, in (a) and (b)",
-        unit="m/s",
     )
-    yield section_4_2.claim(
+    yield section_4_2.repeated.claim(
         "The decrease in k_c leads to a reduction in V_p",
         b.final_velocity < a.final_velocity,
         f"{b.final_velocity:.4f} m/s at 1e3, {a.final_velocity:.4f} m/s at 1e5",
         "V_p in (b) below that in (a)",
-        basis=Basis.REPEATED,
     )
-    yield section_4_2.claim(
-        "Tool and object move almost synchronously after the collision: the final relative velocity is only a small "
-        "fraction of the initial one",
-        max(run.restitution for run in (a, b)) < 0.2,
-        f"{a.restitution:.3f} of it in (a), {b.restitution:.3f} in (b)",
-        "below 0.2, in (a) and (b)",
-        why="True of the impact itself. In (b) the surfaces part only after the robot has braked, and its coupling has "
-        "pulled the tool back by then.",
-    ).read_as(FELT, max(kept) < 0.2, f"{kept[0]:.3f} of it in (a), {kept[1]:.3f} in (b) when it ends")
     yield section_4_2.claim(
         "There are two contributions to V_p: the momentum transferred during the collision, and during the transient "
         "after the impact, when the robot brakes",
-        all(0.05 < share < 0.95 for share in by_brake),
-        told(f"{100 * share:.0f} % of V_p before the robot brakes, the rest after" for share in by_brake),
+        all(0.05 < share < 0.95 for share in shares),
+        by_case(f"{100 * share:.0f} % of V_p before the robot brakes, the rest after" for share in shares),
         "at least 5 % of V_p before the braking begins and at least 5 % after, in (a) and (b)",
     )
     yield section_4_2.claim(
@@ -121,32 +106,51 @@ def statements(table: Table) -> Statements:
         f"from 1 m/s to {parting_b:.3f} m/s; in (a) to {parting_a:.3f} m/s",
         "to less than half of 1 m/s by the end of the contact in (b)",
     )
+    yield from _during_the_contact(a, b)
+
+
+def _share_before_the_brake(run: Run) -> float:
+    """Return which share of V_p the object has when the robot begins to brake."""
+    trace = run.trace
+    begin = trace.time[np.argmax((trace.flange_velocity < MOTION.speed) & (run.contact > 0))]
+    return float(np.interp(begin, trace.time, trace.object_velocity)) / run.final_velocity
+
+
+def _during_the_contact(a: Run, b: Run) -> Statements:
+    """Compare what depends on when the contact is said to be over."""
+    whole, felt = (a.first_contact, b.first_contact), (a.felt_contact, b.felt_contact)
+    kept = [
+        (end.object_velocity[-1] - end.tool_velocity[-1]) / start.tool_velocity[0]
+        for start, end in zip(whole, felt, strict=True)
+    ]
+    yield section_4_2.claim(
+        "Tool and object move almost synchronously after the collision: the final relative velocity is only a small "
+        "fraction of the initial one",
+        max(run.restitution for run in (a, b)) < 0.2,
+        f"{a.restitution:.3f} of it in (a), {b.restitution:.3f} in (b)",
+        "below 0.2, in (a) and (b)",
+        why="True of the impact itself. In (b) the surfaces part only after the robot has braked, and its coupling has "
+        "pulled the tool back by then.",
+    ).read_as(FELT, max(kept) < 0.2, f"{kept[0]:.3f} of it in (a), {kept[1]:.3f} in (b) when it ends")
     yield section_4_2.claim(
         "The force of the decoupling elements is positive during the contact",
-        min(one.least_force for one in whole) > 0.0,
-        told(f"smallest {one.least_force:.2f} N" for one in whole),
+        *judge_contacts(whole, pushes),
         "positive from where the tool has fallen behind the flange (0.1 ms) to the end of the contact, in (a) and (b)",
         why="The contact outlasts the beginning of the braking. The flange then slows below the tool's velocity, the "
         "damper pulls, and towards the end of the contact it outweighs the compressed spring. The deceleration is "
         "identified, not printed, but from 1 to 20 m/s^2 none makes the force positive to the end.",
-    ).read_as(
-        FELT, min(one.least_force for one in felt) > 0.0, told(f"smallest {one.least_force:.2f} N" for one in felt)
-    )
+    ).read_as(FELT, *judge_contacts(felt, pushes))
     yield section_4_2.claim(
         "During the contact the decoupling system is compressed",
-        all(one.compressed for one in whole),
-        told("always" if one.compressed else "not always" for one in whole),
+        *judge_contacts(whole, is_compressed),
         "the tool behind its relaxed position at every instant of the contact, in (a) and (b)",
         why="In (b) the flange has all but stopped before the surfaces part, and the tool overtakes it by a fraction "
         "of a millimetre. Here the deceleration matters, which the paper does not print: below about 6 m/s^2 the "
         "coupling stays compressed.",
-    ).read_as(
-        FELT, all(one.compressed for one in felt), told("always" if one.compressed else "not always" for one in felt)
-    )
+    ).read_as(FELT, *judge_contacts(felt, is_compressed))
     yield section_4_2.claim(
         "During the contact the velocity of the tool is lower than the robot velocity",
-        all(one.slower_for == np.inf for one in whole),
-        told(one.slower for one in whole),
+        *judge_contacts(whole, is_slower),
         "lower from the first moments of the contact to its end, in (a) and (b)",
         why="True until the robot brakes: then its velocity falls below that of tool and object, which go on.",
-    ).read_as(FELT, all(one.slower_for == np.inf for one in felt), told(one.slower for one in felt))
+    ).read_as(FELT, *judge_contacts(felt, is_slower))

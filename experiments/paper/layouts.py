@@ -12,10 +12,12 @@ from experiments.paper.tables import Run, Table
 
 SCALE = 0.8  # of all figures: so small that letters can be read where two stand beside each other
 Panels = Any
-"""Axes of matplotlib: one, or an array of them."""
+"""Axes of matplotlib: one, or an array of them, which its types do not tell apart."""
 
 
-def panels(width: float, height: float, columns: int = 1, rows: int = 1, **sharing: Any) -> Callable[..., Any]:
+def panels(
+    width: float, height: float, columns: int = 1, rows: int = 1, **sharing: Any  # of `Figure.subplots`
+) -> Callable[[Callable[..., None]], Callable[..., Figure]]:  # fmt: skip
     """Decorate a function that draws a table on axes: makes these in a figure (inches times SCALE), and returns it."""
 
     def decorate(draw: Callable[..., None]) -> Callable[..., Figure]:
@@ -28,6 +30,11 @@ def panels(width: float, height: float, columns: int = 1, rows: int = 1, **shari
         return plot
 
     return decorate
+
+
+def mark(axes: Panels, x: Any, y: Any, colour: str = "none", marker: str = "o", label: str | None = None) -> None:
+    """Mark points of a curve; with no points and no colour, as an entry of the legend."""
+    axes.plot(x, y, marker, color=colour, markeredgecolor="black", label=label)
 
 
 @panels(10.4, 6.4, columns=2, rows=2, sharex=True, sharey="row")
@@ -62,10 +69,10 @@ def impulses(table: Table, axes: Panels, titles: Mapping[str, str]) -> None:
         run = Run(table, case)
         time, impulse = run.running_impulse()
         axes.plot(time, impulse, color=colour, label=f"{title}: {impulse[-1]:.4f} N s")
-        axes.plot(time[-1], impulse[-1], "o", color=colour, markeredgecolor="black")
+        mark(axes, time[-1], impulse[-1], colour)
         last = np.flatnonzero(run.during_contact.contact_force)[-1]
         axes.plot(time[last], impulse[last], "D", color=colour, markersize=5)
-    axes.plot([], [], "o", color="none", markeredgecolor="black", label="end of the contact")
+    mark(axes, [], [], label="end of the contact")
     axes.plot([], [], "D", color="black", markersize=5, label="contact force has fallen to zero")
     axes.set(xlabel="time since the contact began (s)", ylabel="impulse of the coupling (N s)")
     axes.legend()

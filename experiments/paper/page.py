@@ -1,52 +1,56 @@
 """The page about the paper's figures, made from the tables on disk: reports/paper/index.html."""
 
 import re
-from collections import Counter, namedtuple
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from types import ModuleType
+from typing import Any, NamedTuple
 
-import numpy as np
+import polars as pl
 
 from agents.provenance import circumstances
 from experiments.lab import page
-from experiments.paper import hidden_values, tables
-from experiments.paper.catalogue import NAMES, heading, load
-from experiments.paper.contradictions import contradictions
-from experiments.paper.statements import Basis, Verdict
+from experiments.paper import NAMES, heading, load, tables
+from experiments.paper.statements import Basis, Statement, Verdict
+from impact_gym.files import whole_file
 
-Entry = namedtuple("Entry", ["name", "heading", "module", "statements", "wide"])
-"""A figure on the page; a wide one stands alone in its row."""
-WIDE = 650.0  # points
+WIDE = 650.0  # points; a wider figure stands alone in its row
 
 
-def read(folder: Path) -> tuple[list[Entry], dict[str, tables.Table]]:
-    """Return the figures that are in `folder` with their tables, judged afresh, and the tables.
+class Entry(NamedTuple):
+    """A figure on the page."""
+
+    name: str
+    heading: str
+    module: ModuleType
+    table: tables.Table
+    statements: tuple[Statement, ...]
+    wide: bool
+
+
+def read(folder: Path) -> list[Entry]:
+    """Return the figures that are in `folder`, judged afresh.
 
     Raises:
         ValueError: a table is not as this version writes it; names it.
     """
-    entries, found = [], {}
+    entries = []
     for name in NAMES:
-        file = folder / f"{name}.csv"
-        if not (file.is_file() and file.with_suffix(".svg").is_file()):
+        file, picture, module = folder / f"{name}.csv", folder / f"{name}.svg", load(name)
+        if not (file.is_file() and picture.is_file()):
             continue
-        module = load(name)
         try:
-            found[name] = tables.read(file)
-            entries.append(Entry(name, heading(name), module, tuple(module.statements(found[name])), _wide(file)))
+            table = tables.read(file)
+            statements = tuple(module.statements(table))
         except (KeyError, IndexError, ValueError) as error:
-            word = name.removeprefix("figure_")
-            raise ValueError(
-                f"{file} is not of this version ({error!r}): python -m experiments.paper {word}"
-            ) from error
-    return entries, found
-
-
-def _wide(table: Path) -> bool:
-    width = re.search(r'width="([\d.]+)pt"', table.with_suffix(".svg").read_text())
-    return width is not None and float(width[1]) > WIDE
+            command = f"impact-gym paper {name.removeprefix('figure_')}"
+            raise ValueError(f"{file} is not of this version ({error!r}): {command}") from error
+        width = re.search(r'width="([\d.]+)pt"', picture.read_text())
+        wide = width is not None and float(width[1]) > WIDE
+        entries.append(Entry(name, heading(name), module, table, statements, wide))
+    return entries
 
 
 def write(folder: Path, run: Mapping[str, Any]) -> Path:
@@ -56,25 +60,23 @@ def write(folder: Path, run: Mapping[str, Any]) -> Path:
         folder: of tables and figures.
         run: command and seconds of what made the figures.
     """
-    entries, found = read(folder)
+    entries = read(folder)
     if not entries:
         raise ValueError(f"{folder} has no tables")
-    every = [statement for entry in entries for statement in entry.statements]
     rows = [{"figure": entry.name, **asdict(statement)} for entry in entries for statement in entry.statements]
-    columns = {column: np.array([row[column] for row in rows], object) for column in rows[0]}
-    tables.write(folder / "statements.csv", columns)
+    with whole_file(folder / "statements.csv") as file:
+        pl.DataFrame(rows, infer_schema_length=None).write_csv(file)
+    present = {entry.name for entry in entries}
     return page.write(
         folder,
         "paper",
         entries=entries,
-        total=len(every),
-        bases=Counter(statement.basis for statement in every),
-        counts=Counter(statement.verdict for statement in every),
-        tested=Counter(statement.verdict for statement in every if statement.basis is Basis.TEST),
+        total=len(rows),
+        bases=Counter(row["basis"] for row in rows),
+        counts=Counter(row["verdict"] for row in rows),
+        tested=Counter(row["verdict"] for row in rows if row["basis"] == Basis.TEST),
         verdicts=Verdict,
         basis=Basis,
-        contradictions=contradictions(found),
-        intervals=list(hidden_values.intervals(found["hidden_values"])) if "hidden_values" in found else [],
-        missing=[heading(name) if name.startswith("figure") else name for name in NAMES if name not in found],
+        missing=[heading(name) if name.startswith("figure") else name for name in NAMES if name not in present],
         runs=[{**run, **circumstances("impact-gym", "numpy", "scipy", "matplotlib")}],
     )

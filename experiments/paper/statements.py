@@ -9,9 +9,11 @@ from dataclasses import dataclass, replace
 from decimal import Decimal
 from enum import StrEnum
 
+import numpy as np
+
 
 class Verdict(StrEnum):
-    """What a comparison comes to."""
+    """Result of a comparison."""
 
     DIGITS = "agrees to the printed digits"
     AGREES = "agrees"
@@ -26,7 +28,7 @@ class Basis(StrEnum):
     TEST = "test"
     IDENTIFIED = "used to identify"  # a value that the paper does not print was chosen such that this comes true
     GIVEN = "identity or input"  # an equation of the paper evaluated, an input read back, true by construction
-    REPEATED = "said already"  # follows from another statement of the list
+    REPEATED = "repeats another statement"  # follows from another statement of the list
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,15 +39,15 @@ class Statement:
     text: str  # a short quotation, or what the passage says
     printed: str | None  # as printed; None for a trend
     ours: str
-    unit: str
+    unit: str  # of a printed number
     verdict: Verdict
     rule: str  # by which the verdict was computed
     digits: int | None = None  # significant digits to which we agree; None for a trend
     why: str = ""  # where we disagree, or where there is something to know
     basis: Basis = Basis.TEST
-    otherwise: str = ""  # what comes of another reading of the text
+    otherwise: str = ""  # outcome under another reading of the text
 
-    def read_as(self, reading: str, holds: bool, ours: str) -> "Statement":
+    def read_as(self, reading: str, holds: bool | np.bool_, ours: str) -> "Statement":
         """Judge the same statement by another `reading` of the text too; it stays one statement."""
         second = Verdict.AGREES if holds else Verdict.DISAGREES
         differ = holds == (self.verdict == Verdict.DISAGREES)
@@ -67,11 +69,27 @@ def agreeing_digits(printed: str, ours: float) -> tuple[int, int]:
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """A section of the paper, and the ways to judge what it says."""
+    """A section of the paper, and the ways to judge what it says: `section.claim(...)`, `section.given.claim(...)`."""
 
     name: str
+    basis: Basis = Basis.TEST
 
-    def number(self, text: str, printed: str, ours: float, why: str = "", basis: Basis = Basis.TEST) -> Statement:
+    @property
+    def identified(self) -> "Section":
+        """The section, for statements used to identify a value that the paper does not print."""
+        return replace(self, basis=Basis.IDENTIFIED)
+
+    @property
+    def given(self) -> "Section":
+        """The section, for statements that are true by construction."""
+        return replace(self, basis=Basis.GIVEN)
+
+    @property
+    def repeated(self) -> "Section":
+        """The section, for statements that follow from others."""
+        return replace(self, basis=Basis.REPEATED)
+
+    def number(self, text: str, printed: str, ours: float, why: str = "") -> Statement:
         """Judge a number that is `printed` with its unit ("0.98 m/s"), approximate if the text says 'about'."""
         value, _, unit = printed.partition(" ")
         digits, count = agreeing_digits(value, ours)
@@ -82,28 +100,18 @@ class Section:
             rule = f"printed as approximate: within one unit of the last printed digit ({last_unit})"
             verdict = Verdict.AGREES if abs(Decimal(ours) - Decimal(value)) <= last_unit else Verdict.DISAGREES
         plain = f"{Decimal(value):f}"
-        return Statement(self.name, text, plain, f"{ours:.5g}", unit, verdict, rule, digits, why, basis)
+        return Statement(self.name, text, plain, f"{ours:.5g}", unit, verdict, rule, digits, why, self.basis)
 
-    def claim(
-        self,
-        text: str,
-        holds: bool,
-        ours: str,
-        rule: str,
-        unit: str = "",
-        why: str = "",
-        basis: Basis = Basis.TEST,
-    ) -> Statement:
+    def claim(self, text: str, holds: bool | np.bool_, ours: str, rule: str, why: str = "") -> Statement:
         """Judge a trend or a comparison: `holds` is the outcome of `rule`."""
         verdict = Verdict.AGREES if holds else Verdict.DISAGREES
-        return Statement(self.name, text, None, ours, unit, verdict, rule, None, why, basis)
+        return Statement(self.name, text, None, ours, "", verdict, rule, why=why, basis=self.basis)
 
-    def undecided(self, text: str, ours: str, why: str, unit: str = "", basis: Basis = Basis.TEST) -> Statement:
+    def undecided(self, text: str, ours: str, why: str) -> Statement:
         """Note what the text alone does not suffice to judge, and why."""
-        return Statement(self.name, text, None, ours, unit, Verdict.UNDECIDED, "none", None, why, basis=basis)
+        return Statement(self.name, text, None, ours, "", Verdict.UNDECIDED, "none", why=why, basis=self.basis)
 
 
-section_1, section_2_1, section_2_2, section_3, section_3_1, section_3_2 = map(
-    Section, ("1", "2.1", "2.2", "3.1-3.2", "3.1", "3.2")
-)
-section_4_1, section_4_2, section_5, section_6 = map(Section, ("4.1", "4.2", "5", "6"))
+section_1, section_2_1, section_2_2, section_3 = map(Section, ("1", "2.1", "2.2", "3.1-3.2"))
+section_3_1, section_3_2, section_4_1, section_4_2 = map(Section, ("3.1", "3.2", "4.1", "4.2"))
+section_5, section_6 = map(Section, ("5", "6"))

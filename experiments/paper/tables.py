@@ -1,46 +1,42 @@
 """Tables between computing and drawing: columns of equal length by name, as CSV on disk; and the runs in them."""
 
-import csv
-import io
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import polars as pl
 from numpy.typing import NDArray
 
 import impact_gym as ig
-from experiments.paper.scenes import DURATION, MOTION, OBJECT_MASS, TOOL_MASS
+from experiments.paper.scenes import DURATION, MOTION, OBJECT_MASS, THRESHOLD, TOOL_MASS, simulate_with_trace
 from impact_gym.files import whole_file
 from impact_gym.physics import impact
 
-Table = dict[str, NDArray[Any]]
-THRESHOLD = 1.0  # N, printed in section 3.2: a smaller contact force is none that the robot feels
+Array = NDArray[np.float64]
+Table = dict[str, NDArray[Any]]  # Any: numbers, but text in the column `case`
+Row = Mapping[str, Any]  # Any: as in a table
 FELT = f"contact only while its force exceeds the {THRESHOLD:g} N of section 3.2"
 """Another reading of 'contact': where the coupling is involved, a force below that has a long tail."""
+WIDTH = 1e-6  # to which `enclose_changes` closes in on a change, in units of the parameter
+
+
+def from_rows(rows: Iterable[Row]) -> Table:
+    """Return the table of rows with the same columns."""
+    rows = list(rows)
+    return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
 
 def write(path: Path, table: Table) -> None:
     """Write `table` to `path`, whole or not at all."""
-    text = io.StringIO(newline="")
-    writer = csv.writer(text)
-    writer.writerow(table)
-    writer.writerows(zip(*(column.tolist() for column in table.values()), strict=True))
     with whole_file(path) as file:
-        file.write(text.getvalue().encode())
+        pl.DataFrame(table).write_csv(file)
 
 
 def read(path: Path) -> Table:
-    """Read what `write` wrote; all but the column `case` are numbers."""
-    with path.open(newline="") as file:
-        header, *rows = csv.reader(file)
-    columns = {name: np.array([row[place] for row in rows]) for place, name in enumerate(header)}
-    return {name: column if name == "case" else column.astype(float) for name, column in columns.items()}
-
-
-def from_rows(names: tuple[str, ...], rows: list[tuple[float, ...]]) -> Table:
-    """Return the table with these rows below `names`."""
-    return dict(zip(names, np.array(rows, dtype=float).T, strict=True))
+    """Read what `write` wrote."""
+    return {column.name: column.to_numpy() for column in pl.read_csv(path)}
 
 
 def where(table: Table, **values: float | str) -> Table:
@@ -49,32 +45,48 @@ def where(table: Table, **values: float | str) -> Table:
     return {name: column[rows] for name, column in table.items()}
 
 
-def histories(
-    scenes: Mapping[str, ig.Scene],
-    motion: ig.Trapezoid = MOTION,
-    duration: float = DURATION,
-    impact_velocity: bool = False,
-) -> Table:
+def enclose_changes(values: Iterable[float], row: Callable[[float], Row], parameter: str, *counts: str) -> list[Row]:
+    """Return the rows at rising `values` of a parameter, and the pairs within WIDTH that enclose a change of a count.
+
+    `row` computes the row at a value. Between two values each of `counts` is expected to change once at most.
+    """
+    rows = [row(value) for value in values]
+    pairs: list[Row] = []
+    for count in counts:
+        for low, high in pairwise(rows):
+            if low[count] == high[count]:
+                continue
+            while high[parameter] - low[parameter] > WIDTH:
+                middle = row(0.5 * (low[parameter] + high[parameter]))
+                low, high = (middle, high) if middle[count] == low[count] else (low, middle)
+            pairs += [low, high]
+    by_value = {entry[parameter]: entry for entry in [*rows, *pairs]}
+    return [by_value[value] for value in sorted(by_value)]
+
+
+def changes(rows: Table, parameter: str, count: str) -> list[tuple[float, int, int]]:
+    """Return where the column `count` changes: the parameter below it, and the count below and above it."""
+    places, counts = np.flatnonzero(np.diff(rows[count])), rows[count].astype(int).tolist()
+    return [(float(rows[parameter][i]), counts[i], counts[i + 1]) for i in places]
+
+
+def histories(scenes: Mapping[str, ig.Scene], motion: ig.Trapezoid = MOTION, duration: float = DURATION) -> Table:
     """Simulate scenes for `duration` (s) and return their traces below each other, told apart by the column `case`.
 
     The column `contact` counts the contact going on from 1 and is 0 in flight. `impulse` is eq. 21 over all contacts in
-    N s, and `impact_velocity`, if asked for, that at which the tool strikes first in m/s: the same in all rows of a
-    case.
+    N s, the same in all rows of a case.
     """
-    cases = []
+    parts = []
     for case, scene in scenes.items():
-        outcome = ig.simulate(scene, motion, duration, trace=True)
-        time = outcome.trace.time
-        contact = np.zeros_like(time)
-        for number, one in enumerate(outcome.contacts, start=1):
-            contact[(time >= one.start) & (time <= (np.inf if one.end is None else one.end))] = number
-        part = {"case": np.full(time.shape, case), **outcome.trace._asdict(), "contact": contact}
-        part["impulse"] = np.full_like(time, outcome.coupling_impulse)
-        if impact_velocity:
-            struck = outcome.contacts[0].approach_velocity if outcome.contacts else np.nan
-            part["impact_velocity"] = np.full_like(time, struck)
-        cases.append(part)
-    return {name: np.concatenate([part[name] for part in cases]) for name in cases[0]}
+        outcome, trace = simulate_with_trace(scene, motion, duration)
+        number = np.zeros_like(trace.time)
+        for count, contact in enumerate(outcome.contacts, start=1):
+            end = np.inf if contact.end is None else contact.end
+            number[(trace.time >= contact.start) & (trace.time <= end)] = count
+        impulse = np.full_like(trace.time, outcome.coupling_impulse)
+        cases = np.full(trace.time.shape, case)
+        parts.append({"case": cases, **trace._asdict(), "contact": number, "impulse": impulse})
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
 class Run:
@@ -88,7 +100,6 @@ class Run:
         self.contacts = int(self.contact.max())
         self.impulse = float(rows["impulse"][-1])  # N s, eq. 21 as the simulation integrated it
         self.final_velocity = float(self.trace.object_velocity[-1])  # m/s, V_p
-        self.impact_velocity = float(rows.get("impact_velocity", [np.nan])[0])  # m/s, approach of the first contact
         self.before_contact = self._part(np.cumsum(self.contact) == 0)
         self.first_contact = self._part(self.contact == 1)
         self.during_contact = self._part(self.contact > 0)
@@ -96,6 +107,11 @@ class Run:
 
     def _part(self, rows: NDArray[np.bool_]) -> ig.Trace:
         return ig.Trace(*(column[rows] for column in self.trace))
+
+    @property
+    def impact_velocity(self) -> float:
+        """Velocity of the tool when it first touches the object at rest, m/s."""
+        return float(self.first_contact.tool_velocity[0])
 
     @property
     def duration_of_contact(self) -> float:
@@ -146,7 +162,7 @@ class Run:
         nearest = minima[np.argmin(np.abs(time[minima] - impact_time))]
         return impact_time - float(time[nearest]), float(velocity[nearest])
 
-    def running_impulse(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def running_impulse(self) -> tuple[Array, Array]:
         """Return time since the first contact began (s) and the impulse of the coupling until then (N s; eq. 21).
 
         By the trapezoidal rule over the trace, contacts only: between two of them the impulse stays where it is.
@@ -164,6 +180,5 @@ class Run:
             raise ValueError(f"eq. 22 is about one contact, and here are {self.contacts}")
         v_t, v_p = float(self.during_contact.tool_velocity[0]), float(self.during_contact.object_velocity[0])
         e = self.restitution if restitution is None else restitution
-        return float(
-            impact.free_tool(TOOL_MASS, OBJECT_MASS, v_t, v_p, e, self.impulse if impulse is None else impulse)[1]
-        )
+        J = self.impulse if impulse is None else impulse
+        return float(impact.free_tool(TOOL_MASS, OBJECT_MASS, v_t, v_p, e, J)[1])

@@ -5,13 +5,11 @@ phases with smooth equations at every event: touch and separation, the contact f
 passing the brake's threshold or at its peak, a stop that pushes or lets go, the slider at its alignment, a change of
 the commanded acceleration, a node of a table of robot parameters.
 
-    `command`      imposed motion of the robot
-    `dissipation`  damping factor of the contact from its restitution
+    `laws`         dissipation of a contact, bistable mechanism, robot's table
+    `command`      imposed motion of the robot, planned or steered
     `chain`        forces and accelerations, in units that a contact chooses
-    `phases`       one phase by SciPy's integrators, cut at the first event
-    `flight`       linear chains between contacts, exactly, by the matrix exponential
-    `motion`       a chain under way from one of these to the next
-    `commanded`    one whose flange is told on the way what to do
+    `integration`  one phase by SciPy's integrators, cut at the first event; linear flight by the matrix exponential
+    `motion`       a chain under way from one event to the next
     `task`         the environment's whole episode, with a controller that is asked
 
 A contact runs in its own scales,
@@ -22,15 +20,12 @@ A contact runs in its own scales,
 and flight in SI units.
 """
 
-from __future__ import annotations
-
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from experiments.reference.chain import Chain
-from experiments.reference.motion import ContactRecord
-from experiments.reference.motion import Motion as _Run  # whose contacts experiments.speed_vs_error times
-from experiments.reference.phases import SOLVERS
+from experiments.reference.integration import SOLVERS
+from experiments.reference.motion import ContactRecord, Motion
 
 STIFF_RATES = 1e5  # -, decay rate of a stop times duration, beyond which flight is left to an implicit method
 
@@ -50,17 +45,22 @@ class Reference:
     object_position: float  # its face; 0 is where the tool's face is at the start
     tool_position: float
     flange_position: float  # from its start
+    contact_seconds: float = field(compare=False)  # of processor time, spent in the contacts
 
 
 def simulate(scene: Any, motion: Any, duration: float, rtol: float = 1e-11, method: str = "DOP853") -> Reference:
     """Run `scene` under `motion` for `duration` seconds.
 
     `method`, any of solve_ivp's, and `rtol` are about the contacts only: flight is exact or near rounding.
+
+    Raises:
+        ValueError: there is no such method, or no such law of dissipation.
+        NotImplementedError: the coupling is of no known kind.
+        RuntimeError: SciPy gives up, or something turns back and forth without end.
     """
     if method not in SOLVERS:
         raise ValueError(f"method must be one of {list(SOLVERS)}, got {method!r}")
-    run = _Run(Chain(scene, motion), scene.object.distance, rtol)
-    run.method = method
+    run = Motion(Chain(scene, motion), scene.object.distance, rtol, method)
     if run.chain.stop_decay * duration > STIFF_RATES:
         run.flight_method, run.fastest = "Radau", run.chain.slow_rate
     while run.t < duration:
@@ -81,4 +81,5 @@ def simulate(scene: Any, motion: Any, duration: float, rtol: float = 1e-11, meth
         object_position=x_r - w - u - delta,
         tool_position=x_r - w - u,
         flange_position=x_r - w,
+        contact_seconds=run.contact_seconds,
     )

@@ -5,19 +5,15 @@ deflections u = x_f - x_t of the coupling and w = x_r - x_f of the robot, and th
 T of the coupling on the tool and R of the robot on its mass.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from math import inf, nan, sqrt
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
-from experiments.reference.bistable import BistableForce
 from experiments.reference.command import Command
-from experiments.reference.dissipation import damping_factor
-from experiments.reference.phases import Switch, Vector
+from experiments.reference.integration import Switch, Vector
+from experiments.reference.laws import BistableForce, damping_factor, robot_law
 
 # both tend to zero where a contact with little restitution creeps apart, and would then follow the rounding
 SLACK = 1e-12  # of the sign and of the slope of the contact force, in the scales of the contact
@@ -51,7 +47,10 @@ class StiffError(Exception):
 
 
 class Chain:
-    """The bodies and laws of a scene (SI units), and which one-sided parts are on."""
+    """The bodies and laws of a scene (SI units), and which one-sided parts are on.
+
+    `motion` has the attributes of a trapezoid, or is a `Command`.
+    """
 
     def __init__(self, scene: Any, motion: Any) -> None:
         coupling, contact, robot = scene.coupling, scene.contact, getattr(scene, "robot", None)
@@ -70,10 +69,11 @@ class Chain:
         self.k_t = coupling.stiffness if sprung else 0.0
         self.c_t = 2 * coupling.damping_ratio * sqrt(self.k_t * self.m_t) if sprung else 0.0
 
-        table = robot if hasattr(robot, "position") else None
-        self.command = Command(motion, () if table is None else tuple(table.position))
-        self.robot = None if robot is None else _parameters(robot)
-        self.linear = self.bistable is None and table is None
+        self.command = motion if isinstance(motion, Command) else Command(motion)
+        self.robot = None if robot is None else robot_law(robot)
+        nodes = getattr(robot, "position", ())  # of a table
+        self.command.cut_at(nodes)
+        self.linear = self.bistable is None and not len(nodes)
         slow, fast = [0.0], [0.0]  # 1/s: of oscillations of the chain, of its stops
         if robot is not None:
             slow.append(float(np.sqrt(np.max(np.divide(robot.stiffness, robot.mass)))))
@@ -92,24 +92,11 @@ class Chain:
         return Scales(delta0, delta0 / v_in, M * v_in**2 / delta0)
 
 
-def _parameters(robot: Any) -> Any:
-    """m_r (kg), k_r (N/m), c_r (N s/m) by x_r (m): constant, or a spline held beyond its ends (paper, eq. 16)."""
-    if not hasattr(robot, "position"):
-        constant = (float(robot.mass), float(robot.stiffness), float(robot.damping))
-        return lambda _: constant
-    low, high = robot.position[0], robot.position[-1]
-    spline = CubicSpline(
-        robot.position, np.column_stack((robot.mass, robot.stiffness, robot.damping)), bc_type="not-a-knot"
-    )
-    return lambda x_r: tuple(spline(min(max(x_r, low), high)).tolist())
-
-
 class System:
     """The equations of one flight or contact in its scales: `rates` and `jacobian` for the integrator, and switches."""
 
     def __init__(self, chain: Chain, scales: Scales, touching: bool) -> None:
-        self.chain, self.scales, self.touching = chain, scales, touching
-        self.on = chain.on
+        self.chain, self.scales, self.touching, self.on = chain, scales, touching, chain.on
         self.on["pressed"] = self.on["loading"] = True
         self.d, self.m, self.n = chain.d, chain.m, chain.n
         self.stiffness_unit = scales.force / scales.length
@@ -117,16 +104,17 @@ class System:
         self.mass_unit = self.damping_unit * scales.time
         self.m_t, self.m_p = chain.m_t / self.mass_unit, chain.m_p / self.mass_unit
         self.k_t, self.c_t = chain.k_t / self.stiffness_unit, chain.c_t / self.damping_unit
-        self.alpha, self.x_r, self.v_r, self.a = 0.0, 0.0, 0.0, 0.0
-        self.patience = inf  # evaluations
+        self.patience = inf  # evaluations of the rates
 
-    def enter(self, t: float, a: float) -> None:
-        """Begin a phase at t (s), commanded acceleration a (m/s^2)."""
-        self.x_r, self.v_r, _, _ = self.chain.command.at(t)
-        self.a, self.alpha = a, a * self.scales.time**2 / self.scales.length
+    def enter(self, t: float) -> float:
+        """Begin a phase at t (s); return when the commanded motion is to be cut next, s."""
+        self.x_r, self.v_r, self.a, cut = self.chain.command.at(t)
+        self.alpha = self.a * self.scales.time**2 / self.scales.length
+        return cut
 
     def robot(self, tau: float) -> tuple[float, float, float]:
         """m_r, k_r, c_r, scaled, at the commanded position of this instant."""
+        assert self.chain.robot is not None
         s = tau * self.scales.time
         m_r, k_r, c_r = self.chain.robot(self.x_r + (self.v_r + self.a * s / 2) * s)
         return m_r / self.mass_unit, k_r / self.stiffness_unit, c_r / self.damping_unit
@@ -190,24 +178,32 @@ class System:
             by_u, by_u_dot = by_u / self.stiffness_unit, by_u_dot / self.damping_unit
         return np.array(self.balance(tau, e, dF, by_u * e[2] + by_u_dot * e[3], np.zeros(8)))
 
+    def matrix(self) -> Vector:
+        """The A of z' = A z, z = (delta, delta', u, u', w, w', 1), of a linear chain in flight: paper, eq. 8 and 17."""
+        at_rest, A = np.zeros(8), np.zeros((7, 7))
+        A[:6, :6], A[:6, 6] = self.jacobian(0.0, at_rest)[:6, :6], self.rates(0.0, at_rest)[:6]
+        return A
+
     def switches(self) -> list[Switch]:
         """What to watch from here on."""
         chain, on = self.chain, self.on
-        found = [Switch("touching", self.touching, lambda _, y: y[0])]
+        watched = [Switch("touching", self.touching, lambda _, y: y[0])]
         if self.touching and self.d > 0 and chain.clamp:
-            found.append(Switch("pressed", on["pressed"], self._sign_of_force, SLACK))
+            watched.append(Switch("pressed", on["pressed"], self._sign_of_force, SLACK))
         if self.touching and on["pressed"]:
-            found.append(Switch("loading", on["loading"], self._slope_of_force, SLACK))
+            watched.append(Switch("loading", on["loading"], self._slope_of_force, SLACK))
             if chain.command.detection_time is None and chain.command.threshold < inf:
                 threshold = chain.command.threshold / self.scales.force
-                found.append(Switch("alarm", False, lambda _, y: self.force(y) - threshold))
+                watched.append(Switch("alarm", False, lambda _, y: self.force(y) - threshold))
         if chain.bistable is not None:
             length, speed, law = self.scales.length, self.scales.length / self.scales.time, chain.bistable
             push = law.k_s * POSITION_SLACK
-            found.append(Switch("front", on["front"], lambda _, y: law.front(length * y[2], speed * y[3]), push))
-            found.append(Switch("rear", on["rear"], lambda _, y: law.rear(length * y[2], speed * y[3]), push))
-            found.append(Switch("alignment", on["alignment"], lambda _, y: law.position(length * y[2]), POSITION_SLACK))
-        return found
+            watched += [
+                Switch("front", on["front"], lambda _, y: law.front(length * y[2], speed * y[3]), push),
+                Switch("rear", on["rear"], lambda _, y: law.rear(length * y[2], speed * y[3]), push),
+                Switch("alignment", on["alignment"], lambda _, y: law.x0 - length * y[2], POSITION_SLACK),
+            ]
+        return watched
 
     def toggle(self, name: str) -> None:
         """A switch has turned."""
@@ -219,7 +215,7 @@ class System:
     def _sign_of_force(self, _: float, y: list[float]) -> float:
         """Contact force without the lower power of delta."""
         u, m, n = max(y[0], 0.0), self.m, self.n
-        return u ** (m - n) + self.d * y[1] if n < m else 1 + self.d * u ** (n - m) * y[1]
+        return float(u ** (m - n) + self.d * y[1] if n < m else 1 + self.d * u ** (n - m) * y[1])
 
     def _slope_of_force(self, tau: float, y: list[float]) -> float:
         """Rate of the contact force, without the lower power of delta."""
@@ -229,4 +225,4 @@ class System:
         v_dot = self.derivatives(tau, y)[1]
         low = min(m, n) if n else 1.0
         damping = v_dot if n == 0 else n * u ** (n - low) * v * v + u ** (n - low + 1) * v_dot
-        return m * u ** (m - low) * v + d * damping
+        return float(m * u ** (m - low) * v + d * damping)

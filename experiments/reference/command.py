@@ -1,27 +1,35 @@
-"""The imposed motion x_r: pieces of constant acceleration (paper, Fig. 11)."""
+"""The imposed motion x_r: pieces of constant acceleration, planned before (paper, Fig. 11) or steered on the way."""
 
-from __future__ import annotations
-
-from math import inf, sqrt
+from collections.abc import Sequence
+from math import copysign, inf, sqrt
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 
 class Command:
     """Pieces (start s, position m, velocity m/s, acceleration m/s^2) in order, the last without end.
 
-    `nodes` are positions (m) at which the motion is to be cut too.
+    With a motion: from rest to its speed, until its brake. Without: at rest, to be steered; `threshold` (N) is that of
+    the contact force whose passing is noted.
     """
 
-    def __init__(self, motion: Any, nodes: tuple[float, ...] = ()) -> None:
-        v, a, brake = float(motion.speed), float(motion.acceleration), motion.brake
-        self.pieces = [(0.0, 0.0, 0.0, a), (v / a, v * v / (2 * a), v, 0.0)]
+    def __init__(self, motion: Any = None, threshold: float = inf) -> None:
+        self.pieces = [(0.0, 0.0, 0.0, 0.0)]
+        self.nodes: NDArray[np.float64] = np.array(())  # m, positions at which the motion is to be cut too
+        self.detection_time: float | None = None  # s, contact force first exceeds the threshold
+        self.threshold, self.brake = threshold, None if motion is None else motion.brake
+        if motion is not None:
+            v, a = float(motion.speed), float(motion.acceleration)
+            self.pieces = [(0.0, 0.0, 0.0, a), (v / a, v * v / (2 * a), v, 0.0)]
+        if self.brake is not None:
+            self.threshold, self.delay = float(self.brake.threshold), float(self.brake.delay)  # N, s
+            self.deceleration = a if self.brake.deceleration is None else float(self.brake.deceleration)
+
+    def cut_at(self, nodes: Sequence[float]) -> None:
+        """Cut the motion at these positions (m) too."""
         self.nodes = np.array(nodes)
-        self.detection_time: float | None = None
-        self.threshold = inf if brake is None else float(brake.threshold)  # N
-        self.delay = 0.0 if brake is None else float(brake.delay)  # s
-        self.deceleration = a if brake is None or brake.deceleration is None else float(brake.deceleration)
 
     def at(self, t: float) -> tuple[float, float, float, float]:
         """Position (m), velocity (m/s), acceleration (m/s^2) and when the motion is to be cut next (s)."""
@@ -35,9 +43,24 @@ class Command:
             cut = min(cut, t + _time_to(float(ahead[0]) - x, v, a)) if ahead.size else cut
         return x, v, a, cut
 
+    def rests(self, t: float) -> bool:
+        """Whether the flange stands still from t (s) on, as far as is known."""
+        _, v, a, cut = self.at(t)
+        return v == 0 and a == 0 and cut == inf
+
+    def steer(self, t: float, velocity: float, acceleration: float) -> None:
+        """From t (s) on go to `velocity` (m/s) at `acceleration` (m/s^2), then hold it."""
+        x, v, _, _ = self.at(t)
+        ramp = abs(velocity - v) / acceleration
+        there = (t + ramp, x + (v + velocity) / 2 * ramp, velocity, 0.0)
+        self.pieces = [(t, x, v, copysign(acceleration, velocity - v)), there]
+
     def detect(self, t: float) -> None:
-        """The force passed the threshold at t: from t + delay, brake to rest."""
-        self.detection_time, t_b = t, t + self.delay
+        """The force passed the threshold at t (s): from t + delay, a motion with a brake comes to rest."""
+        self.detection_time = t
+        if self.brake is None:
+            return
+        t_b = t + self.delay
         x_b, v_b, _, _ = self.at(t_b)
         stopping = v_b / self.deceleration  # s
         self.pieces = [p for p in self.pieces if p[0] < t_b]
@@ -45,8 +68,8 @@ class Command:
 
 
 def _time_to(distance: float, v: float, a: float) -> float:
-    """Seconds to go `distance` > 0 (m) from velocity v >= 0 at acceleration a; inf if it is never gone."""
+    """Seconds to go `distance` > 0 (m) from velocity v at acceleration a; inf if it is never gone or behind."""
     square = v * v + 2 * a * distance
-    if square < 0 or v + sqrt(square) == 0:
+    if square < 0 or v + sqrt(square) <= 0:
         return inf
     return 2 * distance / (v + sqrt(square))

@@ -1,18 +1,17 @@
 """A chain under way, moved from one instant that matters to the next, and what it came to so far."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from math import inf
+from math import inf, sqrt
+from time import thread_time
 
 import numpy as np
 
-from experiments.reference import flight
-from experiments.reference.chain import UNITS, Chain, Scales, System
-from experiments.reference.phases import Switch, Vector, advance
+from experiments.reference.chain import UNITS, Chain, Scales, StiffError, System
+from experiments.reference.integration import Switch, Vector, advance, fly
 
 FLIGHT_RTOL, FLIGHT_ATOL = 1e-12, 1e-16  # of the chains that are not flown exactly; -, m
-PATIENCE = 16  # phases without a step of time: then something turns back and forth for ever
+STIFF_RTOL = 1e-8  # at least, where an implicit method steps in: it is of lower order, and what is stiff changes slowly
+MOST_STALLED = 16  # phases without a step of time: then something turns back and forth for ever
 
 
 @dataclass(frozen=True)
@@ -29,21 +28,29 @@ class ContactRecord:
 
 
 class Motion:
-    """Starts at rest with the object `distance` (m) ahead; its contacts are integrated by `method` to `rtol`."""
+    """Starts at rest with the object `distance` (m) ahead; its contacts are integrated by `method` to `rtol`.
 
-    method = "DOP853"  # of contacts, any of solve_ivp's
+    `floor` (m/s) is the least v_in in the scales and the damping of a contact. `flight_stride` is the longest step of
+    flight in sixths of a period; in a contact it is one. A phase of a contact that takes the method more evaluations
+    than its `patience` is stiff: from there Radau goes on.
+    """
+
     flight_method = "DOP853"
-    flight_stride = 1  # longest step of flight in sixths of a period; in a contact it is one
-    floor = 1e-6  # m/s, of v_in in the scales and the damping of a contact
 
-    def __init__(self, chain: Chain, distance: float, rtol: float) -> None:
-        self.chain, self.command, self.rtol = chain, chain.command, rtol
+    def __init__(
+        self, chain: Chain, distance: float, rtol: float, method: str = "DOP853",
+        *, floor: float = 1e-6, flight_stride: int = 1, patience: float = inf,
+    ) -> None:  # fmt: skip
+        self.chain, self.command, self.rtol, self.method = chain, chain.command, rtol, method
+        self.floor, self.flight_stride, self.patience = floor, flight_stride, patience
         self.t = 0.0  # s
         self.peak_force = 0.0  # N
         self.unread_force = 0.0  # N, largest since the sensor was last read
         self.records: list[ContactRecord] = []  # of the contacts that are over
         self.past_impulse = self.coupling_impulse = 0.0  # N s, over these: on the object; of the coupling on the tool
         self.snap_through: list[float] = []  # s
+        self.contacts, self.first_contact = 0, inf  # how many have begun, and when the first did, s
+        self.contact_seconds = 0.0  # of processor time
         self.fastest = max(chain.slow_rate, chain.stop_rate)  # 1/s
         # a stop turns the rounding of a position into a velocity, which no tolerance must ask for
         self.flight_atol = FLIGHT_ATOL * np.tile([1.0, max(1.0, chain.stop_rate)], 4)
@@ -62,33 +69,41 @@ class Motion:
     @property
     def force(self) -> float:
         """Contact force, N."""
-        return self._system.force(self._y) * self._system.scales.force
-
-    @property
-    def impulse(self) -> float:
-        """Given to the object so far, N s."""
-        return self.past_impulse + self._system.scales.impulse * float(self._y[6])
+        return float(self._system.force(self._y) * self._system.scales.force)
 
     @property
     def object_velocity(self) -> float:
         """Of the impulse it was given, m/s."""
-        return self.impulse / self.chain.m_p
+        return float((self.past_impulse + self._system.scales.impulse * self._y[6]) / self.chain.m_p)
+
+    def over(self) -> bool:
+        """Whether nothing touches, and nothing will: the energy behind the tool cannot take it to the object's speed.
+
+        Behind a flange that stands still it only falls.
+        """
+        if self.touching or not self.command.rests(self.t):
+            return False
+        chain, law = self.chain, self.chain.bistable
+        _, _, u, u_dot, w, w_dot = self.state.tolist()
+        m_r, k_r, _ = (0.0, 0.0, 0.0) if chain.robot is None else chain.robot(self.command.at(self.t)[0])
+        m_t = chain.m_t + m_r if chain.rigid else chain.m_t
+        energy = chain.m_t * (u_dot + w_dot) ** 2 / 2 + m_r * w_dot**2 / 2 + k_r * w**2 / 2 + chain.k_t * u**2 / 2
+        if law is not None:
+            energy += law.energy(u)
+            sides = (law.x0 - u > 0,) if energy < law.energy(law.x0) else (True, False)
+            energy -= min(law.energy(law.rest(front)) for front in sides)
+        return self.object_velocity >= sqrt(2 * max(energy, 0.0) / m_t)
 
     def advance(self, until: float) -> None:
         """Move to `until` (s), or to the instant at which the threshold is passed for the first time."""
         unfelt = self.command.detection_time is None
         stalled = 0
         while self.t < until and unfelt == (self.command.detection_time is None):
-            before = self.t
-            if self.chain.linear and not self.touching:
-                self.t, z, met = flight.fly(self.chain, self.t, self.state, until)
-                self._go_on(UNITS, z, touching=False)
-                if met:
-                    self._touch()
-            else:
-                self.move(self.t, until, self.touching)
+            before, began = self.t, thread_time() if self.touching else None
+            self._advance_phase(until)
+            self.contact_seconds += 0.0 if began is None else thread_time() - began
             stalled = stalled + 1 if self.t == before else 0
-            if stalled > PATIENCE:
+            if stalled > MOST_STALLED:
                 raise RuntimeError(f"reference: switches without end at {self.t:.9g} s")
 
     def note_contact(self, end: float | None) -> None:
@@ -109,19 +124,26 @@ class Motion:
 
     def _touch(self) -> None:
         """Begin a contact."""
-        z = self.state
-        self._onset, self._peak = (self.t, float(z[1])), 0.0
-        self._go_on(self.chain.contact_scales(self.t, max(float(z[1]), self.floor)), z, touching=True)
+        z, v_in = self.state, float(self.state[1])
+        self.contacts, self.first_contact = self.contacts + 1, min(self.first_contact, self.t)
+        self._onset, self._peak, self._stiff = (self.t, v_in), 0.0, False
+        self._go_on(self.chain.contact_scales(self.t, max(v_in, self.floor)), z, touching=True)
 
-    def move(self, t: float, until: float, touching: bool) -> None:
-        """Integrate from t to `until` or to the first switch that turns, all of it in a contact or in flight."""
-        system, a, cut = self._system, *self.command.at(t)[2:]
-        t_stop = min(cut, until)
-        system.enter(t, a)
+    def _advance_phase(self, until: float) -> None:
+        """Move to `until`, or to the first instant at which the equations change."""
+        system = self._system
+        t_stop = min(system.enter(self.t), until)
+        if self.chain.linear and not self.touching:
+            self.t, z, met = fly(system.matrix(), np.append(self.state, 1.0), self.t, t_stop)
+            self._y[:6] = z[:6]
+            if met:
+                self._y[0] = 0.0
+                self._touch()
+            return
         before = self.force
-        tau, self._y, switch = self._integrate((t_stop - t) / system.scales.time)
-        self.t = t_stop if switch is None else t + tau * system.scales.time
-        if touching:  # between two switches the force is monotonic
+        tau, self._y, switch = self._integrate((t_stop - self.t) / system.scales.time)
+        self.t = t_stop if switch is None else self.t + tau * system.scales.time
+        if self.touching:  # between two switches the force is monotonic
             self._peak = max(self._peak, before, self.force)
             self.peak_force = max(self.peak_force, self._peak)
             self.unread_force = max(self.unread_force, before, self.force)
@@ -145,10 +167,17 @@ class Motion:
         self._system.toggle(switch.name)
 
     def _integrate(self, end: float) -> tuple[float, Vector, Switch | None]:
-        """Integrate the equations up to `end` or to a switch, in their scales."""
-        if self.touching:
-            return self._by(self.method, end, self.rtol, np.full(8, self.rtol / 100))
-        return self._by(self.flight_method, end, FLIGHT_RTOL, self.flight_atol)
+        """Integrate the equations up to `end` or to a switch, in their scales; a stiff contact implicitly."""
+        if not self.touching:
+            return self._by(self.flight_method, end, FLIGHT_RTOL, self.flight_atol)
+        if not self._stiff:
+            self._system.patience = self.patience
+            try:
+                return self._by(self.method, end, self.rtol, np.full(8, self.rtol / 100))
+            except StiffError:
+                self._stiff, self._system.patience = True, inf
+        rtol = max(self.rtol, STIFF_RTOL)
+        return self._by("Radau", end, rtol, np.full(8, rtol / 100))
 
     def _by(self, method: str, end: float, rtol: float, atol: Vector) -> tuple[float, Vector, Switch | None]:
         stride = (1 if self.touching else self.flight_stride) / self.fastest if self.fastest else inf  # s

@@ -8,44 +8,43 @@ With OPENBLAS_NUM_THREADS=1, as the workers of `agents.jobs` have it, an episode
 of the linear algebra wait for each other over matrices of 7 x 7, and a linear chain takes up to 25 times as long.
 """
 
-from __future__ import annotations
-
-import time
 from collections.abc import Generator, Mapping, Sequence
 from math import cos, inf, log, log1p, pi, sqrt
 from types import SimpleNamespace as Record
 from typing import Any, NamedTuple
 
 import numpy as np
-from gymnasium.utils import seeding
 from numpy.typing import NDArray
 
-from experiments.reference.commanded import Motion
-from impact_gym.envs import evaluation_sets
-from impact_gym.envs.observation import ENTRIES, OPTIONAL_ENTRIES, Entry
-from impact_gym.envs.records import DRAWS
-from impact_gym.envs.scenario import FIELDS
-from impact_gym.envs.task import AFTER_ALARM, HORIZON, SETTLE_LIMIT, Task
+from experiments.reference.chain import Chain
+from experiments.reference.command import Command
+from experiments.reference.motion import Motion
+from impact_gym.quantities import AFTER_ALARM, Scale
+from impact_gym.task import ObservationSpec, Task, evaluation_sets
+from impact_gym.task.episodes import first_uniforms
+from impact_gym.task.scenario import FIELDS
+from impact_gym.task.task import HORIZON, SETTLE_LIMIT
 
 SERVED = (
     "coupling", "tool_mass", "robot", "reaction_delay", "control_period", "alarm", "alarm_threshold", "dissipation",
-    "range_noise", "range_bias", "range_told", "deflection_sensor", "privileged", "velocity_range",
+    "range_noise", "range_bias", "observe_range_noise", "deflection_sensor", "privileged", "velocity_range",
     "acceleration_range",
 )  # fmt: skip
 RTOL = 1e-10  # of contacts
+FLOOR = 1e-12  # m/s, of v_in, as in the environment
+PATIENCE = 3000  # evaluations of an explicit method in a phase of a contact; one that needs more is stiff
 ROUNDING = 1e-9  # s, of the clock
 SETTLE_SLICE = 0.05  # s, between two looks at whether all is over
 
 
 class Outcome(NamedTuple):
-    """What an episode came to, as in the environment's final `info`."""
+    """Result of an episode, as in the environment's final `info`."""
 
     object_velocity: float  # m/s, V_p
     approach_time: float  # s
     peak_force: float  # N
     contact_count: int
     missed: bool
-    seconds: float  # of processor time, without the controller's
 
 
 def play(
@@ -69,7 +68,7 @@ def rescore(
     controller: Any, frozen: str | evaluation_sets.EvaluationSet, numbers: Sequence[int], options: Mapping[str, Any],
     time_weight: float, rtol: float = RTOL, clamp: bool = True,
 ) -> dict[str, NDArray[Any]]:  # fmt: skip
-    """Play the scenarios `numbers` of a frozen set, all of a step at once, as `agents.evaluate.Stage` does.
+    """Play the scenarios `numbers` of a frozen set, all of a step at once, as `agents.evaluate.ScenarioBatch` does.
 
     The controller is shown a batch whose row k is scenario numbers[k]. `clamp` False: the contact pulls where it would.
     Returns the fields of `Outcome`, an array each.
@@ -77,18 +76,18 @@ def rescore(
     Raises:
         ValueError: an option that is not served, or a scenario that the set does not have.
     """
-    task, taken = _task(options), evaluation_sets.load(frozen) if isinstance(frozen, str) else frozen
+    task, scenarios = _task(options), evaluation_sets.load(frozen) if isinstance(frozen, str) else frozen
     episodes = []
     for k in numbers:
-        if not 0 <= k < taken.count:
-            raise ValueError(f"the set has the scenarios 0 to {taken.count - 1}, not {k}")
-        scenario = {name: float(taken.scenario[name][k]) for name in FIELDS}
-        uniforms = seeding.np_random(taken.seed + k)[0].random(DRAWS)
+        if not 0 <= k < scenarios.count:
+            raise ValueError(f"the set has the scenarios 0 to {scenarios.count - 1}, not {k}")
+        scenario = {name: float(scenarios.scenario[name][k]) for name in FIELDS}
+        uniforms = first_uniforms(scenarios.seed + k, 1)[0]
         normal = sqrt(-2 * log1p(-uniforms[5])) * cos(2 * pi * uniforms[6])  # Box and Muller
         estimate = scenario["distance"] + task.range_bias + (task.range_noise or 0.0) * normal
         episodes.append(_episode(task, scenario, time_weight, estimate, rtol, clamp))
     outcomes = _together(controller, episodes)
-    return {name: np.array([getattr(one, name) for one in outcomes]) for name in Outcome._fields}
+    return {name: np.array([getattr(outcome, name) for outcome in outcomes]) for name in Outcome._fields}
 
 
 def _task(options: Mapping[str, Any]) -> Task:
@@ -97,8 +96,8 @@ def _task(options: Mapping[str, Any]) -> Task:
     if other:
         raise ValueError(f"the reference does not serve the options {other}; it serves {list(SERVED)}")
     task = Task(**options)
-    if task.delays[0] != task.delays[1]:
-        raise ValueError(f"the reference serves one reaction_delay, not a range of them, got {task.delays}")
+    if isinstance(task.reaction_delay, tuple):
+        raise ValueError(f"the reference serves one reaction_delay, not a range of them, got {task.reaction_delay}")
     if task.drawn:
         raise ValueError(f"the reference serves numbers, not ranges of them, got ranges of {list(task.drawn)}")
     return task
@@ -109,22 +108,19 @@ Episode = Generator[NDArray[np.float32], Sequence[float], Outcome]
 
 def _together(controller: Any, episodes: Sequence[Episode]) -> list[Outcome]:
     """Play episodes side by side, one call of the controller for a step of all."""
-    seconds = np.zeros(len(episodes))
-    outcomes: list[Outcome | None] = [None] * len(episodes)
+    outcomes: dict[int, Outcome] = {}
     observations = np.array([next(episode) for episode in episodes])
     start, state = np.ones(len(episodes), np.bool_), None
-    while None in outcomes:
+    while len(outcomes) < len(episodes):
         actions, state = controller.predict(observations.copy(), state=state, episode_start=start, deterministic=True)
         for row, episode in enumerate(episodes):
-            if outcomes[row] is None:
-                begun = time.process_time()
+            if row not in outcomes:
                 try:
                     observations[row] = episode.send(actions[row])
                 except StopIteration as end:
                     outcomes[row] = end.value
-                seconds[row] += time.process_time() - begun
         start = np.zeros(len(episodes), np.bool_)
-    return [one._replace(seconds=float(s)) for one, s in zip(outcomes, seconds, strict=True) if one is not None]
+    return [outcomes[row] for row in range(len(episodes))]
 
 
 def _episode(
@@ -132,37 +128,37 @@ def _episode(
 ) -> Episode:
     """Yield each observation, take the action for it; return how it ended."""
     motion = _at_rest(task, scenario, rtol, clamp)
-    delay, now = task.delays[0], 0.0
+    command, delay, now = motion.command, task.reaction_delay, 0.0
     sensed = {0.0: (0.0, 0.0, 0.0)}  # force, its peak and the deflection, by the time
     by_reading, raised, heard_until = task.alarm == "reading", inf, 0.0
     while True:
-        received = {at: one for at, one in sensed.items() if at <= max(now - delay, 0.0) + ROUNDING}
-        reading = list(received.values())[-1]
+        received = {at: reading for at, reading in sensed.items() if at <= max(now - delay, 0.0) + ROUNDING}
         if by_reading:
             raised = inf if now > raised + AFTER_ALARM - ROUNDING else raised
             above = any(force > task.alarm_threshold for at, (force, _, _) in received.items() if at > heard_until)
             raised, heard_until = min(raised, now if above else inf), max(received)
-        elif motion.command.detection_time is not None:
-            raised = motion.command.detection_time + delay
-        flange = motion.command.at(motion.t)[:2]
-        action = yield _observe(task, scenario, weight, estimate, now, raised, reading, flange)
+        elif command.detection_time is not None:
+            raised = command.detection_time + delay
+        flange = command.at(motion.t)[:2]
+        action = yield _observe(task, scenario, weight, estimate, now, raised, list(received.values())[-1], flange)
         velocity, acceleration = (
-            round(low + (min(max(float(one), -1.0), 1.0) + 1) / 2 * (high - low), 6)
-            for one, (low, high) in zip(action, (task.velocity_range, task.acceleration_range), strict=True)
+            round(low + (min(max(float(share), -1.0), 1.0) + 1) / 2 * (high - low), 6)
+            for share, (low, high) in zip(action, (task.velocity_range, task.acceleration_range), strict=True)
         )
-        motion.command.steer(motion.t, velocity, acceleration)
+        command.steer(motion.t, velocity, acceleration)
         while True:
-            detected = motion.command.detection_time
+            detected = command.detection_time
             alarm = inf if detected is None else detected + delay
             times = _observation_times(task.control_period, alarm, by_reading)
             due = min(at for at in times if at > now + ROUNDING)
             if motion.t > due - ROUNDING:
                 break
             motion.advance(min(at for at in (due, *(at - delay for at in times)) if at > motion.t + ROUNDING))
+            deflection = -float(motion.state[2])
             if not by_reading:
-                sensed[motion.t] = max(motion.force, 0.0), motion.peak_force, motion.deflection
+                sensed[motion.t] = max(motion.force, 0.0), motion.peak_force, deflection
             elif any(abs(at - delay - motion.t) < ROUNDING for at in times):
-                sensed[motion.t] = max(motion.unread_force, motion.force, 0.0), motion.peak_force, motion.deflection
+                sensed[motion.t] = max(motion.unread_force, motion.force, 0.0), motion.peak_force, deflection
                 motion.unread_force = 0.0
         now = due
         if due == times[-1]:
@@ -171,7 +167,7 @@ def _episode(
     if not missed:
         _settle(motion, task.acceleration_range[1])
     approach_time = min(motion.first_contact, HORIZON)
-    return Outcome(motion.object_velocity, approach_time, motion.peak_force, motion.contacts, missed, 0.0)
+    return Outcome(motion.object_velocity, approach_time, motion.peak_force, motion.contacts, missed)
 
 
 def _at_rest(task: Task, scenario: Mapping[str, float], rtol: float, clamp: bool = True) -> Motion:
@@ -179,12 +175,13 @@ def _at_rest(task: Task, scenario: Mapping[str, float], rtol: float, clamp: bool
     law = {"restitution": scenario["restitution"], "dissipation": task.dissipation, "clamp": clamp}
     scene = Record(
         tool=Record(mass=task.tool_mass),
-        object=Record(mass=scenario["object_mass"], distance=scenario["distance"]),
+        object=Record(mass=scenario["object_mass"]),
         contact=Record(stiffness=scenario["contact_stiffness"], **law),
         coupling=task.coupling,
         robot=task.robot,
     )
-    return Motion(scene, task.alarm_threshold, rtol)
+    chain = Chain(scene, Command(threshold=task.alarm_threshold))
+    return Motion(chain, scenario["distance"], rtol, floor=FLOOR, flight_stride=2, patience=PATIENCE)
 
 
 def _settle(motion: Motion, deceleration: float) -> None:
@@ -211,27 +208,22 @@ def _observe(
     heard = now > alarm - ROUNDING
     x, v = flange
     force, peak, deflection = reading
-    values = [x, v, now, float(heard), now - alarm if heard else 0.0, force, peak, weight]
-    scenario_values = [scenario[name] for name in FIELDS]
-    scenario_values[-1] -= x
-    shown = {
-        "range_noise": [estimate - x] if task.range_noise is not None else [],
-        "range_told": [task.range_noise] if task.range_told else [],
-        "deflection_sensor": [deflection] if task.deflection_sensor else [],
-        "privileged": [*scenario_values, task.delays[0]] if task.privileged else [],
-    }
-    velocity = ENTRIES[1]._replace(low=task.velocity_range[0], high=task.velocity_range[1])
-    entries = [ENTRIES[0], velocity, *ENTRIES[2:], *(entry for entry in OPTIONAL_ENTRIES if shown[entry.argument])]
-    values += [value for group in shown.values() for value in group]
-    return np.array([_scaled(entry, value) for entry, value in zip(entries, values, strict=True)], np.float32)
+    values = {
+        "position": x, "velocity": v, "time": now, "alarm": float(heard),
+        "time_since_alarm": now - alarm if heard else 0.0, "force": force, "force_peak": peak, "time_weight": weight,
+        "distance_estimate": estimate - x, "range_noise": task.range_noise, "deflection": deflection,
+        **scenario, "distance": scenario["distance"] - x, "reaction_delay": task.reaction_delay,
+    }  # fmt: skip
+    entries = ObservationSpec(task).entries
+    return np.array([_scaled(entry.scale, values[entry.id]) for entry in entries], np.float32)
 
 
-def _scaled(entry: Entry, value: float) -> float:
-    """Map the range of an entry onto that of its number, by logarithms where it says so."""
-    low, high = entry.low, entry.high
-    if entry.unit.endswith("as log"):
+def _scaled(scale: Scale, value: float) -> float:
+    """Map the range of a scale onto that of its number, by logarithms where it says so."""
+    low, high = scale.low, scale.high
+    if scale.curve == "log":
         value, low, high = log(value), log(low), log(high)
-    elif entry.unit.endswith("as log(1 + F)"):
+    elif scale.curve == "log1p":
         value, low, high = log1p(value), log1p(low), log1p(high)
-    scaled = entry.scaled_low + (1 - entry.scaled_low) * (value - low) / (high - low)
-    return min(max(scaled, entry.scaled_low), 1.0)
+    share = (value - low) / (high - low)
+    return min(1.0, max(scale.scaled_low, scale.scaled_low + (1.0 - scale.scaled_low) * share))

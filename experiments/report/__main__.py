@@ -1,9 +1,7 @@
-"""`python -m experiments.report` writes reports/latest/index.html and prints where it is."""
+"""`impact-gym report` writes reports/latest/index.html and prints where it is."""
 
 import json
-import shlex
 import shutil
-import sys
 import time
 from collections import defaultdict
 from collections.abc import Mapping
@@ -14,7 +12,7 @@ from typing import Any
 import tyro
 from tqdm import tqdm
 
-from agents.command_line import command_line
+from agents.command_line import command_of, run_command
 from agents.provenance import circumstances, revision
 from agents.setups import README, Setup, load_setup
 from experiments.lab.results import REPORTS, checksum, replaceable, whole_folder
@@ -23,8 +21,8 @@ from experiments.report import answer, bars, chain, matchups, page
 from experiments.report.figures import Table
 from experiments.report.results import Played, episodes, gather_matchups
 from experiments.report.scenarios import scenarios_from
-from impact_gym.envs.task import Task
 from impact_gym.files import whole_file
+from impact_gym.task import Task
 from impact_gym.validation import whole
 
 RESULTS = "results.json"
@@ -89,7 +87,7 @@ def matchups_of(options: ReportOptions) -> list[matchups.Matchup]:
     found = [load_setup(name) for name in options.setups]
     found = found or [one for one in map(load_setup, README) if _trained(one, options.folder or one.folder)]
     if not found:
-        raise ValueError("no set-up has policies yet: python -m agents.train_seeds")
+        raise ValueError("no set-up has policies yet: impact-gym train-seeds")
     if len({one.name for one in found}) < len(found):
         raise ValueError(f"two set-ups would have the same name: {', '.join(options.setups)}")
     asked = []
@@ -106,7 +104,7 @@ def _trained(setup: Setup, folder: Path) -> bool:
     """Return whether there are policies of a set-up that nobody named; where there are none, that is said."""
     there = (folder / "policies" / setup.name / "seeds.json").is_file()
     if not there:
-        print(f"{setup.name} is left out, it has no policies yet: python -m agents.train_seeds {setup.called}")
+        print(f"{setup.name} is left out, it has no policies yet: impact-gym train-seeds {setup.called}")
     return there
 
 
@@ -175,7 +173,7 @@ def write_folder(played: list[Played], options: ReportOptions, begun: float, fir
             },
             "weights": {one.name: list(one.policy.weights) for one in asked},
             "scenarios": "; ".join(dict.fromkeys(_scenarios(one.scenarios) for one in asked)),
-            "command": shlex.join(["python", "-m", "experiments.report", *sys.argv[1:]]),
+            "command": command_of("report", options),
             **revision(),
             "seconds": time.perf_counter() - begun,
             **circumstances(*PACKAGES),
@@ -229,11 +227,14 @@ def _scenarios(scenarios: Mapping[str, Any]) -> str:
     return f"{scenarios['count']:,} drawn from {json.dumps(scenarios['ranges'])}, seeded from {scenarios['seed']:,} on"
 
 
+def run(options: ReportOptions) -> None:
+    """Write the report, and print where it is."""
+    print(f"report: {write(options).resolve().as_uri()}")
+
+
 def main() -> None:
     """Read the options from the command line and write the report."""
-    with command_line("experiments.report"):
-        path = write(tyro.cli(ReportOptions, prog="python -m experiments.report"))
-    print(f"report: {path.resolve().as_uri()}")
+    run_command("report", ReportOptions, run)
 
 
 if __name__ == "__main__":

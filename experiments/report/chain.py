@@ -18,7 +18,7 @@ from experiments.report.answer import MISSED_TOO_OFTEN, front
 from experiments.report.figures import Table, percent
 from experiments.report.matchups import BOUND, PAPER, POLICY
 from experiments.report.results import Played, Run
-from impact_gym.envs.task import Task
+from impact_gym.task import Task
 
 LIMITS = {(False, False): "", (False, True): "at least ", (True, False): "at most ", (True, True): "about "}
 """What a step brings at the paper's time, if the one before and it are read where they are sooner than that."""

@@ -7,6 +7,7 @@ from typing import Any
 import altair as alt
 import numpy as np
 import polars as pl
+from impact_gym.TODO.scenario import LOGARITHMIC
 from numpy.typing import NDArray
 
 from agents.evaluate import RESULTS
@@ -14,8 +15,8 @@ from experiments.lab.statistics import Resamples, estimate, interquartile_mean, 
 from experiments.report.figures import Figure, Table, chart_of, looks_of, zero_line, zoomable
 from experiments.report.matchups import PAPER, POLICY
 from experiments.report.results import Played
-from impact_gym.envs.scenario import FIELDS, LOGARITHMIC
-from impact_gym.envs.task import MISSED_COST
+from impact_gym.task.scenario import FIELDS
+from impact_gym.task.task import MISSED_COST
 
 GROUPS = 5  # of each field of the scenario, as many scenarios in each; fewer where there would be less than SMALLEST
 SMALLEST = 10

@@ -9,7 +9,7 @@ from experiments.lab.statistics import Floats, quantile_groups
 from experiments.report.figures import Figure, chart_of, looks_of, zoomable
 from experiments.report.matchups import POLICY
 from experiments.report.results import FAR, Played, watched_at
-from impact_gym.envs.task import Task
+from impact_gym.task import Task
 
 THEORY = "theory: even braking at w / 2c"
 BANDS = 5  # groups of episodes by the force sensed

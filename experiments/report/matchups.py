@@ -11,22 +11,22 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from agents.train.settings import default_settings
 
 from agents.baselines.bound import FROZEN, bound_of
 from agents.baselines.tuned import FIXED, TUNED, read_tuned
 from agents.baselines.tuned import names as tuned_names
 from agents.evaluate.controllers import controller_of, try_out
-from agents.evaluate.stage import TEST_SEED
+from agents.evaluate.scenario_batch import TEST_SEED
 from agents.jobs import digest_of
 from agents.policies.policy import SHIPPED, Policy, load_policy
 from agents.setups import Setup, load_setup, same_environment
 from agents.setups import shipped as shipped_setups
 from agents.setups.evaluation import Change, Evaluation, variants
-from agents.train.settings import default_settings
 from experiments.lab.results import checksum
 from experiments.report.scenarios import environment_and_scenarios
 from impact_gym.envs import observation
-from impact_gym.envs.task import Task
+from impact_gym.task import Task
 
 PAPER = "paper's rule"
 RULE = "paper-trapezoid"  # what the package calls it
@@ -133,7 +133,7 @@ def of_setup(setup: Setup, scenarios: Mapping[str, Any], folder: Path | None = N
     there = folder / "policies" / setup.name
     paths = sorted(there.glob("seed-*.npz"), key=lambda path: int(path.stem.removeprefix("seed-")))
     if not paths or not (there / "seeds.json").is_file():
-        raise ValueError(f"{there} holds no policies: python -m agents.train_seeds {setup.called}")
+        raise ValueError(f"{there} holds no policies: impact-gym train-seeds {setup.called}")
     for path in paths:
         if not setup.describes(load_policy(path).environment):
             raise ValueError(f"{path} was trained for another environment than {setup.called} says: train it anew")

@@ -5,18 +5,18 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from impact_gym.TODO.observation import ENTRIES
 from numpy.typing import NDArray
 
 from agents.baselines import PaperTrapezoid
 from agents.baselines.rule import Seen
 from agents.evaluate.controllers import controller_of
-from agents.evaluate.play import frozen_of, play, stage_of
+from agents.evaluate.play import frozen_of, play, scenario_batch_of
 from agents.policies import Controller
 from experiments.lab.player.films import play_to_the_end
 from experiments.reference.task import rescore
-from impact_gym.envs.observation import ENTRIES
 from impact_gym.envs.single import ImpactApproachEnv
-from impact_gym.envs.task import Task
+from impact_gym.task import Task
 
 Arrays = dict[str, NDArray[Any]]
 JSON = Mapping[str, Any]
@@ -34,7 +34,7 @@ def play_as_late(controller: JSON, environment: JSON, scenarios: JSON, weights: 
     apart = others(scenarios)
 
     def mean_time(weight: float, one: Controller) -> float:
-        return float(stage_of(apart, weight, environment).play(one).approach_time.mean())
+        return float(scenario_batch_of(apart, weight, environment).play(one).approach_time.mean())
 
     low, high = weights[0], weights[-1]
     target = mean_time(low, PaperTrapezoid().for_environment(environment))
@@ -80,7 +80,7 @@ def reactions(controller: JSON, environment: JSON, scenarios: JSON, weight: floa
             kept.append(np.column_stack([np.flatnonzero(now), seen.since_alarm[now], sensed, command]))
             return action, state
 
-    stage_of(scenarios, weight, environment).play(Listening())
+    scenario_batch_of(scenarios, weight, environment).play(Listening())
     names = ("scenario", "since", "sensed", "velocity", "acceleration")
     return dict(zip(names, np.concatenate(kept).T, strict=True))
 
@@ -92,7 +92,7 @@ def in_scipy(controller: JSON, environment: JSON, scenarios: JSON, weight: float
         raise ValueError("the independent solver takes scenarios of a set or a table")
     one = controller_of(controller, weight, environment)
     found = rescore(one, frozen, range(scenarios["count"]), environment, weight, clamp=clamp)
-    ours = stage_of(scenarios, weight, environment).play(one)
+    ours = scenario_batch_of(scenarios, weight, environment).play(one)
     return found | {f"our_{name}": getattr(ours, name) for name in ("object_velocity", "approach_time", "missed")}
 
 

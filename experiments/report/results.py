@@ -17,9 +17,8 @@ from experiments.lab.statistics import Floats, Resamples
 from experiments.reference.task import SERVED
 from experiments.report.matchups import BOUND, PAPER, Contestant, Matchup
 from experiments.report.shield import shielded
-from impact_gym.envs import evaluation_sets
-from impact_gym.envs.scenario import FIELDS
-from impact_gym.envs.task import Task
+from impact_gym.task import Task, evaluation_sets
+from impact_gym.task.scenario import FIELDS
 
 Arrays = Mapping[str, NDArray[Any]]
 PLAY = "agents.evaluate.play:play"
@@ -259,7 +258,7 @@ def _asked(matchup: Matchup) -> Iterator[tuple[str, Any, str, dict[str, Any]]]:
         for one in {**{seed.name: seed for seed in matchup.seeds}, **rivals}.values():
             exact = of(one, scenarios=few, weights=[typical], environment={**environment, **options})
             yield "exactly", (label, one.name), PLAY, exact
-    drawn = "ranges" in scenarios or task.drawn or task.delays[0] != task.delays[1]
+    drawn = "ranges" in scenarios or task.drawn or task.delays[0] != task.longest_delay
     if not drawn and set(environment) <= set(SERVED):
         hundred = _first(scenarios, IN_SCIPY)
         for label, clamp in CLAMP.items():

@@ -6,14 +6,14 @@ from itertools import chain, groupby
 import altair as alt
 import numpy as np
 import polars as pl
+from impact_gym.TODO.setting import NUMBERS
 
 from agents.setups.evaluation import Change
 from experiments.lab.statistics import Floats
 from experiments.report.figures import MEANS, Figure, Table, chart_of, looks_of
 from experiments.report.matchups import PAPER, POLICY
 from experiments.report.results import AS_IT_IS, EXACT, Arrays, Played, Run
-from impact_gym.envs.setting import NUMBERS
-from impact_gym.envs.task import MISSED_COST
+from impact_gym.task.task import MISSED_COST
 
 FACTORS = {
     "reaction_delay": "reaction delay",

@@ -7,9 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from agents.setups.evaluation import SET_BY_OTHERS
-from impact_gym.envs import evaluation_sets
-from impact_gym.envs.scenario import ScenarioRanges
-from impact_gym.envs.task import Task
+from impact_gym.task import ScenarioRanges, Task, evaluation_sets
 from impact_gym.validation import number, whole
 
 

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 from agents.baselines.permitted import permitted
 from experiments.report.figures import Table
 from experiments.report.matchups import POLICY, Contestant, Matchup
-from impact_gym.envs.scenario import NAMED
-from impact_gym.envs.task import Task
+from impact_gym.task import Task
+from impact_gym.task.scenario import NAMED
 
 if TYPE_CHECKING:
     from experiments.report.results import Played, Run

@@ -1,19 +1,19 @@
 """The batch behind every front end: arrays of rows and the kernels that move them."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from impact_gym.envs import observation
-from impact_gym.envs.records import RECORD, free_record
-from impact_gym.envs.scenario import FIELDS, ScenarioRanges
-from impact_gym.envs.setting import NUMBERS, places
-from impact_gym.envs.task import Task
-from impact_gym.kernels import CHAIN, DRAW, EPISODE, HOLDER, READING, TASK, UNIFORMS, Rows, draw_uniforms, laws_of
-from impact_gym.lowering import STATUS_MESSAGES, holder
+from impact_gym.kernels import CHAIN, DRAW, EPISODE, READING, UNIFORMS, Rows, draw_uniforms, laws_of
+from impact_gym.lowering import STATUS_MESSAGES, places
+from impact_gym.quantities import QUANTITIES
 from impact_gym.simulation import MAX_STEPS, NOTHING_RECORDED
+from impact_gym.task.episodes import RECORD_IDS, first_uniforms, fix, free_records
+from impact_gym.task.observation import ObservationSpec
+from impact_gym.task.scenario import FIELDS, ScenarioRanges
+from impact_gym.task.task import PLACES, Task
 from impact_gym.threads import cores, over_rows
 from impact_gym.validation import WrongTypeError, whole
 
@@ -29,12 +29,22 @@ _NUMBERS = {
     "time_weight": "drawn.time_weight",
     **{f"reward_terms.{name}": cost for name, cost in REWARD_TERMS.items()},
     **{f"scenario.{name}": f"drawn.{name}" for name in FIELDS},
-    **{f"record.{name}": f"drawn.{name}" for name in RECORD},
+    **{f"record.{name}": f"drawn.{name}" for name in RECORD_IDS},
 }
 """Entries of an info that are numbers, and which of an episode's they are."""
 
-_STATE = ("laws", "chains", "episodes", "readings", "observations", "rewards")
+_PLACES = places(EPISODE)
+_STATE = ("draws", "laws", "chains", "episodes", "readings", "observations", "rewards")
 _SPARE = 4  # readings beyond those under way: some are taken before the oldest is due
+
+
+class ToolMotion(NamedTuple):
+    """How tools move against their flanges, (rows,) each."""
+
+    time: NDArray[np.float64]  # s
+    deflection: NDArray[np.float64]  # m
+    deflection_rate: NDArray[np.float64]  # m/s
+    touched: NDArray[np.bool_]
 
 
 class Batch:
@@ -49,6 +59,7 @@ class Batch:
         task: Task | Sequence[Task],
         threads: int | None = None,
         recorder: tuple[Any, ...] = NOTHING_RECORDED,
+        max_steps: int = MAX_STEPS,
     ) -> None:
         """Make a batch.
 
@@ -58,6 +69,7 @@ class Batch:
                 scenarios and whatever else does not change what is observed.
             threads: how many to use, None for all cores; changes no result.
             recorder: where rows write contacts and traces, see `simulation`; for a batch of one.
+            max_steps: integration steps after which the solver gives up an episode.
 
         Raises:
             ValueError: there is not one task for each row, or they observe different things.
@@ -66,44 +78,34 @@ class Batch:
         if len(tasks) not in {1, size}:
             raise ValueError(f"a batch of {size} rows needs one task for all or {size} of them, got {len(tasks)}")
         self.task = tasks[0]
-        for row, one in enumerate(tasks):
-            differing = {*observation.entries(one)} ^ {*observation.entries(self.task)}
-            if differing:
-                other = {entry.argument or " and ".join(entry.shaped_by) for entry in differing}
-                raise ValueError(
-                    f"the tasks of a batch must have the same observations, but row {row} has other "
-                    f"{' and '.join(sorted(other))} than row 0"
-                )
         self.size = size
         self.threads = cores() if threads is None else whole("threads", threads, at_least=1)
-        self.recorder = recorder
-        self.observation_space = observation.space(self.task)
-        scales = observation.scales(self.task)
-        slots = max(one.readings_under_way() for one in tasks) + _SPARE
+        self.recorder, self.max_steps = recorder, max_steps
+        self.spec = ObservationSpec.of_rows(tasks)
+        slots = max(each.readings_under_way() for each in tasks) + _SPARE
         self.chains = np.zeros(size, CHAIN)
         self.episodes = np.zeros(size, EPISODE)
         self.readings = np.zeros((size, slots), READING)
-        self.observations = np.zeros((size, len(scales)), np.float32)
+        self.observations = np.zeros((size, len(self.spec)), np.float32)
         self.rewards = np.zeros(size)
-        self._lower(tasks, scales)
+        self._lower(tasks)
         self._name_entries(tasks)
         self._make_rows()
 
-    def _lower(self, tasks: Sequence[Task], scales: NDArray[Any]) -> None:
-        """Write the tasks for the kernels: rules, what is drawn, what holds the tools, and its laws and tables."""
-        records, holders, tables, numbers = [], [], [], 0
+    def _lower(self, tasks: Sequence[Task]) -> None:
+        """Write the tasks for the compiled program: rules, what is drawn, laws of what holds the tools, and tables."""
+        records, tables, numbers = [], [], 0
         draws: list[tuple[Any, ...]] = []
         for task in tasks:
-            records.append(task.record(len(draws)))
+            record, table = task.lowered(len(draws), numbers)
+            records.append(record)
             draws += task.draws()
-            held, table = holder(task.tool_mass, task.coupling, task.robot, numbers)
-            holders.append(held)
             tables.append(table)
             numbers += len(table)
-        self.tasks = np.array(records, TASK)
-        self._constants = np.array(draws, DRAW), np.array(holders, HOLDER), np.concatenate(tables), scales
-        self.laws = laws_of(self._constants[1])
-        if any(task.draws_holder for task in tasks):
+        self.tasks, self.draws = np.concatenate(records), np.array(draws, DRAW)
+        self._tables, self._entries = np.concatenate(tables), self.spec.lowered()
+        self.laws = laws_of(np.ascontiguousarray(self.tasks["mount"]))
+        if any(task.draws_mount for task in tasks):
             self.laws = np.resize(self.laws, self.size)
 
     def _name_entries(self, tasks: Sequence[Task]) -> None:
@@ -111,20 +113,18 @@ class Batch:
 
         `info_columns` has all that any task draws of its set-up, the info of one row only what its own task draws.
         """
-        drawn = [name for name in NUMBERS if any(name in task.drawn for task in tasks)]
-        numbers = _NUMBERS | {f"record.{name}": f"drawn.setting.{name}" for name in drawn}
-        found = places(EPISODE)
+        drawn = [name for name in QUANTITIES if any(name in task.drawn for task in tasks)]
+        numbers = _NUMBERS | {f"record.{name}": f"drawn.{name}" for name in drawn}
         entries = (*numbers, "peak_force", "contact_count", "missed", "status")
-        self._layout = nested({name: place for place, name in enumerate(entries)})
+        self._layout = layout_of(entries)
         self._not_drawn = [[name for name in drawn if name not in task.drawn] for task in tasks]
-        self._columns = [found[name] for name in numbers.values()]
+        self._columns = [_PLACES[name] for name in numbers.values()]
         self._signs = np.array([[-1.0] if name.startswith("reward_terms.") else [1.0] for name in numbers])
 
     def _make_rows(self) -> None:
         """Hand the arrays to the kernels."""
-        draws, holders, tables, scales = self._constants
-        laws, *arrays = (getattr(self, name) for name in _STATE)
-        self._rows = Rows(self.tasks, draws, holders, laws, tables, *arrays, scales, self.recorder, MAX_STEPS)
+        draws, laws, *arrays = (getattr(self, name) for name in _STATE)
+        self._rows = Rows(self.tasks, draws, laws, self._tables, *arrays, self._entries, self.recorder, self.max_steps)
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in vars(self).items() if name != "_rows"}
@@ -135,20 +135,35 @@ class Batch:
 
     def set_scenario(self, ranges: ScenarioRanges) -> None:
         """Draw scenarios from `ranges` from the next episode on, in all rows."""
-        for name, pair in zip(FIELDS, ranges.pairs(), strict=True):
-            self.tasks["draws"][name] = pair
+        for name, (low, high) in ranges.by_id().items():
+            rows = self.draws["place"] == PLACES[name]
+            self.draws["low"][rows], self.draws["high"][rows] = low, high
 
-    def begin(self, rows: NDArray[np.int64], uniforms: NDArray[Any], fixed: NDArray[Any]) -> None:
-        """Begin an episode in each of `rows` (k,), with `uniforms` (k,) in [0, 1) and `fixed` (k,), nan where drawn."""
-        self._rows.begin(rows, uniforms, fixed)
+    def begin(self, rows: NDArray[np.int64], uniforms: NDArray[np.float64], fixed: NDArray[Any]) -> None:
+        """Begin an episode in each of `rows` (k,).
+
+        Args:
+            rows: which.
+            uniforms: numbers in [0, 1) that they draw with (k, UNIFORMS).
+            fixed: records (k,), nan where they draw, see `task.episodes`.
+        """
+        self._rows.begin(rows, np.ascontiguousarray(uniforms), fixed)
+
+    def begin_seeded(self, seed: int, fixed: Mapping[str, ArrayLike], copies: int = 1) -> None:
+        """Begin in row k the first episode of the seed `seed` + k, but for what is `fixed`: by id, for all or for each.
+
+        With several `copies` the rows are that many times the same seeds.
+        """
+        uniforms = np.tile(first_uniforms(seed, self.size // copies), (copies, 1))
+        self.begin(np.arange(self.size), uniforms, fix(free_records(self.size), fixed))
 
     def draw_and_begin(
         self, rows: NDArray[np.int64], generators: list[np.random.Generator], fixed: NDArray[Any] | None = None
     ) -> None:
         """Begin an episode in each of `rows` (k,), each with its own generator; `fixed` (k,) as in `begin`."""
-        uniforms = np.empty(len(rows), UNIFORMS)
+        uniforms = np.empty((len(rows), UNIFORMS))
         draw_uniforms(generators, rows, uniforms)
-        self.begin(rows, uniforms, free_record(len(rows)) if fixed is None else fixed)
+        self.begin(rows, uniforms, free_records(len(rows)) if fixed is None else fixed)
 
     def step(self, actions: NDArray[Any], skip: NDArray[np.bool_]) -> None:
         """Play a control step with `actions` (size, 2), of any float type, but where `skip` (size,) is set.
@@ -178,12 +193,9 @@ class Batch:
             raise ValueError(f"action must be finite, got {array[~np.isfinite(array).all(axis=1)][0]}")
         return array
 
-    def _arrays(self) -> dict[str, NDArray[Any]]:
-        return {**{name: getattr(self, name) for name in _STATE}, "draws": self.tasks["draws"]}
-
     def get_state(self) -> dict[str, Any]:
         """Return a copy of all that `step` and `begin` go on from."""
-        return {name: array.copy() for name, array in self._arrays().items()}
+        return {name: getattr(self, name).copy() for name in _STATE}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Go on from what `get_state` of a batch of this size and task returned, to the bit.
@@ -191,14 +203,14 @@ class Batch:
         Raises:
             ValueError: an array is not what this batch has.
         """
-        for name, here in self._arrays().items():
-            there = state[name]
+        for name in _STATE:
+            here, there = getattr(self, name), state[name]
             if there.shape != here.shape or there.dtype != here.dtype:
                 raise ValueError(
                     f"{name} of another batch: {there.dtype}{there.shape}, this one has {here.dtype}{here.shape}"
                 )
-        for name, here in self._arrays().items():
-            here[:] = state[name]
+        for name in _STATE:
+            getattr(self, name)[:] = state[name]
 
     def info(self, row: int | None = None) -> dict[str, Any]:
         """Return the entries of the final info as they stand: plain numbers of one row, or arrays (size,) of all."""
@@ -208,7 +220,8 @@ class Batch:
         """Return the info of each of `rows`."""
         count, missed, status = self._verdicts(rows)
         entries = (*self._numbers(rows), self.chains["peak_force"][rows], count, missed, status)
-        infos = [filled(self._layout, one) for one in zip(*(column.tolist() for column in entries), strict=True)]
+        values = zip(*(column.tolist() for column in entries), strict=True)
+        infos = [filled(self._layout, of_row) for of_row in values]
         for row, info in zip(rows.tolist(), infos, strict=True):
             for name in self._not_drawn[row % len(self._not_drawn)]:
                 del info["record"][name]
@@ -233,8 +246,23 @@ class Batch:
     def sensors(self) -> dict[str, NDArray[np.float64]]:
         """Return what the controllers may know now, in SI units (size,) each; see `ImpactApproachEnv.sensors`."""
         now = self.episodes.view(np.float64).reshape(self.size, -1)
-        fields = observation.sensor_fields(self.task)
-        return {name: now[:, observation.place_of(sensor)].copy() for name, sensor in fields.items()}
+        places = {name: self.spec.entries[self.spec.index(name)].place for name in self.spec.sensors}
+        return {name: now[:, place].copy() for name, place in places.items()}
+
+    @property
+    def ended(self) -> NDArray[np.bool_]:
+        """Whether the episode of each row (size,) has terminated or was truncated."""
+        return np.asarray((self.episodes["terminated"] == 1) | (self.episodes["truncated"] == 1))
+
+    def tool_motion(self) -> ToolMotion:
+        """Return how the tools move against their flanges, and whether they have touched."""
+        chains = self.chains
+        return ToolMotion(
+            chains["time"].copy(),
+            chains["deflection"] - chains["flange_offset"],
+            chains["deflection_rate"] - chains["flange_offset_rate"],
+            chains["contacts"] > 0,
+        )
 
     def _verdicts(self, rows: NDArray[np.int64]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
         """Return number of contacts, whether the object was missed, and a sentence about the solver."""
@@ -247,14 +275,13 @@ class Batch:
         return count, missed, messages
 
 
-def nested(flat: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a mapping with dotted names as a mapping of mappings, by the first part of each name."""
-    result: dict[str, Any] = {}
-    for name, value in flat.items():
-        *first, rest = name.split(".", 1)
-        group = "".join(first)
-        (result.setdefault(group, {}) if group else result)[rest] = value
-    return result
+def layout_of(paths: Sequence[str]) -> dict[str, Any]:
+    """Return mappings in mappings, one for each group of `paths`, with the place of each path."""
+    layout: dict[str, Any] = {}
+    for place, path in enumerate(paths):
+        group, dot, rest = path.partition(".")
+        (layout.setdefault(group, {}) if dot else layout)[rest or group] = place
+    return layout
 
 
 def filled(layout: Mapping[str, Any], values: Sequence[Any]) -> dict[str, Any]:

@@ -11,8 +11,8 @@ from impact_gym.envs import render_canvas as look
 from impact_gym.envs.render_canvas import Box, Canvas
 from impact_gym.envs.render_coupling import CLEARANCE, Camera, bistable, spring, spring_damper
 from impact_gym.envs.render_history import History, State
-from impact_gym.envs.task import Task
 from impact_gym.scene import Bistable, SpringDamper
+from impact_gym.task import Task
 
 PANEL: Box = (0.0, 64.0, float(look.WIDTH), 208.0)
 CLOSE_UP: Box = (look.WIDTH - 174.0, 310.0, 160.0, 158.0)

@@ -6,9 +6,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from impact_gym.envs.task import AFTER_ALARM, HORIZON, Task
+from impact_gym.quantities import AFTER_ALARM
 from impact_gym.scene import Rigid
 from impact_gym.simulation import Trace
+from impact_gym.task.task import HORIZON, Task
 
 FLIGHT_FACTOR = 8  # times slower than life, where nothing touches
 CONTACT_FACTOR = 32  # times slower at least, while tool and object touch

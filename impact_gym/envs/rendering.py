@@ -13,9 +13,9 @@ from impact_gym.envs import render_canvas as look
 from impact_gym.envs import render_chain, render_strips
 from impact_gym.envs.render_canvas import Canvas
 from impact_gym.envs.render_history import History, State
-from impact_gym.envs.task import Task
 from impact_gym.scene import Bistable, SpringDamper
 from impact_gym.simulation import Trace
+from impact_gym.task import Task
 
 if TYPE_CHECKING:
     import pygame

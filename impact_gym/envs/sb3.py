@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvObs, VecEnvStepReturn
 
-from impact_gym.envs.records import episode_index, fixed_record
-from impact_gym.envs.scenario import ScenarioRanges
+from impact_gym.envs.arguments import with_task_arguments
 from impact_gym.envs.vector import ImpactApproachVectorEnv
-from impact_gym.validation import WrongTypeError
+from impact_gym.task.episodes import episode_index, fixed_records
+from impact_gym.task.scenario import ScenarioRanges
 
 
 class ImpactVecEnv(VecEnv):
@@ -23,12 +23,20 @@ class ImpactVecEnv(VecEnv):
     `TimeLimit.truncated` added, and the observation returned is the first of the next episode.
     """
 
-    def __init__(self, num_envs: int, **options: Any) -> None:
-        if "autoreset_mode" in options:
-            raise WrongTypeError(
-                "autoreset_mode is not for stable-baselines3, which resets on the step that ends an episode"
-            )
-        self.envs = ImpactApproachVectorEnv(num_envs, autoreset_mode=AutoresetMode.DISABLED, **options)
+    @with_task_arguments()
+    def __init__(
+        self,
+        num_envs: int,
+        *,
+        threads: int | None = None,
+        per_slot: Sequence[Mapping[str, Any]] | None = None,
+        **arguments: Any,  # those of `Task`, which checks them; the signature names them
+    ) -> None:
+        mode = AutoresetMode.DISABLED  # stable-baselines3 wants a reset on the step that ends an episode: `step_wait`
+        self.envs = ImpactApproachVectorEnv(
+            num_envs, autoreset_mode=mode, threads=threads, per_slot=per_slot, **arguments
+        )
+        self.observation_spec = self.envs.observation_spec
         self._actions: NDArray[Any] = np.zeros((num_envs, 2), np.float32)
         super().__init__(num_envs, self.envs.single_observation_space, self.envs.single_action_space)
 
@@ -38,10 +46,10 @@ class ImpactVecEnv(VecEnv):
 
     def reset(self) -> VecEnvObs:
         """Begin an episode everywhere, with what `seed` and `set_options` gave for it."""
-        seeds = None if all(one is None for one in self._seeds) else list(self._seeds)
+        seeds = None if all(seed is None for seed in self._seeds) else list(self._seeds)
         skipped = np.array([episode_index(options) or 0 for options in self._options])
         task = self.envs.batch.task
-        fixed = np.concatenate([fixed_record(options, task) for options in self._options])
+        fixed = np.concatenate([fixed_records(options, task) for options in self._options])
         observations = self.envs.begin(seeds, np.ones(self.num_envs, np.bool_), fixed, skipped)
         self.reset_infos = [{} for _ in range(self.num_envs)]
         self._reset_seeds()

@@ -8,16 +8,16 @@ import numpy as np
 from gymnasium import Space, spaces
 from numpy.typing import NDArray
 
-from impact_gym.envs import observation
+from impact_gym.envs import docstring
+from impact_gym.envs.arguments import with_task_arguments
 from impact_gym.envs.batch import Batch
-from impact_gym.envs.records import episode_index, fixed_record, skip_episodes
-from impact_gym.envs.scenario import ScenarioRanges
-from impact_gym.envs.setting import setting_table
-from impact_gym.envs.task import Task
 from impact_gym.kernels import CONTACT, TRACE
-from impact_gym.scene import Coupling, flange_moves_with_tool
+from impact_gym.scene import flange_moves_with_tool
 from impact_gym.simulation import NOTHING_RECORDED, Trace
-from impact_gym.validation import WrongTypeError
+from impact_gym.task.episodes import episode_index, fixed_records, skip_episodes
+from impact_gym.task.observation import ObservationSpec
+from impact_gym.task.scenario import ScenarioRanges
+from impact_gym.task.task import Task
 
 if TYPE_CHECKING:
     from impact_gym.envs.rendering import Renderer
@@ -26,6 +26,11 @@ ACTION_SPACE: Space[Any] = spaces.Box(-1.0, 1.0, (2,), np.float32)
 TRACE_ROWS = 1 << 15
 _ROW = np.zeros(1, np.int64)
 _NO_SKIP = np.zeros(1, np.bool_)
+
+
+def observation_space(spec: ObservationSpec) -> Space[Any]:
+    """Return the observation space of one environment."""
+    return spaces.Box(spec.scaled_low, np.ones_like(spec.scaled_low), dtype=np.float32)
 
 
 class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
@@ -54,12 +59,11 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     commanded motion. The flange has the same if the robot is rigid. `sensors()` of the unwrapped environment returns
     what the controller may know, in SI units.
 
-    The privileged numbers are the truth, for a critic and not for an actor. They stand last: without numbers of the
-    set-up drawn per episode and with `alarm="force"`, `observation[:-5]` is what the actor may see. Drawn numbers of
-    the set-up stand before these five, in the order of Starting State, each scaled from -1 at its low end to 1 at its
-    high end. With `alarm="reading"`, the time since a switch would have raised the alarm, 0 to 0.15 s, stands before
-    these. With `holder_told`, the drawn numbers of tool, coupling and robot are not among them but before, for the
-    actor.
+    `observation_spec` of the unwrapped environment says which number stands where: `index(id)`, `decode(observation,
+    id)` in SI units, the slice `actor`, and `critic`, which is all. With `privileged` the truth stands behind what the
+    actor may see: the scenario and the reaction delay, numbers of the set-up that are drawn per episode, and with
+    `alarm="reading"` the time since a switch would have raised the alarm. The scales of these numbers are fixed: they
+    do not depend on the ranges that are drawn from.
 
     OBSERVATION_TABLE
 
@@ -69,7 +73,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     With `alarm="reading"` there is no such switch. The force is then the largest since the last reading, noise and bias
     included. A reading above `alarm_threshold` raises the alarm. Such an alarm cuts no step short and may be false. It
-    goes off after 0.15 s; a later reading can raise it again. The episode still ends 0.15 s after the switch would have
+    clears after 0.15 s; a later reading can raise it again. The episode still ends 0.15 s after the switch would have
     raised its alarm, whatever false alarms came before.
 
     ## Rewards
@@ -82,18 +86,13 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     Flange, tool and object are at rest, the flange at position 0, the coupling relaxed (a bistable one: on its front
     stop). Each episode takes eleven uniform numbers from `np_random`. They give the scenario:
 
-    | Scenario field      | Default range | Distribution | Unit     |
-    |---------------------|---------------|--------------|----------|
-    | `object_mass`       | 0.1 - 2.5     | log-uniform  | kg       |
-    | `contact_stiffness` | 1e3 - 1e6     | log-uniform  | N/m^1.5  |
-    | `restitution`       | 0.1 - 1       | uniform      | -        |
-    | `distance`          | 0.15 - 0.35   | uniform      | m        |
+    SCENARIO_TABLE
 
     and, if the arguments ask for it, the time weight (log-uniform), the reaction delay (uniform), the errors of
     distance estimate and force (normal), and the seed of the force noise. Each of the following numbers of the set-up
     may also be a pair (low, high), from which every episode draws independently:
 
-    SETTING_TABLE
+    SET_UP_TABLE
 
     These come from a random stream of their own, seeded by the last of the eleven. So to draw one of them, or not,
     changes no other number.
@@ -123,33 +122,10 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     Any number in the second table of Starting State may be a pair. To draw one of a coupling or a robot, give that as a
     dict: `coupling={"type": "SpringDamper", "stiffness": (40, 60)}`.
 
-    | Name                | Default                | Meaning                                                         |
-    |---------------------|------------------------|-----------------------------------------------------------------|
-    | `scenario`          | "train"                | "train", "test", "hard", a `ScenarioRanges` or a dict of ranges |
-    | `coupling`          | SpringDamper(50, 1)    | how the tool hangs on the flange; a dict works too              |
-    | `tool_mass`         | 0.125                  | kg                                                              |
-    | `time_weight`       | 2.0                    | m/s per s; a pair draws it log-uniformly per episode            |
-    | `force_weight`      | 0.0                    | m/s per N                                                       |
-    | `reaction_delay`    | 0.016                  | s; a pair draws it uniformly per episode                        |
-    | `control_period`    | 0.016                  | s                                                               |
-    | `velocity_range`    | (-0.5, 1.5)            | m/s, what the first action is mapped to                         |
-    | `acceleration_range`| (1.0, 20.0)            | m/s^2, what the second is mapped to; its top brakes at the end  |
-    | `alarm`             | "force"                | or "reading": what raises the alarm, see Observation Space      |
-    | `alarm_threshold`   | 1.0                    | N of contact force, above which the alarm is sent               |
-    | `dissipation`       | "hu-guo"               | or "exact": how damping follows from restitution, see `Contact` |
-    | `range_noise`       | None                   | m, standard deviation of a distance estimate; None: no estimate |
-    | `range_bias`        | 0.0                    | m, added to every distance estimate                             |
-    | `range_told`        | False                  | observe `range_noise`, which may differ from episode to episode |
-    | `holder_told`       | False                  | observe what episodes draw of tool, coupling and robot          |
-    | `force_noise`       | 0.0                    | N, standard deviation of each reading of the force              |
-    | `force_bias`        | 0.0                    | N, standard deviation of an error that is fixed per episode     |
-    | `deflection_sensor` | False                  | observe how far the tool is displaced on its coupling           |
-    | `past_readings`     | 0                      | how many readings before the last one to observe too; at most 3 |
-    | `privileged`        | False                  | observe the true scenario too                                   |
-    | `robot`             | None                   | a compliant `Robot` or `RobotTable`; a dict works too           |
-    | `render_mode`       | None                   | "human", "rgb_array" or "rgb_array_list", see Rendering         |
-    | `record_trace`      | False                  | keep time histories of the episode, read by `trace()`           |
-    | `rtol`              | 1e-8                   | relative error allowed in a contact, see `simulate`             |
+    ARGUMENT_TABLE
+
+    Beside these `render_mode` (None, "human", "rgb_array" or "rgb_array_list", see Rendering) and `record_trace` (keep
+    time histories of the episode, read by `trace()`).
 
     ## Rendering
     Needs the extra `render`. A picture shows the chain to scale, its velocities, the contact force, and the alarm on
@@ -173,14 +149,8 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         "render_fps": 30,
     }
 
-    def __init__(
-        self,
-        scenario: ScenarioRanges | Mapping[str, Any] | str = "train",
-        coupling: Coupling | Mapping[str, Any] | None = None,
-        render_mode: str | None = None,
-        record_trace: bool = False,
-        **options: Any,
-    ) -> None:
+    @with_task_arguments(max_episode_steps="is an argument of gymnasium.make, whose TimeLimit sees to it")
+    def __init__(self, *, render_mode: str | None = None, record_trace: bool = False, **arguments: Any) -> None:
         """Make an environment; see the arguments above.
 
         Raises:
@@ -190,15 +160,13 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             raise ValueError(f"render_mode must be None or one of {self.metadata['render_modes']}, got {render_mode!r}")
         self.render_mode = render_mode
         self._renderer: Renderer | None = None
-        if "max_episode_steps" in options:
-            raise WrongTypeError("max_episode_steps is an argument of gymnasium.make, whose TimeLimit sees to it")
         recorder = NOTHING_RECORDED
         if record_trace or render_mode is not None:
             recorder = np.empty(0, CONTACT), np.empty(TRACE_ROWS, TRACE), np.empty(0), 1e-3
         self._trace = recorder[1]
-        task = task_from(scenario, coupling, options, ("record_trace",))
-        self._batch = Batch(1, task, threads=1, recorder=recorder)
-        self.observation_space = self._batch.observation_space
+        self._batch = Batch(1, Task(**arguments), threads=1, recorder=recorder)
+        self.observation_spec = self._batch.spec
+        self.observation_space = observation_space(self.observation_spec)
         self.action_space = ACTION_SPACE
         self._running = False
 
@@ -242,7 +210,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """Begin an episode; see Starting State."""
         skipped = episode_index(options)
-        fixed = fixed_record(options, self._batch.task)
+        fixed = fixed_records(options, self._batch.task)
         super().reset(seed=seed)
         if skipped:
             skip_episodes(self.np_random, skipped)
@@ -295,28 +263,4 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
 
 if ImpactApproachEnv.__doc__:  # there is none under python -OO
-    for place, table in {"OBSERVATION_TABLE": observation.documentation(), "SETTING_TABLE": setting_table()}.items():
-        ImpactApproachEnv.__doc__ = ImpactApproachEnv.__doc__.replace(f"    {place}", table)
-
-
-def task_from(
-    scenario: ScenarioRanges | Mapping[str, Any] | str,
-    coupling: Coupling | Mapping[str, Any] | None,
-    options: dict[str, Any],
-    others: tuple[str, ...] = (),
-) -> Task:
-    """Return the task that a front end's arguments describe; `others` are arguments that it sees to itself.
-
-    Raises:
-        TypeError, ValueError: an argument is unknown or out of range.
-    """
-    allowed = [
-        name for name, field in Task.__dataclass_fields__.items() if field.init and name not in ("scenario", "coupling")
-    ]
-    for name in options:
-        if name not in allowed:
-            known = ["scenario", "coupling", *others, *allowed]
-            raise WrongTypeError(f"unknown argument {name!r}; allowed are {', '.join(known)}")
-    if coupling is not None:
-        options = {**options, "coupling": coupling}
-    return Task(scenario=scenario, **options)
+    ImpactApproachEnv.__doc__ = docstring.filled(ImpactApproachEnv.__doc__)

@@ -10,11 +10,12 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from impact_gym.envs.arguments import with_task_arguments
 from impact_gym.envs.batch import Batch
-from impact_gym.envs.records import episode_index, fixed_record, skip_episodes
-from impact_gym.envs.scenario import ScenarioRanges
-from impact_gym.envs.single import ACTION_SPACE, task_from
-from impact_gym.scene import Coupling
+from impact_gym.envs.single import ACTION_SPACE, observation_space
+from impact_gym.task.episodes import episode_index, fixed_records, skip_episodes
+from impact_gym.task.scenario import ScenarioRanges
+from impact_gym.task.task import Task
 from impact_gym.validation import WrongTypeError, whole
 
 Floats = NDArray[np.float32]
@@ -27,18 +28,20 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
     Beside its arguments: `autoreset_mode`, NEXT_STEP by default (the step after an episode's last one ignores its
     action, starts the next episode and rewards nothing), SAME_STEP (the last observation and info in
     `infos["final_obs"]`, `infos["final_info"]`) or DISABLED (reset by `options={"reset_mask": ...}`);
-    `max_episode_steps`, after which an episode is truncated; `threads`, which changes no result.
+    `max_episode_steps`, after which an episode is truncated; `threads`, which changes no result; `per_slot`, a mapping
+    for each slot of those arguments that it has otherwise, as long as all slots observe the same.
     """
 
+    @with_task_arguments()
     def __init__(
         self,
         num_envs: int = 1,
-        scenario: ScenarioRanges | Mapping[str, Any] | str = "train",
-        coupling: Coupling | Mapping[str, Any] | None = None,
+        *,
         render_mode: None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         threads: int | None = None,
-        **options: Any,
+        per_slot: Sequence[Mapping[str, Any]] | None = None,
+        **arguments: Any,  # those of `Task`, which checks them; the signature names them
     ) -> None:
         if render_mode is not None:
             raise ValueError(
@@ -51,9 +54,12 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
             raise ValueError(f"autoreset_mode must be one of {modes}, got {autoreset_mode!r}")
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {"render_modes": [], "autoreset_mode": self.autoreset_mode}
-        task = task_from(scenario, coupling, options, ("autoreset_mode", "threads"))
-        self.batch = Batch(self.num_envs, task, threads)
-        self.single_observation_space = self.batch.observation_space
+        if per_slot is not None and len(per_slot) != self.num_envs:
+            raise ValueError(f"per_slot must be a mapping for each of {self.num_envs} slots, got {len(per_slot)}")
+        tasks = [Task(**{**arguments, **changes}) for changes in ([{}] if per_slot is None else per_slot)]
+        self.batch = Batch(self.num_envs, tasks, threads)
+        self.observation_spec = self.batch.spec
+        self.single_observation_space = observation_space(self.observation_spec)
         self.single_action_space = ACTION_SPACE
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
@@ -78,7 +84,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         rest = dict(options or {})
         mask = self._mask(rest.pop("reset_mask", None))
         skipped = episode_index(rest) or 0
-        fixed = fixed_record(rest, self.batch.task, self.num_envs)
+        fixed = fixed_records(rest, self.batch.task, self.num_envs)
         return self.begin(seed, mask, fixed[mask], np.full(self.num_envs, skipped)), {}
 
     def begin(
@@ -111,8 +117,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         elif self._ended.any():
             raise ResetNeeded("some episodes have ended: reset them with options={'reset_mask': ...}")
         batch.step(commands, skip)
-        terminated = batch.episodes["terminated"] == 1
-        truncated = batch.episodes["truncated"] == 1
+        terminated, truncated = batch.episodes["terminated"] == 1, batch.episodes["truncated"] == 1
         self._ended = terminated | truncated
         return terminated, truncated
 
@@ -178,9 +183,9 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
             raise WrongTypeError(f"seed must be a whole number or {self.num_envs} of them, got {seed!r}")
         if len(seeds) != self.num_envs:
             raise ValueError(f"seed must be a whole number or {self.num_envs} of them, got {len(seeds)}")
-        seeds = [None if one is None else whole("seed", one, at_least=0) for one in seeds]
+        seeds = [None if given is None else whole("seed", given, at_least=0) for given in seeds]
         if not self._generators:
-            self._generators = [seeding.np_random(one)[0] for one in seeds]
+            self._generators = [seeding.np_random(given)[0] for given in seeds]
             return
         for slot in np.flatnonzero(mask).tolist():
             if seeds[slot] is not None:

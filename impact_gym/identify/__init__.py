@@ -1,14 +1,10 @@
 """From a measured blow to the numbers of a scene, and how sure they are: `impact_gym.identify(log, scene, motion)`.
 
-    `log`          reading and checking what was measured
-    `sensor`       what a sensor makes of a signal
-    `coordinates`  free numbers, on the scales they are fitted on
-    `model`        residuals by our simulator, and their derivatives
-    `starts`       where a fit begins
-    `descent`      least squares, and which of several starts go on
-    `fit`          the best fit, and profile likelihoods
-    `words`        what the log cannot tell
-    `result`       what comes of it, and its picture
+    `log`, `sensor`   reading and checking what was measured; what a sensor makes of a signal
+    `coordinates`     free numbers, on the scales they are fitted on
+    `model`           residuals by our simulator, and their derivatives
+    `search`, `fit`   from several starts to the best fit; profile likelihoods
+    `result`          estimates, intervals, what the log cannot tell
 
 `impact_gym.identify` is the function; this package is found by `from impact_gym.identify import ...` all the same.
 """
@@ -16,15 +12,12 @@
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-import numpy as np
-
 from impact_gym.identify import log as logs_of
 from impact_gym.identify.coordinates import free_coordinates
-from impact_gym.identify.fit import Fit, intervals, uncertain, vague
+from impact_gym.identify.fit import fit_with_intervals
 from impact_gym.identify.model import Model
-from impact_gym.identify.result import Identified, more_blows
+from impact_gym.identify.result import Identified
 from impact_gym.identify.sensor import Sensor
-from impact_gym.identify.words import indistinguishable
 from impact_gym.motion import Trapezoid
 from impact_gym.scene import Scene
 from impact_gym.validation import WrongTypeError, one_of
@@ -58,36 +51,19 @@ def identify(
             not depend on a free number. One line names it, the value, the unit and what is allowed.
     """
     one_of("scene", scene, Scene)
-    given = list(log) if isinstance(log, (list, tuple)) else [log]
-    motions: list[Any] = list(motion) if isinstance(motion, (list, tuple)) else [motion] * len(given)
-    for one in motions:
-        one_of("motion", one, Trapezoid)
-    if not given or len(motions) != len(given):
-        raise ValueError(f"motion must be one Trapezoid, or one for each of {len(given)} logs, got {len(motions)}")
-    found = free_coordinates(scene, free)
-    read = [logs_of.read(one, f"log {k + 1}" if len(given) > 1 else "log") for k, one in enumerate(given)]
-    sensors = _by_column(sensor, [name for name in logs_of.UNITS if any(name in one.columns for one in read)])
-    for one, its_motion in zip(read, motions, strict=True):
-        logs_of.check(one, its_motion, sensors)
-    model = Model.of(read, scene, motions, sensors, found)
-    fit = Fit.of(model)
-    if twice := bool(more_blows(fit) or vague(fit)):
-        fit = fit.again()
-    if sentence := more_blows(fit):
-        raise ValueError(sentence)
-    fit, pairs = intervals(fit)
-    if not twice and uncertain(fit, pairs) and (other := fit.again()) is not fit:
-        fit, pairs = intervals(other)
-    k = len(found)
-    deviations = np.sqrt(np.diag(fit.covariance))[:k]
-    correlation = fit.covariance[:k, :k] / np.outer(deviations, deviations)
-    estimate = model.numbers(fit.x)
-    interval = {}
-    for one, pair in zip(found, pairs, strict=True):
-        low, high = sorted(one.end(u, side) for u, side in zip(pair, (-1, 1), strict=True))
-        interval[one.name] = (low, high)
-    said = indistinguishable(fit, interval, correlation)
-    return Identified(estimate, interval, correlation, model.scene_at(fit.x), said, fit)
+    sources = list(log) if isinstance(log, (list, tuple)) else [log]
+    motions: list[Any] = list(motion) if isinstance(motion, (list, tuple)) else [motion] * len(sources)
+    for imposed in motions:
+        one_of("motion", imposed, Trapezoid)
+    if not sources or len(motions) != len(sources):
+        raise ValueError(f"motion must be one Trapezoid, or one for each of {len(sources)} logs, got {len(motions)}")
+    coordinates = free_coordinates(scene, free)
+    names = [f"log {k + 1}" for k in range(len(sources))] if len(sources) > 1 else ["log"]
+    logs = [logs_of.read(source, name) for source, name in zip(sources, names, strict=True)]
+    sensors = _by_column(sensor, [name for name in logs_of.UNITS if any(name in each.columns for each in logs)])
+    for each, imposed in zip(logs, motions, strict=True):
+        logs_of.check(each, imposed, sensors)
+    return Identified.of(*fit_with_intervals(Model.of(logs, scene, motions, sensors, coordinates)))
 
 
 def _by_column(sensor: Sensor | Mapping[str, Sensor] | None, columns: Sequence[str]) -> dict[str, Sensor]:
@@ -99,8 +75,8 @@ def _by_column(sensor: Sensor | Mapping[str, Sensor] | None, columns: Sequence[s
         return {columns[0]: sensor}
     if not isinstance(sensor, Mapping):
         raise WrongTypeError(f"sensor must be a Sensor or a mapping from columns to them, got {sensor!r}")
-    for name, one in sensor.items():
+    for name, known in sensor.items():
         if name not in columns:
             raise ValueError(f"sensor: no log has a column {name!r}; there are {', '.join(columns)}")
-        one_of(f"sensor: {name}", one, Sensor)
+        one_of(f"sensor: {name}", known, Sensor)
     return {name: sensor.get(name, Sensor()) for name in columns}

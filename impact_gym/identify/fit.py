@@ -1,4 +1,4 @@
-"""Least squares from several starts, and how far each number may move before the log objects.
+"""The best fit from several starts, and how far each number may move before the log objects.
 
 `Fit.of` is the best of the local minima; `intervals` moves one number at a time and fits all others again.
 """
@@ -8,25 +8,23 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri, stdtrit
 
-from impact_gym.identify.descent import ROUGH, Point, as_good, descended, distinct, raced
 from impact_gym.identify.model import Model
-from impact_gym.identify.starts import scattered
-
-Array = NDArray[np.float64]
+from impact_gym.identify.search import ROUGH, Point, as_good, descend, distinct, race, scatter
+from impact_gym.identify.sensor import Array, bursts, level
 
 STARTS = 8  # of the scattered points that are fitted, the best first; `Fit.again` takes as many more
-ROUNDS = 3  # of estimating noise and fitting anew
+NOISE_ROUNDS = 3  # of estimating noise and fitting anew
 CONFIDENCE = 0.95
-NEAR = 0.02  # of the half width, to which an end of an interval is found
-LONGEST = 1.5  # of a coordinate, a first step towards an end
+END_TOLERANCE = 0.02  # of the half width, to which an end of an interval is found
+MAX_STEP = 1.5  # of a coordinate, a first step towards an end; an interval as long may hide another minimum
+MAX_STEPS = 10  # fits on the way to an end
 BEYOND = (1.6, 2.5)  # times the way to an end, where the misfit is looked at once more
-TRIES = 10  # fits for an end
-WIDEST = 1e3  # of a coordinate, a standard deviation that says there is none
-SLACK = 0.05  # of the misfit, by which a better fit is better; an end is where it has grown by 3.8
-BETTER = 20  # times that a better fit may be met
+MAX_DEVIATION = 1e3  # of a coordinate, a standard deviation that says there is none
+MIN_IMPROVEMENT = 0.05  # of the misfit, by which a better fit is better; an end is where it has grown by 3.8
+MAX_IMPROVEMENTS = 20  # better fits met on the way to the ends
+MIN_LEFTOVER = 6.0, 0.5  # of a blow not in the scene: standard deviations that the fit leaves of it, and share of it
 
 Ends = tuple[float | None, ...]
 
@@ -49,31 +47,31 @@ class Fit:
             ValueError: no start leads to a blow, or a free number changes nothing.
         """
         first = slice(STARTS)
-        begun = scattered(model)[first]
-        _refuse_idle(model, begun)
-        return cls._settled(model, as_good(model, raced(model, begun + _past_first_blow(model, first))))
+        starts = scatter(model)[first]
+        _refuse_idle(model, starts)
+        return cls._polished(model, as_good(model, race(model, starts + _past_first_blow(model, first))))
 
     def again(self) -> "Fit":
-        """Return the best fit from as many starts more and the minima that are known; itself if that finds no other."""
+        """Return the best fit from as many starts more and the known minima; itself if there is no other minimum."""
         model, more = self.model, slice(STARTS, 2 * STARTS)
         known = [Point(self.misfit, self.x), *self.others]
-        found = raced(model, scattered(model)[more] + _past_first_blow(model, more))
-        good = as_good(model, distinct(model, known + found))
-        is_new = {id(one) for one in good} - {id(one) for one in known}
-        return self._settled(model, good) if is_new else self
+        minima = race(model, scatter(model)[more] + _past_first_blow(model, more))
+        good = as_good(model, distinct(model, known + minima))
+        is_new = {id(point) for point in good} - {id(point) for point in known}
+        return self._polished(model, good) if is_new else self
 
     @classmethod
-    def _settled(cls, model: Model, found: Sequence[Point]) -> "Fit":
-        for _ in range(ROUNDS):
-            found = distinct(model, [descended(model, one.x) for one in found])
-            if not _estimate_noise(model, found[0].x) or len(model.noise) == 1:  # which alone changes no minimum
+    def _polished(cls, model: Model, points: Sequence[Point]) -> "Fit":
+        for _ in range(NOISE_ROUNDS):
+            points = distinct(model, [descend(model, point.x) for point in points])
+            if not _estimate_noise(model, points[0].x) or len(model.noise) == 1:  # which alone changes no minimum
                 break
-        best, *others = (Point(float(np.sum(model.residuals(one.x) ** 2)), one.x) for one in found)
+        best, *others = (Point(float(np.sum(model.residuals(point.x) ** 2)), point.x) for point in points)
         return cls(model, best.x, best.misfit, _covariance(model.jacobian(best.x)), others)
 
     def moved(self, x: Array) -> "Fit":
         """Return the fit that a better point leads to."""
-        misfit, x, _ = descended(self.model, x)
+        misfit, x, _ = descend(self.model, x)
         return Fit(self.model, x, misfit, _covariance(self.model.jacobian(x)), self.others)
 
     @property
@@ -84,9 +82,36 @@ class Fit:
             return float(ndtri(upper))
         return float(stdtrit(self.model.samples - self.model.size, upper))
 
+    def excess(self, point: Point) -> float:
+        """Return how far the misfit of a point is above the least one: the quantile squared where an interval ends."""
+        return max(point.misfit - self.misfit, 0.0)
+
     def deviation(self, i: int) -> float:
         """Return the standard deviation of x[i] by the curvature at the best fit."""
-        return min(math.sqrt(self.covariance[i, i]), WIDEST)
+        return min(math.sqrt(self.covariance[i, i]), MAX_DEVIATION)
+
+    def direction(self, i: int) -> Array:
+        """Return how x moves with x[i] along the valley of the misfit, by the curvature at the best fit."""
+        along: Array = self.covariance[:, i] / self.covariance[i, i]
+        return along
+
+
+def fit_with_intervals(model: Model) -> tuple[Fit, list[Ends]]:
+    """Return the best fit and the intervals of its free numbers, searched again where they leave much open.
+
+    Raises:
+        ValueError: no start leads to a blow, a free number changes nothing, or a log has more blows than the scene.
+    """
+    fit = Fit.of(model)
+    if searched_again := bool(_extra_blows(fit) or _is_vague(fit)):
+        fit = fit.again()
+    if refusal := _extra_blows(fit):
+        raise ValueError(refusal)
+    fit, ends = intervals(fit)
+    unsure = any(low is None or high is None or high - low > MAX_STEP for low, high in ends)
+    if unsure and not searched_again and (other := fit.again()) is not fit:
+        fit, ends = intervals(other)
+    return fit, ends
 
 
 def _refuse_idle(model: Model, points: Sequence[Array]) -> None:
@@ -99,18 +124,43 @@ def _refuse_idle(model: Model, points: Sequence[Array]) -> None:
         raise ValueError(
             "scene: neither it nor its neighbours can be simulated to a blow; are motion and distance right?"
         )
-    moved = sum(np.abs(model.jacobian(x)).max(axis=0) for x in points)
-    for one, most in zip(model.free, moved, strict=False):
-        if most == 0.0:
+    slopes = sum(np.abs(model.jacobian(x)).max(axis=0) for x in points)
+    for number, slope in zip(model.free, slopes, strict=False):
+        if slope == 0.0:
             raise ValueError(
-                f"free: the log does not depend on {one.name}, whatever its value; leave it out, or record what does"
+                f"free: the log does not depend on {number.name}, whatever its value; leave it out, or record what does"
             )
 
 
-def _past_first_blow(model: Model, some: slice) -> list[Array]:
+def _extra_blows(fit: Fit) -> str:
+    """Return a sentence about a log with more blows than the fitted motion has, an empty one if there is none."""
+    model = fit.model
+    for k, log in enumerate(model.logs):
+        if "force" not in log.columns:
+            continue
+        force, sensor = log.columns["force"], model.sensors["force"]
+        left = -model.residuals(fit.x)[model.slots[k, "force"]]  # standard deviations
+        signal = (force - level(force, sensor)) / model.noise["force"]
+        deviations, share = MIN_LEFTOVER
+        blows = bursts(force, sensor)
+        extra = [
+            left[first : last + 1].sum()
+            > max(deviations * (last - first + 1) ** 0.5, share * signal[first : last + 1].sum())
+            for first, last in blows
+        ]
+        if any(extra) and len(blows) > 1:
+            times = ", ".join(f"{log.time[first]:g}" for first, _ in blows)
+            return (
+                f"{log.name} has {len(blows)} blows, at {times} s, the scene makes no more than"
+                f" {len(blows) - sum(extra)} of them: cut it to one, or give each as a log of its own"
+            )
+    return ""
+
+
+def _past_first_blow(model: Model, starts: slice) -> list[Array]:
     """Return the minima of the first blow alone: those of what follows are many, and most have no way out."""
     first = model.of_first_blow()
-    return [one.x for one in raced(first, scattered(first)[some])] if first.samples < model.samples else []
+    return [point.x for point in race(first, scatter(first)[starts])] if first.samples < model.samples else []
 
 
 def _estimate_noise(model: Model, x: Array) -> bool:
@@ -136,92 +186,92 @@ def _covariance(jacobian: Array) -> Array:
     return spread @ spread.T / np.outer(size, size)
 
 
+class _BetterError(Exception):
+    """A point fits better than the best fit."""
+
+    def __init__(self, x: Array) -> None:
+        self.x = x
+
+
 def intervals(fit: Fit) -> tuple[Fit, list[Ends]]:
     """Return both ends of each free number's interval, None where there is none, and the fit they belong to.
 
     Other minima that the quantile does not exclude widen an interval. Where a better fit is met, that is the fit.
     """
-    for _ in range(BETTER):
+    for _ in range(MAX_IMPROVEMENTS):
         try:
             return fit, [tuple(_end(fit, i, side) for side in (-1, 1)) for i in range(len(fit.model.free))]
-        except _BetterError as found:
-            fit = fit.moved(found.x)
-    raise RuntimeError(f"identify: {BETTER} times a better fit was met next to the best one")
-
-
-class _BetterError(Exception):
-    def __init__(self, x: Array) -> None:
-        self.x = x
+        except _BetterError as better:
+            fit = fit.moved(better.x)
+    raise RuntimeError(f"identify: {MAX_IMPROVEMENTS} times a better fit was met next to the best one")
 
 
 def _end(fit: Fit, i: int, side: int) -> float | None:
     """Return the outermost end on one side (-1, 1) of x[i], from the best fit and all that are as good."""
     limit = fit.quantile**2
-    ends = [profile(fit, i, side, fit.x, 0.0)]
-    for misfit, x, _ in fit.others:
-        if ends[-1] is not None and misfit - fit.misfit < limit and side * (x[i] - ends[-1]) > 0.0:
-            ends.append(profile(fit, i, side, x, math.sqrt(max(misfit - fit.misfit, 0.0) / limit)))
+    end = profile(fit, i, side, Point(fit.misfit, fit.x))
+    for point in fit.others:
+        if end is not None and point.misfit - fit.misfit < limit and side * (point.x[i] - end) > 0.0:
+            end = profile(fit, i, side, point)
     for factor in BEYOND:  # behind a ridge the misfit may fall again
-        if ends[-1] is None:
+        if end is None:
             break
         last = fit.model.free[i].reach[side > 0]
-        u = float(fit.x[i]) + factor * (ends[-1] - float(fit.x[i]))
-        x = fit.x + fit.covariance[:, i] / fit.covariance[i, i] * (u - fit.x[i])
-        x[i] = u
-        misfit, x, _ = descended(fit.model, x, i, ROUGH) if side * (last - u) > 0.0 else Point(math.inf, x)
-        if misfit < fit.misfit - SLACK:
-            raise _BetterError(x)
-        if misfit - fit.misfit < limit:
-            ends.append(profile(fit, i, side, x, math.sqrt(max(misfit - fit.misfit, 0.0) / limit)))
-    return ends[-1]
+        u = float(fit.x[i]) + factor * (end - float(fit.x[i]))
+        point = _refit(fit, i, u, Point(fit.misfit, fit.x)) if side * (last - u) > 0.0 else Point(math.inf, fit.x)
+        if point.misfit - fit.misfit < limit:
+            end = profile(fit, i, side, point)
+    return end
 
 
-def vague(fit: Fit) -> bool:
-    """Whether `uncertain` can be foreseen, by the curvature or by another minimum that is as good."""
-    good = [fit.x, *(one.x for one in fit.others if one.misfit - fit.misfit < fit.quantile**2)]
-    widths = [
-        2.0 * fit.quantile * fit.deviation(i) + float(np.ptp(good, axis=0)[i]) for i in range(len(fit.model.free))
-    ]
-    return max(widths) > LONGEST
+def _is_vague(fit: Fit) -> bool:
+    """Whether an interval will be longer than MAX_STEP, by the curvature or by another minimum that is as good."""
+    good = [fit.x, *(point.x for point in fit.others if point.misfit - fit.misfit < fit.quantile**2)]
+    spread = np.ptp(good, axis=0)
+    widths = [2.0 * fit.quantile * fit.deviation(i) + float(spread[i]) for i in range(len(fit.model.free))]
+    return max(widths) > MAX_STEP
 
 
-def uncertain(fit: Fit, pairs: Sequence[Ends]) -> bool:
-    """Whether an interval has no end, or is so long that the misfit may have more minima than were found."""
-    return any(low is None or high is None or high - low > LONGEST for low, high in pairs)
+def _refit(fit: Fit, i: int, u: float, near: Point) -> Point:
+    """Return the fit with x[i] held at `u`, begun from a point near, from where it follows the valley.
+
+    Raises:
+        _BetterError: it is better than the best.
+    """
+    start = near.x + fit.direction(i) * (u - near.x[i])
+    start[i] = u
+    point = descend(fit.model, start, i, ROUGH)
+    if point.misfit < fit.misfit - MIN_IMPROVEMENT:
+        raise _BetterError(point.x)
+    return point
 
 
-def profile(fit: Fit, i: int, side: int, x: Array, t: float) -> float | None:
+def profile(fit: Fit, i: int, side: int, begin: Point) -> float | None:
     """Return where on one `side` (-1, 1) of x[i] the misfit, all else fitted anew, passes the quantile, or None.
 
-    The first step goes where the curvature at the best fit says; if the misfit agrees to NEAR, that is the end. x is a
-    minimum, `t` its misfit in quantiles.
+    The first step goes from a minimum where the curvature at the best fit says; if the misfit agrees to END_TOLERANCE,
+    that is the end.
 
     Raises:
         _BetterError: a point on the way fits better than the best.
     """
-    model, begin = fit.model, float(x[i])
-    last = model.free[i].reach[side > 0]
-    along = fit.covariance[:, i] / fit.covariance[i, i]
-    inner, outer = (begin, t, x), None
-    u = begin + side * min((1.0 - t) * fit.quantile * fit.deviation(i), LONGEST)
-    for _ in range(TRIES):
+    first, last = float(begin.x[i]), fit.model.free[i].reach[side > 0]
+    inner, outer = (first, math.sqrt(fit.excess(begin) / fit.quantile**2), begin), None
+    u = first + side * min((1.0 - inner[1]) * fit.quantile * fit.deviation(i), MAX_STEP)
+    for _ in range(MAX_STEPS):
         u = max(u, last) if side < 0 else min(u, last)
-        start = inner[2] + along * (u - inner[0])
-        start[i] = u
-        misfit, found, _ = descended(model, start, i, ROUGH)
-        if misfit < fit.misfit - SLACK:
-            raise _BetterError(found)
-        t = math.sqrt(max(misfit - fit.misfit, 0.0)) / fit.quantile
-        if abs(t - 1.0) < NEAR:
+        point = _refit(fit, i, u, inner[2])
+        t = math.sqrt(fit.excess(point)) / fit.quantile
+        if abs(t - 1.0) < END_TOLERANCE:
             return u
         if t > 1.0:
             outer = u, t
         elif u == last:
             return None
         else:
-            inner = u, t, found
+            inner = u, t, point
         if outer is None:
-            u = begin + (u - begin) * min(max(1.0 / max(t, 0.1), 1.2), 4.0)
+            u = first + (u - first) * min(max(1.0 / max(t, 0.1), 1.2), 4.0)
         else:
             share = (1.0 - inner[1]) / (outer[1] - inner[1])
             u = inner[0] + (outer[0] - inner[0]) * min(max(share, 0.1), 0.9)

@@ -4,16 +4,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from impact_gym.identify.coordinates import Coordinate, changed
-from impact_gym.identify.log import UNITS, Log, bursts, noise_of
-from impact_gym.identify.sensor import Sensor
+from impact_gym.identify.coordinates import Coordinate
+from impact_gym.identify.log import Log
+from impact_gym.identify.sensor import Array, Sensor, bursts, noise_of
 from impact_gym.motion import Trapezoid
 from impact_gym.scene import Scene
 from impact_gym.simulation import Trace, simulate
-
-Array = NDArray[np.float64]
+from impact_gym.task.paths import replaced
 
 RTOL = 1e-8
 STEP = 2e-3
@@ -22,7 +20,7 @@ simulator's steps and the interpolation between them add, are both lost in a noi
 bias cost nothing, a fit takes up to 30 % fewer simulations than with SciPy's "2-point" and less than half of its
 "3-point", to the same minimum. The batch simulator records no motion but its end and cannot give these differences."""
 IMPOSSIBLE = 1e3  # times its size is what a log is off a scene that cannot be
-TRACED = dict.fromkeys(UNITS) | {"force": "contact_force"}
+TRACED = {"force": "contact_force"}  # column of a log: that of a trace, where the two have not the same name
 
 
 @dataclass(eq=False)
@@ -41,21 +39,14 @@ class Model:
     simulations: int = 0
 
     def __post_init__(self) -> None:
-        self.biased = [
-            (k, name)
-            for k, log in enumerate(self.logs)
-            for name in log.columns
-            if self.sensors[name].bias == "estimated"
-        ]
+        columns = [(k, name) for k, log in enumerate(self.logs) for name in log.columns]
+        self.biased = [(k, name) for k, name in columns if self.sensors[name].bias == "estimated"]
         self.size = len(self.free) + len(self.logs) + len(self.biased)
-        self.slots: dict[tuple[int, str], slice] = {}
-        n = 0
-        for k, log in enumerate(self.logs):
-            for name in log.columns:
-                self.slots[k, name] = slice(n, n + len(log.time))
-                n += len(log.time)
-        self.samples = n
-        self._seen: tuple[bytes, tuple[Array, Array]] = (b"", (np.empty(0), np.empty(0)))
+        ends = np.cumsum([len(self.logs[k].time) for k, _ in columns])
+        self.samples = int(ends[-1])
+        begins = [0, *ends[:-1]]
+        self.slots = {key: slice(begin, end) for key, begin, end in zip(columns, begins, ends, strict=True)}
+        self._cache: tuple[bytes, tuple[Array, Array]] = (b"", (np.empty(0), np.empty(0)))
 
     @classmethod
     def of(
@@ -74,22 +65,23 @@ class Model:
         """Return the model of the logs up to the end of the first blow, where they have a force."""
         logs = []
         for log in self.logs:
-            found = bursts(log.columns["force"], self.sensors["force"]) if "force" in log.columns else []
-            end = (found[0][1] + found[1][0]) // 2 + 1 if len(found) > 1 else len(log.time)
+            blows = bursts(log.columns["force"], self.sensors["force"]) if "force" in log.columns else []
+            end = (blows[0][1] + blows[1][0]) // 2 + 1 if len(blows) > 1 else len(log.time)
             columns = {name: values[:end] for name, values in log.columns.items()}
             logs.append(Log(log.name, log.time[:end], columns))
         return Model(logs, self.scene, self.motions, self.sensors, self.free, dict(self.noise))
 
     def numbers(self, x: Array) -> dict[str, float]:
         """Return the free numbers of the scene."""
-        return {one.name: one.number(u) for one, u in zip(self.free, x, strict=False)}
+        return {coordinate.name: coordinate.number(u) for coordinate, u in zip(self.free, x, strict=False)}
 
     def scene_at(self, x: Array) -> Scene:
         """Return the scene with these numbers."""
-        return changed(self.scene, self.numbers(x))
+        scene: Scene = replaced(self.scene, self.numbers(x))
+        return scene
 
-    def traced(self, scene: Scene, k: int, duration: float) -> Trace:
-        """Return the motion behind log k."""
+    def trace(self, scene: Scene, k: int, duration: float) -> Trace:
+        """Simulate the motion behind log k."""
         self.simulations += 1
         trace = simulate(scene, self.motions[k], duration, RTOL, trace=True).trace
         assert trace is not None
@@ -104,16 +96,16 @@ class Model:
         arrival = 2.0 * scene.object.distance / motion.speed + motion.speed / motion.acceleration
         return arrival + float(log.time[-1] - log.time[0])
 
-    def read(self, trace: Trace, name: str, at: Array) -> tuple[Array, Array]:
+    def sensed(self, trace: Trace, name: str, at: Array) -> tuple[Array, Array]:
         """Return what the sensor of a column reads `at` (n,) s of the motion, and its slope."""
-        return self.sensors[name].senses(trace.time, getattr(trace, TRACED[name] or name), at)
+        return self.sensors[name].senses(trace.time, getattr(trace, TRACED.get(name, name)), at)
 
     def predicted(self, x: Array) -> tuple[Array, Array]:
         """Return all columns of all logs (n,) without their biases, and their slopes in time."""
         key = x[: len(self.free) + len(self.logs)].tobytes()
-        if self._seen[0] != key:
-            self._seen = key, self._predict(x)
-        return self._seen[1]
+        if self._cache[0] != key:
+            self._cache = key, self._predict(x)
+        return self._cache[1]
 
     def _predict(self, x: Array) -> tuple[Array, Array]:
         values, slopes = np.zeros(self.samples), np.zeros(self.samples)
@@ -123,9 +115,9 @@ class Model:
                 at = log.time - x[len(self.free) + k]
                 if at[-1] > self.latest(scene, k):
                     raise ValueError("the log begins when the blow is over")
-                trace = self.traced(scene, k, max(float(at[-1]), log.step))
+                trace = self.trace(scene, k, max(float(at[-1]), log.step))
                 for name in log.columns:
-                    values[self.slots[k, name]], slopes[self.slots[k, name]] = self.read(trace, name, at)
+                    values[self.slots[k, name]], slopes[self.slots[k, name]] = self.sensed(trace, name, at)
         except (ValueError, RuntimeError):  # no such scene or start, or the simulator cannot finish it
             for (k, name), slot in self.slots.items():
                 values[slot], slopes[slot] = IMPOSSIBLE * np.ptp(self.logs[k].columns[name]), 0.0
@@ -136,18 +128,18 @@ class Model:
         bias = np.zeros(self.samples)
         for (k, name), slot in self.slots.items():
             known = self.sensors[name].bias
-            bias[slot] = x[self._place(k, name)] if known == "estimated" else known
+            bias[slot] = x[self.bias_place(k, name)] if known == "estimated" else known
         return bias
 
-    def _place(self, k: int, name: str) -> int:
+    def bias_place(self, k: int, name: str) -> int:
+        """Return which entry of x is the bias of a column of log k."""
         return len(self.free) + len(self.logs) + self.biased.index((k, name))
 
     def scales(self) -> Array:
         """Return the noise of each sample (n,)."""
-        scale = np.empty(self.samples)
-        for (_, name), slot in self.slots.items():
-            scale[slot] = self.noise[name]
-        return scale
+        return np.concatenate(
+            [np.full(slot.stop - slot.start, self.noise[name]) for (_, name), slot in self.slots.items()]
+        )
 
     def measured(self) -> Array:
         """Return all columns of all logs (n,), one behind the other."""
@@ -157,19 +149,17 @@ class Model:
         """Return predicted less measured, over the noise (n,)."""
         return (self.predicted(x)[0] + self.biases(x) - self.measured()) / self.scales()
 
-    def jacobian(self, x: Array, but: int | None = None) -> Array:
-        """Return the derivatives of `residuals` by x (n, size), forward differences in part, without x[but]."""
+    def jacobian(self, x: Array, skip: int | None = None) -> Array:
+        """Return the derivatives of `residuals` by x (n, size), forward differences in part, without x[skip]."""
         here, slopes = self.predicted(x)
         columns = np.zeros((self.samples, self.size))
-        seen = self._seen
         for i in range(len(self.free)):
-            if i != but:
+            if i != skip:
                 there = x.copy()
                 there[i] += STEP
                 columns[:, i] = (self._predict(there)[0] - here) / STEP
-        self._seen = seen
         for (k, name), slot in self.slots.items():
             columns[slot, len(self.free) + k] = -slopes[slot]
             if (k, name) in self.biased:
-                columns[slot, self._place(k, name)] = 1.0
+                columns[slot, self.bias_place(k, name)] = 1.0
         return columns / self.scales()[:, None]

@@ -1,21 +1,27 @@
-"""What a fit says: numbers, how sure they are, and a picture."""
+"""Result of a fit: numbers, how sure they are, what the log cannot tell and why, in words, and a picture."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from impact_gym.identify.fit import Fit
-from impact_gym.identify.log import UNITS, bursts, level
-from impact_gym.identify.words import unit_of
-from impact_gym.scene import Scene
+from impact_gym.identify.coordinates import RESTITUTION
+from impact_gym.identify.fit import Ends, Fit
+from impact_gym.identify.log import UNITS
+from impact_gym.identify.sensor import Array, bursts
+from impact_gym.quantities import BY_PATH
+from impact_gym.scene import Rigid, Scene
+from impact_gym.simulation import simulate
 
-Array = NDArray[np.float64]
+WIDE_RATIO = 2.0  # high over low of an interval that says little
+WIDE_RESTITUTION = 0.3  # high less low
+MIN_CORRELATION = 0.95  # of two numbers, one of them wide, that the log does not tell apart
+MIN_BLOW_SAMPLES = 4  # fewer do not show the shape of a blow
+HEAVY_RATIO = 5.0  # mass of the object over the tool's, from which the force hardly shows it
 
-SURE = 6.0  # standard deviations, by which a blow that the scene does not make stands out of the fit
+Interval = tuple[float, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,11 +29,25 @@ class Identified:
     """What the logs say of the free numbers; all in SI units, keyed by their dotted names."""
 
     estimate: Mapping[str, float]
-    interval: Mapping[str, tuple[float, float]]  # 95 %; 0 or inf where the log sets no limit
+    interval: Mapping[str, Interval]  # 95 %; 0 or inf where the log sets no limit
     correlation: Array  # (k, k), of the estimates in the order of `estimate`, on the scales they are fitted on
     scene: Scene  # with the estimates
     indistinguishable: tuple[str, ...]  # what the log cannot tell, in words; empty if it tells everything
     fit: Fit = field(repr=False)
+
+    @classmethod
+    def of(cls, fit: Fit, ends: Sequence[Ends]) -> "Identified":
+        """Return the result of a fit with the ends of its intervals."""
+        free = fit.model.free
+        covariance = fit.covariance[: len(free), : len(free)]
+        deviations = np.sqrt(np.diag(covariance))
+        correlation = covariance / np.outer(deviations, deviations)
+        interval: dict[str, Interval] = {}
+        for number, (u_low, u_high) in zip(free, ends, strict=True):
+            low, high = sorted((number.end(u_low, -1), number.end(u_high, 1)))
+            interval[number.name] = (low, high)
+        words = tuple(_words(fit, interval, correlation))
+        return cls(fit.model.numbers(fit.x), interval, correlation, fit.model.scene_at(fit.x), words, fit)
 
     @property
     def start(self) -> tuple[float, ...]:
@@ -43,36 +63,30 @@ class Identified:
     @property
     def bias(self) -> tuple[Mapping[str, float], ...]:
         """Bias of each column of each log, known or estimated, in its unit."""
-        return tuple({name: float(values[0]) for name, values in log.items()} for log in self._split("biases"))
+        biases = self._by_log(self.fit.model.biases(self.fit.x))
+        return tuple({name: float(values[0]) for name, values in columns.items()} for columns in biases)
 
     @property
     def residuals(self) -> tuple[Mapping[str, Array], ...]:
         """Measured less fitted, (n,) for each column of each log, in its unit."""
         model = self.fit.model
-        left = -model.residuals(self.fit.x) * model.scales()
-        return self._parts(left)
+        return self._by_log(-model.residuals(self.fit.x) * model.scales())
 
-    def _split(self, what: str) -> tuple[Mapping[str, Array], ...]:
-        return self._parts(getattr(self.fit.model, what)(self.fit.x))
-
-    def _parts(self, values: Array) -> tuple[Mapping[str, Array], ...]:
-        slots = self.fit.model.slots
-        return tuple(
-            {name: values[slots[k, name]] for name in log.columns} for k, log in enumerate(self.fit.model.logs)
-        )
+    def _by_log(self, samples: Array) -> tuple[Mapping[str, Array], ...]:
+        slots, logs = self.fit.model.slots, self.fit.model.logs
+        return tuple({name: samples[slots[k, name]] for name in log.columns} for k, log in enumerate(logs))
 
     def plot(self) -> Any:
         """Return a Matplotlib figure: each column as it was measured and fitted, and what is left over the noise."""
         from matplotlib.figure import Figure
 
         model = self.fit.model
-        rows = list(model.slots)
-        figure = Figure(figsize=(10.0, 3.0 * len(rows)), layout="constrained")
-        axes = figure.subplots(len(rows), 2, squeeze=False, sharex="row", width_ratios=(2, 1))
+        figure = Figure(figsize=(10.0, 3.0 * len(model.slots)), layout="constrained")
+        axes = figure.subplots(len(model.slots), 2, squeeze=False, sharex="row", width_ratios=(2, 1))
         fitted = model.predicted(self.fit.x)[0] + model.biases(self.fit.x)
         left = model.residuals(self.fit.x)
-        for (k, name), (signal, rest) in zip(rows, axes, strict=True):
-            log, slot = model.logs[k], model.slots[k, name]
+        for ((k, name), slot), (signal, rest) in zip(model.slots.items(), axes, strict=True):
+            log = model.logs[k]
             signal.plot(log.time, log.columns[name], ".", markersize=3, label="measured")
             signal.plot(log.time, fitted[slot], label="fitted")
             signal.set(xlabel="time (s)", ylabel=f"{name} ({UNITS[name]})", title=log.name)
@@ -85,32 +99,72 @@ class Identified:
     def __str__(self) -> str:
         lines = []
         for name, value in self.estimate.items():
-            (low, high), unit = self.interval[name], unit_of(self.scene, name).replace("(no unit)", "")
-            lines.append(f"{name} = {value:.6g} {unit}".rstrip() + f", 95 % in {low:.6g} to {high:.6g}")
+            low, high = self.interval[name]
+            estimate = _with_unit(self.scene, name, f"{value:.6g}")
+            lines.append(f"{name} = {estimate}, 95 % in {low:.6g} to {high:.6g}")
         for (i, first), (j, second) in combinations(enumerate(self.estimate), 2):
             lines.append(f"correlation of {first} and {second}: {self.correlation[i, j]:.2f}")
         return "\n".join([*lines, *self.indistinguishable])
 
 
-def more_blows(fit: Fit) -> str:
-    """Return a sentence about a log with more blows than the fitted motion has, an empty one if there is none."""
-    model = fit.model
-    for k, log in enumerate(model.logs):
-        if "force" not in log.columns:
-            continue
-        force, sensor = log.columns["force"], model.sensors["force"]
-        found = bursts(force, sensor)
-        times = [float(log.time[first]) for first, _ in found]
-        left = -model.residuals(fit.x)[model.slots[k, "force"]]  # standard deviations
-        signal = (force - level(force, sensor)) / model.noise["force"]
-        lonely = []
-        for time, (first, last) in zip(times, found, strict=True):
-            own = slice(first, last + 1)
-            if left[own].sum() > max(SURE * (last - first + 1) ** 0.5, 0.5 * signal[own].sum()):
-                lonely.append(time)
-        if lonely and len(found) > 1:
-            return (
-                f"{log.name} has {len(found)} blows, at {', '.join(f'{time:g}' for time in times)} s, the scene makes"
-                f" no more than {len(found) - len(lonely)} of them: cut it to one, or give each as a log of its own"
+def _with_unit(scene: Any, name: str, text: str) -> str:
+    """Return a text about a number of a scene with the number's unit behind it."""
+    if name == "contact.stiffness":
+        return f"{text} N/m^{scene.contact.stiffness_exponent:g}"
+    return f"{text} {BY_PATH[name].unit}".removesuffix(" -")
+
+
+def _words(fit: Fit, interval: Mapping[str, Interval], correlation: Array) -> Iterator[str]:
+    """Yield a sentence for each number, and each pair of them, that the logs do not tell."""
+    wide = []
+    for name, ends in interval.items():
+        least, most = sorted(map(abs, ends))
+        if (most - least > WIDE_RESTITUTION) if name == RESTITUTION else (most > WIDE_RATIO * least):
+            wide.append(name)
+    if not wide:
+        return
+    reasons = " and ".join(_reasons(fit))
+    for name in wide:
+        yield _sentence(fit.model.scene, name, *interval[name]) + (f", because {reasons}" if reasons else "")
+    for (i, first), (j, second) in combinations(enumerate(interval), 2):
+        if abs(correlation[i, j]) > MIN_CORRELATION and not {first, second}.isdisjoint(wide):
+            other = "larger" if correlation[i, j] > 0 else "smaller"
+            yield (
+                f"the log does not tell {first} and {second} apart: a larger one with a {other} other fits as well"
+                f" (correlation {correlation[i, j]:.3f})"
             )
-    return ""
+
+
+def _sentence(scene: Scene, name: str, low: float, high: float) -> str:
+    """Return a sentence about a number that the log does not tell well."""
+    open_above = high == (1.0 if name == RESTITUTION else np.inf)
+    if low == 0.0 and open_above:
+        return f"the log does not tell {name} at all: any value fits as well"
+    if open_above or low == 0.0:
+        limit = f"above {low:.3g}" if open_above else f"below {high:.3g}"
+        return f"the log does not tell {name}: any value {_with_unit(scene, name, limit)} fits as well"
+    return f"the log hardly tells {name}: it lies between {_with_unit(scene, name, f'{low:.3g} and {high:.3g}')}"
+
+
+def _reasons(fit: Fit) -> Iterator[str]:
+    """Yield what about the sensor or the scene hides a blow."""
+    model = fit.model
+    scene = model.scene_at(fit.x)
+    durations, samples = [], [(0, 0.0)]  # of blows: s, and how many samples lie in them, how far apart (s)
+    for k, log in enumerate(model.logs):
+        until = float(log.time[-1]) - fit.x[len(model.free) + k]
+        for contact in simulate(scene, model.motions[k], max(until, log.step)).contacts[:1]:
+            durations.append((until if contact.end is None else contact.end) - contact.start)
+        if "force" in log.columns and model.sensors["force"].low_pass is None:
+            lengths = [last - first + 1 for first, last in bursts(log.columns["force"], model.sensors["force"])]
+            samples.append((max(lengths, default=0), log.step))
+    most, step = max(samples)
+    if 0 < most < MIN_BLOW_SAMPLES:
+        yield f"no more than {most} samples, {1e3 * step:.3g} ms apart, lie in the blow"
+    filters = [sensor.low_pass for sensor in model.sensors.values() if sensor.low_pass is not None]
+    lags = [1.0 / (2.0 * np.pi * low_pass) for low_pass in filters]
+    if durations and len(lags) == len(model.sensors) and min(lags) > max(durations):
+        yield f"the filter takes {1e3 * min(lags):.2g} ms and the blow lasts {1e3 * max(durations):.2g} ms"
+    heavy = scene.object.mass > HEAVY_RATIO * scene.tool.mass and not isinstance(scene.coupling, Rigid)
+    if heavy and set(model.sensors) == {"force"} and any(number.name == "object.mass" for number in model.free):
+        yield "an object much heavier than the tool is to the force as good as a wall"

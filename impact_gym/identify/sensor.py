@@ -12,7 +12,8 @@ from impact_gym.validation import number
 Array = NDArray[np.float64]
 
 GAUSS, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(4)
-CLOSEST = 1e-9  # s; points of a trace that lie closer together say nothing of a slope but rounding
+MIN_STEP = 1e-9  # s; points of a trace that lie closer together say nothing of a slope but rounding
+MIN_HEIGHT = 5.0, 0.2  # of a burst: standard deviations of the noise, and of the highest one
 
 
 class Curve:
@@ -22,7 +23,7 @@ class Curve:
     """
 
     def __init__(self, time: Array, values: Array) -> None:
-        apart = np.append(np.diff(time) > CLOSEST, True)
+        apart = np.append(np.diff(time) > MIN_STEP, True)
         self.time, y = time[apart], values[apart]
         self.steps = np.diff(self.time)
         rise = np.diff(y) / self.steps
@@ -77,14 +78,14 @@ class Sensor:
         signal = Curve(time, values)
         within = np.clip(at, signal.time[0], signal.time[-1])
         if self.low_pass is None:
-            read, slope = signal(within)
-            return read, np.where(at == within, slope, 0.0)
+            value, slope = signal(within)
+            return value, np.where(at == within, slope, 0.0)
         pace = 2.0 * np.pi * self.low_pass
         moving = np.flatnonzero(values)
         begin = time[moving[0] - 1] if len(moving) and moving[0] else time[0]
         nodes = np.unique(np.concatenate([time[(time >= begin) & (time <= at[-1])], at[at >= begin], [begin]]))
-        read = np.interp(at, nodes, _filtered(signal, nodes, pace, time[-1]), left=0.0)
-        return read, np.where(at >= begin, pace * (signal(within)[0] - read), 0.0)
+        value = np.interp(at, nodes, _filtered(signal, nodes, pace, time[-1]), left=0.0)
+        return value, np.where(at >= begin, pace * (signal(within)[0] - value), 0.0)
 
 
 def _filtered(signal: Curve, nodes: Array, pace: float, last: float) -> Array:
@@ -102,3 +103,29 @@ def _filtered(signal: Curve, nodes: Array, pace: float, last: float) -> Array:
     steps = np.array([np.ones(len(nodes)), np.append(-kept, 0.0)])  # of y[k + 1] - kept[k] y[k], y[0] = 0
     y: Array = solve_banded((1, 0), steps, np.append(0.0, mean * (1.0 - kept)), check_finite=False)
     return y
+
+
+def noise_of(values: Array, sensor: Sensor) -> float:
+    """Return the standard deviation of a column's noise, known or estimated from what a smooth signal cannot be."""
+    if sensor.noise is not None:
+        return sensor.noise
+    bends = np.abs(np.diff(values, 2)) / np.sqrt(6.0)
+    return float(np.median(bends) / 0.6745)
+
+
+def level(values: Array, sensor: Sensor) -> float:
+    """Return what a column reads at rest: its bias, known or estimated."""
+    return float(np.median(values)) if sensor.bias == "estimated" else float(sensor.bias)
+
+
+def bursts(force: Array, sensor: Sensor) -> list[tuple[int, int]]:
+    """Return first and last sample of each time that a force has MIN_HEIGHT above its level."""
+    height = force - level(force, sensor)
+    deviations, share = MIN_HEIGHT
+    return runs(height > max(deviations * noise_of(force, sensor), share * float(height.max())))
+
+
+def runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return first and last index of each run of true values."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask, [0]])))
+    return [(int(first), int(past) - 1) for first, past in zip(edges[::2], edges[1::2], strict=True)]

@@ -124,8 +124,3 @@ cdef inline (double, double) contact_grip(const Contact *law, double z, double w
     if law.m >= law.n:
         return u_p + law.damping * w, growth + law.damping * w_slope
     return 1.0 + law.damping * u_p * w, law.damping * (growth * w + u_p * w_slope)
-
-
-cdef inline bint rises_at_onset(const Contact *law) noexcept nogil:
-    """Whether the force grows where the contact begins; with n = 0 it begins with d, and mostly falls from there."""
-    return law.n > 0.0 or (law.m == 1.0 and law.damping < 1.0)

@@ -128,12 +128,12 @@ def material_ranges(radius: Range, tool: str | Material, target: str | Material)
     values = [
         hertz(r, *first, *second)
         for r in radius
-        for first, second in product(*(product(one.young, one.poisson) for one in pair))
+        for first, second in product(*(product(material.young, material.poisson) for material in pair))
     ]
-    found = {"contact_stiffness": [min(values), max(values)]}
+    ranges = {"contact_stiffness": [min(values), max(values)]}
     if pair[0] == pair[1] and pair[0].restitution is not None:
-        found["restitution"] = list(pair[0].restitution)
-    return found
+        ranges["restitution"] = list(pair[0].restitution)
+    return ranges
 
 
 def _material(field: str, given: str | Material) -> Material:

@@ -10,11 +10,10 @@ from typing import Any, get_args
 
 import numpy as np
 
-from impact_gym.robot import approach, choice, inverse_kinematics
-from impact_gym.robot.approach import Approach
+from impact_gym.robot import approach, choice
+from impact_gym.robot.approach import Approach, Orientation, Pose
 from impact_gym.robot.arm import Arm
-from impact_gym.robot.line import Line, follow
-from impact_gym.robot.pose import Orientation, Pose
+from impact_gym.robot.line import MAX_CONDITION, Line, follow
 
 DESCRIPTION = """Compute a straight approach of the Viper s650 from its six joints: mass, damping and stiffness along x.
 Without --x and --z it is the default approach."""
@@ -39,17 +38,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
     for name, meaning in LENGTHS.items():
         parser.add_argument(f"--{name}", type=float, help=f"{meaning}; with --x and --z")
     options = parser.parse_args(arguments)
-    lengths = {name: getattr(options, name) for name in LENGTHS if getattr(options, name) is not None}
-    placed = options.x is not None and options.z is not None
-    others = ("x", "y", "z", "orientation", *LENGTHS)
-    if not placed and any(getattr(options, name) is not None for name in others):
+    given = {name: value for name, value in vars(options).items() if name != "out" and value is not None}
+    placed = {"x", "z"} <= given.keys()
+    if given and not placed:
         parser.error("--x and --z go together, and the line's other options need them: give both or none of all these")
     if options.out is not None and (options.out.is_dir() or not options.out.parent.is_dir()):
         parser.error(f"--out must name a file in a folder that is there, got {options.out}")
     try:
         arm = Arm()
         if placed:
-            line = Line(Pose(options.x, options.y or 0.0, options.z, options.orientation or "horizontal"), **lengths)
+            impact = Pose(options.x, options.y or 0.0, options.z, options.orientation or "horizontal")
+            line = Line(impact, **{name: given[name] for name in LENGTHS if name in given})
         else:
             line = choice.default_line(arm)
         result = follow(arm, line)
@@ -75,10 +74,10 @@ def _summary(arm: Arm, line: Line, result: Approach) -> str:
             f"{result.effective_stiffness[row]:16.1f}  {joints}"
         )
     angles = np.radians(result.joint_angles)
-    worst = max(inverse_kinematics.condition(arm, row) for row in angles)
+    worst = max(arm.condition(row) for row in angles)
     spare = min(np.min(angles - arm.description.lower_limits), np.min(arm.description.upper_limits - angles))
     lines.append(
-        f"largest condition number {worst:.2f} (allowed {inverse_kinematics.MAX_CONDITION:g}), "
+        f"largest condition number {worst:.2f} (allowed {MAX_CONDITION:g}), "
         f"smallest distance of a joint from its limits {np.degrees(spare):.2f} deg"
     )
     return "\n".join(lines)

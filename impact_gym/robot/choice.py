@@ -12,12 +12,9 @@ that length with every joint at least 15 degrees from its limits. The tool is ho
 import numpy as np
 from scipy.optimize import root
 
-from impact_gym.robot import inverse_kinematics
-from impact_gym.robot.arm import Arm
-from impact_gym.robot.description import Array
-from impact_gym.robot.line import Line
-from impact_gym.robot.lumped import along_x
-from impact_gym.robot.pose import Pose
+from impact_gym.robot.approach import Pose
+from impact_gym.robot.arm import Arm, Array, along_x
+from impact_gym.robot.line import Line, joint_angles
 
 STIFFNESS_AT_IMPACT = 1.9e5
 """k_r at the impact, N/m: identified from the paper's Fig. 13b and 14a, not printed."""
@@ -35,11 +32,11 @@ def default_line(arm: Arm) -> Line:
         return Pose(x, 0.0, z, "horizontal")
 
     def misfit(place: Array) -> Array:
-        at_impact = along_x(arm, inverse_kinematics.solve(arm, pose(place)))
+        at_impact = along_x(arm, joint_angles(arm, pose(place)))
         wanted = arm.description.mass_at_impact, STIFFNESS_AT_IMPACT
-        return np.array([at_impact.mass, at_impact.stiffness]) / wanted - 1
+        return np.array([at_impact["mass"], at_impact["stiffness"]]) / wanted - 1
 
-    found = root(misfit, [0.56, 0.28], method="hybr", options={"xtol": 1e-13})
-    if np.max(np.abs(found.fun)) > 1e-11:
-        raise ValueError(f"no line with the wanted robot at the impact was found: {found.message}")
-    return Line(pose(found.x))
+    solution = root(misfit, [0.56, 0.28], method="hybr", options={"xtol": 1e-13})
+    if np.max(np.abs(solution.fun)) > 1e-11:
+        raise ValueError(f"no line with the wanted robot at the impact was found: {solution.message}")
+    return Line(pose(solution.x))

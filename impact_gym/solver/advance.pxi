@@ -121,7 +121,7 @@ cdef int fly(Run *run, Chain *chain, double acceleration, double until) noexcept
 
 
 cdef struct Approach:  # the paper's rule, and what it meets
-    Holder holder
+    Mount mount
     Contact contact
     double object_mass  # kg
     double distance  # m

@@ -42,7 +42,7 @@ cdef void look(const Piece *now, const double *x, const double *rate, Sight *sig
     if now.contact.held != 0.0:
         sight.value[CLAMP], sight.slope[CLAMP] = -sight.value[CLAMP], -sight.slope[CLAMP]
         sight.height[FORCE], sight.slope[FORCE] = force_along(&now.contact, z, w, rate[RATE])
-        if z == 0.0 and rises_at_onset(now.grip):  # where the slope may vanish
+        if z == 0.0:  # where the slope may vanish, and the force still rise
             sight.slope[FORCE] = 1e-300
     sight.height[CLAMP] = sight.value[CLAMP]
     sight.value[FORCE] = sight.height[FORCE] - now.threshold

@@ -21,32 +21,32 @@ cpdef double rest_of(
         depth = lower
 
 
-cdef void lower(const Holder *holder, Law *law) noexcept nogil:
-    """Write the chain that `holder` is."""
-    cdef const RobotNumbers *robot = &holder.of_robot
+cdef void lower(const Mount *mount, Law *law) noexcept nogil:
+    """Write the chain that `mount` is."""
+    cdef const RobotNumbers *robot = &mount.robot
     memset(law, 0, sizeof(Law))
-    law.tool_mass = holder.tool_mass
-    if holder.robot == STIFF_ROBOT and holder.coupling == DIRECT:
+    law.tool_mass = mount.tool_mass
+    if mount.robot_kind == STIFF_ROBOT and mount.coupling_kind == DIRECT:
         law.kind = RIGID
-    elif holder.robot == STIFF_ROBOT and holder.coupling == SPRING_DAMPER:
-        law.kind, law.damping_ratio = SPRING, holder.of_coupling.damping_ratio
-        law.frequency = sqrt(holder.of_coupling.stiffness / holder.tool_mass)
-    elif holder.robot == LUMPED and holder.coupling == DIRECT:
-        law.kind, law.tool_mass = SPRING, robot.mass + holder.tool_mass
+    elif mount.robot_kind == STIFF_ROBOT and mount.coupling_kind == SPRING_DAMPER:
+        law.kind, law.damping_ratio = SPRING, mount.coupling.damping_ratio
+        law.frequency = sqrt(mount.coupling.stiffness / mount.tool_mass)
+    elif mount.robot_kind == LUMPED and mount.coupling_kind == DIRECT:
+        law.kind, law.tool_mass = SPRING, robot.mass + mount.tool_mass
         law.frequency = sqrt(robot.stiffness / law.tool_mass)
         law.damping_ratio = 0.5 * robot.damping / sqrt(robot.stiffness * law.tool_mass)
     else:
         law.kind = INTEGRATED
-        lower_coupling(holder, law)
-        lower_robot(holder, law)
+        lower_coupling(mount, law)
+        lower_robot(mount, law)
 
 
-cdef void lower_coupling(const Holder *holder, Law *law) noexcept nogil:
+cdef void lower_coupling(const Mount *mount, Law *law) noexcept nogil:
     """Write the coupling of an INTEGRATED chain."""
-    cdef const CouplingNumbers *given = &holder.of_coupling
-    cdef double m = holder.tool_mass
-    law.coupled, law.bistable = holder.coupling != DIRECT, holder.coupling == MECHANISM
-    if holder.coupling == SPRING_DAMPER:
+    cdef const CouplingNumbers *given = &mount.coupling
+    cdef double m = mount.tool_mass
+    law.coupled, law.bistable = mount.coupling_kind != DIRECT, mount.coupling_kind == MECHANISM
+    if mount.coupling_kind == SPRING_DAMPER:
         law.stiffness, law.damping = given.stiffness, 2.0 * given.damping_ratio * sqrt(given.stiffness * m)
     elif law.bistable:
         law.mechanism = Mechanism(
@@ -57,12 +57,12 @@ cdef void lower_coupling(const Holder *holder, Law *law) noexcept nogil:
         )
 
 
-cdef void lower_robot(const Holder *holder, Law *law) noexcept nogil:
+cdef void lower_robot(const Mount *mount, Law *law) noexcept nogil:
     """Write the robot of an INTEGRATED chain."""
-    cdef const RobotNumbers *robot = &holder.of_robot
-    if holder.robot == LUMPED:
+    cdef const RobotNumbers *robot = &mount.robot
+    if mount.robot_kind == LUMPED:
         law.table, law.intervals, law.stiffest = -1, 1, robot.stiffness / robot.mass
         law.lumped.begin, law.lumped.end = -EVERYWHERE, EVERYWHERE
         law.lumped.mass[0], law.lumped.stiffness[0], law.lumped.damping[0] = robot.mass, robot.stiffness, robot.damping
-    elif holder.robot == TABLE_OF_POSITION:
-        law.table, law.intervals, law.stiffest = holder.table, holder.intervals, holder.stiffest
+    elif mount.robot_kind == TABLE_OF_POSITION:
+        law.table, law.intervals, law.stiffest = mount.table, mount.intervals, mount.stiffest

@@ -21,24 +21,11 @@ cpdef enum:
     STIFF_ROBOT, LUMPED, TABLE_OF_POSITION  # robots
 
 
-cdef struct CouplingNumbers:  # of a coupling as a user gives them; those that its kind has not are 0
-    double stiffness  # N/m
-    double damping_ratio  # -
-    double free_length, height  # m, of a mechanism, as are the rest
-    double front_stop, rear_stop  # m
-    double stop_stiffness  # N/m
-    double stop_damping_ratio  # -
-
-
-cdef struct RobotNumbers:  # of a lumped robot, likewise
-    double mass, stiffness, damping  # kg, N/m, N s/m
-
-
-cdef struct Holder:  # what holds the tool, as a user describes it
-    int64_t coupling, robot  # kinds
+cdef struct Mount:  # what holds the tool, as a user describes it
+    int64_t coupling_kind, robot_kind
     double tool_mass  # kg
-    CouplingNumbers of_coupling
-    RobotNumbers of_robot
+    CouplingNumbers coupling  # those that its kind has not are 0
+    RobotNumbers robot  # of a lumped one, likewise
     int64_t table, intervals  # of a TABLE_OF_POSITION, as in `Law`
     double stiffest
 

@@ -5,50 +5,70 @@ import json
 import gymnasium as gym
 import numpy as np
 import pytest
-from episodes import ID, Always, play
+from episodes import ID, assert_identical, play
 
-from agents import baselines
-from agents.baselines import BlindProfile, Clairvoyant, ConstantSpeed, Ranged, tuned
+from agents import load_setup
+from agents.baselines import BlindProfile, Clairvoyant, ConstantSpeed, PaperTrapezoid, RandomActions, Ranged, tuned
 from agents.baselines.profile import KNOTS, ConstantDeceleration, constant_deceleration
 from agents.baselines.reaction import REACTION
-from agents.baselines.rule import Seen
+from agents.baselines.rule import View
 from agents.baselines.tuned import load_baseline, names, read_tuned, write_tuned
-from agents.evaluate import Validation
-from agents.evaluate.stage import TEST_SEED, TUNING_SEED, VALIDATION_SEED, Stage
-from agents.setups import load_setup
-from agents.setups.evaluation import WEIGHTS
-from agents.train.settings import FIRST_SEED
-from agents.tune import A_SWITCH
-from impact_gym.envs import evaluation_sets
-from impact_gym.envs.observation import space
-from impact_gym.envs.task import Task
+from agents.evaluate import RESULTS, ScenarioBatch
+from agents.setups import owner
+from agents.tune import CLEAN_ALARM
+from impact_gym.envs.single import observation_space
+from impact_gym.task import ObservationSpec, Task
 
-RULES = [ConstantSpeed, ConstantDeceleration, BlindProfile, Ranged, Clairvoyant]
+RULES = [*tuned.RULES.values(), Clairvoyant]
 STAY = [0.0] * (len(REACTION) - 1) + [20.0]
 NEEDS = {"range_noise": 0.01, "privileged": True}
+PAPERS, OURS = (load_setup(name).environment for name in ("paper-limits", "linear-blind"))
 
 
 def drawn(rule, rows, seed=0):
     """Return parameters evenly drawn within their limits."""
-    low, high = (np.array([getattr(one, side) for one in rule.PARAMETERS]) for side in ("low", "high"))
+    low, high = (np.array([getattr(parameter, side) for parameter in rule.PARAMETERS]) for side in ("low", "high"))
     return np.random.default_rng(seed).uniform(low, high, (rows, len(low)))
 
 
-def flange(controller, record, **options):
-    """Return the flange's path (time, position, velocity) up to the first contact."""
-    env = gym.make(ID, record_trace=True, **options)
-    info = play(env, controller, record=record).info
+def observations(environment, rows=200):
+    """Return observations drawn evenly, those of every second row after the alarm."""
+    spec = ObservationSpec(Task(**environment))
+    box = observation_space(spec)
+    seen = np.random.default_rng(1).uniform(box.low, box.high, (rows, len(spec))).astype(np.float32)
+    seen[:, spec.index("alarm")] = np.arange(rows) % 2
+    return seen, spec
+
+
+def flange(controller, environment, **record):
+    """Return the flange's path, and the approach time (s) of an episode that drew `record`."""
+    env = gym.make(ID, record_trace=True, **environment)
+    info = play(env, controller, seed=3, record=record).info
     trace = env.unwrapped.trace()
-    before = trace.time <= info["approach_time"]
-    return trace.time[before], trace.flange_position[before], trace.flange_velocity[before]
+    return trace.time, trace.flange_position, trace.flange_velocity, info["approach_time"]
 
 
-def test_a_profile_is_followed_as_far_as_the_limits_allow():
+@pytest.mark.parametrize(("rule", "go", "stop"), [
+    (PaperTrapezoid(), (1.0, 8.0), (0.0, 8.0)),
+    (ConstantSpeed(0.3), (0.3, 8.0), (0.0, 8.0)),
+    (ConstantSpeed(1.5, 20.0, 1.0), (1.5, 20.0), (0.0, 1.0)),
+])  # fmt: skip
+def test_constant_speed_goes_until_the_alarm_and_then_stops(rule, go, stop):
+    seen, spec = observations({}, 50)
+    actions, state = rule.predict(seen, state="kept", episode_start=np.zeros(50, bool), deterministic=True)
+    assert (state, actions.dtype, actions.shape) == ("kept", np.float32, (50, 2))
+    low, high = np.array([-0.5, 1.0]), np.array([1.5, 20.0])
+    expected = np.where(spec.decode(seen, "alarm")[:, None] == 1.0, stop, go)
+    assert low + 0.5 * (actions.astype(float) + 1.0) * (high - low) == pytest.approx(expected, rel=0, abs=1e-6)
+    assert actions[0] in gym.make(ID).action_space
+
+
+def test_blind_profile_is_followed_as_far_as_the_limits_allow():
     speeds = np.array([0.8, 0.8, 0.7, 0.75, 0.6, 0.5, 0.45, 0.4, 0.35, 0.3])
-    time, position, velocity = flange(BlindProfile([*speeds, 20.0, *STAY]), {"distance": 0.5})
-    assert np.abs(np.diff(velocity)).max() <= 20.0 * np.diff(time).max() + 1e-9
-    acceleration = np.diff(velocity) / np.maximum(np.diff(time), 1e-12)
-    assert np.abs(acceleration[np.diff(time) > 1e-6]).max() <= 20.0 + 1e-6
+    time, position, velocity, touch = flange(BlindProfile([*speeds, 20.0, *STAY]), {}, distance=0.5)
+    position, velocity, steps = position[time <= touch], velocity[time <= touch], np.diff(time[time <= touch])
+    assert np.abs(np.diff(velocity)).max() <= 20.0 * steps.max() + 1e-9
+    assert np.abs((np.diff(velocity) / np.maximum(steps, 1e-12))[steps > 1e-6]).max() <= 20.0 + 1e-6
     settled = position > 0.05  # 0.8 m/s at 20 m/s^2 takes 16 mm, and a control period
     wanted = np.interp(position[settled], KNOTS, speeds)
     # between two commands the velocity is linear in time, over a corner too; the sharpest is 3.3 1/s to 2.5 1/s the
@@ -60,20 +80,17 @@ def test_a_profile_is_followed_as_far_as_the_limits_allow():
 
 def test_constant_deceleration_is_recognised_and_its_opposite_is_not():
     """v^2 = 2 a (end - x)."""
-    even = np.sqrt(2 * 1.2 * (0.4 - KNOTS))
-    shape = constant_deceleration(BlindProfile([*even, 20.0, *STAY]))
+    shape = constant_deceleration(ConstantDeceleration([1.5, 1.2, 0.4, 0.01, 20.0, *STAY]))
+    assert (shape.deceleration, shape.end) == (pytest.approx(1.2, rel=1e-6), pytest.approx(0.4, abs=1e-4))
     assert shape.r_squared > 0.999
-    assert shape.deceleration == pytest.approx(1.2, rel=0.01)
-    assert shape.end == pytest.approx(0.4, abs=0.002)
     valley = np.sqrt(0.1 + 10 * np.abs(KNOTS - 0.25))
     assert constant_deceleration(BlindProfile([*valley, 20.0, *STAY])).r_squared < 0.1
-    rule = ConstantDeceleration([1.5, 1.2, 0.4, 0.01, 20.0, *STAY])
-    assert constant_deceleration(rule).deceleration == pytest.approx(1.2, rel=1e-6)
 
 
 def test_ranged_arrives_at_the_estimate_with_the_tuned_speed_whatever_the_distance():
     rule = Ranged([1.2, 0.25, 9.0, 0.01, *STAY])
-    _, position, velocity = flange(rule, {"distance": 0.45, "distance_estimate": 0.3}, range_noise=0.01)
+    time, position, velocity, touch = flange(rule, {"range_noise": 0.01}, distance=0.45, distance_estimate=0.3)
+    position, velocity = position[time <= touch], velocity[time <= touch]
     assert np.interp(0.3, position, velocity) == pytest.approx(0.25, abs=1e-3)
     left = np.array([0.02, 0.04, 0.06])
     braking = np.sqrt(0.25**2 + 2 * 9.0 * left)
@@ -81,148 +98,118 @@ def test_ranged_arrives_at_the_estimate_with_the_tuned_speed_whatever_the_distan
     assert velocity[position > 0.31] == pytest.approx(0.25, abs=1e-3)
 
 
-@pytest.mark.parametrize("rule", RULES)
-def test_a_row_of_a_batch_acts_as_the_same_rule_alone(rule):
-    box = space(Task(**NEEDS))
-    seen = np.random.default_rng(1).uniform(box.low, box.high, (200, *box.shape)).astype(np.float32)
-    seen[:, 3] = np.arange(200) % 2
-    parameters = drawn(rule, 200)
-    actions, state = rule.of(parameters).predict(seen, state="kept")
-    assert state == "kept"
-    assert np.abs(actions).max() <= 1.0 + 1e-6
-    for row, one in enumerate(parameters):
-        assert np.array_equal(rule.of(one).predict(seen[row])[0], actions[row])
-        assert np.array_equal(rule.of(one).predict(seen)[0][row], actions[row])
-
-
-@pytest.mark.parametrize("rule", RULES)
-def test_parameters_beyond_the_limits_or_too_few_are_refused_by_name(rule):
-    parameters = drawn(rule, 3)
-    for place, parameter in enumerate(rule.PARAMETERS):
-        wrong = parameters.copy()
-        wrong[1, place] = parameter.high * 1.01 + 0.01
-        with pytest.raises(ValueError, match=f"{parameter.name} must be .*at most {parameter.high:g}"):
-            rule.of(wrong)
-    if rule is not ConstantSpeed:
-        with pytest.raises(ValueError, match="has the parameters"):
-            rule.of(parameters[:, 1:])
-
-
-def test_the_clairvoyant_goes_by_the_true_gap():
+def test_clairvoyant_goes_by_the_true_gap():
     env = gym.make(ID, **NEEDS)
     seen, _ = env.reset(options={"scenario": {"distance": 0.2718}})
-    contact = Clairvoyant([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 10.0, 20.0, *STAY])
-    velocity, _ = contact.approach(Seen(seen))
+    rule = Clairvoyant([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 10.0, 20.0, *STAY])
+    velocity, _ = rule.approach(View(seen, env.unwrapped.observation_spec))
     far = np.sqrt(0.6**2 + 2 * 10.0 * (0.2718 - 0.04))
     assert velocity == pytest.approx(min(1.5, far), abs=1e-6)  # not there within a period: what it goes for
     gaps = np.array([0.015, 0.0, -0.015, -0.1])
-    assert contact.speed(-gaps) == pytest.approx([0.45, 0.3, 0.15, 0.1])
+    assert rule.speed(-gaps) == pytest.approx([0.45, 0.3, 0.15, 0.1])
 
 
-@pytest.mark.parametrize("rule", [baselines.PaperTrapezoid(), Always(0.0, 1.0)], ids=["paper", "misses"])
-def test_a_stage_plays_the_frozen_set_as_validation_does(rule):
-    expected = Validation({"range_noise": 0.01}, WEIGHTS, 40).score(rule)
-    played = Stage.of("validation", 40, copies=len(WEIGHTS), time_weight=WEIGHTS, range_noise=0.01).play(rule)
-    weights = np.repeat(WEIGHTS, 40)
-    assert played.loss(weights).reshape(-1, 40).mean(axis=1) == pytest.approx(expected["cost"], rel=1e-12)
-    assert played.approach_time.reshape(-1, 40).mean(axis=1) == pytest.approx(expected["approach_time"], rel=1e-12)
-    frozen = evaluation_sets.load("validation").scenario
-    assert np.array_equal(played.scenario["distance"], np.tile(frozen["distance"][:40], len(WEIGHTS)))
-    with pytest.raises(ValueError, match="1000 scenarios"):
-        Stage.of("validation", 1001)
-
-
-def test_random_actions_fill_the_action_space_and_repeat_with_their_seed():
-    seen = np.zeros((4000, 8), np.float32)
-    one, two, other = (baselines.RandomActions(seed).predict(seen)[0] for seed in (1, 1, 2))
-    assert np.array_equal(one, two)
-    assert not np.array_equal(one, other)
-    assert np.abs(one).max() <= 1.0
-    assert np.histogram(one, bins=10, range=(-1, 1))[0] == pytest.approx(800, abs=6 * np.sqrt(800))
-    assert baselines.RandomActions().predict(seen[0])[0].shape == (2,)
-
-
-def test_training_tuning_and_evaluation_meet_each_their_own_scenarios():
-    """By the seeds of environments: of evaluation, of tuning, of training, one above the other."""
-    sets = [evaluation_sets.load(name) for name in ("validation", "test", "hard")]
-    assert [one.seed for one in sets[:2]] == [VALIDATION_SEED, TEST_SEED]
-    assert all(one.seed + one.count <= TUNING_SEED for one in sets)
-    assert TUNING_SEED + 1_000_000 <= FIRST_SEED
-
-
-def found(rule, seed):
-    one = drawn(rule, 1, seed)[0].tolist()
-    return {"parameters": {parameter.name: value for parameter, value in zip(rule.PARAMETERS, one, strict=True)}}
-
-
-def test_what_was_tuned_is_loaded_for_the_nearest_weight(tmp_path):
-    weights = {"4": found(BlindProfile, 4), "1": found(BlindProfile, 1)}
-    write_tuned("blind-profile", weights, load_setup("linear-blind"), tmp_path)
-    for weight, nearest in ((0.1, "1"), (1.0, "1"), (1.9, "1"), (2.1, "4"), (50.0, "4")):
-        rule = load_baseline("blind-profile", weight, tmp_path)
-        assert isinstance(rule, BlindProfile)
-        assert rule.parameters.tolist() == list(weights[nearest]["parameters"].values())
-    assert isinstance(load_baseline("paper-trapezoid", 3.0, tmp_path), baselines.PaperTrapezoid)
-
-
-def refused(reason, folder):
-    """Expect that the tuned `Ranged` of a folder is refused, with the remedy."""
-    with pytest.raises(ValueError, match=rf"({reason}).*python -m agents.tune linear-ranged"):
-        load_baseline("ranged", 2.0, folder)
-
-
-@pytest.mark.parametrize(("changes", "sealed_anew", "reason"), [
-    ({"weights": {"2": found(Ranged, 2)}}, False, "was altered"),
-    ({"environment": {"range_noise": 0.02}}, True, "another environment"),
-    ({"parameters": []}, True, "another table of parameters"),
-], ids=str)  # fmt: skip
-def test_a_tuned_file_that_is_not_what_was_written_is_refused_with_the_remedy(tmp_path, changes, sealed_anew, reason):
-    path = write_tuned("ranged", {"2": found(Ranged, 1)}, load_setup("linear-ranged"), tmp_path)
-    content = json.loads(path.read_text()) | changes
-    if sealed_anew:
-        content["sha256"] = tuned._checksum(content)
-    path.write_text(json.dumps(content))
-    refused(reason, tmp_path)
-
-
-def test_a_tuned_file_that_is_cut_short_or_missing_is_refused_with_the_remedy(tmp_path):
-    path = write_tuned("ranged", {"2": found(Ranged, 1)}, load_setup("linear-ranged"), tmp_path)
-    path.write_text(path.read_text()[: path.stat().st_size // 2])
-    refused("damaged", tmp_path)
-    path.unlink()
-    refused("was not tuned", tmp_path)
-
-
-def test_an_unknown_baseline_is_refused_with_a_list_of_those_there_are():
-    with pytest.raises(ValueError, match=r"no baseline 'blind'.*blind-profile.*paper-trapezoid"):
-        load_baseline("blind")
-    with pytest.raises(ValueError, match=r"time_weight must be .*above 0"):
-        load_baseline("ranged", 0.0)
-
-
-@pytest.mark.parametrize("name", names())
-def test_a_shipped_baseline_beats_the_papers_rule_at_its_weight_and_misses_nothing(name):
-    content = read_tuned(name)
-    for weight in map(float, content["weights"]):
-        told = content["weights"][f"{weight:g}"]["search"].get("told", False)
-        environment = content["environment"] | (A_SWITCH if told else {})
-        stage = Stage.of("validation", 200, time_weight=[weight], **environment)
-        ours, paper = stage.play(load_baseline(name, weight)), stage.play(baselines.PaperTrapezoid())
-        assert not ours.missed.any()
-        assert ours.loss(weight).mean() < paper.loss(weight).mean()
+@pytest.mark.parametrize("rule", RULES)
+def test_rule_acts_on_a_row_of_a_batch_as_it_does_alone(rule):
+    environment = NEEDS if rule.needs_truth else {"range_noise": 0.01} if rule.needs_estimate else {}
+    (seen, _), parameters = observations(environment), drawn(rule, 200)
+    actions, _ = rule.of(parameters).for_environment(environment).predict(seen)
+    assert np.abs(actions).max() <= 1.0 + 1e-6
+    for row, own in enumerate(parameters):
+        alone = rule.of(own).for_environment(environment)
+        assert np.array_equal(alone.predict(seen[row])[0], actions[row])
+        assert np.array_equal(alone.predict(seen)[0][row], actions[row])
 
 
 @pytest.mark.parametrize("name", ["blind-profile", "constant-deceleration"])
-def test_a_rule_by_position_goes_where_the_objects_stand(name):
+def test_rule_by_position_goes_where_the_objects_stand(name):
     rule = load_baseline(name, 2.0)
     farther = rule.for_environment({"scenario": {"distance": [0.3, 0.7]}})  # twice as far, and twice as wide
     x = np.linspace(0.15, 0.35, 9)
     if name == "blind-profile":  # it has the same speeds there
+        x = np.array([0.08, 0.12, *x])
         assert farther.speed(2.0 * x) == pytest.approx(rule.speed(x))
-        assert farther.speed(2.0 * np.array([0.08, 0.12])) == pytest.approx(rule.speed(np.array([0.08, 0.12])))
     else:  # it has the same deceleration, and as much farther to go
         assert farther.speed(2.0 * rule["end"] - x) == pytest.approx(rule.speed(rule["end"] - x))
     same = rule.for_environment({"scenario": {"object_mass": 1.0}})
     assert np.array_equal(same.speed(x), rule.speed(x))
     fixed = rule.for_environment({"scenario": {"distance": 0.4}})
     assert np.isfinite(fixed.speed(np.linspace(0.0, 1.0, 50))).all()
+
+
+def test_rule_follows_its_profile_in_the_environments_control_period():
+    slow = {"control_period": 0.1, "time_weight": [2.0]}
+    rule, batch = load_baseline("blind-profile", 2.0), ScenarioBatch.of("validation", 100, **slow)
+    fitted = rule.for_environment(slow | {"time_weight": 2.0})
+    assert batch.play(fitted).loss(2.0).mean() < batch.play(rule).loss(2.0).mean()
+
+
+def parameters_of(rule, seed):
+    """Return what a tuned file holds of a search."""
+    return {"parameters": dict(zip(rule.names(), drawn(rule, 1, seed)[0].tolist(), strict=True))}
+
+
+def test_load_baseline_takes_what_was_tuned_for_the_nearest_weight(tmp_path):
+    weights = {"4": parameters_of(BlindProfile, 4), "1": parameters_of(BlindProfile, 1)}
+    write_tuned("blind-profile", weights, load_setup("linear-blind"), tmp_path)
+    for weight, nearest in ((0.1, "1"), (1.0, "1"), (1.9, "1"), (2.1, "4"), (50.0, "4")):
+        rule = load_baseline("blind-profile", weight, tmp_path)
+        assert isinstance(rule, BlindProfile)
+        assert rule.parameters.tolist() == list(weights[nearest]["parameters"].values())
+    assert isinstance(load_baseline("paper-trapezoid", 3.0, tmp_path), PaperTrapezoid)
+
+
+@pytest.mark.parametrize(("changes", "reason"), [
+    ({"weights": {}, "sha256": "as it was"}, "was altered"),
+    ({"environment": {"range_noise": 0.02}}, "another environment"),
+    ({"parameters": []}, "another table of parameters"),
+    (None, "damaged"),
+], ids=str)  # fmt: skip
+def test_load_baseline_refuses_what_was_not_written_with_the_remedy(tmp_path, changes, reason):
+    with pytest.raises(ValueError, match=r"was not tuned.*impact-gym tune linear-ranged"):
+        load_baseline("ranged", 2.0, tmp_path)
+    path = write_tuned("ranged", {"2": parameters_of(Ranged, 1)}, load_setup("linear-ranged"), tmp_path)
+    content = json.loads(path.read_text()) | (changes or {})
+    content["sha256"] = (changes or {}).get("sha256", tuned._checksum(content))
+    path.write_text(json.dumps(content) if changes else path.read_text()[:100])
+    with pytest.raises(ValueError, match=rf"{reason}.*impact-gym tune linear-ranged"):
+        load_baseline("ranged", 2.0, tmp_path)
+
+
+@pytest.mark.parametrize("name", names())
+def test_shipped_baseline_beats_the_papers_rule_at_its_weight_and_misses_nothing(name):
+    content, setup = read_tuned(name), owner(name)
+    assert content["rule"] == setup.tuned[name].rule
+    for weight in map(float, content["weights"]):
+        environment = content["environment"] | (CLEAN_ALARM if setup.tuned[name].clean_alarm else {})
+        batch = ScenarioBatch.of("validation", 100, time_weight=[weight], **environment)
+        ours, paper = batch.play(load_baseline(name, weight)), batch.play(PaperTrapezoid())
+        assert not ours.missed.any()
+        assert ours.loss(weight).mean() < paper.loss(weight).mean()
+
+
+def played(controller, environment, count=500):
+    result = ScenarioBatch.of("test", count, **environment).play(controller.for_environment(environment))
+    return {name: getattr(result, name) for name in RESULTS}
+
+
+def test_paper_limits_permit_the_papers_rule_and_no_more():
+    assert_identical(played(PaperTrapezoid(), PAPERS), played(PaperTrapezoid(), OURS))
+    assert_identical(played(ConstantSpeed(1.5, 20.0), PAPERS), played(PaperTrapezoid(), PAPERS))
+    fastest = BlindProfile([1.5] * len(KNOTS) + [20.0] + [-0.5] * (len(REACTION) - 1) + [20.0])  # and back again
+    for environment, speeds, most in ((PAPERS, (0.0, 1.0), 8.0), (OURS, (-0.5, 1.5), 20.0)):
+        time, _, velocity, _ = flange(fastest.for_environment(environment), environment)
+        steps = np.diff(time) > 1e-6
+        acceleration = (np.diff(velocity) / np.diff(time).clip(1e-9))[steps]
+        assert velocity.min() >= speeds[0] - 1e-5
+        assert velocity.max() <= speeds[1] + 1e-5
+        assert np.abs(acceleration).max() == pytest.approx(most, abs=1e-3)
+
+
+def test_paper_limits_let_nothing_arrive_before_the_papers_rule():
+    first = played(PaperTrapezoid(), PAPERS)["approach_time"]
+    for parameters in drawn(BlindProfile, 3):
+        assert (played(BlindProfile(parameters), PAPERS)["approach_time"] >= first).all()
+    assert (played(load_baseline("paper-limits-profile", 4.0), PAPERS)["approach_time"] >= first).all()
+    assert (ScenarioBatch.of("test", 500, **PAPERS).play(RandomActions(1)).approach_time >= first).all()
+    assert (played(ConstantSpeed(1.5, 20.0), OURS)["approach_time"] < first).all()  # what it takes is a stronger arm

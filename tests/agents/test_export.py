@@ -5,14 +5,16 @@ import importlib.util
 import shutil
 import subprocess
 import sys
+from itertools import product
 
 import numpy as np
 import pytest
 from policies import KINDS, made_up_policy, observations
 
 from agents.export import __main__ as exporting
-from agents.export.__main__ import Export, export
-from agents.export.c_header import header, identifier
+from agents.export.__main__ import AGREEMENT, Export, Form
+from agents.export.c_header import header, identifier, write_header
+from agents.export.onnx_graph import write_onnx
 from agents.export.replay import LANGUAGES, Replay, address, compiled, logged, replay
 
 COMPILER = shutil.which("cc") or shutil.which("gcc")
@@ -25,48 +27,56 @@ needs_onnx = pytest.mark.skipif(
 @pytest.fixture
 def saved(tmp_path):
     """The file of a made-up policy."""
-    return str(made_up_policy().save(tmp_path / "policy.npz"))
+    return str(made_up_policy().save(tmp_path / "my policy-2.npz"))
+
+
+@needs_c
+@needs_onnx
+def test_run_writes_both_forms_and_says_how_they_agree_and_what_cannot_be_checked(saved, tmp_path, monkeypatch, capsys):
+    written = exporting.run(Export(saved, tmp_path / "out"))
+    assert [file.name for file in written] == ["my policy-2.h", "my policy-2.onnx"]
+    printed = capsys.readouterr().out
+    assert printed.count("16 ms") == 3
+    assert printed.count("differs by at most") == 2
+    monkeypatch.setattr(shutil, "which", lambda _: None)
+    exporting.run(Export(saved, tmp_path / "out"))
+    assert "my policy-2.h: not checked, no C compiler is here" in capsys.readouterr().out
 
 
 @needs_c
 @needs_onnx
 @pytest.mark.parametrize("kind", KINDS)
-def test_both_forms_agree_with_the_policy(tmp_path, kind, capsys):
-    path = made_up_policy(**KINDS[kind]).save(tmp_path / "my policy-2.npz")
-    written = export(Export(str(path), tmp_path / "out"))
-    assert [file.name for file in written] == ["my policy-2.h", "my policy-2.onnx"]
-    said = capsys.readouterr().out
-    assert said.count("16 ms") == 3
-    assert said.count("differs by at most") == 2
+def test_forms_compute_what_the_network_does_in_double_precision(tmp_path, kind):
+    """Every part is exercised: actions at their limits would compare limits."""
+    policy = made_up_policy(**KINDS[kind])
+    seen = exporting.observations(policy)
+    assert len(seen) == 10_000
+    original = exporting.with_numpy(policy, seen).actions
+    assert (np.abs(original) < 1.0).any(axis=0).all()
+    rounding = exporting.rounding(policy, seen, original)
+    assert rounding < AGREEMENT
+    for form in (
+        exporting.with_c(policy, write_header(policy, tmp_path / "it.h"), seen),
+        exporting.with_onnx(write_onnx(policy, tmp_path / "it.onnx"), seen),
+    ):
+        assert np.abs(form.actions - original).max() <= AGREEMENT + rounding
+        assert exporting.rounding(policy, seen, form.actions) < 1.5 * AGREEMENT
 
 
-@pytest.mark.parametrize(("form", "other"), [("with_c", "with_onnx"), ("with_onnx", "with_c")])
-def test_a_form_that_computes_something_else_is_refused(saved, tmp_path, monkeypatch, form, other):
+def test_judged_refuses_a_form_that_computes_something_else(tmp_path):
     """In one action of 10,000, by little more than rounding."""
-
-    def spoiled(policy, _, seen):
-        found = exporting.with_numpy(policy, seen)
-        found.actions[-1, 1] += 2e-6
-        return found
-
-    monkeypatch.setattr(exporting, other, lambda *_: None)
-    monkeypatch.setattr(exporting, form, spoiled)
+    original = Form(np.zeros((10_000, 2), np.float32), 1e-6)
+    other = Form(original.actions.copy(), 1e-6)
+    assert "differs by at most 0.0e+00" in exporting.judged(tmp_path, other, original, 1e-6, 0.016)
+    other.actions[-1, 1] += 2e-6
     with pytest.raises(ValueError, match="differs from the policy by 2"):
-        export(Export(saved, tmp_path))
-
-
-def test_every_part_of_every_form_is_exercised():
-    """Observations that leave actions at their limits would compare limits."""
-    for arguments in KINDS.values():
-        policy = made_up_policy(**arguments)
-        seen = exporting.observations(policy)
-        assert len(seen) == 10_000
-        inside = np.abs(exporting.with_numpy(policy, seen).actions) < 1.0
-        assert inside.any(axis=0).all()
+        exporting.judged(tmp_path, other, original, 1e-6, 0.016)
+    with pytest.raises(ValueError, match=r"commands otherwise, by 2.0e-05 of the range"):
+        exporting.judged_replay(tmp_path, Replay(2e-5, 1e-6, 1e-6), 0.016)
 
 
 @needs_c
-def test_the_header_is_plain_c99_and_can_stand_twice_in_a_program(tmp_path):
+def test_header_is_plain_c99_and_can_stand_twice_in_a_program(tmp_path):
     """Two policies in one file, the headers included twice, compiled with all warnings as errors."""
     one, other = made_up_policy(), made_up_policy(seed=1, activation="relu")
     (tmp_path / "one.h").write_text(header(one, "one"))
@@ -89,7 +99,7 @@ def test_the_header_is_plain_c99_and_can_stand_twice_in_a_program(tmp_path):
     assert "malloc" not in header(one, "one")
 
 
-def test_the_header_says_what_goes_in_and_out():
+def test_header_says_what_goes_in_and_out():
     policy = made_up_policy(environment={"range_noise": 0.01})
     policy.provenance["command"] = "python */ evil"
     text = header(policy, "it")
@@ -102,22 +112,14 @@ def test_the_header_says_what_goes_in_and_out():
 @pytest.mark.parametrize(("name", "expected"), [
     ("linear-blind", "linear_blind"), ("2 fast", "policy_2_fast"), ("grün", "gr_n"),
 ])  # fmt: skip
-def test_names_are_ones_that_c_knows(name, expected):
+def test_identifier_is_a_name_in_c(name, expected):
     assert identifier(name) == expected
 
 
-def test_a_missing_package_is_named(saved, tmp_path, monkeypatch):
+def test_run_names_a_missing_package(saved, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "onnx", None)
     with pytest.raises(ValueError, match="ONNX needs the package onnx: pip install"):
-        export(Export(saved, tmp_path / "out"))
-
-
-@needs_c
-@needs_onnx
-def test_what_cannot_be_checked_is_said(saved, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(shutil, "which", lambda _: None)
-    export(Export(saved, tmp_path / "out"))
-    assert "policy.h: not checked, no C compiler is here" in capsys.readouterr().out
+        exporting.run(Export(saved, tmp_path / "out"))
 
 
 CONTROLLERS = {
@@ -125,11 +127,7 @@ CONTROLLERS = {
     "all sensors": {"environment": {"range_noise": 0.01, "deflection_sensor": True, "force_noise": 0.5}},
     "past readings": {"environment": {
         "alarm": "reading", "force_noise": [0.02, 5.0], "deflection_sensor": True, "past_readings": 3,
-        "range_noise": [0.002, 0.03], "range_told": True, "reaction_delay": [0.0, 0.05],
-    }},
-    "told what holds the tool": {"environment": {
-        "coupling": {"type": "SpringDamper", "stiffness": [10.0, 300.0], "damping_ratio": [0.0, 2.0]},
-        "tool_mass": [0.05, 0.2], "deflection_sensor": True, "past_readings": 1, "holder_told": True,
+        "range_noise": [0.002, 0.03], "observe_range_noise": True, "reaction_delay": [0.0, 0.05],
     }},
     "past forces": {"environment": {"past_readings": 2}},
     "its own arm": {"environment": {
@@ -142,7 +140,7 @@ CONTROLLERS = {
 
 @needs_c
 @pytest.mark.parametrize("kind", CONTROLLERS.values(), ids=list(CONTROLLERS))
-def test_the_controller_in_c_compiles_without_a_warning_and_commands_what_the_policy_commands(tmp_path, kind):
+def test_controller_compiles_without_a_warning_and_commands_what_the_policy_commands(tmp_path, kind):
     policy, file = made_up_policy(**kind), tmp_path / "it.h"
     text = header(policy, "it")
     file.write_text(text)
@@ -158,7 +156,7 @@ def test_the_controller_in_c_compiles_without_a_warning_and_commands_what_the_po
 
 
 @pytest.fixture
-def told(tmp_path, request):
+def commands_of(tmp_path, request):
     """Commands of a made-up policy for readings (steps, fields), at one time weight."""
     if COMPILER is None:
         pytest.skip("no C compiler")
@@ -180,84 +178,76 @@ def reading(time, position=0.1, velocity=0.5, alarm=0.0, since=0.0, force=0.0, p
     return [time, position, velocity, alarm, since, force, peak, estimate]
 
 
-def test_a_late_or_repeated_reading_or_one_without_a_time_changes_nothing(told):
+def test_controller_ignores_a_late_or_repeated_reading_or_one_without_a_time(commands_of):
     first, second, third = reading(0.0), reading(0.016, 0.15), reading(0.032, 0.2, force=5.0)
-    plain = told([first, second, third])
+    plain = commands_of([first, second, third])
     assert len(np.unique(plain, axis=0)) == 3
     other = reading(0.016, 0.9, force=50.0)
     for wrong in (second, other, reading(0.008, 0.9, force=50.0), reading(np.nan, 0.9), reading(np.inf, 0.9)):
-        played = told([first, second, wrong, third])
+        played = commands_of([first, second, wrong, third])
         assert np.array_equal(played[[0, 1, 3]], plain)
         assert np.array_equal(played[2], plain[1])
 
 
-def test_before_the_first_reading_the_arm_is_to_rest(told):
-    assert told([reading(np.nan)]).tolist() == [[0.0, 20.0]]
+def test_controller_rests_before_the_first_reading(commands_of):
+    assert commands_of([reading(np.nan)]).tolist() == [[0.0, 20.0]]
 
 
-@pytest.mark.parametrize("missing", [np.nan, np.inf, -np.inf])
-@pytest.mark.parametrize("place", [1, 2, 5, 7])
-def test_a_number_that_is_missing_keeps_its_last_value(told, place, missing):
+def test_controller_keeps_the_last_value_of_a_missing_number(commands_of):
     first, second = reading(0.0, 0.1, 0.5, force=3.0), reading(0.016, 0.15, 0.6, force=4.0, estimate=0.1)
-    gap, kept = list(second), list(second)
-    gap[place], kept[place] = missing, first[place]
-    assert np.array_equal(told([first, gap]), told([first, kept]))
-    assert not np.array_equal(told([first, gap]), told([first, second]))
+    for place, missing in product((1, 2, 5, 7), (np.nan, np.inf, -np.inf)):
+        gap, kept = list(second), list(second)
+        gap[place], kept[place] = missing, first[place]
+        assert np.array_equal(commands_of([first, gap]), commands_of([first, kept]))
+        assert not np.array_equal(commands_of([first, gap]), commands_of([first, second]))
 
 
-def test_an_alarm_once_heard_stays_and_its_clock_goes_on(told):
+def test_controller_keeps_an_alarm_and_its_clock(commands_of):
     before, heard = reading(0.0, force=2.0), reading(0.016, alarm=1.0, force=2.0)
-    plain = told([before, heard, reading(0.046, alarm=1.0, since=0.03, force=2.0)])
+    plain = commands_of([before, heard, reading(0.046, alarm=1.0, since=0.03, force=2.0)])
     for alarm, since in ((0.0, 0.0), (np.nan, np.nan), (1.0, np.nan), (np.inf, np.nan)):
-        again = told([before, heard, reading(0.046, alarm=alarm, since=since, force=2.0)])
+        again = commands_of([before, heard, reading(0.046, alarm=alarm, since=since, force=2.0)])
         assert again == pytest.approx(plain, abs=1e-5)
-    assert not np.array_equal(told([before, reading(0.046, force=2.0)])[1], plain[2])
+    assert not np.array_equal(commands_of([before, reading(0.046, force=2.0)])[1], plain[2])
     unheard = [before, reading(0.016, alarm=np.inf, force=2.0)]
-    assert np.array_equal(told(unheard), told([before, reading(0.016, force=2.0)]))
+    assert np.array_equal(commands_of(unheard), commands_of([before, reading(0.016, force=2.0)]))
 
 
-@pytest.mark.parametrize("told", [{"alarm": "reading"}], indirect=True)
-def test_an_alarm_by_readings_goes_off_again_and_comes_anew(told):
+@pytest.mark.parametrize("commands_of", [{"alarm": "reading"}], indirect=True)
+def test_controller_clears_an_alarm_by_readings_and_hears_a_new_one(commands_of):
     on, off = reading(0.016, alarm=1.0), reading(0.032)
-    assert np.array_equal(told([reading(0.0), on, off])[2], told([reading(0.0), reading(0.016), off])[2])
+    assert np.array_equal(commands_of([reading(0.0), on, off])[2], commands_of([reading(0.0), reading(0.016), off])[2])
     later = reading(0.048, alarm=1.0, since=0.032)
     for since in (np.nan, 0.032):  # its clock goes on by the time, unless it says otherwise
-        found = told([reading(0.0), on, reading(0.048, alarm=1.0, since=since)])[2]
-        assert found == pytest.approx(told([reading(0.0), later])[1], abs=1e-5)
+        found = commands_of([reading(0.0), on, reading(0.048, alarm=1.0, since=since)])[2]
+        assert found == pytest.approx(commands_of([reading(0.0), later])[1], abs=1e-5)
     anew = reading(0.048, alarm=1.0, since=0.0)
-    assert told([reading(0.0), on, anew])[2] == pytest.approx(told([reading(0.0), anew])[1], abs=1e-5)
+    assert commands_of([reading(0.0), on, anew])[2] == pytest.approx(commands_of([reading(0.0), anew])[1], abs=1e-5)
     missing = reading(0.032, alarm=np.nan, since=np.nan)
-    kept = told([reading(0.0), on, reading(0.032, alarm=1.0, since=0.016)])
-    assert told([reading(0.0), on, missing]) == pytest.approx(kept, abs=1e-5)
+    kept = commands_of([reading(0.0), on, reading(0.032, alarm=1.0, since=0.016)])
+    assert commands_of([reading(0.0), on, missing]) == pytest.approx(kept, abs=1e-5)
 
 
-@pytest.mark.parametrize("told", [{"past_readings": 2}], indirect=True)
-def test_past_readings_are_remembered_from_call_to_call_and_not_from_a_repeated_one(told):
+@pytest.mark.parametrize("commands_of", [{"past_readings": 2}], indirect=True)
+def test_controller_remembers_past_readings_but_no_repeated_one(commands_of):
     def forces(*values):  # the largest comes first, and is the same for all
         return [reading(0.016 * k, force=force) for k, force in enumerate((9.0, *values))]
 
     seen = forces(8.0, 3.0, 1.0, 1.0, 1.0)
-    commands, others = told(seen), told(forces(8.0, 5.0, 1.0, 1.0, 1.0))
+    commands, others = commands_of(seen), commands_of(forces(8.0, 5.0, 1.0, 1.0, 1.0))
     changed = [not np.array_equal(one, other) for one, other in zip(commands, others, strict=True)]
     assert changed == [False, False, True, True, True, False]
-    assert np.array_equal(told([*seen[:2], seen[1], *seen[2:]])[[0, 1, 3, 4, 5, 6]], commands)
+    assert np.array_equal(commands_of([*seen[:2], seen[1], *seen[2:]])[[0, 1, 3, 4, 5, 6]], commands)
 
 
-def test_the_largest_force_is_kept(told):
+def test_controller_keeps_the_largest_force(commands_of):
     seen = [reading(0.0), reading(0.016, force=40.0), reading(0.032, force=1.0)]
-    assert np.array_equal(told(seen)[2], told([*seen[:2], reading(0.032, force=1.0, peak=40.0)])[2])
-    assert not np.array_equal(told(seen)[2], told([*seen[:2], reading(0.032, force=1.0, peak=80.0)])[2])
-    assert np.array_equal(told([reading(0.0, force=-5.0)]), told([reading(0.0)]))
+    assert np.array_equal(commands_of(seen)[2], commands_of([*seen[:2], reading(0.032, force=1.0, peak=40.0)])[2])
+    assert not np.array_equal(commands_of(seen)[2], commands_of([*seen[:2], reading(0.032, force=1.0, peak=80.0)])[2])
+    assert np.array_equal(commands_of([reading(0.0, force=-5.0)]), commands_of([reading(0.0)]))
 
 
-@needs_c
-def test_a_controller_that_commands_otherwise_is_refused(saved, tmp_path, monkeypatch):
-    monkeypatch.setattr(exporting, "replay", lambda *_: Replay(2e-5, 1e-6, 1e-6))
-    with pytest.raises(ValueError, match=r"commands otherwise, by 2.0e-05 of the range"):
-        export(Export(saved, tmp_path))
-
-
-def test_a_policy_that_sees_the_truth_gets_no_controller(tmp_path):
+def test_header_has_no_controller_for_a_policy_that_sees_the_truth(tmp_path):
     policy = made_up_policy(environment={"privileged": True})
     assert "_step" not in header(policy, "it").partition("*/")[2]
     assert replay(policy, tmp_path / "it.h", logged(policy, 3)) is None

@@ -1,30 +1,28 @@
-"""Jobs on this machine: each done once, kept, and done again only where its result is missing or damaged."""
+"""Jobs on every engine: each done once, kept, and done again only where its result is missing or damaged."""
 
+import fcntl
 import json
 import os
 import re
-import signal
 import sqlite3
 import subprocess
 import sys
 import time
+import zipfile
 from contextlib import closing
 from pathlib import Path
 
+import job_cases
 import numpy as np
 import pytest
-from cluster_work import calls
-from training import tiny
+from cluster_work import begun, calls
 
-from agents import train_seeds
 from agents.evaluate.play import play
-from agents.jobs import Failure, Job, JobsFailedError, gather, gather_all
+from agents.jobs import Failure, Job, JobsFailedError, digest_of, gather, gather_all, ray_cluster, sources
 from agents.jobs.store import NAME, Store
-from agents.policies.networks import to_arrays
-from agents.policies.policy import load_policy
-from agents.train.settings import as_json
 
-HERE = Path(__file__).parents[1] / "helpers"
+HELPERS = Path(__file__).parents[1] / "helpers"
+LOCAL = {"processes": 2}
 
 
 @pytest.fixture
@@ -43,46 +41,142 @@ def same(one, other):
     )
 
 
-@pytest.mark.parametrize("processes", [0, 1, 2])
-def test_each_job_is_done_once_with_the_same_result_whatever_the_order(log, tmp_path, processes):
-    jobs = listed(log)
-    backwards = gather_all(jobs[::-1], tmp_path / "results", processes=processes)
-    assert sorted(calls(log)) == list(range(6))
-    for number, result in enumerate(backwards[::-1]):
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory):
+    """The folder that job_cases.py fills on a Ray cluster, once for all workers of pytest-xdist."""
+    pytest.importorskip("ray", reason="the extra `cluster` is not installed")
+    root = tmp_path_factory.getbasetemp()
+    root = root.parent if "PYTEST_XDIST_WORKER" in os.environ else root
+    folder = root / "cluster"
+    with (root / "cluster.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not (folder / job_cases.LAST).exists():
+            folder.mkdir()
+            of_another_cluster = ("RAY_ADDRESS", "RAY_RUNTIME_ENV_HOOK")
+            environment = {name: value for name, value in os.environ.items() if name not in of_another_cluster}
+            path = os.pathsep.join(map(str, (HELPERS, HELPERS.parents[1])))  # these sources, whatever is installed
+            environment |= {"RAY_USAGE_STATS_ENABLED": "0", "PYTHONPATH": path, "PYTHONWARNINGS": "default"}
+            command = [sys.executable, HELPERS / "job_cases.py", folder]
+            with (folder / "printed").open("w") as printed:
+                streams = {"stdout": printed, "stderr": printed}
+                ended = subprocess.run(
+                    command, check=False, cwd=HELPERS.parents[1], env=environment, timeout=300, **streams
+                )
+            assert ended.returncode == 0, (folder / "printed").read_text()[-4000:]
+    return folder
+
+
+@pytest.fixture(params=["local", pytest.param("ray", marks=pytest.mark.storm)])
+def outcome(request, tmp_path):
+    """Return what a case of job_cases.py returns on an engine, and the folder that it filled."""
+
+    def of(name, case):
+        if request.param == "local":
+            return case(tmp_path, **LOCAL), tmp_path
+        folder = request.getfixturevalue("cluster")
+        return json.loads((folder / f"{name}.json").read_text()), folder / name
+
+    return of
+
+
+@pytest.mark.storm
+@pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="reads the list of processes where Linux keeps it")
+def test_gather_that_was_killed_computes_only_what_is_missing_and_leaves_no_process(outcome):
+    runs, folder = outcome("killed", job_cases.killed_and_resumed)
+    interrupted, killed, resumed = runs
+    assert 3 <= interrupted["kept"] == killed["found"] < 12
+    assert killed["kept"] == resumed["found"] < 12
+    assert resumed["began"] == 12 - resumed["found"]
+    assert resumed["kept"] == 12
+    assert set(calls(folder / "log")) == set(range(12))
+    assert [run["left"] for run in runs] == [0, 0, 0]
+
+
+def test_gather_does_jobs_of_lost_workers_again_and_names_failed_ones_when_all_others_are_done(outcome):
+    found, _ = outcome("bad", job_cases.lost_and_failed)
+    assert found["gathered"] == [0, 4, 5, 6]
+    assert found["calls"] == [0, 1, 2, 100, 100, 200, 200]
+    assert "3 of 7 jobs failed" in found["message"]
+    assert re.search(r"fails_on\(.*number=300, .*\): ArithmeticError: no result for 300", found["message"])
+    assert re.search(r"number=200, times=99\): its worker was lost 2 time\(s\)", found["message"])
+    assert "no_arrays(): TypeError: 'value' of a result must be an array" in found["message"]
+    assert "the first of these raised:\nTraceback" in found["message"]
+
+
+@pytest.mark.storm
+def test_ray_results_come_once_and_equal_local_ones_to_the_bit_though_a_node_was_killed(cluster, tmp_path):
+    folder = cluster / "node"
+    jobs, found = job_cases.slices(folder), json.loads((cluster / "node.json").read_text())
+    assert sorted(found["gathered"]) == list(range(len(jobs)))
+    store = Store(folder / "results")
+    assert len(store) == len({job.key for job in jobs}) == len(jobs)
+    for job, here in zip(jobs, gather_all(job_cases.slices(tmp_path), tmp_path / "here", processes=0), strict=False):
+        there = store.read(job.key)
+        assert str(here.pop("where")) == str(HELPERS / "cluster_work.py")
+        assert Path(str(there.pop("where"))) != HELPERS / "cluster_work.py"  # the sources that were sent
+    numbers = [number for number, _ in begun(folder / "log")]
+    assert len(found["begun there"]) >= 3
+    assert any(numbers.count(number) > 1 for number in found["unfetched"])  # done there, and again elsewhere
+    before = len(numbers)
+    again = [place for place, _ in gather(jobs, folder / "results", processes=0)]  # needs no cluster any more
+    assert (sorted(again), len(begun(folder / "log"))) == (list(range(36)), before)
+
+
+@pytest.mark.storm
+def test_ray_names_the_remedy_where_no_cluster_is(cluster):
+    assert "ray start --head" in json.loads((cluster / "none.json").read_text())
+
+
+def test_ray_names_the_extra_where_it_is_missing(tmp_path, monkeypatch, log):
+    monkeypatch.setitem(sys.modules, "ray", None)
+    with pytest.raises(RuntimeError, match="install the extra `cluster`"):
+        gather_all(listed(log, 1), tmp_path / "results", cluster="ray")
+
+
+def test_ray_refuses_a_node_with_other_libraries():
+    versions = ray_cluster._versions()
+    job = "cluster_work:no_arrays", {}
+    assert "install the same" not in ray_cluster._perform_alike(*job, versions).reason
+    assert "install the same" in ray_cluster._perform_alike(*job, versions | {"numpy": "0.1"}).reason
+
+
+def test_stage_sends_what_the_jobs_import_and_the_compiled_kernels(tmp_path):
+    play({"baseline": "paper-trapezoid"}, {"set": "validation", "count": 1})
+    with zipfile.ZipFile(sources.stage({"cluster_work:played"}, tmp_path / "sources.zip")) as archive:
+        names = archive.namelist()
+    assert {"cluster_work.py", "agents/jobs/job.py", "impact_gym/task/sets/validation.csv"} <= set(names)
+    assert any(name.startswith("impact_gym/kernels.") and name.endswith(".so") for name in names)
+    assert "test_jobs.py" not in names
+    assert not any(name.startswith(("runs", "reports", "numpy")) for name in names)
+
+
+def test_stage_makes_the_same_zip_of_the_same_sources_and_none_of_too_large_ones(tmp_path):
+    given = {"cluster_work:played"}, ("impact_gym.envs", "json")
+    one, two = (sources.stage(given[0], tmp_path / f"{name}.zip", given[1]) for name in ("one", "two"))
+    assert one.read_bytes() == two.read_bytes()
+    with zipfile.ZipFile(one) as archive:
+        assert "json/__init__.py" not in archive.namelist()  # the nodes have it
+    with pytest.raises(ValueError, match="the sources for the cluster are"):
+        sources.stage(given[0], tmp_path / "three.zip", given[1], largest=1000)
+
+
+def test_gather_does_each_job_once_with_the_same_bits_whatever_the_order_and_the_engine(log, tmp_path):
+    here = gather_all(listed(log), tmp_path / "here", processes=0)
+    assert calls(log) == list(range(6))
+    for number, result in enumerate(here):
         drawn = np.random.default_rng(number).standard_normal((64, 64))
-        assert int(result["number"]) == number
         np.testing.assert_allclose(result["product"], drawn @ drawn.T, rtol=1e-12, atol=1e-12)
-    again = gather_all(jobs, tmp_path / "results", processes=processes)
-    assert len(calls(log)) == 6
-    assert all(same(*pair) for pair in zip(again, backwards[::-1], strict=True))
+    backwards = gather_all(listed(log)[::-1], tmp_path / "results", **LOCAL)
+    again = gather_all(listed(log), tmp_path / "results", **LOCAL)
+    assert sorted(calls(log)) == sorted([*range(6), *range(6)])
+    assert all(same(*pair) for pair in zip(here, backwards[::-1], strict=True))
+    assert all(same(*pair) for pair in zip(here, again, strict=True))
 
 
-def slice_of(first, count):
-    return {"set": "validation", "first": first, "count": count}
-
-
-def test_results_are_equal_to_the_bit_for_any_number_of_processes(tmp_path):
-    policy = {"shipped": "linear-blind"}
-    jobs = [
-        Job("agents.evaluate.play:play", {"controller": policy, "scenarios": slice_of(first, 10)})
-        for first in range(0, 50, 10)
-    ]
-    whole = play(policy, slice_of(0, 50))
-    for count in (0, 1, 2):
-        parts = gather_all(jobs, tmp_path / str(count), processes=count)
-        assert same(whole, {name: np.concatenate([part[name] for part in parts], axis=-1) for name in whole})
-
-
-def test_jobs_with_the_same_key_are_done_once_and_come_in_every_place(log, tmp_path):
-    jobs = listed(log, 2) + listed(log, 3)
-    came = dict(gather(jobs, tmp_path / "results", processes=0))
+def test_gather_does_jobs_with_the_same_key_once_and_yields_them_in_every_place(log, tmp_path):
+    answers = dict(gather(listed(log, 2) + listed(log, 3), tmp_path / "results", processes=0))
     assert sorted(calls(log)) == [0, 1, 2]
-    assert [int(came[place]["number"]) for place in range(5)] == [0, 1, 0, 1, 2]
-
-
-def change(path, statement, *values):
-    with closing(sqlite3.connect(path)) as database, database:
-        database.execute(statement, values)
+    assert [int(answers[place]["number"]) for place in range(5)] == [0, 1, 0, 1, 2]
 
 
 @pytest.mark.parametrize("damage", [
@@ -90,10 +184,11 @@ def change(path, statement, *values):
     "UPDATE results SET answer = x'' WHERE key = ?1",
     "UPDATE results SET answer = (SELECT answer FROM results WHERE key = ?2) WHERE key = ?1",
 ])  # fmt: skip
-def test_a_damaged_result_is_computed_anew(log, tmp_path, capsys, damage):
+def test_gather_computes_a_damaged_result_anew(log, tmp_path, capsys, damage):
     folder, jobs = tmp_path / "results", listed(log, 3)
     before = gather_all(jobs, folder, processes=0)
-    change(folder / NAME, damage, jobs[1].key, *([jobs[2].key] if "?2" in damage else []))
+    with closing(sqlite3.connect(folder / NAME)) as database, database:
+        database.execute(damage, (jobs[1].key, *([jobs[2].key] if "?2" in damage else [])))
     after = gather_all(jobs, folder, processes=0)
     assert calls(log) == [0, 1, 2, 1]
     assert all(same(*pair) for pair in zip(before, after, strict=True))
@@ -104,8 +199,8 @@ def test_a_damaged_result_is_computed_anew(log, tmp_path, capsys, damage):
     lambda content: b"no database" + content[11:],
     lambda content: content[:100] + bytes(len(content) - 100),
 ])  # fmt: skip
-def test_where_the_file_of_results_is_damaged_all_are_computed_anew_and_it_is_put_aside(tmp_path, capsys, damage):
-    log, folder = tmp_path / "log", tmp_path / "results"
+def test_gather_puts_a_damaged_file_of_results_aside_and_computes_all_anew(log, tmp_path, capsys, damage):
+    folder = tmp_path / "results"
     before = gather_all(listed(log, 3), folder, processes=0)
     damaged = damage((folder / NAME).read_bytes())
     (folder / NAME).write_bytes(damaged)
@@ -117,142 +212,46 @@ def test_where_the_file_of_results_is_damaged_all_are_computed_anew_and_it_is_pu
     assert (folder / f"{NAME}.damaged").read_bytes() == damaged
 
 
-def test_two_gatherings_may_share_a_folder_and_use_what_is_there(tmp_path):
-    log, folder = tmp_path / "log", tmp_path / "results"
+def test_two_gatherings_may_share_a_folder(log, tmp_path):
+    folder = tmp_path / "results"
     one, other = gather(listed(log, 3), folder, processes=0), gather(listed(log, 6)[::-1], folder, processes=0)
     first = [next(one), next(other)]  # 0; and 5, once it is seen that 1 and 2 are still to do
-    came = [*first, *one, *other]
-    assert sorted(int(result["number"]) for _, result in came) == [0, 0, 1, 1, 2, 2, 3, 4, 5]
+    assert sorted(int(result["number"]) for _, result in [*first, *one, *other]) == [0, 0, 1, 1, 2, 2, 3, 4, 5]
     assert len(calls(log)) == len({*calls(log)}) + 2
-    assert kept(folder) == 6
+    assert job_cases.kept(tmp_path) == 6
 
 
-@pytest.mark.parametrize("processes", [0, 2])
-def test_failed_jobs_are_named_when_all_others_are_done(log, tmp_path, processes):
-    came = []
-    jobs = [Job("cluster_work:fails_on", {"log": str(log), "number": number, "bad": [1, 3]}) for number in range(6)]
-    jobs.append(Job("cluster_work:no_arrays", {}))
-    with pytest.raises(JobsFailedError) as raised:
-        came.extend(int(result["number"]) for _, result in gather(jobs, tmp_path / "results", processes=processes))
-    assert sorted(came) == sorted(calls(log)) == [0, 2, 4, 5]
-    assert len(raised.value.failed) == 3
-    said = str(raised.value)
-    assert "3 of 7 jobs failed" in said
-    for number in (1, 3):
-        assert re.search(rf"fails_on\(.*number={number}, .*\): ArithmeticError: no result for {number}", said)
-    assert "no_arrays(): TypeError: 'value' of a result must be an array" in said
-    assert "in fails_on" in said  # where the first one raised
-
-
-def test_a_job_whose_process_is_killed_is_done_again(log, tmp_path):
-    jobs = [Job("cluster_work:kills_itself", {"log": str(log), "number": 100, "times": 2}), *listed(log, 4)]
-    results = gather_all(jobs, tmp_path / "results", processes=2, retries=2)
-    assert [int(result["number"]) for result in results] == [100, 0, 1, 2, 3]
-    assert sorted(calls(log)) == [0, 1, 2, 3, 100, 100, 100]
-
-
-def test_a_job_that_kills_every_process_is_named_and_spoils_no_other(log, tmp_path):
-    jobs = [Job("cluster_work:kills_itself", {"log": str(log), "number": 100, "times": 99}), *listed(log, 4)]
-    with pytest.raises(JobsFailedError, match=r"1 of 5 jobs failed(.|\n)*kills_itself.*worker was lost 2 time"):
-        gather_all(jobs, tmp_path / "results", processes=2, retries=1)
-    assert sorted(calls(log)) == [0, 1, 2, 3, 100, 100]
-
-
-def test_a_job_that_hangs_is_ended_named_and_not_begun_again_and_the_others_go_on(tmp_path):
-    log, folder = tmp_path / "log", tmp_path / "results"
+def test_gather_ends_a_job_that_hangs_and_counts_no_start_of_its_process(log, tmp_path):
     hang = Job("cluster_work:numbers", {"log": str(log), "number": 100, "seconds": 600.0})
-    dying = Job("cluster_work:kills_itself", {"log": str(log), "number": 200, "times": 1})
-    jobs = [hang, *listed(log, 4), dying, *listed(log, 3, seconds=0.2)]
-    came, begun = [], time.monotonic()
-    with pytest.raises(JobsFailedError, match=r"1 of 9 jobs failed(.|\n)*number=100.*: no answer within 1\.5 s"):
-        came.extend(place for place, _ in gather(jobs, folder, processes=2, seconds=1.5))
-    assert time.monotonic() - begun < 60.0
-    assert sorted(came) == list(range(1, 9))
-    assert sorted(calls(log)) == [0, 0, 1, 1, 2, 2, 3, 100, 200, 200]
+    jobs = [hang, *listed(log, 4), Job("slow_to_load:at_once", {}), *listed(log, 3, seconds=0.2)]
+    places, started = [], time.monotonic()
+    with pytest.raises(JobsFailedError, match=r"1 of 9 jobs failed(.|\n)*number=100.*: no answer within 0\.7 s"):
+        places.extend(place for place, _ in gather(jobs, tmp_path / "results", seconds=0.7, **LOCAL))
+    assert time.monotonic() - started < 60.0
+    assert sorted(places) == list(range(1, 9))
+    assert sorted(calls(log)) == [0, 0, 1, 1, 2, 2, 3, 100]
 
 
-def test_the_time_that_a_process_takes_to_begin_and_to_import_the_function_is_not_that_of_its_job(tmp_path):
-    (result,) = gather_all([Job("slow_to_load:at_once", {})], tmp_path, processes=1, seconds=0.5)
-    assert result["value"] == 1.0
-
-
-def test_failures_are_values_that_are_kept_where_they_are_asked_for(tmp_path):
-    log, folder = tmp_path / "log", tmp_path / "results"
+def test_gather_keeps_failures_as_values_where_they_are_asked_for(log, tmp_path):
+    folder = tmp_path / "results"
     jobs = [
         Job("cluster_work:fails_on", {"log": str(log), "number": 1, "bad": [1]}),
         Job("cluster_work:kills_itself", {"log": str(log), "number": 2, "times": 99}),
         Job("cluster_work:numbers", {"log": str(log), "number": 3, "seconds": 600.0}),
         *listed(log, 1),
     ]
-    found = gather_all(jobs, folder, processes=2, retries=0, seconds=1.0, failures=True)
-    assert [type(one) for one in found] == [Failure, Failure, Failure, dict]
-    raised, lost, late = (one.reason for one in found[:3])
+    answers = gather_all(jobs, folder, retries=0, seconds=1.0, failures=True, **LOCAL)
+    assert [type(answer) for answer in answers] == [Failure, Failure, Failure, dict]
+    raised, lost, late = (answer.reason for answer in answers[:3])
     assert raised == "ArithmeticError: no result for 1"
     assert "worker was lost 1 time" in lost
     assert late == "no answer within 1 s"
-    assert "in fails_on" in found[0].trace
+    assert "in fails_on" in answers[0].trace
     before = calls(log)
-    again = gather_all(jobs, folder, processes=2, failures=True)
-    assert again[:3] == found[:3]
+    assert gather_all(jobs, folder, failures=True, **LOCAL)[:3] == answers[:3]
     assert calls(log) == before
     with pytest.raises(JobsFailedError, match="ArithmeticError"):  # whoever wants results tries once more
         gather_all(jobs[:1], folder, processes=0)
-
-
-def driver(tmp_path, log):
-    script = tmp_path / "driver.py"
-    script.write_text(
-        "import sys\n"
-        f"sys.path[:0] = {[str(HERE), str(HERE.parents[1])]!r}\n"  # what is tested, not what is installed
-        "from agents.jobs import Job, gather_all\n"
-        "if __name__ == '__main__':\n"
-        f"    jobs = [Job('cluster_work:numbers', dict(log={str(log)!r}, number=n, seconds=0.2)) for n in range(12)]\n"
-        f"    gather_all(jobs, {str(tmp_path / 'results')!r}, processes=2)\n"
-    )
-    return [sys.executable, str(script)]
-
-
-def descendants(pid):
-    """Return the processes below one, as the kernel lists them."""
-    below = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
-    return [int(one) for one in below] + [deeper for one in below for deeper in descendants(int(one))]
-
-
-def kept(folder):
-    with closing(Store(folder)) as store:
-        return len(store)
-
-
-@pytest.mark.storm
-@pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="reads the list of processes where Linux keeps it")
-@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
-def test_what_a_killed_gathering_had_is_kept_and_no_process_is_left(log, tmp_path, how):
-    results = tmp_path / "results"
-    with subprocess.Popen(driver(tmp_path, log), cwd=HERE.parents[1], stderr=subprocess.PIPE) as running:
-        while kept(results) < 3:
-            assert running.poll() is None, running.stderr.read()
-            time.sleep(0.02)
-        below = descendants(running.pid)
-        running.send_signal(how)
-        running.wait(20)
-    assert len(below) >= 2
-    deadline = time.monotonic() + 10
-    while any(alive(pid) for pid in below):
-        assert time.monotonic() < deadline, "a worker outlived the gathering process"
-        time.sleep(0.05)
-    before, begun = kept(results), len(calls(log))
-    assert 3 <= before < 12
-    subprocess.run(driver(tmp_path, log), cwd=HERE.parents[1], check=True, stderr=subprocess.DEVNULL)
-    assert len(calls(log)) - begun == 12 - before
-    assert set(calls(log)) == set(range(12))
-    assert kept(results) == 12
-
-
-def alive(pid):
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except (FileNotFoundError, ProcessLookupError):
-        return False
 
 
 def test_workers_have_one_thread_each_and_this_process_keeps_its_own(tmp_path, monkeypatch):
@@ -264,29 +263,66 @@ def test_workers_have_one_thread_each_and_this_process_keeps_its_own(tmp_path, m
     assert "MKL_NUM_THREADS" not in os.environ
 
 
-@pytest.mark.parametrize(("options", "said"), [
+@pytest.mark.parametrize(("options", "message"), [
     ({"processes": -1}, "processes must be a whole number of at least 0, got -1"),
     ({"retries": -1}, "retries must be a whole number of at least 0, got -1"),
     ({"processes": 2, "cluster": "ray"}, "processes or cluster, not both"),
     ({"seconds": 1.0, "cluster": "ray"}, "seconds or cluster, not both"),
     ({"seconds": 0.0}, "seconds must be finite and above 0 s"),
 ])  # fmt: skip
-def test_wrong_options_of_gathering_are_refused_at_once(tmp_path, options, said):
-    with pytest.raises(ValueError, match=said):
+def test_gather_refuses_wrong_options_and_jobs_at_once(tmp_path, options, message):
+    with pytest.raises(ValueError, match=message):
         gather([], tmp_path, **options)
     with pytest.raises(TypeError, match=r"jobs\[0\] must be a Job"):
         gather(["cluster_work:numbers"], tmp_path)
 
 
-def test_a_training_is_a_job_that_needs_no_common_folder(tmp_path):
-    """A run folder that cannot be made, as on a node without a common one, gives what one does that can."""
-    settings = json.loads(json.dumps(as_json(tiny(steps=512))))
-    (tmp_path / "file").touch()
-    elsewhere = train_seeds.train_one(settings, str(tmp_path / "file" / "linear-blind" / "seed-0"))
-    here = train_seeds.train_one(settings, str(tmp_path / "linear-blind" / "seed-0"))
-    assert here["best"].tobytes() == (tmp_path / "linear-blind" / "seed-0" / "best.npz").read_bytes()
-    policies = []
-    for result in (here, elsewhere):
-        (tmp_path / "policy.npz").write_bytes(result["best"].tobytes())
-        policies.append(to_arrays(load_policy(tmp_path / "policy.npz").network))
-    assert same(*policies)
+def test_job_key_is_that_of_all_that_determines_the_result():
+    job = Job("cluster_work:numbers", {"log": "x", "number": 1})
+    function = Job("cluster_work:fails_on", {"log": "x", "number": 1, "bad": []})
+    arguments = Job("cluster_work:numbers", {"log": "x", "number": 2})
+    depends = Job("cluster_work:numbers", {"log": "x", "number": 1}, depends=digest_of("impact_gym.files"))
+    assert len({each.key for each in (job, function, arguments, depends)}) == 4
+    assert Job("cluster_work:numbers", {"number": 1, "log": "x"}).key == job.key
+    given = {"log": "x", "number": 1, "bad": [1]}
+    later = Job("cluster_work:fails_on", given)
+    key = later.key
+    given["bad"].append(2)
+    assert later.key == key
+
+
+def test_digest_changes_with_any_source_of_the_module(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    inner = tmp_path / "package_of_jobs" / "inner"
+    inner.mkdir(parents=True)
+    (inner.parent / "__init__.py").touch()
+    (inner / "__init__.py").write_text("ONE = 1\n")
+    before = digest_of("package_of_jobs"), digest_of("package_of_jobs.inner")
+    assert digest_of("package_of_jobs") == before[0]
+    (inner / "data.json").write_text("{}")
+    assert digest_of("package_of_jobs") != before[0]
+    assert digest_of("package_of_jobs.inner") != before[1]
+    with pytest.raises(ValueError, match="no module 'not_there'"):
+        digest_of("not_there")
+
+
+@pytest.mark.parametrize(("function", "arguments", "kind", "message"), [
+    ("cluster_work", {}, ValueError, "'module:name'"),
+    ("cluster_work:", {}, ValueError, "'module:name'"),
+    (7, {}, TypeError, "'module:name'"),
+    ("not_there:play", {}, ValueError, "not importable"),
+    ("cluster_work:not_there", {}, ValueError, "not importable"),
+    ("cluster_work:__doc__", {}, ValueError, "no function"),
+    ("__main__:play", {}, ValueError, "put it into a module"),
+    ("cluster_work:numbers", [], TypeError, "must be a mapping"),
+    ("cluster_work:numbers", {"log": "x"}, TypeError, "missing a required argument: 'number'"),
+    ("cluster_work:numbers", {"log": "x", "number": 1, "more": 1}, TypeError, "'more'"),
+    ("cluster_work:numbers", {"log": "x", "number": float("nan")}, ValueError, "finite"),
+    ("cluster_work:numbers", {"log": "x", "number": (1, 2)}, TypeError, "what JSON holds"),
+    ("cluster_work:numbers", {"log": "x", "number": {1: 2}}, TypeError, "what JSON holds"),
+    ("cluster_work:numbers", {"log": Path("x"), "number": 1}, TypeError, "what JSON holds"),
+    ("cluster_work:numbers", {"log": "x", "number": np.array([1.0])}, TypeError, "what JSON holds"),
+])  # fmt: skip
+def test_job_refuses_what_is_none_with_the_reason(function, arguments, kind, message):
+    with pytest.raises(kind, match=re.escape(message)):
+        Job(function, arguments)

@@ -1,58 +1,88 @@
-"""What policies do."""
+"""Policies: what they compute, and what their files hold."""
 
+import gc
+import itertools
+import json
 import math
+import os
+import pickle
+import subprocess
+import sys
+import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from episodes import assert_identical
 from policies import KINDS, made_up_policy, observations
 
+from agents import archive, load_policy, load_setup
+from agents.policies import SHIPPED, Ensemble, load_ensemble
 from agents.policies.networks import Affine, Network, to_arrays
+from agents.policies.policy import FORMAT
+from agents.setups import shipped
+from agents.train_seeds import median
+from impact_gym.quantities import QUANTITIES
 
 
-def naive_action(policy, rows):
-    """A policy's actions for observations, written out in float64."""
-    net = policy.network
-    arrays = {name: array.astype(float) for name, array in to_arrays(net).items()}
-    x = rows.astype(float).T
-    for layer in net.hidden:
-        x = arrays[f"{layer.name}.weight"] @ x + arrays[f"{layer.name}.bias"][:, None]
-        x = np.tanh(x) if net.activation == "tanh" else np.where(x > 0, x, 0.0)
-    return np.clip(arrays["mean.weight"] @ x + arrays["mean.bias"][:, None], -1.0, 1.0).T
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_a_policy_is_the_network_it_says_it_is(kind):
-    policy = made_up_policy(**KINDS[kind])
-    seen = observations(policy, 300)
+def actions_by_hand(arrays, activation, rows):
+    """Actions of a network whose weights are `arrays`, one row after the other, in double precision."""
+    arrays = {name: array.astype(float) for name, array in arrays.items()}
     actions = []
-    for row in seen:
-        action, _ = policy.predict(row)
-        actions.append(action)
-        assert action.dtype == np.float32
-        assert action.shape == (2,)
-    assert np.array(actions) == pytest.approx(naive_action(policy, seen), rel=0, abs=2e-6)
-    assert np.mean(np.abs(actions) < 0.999) > 0.05
-    with pytest.raises(ValueError, match=f"{policy.inputs} numbers.*7"):
-        policy.predict(np.zeros(7, np.float32))
-    with pytest.raises(ValueError, match="finite"):
-        policy.predict(np.full(policy.inputs, np.nan, np.float32))
+    for x in rows.astype(float):
+        for layer in itertools.takewhile(lambda name: f"{name}.weight" in arrays, map("hidden_{}".format, range(9))):
+            x = arrays[f"{layer}.weight"] @ x + arrays[f"{layer}.bias"]
+            x = np.tanh(x) if activation == "tanh" else np.maximum(x, 0.0)
+        actions.append(np.clip(arrays["mean.weight"] @ x + arrays["mean.bias"], -1.0, 1.0))
+    return np.array(actions)
+
+
+@pytest.fixture
+def path(tmp_path):
+    """The file of a made-up policy."""
+    return made_up_policy().save(tmp_path / "policy.npz")
+
+
+def assert_same(first, second):
+    """To the bit."""
+    assert_identical(to_arrays(first.network), to_arrays(second.network))
+    assert (first.provenance, first.environment) == (second.provenance, second.environment)
+    assert first.spec.entries == second.spec.entries
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_an_action_has_the_same_bits_whatever_stands_beside_it(kind):
+def test_predict_is_the_network_row_by_row(kind):
+    """An action has the same bits whatever stands beside it."""
     policy = made_up_policy(**KINDS[kind])
     seen = observations(policy, 1000)
-    whole, _ = policy.predict(seen)
+    actions, state = policy.predict(seen, state="kept")
+    assert (actions.dtype, actions.shape, state) == (np.float32, (1000, 2), "kept")
+    expected = actions_by_hand(to_arrays(policy.network), policy.network.activation, seen)
+    assert actions == pytest.approx(expected, rel=0, abs=2e-6)
+    assert np.mean(np.abs(actions) < 0.999) > 0.05
     for rows in (7, slice(0, 1), slice(7, 8), slice(5, 90), slice(488, 1000), slice(999, 1000)):
-        assert np.array_equal(policy.predict(seen[rows])[0], whole[rows])
+        assert np.array_equal(policy.predict(seen[rows])[0], actions[rows])
 
 
-def test_a_policy_without_memory_hands_the_state_through():
-    policy = made_up_policy()
-    assert policy.predict(observations(policy, 3), state="kept")[1] == "kept"
+@pytest.mark.parametrize("name", shipped())
+def test_load_policy_plays_the_weights_of_the_shipped_file(name):
+    with np.load(SHIPPED / f"{name}.npz", allow_pickle=False) as file:
+        arrays = dict(file)
+    content = json.loads(str(arrays.pop("header")))["content"]
+    ensemble, setup = load_ensemble(name), load_setup(name)
+    assert sorted(policy.seed for policy in ensemble.policies) == list(range(setup.training.seeds))
+    assert load_policy(name).seed == content["chosen"] == median(ensemble.policies).seed
+    assert_same(load_policy(name, 9), ensemble[9])
+    for policy in ensemble.policies:
+        own = {key.partition("/")[2]: array for key, array in arrays.items() if key.startswith(f"{policy.seed}/")}
+        seen = observations(policy, 100)
+        expected = actions_by_hand(own, content["network"]["activation"], seen)
+        assert policy.predict(seen)[0] == pytest.approx(expected, rel=0, abs=2e-6)
+        assert setup.describes(policy.environment)
+        assert {"command", "settings", "versions"} <= set(policy.provenance)
 
 
-def test_the_noise_of_a_policy_has_the_standard_deviation_it_says():
+def test_predict_adds_noise_of_the_standard_deviation_it_has():
     policy = made_up_policy(log_std=-4.0)
     policy.network.mean.bias[:] = 0.0
     mean = Affine("mean", policy.network.mean.weight * 0.0, policy.network.mean.bias)
@@ -62,3 +92,101 @@ def test_the_noise_of_a_policy_has_the_standard_deviation_it_says():
     assert np.abs(noise.mean(axis=0)).max() < 5.0 * sigma / math.sqrt(20_000)
     assert np.abs(noise.std(axis=0) - sigma).max() < 5.0 * sigma / math.sqrt(40_000)
     assert abs(np.corrcoef(noise.T)[0, 1]) < 5.0 / math.sqrt(20_000)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_ensemble_survives_its_file_bit_for_bit(tmp_path, kind):
+    policies = [made_up_policy(seed, **KINDS[kind]) for seed in (3, 1, 4)]
+    path = Ensemble(policies, chosen=1).save(tmp_path / "new" / "policy.npz")
+    assert [file.name for file in path.parent.iterdir()] == ["policy.npz"]
+    assert [policy.seed for policy in load_ensemble(path).policies] == [3, 1, 4]
+    assert load_policy(path).seed == 1
+    for policy in policies:
+        assert_same(load_policy(path, policy.seed), policy)
+
+
+def test_load_policy_does_without_torch():
+    code = (
+        "import sys; from agents import load_policy; load_policy('linear-blind').predict([0.0] * 8)\n"
+        "print('torch' in sys.modules, 'stable_baselines3' in sys.modules)"
+    )
+    output = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert output.stdout.split() == ["False", "False"]
+
+
+def test_save_writes_ids_units_and_scales_of_observation_and_action(tmp_path):
+    path = made_up_policy(environment={"range_noise": 0.01}).save(tmp_path / "policy.npz")
+    content, _ = archive.read_archive(path, FORMAT)
+    assert [row["id"] for row in content["observation"]] == list(load_policy(path).spec.ids)
+    velocity = {"id": "velocity", "unit": "m/s", "low": -0.5, "high": 1.5}
+    assert content["observation"][1] == {**velocity, "scaled_low": -1.0, "curve": "linear"}
+    assert content["action"] == [velocity, {"id": "acceleration", "unit": "m/s^2", "low": 1.0, "high": 20.0}]
+
+
+def test_load_policy_reads_a_file_whatever_the_words_of_its_quantities(path, monkeypatch):
+    policy, seen = load_policy(path), observations(load_policy(path), 50)
+    for name, row in QUANTITIES.items():
+        monkeypatch.setitem(QUANTITIES, name, replace(row, words=f"{row.words}, in other words"))
+    reworded = load_policy(path)
+    assert all(entry.words.endswith("in other words") for entry in reworded.spec.entries)
+    assert np.array_equal(reworded.predict(seen)[0], policy.predict(seen)[0])
+    assert reworded.to_bytes() == policy.to_bytes() == path.read_bytes()
+
+
+class Bomb:
+    """Runs code when it is unpickled: it makes a folder."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def __reduce__(self):
+        return os.mkdir, (str(self.path),)
+
+
+def arrays_of(path):
+    with np.load(path, allow_pickle=False) as file:
+        return dict(file)
+
+
+def test_load_policy_runs_no_code(path, tmp_path):
+    mark, good = tmp_path / "code ran", arrays_of(path)
+    np.savez(path, **good)
+    assert load_policy(path).inputs == 8
+    for name in good:
+        np.savez(path, **{**good, name: np.array([Bomb(mark)], object)})
+        with pytest.raises(ValueError, match="pickled objects, which are never loaded"):
+            load_policy(path)
+    pickled = pickle.dumps(Bomb(mark))
+    path.write_bytes(pickled)
+    with pytest.raises(ValueError, match="damaged"):
+        load_policy(path)
+    assert not mark.exists()
+    pickle.loads(pickled)
+    assert mark.exists()
+
+
+def test_load_policy_refuses_a_cut_or_altered_file_or_reads_the_same(path):
+    policy, whole, rng = load_policy(path), path.read_bytes(), np.random.default_rng(0)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        for length in [*rng.integers(0, len(whole), 40), len(whole) - 1]:
+            path.write_bytes(whole[:length])
+            with pytest.raises(ValueError, match="policies 3 file, or is damaged"):
+                load_policy(path)
+        gc.collect()
+    assert {str(warning.message) for warning in caught} == set()  # such as a file left open
+    refusals = 0
+    for place in rng.choice(len(whole), 300, replace=False):
+        altered = bytearray(whole)
+        altered[place] ^= int(rng.integers(1, 256))
+        path.write_bytes(altered)
+        try:
+            assert_same(load_policy(path), policy)
+        except ValueError:
+            refusals += 1
+    assert refusals > 150
+    path.write_bytes(whole)
+    arrays = arrays_of(path)
+    np.savez(path, **{**arrays, "0/mean.bias": arrays["0/mean.bias"] * 2})  # a whole archive, written anew
+    with pytest.raises(ValueError, match="checksum"):
+        load_policy(path)

@@ -22,7 +22,7 @@ def git(tmp_path):
     return run
 
 
-def test_sources_that_git_knows_are_named_by_their_commit_and_others_by_none(tmp_path, git):
+def test_revision_names_the_commit_of_sources_that_git_knows_and_none_of_others(tmp_path, git):
     file = tmp_path / "provenance.py"
     shutil.copy(provenance.__file__, file)
     git("commit", "--quiet", "--allow-empty", "--message=somebody else's")

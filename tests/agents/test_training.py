@@ -1,243 +1,232 @@
-"""Training: what it leaves behind, and what is learned."""
+"""What a training is made of: its options, environments, networks, and the imitation of a teacher."""
 
-import csv
-import json
-import math
+import itertools
 import shlex
-import warnings
 from dataclasses import replace
 
+import gymnasium as gym
 import numpy as np
 import pytest
-from episodes import Always
+import torch
 from policies import observations
-from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
-from training import OBJECTIVES, tiny
+from training import model_of, tiny
 
-import agents.train.run
-import impact_gym as ig
-from agents import baselines, load_policy
-from agents.evaluate import Validation
-from agents.evaluate.stage import VALIDATION_SEED, evaluate
-from agents.policies.networks import to_arrays
-from agents.setups import load_setup, shipped
-from agents.setups.evaluation import WEIGHTS
-from agents.train import callback
-from agents.train.ppo import ScaledRewards, make_environment
-from agents.train.run import train
-from agents.train.settings import SLOTS, Settings, command, default_settings, read_settings
-from impact_gym.envs.task import coupling_from
+from agents import load_setup
+from agents.baselines.tuned import load_baseline
+from agents.evaluate.scenario_batch import ScenarioBatch
+from agents.setups import shipped
+from agents.train.__main__ import TrainOptions, read_options
+from agents.train.imitation import Teacher
+from agents.train.networks import CENTRE_AND_SPREAD, FastTanh, Standardised, standardisation
+from agents.train.ppo import Run, make_environments, policy_from
+from agents.wrappers import ScaledRewards
 from impact_gym.sb3 import ImpactVecEnv
+from impact_gym.task import Task
 
 
-class Run:
-    """A training of some seconds, watched; what fails in it is for one test to say, not for all that need one."""
-
-    def __init__(self, settings):
-        self.settings = settings
-        models, logs, original = [], [], agents.train.run.make_model
-
-        def make_model(*arguments):
-            models.append(original(*arguments))
-            return models[-1]
-
-        with pytest.MonkeyPatch.context() as patch, warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
-            patch.setattr(agents.train.run, "make_model", make_model)
-            patch.setattr(agents.train.run, "outputs", lambda *args: logs.extend(original_outputs(*args)) or logs)
-            original_outputs = agents.train.logs.outputs
-            self.folder = train(settings)
-        self.model = models[0]
-        self.left_open = [output.file.name for output in logs if hasattr(output, "file") and not output.file.closed]
-        self.warned = [str(warning.message) for warning in caught]
-
-    def read(self, name):
-        return json.loads((self.folder / name).read_text())
+@pytest.mark.parametrize("name", shipped())
+def test_read_options_takes_settings_from_the_set_up_and_reads_the_command_of_a_run(name):
+    setup = load_setup(name)
+    assert read_options([name]) == TrainOptions(name, setup.training)
+    assert read_options([name, "--clip", "0.1"]).training == replace(setup.training, clip=0.1)
+    run = Run(setup, replace(tiny().training, time_weight=(1.0, 2.0), informed_critic=False), seed=7)
+    options = read_options(shlex.split(run.command)[2:])
+    assert Run(load_setup(options.setup), options.training, options.seed) == run
+    assert Run(setup, setup.training).command == f"impact-gym train {name}"
 
 
-@pytest.fixture(scope="module")
-def run(tmp_path_factory):
-    return Run(tiny(out=tmp_path_factory.mktemp("runs") / "run"))
-
-
-def test_the_policy_is_the_model_it_came_from(run):
-    policy = load_policy(run.folder / "final.npz")
-    seen = observations(policy, 1500)
-    hidden = np.zeros(
-        (len(seen), run.model.observation_space.shape[0] - policy.inputs), np.float32
-    )  # from the actor too
-    expected, _ = run.model.predict(np.append(seen, hidden, axis=1), deterministic=True)
-    actions, _ = policy.predict(seen)
-    assert actions == pytest.approx(expected, rel=0, abs=2e-6)
-    assert len(np.unique(actions)) > 1500
-    log_std = np.broadcast_to(run.model.policy.log_std.detach().numpy(), (len(seen), 2))
-    assert policy.network.log_std(policy.network.latent(seen)) == pytest.approx(log_std, rel=1e-4, abs=1e-5)
-
-
-def test_a_run_folder_says_how_it_came_about_and_what_came_of_it(run):
-    config, metrics = run.read("config.json"), run.read("metrics.json")
-    assert "agents.train" in config["command"]
-    assert config["settings"]["rollout"] == 16
-    assert {"python", "numpy", "torch", "gymnasium", "stable-baselines3", "impact-gym"} <= set(config["versions"])
-    assert config["versions"]["impact-gym"] == ig.__version__
-    for name in ("best", "final"):
-        policy = load_policy(run.folder / f"{name}.npz")
-        assert config.items() <= policy.provenance.items()
-        assert policy.provenance["validation"] == metrics["validation"][name]
-    best, final = (metrics["validation"][name]["score"] for name in ("best", "final"))
-    assert best == min(point["score"] for point in metrics["curve"])
-    assert metrics["curve"][-1] == {"steps": run.settings.whole_steps, "score": final}
-    kinds = {file.name.split(".")[0] for file in run.folder.iterdir()}
-    assert kinds == {"config", "metrics", "progress", "events", "best", "final", "lock"}
-
-
-def test_training_logs_the_objectives_by_name(run):
-    """As text and for TensorBoard; an update before which no episode ended says nothing instead of nan."""
-    with (run.folder / "progress.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    events = EventAccumulator(str(run.folder))
-    events.Reload()
-    objectives = [f"objectives/{name}" for name in OBJECTIVES]
-    for name in (*objectives, "validation/score", "validation/approach_time at weight 2"):
-        written = [float(row[name]) for row in rows if row[name]]
-        logged = [event.value for event in events.Scalars(name)]
-        assert len(written) >= 2
-        assert np.isfinite(written).all()
-        assert logged == pytest.approx(written, rel=1e-5)
-    assert float(rows[-1]["time/total_timesteps"]) == run.settings.whole_steps
-
-
-def test_training_warns_of_nothing_and_closes_its_files(run):
-    assert run.warned == []
-    assert run.left_open == []
-
-
-def test_the_same_seed_trains_the_same_policy_and_another_seed_another(tmp_path):
-    first, same, other = (
-        to_arrays(load_policy(train(tiny(steps=1024, seed=seed, out=tmp_path / name)) / "final.npz").network)
-        for name, seed in (("first", 0), ("same", 0), ("other", 1))
-    )
-    assert all(np.array_equal(first[name], same[name]) for name in first)
-    assert not any(np.array_equal(first[name], other[name]) for name in first if name != "log_std.weight")
-
-
-def test_a_run_folder_that_exists_is_left_alone(tmp_path):
-    (tmp_path / "keep").write_text("me")
-    with pytest.raises(FileExistsError):
-        train(tiny(out=tmp_path))
-    assert [file.name for file in tmp_path.iterdir()] == ["keep"]
-
-
-def test_the_best_policy_is_chosen_by_the_validation_set_alone(tmp_path, monkeypatch):
-    """The scores are made up: what is kept is the policy of the lowest, whatever came later."""
-    scores, kept = iter([0.9, 0.5, 0.7, 0.8, 0.6, 0.95]), []
-
-    def play(self, controller):
-        result = {"score": next(scores, 1.0), "time_weight": [1.0], "object_velocity": [0.0], "approach_time": [0.0]}
-        result["missed"] = [0.0]
-        kept.append((result["score"], controller))
-        return result
-
-    monkeypatch.setattr(callback.Validation, "score", play)
-    folder = train(tiny(steps=2048, validate_every=512, out=tmp_path / "run"))
-    best, final = load_policy(folder), load_policy(folder / "final.npz")
-    expected = next(controller for score, controller in kept if score == 0.5)
-    assert np.array_equal(best.network.mean.weight, expected.network.mean.weight)
-    assert not np.array_equal(best.network.mean.weight, final.network.mean.weight)
-    assert best.provenance["validation"]["score"] == 0.5
-
-
-def test_validation_plays_what_evaluation_plays():
-    """By another way: a frozen set in one batch without reset, and seeds in a vector environment of Gymnasium."""
-    for environment in ({}, {"range_noise": 0.01}, {"coupling": {"type": "Bistable"}}):
-        rule = baselines.ConstantSpeed(0.8, 12.0)
-        result = Validation(environment, WEIGHTS, scenarios=40).score(rule)
-        for place, weight in enumerate(WEIGHTS):
-            episodes = evaluate(rule, VALIDATION_SEED, 40, scenario="train", time_weight=weight, **environment)
-            assert result["cost"][place] == pytest.approx(episodes.cost(weight).mean(), rel=1e-12)
-            for name in ("object_velocity", "approach_time", "missed"):
-                assert result[name][place] == pytest.approx(getattr(episodes, name).mean(), rel=1e-12)
-        assert result["score"] == pytest.approx(np.mean(result["cost"]), rel=1e-12)
-
-
-def test_missing_the_object_costs_what_it_costs_in_the_environment():
-    result = Validation({}, WEIGHTS, scenarios=5).score(Always(0.0, 10.5))
-    assert result["missed"] == [1.0] * len(WEIGHTS)
-    assert result["cost"] == pytest.approx([2.0 + 1.2 * weight for weight in WEIGHTS], rel=1e-12)
+def test_run_is_validated_at_the_tolerance_of_its_environment():
+    run = tiny(rtol=1e-4)
+    assert run.training_environment["rtol"] == 1e-4
+    assert "rtol" not in run.environment
 
 
 @pytest.mark.parametrize("power", [0.0, 0.5, 1.0])
-def test_rewards_are_divided_by_a_power_of_one_plus_the_weight_of_their_episode(power):
-    plain, even = (
-        ImpactVecEnv(16, time_weight=(0.5, 8.0)),
-        ScaledRewards(ImpactVecEnv(16, time_weight=(0.5, 8.0)), power),
-    )
-    for envs in (plain, even):
-        envs.seed(5)
-        envs.reset()
-    ended_once = 0
+def test_scaled_rewards_divides_by_a_power_of_one_plus_the_weight_of_the_episode(power):
+    plain = ImpactVecEnv(16, time_weight=(0.5, 8.0))
+    scaled = ScaledRewards(ImpactVecEnv(16, time_weight=(0.5, 8.0)), power)
+    plain.seed(5)
+    scaled.seed(5)
+    seen, episodes = plain.reset(), 0
+    scaled.reset()
     for _ in range(120):
-        weights = plain.envs.batch.episodes["drawn"]["time_weight"].copy()
-        _, rewards, ended, infos = plain.step(np.full((16, 2), 0.4, np.float32))
-        scaled = even.step(np.full((16, 2), 0.4, np.float32))[1]
-        assert scaled == pytest.approx(rewards / (1.0 + weights) ** power, rel=1e-5)
-        assert all(infos[row]["time_weight"] == weights[row] for row in np.flatnonzero(ended))
-        ended_once += ended.sum()
-    assert ended_once > 30
+        weights = plain.observation_spec.decode(seen, "time_weight")
+        actions = np.full((16, 2), 0.4, np.float32)
+        seen, rewards, ended, infos = plain.step(actions)
+        assert scaled.step(actions)[1] == pytest.approx(rewards / (1.0 + weights) ** power, rel=1e-5)
+        for slot in np.flatnonzero(ended):
+            assert infos[slot]["time_weight"] == pytest.approx(weights[slot], rel=1e-5)
+        episodes += ended.sum()
+    assert episodes > 30
 
 
-def test_the_set_up_decides_the_defaults():
-    assert read_settings([]) == default_settings("linear-blind")
-    ranged = read_settings(["linear-ranged", "--clip", "0.1"])
-    assert ranged == replace(default_settings("linear-ranged"), clip=0.1)
-    assert ranged.environment["range_noise"] == 0.01
-    assert read_settings(["bistable-blind"]).environment["coupling"]["type"] == "Bistable"
-    for setup in shipped():
-        envs = make_environment(replace(default_settings(setup), envs=2))
-        assert envs.observation_space == load_setup(setup).make(privileged=True).observation_space
-        assert envs.observation_space.shape[0] >= (9 if "ranged" in setup else 8) + 5
-    with pytest.raises(ValueError, match="give nothing else"):
-        read_settings(["--resume", "there", "--steps", "5"])
+def test_make_environments_plays_a_share_as_nominal_and_shows_the_critic_what_is_true():
+    run = tiny("linear-robust", nominal=0.25)
+    environments = make_environments(run)
+    environments.seed(3)
+    spec, task = environments.venv.observation_spec, Task(**run.training_environment)
+    seen = environments.reset()
+    truths = {"tool_mass": 0.125, "coupling.stiffness": 50.0, "coupling.damping_ratio": 1.0, "reaction_delay": 0.016}
+    truths |= {"alarm_threshold": 1.0, "force_noise": spec.scale("force_noise").low}  # none at all is below its scale
+    truths |= {name: spec.scale(name).high for name in ("robot.mass", "robot.stiffness", "robot.damping")}  # rigid
+    assert truths.keys() == {*task.drawn, "reaction_delay"}
+    shown = {name: spec.decode(seen, name) for name in truths}
+    for name, truth in truths.items():
+        assert shown[name][12:] == pytest.approx(truth, rel=1e-5)
+    records = {}
+    while len(records) < 12:
+        _, _, ended, infos = environments.step(np.full((16, 2), 0.2, np.float32))
+        for slot in np.flatnonzero(ended[:12]):
+            records.setdefault(slot, infos[slot]["record"])
+    for slot, record in records.items():
+        assert [shown[name][slot] for name in truths] == pytest.approx([record[name] for name in truths], rel=1e-4)
+    assert len({record["tool_mass"] for record in records.values()}) == 12
 
 
-def test_the_command_that_is_kept_asks_for_the_same_settings():
-    for settings in (default_settings(), default_settings("bistable-blind"), tiny(seed=7)):
-        changed = replace(settings, time_weight=(1.0, 2.0), informed_critic=False)
-        for one in (settings, changed):
-            assert read_settings(shlex.split(command(one))[3:]) == one
-    assert command(default_settings("linear-ranged")) == "python -m agents.train linear-ranged"
+def test_fast_tanh_is_the_one_of_torch_with_its_gradient():
+    values = torch.cat((torch.linspace(-12.0, 12.0, 4001), torch.tensor([-1e4, -0.0, 0.0, 1e4]))).requires_grad_()
+    results = [tanh(values) for tanh in (FastTanh(), torch.tanh)]
+    weights = torch.linspace(1.0, 2.0, len(values))
+    ours, theirs = (torch.autograd.grad((result * weights).sum(), values)[0].numpy() for result in results)
+    assert results[0].detach().numpy() == pytest.approx(results[1].detach().numpy(), rel=0, abs=3e-7)
+    assert ours == pytest.approx(theirs, rel=0, abs=1e-6)
+    assert torch.autograd.gradcheck(FastTanh(), torch.linspace(-2.0, 2.0, 9, dtype=torch.float64, requires_grad=True))
 
 
-@pytest.mark.parametrize(("arguments", "message"), [
-    ({"steps": 0}, "steps.*at least 1"),
-    ({"batch": 1}, "batch.*at least 2"),
-    ({"seed": -1}, "seed.*at least 0"),
-    ({"setup": "cubic"}, "no set-up 'cubic'.*linear-blind"),
-    ({"time_weight": (2.0, 1.0)}, "time_weight.*inverted"),
-    ({"weight_power": 2.0}, "weight_power.*at most 1"),
-    ({"learning_rate": 0.0}, "learning_rate.*above 0"),
-    ({"rtol": 0.5}, r"rtol.*at most 0\.01"),
-    ({"envs": SLOTS + 1}, f"envs must be at most {SLOTS}"),  # or two trainings would share a scenario
-    ({"gae_lambda": 1.5}, "gae_lambda.*at most 1"),
-    ({"rollout": 1}, "rollout.*at least 2"),
-    ({"clip": 0.0}, "clip.*above 0"),
-    ({"log_std": 3.0}, "log_std.*at most 2"),
-], ids=str)  # fmt: skip
-def test_settings_that_make_no_sense_are_refused(arguments, message):
-    with pytest.raises(ValueError, match=message):
-        Settings(**arguments)
+def test_standardised_numbers_are_about_unit_size_while_a_policy_trains():
+    """While random commands are played; what is rare or one-sided may be far from it."""
+    task = {"privileged": True, "range_noise": 0.01, "time_weight": (0.5, 8.0)}
+    envs, rng = ImpactVecEnv(256, **task), np.random.default_rng(0)
+    assert {*envs.observation_spec.ids} - {*CENTRE_AND_SPREAD} == {"reaction_delay"}  # which is fixed here
+    envs.seed(0)
+    seen = [envs.reset()]
+    for _ in range(120):
+        command = np.stack((rng.normal(0.2, 0.4, 256), rng.uniform(-1.0, 1.0, 256)), axis=1)
+        seen.append(envs.step(command.clip(-1.0, 1.0).astype(np.float32))[0])
+    layer = Standardised(envs.observation_space, Task(**task))
+    places = [place for place, name in enumerate(envs.observation_spec.ids) if name in CENTRE_AND_SPREAD]
+    standard = layer(torch.as_tensor(np.concatenate(seen))).numpy()[:, places]
+    assert np.abs(standard.mean(axis=0)).max() < 1.5
+    assert standard.std(axis=0).min() > 0.2
+    assert standard.std(axis=0).max() < 3.0
 
 
-def test_every_setting_has_a_sentence(capsys):
-    with pytest.raises(SystemExit):
-        read_settings(["--help"])
-    said = capsys.readouterr().out
-    assert all(name in said for name in ("--steps", "--resume", "--weight-power", "--gae-lambda", "--teacher"))
+def test_standardisation_gives_what_is_drawn_mean_0_and_deviation_1():
+    count, run = 4000, tiny("ranged-robust")
+    task = Task(**run.training_environment)
+    envs = ImpactVecEnv(count, **run.training_environment)
+    envs.seed(1)
+    centre, spread = standardisation(task)
+    standard = (envs.reset() - centre) / spread
+    drawn = [envs.observation_spec.index(name) for name in (*task.drawn, "reaction_delay") if name != "range_noise"]
+    assert len(drawn) == 10
+    assert np.abs(standard[:, drawn].mean(axis=0)).max() < 4.0 / np.sqrt(count)
+    assert np.abs(standard[:, drawn].std(axis=0) - 1.0).max() < 4.0 * np.sqrt(0.2 / count)  # of a uniform distribution
 
 
-def test_the_mechanism_for_slow_touches_holds_more_behind_less_than_the_papers():
-    papers, slow = ig.Bistable(), coupling_from(default_settings("bistable-blind").environment["coupling"])
-    barriers = [one.energy(0.0) - one.energy(one.front_stop) for one in (papers, slow)]
-    assert slow.force(slow.front_stop) > max(0.125 * 16.0, 1.9 * papers.force(papers.front_stop))  # N
-    assert barriers[1] < barriers[0] / 12
-    assert math.sqrt(2 * barriers[1] / 0.125) < 0.15  # m/s, at which a tool of 125 g gets over it
+@pytest.fixture(scope="module")
+def learned():
+    """A model that has learned from a rollout, which is longer than an episode."""
+    run = tiny("linear-ranged", rollout=128, envs=8)
+    model, _ = model_of(run)
+    model.learn(run.training.round, log_interval=None)
+    return run, model
+
+
+def test_asymmetric_policy_acts_on_what_a_controller_sees_and_judges_by_all(learned):
+    _, model = learned
+    spec = model.env.venv.observation_spec
+    seen = torch.as_tensor(model.env.reset())
+    assert seen.shape[1] == len(spec) == spec.actor.stop + 5
+    other = seen.clone()
+    other[:, spec.actor.stop :] += 0.3
+    means = [model.policy.get_distribution(rows).distribution.mean for rows in (seen, other)]
+    assert torch.equal(*means)
+    assert (model.policy.predict_values(seen) != model.policy.predict_values(other)).all()
+    assert torch.equal(model.policy(seen)[1], model.policy.predict_values(seen))
+    plain = make_environments(tiny("linear-ranged", informed_critic=False))
+    assert plain.venv.observation_spec.ids == spec.ids[spec.actor]
+
+
+def test_policy_from_is_what_acts_in_the_model(learned):
+    run, model = learned
+    policy = policy_from(model, run, {})
+    seen = observations(policy, 1500)
+    hidden = np.zeros((1500, model.observation_space.shape[0] - policy.inputs), np.float32)
+    expected, _ = model.predict(np.append(seen, hidden, axis=1), deterministic=True)
+    assert policy.predict(seen)[0] == pytest.approx(expected, rel=0, abs=2e-6)
+    assert len(np.unique(expected)) > 1500
+    log_std = np.broadcast_to(model.policy.log_std.detach().numpy(), (1500, 2))
+    assert policy.network.read(policy.network.log_std, seen) == pytest.approx(log_std, rel=1e-6)
+
+
+def test_model_learns_from_returns_without_a_discount(learned):
+    """What it learns of the first step of an episode is the sum of its rewards."""
+    _, model = learned
+    buffer, episodes = model.rollout_buffer, 0
+    for slot, returns in enumerate(buffer.returns.reshape(8, 128)):  # as an update leaves them, slot by slot
+        for begin, end in itertools.pairwise(np.flatnonzero(buffer.episode_starts[:, slot])):
+            total = buffer.rewards[begin:end, slot].astype(float).sum()
+            assert returns[begin] == pytest.approx(total, rel=1e-5)
+            episodes += 1
+    assert episodes > 4
+
+
+def privileged_observations(weights, steps, **options):
+    """Observations (steps, rows, n_obs) of random actions, and where episodes begin."""
+    rows, rng = len(weights), np.random.default_rng(1)
+    envs = gym.make_vec("ImpactApproach-v0", rows, autoreset_mode="SameStep", privileged=True, **options)
+    seen, starts = [envs.reset(seed=0, options={"record": {"time_weight": weights}})[0]], [np.ones(rows)]
+    for _ in range(steps - 1):
+        observation, _, ended, _, _ = envs.step(rng.uniform([-0.5, -1], [1, 1], (rows, 2)))
+        seen.append(observation)
+        starts.append(ended.astype(float))
+    return np.array(seen), np.array(starts), envs.unwrapped.observation_spec
+
+
+def test_teacher_does_what_is_best_at_the_weight_of_each_episode():
+    weights = [0.3, 0.7, 1.0, 2.0, 4.0, 8.0]  # it is tuned for those between
+    seen, starts, spec = privileged_observations(weights, 15, time_weight=(0.3, 8.0))
+    assert starts[1:].sum() == 0
+    teacher = Teacher(load_setup("linear-blind"), "blind-profile")
+    actions = teacher.actions(seen, starts)
+    velocity, time = teacher.means.T
+    for row, weight in enumerate(weights):
+        tuned = [0.7, 1.0, 2.0, 4.0][int(np.argmin(velocity + weight * time))]
+        assert tuned == weight or weight in (0.3, 8.0)
+        expected, _ = load_baseline("blind-profile", tuned).predict(seen[:, row, spec.actor])
+        assert np.array_equal(actions[:, row], expected)
+
+
+def test_teacher_reacts_to_a_touch_and_to_no_false_alarm():
+    setup = load_setup("linear-robust")
+    seen, starts, spec = privileged_observations([2.0] * 50, 70, time_weight=(0.3, 8.0), **setup.environment)
+    teacher, place = Teacher(setup, "blind-profile"), spec.index("time_since_touch")
+    touched = seen[..., place].copy()
+    alarm, since = spec.index("alarm"), spec.index("time_since_alarm")
+    assert (seen[..., alarm][touched == 0.0] > 0.5).mean() > 0.3  # false alarms
+    actions = teacher.actions(seen, starts)
+    for ringing in (0.0, 1.0):  # the pupil's own alarm makes no difference
+        other = seen.copy()
+        other[..., alarm], other[..., since] = ringing, 0.3 * ringing
+        assert np.array_equal(teacher.actions(other, starts), actions)
+    assert (touched > 0.0).any()
+    seen[..., place] = 0.0
+    assert not np.array_equal(teacher.actions(seen, starts)[touched > 0.0], actions[touched > 0.0])
+    assert np.array_equal(teacher.actions(seen, starts)[touched == 0.0], actions[touched == 0.0])
+
+
+def test_imitation_soon_does_nearly_as_well_as_its_teacher():
+    run = tiny(teacher="blind-profile", envs=128, rollout=32, batch=512, learning_rate=3e-3, width=32)
+    run = replace(run, training=replace(run.training, steps=80_000, imitation_steps=80_000))
+    model, _ = model_of(run)
+    before = policy_from(model, run, {})
+    model.learn(run.training.steps, log_interval=None)
+    batch = ScenarioBatch.of("validation", 100, time_weight=[2.0], threads=1, **run.setup.environment)
+    rules = [load_baseline(name, 2.0) for name in ("blind-profile", "paper-trapezoid")]
+    start, end, teacher, paper = (
+        batch.play(controller).loss(2.0).mean() for controller in (before, policy_from(model, run, {}), *rules)
+    )
+    assert teacher < 0.8 * paper  # there is something to learn
+    assert end < 1.05 * teacher
+    assert start > 1.3 * teacher

@@ -1,143 +1,254 @@
-"""A training that is interrupted ends as one that is not, to the bit."""
+"""Run folders: what a training leaves, and that an interrupted one ends as one that was not, to the bit."""
 
 import fcntl
 import json
-import os
+import multiprocessing
+import shutil
 import signal
-import subprocess
-import sys
 import time
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from own_set_up import change
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
-from training import TINY, assert_same, interrupted, rows, tiny
+from training import assert_same, interrupted, model_of, rows, tiny
 
-from agents.archive import read_archive
-from agents.train import checkpoint
-from agents.train.run import resume, train
-from agents.train.settings import as_json
-from impact_gym.sb3 import ImpactVecEnv
+import impact_gym as ig
+from agents import load_policy, load_setup
+from agents.evaluate import Validation
+from agents.jobs import JobsFailedError
+from agents.policies.networks import to_arrays
+from agents.train.callback import OBJECTIVES, CollapsedError, TrainingCallback
+from agents.train.ppo import policy_from, resume, train
+from agents.train_seeds import Seeds, train_all, train_one
+
+ALL_AT_ONCE = """[environment]
+tool_mass = [0.1, 0.2]
+reaction_delay = [0.008, 0.032]
+[evaluation.nominal]
+tool_mass = 0.125
+"""
 
 
-@pytest.mark.storm
-def test_an_interrupted_training_ends_as_one_that_is_not(tmp_path):
-    settings = tiny()
-    whole = train(replace(settings, out=tmp_path / "whole"))
-    interrupted(settings, tmp_path / "part", checkpoints=2)
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """The folder of a training."""
+    return train(tiny(), tmp_path_factory.mktemp("whole") / "run")
+
+
+@pytest.fixture(scope="module")
+def broken(tmp_path_factory):
+    """The folder of the same training, killed behind its first checkpoint: to be copied."""
+    return interrupted(tiny(), tmp_path_factory.mktemp("broken") / "run")
+
+
+@pytest.fixture
+def part(broken, tmp_path):
+    return shutil.copytree(broken, tmp_path / "part")
+
+
+def read(folder, name):
+    return json.loads((folder / name).read_text())
+
+
+def test_train_leaves_its_policies_and_how_they_came_about(whole):
+    config, metrics, training = read(whole, "config.json"), read(whole, "metrics.json"), tiny().training
+    assert config["command"].startswith("impact-gym train linear-blind --steps 4096")
+    assert config["settings"]["rollout"] == 16
+    assert {"python", "numpy", "torch", "gymnasium", "stable-baselines3"} <= set(config["versions"])
+    assert config["versions"]["impact-gym"] == ig.__version__
+    validation = Validation(config["environment"], config["weights"], training.validation_scenarios)
+    for name in ("best", "final"):
+        policy = load_policy(whole / f"{name}.npz")
+        assert config.items() <= policy.provenance.items()
+        assert policy.provenance["validation"] == metrics["validation"][name] == validation.score(policy)
+    best, final = (metrics["validation"][name]["score"] for name in ("best", "final"))
+    assert best == min(point["score"] for point in metrics["curve"])
+    assert metrics["curve"][-1] == {"steps": training.whole_steps, "score": final}
+    kinds = {file.name.split(".")[0] for file in whole.iterdir()}
+    assert kinds == {"config", "metrics", "progress", "events", "best", "final", "lock"}
+
+
+def test_resume_ends_as_if_nothing_had_happened_and_logs_each_step_once(whole, part):
+    """As text and for TensorBoard; an update before which no episode ended says nothing instead of nan."""
     np.random.seed(7)  # noqa: NPY002 - stable-baselines3 draws from it, and a new process has another state
-    assert resume(tmp_path / "part") == tmp_path / "part"
-    assert_same(whole, tmp_path / "part")
-    steps = [int(float(row["time/total_timesteps"])) for row in rows(whole)]
+    assert resume(part) == part
+    assert_same(whole, part)
+    log, events = rows(part), EventAccumulator(str(part))
+    events.Reload()
+    steps = [int(float(row["time/total_timesteps"])) for row in log]
     assert steps == sorted(set(steps))
-    assert steps[-1] == settings.whole_steps
+    assert steps[-1] == tiny().training.whole_steps
+    objectives = [f"objectives/{name}" for name in OBJECTIVES]
+    for name in (*objectives, "validation/score", "validation/approach_time at weight 2"):
+        written = [(step, float(row[name])) for step, row in zip(steps, log, strict=True) if row[name]]
+        assert len(written) >= 2
+        assert np.isfinite(written).all()
+        assert [(event.step, event.value) for event in events.Scalars(name)] == pytest.approx(
+            np.array(written), rel=1e-6
+        )
+
+
+@pytest.mark.parametrize("imitation_steps", [512, 4096])
+def test_resume_ends_the_same_while_and_after_imitating_with_nominal_slots(tmp_path, imitation_steps):
+    path = tmp_path / "all.toml"
+    path.write_text(ALL_AT_ONCE)
+    run = tiny(path, nominal=0.5, teacher="blind-profile", imitation_steps=imitation_steps, steps=2048)
+    assert_same(train(run, tmp_path / "whole"), resume(interrupted(run, tmp_path / "part")))
 
 
 @pytest.mark.storm
-def test_a_killed_process_is_gone_on_with(tmp_path):
-    """By SIGKILL, at moments of no meaning, three times, until it is done."""
-    folder = tmp_path / "killed"
-    settings = tiny(steps=6000, checkpoint_every=256)
-    whole = train(replace(settings, out=tmp_path / "whole"))
-    script = (  # which imports torch once: each line on stdin starts another process
-        "import os, sys, json; from pathlib import Path; from dataclasses import replace\n"
-        "from agents.train.settings import from_json; from agents.train.run import resume, train\n"
-        "folder, settings = Path(sys.argv[1]), from_json(json.loads(sys.argv[2]))\n"
-        "for _ in sys.stdin:\n"
-        "    if (process := os.fork()) == 0:\n"
-        "        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)\n"
-        "        resume(folder) if folder.exists() else train(replace(settings, out=folder))\n"
-        "        os._exit(0)\n"
-        "    print(process, flush=True)\n"
-        "    print(os.waitstatus_to_exitcode(os.waitpid(process, 0)[1]), flush=True)\n"
-    )
-    command = [sys.executable, "-c", script, str(folder), json.dumps(as_json(settings))]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as starter:
-        ends = []
-        for kill in (True, True, True, False):
-            before = _steps_saved(folder)
-            print(file=starter.stdin, flush=True)
-            process = int(starter.stdout.readline())
-            while kill and _steps_saved(folder) <= before:
-                assert not (folder / "metrics.json").exists(), "it was done before it could be killed"
-                time.sleep(0.01)
-            if kill:
-                os.kill(process, signal.SIGKILL)
-            ends.append(int(starter.stdout.readline()))
-        starter.stdin.close()
-    assert ends == [-signal.SIGKILL] * 3 + [0]
+def test_resume_goes_on_with_a_killed_process(whole, tmp_path):
+    """By SIGKILL, at moments of no meaning, twice, until it is done."""
+    folder, record = tmp_path / "killed", tiny(checkpoint_every=256).made_for()
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["agents.train_seeds"])
+
+    def last_checkpoint():
+        path = folder / "checkpoint.npz"
+        return path.stat().st_mtime_ns if path.is_file() else 0
+
+    for kill in (True, True, False):
+        before, process = last_checkpoint(), context.Process(target=train_one, args=(str(folder), record))
+        process.start()
+        while kill and last_checkpoint() == before:
+            assert process.is_alive(), "it was done before it could be killed"
+            time.sleep(0.01)
+        if kill:
+            process.kill()
+        process.join()
+        assert process.exitcode == (-signal.SIGKILL if kill else 0)
     assert_same(whole, folder)
     assert not [file.name for file in folder.iterdir() if file.name.startswith(".")]
 
 
-def _steps_saved(folder):
-    """Return after how many steps the checkpoint was written, 0 if there is none; never sees half a file."""
-    path = folder / "checkpoint.npz"
-    if not path.is_file():
-        return 0
-    content, _ = read_archive(path, checkpoint.FORMAT)
-    return dict(dict(content["state"]["items"])["model"]["items"])["counters"]["items"][0][1]
+def test_train_and_resume_leave_alone_what_is_done(whole):
+    before = {file.name: file.read_bytes() for file in whole.iterdir()}
+    assert resume(whole) == whole
+    with pytest.raises(FileExistsError):
+        train(tiny(), whole)
+    assert {file.name: file.read_bytes() for file in whole.iterdir()} == before
 
 
-def test_tensorboard_shows_each_step_once(tmp_path):
-    name = "objectives/object_velocity"
-    interrupted(tiny(), tmp_path / "run", checkpoints=2)
-    resume(tmp_path / "run")
-    events = EventAccumulator(str(tmp_path / "run"))
-    events.Reload()
-    logged = [(event.step, event.value) for event in events.Scalars(name)]
-    written = [(int(row["time/total_timesteps"]), float(row[name])) for row in rows(tmp_path / "run") if row[name]]
-    assert np.array(logged) == pytest.approx(np.array(written), rel=1e-6)
-    steps = [step for step, _ in logged]
-    assert steps == sorted(set(steps))
-
-
-def test_a_finished_run_is_left_alone(tmp_path):
-    folder = train(replace(TINY, steps=512, out=tmp_path / "run"))
-    before = {file.name: file.read_bytes() for file in folder.iterdir()}
-    assert resume(folder) == folder
-    assert {file.name: file.read_bytes() for file in folder.iterdir()} == before
-
-
-def test_a_damaged_checkpoint_is_refused(tmp_path):
-    interrupted(tiny(), tmp_path / "run", checkpoints=1)
-    path = tmp_path / "run" / "checkpoint.npz"
-    whole = path.read_bytes()
-    for damaged in (whole[: len(whole) // 2], whole[:-1], b"", whole[:5000] + bytes([whole[5000] ^ 1]) + whole[5001:]):
-        path.write_bytes(damaged)
-        with pytest.raises(ValueError, match=r"checkpoint\.npz is no impact_gym checkpoint 1 file, or is damaged"):
-            resume(tmp_path / "run")
-
-
-def test_a_checkpoint_of_another_training_is_refused(tmp_path):
-    interrupted(tiny(), tmp_path / "one", checkpoints=1)
-    interrupted(tiny(width=24), tmp_path / "other", checkpoints=1)
-    (tmp_path / "one" / "checkpoint.npz").replace(tmp_path / "other" / "checkpoint.npz")
+@pytest.mark.parametrize("changes", [{"width": 24}, {"envs": 8}], ids=str)
+def test_resume_refuses_the_checkpoint_of_another_training(part, changes):
+    record = read(part, "config.json")
+    record["settings"] |= changes
+    (part / "config.json").write_text(json.dumps(record))
     with pytest.raises(ValueError, match="checkpoint of another training"):
-        resume(tmp_path / "other")
+        resume(part)
 
 
-def test_a_folder_that_is_no_run_is_refused(tmp_path):
+def test_resume_refuses_a_folder_that_is_no_run_or_under_way(part, tmp_path):
+    with (part / "lock").open() as lock:  # the kernel asks not who, but which opening of the file
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        with pytest.raises(ValueError, match="another process"):
+            resume(part)
     with pytest.raises(ValueError, match="holds no run"):
         resume(tmp_path)
-    record = {"settings": {**as_json(TINY), "gama": 1.0}}
-    (tmp_path / "config.json").write_text(json.dumps(record))
+    (tmp_path / "config.json").write_text(json.dumps({"settings": {**tiny().made_for()["settings"], "gama": 1.0}}))
     with pytest.raises(ValueError, match="gama"):
         resume(tmp_path)
 
 
-def test_two_processes_do_not_write_one_run(tmp_path):
-    interrupted(tiny(), tmp_path / "run", checkpoints=1)
-    with (tmp_path / "run" / "lock").open() as lock:  # the kernel asks not who, but which opening of the file
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        with pytest.raises(ValueError, match="another process"):
+def test_train_refuses_what_can_never_be_done(mine, tmp_path):
+    change(mine, "distance = [0.1, 0.3]", "distance = [9.0, 9.1]")
+    with pytest.raises(ValueError, match=r"mine\.toml.*distance must begin below"):
+        train(tiny(mine), tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+def test_train_all_trains_each_seed_once_and_for_the_set_up_as_it_is(mine, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    wanted = Seeds(steps=512, processes=0, runs=tmp_path / "runs", policies=tmp_path / "policies")
+    policies = [load_policy(train_all(load_setup("mine.toml"), wanted), seed) for seed in (0, 1)]
+    weights, others = (to_arrays(policy.network) for policy in policies)
+    assert not any(np.array_equal(weights[name], others[name]) for name in weights if name != "log_std.weight")
+    assert load_setup(mine).describes(policies[0].environment)
+    change(mine, "damping_ratio = 0.7", "damping_ratio = 0.9")
+    with pytest.raises(ValueError, match="for another environment: remove it"):
+        train_all(load_setup(mine), wanted)
+    with pytest.raises(ValueError, match="has changed since"):
+        resume(tmp_path / "runs" / "mine" / "seed-0")
+
+
+@pytest.fixture
+def unreachable(tmp_path):
+    """A training of 16 rollouts for an arm that only gets to an object at full speed all along, as nobody begins.
+
+    There is a validation after every second one.
+    """
+    path = tmp_path / "slow.toml"
+    path.write_text("[environment]\nvelocity_range = [-0.2, 0.2]\nscenario = { distance = [0.236, 0.237] }\n")
+    return tiny(path, validate_every=512, checkpoint_every=256)
+
+
+def test_train_stops_with_the_reason_where_it_touches_no_object(unreachable, tmp_path):
+    """No sooner or later if it was interrupted."""
+
+    def interrupt(steps, _):
+        if steps == 1024:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        train(unreachable, tmp_path / "run", interrupt)
+    reason = r"after 1,536 of 4,096 steps: 100\.0% of the objects missed.*learning_rate below.*log_std below"
+    for _ in range(2):  # the second time at once
+        with pytest.raises(CollapsedError, match=f"{reason}.*impact-gym setup .*slow.toml"):
             resume(tmp_path / "run")
-    resume(tmp_path / "run")
+    assert "100.0% of the objects missed" in (tmp_path / "run" / "collapsed.txt").read_text()
+    assert not (tmp_path / "run" / "metrics.json").exists()
 
 
-def test_the_state_of_another_batch_is_refused():
-    state = ImpactVecEnv(4).get_state()
-    for other in (ImpactVecEnv(5), ImpactVecEnv(4, range_noise=0.01)):
-        with pytest.raises(ValueError, match="of another batch"):
-            other.set_state(state)
+def test_train_all_ships_nothing_of_a_collapsed_seed(unreachable, tmp_path):
+    wanted = Seeds(seeds=1, processes=0, runs=tmp_path / "runs", policies=tmp_path / "policies")
+    setup = replace(unreachable.setup, training=unreachable.training)
+    with pytest.raises(JobsFailedError, match=r"1 of 1 jobs failed(.|\n)*CollapsedError(.|\n)*objects missed"):
+        train_all(setup, wanted)
+    assert not (tmp_path / "policies").exists()
+
+
+class MadeUpValidation:
+    """Gives scores and shares of objects missed, one after the other."""
+
+    def __init__(self, scores, missed):
+        self.results = zip(scores, missed, strict=True)
+
+    def score(self, controller):
+        score, missed = next(self.results)
+        return {"score": score, "time_weight": [], "object_velocity": [], "approach_time": [], "missed": [missed]}
+
+
+def learn(folder, scores, missed):
+    """Learn from 16 rollouts with a made-up validation after each."""
+    run = tiny(validate_every=256)
+    model, environments = model_of(run)
+    callback = TrainingCallback(
+        folder, run.setup, run.training, environments, lambda: policy_from(model, run, {"settings": {"seed": 0}})
+    )
+    callback.validation = MadeUpValidation(scores, missed)
+    model.learn(run.training.steps, callback, log_interval=None)
+
+
+@pytest.mark.parametrize(("missed", "stops_after"), [
+    ([1.0, 1.0, 1.0, 1.0], 1024),  # the first of them, in the first tenth of the training, may miss all
+    ([0.0] * 13 + [1.0] * 3, 4096),  # at the end, before a policy is called final
+])  # fmt: skip
+def test_callback_takes_three_validations_in_a_row_that_miss_nearly_all_for_a_collapse(tmp_path, missed, stops_after):
+    with pytest.raises(CollapsedError, match=f"after {stops_after:,} of 4,096 steps"):
+        learn(tmp_path, [1.0] * len(missed), missed)
+
+
+def test_callback_keeps_the_policy_of_the_lowest_score_whatever_came_later(tmp_path):
+    learn(tmp_path, [0.9, 0.5, 0.7, *[0.8] * 13], [1.0, 1.0, 1.0, 0.9] + [1.0, 1.0, 0.0] * 4)
+    best, final = (load_policy(tmp_path / f"{name}.npz") for name in ("best", "final"))
+    assert (best.provenance["validation"]["score"], best.provenance["steps"]) == (0.5, 512)
+    assert not np.array_equal(best.network.mean.weight, final.network.mean.weight)
+
+
+@pytest.mark.parametrize("steps", [4096, 256])
+def test_train_takes_weights_that_are_no_longer_finite_for_a_collapse(tmp_path, steps):
+    with pytest.raises(CollapsedError, match=r"no longer finite.*learning_rate below 1e\+30"):
+        train(tiny(learning_rate=1e30, steps=steps), tmp_path / "run")
+    assert not (tmp_path / "run" / "final.npz").exists()

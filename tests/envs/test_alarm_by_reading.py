@@ -11,7 +11,7 @@ from scipy import stats
 import impact_gym as ig
 from agents.baselines import BlindProfile, PaperTrapezoid
 from agents.baselines.wary import THRESHOLD, WaryProfile
-from agents.evaluate.stage import Stage
+from agents.evaluate.scenario_batch import ScenarioBatch
 
 ALARM, SINCE, FORCE, PEAK = 3, 4, 5, 6
 READING = {"alarm": "reading"}
@@ -111,7 +111,7 @@ def test_false_alarms_end_nothing():
 
 def test_a_rule_that_judges_for_itself_does_as_the_alarm_where_the_alarm_is_right():
     numbers = [parameter.start for parameter in BlindProfile.PARAMETERS]
-    stage = Stage.of("validation", 200, alarm="reading", alarm_threshold=3.0)
+    stage = ScenarioBatch.of("validation", 200, alarm="reading", alarm_threshold=3.0)
     trusting, wary = stage.play(BlindProfile(numbers)), stage.play(WaryProfile([*numbers, 3.0]))
     assert np.array_equal(trusting.object_velocity, wary.object_velocity)
     deaf = stage.play(WaryProfile([*numbers, 100.0]))
@@ -120,7 +120,7 @@ def test_a_rule_that_judges_for_itself_does_as_the_alarm_where_the_alarm_is_righ
 
 def test_a_rule_that_judges_for_itself_goes_on_after_what_was_no_touch():
     numbers = [parameter.start for parameter in WaryProfile.PARAMETERS]
-    stage = Stage.of("validation", 200, alarm="reading", force_noise=3.0)
+    stage = ScenarioBatch.of("validation", 200, alarm="reading", force_noise=3.0)
     missed = {}
     for threshold in (1.0, 8.0, 20.0):
         numbers[-1] = threshold
@@ -151,7 +151,7 @@ def test_a_bias_moves_every_estimate_by_as_much(bias):
 
 
 def test_who_is_told_how_good_the_estimate_is_sees_its_standard_deviation():
-    env = gym.make(ID, range_noise=(0.002, 0.03), range_told=True)
+    env = gym.make(ID, range_noise=(0.002, 0.03), observe_range_noise=True)
     errors, told = [], []
     for seed in range(1000):
         observation, _ = env.reset(seed=seed)
@@ -165,10 +165,10 @@ def test_who_is_told_how_good_the_estimate_is_sees_its_standard_deviation():
 
 @pytest.mark.parametrize(("options", "words"), [
     ({"alarm": "bell"}, "alarm must be one of .'force', 'reading'., got 'bell'"),
-    ({"range_told": True}, "without an estimate"),
+    ({"observe_range_noise": True}, "without an estimate"),
     ({"range_bias": 0.01}, "without an estimate"),
     ({"range_bias": (-0.01, 0.01)}, "without an estimate"),
-    ({"range_noise": 0.01, "range_told": 1}, "range_told must be True or False, got 1"),
+    ({"range_noise": 0.01, "observe_range_noise": 1}, "observe_range_noise must be True or False, got 1"),
     ({"range_noise": 0.01, "range_bias": float("nan")}, "range_bias.*nan"),
 ])  # fmt: skip
 def test_what_makes_no_sense_is_refused(options, words):

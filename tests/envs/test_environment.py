@@ -11,8 +11,8 @@ from impact_gym.kernels import decode
 import impact_gym as ig
 from agents.baselines import ConstantSpeed, PaperTrapezoid, encode
 from experiments.reference import task as slow
-from impact_gym.envs.scenario import FIELDS
-from impact_gym.envs.task import ACCELERATION_RANGE, COMMAND_RESOLUTION, VELOCITY_RANGE
+from impact_gym.task.scenario import FIELDS
+from impact_gym.task.task import ACCELERATION_RANGE, COMMAND_RESOLUTION, VELOCITY_RANGE
 
 INFO_KEYS = {
     "object_velocity", "approach_time", "peak_force", "contact_count", "missed", "time_weight", "reward_terms",

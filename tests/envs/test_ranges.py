@@ -13,12 +13,10 @@ from scipy.stats import kstest
 
 import impact_gym as ig
 from agents.baselines.profile import ConstantDeceleration
-from impact_gym.envs.observation import entries
 from impact_gym.envs.render_history import History
-from impact_gym.envs.setting import NUMBERS, SETTING_PLACES
-from impact_gym.envs.task import Task
-from impact_gym.lowering import COUPLING_NUMBERS, ROBOT_NUMBERS
+from impact_gym.quantities import QUANTITIES
 from impact_gym.sb3 import ImpactVecEnv
+from impact_gym.task import ObservationSpec, Task
 
 EVERY = pytest.mark.parametrize("options", SETUPS.values(), ids=list(SETUPS))
 
@@ -31,12 +29,6 @@ def episode(env, seed=None, actions_seed=0, **options):
     return play(env, Given(leaning(1, 200, actions_seed)[:, 0]), seed, **options)
 
 
-def test_what_may_be_a_range_stands_in_the_order_of_the_kernels():
-    assert list(NUMBERS) == list(SETTING_PLACES)
-    named = [name.split(".")[1] for name in NUMBERS if "." in name]
-    assert named == [*COUPLING_NUMBERS, *ROBOT_NUMBERS]
-
-
 def test_each_number_is_drawn_evenly_from_its_range_and_apart_from_all_others():
     options = {"coupling": MECHANISM, "robot": ROBOT, **TOOL, **SENSED, "time_weight": (0.5, 8.0)}
     envs = gym.make_vec(ID, num_envs=3000, **options)
@@ -47,7 +39,7 @@ def test_each_number_is_drawn_evenly_from_its_range_and_apart_from_all_others():
     shares = []
     for name, values in drawn.items():
         low, high = task.drawn[name]
-        bend = np.log if NUMBERS[name].logarithmic and low > 0.0 else np.asarray
+        bend = np.log if QUANTITIES[name].by_ratio(low) else np.asarray
         shares.append((bend(values) - bend(low)) / (bend(high) - bend(low)))
         assert kstest(shares[-1], "uniform").pvalue > 1e-4, name
     correlation = np.corrcoef(shares) - np.eye(len(shares))
@@ -111,8 +103,7 @@ def test_pictures_show_what_the_episode_drew():
 def test_ranges_of_no_width_are_numbers():
     spring = {"type": "SpringDamper", "stiffness": [60.0, 60.0]}
     narrow = Task(tool_mass=(0.2, 0.2), coupling=spring, force_noise=(1, 1))
-    assert narrow.drawn == {}
-    assert narrow.record() == Task(tool_mass=0.2, coupling=ig.SpringDamper(60.0), force_noise=1.0).record()
+    assert narrow == Task(tool_mass=0.2, coupling=ig.SpringDamper(60.0), force_noise=1.0)
 
 
 def records(envs):
@@ -136,56 +127,42 @@ def test_a_number_that_is_drawn_leaves_everything_else_as_it_is():
             assert with_mass == without
 
 
-def test_the_privileged_observation_shows_what_is_drawn_from_end_to_end():
-    options = {"coupling": SPRING, "tool_mass": (0.1, 0.4), "force_bias": (0.0, 0.5), "privileged": True}
-    env = gym.make(ID, **options)
-    names = [entry.name for entry in entries(Task(**options))]
-    assert names[-9:-5] == ["tool_mass", "force_bias", "coupling.stiffness", "coupling.damping_ratio"]
-    drawn = Task(**options).drawn
-    for share in (0.0, 0.25, 1.0):
-        logarithmic = {"tool_mass": 0.1 * 4.0**share, "coupling.stiffness": 40.0 * 15.0**share}
-        record = logarithmic | {"force_bias": 0.5 * share, "coupling.damping_ratio": 0.2 + 1.3 * share}
-        record = {name: min(max(value, drawn[name][0]), drawn[name][1]) for name, value in record.items()}
-        observation = env.reset(seed=1, options={"record": record})[0]
-        assert observation[-9:-5] == pytest.approx(2.0 * share - 1.0, abs=1e-6)
-        assert env.observation_space.contains(observation)
+def test_privileged_observation_shows_the_true_value_of_what_is_drawn_however_narrow_its_range():
+    """The scale is the table's own: a range that is shrunk to a millionth makes no noise of the value."""
+    for width in (1.0, 1e-6):
+        options = {"coupling": SPRING | {"stiffness": (40.0, 40.0 + width)}, "tool_mass": (0.1, 0.1 + 0.3 * width)}
+        env = gym.make(ID, **options, force_bias=(0.0, 0.5), privileged=True)
+        spec = env.unwrapped.observation_spec
+        assert set(spec.ids[spec.actor.stop :]) >= {"tool_mass", "force_bias", "coupling.stiffness"}
+        for seed in range(5):
+            observation = env.reset(seed=seed)[0]
+            record = env.unwrapped.episode_info()["record"]
+            for name in ("tool_mass", "force_bias", "coupling.stiffness", "object_mass", "restitution"):
+                assert spec.decode(observation, name) == pytest.approx(record[name], rel=2e-6)
+                assert observation[spec.index(name)] == pytest.approx(spec.encode(name, record[name]), abs=1e-6)
+            assert env.observation_space.contains(observation)
 
 
-def test_who_is_told_what_holds_the_tool_sees_what_each_episode_drew_of_it_and_of_nothing_else():
-    drawn = {"coupling": SPRING, "tool_mass": (0.1, 0.4), "robot": ROBOT, "force_bias": (0.0, 0.5)}
-    env, untold = gym.make(ID, holder_told=True, **drawn), gym.make(ID, **drawn)
-    for seed in range(30):
-        shown, before = env.reset(seed=seed)[0], untold.reset(seed=seed)[0]
-        record, sensors = env.unwrapped.episode_info()["record"], env.unwrapped.sensors()
-        assert np.array_equal(shown[:-6], before)
-        masses = {"tool_mass": (0.1, 0.4), "coupling.stiffness": SPRING["stiffness"]}
-        masses |= {"robot.mass": ROBOT["mass"], "robot.stiffness": ROBOT["stiffness"]}
-        shares = {name: math.log(record[name] / low) / math.log(high / low) for name, (low, high) in masses.items()}
-        evenly = {"coupling.damping_ratio": SPRING["damping_ratio"], "robot.damping": ROBOT["damping"]}
-        shares |= {name: (record[name] - low) / (high - low) for name, (low, high) in evenly.items()}
-        names = ["tool_mass", "coupling.stiffness", "coupling.damping_ratio"]
-        names += ["robot.mass", "robot.stiffness", "robot.damping"]
-        assert shown[-6:] == pytest.approx([2.0 * shares[name] - 1.0 for name in names], abs=1e-6)
-        assert [sensors[name.replace(".", "_")] for name in names] == [record[name] for name in names]
-        assert "force_bias" not in sensors
+def test_rows_of_which_some_draw_a_number_all_show_a_critic_what_they_have():
+    robot = ig.Robot(5.0, 1e5, 50.0)
+    slots = [{}, {"tool_mass": 0.3, "robot": None}, {"tool_mass": 0.05, "robot": robot}]
+    envs = gym.make_vec(ID, num_envs=3, tool_mass=(0.1, 0.2), robot=ROBOT, privileged=True, per_slot=slots)
+    observations, spec = envs.reset(seed=1)[0], envs.unwrapped.observation_spec
+    seen = {name: spec.decode(observations, name) for name in ("tool_mass", "robot.stiffness")}
+    assert 0.1 <= seen["tool_mass"][0] < 0.2
+    assert seen["tool_mass"][1:] == pytest.approx([0.3, 0.05], rel=2e-6)
+    assert seen["robot.stiffness"][1] == pytest.approx(spec.scale("robot.stiffness").high)  # as stiff as can be shown
+    assert seen["robot.stiffness"][2] == pytest.approx(1e5, rel=2e-6)
 
 
 @pytest.mark.parametrize("alarm", ["force", "reading"])
-def test_a_critic_sees_all_that_an_actor_is_told_first_and_nothing_twice(alarm):
-    options = {"coupling": SPRING, "force_bias": (0.0, 0.5), "holder_told": True, "alarm": alarm}
-    actor, critic = (entries(Task(**options, privileged=privileged)) for privileged in (False, True))
-    assert critic[: len(actor)] == actor
-    assert len({entry.name for entry in critic}) == len(critic)
-    assert {entry.name for entry in critic[len(actor) :]} >= {"force_bias", "object mass"}
-
-
-def test_the_task_of_one_episode_draws_nothing_and_tells_nothing_of_it():
-    env = gym.make(ID, coupling=SPRING, holder_told=True, record_trace=True)
-    env.reset(seed=3)
-    record = env.unwrapped.episode_info()["record"]
-    one = Task(coupling=SPRING, holder_told=True).at(record)
-    assert (one.coupling.stiffness, one.drawn) == (record["coupling.stiffness"], {})
-    assert [entry.name for entry in entries(one)] == [entry.name for entry in entries(Task())]
+def test_critic_sees_all_that_an_actor_sees_first_and_nothing_twice(alarm):
+    options = {"coupling": SPRING, "force_bias": (0.0, 0.5), "alarm": alarm}
+    actor, critic = (ObservationSpec(Task(**options, privileged=privileged)) for privileged in (False, True))
+    assert critic.ids[critic.actor] == actor.ids
+    assert critic.ids[critic.critic] == critic.ids
+    assert len(set(critic.ids)) == len(critic)
+    assert ("time_since_touch" in critic) is (alarm == "reading")
 
 
 @pytest.mark.parametrize(("record", "message"), [

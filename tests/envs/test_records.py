@@ -9,11 +9,10 @@ from episodes import ID, assert_identical, begin, random_actions
 from episodes import play as play_with
 from scipy import stats
 
-import impact_gym as ig
-from impact_gym.envs import evaluation_sets
-from impact_gym.envs.records import RECORD
-from impact_gym.envs.scenario import FIELDS, NAMED
 from impact_gym.sb3 import ImpactVecEnv
+from impact_gym.task import ScenarioRanges, evaluation_sets
+from impact_gym.task.episodes import RECORD_IDS as RECORD
+from impact_gym.task.scenario import FIELDS, NAMED
 
 NOISE = {"range_noise": 0.01, "force_noise": 0.2, "force_bias": 0.1}
 OPTIONS = {"time_weight": (0.5, 8.0), "reaction_delay": (0.0, 0.04), **NOISE}
@@ -106,7 +105,7 @@ def test_a_frozen_set_is_what_its_seeds_draw(name):
 
 
 def test_a_set_of_ones_own_is_frozen_and_read_again(tmp_path):
-    ranges = ig.envs.scenario.ScenarioRanges(object_mass=(1.0, 2.0))
+    ranges = ScenarioRanges(object_mass=(1.0, 2.0))
     path = evaluation_sets.freeze(tmp_path / "mine.csv", ranges, seed=7, count=20)
     frozen = evaluation_sets.load(path)
     assert frozen.count == 20

@@ -9,7 +9,7 @@ from episodes import ROBOT, Always
 from rendered import HARD_AND_HEAVY, ID, SHAPE, column, drawn, history_of, is_colour, lamp, play, rendering_task
 
 import impact_gym as ig
-from agents.baselines import ALARM, PaperTrapezoid
+from agents.baselines import PaperTrapezoid
 from impact_gym.envs import IDS, render_canvas, render_chain, render_strips, rendering
 
 pytest.importorskip("pygame")
@@ -90,7 +90,7 @@ def test_the_camera_keeps_tool_and_object_in_view_and_does_not_jump():
 def test_the_lamp_is_lit_by_the_force_and_turns_red_when_the_controller_knows():
     env = gym.make(ID, record_trace=True, reaction_delay=0.03)
     observation, _ = env.reset(seed=1, options={"scenario": HARD_AND_HEAVY})
-    while observation[ALARM] < 0.5:
+    while observation[3] < 0.5:
         observation, _, ended, _, _ = env.step(PaperTrapezoid().predict(observation)[0])
     told = env.unwrapped.trace().time[-1]  # when the first step ended at which the controller had the alarm
     while not ended:

@@ -12,7 +12,7 @@ from episodes import ID, ROBOT, TABLE, action_table, assert_identical
 import impact_gym as ig
 from impact_gym.envs import batch
 from impact_gym.envs.batch import Batch
-from impact_gym.envs.task import Task
+from impact_gym.task import Task
 
 CHANGES = {
     "tool_mass": (0.05, 0.4, (0.05, 0.4)),
@@ -51,8 +51,7 @@ DRAWN = {
 """What the tasks of one batch may differ in; of all, beside the first, the default with an estimate of the distance."""
 
 OBSERVED = {
-    "range_told",
-    "holder_told",
+    "observe_range_noise",
     "past_readings",
     "deflection_sensor",
     "privileged",

@@ -8,7 +8,7 @@ from experiments.lab.statistics import Estimate
 from experiments.report.bars import Bar, bars, table
 from experiments.report.matchups import PAPER, Contestant, Matchup
 from experiments.report.results import Played, Run
-from impact_gym.envs.scenario import FIELDS
+from impact_gym.task.scenario import FIELDS
 
 COUNT, WEIGHTS = 400, (1.0, 4.0)
 RNG = np.random.default_rng(0)

@@ -8,7 +8,7 @@ from experiments.report.answer import answer
 from experiments.report.chain import chain, gains, links, sentence, table
 from experiments.report.matchups import BOUND, PAPER, Contestant, Matchup
 from experiments.report.results import Played, Run
-from impact_gym.envs.scenario import FIELDS
+from impact_gym.task.scenario import FIELDS
 
 COUNT, WEIGHTS, PAPER_TIME = 60, (1.0, 2.0), 0.3
 SPEEDS = np.random.default_rng(0).uniform(0.5, 1.5, COUNT)

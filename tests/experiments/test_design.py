@@ -1,181 +1,200 @@
-"""The page of a study of designs, and the checks of the search and of one tuning for all sizes."""
+"""Designs: refusals, laws of pads and of a tool in flight, limits, and how a design is played."""
+
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
-from browsers import chromium, opened
-from policies import made_up_policy
+from scipy.optimize import brentq
 
-from agents.archive import write_archive
+import impact_gym as ig
+from agents.baselines import BlindProfile, ConstantSpeed
 from agents.baselines.tuned import read_tuned
-from agents.design.__main__ import FORMAT
-from agents.design.search import play_one
-from agents.design.study import PAPERS_RULE
-from agents.evaluate import Episodes, Stage
+from agents.evaluate import TUNING_SEED, ScenarioBatch
 from agents.setups import load_setup
-from experiments.design import watch
-from experiments.design.__main__ import read, reduction, show
-from experiments.design_check import agreement, sizes, told
-from experiments.lab.statistics import Resamples
-from experiments.lab.tables import rows_of
+from experiments.design.free import as_built, read
+from experiments.design.limits import Limits, Travel
+from experiments.design.pads import PADS, on_pad, pad_of
+from experiments.design.search import Effort, Rig, play
+from experiments.design.study import Study
+from impact_gym.task import Task
+from impact_gym.task.arguments import changed
 
-SCENARIOS = 40
+STIFFNESS = "coupling.stiffness=20:200"
+SPRING = (STIFFNESS, "coupling.damping_ratio=0.2:2")
+PROFILE = list(read_tuned("blind-profile")["weights"]["2"]["parameters"].values())
+NO_LIMITS = Limits(deflection=None)
 
 
-@pytest.fixture
-def study(tmp_path, monkeypatch):
-    """A study as `agents.design` writes it: V_p falls by 0.5 m/s per s from one approach time to the next.
+@pytest.mark.parametrize(("setup", "free", "message"), [
+    ("linear-blind", (), "--free must name a number"),
+    ("linear-blind", ("coupling.stifness=1:2",), "did you mean 'coupling.stiffness'"),
+    ("linear-blind", ("object_mass=1:2",), "unknown key --free object_mass"),
+    ("linear-blind", ("coupling.height=0.01:0.02",), "has a SpringDamper coupling, whose design is tool_mass, coup"),
+    ("rigid-blind", (STIFFNESS,), "has a Rigid coupling, whose design is tool_mass"),
+    ("linear-blind", ("coupling.stiffness=300:10",), "LOW below HIGH, got 300:10"),
+    ("linear-blind", ("coupling.stiffness=10:10",), "LOW below HIGH, got 10:10"),
+    ("linear-blind", ("coupling.stiffness=:",), "must be NAME=LOW:HIGH"),
+    ("linear-blind", ("coupling.stiffness",), "must be NAME=LOW:HIGH"),
+    ("linear-blind", ("coupling.stiffness=10:inf",), "must be finite"),
+    ("linear-blind", (STIFFNESS, STIFFNESS), "coupling.stiffness is named twice"),
+    ("linear-blind", ("coupling.stiffness=-5:10",), "coupling.stiffness.* must be finite and above 0"),
+    ("linear-blind", ("coupling.stiffness=0.5:2",), "no design in these ranges holds the tool within 50 mm"),
+    ("bistable-blind", ("coupling.stiffness=10:50",), "its front stop holds"),
+    ("bistable-blind", ("coupling.height=0.01:0.08",), "height must be below"),
+], ids=str)  # fmt: skip
+def test_study_refuses_what_cannot_be_searched(setup, free, message, tmp_path):
+    with pytest.raises(ValueError, match=message):
+        Study(setup, free, tmp_path).checked()
 
-    Nobody played it, so there is nothing to watch.
-    """
-    monkeypatch.setattr(watch, "front", lambda *_: {"contestants": [], "columns": [], "scenes": []})
-    shares = [("paper's rule", 1.0, 0.6), ("designs", 1.0, 0.2), ("chosen", 1.1, 0.17), ("chosen", 0.9, 0.23)]
-    shares += [("designs", 1.2, 0.1)]
-    entries = [{"line": line, "share": share, "design": {"tool_mass": 0.1}, "pad": ""} for line, share, _ in shares]
-    arrays = {}
-    for place, (_, share, velocity) in enumerate(shares):
-        same = {"approach_time": 0.3 * share, "object_velocity": velocity, "deflection": 0.01, "stroke": 0.02}
-        same |= {"peak_force": 9.0, "contact_count": 1.0, "missed": 0.0, "energy": 0.1}
-        arrays |= {f"{name}_{place}": np.full(SCENARIOS, value) for name, value in same.items()}
-        arrays[f"distance_{place}"] = np.linspace(0.15, 0.35, SCENARIOS)
-    content = {
-        "command": "python -m agents.design",
-        "seconds": 1.0,
-        "setup": "linear-blind",
-        "tolerance": 0.05,
-        "entries": entries,
+
+@pytest.mark.parametrize(("changes", "message"), [
+    ({"pad": "felt"}, "unknown key --pad felt"),
+    ({"times": ()}, "times must name an approach time"),
+    ({"times": (0.0,)}, "times must be finite and above 0"),
+    ({"limits": Limits(deflection=0.0)}, "deflection must be finite and above 0"),
+    ({"limits": Limits(touched_once=1.5)}, "touched_once must be finite and above 0 and at most 1"),
+    ({"effort": Effort(tolerance=-0.1)}, "tolerance must be finite and at least 0"),
+    ({"effort": Effort(population=2)}, "population must be a whole number of at least 4"),
+    ({"against": ("nobody",)}, "no set-up 'nobody'"),
+    ({"grid": (2, 1)}, "grid must be a whole number of at least 2"),
+    ({"grid": (2, 2), "free": (STIFFNESS,)}, "grid needs two free numbers, --free names 1"),
+], ids=str)  # fmt: skip
+def test_study_names_an_option_out_of_range(changes, message, tmp_path):
+    with pytest.raises(ValueError, match=message):
+        Study("linear-blind", **{"free": SPRING, "out": tmp_path, **changes}).checked()
+
+
+@pytest.mark.parametrize("name", PADS)
+def test_on_pad_shares_a_force_adds_the_penetrations_and_loses_what_both_halves_lose(name):
+    pad, restitution = pad_of(name), 0.8
+    for stiffness in (1e3, 1e5, 1e7):
+        together, rebound = on_pad(name, stiffness, restitution)
+        for force in (0.1, 10.0):
+            penetration = brentq(lambda x, k=together, f=force: k * x**1.5 - f, 0.0, 1.0, xtol=1e-16)
+            pressed = [(force / k) ** (2 / 3) for k in (pad.stiffness, stiffness)]
+            assert penetration == pytest.approx(sum(pressed))
+            stored = 0.4 * force * np.array(pressed)
+            lost = stored @ [1.0 - pad.restitution**2, 1.0 - restitution**2]
+            assert (1.0 - rebound**2) * stored.sum() == pytest.approx(lost)
+    assert on_pad(name, 1e-6, 0.7) == pytest.approx((1e-6, 0.7), rel=1e-4)  # an object far softer, far stiffer
+    assert on_pad(name, 1e18, 0.7) == pytest.approx((pad.stiffness, pad.restitution), rel=1e-4)
+
+
+@pytest.mark.parametrize("name", PADS)
+def test_pad_is_a_dome_of_a_material_of_the_table_at_its_bounciest(name):
+    pad, material = pad_of(name), ig.MATERIALS[name]
+    edges = [4 / 3 * E / (1 - nu**2) * pad.radius**0.5 for E in material.young for nu in material.poisson]
+    assert min(edges) * (1 - 1e-12) <= pad.stiffness <= max(edges) * (1 + 1e-12)
+    assert pad.restitution == max(material.restitution)
+
+
+@pytest.mark.parametrize(("stiffness", "damping_ratio"), [(300.0, 0.2), (120.0, 0.0), (80.0, 1.0)])
+def test_travel_is_that_of_a_spring_and_damper_set_going_evenly(stiffness, damping_ratio):
+    """It swings over m a / k by exp(-pi zeta / sqrt(1 - zeta^2)), given half a period of its own."""
+    coupling = {"type": "SpringDamper", "stiffness": stiffness, "damping_ratio": damping_ratio}
+    environment = {"coupling": coupling, "scenario": {"distance": 0.5}, "acceleration_range": [1.0, 5.0]}
+    travel = Travel(4)
+    rule = ConstantSpeed(1.5, 5.0).for_environment(environment)
+    ScenarioBatch(TUNING_SEED, 4, threads=1, **environment).play(rule, watch=travel)
+    over = np.exp(-np.pi * damping_ratio / np.sqrt(1.0 - damping_ratio**2)) if damping_ratio < 1.0 else 0.0
+    assert travel.deflection == pytest.approx(0.125 * 5.0 / stiffness * (1.0 + over), rel=0.01)
+    assert (travel.stroke >= travel.deflection).all()
+
+
+def test_limits_count_what_exceeds_them_as_a_share():
+    stage, travel, release = ScenarioBatch(TUNING_SEED, 40, threads=1), Travel(40), np.array([2.0])
+    played, none = stage.play(BlindProfile(PROFILE), watch=travel), NO_LIMITS
+    peak = np.quantile(played.peak_force, 0.95)
+    values = {
+        "deflection": travel.deflection.max(),
+        "stroke": travel.stroke.max(),
+        "peak_force": peak,
+        "energy": np.quantile(0.5 * played.scenario["object_mass"] * played.object_velocity**2, 0.95),
+        "release": 2.0,
     }
-    write_archive(tmp_path / "designs.npz", FORMAT, content, arrays)
-    return tmp_path
+    assert none.excess(played, travel, release) == 0.0
+    for name, value in values.items():
+        assert replace(none, **{name: value / 1.5}).excess(played, travel, release) == pytest.approx(0.5)
+        assert replace(none, **{name: value * 1.01}).excess(played, travel, release) == 0.0
+    twice = (played.contact_count > 1).mean()
+    assert 0.0 < twice < 0.5
+    assert replace(none, touched_once=1.0 - twice / 2).excess(played, travel, release) == pytest.approx(1.0)
+    assert replace(none, touched_once=0.5).excess(played, travel, release) == 0.0
+    pad = pad_of("norbornene")  # may be pressed in by half its radius
+    soft = pad._replace(young=pad.young * peak / (pad.stiffness * (0.6 * pad.radius) ** 1.5))
+    assert none.excess(played, travel, release, soft) == pytest.approx(0.2)
+    assert none.excess(played, travel, release, soft._replace(young=10.0 * soft.young)) == 0.0
 
 
-@pytest.fixture(scope="module")
-def played(tmp_path_factory):
-    """A study of two springs with a shipped controller, one on a pad, as they were played on the test set."""
-    folder, weights = tmp_path_factory.mktemp("played"), read_tuned("blind-profile")["weights"].values()
-    controllers = [list(found["parameters"].values()) for found in weights]
-    spring = {"coupling.stiffness": 70.0, "coupling.damping_ratio": 0.4}
-    profile = {"design": spring, "rule": "BlindProfile", "environment": {"tool_mass": 0.125}}
-    entries = [{"line": "paper's rule", "design": {}, **PAPERS_RULE, "environment": {}, "pad": ""}]
-    entries += [{"line": "designs", **profile, "parameters": controllers[-1], "pad": ""}]
-    entries += [{"line": "designs", **profile, "parameters": controllers[0], "pad": "memory-foam"}]
-    entries += [entries[1] | {"line": "chosen"}]
-    arrays = {}
-    for place, entry in enumerate(entries):
-        rest = {name: value for name, value in entry.items() if name != "line"}
-        result = play_one(**rest, tolerance=0.05, scenarios=["test", None])
-        arrays |= {f"{name}_{place}": values for name, values in result.items()}
-    content = {"command": "python -m agents.design", "seconds": 1.0, "setup": "linear-blind", "tolerance": 0.05}
-    content["entries"] = [entry | {"share": 1.0} for entry in entries]
-    write_archive(folder / "designs.npz", FORMAT, content, arrays)
-    return folder
+def test_stage_plays_rows_with_a_design_as_a_set_up_with_that_design():
+    ranges = {"coupling": {"type": "SpringDamper", "stiffness": [10.0, 300.0], "damping_ratio": [0.1, 2.0]}}
+    designs = {"coupling.stiffness": np.array([40.0, 150.0]), "coupling.damping_ratio": np.array([1.5, 0.3])}
+    stage = ScenarioBatch(TUNING_SEED, 10, copies=2, threads=1, **ranges)
+    together = stage.play(BlindProfile(PROFILE), {name: np.repeat(values, 10) for name, values in designs.items()})
+    for copy in range(2):
+        alone = changed({}, {name: float(values[copy]) for name, values in designs.items()})
+        played = ScenarioBatch(TUNING_SEED, 10, threads=1, **alone).play(BlindProfile(PROFILE))
+        assert np.array_equal(together.object_velocity[10 * copy : 10 * copy + 10], played.object_velocity)
 
 
-def test_a_line_is_read_at_the_mean_approach_time_of_the_papers_rule(study):
-    _, lines = read(study)
-    assert lines["chosen"].mean("approach_time") == pytest.approx([0.27, 0.33])
-    found = reduction(lines["chosen"], lines["paper's rule"], Resamples(SCENARIOS))
-    assert (found.value, found.low, found.high) == pytest.approx((1.0 - 0.2 / 0.6,) * 3)
+def test_designed_puts_numbers_in_together_that_are_a_coupling_only_together():
+    before = load_setup("bistable-blind").environment
+    after = changed(before, {"coupling.height": 0.06, "coupling.rear_stop": -0.03, "tool_mass": 0.1})
+    assert after["coupling"] == before["coupling"] | {"height": 0.06, "rear_stop": -0.03} | {
+        "free_length": 0.07, "stop_stiffness": 1e5, "stop_damping_ratio": 1.0
+    }  # fmt: skip
+    assert after["tool_mass"] == 0.1
+    drawn = changed({"coupling": {"type": "SpringDamper", "stiffness": [40, 60]}}, {"coupling.damping_ratio": 0.5})
+    assert drawn["coupling"] == {"type": "SpringDamper", "stiffness": [40, 60], "damping_ratio": 0.5}
+    with pytest.raises(ValueError, match="rear_stop must be above minus the stroke"):
+        Task(**changed(before, {"coupling.height": 0.06}))
 
 
-def test_the_page_says_what_the_chosen_design_gains_and_lists_every_design(study):
-    text = show(study).read_text()
-    assert "66.7 % [66.7, 66.7] slower" in text
-    assert text.count('<td class="words">tool_mass 0.1 kg</td>') == 5 + 2  # all, and those of the front once more
-    assert "10.0 mm against the flange" in text
+def test_play_takes_a_design_as_it_may_be_built_another_in_each_scenario():
+    design, scenarios = {"coupling.stiffness": 80.0, "coupling.damping_ratio": 0.4}, ["validation", 60]
+    assert as_built({"coupling.rear_stop": -0.02}, 0.05) == {"coupling.rear_stop": pytest.approx([-0.021, -0.019])}
+    rig = asdict(Rig({}, "BlindProfile", PROFILE, design))
+    exact, built = (play(rig, share, scenarios, {}) for share in (0.0, 0.05))
+    alone = ScenarioBatch.of(*scenarios, threads=1, **changed({}, design)).play(BlindProfile(PROFILE))
+    assert np.array_equal(exact["object_velocity"], alone.object_velocity)
+    changes = built["object_velocity"] / exact["object_velocity"] - 1.0
+    assert (changes != 0.0).all()
+    assert np.abs(np.median(changes)) < np.abs(changes).max() < 0.5
 
 
-def test_the_slider_of_the_page_goes_through_the_designs_of_the_front_and_their_films(played):
-    path = show(played)
-    designs = read(played)[1]["designs"]
-    with chromium() as browser:
-        page, problems = opened(browser, path, reduced_motion="reduce")
-        page.focus("#which")
-        for place in range(2):
-            time, velocity = (designs.mean(name)[place] for name in ("approach_time", "object_velocity"))
-            assert page.inner_text("#time") == page.get_attribute("#which", "aria-valuetext") == f"{time:.3f} s"
-            (row,) = (row for row in page.locator("tr.one").all() if row.is_visible())
-            assert row.inner_text().split("\t")[:2] == [f"{time:.3f}", f"{velocity:.3f}"]
-            assert page.locator(".igw-panel h3").all_inner_texts() == [watch.PAPER, f"designed for {time:.3f} s"]
-            page.keyboard.press("ArrowRight")
-        page.select_option(".igw-select", "1")  # a scene of the first design
-        assert page.input_value("#which") == "0"
-        assert page.inner_text("#time") == f"{designs.mean('approach_time')[0]:.3f} s"
-        assert page.evaluate("document.documentElement.scrollWidth") <= 1280
-        assert problems == []
+def test_play_judges_a_design_by_each_limit():
+    springs = [(60.0, 0.3), (200.0, 2.0)]
+    values = {
+        "deflection": lambda played: played["deflection"].max(),
+        "stroke": lambda played: played["stroke"].max(),
+        "peak_force": lambda played: np.quantile(played["peak_force"], 0.95),
+        "energy": lambda played: np.quantile(played["energy"], 0.95),
+    }
+
+    def played(spring, limits):
+        design = dict(zip(("coupling.stiffness", "coupling.damping_ratio"), spring, strict=True))
+        return play(asdict(Rig({}, "BlindProfile", PROFILE, design)), 0.0, ["validation", 60], asdict(limits))
+
+    free = [played(spring, NO_LIMITS) for spring in springs]
+    for name, value in values.items():
+        between = float(sum(map(value, free)) / 2)
+        kept = [value(each) < between for each in free]
+        excess = [played(spring, replace(NO_LIMITS, **{name: between}))["excess"] for spring in springs]
+        assert [each.item() == 0.0 for each in excess] == kept
+        assert sorted(kept) == [False, True]
 
 
-def test_a_film_shows_what_the_study_says_of_a_design_its_pad_and_its_tolerance(played):
-    content, lines = read(played)
-    paper, designs = lines["paper's rule"], lines["designs"]
-    found = watch.front(paper.told(0), [designs.told(0), designs.told(1)], content["tolerance"])
-    assert len(found["scenes"]) == 2 * 3
-    for place, scene in enumerate(found["scenes"]):
-        rule, design = scene["runs"]
-        number, of = scene["number"], divmod(place, 3)[0]
-        assert rule["object_velocity"] == paper.played["object_velocity"][0, number]
-        assert design["object_velocity"] == designs.played["object_velocity"][of, number]
-        assert rule["chain"]["rest"] != design["chain"]["rest"]  # each has its own spring
-    designs.played["object_velocity"][0] += 1e-9
-    with pytest.raises(RuntimeError, match="the replay of 'designed for"):
-        watch.front(paper.told(0), [designs.told(0)], content["tolerance"])
-
-
-def test_a_typical_scenario_is_watched_and_those_of_most_and_least_gain():
-    def episodes(velocity, missed):
-        return Episodes(np.array(velocity), *np.ones((3, 5)), np.array(missed), {})
-
-    paper = episodes([0.5, 0.9, 0.5, 0.5, 2.0], [0.0, 0.0, 0.0, 0.0, 0.0])
-    design = episodes([0.1, 0.2, 0.3, 0.45, 0.0], [0.0, 0.0, 0.0, 0.0, 1.0])
-    assert list(watch.chosen(paper, design).values()) == [2, 1, 3]
-    nothing = episodes([0.0] * 5, [1.0] * 5)
-    assert set(watch.chosen(paper, nothing).values()) <= {*range(5)}
-
-
-def test_a_folder_without_a_study_is_refused(tmp_path):
-    with pytest.raises(ValueError, match=r"designs\.npz"):
-        read(tmp_path)
-
-
-def test_the_papers_point_of_the_map_is_that_of_its_figure_23():
-    """V_p 0.45074 m/s with the mechanism and 0.692859 m/s with the spring, by an independent solver."""
-    rows = rows_of(sizes.row_of_masses("object", 1.0, [0.25]))
-    assert rows[0]["mechanism"] == pytest.approx(0.45074, rel=1e-4)
-    assert rows[0]["spring"] == pytest.approx(0.692859, rel=1e-4)
-    assert rows[0]["modified"] <= rows[0]["mechanism"]
-    assert rows_of(sizes.row_of_masses("both", 1.0, [0.25])) == [rows[0] | {"kind": "both"}]
-
-
-def test_a_spring_of_the_grid_stays_as_it_is_and_a_free_one_is_found_within_its_range(monkeypatch):
-    monkeypatch.setitem(agreement.SEARCH, "scenarios", 10)
-    monkeypatch.setattr(agreement, "TEST", ["test", 50])
-    (kept,) = rows_of(agreement.found(0.31, 16, [60.0, 0.4], 1))
-    assert (kept["stiffness"], kept["damping_ratio"]) == (60.0, 0.4)
-    (free,) = rows_of(agreement.found(0.31, 16, [], 1))
-    assert agreement.STIFFNESS.low <= free["stiffness"] <= agreement.STIFFNESS.high
-    assert free["low"] <= free["velocity"] <= free["high"]
-
-
-def test_a_policy_judges_a_spring_by_the_episodes_in_which_it_is_drawn(monkeypatch, tmp_path):
-    options = load_setup("linear-designs").environment
-    policy = made_up_policy(environment=options)
-    monkeypatch.setattr(told, "POLICY", str(policy.save(tmp_path / "told.npz")))
-    monkeypatch.setattr(told, "TEST", ["test", 30])
-    monkeypatch.setattr(told, "WEIGHTS", (1.0,))  # so there is nothing to read between
-    (row,) = rows_of(told.judged(90.0, 0.3))
-    drawn = {"coupling.stiffness": np.full(30, 90.0), "coupling.damping_ratio": np.full(30, 0.3)}
-    alone = Stage.of("test", 30, time_weight=[1.0], **options).play(policy, drawn)
-    assert row["velocity"] == pytest.approx(alone.loss(0.0).mean(), rel=1e-12)
-    assert row["low"] < row["velocity"] < row["high"]
-
-
-def test_policy_and_searches_are_compared_spring_by_spring_and_one_that_moves_too_far_is_not_the_best():
-    springs = [{"stiffness": stiffness, "damping_ratio": 0.5} for stiffness in (30.0, 60.0, 90.0, 120.0)]
-    ours, theirs = (0.20, 0.25, 0.26, 0.30), (0.22, 0.251, 0.262, 0.29)
-    deflections = (0.051, 0.04, 0.03, 0.02)
-    rows = [one | {"velocity": v, "deflection": d} for one, v, d in zip(springs, ours, deflections, strict=True)]
-    tables = {"told": rows, "grid": [{"velocity": v} for v in theirs], "picked": [springs[1]]}
-    said = told.said(tables)
-    assert said["told_alike"] == 2
-    assert said["told_rank"] == pytest.approx(1.0)
-    assert said["told_best"]["stiffness"] == 60.0
-    assert [row["allowed"] for row in said["told"]] == [False, True, True, True]
+@pytest.mark.parametrize(("text", "start", "logarithmic"), [
+    ("coupling.stiffness=20:80", 50.0, True),
+    ("coupling.damping_ratio=0.5:2", 1.0, False),
+    ("coupling.damping_ratio=0.1:2", 1.0, True),
+    ("coupling.damping_ratio=0:2", 0.0, False),
+    ("coupling.stiffness=100:400", 200.0, True),  # the set-up's own 50 N/m is not in it
+])  # fmt: skip
+def test_free_number_is_searched_by_ratio_where_that_matters_and_begins_where_the_set_up_is(text, start, logarithmic):
+    free = read(text)
+    assert free.logarithmic is logarithmic
+    parameter = free._replace(start=50.0 if "stiffness" in text else start).parameter()
+    values = free.value(np.array([parameter.low, parameter.start, parameter.high]))
+    assert values == pytest.approx([free.low, start, free.high])
+    assert [free.spread(3)[0], free.spread(3)[-1]] == pytest.approx([free.low, free.high])

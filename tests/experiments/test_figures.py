@@ -15,19 +15,16 @@ from golden import IMPACT_VELOCITY, OBJECT_VELOCITIES, SHAPES
 from pages import as_plain_text_has_it
 
 import impact_gym as ig
+from experiments import paper
 from experiments.lab.charts import save
 from experiments.paper import __main__ as command
 from experiments.paper import (
     beyond_design,
     beyond_speed,
-    catalogue,
     figure_05,
     figure_16,
-    limit_cases,
     page,
     scenes,
-    stiffness_sweep,
-    sweeps,
     tables,
 )
 from experiments.paper.statements import Basis, Verdict
@@ -61,13 +58,13 @@ TWO_READINGS = {
 }
 
 
-EVERY_FIGURE = pytest.mark.parametrize("name", catalogue.NAMES)
+EVERY_FIGURE = pytest.mark.parametrize("name", paper.NAMES)
 
 
 @pytest.fixture(scope="session")
 def computed():
     options = {"beyond_design": {"speeds": (0.6, 1.0)}, "hidden_values": {"step": 0.2}}
-    return {name: catalogue.load(name).compute(**options.get(name, {})) for name in catalogue.NAMES}
+    return {name: paper.load(name).compute(**options.get(name, {})) for name in paper.NAMES}
 
 
 @pytest.fixture(scope="session")
@@ -76,7 +73,7 @@ def folder(computed, tmp_path_factory):
     path = tmp_path_factory.mktemp("paper")
     for name, table in computed.items():
         tables.write(path / f"{name}.csv", table)
-        save(catalogue.load(name).plot(tables.read(path / f"{name}.csv")), path / f"{name}.svg")
+        save(paper.load(name).plot(tables.read(path / f"{name}.csv")), path / f"{name}.svg")
     page.write(path, RUN)
     return path
 
@@ -87,7 +84,7 @@ def test_a_figure_is_drawn_from_its_table_on_disk(name, computed, folder):
     assert list(again) == list(computed[name])
     for column, values in computed[name].items():
         np.testing.assert_array_equal(again[column], values)
-    figure = catalogue.load(name).plot(again)
+    figure = paper.load(name).plot(again)
     for axes in figure.axes:
         assert axes.get_xlabel() or axes.get_title()
         assert axes.get_ylabel()
@@ -96,7 +93,7 @@ def test_a_figure_is_drawn_from_its_table_on_disk(name, computed, folder):
 
 @EVERY_FIGURE
 def test_the_text_holds_but_where_the_page_says_why_not(name, computed):
-    found = list(catalogue.load(name).statements(computed[name]))
+    found = list(paper.load(name).statements(computed[name]))
     assert found
     for statement in found:
         assert statement.ours
@@ -116,7 +113,7 @@ def test_the_page_has_every_figure_and_needs_no_network(folder):
     for reference in re.findall(r'href="([^#"][^"]*)"', text):
         assert (folder / reference).is_file(), reference
     images = re.findall(r'<a href="([^"]+)"><img src="([^"]+)" alt="([^"]+)"', text)
-    assert [file for file, _, _ in images] == [f"{name}.svg" for name in catalogue.NAMES]
+    assert [file for file, _, _ in images] == [f"{name}.svg" for name in paper.NAMES]
     assert len(images) == text.count("<img")
     for file, source, alternative in images:
         assert source == "data:image/svg+xml;base64," + b64encode((folder / file).read_bytes()).decode()
@@ -126,7 +123,7 @@ def test_the_page_has_every_figure_and_needs_no_network(folder):
 
 
 def test_the_summary_counts_what_is_on_the_page(folder, computed):
-    every = [s for name, table in computed.items() for s in catalogue.load(name).statements(table)]
+    every = [s for name, table in computed.items() for s in paper.load(name).statements(table)]
     text = unescape(as_plain_text_has_it((folder / "index.html").read_text()))
     tests = [s for s in every if s.basis == Basis.TEST]
     assert f"<strong>{len(every)} statements</strong>" in text
@@ -143,7 +140,7 @@ def test_the_summary_counts_what_is_on_the_page(folder, computed):
 
 @pytest.mark.parametrize("page", ["README.md", "docs/how-to/train.md"])
 def test_readme_and_documentation_tell_the_count_of_the_page(computed, page):
-    every = [s for name, table in computed.items() for s in catalogue.load(name).statements(table)]
+    every = [s for name, table in computed.items() for s in paper.load(name).statements(table)]
     bases, tested = Counter(s.basis for s in every), Counter(s.verdict for s in every if s.basis == Basis.TEST)
     told = re.search(
         r"Of (\d+) statements (\d+) were used to identify .* (\d+) are identities .* (\d+) say again .* "
@@ -188,7 +185,7 @@ def test_the_damping_force_changes_sign_where_the_penetration_peaks(computed):
 
 
 @pytest.mark.parametrize("e", [0.1, 0.5, 1.0])
-@pytest.mark.parametrize(("free", "mass"), [(0, limit_cases.OBJECT_MASS), (1, limit_cases.REDUCED_MASS)])
+@pytest.mark.parametrize(("free", "mass"), [(0, scenes.OBJECT_MASS), (1, scenes.REDUCED_MASS)])
 def test_peaks_and_durations_follow_the_contact_scales(computed, e, free, mass):
     duration, penetration, peak = SHAPES[e]
     forces = tables.where(computed["figure_06"], free=free, restitution=e)
@@ -206,20 +203,20 @@ def test_two_free_masses_part_as_slowly_as_the_restitution_that_eq_7_delivers(co
 
 @pytest.mark.parametrize("name", ["figure_16", "figure_18"])
 def test_a_change_in_the_number_of_contacts_is_enclosed(computed, name):
-    for k_c in stiffness_sweep.CONTACT_STIFFNESSES:
-        rows = stiffness_sweep.curve(computed[name], k_c)
+    for k_c in figure_16.CONTACT_STIFFNESSES:
+        rows = figure_16.curve(computed[name], k_c)
         stiffness, contacts = rows["coupling_stiffness"], rows["contacts"]
         assert (np.diff(stiffness) > 0.0).all()
-        assert (np.diff(stiffness)[np.diff(contacts) != 0] <= sweeps.WIDTH).all()
+        assert (np.diff(stiffness)[np.diff(contacts) != 0] <= tables.WIDTH).all()
     if name == "figure_16":
-        ((onset, *counts),) = stiffness_sweep.changes(computed[name], 1e5)
+        ((onset, *counts),) = figure_16.changes(computed[name], 1e5)
         assert counts == [1, 2]
         assert onset == pytest.approx(figure_16.slope_break(computed[name], 1e5), abs=2.0)
 
 
 def test_the_far_object_is_struck_by_a_tool_at_rest_behind_its_flange():
-    for k_t in (stiffness_sweep.COUPLING_STIFFNESSES[0], stiffness_sweep.COUPLING_STIFFNESSES[-1]):
-        scene = scenes.decoupled(1e5, 1.0, float(k_t), distance=stiffness_sweep.SETTLED)
+    for k_t in (figure_16.COUPLING_STIFFNESSES[0], figure_16.COUPLING_STIFFNESSES[-1]):
+        scene = scenes.decoupled(1e5, 1.0, float(k_t), distance=figure_16.SETTLED)
         (first, *_) = ig.simulate(scene, scenes.MOTION, 6.0).contacts
         assert first.approach_velocity == pytest.approx(1.0, abs=1e-6)
 

@@ -10,12 +10,12 @@ from watched import COUPLINGS, TEST_SET, columns, shown
 
 from agents import load_policy
 from agents.baselines import ConstantSpeed, PaperTrapezoid
-from agents.evaluate.stage import Episodes, Stage
+from agents.evaluate.scenario_batch import Episodes, ScenarioBatch
 from experiments.lab.player import choose, films, fragment
 from experiments.lab.player.clock import LEVELS, SHOWN, clock
 from experiments.lab.player.films import COLUMNS, play
 from experiments.lab.player.thinning import FORCE, MOST, POSITION, VELOCITY, thin
-from impact_gym.envs.task import HORIZON
+from impact_gym.task.task import HORIZON
 
 
 @pytest.fixture(scope="module", params=COUPLINGS)
@@ -106,7 +106,9 @@ def test_a_trace_cut_short_is_continued_as_the_simulator_does(coupling):
 def test_contestants_may_have_couplings_and_contacts_of_their_own():
     rule, kinds = PaperTrapezoid(), {"spring": {}, "mechanism": {"coupling": {"type": "Bistable"}}}
     soft = {"spring": {"contact_stiffness": np.full(5, 2e3)}, "mechanism": {}}
-    played = {name: Stage.of("test", 5, time_weight=[2.0], **kinds[name]).play(rule, soft[name]) for name in kinds}
+    played = {
+        name: ScenarioBatch.of("test", 5, time_weight=[2.0], **kinds[name]).play(rule, soft[name]) for name in kinds
+    }
     players = dict.fromkeys(kinds, rule)
     found = films(players, {"one": 3}, played, frozen=TEST_SET, environments=kinds, records=soft)
     for run in found["scenes"][0]["runs"]:
@@ -117,7 +119,7 @@ def test_contestants_may_have_couplings_and_contacts_of_their_own():
 
 
 def test_a_replay_that_differs_from_what_was_judged_is_refused():
-    stage = Stage.of("test", 3, time_weight=[2.0])
+    stage = ScenarioBatch.of("test", 3, time_weight=[2.0])
     played = {"paper": stage.play(PaperTrapezoid())}
     with pytest.raises(RuntimeError, match=r"scenario 1: the replay of 'paper' leaves the object at .* judged by"):
         films({"paper": load_policy("linear-blind")}, {"one": 1}, played, frozen=TEST_SET)
@@ -170,7 +172,7 @@ def test_what_is_chosen_is_what_its_phrase_says():
 
 
 def test_a_miss_is_shown_as_one():
-    stage, slow = Stage.of("test", 20, time_weight=[2.0]), ConstantSpeed(0.05)
+    stage, slow = ScenarioBatch.of("test", 20, time_weight=[2.0]), ConstantSpeed(0.05)
     played = {"paper": stage.play(PaperTrapezoid()), "slow": stage.play(slow)}
     chosen = choose(*played.values())
     assert played["slow"].missed.all()

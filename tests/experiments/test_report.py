@@ -17,12 +17,12 @@ from played import played_alone
 
 from agents.baselines.tuned import load_baseline
 from agents.evaluate import RESULTS
-from agents.evaluate.stage import Stage
+from agents.evaluate.scenario_batch import ScenarioBatch
 from agents.setups import load_setup
 from experiments.report import matchups
 from experiments.report.__main__ import ReportOptions, publish, write_folder
 from experiments.report.matchups import PAPER
-from impact_gym.envs import evaluation_sets
+from impact_gym.task import evaluation_sets
 
 AGENTS = Path(matchups.__file__).parents[2] / "agents"
 SCENARIOS = {"set": "test", "count": 30}
@@ -115,7 +115,7 @@ def test_episodes_are_those_of_a_stage_and_of_the_same_scenarios(episodes):
     frozen = evaluation_sets.load("test")
     for name, weight in ((PAPER, 2.0), ("blind-profile", 4.0)):
         rows = of(episodes, name, time_weight=weight).sort("scenario")
-        stage = Stage.of("test", 30, time_weight=[weight])
+        stage = ScenarioBatch.of("test", 30, time_weight=[weight])
         judged = stage.play(load_baseline("paper-trapezoid" if name == PAPER else name, weight))
         for field in RESULTS:
             assert (rows[field].to_numpy() == getattr(judged, field)).all()

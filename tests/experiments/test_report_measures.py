@@ -17,7 +17,7 @@ from agents.jobs import job
 from agents.setups import load_setup
 from experiments.lab.statistics import Estimate
 from experiments.report import answer, matchups, measures, results
-from impact_gym.envs import evaluation_sets
+from impact_gym.task import evaluation_sets
 
 AGENTS = Path(matchups.__file__).parents[2] / "agents"
 SCENARIOS = {"set": "test", "count": 30}

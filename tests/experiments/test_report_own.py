@@ -12,7 +12,7 @@ from jinja2 import Environment, FileSystemLoader
 from agents import Policy, load_policy
 from agents.baselines import ConstantSpeed
 from agents.baselines.tuned import TUNED
-from agents.evaluate.stage import Stage
+from agents.evaluate.scenario_batch import ScenarioBatch
 from agents.policies.policy import SHIPPED
 from experiments.lab.page import EXPERIMENTS, typeset
 from experiments.report import __main__ as report
@@ -46,7 +46,9 @@ def test_a_users_own_baseline_ranges_and_tool(tmp_path, monkeypatch):
     assert set(episodes["object_mass"]) == {0.4}
     assert episodes["distance"].is_between(0.2, 0.3).all()
     half = of(episodes, "my_rules:Half").sort("scenario")
-    judged = Stage(5, 6, scenario={"object_mass": 0.4, "distance": (0.2, 0.3)}, tool_mass=0.2).play(ConstantSpeed(0.5))
+    judged = ScenarioBatch(5, 6, scenario={"object_mass": 0.4, "distance": (0.2, 0.3)}, tool_mass=0.2).play(
+        ConstantSpeed(0.5)
+    )
     assert (half["object_velocity"].to_numpy() == judged.object_velocity).all()
     with pytest.raises(ValueError, match="out is there: --force"):
         write(settings)
@@ -115,7 +117,7 @@ def test_a_set_up_of_the_readme_without_policies_is_left_out_and_said_so(tmp_pat
     shutil.copytree(TUNED, tmp_path / "tuned")
     (found,) = report.matchups_of(ReportOptions(folder=tmp_path))
     assert found.name == "linear-blind"
-    assert "paper-limits is left out, it has no policies yet: python -m agents.train_seeds" in capsys.readouterr().out
+    assert "paper-limits is left out, it has no policies yet: impact-gym train-seeds" in capsys.readouterr().out
     with pytest.raises(ValueError, match="holds no policies"):
         report.matchups_of(ReportOptions(setups=("paper-limits",), folder=tmp_path))
     shutil.rmtree(there)

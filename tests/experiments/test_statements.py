@@ -2,8 +2,7 @@
 
 import pytest
 
-from experiments.paper import statements
-from experiments.paper.statements import Verdict
+from experiments.paper.statements import Basis, Section, Verdict, agreeing_digits
 
 
 @pytest.mark.parametrize(
@@ -19,29 +18,29 @@ from experiments.paper.statements import Verdict
         ("1.0", 1.049, (2, 2)),
     ],
 )
-def test_digits_to_which_a_printed_number_is_agreed_with(printed, ours, digits):
-    assert statements.agreeing_digits(printed, ours) == digits
+def test_agreeing_digits(printed, ours, digits):
+    assert agreeing_digits(printed, ours) == digits
 
 
 @pytest.mark.parametrize(
-    ("ours", "about", "verdict"),
+    ("ours", "text", "verdict"),
     [
-        (0.9786, False, Verdict.DIGITS),
-        (0.9786, True, Verdict.DIGITS),
-        (0.972, False, Verdict.DISAGREES),
-        (0.972, True, Verdict.AGREES),
-        (0.968, True, Verdict.DISAGREES),
+        (0.9786, "is 0.98", Verdict.DIGITS),
+        (0.9786, "is about 0.98", Verdict.DIGITS),
+        (0.972, "is 0.98", Verdict.DISAGREES),
+        (0.972, "is about 0.98", Verdict.AGREES),
+        (0.968, "is about 0.98", Verdict.DISAGREES),
     ],
 )
-def test_about_allows_one_unit_of_the_last_digit_and_no_more(ours, about, verdict):
-    text = "the velocity is about 0.98" if about else "the velocity is 0.98"
-    assert statements.Section("1").number(text, "0.98", ours).verdict == verdict
+def test_number_allows_one_unit_of_the_last_digit_where_the_text_says_about(ours, text, verdict):
+    statement = Section("1").identified.number(f"the velocity {text}", "0.98 m/s", ours)
+    assert (statement.verdict, statement.basis, statement.unit) == (verdict, Basis.IDENTIFIED, "m/s")
 
 
 @pytest.mark.parametrize("first", [True, False])
 @pytest.mark.parametrize("second", [True, False])
-def test_two_readings_are_one_statement_that_agrees_only_if_both_do(first, second):
-    read = statements.Section("1").claim("the text", first, "so", "a rule").read_as("meant otherwise", second, "thus")
+def test_read_as_agrees_only_if_both_readings_do(first, second):
+    read = Section("1").claim("the text", first, "so", "a rule").read_as("meant otherwise", second, "thus")
     alone = Verdict.AGREES if first else Verdict.DISAGREES
     assert read.verdict == (alone if first == second else Verdict.ONE_READING)
     assert read.otherwise == f"Another reading, meant otherwise: thus ({'agrees' if second else 'disagrees'})."

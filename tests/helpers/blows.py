@@ -5,7 +5,7 @@ from functools import lru_cache
 import numpy as np
 
 import impact_gym as ig
-from experiments.identify.recorder import blow, sampled
+from experiments.identify.recorder import blow, sample_signal
 
 MOTION = ig.Trapezoid(1.0, 8.0, ig.Brake())
 SPRING = ig.SpringDamper(150.0)
@@ -26,6 +26,6 @@ def log(of, rate=4000.0, noise=0.02, low_pass=None, bias=0.0, columns=("force",)
     times = here.time[0] - 0.01 + np.arange(int((0.01 + after) * rate)) / rate
     recorded = {"time": times + 1.0}
     for name in columns:
-        values = sampled(here, getattr(here, name), times, low_pass)
+        values = sample_signal(here, getattr(here, name), times, low_pass)
         recorded[name] = values + bias + rng.normal(size=len(times)) * noise * values.max()
     return recorded

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from agents.jobs.work import ONE_THREAD
+from agents.jobs.job import ONE_THREAD
 
 
 def _called(log, number):
@@ -26,12 +26,25 @@ def calls(log):
     return [number for number, _ in begun(log)]
 
 
-def numbers(log, number, seconds=0.0):
-    """Return what a sum over many numbers rounds to, so that a result in another order would show."""
+def numbers(log, number, seconds=0.0, megabytes=0):
+    """Return what a sum over many numbers rounds to, so that a result in another order would show.
+
+    Megabytes are more than a cluster sends with its answer: they stay on the node until they are fetched.
+    """
     _called(log, number)
     time.sleep(seconds)
     drawn = np.random.default_rng(number).standard_normal((64, 64))
-    return {"product": drawn @ drawn.T, "number": np.array(number)}
+    result = {"product": drawn @ drawn.T, "number": np.array(number), "where": np.array(__file__)}
+    return result | {"values": np.random.default_rng(number).random(int(megabytes * 1e6 / 8))}
+
+
+def played(log, number, count):
+    """Play a slice of the frozen validation set."""
+    from agents.evaluate.play import play  # 2 s, which every other worker does without
+
+    _called(log, number)
+    scenarios = {"set": "validation", "first": count * number, "count": count}
+    return play({"baseline": "paper-trapezoid"}, scenarios) | {"where": np.array(__file__)}
 
 
 def fails_on(log, number, bad):
@@ -52,21 +65,6 @@ def kills_itself(log, number, times):
 def no_arrays():
     """Return what is no result."""
     return {"value": 1.0}
-
-
-def played(log, number, controller, first, count):
-    """Play a slice of the frozen validation set."""
-    from agents.evaluate.play import play  # 2 s, which every other worker does without
-
-    _called(log, number)
-    return play(controller, {"set": "validation", "first": first, "count": count}) | {"where": np.array(__file__)}
-
-
-def large(log, number, megabytes):
-    """Return more than a cluster sends with its answer: it stays on the node until it is fetched."""
-    _called(log, number)
-    time.sleep(0.1)
-    return {"values": np.random.default_rng(number).random(int(megabytes * 1e6 / 8)), "where": np.array(__file__)}
 
 
 def threads():

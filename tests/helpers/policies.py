@@ -6,8 +6,8 @@ import numpy as np
 
 from agents import Policy
 from agents.policies.networks import Affine, Network
-from impact_gym.envs.observation import space
-from impact_gym.envs.task import Task
+from impact_gym.envs.single import observation_space
+from impact_gym.task import ObservationSpec, Task
 
 
 def made_up_policy(seed=0, environment=None, activation="tanh", log_std=-1.0, sizes=(16, 12)):
@@ -19,12 +19,12 @@ def made_up_policy(seed=0, environment=None, activation="tanh", log_std=-1.0, si
         weight = rng.normal(size=(outputs, inputs)) / (1.0 if name == "hidden_0" else np.sqrt(inputs))
         return Affine(name, weight.astype(np.float32), rng.normal(size=outputs).astype(np.float32) * np.float32(0.3))
 
-    inputs = space(Task(**environment)).shape[0]
+    inputs = len(ObservationSpec(Task(**environment)))
     widths = [inputs, *sizes]
     hidden = [affine(f"hidden_{k}", n, m) for k, (m, n) in enumerate(itertools.pairwise(widths))]
     noise = Affine("log_std", np.zeros((2, widths[-1]), np.float32), np.full(2, log_std, np.float32))
     network = Network(tuple(hidden), affine("mean", 2, widths[-1]), noise, activation)
-    return Policy(network, environment, {"command": "by hand", "seed": seed})
+    return Policy(network, environment, {"command": "by hand", "settings": {"seed": seed}})
 
 
 KINDS = {
@@ -37,5 +37,5 @@ KINDS = {
 
 def observations(policy, count=5000, seed=1):
     """Return rows drawn evenly from what the policy may see."""
-    box = space(Task(**policy.environment))
+    box = observation_space(policy.spec)
     return np.random.default_rng(seed).uniform(box.low, box.high, (count, policy.inputs)).astype(np.float32)

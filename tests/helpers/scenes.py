@@ -1,11 +1,20 @@
-"""The paper's tool, object, distance and motion, of which a test changes what it is about."""
+"""The paper's tool, object, distance and motion, of which a test changes what it is about; and random approaches."""
+
+import math
 
 import numpy as np
 
 import impact_gym as ig
+from impact_gym.robot import default_approach
 
 CRUISE = ig.Trapezoid(1.0, 8.0)
 MOTION = ig.Trapezoid(1.0, 8.0, ig.Brake())
+NODES = np.linspace(0.0, 0.35, 6)
+COLUMNS = NODES, 4 + 3 * NODES**2, 1.5e5 * (1 + NODES), 40 + 100 * NODES
+TABLE = ig.RobotTable(*(tuple(column.tolist()) for column in COLUMNS))
+COUPLINGS = {"rigid": ig.Rigid(), "spring": ig.SpringDamper(150.0, 0.5), "bistable": ig.Bistable()}
+ROBOTS = {"rigid robot": None, "robot": ig.Robot(5.0, 1.5e5, 50.0), "robot table": TABLE}
+EXPONENTS = [(1.5, 1.5), (1.5, 1.5), (1.0, 0.0), (1.2, 1.2), (2.0, 2.0)]
 
 
 def scene(k_c=1e5, e=0.5, coupling=None, robot=None, *, m_t=0.125, m_p=0.25, distance=0.2505, **law):
@@ -15,6 +24,41 @@ def scene(k_c=1e5, e=0.5, coupling=None, robot=None, *, m_t=0.125, m_p=0.25, dis
 
 def log_uniform(random, low, high):
     return float(np.exp(random.uniform(np.log(low), np.log(high))))
+
+
+def random_mechanism(random):
+    length = 0.07
+    height = random.uniform(0.3, 0.8) * length
+    stroke = math.sqrt(length**2 - height**2)
+    front, rear = random.uniform(0.1, 0.8) * stroke, -random.uniform(0.1, 0.8) * stroke
+    stop = log_uniform(random, 1e4, 1e6), random.uniform(0.3, 2)
+    return ig.Bistable(log_uniform(random, 20, 200), length, height, front, rear, *stop)
+
+
+def random_approach(seed, coupling="any", robot="rigid robot", laws=("hu-guo",), springs=(20.0, 300.0)):
+    """Scene, motion and duration of an approach that ends well after its first contact.
+
+    Couplings are rigid, spring (N/m in `springs`), bistable, or any of the first two; laws other than Hu and Guo's come
+    with any exponents.
+    """
+    random = np.random.default_rng([2027, seed])
+
+    def log(low, high):
+        return log_uniform(random, low, high)
+
+    if coupling == "any":
+        coupling = "spring" if random.random() < 0.8 else "rigid"
+    spring, mechanism = ig.SpringDamper(log(*springs), random.uniform(0, 3)), random_mechanism(random)
+    couplings = {"rigid": ig.Rigid(), "spring": spring, "bistable": mechanism}
+    lumped = ig.Robot(log(1, 10), log(1e4, 5e5), log(20, 200))
+    robots = dict(zip(ROBOTS, (None, lumped, default_approach().robot_table()), strict=True))
+    m, n = EXPONENTS[random.integers(len(EXPONENTS)) if len(laws) > 1 else 0]
+    contact = ig.Contact(log(1e3, 1e6), random.uniform(0.1, 1), laws[random.integers(len(laws))], m, n)
+    target = ig.Object(log(0.05, 2.5), random.uniform(0.05, 0.15))
+    brakes, brake = random.random() < 0.85, ig.Brake(log(0.05, 20), random.uniform(0, 0.03), random.uniform(1, 20))
+    motion = ig.Trapezoid(random.uniform(0.3, 1.5), random.uniform(4, 20), brake if brakes else None)
+    chain = ig.Scene(ig.Tool(log(0.05, 0.5)), target, contact, couplings[coupling], robots[robot])
+    return chain, motion, target.distance / motion.speed + motion.speed / motion.acceleration + 0.25
 
 
 def time_unit(scene, contact):

@@ -5,51 +5,51 @@ import json
 from dataclasses import replace
 
 import pytest
+import torch
 from episodes import assert_identical
+from stable_baselines3.common.logger import Logger
 
+from agents import load_policy, load_setup
 from agents.policies.networks import to_arrays
-from agents.policies.policy import load_policy
-from agents.train import callback, checkpoint
-from agents.train.run import train
-from agents.train.settings import Settings
+from agents.setups import Training
+from agents.train.ppo import Run, make_environments, make_model, train
 
-TINY = Settings(
-    steps=4096,
-    envs=16,
-    batch=64,
-    width=16,
-    simulation_threads=1,
-    validate_every=1500,
-    validation_scenarios=20,
-    checkpoint_every=1000,
-    rollout=16,
-)
-OBJECTIVES = callback.OBJECTIVES
+TINY = Training(
+    steps=4096, envs=16, rollout=16, batch=64, width=16, simulation_threads=1,
+    validate_every=1536, validation_scenarios=20, checkpoint_every=1024,
+)  # fmt: skip
 
 
-def tiny(**changes):
-    return replace(TINY, **changes)
+def tiny(setup="linear-blind", seed=0, **changes):
+    """Return a training of a second or less."""
+    return Run(load_setup(setup), replace(TINY, **changes), seed)
+
+
+def model_of(run):
+    """Return a model that can learn, and its environments."""
+    torch.set_num_threads(run.training.threads)
+    environments = make_environments(run)
+    environments.seed(3)
+    model = make_model(run, environments)
+    model.set_logger(Logger(None, []))
+    return model, environments
 
 
 class Killed(BaseException):
     """As if the process ended here."""
 
 
-def interrupted(settings, out, checkpoints):
-    """Train until so many checkpoints are written, and some steps more."""
-    original, written = checkpoint.write, []
+def interrupted(run, out):
+    """Train until the first validation behind a checkpoint."""
 
-    def write(*arguments):
-        if len(written) == checkpoints:
+    def kill(*_):
+        if (out / "checkpoint.npz").is_file():
             raise Killed
-        written.append(original(*arguments))
 
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(checkpoint, "write", write)
-        with pytest.raises(Killed):
-            train(replace(settings, out=out))
-    assert (out / "checkpoint.npz").is_file()
+    with pytest.raises(Killed):
+        train(run, out, kill)
     assert not (out / "metrics.json").exists()
+    return out
 
 
 def rows(folder):
@@ -65,5 +65,5 @@ def left(folder):
     return weights, rows(folder), metrics["validation"], metrics["curve"]
 
 
-def assert_same(one, other):
-    assert_identical(left(one), left(other))
+def assert_same(first, second):
+    assert_identical(left(first), left(second))

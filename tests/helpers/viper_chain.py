@@ -5,7 +5,7 @@ import json
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from impact_gym.robot.description import DATA as FILE
+from impact_gym.robot.arm import DATA as FILE
 
 DATA = json.loads(FILE.read_text(encoding="utf-8"))
 KINEMATICS, LINKS = DATA["kinematics"], DATA["inertia"]["links"]

@@ -4,10 +4,10 @@ import numpy as np
 
 from agents import load_policy
 from agents.baselines import PaperTrapezoid
-from agents.evaluate.stage import Stage
+from agents.evaluate.scenario_batch import ScenarioBatch
 from experiments.lab.player import choose, films
 from experiments.lab.player.films import COLUMNS
-from impact_gym.envs import evaluation_sets
+from impact_gym.task import evaluation_sets
 
 CONTESTANTS = {"the paper's <b>rule</b>": PaperTrapezoid(), "learned </script> policy": load_policy("linear-blind")}
 COUPLINGS = {"spring": {}, "rigid": {"coupling": {"type": "Rigid"}}, "bistable": {"coupling": {"type": "Bistable"}}}
@@ -15,7 +15,7 @@ TEST_SET = evaluation_sets.load("test")
 
 
 def shown(count=40, **environment):
-    stage = Stage.of("test", count, time_weight=[2.0], quiet=True, **environment)
+    stage = ScenarioBatch.of("test", count, time_weight=[2.0], quiet=True, **environment)
     played = {name: stage.play(controller) for name, controller in CONTESTANTS.items()}
     numbers = choose(*played.values())
     return films(CONTESTANTS, numbers, played, frozen=TEST_SET, environment=environment), played

@@ -29,17 +29,19 @@ rate = 4000.0
 
 @pytest.fixture
 def files(tmp_path):
-    recorded = log(scene(1e5, 0.5))
-    np.savetxt(
-        tmp_path / "log.csv", np.column_stack(list(recorded.values())), delimiter=",", header="time,force", comments=""
-    )
+    columns = np.column_stack(list(log(scene(1e5, 0.5)).values()))
+    np.savetxt(tmp_path / "log.csv", columns, delimiter=",", header="time,force", comments="")
     (tmp_path / "my.toml").write_text(SCENE)
     return tmp_path
 
 
-def test_intervals_become_the_ranges_of_a_set_up(files, capsys):
+def identify(files, *options):
+    main([str(files / "log.csv"), "--scene", str(files / "my.toml"), *map(str, options)])
+
+
+def test_main_makes_intervals_the_ranges_of_a_set_up(files, capsys):
     out = files / "setup.toml"
-    main([str(files / "log.csv"), "--scene", str(files / "my.toml"), "--out", str(out), "--plot", str(files / "a.png")])
+    identify(files, "--out", out, "--plot", files / "a.png")
     assert "contact.stiffness = " in capsys.readouterr().out
     setup = load_setup(out)
     scenario = setup.environment["scenario"]
@@ -52,12 +54,11 @@ def test_intervals_become_the_ranges_of_a_set_up(files, capsys):
     assert (files / "a.png").stat().st_size > 0
 
 
-def test_without_out_the_set_up_is_printed_and_a_coupling_may_be_free(files, capsys):
-    main([str(files / "log.csv"), "--scene", str(files / "my.toml"), "--free", "contact.stiffness", "object.mass",
-          "contact.restitution", "coupling.stiffness"])  # fmt: skip
+def test_main_prints_the_set_up_and_may_free_a_coupling(files, capsys):
+    identify(files, "--free", "contact.stiffness", "coupling.stiffness")
     (files / "printed.toml").write_text(capsys.readouterr().out)
-    found = load_setup(files / "printed.toml").environment["coupling"]["stiffness"]
-    assert found == 150.0 or found[0] < found[1]
+    stiffness = load_setup(files / "printed.toml").environment["coupling"]["stiffness"]
+    assert stiffness == 150.0 or stiffness[0] < stiffness[1]
 
 
 @pytest.mark.parametrize(
@@ -71,21 +72,14 @@ def test_without_out_the_set_up_is_printed_and_a_coupling_may_be_free(files, cap
         ("title =", "title", "is not read as TOML"),
     ],
 )
-def test_what_is_wrong_with_the_file_is_one_line(files, old, new, match):
+def test_main_says_in_one_line_what_is_wrong_with_the_file(files, old, new, match):
     (files / "my.toml").write_text(SCENE.replace(old, new))
-    with pytest.raises(SystemExit, match=match) as caught:
-        main([str(files / "log.csv"), "--scene", str(files / "my.toml")])
-    assert str(caught.value).startswith("impact_gym.identify: ")
-    assert "\n" not in str(caught.value)
+    with pytest.raises(SystemExit, match=match) as refusal:
+        identify(files)
+    assert str(refusal.value).startswith("impact-gym identify: ")
+    assert "\n" not in str(refusal.value)
 
 
-def test_a_number_without_a_place_in_a_set_up_is_refused(files):
+def test_main_refuses_a_number_without_a_place_in_a_set_up(files):
     with pytest.raises(SystemExit, match=r"contact\.stiffness_exponent has no place in a set-up"):
-        main([str(files / "log.csv"), "--scene", str(files / "my.toml"), "--free", "contact.stiffness_exponent"])
-
-
-def test_the_help_says_what_the_file_holds(capsys):
-    with pytest.raises(SystemExit):
-        main(["--help"])
-    shown = capsys.readouterr().out
-    assert all(word in shown for word in ("[environment.scenario]", "[motion]", "[sensor.force]", "low_pass"))
+        identify(files, "--free", "contact.stiffness_exponent")

@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 from solvers import BOTH
 
 import impact_gym as ig
-from experiments.reference.bistable import BistableForce
+from experiments.reference.laws import BistableForce
 
 MECHANISM = ig.Bistable()
 TOOL_MASS = 0.125
@@ -36,7 +36,7 @@ def rest(coupling):
     return brentq(lambda x: coupling.force(x) - stop * (x - front), front, coupling.stroke, xtol=1e-15)
 
 
-def test_the_force_is_minus_the_slope_of_the_energy():
+def test_force_is_minus_the_slope_of_the_energy():
     x = np.linspace(-0.08, 0.08, 41)
     h = 1e-6
     slope = (MECHANISM.energy(x + h) - MECHANISM.energy(x - h)) / (2 * h)
@@ -44,7 +44,7 @@ def test_the_force_is_minus_the_slope_of_the_energy():
 
 
 @pytest.mark.parametrize("force", [MECHANISM.force, np.vectorize(BistableForce(MECHANISM, TOOL_MASS).spring)])
-def test_the_numbers_of_fig_22(force):
+def test_force_has_the_numbers_of_fig_22(force):
     x = np.linspace(0.0, 0.07, 100_001)
     assert force(x).max() == pytest.approx(1.0817, abs=5e-5)
     assert x[force(x).argmax()] == pytest.approx(25.69e-3, abs=5e-6)
@@ -57,7 +57,7 @@ def test_the_numbers_of_fig_22(force):
     assert MECHANISM.barrier == pytest.approx(quad(force, 0.0, MECHANISM.stroke)[0], rel=1e-12)
 
 
-def test_it_starts_at_rest_under_its_preload():
+def test_mechanism_starts_at_rest_under_its_preload():
     trace = approach(acceleration=1e-6, distance=FAR, duration=1.0).trace
     assert trace.coupling_force[trace.time == 0.0] == pytest.approx(0.0, abs=1e-12)
     assert slider(trace) == pytest.approx(rest(MECHANISM), abs=1e-11)
@@ -67,7 +67,7 @@ def test_it_starts_at_rest_under_its_preload():
 @pytest.mark.parametrize(
     ("share", "pressed_throughout", "held"), [(0.87, True, True), (0.97, False, True), (1.03, False, False)]
 )
-def test_it_leaves_the_front_stop_only_if_the_flange_accelerates_faster_than_the_preload_holds(
+def test_mechanism_leaves_the_front_stop_only_if_the_flange_accelerates_faster_than_the_preload_holds(
     share, pressed_throughout, held
 ):
     # the preload holds tool mass times acceleration. Of a sudden start the stop (zeta = 1) overshoots by exp(-2), so
@@ -79,7 +79,7 @@ def test_it_leaves_the_front_stop_only_if_the_flange_accelerates_faster_than_the
     assert (x[-1] > MECHANISM.front_stop) == held
 
 
-def test_the_plateau_and_the_snap_through_of_fig_23a():
+def test_mechanism_snaps_through_once_as_in_fig_23a():
     outcome = approach()
     trace, (snap,), first = outcome.trace, outcome.snap_through, outcome.contacts[0]
     # a stiff preload holds the tool like a rigid coupling until the touch
@@ -89,12 +89,10 @@ def test_the_plateau_and_the_snap_through_of_fig_23a():
     assert np.interp(snap, trace.time, x) == pytest.approx(0.0, abs=1e-6)
     assert (x[trace.time < snap] > 0).all()
     assert (x[trace.time > snap] < 0).all()
-    plateau = (trace.time > 0.345) & (trace.time < 0.36)
-    assert np.all((trace.tool_velocity[plateau] > 0.37) & (trace.tool_velocity[plateau] < 0.40))
     assert x[-1] == pytest.approx(MECHANISM.rear_stop, abs=2e-5)  # pulled back and kept there
 
 
-def test_too_slow_an_impact_does_not_snap():
+def test_mechanism_does_not_snap_if_the_impact_is_too_slow():
     # paper, section 6: a lower impact velocity may keep the mechanism from its second stable position
     assert approach(speed=0.3, duration=2.5).snap_through == ()
     assert len(approach(speed=1.2).snap_through) == 1
@@ -110,7 +108,7 @@ def test_stops_never_pull(speed):
     assert np.all(np.abs(stop[(x > MECHANISM.rear_stop) & (x < MECHANISM.front_stop)]) < 1e-6)
 
 
-def test_without_damping_the_mechanism_and_its_stops_keep_the_energy():
+def test_mechanism_and_its_stops_keep_the_energy_without_damping():
     elastic = dataclasses.replace(MECHANISM, stop_damping_ratio=0.0)
     trace = approach(elastic, speed=1.0, acceleration=1e3, distance=FAR, duration=2.0, rtol=1e-11, brake=None).trace
     steady = trace.time > 1e-3 + 1e-9  # then the flange is an inertial frame
@@ -124,7 +122,7 @@ def test_without_damping_the_mechanism_and_its_stops_keep_the_energy():
 
 @BOTH
 @pytest.mark.parametrize("zeta", [0.0, 0.1, 0.3, 0.5, 1.0, 2.0, 4.0])
-def test_a_stop_returns_what_a_spring_and_damper_that_never_pulls_returns(simulate, zeta):
+def test_stop_returns_what_a_spring_and_damper_that_never_pulls_returns(simulate, zeta):
     # exp(-2 zeta arccos(zeta) / sqrt(1 - zeta^2)), so exp(-2) = 0.1353 at zeta = 1: not 'completely inelastic'.
     # A spring of next to no force lets the tool stand still until the rear stop takes it, at the flange's 1 m/s
     weak = ig.Bistable(stiffness=1e-9, front_stop=5e-3, rear_stop=-5e-3, stop_damping_ratio=zeta)
@@ -133,24 +131,8 @@ def test_a_stop_returns_what_a_spring_and_damper_that_never_pulls_returns(simula
     assert len(outcome.snap_through) == 1
 
 
-@pytest.mark.parametrize("height", [0.02, 0.028, 0.04])
-def test_the_budget_of_every_contact_closes(height):
-    outcome = approach(dataclasses.replace(MECHANISM, height=height), rtol=1e-8)
-    assert max(one.momentum_error for one in (outcome, *outcome.contacts)) < 1e-9
-    trace, first = outcome.trace, outcome.contacts[0]
-    inside = (trace.time >= first.start) & (trace.time <= first.end)
-    pushed = np.trapezoid(trace.coupling_force[inside], trace.time[inside])
-    assert pushed == pytest.approx(first.coupling_impulse, abs=2e-4)
-
-
-def test_the_answer_converges_with_rtol():
-    exact = approach(rtol=1e-13).object_velocity
-    for rtol in (1e-4, 1e-6, 1e-8, 1e-10):
-        assert abs(approach(rtol=rtol).object_velocity - exact) < rtol
-
-
 @pytest.mark.parametrize(
-    ("field", "value", "says"),
+    ("field", "value", "message"),
     [
         ("height", 0.07, "free_length"),
         ("height", 0.08, "free_length"),
@@ -166,13 +148,13 @@ def test_the_answer_converges_with_rtol():
         ("free_length", math.inf, "finite"),
     ],
 )
-def test_impossible_mechanisms_are_refused(field, value, says):
-    with pytest.raises(ValueError, match=rf"Bistable\.{field}.*{says}"):
+def test_bistable_refuses_what_no_mechanism_has(field, value, message):
+    with pytest.raises(ValueError, match=rf"Bistable\.{field}.*{message}"):
         ig.Bistable(**{field: value})
 
 
 @pytest.mark.parametrize("field", [field.name for field in dataclasses.fields(ig.Bistable)])
 @pytest.mark.parametrize("value", ["1", None])
-def test_what_is_no_number_is_refused(field, value):
+def test_bistable_refuses_what_is_no_number(field, value):
     with pytest.raises(TypeError, match=rf"Bistable\.{field}"):
         ig.Bistable(**{field: value})

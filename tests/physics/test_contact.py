@@ -1,32 +1,29 @@
 """One contact against closed forms and the golden tables of docs/provenance.md, and the balances it must keep."""
 
-import math
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from golden import BEHIND_A_SPRING, CRITICAL_PUSH, PUSHED, SHAPES
+from impact_gym.kernels import APPROACH
 from scenes import CRUISE, MOTION, scene
-from scipy.integrate import simpson
 from scipy.interpolate import CubicHermiteSpline
 from solvers import BOTH, fast
 
 import impact_gym as ig
+from impact_gym.lowering import contact_law
 
 TOOL_MASS, OBJECT_MASS, STIFFNESS = 0.125, 0.25, 1e5  # kg, kg, N/m^1.5
 RTOL = 1e-12
 
 
-def time_scale(mass=OBJECT_MASS, stiffness=STIFFNESS, speed=1.0):
-    return (mass * speed**2 / stiffness) ** 0.4 / speed
+def time_scale(stiffness=STIFFNESS, speed=1.0):
+    return (OBJECT_MASS * speed**2 / stiffness) ** 0.4 / speed
 
 
-def isolated(restitution, *, stiffness=STIFFNESS, mass=OBJECT_MASS, speed=1.0):
-    """A tool held rigidly, at a constant speed from before the contact until after it: the contact and the trace."""
-    acceleration = 8.0
-    alone = scene(stiffness, restitution, m_p=mass, distance=speed**2 / (2 * acceleration) + 0.01 * speed)
-    duration = speed / acceleration + 0.01 + 40 * time_scale(mass, stiffness, speed)
-    outcome = ig.simulate(alone, ig.Trapezoid(speed, acceleration), duration, RTOL, trace=True)
+def isolated(restitution):
+    """A tool held rigidly, at 1 m/s from before the contact until after it: the contact and the trace."""
+    outcome = ig.simulate(scene(STIFFNESS, restitution), CRUISE, 0.4 + 40 * time_scale(), RTOL, trace=True)
     (contact,) = outcome.contacts
     return contact, outcome.trace
 
@@ -56,7 +53,7 @@ def penetration_in(trace, contact):
 
 @BOTH
 @pytest.mark.parametrize("restitution", SHAPES)
-def test_an_isolated_contact_lasts_and_peaks_as_in_the_golden_table(simulate, restitution):
+def test_isolated_contact_lasts_and_peaks_as_in_the_golden_table(simulate, restitution):
     (contact,), t0 = simulate(scene(STIFFNESS, restitution), CRUISE, 1.5).contacts, time_scale()
     duration, _, peak_force = SHAPES[restitution]
     assert contact.end - contact.start == pytest.approx(duration * t0, rel=1e-9)
@@ -64,7 +61,7 @@ def test_an_isolated_contact_lasts_and_peaks_as_in_the_golden_table(simulate, re
 
 
 @pytest.mark.parametrize("restitution", SHAPES)
-def test_an_isolated_contact_is_as_deep_as_in_the_golden_table(restitution):
+def test_isolated_contact_is_as_deep_as_in_the_golden_table(restitution):
     contact, trace = isolated(restitution)
     assert trace.contact_force.max() == pytest.approx(contact.peak_force, rel=1e-4)
     path = CubicHermiteSpline(*penetration_in(trace, contact)[:3])
@@ -72,26 +69,9 @@ def test_an_isolated_contact_is_as_deep_as_in_the_golden_table(restitution):
     assert deepest == pytest.approx(SHAPES[restitution][1] * time_scale(), rel=1e-9)
 
 
-@pytest.mark.parametrize("nominal", [0.01, 0.02, 0.05, 0.1, 0.3, 0.5, 0.7, 0.9, 0.95, 1.0])
-def test_hu_guo_delivers_the_closed_form_whatever_the_stiffness_the_mass_and_the_speed(nominal):
-    expected = ig.effective_restitution("hu-guo", nominal)
-    assert isolated(nominal)[0].separation_velocity == pytest.approx(expected, rel=1e-11)
-    random = np.random.default_rng(1)
-    for _ in range(25):
-        stiffness, mass, speed = 10 ** random.uniform([2, -3.6, -2], [10, 2.4, 1.5])
-        contact, _ = isolated(nominal, stiffness=stiffness, mass=mass, speed=speed)
-        assert contact.approach_velocity == pytest.approx(speed, rel=1e-12)
-        assert contact.separation_velocity / speed == pytest.approx(expected, rel=1e-10)
-        assert contact.momentum_error < 1e-12
-        if nominal in SHAPES:
-            t0, (duration, _, peak) = time_scale(mass, stiffness, speed), SHAPES[nominal]
-            assert (contact.end - contact.start) / t0 == pytest.approx(duration, rel=1e-9 + 1e-15 / t0)  # the clock's
-            assert contact.peak_force / (mass * speed / t0) == pytest.approx(peak, rel=1e-9)
-
-
 @BOTH
 @pytest.mark.parametrize(("restitution", "push"), PUSHED)
-def test_a_contact_under_a_constant_push_parts_as_in_the_golden_table(simulate, restitution, push):
+def test_pushed_contact_parts_as_in_the_golden_table(simulate, restitution, push):
     contact, (separation_velocity, duration) = pushed(simulate, restitution, push), PUSHED[restitution, push]
     assert contact.separation_velocity == pytest.approx(separation_velocity, abs=1e-9)
     assert (contact.end - contact.start) / time_scale() == pytest.approx(duration, abs=1e-6)
@@ -99,7 +79,7 @@ def test_a_contact_under_a_constant_push_parts_as_in_the_golden_table(simulate, 
 
 @BOTH
 @pytest.mark.parametrize(("restitution", "critical"), CRITICAL_PUSH.items())
-def test_a_contact_ends_below_the_critical_push_and_sticks_above(simulate, restitution, critical):
+def test_pushed_contact_ends_below_the_critical_push_and_sticks_above(simulate, restitution, critical):
     assert pushed(simulate, restitution, critical - 1e-6).end is not None
     for push in (critical + 1e-6, 1.1 * critical, *(push for push in (0.05, 0.1) if push > critical)):
         assert pushed(simulate, restitution, push).end is None
@@ -107,22 +87,11 @@ def test_a_contact_ends_below_the_critical_push_and_sticks_above(simulate, resti
 
 @BOTH
 @pytest.mark.parametrize(("restitution", "stiffness", "duration", "object_velocity"), BEHIND_A_SPRING)
-def test_a_tool_behind_a_spring_at_constant_speed(simulate, restitution, stiffness, duration, object_velocity):
+def test_tool_behind_a_spring_at_constant_speed(simulate, restitution, stiffness, duration, object_velocity):
     sprung = scene(stiffness, restitution, ig.SpringDamper(150.0), distance=3.0)
     contact = simulate(sprung, CRUISE, 4.0).contacts[0]
     assert contact.end - contact.start == pytest.approx(duration, abs=5.1e-11)  # half of the last digit given
     assert contact.object_velocity == pytest.approx(object_velocity, abs=5.1e-10)
-
-
-@pytest.mark.parametrize("restitution", [0.05, 0.4, 1.0])
-def test_kinetic_energy_lost_is_the_energy_dissipated(restitution):
-    contact, trace = isolated(restitution)
-    time, penetration, rate, force = penetration_in(trace, contact)
-    elastic = STIFFNESS * np.maximum(penetration, 0.0) ** 1.5
-    lost = 0.5 * OBJECT_MASS * (contact.approach_velocity**2 - contact.separation_velocity**2)
-    energy = 0.5 * OBJECT_MASS * contact.approach_velocity**2
-    assert simpson((force - elastic) * rate, x=time) == pytest.approx(lost, abs=1e-6 * energy)
-    assert simpson(elastic * rate, x=time) == pytest.approx(0.0, abs=1e-6 * energy)
 
 
 @pytest.mark.parametrize("restitution", [1.0, 0.5])
@@ -150,7 +119,7 @@ def test_energy_in_the_frame_of_a_steady_flange_is_kept_or_lost(restitution, dam
 @pytest.mark.parametrize("robot", [None, ig.Robot(5.225, 1.9e5, 50.4)], ids=["imposed", "robot"])
 @pytest.mark.parametrize("k_c", [1e3, 1e5])
 @pytest.mark.parametrize("restitution", [0.1, 0.3, 0.6, 1.0])
-def test_the_impulse_of_the_coupling_closes_the_budget_of_eq_22(simulate, robot, k_c, restitution):
+def test_coupling_impulse_closes_the_budget_of_eq_22(simulate, robot, k_c, restitution):
     for coupling in (ig.Rigid(), ig.SpringDamper(150.0), ig.SpringDamper(300.0, 0.1), ig.Bistable()):
         outcome = simulate(scene(k_c, restitution, coupling, robot), MOTION, 1.5, 1e-9 if simulate is fast else 1e-11)
         moving = TOOL_MASS + (robot.mass if robot and isinstance(coupling, ig.Rigid) else 0.0)
@@ -164,30 +133,27 @@ def test_the_impulse_of_the_coupling_closes_the_budget_of_eq_22(simulate, robot,
         assert simulate is not fast or outcome.momentum_error < 1e-12
 
 
-def bouncing(restitution, stiffness, duration):
-    """A tool that speeds up at 20 m/s^2 behind an object: in its frame, a ball that falls on a plate."""
-    return ig.simulate(scene(stiffness, restitution, distance=0.01), ig.Trapezoid(50.0, 20.0), duration, RTOL).contacts
-
-
-def test_an_object_without_loss_bounces_for_ever_and_every_bounce_is_recorded():
-    contacts = bouncing(1.0, 1e6, 2.4)
-    approach, start = (np.array([getattr(one, name) for one in contacts]) for name in ("approach_velocity", "start"))
-    assert len(contacts) > 32  # more than the first guess at the length of the log
-    assert approach == pytest.approx(math.sqrt(2 * 20.0 * 0.01), rel=1e-8)
-    assert np.diff(start) == pytest.approx(start[1] - start[0], rel=1e-8)
-    velocity = np.cumsum([contact.impulse for contact in contacts]) / OBJECT_MASS
-    assert velocity == pytest.approx([contact.object_velocity for contact in contacts], rel=1e-12)
-
-
-def test_between_bounces_the_object_falls_back_as_fast_as_it_left():
-    contacts = bouncing(0.9, 1e10, 1.0)
+def test_object_falls_back_between_bounces_as_fast_as_it_left():
+    # a tool that speeds up at 20 m/s^2 behind an object: in its frame, a ball that falls on a plate
+    contacts = ig.simulate(scene(1e10, 0.9, distance=0.01), ig.Trapezoid(50.0, 20.0), 1.0, RTOL).contacts
     assert len(contacts) > 30
     for before, after in pairwise(contacts):
         assert after.approach_velocity == pytest.approx(before.separation_velocity, rel=1e-9)
         assert after.start - before.end == pytest.approx(2 * before.separation_velocity / 20.0, abs=1e-12)
         # chi is taken afresh from each approach: every bounce keeps the same share, less what the push takes, which
         # in the golden table is 0.261 of the push at 0.01 and 0.291 of it at 0.1
-        push = 20.0 * time_scale(OBJECT_MASS, 1e10, before.approach_velocity) / before.approach_velocity
+        push = 20.0 * time_scale(1e10, before.approach_velocity) / before.approach_velocity
         shown = before.separation_velocity / before.approach_velocity
         if push < 0.1:
             assert 0.25 * push < ig.effective_restitution("hu-guo", 0.9) - shown < 0.292 * push
+
+
+@pytest.mark.parametrize("e", [0.1, 0.5, 1.0])
+def test_contact_of_hertz_has_a_fast_branch_that_is_that_of_any_exponents(e):
+    exponents = {"stiffness_exponent": 1.5 + 1e-13, "damping_exponent": 1.5 + 1e-13}
+    almost = scene(1e5, e, ig.SpringDamper(150.0), **exponents)
+    assert dict(zip(APPROACH["contact"].names, contact_law(almost.contact), strict=True))["twice_m"] == -1
+    hertz, power = (ig.simulate(chain, MOTION, 1.0, 1e-11) for chain in (scene(1e5, e, ig.SpringDamper(150.0)), almost))
+    assert power.object_velocity == pytest.approx(hertz.object_velocity, rel=1e-9)
+    assert power.peak_force == pytest.approx(hertz.peak_force, rel=1e-9)
+    assert power.detection_time == pytest.approx(hertz.detection_time, rel=1e-10)

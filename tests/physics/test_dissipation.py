@@ -5,11 +5,11 @@ import math
 import mpmath
 import numpy as np
 import pytest
-from reference_scenes import CLOSURES
 from scenes import CRUISE, scene
 from solvers import BOTH, fast
 
 import impact_gym as ig
+from experiments.reference.laws import CLOSURES
 from impact_gym.physics import dissipation
 
 RESTITUTIONS = np.unique(np.concatenate([np.geomspace(1e-3, 1.0, 80), 1.0 - np.geomspace(1e-15, 0.5, 60)]))
@@ -22,13 +22,13 @@ def lambert(damping):
         return (1 + mpmath.lambertw(-(1 + d) * mpmath.exp(-(1 + d))).real) / d if d else mpmath.mpf(1)
 
 
-def test_the_delivered_restitution_is_the_closed_form_to_fourteen_digits():
+def test_delivered_is_the_closed_form_to_fourteen_digits():
     for damping in np.concatenate([np.geomspace(1e-12, 1500.0, 200), [0.0, 0.2999999, 0.3, 0.3000001]]):
         assert float(abs(dissipation.delivered(damping) / lambert(damping) - 1)) < 2e-15
 
 
 @pytest.mark.parametrize("law", ["exact", *CLOSURES])
-def test_the_effective_restitution_of_each_law_is_right_to_1e_14(law):
+def test_effective_restitution_of_each_law_is_right_to_1e_14(law):
     effective = ig.effective_restitution(law, RESTITUTIONS)
     for nominal, value in zip(RESTITUTIONS.tolist(), effective.tolist(), strict=True):
         expected = nominal if law == "exact" else lambert(CLOSURES[law](nominal))
@@ -47,7 +47,7 @@ def test_the_effective_restitution_of_each_law_is_right_to_1e_14(law):
         (0.9, 0.166667, 0.8998999431, 0.166482),
     ],
 )
-def test_the_table_of_the_working_notes(restitution, hu_guo, effective, exact):
+def test_damping_factor_is_that_of_the_working_notes(restitution, hu_guo, effective, exact):
     assert dissipation.damping_factor("hu-guo", restitution) == pytest.approx(hu_guo, abs=5.1e-7)
     assert ig.effective_restitution("hu-guo", restitution) == pytest.approx(effective, abs=6e-11)
     assert dissipation.damping_factor("exact", restitution) == pytest.approx(exact, rel=2e-6)
@@ -56,41 +56,26 @@ def test_the_table_of_the_working_notes(restitution, hu_guo, effective, exact):
 HOOKE = {"dissipation": "exact", "stiffness_exponent": 1.0, "damping_exponent": 0.0}
 HERTZ = [{"dissipation": law} for law in ("exact", *CLOSURES)]
 OTHER_POWERS = [law | {"stiffness_exponent": m, "damping_exponent": m} for law in HERTZ for m in (1.0, 3.0)]
-RESTITUTIONS_OF_CONTACTS = (0.05, 0.1, 0.25, 0.4, 0.5, 0.75, 0.9, 1.0)
+RESTITUTIONS_OF_CONTACTS = (0.01, 0.02, 0.05, 0.1, 0.25, 0.4, 0.5, 0.75, 0.9, 1.0)
 """With those of Project Chrono's test of the normal restitution, which asks for 1e-3."""
 
 
 @BOTH
 @pytest.mark.parametrize("law", [HOOKE, *HERTZ, *OTHER_POWERS], ids=str)
-@pytest.mark.parametrize("stiffness", [1e3, 1e5, 1e9])
-def test_an_object_rebounds_from_a_wall_that_moves_with_the_restitution_of_each_law(simulate, law, stiffness):
+def test_object_rebounds_from_a_moving_wall_with_the_restitution_of_each_law_whatever_the_scales(simulate, law):
+    random, power = np.random.default_rng(1), law.get("stiffness_exponent", 1.5)
     for restitution in RESTITUTIONS_OF_CONTACTS:
-        (hit,) = simulate(scene(stiffness, restitution, **law), CRUISE, 6.0).contacts
-        delivered = ig.effective_restitution(law["dissipation"], restitution)
-        assert hit.start == pytest.approx(0.2505 + 1 / 16, rel=1e-14)
-        assert hit.separation_velocity == pytest.approx(delivered, rel=1e-10 if simulate is fast else 1e-9)
-        assert hit.object_velocity == pytest.approx(1 + delivered, rel=1e-9)
-
-
-@pytest.mark.parametrize("law", [HOOKE, *HERTZ], ids=str)
-@pytest.mark.parametrize("restitution", RESTITUTIONS_OF_CONTACTS)
-@pytest.mark.parametrize("tool_mass", [0.01, 0.125, 2.5])
-def test_a_free_tool_and_its_object_part_with_the_restitution_of_each_law(law, restitution, tool_mass):
-    """On a soft spring that is relaxed at the impact, half a period after the flange set out: it has not pushed yet.
-
-    What it does meanwhile is of the order (omega t0)^2 < 1e-11 of what the contact does.
-    """
-    omega, speed, ramp = 0.5, 1.0, 1 / 8  # 1/s, m/s, s
-    coupling, distance = ig.SpringDamper(tool_mass * omega**2, 0.0), math.pi * speed / omega
-    free = scene(1e12 if law is HOOKE else 1e14, restitution, coupling, m_t=tool_mass, distance=distance, **law)
-    hit = ig.simulate(free, ig.Trapezoid(speed, speed / ramp), math.pi / omega + 0.1, rtol=1e-11).contacts[0]
-    # y'' + omega^2 y = -a during the ramp: the tool swings about the flange from the middle of the ramp on
-    assert hit.start == pytest.approx(math.pi / omega + ramp / 2, rel=1e-12)
-    arrival = speed * (1 + math.sin(omega * ramp / 2) / (omega * ramp / 2))
-    assert hit.approach_velocity == pytest.approx(arrival, rel=1e-12)
-    e, share = ig.effective_restitution(law["dissipation"], restitution), tool_mass / (tool_mass + 0.25)
-    assert hit.separation_velocity == pytest.approx(e * arrival, rel=1e-9)
-    assert hit.object_velocity == pytest.approx(share * (1 + e) * arrival, rel=1e-9)  # momentum
+        others = 10 ** random.uniform([2, -3.6, -2], [10, 2.4, 1.5], (8, 3))
+        for stiffness, mass, speed in [(1e5, 0.25, 1.0), *(others.tolist() if simulate is fast else [])]:
+            t0 = (mass * speed**2 / stiffness) ** (1 / (power + 1)) / speed
+            wall = scene(stiffness, restitution, m_p=mass, distance=0.2505 * speed, **law)
+            (hit,) = simulate(wall, ig.Trapezoid(speed, 8.0 * speed), 0.32 + 1000 * t0).contacts
+            delivered = ig.effective_restitution(law["dissipation"], restitution)
+            assert hit.start == pytest.approx(0.2505 + 1 / 16, rel=1e-14)
+            assert hit.approach_velocity == pytest.approx(speed, rel=1e-12)
+            assert hit.separation_velocity / speed == pytest.approx(delivered, rel=1e-10 if simulate is fast else 1e-9)
+            assert hit.object_velocity / speed == pytest.approx(1 + delivered, rel=1e-9)
+            assert simulate is not fast or hit.momentum_error < 1e-12
 
 
 @BOTH
@@ -106,7 +91,7 @@ def test_exact_delivers_the_restitution_whatever_the_exponents(simulate, m, n, e
 
 
 @pytest.mark.parametrize("zeta", [0.05, 0.4, 1.0 - 1e-9, 1.0, 1.0 + 1e-9, 1.5, 1e3])
-def test_the_linear_contact_leaves_when_its_force_would_pull(zeta):
+def test_delivered_linear_leaves_when_its_force_would_pull(zeta):
     # x'' + 2 zeta x' + x = 0, x' = 1: the force 2 zeta x' + x ends at omega_d t = pi - 2 arcsin(zeta), with -x' = e
     with mpmath.workdps(50):
         z = mpmath.mpf(zeta)
@@ -116,11 +101,11 @@ def test_the_linear_contact_leaves_when_its_force_would_pull(zeta):
 
 
 @pytest.mark.parametrize(("law", "restitution"), [("hertz", 0.5), ("exact", 0.0), ("exact", 1.5), ("exact", math.nan)])
-def test_bad_arguments_are_named(law, restitution):
+def test_effective_restitution_names_bad_arguments(law, restitution):
     with pytest.raises(ValueError, match="law" if law == "hertz" else "restitution"):
         ig.effective_restitution(law, restitution)
 
 
-def test_the_shape_of_the_argument_is_kept():
+def test_effective_restitution_keeps_the_shape_of_its_argument():
     assert isinstance(ig.effective_restitution("hu-guo", 0.5), float)
     assert ig.effective_restitution("hu-guo", [[0.5, 0.6]]).shape == (1, 2)

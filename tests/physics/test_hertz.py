@@ -11,7 +11,7 @@ from impact_gym.physics.hertz import rubber
 STEEL = (206e9, 0.3)
 
 
-def test_it_is_hertzs_approach_of_a_sphere_to_a_plane():
+def test_hertz_is_his_approach_of_a_sphere_to_a_plane():
     radius, force = 0.02, 50.0
     k = ig.hertz(radius, *STEEL, 3e9, 0.4)
     modulus = 1.0 / ((1 - 0.3**2) / 206e9 + (1 - 0.4**2) / 3e9)
@@ -19,7 +19,7 @@ def test_it_is_hertzs_approach_of_a_sphere_to_a_plane():
     assert k * approach**1.5 == pytest.approx(force, rel=1e-12)
 
 
-def test_a_rigid_tool_leaves_the_object_alone_and_bodies_may_change_places():
+def test_hertz_of_a_rigid_tool_leaves_the_object_alone_and_bodies_may_change_places():
     alone = 4.0 / 3.0 * math.sqrt(0.01) * 2e6 / (1 - 0.5**2)
     assert ig.hertz(0.01, 1e30, 0.3, 2e6, 0.5) == pytest.approx(alone, rel=1e-12)
     assert ig.hertz(0.01, *STEEL, 2e6, 0.5) == pytest.approx(ig.hertz(0.01, 2e6, 0.5, *STEEL), rel=1e-14)
@@ -35,14 +35,14 @@ def test_a_rigid_tool_leaves_the_object_alone_and_bodies_may_change_places():
         (4, -1.0, "poisson_object"),
     ],
 )
-def test_what_no_body_has_is_refused(place, value, match):
+def test_hertz_refuses_what_no_body_has(place, value, match):
     given = [0.01, *STEEL, *STEEL]
     given[place] = value
     with pytest.raises(ValueError, match=match):
         ig.hertz(*given)
 
 
-def test_every_material_has_a_source_that_says_whether_it_was_read_and_numbers_that_a_body_can_have():
+def test_materials_have_a_source_that_says_whether_it_was_read_and_numbers_that_a_body_can_have():
     for name, material in ig.MATERIALS.items():
         assert re.search(r"\bread\b|not checked here", material.source), name
         assert 0 < material.young[0] <= material.young[1] < 1e12
@@ -53,7 +53,7 @@ def test_every_material_has_a_source_that_says_whether_it_was_read_and_numbers_t
 
 
 @pytest.mark.parametrize("shore", [20.0, 40.0, 60.0, 80.0])
-def test_gents_relation_is_the_law_of_a_flat_punch_pressed_in_by_a_durometer(shore):
+def test_rubber_is_the_law_of_a_flat_punch_pressed_in_by_a_durometer(shore):
     """ASTM D2240, type A: a cone blunted to 0.79 mm from 1.27 mm, 0.55 to 8.05 N, and 2.54 mm at hardness 0."""
     radius, force, depth = (0.79e-3 + 1.27e-3) / 4, 0.55 + 0.075 * shore, 2.54e-3 * (1 - shore / 100)
     young = (1 - 0.5**2) * force / (2 * radius * depth)  # Johnson, Contact Mechanics, eq. 3.36, no change of volume
@@ -68,18 +68,18 @@ def test_rubber_of_a_hardness_has_the_modulus_that_is_tabled_for_it(shore, table
 
 
 @pytest.mark.parametrize("shore", [19.0, 81.0, math.nan])
-def test_a_hardness_beyond_gents_relation_is_refused(shore):
+def test_rubber_refuses_a_hardness_beyond_gents_relation(shore):
     with pytest.raises(ValueError, match="shore"):
         rubber(shore)
 
 
-def test_ranges_of_a_pair_hold_its_middle_and_make_a_set_up():
+def test_material_ranges_hold_the_middle_of_a_pair_and_make_a_set_up():
     found = ig.material_ranges((0.01, 0.03), "rubber, Shore A 50", "steel")
     low, high = found["contact_stiffness"]
     assert low < ig.hertz(0.02, 2.5e6, 0.48, 200e9, 0.29) < high
     assert "restitution" not in found
     assert ig.material_ranges((0.01, 0.03), "glass", "glass")["restitution"] == [0.96, 0.98]
-    from impact_gym.envs.scenario import ScenarioRanges
+    from impact_gym.task import ScenarioRanges
 
     assert ScenarioRanges.of(found).contact_stiffness == (low, high)
     with pytest.raises(ValueError, match="tool must be one of"):

@@ -18,19 +18,19 @@ PUSH = RNG.uniform(-1.0, 1.0, 200)
 
 
 @pytest.mark.parametrize("push", [(), (PUSH,)], ids=["free", "pushed"])
-def test_momentum_is_kept_but_for_the_push_and_the_relative_velocity_is_reversed_and_reduced(push):
+def test_free_tool_keeps_momentum_but_for_the_push_and_reverses_and_reduces_the_relative_velocity(push):
     after_t, after_p = impact.free_tool(M_T, M_P, V_T, V_P, E, *push)
     assert M_T * after_t + M_P * after_p == pytest.approx(M_T * V_T + M_P * V_P + sum(push), rel=1e-12, abs=1e-12)
     assert after_p - after_t == pytest.approx(E * (V_T - V_P), abs=1e-12)
     assert impact.rigid_tool(V_T, V_P, E) - V_T == pytest.approx(E * (V_T - V_P), abs=1e-12)
 
 
-def test_a_heavy_tool_is_a_rigid_one():
+def test_free_tool_that_is_heavy_is_a_rigid_one():
     heavy = impact.free_tool(1e12, M_P, V_T, V_P, E)[1]
     assert heavy == pytest.approx(impact.rigid_tool(V_T, V_P, E), abs=1e-10)
 
 
-def test_the_papers_examples():
+def test_rigid_and_free_tool_have_the_papers_examples():
     assert impact.rigid_tool(1.0, 0.0, [1.0, 0.0]) == pytest.approx([2.0, 1.0])  # section 2.1
     v_t, v_p = impact.free_tool(0.125, 0.25, 1.0, 0.0, [0.0, 1.0])
     assert v_t == pytest.approx([1 / 3, -1 / 3])  # Fig. 2, by hand
@@ -38,7 +38,7 @@ def test_the_papers_examples():
 
 
 @pytest.mark.parametrize("friction", [0.05, 0.3, 1.5])
-def test_friction_takes_the_energy_that_the_blow_gave(friction):
+def test_sliding_distance_takes_the_energy_that_the_blow_gave(friction):
     struck = scene(1e5, 0.5, ig.SpringDamper(150.0), m_p=0.4)
     outcome = ig.simulate(dataclasses.replace(struck, object=ig.Object(0.4, 0.3, friction)), ig.Trapezoid(1.0, 8.0))
     force, energy = friction * 0.4 * 9.80665, 0.5 * 0.4 * outcome.object_velocity**2
@@ -58,7 +58,7 @@ def test_friction_during_a_contact_would_take_at_most_mu_g_for_its_duration(k_c,
     assert -1e-8 <= taken <= deceleration * (free.end - free.start)
 
 
-def test_what_nothing_slows_never_stops_and_what_rests_stays():
+def test_sliding_distance_is_infinite_without_friction_and_none_at_rest():
     assert impact.sliding_distance([1.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.5, 0.5])[:2].tolist() == [np.inf, 0.0]
     missed = ig.simulate(scene(1e5, 0.5), ig.Trapezoid(1.0, 8.0), duration=0.1)
     struck = ig.simulate(scene(1e5, 0.5), ig.Trapezoid(1.0, 8.0))
@@ -68,13 +68,7 @@ def test_what_nothing_slows_never_stops_and_what_rests_stays():
 
 
 @pytest.mark.parametrize("restitution", [0.1, 0.5, 1.0])
-def test_a_stiff_simulated_contact_comes_to_eq_1(restitution):
-    outcome = ig.simulate(scene(1e10, restitution, dissipation="exact"), CRUISE, duration=0.5, rtol=1e-10)
-    assert outcome.object_velocity == pytest.approx(impact.rigid_tool(1.0, 0.0, restitution), rel=1e-9)
-
-
-@pytest.mark.parametrize("restitution", [0.1, 0.5, 1.0])
-def test_a_stiff_simulated_contact_comes_to_eq_3_and_4(restitution):
+def test_simulated_contact_comes_to_eq_3_and_4_where_it_is_stiff(restitution):
     errors, stiffnesses, share = [], [1e11, 1e12, 1e13], 0.125 / 0.375
     for stiffness in stiffnesses:
         sprung = scene(stiffness, restitution, ig.SpringDamper(150.0), dissipation="exact")
@@ -107,12 +101,12 @@ def test_a_stiff_simulated_contact_comes_to_eq_3_and_4(restitution):
         ((1.0, 1.0, 1.0, 0.0, 0.5, np.nan), "impulse"),
     ],
 )
-def test_values_out_of_range_are_named(arguments, field):
+def test_free_tool_names_values_out_of_range(arguments, field):
     with pytest.raises(ValueError, match=field):
         impact.free_tool(*arguments)
 
 
 @pytest.mark.parametrize("value", ["1", None, [None], True, 1j])
-def test_what_is_no_number_is_named(value):
+def test_rigid_tool_names_what_is_no_number(value):
     with pytest.raises(TypeError, match="tool_velocity"):
         impact.rigid_tool(value, 0.0, 0.5)

@@ -19,11 +19,11 @@ def random_contact():
 @pytest.mark.parametrize(
     ("restitution", "printed"), [(0.01, 4.4691365186), (0.1, 1.8086263584), (0.5, 1.0673964185), (1.0, 1.1432626298)]
 )
-def test_the_isolated_peak_is_the_independent_solvers(restitution, printed):
+def test_peak_factor_is_that_of_the_independent_solver(restitution, printed):
     assert peak_factor(damping_factor("hu-guo", restitution)) == pytest.approx(printed, rel=1e-9)
 
 
-def test_over_a_range_of_dampings_one_end_is_the_worst():
+def test_peak_factor_is_worst_at_one_end_of_a_range_of_dampings():
     factors = np.array([peak_factor(d) for d in np.geomspace(1e-7, 1e5, 2000)])
     lowest = factors.argmin()
     assert 0 < lowest < 1999
@@ -36,7 +36,7 @@ def loading_time(limit, k_c, speed):
     return 5.0 * (limit / k_c) ** (2 / 3) / speed
 
 
-def test_a_rigid_tool_at_the_permitted_speed_reaches_the_limit_and_no_more():
+def test_permitted_speed_of_a_rigid_tool_reaches_the_limit_and_no_more():
     for _ in range(100):
         k_c, e, mass = random_contact()
         limit = log_uniform(RANDOM, 1.0, 1000.0)
@@ -57,7 +57,7 @@ def under_a_push(k_c, e, mass, share):
     return ig.simulate(met, ig.Trapezoid(1e6, acceleration), duration).peak_force, limit
 
 
-def test_a_pushed_contact_stays_below_the_limit_and_an_elastic_one_reaches_it():
+def test_permitted_speed_under_a_push_stays_below_the_limit_and_an_elastic_contact_reaches_it():
     for share in RANDOM.uniform(0.01, 0.95, 200):
         peak, limit = under_a_push(*random_contact(), share)
         assert peak <= limit * (1.0 + 1e-6)
@@ -68,14 +68,14 @@ def test_a_pushed_contact_stays_below_the_limit_and_an_elastic_one_reaches_it():
 
 
 @pytest.mark.parametrize("change", [{"limit": 0.0}, {"limit": 10.0, "push": 4.0}, {"mass": 0.0}, {"stiffness": -1.0}])
-def test_what_permits_no_speed_is_refused_by_name_and_unit(change):
+def test_permitted_speed_refuses_by_name_and_unit(change):
     good = {"limit": 50.0, "mass": 1.0, "stiffness": 1e5, "damping": 1.0}
     field = next(iter(change))
     with pytest.raises(ValueError, match=rf"{field} must be finite and above .* (N|kg|N/m\^1.5), got"):
         permitted_speed(**{**good, **change})
 
 
-def test_a_negative_damping_or_push_is_refused():
+def test_peak_factor_and_permitted_speed_refuse_a_negative_damping_or_push():
     with pytest.raises(ValueError, match="damping must be finite and at least 0"):
         peak_factor(-1.0)
     with pytest.raises(ValueError, match="push must be finite and at least 0 N"):

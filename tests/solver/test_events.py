@@ -64,7 +64,7 @@ def test_peak_duration_and_separation_of_a_contact_without_loss_are_those_of_its
 
 @EVERY_TOLERANCE
 @pytest.mark.parametrize("share", [1e-3, 0.1, 0.5, 0.9, 0.999])
-def test_the_alarm_comes_when_the_force_has_risen_to_its_threshold(share, rtol):
+def test_alarm_comes_when_the_force_has_risen_to_its_threshold(share, rtol):
     for seed in range(50):
         case = Elastic(seed)
         felt = case.run(share * case.peak, rtol).detection_time - case.start
@@ -74,7 +74,7 @@ def test_the_alarm_comes_when_the_force_has_risen_to_its_threshold(share, rtol):
 
 
 @EVERY_TOLERANCE
-def test_a_threshold_just_below_the_peak_is_met_and_one_just_above_is_not(rtol):
+def test_alarm_comes_for_a_threshold_just_below_the_peak_and_not_just_above(rtol):
     for seed, margin in product(range(50), (2 * rtol, 1e-3)):
         case = Elastic(seed)
         below, above = (case.run(case.peak * (1 + side * margin), rtol) for side in (-1, 1))
@@ -147,7 +147,7 @@ def test_peak_clamp_and_separation_of_a_linear_contact_are_those_of_the_oscillat
 
 
 @pytest.mark.parametrize("seed", range(10))
-def test_the_slow_solver_comes_to_the_oscillator_too(seed):
+def test_reference_comes_to_the_oscillator_too(seed):
     case = Oscillator(seed)
     outcome = case.run(0.99 * case.force(0.0), 1e-11, reference.simulate)
     (contact,) = outcome.contacts
@@ -158,7 +158,7 @@ def test_the_slow_solver_comes_to_the_oscillator_too(seed):
 
 
 @EVERY_TOLERANCE
-def test_the_alarm_of_a_linear_contact_comes_when_the_oscillator_says(rtol):
+def test_alarm_of_a_linear_contact_comes_when_the_oscillator_says(rtol):
     risen = 0
     for seed in range(200):
         case = Oscillator(seed)

@@ -5,61 +5,28 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from impact_gym.kernels import CHAIN, HOLDER, drift_once, first_touch, free_decay, laws_of
+from opened import kernels
 from scipy.linalg import expm
 from scipy.optimize import brentq
 
 import impact_gym as ig
-from impact_gym.lowering import holder
+from impact_gym.lowering import mount
 
 TOOL_MASS = 0.125  # kg
+FREQUENCY = 35.0  # rad/s
 DAMPING_RATIOS = [0.0, 0.3, 0.9, 1 - 1e-9, 1.0, 1 + 1e-9, 1.1, 3.0, 50.0]
-EVERY_DAMPING = pytest.mark.parametrize("damping_ratio", DAMPING_RATIOS)
 
 
 def law_of(coupling):
-    return laws_of(np.array([holder(TOOL_MASS, coupling)[0]], HOLDER))
+    return kernels().laws_of(np.array([mount(TOOL_MASS, coupling)[0]], kernels().MOUNT))
 
 
 def spring(frequency, damping_ratio):
     return law_of(ig.SpringDamper(TOOL_MASS * frequency**2, damping_ratio))
 
 
-@EVERY_DAMPING
-def test_the_free_tool_moves_as_the_matrix_exponential(damping_ratio):
-    frequency = 35.0
-    # the formulas change over where this is 1e-3: no step there
-    change = math.sqrt(1e-3 / max(abs(damping_ratio**2 - 1), 1e-9))
-    for angle in (1e-6, 1e-2, 0.03162, 0.5, 3.0, 40.0, change * (1 - 1e-12), change * (1 + 1e-12)):
-        # scaled by the frequency, so that the entries are of one size
-        exact = expm(np.array([[0.0, 1.0], [-1.0, -2 * damping_ratio]]) * angle)
-        for start in np.eye(2):
-            position, velocity = free_decay(frequency, damping_ratio, start[0], frequency * start[1], angle / frequency)
-            assert [position, velocity / frequency] == pytest.approx(exact @ start, rel=1e-12, abs=1e-14)
-
-
-@pytest.mark.parametrize("times", [(0.11,), (0.07, 0.04)], ids=["one flight", "two"])
-@pytest.mark.parametrize("damping_ratio", [None, *DAMPING_RATIOS])
-def test_flight_with_a_flange_speeding_up_is_the_matrix_exponential(damping_ratio, times):
-    if damping_ratio is None:  # held rigidly
-        law, k, c, flight = law_of(ig.Rigid()), 0.0, 0.0, chain(deflection=0.0, deflection_rate=0.0)
-    else:
-        law, k, c, flight = spring(35.0, damping_ratio), 35.0**2, 2 * damping_ratio * 35.0, chain()
-    acceleration, start = 8.0, flight.copy()
-    for time in times:
-        drift_once(law, flight, acceleration, time)
-    # (flange, flange', tool, tool', object, object', 1)
-    matrix = np.zeros((7, 7))
-    matrix[0, 1] = matrix[2, 3] = matrix[4, 5] = 1.0
-    matrix[3, :4] = [k, c, -k, -c]
-    matrix[[1, 3], 6] = acceleration, acceleration if damping_ratio is None else 0.0
-    state = expm(matrix * sum(times)) @ [*positions(start), 1.0]
-    assert positions(flight) == pytest.approx(state[:6], rel=1e-11, abs=1e-12)
-    assert flight["time"] == pytest.approx(sum(times), rel=1e-12)
-
-
 def chain(*, flange_velocity=0.9, deflection=0.004, deflection_rate=-0.3, gap=0.08, object_velocity=0.2):
-    record = np.zeros(1, CHAIN)
+    record = np.zeros(1, kernels().CHAIN)
     record["flange_position"], record["flange_velocity"] = 0.02, flange_velocity
     record["deflection"], record["deflection_rate"] = deflection, deflection_rate
     record["penetration"], record["penetration_rate"] = -gap, flange_velocity + deflection_rate - object_velocity
@@ -71,6 +38,40 @@ def positions(record):
     names = ("flange_position", "deflection", "penetration"), ("flange_velocity", "deflection_rate", "penetration_rate")
     flange, deflection, penetration = np.array([[record[name][0] for name in kind] for kind in names]).T
     return np.concatenate([flange, flange + deflection, flange + deflection - penetration])
+
+
+@pytest.mark.parametrize("damping_ratio", DAMPING_RATIOS)
+def test_free_decay_is_the_matrix_exponential(damping_ratio):
+    # the formulas change over where this is 1e-3: no step there
+    change = math.sqrt(1e-3 / max(abs(damping_ratio**2 - 1), 1e-9))
+    for angle in (1e-6, 1e-2, 0.03162, 0.5, 3.0, 40.0, change * (1 - 1e-12), change * (1 + 1e-12)):
+        # scaled by the frequency, so that the entries are of one size
+        exact = expm(np.array([[0.0, 1.0], [-1.0, -2 * damping_ratio]]) * angle)
+        for position, velocity in np.eye(2):
+            start = position, FREQUENCY * velocity
+            end = kernels().free_decay(FREQUENCY, damping_ratio, *start, angle / FREQUENCY)
+            assert [end[0], end[1] / FREQUENCY] == pytest.approx(exact @ [position, velocity], rel=1e-12, abs=1e-14)
+
+
+@pytest.mark.parametrize("times", [(0.11,), (0.07, 0.04)], ids=["one flight", "two"])
+@pytest.mark.parametrize("damping_ratio", [None, *DAMPING_RATIOS])
+def test_drift_is_the_matrix_exponential_with_a_flange_that_speeds_up(damping_ratio, times):
+    if damping_ratio is None:  # held rigidly
+        law, k, c, flight = law_of(ig.Rigid()), 0.0, 0.0, chain(deflection=0.0, deflection_rate=0.0)
+    else:
+        law, k, c = spring(FREQUENCY, damping_ratio), FREQUENCY**2, 2 * damping_ratio * FREQUENCY
+        flight = chain()
+    acceleration, start = 8.0, positions(flight)
+    for time in times:
+        kernels().drift_once(law, flight, acceleration, time)
+    # (flange, flange', tool, tool', object, object', 1)
+    matrix = np.zeros((7, 7))
+    matrix[0, 1] = matrix[2, 3] = matrix[4, 5] = 1.0
+    matrix[3, :4] = [k, c, -k, -c]
+    matrix[[1, 3], 6] = acceleration, acceleration if damping_ratio is None else 0.0
+    state = expm(matrix * sum(times)) @ [*start, 1.0]
+    assert positions(flight) == pytest.approx(state[:6], rel=1e-11, abs=1e-12)
+    assert flight["time"] == pytest.approx(sum(times), rel=1e-12)
 
 
 class Path:
@@ -99,8 +100,8 @@ class Path:
         swing = self.y_dot * even - (self.decay * self.y_dot + stiffness * self.z) * odd
         return swing + self.closing + self.acceleration * time
 
-    def extrema(self, horizon, samples=4000):
-        time = np.linspace(0.0, horizon, samples)
+    def extrema(self, horizon):
+        time = np.linspace(0.0, horizon, 4000)
         rate = self.rate(time)
         turns = np.flatnonzero(np.sign(rate[1:]) * np.sign(rate[:-1]) < 0)
         return [brentq(self.rate, time[i], time[i + 1], xtol=1e-16) for i in turns]
@@ -132,25 +133,24 @@ def random_flight(random, start=None):
     return spring(float(frequency), float(damping_ratio)), float(acceleration), path, record
 
 
-def test_the_first_touch_of_a_random_flight_is_found():
+def test_first_touch_of_a_random_flight_is_that_of_its_path():
     random = np.random.default_rng(3)
     touches = 0
     for _ in range(1500):
         law, acceleration, path, record = random_flight(random)
         horizon = random.uniform(0.01, 0.6)
-        expected = path.first_touch(horizon)
-        found = first_touch(law, record, acceleration, horizon)
-        if math.isinf(expected) or math.isinf(found):
-            assert found == expected
+        expected, touch = path.first_touch(horizon), kernels().first_touch(law, record, acceleration, horizon)
+        if math.isinf(expected) or math.isinf(touch):
+            assert touch == expected
             continue
         touches += 1
-        assert path(found) == pytest.approx(0.0, abs=1e-14)
-        assert found == pytest.approx(expected, abs=1e-9)
+        assert path(touch) == pytest.approx(0.0, abs=1e-14)
+        assert touch == pytest.approx(expected, abs=1e-9)
     assert touches > 500
 
 
 @pytest.mark.parametrize("margin", [1e-3, 1e-6, 1e-9, 1e-12])
-def test_a_graze_is_told_from_a_near_miss(margin):
+def test_first_touch_tells_a_graze_from_a_near_miss(margin):
     # shift a random flight until the highest of its peaks just reaches the object, or just does not
     random = np.random.default_rng(4)
     horizon, grazes = 0.6, 0
@@ -160,12 +160,12 @@ def test_a_graze_is_told_from_a_near_miss(margin):
         if height <= 2 * margin or path(horizon) + 1.0 >= height:
             continue
         record["penetration"] = path.start = -height - margin
-        assert first_touch(law, record, acceleration, horizon) == math.inf
+        assert kernels().first_touch(law, record, acceleration, horizon) == math.inf
         record["penetration"] = path.start = -height + margin
-        found = first_touch(law, record, acceleration, horizon)
-        assert path(found) == pytest.approx(0.0, abs=1e-14)
-        assert path.rate(found) > 0
-        assert found == pytest.approx(path.first_touch(horizon), abs=1e-8)
+        touch = kernels().first_touch(law, record, acceleration, horizon)
+        assert path(touch) == pytest.approx(0.0, abs=1e-14)
+        assert path.rate(touch) > 0
+        assert touch == pytest.approx(path.first_touch(horizon), abs=1e-8)
         grazes += 1
     assert grazes > 100
 
@@ -173,10 +173,10 @@ def test_a_graze_is_told_from_a_near_miss(margin):
 def rigid_touch(rate, acceleration, gap, horizon):
     record = chain(deflection=0.0, deflection_rate=0.0, gap=gap)
     record["penetration_rate"] = rate
-    return first_touch(law_of(ig.Rigid()), record, acceleration, horizon)
+    return kernels().first_touch(law_of(ig.Rigid()), record, acceleration, horizon)
 
 
-def test_the_first_touch_of_a_rigid_tool_is_the_root_of_a_parabola():
+def test_first_touch_of_a_rigid_tool_is_the_root_of_a_parabola():
     random = np.random.default_rng(5)
     touches = 0
     for _ in range(2000):
@@ -189,17 +189,15 @@ def test_the_first_touch_of_a_rigid_tool_is_the_root_of_a_parabola():
         # in touch and parting, the other root is t = 0
         roots = np.roots([0.5 * acceleration, rate, -gap] if gap else [0.5 * acceleration, rate])
         rising = [t.real for t in roots if t.imag == 0 and 0 < t.real <= horizon and rate + acceleration * t.real > 0]
-        found = rigid_touch(rate, acceleration, gap, horizon)
+        touch = rigid_touch(rate, acceleration, gap, horizon)
         if not rising:
-            assert found == math.inf
+            assert touch == math.inf
             continue
         touches += 1
-        assert found == pytest.approx(min(rising), rel=1e-6, abs=1e-15)
+        assert touch == pytest.approx(min(rising), rel=1e-6, abs=1e-15)
         # a root as good as rounding allows: the terms of the parabola cancel to their last digit
-        terms = rate * found, 0.5 * acceleration * found**2
+        terms = rate * touch, 0.5 * acceleration * touch**2
         assert sum(terms) == pytest.approx(gap, rel=0, abs=4 * np.finfo(float).eps * (abs(terms[0]) + abs(terms[1])))
     assert touches > 300
-
-
-def test_a_rigid_tool_at_rest_against_the_object_touches_it_as_soon_as_it_speeds_up():
+    # at rest against the object it touches as soon as it speeds up
     assert rigid_touch(rate=0.0, acceleration=1.0, gap=0.0, horizon=1.0) == 0.0

@@ -11,10 +11,12 @@ from scipy.interpolate import CubicHermiteSpline
 import impact_gym as ig
 from experiments import reference
 
+STIFF = ig.SpringDamper(1e8)
+
 
 @pytest.mark.parametrize("approach_velocity", [1e-3, 1e-6, 1e-9])
 @pytest.mark.parametrize("coupling", [ig.Rigid(), ig.SpringDamper(150.0)], ids=["rigid", "spring"])
-def test_a_slow_contact_under_a_push_ends_up_as_a_steady_push(coupling, approach_velocity):
+def test_slow_contact_under_a_push_ends_up_as_a_steady_push(coupling, approach_velocity):
     # the flange sets out right behind the object: chi is huge, rates of 1e6 to 1e9 1/s in plain variables
     acceleration = 8.0
     distance = approach_velocity**2 / (2 * acceleration)
@@ -33,7 +35,7 @@ def test_a_slow_contact_under_a_push_ends_up_as_a_steady_push(coupling, approach
 
 
 @pytest.mark.parametrize("restitution", [1e-2, 1e-3, 1e-4])
-def test_a_restitution_close_to_zero_is_delivered_and_lasts(restitution):
+def test_restitution_close_to_zero_is_delivered_and_lasts(restitution):
     first, second = (
         ig.simulate(scene(1e8, e), CRUISE, 3.0, rtol=1e-10).contacts[0] for e in (restitution, restitution / 2)
     )
@@ -73,7 +75,7 @@ def test_contact_and_stop_at_once(k_c, zeta):
     assert fast.momentum_error < 1e-9
 
 
-def test_the_bistable_tool_near_its_thresholds_flips_only_within_the_error_it_is_allowed():
+def test_bistable_tool_near_its_threshold_flips_only_within_the_error_it_is_allowed():
     # bisect the speed at which it first passes the alignment, at a tight tolerance; then a loose one must agree
     # outside a band that the growth exp(24.5 t) of errors near the alignment explains
 
@@ -93,7 +95,7 @@ def test_the_bistable_tool_near_its_thresholds_flips_only_within_the_error_it_is
 
 
 @pytest.mark.parametrize("margin", [1e-4, 1e-7, -1e-7, -1e-4])
-def test_a_graze_in_an_integrated_flight_is_told_from_a_near_miss(margin):
+def test_graze_in_an_integrated_flight_is_told_from_a_near_miss(margin):
     # a compliant robot swings the tool: the object stands at the first local maximum of the tool's path, or just beyond
     robot, coupling, motion = ig.Robot(2.0, 2000.0, 0.0), ig.SpringDamper(60.0, 0.0), ig.Trapezoid(0.3, 40.0)
     trace = ig.simulate(scene(1e5, 1.0, coupling, robot, distance=10.0), motion, 1.0, 1e-12, trace=True).trace
@@ -110,3 +112,69 @@ def test_a_graze_in_an_integrated_flight_is_told_from_a_near_miss(margin):
         # it arrives before its summit by the time a parabola of this depth takes
         early = math.sqrt(2 * margin / bend)
         assert contacts[0].start == pytest.approx(when - early, abs=0.02 * math.sqrt(margin))
+
+
+@pytest.mark.parametrize("push", [-1.0, -2.0, -3.0])
+def test_force_clamped_at_zero_costs_no_accuracy(push):
+    t0 = (0.25 / 1e5) ** 0.4
+    for delay in np.linspace(0.0, 0.6, 13):
+        brake = ig.Brake(threshold=0.0, delay=delay * t0, deceleration=-push / t0)
+        case = scene(1e5, 0.2, distance=0.1), ig.Trapezoid(1.0, 8.0, brake), 0.1 + 1 / 16 + 30 * t0
+        exact = reference.simulate(*case, rtol=1e-11)
+        for rtol in np.geomspace(1e-3, 1e-8, 41):
+            outcome = ig.simulate(*case, rtol)
+            assert outcome.object_velocity == pytest.approx(exact.object_velocity, rel=rtol), (delay, rtol)
+
+
+def barely_parting(coupling_stiffness):
+    """Below about 13.86 N/m the second contact parts and a third follows; above, the second goes on."""
+    return scene(1e6, 0.3, ig.SpringDamper(float(coupling_stiffness))), MOTION, 1.5
+
+
+@pytest.mark.parametrize(("stiffness", "contacts", "velocity"), [(13.86003, 3, 0.6183), (13.86004, 2, 0.6210)])
+def test_contact_barely_parts_in_the_reference_between_two_springs(stiffness, contacts, velocity):
+    exact = reference.simulate(*barely_parting(stiffness), rtol=1e-11)
+    assert len(exact.contacts) == contacts
+    assert exact.object_velocity == pytest.approx(velocity, abs=5e-5)
+
+
+@pytest.mark.parametrize("rtol", [1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12])
+def test_contact_that_barely_parts_is_not_stepped_over(rtol):
+    low, high = 13.8, 13.9
+    while low < (middle := 0.5 * (low + high)) < high:
+        outcome = ig.simulate(*barely_parting(middle), rtol=rtol)  # parting velocity down to 1e-9 m/s
+        assert outcome.steps < 100_000  # a few hundred are needed
+        assert len(outcome.contacts) in (2, 3)
+        assert all(contact.approach_velocity > 0 for contact in outcome.contacts)
+        assert outcome.object_velocity == pytest.approx(0.6210 if len(outcome.contacts) == 2 else 0.6183, abs=1e-3)
+        low, high = (middle, high) if len(outcome.contacts) == 3 else (low, middle)
+    assert low == pytest.approx(0.5 * (13.86003 + 13.86004), rel=1e-6)
+
+
+def overdamped(ratio, stiffness=1e5):
+    """A light tool on a stiff overdamped spring against a soft, heavy object: the coupling's decay is the fast part."""
+    return scene(1e2, 0.5, ig.SpringDamper(stiffness, ratio), m_t=0.01, m_p=2.5, distance=0.1)
+
+
+def test_stiff_contact_costs_no_more_steps_the_stiffer_it_is_and_is_that_of_an_implicit_method():
+    steps = [ig.simulate(overdamped(ratio), CRUISE, 0.6).steps for ratio in (30.0, 300.0, 3000.0)]
+    assert max(steps) < 1.5 * min(steps)  # an explicit method's would grow a hundredfold
+    assert max(steps) < 500
+    outcome = ig.simulate(overdamped(30.0, 1e4), CRUISE, 0.3, rtol=1e-9)
+    implicit = reference.simulate(overdamped(30.0, 1e4), CRUISE, 0.3, rtol=1e-10, method="Radau")
+    assert len(outcome.contacts) == len(implicit.contacts) == 1
+    assert outcome.object_velocity == pytest.approx(implicit.object_velocity, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("chain", "rigid", "steps"),
+    [  # a flight alone has 1e9 half periods; only those within reach of the object are looked at
+        *((scene(coupling=ig.SpringDamper(1e18, ratio)), scene(), 1000) for ratio in (0.0, 0.01, 1.0, 3.0)),
+        # a robot that rings at 5 MHz, for ever
+        (scene(coupling=STIFF, robot=ig.Robot(1.0, 1e15, 1e-3)), scene(coupling=STIFF), 100_000),
+    ],
+)
+def test_swing_too_fast_to_follow_is_passed_over_and_ends_as_if_it_were_rigid(chain, rigid, steps):
+    outcome = ig.simulate(chain, MOTION)
+    assert outcome.object_velocity == pytest.approx(ig.simulate(rigid, MOTION).object_velocity, rel=1e-8)
+    assert outcome.steps < steps

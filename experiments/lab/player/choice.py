@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.evaluate.stage import Episodes
+from agents.evaluate.scenario_batch import Episodes
 
 
 def choose(played_baseline: Episodes, played_policy: Episodes) -> dict[str, int]:

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from experiments.reference.bistable import BistableForce
-from impact_gym.envs.task import Task
+from experiments.reference.laws import BistableForce
 from impact_gym.scene import Bistable, SpringDamper
+from impact_gym.task import Task
 
 STEP = 0.002  # s, between points
 TOLERANCE = 1e-9

@@ -7,16 +7,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.evaluate.stage import RESULTS, TEST_SEED, Controller, Episodes
+from agents.evaluate.scenario_batch import RESULTS, TEST_SEED, Episodes
+from agents.policies import Controller
 from experiments.lab.player.clock import clock
 from experiments.lab.player.coasting import coast
 from experiments.lab.player.thinning import thin
-from impact_gym.envs.evaluation_sets import EvaluationSet
 from impact_gym.envs.render_chain import DENSITY, LARGEST_RADIUS, rest_length
 from impact_gym.envs.render_history import History
 from impact_gym.envs.single import ImpactApproachEnv
-from impact_gym.envs.task import Task
 from impact_gym.scene import Bistable, Rigid, SpringDamper
+from impact_gym.task import Task
+from impact_gym.task.evaluation_sets import EvaluationSet
 
 BODIES = ("flange", "tool", "object")
 DECIMALS = {  # s, m, m/s, N: a stiff contact lasts 0.1 ms and is 1 um deep
@@ -72,12 +73,12 @@ def films(
     Args:
         contestants: by name, the baseline first.
         numbers: of scenarios, by what is said of them, as `choose` returns.
-        played: what they were judged by, under the same names: `Stage(...).play(...)`.
+        played: what they were judged by, under the same names: `ScenarioBatch(...).play(...)`.
         seed: of the set's scenario 0; a frozen set brings its own.
         frozen: the set from which the scenarios were taken, if they were not drawn.
         environment: arguments of the environment but for its time weight.
         environments: of contestants that have one of their own, by name.
-        records: of contestants whose scenarios (n,) have something instead of what they would draw, see `Stage.play`.
+        records: of contestants whose scenarios (n,) have something instead of what they would draw, see `ScenarioBatch.play`.
         time_weight: m/s per s.
         rounding: m/s by which V_p of a controller may differ whose action for an observation depends on others in its
             batch (a matrix product of BLAS rounds so); 0 for policies and rules of this project.
@@ -107,7 +108,7 @@ def films(
 def play(
     controller: Controller, seed: int, number: int, record: Mapping[str, float], options: Mapping[str, Any]
 ) -> Run:
-    """Play scenario `number` as `Stage` does, in a batch of one, with its trace to the end of the settling."""
+    """Play scenario `number` as `ScenarioBatch` does, in a batch of one, with its trace to the end of the settling."""
     env = ImpactApproachEnv(record_trace=True, **options)
     info = play_to_the_end(env, controller, seed + number, record)
     if info["status"] != "ok":

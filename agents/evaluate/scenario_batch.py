@@ -1,0 +1,191 @@
+"""Numbered scenarios, the same for every controller, and what comes of playing one through them."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from agents.policies import ACTIONS, Controller, Policy
+from impact_gym import quantities
+from impact_gym.envs.batch import Batch, ToolMotion
+from impact_gym.simulation import MAX_STEPS
+from impact_gym.task import Task, evaluation_sets
+from impact_gym.task.scenario import FIELDS
+from impact_gym.task.task import MISSED_COST
+
+VALIDATION_SEED = 1_000_000
+TEST_SEED = 2_000_000
+TUNING_SEED = 4_000_000
+"""Scenario k of a set is what an environment seeded with the set's seed + k draws first. Baselines are tuned on the
+third set; agents are trained with seeds above all of these, from `agents.train.ppo.FIRST_SEED` on."""
+
+
+RESULTS = tuple(row.id for row in quantities.RESULTS)
+"""What is known of an episode, see `Episodes`."""
+
+
+@dataclass(frozen=True)
+class Episodes:
+    """Results of one controller, an array entry per scenario."""
+
+    object_velocity: NDArray[np.float64]  # m/s, V_p
+    approach_time: NDArray[np.float64]  # s
+    peak_force: NDArray[np.float64]  # N
+    contact_count: NDArray[np.int64]
+    missed: NDArray[np.bool_]
+    scenario: dict[str, NDArray[np.float64]]
+
+    def cost(self, time_weight: float | NDArray[np.float64]) -> NDArray[np.float64]:
+        """V_p + time_weight * approach time, m/s, per scenario."""
+        return self.object_velocity + time_weight * self.approach_time
+
+    def loss(self, time_weight: float | NDArray[np.float64]) -> NDArray[np.float64]:
+        """The same and what the environment charges for a miss, m/s: minus the return."""
+        return self.cost(time_weight) + MISSED_COST * self.missed
+
+    def first(self, count: int) -> "Episodes":
+        """Return the first `count` of them."""
+        scenario = {name: values[:count] for name, values in self.scenario.items()}
+        return Episodes(**{name: getattr(self, name)[:count] for name in RESULTS}, scenario=scenario)
+
+
+class ScenarioBatch:
+    """Numbered scenarios that controllers are played through, all at once and as often as one likes."""
+
+    def __init__(
+        self,
+        seed: int,
+        count: int,
+        copies: int = 1,
+        time_weight: Sequence[float] | None = None,
+        frozen: evaluation_sets.EvaluationSet | None = None,
+        threads: int | None = None,
+        quiet: bool = False,
+        lenient: bool = False,
+        max_steps: int = MAX_STEPS,
+        **options: Any,
+    ) -> None:
+        """Make a batch of `copies * count` rows: row k holds scenario `k % count` of its copy.
+
+        Args:
+            seed: of the first scenario; scenario k is what an environment seeded `seed + k` draws first.
+            count: how many scenarios.
+            copies: how often each is there.
+            time_weight: one for each copy, m/s per s; None: what the options say.
+            frozen: the set that the scenarios are taken from, not drawn; its seed must be `seed`.
+            threads: of the simulation; they change no result.
+            quiet: say nothing of policies that were trained for another environment: here they are meant to be.
+            lenient: a scenario in which the solver fails is missed, and no error: for a search that tries anything.
+            max_steps: integration steps after which the solver gives up a scenario.
+            options: of the environment.
+        """
+        self.seed, self.count, self.quiet, self.lenient = seed, count, quiet, lenient
+        self._batch = Batch(copies * count, Task(**{"scenario": "test", **options}), threads, max_steps=max_steps)
+        self._copies, self._fixed = copies, {}
+        if frozen is not None:
+            if frozen.seed != seed or frozen.count < count:
+                raise ValueError(f"the set has {frozen.count} scenarios from {frozen.seed} on, not {count} from {seed}")
+            self._fixed = {name: np.tile(frozen.scenario[name][:count], copies) for name in FIELDS}
+        if time_weight is not None:
+            self._fixed["time_weight"] = np.repeat(time_weight, count)
+
+    @classmethod
+    def of(cls, name: str, count: int | None = None, **arguments: Any) -> "ScenarioBatch":
+        """Return a batch of the frozen set `name`, or of its first `count` scenarios.
+
+        An environment with a `scenario` of its own draws its own ones instead, from the seeds of the set.
+        """
+        frozen = evaluation_sets.load(name)
+        taken = None if "scenario" in arguments else frozen
+        return cls(frozen.seed, frozen.count if count is None else count, frozen=taken, **arguments)
+
+    def play(
+        self,
+        controller: Controller,
+        record: Mapping[str, ArrayLike] | None = None,
+        watch: Callable[[ToolMotion], None] | None = None,
+    ) -> Episodes:
+        """Play every row to its end.
+
+        The result of a row depends on its scenario and the controller alone, as long as the controller's action for an
+        observation does not depend on those beside it (`Policy` sees to that; a matrix product of BLAS rounds
+        differently in batches of different size). A policy that was trained for another environment says so once.
+
+        Args:
+            controller: what is played.
+            record: what rows (copies * count,) have instead of what they would draw, by its name in an episode's
+                record, such as `coupling.stiffness`; of the set-up only what the environment draws from a range.
+            watch: is shown how the tools move on their flanges before each control step.
+
+        Raises:
+            RuntimeError: the solver failed in a scenario, unless that is `lenient`; names it.
+        """
+        batch = self._batch
+        if isinstance(controller, Policy) and not self.quiet:
+            controller.warn_if_elsewhere(batch.task)
+        batch.begin_seeded(self.seed, {**self._fixed, **(record or {})}, self._copies)
+        start, state = np.ones(batch.size, np.bool_), None
+        actions = np.zeros((batch.size, ACTIONS))
+        while not (ended := batch.ended).all():
+            if watch is not None:
+                watch(batch.tool_motion())
+            if isinstance(controller, Policy):  # it remembers nothing: rows that have ended need no action
+                actions[~ended], _ = controller.predict(batch.observations[~ended])
+            else:
+                seen = batch.observations.copy()
+                actions, state = controller.predict(seen, state=state, episode_start=start, deterministic=True)
+            batch.step(batch.commands(actions, (batch.size, ACTIONS)), ended)
+            start = np.zeros(batch.size, np.bool_)
+        info = batch.info()
+        failed = info["status"] != "ok"
+        if failed.any() and not self.lenient:
+            row = int(failed.argmax())
+            raise RuntimeError(f"scenario seeded {self.seed + row % self.count}: {info['status'][row]}")
+        scenario = {name: values.copy() for name, values in info["scenario"].items()}
+        results = {name: np.array(info[name]) for name in RESULTS}
+        return Episodes(**results | {"missed": results["missed"] | failed}, scenario=scenario)
+
+
+class Validation(ScenarioBatch):
+    """The frozen validation set at several time weights: the number that training is judged and chosen by.
+
+    It is never the test set of the report. The score is the cost of the environment, V_p + w T, and the missed cost.
+    """
+
+    def __init__(
+        self,
+        environment: Mapping[str, Any],
+        weights: Sequence[float],
+        scenarios: int | None = None,
+        threads: int | None = None,
+    ) -> None:
+        """Make a validation.
+
+        Args:
+            environment: arguments of the environment but for its time weight. With a `scenario` of its own it draws
+                its own ones from the seeds of the set.
+            weights: m/s per s; each scenario is played at each.
+            scenarios: how many of the set, from its first on; all unless given.
+            threads: of the simulation; they change no result.
+        """
+        frozen = evaluation_sets.load("validation")
+        count = frozen.count if scenarios is None else min(scenarios, frozen.count)
+        self.weights, options = tuple(weights), {name: v for name, v in environment.items() if name != "time_weight"}
+        taken = None if "scenario" in options else frozen
+        super().__init__(frozen.seed, count, len(self.weights), self.weights, taken, threads, **options)
+
+    def score(self, controller: Controller) -> dict[str, Any]:
+        """Return the means over the scenarios at each time weight, and their mean cost, the `score` (m/s)."""
+        played = self.play(controller)
+        columns = {"cost": played.loss(np.repeat(self.weights, self.count))}
+        columns |= {name: getattr(played, name) for name in ("object_velocity", "approach_time", "missed")}
+        means = {name: values.reshape(len(self.weights), -1).mean(axis=1) for name, values in columns.items()}
+        table = {name: values.tolist() for name, values in means.items()}
+        return {"score": float(means["cost"].mean()), "time_weight": list(self.weights), **table}
+
+
+def evaluate(controller: Controller, seed: int, count: int, **options: Any) -> Episodes:
+    """Play `controller` through scenarios `seed` ... `seed + count - 1`; `options` go to the environment."""
+    return ScenarioBatch(seed, count, **options).play(controller)

@@ -1,0 +1,174 @@
+"""Set-ups as records, and how their files are read."""
+
+import tomllib
+from collections.abc import Mapping
+from copy import deepcopy
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+
+from agents.setups.evaluation import SET_UP_ARGUMENTS, Evaluation, nominal_arguments
+from agents.setups.keys import known, names, table, text, within
+from agents.setups.training import Training
+from impact_gym.task import Task
+from impact_gym.validation import number, whole
+
+SHIPPED = Path(__file__).resolve().parent
+VERSION = 1
+TABLES = ("environment", "training", "baselines", "evaluation")
+BUDGET = 4800  # candidates for each time weight, unless the file says otherwise
+README = ("linear-blind", "linear-ranged", "bistable-blind", "paper-limits")
+"""Those that the README, `make report` and `make train-all` are about."""
+RULES = ("BlindProfile", "ConstantDeceleration", "ConstantSpeed", "Ranged", "WaryProfile", "WaryRanged")
+"""Those that may be tuned, classes of `agents.baselines`."""
+
+
+class Tuned(NamedTuple):
+    """A baseline that is tuned for a set-up."""
+
+    rule: str  # one of RULES
+    rtol: float = Task.rtol  # of the simulation while searching; scores are played at the environment's
+    clean_alarm: bool = False  # whether a switch without errors raises the alarm, as for a teacher
+    jitter: float = 0.0  # of each command while searching, a standard deviation as a share of an action's range
+
+
+@dataclass(frozen=True)
+class Setup:
+    """An arm, what is trained for it, and what that is compared with."""
+
+    name: str
+    title: str
+    about: str  # one sentence
+    environment: Mapping[str, Any]  # arguments of `gym.make("ImpactApproach-v0", ...)`
+    training: Training = field(default_factory=Training)
+    tuned: Mapping[str, Tuned] = field(default_factory=dict)  # baselines by name
+    against: tuple[str, ...] = ()  # baselines beside the paper's rule; the first is the one to beat
+    bound: str = ""  # set-up whose clairvoyant bound holds here, too
+    budget: int = BUDGET  # of tuning
+    evaluation: Evaluation = field(default_factory=Evaluation)
+    path: Path = Path()
+
+    def make(self, **more: Any) -> gym.Env[Any, Any]:
+        """Return the environment of Gymnasium, with `more` arguments."""
+        return gym.make("impact_gym:ImpactApproach-v0", **{**self.environment, **more})
+
+    def make_vec(self, num_envs: int, **more: Any) -> gym.vector.VectorEnv[Any, Any, Any]:
+        """Return `num_envs` of them as a native batch."""
+        return gym.make_vec("impact_gym:ImpactApproach-v0", num_envs=num_envs, **{**self.environment, **more})
+
+    @property
+    def shipped(self) -> bool:
+        """Whether it is one of this folder's."""
+        return self.path.parent == SHIPPED
+
+    @property
+    def called(self) -> str:
+        """What a command line calls it."""
+        return self.name if self.shipped else str(self.path)
+
+    @property
+    def folder(self) -> Path:
+        """Where what is made for it goes, unless one says otherwise: `policies`, `tuned`."""
+        return SHIPPED.parent if self.shipped else Path("runs") / self.name
+
+    @property
+    def nominal(self) -> dict[str, Any]:
+        """Arguments of the environment that are otherwise where nothing is drawn, see [evaluation.nominal]."""
+        return nominal_arguments(self.evaluation.nominal)
+
+    def describes(self, environment: Mapping[str, Any]) -> bool:
+        """Whether an environment with these arguments is this set-up's."""
+        return same_environment(self.environment, environment)
+
+
+def same_environment(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
+    """Whether two mappings of arguments are the same environment, whatever is left to defaults."""
+    first, second = (Task(**{name: each[name] for name in SET_UP_ARGUMENTS if name in each}) for each in (one, other))
+    return first == second
+
+
+def shipped() -> tuple[str, ...]:
+    """Return the names of the set-ups in this folder."""
+    return tuple(sorted(path.stem for path in SHIPPED.glob("*.toml")))
+
+
+def owner(baseline: str) -> Setup | None:
+    """Return the shipped set-up for which `baseline` is tuned."""
+    return next((setup for setup in map(load_setup, shipped()) if baseline in setup.tuned), None)
+
+
+def load_setup(name_or_path: str | Path) -> Setup:
+    """Return a set-up that is shipped, by name, or one from a file.
+
+    Raises:
+        ValueError: there is none, or something in the file is wrong: names file, key, value and what is allowed.
+    """
+    shipped_path = SHIPPED / f"{name_or_path}.toml"
+    path = shipped_path if shipped_path.is_file() else Path(name_or_path)
+    if not path.is_file():
+        raise ValueError(f"no set-up {str(name_or_path)!r}: it is no file, and shipped are {', '.join(shipped())}")
+    return deepcopy(_loaded(path.resolve(), path.stat().st_mtime_ns))
+
+
+@lru_cache(maxsize=64)
+def _loaded(path: Path, _: int) -> Setup:
+    try:
+        content = tomllib.loads(path.read_text())
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise ValueError(f"{path} is not read as TOML: {error}") from error
+    with within(str(path)):
+        return _setup(path, content)
+
+
+def _setup(path: Path, content: dict[str, Any]) -> Setup:
+    version = content.get("version", VERSION)
+    if version != VERSION:
+        raise ValueError(f"version must be {VERSION}, got {version!r}: the set-up is one of another version of agents")
+    known("", content, ("version", "title", "about", *TABLES))
+    environment, training, baselines, evaluation = (table(content, name) for name in TABLES)
+    known("environment.", environment, SET_UP_ARGUMENTS)
+    with within("environment"):
+        task = Task(**environment)
+    known("baselines.", baselines, ("against", "tuned", "bound", "budget"))
+    blind = task.range_noise is None
+    usual = {f"{path.stem}-profile": "BlindProfile" if blind else "Ranged"}
+    listed = table(baselines, "tuned", "baselines.") or usual
+    tuned = {name: _tuned(f"baselines.tuned.{name}", given, blind) for name, given in listed.items()}
+    title = text(content, "title", path.stem)
+    with within("training"):
+        settings = Training.of_table(training)
+    found = Evaluation.of_table(evaluation, environment)
+    if settings.nominal and not found.nominal:
+        raise ValueError(f"training.nominal must be 0 without a table [evaluation.nominal], got {settings.nominal!r}")
+    return Setup(
+        path.stem,
+        title,
+        text(content, "about", title),
+        environment,
+        settings,
+        tuned,
+        names("baselines.against", baselines.get("against", list(tuned))),
+        text(baselines, "bound", path.stem, "baselines."),
+        whole("baselines.budget", baselines.get("budget", BUDGET), at_least=1),
+        found,
+        path,
+    )
+
+
+def _tuned(name: str, given: Any, blind: bool) -> Tuned:
+    """Return what a file says of a baseline: a rule, or a table with one; `blind` where no distance is estimated."""
+    entry = {"rule": given} if isinstance(given, str) else given
+    if not isinstance(entry, dict) or entry.get("rule") not in RULES:
+        raise ValueError(f"{name} must be a rule, one of {', '.join(RULES)}, or a table with one, got {given!r}")
+    known(f"{name}.", entry, Tuned._fields)
+    rtol = number(f"{name}.rtol", entry.get("rtol", Task.rtol), "(no unit)", at_least=1e-13, at_most=1e-2)
+    clean_alarm = entry.get("clean_alarm", False)
+    if not isinstance(clean_alarm, bool):
+        raise ValueError(f"{name}.clean_alarm must be true or false, got {clean_alarm!r}")
+    if blind and entry["rule"].endswith("Ranged"):
+        raise ValueError(f"{name}: {entry['rule']} needs an estimate of the distance, environment.range_noise")
+    jitter = number(f"{name}.jitter", entry.get("jitter", 0.0), "(no unit)", at_least=0.0, at_most=1.0)
+    return Tuned(entry["rule"], rtol, clean_alarm, jitter)

@@ -1,0 +1,126 @@
+"""Settings of a training, the table `[training]` of a set-up's file, with a sentence under each."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any, Literal, Self, get_args
+
+from agents.setups.keys import known
+from impact_gym.quantities import QUANTITIES
+from impact_gym.validation import Range, number, whole
+
+Activation = Literal["tanh", "relu"]
+SLOTS = 100_000
+"""Most environments of a training: no two trainings share a seed of their scenarios, see `agents.train.ppo`."""
+
+
+@dataclass(frozen=True)
+class Training:
+    """Settings of PPO, of the environments it plays in, and of its validation."""
+
+    steps: int = 12_000_000
+    """Environment steps in all; rounded up to whole rollouts of all environments."""
+    seeds: int = 10
+    """Seeds that `agents.train_seeds` trains."""
+    time_weight: Range = (0.3, 8.0)
+    """What a second of approach costs, in m/s of object velocity: log-uniform per episode, and seen by the policy, so
+    that one policy is the whole trade-off. A ranged policy is as late as the paper's rule at 0.45."""
+    weight_power: float = 0.5
+    """Rewards are divided by (1 + time weight) to this power, so that hurried episodes do not drown the others."""
+    envs: int = 512
+    """Environments side by side."""
+    batch: int = 2048
+    """Samples of a gradient step."""
+    rollout: int = 64
+    """Steps of each environment between two updates; an episode has about 30."""
+    epochs: int = 3
+    """Passes over a rollout."""
+    gae_lambda: float = 1.0
+    """Trade of bias for variance in the advantage. The discount is 1: an episode ends, and what counts is its sum."""
+    entropy: float = 0.0
+    """Bonus on exploration."""
+    clip: float = 0.2
+    """How far a probability may move in an update."""
+    log_std: float = -0.8
+    """Initial exploration, logarithm of a standard deviation; much more makes never touching attractive."""
+    informed_critic: bool = True
+    """The critic, which is not shipped, also sees the truth: the scenario and whatever else is drawn."""
+    teacher: str = ""
+    """Tuned baseline, the set-up's own or a shipped one, to imitate before learning by oneself; "": none."""
+    imitation_steps: int = 1_000_000
+    """Environment steps of imitation."""
+    learning_rate: float = 7e-4
+    """At the start; falls linearly."""
+    final_rate: float = 0.1
+    """Final learning rate over the initial one."""
+    width: int = 64
+    """Neurons in each hidden layer."""
+    depth: int = 2
+    """Hidden layers."""
+    activation: Activation = "tanh"
+    """What follows each hidden layer."""
+    nominal: float = 0.0
+    """Share of the environments that play the set-up's [evaluation.nominal], where hardly anything is drawn."""
+    rtol: float | None = None
+    """Relative error allowed in a contact while training, see `simulate`; None: the environment's, as in validation."""
+    threads: int = 1
+    """Threads of torch. A second one pays only where no other process wants the core."""
+    simulation_threads: int | None = None
+    """Threads of the environments; None: all cores. They change no result."""
+    validate_every: int = 1_000_000
+    """Steps between two plays of the validation set; the policy that does best there is kept."""
+    validation_scenarios: int = 1000
+    """How many of its 1,000 scenarios."""
+    checkpoint_every: int = 2_000_000
+    """Steps between two checkpoints."""
+
+    def __post_init__(self) -> None:
+        least = dict.fromkeys(("steps", "seeds", "envs", "epochs", "imitation_steps", "width", "depth", "threads"), 1)
+        least |= {"batch": 2, "rollout": 2, "validate_every": 1, "validation_scenarios": 1, "checkpoint_every": 1}
+        for name, at_least in least.items():
+            whole(name, getattr(self, name), at_least=at_least)
+        if self.envs > SLOTS:
+            raise ValueError(f"envs must be at most {SLOTS}, got {self.envs}")
+        if self.activation not in get_args(Activation):
+            raise ValueError(f"activation must be {' or '.join(get_args(Activation))}, got {self.activation!r}")
+        if not isinstance(self.teacher, str):
+            raise ValueError(f"teacher must be the name of a tuned baseline, got {self.teacher!r}")
+        QUANTITIES["time_weight"].interval(self.time_weight)
+        for name in ("nominal", "gae_lambda", "weight_power", "final_rate"):
+            number(name, getattr(self, name), "-", at_least=0, at_most=1)
+        number("entropy", self.entropy, "-", at_least=0)
+        number("clip", self.clip, "-", above=0, at_most=1)
+        number("log_std", self.log_std, "-", at_least=-20, at_most=2)
+        number("learning_rate", self.learning_rate, "-", above=0)
+        if self.rtol is not None:
+            QUANTITIES["rtol"].check(self.rtol)
+
+    @classmethod
+    def of_table(cls, content: Mapping[str, Any]) -> Self:
+        """Return the settings of a file's table.
+
+        Raises:
+            TypeError, ValueError: a setting is unknown or out of range; names it.
+        """
+        known("training.", content, [item.name for item in fields(cls)])
+        return cls().changed(content)
+
+    def changed(self, changes: Mapping[str, Any]) -> Self:
+        """Return the settings with others by name, lists for tuples."""
+        settings: dict[str, Any] = {  # from JSON or TOML: `__post_init__` checks them
+            name: tuple(value) if isinstance(value, list) else value for name, value in changes.items()
+        }
+        return replace(self, **settings)
+
+    @property
+    def round(self) -> int:
+        """Environment steps between two moments at which a checkpoint can be taken."""
+        return self.envs * self.rollout
+
+    @property
+    def whole_steps(self) -> int:
+        """Environment steps in all, in whole rollouts."""
+        return -(-self.steps // self.round) * self.round
+
+    def rate(self, remaining: float) -> float:
+        """Return the learning rate where this share of the training remains."""
+        return self.learning_rate * (self.final_rate + (1.0 - self.final_rate) * remaining)

@@ -1,0 +1,143 @@
+"""Networks of a training: an actor that sees what the controller may see, a critic that sees the truth as well.
+
+The advantage of an action has the same mean with any critic that does not see the action, and less variance with one
+that knows the mass and the distance of the object (Pinto et al. 2018, asymmetric actor critic).
+"""
+
+import re
+from typing import Any
+
+import numpy as np
+import torch
+from gymnasium import spaces
+from numpy.typing import NDArray
+from stable_baselines3.common.policies import ActorCriticPolicy
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, MlpExtractor
+
+from agents.policies.networks import Affine, Network
+from impact_gym.task import ObservationSpec, Task
+
+CENTRE_AND_SPREAD = {
+    "position": (-0.1, 0.3),
+    "velocity": (0.4, 0.45),
+    "time": (-0.7, 0.2),
+    "alarm": (0.35, 0.5),
+    "time_since_alarm": (0.2, 0.3),
+    "force": (0.05, 0.1),
+    "force_peak": (0.15, 0.25),
+    "time_weight": (0.0, 0.3),
+    "distance_estimate": (0.05, 0.1),  # sharper than it is met: 10 mm, its error, must count
+    "range_noise": (0.3, 0.2),
+    "deflection": (0.0, 0.2),
+    "object_mass": (0.15, 0.3),
+    "contact_stiffness": (-0.4, 0.35),
+    "restitution": (0.55, 0.25),
+    "distance": (0.1, 0.3),
+}
+"""Centre and spread of numbers of the observation while a policy trains, to a digit. The networks see standardised
+numbers, or what differs little would be learned late; an exported policy has this in its weights."""
+
+
+def standardisation(task: Task) -> NDArray[np.float64]:
+    """Return centres and spreads (2, n_obs) of what a task shows.
+
+    Of a number that is drawn from a range, and is not in the table, they are those of the range; of others 0 and 1.
+    """
+    spec, pairs = ObservationSpec(task), []
+    drawn = {name: (low, high) for name, (low, high) in task.ranges.items() if low < high}
+    for name in spec.ids:
+        if (known := CENTRE_AND_SPREAD.get(re.sub(r"_\d$", "", name))) is not None:  # a past reading as the last one
+            pairs.append(known)
+        elif name in drawn:
+            low, high = spec.encode(name, drawn[name])
+            pairs.append((0.5 * (low + high), max(high - low, 1e-3) / np.sqrt(12.0)))
+        else:
+            pairs.append((0.0, 1.0))
+    return np.array(pairs).T
+
+
+class Standardised(BaseFeaturesExtractor):
+    """(observation - centre) / spread, of each number."""
+
+    centre: torch.Tensor  # (n_obs,)
+    spread: torch.Tensor  # (n_obs,)
+
+    def __init__(self, observation_space: spaces.Space[Any], task: Task) -> None:
+        """Make one for what a task shows."""
+        centre, spread = torch.tensor(standardisation(task), dtype=torch.float32)
+        super().__init__(observation_space, len(centre))
+        self.register_buffer("centre", centre)
+        self.register_buffer("spread", spread)
+
+    def forward(self, observations: torch.Tensor) -> torch.Tensor:
+        """Return what the networks see."""
+        return (observations - self.centre) / self.spread
+
+
+class AsymmetricPolicy(ActorCriticPolicy):
+    """A policy of stable-baselines3 whose critic may see more than its actor."""
+
+    def __init__(self, *arguments: Any, actor_inputs: int, **options: Any) -> None:
+        """Make one whose actor sees the first `actor_inputs` numbers, and whose critic sees all."""
+        self.actor_inputs = actor_inputs
+        super().__init__(*arguments, **options)
+
+    def _build_mlp_extractor(self) -> None:  # stable-baselines3 documents that custom networks go here (2.9)
+        if not isinstance(self.net_arch, list):
+            raise ValueError(f"net_arch must be a list of widths, of actor and critic alike, got {self.net_arch!r}")
+        self.mlp_extractor = _TwoViews(self.features_dim, self.actor_inputs, self.net_arch, self.activation_fn)
+
+
+class _TwoViews(MlpExtractor):
+    """Hidden layers of an actor that sees the first `seen` features, and of a critic that sees all."""
+
+    def __init__(self, features: int, seen: int, layers: list[int], activation: type[torch.nn.Module]) -> None:
+        super().__init__(seen, {"pi": layers, "vf": []}, activation, "cpu")
+        critic = MlpExtractor(features, {"pi": [], "vf": layers}, activation, "cpu")
+        self._seen, self.value_net, self.latent_dim_vf = seen, critic.value_net, critic.latent_dim_vf
+
+    def forward_actor(self, features: torch.Tensor) -> torch.Tensor:
+        """Return what the action is read from."""
+        return self.policy_net(features[:, : self._seen])
+
+
+class FastTanh(torch.nn.Module):
+    """As torch.nn.Tanh, to rounding. NumPy's is eight times as fast where torch takes a path of MKL that is slow."""
+
+    def forward(self, values: torch.Tensor) -> torch.Tensor:
+        """Return tanh of `values`."""
+        return _NumpyTanh.apply(values)  # type: ignore[no-untyped-call]  # torch declares no types here
+
+
+class _NumpyTanh(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx: Any, values: torch.Tensor) -> torch.Tensor:
+        result = torch.from_numpy(np.tanh(values.detach().numpy()))
+        ctx.save_for_backward(result)
+        return result
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: torch.Tensor) -> torch.Tensor:
+        (result,) = ctx.saved_tensors
+        return torch.ops.aten.tanh_backward(gradients[0], result)
+
+
+ACTIVATIONS: dict[str, type[torch.nn.Module]] = {"tanh": FastTanh, "relu": torch.nn.ReLU}
+
+
+def acting_network(policy: ActorCriticPolicy, task: Task, activation: str) -> Network:
+    """Return a copy of what acts in a policy, on NumPy: from observations as `task` shows them, not standardised."""
+    linear = [layer for layer in policy.mlp_extractor.policy_net if isinstance(layer, torch.nn.Linear)]
+    layers = [_affine(f"hidden_{place}", layer) for place, layer in enumerate(linear)]
+    centre, spread = standardisation(task)
+    weight = layers[0].weight / spread
+    bias = layers[0].bias - weight @ centre
+    layers[0] = Affine(layers[0].name, weight.astype(np.float32), bias.astype(np.float32))
+    mean, spread_of_noise = _affine("mean", policy.action_net), policy.log_std.detach().numpy().copy()
+    log_std = Affine("log_std", np.zeros_like(mean.weight), spread_of_noise)
+    return Network(tuple(layers), mean, log_std, activation)
+
+
+def _affine(name: str, layer: torch.nn.Module) -> Affine:
+    weight, bias = (parameter.detach().numpy().copy() for parameter in layer.parameters())
+    return Affine(name, weight, bias)

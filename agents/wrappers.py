@@ -1,0 +1,47 @@
+"""Wrappers of the environments that policies train in."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from stable_baselines3.common.vec_env import VecEnvWrapper
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
+
+from impact_gym.sb3 import ImpactVecEnv
+
+
+class ScaledRewards(VecEnvWrapper):
+    """Divides rewards by (1 + time weight) to a power, so that hurried episodes do not drown the others."""
+
+    def __init__(self, envs: ImpactVecEnv, power: float) -> None:
+        super().__init__(envs)
+        self._envs, self._power, self._spec = envs, power, envs.observation_spec
+        self._scale: NDArray[np.float32] = np.ones(envs.num_envs, np.float32)
+
+    def reset(self) -> VecEnvObs:
+        """Begin an episode everywhere."""
+        observations = self.venv.reset()
+        self._see(observations)
+        return observations
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """Play a step; the scale is that of the episode the reward belongs to."""
+        observations, rewards, ended, infos = self.venv.step_wait()
+        rewards = rewards * self._scale
+        self._see(observations)
+        return observations, rewards, ended, infos
+
+    def get_state(self) -> dict[str, Any]:
+        """Return a copy of all that goes on."""
+        return {"scale": self._scale, "envs": self._envs.get_state()}
+
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Go on from what `get_state` returned."""
+        self._scale = state["scale"]
+        self._envs.set_state(state["envs"])
+
+    def _see(self, observations: VecEnvObs) -> None:
+        """Take the scale from the time weights that `observations` (num_envs, n_obs) show."""
+        time_weight = self._spec.decode(np.asarray(observations), "time_weight")
+        self._scale = np.asarray((1.0 + time_weight) ** -self._power, np.float32)

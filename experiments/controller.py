@@ -1,0 +1,119 @@
+"""From a set-up to a controller: `impact-gym controller my.toml --out DIR`, or `make controller SETUP=my.toml`.
+
+Tunes the baselines, trains the seeds, writes the report and exports the median policy, each as the command does that it
+prints. What a stage leaves in DIR is kept: the same command continues where it was stopped. `--quick` does all of it
+with a fraction of the work, which the report says.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from operator import attrgetter
+from pathlib import Path
+from typing import Any
+
+import tyro
+
+from agents import train_seeds, tune
+from agents.command_line import command_of, run_command
+from agents.export import __main__ as export
+from agents.setup import check
+from agents.setups import Setup, load_setup
+from experiments.report import __main__ as report
+from impact_gym.files import whole_file
+
+MADE_FOR = attrgetter("environment", "training", "tuned", "budget", "evaluation.weights")
+QUICK_BUDGET, QUICK_STEPS, QUICK_SEEDS, QUICK_SCENARIOS = 320, 1_000_000, 3, 200
+STAGES: dict[str, Callable[[Any], object]] = {  # each takes the options of its command
+    "tune": tune.run,
+    "train-seeds": train_seeds.run,
+    "report": report.run,
+    "export": export.run,
+}
+
+
+@dataclass(frozen=True)
+class ControllerOptions:
+    """Make a controller for a set-up: baselines, policies, report and export."""
+
+    setup: tyro.conf.Positional[str]
+    """A name or a file."""
+    out: Path
+    """Folder for all of it; an earlier run there for this set-up is resumed."""
+    quick: bool = False
+    """A first look in a few minutes: less tuning, three seeds of a million steps, 200 scenarios. Use another folder
+    than for the whole."""
+    processes: int = 2
+    """Tunings and trainings at a time on this machine; each uses one core."""
+    cluster: str | None = None
+    """Tune, train and play on this Ray cluster instead: "ray" for the one that runs here, or its address."""
+
+
+def copy_setup(setup: Setup, out: Path, quick: bool = False) -> Path:
+    """Return the copy of the set-up's file in `out`, by which every stage goes.
+
+    Words, rivals, the bound and what is varied may change from one run to the next, but nothing that the results in
+    the folder were made for.
+
+    Raises:
+        ValueError: the folder holds something else.
+    """
+    copy, text = out / f"{setup.path.stem}.toml", setup.path.read_bytes()
+    sign = out / "quick"
+    if out.exists() and not out.is_dir():
+        raise ValueError(f"{out} is no folder")
+    content = sorted(out.iterdir()) if out.is_dir() else []
+    if content and copy not in content:
+        raise ValueError(f"{out} holds something else ({content[0].name}): name another folder with --out")
+    if copy.is_file():
+        if MADE_FOR(load_setup(copy)) != MADE_FOR(setup):
+            raise ValueError(f"{out} holds results of {copy.name} as it was: it has changed since, name another folder")
+        if sign.exists() != quick:
+            kind = "a quick look" if sign.exists() else "the whole"
+            raise ValueError(f"{out} holds {kind}: name another folder with --out")
+    with whole_file(copy) as file:
+        file.write(text)
+    if quick:
+        sign.touch()
+    return copy
+
+
+def stages(copy: Path, options: ControllerOptions) -> dict[str, Any]:
+    """Return the options of each stage by the name of its command."""
+    out, setup, copies = options.out, load_setup(copy), (str(copy),)
+    tuning = tune.Tune(
+        copies, bound=setup.bound == copy.stem, out=out / "tuned", jobs=out / "searches",
+        processes=options.processes, cluster=options.cluster,
+    )  # fmt: skip
+    training = train_seeds.Seeds(
+        copies, runs=out / "runs", policies=out / "policies", processes=options.processes, cluster=options.cluster
+    )
+    page = report.ReportOptions(
+        copies, folder=out, out=out / "report", episodes=out / "episodes", force=True, cluster=options.cluster
+    )
+    if options.quick:
+        tuning = replace(tuning, bound=False, scenarios=100, budget=min(QUICK_BUDGET, setup.budget))
+        training = replace(training, seeds=min(QUICK_SEEDS, setup.training.seeds), steps=QUICK_STEPS)
+        page = replace(page, count=QUICK_SCENARIOS)
+    exported = export.Export(str(out / "policies" / f"{copy.stem}.npz"), out / "export")
+    return {"tune": tuning, "train-seeds": training, "report": page, "export": exported}
+
+
+def run(options: ControllerOptions) -> None:
+    """Make a controller, one stage after the other."""
+    setup = load_setup(options.setup)
+    check(setup)
+    copy = copy_setup(setup, options.out, options.quick)
+    for name, stage in stages(copy, options).items():
+        print(f"$ {command_of(name, stage)}", flush=True)
+        STAGES[name](stage)
+    print(f"report: {(options.out / 'report' / 'index.html').resolve().as_uri()}")
+    print(f"controller: {options.out / 'export'}")
+
+
+def main() -> None:
+    """Make the controller that the command line asks for."""
+    run_command("controller", ControllerOptions, run)
+
+
+if __name__ == "__main__":
+    main()

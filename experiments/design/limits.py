@@ -1,0 +1,113 @@
+"""The limits of a design, and how far the tool moves against the flange while a controller flies it.
+
+The deflection counts until the first touch, over all distances at which objects stand: it is due to the arm's own
+motion alone. The stroke counts the blow and the retreat as well.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.baselines.rule import Floats
+from agents.evaluate import Episodes
+from experiments.design.pads import Pad
+from impact_gym.envs.batch import ToolMotion
+from impact_gym.validation import number
+
+WITHIN = 0.95
+"""Share of the episodes that keep to the limits of peak force and energy; deflection and stroke hold in all."""
+WITHIN_STEP = (0.25, 0.5, 0.75, 1.0)
+"""Shares of a control step at which the tool is looked for, on the cubic through both ends of it."""
+UNITS = {
+    "deflection": "m",
+    "stroke": "m",
+    "peak_force": "N",
+    "release": "J",
+    "energy": "J",
+    "touched_once": "(no unit)",
+}
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a design must keep to; None: no limit."""
+
+    deflection: float | None = 0.05
+    """m, that the tool may move against the flange before the first touch."""
+    stroke: float | None = None
+    """m, likewise in the whole episode."""
+    peak_force: float | None = None
+    """N, of the contact."""
+    release: float | None = None
+    """J, that a mechanism may set free where it snaps through."""
+    energy: float | None = None
+    """J, that the object leaves with."""
+    touched_once: float | None = None
+    """Least share of the scenarios without a second blow, such as 0.95."""
+
+    def check(self) -> None:
+        """Refuse a limit that is out of range.
+
+        Raises:
+            ValueError: names it.
+        """
+        for name, unit in UNITS.items():
+            if getattr(self, name) is not None:
+                number(name, getattr(self, name), unit, above=0, at_most=1.0 if name == "touched_once" else math.inf)
+
+    def excess(self, played: Episodes, travel: "Travel", release: Floats, pad: Pad | None = None) -> Floats:
+        """Return how far each candidate is beyond the limits: shares of each limit, summed; 0 within them.
+
+        Args:
+            played: equally many episodes of each candidate, one candidate after the other.
+            travel: of their tools.
+            release: J, of each candidate (n,).
+            pad: may be pressed in as far as its law holds, in the share WITHIN of the episodes.
+        """
+
+        def by_candidate(values: NDArray[Any]) -> NDArray[Any]:
+            return values.reshape(len(release), -1)
+
+        energy = 0.5 * played.scenario["object_mass"] * played.object_velocity**2
+        peak = np.quantile(by_candidate(played.peak_force), WITHIN, axis=1)
+        pressed = (pad.deepest, pad.pressed(peak)) if pad else (None, peak)
+        repeated = None if self.touched_once is None else max(1.0 - self.touched_once, 1e-3)
+        limited = [
+            (self.deflection, by_candidate(travel.deflection).max(axis=1)),
+            (self.stroke, by_candidate(travel.stroke).max(axis=1)),
+            (self.peak_force, peak),
+            pressed,
+            (self.release, release),
+            (self.energy, np.quantile(by_candidate(energy), WITHIN, axis=1)),
+            (repeated, by_candidate(played.contact_count > 1).mean(axis=1)),
+        ]
+        return sum((np.maximum(value / limit - 1.0, 0.0) for limit, value in limited if limit), np.zeros(len(release)))
+
+
+class Travel:
+    """How far the tool of each row went from its place on the flange, m, watched from control step to control step."""
+
+    def __init__(self, rows: int) -> None:
+        self.deflection, self.stroke = np.zeros(rows), np.zeros(rows)
+        self._rest: Floats = np.zeros(rows)
+        self._before: ToolMotion | None = None
+
+    def __call__(self, now: ToolMotion) -> None:
+        """Take in the present motion of the tools; see `ScenarioBatch.play`."""
+        before, self._before = self._before, now
+        if before is None:
+            self._rest = now.deflection
+            return
+        step = now.time - before.time
+        for u in WITHIN_STEP:
+            rate, rate_before = now.deflection_rate, before.deflection_rate
+            deflection = (
+                (1.0 + 2.0 * u) * (1.0 - u) ** 2 * before.deflection + u * (1.0 - u) ** 2 * step * rate_before
+                + u**2 * (3.0 - 2.0 * u) * now.deflection - u**2 * (1.0 - u) * step * rate
+            )  # fmt: skip
+            away = np.abs(deflection - self._rest)
+            self.stroke = np.maximum(self.stroke, away)
+            self.deflection = np.where(now.touched, self.deflection, np.maximum(self.deflection, away))

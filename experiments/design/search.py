@@ -1,0 +1,195 @@
+"""One search: design and controller together, for the least V_p at an approach no later than a given time.
+
+A design has to be judged by its own best controller, which takes a few hundred generations to find. One search over
+both takes about twice as many; a search of designs, each with a search of its controller, takes that many for each.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from agents.baselines.cmaes import minimise
+from agents.baselines.rule import Floats, Parameter, Rule
+from agents.baselines.tuned import RULES
+from agents.evaluate import RESULTS, TUNING_SEED, ScenarioBatch
+from agents.jobs import Result
+from experiments.design.free import Free, as_built
+from experiments.design.journal import journaled
+from experiments.design.limits import Limits, Travel
+from experiments.design.pads import Pad, on_pad, pad_of
+from impact_gym.scene import Bistable, Coupling
+from impact_gym.task import Task
+from impact_gym.task.arguments import changed
+from impact_gym.task.scenario import FIELDS
+from impact_gym.task.task import MISSED_COST
+
+RTOL = 1e-5  # of the simulation while searching: V_p is within 1e-6 m/s
+PENALTY = 2.0
+"""m/s for each share by which a limit, or the approach time, is exceeded: more than V_p can gain by it, so that the
+optimum lies within the limits."""
+MARGIN = 1.2
+"""In a search a design is off by so many times the tolerance. A search looks at few scenarios: what barely holds its
+tool in all of them lets it go in others."""
+CONTACT = ("contact_stiffness", "restitution")
+
+
+@dataclass(frozen=True)
+class Rig:
+    """One coupling with one controller, as plain data."""
+
+    environment: Mapping[str, Any]  # arguments of the environment
+    rule: str  # name of the controller
+    parameters: Sequence[float] = ()  # of the controller
+    design: Mapping[str, float] = field(default_factory=dict)  # numbers that differ from the environment
+    pad: str = ""  # on the tool, from the table; empty: none
+
+    @property
+    def controller(self) -> Rule:
+        """The controller, made for the environment."""
+        return RULES[self.rule].of(self.parameters).for_environment(self.environment)
+
+    @property
+    def soft(self) -> Pad | None:
+        """The pad on the tool."""
+        return pad_of(self.pad) if self.pad else None
+
+    def built(self, tolerance: float) -> dict[str, Any]:
+        """Return the environment with the design, each number of it off by a share in each episode."""
+        return changed(self.environment, as_built(self.design, tolerance))
+
+    def contact(self, stage: ScenarioBatch) -> dict[str, Floats]:
+        """Return the contact of each scenario with the pad between tool and object; nothing without one.
+
+        The controller is played to learn the scenarios.
+        """
+        if not self.pad:
+            return {}
+        scenario = stage.play(self.controller).scenario
+        return dict(zip(CONTACT, on_pad(self.pad, *(scenario[name] for name in CONTACT)), strict=True))
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much a search does."""
+
+    tolerance: float = 0.05
+    """Share by which each number of a design may be off as it is built: in search and test each scenario meets another.
+    Without it a mechanism is found that barely holds its tool."""
+    scenarios: int = 500
+    """Training scenarios that each candidate is played through."""
+    budget: int = 7200
+    """Candidates of each search."""
+    population: int = 18
+    """Candidates per generation: they are played together."""
+
+
+class Objective:
+    """The loss of candidates, designs with their controllers, over training scenarios that are the same for all."""
+
+    def __init__(self, rig: Rig, numbers: Sequence[Free], approach_time: float, limits: Limits, effort: Effort) -> None:
+        """Make the scenarios; arguments as in `search`."""
+        self.rig, self.numbers, self.approach_time, self.limits, self.effort = (
+            rig,
+            numbers,
+            approach_time,
+            limits,
+            effort,
+        )
+        options = {"scenario": "train", **rig.environment, "rtol": RTOL, "threads": 1}
+        self._stage = ScenarioBatch(TUNING_SEED, effort.scenarios, effort.population, lenient=True, **options)
+        self._contact = rig.contact(ScenarioBatch(TUNING_SEED, effort.scenarios, **options))
+        off, rng = MARGIN * effort.tolerance, np.random.default_rng((TUNING_SEED, 1))
+        self._errors = rng.uniform(1.0 - off, 1.0 + off, (len(numbers), effort.scenarios))  # factors, as built
+
+    def __call__(self, candidates: Floats) -> Floats:
+        """Return the losses (population, 1), m/s, of `candidates` (population, 1, k): designs, then rules."""
+        count, scenarios, rig = self.effort.population, self.effort.scenarios, self.rig
+        searched, of_rule = np.split(candidates[:, 0], [len(self.numbers)], axis=1)
+        design = {free.name: free.value(searched[:, k]) for k, free in enumerate(self.numbers)}
+        record = {
+            name: np.outer(values, factors).ravel()
+            for (name, values), factors in zip(design.items(), self._errors, strict=True)
+        }
+        record |= {name: np.tile(values, count) for name, values in self._contact.items()}
+        controller = RULES[rig.rule].of(np.repeat(of_rule, scenarios, axis=0)).for_environment(rig.environment)
+        travel = Travel(count * scenarios)
+        played = self._stage.play(controller, record, travel)
+        # what the environment charges for a miss instead of V_p
+        velocity = np.where(played.missed, MISSED_COST, np.nan_to_num(played.object_velocity))
+        velocity, time = (values.reshape(count, -1).mean(axis=1) for values in (velocity, played.approach_time))
+        late = np.maximum(time / self.approach_time - 1.0, 0.0)
+        released = energy_released(Task(**rig.environment).coupling, design, count)
+        losses: Floats = velocity + PENALTY * (late + self.limits.excess(played, travel, released, rig.soft))
+        return losses[:, None]
+
+
+def search(
+    rig: Mapping[str, Any], free: Sequence[Sequence[Any]], approach_time: float, limits: Mapping[str, float | None],
+    effort: Mapping[str, Any], seed: int, journal: str,
+) -> Result:  # fmt: skip
+    """Return the best `design` (d,) and `parameters` (k,) of its rule, the `loss` (1,), m/s, and `generations` (1,).
+
+    Args:
+        rig: fields of a `Rig`: its environment has a range for each free number, its parameters are the first.
+        free: fields of each `Free` number; none: only the controller is searched.
+        approach_time: s, that the mean over the scenarios may take.
+        limits: fields of `Limits`.
+        effort: fields of `Effort`.
+        seed: of the search.
+        journal: file of the generations; empty: none.
+    """
+    begin, numbers, much = Rig(**rig), [Free(*number) for number in free], Effort(**effort)
+    of_rule = zip(RULES[begin.rule].PARAMETERS, begin.parameters, strict=True)
+    parameters: tuple[Parameter, ...] = (
+        *(number.parameter() for number in numbers),
+        *(parameter._replace(start=start) for parameter, start in of_rule),
+    )
+    losses = Objective(begin, numbers, approach_time, Limits(**limits), much)
+    resumed = journaled(losses, Path(journal)) if journal else losses
+    best = minimise(resumed, parameters, 1, much.population, -(-much.budget // much.population), seed)
+    searched, controller = np.split(best.parameters[0], [len(numbers)])
+    design = np.array([number.value(value) for number, value in zip(numbers, searched, strict=True)], float)
+    generations = np.array([best.generations])
+    return {"design": design, "parameters": controller, "loss": best.loss, "generations": generations}
+
+
+def energy_released(coupling: Coupling, design: Mapping[str, Floats], count: int) -> Floats:
+    """Return the energy (J) that each of `count` designs sets free from its front stop to its rear one (count,)."""
+    if not isinstance(coupling, Bistable):
+        return np.zeros(count)
+    changes = {
+        name.removeprefix("coupling."): values for name, values in design.items() if name.startswith("coupling.")
+    }
+    couplings = [
+        replace(coupling, **{name: float(values[k]) for name, values in changes.items()}) for k in range(count)
+    ]
+    return np.array([built.energy(built.rest) - built.energy(built.rear_stop) for built in couplings])
+
+
+def play(rig: Mapping[str, Any], tolerance: float, scenarios: Sequence[Any], limits: Mapping[str, Any]) -> Result:
+    """Return the results of a rig on a frozen set, deflection, stroke and the scenario's fields among them.
+
+    Each is an entry per scenario, but for the `excess` (1,): how far all of it together is beyond the limits.
+
+    Args:
+        rig: fields of a `Rig`.
+        tolerance: largest share by which each number of the design is off, another in each scenario.
+        scenarios: name of the set, and how many of it; None: all.
+        limits: fields of `Limits`.
+    """
+    player, (name, count) = Rig(**rig), scenarios
+    stage = ScenarioBatch.of(name, count, threads=1, **player.built(tolerance))
+    travel = Travel(stage.count)
+    played = stage.play(player.controller, player.contact(stage), travel)
+    design = {name: np.array([value]) for name, value in player.design.items()}
+    released = energy_released(Task(**player.environment).coupling, design, 1)
+    return {name: getattr(played, name) for name in RESULTS} | {
+        "deflection": travel.deflection,
+        "stroke": travel.stroke,
+        "energy": 0.5 * played.scenario["object_mass"] * played.object_velocity**2,
+        "excess": Limits(**limits).excess(played, travel, released, player.soft),
+        **{field: played.scenario[field] for field in FIELDS},
+    }

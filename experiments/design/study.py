@@ -1,0 +1,133 @@
+"""The options of a study of designs, checked, and what follows from them."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import product
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+
+from agents.setups import Setup, load_setup
+from experiments.design.free import Free, as_built, read_all, searched_environment
+from experiments.design.limits import Limits
+from experiments.design.pads import pad_of
+from experiments.design.search import MARGIN, Effort
+from impact_gym.task import Task
+from impact_gym.task.arguments import changed
+from impact_gym.validation import number, whole
+
+PAPER, FRONT, CHOSEN, SEEDS, GRID = "paper's rule", "designs", "chosen", "seeds", "grid"
+"""Lines of a study beside the couplings that it compares with."""
+LIMITED = (FRONT, CHOSEN, SEEDS, GRID)
+
+
+@dataclass(frozen=True)
+class Study:
+    """Search for the coupling that, with its best controller, leaves the object slowest at each approach time.
+
+    Deflection and stroke are kept to in all scenarios of the search, peak force and energy in 95 % of them.
+    """
+
+    setup: tyro.conf.Positional[str]
+    """A name or a file."""
+    free: tuple[str, ...]
+    """NAME=LOW:HIGH of each number that may be chosen, tool_mass or of the coupling: coupling.stiffness=10:300."""
+    out: Path
+    """Folder for all of it; what is done is kept there, and the same command continues."""
+    pad: str = ""
+    """A pad on the tool: memory-foam, neoprene or norbornene; its mass counts as the tool's."""
+    times: tuple[float, ...] = (0.9, 1.0, 1.15, 1.35)
+    """Approach times, as multiples of that of the paper's rule with the paper's spring."""
+    limits: Annotated[Limits, tyro.conf.arg(name="")] = field(default_factory=Limits)
+    effort: Annotated[Effort, tyro.conf.arg(name="")] = field(default_factory=Effort)
+    against: tuple[str, ...] = ("bistable-blind", "bistable-paper")
+    """Set-ups whose coupling is compared, with a controller of its own."""
+    seeds: int = 2
+    """Searches for each design, of which validation chooses one."""
+    grid: tuple[int, int] | None = None
+    """Is it the optimum? So many values of each of two free numbers make a grid of designs; the controller of each is
+    searched with the whole budget, and the page compares them with the seeds."""
+    sizes: bool = False
+    """Add maps of the paper's mechanism over its spring, for other objects, tools and speeds."""
+    processes: int = 2
+    """Searches at a time, each on one core; 0: none but this process."""
+
+    def checked(self) -> "Study":
+        """Return the study, its times in order.
+
+        Raises:
+            ValueError: names an option that is out of range, or a design that cannot be searched.
+        """
+        for holder, name, least in (
+            (self.effort, "scenarios", 1), (self.effort, "budget", 1), (self.effort, "population", 4),
+            (self, "seeds", 1), (self, "processes", 0),
+        ):  # fmt: skip
+            whole(name, getattr(holder, name), at_least=least)
+        self.limits.check()
+        number("tolerance", self.effort.tolerance, "(no unit)", at_least=0.0, at_most=0.5)
+        for time in self.times:
+            number("times", time, "(no unit)", above=0)
+        if not self.times:
+            raise ValueError("times must name an approach time at least, as a multiple of that of the paper's rule")
+        if self.pad:
+            pad_of(self.pad)
+        for count in self.grid or ():
+            whole("grid", count, at_least=2)
+        if self.grid and len(self.numbers) != 2:
+            raise ValueError(f"grid needs two free numbers, --free names {len(self.numbers)}")
+        study = replace(self, times=tuple(sorted(self.times)))
+        _ = study.searched, study.others  # each refuses what cannot be searched or compared
+        return study
+
+    @cached_property
+    def arm(self) -> Setup:
+        """The set-up."""
+        return load_setup(self.setup)
+
+    @cached_property
+    def numbers(self) -> list[Free]:
+        """The free numbers."""
+        return read_all(self.free, self.arm)
+
+    @cached_property
+    def searched(self) -> dict[str, Any]:
+        """The set-up's environment, with a range for each free number."""
+        return searched_environment(self.arm, self.numbers, self.limits.deflection)
+
+    @cached_property
+    def others(self) -> dict[str, dict[str, Any]]:
+        """The environments to compare with, by name."""
+        couplings = {name: load_setup(name).environment["coupling"] for name in self.against}
+        compared = {name: {**self.arm.environment, "coupling": coupling} for name, coupling in couplings.items()}
+        return {"paper's spring": with_papers_spring(self.arm.environment)} | compared
+
+    @property
+    def rule(self) -> str:
+        """Which controller the set-up's observation allows."""
+        return "BlindProfile" if Task(**self.arm.environment).range_noise is None else "Ranged"
+
+    @property
+    def typical(self) -> float:
+        """The allowed approach time that is nearest to that of the paper's rule."""
+        return min(self.times, key=lambda allowed: abs(allowed - 1.0))
+
+    def limits_of(self, line: str) -> Limits:
+        """Return what a line must keep to; couplings that are only compared with have no limits."""
+        return self.limits if line in LIMITED else Limits(deflection=None)
+
+    def built(self, design: Mapping[str, float]) -> dict[str, Any]:
+        """Return the environment of a design as a search meets it, each number off by a share in each episode."""
+        return changed(self.arm.environment, as_built(design, MARGIN * self.effort.tolerance))
+
+    def designs_of_grid(self) -> Iterator[dict[str, float]]:
+        """Yield the designs of the grid."""
+        values = [free.spread(count) for free, count in zip(self.numbers, self.grid or (), strict=True)]
+        for design in product(*values):
+            yield dict(zip((free.name for free in self.numbers), design, strict=True))
+
+
+def with_papers_spring(environment: Mapping[str, Any]) -> dict[str, Any]:
+    """Return an environment's arguments with the default coupling, the paper's spring."""
+    return {name: value for name, value in environment.items() if name != "coupling"}

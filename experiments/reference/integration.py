@@ -1,0 +1,167 @@
+"""How a motion is carried on: one smooth phase by SciPy's integrators, or the flight of a linear chain, exactly.
+
+`solve_ivp` compares the signs of an event function at the two ends of a step and so misses what turns there and back
+within one. Here every step is looked into as well: first along the cubic that its ends and slopes define, which costs
+no evaluation, and where that shows a change of sign or a turn towards one, along the integrator's own interpolant.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
+from math import ceil
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import BDF, DOP853, LSODA, RK23, RK45, Radau
+from scipy.linalg import expm
+from scipy.optimize import brentq, minimize_scalar
+
+Vector = NDArray[np.float64]
+SOLVERS: dict[str, Any] = {s.__name__: s for s in (RK23, RK45, DOP853, Radau, BDF, LSODA)}
+IMPLICIT = ("Radau", "BDF", "LSODA")
+
+# the two points next to the ends show a turn that lies between an end and its neighbour
+POINTS = np.array([0.0, 0.001, 0.3, 0.7, 0.999, 1.0])
+LEFT, RIGHT = (1 - POINTS) ** 2, POINTS**2
+HERMITE = np.array([(1 + 2 * POINTS) * LEFT, POINTS * LEFT, RIGHT * (3 - 2 * POINTS), RIGHT * (POINTS - 1)]).T
+TIGHT = {"rtol": 4 * np.finfo(float).eps}  # of brentq
+
+
+@dataclass
+class Switch:
+    """Something that is on while its gauge, of time and state, is positive."""
+
+    name: str
+    on: bool
+    gauge: Callable[[float, list[float]], float]
+    slack: float = 0.0  # rounding of the gauge: it turns only beyond this, or it would turn back and forth at zero
+
+    def margin(self, t: float, y: list[float]) -> float:
+        """How far it is from turning: below zero it has."""
+        return (self.gauge(t, y) if self.on else -self.gauge(t, y)) + self.slack
+
+
+def advance(
+    equations: Any, end: float, y: Vector, switches: list[Switch], method: str, rtol: float, atol: Vector,
+    longest_step: float,
+) -> tuple[float, Vector, Switch | None]:  # fmt: skip
+    """Integrate from time 0 to `end` or to the first switch that turns; return time, state and switch.
+
+    `equations` have `rates` and, for the implicit methods, `jacobian`, of time and state.
+
+    Raises:
+        RuntimeError: SciPy gives up.
+    """
+    options: dict[str, Any] = {"jac": equations.jacobian} if method in IMPLICIT else {}
+    options |= {"rtol": rtol, "atol": atol, "max_step": longest_step}
+
+    def begin(start: float, y: Vector, end: float) -> Any:
+        return SOLVERS[method](equations.rates, start, y, end, **options)
+
+    def step(solver: Any) -> None:
+        with np.errstate(over="ignore", invalid="ignore"):  # in a trial step, which is then rejected
+            message = solver.step()
+        if solver.status == "failed":
+            raise RuntimeError(f"reference: {message}")
+
+    solver = begin(0.0, y, end)
+    slope = np.array(equations.rates(0.0, y))
+    while solver.status == "running":
+        y_old, slope_old = solver.y, slope
+        step(solver)
+        slope = np.array(equations.rates(solver.t, solver.y))
+        turn = _first_turn(solver, y_old, slope_old, slope, switches)
+        if turn is not None:
+            tau, switch = turn
+            # steps that end on the event are more accurate than the interpolant
+            last = begin(solver.t_old, y_old, tau)
+            while last.status == "running":
+                step(last)
+            return tau, last.y.copy(), switch
+    return end, solver.y.copy(), None
+
+
+def _first_turn(
+    solver: Any, y_old: Vector, slope_old: Vector, slope: Vector, switches: list[Switch]
+) -> tuple[float, Switch] | None:
+    """Return when and which switch turns first in the step just made."""
+    start, h = solver.t_old, solver.t - solver.t_old
+    points = (HERMITE @ np.array([y_old, h * slope_old, solver.y, h * slope])).tolist()
+    times = (start + h * POINTS).tolist()
+    turns: list[tuple[float, Switch]] = []
+    dense = None
+    for switch in switches:
+        g = [switch.margin(s, y) for s, y in zip(times, points, strict=True)]
+        if min(g[1:]) < 0 or any(_turns(*g[j - 1 : j + 2]) for j in range(1, len(g) - 1)):
+            dense = dense or solver.dense_output()
+            tau = _root(partial(_margin_along, switch, dense), times, g)
+            turns += [] if tau is None else [(tau, switch)]
+    return min(turns, key=lambda turn: turn[0], default=None)
+
+
+def _margin_along(switch: Switch, dense: Any, s: float) -> float:
+    """Margin of a switch on the integrator's interpolant."""
+    return switch.margin(s, dense(s).tolist())
+
+
+def _turns(left: float, middle: float, right: float) -> bool:
+    """Whether a gauge falls and rises again so near zero, for the size of its changes, that it may have been below."""
+    return middle < left and middle <= right and middle < 2 * (max(left, right) - middle)
+
+
+def _root(gauge: Callable[[float], float], times: list[float], g: list[float]) -> float | None:
+    """First time at which `gauge` falls through zero; g are its values at `times`, roughly inside."""
+    for j in range(1, len(times)):
+        low = times[j]
+        if not g[j] < 0:
+            if j == len(times) - 1 or not _turns(*g[j - 1 : j + 2]):
+                continue
+            width = {"xatol": 1e-9 * (times[j + 1] - times[j - 1])}
+            lowest = minimize_scalar(gauge, bounds=(times[j - 1], times[j + 1]), method="bounded", options=width)
+            if not lowest.fun < 0:
+                continue
+            low = float(lowest.x)
+        high = next((s for s in times[j - 1 :: -1] if gauge(s) > 0), None)
+        if high is None:  # below zero from the beginning
+            return times[0]
+        if gauge(low) < 0:
+            return float(brentq(gauge, high, low, xtol=1e-300, **TIGHT))
+        if j == len(times) - 1:
+            return low
+    return None
+
+
+def fly(A: Vector, z: Vector, t: float, t_end: float) -> tuple[float, Vector, bool]:
+    """Follow z' = A z from t until z[0] rises through zero or to `t_end`; return when, the state and whether it rose.
+
+    The matrix exponential carries it, exactly.
+    """
+    n = ceil(max(8, 5 * (t_end - t) * np.abs(np.linalg.eigvals(A)).max()))  # 5 per time constant
+    h = (t_end - t) / n
+    P = expm(A * h)
+    for i in range(n):
+        z_next = P @ z
+        s = _first_rise(A, z, z_next, h)
+        if s is not None:
+            return t + i * h + s, expm(A * s) @ z, True
+        z = z_next
+    return t_end, z, False
+
+
+def _first_rise(A: Vector, z: Vector, z_next: Vector, h: float) -> float | None:
+    """First s in (0, h] at which z[0] rises through zero, if any does: looks at its extremum, where z[1] = 0, too."""
+
+    def state(s: float, i: int) -> float:
+        return float((expm(A * s) @ z)[i])
+
+    marks = [0.0, h]
+    if z[1] * z_next[1] < 0:
+        marks.insert(1, brentq(state, 0, h, args=(1,), xtol=1e-18, **TIGHT))
+    elif z_next[0] <= 0:
+        return None
+    for a, b in pairwise(marks):
+        if state(a, 0) <= 0 < state(b, 0):
+            return float(brentq(state, a, b, args=(0,), xtol=1e-18, **TIGHT))
+    return None

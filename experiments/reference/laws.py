@@ -1,0 +1,181 @@
+"""The laws that need more than a line: dissipation of a contact, the robot's parameters, the bistable mechanism."""
+
+from collections.abc import Callable, Mapping
+from functools import cache
+from math import exp, hypot, log, log1p, sqrt
+from typing import Any
+
+import numpy as np
+from numpy import emath
+from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicSpline
+from scipy.optimize import brentq
+
+CLOSURES: dict[str, Callable[[float], float]] = {
+    "hu-guo": lambda e: 1.5 * (1 - e) / e,  # paper, eq. 7; Hu and Guo 2015
+    "hunt-crossley": lambda e: 1.5 * (1 - e),  # Hunt and Crossley 1975
+    "lankarani-nikravesh": lambda e: 0.75 * (1 - e * e),  # Lankarani and Nikravesh 1990
+    "flores": lambda e: 1.6 * (1 - e) / e,  # Flores, Machado, Silva and Martins 2011
+    "gonthier": lambda e: (1 - e * e) / e,  # Gonthier, McPhee, Lange and Piedboeuf 2004
+    "herbert-mcwhannell": lambda e: 6 * (1 - e) / ((2 * e - 1) ** 2 + 3),  # Herbert and McWhannell 1977
+}
+STIFF = 1e3  # d beyond which an isolated contact is left to an implicit method
+RobotLaw = Callable[[float], tuple[float, float, float]]
+"""m_r (kg), k_r (N/m), c_r (N s/m) by the commanded position x_r (m)."""
+
+
+def damping_factor(name: str, e: float, m: float, n: float) -> float:
+    """Return d of the contact force u^m + d u^n u' in the contact's own scales, for restitution e and exponents m, n.
+
+    chi = d k_c delta0^(m-n) / v_in, which for m = n is the usual d = chi v_in / k_c. "exact" is the factor with which
+    an isolated contact has restitution e.
+
+    Raises:
+        ValueError: there is no law of that name.
+    """
+    if name in CLOSURES:
+        return CLOSURES[name](e)
+    if name != "exact":
+        raise ValueError(f"reference: no dissipation {name!r}; there are {[*CLOSURES, 'exact']}")
+    if e == 1:
+        return 0.0
+    if m == n:
+        return _equal_exponents(e)
+    if (m, n) == (1, 0):
+        # the restitution falls from 1 at zeta = 0 and is 1/(4 zeta^2) for large zeta
+        return 2 * exp(brentq(lambda x: log(_linear_restitution(exp(x)) / e), -40.0, 1.0 - log(e), xtol=1e-15))
+    return _unequal_exponents(e, m, n)
+
+
+def _equal_exponents(e: float) -> float:
+    """Root of ln((1+d)/(1-d e)) = d (1+e), as phi(d) = e^2 phi(-d e): without the root d = 0 and cancellation."""
+
+    def phi(z: float) -> float:  # (ln(1+z) - z)/z^2
+        if abs(z) > 0.1:
+            return (log1p(z) - z) / z**2
+        return float(sum((-1) ** (k + 1) * z ** (k - 2) / k for k in range(2, 20)))
+
+    def excess(d: float) -> float:
+        return phi(d) - e**2 * phi(-d * e)
+
+    limit = (1 - 1e-15) / e
+    # 1 - d e is about exp(-1/e): below e = 0.03 the root is 1/e to rounding
+    return float(brentq(excess, 0.0, limit, xtol=1e-300, rtol=1e-15)) if excess(limit) > 0 else 1 / e
+
+
+def _linear_restitution(zeta: float) -> float:
+    """Of a linear spring and damper that never pulls: speed where x'' = 0 again, over that at the onset."""
+    critical = abs(zeta - 1) < 1e-9
+    ratio = 1 - (zeta - 1) / 3 if critical else abs(emath.arccos(zeta) / emath.sqrt(1 - zeta**2))
+    return exp(-2 * zeta * ratio)
+
+
+@cache
+def _unequal_exponents(e: float, m: float, n: float) -> float:
+    """The factor d by integrating isolated contacts."""
+    upper = 1.0
+    while _isolated_restitution(upper, m, n) > e:
+        upper *= 4
+    return exp(
+        brentq(lambda x: log(_isolated_restitution(exp(x), m, n) / e), log((1 - e) / 10), log(upper), xtol=1e-13)
+    )
+
+
+def _isolated_restitution(d: float, m: float, n: float) -> float:
+    """Separation speed of u'' = -max(0, u^m + d u^n u'), u(0) = 0, u'(0) = 1.
+
+    For n < m the force is clamped once and stays so: u^(m-n) + d u' goes on falling while u coasts back. For n >= m it
+    is never clamped.
+    """
+
+    def rates(_: float, y: list[float]) -> tuple[float, float]:
+        u = max(float(y[0]), 0.0)
+        return y[1], -(u**m + d * u**n * y[1])
+
+    def end(_: float, y: list[float]) -> float:
+        return float(max(y[0], 0.0) ** (m - n) + d * y[1] if n < m else y[0])
+
+    end.terminal, end.direction = True, -1  # type: ignore[attr-defined]  # how solve_ivp is told
+    method = "Radau" if d > STIFF else "DOP853"
+    run = solve_ivp(rates, (0.0, np.inf), [0.0, 1.0], method, events=end, rtol=1e-13, atol=1e-15, first_step=1e-6)
+    return -float(run.y[1, -1])
+
+
+def robot_law(robot: Any) -> RobotLaw:
+    """Return the robot's parameters: constant, or a spline that is held beyond its ends (paper, eq. 16)."""
+    if not hasattr(robot, "position"):
+        constant = (float(robot.mass), float(robot.stiffness), float(robot.damping))
+        return lambda _: constant
+    low, high = robot.position[0], robot.position[-1]
+    columns = np.column_stack((robot.mass, robot.stiffness, robot.damping))
+    spline = CubicSpline(robot.position, columns, bc_type="not-a-knot")
+
+    def of_table(x_r: float) -> tuple[float, float, float]:
+        m_r, k_r, c_r = spline(min(max(x_r, low), high)).tolist()
+        return m_r, k_r, c_r
+
+    return of_table
+
+
+class BistableForce:
+    """The bistable mechanism and its stops (paper, eq. 23-24; the stops' law is the project's own).
+
+    Forces on the tool, N, by the deflection u = x_f - x_t (m), 0 at rest against the front stop, and its rate.
+    """
+
+    def __init__(self, coupling: Any, tool_mass: float) -> None:
+        self.k, self.L0, self.H = float(coupling.stiffness), float(coupling.free_length), float(coupling.height)
+        self.k_s = float(coupling.stop_stiffness)
+        self.c_s = float(2 * coupling.stop_damping_ratio * sqrt(self.k_s * tool_mass))
+        tight = {"xtol": 1e-300, "rtol": 4 * np.finfo(float).eps}
+        # the spring force is below k L0 everywhere, so that the stop holds it before p = k L0 / k_s
+        limits = (0.0, self.k * self.L0 / self.k_s)
+        held = brentq(lambda p: self.spring(coupling.front_stop + p) - self.k_s * p, *limits, **tight)
+        self.p_front = float(held)  # m
+        self.x0 = float(coupling.front_stop + self.p_front)  # m, slider from the alignment at rest
+        self.p_rear = float(coupling.rear_stop - self.x0)  # m, negative: into the rear stop at rest
+
+    def spring(self, x: float) -> float:
+        """F_T of the slider at x (m) from the vertical alignment, N."""
+        L = hypot(self.H, x)
+        return self.k * (self.L0 - L) * x / L
+
+    def front(self, u: float, u_dot: float) -> float:
+        """Positive while the front stop pushes: penetrated, and k_s p + c_s p' > 0."""
+        p = self.p_front - u
+        return min(self.k_s * p, self.k_s * p - self.c_s * u_dot)
+
+    def rear(self, u: float, u_dot: float) -> float:
+        """Positive while the rear stop pushes."""
+        p = self.p_rear + u
+        return min(self.k_s * p, self.k_s * p + self.c_s * u_dot)
+
+    def force(self, u: float, u_dot: float, on: Mapping[str, bool]) -> float:
+        """Spring and the stops that are on, N."""
+        T = self.spring(self.x0 - u)
+        if on["front"]:
+            T -= self.k_s * (self.p_front - u) - self.c_s * u_dot
+        if on["rear"]:
+            T += self.k_s * (self.p_rear + u) + self.c_s * u_dot
+        return T
+
+    def slopes(self, u: float, on: Mapping[str, bool]) -> tuple[float, float]:
+        """Derivatives of `force` by u (N/m) and u' (N s/m)."""
+        stops = on["front"] + on["rear"]
+        L = hypot(self.H, self.x0 - u)
+        return self.k * (1 - self.L0 * self.H**2 / L**3) + stops * self.k_s, stops * self.c_s
+
+    def energy(self, u: float) -> float:
+        """Of the spring and of the stops that are penetrated, J."""
+        spring = self.k / 2 * (hypot(self.H, self.x0 - u) - self.L0) ** 2
+        return spring + self.k_s / 2 * (max(self.p_front - u, 0.0) ** 2 + max(self.p_rear + u, 0.0) ** 2)
+
+    def rest(self, front: bool) -> float:
+        """Deflection at which a stop holds the mechanism, m."""
+        if front:
+            return 0.0
+
+        def pull(u: float) -> float:
+            return self.spring(self.x0 - u) + self.k_s * (self.p_rear + u)
+
+        return float(brentq(pull, -self.p_rear, 1 - self.p_rear))

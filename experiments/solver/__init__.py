@@ -1,0 +1,18 @@
+"""Studies of the solver: how fast it is at an error, and whether it stands; each with a page.
+
+    `python -m experiments.solver.speed`      work-precision diagrams, ours beside SciPy, fixed steps and MuJoCo, after
+                                              the manner of SciMLBenchmarks (Rackauckas and others)
+    `python -m experiments.solver.stability`  a storm of random scenes, and who stands in it
+
+    `approaches`   six with a name, a population, the storm
+    `solutions`    what a solver says, its errors, the classes of its failures, the truth by the independent solver
+    `by_hand`      what people write: fixed steps, and solve_ivp with event functions
+    `in_mujoco`    the same bodies in MuJoCo, its contact fitted to each scene
+    `timing`       contenders timed and judged, in turns or in the storm; who is cheapest at an error
+    `storm`        a row for each scene of the storm, with what physics says about the run
+    `promises`     what was promised of the storm, and whether it is met; agreement with the independent solver
+    `rivals`       SciPy and fixed steps in the storm
+    `figures`      of both pages, drawn from the tables
+
+Whatever is computed is a job of `agents.jobs`, whose result is kept: hangs and crashes end its process, not the study.
+"""

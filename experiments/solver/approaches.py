@@ -1,0 +1,222 @@
+"""The approaches that both studies run: six with a name, a population drawn at random, and the storm.
+
+The storm covers the ranges in which the solver is to work. Its scene k is a function of the number k alone; its ends
+are extreme on purpose.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, get_args
+
+import numpy as np
+
+import impact_gym as ig
+from impact_gym.quantities import SCENARIO
+from impact_gym.robot import default_approach
+from impact_gym.scene import Coupling, Dissipation
+from impact_gym.task.scenario import NAMED
+
+TOOL = ig.Tool(0.125)  # kg, the paper's and the environment's
+DISTANCE = 0.2505  # m, of the paper's object
+MOTION = ig.Trapezoid(1.0, 8.0, ig.Brake(threshold=1.0, delay=0.016, deceleration=8.0))  # the paper's
+CRUISE = ig.Trapezoid(1.0, 8.0, ig.Brake(threshold=1.0, delay=10.0))  # the alarm is noted, the robot goes on
+POPULATION_SEED = 20_000  # of scene 0
+STORM_SEED = 4
+
+RANGES = {
+    "contact stiffness": (1e2, 1e10),  # N/m^m
+    "restitution": (1e-3, 1.0),
+    "mass ratio": (1e-3, 1e3),  # object over tool
+    "speed": (0.01, 5.0),  # m/s
+    "coupling stiffness": (1.0, 1e5),  # N/m, of a spring and damper or of a mechanism
+    "damping ratio": (0.0, 3.0),  # of a spring and damper or of a stop
+    "deceleration": (0.5, 50.0),  # m/s^2, of the brake
+}
+"""What the storm must cover."""
+OTHERS = {
+    "tool mass": (0.01, 10.0),  # kg
+    "acceleration": (0.5, 50.0),  # m/s^2
+    "distance": (0.05, 0.35),  # m
+    "threshold": (0.1, 10.0),  # N, of the alarm
+    "delay": (0.0, 0.05),  # s, likewise
+    "free length": (0.01, 0.3),  # m, of a mechanism
+    "stop stiffness": (1e4, 1e6),  # N/m
+    "robot mass": (0.5, 50.0),  # kg
+    "robot stiffness": (1e3, 1e6),  # N/m
+    "robot damping": (1.0, 1e3),  # N s/m
+}
+"""What a scene needs besides, over ranges of our own."""
+EXPONENTS = (*((1.5, 1.5),) * 6, (1.0, 0.0), (1.0, 1.0), (2.0, 2.0), (1.5, 1.0), (1.2, 1.2), (3.0, 0.0))
+AT_AN_END = 0.05  # share of draws from a range of the storm that are one of its ends
+AFTERMATH = 0.5  # s, after the flange would reach the object
+
+
+@dataclass(frozen=True)
+class Approach:
+    """One approach from rest, over `duration` s."""
+
+    name: str
+    description: str
+    scene: ig.Scene
+    motion: ig.Trapezoid
+    duration: float
+
+    @property
+    def run(self) -> tuple[ig.Scene, ig.Trapezoid, float]:
+        """What `simulate` takes."""
+        return self.scene, self.motion, self.duration
+
+    @property
+    def labels(self) -> dict[str, Any]:
+        """The columns of a table that say which approach a row is about."""
+        about = {"scene": self.name, "coupling": kind(self.scene), "speed": self.motion.speed}
+        return about | {"description": self.description, "failure": ""}
+
+
+def kind(scene: ig.Scene) -> str:
+    """Return coupling and robot of a scene in words."""
+    couplings = {ig.Rigid: "rigid", ig.SpringDamper: "spring", ig.Bistable: "bistable"}
+    robots = {ig.Robot: ", robot", ig.RobotTable: ", robot table", type(None): ""}
+    return couplings[type(scene.coupling)] + robots[type(scene.robot)]
+
+
+def approach_of(name: str | int) -> Approach:
+    """Return the approach of this name; a whole number is a scene of the storm."""
+    if isinstance(name, int):
+        return storm(name)
+    return _member(int(name)) if name.isdecimal() else {approach.name: approach for approach in named()}[name]
+
+
+def behind(coupling: Coupling, k_c: float, e: float, object_mass: float = 0.25, distance: float = DISTANCE) -> ig.Scene:
+    """Return the paper's tool behind a coupling, and its object, with a contact of k_c (N/m^1.5) and e."""
+    return ig.Scene(TOOL, ig.Object(object_mass, distance), ig.Contact(k_c, e), coupling)
+
+
+def named() -> tuple[Approach, ...]:
+    """Return the six approaches."""
+    soft, spring = ig.SpringDamper(50.0), ig.SpringDamper(150.0)
+    inelastic = "k_c 1e5, e 0.02 (d = 73.5), spring 50 N/m"
+    multiple = "k_c 1e6, e 1, spring 150 N/m, object 1 kg: six contacts"
+    pushed = "k_c 1e8, e 0.1, spring 150 N/m, no brake: the second contact is slow and pushed"
+    bistable = "bistable coupling 4e-5 m/s below its threshold, k_c 1e3, e 0.1"
+    # the paper's Fig. 23, a little slower than the speed above which the slider passes its alignment for good: that
+    # lies between 0.9772 and 0.9773 m/s, the object as far away as `experiments.paper.beyond_speed` places it
+    speed = 0.9772  # m/s
+    at_threshold = ig.Trapezoid(speed, MOTION.acceleration, MOTION.brake)
+    distance = speed**2 / (2 * MOTION.acceleration) + speed * (DISTANCE - 1 / (2 * MOTION.acceleration))
+    return (
+        Approach("soft", "k_c 1e3, e 0.7, spring 50 N/m", behind(soft, 1e3, 0.7), MOTION, 1.5),
+        Approach("stiff", "k_c 1e8, e 0.7, spring 50 N/m: two short contacts", behind(soft, 1e8, 0.7), MOTION, 1.5),
+        Approach("inelastic", inelastic, behind(soft, 1e5, 0.02), MOTION, 1.5),
+        Approach("multiple", multiple, behind(spring, 1e6, 1.0, 1.0), MOTION, 1.5),
+        Approach("pushed", pushed, behind(spring, 1e8, 0.1), CRUISE, 0.8),
+        Approach("bistable", bistable, behind(ig.Bistable(), 1e3, 0.1, distance=distance), at_threshold, 1.5),
+    )
+
+
+def population(count: int) -> tuple[Approach, ...]:
+    """Return scenes with objects and contacts as the environment draws them, and one of four couplings.
+
+    The couplings are that of the environment (50 N/m, critically damped), another spring and damper (10 to 2000 N/m,
+    log-uniform, damping ratio 0 to 2), none and the bistable mechanism; the motion is the paper's.
+    """
+    return tuple(map(_member, range(count)))
+
+
+def _member(place: int) -> Approach:
+    rng = np.random.default_rng(POPULATION_SEED + place)
+    ranges, shares = NAMED["test"].by_id(), rng.random(len(SCENARIO))
+    mass, stiffness, restitution, distance = (
+        row.at_share(*ranges[row.id], share) for row, share in zip(SCENARIO, shares, strict=True)
+    )
+    spring = ig.SpringDamper(10.0 * math.exp(rng.random() * math.log(2000.0 / 10.0)), 2.0 * rng.random())
+    couplings: dict[str, Coupling] = {"spring of 50 N/m": ig.SpringDamper(50.0), "spring": spring}
+    couplings |= {"rigid": ig.Rigid(), "bistable": ig.Bistable()}
+    name = list(couplings)[place % 4]
+    words = f"{name}, k_c {stiffness:.3g}, e {restitution:.3f}, object {mass:.3f} kg at {distance:.3f} m"
+    scene = behind(couplings[name], stiffness, restitution, mass, distance)
+    return Approach(f"{place:03d}", words, scene, MOTION, 1.2)
+
+
+class _Draw:
+    """Draws for one scene of the storm."""
+
+    def __init__(self, number: int) -> None:
+        self.rng = np.random.default_rng([STORM_SEED, number])
+        self.share = self.rng.uniform
+
+    def value(self, name: str) -> float:
+        """A value of a range; log-uniform unless it begins at 0."""
+        low, high = RANGES.get(name) or OTHERS[name]
+        u, end = map(float, self.rng.random(2))
+        if name in RANGES and end < AT_AN_END:
+            return low if end < AT_AN_END / 2 else high
+        if low == 0.0:
+            return high * u
+        return min(max(math.exp(math.log(low) + u * math.log(high / low)), low), high)
+
+    def spring(self) -> ig.SpringDamper:
+        return ig.SpringDamper(self.value("coupling stiffness"), self.value("damping ratio"))
+
+    def mechanism(self) -> ig.Bistable:
+        length = self.value("free length")
+        height = self.share(0.2, 0.9) * length
+        stroke = math.sqrt((length - height) * (length + height))
+        front, rear = self.share(0.1, 0.9) * stroke, -self.share(0.1, 0.9) * stroke
+        spring, stop = self.value("coupling stiffness"), self.value("stop stiffness")
+        return ig.Bistable(spring, length, height, front, rear, stop, self.value("damping ratio"))
+
+    def robot(self) -> list[float]:
+        return [self.value(f"robot {name}") for name in ("mass", "stiffness", "damping")]
+
+    def robot_table(self, distance: float) -> ig.RobotTable:
+        """The shipped robot, or a random one that varies by up to a factor of two on the way to the object."""
+        if self.share(0, 1) < 0.25:
+            return default_approach().robot_table()
+        way = np.linspace(0.0, 1.0, 6)
+        start = np.array(self.robot())[:, None]
+        slopes = self.rng.uniform(-1, 1, (3, 2))
+        columns = (start * np.exp(0.5 * slopes[:, :1] * way + 0.2 * slopes[:, 1:] * way**2)).tolist()
+        return ig.RobotTable(tuple((1.2 * distance * way).tolist()), *map(tuple, columns))
+
+
+def storm(number: int) -> Approach:
+    """Return scene `number` of the storm; every coupling comes with every robot."""
+    draw = _Draw(number)
+    tool = ig.Tool(draw.value("tool mass"))
+    target = ig.Object(tool.mass * draw.value("mass ratio"), draw.value("distance"))
+    m, n = EXPONENTS[draw.rng.integers(len(EXPONENTS))]
+    laws: tuple[Dissipation, ...] = get_args(Dissipation)
+    law: Dissipation = laws[draw.rng.integers(len(laws))] if draw.share(0, 1) < 0.5 else "hu-guo"
+    contact = ig.Contact(draw.value("contact stiffness"), draw.value("restitution"), law, m, n)
+    couplings: tuple[Callable[[], Coupling], ...] = (ig.Rigid, draw.spring, draw.mechanism)
+    coupling = couplings[number % 3]()
+    robots = (lambda: None, lambda: ig.Robot(*draw.robot()), lambda: draw.robot_table(target.distance))
+    robot = robots[number // 3 % 3]()
+    brakes = draw.share(0, 1) < 0.8
+    brake = ig.Brake(*map(draw.value, ("threshold", "delay", "deceleration"))) if brakes else None
+    motion = ig.Trapezoid(draw.value("speed"), draw.value("acceleration"), brake)
+    duration = target.distance / motion.speed + motion.speed / motion.acceleration + AFTERMATH
+    scene = ig.Scene(tool, target, contact, coupling, robot)
+    return Approach(str(number), describe(scene, motion), scene, motion, duration)
+
+
+def describe(scene: ig.Scene, motion: ig.Trapezoid) -> str:
+    """Return what is hard about a scene of the storm in a line; `storm` gives it whole."""
+    contact, coupling, robot = scene.contact, scene.coupling, scene.robot
+    m, n = contact.stiffness_exponent, contact.damping_exponent
+    words = [f"{kind(scene)}: k_c {contact.stiffness:.3g}, e {contact.restitution:.3g} ({contact.dissipation})"]
+    if (m, n) != (1.5, 1.5):
+        words.append(f"m {m:g}, n {n:g}")
+    words.append(f"m_t {scene.tool.mass:.3g} kg, m_p {scene.object.mass:.3g} kg, {motion.speed:.3g} m/s")
+    if isinstance(coupling, ig.SpringDamper):
+        words.append(f"k_t {coupling.stiffness:.3g}, zeta {coupling.damping_ratio:.3g}")
+    if isinstance(coupling, ig.Bistable):
+        stops = f"k_s {coupling.stop_stiffness:.3g}, zeta_s {coupling.stop_damping_ratio:.3g}"
+        words.append(f"k {coupling.stiffness:.3g}, {stops}")
+    if isinstance(robot, ig.Robot):
+        words.append(f"m_r {robot.mass:.3g}, k_r {robot.stiffness:.3g}, c_r {robot.damping:.3g}")
+    if motion.brake:
+        words.append(f"brake {motion.deceleration:.3g} m/s^2")
+    return ", ".join(words)

@@ -1,0 +1,188 @@
+"""A row of numbers for each scene of the storm: our run, and what physics says about it.
+
+Energy. With M the reduced mass of tool and object and a the acceleration of the tool by all but the contact, the
+contact force is F = M (a - delta''), so that the contact takes from the bodies
+
+    integral of F d(delta) = (M v_in^2 - M v_out^2) / 2 + M integral of a d(delta)
+
+It may not be negative: a contact that is over has given back less than it took, one that is not holds some still. The
+first part is known to rounding from a `ContactRecord`. The second is a sum over the points of a `Trace`, in which M a
+follows from the velocities at two points, so that a may jump; its doubt is the change when every second point is left
+out. Where the tool is fixed to a robot whose mass varies, M varies with it.
+"""
+
+import math
+from collections.abc import Callable
+from time import thread_time
+
+import numpy as np
+from numpy.typing import NDArray
+
+import impact_gym as ig
+from agents.jobs import Result
+from experiments.lab.tables import Gather, Row, result_of, solver_and
+from experiments.solver.approaches import Approach, storm
+from experiments.solver.solutions import SHARED, known, relative_error
+
+LIMIT = 120.0  # s, without an answer: a hang
+AGAIN_OVER = 20.0  # ms; the better of two, so that what is loaded at first use does not count
+LONGEST_TRACE = 50_000  # steps, beyond which a trace would fill the memory
+FINER = 1e-10  # rtol of a second run
+CHECKS = {
+    "momentum_error": "of eq. 20 by the records, over the impulse of the contact",
+    "impulse_error": "impulse against what the object has gained, over the impulse",
+    "rounding": "of the momenta that were subtracted in that contact, over the impulse",
+    "energy_created": "over all energy that went to and fro in the contact; negative: lost; nan without a trace",
+    "energy_doubt": "of that by quadrature, in the same contact",
+    "pull": "contact force below 0 over its peak, or V_p lower after a contact over the speed of the tool",
+    "trace_fall": "of V_p from one point of the trace to the next, over the speed of the tool",
+}
+"""The worst of a run, each without unit; all zero if there was no contact."""
+COLUMNS = (
+    *("milliseconds", "steps", "contacts", "passes", "object_velocity", "slowest_contact"),
+    *("finite", "traced", "finer_change", *CHECKS),
+)
+"""Columns of a row behind its labels; the change is of V_p, relative."""
+
+Array = NDArray[np.float64]
+EPS = float(np.finfo(float).eps)
+
+
+def run(approach: Approach) -> tuple[ig.Outcome | None, str, float]:
+    """Return the outcome, or why there is none, and the processor time of one `simulate` in ms."""
+    begun, outcome, problem = thread_time(), None, ""
+    try:
+        outcome = ig.simulate(*approach.run)
+    except Exception as error:  # a failure is a result here
+        problem = f"{type(error).__name__}: {error}".replace("\n", " ")
+    return outcome, problem, 1e3 * (thread_time() - begun)
+
+
+def row_of(approach: Approach, simulate: Callable[..., ig.Outcome] = ig.simulate) -> Row:
+    """Return the row of a scene; `simulate` gives its trace."""
+    outcome, problem, milliseconds = run(approach)
+    if milliseconds >= AGAIN_OVER:
+        milliseconds = min(milliseconds, run(approach)[2])
+    row = blank(approach) | {"failure": problem, "milliseconds": milliseconds}
+    if outcome is None:
+        return row
+    v_p = outcome.object_velocity
+    row |= {
+        "steps": outcome.steps,
+        "contacts": len(outcome.contacts),
+        "passes": len(outcome.snap_through),
+        "object_velocity": v_p,
+        "slowest_contact": min((contact.approach_velocity for contact in outcome.contacts), default=math.nan),
+        "finite": int(finite(outcome)),
+        "traced": int(outcome.steps <= LONGEST_TRACE),
+    }
+    if row["traced"]:
+        outcome = simulate(*approach.run, trace=True)
+        row["finite"] = int(bool(row["finite"]) and finite(outcome))
+        row["finer_change"] = relative_error(velocity(approach, FINER), v_p, approach.motion.speed)
+    return row | checked(approach.scene, outcome)
+
+
+def velocity(approach: Approach, rtol: float = 1e-8) -> float:
+    """V_p of ours, m/s; nan if the run does not finish."""
+    try:
+        return ig.simulate(*approach.run, rtol).object_velocity
+    except RuntimeError:
+        return math.nan
+
+
+def blank(approach: Approach) -> Row:
+    """Return the row of a scene of which no number is known."""
+    return approach.labels | dict.fromkeys(COLUMNS, math.nan)
+
+
+def storm_row(approach: int) -> Result:
+    """Return the row of a scene, by its number."""
+    return result_of([row_of(storm(approach))])
+
+
+def rows(gather: Gather, count: int) -> list[Row]:
+    """Return the rows of the first `count` scenes."""
+    jobs = [{"approach": number} for number in range(count)]
+    return gather("storm", storm_row, jobs, solver_and(__name__, *SHARED), known, seconds=LIMIT)
+
+
+def finite(outcome: ig.Outcome) -> bool:
+    """Whether all numbers of an outcome are numbers."""
+    records = [record for record in (outcome, *outcome.contacts, outcome.trace) if record is not None]
+    values = [value for record in records for value in record]
+    return all(bool(np.all(np.isfinite(value))) for value in values if isinstance(value, float | np.ndarray))
+
+
+def checked(scene: ig.Scene, outcome: ig.Outcome) -> dict[str, float]:
+    """Return CHECKS of the records and, if there is one, the trace of a run."""
+    if not outcome.contacts:
+        return dict.fromkeys(CHECKS, 0.0)
+    budgets, energies, pulls, fall = [], [], [0.0], 0.0
+    before, m_p, trace = 0.0, scene.object.mass, outcome.trace
+    heaviest = scene.tool.mass  # of what moves as one with the tool
+    if isinstance(scene.coupling, ig.Rigid) and scene.robot is not None:
+        heaviest += float(np.max(scene.robot.mass))
+    for contact in outcome.contacts:
+        after, striking = contact.object_velocity, before + contact.approach_velocity
+        impulse = max(contact.impulse, 1e-300)
+        rounding = EPS * (heaviest * abs(striking) + m_p * max(abs(before), abs(after))) / impulse
+        gained = m_p * (after - before)
+        budgets.append((abs(contact.momentum_error), abs(gained - contact.impulse) / impulse, rounding))
+        pulls += [(before - after) / striking, -contact.impulse / (m_p * striking)]
+        before = after
+        if trace is not None:
+            energies.append(energy(scene, trace, contact))
+    if trace is not None:
+        pulls.append(-float(trace.contact_force.min()) / max(outcome.peak_force, 1e-300))
+        fastest = max(float(np.abs(trace.tool_velocity).max()), 1e-300)
+        fall = -float(np.diff(trace.object_velocity).min(initial=0.0)) / fastest
+    budget = max(budgets, key=lambda budget: _worst(*budget[:2]))
+    created, doubt = max(energies, key=lambda parts: _worst(parts[0] - parts[1]), default=(math.nan, math.nan))
+    return dict(zip(CHECKS, (*budget, created, doubt, max(pulls, key=_worst), fall), strict=True))
+
+
+def _worst(*values: float) -> float:
+    """The largest, what is no number above all."""
+    return math.inf if any(map(math.isnan, values)) else max(values)
+
+
+def energy(scene: ig.Scene, trace: ig.Trace, contact: ig.ContactRecord) -> tuple[float, float]:
+    """Return the energy that a contact has created, and its doubt, over what went to and fro."""
+    first = int(np.searchsorted(trace.time, contact.start, side="right")) - 1
+    last = np.searchsorted(trace.time, math.inf if contact.end is None else contact.end, side="left")
+    inside = slice(first, int(last) + 1)
+    time, mass = trace.time[inside], _reduced_mass(scene, trace.command_position[inside])
+    delta = (trace.tool_position - trace.object_position)[inside]
+    rate = (trace.tool_velocity - trace.object_velocity)[inside]
+    given = scene.object.mass * trace.object_velocity[inside]
+    parts = _work(time, mass, delta, rate, given)
+    work = float(np.sum(parts))
+    every_second = [np.append(values[:-1:2], values[-1]) for values in (time, mass, delta, rate, given)]
+    doubt = abs(work - float(np.sum(_work(*every_second))))
+    rounding = 4 * EPS * np.sqrt(len(time)) * np.abs(given).max() * np.abs(rate).max()
+    rate[0], rate[-1] = contact.approach_velocity, -contact.separation_velocity
+    kinetic = float(np.sum((mass[1:] + mass[:-1]) / 2 * np.diff(rate**2 / 2)))
+    turned_over = mass.max() * contact.approach_velocity**2 / 2 + float(np.sum(np.abs(parts)))
+    return (kinetic - work) / turned_over, (doubt + rounding) / turned_over
+
+
+def _work(time: Array, mass: Array, delta: Array, rate: Array, given: Array) -> Array:
+    """M a d(delta) between the points, J, a as constant there: M a is M delta'' and what the object is given."""
+    push = (mass[1:] + mass[:-1]) / 2 * np.diff(rate) + np.diff(given)
+    passed = np.diff(time)
+    parts: Array = np.divide(push * np.diff(delta), passed, out=np.zeros_like(push), where=passed > 0)
+    return parts
+
+
+def _reduced_mass(scene: ig.Scene, command: Array) -> Array:
+    """M (kg) at each commanded position (m); a tool fixed to a rigid robot is as if infinitely heavy."""
+    mass, m_p, robot = np.full_like(command, scene.tool.mass), scene.object.mass, scene.robot
+    if isinstance(scene.coupling, ig.Rigid):
+        if robot is None:
+            return np.full_like(command, m_p)
+        if isinstance(robot, ig.RobotTable):
+            mass += robot.splines(np.clip(command, robot.position[0], robot.position[-1]))[:, 0]
+        else:
+            mass += robot.mass
+    return mass * m_p / (mass + m_p)

@@ -1,0 +1,83 @@
+"""Tables of the environment's docstring, made from the table of quantities and from the arguments of the task."""
+
+from collections.abc import Sequence
+
+from impact_gym.quantities import QUANTITIES, SCENARIO, SET_UP, Quantity, Scale
+from impact_gym.task.scenario import ScenarioRanges
+from impact_gym.task.task import arguments
+
+Rows = list[tuple[str, ...]]
+
+
+def filled(text: str) -> str:
+    """Return a docstring with the tables that it names."""
+    tables = {
+        "OBSERVATION_TABLE": observation_table(), "SCENARIO_TABLE": scenario_table(),
+        "SET_UP_TABLE": set_up_table(), "ARGUMENT_TABLE": argument_table(),
+    }  # fmt: skip
+    for place, rows in tables.items():
+        text = text.replace(f"    {place}", markdown(rows))
+    return text
+
+
+def observation_table() -> Rows:
+    """Return a row for each number that may be observed."""
+    seen = [row for row in QUANTITIES.values() if row.observed and row.observed != "past_readings"]
+    seen.sort(key=lambda row: (row.observed != "always", row.observed == "privileged"))
+    rows: Rows = [("Num", "Observation", "Unit", "from", "to", "Scaled to", "Argument")]
+    for place, row in enumerate(seen):
+        low, high, scaled_low, curve, ends = row.scale or Scale(0.0, 1.0)
+        unit = {"linear": row.unit, "log": f"{row.unit}, as log", "log1p": f"{row.unit}, as log(1 + F)"}[curve]
+        always = row.observed == "always"
+        shapers = ", ".join(f"`{name}`" for name in (ends, *row.shaped_by) if name)
+        argument = shapers if always else f"only with `{row.observed}`" + (f"; {shapers}" if shapers else "")
+        words = f"{row.words} minus flange position" if row.from_flange else row.words
+        scaled = f"[{scaled_low:g}, 1]"
+        rows.append((str(place) if always else "then", words, unit, f"{low:g}", f"{high:g}", scaled, argument))
+    rows.insert(-6, ("then", "force and deflection, 1, 2, 3 before", "", "", "", "", "only with `past_readings`"))
+    return rows
+
+
+def law_of(row: Quantity) -> str:
+    """Return in words how a number is drawn from a range."""
+    if row.draw is None or not row.draw.by_ratio:
+        return "uniform"
+    return "log-uniform, uniform from 0" if row.limits.at_least == 0.0 else "log-uniform"
+
+
+def scenario_table() -> Rows:
+    """Return a row for each field of a scenario."""
+    rows: Rows = [("Scenario field", "Default range", "Distribution", "Unit")]
+    ranges = ScenarioRanges().by_id()
+    for row in SCENARIO:
+        low, high = ranges[row.id]
+        rows.append((f"`{row.id}`", f"{low:g} - {high:g}", law_of(row), row.unit))
+    return rows
+
+
+def set_up_table() -> Rows:
+    """Return a row for each number of a set-up that may be a range."""
+    rows: Rows = [("Number of the set-up", "Distribution", "Unit", "Observed from", "to")]
+    for row in SET_UP:
+        low, high, *_ = row.scale or Scale(0.0, 1.0)
+        rows.append((f"`{row.id}`", law_of(row), row.unit, f"{low:g}", f"{high:g}"))
+    return rows
+
+
+def argument_table() -> Rows:
+    """Return a row for each argument of the task."""
+    rows: Rows = [("Name", "Default", "Meaning")]
+    for name, item in arguments().items():
+        default = f'"{item.default}"' if isinstance(item.default, str) else f"{item.default}"
+        quantity, words = QUANTITIES.get(name), item.metadata["words"]
+        unit = f"{quantity.unit}, " if quantity and quantity.unit != "-" else ""
+        rows.append((f"`{name}`", default, unit + (words or (quantity.words if quantity else ""))))
+    return rows
+
+
+def markdown(rows: Sequence[Sequence[str]]) -> str:
+    """Return a table as Markdown, the first row its head, for a docstring."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = ["| " + " | ".join(map(str.ljust, row, widths)) + " |" for row in rows]
+    lines.insert(1, "|" + "|".join("-" * (width + 2) for width in widths) + "|")
+    return "\n".join("    " + line for line in lines)

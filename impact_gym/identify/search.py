@@ -1,0 +1,165 @@
+"""Where a fit begins, and least squares from there: several starts race each other to the minima.
+
+A start is a scene scattered over what is searched, with the start of the motion and the biases that suit the log best.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from impact_gym.identify.coordinates import RESTITUTION
+from impact_gym.identify.log import Log
+from impact_gym.identify.model import Model
+from impact_gym.identify.sensor import Array, level
+from impact_gym.simulation import Trace
+
+SCATTERED = 40  # scenes beside the given one
+SEED = 0
+ROUNDS, ROUND_EVALUATIONS = 5, 8  # of a race: fits are compared after so many evaluations of the residuals
+MIN_GAP_REDUCTION = 0.2  # drop a fit that keeps more than 80 % of its gap to the best one per round
+GOOD_MISFIT = 20.0  # above the least misfit, relative to what noise leaves of a sample: a rough minimum worth polishing
+MIN_DISTANCE = 0.03  # of the coordinate of a free number, by which two minima are apart
+LARGEST_START = 4.0  # of ln(e/(1-e)), from where a fit may begin: e from 0.02 to 0.98
+FINE, ROUGH = 1e-8, 1e-5  # tolerances of misfit and x, relative: of the best fit, and of those on the way
+
+
+class Point(NamedTuple):
+    """Where least squares have come to."""
+
+    misfit: float  # sum of squared residuals over the noise
+    x: Array
+    is_minimum: bool = True  # False: evaluations ran out on the way to one
+
+
+def scatter(model: Model) -> list[Array]:
+    """Return starting points x, best first: the scene as it is given, and a Latin hypercube of its free numbers."""
+    rng = np.random.default_rng(SEED)
+    low, high = np.array([[number.coordinate(size) for size in number.searched] for number in model.free]).T
+    cells = np.array([rng.permutation(SCATTERED) for _ in model.free]).T
+    points = low + (high - low) * (cells + rng.random(cells.shape)) / SCATTERED
+    given = np.array([number.start(model.scene) for number in model.free])
+    starts = [_start_at(model, point, rng.random()) for point in [given, *points]]
+    starts.sort(key=lambda start: start.misfit)
+    return [start.x for start in starts if np.isfinite(start.misfit)]
+
+
+def _start_at(model: Model, point: Array, share: float) -> Point:
+    """Return free coordinates with the start times and biases at which the misfit is least.
+
+    Times are tried on the log's own grid, moved by a `share` of a sample, and none at which the log begins later than
+    its own length after the touch.
+    """
+    x = np.zeros(model.size)
+    x[: len(point)] = point
+    total = 0.0
+    try:
+        scene = model.scene_at(x)
+        for k, log in enumerate(model.logs):
+            trace = model.trace(scene, k, model.latest(scene, k))
+            misfit, delay, biases = _align(model, log, trace, share)
+            x[len(point) + k] = log.time[0] + delay
+            for name, bias in biases.items():
+                if (k, name) in model.biased:
+                    x[model.bias_place(k, name)] = bias
+            total += misfit
+    except (ValueError, RuntimeError):
+        return Point(np.inf, x, is_minimum=False)
+    return Point(total, x, is_minimum=False)
+
+
+def _align(model: Model, log: Log, trace: Trace, share: float) -> tuple[float, float, dict[str, float]]:
+    """Return the least misfit of a motion with a log, the start of the motion after the log's (s), and the biases."""
+    step, n = log.step, len(log.time)
+    touch = trace.time[np.argmax(trace.contact_force > 0.0)] if np.any(trace.contact_force > 0.0) else np.inf
+    last = min(trace.time[-1], touch + 2.0 * n * step)
+    times: Array = (np.arange(int(last / step), dtype=float) + share) * step
+    m = len(times)  # shift k puts sample j of the motion on sample j + k of the log; the log ends within the motion
+    misfit, biases = np.zeros(m + 1), {}
+    length = 1 << int(n + m).bit_length()
+    lags = np.arange(n - m, n + 1)
+    begin, end = np.maximum(-lags, 0), np.minimum(n - lags, m)
+    for name, values in log.columns.items():
+        sensor = model.sensors[name]
+        free = sensor.bias == "estimated"
+        rest = level(values, sensor)
+        y = values - rest
+        sensed = model.sensed(trace, name, times)[0]
+        spectrum = np.fft.rfft(y, length) * np.conj(np.fft.rfft(sensed, length))
+        products = np.fft.irfft(spectrum, length)
+        sums, squares = (np.concatenate([[0.0], np.cumsum(part)]) for part in (sensed, sensed**2))
+        inside, power = sums[end] - sums[begin], squares[end] - squares[begin]
+        off = (np.sum(y) - inside) / n
+        misfit += (np.sum(y**2) - 2.0 * products[lags % length] + power - free * n * off**2) / model.noise[name] ** 2
+        biases[name] = off + rest
+    best = int(np.argmin(misfit))
+    delay = (n - m + best) * step - share * step
+    return float(misfit[best]), delay, {name: float(bias[best]) for name, bias in biases.items()}
+
+
+def descend(
+    model: Model, x: Array, fixed: int | None = None, tolerance: float = FINE,
+    evaluations: int = ROUNDS * ROUND_EVALUATIONS,
+) -> Point:  # fmt: skip
+    """Return where least squares come to from x, with x[fixed] held, within so many evaluations."""
+    free = np.delete(np.arange(model.size), [] if fixed is None else [fixed])
+    x = x.copy()
+    for i, number in enumerate(model.free):  # at the end of what a restitution may be nothing would move it
+        if number.name == RESTITUTION and i != fixed:
+            x[i] = min(max(x[i], -LARGEST_START), LARGEST_START)
+
+    def whole(part: Array) -> Array:
+        point = x.copy()
+        point[free] = part
+        return point
+
+    solution = least_squares(
+        lambda part: model.residuals(whole(part)), x[free],
+        jac=lambda part: model.jacobian(whole(part), skip=fixed)[:, free], method="lm", x_scale="jac",
+        max_nfev=evaluations, ftol=tolerance, xtol=tolerance, gtol=tolerance,
+    )  # fmt: skip
+    end = whole(solution.x)
+    for i, number in enumerate(model.free):
+        end[i] = number.clipped(end[i])
+    return Point(2.0 * float(solution.cost), end, solution.status > 0)
+
+
+def race(model: Model, starts: Sequence[Array]) -> list[Point]:
+    """Return the distinct minima that rough fits from `starts` come to, the best first.
+
+    After each round the fits are compared. Of those that have met the best goes on; one that is clearly worse than the
+    best of all, and has hardly come closer in this round, is dropped.
+    """
+    points = [Point(math.inf, x, is_minimum=False) for x in starts]
+    for _ in range(ROUNDS):
+        before = [point.misfit for point in points]
+        points = [p if p.is_minimum else descend(model, p.x, None, ROUGH, ROUND_EVALUATIONS) for p in points]
+        least, good = min((point.misfit for point in points), default=math.inf), _good_misfit(model, points)
+        gaps = [(1.0 - MIN_GAP_REDUCTION) * (misfit - least) for misfit in before]
+        points = distinct(model, [
+            point for point, gap in zip(points, gaps, strict=True)
+            if point.is_minimum or point.misfit < good or point.misfit - least < gap
+        ])  # fmt: skip
+    return points
+
+
+def as_good(model: Model, points: Sequence[Point]) -> list[Point]:
+    """Return those points that may lead to the best minimum, or to one as good."""
+    good = _good_misfit(model, points)
+    return [point for point in points if point.misfit < good]
+
+
+def _good_misfit(model: Model, points: Sequence[Point]) -> float:
+    least = min((point.misfit for point in points), default=math.inf)
+    return least + GOOD_MISFIT * (1.0 + least / model.samples)
+
+
+def distinct(model: Model, points: Sequence[Point]) -> list[Point]:
+    """Return the points at which the free numbers are not the same, the best first."""
+    kept: list[Point] = []
+    for point in sorted(points, key=lambda point: point.misfit):
+        if all(np.abs(point.x - other.x)[: len(model.free)].max() > MIN_DISTANCE for other in kept):
+            kept.append(point)
+    return kept

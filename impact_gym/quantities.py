@@ -1,0 +1,226 @@
+"""Every number of a scene and of the task, once: identifier, words, unit, limits, how it is drawn, how it is observed.
+
+All else follows from these rows: what is refused, what an episode draws, the dotted paths of a scene, the records of
+the compiled program (written by `impact_gym.task.numbers`), the observation, the tables of the documentation, the keys
+of a set-up's file, and what may be swept, identified or designed. Users find them as `impact_gym.task.QUANTITIES`.
+"""
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any, Literal, NamedTuple
+
+from impact_gym.validation import Range, interval, number
+
+AFTER_ALARM = 0.15  # s, an episode ends this long after the alarm
+PAST_READINGS = 3  # readings before the last one that may be observed, at the most
+LARGEST_WEIGHT = 1e6  # m/s per s and m/s per N; keeps rewards finite
+
+
+class Limits(NamedTuple):
+    """What a number may be, beside finite."""
+
+    above: float = -math.inf
+    at_least: float = -math.inf
+    at_most: float = math.inf
+
+
+class Draw(NamedTuple):
+    """How an episode draws a number: uniformly from a range, by ratio where that begins above 0, or normally.
+
+    It takes its uniform number in [0, 1) from the environment's generator, the `place`-th of an episode (a normal one
+    takes two), or where it has a stream of its own, seeded by the noise seed, from the `place`-th stream. Places are
+    for ever: a number that is drawn, or a row that is added, changes nothing else.
+    """
+
+    place: int
+    by_ratio: bool = False
+    normal: bool = False
+    own_stream: bool = False
+
+    @property
+    def source(self) -> int:
+        """What the compiled program reads: the place, or minus one minus the place where that is of a stream."""
+        return -1 - self.place if self.own_stream else self.place
+
+
+class Scale(NamedTuple):
+    """How a number is observed: a curve of it, mapped so that `low` becomes `scaled_low` and `high` 1, and clipped."""
+
+    low: float
+    high: float
+    scaled_low: float = -1.0
+    curve: Literal["linear", "log", "log1p"] = "linear"
+    ends: str = ""  # argument of the environment that gives `low` and `high` instead
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One number."""
+
+    id: str
+    words: str  # for people
+    unit: str  # "-" where there is none
+    limits: Limits = Limits()
+    draw: Draw | None = None
+    observed: str = ""  # "always", or the argument of the environment that adds it; "": where it is drawn, for a critic
+    scale: Scale | None = None  # None: never observed
+    path: str = ""  # in a `Scene` with its motion, if not the id
+    from_flange: bool = False  # as observed it is counted from the flange
+    shaped_by: tuple[str, ...] = ()  # arguments of the environment that change what is observed
+
+    def check(self, value: Any, name: str = "") -> float:
+        """Return `value` as a float, or raise as `validation.number`; `name` is what the message calls it."""
+        return number(name or self.id, value, self.unit, **self.limits._asdict())
+
+    def interval(self, value: Any, name: str = "") -> Range:
+        """Return `value`, a number or a pair (low, high), as a pair, or raise as `validation.interval`."""
+        return interval(name or self.id, value, self.unit, **self.limits._asdict())
+
+    def by_ratio(self, low: float) -> bool:
+        """Whether it is drawn log-uniformly from a range that begins at `low`."""
+        return self.draw is not None and self.draw.by_ratio and low > 0.0
+
+    def at_share(self, low: float, high: float, share: float) -> float:
+        """Return what is drawn from a range by a uniform number `share` in [0, 1)."""
+        return low * math.exp(share * math.log(high / low)) if self.by_ratio(low) else low + (high - low) * share
+
+    def middle(self, low: float, high: float) -> float:
+        """Return the middle of a range, as it is drawn."""
+        if low == high:
+            return low
+        return math.sqrt(low) * math.sqrt(high) if self.by_ratio(low) else 0.5 * (low + high)
+
+
+def own(place: int, by_ratio: bool = False) -> Draw:
+    """Return how a number of the set-up is drawn."""
+    return Draw(place, by_ratio, own_stream=True)
+
+
+ANY, POSITIVE, NOT_NEGATIVE = Limits(), Limits(above=0.0), Limits(at_least=0.0)
+UP_TO_ONE, DAMPING_RATIO = Limits(above=0.0, at_most=1.0), Limits(at_least=0.0, at_most=1e6)
+NEWTONS, EXPONENT = Limits(at_least=0.0, at_most=1e6), Limits(at_least=0.0, at_most=10.0)
+FORCE, SHARE, GAP = Scale(0.0, 1000.0, 0.0, "log1p"), Scale(0.0, 1.0, 0.0), Scale(-0.5, 0.5)
+SENSED, ALARMED = ("reaction_delay", "force_noise", "force_bias", "alarm"), ("reaction_delay", "alarm")
+
+SENSORS = (
+    Quantity("position", "flange position", "m", observed="always", scale=Scale(-0.25, 0.75)),
+    Quantity("velocity", "flange velocity", "m/s", observed="always", scale=Scale(-0.5, 1.5, ends="velocity_range")),
+    Quantity("time", "time", "s", observed="always", scale=Scale(0.0, 1.5)),  # 1.35 s and a delay at the most
+    Quantity("alarm", "alarm", "-", observed="always", scale=SHARE, shaped_by=ALARMED),
+    Quantity("time_since_alarm", "time since the alarm", "s", observed="always", scale=Scale(0.0, AFTER_ALARM, 0.0),
+             shaped_by=ALARMED),
+    Quantity("force", "contact force as sensed a delay ago", "N", observed="always", scale=FORCE, shaped_by=SENSED),
+    Quantity("force_peak", "largest sensed force so far", "N", observed="always", scale=FORCE, shaped_by=SENSED),
+)  # fmt: skip
+"""What sensors say at each step."""
+
+SCENARIO = (
+    Quantity("object_mass", "object mass", "kg", POSITIVE, Draw(0, by_ratio=True), "privileged",
+             Scale(0.01, 10.0, curve="log"), path="object.mass"),
+    Quantity("contact_stiffness", "contact stiffness", "N/m^1.5", POSITIVE, Draw(1, by_ratio=True), "privileged",
+             Scale(1e3, 1e8, curve="log"), path="contact.stiffness"),
+    Quantity("restitution", "restitution", "-", UP_TO_ONE, Draw(2), "privileged", SHARE, path="contact.restitution"),
+    Quantity("distance", "distance", "m", POSITIVE, Draw(3), "privileged", GAP, path="object.distance",
+             from_flange=True),
+)  # fmt: skip
+"""What makes a scenario: keys of `options["scenario"]` and of the final `info["scenario"]`."""
+
+EPISODE = (
+    Quantity("time_weight", "time weight", "m/s per s", Limits(above=0.0, at_most=LARGEST_WEIGHT),
+             Draw(4, by_ratio=True), "always", Scale(2 / 16, 2 * 16, curve="log"), shaped_by=("time_weight",)),
+    Quantity("distance_estimate", "distance estimate", "m", ANY, Draw(5, normal=True), "range_noise", GAP,
+             from_flange=True),
+    Quantity("reaction_delay", "reaction delay", "s", Limits(at_least=0.0, at_most=1.0), Draw(7), "privileged",
+             Scale(0.0, 0.1, 0.0)),
+    Quantity("force_error", "error of all force readings of the episode", "N", ANY, Draw(8, normal=True)),
+    Quantity("noise_seed", "seed of the force noise", "-", Limits(at_least=0.0, at_most=2.0**53), Draw(10)),
+)  # fmt: skip
+"""What an episode draws beside: with the scenario the keys of the final `info["record"]`."""
+
+SET_UP = (
+    Quantity("tool_mass", "tool mass", "kg", POSITIVE, own(0, True), scale=Scale(0.01, 10.0, curve="log"),
+             path="tool.mass"),
+    Quantity("alarm_threshold", "contact force above which the alarm is sent", "N",
+             Limits(at_least=1e-6, at_most=1e6), own(1, True), scale=Scale(0.1, 100.0, curve="log")),
+    Quantity("range_noise", "standard deviation of the distance estimate", "m", Limits(at_least=0.0, at_most=1e3),
+             own(2), "observe_range_noise", Scale(0.0, 0.05, 0.0)),
+    Quantity("range_bias", "error of every distance estimate", "m", Limits(at_least=-1e3, at_most=1e3), own(3),
+             scale=Scale(-0.1, 0.1)),
+    Quantity("force_noise", "standard deviation of each force reading", "N", NEWTONS, own(4, True),
+             scale=Scale(0.01, 10.0, curve="log")),
+    Quantity("force_bias", "standard deviation of the force error of an episode", "N", NEWTONS, own(5),
+             scale=Scale(0.0, 2.0)),
+    Quantity("coupling.stiffness", "stiffness of the coupling", "N/m", POSITIVE, own(6, True),
+             scale=Scale(1.0, 1e4, curve="log")),
+    Quantity("coupling.damping_ratio", "damping ratio of the coupling", "-", DAMPING_RATIO, own(7),
+             scale=Scale(0.0, 2.0)),
+    Quantity("coupling.free_length", "free length of the mechanism's spring", "m", POSITIVE, own(8),
+             scale=Scale(0.0, 0.2)),
+    Quantity("coupling.height", "height of the mechanism's pivot above its path", "m", POSITIVE, own(9),
+             scale=Scale(0.0, 0.1)),
+    Quantity("coupling.front_stop", "front stop of the mechanism", "m", ANY, own(10), scale=Scale(0.0, 0.1)),
+    Quantity("coupling.rear_stop", "rear stop of the mechanism", "m", ANY, own(11), scale=Scale(-0.1, 0.0)),
+    Quantity("coupling.stop_stiffness", "stiffness of the mechanism's stops", "N/m", POSITIVE, own(12, True),
+             scale=Scale(1e3, 1e7, curve="log")),
+    Quantity("coupling.stop_damping_ratio", "damping ratio of the mechanism's stops", "-", DAMPING_RATIO, own(13),
+             scale=Scale(0.0, 2.0)),
+    Quantity("robot.mass", "effective mass of the robot", "kg", POSITIVE, own(14, True),
+             scale=Scale(0.1, 100.0, curve="log")),
+    Quantity("robot.stiffness", "stiffness of the robot", "N/m", POSITIVE, own(15, True),
+             scale=Scale(1e3, 1e7, curve="log")),
+    Quantity("robot.damping", "damping of the robot", "N s/m", NOT_NEGATIVE, own(16), scale=Scale(0.0, 500.0)),
+)  # fmt: skip
+"""Numbers of a set-up, arguments of the environment that may be ranges."""
+
+DEFLECTION = Quantity(
+    "deflection", "tool minus flange from rest, as sensed a delay ago", "m",
+    observed="deflection_sensor", scale=Scale(-0.05, 0.05), shaped_by=("reaction_delay",),
+)  # fmt: skip
+PAST = tuple(
+    replace(row, id=f"{row.id}_{before}", words=f"{row.words}, {before} before", observed="past_readings")
+    for before in range(1, PAST_READINGS + 1)
+    for row in (SENSORS[5], DEFLECTION)
+)
+MORE_SENSORS = (
+    DEFLECTION,
+    *PAST,
+    Quantity("time_since_touch", "time since a switch would have raised the alarm", "s", observed="privileged",
+             scale=Scale(0.0, AFTER_ALARM, 0.0)),
+)  # fmt: skip
+"""What sensors say where an argument of the environment asks for it."""
+
+RESULTS = (
+    Quantity("object_velocity", "V_p, the velocity that the object keeps", "m/s"),
+    Quantity("approach_time", "time until the first contact", "s"),
+    Quantity("peak_force", "largest contact force", "N"),
+    Quantity("contact_count", "number of contacts", "-"),
+    Quantity("missed", "whether the object was not touched", "-"),
+)
+"""What is known of an episode at its end."""
+
+OTHERS = (
+    Quantity("object.friction", "Coulomb friction of the object on the ground", "-", NOT_NEGATIVE),
+    Quantity("contact.stiffness_exponent", "exponent of the contact stiffness", "-", Limits(at_least=1, at_most=10)),
+    Quantity("contact.damping_exponent", "exponent of the contact damping", "-", EXPONENT),
+    Quantity("robot.position", "positions of a robot's table", "m"),
+    Quantity("motion.speed", "speed of the approach", "m/s", POSITIVE),
+    Quantity("motion.acceleration", "acceleration of the approach", "m/s^2", POSITIVE),
+    Quantity("motion.brake.threshold", "contact force above which the brake's alarm is sent", "N", NOT_NEGATIVE),
+    Quantity("motion.brake.delay", "delay of the brake", "s", NOT_NEGATIVE),
+    Quantity("motion.brake.deceleration", "deceleration of the brake", "m/s^2", POSITIVE),
+    Quantity("duration", "length of a run", "s", POSITIVE),
+    Quantity("rtol", "relative error allowed in a contact", "-", Limits(at_least=1e-13, at_most=1e-2)),
+    Quantity("force_weight", "cost of the peak force", "m/s per N", Limits(at_least=0.0, at_most=LARGEST_WEIGHT)),
+    Quantity("control_period", "control period", "s", Limits(at_least=1e-4, at_most=0.15)),
+    Quantity("velocity_range", "what the first action is mapped to", "m/s", Limits(at_least=-1e3, at_most=1e3)),
+    Quantity("acceleration_range", "what the second action is mapped to", "m/s^2", Limits(above=0.0, at_most=1e6)),
+)
+"""What belongs to a scene, its motion or its run alone, and arguments of the environment that are never drawn."""
+
+QUANTITIES: dict[str, Quantity] = {
+    row.id: row for row in (*SENSORS, *SCENARIO, *EPISODE, *SET_UP, *MORE_SENSORS, *RESULTS, *OTHERS)
+}
+"""The table by id; in the order of the observation."""
+
+BY_PATH: dict[str, Quantity] = {row.path or row.id: row for row in QUANTITIES.values() if row.path or "." in row.id}
+"""The numbers of a scene and its motion, by dotted path."""

@@ -1,0 +1,58 @@
+"""The base of all that users describe: frozen dataclasses that check their numbers."""
+
+from collections.abc import Callable
+from dataclasses import fields
+from functools import cache, partial
+from typing import Any, ClassVar
+
+from impact_gym.quantities import BY_PATH
+from impact_gym.validation import number, numbers
+
+
+class SI:
+    """Unit and limits of a number that is not in the table, in the annotation of its field."""
+
+    def __init__(self, unit: str, **limits: float) -> None:
+        self.unit, self.limits = unit, limits
+
+
+class Record:
+    """A frozen dataclass that checks its numbers when it is made, and holds floats.
+
+    Those at a `path` of a scene have rows in the table, others an annotation, `Annotated[float, SI("m", above=0)]`. A
+    field whose default is None may be None; one that holds several numbers is a tuple of floats.
+    """
+
+    __slots__ = ()
+    path: ClassVar[str] = ""
+    checked_by_itself: ClassVar[tuple[str, ...]] = ()
+
+    def __init_subclass__(cls, path: str = "") -> None:
+        if path:
+            cls.path = path
+
+    def __post_init__(self) -> None:
+        kind: Any = type(self)  # hashable, whatever mypy makes of a dataclass
+        for name, optional, check in _checks(kind):
+            value = getattr(self, name)
+            if value is not None or not optional:
+                object.__setattr__(self, name, check(value))
+
+
+@cache
+def _checks(kind: Any) -> list[tuple[str, bool, Callable[[Any], Any]]]:
+    """Return name, whether it may be None, and check of each number of a kind of record."""
+    checks: list[tuple[str, bool, Callable[[Any], Any]]] = []
+    for field in fields(kind):
+        hint: Any = field.type
+        if row := BY_PATH.get(f"{kind.path}.{field.name}"):
+            unit, limits = row.unit, row.limits._asdict()
+        elif annotated := getattr(hint, "__metadata__", ()):
+            unit, limits, hint = annotated[0].unit, annotated[0].limits, hint.__origin__
+        else:
+            continue
+        if field.name not in kind.checked_by_itself:
+            check = number if hint in (float, float | None) else numbers
+            name = f"{kind.__name__}.{field.name}"
+            checks.append((field.name, field.default is None, partial(check, name, unit=unit, **limits)))
+    return checks

@@ -1,0 +1,114 @@
+"""What an episode draws: from which uniform numbers, and how it is asked for again."""
+
+import math
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from impact_gym.kernels import RECORD, UNIFORMS
+from impact_gym.quantities import EPISODE, QUANTITIES, SCENARIO
+from impact_gym.task.scenario import FIELDS
+from impact_gym.task.task import PLACES, Task
+from impact_gym.validation import WrongTypeError, number, numbers, whole
+
+RECORD_IDS = tuple(row.id for row in (*SCENARIO, *EPISODE))
+"""All that an episode draws but for numbers of its set-up; keys of the final `info["record"]` and of
+`options["record"]`, which plays it again."""
+
+_RESET_OPTIONS = ("scenario", "record", "episode_index")
+
+
+def generator(seed: int) -> np.random.Generator:
+    """Return the generator that an environment seeded `seed` draws from, as Gymnasium makes it."""
+    return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed)))
+
+
+def skip_episodes(generator: np.random.Generator, count: int) -> None:
+    """Move `generator` on as if `count` episodes had been drawn from it.
+
+    An episode takes as many numbers whatever the options: so episode k of a seed is found without playing the others.
+    """
+    generator.bit_generator.advance(count * UNIFORMS)  # type: ignore[attr-defined]  # PCG64, which Gymnasium seeds
+
+
+@lru_cache(maxsize=8)
+def first_uniforms(seed: int, count: int) -> NDArray[np.float64]:
+    """Return the uniform numbers (count, UNIFORMS) of what environments seeded `seed`, `seed + 1`, ... draw first."""
+    return np.array([generator(seed + place).random(UNIFORMS) for place in range(count)])
+
+
+def free_records(count: int) -> NDArray[Any]:
+    """Return records (count,) in which nothing is fixed: all is nan."""
+    free = np.empty(count, RECORD)
+    free.view(np.float64).fill(math.nan)
+    return free
+
+
+def fix(records: NDArray[Any], numbers_by_id: Mapping[str, ArrayLike]) -> NDArray[Any]:
+    """Return `records` (n,) with numbers, or one for each of them, by id; they are changed in place."""
+    columns = records.view(np.float64).reshape(len(records), -1)
+    for name, values in numbers_by_id.items():
+        columns[:, PLACES[name]] = values
+    return records
+
+
+def fixed_records(options: Any, task: Task, slots: int | None = None) -> NDArray[Any]:
+    """Return what `reset(options=...)` fixes as records (slots or 1,), nan where the episode draws.
+
+    A scenario goes before a record. With `slots` a value may also be a sequence of so many, one for each. What an
+    episode of `task` draws of its set-up stays within its range, a reaction delay below the longest, for which force
+    readings are kept.
+
+    Raises:
+        TypeError, ValueError: an unknown option or field, or a value out of range; names what is allowed.
+    """
+    records = free_records(slots or 1)
+    for option, known in {"record": [*RECORD_IDS, *task.drawn], "scenario": FIELDS}.items():
+        given = (options or {}).get(option, {})
+        if not isinstance(given, Mapping):
+            raise WrongTypeError(f"options[{option!r}] must be a mapping of {list(known)}, got {given!r}")
+        for name, value in given.items():
+            if name not in known:
+                raise ValueError(f"options[{option!r}] has no field {name!r}; its fields are {list(known)}")
+            fix(records, {name: _checked(name, value, task, slots, f"options[{option!r}][{name!r}]")})
+    return records
+
+
+def _checked(name: str, value: Any, task: Task, slots: int | None, field: str) -> ArrayLike:
+    """Return what an option fixes a number at, one value or one for each slot."""
+    quantity = QUANTITIES[name]
+    limits = quantity.limits._asdict()
+    if name in task.drawn:
+        limits = dict(zip(("at_least", "at_most"), task.drawn[name], strict=True))
+    elif name == "reaction_delay":
+        limits["at_most"] = task.longest_delay
+    values: ArrayLike
+    if slots is None or not isinstance(value, (Sequence, np.ndarray)) or isinstance(value, (str, bytes)):
+        values = number(field, value, quantity.unit, **limits)
+    else:
+        values = numbers(field, value, quantity.unit, **limits)
+        if len(values) != slots:
+            raise ValueError(f"{field} must be a number or {slots} of them in {quantity.unit}, got {len(values)}")
+    if name == "noise_seed" and np.any(np.mod(values, 1.0)):
+        raise ValueError(f"{field} must be a whole number, got {value!r}")
+    return values
+
+
+def episode_index(options: Any) -> int | None:
+    """Return which episode of its seed `reset(options=...)` asks for, None if the next one; refuses unknown options.
+
+    Raises:
+        TypeError, ValueError: an unknown option, or no whole number.
+    """
+    if options is None:
+        return None
+    if not isinstance(options, Mapping):
+        raise WrongTypeError(f"options must be a mapping, got {options!r}")
+    for name in options:
+        if name not in _RESET_OPTIONS:
+            raise ValueError(f"unknown option {name!r}; allowed are {', '.join(map(repr, _RESET_OPTIONS))}")
+    index = options.get("episode_index")
+    return None if index is None else whole("options['episode_index']", index, at_least=0)

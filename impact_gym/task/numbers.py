@@ -1,0 +1,53 @@
+"""The records of the compiled program that hold one number for each row of the table: writes `numbers.pxi`.
+
+`python -m impact_gym.task.numbers` does it after a change of the table, and a test says whether it has been done.
+"""
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from impact_gym.files import whole_file
+from impact_gym.quantities import EPISODE, MORE_SENSORS, QUANTITIES, SCENARIO, SENSORS, SET_UP, Quantity
+
+OUT = Path(__file__).with_name("numbers.pxi")
+NOTICE = (
+    '''"""Written by `python -m impact_gym.task.numbers` from the table in `impact_gym/quantities.py`: edit that."""'''
+)
+
+
+def text() -> str:
+    """Return the file."""
+    inner = {part: [row for row in SET_UP if row.id.startswith(f"{part}.")] for part in ("coupling", "robot")}
+    drawn = [*SCENARIO, *EPISODE, *(row for row in SET_UP if "." not in row.id)]
+    sensed = [*SENSORS, *(row for row in QUANTITIES.values() if row.from_flange), *MORE_SENSORS]
+    generated = {row.id: row.draw for row in EPISODE if row.draw}
+    places = [(f"{name.upper()}_UNIFORM", draw.place) for name, draw in generated.items() if draw.normal]
+    places += [("NOISE_SEED_UNIFORM", generated["noise_seed"].place)]
+    places += [("UNIFORMS", 1 + max(place for _, place in places))]
+    lines = [
+        NOTICE,
+        "",
+        "cpdef enum:  # places among the uniform numbers from the generator, and their count",
+    ]
+    lines += [f"    {name} = {place}" for name, place in places]
+    for part, rows in inner.items():
+        lines += ["", "", f"cdef struct {part.capitalize()}Numbers:", *_fields(rows)]
+    lines += [
+        "",
+        "",
+        "cdef struct Record:  # what an episode has drawn, the rest of its set-up; nan: to draw",
+    ]
+    lines += [*_fields(drawn), *(f"    {part.capitalize()}Numbers {part}" for part in inner)]
+    lines += ["", "", "cdef struct Sensors:  # what the controller may know now, and what it is told of the truth"]
+    return "\n".join([*lines, *_fields(sensed, ", from the flange"), ""])
+
+
+def _fields(rows: Iterable[Quantity], from_flange: str = "") -> Iterator[str]:
+    for row in rows:
+        where = from_flange if row.from_flange else ""
+        yield f"    double {row.id.rpartition('.')[2]}  # {row.unit}, {row.words}{where}"
+
+
+if __name__ == "__main__":
+    with whole_file(OUT) as file:
+        file.write(text().encode())

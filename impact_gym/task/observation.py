@@ -1,0 +1,190 @@
+"""What the controller sees: the rows of the table that a task shows, in their order, scaled as they say."""
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from impact_gym.kernels import ENTRY, EPISODE, LINEAR, LOGARITHM, LOGARITHM_OF_ONE_MORE
+from impact_gym.lowering import places
+from impact_gym.quantities import QUANTITIES, Quantity, Scale
+from impact_gym.task.task import Task
+
+Floats = NDArray[np.float64]
+
+
+class Curve(NamedTuple):
+    """What is observed of a number before it is scaled."""
+
+    code: int  # in the compiled program
+    at: Callable[[float], float]  # of one number, as the C library computes it
+    of: Callable[[Any], Any]  # of an array
+    inverse: Callable[[Any], Any]
+
+
+CURVES = {
+    "linear": Curve(LINEAR, float, lambda values: values, lambda values: values),
+    "log": Curve(LOGARITHM, math.log, np.log, np.exp),
+    "log1p": Curve(LOGARITHM_OF_ONE_MORE, math.log1p, np.log1p, np.expm1),
+}
+
+_PLACES = places(EPISODE)
+
+
+class Entry(NamedTuple):
+    """One number of the observation."""
+
+    id: str
+    words: str
+    unit: str
+    scale: Scale
+    argument: str  # of the environment that adds it; "always" if none has to
+
+    @property
+    def place(self) -> int:
+        """Where the compiled program finds it in an episode, counted in numbers."""
+        return _PLACES.get(f"sensors.{self.id}", _PLACES.get(f"drawn.{self.id}", -1))
+
+    @property
+    def affine(self) -> tuple[float, float]:
+        """Curve of `low`, and the gain from there on: scaled_low + gain * (curve of the value - curve of `low`)."""
+        low, high = map(CURVES[self.scale.curve].at, (self.scale.low, self.scale.high))
+        return low, (1.0 - self.scale.scaled_low) / (high - low)
+
+    @property
+    def constant(self) -> bool:
+        """Whether it stays as it is through an episode."""
+        return f"sensors.{self.id}" not in _PLACES
+
+
+class ObservationSpec:
+    """Which number stands where in an observation, and what it is in SI units.
+
+    `ids` and `entries` are in the order of the observation: first what an actor sees, `observation[..., spec.actor]`,
+    then the truth that the argument `privileged` adds. A critic sees all of it, `observation[..., spec.critic]`.
+    """
+
+    def __init__(self, task: Task, drawn: Iterable[str] | None = None) -> None:
+        """Make the specification of a task's observation.
+
+        Args:
+            task: arguments of the environment.
+            drawn: ids of the numbers of the set-up that a critic sees; None: those that the task draws.
+        """
+        shown = [row for row in QUANTITIES.values() if _actor_sees(row, task)]
+        critic = {*(task.drawn if drawn is None else drawn)}
+        rest = (row for row in QUANTITIES.values() if not _actor_sees(row, task))
+        hidden = [row for row in rest if _critic_sees(row, task, critic)]
+        self.entries = tuple(_entry(row, task) for row in (*shown, *hidden))
+        self.ids = tuple(entry.id for entry in self.entries)
+        self.actor, self.critic = slice(0, len(shown)), slice(0, len(self.entries))
+        self.scaled_low = np.array([entry.scale.scaled_low for entry in self.entries], np.float32)
+        self._index = {name: place for place, name in enumerate(self.ids)}
+
+    @classmethod
+    def of_rows(cls, tasks: Sequence[Task]) -> "ObservationSpec":
+        """Return the specification that all rows of a batch have in common.
+
+        A critic sees in every row what any of the tasks draws.
+
+        Raises:
+            ValueError: the tasks observe different things; names the arguments and the row.
+        """
+        drawn = {name for task in tasks for name in task.drawn}
+        common = cls(tasks[0], drawn)
+        for row, task in enumerate(tasks):
+            if differing := {*cls(task, drawn).entries} ^ {*common.entries}:
+                arguments = {entry.scale.ends or entry.argument for entry in differing}
+                raise ValueError(
+                    f"the tasks of a batch must have the same observations, but row {row} has another "
+                    f"{' and '.join(sorted(arguments))} than row 0"
+                )
+        return common
+
+    def __len__(self) -> int:
+        return len(self.entries)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._index
+
+    def index(self, name: str) -> int:
+        """Return where the number with this id stands.
+
+        Raises:
+            ValueError: it is not observed; names what is.
+        """
+        if name not in self._index:
+            raise ValueError(f"{name!r} is not observed; what is: {', '.join(self.ids)}")
+        return self._index[name]
+
+    def scale(self, name: str) -> Scale:
+        """Return how the number with this id is scaled."""
+        return self.entries[self.index(name)].scale
+
+    def decode(self, observation: ArrayLike, name: str) -> Floats:
+        """Return a number (...) in its unit, of observations (..., n_obs); at an end of its scale it may be beyond."""
+        scale = self.scale(name)
+        curve = CURVES[scale.curve]
+        scaled = np.asarray(observation, np.float64)[..., self.index(name)]
+        share = (scaled - scale.scaled_low) / (1.0 - scale.scaled_low)
+        begin, end = curve.of(scale.low), curve.of(scale.high)
+        return np.asarray(curve.inverse(begin + share * (end - begin)))
+
+    def encode(self, name: str, value: ArrayLike) -> Floats:
+        """Return what is observed of a number (...) in its unit."""
+        entry = self.entries[self.index(name)]
+        low, gain = entry.affine
+        with np.errstate(divide="ignore"):
+            curved = CURVES[entry.scale.curve].of(np.asarray(value, np.float64))
+        return np.clip(entry.scale.scaled_low + gain * (curved - low), entry.scale.scaled_low, 1.0)
+
+    @property
+    def sensors(self) -> list[str]:
+        """Ids of what a controller may know now by name; the readings before it had before, the rest it asked for."""
+        known = [entry.id for entry in self.entries[self.actor] if entry.argument != "past_readings"]
+        return sorted((name for name in known if name != "time_weight"), key=lambda name: name != "time")
+
+    def lowered(self) -> NDArray[Any]:
+        """Return the entries as the compiled program reads them (n,), ENTRY."""
+        rows = []
+        for entry in self.entries:
+            low, gain = entry.affine
+            rows.append((entry.place, CURVES[entry.scale.curve].code, low, entry.scale.scaled_low, gain))
+        return np.array(rows, ENTRY)
+
+
+def _actor_sees(row: Quantity, task: Task) -> bool:
+    """Whether the options of `task` let the controller see it."""
+    match row.observed:
+        case "past_readings":
+            sensor, _, before = row.id.rpartition("_")
+            return int(before) <= task.past_readings and (sensor == "force" or task.deflection_sensor)
+        case "range_noise":
+            return task.range_noise is not None  # 0 is an estimate without an error
+        case "observe_range_noise" | "deflection_sensor":
+            return bool(getattr(task, row.observed))
+    return row.observed == "always"
+
+
+def _critic_sees(row: Quantity, task: Task, drawn: set[str]) -> bool:
+    """Whether it is of the truth that `task` adds for a critic."""
+    if not task.privileged:
+        return False
+    if row.id == "time_since_touch":
+        return task.alarm == "reading"  # else the alarm says as much
+    return row.observed == "privileged" or row.id in drawn
+
+
+def _entry(row: Quantity, task: Task) -> Entry:
+    """Return a row as a task shows it."""
+    if row.scale is None:
+        raise ValueError(f"{row.id} has no scale to be observed on")
+    scale = row.scale
+    if scale.ends:
+        low, high = getattr(task, scale.ends)
+        scale = scale._replace(low=low, high=high)
+    argument = row.observed if _actor_sees(row, task) else "privileged"
+    words = f"{row.words} minus flange position" if row.from_flange else row.words
+    return Entry(row.id, words, row.unit, scale, argument)

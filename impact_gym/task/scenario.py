@@ -1,0 +1,58 @@
+"""Scenarios: the ranges that an episode draws its object from, and the named sets of ranges."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+from impact_gym.quantities import QUANTITIES, SCENARIO
+from impact_gym.validation import Range, WrongTypeError
+
+FIELDS = tuple(quantity.id for quantity in SCENARIO)
+
+
+@dataclass(frozen=True)
+class ScenarioRanges:
+    """Ranges an episode's scenario is drawn from; a number is a range of width 0."""
+
+    object_mass: Range = (0.1, 2.5)  # kg
+    contact_stiffness: Range = (1e3, 1e6)  # N/m^1.5
+    restitution: Range = (0.1, 1.0)  # -
+    distance: Range = (0.15, 0.35)  # m
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            checked = QUANTITIES[field.name].interval(getattr(self, field.name), f"ScenarioRanges.{field.name}")
+            object.__setattr__(self, field.name, checked)
+
+    @classmethod
+    def of(cls, value: "ScenarioRanges | Mapping[str, Any] | str") -> "ScenarioRanges":
+        """Return ranges from ranges, from a mapping of some of their fields, or from the name of a set.
+
+        Raises:
+            TypeError, ValueError: it is none of these, or a range is wrong; names what is allowed.
+        """
+        if isinstance(value, ScenarioRanges):
+            return value
+        if isinstance(value, str):
+            if value not in NAMED:
+                raise ValueError(f"scenario must be one of {sorted(NAMED)} or a record of ranges, got {value!r}")
+            return NAMED[value]
+        if isinstance(value, Mapping):
+            for name in value:
+                if name not in FIELDS:
+                    raise ValueError(f"scenario has no field {name!r}; its fields are {list(FIELDS)}")
+            return cls(**value)
+        raise WrongTypeError(f"scenario must be a ScenarioRanges, a mapping of its fields or a name, got {value!r}")
+
+    def by_id(self) -> dict[str, Range]:
+        """Return the ranges by the id of what is drawn."""
+        return {name: getattr(self, name) for name in FIELDS}
+
+
+NAMED = {
+    "train": ScenarioRanges(),
+    "test": ScenarioRanges(),  # the same ranges, met with seeds that training never uses
+    "hard": ScenarioRanges(  # outside the training ranges on every axis: light, stiff, inelastic, near
+        object_mass=(0.02, 0.1), contact_stiffness=(1e6, 1e8), restitution=(0.02, 0.1), distance=(0.05, 0.15)
+    ),
+}

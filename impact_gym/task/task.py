@@ -1,0 +1,240 @@
+"""The task's rules: constants of the environment, its arguments, and their record for the compiled program."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import MISSING, dataclass, field, fields
+from itertools import product
+from typing import Any, get_args
+
+import numpy as np
+
+from impact_gym.kernels import RECORD, TASK, samples_under_way
+from impact_gym.lowering import LOCAL_SHARE, ROBOT_NUMBERS, mount, places
+from impact_gym.quantities import AFTER_ALARM, PAST_READINGS, QUANTITIES, SET_UP
+from impact_gym.scene import Coupling, Rigid, Robot, RobotTable, SpringDamper
+from impact_gym.task.paths import nested, replaced
+from impact_gym.task.scenario import ScenarioRanges
+from impact_gym.validation import Range, WrongTypeError, number, whole
+
+VELOCITY_RANGE = (-0.5, 1.5)  # m/s, what action[0] in [-1, 1] is mapped to, if not said otherwise
+ACCELERATION_RANGE = (1.0, 20.0)  # m/s^2, what action[1] in [-1, 1] is mapped to, likewise; its end brakes afterwards
+COMMAND_RESOLUTION = 1e-6  # m/s and m/s^2; so 8 m/s^2 can be commanded exactly through a float32
+HORIZON = 1.2  # s, an episode without an alarm ends here
+MISSED_COST = 2.0  # m/s
+SETTLE_LIMIT = 10.0  # s, simulated after the end at the most
+DISSIPATIONS = ("hu-guo", "exact")
+ALARMS = ("force", "reading")
+PLACES = places(RECORD)
+"""Where each number that an episode draws stands in its record."""
+MOUNT_IDS = tuple(row.id for row in SET_UP if row.id == "tool_mass" or "." in row.id)
+"""The numbers of what holds the tool."""
+
+
+def argument(default: Any, words: str) -> Any:
+    """Return a field of `Task` with the words that the documentation has for it."""
+    return field(default=default, metadata={"words": words})
+
+
+@dataclass(frozen=True)
+class Task:
+    """Arguments of the environment, checked; those of every front end.
+
+    A number of the set-up may be given as a pair (low, high), from which episodes draw: `drawn` has it then, and the
+    field itself the middle. `at` returns the task of one episode. Fields are of the type Any where what is given is not
+    what is kept.
+    """
+
+    scenario: Any = argument("train", '"train", "test", "hard", a `ScenarioRanges` or a dict of ranges')
+    coupling: Any = argument(SpringDamper(50.0, 1.0), "how the tool hangs on the flange; a dict works too")
+    tool_mass: Any = argument(0.125, "")
+    time_weight: Any = argument(2.0, "what a second of approach costs; a pair draws it log-uniformly per episode")
+    force_weight: float = argument(0.0, "")
+    reaction_delay: Any = argument(0.016, "from sensor to controller; a pair draws it uniformly per episode")
+    control_period: float = argument(0.016, "")
+    velocity_range: Range = argument(VELOCITY_RANGE, "")
+    acceleration_range: Range = argument(ACCELERATION_RANGE, "what the second is mapped to; its top brakes at the end")
+    alarm: str = argument("force", 'or "reading": what raises the alarm, see Observation Space')
+    alarm_threshold: Any = argument(1.0, "")
+    dissipation: str = argument("hu-guo", 'or "exact": how damping follows from restitution, see `Contact`')
+    range_noise: Any = argument(None, "standard deviation of a distance estimate; None: no estimate")
+    range_bias: Any = argument(0.0, "added to every distance estimate")
+    observe_range_noise: bool = argument(False, "observe `range_noise`, which may differ from episode to episode")
+    force_noise: Any = argument(0.0, "")
+    force_bias: Any = argument(0.0, "")
+    deflection_sensor: bool = argument(False, "observe how far the tool is displaced on its coupling")
+    past_readings: int = argument(0, f"readings before the last one to observe too; at most {PAST_READINGS}")
+    privileged: bool = argument(False, "observe the true scenario, and whatever is drawn, too")
+    robot: Any = argument(None, "a compliant `Robot` or `RobotTable`; a dict works too")
+    rtol: float = argument(1e-8, "relative error allowed in a contact, see `simulate`")
+    max_episode_steps: int | None = argument(None, "control steps after which an episode is truncated")
+
+    drawn: Mapping[str, Range] = field(init=False)  # by id, in the order of the table
+
+    def __post_init__(self) -> None:
+        drawn: dict[str, Range] = {}
+        self._put("scenario", ScenarioRanges.of(self.scenario))
+        for name, kinds in {"coupling": get_args(Coupling), "robot": (Robot, RobotTable)}.items():
+            if name == "coupling" or self.robot is not None:
+                record, ranges = ranged_record(name, getattr(self, name), kinds)
+                self._put(name, record)
+                drawn |= ranges
+        for row in SET_UP:
+            if "." not in row.id and getattr(self, row.id) is not None:
+                low, high = row.interval(getattr(self, row.id))
+                self._put(row.id, row.middle(low, high))
+                drawn |= {row.id: (low, high)} if low < high else {}
+        for name in ("time_weight", "reaction_delay"):
+            low, high = QUANTITIES[name].interval(getattr(self, name))
+            self._put(name, low if low == high else (low, high))
+        for name in ("force_weight", "control_period", "rtol"):
+            self._put(name, QUANTITIES[name].check(getattr(self, name)))
+        self._put("drawn", {row.id: drawn[row.id] for row in SET_UP if row.id in drawn})
+        self._check_commands()
+        self._check_choices()
+
+    def _put(self, name: str, value: Any) -> None:
+        object.__setattr__(self, name, value)
+
+    def _check_commands(self) -> None:
+        for name in ("velocity_range", "acceleration_range"):
+            quantity, value = QUANTITIES[name], getattr(self, name)
+            low, high = quantity.interval(value)
+            if not low < high:
+                raise ValueError(f"{name} must be a pair (low, high) in {quantity.unit}, low below high, got {value!r}")
+            self._put(name, (low, high))
+        if self.velocity_range[1] <= 0.0:
+            raise ValueError(f"velocity_range must end above 0 m/s, got {self.velocity_range}")
+
+    def _check_choices(self) -> None:
+        for name, choice in {"dissipation": DISSIPATIONS, "alarm": ALARMS}.items():
+            if getattr(self, name) not in choice:
+                raise ValueError(f"{name} must be one of {choice}, got {getattr(self, name)!r}")
+        for name in ("deflection_sensor", "privileged", "observe_range_noise"):
+            if not isinstance(getattr(self, name), (bool, np.bool_)):
+                raise WrongTypeError(f"{name} must be True or False, got {getattr(self, name)!r}")
+        if self.deflection_sensor and isinstance(self.coupling, Rigid):
+            raise ValueError("deflection_sensor must be False with a Rigid coupling, which has no deflection")
+        if self.range_noise is None and (self.observe_range_noise or self.range_bias or "range_bias" in self.drawn):
+            raise ValueError(
+                "range_bias and observe_range_noise must be 0 and False without an estimate, range_noise None"
+            )
+        self._put("past_readings", whole("past_readings", self.past_readings, at_least=0))
+        number("past_readings", self.past_readings, "-", at_most=PAST_READINGS)
+        if self.max_episode_steps is not None:
+            self._put("max_episode_steps", whole("max_episode_steps", self.max_episode_steps, at_least=1))
+
+    @property
+    def ranges(self) -> dict[str, Range]:
+        """Return by id the ranges that episodes draw from; some that are always drawn from may have no width."""
+        pairs = {name: getattr(self, name) for name in ("time_weight", "reaction_delay")}
+        always = {name: pair if isinstance(pair, tuple) else (pair, pair) for name, pair in pairs.items()}
+        return self.scenario.by_id() | always | dict(self.drawn)
+
+    @property
+    def longest_delay(self) -> float:
+        """The longest reaction delay of an episode, s."""
+        return self.ranges["reaction_delay"][1]
+
+    @property
+    def draws_mount(self) -> bool:
+        """Whether episodes differ in what holds the tool."""
+        return not self.drawn.keys().isdisjoint(MOUNT_IDS)
+
+    def draws(self) -> list[tuple[Any, ...]]:
+        """Return the fields of the compiled program's `Draw` of each number that episodes draw from a range."""
+        draws = []
+        for name, (low, high) in self.ranges.items():
+            row = QUANTITIES[name]
+            source = row.draw.source if row.draw else 0
+            draws.append((PLACES[name], source, int(row.by_ratio(low)), low, high))
+        return draws
+
+    def lowered(self, first_draw: int = 0, table_at: int = 0) -> tuple[Any, Any]:
+        """Return the compiled program's `Task` (1,), TASK, and its robot's table (n,).
+
+        Its draws begin at `first_draw` among those of all tasks, its table at `table_at` among all tables.
+        """
+        held, table = mount(self.tool_mass, self.coupling, self.robot, table_at)
+        record = np.zeros(1, TASK)
+        record["mount"] = held
+        numbers = record["numbers"]
+        numbers["coupling"], numbers["robot"] = record["mount"]["coupling"], record["mount"]["robot"]
+        if self.robot is None:
+            for name in ROBOT_NUMBERS:
+                numbers["robot"][name] = math.inf  # what a critic sees beside rows with a robot
+        for row in SET_UP:
+            if "." not in row.id:
+                numbers[row.id] = getattr(self, row.id) or 0.0
+        values = {
+            "control_period": self.control_period, "horizon": HORIZON, "after_alarm": AFTER_ALARM,
+            "full_deceleration": self.acceleration_range[1], "settle_limit": SETTLE_LIMIT, "missed_cost": MISSED_COST,
+            "velocity": self.velocity_range, "acceleration": self.acceleration_range,
+            "command_resolution": COMMAND_RESOLUTION, "first_draw": first_draw,
+            "last_draw": first_draw + len(self.ranges), "mount_drawn": self.draws_mount,
+            "alarm_by_reading": self.alarm == "reading", "force_weight": self.force_weight,
+            "tolerance": LOCAL_SHARE * self.rtol, "exact": self.dissipation == "exact",
+            "max_steps": self.max_episode_steps or 0,
+        }  # fmt: skip
+        for name, value in values.items():
+            record[name] = value
+        return record, table
+
+    def at(self, record: Mapping[str, float]) -> "Task":
+        """Return the task of the episode that drew `record`, the final `info["record"]`: nothing in it is drawn."""
+        return replaced(self, {name: float(record[name]) for name in self.drawn}) if self.drawn else self
+
+    def readings_under_way(self) -> int:
+        """Return how many force readings can be between sensor and controller."""
+        return int(samples_under_way(self.longest_delay, self.control_period))
+
+
+def arguments() -> dict[str, Any]:
+    """Return the fields of `Task` that are arguments of the environment, by name."""
+    return {item.name: item for item in fields(Task) if item.init}
+
+
+def ranged_record(name: str, value: Any, kinds: tuple[type[Any], ...]) -> tuple[Any, dict[str, Range]]:
+    """Return the record of one of the `kinds` that `value` describes, and the ranges in it by dotted path.
+
+    What is a range is at its middle in the record, which exists at all corners of the ranges.
+
+    Raises:
+        TypeError, ValueError: a range that is none, or one of whose ends the record refuses, with those of the others.
+    """
+    if not isinstance(value, Mapping) or "position" in value:  # a table has lists that are no ranges
+        return record_from(name, value, kinds), {}
+    pairs = {
+        path: QUANTITIES[path].interval(given)
+        for path, given in ((f"{name}.{inner}", given) for inner, given in value.items())
+        if path in QUANTITIES and (isinstance(given, (tuple, list)) or getattr(given, "ndim", 0) > 0)
+    }
+    for corner in product(*pairs.values()):
+        record_from(name, {**value, **nested(dict(zip(pairs, corner, strict=True))).get(name, {})}, kinds)
+    middles = {path: QUANTITIES[path].middle(*pair) for path, pair in pairs.items()}
+    record = record_from(name, {**value, **nested(middles).get(name, {})}, kinds)
+    return record, {path: pair for path, pair in pairs.items() if pair[0] < pair[1]}
+
+
+def record_from(name: str, value: Any, allowed: tuple[type[Any], ...]) -> Any:
+    """Return a record of one of the `allowed` kinds from one, or from a mapping with its fields and its kind as "type".
+
+    A mapping of all fields of one kind needs no type: that is what `EnvSpec.to_json` makes of a record.
+    """
+    if isinstance(value, allowed):
+        return value
+    kinds = {kind.__name__: kind for kind in allowed}
+    if isinstance(value, Mapping):
+        given = {field: argument for field, argument in value.items() if field != "type"}
+        named = {kind: [field.name for field in fields(of)] for kind, of in kinds.items()}
+        chosen = value.get("type", next((kind for kind in kinds if set(given) == set(named[kind])), None))
+        if isinstance(chosen, str) and chosen in kinds:
+            for field in given:
+                if field not in named[chosen]:
+                    raise WrongTypeError(f"{name} has no field {field!r}; the fields of a {chosen} are {named[chosen]}")
+            needed = [field.name for field in fields(kinds[chosen]) if field.default is MISSING]
+            needed = [field for field in needed if field not in given]
+            if needed:
+                raise WrongTypeError(f"{name}, a {chosen}, needs the fields {needed} too")
+            return kinds[chosen](**given)
+    wanted = " or ".join(kinds)
+    raise WrongTypeError(f"{name} must be a {wanted}, or a mapping whose 'type' is one of {list(kinds)}, got {value!r}")

@@ -1,0 +1,114 @@
+"""Controllers played through numbered scenarios: the same for all of them, whatever is played beside."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from episodes import ID, Always, play
+from policies import made_up_policy
+
+from agents import load_policy, load_setup
+from agents.baselines import ConstantSpeed, PaperTrapezoid, Shield
+from agents.evaluate import RESULTS, TEST_SEED, TUNING_SEED, VALIDATION_SEED, ScenarioBatch, Validation, evaluate
+from agents.evaluate import play as jobs
+from agents.setups.evaluation import WEIGHTS
+from agents.train.ppo import FIRST_SEED
+from impact_gym.task import Task, evaluation_sets
+
+
+@pytest.mark.parametrize("controller", [PaperTrapezoid(), made_up_policy()])
+def test_evaluate_gives_a_scenario_the_same_result_whatever_its_neighbours(controller):
+    """To the last bit; scenarios follow from the seed alone, and what an environment plays alone is the same."""
+    many, few = evaluate(controller, TEST_SEED, 60), evaluate(controller, TEST_SEED + 41, 7)
+    other = evaluate(ConstantSpeed(1.5, 20.0), TEST_SEED, 60)
+    for name, values in many.scenario.items():
+        assert np.array_equal(values[41:48], few.scenario[name])
+        assert np.array_equal(values, other.scenario[name])
+    for name in RESULTS:
+        assert np.array_equal(getattr(many, name)[41:48], getattr(few, name))
+    env = gym.make(ID, scenario="test")
+    for row in (0, 41, 59):
+        episode = play(env, controller, TEST_SEED + row)
+        assert episode.info["scenario"] == {name: values[row] for name, values in many.scenario.items()}
+        for name in ("object_velocity", "approach_time", "peak_force"):
+            assert episode.info[name] == getattr(many, name)[row]
+        assert many.loss(2.0)[row] == pytest.approx(-episode.rewards.sum(), rel=1e-12)
+
+
+def test_scenario_batch_reports_where_the_solver_fails_or_takes_it_as_missed():
+    with pytest.raises(RuntimeError, match=f"scenario seeded {TEST_SEED}: .*more integration steps"):
+        evaluate(PaperTrapezoid(), TEST_SEED, 1, max_steps=10)
+    batch = ScenarioBatch(TEST_SEED, 20, lenient=True, max_steps=40)
+    result = batch.play(PaperTrapezoid())
+    assert 0 < result.missed.sum() < 20
+    assert not evaluate(PaperTrapezoid(), TEST_SEED, 20).missed.any()
+    assert result.loss(1.0)[result.missed].min() > 2.0 > result.loss(1.0)[~result.missed].max()
+
+
+@pytest.mark.parametrize("environment", [{}, {"range_noise": 0.01}, {"coupling": {"type": "Bistable"}}], ids=str)
+def test_validation_plays_what_evaluation_plays(environment):
+    """One plays a frozen set, at all weights in one batch, the other what seeds draw, at one weight."""
+    rule = ConstantSpeed(0.8, 12.0)
+    scores = Validation(environment, WEIGHTS, scenarios=40).score(rule)
+    for place, weight in enumerate(WEIGHTS):
+        episodes = evaluate(rule, VALIDATION_SEED, 40, scenario="train", time_weight=weight, **environment)
+        assert scores["cost"][place] == pytest.approx(episodes.cost(weight).mean(), rel=1e-12)
+        for name in ("object_velocity", "approach_time", "missed"):
+            assert scores[name][place] == pytest.approx(getattr(episodes, name).mean(), rel=1e-12)
+    assert scores["score"] == pytest.approx(np.mean(scores["cost"]), rel=1e-12)
+
+
+def test_validation_charges_for_a_miss_what_the_environment_does():
+    scores = Validation({}, WEIGHTS, scenarios=5).score(Always(0.0, 10.5))
+    assert scores["missed"] == [1.0] * len(WEIGHTS)
+    assert scores["cost"] == pytest.approx([2.0 + 1.2 * weight for weight in WEIGHTS], rel=1e-12)
+
+
+def test_validation_draws_from_a_set_ups_own_scenarios(mine):
+    scenario = Validation(load_setup(mine).environment, WEIGHTS, 20).play(PaperTrapezoid()).scenario
+    assert 0.2 <= scenario["object_mass"].min() < scenario["object_mass"].max() <= 1.0
+    assert 0.1 <= scenario["distance"].min() < scenario["distance"].max() <= 0.3
+
+
+def test_seeds_of_evaluation_tuning_and_training_lie_one_above_the_other():
+    sets = [evaluation_sets.load(name) for name in ("validation", "test", "hard")]
+    assert [frozen.seed for frozen in sets[:2]] == [VALIDATION_SEED, TEST_SEED]
+    assert all(frozen.seed + frozen.count <= TUNING_SEED for frozen in sets)
+    assert TUNING_SEED + 1_000_000 <= FIRST_SEED
+
+
+def test_shipped_policy_beats_the_papers_rule_on_both_objectives():
+    """On scenarios that training never saw: at most half the object velocity, and no later."""
+    learned, paper = (evaluate(rule, TEST_SEED, 300) for rule in (load_policy("linear-blind"), PaperTrapezoid()))
+    assert not learned.missed.any()
+    assert learned.object_velocity.mean() <= 0.5 * paper.object_velocity.mean()
+    assert learned.approach_time.mean() <= paper.approach_time.mean()
+
+
+def test_policy_warns_once_where_it_is_played_elsewhere(recwarn):
+    policy, at_home = load_policy("bistable-blind"), load_setup("bistable-blind").environment
+    elsewhere = ScenarioBatch(5, 3, coupling={"type": "Bistable"})
+    with pytest.warns(UserWarning, match="another environment, which differs in coupling$"):
+        elsewhere.play(policy)
+    recwarn.clear()
+    elsewhere.play(policy)
+    ScenarioBatch(5, 3, **at_home, time_weight=[1.0]).play(load_policy("bistable-blind"))
+    ScenarioBatch(5, 3, coupling={"type": "Bistable"}, quiet=True).play(load_policy("bistable-blind"))
+    assert not recwarn.list
+
+
+@pytest.mark.parametrize(("change", "differs"), [
+    *(({"reaction_delay": delay}, []) for delay in (0.016, (0.016, 0.016), [0.016, 0.016], np.full(2, 0.016))),
+    ({"reaction_delay": [0.01, 0.02], "tool_mass": [0.1, 0.15]}, ["reaction_delay", "tool_mass"]),
+    ({"coupling": {"type": "SpringDamper", "stiffness": np.array([40.0, 60.0])}}, ["coupling"]),
+    ({"privileged": True, "time_weight": 1.0, "rtol": 1e-5, "scenario": "hard", "max_episode_steps": 9}, []),
+], ids=str)  # fmt: skip
+def test_policy_names_what_differs_however_it_is_written(change, differs):
+    assert load_policy("linear-ranged").differs_in(Task(**{"range_noise": 0.01, **change})) == differs
+
+
+def test_play_takes_a_shield_around_another_controller_from_plain_data():
+    environment = load_setup("rigid-blind").environment
+    shield = {"shield": 50.0, "scenario": "test", "of": {"shipped": "rigid-blind"}}
+    result = jobs.play(shield, {"set": "test", "count": 20}, environment=environment)
+    same = Shield(environment, 50.0, load_policy("rigid-blind"))
+    assert np.array_equal(result["peak_force"][0], ScenarioBatch.of("test", 20, **environment).play(same).peak_force)

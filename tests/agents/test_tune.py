@@ -1,0 +1,167 @@
+"""Searches find optima that are known; tuning keeps what it found, and does anew what was found for something else."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from episodes import Always
+
+from agents import load_setup
+from agents.baselines import Clairvoyant, ConstantSpeed, bound
+from agents.baselines.cmaes import minimise
+from agents.baselines.jittery import Jittery
+from agents.baselines.rule import Parameter
+from agents.baselines.tuned import load_baseline, read_tuned, write_tuned
+from agents.evaluate import ScenarioBatch
+from agents.tune import CLEAN_ALARM, Tune, scores, search_bounds, tune, tune_one
+
+SPACE = (
+    Parameter("speed", "m/s", -1.0, 3.0, 0.0),
+    Parameter("deceleration", "m/s^2", 0.0, 100.0, 20.0),
+    Parameter("margin", "m", -0.01, 0.01, 0.0),
+)
+OPTIMA = np.array([[0.5, 70.0, 0.004], [2.5, 10.0, -0.008], [-0.9, 55.0, 0.0]])
+SPANS = np.array([4.0, 100.0, 0.02])
+
+
+def bowl(candidates):
+    """Rosenbrock's valley around each optimum, in shares of the ranges."""
+    x = 1.0 + (candidates - OPTIMA) / SPANS
+    return np.sum(5.0 * (x[..., 1:] - x[..., :-1] ** 2) ** 2 + (1.0 - x[..., :-1]) ** 2, axis=-1)
+
+
+def test_minimise_finds_the_optimum_of_each_problem_within_the_limits():
+    result = minimise(bowl, SPACE, problems=3, population=14, generations=200, seed=3)
+    assert np.abs((result.parameters - OPTIMA) / SPANS).max() < 0.01
+    assert result.loss == pytest.approx(bowl(result.parameters[None])[0], rel=1e-12, abs=1e-15)
+    assert result.generations < 200
+    beyond = minimise(lambda x: np.sum((x / SPANS - 5.0) ** 2, axis=-1), SPACE, generations=80).parameters[0]
+    assert beyond == pytest.approx([3.0, 100.0, 0.01], rel=1e-3)
+    assert (beyond <= [3.0, 100.0, 0.01]).all()
+
+
+def test_minimise_repeats_with_its_seed_whatever_the_global_generator():
+    runs = []
+    for seed, other in ((1, 5), (1, 6), (2, 5)):
+        np.random.seed(other)  # noqa: NPY002 - the one that must not matter
+        state = np.random.get_state()[1].copy()  # noqa: NPY002
+        runs.append(minimise(bowl, SPACE, 3, generations=15, seed=seed).parameters)
+        assert np.array_equal(np.random.get_state()[1], state)  # noqa: NPY002
+    assert np.array_equal(runs[0], runs[1])
+    assert not np.array_equal(runs[0], runs[2])
+
+
+def test_jittery_moves_every_candidate_alike_in_the_same_scenario_by_as_much_as_it_says():
+    jittery = Jittery(Always(0.5, 10.5), 0.01, 5000, np.random.default_rng(1))
+    first, second = (jittery.predict(np.zeros((3 * 5000, 8)))[0] for _ in range(2))  # commands in the middle
+    assert np.array_equal(first[:5000], first[5000:10000])
+    assert np.array_equal(first[:5000], first[10000:])
+    assert np.abs(np.corrcoef(first[:5000, 0], second[:5000, 0])[0, 1]) < 4.0 / np.sqrt(5000)
+    assert first[:5000].std() / 2.0 == pytest.approx(0.01, rel=0.04)  # of a range that is 2 wide
+
+
+NOISY = """[environment]
+alarm = "reading"
+force_noise = 2.0
+force_bias = 1.0
+[baselines.tuned]
+noisy-speed = { rule = "ConstantSpeed", rtol = 1e-6, clean_alarm = true, jitter = 0.02 }
+"""
+SEARCH = {"scenarios": 8, "budget": 24, "population": 8, "seed": 1}
+
+
+@pytest.fixture
+def noisy(tmp_path):
+    """A tuning of two weights for a set-up whose baseline asks for all that can be asked, in this process."""
+    path = tmp_path / "noisy.toml"
+    path.write_text(NOISY)
+    return Tune((str(path),), weights=(1.0, 4.0), processes=0, out=tmp_path, jobs=tmp_path / "jobs", **SEARCH)
+
+
+def test_tune_searches_as_the_set_up_asks_and_keeps_how(noisy, tmp_path):
+    (path,), setup = tune(noisy), load_setup(noisy.setups[0])
+    weights = read_tuned("noisy-speed", tmp_path, setup)["weights"]
+    for weight in (1.0, 4.0):
+        entry = weights[f"{weight:g}"]
+        environment = {**setup.environment, **CLEAN_ALARM}
+        alone = tune_one("ConstantSpeed", environment, weight, rtol=1e-6, jitter=0.02, **SEARCH)
+        assert list(entry["parameters"].values()) == alone["parameters"].tolist()
+        calm = tune_one("ConstantSpeed", environment, weight, rtol=1e-6, jitter=0.0, **SEARCH)
+        assert entry["train"] == alone["train"] != calm["train"]
+        assert entry["validation"] == scores("ConstantSpeed", environment, weight, alone["parameters"])
+        assert entry["search"] == {**SEARCH, "clean_alarm": True, "jitter": 0.02}
+        assert f"--names noisy-speed --weights {weight:g} --scenarios 8 --budget 24" in entry["command"]
+        assert isinstance(load_baseline("noisy-speed", weight, tmp_path), ConstantSpeed)
+    assert json.loads(path.read_text())["environment"]["force_noise"] == 2.0
+
+
+def test_tune_keeps_what_is_there_and_ends_as_if_it_had_not_been_stopped(noisy, tmp_path):
+    (path,) = tune(noisy)
+    whole, setup = path.read_bytes(), load_setup(noisy.setups[0])
+    tune(replace(noisy, out=tmp_path / "parts", jobs=tmp_path / "others", weights=(4.0,)))
+    (parts,) = tune(replace(noisy, out=tmp_path / "parts", jobs=tmp_path / "others"))
+    assert parts.read_bytes() == whole
+    weights = read_tuned("noisy-speed", tmp_path, setup)["weights"]
+    weights["1"]["parameters"]["speed"] = 0.123  # which no search finds
+    write_tuned("noisy-speed", weights, setup, tmp_path)
+    marked = path.read_bytes()
+    tune(noisy)
+    assert path.read_bytes() == marked
+    path.unlink()
+    tune(noisy)
+    assert path.read_bytes() == whole
+
+
+def test_tune_does_anew_what_was_tuned_otherwise_or_for_another_environment(noisy, tmp_path, capsys):
+    first = tune(noisy)[0].read_bytes()
+    path = tune(replace(noisy, seed=9))[0]
+    assert "tuned anew at ['1', '4']: it was tuned with other settings" in capsys.readouterr().out
+    second = path.read_bytes()
+    (tmp_path / "noisy.toml").write_text(NOISY.replace("[baselines", "tool_mass = 0.2\n[baselines"))
+    tune(replace(noisy, seed=9))
+    assert "another environment" in capsys.readouterr().out
+    assert len({first, second, path.read_bytes()}) == 3
+
+
+@pytest.mark.parametrize("weight", load_setup("linear-blind").evaluation.weights)
+@pytest.mark.parametrize("name", ["linear-blind", "bistable-blind"])
+def test_bound_of_is_below_every_baseline_that_is_shipped(name, weight):
+    setup = load_setup(name)
+    rule = Clairvoyant(bound.bound_of(setup)[weight])
+    count, options = len(rule.parameters), {"time_weight": [weight], **setup.environment}
+    known = ScenarioBatch.of(bound.FROZEN, count, privileged=True, **options).play(rule).loss(weight)
+    for baseline in setup.against:
+        blind = ScenarioBatch.of(bound.FROZEN, count, **options).play(load_baseline(baseline, weight)).loss(weight)
+        assert known.mean() < blind.mean()
+        assert np.mean(known < blind) > 0.9  # in single scenarios a search may end in the wrong valley
+
+
+def test_search_bounds_finds_what_knowing_the_scenario_is_worth_and_keeps_it(tmp_path):
+    wanted = Tune(("linear-blind",), weights=(1.0,), processes=0, out=tmp_path, jobs=tmp_path / "jobs")
+    setup, size = load_setup("linear-blind"), {"scenarios": 4, "generations": 25}
+    with pytest.raises(ValueError, match=r"was not searched.*impact-gym tune linear-blind --bound"):
+        bound.read_bound(setup, tmp_path)
+    (path,) = search_bounds(wanted, **size)
+    parameters = bound.read_bound(setup, tmp_path, generations=25)[1.0]
+    known = ScenarioBatch.of("test", 4, time_weight=[1.0], privileged=True).play(Clairvoyant(parameters))
+    blind = ScenarioBatch.of("test", 4, time_weight=[1.0]).play(load_baseline("blind-profile", 1.0))
+    assert not known.missed.any()
+    assert known.loss(1.0).mean() < blind.loss(1.0).mean()
+    fastest = np.sqrt(2 * known.scenario["distance"] / 20.0)  # at full acceleration all the way
+    assert (known.approach_time > fastest - 0.02).all()  # the tool may swing ahead of the flange
+    bound.write_bound(setup, {1.0: 0.5 * parameters}, tmp_path, generations=25)
+    assert search_bounds(wanted, **size) == [path]
+    assert np.array_equal(bound.read_bound(setup, tmp_path, 25)[1.0], 0.5 * parameters)  # it was not searched again
+
+
+def test_read_bound_refuses_what_is_of_another_search(tmp_path):
+    setup = load_setup("linear-blind")
+    path = bound.write_bound(setup, {2.0: np.zeros((3, 13))}, tmp_path)
+    assert bound.read_bound(setup, tmp_path)[2.0].shape == (3, 13)
+    assert bound.bound_of(setup, tmp_path) == {}  # which has no 0.7, 1 and 4
+    with pytest.raises(ValueError, match="for another environment or for other parameters"):
+        bound.read_bound(setup, tmp_path, generations=2)
+    path.with_name("clairvoyant-rigid-blind.npz").write_bytes(path.read_bytes())
+    with pytest.raises(ValueError, match="for another environment"):
+        bound.read_bound(load_setup("rigid-blind"), tmp_path)

@@ -1,0 +1,42 @@
+"""The kernels opened for tests: `opened_kernels.pyx`, compiled anew when a source of the kernels has changed."""
+
+import fcntl
+import importlib.util
+import shlex
+import subprocess
+import sys
+import sysconfig
+from functools import cache
+from hashlib import sha256
+from pathlib import Path
+
+SOURCE = Path(__file__).with_name("opened_kernels.pyx")
+BUILT = Path(__file__).parents[2] / "build" / "opened_kernels"
+FLAGS = "-O0 -w -fPIC -fno-math-errno -fno-trapping-math -ffp-contract=off -DCOMPILED_FROM='\"tests\"'"
+"""Not optimised, which takes a tenth of the time; the rounding of each operation is that of setup.py's flags."""
+
+
+@cache
+def kernels():
+    """The compiled module; 4 s the first time, for whichever process comes first."""
+    package = SOURCE.parents[2] / "impact_gym"
+    content = b"".join(
+        file.read_bytes() for file in (SOURCE, *sorted((*package.glob("*.pyx"), *package.rglob("*.pxi"))))
+    )
+    version = sha256(content).hexdigest()[:16] + sysconfig.get_config_var("EXT_SUFFIX")
+    library, written = BUILT / version, BUILT / f"{version}.c"
+    BUILT.mkdir(parents=True, exist_ok=True)
+    with (BUILT / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not library.exists():
+            for stale in BUILT.glob("*.so"):
+                stale.unlink()
+            link = f"{sysconfig.get_config_var('LDSHARED')} {FLAGS} -I{shlex.quote(sysconfig.get_path('include'))}"
+            subprocess.run([sys.executable, "-m", "cython", "-o", written, SOURCE], check=True)
+            subprocess.run([*shlex.split(link), written, "-o", written.with_suffix(".so")], check=True)
+            written.with_suffix(".so").rename(library)
+            written.unlink()
+    spec = importlib.util.spec_from_file_location("opened_kernels", library)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module

@@ -1,0 +1,71 @@
+# cython: language_level=3, boundscheck=False, wraparound=False, initializedcheck=False, cdivision=True, cpow=True
+"""The kernels, and in the same program what tests look at: the closed forms, and one step of either method."""
+
+include "../../impact_gym/kernels.pyx"
+
+
+def drift_once(law, chain, double acceleration, double time):
+    """Move `chain` (1, CHAIN) through `time` (s) of flight in closed form under a `law` (1, LAW)."""
+    drift(<const Law *> memory_of(law), <Chain *> memory_of(chain), acceleration, time)
+
+
+def first_touch(law, chain, double acceleration, double horizon):
+    """Time (s) until `chain` touches, inf if not within `horizon`; likewise."""
+    return touch_time(<const Law *> memory_of(law), <const Chain *> memory_of(chain), acceleration, horizon)
+
+
+def step_once(plan, table, chain, double acceleration, bint flying, x, double h, bint stiff):
+    """Try a step of `h` from the scaled state `x` of a piece that begins at `chain`; return all that is known of it.
+
+    Args:
+        plan, table, chain: one approach, its robot's table, and a row whose `units` are set if it is in contact.
+        acceleration: of the flange, m/s^2.
+        flying: in flight or in contact.
+        x: state (n,), as long as the chain's.
+        h, stiff: the step, and by which method.
+    """
+    cdef Run run
+    cdef Work work
+    cdef Piece now
+    cdef Law law
+    cdef const Approach *given = <const Approach *> memory_of(plan)
+    cdef double error
+    cdef int i, j
+    lower(&given.mount, &law)
+    run.law, run.tables, run.contact = &law, <const double *> memory_of(table), given.contact
+    run.object_mass, run.threshold, run.tolerance = given.object_mass, given.threshold, 1.0
+    begin_piece(&run, <const Chain *> memory_of(chain), acceleration, INFINITY, flying, &now)
+    memcpy(work.x, memory_of(x), now.width * sizeof(double))
+    rates(&now, work.x, work.rate)
+    work.method = STIFF if stiff else EXPLICIT
+    error = attempt(&now, &work, h)
+    result = {
+        "rate": [work.rate[i] for i in range(now.width)],
+        "end": [work.trial[i] for i in range(now.width)],
+        "end_rate": [work.trial_rate[i] for i in range(now.width)],
+        "error": error,
+    }
+    probe(&now, &work, h, 0.5)
+    result["middle"] = [work.probe[i] for i in range(now.width)]
+    jacobian(&now, work.x, work.matrix)
+    result["jacobian"] = [[work.matrix[i][j] for j in range(now.width)] for i in range(now.width)]
+    return {name: np.array(value) for name, value in result.items()}
+
+
+def inverse_of(matrix):
+    """Return the inverse of a square matrix of at most WIDTH rows."""
+    cdef double[WIDTH][WIDTH] inside
+    cdef int i, j, n = len(matrix)
+    memset(inside, 0, sizeof(inside))
+    for i in range(n):
+        for j in range(n):
+            inside[i][j] = matrix[i][j]
+    invert(n, inside)
+    return np.array([[inside[j][i] for j in range(n)] for i in range(n)])
+
+
+STIFF_TABLEAU = {  # as `solver/rosenbrock.pxi` has it
+    "A": np.array([[STIFF_A[i][j] for j in range(STIFF_STAGES)] for i in range(STIFF_STAGES)]),
+    "C": np.array([[STIFF_C[i][j] for j in range(STIFF_STAGES)] for i in range(STIFF_STAGES)]),
+    "gamma": STIFF_GAMMA,
+}

@@ -1,0 +1,217 @@
+"""One step of either method: tableaus against order conditions and print, compiled steps against the tableaus.
+
+Steps are taken on smooth pieces of every chain, by the kernels opened for tests (`opened_kernels.pyx`).
+"""
+
+import math
+from functools import cache
+from itertools import product
+
+import numpy as np
+import pytest
+from opened import kernels
+from scipy.integrate import solve_ivp
+
+import impact_gym as ig
+from impact_gym.lowering import approach_plan
+from impact_gym.solver import tableau
+
+TABLE = ig.RobotTable([0.0, 0.1, 0.2, 0.3, 0.5], [3, 4, 5, 4, 6], [1e4, 2e4, 3e4, 2e4, 2e4], [10, 20, 30, 20, 20])
+COUPLINGS = {"rigid": ig.Rigid(), "spring": ig.SpringDamper(150.0, 0.4), "bistable": ig.Bistable()}
+ROBOTS = {"": None, " on a robot": ig.Robot(5, 1e5, 100), " on a table": TABLE}
+WIDTHS = {"rigid": 4, "spring": 7, "rigid on a robot": 7}  # of scaled states; of all others 10
+PRESSED = {"": 0, ", front stop": 1, ", rear stop": -1}
+EXPONENTS = {"Hertz": (1.5, 1.5), "2-1": (2.0, 1.0), "1-0": (1.0, 0.0), "2.2-1.1": (2.2, 1.1)}
+
+
+def pieces():
+    """Every coupling on every robot, in contact, and in flight where that is integrated, pressed by every stop."""
+    for coupling, robot in product(COUPLINGS, ROBOTS):
+        stops = PRESSED if coupling == "bistable" else [""]
+        for phase, stop in product(("contact",) if coupling + robot in WIDTHS else ("contact", "flight"), stops):
+            yield f"{coupling}{robot}, {phase}{stop}"
+
+
+EVERY_PIECE = pytest.mark.parametrize("name", [*pieces()])
+SPRING_PIECE = "spring, contact"
+
+
+def state(name, seed=0):
+    """A scaled state to step from, as long as the chain's."""
+    width = WIDTHS.get(name.split(", ")[0], 10)
+    return np.random.default_rng(seed).uniform(0.2, 1.5, width)
+
+
+def stepper(name, contact=None, coupling=None):
+    """A step of `h` from the scaled state `x` of a piece, and all that is known of it, as a function of x, h, stiff."""
+    chain, phase, *stop = name.split(", ")
+    robot = next(robot for robot in reversed(ROBOTS) if chain.endswith(robot))
+    coupling = coupling or COUPLINGS[chain.removesuffix(robot)]
+    contact = contact or ig.Contact(1e3, 0.5, "exact")
+    moving = ig.Scene(ig.Tool(0.125), ig.Object(0.25, 0.3), contact, coupling, ROBOTS[robot])
+    plan, table = approach_plan(moving, ig.Trapezoid(1.0, 8.0), 1.0)
+    row = np.zeros(1, kernels().CHAIN)
+    row["units"] = (0.01, 0.02, 0.5, 3.0)  # as unlike each other as they may be: not those of a contact
+    row["holding"] = row["side"] = 1
+    row["flange_position"], row["flange_velocity"] = 0.14, 0.8
+    row["pressed"] = PRESSED["".join(f", {which}" for which in stop)]
+    piece = np.array([plan], kernels().APPROACH), table, row, 3.0, phase == "flight"  # 3 m/s^2, of the flange
+    return lambda x, h=1e-3, stiff=False: kernels().step_once(*piece, np.ascontiguousarray(x), h, stiff)
+
+
+STAGES = len(tableau.A)
+
+
+def dense(rows):
+    """Rows of weights by stage as a matrix."""
+    return np.array([[row.get(stage, 0.0) for stage in range(STAGES)] for row in rows])
+
+
+MATRIX, ERROR, DENSE = dense(tableau.A), dense(tableau.ERROR), dense(tableau.DENSE)
+LAST = tableau.LAST
+
+
+@cache
+def trees(order):
+    """Rooted trees of `order` nodes, each the sorted tuple of its subtrees."""
+    grown = set()
+
+    def grow(children, left):
+        if left == 0:
+            grown.add(tuple(sorted(children)))
+        for size in range(1, left + 1):
+            for child in trees(size):
+                grow((*children, child), left - size)
+
+    grow((), order - 1)
+    return grown
+
+
+def size_and_density(tree):
+    size, density = 1, 1
+    for child in tree:
+        child_size, child_density = size_and_density(child)
+        size, density = size + child_size, density * child_density
+    return size, size * density
+
+
+def stage_weights(tree):
+    weights = np.ones(STAGES)
+    for child in tree:
+        weights = weights * (MATRIX @ stage_weights(child))
+    return weights
+
+
+@pytest.mark.parametrize(("order", "count"), [(1, 1), (2, 1), (3, 2), (4, 4), (5, 9), (6, 20), (7, 48), (8, 115)])
+def test_explicit_pair_satisfies_every_order_condition(order, count):
+    weights = MATRIX[LAST]
+    assert len(trees(order)) == count
+    for tree in trees(order):
+        of_stages = stage_weights(tree)
+        rounding = 1e-15 * np.abs(weights) @ (1 + np.abs(of_stages)) * 50
+        assert weights @ of_stages == pytest.approx(1 / size_and_density(tree)[1], abs=rounding)
+
+
+@pytest.mark.parametrize(("estimate", "order"), [(ERROR[0], 5), (ERROR[1], 3)])
+def test_explicit_pair_has_error_weights_that_vanish_up_to_their_order_and_not_beyond(estimate, order):
+    residual = {n: max(abs(estimate @ stage_weights(tree)) for tree in trees(n)) for n in range(1, order + 2)}
+    assert all(residual[n] < 1e-14 for n in range(1, order + 1))
+    assert residual[order + 1] > 1e-5
+
+
+def test_stiff_pair_has_its_stages_at_the_published_times():
+    # c = (sum of the rows of A times Gamma), Steinebach (2023), Table 1; Gamma from 1/gamma I - C = Gamma^-1
+    method = kernels().STIFF_TABLEAU
+    gamma = np.linalg.inv(np.eye(8) / method["gamma"] - method["C"])
+    published = [0, 0.6358126895828704, 0.4095798393397535, 0.9769306725060716, 0.4288403609558664, 1, 1, 1]
+    assert (method["A"] @ gamma).sum(axis=1) == pytest.approx(published, abs=2e-14)
+
+
+def test_tableau_writes_the_steps_that_are_checked_in():
+    assert tableau.OUT.read_text(encoding="utf-8") == tableau.written()
+
+
+@EVERY_PIECE
+def test_explicit_step_is_the_loop_over_its_tableau(name):
+    # the slow, obvious form of what `solver/dop853.pxi` writes out, on the rates that the kernel gives
+    step, x, h = stepper(name), state(name), 0.02  # as far as the stops can be followed
+    k = np.zeros((STAGES, len(x)))
+    for stage in range(STAGES):
+        k[stage] = step(x + h * MATRIX[stage] @ k)["rate"]
+    end, compiled = x + h * MATRIX[LAST] @ k, step(x, h)
+    assert compiled["rate"] == pytest.approx(k[0], rel=1e-15)
+    assert compiled["end"] == pytest.approx(end, rel=1e-13, abs=1e-13)
+    assert compiled["end_rate"] == pytest.approx(k[LAST], rel=1e-12, abs=1e-12)
+    size = np.maximum(np.maximum(np.abs(x), np.abs(end)), 1.0)
+    fifth, third = (np.sum((weights @ k / size) ** 2) for weights in ERROR)
+    assert compiled["error"] == pytest.approx(h * fifth / math.sqrt((fifth + 0.01 * third) * len(x)), rel=1e-6)
+    # dense output in the middle: Hairer's polynomial from both ends, their rates and four sums over the stages
+    change, upper = end - x, h * DENSE @ k
+    parts = [change, h * k[0] - change, 2 * change - h * (k[0] + k[LAST]), *upper]
+    middle = np.zeros(len(x))
+    for part in reversed(parts):
+        middle = 0.5 * (middle + part)  # share and what is left of it are the same there
+    assert compiled["middle"] == pytest.approx(x + middle, rel=1e-12, abs=1e-12)
+
+
+@EVERY_PIECE
+def test_stiff_step_is_that_of_its_tableau_with_the_linear_equations_solved_by_numpy(name):
+    step, x, h, method = stepper(name), state(name), 0.1, kernels().STIFF_TABLEAU
+    compiled, A, C = step(x, h, True), method["A"], method["C"]
+    matrix = np.eye(len(x)) / (method["gamma"] * h) - compiled["jacobian"]
+    k = np.zeros((8, len(x)))
+    for stage in range(8):
+        k[stage] = np.linalg.solve(matrix, step(x + A[stage] @ k)["rate"] + C[stage] @ k / h)
+    end = x + A[7] @ k + k[7]
+    assert compiled["end"] == pytest.approx(end, rel=1e-9, abs=1e-9)
+    size = np.maximum(np.maximum(np.abs(x), np.abs(end)), 1.0)
+    assert compiled["error"] == pytest.approx(np.sqrt(np.mean((k[7] / size) ** 2)), rel=1e-6, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("stiff", "what", "longest", "order"),
+    [(False, "end", 0.2, 8.5), (False, "middle", 0.2, 7.5), (True, "end", 0.05, 5.6), (True, "error", 0.05, 4.8)],
+)
+def test_step_shows_the_order_of_each_pair_when_halved(stiff, what, longest, order):
+    step, x = stepper(SPRING_PIECE), state(SPRING_PIECE)
+    errors = []
+    for h in longest * 0.5 ** np.arange(3):
+        compiled = step(x, h, stiff)[what]  # an estimate of the error is one itself
+        at = 0.5 * h if what == "middle" else h
+        exact = solve_ivp(lambda _, y: step(y)["rate"], (0.0, at), x, "DOP853", rtol=3e-14, atol=1e-16).y[:, -1]
+        errors.append(compiled if what == "error" else np.abs(compiled - exact).max())
+    assert np.all(np.log2(np.divide(errors[:-1], errors[1:])) > order)  # of one step, so one more than the method's
+
+
+@pytest.mark.parametrize("exponents", EXPONENTS.values(), ids=EXPONENTS)
+@EVERY_PIECE
+def test_jacobian_is_that_of_the_rates(name, exponents):
+    step = stepper(name, ig.Contact(1e3, 0.5, "exact", *exponents))
+    for seed in range(3):
+        x = state(name, seed)
+        changes = np.diag(1e-6 * np.maximum(np.abs(x), 1.0))
+        columns = [(step(x + change)["rate"] - step(x - change)["rate"]) / (2 * change.max()) for change in changes]
+        measured = np.array(columns).T
+        assert step(x)["jacobian"] == pytest.approx(measured, rel=1e-5, abs=1e-7 * np.abs(measured).max())
+        assert np.abs(measured).max() > 0.1
+
+
+@pytest.mark.parametrize("size", [1, 4, 10])
+def test_inverse_exchanges_rows(size):
+    matrix = np.random.default_rng(0).standard_normal((size, size))
+    if size > 1:
+        matrix[0, 0] = 0.0  # no pivot where one stands
+    assert kernels().inverse_of(matrix) @ matrix == pytest.approx(np.eye(size), abs=1e-12)
+
+
+@pytest.mark.parametrize("rate", [1e4, 1e5, 1e6])
+def test_stiff_step_far_longer_than_a_decay_ends_where_the_decay_does(rate):
+    # an overdamped spring: y' decays to -(y + what the contact pushes) / rate; a method only A-stable keeps swinging
+    step = stepper(SPRING_PIECE, ig.Contact(1e3, 1.0), ig.SpringDamper(150.0, rate))
+    x = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0])
+    assert abs(step(x, 0.05, True)["jacobian"][5][5]) > 0.05 * rate
+    for _ in range(4):
+        x = step(x, 0.05, True)["end"]
+    last = step(x, 0.05, True)
+    slaved = x[5] - last["rate"][5] / last["jacobian"][5][5]  # where its rate vanishes
+    assert x[5] == pytest.approx(slaved, rel=0.01)
