@@ -90,7 +90,10 @@ cdef Finding search(
         if FRONT_STOP <= row <= ALIGNMENT and not now.law.bistable:
             continue
         high, reached = 1.0, end.value[row]
-        if (row == FORCE or (row >= CLAMP and reached <= 0.0)) and comes_back(row, h, start, end):
+        if row == FORCE and now.contact.n == 0.0 and work.x[ROOT] == 0.0:
+            if end.slope[FORCE] < 0.0 and rises_at_onset(now, work, h):
+                return Finding(SHORTER, 0.25, 1.0, 0.0, 0.0)  # one that ends before the peak
+        elif (row == FORCE or (row >= CLAMP and reached <= 0.0)) and comes_back(row, h, start, end):
             share = climb(now, work, h, row, start, end, &summit)
             if row == FORCE:
                 found.peak, found.peak_at = summit.height[FORCE], share * h
@@ -111,6 +114,14 @@ cdef Finding search(
         if share < 1.0:
             return Finding(SHORTER, share, 1.0, 0.0, 0.0)
     return found
+
+
+cdef bint rises_at_onset(const Piece *now, Work *work, double h) noexcept nogil:
+    """Whether a force that a contact begins with, n = 0, grows from there, which df/ds, zero at z = 0, does not show."""
+    cdef Sight soon
+    probe_exactly(now, work, h, 1e-3)  # a millionth of the step's time
+    look(now, work.probe, work.probe_rate, &soon)
+    return soon.slope[FORCE] > 0.0
 
 
 cdef bint starts_on(int row, double h, const Sight *start, double reached) noexcept nogil:
