@@ -154,7 +154,7 @@ def test_peak_clamp_and_separation_of_a_linear_contact_are_those_of_the_oscillat
 
 @EVERY_TOLERANCE
 def test_peak_of_a_linear_contact_under_a_push_is_that_of_the_oscillator(rtol):
-    """Without the push, damping would let the force fall from the start; the flange, still speeding up, lets it rise a little."""
+    """Damping alone would let the force fall from the start; the flange, still speeding up, lets it rise."""
     for seed in range(50):
         case, random = Oscillator(seed, zeta=(0.5, 1.2)), np.random.default_rng([15, seed])
         push = 2 * case.zeta - (1 - 10 ** random.uniform(-3, -0.3)) / (2 * case.zeta)  # the slope it begins with
