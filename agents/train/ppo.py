@@ -165,8 +165,9 @@ def train(run: Run, out: Path | None = None, on_validation: OnValidation | None 
     stamp = datetime.now(UTC).strftime("%Y%m%d-%H%M%S")
     folder = out or Path("runs") / f"{stamp}-{run.setup.name}-seed{run.seed}"
     folder.mkdir(parents=True)
-    write_json(folder / "config.json", run.record())
-    return resume(folder, on_validation)
+    record = run.record()
+    write_json(folder / "config.json", record)
+    return _to_its_end(folder, run, record, on_validation)
 
 
 def resume(folder: Path, on_validation: OnValidation | None = None) -> Path:
@@ -177,6 +178,11 @@ def resume(folder: Path, on_validation: OnValidation | None = None) -> Path:
         CollapsedError: there is nothing left to go on from; the folder keeps the reason.
     """
     record, run = read_record(folder)
+    return _to_its_end(folder, run, record, on_validation)
+
+
+def _to_its_end(folder: Path, run: Run, record: dict[str, Any], on_validation: OnValidation | None) -> Path:
+    """Learn what is left to learn, with the folder held, and return the folder."""
     collapsed = folder / "collapsed.txt"
     with _locked(folder):
         if collapsed.is_file():
