@@ -118,7 +118,7 @@ class Batch:
         entries = (*numbers, "peak_force", "contact_count", "missed", "status")
         self._layout = layout_of(entries)
         self._not_drawn = [[name for name in drawn if name not in task.drawn] for task in tasks]
-        self._columns = [_PLACES[name] for name in numbers.values()]
+        self._columns = np.array([[_PLACES[name]] for name in numbers.values()])
         self._signs = np.array([[-1.0] if name.startswith("reward_terms.") else [1.0] for name in numbers])
 
     def _make_rows(self) -> None:
@@ -165,12 +165,11 @@ class Batch:
         draw_uniforms(generators, rows, uniforms)
         self.begin(rows, uniforms, free_records(len(rows)) if fixed is None else fixed)
 
-    def step(self, actions: NDArray[Any], skip: NDArray[np.bool_]) -> None:
-        """Play a control step with `actions` (size, 2), of any float type, but where `skip` (size,) is set.
+    def step(self, commands: NDArray[np.float64], skip: NDArray[np.bool_]) -> None:
+        """Play a control step with `commands` (size, 2), as the method `commands` gives, but where `skip` is set.
 
         Leaves `observations`, `rewards` and the fields of `episodes` as they are after it.
         """
-        commands = np.ascontiguousarray(actions, np.float64)
 
         def run(first: int, last: int) -> None:
             self._rows.step(commands, skip, first, last)
@@ -241,7 +240,7 @@ class Batch:
     def _numbers(self, rows: NDArray[np.int64]) -> NDArray[np.float64]:
         """Return the entries of an info that an episode holds (n, k), in one go."""
         fields = self.episodes.view(np.float64).reshape(self.size, -1)
-        return fields[rows][:, self._columns].T * self._signs
+        return fields[rows, self._columns] * self._signs
 
     def sensors(self) -> dict[str, NDArray[np.float64]]:
         """Return what the controllers may know now, in SI units (size,) each; see `ImpactApproachEnv.sensors`."""
