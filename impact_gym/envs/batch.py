@@ -165,11 +165,12 @@ class Batch:
         draw_uniforms(generators, rows, uniforms)
         self.begin(rows, uniforms, free_records(len(rows)) if fixed is None else fixed)
 
-    def step(self, commands: NDArray[np.float64], skip: NDArray[np.bool_]) -> None:
-        """Play a control step with `commands` (size, 2), as the method `commands` gives, but where `skip` is set.
+    def step(self, actions: NDArray[Any], skip: NDArray[np.bool_]) -> None:
+        """Play a control step with `actions` (size, 2), of any float type, but where `skip` (size,) is set.
 
         Leaves `observations`, `rewards` and the fields of `episodes` as they are after it.
         """
+        commands = np.ascontiguousarray(actions, np.float64)
 
         def run(first: int, last: int) -> None:
             self._rows.step(commands, skip, first, last)
