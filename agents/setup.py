@@ -32,7 +32,7 @@ from impact_gym.validation import number
 
 PAPERS_SPEED = 1.0  # m/s
 SAMPLE = 500  # scenarios that the paper's rule is played through
-SLOW = 0.3  # m/s, of a touch that does not throw the object off
+GENTLE = 0.3  # m/s, of a touch that does not throw the object off
 
 
 @dataclass(frozen=True)
@@ -105,12 +105,12 @@ def estimate(task: Task, scenario: dict[str, float]) -> float:
 def rigid_to(task: Task, scenario: Mapping[str, NDArray[np.float64]]) -> tuple[float, float]:
     """Return what the front stop of a bistable mechanism holds, N, and the share of objects that never press as hard.
 
-    The peak force is that of a Hertzian contact of the object (n,) with a tool whose speed, SLOW, nothing changes.
+    The peak force is that of a Hertzian contact of the object (n,) with a tool whose speed, GENTLE, nothing changes.
     """
     held_with = float(task.coupling.force(task.coupling.rest))
     names = ("object_mass", "contact_stiffness", "restitution")
     peaks = [
-        peak_factor(damping_factor(task.dissipation, restitution)) * (mass * SLOW**2) ** 0.6 * stiffness**0.4
+        peak_factor(damping_factor(task.dissipation, restitution)) * (mass * GENTLE**2) ** 0.6 * stiffness**0.4
         for mass, stiffness, restitution in zip(*(scenario[name].tolist() for name in names), strict=True)
     ]
     return held_with, float(np.mean(np.array(peaks) < held_with))
@@ -143,7 +143,7 @@ def lines(setup: Setup) -> Iterator[str]:
     if isinstance(task.coupling, Bistable):
         force, share = rigid_to(task, played.scenario)
         yield (
-            f"  the front stop holds the tool with {force:.3g} N; {share:.0%} of the objects, touched at {SLOW:g} m/s,"
+            f"  the front stop holds the tool with {force:.3g} N; {share:.0%} of the objects, touched at {GENTLE:g} m/s,"
             " never press as hard: to them the tool is as good as rigid"
         )
     yield from (f"  warning: {sentence}" for sentence in warnings(task))
@@ -164,14 +164,14 @@ def lines(setup: Setup) -> Iterator[str]:
 def _impact(task: Task) -> str:
     """Return the closed-form estimate at the easiest and the hardest scenario."""
     pairs = task.scenario.by_id()
-    found = [
+    velocities = [
         estimate(corner, {"object_mass": mass, "restitution": restitution, "distance": pairs["distance"][1]})
         for corner in corners(task)
         for mass, restitution in product(pairs["object_mass"], pairs["restitution"])
     ]
     return (
         f"  the paper's rule, at {min(PAPERS_SPEED, task.velocity_range[1]):g} m/s, leaves the object"
-        f" {min(found):.3g} to {max(found):.3g} m/s by an instantaneous impact (the coupling's push left out)"
+        f" {min(velocities):.3g} to {max(velocities):.3g} m/s by an instantaneous impact (the coupling's push left out)"
     )
 
 

@@ -118,8 +118,8 @@ def train_one(folder: str, made_for: Mapping[str, Any]) -> Result:
 def _refuse_another(folder: Path, record: Mapping[str, Any]) -> None:
     """Raise ValueError if the folder holds a run that was made with something else."""
     with suppress(FileNotFoundError):
-        found = json.loads((folder / "config.json").read_text())
-        if any(found.get(name) != value for name, value in record.items()):
+        existing = json.loads((folder / "config.json").read_text())
+        if any(existing.get(name) != value for name, value in record.items()):
             other = f"{folder} was trained with other settings or for another environment"
             raise ValueError(f"{other}: remove it, or name another folder with --runs")
 

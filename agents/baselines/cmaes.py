@@ -17,7 +17,7 @@ Losses = Callable[[Floats], Floats]
 """From candidates (population, problems, k) to their losses (population, problems)."""
 
 
-class Found(NamedTuple):
+class Minimum(NamedTuple):
     """The best candidate of each problem."""
 
     parameters: Floats  # (problems, k)
@@ -32,7 +32,7 @@ def minimise(
     population: int = 20,
     generations: int = 150,
     seed: int = 0,
-) -> Found:
+) -> Minimum:
     """Search within the limits of `parameters`, from their starts, in each problem alone.
 
     Args:
@@ -50,7 +50,7 @@ def minimise(
         cma.CMAEvolutionStrategy((start - low) / (high - low), SIGMA, _options(population, seed, problem))
         for problem in range(problems)
     ]
-    best, found = np.tile(start, (problems, 1)), np.full(problems, np.inf)
+    best, lowest = np.tile(start, (problems, 1)), np.full(problems, np.inf)
     generation = 0
     while generation < generations and not all(search.stop() for search in searches):
         generation += 1
@@ -61,10 +61,10 @@ def minimise(
         for search, share, value in zip(searches, shares, values.T, strict=True):
             search.tell(share, value.tolist())
         winner = values.argmin(axis=0)
-        for problem in np.flatnonzero(values.min(axis=0) < found).tolist():
-            found[problem] = values[winner[problem], problem]
+        for problem in np.flatnonzero(values.min(axis=0) < lowest).tolist():
+            lowest[problem] = values[winner[problem], problem]
             best[problem] = candidates[winner[problem], problem]
-    return Found(best, found, generation)
+    return Minimum(best, lowest, generation)
 
 
 def _options(population: int, seed: int, problem: int) -> dict[str, Any]:

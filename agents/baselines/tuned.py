@@ -68,9 +68,9 @@ def read_tuned(name: str, folder: Path = TUNED, setup: Setup | None = None) -> d
     remedy = f"impact-gym tune {setup.called if setup else 'SETUP'}"
     try:
         content: dict[str, Any] = json.loads(path.read_text())
-        found = _checksum(content)
-        if found != content["sha256"]:
-            raise ValueError(f"its checksum is {found}, not {content['sha256']}: it was altered")
+        checksum = _checksum(content)
+        if checksum != content["sha256"]:
+            raise ValueError(f"its checksum is {checksum}, not {content['sha256']}: it was altered")
         expected = _description(name, setup.tuned[name].rule if setup else content["rule"])
         other = [field for field, value in expected.items() if content[field] != value]
         if setup and not setup.describes(content["environment"]):

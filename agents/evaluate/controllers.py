@@ -77,13 +77,13 @@ def _object(name: str) -> Controller:
     if not (module and colon and attribute):
         raise ValueError(f"no controller {name!r}: name it as module:object")
     try:
-        found = getattr(importlib.import_module(module), attribute)
-        found = found() if isinstance(found, type) or not hasattr(found, "predict") else found
+        attached = getattr(importlib.import_module(module), attribute)
+        controller = attached() if isinstance(attached, type) or not hasattr(attached, "predict") else attached
     except Exception as error:
         raise ValueError(f"no controller {name!r}: {error!r}") from error
-    if not callable(getattr(found, "predict", None)):
+    if not callable(getattr(controller, "predict", None)):
         raise ValueError(f"{name!r} is no controller: it has no method `predict`")
-    return found
+    return controller
 
 
 def try_out(name: str, controller: Controller, observations: NDArray[np.float32]) -> None:

@@ -37,13 +37,13 @@ def play(
         scenario_batch_of(scenarios, weight, environment).play(controller_of(controller, weight, environment))
         for weight in weights
     ]
-    return {name: np.array([getattr(one, name) for one in played]) for name in RESULTS} | played[0].scenario
+    return {name: np.array([getattr(episodes, name) for episodes in played]) for name in RESULTS} | played[0].scenario
 
 
 def scenario_batch_of(
     scenarios: Mapping[str, Any], weight: float, environment: Mapping[str, Any] | None = None
 ) -> ScenarioBatch:
-    """Return the stage of `scenarios` at a time weight (m/s per s)."""
+    """Return the batch of `scenarios` at a time weight (m/s per s)."""
     options: dict[str, Any] = {"time_weight": [weight], "threads": 1, "quiet": True, **(environment or {})}
     frozen = frozen_of(scenarios)
     if frozen is not None:

@@ -149,12 +149,12 @@ class Ensemble:
 
     def packed(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         """Return content and arrays of an archive."""
-        one = self[None]
+        chosen = self[None]
         content = {
-            "network": one.network.description(),
-            "environment": one.environment,
-            "observation": observation_table(one.environment),
-            "action": action_table(one.environment),
+            "network": chosen.network.description(),
+            "environment": chosen.environment,
+            "observation": observation_table(chosen.environment),
+            "action": action_table(chosen.environment),
             "provenance": {str(policy.seed): policy.provenance for policy in self.policies},
             "chosen": self.chosen,
         }

@@ -27,20 +27,22 @@ def warnings(task: Task) -> list[str]:
             f"got {near:g} m: every object would be missed"
         )
     farthest_seen = ObservationSpec(task).scale("position").high
-    said = []
+    sentences = []
     if far > reach:
-        said.append(f"objects stand up to {far:g} m ahead, but the arm gets only {reach:.3g} m far in {HORIZON:g} s")
+        sentences.append(
+            f"objects stand up to {far:g} m ahead, but the arm gets only {reach:.3g} m far in {HORIZON:g} s"
+        )
     if far > farthest_seen:
-        said.append(
+        sentences.append(
             f"objects stand up to {far:g} m ahead, but the observation ends at a flange position of {farthest_seen:g} m"
         )
     heard = task.longest_delay + task.control_period
     if near <= 0.5 * most * heard**2:
-        said.append(
+        sentences.append(
             f"objects stand from {1e3 * near:.3g} mm on, where the tool can be before the first reading arrives, "
             f"{1e3 * heard:g} ms after the start"
         )
-    return said + _off_its_stop(task)
+    return sentences + _off_its_stop(task)
 
 
 def _off_its_stop(task: Task) -> list[str]:

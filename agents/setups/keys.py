@@ -27,23 +27,23 @@ def known(prefix: str, given: Iterable[str], allowed: Iterable[str]) -> None:
 
 def table(content: Mapping[str, Any], name: str, prefix: str = "") -> dict[str, Any]:
     """Return a table of a file, empty where there is none."""
-    found = content.get(name, {})
-    if not isinstance(found, dict):
-        raise ValueError(f"{prefix}{name} must be a table, [{prefix}{name}], got {found!r}")
-    return found
+    value = content.get(name, {})
+    if not isinstance(value, dict):
+        raise ValueError(f"{prefix}{name} must be a table, [{prefix}{name}], got {value!r}")
+    return value
 
 
 def text(content: Mapping[str, Any], name: str, otherwise: str, prefix: str = "") -> str:
     """Return a text of a file."""
-    found = content.get(name, otherwise)
-    if not isinstance(found, str) or not found:
-        raise ValueError(f"{prefix}{name} must be a text, got {found!r}")
-    return found
+    value = content.get(name, otherwise)
+    if not isinstance(value, str) or not value:
+        raise ValueError(f"{prefix}{name} must be a text, got {value!r}")
+    return value
 
 
 def names(field_name: str, given: Any) -> tuple[str, ...]:
     """Return a list of names, none twice."""
-    if not isinstance(given, list) or not all(isinstance(one, str) for one in given):
+    if not isinstance(given, list) or not all(isinstance(name, str) for name in given):
         raise ValueError(f"{field_name} must be a list of names, got {given!r}")
     if len(set(given)) < len(given):
         raise ValueError(f"{field_name} must not name one twice, got {given!r}")

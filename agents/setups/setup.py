@@ -84,9 +84,9 @@ class Setup:
         return same_environment(self.environment, environment)
 
 
-def same_environment(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
+def same_environment(here: Mapping[str, Any], there: Mapping[str, Any]) -> bool:
     """Whether two mappings of arguments are the same environment, whatever is left to defaults."""
-    first, second = (Task(**{name: each[name] for name in SET_UP_ARGUMENTS if name in each}) for each in (one, other))
+    first, second = (Task(**{name: each[name] for name in SET_UP_ARGUMENTS if name in each}) for each in (here, there))
     return first == second
 
 
@@ -140,8 +140,8 @@ def _setup(path: Path, content: dict[str, Any]) -> Setup:
     title = text(content, "title", path.stem)
     with within("training"):
         settings = Training.of_table(training)
-    found = Evaluation.of_table(evaluation, environment)
-    if settings.nominal and not found.nominal:
+    asked = Evaluation.of_table(evaluation, environment)
+    if settings.nominal and not asked.nominal:
         raise ValueError(f"training.nominal must be 0 without a table [evaluation.nominal], got {settings.nominal!r}")
     return Setup(
         path.stem,
@@ -153,7 +153,7 @@ def _setup(path: Path, content: dict[str, Any]) -> Setup:
         names("baselines.against", baselines.get("against", list(tuned))),
         text(baselines, "bound", path.stem, "baselines."),
         whole("baselines.budget", baselines.get("budget", BUDGET), at_least=1),
-        found,
+        asked,
         path,
     )
 

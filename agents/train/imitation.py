@@ -32,7 +32,7 @@ class Teacher:
         rules = [tuned_rule(content, float(weight)) for weight in content["weights"]]
         self.rules = [rule.for_environment(setup.environment) for rule in rules]
         self.spec = ObservationSpec(Task(**{**setup.environment, "privileged": True}))
-        means = [found["validation"] for found in content["weights"].values()]
+        means = [tuned["validation"] for tuned in content["weights"].values()]
         self.means = np.array([(mean["object_velocity"], mean["approach_time"]) for mean in means])
         self.checksum: str = content["sha256"]
 

@@ -52,7 +52,7 @@ def test_rigid_to_counts_the_objects_whose_peak_force_is_below_what_holds_the_to
     masses, restitutions, peaks = np.array([0.1, 0.3, 1.0, 2.5]), np.array([1.0, 0.3, 1.0, 0.3]), []
     for mass, restitution in zip(masses, restitutions, strict=True):
         scene = ig.Scene(ig.Tool(0.125), ig.Object(mass, 0.3), ig.Contact(1e4, restitution), ig.Rigid())
-        peaks.append(ig.simulate(scene, ig.Trapezoid(setup.SLOW, 8.0), 2.0).contacts[0].peak_force)
+        peaks.append(ig.simulate(scene, ig.Trapezoid(setup.GENTLE, 8.0), 2.0).contacts[0].peak_force)
     assert np.all(np.diff(peaks) > 0.0)
     scenario = {"object_mass": masses, "contact_stiffness": np.full(4, 1e4), "restitution": restitutions}
     for count, force in enumerate([0.999 * peaks[0], *(1.001 * np.array(peaks))]):
