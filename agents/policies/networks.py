@@ -1,11 +1,13 @@
 """Small networks on NumPy, as torch computes them: what a policy is made of.
 
 A row's result has the same bits whatever rows stand beside it: rows are multiplied in blocks of one size, the last one
-filled up with zeros. One product for the whole batch would be summed in an order that depends on the batch's size.
+filled up with zeros. One product for the whole batch would be summed in an order that depends on the batch's size; and
+so would a block that is larger than the processor's kernel, which is not the same everywhere.
 """
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
@@ -13,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float32]
-BLOCK = 8  # rows of a product; of 12 and more, OpenBLAS on Haswell and Zen rounds the last ones unlike the first
-CHUNK = 64  # blocks that pass through all layers together: they stay in the processor's cache
+BLOCKS = (16, 8, 4, 2, 1)  # rows of a product, see `Network.block`
+CHUNK = 512  # rows that pass through all layers together: they stay in the processor's cache
 ACTIVATIONS: dict[str, Callable[[Floats], Floats]] = {
     "tanh": np.tanh,
     "relu": lambda values: np.maximum(values, np.float32(0.0)),
@@ -37,8 +39,14 @@ class Affine:
         self._columns = np.ascontiguousarray(weight.T)
 
     def __call__(self, inputs: Floats) -> Floats:
-        """Return the layer's outputs for blocks of rows, `inputs` (blocks, BLOCK, n)."""
+        """Return the layer's outputs for blocks of rows, `inputs` (blocks, block, n)."""
         return np.matmul(inputs, self._columns) + self.bias
+
+    def rounds_alike(self, block: int) -> bool:
+        """Whether a row's product has the same bits in every place of a block."""
+        row = np.random.default_rng(0).standard_normal(self.inputs).astype(np.float32)
+        outputs = self(np.tile(row, (1, block, 1)))[0]
+        return bool((outputs == outputs[0]).all())
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +68,11 @@ class Network:
             if layer.inputs != before.outputs:
                 raise ValueError(f"{layer.name} takes {layer.inputs} numbers, what is before it gives {before.outputs}")
 
+    @cached_property
+    def block(self) -> int:
+        """How many rows a product has: the most that this machine rounds alike in every layer."""
+        return next(rows for rows in BLOCKS if all(layer.rounds_alike(rows) for layer in self.layers()))
+
     @property
     def inputs(self) -> int:
         """Length of the observation."""
@@ -68,9 +81,10 @@ class Network:
     def read(self, head: Affine, inputs: Floats) -> Floats:
         """Return what `head`, mean or log_std, makes of `inputs` (..., inputs): (..., outputs)."""
         rows = np.asarray(inputs).reshape(-1, self.inputs)
-        blocks = np.zeros((-(-len(rows) // BLOCK), BLOCK, self.inputs), np.float32)
+        blocks = np.zeros((-(-len(rows) // self.block), self.block, self.inputs), np.float32)
         blocks.reshape(-1, self.inputs)[: len(rows)] = rows
-        outputs = [head(self._latent(blocks[first : first + CHUNK])) for first in range(0, len(blocks), CHUNK)]
+        many = CHUNK // self.block
+        outputs = [head(self._latent(blocks[first : first + many])) for first in range(0, len(blocks), many)]
         flat = np.concatenate(outputs).reshape(-1, head.outputs)[: len(rows)]
         return flat.reshape(*np.shape(inputs)[:-1], head.outputs)
 
