@@ -44,8 +44,8 @@ class Affine:
 
     def rounds_alike(self, block: int) -> bool:
         """Whether a row's product has the same bits in every place of a block."""
-        row = np.random.default_rng(0).standard_normal(self.inputs).astype(np.float32)
-        outputs = self(np.tile(row, (1, block, 1)))[0]
+        row = np.random.default_rng(0).standard_normal((1, 1, self.inputs), np.float32)
+        outputs = self(np.repeat(row, block, axis=1))[0]
         return bool((outputs == outputs[0]).all())
 
 
