@@ -1,4 +1,4 @@
-"""Whether the compiled solver is there, and is what its sources say: one that outlives a change of them would lie."""
+"""Refuse a stale compiled solver: one that is missing, or was compiled from other sources than those beside it."""
 
 import hashlib
 from importlib.util import find_spec
