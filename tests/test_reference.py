@@ -127,7 +127,7 @@ def test_system_has_the_jacobian_of_its_rates(name, exponents):
 
 def test_command_is_cut_at_nodes_and_keeps_its_position_through_the_brake():
     command = Command(MOTION)
-    command.cut_at((0.01, 0.2, 0.35))
+    command.nodes = np.array((0.01, 0.2, 0.35))
     assert command.at(0.0)[3] == pytest.approx((2 * 0.01 / 8) ** 0.5, rel=1e-12)
     assert command.at(command.at(0.0)[3])[3] == 0.125
     assert command.at(0.125)[3] == pytest.approx(0.2 + 1 / 16, rel=1e-12)

@@ -72,7 +72,7 @@ class Chain:
         self.command = motion if isinstance(motion, Command) else Command(motion)
         self.robot = None if robot is None else robot_law(robot)
         nodes = getattr(robot, "position", ())  # of a table
-        self.command.cut_at(nodes)
+        self.command.nodes = np.array(nodes)
         self.linear = self.bistable is None and not len(nodes)
         slow, fast = [0.0], [0.0]  # 1/s: of oscillations of the chain, of its stops
         if robot is not None:
@@ -204,13 +204,6 @@ class System:
                 Switch("alignment", on["alignment"], lambda _, y: law.x0 - length * y[2], POSITION_SLACK),
             ]
         return watched
-
-    def toggle(self, name: str) -> None:
-        """A switch has turned."""
-        if name in self.on:
-            self.on[name] = not self.on[name]
-        if name == "pressed":
-            self.on["loading"] = True
 
     def _sign_of_force(self, _: float, y: list[float]) -> float:
         """Contact force without the lower power of delta."""

@@ -164,7 +164,11 @@ class Motion:
             self.command.detect(self.t)
         elif switch.name == "alignment":
             self.snap_through.append(self.t)
-        self._system.toggle(switch.name)
+        on = self.chain.on
+        if switch.name in on:
+            on[switch.name] = not on[switch.name]
+        if switch.name == "pressed":
+            on["loading"] = True
 
     def _integrate(self, end: float) -> tuple[float, Vector, Switch | None]:
         """Integrate the equations up to `end` or to a switch, in their scales; a stiff contact implicitly."""
