@@ -19,7 +19,6 @@ from experiments.reference.motion import Motion
 Array = NDArray[np.float64]
 
 RTOL = 1e-10
-LATEST_TOUCH = 3.0  # s
 NODES = 100  # in a contact
 FINE = 1500  # steps of the filter's grid in the shortest contact
 LARGEST_GRID = 100_000
@@ -38,29 +37,30 @@ def blow(scene: Any, motion: Any, after: float) -> Blow:  # Any: whatever has th
     """Return the motion from the first touch to `after` seconds behind it.
 
     Raises:
-        ValueError: there is no touch within LATEST_TOUCH.
+        ValueError: there is no touch within 3 s.
     """
-    run = reference.simulate(scene, motion, LATEST_TOUCH + after, RTOL)
-    if not run.contacts or run.contacts[0].start > LATEST_TOUCH:
+    contacts = reference.simulate(scene, motion, 3.0, RTOL).contacts
+    if not contacts:
         raise ValueError("the tool does not reach the object")
-    touch = run.contacts[0].start
+    touch = contacts[0].start
     until = touch + after
-    contacts = [contact for contact in run.contacts if contact.start < until]
-    spans = [(contact.start, until if contact.end is None else min(contact.end, until)) for contact in contacts]
+    run = reference.simulate(scene, motion, until, RTOL)
+    spans = [(contact.start, until if contact.end is None else contact.end) for contact in run.contacts]
     step = max(min(end - start for start, end in spans) / FINE, after / LARGEST_GRID)
     time: Array = touch + step * np.arange(int(after / step), dtype=float)
     force, velocity = np.zeros(len(time)), np.zeros(len(time))
     chain = Chain(scene, motion)
     moving = Motion(chain, scene.object.distance, RTOL)
     kink = [] if run.detection_time is None or motion.brake is None else [run.detection_time + motion.brake.delay]
-    for (start, end), contact in zip(spans, contacts, strict=True):
+    for (start, end), contact in zip(spans, run.contacts, strict=True):
         shares = np.linspace(0.0, 1.0, NODES) ** 2  # the onset is the roughest place
         nodes = np.union1d(start + (end - start) * shares, [time for time in kink if start < time < end])
-        over = end == contact.end
+        states = [_at(moving, node) for node in (nodes[1:] if contact.end is None else nodes[1:-1])]
         onset = [0.0, contact.approach_velocity, contact.object_velocity - contact.impulse / chain.m_p]
-        parting = [[0.0, -(contact.separation_velocity or 0.0), contact.object_velocity]] if over else []
-        states = [_at(moving, node) for node in (nodes[1:-1] if over else nodes[1:])]
-        delta, rate, speed = np.array([onset, *states, *parting]).T
+        points = [onset, *states]
+        if contact.separation_velocity is not None:
+            points.append([0.0, -contact.separation_velocity, contact.object_velocity])
+        delta, rate, speed = np.array(points).T
         inside = (time >= start) & (time < end)
         penetration = CubicHermiteSpline(nodes, delta, rate)
         u, u_dot = np.maximum(penetration(time[inside]), 0.0), penetration(time[inside], 1)
