@@ -13,7 +13,7 @@ from scenes import CRUISE, MOTION, TABLE, scene
 
 import impact_gym as ig
 from experiments.reference import simulate
-from experiments.reference.chain import Chain, Scales, System
+from experiments.reference.chain import Chain
 from experiments.reference.command import Command
 from experiments.reference.integration import Switch, advance
 from impact_gym.physics import dissipation
@@ -57,7 +57,7 @@ def test_simulate_keeps_the_energy_in_the_frame_of_the_cruise(coupling, robot):
 @pytest.mark.parametrize("name", CHAINS)
 def test_simulate_comes_to_the_same_by_an_implicit_method(name):
     case = scene(1e4, 0.4, *CHAINS[name])
-    explicit, implicit = simulate(case, MOTION, 1.0), simulate(case, MOTION, 1.0, rtol=1e-9, method="Radau")
+    explicit, implicit = simulate(case, MOTION, 0.5), simulate(case, MOTION, 0.5, rtol=1e-9, method="Radau")
     assert implicit.object_velocity == pytest.approx(explicit.object_velocity, rel=1e-7)
     assert implicit.peak_force == pytest.approx(explicit.peak_force, rel=1e-7)
     assert implicit.snap_through == pytest.approx(explicit.snap_through, abs=1e-8)
@@ -87,7 +87,7 @@ def test_simulate_refuses_what_it_does_not_know(changes, options, message):
 
 def first_turn(switches, method="DOP853"):
     """x'' = -x from (0, 1): x = sin(tau)."""
-    swing = Record(rates=lambda _, y: [y[1], -y[0]], jacobian=lambda _, y: np.array([[0.0, 1.0], [-1.0, 0.0]]))
+    swing = Record(rates=lambda _, y: [y[1], -y[0]])
     return advance(swing, 10.0, np.array([0.0, 1.0]), switches, method, 1e-11, np.full(2, 1e-13), np.inf)
 
 
@@ -110,24 +110,9 @@ def test_advance_stops_at_the_first_of_two_switches_and_at_once_on_the_wrong_sid
     assert (switch.name, tau, y.tolist()) == ("wrong", 0.0, [0.0, 1.0])
 
 
-@pytest.mark.parametrize("exponents", [(1.5, 1.5), (1.0, 0.0), (2.0, 1.5)])
-@pytest.mark.parametrize("name", CHAINS)
-def test_system_has_the_jacobian_of_its_rates(name, exponents):
-    law = dict(zip(("stiffness_exponent", "damping_exponent"), exponents, strict=True))
-    chain = Chain(scene(1e4, 0.4, *CHAINS[name], **law), CRUISE)
-    chain.on["rear"] = True
-    system = System(chain, Scales(2e-3, 3e-3, 7.0), touching=True)
-    system.enter(0.2)
-    for y in np.random.default_rng(5).uniform(0.2, 1.5, (5, 8)):
-        steps = 1e-5 * np.eye(8)
-        columns = [np.subtract(system.rates(0.1, y + h), system.rates(0.1, y - h)) / 2e-5 for h in steps]
-        jacobian = system.jacobian(0.1, y)
-        assert jacobian == pytest.approx(np.array(columns).T, rel=1e-6, abs=1e-6 * abs(jacobian).max())
-
-
 def test_command_is_cut_at_nodes_and_keeps_its_position_through_the_brake():
     command = Command(MOTION)
-    command.cut_at((0.01, 0.2, 0.35))
+    command.nodes = np.array((0.01, 0.2, 0.35))
     assert command.at(0.0)[3] == pytest.approx((2 * 0.01 / 8) ** 0.5, rel=1e-12)
     assert command.at(command.at(0.0)[3])[3] == 0.125
     assert command.at(0.125)[3] == pytest.approx(0.2 + 1 / 16, rel=1e-12)

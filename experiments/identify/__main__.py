@@ -10,20 +10,16 @@ from experiments import reference
 from experiments.identify import draws, fits, measures, recorder
 from experiments.lab import experiment
 from experiments.lab.experiment import Shown, Tables
-from experiments.lab.tables import Gather, Row, solver_and
+from experiments.lab.tables import Gather, solver_and
 
 SCENES = 100
 
 
 def tables(scenes: int, gather: Gather) -> Tables:
     """Return the fits of all logs of so many scenes, and what they come to."""
-    solver = digest_of(reference.__name__, draws.__name__, recorder.__name__)
-    samples = gather("logs", draws.logs, [{"number": number} for number in range(scenes)], solver)
-    logs: dict[tuple[int, int], list[Row]] = {}
-    for sample in samples:
-        logs.setdefault((sample["scene"], sample["log"]), []).append(sample)
-    arguments = [fits.arguments(number, log, rows) for (number, log), rows in logs.items()]
-    fitted = gather("fits", fits.fit, arguments, solver_and("impact_gym.identify", draws.__name__, fits.__name__))
+    logs = digest_of(reference.__name__, draws.__name__, recorder.__name__)
+    depends = f"{logs} {solver_and('impact_gym.identify', fits.__name__)}"
+    fitted = gather("fits", fits.fit, [{"number": number} for number in range(scenes)], depends)
     return {"fits": fitted, "coverage": measures.coverage(fitted), "errors": measures.errors(fitted)}
 
 

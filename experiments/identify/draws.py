@@ -1,5 +1,6 @@
 """Random blows and sensors, each a function of its number alone, and what one must know of them."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -7,9 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import impact_gym as ig
-from agents.jobs import Result
 from experiments.identify.recorder import Blow, blow, sample_signal
-from experiments.lab.tables import result_of
 
 Array = NDArray[np.float64]
 
@@ -94,18 +93,18 @@ def clean(struck: Blow, how: Recording, times: Array) -> Array:
     return np.array([sample_signal(struck, values, times, how.low_pass) for values in columns])
 
 
-def logs(number: int) -> Result:
-    """Return the samples of all logs of a scene as rows, and in each the Cramer-Rao bound of the three coordinates.
+def logs(number: int) -> Iterator[tuple[Recording, dict[str, Array], Array, Array]]:
+    """Yield the logs of a scene: how it is recorded, columns (n,), the true noise of those beside the time, a bound.
 
-    The bound is of the true noise, with start time and, where they are not known, biases to be found as well.
+    The bound is that of Cramer and Rao for the standard deviations of the three coordinates (3,), with the true noise
+    and with start time and, where they are not known, biases to be found as well.
     """
     truth, motion = scene(number)
-    longest = max(recording(number, log).after for log in range(LOGS)) + 1e-3
+    recordings = [recording(number, log) for log in range(LOGS)]
+    longest = max(how.after for how in recordings) + 1e-3
     here, u = blow(truth, motion, longest), coordinates(truth)
     nudged = [[blow(at(truth, u + NUDGE * side * row), motion, longest) for side in (1, -1)] for row in np.eye(3)]
-    rows = []
-    for log in range(LOGS):
-        how = recording(number, log)
+    for log, how in enumerate(recordings):
         first = here.time[0] - how.before + how.share / how.rate
         times = first + np.arange(int((how.before + how.after) * how.rate)) / how.rate
         values = clean(here, how, times)
@@ -114,12 +113,8 @@ def logs(number: int) -> Result:
         bound = _bound(nudged, here, how, times, noise)
         values += np.random.default_rng((number, 3, log)).normal(size=values.shape) * noise[:, None]
         values += np.reshape((how.bias or 0.0) * peaks, (-1, 1))
-        alike = {"force_noise": noise[0], "velocity_noise": noise[-1], **dict(zip(NAMES, bound, strict=True))}
-        for time, force, velocity in zip(times + how.clock, values[0], values[-1], strict=True):
-            rows.append(
-                {"scene": number, "log": log, "time": time, "force": force, "object_velocity": velocity, **alike}
-            )
-    return result_of(rows)
+        columns = dict(zip(("time", "force", "object_velocity"), (times + how.clock, *values), strict=False))
+        yield how, columns, noise, bound
 
 
 def _bound(nudged: Any, here: Blow, how: Recording, times: Array, noise: Array) -> Array:

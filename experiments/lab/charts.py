@@ -1,9 +1,11 @@
 """The look of every chart: colours a colour-blind reader can tell apart, units on every axis, vector graphics."""
 
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
@@ -38,7 +40,8 @@ def save(figure: Figure, path: Path) -> Path:
     for text in figure.findobj(Text):
         text.set_text(mathtext(text.get_text()))
     with whole_file(path) as file:
-        figure.savefig(file, format="svg", metadata={"Date": None})
+        canvas: Any = FigureCanvasSVG(figure)  # `print_svg` has no types; `savefig` would draw twice
+        canvas.print_svg(file, metadata={"Date": None})
     return path
 
 

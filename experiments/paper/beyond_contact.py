@@ -58,7 +58,6 @@ def compute() -> Table:
 
 @panels(10.6, 4.2, columns=2)
 def plot(table: Table, grid: Panels) -> None:
-    """Draw both forces at 1 m/s, and both laws."""
     left, right = grid
     for case, label, colour in (("linear", "linear", TOOL), ("paper", "the paper's", FORCE)):
         rows = where(table, case=case, speed=1.0)
@@ -83,7 +82,6 @@ def ends(rows: Table) -> tuple[float, float]:
 
 
 def statements(table: Table) -> Statements:
-    """Compare with section 2.2."""
     spread = {case: np.ptp(where(table, case=case)["delivered"]) for case in CONTACTS}
     jumps = {case: ends(where(table, case=case, speed=1.0)) for case in CONTACTS}
     linear = where(table, case="linear", speed=1.0)["force"].max()

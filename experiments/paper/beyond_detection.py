@@ -54,7 +54,6 @@ def compute() -> Table:
 
 @panels(7.6, 4.6)
 def plot(table: Table, axes: Panels) -> None:
-    """Draw V_p against the delay, and where sensor and robot notice."""
     sources = {BY_TOOL: ("o", "sensor on the tool, 16 ms later"), BY_ROBOT: ("D", "the robot itself, 16 ms later")}
     for number, (label, colour) in enumerate(zip(COUPLINGS, COLOURS, strict=True)):
         rows = where(table, coupling=number, noticed_by=GRID)
@@ -69,7 +68,6 @@ def plot(table: Table, axes: Panels) -> None:
 
 
 def statements(table: Table) -> Statements:
-    """Compare with section 1."""
     by_tool, by_robot = (where(table, coupling=2, noticed_by=source) for source in (BY_TOOL, BY_ROBOT))
     later = by_robot["delay"][0] - by_tool["delay"][0]
     change = by_robot["object_velocity"][0] / by_tool["object_velocity"][0] - 1.0

@@ -55,7 +55,6 @@ def reduction(rows: Table, case: str) -> Array:
 
 @panels(7.6, 4.6)
 def plot(table: Table, axes: Panels) -> None:
-    """Draw the reduction against the mass."""
     for colour, size in zip(SERIES, SIZES, strict=False):
         rows = where(table, size=size)
         for case, line, label in (("as_it_is", "-", f"{size:g} x the radius"), ("changed", "--", None)):
@@ -68,7 +67,6 @@ def plot(table: Table, axes: Panels) -> None:
 
 
 def statements(table: Table) -> Statements:
-    """Compare with section 1."""
     ours, papers = reduction(table, "changed"), table["object_mass"] >= OBJECT_MASS
     least = table["object_mass"][ours >= ENOUGH].min()  # kg, at the most favourable size
     stuck = table["object_mass"][table["snap_count"] != 1].max(initial=0.0)

@@ -25,7 +25,6 @@ def compute() -> Table:
 
 @panels(7.0, 4.4)
 def plot(table: Table, axes: Panels) -> None:
-    """Draw velocities against e."""
     e = table["restitution"]
     axes.plot(e, table["object_velocity_fixed"], color=FLANGE, linestyle="--", label="object, tool fixed (eq. 1)")
     axes.plot(e, table["object_velocity"], color=OBJECT, label="object, tool free (eq. 4)")
@@ -35,7 +34,6 @@ def plot(table: Table, axes: Panels) -> None:
 
 
 def statements(table: Table) -> Statements:
-    """Compare with section 2.1."""
     fixed, hit, tool = table["object_velocity_fixed"], table["object_velocity"], table["tool_velocity"]
     momentum = TOOL_MASS * tool + OBJECT_MASS * hit - TOOL_MASS
     given = section_2_1.given  # eq. 1, 3 and 4 evaluated

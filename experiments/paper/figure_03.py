@@ -29,7 +29,6 @@ def compute() -> Table:
 
 @panels(10.4, 4.2, columns=2, sharex=True)
 def plot(table: Table, grid: Panels) -> None:
-    """Draw both velocities against the tool's mass."""
     columns = {"object_velocity": "object, V_p (m/s)", "tool_velocity": "tool, V_t (m/s)"}
     for axes, (column, label) in zip(grid, columns.items(), strict=True):
         for colour, restitution in zip(SERIES, RESTITUTIONS, strict=False):
@@ -44,7 +43,6 @@ def plot(table: Table, grid: Panels) -> None:
 
 
 def statements(table: Table) -> Statements:
-    """Compare with sections 2.1 and 3.2."""
     curves = [where(table, restitution=e)["object_velocity"] for e in RESTITUTIONS]
     heavy = where(table, restitution=1.0, tool_mass=ROBOT_AND_TOOL)["object_velocity"][0]
     yield section_2_1.given.claim(

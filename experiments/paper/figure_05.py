@@ -40,7 +40,6 @@ def turn(table: Table) -> float:
 
 @panels(10.4, 3.8, columns=2, sharex=True, sharey=True)
 def plot(table: Table, grid: Panels) -> None:
-    """Draw force against time."""
     for axes, case, title in zip(grid, SCENES, TITLES, strict=True):
         time, elastic, damping = parts(table, case)
         axes.plot(time, elastic + damping, color=FORCE, label="contact force")
@@ -51,7 +50,6 @@ def plot(table: Table, grid: Panels) -> None:
 
 
 def statements(table: Table) -> Statements:
-    """Compare with section 2.2."""
     a, b = (Run(table, case) for case in SCENES)
     peak_a, peak_b = a.trace.contact_force.max(), b.trace.contact_force.max()
     _, _, damping = parts(table, "a")

@@ -22,12 +22,10 @@ def compute() -> Table:
 
 @panels(10.0, 4.2, columns=2)
 def plot(table: Table, grid: Panels) -> None:
-    """Draw duration against k_c as the paper does."""
     draw(grid, table, "duration", "duration of the contact (s)")
 
 
 def statements(table: Table) -> Statements:
-    """Compare with section 2.2."""
     fixed, free = durations = [grid_values(table, "duration", free) for free in (0, 1)]
     e = np.array(RESTITUTIONS)  # along axis 0
     instantaneous = impact.free_tool(TOOL_MASS, OBJECT_MASS, 1.0, 0.0, e)[1]

@@ -29,7 +29,6 @@ def compute() -> Table:
 
 @panels(10.4, 3.8, columns=2, sharex=True)
 def plot(table: Table, grid: Panels) -> None:
-    """Draw both up to the impact, and what follows dotted."""
     time, impact = table["time"], table["impact"][0]
     columns = {"position": "imposed position x_r (m)", "velocity": "imposed velocity v_r (m/s)"}
     for axes, (column, label) in zip(grid, columns.items(), strict=True):
@@ -42,7 +41,6 @@ def plot(table: Table, grid: Panels) -> None:
 
 
 def statements(table: Table) -> Statements:
-    """Compare with section 3.2."""
     time, velocity, impact, detection = table["time"], table["velocity"], table["impact"][0], table["detection"][0]
     at_impact = np.interp(impact, time, velocity)
     falling = np.flatnonzero((velocity[1:] < velocity[:-1]) & (time[:-1] > impact))

@@ -25,7 +25,6 @@ def compute() -> Table:
 
 @panels(12.6, 3.8, columns=3, sharex=True)
 def plot(table: Table, grid: Panels) -> None:
-    """Draw the three parameters and, dashed, what a force along x meets."""
     at = int(np.argmax(table["at_impact"]))
     columns = {
         "mass": ("m_r (kg)", "effective_mass", "1/(M$_X^{-1}$)$_{11}$"),
@@ -42,7 +41,6 @@ def plot(table: Table, grid: Panels) -> None:
 
 
 def statements(table: Table) -> Statements:
-    """Compare with sections 3.1 and 3.2."""
     at = int(np.argmax(table["at_impact"]))
     varies = {name: table[name].max() / table[name].min() for name in ("mass", "damping", "stiffness")}
     yield section_3_2.identified.number(

@@ -6,7 +6,7 @@ import numpy as np
 
 from experiments.paper.layouts import imposed_and_actual
 from experiments.paper.scenes import MOTION, OBJECT_MASS, ROBOT, scene
-from experiments.paper.statements import Statement, Statements, section_3, section_3_1, section_3_2
+from experiments.paper.statements import Statements, section_3, section_3_1, section_3_2
 from experiments.paper.tables import Run, Table, histories
 from impact_gym.physics.impact import GRAVITY, sliding_distance
 from impact_gym.robot import default_approach
@@ -31,21 +31,14 @@ def compute() -> Table:
 
 
 def statements(table: Table) -> Statements:
-    """Compare with section 3.2."""
-    yield from _rigid_joints(Run(table, "a"))
-    yield from _compliant_joints(Run(table, "a"), Run(table, "b"), Run(table, "b, unhindered"))
-    yield _friction(Run(table, "b"))
-    yield _lumping(*(Run(table, case) for case in ("frozen", "along", "along, unhindered")))
-
-
-def _rigid_joints(run: Run) -> Statements:
-    end = run.during_contact.time[-1]
-    braking = run.trace.time[(run.trace.command_velocity < MOTION.speed) & (run.trace.time > 0.2)][0]
+    rigid, compliant = (Run(table, case) for case in CASES)
+    end = rigid.during_contact.time[-1]
+    braking = rigid.trace.time[(rigid.trace.command_velocity < MOTION.speed) & (rigid.trace.time > 0.2)][0]
     yield section_3_2.number(
         "In Fig. 13a the object velocity is exactly twice the approach velocity of the robot, 2 m/s",
         "2 m/s",
-        run.final_velocity,
-        why=f"{run.final_velocity:.6f} m/s: the braking costs the fifth digit, see the next statement.",
+        rigid.final_velocity,
+        why=f"{rigid.final_velocity:.6f} m/s: the braking costs the fifth digit, see the next statement.",
     )
     yield section_3_2.claim(
         "The collision is so short that the robot starts braking after the impact (Fig. 13a)",
@@ -54,6 +47,35 @@ def _rigid_joints(run: Run) -> Statements:
         "the contact is over when the braking begins",
         why="The contact lasts 3.218 (m_p v^2/k_c)^(2/5)/v = 18.5 ms, all of it printed values, and the braking begins "
         "16 ms after the force passed 1 N. The force is small by then, so the statement's point stands.",
+    )
+    yield from _compliant_joints(rigid, compliant, Run(table, "b, unhindered"))
+    force, loss = FRICTION * OBJECT_MASS * GRAVITY, FRICTION * GRAVITY * compliant.duration_of_contact
+    slide = float(sliding_distance(compliant.final_velocity, FRICTION))
+    yield section_3_1.claim(
+        "Friction between the object and the plane is not taken into account, but may cause small (and beneficial) "
+        "reductions in V_p",
+        0.0 < loss < 0.05 * compliant.final_velocity and slide < np.inf,
+        f"with mu = {FRICTION:g} (ours) it is {force:.2f} N beside a contact force of up to "
+        f"{compliant.trace.contact_force.max():.0f} N and takes at most {loss:.3f} m/s during the contact; then "
+        f"it stops the object after {slide:.2f} m",
+        "at most 5 % of V_p in Fig. 13b; the object stops, which without friction it never does",
+        why="mu g times the duration of the contact is the most it can take from V_p. Small it is for short, hard "
+        "contacts, not for those of Fig. 19b and 23, which last a tenth of a second.",
+    )
+    frozen, along, along_unhindered = (Run(table, case) for case in ("frozen", "along", "along, unhindered"))
+    change = abs(frozen.final_velocity - along.final_velocity)
+    impact_change = abs(frozen.impact_velocity - along.impact_velocity)
+    since, minimum = along.nearest_minimum(along_unhindered)
+    yield section_3.undecided(
+        "Eq. 16 lets m_r, c_r, k_r vary along x_r (Fig. 12); whether Fig. 13b does, or freezes them at the impact, is "
+        "not said",
+        f"V_p {along.final_velocity:.4f} along x_r, {frozen.final_velocity:.4f} frozen; impact velocity "
+        f"{along.impact_velocity:.4f} and {frozen.impact_velocity:.4f} m/s",
+        f"With our estimates of the Viper s650 freezing costs {change:.4f} m/s in V_p and {impact_change:.4f} m/s in "
+        "the impact velocity. Along x_r the robot is softer on the way, and what is left of the vibration has another "
+        f"phase: the tool strikes {1e3 * abs(since):.1f} ms {'after' if since > 0 else 'before'} a minimum "
+        f"of {minimum:.3f} m/s. 5 % in k_r shift that phase by 50 degrees. Eq. 16 as printed, without terms from "
+        "the change of mass.",
     )
 
 
@@ -93,37 +115,4 @@ def _compliant_joints(rigid: Run, run: Run, unhindered: Run) -> Statements:
         run.deflection < 1e-3,
         f"the robot gives way by {1e3 * run.deflection:.2f} mm during the contact",
         "by less than 1 mm",
-    )
-
-
-def _friction(run: Run) -> Statement:
-    force, loss = FRICTION * OBJECT_MASS * GRAVITY, FRICTION * GRAVITY * run.duration_of_contact
-    slide = float(sliding_distance(run.final_velocity, FRICTION))
-    return section_3_1.claim(
-        "Friction between the object and the plane is not taken into account, but may cause small (and beneficial) "
-        "reductions in V_p",
-        0.0 < loss < 0.05 * run.final_velocity and slide < np.inf,
-        f"with mu = {FRICTION:g} (ours) it is {force:.2f} N beside a contact force of up to "
-        f"{run.trace.contact_force.max():.0f} N and takes at most {loss:.3f} m/s during the contact; then it stops the "
-        f"object after {slide:.2f} m",
-        "at most 5 % of V_p in Fig. 13b; the object stops, which without friction it never does",
-        why="mu g times the duration of the contact is the most it can take from V_p. Small it is for short, hard "
-        "contacts, not for those of Fig. 19b and 23, which last a tenth of a second.",
-    )
-
-
-def _lumping(frozen: Run, along: Run, unhindered: Run) -> Statement:
-    change = abs(frozen.final_velocity - along.final_velocity)
-    impact_change = abs(frozen.impact_velocity - along.impact_velocity)
-    since, minimum = along.nearest_minimum(unhindered)
-    return section_3.undecided(
-        "Eq. 16 lets m_r, c_r, k_r vary along x_r (Fig. 12); whether Fig. 13b does, or freezes them at the impact, is "
-        "not said",
-        f"V_p {along.final_velocity:.4f} along x_r, {frozen.final_velocity:.4f} frozen; impact velocity "
-        f"{along.impact_velocity:.4f} and {frozen.impact_velocity:.4f} m/s",
-        f"With our estimates of the Viper s650 freezing costs {change:.4f} m/s in V_p and {impact_change:.4f} m/s in "
-        "the impact velocity. Along x_r the robot is softer on the way, and what is left of the vibration has another "
-        f"phase: the tool strikes {1e3 * abs(since):.1f} ms {'after' if since > 0 else 'before'} a minimum "
-        f"of {minimum:.3f} m/s. 5 % in k_r shift that phase by 50 degrees. Eq. 16 as printed, without terms from "
-        "the change of mass.",
     )

@@ -119,7 +119,6 @@ def damping_row(table: Table, k_c: float) -> Table:
 
 @panels(10.6, 4.6, columns=2, sharey=True, width_ratios=(3, 2))
 def plot(table: Table, grid: Panels) -> None:
-    """Draw the paper's curves, and V_p against the damping ratio."""
     left, right = grid
     draw(left, table)
     for colour, k_c in zip(SERIES, CONTACT_STIFFNESSES, strict=False):
@@ -143,7 +142,6 @@ def slope_break(table: Table, k_c: float) -> float:
 
 
 def statements(table: Table) -> Statements:
-    """Compare with section 4.2."""
     grid = {k_c: on_grid(table, k_c) for k_c in CONTACT_STIFFNESSES}
     rising = rising_from(table)
     soft, middle, stiff = grid.values()

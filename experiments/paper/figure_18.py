@@ -16,13 +16,11 @@ compute = partial(figure_16.sweep, restitution=0.1)
 
 @panels(7.0, 4.6)
 def plot(table: Table, axes: Panels) -> None:
-    """Draw the paper's curves."""
     figure_16.draw(axes, table)
     axes.set_title("e = 0.1, $\\zeta$ = 1")
 
 
 def statements(table: Table) -> Statements:
-    """Compare with sections 4.1 and 4.2."""
     soft, middle, stiff = (figure_16.on_grid(table, k_c) for k_c in figure_16.CONTACT_STIFFNESSES)
     ordered = (soft < middle) & (middle < stiff)
     at = (figure_16.COUPLING_STIFFNESSES == 150.0).argmax()

@@ -64,7 +64,6 @@ def is_slower(touching: ig.Trace) -> tuple[bool, str]:
 
 
 def statements(table: Table) -> Statements:
-    """Compare with section 4.2."""
     a, b = (Run(table, case) for case in CASES)
     pairs = [(run, Run(table, f"{case}, e = 1")) for case, run in zip(CASES, (a, b), strict=True)]
     shares = [_share_before_the_brake(run) for run in (a, b)]

@@ -26,7 +26,6 @@ def agreement(pairs: list[tuple[float, float]]) -> tuple[bool, str]:
 
 
 def statements(table: Table) -> Statements:
-    """Compare with sections 4.1 and 4.2."""
     a, b = runs = [Run(table, case) for case in CASES]
     error = max(abs(run.running_impulse()[1][-1] / run.impulse - 1.0) for run in runs)
     identity = max(abs(run.equation_22() / run.final_velocity - 1.0) for run in runs)

@@ -28,7 +28,6 @@ def compute() -> Table:
 
 @panels(7.6, 4.8)
 def plot(table: Table, axes: Panels) -> None:
-    """Draw force against position, mark the peak at H = 0.028 m, shade what the stops bar."""
     for low, high in ((-60.0, 1e3 * MECHANISM.rear_stop), (1e3 * MECHANISM.front_stop, 60.0)):
         axes.axvspan(low, high, color="#E69F00", alpha=0.15, linewidth=0)
         axes.annotate("barred by a stop", (0.5 * (low + high), 1.55), ha="center", va="bottom", fontsize=8)
@@ -45,7 +44,6 @@ def plot(table: Table, axes: Panels) -> None:
 
 
 def statements(table: Table) -> Statements:
-    """Compare with section 5."""
     x, force = table["position"], table["force"]
     peaks = [where(table, height=height)["force"].max() for height in HEIGHTS]
     used = where(table, height=MECHANISM.height)

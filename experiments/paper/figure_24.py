@@ -17,7 +17,6 @@ plot = partial(impulses, titles=CASES)
 
 
 def statements(table: Table) -> Statements:
-    """Compare with section 5."""
     a, b = (Run(table, case) for case in CASES)
     identity = max(abs(run.equation_22() / run.final_velocity - 1.0) for run in (a, b))
     yield section_5.claim(

@@ -17,7 +17,6 @@ compute = partial(histories, {"rigid": scene(1e3, 0.1), "bistable": scene(1e3, 0
 
 @panels(7.0, 4.0)
 def plot(table: Table, axes: Panels) -> None:
-    """Draw the velocities."""
     velocities(axes, Run(table, "rigid").trace)
     bistable = Run(table, "bistable").trace
     axes.plot(bistable.time, bistable.object_velocity, color=OBJECT, linestyle=":", label="object, Fig. 23a")
@@ -26,7 +25,6 @@ def plot(table: Table, axes: Panels) -> None:
 
 
 def statements(table: Table) -> Statements:
-    """Compare with sections 5 and 6."""
     fixed, bistable = (Run(table, case).final_velocity for case in ("rigid", "bistable"))
     reduction = 100.0 * (1.0 - bistable / fixed)
     yield section_5.identified.number(

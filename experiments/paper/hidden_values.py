@@ -237,7 +237,6 @@ def intervals(table: Table) -> Iterator[list[str]]:
 
 @panels(12.6, 6.0, columns=3, rows=2, sharey=True)
 def plot(table: Table, grid: Panels) -> None:
-    """Draw the profile likelihood of each value relative to its maximum, with either impact velocity."""
     *axes_of_values, spare = grid.ravel()
     for axes, (case, value) in zip(axes_of_values, HIDDEN.items(), strict=True):
         for colour, style, reading in zip(SERIES, ("-", "--"), READINGS, strict=False):
@@ -252,7 +251,6 @@ def plot(table: Table, grid: Panels) -> None:
 
 
 def statements(table: Table) -> Statements:
-    """Compare with section 3.2."""
     (soft, stiff), ends = interval(table, "stiffness", 0.98), interval(table, "stiffness", 0.95)
     yield section_3_2.identified.claim(
         "Fig. 13b and 14a show one robot that meets one object face, that of the other figures (0.98 or 0.95, 1.94, "

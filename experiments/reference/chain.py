@@ -72,7 +72,7 @@ class Chain:
         self.command = motion if isinstance(motion, Command) else Command(motion)
         self.robot = None if robot is None else robot_law(robot)
         nodes = getattr(robot, "position", ())  # of a table
-        self.command.cut_at(nodes)
+        self.command.nodes = np.array(nodes)
         self.linear = self.bistable is None and not len(nodes)
         slow, fast = [0.0], [0.0]  # 1/s: of oscillations of the chain, of its stops
         if robot is not None:
@@ -93,7 +93,7 @@ class Chain:
 
 
 class System:
-    """The equations of one flight or contact in its scales: `rates` and `jacobian` for the integrator, and switches."""
+    """The equations of one flight or contact in its scales: `rates` for the integrator, and switches."""
 
     def __init__(self, chain: Chain, scales: Scales, touching: bool) -> None:
         self.chain, self.scales, self.touching, self.on = chain, scales, touching, chain.on
@@ -133,9 +133,10 @@ class System:
         length, time = self.scales.length, self.scales.time
         return self.chain.bistable.force(length * u, length / time * u_dot, self.on) / self.scales.force
 
-    def balance(self, tau: float, y: Any, F: Any, T: Any, alpha: Any) -> list[Any]:
-        """Rates of the state y under F and T (paper, eq. 8-9 and 17-18); or, of y's derivatives, those of the rates."""
-        _, rate, _, u_dot, w, w_dot, _, _ = y
+    def derivatives(self, tau: float, y: list[float]) -> list[float]:
+        """Derivative of the state (paper, eq. 8-9 and 17-18)."""
+        _, rate, u, u_dot, w, w_dot, _, _ = y
+        F, T, alpha = self.force(y), self.coupling_force(u, u_dot), self.alpha
         x_t_ddot = x_f_ddot = alpha
         if self.chain.robot is not None:
             m_r, k_r, c_r = self.robot(tau)
@@ -151,10 +152,6 @@ class System:
             x_t_ddot = (T - F) / self.m_t
         return [rate, x_t_ddot - F / self.m_p, u_dot, x_f_ddot - x_t_ddot, w_dot, alpha - x_f_ddot, F, T]
 
-    def derivatives(self, tau: float, y: list[float]) -> list[float]:
-        """Derivative of the state."""
-        return self.balance(tau, y, self.force(y), self.coupling_force(y[2], y[3]), self.alpha)
-
     def rates(self, tau: float, y: Vector) -> list[float]:
         """`derivatives` as an integrator calls it, `patience` times; a trial step that overflows is one to reject."""
         self.patience -= 1
@@ -165,23 +162,11 @@ class System:
         except OverflowError:
             return [nan] * 8
 
-    def jacobian(self, tau: float, y: Vector) -> Vector:
-        """Derivatives of `rates` by y."""
-        e, dF = np.eye(8), np.zeros(8)
-        if self.touching and self.on["pressed"]:
-            u, m, n, d = max(float(y[0]), 0.0), self.m, self.n, self.d
-            by_delta = m * u ** (m - 1) + (d * n * u ** (n - 1) * y[1] if n else 0.0)
-            dF = by_delta * e[0] + d * u**n * e[1]
-        by_u, by_u_dot = self.k_t, self.c_t
-        if self.chain.bistable is not None:
-            by_u, by_u_dot = self.chain.bistable.slopes(self.scales.length * float(y[2]), self.on)
-            by_u, by_u_dot = by_u / self.stiffness_unit, by_u_dot / self.damping_unit
-        return np.array(self.balance(tau, e, dF, by_u * e[2] + by_u_dot * e[3], np.zeros(8)))
-
     def matrix(self) -> Vector:
         """The A of z' = A z, z = (delta, delta', u, u', w, w', 1), of a linear chain in flight: paper, eq. 8 and 17."""
-        at_rest, A = np.zeros(8), np.zeros((7, 7))
-        A[:6, :6], A[:6, 6] = self.jacobian(0.0, at_rest)[:6, :6], self.rates(0.0, at_rest)[:6]
+        at_rest, A = np.array(self.rates(0.0, np.zeros(8))), np.zeros((7, 7))
+        A[:6, 6] = at_rest[:6]
+        A[:6, :6] = np.array([self.rates(0.0, unit) - at_rest for unit in np.eye(8)[:6]]).T[:6]
         return A
 
     def switches(self) -> list[Switch]:
@@ -204,13 +189,6 @@ class System:
                 Switch("alignment", on["alignment"], lambda _, y: law.x0 - length * y[2], POSITION_SLACK),
             ]
         return watched
-
-    def toggle(self, name: str) -> None:
-        """A switch has turned."""
-        if name in self.on:
-            self.on[name] = not self.on[name]
-        if name == "pressed":
-            self.on["loading"] = True
 
     def _sign_of_force(self, _: float, y: list[float]) -> float:
         """Contact force without the lower power of delta."""

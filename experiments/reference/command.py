@@ -1,6 +1,5 @@
 """The imposed motion x_r: pieces of constant acceleration, planned before (paper, Fig. 11) or steered on the way."""
 
-from collections.abc import Sequence
 from math import copysign, inf, sqrt
 from typing import Any
 
@@ -27,10 +26,6 @@ class Command:
             self.threshold, self.delay = float(self.brake.threshold), float(self.brake.delay)  # N, s
             self.deceleration = a if self.brake.deceleration is None else float(self.brake.deceleration)
 
-    def cut_at(self, nodes: Sequence[float]) -> None:
-        """Cut the motion at these positions (m) too."""
-        self.nodes = np.array(nodes)
-
     def at(self, t: float) -> tuple[float, float, float, float]:
         """Position (m), velocity (m/s), acceleration (m/s^2) and when the motion is to be cut next (s)."""
         start, x, v, a = [p for p in self.pieces if p[0] <= t][-1]
@@ -53,18 +48,14 @@ class Command:
         x, v, _, _ = self.at(t)
         ramp = abs(velocity - v) / acceleration
         there = (t + ramp, x + (v + velocity) / 2 * ramp, velocity, 0.0)
-        self.pieces = [(t, x, v, copysign(acceleration, velocity - v)), there]
+        self.pieces = [piece for piece in self.pieces if piece[0] < t]
+        self.pieces += [(t, x, v, copysign(acceleration, velocity - v)), there]
 
     def detect(self, t: float) -> None:
         """The force passed the threshold at t (s): from t + delay, a motion with a brake comes to rest."""
         self.detection_time = t
-        if self.brake is None:
-            return
-        t_b = t + self.delay
-        x_b, v_b, _, _ = self.at(t_b)
-        stopping = v_b / self.deceleration  # s
-        self.pieces = [p for p in self.pieces if p[0] < t_b]
-        self.pieces += [(t_b, x_b, v_b, -self.deceleration), (t_b + stopping, x_b + v_b * stopping / 2, 0.0, 0.0)]
+        if self.brake is not None:
+            self.steer(t + self.delay, 0.0, self.deceleration)
 
 
 def _time_to(distance: float, v: float, a: float) -> float:

@@ -20,7 +20,6 @@ from scipy.optimize import brentq, minimize_scalar
 
 Vector = NDArray[np.float64]
 SOLVERS: dict[str, Any] = {s.__name__: s for s in (RK23, RK45, DOP853, Radau, BDF, LSODA)}
-IMPLICIT = ("Radau", "BDF", "LSODA")
 
 # the two points next to the ends show a turn that lies between an end and its neighbour
 POINTS = np.array([0.0, 0.001, 0.3, 0.7, 0.999, 1.0])
@@ -49,13 +48,12 @@ def advance(
 ) -> tuple[float, Vector, Switch | None]:  # fmt: skip
     """Integrate from time 0 to `end` or to the first switch that turns; return time, state and switch.
 
-    `equations` have `rates` and, for the implicit methods, `jacobian`, of time and state.
+    `equations` have `rates` of time and state.
 
     Raises:
         RuntimeError: SciPy gives up.
     """
-    options: dict[str, Any] = {"jac": equations.jacobian} if method in IMPLICIT else {}
-    options |= {"rtol": rtol, "atol": atol, "max_step": longest_step}
+    options: dict[str, Any] = {"rtol": rtol, "atol": atol, "max_step": longest_step}
 
     def begin(start: float, y: Vector, end: float) -> Any:
         return SOLVERS[method](equations.rates, start, y, end, **options)

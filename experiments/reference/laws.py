@@ -159,12 +159,6 @@ class BistableForce:
             T += self.k_s * (self.p_rear + u) + self.c_s * u_dot
         return T
 
-    def slopes(self, u: float, on: Mapping[str, bool]) -> tuple[float, float]:
-        """Derivatives of `force` by u (N/m) and u' (N s/m)."""
-        stops = on["front"] + on["rear"]
-        L = hypot(self.H, self.x0 - u)
-        return self.k * (1 - self.L0 * self.H**2 / L**3) + stops * self.k_s, stops * self.c_s
-
     def energy(self, u: float) -> float:
         """Of the spring and of the stops that are penetrated, J."""
         spring = self.k / 2 * (hypot(self.H, self.x0 - u) - self.L0) ** 2

@@ -137,8 +137,7 @@ class Motion:
             self.t, z, met = fly(system.matrix(), np.append(self.state, 1.0), self.t, t_stop)
             self._y[:6] = z[:6]
             if met:
-                self._y[0] = 0.0
-                self._touch()
+                self._turn("touching")
             return
         before = self.force
         tau, self._y, switch = self._integrate((t_stop - self.t) / system.scales.time)
@@ -148,11 +147,11 @@ class Motion:
             self.peak_force = max(self.peak_force, self._peak)
             self.unread_force = max(self.unread_force, before, self.force)
         if switch is not None:
-            self._turn(switch)
+            self._turn(switch.name)
 
-    def _turn(self, switch: Switch) -> None:
-        """Go on behind a switch."""
-        if switch.name == "touching":
+    def _turn(self, name: str) -> None:
+        """Go on behind the switch of this name."""
+        if name == "touching":
             self._y[0] = 0.0
             if not self.touching:
                 self._touch()
@@ -160,11 +159,15 @@ class Motion:
             self.note_contact(self.t)
             self._go_on(UNITS, self.state, touching=False)
             return
-        if switch.name == "alarm":
+        on = self.chain.on
+        if name in on:
+            on[name] = not on[name]
+        if name == "alarm":
             self.command.detect(self.t)
-        elif switch.name == "alignment":
+        elif name == "alignment":
             self.snap_through.append(self.t)
-        self._system.toggle(switch.name)
+        elif name == "pressed":
+            on["loading"] = True
 
     def _integrate(self, end: float) -> tuple[float, Vector, Switch | None]:
         """Integrate the equations up to `end` or to a switch, in their scales; a stiff contact implicitly."""

@@ -86,9 +86,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def _read(path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(path.read_text())
-    except OSError as error:
-        raise ValueError(f"{path} is not read: {error.strerror}") from error
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise ValueError(f"{path} is not read as TOML: {error}") from error
 
 

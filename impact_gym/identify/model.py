@@ -141,13 +141,10 @@ class Model:
             [np.full(slot.stop - slot.start, self.noise[name]) for (_, name), slot in self.slots.items()]
         )
 
-    def measured(self) -> Array:
-        """Return all columns of all logs (n,), one behind the other."""
-        return np.concatenate([values for log in self.logs for values in log.columns.values()])
-
     def residuals(self, x: Array) -> Array:
         """Return predicted less measured, over the noise (n,)."""
-        return (self.predicted(x)[0] + self.biases(x) - self.measured()) / self.scales()
+        measured = np.concatenate([values for log in self.logs for values in log.columns.values()])
+        return (self.predicted(x)[0] + self.biases(x) - measured) / self.scales()
 
     def jacobian(self, x: Array, skip: int | None = None) -> Array:
         """Return the derivatives of `residuals` by x (n, size), forward differences in part, without x[skip]."""

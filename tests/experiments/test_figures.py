@@ -1,4 +1,4 @@
-"""The figures of the paper, what is said about them, and the page that shows both."""
+"""The figures of the paper, what is said about them, the page that shows both, and the fit of what is not printed."""
 
 import re
 import shutil
@@ -12,59 +12,50 @@ from pathlib import Path
 import numpy as np
 import pytest
 from golden import IMPACT_VELOCITY, OBJECT_VELOCITIES, SHAPES
-from pages import as_plain_text_has_it
+from pages import text_of_a_page_that_stands_on_its_own
 
 import impact_gym as ig
 from experiments import paper
 from experiments.lab.charts import save
 from experiments.paper import __main__ as command
-from experiments.paper import (
-    beyond_design,
-    beyond_speed,
-    figure_05,
-    figure_16,
-    page,
-    scenes,
-    tables,
-)
+from experiments.paper import figure_05, figure_16, hidden_values, page, scenes, tables
+from experiments.paper.hidden_values import HIDDEN, USED, predictions
 from experiments.paper.statements import Basis, Verdict
 from experiments.paper.tables import Run
 
 RUN = {"command": "python -m experiments.paper", "seconds": 1.0}
-# what a correct model says otherwise than the text; each carries its reason on the page
-DISAGREEMENTS = {
-    "figure_06": {"At constant k_c the contact force increases as e decreases"},
-    "figure_13": {"The collision is so short that the robot starts braking after the impact"},
-    "figure_14": {
+BEGINNINGS = {  # of the statements that do not simply agree; each carries its reason on the page
+    Verdict.DISAGREES: (  # what a correct model says otherwise than the text
+        "At constant k_c the contact force increases as e decreases",
+        "The collision is so short that the robot starts braking after the impact",
         "The mass of the object is about 48 %",
         "In the second scenario the tool is subjected to a significant deceleration",
-    },
-    "figure_17": {"Since e = 1, the relative velocity before and after the impact are equal"},
-    "figure_18": {"The decrease in k_c leads to a reduction in V_p, opposite to e = 1"},
-    "figure_19": {"During the contact the velocity of the tool is lower"},
-}
-# what agrees in one reading of the text and disagrees in another; the page has both
-TWO_READINGS = {
-    "figure_16": {"The increase in stiffness k_t"},
-    "figure_17": {"... which generates a large compression"},
-    "figure_19": {
+        "Since e = 1, the relative velocity before and after the impact are equal",
+        "The decrease in k_c leads to a reduction in V_p, opposite to e = 1",
+        "During the contact the velocity of the tool is lower",
+    ),
+    Verdict.ONE_READING: (  # the page has both readings
+        "The increase in stiffness k_t",
+        "... which generates a large compression",
         "Tool and object move almost synchronously",
         "The force of the decoupling elements is positive",
         "During the contact the decoupling system is compressed",
-    },
-    "figure_20": {"V_p is in agreement with eq. 22 (with the nominal e = 0.1)"},
-    "figure_23": {"When the tool reaches 0.4 m/s, the effect of the collision is complete"},
-    "beyond_objects": {"The tool requires very small modifications"},
+        "V_p is in agreement with eq. 22 (with the nominal e = 0.1)",
+        "When the tool reaches 0.4 m/s, the effect of the collision is complete",
+        "The tool requires very small modifications",
+    ),
 }
-
-
-EVERY_FIGURE = pytest.mark.parametrize("name", paper.NAMES)
 
 
 @pytest.fixture(scope="session")
 def computed():
-    options = {"beyond_design": {"speeds": (0.6, 1.0)}, "hidden_values": {"step": 0.2}}
+    options = {"hidden_values": {"step": 0.2}}
     return {name: paper.load(name).compute(**options.get(name, {})) for name in paper.NAMES}
+
+
+@pytest.fixture(scope="session")
+def every(computed):
+    return [s for name, table in computed.items() for s in paper.load(name).statements(table)]
 
 
 @pytest.fixture(scope="session")
@@ -78,7 +69,7 @@ def folder(computed, tmp_path_factory):
     return path
 
 
-@EVERY_FIGURE
+@pytest.mark.parametrize("name", paper.NAMES)
 def test_a_figure_is_drawn_from_its_table_on_disk(name, computed, folder):
     again = tables.read(folder / f"{name}.csv")
     assert list(again) == list(computed[name])
@@ -91,40 +82,34 @@ def test_a_figure_is_drawn_from_its_table_on_disk(name, computed, folder):
         assert axes.has_data()
 
 
-@EVERY_FIGURE
-def test_the_text_holds_but_where_the_page_says_why_not(name, computed):
-    found = list(paper.load(name).statements(computed[name]))
-    assert found
-    for statement in found:
+def test_a_statement_says_what_was_found_by_which_rule_and_why_it_does_not_agree(every):
+    for statement in every:
         assert statement.ours
         assert statement.rule
         assert (statement.digits is None) == (statement.printed is None)
         assert statement.why or statement.verdict in (Verdict.DIGITS, Verdict.AGREES), statement.text
         assert statement.otherwise or statement.verdict != Verdict.ONE_READING, statement.text
-    for verdict, expected in ((Verdict.DISAGREES, DISAGREEMENTS), (Verdict.ONE_READING, TWO_READINGS)):
-        texts, beginnings = [s.text for s in found if s.verdict == verdict], expected.get(name, set())
-        assert len(texts) == len(beginnings), texts
-        assert all(any(text.startswith(beginning) for text in texts) for beginning in beginnings), texts
 
 
-def test_the_page_has_every_figure_and_needs_no_network(folder):
-    text = (folder / "index.html").read_text()
-    assert not re.search(r"https?:|src=\"//|@import|url\(", text)
-    for reference in re.findall(r'href="([^#"][^"]*)"', text):
-        assert (folder / reference).is_file(), reference
+@pytest.mark.parametrize("verdict", BEGINNINGS)
+def test_the_text_holds_but_where_the_page_says_why_not(every, verdict):
+    texts = [s.text for s in every if s.verdict == verdict]
+    assert len(texts) == len(BEGINNINGS[verdict])
+    for text, beginning in zip(texts, BEGINNINGS[verdict], strict=True):
+        assert text.startswith(beginning)
+
+
+def test_the_page_stands_on_its_own_and_describes_every_figure(folder):
+    text = text_of_a_page_that_stands_on_its_own(folder, len(paper.NAMES))
     images = re.findall(r'<a href="([^"]+)"><img src="([^"]+)" alt="([^"]+)"', text)
-    assert [file for file, _, _ in images] == [f"{name}.svg" for name in paper.NAMES]
-    assert len(images) == text.count("<img")
-    for file, source, alternative in images:
+    for name, (file, source, alternative) in zip(paper.NAMES, images, strict=True):
+        assert file == f"{name}.svg"
         assert source == "data:image/svg+xml;base64," + b64encode((folder / file).read_bytes()).decode()
         assert len(alternative) > 60
-    assert "prefers-color-scheme" in text
-    assert 'name="viewport"' in text
 
 
-def test_the_summary_counts_what_is_on_the_page(folder, computed):
-    every = [s for name, table in computed.items() for s in paper.load(name).statements(table)]
-    text = unescape(as_plain_text_has_it((folder / "index.html").read_text()))
+def test_the_summary_counts_what_is_on_the_page(folder, every):
+    text = unescape(text_of_a_page_that_stands_on_its_own(folder, len(paper.NAMES)))
     tests = [s for s in every if s.basis == Basis.TEST]
     assert f"<strong>{len(every)} statements</strong>" in text
     assert f"<strong>{len(tests)} remain as tests</strong>" in text
@@ -139,8 +124,7 @@ def test_the_summary_counts_what_is_on_the_page(folder, computed):
 
 
 @pytest.mark.parametrize("page", ["README.md", "docs/how-to/train.md"])
-def test_readme_and_documentation_tell_the_count_of_the_page(computed, page):
-    every = [s for name, table in computed.items() for s in paper.load(name).statements(table)]
+def test_readme_and_documentation_tell_the_count_of_the_page(every, page):
     bases, tested = Counter(s.basis for s in every), Counter(s.verdict for s in every if s.basis == Basis.TEST)
     told = re.search(
         r"Of (\d+) statements (\d+) were used to identify .* (\d+) are identities .* (\d+) say again .* "
@@ -196,11 +180,6 @@ def test_peaks_and_durations_follow_the_contact_scales(computed, e, free, mass):
     assert times["duration"] == pytest.approx(duration * (mass / times["contact_stiffness"]) ** 0.4, rel=1e-6)
 
 
-def test_two_free_masses_part_as_slowly_as_the_restitution_that_eq_7_delivers(computed):
-    rows = tables.where(computed["figure_07"], free=1, restitution=0.01)
-    assert rows["separation_velocity"] == pytest.approx([0.00673400673], rel=1e-6)  # closed form with Lambert's W
-
-
 @pytest.mark.parametrize("name", ["figure_16", "figure_18"])
 def test_a_change_in_the_number_of_contacts_is_enclosed(computed, name):
     for k_c in figure_16.CONTACT_STIFFNESSES:
@@ -241,20 +220,11 @@ def test_nothing_before_the_impact_depends_on_the_object(computed):
     assert max(struck) - min(struck) < 1e-12
 
 
-@pytest.mark.parametrize(("name", "total"), [("figure_20", (0.1962, 0.1092)), ("figure_24", (0.0058, 0.0791))])
-def test_the_impulse_drawn_ends_where_the_simulation_says(computed, name, total):
-    for case, target in zip("ab", total, strict=True):
-        run = Run(computed[name], case)
+@pytest.mark.parametrize("name", ["figure_20", "figure_24"])
+def test_the_impulse_drawn_ends_where_the_simulation_says(computed, name):
+    for run in (Run(computed[name], case) for case in "ab"):
         drawn = run.running_impulse()[1]
-        assert run.impulse == pytest.approx(target, abs=5e-5)
         assert drawn[-1] == pytest.approx(run.impulse, abs=2e-4 * drawn.max())
-
-
-def test_the_bistable_force_peaks_where_its_slope_is_zero(computed):
-    table = tables.where(computed["figure_22"], height=0.028)
-    at = table["position"][np.argmax(table["force"])]
-    assert (0.028**2 + at**2) ** 1.5 == pytest.approx(0.07 * 0.028**2, rel=1e-9)  # dF/dx = 0: L^3 = L0 H^2
-    assert table["force"].max() == pytest.approx(1.0817, abs=5e-5)
 
 
 def test_the_speed_sweep_passes_through_figure_23(computed):
@@ -263,12 +233,51 @@ def test_the_speed_sweep_passes_through_figure_23(computed):
         assert row["object_velocity"][0] == pytest.approx(Run(computed["figure_23"], case).final_velocity, rel=1e-6)
 
 
-def test_a_tuned_design_holds_or_does_not_and_is_no_worse_than_the_fixed_one(computed):
-    fixed, holds, slips = (tables.where(computed["beyond_design"], case=case) for case in ("fixed", "holds", "slips"))
-    assert (holds["force_at_stop"] >= beyond_design.HOLD).all()
-    assert (slips["force_at_stop"] < beyond_design.HOLD).all()
-    assert (holds["object_velocity"] <= fixed["object_velocity"]).all()
-    columns = (holds[name] for name in ("speed", "height", "front_stop", "object_velocity"))
-    for speed, height, stop, velocity in zip(*columns, strict=True):
-        design = replace(scenes.MECHANISM, height=float(height), front_stop=float(stop))
-        assert beyond_speed.approach(design, float(speed)).object_velocity == velocity
+def test_predictions_are_what_the_figures_show(computed):
+    light, heavy = Run(computed["figure_13"], "b"), Run(computed["figure_14"], "a")
+    after_minimum, _ = light.nearest_minimum(Run(computed["figure_13"], "b, unhindered"))
+    ((second_contact, *_),) = figure_16.changes(computed["figure_16"], 1e5)
+    rigid, bistable = (Run(computed["figure_25"], case).final_velocity for case in ("rigid", "bistable"))
+    shown = [
+        figure_05.turn(computed["figure_05"]), light.final_velocity, heavy.final_velocity, 1e3 * after_minimum,
+        second_contact, 100.0 * (1.0 - bistable / rigid), light.impact_velocity,
+    ]  # fmt: skip
+    tolerances = [1e-6, 1e-6, 1e-6, 0.2, 1e-3, 1e-4, 1e-6]  # a trace has a point every 0.2 ms or so
+    assert (np.abs(predictions(USED)[:-1] - shown) < tolerances).all()
+
+
+@pytest.mark.parametrize("reading", hidden_values.READINGS)
+@pytest.mark.parametrize("case", HIDDEN)
+def test_profile_misses_no_number_inside_its_interval_and_some_outside(computed, case, reading):
+    rows = tables.where(computed["hidden_values"], case=case, reading=reading)
+    low, high = hidden_values.interval(rows, case, reading)
+    inside = (rows[case] >= low) & (rows[case] <= high)
+    assert (rows["misfit"][inside] <= hidden_values.MET).all()
+    assert rows["misfit"][~inside].min() > hidden_values.MET
+    assert HIDDEN[case].low <= low < high <= HIDDEN[case].high
+    assert reading == 0.95 or low < HIDDEN[case].used < high
+    for row in np.array([rows[name] for name in HIDDEN]).T[inside]:
+        assert hidden_values.margins(row, reading).min() >= -0.011  # half units of the last digit
+
+
+def test_interval_holds_all_robots_that_meet_fig_13b_and_14a_at_the_papers_distance(computed):
+    random = np.random.default_rng(16)
+    stiffness, ratio = np.exp(random.uniform(np.log(5e4), np.log(8e5), 6000)), random.uniform(0.0, 0.05, 6000)
+    robots = {"robot.stiffness": stiffness, "robot.damping": 2.0 * ratio * np.sqrt(stiffness * 5.35)}
+    scene = scenes.scene(1e5, 1.0, robot=scenes.ROBOT)
+    light, heavy = (ig.sweep(scene, scenes.MOTION, robots | {"object.mass": m}).object_velocity for m in (0.25, 2.5))
+    candidates = np.flatnonzero((np.abs(light - 1.94) < 5e-3) & (np.abs(heavy - 1.88) < 5e-3))
+    impacts = [hidden_values.robot_impacts(8.0, 0.2505, float(stiffness[i]), float(ratio[i])) for i in candidates]
+    met = [
+        i for i, (*_, phase, velocity) in zip(candidates, impacts, strict=True)
+        if abs(velocity - 0.98) < 5e-3 and abs(phase) < 2.0
+    ]  # fmt: skip
+    assert met
+    for values, case in ((stiffness, "stiffness"), (ratio, "damping_ratio")):
+        low, high = hidden_values.interval(computed["hidden_values"], case, 0.98)
+        assert all(low <= values[i] <= high for i in met)
+
+
+def test_predictions_with_a_damping_ratio_of_2_percent_miss_fig_13b_by_a_hair():  # as docs/provenance.md has it
+    _, light, heavy, _, _, _, impact, _ = predictions(np.array([8.0, 0.2505, 1.9e5, 0.02, 0.0208]))
+    assert [impact, light, heavy] == pytest.approx([0.9755, 1.9459, 1.8774], abs=5e-5)
