@@ -30,6 +30,7 @@ def front(paper: Entry, designs: Sequence[Entry], tolerance: float) -> dict[str,
         both = {PAPER: paper, f"designed for {time}": design}
         environments = {name: entry.rig.built(tolerance) for name, entry in both.items()}
         played = {name: episodes(entry) for name, entry in both.items()}
+        contacts = {name: CONTACT if entry.rig.pad else () for name, entry in both.items()}
         shown = films(
             {name: entry.rig.controller for name, entry in both.items()},
             {f"{time}: {why}": number for why, number in choice(*played.values()).items()},
@@ -37,10 +38,7 @@ def front(paper: Entry, designs: Sequence[Entry], tolerance: float) -> dict[str,
             seed=frozen.seed,
             frozen=None if "scenario" in environments[PAPER] else frozen,
             environments=environments,
-            records={
-                name: {number: entry.results[number] for number in CONTACT if entry.rig.pad}
-                for name, entry in both.items()
-            },
+            records={name: {key: both[name].results[key] for key in keys} for name, keys in contacts.items()},
         )
         scenes += shown["scenes"]
     return {**shown, "scenes": scenes}
@@ -48,8 +46,8 @@ def front(paper: Entry, designs: Sequence[Entry], tolerance: float) -> dict[str,
 
 def episodes(entry: Entry) -> Episodes:
     """Return the first COUNT results of an entry."""
-    first = {name: values[:COUNT] for name, values in entry.results.items()}
-    return Episodes(**{name: first[name] for name in RESULTS}, scenario={name: first[name] for name in FIELDS})
+    results = {name: entry.results[name] for name in RESULTS}
+    return Episodes(**results, scenario={name: entry.results[name] for name in FIELDS}).first(COUNT)
 
 
 def choice(paper: Episodes, design: Episodes) -> dict[str, int]:
