@@ -11,27 +11,25 @@ import tyro
 
 from agents.command_line import run_command
 from agents.provenance import circumstances
-from experiments.bench import approaches, environments, jobs, models
+from experiments.bench import cost, environments, models, solvers
 from experiments.lab.results import REPORTS, whole_folder
 
-Part = Literal["approaches", "environments", "models", "rates", "jobs", "ten-million"]
+Part = Literal["approaches", "environments", "models", "rates", "cost"]
 PARTS = {
-    "approaches": approaches.measure,
+    "approaches": solvers.measure,
     "environments": environments.measure,
     "models": models.measure,
     "rates": environments.three_rates,
-    "jobs": jobs.measure,
-    "ten-million": jobs.ten_million,
+    "cost": cost.measure,
 }
 
 
 @dataclass(frozen=True)
 class BenchOptions:
-    """Measure speed: approaches and environments beside others', simpler models, training, grids of jobs."""
+    """Measure speed: approaches and environments beside others', simpler models, training."""
 
     parts: tyro.conf.Positional[tuple[Part, ...]] = ("approaches", "environments", "models", "rates")
-    """The first four take two minutes together. The others are to be asked for: jobs plays grids on this machine and on
-    Ray (five minutes), ten-million plays the whole grid (as long again, with 0.7 GB of results for a while)."""
+    """These take two minutes together; cost, of an approach by coupling, robot and tolerance, is to be asked for."""
     quick: bool = False
     """Measure so briefly that the figures mean little."""
     out: Path = REPORTS / "bench"
