@@ -70,11 +70,11 @@ def train_all(setup: Setup, options: Seeds) -> Path:
         training = replace(training, steps=steps, validate_every=min(training.validate_every, steps))
     seeds = range(training.seeds if options.seeds is None else options.seeds)
     folders = [runs / f"seed-{seed}" for seed in seeds]
-    asked = [{"folder": str(folder), "made_for": Run(setup, training, seed).made_for()}
-             for seed, folder in zip(seeds, folders, strict=True)]  # fmt: skip
-    for arguments in asked:
-        _refuse_another(**arguments)
-    jobs = [Job("agents.train_seeds:train_one", arguments) for arguments in asked]
+    jobs = []
+    for seed, folder in zip(seeds, folders, strict=True):
+        record = Run(setup, training, seed).made_for()
+        _refuse_another(folder, record)
+        jobs.append(Job("agents.train_seeds:train_one", {"folder": str(folder), "made_for": record}))
     processes = None if options.cluster else options.processes
     for seed, result in gather(jobs, runs / "results", processes=processes, cluster=options.cluster, title=setup.name):
         _fill(folders[seed], result)
@@ -106,7 +106,7 @@ def train_one(folder: str, made_for: Mapping[str, Any]) -> Result:
         except OSError:
             run = Path(elsewhere) / run.name
         if (run / "config.json").is_file():
-            _refuse_another(str(run), made_for)
+            _refuse_another(run, made_for)
             resume(run)
         else:
             shutil.rmtree(run, ignore_errors=True)  # killed before it had begun
@@ -114,10 +114,10 @@ def train_one(folder: str, made_for: Mapping[str, Any]) -> Result:
         return {name: np.frombuffer((run / file).read_bytes(), np.uint8) for name, file in KEPT.items()}
 
 
-def _refuse_another(folder: str, made_for: Mapping[str, Any]) -> None:
+def _refuse_another(folder: Path, made_for: Mapping[str, Any]) -> None:
     """Raise ValueError if the folder holds a run that was made with something else."""
     with suppress(FileNotFoundError):
-        config = json.loads((Path(folder) / "config.json").read_text())
+        config = json.loads((folder / "config.json").read_text())
         if any(config.get(name) != value for name, value in made_for.items()):
             other = f"{folder} was trained with other settings or for another environment"
             raise ValueError(f"{other}: remove it, or name another folder with --runs")
