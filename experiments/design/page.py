@@ -14,14 +14,16 @@ from experiments.design.run import Entry
 from experiments.design.study import CHOSEN, FRONT, GRID, PAPER, SEEDS, Study
 from experiments.lab import player
 from experiments.lab.charts import OBJECT, SERIES, TOOL
+from experiments.lab.comparison import Comparison
 from experiments.lab.experiment import write
-from experiments.lab.statistics import Estimate, Resamples, along, estimate, quantile_groups
+from experiments.lab.statistics import Estimate, Resamples, estimate, quantile_groups
 from experiments.lab.tables import Row
 from impact_gym.quantities import QUANTITIES
 
 Lines = Mapping[str, Sequence[Entry]]
 """The entries of each coupling by the name of its line, in the order of their approach times."""
 LABELS = {FRONT: "best design for each approach time", CHOSEN: "chosen design"}
+TRADE_OFF = ("approach_time", "object_velocity")
 BINS = 5  # of distances
 
 
@@ -32,12 +34,14 @@ def lines_of(entries: Sequence[Entry]) -> dict[str, list[Entry]]:
     return {name: [entry for entry in ordered if entry.line == name] for name in names}
 
 
-def reduction(line: Sequence[Entry], paper: Entry, resamples: Resamples) -> Estimate:
+def reduction(line: Sequence[Entry], paper: Entry) -> Estimate:
     """Return by which share a line's V_p is below that of the paper's rule, at the mean approach time of that rule."""
-    names = ("approach_time", "object_velocity")
-    times, velocities = (resamples.means(np.array([entry.results[name] for entry in line])[None]) for name in names)
-    time, velocity = (resamples.means(paper.results[name]) for name in names)
-    return estimate(1.0 - along(times, velocities, time) / velocity)
+    resamples = Resamples(len(paper.results["object_velocity"]))
+    ours, theirs = (
+        [resamples.means(np.array([entry.results[name] for entry in entries])[None]) for name in TRADE_OFF]
+        for entries in (line, [paper])
+    )
+    return Comparison.of_fronts((ours[0], ours[1]), (theirs[0], theirs[1])).reduction
 
 
 def row(entry: Entry, paper: Entry) -> Row:
@@ -82,7 +86,8 @@ def with_unit(name: str, value: float) -> str:
 
 def _point(entry: Entry) -> tuple[float, float]:
     """Return mean approach time (s) and V_p (m/s)."""
-    return entry.mean("approach_time"), entry.mean("object_velocity")
+    time, velocity = map(entry.mean, TRADE_OFF)
+    return time, velocity
 
 
 def front_chart(lines: Lines) -> Figure:
@@ -126,9 +131,9 @@ def grid_chart(seeds: Sequence[Entry], grid: Sequence[Entry], study: Study) -> F
     return figure
 
 
-def optimum(seeds: Sequence[Entry], grid: Sequence[Entry], paper: Entry, resamples: Resamples) -> dict[str, Any]:
+def optimum(seeds: Sequence[Entry], grid: Sequence[Entry], paper: Entry) -> dict[str, Any]:
     """Return a row for each seed and for the best of the grid, with the interval of its V_p on the test set."""
-    best = min(grid, key=lambda entry: entry.loss)
+    best, resamples = min(grid, key=lambda entry: entry.loss), Resamples(len(paper.results["object_velocity"]))
     table = [
         row(entry, paper) | {"velocity": estimate(resamples.means(entry.results["object_velocity"]))}
         for entry in (*sorted(seeds, key=lambda entry: entry.seed), best)
@@ -153,8 +158,7 @@ def write_page(study: Study, entries: Sequence[Entry], map_rows: Sequence[Row], 
     seeds, grid = lines.pop(SEEDS, []), lines.pop(GRID, [])
     (paper,) = lines[PAPER]
     chosen = next(entry for entry in lines[CHOSEN] if entry.allowed == study.typical)
-    resamples = Resamples(len(paper.results["object_velocity"]))
-    gains = {name: reduction(line, paper, resamples) for name, line in lines.items() if name != PAPER}
+    gains = {name: reduction(line, paper) for name, line in lines.items() if name != PAPER}
     velocities, of_paper = (entry.results["object_velocity"] for entry in (chosen, paper))
     fifths = [mask for mask, *_ in quantile_groups(chosen.results["distance"], BINS)]
     rows = {name: [row(entry, paper) for entry in line] for name, line in lines.items()}
@@ -171,7 +175,7 @@ def write_page(study: Study, entries: Sequence[Entry], map_rows: Sequence[Row], 
         "player": player,
         "films": Markup(player.fragment(watch.front(paper, lines[FRONT], study.effort.tolerance))),
         "file": file,
-        "optimum": optimum(seeds, grid, paper, resamples) if grid else None,
+        "optimum": optimum(seeds, grid, paper) if grid else None,
         "sizes": sizes.shares(map_rows) if map_rows else None,
     }
     figures = {"front": front_chart(lines)}

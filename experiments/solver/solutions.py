@@ -12,7 +12,7 @@ from experiments.lab.tables import Gather, Row, result_of
 from experiments.reference.laws import damping_factor
 from experiments.solver.approaches import Approach, approach_of
 
-SHARED = ("experiments.solver.approaches", "experiments.solver.solutions")
+SHARED = ("experiments.paper.scenes", "experiments.solver.approaches", "experiments.solver.solutions")
 """Modules that the rows of every table follow from."""
 OURS = "impact_gym"
 ERRORS = {
@@ -151,5 +151,5 @@ def storm_truths(gather: Gather, scenes: Sequence[int], seconds: float) -> dict[
 
 def known(arguments: Mapping[str, Any]) -> Row:
     """Return the row of a job that has no result, by its arguments: what is known of its approach."""
-    labels = approach_of(arguments["approach"]).labels
-    return labels | {name: arguments[name] for name in ("contender",) if name in arguments}
+    contender = {"contender": arguments["contender"]} if "contender" in arguments else {}
+    return approach_of(arguments["approach"]).labels | contender

@@ -19,7 +19,6 @@ from experiments.design.run import PAPERS_RULE, Entry, best, played, run
 from experiments.design.search import Effort, Rig
 from experiments.design.set_up import write_setup
 from experiments.design.study import CHOSEN, FRONT, GRID, PAPER, SEEDS, Study
-from experiments.lab.statistics import Resamples
 from experiments.lab.tables import rows_of
 
 STIFFNESS = "coupling.stiffness=20:200"
@@ -183,7 +182,7 @@ def test_reduction_reads_a_line_at_the_mean_approach_time_of_the_papers_rule():
         return Entry(CHOSEN, share, Rig({}, "BlindProfile"), results=results)
 
     line, paper = [entry(0.9, 0.23), entry(1.1, 0.17)], entry(1.0, 0.6)
-    gain = reduction(line, paper, Resamples(40))
+    gain = reduction(line, paper)
     assert (gain.value, gain.low, gain.high) == pytest.approx((1.0 - 0.2 / 0.6,) * 3)
 
 

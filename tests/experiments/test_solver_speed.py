@@ -138,8 +138,8 @@ def test_cheapest_does_not_count_an_error_that_is_small_by_chance():
     rows = [row("RK4", *numbers) for numbers in ((1e-3, 10.0, 1e-9), (1e-4, 100.0, 1e-5), (1e-5, 1000.0, 1e-7))]
     assert timing.cheapest(pl.DataFrame(rows), ["RK4"], 1e-6)["setting"] == 1e-5
     assert timing.cheapest(pl.DataFrame(rows), ["RK4"], 1e-8) is None
-    assert timing.compared(pl.DataFrame([*rows, row(OURS, 1e-6, 50.0, 1e-8)]), ["RK4"], 1e-6).ratio == 20.0
-    assert timing.compared(pl.DataFrame(rows), ["RK4"], 1e-6) is None  # ours is not there
+    assert timing.beside_ours(pl.DataFrame([*rows, row(OURS, 1e-6, 50.0, 1e-8)]), ["RK4"], 1e-6)["ratio"] == 20.0
+    assert timing.beside_ours(pl.DataFrame(rows), ["RK4"], 1e-6) is None  # ours is not there
 
 
 def test_over_population_counts_a_missing_answer_as_an_infinite_error_and_a_failure():

@@ -14,7 +14,7 @@ from experiments.solver import figures, in_mujoco, timing
 from experiments.solver.approaches import named, population
 from experiments.solver.by_hand import METHODS
 from experiments.solver.solutions import ERRORS, TRUE_RTOL, Solution, truths_with_doubt
-from experiments.solver.timing import MISSING, MUJOCO, RIVALS, TOO_WRONG, Settings, compared, settings
+from experiments.solver.timing import MISSING, MUJOCO, RIVALS, TOO_WRONG, Settings, beside_ours, settings
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ def shown(tables: Tables) -> Shown:
     differ = (pl.col("second_contacts") != pl.col("contacts")) | (pl.col("second_passes") != pl.col("passes"))
     return drawn, {
         "lines": [
-            row | {rival: compared(times.filter(scene=row["scene"]), *at) for rival, at in RIVALS.items()}
+            row | {rival: beside_ours(times.filter(scene=row["scene"]), *at) for rival, at in RIVALS.items()}
             for row in truths.select("scene", "description").to_dicts()
         ],
         "timing": timing,
