@@ -1,4 +1,4 @@
-"""The approaches that both studies run: six with a name, a population drawn at random, and the storm.
+"""The approaches that both studies run: six with a name, and the storm, drawn at random.
 
 The storm covers the ranges in which the solver is to work. Its scene k is a function of the number k alone; its ends
 are extreme on purpose.
@@ -13,13 +13,10 @@ import numpy as np
 
 import impact_gym as ig
 from experiments.paper.scenes import DISTANCE, MOTION, scene
-from impact_gym.quantities import SCENARIO
 from impact_gym.robot import default_approach
 from impact_gym.scene import Coupling, Dissipation
-from impact_gym.task.scenario import NAMED
 
 CRUISE = ig.Trapezoid(1.0, 8.0, ig.Brake(threshold=1.0, delay=10.0))  # the alarm is noted, the robot goes on
-POPULATION_SEED = 20_000  # of scene 0
 STORM_SEED = 4
 
 RANGES = {
@@ -81,9 +78,7 @@ def kind(of: ig.Scene) -> str:
 
 def approach_of(name: str | int) -> Approach:
     """Return the approach of this name; a whole number is a scene of the storm."""
-    if isinstance(name, int):
-        return storm(name)
-    return _member(int(name)) if name.isdecimal() else {approach.name: approach for approach in named()}[name]
+    return storm(name) if isinstance(name, int) else {approach.name: approach for approach in named()}[name]
 
 
 def named() -> tuple[Approach, ...]:
@@ -105,30 +100,6 @@ def named() -> tuple[Approach, ...]:
         Approach("pushed", slow_and_pushed, scene(1e8, 0.1, spring), CRUISE, 0.8),
         Approach("bistable", below_threshold, held, at_threshold, 1.5),
     )
-
-
-def population(count: int) -> tuple[Approach, ...]:
-    """Return scenes with objects and contacts as the environment draws them, and one of four couplings.
-
-    The couplings are that of the environment (50 N/m, critically damped), another spring and damper (10 to 2000 N/m,
-    log-uniform, damping ratio 0 to 2), none and the bistable mechanism; the motion is the paper's.
-    """
-    return tuple(map(_member, range(count)))
-
-
-def _member(place: int) -> Approach:
-    rng, ranges = np.random.default_rng(POPULATION_SEED + place), NAMED["test"].by_id()
-    shares = zip(SCENARIO, rng.random(len(SCENARIO)), strict=True)
-    mass, stiffness, restitution, distance = (row.at_share(*ranges[row.id], share) for row, share in shares)
-    spring = ig.SpringDamper(10.0 * math.exp(rng.random() * math.log(2000.0 / 10.0)), 2.0 * rng.random())
-    couplings: tuple[tuple[str, Coupling], ...] = (
-        ("spring of 50 N/m", ig.SpringDamper(50.0)), ("spring", spring),
-        ("rigid", ig.Rigid()), ("bistable", ig.Bistable()),
-    )  # fmt: skip
-    name, coupling = couplings[place % 4]
-    words = f"{name}, k_c {stiffness:.3g}, e {restitution:.3f}, object {mass:.3f} kg at {distance:.3f} m"
-    made = scene(stiffness, restitution, coupling, object_mass=mass, distance=distance)
-    return Approach(f"{place:03d}", words, made, MOTION, 1.2)
 
 
 class _Draw:

@@ -180,16 +180,13 @@ JUDGES = (by_hand.__name__, in_mujoco.__name__, reference.__name__, __name__, *S
 
 
 def in_turns(
-    gather: Gather, title: str, truths: Mapping[str, Solution], fits: Sequence[Row], tried: Settings, rounds: int
+    gather: Gather, truths: Mapping[str, Solution], fits: Sequence[Row], tried: Settings, rounds: int
 ) -> list[Row]:
-    """Return the rows of all approaches whose truth is given.
-
-    In a single round they are measured as many at a time as there are processes, in more one after the other, here.
-    """
+    """Return the rows of all approaches whose truth is given, measured one after the other, here."""
     fit = {row["scene"]: {name: row[name] for name in ("stiffness", "damping")} for row in fits}
     about = {"tried": [list(setting) for setting in tried], "rounds": rounds}
     jobs = [{"approach": name, "truth": truth.numbers, "fit": fit.get(name)} | about for name, truth in truths.items()]
-    return gather(title, timed_rows, jobs, solver_and(*JUDGES), **({"processes": 0} if rounds > 1 else {}))
+    return gather("named", timed_rows, jobs, solver_and(*JUDGES), processes=0)
 
 
 def eligible(scene: ig.Scene) -> bool:
@@ -267,20 +264,3 @@ def beside_ours(rows: pl.DataFrame, names: Sequence[str], error: float) -> Row |
     if ours is None or rows.filter(pl.col("contender").is_in(names)).is_empty():
         return None
     return theirs | {"ratio": theirs["microseconds"] / ours["microseconds"]} if theirs else {}
-
-
-def over_population(rows: pl.DataFrame) -> pl.DataFrame:
-    """Return, for each contender and setting, quartiles of time and errors, and the share of failures.
-
-    An answer that is missing has an infinite error; without an alarm there is no detection time to be wrong.
-    """
-    answered = pl.col("failure") == ""
-    quartiles = [
-        pl.when(pl.col(column).is_finite() | answered).then(column).otherwise(math.inf)
-        .fill_nan(None).quantile(percent / 100, "lower").fill_null(math.nan).alias(f"{column}_{percent}")
-        for column in ("microseconds", *ERRORS)
-        for percent in (25, 50, 75)
-    ]  # fmt: skip
-    grouped = rows.group_by("contender", "setting")
-    quantiles = grouped.agg(pl.len().alias("scenes"), *quartiles, failures=(~answered).mean())
-    return quantiles.sort(pl.col("contender").cast(pl.Enum(NAMES)), "setting", descending=[False, True])
