@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from agents.baselines.cmaes import minimise
+from agents.baselines.cmaes import Losses, minimise
 from agents.baselines.rule import Floats, Rule
 from agents.baselines.tuned import RULES
 from agents.evaluate import RESULTS, TUNING_SEED, ScenarioBatch
@@ -107,40 +107,36 @@ class Effort:
             whole(name, getattr(self, name), at_least=least)
 
 
-class Objective:
-    """The loss of candidates, designs with their controllers, over training scenarios that are the same for all."""
+def objective(rig: Rig, numbers: Sequence[Free], approach_time: float, limits: Limits, effort: Effort) -> Losses:
+    """Return the losses (population, 1), m/s, of candidates (population, 1, k): designs, then controllers.
 
-    def __init__(self, rig: Rig, numbers: Sequence[Free], approach_time: float, limits: Limits, effort: Effort) -> None:
-        """Make the scenarios; arguments as in `search`."""
-        self.rig, self.numbers, self.approach_time, self.limits = rig, numbers, approach_time, limits
-        self.population, self.scenarios = effort.population, effort.scenarios
-        options = {"scenario": "train", **rig.environment, "rtol": RTOL, "threads": 1}
-        self._stage = ScenarioBatch(TUNING_SEED, effort.scenarios, effort.population, lenient=True, **options)
-        self._contact = rig.contact(ScenarioBatch(TUNING_SEED, effort.scenarios, **options))
-        off, rng = MARGIN * effort.tolerance, np.random.default_rng((TUNING_SEED, 1))
-        self._errors = rng.uniform(1.0 - off, 1.0 + off, (len(numbers), effort.scenarios))  # factors, as built
+    All are played through the same training scenarios; arguments as in `search`.
+    """
+    population, scenarios = effort.population, effort.scenarios
+    options = {"scenario": "train", **rig.environment, "rtol": RTOL, "threads": 1}
+    stage = ScenarioBatch(TUNING_SEED, scenarios, population, lenient=True, **options)
+    contact = rig.contact(ScenarioBatch(TUNING_SEED, scenarios, **options))
+    off, rng = MARGIN * effort.tolerance, np.random.default_rng((TUNING_SEED, 1))
+    errors = rng.uniform(1.0 - off, 1.0 + off, (len(numbers), scenarios))  # factors, as built
 
-    def __call__(self, candidates: Floats) -> Floats:
-        """Return the losses (population, 1), m/s, of `candidates` (population, 1, k): designs, then rules."""
-        searched, of_rule = np.split(candidates[:, 0], [len(self.numbers)], axis=1)
-        design = {free.name: free.value(searched[:, k]) for k, free in enumerate(self.numbers)}
-        record = {
-            name: np.outer(values, factors).ravel()
-            for (name, values), factors in zip(design.items(), self._errors, strict=True)
-        }
-        record |= {name: np.tile(values, self.population) for name, values in self._contact.items()}
-        travel = Travel(self.population * self.scenarios)
-        controller = self.rig.controller_of(np.repeat(of_rule, self.scenarios, axis=0))
-        played = self._stage.play(controller, record, travel)
+    def losses(candidates: Floats) -> Floats:
+        searched, of_rule = np.split(candidates[:, 0], [len(numbers)], axis=1)
+        design = {free.name: free.value(searched[:, k]) for k, free in enumerate(numbers)}
+        built = zip(design.items(), errors, strict=True)
+        record = {name: np.outer(values, factors).ravel() for (name, values), factors in built}
+        record |= {name: np.tile(values, population) for name, values in contact.items()}
+        travel = Travel(population * scenarios)
+        played = stage.play(rig.controller_of(np.repeat(of_rule, scenarios, axis=0)), record, travel)
         # what the environment charges for a miss instead of V_p
         velocity = np.where(played.missed, MISSED_COST, np.nan_to_num(played.object_velocity))
-        velocity, time = (
-            values.reshape(self.population, -1).mean(axis=1) for values in (velocity, played.approach_time)
+        velocity, time = (values.reshape(population, -1).mean(axis=1) for values in (velocity, played.approach_time))
+        late = np.maximum(time / approach_time - 1.0, 0.0)
+        loss: Floats = velocity + PENALTY * (
+            late + limits.excess(played, travel, rig.released(design, population), rig.soft)
         )
-        late = np.maximum(time / self.approach_time - 1.0, 0.0)
-        excess = self.limits.excess(played, travel, self.rig.released(design, self.population), self.rig.soft)
-        losses: Floats = velocity + PENALTY * (late + excess)
-        return losses[:, None]
+        return loss[:, None]
+
+    return losses
 
 
 def search(
@@ -161,7 +157,7 @@ def search(
     of_rule = zip(RULES[begin.rule].PARAMETERS, begin.parameters, strict=True)
     parameters = [number.parameter() for number in numbers]
     parameters += [parameter._replace(start=start) for parameter, start in of_rule]
-    losses = Objective(begin, numbers, approach_time, Limits(**limits), much)
+    losses = objective(begin, numbers, approach_time, Limits(**limits), much)
     best = minimise(losses, tuple(parameters), 1, much.population, -(-much.budget // much.population), seed)
     searched, controller = np.split(best.parameters[0], [len(numbers)])
     design = np.array([number.value(value) for number, value in zip(numbers, searched, strict=True)], float)
