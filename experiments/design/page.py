@@ -1,18 +1,16 @@
-"""The page of a study of designs: its front, the chosen design and its gain, films, and whether it is the optimum."""
+"""The page of a study of designs: its front, the chosen design and its gain, and whether it is the optimum."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from agents.baselines.rule import Floats
-from experiments.design import sizes, watch
+from experiments.design import sizes
 from experiments.design.run import Entry
 from experiments.design.study import CHOSEN, FRONT, GRID, PAPER, SEEDS, Study
-from experiments.lab import player
 from experiments.lab.charts import OBJECT, SERIES, TOOL
 from experiments.lab.comparison import Comparison
 from experiments.lab.experiment import write
@@ -172,8 +170,6 @@ def write_page(study: Study, entries: Sequence[Entry], map_rows: Sequence[Row], 
         "deflection": max(each["deflection"] for each in rows[CHOSEN]),
         "least": min(1.0 - velocities[mask].mean() / of_paper[mask].mean() for mask in fifths),
         "rows": table,
-        "player": player,
-        "films": Markup(player.fragment(watch.front(paper, lines[FRONT], study.effort.tolerance))),
         "file": file,
         "optimum": optimum(seeds, grid, paper) if grid else None,
         "sizes": sizes.shares(map_rows) if map_rows else None,
