@@ -128,7 +128,7 @@ def measure(quick: bool) -> dict[str, pl.DataFrame]:
 
 def three_rates(quick: bool, setups: Sequence[str] = SETUPS) -> dict[str, pl.DataFrame]:
     """Return the three rates of set-ups, with as many environments side by side as their training has."""
-    seconds, steps, threads = (0.1, STEPS // 30, {1}) if quick else (3.0, STEPS, {1, len(os.sched_getaffinity(0))})
+    seconds, steps, threads = (0.1, STEPS // 100, {1}) if quick else (3.0, STEPS, {1, len(os.sched_getaffinity(0))})
     rows = []
     for name in setups:
         setup, policy = load_setup(name), load_policy(name)
