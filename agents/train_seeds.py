@@ -52,10 +52,9 @@ class Seeds:
     runs/NAME/policies."""
 
     def __post_init__(self) -> None:
-        whole("processes", self.processes, at_least=0)
-        for name in ("seeds", "steps"):
+        for name, least in (("processes", 0), ("seeds", 1), ("steps", 1)):
             if getattr(self, name) is not None:
-                whole(name, getattr(self, name), at_least=1)
+                whole(name, getattr(self, name), at_least=least)
 
 
 def train_all(setup: Setup, options: Seeds) -> Path:
@@ -115,11 +114,11 @@ def train_one(folder: str, made_for: Mapping[str, Any]) -> Result:
         return {name: np.frombuffer((run / file).read_bytes(), np.uint8) for name, file in KEPT.items()}
 
 
-def _refuse_another(folder: Path, record: Mapping[str, Any]) -> None:
+def _refuse_another(folder: Path, made_for: Mapping[str, Any]) -> None:
     """Raise ValueError if the folder holds a run that was made with something else."""
     with suppress(FileNotFoundError):
-        existing = json.loads((folder / "config.json").read_text())
-        if any(existing.get(name) != value for name, value in record.items()):
+        config = json.loads((folder / "config.json").read_text())
+        if any(config.get(name) != value for name, value in made_for.items()):
             other = f"{folder} was trained with other settings or for another environment"
             raise ValueError(f"{other}: remove it, or name another folder with --runs")
 

@@ -6,7 +6,6 @@ on where it was stopped.
 """
 
 import shlex
-from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,13 +17,11 @@ import tyro
 from agents.baselines import Clairvoyant, bound
 from agents.baselines.cmaes import minimise
 from agents.baselines.jittery import Jittery
-from agents.baselines.profile import BlindProfile, constant_deceleration
 from agents.baselines.rule import Floats
 from agents.baselines.tuned import RULES, read_tuned, write_tuned
 from agents.command_line import run_command
 from agents.evaluate import TUNING_SEED, ScenarioBatch
 from agents.jobs import Job, Result, digest_of, gather
-from agents.policies import Controller
 from agents.provenance import circumstances
 from agents.setups import Setup, load_setup, shipped
 from impact_gym.validation import number, whole
@@ -82,13 +79,14 @@ class Tune:
 
     def baselines(self) -> dict[str, Setup]:
         """Return the set-up of each baseline that is asked for."""
-        asked = [(name, setup) for setup in map(load_setup, self.setups) for name in setup.tuned]
-        asked = [(name, setup) for name, setup in asked if not self.names or name in self.names]
-        found = dict(asked)
-        if len(found) < len(asked):
-            ((twice, _),) = Counter(name for name, _ in asked).most_common(1)
-            raise ValueError(f"two set-ups have a baseline {twice!r}: tune them one after the other")
-        return found
+        asked: dict[str, Setup] = {}
+        for setup in map(load_setup, self.setups):
+            for name in setup.tuned:
+                if name in asked:
+                    raise ValueError(f"two set-ups have a baseline {name!r}: tune them one after the other")
+                if name in self.names or not self.names:
+                    asked[name] = setup
+        return asked
 
     def weights_of(self, setup: Setup) -> tuple[float, ...]:
         """Return the time weights, m/s per s."""
@@ -114,19 +112,18 @@ class Tune:
 def tune(options: Tune) -> list[Path]:
     """Tune what is missing, and return the paths of the files."""
     setups = options.baselines()
-    found = {name: _tuned_before(name, setup, options) for name, setup in setups.items()}
+    tuned = {name: _tuned_before(name, setup, options) for name, setup in setups.items()}
     missing = [
         (name, weight)
         for name, setup in setups.items()
         for weight in options.weights_of(setup)
-        if f"{weight:g}" not in found[name]
+        if f"{weight:g}" not in tuned[name]
     ]
     arguments = [_arguments(setups[name], name, weight, options) for name, weight in missing]
     for place, result in options.results("tune_one", arguments, "tuning"):
         name, weight = missing[place]
-        setup = setups[name]
-        found[name][f"{weight:g}"] = as_json(name, setup, weight, options, result)
-        write_tuned(name, found[name], setup, options.folder(setup))
+        tuned[name][f"{weight:g}"] = _as_json(name, setups[name], weight, options, result)
+        write_tuned(name, tuned[name], setups[name], options.folder(setups[name]))
     return [options.folder(setup) / f"{name}.json" for name, setup in setups.items()]
 
 
@@ -139,7 +136,7 @@ def _tuned_before(name: str, setup: Setup, options: Tune) -> dict[str, Any]:
     except ValueError as reason:
         print(f"{name} is tuned anew: {reason}")
         return {}
-    same = {weight: found for weight, found in weights.items() if found["search"] == searched(name, setup, options)}
+    same = {weight: tuned for weight, tuned in weights.items() if tuned["search"] == _searched(name, setup, options)}
     if same != weights:
         print(f"{name} is tuned anew at {sorted(set(weights) - set(same))}: it was tuned with other settings")
     return same
@@ -152,17 +149,33 @@ def _arguments(setup: Setup, name: str, weight: float, options: Tune) -> dict[st
     return tuned | {"environment": environment, "weight": weight} | options.search(setup)
 
 
+def _searched(name: str, setup: Setup, options: Tune) -> dict[str, float]:
+    """Return how a baseline is searched for: the search, and what the set-up asks for beside its rule."""
+    tuned = setup.tuned[name]
+    asked = {field: getattr(tuned, field) for field in ("clean_alarm", "jitter") if getattr(tuned, field)}
+    return options.search(setup) | asked
+
+
+def _as_json(name: str, setup: Setup, weight: float, options: Tune, result: Result) -> dict[str, Any]:
+    """Return what a file keeps of what was found for one weight: its scores and how it came about."""
+    names, search = RULES[setup.tuned[name].rule].names(), options.search(setup)
+    words = ["impact-gym", "tune", setup.called, "--names", name, "--weights", f"{weight:g}"]
+    words += [word for option, value in search.items() for word in (f"--{option}", str(value))]
+    return {
+        "parameters": dict(zip(names, result["parameters"].tolist(), strict=True)),
+        "train": result["train"].item(),
+        "validation": {key: result[key].item() for key in ("loss", "object_velocity", "approach_time", "missed")},
+        "generations": result["generations"].item(),
+        "search": _searched(name, setup, options),
+        "command": shlex.join(words),
+        "versions": circumstances(*PACKAGES)["versions"],
+    }
+
+
 def tune_one(
-    rule: str,
-    environment: Mapping[str, Any],
-    weight: float,
-    rtol: float,
-    jitter: float,
-    scenarios: int,
-    budget: int,
-    population: int,
-    seed: int,
-) -> Result:
+    rule: str, environment: Mapping[str, Any], weight: float, rtol: float, jitter: float,
+    scenarios: int, budget: int, population: int, seed: int,
+) -> Result:  # fmt: skip
     """Return the best parameters (k,) of a rule at one weight, its scores and how many generations that took.
 
     With `jitter` nothing is found that holds only as long as every command is followed to the last digit.
@@ -170,18 +183,17 @@ def tune_one(
     kind = RULES[rule]
     options = {"scenario": "train", **environment, "rtol": rtol}
     stage = ScenarioBatch(TUNING_SEED, scenarios, population, [weight] * population, threads=1, lenient=True, **options)
-
     rng = np.random.default_rng((seed, 1))
 
     def losses(candidates: Floats) -> Floats:
-        rule: Controller = kind.of(np.repeat(candidates[:, 0], scenarios, axis=0)).for_environment(environment)
-        played = stage.play(Jittery(rule, jitter, scenarios, rng) if jitter else rule)
+        controller = kind.of(np.repeat(candidates[:, 0], scenarios, axis=0)).for_environment(environment)
+        played = stage.play(Jittery(controller, jitter, scenarios, rng) if jitter else controller)
         return played.loss(weight).reshape(population, scenarios).mean(axis=1)[:, None]
 
-    found = minimise(losses, kind.PARAMETERS, 1, population, -(-budget // population), seed)
-    means = scores(rule, environment, weight, found.parameters[0])
-    results = {"train": found.loss[0], "generations": found.generations, **means}
-    return {"parameters": found.parameters[0]} | {name: np.array([value]) for name, value in results.items()}
+    best = minimise(losses, kind.PARAMETERS, 1, population, -(-budget // population), seed)
+    means = scores(rule, environment, weight, best.parameters[0])
+    results = {"train": best.loss[0], "generations": best.generations, **means}
+    return {"parameters": best.parameters[0]} | {name: np.array([value]) for name, value in results.items()}
 
 
 def scores(rule: str, environment: Mapping[str, Any], weight: float, parameters: Any) -> dict[str, float]:
@@ -193,27 +205,6 @@ def scores(rule: str, environment: Mapping[str, Any], weight: float, parameters:
         "object_velocity": float(played.object_velocity.mean()),
         "approach_time": float(played.approach_time.mean()),
         "missed": int(played.missed.sum()),
-    }
-
-
-def searched(name: str, setup: Setup, options: Tune) -> dict[str, float]:
-    """Return how a baseline is searched for: the search, and what the set-up asks for beside its rule."""
-    tuned = setup.tuned[name]
-    asked = {field: getattr(tuned, field) for field in ("clean_alarm", "jitter") if getattr(tuned, field)}
-    return options.search(setup) | asked
-
-
-def as_json(name: str, setup: Setup, weight: float, options: Tune, result: Result) -> dict[str, Any]:
-    """Return what a file keeps of what was found for one weight: its scores and how it came about."""
-    names = RULES[setup.tuned[name].rule].names()
-    return {
-        "parameters": dict(zip(names, result["parameters"].tolist(), strict=True)),
-        "train": result["train"].item(),
-        "validation": {key: result[key].item() for key in ("loss", "object_velocity", "approach_time", "missed")},
-        "generations": result["generations"].item(),
-        "search": searched(name, setup, options),
-        "command": command(name, setup, weight, options.search(setup)),
-        "versions": circumstances(*PACKAGES)["versions"],
     }
 
 
@@ -244,12 +235,9 @@ def search_bounds(options: Tune, scenarios: int = BOUND_SCENARIOS, generations: 
 
 
 def search_bound(
-    environment: Mapping[str, Any],
-    time_weight: float,
-    scenarios: int = BOUND_SCENARIOS,
-    generations: int = bound.GENERATIONS,
+    environment: Mapping[str, Any], time_weight: float, scenarios: int, generations: int,
     population: int = BOUND_POPULATION,
-) -> Result:
+) -> Result:  # fmt: skip
     """Return as `parameters` (scenarios, k) those of the best `Clairvoyant` for each of the first test scenarios.
 
     Args:
@@ -260,43 +248,27 @@ def search_bound(
         population: candidates of each in a generation.
     """
     options = {"rtol": BOUND_RTOL, **environment, "privileged": True, "threads": 1}
-    stage = ScenarioBatch.of(
-        bound.FROZEN, scenarios, copies=population, time_weight=[time_weight] * population, **options
-    )
+    weights = [time_weight] * population
+    stage = ScenarioBatch.of(bound.FROZEN, scenarios, copies=population, time_weight=weights, **options)
 
     def losses(candidates: Floats) -> Floats:
         rule = Clairvoyant(candidates.reshape(population * scenarios, -1)).for_environment(environment)
         return stage.play(rule).loss(time_weight).reshape(population, scenarios)
 
-    found = minimise(losses, Clairvoyant.PARAMETERS, scenarios, population, generations, BOUND_SEED)
-    return {"parameters": np.ascontiguousarray(found.parameters)}
-
-
-def command(name: str, setup: Setup, weight: float, search: Mapping[str, int]) -> str:
-    """Return the command that finds it again."""
-    words = ["impact-gym", "tune", setup.called, "--names", name, "--weights", f"{weight:g}"]
-    return shlex.join(words + [word for option, value in search.items() for word in (f"--{option}", str(value))])
-
-
-def _sentence(name: str, setup: Setup, weight: str, found: dict[str, Any]) -> str:
-    means = found["validation"]
-    text = (
-        f"{name} at {weight}: {found['train']:.4f} m/s on train, {means['loss']:.4f} on validation "
-        f"(V_p {means['object_velocity']:.4f} m/s, T {means['approach_time']:.4f} s, missed {means['missed']})"
-    )
-    if RULES[setup.tuned[name].rule] is not BlindProfile:
-        return text
-    shape = constant_deceleration(BlindProfile(list(found["parameters"].values())))
-    line = f"v^2 is linear in position with R^2 = {shape.r_squared:.3f}"
-    return f"{text}; {line}, {shape.deceleration:.2f} m/s^2 to rest at {shape.end:.3f} m"
+    best = minimise(losses, Clairvoyant.PARAMETERS, scenarios, population, generations, BOUND_SEED)
+    return {"parameters": np.ascontiguousarray(best.parameters)}
 
 
 def run(options: Tune) -> None:
     """Tune what is missing, and say what each baseline scores."""
     for (name, setup), path in zip(options.baselines().items(), tune(options), strict=True):
         print(path)
-        for weight, found in read_tuned(name, path.parent, setup)["weights"].items():
-            print("  " + _sentence(name, setup, weight, found))
+        for weight, tuned in read_tuned(name, path.parent, setup)["weights"].items():
+            means = tuned["validation"]
+            print(
+                f"  {name} at {weight}: {tuned['train']:.4f} m/s on train, {means['loss']:.4f} on validation "
+                f"(V_p {means['object_velocity']:.4f} m/s, T {means['approach_time']:.4f} s, missed {means['missed']})"
+            )
     for path in search_bounds(options) if options.bound else ():
         print(path)
 

@@ -69,13 +69,8 @@ def search(options: Search, training: Training | None = None) -> Path:
     The search begins with the settings in `training`, those of the set-up unless given.
     """
     setup = load_setup(options.setup)
-    training = replace(
-        training or setup.training,
-        steps=options.steps,
-        validate_every=options.validate_every,
-        validation_scenarios=options.validation_scenarios,
-        checkpoint_every=options.steps,
-    )
+    extent = {name: getattr(options, name) for name in ("steps", "validate_every", "validation_scenarios")}
+    training = replace(training or setup.training, **extent, checkpoint_every=options.steps)
     start = Run(setup, training, FIRST_SEED)
     content = json.dumps([start.made_for(), {name: vars(values) for name, values in SPACE.items()}], sort_keys=True)
     digest = hashlib.sha256(content.encode()).hexdigest()[:8]  # another study where that has changed
@@ -89,28 +84,25 @@ def search(options: Search, training: Training | None = None) -> Path:
         study.sampler = optuna.samplers.TPESampler(seed=len(study.trials), n_startup_trials=6)
         trial = study.ask(SPACE)
         run = Run(setup, training.changed(trial.params), FIRST_SEED + trial.number)
-        _play(study, trial, run, options.journals / f"{name}-{trial.number}")
-        write_json(summary, _summary(study, start, options))
-    write_json(summary, _summary(study, start, options))
+        study.tell(trial, *_score(trial, run, options.journals / f"{name}-{trial.number}"))
+        _write(summary, study, start, options)
+    _write(summary, study, start, options)
     return summary
 
 
 def _study(journal: Path, name: str, steps: int) -> optuna.Study:
     """Return the study in a journal, a new one if there is none; trials that were killed in it have failed."""
     journal.parent.mkdir(parents=True, exist_ok=True)
-    study = optuna.create_study(
-        storage=JournalStorage(JournalFileBackend(str(journal))),
-        study_name=name,
-        load_if_exists=True,
-        pruner=optuna.pruners.MedianPruner(n_startup_trials=4, n_warmup_steps=steps // 3),
-    )
+    storage = JournalStorage(JournalFileBackend(str(journal)))
+    pruner = optuna.pruners.MedianPruner(n_startup_trials=4, n_warmup_steps=steps // 3)
+    study = optuna.create_study(storage=storage, study_name=name, load_if_exists=True, pruner=pruner)
     for killed in study.get_trials(states=(TrialState.RUNNING,)):
         study.tell(killed.number, state=TrialState.FAIL)
     return study
 
 
-def _play(study: optuna.Study, trial: Trial, run: Run, folder: Path) -> None:
-    """Train in `folder` as `trial` suggests, and tell the study its score."""
+def _score(trial: Trial, run: Run, folder: Path) -> tuple[float | None, TrialState]:
+    """Train in `folder`, for a while; return the best score, or None where the trial was given up."""
     scores: list[float] = []
 
     def on_validation(steps: int, result: dict[str, Any]) -> None:
@@ -121,10 +113,11 @@ def _play(study: optuna.Study, trial: Trial, run: Run, folder: Path) -> None:
 
     try:
         train(run, folder, on_validation)
-        study.tell(trial, min(scores))
     except (optuna.TrialPruned, CollapsedError):
-        study.tell(trial, state=TrialState.PRUNED)
-    shutil.rmtree(folder)
+        return None, TrialState.PRUNED
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+    return min(scores), TrialState.COMPLETE
 
 
 def _finished(study: optuna.Study) -> list[FrozenTrial]:
@@ -140,21 +133,17 @@ def _holds(distribution: BaseDistribution, value: Any) -> bool:
     return bool(distribution.low <= value <= distribution.high)
 
 
-def _summary(study: optuna.Study, start: Run, options: Search) -> dict[str, Any]:
-    """Return the study as JSON holds it: how it came about, the best trial, and all of them."""
+def _write(summary: Path, study: optuna.Study, start: Run, options: Search) -> None:
+    """Write how the study came about, the best trial, and all of them."""
+    names = {"number": "number", "score": "value", "steps": "last_step", "parameters": "params"}
     trials = [
-        {
-            "number": trial.number,
-            "state": trial.state.name.lower(),
-            "score": trial.value,
-            "steps": trial.last_step,
-            "parameters": trial.params,
-        }
+        {"state": trial.state.name.lower()} | {name: getattr(trial, field) for name, field in names.items()}
         for trial in _finished(study)
     ]
-    best = study.best_trial
-    settings = {"number": best.number, "score": best.value, "settings": best.params}
-    return {"best": settings, **start.record(), "command": command_of("tune-training", options), "trials": trials}
+    best = {"number": study.best_trial.number, "score": study.best_value, "settings": study.best_params}
+    write_json(summary, {
+        "best": best, **start.record(), "command": command_of("tune-training", options), "trials": trials
+    })  # fmt: skip
 
 
 def run(options: Search) -> None:

@@ -4,8 +4,8 @@ Checked against the policy on NumPy over 10,000 observations drawn evenly from t
 takes is printed beside the controller's cycle. What cannot be checked here is said.
 """
 
+import ctypes
 import importlib
-import time
 import timeit
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ import tyro
 from numpy.typing import NDArray
 
 from agents.command_line import run_command
-from agents.export.c_header import write_header
+from agents.export.c_header import has_controller, write_header
 from agents.export.onnx_graph import write_onnx
 from agents.export.replay import CALLS, EPISODES, Replay, address, compiled, logged, replay
 from agents.policies.policy import ACTIONS, Policy, load_policy
@@ -72,16 +72,11 @@ def with_onnx(path: Path, observed: Floats) -> Form | None:
     return Form(actions, _time(lambda: session.run(None, {"observation": observed[:1]})))
 
 
-def with_c(policy: Policy, path: Path, observed: Floats) -> Form | None:
-    """Compile the header and play it; None where there is no C compiler."""
-    with TemporaryDirectory() as folder:
-        program = compiled(policy, path, Path(folder), program="network.c.jinja")
-    if program is None:
-        return None
+def with_c(program: ctypes.CDLL, observed: Floats) -> Form:
+    """Play the network of a compiled header."""
     actions = np.empty((len(observed), ACTIONS), np.float32)
-    begun = time.perf_counter()
-    program.play(len(observed), address(observed), address(actions))
-    return Form(actions, (time.perf_counter() - begun) / len(observed))
+    arrays = address(observed), address(actions)
+    return Form(actions, timeit.timeit(lambda: program.act(len(observed), *arrays), number=1) / len(observed))
 
 
 def rounding(policy: Policy, observed: Floats, actions: Floats) -> float:
@@ -99,8 +94,8 @@ def _time(call: Callable[[], Any]) -> float:
     return float(np.median(timeit.repeat(call, number=1, repeat=1000)))
 
 
-def run(options: Export) -> list[Path]:
-    """Write both files, check them, and return their paths.
+def run(options: Export, episodes: int = EPISODES, calls: int = CALLS) -> list[Path]:
+    """Write both files, check them by so many episodes and timed calls, and return their paths.
 
     Raises:
         ValueError: no such policy, a package is missing, or a file computes something else than the policy.
@@ -112,21 +107,26 @@ def run(options: Export) -> list[Path]:
     allowed = AGREEMENT + rounding(policy, observed, original.actions)
     print(f"a call of the policy on NumPy takes {_beside(original.seconds, period)}")
     header, graph = write_header(policy, options.out / f"{stem}.h"), write_onnx(policy, options.out / f"{stem}.onnx")
-    print(judged_replay(header, replay(policy, header, logged(policy)), period))
-    for path, form, reason in (
-        (header, with_c(policy, header, observed), "no C compiler is here"),
-        (graph, with_onnx(graph, observed), "the package onnxruntime is missing"),
-    ):
-        print(judged(path, form, original, allowed, period) if form else f"{path}: not checked, {reason}")
+    with TemporaryDirectory() as folder:
+        program = compiled(policy, header, Path(folder))
+        played = (
+            replay(policy, program, logged(policy, episodes), calls) if program and has_controller(policy) else None
+        )
+        in_c = with_c(program, observed) if program else None
+    print(judged_replay(header, played, period))
+    print(judged(header, in_c, "no C compiler is here", original, allowed, period))
+    print(judged(graph, with_onnx(graph, observed), "the package onnxruntime is missing", original, allowed, period))
     return [header, graph]
 
 
-def judged(path: Path, form: Form, original: Form, allowed: float, period: float) -> str:
-    """Return a sentence about the form in a file, where the control period is `period` (s).
+def judged(path: Path, form: Form | None, missing: str, original: Form, allowed: float, period: float) -> str:
+    """Return a sentence about the form in a file, or that something is `missing`; the control period is `period` (s).
 
     Raises:
         ValueError: its actions differ from the original's by more than is allowed.
     """
+    if form is None:
+        return f"{path}: not checked, {missing}"
     difference = float(np.abs(form.actions - original.actions).max())
     if not difference <= allowed:
         raise ValueError(f"{path} differs from the policy by {difference:.1e}, more than {allowed:.1e}")
@@ -145,9 +145,9 @@ def judged_replay(header: Path, played: Replay | None, period: float) -> str:
     if not played.difference <= SAME_COMMANDS:
         raise ValueError(f"{header} commands otherwise, by {difference} of the range, more than {SAME_COMMANDS:g}")
     return (
-        f"{header}: {EPISODES:,} episodes replayed, commands differ by at most {difference} of their range; "
-        f"of {CALLS:,} calls 99.9 % take at most {1e6 * played.usual:.1f} us, the worst {1e6 * played.worst:.0f} us, "
-        f"where the control period is {1e6 * period:,.0f} us"
+        f"{header}: {played.episodes:,} episodes replayed, commands differ by at most {difference} of their range; "
+        f"of {played.calls:,} calls 99.9 % take at most {1e6 * played.usual:.1f} us, the worst "
+        f"{1e6 * played.worst:.0f} us, where the control period is {1e6 * period:,.0f} us"
     )
 
 

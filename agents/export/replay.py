@@ -1,10 +1,9 @@
-"""The exported controller played again: episodes of the environment through the compiled header, call by call."""
+"""A header compiled, and its controller played: episodes of the environment, call by call."""
 
 import ctypes
 import shutil
 import subprocess
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -35,6 +34,8 @@ class Log(NamedTuple):
 class Replay(NamedTuple):
     """The compiled controller beside a log."""
 
+    episodes: int
+    calls: int
     difference: float  # largest, of commands over their range
     usual: float  # s, what 99.9 % of the calls take at the most
     worst: float  # s
@@ -46,23 +47,19 @@ def logged(policy: Policy, episodes: int = EPISODES) -> Log:
     batch = Batch(episodes, task)
     batch.draw_and_begin(np.arange(episodes), [np.random.default_rng(SEED)] * episodes)
     low, high = np.array([task.velocity_range, task.acceleration_range]).T
-    ended = batch.ended
     steps, sensors, commands = np.zeros(episodes, np.int64), [], []
-    while not ended.all():
+    while not (ended := batch.ended).all():
         sensors.append(np.stack(list(batch.sensors().values()), axis=-1))
         actions, _ = policy.predict(batch.observations)
         share = 0.5 * (np.clip(actions.astype(np.float64), -1.0, 1.0) + 1.0)
         commands.append(np.rint((low + share * (high - low)) / COMMAND_RESOLUTION) * COMMAND_RESOLUTION)
         steps += ~ended
         batch.step(batch.commands(actions, (episodes, ACTIONS)), ended)
-        ended = batch.ended
     return Log(np.array(sensors), np.array(commands), steps, batch.info()["time_weight"])
 
 
-def compiled(
-    policy: Policy, header: Path, folder: Path, language: str = "C99", program: str = "replay.c.jinja"
-) -> ctypes.CDLL | None:
-    """Compile a program of this folder around the header without a warning; None where there is no compiler.
+def compiled(policy: Policy, header: Path, folder: Path, language: str = "C99") -> ctypes.CDLL | None:
+    """Compile program.c.jinja around the header without a warning; None where there is no compiler.
 
     Raises:
         CalledProcessError: the compiler warned, or worse.
@@ -70,13 +67,8 @@ def compiled(
     compiler = shutil.which("g++" if language == "C++17" else "gcc") or shutil.which("cc")
     if compiler is None:
         return None
-    source = c_text(
-        program,
-        header=header.name,
-        name=identifier(header.stem),
-        fields=len(policy.spec.sensors),
-        inputs=policy.inputs,
-    )
+    names = {"header": header.name, "name": identifier(header.stem), "controlled": has_controller(policy)}
+    source = c_text("program.c.jinja", **names, fields=len(policy.spec.sensors), inputs=policy.inputs)
     library = folder / f"{header.stem}-{len(language)}.so"
     flags = [*LANGUAGES[language], "-O2", "-ffp-contract=off", *WARNINGS, "-shared", "-fPIC", "-"]
     command = [compiler, *flags, "-I", str(header.parent.resolve()), "-o", str(library), "-lm"]
@@ -89,21 +81,15 @@ def address(array: NDArray[Any]) -> ctypes.c_void_p:
     return array.ctypes.data_as(ctypes.c_void_p)
 
 
-def replay(policy: Policy, header: Path, log: Log, calls: int = CALLS) -> Replay | None:
-    """Play a log through the header; None where it holds no controller, or there is no compiler."""
-    if not has_controller(policy):
-        return None
-    with TemporaryDirectory() as folder:
-        program = compiled(policy, header, Path(folder))
-        if program is None:
-            return None
-        steps = log.steps.astype(np.int32)
-        commands, seconds = np.zeros_like(log.commands), np.zeros(calls)
-        arrays = [address(array) for array in (log.sensors, steps, log.time_weight)]
-        program.play(len(steps), *arrays, address(commands))
-        program.clocked(len(steps), *arrays, calls, address(seconds))
+def replay(policy: Policy, program: ctypes.CDLL, log: Log, calls: int = CALLS) -> Replay:
+    """Play a log through the controller of a compiled program, and time so many calls of it."""
+    steps = log.steps.astype(np.int32)
+    commands, seconds = np.zeros_like(log.commands), np.zeros(calls)
+    arrays = [address(array) for array in (log.sensors, steps, log.time_weight)]
+    program.play(len(steps), *arrays, address(commands))
+    program.clocked(len(steps), *arrays, calls, address(seconds))
     task = Task(**policy.environment)
     span = np.diff([task.velocity_range, task.acceleration_range])[:, 0]
     played = np.arange(len(commands))[:, None] < steps
     difference = np.abs((commands - log.commands) / span)[played].max()
-    return Replay(float(difference), float(np.quantile(seconds, 0.999)), float(seconds.max()))
+    return Replay(len(steps), calls, float(difference), float(np.quantile(seconds, 0.999)), float(seconds.max()))

@@ -8,7 +8,6 @@ from collections.abc import Iterable
 from pathlib import Path
 
 ALWAYS = ("agents", "impact_gym")  # packages that are sent to each node
-LARGEST = 100e6  # bytes, of all that is sent
 STANDARD = Path(sysconfig.get_path("stdlib")).resolve()
 SOURCES = (".py", ".pyx", ".pxi", ".csv", ".json", ".toml", ".npz", ".jinja", ".typed")
 """Kinds of files that a package here reads or is made of."""
@@ -30,15 +29,12 @@ def digest_of(*modules: str) -> str:
     return digest.hexdigest()
 
 
-def stage(functions: Iterable[str], path: Path, always: Iterable[str] = ALWAYS, largest: float = LARGEST) -> Path:
+def stage(functions: Iterable[str], path: Path, always: Iterable[str] = ALWAYS) -> Path:
     """Write a zip of what jobs of these functions import that is not installed, for a cluster's nodes; return `path`.
 
     These are the top-level packages and modules of this project and of the functions, without what they import from
     elsewhere. The compiled kernels go along, so the nodes need the same Python. The same files make the same zip, so a
     node that has it is not sent it again.
-
-    Raises:
-        ValueError: there is more of it than `largest`, bytes.
     """
     names = {*always, *(function.partition(":")[0].partition(".")[0] for function in functions)}
     content: dict[str, Path] = {}
@@ -47,9 +43,6 @@ def stage(functions: Iterable[str], path: Path, always: Iterable[str] = ALWAYS, 
         if {"site-packages", "dist-packages"} & {*origin.parts} or origin.is_relative_to(STANDARD):
             continue  # installed, so it is for the nodes to have it as well
         content |= {file.relative_to(origin.parent).as_posix(): file for file in _files(origin, COMPILED)}
-    size = sum(file.stat().st_size for file in content.values())
-    if size > largest:
-        raise ValueError(f"the sources for the cluster are {size / 1e6:.0f} MB, more than {largest / 1e6:.0f} MB")
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
         for name in sorted(content):
             entry = zipfile.ZipInfo(name)  # dated 1980, not today

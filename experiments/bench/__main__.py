@@ -2,6 +2,7 @@
 
 import json
 import os
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -11,27 +12,27 @@ import tyro
 
 from agents.command_line import run_command
 from agents.provenance import circumstances
-from experiments.bench import approaches, environments, jobs, models
+from experiments.bench import cost, environments, models, solvers
 from experiments.lab.results import REPORTS, whole_folder
 
-Part = Literal["approaches", "environments", "models", "rates", "jobs", "ten-million"]
-PARTS = {
-    "approaches": approaches.measure,
+Part = Literal["approaches", "environments", "models", "rates", "cost"]
+Measure = Callable[[bool], dict[str, pl.DataFrame]]
+"""Measures, quickly or not; returns tables by their titles."""
+PARTS: dict[str, Measure] = {
+    "approaches": solvers.measure,
     "environments": environments.measure,
     "models": models.measure,
     "rates": environments.three_rates,
-    "jobs": jobs.measure,
-    "ten-million": jobs.ten_million,
+    "cost": cost.measure,
 }
 
 
 @dataclass(frozen=True)
 class BenchOptions:
-    """Measure speed: approaches and environments beside others', simpler models, training, grids of jobs."""
+    """Measure speed: approaches and environments beside others', simpler models, training."""
 
     parts: tyro.conf.Positional[tuple[Part, ...]] = ("approaches", "environments", "models", "rates")
-    """The first four take two minutes together. The others are to be asked for: jobs plays grids on this machine and on
-    Ray (five minutes), ten-million plays the whole grid (as long again, with 0.7 GB of results for a while)."""
+    """These take two minutes together; cost, of an approach by coupling, robot and tolerance, is to be asked for."""
     quick: bool = False
     """Measure so briefly that the figures mean little."""
     out: Path = REPORTS / "bench"
@@ -51,14 +52,14 @@ def text(value: Any) -> str:
     return "" if value is None else f"{value:,}" if isinstance(value, int) else str(value)
 
 
-def run(options: BenchOptions) -> None:
+def run(options: BenchOptions, measures: Mapping[str, Measure] = PARTS) -> None:
     """Measure, print and write the parts that are asked for."""
     results: dict[str, Any] = {"quick": options.quick, "load_before": os.getloadavg()[0]}
     results |= circumstances("impact-gym", "numpy", "scipy", "gymnasium")
     printed = f"Measured on {results['machine']}, {results['date']}, load {results['load_before']:.1f} before.\n"
     with whole_folder(options.out) as folder:
         for part in options.parts:
-            tables = PARTS[part](options.quick)
+            tables = measures[part](options.quick)
             results[part] = {title: table.to_dicts() for title, table in tables.items()}
             printed += "".join(f"\n{title}:\n\n{markdown(table)}\n" for title, table in tables.items())
         (folder / "results.json").write_text(json.dumps(results, indent=2) + "\n")

@@ -76,50 +76,38 @@ def single(name: str) -> Step:
     return stepping(gym.wrappers.Autoreset(gym.make(name)))
 
 
-def batch(name: str, num_envs: int) -> Step:
+def batch(name: str, size: int) -> Step:
     """Return a call that steps the native batch of `gym.make_vec(name)`."""
-    return stepping(gym.make_vec(name, num_envs=num_envs, vectorization_mode="vector_entry_point"))
-
-
-def stable_baselines3(num_envs: int) -> Step:
-    """Return a call that steps `ImpactVecEnv`, with the same action everywhere."""
-    envs = ImpactVecEnv(num_envs)
-    actions = cycle([np.tile(envs.action_space.sample(), (num_envs, 1)) for _ in range(32)])
-    return stepping(envs, lambda _: next(actions))
+    return stepping(gym.make_vec(name, num_envs=size, vectorization_mode="vector_entry_point"))
 
 
 def stepped(quick: bool) -> pl.DataFrame:
     """Return step rates beside Gymnasium's, the best of some rounds in which the environments take turns."""
     batched, rule = gym.make_vec(ID, num_envs=BATCH, rtol=RTOL), PaperTrapezoid()
+    of_library = ImpactVecEnv(LEARN_ENVS)
+    alike = np.tile(of_library.action_space.sample(), (LEARN_ENVS, 1))  # the same action everywhere
     steps = [
         (f"{ID}, the paper's rule", BATCH, stepping(batched, lambda last: rule.predict(last[0])[0])),
         (BATCH_SCALE, BATCH, batch(BATCH_SCALE, BATCH)),
         (ID, 1, single(ID)),
         (SCALE, 1, single(SCALE)),
-        ("ImpactVecEnv", LEARN_ENVS, stable_baselines3(LEARN_ENVS)),
+        ("ImpactVecEnv", LEARN_ENVS, stepping(of_library, lambda _: alike)),
         *((ID, size, batch(ID, size)) for size in (SIZES[::2] if quick else SIZES)),
     ]
     rounds, seconds = (1, 0.03) if quick else (5, 0.5)
-    turns = [
-        [rate(step, envs, seconds, rounds=1) for _, envs, step in steps]
-        for _ in tqdm(range(rounds), desc="environments")
-    ]
-    rows = [(name, envs, best) for (name, envs, _), best in zip(steps, np.max(turns, axis=0), strict=True)]
+    turns = tqdm(range(rounds), desc="environments")
+    rates = np.max([[rate(step, envs, seconds, rounds=1) for _, envs, step in steps] for _ in turns], axis=0)
+    rows = [(name, envs, best) for (name, envs, _), best in zip(steps, rates, strict=True)]
     table = pl.DataFrame(rows, ["environment", "in a batch", "steps per second"], orient="row")
     ratio = pl.col("steps per second").first().over("in a batch") / pl.col("steps per second")
     return table.with_columns(ratio.alias("ours over it"))
 
 
-def error() -> float:
-    """Return the largest error in V_p of a batch of scenarios under the paper's rule, m/s."""
+def measure(quick: bool) -> dict[str, pl.DataFrame]:
+    """Return step rates beside Gymnasium's, and the largest error in V_p and the memory of a batch."""
     exact, rough = (
         evaluate(PaperTrapezoid(), VALIDATION_SEED, BATCH, rtol=rtol).object_velocity for rtol in (1e-12, RTOL)
     )
-    return float(np.abs(rough - exact).max())
-
-
-def memory() -> dict[str, float]:
-    """Return the bytes that a batch holds for a row, and those that a step allocates for it and lets go."""
     envs: Any = gym.make_vec(ID, num_envs=BATCH).unwrapped
     envs.reset(seed=0)
     held = sum(array.nbytes for array in vars(envs.batch).values() if isinstance(array, np.ndarray))
@@ -129,33 +117,29 @@ def memory() -> dict[str, float]:
     envs.batch.step(actions, skip)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
-    return {"bytes held for a row": held / BATCH, "bytes allocated for it in a step": peak / BATCH}
-
-
-def measure(quick: bool) -> dict[str, pl.DataFrame]:
-    """Return step rates beside Gymnasium's, and the error and the memory of a batch."""
-    batch_row = {"rtol": RTOL, "largest error in V_p, µm/s": 1e6 * error(), **memory()}
-    return {"Environments": stepped(quick), "The batch": pl.DataFrame([batch_row])}
-
-
-def training(setup: str, steps: int, threads: int) -> float:
-    """Return the steps per second of a training as its set-up has it, with so many threads of torch."""
-    loaded = load_setup(setup)
-    asked = Run(loaded, replace(loaded.training, steps=steps, threads=threads))
-    with tempfile.TemporaryDirectory() as folder, redirect_stdout(io.StringIO()):
-        run = train(asked, Path(folder) / "run")
-        return float(json.loads((run / "metrics.json").read_text())["steps_per_second"])
+    row = {
+        "rtol": RTOL,
+        "largest error in V_p, µm/s": 1e6 * float(np.abs(rough - exact).max()),
+        "bytes held for a row": held / BATCH,
+        "bytes allocated for it in a step": peak / BATCH,
+    }
+    return {"Environments": stepped(quick), "The batch": pl.DataFrame([row])}
 
 
 def three_rates(quick: bool, setups: Sequence[str] = SETUPS) -> dict[str, pl.DataFrame]:
     """Return the three rates of set-ups, with as many environments side by side as their training has."""
-    seconds, steps, threads = (0.1, STEPS // 30, {1}) if quick else (3.0, STEPS, {1, len(os.sched_getaffinity(0))})
+    seconds, steps, threads = (0.1, STEPS // 100, {1}) if quick else (3.0, STEPS, {1, len(os.sched_getaffinity(0))})
     rows = []
-    for setup in setups:
-        count, policy = load_setup(setup).training.envs, load_policy(setup)
-        envs = load_setup(setup).make_vec(count)
+    for name in setups:
+        setup, policy = load_setup(name), load_policy(name)
+        count = setup.training.envs
+        envs = setup.make_vec(count)
         ways = {"environment": None, "environment with inference": lambda last, act=policy: act.predict(last[0])[0]}
-        row = {name: rate(stepping(envs, act), count, seconds) for name, act in ways.items()}
-        row |= {f"training, torch threads: {number}": training(setup, steps, number) for number in sorted(threads)}
-        rows.append({"set-up": setup, "environments": count, **row})
+        row = {way: rate(stepping(envs, act), count, seconds) for way, act in ways.items()}
+        for number in sorted(threads):
+            asked = Run(setup, replace(setup.training, steps=steps, threads=number))
+            with tempfile.TemporaryDirectory() as folder, redirect_stdout(io.StringIO()):
+                metrics = json.loads((train(asked, Path(folder) / "run") / "metrics.json").read_text())
+            row[f"training, torch threads: {number}"] = metrics["steps_per_second"]
+        rows.append({"set-up": name, "environments": count, **row})
     return {"The three rates, steps per second": pl.DataFrame(rows)}

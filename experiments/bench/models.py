@@ -15,19 +15,14 @@ def measure(quick: bool) -> dict[str, pl.DataFrame]:
     for number in tqdm(range(scenes), desc="models"):
         approach = storm(number)
         advice = advise(approach.scene, approach.motion, TOLERANCE, duration=approach.duration)
-        _, *simpler = advice.tried
-        tried += [(model.name, model.bound, model.time_saved, model is advice.model) for model in simpler]
+        tried += [(model.name, model.bound, model.time_saved, model is advice.model) for model in advice.tried[1:]]
     models = pl.DataFrame(tried, ["model", "error", "saved", "advised"], orient="row")
     error, saved = pl.col("error"), pl.col("saved").median().alias("median share of time saved")
-    by_model = models.group_by("model").agg(
-        pl.len().alias("scenes"),
-        (error <= TOLERANCE).sum().alias("within"),
-        error.median().alias("median error"),
-        error.max().alias("largest error"),
-        saved,
-    )
+    count, within = pl.len().alias("scenes"), (error <= TOLERANCE).sum().alias("within")
+    middle, largest = error.median().alias("median error"), error.max().alias("largest error")
+    by_model = models.group_by("model").agg(count, within, middle, largest, saved).sort("model")
     advised = models.filter("advised").select(pl.len().alias("scenes that need no more"), saved)
     return {
-        f"Simpler models, V_p within {TOLERANCE:.0%}, best of {ROUNDS} runs": by_model.sort("model"),
+        f"Simpler models, V_p within {TOLERANCE:.0%}, best of {ROUNDS} runs": by_model,
         f"What advice on each of the {scenes} scenes of the storm saves": advised,
     }

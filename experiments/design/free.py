@@ -15,13 +15,10 @@ from impact_gym.quantities import QUANTITIES
 from impact_gym.scene import SpringDamper
 from impact_gym.task import Task
 from impact_gym.task.arguments import changed
-from impact_gym.task.task import MOUNT_IDS
 from impact_gym.validation import number
 
 WIDE = 10.0
 """A range whose ends differ by this factor is searched by ratio, as stiffness and mass always are."""
-DESIGN = tuple(name for name in MOUNT_IDS if not name.startswith("robot."))
-"""The numbers that may be free; which of them a coupling has depends on its kind."""
 
 
 class Free(NamedTuple):
@@ -57,46 +54,38 @@ class Free(NamedTuple):
         return [float(value) for value in space(self.low, self.high, count)]
 
 
-def read(text: str) -> Free:
-    """Return the free number in `NAME=LOW:HIGH`.
+def free_numbers(texts: Sequence[str], setup: Setup) -> list[Free]:
+    """Return the free numbers, `NAME=LOW:HIGH` each; they begin with the set-up's own, the middle of what it draws.
 
     Raises:
-        ValueError: the text has another form, no design has such a number, or LOW is not below HIGH.
-    """
-    name, equals, ends = text.partition("=")
-    low, colon, high = ends.partition(":")
-    try:
-        pair = float(low), float(high)
-    except ValueError:
-        pair = None
-    if not (name and equals and colon) or pair is None:
-        raise ValueError(f"--free must be NAME=LOW:HIGH, such as coupling.stiffness=10:300, got {text!r}")
-    known("--free ", [name], DESIGN)
-    free = Free(name, *(number(f"--free {name}", end, QUANTITIES[name].unit) for end in pair))
-    if not free.low < free.high:
-        raise ValueError(f"--free {name} must have LOW below HIGH, got {free.low:g}:{free.high:g}")
-    return free
-
-
-def read_all(texts: Sequence[str], setup: Setup) -> list[Free]:
-    """Return the free numbers of a set-up's coupling and tool; they begin with its own, the middle of what it draws.
-
-    Raises:
-        ValueError: there is none, one is named twice, or the set-up has no such number.
+        ValueError: there is none, a text has another form, a name stands twice or is no number of the set-up's coupling
+            and tool, or LOW is not below HIGH.
     """
     if not texts:
         raise ValueError("--free must name a number of the design at least, such as coupling.stiffness=10:300")
-    numbers, task = [read(text) for text in texts], Task(**setup.environment)
-    own = {"tool_mass": task.tool_mass}
-    own |= {f"coupling.{field.name}": getattr(task.coupling, field.name) for field in fields(task.coupling)}
-    names = [free.name for free in numbers]
-    for name in names:
-        if name not in own:
-            kind = type(task.coupling).__name__
-            raise ValueError(f"--free {name}: {setup.called} has a {kind} coupling, whose design is {', '.join(own)}")
-        if names.count(name) > 1:
-            raise ValueError(f"--free {name} is named twice")
-    return [free._replace(start=float(own[free.name])) for free in numbers]
+    task = Task(**setup.environment)
+    own = {f"coupling.{field.name}": getattr(task.coupling, field.name) for field in fields(task.coupling)}
+    numbers = {}
+    for text in texts:
+        free = _read(text, {"tool_mass": task.tool_mass} | own)
+        if free.name in numbers:
+            raise ValueError(f"--free {free.name} is named twice")
+        numbers[free.name] = free
+    return list(numbers.values())
+
+
+def _read(text: str, own: Mapping[str, float]) -> Free:
+    """Return the free number in a text, which begins with the set-up's `own`."""
+    name, _, ends = text.partition("=")
+    try:
+        low, high = map(float, ends.split(":"))
+    except ValueError:
+        raise ValueError(f"--free must be NAME=LOW:HIGH, such as coupling.stiffness=10:300, got {text!r}") from None
+    known("--free ", [name], own)
+    low, high = (number(f"--free {name}", end, QUANTITIES[name].unit) for end in (low, high))
+    if not low < high:
+        raise ValueError(f"--free {name} must have LOW below HIGH, got {low:g}:{high:g}")
+    return Free(name, low, high, float(own[name]))
 
 
 def as_built(design: Mapping[str, float], tolerance: float) -> dict[str, list[float]]:
@@ -114,16 +103,13 @@ def searched_environment(setup: Setup, numbers: Sequence[Free], deflection: floa
         environment = changed(setup.environment, {free.name: [free.low, free.high] for free in numbers})
         task = Task(**environment)
         warnings(task)
-        least = task.acceleration_range[0]
-        lag = min(least * lag_of(corner) for corner in corners(task))
+        springs = [corner for corner in corners(task) if isinstance(corner.coupling, SpringDamper)]
+        # in equilibrium the tool stays behind by m a / k
+        lag = task.acceleration_range[0] * min((c.tool_mass / c.coupling.stiffness for c in springs), default=0.0)
         if deflection is not None and lag > deflection:
             raise ValueError(
-                f"no design in these ranges holds the tool within {1e3 * deflection:g} mm: even at {least:g} m/s^2, "
-                f"the least that the arm makes, the stiffest lets it lag {1e3 * lag:.3g} mm behind"
+                f"no design in these ranges holds the tool within {1e3 * deflection:g} mm: even at "
+                f"{task.acceleration_range[0]:g} m/s^2, the least that the arm makes, the stiffest lets it lag "
+                f"{1e3 * lag:.3g} mm behind"
             )
     return environment
-
-
-def lag_of(task: Task) -> float:
-    """Return how far the tool stays behind in equilibrium for each m/s^2 of acceleration, s^2; 0 without a spring."""
-    return task.tool_mass / task.coupling.stiffness if isinstance(task.coupling, SpringDamper) else 0.0

@@ -6,10 +6,8 @@ motion alone. The stroke counts the blow and the retreat as well.
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agents.baselines.rule import Floats
 from agents.evaluate import Episodes
@@ -21,14 +19,7 @@ WITHIN = 0.95
 """Share of the episodes that keep to the limits of peak force and energy; deflection and stroke hold in all."""
 WITHIN_STEP = (0.25, 0.5, 0.75, 1.0)
 """Shares of a control step at which the tool is looked for, on the cubic through both ends of it."""
-UNITS = {
-    "deflection": "m",
-    "stroke": "m",
-    "peak_force": "N",
-    "release": "J",
-    "energy": "J",
-    "touched_once": "(no unit)",
-}
+UNITS = {"deflection": "m", "stroke": "m", "peak_force": "N", "release": "J", "energy": "J", "touched_once": "-"}
 
 
 @dataclass(frozen=True)
@@ -48,12 +39,7 @@ class Limits:
     touched_once: float | None = None
     """Least share of the scenarios without a second blow, such as 0.95."""
 
-    def check(self) -> None:
-        """Refuse a limit that is out of range.
-
-        Raises:
-            ValueError: names it.
-        """
+    def __post_init__(self) -> None:
         for name, unit in UNITS.items():
             if getattr(self, name) is not None:
                 number(name, getattr(self, name), unit, above=0, at_most=1.0 if name == "touched_once" else math.inf)
@@ -67,24 +53,27 @@ class Limits:
             release: J, of each candidate (n,).
             pad: may be pressed in as far as its law holds, in the share WITHIN of the episodes.
         """
-
-        def by_candidate(values: NDArray[Any]) -> NDArray[Any]:
-            return values.reshape(len(release), -1)
-
-        energy = 0.5 * played.scenario["object_mass"] * played.object_velocity**2
-        peak = np.quantile(by_candidate(played.peak_force), WITHIN, axis=1)
-        pressed = (pad.deepest, pad.pressed(peak)) if pad else (None, peak)
+        count = len(release)
+        peak, energy = (
+            np.quantile(values.reshape(count, -1), WITHIN, axis=1) for values in (played.peak_force, kinetic(played))
+        )
         repeated = None if self.touched_once is None else max(1.0 - self.touched_once, 1e-3)
         limited = [
-            (self.deflection, by_candidate(travel.deflection).max(axis=1)),
-            (self.stroke, by_candidate(travel.stroke).max(axis=1)),
+            (self.deflection, travel.deflection.reshape(count, -1).max(axis=1)),
+            (self.stroke, travel.stroke.reshape(count, -1).max(axis=1)),
             (self.peak_force, peak),
-            pressed,
+            (pad.deepest, pad.pressed(peak)) if pad else (None, peak),
             (self.release, release),
-            (self.energy, np.quantile(by_candidate(energy), WITHIN, axis=1)),
-            (repeated, by_candidate(played.contact_count > 1).mean(axis=1)),
+            (self.energy, energy),
+            (repeated, (played.contact_count > 1).reshape(count, -1).mean(axis=1)),
         ]
-        return sum((np.maximum(value / limit - 1.0, 0.0) for limit, value in limited if limit), np.zeros(len(release)))
+        return sum((np.maximum(value / limit - 1.0, 0.0) for limit, value in limited if limit), np.zeros(count))
+
+
+def kinetic(played: Episodes) -> Floats:
+    """Return the energy that the object leaves with in each episode, J."""
+    energy: Floats = 0.5 * played.scenario["object_mass"] * played.object_velocity**2
+    return energy
 
 
 class Travel:
@@ -103,11 +92,12 @@ class Travel:
             return
         step = now.time - before.time
         for u in WITHIN_STEP:
-            rate, rate_before = now.deflection_rate, before.deflection_rate
             deflection = (
-                (1.0 + 2.0 * u) * (1.0 - u) ** 2 * before.deflection + u * (1.0 - u) ** 2 * step * rate_before
-                + u**2 * (3.0 - 2.0 * u) * now.deflection - u**2 * (1.0 - u) * step * rate
-            )  # fmt: skip
+                (1.0 + 2.0 * u) * (1.0 - u) ** 2 * before.deflection
+                + u * (1.0 - u) ** 2 * step * before.deflection_rate
+                + u**2 * (3.0 - 2.0 * u) * now.deflection
+                - u**2 * (1.0 - u) * step * now.deflection_rate
+            )
             away = np.abs(deflection - self._rest)
             self.stroke = np.maximum(self.stroke, away)
             self.deflection = np.where(now.touched, self.deflection, np.maximum(self.deflection, away))

@@ -19,20 +19,16 @@ from agents.setups.keys import known
 from impact_gym.physics.hertz import MATERIALS, hertz
 
 RIGID = (1e30, 0.0)  # Pa and Poisson's ratio of something far stiffer than any pad
+PADS = {"norbornene": 0.01, "neoprene": 0.01, "memory-foam": 0.04}
+"""Radius (m) of the dome of each material, of `impact_gym.MATERIALS`, that may be put on a tool."""
 
 
 class Pad(NamedTuple):
     """A dome of one material, which sits on the tool and counts as part of its mass."""
 
-    young: float  # Pa, Young's modulus
-    poisson: float  # -
+    stiffness: float  # N/m^1.5, Hertz's against something far stiffer
     restitution: float  # -, against something that loses nothing
     radius: float  # m, of the dome
-
-    @property
-    def stiffness(self) -> float:
-        """Hertz stiffness against something far stiffer, 4/3 E / (1 - nu^2) sqrt(R), N/m^1.5."""
-        return hertz(self.radius, self.young, self.poisson, *RIGID)
 
     @property
     def deepest(self) -> float:
@@ -44,27 +40,17 @@ class Pad(NamedTuple):
         return (np.asarray(force) / self.stiffness) ** (2.0 / 3.0)
 
 
-def dome(material: str, radius: float) -> Pad:
-    """Return a dome (radius, m) of one of `impact_gym.MATERIALS`, as stiff as in the middle and at its bounciest."""
-    measured = MATERIALS[material]
-    if measured.restitution is None:
-        raise ValueError(f"{material} has no restitution in the table of materials")
-    return Pad(math.sqrt(math.prod(measured.young)), sum(measured.poisson) / 2.0, measured.restitution[1], radius)
-
-
-RADII = {"norbornene": 0.01, "neoprene": 0.01, "memory-foam": 0.04}  # m
-PADS = {material: dome(material, radius) for material, radius in RADII.items()}
-"""The pads that may be put on a tool."""
-
-
-def pad_of(name: str) -> Pad:
-    """Return a pad of the table.
+def pad_of(material: str) -> Pad:
+    """Return the pad of a material: as stiff as in the middle of what is measured, and at its bounciest.
 
     Raises:
-        ValueError: there is none of that name.
+        ValueError: there is none of it.
     """
-    known("--pad ", [name], PADS)
-    return PADS[name]
+    known("--pad ", [material], PADS)
+    measured, radius = MATERIALS[material], PADS[material]
+    assert measured.restitution is not None  # of each material of which there is a pad
+    stiffness = hertz(radius, math.sqrt(math.prod(measured.young)), sum(measured.poisson) / 2.0, *RIGID)
+    return Pad(stiffness, measured.restitution[1], radius)
 
 
 def on_pad(name: str, stiffness: Floats, restitution: Floats) -> tuple[Floats, Floats]:

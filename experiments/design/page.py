@@ -1,27 +1,27 @@
-"""The page of a study of designs: its front, the chosen design and its gain, films, and whether it is the optimum."""
+"""The page of a study of designs: its front, the chosen design and its gain, and whether it is the optimum."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from agents.baselines.rule import Floats
-from experiments.design import sizes, watch
+from experiments.design import sizes
 from experiments.design.run import Entry
 from experiments.design.study import CHOSEN, FRONT, GRID, PAPER, SEEDS, Study
-from experiments.lab import player
 from experiments.lab.charts import OBJECT, SERIES, TOOL
+from experiments.lab.comparison import Comparison
 from experiments.lab.experiment import write
-from experiments.lab.statistics import Estimate, Resamples, along, estimate, quantile_groups
+from experiments.lab.statistics import Estimate, Resamples, estimate, quantile_groups
 from experiments.lab.tables import Row
 from impact_gym.quantities import QUANTITIES
 
 Lines = Mapping[str, Sequence[Entry]]
 """The entries of each coupling by the name of its line, in the order of their approach times."""
 LABELS = {FRONT: "best design for each approach time", CHOSEN: "chosen design"}
+TRADE_OFF = ("approach_time", "object_velocity")
 BINS = 5  # of distances
 
 
@@ -32,12 +32,14 @@ def lines_of(entries: Sequence[Entry]) -> dict[str, list[Entry]]:
     return {name: [entry for entry in ordered if entry.line == name] for name in names}
 
 
-def reduction(line: Sequence[Entry], paper: Entry, resamples: Resamples) -> Estimate:
+def reduction(line: Sequence[Entry], paper: Entry) -> Estimate:
     """Return by which share a line's V_p is below that of the paper's rule, at the mean approach time of that rule."""
-    names = ("approach_time", "object_velocity")
-    times, velocities = (resamples.means(np.array([entry.results[name] for entry in line])[None]) for name in names)
-    time, velocity = (resamples.means(paper.results[name]) for name in names)
-    return estimate(1.0 - along(times, velocities, time) / velocity)
+    resamples = Resamples(len(paper.results["object_velocity"]))
+    ours, theirs = (
+        [resamples.means(np.array([entry.results[name] for entry in entries])[None]) for name in TRADE_OFF]
+        for entries in (line, [paper])
+    )
+    return Comparison.of_fronts((ours[0], ours[1]), (theirs[0], theirs[1])).reduction
 
 
 def row(entry: Entry, paper: Entry) -> Row:
@@ -80,36 +82,26 @@ def with_unit(name: str, value: float) -> str:
     return f"{value:.4g} {QUANTITIES[name].unit.removeprefix('-')}".strip()
 
 
+def _point(entry: Entry) -> tuple[float, float]:
+    """Return mean approach time (s) and V_p (m/s)."""
+    time, velocity = map(entry.mean, TRADE_OFF)
+    return time, velocity
+
+
 def front_chart(lines: Lines) -> Figure:
     """Return approach time against V_p, each design of the front with its largest deflection in free flight."""
     figure = Figure(figsize=(8.4, 4.8))
     axes = figure.subplots()
     others = [name for name in lines if name not in (*LABELS, PAPER)]
     for name, colour in {**dict(zip(others, SERIES[2:], strict=False)), CHOSEN: TOOL, FRONT: OBJECT}.items():
-        points = [(entry.mean("approach_time"), entry.mean("object_velocity")) for entry in lines[name]]
         style = "s" if name == FRONT else "o-"
-        axes.plot(*zip(*points, strict=True), style, color=colour, label=LABELS.get(name, name), markersize=5)
+        points = zip(*map(_point, lines[name]), strict=True)
+        axes.plot(*points, style, color=colour, label=LABELS.get(name, name), markersize=5)
     for entry in lines[FRONT]:
-        point = entry.mean("approach_time"), entry.mean("object_velocity")
         text = f"{1e3 * entry.results['deflection'].max():.1f} mm"
-        axes.annotate(text, point, xytext=(5, 6), textcoords="offset points", fontsize=8)
-    (paper,) = lines[PAPER]
-    axes.plot(paper.mean("approach_time"), paper.mean("object_velocity"), "k*", markersize=12, label=PAPER)
+        axes.annotate(text, _point(entry), xytext=(5, 6), textcoords="offset points", fontsize=8)
+    axes.plot(*_point(lines[PAPER][0]), "k*", markersize=12, label=PAPER)
     axes.set(xlabel="mean approach time (s)", ylabel="mean $V_p$ (m/s)", ylim=(0.0, None))
-    axes.legend(fontsize=9)
-    return figure
-
-
-def distance_chart(chosen: Entry, paper: Entry) -> Figure:
-    """Return V_p over the object's distance, of the chosen design and of the paper's rule."""
-    figure = Figure(figsize=(8.4, 3.6))
-    axes = figure.subplots()
-    groups = quantile_groups(chosen.results["distance"], BINS)
-    middles = [1e3 * 0.5 * (low + high) for _, low, high in groups]
-    for entry, colour in ((chosen, TOOL), (paper, OBJECT)):
-        velocities = [entry.results["object_velocity"][mask].mean() for mask, _, _ in groups]
-        axes.plot(middles, velocities, "o-", color=colour, label=entry.line)
-    axes.set(xlabel="object's distance (mm)", ylabel="mean $V_p$ (m/s)", ylim=(0.0, None))
     axes.legend(fontsize=9)
     return figure
 
@@ -130,24 +122,24 @@ def grid_chart(seeds: Sequence[Entry], grid: Sequence[Entry], study: Study) -> F
         values = free.spread(count)
         axis.set_ticks(free.searched(values), [f"{value:.3g}" for value in values])
         unit = QUANTITIES[free.name].unit
-        axis.set_label_text(free.name if unit == "(no unit)" else f"{free.name} ({unit})")
+        axis.set_label_text(free.name if unit == "-" else f"{free.name} ({unit})")
     axes.grid(color=TOOL, alpha=0.1)
     axes.legend(loc="upper right", fontsize=8, frameon=True)
     figure.colorbar(levels, label="V_p where searched (m/s)")
     return figure
 
 
-def optimum(seeds: Sequence[Entry], grid: Sequence[Entry], paper: Entry, resamples: Resamples) -> dict[str, Any]:
+def optimum(seeds: Sequence[Entry], grid: Sequence[Entry], paper: Entry) -> dict[str, Any]:
     """Return a row for each seed and for the best of the grid, with the interval of its V_p on the test set."""
-    best = min(grid, key=lambda entry: entry.loss)
+    best, resamples = min(grid, key=lambda entry: entry.loss), Resamples(len(paper.results["object_velocity"]))
     table = [
         row(entry, paper) | {"velocity": estimate(resamples.means(entry.results["object_velocity"]))}
         for entry in (*sorted(seeds, key=lambda entry: entry.seed), best)
     ]
-    *of_seeds, of_best = table
-    velocities, intervals = ([seed[name] for seed in of_seeds] for name in ("object_velocity", "velocity"))
-    within = sum(interval.low <= of_best["object_velocity"] <= interval.high for interval in intervals)
-    return {"table": table, "count": len(grid), "within": within, "spread": max(velocities) - min(velocities)}
+    *velocities, of_best = (line["velocity"] for line in table)
+    values = [velocity.value for velocity in velocities]
+    within = sum(velocity.low <= of_best.value <= velocity.high for velocity in velocities)
+    return {"table": table, "count": len(grid), "within": within, "spread": max(values) - min(values)}
 
 
 def write_page(study: Study, entries: Sequence[Entry], map_rows: Sequence[Row], file: str, runs: Any) -> Path:
@@ -164,34 +156,26 @@ def write_page(study: Study, entries: Sequence[Entry], map_rows: Sequence[Row], 
     seeds, grid = lines.pop(SEEDS, []), lines.pop(GRID, [])
     (paper,) = lines[PAPER]
     chosen = next(entry for entry in lines[CHOSEN] if entry.allowed == study.typical)
-    resamples = Resamples(len(paper.results["object_velocity"]))
-    gains = {name: reduction(line, paper, resamples) for name, line in lines.items() if name != PAPER}
-    shares = [
-        1.0 - chosen.results["object_velocity"][mask].mean() / paper.results["object_velocity"][mask].mean()
-        for mask, _, _ in quantile_groups(chosen.results["distance"], BINS)
-    ]
-    table = [row(entry, paper) for line in lines.values() for entry in line]
+    gains = {name: reduction(line, paper) for name, line in lines.items() if name != PAPER}
+    velocities, of_paper = (entry.results["object_velocity"] for entry in (chosen, paper))
+    fifths = [mask for mask, *_ in quantile_groups(chosen.results["distance"], BINS)]
+    rows = {name: [row(entry, paper) for entry in line] for name, line in lines.items()}
+    table = [each for line in rows.values() for each in line]
     content = {
         "setup": study.arm.name,
         "gains": {LABELS.get(name, name): gain for name, gain in gains.items()},
         "gain": gains[CHOSEN],
         "design": {name: with_unit(name, value) for name, value in chosen.rig.design.items()},
         "pad": chosen.rig.pad,
-        "deflection": max(entry.results["deflection"].max() for entry in lines[CHOSEN]),
-        "least": min(shares),
+        "deflection": max(each["deflection"] for each in rows[CHOSEN]),
+        "least": min(1.0 - velocities[mask].mean() / of_paper[mask].mean() for mask in fifths),
         "rows": table,
-        "player": player,
-        "films": Markup(player.fragment(watch.front(paper, lines[FRONT], study.effort.tolerance))),
         "file": file,
-        "optimum": optimum(seeds, grid, paper, resamples) if grid else None,
+        "optimum": optimum(seeds, grid, paper) if grid else None,
         "sizes": sizes.shares(map_rows) if map_rows else None,
     }
-    figures = {"front": front_chart(lines), "distances": distance_chart(chosen, paper)}
-    if grid:
-        figures["grid"] = grid_chart(seeds, grid, study)
-    if map_rows:
-        figures["sizes"] = sizes.maps(map_rows)
-    searched = [row(entry, paper) for entry in (*seeds, *grid)]
-    return write(
-        "design", study.out, {"designs": table, "grid": searched, "sizes": list(map_rows)}, figures, content, runs
-    )
+    figures = {"front": front_chart(lines)}
+    figures |= {"grid": grid_chart(seeds, grid, study)} if grid else {}
+    figures |= {"sizes": sizes.maps(map_rows)} if map_rows else {}
+    tables = {"designs": table, "grid": [row(entry, paper) for entry in (*seeds, *grid)], "sizes": list(map_rows)}
+    return write("design", study.out, tables, figures, content, runs)

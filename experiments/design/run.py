@@ -1,6 +1,6 @@
 """Searches, choice by validation and play on the test set, of a study of designs."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from agents.baselines.tuned import read_tuned
 from agents.evaluate import TUNING_SEED, ScenarioBatch
-from agents.jobs import Job, digest_of, gather_all
-from experiments.design.search import PENALTY, Rig
+from agents.jobs import Job, Result, digest_of, gather_all
+from experiments.design.search import PENALTY, Rig, play, search
 from experiments.design.study import CHOSEN, FRONT, GRID, PAPER, SEEDS, Study, with_papers_spring
 from experiments.lab.results import KEPT
 from impact_gym.scene import Bistable
@@ -29,7 +29,7 @@ STARTS = {("BlindProfile", False): "blind-profile", ("BlindProfile", True): "bis
 
 @dataclass(frozen=True)
 class Entry:
-    """One rig of a study; a search fills in what it finds, playing the results."""
+    """One rig of a study; a search fills in design, parameters and loss, playing the results."""
 
     line: str  # PAPER, FRONT, CHOSEN, SEEDS, GRID, or a name of `Study.others`
     allowed: float  # approach time, over that of the paper's rule
@@ -50,20 +50,20 @@ def run(study: Study) -> list[Entry]:
     chosen, and its controller searched for the other times. Nothing is chosen by the test set.
     """
     padded = partial(Rig, rule=study.rule, pad=study.pad)
-    joint = [
-        Entry(FRONT, allowed, padded(study.searched), seed)
-        for allowed in study.times
-        for seed in range(1, study.seeds + 1)
-    ]
+    seeds = range(1, study.seeds + 1)
+    joint = [Entry(FRONT, allowed, padded(study.searched), seed) for allowed in study.times for seed in seeds]
     others = [
         Entry(name, allowed, Rig(environment, study.rule))
         for name, environment in study.others.items()
         for allowed in study.times
     ]
-    time = papers_time(study)
+    paper = Entry(PAPER, 1.0, Rig(with_papers_spring(study.arm.environment), *PAPERS_RULE))
+    time = mean_time(paper.rig, study.effort.scenarios)
     entries = searched(study, [*joint, *others], time, "designs and controllers")
     joint, others = entries[: len(joint)], entries[len(joint) :]
-    front = [validated(study, [entry for entry in joint if entry.allowed == allowed]) for allowed in study.times]
+    validation, *rivals = played(study, [paper, *joint], "validation")
+    by_time = [[entry for entry in rivals if entry.allowed == allowed] for allowed in study.times]
+    front = [best(entries, validation) for entries in by_time]
     chosen = next(entry for entry in front if entry.allowed == study.typical)
     built = padded(study.built(chosen.rig.design))
     later = [Entry(CHOSEN, allowed, built) for allowed in study.times if allowed != study.typical]
@@ -77,23 +77,14 @@ def run(study: Study) -> list[Entry]:
         grid = [Entry(GRID, study.typical, padded(study.built(design))) for design in designs]
         grid = searched(study, grid, time, "controllers of the grid")
         optimum = [replace(entry, line=SEEDS) for entry in joint if entry.allowed == study.typical]
-        optimum += [
-            replace(entry, rig=replace(entry.rig, design=design)) for entry, design in zip(grid, designs, strict=True)
-        ]
-    return played(study, [papers(study), *front, *curve, *others, *optimum], ["test", None])
+        optimum += [replace(one, rig=replace(one.rig, design=each)) for one, each in zip(grid, designs, strict=True)]
+    return played(study, [paper, *front, *curve, *others, *optimum], "test")
 
 
-def papers_time(study: Study) -> float:
-    """Return the mean approach time (s) of the paper's rule with the paper's spring, on the scenarios of a search."""
-    rig = papers(study).rig
-    options = {"scenario": "train", "threads": 1, **rig.environment}
-    batch = ScenarioBatch(TUNING_SEED, study.effort.scenarios, **options)
+def mean_time(rig: Rig, scenarios: int) -> float:
+    """Return the mean approach time (s) of a rig on the scenarios of a search."""
+    batch = ScenarioBatch(TUNING_SEED, scenarios, **{"scenario": "train", "threads": 1, **rig.environment})
     return float(batch.play(rig.controller).approach_time.mean())
-
-
-def papers(study: Study) -> Entry:
-    """Return the paper's rule with the paper's spring in the set-up's environment."""
-    return Entry(PAPER, 1.0, Rig(with_papers_spring(study.arm.environment), *PAPERS_RULE))
 
 
 def start_of(rig: Rig, approach_time: float) -> list[float]:
@@ -105,60 +96,40 @@ def start_of(rig: Rig, approach_time: float) -> list[float]:
 
 
 def searched(
-    study: Study, entries: Sequence[Entry], paper: float, title: str, start: Sequence[float] | None = None
+    study: Study, entries: Sequence[Entry], paper: float, title: str, start: Sequence[float] = ()
 ) -> list[Entry]:
     """Return the entries as searches find them; allowed times are multiples of the `paper`'s time (s).
 
     On the line FRONT the design is searched, elsewhere the controller alone. Controllers begin with `start`, or else
     with a shipped one.
     """
-    depends, jobs = digest_of(*DEPENDS), []
-    free = [study.numbers if entry.line == FRONT else [] for entry in entries]
+    asked, free = [], [study.numbers if entry.line == FRONT else [] for entry in entries]
     for entry, numbers in zip(entries, free, strict=True):
         time = entry.allowed * paper
-        arguments = {
-            "rig": asdict(replace(entry.rig, parameters=list(start or start_of(entry.rig, time)))),
-            "free": [list(number) for number in numbers],
-            "approach_time": time,
-            "limits": asdict(study.limits_of(entry.line)),
-            "effort": asdict(study.effort),
-            "seed": entry.seed,
-            "journal": "",
-        }
-        function = "experiments.design.search:search"
-        name = Job(function, arguments, depends).key[:24]
-        arguments["journal"] = str(study.out / "journal" / f"{name}.jsonl")
-        jobs.append(Job(function, arguments, depends))
-    results = gather_all(jobs, study.out / KEPT, processes=study.processes, title=title)
+        begin = replace(entry.rig, parameters=list(start or start_of(entry.rig, time)))
+        how = {"limits": asdict(study.limits_of(entry.line)), "effort": asdict(study.effort), "seed": entry.seed}
+        asked.append({"rig": asdict(begin), "free": list(map(list, numbers)), "approach_time": time} | how)
     ends = []
-    for entry, numbers, result in zip(entries, free, results, strict=True):
+    for entry, numbers, result in zip(entries, free, _results(study, search, asked, title), strict=True):
         design = dict(zip((number.name for number in numbers), result["design"].tolist(), strict=True))
         rig = replace(entry.rig, design=design, parameters=result["parameters"].tolist())
         ends.append(replace(entry, rig=rig, loss=result["loss"].item()))
     return ends
 
 
-def played(study: Study, entries: Sequence[Entry], scenarios: Sequence[Any]) -> list[Entry]:
-    """Return the entries with their results on a frozen set: its name, and how many scenarios of it."""
-    depends, jobs = digest_of(*DEPENDS), []
-    for entry in entries:
-        arguments = {
-            "rig": asdict(entry.rig),
-            "tolerance": study.effort.tolerance,
-            "scenarios": list(scenarios),
-            "limits": asdict(study.limits_of(entry.line)),
-        }
-        jobs.append(Job("experiments.design.search:play", arguments, depends))
-    results = gather_all(jobs, study.out / KEPT, processes=study.processes, title="playing")
+def played(study: Study, entries: Sequence[Entry], name: str) -> list[Entry]:
+    """Return the entries with their results on the frozen set of this name."""
+    with_limits = ((asdict(entry.rig), asdict(study.limits_of(entry.line))) for entry in entries)
+    how = {"tolerance": study.effort.tolerance, "name": name}
+    results = _results(study, play, [{"rig": rig, "limits": limits} | how for rig, limits in with_limits], "playing")
     return [replace(entry, results=result) for entry, result in zip(entries, results, strict=True)]
 
 
-def validated(study: Study, entries: Sequence[Entry]) -> Entry:
-    """Return the best of the entries on the validation set."""
-    if len(entries) == 1:
-        return entries[0]
-    paper, *rivals = played(study, [papers(study), *entries], ["validation", None])
-    return best(rivals, paper)
+def _results(study: Study, work: Callable[..., Result], asked: Sequence[Mapping[str, Any]], title: str) -> list[Result]:
+    """Return what a function of `search` returns for each of the arguments; what was done before is kept."""
+    depends = digest_of(*DEPENDS)
+    jobs = [Job(f"{work.__module__}:{work.__name__}", arguments, depends) for arguments in asked]
+    return gather_all(jobs, study.out / KEPT, processes=study.processes, title=title)
 
 
 def best(entries: Sequence[Entry], paper: Entry) -> Entry:
@@ -166,7 +137,6 @@ def best(entries: Sequence[Entry], paper: Entry) -> Entry:
 
     def cost(entry: Entry) -> float:
         late = entry.mean("approach_time") / (entry.allowed * paper.mean("approach_time")) - 1.0
-        excess = float(entry.results["excess"].item())
-        return entry.mean("object_velocity") + PENALTY * (max(late, 0.0) + excess)
+        return entry.mean("object_velocity") + PENALTY * (max(late, 0.0) + entry.mean("excess"))
 
     return min(entries, key=cost)

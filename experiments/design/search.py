@@ -6,25 +6,24 @@ both takes about twice as many; a search of designs, each with a search of its c
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from agents.baselines.cmaes import minimise
-from agents.baselines.rule import Floats, Parameter, Rule
+from agents.baselines.cmaes import Losses, minimise
+from agents.baselines.rule import Floats, Rule
 from agents.baselines.tuned import RULES
 from agents.evaluate import RESULTS, TUNING_SEED, ScenarioBatch
 from agents.jobs import Result
 from experiments.design.free import Free, as_built
-from experiments.design.journal import journaled
-from experiments.design.limits import Limits, Travel
+from experiments.design.limits import Limits, Travel, kinetic
 from experiments.design.pads import Pad, on_pad, pad_of
-from impact_gym.scene import Bistable, Coupling
+from impact_gym.scene import Bistable
 from impact_gym.task import Task
 from impact_gym.task.arguments import changed
-from impact_gym.task.scenario import FIELDS
 from impact_gym.task.task import MISSED_COST
+from impact_gym.validation import number, whole
 
 RTOL = 1e-5  # of the simulation while searching: V_p is within 1e-6 m/s
 PENALTY = 2.0
@@ -49,7 +48,11 @@ class Rig:
     @property
     def controller(self) -> Rule:
         """The controller, made for the environment."""
-        return RULES[self.rule].of(self.parameters).for_environment(self.environment)
+        return self.controller_of(self.parameters)
+
+    def controller_of(self, parameters: ArrayLike) -> Rule:
+        """Return the controller with other parameters, (k,) or (rows, k)."""
+        return RULES[self.rule].of(parameters).for_environment(self.environment)
 
     @property
     def soft(self) -> Pad | None:
@@ -70,6 +73,19 @@ class Rig:
         scenario = stage.play(self.controller).scenario
         return dict(zip(CONTACT, on_pad(self.pad, *(scenario[name] for name in CONTACT)), strict=True))
 
+    def released(self, design: Mapping[str, Floats], count: int) -> Floats:
+        """Return the energy (J) that each of `count` designs sets free from its front stop to its rear one (count,)."""
+        coupling = Task(**self.environment).coupling
+        if not isinstance(coupling, Bistable):
+            return np.zeros(count)
+        numbers = {name.rpartition(".")[2]: values for name, values in design.items() if name.startswith("coupling.")}
+        built = [
+            replace(coupling, **{name: float(values[k]) for name, values in numbers.items()}) for k in range(count)
+        ]
+        return np.array(
+            [mechanism.energy(mechanism.rest) - mechanism.energy(mechanism.rear_stop) for mechanism in built]
+        )
+
 
 @dataclass(frozen=True)
 class Effort:
@@ -85,52 +101,49 @@ class Effort:
     population: int = 18
     """Candidates per generation: they are played together."""
 
+    def __post_init__(self) -> None:
+        number("tolerance", self.tolerance, "-", at_least=0.0, at_most=0.5)
+        for name, least in (("scenarios", 1), ("budget", 1), ("population", 4)):
+            whole(name, getattr(self, name), at_least=least)
 
-class Objective:
-    """The loss of candidates, designs with their controllers, over training scenarios that are the same for all."""
 
-    def __init__(self, rig: Rig, numbers: Sequence[Free], approach_time: float, limits: Limits, effort: Effort) -> None:
-        """Make the scenarios; arguments as in `search`."""
-        self.rig, self.numbers, self.approach_time, self.limits, self.effort = (
-            rig,
-            numbers,
-            approach_time,
-            limits,
-            effort,
-        )
-        options = {"scenario": "train", **rig.environment, "rtol": RTOL, "threads": 1}
-        self._stage = ScenarioBatch(TUNING_SEED, effort.scenarios, effort.population, lenient=True, **options)
-        self._contact = rig.contact(ScenarioBatch(TUNING_SEED, effort.scenarios, **options))
-        off, rng = MARGIN * effort.tolerance, np.random.default_rng((TUNING_SEED, 1))
-        self._errors = rng.uniform(1.0 - off, 1.0 + off, (len(numbers), effort.scenarios))  # factors, as built
+def objective(rig: Rig, numbers: Sequence[Free], approach_time: float, limits: Limits, effort: Effort) -> Losses:
+    """Return the losses (population, 1), m/s, of candidates (population, 1, k): designs, then controllers.
 
-    def __call__(self, candidates: Floats) -> Floats:
-        """Return the losses (population, 1), m/s, of `candidates` (population, 1, k): designs, then rules."""
-        count, scenarios, rig = self.effort.population, self.effort.scenarios, self.rig
-        searched, of_rule = np.split(candidates[:, 0], [len(self.numbers)], axis=1)
-        design = {free.name: free.value(searched[:, k]) for k, free in enumerate(self.numbers)}
-        record = {
-            name: np.outer(values, factors).ravel()
-            for (name, values), factors in zip(design.items(), self._errors, strict=True)
-        }
-        record |= {name: np.tile(values, count) for name, values in self._contact.items()}
-        controller = RULES[rig.rule].of(np.repeat(of_rule, scenarios, axis=0)).for_environment(rig.environment)
-        travel = Travel(count * scenarios)
-        played = self._stage.play(controller, record, travel)
+    All are played through the same training scenarios; arguments as in `search`.
+    """
+    population, scenarios = effort.population, effort.scenarios
+    options = {"scenario": "train", **rig.environment, "rtol": RTOL, "threads": 1}
+    stage = ScenarioBatch(TUNING_SEED, scenarios, population, lenient=True, **options)
+    contact = rig.contact(ScenarioBatch(TUNING_SEED, scenarios, **options))
+    off, rng = MARGIN * effort.tolerance, np.random.default_rng((TUNING_SEED, 1))
+    errors = rng.uniform(1.0 - off, 1.0 + off, (len(numbers), scenarios))  # factors, as built
+
+    def losses(candidates: Floats) -> Floats:
+        searched, of_rule = np.split(candidates[:, 0], [len(numbers)], axis=1)
+        design = {free.name: free.value(searched[:, k]) for k, free in enumerate(numbers)}
+        built = zip(design.items(), errors, strict=True)
+        record = {name: np.outer(values, factors).ravel() for (name, values), factors in built}
+        record |= {name: np.tile(values, population) for name, values in contact.items()}
+        travel = Travel(population * scenarios)
+        played = stage.play(rig.controller_of(np.repeat(of_rule, scenarios, axis=0)), record, travel)
         # what the environment charges for a miss instead of V_p
         velocity = np.where(played.missed, MISSED_COST, np.nan_to_num(played.object_velocity))
-        velocity, time = (values.reshape(count, -1).mean(axis=1) for values in (velocity, played.approach_time))
-        late = np.maximum(time / self.approach_time - 1.0, 0.0)
-        released = energy_released(Task(**rig.environment).coupling, design, count)
-        losses: Floats = velocity + PENALTY * (late + self.limits.excess(played, travel, released, rig.soft))
-        return losses[:, None]
+        velocity, time = (values.reshape(population, -1).mean(axis=1) for values in (velocity, played.approach_time))
+        late = np.maximum(time / approach_time - 1.0, 0.0)
+        loss: Floats = velocity + PENALTY * (
+            late + limits.excess(played, travel, rig.released(design, population), rig.soft)
+        )
+        return loss[:, None]
+
+    return losses
 
 
 def search(
     rig: Mapping[str, Any], free: Sequence[Sequence[Any]], approach_time: float, limits: Mapping[str, float | None],
-    effort: Mapping[str, Any], seed: int, journal: str,
+    effort: Mapping[str, Any], seed: int,
 ) -> Result:  # fmt: skip
-    """Return the best `design` (d,) and `parameters` (k,) of its rule, the `loss` (1,), m/s, and `generations` (1,).
+    """Return the best `design` (d,) and `parameters` (k,) of its rule, and the `loss` (1,), m/s.
 
     Args:
         rig: fields of a `Rig`: its environment has a range for each free number, its parameters are the first.
@@ -139,37 +152,21 @@ def search(
         limits: fields of `Limits`.
         effort: fields of `Effort`.
         seed: of the search.
-        journal: file of the generations; empty: none.
     """
     begin, numbers, much = Rig(**rig), [Free(*number) for number in free], Effort(**effort)
     of_rule = zip(RULES[begin.rule].PARAMETERS, begin.parameters, strict=True)
-    parameters: tuple[Parameter, ...] = (
-        *(number.parameter() for number in numbers),
-        *(parameter._replace(start=start) for parameter, start in of_rule),
-    )
-    losses = Objective(begin, numbers, approach_time, Limits(**limits), much)
-    resumed = journaled(losses, Path(journal)) if journal else losses
-    best = minimise(resumed, parameters, 1, much.population, -(-much.budget // much.population), seed)
+    parameters = [number.parameter() for number in numbers]
+    parameters += [parameter._replace(start=start) for parameter, start in of_rule]
+    losses = objective(begin, numbers, approach_time, Limits(**limits), much)
+    best = minimise(losses, tuple(parameters), 1, much.population, -(-much.budget // much.population), seed)
     searched, controller = np.split(best.parameters[0], [len(numbers)])
     design = np.array([number.value(value) for number, value in zip(numbers, searched, strict=True)], float)
-    generations = np.array([best.generations])
-    return {"design": design, "parameters": controller, "loss": best.loss, "generations": generations}
+    return {"design": design, "parameters": controller, "loss": best.loss}
 
 
-def energy_released(coupling: Coupling, design: Mapping[str, Floats], count: int) -> Floats:
-    """Return the energy (J) that each of `count` designs sets free from its front stop to its rear one (count,)."""
-    if not isinstance(coupling, Bistable):
-        return np.zeros(count)
-    changes = {
-        name.removeprefix("coupling."): values for name, values in design.items() if name.startswith("coupling.")
-    }
-    couplings = [
-        replace(coupling, **{name: float(values[k]) for name, values in changes.items()}) for k in range(count)
-    ]
-    return np.array([built.energy(built.rest) - built.energy(built.rear_stop) for built in couplings])
-
-
-def play(rig: Mapping[str, Any], tolerance: float, scenarios: Sequence[Any], limits: Mapping[str, Any]) -> Result:
+def play(
+    rig: Mapping[str, Any], tolerance: float, name: str, limits: Mapping[str, Any], count: int | None = None
+) -> Result:
     """Return the results of a rig on a frozen set, deflection, stroke and the scenario's fields among them.
 
     Each is an entry per scenario, but for the `excess` (1,): how far all of it together is beyond the limits.
@@ -177,19 +174,18 @@ def play(rig: Mapping[str, Any], tolerance: float, scenarios: Sequence[Any], lim
     Args:
         rig: fields of a `Rig`.
         tolerance: largest share by which each number of the design is off, another in each scenario.
-        scenarios: name of the set, and how many of it; None: all.
+        name: of the set.
         limits: fields of `Limits`.
+        count: how many scenarios of the set; all unless given.
     """
-    player, (name, count) = Rig(**rig), scenarios
+    player = Rig(**rig)
     stage = ScenarioBatch.of(name, count, threads=1, **player.built(tolerance))
     travel = Travel(stage.count)
     played = stage.play(player.controller, player.contact(stage), travel)
-    design = {name: np.array([value]) for name, value in player.design.items()}
-    released = energy_released(Task(**player.environment).coupling, design, 1)
-    return {name: getattr(played, name) for name in RESULTS} | {
+    released = player.released({name: np.array([value]) for name, value in player.design.items()}, 1)
+    return {name: getattr(played, name) for name in RESULTS} | played.scenario | {
         "deflection": travel.deflection,
         "stroke": travel.stroke,
-        "energy": 0.5 * played.scenario["object_mass"] * played.object_velocity**2,
+        "energy": kinetic(played),
         "excess": Limits(**limits).excess(played, travel, released, player.soft),
-        **{field: played.scenario[field] for field in FIELDS},
-    }
+    }  # fmt: skip

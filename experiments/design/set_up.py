@@ -10,14 +10,13 @@ import tomli_w
 
 from agents.setups import Setup, load_setup
 from experiments.design.pads import on_pad
-from experiments.design.search import Rig
+from experiments.design.search import CONTACT, Rig
 from impact_gym.files import whole_file
 from impact_gym.task import Task
 from impact_gym.task.arguments import changed
-from impact_gym.task.scenario import FIELDS
 
-ELSEWHERE = ("teacher", "taught")
-"""Settings of training that name a baseline of the set-up that was begun with."""
+OF_TEACHER = ("teacher", "imitation_steps")
+"""Settings of training that concern a baseline of the set-up that was begun with."""
 DRAWN = (
     "this file draws stiffness and restitution of the contact independently from the ranges that the pad leaves, "
     "where on the pad both follow from the object's own: the softer it is, the more it keeps of its own restitution"
@@ -40,7 +39,7 @@ def write_setup(path: Path, setup: Setup, rig: Rig, command: str) -> Path:
         "title": f"{setup.title}: a designed coupling",
         "about": f"designed from {setup.name}: {about}" + (f", on a pad of {rig.pad}; {DRAWN}" if rig.pad else ""),
         "environment": environment,
-        "training": {name: value for name, value in setup.training.items() if name not in ELSEWHERE},
+        "training": {k: v for k, v in content.get("training", {}).items() if k not in OF_TEACHER},
         "baselines": {"tuned": {baseline: rig.rule}, "against": [baseline]},
         "evaluation": {k: v for k, v in content.get("evaluation", {}).items() if k not in ("at_most", "of")},
     }
@@ -54,8 +53,6 @@ def write_setup(path: Path, setup: Setup, rig: Rig, command: str) -> Path:
 
 def _on_pad(environment: Mapping[str, Any], pad: str) -> dict[str, list[float]]:
     """Return ranges of the scenario with what a pad leaves of contact stiffness and restitution."""
-    ranges = dict(zip(FIELDS, map(list, Task(**environment).scenario.by_id().values()), strict=True))
-    corners = on_pad(pad, *np.meshgrid(ranges["contact_stiffness"], ranges["restitution"]))
-    for name, values in zip(("contact_stiffness", "restitution"), corners, strict=True):
-        ranges[name] = [float(values.min()), float(values.max())]
-    return ranges
+    ranges = {name: list(ends) for name, ends in Task(**environment).scenario.by_id().items()}
+    corners = on_pad(pad, *np.meshgrid(*(ranges[name] for name in CONTACT)))
+    return ranges | {name: [float(v.min()), float(v.max())] for name, v in zip(CONTACT, corners, strict=True)}

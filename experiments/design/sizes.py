@@ -10,6 +10,7 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
 
@@ -17,7 +18,8 @@ import impact_gym as ig
 from agents.baselines.rule import Floats
 from agents.jobs import Result
 from experiments.lab.tables import Row, gathered, result_of, solver_and
-from experiments.paper.scenes import DISTANCE, DURATION, LINEAR, MECHANISM, MOTION, OBJECT_MASS, TOOL_MASS, held
+from experiments.paper import scenes
+from experiments.paper.scenes import DISTANCE, DURATION, LINEAR, MECHANISM, MOTION, OBJECT_MASS, TOOL_MASS
 
 MASSES, SPEEDS = (0.05, 2.5), (0.2, 2.0)  # kg, of the object; m/s
 TICKS = (0.05, 0.1, 0.25, 0.5, 1.0, 2.5)  # kg
@@ -45,21 +47,22 @@ def rows_at(kind: str, speed: float, masses: list[float]) -> Result:
     """Return the rows of one map at an impact speed (m/s), for objects of `masses` (kg)."""
     objects = np.array(masses)
     tools = TOOL_MASS / OBJECT_MASS * objects if kind == "both" else np.full(len(objects), TOOL_MASS)
-    names = ("stiffness", "height", "front_stop")
-    modifications = [
-        {f"coupling.{name}": factor * getattr(MECHANISM, name) for name, factor in zip(names, factors, strict=True)}
-        for factors in product(FACTORS, repeat=len(names))
+    own = {f"coupling.{name}": getattr(MECHANISM, name) for name in ("stiffness", "height", "front_stop")}
+    modified = [
+        velocity(
+            MECHANISM, speed, objects, tools, **{name: f * own[name] for name, f in zip(own, factors, strict=True)}
+        )
+        for factors in product(FACTORS, repeat=len(own))
     ]
     columns = {
+        "object": objects,
+        "tool": tools,
         "spring": velocity(LINEAR, speed, objects, tools),
         "mechanism": velocity(MECHANISM, speed, objects, tools),
-        "modified": np.min([velocity(MECHANISM, speed, objects, tools, **each) for each in modifications], axis=0),
+        "modified": np.min(modified, axis=0),
     }
-    return result_of([
-        {"kind": kind, "speed": speed, "object": mass, "tool": float(tools[k])}
-        | {name: float(values[k]) for name, values in columns.items()}
-        for k, mass in enumerate(masses)
-    ])  # fmt: skip
+    cells = zip(*(column.tolist() for column in columns.values()), strict=True)
+    return result_of([{"kind": kind, "speed": speed, **dict(zip(columns, cell, strict=True))} for cell in cells])
 
 
 def velocity(
@@ -69,7 +72,7 @@ def velocity(
     distance = speed**2 / (2.0 * MOTION.acceleration) + speed * CRUISE
     motion = ig.Trapezoid(speed, MOTION.acceleration, MOTION.brake)
     varied: dict[str, Floats | float] = {"object.mass": objects, "tool.mass": tools, **design}
-    scene = held(coupling, 1e3, 0.1, distance)
+    scene = scenes.scene(1e3, 0.1, coupling, distance=distance)
     return ig.sweep(scene, motion, varied, duration=DURATION + 0.5, threads=1).object_velocity
 
 
@@ -77,10 +80,9 @@ def shares(rows: Sequence[Row]) -> dict[str, dict[str, float]]:
     """Return the share of each map where a tuning holds, and where the paper's is worse than the spring."""
     by_title = {}
     for kind, title in MAPS.items():
-        cells = [row for row in rows if row["kind"] == kind]
-        by_title[title] = {
-            name: float(np.mean([row[name] <= HOLDS * row["spring"] for row in cells])) for name in TUNINGS
-        } | {"worse": float(np.mean([row["mechanism"] > row["spring"] for row in cells]))}
+        cells = pl.DataFrame(rows).filter(kind=kind)
+        holds = {name: cells.select((pl.col(name) <= HOLDS * pl.col("spring")).mean()).item() for name in TUNINGS}
+        by_title[title] = holds | {"worse": cells.select((pl.col("mechanism") > pl.col("spring")).mean()).item()}
     return by_title
 
 
@@ -89,20 +91,17 @@ def maps(rows: Sequence[Row]) -> Figure:
     figure = Figure(figsize=(10.6, 8.0))
     grid = figure.subplots(2, len(MAPS), sharex=True, sharey=True)
     for axes, (name, kind) in zip(grid.flat, product(TUNINGS, MAPS), strict=True):
-        cells = [row for row in rows if row["kind"] == kind]
-        speeds, objects = (np.unique([row[column] for row in cells]) for column in ("speed", "object"))
-        ratio = np.array([row[name] / row["spring"] for row in cells]).reshape(len(speeds), len(objects)).T
+        cells = pl.DataFrame(rows).filter(kind=kind)
+        speeds, objects = (cells[column].unique().sort().to_numpy() for column in ("speed", "object"))
+        ratio = (cells[name] / cells["spring"]).to_numpy().reshape(len(speeds), len(objects)).T
         norm = TwoSlopeNorm(1.0, 0.4, 1.6)
         mesh = axes.pcolormesh(speeds, objects, ratio, cmap="RdBu_r", norm=norm, shading="nearest", rasterized=False)
         axes.contour(speeds, objects, ratio, levels=[HOLDS], colors="black", linewidths=1.0)
         axes.plot(MOTION.speed, OBJECT_MASS, "k*", markersize=10)
-        axes.set(yscale="log")
+        axes.set(yscale="log", xlabel="impact speed (m/s)", ylabel="object's mass (kg)")
         axes.set_yticks(TICKS, [f"{mass:g}" for mass in TICKS])
         axes.set_title(f"{TUNINGS[name]}; {MAPS[kind]}", fontsize=9)
         axes.grid(visible=False)
-    for axes in grid[-1]:
-        axes.set_xlabel("impact speed (m/s)")
-    for axes in grid[:, 0]:
-        axes.set_ylabel("object's mass (kg)")
+        axes.label_outer()
     figure.colorbar(mesh, ax=grid, label="V_p, mechanism over spring")
     return figure

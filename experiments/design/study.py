@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import tyro
 
 from agents.setups import Setup, load_setup
-from experiments.design.free import Free, as_built, read_all, searched_environment
+from experiments.design.free import Free, as_built, free_numbers, searched_environment
 from experiments.design.limits import Limits
 from experiments.design.pads import pad_of
 from experiments.design.search import MARGIN, Effort
@@ -35,7 +35,7 @@ class Study:
     free: tuple[str, ...]
     """NAME=LOW:HIGH of each number that may be chosen, tool_mass or of the coupling: coupling.stiffness=10:300."""
     out: Path
-    """Folder for all of it; what is done is kept there, and the same command continues."""
+    """Folder for all of it; finished searches are kept there, and the same command continues."""
     pad: str = ""
     """A pad on the tool: memory-foam, neoprene or norbornene; its mass counts as the tool's."""
     times: tuple[float, ...] = (0.9, 1.0, 1.15, 1.35)
@@ -60,17 +60,12 @@ class Study:
         Raises:
             ValueError: names an option that is out of range, or a design that cannot be searched.
         """
-        for holder, name, least in (
-            (self.effort, "scenarios", 1), (self.effort, "budget", 1), (self.effort, "population", 4),
-            (self, "seeds", 1), (self, "processes", 0),
-        ):  # fmt: skip
-            whole(name, getattr(holder, name), at_least=least)
-        self.limits.check()
-        number("tolerance", self.effort.tolerance, "(no unit)", at_least=0.0, at_most=0.5)
-        for time in self.times:
-            number("times", time, "(no unit)", above=0)
+        whole("seeds", self.seeds, at_least=1)
+        whole("processes", self.processes, at_least=0)
         if not self.times:
             raise ValueError("times must name an approach time at least, as a multiple of that of the paper's rule")
+        for time in self.times:
+            number("times", time, "-", above=0)
         if self.pad:
             pad_of(self.pad)
         for count in self.grid or ():
@@ -89,7 +84,7 @@ class Study:
     @cached_property
     def numbers(self) -> list[Free]:
         """The free numbers."""
-        return read_all(self.free, self.arm)
+        return free_numbers(self.free, self.arm)
 
     @cached_property
     def searched(self) -> dict[str, Any]:
@@ -123,9 +118,9 @@ class Study:
 
     def designs_of_grid(self) -> Iterator[dict[str, float]]:
         """Yield the designs of the grid."""
-        values = [free.spread(count) for free, count in zip(self.numbers, self.grid or (), strict=True)]
-        for design in product(*values):
-            yield dict(zip((free.name for free in self.numbers), design, strict=True))
+        names = [free.name for free in self.numbers]
+        for design in product(*(free.spread(count) for free, count in zip(self.numbers, self.grid or (), strict=True))):
+            yield dict(zip(names, design, strict=True))
 
 
 def with_papers_spring(environment: Mapping[str, Any]) -> dict[str, Any]:

@@ -4,7 +4,7 @@
                                               the manner of SciMLBenchmarks (Rackauckas and others)
     `python -m experiments.solver.stability`  a storm of random scenes, and who stands in it
 
-    `approaches`   six with a name, a population, the storm
+    `approaches`   six with a name, the storm
     `solutions`    what a solver says, its errors, the classes of its failures, the truth by the independent solver
     `by_hand`      what people write: fixed steps, and solve_ivp with event functions
     `in_mujoco`    the same bodies in MuJoCo, its contact fitted to each scene

@@ -1,4 +1,4 @@
-"""The approaches that both studies run: six with a name, a population drawn at random, and the storm.
+"""The approaches that both studies run: six with a name, and the storm, drawn at random.
 
 The storm covers the ranges in which the solver is to work. Its scene k is a function of the number k alone; its ends
 are extreme on purpose.
@@ -12,16 +12,11 @@ from typing import Any, get_args
 import numpy as np
 
 import impact_gym as ig
-from impact_gym.quantities import SCENARIO
+from experiments.paper.scenes import DISTANCE, MOTION, scene
 from impact_gym.robot import default_approach
 from impact_gym.scene import Coupling, Dissipation
-from impact_gym.task.scenario import NAMED
 
-TOOL = ig.Tool(0.125)  # kg, the paper's and the environment's
-DISTANCE = 0.2505  # m, of the paper's object
-MOTION = ig.Trapezoid(1.0, 8.0, ig.Brake(threshold=1.0, delay=0.016, deceleration=8.0))  # the paper's
 CRUISE = ig.Trapezoid(1.0, 8.0, ig.Brake(threshold=1.0, delay=10.0))  # the alarm is noted, the robot goes on
-POPULATION_SEED = 20_000  # of scene 0
 STORM_SEED = 4
 
 RANGES = {
@@ -74,69 +69,37 @@ class Approach:
         return about | {"description": self.description, "failure": ""}
 
 
-def kind(scene: ig.Scene) -> str:
+def kind(of: ig.Scene) -> str:
     """Return coupling and robot of a scene in words."""
     couplings = {ig.Rigid: "rigid", ig.SpringDamper: "spring", ig.Bistable: "bistable"}
     robots = {ig.Robot: ", robot", ig.RobotTable: ", robot table", type(None): ""}
-    return couplings[type(scene.coupling)] + robots[type(scene.robot)]
+    return couplings[type(of.coupling)] + robots[type(of.robot)]
 
 
 def approach_of(name: str | int) -> Approach:
     """Return the approach of this name; a whole number is a scene of the storm."""
-    if isinstance(name, int):
-        return storm(name)
-    return _member(int(name)) if name.isdecimal() else {approach.name: approach for approach in named()}[name]
-
-
-def behind(coupling: Coupling, k_c: float, e: float, object_mass: float = 0.25, distance: float = DISTANCE) -> ig.Scene:
-    """Return the paper's tool behind a coupling, and its object, with a contact of k_c (N/m^1.5) and e."""
-    return ig.Scene(TOOL, ig.Object(object_mass, distance), ig.Contact(k_c, e), coupling)
+    return storm(name) if isinstance(name, int) else {approach.name: approach for approach in named()}[name]
 
 
 def named() -> tuple[Approach, ...]:
     """Return the six approaches."""
     soft, spring = ig.SpringDamper(50.0), ig.SpringDamper(150.0)
-    inelastic = "k_c 1e5, e 0.02 (d = 73.5), spring 50 N/m"
-    multiple = "k_c 1e6, e 1, spring 150 N/m, object 1 kg: six contacts"
-    pushed = "k_c 1e8, e 0.1, spring 150 N/m, no brake: the second contact is slow and pushed"
-    bistable = "bistable coupling 4e-5 m/s below its threshold, k_c 1e3, e 0.1"
     # the paper's Fig. 23, a little slower than the speed above which the slider passes its alignment for good: that
     # lies between 0.9772 and 0.9773 m/s, the object as far away as `experiments.paper.beyond_speed` places it
     speed = 0.9772  # m/s
     at_threshold = ig.Trapezoid(speed, MOTION.acceleration, MOTION.brake)
     distance = speed**2 / (2 * MOTION.acceleration) + speed * (DISTANCE - 1 / (2 * MOTION.acceleration))
+    held, heavy = scene(1e3, 0.1, ig.Bistable(), distance=distance), scene(1e6, 1.0, spring, object_mass=1.0)
+    slow_and_pushed = "k_c 1e8, e 0.1, spring 150 N/m, no brake: the second contact is slow and pushed"
+    below_threshold = "bistable coupling 4e-5 m/s below its threshold, k_c 1e3, e 0.1"
     return (
-        Approach("soft", "k_c 1e3, e 0.7, spring 50 N/m", behind(soft, 1e3, 0.7), MOTION, 1.5),
-        Approach("stiff", "k_c 1e8, e 0.7, spring 50 N/m: two short contacts", behind(soft, 1e8, 0.7), MOTION, 1.5),
-        Approach("inelastic", inelastic, behind(soft, 1e5, 0.02), MOTION, 1.5),
-        Approach("multiple", multiple, behind(spring, 1e6, 1.0, 1.0), MOTION, 1.5),
-        Approach("pushed", pushed, behind(spring, 1e8, 0.1), CRUISE, 0.8),
-        Approach("bistable", bistable, behind(ig.Bistable(), 1e3, 0.1, distance=distance), at_threshold, 1.5),
+        Approach("soft", "k_c 1e3, e 0.7, spring 50 N/m", scene(1e3, 0.7, soft), MOTION, 1.5),
+        Approach("stiff", "k_c 1e8, e 0.7, spring 50 N/m: two short contacts", scene(1e8, 0.7, soft), MOTION, 1.5),
+        Approach("inelastic", "k_c 1e5, e 0.02 (d = 73.5), spring 50 N/m", scene(1e5, 0.02, soft), MOTION, 1.5),
+        Approach("multiple", "k_c 1e6, e 1, spring 150 N/m, object 1 kg: six contacts", heavy, MOTION, 1.5),
+        Approach("pushed", slow_and_pushed, scene(1e8, 0.1, spring), CRUISE, 0.8),
+        Approach("bistable", below_threshold, held, at_threshold, 1.5),
     )
-
-
-def population(count: int) -> tuple[Approach, ...]:
-    """Return scenes with objects and contacts as the environment draws them, and one of four couplings.
-
-    The couplings are that of the environment (50 N/m, critically damped), another spring and damper (10 to 2000 N/m,
-    log-uniform, damping ratio 0 to 2), none and the bistable mechanism; the motion is the paper's.
-    """
-    return tuple(map(_member, range(count)))
-
-
-def _member(place: int) -> Approach:
-    rng = np.random.default_rng(POPULATION_SEED + place)
-    ranges, shares = NAMED["test"].by_id(), rng.random(len(SCENARIO))
-    mass, stiffness, restitution, distance = (
-        row.at_share(*ranges[row.id], share) for row, share in zip(SCENARIO, shares, strict=True)
-    )
-    spring = ig.SpringDamper(10.0 * math.exp(rng.random() * math.log(2000.0 / 10.0)), 2.0 * rng.random())
-    couplings: dict[str, Coupling] = {"spring of 50 N/m": ig.SpringDamper(50.0), "spring": spring}
-    couplings |= {"rigid": ig.Rigid(), "bistable": ig.Bistable()}
-    name = list(couplings)[place % 4]
-    words = f"{name}, k_c {stiffness:.3g}, e {restitution:.3f}, object {mass:.3f} kg at {distance:.3f} m"
-    scene = behind(couplings[name], stiffness, restitution, mass, distance)
-    return Approach(f"{place:03d}", words, scene, MOTION, 1.2)
 
 
 class _Draw:
@@ -192,24 +155,25 @@ def storm(number: int) -> Approach:
     contact = ig.Contact(draw.value("contact stiffness"), draw.value("restitution"), law, m, n)
     couplings: tuple[Callable[[], Coupling], ...] = (ig.Rigid, draw.spring, draw.mechanism)
     coupling = couplings[number % 3]()
-    robots = (lambda: None, lambda: ig.Robot(*draw.robot()), lambda: draw.robot_table(target.distance))
-    robot = robots[number // 3 % 3]()
+    robot = (lambda: None, lambda: ig.Robot(*draw.robot()), lambda: draw.robot_table(target.distance))[
+        number // 3 % 3
+    ]()
     brakes = draw.share(0, 1) < 0.8
     brake = ig.Brake(*map(draw.value, ("threshold", "delay", "deceleration"))) if brakes else None
     motion = ig.Trapezoid(draw.value("speed"), draw.value("acceleration"), brake)
     duration = target.distance / motion.speed + motion.speed / motion.acceleration + AFTERMATH
-    scene = ig.Scene(tool, target, contact, coupling, robot)
-    return Approach(str(number), describe(scene, motion), scene, motion, duration)
+    made = ig.Scene(tool, target, contact, coupling, robot)
+    return Approach(str(number), describe(made, motion), made, motion, duration)
 
 
-def describe(scene: ig.Scene, motion: ig.Trapezoid) -> str:
+def describe(stormy: ig.Scene, motion: ig.Trapezoid) -> str:
     """Return what is hard about a scene of the storm in a line; `storm` gives it whole."""
-    contact, coupling, robot = scene.contact, scene.coupling, scene.robot
+    contact, coupling, robot = stormy.contact, stormy.coupling, stormy.robot
     m, n = contact.stiffness_exponent, contact.damping_exponent
-    words = [f"{kind(scene)}: k_c {contact.stiffness:.3g}, e {contact.restitution:.3g} ({contact.dissipation})"]
+    words = [f"{kind(stormy)}: k_c {contact.stiffness:.3g}, e {contact.restitution:.3g} ({contact.dissipation})"]
     if (m, n) != (1.5, 1.5):
         words.append(f"m {m:g}, n {n:g}")
-    words.append(f"m_t {scene.tool.mass:.3g} kg, m_p {scene.object.mass:.3g} kg, {motion.speed:.3g} m/s")
+    words.append(f"m_t {stormy.tool.mass:.3g} kg, m_p {stormy.object.mass:.3g} kg, {motion.speed:.3g} m/s")
     if isinstance(coupling, ig.SpringDamper):
         words.append(f"k_t {coupling.stiffness:.3g}, zeta {coupling.damping_ratio:.3g}")
     if isinstance(coupling, ig.Bistable):

@@ -195,11 +195,8 @@ def march(
 
 def fixed_step(approach: Approach, method: str, step: float) -> Solution:
     """Run an approach by one of METHODS at a step (s)."""
-    law, command, start = (
-        law_of(approach.scene),
-        command_of(approach.motion),
-        (0.0, 0.0, approach.scene.object.distance, 0.0),
-    )
+    law, command = law_of(approach.scene), command_of(approach.motion)
+    start = 0.0, 0.0, approach.scene.object.distance, 0.0
     numbers = march(METHODS[method], law, command, start, approach.duration, step)
     return Solution(*numbers, steps=round(approach.duration / step))
 

@@ -15,7 +15,7 @@ from experiments.lab.charts import SERIES
 from experiments.lab.tables import Row
 from experiments.solver import promises
 from experiments.solver.solutions import CLASSES, ERRORS, OURS
-from experiments.solver.timing import NAMES, over_population
+from experiments.solver.timing import NAMES
 
 RANGE = (1e-16, 1e1)  # of errors; what is outside is drawn at the edge
 MARKS = "os^Dv<>PX"
@@ -33,22 +33,15 @@ COUPLINGS = {"rigid": "#0072B2", "spring": "#E69F00", "bistable": "#CC79A7"}
 POINTS = 400  # of a curve
 
 
-def _legend(figure: Figure, rows: pl.DataFrame, failures: bool) -> list[str]:
-    """Put the legend below all panels; return who is in it."""
-    names = [name for name in NAMES if name in rows["contender"]]
-    handles = [Line2D([], [], label=name, **STYLES[name]) for name in names]
-    if failures:
-        handles.append(Line2D([], [], label="failure: wrong contacts, snap-throughs, alarm, V_p", **OPEN))
-    figure.legend(handles=handles, loc="outside lower center", ncols=5, fontsize=9)
-    return names
-
-
 def named_scenes(rows: pl.DataFrame, truths: pl.DataFrame, column: str) -> Figure:
     """Draw one error against time, a panel for each named scene; grey below what the truth itself is known to."""
     lines, columns = ceil(truths.height / 3), min(truths.height, 3)
     figure = Figure(figsize=(3.6 * columns, 3.7 * lines))
     panels: Any = figure.subplots(lines, columns, sharex=True, sharey=True, squeeze=False)
-    names = _legend(figure, rows, failures=True)
+    names = [name for name in NAMES if name in rows["contender"]]
+    handles = [Line2D([], [], label=name, **STYLES[name]) for name in names]
+    handles.append(Line2D([], [], label="failure: wrong contacts, snap-throughs, alarm, V_p", **OPEN))
+    figure.legend(handles=handles, loc="outside lower center", ncols=5, fontsize=9)
     timed = rows.filter(pl.col("microseconds").is_finite()).sort("setting", descending=True)
     error = pl.col(column).fill_nan(RANGE[1]).clip(*RANGE)  # a missing answer is as wrong as can be
     for axes, truth in zip(panels.flat, truths.iter_rows(named=True), strict=False):
@@ -62,29 +55,6 @@ def named_scenes(rows: pl.DataFrame, truths: pl.DataFrame, column: str) -> Figur
         axes.set(xlabel="time per approach (µs)", ylabel=ERRORS[column])
         axes.label_outer()
         axes.set_title("\n".join(wrap(f"{truth['scene']}: {truth['description']}", 44)), fontsize=9)
-    return figure
-
-
-def population(rows: pl.DataFrame) -> Figure:
-    """Draw median and quartiles of time and of each error over the population, and the share of failures."""
-    table = over_population(rows).filter(pl.col("microseconds_50").is_finite())
-    figure = Figure(figsize=(10.8, 7.4))
-    *panels, unused = figure.subplots(2, 3).flat
-    unused.set_visible(False)
-    names = _legend(figure, table, failures=False)
-    curves = {name: table.filter(contender=name) for name in reversed(names)}
-    for column, axes in zip(ERRORS, panels[:-1], strict=True):
-        for name, curve in curves.items():
-            early, time, late = (curve[f"microseconds_{q}"].to_numpy() for q in (25, 50, 75))
-            low, middle, high = (curve[f"{column}_{q}"].clip(*RANGE).to_numpy() for q in (25, 50, 75))
-            bars = {"yerr": (middle - low, high - middle), "xerr": (time - early, late - time), "elinewidth": 0.7}
-            axes.errorbar(time, middle, **bars, **STYLES[name])
-        axes.set(ylabel=ERRORS[column], yscale="log")
-    for name, curve in curves.items():
-        panels[-1].plot(curve["microseconds_50"], 100 * curve["failures"], **STYLES[name])
-    panels[-1].set_ylabel("scenes that fail (%)")
-    for axes in panels:
-        axes.set(xscale="log", xlabel="time per approach (µs)")
     return figure
 
 

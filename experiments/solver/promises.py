@@ -21,16 +21,6 @@ ABOUT = ("coupling", "milliseconds", "steps", "slowest_contact", "description") 
 ROUNDINGS = 8.0  # of the momenta in a contact, that may explain a momentum error
 
 
-class Promise(NamedTuple):
-    """What is promised of a row of the storm; a number that is not there breaks its promise."""
-
-    text: str
-    kept: Callable[[Row], bool]
-    reason: Callable[[Row], str]  # what there is to say of a row that breaks it
-    worst: Callable[[pl.DataFrame], str]  # what there is to say of all rows that it is about
-    of_unfinished: bool = False  # whether it is about runs without an outcome, too
-
-
 def _largest(values: pl.Series) -> float:
     return max(values.filter(values.is_finite()), default=math.nan)
 
@@ -47,11 +37,14 @@ def _budget(row: Row) -> str:
 
 
 def _time(row: Row) -> str:
-    steps = f", {row['steps']:.0f} steps" if row["steps"] > 0 else ""
-    return f"{row['milliseconds']:.0f} ms{steps}"
+    return f"{row['milliseconds']:.0f} ms" + (f", {row['steps']:.0f} steps" if row["steps"] > 0 else "")
 
 
-def _energy(done: pl.DataFrame) -> str:
+def _times(rows: pl.DataFrame) -> str:
+    return f"median {np.nanmedian(rows['milliseconds']):.2g} ms, slowest {_largest(rows['milliseconds']):,.0f} ms"
+
+
+def _energies(done: pl.DataFrame) -> str:
     struck = done.filter(pl.col("contacts") > 0, pl.col("traced") == 1)
     excess = _largest(struck["energy_created"] - struck["energy_doubt"])
     return (
@@ -60,57 +53,64 @@ def _energy(done: pl.DataFrame) -> str:
     )
 
 
-PROMISES = FINISHED, FINITE, FAST, BALANCED, PASSIVE, PUSHED, RISING, SETTLED = (
-    Promise(
-        "every run ends by itself, with an outcome",
-        lambda row: not row["failure"],
-        lambda row: str(row["failure"]),
-        lambda rows: f"{_largest(rows['steps']):,.0f} steps at most",
-        of_unfinished=True,
-    ),
-    Promise(
-        "every number is finite", lambda row: bool(row["finite"]), lambda _: "a number is inf or nan", lambda _: ""
-    ),
-    Promise(
-        "slowest run under 50 ms",
-        lambda row: row["milliseconds"] < SLOWEST or bool(row["failure"] and math.isnan(row["milliseconds"])),
-        _time,
-        lambda rows: (
-            f"median {np.nanmedian(rows['milliseconds']):.2g} ms, slowest {_largest(rows['milliseconds']):,.0f} ms"
-        ),
-        of_unfinished=True,
-    ),
-    Promise(
-        "momentum error under 1e-9 of the impulse",
-        lambda row: row["momentum_error"] < MOMENTUM and row["impulse_error"] < MOMENTUM,
-        _budget,
-        lambda rows: f"largest {max(_largest(rows['momentum_error']), _largest(rows['impulse_error'])):.1e}",
-    ),
-    Promise(
-        "no contact creates energy",
-        lambda row: not row["traced"] or row["energy_created"] <= ENERGY + row["energy_doubt"],
-        lambda row: f"{row['energy_created']:.1e} of the energy appeared (known to {row['energy_doubt']:.1e})",
-        _energy,
-    ),
-    Promise(
-        "the object is never pulled",
-        lambda row: row["pull"] <= PULL,
-        lambda row: f"pulled by {row['pull']:.1e} of the peak force, or V_p fell by that of the tool's speed",
-        lambda rows: f"largest {_largest(rows['pull']):.1e}",
-    ),
-    Promise(
-        "V_p falls nowhere along a trace, to rtol",
-        lambda row: row["trace_fall"] <= FALL,
-        lambda row: f"V_p falls by {row['trace_fall']:.1e} of the tool's speed",
-        lambda rows: f"largest {_largest(rows['trace_fall']):.1e}",
-    ),
-    Promise(
-        "V_p within 1e-6 of a run at a hundredth of rtol",
-        lambda row: not row["traced"] or row["finer_change"] <= AGREEMENT,
-        lambda row: f"V_p changes by {row['finer_change']:.1e}",
-        lambda rows: f"median {np.nanmedian(rows['finer_change']):.1e}",
-    ),
+class Promise(NamedTuple):
+    """What is promised of a row of the storm; a number that is not there breaks its promise."""
+
+    text: str
+    kept: Callable[[Row], bool]
+    reason: Callable[[Row], str]  # what there is to say of a row that breaks it
+    worst: Callable[[pl.DataFrame], str]  # what there is to say of all rows that it is about
+    of_unfinished: bool = False  # whether it is about runs without an outcome, too
+
+
+FINISHED = Promise(
+    "every run ends by itself, with an outcome",
+    lambda row: not row["failure"],
+    lambda row: str(row["failure"]),
+    lambda rows: f"{_largest(rows['steps']):,.0f} steps at most",
+    of_unfinished=True,
 )
+FINITE = Promise(
+    "every number is finite", lambda row: bool(row["finite"]), lambda _: "a number is inf or nan", lambda _: ""
+)
+FAST = Promise(
+    "slowest run under 50 ms",
+    lambda row: row["milliseconds"] < SLOWEST or bool(row["failure"] and math.isnan(row["milliseconds"])),
+    _time,
+    _times,
+    of_unfinished=True,
+)
+BALANCED = Promise(
+    "momentum error under 1e-9 of the impulse",
+    lambda row: row["momentum_error"] < MOMENTUM and row["impulse_error"] < MOMENTUM,
+    _budget,
+    lambda rows: f"largest {max(_largest(rows['momentum_error']), _largest(rows['impulse_error'])):.1e}",
+)
+PASSIVE = Promise(
+    "no contact creates energy",
+    lambda row: not row["traced"] or row["energy_created"] <= ENERGY + row["energy_doubt"],
+    lambda row: f"{row['energy_created']:.1e} of the energy appeared (known to {row['energy_doubt']:.1e})",
+    _energies,
+)
+PUSHED = Promise(
+    "the object is never pulled",
+    lambda row: row["pull"] <= PULL,
+    lambda row: f"pulled by {row['pull']:.1e} of the peak force, or V_p fell by that of the tool's speed",
+    lambda rows: f"largest {_largest(rows['pull']):.1e}",
+)
+RISING = Promise(
+    "V_p falls nowhere along a trace, to rtol",
+    lambda row: row["trace_fall"] <= FALL,
+    lambda row: f"V_p falls by {row['trace_fall']:.1e} of the tool's speed",
+    lambda rows: f"largest {_largest(rows['trace_fall']):.1e}",
+)
+SETTLED = Promise(
+    "V_p within 1e-6 of a run at a hundredth of rtol",
+    lambda row: not row["traced"] or row["finer_change"] <= AGREEMENT,
+    lambda row: f"V_p changes by {row['finer_change']:.1e}",
+    lambda rows: f"median {np.nanmedian(rows['finer_change']):.1e}",
+)
+PROMISES = (FINISHED, FINITE, FAST, BALANCED, PASSIVE, PUSHED, RISING, SETTLED)
 
 
 def failures(row: Row) -> list[Row]:
@@ -154,10 +154,10 @@ def agreement(storm: Sequence[Row], truths: Mapping[int, Row]) -> list[Row]:
     rows = []
     for scene, true in truths.items():
         if not true["failure"]:
-            ours = storm[scene]
+            ours, v_p = storm[scene], true["velocity"]
             row = {name: ours[name] for name in ("scene", "coupling", "speed", "description", "failure")}
             row |= {"contender": true["contender"], "velocity": ours["object_velocity"]}
-            row["velocity_error"] = relative_error(ours["object_velocity"], true["velocity"], ours["speed"])
+            row["velocity_error"] = relative_error(ours["object_velocity"], v_p, ours["speed"])
             row |= {name: ours[name] for name in ("contacts", "passes")}
             rows.append(row | {f"true_{name}": true[name] for name in ("velocity", "contacts", "passes")})
     return rows

@@ -12,7 +12,7 @@ from experiments.lab.tables import Gather, Row, result_of
 from experiments.reference.laws import damping_factor
 from experiments.solver.approaches import Approach, approach_of
 
-SHARED = ("experiments.solver.approaches", "experiments.solver.solutions")
+SHARED = ("experiments.paper.scenes", "experiments.solver.approaches", "experiments.solver.solutions")
 """Modules that the rows of every table follow from."""
 OURS = "impact_gym"
 ERRORS = {
@@ -31,7 +31,7 @@ CLASSES = GOOD, MISCOUNTED, WRONG, NOT_FINITE, LATE, GAVE_UP = (
     "gave up",
 )
 """What becomes of a solver on an approach, from good to bad; in tables the failure of what is good is empty."""
-TRUE_RTOL = 1e-13  # of the truth, by DOP853, but for the storm
+TRUE_RTOL, SECOND_RTOL = 1e-13, 1e-11  # of the truth but for the storm, by DOP853; and of Radau beside it
 STIFF = 20.0  # d, above which the truth of a scene of the storm is looked for by an implicit method first
 STORM_RTOL = {"DOP853": 1e-11, "Radau": 1e-10}
 
@@ -118,9 +118,9 @@ def truths(gather: Gather, runs: Iterable[tuple[str | int, str, float]], **optio
     return gather("truth", true_row, jobs, digest_of(reference.__name__, *SHARED), **options)
 
 
-def truths_with_doubt(gather: Gather, approaches: Sequence[str], second_rtol: float) -> list[Row]:
-    """Return the truth of approaches at TRUE_RTOL, and its distance from what Radau finds at `second_rtol`."""
-    ways = (("DOP853", TRUE_RTOL), ("Radau", second_rtol))
+def truths_with_doubt(gather: Gather, approaches: Sequence[str]) -> list[Row]:
+    """Return the truth of approaches at TRUE_RTOL, and its distance from what Radau finds at SECOND_RTOL."""
+    ways = (("DOP853", TRUE_RTOL), ("Radau", SECOND_RTOL))
     both = truths(gather, [(approach, *way) for approach in approaches for way in ways])
     rows = []
     for best, second in zip(both[::2], both[1::2], strict=True):
@@ -151,5 +151,5 @@ def storm_truths(gather: Gather, scenes: Sequence[int], seconds: float) -> dict[
 
 def known(arguments: Mapping[str, Any]) -> Row:
     """Return the row of a job that has no result, by its arguments: what is known of its approach."""
-    labels = approach_of(arguments["approach"]).labels
-    return labels | {name: arguments[name] for name in ("contender",) if name in arguments}
+    contender = {"contender": arguments["contender"]} if "contender" in arguments else {}
+    return approach_of(arguments["approach"]).labels | contender

@@ -48,11 +48,11 @@ Array = NDArray[np.float64]
 EPS = float(np.finfo(float).eps)
 
 
-def run(approach: Approach) -> tuple[ig.Outcome | None, str, float]:
+def run(approach: Approach, rtol: float = 1e-8) -> tuple[ig.Outcome | None, str, float]:
     """Return the outcome, or why there is none, and the processor time of one `simulate` in ms."""
     begun, outcome, problem = thread_time(), None, ""
     try:
-        outcome = ig.simulate(*approach.run)
+        outcome = ig.simulate(*approach.run, rtol)
     except Exception as error:  # a failure is a result here
         problem = f"{type(error).__name__}: {error}".replace("\n", " ")
     return outcome, problem, 1e3 * (thread_time() - begun)
@@ -66,29 +66,21 @@ def row_of(approach: Approach, simulate: Callable[..., ig.Outcome] = ig.simulate
     row = blank(approach) | {"failure": problem, "milliseconds": milliseconds}
     if outcome is None:
         return row
-    v_p = outcome.object_velocity
+    v_p, is_finite = outcome.object_velocity, finite(outcome)
+    traced = outcome.steps <= LONGEST_TRACE
     row |= {
         "steps": outcome.steps,
         "contacts": len(outcome.contacts),
         "passes": len(outcome.snap_through),
         "object_velocity": v_p,
         "slowest_contact": min((contact.approach_velocity for contact in outcome.contacts), default=math.nan),
-        "finite": int(finite(outcome)),
-        "traced": int(outcome.steps <= LONGEST_TRACE),
     }
-    if row["traced"]:
-        outcome = simulate(*approach.run, trace=True)
-        row["finite"] = int(bool(row["finite"]) and finite(outcome))
-        row["finer_change"] = relative_error(velocity(approach, FINER), v_p, approach.motion.speed)
-    return row | checked(approach.scene, outcome)
-
-
-def velocity(approach: Approach, rtol: float = 1e-8) -> float:
-    """V_p of ours, m/s; nan if the run does not finish."""
-    try:
-        return ig.simulate(*approach.run, rtol).object_velocity
-    except RuntimeError:
-        return math.nan
+    if traced:
+        outcome, (finer, *_) = simulate(*approach.run, trace=True), run(approach, FINER)
+        is_finite = is_finite and finite(outcome)
+        velocity = finer.object_velocity if finer else math.nan
+        row["finer_change"] = relative_error(velocity, v_p, approach.motion.speed)
+    return row | {"finite": int(is_finite), "traced": int(traced)} | checked(approach.scene, outcome)
 
 
 def blank(approach: Approach) -> Row:

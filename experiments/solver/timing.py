@@ -14,7 +14,7 @@ from functools import lru_cache
 from importlib.util import find_spec
 from itertools import count, islice
 from time import thread_time
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -121,9 +121,7 @@ def _in_mujoco(approach: Approach, fit: Fit, step: float) -> tuple[Solution, in_
     return model.run(), model
 
 
-def averaged(
-    approach: Approach, name: str, setting: float, fit: Fit | None = None, least: float = LEAST
-) -> tuple[Solution, float]:
+def averaged(approach: Approach, name: str, setting: float, fit: Fit | None, least: float) -> tuple[Solution, float]:
     """Return what `solved` does, the time as the mean of so many calls as take at `least` s."""
     solution, spent = solved(approach, name, setting, fit)
     calls = 1
@@ -144,29 +142,30 @@ def timed(
     """
     circumstances = {"rounds": rounds, "load": os.getloadavg()[0], "run": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%S}"}
     nothing = dict.fromkeys((*ERRORS, "contacts", "passes"), math.nan) | {"steps": 0}
-    rows: dict[tuple[str, float], Row] = {}
+    rows = [
+        approach.labels | {"contender": name, "setting": setting, "microseconds": math.inf} for name, setting in tried
+    ]
     by_hand.compile_now()
     with suppress(Exception):
         solved(approach, OURS, OUR_RTOL)
     # not in a worker: what tqdm holds of the system is lost when its process is ended
-    for _ in range(rounds) if rounds == 1 else tqdm(range(rounds), desc=approach.name, leave=False):
-        for name, setting in tried:
-            row = rows.setdefault((name, setting), approach.labels | {"contender": name, "setting": setting})
-            if row.get("microseconds", 0.0) > 1e6 * SLOW:
+    for number in range(rounds) if rounds == 1 else tqdm(range(rounds), desc=approach.name, leave=False):
+        for row, (name, setting) in zip(rows, tried, strict=True):
+            if number and row["microseconds"] > 1e6 * SLOW:
                 continue
             try:
                 with limited(limit):
                     solution, seconds = averaged(approach, name, setting, fit, 0.0 if limit else LEAST)
             except Exception as problem:  # of any kind: a failure is a result here
-                row |= {"microseconds": math.inf} | nothing
                 reason = f"{solutions.GAVE_UP}: {type(problem).__name__}: {problem}".replace("\n", " ")
-                row["failure"] = solutions.LATE if isinstance(problem, TimeoutError) else reason
+                late = isinstance(problem, TimeoutError)
+                row |= {"microseconds": math.inf, "failure": solutions.LATE if late else reason} | nothing
             else:
-                counts = {name: getattr(solution, name) for name in ("contacts", "passes", "steps")}
-                row |= {"microseconds": min(row.get("microseconds", math.inf), 1e6 * seconds)}
-                row |= errors(solution, truth) | counts
+                row["microseconds"] = min(row["microseconds"], 1e6 * seconds)
+                row |= errors(solution, truth)
+                row |= {name: getattr(solution, name) for name in ("contacts", "passes", "steps")}
                 row["failure"] = failure(solution, truth, allowed, counted)
-    return [row | {"true_contacts": truth.contacts} | circumstances for row in rows.values()]
+    return [row | {"true_contacts": truth.contacts} | circumstances for row in rows]
 
 
 def timed_rows(
@@ -181,16 +180,13 @@ JUDGES = (by_hand.__name__, in_mujoco.__name__, reference.__name__, __name__, *S
 
 
 def in_turns(
-    gather: Gather, title: str, truths: Mapping[str, Solution], fits: Sequence[Row], tried: Settings, rounds: int
+    gather: Gather, truths: Mapping[str, Solution], fits: Sequence[Row], tried: Settings, rounds: int
 ) -> list[Row]:
-    """Return the rows of all approaches whose truth is given.
-
-    In a single round they are measured as many at a time as there are processes, in more one after the other, here.
-    """
+    """Return the rows of all approaches whose truth is given, measured one after the other, here."""
     fit = {row["scene"]: {name: row[name] for name in ("stiffness", "damping")} for row in fits}
     about = {"tried": [list(setting) for setting in tried], "rounds": rounds}
     jobs = [{"approach": name, "truth": truth.numbers, "fit": fit.get(name)} | about for name, truth in truths.items()]
-    return gather(title, timed_rows, jobs, solver_and(*JUDGES), **({"processes": 0} if rounds > 1 else {}))
+    return gather("named", timed_rows, jobs, solver_and(*JUDGES), processes=0)
 
 
 def eligible(scene: ig.Scene) -> bool:
@@ -205,24 +201,24 @@ def sample(size: int) -> list[int]:
 
 def in_storm(gather: Gather, truths: Mapping[int, Row], tried: Settings) -> list[Row]:
     """Return the rows of rivals on the scenes of the storm whose truth is known; who hangs, hangs alone."""
-    ours: list[Mapping[str, Any]] = []
-    others: list[Mapping[str, Any]] = []  # who do not depend on our solver
+    jobs: list[Mapping[str, Any]] = []
     for scene, true in truths.items():
         if not true["failure"]:
             allowed = CLOSE * max(abs(true["velocity"]), 1e-6 * true["speed"])
             judged = {"truth": Solution.of_row(true).numbers, "allowed": allowed, "counted": ["contacts"]}
             about = {"approach": scene, "fit": None, "rounds": 1, "limit": SECONDS} | judged
-            for name, setting in tried:
-                (ours if name == OURS else others).append(about | {"tried": [[name, setting]]})
-    options = {"failed": _known, "seconds": 12 * SECONDS}
-    rows = gather("rivals", timed_rows, ours, solver_and(*JUDGES), **options)
-    return rows + gather("rivals", timed_rows, others, digest_of(*JUDGES), **options)
+            jobs += [about | {"tried": [[name, setting]]} for name, setting in tried]
+    rows: list[Row] = []
+    for ours, depends in ((True, solver_and(*JUDGES)), (False, digest_of(*JUDGES))):  # others not on our solver
+        asked = [job for job in jobs if (job["tried"][0][0] == OURS) == ours]
+        rows += gather("rivals", timed_rows, asked, depends, failed=_known, seconds=12 * SECONDS)
+    return rows
 
 
 def _known(job: Mapping[str, Any]) -> Row:
     """Return the row of a job of one rival that has no result."""
-    (rival,) = job["tried"]
-    return known(job) | dict(zip(("contender", "setting"), rival, strict=True))
+    ((contender, setting),) = job["tried"]
+    return known(job) | {"contender": contender, "setting": setting}
 
 
 def shares(rows: Sequence[Row]) -> list[Row]:
@@ -259,33 +255,12 @@ def cheapest(rows: pl.DataFrame, names: Sequence[str], error: float) -> Row | No
     return kept.row(0, named=True) if kept.height else None
 
 
-class Comparison(NamedTuple):
-    """A rival beside ours at the same error; `row` is None if it does not get there."""
+def beside_ours(rows: pl.DataFrame, names: Sequence[str], error: float) -> Row | None:
+    """Return the row of the cheapest of `names` with the `ratio` of its time to ours, empty where none gets there.
 
-    row: Row | None
-    ratio: float  # its time over ours
-
-
-def compared(rows: pl.DataFrame, names: Sequence[str], error: float) -> Comparison | None:
-    """Return the cheapest of `names` beside ours; None where they took no part, or ours does not get there."""
-    mine, theirs = cheapest(rows, [OURS], error), cheapest(rows, names, error)
-    if mine is None or rows.filter(pl.col("contender").is_in(names)).is_empty():
-        return None
-    return Comparison(theirs, theirs["microseconds"] / mine["microseconds"] if theirs else math.nan)
-
-
-def over_population(rows: pl.DataFrame) -> pl.DataFrame:
-    """Return, for each contender and setting, quartiles of time and errors, and the share of failures.
-
-    An answer that is missing has an infinite error; without an alarm there is no detection time to be wrong.
+    None where they took no part, or ours does not get there.
     """
-    answered = pl.col("failure") == ""
-    quartiles = [
-        pl.when(pl.col(column).is_finite() | answered).then(column).otherwise(math.inf)
-        .fill_nan(None).quantile(percent / 100, "lower").fill_null(math.nan).alias(f"{column}_{percent}")
-        for column in ("microseconds", *ERRORS)
-        for percent in (25, 50, 75)
-    ]  # fmt: skip
-    grouped = rows.group_by("contender", "setting")
-    quantiles = grouped.agg(pl.len().alias("scenes"), *quartiles, failures=(~answered).mean())
-    return quantiles.sort(pl.col("contender").cast(pl.Enum(NAMES)), "setting", descending=[False, True])
+    ours, theirs = cheapest(rows, [OURS], error), cheapest(rows, names, error)
+    if ours is None or rows.filter(pl.col("contender").is_in(names)).is_empty():
+        return None
+    return theirs | {"ratio": theirs["microseconds"] / ours["microseconds"]} if theirs else {}

@@ -15,7 +15,7 @@ from agents.export import __main__ as exporting
 from agents.export.__main__ import AGREEMENT, Export, Form
 from agents.export.c_header import header, identifier, write_header
 from agents.export.onnx_graph import write_onnx
-from agents.export.replay import LANGUAGES, Replay, address, compiled, logged, replay
+from agents.export.replay import LANGUAGES, WARNINGS, Replay, address, compiled, logged, replay
 
 COMPILER = shutil.which("cc") or shutil.which("gcc")
 needs_c = pytest.mark.skipif(COMPILER is None, reason="no C compiler")
@@ -33,14 +33,16 @@ def saved(tmp_path):
 @needs_c
 @needs_onnx
 def test_run_writes_both_forms_and_says_how_they_agree_and_what_cannot_be_checked(saved, tmp_path, monkeypatch, capsys):
-    written = exporting.run(Export(saved, tmp_path / "out"))
+    written = exporting.run(Export(saved, tmp_path / "out"), episodes=300, calls=1000)
     assert [file.name for file in written] == ["my policy-2.h", "my policy-2.onnx"]
     printed = capsys.readouterr().out
     assert printed.count("16 ms") == 3
     assert printed.count("differs by at most") == 2
     monkeypatch.setattr(shutil, "which", lambda _: None)
     exporting.run(Export(saved, tmp_path / "out"))
-    assert "my policy-2.h: not checked, no C compiler is here" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "my policy-2.h: not checked, no C compiler is here" in printed
+    assert "my policy-2.h: its controller is not checked: no C compiler" in printed
 
 
 @needs_c
@@ -56,7 +58,7 @@ def test_forms_compute_what_the_network_does_in_double_precision(tmp_path, kind)
     rounding = exporting.rounding(policy, seen, original)
     assert rounding < AGREEMENT
     for form in (
-        exporting.with_c(policy, write_header(policy, tmp_path / "it.h"), seen),
+        exporting.with_c(compiled(policy, write_header(policy, tmp_path / "it.h"), tmp_path), seen),
         exporting.with_onnx(write_onnx(policy, tmp_path / "it.onnx"), seen),
     ):
         assert np.abs(form.actions - original).max() <= AGREEMENT + rounding
@@ -67,36 +69,32 @@ def test_judged_refuses_a_form_that_computes_something_else(tmp_path):
     """In one action of 10,000, by little more than rounding."""
     original = Form(np.zeros((10_000, 2), np.float32), 1e-6)
     other = Form(original.actions.copy(), 1e-6)
-    assert "differs by at most 0.0e+00" in exporting.judged(tmp_path, other, original, 1e-6, 0.016)
+    assert "differs by at most 0.0e+00" in exporting.judged(tmp_path, other, "", original, 1e-6, 0.016)
     other.actions[-1, 1] += 2e-6
     with pytest.raises(ValueError, match="differs from the policy by 2"):
-        exporting.judged(tmp_path, other, original, 1e-6, 0.016)
+        exporting.judged(tmp_path, other, "", original, 1e-6, 0.016)
     with pytest.raises(ValueError, match=r"commands otherwise, by 2.0e-05 of the range"):
-        exporting.judged_replay(tmp_path, Replay(2e-5, 1e-6, 1e-6), 0.016)
+        exporting.judged_replay(tmp_path, Replay(3, 9, 2e-5, 1e-6, 1e-6), 0.016)
 
 
 @needs_c
-def test_header_is_plain_c99_and_can_stand_twice_in_a_program(tmp_path):
+def test_header_can_stand_twice_in_a_program(tmp_path):
     """Two policies in one file, the headers included twice, compiled with all warnings as errors."""
-    one, other = made_up_policy(), made_up_policy(seed=1, activation="relu")
-    (tmp_path / "one.h").write_text(header(one, "one"))
-    (tmp_path / "other.h").write_text(header(other, "other"))
-    source = (
-        '#include "one.h"\n#include "other.h"\n#include "one.h"\n'
-        "void play(const float *seen, float *first, float *second) {\n"
-        "    one_act(seen, first);\n    other_act(seen, second);\n}\n"
-    )
-    (tmp_path / "main.c").write_text(source)
-    flags = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-Werror", "-O1"]
-    command = [COMPILER, *flags, "-shared", "-fPIC", str(tmp_path / "main.c"), "-o", str(tmp_path / "main.so"), "-lm"]
-    subprocess.run(command, check=True)
-    seen = observations(one, 1)[0]
-    actions = [np.zeros(2, np.float32) for _ in range(2)]
-    pointers = [array.ctypes.data_as(ctypes.c_void_p) for array in (seen, *actions)]
-    ctypes.CDLL(str(tmp_path / "main.so")).play(*pointers)
-    for action, policy in zip(actions, (one, other), strict=True):
+    policies = {"one": made_up_policy(), "other": made_up_policy(seed=1, activation="relu")}
+    for name, policy in policies.items():
+        (tmp_path / f"{name}.h").write_text(header(policy, name))
+    source, library = '#include "one.h"\n#include "other.h"\n#include "one.h"\n', str(tmp_path / "both.so")
+    for name in policies:
+        declared = f"void play_{name}(const float *seen, float *action)"
+        source += f"{declared};\n{declared} {{ {name}_act(seen, action); }}\n"
+    flags = [*LANGUAGES["C99"], *WARNINGS, "-O1", "-shared", "-fPIC", "-", "-I", str(tmp_path), "-o", library, "-lm"]
+    subprocess.run([COMPILER, *flags], input=source, text=True, check=True)
+    program, seen = ctypes.CDLL(library), observations(policies["one"], 1)[0]
+    for name, policy in policies.items():
+        action = np.zeros(2, np.float32)
+        getattr(program, f"play_{name}")(address(seen), address(action))
         assert action == pytest.approx(policy.predict(seen)[0], rel=0, abs=1e-6)
-    assert "malloc" not in header(one, "one")
+        assert "malloc" not in header(policy, name)
 
 
 def test_header_says_what_goes_in_and_out():
@@ -145,31 +143,30 @@ def test_controller_compiles_without_a_warning_and_commands_what_the_policy_comm
     text = header(policy, "it")
     file.write_text(text)
     assert {line for line in text.splitlines() if line.startswith("#include")} == {"#include <math.h>"}
-    for language in LANGUAGES:
-        if language != "C++17" or shutil.which("g++"):
-            assert compiled(policy, file, tmp_path, language)
+    languages = [language for language in LANGUAGES if language != "C++17" or shutil.which("g++")]
+    program, *_ = (compiled(policy, file, tmp_path, language) for language in languages)
     log = logged(policy, 300)
     assert log.commands.std() > 0.0
-    found = replay(policy, file, log, calls=1000)
-    assert found.difference < 1e-5  # a command is on a grid, and may fall on the next point of it
-    assert 0.0 < found.usual <= found.worst
+    played = replay(policy, program, log, calls=1000)
+    assert played.difference < 1e-5  # a command is on a grid, and may fall on the next point of it
+    assert 0.0 < played.usual <= played.worst
 
 
-@pytest.fixture
-def commands_of(tmp_path, request):
+@pytest.fixture(scope="module")
+def commands_of(tmp_path_factory, request):
     """Commands of a made-up policy for readings (steps, fields), at one time weight."""
     if COMPILER is None:
         pytest.skip("no C compiler")
     policy = made_up_policy(environment={"range_noise": 0.01, **getattr(request, "param", {})})
-    (tmp_path / "it.h").write_text(header(policy, "it"))
-    program = compiled(policy, tmp_path / "it.h", tmp_path)
+    folder = tmp_path_factory.mktemp("controller")
+    program = compiled(policy, write_header(policy, folder / "it.h"), folder)
 
     def commands(readings):
         sensors = np.ascontiguousarray(np.array(readings, float)[:, None, :])
         steps, weights = np.array([len(sensors)], np.int32), np.array([2.0])
-        found = np.zeros((len(sensors), 1, 2))
-        program.play(1, address(sensors), address(steps), address(weights), address(found))
-        return found[:, 0]
+        played = np.zeros((len(sensors), 1, 2))
+        program.play(1, address(sensors), address(steps), address(weights), address(played))
+        return played[:, 0]
 
     return commands
 
@@ -247,7 +244,8 @@ def test_controller_keeps_the_largest_force(commands_of):
     assert np.array_equal(commands_of([reading(0.0, force=-5.0)]), commands_of([reading(0.0)]))
 
 
+@needs_c
 def test_header_has_no_controller_for_a_policy_that_sees_the_truth(tmp_path):
     policy = made_up_policy(environment={"privileged": True})
     assert "_step" not in header(policy, "it").partition("*/")[2]
-    assert replay(policy, tmp_path / "it.h", logged(policy, 3)) is None
+    assert not hasattr(compiled(policy, write_header(policy, tmp_path / "it.h"), tmp_path), "play")

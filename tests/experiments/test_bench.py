@@ -6,7 +6,7 @@ import polars as pl
 import pytest
 
 from experiments.bench import __main__ as bench
-from experiments.bench import environments, jobs
+from experiments.bench import environments
 from experiments.bench.__main__ import BenchOptions
 
 
@@ -23,16 +23,15 @@ def test_run_writes_and_prints_the_parts_asked_for_and_no_others(tmp_path, capsy
     assert tables in capsys.readouterr().out
 
 
-def test_run_leaves_an_earlier_one_as_it_was_where_a_part_fails(monkeypatch, tmp_path):
+def test_run_leaves_an_earlier_one_as_it_was_where_a_part_fails(tmp_path):
     def fail(quick):
         raise RuntimeError("no clock")
 
-    monkeypatch.setitem(bench.PARTS, "models", lambda quick: {"a table": pl.DataFrame({"number": [1]})})
-    bench.run(BenchOptions(("models",), out=tmp_path / "bench"))
+    measures = {"models": lambda quick: {"a table": pl.DataFrame({"number": [1]})}, "cost": fail}
+    bench.run(BenchOptions(("models",), out=tmp_path / "bench"), measures)
     before = (tmp_path / "bench/results.json").read_text()
-    monkeypatch.setitem(bench.PARTS, "jobs", fail)
     with pytest.raises(RuntimeError, match="no clock"):
-        bench.run(BenchOptions(("models", "jobs"), out=tmp_path / "bench"))
+        bench.run(BenchOptions(("models", "cost"), out=tmp_path / "bench"), measures)
     assert (tmp_path / "bench/results.json").read_text() == before
     assert [path.name for path in tmp_path.iterdir()] == ["bench"]
 
@@ -56,15 +55,15 @@ def test_environments_are_measured_beside_those_of_gymnasium():
     assert min(steps for steps, _ in rows.values()) > 0.0
 
 
-def test_rate_counts_every_step_of_the_calls_made():
+@pytest.mark.parametrize("rounds", [1, 3])
+@pytest.mark.parametrize(("takes", "steps", "expected"), [(0.25, 5, 20.0), (8.0, 4, 0.5)])
+def test_rate_counts_every_step_of_the_calls_made(rounds, takes, steps, expected):
     now = [0.0]
 
-    def wait(seconds):
-        now[0] += seconds
+    def wait():
+        now[0] += takes
 
-    for rounds in (1, 3):
-        assert environments.rate(lambda: wait(0.25), 5, 3.0, rounds, lambda: now[0]) == 20.0
-        assert environments.rate(lambda: wait(8.0), 4, 3.0, rounds, lambda: now[0]) == 0.5
+    assert environments.rate(wait, steps, 3.0, rounds, lambda: now[0]) == expected
 
 
 def test_markdown_has_three_digits():
@@ -75,10 +74,3 @@ def test_markdown_has_three_digits():
         "| ours | 1,230,000 |  |",
         "| Ray | 0.000123 | 12,345 |",
     ]
-
-
-def test_grid_counts_the_approaches_of_its_jobs():
-    row = jobs.grid(jobs.RULE, 3, "here", per_job=20, processes=0)
-    assert row["approaches"] == 60
-    assert row["approaches a second"] == pytest.approx(20 / (1e-3 * row["ms a job"]))
-    assert 0.0 < row["first result, s"] <= row["all, s"]

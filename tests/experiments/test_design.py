@@ -11,7 +11,7 @@ from agents.baselines import BlindProfile, ConstantSpeed
 from agents.baselines.tuned import read_tuned
 from agents.evaluate import TUNING_SEED, ScenarioBatch
 from agents.setups import load_setup
-from experiments.design.free import as_built, read
+from experiments.design.free import as_built, free_numbers
 from experiments.design.limits import Limits, Travel
 from experiments.design.pads import PADS, on_pad, pad_of
 from experiments.design.search import Effort, Rig, play
@@ -25,43 +25,43 @@ PROFILE = list(read_tuned("blind-profile")["weights"]["2"]["parameters"].values(
 NO_LIMITS = Limits(deflection=None)
 
 
-@pytest.mark.parametrize(("setup", "free", "message"), [
-    ("linear-blind", (), "--free must name a number"),
-    ("linear-blind", ("coupling.stifness=1:2",), "did you mean 'coupling.stiffness'"),
-    ("linear-blind", ("object_mass=1:2",), "unknown key --free object_mass"),
-    ("linear-blind", ("coupling.height=0.01:0.02",), "has a SpringDamper coupling, whose design is tool_mass, coup"),
-    ("rigid-blind", (STIFFNESS,), "has a Rigid coupling, whose design is tool_mass"),
-    ("linear-blind", ("coupling.stiffness=300:10",), "LOW below HIGH, got 300:10"),
-    ("linear-blind", ("coupling.stiffness=10:10",), "LOW below HIGH, got 10:10"),
-    ("linear-blind", ("coupling.stiffness=:",), "must be NAME=LOW:HIGH"),
-    ("linear-blind", ("coupling.stiffness",), "must be NAME=LOW:HIGH"),
-    ("linear-blind", ("coupling.stiffness=10:inf",), "must be finite"),
-    ("linear-blind", (STIFFNESS, STIFFNESS), "coupling.stiffness is named twice"),
-    ("linear-blind", ("coupling.stiffness=-5:10",), "coupling.stiffness.* must be finite and above 0"),
-    ("linear-blind", ("coupling.stiffness=0.5:2",), "no design in these ranges holds the tool within 50 mm"),
-    ("bistable-blind", ("coupling.stiffness=10:50",), "its front stop holds"),
-    ("bistable-blind", ("coupling.height=0.01:0.08",), "height must be below"),
-], ids=str)  # fmt: skip
-def test_study_refuses_what_cannot_be_searched(setup, free, message, tmp_path):
-    with pytest.raises(ValueError, match=message):
-        Study(setup, free, tmp_path).checked()
-
-
 @pytest.mark.parametrize(("changes", "message"), [
+    ({"free": ()}, "--free must name a number"),
+    ({"free": ("coupling.stifness=1:2",)}, "did you mean 'coupling.stiffness'"),
+    ({"free": ("object_mass=1:2",)}, "unknown key --free object_mass"),
+    ({"free": ("coupling.height=0.01:0.02",)}, "Known are tool_mass, coupling.stiffness, coupling.damping_ratio$"),
+    ({"setup": "rigid-blind"}, "unknown key --free coupling.stiffness. Known are tool_mass$"),
+    ({"free": ("coupling.stiffness=300:10",)}, "LOW below HIGH, got 300:10"),
+    ({"free": ("coupling.stiffness=10:10",)}, "LOW below HIGH, got 10:10"),
+    ({"free": ("coupling.stiffness=:",)}, "must be NAME=LOW:HIGH"),
+    ({"free": ("coupling.stiffness",)}, "must be NAME=LOW:HIGH"),
+    ({"free": ("coupling.stiffness=10:inf",)}, "must be finite"),
+    ({"free": (STIFFNESS, STIFFNESS)}, "coupling.stiffness is named twice"),
+    ({"free": ("coupling.stiffness=-5:10",)}, "coupling.stiffness.* must be finite and above 0"),
+    ({"free": ("coupling.stiffness=0.5:2",)}, "no design in these ranges holds the tool within 50 mm"),
+    ({"setup": "bistable-blind", "free": ("coupling.stiffness=10:50",)}, "its front stop holds"),
+    ({"setup": "bistable-blind", "free": ("coupling.height=0.01:0.08",)}, "height must be below"),
     ({"pad": "felt"}, "unknown key --pad felt"),
     ({"times": ()}, "times must name an approach time"),
     ({"times": (0.0,)}, "times must be finite and above 0"),
-    ({"limits": Limits(deflection=0.0)}, "deflection must be finite and above 0"),
-    ({"limits": Limits(touched_once=1.5)}, "touched_once must be finite and above 0 and at most 1"),
-    ({"effort": Effort(tolerance=-0.1)}, "tolerance must be finite and at least 0"),
-    ({"effort": Effort(population=2)}, "population must be a whole number of at least 4"),
     ({"against": ("nobody",)}, "no set-up 'nobody'"),
     ({"grid": (2, 1)}, "grid must be a whole number of at least 2"),
     ({"grid": (2, 2), "free": (STIFFNESS,)}, "grid needs two free numbers, --free names 1"),
 ], ids=str)  # fmt: skip
-def test_study_names_an_option_out_of_range(changes, message, tmp_path):
+def test_study_names_what_is_out_of_range_or_cannot_be_searched(changes, message, tmp_path):
     with pytest.raises(ValueError, match=message):
-        Study("linear-blind", **{"free": SPRING, "out": tmp_path, **changes}).checked()
+        Study(**{"setup": "linear-blind", "free": SPRING, "out": tmp_path, **changes}).checked()
+
+
+@pytest.mark.parametrize(("options", "changes", "message"), [
+    (Limits, {"deflection": 0.0}, "deflection must be finite and above 0"),
+    (Limits, {"touched_once": 1.5}, "touched_once must be finite and above 0 and at most 1"),
+    (Effort, {"tolerance": -0.1}, "tolerance must be finite and at least 0"),
+    (Effort, {"population": 2}, "population must be a whole number of at least 4"),
+], ids=str)  # fmt: skip
+def test_limits_and_effort_name_what_is_out_of_range(options, changes, message):
+    with pytest.raises(ValueError, match=message):
+        options(**changes)
 
 
 @pytest.mark.parametrize("name", PADS)
@@ -81,7 +81,7 @@ def test_on_pad_shares_a_force_adds_the_penetrations_and_loses_what_both_halves_
 
 
 @pytest.mark.parametrize("name", PADS)
-def test_pad_is_a_dome_of_a_material_of_the_table_at_its_bounciest(name):
+def test_pad_of_is_a_dome_of_a_material_of_the_table_at_its_bounciest(name):
     pad, material = pad_of(name), ig.MATERIALS[name]
     edges = [4 / 3 * E / (1 - nu**2) * pad.radius**0.5 for E in material.young for nu in material.poisson]
     assert min(edges) * (1 - 1e-12) <= pad.stiffness <= max(edges) * (1 + 1e-12)
@@ -101,10 +101,11 @@ def test_travel_is_that_of_a_spring_and_damper_set_going_evenly(stiffness, dampi
     assert (travel.stroke >= travel.deflection).all()
 
 
-def test_limits_count_what_exceeds_them_as_a_share():
+def test_excess_counts_what_is_beyond_each_limit_as_a_share():
     stage, travel, release = ScenarioBatch(TUNING_SEED, 40, threads=1), Travel(40), np.array([2.0])
-    played, none = stage.play(BlindProfile(PROFILE), watch=travel), NO_LIMITS
-    peak = np.quantile(played.peak_force, 0.95)
+    played = stage.play(BlindProfile(PROFILE), watch=travel)
+    peak, twice = np.quantile(played.peak_force, 0.95), (played.contact_count > 1).mean()
+    assert 0.0 < twice < 0.5
     values = {
         "deflection": travel.deflection.max(),
         "stroke": travel.stroke.max(),
@@ -112,21 +113,23 @@ def test_limits_count_what_exceeds_them_as_a_share():
         "energy": np.quantile(0.5 * played.scenario["object_mass"] * played.object_velocity**2, 0.95),
         "release": 2.0,
     }
-    assert none.excess(played, travel, release) == 0.0
+
+    def excess(pad=None, **limits):
+        return replace(NO_LIMITS, **limits).excess(played, travel, release, pad)
+
+    assert excess() == 0.0
     for name, value in values.items():
-        assert replace(none, **{name: value / 1.5}).excess(played, travel, release) == pytest.approx(0.5)
-        assert replace(none, **{name: value * 1.01}).excess(played, travel, release) == 0.0
-    twice = (played.contact_count > 1).mean()
-    assert 0.0 < twice < 0.5
-    assert replace(none, touched_once=1.0 - twice / 2).excess(played, travel, release) == pytest.approx(1.0)
-    assert replace(none, touched_once=0.5).excess(played, travel, release) == 0.0
+        assert excess(**{name: value / 1.5}) == pytest.approx(0.5)
+        assert excess(**{name: value * 1.01}) == 0.0
+    assert excess(touched_once=1.0 - twice / 2) == pytest.approx(1.0)
+    assert excess(touched_once=0.5) == 0.0
     pad = pad_of("norbornene")  # may be pressed in by half its radius
-    soft = pad._replace(young=pad.young * peak / (pad.stiffness * (0.6 * pad.radius) ** 1.5))
-    assert none.excess(played, travel, release, soft) == pytest.approx(0.2)
-    assert none.excess(played, travel, release, soft._replace(young=10.0 * soft.young)) == 0.0
+    soft = pad._replace(stiffness=peak / (0.6 * pad.radius) ** 1.5)
+    assert excess(soft) == pytest.approx(0.2)
+    assert excess(soft._replace(stiffness=10.0 * soft.stiffness)) == 0.0
 
 
-def test_stage_plays_rows_with_a_design_as_a_set_up_with_that_design():
+def test_scenario_batch_plays_rows_with_a_design_as_a_set_up_with_that_design():
     ranges = {"coupling": {"type": "SpringDamper", "stiffness": [10.0, 300.0], "damping_ratio": [0.1, 2.0]}}
     designs = {"coupling.stiffness": np.array([40.0, 150.0]), "coupling.damping_ratio": np.array([1.5, 0.3])}
     stage = ScenarioBatch(TUNING_SEED, 10, copies=2, threads=1, **ranges)
@@ -137,7 +140,7 @@ def test_stage_plays_rows_with_a_design_as_a_set_up_with_that_design():
         assert np.array_equal(together.object_velocity[10 * copy : 10 * copy + 10], played.object_velocity)
 
 
-def test_designed_puts_numbers_in_together_that_are_a_coupling_only_together():
+def test_changed_puts_numbers_in_together_that_are_a_coupling_only_together():
     before = load_setup("bistable-blind").environment
     after = changed(before, {"coupling.height": 0.06, "coupling.rear_stop": -0.03, "tool_mass": 0.1})
     assert after["coupling"] == before["coupling"] | {"height": 0.06, "rear_stop": -0.03} | {
@@ -151,50 +154,28 @@ def test_designed_puts_numbers_in_together_that_are_a_coupling_only_together():
 
 
 def test_play_takes_a_design_as_it_may_be_built_another_in_each_scenario():
-    design, scenarios = {"coupling.stiffness": 80.0, "coupling.damping_ratio": 0.4}, ["validation", 60]
+    design, scenarios = {"coupling.stiffness": 80.0, "coupling.damping_ratio": 0.4}, {"name": "validation", "count": 60}
     assert as_built({"coupling.rear_stop": -0.02}, 0.05) == {"coupling.rear_stop": pytest.approx([-0.021, -0.019])}
     rig = asdict(Rig({}, "BlindProfile", PROFILE, design))
-    exact, built = (play(rig, share, scenarios, {}) for share in (0.0, 0.05))
-    alone = ScenarioBatch.of(*scenarios, threads=1, **changed({}, design)).play(BlindProfile(PROFILE))
+    exact, built = (play(rig, share, limits={}, **scenarios) for share in (0.0, 0.05))
+    alone = ScenarioBatch.of(**scenarios, threads=1, **changed({}, design)).play(BlindProfile(PROFILE))
     assert np.array_equal(exact["object_velocity"], alone.object_velocity)
     changes = built["object_velocity"] / exact["object_velocity"] - 1.0
     assert (changes != 0.0).all()
     assert np.abs(np.median(changes)) < np.abs(changes).max() < 0.5
 
 
-def test_play_judges_a_design_by_each_limit():
-    springs = [(60.0, 0.3), (200.0, 2.0)]
-    values = {
-        "deflection": lambda played: played["deflection"].max(),
-        "stroke": lambda played: played["stroke"].max(),
-        "peak_force": lambda played: np.quantile(played["peak_force"], 0.95),
-        "energy": lambda played: np.quantile(played["energy"], 0.95),
-    }
-
-    def played(spring, limits):
-        design = dict(zip(("coupling.stiffness", "coupling.damping_ratio"), spring, strict=True))
-        return play(asdict(Rig({}, "BlindProfile", PROFILE, design)), 0.0, ["validation", 60], asdict(limits))
-
-    free = [played(spring, NO_LIMITS) for spring in springs]
-    for name, value in values.items():
-        between = float(sum(map(value, free)) / 2)
-        kept = [value(each) < between for each in free]
-        excess = [played(spring, replace(NO_LIMITS, **{name: between}))["excess"] for spring in springs]
-        assert [each.item() == 0.0 for each in excess] == kept
-        assert sorted(kept) == [False, True]
-
-
 @pytest.mark.parametrize(("text", "start", "logarithmic"), [
-    ("coupling.stiffness=20:80", 50.0, True),
+    ("coupling.stiffness=20:80", 50.0, True),  # of linear-blind
+    ("coupling.stiffness=100:400", 200.0, True),  # which is not in it
     ("coupling.damping_ratio=0.5:2", 1.0, False),
     ("coupling.damping_ratio=0.1:2", 1.0, True),
-    ("coupling.damping_ratio=0:2", 0.0, False),
-    ("coupling.stiffness=100:400", 200.0, True),  # the set-up's own 50 N/m is not in it
+    ("coupling.damping_ratio=0:3", 1.0, False),
 ])  # fmt: skip
 def test_free_number_is_searched_by_ratio_where_that_matters_and_begins_where_the_set_up_is(text, start, logarithmic):
-    free = read(text)
+    (free,) = free_numbers([text], load_setup("linear-blind"))
+    parameter = free.parameter()
     assert free.logarithmic is logarithmic
-    parameter = free._replace(start=50.0 if "stiffness" in text else start).parameter()
     values = free.value(np.array([parameter.low, parameter.start, parameter.high]))
     assert values == pytest.approx([free.low, start, free.high])
     assert [free.spread(3)[0], free.spread(3)[-1]] == pytest.approx([free.low, free.high])

@@ -100,12 +100,6 @@ def test_named_scenes_are_what_they_are_called():
     assert second.approach_velocity < 0.05 < 0.1 < second.end - second.start
 
 
-def test_approach_of_draws_an_approach_again_by_its_name():
-    for approach in (*approaches.named(), *approaches.population(5)):
-        assert approaches.approach_of(approach.name) == approach
-    assert approaches.approach_of(3) == approaches.storm(3)
-
-
 EXACT = Solution(1.0, 10.0, 0.1, 0.3, contacts=2, passes=1)
 
 
@@ -138,26 +132,8 @@ def test_cheapest_does_not_count_an_error_that_is_small_by_chance():
     rows = [row("RK4", *numbers) for numbers in ((1e-3, 10.0, 1e-9), (1e-4, 100.0, 1e-5), (1e-5, 1000.0, 1e-7))]
     assert timing.cheapest(pl.DataFrame(rows), ["RK4"], 1e-6)["setting"] == 1e-5
     assert timing.cheapest(pl.DataFrame(rows), ["RK4"], 1e-8) is None
-    assert timing.compared(pl.DataFrame([*rows, row(OURS, 1e-6, 50.0, 1e-8)]), ["RK4"], 1e-6).ratio == 20.0
-    assert timing.compared(pl.DataFrame(rows), ["RK4"], 1e-6) is None  # ours is not there
-
-
-def test_over_population_counts_a_missing_answer_as_an_infinite_error_and_a_failure():
-    missing = row(OURS, 1e-6, 60.0, math.nan, failure="gave up: RuntimeError: none")
-    (line,) = timing.over_population(
-        pl.DataFrame([row(OURS, 1e-6, 50.0, 1e-8), missing, row(OURS, 1e-6, 70.0, 1e-7)])
-    ).to_dicts()
-    assert (line["velocity_error_25"], line["velocity_error_50"]) == (1e-8, 1e-7)
-    assert line["microseconds_50"] == 60.0
-    assert line["failures"] == pytest.approx(1 / 3)
-
-
-def test_in_turns_times_in_this_process_alone_where_there_are_rounds():
-    asked = []
-    gather = partial(lambda *_, processes: asked.append(processes), processes=None)
-    for rounds in (1, 3):
-        timing.in_turns(gather, "any", {"soft": EXACT}, [], [(OURS, 1e-6)], rounds)
-    assert asked == [None, 0]
+    assert timing.beside_ours(pl.DataFrame([*rows, row(OURS, 1e-6, 50.0, 1e-8)]), ["RK4"], 1e-6)["ratio"] == 20.0
+    assert timing.beside_ours(pl.DataFrame(rows), ["RK4"], 1e-6) is None  # ours is not there
 
 
 def test_timed_keeps_the_best_round_and_the_reason_of_a_failure():
@@ -177,27 +153,26 @@ def read(path):
 def quick(tmp_path_factory):
     """The folder of a study that was run twice, and a table as it was after the first."""
     folder = tmp_path_factory.mktemp("study") / "speed"
-    compute = partial(study.tables, replace(study.QUICK, names=("soft",), scenes=4, fit=8))
+    extent = study.Extent(timing.settings((1e-6, 1e-9), (1e-6,), (1e-3, 1e-4), (1e-3,)), 1, fit=3, names=("soft",))
     # other processes would only import everything anew
-    run = partial(experiment.run, "solver/speed", folder, compute=compute, processes=0)
+    run = partial(experiment.run, "solver/speed", folder, compute=partial(study.tables, extent), processes=0)
     run("first", show=study.shown)
     named = (folder / "named.csv").read_bytes()
     run("again", show=lambda tables: ({}, study.shown(tables)[1]))  # its figures stand there already
     return folder, named
 
 
-def test_tables_have_every_contender_on_every_scene(quick):
+def test_tables_have_every_contender_and_a_truth_without_doubt(quick):
     folder, _ = quick
-    named, population = (read(folder / f"{name}.csv").to_dicts() for name in ("named", "population"))
-    assert {row["contender"] for row in named} == set(timing.NAMES) - set(timing.MISSING)
-    assert {row["scene"] for row in population} == {"000", "001", "002", "003"}
-    assert all(row["microseconds"] > 0 for row in (*population, *named))
-    fine = [row for row in population if row["contender"] == OURS and row["setting"] == 1e-9]
-    assert len(fine) == 4
-    assert all(not row["failure"] and row["velocity_error"] < 1e-7 for row in fine)
-    truths = read(folder / "named_truth.csv").vstack(read(folder / "population_truth.csv"))
-    assert truths["second_contacts"].to_list() == truths["contacts"].to_list()
-    assert max(truths[f"{name}_doubt"].fill_nan(0.0).max() for name in ERRORS) < 1e-9
+    rows = read(folder / "named.csv").to_dicts()
+    assert {row["contender"] for row in rows} == set(timing.NAMES) - set(timing.MISSING)
+    assert all(row["microseconds"] > 0 for row in rows)
+    (fine,) = (row for row in rows if row["contender"] == OURS and row["setting"] == 1e-9)
+    assert not fine["failure"]
+    assert fine["velocity_error"] < 1e-7
+    (truth,) = read(folder / "truth.csv").to_dicts()
+    assert truth["second_contacts"] == truth["contacts"]
+    assert max(truth[f"{name}_doubt"] for name in ERRORS) < 1e-9
 
 
 def test_run_measures_nothing_again_that_is_on_disk(quick):
@@ -211,8 +186,8 @@ def test_run_measures_nothing_again_that_is_on_disk(quick):
 
 def test_page_stands_on_its_own_and_its_figures_follow_their_tables(quick, tmp_path):
     folder, _ = quick
-    assert "times faster" in text_of_a_page_that_stands_on_its_own(folder, figures=len(ERRORS) + 1)
-    truths, rows = read(folder / "named_truth.csv"), read(folder / "named.csv")
+    assert "times faster" in text_of_a_page_that_stands_on_its_own(folder, figures=len(ERRORS))
+    truths, rows = read(folder / "truth.csv"), read(folder / "named.csv")
     drawn = [
         save(figures.named_scenes(table, truths, "velocity_error"), tmp_path / "again.svg").read_bytes()
         for table in (rows, rows.with_columns(pl.col("velocity_error") * 100))

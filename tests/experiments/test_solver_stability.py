@@ -1,6 +1,5 @@
 """The storm covers what it says, its checks find what is planted, rivals are judged as said, and the page tells it."""
 
-import json
 import math
 from functools import partial
 
@@ -69,13 +68,6 @@ def test_storm_has_every_coupling_with_every_robot_all_laws_and_depends_on_its_n
     assert len({approach.description for approach in drawn}) == 900
 
 
-def test_sample_is_what_all_rivals_can_do():
-    for number in timing.sample(5):
-        approach = approaches.storm(number)
-        assert approach.scene.robot is None
-        assert approach.scene.contact.stiffness_exponent == approach.scene.contact.damping_exponent == 1.5
-
-
 def promises_broken(row):
     return {failure["contender"] for failure in promises.failures(row)}
 
@@ -90,11 +82,9 @@ def test_row_of_a_sound_run_breaks_no_promise(coupling, robot, e):
     assert row["traced"]
     assert promises_broken(row | {"milliseconds": 1.0}) == set()  # how fast is for the storm to say
     assert row["energy_doubt"] < 1e-3
-    if e == 1.0:
+    if e == 1.0 and ig.simulate(*approach.run).contacts[-1].end is not None:
         # nothing dissipates: what has gone in has come out again, but for a contact under way at the end
-        outcome = ig.simulate(*approach.run)
-        if outcome.contacts[-1].end is not None:
-            assert abs(row["energy_created"]) < 1e-6 + row["energy_doubt"]
+        assert abs(row["energy_created"]) < 1e-6 + row["energy_doubt"]
 
 
 @pytest.mark.parametrize("e", [0.1, 0.5, 0.9])
@@ -230,13 +220,10 @@ def test_shares_are_those_of_each_class_and_of_missed_contacts():
 @pytest.fixture(scope="module")
 def quick(tmp_path_factory):
     """The folder of a study, and its tables."""
-    folder, kept = tmp_path_factory.mktemp("study") / "stability", {}
-
-    def compute(gather):
-        return kept.setdefault("tables", study.tables(FEW, EXTENT, gather))
-
-    experiment.run("solver/stability", folder, "first", compute, study.shown, processes=0)
-    return folder, kept["tables"]
+    folder = tmp_path_factory.mktemp("study") / "stability"
+    tables = study.tables(FEW, EXTENT, partial(gathered, folder, processes=0))
+    experiment.run("solver/stability", folder, "first", lambda _: tables, study.shown, processes=0)
+    return folder, tables
 
 
 def read(path):
@@ -251,16 +238,6 @@ def test_page_stands_on_its_own_with_a_row_for_each_scene_and_shares_of_the_riva
     shares = {line["contender"]: line[solutions.GOOD] for line in timing.shares(tables["rivals"])}
     assert shares.keys() == {OURS, "solve_ivp LSODA", "RK4, 0.0001 s"}
     assert shares[OURS] == 1.0
-
-
-def test_run_computes_nothing_again_that_is_on_disk(quick):
-    folder, before = quick
-    page = {}, study.shown(before)[1]  # its figures stand there already
-    compute = partial(study.tables, FEW, EXTENT)
-    experiment.run("solver/stability", folder, "again", compute, lambda _: page, processes=0)
-    first, second = json.loads((folder / "results.json").read_text())["runs"]
-    assert first["computed"] > FEW
-    assert second["computed"] == 0
 
 
 def test_page_lists_every_failure(quick, tmp_path):

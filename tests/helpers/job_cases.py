@@ -21,6 +21,7 @@ NODE = {"num_cpus": 1, "object_store_memory": 80 * 2**20}
 HEAD = {**NODE, "include_dashboard": False, "_system_config": {"health_check_period_ms": 300}}
 """A node is lost once five looks after it fail; by itself Ray looks every 3 s."""
 LAST = "none.json"  # the file that the script writes last
+JOBS = 8  # of a gathering that is killed
 
 
 def lost_and_failed(folder, **engine):
@@ -60,20 +61,20 @@ def kept(folder):
         return len(store)
 
 
-def killed_and_resumed(folder, **engine):
-    """Stop a gathering by Ctrl-C, then by a kill, and let it end; return what each run found, began and left alive."""
+def killed_and_resumed(folder, ways, **engine):
+    """Stop a gathering in these ways, and let it end; return what each run found, began, kept and left alive."""
     code = (
         "import sys\n"
         f"sys.path[:0] = {[str(Path(__file__).parent), str(ROOT)]!r}\n"  # what is tested, not what is installed
         "from agents.jobs import Job, gather_all\n"
         "if __name__ == '__main__':\n"
         f"    given = dict(log={str(folder / 'log')!r}, seconds=0.2)\n"
-        "    jobs = [Job('cluster_work:numbers', given | dict(number=number)) for number in range(12)]\n"
+        f"    jobs = [Job('cluster_work:numbers', given | dict(number=number)) for number in range({JOBS})]\n"
         f"    gather_all(jobs, {str(folder / 'results')!r}, **{engine!r})\n"
     )
     (folder / "driver.py").write_text(code)
     runs = []
-    for enough, how in ((3, signal.SIGINT), (6, signal.SIGKILL), (12, None)):
+    for enough, how in (*enumerate(ways, 2), (JOBS, None)):
         before = len(calls(folder / "log"))
         found = kept(folder)
         with subprocess.Popen([sys.executable, str(folder / "driver.py")], cwd=ROOT, stderr=subprocess.DEVNULL) as run:
@@ -133,7 +134,7 @@ def main():
     cluster = Cluster(initialize_head=True, head_node_args=HEAD)
     address = {"cluster": cluster.address}
     cases = {
-        "killed": lambda folder: killed_and_resumed(folder, **address),
+        "killed": lambda folder: killed_and_resumed(folder, [signal.SIGKILL], **address),
         "bad": lambda folder: lost_and_failed(folder, **address),
         "node": lambda folder: node_killed(cluster, cluster.add_node(**NODE), folder),
         "none": no_cluster,
