@@ -163,19 +163,6 @@ def test_who_is_told_how_good_the_estimate_is_sees_its_standard_deviation():
     assert stats.kstest(np.array(errors) / told, "norm").pvalue > 1e-3
 
 
-@pytest.mark.parametrize(("options", "words"), [
-    ({"alarm": "bell"}, "alarm must be one of .'force', 'reading'., got 'bell'"),
-    ({"observe_range_noise": True}, "without an estimate"),
-    ({"range_bias": 0.01}, "without an estimate"),
-    ({"range_bias": (-0.01, 0.01)}, "without an estimate"),
-    ({"range_noise": 0.01, "observe_range_noise": 1}, "observe_range_noise must be True or False, got 1"),
-    ({"range_noise": 0.01, "range_bias": float("nan")}, "range_bias.*nan"),
-])  # fmt: skip
-def test_what_makes_no_sense_is_refused(options, words):
-    with pytest.raises((ValueError, TypeError), match=words):
-        gym.make(ID, **options)
-
-
 @pytest.mark.parametrize("deflection", [False, True])
 def test_past_readings_are_those_that_were_shown_then(deflection):
     env = gym.make(ID, past_readings=3, deflection_sensor=deflection, force_noise=2.0, **READING)
@@ -191,9 +178,3 @@ def test_past_readings_are_those_that_were_shown_then(deflection):
                 assert np.array_equal(seen[before:, column], seen[:-before, sensor])
                 differ += not np.array_equal(seen[:, column], seen[:, sensor])
     assert differ == 10 * 3 * len(read)
-
-
-@pytest.mark.parametrize(("given", "words"), [(4, "at most 3 .*got 4"), (-1, "at least 0, got -1"), (1.0, "whole")])
-def test_no_more_past_readings_are_shown_than_are_kept(given, words):
-    with pytest.raises((ValueError, TypeError), match=words):
-        gym.make(ID, past_readings=given)

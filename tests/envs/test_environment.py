@@ -171,22 +171,6 @@ def test_options_fix_a_scenario_for_one_episode_only():
     assert_identical(play(env, PaperTrapezoid()), play(free, PaperTrapezoid()))
 
 
-@pytest.mark.parametrize("make", [gym.make, gym.make_vec])
-def test_other_ranges_hold_from_the_next_episode_on(make):
-    env = make(ID, scenario={"distance": 0.2})
-    env.reset(seed=0)
-    env.unwrapped.set_scenario({"distance": 0.3, "object_mass": (1.0, 1.1)})
-    found, action = [], np.broadcast_to(encode(1.0, 8.0), env.action_space.shape)
-    while len(found) < 4:
-        _, _, terminated, _, info = env.step(action)
-        if np.all(terminated):
-            found.append({name: float(np.squeeze(info["scenario"][name])) for name in FIELDS})
-            if make is gym.make:
-                env.reset()
-    assert [scenario["distance"] for scenario in found] == [0.2, 0.3, 0.3, 0.3]
-    assert all(1.0 <= scenario["object_mass"] <= 1.1 for scenario in found[1:])
-
-
 def test_the_named_sets_are_the_documented_ones():
     drawn = {}
     for name in ("train", "test", "hard"):

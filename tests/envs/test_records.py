@@ -5,11 +5,9 @@ import re
 import gymnasium as gym
 import numpy as np
 import pytest
-from episodes import ID, assert_identical, begin, random_actions
+from episodes import ID, assert_identical, random_actions
 from episodes import play as play_with
-from scipy import stats
 
-from impact_gym.sb3 import ImpactVecEnv
 from impact_gym.task import ScenarioRanges, evaluation_sets
 from impact_gym.task.episodes import RECORD_IDS as RECORD
 from impact_gym.task.scenario import FIELDS, NAMED
@@ -46,49 +44,11 @@ def test_an_episode_is_played_again_from_its_record_in_any_environment():
     assert play(elsewhere).info["scenario"] != episode.info["scenario"]  # only for one episode
 
 
-def test_a_delay_longer_than_the_environment_was_made_for_is_refused():
-    for make in (gym.make, gym.make_vec):
-        with pytest.raises(ValueError, match=r"reaction_delay.*at most 0\.02 s"):
-            make(ID, reaction_delay=(0.0, 0.02)).reset(options={"record": {"reaction_delay": 0.03}})
-
-
 def test_what_is_fixed_changes_no_draw_of_what_is_not():
     free, fixed = (
         play(gym.make(ID, **OPTIONS), seed=8, record=record).info["record"] for record in ({}, {"restitution": 0.5})
     )
     assert fixed == {**free, "restitution": 0.5}
-
-
-def test_every_slot_of_the_batch_can_be_given_its_own_record():
-    singles = [play(gym.make(ID, **OPTIONS), seed).info["record"] for seed in range(5)]
-    table = {name: [record[name] for record in singles] for name in RECORD}
-    envs = gym.make_vec(ID, num_envs=5, **OPTIONS)
-    envs.reset(seed=123, options={"record": table})
-    for name in RECORD:
-        assert envs.batch.info()["record"][name].tolist() == table[name]
-    # a mask picks the slots' own values
-    envs.reset(options={"record": {"distance": [0.2, 0.21, 0.22, 0.23, 0.24]}, "reset_mask": np.arange(5) % 2 == 1})
-    distances = envs.batch.info()["scenario"]["distance"]
-    assert distances[[1, 3]].tolist() == [0.21, 0.23]
-    assert distances[[0, 2, 4]].tolist() == [table["distance"][k] for k in (0, 2, 4)]
-
-
-def test_the_batch_goes_to_an_episode_of_its_seeds_too():
-    envs, stable = gym.make_vec(ID, num_envs=3, **OPTIONS), ImpactVecEnv(3, **OPTIONS)
-    for each in (envs, stable):
-        begin(each, seed=20, options={"episode_index": 2})
-    for slot in range(3):
-        single = gym.make(ID, **OPTIONS)
-        single.reset(seed=20 + slot, options={"episode_index": 2})
-        for batch in (envs.batch, stable.envs.batch):
-            assert batch.info(slot)["record"] == single.unwrapped.episode_info()["record"]
-
-
-@pytest.mark.parametrize("values", [[0.2, 0.3], [0.2, 0.3, "1"], [0.2, 0.3, -1.0], [[0.2], [0.3], [0.4]]])
-def test_a_wrong_list_for_the_slots_is_named(values):
-    envs = gym.make_vec(ID, num_envs=3)
-    with pytest.raises((TypeError, ValueError), match="distance"):
-        envs.reset(seed=0, options={"record": {"distance": values}})
 
 
 @pytest.mark.parametrize("name", ["test", "validation", "hard"])
@@ -136,15 +96,6 @@ def test_a_set_frozen_again_is_the_shipped_one(tmp_path):
     shipped = evaluation_sets.load("hard")
     again = evaluation_sets.load(evaluation_sets.freeze(str(tmp_path / "again.csv"), "hard", shipped.seed, 50))
     assert_same_draws(again.scenario, {field: values[:50] for field, values in shipped.scenario.items()})
-
-
-def test_whatever_an_episode_draws_is_independent_of_the_rest():
-    envs = gym.make_vec(ID, num_envs=4000, **OPTIONS)
-    envs.reset(seed=3)
-    record = {name: value.copy() for name, value in envs.batch.info()["record"].items()}
-    record["distance_estimate"] -= record["distance"]
-    ranks = stats.spearmanr(np.array(list(record.values())).T).statistic
-    assert np.abs(ranks - np.eye(len(ranks))).max() < 0.07
 
 
 def test_a_scenario_goes_before_a_record():

@@ -140,12 +140,6 @@ def test_the_estimate_is_one_number_an_episode_seen_from_the_flange(sigma):
     assert len(errors) == 10 if sigma else errors == {0.0}
 
 
-@pytest.mark.parametrize(("weight", "reading"), [(2.0, 0.0), (0.125, -1.0), (32.0, 1.0), (8.0, 0.5), (1000.0, 1.0)])
-def test_the_time_weight_is_seen_on_a_log_scale(weight, reading):
-    env = gym.make(ID, time_weight=weight)
-    assert env.reset(seed=0)[0][WEIGHT] == pytest.approx(reading, rel=0, abs=1e-7)
-
-
 def test_position_and_velocity_follow_the_ramp_asked_for():
     seen = play(gym.make(ID), Always(0.6, 5.0), scenario={"distance": 5.0}).observations[1:40].astype(float)
     time = 0.016 * np.arange(1, 40)

@@ -26,8 +26,8 @@ def action_table(seed, ticks=160, slots=SLOTS, lean=(0.3, 0.3)):
     return np.clip(rng.uniform(-1.0, 1.0, (ticks, slots, 2)) + leans, -1.0, 1.0).astype(np.float32)
 
 
-def assert_identical(one, other):
-    assert data_equivalence(one, other, exact=True), f"{one}\n{other}"
+def assert_identical(first, second):
+    assert data_equivalence(first, second, exact=True), "\n".join(f"{each}"[:1000] for each in (first, second))
 
 
 class Always:

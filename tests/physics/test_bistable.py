@@ -64,6 +64,22 @@ def test_mechanism_starts_at_rest_under_its_preload():
     assert np.abs(trace.tool_velocity - trace.flange_velocity).max() < 1e-9
 
 
+@pytest.mark.parametrize("stop_stiffness", [1e2, 1e5, 1e9])
+def test_slider_rests_where_its_front_stop_bears_the_preload(stop_stiffness):
+    rng = np.random.default_rng(8)
+    for _ in range(200):
+        height = rng.uniform(0.005, 0.06)
+        mechanism = ig.Bistable(rng.uniform(20.0, 2000.0), rng.uniform(1.05, 2.0) * height, height, 1e-6, -1e-6)
+        front = mechanism.stroke * rng.uniform(0.01, 0.99)
+        mechanism = dataclasses.replace(mechanism, front_stop=front, stop_stiffness=stop_stiffness)
+
+        def net(x, mechanism=mechanism):
+            return mechanism.force(x) - mechanism.stop_stiffness * (x - mechanism.front_stop)
+
+        exact = brentq(net, front, mechanism.stroke, xtol=1e-300, rtol=8.9e-16)
+        assert mechanism.rest == pytest.approx(exact, rel=1e-14)
+
+
 @pytest.mark.parametrize(
     ("share", "pressed_throughout", "held"), [(0.87, True, True), (0.97, False, True), (1.03, False, False)]
 )

@@ -8,9 +8,9 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import tomli_w
-from drawn_setups import MECHANISM, ROBOT, SENSED, SPRING, TOOL
 from episodes import ID
 from scipy.stats import kstest
+from tasks import EVERYTHING_DRAWN
 
 import impact_gym as ig
 from agents import load_policy, load_setup
@@ -29,14 +29,7 @@ NUMBERS = {path: records for records in RECORDS for path in paths.flatten(record
 """The records in which a dotted path leads to a number."""
 EVERY_PATH = pytest.mark.parametrize("path", NUMBERS)
 
-DRAWN = {
-    "scenario": {"object_mass": (0.1, 2.5), "contact_stiffness": (1e3, 1e6), "restitution": (0.1, 0.9),
-                 "distance": (0.15, 0.35)},
-    "time_weight": (0.5, 8.0), "reaction_delay": (0.0, 0.04), "range_bias": (-0.01, 0.02), **TOOL, **SENSED,
-    "force_noise": (0.1, 2.0), "range_noise": (0.001, 0.02), "robot": ROBOT,
-}  # fmt: skip
-SET_UPS = {"spring": DRAWN | {"coupling": SPRING}, "mechanism": DRAWN | {"coupling": MECHANISM}}
-EVERY_SET_UP = pytest.mark.parametrize("arguments", SET_UPS.values(), ids=list(SET_UPS))
+EVERY_SET_UP = pytest.mark.parametrize("arguments", EVERYTHING_DRAWN.values(), ids=list(EVERYTHING_DRAWN))
 EPISODES = 3000
 ARGUMENTS = arguments().keys() - {row.id for row in SENSORS}  # "alarm" says what raises it: the sensor is another thing
 
@@ -145,7 +138,7 @@ def test_path_may_be_swept_and_what_is_the_scenes_identified(path):
 def drawn():
     """The task of each set-up, and what many episodes of it draw, by id."""
     records = {}
-    for name, options in SET_UPS.items():
+    for name, options in EVERYTHING_DRAWN.items():
         envs = gym.make_vec(ID, num_envs=EPISODES, **options)
         envs.reset(seed=5)
         records[name] = Task(**options), envs.unwrapped.batch.info()["record"]
@@ -165,7 +158,7 @@ def shares(task, record):
     return uniform | normal | {"noise_seed": record["noise_seed"] * 2.0**-53}
 
 
-@pytest.mark.parametrize("name", SET_UPS)
+@pytest.mark.parametrize("name", EVERYTHING_DRAWN)
 def test_each_number_is_drawn_within_its_range_evenly_and_apart_from_all_others(drawn, name):
     uniform = shares(*drawn[name])
     for quantity, values in uniform.items():
@@ -215,7 +208,7 @@ def test_critic_sees_the_true_value_of_what_is_drawn_however_narrow_its_range(ar
 def everything_shown():
     """The specifications of all that there is to observe."""
     more = {"privileged": True, "observe_range_noise": True, "deflection_sensor": True, "past_readings": 3}
-    return [ObservationSpec(Task(**options, **more, alarm="reading")) for options in SET_UPS.values()]
+    return [ObservationSpec(Task(**options, **more, alarm="reading")) for options in EVERYTHING_DRAWN.values()]
 
 
 @EVERY_ROW
@@ -267,7 +260,13 @@ def test_words_for_people_change_no_behaviour(monkeypatch):
         specs = [(spec.ids, spec.lowered().tolist()) for spec in everything_shown()]
         policy = load_policy("linear-ranged")
         actions = policy.predict(np.full((1, policy.inputs), 0.1, np.float32))[0].tolist()
-        return without_comments, specs, actions, [Task(**options).draws() for options in SET_UPS.values()], PLACES
+        return (
+            without_comments,
+            specs,
+            actions,
+            [Task(**options).draws() for options in EVERYTHING_DRAWN.values()],
+            PLACES,
+        )
 
     before = behaviour()
     for name, row in QUANTITIES.items():
