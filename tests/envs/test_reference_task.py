@@ -79,7 +79,8 @@ def test_the_environment_plays_what_the_reference_plays(setup, controller, veloc
     *(("validation", {"control_period": period, "reaction_delay": delay}, 12, 1e-8)
       for period, delay in ((0.016, 0.016), (0.011, 0.0), (0.016, 0.040))),
     ("validation", {"range_noise": 0.01, "deflection_sensor": True, "privileged": True}, 5, 1e-7),
-    ("validation", {"range_noise": 0.02, "range_bias": -0.01, "observe_range_noise": True, "alarm": "reading"}, 5, 1e-7),
+    ("validation", {"range_noise": 0.02, "range_bias": -0.01, "observe_range_noise": True, "alarm": "reading"}, 5,
+     1e-7),
     ("validation", {"reaction_delay": 0.04, "control_period": 0.011, "deflection_sensor": True}, 5, 1e-7),
     ("validation", {"reaction_delay": 0.0, "alarm_threshold": 5.0, "dissipation": "exact", "tool_mass": 0.2}, 5, 1e-7),
     ("hard", {"coupling": ig.SpringDamper(150.0, 0.1), "reaction_delay": 0.005}, 5, 1e-7),
