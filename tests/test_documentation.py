@@ -22,8 +22,8 @@ import pytest
 import tyro
 from browsers import chromium, opened
 
-from agents.setups.evaluation import arguments_of_task
 from experiments.command import COMMANDS
+from impact_gym.task.task import arguments
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -167,7 +167,7 @@ def test_the_site_builds_is_whole_and_finds_what_is_searched_for_without_a_netwo
         text = page.read_text()
         assert "<!-- generated:" not in text, page
         assert 'class="arithmatex"' not in text, page
-    assert all(f"<code>{name}</code>" in (site / "environment.html").read_text() for name in arguments_of_task())
+    assert all(f"<code>{name}</code>" in (site / "environment.html").read_text() for name in arguments())
     with chromium() as browser:
         page, problems = opened(browser, site / "physics" / "contact.html")
         page.locator(".md-search__input").fill("solref")
