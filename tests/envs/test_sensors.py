@@ -35,19 +35,6 @@ def assert_deflection(seen, trace, delay):
     assert seen[:, 8] == pytest.approx(expected, abs=2e-5)
 
 
-def test_a_range_of_delays_is_drawn_uniformly_and_moves_the_alarm():
-    env = gym.make(ID, reaction_delay=(0.005, 0.045))
-    delays = []
-    for seed in range(60):
-        observations, info = play(env, seed=seed)
-        delays.append(info["record"]["reaction_delay"])
-        again, fixed_info = play(gym.make(ID, reaction_delay=delays[-1]), seed=seed)
-        assert np.array_equal(observations, again)
-        assert fixed_info["object_velocity"] == info["object_velocity"]
-    assert stats.kstest(delays, stats.uniform(0.005, 0.04).cdf).pvalue > 1e-3
-    assert np.corrcoef(delays, [float(seed) for seed in range(60)])[0, 1] ** 2 < 0.2
-
-
 def test_noise_and_bias_are_normal_and_leave_the_motion_alone():
     assert not at_rest(5)[..., FORCE].any()
     # readings never fall below zero: half of a normal distribution is seen, the other half as zeros
@@ -84,18 +71,6 @@ def test_the_deflection_is_that_of_one_reaction_delay_ago(coupling, delay):
     observations, _ = play(env, seed=3)
     assert_deflection(observations, env.unwrapped.trace(), delay)
     assert np.abs(observations[:, 8]).max() > 0.02
-
-
-def test_the_table_of_the_docstring_is_that_of_the_code():
-    text = gym.make(ID).unwrapped.__class__.__doc__
-    for argument in ("range_noise", "observe_range_noise", "deflection_sensor", "privileged"):
-        assert f"only with `{argument}`" in text
-        assert f"| `{argument}`" in text  # among the arguments
-    assert text.count("`reaction_delay`, `force_noise`, `force_bias`, `alarm`") == 2
-    everything = gym.make(ID, range_noise=0.01, observe_range_noise=True, deflection_sensor=True, privileged=True)
-    rows = [line for line in text.splitlines() if line.strip().startswith(("| 0 ", "| then"))]
-    assert len(rows) == 2 + 10  # the first action, the first observation, and what arguments add
-    assert everything.observation_space.shape == (8 + 8,)
 
 
 @pytest.mark.parametrize(("delay", "period"), [(0.04, 0.016), (0.016, 0.07), (0.04, 0.07)])

@@ -46,7 +46,7 @@ class Given:
     def __init__(self, actions):
         self.left = iter(actions)
 
-    def predict(self, observation, state=None):
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
         return next(self.left), state
 
 
