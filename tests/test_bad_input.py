@@ -21,11 +21,9 @@ def argument(name):
     return lambda value: ig.simulate(SCENE, **{"motion": MOTION} | {name: value})
 
 
-@pytest.mark.parametrize(
-    "value",
-    [None, "", [1.0], (1.0,), {}, SCENE, np.array([1.0]), np.array([1.0, 2.0]), np.array(["1"]), Decimal("sNaN")],
-    ids=lambda value: f"{type(value).__name__} {value}"[:30],
-)
+@pytest.mark.parametrize("value", [
+    None, "", [1.0], (1.0,), {}, SCENE, np.array([1.0]), np.array([1.0, 2.0]), np.array(["1"]), Decimal("sNaN"),
+], ids=lambda value: f"{type(value).__name__} {value}"[:30])  # fmt: skip
 def test_record_refuses_what_only_looks_like_a_number_with_its_name(value):
     """All else that every number is refused for is tested with the table, in tests/task."""
     with pytest.raises((TypeError, ValueError), match=r"Tool\.mass"):
@@ -45,11 +43,9 @@ def test_contact_refuses_a_damping_exponent_between_none_and_one():
         dataclasses.replace(SCENE.contact, damping_exponent=0.5)
 
 
-@pytest.mark.parametrize(
-    "record",
-    [SCENE, SCENE.tool, SCENE.object, SCENE.contact, SCENE.coupling, ig.Rigid(), MOTION, MOTION.brake],
-    ids=lambda record: type(record).__name__,
-)
+@pytest.mark.parametrize("record", [
+    SCENE, SCENE.tool, SCENE.object, SCENE.contact, SCENE.coupling, ig.Rigid(), MOTION, MOTION.brake,
+], ids=lambda record: type(record).__name__)  # fmt: skip
 def test_record_cannot_be_changed(record):
     for field in dataclasses.fields(record):
         with pytest.raises(dataclasses.FrozenInstanceError):
@@ -64,20 +60,17 @@ NO_ROBOTS = (1.0, "robot", SCENE.tool, False, {"mass": 5.0}, ig.Rigid())
 DISSIPATIONS = (None, 1, "Hu-Guo", "huntcrossley", b"hu-guo", ["hu-guo"])
 
 
-@pytest.mark.parametrize(
-    ("make", "says", "values"),
-    [
-        (with_field(SCENE, "tool"), r"Scene\.tool must be a Tool", (*NO_RECORDS, SCENE.object)),
-        (with_field(SCENE, "object"), r"Scene\.object must be a", NO_RECORDS),
-        (with_field(SCENE, "contact"), r"Scene\.contact must be a", NO_RECORDS),
-        (with_field(SCENE, "coupling"), r"Scene\.coupling must be a", NO_RECORDS),
-        (with_field(SCENE, "robot"), r"Scene\.robot must be a Robot or RobotTable or None", NO_ROBOTS),
-        (with_field(SCENE.contact, "dissipation"), r"Contact\.dissipation .*hu-guo", DISSIPATIONS),
-        (with_field(MOTION, "brake"), r"Trapezoid\.brake must be a Brake", (1.0, "now", True, MOTION)),
-        (lambda value: ig.simulate(value, MOTION), "scene must be a Scene", (None, 1.0, "scene", SCENE.tool, MOTION)),
-        (argument("motion"), "motion must be a Trapezoid", (None, 1.0, "motion", SCENE, MOTION.brake)),
-    ],
-)
+@pytest.mark.parametrize(("make", "says", "values"), [
+    (with_field(SCENE, "tool"), r"Scene\.tool must be a Tool", (*NO_RECORDS, SCENE.object)),
+    (with_field(SCENE, "object"), r"Scene\.object must be a", NO_RECORDS),
+    (with_field(SCENE, "contact"), r"Scene\.contact must be a", NO_RECORDS),
+    (with_field(SCENE, "coupling"), r"Scene\.coupling must be a", NO_RECORDS),
+    (with_field(SCENE, "robot"), r"Scene\.robot must be a Robot or RobotTable or None", NO_ROBOTS),
+    (with_field(SCENE.contact, "dissipation"), r"Contact\.dissipation .*hu-guo", DISSIPATIONS),
+    (with_field(MOTION, "brake"), r"Trapezoid\.brake must be a Brake", (1.0, "now", True, MOTION)),
+    (lambda value: ig.simulate(value, MOTION), "scene must be a Scene", (None, 1.0, "scene", SCENE.tool, MOTION)),
+    (argument("motion"), "motion must be a Trapezoid", (None, 1.0, "motion", SCENE, MOTION.brake)),
+])  # fmt: skip
 def test_record_refuses_what_is_not_of_its_kind_with_its_name_and_the_kind(make, says, values):
     for value in values:
         with pytest.raises((TypeError, ValueError) if values is DISSIPATIONS else TypeError, match=says):

@@ -47,18 +47,15 @@ def test_nothing_is_left_out_where_there_is_nothing_and_an_object_out_of_reach_h
     assert far.model.bound == 0.0
 
 
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        ({"scenes": []}, "scenes must be a Scene or some of them"),
-        ({"scenes": [1.0]}, "scene must be a Scene"),
-        ({"motion": 1.0}, "motion must be a Trapezoid"),
-        ({"tolerance": 0.0}, "tolerance must be"),
-        ({"tolerance": math.nan}, "tolerance must be"),
-        ({"quantity": "energy"}, "quantity must be one of object_velocity, peak_force, impulse"),
-        ({"duration": -1.0}, "duration must be"),
-    ],
-)
+@pytest.mark.parametrize(("change", "said"), [
+    ({"scenes": []}, "scenes must be a Scene or some of them"),
+    ({"scenes": [1.0]}, "scene must be a Scene"),
+    ({"motion": 1.0}, "motion must be a Trapezoid"),
+    ({"tolerance": 0.0}, "tolerance must be"),
+    ({"tolerance": math.nan}, "tolerance must be"),
+    ({"quantity": "energy"}, "quantity must be one of object_velocity, peak_force, impulse"),
+    ({"duration": -1.0}, "duration must be"),
+])  # fmt: skip
 def test_bad_input_is_named(change, said):
     with pytest.raises((TypeError, ValueError), match=said):
         advise(**({"scenes": SPRUNG, "motion": MOTION} | change))

@@ -25,16 +25,13 @@ def test_hertz_of_a_rigid_tool_leaves_the_object_alone_and_bodies_may_change_pla
     assert ig.hertz(0.01, *STEEL, 2e6, 0.5) == pytest.approx(ig.hertz(0.01, 2e6, 0.5, *STEEL), rel=1e-14)
 
 
-@pytest.mark.parametrize(
-    ("place", "value", "match"),
-    [
-        (0, 0.0, "radius must be finite and above 0 m"),
-        (1, -1.0, "young_tool must be finite and above 0 Pa"),
-        (2, 0.6, "poisson_tool must be finite and above -1 and at most 0.5"),
-        (3, math.nan, "young_object"),
-        (4, -1.0, "poisson_object"),
-    ],
-)
+@pytest.mark.parametrize(("place", "value", "match"), [
+    (0, 0.0, "radius must be finite and above 0 m"),
+    (1, -1.0, "young_tool must be finite and above 0 Pa"),
+    (2, 0.6, "poisson_tool must be finite and above -1 and at most 0.5"),
+    (3, math.nan, "young_object"),
+    (4, -1.0, "poisson_object"),
+])  # fmt: skip
 def test_hertz_refuses_what_no_body_has(place, value, match):
     given = [0.01, *STEEL, *STEEL]
     given[place] = value

@@ -95,21 +95,18 @@ def test_robot_frozen_at_the_impact_gives_another_object_velocity():
 TABLE = ig.RobotTable((0.0, 0.1, 0.2, 0.3), (5.0,) * 4, (1e5,) * 4, (50.0,) * 4)
 
 
-@pytest.mark.parametrize(
-    ("change", "error", "field"),
-    [
-        ({"position": (0.0, 0.2, 0.1, 0.3)}, ValueError, "position"),
-        ({"position": (0.0, 0.1, 0.2)}, ValueError, "position"),
-        ({"position": (0.0, 0.1, 0.2, math.nan)}, ValueError, r"position\[3\]"),
-        ({"mass": (5.0, 5.0, 5.0)}, ValueError, "mass"),
-        ({"mass": (5.0, 0.0, 5.0, 5.0)}, ValueError, r"mass\[1\]"),
-        ({"mass": (9.0, 0.1, 9.0, 0.1)}, ValueError, "mass must stay positive"),
-        ({"stiffness": "1e5"}, TypeError, "stiffness"),
-        ({"stiffness": None}, TypeError, "stiffness"),
-        ({"damping": (50.0, "1", 50.0, 50.0)}, TypeError, r"damping\[1\]"),
-        ({"damping": (50.0, -1.0, 50.0, 50.0)}, ValueError, r"damping\[1\]"),
-    ],
-)
+@pytest.mark.parametrize(("change", "error", "field"), [
+    ({"position": (0.0, 0.2, 0.1, 0.3)}, ValueError, "position"),
+    ({"position": (0.0, 0.1, 0.2)}, ValueError, "position"),
+    ({"position": (0.0, 0.1, 0.2, math.nan)}, ValueError, r"position\[3\]"),
+    ({"mass": (5.0, 5.0, 5.0)}, ValueError, "mass"),
+    ({"mass": (5.0, 0.0, 5.0, 5.0)}, ValueError, r"mass\[1\]"),
+    ({"mass": (9.0, 0.1, 9.0, 0.1)}, ValueError, "mass must stay positive"),
+    ({"stiffness": "1e5"}, TypeError, "stiffness"),
+    ({"stiffness": None}, TypeError, "stiffness"),
+    ({"damping": (50.0, "1", 50.0, 50.0)}, TypeError, r"damping\[1\]"),
+    ({"damping": (50.0, -1.0, 50.0, 50.0)}, ValueError, r"damping\[1\]"),
+])  # fmt: skip
 def test_robot_table_refuses_bad_columns(change, error, field):
     with pytest.raises(error, match=rf"RobotTable\.{field}"):
         dataclasses.replace(TABLE, **change)
