@@ -26,7 +26,7 @@ def readings_of_nothing(rows, ticks, **options):
 
 
 @pytest.mark.parametrize(("threshold", "sigma"), [(1.0, 0.5), (2.0, 2.0), (4.0, 5.0)])
-def test_the_first_false_alarm_comes_as_often_as_a_normal_number_exceeds_the_threshold(threshold, sigma):
+def test_first_false_alarm_comes_as_often_as_a_normal_number_exceeds_the_threshold(threshold, sigma):
     rows, ticks = 4000, 9  # of 16 ms: fewer than an alarm lasts
     seen = readings_of_nothing(rows, ticks, force_noise=sigma, alarm_threshold=threshold)
     share = stats.norm.sf(threshold / sigma)
@@ -39,7 +39,7 @@ def test_the_first_false_alarm_comes_as_often_as_a_normal_number_exceeds_the_thr
     assert 0.15 * seen[-1, some, SINCE] == pytest.approx(0.016 * (ticks - 1 - raised[some]), abs=1e-6)
 
 
-def test_a_false_alarm_is_over_after_its_time_and_can_come_again():
+def test_false_alarm_is_over_after_its_time_and_can_come_again():
     seen = readings_of_nothing(500, 70, force_noise=1.0, alarm_threshold=2.0)
     on, readings = seen[:, :, ALARM] > 0.5, newtons(seen[:, :, FORCE])
     begun, again = 0, 0
@@ -56,7 +56,7 @@ def test_a_false_alarm_is_over_after_its_time_and_can_come_again():
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.016, 0.03])
-def test_without_errors_the_alarm_comes_with_the_first_reading_behind_the_threshold(delay):
+def test_alarm_without_errors_comes_with_the_first_reading_behind_the_threshold(delay):
     env = gym.make(ID, reaction_delay=delay, **READING)
     for seed in range(20):
         observations, _, info = play(env, PaperTrapezoid(), seed)
@@ -69,7 +69,7 @@ def test_without_errors_the_alarm_comes_with_the_first_reading_behind_the_thresh
         assert np.diff(times[:-1]) == pytest.approx(0.016, abs=1e-6)
 
 
-def test_a_reading_is_the_largest_force_since_the_one_before():
+def test_reading_is_the_largest_force_since_the_one_before():
     env = gym.make(ID, record_trace=True, **READING)
     met = 0
     for seed in range(12):
@@ -90,7 +90,7 @@ def test_a_reading_is_the_largest_force_since_the_one_before():
     assert met > 20
 
 
-def test_false_alarms_end_nothing():
+def test_alarm_that_is_false_ends_nothing():
     """Who goes on whatever comes meets what it would have met without a sensor."""
     quiet, noisy = (
         gym.make_vec(ID, num_envs=100, autoreset_mode="SameStep", force_noise=noise, **READING) for noise in (0.0, 5.0)
@@ -99,17 +99,17 @@ def test_false_alarms_end_nothing():
     finals = []
     for envs in (quiet, noisy):
         observations, _ = envs.reset(seed=4)
-        found = {}
-        while len(found) < 100:
+        first = {}
+        while len(first) < 100:
             observations, _, ended, _, infos = envs.step(action.predict(observations)[0])
-            for row in set(np.flatnonzero(ended)) - set(found):
+            for row in set(np.flatnonzero(ended)) - set(first):
                 final = infos["final_info"]
-                found[row] = final["object_velocity"][row], final["approach_time"][row]
-        finals.append([found[row] for row in range(100)])
+                first[row] = final["object_velocity"][row], final["approach_time"][row]
+        finals.append([first[row] for row in range(100)])
     assert np.array(finals[0]) == pytest.approx(np.array(finals[1]), rel=1e-7, abs=1e-9)
 
 
-def test_a_rule_that_judges_for_itself_does_as_the_alarm_where_the_alarm_is_right():
+def test_rule_that_judges_for_itself_does_as_the_alarm_where_the_alarm_is_right():
     numbers = [parameter.start for parameter in BlindProfile.PARAMETERS]
     stage = ScenarioBatch.of("validation", 200, alarm="reading", alarm_threshold=3.0)
     trusting, wary = stage.play(BlindProfile(numbers)), stage.play(WaryProfile([*numbers, 3.0]))
@@ -118,7 +118,7 @@ def test_a_rule_that_judges_for_itself_does_as_the_alarm_where_the_alarm_is_righ
     assert (deaf.object_velocity > 1.1 * trusting.object_velocity).mean() > 0.3
 
 
-def test_a_rule_that_judges_for_itself_goes_on_after_what_was_no_touch():
+def test_rule_that_judges_for_itself_goes_on_after_what_was_no_touch():
     numbers = [parameter.start for parameter in WaryProfile.PARAMETERS]
     stage = ScenarioBatch.of("validation", 200, alarm="reading", force_noise=3.0)
     missed = {}
@@ -131,7 +131,7 @@ def test_a_rule_that_judges_for_itself_goes_on_after_what_was_no_touch():
     assert WaryProfile.PARAMETERS[-1] is THRESHOLD
 
 
-def test_what_a_rule_remembers_ends_with_the_episode():
+def test_memory_of_a_rule_ends_with_the_episode():
     rule = WaryProfile([parameter.start for parameter in WaryProfile.PARAMETERS])
     high = np.zeros((2, 8), np.float32)
     high[:, FORCE] = 1.0  # 1 kN

@@ -57,22 +57,22 @@ PERIODS_AND_DELAYS = [
       for coupling, (period, delay) in product(COUPLINGS, PERIODS_AND_DELAYS)),
     {"alarm_threshold": 5.0}, {"alarm_threshold": 0.2}, {"dissipation": "exact"}, {"scenario": "hard"},
 ], ids=str)  # fmt: skip
-def test_the_papers_rule_played_in_the_environment_equals_simulate(options):
+def test_papers_rule_played_in_the_environment_equals_simulate(options):
     coupling, law = options.get("coupling", PAPERS_SPRING), options.get("dissipation", "hu-guo")
     # a bistable tool's flight has no closed form, and near the alignment it multiplies errors
     rtol, flight_error = (1e-11, 1e-11) if isinstance(coupling, ig.Bistable) else (1e-8, 1e-12)
     envs = gym.make_vec(ID, num_envs=200, rtol=rtol, **options)
     brake = ig.Brake(options.get("alarm_threshold", 1.0), options.get("reaction_delay", 0.016))
     for info in first_infos(envs, PaperTrapezoid(), seed=31):
-        one = scene(info["scenario"], coupling, law)
-        outcome = ig.simulate(one, ig.Trapezoid(1.0, 8.0, brake), duration=3.0, rtol=rtol)
+        struck = scene(info["scenario"], coupling, law)
+        outcome = ig.simulate(struck, ig.Trapezoid(1.0, 8.0, brake), duration=3.0, rtol=rtol)
         assert_same_outcome(info, outcome, flight_error)
 
 
 @pytest.mark.parametrize(("speed", "acceleration", "deceleration"), [
     (0.14, 1.0, 1.0), (0.4, 20.0, 3.0), (1.1, 3.7, 7.9), (1.5, 20.0, 20.0), (0.6, 12.0, 5.0),
 ])  # fmt: skip
-def test_a_constant_speed_that_stops_within_the_episode_equals_simulate(speed, acceleration, deceleration):
+def test_constant_speed_that_stops_within_the_episode_equals_simulate(speed, acceleration, deceleration):
     assert speed / deceleration < 0.15
     envs = gym.make_vec(ID, num_envs=100, scenario={"distance": (0.05, 0.14)})
     motion = ig.Trapezoid(speed, acceleration, ig.Brake(deceleration=deceleration))
@@ -87,7 +87,7 @@ def test_a_constant_speed_that_stops_within_the_episode_equals_simulate(speed, a
     {}, {"time_weight": (0.5, 8.0), "force_weight": 0.003}, {"coupling": ig.Rigid(), "control_period": 0.011},
     {"scenario": "hard", "reaction_delay": 0.04},
 ], ids=str)  # fmt: skip
-def test_the_return_is_minus_the_weighed_time_velocity_and_force(options):
+def test_return_is_minus_the_weighed_time_velocity_and_force(options):
     env = gym.make(ID, **options)
     weights = set()
     for seed in range(40):
@@ -111,7 +111,7 @@ def test_the_return_is_minus_the_weighed_time_velocity_and_force(options):
 
 @pytest.mark.parametrize("still", [Always(0.0, 20.0), Always(-0.5, 1.0)], ids=["stand still", "go back"])
 @pytest.mark.parametrize(("period", "steps"), [(0.016, 75), (0.008, 150), (0.011, 110)])
-def test_an_object_never_reached_is_missed_at_twelve_tenths_of_a_second(still, period, steps):
+def test_object_never_reached_is_missed_at_twelve_tenths_of_a_second(still, period, steps):
     observations, rewards, info = play(gym.make(ID, control_period=period), still, seed=1)
     assert info["missed"] is True
     assert (info["approach_time"], info["contact_count"], info["peak_force"]) == (1.2, 0, 0.0)
@@ -121,7 +121,7 @@ def test_an_object_never_reached_is_missed_at_twelve_tenths_of_a_second(still, p
     assert info["reward_terms"]["missed"] == -2.0
 
 
-def test_a_touch_too_soft_for_the_alarm_is_a_contact_that_runs_to_the_end():
+def test_touch_too_soft_for_the_alarm_is_a_contact_that_runs_to_the_end():
     crawl = Always(0.05, 1.0)
     soft = {"object_mass": 0.1, "contact_stiffness": 1e3, "restitution": 0.5, "distance": 0.02}
     observations, rewards, info = play(gym.make(ID), crawl, scenario=soft)
@@ -138,7 +138,7 @@ def test_a_touch_too_soft_for_the_alarm_is_a_contact_that_runs_to_the_end():
     assert info["object_velocity"] == pytest.approx(outcome.object_velocity, rel=0, abs=1e-8)
 
 
-def test_what_the_flange_does_to_the_object_after_the_end_still_counts():
+def test_flange_still_counts_after_the_end():
     """Pressed on at full speed, the object gains more while the flange brakes: ending early gains nothing."""
     env, press_on = gym.make(ID, record_trace=True), Always(1.5, 20.0)
     heavy = {"object_mass": 2.5, "contact_stiffness": 1e5, "restitution": 0.5, "distance": 0.2}
@@ -149,7 +149,7 @@ def test_what_the_flange_does_to_the_object_after_the_end_still_counts():
     assert outcome.object_velocity > np.interp(end, trace.time, trace.object_velocity) + 0.1
 
 
-def test_the_first_uniform_numbers_of_the_generator_are_the_scenario():
+def test_first_uniform_numbers_of_the_generator_are_the_scenario():
     """As documented: eleven uniform numbers an episode, whatever the options, so that episodes can be jumped to."""
     low, high = np.array([(0.1, 2.5), (1e3, 1e6), (0.1, 1.0), (0.15, 0.35), (0.5, 8.0)]).T
     for options in ({}, {"range_noise": 0.01, "force_noise": 0.1, "force_bias": 0.1, "reaction_delay": (0.0, 0.05)}):
@@ -171,7 +171,7 @@ def test_options_fix_a_scenario_for_one_episode_only():
     assert_identical(play(env, PaperTrapezoid()), play(free, PaperTrapezoid()))
 
 
-def test_the_named_sets_are_the_documented_ones():
+def test_named_sets_are_the_documented_ones():
     drawn = {}
     for name in ("train", "test", "hard"):
         envs = gym.make_vec(ID, num_envs=2000, scenario=name)
@@ -192,11 +192,11 @@ def test_float32_actions_command_the_papers_rule_exactly_and_every_round_number_
     assert commanded(encode(0.0, 8.0)) == (0.0, 8.0)
     for velocity in np.arange(-50, 151) / 100:
         for acceleration in (1.0, 8.0 + velocity, 20.0):
-            found = commanded(encode(velocity, acceleration))
-            assert found == pytest.approx((velocity, acceleration), rel=1e-15, abs=1e-300)
+            decoded = commanded(encode(velocity, acceleration))
+            assert decoded == pytest.approx((velocity, acceleration), rel=1e-15, abs=1e-300)
 
 
-def test_an_action_means_the_same_as_float32_float64_or_list():
+def test_action_means_the_same_as_float32_float64_or_list():
     actions = np.random.default_rng(3).uniform(-1.0, 1.0, (100, 2)).astype(np.float32)
     expected = history(gym.make(ID), Given(actions), seed=8)
     for kind in (actions.astype(float), actions.tolist()):

@@ -81,7 +81,7 @@ def test_reset_takes_garbage_for_a_scenario_with_a_clear_error_or_plays_it(scena
     st.fixed_dictionaries({}, optional=EXTREME),
     st.lists(st.tuples(st.floats(-2.0, 2.0), st.floats(-2.0, 2.0)), min_size=1, max_size=8),
 )
-def test_whatever_is_accepted_is_played_to_a_finite_end(rows, extreme, scenario, actions):
+def test_environment_plays_whatever_it_accepts_to_a_finite_end(rows, extreme, scenario, actions):
     options = rows[0] | extreme | {"max_episode_steps": None}
     env = gym.make(ID, **options)
     given = Given(islice(cycle(map(np.array, actions)), 1300))

@@ -37,7 +37,7 @@ def test_ppo_learns_and_is_the_same_after_saving_with_its_statistics(tmp_path):
     start = [parameter.detach().clone() for parameter in model.policy.parameters()]
     model.learn(768)
     assert model.num_timesteps == 768
-    assert any(not torch.equal(one, other) for one, other in zip(start, model.policy.parameters(), strict=True))
+    assert any(not torch.equal(before, after) for before, after in zip(start, model.policy.parameters(), strict=True))
     assert len(model.ep_info_buffer) > SLOTS
     for episode in model.ep_info_buffer:  # before normalisation, as in the final info
         assert episode["r"] == pytest.approx(sum(episode["reward_terms"].values()), rel=1e-6)

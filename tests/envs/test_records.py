@@ -20,13 +20,13 @@ def play(env, seed=None, **options):
     return play_with(env, random_actions(0), seed, **options)
 
 
-def assert_same_draws(found, expected):
+def assert_same_draws(scenario, expected):
     """To the rounding of exponentials and logarithms."""
     for field in FIELDS:
-        assert found[field] == pytest.approx(expected[field], rel=1e-15)
+        assert scenario[field] == pytest.approx(expected[field], rel=1e-15)
 
 
-def test_an_episode_is_found_again_from_its_seed_and_index():
+def test_episode_is_found_again_from_its_seed_and_index():
     env = gym.make(ID, **OPTIONS)
     episodes = [play(env, seed) for seed in (11, None, None, None)]
     for k, episode in enumerate(episodes):
@@ -34,7 +34,7 @@ def test_an_episode_is_found_again_from_its_seed_and_index():
     assert len({episode.info["scenario"]["object_mass"] for episode in episodes}) == 4
 
 
-def test_an_episode_is_played_again_from_its_record_in_any_environment():
+def test_episode_is_played_again_from_its_record_in_any_environment():
     episode = play(gym.make(ID, **OPTIONS), seed=5)
     record = episode.info["record"]
     assert tuple(record) == RECORD
@@ -44,7 +44,7 @@ def test_an_episode_is_played_again_from_its_record_in_any_environment():
     assert play(elsewhere).info["scenario"] != episode.info["scenario"]  # only for one episode
 
 
-def test_what_is_fixed_changes_no_draw_of_what_is_not():
+def test_record_that_is_fixed_changes_no_other_draw():
     free, fixed = (
         play(gym.make(ID, **OPTIONS), seed=8, record=record).info["record"] for record in ({}, {"restitution": 0.5})
     )
@@ -52,7 +52,7 @@ def test_what_is_fixed_changes_no_draw_of_what_is_not():
 
 
 @pytest.mark.parametrize("name", ["test", "validation", "hard"])
-def test_a_frozen_set_is_what_its_seeds_draw(name):
+def test_evaluation_set_is_what_its_seeds_draw(name):
     frozen, ranges = evaluation_sets.load(name), "hard" if name == "hard" else "test"
     envs = gym.make_vec(ID, num_envs=frozen.count, scenario=ranges)
     envs.reset(seed=frozen.seed)
@@ -64,7 +64,7 @@ def test_a_frozen_set_is_what_its_seeds_draw(name):
         assert np.array_equal(envs.batch.info()["scenario"][field], frozen.scenario[field])
 
 
-def test_a_set_of_ones_own_is_frozen_and_read_again(tmp_path):
+def test_evaluation_set_is_frozen_and_read_again(tmp_path):
     ranges = ScenarioRanges(object_mass=(1.0, 2.0))
     path = evaluation_sets.freeze(tmp_path / "mine.csv", ranges, seed=7, count=20)
     frozen = evaluation_sets.load(path)
@@ -77,7 +77,7 @@ def test_a_set_of_ones_own_is_frozen_and_read_again(tmp_path):
 @pytest.mark.parametrize(("line", "pattern", "instead"), [
     (-1, "[0-8]", "9"), (-1, r".*\n", ""), (1, "distance", "place"), (0, '"seed": 7', '"seed": 77'),
 ], ids=["digit", "line", "column", "seed"])  # fmt: skip
-def test_an_altered_set_is_refused(tmp_path, line, pattern, instead):
+def test_evaluation_set_that_was_altered_is_refused(tmp_path, line, pattern, instead):
     path = evaluation_sets.freeze(tmp_path / "mine.csv", "train", seed=7, count=20)
     lines = path.read_text().splitlines(keepends=True)
     lines[line], changes = re.subn(pattern, instead, lines[line], count=1)
@@ -87,18 +87,18 @@ def test_an_altered_set_is_refused(tmp_path, line, pattern, instead):
         evaluation_sets.load(path)
 
 
-def test_a_set_that_there_is_not_is_refused():
+def test_evaluation_set_that_there_is_not_is_refused():
     with pytest.raises(ValueError, match=r"nowhere.*hard.*test.*validation"):
         evaluation_sets.load("nowhere")
 
 
-def test_a_set_frozen_again_is_the_shipped_one(tmp_path):
+def test_evaluation_set_frozen_again_is_the_shipped_set(tmp_path):
     shipped = evaluation_sets.load("hard")
     again = evaluation_sets.load(evaluation_sets.freeze(str(tmp_path / "again.csv"), "hard", shipped.seed, 50))
     assert_same_draws(again.scenario, {field: values[:50] for field, values in shipped.scenario.items()})
 
 
-def test_a_scenario_goes_before_a_record():
+def test_reset_takes_a_scenario_before_a_record():
     env = gym.make(ID)
     env.reset(options={"record": {"distance": 0.3}, "scenario": {"distance": 0.2}})
     assert env.unwrapped.episode_info()["scenario"]["distance"] == 0.2

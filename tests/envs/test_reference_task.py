@@ -58,7 +58,7 @@ def assert_same(fast, slow, velocity_error):
     ("linear-ranged", load_policy("linear-ranged"), 1e-6),
     ("bistable-blind", load_baseline("bistable-constant-speed", 1.0), 1e-7),
 ], ids=["paper", "blind policy", "ranged policy", "bistable"])  # fmt: skip
-def test_the_environment_plays_what_the_reference_plays(setup, controller, velocity_error):
+def test_environment_plays_what_the_reference_plays(setup, controller, velocity_error):
     fast, slow = both([controller, controller], range(4), load_setup(setup).environment)
     assert not slow["missed"].any()
     assert_same(fast, slow, velocity_error)
@@ -81,7 +81,7 @@ def test_the_environment_plays_what_the_reference_plays(setup, controller, veloc
     ("validation", {"velocity_range": (-0.1, 1.0), "acceleration_range": (0.5, 8.0), "privileged": True}, 3, 1e-7),
     ("validation", {"robot": TABLE} | RIGID, 3, 1e-7),
 ], ids=str)  # fmt: skip
-def test_both_see_the_same_whatever_is_done(frozen, options, rows, velocity_error):
+def test_environment_shows_what_the_reference_shows_whatever_is_done(frozen, options, rows, velocity_error):
     controllers = Played(rows), Played(rows)
     assert_same(*both(controllers, range(rows), options, frozen), velocity_error)
     expected, seen = (np.array(controller.seen) for controller in controllers)
@@ -93,7 +93,7 @@ def test_both_see_the_same_whatever_is_done(frozen, options, rows, velocity_erro
         assert seen[:steps, row] == pytest.approx(expected[:steps, row], rel=0, abs=1.3e-7)  # bits of a float32
 
 
-def test_a_rigid_tool_throws_the_object_off_at_its_speed_times_one_and_the_restitution():
+def test_rigid_tool_throws_the_object_off_at_its_speed_times_one_and_the_restitution():
     """Instantaneous impact (paper, eq. 1) with what Hu and Guo's damping delivers, before the brake comes."""
     for e in (0.3, 0.7, 1.0):
         d = 3 / 2 * (1 - e) / e
@@ -106,7 +106,7 @@ def test_a_rigid_tool_throws_the_object_off_at_its_speed_times_one_and_the_resti
     assert out.peak_force == pytest.approx(hertz, rel=1e-9)
 
 
-def test_an_elastic_contact_with_a_resting_flange_keeps_the_energy():
+def test_elastic_contact_with_a_resting_flange_keeps_the_energy():
     options = {"coupling": {"type": "SpringDamper", "stiffness": 50.0, "damping_ratio": 0.0}}
     motion = _at_rest(_task(options), SCENARIO | {"distance": 0.13}, 1e-10)
     motion.command.steer(0.0, 1.0, 20.0)
@@ -146,7 +146,7 @@ def test_momentum_that_a_contact_takes_from_a_free_tool_it_gives_to_the_object()
     {"type": "Bistable"},
     load_setup("bistable-blind").environment["coupling"],
 ], ids=str)  # fmt: skip
-def test_once_all_is_over_nothing_comes(coupling):
+def test_settle_ends_when_nothing_more_can_come(coupling):
     task, frozen = _task({"coupling": coupling}), load("validation")
     waited = 0
     for k in range(2, 6):
@@ -165,12 +165,12 @@ def test_once_all_is_over_nothing_comes(coupling):
     assert waited  # not over at once
 
 
-def test_who_stands_still_misses():
+def test_play_of_who_stands_still_is_a_miss():
     out = play(Always(0.0, 20.0), SCENARIO, options={}, time_weight=1.0)
     assert out[:5] == (0.0, 1.2, 0.0, 0, True)
 
 
-def test_a_scenario_is_the_same_by_itself_and_beside_others():
+def test_scenario_is_the_same_by_itself_and_beside_others():
     controller, frozen, numbers = ConstantSpeed(0.5, 20.0), load("test"), [7, 2]
     together = rescore(controller, "test", numbers, {}, 1.0)
     for row, k in enumerate(numbers):
@@ -179,19 +179,19 @@ def test_a_scenario_is_the_same_by_itself_and_beside_others():
         assert tuple(together[name][row] for name in alone._fields) == alone
 
 
-def test_the_estimate_is_seen():
+def test_estimate_is_seen():
     seen = Played(1)
     play(seen, SCENARIO, options={"range_noise": 0.01}, time_weight=2.0 * sqrt(16.0), distance_estimate=0.26)
     assert seen.seen[0][0] == pytest.approx([-0.5, -0.5, -1, 0, 0, 0, 0, 0.5, 0.26 / 0.5], abs=1e-7)
 
 
 @pytest.mark.parametrize("option", [{"force_noise": 0.1}, {"force_bias": 0.1}, {"rtol": 1e-9}, {"speed": 1.0}])
-def test_an_option_that_is_not_served_is_named(option):
+def test_option_that_is_not_served_is_named(option):
     with pytest.raises(ValueError, match=f"does not serve the options .'{next(iter(option))}'.*coupling"):
         play(PaperTrapezoid(), SCENARIO, options=option, time_weight=1.0)
 
 
-def test_a_range_of_delays_and_a_scenario_beyond_the_set_are_refused():
+def test_range_of_delays_and_a_scenario_beyond_the_set_are_refused():
     with pytest.raises(ValueError, match="one reaction_delay"):
         play(PaperTrapezoid(), SCENARIO, options={"reaction_delay": (0.0, 0.02)}, time_weight=1.0)
     with pytest.raises(ValueError, match="0 to 999, not 1000"):
@@ -200,7 +200,7 @@ def test_a_range_of_delays_and_a_scenario_beyond_the_set_are_refused():
 
 @pytest.mark.parametrize(("drawn", "numbers"), RIPPLING, ids=["once", "twice"])
 @pytest.mark.parametrize("rtol", [1e-5, 1e-6])
-def test_a_contact_that_ripples_as_it_lets_go_is_followed_through(drawn, numbers, rtol):
+def test_contact_that_ripples_as_it_lets_go_is_followed_through(drawn, numbers, rtol):
     """It is found to let go where a step starts that ends beyond the next time it does; that went on for ever."""
     setup = load_setup("ranged-robust").environment
     env, rule, state, actions = gym.make("ImpactApproach-v0", **setup, rtol=rtol), WaryRanged(numbers), None, []

@@ -22,8 +22,10 @@ def paper(env, seed, **scenario):
 
 def truth(scenario, delay):
     """Return a function of the duration that runs the paper's rule, and when the force passes 1 N."""
-    one, motion = scene(scenario), ig.Trapezoid(1.0, 8.0, ig.Brake(delay=delay))
-    return lambda time: ig.simulate(one, motion, duration=time, trace=True), ig.simulate(one, motion).detection_time
+    struck, motion = scene(scenario), ig.Trapezoid(1.0, 8.0, ig.Brake(delay=delay))
+    return lambda time: ig.simulate(struck, motion, duration=time, trace=True), ig.simulate(
+        struck, motion
+    ).detection_time
 
 
 def clock(detection, delay, period):
@@ -36,7 +38,7 @@ def clock(detection, delay, period):
 
 @pytest.mark.parametrize("period", [0.008, 0.011, 0.016])
 @pytest.mark.parametrize("delay", DELAYS)
-def test_the_forces_seen_are_those_of_one_reaction_delay_ago(delay, period):
+def test_forces_seen_are_those_of_one_reaction_delay_ago(delay, period):
     """A reading is compared with the last force, and the largest, of a run that is cut off one delay earlier."""
     env = gym.make(ID, reaction_delay=delay, control_period=period)
     met = 0
@@ -63,7 +65,7 @@ def test_the_forces_seen_are_those_of_one_reaction_delay_ago(delay, period):
 
 @pytest.mark.parametrize("period", [0.004, 0.011, 0.016, 0.05, 0.15])
 @pytest.mark.parametrize("delay", DELAYS)
-def test_the_clock_skips_once_when_the_alarm_comes_and_ends_a_fixed_time_after_it(delay, period):
+def test_clock_skips_once_when_the_alarm_comes_and_ends_a_fixed_time_after_it(delay, period):
     env = gym.make(ID, reaction_delay=delay, control_period=period)
     for seed in range(20):
         observations, info = paper(env, seed)
@@ -74,7 +76,7 @@ def test_the_clock_skips_once_when_the_alarm_comes_and_ends_a_fixed_time_after_i
         assert observations[:, ALARM].tolist() == [0.0] * len(before) + [1.0] * len(after)
 
 
-def test_beside_the_last_step_only_one_is_short_whatever_the_policy_does():
+def test_step_before_the_last_is_short_at_the_alarm_only_whatever_the_policy_does():
     env = gym.make(ID)
     for seed in range(30):
         observations = play(env, random_actions(seed), seed).observations
@@ -85,7 +87,7 @@ def test_beside_the_last_step_only_one_is_short_whatever_the_policy_does():
         assert short.tolist() == ([rung[0] - 1] if len(rung) else [])
 
 
-def test_without_a_distance_estimate_the_approach_looks_the_same_whatever_stands_ahead():
+def test_approach_without_a_distance_estimate_looks_the_same_whatever_stands_ahead():
     envs = gym.make_vec(ID, num_envs=300, scenario="hard", autoreset_mode="SameStep")
     rng = np.random.default_rng(0)
     observations, _ = envs.reset(seed=0)
@@ -111,7 +113,7 @@ def test_without_a_distance_estimate_the_approach_looks_the_same_whatever_stands
 
 
 @pytest.mark.parametrize("sigma", [0.0, 0.01])
-def test_the_estimate_is_one_number_an_episode_seen_from_the_flange(sigma):
+def test_estimate_is_one_number_an_episode_seen_from_the_flange(sigma):
     env = gym.make(ID, range_noise=sigma)
     errors = set()
     for seed in range(10):

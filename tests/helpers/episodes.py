@@ -56,7 +56,7 @@ def random_actions(seed):
 
 
 class Episode(NamedTuple):
-    """What one saw, was paid, and was told at the end."""
+    """Observations (steps + 1, n_obs), rewards (steps,), and the final info."""
 
     observations: np.ndarray
     rewards: np.ndarray

@@ -71,13 +71,13 @@ def test_rubber_refuses_a_hardness_beyond_gents_relation(shore):
 
 
 def test_material_ranges_hold_the_middle_of_a_pair_and_make_a_set_up():
-    found = ig.material_ranges((0.01, 0.03), "rubber, Shore A 50", "steel")
-    low, high = found["contact_stiffness"]
+    ranges = ig.material_ranges((0.01, 0.03), "rubber, Shore A 50", "steel")
+    low, high = ranges["contact_stiffness"]
     assert low < ig.hertz(0.02, 2.5e6, 0.48, 200e9, 0.29) < high
-    assert "restitution" not in found
+    assert "restitution" not in ranges
     assert ig.material_ranges((0.01, 0.03), "glass", "glass")["restitution"] == [0.96, 0.98]
     from impact_gym.task import ScenarioRanges
 
-    assert ScenarioRanges.of(found).contact_stiffness == (low, high)
+    assert ScenarioRanges.of(ranges).contact_stiffness == (low, high)
     with pytest.raises(ValueError, match="tool must be one of"):
         ig.material_ranges((0.01, 0.03), "butter", "steel")
