@@ -5,7 +5,7 @@ import math
 import gymnasium as gym
 import numpy as np
 import pytest
-from episodes import ID, Always, newtons, play, random_actions, scene, seconds
+from episodes import ALARM, FORCE, ID, PEAK, SINCE, Always, newtons, play, random_actions, scene, seconds
 from scipy import stats
 
 import impact_gym as ig
@@ -13,7 +13,6 @@ from agents.baselines import BlindProfile, PaperTrapezoid
 from agents.baselines.wary import THRESHOLD, WaryProfile
 from agents.evaluate.scenario_batch import ScenarioBatch
 
-ALARM, SINCE, FORCE, PEAK = 3, 4, 5, 6
 READING = {"alarm": "reading"}
 STANDING = np.array([-0.5, 0.0], np.float32)
 

@@ -61,7 +61,7 @@ def test_papers_rule_played_in_the_environment_equals_simulate(options):
     coupling, law = options.get("coupling", PAPERS_SPRING), options.get("dissipation", "hu-guo")
     # a bistable tool's flight has no closed form, and near the alignment it multiplies errors
     rtol, flight_error = (1e-11, 1e-11) if isinstance(coupling, ig.Bistable) else (1e-8, 1e-12)
-    envs = gym.make_vec(ID, num_envs=200, rtol=rtol, **options)
+    envs = gym.make_vec(ID, num_envs=60, rtol=rtol, **options)
     brake = ig.Brake(options.get("alarm_threshold", 1.0), options.get("reaction_delay", 0.016))
     for info in first_infos(envs, PaperTrapezoid(), seed=31):
         struck = scene(info["scenario"], coupling, law)
@@ -74,11 +74,11 @@ def test_papers_rule_played_in_the_environment_equals_simulate(options):
 ])  # fmt: skip
 def test_constant_speed_that_stops_within_the_episode_equals_simulate(speed, acceleration, deceleration):
     assert speed / deceleration < 0.15
-    envs = gym.make_vec(ID, num_envs=100, scenario={"distance": (0.05, 0.14)})
+    envs = gym.make_vec(ID, num_envs=60, scenario={"distance": (0.05, 0.14)})
     motion = ig.Trapezoid(speed, acceleration, ig.Brake(deceleration=deceleration))
     infos = first_infos(envs, ConstantSpeed(speed, acceleration, deceleration), seed=7)
     alarmed = [info for info in infos if info["peak_force"] > 1.0]  # without an alarm `simulate` pushes on for ever
-    assert len(alarmed) > 50
+    assert len(alarmed) > 30
     for info in alarmed:
         assert_same_outcome(info, ig.simulate(scene(info["scenario"]), motion, duration=3.0))
 

@@ -9,8 +9,10 @@ from episodes import ID, Always, assert_identical, begin, play
 
 import impact_gym as ig
 from agents.baselines import PaperTrapezoid, encode
+from impact_gym.envs.batch import Batch
 from impact_gym.envs.single import ImpactApproachEnv
 from impact_gym.sb3 import ImpactVecEnv
+from impact_gym.task import Task
 
 ZERO = np.zeros(2, np.float32)
 MAKERS = {"single": gym.make, "vector": gym.make_vec, "stable": lambda _, **options: ImpactVecEnv(2, **options)}
@@ -215,3 +217,17 @@ def test_step_after_the_end_is_refused_instead_of_rewarded_again():
         env.step(ZERO)
     env.reset()
     assert env.step(ZERO)[2] is False
+
+
+@pytest.mark.parametrize("count", [0, 2, 4])
+def test_batch_needs_one_task_or_one_for_each_row(count):
+    with pytest.raises(ValueError, match=f"3 rows needs one task for all or 3 of them, got {count}"):
+        Batch(3, [Task()] * count)
+
+
+@pytest.mark.parametrize("option", [
+    {"deflection_sensor": True}, {"privileged": True}, {"range_noise": 0.01}, {"velocity_range": (0.0, 1.0)},
+], ids=str)  # fmt: skip
+def test_rows_that_observe_different_things_are_refused_and_the_option_and_the_row_named(option):
+    with pytest.raises(ValueError, match=rf"(?s)(?=.*the same observations)(?=.*{next(iter(option))})(?=.*row 1)"):
+        Batch(3, [Task(), Task(**option), Task()])

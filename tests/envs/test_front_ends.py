@@ -18,7 +18,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 from tasks import EVERYTHING_DRAWN, OBSERVED, OWN, rows_of_tasks
 
 import impact_gym as ig
-from impact_gym.envs.batch import ROWS_PER_THREAD, Batch
+from impact_gym.envs.batch import ROWS_PER_THREAD
 from impact_gym.envs.vector import ImpactApproachVectorEnv
 from impact_gym.sb3 import ImpactVecEnv
 from impact_gym.task import Task
@@ -289,17 +289,3 @@ def test_sensors_of_a_batch_are_those_of_each_of_its_rows():
     together = envs.unwrapped.sensors()
     for row, env in enumerate(singles):
         assert env.unwrapped.sensors() == {name: column[row] for name, column in together.items()}
-
-
-@pytest.mark.parametrize("count", [0, 2, 4])
-def test_batch_needs_one_task_or_one_for_each_row(count):
-    with pytest.raises(ValueError, match=f"3 rows needs one task for all or 3 of them, got {count}"):
-        Batch(3, [Task()] * count)
-
-
-@pytest.mark.parametrize("option", [
-    {"deflection_sensor": True}, {"privileged": True}, {"range_noise": 0.01}, {"velocity_range": (0.0, 1.0)},
-], ids=str)  # fmt: skip
-def test_rows_that_observe_different_things_are_refused_and_the_option_and_the_row_named(option):
-    with pytest.raises(ValueError, match=rf"(?s)(?=.*the same observations)(?=.*{next(iter(option))})(?=.*row 1)"):
-        Batch(3, [Task(), Task(**option), Task()])

@@ -149,7 +149,7 @@ def test_momentum_that_a_contact_takes_from_a_free_tool_it_gives_to_the_object()
 def test_settle_ends_when_nothing_more_can_come(coupling):
     task, frozen = _task({"coupling": coupling}), load("validation")
     waited = 0
-    for k in range(2, 6):
+    for k in (0, 3):  # one of them is not over at once
         scenario = {name: float(values[k]) for name, values in frozen.scenario.items()}
         motion = _at_rest(task, scenario, 1e-10)
         motion.command.steer(0.0, 0.6, 20.0)
@@ -162,7 +162,7 @@ def test_settle_ends_when_nothing_more_can_come(coupling):
         motion.advance(motion.t + 2.0)
         assert (motion.contacts, motion.object_velocity) == (contacts, velocity)
         assert motion.over()
-    assert waited  # not over at once
+    assert waited
 
 
 def test_play_of_who_stands_still_is_a_miss():

@@ -202,7 +202,7 @@ def test_critic_sees_the_true_value_of_what_is_drawn_however_narrow_its_range(ar
         if name not in hidden:
             seen, expected = observations[:, spec.index(name)], scaled(QUANTITIES[name].scale, values)
             assert seen == pytest.approx(expected, rel=0, abs=1.2e-7), name  # bits of a float32
-            assert width == 1.0 or np.ptp(seen) < 1e-3 or name == "distance_estimate"
+            assert width == 1.0 or np.ptp(seen) < 0.05 or name == "distance_estimate"
 
 
 def everything_shown():
