@@ -33,7 +33,7 @@ FILES, SHOWN = ("toml", "json", "c", "python"), ("text", "diff")
 UNDER_WAY = {"impact_gym.robot"} | {COMMANDS[name].module for name in COMMANDS.keys() - {"setup", "doctor", "policies"}}
 """These take minutes; what they do has tests of its own."""
 ELSEWHERE = {"git", "source", "tensorboard", "cleanrl/ppo_continuous_action.py", "rl_zoo3.train"}
-"""Not ours, or nothing to run here; rl_zoo3 is run by tests/envs/test_learning_libraries.py."""
+"""Not ours, or nothing to run here; rl_zoo3 is run by tests/envs/test_ecosystem.py."""
 NEEDS = {"questions.md": "mujoco", "libraries.md": "stable_baselines3"}
 ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT), "PYTHONWARNINGS": "error"}
 ALIKE = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE

@@ -10,6 +10,7 @@ from impact_gym.kernels import decode
 
 import impact_gym as ig
 from agents.baselines import ConstantSpeed, PaperTrapezoid, encode
+from agents.baselines.profile import ConstantDeceleration
 from experiments.reference import task as slow
 from impact_gym.task.scenario import FIELDS
 from impact_gym.task.task import ACCELERATION_RANGE, COMMAND_RESOLUTION, VELOCITY_RANGE
@@ -201,3 +202,40 @@ def test_action_means_the_same_as_float32_float64_or_list():
     expected = history(gym.make(ID), Given(actions), seed=8)
     for kind in (actions.astype(float), actions.tolist()):
         assert_identical(history(gym.make(ID), Given(kind), seed=8), expected)
+
+
+def test_slower_arm_maps_its_actions_to_its_own_ranges():
+    options = {"velocity_range": (0.0, 1.0), "acceleration_range": (2.0, 8.0), "record_trace": True}
+    env = gym.make(ID, **options)
+    env.reset(seed=2, options={"scenario": {"distance": 0.35}})
+    observation = env.step(np.array([1.0, 1.0], np.float32))[0]
+    assert observation[1] == pytest.approx(2.0 * 8.0 * 0.016 - 1.0, abs=1e-6)  # of 0 to 1 m/s
+    for action in ([-1.0, -1.0], [0.0, 0.0], [1.0, 1.0]):
+        env.step(np.array(action, np.float32))
+    trace = env.unwrapped.trace()
+    ends = np.interp(0.016 * np.arange(1, 5), trace.time, trace.command_velocity)
+    assert ends == pytest.approx(0.016 * np.array([8.0, 6.0, 11.0, 19.0]), rel=1e-9)
+
+
+SCENARIO = {"object_mass": 0.5, "contact_stiffness": 3e4, "restitution": 0.4, "distance": 0.3}
+
+
+def test_paper_rule_at_the_papers_limits_is_the_corner_of_the_action_space():
+    class Corner:
+        def predict(self, observation, state=None):
+            return np.array([1.0 if observation[3] == 0.0 else -1.0, 1.0], np.float32), state
+
+    env = gym.make(ID, velocity_range=(0.0, 1.0), acceleration_range=(1.0, 8.0))
+    info = play(env, Corner(), scenario=SCENARIO).info
+    outcome = ig.simulate(scene(SCENARIO), ig.Trapezoid(1.0, 8.0, ig.Brake(1.0, 0.016)), 3.0)
+    assert info["object_velocity"] == pytest.approx(outcome.object_velocity, abs=1e-9)
+    assert info["approach_time"] == pytest.approx(outcome.contacts[0].start, abs=1e-9)
+
+
+def test_baseline_commands_what_it_means_on_an_arm_of_other_ranges():
+    results = []
+    for options in ({}, {"velocity_range": (-1.0, 2.0), "acceleration_range": (0.5, 20.0)}):
+        rule = ConstantDeceleration([parameter.start for parameter in ConstantDeceleration.PARAMETERS])
+        info = play(gym.make(ID, **options), rule.for_environment(options), scenario=SCENARIO).info
+        results.append([info["object_velocity"], info["approach_time"], info["peak_force"]])
+    assert results[0] == pytest.approx(results[1], rel=1e-4)  # actions and observations are of single precision

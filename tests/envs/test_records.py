@@ -1,4 +1,4 @@
-"""Episodes played again: from a seed and an index, from their record, and from frozen evaluation sets."""
+"""What episodes draw, and episodes played again: from seed and index, from a record, from frozen evaluation sets."""
 
 import re
 
@@ -7,8 +7,11 @@ import numpy as np
 import pytest
 from episodes import ID, assert_identical, random_actions
 from episodes import play as play_with
+from tasks import EVERYTHING_DRAWN
 
-from impact_gym.task import ScenarioRanges, evaluation_sets
+import impact_gym as ig
+from impact_gym.envs.render_history import History
+from impact_gym.task import ObservationSpec, ScenarioRanges, Task, evaluation_sets
 from impact_gym.task.episodes import RECORD_IDS as RECORD
 from impact_gym.task.scenario import FIELDS, NAMED
 
@@ -49,6 +52,42 @@ def test_record_that_is_fixed_changes_no_other_draw():
         play(gym.make(ID, **OPTIONS), seed=8, record=record).info["record"] for record in ({}, {"restitution": 0.5})
     )
     assert fixed == {**free, "restitution": 0.5}
+
+
+def test_number_that_is_drawn_leaves_everything_else_as_it_is():
+    plain, drawn = (gym.make_vec(ID, num_envs=50, **options) for options in ({}, {"tool_mass": (0.1, 0.2)}))
+    for index in range(3):
+        for envs in (plain, drawn):
+            envs.reset(seed=3, options={"episode_index": index})
+        record = drawn.unwrapped.batch.info()["record"]
+        assert np.ptp(record.pop("tool_mass")) > 0.05
+        assert_identical(record, plain.unwrapped.batch.info()["record"])
+
+
+def test_ranges_of_no_width_are_numbers():
+    spring = {"type": "SpringDamper", "stiffness": [60.0, 60.0]}
+    narrow = Task(tool_mass=(0.2, 0.2), coupling=spring, force_noise=(1, 1))
+    assert narrow == Task(tool_mass=0.2, coupling=ig.SpringDamper(60.0), force_noise=1.0)
+
+
+def test_history_of_pictures_shows_what_the_episode_drew():
+    env = gym.make(ID, record_trace=True, **EVERYTHING_DRAWN["spring"])
+    info = play(env, seed=1).info
+    history = History(env.unwrapped.trace(), info, env.unwrapped._batch.task, ended=True)
+    assert history.threshold == info["record"]["alarm_threshold"]
+    assert history.task.coupling.stiffness == info["record"]["coupling.stiffness"]
+    reduced = 1.0 / (1.0 / info["record"]["tool_mass"] + 1.0 / info["record"]["object_mass"])
+    assert history.reduced_mass == pytest.approx(reduced, rel=1e-15)
+
+
+@pytest.mark.parametrize("alarm", ["force", "reading"])
+def test_critic_sees_all_that_an_actor_sees_first_and_nothing_twice(alarm):
+    options = EVERYTHING_DRAWN["spring"] | {"alarm": alarm}
+    actor, critic = (ObservationSpec(Task(**options, privileged=privileged)) for privileged in (False, True))
+    assert critic.ids[critic.actor] == actor.ids
+    assert critic.ids[critic.critic] == critic.ids
+    assert len(set(critic.ids)) == len(critic)
+    assert ("time_since_touch" in critic) is (alarm == "reading")
 
 
 @pytest.mark.parametrize("name", ["test", "validation", "hard"])
