@@ -22,8 +22,8 @@ import pytest
 import tyro
 from browsers import chromium, opened
 
-from agents.setups.evaluation import arguments_of_task
 from experiments.command import COMMANDS
+from impact_gym.task.task import arguments
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -33,7 +33,7 @@ FILES, SHOWN = ("toml", "json", "c", "python"), ("text", "diff")
 UNDER_WAY = {"impact_gym.robot"} | {COMMANDS[name].module for name in COMMANDS.keys() - {"setup", "doctor", "policies"}}
 """These take minutes; what they do has tests of its own."""
 ELSEWHERE = {"git", "source", "tensorboard", "cleanrl/ppo_continuous_action.py", "rl_zoo3.train"}
-"""Not ours, or nothing to run here; rl_zoo3 is run by tests/envs/test_learning_libraries.py."""
+"""Not ours, or nothing to run here; rl_zoo3 is run by tests/envs/test_ecosystem.py."""
 NEEDS = {"questions.md": "mujoco", "libraries.md": "stable_baselines3"}
 ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT), "PYTHONWARNINGS": "error"}
 ALIKE = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
@@ -47,9 +47,9 @@ def blocks(page):
     """The language, title, code and first line of each block of a page."""
     text = page.read_text()
     assert text.count("```") == 2 * len(BLOCK.findall(text)), f"{page}: not all blocks are understood"
-    for found in BLOCK.finditer(text):
-        language, title, code = found.groups()
-        yield language, title, code, text[: found.start()].count("\n") + 2
+    for block in BLOCK.finditer(text):
+        language, title, code = block.groups()
+        yield language, title, code, text[: block.start()].count("\n") + 2
 
 
 def commands(code):
@@ -107,7 +107,7 @@ def run_python(code, page, line, namespace):
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_what_a_page_shows_is_so(page, tmp_path, monkeypatch, capsys):
+def test_page_shows_what_is_so(page, tmp_path, monkeypatch, capsys):
     if page.name in NEEDS:
         pytest.importorskip(NEEDS[page.name])
     monkeypatch.chdir(tmp_path)
@@ -137,7 +137,7 @@ def test_what_a_page_shows_is_so(page, tmp_path, monkeypatch, capsys):
             assert language in SHOWN, f"{where}: nothing says how {language!r} is tested"
 
 
-def test_the_readme_is_a_front_page_and_its_results_are_those_of_the_documentation():
+def test_readme_is_a_front_page_and_its_results_are_those_of_the_documentation():
     text, results = (ROOT / "README.md").read_text(), (ROOT / "docs/results.md").read_text()
     assert len(text.splitlines()) < 80
     links = re.findall(r"\]\((.+?)\)", text)
@@ -159,7 +159,7 @@ def site_of(folder):
     return folder
 
 
-def test_the_site_builds_is_whole_and_finds_what_is_searched_for_without_a_network(tmp_path):
+def test_site_builds_is_whole_and_finds_what_is_searched_for_without_a_network(tmp_path):
     site = site_of(tmp_path / "site")
     pages = [page.relative_to(ROOT / "docs").with_suffix(".html") for page in PAGES[1:]]
     assert [page for page in pages if not (site / page).is_file()] == []
@@ -167,7 +167,7 @@ def test_the_site_builds_is_whole_and_finds_what_is_searched_for_without_a_netwo
         text = page.read_text()
         assert "<!-- generated:" not in text, page
         assert 'class="arithmatex"' not in text, page
-    assert all(f"<code>{name}</code>" in (site / "environment.html").read_text() for name in arguments_of_task())
+    assert all(f"<code>{name}</code>" in (site / "environment.html").read_text() for name in arguments())
     with chromium() as browser:
         page, problems = opened(browser, site / "physics" / "contact.html")
         page.locator(".md-search__input").fill("solref")

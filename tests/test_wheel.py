@@ -53,7 +53,7 @@ def asked_for(requirements, extra=""):
         name = canonicalize_name(wanted.name)
         if name not in names and (wanted.marker is None or wanted.marker.evaluate({"extra": of_extra})):
             names.add(name)
-            waiting += [(one, "") for one in distribution(name).requires or ()]
+            waiting += [(further, "") for further in distribution(name).requires or ()]
     return names
 
 
@@ -104,8 +104,8 @@ def test_wheel_plays_policies_and_baselines_as_the_checkout_does_without_torch(c
     played = run(commands / "python", "-W", "error", "-c", EPISODES, where=tmp_path).stdout
     assert played == run(sys.executable, "-W", "error", "-c", EPISODES, where=ROOT).stdout
     assert len(played.splitlines()) > 2 * len(list((ROOT / "agents" / "setups").glob("*.toml")))
-    said = run(commands / "python", "-c", "import torch", where=tmp_path, check=False)
-    assert "No module named 'torch'" in said.stderr
+    refused = run(commands / "python", "-c", "import torch", where=tmp_path, check=False)
+    assert "No module named 'torch'" in refused.stderr
 
 
 def test_command_runs_what_needs_no_extra_and_refuses_what_there_is_not(commands, tmp_path):

@@ -1,67 +1,59 @@
-"""Copies and pickles of running environments, worker processes, Gymnasium's vector wrappers."""
+"""Pickles in other processes, Gymnasium's workers and vector wrappers, learning by stable-baselines3 and rl_zoo3."""
 
 import copy
+import csv
+import importlib.util
 import pickle
 import subprocess
 import sys
 from functools import partial
+from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
 import pytest
-from drawn_setups import EVERYTHING
-from episodes import ID, IDS, SLOTS, action_table, assert_identical, begin
+import torch
+from episodes import ID, SLOTS, action_table, assert_identical, begin
 from gymnasium.spaces import Box
 from gymnasium.utils.env_checker import data_equivalence
 from gymnasium.wrappers import vector as vector_wrappers
+from stable_baselines3 import PPO
+from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
+from tasks import EVERYTHING_DRAWN
 
 from impact_gym.sb3 import ImpactVecEnv
 
+EVERYTHING = EVERYTHING_DRAWN["spring"] | {"privileged": True}
 KINDS = ["single", "NextStep", "SameStep", "stable"]
 
 
-def running(kind, id):
+def running(kind):
     """An environment in mid-episode."""
     if kind == "single":
-        env = gym.wrappers.RecordEpisodeStatistics(gym.make(id, record_trace=True, **EVERYTHING))
+        env = gym.make(ID, record_trace=True, **EVERYTHING)
     elif kind == "stable":
-        env = ImpactVecEnv(SLOTS, **gym.registry[id].kwargs | EVERYTHING)  # its wrappers cannot be pickled
+        env = ImpactVecEnv(SLOTS, **EVERYTHING)
     else:
-        env = gym.make_vec(id, num_envs=SLOTS, autoreset_mode=kind, **EVERYTHING)
+        env = gym.make_vec(ID, num_envs=SLOTS, autoreset_mode=kind, **EVERYTHING)
     begin(env, seed=1)
     go_on(env, action_table(4)[:19])
     return env
 
 
 def go_on(env, rows):
-    """Step through further episodes; what happened, without the time of day."""
+    """Step through further episodes; what happened."""
     history = []
     for row in rows:
         history.append(env.step(row[0] if isinstance(env, gym.Env) else row))
-        for info in history[-1][-1] if isinstance(history[-1][-1], list) else [history[-1][-1]]:
-            info.get("episode", {}).pop("t", None)
         if isinstance(env, gym.Env) and history[-1][2]:
             trace = env.unwrapped.trace()
             history += [[getattr(trace, name) for name in trace.__slots__], env.reset()]
     return history
 
 
-@pytest.mark.parametrize("twin", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))], ids=["copy", "pickle"])
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("id", IDS)
-def test_copies_of_a_running_environment_go_on_identically_and_apart(id, kind, twin):
-    env, rows, others = running(kind, id), action_table(5, ticks=90), action_table(6, ticks=90)
-    one, two = twin(env), twin(env)
-    elsewhere = go_on(env, others)  # what the original does next is its own affair
-    history = go_on(one, rows)
-    assert_identical(go_on(two, rows), history)
-    assert not data_equivalence(elsewhere[0][0], history[0][0], exact=True)
-    assert_identical(go_on(running(kind, id), rows), history)
-
-
-def test_a_pickle_goes_on_identically_in_a_process_that_never_imported_the_package(tmp_path):
+def test_pickle_goes_on_identically_in_a_process_that_never_imported_the_package(tmp_path):
     file, rows = tmp_path / "running.pickle", action_table(7, ticks=60)
-    envs = running("NextStep", ID)
+    envs = running("NextStep")
     file.write_bytes(pickle.dumps((envs, rows)))
     code = (
         "import pickle, sys\n"
@@ -85,8 +77,8 @@ def arrays_in(value):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_returned_arrays_are_never_used_again(kind):
-    env = running(kind, ID)
+def test_arrays_that_were_returned_are_never_used_again(kind):
+    env = running(kind)
     returned = [begin(env), *go_on(env, action_table(9)[:60])]
     snapshot = copy.deepcopy(returned)
     go_on(env, action_table(10)[:60])
@@ -96,10 +88,9 @@ def test_returned_arrays_are_never_used_again(kind):
     assert len({array.__array_interface__["data"][0] for array in arrays}) == len(arrays)
 
 
-@pytest.mark.parametrize("context", ["spawn", "forkserver"])
-def test_workers_of_gymnasium_give_what_the_native_batch_gives(context):
+def test_workers_of_gymnasium_give_what_the_native_batch_gives():
     """Also that the same seed gives the same episode in another process, which first imports the package by the id."""
-    options = {"context": context, "autoreset_mode": "NextStep"}
+    options = {"context": "spawn", "autoreset_mode": "NextStep"}
     envs = gym.make_vec(f"impact_gym:{ID}", 2, vectorization_mode="async", vector_kwargs=options, **EVERYTHING)
     native = gym.make_vec(ID, num_envs=2, **EVERYTHING)
     try:
@@ -127,7 +118,7 @@ def test_workers_of_gymnasium_give_what_the_native_batch_gives(context):
     vector_wrappers.DictInfoToList,
     vector_wrappers.RecordEpisodeStatistics,
 ], ids=["rewards", "observations", "ten times", "five", "rescaled", "clipped", "list", "statistics"])  # fmt: skip
-def test_a_vector_wrapper_does_to_the_native_batch_what_it_does_to_gymnasiums_loop(wrap, mode):
+def test_vector_wrapper_does_to_the_native_batch_what_it_does_to_gymnasiums_loop(wrap, mode):
     native = gym.make_vec(ID, num_envs=SLOTS, autoreset_mode=mode)
     loop = gym.make_vec(ID, SLOTS, vectorization_mode="sync", vector_kwargs={"autoreset_mode": mode})
     refusing = (vector_wrappers.NormalizeObservation, vector_wrappers.TransformObservation)
@@ -135,14 +126,14 @@ def test_a_vector_wrapper_does_to_the_native_batch_what_it_does_to_gymnasiums_lo
         with pytest.raises(ValueError, match="NEXT_STEP"):  # Gymnasium's own: final_obs would be left as it is
             wrap(native)
         return
-    one, other, bare = wrap(native), wrap(loop), gym.make_vec(ID, num_envs=SLOTS, autoreset_mode=mode)
-    assert one.observation_space == other.observation_space
-    assert one.action_space == other.action_space
-    assert_identical(one.reset(seed=8), other.reset(seed=8))
+    wrapped, other, bare = wrap(native), wrap(loop), gym.make_vec(ID, num_envs=SLOTS, autoreset_mode=mode)
+    assert wrapped.observation_space == other.observation_space
+    assert wrapped.action_space == other.action_space
+    assert_identical(wrapped.reset(seed=8), other.reset(seed=8))
     bare.reset(seed=8)
     ended, changed = 0, False
     for row in action_table(2):
-        result, expected = one.step(row), other.step(row)
+        result, expected = wrapped.step(row), other.step(row)
         for returned in (result, expected):
             if "episode" in returned[4]:
                 del returned[4]["episode"]["t"]  # s, of the clock on the wall
@@ -151,3 +142,85 @@ def test_a_vector_wrapper_does_to_the_native_batch_what_it_does_to_gymnasiums_lo
         ended += result[2].sum()
     assert ended > SLOTS
     assert changed == (wrap is not vector_wrappers.ClipAction)  # these actions are inside the box
+
+
+OPTIONS = {"scenario": "hard", "time_weight": (0.5, 8.0), "reaction_delay": 0.03}
+ROOT = Path(__file__).parents[2]
+CONFIGURATION = ROOT / "docs" / "examples" / "rl_zoo3.yml"
+
+
+@pytest.fixture
+def one_thread():
+    """Torch is left as it was."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
+
+
+@pytest.mark.usefixtures("one_thread")
+def test_ppo_learns_and_is_the_same_after_saving_with_its_statistics(tmp_path):
+    envs = VecNormalize(VecMonitor(ImpactVecEnv(SLOTS, **OPTIONS), info_keywords=("reward_terms",)), gamma=1.0)
+    model = PPO("MlpPolicy", envs, n_steps=64, batch_size=64, n_epochs=2, gamma=1.0, seed=0, device="cpu")
+    start = [parameter.detach().clone() for parameter in model.policy.parameters()]
+    model.learn(768)
+    assert model.num_timesteps == 768
+    assert any(not torch.equal(before, after) for before, after in zip(start, model.policy.parameters(), strict=True))
+    assert len(model.ep_info_buffer) > SLOTS
+    for episode in model.ep_info_buffer:  # before normalisation, as in the final info
+        assert episode["r"] == pytest.approx(sum(episode["reward_terms"].values()), rel=1e-6)
+        assert 20 <= episode["l"] <= 80
+
+    model.save(tmp_path / "model")
+    envs.save(str(tmp_path / "statistics"))
+    bare = VecMonitor(ImpactVecEnv(SLOTS, **OPTIONS))
+    again = VecNormalize.load(str(tmp_path / "statistics"), bare)
+    again.training = envs.training = False
+    loaded = PPO.load(tmp_path / "model", device="cpu")
+    envs.seed(9), again.seed(9)
+    observations = envs.reset()
+    assert_identical(again.reset(), observations)
+    for _ in range(60):
+        action, _ = model.predict(observations, deterministic=True)
+        assert_identical(loaded.predict(observations, deterministic=True)[0], action)
+        observations, *rest = envs.step(action)
+        repeated, *rest_repeated = again.step(action)
+        assert_identical([repeated, *rest_repeated[:2]], [observations, *rest[:2]])
+    mean, deviation = again.obs_rms.mean, np.sqrt(again.obs_rms.var + again.epsilon)
+    raw = again.get_original_obs()
+    assert observations == pytest.approx(np.clip((raw - mean) / deviation, -10, 10), abs=1e-5)
+    assert np.all(np.abs(raw) <= 1.0)
+
+
+@pytest.fixture
+def gymnasiums_own_time_limit(monkeypatch):
+    """rl_zoo3, which its models import where they are loaded, replaces TimeLimit; here until the test ends."""
+    own = gym.wrappers.TimeLimit
+    for module in (gym.wrappers, gym.wrappers.common, gym.envs.registration):
+        monkeypatch.setattr(module, "TimeLimit", own, raising=False)
+
+
+@pytest.mark.usefixtures("gymnasiums_own_time_limit")
+@pytest.mark.skipif(importlib.util.find_spec("rl_zoo3") is None, reason="rl_zoo3 is not installed; see docs/examples")
+def test_rl_zoo3_trains_from_its_command_line(tmp_path):
+    # not imported here: it replaces Gymnasium's TimeLimit by its own
+    arguments = (
+        f"-m rl_zoo3.train --algo ppo --env {ID} --gym-packages impact_gym -n 512 --seed 3 --eval-freq -1 "
+        f"--num-threads 1 --device cpu -conf {CONFIGURATION.relative_to(ROOT)} -f {tmp_path}"
+    )
+    subprocess.run([sys.executable, *arguments.split()], cwd=ROOT, check=True, capture_output=True)
+    folder = tmp_path / "ppo" / f"{ID}_1"
+    model = PPO.load(folder / f"{ID}.zip", device="cpu")
+    env = gym.make(ID)
+    assert (model.observation_space, model.action_space) == (env.observation_space, env.action_space)
+    assert (model.n_envs, model.num_timesteps) == (64, 4096)  # one whole rollout: 64 steps of each
+    layers = [layer for layer in model.policy.mlp_extractor.policy_net if hasattr(layer, "weight")]
+    assert [layer.out_features for layer in layers] == [64, 64]
+    episodes = []
+    for file in folder.glob("*.monitor.csv"):
+        with file.open() as lines:
+            episodes += list(csv.DictReader(line for line in lines if not line.startswith("#")))
+    assert len(episodes) >= 64
+    for episode in episodes:
+        assert 20 <= int(episode["l"]) <= 80
+        assert -6.0 < float(episode["r"]) < 0.0

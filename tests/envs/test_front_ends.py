@@ -1,6 +1,4 @@
-"""One task behind every front end: each is compared, bit for bit, with Gymnasium's or stable-baselines3's own loop
-over single environments.
-"""
+"""One task behind every front end: what a row meets is, to the bit, what the single environment of its task gives."""
 
 import warnings
 from itertools import product
@@ -9,63 +7,112 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import stable_baselines3.common.env_checker as sb3_checker
-from drawn_setups import EVERYTHING, SETUPS
-from episodes import ID, IDS, ROBOT, Given, action_table, assert_identical, begin, history
+from episodes import ID, IDS, Given, action_table, assert_identical, begin, history
+from front_ends import FRONT_ENDS, TWINS, Singles, trails
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
+from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import strategies as st
 from stable_baselines3.common.vec_env import DummyVecEnv
+from tasks import EVERYTHING_DRAWN, OBSERVED, OWN, rows_of_tasks
 
 import impact_gym as ig
-from impact_gym.envs import batch
+from impact_gym.envs.batch import ROWS_PER_THREAD
+from impact_gym.envs.vector import ImpactApproachVectorEnv
 from impact_gym.sb3 import ImpactVecEnv
+from impact_gym.task import Task
+from impact_gym.task.episodes import RECORD_IDS
+from impact_gym.task.task import arguments
 
 HARD = {"scenario": "hard", "time_weight": (0.5, 8.0), "reaction_delay": 0.03}
-OPTION_SETS = [
-    {},
-    {"range_noise": 0.01, "time_weight": (0.5, 8.0)},
-    {"coupling": {"type": "Rigid"}, "reaction_delay": 0.0, "control_period": 0.011},
-    {"scenario": "hard", "reaction_delay": 0.04, "force_weight": 0.01, "tool_mass": 0.3},
-    {"coupling": {"type": "Bistable"}, "reaction_delay": (0.0, 0.04), "deflection_sensor": True, "privileged": True},
-    {"robot": ROBOT, "force_noise": 0.2, "force_bias": 0.1},
-]
-EACH_OPTION = [
-    {"time_weight": (0.5, 8.0)}, {"force_weight": 0.01}, {"reaction_delay": (0.0, 0.05)}, {"control_period": 0.004},
-    {"range_noise": 0.01}, {"force_noise": 0.5}, {"force_bias": 0.5}, {"deflection_sensor": True},
-    {"privileged": True}, {"robot": ROBOT}, {"record_trace": True}, {"rtol": 1e-6}, {"tool_mass": 0.5},
-    {"scenario": {"object_mass": 1.0}},
-]  # fmt: skip
+NOISY = {"range_noise": 0.01, "force_noise": 0.2, "force_bias": 0.1, "deflection_sensor": True, "privileged": True}
 MODES = ["NextStep", "SameStep", "Disabled"]
-SLOTS = 7
+STORM = settings(
+    deadline=None, derandomize=True, database=None, phases=[Phase.generate], suppress_health_check=list(HealthCheck)
+)
+FIXED = st.sampled_from([
+    None, {"episode_index": 2}, {"scenario": {"distance": 0.1}},
+    {"record": {"restitution": 0.5, "noise_seed": 7.0}, "scenario": {"object_mass": 0.3}},
+])  # fmt: skip
 
 
-@pytest.fixture
-def cut_small(monkeypatch):
-    """Small batches are cut for threads too."""
-    monkeypatch.setattr(batch, "ROWS_PER_THREAD", 2)
+def test_every_argument_of_a_task_is_in_the_strategy():
+    assert {*arguments()} == {*OWN, *OBSERVED, "coupling", "range_noise", "range_bias"}
 
 
-def actions(seed, ticks=230, slots=SLOTS):
-    """Some slots end without a touch."""
-    return action_table(seed, ticks, slots, lean=(-0.6, 0.6))
+def with_float32_rewards(trail):
+    """What rows meet as stable-baselines3 has it."""
+    return [[[e[0], np.float32(e[1]), *e[2:]] if isinstance(e, list) else e for e in row] for row in trail]
 
 
-def sync_vec(slots=SLOTS, mode="NextStep", **options):
-    """Gymnasium's own loop over single environments."""
-    return gym.make_vec(ID, slots, vectorization_mode="sync", vector_kwargs={"autoreset_mode": mode}, **options)
+@settings(STORM, max_examples=40)
+@given(rows_of_tasks(), st.integers(0, 1000), FIXED, st.sampled_from([*TWINS]))
+def test_front_ends_play_in_each_row_what_the_single_environment_of_its_task_plays(rows, seed, options, twin):
+    """Whatever the task, what is fixed for the first episode, and whether a copy goes on in the middle of one."""
+    actions = action_table(seed, 130, len(rows), lean=(-0.1, 0.6))
+    expected = trails(Singles(rows), actions, seed, options)
+    assert_identical(trails(Singles(rows), actions, seed, options, twin), expected)
+    for name, make in FRONT_ENDS.items():
+        trail = trails(make(rows), actions, seed, options, twin)
+        single = with_float32_rewards(expected) if name == "stable-baselines3" else expected
+        for row, met in enumerate(trail):
+            for entry, other in zip(met, single[row], strict=True):
+                assert_identical((name, row, entry), (name, row, other))
 
 
-def reset_ended(envs, reference, dones):
-    """Reset the slots of both that have ended."""
-    both = [each.reset(options={"reset_mask": dones.copy()}) for each in (envs, reference)]
-    assert_identical(*both)
+@settings(STORM, max_examples=40)
+@given(rows_of_tasks(most=1), st.integers(0, 1000))
+def test_episode_is_that_of_the_numbers_it_drew_and_can_be_played_again(rows, seed):
+    (options,) = rows
+    actions = action_table(seed, 200, 1, lean=(0.3, 0.6))[:, 0]
+    env = gym.make(ID, **options)
+    first = history(env, Given(actions), seed)
+    info = env.unwrapped.episode_info()
+    assert_identical(history(env, Given(actions), record=info["record"])[1:], first[1:])
+    task = Task(**options).at(info["record"])
+    assert task.drawn == {}
+    fixed = options | {name: getattr(task, name) for name in {path.partition(".")[0] for path in Task(**options).drawn}}
+    assert Task(**fixed) == task
+    if not (options["privileged"] and Task(**options).drawn):  # else a critic sees what is drawn
+        alone, rest = gym.make(ID, **fixed), {name: info["record"][name] for name in RECORD_IDS}
+        again = history(alone, Given(actions), record=rest)
+        assert_identical([step[:4] for step in again[1:]], [step[:4] for step in first[1:]])
+        assert_identical(alone.unwrapped.episode_info(), info | {"record": rest})
 
 
-@pytest.mark.parametrize(("id", "options"), [
-    *product(IDS, ({}, HARD)),
-    *((f"impact_gym:{ID}", options) for options in (*OPTION_SETS, *EACH_OPTION)),
-], ids=str)  # fmt: skip
-def test_the_checkers_of_gymnasium_and_stable_baselines3_find_nothing(id, options):
+@pytest.mark.parametrize("options", [{}, EVERYTHING_DRAWN["mechanism"]], ids=["plain", "everything drawn"])
+def test_threads_change_no_result(options):
+    size = 3 * ROWS_PER_THREAD
+    actions = action_table(6, 90, size, lean=(0.3, 0.6))
+    results = []
+    for threads in (1, 3):
+        envs = ImpactApproachVectorEnv(size, threads=threads, **options)
+        results.append([envs.reset(seed=1), *(envs.step(row) for row in actions)])
+    assert_identical(*results)
+    assert results[0][-1][2].any() or any(result[2].any() for result in results[0][1:])
+
+
+@pytest.mark.parametrize("front", ["vector", "stable-baselines3"])
+@pytest.mark.parametrize("options", [{"max_episode_steps": 20}, *EVERYTHING_DRAWN.values()], ids=str)
+def test_batch_goes_on_from_a_state_with_what_it_had_drawn(front, options):
+    kind = ImpactVecEnv if front == "stable-baselines3" else ImpactApproachVectorEnv
+    envs, elsewhere = (kind(8, **options) for _ in range(2))
+    begin(envs, seed=1), begin(elsewhere, seed=2)
+    envs.set_scenario({"distance": (0.1, 0.2)})
+    actions = action_table(3, 90, 8, lean=(0.0, 0.6))
+    for action in actions[:40]:
+        envs.step(action)
+    state = envs.get_state()
+    for restored in ((elsewhere,), (envs, elsewhere)):  # the state itself must not have moved on
+        for each in restored:
+            each.set_state(state)
+        for action in actions[40:]:
+            assert_identical(envs.step(action), elsewhere.step(action))
+
+
+@pytest.mark.parametrize(("id", "options"), [*product(IDS, ({}, HARD)), (f"impact_gym:{ID}", NOISY)], ids=str)
+def test_checkers_of_gymnasium_and_stable_baselines3_find_nothing(id, options):
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         check_env(gym.make(id, **options).unwrapped)
@@ -73,179 +120,139 @@ def test_the_checkers_of_gymnasium_and_stable_baselines3_find_nothing(id, option
     assert [str(warning.message) for warning in caught] == []
 
 
-@pytest.mark.parametrize(("id", "options"), [
-    *product(IDS, [EVERYTHING]),
-    *product([ID], [*OPTION_SETS, {"coupling": ig.SpringDamper(80.0, 0.5)}, {"coupling": ig.Rigid()}]),
-], ids=str)  # fmt: skip
-def test_an_environment_is_made_again_from_its_json(id, options):
-    rows = action_table(3)
-    for limit in ({}, {"max_episode_steps": 12}):
-        env = gym.make(id, **limit, **options)
-        told = history(env, Given(rows[:, 0]), seed=3)
-        again = gym.make(EnvSpec.from_json(env.spec.to_json()))
-        assert_identical(history(again, Given(rows[:, 0]), seed=3), told)
-        assert told[-1][3] == bool(limit)
-    for mode in ("SameStep", "Disabled"):
-        envs = gym.make_vec(id, num_envs=4, autoreset_mode=mode, **options)
-        again = gym.make_vec(EnvSpec.from_json(envs.spec.to_json()))
-        assert again.num_envs == 4
-        assert again.metadata["autoreset_mode"] is AutoresetMode(mode)
-        assert_identical(again.reset(seed=3), envs.reset(seed=3))
-        for row in rows[:12]:
-            assert_identical(again.step(row), envs.step(row))
+@settings(STORM, max_examples=30)
+@given(st.sampled_from(IDS), rows_of_tasks(most=1), st.sampled_from(MODES))
+def test_environment_is_made_again_from_its_json(id, rows, mode):
+    (options,), actions = rows, action_table(3, 200)
+    if "Rigid" in id and options["deflection_sensor"]:
+        options["coupling"] = {"type": "Bistable"}
+    env = gym.make(id, **options)
+    again = gym.make(EnvSpec.from_json(env.spec.to_json()))
+    assert_identical(*(history(each, Given(actions[:, 0]), seed=3) for each in (env, again)))
+    envs = gym.make_vec(id, num_envs=4, autoreset_mode=mode, **options)
+    again = gym.make_vec(EnvSpec.from_json(envs.spec.to_json()))
+    assert again.num_envs == 4
+    assert again.metadata["autoreset_mode"] is AutoresetMode(mode)
+    assert_identical(again.reset(seed=3), envs.reset(seed=3))
 
 
-def test_importing_twice_registers_once():
+def test_registration_twice_registers_once():
     spec = gym.registry[ID]
     ig.envs.register()
     assert gym.registry[ID] is spec
 
 
-@pytest.mark.usefixtures("cut_small")
-@pytest.mark.parametrize("threads", [1, 3])
+def sync_vec(slots, mode, **options):
+    """Gymnasium's own loop over single environments."""
+    return gym.make_vec(ID, slots, vectorization_mode="sync", vector_kwargs={"autoreset_mode": mode}, **options)
+
+
 @pytest.mark.parametrize("mode", MODES)
-@pytest.mark.parametrize("options", [*OPTION_SETS, *SETUPS.values()], ids=str)
-def test_the_native_batch_equals_gymnasiums_loop_over_single_environments(options, mode, threads):
-    envs = gym.make_vec(ID, num_envs=SLOTS, autoreset_mode=mode, threads=threads, **options)
-    assert envs.metadata["autoreset_mode"] is AutoresetMode(mode)
-    reference, ended = sync_vec(mode=mode, **options), 0
-    assert_identical(envs.reset(seed=17), reference.reset(seed=17))
-    for row in actions(1):
+@pytest.mark.parametrize("options", [NOISY, EVERYTHING_DRAWN["spring"]], ids=["noisy", "everything drawn"])
+def test_batch_returns_what_gymnasiums_loop_over_single_environments_returns(options, mode):
+    """Its spaces, its infos with their masks, and which arrays are of which type, too."""
+    envs, loop = gym.make_vec(ID, num_envs=7, autoreset_mode=mode, **options), sync_vec(7, mode, **options)
+    assert (envs.observation_space, envs.action_space) == (loop.observation_space, loop.action_space)
+    assert_identical(envs.reset(seed=17), loop.reset(seed=17))
+    ended = 0
+    for row in action_table(1, 160, 7, lean=(-0.6, 0.6)):
         result = envs.step(row)
-        assert_identical(result, reference.step(row))
-        dones = result[2] | result[3]
-        ended += dones.sum()
+        assert_identical(result, loop.step(row))
+        ended += (dones := result[2] | result[3]).sum()
         if mode == "Disabled" and dones.any():
-            reset_ended(envs, reference, dones)
-    assert ended > 2 * SLOTS
+            assert_identical(*(each.reset(options={"reset_mask": dones.copy()}) for each in (envs, loop)))
+    assert ended > 7
 
 
-@pytest.mark.parametrize("mode", MODES)
-def test_the_native_batch_truncates_as_the_time_limit_of_gymnasium_does(mode):
-    envs = gym.make_vec(ID, num_envs=SLOTS, autoreset_mode=mode, max_episode_steps=40)
-    reference = sync_vec(mode=mode, max_episode_steps=40)
-    assert_identical(envs.reset(seed=5)[0], reference.reset(seed=5)[0])
-    counts = np.zeros(2, int)
-    for row in actions(2):
-        result, expected = envs.step(row), reference.step(row)
-        assert_identical(result[:3], expected[:3])
-        dones = result[2] | result[3]
-        assert_identical(dones, expected[2] | expected[3])
-        counts += [result[2].sum(), result[3].sum()]
-        if mode == "SameStep" and dones.any():
-            for key in ("final_obs", "_final_obs"):
-                assert_identical(result[4][key], expected[4][key])
-        if mode == "Disabled" and dones.any():
-            reset_ended(envs, reference, dones)
-    assert counts.min() >= 3
+def test_batch_of_stable_baselines3_returns_what_its_own_loop_returns():
+    """After `seed` the next reset uses it, and only that one; options hold for the slot and the reset they are for."""
+    envs, loop = ImpactVecEnv(3, **NOISY), DummyVecEnv([lambda: gym.make(ID, **NOISY)] * 3)
+    assert (envs.observation_space, envs.action_space) == (loop.observation_space, loop.action_space)
+    distances, ended = [0.17, 0.22, 0.31], 0
+    for seed in (17, None, 3):
+        for each in (envs, loop):
+            each.set_options([{"scenario": {"distance": distance}} for distance in distances] if seed == 17 else {})
+        if seed is not None:
+            assert envs.seed(seed) == loop.seed(seed)
+        assert_identical(envs.reset(), loop.reset())
+        assert envs.reset_infos == [{}] * 3
+        first = {}
+        for row in action_table(6, 90, 3, lean=(0.3, 0.6)):
+            (*seen, infos), (*expected, others) = envs.step(row), loop.step(row)
+            assert_identical(seen, expected)
+            for slot, (info, other) in enumerate(zip(infos, others, strict=True)):
+                assert_identical(info, {} if not info else {name: other[name] for name in info})
+                first |= {slot: info["scenario"]["distance"]} if info and slot not in first else {}
+                ended += bool(info)
+        assert seed != 17 or [first[slot] for slot in range(3)] == distances
+    assert ended > 9
 
 
-def test_an_episode_that_ends_by_itself_on_the_last_step_allowed_is_flagged_as_by_gymnasium():
+def test_episode_that_ends_by_itself_on_the_last_step_allowed_is_flagged_as_by_gymnasium():
     stand_still = np.float32([[-0.5, 1.0]])
-    envs, reference = gym.make_vec(ID, max_episode_steps=75), sync_vec(1, max_episode_steps=75)
-    envs.reset(seed=0), reference.reset(seed=0)
+    envs, loop = gym.make_vec(ID, max_episode_steps=75), sync_vec(1, "NextStep", max_episode_steps=75)
+    envs.reset(seed=0), loop.reset(seed=0)
     for _ in range(75):
-        result, expected = envs.step(stand_still), reference.step(stand_still)
+        result, expected = envs.step(stand_still), loop.step(stand_still)
     assert result[2].all()
     assert_identical(result[:4], expected[:4])
 
 
-@pytest.mark.parametrize("kind", ["single", "vector", "stable"])
-def test_the_final_info_of_a_truncated_episode_has_its_entries_too(kind):
-    """They are what the episode has come to so far: the cost of time alone, and no V_p of the future."""
-    make = {"single": gym.make, "vector": gym.make_vec, "stable": lambda _, **options: ImpactVecEnv(1, **options)}[kind]
-    env = make(ID, max_episode_steps=4)
-    begin(env, seed=0)
-    for row in actions(3, ticks=4, slots=1):
-        *_, cut, info = env.step(row[0] if kind == "single" else row)
-    assert np.all(cut)
-    if kind == "single":
-        info = env.unwrapped.episode_info()  # TimeLimit does not tell the environment
-    elif kind == "stable":
-        (info,) = info
-        assert info["TimeLimit.truncated"] is True
-    assert {"approach_time", "missed", "scenario"} <= set(info)
-    assert [np.squeeze(info[name]) for name in ("contact_count", "object_velocity", "peak_force")] == [0, 0.0, 0.0]
-    cost = sum(np.squeeze(term) for name, term in info["reward_terms"].items() if name[0] != "_")
-    assert cost == pytest.approx(-2.0 * 4 * 0.016, rel=1e-12)
+def test_final_info_of_a_truncated_episode_is_the_cost_of_time_alone():
+    """No V_p of the future; that all front ends have the same is tested above."""
+    env = gym.make(ID, max_episode_steps=4)
+    history(env, Given(action_table(3, 4)[:, 0]), seed=0)
+    info = env.unwrapped.episode_info()
+    assert (info["contact_count"], info["object_velocity"], info["peak_force"]) == (0, 0.0, 0.0)
+    assert sum(info["reward_terms"].values()) == pytest.approx(-2.0 * 4 * 0.016, rel=1e-12)
 
 
-def test_a_list_of_seeds_and_a_reset_mask_reach_exactly_the_slots_they_name():
-    envs, reference = gym.make_vec(ID, num_envs=3, autoreset_mode="Disabled"), sync_vec(3, "Disabled")
-    assert_identical(envs.reset(seed=[30, 8, 30])[0], reference.reset(seed=[30, 8, 30])[0])
-    rows = actions(4, ticks=10, slots=3)
-    for row in rows:
-        assert_identical(envs.step(row), reference.step(row))
-    mask = np.array([False, True, False])
-    for seed in (None, [None, 30, None], 29, None):
-        before = envs.step(rows[0])[0]
-        assert_identical(before, reference.step(rows[0])[0])
+def test_seeds_and_reset_mask_reach_exactly_the_slots_they_name():
+    envs, loop = gym.make_vec(ID, num_envs=3, autoreset_mode="Disabled"), sync_vec(3, "Disabled")
+    assert_identical(envs.reset(seed=[30, 8, 30])[0], loop.reset(seed=[30, 8, 30])[0])
+    rows, mask = action_table(4, 14, 3), np.array([False, True, False])
+    for seed, row in zip([None, [None, 30, None], 29, None], rows[10:], strict=True):
+        for action in (*rows[:3], row):
+            before = envs.step(action)[0]
+            assert_identical(before, loop.step(action)[0])
         options = {"scenario": {"distance": 0.3}}
         after, _ = envs.reset(seed=seed, options={**options, "reset_mask": mask})
-        assert_identical(after, reference.reset(seed=seed, options={**options, "reset_mask": mask.copy()})[0])
+        assert_identical(after, loop.reset(seed=seed, options={**options, "reset_mask": mask.copy()})[0])
         assert np.array_equal(after[~mask], before[~mask])
-    for row in actions(5, ticks=30, slots=3):
-        result = envs.step(row)
-        assert_identical(result, reference.step(row))
-        if result[2].any():
-            break
 
 
-def test_a_slot_that_was_never_reset_or_without_autoreset_has_ended_must_be_reset_first():
+def test_slot_that_was_never_reset_or_without_autoreset_has_ended_must_be_reset_first():
     envs = gym.make_vec(ID, num_envs=2, autoreset_mode="Disabled", max_episode_steps=2)
-    action, one, other = np.zeros((2, 2), np.float32), np.array([True, False]), np.array([False, True])
+    action, first, second = np.zeros((2, 2), np.float32), np.array([True, False]), np.array([False, True])
     for remedy in ("reset", "reset_mask"):
-        envs.reset(seed=0, options={"reset_mask": one})
+        envs.reset(seed=0, options={"reset_mask": first})
         with pytest.raises(gym.error.ResetNeeded, match=remedy):
             envs.step(action)
-        envs.reset(options={"reset_mask": other})
+        envs.reset(options={"reset_mask": second})
         assert not envs.step(action)[3].any()
         assert envs.step(action)[3].all()
 
 
-@pytest.mark.usefixtures("cut_small")
-@pytest.mark.parametrize("threads", [1, 3])
-@pytest.mark.parametrize("options", [*OPTION_SETS, {"max_episode_steps": 29}, *SETUPS.values()], ids=str)
-def test_the_stable_baselines3_batch_equals_its_own_loop_over_single_environments(options, threads):
-    envs = ImpactVecEnv(SLOTS, threads=threads, **options)
-    reference = DummyVecEnv([lambda: gym.make(ID, **options)] * SLOTS)
-    assert envs.observation_space == reference.observation_space
-    assert envs.action_space == reference.action_space
-    truncated = ended = 0
-    for seed in (17, None, 3):  # after `seed` the next reset uses it, and only that one
-        if seed is not None:
-            assert envs.seed(seed) == reference.seed(seed)
-        assert_identical(envs.reset(), reference.reset())
-        assert envs.reset_infos == [{}] * SLOTS
-        for row in actions(6)[:90]:
-            (observations, rewards, dones, infos), expected = envs.step(row), reference.step(row)
-            assert_identical((observations, rewards, dones), expected[:3])
-            for slot in range(SLOTS):
-                if dones[slot]:
-                    ended += 1
-                    truncated += infos[slot]["TimeLimit.truncated"]
-                    for key, value in expected[3][slot].items():
-                        assert_identical(infos[slot][key], value)
-                else:
-                    assert infos[slot] == {}
-    assert ended > 2 * SLOTS
-    assert (truncated > 0) == ("max_episode_steps" in options)
+def test_slots_may_be_given_numbers_of_their_own():
+    envs = gym.make_vec(ID, num_envs=3, **EVERYTHING_DRAWN["spring"])
+    stiffness, distances = [40.0, 50.0, 600.0], [0.2, 0.21, 0.22]
+    envs.reset(seed=1, options={"record": {"coupling.stiffness": stiffness, "distance": distances}})
+    record = envs.unwrapped.batch.info()["record"]
+    assert (record["coupling.stiffness"].tolist(), record["distance"].tolist()) == (stiffness, distances)
+    mask = np.array([False, True, True])  # picks the slots' own values
+    envs.reset(options={"record": {"distance": [0.3, 0.31, 0.32]}, "reset_mask": mask})
+    assert envs.unwrapped.batch.info()["record"]["distance"].tolist() == [0.2, 0.31, 0.32]
 
 
-def test_options_set_for_one_environment_of_stable_baselines3_do_not_leak_to_another():
-    distances = [0.17, 0.22, 0.31]
-    envs, reference = ImpactVecEnv(3), DummyVecEnv([lambda: gym.make(ID)] * 3)
-    action = np.tile(np.float32([0.5, 0.0]), (3, 1))
-    for each in (envs, reference):
-        each.seed(1)
-        each.set_options([{"scenario": {"distance": distance}} for distance in distances])
-        each.reset()
-        found = {}
-        while len(found) < 3:
-            for slot, info in enumerate(each.step(action)[3]):
-                if "scenario" in info:
-                    found.setdefault(slot, info["scenario"]["distance"])
-        assert [found[slot] for slot in range(3)] == distances
+def test_rows_of_which_some_draw_a_number_all_show_a_critic_what_they_have():
+    drawn = EVERYTHING_DRAWN["spring"] | {"privileged": True, "tool_mass": (0.1, 0.2)}
+    slots = [{}, {"tool_mass": 0.3, "robot": None}, {"tool_mass": 0.05, "robot": ig.Robot(5.0, 1e5, 50.0)}]
+    envs = gym.make_vec(ID, num_envs=3, per_slot=slots, **drawn)
+    observations, spec = envs.reset(seed=1)[0], envs.unwrapped.observation_spec
+    mass, stiffness = (spec.decode(observations, name) for name in ("tool_mass", "robot.stiffness"))
+    assert 0.1 <= mass[0] < 0.2
+    assert mass[1:] == pytest.approx([0.3, 0.05], rel=2e-6)
+    assert stiffness[1:] == pytest.approx([spec.scale("robot.stiffness").high, 1e5], rel=2e-6)  # none: the stiffest
 
 
 def test_stable_baselines3_can_ask_and_change_the_batch():
@@ -256,7 +263,29 @@ def test_stable_baselines3_can_ask_and_change_the_batch():
         envs.env_method("set_scenario", "hard", indices=[0])
     envs.env_method("set_scenario", {"distance": 0.26})
     begin(envs, seed=0)
-    found = set()
-    while not found:
-        found |= {info["scenario"]["distance"] for info in envs.step(np.full((3, 2), 0.5, np.float32))[3] if info}
-    assert found == {0.26}
+    assert set(envs.envs.batch.info()["scenario"]["distance"]) == {0.26}
+
+
+@pytest.mark.parametrize("make", [gym.make, gym.make_vec])
+def test_set_scenario_holds_from_the_next_episode_on(make):
+    env = make(ID, scenario={"distance": 0.2})
+    for expected in (0.2, 0.3, 0.3):
+        env.reset(seed=0)
+        env.unwrapped.set_scenario({"distance": 0.3, "object_mass": (1.0, 1.1)})
+        batch = getattr(env.unwrapped, "batch", None) or env.unwrapped._batch
+        scenario = batch.info(0)["scenario"]
+        assert (scenario["distance"], 1.0 <= scenario["object_mass"] <= 1.1) == (expected, expected == 0.3)
+
+
+def test_sensors_of_a_batch_are_those_of_each_of_its_rows():
+    envs, singles = gym.make_vec(ID, num_envs=4, **NOISY), [gym.make(ID, **NOISY) for _ in range(4)]
+    envs.reset(seed=1)
+    for row, env in enumerate(singles):
+        env.reset(seed=1 + row)
+    for action in action_table(0, 22, 4):
+        envs.step(action)
+        for row, env in enumerate(singles):
+            env.step(action[row])
+    together = envs.unwrapped.sensors()
+    for row, env in enumerate(singles):
+        assert env.unwrapped.sensors() == {name: column[row] for name, column in together.items()}

@@ -1,16 +1,17 @@
-"""Episodes played again: from a seed and an index, from their record, and from frozen evaluation sets."""
+"""What episodes draw, and episodes played again: from seed and index, from a record, from frozen evaluation sets."""
 
 import re
 
 import gymnasium as gym
 import numpy as np
 import pytest
-from episodes import ID, assert_identical, begin, random_actions
+from episodes import ID, assert_identical, random_actions
 from episodes import play as play_with
-from scipy import stats
+from tasks import EVERYTHING_DRAWN
 
-from impact_gym.sb3 import ImpactVecEnv
-from impact_gym.task import ScenarioRanges, evaluation_sets
+import impact_gym as ig
+from impact_gym.envs.render_history import History
+from impact_gym.task import ObservationSpec, ScenarioRanges, Task, evaluation_sets
 from impact_gym.task.episodes import RECORD_IDS as RECORD
 from impact_gym.task.scenario import FIELDS, NAMED
 
@@ -22,13 +23,13 @@ def play(env, seed=None, **options):
     return play_with(env, random_actions(0), seed, **options)
 
 
-def assert_same_draws(found, expected):
+def assert_same_draws(scenario, expected):
     """To the rounding of exponentials and logarithms."""
     for field in FIELDS:
-        assert found[field] == pytest.approx(expected[field], rel=1e-15)
+        assert scenario[field] == pytest.approx(expected[field], rel=1e-15)
 
 
-def test_an_episode_is_found_again_from_its_seed_and_index():
+def test_episode_is_found_again_from_its_seed_and_index():
     env = gym.make(ID, **OPTIONS)
     episodes = [play(env, seed) for seed in (11, None, None, None)]
     for k, episode in enumerate(episodes):
@@ -36,7 +37,7 @@ def test_an_episode_is_found_again_from_its_seed_and_index():
     assert len({episode.info["scenario"]["object_mass"] for episode in episodes}) == 4
 
 
-def test_an_episode_is_played_again_from_its_record_in_any_environment():
+def test_episode_is_played_again_from_its_record_in_any_environment():
     episode = play(gym.make(ID, **OPTIONS), seed=5)
     record = episode.info["record"]
     assert tuple(record) == RECORD
@@ -46,53 +47,51 @@ def test_an_episode_is_played_again_from_its_record_in_any_environment():
     assert play(elsewhere).info["scenario"] != episode.info["scenario"]  # only for one episode
 
 
-def test_a_delay_longer_than_the_environment_was_made_for_is_refused():
-    for make in (gym.make, gym.make_vec):
-        with pytest.raises(ValueError, match=r"reaction_delay.*at most 0\.02 s"):
-            make(ID, reaction_delay=(0.0, 0.02)).reset(options={"record": {"reaction_delay": 0.03}})
-
-
-def test_what_is_fixed_changes_no_draw_of_what_is_not():
+def test_record_that_is_fixed_changes_no_other_draw():
     free, fixed = (
         play(gym.make(ID, **OPTIONS), seed=8, record=record).info["record"] for record in ({}, {"restitution": 0.5})
     )
     assert fixed == {**free, "restitution": 0.5}
 
 
-def test_every_slot_of_the_batch_can_be_given_its_own_record():
-    singles = [play(gym.make(ID, **OPTIONS), seed).info["record"] for seed in range(5)]
-    table = {name: [record[name] for record in singles] for name in RECORD}
-    envs = gym.make_vec(ID, num_envs=5, **OPTIONS)
-    envs.reset(seed=123, options={"record": table})
-    for name in RECORD:
-        assert envs.batch.info()["record"][name].tolist() == table[name]
-    # a mask picks the slots' own values
-    envs.reset(options={"record": {"distance": [0.2, 0.21, 0.22, 0.23, 0.24]}, "reset_mask": np.arange(5) % 2 == 1})
-    distances = envs.batch.info()["scenario"]["distance"]
-    assert distances[[1, 3]].tolist() == [0.21, 0.23]
-    assert distances[[0, 2, 4]].tolist() == [table["distance"][k] for k in (0, 2, 4)]
+def test_number_that_is_drawn_leaves_everything_else_as_it_is():
+    plain, drawn = (gym.make_vec(ID, num_envs=50, **options) for options in ({}, {"tool_mass": (0.1, 0.2)}))
+    for index in range(3):
+        for envs in (plain, drawn):
+            envs.reset(seed=3, options={"episode_index": index})
+        record = drawn.unwrapped.batch.info()["record"]
+        assert np.ptp(record.pop("tool_mass")) > 0.05
+        assert_identical(record, plain.unwrapped.batch.info()["record"])
 
 
-def test_the_batch_goes_to_an_episode_of_its_seeds_too():
-    envs, stable = gym.make_vec(ID, num_envs=3, **OPTIONS), ImpactVecEnv(3, **OPTIONS)
-    for each in (envs, stable):
-        begin(each, seed=20, options={"episode_index": 2})
-    for slot in range(3):
-        single = gym.make(ID, **OPTIONS)
-        single.reset(seed=20 + slot, options={"episode_index": 2})
-        for batch in (envs.batch, stable.envs.batch):
-            assert batch.info(slot)["record"] == single.unwrapped.episode_info()["record"]
+def test_ranges_of_no_width_are_numbers():
+    spring = {"type": "SpringDamper", "stiffness": [60.0, 60.0]}
+    narrow = Task(tool_mass=(0.2, 0.2), coupling=spring, force_noise=(1, 1))
+    assert narrow == Task(tool_mass=0.2, coupling=ig.SpringDamper(60.0), force_noise=1.0)
 
 
-@pytest.mark.parametrize("values", [[0.2, 0.3], [0.2, 0.3, "1"], [0.2, 0.3, -1.0], [[0.2], [0.3], [0.4]]])
-def test_a_wrong_list_for_the_slots_is_named(values):
-    envs = gym.make_vec(ID, num_envs=3)
-    with pytest.raises((TypeError, ValueError), match="distance"):
-        envs.reset(seed=0, options={"record": {"distance": values}})
+def test_history_of_pictures_shows_what_the_episode_drew():
+    env = gym.make(ID, record_trace=True, **EVERYTHING_DRAWN["spring"])
+    info = play(env, seed=1).info
+    history = History(env.unwrapped.trace(), info, env.unwrapped._batch.task, ended=True)
+    assert history.threshold == info["record"]["alarm_threshold"]
+    assert history.task.coupling.stiffness == info["record"]["coupling.stiffness"]
+    reduced = 1.0 / (1.0 / info["record"]["tool_mass"] + 1.0 / info["record"]["object_mass"])
+    assert history.reduced_mass == pytest.approx(reduced, rel=1e-15)
+
+
+@pytest.mark.parametrize("alarm", ["force", "reading"])
+def test_critic_sees_all_that_an_actor_sees_first_and_nothing_twice(alarm):
+    options = EVERYTHING_DRAWN["spring"] | {"alarm": alarm}
+    actor, critic = (ObservationSpec(Task(**options, privileged=privileged)) for privileged in (False, True))
+    assert critic.ids[critic.actor] == actor.ids
+    assert critic.ids[critic.critic] == critic.ids
+    assert len(set(critic.ids)) == len(critic)
+    assert ("time_since_touch" in critic) is (alarm == "reading")
 
 
 @pytest.mark.parametrize("name", ["test", "validation", "hard"])
-def test_a_frozen_set_is_what_its_seeds_draw(name):
+def test_evaluation_set_is_what_its_seeds_draw(name):
     frozen, ranges = evaluation_sets.load(name), "hard" if name == "hard" else "test"
     envs = gym.make_vec(ID, num_envs=frozen.count, scenario=ranges)
     envs.reset(seed=frozen.seed)
@@ -104,7 +103,7 @@ def test_a_frozen_set_is_what_its_seeds_draw(name):
         assert np.array_equal(envs.batch.info()["scenario"][field], frozen.scenario[field])
 
 
-def test_a_set_of_ones_own_is_frozen_and_read_again(tmp_path):
+def test_evaluation_set_is_frozen_and_read_again(tmp_path):
     ranges = ScenarioRanges(object_mass=(1.0, 2.0))
     path = evaluation_sets.freeze(tmp_path / "mine.csv", ranges, seed=7, count=20)
     frozen = evaluation_sets.load(path)
@@ -117,7 +116,7 @@ def test_a_set_of_ones_own_is_frozen_and_read_again(tmp_path):
 @pytest.mark.parametrize(("line", "pattern", "instead"), [
     (-1, "[0-8]", "9"), (-1, r".*\n", ""), (1, "distance", "place"), (0, '"seed": 7', '"seed": 77'),
 ], ids=["digit", "line", "column", "seed"])  # fmt: skip
-def test_an_altered_set_is_refused(tmp_path, line, pattern, instead):
+def test_evaluation_set_that_was_altered_is_refused(tmp_path, line, pattern, instead):
     path = evaluation_sets.freeze(tmp_path / "mine.csv", "train", seed=7, count=20)
     lines = path.read_text().splitlines(keepends=True)
     lines[line], changes = re.subn(pattern, instead, lines[line], count=1)
@@ -127,27 +126,18 @@ def test_an_altered_set_is_refused(tmp_path, line, pattern, instead):
         evaluation_sets.load(path)
 
 
-def test_a_set_that_there_is_not_is_refused():
+def test_evaluation_set_that_there_is_not_is_refused():
     with pytest.raises(ValueError, match=r"nowhere.*hard.*test.*validation"):
         evaluation_sets.load("nowhere")
 
 
-def test_a_set_frozen_again_is_the_shipped_one(tmp_path):
+def test_evaluation_set_frozen_again_is_the_shipped_set(tmp_path):
     shipped = evaluation_sets.load("hard")
     again = evaluation_sets.load(evaluation_sets.freeze(str(tmp_path / "again.csv"), "hard", shipped.seed, 50))
     assert_same_draws(again.scenario, {field: values[:50] for field, values in shipped.scenario.items()})
 
 
-def test_whatever_an_episode_draws_is_independent_of_the_rest():
-    envs = gym.make_vec(ID, num_envs=4000, **OPTIONS)
-    envs.reset(seed=3)
-    record = {name: value.copy() for name, value in envs.batch.info()["record"].items()}
-    record["distance_estimate"] -= record["distance"]
-    ranks = stats.spearmanr(np.array(list(record.values())).T).statistic
-    assert np.abs(ranks - np.eye(len(ranks))).max() < 0.07
-
-
-def test_a_scenario_goes_before_a_record():
+def test_reset_takes_a_scenario_before_a_record():
     env = gym.make(ID)
     env.reset(options={"record": {"distance": 0.3}, "scenario": {"distance": 0.2}})
     assert env.unwrapped.episode_info()["scenario"]["distance"] == 0.2

@@ -17,6 +17,8 @@ SLOTS = 4
 ROBOT = ig.Robot(5.225, 1.9e5, 50.4)
 TABLE = ig.RobotTable([0.05, 0.15, 0.25, 0.35], [5.0, 5.3, 5.5, 5.2], [1.5e5, 1.6e5, 1.4e5, 1.5e5], [50, 55, 60, 50])
 PAPERS_SPRING = ig.SpringDamper(50.0, 1.0)
+VELOCITY, TIME, ALARM, SINCE, FORCE, PEAK = range(1, 7)
+"""Where these stand in an observation, by the table of the environment's documentation."""
 
 
 def action_table(seed, ticks=160, slots=SLOTS, lean=(0.3, 0.3)):
@@ -26,8 +28,8 @@ def action_table(seed, ticks=160, slots=SLOTS, lean=(0.3, 0.3)):
     return np.clip(rng.uniform(-1.0, 1.0, (ticks, slots, 2)) + leans, -1.0, 1.0).astype(np.float32)
 
 
-def assert_identical(one, other):
-    assert data_equivalence(one, other, exact=True), f"{one}\n{other}"
+def assert_identical(first, second):
+    assert data_equivalence(first, second, exact=True), "\n".join(f"{each}"[:1000] for each in (first, second))
 
 
 class Always:
@@ -46,7 +48,7 @@ class Given:
     def __init__(self, actions):
         self.left = iter(actions)
 
-    def predict(self, observation, state=None):
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
         return next(self.left), state
 
 
@@ -56,7 +58,7 @@ def random_actions(seed):
 
 
 class Episode(NamedTuple):
-    """What one saw, was paid, and was told at the end."""
+    """Observations (steps + 1, n_obs), rewards (steps,), and the final info."""
 
     observations: np.ndarray
     rewards: np.ndarray

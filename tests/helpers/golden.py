@@ -23,15 +23,6 @@ PUSHED = {
 }
 CRITICAL_PUSH = {0.9: 0.826855, 0.5: 0.201167, 0.1: 0.018308}  # by restitution; above it the contact never ends
 
-# a tool of 0.125 kg behind a settled spring (150 N/m, critically damped), the flange at 1 m/s, an object of 0.25 kg:
-# restitution, k_c (N/m^1.5), duration (s), object velocity (m/s)
-BEHIND_A_SPRING = [
-    (1.0, 1e5, 0.0133697509, 0.757782042),
-    (0.5, 1e5, 0.1189593760, 1.186780918),
-    (0.1, 1e3, 0.2344643271, 1.219960790),
-    (0.1, 1e8, 0.0019772700, 0.378515156),
-]
-
 OBJECT_VELOCITIES = {  # m/s, by the figure
     "13b": 1.944081, "14a": 1.876451, "14b": 1.555295, "16, before the break": 0.739806, "16, at the break": 0.747012,
     "16, behind the break": 0.757929, "17a": 0.903164, "17b": 0.936088, "19a": 0.872899, "19b": 0.794273,

@@ -21,9 +21,9 @@ def as_plain_text_has_it(text):
 
 def controls(text):
     """Return tag, accessible name and target of all that the keyboard reaches or that is announced as a part."""
-    found = _Controls()
-    found.feed(text)
-    return [(tag, " ".join(name).strip(), target) for tag, name, target in found.controls]
+    parser = _Controls()
+    parser.feed(text)
+    return [(tag, " ".join(name).strip(), target) for tag, name, target in parser.controls]
 
 
 class _Controls(HTMLParser):

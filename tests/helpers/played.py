@@ -7,9 +7,11 @@ from experiments.report import results
 def played_alone(matchup):
     """Return what `answer` needs of a matchup, nothing else."""
     played = results.Played(matchup)
-    for one in (*matchup.seeds, *matchup.baselines):
-        arrays = evaluations.play(one.controller, matchup.scenarios, list(one.weights), matchup.environment)
-        runs = played.seeds if one in matchup.seeds else played.baselines
-        runs[one.name] = results.Run(one.weights, arrays)
+    for contestant in (*matchup.seeds, *matchup.baselines):
+        arrays = evaluations.play(
+            contestant.controller, matchup.scenarios, list(contestant.weights), matchup.environment
+        )
+        runs = played.seeds if contestant in matchup.seeds else played.baselines
+        runs[contestant.name] = results.Run(contestant.weights, arrays)
     played.as_late = played.seeds
     return played

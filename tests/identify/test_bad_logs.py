@@ -70,35 +70,29 @@ def test_identify_refuses_what_is_no_log():
     identify_refused("mapping of columns or the path", 7, error=TypeError)
 
 
-@pytest.mark.parametrize(
-    ("text", "match"),
-    [
-        ("", "is empty"),
-        ("time,force\n0,1\n0.1\n", "sample 1 must have 2 values"),
-        ("time,force,force\n", "no column twice"),
-        ("time,force\n" + "\n".join(f"{k / 1000},{'x' if k == 9 else k}" for k in range(20)), "got x at sample 9"),
-        (None, "is not read as CSV"),
-    ],
-)
+@pytest.mark.parametrize(("text", "match"), [
+    ("", "is empty"),
+    ("time,force\n0,1\n0.1\n", "sample 1 must have 2 values"),
+    ("time,force,force\n", "no column twice"),
+    ("time,force\n" + "\n".join(f"{k / 1000},{'x' if k == 9 else k}" for k in range(20)), "got x at sample 9"),
+    (None, "is not read as CSV"),
+])  # fmt: skip
 def test_identify_refuses_a_file_that_is_no_log(tmp_path, text, match):
     if text is not None:
         (tmp_path / "log.csv").write_text(text)
     identify_refused(match, tmp_path / "log.csv")
 
 
-@pytest.mark.parametrize(
-    ("free", "match"),
-    [
-        (("contact.stifness",), "no number 'contact.stifness'; did you mean 'contact.stiffness'"),
-        (("robot.mass",), "no number 'robot.mass'"),
-        ((), "at least one number"),
-        (("object.mass", "object.mass"), "none twice"),
-        ("object.mass", "got the text 'object.mass'"),
-        ({"object.mass": (2.0, 1.0)}, "range of object.mass must rise"),
-        ({"object.mass": (0.0, 1.0)}, "range of object.mass must be finite and above 0"),
-        ({"object.mass": 1.0}, "must be a pair"),
-    ],
-)
+@pytest.mark.parametrize(("free", "match"), [
+    (("contact.stifness",), "no number 'contact.stifness'; did you mean 'contact.stiffness'"),
+    (("robot.mass",), "no number 'robot.mass'"),
+    ((), "at least one number"),
+    (("object.mass", "object.mass"), "none twice"),
+    ("object.mass", "got the text 'object.mass'"),
+    ({"object.mass": (2.0, 1.0)}, "range of object.mass must rise"),
+    ({"object.mass": (0.0, 1.0)}, "range of object.mass must be finite and above 0"),
+    ({"object.mass": 1.0}, "must be a pair"),
+])  # fmt: skip
 def test_identify_refuses_free_numbers(free, match):
     identify_refused(match, GOOD, free=free)
 

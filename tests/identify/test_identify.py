@@ -41,16 +41,12 @@ def log_width(fit, name="contact.stiffness"):
     return math.log(high / low)
 
 
-@pytest.mark.parametrize(
-    ("truth", "columns"),
-    [
-        (scene(1e6, 0.5, coupling=ig.Rigid()), ("force",)),
-        (scene(2e5, 0.3), ("force",)),
-        (scene(3e4, 0.7, 0.1, robot=ROBOT), ("force", "object_velocity")),
-        (TRUTH, ("object_velocity",)),
-    ],
-    ids=["rigid", "spring", "robot, two columns", "velocity alone"],
-)
+@pytest.mark.parametrize(("truth", "columns"), [
+    (scene(1e6, 0.5, coupling=ig.Rigid()), ("force",)),
+    (scene(2e5, 0.3), ("force",)),
+    (scene(3e4, 0.7, 0.1, robot=ROBOT), ("force", "object_velocity")),
+    (TRUTH, ("object_velocity",)),
+], ids=["rigid", "spring", "robot, two columns", "velocity alone"])  # fmt: skip
 def test_identify_finds_the_numbers_behind_a_log(truth, columns):
     fit = ig.identify(log(truth, columns=columns), guess(truth.coupling, truth.robot), MOTION)
     assert_near(fit, truth)

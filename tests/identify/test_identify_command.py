@@ -61,17 +61,14 @@ def test_main_prints_the_set_up_and_may_free_a_coupling(files, capsys):
     assert stiffness == 150.0 or stiffness[0] < stiffness[1]
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "match"),
-    [
-        ("[motion]", "[moved]", r"must have a table \[motion\]"),
-        ("speed = 1.0", "speeed = 1.0", "motion or sensor: .*speeed"),
-        ("distance = 0.2505", "distance = [0.2, 0.3]", r"environment\.scenario\.distance must be a number"),
-        ("stiffness = 150.0", "stiffness = [100.0, 200.0]", r"environment\.coupling\.stiffness must be a number"),
-        ("rate = 4000.0", "rate = 400.0", "Sensor.rate of force is 400 Hz"),
-        ("title =", "title", "is not read as TOML"),
-    ],
-)
+@pytest.mark.parametrize(("old", "new", "match"), [
+    ("[motion]", "[moved]", r"must have a table \[motion\]"),
+    ("speed = 1.0", "speeed = 1.0", "motion or sensor: .*speeed"),
+    ("distance = 0.2505", "distance = [0.2, 0.3]", r"environment\.scenario\.distance must be a number"),
+    ("stiffness = 150.0", "stiffness = [100.0, 200.0]", r"environment\.coupling\.stiffness must be a number"),
+    ("rate = 4000.0", "rate = 400.0", "Sensor.rate of force is 400 Hz"),
+    ("title =", "title", "is not read as TOML"),
+])  # fmt: skip
 def test_main_says_in_one_line_what_is_wrong_with_the_file(files, old, new, match):
     (files / "my.toml").write_text(SCENE.replace(old, new))
     with pytest.raises(SystemExit, match=match) as refusal:

@@ -25,16 +25,13 @@ def test_hertz_of_a_rigid_tool_leaves_the_object_alone_and_bodies_may_change_pla
     assert ig.hertz(0.01, *STEEL, 2e6, 0.5) == pytest.approx(ig.hertz(0.01, 2e6, 0.5, *STEEL), rel=1e-14)
 
 
-@pytest.mark.parametrize(
-    ("place", "value", "match"),
-    [
-        (0, 0.0, "radius must be finite and above 0 m"),
-        (1, -1.0, "young_tool must be finite and above 0 Pa"),
-        (2, 0.6, "poisson_tool must be finite and above -1 and at most 0.5"),
-        (3, math.nan, "young_object"),
-        (4, -1.0, "poisson_object"),
-    ],
-)
+@pytest.mark.parametrize(("place", "value", "match"), [
+    (0, 0.0, "radius must be finite and above 0 m"),
+    (1, -1.0, "young_tool must be finite and above 0 Pa"),
+    (2, 0.6, "poisson_tool must be finite and above -1 and at most 0.5"),
+    (3, math.nan, "young_object"),
+    (4, -1.0, "poisson_object"),
+])  # fmt: skip
 def test_hertz_refuses_what_no_body_has(place, value, match):
     given = [0.01, *STEEL, *STEEL]
     given[place] = value
@@ -74,13 +71,13 @@ def test_rubber_refuses_a_hardness_beyond_gents_relation(shore):
 
 
 def test_material_ranges_hold_the_middle_of_a_pair_and_make_a_set_up():
-    found = ig.material_ranges((0.01, 0.03), "rubber, Shore A 50", "steel")
-    low, high = found["contact_stiffness"]
+    ranges = ig.material_ranges((0.01, 0.03), "rubber, Shore A 50", "steel")
+    low, high = ranges["contact_stiffness"]
     assert low < ig.hertz(0.02, 2.5e6, 0.48, 200e9, 0.29) < high
-    assert "restitution" not in found
+    assert "restitution" not in ranges
     assert ig.material_ranges((0.01, 0.03), "glass", "glass")["restitution"] == [0.96, 0.98]
     from impact_gym.task import ScenarioRanges
 
-    assert ScenarioRanges.of(found).contact_stiffness == (low, high)
+    assert ScenarioRanges.of(ranges).contact_stiffness == (low, high)
     with pytest.raises(ValueError, match="tool must be one of"):
         ig.material_ranges((0.01, 0.03), "butter", "steel")

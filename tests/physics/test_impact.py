@@ -89,18 +89,12 @@ def test_simulated_contact_comes_to_eq_3_and_4_where_it_is_stiff(restitution):
     assert np.polyfit(np.log(stiffnesses), np.log(errors), 1)[0] == pytest.approx(-0.4, abs=0.03)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "field"),
-    [
-        ((0.0, 1.0, 1.0, 0.0, 0.5), "tool_mass"),
-        ((1.0, [1.0, -1.0], 1.0, 0.0, 0.5), "object_mass"),
-        ((1.0, 1.0, np.nan, 0.0, 0.5), "tool_velocity"),
-        ((1.0, 1.0, 1.0, np.inf, 0.5), "object_velocity"),
-        ((1.0, 1.0, 1.0, 0.0, 1.1), "restitution"),
-        ((1.0, 1.0, 1.0, 0.0, -0.1), "restitution"),
-        ((1.0, 1.0, 1.0, 0.0, 0.5, np.nan), "impulse"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "field"), [
+    ((0.0, 1.0, 1.0, 0.0, 0.5), "tool_mass"), ((1.0, [1.0, -1.0], 1.0, 0.0, 0.5), "object_mass"),
+    ((1.0, 1.0, np.nan, 0.0, 0.5), "tool_velocity"), ((1.0, 1.0, 1.0, np.inf, 0.5), "object_velocity"),
+    ((1.0, 1.0, 1.0, 0.0, 1.1), "restitution"), ((1.0, 1.0, 1.0, 0.0, -0.1), "restitution"),
+    ((1.0, 1.0, 1.0, 0.0, 0.5, np.nan), "impulse"),
+])  # fmt: skip
 def test_free_tool_names_values_out_of_range(arguments, field):
     with pytest.raises(ValueError, match=field):
         impact.free_tool(*arguments)

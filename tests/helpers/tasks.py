@@ -1,0 +1,89 @@
+"""Tasks: what arguments of the environment may be, as one strategy, and all of it drawn for each episode."""
+
+from episodes import ROBOT, TABLE
+from hypothesis import strategies as st
+
+import impact_gym as ig
+
+SPANS = {
+    "tool_mass": (0.05, 0.4), "alarm_threshold": (0.2, 15.0), "force_noise": (0.0, 2.0), "force_bias": (0.0, 1.0),
+    "range_noise": (0.001, 0.05), "range_bias": (-0.02, 0.02), "time_weight": (0.5, 8.0), "reaction_delay": (0.0, 0.05),
+}  # fmt: skip
+SPRING = {"stiffness": (20.0, 600.0), "damping_ratio": (0.0, 1.5)}
+MECHANISM = {
+    "stiffness": (40.0, 80.0), "free_length": (0.07, 0.08), "height": (0.02, 0.03), "front_stop": (0.001, 0.02),
+    "rear_stop": (-0.03, -0.01), "stop_stiffness": (1e4, 1e5), "stop_damping_ratio": (0.5, 1.0),
+}  # fmt: skip
+ARM = {"mass": (3.0, 6.0), "stiffness": (5e4, 2e5), "damping": (0.0, 60.0)}
+SCENARIO = {
+    "object_mass": (0.02, 2.5), "contact_stiffness": (1e3, 1e8), "restitution": (0.02, 1.0), "distance": (0.05, 0.35),
+}  # fmt: skip
+
+
+def drawn(kind, spans):
+    """A coupling or robot of which every number is drawn."""
+    return {"type": kind, **spans}
+
+
+DRAWN = {
+    **SPANS, "force_noise": (0.1, 2.0), "force_bias": (0.1, 1.0), "scenario": SCENARIO, "robot": drawn("Robot", ARM),
+}  # fmt: skip
+EVERYTHING_DRAWN = {
+    "spring": DRAWN | {"coupling": drawn("SpringDamper", SPRING)},
+    "mechanism": DRAWN | {"coupling": drawn("Bistable", MECHANISM)},
+}
+"""Arguments with a range for every number that may have one."""
+
+
+def number_or_range(low, high):
+    """A number of a span, or a range in it."""
+    number = st.integers(0, 1000).map(lambda share: low + (high - low) * share / 1000)
+    return number | st.tuples(number, number).map(sorted).map(tuple)
+
+
+def some_of(spans):
+    """Numbers or ranges for some of the numbers with these spans."""
+    return st.fixed_dictionaries({}, optional={name: number_or_range(*span) for name, span in spans.items()})
+
+
+def described(kind, spans):
+    """Mappings that describe a coupling or a robot."""
+    numbers = st.fixed_dictionaries({name: number_or_range(*span) for name, span in spans.items()})
+    return numbers.map(lambda given: {"type": kind, **given})
+
+
+SOFT = st.sampled_from([ig.SpringDamper(150.0, 0.3), ig.Bistable(80.0, rear_stop=-0.01), {"type": "Bistable"}])
+COUPLINGS = SOFT | described("SpringDamper", SPRING) | described("Bistable", MECHANISM)
+ROBOTS = st.sampled_from([None, ROBOT, ig.Robot(2.0, 4e4, 10.0), TABLE]) | described("Robot", ARM)
+OWN = {
+    **{name: number_or_range(*span) for name, span in SPANS.items() if name not in ("range_noise", "range_bias")},
+    "scenario": st.sampled_from(["train", "hard"]) | some_of(SCENARIO),
+    "robot": ROBOTS,
+    "alarm": st.sampled_from(["force", "reading"]),
+    "dissipation": st.sampled_from(["hu-guo", "exact"]),
+    "force_weight": st.floats(0.0, 0.02),
+    "control_period": st.floats(0.009, 0.03),
+    "acceleration_range": st.just((0.5, 8.0)),
+    "rtol": st.sampled_from([1e-5, 1e-8, 1e-11]),
+    "max_episode_steps": st.integers(1, 45),
+}
+"""What rows of a batch may have each for itself, whatever they observe."""
+ESTIMATE = {name: number_or_range(*SPANS[name]) for name in ("range_noise", "range_bias")}
+OBSERVED = ("observe_range_noise", "deflection_sensor", "privileged", "past_readings", "velocity_range")
+
+
+@st.composite
+def rows_of_tasks(draw, most=3):
+    """Arguments of the environment for each row of a batch: whatever they may be while all rows observe the same."""
+    ranged, deflection = draw(st.booleans()), draw(st.booleans())
+    common = {"deflection_sensor": deflection, "privileged": draw(st.booleans())}
+    common["past_readings"] = draw(st.integers(0, 3))
+    common["observe_range_noise"] = ranged and draw(st.booleans())
+    common["velocity_range"] = draw(st.sampled_from([(-0.5, 1.5), (0.0, 1.0)]))
+    coupling = COUPLINGS if deflection else COUPLINGS | st.sampled_from([ig.Rigid(), {"type": "Rigid"}])
+    always = {"range_noise": ESTIMATE["range_noise"]} if ranged else {}
+    optional = OWN | {"coupling": coupling} | ({"range_bias": ESTIMATE["range_bias"]} if ranged else {})
+    row = st.fixed_dictionaries(always, optional=optional)
+    if common["privileged"]:  # a critic sees in each row what any of them draws
+        return [common | draw(row)] * draw(st.integers(1, most))
+    return [common | own for own in draw(st.lists(row, min_size=1, max_size=most))]

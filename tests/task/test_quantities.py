@@ -1,0 +1,275 @@
+"""The table of quantities: what follows from each of its rows, wherever a number of that row is given or seen."""
+
+import dataclasses
+import math
+from functools import partial
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import tomli_w
+from episodes import ID
+from scipy.stats import kstest
+from tasks import EVERYTHING_DRAWN
+
+import impact_gym as ig
+from agents import load_policy, load_setup
+from impact_gym.identify.coordinates import free_coordinates
+from impact_gym.quantities import BY_PATH, EPISODE, QUANTITIES, RESULTS, SCENARIO, SENSORS, SET_UP
+from impact_gym.task import ObservationSpec, ScenarioRanges, Task, numbers, paths
+from impact_gym.task.episodes import fixed_records
+from impact_gym.task.task import PLACES, arguments
+
+EVERY_ROW = pytest.mark.parametrize("row", QUANTITIES.values(), ids=list(QUANTITIES))
+CONTACT, BRAKE = ig.Contact(1e5, 0.5), ig.Brake(deceleration=5.0)
+SPRUNG = ig.Scene(ig.Tool(0.125), ig.Object(0.25, 0.25, 0.1), CONTACT, ig.SpringDamper(150.0), ig.Robot(5.0, 1e5, 50.0))
+SCENES = [SPRUNG, dataclasses.replace(SPRUNG, coupling=ig.Bistable())]
+RECORDS = [{**paths.parts(scene), "motion": ig.Trapezoid(1.0, 8.0, BRAKE)} for scene in SCENES]
+NUMBERS = {path: records for records in RECORDS for path in paths.flatten(records)}
+"""The records in which a dotted path leads to a number."""
+EVERY_PATH = pytest.mark.parametrize("path", NUMBERS)
+
+EVERY_SET_UP = pytest.mark.parametrize("arguments", EVERYTHING_DRAWN.values(), ids=list(EVERYTHING_DRAWN))
+EPISODES = 3000
+ARGUMENTS = arguments().keys() - {row.id for row in SENSORS}  # "alarm" says what raises it: the sensor is another thing
+
+
+def doors(row):
+    """Whatever takes a number of a row: what a message calls the number there, and the function."""
+    yield row.id, row.check
+    yield f"{row.id}[0]", lambda value: row.interval((value, value))
+    path = row.path or row.id
+    if path in NUMBERS:
+        records, (parent, _, field) = NUMBERS[path], path.rpartition(".")
+        kind = type(paths.get(records, parent)).__name__
+        yield f"{kind}.{field}", lambda value: paths.replaced(records, {path: value})
+    if row in SCENARIO:
+        yield f"ScenarioRanges.{row.id}", lambda value: ScenarioRanges(**{row.id: value})
+    if row in (*SCENARIO, *EPISODE):
+        fixed = partial(fixed_records, task=Task(reaction_delay=1.0))
+        yield f"options['record']['{row.id}']", lambda value: fixed({"record": {row.id: value}})
+    if row.id in ARGUMENTS and not row.id.endswith("_range"):
+        yield row.id, lambda value: Task(**{row.id: value})
+    if row.id.startswith(("coupling.", "robot.")) and path in NUMBERS:
+        part, _, field = row.id.partition(".")
+        kind = type(paths.get(NUMBERS[path], part)).__name__
+        given = dataclasses.asdict(paths.get(NUMBERS[path], part)) | {"type": kind}
+        yield f"{row.id}[1]", lambda value: Task(**{part: given | {field: (given[field], value)}})
+    if row.id in ("duration", "rtol"):
+        motion = RECORDS[0]["motion"]
+        yield row.id, lambda value: ig.simulate(SPRUNG, motion, **{row.id: value})
+
+
+def beyond(limits):
+    """The nearest numbers that are not within limits."""
+    below = [limits.above, np.nextafter(limits.at_least, -math.inf).item()]
+    outside = [*below, np.nextafter(limits.at_most, math.inf).item(), -1e300, 1e300]
+    return [value for value in outside if not (limits.above < value <= limits.at_most and value >= limits.at_least)]
+
+
+@EVERY_ROW
+def test_number_beyond_its_limits_is_refused_with_name_value_unit_and_what_is_allowed(row):
+    unit = "(no unit)" if row.unit == "-" else row.unit
+    limits = [
+        f"{word.replace('_', ' ')} {limit:g}" for word, limit in row.limits._asdict().items() if -math.inf < limit
+    ]
+    allowed = " and ".join(["finite", *(limit for limit in limits if "inf" not in limit)])
+    for name, take in doors(row):
+        for value in (*beyond(row.limits), math.nan, math.inf, -math.inf, np.float32("nan"), 10**400):
+            with pytest.raises(ValueError, match=r" must be finite") as refusal:
+                take(value)
+            got = math.inf if isinstance(value, int) else float(value)
+            assert str(refusal.value) == f"{name} must be {allowed} {unit}, got {got!r} {unit}"
+
+
+@EVERY_ROW
+def test_what_is_no_number_is_refused_with_name_and_unit(row):
+    unit = "(no unit)" if row.unit == "-" else row.unit
+    for name, take in doors(row):
+        for value in (True, "1", b"1", 1j, object(), np.True_, np.complex128(1.0)):
+            with pytest.raises(TypeError) as refusal:
+                take(value)
+            assert isinstance(refusal.value, ValueError)
+            assert str(refusal.value) == f"{name} must be a number in {unit}, got {value!r}"
+
+
+@EVERY_ROW
+def test_ends_of_the_limits_belong_to_them_and_masses_stiffnesses_and_distances_are_positive(row):
+    just_above = np.nextafter(row.limits.above, math.inf).item()
+    for value in (just_above, row.limits.at_least, row.limits.at_most):
+        if math.isfinite(value) and value > -1e300:
+            assert row.check(value) == value
+    if row.unit in ("kg", "N/m", "N/m^1.5") or row.id == "distance":
+        assert row.limits.above == 0.0
+    if row in SET_UP or row in SCENARIO:
+        assert row.draw is not None
+        assert row.scale is not None
+
+
+@EVERY_PATH
+def test_paths_lead_to_every_number_of_a_scene_and_change_it_alone(path):
+    records, row = NUMBERS[path], BY_PATH[path]
+    before = paths.flatten(records)
+    value = 0.98 * before[path] or 0.01
+    after = paths.flatten(paths.replaced(records, {path: value}))
+    assert after == before | {path: row.check(value)}
+    assert paths.get(records, path) == before[path]
+
+
+def test_paths_are_those_of_the_table():
+    assert {*NUMBERS, "robot.position"} == {*BY_PATH}
+
+
+@EVERY_PATH
+def test_path_may_be_swept_and_what_is_the_scenes_identified(path):
+    records = dict(NUMBERS[path])
+    value = 0.98 * paths.get(records, path)
+    motion = records.pop("motion")
+    swept = ig.sweep(ig.Scene(**records), motion, {path: [value]}, duration=1.0)
+    changed = paths.replaced(NUMBERS[path], {path: value})
+    outcome = ig.simulate(ig.Scene(**{name: changed[name] for name in records}), changed["motion"], duration=1.0)
+    assert (swept.status[0], swept.object_velocity[0]) == ("ok", outcome.object_velocity)
+    if not path.startswith("motion."):
+        (free,) = free_coordinates(ig.Scene(**records), (path,))
+        assert free.number(free.start(ig.Scene(**records))) == pytest.approx(paths.get(records, path), rel=1e-12)
+
+
+@pytest.fixture(scope="module")
+def drawn():
+    """The task of each set-up, and what many episodes of it draw, by id."""
+    records = {}
+    for name, options in EVERYTHING_DRAWN.items():
+        envs = gym.make_vec(ID, num_envs=EPISODES, **options)
+        envs.reset(seed=5)
+        records[name] = Task(**options), envs.unwrapped.batch.info()["record"]
+    return records
+
+
+def shares(task, record):
+    """Each number that was drawn by its place in its range, [0, 1), or by its normal law as a uniform number."""
+    uniform = {}
+    for name, (low, high) in task.ranges.items():
+        bend = np.log if QUANTITIES[name].draw.by_ratio and low > 0.0 else np.asarray
+        uniform[name] = (bend(record[name]) - bend(low)) / (bend(high) - bend(low))
+    error = record["distance_estimate"] - record["distance"] - record["range_bias"]
+    standard = {"distance_estimate": error / record["range_noise"], "force_error": record["force_error"]}
+    standard["force_error"] = standard["force_error"] / record["force_bias"]
+    normal = {name: 0.5 + 0.5 * np.vectorize(math.erf)(values / math.sqrt(2.0)) for name, values in standard.items()}
+    return uniform | normal | {"noise_seed": record["noise_seed"] * 2.0**-53}
+
+
+@pytest.mark.parametrize("name", EVERYTHING_DRAWN)
+def test_each_number_is_drawn_within_its_range_evenly_and_apart_from_all_others(drawn, name):
+    uniform = shares(*drawn[name])
+    for quantity, values in uniform.items():
+        assert values.min() >= 0.0, quantity
+        assert values.max() <= 1.0, quantity
+        assert kstest(values, "uniform").pvalue > 1e-4, quantity
+    correlation = np.corrcoef([*uniform.values()]) - np.eye(len(uniform))
+    assert np.abs(correlation).max() < 5 / math.sqrt(EPISODES)
+
+
+def test_every_row_that_has_a_draw_is_drawn_here(drawn):
+    assert {row.id for row in QUANTITIES.values() if row.draw} == {
+        name for task, record in drawn.values() for name in shares(task, record)
+    }
+
+
+def narrowed(value, width):
+    """Arguments with each range shrunk to a share of it."""
+    if isinstance(value, dict):
+        return {name: narrowed(inner, width) for name, inner in value.items()}
+    return (value[0], value[0] + width * (value[1] - value[0])) if isinstance(value, tuple) else value
+
+
+def scaled(scale, value):
+    """What the table says that is observed of a number."""
+    curve = {"linear": np.asarray, "log": np.log, "log1p": np.log1p}[scale.curve]
+    share = (curve(value) - curve(scale.low)) / (curve(scale.high) - curve(scale.low))
+    return np.clip(scale.scaled_low + (1.0 - scale.scaled_low) * share, scale.scaled_low, 1.0)
+
+
+@pytest.mark.parametrize("width", [1.0, 1e-6])
+@EVERY_SET_UP
+def test_critic_sees_the_true_value_of_what_is_drawn_however_narrow_its_range(arguments, width):
+    """The scale is the row's own: a range shrunk to a millionth makes no noise of the value."""
+    envs = gym.make_vec(ID, num_envs=200, privileged=True, observe_range_noise=True, **narrowed(arguments, width))
+    observations = envs.reset(seed=1)[0]
+    spec, record = envs.unwrapped.observation_spec, envs.unwrapped.batch.info()["record"]
+    hidden = ["force_error", "noise_seed"]  # what nobody observes: they have no scale
+    assert [name for name in record if name not in spec] == hidden
+    for name, values in record.items():
+        if name not in hidden:
+            seen, expected = observations[:, spec.index(name)], scaled(QUANTITIES[name].scale, values)
+            assert seen == pytest.approx(expected, rel=0, abs=1.2e-7), name  # bits of a float32
+            assert width == 1.0 or np.ptp(seen) < 0.05 or name == "distance_estimate"
+
+
+def everything_shown():
+    """The specifications of all that there is to observe."""
+    more = {"privileged": True, "observe_range_noise": True, "deflection_sensor": True, "past_readings": 3}
+    return [ObservationSpec(Task(**options, **more, alarm="reading")) for options in EVERYTHING_DRAWN.values()]
+
+
+@EVERY_ROW
+def test_observation_decodes_to_what_was_encoded_and_is_clipped_beyond_its_scale(row):
+    spec = next((spec for spec in everything_shown() if row.id in spec), None)
+    assert (spec is None) == (row.scale is None)
+    if spec is None:
+        return
+    scale = spec.scale(row.id)
+    bend = np.geomspace if scale.curve == "log" else np.linspace
+    values = bend(scale.low, scale.high, 41)
+    observation = np.zeros((41, len(spec)))
+    observation[:, spec.index(row.id)] = spec.encode(row.id, values)
+    assert spec.encode(row.id, values) == pytest.approx(scaled(scale, values), rel=0, abs=1e-14)
+    assert spec.decode(observation, row.id) == pytest.approx(values, rel=1e-12, abs=1e-12)
+    assert spec.encode(row.id, [scale.low, scale.high]) == pytest.approx([scale.scaled_low, 1.0], rel=1e-15)
+    assert spec.encode(row.id, scale.high + abs(scale.high) + 1.0) == 1.0
+    assert spec.entries[spec.index(row.id)].unit == row.unit
+
+
+@EVERY_SET_UP
+def test_set_up_file_takes_every_number_as_a_range(tmp_path, arguments):
+    environment = {name: value for name, value in arguments.items() if name != "time_weight"}  # of [evaluation]
+    (tmp_path / "mine.toml").write_text(tomli_w.dumps({"title": "all is drawn", "environment": environment}))
+    assert Task(**load_setup(tmp_path / "mine.toml").environment) == Task(**environment)
+
+
+def test_records_of_the_compiled_program_are_those_that_the_table_writes():
+    assert numbers.OUT.read_text() == numbers.text()
+
+
+@EVERY_ROW
+def test_documentation_names_the_number_and_its_unit(row):
+    text = gym.make(ID).unwrapped.__class__.__doc__
+    lines = [line for line in text.splitlines() if line.strip().startswith("|")]
+    if row in SCENARIO or row in SET_UP or row.id in ARGUMENTS:
+        assert any(f"| `{row.id}`" in line and row.unit in line for line in lines)
+    if row.observed and row.observed != "past_readings":
+        assert any(f"| {row.words}" in line and f"| {row.unit}" in line for line in lines)
+    if row in RESULTS:
+        assert f"`{row.id}`" in text
+
+
+def test_words_for_people_change_no_behaviour(monkeypatch):
+    """Nothing is found by its words: neither an entry of the observation, nor a file's, nor a draw."""
+
+    def behaviour():
+        without_comments = [line.partition("  #")[0] for line in numbers.text().splitlines()]
+        specs = [(spec.ids, spec.lowered().tolist()) for spec in everything_shown()]
+        policy = load_policy("linear-ranged")
+        actions = policy.predict(np.full((1, policy.inputs), 0.1, np.float32))[0].tolist()
+        return (
+            without_comments,
+            specs,
+            actions,
+            [Task(**options).draws() for options in EVERYTHING_DRAWN.values()],
+            PLACES,
+        )
+
+    before = behaviour()
+    for name, row in QUANTITIES.items():
+        monkeypatch.setitem(QUANTITIES, name, dataclasses.replace(row, words=f"what is called {name}"))
+    assert everything_shown()[0].entries[0].words == "what is called position"
+    assert behaviour() == before
