@@ -102,7 +102,7 @@ def matchups_of(options: ReportOptions) -> list[matchups.Matchup]:
 
 def _trained(setup: Setup, folder: Path) -> bool:
     """Return whether there are policies of a set-up that nobody named; where there are none, that is said."""
-    there = (folder / "policies" / setup.name / "seeds.json").is_file()
+    there = (folder / "policies" / f"{setup.name}.npz").is_file()
     if not there:
         print(f"{setup.name} is left out, it has no policies yet: impact-gym train-seeds {setup.called}")
     return there

@@ -7,7 +7,6 @@ from typing import Any
 import altair as alt
 import numpy as np
 import polars as pl
-from impact_gym.TODO.scenario import LOGARITHMIC
 from numpy.typing import NDArray
 
 from agents.evaluate import RESULTS
@@ -15,17 +14,13 @@ from experiments.lab.statistics import Resamples, estimate, interquartile_mean, 
 from experiments.report.figures import Figure, Table, chart_of, looks_of, zero_line, zoomable
 from experiments.report.matchups import PAPER, POLICY
 from experiments.report.results import Played
+from impact_gym.quantities import QUANTITIES, SCENARIO
 from impact_gym.task.scenario import FIELDS
 from impact_gym.task.task import MISSED_COST
 
 GROUPS = 5  # of each field of the scenario, as many scenarios in each; fewer where there would be less than SMALLEST
 SMALLEST = 10
-TITLES = {
-    "object_mass": "object mass (kg)",
-    "contact_stiffness": "contact stiffness (N/m^1.5)",
-    "restitution": "restitution",
-    "distance": "distance (m)",
-}
+TITLES = {row.id: row.words + (f" ({row.unit})" if row.unit != "-" else "") for row in SCENARIO}
 POINTS = 201  # of a distribution's curve
 
 
@@ -147,7 +142,7 @@ def _paired(played: Played, field: str) -> Figure:
 def _over_field(data: pl.DataFrame, field: str, title: str, like: Mapping[str, str], more: Sequence[Any] = ()) -> Any:
     """Return points with intervals over a field, `more` in their tooltips; for `like` see `looks_of`."""
     looks = looks_of(data, like=like)
-    kind: dict[str, Any] = {"type": "log"} if LOGARITHMIC[FIELDS.index(field)] else {"zero": False}
+    kind: dict[str, Any] = {"type": "log"} if QUANTITIES[field].by_ratio(data["from"].min()) else {"zero": False}
     axis = alt.Axis(format="~s") if field == "contact_stiffness" else alt.Axis()
     base = chart_of(data).encode(
         alt.X("middle:Q", title=TITLES[field], scale=alt.Scale(**kind, nice=False, padding=14), axis=axis), looks.colour

@@ -5,24 +5,23 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from impact_gym.TODO.observation import ENTRIES
 from numpy.typing import NDArray
 
 from agents.baselines import PaperTrapezoid
-from agents.baselines.rule import Seen
+from agents.baselines.rule import View
 from agents.evaluate.controllers import controller_of
 from agents.evaluate.play import frozen_of, play, scenario_batch_of
 from agents.policies import Controller
 from experiments.lab.player.films import play_to_the_end
 from experiments.reference.task import rescore
 from impact_gym.envs.single import ImpactApproachEnv
-from impact_gym.task import Task
+from impact_gym.quantities import AFTER_ALARM
+from impact_gym.task import ObservationSpec, Task
 
 Arrays = dict[str, NDArray[Any]]
 JSON = Mapping[str, Any]
 HALVINGS = 9  # of the range of weights, in its logarithm: to 1 %
 APART = 500  # scenarios to find a weight on, or as many as are then played
-PEAK = next(place for place, entry in enumerate(ENTRIES) if entry.name.startswith("its maximum"))
 
 
 def play_as_late(controller: JSON, environment: JSON, scenarios: JSON, weights: Sequence[float]) -> Arrays:
@@ -67,17 +66,18 @@ def reactions(controller: JSON, environment: JSON, scenarios: JSON, weight: floa
     `acceleration` (m/s^2) commanded.
     """
     one, task = controller_of(controller, weight, environment), Task(**environment)
+    spec = ObservationSpec(task)
     low, high = np.array([task.velocity_range, task.acceleration_range]).T
     kept: list[NDArray[np.float64]] = []
 
     class Listening:
         def predict(self, observation: Any, **arguments: Any) -> tuple[Any, Any]:
             action, state = one.predict(observation, **arguments)
-            seen = Seen(observation)
-            now = seen.alarm & (seen.scaled[:, 4] < 1.0)  # once the episode is over the clock stands still
-            sensed = np.expm1(seen.scaled[now, PEAK] * math.log1p(ENTRIES[PEAK].high))
+            seen = View(observation, spec)
+            now = seen.alarm & (seen.time_since_alarm < AFTER_ALARM)  # once the episode is over the clock stands still
             command = low + (high - low) * (0.5 * (np.clip(np.asarray(action, np.float64)[now], -1.0, 1.0) + 1.0))
-            kept.append(np.column_stack([np.flatnonzero(now), seen.since_alarm[now], sensed, command]))
+            since, sensed = seen.time_since_alarm[now], seen["force_peak"][now]
+            kept.append(np.column_stack([np.flatnonzero(now), since, sensed, command]))
             return action, state
 
     scenario_batch_of(scenarios, weight, environment).play(Listening())

@@ -258,7 +258,7 @@ def _asked(matchup: Matchup) -> Iterator[tuple[str, Any, str, dict[str, Any]]]:
         for one in {**{seed.name: seed for seed in matchup.seeds}, **rivals}.values():
             exact = of(one, scenarios=few, weights=[typical], environment={**environment, **options})
             yield "exactly", (label, one.name), PLAY, exact
-    drawn = "ranges" in scenarios or task.drawn or task.delays[0] != task.longest_delay
+    drawn = "ranges" in scenarios or task.drawn or isinstance(task.reaction_delay, tuple)
     if not drawn and set(environment) <= set(SERVED):
         hundred = _first(scenarios, IN_SCIPY)
         for label, clamp in CLAMP.items():

@@ -6,13 +6,13 @@ from itertools import chain, groupby
 import altair as alt
 import numpy as np
 import polars as pl
-from impact_gym.TODO.setting import NUMBERS
 
 from agents.setups.evaluation import Change
 from experiments.lab.statistics import Floats
 from experiments.report.figures import MEANS, Figure, Table, chart_of, looks_of
 from experiments.report.matchups import PAPER, POLICY
 from experiments.report.results import AS_IT_IS, EXACT, Arrays, Played, Run
+from impact_gym.quantities import QUANTITIES
 from impact_gym.task.task import MISSED_COST
 
 FACTORS = {
@@ -54,7 +54,7 @@ def unit(change: Change) -> tuple[str, float]:
     """Return the unit in which a change is shown, and what its value is multiplied by."""
     if change.multiple:
         return "%", 100.0
-    unit = "s" if change.argument in ("reaction_delay", "control_period") else NUMBERS[change.argument].unit
+    unit = QUANTITIES[change.argument].unit
     return SHOWN.get(unit, (unit, 1.0))
 
 
