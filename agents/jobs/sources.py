@@ -10,7 +10,7 @@ from pathlib import Path
 ALWAYS = ("agents", "impact_gym")  # packages that are sent to each node
 LARGEST = 100e6  # bytes, of all that is sent
 STANDARD = Path(sysconfig.get_path("stdlib")).resolve()
-SOURCES = (".py", ".pyx", ".pxi", ".csv", ".json", ".toml", ".npz", ".jinja", ".typed")
+SOURCES = (".py", ".pyx", ".pxi", ".csv", ".json", ".toml", ".npz", ".jinja", ".css", ".js", ".typed")
 """Kinds of files that a package here reads or is made of."""
 COMPILED = (".so",)
 

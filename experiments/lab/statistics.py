@@ -8,7 +8,6 @@ Statistical Precipice, NeurIPS 2021, for the interquartile mean and the probabil
 from dataclasses import dataclass
 from functools import lru_cache
 
-import moocore
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import nctdtrit, ndtri
@@ -122,9 +121,3 @@ def interquartile_mean(values: Floats) -> float:
     middle = np.sort(values, axis=None)
     cut = middle.size // 4
     return float(middle[cut : middle.size - cut].mean())
-
-
-def hypervolume(times: Floats, velocities: Floats, reference: tuple[float, float]) -> Floats:
-    """Return the area (m) between a front (n, k) and the reference point (s, m/s) in each of n resamples."""
-    volume = moocore.Hypervolume(ref=np.array(reference))
-    return np.array([volume(np.column_stack(front)) for front in zip(times, velocities, strict=True)])

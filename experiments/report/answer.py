@@ -3,7 +3,6 @@
 The primary measure was fixed before the test set was played: V_p at the mean approach time of the paper's rule.
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -11,6 +10,7 @@ import altair as alt
 import numpy as np
 import polars as pl
 
+from experiments.lab.comparison import Comparison, Front
 from experiments.lab.statistics import (
     Estimate,
     Floats,
@@ -18,15 +18,15 @@ from experiments.lab.statistics import (
     along,
     content_of_worst,
     estimate,
-    hypervolume,
     interquartile_mean,
     tolerated,
 )
-from experiments.report.figures import MEANS, Figure, Table, chart_of, looks_of, percent, zoomable
+from experiments.report.figures import MEANS, Figure, chart_of, looks_of, zoomable
 from experiments.report.matchups import BOUND, POLICY, Matchup
-from experiments.report.results import FAMILY, Played, Run
+from experiments.report.played import Played, Run
+from experiments.report.results import FAMILY
+from experiments.report.tables import Table, percent
 
-WIDE_REFERENCE = (0.6, 1.0)  # s, m/s: behind every front, or is moved there in steps of 0.1
 FRONT = ("approach_time", "object_velocity")
 MISSED_TOO_OFTEN = 0.01  # of the objects: a missed one has no V_p
 
@@ -54,15 +54,14 @@ class Answer:
 def answer(played: Played) -> Answer:
     """Return what a set-up's policies gain, seeds and scenarios resampled."""
     resamples = played.resamples
-    paper_time, paper_velocity = (one[:, 0] for one in front(resamples, [played.paper]))
-    times, velocities = front(resamples, list(played.seeds.values()))
-    there = along(times, velocities, paper_time)
-    then = along(velocities, times, paper_velocity)
-    rival_times, rival_velocities = front(resamples, [played.rival])
-    rival_there = along(rival_times, rival_velocities, paper_time)
+    paper, policy, rival = (front(resamples, runs) for runs in (
+        [played.paper], list(played.seeds.values()), [played.rival]
+    ))  # fmt: skip
+    (times, velocities), time, velocity = policy, paper[0][0, 0], paper[1][0, 0]
+    there, then = Comparison.of_fronts(policy, paper), Comparison.of_fronts(policy[::-1], paper[::-1])
     tuned = len(played.rival.weights) > 1
-    comparable = tuned and rival_times[0].min() <= paper_time[0]
-    nearest = np.clip(paper_time[0], times[0].min(), times[0].max())
+    comparable = tuned and rival[0][0].min() <= time
+    nearest = np.clip(time, times[0].min(), times[0].max())
     late = played.of_seeds_as_late("object_velocity")
     touched = played.of_seeds_as_late("missed") == 0.0
     rule = played.paper["object_velocity"][0]
@@ -70,15 +69,15 @@ def answer(played: Played) -> Answer:
     fastest, slowest = velocities[0].max(), velocities[0].min()
     return Answer(
         played.matchup.name,
-        reduction=estimate(1.0 - there / paper_velocity),
+        reduction=there.reduction,
         each=tuple(reductions(played).tolist()),
-        reached=bool(nearest == paper_time[0]),
-        later=float(nearest / paper_time[0] - 1.0),
-        sooner=estimate(1.0 - then / paper_time),
-        beyond="slower" if fastest < paper_velocity[0] else "faster" if slowest > paper_velocity[0] else "",
-        velocity=estimate(there),
+        reached=bool(nearest == time),
+        later=float(nearest / time - 1.0),
+        sooner=then.reduction,
+        beyond="slower" if fastest < velocity else "faster" if slowest > velocity else "",
+        velocity=estimate(there.ours),
         rival=played.matchup.rival.name if tuned else "",
-        rival_reduction=estimate(1.0 - rival_there / paper_velocity) if comparable else None,
+        rival_reduction=Comparison.of_fronts(rival, paper).reduction if comparable else None,
         improvement=estimate(resamples.means(((late < rule) + 0.5 * (late == rule)) * touched)),
         interquartile=(interquartile_mean(late), interquartile_mean(rule)),
         missed=int(missed.sum()),
@@ -86,13 +85,10 @@ def answer(played: Played) -> Answer:
     )
 
 
-def front(resamples: Resamples, runs: Sequence[Run]) -> list[Floats]:
-    """Return mean approach time (s) and V_p (m/s) in each resample, (1 + n, weights) each, of runs, one for each seed.
-
-    Of the runs the first scenarios count, as many as are resampled.
-    """
-    first = slice(resamples.scenarios)
-    return [resamples.means(np.array([run[name][:, first] for run in runs])) for name in FRONT]
+def front(resamples: Resamples, runs: Sequence[Run]) -> Front:
+    """Return mean approach time (s) and V_p (m/s) of runs, one for each seed, on the first scenarios."""
+    times, velocities = (np.array([run[name][:, : resamples.scenarios] for run in runs]) for name in FRONT)
+    return resamples.means(times), resamples.means(velocities)
 
 
 def reductions(played: Played) -> Floats:
@@ -200,45 +196,16 @@ def trade_off(played: Played) -> Figure:
     return Figure(played.matchup.name, "trade_off", subject, caption, text, zoomable(layers), data, 380)
 
 
-def fronts_table(played: Played) -> Table:
-    """Return the hypervolume of each front at both reference points, at the weights of the bars alone."""
-    weights, near = played.matchup.weights, played.paper.means(played.matchup.typical)
-    policy = f"{POLICY}, {len(played.seeds)} seeds"
-    groups = {policy: [played.of_seeds(name, weights) for name in FRONT]}
-    labels = played.matchup.labels
-    groups |= {labels[name]: [run[field][None] for field in FRONT] for name, run in played.baselines.items()}
-    fronts = {name: [played.resamples.means(values) for values in results] for name, results in groups.items()}
-    farthest = [max(float(front[axis][0].max()) for front in fronts.values()) for axis in (0, 1)]
-    wide = tuple(max(usual, math.ceil(10.0 * far) / 10.0) for usual, far in zip(WIDE_REFERENCE, farthest, strict=True))
-    points = ((near["T"], near["V"]), wide)
-    volumes = {name: [hypervolume(*front, point) for point in points] for name, front in fronts.items()}
-    body = []
-    for contestant, own in volumes.items():
-        cells = [f"{estimate(volume):.4f}" for volume in own]
-        if contestant != policy:
-            differences = [estimate(volume - ours) for volume, ours in zip(own, volumes[policy], strict=True)]
-            cells = [f"{cell}; {difference:.4f}" for cell, difference in zip(cells, differences, strict=True)]
-        body.append((contestant, *cells))
-    head = ("front", f"against ({near['T']:.3f} s, {near['V']:.3f} m/s), the paper's point (m)",
-            f"against ({wide[0]:g} s, {wide[1]:g} m/s) (m)")  # fmt: skip
-    caption = (
-        "Hypervolume: the area between front and reference point, more is better; behind it the difference to the "
-        f"policy's. Fronts of the time weights {', '.join(f'{weight:g}' for weight in weights)}"
-    )
-    return Table(caption, head, body)
-
-
 def weights_table(played: Played) -> Table:
     """Return V_p + w T of policy, rival and bound at each weight, and the ratio with its interval."""
-    resamples, body = played.resamples, []
+    body = []
     for weight in played.matchup.weights:
         ours, theirs, chosen = played.losses(weight), played.rival.loss(weight), played.policy.loss(weight)
-        median, recipe = (estimate(resamples.means(one) / resamples.means(theirs)) for one in (chosen, ours))
+        median, recipe = (Comparison.of_means(one, theirs).ratio for one in (chosen, ours))
         gap = "-"
         if played.bound is not None and weight in played.bound.weights:
             bound = played.bound.loss(weight)
-            few = Resamples(bound.size)
-            gaps = [estimate(few.means(one[..., : bound.size] - bound)) for one in (ours, theirs)]
+            gaps = [Comparison.of_means(bound, one[..., : bound.size]).less for one in (ours, theirs)]
             gap = ", ".join(f"{one:.3f}" for one in gaps)
         body.append((f"{weight:g}", f"{chosen.mean():.4f}", f"{theirs.mean():.4f}", f"{median:.4f}", f"{recipe:.4f}",
                      gap))  # fmt: skip

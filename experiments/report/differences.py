@@ -1,6 +1,6 @@
 """Where the policy wins and where it does not: differences on the same scenarios, one by one and in groups."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from dataclasses import asdict
 from typing import Any
 
@@ -9,11 +9,11 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from agents.evaluate import RESULTS
 from experiments.lab.statistics import Resamples, estimate, interquartile_mean, quantile_groups
-from experiments.report.figures import Figure, Table, chart_of, looks_of, zero_line, zoomable
+from experiments.report.figures import Figure, chart_of, looks_of, zero_line, zoomable
 from experiments.report.matchups import PAPER, POLICY
-from experiments.report.results import Played
+from experiments.report.played import Played
+from experiments.report.tables import Table
 from impact_gym.quantities import QUANTITIES, SCENARIO
 from impact_gym.task.scenario import FIELDS
 from impact_gym.task.task import MISSED_COST
@@ -82,8 +82,8 @@ def distribution(played: Played) -> Figure:
 
 
 def breakdown(played: Played) -> list[Figure]:
-    """Return for each field of the scenario V_p of rule and policy, and the paired difference to the rival."""
-    return [figure(played, field) for field in FIELDS for figure in (_levels, _paired)]
+    """Return for each field of the scenario the paired difference to the rival."""
+    return [_paired(played, field) for field in FIELDS]
 
 
 def _groups(played: Played, field: str) -> Iterator[tuple[NDArray[np.bool_], Resamples, dict[str, float]]]:
@@ -92,29 +92,6 @@ def _groups(played: Played, field: str) -> Iterator[tuple[NDArray[np.bool_], Res
     for inside, low, high in quantile_groups(values, max(1, min(GROUPS, values.size // SMALLEST))):
         if (count := int(inside.sum())) > 1:
             yield inside, Resamples(count), {"from": low, "to": high, "middle": float(np.median(values[inside]))}
-
-
-def _levels(played: Played, field: str) -> Figure:
-    late = f"{POLICY}, as late"
-    rows = []
-    for inside, resamples, place in _groups(played, field):
-        for contestant, runs in ((PAPER, [played.paper]), (late, played.as_late.values())):
-            one = {name: np.array([run[name][0][inside] for run in runs], float) for name in RESULTS}
-            rows.append({
-                "contestant": contestant, **place, **asdict(estimate(resamples.means(one["object_velocity"]))),
-                "peak force": one["peak_force"].mean(), "touched again": (one["contact_count"] > 1).mean(),
-                "missed": int(one["missed"].sum()),
-            })  # fmt: skip
-    data = pl.DataFrame(rows)
-    said = "; ".join(
-        f"{one}: {group['value'][0]:.2f} m/s at the low end, {group['value'][-1]:.2f} at the high end"
-        for (one,), group in data.group_by("contestant", maintain_order=True)
-    )
-    more = [alt.Tooltip("peak force:Q", title="peak force (N)", format=".1f"),
-            alt.Tooltip("touched again:Q", format=".1%"), "missed:Q"]  # fmt: skip
-    chart = _over_field(data, field, "mean V_p (m/s)", {late: POLICY}, more)
-    caption = f"Groups of as many scenarios each, 95 % intervals. {said}."
-    return Figure(played.matchup.name, f"by_{field}", f"V_p by {TITLES[field]}", caption, said, chart, data, 240)
 
 
 def _paired(played: Played, field: str) -> Figure:
@@ -134,21 +111,14 @@ def _paired(played: Played, field: str) -> Figure:
     caption = (
         f"Paired differences at w = {weight:g}, all seeds, 95 % intervals; below zero the policy is better. {said}"
     )
-    chart = _over_field(data, field, f"difference of V_p + {weight:g} T (m/s)", {label: POLICY})
-    chart, subject = zero_line(y="zero:Q") + chart, f"against {rival}, by {TITLES[field]}"
-    return Figure(played.matchup.name, f"paired_{field}", subject, caption, said, chart, data, 240)
-
-
-def _over_field(data: pl.DataFrame, field: str, title: str, like: Mapping[str, str], more: Sequence[Any] = ()) -> Any:
-    """Return points with intervals over a field, `more` in their tooltips; for `like` see `looks_of`."""
-    looks = looks_of(data, like=like)
     kind: dict[str, Any] = {"type": "log"} if QUANTITIES[field].by_ratio(data["from"].min()) else {"zero": False}
     axis = alt.Axis(format="~s") if field == "contact_stiffness" else alt.Axis()
-    base = chart_of(data).encode(
-        alt.X("middle:Q", title=TITLES[field], scale=alt.Scale(**kind, nice=False, padding=14), axis=axis), looks.colour
-    )
+    scale, looks = alt.Scale(**kind, nice=False, padding=14), looks_of(data, like={label: POLICY})
+    base = chart_of(data).encode(alt.X("middle:Q", title=TITLES[field], scale=scale, axis=axis), looks.colour)
+    title = f"difference of V_p + {weight:g} T (m/s)"
     intervals = base.mark_rule(strokeWidth=2).encode(alt.Y("low:Q", title=title), y2="high:Q")
-    line = base.mark_line(strokeWidth=1.2).encode(y="value:Q")
     numbers = [alt.Tooltip(f"{one}:Q", format=".3g") for one in ("from", "to", "value", "low", "high")]
-    marks = base.mark_point(size=60).encode(looks.shape, y="value:Q", tooltip=["contestant:N", *numbers, *more])
-    return intervals + line + marks
+    marks = base.mark_point(size=60).encode(looks.shape, y="value:Q", tooltip=["contestant:N", *numbers])
+    chart = zero_line(y="zero:Q") + intervals + base.mark_line(strokeWidth=1.2).encode(y="value:Q") + marks
+    subject = f"against {rival}, by {TITLES[field]}"
+    return Figure(played.matchup.name, f"paired_{field}", subject, caption, said, chart, data, 240)

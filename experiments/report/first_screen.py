@@ -8,7 +8,7 @@ import polars as pl
 from experiments.report.answer import MISSED_TOO_OFTEN, Answer
 from experiments.report.figures import Figure, chart_of, looks_of
 from experiments.report.matchups import PAPER, POLICY
-from experiments.report.results import Played
+from experiments.report.played import Played
 from impact_gym.task.task import VELOCITY_RANGE
 
 WIDTH, HEIGHT = 400, 270  # pixels: read on a phone as well, where the chart is scaled by no more than 0.85

@@ -8,7 +8,8 @@ from agents.baselines.profile import constant_deceleration_of
 from experiments.lab.statistics import Floats, quantile_groups
 from experiments.report.figures import Figure, chart_of, looks_of, zoomable
 from experiments.report.matchups import POLICY
-from experiments.report.results import FAR, Played, watched_at
+from experiments.report.played import Played
+from experiments.report.results import FAR, watched_at
 from impact_gym.task import Task
 
 THEORY = "theory: even braking at w / 2c"
@@ -123,33 +124,3 @@ def reaction(played: Played) -> Figure:
         "Below zero the flange is told to retreat. " + text
     )
     return Figure(played.matchup.name, "reaction", "reaction after the alarm", caption, text, spread + line, data)
-
-
-def urgency(played: Played) -> list[Figure]:
-    """Return approach time and V_p over the time weight, all seeds."""
-    runs = [(POLICY, seed, run) for seed, run in played.seeds.items()]
-    runs.append((played.matchup.rival.label, "-", played.rival))
-    figures = []
-    for name, title, mean in (
-        ("approach_time", "mean approach time (s)", "T"),
-        ("object_velocity", "mean V_p (m/s)", "V"),
-    ):
-        data = pl.DataFrame([
-            {"contestant": contestant, "seed": seed, "w": weight, "value": run.means(weight)[mean]}
-            for contestant, seed, run in runs
-            for weight in run.weights
-        ])  # fmt: skip
-        looks = looks_of(data)
-        chart = chart_of(data).mark_line(point={"filled": True, "size": 40}).encode(
-            alt.X("w:Q", title="time weight (m/s per s)", scale=alt.Scale(type="log", nice=False)),
-            alt.Y("value:Q", title=title, scale=alt.Scale(zero=False)),
-            looks.colour, looks.dash, detail="seed:N",
-            tooltip=["contestant:N", "seed:N", "w:Q", alt.Tooltip("value:Q", format=".4f")],
-        )  # fmt: skip
-        means = data.filter(pl.col("contestant") == POLICY).group_by("w", maintain_order=True).agg(pl.mean("value"))
-        (first, at_first), (last, at_last) = means.row(0), means.row(-1)
-        text = f"Mean over seeds: {at_first:.3f} at w = {first:g}, {at_last:.3f} at {last:g}."
-        caption = "A line per training seed. " + text
-        subject = f"{title} over urgency"
-        figures.append(Figure(played.matchup.name, f"urgency_{name}", subject, caption, text, chart, data, 260))
-    return figures

@@ -9,9 +9,11 @@ import polars as pl
 
 from agents.setups.evaluation import Change
 from experiments.lab.statistics import Floats
-from experiments.report.figures import MEANS, Figure, Table, chart_of, looks_of
+from experiments.report.figures import MEANS, Figure, chart_of, looks_of
 from experiments.report.matchups import PAPER, POLICY
-from experiments.report.results import AS_IT_IS, EXACT, Arrays, Played, Run
+from experiments.report.played import Arrays, Played, Run
+from experiments.report.results import AS_IT_IS, EXACT
+from experiments.report.tables import Table
 from impact_gym.quantities import QUANTITIES
 from impact_gym.task.task import MISSED_COST
 

@@ -78,7 +78,8 @@ def films(
         frozen: the set from which the scenarios were taken, if they were not drawn.
         environment: arguments of the environment but for its time weight.
         environments: of contestants that have one of their own, by name.
-        records: of contestants whose scenarios (n,) have something instead of what they would draw, see `ScenarioBatch.play`.
+        records: of contestants whose scenarios (n,) have something instead of what they would draw, see
+            `ScenarioBatch.play`.
         time_weight: m/s per s.
         rounding: m/s by which V_p of a controller may differ whose action for an observation depends on others in its
             batch (a matrix product of BLAS rounds so); 0 for policies and rules of this project.
