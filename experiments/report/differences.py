@@ -9,7 +9,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from experiments.lab.statistics import Resamples, estimate, interquartile_mean, quantile_groups
+from experiments.lab.statistics import Resamples, estimate, quantile_groups
 from experiments.report.figures import Figure, chart_of, looks_of, zero_line, zoomable
 from experiments.report.matchups import PAPER, POLICY
 from experiments.report.played import Played
@@ -39,11 +39,10 @@ def measures(played: Played) -> Table:
         impulse = velocity * one.scenario["object_mass"]
         body.append((
             name, f"{one.approach_time.mean():.4f}", f"{estimate(played.resamples.means(velocity)):.3f}",
-            f"{interquartile_mean(velocity):.4f}",
             f"{worst:.3f}", f"{peak.mean():.1f}, {np.quantile(peak, 0.95):.0f}", f"{impulse.mean():.4f}",
             f"{100 * (one.contact_count > 1).mean():.1f} %", f"{one.contact_count.mean():.2f}", f"{one.missed.sum()}",
         ))  # fmt: skip
-    head = ("contestant", "T (s)", "V_p (m/s)", "V_p, interquartile mean", "V_p, mean of the worst 5 %",
+    head = ("contestant", "T (s)", "V_p (m/s)", "V_p, mean of the worst 5 %",
             "peak force (N): mean, 95 %", "impulse (N s)", "touched again", "contacts", "missed")  # fmt: skip
     caption = f"Means over the same {played.count:,} scenarios; the impulse is all that the object was given, m V_p"
     return Table(caption, head, body)
