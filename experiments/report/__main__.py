@@ -118,7 +118,12 @@ def write(options: ReportOptions) -> Path:
     for folder in (options.out.parent, options.episodes or options.out.parent):
         if folder.exists() and not folder.is_dir():
             raise ValueError(f"{folder} is no folder")
-    met, kept = matchups_of(options), options.episodes or options.out.with_name(f".{options.out.name}.episodes")
+    return publish(matchups_of(options), options)
+
+
+def publish(met: Sequence[matchups.Matchup], options: ReportOptions) -> Path:
+    """Play what is missing of matchups, write the folder unless it says the same already, and return its page."""
+    kept = options.episodes or options.out.with_name(f".{options.out.name}.episodes")
     if options.force:
         shutil.rmtree(kept, ignore_errors=True)
     asked, page = all_asked(met), options.out / "index.html"
