@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import shutil
 import time
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
@@ -13,7 +12,7 @@ from typing import Any
 import tyro
 
 from agents.command_line import command_of, run_command
-from agents.jobs import digest_of
+from agents.jobs import digest_of, store
 from agents.provenance import circumstances, revision
 from agents.setups import README, Setup, load_setup
 from experiments.lab.results import REPORTS, checksum, replaceable, whole_folder
@@ -125,7 +124,8 @@ def publish(met: Sequence[matchups.Matchup], options: ReportOptions) -> Path:
     """Play what is missing of matchups, write the folder unless it says the same already, and return its page."""
     kept = options.episodes or options.out.with_name(f".{options.out.name}.episodes")
     if options.force:
-        shutil.rmtree(kept, ignore_errors=True)
+        for file in kept.glob(f"{store.NAME}*"):
+            file.unlink()
     asked, page = all_asked(met), options.out / "index.html"
     made_from = _made_from(met, asked, options)
     there = options.out / RESULTS

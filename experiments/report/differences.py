@@ -10,18 +10,16 @@ import polars as pl
 from numpy.typing import NDArray
 
 from experiments.lab.statistics import Resamples, estimate, quantile_groups
-from experiments.report.figures import Figure, chart_of, looks_of, zero_line, zoomable
+from experiments.report.figures import Figure, chart_of, looks_of, zero_line
 from experiments.report.matchups import PAPER, POLICY
 from experiments.report.played import Played
 from experiments.report.tables import Table
 from impact_gym.quantities import QUANTITIES, SCENARIO
 from impact_gym.task.scenario import FIELDS
-from impact_gym.task.task import MISSED_COST
 
 GROUPS = 5  # of each field of the scenario, as many scenarios in each; fewer where there would be less than SMALLEST
 SMALLEST = 10
 TITLES = {row.id: row.words + (f" ({row.unit})" if row.unit != "-" else "") for row in SCENARIO}
-POINTS = 201  # of a distribution's curve
 
 
 def measures(played: Played) -> Table:
@@ -46,38 +44,6 @@ def measures(played: Played) -> Table:
             "peak force (N): mean, 95 %", "impulse (N s)", "touched again", "contacts", "missed")  # fmt: skip
     caption = f"Means over the same {played.count:,} scenarios; the impulse is all that the object was given, m V_p"
     return Table(caption, head, body)
-
-
-def distribution(played: Played) -> Figure:
-    """Return the distributions of the paired differences."""
-    weight, rival, late = played.matchup.typical, played.matchup.rival.label, played.policy_as_late
-    against_rule = late["object_velocity"][0] - played.paper["object_velocity"][0]
-    against_rule = np.where(late["missed"][0], MISSED_COST, against_rule)  # a miss is no win
-    against_rival = played.policy.loss(weight) - played.rival.loss(weight)
-    pairs = {
-        "V_p as late as the paper's rule, against it": against_rule,
-        f"V_p + {weight:g} T, against {played.matchup.rival.plain}": against_rival,
-    }
-    share = np.linspace(0.0, 1.0, POINTS)
-    data = pl.concat(
-        pl.DataFrame({"pair": pair, "share": 100 * share, "difference": np.quantile(values, share)})
-        for pair, values in pairs.items()
-    )
-    looks = looks_of(data, "pair")
-    curve = chart_of(data).mark_line().encode(
-        alt.X("difference:Q", title="policy minus the other, same scenario (m/s)"),
-        alt.Y("share:Q", title="share of scenarios below (%)"),
-        looks.colour, looks.dash, order="share:Q",
-        tooltip=["pair:N", alt.Tooltip("share:Q", format=".1f"), alt.Tooltip("difference:Q", format=".3f")],
-    )  # fmt: skip
-    won = [100 * (values < 0).mean() for values in pairs.values()]
-    text = (
-        f"The policy leaves the object slower than the paper's rule in {won[0]:.0f} % of the scenarios and costs less "
-        f"than {rival} in {won[1]:.0f} %."
-    )
-    caption = text + " Left of zero the policy is better."
-    chart = zoomable(curve + zero_line(x="zero:Q"))
-    return Figure(played.matchup.name, "differences", "paired differences", caption, text, chart, data)
 
 
 def breakdown(played: Played) -> list[Figure]:

@@ -85,13 +85,13 @@ def reactions(controller: JSON, environment: JSON, scenarios: JSON, weight: floa
     return dict(zip(names, np.concatenate(kept).T, strict=True))
 
 
-def in_scipy(controller: JSON, environment: JSON, scenarios: JSON, weight: float, clamp: bool) -> Arrays:
+def in_scipy(controller: JSON, environment: JSON, scenarios: JSON, weight: float) -> Arrays:
     """Return the results (scenarios,) in the independent solver, and those of the environment, `our_...`."""
     frozen = frozen_of(scenarios)
     if frozen is None:
         raise ValueError("the independent solver takes scenarios of a set or a table")
     one = controller_of(controller, weight, environment)
-    found = rescore(one, frozen, range(scenarios["count"]), environment, weight, clamp=clamp)
+    found = rescore(one, frozen, range(scenarios["count"]), environment, weight)
     ours = scenario_batch_of(scenarios, weight, environment).play(one)
     return found | {f"our_{name}": getattr(ours, name) for name in ("object_velocity", "approach_time", "missed")}
 

@@ -31,8 +31,7 @@ ONE_AT_A_TIME = (
 SOLVERS = (
     "Every policy once more with a hundredth of the tolerance and with the dissipation that delivers the nominal "
     "restitution exactly instead of Hu and Guo's; and the median seed and two baselines in an independent solver of "
-    "the whole episode, written with SciPy's integrators, with and without the clamp that keeps the contact from "
-    "pulling."
+    "the whole episode, written with SciPy's integrators."
 )
 
 
@@ -91,7 +90,7 @@ def tab(one: Played, others: Sequence[Played]) -> Tab:
 
 def _engineer(one: Played, steps: Sequence[chain.Step]) -> list[Fold]:
     reacted = [learned.reaction(one)] if one.reactions["since"].size else []  # else no alarm came
-    by_itself = [ONE_AT_A_TIME, *robustness.figures(one), robustness.categories(one)]
+    by_itself = [ONE_AT_A_TIME, *robustness.figures(one)]
     return [
         Fold("What the gain is due to", [chain.table(steps, one.matchup.labels)], closed=False),
         Fold("What it learned", [learned.approach(one), *reacted], closed=False, key="learned"),
@@ -109,7 +108,7 @@ def _statistician(one: Played, reached: Sequence[bars.Bar]) -> list[Fold]:
         "The weight that makes a policy as late as the paper's rule was found on "
         f"{_apart(one.matchup.scenarios)}, so the two are equally late only nearly here."
     )
-    where = [apart, differences.distribution(one), *differences.breakdown(one)]
+    where = [apart, *differences.breakdown(one)]
     return [
         Fold("The trade-off of every seed and every baseline", trade_off, key="trade-off"),
         Fold("What was to be reached", [bars.table(reached)], key="bars"),

@@ -62,7 +62,7 @@ class Played:
     nominal: dict[str, Run] = field(default_factory=dict)  # each seed with nothing drawn, and whom it is measured by
     exactly: dict[tuple[str, str], Run] = field(default_factory=dict)  # change, seed or baseline
     shielded: dict[tuple[float, str], Run] = field(default_factory=dict)  # limit (N), around whom
-    scipy: dict[tuple[str, str], Arrays] = field(default_factory=dict)  # with the clamp or not, contestant
+    scipy: dict[str, Arrays] = field(default_factory=dict)
     reactions: Arrays = field(default_factory=dict)
     profiles: dict[str, Run] = field(default_factory=dict)
 

@@ -34,7 +34,6 @@ EXACT: dict[str, dict[str, Any]] = {
     "a hundredth of the tolerance": {"rtol": Task.rtol / 100},
     "exact dissipation": {"dissipation": "exact"},
 }
-CLAMP = {AS_IT_IS: True, "clamp off": False}
 FAMILY = "any constant speed"
 
 
@@ -140,10 +139,8 @@ def _asked(matchup: Matchup) -> Iterator[tuple[str, Any, str, dict[str, Any]]]:
     drawn = "ranges" in scenarios or task.drawn or isinstance(task.reaction_delay, tuple)
     if not drawn and set(environment) <= set(SERVED):
         hundred = _first(scenarios, IN_SCIPY)
-        for label, clamp in CLAMP.items():
-            for one in rivals.values() if clamp else (matchup.baselines[0], matchup.policy):
-                solved = of(one, scenarios=hundred, weight=typical, clamp=clamp)
-                yield "scipy", (label, one.name), f"{MEASURES}:in_scipy", solved
+        for one in rivals.values():
+            yield "scipy", one.name, f"{MEASURES}:in_scipy", of(one, scenarios=hundred, weight=typical)
     for limit, one in shielded(matchup):
         yield "shielded", (limit, one.name), PLAY, of(one, scenarios=scenarios, weights=[typical])
     yield "reactions", None, f"{MEASURES}:reactions", of(matchup.policy, scenarios=some, weight=typical)

@@ -1,7 +1,7 @@
 """Does it hold, and is it the simulator? Figures and tables of the changed environments and of the other solvers."""
 
 from collections.abc import Mapping
-from itertools import chain, groupby
+from itertools import groupby
 
 import altair as alt
 import numpy as np
@@ -17,21 +17,8 @@ from experiments.report.tables import Table
 from impact_gym.quantities import QUANTITIES
 from impact_gym.task.task import MISSED_COST
 
-FACTORS = {
-    "reaction_delay": "reaction delay",
-    "alarm_threshold": "force that raises the alarm",
-    "force_noise": "noise of the force sensor",
-    "force_bias": "bias of the force sensor",
-    "range_noise": "error of the distance estimate",
-    "tool_mass": "mass of the tool",
-    "coupling.stiffness": "stiffness of the spring",
-    "coupling.damping_ratio": "damping of the spring",
-    "coupling.front_stop": "front stop of the mechanism",
-    "robot": "robot that gives",
-    "scenario": "objects beyond the training",
-    "alarm": "what raises the alarm",
-}
-"""Arguments of the environment in plain words; others are called what they are."""
+WORDS = {"robot": "robot that gives", "scenario": "objects beyond the training"}
+"""Changes that are no quantity, in plain words."""
 SHOWN = {"s": ("ms", 1e3), "m": ("mm", 1e3)}  # units and scales of an axis, where they are others than a set-up's
 Varied = list[tuple[Change, dict[str, Run]]]
 """Changes with the runs of all contestants."""
@@ -49,7 +36,7 @@ def varied(played: Played) -> list[Varied]:
 
 def factor(argument: str) -> str:
     """Return what an argument of the environment is in plain words."""
-    return FACTORS.get(argument, argument.replace(".", ", ").replace("_", " "))
+    return QUANTITIES[argument].words if argument in QUANTITIES else WORDS.get(argument, argument)
 
 
 def unit(change: Change) -> tuple[str, float]:
@@ -68,13 +55,10 @@ def setting(change: Change) -> str:
     return f"{scale * change.value:g} {shown}"
 
 
-def _numeric(found: Varied) -> bool:
-    return all(np.isfinite(change.value) for change, _ in found)
-
-
 def figures(played: Played) -> list[Figure]:
     """Return a figure for each argument that is varied over numbers: V_p + w T over it."""
-    return [_figure(played, found) for found in varied(played) if _numeric(found)]
+    numeric = (found for found in varied(played) if all(np.isfinite(change.value) for change, _ in found))
+    return [_figure(played, found) for found in numeric]
 
 
 def _figure(played: Played, found: Varied) -> Figure:
@@ -113,20 +97,6 @@ def _figure(played: Played, found: Varied) -> Figure:
     return Figure(played.matchup.name, found[0][0].argument, subject, caption, text, lines + marks, data, 220)
 
 
-def categories(played: Played) -> Table:
-    """Return the table of changes that are not numbers, such as a compliant robot or other scenarios."""
-    weight, labels, body = played.matchup.typical, played.matchup.labels, []
-    for change, runs in chain.from_iterable(found for found in varied(played) if not _numeric(found)):
-        for name, run in runs.items():
-            mean = run.means(weight)
-            changed = (factor(change.argument), change.label, labels.get(name, name))
-            body.append((*changed, f"{mean['loss']:.4f}", f"{mean['V']:.4f}", f"{mean['T']:.4f}",
-                         f"{mean['missed']} of {run['missed'].shape[1]}"))  # fmt: skip
-    head = ("changed", "to", "contestant", f"V_p + {weight:g} T (m/s)", "V_p (m/s)", "T (s)", "missed")
-    return Table("Another robot, other scenarios: hard ones lie beyond the training ranges, lighter, stiffer, less "
-                 "elastic, nearer", head, body)  # fmt: skip
-
-
 def simulator(played: Played) -> Table:
     """Return what other solvers and laws change, beside the gain."""
     weight, chosen, rival = played.matchup.typical, played.matchup.chosen, played.matchup.rival.name
@@ -150,12 +120,10 @@ def simulator(played: Played) -> Table:
         velocities = [after.object_velocity - before.object_velocity for before, after in map(pairs.get, seeds)]
         losses = {name: after.loss(weight) - before.loss(weight) for name, (before, after) in pairs.items()}
         add(change, f"{len(seeds)} seeds", velocities, losses)
-    for label in dict.fromkeys(label for label, _ in played.scipy):
-        solved = {name: arrays for (kind, name), arrays in played.scipy.items() if kind == label}
-        velocities = [solved[chosen]["object_velocity"] - solved[chosen]["our_object_velocity"]]
-        losses = {name: _scipy_loss(one, weight) for name, one in solved.items()}
-        add(f"SciPy's solver, {label}", chosen, velocities, losses)
-    if not played.scipy:
+    if (own := played.scipy.get(chosen)) is not None:
+        losses = {name: _scipy_loss(one, weight) for name, one in played.scipy.items()}
+        add("SciPy's solver", chosen, [own["object_velocity"] - own["our_object_velocity"]], losses)
+    else:
         body.append(("SciPy's solver", "not played: it takes neither drawn ranges nor noise", "", "", "", ""))
     head = ("changed", "played", "largest mean change of V_p (m/s)", "in any scenario (m/s)",
             "change of the gain over the rule (m/s)", f"over {rival_label} (m/s)")  # fmt: skip
