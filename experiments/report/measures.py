@@ -8,15 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.baselines import PaperTrapezoid
-from agents.baselines.rule import View
 from agents.evaluate.controllers import controller_of
 from agents.evaluate.play import frozen_of, play, scenario_batch_of
 from agents.policies import Controller
 from experiments.lab.player.films import play_to_the_end
 from experiments.reference.task import rescore
 from impact_gym.envs.single import ImpactApproachEnv
-from impact_gym.quantities import AFTER_ALARM
-from impact_gym.task import ObservationSpec, Task
 
 Arrays = dict[str, NDArray[Any]]
 JSON = Mapping[str, Any]
@@ -57,32 +54,6 @@ def others(scenarios: JSON) -> dict[str, Any]:
     if "ranges" in scenarios:
         return {**scenarios, "seed": scenarios["seed"] + 50_000_000, "count": count}
     return dict(scenarios)
-
-
-def reactions(controller: JSON, environment: JSON, scenarios: JSON, weight: float) -> Arrays:
-    """Return what was sensed and commanded at each control step after the alarm, an entry per step.
-
-    Which `scenario` it was, time `since` the alarm (s), largest force `sensed` so far (N), `velocity` (m/s) and
-    `acceleration` (m/s^2) commanded.
-    """
-    one, task = controller_of(controller, weight, environment), Task(**environment)
-    spec = ObservationSpec(task)
-    low, high = np.array([task.velocity_range, task.acceleration_range]).T
-    kept: list[NDArray[np.float64]] = []
-
-    class Listening:
-        def predict(self, observation: Any, **arguments: Any) -> tuple[Any, Any]:
-            action, state = one.predict(observation, **arguments)
-            seen = View(observation, spec)
-            now = seen.alarm & (seen.time_since_alarm < AFTER_ALARM)  # once the episode is over the clock stands still
-            command = low + (high - low) * (0.5 * (np.clip(np.asarray(action, np.float64)[now], -1.0, 1.0) + 1.0))
-            since, sensed = seen.time_since_alarm[now], seen["force_peak"][now]
-            kept.append(np.column_stack([np.flatnonzero(now), since, sensed, command]))
-            return action, state
-
-    scenario_batch_of(scenarios, weight, environment).play(Listening())
-    names = ("scenario", "since", "sensed", "velocity", "acceleration")
-    return dict(zip(names, np.concatenate(kept).T, strict=True))
 
 
 def in_scipy(controller: JSON, environment: JSON, scenarios: JSON, weight: float) -> Arrays:

@@ -89,11 +89,10 @@ def tab(one: Played, others: Sequence[Played]) -> Tab:
 
 
 def _engineer(one: Played, steps: Sequence[chain.Step]) -> list[Fold]:
-    reacted = [learned.reaction(one)] if one.reactions["since"].size else []  # else no alarm came
-    by_itself = [ONE_AT_A_TIME, *robustness.figures(one)]
+    by_itself = [ONE_AT_A_TIME, *robustness.figures(one), robustness.categories(one)]
     return [
         Fold("What the gain is due to", [chain.table(steps, one.matchup.labels)], closed=False),
-        Fold("What it learned", [learned.approach(one), *reacted], closed=False, key="learned"),
+        Fold("What it learned", [learned.approach(one)], closed=False, key="learned"),
         Fold("Forces, and what the objects get", [differences.measures(one)], closed=False, key="forces"),
         Fold("What a limit of force would cost", [shield.table(one)]),
         Fold("Does it hold?", [weaknesses.heat_map(one)], closed=False, key="robustness"),

@@ -63,7 +63,6 @@ class Played:
     exactly: dict[tuple[str, str], Run] = field(default_factory=dict)  # change, seed or baseline
     shielded: dict[tuple[float, str], Run] = field(default_factory=dict)  # limit (N), around whom
     scipy: dict[str, Arrays] = field(default_factory=dict)
-    reactions: Arrays = field(default_factory=dict)
     profiles: dict[str, Run] = field(default_factory=dict)
 
     @property

@@ -143,7 +143,6 @@ def _asked(matchup: Matchup) -> Iterator[tuple[str, Any, str, dict[str, Any]]]:
             yield "scipy", one.name, f"{MEASURES}:in_scipy", of(one, scenarios=hundred, weight=typical)
     for limit, one in shielded(matchup):
         yield "shielded", (limit, one.name), PLAY, of(one, scenarios=scenarios, weights=[typical])
-    yield "reactions", None, f"{MEASURES}:reactions", of(matchup.policy, scenarios=some, weight=typical)
     for one in rivals.values():
         watched = of(one, weights=_shown_weights(matchup, one), distance=watched_at(matchup))
         yield "profiles", one.name, f"{MEASURES}:profile", watched

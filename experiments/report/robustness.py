@@ -1,7 +1,7 @@
 """Does it hold, and is it the simulator? Figures and tables of the changed environments and of the other solvers."""
 
 from collections.abc import Mapping
-from itertools import groupby
+from itertools import chain, groupby
 
 import altair as alt
 import numpy as np
@@ -55,10 +55,13 @@ def setting(change: Change) -> str:
     return f"{scale * change.value:g} {shown}"
 
 
+def _numeric(found: Varied) -> bool:
+    return all(np.isfinite(change.value) for change, _ in found)
+
+
 def figures(played: Played) -> list[Figure]:
     """Return a figure for each argument that is varied over numbers: V_p + w T over it."""
-    numeric = (found for found in varied(played) if all(np.isfinite(change.value) for change, _ in found))
-    return [_figure(played, found) for found in numeric]
+    return [_figure(played, found) for found in varied(played) if _numeric(found)]
 
 
 def _figure(played: Played, found: Varied) -> Figure:
@@ -95,6 +98,20 @@ def _figure(played: Played, found: Varied) -> Figure:
     missed = f" The policy misses at most {worst} of {found[0][1][POLICY]['missed'].shape[1]} objects." if worst else ""
     caption = f"From left to right, {text}.{missed}"
     return Figure(played.matchup.name, found[0][0].argument, subject, caption, text, lines + marks, data, 220)
+
+
+def categories(played: Played) -> Table:
+    """Return the table of changes that are not numbers, such as a compliant robot or other scenarios."""
+    weight, labels, body = played.matchup.typical, played.matchup.labels, []
+    for change, runs in chain.from_iterable(found for found in varied(played) if not _numeric(found)):
+        for name, run in runs.items():
+            mean = run.means(weight)
+            changed = (factor(change.argument), change.label, labels.get(name, name))
+            body.append((*changed, f"{mean['loss']:.4f}", f"{mean['V']:.4f}", f"{mean['T']:.4f}",
+                         f"{mean['missed']} of {run['missed'].shape[1]}"))  # fmt: skip
+    head = ("changed", "to", "contestant", f"V_p + {weight:g} T (m/s)", "V_p (m/s)", "T (s)", "missed")
+    return Table("Another robot, other scenarios: hard ones lie beyond the training ranges, lighter, stiffer, less "
+                 "elastic, nearer", head, body)  # fmt: skip
 
 
 def simulator(played: Played) -> Table:
