@@ -99,7 +99,7 @@ def reductions(played: Played) -> Floats:
     return 1.0 - along(times, velocities, np.full(len(times), time)) / velocity
 
 
-def answers_table(answers: list[Answer], played: list[Played]) -> Table:
+def answers_table(answers: Sequence[Answer], played: Sequence[Played]) -> Table:
     """Return the answers of all set-ups."""
     head = (
         "set-up", "V_p lower at the paper's approach time", "95 % of trainings: at least",
@@ -147,6 +147,7 @@ def seeds_table(played: Played) -> Table:
 def trade_off(played: Played) -> Figure:
     """Return the figure of approach time against V_p."""
     labels = played.matchup.labels
+    runs: list[tuple[str, str, str | None, Run]]
     runs = [(labels[name], name, None, run) for name, run in played.baselines.items()]
     runs += [(POLICY, seed, None, run) for seed, run in played.seeds.items()]
     runs += [(FAMILY, FAMILY, speed, run) for speed, run in played.family.items()]
@@ -173,10 +174,10 @@ def trade_off(played: Played) -> Figure:
     marks = shown.mark_point(size=70).encode(looks.shape, tooltip=["contestant:N", *where, *MEANS])
     layers = faint + curves + marks if len(played.seeds) > 1 else curves + marks
     paper = played.paper.means(played.matchup.typical)
-    at = data.filter(pl.col("chosen")).sort("T")
+    first, last = played.policy.front[0], played.policy.front[-1]
     text = (
         f"Paper's rule: {paper['T']:.3f} s, {paper['V']:.3f} m/s. The policy's curve goes from "
-        f"{at['T'][0]:.3f} s and {at['V'][0]:.3f} m/s to {at['T'][-1]:.3f} s and {at['V'][-1]:.3f} m/s."
+        f"{first[0]:.3f} s and {first[1]:.3f} m/s to {last[0]:.3f} s and {last[1]:.3f} m/s."
     )
     bound = "" if played.bound is None else (
         f" {BOUND.capitalize()}, is the best that a search found for each of the first "

@@ -37,7 +37,7 @@ def bars(played: Played, others: Sequence[Played]) -> list[Bar]:
         reached = {name: float(one.mean() / theirs.mean()) for name, one in ours.items()}
         return Bar(what, at_most, chosen, Comparison.of_means(ours[chosen], theirs).ratio, reached)
 
-    found = []
+    found: list[Bar] = []
     known = {one.matchup.name: (f"the policy of {one.matchup.name}", one.policy_as_late) for one in others}
     known[RULE] = ("the paper's rule", played.paper)
     if evaluation.nominal:
@@ -68,9 +68,9 @@ def _nominal(played: Played, ratio: Callable[[str, float, Mapping[str, Floats], 
             yield ratio(what, evaluation.at_most, ours, measure.loss(each))
     chosen, worst, missed = played.matchup.chosen, 0.0, 0.0
     for change in played.matchup.changes:
-        ours, rule = (played.varied[change.argument, change.label, name] for name in (chosen, PAPER))
-        worst = max(worst, float(ours.loss(weight).mean() / rule.loss(weight).mean()))
-        missed = max(missed, float(ours.at(weight).missed.mean()))
+        policy, rule = (played.varied[change.argument, change.label, name] for name in (chosen, PAPER))
+        worst = max(worst, float(policy.loss(weight).mean() / rule.loss(weight).mean()))
+        missed = max(missed, float(policy.at(weight).missed.mean()))
     where = f"with one thing off at a time, at its worst, w = {weight:g}"
     yield Bar(f"V_p + w T over that of the paper's rule, {where}", 1.0, chosen, None, {chosen: worst})
     yield Bar(f"share of objects missed, {where}", ONE_IN, chosen, None, {chosen: missed})

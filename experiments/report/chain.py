@@ -98,8 +98,8 @@ def _steps(found: Sequence[Link], resamples: Resamples, weight: float, policy: i
     sooner = [one < 0.0 for one in later]
     limits = [LIMITS[pair] for pair in zip([False, *sooner], sooner, strict=False)]
     return [
-        Step(link.added, link.contestant, resamples.scenarios, *numbers[:-1], weight, numbers[-1])
-        for link, *numbers in zip(found, later, limits, velocities, of_losses, strict=True)
+        Step(link.added, link.contestant, resamples.scenarios, off, limit, velocity, weight, loss)
+        for link, off, limit, velocity, loss in zip(found, later, limits, velocities, of_losses, strict=True)
     ]
 
 
@@ -156,7 +156,6 @@ def sentence(steps: Sequence[Step]) -> str:
         shares = [("", step.loss.share) for step in more]
     else:
         what, shares = "that reduction", [(step.limit, step.velocity.share) for step in more]
-    if len(more) < 2 or not all(share for _, share in shares):
-        return ""
-    told = (f"{limit}{percent(share)} from {step.added}" for (limit, share), step in zip(shares, more, strict=True))
-    return f" Of {what} come {', '.join(told)}."
+    known = [f"{limit}{percent(share)} from {step.added}" for (limit, share), step in zip(shares, more, strict=True)
+             if share]  # fmt: skip
+    return f" Of {what} come {', '.join(known)}." if 1 < len(more) == len(known) else ""

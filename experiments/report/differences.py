@@ -9,7 +9,8 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from experiments.lab.statistics import Resamples, estimate, quantile_groups
+from experiments.lab.comparison import Comparison
+from experiments.lab.statistics import estimate, quantile_groups
 from experiments.report.figures import Figure, chart_of, looks_of, zero_line
 from experiments.report.matchups import PAPER, POLICY
 from experiments.report.played import Played
@@ -51,20 +52,20 @@ def breakdown(played: Played) -> list[Figure]:
     return [_paired(played, field) for field in FIELDS]
 
 
-def _groups(played: Played, field: str) -> Iterator[tuple[NDArray[np.bool_], Resamples, dict[str, float]]]:
-    """Yield a mask, resamples and the place on the axis of each group of scenarios that are close in a field."""
+def _groups(played: Played, field: str) -> Iterator[tuple[NDArray[np.bool_], dict[str, float]]]:
+    """Yield a mask and the place on the axis of each group of scenarios that are close in a field."""
     values = played.paper.scenario[field]
     for inside, low, high in quantile_groups(values, max(1, min(GROUPS, values.size // SMALLEST))):
-        if (count := int(inside.sum())) > 1:
-            yield inside, Resamples(count), {"from": low, "to": high, "middle": float(np.median(values[inside]))}
+        if inside.sum() > 1:
+            yield inside, {"from": low, "to": high, "middle": float(np.median(values[inside]))}
 
 
 def _paired(played: Played, field: str) -> Figure:
     weight, rival = played.matchup.typical, played.matchup.rival.label
-    label, differences = f"{POLICY} minus {rival}", played.losses(weight) - played.rival.loss(weight)
+    label, ours, theirs = f"{POLICY} minus {rival}", played.losses(weight), played.rival.loss(weight)
     data = pl.DataFrame([
-        {"contestant": label, **place, **asdict(estimate(resamples.means(differences[:, inside])))}
-        for inside, resamples, place in _groups(played, field)
+        {"contestant": label, **place, **asdict(Comparison.of_means(theirs[inside], ours[:, inside]).less)}
+        for inside, place in _groups(played, field)
     ])  # fmt: skip
 
     def ranges(where: pl.Expr) -> str:
@@ -76,7 +77,7 @@ def _paired(played: Played, field: str) -> Figure:
     caption = (
         f"Paired differences at w = {weight:g}, all seeds, 95 % intervals; below zero the policy is better. {said}"
     )
-    kind: dict[str, Any] = {"type": "log"} if QUANTITIES[field].by_ratio(data["from"].min()) else {"zero": False}
+    kind: dict[str, Any] = {"type": "log"} if QUANTITIES[field].by_ratio(played.paper[field].min()) else {"zero": False}
     axis = alt.Axis(format="~s") if field == "contact_stiffness" else alt.Axis()
     scale, looks = alt.Scale(**kind, nice=False, padding=14), looks_of(data, like={label: POLICY})
     base = chart_of(data).encode(alt.X("middle:Q", title=TITLES[field], scale=scale, axis=axis), looks.colour)

@@ -89,7 +89,7 @@ def tab(one: Played, others: Sequence[Played]) -> Tab:
 
 
 def _engineer(one: Played, steps: Sequence[chain.Step]) -> list[Fold]:
-    by_itself = [ONE_AT_A_TIME, *robustness.figures(one), robustness.categories(one)]
+    by_itself: list[Part] = [ONE_AT_A_TIME, *robustness.figures(one), robustness.categories(one)]
     return [
         Fold("What the gain is due to", [chain.table(steps, one.matchup.labels)], closed=False),
         Fold("What it learned", [learned.approach(one)], closed=False, key="learned"),
@@ -102,12 +102,12 @@ def _engineer(one: Played, steps: Sequence[chain.Step]) -> list[Fold]:
 
 def _statistician(one: Played, reached: Sequence[bars.Bar]) -> list[Fold]:
     seeds = [answer.seeds_table(one)] if len(one.seeds) > 1 else []
-    trade_off = [answer.trade_off(one), answer.weights_table(one), *seeds]
+    trade_off: list[Part] = [answer.trade_off(one), answer.weights_table(one), *seeds]
     apart = (
         "The weight that makes a policy as late as the paper's rule was found on "
         f"{_apart(one.matchup.scenarios)}, so the two are equally late only nearly here."
     )
-    where = [apart, *differences.breakdown(one)]
+    where: list[Part] = [apart, *differences.breakdown(one)]
     return [
         Fold("The trade-off of every seed and every baseline", trade_off, key="trade-off"),
         Fold("What was to be reached", [bars.table(reached)], key="bars"),
@@ -158,7 +158,8 @@ def write(folder: Path, about: Mapping[str, Any], tabs: Sequence[Tab], played: S
     (folder / "figures").mkdir()
     for one in (figure for each in tabs for figure in each.figures):
         one.save(folder / "figures")
-    program = vl_convert.javascript_bundle().replace("</script", "<\\/script")  # what draws the charts
+    bundle = vl_convert.javascript_bundle()  # type: ignore[call-arg]  # its stub asks for what it does not need
+    program = bundle.replace("</script", "<\\/script")  # what draws the charts
     tables = {
         "table": answer.answers_table([one.answer for one in tabs], played),
         "policies": policies_table(played),

@@ -43,6 +43,12 @@ class Run:
         return {name: float(values.mean()) for name, values in means.items()} | {"missed": int(one.missed.sum())}
 
     @property
+    def front(self) -> list[tuple[float, float]]:
+        """Mean approach time (s) and V_p (m/s) at each weight, the soonest first."""
+        means = map(self.means, self.weights)
+        return sorted((mean["T"], mean["V"]) for mean in means)
+
+    @property
     def scenario(self) -> dict[str, Floats]:
         """The scenarios."""
         return {name: self[name] for name in FIELDS}

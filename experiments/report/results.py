@@ -28,9 +28,7 @@ NEAR = 0.25  # m, where one is watched that knows the distance
 LESS = 500  # scenarios where many variants are played
 EXACTLY = 200  # scenarios that every policy plays once more at a hundredth of the tolerance
 IN_SCIPY = 100  # scenarios in the independent solver
-AS_IT_IS = "as it is"
 EXACT: dict[str, dict[str, Any]] = {
-    AS_IT_IS: {},
     "a hundredth of the tolerance": {"rtol": Task.rtol / 100},
     "exact dissipation": {"dissipation": "exact"},
 }

@@ -12,7 +12,7 @@ from experiments.lab.statistics import Floats
 from experiments.report.figures import MEANS, Figure, chart_of, looks_of
 from experiments.report.matchups import PAPER, POLICY
 from experiments.report.played import Arrays, Played, Run
-from experiments.report.results import AS_IT_IS, EXACT
+from experiments.report.results import EXACT
 from experiments.report.tables import Table
 from impact_gym.quantities import QUANTITIES
 from impact_gym.task.task import MISSED_COST
@@ -94,7 +94,7 @@ def _figure(played: Played, found: Varied) -> Figure:
         own = data.filter(pl.col("contestant") == name).sort("value")["loss"]
         said.append(f"{name}: {own[0]:.3f} to {own[-1]:.3f} m/s")
     text = "; ".join(said)
-    worst = data.filter(pl.col("contestant") == POLICY)["missed"].max()
+    worst = max(runs[POLICY].means(weight)["missed"] for _, runs in found)
     missed = f" The policy misses at most {worst} of {found[0][1][POLICY]['missed'].shape[1]} objects." if worst else ""
     caption = f"From left to right, {text}.{missed}"
     return Figure(played.matchup.name, found[0][0].argument, subject, caption, text, lines + marks, data, 220)
@@ -128,15 +128,15 @@ def simulator(played: Played) -> Table:
         more = (f"{means[name] - means[chosen]:+.2g}" if name in means else "-" for name in (PAPER, rival))
         body.append((what, f"{whom}, {velocities[0].size}", f"{mean:.2g}", f"{most:.2g}", *more))
 
-    seeds = [name for name in played.seeds if (AS_IT_IS, name) in played.exactly]
-    for change in list(EXACT)[1:]:
-        pairs = {
-            name: (played.exactly[AS_IT_IS, name].at(weight), played.exactly[change, name].at(weight))
-            for name in {*seeds, rival, PAPER}
-        }
-        velocities = [after.object_velocity - before.object_velocity for before, after in map(pairs.get, seeds)]
+    as_it_is = {**played.baselines, **played.seeds}
+    for change in EXACT:
+        pairs = {}
+        for name in {*played.seeds, rival, PAPER}:
+            after = played.exactly[change, name].at(weight)
+            pairs[name] = as_it_is[name].at(weight).first(after.missed.size), after
+        velocities = [pairs[name][1].object_velocity - pairs[name][0].object_velocity for name in played.seeds]
         losses = {name: after.loss(weight) - before.loss(weight) for name, (before, after) in pairs.items()}
-        add(change, f"{len(seeds)} seeds", velocities, losses)
+        add(change, f"{len(velocities)} seeds", velocities, losses)
     if (own := played.scipy.get(chosen)) is not None:
         losses = {name: _scipy_loss(one, weight) for name, one in played.scipy.items()}
         add("SciPy's solver", chosen, [own["object_velocity"] - own["our_object_velocity"]], losses)
