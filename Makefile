@@ -40,8 +40,8 @@ $(SMALL): $(SOLVER)
 	$(call install,report,what a report needs)
 	@touch $@
 
-report: $(SMALL)  ## play the policies and baselines of four set-ups, or of SETUPS="...", and write reports/latest/index.html
-	$(BIN)/python -m experiments.report $(SETUPS) --force
+report: $(SMALL)  ## play the policies and baselines of four set-ups, or of SETUPS="...", and write reports/latest/index.html; what is there is kept unless FORCE=1
+	$(BIN)/python -m experiments.report $(SETUPS) $(if $(FORCE),--force)
 
 test: setup  ## run the tests
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadscope  # a core for each worker

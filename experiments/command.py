@@ -36,9 +36,7 @@ COMMANDS = {
     "identify": Command("impact_gym.identify", (), "fit the numbers of a tool and an object to a measured blow"),
     "paper": Command("experiments.paper", ("report",), "reproduce the paper's figures and compare its statements"),
     "speed": Command("experiments.solver.speed", ("report",), "measure the solver's speed against its error"),
-    "stability": Command(
-        "experiments.solver.stability", ("report",), "send random scenes through solver and rivals"
-    ),
+    "stability": Command("experiments.solver.stability", ("report",), "send random scenes through solver and rivals"),
     "fits": Command("experiments.identify", ("report",), "fit logs of the independent solver, errors beside the bound"),
     "bench": Command("experiments.bench", ("train", "report"), "measure approaches, environments and training"),
     "doctor": Command("impact_gym.doctor", (), "say what this machine has, and what to do about it"),

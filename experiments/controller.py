@@ -88,7 +88,7 @@ def stages(copy: Path, options: ControllerOptions) -> dict[str, Any]:
         copies, runs=out / "runs", policies=out / "policies", processes=options.processes, cluster=options.cluster
     )
     page = report.ReportOptions(
-        copies, folder=out, out=out / "report", episodes=out / "episodes", force=True, cluster=options.cluster
+        copies, folder=out, out=out / "report", episodes=out / "episodes", cluster=options.cluster
     )
     if options.quick:
         tuning = replace(tuning, bound=False, scenarios=100, budget=min(QUICK_BUDGET, setup.budget))

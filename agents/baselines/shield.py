@@ -129,9 +129,11 @@ class Shield:
     def _safe(self, now: Floats, command: Floats) -> NDArray[np.bool_]:
         """Whether a command (2, n), followed for a control period and then by a stop, keeps the tool slow enough."""
         path = self._flight(now, command, self.during)
-        rest = np.stack([np.zeros(now.shape[1]), np.full(now.shape[1], self.stop)])
-        stopping = self._flight(path[..., -1], rest, self.after)
-        return self._slow_enough(path, STEP) & self._slow_enough(stopping, COARSE_STEP)
+        safe = self._slow_enough(path, STEP)
+        end = path[:, safe, -1]
+        rest = np.stack([np.zeros(end.shape[1]), np.full(end.shape[1], self.stop)])
+        safe[safe] = self._slow_enough(self._flight(end, rest, self.after), COARSE_STEP)
+        return safe
 
     def _slow_enough(self, path: Floats, step: float) -> NDArray[np.bool_]:
         """Whether a tool, its path (2 or 4, n, k) known every `step` (s), keeps to what is permitted."""

@@ -2,13 +2,12 @@
 
 All contestants meet the same scenarios, so these are resampled once for all (common random numbers); the unit of
 replication of a recipe of training is its seed. R. Agarwal et al., Deep Reinforcement Learning at the Edge of the
-Statistical Precipice, NeurIPS 2021, for the interquartile mean and the probability of improvement.
+Statistical Precipice, NeurIPS 2021, for the probability of improvement.
 """
 
 from dataclasses import dataclass
 from functools import lru_cache
 
-import moocore
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import nctdtrit, ndtri
@@ -88,14 +87,6 @@ def tolerated(scores: Floats) -> float:
     return float(np.mean(scores) - k * np.std(scores, ddof=1))
 
 
-def content_of_worst(n: int) -> float:
-    """Return the share of all trainings that reach at least the worst of n, with CONFIDENCE, whatever the distribution.
-
-    The best of n uniform ranks is below p with probability p^n; CONTENT of all takes 59 trainings.
-    """
-    return float((1.0 - CONFIDENCE) ** (1.0 / n))
-
-
 def along(curve_x: Floats, curve_y: Floats, at: Floats) -> Floats:
     """Return y at x = `at` (n,) on each of n broken lines (n, k), the end's beyond an end.
 
@@ -115,16 +106,3 @@ def quantile_groups(values: Floats, count: int) -> list[tuple[NDArray[np.bool_],
     last = max(len(edges) - 2, 0)
     group = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, last)
     return [(group == k, float(edges[k]), float(edges[min(k + 1, len(edges) - 1)])) for k in range(last + 1)]
-
-
-def interquartile_mean(values: Floats) -> float:
-    """Mean of the middle half of all `values`."""
-    middle = np.sort(values, axis=None)
-    cut = middle.size // 4
-    return float(middle[cut : middle.size - cut].mean())
-
-
-def hypervolume(times: Floats, velocities: Floats, reference: tuple[float, float]) -> Floats:
-    """Return the area (m) between a front (n, k) and the reference point (s, m/s) in each of n resamples."""
-    volume = moocore.Hypervolume(ref=np.array(reference))
-    return np.array([volume(np.column_stack(front)) for front in zip(times, velocities, strict=True)])

@@ -26,12 +26,13 @@ def solver_and(*modules: str) -> str:
 
 def result_of(rows: Sequence[Row]) -> Result:
     """Return rows, all with the same columns, as a job returns them."""
-    return {"rows": np.rec.fromrecords([tuple(row.values()) for row in rows], names=list(rows[0]))}
+    names: Any = list(rows[0])  # which NumPy's stubs want as one string
+    return {"rows": np.rec.fromrecords([tuple(row.values()) for row in rows], names=names)}
 
 
 def rows_of(result: Result) -> list[Row]:
     """Return the rows of a job's result."""
-    names = result["rows"].dtype.names
+    names = result["rows"].dtype.names or ()
     return [dict(zip(names, record, strict=True)) for record in result["rows"].tolist()]
 
 

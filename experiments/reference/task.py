@@ -131,6 +131,7 @@ def _episode(
     command, delay, now = motion.command, task.reaction_delay, 0.0
     sensed = {0.0: (0.0, 0.0, 0.0)}  # force, its peak and the deflection, by the time
     by_reading, raised, heard_until = task.alarm == "reading", inf, 0.0
+    spec = ObservationSpec(task)
     while True:
         received = {at: reading for at, reading in sensed.items() if at <= max(now - delay, 0.0) + ROUNDING}
         if by_reading:
@@ -140,7 +141,8 @@ def _episode(
         elif command.detection_time is not None:
             raised = command.detection_time + delay
         flange = command.at(motion.t)[:2]
-        action = yield _observe(task, scenario, weight, estimate, now, raised, list(received.values())[-1], flange)
+        reading = list(received.values())[-1]
+        action = yield _observe(spec, task, scenario, weight, estimate, now, raised, reading, flange)
         velocity, acceleration = (
             round(low + (min(max(float(share), -1.0), 1.0) + 1) / 2 * (high - low), 6)
             for share, (low, high) in zip(action, (task.velocity_range, task.acceleration_range), strict=True)
@@ -201,8 +203,8 @@ def _observation_times(period: float, alarm: float, by_reading: bool) -> list[fl
 
 
 def _observe(
-    task: Task, scenario: Mapping[str, float], weight: float, estimate: float, now: float, alarm: float,
-    reading: tuple[float, float, float], flange: Sequence[float],
+    spec: ObservationSpec, task: Task, scenario: Mapping[str, float], weight: float, estimate: float, now: float,
+    alarm: float, reading: tuple[float, float, float], flange: Sequence[float],
 ) -> NDArray[np.float32]:  # fmt: skip
     """Return the observation, each number scaled as its entry says."""
     heard = now > alarm - ROUNDING
@@ -214,8 +216,7 @@ def _observe(
         "distance_estimate": estimate - x, "range_noise": task.range_noise, "deflection": deflection,
         **scenario, "distance": scenario["distance"] - x, "reaction_delay": task.reaction_delay,
     }  # fmt: skip
-    entries = ObservationSpec(task).entries
-    return np.array([_scaled(entry.scale, values[entry.id]) for entry in entries], np.float32)
+    return np.array([_scaled(entry.scale, values[entry.id]) for entry in spec.entries], np.float32)
 
 
 def _scaled(scale: Scale, value: float) -> float:

@@ -1,34 +1,33 @@
 """`impact-gym report` writes reports/latest/index.html and prints where it is."""
 
+import hashlib
 import json
-import shutil
 import time
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import tyro
-from tqdm import tqdm
 
 from agents.command_line import command_of, run_command
+from agents.jobs import digest_of, store
 from agents.provenance import circumstances, revision
 from agents.setups import README, Setup, load_setup
 from experiments.lab.results import REPORTS, checksum, replaceable, whole_folder
 from experiments.lab.statistics import RESAMPLES
-from experiments.report import answer, bars, chain, matchups, page
-from experiments.report.figures import Table
-from experiments.report.results import Played, episodes, gather_matchups
+from experiments.report import matchups
+from experiments.report.played import Played, episodes
+from experiments.report.results import Asked, all_asked, gather_matchups
 from experiments.report.scenarios import scenarios_from
 from impact_gym.files import whole_file
 from impact_gym.task import Task
 from impact_gym.validation import whole
 
 RESULTS = "results.json"
-FIRST_LOOK = 100  # scenarios of the first page, which is there while the others are played
-WORTH_A_FIRST_LOOK = 3  # times as many scenarios, or the page itself is there soon enough
-PACKAGES = ("impact-gym", "gymnasium", "numpy", "scipy", "altair", "vl-convert-python", "polars", "moocore", "jinja2")
+DRAWING = ("experiments.report", "experiments.lab", "agents.provenance")  # sources that the page follows from
+PACKAGES = ("impact-gym", "gymnasium", "numpy", "scipy", "altair", "vl-convert-python", "polars", "jinja2")
 
 
 @dataclass(frozen=True)
@@ -57,10 +56,10 @@ class ReportOptions:
     out: Path = REPORTS / "latest"
     """Folder for the page."""
     force: bool = False
-    """Replace the folder if an earlier run wrote it; it is moved away only once the new one is complete."""
+    """Play and write everything again; without it what is there already, and follows from the same, is kept."""
     episodes: Path | None = None
     """Folder where results are kept as they come; the same command goes on from what is there. Default: a hidden one
-    beside the page, removed with its completion."""
+    beside the page."""
     processes: int | None = None
     """On this machine; None: one a core."""
     cluster: str | None = None
@@ -102,77 +101,72 @@ def matchups_of(options: ReportOptions) -> list[matchups.Matchup]:
 
 def _trained(setup: Setup, folder: Path) -> bool:
     """Return whether there are policies of a set-up that nobody named; where there are none, that is said."""
-    there = (folder / "policies" / setup.name / "seeds.json").is_file()
+    there = (folder / "policies" / f"{setup.name}.npz").is_file()
     if not there:
         print(f"{setup.name} is left out, it has no policies yet: impact-gym train-seeds {setup.called}")
     return there
 
 
 def write(options: ReportOptions) -> Path:
-    """Play what is missing, write the folder, and return the path of its page.
+    """Play what is missing, write the folder unless it says the same already, and return the path of its page.
 
     Raises:
-        ValueError: something asked for is not there or makes no sense, or the folder is there and `force` is not given.
+        ValueError: something asked for is not there or makes no sense, or the folder is not one that a report wrote.
     """
     replaceable(options.out)
-    if not options.force and not _nothing_whole(options.out):
-        raise ValueError(f"{options.out} is there: --force replaces it, --out names another folder")
     for folder in (options.out.parent, options.episodes or options.out.parent):
         if folder.exists() and not folder.is_dir():
             raise ValueError(f"{folder} is no folder")
     return publish(matchups_of(options), options)
 
 
-def _nothing_whole(out: Path) -> bool:
-    """Return whether `out` is missing, empty, or holds no more than a first page."""
-    if not out.exists() or (out.is_dir() and not any(out.iterdir())):
-        return True
-    return (out / RESULTS).is_file() and json.loads((out / RESULTS).read_text()).get("first page", False)
+def publish(met: Sequence[matchups.Matchup], options: ReportOptions) -> Path:
+    """Play what is missing of matchups, write the folder unless it says the same already, and return its page."""
+    kept = options.episodes or options.out.with_name(f".{options.out.name}.episodes")
+    if options.force:
+        for file in kept.glob(f"{store.NAME}*"):
+            file.unlink()
+    asked, page = all_asked(met), options.out / "index.html"
+    made_from = _made_from(met, asked, options)
+    there = options.out / RESULTS
+    if options.force or not page.is_file() or json.loads(there.read_text()).get("made from") != made_from:
+        begun = time.perf_counter()
+        played = gather_matchups(met, asked, kept, options.processes, options.cluster)
+        print("writing the page", flush=True)
+        write_folder(played, options, made_from, begun)
+    print(*json.loads(there.read_text())["sentences"], sep="\n")
+    return page
 
 
-def publish(asked: list[matchups.Matchup], options: ReportOptions) -> Path:
-    """Play the matchups, write the folder, and return the path of its page.
-
-    Where no page is there and many scenarios are to be played, a first page with the answer on a few is there before.
-    """
-    begun = time.perf_counter()
-    store = options.episodes or options.out.with_name(f".{options.out.name}.episodes")
-    many = asked[0].scenarios["count"] >= WORTH_A_FIRST_LOOK * FIRST_LOOK and _nothing_whole(options.out)
-
-    def first_look(played: list[Played]) -> None:
-        page = write_folder(played, options, begun, first=True)
-        tqdm.write(f"first page, of {FIRST_LOOK} scenarios: {page.resolve().as_uri()}")
-
-    played = gather_matchups(asked, store, options.processes, options.cluster, FIRST_LOOK if many else 0, first_look)
-    print("writing the page", flush=True)
-    path = write_folder(played, options, begun)
-    print(*json.loads((options.out / RESULTS).read_text())["sentences"], sep="\n")
-    if options.episodes is None:
-        shutil.rmtree(store, ignore_errors=True)
-    return path
+def _made_from(among: Sequence[matchups.Matchup], asked: Sequence[Asked], options: ReportOptions) -> str:
+    """Return SHA-256 of all that the folder follows from: results, words, the sources of the page."""
+    words = [(one.label, one.note, repr(one.evaluation), one.chosen, one.provenance) for one in among]
+    content = [sorted(one.job.key for one in asked), words, bool(options.policy), digest_of(*DRAWING)]
+    return hashlib.sha256(json.dumps(content, default=str).encode()).hexdigest()
 
 
-def write_folder(played: list[Played], options: ReportOptions, begun: float, first: bool = False) -> Path:
-    """Write the folder of what was played since `begun`; return its page, of which a first one has the answer alone."""
-    asked, whole = [one.matchup for one in played], [] if first else played
+def write_folder(played: Sequence[Played], options: ReportOptions, made_from: str, begun: float) -> Path:
+    """Write the folder of what was played since `begun`; return its page."""
+    from experiments.report import page  # what draws takes seconds to import
+
+    asked = [one.matchup for one in played]
     with whole_folder(options.out) as folder:
         rows = episodes(played)
         with whole_file(folder / "episodes.parquet") as file:
             rows.write_parquet(file, compression="zstd")
-        answers, chains = [answer.answer(one) for one in played], [chain.chain(one) for one in played]
-        tabs = [page.tab(one, played, steps, first) for one, steps in zip(played, chains, strict=True)]
+        tabs = [page.tab(one, played) for one in played]
         results = {
-            "answers": {one.matchup: asdict(one) for one in answers},
-            "chains": {one.name: [asdict(step) for step in steps] for one, steps in zip(asked, chains, strict=True)},
+            "answers": {one.matchup.name: asdict(one.answer) for one in tabs},
+            "chains": {one.matchup.name: [asdict(step) for step in one.steps] for one in tabs},
             "sentences": [one.sentence for one in tabs],
-            "bars": {one.matchup.name: [asdict(bar) for bar in bars.bars(one, played)] for one in whole},
-            "first page": first,
+            "bars": {one.matchup.name: [asdict(bar) for bar in one.bars] for one in tabs},
             "episodes": {"rows": len(rows), "sha256": checksum(folder / "episodes.parquet")},
             "contestants": {
                 one.name: {each.name: each.checksum for each in (*one.seeds, *one.baselines)} for one in asked
             },
             "weights": {one.name: list(one.policy.weights) for one in asked},
             "scenarios": "; ".join(dict.fromkeys(_scenarios(one.scenarios) for one in asked)),
+            "made from": made_from,
             "command": command_of("report", options),
             **revision(),
             "seconds": time.perf_counter() - begun,
@@ -181,32 +175,18 @@ def write_folder(played: list[Played], options: ReportOptions, begun: float, fir
         (folder / RESULTS).write_text(json.dumps(results, indent=2) + "\n")
         about = {
             **results,
-            "first": first,
-            "table": answer.answers_table(answers, played),
-            "seeds": max(len(one.seeds) for one in played),
             "limits": _limits(asked),
             "own": bool(options.policy) or not all(load_setup(name).shipped for name in options.setups),
             "trained_with": _trained_with(asked),
             "resamples": f"{RESAMPLES:,}",
-            "policies": _policies_table(played),
         }
-        page.write(folder, about, tabs)
+        page.write(folder, about, tabs, played)
     return options.out / "index.html"
 
 
 def _trained_with(asked: list[matchups.Matchup]) -> str:
     versions = [item for one in asked for item in one.provenance.get("versions", {}).items()]
     return ", ".join(dict.fromkeys(map(" ".join, versions))) or "what their files do not say"
-
-
-def _policies_table(played: list[Played]) -> Table:
-    body = [
-        (one.label, one.chosen, str(len(one.seeds)), one.provenance.get("command", "-"),
-         f"{each.policy_as_late.weights[0]:.4g}", one.policy.checksum[:16])
-        for each in played for one in [each.matchup]
-    ]  # fmt: skip
-    head = ("set-up", "median seed", "seeds", "trained by", "weight as late as the rule (m/s per s)", "checksum")
-    return Table("The policies; checksums of all contestants are in results.json", head, body)
 
 
 def _limits(asked: list[matchups.Matchup]) -> str:

@@ -3,7 +3,6 @@
 The primary measure was fixed before the test set was played: V_p at the mean approach time of the paper's rule.
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -11,22 +10,21 @@ import altair as alt
 import numpy as np
 import polars as pl
 
+from experiments.lab.comparison import Comparison, Front
 from experiments.lab.statistics import (
     Estimate,
     Floats,
     Resamples,
     along,
-    content_of_worst,
     estimate,
-    hypervolume,
-    interquartile_mean,
     tolerated,
 )
-from experiments.report.figures import MEANS, Figure, Table, chart_of, looks_of, percent, zoomable
+from experiments.report.figures import MEANS, Figure, chart_of, looks_of, zoomable
 from experiments.report.matchups import BOUND, POLICY, Matchup
-from experiments.report.results import FAMILY, Played, Run
+from experiments.report.played import Played, Run
+from experiments.report.results import FAMILY
+from experiments.report.tables import Table, percent
 
-WIDE_REFERENCE = (0.6, 1.0)  # s, m/s: behind every front, or is moved there in steps of 0.1
 FRONT = ("approach_time", "object_velocity")
 MISSED_TOO_OFTEN = 0.01  # of the objects: a missed one has no V_p
 
@@ -46,7 +44,6 @@ class Answer:
     rival: str  # the best tuned baseline, if there is one
     rival_reduction: Estimate | None  # the same of that one, unless it is later at every weight
     improvement: Estimate  # share of scenarios in which it leaves the object slower, and touches it
-    interquartile: tuple[float, float]  # m/s, of policy and rule
     missed: int  # of all episodes of all seeds at all weights
     episodes: int
 
@@ -54,15 +51,14 @@ class Answer:
 def answer(played: Played) -> Answer:
     """Return what a set-up's policies gain, seeds and scenarios resampled."""
     resamples = played.resamples
-    paper_time, paper_velocity = (one[:, 0] for one in front(resamples, [played.paper]))
-    times, velocities = front(resamples, list(played.seeds.values()))
-    there = along(times, velocities, paper_time)
-    then = along(velocities, times, paper_velocity)
-    rival_times, rival_velocities = front(resamples, [played.rival])
-    rival_there = along(rival_times, rival_velocities, paper_time)
+    paper, policy, rival = (front(resamples, runs) for runs in (
+        [played.paper], list(played.seeds.values()), [played.rival]
+    ))  # fmt: skip
+    (times, velocities), time, velocity = policy, paper[0][0, 0], paper[1][0, 0]
+    there, then = Comparison.of_fronts(policy, paper), Comparison.of_fronts(policy[::-1], paper[::-1])
     tuned = len(played.rival.weights) > 1
-    comparable = tuned and rival_times[0].min() <= paper_time[0]
-    nearest = np.clip(paper_time[0], times[0].min(), times[0].max())
+    comparable = tuned and rival[0][0].min() <= time
+    nearest = np.clip(time, times[0].min(), times[0].max())
     late = played.of_seeds_as_late("object_velocity")
     touched = played.of_seeds_as_late("missed") == 0.0
     rule = played.paper["object_velocity"][0]
@@ -70,29 +66,25 @@ def answer(played: Played) -> Answer:
     fastest, slowest = velocities[0].max(), velocities[0].min()
     return Answer(
         played.matchup.name,
-        reduction=estimate(1.0 - there / paper_velocity),
+        reduction=there.reduction,
         each=tuple(reductions(played).tolist()),
-        reached=bool(nearest == paper_time[0]),
-        later=float(nearest / paper_time[0] - 1.0),
-        sooner=estimate(1.0 - then / paper_time),
-        beyond="slower" if fastest < paper_velocity[0] else "faster" if slowest > paper_velocity[0] else "",
-        velocity=estimate(there),
+        reached=bool(nearest == time),
+        later=float(nearest / time - 1.0),
+        sooner=then.reduction,
+        beyond="slower" if fastest < velocity else "faster" if slowest > velocity else "",
+        velocity=estimate(there.ours),
         rival=played.matchup.rival.name if tuned else "",
-        rival_reduction=estimate(1.0 - rival_there / paper_velocity) if comparable else None,
+        rival_reduction=Comparison.of_fronts(rival, paper).reduction if comparable else None,
         improvement=estimate(resamples.means(((late < rule) + 0.5 * (late == rule)) * touched)),
-        interquartile=(interquartile_mean(late), interquartile_mean(rule)),
         missed=int(missed.sum()),
         episodes=missed.size,
     )
 
 
-def front(resamples: Resamples, runs: Sequence[Run]) -> list[Floats]:
-    """Return mean approach time (s) and V_p (m/s) in each resample, (1 + n, weights) each, of runs, one for each seed.
-
-    Of the runs the first scenarios count, as many as are resampled.
-    """
-    first = slice(resamples.scenarios)
-    return [resamples.means(np.array([run[name][:, first] for run in runs])) for name in FRONT]
+def front(resamples: Resamples, runs: Sequence[Run]) -> Front:
+    """Return mean approach time (s) and V_p (m/s) of runs, one for each seed, on the first scenarios."""
+    times, velocities = (np.array([run[name][:, : resamples.scenarios] for run in runs]) for name in FRONT)
+    return resamples.means(times), resamples.means(velocities)
 
 
 def reductions(played: Played) -> Floats:
@@ -107,23 +99,22 @@ def reductions(played: Played) -> Floats:
     return 1.0 - along(times, velocities, np.full(len(times), time)) / velocity
 
 
-def answers_table(answers: list[Answer], played: list[Played]) -> Table:
+def answers_table(answers: Sequence[Answer], played: Sequence[Played]) -> Table:
     """Return the answers of all set-ups."""
     head = (
         "set-up", "V_p lower at the paper's approach time", "95 % of trainings: at least",
         "the same, best tuned baseline",
         "sooner at the paper's V_p", "V_p there (m/s)", "object slower in so many scenarios",
-        "interquartile mean of V_p, rule's (m/s)", "missed",
+        "missed",
     )  # fmt: skip
     body = []
     for one, play in zip(answers, played, strict=True):
         sooner = {"": "", "slower": "at least ", "faster": "(not reached) "}[one.beyond] + percent(one.sooner)
         reduction = percent(one.reduction) + ("" if one.reached else " (at the nearest time it reaches)")
         rival = f"{percent(one.rival_reduction)}, {play.matchup.rival.plain}" if one.rival_reduction else "-"
-        middle = f"{one.interquartile[0]:.3f}, {one.interquartile[1]:.3f}"
         body.append((
             f"{play.matchup.label}, seeds: {len(play.seeds)}", reduction, _at_least(one), rival, sooner,
-            f"{one.velocity:.3f}", percent(one.improvement), middle, f"{one.missed} of {one.episodes:,}",
+            f"{one.velocity:.3f}", percent(one.improvement), f"{one.missed} of {one.episodes:,}",
         ))  # fmt: skip
     return Table("Each set-up's policies against the paper's rule there, 95 % intervals; a miss is no win", head, body)
 
@@ -148,8 +139,7 @@ def seeds_table(played: Played) -> Table:
     head = ("what", "mean of seeds", "standard deviation", "95 % of trainings: at least as good as", "worst seed")
     caption = (
         f"The next training, by {count} seeds on these scenarios, with 95 % confidence. What 95 % of trainings reach "
-        "is said of normal scores (one-sided tolerance bound); whatever their distribution, at least "
-        f"{100 * content_of_worst(count):.0f} % are as good as the worst of {count}; to say that of 95 % takes 59 seeds"
+        "is said of normal scores (one-sided tolerance bound)"
     )
     return Table(caption, head, body)
 
@@ -157,6 +147,7 @@ def seeds_table(played: Played) -> Table:
 def trade_off(played: Played) -> Figure:
     """Return the figure of approach time against V_p."""
     labels = played.matchup.labels
+    runs: list[tuple[str, str, str | None, Run]]
     runs = [(labels[name], name, None, run) for name, run in played.baselines.items()]
     runs += [(POLICY, seed, None, run) for seed, run in played.seeds.items()]
     runs += [(FAMILY, FAMILY, speed, run) for speed, run in played.family.items()]
@@ -183,10 +174,10 @@ def trade_off(played: Played) -> Figure:
     marks = shown.mark_point(size=70).encode(looks.shape, tooltip=["contestant:N", *where, *MEANS])
     layers = faint + curves + marks if len(played.seeds) > 1 else curves + marks
     paper = played.paper.means(played.matchup.typical)
-    at = data.filter(pl.col("chosen")).sort("T")
+    first, last = played.policy.front[0], played.policy.front[-1]
     text = (
         f"Paper's rule: {paper['T']:.3f} s, {paper['V']:.3f} m/s. The policy's curve goes from "
-        f"{at['T'][0]:.3f} s and {at['V'][0]:.3f} m/s to {at['T'][-1]:.3f} s and {at['V'][-1]:.3f} m/s."
+        f"{first[0]:.3f} s and {first[1]:.3f} m/s to {last[0]:.3f} s and {last[1]:.3f} m/s."
     )
     bound = "" if played.bound is None else (
         f" {BOUND.capitalize()}, is the best that a search found for each of the first "
@@ -200,45 +191,16 @@ def trade_off(played: Played) -> Figure:
     return Figure(played.matchup.name, "trade_off", subject, caption, text, zoomable(layers), data, 380)
 
 
-def fronts_table(played: Played) -> Table:
-    """Return the hypervolume of each front at both reference points, at the weights of the bars alone."""
-    weights, near = played.matchup.weights, played.paper.means(played.matchup.typical)
-    policy = f"{POLICY}, {len(played.seeds)} seeds"
-    groups = {policy: [played.of_seeds(name, weights) for name in FRONT]}
-    labels = played.matchup.labels
-    groups |= {labels[name]: [run[field][None] for field in FRONT] for name, run in played.baselines.items()}
-    fronts = {name: [played.resamples.means(values) for values in results] for name, results in groups.items()}
-    farthest = [max(float(front[axis][0].max()) for front in fronts.values()) for axis in (0, 1)]
-    wide = tuple(max(usual, math.ceil(10.0 * far) / 10.0) for usual, far in zip(WIDE_REFERENCE, farthest, strict=True))
-    points = ((near["T"], near["V"]), wide)
-    volumes = {name: [hypervolume(*front, point) for point in points] for name, front in fronts.items()}
-    body = []
-    for contestant, own in volumes.items():
-        cells = [f"{estimate(volume):.4f}" for volume in own]
-        if contestant != policy:
-            differences = [estimate(volume - ours) for volume, ours in zip(own, volumes[policy], strict=True)]
-            cells = [f"{cell}; {difference:.4f}" for cell, difference in zip(cells, differences, strict=True)]
-        body.append((contestant, *cells))
-    head = ("front", f"against ({near['T']:.3f} s, {near['V']:.3f} m/s), the paper's point (m)",
-            f"against ({wide[0]:g} s, {wide[1]:g} m/s) (m)")  # fmt: skip
-    caption = (
-        "Hypervolume: the area between front and reference point, more is better; behind it the difference to the "
-        f"policy's. Fronts of the time weights {', '.join(f'{weight:g}' for weight in weights)}"
-    )
-    return Table(caption, head, body)
-
-
 def weights_table(played: Played) -> Table:
     """Return V_p + w T of policy, rival and bound at each weight, and the ratio with its interval."""
-    resamples, body = played.resamples, []
+    body = []
     for weight in played.matchup.weights:
         ours, theirs, chosen = played.losses(weight), played.rival.loss(weight), played.policy.loss(weight)
-        median, recipe = (estimate(resamples.means(one) / resamples.means(theirs)) for one in (chosen, ours))
+        median, recipe = (Comparison.of_means(one, theirs).ratio for one in (chosen, ours))
         gap = "-"
         if played.bound is not None and weight in played.bound.weights:
             bound = played.bound.loss(weight)
-            few = Resamples(bound.size)
-            gaps = [estimate(few.means(one[..., : bound.size] - bound)) for one in (ours, theirs)]
+            gaps = [Comparison.of_means(bound, one[..., : bound.size]).less for one in (ours, theirs)]
             gap = ", ".join(f"{one:.3f}" for one in gaps)
         body.append((f"{weight:g}", f"{chosen.mean():.4f}", f"{theirs.mean():.4f}", f"{median:.4f}", f"{recipe:.4f}",
                      gap))  # fmt: skip

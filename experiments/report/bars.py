@@ -1,13 +1,14 @@
-"""What was to be reached, and what was: a row for each bar, with every seed against it. Less is better."""
+"""Targets and results: a row for each bar, with every seed against it. Less is better."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from statistics import median
 
-from experiments.lab.statistics import Estimate, Floats, Resamples, estimate
-from experiments.report.figures import Table
+from experiments.lab.comparison import Comparison, verdict
+from experiments.lab.statistics import Estimate, Floats
 from experiments.report.matchups import PAPER, RULE
-from experiments.report.results import Played
+from experiments.report.played import Played
+from experiments.report.tables import Table
 
 ONE_IN = 1 / 500  # objects that may be missed where one thing is off
 
@@ -25,9 +26,7 @@ class Bar:
     @property
     def verdict(self) -> str:
         """Whether the median seed meets it, and whether its interval leaves that open."""
-        met = "met" if self.reached[self.chosen] <= self.at_most else "missed"
-        open_still = self.interval is not None and self.interval.low <= self.at_most < self.interval.high
-        return f"{met}, within the interval" if open_still else met
+        return verdict(self.reached[self.chosen], self.at_most, self.interval)
 
 
 def bars(played: Played, others: Sequence[Played]) -> list[Bar]:
@@ -35,12 +34,10 @@ def bars(played: Played, others: Sequence[Played]) -> list[Bar]:
     evaluation, chosen = played.matchup.evaluation, played.matchup.chosen
 
     def ratio(what: str, at_most: float, ours: Mapping[str, Floats], theirs: Floats) -> Bar:
-        resamples = Resamples(theirs.size)
-        interval = estimate(resamples.means(ours[chosen]) / resamples.means(theirs))
         reached = {name: float(one.mean() / theirs.mean()) for name, one in ours.items()}
-        return Bar(what, at_most, chosen, interval, reached)
+        return Bar(what, at_most, chosen, Comparison.of_means(ours[chosen], theirs).ratio, reached)
 
-    found = []
+    found: list[Bar] = []
     known = {one.matchup.name: (f"the policy of {one.matchup.name}", one.policy_as_late) for one in others}
     known[RULE] = ("the paper's rule", played.paper)
     if evaluation.nominal:
@@ -71,9 +68,9 @@ def _nominal(played: Played, ratio: Callable[[str, float, Mapping[str, Floats], 
             yield ratio(what, evaluation.at_most, ours, measure.loss(each))
     chosen, worst, missed = played.matchup.chosen, 0.0, 0.0
     for change in played.matchup.changes:
-        ours, rule = (played.varied[change.argument, change.label, name] for name in (chosen, PAPER))
-        worst = max(worst, float(ours.loss(weight).mean() / rule.loss(weight).mean()))
-        missed = max(missed, float(ours.at(weight).missed.mean()))
+        policy, rule = (played.varied[change.argument, change.label, name] for name in (chosen, PAPER))
+        worst = max(worst, float(policy.loss(weight).mean() / rule.loss(weight).mean()))
+        missed = max(missed, float(policy.at(weight).missed.mean()))
     where = f"with one thing off at a time, at its worst, w = {weight:g}"
     yield Bar(f"V_p + w T over that of the paper's rule, {where}", 1.0, chosen, None, {chosen: worst})
     yield Bar(f"share of objects missed, {where}", ONE_IN, chosen, None, {chosen: missed})

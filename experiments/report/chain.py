@@ -1,4 +1,4 @@
-"""What is due to what: from the paper's rule to one who knows the object, one thing more at each step.
+"""Ablation: gain from limits, tuning, estimate, learning, and from knowing the object, one thing more at each step.
 
 A step has all that the one before has, so what the steps bring adds up to the whole; in another order each could bring
 more or less. The same rule with the arm's limits is the constant speed that is tuned for each weight and braked as hard
@@ -13,11 +13,12 @@ from itertools import pairwise
 import numpy as np
 
 from agents.baselines import PaperTrapezoid
-from experiments.lab.statistics import Estimate, Floats, Resamples, along, estimate
+from experiments.lab.comparison import Comparison, Front
+from experiments.lab.statistics import Estimate, Floats, Resamples, estimate
 from experiments.report.answer import MISSED_TOO_OFTEN, front
-from experiments.report.figures import Table, percent
 from experiments.report.matchups import BOUND, PAPER, POLICY
-from experiments.report.results import Played, Run
+from experiments.report.played import Played, Run
+from experiments.report.tables import Table, percent
 from impact_gym.task import Task
 
 LIMITS = {(False, False): "", (False, True): "at least ", (True, False): "at most ", (True, True): "about "}
@@ -86,19 +87,19 @@ def chain(played: Played) -> list[Step]:
 
 def _steps(found: Sequence[Link], resamples: Resamples, weight: float, policy: int) -> list[Step]:
     """Return the steps on the first scenarios, as many as are resampled; `policy` is the place of the policy."""
-    fronts = [front(resamples, link.runs) for link in found]
+    fronts: list[Front] = [front(resamples, link.runs) for link in found]
     paper_time = fronts[0][0][:, 0]
     later = [_outside(times[0], paper_time[0]) for times, _ in fronts]
     missed = max(np.mean([run["missed"] for run in link.runs]) for link in found)
     claimed = max(later) == later[policy] == 0.0 and missed <= MISSED_TOO_OFTEN
-    velocities = gains([along(*one, paper_time) for one in fronts], policy, claimed)
+    velocities = gains([Comparison.of_fronts(one, fronts[0]).ours for one in fronts], policy, claimed)
     losses = [np.array([run.loss(weight)[: resamples.scenarios] for run in link.runs]) for link in found]
     of_losses = gains([resamples.means(one) for one in losses], policy)
     sooner = [one < 0.0 for one in later]
     limits = [LIMITS[pair] for pair in zip([False, *sooner], sooner, strict=False)]
     return [
-        Step(link.added, link.contestant, resamples.scenarios, *numbers[:-1], weight, numbers[-1])
-        for link, *numbers in zip(found, later, limits, velocities, of_losses, strict=True)
+        Step(link.added, link.contestant, resamples.scenarios, off, limit, velocity, weight, loss)
+        for link, off, limit, velocity, loss in zip(found, later, limits, velocities, of_losses, strict=True)
     ]
 
 
@@ -112,13 +113,12 @@ def gains(values: Sequence[Floats], policy: int, claimed: bool = True) -> list[G
 
     Unless `claimed` there are no differences: a contestant is read at another time than the one before it.
     """
-    whole = values[0] - values[policy]
-    shared = estimate(whole).low > 0.0
+    whole = Comparison(values[policy], values[0])
+    shared = claimed and whole.less.low > 0.0
     found = [Gain(estimate(values[0]), None, None)]
     for before, after in pairwise(values):
-        less = before - after
-        share = estimate(less / whole) if claimed and shared else None
-        found.append(Gain(estimate(after), estimate(less) if claimed else None, share))
+        share = estimate((before - after) / (whole.theirs - whole.ours)) if shared else None
+        found.append(Gain(estimate(after), Comparison(after, before).less if claimed else None, share))
     return found
 
 
@@ -156,7 +156,6 @@ def sentence(steps: Sequence[Step]) -> str:
         shares = [("", step.loss.share) for step in more]
     else:
         what, shares = "that reduction", [(step.limit, step.velocity.share) for step in more]
-    if len(more) < 2 or not all(share for _, share in shares):
-        return ""
-    told = (f"{limit}{percent(share)} from {step.added}" for (limit, share), step in zip(shares, more, strict=True))
-    return f" Of {what} come {', '.join(told)}."
+    known = [f"{limit}{percent(share)} from {step.added}" for (limit, share), step in zip(shares, more, strict=True)
+             if share]  # fmt: skip
+    return f" Of {what} come {', '.join(known)}." if 1 < len(more) == len(known) else ""

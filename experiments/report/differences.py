@@ -1,32 +1,26 @@
 """Where the policy wins and where it does not: differences on the same scenarios, one by one and in groups."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from dataclasses import asdict
 from typing import Any
 
 import altair as alt
 import numpy as np
 import polars as pl
-from impact_gym.TODO.scenario import LOGARITHMIC
 from numpy.typing import NDArray
 
-from agents.evaluate import RESULTS
-from experiments.lab.statistics import Resamples, estimate, interquartile_mean, quantile_groups
-from experiments.report.figures import Figure, Table, chart_of, looks_of, zero_line, zoomable
+from experiments.lab.comparison import Comparison
+from experiments.lab.statistics import estimate, quantile_groups
+from experiments.report.figures import Figure, chart_of, looks_of, zero_line
 from experiments.report.matchups import PAPER, POLICY
-from experiments.report.results import Played
+from experiments.report.played import Played
+from experiments.report.tables import Table
+from impact_gym.quantities import QUANTITIES, SCENARIO
 from impact_gym.task.scenario import FIELDS
-from impact_gym.task.task import MISSED_COST
 
 GROUPS = 5  # of each field of the scenario, as many scenarios in each; fewer where there would be less than SMALLEST
 SMALLEST = 10
-TITLES = {
-    "object_mass": "object mass (kg)",
-    "contact_stiffness": "contact stiffness (N/m^1.5)",
-    "restitution": "restitution",
-    "distance": "distance (m)",
-}
-POINTS = 201  # of a distribution's curve
+TITLES = {row.id: row.words + (f" ({row.unit})" if row.unit != "-" else "") for row in SCENARIO}
 
 
 def measures(played: Played) -> Table:
@@ -44,90 +38,34 @@ def measures(played: Played) -> Table:
         impulse = velocity * one.scenario["object_mass"]
         body.append((
             name, f"{one.approach_time.mean():.4f}", f"{estimate(played.resamples.means(velocity)):.3f}",
-            f"{interquartile_mean(velocity):.4f}",
             f"{worst:.3f}", f"{peak.mean():.1f}, {np.quantile(peak, 0.95):.0f}", f"{impulse.mean():.4f}",
             f"{100 * (one.contact_count > 1).mean():.1f} %", f"{one.contact_count.mean():.2f}", f"{one.missed.sum()}",
         ))  # fmt: skip
-    head = ("contestant", "T (s)", "V_p (m/s)", "V_p, interquartile mean", "V_p, mean of the worst 5 %",
+    head = ("contestant", "T (s)", "V_p (m/s)", "V_p, mean of the worst 5 %",
             "peak force (N): mean, 95 %", "impulse (N s)", "touched again", "contacts", "missed")  # fmt: skip
     caption = f"Means over the same {played.count:,} scenarios; the impulse is all that the object was given, m V_p"
     return Table(caption, head, body)
 
 
-def distribution(played: Played) -> Figure:
-    """Return the distributions of the paired differences."""
-    weight, rival, late = played.matchup.typical, played.matchup.rival.label, played.policy_as_late
-    against_rule = late["object_velocity"][0] - played.paper["object_velocity"][0]
-    against_rule = np.where(late["missed"][0], MISSED_COST, against_rule)  # a miss is no win
-    against_rival = played.policy.loss(weight) - played.rival.loss(weight)
-    pairs = {
-        "V_p as late as the paper's rule, against it": against_rule,
-        f"V_p + {weight:g} T, against {played.matchup.rival.plain}": against_rival,
-    }
-    share = np.linspace(0.0, 1.0, POINTS)
-    data = pl.concat(
-        pl.DataFrame({"pair": pair, "share": 100 * share, "difference": np.quantile(values, share)})
-        for pair, values in pairs.items()
-    )
-    looks = looks_of(data, "pair")
-    curve = chart_of(data).mark_line().encode(
-        alt.X("difference:Q", title="policy minus the other, same scenario (m/s)"),
-        alt.Y("share:Q", title="share of scenarios below (%)"),
-        looks.colour, looks.dash, order="share:Q",
-        tooltip=["pair:N", alt.Tooltip("share:Q", format=".1f"), alt.Tooltip("difference:Q", format=".3f")],
-    )  # fmt: skip
-    won = [100 * (values < 0).mean() for values in pairs.values()]
-    text = (
-        f"The policy leaves the object slower than the paper's rule in {won[0]:.0f} % of the scenarios and costs less "
-        f"than {rival} in {won[1]:.0f} %."
-    )
-    caption = text + " Left of zero the policy is better."
-    chart = zoomable(curve + zero_line(x="zero:Q"))
-    return Figure(played.matchup.name, "differences", "paired differences", caption, text, chart, data)
-
-
 def breakdown(played: Played) -> list[Figure]:
-    """Return for each field of the scenario V_p of rule and policy, and the paired difference to the rival."""
-    return [figure(played, field) for field in FIELDS for figure in (_levels, _paired)]
+    """Return for each field of the scenario the paired difference to the rival."""
+    return [_paired(played, field) for field in FIELDS]
 
 
-def _groups(played: Played, field: str) -> Iterator[tuple[NDArray[np.bool_], Resamples, dict[str, float]]]:
-    """Yield a mask, resamples and the place on the axis of each group of scenarios that are close in a field."""
+def _groups(played: Played, field: str) -> Iterator[tuple[NDArray[np.bool_], dict[str, float]]]:
+    """Yield a mask and the place on the axis of each group of scenarios that are close in a field."""
     values = played.paper.scenario[field]
     for inside, low, high in quantile_groups(values, max(1, min(GROUPS, values.size // SMALLEST))):
-        if (count := int(inside.sum())) > 1:
-            yield inside, Resamples(count), {"from": low, "to": high, "middle": float(np.median(values[inside]))}
-
-
-def _levels(played: Played, field: str) -> Figure:
-    late = f"{POLICY}, as late"
-    rows = []
-    for inside, resamples, place in _groups(played, field):
-        for contestant, runs in ((PAPER, [played.paper]), (late, played.as_late.values())):
-            one = {name: np.array([run[name][0][inside] for run in runs], float) for name in RESULTS}
-            rows.append({
-                "contestant": contestant, **place, **asdict(estimate(resamples.means(one["object_velocity"]))),
-                "peak force": one["peak_force"].mean(), "touched again": (one["contact_count"] > 1).mean(),
-                "missed": int(one["missed"].sum()),
-            })  # fmt: skip
-    data = pl.DataFrame(rows)
-    said = "; ".join(
-        f"{one}: {group['value'][0]:.2f} m/s at the low end, {group['value'][-1]:.2f} at the high end"
-        for (one,), group in data.group_by("contestant", maintain_order=True)
-    )
-    more = [alt.Tooltip("peak force:Q", title="peak force (N)", format=".1f"),
-            alt.Tooltip("touched again:Q", format=".1%"), "missed:Q"]  # fmt: skip
-    chart = _over_field(data, field, "mean V_p (m/s)", {late: POLICY}, more)
-    caption = f"Groups of as many scenarios each, 95 % intervals. {said}."
-    return Figure(played.matchup.name, f"by_{field}", f"V_p by {TITLES[field]}", caption, said, chart, data, 240)
+        if inside.sum() > 1:
+            yield inside, {"from": low, "to": high, "middle": float(np.median(values[inside]))}
 
 
 def _paired(played: Played, field: str) -> Figure:
     weight, rival = played.matchup.typical, played.matchup.rival.label
-    label, differences = f"{POLICY} minus {rival}", played.losses(weight) - played.rival.loss(weight)
+    label, ours, theirs = f"{POLICY} minus {rival}", played.losses(weight), played.rival.loss(weight)
     data = pl.DataFrame([
-        {"contestant": label, **place, **asdict(estimate(resamples.means(differences[:, inside])))}
-        for inside, resamples, place in _groups(played, field)
+        {"contestant": label, **place, **asdict(Comparison.of_means(theirs[inside], ours[:, inside]).less)}
+        for inside, place in _groups(played, field)
     ])  # fmt: skip
 
     def ranges(where: pl.Expr) -> str:
@@ -139,21 +77,14 @@ def _paired(played: Played, field: str) -> Figure:
     caption = (
         f"Paired differences at w = {weight:g}, all seeds, 95 % intervals; below zero the policy is better. {said}"
     )
-    chart = _over_field(data, field, f"difference of V_p + {weight:g} T (m/s)", {label: POLICY})
-    chart, subject = zero_line(y="zero:Q") + chart, f"against {rival}, by {TITLES[field]}"
-    return Figure(played.matchup.name, f"paired_{field}", subject, caption, said, chart, data, 240)
-
-
-def _over_field(data: pl.DataFrame, field: str, title: str, like: Mapping[str, str], more: Sequence[Any] = ()) -> Any:
-    """Return points with intervals over a field, `more` in their tooltips; for `like` see `looks_of`."""
-    looks = looks_of(data, like=like)
-    kind: dict[str, Any] = {"type": "log"} if LOGARITHMIC[FIELDS.index(field)] else {"zero": False}
+    kind: dict[str, Any] = {"type": "log"} if QUANTITIES[field].by_ratio(played.paper[field].min()) else {"zero": False}
     axis = alt.Axis(format="~s") if field == "contact_stiffness" else alt.Axis()
-    base = chart_of(data).encode(
-        alt.X("middle:Q", title=TITLES[field], scale=alt.Scale(**kind, nice=False, padding=14), axis=axis), looks.colour
-    )
+    scale, looks = alt.Scale(**kind, nice=False, padding=14), looks_of(data, like={label: POLICY})
+    base = chart_of(data).encode(alt.X("middle:Q", title=TITLES[field], scale=scale, axis=axis), looks.colour)
+    title = f"difference of V_p + {weight:g} T (m/s)"
     intervals = base.mark_rule(strokeWidth=2).encode(alt.Y("low:Q", title=title), y2="high:Q")
-    line = base.mark_line(strokeWidth=1.2).encode(y="value:Q")
     numbers = [alt.Tooltip(f"{one}:Q", format=".3g") for one in ("from", "to", "value", "low", "high")]
-    marks = base.mark_point(size=60).encode(looks.shape, y="value:Q", tooltip=["contestant:N", *numbers, *more])
-    return intervals + line + marks
+    marks = base.mark_point(size=60).encode(looks.shape, y="value:Q", tooltip=["contestant:N", *numbers])
+    chart = zero_line(y="zero:Q") + intervals + base.mark_line(strokeWidth=1.2).encode(y="value:Q") + marks
+    subject = f"against {rival}, by {TITLES[field]}"
+    return Figure(played.matchup.name, f"paired_{field}", subject, caption, said, chart, data, 240)

@@ -1,4 +1,4 @@
-"""Figures and tables of the page, and the look that all charts share.
+"""Figures of the page, and the look that all charts share.
 
 A figure is a Vega-Lite chart: in the page it can be hovered and zoomed, or stands still where a reader must not wait
 for it; on disk it is SVG with its data beside it. Colours are those of Okabe and Ito (2008), and every series has a
@@ -18,7 +18,6 @@ import polars as pl
 import vl_convert
 from markupsafe import Markup
 
-from experiments.lab.statistics import Estimate
 from experiments.report.matchups import PAPER, POLICY
 from impact_gym.files import whole_file
 
@@ -89,39 +88,6 @@ class Figure:
                 file.write(content.encode())
 
 
-@dataclass(frozen=True)
-class Table:
-    """Rows of words; the first column names the row."""
-
-    caption: str
-    head: Sequence[str]
-    rows: Sequence[Sequence[str]]
-
-    @property
-    def words(self) -> list[bool]:
-        """Whether a column is of words: most of its cells begin with neither a digit nor a sign."""
-        columns = zip(*self.rows, strict=False)
-        return [2 * sum(bool(re.match(r"[-+\d]|at (least|most) \d", cell)) for cell in each) < len(self.rows)
-                for each in columns]  # fmt: skip
-
-
-class Heat(NamedTuple):
-    """A cell of a heat map."""
-
-    value: str
-    note: str  # under it
-    ratio: float  # to what the heat map compares with; below 1 better
-
-
-@dataclass(frozen=True)
-class HeatMap:
-    """Rows of cells that are as warm as they are worse than what they are compared with."""
-
-    caption: str
-    head: Sequence[str]
-    rows: Sequence[tuple[str, str, Sequence[Heat]]]  # what is changed, over which values, a cell for each contestant
-
-
 def zoomable(chart: Any) -> Any:
     """Return a chart that is dragged, zoomed with the wheel while Ctrl is held, and put back with a double click."""
     return chart.add_params(alt.selection_interval(bind="scales", zoom="wheel![event.ctrlKey]"))
@@ -129,12 +95,16 @@ def zoomable(chart: Any) -> Any:
 
 def chart_of(data: pl.DataFrame, digits: int = 5) -> alt.Chart:
     """Return an empty chart of `data`, floats rounded to so many significant digits: the page must stay small."""
-    return alt.Chart(alt.Data(values=data.with_columns(pl.selectors.float().round_sig_figs(digits)).to_dicts()))
+    return alt.Chart(_data(data.with_columns(pl.selectors.float().round_sig_figs(digits)).to_dicts()))
+
+
+def _data(rows: list[dict[str, Any]]) -> Any:
+    return alt.Data(values=rows)  # type: ignore[no-untyped-call]  # altair leaves it untyped
 
 
 def zero_line(**channel: str) -> alt.Chart:
     """Return a dotted line at zero: `x="zero:Q"` or `y="zero:Q"`."""
-    return alt.Chart(alt.Data(values=[{"zero": 0}])).mark_rule(strokeDash=[2, 3]).encode(**channel)
+    return alt.Chart(_data([{"zero": 0}])).mark_rule(strokeDash=[2, 3]).encode(**channel)
 
 
 class Looks(NamedTuple):
@@ -164,8 +134,3 @@ def looks_of(data: pl.DataFrame, column: str = "contestant", like: Mapping[str, 
         return channel(f"{column}:N", title=None, scale=scale)
 
     return Looks(names, told(alt.Color, COLOURS), told(alt.StrokeDash, DASHES), told(alt.Shape, SHAPES))
-
-
-def percent(share: Estimate) -> str:
-    """Return a share with its interval in percent."""
-    return f"{100 * share.value:.1f} % [{100 * share.low:.1f}, {100 * share.high:.1f}]"

@@ -8,7 +8,7 @@ import polars as pl
 from experiments.report.answer import MISSED_TOO_OFTEN, Answer
 from experiments.report.figures import Figure, chart_of, looks_of
 from experiments.report.matchups import PAPER, POLICY
-from experiments.report.results import Played
+from experiments.report.played import Played
 from impact_gym.task.task import VELOCITY_RANGE
 
 WIDTH, HEIGHT = 400, 270  # pixels: read on a phone as well, where the chart is scaled by no more than 0.85
@@ -61,16 +61,18 @@ def chart(one: Answer, played: Played) -> Figure:
         )  # fmt: skip
 
     paper = played.paper.means(played.matchup.typical)
-    left = paper["T"] > 0.5 * (data["T"].min() + data["T"].max())  # there is more room
+    late, tuned = played.policy.front, played.rival.front
+    points = [*late, *tuned, *played.paper.front]
+    (earliest, _), (latest, _) = min(points), max(points)
+    left = paper["T"] > 0.5 * (earliest + latest)  # there is more room
     beside = {"align": "right", "dx": -12} if left else {"align": "left", "dx": 12}
     names = [written(PAPER, paper["T"], paper["V"], PAPER, **beside)]
-    tuned, late = (data.filter(pl.col("contestant") == name).sort("T") for name in (rival, POLICY))
-    low = late["V"][-1] < 0.12 * data["V"].max()  # the axis is near
-    names.append(written(POLICY, late["T"][-1], late["V"][-1], POLICY, align="right", dy=-12 if low else 20))
+    low = late[-1][1] < 0.12 * max(velocity for _, velocity in points)  # the axis is near
+    names.append(written(POLICY, *late[-1], POLICY, align="right", dy=-12 if low else 20))
     if rival != PAPER:
-        last = tuned["T"][-1] > 0.3 * data["T"].min() + 0.7 * data["T"].max()  # no room to the right of it
-        above = {"align": "right", "dy": -24} if last else {"align": "left", "dx": 8, "dy": -8}
-        names.append(written(rival, tuned["T"][-1], tuned["V"][-1], rival, **above))
+        last = tuned[-1][0] > 0.3 * earliest + 0.7 * latest  # no room to the right of it
+        above: dict[str, Any] = {"align": "right", "dy": -24} if last else {"align": "left", "dx": 8, "dy": -8}
+        names.append(written(rival, *tuned[-1], rival, **above))
     gain = []
     if one.reached and one.reduction.value > 0.0:
         there = pl.DataFrame([{"T": paper["T"], "V": paper["V"], "to": one.velocity.value}])
@@ -78,14 +80,14 @@ def chart(one: Answer, played: Played) -> Figure:
         middle = 0.5 * (paper["V"] + one.velocity.value)
         gain.append(written(_less(one.reduction.value), paper["T"], middle, POLICY, align="left", dx=6))
     text = (
-        f"Paper's rule: {paper['T']:.3f} s, {paper['V']:.3f} m/s. The learned policy: from {late['T'][0]:.3f} s and "
-        f"{late['V'][0]:.3f} m/s to {late['T'][-1]:.3f} s and {late['V'][-1]:.3f} m/s."
+        f"Paper's rule: {paper['T']:.3f} s, {paper['V']:.3f} m/s. The learned policy: from {late[0][0]:.3f} s and "
+        f"{late[0][1]:.3f} m/s to {late[-1][0]:.3f} s and {late[-1][1]:.3f} m/s."
     )
     fastest = played.matchup.environment.get("velocity_range", VELOCITY_RANGE)[1]
-    tuned = "" if rival == PAPER else f", and for which the {rival} is tuned"
+    also = "" if rival == PAPER else f", and for which the {rival} is tuned"
     caption = (
         "Down and left is better: gentler and sooner. Each line runs from urgent to patient; a mark is one urgency, "
-        f"which the policy is told{tuned}. The rule of the paper, Tommasino et al. 2020, goes at "
+        f"which the policy is told{also}. The rule of the paper, Tommasino et al. 2020, goes at "
         f"{min(1.0, fastest):g} m/s and brakes as soon as the alarm of the touch arrives."
     )
     subject = "speed the object is left with, V_p (m/s)"

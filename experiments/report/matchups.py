@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from agents.train.settings import default_settings
 
 from agents.baselines.bound import FROZEN, bound_of
 from agents.baselines.tuned import FIXED, TUNED, read_tuned
@@ -19,14 +18,12 @@ from agents.baselines.tuned import names as tuned_names
 from agents.evaluate.controllers import controller_of, try_out
 from agents.evaluate.scenario_batch import TEST_SEED
 from agents.jobs import digest_of
-from agents.policies.policy import SHIPPED, Policy, load_policy
+from agents.policies import Policy, load_ensemble, load_policy
 from agents.setups import Setup, load_setup, same_environment
 from agents.setups import shipped as shipped_setups
 from agents.setups.evaluation import Change, Evaluation, variants
-from experiments.lab.results import checksum
 from experiments.report.scenarios import environment_and_scenarios
-from impact_gym.envs import observation
-from impact_gym.task import Task
+from impact_gym.task import ObservationSpec, Task
 
 PAPER = "paper's rule"
 RULE = "paper-trapezoid"  # what the package calls it
@@ -115,7 +112,7 @@ class Matchup:
     def measure(self) -> Contestant | None:
         """The shipped policy that this one is measured against where nothing is drawn, if there is one."""
         name = self.evaluation.of
-        return policy(name, SHIPPED / f"{name}.npz", self.evaluation) if name in shipped_setups() else None
+        return policy_contestant(name, load_policy(name), self.evaluation) if name in shipped_setups() else None
 
     @cached_property
     def changes(self) -> list[Change]:
@@ -130,16 +127,15 @@ def of_setup(setup: Setup, scenarios: Mapping[str, Any], folder: Path | None = N
         ValueError: there are no policies yet, or a baseline was not tuned.
     """
     folder = setup.folder if folder is None else folder
-    there = folder / "policies" / setup.name
-    paths = sorted(there.glob("seed-*.npz"), key=lambda path: int(path.stem.removeprefix("seed-")))
-    if not paths or not (there / "seeds.json").is_file():
-        raise ValueError(f"{there} holds no policies: impact-gym train-seeds {setup.called}")
-    for path in paths:
-        if not setup.describes(load_policy(path).environment):
-            raise ValueError(f"{path} was trained for another environment than {setup.called} says: train it anew")
-    seeds = tuple(policy(path.stem, path, setup.evaluation) for path in paths)
-    chosen = f"seed-{json.loads((there / 'seeds.json').read_text())['median']}"
-    about = load_policy(there / f"{chosen}.npz").provenance
+    path = folder / "policies" / f"{setup.name}.npz"
+    if not path.is_file():
+        raise ValueError(f"there are no policies {path}: impact-gym train-seeds {setup.called}")
+    ensemble = load_ensemble(path)
+    if not setup.describes(ensemble[None].environment):
+        raise ValueError(f"{path} was trained for another environment than {setup.called} says: train it anew")
+    policies = sorted(ensemble.policies, key=lambda policy: policy.seed)
+    seeds = tuple(policy_contestant(f"seed-{policy.seed}", policy, setup.evaluation) for policy in policies)
+    chosen, about = f"seed-{ensemble.chosen}", ensemble[None].provenance
     environment, met = environment_and_scenarios(setup.environment, scenarios)
     rivals = baselines(setup.against, environment, setup, folder / "tuned")
     note = setup.about + quick_look_note(setup, about, rivals)
@@ -165,7 +161,7 @@ def clairvoyant(setup: Setup, scenarios: Mapping[str, Any], folder: Path = TUNED
 def quick_look_note(setup: Setup, about: Mapping[str, Any], rivals: Sequence[Contestant]) -> str:
     """Say what was trained or tuned with less than the set-up asks for; empty if nothing was."""
     told = []
-    steps, wanted = about["settings"]["steps"], default_settings(str(setup.path)).steps
+    steps, wanted = about["settings"]["steps"], setup.training.steps
     if steps < wanted:
         told.append(f"trained for {steps:,} steps of {wanted:,}")
     tuned = [one.controller["tuned"]["weights"].values() for one in rivals if one.name in setup.tuned]
@@ -188,9 +184,7 @@ def of_policies(
     """
     found: dict[str, Matchup] = {}
     for path in map(Path, paths):
-        named = SHIPPED / f"{path}.npz"
-        file = named if named.is_file() else path / "best.npz" if path.is_dir() else path
-        loaded = load_policy(file)
+        loaded = load_policy(path)
         trained_in = {name: value for name, value in loaded.environment.items() if name != "time_weight"}
         asked = {**trained_in, **changes}
         environment, met = environment_and_scenarios(asked, scenarios)
@@ -206,19 +200,20 @@ def of_policies(
             note += f"; its baselines were tuned for {setup.name}, not for this environment"
         rivals = baselines(names or (setup.against if setup else ()), environment)
         bound = clairvoyant(setup, met) if setup and not changes else None
-        seeds, about = (policy(name, file, evaluation),), loaded.provenance
+        seeds, about = (policy_contestant(name, loaded, evaluation),), loaded.provenance
         found[name] = Matchup(name, environment, seeds, name, rivals, met, about, note, evaluation, bound)
     return list(found.values())
 
 
-def policy(name: str, path: Path, evaluation: Evaluation) -> Contestant:
-    """Return the policy in a file; it travels with its jobs, so that another machine needs no file."""
-    trained = load_policy(path).environment.get("time_weight", evaluation.typical)
+def policy_contestant(name: str, policy: Policy, evaluation: Evaluation) -> Contestant:
+    """Return a policy as a contestant; it travels with its jobs, so that another machine needs no file."""
+    trained = policy.environment.get("time_weight", evaluation.typical)
     low, high = trained if isinstance(trained, (list, tuple)) else (trained, trained)
     played = sorted({*evaluation.curve, *evaluation.weights, evaluation.typical})
     weights = tuple(weight for weight in played if low <= weight <= high) or (float(low),)
-    controller = {"policy": base64.b64encode(path.read_bytes()).decode()}
-    return Contestant(name, controller, weights, checksum(path))
+    content = policy.to_bytes()
+    controller = {"policy": base64.b64encode(content).decode()}
+    return Contestant(name, controller, weights, hashlib.sha256(content).hexdigest())
 
 
 def baselines(
@@ -235,7 +230,7 @@ def baselines(
     found = [Contestant(PAPER, {"baseline": RULE}, (typical,), "")]
     if len({*names, RULE}) <= len(names):
         raise ValueError(f"baselines must differ, and the paper's rule is there anyway; got {list(names)}")
-    shown = np.zeros((2, len(observation.entries(Task(**environment)))), np.float32)
+    shown = np.zeros((2, len(ObservationSpec(Task(**environment)))), np.float32)
     for name in names:
         its_own = setup is not None and name in setup.tuned
         if its_own or name in tuned_names():

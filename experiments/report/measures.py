@@ -5,24 +5,20 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from impact_gym.TODO.observation import ENTRIES
 from numpy.typing import NDArray
 
 from agents.baselines import PaperTrapezoid
-from agents.baselines.rule import Seen
 from agents.evaluate.controllers import controller_of
 from agents.evaluate.play import frozen_of, play, scenario_batch_of
 from agents.policies import Controller
 from experiments.lab.player.films import play_to_the_end
 from experiments.reference.task import rescore
 from impact_gym.envs.single import ImpactApproachEnv
-from impact_gym.task import Task
 
 Arrays = dict[str, NDArray[Any]]
 JSON = Mapping[str, Any]
 HALVINGS = 9  # of the range of weights, in its logarithm: to 1 %
 APART = 500  # scenarios to find a weight on, or as many as are then played
-PEAK = next(place for place, entry in enumerate(ENTRIES) if entry.name.startswith("its maximum"))
 
 
 def play_as_late(controller: JSON, environment: JSON, scenarios: JSON, weights: Sequence[float]) -> Arrays:
@@ -60,38 +56,13 @@ def others(scenarios: JSON) -> dict[str, Any]:
     return dict(scenarios)
 
 
-def reactions(controller: JSON, environment: JSON, scenarios: JSON, weight: float) -> Arrays:
-    """Return what was sensed and commanded at each control step after the alarm, an entry per step.
-
-    Which `scenario` it was, time `since` the alarm (s), largest force `sensed` so far (N), `velocity` (m/s) and
-    `acceleration` (m/s^2) commanded.
-    """
-    one, task = controller_of(controller, weight, environment), Task(**environment)
-    low, high = np.array([task.velocity_range, task.acceleration_range]).T
-    kept: list[NDArray[np.float64]] = []
-
-    class Listening:
-        def predict(self, observation: Any, **arguments: Any) -> tuple[Any, Any]:
-            action, state = one.predict(observation, **arguments)
-            seen = Seen(observation)
-            now = seen.alarm & (seen.scaled[:, 4] < 1.0)  # once the episode is over the clock stands still
-            sensed = np.expm1(seen.scaled[now, PEAK] * math.log1p(ENTRIES[PEAK].high))
-            command = low + (high - low) * (0.5 * (np.clip(np.asarray(action, np.float64)[now], -1.0, 1.0) + 1.0))
-            kept.append(np.column_stack([np.flatnonzero(now), seen.since_alarm[now], sensed, command]))
-            return action, state
-
-    scenario_batch_of(scenarios, weight, environment).play(Listening())
-    names = ("scenario", "since", "sensed", "velocity", "acceleration")
-    return dict(zip(names, np.concatenate(kept).T, strict=True))
-
-
-def in_scipy(controller: JSON, environment: JSON, scenarios: JSON, weight: float, clamp: bool) -> Arrays:
+def in_scipy(controller: JSON, environment: JSON, scenarios: JSON, weight: float) -> Arrays:
     """Return the results (scenarios,) in the independent solver, and those of the environment, `our_...`."""
     frozen = frozen_of(scenarios)
     if frozen is None:
         raise ValueError("the independent solver takes scenarios of a set or a table")
     one = controller_of(controller, weight, environment)
-    found = rescore(one, frozen, range(scenarios["count"]), environment, weight, clamp=clamp)
+    found = rescore(one, frozen, range(scenarios["count"]), environment, weight)
     ours = scenario_batch_of(scenarios, weight, environment).play(one)
     return found | {f"our_{name}": getattr(ours, name) for name in ("object_velocity", "approach_time", "missed")}
 

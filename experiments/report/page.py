@@ -14,23 +14,25 @@ from agents.evaluate.controllers import controller_of
 from agents.evaluate.play import frozen_of
 from experiments.lab import page, player
 from experiments.lab.player import choose, films, fragment
-from experiments.report import (
-    answer,
-    bars,
-    chain,
-    differences,
-    first_screen,
-    learned,
-    robustness,
-    shield,
-    weaknesses,
-)
-from experiments.report.figures import Figure, HeatMap, Table
+from experiments.report import answer, bars, chain, differences, first_screen, learned, robustness, shield, weaknesses
+from experiments.report.figures import Figure
 from experiments.report.matchups import PAPER, POLICY, Matchup
-from experiments.report.results import Played
+from experiments.report.played import Played
+from experiments.report.tables import HeatMap, Table
 
+Part = Figure | Table | HeatMap | str
 KINDS = {Figure: "figure", Table: "table", HeatMap: "heat_map", str: "paragraph"}
 """Macros of parts.html.jinja that show a part of a fold."""
+ONE_AT_A_TIME = (
+    "One thing is changed at a time; policy and baselines stay as they were trained and tuned. The alarm is a switch "
+    "that noise of the force does not reach, so a baseline that looks at nothing else is the same at any noise. A "
+    "stiffer coupling keeps its damping ratio."
+)
+SOLVERS = (
+    "Every policy once more with a hundredth of the tolerance and with the dissipation that delivers the nominal "
+    "restitution exactly instead of Hu and Guo's; and the median seed and two baselines in an independent solver of "
+    "the whole episode, written with SciPy's integrators."
+)
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,7 @@ class Fold:
     """A part of a tab: what stands there, or is there to be opened."""
 
     heading: str
-    parts: Sequence[Figure | Table | HeatMap | str]
+    parts: Sequence[Part]
     closed: bool = True
     key: str = ""  # of a link to it
 
@@ -48,15 +50,17 @@ class Tab:
     """What the page says of a set-up."""
 
     matchup: Matchup
+    answer: answer.Answer
+    steps: Sequence[chain.Step]
+    bars: Sequence[bars.Bar]
     headline: str
-    fails: weaknesses.Failing | None  # where it does not hold; not on a first page
+    fails: weaknesses.Failing  # where it does not hold
     chart: Figure
     sentence: str  # the answer with its intervals
-    seeds: int
     scenarios: int
     engineer: Sequence[Fold]
     statistician: Sequence[Fold]
-    film: str  # HTML; empty on a first page
+    film: Markup
 
     @property
     def figures(self) -> list[Figure]:
@@ -65,68 +69,50 @@ class Tab:
         return [self.chart, *(part for part in parts if isinstance(part, Figure))]
 
 
-def tab(one: Played, others: Sequence[Played], steps: Sequence[chain.Step], first: bool = False) -> Tab:
-    """Return the tab of a matchup; of a first page, without what is still being played."""
-    found, matchup = answer.answer(one), one.matchup
+def tab(one: Played, others: Sequence[Played]) -> Tab:
+    """Return the tab of a matchup; `others` are all of the report."""
+    matchup, found, steps, reached = one.matchup, answer.answer(one), chain.chain(one), bars.bars(one, others)
     return Tab(
         matchup,
+        found,
+        steps,
+        reached,
         first_screen.headline(found, one),
-        None if first else weaknesses.where_it_fails(one),
+        weaknesses.where_it_fails(one),
         first_screen.chart(found, one),
         answer.sentence(found, matchup) + chain.sentence(steps),
-        len(one.seeds),
         one.count,
-        [Fold("What the gain is due to", [chain.table(steps, matchup.labels)], closed=False)]
-        + ([] if first else _engineer(one)),
-        [_trade_off(one)] + ([] if first else _statistician(one, others)),
-        "" if first else Markup(fragment(watch(one), f"watch-{matchup.name}")),
+        _engineer(one, steps),
+        _statistician(one, reached),
+        Markup(fragment(watch(one), f"watch-{matchup.name}")),
     )
 
 
-def _engineer(one: Played) -> list[Fold]:
-    reacted = [learned.reaction(one)] if one.reactions["since"].size else []  # else no alarm came
+def _engineer(one: Played, steps: Sequence[chain.Step]) -> list[Fold]:
+    by_itself: list[Part] = [ONE_AT_A_TIME, *robustness.figures(one), robustness.categories(one)]
     return [
-        Fold("What it learned", [learned.approach(one), *reacted], closed=False, key="learned"),
+        Fold("What the gain is due to", [chain.table(steps, one.matchup.labels)], closed=False),
+        Fold("What it learned", [learned.approach(one)], closed=False, key="learned"),
         Fold("Forces, and what the objects get", [differences.measures(one)], closed=False, key="forces"),
         Fold("What a limit of force would cost", [shield.table(one)]),
         Fold("Does it hold?", [weaknesses.heat_map(one)], closed=False, key="robustness"),
-        Fold(
-            "Each of these by itself",
-            [
-                "One thing is changed at a time; policy and baselines stay as they were trained and tuned. The alarm "
-                "is a switch that noise of the force does not reach, so a baseline that looks at nothing else is the "
-                "same at any noise. A stiffer coupling keeps its damping ratio.",
-                *weaknesses.weak_points(one),
-                *robustness.figures(one),
-                robustness.categories(one),
-            ],
-        ),
+        Fold("Each of these by itself", by_itself),
     ]
 
 
-def _trade_off(one: Played) -> Fold:
+def _statistician(one: Played, reached: Sequence[bars.Bar]) -> list[Fold]:
     seeds = [answer.seeds_table(one)] if len(one.seeds) > 1 else []
-    parts = [answer.trade_off(one), answer.weights_table(one), answer.fronts_table(one), *seeds]
-    return Fold("The trade-off of every seed and every baseline", parts, key="trade-off")
-
-
-def _statistician(one: Played, others: Sequence[Played]) -> list[Fold]:
+    trade_off: list[Part] = [answer.trade_off(one), answer.weights_table(one), *seeds]
     apart = (
         "The weight that makes a policy as late as the paper's rule was found on "
         f"{_apart(one.matchup.scenarios)}, so the two are equally late only nearly here."
     )
-    solvers = (
-        "Every policy once more with a hundredth of the tolerance and with the dissipation that delivers the nominal "
-        "restitution exactly instead of Hu and Guo's; and the median seed and two baselines in an independent solver "
-        "of the whole episode, written with SciPy's integrators, with and without the clamp that keeps the contact "
-        "from pulling."
-    )
-    where = [apart, differences.distribution(one), *differences.breakdown(one)]
+    where: list[Part] = [apart, *differences.breakdown(one)]
     return [
-        Fold("What was to be reached", [bars.table(bars.bars(one, others))], key="bars"),
+        Fold("The trade-off of every seed and every baseline", trade_off, key="trade-off"),
+        Fold("What was to be reached", [bars.table(reached)], key="bars"),
         Fold("Where the policy wins, and where not", where, key="differences"),
-        Fold("What urgency changes", learned.urgency(one), key="urgency"),
-        Fold("Is it the simulator?", [solvers, robustness.simulator(one)], key="simulator"),
+        Fold("Is it the simulator?", [SOLVERS, robustness.simulator(one)], key="simulator"),
     ]
 
 
@@ -134,6 +120,17 @@ def _apart(scenarios: Mapping[str, Any]) -> str:
     if "table" in scenarios:
         return "these scenarios themselves"
     return "the first half of the validation set" if "set" in scenarios else "other scenarios from the same ranges"
+
+
+def policies_table(played: Sequence[Played]) -> Table:
+    """Return the median policies of all set-ups."""
+    body = [
+        (one.label, one.chosen, str(len(one.seeds)), one.provenance.get("command", "-"),
+         f"{each.policy_as_late.weights[0]:.4g}", one.policy.checksum[:16])
+        for each in played for one in [each.matchup]
+    ]  # fmt: skip
+    head = ("set-up", "median seed", "seeds", "trained by", "weight as late as the rule (m/s per s)", "checksum")
+    return Table("The policies; checksums of all contestants are in results.json", head, body)
 
 
 def watch(played: Played) -> dict[str, Any]:
@@ -156,17 +153,23 @@ def watch(played: Played) -> dict[str, Any]:
     )
 
 
-def write(folder: Path, about: Mapping[str, Any], tabs: Sequence[Tab]) -> Path:
+def write(folder: Path, about: Mapping[str, Any], tabs: Sequence[Tab], played: Sequence[Played]) -> Path:
     """Write the page, and into `folder`/figures all its figures with their data; return its path."""
     (folder / "figures").mkdir()
     for one in (figure for each in tabs for figure in each.figures):
         one.save(folder / "figures")
-    program = vl_convert.javascript_bundle().replace("</script", "<\\/script")  # what draws the charts
+    bundle = vl_convert.javascript_bundle()  # type: ignore[call-arg]  # its stub asks for what it does not need
+    program = bundle.replace("</script", "<\\/script")  # what draws the charts
+    tables = {
+        "table": answer.answers_table([one.answer for one in tabs], played),
+        "policies": policies_table(played),
+        "seeds": max(len(one.seeds) for one in played),
+    }
     return page.write(
         folder,
         "report",
         runs=[about],
-        about=about,
+        about={**about, **tables},
         tabs=tabs,
         vega=Markup(program),
         player=player,

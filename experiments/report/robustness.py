@@ -6,30 +6,19 @@ from itertools import chain, groupby
 import altair as alt
 import numpy as np
 import polars as pl
-from impact_gym.TODO.setting import NUMBERS
 
 from agents.setups.evaluation import Change
 from experiments.lab.statistics import Floats
-from experiments.report.figures import MEANS, Figure, Table, chart_of, looks_of
+from experiments.report.figures import MEANS, Figure, chart_of, looks_of
 from experiments.report.matchups import PAPER, POLICY
-from experiments.report.results import AS_IT_IS, EXACT, Arrays, Played, Run
+from experiments.report.played import Arrays, Played, Run
+from experiments.report.results import EXACT
+from experiments.report.tables import Table
+from impact_gym.quantities import QUANTITIES
 from impact_gym.task.task import MISSED_COST
 
-FACTORS = {
-    "reaction_delay": "reaction delay",
-    "alarm_threshold": "force that raises the alarm",
-    "force_noise": "noise of the force sensor",
-    "force_bias": "bias of the force sensor",
-    "range_noise": "error of the distance estimate",
-    "tool_mass": "mass of the tool",
-    "coupling.stiffness": "stiffness of the spring",
-    "coupling.damping_ratio": "damping of the spring",
-    "coupling.front_stop": "front stop of the mechanism",
-    "robot": "robot that gives",
-    "scenario": "objects beyond the training",
-    "alarm": "what raises the alarm",
-}
-"""Arguments of the environment in plain words; others are called what they are."""
+WORDS = {"robot": "robot that gives", "scenario": "objects beyond the training"}
+"""Changes that are no quantity, in plain words."""
 SHOWN = {"s": ("ms", 1e3), "m": ("mm", 1e3)}  # units and scales of an axis, where they are others than a set-up's
 Varied = list[tuple[Change, dict[str, Run]]]
 """Changes with the runs of all contestants."""
@@ -47,14 +36,14 @@ def varied(played: Played) -> list[Varied]:
 
 def factor(argument: str) -> str:
     """Return what an argument of the environment is in plain words."""
-    return FACTORS.get(argument, argument.replace(".", ", ").replace("_", " "))
+    return QUANTITIES[argument].words if argument in QUANTITIES else WORDS.get(argument, argument)
 
 
 def unit(change: Change) -> tuple[str, float]:
     """Return the unit in which a change is shown, and what its value is multiplied by."""
     if change.multiple:
         return "%", 100.0
-    unit = "s" if change.argument in ("reaction_delay", "control_period") else NUMBERS[change.argument].unit
+    unit = QUANTITIES[change.argument].unit
     return SHOWN.get(unit, (unit, 1.0))
 
 
@@ -105,7 +94,7 @@ def _figure(played: Played, found: Varied) -> Figure:
         own = data.filter(pl.col("contestant") == name).sort("value")["loss"]
         said.append(f"{name}: {own[0]:.3f} to {own[-1]:.3f} m/s")
     text = "; ".join(said)
-    worst = data.filter(pl.col("contestant") == POLICY)["missed"].max()
+    worst = max(runs[POLICY].means(weight)["missed"] for _, runs in found)
     missed = f" The policy misses at most {worst} of {found[0][1][POLICY]['missed'].shape[1]} objects." if worst else ""
     caption = f"From left to right, {text}.{missed}"
     return Figure(played.matchup.name, found[0][0].argument, subject, caption, text, lines + marks, data, 220)
@@ -139,21 +128,19 @@ def simulator(played: Played) -> Table:
         more = (f"{means[name] - means[chosen]:+.2g}" if name in means else "-" for name in (PAPER, rival))
         body.append((what, f"{whom}, {velocities[0].size}", f"{mean:.2g}", f"{most:.2g}", *more))
 
-    seeds = [name for name in played.seeds if (AS_IT_IS, name) in played.exactly]
-    for change in list(EXACT)[1:]:
-        pairs = {
-            name: (played.exactly[AS_IT_IS, name].at(weight), played.exactly[change, name].at(weight))
-            for name in {*seeds, rival, PAPER}
-        }
-        velocities = [after.object_velocity - before.object_velocity for before, after in map(pairs.get, seeds)]
+    as_it_is = {**played.baselines, **played.seeds}
+    for change in EXACT:
+        pairs = {}
+        for name in {*played.seeds, rival, PAPER}:
+            after = played.exactly[change, name].at(weight)
+            pairs[name] = as_it_is[name].at(weight).first(after.missed.size), after
+        velocities = [pairs[name][1].object_velocity - pairs[name][0].object_velocity for name in played.seeds]
         losses = {name: after.loss(weight) - before.loss(weight) for name, (before, after) in pairs.items()}
-        add(change, f"{len(seeds)} seeds", velocities, losses)
-    for label in dict.fromkeys(label for label, _ in played.scipy):
-        solved = {name: arrays for (kind, name), arrays in played.scipy.items() if kind == label}
-        velocities = [solved[chosen]["object_velocity"] - solved[chosen]["our_object_velocity"]]
-        losses = {name: _scipy_loss(one, weight) for name, one in solved.items()}
-        add(f"SciPy's solver, {label}", chosen, velocities, losses)
-    if not played.scipy:
+        add(change, f"{len(velocities)} seeds", velocities, losses)
+    if (own := played.scipy.get(chosen)) is not None:
+        losses = {name: _scipy_loss(one, weight) for name, one in played.scipy.items()}
+        add("SciPy's solver", chosen, [own["object_velocity"] - own["our_object_velocity"]], losses)
+    else:
         body.append(("SciPy's solver", "not played: it takes neither drawn ranges nor noise", "", "", "", ""))
     head = ("changed", "played", "largest mean change of V_p (m/s)", "in any scenario (m/s)",
             "change of the gain over the rule (m/s)", f"over {rival_label} (m/s)")  # fmt: skip

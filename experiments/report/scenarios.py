@@ -6,7 +6,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from agents.setups.evaluation import SET_BY_OTHERS
+from agents.setups.evaluation import RESERVED
 from impact_gym.task import ScenarioRanges, Task, evaluation_sets
 from impact_gym.validation import number, whole
 
@@ -28,7 +28,7 @@ def scenarios_from(source: str, count: int | None) -> tuple[dict[str, Any], dict
         seed = whole("seed", content.get("seed", 2_000_000), at_least=0)
         if not isinstance(environment, dict):
             raise ValueError(f"{path}: environment must hold arguments of gym.make by name, got {environment!r}")
-        taken = sorted(set(environment) & {"scenario", *SET_BY_OTHERS})
+        taken = sorted(set(environment) & {"scenario", *RESERVED})
         if taken:
             raise ValueError(f"{path}: environment must leave out {taken}: ranges and the report see to that")
         Task(**environment)  # raises

@@ -1,16 +1,14 @@
 """What a limit of force costs: the policy with a shield around it, and the shield by itself."""
 
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from agents.baselines.permitted import permitted
-from experiments.report.figures import Table
 from experiments.report.matchups import POLICY, Contestant, Matchup
+from experiments.report.played import Played, Run
+from experiments.report.tables import Table
 from impact_gym.task import Task
 from impact_gym.task.scenario import NAMED
-
-if TYPE_CHECKING:
-    from experiments.report.results import Played, Run
 
 LIMITS = (20.0, 50.0, 100.0, 200.0)  # N
 ALONE = "the shield alone"
@@ -44,7 +42,7 @@ def shielded(matchup: Matchup) -> Iterator[tuple[float, Contestant]]:
                 yield limit, Contestant(name, spec, (matchup.typical,), "")
 
 
-def table(played: "Played") -> Table:
+def table(played: Played) -> Table:
     """Return the table of all limits."""
     weight, own = played.matchup.typical, played.policy
     body = [_row("-", "-", POLICY, own, own, weight, "-")]
@@ -67,7 +65,7 @@ def table(played: "Played") -> Table:
     return Table(caption, head, body)
 
 
-def _row(limit: str, speed: str, name: str, run: "Run", own: "Run", weight: float, above: str) -> tuple[str, ...]:
+def _row(limit: str, speed: str, name: str, run: Run, own: Run, weight: float, above: str) -> tuple[str, ...]:
     mean, later = run.means(weight), run.means(weight)["T"] - own.means(weight)["T"]
     largest = run.at(weight).peak_force.max()
     told = (f"{largest:.1f}", above, f"{mean['T']:.3f}", f"{later:+.3f}", f"{mean['V']:.3f}", f"{mean['missed']}")

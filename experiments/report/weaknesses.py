@@ -7,10 +7,10 @@ import numpy as np
 
 from agents.setups.evaluation import Change
 from experiments.report.answer import MISSED_TOO_OFTEN
-from experiments.report.figures import Heat, HeatMap
 from experiments.report.matchups import PAPER, POLICY
-from experiments.report.results import Played, Run
+from experiments.report.played import Played, Run
 from experiments.report.robustness import Varied, factor, setting, varied
+from experiments.report.tables import Heat, HeatMap
 
 
 class Failing(NamedTuple):
@@ -116,27 +116,6 @@ def heat_map(played: Played) -> HeatMap:
         f"which that is. Blue is below, orange above what the paper's rule costs with nothing off, {measure:.2f} m/s."
     )
     return HeatMap(caption, ("what is off", *contestants.values()), rows)
-
-
-def weak_points(played: Played) -> list[str]:
-    """Return sentences on where the policy loses to its rival or to the paper's rule, or misses objects."""
-    found = list(chain.from_iterable(varied(played)))
-    asked = [(change, runs) for change, runs in found if not change.same]
-    said = []
-    for rival, called in reversed(_rivals(played)):
-        lost = [
-            f"{factor(change.argument)} {setting(change)} (by {loss:.3f} m/s)"
-            for change, runs in asked
-            if (loss := _loss(played, runs, rival)) > 0.0
-        ]
-        said.append(f"worse than the {called} at {', '.join(lost)}" if lost else f"nowhere worse than the {called}")
-    missing = [
-        f"{count} of {runs[POLICY]['missed'].shape[1]} at {factor(change.argument)} {setting(change)}"
-        for change, runs in found
-        if (count := runs[POLICY].means(played.matchup.typical)["missed"])
-    ]
-    rule = f"{len(asked) * len(said)} comparisons of the median seed, worse by more than two standard errors: "
-    return [rule + "; ".join(said) + ".", *([f"It misses {'; '.join(missing)}."] if missing else [])]
 
 
 def _rivals(played: Played) -> list[tuple[str, str]]:

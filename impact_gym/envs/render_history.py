@@ -11,6 +11,7 @@ from impact_gym.scene import Rigid
 from impact_gym.simulation import Trace
 from impact_gym.task.task import HORIZON, Task
 
+FRAME_RATE = 30  # 1/s
 FLIGHT_FACTOR = 8  # times slower than life, where nothing touches
 CONTACT_FACTOR = 32  # times slower at least, while tool and object touch
 LARGEST_FACTOR = 1024  # times slower at the most
@@ -99,8 +100,8 @@ class History:
         stiffness = self.info["scenario"]["contact_stiffness"]
         return (1.25 * self.reduced_mass * speed * speed / stiffness) ** 0.4
 
-    def factor(self, time: float, rate: float) -> float:
-        """How many times slower than life a film of `rate` frames per s runs at `time` (s): a power of two.
+    def factor(self, time: float) -> float:
+        """How many times slower than life a film runs at `time` (s): a power of two.
 
         It rises as the touch comes near, so that the impact itself gets FRAMES_PER_IMPACT frames, and falls with the
         time since: a contact that the coupling then presses on for a hundred impact times is not stretched as much.
@@ -108,7 +109,7 @@ class History:
         state = self.at(time)
         begun = int(np.searchsorted(self.touches, time, side="right"))
         touching = begun > 0 and time < self.partings[begun - 1]
-        interval = 1.0 / (rate * (CONTACT_FACTOR if touching else FLIGHT_FACTOR))
+        interval = 1.0 / (FRAME_RATE * (CONTACT_FACTOR if touching else FLIGHT_FACTOR))
         if self.ended and time >= self.end_of_control:
             interval = max(interval, (self.now - self.end_of_control) / SETTLING_FRAMES)
         away, speed = math.inf, 1.0
@@ -119,19 +120,19 @@ class History:
             away, speed = -state.penetration / state.closing, state.closing
         finest = self.impact_time(max(speed, SLOWEST_IMPACT)) / FRAMES_PER_IMPACT
         interval = min(interval, max(away / FRAMES_PER_FOLD, finest))
-        slower = 1.0 / (rate * max(interval, 1.0 / (rate * LARGEST_FACTOR)))
+        slower = 1.0 / (FRAME_RATE * max(interval, 1.0 / (FRAME_RATE * LARGEST_FACTOR)))
         return max(2.0 ** math.ceil(math.log2(slower) - 1e-9), SMALLEST_FACTOR)
 
-    def film(self, after: float, rate: float) -> Iterator[tuple[float, float]]:
-        """Yield instants (s) after `after` for frames shown at `rate` (1/s), each with its factor.
+    def film(self, after: float) -> Iterator[tuple[float, float]]:
+        """Yield instants (s) after `after` for frames, each with its factor.
 
         What is left of a step for less than a frame comes with the next; but some frame comes of any step, and the
         last one of an episode shows how it ended.
         """
-        time, factor = after, self.factor(after, rate)
-        while time + 1.0 / (rate * factor) <= self.now:
-            time += 1.0 / (rate * factor)
+        time, factor = after, self.factor(after)
+        while time + 1.0 / (FRAME_RATE * factor) <= self.now:
+            time += 1.0 / (FRAME_RATE * factor)
             yield time, factor
-            factor = self.factor(time, rate)
+            factor = self.factor(time)
         if time < self.now and (self.ended or time == after):
             yield self.now, factor

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from impact_gym.envs import render_canvas as look
 from impact_gym.envs import render_chain, render_strips
 from impact_gym.envs.render_canvas import Canvas
-from impact_gym.envs.render_history import History, State
+from impact_gym.envs.render_history import FRAME_RATE, History, State
 from impact_gym.scene import Bistable, SpringDamper
 from impact_gym.simulation import Trace
 from impact_gym.task import Task
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     import pygame
 
 MODES = ("human", "rgb_array", "rgb_array_list")
-FRAME_RATE = 30  # 1/s
 HOLD = 1.0  # s, that the last picture of an episode stays
 
 Frame = NDArray[np.uint8]
@@ -74,10 +73,10 @@ class Renderer:
         """Yield the instants not shown so far, each with how many times slower than life it runs."""
         if self._shown is None:
             self._shown = 0.0
-            yield 0.0, history.factor(0.0, FRAME_RATE)
+            yield 0.0, history.factor(0.0)
         if history.now > self._reached:
             self._reached = history.now
-            for time, factor in history.film(self._shown, FRAME_RATE):
+            for time, factor in history.film(self._shown):
                 self._shown = time
                 yield time, factor
 

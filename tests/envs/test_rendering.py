@@ -10,7 +10,7 @@ from rendered import HARD_AND_HEAVY, ID, SHAPE, column, drawn, history_of, is_co
 
 import impact_gym as ig
 from agents.baselines import PaperTrapezoid
-from impact_gym.envs import IDS, render_canvas, render_chain, render_strips, rendering
+from impact_gym.envs import IDS, render_canvas, render_chain, render_strips
 
 pytest.importorskip("pygame")
 pytestmark = pytest.mark.usefixtures("no_display")
@@ -76,7 +76,7 @@ def test_the_camera_keeps_tool_and_object_in_view_and_does_not_jump():
             play(env, seed=seed)
             history, task = history_of(env), rendering_task(env)
             before = None
-            for time, _ in history.film(0.0, rendering.FRAME_RATE):
+            for time, _ in history.film(0.0):
                 state = history.at(time)
                 view = render_chain.camera(task, state)
                 for place in (state.tool_position - render_chain.TOOL_LENGTH, state.object_position):
@@ -128,7 +128,7 @@ def test_scenes_of_any_scale_are_drawn(scenario, options):
     assert results[-1][2]
     assert pictures[-1].shape == SHAPE
     history = history_of(env)
-    film = itertools.islice(history.film(0.0, rendering.FRAME_RATE), 5000)
+    film = itertools.islice(history.film(0.0), 5000)
     assert 10 < sum(1 for _ in film) < 5000
     for time in np.linspace(0.0, history.now, 9):
         assert is_colour(drawn(env, time), render_canvas.INK).any()

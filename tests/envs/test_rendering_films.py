@@ -46,7 +46,7 @@ def test_a_contact_fills_many_pictures_and_the_factor_is_what_they_are_apart():
         for seed in range(8):
             _, results = play(env, seed=seed)
             played = history_of(env)
-            film = np.array(list(played.film(0.0, rendering.FRAME_RATE)))
+            film = np.array(list(played.film(0.0)))
             times, factors = film.T
             apart = 1.0 / (rendering.FRAME_RATE * factors[:-1])
             assert np.diff(times, prepend=0.0)[:-1] == pytest.approx(apart, rel=1e-6)

@@ -7,7 +7,7 @@ from agents.setups.evaluation import Evaluation
 from experiments.lab.statistics import Estimate
 from experiments.report.bars import Bar, bars, table
 from experiments.report.matchups import PAPER, Contestant, Matchup
-from experiments.report.results import Played, Run
+from experiments.report.played import Played, Run
 from impact_gym.task.scenario import FIELDS
 
 COUNT, WEIGHTS = 400, (1.0, 4.0)

@@ -7,7 +7,7 @@ from agents.setups.evaluation import Evaluation
 from experiments.report.answer import answer
 from experiments.report.chain import chain, gains, links, sentence, table
 from experiments.report.matchups import BOUND, PAPER, Contestant, Matchup
-from experiments.report.results import Played, Run
+from experiments.report.played import Played, Run
 from impact_gym.task.scenario import FIELDS
 
 COUNT, WEIGHTS, PAPER_TIME = 60, (1.0, 2.0), 0.3

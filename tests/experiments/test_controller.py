@@ -4,14 +4,15 @@ import json
 import sys
 
 import pytest
-from agents.controller import copy_setup
 from own_set_up import change, own_set_up
 from policies import made_up_policy
 
-from agents import controller, load_setup
+from agents import load_setup
 from agents.baselines import PaperTrapezoid
 from agents.evaluate import ScenarioBatch
 from agents.policies import load_ensemble
+from experiments import controller
+from experiments.controller import copy_setup
 from experiments.report import matchups
 from experiments.report.__main__ import ReportOptions, matchups_of
 from experiments.report.measures import play_as_late

@@ -85,8 +85,11 @@ def test_positions_are_to_one_scale(browser, page_file, film):
         instant = float(page.inner_text(".igw-time").split()[0]) / 1e3
         half_a_step = 0.5 * in_film(scene, scene["end"]) / 500
         assert in_film(scene, instant) == pytest.approx(in_film(scene, time), abs=half_a_step + 0.02)
-        positions = [[np.interp(instant, columns(run)["time"], columns(run)[name]) for name in ("tool_position",
-                     "object_position")] for run in scene["runs"]]  # fmt: skip
+        positions = []
+        for run in map(columns, scene["runs"]):
+            tool, ball = (np.interp(instant, run["time"], run[f"{name}_position"]) for name in ("tool", "object"))
+            gone_on = max(instant - run["time"][-1], 0.0)
+            positions.append([tool, ball + gone_on * run["object_velocity"][-1]])
         scale, shift = np.polyfit(np.ravel(positions), np.ravel(places), 1)
         assert 300.0 < scale < 3000.0
         np.testing.assert_allclose(np.ravel(places), scale * np.ravel(positions) + shift, atol=0.2)
@@ -103,8 +106,8 @@ def test_it_plays_pauses_and_listens_to_the_keyboard(browser, page_file):
     assert page.inner_text(".igw-time") != poster
     page.keyboard.press("Home")
     assert page.inner_text(".igw-time") == "0.0 ms"
-    assert page.inner_text(".igw-rate") == "1/4 speed"
-    assert page.get_attribute(".igw-slider", "aria-valuetext") == "0.0 ms, 1/4 speed"
+    assert page.inner_text(".igw-rate") == "1/8 speed"
+    assert page.get_attribute(".igw-slider", "aria-valuetext") == "0.0 ms, 1/8 speed"
     page.click(".igw-play")
     page.wait_for_function("parseFloat(document.querySelector('.igw-time').textContent) > 5")
     assert page.inner_text(".igw-play") == "Pause"

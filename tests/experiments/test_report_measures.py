@@ -13,10 +13,9 @@ from episodes import assert_identical
 from played import played_alone
 
 from agents.evaluate import play as evaluations
-from agents.jobs import job
 from agents.setups import load_setup
 from experiments.lab.statistics import Estimate
-from experiments.report import answer, matchups, measures, results
+from experiments.report import answer, matchups, measures
 from impact_gym.task import evaluation_sets
 
 AGENTS = Path(matchups.__file__).parents[2] / "agents"
@@ -33,16 +32,6 @@ def test_as_late_is_as_late_on_the_validation_set():
     rule = evaluations.play(PAPERS_RULE, validation)
     assert ours["approach_time"].mean() == pytest.approx(rule["approach_time"].mean(), abs=1e-3)
     assert ours["approach_time"].mean() <= rule["approach_time"].mean()
-
-
-def test_the_papers_rule_does_after_the_alarm_what_it_says():
-    seen = measures.reactions(PAPERS_RULE, {}, SCENARIOS, 2.0)
-    assert seen["velocity"] == pytest.approx(0.0, abs=1e-6)
-    assert seen["acceleration"] == pytest.approx(8.0, abs=1e-5)
-    assert set(seen["scenario"]) == set(range(30))
-    assert seen["since"].min() == 0.0
-    assert seen["since"].max() < 0.15
-    assert (seen["sensed"] >= 1.0 - 1e-3).all()  # the alarm comes with the reading that caused it
 
 
 def test_a_profile_is_the_flanges():
@@ -63,23 +52,6 @@ def test_scenarios_come_from_sets_tables_and_ranges_alike():
     )
     for other in others:
         assert_identical(first, other)
-
-
-def test_what_was_played_is_not_played_again(tmp_path, monkeypatch):
-    matchup = replace(LINEAR, seeds=(replace(LINEAR.policy, weights=(2.0,)),), scenarios={"set": "test", "count": 4})
-    alone = replace(matchup, baselines=matchup.baselines[:1])
-    (first,) = results.gather_matchups([alone], tmp_path, processes=0)
-    calls = []
-    monkeypatch.setattr(evaluations, "play", lambda *a, _play=evaluations.play, **k: calls.append(k) or _play(*a, **k))
-    job.resolve.cache_clear()
-    (second,) = results.gather_matchups([alone], tmp_path, processes=0)
-    assert calls == []
-    (third,) = results.gather_matchups([matchup], tmp_path, processes=0)
-    assert calls
-    assert all(call["controller"] != PAPERS_RULE for call in calls)
-    job.resolve.cache_clear()
-    for one in (second, third):
-        assert np.array_equal(first.paper["object_velocity"], one.paper["object_velocity"])
 
 
 def test_a_report_needs_no_more_than_its_extra():

@@ -13,12 +13,12 @@ from agents import Policy, load_policy
 from agents.baselines import ConstantSpeed
 from agents.baselines.tuned import TUNED
 from agents.evaluate.scenario_batch import ScenarioBatch
+from agents.jobs import job, local
 from agents.policies.policy import SHIPPED
 from experiments.lab.page import EXPERIMENTS, typeset
 from experiments.report import __main__ as report
-from experiments.report import results
 from experiments.report.__main__ import ReportOptions, write
-from experiments.report.figures import Table
+from experiments.report.tables import Table
 
 
 def of(episodes, contestant):
@@ -50,11 +50,9 @@ def test_a_users_own_baseline_ranges_and_tool(tmp_path, monkeypatch):
         ConstantSpeed(0.5)
     )
     assert (half["object_velocity"].to_numpy() == judged.object_velocity).all()
-    with pytest.raises(ValueError, match="out is there: --force"):
-        write(settings)
-    write(replace(settings, force=True, count=4))
+    write(replace(settings, count=4))
     assert len(of(pl.read_parquet(tmp_path / "out" / "episodes.parquet"), "my_rules:Half")) == 4
-    assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".")] == []
+    assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".")] == [".out.episodes"]
     for bad, message in (
         (["my_rules:idle"], "no controller"), (["my_rules:nothing"], "no controller"), (["nowhere:x"], "no controller"),
         (["my_rules"], "module:object"), (["my_rules:Crooked"], "must return actions"), (["my_rules:Lost"], "finite"),
@@ -112,15 +110,16 @@ def test_what_makes_no_sense_is_refused_before_anything_is_played(wanted, messag
 
 
 def test_a_set_up_of_the_readme_without_policies_is_left_out_and_said_so(tmp_path, capsys):
-    there = tmp_path / "policies" / "linear-blind"
-    shutil.copytree(SHIPPED / "linear-blind", there)
+    there = tmp_path / "policies" / "linear-blind.npz"
+    there.parent.mkdir()
+    shutil.copy(SHIPPED / there.name, there)
     shutil.copytree(TUNED, tmp_path / "tuned")
     (found,) = report.matchups_of(ReportOptions(folder=tmp_path))
     assert found.name == "linear-blind"
     assert "paper-limits is left out, it has no policies yet: impact-gym train-seeds" in capsys.readouterr().out
-    with pytest.raises(ValueError, match="holds no policies"):
+    with pytest.raises(ValueError, match="there are no policies"):
         report.matchups_of(ReportOptions(setups=("paper-limits",), folder=tmp_path))
-    shutil.rmtree(there)
+    there.unlink()
     with pytest.raises(ValueError, match="no set-up has policies yet"):
         report.matchups_of(ReportOptions(folder=tmp_path))
 
@@ -135,46 +134,29 @@ def test_settings_are_checked(tmp_path):
         write(ReportOptions(out=tmp_path, force=True))
 
 
-def test_a_first_page_answers_on_few_scenarios_and_the_full_one_takes_its_place(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(report, "FIRST_LOOK", 5)
-    monkeypatch.setattr(results, "EXACTLY", 2)
-    monkeypatch.setattr(results, "IN_SCIPY", 2)
-    settings = ReportOptions(policy=("linear-blind",), count=15, out=tmp_path / "out", processes=0)
-    whole, seen = report.write_folder, []
+def test_nothing_is_played_or_written_twice_unless_something_changed(tmp_path, monkeypatch, capsys):
+    settings = ReportOptions(policy=("rigid-blind",), count=12, out=tmp_path / "out", processes=0)
+    page = write(settings)
+    answer, written = capsys.readouterr().out, page.stat()
+    played = []
 
-    def write_folder(played, settings, begun, first=False):
-        if not first:
-            seen.append([(settings.out / name).read_text() for name in ("results.json", "index.html")])
-            if len(seen) == 1:
-                raise KeyboardInterrupt
-        return whole(played, settings, begun, first)
+    def perform(function, arguments):
+        played.append(function)
+        return job.perform(function, arguments)
 
-    monkeypatch.setattr(report, "write_folder", write_folder)
-    with pytest.raises(KeyboardInterrupt):
-        write(settings)
-    write(settings)  # a first page needs no --force to be replaced
-    found, text = json.loads(seen[-1][0]), seen[-1][1]
-    assert "+ learning" in text[text.index("<table>") : text.index("</table>")]
-    assert found["first page"]
-    reduction = found["answers"]["linear-blind"]["reduction"]
-    assert reduction["low"] < reduction["high"]
-    assert "its first 5" in text
-    assert "First page." in text
-    assert 'id="robustness-linear-blind"' not in text
-    printed = capsys.readouterr().out
-    assert "first page, of 5 scenarios: file://" in printed
-    full = json.loads((tmp_path / "out" / "results.json").read_text())
-    assert not full["first page"]
-    assert full["sentences"][0] in printed
-    first, last = (one["episodes"]["rows"] for one in (found, full))
-    assert last == 3 * first
-    last_text = (tmp_path / "out" / "index.html").read_text()
-    assert "First page." not in last_text
-    assert 'id="robustness-linear-blind"' in last_text
-    monkeypatch.setattr(report, "write_folder", lambda *given: tmp_path)
-    monkeypatch.setattr(report, "gather_matchups", lambda *given: seen.append(given[4]))
-    write(replace(settings, force=True))
-    assert seen[2:] == [0]  # a full page is not replaced by a first one
+    monkeypatch.setattr(local, "perform", perform)
+    assert write(settings).stat().st_mtime_ns == written.st_mtime_ns
+    assert capsys.readouterr().out.splitlines()[-1] == answer.splitlines()[-1]
+    page.unlink()
+    write(settings)
+    assert played == []
+    (sentence,) = json.loads((tmp_path / "out" / "results.json").read_text())["sentences"]
+    assert sentence == answer.splitlines()[-1]
+    write(replace(settings, count=10))
+    more = len(played)
+    assert more > 50
+    write(replace(settings, count=10, force=True))
+    assert len(played) >= 2 * more
 
 
 def test_a_table_of_changes_that_a_set_up_does_not_make_is_left_out():

@@ -8,7 +8,7 @@ from agents.evaluate.play import play
 from agents.setups import load_setup
 from experiments.report import matchups, shield
 from experiments.report.matchups import PAPER
-from experiments.report.results import Played, Run
+from experiments.report.played import Played, Run
 
 COUNT = 60
 RIGID = matchups.of_setup(load_setup("rigid-blind"), {"set": "test", "count": COUNT})

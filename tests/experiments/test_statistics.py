@@ -4,15 +4,13 @@ from dataclasses import astuple
 
 import numpy as np
 import pytest
-from scipy.stats import norm, trim_mean
+from scipy.stats import norm
 
+from experiments.lab.comparison import Comparison
 from experiments.lab.statistics import (
     Resamples,
     along,
-    content_of_worst,
     estimate,
-    hypervolume,
-    interquartile_mean,
     quantile_groups,
     tolerated,
 )
@@ -40,12 +38,18 @@ def test_both_levels_count(of_seeds, of_scenarios):
 def test_what_all_contestants_share_cancels():
     rng = np.random.default_rng(2)
     hard = rng.uniform(1.0, 10.0, 500)
-    resamples = Resamples(500)
-    rule = resamples.means(hard)
-    recipe = resamples.means(np.tile(0.4 * hard, (7, 1)))
-    assert astuple(estimate(recipe / rule)) == pytest.approx((0.4, 0.4, 0.4))
-    shift = estimate(resamples.means(hard - 0.25) - rule)
-    assert astuple(shift) == pytest.approx((-0.25, -0.25, -0.25))
+    recipe = Comparison.of_means(np.tile(0.4 * hard, (7, 1)), hard)
+    assert astuple(recipe.ratio) == pytest.approx((0.4, 0.4, 0.4))
+    assert astuple(recipe.reduction) == pytest.approx((0.6, 0.6, 0.6))
+    assert astuple(Comparison.of_means(hard - 0.25, hard).less) == pytest.approx((0.25, 0.25, 0.25))
+
+
+def test_fronts_are_compared_at_the_time_of_the_other():
+    times, velocities = np.array([[0.4, 0.2], [0.5, 0.3]]), np.array([[0.2, 0.4], [0.1, 0.5]])
+    point = np.array([[0.25], [0.4]]), np.array([[0.7], [0.6]])
+    found = Comparison.of_fronts((times, velocities), point)
+    assert found.ours == pytest.approx([0.35, 0.3])
+    assert found.less.value == pytest.approx(0.35)
 
 
 def test_a_mean_keeps_what_lies_between_seeds_and_scenarios():
@@ -73,16 +77,6 @@ def test_groups_are_as_large_as_each_other_and_fewer_where_values_repeat():
     assert (inside.sum(), low, high) == (7, 0.4, 0.4)
 
 
-def test_the_interquartile_mean_is_that_of_scipy():
-    sample = np.random.default_rng(4).exponential(size=1000)
-    assert interquartile_mean(sample) == pytest.approx(trim_mean(sample, 0.25))
-
-
-def test_the_hypervolume_is_the_area_of_its_rectangles():
-    times, velocities = np.array([[0.2, 0.5, 0.9]]), np.array([[0.6, 0.3, 2.0]])
-    assert hypervolume(times, velocities, (1.0, 1.0)) == pytest.approx([0.8 * 0.4 + 0.5 * 0.3])
-
-
 def test_a_resample_without_a_value_is_left_out():
     resampled = np.concatenate([[1.0], np.linspace(0.0, 2.0, 101), [np.nan]])
     found = estimate(resampled)
@@ -108,17 +102,5 @@ def test_95_percent_of_trainings_reach_the_bound_in_95_of_100_experiments(n):
         assert np.mean(wrong <= reached) < 0.7
 
 
-@pytest.mark.parametrize("n", [10, 30])
-def test_the_worst_training_needs_no_normal_scores_where_the_bound_does(n):
-    """Scores 1 - x, x exponential: a share exp(-x) of all is below 1 - x. Few are poor, but those are very poor."""
-    samples = 1.0 - np.random.default_rng(8).exponential(size=(4000, n))
-    above_worst = 1.0 - np.exp(samples.min(axis=1) - 1.0)
-    noise = 3.0 * np.sqrt(0.95 * 0.05 / len(samples))
-    assert np.mean(above_worst >= content_of_worst(n)) == pytest.approx(0.95, abs=noise)
-    above_bound = 1.0 - np.exp(np.array([tolerated(one) for one in samples]) - 1.0)
-    assert np.mean(above_bound >= 0.95) < 0.95 - noise
-
-
-def test_fifty_nine_trainings_are_the_fewest_whose_worst_95_percent_reach():
-    assert content_of_worst(58) < 0.95 < content_of_worst(59)
+def test_one_training_says_nothing_of_the_next():
     assert np.isnan(tolerated(np.array([0.6])))

@@ -1,17 +1,17 @@
 """What was played of a matchup, as far as the answer needs it."""
 
 from agents.evaluate import play as evaluations
-from experiments.report import results
+from experiments.report.played import Played, Run
 
 
 def played_alone(matchup):
     """Return what `answer` needs of a matchup, nothing else."""
-    played = results.Played(matchup)
+    played = Played(matchup)
     for contestant in (*matchup.seeds, *matchup.baselines):
         arrays = evaluations.play(
             contestant.controller, matchup.scenarios, list(contestant.weights), matchup.environment
         )
         runs = played.seeds if contestant in matchup.seeds else played.baselines
-        runs[contestant.name] = results.Run(contestant.weights, arrays)
+        runs[contestant.name] = Run(contestant.weights, arrays)
     played.as_late = played.seeds
     return played

@@ -1,6 +1,6 @@
 """Scenarios played again with their traces, thinned to what the eye needs and put on one clock."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,11 +9,9 @@ from numpy.typing import NDArray
 
 from agents.evaluate.scenario_batch import RESULTS, TEST_SEED, Episodes
 from agents.policies import Controller
-from experiments.lab.player.clock import clock
-from experiments.lab.player.coasting import coast
 from experiments.lab.player.thinning import thin
 from impact_gym.envs.render_chain import DENSITY, LARGEST_RADIUS, rest_length
-from impact_gym.envs.render_history import History
+from impact_gym.envs.render_history import FRAME_RATE, History
 from impact_gym.envs.single import ImpactApproachEnv
 from impact_gym.scene import Bistable, Rigid, SpringDamper
 from impact_gym.task import Task
@@ -46,13 +44,30 @@ class Run:
         return list(zip(self.history.touches.tolist(), ends.tolist(), strict=True))
 
     def until(self, end: float) -> Columns:
-        """Return the time histories up to `end` (s), continued by `coast` where the trace is shorter."""
-        columns = {name: self.history.columns[name] for name in COLUMNS}
-        if end > self.history.now:
-            columns = coast(columns, end, self.history.task)
-        time = columns["time"]
+        """Return the time histories up to `end` (s), or to the end of the trace where that is sooner."""
+        end, time = min(end, self.history.now), self.history.time
         before = (time < end) & np.append(True, np.diff(time) > 0.0)  # a trace has its corners twice
+        columns = {name: self.history.columns[name] for name in COLUMNS}
         return {name: np.append(column[before], np.interp(end, time, column)) for name, column in columns.items()}
+
+    def farthest(self, end: float) -> float:
+        """Return where the object is at `end` (s), m: past its trace it keeps its velocity."""
+        last = self.history.at(self.history.now)
+        return last.object_position + last.object_velocity * max(end - last.time, 0.0)
+
+
+def clock(runs: Sequence[Run], end: float) -> list[list[float]]:
+    """Return [start (s), times slower than life] of each stretch of a film until `end` (s), at the slowest run's pace.
+
+    The pace is that of the environment's own films.
+    """
+    time, stretches = 0.0, list[list[float]]()
+    while time < end:
+        slower = max(run.history.factor(time) for run in runs)
+        if not stretches or slower != stretches[-1][1]:
+            stretches.append([round(time, DECIMALS["time"]), slower])
+        time += 1.0 / (FRAME_RATE * slower)
+    return stretches
 
 
 def films(
@@ -78,7 +93,8 @@ def films(
         frozen: the set from which the scenarios were taken, if they were not drawn.
         environment: arguments of the environment but for its time weight.
         environments: of contestants that have one of their own, by name.
-        records: of contestants whose scenarios (n,) have something instead of what they would draw, see `ScenarioBatch.play`.
+        records: of contestants whose scenarios (n,) have something instead of what they would draw, see
+            `ScenarioBatch.play`.
         time_weight: m/s per s.
         rounding: m/s by which V_p of a controller may differ whose action for an observation depends on others in its
             batch (a matrix product of BLAS rounds so); 0 for policies and rules of this project.
@@ -131,7 +147,6 @@ def play_to_the_end(
 
 def _scene(runs: Mapping[str, Run]) -> dict[str, Any]:
     """Return one scenario: its clock, the scales that all panels share, and the contestants' histories."""
-    contacts = [contact for run in runs.values() for contact in run.contacts]
     ends = [run.contacts[-1][1] + AFTER if run.contacts else run.history.now for run in runs.values()]
     end = round(max(ends), DECIMALS["time"])
     histories = {name: run.until(end) for name, run in runs.items()}
@@ -142,7 +157,7 @@ def _scene(runs: Mapping[str, Run]) -> dict[str, Any]:
         "speed": max(1e-3, float(np.abs(velocities).max())),
         "lowest": float(velocities.min()),
         "depth": max(0.0, float((all_of["tool_position"] - all_of["object_position"]).max())),
-        "farthest": float(all_of["object_position"].max()),
+        "farthest": max(run.farthest(end) for run in runs.values()),
         "rearmost": float(all_of["flange_position"].min()),
     }
     scenario = next(iter(runs.values())).info["scenario"]
@@ -150,7 +165,7 @@ def _scene(runs: Mapping[str, Run]) -> dict[str, Any]:
         "scenario": scenario,
         "radius": float(min(np.cbrt(0.75 * scenario["object_mass"] / (np.pi * DENSITY)), LARGEST_RADIUS)),
         "end": end,
-        "clock": clock(contacts, end),
+        "clock": clock(list(runs.values()), end),
         "limits": limits,
         "runs": [_run(name, run, histories[name], limits) for name, run in runs.items()],
     }

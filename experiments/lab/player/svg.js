@@ -50,7 +50,7 @@ function round(most) {
   return [5, 2, 1].map((step) => step * decade).find((step) => step <= most * (1 + 1e-9));
 }
 
-// The state of a run at `time`, linear between its rows, at rest before them.
+// The state of a run at `time`, linear between its rows, at rest before them; behind them the object goes on.
 function stateAt(run, time) {
   const times = run.rows[COLUMNS.time];
   let low = 0, high = times.length - 1;
@@ -65,6 +65,7 @@ function stateAt(run, time) {
     const row = run.rows[COLUMNS[name]];
     state[name] = row[low] + part * (row[high] - row[low]);
   }
+  state.object_position += state.object_velocity * Math.max(time - times[times.length - 1], 0);
   state.contact = run.contacts.findIndex((contact) => contact[0] <= time && time < contact[1]);
   state.contacts = run.contacts.filter((contact) => contact[0] <= time).length;
   state.gap = state.object_position - state.tool_position;

@@ -1,0 +1,131 @@
+"""What came of a matchup: arrays of results, and what is read from them."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.evaluate import RESULTS, Episodes
+from experiments.lab.statistics import Floats, Resamples
+from experiments.report.matchups import BOUND, PAPER, Matchup
+from impact_gym.task.scenario import FIELDS
+
+Arrays = Mapping[str, NDArray[Any]]
+
+
+@dataclass
+class Run:
+    """Results of one contestant in one matchup."""
+
+    weights: tuple[float, ...]
+    arrays: Arrays  # (weights, scenarios) each, and the fields of the scenarios (scenarios,)
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        return self.arrays[name]
+
+    def at(self, weight: float) -> Episodes:
+        """Return the results at a weight (m/s per s), or at the only one."""
+        if len(self.weights) > 1 and weight not in self.weights:
+            raise ValueError(f"it was not played at a weight of {weight:g}, only at {self.weights}")
+        place = self.weights.index(weight) if weight in self.weights else 0
+        return Episodes(**{name: self[name][place] for name in RESULTS}, scenario=self.scenario)
+
+    def loss(self, weight: float) -> Floats:
+        """V_p + weight * approach time and what misses cost (scenarios,), m/s."""
+        return self.at(weight).loss(weight)
+
+    def means(self, weight: float) -> dict[str, Any]:
+        """Mean approach time T (s), V_p (m/s) and loss (m/s) at a weight, and how many objects it missed."""
+        one = self.at(weight)
+        means = {"T": one.approach_time, "V": one.object_velocity, "loss": one.loss(weight)}
+        return {name: float(values.mean()) for name, values in means.items()} | {"missed": int(one.missed.sum())}
+
+    @property
+    def front(self) -> list[tuple[float, float]]:
+        """Mean approach time (s) and V_p (m/s) at each weight, the soonest first."""
+        means = map(self.means, self.weights)
+        return sorted((mean["T"], mean["V"]) for mean in means)
+
+    @property
+    def scenario(self) -> dict[str, Floats]:
+        """The scenarios."""
+        return {name: self[name] for name in FIELDS}
+
+
+@dataclass
+class Played:
+    """All that came of one matchup."""
+
+    matchup: Matchup
+    seeds: dict[str, Run] = field(default_factory=dict)
+    as_late: dict[str, Run] = field(default_factory=dict)  # each seed at the weight that makes it as late as the paper
+    baselines: dict[str, Run] = field(default_factory=dict)
+    family: dict[str, Run] = field(default_factory=dict)
+    bound: Run | None = None
+    varied: dict[tuple[str, str, str], Run] = field(default_factory=dict)  # argument, label, contestant
+    nominal: dict[str, Run] = field(default_factory=dict)  # each seed with nothing drawn, and whom it is measured by
+    exactly: dict[tuple[str, str], Run] = field(default_factory=dict)  # change, seed or baseline
+    shielded: dict[tuple[float, str], Run] = field(default_factory=dict)  # limit (N), around whom
+    scipy: dict[str, Arrays] = field(default_factory=dict)
+    profiles: dict[str, Run] = field(default_factory=dict)
+
+    @property
+    def paper(self) -> Run:
+        """The paper's rule."""
+        return self.baselines[PAPER]
+
+    @property
+    def rival(self) -> Run:
+        """The baseline to beat."""
+        return self.baselines[self.matchup.rival.name]
+
+    @property
+    def policy(self) -> Run:
+        """The median seed."""
+        return self.seeds[self.matchup.chosen]
+
+    @property
+    def policy_as_late(self) -> Run:
+        """The median seed at the weight that makes it as late as the paper's rule."""
+        return self.as_late[self.matchup.chosen]
+
+    @property
+    def count(self) -> int:
+        """How many scenarios each contestant met."""
+        return self.paper["missed"].shape[1]
+
+    @property
+    def resamples(self) -> Resamples:
+        """The resamples of these scenarios, the same for all contestants."""
+        return Resamples(self.count)
+
+    def of_seeds(self, name: str, weights: Iterable[float]) -> Floats:
+        """Return a result of all seeds (seeds, weights, scenarios)."""
+        return np.array([[getattr(run.at(weight), name) for weight in weights] for run in self.seeds.values()], float)
+
+    def of_seeds_as_late(self, name: str) -> Floats:
+        """Return a result of all seeds, as late as the paper's rule (seeds, scenarios)."""
+        return np.array([run[name][0] for run in self.as_late.values()], float)
+
+    def losses(self, weight: float) -> Floats:
+        """Return the loss of all seeds at a weight (seeds, scenarios), m/s."""
+        return np.array([run.loss(weight) for run in self.seeds.values()])
+
+
+def episodes(played: Sequence[Played]) -> Any:
+    """Return all episodes of the seeds, the baselines and the bound, a row each, as a frame of polars."""
+    import polars as pl  # not where nothing is written
+
+    frames = []
+    for one in played:
+        runs = {**one.seeds, **one.baselines, **({BOUND: one.bound} if one.bound else {})}
+        runs |= {f"{name}, as late as the paper's rule": run for name, run in one.as_late.items()}
+        for name, run in runs.items():
+            for place, weight in enumerate(run.weights):
+                results = {field: run[field][place] for field in RESULTS}
+                numbers = np.arange(len(results["missed"]), dtype=np.int32)
+                about = {"matchup": one.matchup.name, "contestant": name, "time_weight": weight, "scenario": numbers}
+                frames.append(pl.DataFrame({**about, **results, **run.scenario}))
+    return pl.concat(frames)
