@@ -1,4 +1,4 @@
-"""Restitution and Hertz stiffness as `solref` of MuJoCo, and the error that this leaves; needs the extra `peers`."""
+"""Restitution and Hertz stiffness as `solref` of MuJoCo, and the error that this leaves; needs the extra `robot`."""
 
 from math import acos, acosh, log, pi, sqrt
 from typing import Any

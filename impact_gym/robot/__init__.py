@@ -3,7 +3,7 @@
     default_approach() -> Approach        the shipped table: Viper s650, the paper's m_r at the impact
     Approach.robot_table(), .at_impact()  what a Scene takes as its robot
 
-Everything else computes such a table:
+Everything else computes such a table and needs MuJoCo, the extra `robot`:
 
     Arm -> Jacobian and mass matrix       line.joint_angles -> joint angles of a pose
     arm.along_x -> m_r, c_r, k_r          line.follow -> the table along a line; choice.default_line -> which line

@@ -127,7 +127,7 @@ class Approach(Record):
 
 @cache
 def default_approach() -> Approach:
-    """Return the shipped table, chosen as `impact_gym.robot.choice` tells."""
+    """Return the shipped table, chosen as `impact_gym.robot.choice` tells; needs no MuJoCo."""
     return read(SHIPPED)
 
 

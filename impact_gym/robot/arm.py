@@ -1,9 +1,10 @@
-"""The robot's six joints: what is known of them, and what they do to the flange.
+"""The robot's six joints: what is known of them, and what they do to the flange, computed by MuJoCo.
 
 The frames are those of the URDF: at zero angles every frame is parallel to the base, frame i stands on the axis of
 joint i, and frame 6 stands on the flange, its z axis pointing out of it. The data file says where its numbers are from.
 """
 
+import importlib
 import json
 from dataclasses import dataclass
 from functools import cache
@@ -12,7 +13,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from impact_gym.validation import numbers, one_of
 
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 JOINTS = 6
 DATA = Path(__file__).with_name("viper_s650.json")
-TENSOR = (("xx", "xy", "xz"), ("xy", "yy", "yz"), ("xz", "yz", "zz"))
+ELEMENTS = ("xx", "yy", "zz", "xy", "xz", "yz")
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +33,7 @@ class Description:
     upper_limits: Array  # rad
     masses: Array  # kg, estimates
     centres: Array  # m, (6, 3), centre of mass in the link's frame
-    inertias: Array  # kg m^2, (6, 3, 3), tensors about the centre of mass
+    inertias: Array  # kg m^2, (6, 6): ELEMENTS about the centre of mass, elements of the tensor
     joint_stiffness: Array  # N m/rad, estimates
     damping_over_stiffness: float  # s, beta in D = beta K
     mass_at_impact: float  # kg, the printed m_r + m_t less m_t
@@ -83,7 +83,7 @@ def viper_s650() -> Description:
         upper_limits=limits[:, 1],
         masses=np.array([link["mass_kg"] for link in links]),
         centres=np.array([link["com_m"] for link in links]),
-        inertias=np.array([[[link["inertia_kg_m2"][name] for name in row] for row in TENSOR] for link in links]),
+        inertias=np.array([[link["inertia_kg_m2"][element] for element in ELEMENTS] for link in links]),
         joint_stiffness=np.array(joints["stiffness_N_m_per_rad"], dtype=float),
         damping_over_stiffness=float(joints["damping_over_stiffness_s"]),
         mass_at_impact=float(data["targets"]["m_r_at_impact_kg"]),
@@ -91,41 +91,53 @@ def viper_s650() -> Description:
 
 
 class Arm:
-    """The robot as a chain of links. Joint angles in rad, base frame for everything that comes out."""
+    """The robot as a MuJoCo model without geometry. Joint angles in rad, base frame for everything that comes out."""
 
     def __init__(self, description: Description | None = None) -> None:
         one_of("Arm.description", description, Description, type(None))
         self.description = description or viper_s650()
+        try:
+            # by name: the package has to load, and its types to check, where MuJoCo is not installed
+            self._mujoco: Any = importlib.import_module("mujoco")
+        except ImportError as missing:
+            raise ImportError(
+                "computing the robot needs MuJoCo: pip install 'impact-gym[robot]' (the shipped table does not need it)"
+            ) from missing
+        self._model = self._build()
+        self._data = self._mujoco.MjData(self._model)
 
-    def _frames(self, angles: Array) -> tuple[Array, Array]:
-        """Return position, m, (6, 3), and rotation matrix, (6, 3, 3), of each link's frame."""
+    def _build(self) -> Any:
+        robot = self.description
+        specification = self._mujoco.MjSpec()
+        body = specification.worldbody
+        for joint in range(JOINTS):
+            body = body.add_body(
+                name=f"link {joint + 1}", pos=robot.origins[joint], mass=robot.masses[joint], ipos=robot.centres[joint],
+                fullinertia=robot.inertias[joint], explicitinertial=True,
+            )  # fmt: skip
+            body.add_joint(type=self._mujoco.mjtJoint.mjJNT_HINGE, axis=robot.axes[joint])
+        body.add_site(name="flange")
+        return specification.compile()
+
+    def _move(self, angles: Array) -> None:
         q = numbers("angles", angles, "rad")
         if len(q) != JOINTS:
             raise ValueError(f"angles must be {JOINTS} numbers in rad, got {angles!r}")
-        robot = self.description
-        rotations = np.array(Rotation.from_rotvec(np.array(q)[:, None] * robot.axes).as_matrix())
-        positions = robot.origins.copy()
-        for link in range(1, JOINTS):
-            positions[link] = positions[link - 1] + rotations[link - 1] @ robot.origins[link]
-            rotations[link] = rotations[link - 1] @ rotations[link]
-        return positions, rotations
+        self._data.qpos[:] = q
+        self._mujoco.mj_kinematics(self._model, self._data)
 
     def flange(self, angles: Array) -> tuple[Array, Array]:
         """Return position (m) and rotation matrix of the flange."""
-        positions, rotations = self._frames(angles)
-        return positions[-1], rotations[-1]
-
-    def _jacobian(self, positions: Array, rotations: Array, link: int, centre: Array) -> Array:
-        """Return the rates of a point at `centre` (m) in the frame of a link, per rate of the joints before it."""
-        axes = np.einsum("nij,nj->ni", rotations, self.description.axes)
-        arms = positions[link] + rotations[link] @ centre - positions
-        columns = np.hstack([np.cross(axes, arms), axes]).T
-        columns[:, link + 1 :] = 0.0
-        return columns
+        self._move(angles)
+        return self._data.site_xpos[0].copy(), self._data.site_xmat[0].reshape(3, 3).copy()
 
     def jacobian(self, angles: Array) -> Array:
         """Return J(q): rows vx, vy, vz (m/s) and wx, wy, wz (rad/s) of the flange per joint rate."""
-        return self._jacobian(*self._frames(angles), JOINTS - 1, np.zeros(3))
+        self._move(angles)
+        self._mujoco.mj_comPos(self._model, self._data)
+        jacobian = np.empty((6, JOINTS))
+        self._mujoco.mj_jacSite(self._model, self._data, jacobian[:3], jacobian[3:], 0)
+        return jacobian
 
     def condition(self, angles: Array) -> float:
         """Return the condition number of the Jacobian, its rotations scaled by the upper arm: all rows in m/s."""
@@ -133,13 +145,13 @@ class Arm:
         return float(np.linalg.cond(scale[:, None] * self.jacobian(angles)))
 
     def mass_matrix(self, angles: Array) -> Array:
-        """Return M_q(q), kg m^2 (paper, eq. 11): the sum of m J_v^T J_v + J_w^T I J_w over the links."""
-        robot, (positions, rotations) = self.description, self._frames(angles)
-        matrix = np.zeros((JOINTS, JOINTS))
-        for link in range(JOINTS):
-            J_v, J_w = np.split(self._jacobian(positions, rotations, link, robot.centres[link]), 2)
-            J_w = rotations[link].T @ J_w  # in the link's frame
-            matrix += robot.masses[link] * J_v.T @ J_v + J_w.T @ robot.inertias[link] @ J_w
+        """Return M_q(q), kg m^2 (paper, eq. 11)."""
+        self._move(angles)
+        self._mujoco.mj_forward(self._model, self._data)
+        matrix, column = np.empty((JOINTS, JOINTS)), np.empty(JOINTS)
+        for joint, unit in enumerate(np.eye(JOINTS)):
+            self._mujoco.mj_mulM(self._model, self._data, column, unit)
+            matrix[:, joint] = column
         return (matrix + matrix.T) / 2  # symmetric but for rounding
 
 

@@ -3,6 +3,8 @@
 import dataclasses
 import json
 import re
+import subprocess
+import sys
 from unittest.mock import Mock
 
 import numpy as np
@@ -26,10 +28,11 @@ def assert_equal(ours, expected, tolerance):
 
 @pytest.fixture(scope="module")
 def arm():
+    pytest.importorskip("mujoco", reason="the extra robot is not installed")
     return Arm()
 
 
-def test_flange_of_urdf_and_denavit_hartenberg_is_one(arm):
+def test_flange_of_urdf_and_denavit_hartenberg_and_mujoco_is_one(arm):
     for angles in SOME_ANGLES:
         expected = viper.denavit_hartenberg(angles)
         assert_equal(viper.frames(angles)[-1], expected, 1e-14)
@@ -225,3 +228,15 @@ def test_main_refuses_in_one_line(tmp_path, capsys):
         main(["--out", str(tmp_path)])
     assert stop.value.code == 2
     assert capsys.readouterr().err.splitlines()[-1].startswith("python -m impact_gym.robot: error: ")
+
+
+def test_arm_alone_needs_mujoco():
+    script = """
+import sys
+sys.modules["mujoco"] = None  # what import finds where it is not installed
+import impact_gym.robot as robot
+assert robot.default_approach().robot_table().at(0.2505).mass > 0
+robot.Arm()
+"""
+    done = subprocess.run([sys.executable, "-W", "error", "-c", script], capture_output=True, text=True, check=False)
+    assert "pip install 'impact-gym[robot]'" in done.stderr.splitlines()[-1]
