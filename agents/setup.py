@@ -143,8 +143,8 @@ def lines(setup: Setup) -> Iterator[str]:
     if isinstance(task.coupling, Bistable):
         force, share = rigid_to(task, played.scenario)
         yield (
-            f"  the front stop holds the tool with {force:.3g} N; {share:.0%} of the objects, touched at {GENTLE:g} m/s,"
-            " never press as hard: to them the tool is as good as rigid"
+            f"  the front stop holds the tool with {force:.3g} N; {share:.0%} of the objects, touched at {GENTLE:g} m/s"
+            ", never press as hard: to them the tool is as good as rigid"
         )
     yield from (f"  warning: {sentence}" for sentence in warnings(task))
     check(setup)
