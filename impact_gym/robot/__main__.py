@@ -15,8 +15,8 @@ from impact_gym.robot.arm import Arm
 from impact_gym.robot.choice import default_line
 from impact_gym.robot.line import MAX_CONDITION, follow
 
-DESCRIPTION = """Compute the default straight approach of the Viper s650 from its six joints: mass, damping and stiffness
-along x. Of another line: impact_gym.robot.follow(Arm(), Line(Pose(...)))."""
+DESCRIPTION = """Compute the default straight approach of the Viper s650 from its six joints: mass, damping and
+stiffness along x. Of another line: impact_gym.robot.follow(Arm(), Line(Pose(...)))."""
 
 PROVENANCE = {  # no version and no date, so that the same table makes the same file
     "made_by": "python -m impact_gym.robot --out FILE",
