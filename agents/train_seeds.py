@@ -137,10 +137,5 @@ def run(options: Seeds) -> None:
         print(train_all(load_setup(name), options))
 
 
-def main() -> None:
-    """Do what the command line asks for."""
-    run_command("train-seeds", Seeds, run)
-
-
 if __name__ == "__main__":
-    main()
+    run_command("train-seeds", Seeds, run)

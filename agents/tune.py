@@ -273,10 +273,5 @@ def run(options: Tune) -> None:
         print(path)
 
 
-def main() -> None:
-    """Do what the command line asks for."""
-    run_command("tune", Tune, run)
-
-
 if __name__ == "__main__":
-    main()
+    run_command("tune", Tune, run)

@@ -154,10 +154,5 @@ def run(options: Search) -> None:
     print(tomli_w.dumps({"training": json.loads(summary.read_text())["best"]["settings"]}), summary, sep="\n")
 
 
-def main() -> None:
-    """Search as the command line asks for."""
-    run_command("tune-training", Search, run)
-
-
 if __name__ == "__main__":
-    main()
+    run_command("tune-training", Search, run)

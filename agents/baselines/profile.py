@@ -76,12 +76,6 @@ class Shape(NamedTuple):
     r_squared: float  # of v^2 against a straight line in x
 
 
-def constant_deceleration(profile: BlindProfile | ConstantDeceleration) -> Shape:
-    """Fit v^2 linear in position over the range of the object's distances, by least squares."""
-    positions = np.linspace(*profile.distances, 401)
-    return constant_deceleration_of(positions, profile.speed(positions), profile.distances)
-
-
 def constant_deceleration_of(positions: Floats, speeds: Floats, between: tuple[float, float]) -> Shape:
     """Fit v^2 linear in position to a profile given by points, where these lie `between` two positions (m)."""
     inside = (positions >= between[0]) & (positions <= between[1]) & np.isfinite(speeds)

@@ -156,10 +156,5 @@ def _beside(seconds: float, period: float) -> str:
     return f"{1e6 * seconds:.1f} us, 1/{period / seconds:,.0f} of the controller's cycle of {1e3 * period:g} ms"
 
 
-def main() -> None:
-    """Export what the command line asks for."""
-    run_command("export", Export, run)
-
-
 if __name__ == "__main__":
-    main()
+    run_command("export", Export, run)

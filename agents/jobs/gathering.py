@@ -69,12 +69,10 @@ def gather(
         if not isinstance(job, Job):
             raise WrongTypeError(f"jobs[{place}] must be a Job, got {job!r}")
     retries = whole("retries", retries, at_least=0)
-    if seconds is not None:
-        seconds = number("seconds", seconds, "s", above=0.0)
-    if cluster is None:
-        count = None if processes is None else whole("processes", processes, at_least=0)
-        engine: Engine = partial(local.run, processes=count, seconds=seconds)
-    else:
+    seconds = None if seconds is None else number("seconds", seconds, "s", above=0.0)
+    processes = None if processes is None else whole("processes", processes, at_least=0)
+    engine: Engine = partial(local.run, processes=processes, seconds=seconds)
+    if cluster is not None:
         for name, value in (("processes", processes), ("seconds", seconds)):
             if value is not None:
                 raise ValueError(f"{name} are those of this machine: give {name} or cluster, not both")

@@ -1,9 +1,10 @@
 """A job: a function by its name, and its arguments, as plain data that can be sent anywhere; and doing it."""
 
 import hashlib
-import importlib
 import inspect
 import json
+import pkgutil
+import re
 import traceback
 from collections import Counter, deque
 from collections.abc import Callable, Generator, Mapping, Sequence
@@ -118,15 +119,12 @@ def resolve(function: str) -> Function:
     Raises:
         ValueError: it cannot be imported, or not by other processes.
     """
-    if not isinstance(function, str):
-        raise WrongTypeError(f"function must be a string 'module:name', got {function!r}")
-    module, colon, name = function.partition(":")
-    if not (module and colon and name.isidentifier()):
-        raise ValueError(f"function must be 'module:name' of a module's function, got {function!r}")
-    if module == "__main__":
+    if not isinstance(function, str) or not re.fullmatch(r"[\w.]+:\w+", function):
+        raise WrongTypeError(f"function must be a string 'module:name' of a module's function, got {function!r}")
+    if function.startswith("__main__:"):
         raise ValueError(f"function {function!r} is not importable elsewhere: put it into a module")
     try:
-        resolved: Function = getattr(importlib.import_module(module), name)
+        resolved: Function = pkgutil.resolve_name(function)
     except (ImportError, AttributeError, ValueError) as error:
         raise ValueError(f"function {function!r} is not importable: {error}") from error
     if not callable(resolved):

@@ -67,10 +67,5 @@ def run(options: BenchOptions, measures: Mapping[str, Measure] = PARTS) -> None:
     print(f"{printed}\nresults: {(options.out / 'results.json').resolve().as_uri()}")
 
 
-def main() -> None:
-    """Measure what the command line asks for."""
-    run_command("bench", BenchOptions, run, "what was there before is unchanged")
-
-
 if __name__ == "__main__":
-    main()
+    run_command("bench", BenchOptions, run, "what was there before is unchanged")

@@ -24,10 +24,5 @@ def design(study: Study) -> None:
     print(f"page: {write_page(study, entries, rows, setup.name, runs).resolve().as_uri()}")
 
 
-def main() -> None:
-    """Search for the design that the command line asks for."""
-    run_command("design", Study, design)
-
-
 if __name__ == "__main__":
-    main()
+    run_command("design", Study, design)

@@ -9,7 +9,7 @@ from episodes import ID, assert_identical, play
 
 from agents import load_setup
 from agents.baselines import BlindProfile, Clairvoyant, ConstantSpeed, PaperTrapezoid, RandomActions, Ranged, tuned
-from agents.baselines.profile import KNOTS, ConstantDeceleration, constant_deceleration
+from agents.baselines.profile import KNOTS, ConstantDeceleration, constant_deceleration_of
 from agents.baselines.reaction import REACTION
 from agents.baselines.rule import View
 from agents.baselines.tuned import load_baseline, names, read_tuned, write_tuned
@@ -80,11 +80,16 @@ def test_blind_profile_is_followed_as_far_as_the_limits_allow():
 
 def test_constant_deceleration_is_recognised_and_its_opposite_is_not():
     """v^2 = 2 a (end - x)."""
-    shape = constant_deceleration(ConstantDeceleration([1.5, 1.2, 0.4, 0.01, 20.0, *STAY]))
+
+    def shape_of(profile):
+        positions = np.linspace(*profile.distances, 401)
+        return constant_deceleration_of(positions, profile.speed(positions), profile.distances)
+
+    shape = shape_of(ConstantDeceleration([1.5, 1.2, 0.4, 0.01, 20.0, *STAY]))
     assert (shape.deceleration, shape.end) == (pytest.approx(1.2, rel=1e-6), pytest.approx(0.4, abs=1e-4))
     assert shape.r_squared > 0.999
     valley = np.sqrt(0.1 + 10 * np.abs(KNOTS - 0.25))
-    assert constant_deceleration(BlindProfile([*valley, 20.0, *STAY])).r_squared < 0.1
+    assert shape_of(BlindProfile([*valley, 20.0, *STAY])).r_squared < 0.1
 
 
 def test_ranged_arrives_at_the_estimate_with_the_tuned_speed_whatever_the_distance():
