@@ -20,13 +20,11 @@ def coverage(rows: Sequence[Row]) -> list[Row]:
     table: list[Row] = []
     for sensors, group in _groups(rows).items():
         hits = {name: sum(row[f"{name} covered"] for row in group) for name in NAMES}
-        counts = dict.fromkeys(NAMES, len(group))
-        hits["all"], counts["all"] = sum(hits.values()), sum(counts.values())
-        for name, count in counts.items():
-            low, high = binomtest(hits[name], count).proportion_ci(method="wilson")
-            share = hits[name] / count
-            limits = {"low": float(low), "high": float(high), "met": PROMISED[0] <= share <= PROMISED[1]}
-            table.append({"sensors": sensors, "name": name, "intervals": count, "covered": share, **limits})
+        for name, hit in {**hits, "all": sum(hits.values())}.items():
+            count = len(group) * (len(NAMES) if name == "all" else 1)
+            low, high = binomtest(hit, count).proportion_ci(method="wilson")
+            limits = {"low": float(low), "high": float(high), "met": PROMISED[0] <= hit / count <= PROMISED[1]}
+            table.append({"sensors": sensors, "name": name, "intervals": count, "covered": hit / count, **limits})
     return table
 
 

@@ -3,9 +3,7 @@
 import shlex
 import sys
 import time
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
 import tyro
 from tqdm import tqdm
@@ -16,32 +14,25 @@ from experiments.lab.results import REPORTS
 from experiments.paper import NAMES, load, page, resolve, tables
 
 
-@dataclass(frozen=True)
-class PaperOptions:
-    """Reproduce figures of the paper and compare them with its text."""
+def main(names: tyro.conf.Positional[tuple[str, ...]] = (), out: Path = REPORTS / "paper") -> None:
+    """Reproduce figures of the paper and compare them with its text.
 
-    names: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
-    """Which figures: 17, or beyond_speed; none means all there are. The others stay as they are on disk."""
-    out: Path = REPORTS / "paper"
-    """Folder for tables, figures and the page."""
-
-
-def main() -> None:
-    """Read the options from the command line, compute, draw, write the page."""
+    Args:
+        names: Which figures: 17, or beyond_speed; none means all there are. The others stay as they are on disk.
+        out: Folder for tables, figures and the page.
+    """
     begun = time.perf_counter()
     with command_line("paper", "what is drawn is kept"):
-        options = tyro.cli(PaperOptions, prog="impact-gym paper")
-        names = sorted({resolve(word) for word in options.names} or NAMES, key=NAMES.index)
-        options.out.mkdir(parents=True, exist_ok=True)
-        for name in (bar := tqdm(names, desc="figures")):
+        asked = sorted({resolve(word) for word in names} or NAMES, key=NAMES.index)
+        for name in (bar := tqdm(asked, desc="figures")):
             bar.set_postfix_str(name)
-            module, table_file = load(name), options.out / f"{name}.csv"
+            module, table_file = load(name), out / f"{name}.csv"
             tables.write(table_file, module.compute())
             save(module.plot(tables.read(table_file)), table_file.with_suffix(".svg"))
         command = shlex.join(["impact-gym", "paper", *sys.argv[1:]])
-        written = page.write(options.out, {"command": command, "seconds": time.perf_counter() - begun})
-    print(f"{len(names)} figures in {time.perf_counter() - begun:.0f} s: {written.resolve().as_uri()}")
+        written = page.write(out, {"command": command, "seconds": time.perf_counter() - begun})
+    print(f"{len(asked)} figures in {time.perf_counter() - begun:.0f} s: {written.resolve().as_uri()}")
 
 
 if __name__ == "__main__":
-    main()
+    tyro.cli(main, prog="impact-gym paper")

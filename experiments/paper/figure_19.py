@@ -27,13 +27,9 @@ def by_case(words: Iterable[str]) -> str:
     return "; ".join(f"({case}) {part}" for case, part in zip(CASES, words, strict=True))
 
 
-Judge = Callable[[ig.Trace], tuple[bool, str]]
-"""Whether something holds while tool and object touch, and what is to be said about it."""
-
-
-def judge_contacts(contacts: Iterable[ig.Trace], judge: Judge) -> tuple[bool, str]:
-    """Return whether it holds in all contacts, and what is to be said about (a) and (b)."""
-    holds, words = zip(*map(judge, contacts), strict=True)
+def judge(contacts: Iterable[ig.Trace], criterion: Callable[[ig.Trace], tuple[bool, str]]) -> tuple[bool, str]:
+    """Return whether a criterion holds in all contacts, and what is to be said about (a) and (b)."""
+    holds, words = zip(*map(criterion, contacts), strict=True)
     return all(holds), by_case(words)
 
 
@@ -43,19 +39,19 @@ def falls_behind(touching: ig.Trace) -> int:
 
 
 def pushes(touching: ig.Trace) -> tuple[bool, str]:
-    """Judge whether the coupling's force is positive."""
+    """Whether the coupling's force is positive."""
     least = touching.coupling_force[falls_behind(touching) :].min()
     return least > 0.0, f"smallest {least:.2f} N"
 
 
 def is_compressed(touching: ig.Trace) -> tuple[bool, str]:
-    """Judge whether the coupling is compressed."""
+    """Whether the coupling is compressed."""
     always = bool((touching.tool_position < touching.flange_position).all())
     return always, "always" if always else "not always"
 
 
 def is_slower(touching: ig.Trace) -> tuple[bool, str]:
-    """Judge whether the tool is slower than the flange, and for how long."""
+    """Whether the tool is slower than the flange, and for how long."""
     begin, time = falls_behind(touching), touching.time
     faster = np.flatnonzero(touching.tool_velocity[begin:] >= touching.flange_velocity[begin:])
     if not faster.size:
@@ -133,23 +129,23 @@ def _during_the_contact(a: Run, b: Run) -> Statements:
     ).read_as(FELT, max(kept) < 0.2, f"{kept[0]:.3f} of it in (a), {kept[1]:.3f} in (b) when it ends")
     yield section_4_2.claim(
         "The force of the decoupling elements is positive during the contact",
-        *judge_contacts(whole, pushes),
+        *judge(whole, pushes),
         "positive from where the tool has fallen behind the flange (0.1 ms) to the end of the contact, in (a) and (b)",
         why="The contact outlasts the beginning of the braking. The flange then slows below the tool's velocity, the "
         "damper pulls, and towards the end of the contact it outweighs the compressed spring. The deceleration is "
         "identified, not printed, but from 1 to 20 m/s^2 none makes the force positive to the end.",
-    ).read_as(FELT, *judge_contacts(felt, pushes))
+    ).read_as(FELT, *judge(felt, pushes))
     yield section_4_2.claim(
         "During the contact the decoupling system is compressed",
-        *judge_contacts(whole, is_compressed),
+        *judge(whole, is_compressed),
         "the tool behind its relaxed position at every instant of the contact, in (a) and (b)",
         why="In (b) the flange has all but stopped before the surfaces part, and the tool overtakes it by a fraction "
         "of a millimetre. Here the deceleration matters, which the paper does not print: below about 6 m/s^2 the "
         "coupling stays compressed.",
-    ).read_as(FELT, *judge_contacts(felt, is_compressed))
+    ).read_as(FELT, *judge(felt, is_compressed))
     yield section_4_2.claim(
         "During the contact the velocity of the tool is lower than the robot velocity",
-        *judge_contacts(whole, is_slower),
+        *judge(whole, is_slower),
         "lower from the first moments of the contact to its end, in (a) and (b)",
         why="True until the robot brakes: then its velocity falls below that of tool and object, which go on.",
-    ).read_as(FELT, *judge_contacts(felt, is_slower))
+    ).read_as(FELT, *judge(felt, is_slower))

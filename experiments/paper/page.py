@@ -5,33 +5,21 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
-from types import ModuleType
-from typing import Any, NamedTuple
+from typing import Any
 
 import polars as pl
 
 from agents.provenance import circumstances
 from experiments.lab import page
 from experiments.paper import NAMES, heading, load, tables
-from experiments.paper.statements import Basis, Statement, Verdict
+from experiments.paper.statements import Basis, Verdict
 from impact_gym.files import whole_file
 
 WIDE = 650.0  # points; a wider figure stands alone in its row
 
 
-class Entry(NamedTuple):
-    """A figure on the page."""
-
-    name: str
-    heading: str
-    module: ModuleType
-    table: tables.Table
-    statements: tuple[Statement, ...]
-    wide: bool
-
-
-def read(folder: Path) -> list[Entry]:
-    """Return the figures that are in `folder`, judged afresh.
+def read(folder: Path) -> list[dict[str, Any]]:
+    """Return what the page shows of each figure that is in `folder`, judged afresh.
 
     Raises:
         ValueError: a table is not as this version writes it; names it.
@@ -49,7 +37,8 @@ def read(folder: Path) -> list[Entry]:
             raise ValueError(f"{file} is not of this version ({error!r}): {command}") from error
         width = re.search(r'width="([\d.]+)pt"', picture.read_text())
         wide = width is not None and float(width[1]) > WIDE
-        entries.append(Entry(name, heading(name), module, table, statements, wide))
+        shown = {"name": name, "heading": heading(name), "module": module, "table": table}
+        entries.append({**shown, "statements": statements, "wide": wide})
     return entries
 
 
@@ -63,10 +52,10 @@ def write(folder: Path, run: Mapping[str, Any]) -> Path:
     entries = read(folder)
     if not entries:
         raise ValueError(f"{folder} has no tables")
-    rows = [{"figure": entry.name, **asdict(statement)} for entry in entries for statement in entry.statements]
+    rows = [{"figure": entry["name"], **asdict(each)} for entry in entries for each in entry["statements"]]
     with whole_file(folder / "statements.csv") as file:
         pl.DataFrame(rows, infer_schema_length=None).write_csv(file)
-    present = {entry.name for entry in entries}
+    present = {entry["name"] for entry in entries}
     return page.write(
         folder,
         "paper",

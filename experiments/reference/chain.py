@@ -133,10 +133,10 @@ class System:
         length, time = self.scales.length, self.scales.time
         return self.chain.bistable.force(length * u, length / time * u_dot, self.on) / self.scales.force
 
-    def derivatives(self, tau: float, y: list[float]) -> list[float]:
-        """Derivative of the state (paper, eq. 8-9 and 17-18)."""
+    def derivatives(self, tau: float, y: list[float], alpha: float) -> list[float]:
+        """Derivative of the state at a commanded acceleration, scaled (paper, eq. 8-9 and 17-18)."""
         _, rate, u, u_dot, w, w_dot, _, _ = y
-        F, T, alpha = self.force(y), self.coupling_force(u, u_dot), self.alpha
+        F, T = self.force(y), self.coupling_force(u, u_dot)
         x_t_ddot = x_f_ddot = alpha
         if self.chain.robot is not None:
             m_r, k_r, c_r = self.robot(tau)
@@ -158,15 +158,15 @@ class System:
         if self.patience < 0:
             raise StiffError
         try:
-            return self.derivatives(tau, y.tolist())
+            return self.derivatives(tau, y.tolist(), self.alpha)
         except OverflowError:
             return [nan] * 8
 
     def matrix(self) -> Vector:
         """The A of z' = A z, z = (delta, delta', u, u', w, w', 1), of a linear chain in flight: paper, eq. 8 and 17."""
-        at_rest, A = np.array(self.rates(0.0, np.zeros(8))), np.zeros((7, 7))
-        A[:6, 6] = at_rest[:6]
-        A[:6, :6] = np.array([self.rates(0.0, unit) - at_rest for unit in np.eye(8)[:6]]).T[:6]
+        A = np.zeros((7, 7))
+        A[:6, 6] = self.derivatives(0.0, [0.0] * 8, self.alpha)[:6]
+        A[:6, :6] = np.array([self.derivatives(0.0, unit, 0.0) for unit in np.eye(8)[:6].tolist()]).T[:6]
         return A
 
     def switches(self) -> list[Switch]:
@@ -200,7 +200,7 @@ class System:
         u, v, m, n, d = max(y[0], 0.0), y[1], self.m, self.n, self.d
         if d == 0:
             return v
-        v_dot = self.derivatives(tau, y)[1]
+        v_dot = self.derivatives(tau, y, self.alpha)[1]
         low = min(m, n) if n else 1.0
         damping = v_dot if n == 0 else n * u ** (n - low) * v * v + u ** (n - low + 1) * v_dot
         return float(m * u ** (m - low) * v + d * damping)

@@ -115,11 +115,7 @@ def fit_with_intervals(model: Model) -> tuple[Fit, list[Ends]]:
 
 
 def _refuse_idle(model: Model, points: Sequence[Array]) -> None:
-    """Refuse a free number that changes nothing.
-
-    Raises:
-        ValueError: names it.
-    """
+    """Refuse a free number that changes nothing."""
     if not points:
         raise ValueError(
             "scene: neither it nor its neighbours can be simulated to a blow; are motion and distance right?"

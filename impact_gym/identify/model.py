@@ -46,6 +46,7 @@ class Model:
         self.samples = int(ends[-1])
         begins = [0, *ends[:-1]]
         self.slots = {key: slice(begin, end) for key, begin, end in zip(columns, begins, ends, strict=True)}
+        self.measured = np.concatenate([values for log in self.logs for values in log.columns.values()])
         self._cache: tuple[bytes, tuple[Array, Array]] = (b"", (np.empty(0), np.empty(0)))
 
     @classmethod
@@ -143,8 +144,7 @@ class Model:
 
     def residuals(self, x: Array) -> Array:
         """Return predicted less measured, over the noise (n,)."""
-        measured = np.concatenate([values for log in self.logs for values in log.columns.values()])
-        return (self.predicted(x)[0] + self.biases(x) - measured) / self.scales()
+        return (self.predicted(x)[0] + self.biases(x) - self.measured) / self.scales()
 
     def jacobian(self, x: Array, skip: int | None = None) -> Array:
         """Return the derivatives of `residuals` by x (n, size), forward differences in part, without x[skip]."""

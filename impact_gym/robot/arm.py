@@ -70,9 +70,9 @@ class Description:
 
 
 @cache
-def viper_s650() -> Description:
-    """Return the paper's robot (paper, Fig. 9), from the data file of this package."""
-    data: dict[str, Any] = json.loads(DATA.read_text(encoding="utf-8"))
+def read(path: Path = DATA) -> Description:
+    """Return the robot in a file like the shipped one, which has the paper's (paper, Fig. 9)."""
+    data: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     kinematics, links, joints = data["kinematics"], data["inertia"]["links"], data["joints"]
     limits = np.radians(kinematics["limits_deg"])
     unit_vectors = dict(zip("xyz", np.eye(3), strict=True))
@@ -95,7 +95,7 @@ class Arm:
 
     def __init__(self, description: Description | None = None) -> None:
         one_of("Arm.description", description, Description, type(None))
-        self.description = description or viper_s650()
+        self.description = description or read()
         try:
             # by name: the package has to load, and its types to check, where MuJoCo is not installed
             self._mujoco: Any = importlib.import_module("mujoco")

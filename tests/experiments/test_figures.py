@@ -2,7 +2,6 @@
 
 import re
 import shutil
-import sys
 from base64 import b64encode
 from collections import Counter
 from dataclasses import replace
@@ -139,21 +138,19 @@ def test_readme_and_documentation_tell_the_count_of_the_page(every, page):
     ]
 
 
-def test_a_partial_run_keeps_the_rest(folder, tmp_path, monkeypatch):
+def test_a_partial_run_keeps_the_rest(folder, tmp_path):
     copy = shutil.copytree(folder, tmp_path / "paper")
     before = {file.name: file.read_bytes() for file in copy.iterdir()}
     (copy / "figure_02.svg").write_text("stale")
-    monkeypatch.setattr(sys, "argv", ["paper", "2", "--out", str(copy)])
-    command.main()
+    command.main(("2",), copy)
     after = {file.name: file.read_bytes() for file in copy.iterdir()}
     assert after.keys() == before.keys()
     assert {name for name in after if after[name] != before[name]} <= {"index.html"}  # its date
 
 
-def test_what_cannot_be_drawn_is_named(folder, tmp_path, monkeypatch):
-    monkeypatch.setattr(sys, "argv", ["paper", "4", "--out", str(tmp_path)])
+def test_what_cannot_be_drawn_is_named(folder, tmp_path):
     with pytest.raises(SystemExit, match=r"no figure '4': there are 2, 3, 5, .*beyond_speed"):
-        command.main()
+        command.main(("4",), tmp_path)
     shutil.copy(folder / "figure_02.csv", tmp_path / "figure_03.csv")
     with pytest.raises(ValueError, match="has no tables"):  # what was stopped before it was drawn does not count
         page.write(tmp_path, RUN)

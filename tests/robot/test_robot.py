@@ -59,7 +59,7 @@ def test_mass_matrix_is_that_of_the_links(arm):
 
 
 def test_description_has_the_reach_of_the_data_sheet_and_the_damping_said_in_words():
-    robot = arms.viper_s650()
+    robot = arms.read()
     assert float(re.search(r"beta = (\S+) s", viper.DATA["joints"]["damping_rule"])[1]) == robot.damping_over_stiffness
     reach = viper.KINEMATICS["link_lengths_m"]["a1"] + robot.wrist_distance(robot.stretched_elbow)
     assert reach == pytest.approx(viper.KINEMATICS["reach_to_wrist_centre_m"], abs=5e-5)  # four digits are given
