@@ -35,10 +35,14 @@ COMMANDS = {
     "design": Command("experiments.design", ("train", "report"), "find the coupling that leaves the object slowest"),
     "identify": Command("impact_gym.identify", (), "fit the numbers of a tool and an object to a measured blow"),
     "paper": Command("experiments.paper", ("report",), "reproduce the paper's figures and compare its statements"),
-    "speed": Command("experiments.solver.speed", ("report",), "measure the solver's speed against its error"),
-    "stability": Command("experiments.solver.stability", ("report",), "send random scenes through solver and rivals"),
+    "speed": Command("experiments.solver.speed", ("report", "peers"), "measure the solver's speed against its error"),
+    "stability": Command(
+        "experiments.solver.stability", ("report", "peers"), "send random scenes through solver and rivals"
+    ),
     "fits": Command("experiments.identify", ("report",), "fit logs of the independent solver, errors beside the bound"),
-    "bench": Command("experiments.bench", ("train", "report"), "measure approaches, environments and training"),
+    "bench": Command(
+        "experiments.bench", ("train", "report", "peers"), "measure approaches, environments and training"
+    ),
     "doctor": Command("impact_gym.doctor", (), "say what this machine has, and what to do about it"),
 }
 

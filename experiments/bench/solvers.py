@@ -7,7 +7,7 @@ from experiments.paper.scenes import DURATION, MOTION, decoupled
 from experiments.solver.approaches import Approach
 from experiments.solver.in_mujoco import fitted
 from experiments.solver.solutions import solve
-from experiments.solver.timing import COARSE, FINE, MISSING, MUJOCO, Settings, cheapest, settings, timed
+from experiments.solver.timing import COARSE, FINE, MUJOCO, Settings, cheapest, settings, timed
 
 SCENE = Approach("Fig. 17b", "", decoupled(1e4, 1.0, 150.0), MOTION, DURATION)
 PEER_SCENE = Approach("Fig. 19a", "", decoupled(1e5, 0.1, 150.0), MOTION, DURATION)  # near MuJoCo's own law of contact
@@ -35,8 +35,6 @@ def compared(approach: Approach, error: float, tried: Settings, rounds: int) -> 
 
 def measure(quick: bool) -> dict[str, pl.DataFrame]:
     """Return a row for each solver that comes near enough."""
-    if MUJOCO in MISSING:
-        print(f"experiments.bench: {MUJOCO} is not installed (extra `peers`); it takes no part")
     rounds, title = 1 if quick else 5, "One whole approach, {}, V_p within {:g} m/s"
     return {
         title.format(approach.name, error): compared(approach, error, tried, rounds)

@@ -11,7 +11,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from functools import lru_cache
-from importlib.util import find_spec
 from itertools import count, islice
 from time import thread_time
 from typing import Any
@@ -32,8 +31,6 @@ from experiments.solver.solutions import ERRORS, OURS, SHARED, Solution, errors,
 METHODS = ("RK45", "DOP853", "LSODA", "Radau")
 CAREFUL, PLAIN, MUJOCO = "SciPy", "solve_ivp", "MuJoCo"  # SciPy's integrators in the reference; as people write it
 NAMES = (OURS, *(f"{CAREFUL} {method}" for method in METHODS), *by_hand.METHODS, MUJOCO)
-MISSING = () if find_spec("mujoco") else (MUJOCO,)
-"""Who takes no part because its package, of the extra `peers`, is not installed."""
 RTOLS = tuple(float(f"1e-{k}") for k in range(3, 13))
 STEPS = tuple(float(f"{step:.2g}") for step in np.geomspace(1e-3, 1e-6, 10))  # s
 MUJOCO_STEPS = (1e-3, 5e-4, 2e-4, 1e-4, 5e-5, 2e-5, 1e-5)  # s
@@ -67,7 +64,7 @@ def settings(
     """Return who is tried at which tolerance or step, ours first."""
     tried = {OURS: rtols, **{f"{CAREFUL} {method}": scipy_rtols for method in METHODS}}
     tried |= {method: steps for method in by_hand.METHODS} | {MUJOCO: mujoco_steps}
-    return [(name, setting) for name in tried if name not in MISSING for setting in tried[name]]
+    return [(name, setting) for name in tried for setting in tried[name]]
 
 
 @contextmanager

@@ -14,7 +14,7 @@ from experiments.solver import figures, in_mujoco, solutions, timing
 from experiments.solver.approaches import named
 from experiments.solver.by_hand import METHODS
 from experiments.solver.solutions import ERRORS, Solution, truths_with_doubt
-from experiments.solver.timing import MISSING, MUJOCO, RIVALS, Settings, beside_ours, settings
+from experiments.solver.timing import RIVALS, Settings, beside_ours, settings
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ def tables(extent: Extent, gather: Gather) -> Tables:
     names = [approach.name for approach in named() if not extent.names or approach.name in extent.names]
     rows = truths_with_doubt(gather, names)
     truths = {row["scene"]: Solution.of_row(row) for row in rows}
-    fits = in_mujoco.fits(gather, truths, extent.fit) if MUJOCO not in MISSING else []
+    fits = in_mujoco.fits(gather, truths, extent.fit)
     times = timing.in_turns(gather, truths, fits, extent.tried, extent.rounds)
     return {"truth": rows, "mujoco_fits": fits, "named": times}
 
@@ -56,7 +56,6 @@ def shown(tables: Tables) -> Shown:
         "disagreements": truths.filter(differ).height,
         "truth": solutions,
         "by_hand": list(METHODS),
-        "fits": bool(tables["mujoco_fits"]),
         "load": times["load"],
     }
 
@@ -69,10 +68,8 @@ def main(out: Path | None = None, quick: bool = False, force: bool = False) -> N
         quick: a first look in under a minute: few settings, one round.
         force: measure everything again.
     """
-    for name in MISSING:
-        print(f"impact-gym speed: {name} is not installed (extra `peers`); it takes no part")
-    compute, packages = partial(tables, QUICK if quick else FULL), [] if MISSING else ["mujoco"]
-    experiment.command("solver.speed", compute, shown, out, quick, again=force, packages=packages)
+    compute = partial(tables, QUICK if quick else FULL)
+    experiment.command("solver.speed", compute, shown, out, quick, again=force, packages=["mujoco"])
 
 
 if __name__ == "__main__":
