@@ -23,18 +23,16 @@ def approach(coupling, contact_stiffness, restitution, *, m_p=0.25, brake=BRAKE,
     return simulate(paper, ig.Trapezoid(1.0, 8.0, brake), 1.5, 1e-9, **options)
 
 
-@pytest.mark.parametrize(("figure", "coupling", "contact_stiffness", "restitution", "contacts"), [
+VELOCITIES = [  # figure, coupling, contact stiffness, restitution, contacts
     ("16, before the break", ig.SpringDamper(85.0), 1e5, 1.0, 1),
     ("16, at the break", ig.SpringDamper(90.0), 1e5, 1.0, 2),
     ("16, behind the break", ig.SpringDamper(92.0), 1e5, 1.0, 2),
-    ("17a", SPRING, 1e5, 1.0, 2),
-    ("17b", SPRING, 1e4, 1.0, 1),
-    ("19a", SPRING, 1e5, 0.1, 1),
-    ("19b", SPRING, 1e3, 0.1, 1),
-    ("23a", BISTABLE, 1e3, 0.1, 1),
-    ("23b", LINEAR, 1e3, 0.1, 1),
-    ("25", RIGID, 1e3, 0.1, 1),
-])  # fmt: skip
+    ("17a", SPRING, 1e5, 1.0, 2), ("17b", SPRING, 1e4, 1.0, 1), ("19a", SPRING, 1e5, 0.1, 1),
+    ("19b", SPRING, 1e3, 0.1, 1), ("23a", BISTABLE, 1e3, 0.1, 1), ("23b", LINEAR, 1e3, 0.1, 1), ("25", RIGID, 1e3, 0.1, 1),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("figure", "coupling", "contact_stiffness", "restitution", "contacts"), VELOCITIES)
 @BOTH
 def test_object_velocity_and_contacts_of_figure(simulate, figure, coupling, contact_stiffness, restitution, contacts):
     outcome = approach(coupling, contact_stiffness, restitution, simulate=simulate)

@@ -50,7 +50,7 @@ def all_finite(value):
 
 
 @settings(FUZZ, max_examples=150)
-@given(rows_of_tasks(most=1), st.sampled_from([*arguments()]), GARBAGE)
+@given(rows_of_tasks(count=1), st.sampled_from([*arguments()]), GARBAGE)
 def test_environment_takes_garbage_for_an_argument_with_a_clear_error_or_plays_it(rows, name, garbage):
     try:
         env = gym.make(ID, **rows[0] | {name: garbage})
@@ -76,7 +76,7 @@ def test_reset_takes_garbage_for_a_scenario_with_a_clear_error_or_plays_it(scena
 
 @settings(FUZZ, max_examples=120)
 @given(
-    rows_of_tasks(most=1),
+    rows_of_tasks(count=1),
     st.fixed_dictionaries({}, optional=EXTREME_ARGUMENTS),
     st.fixed_dictionaries({}, optional=EXTREME),
     st.lists(st.tuples(st.floats(-2.0, 2.0), st.floats(-2.0, 2.0)), min_size=1, max_size=8),
