@@ -28,7 +28,8 @@ VELOCITIES = [  # figure, coupling, contact stiffness, restitution, contacts
     ("16, at the break", ig.SpringDamper(90.0), 1e5, 1.0, 2),
     ("16, behind the break", ig.SpringDamper(92.0), 1e5, 1.0, 2),
     ("17a", SPRING, 1e5, 1.0, 2), ("17b", SPRING, 1e4, 1.0, 1), ("19a", SPRING, 1e5, 0.1, 1),
-    ("19b", SPRING, 1e3, 0.1, 1), ("23a", BISTABLE, 1e3, 0.1, 1), ("23b", LINEAR, 1e3, 0.1, 1), ("25", RIGID, 1e3, 0.1, 1),
+    ("19b", SPRING, 1e3, 0.1, 1), ("23a", BISTABLE, 1e3, 0.1, 1), ("23b", LINEAR, 1e3, 0.1, 1),
+    ("25", RIGID, 1e3, 0.1, 1),
 ]  # fmt: skip
 
 
