@@ -72,7 +72,7 @@ def whole(field: str, value: Any, at_least: int) -> int:
         TypeError: `value` is no whole number.
         ValueError: `value` is below `at_least`.
     """
-    if isinstance(value, bool) or not hasattr(value, "__index__"):
+    if isinstance(value, bool) or not hasattr(value, "__index__") or getattr(value, "ndim", 0) > 0:
         raise WrongTypeError(f"{field} must be a whole number of at least {at_least}, got {value!r}")
     result = operator.index(value)
     if result < at_least:

@@ -107,7 +107,7 @@ class Task:
 
     def _check_choices(self) -> None:
         for name, choice in {"dissipation": DISSIPATIONS, "alarm": ALARMS}.items():
-            if getattr(self, name) not in choice:
+            if not isinstance(getattr(self, name), str) or getattr(self, name) not in choice:
                 raise ValueError(f"{name} must be one of {choice}, got {getattr(self, name)!r}")
         for name in ("deflection_sensor", "privileged", "observe_range_noise"):
             if not isinstance(getattr(self, name), (bool, np.bool_)):

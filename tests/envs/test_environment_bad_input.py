@@ -61,6 +61,8 @@ ARGUMENT_CASES = [  # beside a number beyond its limits, which tests/task has fo
     ({"past_readings": 4}, ValueError, "past_readings.*at most 3 .*got 4"),
     ({"past_readings": -1}, ValueError, "past_readings.*at least 0, got -1"),
     ({"past_readings": 1.0}, TypeError, "past_readings.*whole"),
+    ({"past_readings": np.array([])}, TypeError, "past_readings.*whole"),
+    ({"alarm": np.array([])}, ValueError, "alarm must be one of"),
 ]
 
 

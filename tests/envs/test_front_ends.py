@@ -46,11 +46,11 @@ def with_float32_rewards(trail):
     return [[[e[0], np.float32(e[1]), *e[2:]] if isinstance(e, list) else e for e in row] for row in trail]
 
 
-@settings(STORM, max_examples=40)
+@settings(STORM, max_examples=25)
 @given(rows_of_tasks(), st.integers(0, 1000), FIXED, st.sampled_from([*TWINS]))
 def test_front_ends_play_in_each_row_what_the_single_environment_of_its_task_plays(rows, seed, options, twin):
     """Whatever the task, what is fixed for the first episode, and whether a copy goes on in the middle of one."""
-    actions = action_table(seed, 130, len(rows), lean=(-0.1, 0.6))
+    actions = action_table(seed, 160, len(rows), lean=(-0.6, 0.6))
     expected = trails(Singles(rows), actions, seed, options)
     assert_identical(trails(Singles(rows), actions, seed, options, twin), expected)
     for name, make in FRONT_ENDS.items():
@@ -62,7 +62,7 @@ def test_front_ends_play_in_each_row_what_the_single_environment_of_its_task_pla
 
 
 @settings(STORM, max_examples=40)
-@given(rows_of_tasks(most=1), st.integers(0, 1000))
+@given(rows_of_tasks(count=1), st.integers(0, 1000))
 def test_episode_is_that_of_the_numbers_it_drew_and_can_be_played_again(rows, seed):
     (options,) = rows
     actions = action_table(seed, 200, 1, lean=(0.3, 0.6))[:, 0]
@@ -121,11 +121,9 @@ def test_checkers_of_gymnasium_and_stable_baselines3_find_nothing(id, options):
 
 
 @settings(STORM, max_examples=30)
-@given(st.sampled_from(IDS), rows_of_tasks(most=1), st.sampled_from(MODES))
+@given(st.sampled_from(IDS), rows_of_tasks(count=1), st.sampled_from(MODES))
 def test_environment_is_made_again_from_its_json(id, rows, mode):
     (options,), actions = rows, action_table(3, 200)
-    if "Rigid" in id and options["deflection_sensor"]:
-        options["coupling"] = {"type": "Bistable"}
     env = gym.make(id, **options)
     again = gym.make(EnvSpec.from_json(env.spec.to_json()))
     assert_identical(*(history(each, Given(actions[:, 0]), seed=3) for each in (env, again)))

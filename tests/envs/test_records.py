@@ -11,7 +11,7 @@ from tasks import EVERYTHING_DRAWN
 
 import impact_gym as ig
 from impact_gym.envs.render_history import History
-from impact_gym.task import ObservationSpec, ScenarioRanges, Task, evaluation_sets
+from impact_gym.task import ObservationSpec, Task, evaluation_sets
 from impact_gym.task.episodes import RECORD_IDS as RECORD
 from impact_gym.task.scenario import FIELDS, NAMED
 
@@ -104,13 +104,13 @@ def test_evaluation_set_is_what_its_seeds_draw(name):
 
 
 def test_evaluation_set_is_frozen_and_read_again(tmp_path):
-    ranges = ScenarioRanges(object_mass=(1.0, 2.0))
-    path = evaluation_sets.freeze(tmp_path / "mine.csv", ranges, seed=7, count=20)
+    shipped = evaluation_sets.load("hard")
+    path = evaluation_sets.freeze(tmp_path / "mine.csv", "hard", shipped.seed, count=50)
     frozen = evaluation_sets.load(path)
-    assert frozen.count == 20
-    assert (frozen.scenario["object_mass"] >= 1.0).all()
+    assert frozen.count == 50
+    assert_same_draws(frozen.scenario, {field: values[:50] for field, values in shipped.scenario.items()})
     with pytest.raises(FileExistsError):
-        evaluation_sets.freeze(path, ranges, seed=8, count=20)
+        evaluation_sets.freeze(path, "hard", seed=8, count=20)
 
 
 @pytest.mark.parametrize(("line", "pattern", "instead"), [
@@ -129,12 +129,6 @@ def test_evaluation_set_that_was_altered_is_refused(tmp_path, line, pattern, ins
 def test_evaluation_set_that_there_is_not_is_refused():
     with pytest.raises(ValueError, match=r"nowhere.*hard.*test.*validation"):
         evaluation_sets.load("nowhere")
-
-
-def test_evaluation_set_frozen_again_is_the_shipped_set(tmp_path):
-    shipped = evaluation_sets.load("hard")
-    again = evaluation_sets.load(evaluation_sets.freeze(str(tmp_path / "again.csv"), "hard", shipped.seed, 50))
-    assert_same_draws(again.scenario, {field: values[:50] for field, values in shipped.scenario.items()})
 
 
 def test_reset_takes_a_scenario_before_a_record():

@@ -191,10 +191,6 @@ def test_noise_and_bias_are_normal_and_leave_the_motion_alone():
         assert (seen[:, PEAK] >= seen[:, FORCE] - 1e-7).all()
 
 
-def test_alarm_does_not_feel_the_noise():
-    assert not at_rest(40, count=200, force_noise=50.0)[..., ALARM].any()
-
-
 @pytest.mark.parametrize("coupling", [ig.SpringDamper(50.0), ig.Bistable()], ids=["spring", "bistable"])
 @pytest.mark.parametrize("delay", [0.0, 0.016, 0.04])
 def test_deflection_is_that_of_one_reaction_delay_ago(coupling, delay):

@@ -52,8 +52,13 @@ def described(kind, spans):
     return numbers.map(lambda given: {"type": kind, **given})
 
 
-SOFT = st.sampled_from([ig.SpringDamper(150.0, 0.3), ig.Bistable(80.0, rear_stop=-0.01), {"type": "Bistable"}])
-COUPLINGS = SOFT | described("SpringDamper", SPRING) | described("Bistable", MECHANISM)
+SOFT = {
+    "spring": st.sampled_from([ig.SpringDamper(150.0, 0.3), {"type": "SpringDamper", "stiffness": 80.0}]),
+    "drawn spring": described("SpringDamper", SPRING),
+    "mechanism": st.sampled_from([ig.Bistable(80.0, rear_stop=-0.01), {"type": "Bistable"}]),
+    "drawn mechanism": described("Bistable", MECHANISM),
+}
+COUPLINGS = SOFT | {"rigid": st.sampled_from([ig.Rigid(), {"type": "Rigid"}])}
 ROBOTS = st.sampled_from([None, ROBOT, ig.Robot(2.0, 4e4, 10.0), TABLE]) | described("Robot", ARM)
 OWN = {
     **{name: number_or_range(*span) for name, span in SPANS.items() if name not in ("range_noise", "range_bias")},
@@ -65,7 +70,7 @@ OWN = {
     "control_period": st.floats(0.009, 0.03),
     "acceleration_range": st.just((0.5, 8.0)),
     "rtol": st.sampled_from([1e-5, 1e-8, 1e-11]),
-    "max_episode_steps": st.integers(1, 45),
+    "max_episode_steps": st.sampled_from([None, 41, 13]),
 }
 """What rows of a batch may have each for itself, whatever they observe."""
 ESTIMATE = {name: number_or_range(*SPANS[name]) for name in ("range_noise", "range_bias")}
@@ -73,17 +78,18 @@ OBSERVED = ("observe_range_noise", "deflection_sensor", "privileged", "past_read
 
 
 @st.composite
-def rows_of_tasks(draw, most=3):
-    """Arguments of the environment for each row of a batch: whatever they may be while all rows observe the same."""
+def rows_of_tasks(draw, count=3):
+    """Arguments of the environment for each of `count` rows: whatever they may be while all rows observe the same."""
     ranged, deflection = draw(st.booleans()), draw(st.booleans())
-    common = {"deflection_sensor": deflection, "privileged": draw(st.booleans())}
+    common = {"deflection_sensor": deflection, "privileged": draw(st.integers(0, 2)) == 2}
     common["past_readings"] = draw(st.integers(0, 3))
     common["observe_range_noise"] = ranged and draw(st.booleans())
     common["velocity_range"] = draw(st.sampled_from([(-0.5, 1.5), (0.0, 1.0)]))
-    coupling = COUPLINGS if deflection else COUPLINGS | st.sampled_from([ig.Rigid(), {"type": "Rigid"}])
-    always = {"range_noise": ESTIMATE["range_noise"]} if ranged else {}
-    optional = OWN | {"coupling": coupling} | ({"range_bias": ESTIMATE["range_bias"]} if ranged else {})
+    kinds = SOFT if deflection else COUPLINGS
+    always = {"coupling": st.sampled_from([*kinds]).flatmap(kinds.get)}
+    always |= {"range_noise": ESTIMATE["range_noise"]} if ranged else {}
+    optional = OWN | ({"range_bias": ESTIMATE["range_bias"]} if ranged else {})
     row = st.fixed_dictionaries(always, optional=optional)
     if common["privileged"]:  # a critic sees in each row what any of them draws
-        return [common | draw(row)] * draw(st.integers(1, most))
-    return [common | own for own in draw(st.lists(row, min_size=1, max_size=most))]
+        return [common | draw(row)] * count
+    return [common | draw(row) for _ in range(count)]

@@ -1,7 +1,5 @@
 """What restitution a damping factor delivers, against Lambert's W in many digits, and what the solver makes of it."""
 
-import math
-
 import mpmath
 import numpy as np
 import pytest
@@ -98,12 +96,6 @@ def test_delivered_linear_leaves_when_its_force_would_pull(zeta):
         root = mpmath.sqrt(1 - z * z)  # imaginary above critical damping
         e = mpmath.exp(-2 * z * mpmath.acos(z) / root).real if zeta != 1.0 else mpmath.exp(-2)
     assert dissipation.delivered_linear(2.0 * zeta) == pytest.approx(float(e), rel=1e-9)
-
-
-@pytest.mark.parametrize(("law", "restitution"), [("hertz", 0.5), ("exact", 0.0), ("exact", 1.5), ("exact", math.nan)])
-def test_effective_restitution_names_bad_arguments(law, restitution):
-    with pytest.raises(ValueError, match="law" if law == "hertz" else "restitution"):
-        ig.effective_restitution(law, restitution)
 
 
 def test_effective_restitution_keeps_the_shape_of_its_argument():

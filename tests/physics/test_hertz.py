@@ -7,6 +7,7 @@ import pytest
 
 import impact_gym as ig
 from impact_gym.physics.hertz import rubber
+from impact_gym.task import ScenarioRanges
 
 STEEL = (206e9, 0.3)
 
@@ -23,20 +24,6 @@ def test_hertz_of_a_rigid_tool_leaves_the_object_alone_and_bodies_may_change_pla
     alone = 4.0 / 3.0 * math.sqrt(0.01) * 2e6 / (1 - 0.5**2)
     assert ig.hertz(0.01, 1e30, 0.3, 2e6, 0.5) == pytest.approx(alone, rel=1e-12)
     assert ig.hertz(0.01, *STEEL, 2e6, 0.5) == pytest.approx(ig.hertz(0.01, 2e6, 0.5, *STEEL), rel=1e-14)
-
-
-@pytest.mark.parametrize(("place", "value", "match"), [
-    (0, 0.0, "radius must be finite and above 0 m"),
-    (1, -1.0, "young_tool must be finite and above 0 Pa"),
-    (2, 0.6, "poisson_tool must be finite and above -1 and at most 0.5"),
-    (3, math.nan, "young_object"),
-    (4, -1.0, "poisson_object"),
-])  # fmt: skip
-def test_hertz_refuses_what_no_body_has(place, value, match):
-    given = [0.01, *STEEL, *STEEL]
-    given[place] = value
-    with pytest.raises(ValueError, match=match):
-        ig.hertz(*given)
 
 
 def test_materials_have_a_source_that_says_whether_it_was_read_and_numbers_that_a_body_can_have():
@@ -64,20 +51,10 @@ def test_rubber_of_a_hardness_has_the_modulus_that_is_tabled_for_it(shore, table
     assert math.sqrt(math.prod(rubber(shore).young)) == pytest.approx(tabled, rel=0.02)
 
 
-@pytest.mark.parametrize("shore", [19.0, 81.0, math.nan])
-def test_rubber_refuses_a_hardness_beyond_gents_relation(shore):
-    with pytest.raises(ValueError, match="shore"):
-        rubber(shore)
-
-
 def test_material_ranges_hold_the_middle_of_a_pair_and_make_a_set_up():
     ranges = ig.material_ranges((0.01, 0.03), "rubber, Shore A 50", "steel")
     low, high = ranges["contact_stiffness"]
     assert low < ig.hertz(0.02, 2.5e6, 0.48, 200e9, 0.29) < high
     assert "restitution" not in ranges
     assert ig.material_ranges((0.01, 0.03), "glass", "glass")["restitution"] == [0.96, 0.98]
-    from impact_gym.task import ScenarioRanges
-
     assert ScenarioRanges.of(ranges).contact_stiffness == (low, high)
-    with pytest.raises(ValueError, match="tool must be one of"):
-        ig.material_ranges((0.01, 0.03), "butter", "steel")

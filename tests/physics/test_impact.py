@@ -63,8 +63,6 @@ def test_sliding_distance_is_infinite_without_friction_and_none_at_rest():
     missed = ig.simulate(scene(1e5, 0.5), ig.Trapezoid(1.0, 8.0), duration=0.1)
     struck = ig.simulate(scene(1e5, 0.5), ig.Trapezoid(1.0, 8.0))
     assert (missed.sliding_distance, struck.sliding_distance) == (0.0, None)
-    with pytest.raises(ValueError, match=r"friction must be finite and at least 0 .*-0\.1"):
-        impact.sliding_distance(1.0, -0.1)
 
 
 @pytest.mark.parametrize("restitution", [0.1, 0.5, 1.0])
@@ -87,20 +85,3 @@ def test_simulated_contact_comes_to_eq_3_and_4_where_it_is_stiff(restitution):
         assert left == pytest.approx(share * lost, abs=1e-12)
     # the contact's duration, over which the coupling pushes, goes with k_c^(-2/5)
     assert np.polyfit(np.log(stiffnesses), np.log(errors), 1)[0] == pytest.approx(-0.4, abs=0.03)
-
-
-@pytest.mark.parametrize(("arguments", "field"), [
-    ((0.0, 1.0, 1.0, 0.0, 0.5), "tool_mass"), ((1.0, [1.0, -1.0], 1.0, 0.0, 0.5), "object_mass"),
-    ((1.0, 1.0, np.nan, 0.0, 0.5), "tool_velocity"), ((1.0, 1.0, 1.0, np.inf, 0.5), "object_velocity"),
-    ((1.0, 1.0, 1.0, 0.0, 1.1), "restitution"), ((1.0, 1.0, 1.0, 0.0, -0.1), "restitution"),
-    ((1.0, 1.0, 1.0, 0.0, 0.5, np.nan), "impulse"),
-])  # fmt: skip
-def test_free_tool_names_values_out_of_range(arguments, field):
-    with pytest.raises(ValueError, match=field):
-        impact.free_tool(*arguments)
-
-
-@pytest.mark.parametrize("value", ["1", None, [None], True, 1j])
-def test_rigid_tool_names_what_is_no_number(value):
-    with pytest.raises(TypeError, match="tool_velocity"):
-        impact.rigid_tool(value, 0.0, 0.5)
