@@ -22,7 +22,7 @@ from experiments.report import __main__ as report
 from impact_gym.files import whole_file
 
 MADE_FOR = attrgetter("environment", "training", "tuned", "budget", "evaluation.weights")
-QUICK_BUDGET, QUICK_STEPS, QUICK_SEEDS, QUICK_SCENARIOS = 320, 1_000_000, 3, 200
+QUICK_BUDGET, QUICK_STEPS, QUICK_SEEDS, QUICK_SCENARIOS, QUICK_CALLS = 320, 1_000_000, 3, 200, 10_000
 STAGES: dict[str, Callable[[Any], object]] = {  # each takes the options of its command
     "tune": tune.run,
     "train-seeds": train_seeds.run,
@@ -90,11 +90,12 @@ def stages(copy: Path, options: ControllerOptions) -> dict[str, Any]:
     page = report.ReportOptions(
         copies, folder=out, out=out / "report", episodes=out / "episodes", cluster=options.cluster
     )
+    exported = export.Export(str(out / "policies" / f"{copy.stem}.npz"), out / "export")
     if options.quick:
         tuning = replace(tuning, bound=False, scenarios=100, budget=min(QUICK_BUDGET, setup.budget))
         training = replace(training, seeds=min(QUICK_SEEDS, setup.training.seeds), steps=QUICK_STEPS)
         page = replace(page, count=QUICK_SCENARIOS)
-    exported = export.Export(str(out / "policies" / f"{copy.stem}.npz"), out / "export")
+        exported = replace(exported, episodes=QUICK_SCENARIOS, calls=QUICK_CALLS)
     return {"tune": tuning, "train-seeds": training, "report": page, "export": exported}
 
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from agents.command_line import run_command
 from agents.export.c_header import has_controller, write_header
 from agents.export.onnx_graph import write_onnx
-from agents.export.replay import CALLS, EPISODES, Replay, address, compiled, logged, replay
+from agents.export.replay import Replay, address, compiled, logged, replay
 from agents.policies.policy import ACTIONS, Policy, load_policy
 from impact_gym.task import Task
 
@@ -39,6 +39,10 @@ class Export:
     """Name of a shipped policy, or a file, or a run folder."""
     out: Path
     """Folder for the files."""
+    episodes: int = 10_000
+    """How many the controller in C replays."""
+    calls: int = 1_000_000
+    """How many calls of it are timed."""
 
 
 class Form(NamedTuple):
@@ -94,8 +98,8 @@ def _time(call: Callable[[], Any]) -> float:
     return float(np.median(timeit.repeat(call, number=1, repeat=1000)))
 
 
-def run(options: Export, episodes: int = EPISODES, calls: int = CALLS) -> list[Path]:
-    """Write both files, check them by so many episodes and timed calls, and return their paths.
+def run(options: Export) -> list[Path]:
+    """Write both files, check them, and return their paths.
 
     Raises:
         ValueError: no such policy, a package is missing, or a file computes something else than the policy.
@@ -110,7 +114,9 @@ def run(options: Export, episodes: int = EPISODES, calls: int = CALLS) -> list[P
     with TemporaryDirectory() as folder:
         program = compiled(policy, header, Path(folder))
         played = (
-            replay(policy, program, logged(policy, episodes), calls) if program and has_controller(policy) else None
+            replay(policy, program, logged(policy, options.episodes), options.calls)
+            if program and has_controller(policy)
+            else None
         )
         in_c = with_c(program, observed) if program else None
     print(judged_replay(header, played, period))

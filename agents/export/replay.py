@@ -16,7 +16,6 @@ from impact_gym.task import Task
 from impact_gym.task.task import COMMAND_RESOLUTION
 
 Floats = NDArray[np.float64]
-EPISODES, CALLS = 10_000, 1_000_000
 SEED = 7_000_000  # of the episodes
 WARNINGS = ["-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-pedantic", "-Werror"]
 LANGUAGES = {"C99": ["-x", "c", "-std=c99"], "C++17": ["-x", "c++", "-std=c++17"]}
@@ -41,7 +40,7 @@ class Replay(NamedTuple):
     worst: float  # s
 
 
-def logged(policy: Policy, episodes: int = EPISODES) -> Log:
+def logged(policy: Policy, episodes: int) -> Log:
     """Play episodes of the policy's own environment."""
     task = Task(**policy.environment)
     batch = Batch(episodes, task)
@@ -81,7 +80,7 @@ def address(array: NDArray[Any]) -> ctypes.c_void_p:
     return array.ctypes.data_as(ctypes.c_void_p)
 
 
-def replay(policy: Policy, program: ctypes.CDLL, log: Log, calls: int = CALLS) -> Replay:
+def replay(policy: Policy, program: ctypes.CDLL, log: Log, calls: int) -> Replay:
     """Play a log through the controller of a compiled program, and time so many calls of it."""
     steps = log.steps.astype(np.int32)
     commands, seconds = np.zeros_like(log.commands), np.zeros(calls)

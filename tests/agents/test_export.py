@@ -33,13 +33,13 @@ def saved(tmp_path):
 @needs_c
 @needs_onnx
 def test_run_writes_both_forms_and_says_how_they_agree_and_what_cannot_be_checked(saved, tmp_path, monkeypatch, capsys):
-    written = exporting.run(Export(saved, tmp_path / "out"), episodes=300, calls=1000)
+    written = exporting.run(Export(saved, tmp_path / "out", episodes=300, calls=1000))
     assert [file.name for file in written] == ["my policy-2.h", "my policy-2.onnx"]
     printed = capsys.readouterr().out
     assert printed.count("16 ms") == 3
     assert printed.count("differs by at most") == 2
     monkeypatch.setattr(shutil, "which", lambda _: None)
-    exporting.run(Export(saved, tmp_path / "out"))
+    exporting.run(Export(saved, tmp_path / "out", episodes=30, calls=1000))
     printed = capsys.readouterr().out
     assert "my policy-2.h: not checked, no C compiler is here" in printed
     assert "my policy-2.h: its controller is not checked: no C compiler" in printed
@@ -117,7 +117,7 @@ def test_identifier_is_a_name_in_c(name, expected):
 def test_run_names_a_missing_package(saved, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "onnx", None)
     with pytest.raises(ValueError, match="ONNX needs the package onnx: pip install"):
-        exporting.run(Export(saved, tmp_path / "out"))
+        exporting.run(Export(saved, tmp_path / "out", episodes=30, calls=1000))
 
 
 CONTROLLERS = {
