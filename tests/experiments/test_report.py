@@ -270,7 +270,7 @@ def test_the_keyboard_reaches_every_control(browser, folder):
 
 def test_a_set_up_is_chosen_with_the_keyboard_or_by_a_link(browser, folder, tmp_path):
     twin = replace(MATCHUP, name="twin", title="A twin, in plain words")
-    kept = folder.with_name(f".{folder.name}.episodes")
+    (kept,) = folder.with_name(f".{folder.name}.episodes").iterdir()
     file = publish([MATCHUP, twin], ReportOptions(out=tmp_path / "out", episodes=kept, processes=0))
     page, problems = opened(browser, file)
     chosen = "document.querySelector('[aria-selected=true]').id"
