@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import shutil
 import time
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
@@ -19,7 +20,7 @@ from experiments.lab.results import REPORTS, checksum, replaceable, whole_folder
 from experiments.lab.statistics import RESAMPLES
 from experiments.report import matchups
 from experiments.report.played import Played, episodes
-from experiments.report.results import Asked, all_asked, gather_matchups
+from experiments.report.results import Asked, all_asked, gather_matchups, sources
 from experiments.report.scenarios import scenarios_from
 from impact_gym.files import whole_file
 from impact_gym.task import Task
@@ -59,7 +60,7 @@ class ReportOptions:
     """Play and write everything again; without it what is there already, and follows from the same, is kept."""
     episodes: Path | None = None
     """Folder where results are kept as they come; the same command goes on from what is there. Default: a hidden one
-    beside the page."""
+    beside the page, with those of these sources alone."""
     processes: int | None = None
     """On this machine; None: one a core."""
     cluster: str | None = None
@@ -122,7 +123,7 @@ def write(options: ReportOptions) -> Path:
 
 def publish(met: Sequence[matchups.Matchup], options: ReportOptions) -> Path:
     """Play what is missing of matchups, write the folder unless it says the same already, and return its page."""
-    kept = options.episodes or options.out.with_name(f".{options.out.name}.episodes")
+    kept = options.episodes or _kept(options.out)
     if options.force:
         for file in kept.glob(f"{store.NAME}*"):
             file.unlink()
@@ -136,6 +137,15 @@ def publish(met: Sequence[matchups.Matchup], options: ReportOptions) -> Path:
         write_folder(played, options, made_from, begun)
     print(*json.loads(there.read_text())["sentences"], sep="\n")
     return page
+
+
+def _kept(out: Path) -> Path:
+    """Return the folder of results beside a page; what other sources gave is removed."""
+    beside, own = out.with_name(f".{out.name}.episodes"), sources()[:16]
+    for other in beside.glob("*"):
+        if other.name != own:
+            shutil.rmtree(other, ignore_errors=True)
+    return beside / own
 
 
 def _made_from(among: Sequence[matchups.Matchup], asked: Sequence[Asked], options: ReportOptions) -> str:

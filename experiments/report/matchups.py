@@ -70,7 +70,7 @@ class Matchup:
     seeds: tuple[Contestant, ...]  # one for each training seed
     chosen: str  # name of the median seed
     baselines: tuple[Contestant, ...]  # the paper's rule is the first, the rival the second if there is one
-    scenarios: Mapping[str, Any]  # JSON, see `play.stage`
+    scenarios: Mapping[str, Any]  # JSON, see `agents.evaluate.play`
     provenance: Mapping[str, Any]  # of the median seed
     note: str  # what a reader has to know of it
     evaluation: Evaluation = field(default_factory=Evaluation)

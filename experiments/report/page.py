@@ -89,14 +89,13 @@ def tab(one: Played, others: Sequence[Played]) -> Tab:
 
 
 def _engineer(one: Played, steps: Sequence[chain.Step]) -> list[Fold]:
-    by_itself: list[Part] = [ONE_AT_A_TIME, *robustness.figures(one), robustness.categories(one)]
     return [
         Fold("What the gain is due to", [chain.table(steps, one.matchup.labels)], closed=False),
         Fold("What it learned", [learned.approach(one)], closed=False, key="learned"),
         Fold("Forces, and what the objects get", [differences.measures(one)], closed=False, key="forces"),
         Fold("What a limit of force would cost", [shield.table(one)]),
         Fold("Does it hold?", [weaknesses.heat_map(one)], closed=False, key="robustness"),
-        Fold("Each of these by itself", by_itself),
+        Fold("Each of these by itself", [ONE_AT_A_TIME, robustness.changes_table(one)]),
     ]
 
 

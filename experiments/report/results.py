@@ -1,5 +1,6 @@
 """From matchups to arrays: the list of jobs behind the page, and what came of them."""
 
+import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -44,10 +45,15 @@ class Asked(NamedTuple):
     job: Job
 
 
+def sources() -> str:
+    """Return a digest of what plays, the compiled solver included."""
+    return hashlib.sha256(f"{compiled_from()} {digest_of(*PLAYING)}".encode()).hexdigest()
+
+
 def all_asked(matchups: Sequence[Matchup]) -> list[Asked]:
     """Return all jobs. What they depend on beside their arguments: what plays, a user's own baselines among it."""
     objects = {one.controller.get("object", "").partition(":")[0] for matchup in matchups for one in matchup.baselines}
-    depends = f"{compiled_from()} {digest_of(*PLAYING, *(objects - {''}))}"
+    depends = f"{sources()} {digest_of(*(objects - {''}))}"
     return [
         Asked(number, where, key, Job(function, arguments, depends))
         for number, matchup in enumerate(matchups)

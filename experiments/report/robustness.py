@@ -1,15 +1,12 @@
-"""Does it hold, and is it the simulator? Figures and tables of the changed environments and of the other solvers."""
+"""Does it hold, and is it the simulator? Tables of the changed environments and of the other solvers."""
 
 from collections.abc import Mapping
 from itertools import chain, groupby
 
-import altair as alt
 import numpy as np
-import polars as pl
 
 from agents.setups.evaluation import Change
 from experiments.lab.statistics import Floats
-from experiments.report.figures import MEANS, Figure, chart_of, looks_of
 from experiments.report.matchups import PAPER, POLICY
 from experiments.report.played import Arrays, Played, Run
 from experiments.report.results import EXACT
@@ -17,9 +14,14 @@ from experiments.report.tables import Table
 from impact_gym.quantities import QUANTITIES
 from impact_gym.task.task import MISSED_COST
 
-WORDS = {"robot": "robot that gives", "scenario": "objects beyond the training"}
-"""Changes that are no quantity, in plain words."""
-SHOWN = {"s": ("ms", 1e3), "m": ("mm", 1e3)}  # units and scales of an axis, where they are others than a set-up's
+WORDS = {
+    "force_noise": "noise of the force sensor",
+    "range_noise": "error of the distance estimate",
+    "robot": "robot that gives",
+    "scenario": "objects beyond the training",
+}
+"""Changes in plain words, where those of the quantity are a statistician's, or it is none."""
+SHOWN = {"s": ("ms", 1e3), "m": ("mm", 1e3), "%": ("%", 100.0)}  # units and scales, where they are others than given
 Varied = list[tuple[Change, dict[str, Run]]]
 """Changes with the runs of all contestants."""
 
@@ -36,81 +38,29 @@ def varied(played: Played) -> list[Varied]:
 
 def factor(argument: str) -> str:
     """Return what an argument of the environment is in plain words."""
-    return QUANTITIES[argument].words if argument in QUANTITIES else WORDS.get(argument, argument)
-
-
-def unit(change: Change) -> tuple[str, float]:
-    """Return the unit in which a change is shown, and what its value is multiplied by."""
-    if change.multiple:
-        return "%", 100.0
-    unit = QUANTITIES[change.argument].unit
-    return SHOWN.get(unit, (unit, 1.0))
+    return WORDS.get(argument) or (QUANTITIES[argument].words if argument in QUANTITIES else argument)
 
 
 def setting(change: Change) -> str:
     """Return what the argument is changed to, in words."""
     if not np.isfinite(change.value):
         return change.label
-    shown, scale = unit(change)
+    unit = "%" if change.multiple else QUANTITIES[change.argument].unit
+    shown, scale = SHOWN.get(unit, (unit, 1.0))
     return f"{scale * change.value:g} {shown}"
 
 
-def _numeric(found: Varied) -> bool:
-    return all(np.isfinite(change.value) for change, _ in found)
-
-
-def figures(played: Played) -> list[Figure]:
-    """Return a figure for each argument that is varied over numbers: V_p + w T over it."""
-    return [_figure(played, found) for found in varied(played) if _numeric(found)]
-
-
-def _figure(played: Played, found: Varied) -> Figure:
-    weight = played.matchup.typical
-    (shown, scale), labels = unit(found[0][0]), played.matchup.labels
-    subject = factor(found[0][0].argument)
-    data = pl.DataFrame([
-        {"contestant": labels.get(name, name), "value": scale * change.value, **run.means(weight)}
-        for change, runs in found
-        for name, run in runs.items()
-    ]).select("contestant", "value", "loss", "V", "T", "missed")  # fmt: skip
-    looks = looks_of(data)
-    values = data["value"].unique().sort().to_list()
-    wide = 0.0 < 5.0 * values[0] < values[-1]
-    axis = alt.Scale(padding=10, nice=False, **({"type": "log"} if wide else {"zero": False}))
-    ticks = alt.Axis(values=values, labelExpr="format(datum.value, '~g')")
-    lines = (
-        chart_of(data)
-        .mark_line()
-        .encode(
-            alt.X("value:Q", title=f"{subject} ({shown})", scale=axis, axis=ticks),
-            alt.Y("loss:Q", title=f"mean V_p + {weight:g} T (m/s)", scale=alt.Scale(zero=False)),
-            looks.colour,
-        )
-    )
-    tooltip = ["contestant:N", "value:Q", alt.Tooltip("loss:Q", format=".4f"), *MEANS]
-    marks = lines.mark_point(size=60).encode(looks.shape, tooltip=tooltip)
-    said = []
-    for name in looks.names:
-        own = data.filter(pl.col("contestant") == name).sort("value")["loss"]
-        said.append(f"{name}: {own[0]:.3f} to {own[-1]:.3f} m/s")
-    text = "; ".join(said)
-    worst = max(runs[POLICY].means(weight)["missed"] for _, runs in found)
-    missed = f" The policy misses at most {worst} of {found[0][1][POLICY]['missed'].shape[1]} objects." if worst else ""
-    caption = f"From left to right, {text}.{missed}"
-    return Figure(played.matchup.name, found[0][0].argument, subject, caption, text, lines + marks, data, 220)
-
-
-def categories(played: Played) -> Table:
-    """Return the table of changes that are not numbers, such as a compliant robot or other scenarios."""
+def changes_table(played: Played) -> Table:
+    """Return what each contestant does under each change, one at a time."""
     weight, labels, body = played.matchup.typical, played.matchup.labels, []
-    for change, runs in chain.from_iterable(found for found in varied(played) if not _numeric(found)):
+    for change, runs in chain.from_iterable(varied(played)):
         for name, run in runs.items():
             mean = run.means(weight)
-            changed = (factor(change.argument), change.label, labels.get(name, name))
+            changed = (factor(change.argument), setting(change), labels.get(name, name))
             body.append((*changed, f"{mean['loss']:.4f}", f"{mean['V']:.4f}", f"{mean['T']:.4f}",
                          f"{mean['missed']} of {run['missed'].shape[1]}"))  # fmt: skip
     head = ("changed", "to", "contestant", f"V_p + {weight:g} T (m/s)", "V_p (m/s)", "T (s)", "missed")
-    return Table("Another robot, other scenarios: hard ones lie beyond the training ranges, lighter, stiffer, less "
+    return Table("One thing changed at a time; hard scenarios lie beyond the training ranges, lighter, stiffer, less "
                  "elastic, nearer", head, body)  # fmt: skip
 
 

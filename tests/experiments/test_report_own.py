@@ -136,7 +136,10 @@ def test_settings_are_checked(tmp_path):
 
 def test_nothing_is_played_or_written_twice_unless_something_changed(tmp_path, monkeypatch, capsys):
     settings = ReportOptions(policy=("rigid-blind",), count=12, out=tmp_path / "out", processes=0)
+    of_other_sources = tmp_path / ".out.episodes" / "0"
+    of_other_sources.mkdir(parents=True)
     page = write(settings)
+    assert not of_other_sources.exists()
     answer, written = capsys.readouterr().out, page.stat()
     played = []
 
