@@ -28,7 +28,7 @@ FAR = 0.36  # m, just beyond the farthest object: where an approach that meets n
 NEAR = 0.25  # m, where one is watched that knows the distance
 LESS = 500  # scenarios where many variants are played
 EXACTLY = 200  # scenarios that every policy plays once more at a hundredth of the tolerance
-IN_SCIPY = 100  # scenarios in the independent solver
+IN_SCIPY = 50  # scenarios in the independent solver
 EXACT: dict[str, dict[str, Any]] = {
     "a hundredth of the tolerance": {"rtol": Task.rtol / 100},
     "exact dissipation": {"dissipation": "exact"},
@@ -142,9 +142,9 @@ def _asked(matchup: Matchup) -> Iterator[tuple[str, Any, str, dict[str, Any]]]:
             yield "exactly", (label, one.name), PLAY, exact
     drawn = "ranges" in scenarios or task.drawn or isinstance(task.reaction_delay, tuple)
     if not drawn and set(environment) <= set(SERVED):
-        hundred = _first(scenarios, IN_SCIPY)
+        few = _first(scenarios, IN_SCIPY)
         for one in rivals.values():
-            yield "scipy", one.name, f"{MEASURES}:in_scipy", of(one, scenarios=hundred, weight=typical)
+            yield "scipy", one.name, f"{MEASURES}:in_scipy", of(one, scenarios=few, weight=typical)
     for limit, one in shielded(matchup):
         yield "shielded", (limit, one.name), PLAY, of(one, scenarios=scenarios, weights=[typical])
     for one in rivals.values():
