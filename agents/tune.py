@@ -16,7 +16,7 @@ import tyro
 
 from agents.baselines import Clairvoyant, bound
 from agents.baselines.cmaes import minimise
-from agents.baselines.jittery import Jittery
+from agents.baselines.random import Jittery
 from agents.baselines.rule import Floats
 from agents.baselines.tuned import RULES, read_tuned, write_tuned
 from agents.command_line import run_command

@@ -38,11 +38,11 @@ class View:
     """Observations (..., n_obs) in SI units, an array (...) of each number; only what a rule asks for is computed."""
 
     def __init__(self, observation: ArrayLike, spec: ObservationSpec) -> None:
-        self._observation, self._spec = np.asarray(observation, np.float64), spec
+        self.observation, self.spec = np.asarray(observation, np.float64), spec
 
     def __getitem__(self, name: str) -> Floats:
         """The number with this id, in its unit."""
-        return self._spec.decode(self._observation, name)
+        return self.spec.decode(self.observation, name)
 
     @property
     def alarm(self) -> NDArray[np.bool_]:
@@ -137,15 +137,15 @@ class Rule:
         return self.parameters[..., place : place + count]
 
     def predict(
-        self,
-        observation: NDArray[np.float32],
-        state: Any = None,
-        episode_start: NDArray[np.bool_] | None = None,
-        deterministic: bool = True,
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[NDArray[np.float32], Any]:
-        """Return the action for an observation (n_obs,) or the actions for a batch of them (n, n_obs)."""
-        velocity, acceleration = self.command(View(observation, self.spec))
-        return encode(velocity, acceleration, self.velocity_range, self.acceleration_range), state
+        """Return the action for an observation (n_obs,) or the actions for a batch of them (n, n_obs), and a state."""
+        view, state = self.see(View(observation, self.spec), state, episode_start)
+        return encode(*self.command(view), self.velocity_range, self.acceleration_range), state
+
+    def see(self, view: View, state: Any, episode_start: Any) -> tuple[View, Any]:
+        """Return what the command follows from, and what is remembered of it: nothing, unless a rule says so."""
+        return view, state
 
     def command(self, view: View) -> tuple[ArrayLike, ArrayLike]:
         """Return the velocity (m/s) to go to and the acceleration (m/s^2) to use for it."""

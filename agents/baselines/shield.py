@@ -68,11 +68,7 @@ class Shield:
         self.after = np.linspace(0.0, stopped, 1 + math.ceil(stopped / COARSE_STEP))
 
     def predict(
-        self,
-        observation: NDArray[np.float32],
-        state: Any = None,
-        episode_start: NDArray[np.bool_] | None = None,
-        deterministic: bool = True,
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[NDArray[np.float32], Any]:
         """Return the action for an observation (n_obs,) or the actions for a batch of them (n, n_obs), and a state.
 

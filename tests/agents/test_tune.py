@@ -10,7 +10,7 @@ from episodes import Always
 from agents import load_setup
 from agents.baselines import Clairvoyant, ConstantSpeed, bound
 from agents.baselines.cmaes import minimise
-from agents.baselines.jittery import Jittery
+from agents.baselines.random import Jittery
 from agents.baselines.rule import Parameter
 from agents.baselines.tuned import load_baseline, read_tuned, write_tuned
 from agents.evaluate import ScenarioBatch
