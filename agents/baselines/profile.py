@@ -1,6 +1,4 @@
-"""Speed profiles over position or over an estimated distance, and how near one is to constant deceleration."""
-
-from typing import NamedTuple
+"""Speed profiles over position or over an estimated distance."""
 
 import numpy as np
 
@@ -66,20 +64,3 @@ class Ranged(ReactingRule):
         left = np.maximum(-position - self["margin"], 0.0)
         braking = np.sqrt(self["contact speed"] ** 2 + 2.0 * self["deceleration"] * left)
         return np.minimum(braking, np.maximum(self["top speed"], self["contact speed"]))
-
-
-class Shape(NamedTuple):
-    """How near a profile is to constant deceleration, v^2 = 2 a (end - x)."""
-
-    deceleration: float  # m/s^2, a
-    end: float  # m, where it would come to rest
-    r_squared: float  # of v^2 against a straight line in x
-
-
-def constant_deceleration_of(positions: Floats, speeds: Floats, between: tuple[float, float]) -> Shape:
-    """Fit v^2 linear in position to a profile given by points, where these lie `between` two positions (m)."""
-    inside = (positions >= between[0]) & (positions <= between[1]) & np.isfinite(speeds)
-    x, squares = positions[inside], speeds[inside] ** 2
-    slope, intercept = np.polyfit(x, squares, 1)
-    rest = squares - (slope * x + intercept)
-    return Shape(float(-slope / 2), float(-intercept / slope), float(1 - rest.var() / squares.var()))

@@ -8,7 +8,6 @@ import signal
 import sqlite3
 import subprocess
 import sys
-import time
 import zipfile
 from contextlib import closing
 from functools import partial
@@ -19,7 +18,7 @@ import numpy as np
 import pytest
 from cluster_work import begun, calls
 
-from agents.jobs import Failure, Job, JobsFailedError, digest_of, gather, gather_all, ray_cluster, sources
+from agents.jobs import Job, JobsFailedError, digest_of, gather, gather_all, ray_cluster, sources
 from agents.jobs.store import NAME, Store
 
 HELPERS = Path(__file__).parents[1] / "helpers"
@@ -83,14 +82,13 @@ def outcome(request, tmp_path):
 @pytest.mark.storm
 @pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="reads the list of processes where Linux keeps it")
 def test_gather_that_was_killed_computes_only_what_is_missing_and_leaves_no_process(outcome):
-    ways, jobs = [signal.SIGINT, signal.SIGKILL], job_cases.JOBS
-    (*killed, resumed), folder = outcome("killed", partial(job_cases.killed_and_resumed, ways=ways))
-    assert 2 <= killed[0]["kept"] <= killed[-1]["kept"] == resumed["found"] < jobs
-    assert [run["found"] for run in killed[1:]] == [run["kept"] for run in killed[:-1]]
-    assert resumed["began"] == jobs - resumed["found"]
-    assert resumed["kept"] == jobs
-    assert set(calls(folder / "log")) == set(range(jobs))
-    assert [run["left"] for run in (*killed, resumed)] == [0] * (len(killed) + 1)
+    ways = [signal.SIGINT, signal.SIGKILL]
+    runs, folder = outcome("killed", partial(job_cases.killed_and_resumed, ways=ways))
+    kept = [*range(2, 1 + len(runs)), job_cases.JOBS]
+    assert [run["kept"] for run in runs] == kept
+    assert [run["found"] for run in runs] == [0, *kept[:-1]]
+    assert sorted(calls(folder / "log")) == [*range(job_cases.JOBS)]
+    assert not any(run["left"] for run in runs)
 
 
 def test_gather_does_jobs_of_lost_workers_again_and_names_failed_ones_when_all_others_are_done(outcome):
@@ -175,9 +173,9 @@ def test_gather_does_each_job_once_with_the_same_bits_whatever_the_order_and_the
 
 
 def test_gather_does_jobs_with_the_same_key_once_and_yields_them_in_every_place(log, tmp_path):
-    answers = dict(gather(listed(log, 2) + listed(log, 3), tmp_path / "results", processes=0))
-    assert sorted(calls(log)) == [0, 1, 2]
-    assert [int(answers[place]["number"]) for place in range(5)] == [0, 1, 0, 1, 2]
+    answers = gather_all(listed(log, 2) + listed(log, 3), tmp_path, processes=0)
+    assert calls(log) == [0, 1, 2]
+    assert [int(answer["number"]) for answer in answers] == [0, 1, 0, 1, 2]
 
 
 @pytest.mark.parametrize("damage", [
@@ -223,35 +221,24 @@ def test_two_gatherings_may_share_a_folder(log, tmp_path):
 
 
 def test_gather_ends_a_job_that_hangs_counts_no_start_and_keeps_failures_where_they_are_asked_for(log, tmp_path):
-    folder = tmp_path / "results"
     jobs = [
         Job("cluster_work:fails_on", {"log": str(log), "number": 1, "bad": [1]}),
-        Job("cluster_work:kills_itself", {"log": str(log), "number": 2, "times": 99}),
         Job("cluster_work:numbers", {"log": str(log), "number": 3, "seconds": 600.0}),
         Job("slow_to_load:at_once", {}),  # which takes longer to import than a job may take
-        *listed(log, 1),
     ]
-    started = time.monotonic()
-    answers = gather_all(jobs, folder, retries=0, seconds=0.7, failures=True, **LOCAL)
-    assert time.monotonic() - started < 60.0
-    assert [type(answer) for answer in answers] == [Failure, Failure, Failure, dict, dict]
-    raised, lost, late = (answer.reason for answer in answers[:3])
-    assert raised == "ArithmeticError: no result for 1"
-    assert "worker was lost 1 time" in lost
-    assert late == "no answer within 0.7 s"
-    assert "in fails_on" in answers[0].trace
-    assert sorted(calls(log)) == [0, 2, 3]
-    assert gather_all(jobs, folder, failures=True, **LOCAL)[:3] == answers[:3]
-    assert sorted(calls(log)) == [0, 2, 3]
+    for _ in range(2):  # the second time nothing is begun
+        raised, late, done = gather_all(jobs, tmp_path, seconds=0.7, failures=True, **LOCAL)
+        assert (raised.reason, late.reason) == ("ArithmeticError: no result for 1", "no answer within 0.7 s")
+        assert "in fails_on" in raised.trace
+        assert int(done["value"]) == 1
+        assert calls(log) == [3]
     with pytest.raises(JobsFailedError, match="ArithmeticError"):  # whoever wants results tries once more
-        gather_all(jobs[:1], folder, processes=0)
+        gather_all(jobs[:1], tmp_path, processes=0)
 
 
 @pytest.mark.parametrize(("options", "message"), [
     ({"processes": -1}, "processes must be a whole number of at least 0, got -1"),
-    ({"retries": -1}, "retries must be a whole number of at least 0, got -1"),
     ({"processes": 2, "cluster": "ray"}, "processes or cluster, not both"),
-    ({"seconds": 1.0, "cluster": "ray"}, "seconds or cluster, not both"),
     ({"seconds": 0.0}, "seconds must be finite and above 0 s"),
 ])  # fmt: skip
 def test_gather_refuses_wrong_options_and_jobs_at_once(tmp_path, options, message):
@@ -262,17 +249,15 @@ def test_gather_refuses_wrong_options_and_jobs_at_once(tmp_path, options, messag
 
 
 def test_job_key_is_that_of_all_that_determines_the_result():
-    job = Job("cluster_work:numbers", {"log": "x", "number": 1})
-    function = Job("cluster_work:fails_on", {"log": "x", "number": 1, "bad": []})
-    arguments = Job("cluster_work:numbers", {"log": "x", "number": 2})
-    depends = Job("cluster_work:numbers", {"log": "x", "number": 1}, depends=digest_of("impact_gym.files"))
-    assert len({each.key for each in (job, function, arguments, depends)}) == 4
-    assert Job("cluster_work:numbers", {"number": 1, "log": "x"}).key == job.key
     given = {"log": "x", "number": 1, "bad": [1]}
-    later = Job("cluster_work:fails_on", given)
-    key = later.key
+    job, numbers = Job("cluster_work:fails_on", given), {"log": "x", "number": 1}
+    others = [Job("cluster_work:numbers", numbers), Job("cluster_work:numbers", numbers | {"number": 2})]
+    others.append(Job("cluster_work:numbers", numbers, depends=digest_of("impact_gym.files")))
+    assert len({each.key for each in (job, *others)}) == 4
+    assert Job("cluster_work:fails_on", dict(reversed(given.items()))).key == job.key
+    key = job.key
     given["bad"].append(2)
-    assert later.key == key
+    assert job.key == key
 
 
 def test_digest_changes_with_any_source_of_the_module(tmp_path, monkeypatch):
@@ -292,7 +277,6 @@ def test_digest_changes_with_any_source_of_the_module(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(("function", "arguments", "kind", "message"), [
     ("cluster_work", {}, ValueError, "'module:name'"),
-    ("cluster_work:", {}, ValueError, "'module:name'"),
     (7, {}, TypeError, "'module:name'"),
     ("not_there:play", {}, ValueError, "not importable"),
     ("cluster_work:not_there", {}, ValueError, "not importable"),
@@ -300,11 +284,9 @@ def test_digest_changes_with_any_source_of_the_module(tmp_path, monkeypatch):
     ("__main__:play", {}, ValueError, "put it into a module"),
     ("cluster_work:numbers", [], TypeError, "must be a mapping"),
     ("cluster_work:numbers", {"log": "x"}, TypeError, "missing a required argument: 'number'"),
-    ("cluster_work:numbers", {"log": "x", "number": 1, "more": 1}, TypeError, "'more'"),
     ("cluster_work:numbers", {"log": "x", "number": float("nan")}, ValueError, "finite"),
     ("cluster_work:numbers", {"log": "x", "number": (1, 2)}, TypeError, "what JSON holds"),
     ("cluster_work:numbers", {"log": "x", "number": {1: 2}}, TypeError, "what JSON holds"),
-    ("cluster_work:numbers", {"log": Path("x"), "number": 1}, TypeError, "what JSON holds"),
     ("cluster_work:numbers", {"log": "x", "number": np.array([1.0])}, TypeError, "what JSON holds"),
 ])  # fmt: skip
 def test_job_refuses_what_is_none_with_the_reason(function, arguments, kind, message):
