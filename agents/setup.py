@@ -176,11 +176,7 @@ def _impact(task: Task) -> str:
 
 
 def draw(setup: Setup, path: Path) -> None:
-    """Write a picture of the chain at rest, to scale.
-
-    Raises:
-        DependencyNotInstalled: pygame is not there.
-    """
+    """Write a picture of the chain at rest, to scale. DependencyNotInstalled: pygame is not there."""
     env = setup.make(render_mode="rgb_array")
     env.reset(seed=VALIDATION_SEED)
     pixels = np.asarray(env.render())
@@ -203,10 +199,5 @@ def run(options: Check) -> None:
         print(f"no picture: {error}")
 
 
-def main() -> None:
-    """Do what the command line asks for."""
-    run_command("setup", Check, run)
-
-
 if __name__ == "__main__":
-    main()
+    run_command("setup", Check, run)

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import gymnasium as gym
 
-from agents.setups.evaluation import SET_UP_ARGUMENTS, Evaluation, nominal_arguments
+from agents.setups.evaluation import SET_UP_ARGUMENTS, Evaluation
 from agents.setups.keys import known, names, table, text, within
 from agents.setups.training import Training
 from impact_gym.task import Task
@@ -73,11 +73,6 @@ class Setup:
     def folder(self) -> Path:
         """Where what is made for it goes, unless one says otherwise: `policies`, `tuned`."""
         return SHIPPED.parent if self.shipped else Path("runs") / self.name
-
-    @property
-    def nominal(self) -> dict[str, Any]:
-        """Arguments of the environment that are otherwise where nothing is drawn, see [evaluation.nominal]."""
-        return nominal_arguments(self.evaluation.nominal)
 
     def describes(self, environment: Mapping[str, Any]) -> bool:
         """Whether an environment with these arguments is this set-up's."""

@@ -107,7 +107,7 @@ def make_environments(run: Run) -> ScaledRewards:
     nominal = round(training.nominal * training.envs)
     slots: list[dict[str, Any]] | None = None
     if nominal:
-        slots = [{}] * (training.envs - nominal) + [run.setup.nominal] * nominal
+        slots = [{}] * (training.envs - nominal) + [dict(run.setup.evaluation.nominal)] * nominal
     threads = training.simulation_threads
     envs = ImpactVecEnv(training.envs, threads=threads, per_slot=slots, **run.training_environment)
     return ScaledRewards(envs, training.weight_power)
@@ -177,7 +177,13 @@ def resume(folder: Path, on_validation: OnValidation | None = None) -> Path:
         ValueError: there is none, or it is damaged, of another version, or under way.
         CollapsedError: there is nothing left to go on from; the folder keeps the reason.
     """
-    record, run = read_record(folder)
+    try:
+        record = json.loads((folder / "config.json").read_text())
+        run = Run.of_record(record["settings"])
+        if any(record[name] != value for name, value in run.made_for().items()):
+            raise ValueError(f"the set-up {run.setup.called} has changed since")
+    except (OSError, LookupError, TypeError, AttributeError, ValueError) as error:
+        raise ValueError(f"{folder} holds no run that this version can go on with: {error}") from error
     return _to_its_end(folder, run, record, on_validation)
 
 
@@ -243,22 +249,6 @@ def _learn(folder: Path, run: Run, record: dict[str, Any], on_validation: OnVali
         points = zip(means["time_weight"], means["object_velocity"], means["approach_time"], strict=True)
         listed = "; ".join(f"at {w:g}: {v:.3f} m/s, {t:.3f} s" for w, v, t in points)
         print(f"{name}: score {means['score']:.4f} m/s; V_p and approach time {listed}")
-
-
-def read_record(folder: Path) -> tuple[dict[str, Any], Run]:
-    """Return what the run in a folder was started with.
-
-    Raises:
-        ValueError: the folder holds no run, or one of another version.
-    """
-    try:
-        record = json.loads((folder / "config.json").read_text())
-        run = Run.of_record(record["settings"])
-        if any(record[name] != value for name, value in run.made_for().items()):
-            raise ValueError(f"the set-up {run.setup.called} has changed since")
-        return record, run
-    except (OSError, LookupError, TypeError, AttributeError, ValueError) as error:
-        raise ValueError(f"{folder} holds no run that this version can go on with: {error}") from error
 
 
 @contextmanager

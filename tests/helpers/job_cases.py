@@ -64,7 +64,8 @@ def kept(folder):
 def killed_and_resumed(folder, ways, **engine):
     """Stop a gathering in these ways, and let it end; return what each run found, kept and left alive."""
     code = (
-        "import sys\n"
+        "import signal, sys\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # else ignored where pytest is in the background
         f"sys.path[:0] = {[str(Path(__file__).parent), str(ROOT)]!r}\n"  # what is tested, not what is installed
         "from agents.jobs import Job, gather_all\n"
         "if __name__ == '__main__':\n"
