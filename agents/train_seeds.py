@@ -106,7 +106,6 @@ def train_one(folder: str, made_for: Mapping[str, Any]) -> Result:
         except OSError:
             run = Path(elsewhere) / run.name
         if (run / "config.json").is_file():
-            _refuse_another(run, made_for)
             resume(run)
         else:
             shutil.rmtree(run, ignore_errors=True)  # killed before it had begun

@@ -204,13 +204,7 @@ def scores(rule: str, environment: Mapping[str, Any], weight: float, parameters:
 
 
 def search_bounds(options: Tune, scenarios: int = BOUND_SCENARIOS, generations: int = bound.GENERATIONS) -> list[Path]:
-    """Search what is missing of the clairvoyant bounds, and return the paths of their files.
-
-    Args:
-        options: which set-ups and weights, and where.
-        scenarios: how many of the test set, from its first on.
-        generations: of the search in each scenario.
-    """
+    """Search what is missing of the clairvoyant bounds for the first test scenarios; return the paths of the files."""
     setups = [setup for setup in map(load_setup, options.setups) if setup.bound == setup.name]
     paths = [bound.path_of(setup, options.folder(setup)) for setup in setups]
     bounds = [
@@ -240,12 +234,7 @@ def search_bound(
 ) -> Result:  # fmt: skip
     """Return as `parameters` (scenarios, k) those of the best `Clairvoyant` for each of the first test scenarios.
 
-    Args:
-        environment: arguments of the environment; with a scenario of its own it draws from the seeds of the set.
-        time_weight: what a second costs, m/s per s.
-        scenarios: how many of the set, from its first on.
-        generations: of the search in each scenario.
-        population: candidates of each in a generation.
+    The time weight is in m/s per s; there are so many generations, and candidates in each, for each scenario.
     """
     options = {"rtol": BOUND_RTOL, **environment, "privileged": True, "threads": 1}
     weights = [time_weight] * population

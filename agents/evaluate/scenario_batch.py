@@ -161,14 +161,9 @@ class Validation(ScenarioBatch):
         scenarios: int | None = None,
         threads: int | None = None,
     ) -> None:
-        """Make a validation.
+        """Make one of the first `scenarios`, each played at each of the time `weights` (m/s per s).
 
-        Args:
-            environment: arguments of the environment but for its time weight. With a `scenario` of its own it draws
-                its own ones from the seeds of the set.
-            weights: m/s per s; each scenario is played at each.
-            scenarios: how many of the set, from its first on; all unless given.
-            threads: of the simulation; they change no result.
+        An `environment` with a scenario of its own draws its own ones from the seeds of the set.
         """
         frozen = evaluation_sets.load("validation")
         count = frozen.count if scenarios is None else min(scenarios, frozen.count)
