@@ -105,8 +105,6 @@ class Network:
 
 def from_arrays(description: Mapping[str, Any], arrays: Mapping[str, Floats]) -> Network:
     """Return the network that `layers` and `description` came from; names of arrays as in `to_arrays`."""
-    if description.get("squash") or "gates" in description["layers"]:
-        raise ValueError("a squashed or recurrent network, which this version does not play")
     made = {name: Affine(name, arrays[f"{name}.weight"], arrays[f"{name}.bias"]) for name in description["layers"]}
     mean, log_std = made.pop("mean"), made.pop("log_std")
     return Network(tuple(made.values()), mean, log_std, description["activation"])
