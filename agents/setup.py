@@ -61,16 +61,14 @@ def check(setup: Setup) -> None:
         known("evaluation.of.", [setup.evaluation.of], ["paper-trapezoid", *shipped()])
 
 
-def drawn(task: Task) -> list[str]:
-    """Return a line for each number that episodes draw."""
-    lines = []
+def drawn(task: Task) -> Iterator[str]:
+    """Yield a line for each number that episodes draw, but for the time weight, which training sees to."""
     for name, (low, high) in task.ranges.items():
         quantity = QUANTITIES[name]
         how = "fixed" if low == high else "log-uniform" if quantity.by_ratio(low) else "uniform"
-        if name != "time_weight":  # which training sees to
-            unit = "" if quantity.unit == "-" else f" {quantity.unit}"
-            lines.append(f"  {name}: {_spread([low, high], 'g')}{unit}, {how}")
-    return lines
+        unit = "" if quantity.unit == "-" else f" {quantity.unit}"
+        if name != "time_weight":
+            yield f"  {name}: {_spread([low, high], 'g')}{unit}, {how}"
 
 
 def _spread(values: Sequence[float], form: str = ".3g") -> str:
