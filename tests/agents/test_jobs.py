@@ -17,6 +17,7 @@ import job_cases
 import numpy as np
 import pytest
 from cluster_work import begun, calls
+from episodes import assert_identical
 
 from agents.jobs import Job, JobsFailedError, digest_of, gather, gather_all, ray_cluster, sources
 from agents.jobs.store import NAME, Store
@@ -33,12 +34,6 @@ def log(tmp_path):
 
 def listed(log, count=6, **more):
     return [Job("cluster_work:numbers", {"log": str(log), "number": number, **more}) for number in range(count)]
-
-
-def same(one, other):
-    return one.keys() == other.keys() and all(
-        one[name].dtype == other[name].dtype and one[name].tobytes() == other[name].tobytes() for name in one
-    )
 
 
 @pytest.fixture(scope="module")
@@ -108,8 +103,8 @@ def test_gather_does_jobs_of_lost_workers_again_and_names_failed_ones_when_all_o
 @pytest.mark.storm
 def test_ray_results_come_once_and_equal_local_ones_to_the_bit_though_a_node_was_killed(cluster, tmp_path):
     folder = cluster / "node"
-    jobs, found = job_cases.slices(folder), json.loads((cluster / "node.json").read_text())
-    assert sorted(found["gathered"]) == list(range(len(jobs)))
+    jobs, outcome = job_cases.slices(folder), json.loads((cluster / "node.json").read_text())
+    assert sorted(outcome["gathered"]) == list(range(len(jobs)))
     store = Store(folder / "results")
     assert len(store) == len({job.key for job in jobs}) == len(jobs)
     for job, here in zip(jobs, gather_all(job_cases.slices(tmp_path), tmp_path / "here", processes=0), strict=False):
@@ -117,8 +112,8 @@ def test_ray_results_come_once_and_equal_local_ones_to_the_bit_though_a_node_was
         assert str(here.pop("where")) == str(HELPERS / "cluster_work.py")
         assert Path(str(there.pop("where"))) != HELPERS / "cluster_work.py"  # the sources that were sent
     numbers = [number for number, _ in begun(folder / "log")]
-    assert len(found["begun there"]) >= 3
-    assert any(numbers.count(number) > 1 for number in found["unfetched"])  # done there, and again elsewhere
+    assert len(outcome["begun there"]) >= 3
+    assert any(numbers.count(number) > 1 for number in outcome["unfetched"])  # done there, and again elsewhere
     before = len(numbers)
     again = [place for place, _ in gather(jobs, folder / "results", processes=0)]  # needs no cluster any more
     assert (sorted(again), len(begun(folder / "log"))) == (list(range(36)), before)
@@ -143,10 +138,10 @@ def test_ray_refuses_a_node_with_other_libraries():
 
 
 def test_stage_sends_what_the_jobs_import_and_the_compiled_kernels_and_the_same_zip_for_the_same(tmp_path):
-    one, two = (sources.stage({"cluster_work:played"}, tmp_path / f"{name}.zip", ("agents", "impact_gym", "json"))
-                for name in ("one", "two"))  # fmt: skip
-    assert one.read_bytes() == two.read_bytes()
-    with zipfile.ZipFile(one) as archive:
+    first, again = (sources.stage({"cluster_work:played"}, tmp_path / name, ("agents", "impact_gym", "json"))
+                    for name in ("first.zip", "again.zip"))  # fmt: skip
+    assert first.read_bytes() == again.read_bytes()
+    with zipfile.ZipFile(first) as archive:
         names = archive.namelist()
     assert {"cluster_work.py", "agents/jobs/job.py", "impact_gym/task/sets/validation.csv"} <= set(names)
     assert any(name.startswith("impact_gym/kernels.") and name.endswith(".so") for name in names)
@@ -166,8 +161,8 @@ def test_gather_does_each_job_once_with_the_same_bits_whatever_the_order_and_the
     *backwards, of_worker = gather_all([*listed(log)[::-1], threads], tmp_path / "results", **LOCAL)
     again = gather_all(listed(log), tmp_path / "results", **LOCAL)
     assert sorted(calls(log)) == sorted([*range(6), *range(6)])
-    assert all(same(*pair) for pair in zip(here, backwards[::-1], strict=True))
-    assert all(same(*pair) for pair in zip(here, again, strict=True))
+    assert_identical(here, backwards[::-1])
+    assert_identical(here, again)
     assert of_worker["threads"].tolist() == ["1", "1", "1", "1"]
     assert (os.environ["OMP_NUM_THREADS"], "MKL_NUM_THREADS" in os.environ) == ("7", False)  # this process's own
 
@@ -190,7 +185,7 @@ def test_gather_computes_a_damaged_result_anew(log, tmp_path, capsys, damage):
         database.execute(damage, (jobs[1].key, *([jobs[2].key] if "?2" in damage else [])))
     after = gather_all(jobs, folder, processes=0)
     assert calls(log) == [0, 1, 2, 1]
-    assert all(same(*pair) for pair in zip(before, after, strict=True))
+    assert_identical(before, after)
     assert f"computed anew: {jobs[1].key}" in capsys.readouterr().out
 
 
@@ -206,16 +201,16 @@ def test_gather_puts_a_damaged_file_of_results_aside_and_computes_all_anew(log, 
     for _ in range(2):
         after = gather_all(listed(log, 3), folder, processes=0)
         assert calls(log) == [0, 1, 2, 0, 1, 2]
-        assert all(same(*pair) for pair in zip(before, after, strict=True))
+        assert_identical(before, after)
     assert "is damaged" in capsys.readouterr().out
     assert (folder / f"{NAME}.damaged").read_bytes() == damaged
 
 
 def test_two_gatherings_may_share_a_folder(log, tmp_path):
     folder = tmp_path / "results"
-    one, other = gather(listed(log, 3), folder, processes=0), gather(listed(log, 6)[::-1], folder, processes=0)
-    first = [next(one), next(other)]  # 0; and 5, once it is seen that 1 and 2 are still to do
-    assert sorted(int(result["number"]) for _, result in [*first, *one, *other]) == [0, 0, 1, 1, 2, 2, 3, 4, 5]
+    upwards, downwards = gather(listed(log, 3), folder, processes=0), gather(listed(log, 6)[::-1], folder, processes=0)
+    first = [next(upwards), next(downwards)]  # 0; and 5, once it is seen that 1 and 2 are still to do
+    assert sorted(int(result["number"]) for _, result in [*first, *upwards, *downwards]) == [0, 0, 1, 1, 2, 2, 3, 4, 5]
     assert len(calls(log)) == len({*calls(log)}) + 2
     assert job_cases.kept(tmp_path) == 6
 
