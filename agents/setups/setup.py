@@ -134,7 +134,7 @@ def _setup(path: Path, content: dict[str, Any]) -> Setup:
     tuned = {name: _tuned(f"baselines.tuned.{name}", given, blind) for name, given in listed.items()}
     title = text(content, "title", path.stem)
     with within("training"):
-        settings = Training.of_table(training)
+        settings = Training().changed(training)
     asked = Evaluation.of_table(evaluation, environment)
     if settings.nominal and not asked.nominal:
         raise ValueError(f"training.nominal must be 0 without a table [evaluation.nominal], got {settings.nominal!r}")
