@@ -72,10 +72,7 @@ def train_all(setup: Setup, options: Seeds) -> Path:
     jobs = []
     for seed, folder in zip(seeds, folders, strict=True):
         record = Run(setup, training, seed).made_for()
-        config = json.loads((folder / "config.json").read_text()) if (folder / "config.json").is_file() else record
-        if any(config.get(name) != value for name, value in record.items()):
-            other = f"{folder} was trained with other settings or for another environment"
-            raise ValueError(f"{other}: remove it, or name another folder with --runs")
+        _refuse_another(folder, record)
         jobs.append(Job("agents.train_seeds:train_one", {"folder": str(folder), "made_for": record}))
     processes = None if options.cluster else options.processes
     for seed, result in gather(jobs, runs / "results", processes=processes, cluster=options.cluster, title=setup.name):
@@ -108,11 +105,20 @@ def train_one(folder: str, made_for: Mapping[str, Any]) -> Result:
         except OSError:
             run = Path(elsewhere) / run.name
         if (run / "config.json").is_file():
+            _refuse_another(run, made_for)  # which may lie on a node of a cluster alone
             resume(run)
         else:
             shutil.rmtree(run, ignore_errors=True)  # killed before it had begun
             train(Run.of_record(made_for["settings"]), run)
         return {name: np.frombuffer((run / file).read_bytes(), np.uint8) for name, file in KEPT.items()}
+
+
+def _refuse_another(folder: Path, made_for: Mapping[str, Any]) -> None:
+    """Raise ValueError if the folder holds a run that was made with something else."""
+    config = json.loads((folder / "config.json").read_text()) if (folder / "config.json").is_file() else made_for
+    if any(config.get(name) != value for name, value in made_for.items()):
+        other = f"{folder} was trained with other settings or for another environment"
+        raise ValueError(f"{other}: remove it, or name another folder with --runs")
 
 
 def _fill(folder: Path, result: Result) -> None:
