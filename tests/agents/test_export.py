@@ -190,7 +190,7 @@ def observed_by_hand(history, field, by_reading):
 def test_controller_takes_faulty_readings_as_the_header_says(tmp_path, environment):
     policy, weight = made_up_policy(environment={"range_noise": 0.01, **environment}), 2.0
     program = compiled(policy, write_header(policy, tmp_path / "it.h"), tmp_path)
-    for seed in range(20):
+    for seed in range(8):
         readings, commands = faulty_readings(seed), np.zeros((60, 1, 2))
         arrays = readings, np.array([60], np.int32), np.array([weight]), commands
         program.play(1, *map(address, arrays))

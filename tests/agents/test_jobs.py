@@ -22,7 +22,8 @@ from episodes import assert_identical
 from agents.jobs import Job, JobsFailedError, digest_of, gather, gather_all, ray_cluster, sources
 from agents.jobs.store import NAME, Store
 
-HELPERS = Path(__file__).parents[1] / "helpers"
+ROOT = Path(__file__).parents[2]
+HELPERS = ROOT / "tests" / "helpers"
 LOCAL = {"processes": 2}
 
 
@@ -49,14 +50,12 @@ def cluster(tmp_path_factory):
             folder.mkdir()
             of_another_cluster = ("RAY_ADDRESS", "RAY_RUNTIME_ENV_HOOK")
             environment = {name: value for name, value in os.environ.items() if name not in of_another_cluster}
-            path = os.pathsep.join(map(str, (HELPERS, HELPERS.parents[1])))  # these sources, whatever is installed
+            path = os.pathsep.join(map(str, (HELPERS, ROOT)))  # these sources, whatever is installed
             environment |= {"RAY_USAGE_STATS_ENABLED": "0", "PYTHONPATH": path, "PYTHONWARNINGS": "default"}
             command = [sys.executable, HELPERS / "job_cases.py", folder]
             with (folder / "printed").open("w") as printed:
                 streams = {"stdout": printed, "stderr": printed}
-                ended = subprocess.run(
-                    command, check=False, cwd=HELPERS.parents[1], env=environment, timeout=300, **streams
-                )
+                ended = subprocess.run(command, check=False, cwd=ROOT, env=environment, timeout=300, **streams)
             assert ended.returncode == 0, (folder / "printed").read_text()[-4000:]
     return folder
 
