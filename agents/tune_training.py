@@ -137,9 +137,8 @@ def _write(summary: Path, study: optuna.Study, start: Run, options: Search) -> N
         for trial in study.get_trials(states=FINISHED)
     ]
     best = {"number": study.best_trial.number, "score": study.best_value, "settings": study.best_params}
-    write_json(summary, {
-        "best": best, **start.record(), "command": command_of("tune-training", options), "trials": trials
-    })  # fmt: skip
+    made = {**start.record(), "command": command_of("tune-training", options)}
+    write_json(summary, {"best": best, **made, "trials": trials})
 
 
 def run(options: Search) -> None:
