@@ -4,7 +4,7 @@ import shlex
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import MISSING, Field, fields, is_dataclass
+from dataclasses import MISSING, fields, is_dataclass
 from typing import Any, TypeVar
 
 Options = TypeVar("Options")
@@ -44,30 +44,21 @@ def command_of(name: str, options: Any, default: Any = None, *first: str) -> str
 
 def _words(options: Any, default: Any) -> tuple[list[str], list[str]]:
     """Return the words of positional and of named options; those of a dataclass in another have no prefix."""
+    from tyro.conf import Positional
+
     positional, named = [], []
     for field in fields(options):
         value = getattr(options, field.name)
-        usual = _default(field) if default is None else getattr(default, field.name)
+        usual = field.default if field.default_factory is MISSING else field.default_factory()
+        usual = usual if default is None else getattr(default, field.name)
         words = [str(each) for each in (value if isinstance(value, tuple) else (value,))]
         option = field.name.replace("_", "-")
         if is_dataclass(value):
             named += _words(value, usual)[1]
-        elif _is_positional(field):
+        elif Positional in getattr(field.type, "__metadata__", ()):  # tyro reads it without its name
             positional += words
         elif isinstance(value, bool) and value != usual:
             named.append(f"--{option}" if value else f"--no-{option}")
         elif value != usual:
             named += [f"--{option}", *words]
     return positional, named
-
-
-def _default(field: Field[Any]) -> Any:
-    """Return a field's default; MISSING where it has none."""
-    return field.default if field.default_factory is MISSING else field.default_factory()
-
-
-def _is_positional(field: Field[Any]) -> bool:
-    """Whether tyro reads a field without its name."""
-    from tyro.conf import Positional
-
-    return Positional in getattr(field.type, "__metadata__", ())

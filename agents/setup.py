@@ -61,16 +61,14 @@ def check(setup: Setup) -> None:
         known("evaluation.of.", [setup.evaluation.of], ["paper-trapezoid", *shipped()])
 
 
-def drawn(task: Task) -> list[str]:
-    """Return a line for each number that episodes draw."""
-    lines = []
+def drawn(task: Task) -> Iterator[str]:
+    """Yield a line for each number that episodes draw, but for the time weight, which training sees to."""
     for name, (low, high) in task.ranges.items():
         quantity = QUANTITIES[name]
         how = "fixed" if low == high else "log-uniform" if quantity.by_ratio(low) else "uniform"
-        if name != "time_weight":  # which training sees to
-            unit = "" if quantity.unit == "-" else f" {quantity.unit}"
-            lines.append(f"  {name}: {_spread([low, high], 'g')}{unit}, {how}")
-    return lines
+        unit = "" if quantity.unit == "-" else f" {quantity.unit}"
+        if name != "time_weight":
+            yield f"  {name}: {_spread([low, high], 'g')}{unit}, {how}"
 
 
 def _spread(values: Sequence[float], form: str = ".3g") -> str:
@@ -133,7 +131,16 @@ def lines(setup: Setup) -> Iterator[str]:
     yield "\nwhat follows"
     spread = _spread([1e3 * lag(corner) for corner in corners(task)])
     yield f"  the tool lags {spread} mm behind at the full {most:g} m/s^2"
-    yield _impact(task)
+    pairs = task.scenario.by_id()
+    impacts = [
+        estimate(corner, {"object_mass": mass, "restitution": restitution, "distance": pairs["distance"][1]})
+        for corner in corners(task)
+        for mass, restitution in product(pairs["object_mass"], pairs["restitution"])
+    ]
+    yield (
+        f"  the paper's rule, at {min(PAPERS_SPEED, task.velocity_range[1]):g} m/s, leaves the object"
+        f" {_spread(impacts)} m/s by an instantaneous impact (the coupling's push left out)"
+    )
     rule = PaperTrapezoid().for_environment(setup.environment)
     played = ScenarioBatch.of("validation", SAMPLE, **setup.environment).play(rule)
     yield (
@@ -161,26 +168,8 @@ def lines(setup: Setup) -> Iterator[str]:
     yield f"  changed one at a time, so many values each: {varied or 'nothing'}"
 
 
-def _impact(task: Task) -> str:
-    """Return the closed-form estimate at the easiest and the hardest scenario."""
-    pairs = task.scenario.by_id()
-    velocities = [
-        estimate(corner, {"object_mass": mass, "restitution": restitution, "distance": pairs["distance"][1]})
-        for corner in corners(task)
-        for mass, restitution in product(pairs["object_mass"], pairs["restitution"])
-    ]
-    return (
-        f"  the paper's rule, at {min(PAPERS_SPEED, task.velocity_range[1]):g} m/s, leaves the object"
-        f" {min(velocities):.3g} to {max(velocities):.3g} m/s by an instantaneous impact (the coupling's push left out)"
-    )
-
-
 def draw(setup: Setup, path: Path) -> None:
-    """Write a picture of the chain at rest, to scale.
-
-    Raises:
-        DependencyNotInstalled: pygame is not there.
-    """
+    """Write a picture of the chain at rest, to scale. DependencyNotInstalled: pygame is not there."""
     env = setup.make(render_mode="rgb_array")
     env.reset(seed=VALIDATION_SEED)
     pixels = np.asarray(env.render())
@@ -203,10 +192,5 @@ def run(options: Check) -> None:
         print(f"no picture: {error}")
 
 
-def main() -> None:
-    """Do what the command line asks for."""
-    run_command("setup", Check, run)
-
-
 if __name__ == "__main__":
-    main()
+    run_command("setup", Check, run)

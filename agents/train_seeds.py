@@ -10,7 +10,6 @@ import json
 import shutil
 import tempfile
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -106,7 +105,7 @@ def train_one(folder: str, made_for: Mapping[str, Any]) -> Result:
         except OSError:
             run = Path(elsewhere) / run.name
         if (run / "config.json").is_file():
-            _refuse_another(run, made_for)
+            _refuse_another(run, made_for)  # which may lie on a node of a cluster alone
             resume(run)
         else:
             shutil.rmtree(run, ignore_errors=True)  # killed before it had begun
@@ -116,11 +115,10 @@ def train_one(folder: str, made_for: Mapping[str, Any]) -> Result:
 
 def _refuse_another(folder: Path, made_for: Mapping[str, Any]) -> None:
     """Raise ValueError if the folder holds a run that was made with something else."""
-    with suppress(FileNotFoundError):
-        config = json.loads((folder / "config.json").read_text())
-        if any(config.get(name) != value for name, value in made_for.items()):
-            other = f"{folder} was trained with other settings or for another environment"
-            raise ValueError(f"{other}: remove it, or name another folder with --runs")
+    config = json.loads((folder / "config.json").read_text()) if (folder / "config.json").is_file() else made_for
+    if any(config.get(name) != value for name, value in made_for.items()):
+        other = f"{folder} was trained with other settings or for another environment"
+        raise ValueError(f"{other}: remove it, or name another folder with --runs")
 
 
 def _fill(folder: Path, result: Result) -> None:

@@ -5,7 +5,6 @@ searches the clairvoyant bound. Each search is a job of `agents.jobs`: what is d
 on where it was stopped.
 """
 
-import shlex
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,10 +15,10 @@ import tyro
 
 from agents.baselines import Clairvoyant, bound
 from agents.baselines.cmaes import minimise
-from agents.baselines.jittery import Jittery
+from agents.baselines.random import Jittery
 from agents.baselines.rule import Floats
 from agents.baselines.tuned import RULES, read_tuned, write_tuned
-from agents.command_line import run_command
+from agents.command_line import command_of, run_command
 from agents.evaluate import TUNING_SEED, ScenarioBatch
 from agents.jobs import Job, Result, digest_of, gather
 from agents.provenance import circumstances
@@ -92,7 +91,7 @@ class Tune:
         """Return the time weights, m/s per s."""
         return self.weights or setup.evaluation.weights
 
-    def search(self, setup: Setup) -> dict[str, int]:
+    def search(self, setup: Setup) -> dict[str, Any]:
         """Return the settings of the search, on which its result depends."""
         budget = setup.budget if self.budget is None else self.budget
         return {"scenarios": self.scenarios, "budget": budget, "population": self.population, "seed": self.seed}
@@ -114,16 +113,20 @@ def tune(options: Tune) -> list[Path]:
     setups = options.baselines()
     tuned = {name: _tuned_before(name, setup, options) for name, setup in setups.items()}
     missing = [
-        (name, weight)
+        (name, setup, weight)
         for name, setup in setups.items()
         for weight in options.weights_of(setup)
         if f"{weight:g}" not in tuned[name]
     ]
-    arguments = [_arguments(setups[name], name, weight, options) for name, weight in missing]
+    arguments = []
+    for name, setup, weight in missing:
+        given = setup.tuned[name]._asdict() | {"environment": dict(setup.environment), "weight": weight}
+        given["environment"] |= CLEAN_ALARM if given.pop("clean_alarm") else {}
+        arguments.append(given | options.search(setup))
     for place, result in options.results("tune_one", arguments, "tuning"):
-        name, weight = missing[place]
-        tuned[name][f"{weight:g}"] = _as_json(name, setups[name], weight, options, result)
-        write_tuned(name, tuned[name], setups[name], options.folder(setups[name]))
+        name, setup, weight = missing[place]
+        tuned[name][f"{weight:g}"] = _as_json(name, setup, weight, options, result)
+        write_tuned(name, tuned[name], setup, options.folder(setup))
     return [options.folder(setup) / f"{name}.json" for name, setup in setups.items()]
 
 
@@ -142,14 +145,7 @@ def _tuned_before(name: str, setup: Setup, options: Tune) -> dict[str, Any]:
     return same
 
 
-def _arguments(setup: Setup, name: str, weight: float, options: Tune) -> dict[str, Any]:
-    """Return what `tune_one` is given."""
-    tuned = setup.tuned[name]._asdict()
-    environment = dict(setup.environment) | (CLEAN_ALARM if tuned.pop("clean_alarm") else {})
-    return tuned | {"environment": environment, "weight": weight} | options.search(setup)
-
-
-def _searched(name: str, setup: Setup, options: Tune) -> dict[str, float]:
+def _searched(name: str, setup: Setup, options: Tune) -> dict[str, Any]:
     """Return how a baseline is searched for: the search, and what the set-up asks for beside its rule."""
     tuned = setup.tuned[name]
     asked = {field: getattr(tuned, field) for field in ("clean_alarm", "jitter") if getattr(tuned, field)}
@@ -158,16 +154,15 @@ def _searched(name: str, setup: Setup, options: Tune) -> dict[str, float]:
 
 def _as_json(name: str, setup: Setup, weight: float, options: Tune, result: Result) -> dict[str, Any]:
     """Return what a file keeps of what was found for one weight: its scores and how it came about."""
-    names, search = RULES[setup.tuned[name].rule].names(), options.search(setup)
-    words = ["impact-gym", "tune", setup.called, "--names", name, "--weights", f"{weight:g}"]
-    words += [word for option, value in search.items() for word in (f"--{option}", str(value))]
+    names = RULES[setup.tuned[name].rule].names()
+    alone = Tune((setup.called,), (name,), (weight,), **options.search(setup))
     return {
         "parameters": dict(zip(names, result["parameters"].tolist(), strict=True)),
         "train": result["train"].item(),
         "validation": {key: result[key].item() for key in ("loss", "object_velocity", "approach_time", "missed")},
         "generations": result["generations"].item(),
         "search": _searched(name, setup, options),
-        "command": shlex.join(words),
+        "command": command_of("tune", alone),
         "versions": circumstances(*PACKAGES)["versions"],
     }
 
@@ -209,28 +204,27 @@ def scores(rule: str, environment: Mapping[str, Any], weight: float, parameters:
 
 
 def search_bounds(options: Tune, scenarios: int = BOUND_SCENARIOS, generations: int = bound.GENERATIONS) -> list[Path]:
-    """Search what is missing of the clairvoyant bounds, and return the paths of their files.
-
-    Args:
-        options: which set-ups and weights, and where.
-        scenarios: how many of the test set, from its first on.
-        generations: of the search in each scenario.
-    """
+    """Search what is missing of the clairvoyant bounds for the first test scenarios; return the paths of the files."""
     setups = [setup for setup in map(load_setup, options.setups) if setup.bound == setup.name]
     paths = [bound.path_of(setup, options.folder(setup)) for setup in setups]
-    bounds = {
-        setup.name: bound.read_bound(setup, path.parent, generations) if path.is_file() else {}
+    bounds = [
+        bound.read_bound(setup, path.parent, generations) if path.is_file() else {}
         for setup, path in zip(setups, paths, strict=True)
-    }
+    ]
     missing = [
-        (setup, weight) for setup in setups for weight in options.weights_of(setup) if weight not in bounds[setup.name]
+        (setup, by_weight, weight)
+        for setup, by_weight in zip(setups, bounds, strict=True)
+        for weight in options.weights_of(setup)
+        if weight not in by_weight
     ]
     search = {"scenarios": scenarios, "generations": generations}
-    arguments = [{"environment": dict(setup.environment), "time_weight": weight, **search} for setup, weight in missing]
+    arguments = [
+        {"environment": dict(setup.environment), "time_weight": weight, **search} for setup, _, weight in missing
+    ]
     for place, result in options.results("search_bound", arguments, "clairvoyant bound"):
-        setup, weight = missing[place]
-        bounds[setup.name][weight] = result["parameters"]
-        bound.write_bound(setup, bounds[setup.name], options.folder(setup), generations)
+        setup, by_weight, weight = missing[place]
+        by_weight[weight] = result["parameters"]
+        bound.write_bound(setup, by_weight, options.folder(setup), generations)
     return paths
 
 
@@ -240,12 +234,7 @@ def search_bound(
 ) -> Result:  # fmt: skip
     """Return as `parameters` (scenarios, k) those of the best `Clairvoyant` for each of the first test scenarios.
 
-    Args:
-        environment: arguments of the environment; with a scenario of its own it draws from the seeds of the set.
-        time_weight: what a second costs, m/s per s.
-        scenarios: how many of the set, from its first on.
-        generations: of the search in each scenario.
-        population: candidates of each in a generation.
+    The time weight is in m/s per s; there are so many generations, and candidates in each, for each scenario.
     """
     options = {"rtol": BOUND_RTOL, **environment, "privileged": True, "threads": 1}
     weights = [time_weight] * population

@@ -20,7 +20,7 @@ import tyro
 from optuna.distributions import BaseDistribution, CategoricalDistribution, FloatDistribution, IntDistribution
 from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend
-from optuna.trial import FrozenTrial, Trial, TrialState
+from optuna.trial import Trial, TrialState
 
 from agents.command_line import command_of, run_command
 from agents.setups import Training, load_setup
@@ -38,6 +38,7 @@ SPACE: dict[str, BaseDistribution] = {
     "log_std": FloatDistribution(-2.0, -0.7),
 }
 """The settings that are searched; all others stay as they are."""
+FINISHED = (TrialState.COMPLETE, TrialState.PRUNED)
 FIRST_SEED = 1000  # of the trials: none of those that are trained and shipped
 
 
@@ -79,7 +80,7 @@ def search(options: Search, training: Training | None = None) -> Path:
     if not study.trials:
         values = {setting: getattr(training, setting) for setting in SPACE}  # to be beaten
         study.enqueue_trial({setting: value for setting, value in values.items() if _holds(SPACE[setting], value)})
-    while len(_finished(study)) < options.trials:
+    while len(study.get_trials(states=FINISHED)) < options.trials:
         # seeded anew in each process, so with another seed, or it would suggest the same again
         study.sampler = optuna.samplers.TPESampler(seed=len(study.trials), n_startup_trials=6)
         trial = study.ask(SPACE)
@@ -120,11 +121,6 @@ def _score(trial: Trial, run: Run, folder: Path) -> tuple[float | None, TrialSta
     return min(scores), TrialState.COMPLETE
 
 
-def _finished(study: optuna.Study) -> list[FrozenTrial]:
-    """Return the trials that were played to their end, or given up."""
-    return study.get_trials(states=(TrialState.COMPLETE, TrialState.PRUNED))
-
-
 def _holds(distribution: BaseDistribution, value: Any) -> bool:
     """Return whether the search space contains a value."""
     if isinstance(distribution, CategoricalDistribution):
@@ -138,12 +134,11 @@ def _write(summary: Path, study: optuna.Study, start: Run, options: Search) -> N
     names = {"number": "number", "score": "value", "steps": "last_step", "parameters": "params"}
     trials = [
         {"state": trial.state.name.lower()} | {name: getattr(trial, field) for name, field in names.items()}
-        for trial in _finished(study)
+        for trial in study.get_trials(states=FINISHED)
     ]
     best = {"number": study.best_trial.number, "score": study.best_value, "settings": study.best_params}
-    write_json(summary, {
-        "best": best, **start.record(), "command": command_of("tune-training", options), "trials": trials
-    })  # fmt: skip
+    made = {**start.record(), "command": command_of("tune-training", options)}
+    write_json(summary, {"best": best, **made, "trials": trials})
 
 
 def run(options: Search) -> None:

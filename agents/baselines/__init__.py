@@ -1,8 +1,7 @@
 """Controllers without learning, called as a policy of stable-baselines3 is: `action, state = predict(observation)`."""
 
-from agents.baselines.clairvoyant import Clairvoyant
 from agents.baselines.constant import ConstantSpeed, PaperTrapezoid
-from agents.baselines.profile import BlindProfile, Ranged
+from agents.baselines.profile import BlindProfile, Clairvoyant, Ranged
 from agents.baselines.random import RandomActions
 from agents.baselines.rule import Rule, encode
 from agents.baselines.shield import FullSpeed, Shield

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from agents.archive import read_archive, write_archive
-from agents.baselines.clairvoyant import Clairvoyant
+from agents.baselines.profile import Clairvoyant
 from agents.baselines.rule import Floats
 from agents.baselines.tuned import TUNED
 from agents.setups import Setup

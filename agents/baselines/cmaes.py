@@ -33,15 +33,10 @@ def minimise(
     generations: int = 150,
     seed: int = 0,
 ) -> Minimum:
-    """Search within the limits of `parameters`, from their starts, in each problem alone.
+    """Search within the limits of `parameters`, from their starts, in each of so many `problems` alone.
 
-    Args:
-        losses: played once per generation, for all problems together.
-        parameters: what is looked for.
-        problems: how many there are.
-        population: candidates of each in a generation.
-        generations: at the most; a search that has converged waits for the others.
-        seed: the result depends on it and on the above alone.
+    `losses` is played once per generation with `population` candidates of each problem; a search that has converged
+    waits for the others. The result depends on the arguments alone.
     """
     import cma  # whoever only plays has no need of it
 

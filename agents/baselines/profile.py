@@ -1,6 +1,4 @@
-"""Speed profiles over position or over an estimated distance, and how near one is to constant deceleration."""
-
-from typing import NamedTuple
+"""Speed profiles over position, over an estimated distance, or over the true one: a bound on what any could do."""
 
 import numpy as np
 
@@ -10,6 +8,8 @@ from impact_gym.task.task import ACCELERATION_RANGE, VELOCITY_RANGE
 
 KNOTS: Floats = np.array([0.08, 0.12, 0.15, 0.17, 0.19, 0.22, 0.25, 0.28, 0.315, 0.35])
 """Positions (m) of the profile's corners, see `Rule.placed`; before the first the start from rest rules."""
+GAPS: Floats = np.array([-0.02, -0.01, 0.0, 0.01, 0.02, 0.04])
+"""Gaps (m) between the faces at which its profile has corners; below 0 the coupling gives way, or the object."""
 
 
 class BlindProfile(ReactingRule):
@@ -68,18 +68,28 @@ class Ranged(ReactingRule):
         return np.minimum(braking, np.maximum(self["top speed"], self["contact speed"]))
 
 
-class Shape(NamedTuple):
-    """How near a profile is to constant deceleration, v^2 = 2 a (end - x)."""
+class Clairvoyant(ReactingRule):
+    """Follow a velocity profile over the gap that is left, made for this one scenario; then react.
 
-    deceleration: float  # m/s^2, a
-    end: float  # m, where it would come to rest
-    r_squared: float  # of v^2 against a straight line in x
+    Needs the environment's option `privileged`, and parameters that were optimised for the scenario it meets.
+    """
 
+    needs_truth = True
+    PARAMETERS = (
+        *(Parameter(f"velocity at a gap of {1e3 * gap:g} mm", "m/s", *VELOCITY_RANGE, 0.3) for gap in GAPS),
+        Parameter("deceleration", "m/s^2", *ACCELERATION_RANGE, 12.0),
+        ACCELERATION,
+        *REACTION,
+    )
 
-def constant_deceleration_of(positions: Floats, speeds: Floats, between: tuple[float, float]) -> Shape:
-    """Fit v^2 linear in position to a profile given by points, where these lie `between` two positions (m)."""
-    inside = (positions >= between[0]) & (positions <= between[1]) & np.isfinite(speeds)
-    x, squares = positions[inside], speeds[inside] ** 2
-    slope, intercept = np.polyfit(x, squares, 1)
-    rest = squares - (slope * x + intercept)
-    return Shape(float(-slope / 2), float(-intercept / slope), float(1 - rest.var() / squares.var()))
+    def position(self, view: View) -> Floats:
+        """Return the tool's position (m), counted from the object."""
+        return -view["distance"]
+
+    def speed(self, position: Floats) -> Floats:
+        """Return the speed (m/s, below 0 backwards) at `position` (m) from the object; far away it brakes evenly."""
+        corners = self.columns(self.PARAMETERS[0].name, len(GAPS))
+        far = np.maximum(-position - GAPS[-1], 0.0)
+        near = interpolate(GAPS, corners, -position)
+        braking = np.sqrt(np.maximum(corners[..., -1], 0.0) ** 2 + 2.0 * self["deceleration"] * far)
+        return np.where(far > 0.0, np.minimum(braking, VELOCITY_RANGE[1]), near)

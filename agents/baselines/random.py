@@ -1,9 +1,11 @@
-"""Commands at random, for scale."""
+"""Commands at random: by themselves, for scale, and on top of a rule's, which every arm follows a little off."""
 
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from agents.policies import Controller
 
 
 class RandomActions:
@@ -13,12 +15,26 @@ class RandomActions:
         self._rng = np.random.default_rng(seed)
 
     def predict(
-        self,
-        observation: NDArray[np.float32],
-        state: Any = None,
-        episode_start: NDArray[np.bool_] | None = None,
-        deterministic: bool = True,
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[NDArray[np.float32], Any]:
         """Return an action (2,), or the actions (n, 2) of a batch."""
-        shape = (*np.shape(observation)[:-1], 2)
-        return self._rng.uniform(-1.0, 1.0, shape).astype(np.float32), state
+        return self._rng.uniform(-1.0, 1.0, (*np.shape(observation)[:-1], 2)).astype(np.float32), state
+
+
+class Jittery:
+    """A rule whose every command is a little off, by as much in the same scenario whatever the candidate.
+
+    What holds only to the last digit does not survive that.
+    """
+
+    def __init__(self, rule: Controller, jitter: float, scenarios: int, rng: np.random.Generator) -> None:
+        """Make one; `jitter` is a standard deviation as a share of an action's range, which is 2 wide."""
+        self._rule, self._scale, self._scenarios, self._rng = rule, 2.0 * jitter, scenarios, rng
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[Any, Any]:
+        """Return the actions (n, 2), and what the rule remembers."""
+        actions, state = self._rule.predict(observation, state, episode_start, deterministic)
+        off = self._rng.normal(0.0, self._scale, (self._scenarios, 2))
+        return actions + np.tile(off, (len(actions) // self._scenarios, 1)), state

@@ -38,11 +38,11 @@ class View:
     """Observations (..., n_obs) in SI units, an array (...) of each number; only what a rule asks for is computed."""
 
     def __init__(self, observation: ArrayLike, spec: ObservationSpec) -> None:
-        self._observation, self._spec = np.asarray(observation, np.float64), spec
+        self.observation, self.spec = np.asarray(observation, np.float64), spec
 
     def __getitem__(self, name: str) -> Floats:
         """The number with this id, in its unit."""
-        return self._spec.decode(self._observation, name)
+        return self.spec.decode(self.observation, name)
 
     @property
     def alarm(self) -> NDArray[np.bool_]:
@@ -56,19 +56,16 @@ class View:
 
 
 @cache
-def default_spec(needs_estimate: bool, needs_truth: bool) -> ObservationSpec:
-    """Return what an environment shows that is made with no more arguments than a rule needs."""
-    return ObservationSpec(Task(range_noise=0.0 if needs_estimate else None, privileged=needs_truth))
+def default_task(needs_estimate: bool, needs_truth: bool) -> tuple[Task, ObservationSpec]:
+    """Return the task of an environment with no more arguments than a rule needs, and what it shows."""
+    task = Task(range_noise=0.0 if needs_estimate else None, privileged=needs_truth)
+    return task, ObservationSpec(task)
 
 
 class Rule:
     """A controller of a few numbers, each within its limits."""
 
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = ()
-    velocity_range: Range = VELOCITY_RANGE
-    acceleration_range: Range = ACCELERATION_RANGE
-    control_period: float = CONTROL_PERIOD  # s
-    distances: Range = DISTANCES  # m, where objects stand
     needs_estimate: ClassVar[bool] = False  # of the distance
     needs_truth: ClassVar[bool] = False  # what the argument `privileged` shows
 
@@ -89,7 +86,7 @@ class Rule:
         for parameter, values in zip(self.PARAMETERS, np.moveaxis(self.parameters, -1, 0), strict=True):
             for value in (values.min(), values.max()):
                 number(parameter.name, value, parameter.unit, at_least=parameter.low, at_most=parameter.high)
-        self.spec = default_spec(self.needs_estimate, self.needs_truth)
+        self.task, self.spec = default_task(self.needs_estimate, self.needs_truth)
 
     @classmethod
     def names(cls) -> list[str]:
@@ -102,27 +99,22 @@ class Rule:
         return cls(parameters)
 
     def for_environment(self, environment: Mapping[str, Any]) -> Self:
-        """Return the same rule for an environment with these arguments: its ranges of actions, its control period.
-
-        With a scenario of its own, positions are moved to where its objects stand, see `placed`.
+        """Return the same rule for an environment with these arguments; positions are `placed` where its objects stand.
 
         Raises:
             ValueError: the rule needs an estimate of the distance, and the environment shows none.
         """
-        task, twin = Task(**{**environment, **({"privileged": True} if self.needs_truth else {})}), copy.copy(self)
+        twin, task = copy.copy(self), Task(**{**environment, **({"privileged": True} if self.needs_truth else {})})
         if self.needs_estimate and task.range_noise is None:
             raise ValueError(f"{type(self).__name__} needs an estimate of the distance: environment.range_noise")
-        twin.velocity_range, twin.acceleration_range = task.velocity_range, task.acceleration_range
-        twin.control_period, twin.spec = task.control_period, ObservationSpec(task)
-        if "scenario" in environment:
-            twin.distances = task.scenario.distance
+        twin.task, twin.spec = task, ObservationSpec(task)
         return twin
 
     def placed(self, position: Floats) -> Floats:
         """Return where a position (m) of the rule lies: its stretch of DISTANCES is the one in which objects stand."""
-        if self.distances == DISTANCES:
+        (near, far), (low, high) = DISTANCES, self.task.scenario.distance
+        if (low, high) == DISTANCES:
             return position
-        (near, far), (low, high) = DISTANCES, self.distances
         low = max(low, LEAST_STRETCH)
         within = max(high - low, LEAST_STRETCH) / (far - near)
         return np.where(position < near, position * low / near, low + (position - near) * within)
@@ -137,15 +129,15 @@ class Rule:
         return self.parameters[..., place : place + count]
 
     def predict(
-        self,
-        observation: NDArray[np.float32],
-        state: Any = None,
-        episode_start: NDArray[np.bool_] | None = None,
-        deterministic: bool = True,
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[NDArray[np.float32], Any]:
-        """Return the action for an observation (n_obs,) or the actions for a batch of them (n, n_obs)."""
-        velocity, acceleration = self.command(View(observation, self.spec))
-        return encode(velocity, acceleration, self.velocity_range, self.acceleration_range), state
+        """Return the action for an observation (n_obs,) or the actions for a batch of them (n, n_obs), and a state."""
+        view, state = self.see(View(observation, self.spec), state, episode_start)
+        return encode(*self.command(view), self.task.velocity_range, self.task.acceleration_range), state
+
+    def see(self, view: View, state: Any, episode_start: Any) -> tuple[View, Any]:
+        """Return what the command follows from, and what is remembered of it: nothing, unless a rule says so."""
+        return view, state
 
     def command(self, view: View) -> tuple[ArrayLike, ArrayLike]:
         """Return the velocity (m/s) to go to and the acceleration (m/s^2) to use for it."""

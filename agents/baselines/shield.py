@@ -35,8 +35,8 @@ class FullSpeed(Rule):
 
     def command(self, view: View) -> tuple[ArrayLike, ArrayLike]:
         """Return one end of the velocities or the other, at the largest acceleration."""
-        back, forward = self.velocity_range
-        return np.where(view.alarm, back, forward), self.acceleration_range[1]
+        back, forward = self.task.velocity_range
+        return np.where(view.alarm, back, forward), self.task.acceleration_range[1]
 
 
 class Shield:
@@ -68,11 +68,7 @@ class Shield:
         self.after = np.linspace(0.0, stopped, 1 + math.ceil(stopped / COARSE_STEP))
 
     def predict(
-        self,
-        observation: NDArray[np.float32],
-        state: Any = None,
-        episode_start: NDArray[np.bool_] | None = None,
-        deterministic: bool = True,
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[NDArray[np.float32], Any]:
         """Return the action for an observation (n_obs,) or the actions for a batch of them (n, n_obs), and a state.
 
@@ -91,8 +87,7 @@ class Shield:
         command = np.stack([np.minimum(asked[0], 0.0), np.full(len(free), self.stop)])
         command[:, free] = self._slowed(now[:, free], asked[:, free])
         lags = self._flight(now, command, self.during[-1:])[2:, :, 0]
-        velocity, acceleration = command
-        actions = encode(velocity, acceleration, self.task.velocity_range, self.task.acceleration_range)
+        actions = encode(command[0], command[1], self.task.velocity_range, self.task.acceleration_range)
         return actions.reshape(np.shape(action)), (inner, lags)
 
     def _physical(self, action: ArrayLike) -> Floats:

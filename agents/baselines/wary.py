@@ -6,13 +6,12 @@ Where noisy readings raise the alarm (`alarm="reading"`) at a threshold within t
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from agents.baselines.profile import BlindProfile, Ranged
 from agents.baselines.reaction import ReactingRule
-from agents.baselines.rule import Floats, Parameter, View, encode
+from agents.baselines.rule import Floats, Parameter, View
 from impact_gym.quantities import AFTER_ALARM
-from impact_gym.task import ObservationSpec
 
 THRESHOLD = Parameter("own threshold", "N", 0.5, 100.0, 10.0)
 CLOCK = 1e-6  # s, resolution of the observed time
@@ -21,8 +20,8 @@ CLOCK = 1e-6  # s, resolution of the observed time
 class OwnAlarmView(View):
     """A view with an alarm of one's own, raised at the times `raised` (s), inf where it is off."""
 
-    def __init__(self, observation: ArrayLike, spec: ObservationSpec, raised: Floats) -> None:
-        super().__init__(observation, spec)
+    def __init__(self, view: View, raised: Floats) -> None:
+        super().__init__(view.observation, view.spec)
         self._raised = raised
 
     @property
@@ -42,22 +41,14 @@ class OwnThresholdRule(ReactingRule):
     So a false alarm costs that time and no more.
     """
 
-    def predict(
-        self,
-        observation: NDArray[np.float32],
-        state: Any = None,
-        episode_start: NDArray[np.bool_] | None = None,
-        deterministic: bool = True,
-    ) -> tuple[NDArray[np.float32], Any]:
-        """Return the actions, and when the alarm was raised, s."""
-        view = View(observation, self.spec)
+    def see(self, view: View, state: Any, episode_start: Any) -> tuple[View, Any]:
+        """Return a view with the rule's own alarm, and when that was raised, s."""
         time = view["time"]
         raised = np.full(np.shape(time), np.inf) if state is None else state
         raised = np.where(time > raised + AFTER_ALARM - CLOCK, np.inf, raised)
         raised = np.where(False if episode_start is None else episode_start, np.inf, raised)
         raised = np.where(view["force"] > self[THRESHOLD.name], np.minimum(raised, time), raised)
-        command = self.command(OwnAlarmView(observation, self.spec, raised))
-        return encode(*command, self.velocity_range, self.acceleration_range), raised
+        return OwnAlarmView(view, raised), raised
 
 
 class WaryProfile(OwnThresholdRule, BlindProfile):

@@ -10,7 +10,7 @@ limit of force, for objects from the ranges, around another controller or by its
 
 import base64
 import importlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import lru_cache
 from typing import Any
 
@@ -38,28 +38,11 @@ def controller_of(
     if "shield" in spec:
         inner = spec["of"] and controller_of(spec["of"], time_weight, environment)
         return Shield({**(environment or {}), "scenario": spec["scenario"]}, spec["shield"], inner)
-    controller = _made(spec, time_weight)
-    return controller.for_environment(environment) if environment and isinstance(controller, Rule) else controller
-
-
-def _made(spec: Mapping[str, Any], time_weight: float) -> Controller:
     ((kind, value),) = spec.items()
-    match kind:
-        case "policy":
-            return _policy(value)
-        case "shipped":
-            return _shipped(value)
-        case "baseline":
-            return load_baseline(value, time_weight)
-        case "tuned":
-            return tuned_rule(value, time_weight)
-        case "speed":
-            return ConstantSpeed(value, 16.0)
-        case "clairvoyant":
-            return Clairvoyant(value[f"{time_weight:g}"])
-        case "object":
-            return _object(value)
-    raise ValueError(f"no controller of the kind {kind!r}")
+    if kind not in KINDS:
+        raise ValueError(f"no controller of the kind {kind!r}")
+    controller = KINDS[kind](value, time_weight)
+    return controller.for_environment(environment) if environment and isinstance(controller, Rule) else controller
 
 
 @lru_cache(maxsize=64)
@@ -84,6 +67,18 @@ def _object(name: str) -> Controller:
     if not callable(getattr(controller, "predict", None)):
         raise ValueError(f"{name!r} is no controller: it has no method `predict`")
     return controller
+
+
+KINDS: Mapping[str, Callable[[Any, float], Controller]] = {
+    "policy": lambda content, _: _policy(content),
+    "shipped": lambda name, _: _shipped(name),
+    "baseline": load_baseline,
+    "tuned": tuned_rule,
+    "speed": lambda speed, _: ConstantSpeed(speed, 16.0),
+    "clairvoyant": lambda by_weight, weight: Clairvoyant(by_weight[f"{weight:g}"]),
+    "object": lambda name, _: _object(name),
+}
+"""How to make a controller of what a description says and a time weight, m/s per s."""
 
 
 def try_out(name: str, controller: Controller, observations: NDArray[np.float32]) -> None:

@@ -27,11 +27,7 @@ def play(
 ) -> dict[str, NDArray[Any]]:
     """Return the results (weights, scenarios) at each time weight (m/s per s), and the scenarios' fields (scenarios,).
 
-    Args:
-        controller: as `agents.evaluate.controllers` describes.
-        scenarios: see above.
-        weights: what a second costs, m/s per s.
-        environment: arguments of the environment but for scenario and time weight.
+    `agents.evaluate.controllers` says how to describe a controller; `environment` is without scenario and time weight.
     """
     played = [
         scenario_batch_of(scenarios, weight, environment).play(controller_of(controller, weight, environment))

@@ -155,23 +155,14 @@ class Validation(ScenarioBatch):
     """
 
     def __init__(
-        self,
-        environment: Mapping[str, Any],
-        weights: Sequence[float],
-        scenarios: int | None = None,
-        threads: int | None = None,
+        self, environment: Mapping[str, Any], weights: Sequence[float], scenarios: int, threads: int | None = None
     ) -> None:
-        """Make a validation.
+        """Make one of the first `scenarios`, each played at each of the time `weights` (m/s per s).
 
-        Args:
-            environment: arguments of the environment but for its time weight. With a `scenario` of its own it draws
-                its own ones from the seeds of the set.
-            weights: m/s per s; each scenario is played at each.
-            scenarios: how many of the set, from its first on; all unless given.
-            threads: of the simulation; they change no result.
+        An `environment` with a scenario of its own draws its own ones from the seeds of the set.
         """
         frozen = evaluation_sets.load("validation")
-        count = frozen.count if scenarios is None else min(scenarios, frozen.count)
+        count = min(scenarios, frozen.count)
         self.weights, options = tuple(weights), {name: v for name, v in environment.items() if name != "time_weight"}
         taken = None if "scenario" in options else frozen
         super().__init__(frozen.seed, count, len(self.weights), self.weights, taken, threads, **options)

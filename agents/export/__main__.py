@@ -46,7 +46,7 @@ class Export:
 
 
 class Form(NamedTuple):
-    """A policy's actions as one implementation computes them, in NumPy, C or ONNX, and how fast."""
+    """A policy's actions as a form of it computes them, in C or ONNX, and how fast."""
 
     actions: Floats  # (n, 2)
     seconds: float  # for one call with one observation
@@ -56,11 +56,6 @@ def observations(policy: Policy) -> Floats:
     """Return OBSERVATIONS of them, (n, n_obs)."""
     drawn = np.random.default_rng(0).uniform(policy.spec.scaled_low, 1.0, (OBSERVATIONS, policy.inputs))
     return drawn.astype(np.float32)
-
-
-def with_numpy(policy: Policy, observed: Floats) -> Form:
-    """Play the policy itself."""
-    return Form(policy.predict(observed)[0], _time(lambda: policy.predict(observed[0])))
 
 
 def with_onnx(path: Path, observed: Floats) -> Form | None:
@@ -107,33 +102,30 @@ def run(options: Export) -> list[Path]:
     policy = load_policy(options.policy)
     stem, period = Path(options.policy).stem, Task(**policy.environment).control_period
     observed = observations(policy)
-    original = with_numpy(policy, observed)
-    allowed = AGREEMENT + rounding(policy, observed, original.actions)
-    print(f"a call of the policy on NumPy takes {_beside(original.seconds, period)}")
+    actions, seconds = policy.predict(observed)[0], _time(lambda: policy.predict(observed[0]))
+    allowed = AGREEMENT + rounding(policy, observed, actions)
+    print(f"a call of the policy on NumPy takes {_beside(seconds, period)}")
     header, graph = write_header(policy, options.out / f"{stem}.h"), write_onnx(policy, options.out / f"{stem}.onnx")
     with TemporaryDirectory() as folder:
         program = compiled(policy, header, Path(folder))
-        played = (
-            replay(policy, program, logged(policy, options.episodes), options.calls)
-            if program and has_controller(policy)
-            else None
-        )
         in_c = with_c(program, observed) if program else None
+        controller = program if has_controller(policy) else None
+        played = replay(policy, controller, logged(policy, options.episodes), options.calls) if controller else None
     print(judged_replay(header, played, period))
-    print(judged(header, in_c, "no C compiler is here", original, allowed, period))
-    print(judged(graph, with_onnx(graph, observed), "the package onnxruntime is missing", original, allowed, period))
+    print(judged(header, in_c, "no C compiler is here", actions, allowed, period))
+    print(judged(graph, with_onnx(graph, observed), "the package onnxruntime is missing", actions, allowed, period))
     return [header, graph]
 
 
-def judged(path: Path, form: Form | None, missing: str, original: Form, allowed: float, period: float) -> str:
+def judged(path: Path, form: Form | None, missing: str, actions: Floats, allowed: float, period: float) -> str:
     """Return a sentence about the form in a file, or that something is `missing`; the control period is `period` (s).
 
     Raises:
-        ValueError: its actions differ from the original's by more than is allowed.
+        ValueError: it differs from the policy's `actions` (n, 2) by more than is allowed.
     """
     if form is None:
         return f"{path}: not checked, {missing}"
-    difference = float(np.abs(form.actions - original.actions).max())
+    difference = float(np.abs(form.actions - actions).max())
     if not difference <= allowed:
         raise ValueError(f"{path} differs from the policy by {difference:.1e}, more than {allowed:.1e}")
     return f"{path}: differs by at most {difference:.1e}; a call takes {_beside(form.seconds, period)}"

@@ -22,12 +22,11 @@ class JobsFailedError(RuntimeError):
 
     def __init__(self, failed: Sequence[tuple[Job, Failure]], count: int) -> None:
         self.failed = list(failed)
-        lines = [f"{job}: {failure.reason}" for job, failure in self.failed[:SHOWN]]
-        if len(self.failed) > SHOWN:
-            lines.append(f"and {len(self.failed) - SHOWN} more")
-        trace = next((failure.trace for _, failure in self.failed if failure.trace), "")
-        head = f"{len(self.failed)} of {count} jobs failed (the others are done and kept):"
-        super().__init__("\n".join([head, *lines, *([f"the first of these raised:\n{trace}"] if trace else [])]))
+        lines = [f"{len(self.failed)} of {count} jobs failed (the others are done and kept):"]
+        lines += [f"{job}: {failure.reason}" for job, failure in self.failed[:SHOWN]]
+        lines += [f"and {len(self.failed) - SHOWN} more"] if len(self.failed) > SHOWN else []
+        lines += [f"the first of these raised:\n{failure.trace}" for _, failure in self.failed if failure.trace][:1]
+        super().__init__("\n".join(lines))
 
 
 def gather(

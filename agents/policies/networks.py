@@ -84,15 +84,14 @@ class Network:
         blocks = np.zeros((-(-len(rows) // self.block), self.block, self.inputs), np.float32)
         blocks.reshape(-1, self.inputs)[: len(rows)] = rows
         many = CHUNK // self.block
-        outputs = [head(self._latent(blocks[first : first + many])) for first in range(0, len(blocks), many)]
+        outputs = []
+        for first in range(0, len(blocks), many):
+            values = blocks[first : first + many]
+            for layer in self.hidden:
+                values = ACTIVATIONS[self.activation](layer(values))
+            outputs.append(head(values))
         flat = np.concatenate(outputs).reshape(-1, head.outputs)[: len(rows)]
         return flat.reshape(*np.shape(inputs)[:-1], head.outputs)
-
-    def _latent(self, blocks: Floats) -> Floats:
-        """Return what mean and noise are read from, for blocks of rows."""
-        for layer in self.hidden:
-            blocks = ACTIVATIONS[self.activation](layer(blocks))
-        return blocks
 
     def layers(self) -> tuple[Affine, ...]:
         """Return every layer that has weights."""
@@ -105,8 +104,6 @@ class Network:
 
 def from_arrays(description: Mapping[str, Any], arrays: Mapping[str, Floats]) -> Network:
     """Return the network that `layers` and `description` came from; names of arrays as in `to_arrays`."""
-    if description.get("squash") or "gates" in description["layers"]:
-        raise ValueError("a squashed or recurrent network, which this version does not play")
     made = {name: Affine(name, arrays[f"{name}.weight"], arrays[f"{name}.bias"]) for name in description["layers"]}
     mean, log_std = made.pop("mean"), made.pop("log_std")
     return Network(tuple(made.values()), mean, log_std, description["activation"])

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from agents import archive
 from agents.policies.networks import Network, from_arrays, to_arrays
-from impact_gym.files import whole_file
 from impact_gym.task import ObservationSpec, Task
 from impact_gym.task.task import arguments
 
@@ -26,8 +25,6 @@ ACTIONS = 2  # numbers of an action
 ACTION_WORDS = {"velocity": "velocity to go to", "acceleration": "acceleration to use for it"}
 MAY_DIFFER = ("scenario", "time_weight", "privileged", "rtol", "max_episode_steps")
 """Arguments of an environment that a policy may meet otherwise than in training."""
-
-Table = list[dict[str, Any]]
 
 
 class Controller(Protocol):
@@ -68,11 +65,7 @@ class Policy:
         return int(self.provenance.get("settings", {}).get("seed", 0))
 
     def predict(
-        self,
-        observation: NDArray[np.float32],
-        state: Any = None,
-        episode_start: NDArray[np.bool_] | bool | None = None,
-        deterministic: bool = True,
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[NDArray[np.float32], Any]:
         """Return the action for an observation (n_obs,) or the actions for a batch of them (n, n_obs), and `state`.
 
@@ -135,16 +128,14 @@ class Ensemble:
 
     def __getitem__(self, seed: int | None) -> Policy:
         """The policy of a seed, or the chosen one."""
-        wanted = self.chosen if seed is None else seed
-        for policy in self.policies:
-            if policy.seed == wanted:
-                return policy
-        raise ValueError(f"seed must be one of {[policy.seed for policy in self.policies]}, got {seed!r}")
+        by_seed = {policy.seed: policy for policy in self.policies}
+        if (wanted := self.chosen if seed is None else seed) not in by_seed:
+            raise ValueError(f"seed must be one of {[*by_seed]}, got {seed!r}")
+        return by_seed[wanted]
 
     def save(self, path: Path | str) -> Path:
         """Write all of them to `path`, whole or not at all."""
-        with whole_file(Path(path)) as file:
-            archive.save(file, FORMAT, *self.packed())
+        archive.write_archive(Path(path), FORMAT, *self.packed())
         return Path(path)
 
     def packed(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
@@ -158,12 +149,8 @@ class Ensemble:
             "provenance": {str(policy.seed): policy.provenance for policy in self.policies},
             "chosen": self.chosen,
         }
-        arrays = {
-            f"{policy.seed}/{name}": array
-            for policy in self.policies
-            for name, array in to_arrays(policy.network).items()
-        }
-        return content, arrays
+        weights = {policy.seed: to_arrays(policy.network) for policy in self.policies}
+        return content, {f"{seed}/{name}": array for seed, own in weights.items() for name, array in own.items()}
 
     @classmethod
     def unpacked(cls, content: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> "Ensemble":
@@ -176,26 +163,25 @@ class Ensemble:
         tables = observation_table(environment), action_table(environment)
         if (content["observation"], content["action"]) != tables:
             raise ValueError("it was made for other scales of observation or action than this version's environment")
-        policies = []
-        for seed, provenance in content["provenance"].items():
-            own = {
-                name.removeprefix(f"{seed}/"): array for name, array in arrays.items() if name.startswith(f"{seed}/")
-            }
-            policies.append(Policy(from_arrays(content["network"], own), environment, provenance))
+        weights: dict[str, dict[str, NDArray[Any]]] = {seed: {} for seed in content["provenance"]}
+        for name, array in arrays.items():
+            seed, _, part = name.partition("/")
+            weights[seed][part] = array
+        networks = {seed: from_arrays(content["network"], own) for seed, own in weights.items()}
+        policies = [Policy(networks[seed], environment, how) for seed, how in content["provenance"].items()]
         return cls(policies, content["chosen"])
 
 
-def observation_table(environment: Mapping[str, Any]) -> Table:
+def observation_table(environment: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Return id, unit and scale of each number of the observation."""
-    entries = ObservationSpec(Task(**environment)).entries
-    return [{"id": entry.id, "unit": entry.unit, **_scale(entry.scale._asdict())} for entry in entries]
+    scale = ("low", "high", "scaled_low", "curve")
+    return [
+        {"id": entry.id, "unit": entry.unit, **{name: getattr(entry.scale, name) for name in scale}}
+        for entry in ObservationSpec(Task(**environment)).entries
+    ]
 
 
-def _scale(scale: dict[str, Any]) -> dict[str, Any]:
-    return {name: scale[name] for name in ("low", "high", "scaled_low", "curve")}
-
-
-def action_table(environment: Mapping[str, Any]) -> Table:
+def action_table(environment: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Return what the action's numbers in [-1, 1] are mapped to."""
     task = Task(**environment)
     rows = [("velocity", "m/s", *task.velocity_range), ("acceleration", "m/s^2", *task.acceleration_range)]

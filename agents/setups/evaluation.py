@@ -56,7 +56,8 @@ class Evaluation:
     """What is changed, one at a time, to see whether policies hold: arguments of the environment by dotted names, each
     with a list of values or a table {times = [...]} of multiples; `scenario` with names of frozen sets."""
     nominal: Mapping[str, Any] = field(default_factory=dict)
-    """Arguments that the environment has before these changes, instead of what its episodes draw."""
+    """Arguments that the environment has before these changes, instead of what its episodes draw: in a file, a robot
+    "rigid" is none."""
 
     @classmethod
     def of_table(cls, content: Mapping[str, Any], environment: Mapping[str, Any]) -> "Evaluation":
@@ -66,11 +67,10 @@ class Evaluation:
             TypeError, ValueError: a key is unknown, a value out of range, or a change makes no environment; names it.
         """
         known("evaluation.", content, [item.name for item in fields(cls)])
-        given = dict(content)
-        nominal = table(content, "nominal", "evaluation.")
-        known("evaluation.nominal.", nominal, SET_UP_ARGUMENTS)
+        known("evaluation.nominal.", table(content, "nominal", "evaluation."), SET_UP_ARGUMENTS)
+        nominal = {name: _argument(value) for name, value in content.get("nominal", {}).items()}
+        environment, given = {**environment, **nominal}, dict(content) | {"nominal": nominal}
         with within("evaluation.nominal"):
-            environment = nominally(nominal, environment)
             Task(**environment)
         for name in {"weights", "curve"} & content.keys():
             given[name] = tuple(sorted(numbers(f"evaluation.{name}", content[name], "m/s per s", above=0)))
@@ -106,18 +106,8 @@ class Change:
 
 def variants(evaluation: Evaluation, environment: Mapping[str, Any]) -> list[Change]:
     """Return all changes that `evaluation` asks for and `environment` knows, argument by argument."""
-    varied, begun = evaluation.varied.items(), nominally(evaluation.nominal, environment)
-    return [change for name, values in varied for change in changes(name, values, begun)]
-
-
-def nominally(nominal: Mapping[str, Any], environment: Mapping[str, Any]) -> dict[str, Any]:
-    """Return an environment's arguments with those that are nominal in their place."""
-    return {**environment, **nominal_arguments(nominal)}
-
-
-def nominal_arguments(nominal: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what a file calls nominal as arguments of the environment: a robot "rigid" is none."""
-    return {name: None if value == "rigid" else value for name, value in nominal.items()}
+    begun = {**environment, **evaluation.nominal}
+    return [change for name, values in evaluation.varied.items() for change in changes(name, values, begun)]
 
 
 def changes(name: str, values: Any, environment: Mapping[str, Any], strict: bool = False) -> Iterator[Change]:
@@ -149,7 +139,7 @@ def changes(name: str, values: Any, environment: Mapping[str, Any], strict: bool
     for value in listed:
         try:
             with within(where):
-                other = _multiple(given[name], value) if multiples else None if value == "rigid" else value
+                other = _multiple(given[name], value) if multiples else _argument(value)
                 varied = changed(environment, {name: other})
                 same = Task(**varied) == Task(**environment)
         except ValueError:
@@ -158,6 +148,11 @@ def changes(name: str, values: Any, environment: Mapping[str, Any], strict: bool
             continue
         size = float(value) if isinstance(value, (int, float)) else math.nan
         yield Change(name, _label(value), size, multiples, varied, same=same)
+
+
+def _argument(value: Any) -> Any:
+    """Return a value in a file as an argument of the environment; a robot that is rigid is none."""
+    return None if value == "rigid" else value
 
 
 def _multiple(own: Any, value: Any) -> Any:

@@ -26,23 +26,15 @@ def warnings(task: Task) -> list[str]:
             f"environment.scenario.distance must begin below {reach:.3g} m, as far as the arm gets in {HORIZON:g} s, "
             f"got {near:g} m: every object would be missed"
         )
-    farthest_seen = ObservationSpec(task).scale("position").high
-    sentences = []
-    if far > reach:
-        sentences.append(
-            f"objects stand up to {far:g} m ahead, but the arm gets only {reach:.3g} m far in {HORIZON:g} s"
-        )
-    if far > farthest_seen:
-        sentences.append(
-            f"objects stand up to {far:g} m ahead, but the observation ends at a flange position of {farthest_seen:g} m"
-        )
-    heard = task.longest_delay + task.control_period
-    if near <= 0.5 * most * heard**2:
-        sentences.append(
-            f"objects stand from {1e3 * near:.3g} mm on, where the tool can be before the first reading arrives, "
-            f"{1e3 * heard:g} ms after the start"
-        )
-    return sentences + _off_its_stop(task)
+    seen, heard = ObservationSpec(task).scale("position").high, task.longest_delay + task.control_period
+    ahead, from_on = f"objects stand up to {far:g} m ahead, but", f"objects stand from {1e3 * near:.3g} mm on, where"
+    first_reading = f"the first reading arrives, {1e3 * heard:g} ms after the start"
+    sentences = {
+        f"{ahead} the arm gets only {reach:.3g} m far in {HORIZON:g} s": far > reach,
+        f"{ahead} the observation ends at a flange position of {seen:g} m": far > seen,
+        f"{from_on} the tool can be before {first_reading}": near <= 0.5 * most * heard**2,
+    }
+    return [sentence for sentence, holds in sentences.items() if holds] + _off_its_stop(task)
 
 
 def _off_its_stop(task: Task) -> list[str]:

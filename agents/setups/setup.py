@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import gymnasium as gym
 
-from agents.setups.evaluation import SET_UP_ARGUMENTS, Evaluation, nominal_arguments
+from agents.setups.evaluation import SET_UP_ARGUMENTS, Evaluation
 from agents.setups.keys import known, names, table, text, within
 from agents.setups.training import Training
 from impact_gym.task import Task
@@ -74,11 +74,6 @@ class Setup:
         """Where what is made for it goes, unless one says otherwise: `policies`, `tuned`."""
         return SHIPPED.parent if self.shipped else Path("runs") / self.name
 
-    @property
-    def nominal(self) -> dict[str, Any]:
-        """Arguments of the environment that are otherwise where nothing is drawn, see [evaluation.nominal]."""
-        return nominal_arguments(self.evaluation.nominal)
-
     def describes(self, environment: Mapping[str, Any]) -> bool:
         """Whether an environment with these arguments is this set-up's."""
         return same_environment(self.environment, environment)
@@ -139,7 +134,7 @@ def _setup(path: Path, content: dict[str, Any]) -> Setup:
     tuned = {name: _tuned(f"baselines.tuned.{name}", given, blind) for name, given in listed.items()}
     title = text(content, "title", path.stem)
     with within("training"):
-        settings = Training.of_table(training)
+        settings = Training().changed(training)
     asked = Evaluation.of_table(evaluation, environment)
     if settings.nominal and not asked.nominal:
         raise ValueError(f"training.nominal must be 0 without a table [evaluation.nominal], got {settings.nominal!r}")

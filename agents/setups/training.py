@@ -94,22 +94,11 @@ class Training:
         if self.rtol is not None:
             QUANTITIES["rtol"].check(self.rtol)
 
-    @classmethod
-    def of_table(cls, content: Mapping[str, Any]) -> Self:
-        """Return the settings of a file's table.
-
-        Raises:
-            TypeError, ValueError: a setting is unknown or out of range; names it.
-        """
-        known("training.", content, [item.name for item in fields(cls)])
-        return cls().changed(content)
-
     def changed(self, changes: Mapping[str, Any]) -> Self:
-        """Return the settings with others by name, lists for tuples."""
-        settings: dict[str, Any] = {  # from JSON or TOML: `__post_init__` checks them
-            name: tuple(value) if isinstance(value, list) else value for name, value in changes.items()
-        }
-        return replace(self, **settings)
+        """Return the settings with others by name, as JSON or TOML has them; ValueError: no such setting or value."""
+        known("training.", changes, [item.name for item in fields(self)])
+        settings: dict[str, Any] = {name: tuple(v) if isinstance(v, list) else v for name, v in changes.items()}
+        return replace(self, **settings)  # `__post_init__` checks them
 
     @property
     def round(self) -> int:

@@ -1,7 +1,7 @@
 """Train a policy: `impact-gym train [SETUP]`. Writes a run folder and prints its path."""
 
 import sys
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -34,17 +34,12 @@ def read_options(arguments: list[str]) -> TrainOptions:
     Raises:
         ValueError: there is no such set-up; something beside the folder to resume.
     """
-    default = TrainOptions()
-    while True:
-        default = TrainOptions(default.setup, load_setup(default.setup).training)
-        options = tyro.cli(TrainOptions, default=default, args=arguments, prog="impact-gym train")
-        if options.resume:
-            if options != TrainOptions(options.setup, default.training, resume=options.resume):
-                raise ValueError("--resume takes its settings from the run: give nothing else")
-            return options
-        if options.setup == default.setup:
-            return options
-        default = options
+    setup = tyro.cli(TrainOptions, args=arguments, prog="impact-gym train").setup
+    default = TrainOptions(setup, load_setup(setup).training)
+    options = tyro.cli(TrainOptions, default=default, args=arguments, prog="impact-gym train")
+    if options.resume and options != replace(default, resume=options.resume):
+        raise ValueError("--resume takes its settings from the run: give nothing else")
+    return options
 
 
 def main() -> None:

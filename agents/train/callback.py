@@ -49,7 +49,7 @@ class TrainingCallback(BaseCallback):
         self.validation = Validation(
             setup.environment, setup.evaluation.weights, training.validation_scenarios, training.simulation_threads
         )
-        self._begun, self._processor, self._begun_at = time.perf_counter(), time.process_time(), 0
+        self._start_clock()
         self.kept: dict[str, Any] = {  # all that must survive an interruption
             "sums": dict.fromkeys(OBJECTIVES, 0.0),
             "episodes": 0,
@@ -62,9 +62,10 @@ class TrainingCallback(BaseCallback):
             "processor": 0.0,
         }
 
-    def _on_training_start(self) -> None:
-        self._begun, self._processor = time.perf_counter(), time.process_time()
-        self._begun_at = self.num_timesteps
+    def _start_clock(self) -> None:
+        self._begun, self._processor, self._begun_at = time.perf_counter(), time.process_time(), self.num_timesteps
+
+    _on_training_start = _start_clock
 
     def _on_step(self) -> bool:
         for row in np.flatnonzero(self.locals["dones"]).tolist():
@@ -93,10 +94,9 @@ class TrainingCallback(BaseCallback):
 
     def _count_time(self) -> None:
         """Add the time since it was last counted, by the clock and of the processor."""
-        now, processor = time.perf_counter(), time.process_time()
-        self.kept["seconds"] += now - self._begun
-        self.kept["processor"] += processor - self._processor
-        self._begun, self._processor, self._begun_at = now, processor, self.num_timesteps
+        self.kept["seconds"] += time.perf_counter() - self._begun
+        self.kept["processor"] += time.process_time() - self._processor
+        self._start_clock()
 
     def _due(self, what: str, every: int) -> bool:
         if self.num_timesteps // every == self.kept["last"][what] // every:

@@ -74,13 +74,11 @@ class Run:
 
     def made_for(self) -> dict[str, Any]:
         """Return what the result depends on, as JSON gives it back: also what the set-up says beside the settings."""
-        evaluation, also = self.setup.evaluation, dict[str, Any]()
-        if self.training.teacher:
-            also["teacher"] = Teacher(self.setup, self.training.teacher).checksum
-        if self.training.nominal:
-            also["nominal"] = dict(evaluation.nominal)
-        settings = {"setup": self.setup.called, "seed": self.seed, **asdict(self.training)}
-        made = {"settings": settings, "environment": self.environment, "weights": evaluation.weights, **also}
+        evaluation, training = self.setup.evaluation, self.training
+        settings = {"setup": self.setup.called, "seed": self.seed, **asdict(training)}
+        made = {"settings": settings, "environment": self.environment, "weights": evaluation.weights}
+        made |= {"teacher": Teacher(self.setup, training.teacher).checksum} if training.teacher else {}
+        made |= {"nominal": evaluation.nominal} if training.nominal else {}
         plain: dict[str, Any] = json.loads(json.dumps(made))
         return plain
 
@@ -90,14 +88,8 @@ class Run:
 
     @classmethod
     def of_record(cls, settings: Mapping[str, Any]) -> "Run":
-        """Return the run whose `made_for` has these settings.
-
-        Raises:
-            TypeError, ValueError, LookupError: a setting is missing or unknown, as in a run of another version.
-        """
+        """Return the run whose `made_for` has these settings; ValueError: one is unknown, as of another version."""
         own = {name: value for name, value in settings.items() if name not in ("setup", "seed")}
-        if odd := own.keys() ^ asdict(Training()).keys():
-            raise ValueError(f"settings {sorted(odd)} are missing or unknown: another version's run")
         return cls(load_setup(settings["setup"]), Training().changed(own), settings["seed"])
 
 
@@ -105,9 +97,8 @@ def make_environments(run: Run) -> ScaledRewards:
     """Return the environments a training plays in; in a share of them hardly anything is drawn, see `nominal`."""
     training = run.training
     nominal = round(training.nominal * training.envs)
-    slots: list[dict[str, Any]] | None = None
-    if nominal:
-        slots = [{}] * (training.envs - nominal) + [run.setup.nominal] * nominal
+    slots: list[dict[str, Any]] | None
+    slots = [{}] * (training.envs - nominal) + [dict(run.setup.evaluation.nominal)] * nominal if nominal else None
     threads = training.simulation_threads
     envs = ImpactVecEnv(training.envs, threads=threads, per_slot=slots, **run.training_environment)
     return ScaledRewards(envs, training.weight_power)
@@ -177,7 +168,13 @@ def resume(folder: Path, on_validation: OnValidation | None = None) -> Path:
         ValueError: there is none, or it is damaged, of another version, or under way.
         CollapsedError: there is nothing left to go on from; the folder keeps the reason.
     """
-    record, run = read_record(folder)
+    try:
+        record = json.loads((folder / "config.json").read_text())
+        run = Run.of_record(record["settings"])
+        if any(record[name] != value for name, value in run.made_for().items()):
+            raise ValueError(f"the set-up {run.setup.called} has changed since")
+    except (OSError, LookupError, TypeError, AttributeError, ValueError) as error:
+        raise ValueError(f"{folder} holds no run that this version can go on with: {error}") from error
     return _to_its_end(folder, run, record, on_validation)
 
 
@@ -243,22 +240,6 @@ def _learn(folder: Path, run: Run, record: dict[str, Any], on_validation: OnVali
         points = zip(means["time_weight"], means["object_velocity"], means["approach_time"], strict=True)
         listed = "; ".join(f"at {w:g}: {v:.3f} m/s, {t:.3f} s" for w, v, t in points)
         print(f"{name}: score {means['score']:.4f} m/s; V_p and approach time {listed}")
-
-
-def read_record(folder: Path) -> tuple[dict[str, Any], Run]:
-    """Return what the run in a folder was started with.
-
-    Raises:
-        ValueError: the folder holds no run, or one of another version.
-    """
-    try:
-        record = json.loads((folder / "config.json").read_text())
-        run = Run.of_record(record["settings"])
-        if any(record[name] != value for name, value in run.made_for().items()):
-            raise ValueError(f"the set-up {run.setup.called} has changed since")
-        return record, run
-    except (OSError, LookupError, TypeError, AttributeError, ValueError) as error:
-        raise ValueError(f"{folder} holds no run that this version can go on with: {error}") from error
 
 
 @contextmanager

@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 
 from agents.jobs import Job, digest_of, gather_all
 from agents.setups import load_setup
-from agents.setups.evaluation import nominally
 from experiments.reference.task import SERVED
 from experiments.report.matchups import Contestant, Matchup
 from experiments.report.played import Arrays, Played, Run
@@ -128,7 +127,7 @@ def _asked(matchup: Matchup) -> Iterator[tuple[str, Any, str, dict[str, Any]]]:
             changed = of(one, scenarios=where, weights=[typical], environment=change.environment)
             yield "varied", (change.argument, change.label, one.name), PLAY, changed
     if matchup.evaluation.nominal:
-        nominal, weights = nominally(matchup.evaluation.nominal, environment), list(matchup.weights)
+        nominal, weights = {**environment, **matchup.evaluation.nominal}, list(matchup.weights)
         if (measure := matchup.measure) is not None:
             its_own = load_setup(measure.name).environment
             nominal["alarm"] = its_own.get("alarm", Task.alarm)  # that which it is used to

@@ -6,8 +6,6 @@ import json
 import math
 import os
 import pickle
-import subprocess
-import sys
 import warnings
 from dataclasses import replace
 
@@ -103,15 +101,6 @@ def test_ensemble_survives_its_file_bit_for_bit(tmp_path, kind):
     assert load_policy(path).seed == 1
     for policy in policies:
         assert_same(load_policy(path, policy.seed), policy)
-
-
-def test_load_policy_does_without_torch():
-    code = (
-        "import sys; from agents import load_policy; load_policy('linear-blind').predict([0.0] * 8)\n"
-        "print('torch' in sys.modules, 'stable_baselines3' in sys.modules)"
-    )
-    output = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert output.stdout.split() == ["False", "False"]
 
 
 def test_save_writes_ids_units_and_scales_of_observation_and_action(tmp_path):

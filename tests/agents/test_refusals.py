@@ -1,7 +1,6 @@
 """What is refused, with one line that names the mistake: set-up files, arguments, policy files."""
 
 import io
-import math
 import zipfile
 
 import numpy as np
@@ -40,11 +39,8 @@ SET_UPS = [
     ("[environment]\ntool_mas = 1.0", "unknown key environment.tool_mas; did you mean 'tool_mass'"),
     ("[environment]\ntime_weight = 1.0", "unknown key environment.time_weight"),
     ("[environment]\ntool_mass = [0.2, 0.1]", "environment: tool_mass.*inverted.*0.2.*0.1 kg"),
-    ("[environment]\ntool_mass = []", "environment: tool_mass.*pair"),
-    ('[environment]\ncoupling = {type = "Bistable", front_stop = [0.01, 0.07]}', "front_stop.*below the stroke.*0.07"),
     ("[environment.scenario]\nobject_mas = [1.0, 2.0]", "scenario has no field 'object_mas'.*object_mass"),
     ("[training]\nbacth = 3", "training.bacth; did you mean 'batch'"),
-    ("[training]\nseed = 1", "unknown key training.seed"),
     ("[training]\nnominal = 0.5", r"nominal must be 0 without a table \[evaluation.nominal\], got 0.5"),
     ("[baselines]\nagainst = 'x'", "baselines.against must be a list of names"),
     ("[baselines]\nagainst = ['x', 'x']", "must not name one twice"),
@@ -58,7 +54,6 @@ SET_UPS = [
     ("[evaluation]\nweigths = [1.0]", r"unknown key evaluation.weigths; did you mean 'weights'\?"),
     ("[evaluation]\nweights = []", "evaluation.weights must hold weights"),
     ("[evaluation]\nweights = [1.0, 1.0]", "none twice"),
-    ("[evaluation]\nweights = [0.0]", r"evaluation.weights\[0\] must be .*above 0 m/s per s"),
     ("[evaluation]\nweights = 'all'", "evaluation.weights must be a sequence of numbers"),
     ("[evaluation]\nat_most = 0", "evaluation.at_most must be .*above 0"),
     ("[evaluation]\nset = 'tset'", "no evaluation set 'tset'"),
@@ -66,14 +61,12 @@ SET_UPS = [
     ("[evaluation]\nscenarios = 1", "evaluation.scenarios must be a whole number of at least 2"),
     ("[evaluation]\nscenarios = 5000", "evaluation.scenarios must be at most the 2000 of the set"),
     ("[evaluation.nominal]\ntool_mas = 1.0", "unknown key evaluation.nominal.tool_mas; did you mean 'tool_mass'"),
-    ("[evaluation.nominal]\ntool_mass = -1.0", "evaluation.nominal: tool_mass must be .*above 0"),
     ("[evaluation]\nnominal = 3", r"evaluation.nominal must be a table, \[evaluation.nominal\]"),
     ("[evaluation.varied]\ntool_mas = [1.0]", "unknown key evaluation.varied.tool_mas; did you mean 'tool_mass'"),
     ("[evaluation.varied]\ntool_mass = 1.0", "evaluation.varied.tool_mass must be a list of values, or a table"),
     ("[evaluation.varied]\ntool_mass = [-1.0]", "evaluation.varied.tool_mass: tool_mass must be .*above 0"),
     ("[evaluation.varied]\ntool_mass = { time = [1.0] }", "varied.tool_mass.time; did you mean 'times'"),
     ("[evaluation.varied]\ntool_mass = { times = [0.0] }", "evaluation.varied.tool_mass: times must be .*above 0"),
-    ("[evaluation.varied]\nscenario = ['easy']", "no evaluation set 'easy'"),
     ("[evaluation.varied]\nrobot = [{ type = 'Robot', mass = 1.0 }]", "varied.robot: robot, a Robot, needs"),
     (f"[environment]\ncoupling = {TIGHT}\n[evaluation.varied]\n'coupling.front_stop' = {{ times = [4.0] }}",
      "evaluation.varied.coupling.front_stop: "),
@@ -110,15 +103,11 @@ CALLS = [
     (lambda: read_options(["--resume", "there", "--steps", "5"]), "give nothing else"),
     (lambda: read_options(["cubic"]), r"no set-up 'cubic'.*bistable-blind.*linear-ranged"),
     (lambda: Seeds(processes=-1), "processes.*at least 0"),
-    (lambda: Seeds(seeds=0), "seeds.*at least 1"),
     (lambda: Tune(names=("paper-trapezoid",)), "no baseline 'paper-trapezoid' to tune"),
     (lambda: Tune(weights=(0.0,)), "weights must be .*above 0"),
     (lambda: Tune(scenarios=0), "scenarios must be .*at least 1"),
-    (lambda: Tune(population=3), "population must be .*at least 4"),
     (lambda: ConstantSpeed(0.0), "speed.*above 0.*m/s"),
-    (lambda: ConstantSpeed(math.nan), "speed.*finite"),
     (lambda: ConstantSpeed([1.0, 1.6]), "speed.*at most 1.5"),
-    (lambda: ConstantSpeed(1.0, acceleration=0.5), "acceleration.*at least 1"),
     (lambda: Ranged([1.0, 0.3, 10.0]), "Ranged has the parameters .*'top speed', 'contact speed'"),
     (lambda: load_baseline("ranged").for_environment({}), "Ranged needs an estimate"),
     (lambda: load_baseline("blind"), r"no baseline 'blind'.*blind-profile.*paper-trapezoid"),
@@ -136,7 +125,6 @@ CALLS = [
     (lambda: POLICY.predict(np.zeros(7, np.float32)), "8 numbers.*7"),
     (lambda: POLICY.predict(np.full(8, np.nan)), "finite"),
     (lambda: Policy(POLICY.network, {"range_noise": 0.01}, {}), "network takes 8 numbers, the environment shows 9"),
-    (lambda: Ensemble([POLICY, POLICY], 1), "different seeds"),
     (lambda: Ensemble([POLICY], 2), "different seeds, 2 among them"),
     (lambda: Ensemble([POLICY, made_up_policy(2, sizes=())], 1), "one kind of network"),
     (lambda: load_policy("linear-blnd"), r"'linear-blnd'.*linear-blind"),
@@ -171,20 +159,15 @@ def test_load_policy_refuses_files_of_other_kinds(content, tmp_path):
 
 @pytest.mark.parametrize(("keys", "value", "message"), [
     (("content", "network", "layers"), ["mean", "log_std", "hidden_0"], "hidden_0"),
-    (("content", "network", "layers"), ["gates", "mean", "log_std"], "squashed or recurrent"),
     (("content", "network", "layers"), 3, "iterable"),
-    (("content", "network", "squash"), True, "squashed or recurrent"),
     (("content", "network", "activation"), "gelu", "activation must be one of"),
-    (("content", "network"), {}, "layers"),
     (("content", "chosen"), 3, "different seeds, 3 among them"),
     (("content", "environment"), {"range_noise": -1.0}, "range_noise"),
-    (("content", "environment"), {"gravity": 9.8}, "gravity"),
     (("content", "observation", 1, "high"), 2.0, "made for other scales of observation or action"),
     (("content", "action", 1, "low"), 2.0, "made for other scales of observation or action"),
     (("arrays", "0/mean.weight"), np.zeros((3, 8), np.float32), "fit"),
     (("arrays", "0/mean.weight"), np.zeros((2, 9), np.float32), "shape of mean"),
     (("arrays", "0/mean.bias"), np.array([0.0, np.nan], np.float32), "finite"),
-    (("arrays", "0/mean.bias"), np.array(["a", "b"]), "float32"),
 ])  # fmt: skip
 def test_load_policy_refuses_an_archive_that_holds_no_policy(keys, value, message, tmp_path):
     content, arrays = Ensemble([made_up_policy(sizes=())], 0).packed()

@@ -74,8 +74,7 @@ def test_lines_say_what_follows(mine):
 
 def test_setup_needs_pygame_for_the_picture_alone(monkeypatch, capsys, tmp_path):
     monkeypatch.setitem(sys.modules, "pygame", None)
-    monkeypatch.setattr(sys, "argv", ["setup", "linear-blind", "--picture", str(tmp_path / "picture.png")])
-    setup.main()
+    setup.run(setup.Check("linear-blind", tmp_path / "picture.png"))
     assert capsys.readouterr().out.splitlines()[-1].startswith("no picture: rendering needs pygame")
 
 

@@ -27,10 +27,6 @@ def test_load_setup_finds_all_that_is_shipped_for_a_set_up(name):
     assert load_setup(name).environment["tool_mass"] != 9.0  # nobody can change a set-up for all
 
 
-def test_owner_is_there_for_every_tuned_baseline():
-    assert all(owner(name) for name in names())
-
-
 @pytest.mark.parametrize(("first", "second"), [
     ({}, {"tool_mass": 0.125, "coupling": {"type": "SpringDamper", "stiffness": 50.0}, "time_weight": [0.3, 8.0]}),
     ({"reaction_delay": [0.01, 0.02]}, {"reaction_delay": np.array([0.01, 0.02])}),

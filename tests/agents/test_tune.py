@@ -10,7 +10,7 @@ from episodes import Always
 from agents import load_setup
 from agents.baselines import Clairvoyant, ConstantSpeed, bound
 from agents.baselines.cmaes import minimise
-from agents.baselines.jittery import Jittery
+from agents.baselines.random import Jittery
 from agents.baselines.rule import Parameter
 from agents.baselines.tuned import load_baseline, read_tuned, write_tuned
 from agents.evaluate import ScenarioBatch
@@ -91,7 +91,7 @@ def test_tune_searches_as_the_set_up_asks_and_keeps_how(noisy, tmp_path):
         assert entry["train"] == alone["train"] != calm["train"]
         assert entry["validation"] == scores("ConstantSpeed", environment, weight, alone["parameters"])
         assert entry["search"] == {**SEARCH, "clean_alarm": True, "jitter": 0.02}
-        assert f"--names noisy-speed --weights {weight:g} --scenarios 8 --budget 24" in entry["command"]
+        assert f"--names noisy-speed --weights {weight} --scenarios 8 --budget 24" in entry["command"]
         assert isinstance(load_baseline("noisy-speed", weight, tmp_path), ConstantSpeed)
     assert json.loads(path.read_text())["environment"]["force_noise"] == 2.0
 

@@ -62,21 +62,22 @@ def kept(folder):
 
 
 def killed_and_resumed(folder, ways, **engine):
-    """Stop a gathering in these ways, and let it end; return what each run found, began, kept and left alive."""
+    """Stop a gathering in these ways, and let it end; return what each run found, kept and left alive."""
     code = (
-        "import sys\n"
+        "import signal, sys\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # else ignored where pytest is in the background
         f"sys.path[:0] = {[str(Path(__file__).parent), str(ROOT)]!r}\n"  # what is tested, not what is installed
         "from agents.jobs import Job, gather_all\n"
         "if __name__ == '__main__':\n"
-        f"    given = dict(log={str(folder / 'log')!r}, seconds=0.2)\n"
+        f"    given = dict(log={str(folder / 'log')!r}, below={str(folder / 'below')!r})\n"
         f"    jobs = [Job('cluster_work:numbers', given | dict(number=number)) for number in range({JOBS})]\n"
         f"    gather_all(jobs, {str(folder / 'results')!r}, **{engine!r})\n"
     )
     (folder / "driver.py").write_text(code)
     runs = []
     for enough, how in (*enumerate(ways, 2), (JOBS, None)):
-        before = len(calls(folder / "log"))
         found = kept(folder)
+        (folder / "below").write_text(str(enough))
         with subprocess.Popen([sys.executable, str(folder / "driver.py")], cwd=ROOT, stderr=subprocess.DEVNULL) as run:
             while kept(folder) < enough:
                 assert run.poll() is None, "the gathering ended too soon"
@@ -88,8 +89,7 @@ def killed_and_resumed(folder, ways, **engine):
         deadline = time.monotonic() + 10
         while any(map(alive, below)) and time.monotonic() < deadline:
             time.sleep(0.05)
-        left = sum(map(alive, below))
-        runs.append({"found": found, "began": len(calls(folder / "log")) - before, "kept": kept(folder), "left": left})
+        runs.append({"found": found, "kept": kept(folder), "left": sum(map(alive, below))})
     return runs
 
 
