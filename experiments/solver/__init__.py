@@ -1,8 +1,8 @@
-"""Studies of the solver: how fast it is at an error, and whether it stands; each with a page.
+"""Studies of the solver: how fast it is at an error, and how robust; each with a page.
 
-    `python -m experiments.solver.speed`      work-precision diagrams, ours beside SciPy, fixed steps and MuJoCo, after
-                                              the manner of SciMLBenchmarks (Rackauckas and others)
-    `python -m experiments.solver.stability`  a storm of random scenes, and who stands in it
+    `impact-gym speed`      work-precision diagrams, ours beside SciPy, fixed steps and MuJoCo, after the manner of
+                            SciMLBenchmarks (Rackauckas and others)
+    `impact-gym stability`  robustness on 10,000 random scenes, beside other solvers
 
     `approaches`   six with a name, the storm
     `solutions`    what a solver says, its errors, the classes of its failures, the truth by the independent solver

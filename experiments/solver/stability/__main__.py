@@ -70,7 +70,9 @@ def shown(tables: Tables) -> Shown:
 
 
 def main(scenes: int | None = None, out: Path | None = None, quick: bool = False, force: bool = False) -> None:
-    """Test whether the solver stands, and write a page about it; what is on disk is not computed again.
+    """Send random scenes through the solver and others, and write a page about its robustness.
+
+    What is on disk is not computed again.
 
     Args:
         scenes: how many: 10000, or 200 of a quick run.
