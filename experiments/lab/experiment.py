@@ -36,8 +36,8 @@ def command(
     folder = out or REPORTS / (f"{short}_quick" if quick else short)
     line = shlex.join(["impact-gym", called or short, *sys.argv[1:]])
     with command_line(called or short, "what was computed is kept"):
-        written = run(name.replace(".", "/"), folder, line, compute, show, **options)
-    print(f"{short}: {written.resolve().as_uri()}")
+        index = run(name.replace(".", "/"), folder, line, compute, show, **options)
+    print(f"{short}: {index.resolve().as_uri()}")
 
 
 def run(

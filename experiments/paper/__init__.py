@@ -25,7 +25,7 @@ def resolve(word: str) -> str:
     """
     name = f"figure_{int(word):02}" if word.isdecimal() else word
     if name not in NAMES:
-        words = ", ".join(known.removeprefix("figure_").lstrip("0") for known in NAMES)
+        words = ", ".join(figure.removeprefix("figure_").lstrip("0") for figure in NAMES)
         raise ValueError(f"no figure {word!r}: there are {words}")
     return name
 

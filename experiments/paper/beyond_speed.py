@@ -63,10 +63,10 @@ def plot(table: Table, grid: Panels) -> None:
         mark(axes, [], [], marker="D", label="number of snap-throughs changes")
         if any(changes(where(table, coupling=number), "speed", "contacts") for number in range(len(COUPLINGS))):
             mark(axes, [], [], label="number of contacts changes")
-        for speed, below, above in changes(where(table, coupling=0), "speed", "passes"):
+        for speed, before, after in changes(where(table, coupling=0), "speed", "passes"):
             axes.axvline(speed, color="#888888", linewidth=0.8, linestyle=":")
             beside = {"xytext": (3, 3), "textcoords": "offset points", "fontsize": 8, "rotation": 90}
-            axes.annotate(f"{below} to {above}", (speed, 0.0), **beside)
+            axes.annotate(f"{before} to {after}", (speed, 0.0), **beside)
         axes.set_ylim(0.0, 1.25 * axes.get_ylim()[1])  # room for the legend
         axes.set_xlabel("impact speed (m/s)")
     grid[0].legend(fontsize=9, loc="upper left")
@@ -98,7 +98,7 @@ def statements(table: Table) -> Statements:
         "A decrease in the impact velocity may prevent the mechanism from reaching the second stable configuration",
         0.0 < lost < MOTION.speed,
         f"it does not stay there below {lost:.3f} m/s"
-        + "".join(f"; {below} to {above} passes of the alignment at {v:.3f} m/s" for v, below, above in turns),
+        + "".join(f"; {before} to {after} passes of the alignment at {v:.3f} m/s" for v, before, after in turns),
         "at some speed below 1 m/s the slider ends ahead of the alignment",
     )
     yield section_6.claim(

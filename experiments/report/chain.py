@@ -58,48 +58,48 @@ class Step:
 
 
 def links(played: Played) -> list[Link]:
-    """Return the chain without the one who knows: what the matchup has no baseline for joins the next step."""
-    tuned = [one for one in played.matchup.baselines if "tuned" in one.controller]
-    by_rule = {one.controller["tuned"]["rule"]: one.name for one in reversed(tuned)}  # of two the first
+    """Return the chain without the clairvoyant: what the matchup has no baseline for joins the next step."""
+    tuned = [baseline for baseline in played.matchup.baselines if "tuned" in baseline.controller]
+    by_rule = {baseline.controller["tuned"]["rule"]: baseline.name for baseline in reversed(tuned)}  # of two the first
     task = Task(**played.matchup.environment)
     stronger = task.acceleration_range[1] > PaperTrapezoid()["deceleration"]
     more = {"ConstantSpeed": "the arm's limits" if stronger else "the choice of speed", "BlindProfile": "tuning"}
     more |= {} if task.range_noise is None else {"Ranged": "the estimate"}
-    found, added = [Link("", PAPER, [played.paper])], []
-    for rule, what in more.items():
-        added.append(what)
+    sequence, added = [Link("", PAPER, [played.paper])], []
+    for rule, source in more.items():
+        added.append(source)
         if rule in by_rule:
-            found.append(Link(" and ".join(added), by_rule[rule], [played.baselines[by_rule[rule]]]))
+            sequence.append(Link(" and ".join(added), by_rule[rule], [played.baselines[by_rule[rule]]]))
             added = []
-    return [*found, Link(" and ".join([*added, "learning"]), POLICY, list(played.seeds.values()))]
+    return [*sequence, Link(" and ".join([*added, "learning"]), POLICY, list(played.seeds.values()))]
 
 
 def chain(played: Played) -> list[Step]:
-    """Return the steps; the last, who knows the object, on the scenarios that it was searched for."""
-    found, weight = links(played), played.matchup.typical
-    steps = _steps(found, played.resamples, weight, policy=len(found) - 1)
+    """Return the steps; the last, the clairvoyant's, on the scenarios that it was searched for."""
+    sequence, weight = links(played), played.matchup.typical
+    steps = _steps(sequence, played.resamples, weight, policy=len(sequence) - 1)
     if played.bound is None or weight not in played.bound.weights:
         return steps
     knows = Link("knowing the object", BOUND, [played.bound])
     few = Resamples(played.bound["missed"].shape[1])
-    return [*steps, _steps([found[0], found[-1], knows], few, weight, policy=1)[-1]]
+    return [*steps, _steps([sequence[0], sequence[-1], knows], few, weight, policy=1)[-1]]
 
 
-def _steps(found: Sequence[Link], resamples: Resamples, weight: float, policy: int) -> list[Step]:
+def _steps(sequence: Sequence[Link], resamples: Resamples, weight: float, policy: int) -> list[Step]:
     """Return the steps on the first scenarios, as many as are resampled; `policy` is the place of the policy."""
-    fronts: list[Front] = [front(resamples, link.runs) for link in found]
+    fronts: list[Front] = [front(resamples, link.runs) for link in sequence]
     paper_time = fronts[0][0][:, 0]
     later = [_outside(times[0], paper_time[0]) for times, _ in fronts]
-    missed = max(np.mean([run["missed"] for run in link.runs]) for link in found)
+    missed = max(np.mean([run["missed"] for run in link.runs]) for link in sequence)
     claimed = max(later) == later[policy] == 0.0 and missed <= MISSED_TOO_OFTEN
-    velocities = gains([Comparison.of_fronts(one, fronts[0]).ours for one in fronts], policy, claimed)
-    losses = [np.array([run.loss(weight)[: resamples.scenarios] for run in link.runs]) for link in found]
-    of_losses = gains([resamples.means(one) for one in losses], policy)
-    sooner = [one < 0.0 for one in later]
+    velocities = gains([Comparison.of_fronts(front, fronts[0]).ours for front in fronts], policy, claimed)
+    losses = [np.array([run.loss(weight)[: resamples.scenarios] for run in link.runs]) for link in sequence]
+    of_losses = gains([resamples.means(loss) for loss in losses], policy)
+    sooner = [off < 0.0 for off in later]
     limits = [LIMITS[pair] for pair in zip([False, *sooner], sooner, strict=False)]
     return [
         Step(link.added, link.contestant, resamples.scenarios, off, limit, velocity, weight, loss)
-        for link, off, limit, velocity, loss in zip(found, later, limits, velocities, of_losses, strict=True)
+        for link, off, limit, velocity, loss in zip(sequence, later, limits, velocities, of_losses, strict=True)
     ]
 
 
@@ -113,13 +113,13 @@ def gains(values: Sequence[Floats], policy: int, claimed: bool = True) -> list[G
 
     Unless `claimed` there are no differences: a contestant is read at another time than the one before it.
     """
-    whole = Comparison(values[policy], values[0])
-    shared = claimed and whole.less.low > 0.0
-    found = [Gain(estimate(values[0]), None, None)]
+    total = Comparison(values[policy], values[0])
+    shared = claimed and total.less.low > 0.0
+    steps = [Gain(estimate(values[0]), None, None)]
     for before, after in pairwise(values):
-        share = estimate((before - after) / (whole.theirs - whole.ours)) if shared else None
-        found.append(Gain(estimate(after), Comparison(after, before).less if claimed else None, share))
-    return found
+        share = estimate((before - after) / (total.theirs - total.ours)) if shared else None
+        steps.append(Gain(estimate(after), Comparison(after, before).less if claimed else None, share))
+    return steps
 
 
 def table(steps: Sequence[Step], labels: Mapping[str, str]) -> Table:
@@ -152,10 +152,10 @@ def sentence(steps: Sequence[Step]) -> str:
     first, *more = (step for step in steps if step.contestant != BOUND)
     if any(step.later > 0.0 for step in more):
         before, after = first.loss.value.value, more[-1].loss.value.value
-        what = f"the {before - after:.3f} m/s that it saves of V_p + {first.weight:g} T, {before:.3f} m/s,"
+        subject = f"the {before - after:.3f} m/s that it saves of V_p + {first.weight:g} T, {before:.3f} m/s,"
         shares = [("", step.loss.share) for step in more]
     else:
-        what, shares = "that reduction", [(step.limit, step.velocity.share) for step in more]
-    known = [f"{limit}{percent(share)} from {step.added}" for (limit, share), step in zip(shares, more, strict=True)
+        subject, shares = "that reduction", [(step.limit, step.velocity.share) for step in more]
+    parts = [f"{limit}{percent(share)} from {step.added}" for (limit, share), step in zip(shares, more, strict=True)
              if share]  # fmt: skip
-    return f" Of {what} come {', '.join(known)}." if 1 < len(more) == len(known) else ""
+    return f" Of {subject} come {', '.join(parts)}." if 1 < len(more) == len(parts) else ""

@@ -121,16 +121,18 @@ def looks_of(data: pl.DataFrame, column: str = "contestant", like: Mapping[str, 
 
     `like` says whose look another name takes.
     """
-    own = {PAPER: 0, POLICY: 1}
-    others = iter(range(len(own), len(COLOURS)))
+    fixed = {PAPER: 0, POLICY: 1}
+    free = iter(range(len(fixed), len(COLOURS)))
     place = {}
     for name in data[column].unique(maintain_order=True):
-        alike = (like or {}).get(name, name)
-        place[name] = own[alike] if alike in own else next(others, len(COLOURS) - 1)
+        model = (like or {}).get(name, name)
+        place[name] = fixed[model] if model in fixed else next(free, len(COLOURS) - 1)
     names = sorted(place, key=place.__getitem__)
 
-    def told(channel: Any, looks: Sequence[Any]) -> Any:
+    def channel_of(channel: Any, looks: Sequence[Any]) -> Any:
         scale = alt.Scale(domain=names, range=[looks[place[name]] for name in names])
         return channel(f"{column}:N", title=None, scale=scale)
 
-    return Looks(names, told(alt.Color, COLOURS), told(alt.StrokeDash, DASHES), told(alt.Shape, SHAPES))
+    return Looks(
+        names, channel_of(alt.Color, COLOURS), channel_of(alt.StrokeDash, DASHES), channel_of(alt.Shape, SHAPES)
+    )

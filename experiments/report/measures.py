@@ -29,8 +29,8 @@ def play_as_late(controller: JSON, environment: JSON, scenarios: JSON, weights: 
     """
     apart = others(scenarios)
 
-    def mean_time(weight: float, one: Controller) -> float:
-        return float(scenario_batch_of(apart, weight, environment).play(one).approach_time.mean())
+    def mean_time(weight: float, player: Controller) -> float:
+        return float(scenario_batch_of(apart, weight, environment).play(player).approach_time.mean())
 
     low, high = weights[0], weights[-1]
     target = mean_time(low, PaperTrapezoid().for_environment(environment))
@@ -61,10 +61,10 @@ def in_scipy(controller: JSON, environment: JSON, scenarios: JSON, weight: float
     frozen = frozen_of(scenarios)
     if frozen is None:
         raise ValueError("the independent solver takes scenarios of a set or a table")
-    one = controller_of(controller, weight, environment)
-    found = rescore(one, frozen, range(scenarios["count"]), environment, weight)
-    ours = scenario_batch_of(scenarios, weight, environment).play(one)
-    return found | {f"our_{name}": getattr(ours, name) for name in ("object_velocity", "approach_time", "missed")}
+    player = controller_of(controller, weight, environment)
+    results = rescore(player, frozen, range(scenarios["count"]), environment, weight)
+    ours = scenario_batch_of(scenarios, weight, environment).play(player)
+    return results | {f"our_{name}": getattr(ours, name) for name in ("object_velocity", "approach_time", "missed")}
 
 
 def profile(controller: JSON, environment: JSON, weights: Sequence[float], distance: float) -> Arrays:

@@ -30,10 +30,10 @@ def varied(played: Played) -> list[Varied]:
     """Return what was varied, a list for each argument."""
     runs: dict[tuple[str, str], dict[str, Run]] = {}
     for (argument, label, contestant), run in played.varied.items():
-        shown = POLICY if contestant == played.matchup.chosen else contestant
-        runs.setdefault((argument, label), {})[shown] = run
-    found = [(change, runs[change.argument, change.label]) for change in played.matchup.changes]
-    return [list(of_one) for _, of_one in groupby(found, lambda one: one[0].argument)]
+        name = POLICY if contestant == played.matchup.chosen else contestant
+        runs.setdefault((argument, label), {})[name] = run
+    pairs = [(change, runs[change.argument, change.label]) for change in played.matchup.changes]
+    return [list(changes) for _, changes in groupby(pairs, lambda pair: pair[0].argument)]
 
 
 def factor(argument: str) -> str:
@@ -46,8 +46,8 @@ def setting(change: Change) -> str:
     if not np.isfinite(change.value):
         return change.label
     unit = "%" if change.multiple else QUANTITIES[change.argument].unit
-    shown, scale = SHOWN.get(unit, (unit, 1.0))
-    return f"{scale * change.value:g} {shown}"
+    name, scale = SHOWN.get(unit, (unit, 1.0))
+    return f"{scale * change.value:g} {name}"
 
 
 def changes_table(played: Played) -> Table:
@@ -71,12 +71,13 @@ def simulator(played: Played) -> Table:
     gains = [(run.loss(weight) - played.policy.loss(weight)).mean() for run in (played.paper, played.rival)]
     body = []
 
-    def add(what: str, whom: str, velocities: list[Floats], losses: Mapping[str, Floats]) -> None:
+    def add(label: str, whom: str, velocities: list[Floats], losses: Mapping[str, Floats]) -> None:
         """Add a row of changes (scenarios,), m/s: of V_p, and of the losses by contestant."""
-        mean, most = max(abs(one.mean()) for one in velocities), max(np.abs(one).max() for one in velocities)
+        mean = max(abs(change.mean()) for change in velocities)
+        most = max(np.abs(change).max() for change in velocities)
         means = {name: loss.mean() for name, loss in losses.items()}
         more = (f"{means[name] - means[chosen]:+.2g}" if name in means else "-" for name in (PAPER, rival))
-        body.append((what, f"{whom}, {velocities[0].size}", f"{mean:.2g}", f"{most:.2g}", *more))
+        body.append((label, f"{whom}, {velocities[0].size}", f"{mean:.2g}", f"{most:.2g}", *more))
 
     as_it_is = {**played.baselines, **played.seeds}
     for change in EXACT:
@@ -87,9 +88,9 @@ def simulator(played: Played) -> Table:
         velocities = [pairs[name][1].object_velocity - pairs[name][0].object_velocity for name in played.seeds]
         losses = {name: after.loss(weight) - before.loss(weight) for name, (before, after) in pairs.items()}
         add(change, f"{len(velocities)} seeds", velocities, losses)
-    if (own := played.scipy.get(chosen)) is not None:
-        losses = {name: _scipy_loss(one, weight) for name, one in played.scipy.items()}
-        add("SciPy's solver", chosen, [own["object_velocity"] - own["our_object_velocity"]], losses)
+    if (scipy := played.scipy.get(chosen)) is not None:
+        losses = {name: _scipy_loss(arrays, weight) for name, arrays in played.scipy.items()}
+        add("SciPy's solver", chosen, [scipy["object_velocity"] - scipy["our_object_velocity"]], losses)
     else:
         body.append(("SciPy's solver", "not played: it takes neither drawn ranges nor noise", "", "", "", ""))
     head = ("changed", "played", "largest mean change of V_p (m/s)", "in any scenario (m/s)",

@@ -20,8 +20,8 @@ class Table:
     def words(self) -> list[bool]:
         """Whether a column is of words: most of its cells begin with neither a digit nor a sign."""
         columns = zip(*self.rows, strict=False)
-        return [2 * sum(bool(re.match(r"[-+\d]|at (least|most) \d", cell)) for cell in each) < len(self.rows)
-                for each in columns]  # fmt: skip
+        return [2 * sum(bool(re.match(r"[-+\d]|at (least|most) \d", cell)) for cell in column) < len(self.rows)
+                for column in columns]  # fmt: skip
 
 
 class Heat(NamedTuple):
