@@ -156,7 +156,5 @@ def _collision(run: SliderRun) -> Statements:
         "at least 95 % of V_p at that instant",
         why="The surface is still recovering: at e = 0.1 the contact force has a long tail, which brings the rest.",
     ).read_as(
-        FELT,
-        abs(tool_after - 0.4) <= 0.05,
-        f"when it ends the tool has {tool_after:.3f} m/s, 0.4 to the digit printed",
+        FELT, abs(tool_after - 0.4) <= 0.05, f"when it ends the tool has {tool_after:.3f} m/s, 0.4 to the digit printed"
     )

@@ -11,14 +11,7 @@ import numpy as np
 import polars as pl
 
 from experiments.lab.comparison import Comparison, Front
-from experiments.lab.statistics import (
-    Estimate,
-    Floats,
-    Resamples,
-    along,
-    estimate,
-    tolerated,
-)
+from experiments.lab.statistics import Estimate, Floats, Resamples, along, estimate, tolerated
 from experiments.report.figures import MEANS, Figure, chart_of, looks_of, zoomable
 from experiments.report.matchups import BOUND, POLICY, Matchup
 from experiments.report.played import Played, Run

@@ -7,13 +7,7 @@ import pytest
 from scipy.stats import norm
 
 from experiments.lab.comparison import Comparison
-from experiments.lab.statistics import (
-    Resamples,
-    along,
-    estimate,
-    quantile_groups,
-    tolerated,
-)
+from experiments.lab.statistics import Resamples, along, estimate, quantile_groups, tolerated
 
 
 def test_the_interval_of_a_mean_is_that_of_normal_theory():
