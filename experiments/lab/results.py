@@ -17,10 +17,10 @@ from impact_gym.files import whole_file
 
 REPORTS = Path("reports")
 KEPT = "kept"
-"""Folder, in that of an experiment, of what its jobs have returned."""
+"""Subfolder of an experiment with the results of its jobs."""
 
 MARK = ".impact_gym"
-"""A file that says a folder was written here and may be replaced."""
+"""File that marks a folder as ours, to be replaced."""
 
 
 def replaceable(path: Path) -> None:

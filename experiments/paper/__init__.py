@@ -31,6 +31,6 @@ def resolve(word: str) -> str:
 
 
 def heading(name: str) -> str:
-    """Return what a figure is called on the page."""
+    """Return the heading of a figure on the page."""
     kind, _, rest = name.partition("_")
     return {"figure": f"Fig. {rest.lstrip('0')}", "beyond": "Beyond the paper", "hidden": "Not printed"}[kind]

@@ -1,4 +1,4 @@
-"""What figures look like: panels beside each other, and the layouts that several share."""
+"""Layouts that figures share: panels beside each other."""
 
 from collections.abc import Callable, Mapping
 from functools import wraps

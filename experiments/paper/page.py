@@ -19,7 +19,7 @@ WIDE = 650.0  # points; a wider figure stands alone in its row
 
 
 def read(folder: Path) -> list[dict[str, Any]]:
-    """Return what the page shows of each figure that is in `folder`, judged afresh.
+    """Return the entries of the page: each figure that is in `folder`, judged afresh.
 
     Raises:
         ValueError: a table is not as this version writes it; names it.

@@ -49,7 +49,7 @@ class ReportOptions:
     """Baselines beside the paper's rule for them: names of tuned ones, or module:object for anything with `predict`, or
     for a function or class that returns it; it must be importable. Default: those of the set-up of the policy."""
     scenarios: str | None = None
-    """What they meet, if not what their set-ups say: a frozen set by name or file (CSV), or a JSON file
+    """Scenarios to play, instead of those of the set-ups: a frozen set by name or file (CSV), or a JSON file
     {"ranges": {...}, "seed": s, "count": n, "environment": {...}} of which all may be left out; the environment holds
     arguments of gym.make, your tool and coupling."""
     count: int | None = None
@@ -57,7 +57,7 @@ class ReportOptions:
     out: Path = REPORTS / "latest"
     """Folder for the page."""
     force: bool = False
-    """Play and write everything again; without it what is there already, and follows from the same, is kept."""
+    """Play and write everything again, instead of keeping what the same sources and options have given."""
     episodes: Path | None = None
     """Folder where results are kept as they come; the same command goes on from what is there. Default: a hidden one
     beside the page, with those of these sources alone."""
@@ -101,7 +101,7 @@ def matchups_of(options: ReportOptions) -> list[Matchup]:
 
 
 def _trained(setup: Setup, folder: Path) -> bool:
-    """Return whether there are policies of a set-up that nobody named; where there are none, that is said."""
+    """Return whether a set-up of the README has policies; print a line where it has none."""
     trained = (folder / "policies" / f"{setup.name}.npz").is_file()
     if not trained:
         print(f"{setup.name} is left out, it has no policies yet: impact-gym train-seeds {setup.called}")
@@ -140,7 +140,7 @@ def publish(matchups: Sequence[Matchup], options: ReportOptions) -> Path:
 
 
 def _kept(out: Path) -> Path:
-    """Return the folder of results beside a page; what other sources gave is removed."""
+    """Return the hidden folder of results beside a page, rid of those of other sources."""
     parent, current = out.with_name(f".{out.name}.episodes"), sources()[:16]
     for outdated in parent.glob("*"):
         if outdated.name != current:
@@ -201,7 +201,7 @@ def _trained_with(matchups: list[Matchup]) -> str:
 
 
 def _limits(matchups: list[Matchup]) -> str:
-    """Say what the arms can do."""
+    """Return a sentence with the limits of the arms."""
     names = defaultdict(list)
     for matchup in matchups:
         task = Task(**matchup.environment)

@@ -25,12 +25,12 @@ class Bar:
 
     @property
     def verdict(self) -> str:
-        """Whether the median seed meets it, and whether its interval leaves that open."""
+        """Whether the median seed meets the bar, and whether its interval leaves that open."""
         return verdict(self.reached[self.chosen], self.at_most, self.interval)
 
 
 def bars(played: Played, all_played: Sequence[Played]) -> list[Bar]:
-    """Return the bars of a matchup; `others` are all of the report, against whose policies some are measured."""
+    """Return the bars of a matchup; some are measured against policies of other matchups of the report."""
     evaluation, chosen = played.matchup.evaluation, played.matchup.chosen
 
     def ratio(what: str, at_most: float, ours: Mapping[str, Floats], theirs: Floats) -> Bar:

@@ -22,7 +22,7 @@ from experiments.report.tables import Table, percent
 from impact_gym.task import Task
 
 LIMITS = {(False, False): "", (False, True): "at least ", (True, False): "at most ", (True, True): "about "}
-"""What a step brings at the paper's time, if the one before and it are read where they are sooner than that."""
+"""Bound of a gain where the contestant before the step, or its own, is read sooner than the paper's time."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Gain:
 
 @dataclass(frozen=True)
 class Step:
-    """A link of the chain, and what it brings."""
+    """A link of the chain, and its gain."""
 
     added: str
     contestant: str
@@ -109,7 +109,7 @@ def _outside(times: Floats, time: float) -> float:
 
 
 def gains(values: Sequence[Floats], policy: int, claimed: bool = True) -> list[Gain]:
-    """Return the gain of each step from what resampling gave for it (1 + n,), m/s.
+    """Return the gain of each step from its resampled values (1 + n,), m/s.
 
     Unless `claimed` there are no differences: a contestant is read at another time than the one before it.
     """
@@ -148,7 +148,7 @@ def _cells(gain: Gain, limit: str = "") -> list[str]:
 
 
 def sentence(steps: Sequence[Step]) -> str:
-    """Return what comes from what: of the reduction, of V_p + w T where one cannot arrive so soon; else nothing."""
+    """Return the share of each step: of the reduction, or of V_p + w T if one is later; "" unless all have one."""
     first, *more = (step for step in steps if step.contestant != BOUND)
     if any(step.later > 0.0 for step in more):
         before, after = first.loss.value.value, more[-1].loss.value.value

@@ -24,7 +24,7 @@ TITLES = {row.id: row.words + (f" ({row.unit})" if row.unit != "-" else "") for 
 
 
 def measures(played: Played) -> Table:
-    """Return what each contestant does to the objects and to itself, over the same scenarios."""
+    """Return times, velocities, forces and impulses of each contestant, over the same scenarios."""
     weight, rival, as_late = played.matchup.typical, played.matchup.rival.label, played.policy_as_late
     runs = {PAPER: played.paper.at(weight)}
     if rival != PAPER:

@@ -39,7 +39,7 @@ CONFIG: dict[str, Any] = {
 MEANS = (
     alt.Tooltip("T:Q", title="T (s)", format=".4f"), alt.Tooltip("V:Q", title="V_p (m/s)", format=".4f"), "missed:Q"
 )  # fmt: skip
-"""What a chart tells of a point that has the fields of `Run.means`."""
+"""Tooltips of a point with the fields of `Run.means`."""
 
 
 @dataclass(frozen=True)
@@ -58,12 +58,12 @@ class Figure:
 
     @property
     def name(self) -> str:
-        """What its files are called."""
+        """Name of its files, without suffix."""
         return f"{self.matchup}_{self.key}"
 
     @property
     def title(self) -> str:
-        """What stands above it."""
+        """Heading."""
         return self.subject[0].upper() + self.subject[1:]
 
     @cached_property
@@ -108,7 +108,7 @@ def zero_line(**channel: str) -> alt.Chart:
 
 
 class Looks(NamedTuple):
-    """How contestants are told apart in a chart: channels of its encoding, and their names in order."""
+    """Colour, dash and shape of the contestants in a chart, and their names in order."""
 
     names: list[str]
     colour: alt.Color

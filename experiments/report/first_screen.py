@@ -1,4 +1,4 @@
-"""What one screen answers: a sentence in plain words, and the trade-off with the paper's point."""
+"""The first screen: the answer in plain words, and the trade-off with the paper's point."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""What it learned: how it approaches."""
+"""The learned approach."""
 
 import altair as alt
 import polars as pl

@@ -1,4 +1,4 @@
-"""Who meets whom, where: a recipe of training, each seed of it a policy, against baselines on the same scenarios."""
+"""Matchups: a recipe of training, each seed of it a policy, against baselines on the same scenarios."""
 
 import base64
 import hashlib
@@ -37,7 +37,7 @@ PLAIN = {
     "WaryProfile": "tuned wary profile",
     "WaryRanged": "tuned wary ranging profile",
 }
-"""What a reader is told of a rule that is tuned."""
+"""Tuned rules in plain words."""
 Environment = Mapping[str, Any]
 
 
@@ -52,12 +52,12 @@ class Contestant:
 
     @property
     def plain(self) -> str:
-        """What it is, in words; its name if nobody has words for it."""
+        """The rule in plain words, else its name."""
         return PLAIN.get(self.controller.get("tuned", {}).get("rule", ""), self.name)
 
     @property
     def label(self) -> str:
-        """What it is, and its name behind."""
+        """The plain words, and the name behind."""
         return self.name if self.plain == self.name else f"{self.plain} ({self.name})"
 
 
@@ -79,12 +79,12 @@ class Matchup:
 
     @property
     def label(self) -> str:
-        """What it is in plain words, and its name behind."""
+        """The title, and the name behind."""
         return f"{self.title} ({self.name})" if self.title else self.name
 
     @property
     def labels(self) -> dict[str, str]:
-        """What a reader is told of contestants, by name: the median seed is the policy."""
+        """Labels of the contestants, by name: the median seed is the policy."""
         return {baseline.name: baseline.label for baseline in self.baselines} | {self.chosen: POLICY}
 
     @property
@@ -121,7 +121,7 @@ class Matchup:
 
     @cached_property
     def changes(self) -> list[Change]:
-        """What is varied to see whether the policy holds."""
+        """Changes of the environment that test robustness."""
         return variants(self.evaluation, self.environment)
 
 
@@ -164,7 +164,7 @@ def clairvoyant(setup: Setup, scenarios: Mapping[str, Any], folder: Path = TUNED
 
 
 def quick_look_note(setup: Setup, about: Mapping[str, Any], rivals: Sequence[Contestant]) -> str:
-    """Say what was trained or tuned with less than the set-up asks for; empty if nothing was."""
+    """Return a note on training or tuning with less than the set-up asks for; empty if there was none."""
     shortfalls = []
     steps, wanted = about["settings"]["steps"], setup.training.steps
     if steps < wanted:

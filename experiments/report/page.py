@@ -1,4 +1,4 @@
-"""The page: a tab for each set-up, and in it what one screen answers, what an engineer and what a statistician asks."""
+"""The page: a tab for each set-up, with the answer on one screen, then parts for the engineer and the statistician."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -37,7 +37,7 @@ SOLVERS = (
 
 @dataclass(frozen=True)
 class Fold:
-    """A part of a tab: what stands there, or is there to be opened."""
+    """A part of a tab, open or folded."""
 
     heading: str
     parts: Sequence[Part]
@@ -47,7 +47,7 @@ class Fold:
 
 @dataclass(frozen=True)
 class Tab:
-    """What the page says of a set-up."""
+    """Content of the page about one set-up."""
 
     matchup: Matchup
     answer: answer.Answer
@@ -70,13 +70,9 @@ class Tab:
 
 
 def tab(played: Played, all_played: Sequence[Played]) -> Tab:
-    """Return the tab of a matchup; `others` are all of the report."""
-    matchup, result, steps, targets = (
-        played.matchup,
-        answer.answer(played),
-        chain.chain(played),
-        bars.bars(played, all_played),
-    )
+    """Return the tab of a matchup, whose bars may refer to the other matchups of the report."""
+    matchup, steps, targets = played.matchup, chain.chain(played), bars.bars(played, all_played)
+    result = answer.answer(played)
     return Tab(
         matchup,
         result,

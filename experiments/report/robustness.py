@@ -20,14 +20,14 @@ WORDS = {
     "robot": "robot that gives",
     "scenario": "objects beyond the training",
 }
-"""Changes in plain words, where those of the quantity are a statistician's, or it is none."""
+"""Changed arguments in plain words, where the quantity has none that a layman reads."""
 SHOWN = {"s": ("ms", 1e3), "m": ("mm", 1e3), "%": ("%", 100.0)}  # units and scales, where they are others than given
 Varied = list[tuple[Change, dict[str, Run]]]
 """Changes with the runs of all contestants."""
 
 
 def varied(played: Played) -> list[Varied]:
-    """Return what was varied, a list for each argument."""
+    """Return the changes with their runs, a list for each argument."""
     runs: dict[tuple[str, str], dict[str, Run]] = {}
     for (argument, label, contestant), run in played.varied.items():
         name = POLICY if contestant == played.matchup.chosen else contestant
@@ -37,12 +37,12 @@ def varied(played: Played) -> list[Varied]:
 
 
 def factor(argument: str) -> str:
-    """Return what an argument of the environment is in plain words."""
+    """Return an argument of the environment in plain words."""
     return WORDS.get(argument) or (QUANTITIES[argument].words if argument in QUANTITIES else argument)
 
 
 def setting(change: Change) -> str:
-    """Return what the argument is changed to, in words."""
+    """Return the changed value with its unit, or its label."""
     if not np.isfinite(change.value):
         return change.label
     unit = "%" if change.multiple else QUANTITIES[change.argument].unit
@@ -51,7 +51,7 @@ def setting(change: Change) -> str:
 
 
 def changes_table(played: Played) -> Table:
-    """Return what each contestant does under each change, one at a time."""
+    """Return loss, V_p, T and misses of each contestant under each change, one at a time."""
     weight, labels, body = played.matchup.typical, played.matchup.labels, []
     for change, runs in chain.from_iterable(varied(played)):
         for name, run in runs.items():
@@ -65,7 +65,7 @@ def changes_table(played: Played) -> Table:
 
 
 def simulator(played: Played) -> Table:
-    """Return what other solvers and laws change, beside the gain."""
+    """Return how much other solvers and laws change V_p and the gain."""
     weight, chosen, rival = played.matchup.typical, played.matchup.chosen, played.matchup.rival.name
     rival_label = played.matchup.rival.label
     gains = [(run.loss(weight) - played.policy.loss(weight)).mean() for run in (played.paper, played.rival)]

@@ -1,4 +1,4 @@
-"""Which scenarios are asked for: a frozen set by name or file, or ranges of one's own with a tool of one's own."""
+"""The scenarios of a report: a frozen set by name or file, or a user's own ranges and tool."""
 
 import json
 from collections.abc import Mapping

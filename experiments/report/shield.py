@@ -26,7 +26,7 @@ def speeds(matchup: Matchup) -> dict[float, float | str]:
 
 
 def _ranges(matchup: Matchup) -> Mapping[str, Any] | str:
-    """Return which objects there are; those of a table of scenarios, or of a set of a user's, nobody has bounded."""
+    """Return the ranges of the scenarios; a table, or a user's own set, has none."""
     ranges = matchup.scenarios.get("ranges", matchup.scenarios.get("set"))
     if not isinstance(ranges, Mapping) and ranges not in NAMED:
         raise ValueError("the scenarios are from no ranges that are known")

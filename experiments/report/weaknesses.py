@@ -65,7 +65,7 @@ def _with(weakness: Weakness) -> str:
 
 
 def _weakness(played: Played, changes: Varied, rival: str) -> Weakness | None:
-    """Return what of one argument's changes makes the policy worse than a rival, if any does."""
+    """Return the weakness among the changes of one argument: where the policy is worse than a rival, if anywhere."""
     losses = [(change, _loss(played, runs, rival)) for change, runs in changes if not change.same]
     worse = [change for change, loss in losses if loss > 0.0]
     if not worse:
@@ -76,7 +76,7 @@ def _weakness(played: Played, changes: Varied, rival: str) -> Weakness | None:
 
 
 def _most_missed(played: Played) -> tuple[Change, str] | None:
-    """Return with which change most objects are missed, and how many, if they are many."""
+    """Return the change with which most objects are missed, and how many, if they are many."""
     weight, changes = played.matchup.typical, list(chain.from_iterable(varied(played)))
     if not changes:
         return None
@@ -117,7 +117,7 @@ def heat_map(played: Played) -> HeatMap:
 
 
 def _rivals(played: Played) -> list[tuple[str, str]]:
-    """Return the names of the paper's rule and of the baseline to beat, and what they are called."""
+    """Return names and labels of the paper's rule and of the baseline to beat."""
     rival = played.matchup.rival
     return list(dict.fromkeys([(PAPER, PAPER), (rival.name, rival.label)]))
 

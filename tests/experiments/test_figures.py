@@ -53,7 +53,7 @@ def computed():
 
 
 @pytest.fixture(scope="session")
-def every(computed):
+def statements(computed):
     return [s for name, table in computed.items() for s in paper.load(name).statements(table)]
 
 
@@ -81,8 +81,8 @@ def test_a_figure_is_drawn_from_its_table_on_disk(name, computed, folder):
         assert axes.has_data()
 
 
-def test_a_statement_says_what_was_found_by_which_rule_and_why_it_does_not_agree(every):
-    for statement in every:
+def test_a_statement_says_what_was_found_by_which_rule_and_why_it_does_not_agree(statements):
+    for statement in statements:
         assert statement.ours
         assert statement.rule
         assert (statement.digits is None) == (statement.printed is None)
@@ -91,8 +91,8 @@ def test_a_statement_says_what_was_found_by_which_rule_and_why_it_does_not_agree
 
 
 @pytest.mark.parametrize("verdict", BEGINNINGS)
-def test_the_text_holds_but_where_the_page_says_why_not(every, verdict):
-    texts = [s.text for s in every if s.verdict == verdict]
+def test_the_text_holds_but_where_the_page_says_why_not(statements, verdict):
+    texts = [s.text for s in statements if s.verdict == verdict]
     assert len(texts) == len(BEGINNINGS[verdict])
     for text, beginning in zip(texts, BEGINNINGS[verdict], strict=True):
         assert text.startswith(beginning)
@@ -107,29 +107,30 @@ def test_the_page_stands_on_its_own_and_describes_every_figure(folder):
         assert len(alternative) > 60
 
 
-def test_the_summary_counts_what_is_on_the_page(folder, every):
+def test_the_summary_counts_what_is_on_the_page(folder, statements):
     text = unescape(text_of_a_page_that_stands_on_its_own(folder, len(paper.NAMES)))
-    tests = [s for s in every if s.basis == Basis.TEST]
-    assert f"<strong>{len(every)} statements</strong>" in text
+    tests = [s for s in statements if s.basis == Basis.TEST]
+    assert f"<strong>{len(statements)} statements</strong>" in text
     assert f"<strong>{len(tests)} remain as tests</strong>" in text
     assert f"{sum(s.verdict == Verdict.DISAGREES for s in tests)} disagree</strong>" in text
     listed = {Basis.IDENTIFIED: "were used", Basis.GIVEN: "are identities", Basis.REPEATED: "say again"}
     for basis, words in listed.items():
-        assert f"<li>{sum(s.basis == basis for s in every)} {words}" in text
-    assert all(statement.text in text and statement.otherwise in text for statement in every)
+        assert f"<li>{sum(s.basis == basis for s in statements)} {words}" in text
+    assert all(statement.text in text and statement.otherwise in text for statement in statements)
     links = re.findall(r'<li><a href="#([^"]+)">', text)
-    assert len(links) == sum(s.verdict not in (Verdict.DIGITS, Verdict.AGREES) for s in every)
+    assert len(links) == sum(s.verdict not in (Verdict.DIGITS, Verdict.AGREES) for s in statements)
     assert all(f'id="{link}"' in text for link in links)
 
 
-def test_readme_and_documentation_tell_the_count_of_the_page(every):
-    bases, verdicts = Counter(s.basis for s in every), Counter(s.verdict for s in every if s.basis == Basis.TEST)
+def test_readme_and_documentation_tell_the_count_of_the_page(statements):
+    bases = Counter(s.basis for s in statements)
+    verdicts = Counter(s.verdict for s in statements if s.basis == Basis.TEST)
     agree = verdicts[Verdict.DIGITS] + verdicts[Verdict.AGREES]
     tests = [agree, *(verdicts[verdict] for verdict in (Verdict.ONE_READING, Verdict.DISAGREES, Verdict.UNDECIDED))]
     no_tests = [bases[basis] for basis in (Basis.IDENTIFIED, Basis.GIVEN, Basis.REPEATED)]
     root = Path(__file__).parents[2]
     readme, how_to = ((root / page).read_text() for page in ("README.md", "docs/how-to/train.md"))
-    assert f"compares its {len(every)} statements" in readme
+    assert f"compares its {len(statements)} statements" in readme
     *rows, last = re.findall(r"^\| (.+) \| (\d+) \|$", readme, re.MULTILINE)
     assert [int(count) for _, count in rows] == tests
     assert [int(number) for number in (*re.findall(r"\d+", last[0]), last[1])] == [*no_tests, sum(no_tests)]
@@ -234,12 +235,12 @@ def test_predictions_are_what_the_figures_show(computed):
     after_minimum, _ = light.nearest_minimum(Run(computed["figure_13"], "b, unhindered"))
     ((second_contact, *_),) = figure_16.changes(computed["figure_16"], 1e5)
     rigid, bistable = (Run(computed["figure_25"], case).final_velocity for case in ("rigid", "bistable"))
-    shown = [
+    drawn = [
         figure_05.turn(computed["figure_05"]), light.final_velocity, heavy.final_velocity, 1e3 * after_minimum,
         second_contact, 100.0 * (1.0 - bistable / rigid), light.impact_velocity,
     ]  # fmt: skip
     tolerances = [1e-6, 1e-6, 1e-6, 0.2, 1e-3, 1e-4, 1e-6]  # a trace has a point every 0.2 ms or so
-    assert (np.abs(predictions(USED)[:-1] - shown) < tolerances).all()
+    assert (np.abs(predictions(USED)[:-1] - drawn) < tolerances).all()
 
 
 @pytest.mark.parametrize("reading", hidden_values.READINGS)
@@ -264,14 +265,14 @@ def test_interval_holds_all_robots_that_meet_fig_13b_and_14a_at_the_papers_dista
     light, heavy = (ig.sweep(scene, scenes.MOTION, robots | {"object.mass": m}).object_velocity for m in (0.25, 2.5))
     candidates = np.flatnonzero((np.abs(light - 1.94) < 5e-3) & (np.abs(heavy - 1.88) < 5e-3))
     impacts = [hidden_values.robot_impacts(8.0, 0.2505, float(stiffness[i]), float(ratio[i])) for i in candidates]
-    met = [
+    plausible = [
         i for i, (*_, phase, velocity) in zip(candidates, impacts, strict=True)
         if abs(velocity - 0.98) < 5e-3 and abs(phase) < 2.0
     ]  # fmt: skip
-    assert met
+    assert plausible
     for values, case in ((stiffness, "stiffness"), (ratio, "damping_ratio")):
         low, high = hidden_values.interval(computed["hidden_values"], case, 0.98)
-        assert all(low <= values[i] <= high for i in met)
+        assert all(low <= values[i] <= high for i in plausible)
 
 
 def test_predictions_with_a_damping_ratio_of_2_percent_miss_fig_13b_by_a_hair():  # as docs/provenance.md has it

@@ -72,12 +72,12 @@ def test_thinning_keeps_within_what_it_allows():
     run = play(PaperTrapezoid(), TEST_SET.seed, 2, {"time_weight": 2.0}, {})
     rows = run.until(run.history.now)
     limits = {"farthest": 0.5, "speed": 1.0, "force": rows["contact_force"].max(), "depth": 1e-3}
-    kept = thin(rows, limits)
-    assert len(kept) < len(rows["time"]) / 3
-    assert len(kept) < MOST
+    rows_kept = thin(rows, limits)
+    assert len(rows_kept) < len(rows["time"]) / 3
+    assert len(rows_kept) < MOST
     bounds = {"tool_position": POSITION * 0.5, "tool_velocity": VELOCITY, "contact_force": FORCE * limits["force"]}
     for name, allowed in bounds.items():
-        again = np.interp(rows["time"], rows["time"][kept], rows[name][kept])
+        again = np.interp(rows["time"], rows["time"][rows_kept], rows[name][rows_kept])
         assert np.abs(again - rows[name]).max() <= allowed * (1.0 + 1e-9)
 
 
@@ -88,23 +88,23 @@ def test_contestants_may_have_couplings_and_contacts_of_their_own():
         name: ScenarioBatch.of("test", 5, time_weight=[2.0], **kinds[name]).play(rule, soft[name]) for name in kinds
     }
     players = dict.fromkeys(kinds, rule)
-    found = films(players, {"one": 3}, played, frozen=TEST_SET, environments=kinds, records=soft)
-    for run in found["scenes"][0]["runs"]:
+    content = films(players, {"first": 3}, played, frozen=TEST_SET, environments=kinds, records=soft)
+    for run in content["scenes"][0]["runs"]:
         assert run["object_velocity"] == played[run["name"]].object_velocity[3]
         assert run["chain"]["coupling"] == {"spring": "spring", "mechanism": "bistable"}[run["name"]]
     with pytest.raises(RuntimeError, match="the replay of 'spring'"):
-        films(players, {"one": 3}, played, frozen=TEST_SET, environments=kinds)
+        films(players, {"first": 3}, played, frozen=TEST_SET, environments=kinds)
 
 
 def test_a_replay_that_differs_from_what_was_judged_is_refused():
     stage = ScenarioBatch.of("test", 3, time_weight=[2.0])
     played = {"paper": stage.play(PaperTrapezoid())}
     with pytest.raises(RuntimeError, match=r"scenario 1: the replay of 'paper' leaves the object at .* judged by"):
-        films({"paper": load_policy("linear-blind")}, {"one": 1}, played, frozen=TEST_SET)
+        films({"paper": load_policy("linear-blind")}, {"first": 1}, played, frozen=TEST_SET)
     played["paper"].object_velocity[1] += 1e-9
     with pytest.raises(RuntimeError, match="scenario 1"):
-        films({"paper": PaperTrapezoid()}, {"one": 1}, played, frozen=TEST_SET)
-    assert films({"paper": PaperTrapezoid()}, {"one": 1}, played, frozen=TEST_SET, rounding=2e-9)["scenes"]
+        films({"paper": PaperTrapezoid()}, {"first": 1}, played, frozen=TEST_SET)
+    assert films({"paper": PaperTrapezoid()}, {"first": 1}, played, frozen=TEST_SET, rounding=2e-9)["scenes"]
 
 
 def test_a_dozen_scenarios_of_two_contestants_are_small(film):
@@ -127,13 +127,13 @@ def test_what_is_chosen_is_what_its_phrase_says():
     chosen = choose(baseline, policy)
     assert 10 <= len(chosen) <= 14
     assert len(set(chosen.values())) == len(chosen)
-    there = np.arange(300) != 7
+    touched = np.arange(300) != 7
 
     def find(phrase):
         (number,) = (number for text, number in chosen.items() if phrase in text.lower())
         return number
 
-    assert np.sum(policy.object_velocity[there] < policy.object_velocity[find("median")]) == 149
+    assert np.sum(policy.object_velocity[touched] < policy.object_velocity[find("median")]) == 149
     extremes = [
         (policy.object_velocity, "lowest v_p", "highest v_p"),
         (baseline.object_velocity - policy.object_velocity, "largest loss", "largest gain"),
@@ -143,8 +143,8 @@ def test_what_is_chosen_is_what_its_phrase_says():
         (scenario["distance"], "nearest", "farthest"),
     ]
     for values, least, most in extremes:
-        assert least is None or values[find(least)] == values[there].min()
-        assert values[find(most)] == values[there].max()
+        assert least is None or values[find(least)] == values[touched].min()
+        assert values[find(most)] == values[touched].max()
     assert find("most contacts") == 11
     assert find("missed by the policy") == 7
 
@@ -165,9 +165,9 @@ def test_a_miss_is_shown_as_one():
 
 def test_scenarios_are_the_same_or_nothing_is_chosen():
     rng = np.random.default_rng(0)
-    one, other = (made_up(rng, {name: rng.uniform(0.1, 1.0, 300) for name in TEST_SET.scenario}) for _ in range(2))
+    scenarios = [{name: rng.uniform(0.1, 1.0, 300) for name in TEST_SET.scenario} for _ in range(2)]
     with pytest.raises(ValueError, match="same scenarios"):
-        choose(one, other)
+        choose(*(made_up(rng, scenario) for scenario in scenarios))
 
 
 def test_the_film_runs_as_slow_as_the_environments_own(film):

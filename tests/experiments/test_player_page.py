@@ -57,13 +57,13 @@ def test_slider_and_choice_change_the_picture(browser, page_file, width):
         pictures.append(picture(page))
     page.select_option(".igw-select", "3")
     pictures.append(picture(page))
-    assert all(len(one) == 4 for one in pictures)
-    for one, other in itertools.combinations(pictures, 2):
-        assert all(a != b for a, b in zip(one, other, strict=True))
+    assert all(len(panels) == 4 for panels in pictures)
+    for pair in itertools.combinations(pictures, 2):
+        assert all(a != b for a, b in zip(*pair, strict=True))
     assert page.evaluate("document.documentElement.scrollWidth") <= width
     assert page.locator(".igw-panel h3").all_inner_texts() == list(CONTESTANTS)  # names are text
     assert page.locator(".igw-panel b").count() == 0
-    tops = [box["y"] for box in (one.bounding_box() for one in page.locator(".igw-chain").all())]
+    tops = [chain.bounding_box()["y"] for chain in page.locator(".igw-chain").all()]
     assert (tops[0] == tops[1]) == (width > 600)
     assert problems == []
 
@@ -80,7 +80,7 @@ def test_positions_are_to_one_scale(browser, page_file, film):
         seek(page, round(500 * in_film(scene, time) / in_film(scene, scene["end"])))
         places = page.evaluate("""[...document.querySelectorAll('.igw-chain')].map(svg => {
             const ball = svg.querySelector(':scope > circle.igw-object');
-            const tool = svg.querySelector(':scope > rect.igw-tool'), of = (one, name) => +one.getAttribute(name);
+            const tool = svg.querySelector(':scope > rect.igw-tool'), of = (shape, name) => +shape.getAttribute(name);
             return [of(tool, 'x') + of(tool, 'width'), of(ball, 'cx') - of(ball, 'r')]; })""")
         instant = float(page.inner_text(".igw-time").split()[0]) / 1e3
         half_a_step = 0.5 * in_film(scene, scene["end"]) / 500

@@ -110,16 +110,16 @@ def test_what_makes_no_sense_is_refused_before_anything_is_played(wanted, messag
 
 
 def test_a_set_up_of_the_readme_without_policies_is_left_out_and_said_so(tmp_path, capsys):
-    there = tmp_path / "policies" / "linear-blind.npz"
-    there.parent.mkdir()
-    shutil.copy(SHIPPED / there.name, there)
+    archive = tmp_path / "policies" / "linear-blind.npz"
+    archive.parent.mkdir()
+    shutil.copy(SHIPPED / archive.name, archive)
     shutil.copytree(TUNED, tmp_path / "tuned")
-    (found,) = report.matchups_of(ReportOptions(folder=tmp_path))
-    assert found.name == "linear-blind"
+    (matchup,) = report.matchups_of(ReportOptions(folder=tmp_path))
+    assert matchup.name == "linear-blind"
     assert "paper-limits is left out, it has no policies yet: impact-gym train-seeds" in capsys.readouterr().out
     with pytest.raises(ValueError, match="there are no policies"):
         report.matchups_of(ReportOptions(setups=("paper-limits",), folder=tmp_path))
-    there.unlink()
+    archive.unlink()
     with pytest.raises(ValueError, match="no set-up has policies yet"):
         report.matchups_of(ReportOptions(folder=tmp_path))
 
@@ -140,26 +140,26 @@ def test_nothing_is_played_or_written_twice_unless_something_changed(tmp_path, m
     of_other_sources.mkdir(parents=True)
     page = write(settings)
     assert not of_other_sources.exists()
-    answer, written = capsys.readouterr().out, page.stat()
-    played = []
+    answer, before = capsys.readouterr().out, page.stat()
+    performed = []
 
     def perform(function, arguments):
-        played.append(function)
+        performed.append(function)
         return job.perform(function, arguments)
 
     monkeypatch.setattr(local, "perform", perform)
-    assert write(settings).stat().st_mtime_ns == written.st_mtime_ns
+    assert write(settings).stat().st_mtime_ns == before.st_mtime_ns
     assert capsys.readouterr().out.splitlines()[-1] == answer.splitlines()[-1]
     page.unlink()
     write(settings)
-    assert played == []
+    assert performed == []
     (sentence,) = json.loads((tmp_path / "out" / "results.json").read_text())["sentences"]
     assert sentence == answer.splitlines()[-1]
     write(replace(settings, count=10))
-    more = len(played)
-    assert more > 50
+    first_time = len(performed)
+    assert first_time > 50
     write(replace(settings, count=10, force=True))
-    assert len(played) >= 2 * more
+    assert len(performed) >= 2 * first_time
 
 
 def test_a_table_of_changes_that_a_set_up_does_not_make_is_left_out():
@@ -167,6 +167,6 @@ def test_a_table_of_changes_that_a_set_up_does_not_make_is_left_out():
     pages.filters["typeset"] = typeset
     table = pages.get_template("report/parts.html.jinja").module.table
     assert str(table(Table("changes", ("what", "V_p (m/s)"), ()))).strip() == ""
-    shown = str(table(Table("changes", ("what", "V_p (m/s)"), [("robot", "0.3")])))
-    assert shown.count("<th scope") == 3
-    assert "0.3" in shown
+    html = str(table(Table("changes", ("what", "V_p (m/s)"), [("robot", "0.3")])))
+    assert html.count("<th scope") == 3
+    assert "0.3" in html

@@ -12,10 +12,10 @@ from experiments.lab.statistics import Resamples, along, estimate, quantile_grou
 
 def test_the_interval_of_a_mean_is_that_of_normal_theory():
     sample = np.random.default_rng(0).standard_normal(2000)
-    found = estimate(Resamples(2000).means(sample))
+    interval = estimate(Resamples(2000).means(sample))
     half = norm.ppf(0.975) * sample.std(ddof=1) / np.sqrt(2000)
-    assert found.value == pytest.approx(sample.mean())
-    assert (found.low, found.high) == pytest.approx((sample.mean() - half, sample.mean() + half), abs=0.1 * half)
+    assert interval.value == pytest.approx(sample.mean())
+    assert (interval.low, interval.high) == pytest.approx((sample.mean() - half, sample.mean() + half), abs=0.1 * half)
 
 
 @pytest.mark.parametrize(("of_seeds", "of_scenarios"), [(1.0, 0.0), (0.0, 1.0), (0.3, 5.0)])
@@ -41,9 +41,9 @@ def test_what_all_contestants_share_cancels():
 def test_fronts_are_compared_at_the_time_of_the_other():
     times, velocities = np.array([[0.4, 0.2], [0.5, 0.3]]), np.array([[0.2, 0.4], [0.1, 0.5]])
     point = np.array([[0.25], [0.4]]), np.array([[0.7], [0.6]])
-    found = Comparison.of_fronts((times, velocities), point)
-    assert found.ours == pytest.approx([0.35, 0.3])
-    assert found.less.value == pytest.approx(0.35)
+    comparison = Comparison.of_fronts((times, velocities), point)
+    assert comparison.ours == pytest.approx([0.35, 0.3])
+    assert comparison.less.value == pytest.approx(0.35)
 
 
 def test_a_mean_keeps_what_lies_between_seeds_and_scenarios():
@@ -58,8 +58,8 @@ def test_a_mean_keeps_what_lies_between_seeds_and_scenarios():
 
 def test_a_curve_is_read_between_its_points_and_at_its_ends():
     x, y = np.array([[3.0, 1.0, 2.0]]), np.array([[9.0, 1.0, 4.0]])
-    for at, there in ((1.5, 2.5), (2.75, 7.75), (0.0, 1.0), (5.0, 9.0)):
-        assert along(x, y, np.array([at])) == pytest.approx([there])
+    for at, expected in ((1.5, 2.5), (2.75, 7.75), (0.0, 1.0), (5.0, 9.0)):
+        assert along(x, y, np.array([at])) == pytest.approx([expected])
 
 
 def test_groups_are_as_large_as_each_other_and_fewer_where_values_repeat():
@@ -73,8 +73,8 @@ def test_groups_are_as_large_as_each_other_and_fewer_where_values_repeat():
 
 def test_a_resample_without_a_value_is_left_out():
     resampled = np.concatenate([[1.0], np.linspace(0.0, 2.0, 101), [np.nan]])
-    found = estimate(resampled)
-    assert (found.low, found.high) == pytest.approx((0.05, 1.95))
+    interval = estimate(resampled)
+    assert (interval.low, interval.high) == pytest.approx((0.05, 1.95))
 
 
 @pytest.mark.parametrize(("n", "factor"), [(5, 4.203), (10, 2.911), (30, 2.220), (50, 2.065)])
@@ -89,7 +89,7 @@ def test_95_percent_of_trainings_reach_the_bound_in_95_of_100_experiments(n):
     samples = np.random.default_rng(7).normal(0.6, 0.01, (4000, n))
     reached = norm.ppf(0.05, 0.6, 0.01)  # by 95 % of trainings, in truth
     noise = 3.0 * np.sqrt(0.95 * 0.05 / len(samples))
-    assert np.mean([tolerated(one) <= reached for one in samples]) == pytest.approx(0.95, abs=noise)
+    assert np.mean([tolerated(sample) <= reached for sample in samples]) == pytest.approx(0.95, abs=noise)
     plugged = samples.mean(axis=1) + norm.ppf(0.05) * samples.std(axis=1, ddof=1)  # as if that were the truth
     ends = samples.mean(axis=1) - norm.ppf(0.975) * samples.std(axis=1, ddof=1) / np.sqrt(n)  # of the mean's interval
     for wrong in (plugged, ends):

@@ -1,4 +1,4 @@
-"""Fewer points of a time history, where the eye would not miss the others."""
+"""Thinning of time histories to the points that the eye needs."""
 
 from collections.abc import Mapping
 
