@@ -228,8 +228,9 @@ def test_every_control_has_a_name_and_every_link_its_own(browser, folder):
     page, _ = opened(browser, folder / "index.html")
     page.wait_for_selector(".igw-panel")
     controls = page.evaluate("""() => [...document.querySelectorAll(
-        "a[href], button, select, input, summary, slow-motion, [role=img]:not(svg *), [role=region]")].map(control => [
-        control.localName, (control.getAttribute("aria-label") || control.labels?.[0]?.textContent || control.textContent).trim()])""")
+        "a[href], button, select, input, summary, slow-motion, [role=img]:not(svg *), [role=region]")].map(control => {
+        const name = control.getAttribute("aria-label") || control.labels?.[0]?.textContent || control.textContent;
+        return [control.localName, name.trim()]; })""")
     assert {tag for tag, _ in controls} >= {"a", "button", "select", "input", "summary", "slow-motion", "div"}
     assert [tag for tag, name in controls if not name] == []
     links = [name for tag, name in controls if tag == "a"]
@@ -240,7 +241,8 @@ def test_the_keyboard_reaches_every_control(browser, folder):
     page, _ = opened(browser, folder / "index.html")
     page.evaluate("""() => {
         const folded = control => control.parentElement.closest("details:not([open])");
-        const hidden = control => folded(control.matches("summary") ? control.parentElement : control) || control.closest("[hidden]");
+        const holder = control => control.matches("summary") ? control.parentElement : control;
+        const hidden = control => folded(holder(control)) || control.closest("[hidden]");
         const controls = [...document.querySelectorAll("a[href], button, select, input, summary, [tabindex='0']")];
         window.wanted = new Set(controls.filter(control => control.tabIndex >= 0 && !hidden(control)));
         addEventListener("focusin", event => window.wanted.delete(event.target)); }""")
@@ -258,7 +260,8 @@ def test_a_set_up_is_chosen_with_the_keyboard_or_by_a_link(browser, folder, tmp_
     file = publish([MATCHUP, twin], ReportOptions(out=tmp_path / "out", episodes=jobs_folder, processes=0))
     page, problems = opened(browser, file)
     chosen = "document.querySelector('[aria-selected=true]').id"
-    visible = "[...document.querySelectorAll('[role=tabpanel]')].filter(panel => panel.checkVisibility()).map(panel => panel.id)"
+    panels = "[...document.querySelectorAll('[role=tabpanel]')]"
+    visible = f"{panels}.filter(panel => panel.checkVisibility()).map(panel => panel.id)"
     assert page.evaluate(chosen) == "tab-linear-blind"
     assert page.evaluate(visible) == ["linear-blind"]
     assert page.inner_text("#tab-twin").split("\n") == ["A twin, in plain words", "twin"]
