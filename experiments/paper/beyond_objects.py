@@ -34,12 +34,12 @@ def velocities(coupling: Coupling, stiffness: float) -> ig.Outcomes:
 def compute() -> Table:
     """Simulate the tool fixed, the mechanism, and every small change of it that holds the tool."""
     height, stop = MECHANISM.height, MECHANISM.front_stop
-    near = [replace(MECHANISM, height=h * height, front_stop=s * stop) for h, s in product(CHANGES, CHANGES)]
-    near = [coupling for coupling in near if coupling.force(coupling.front_stop) >= HOLD]
+    candidates = [replace(MECHANISM, height=h * height, front_stop=s * stop) for h, s in product(CHANGES, CHANGES)]
+    candidates = [coupling for coupling in candidates if coupling.force(coupling.front_stop) >= HOLD]
     rows: list[Row] = []
     for size, stiffness in SIZES.items():
         fixed, used = (velocities(coupling, stiffness) for coupling in (ig.Rigid(), MECHANISM))
-        changed = np.min([velocities(coupling, stiffness).object_velocity for coupling in near], axis=0)
+        changed = np.min([velocities(coupling, stiffness).object_velocity for coupling in candidates], axis=0)
         for i, mass in enumerate(MASSES):
             rows.append({
                 "size": size, "object_mass": mass, "rigid": fixed.object_velocity[i],

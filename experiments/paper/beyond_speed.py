@@ -65,8 +65,8 @@ def plot(table: Table, grid: Panels) -> None:
             mark(axes, [], [], label="number of contacts changes")
         for speed, before, after in changes(where(table, coupling=0), "speed", "passes"):
             axes.axvline(speed, color="#888888", linewidth=0.8, linestyle=":")
-            beside = {"xytext": (3, 3), "textcoords": "offset points", "fontsize": 8, "rotation": 90}
-            axes.annotate(f"{before} to {after}", (speed, 0.0), **beside)
+            placing = {"xytext": (3, 3), "textcoords": "offset points", "fontsize": 8, "rotation": 90}
+            axes.annotate(f"{before} to {after}", (speed, 0.0), **placing)
         axes.set_ylim(0.0, 1.25 * axes.get_ylim()[1])  # room for the legend
         axes.set_xlabel("impact speed (m/s)")
     grid[0].legend(fontsize=9, loc="upper left")

@@ -163,6 +163,7 @@ def write_folder(played: Sequence[Played], options: ReportOptions, made_from: st
     from experiments.report import page  # what draws takes seconds to import
 
     matchups = [results.matchup for results in played]
+    versions = [item for matchup in matchups for item in matchup.provenance.get("versions", {}).items()]
     with whole_folder(options.out) as folder:
         rows = episodes(played)
         with whole_file(folder / "episodes.parquet") as file:
@@ -188,16 +189,11 @@ def write_folder(played: Sequence[Played], options: ReportOptions, made_from: st
             **results,
             "limits": _limits(matchups),
             "own": bool(options.policy) or not all(load_setup(name).shipped for name in options.setups),
-            "trained_with": _trained_with(matchups),
+            "trained_with": ", ".join(dict.fromkeys(map(" ".join, versions))) or "what their files do not say",
             "resamples": f"{RESAMPLES:,}",
         }
         page.write(folder, about, tabs, played)
     return options.out / "index.html"
-
-
-def _trained_with(matchups: list[Matchup]) -> str:
-    versions = [item for matchup in matchups for item in matchup.provenance.get("versions", {}).items()]
-    return ", ".join(dict.fromkeys(map(" ".join, versions))) or "what their files do not say"
 
 
 def _limits(matchups: list[Matchup]) -> str:

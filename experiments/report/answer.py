@@ -163,8 +163,8 @@ def trade_off(played: Played) -> Figure:
     faint = base.transform_filter("!datum.chosen && datum.contestant == 'learned policy'").mark_line(
         strokeWidth=0.8, opacity=0.45
     ).encode(detail="line:N", order="w:Q")  # fmt: skip
-    where = (alt.Tooltip("line:N", title="seed or line"), alt.Tooltip("w:Q", title="time weight (m/s per s)"))
-    marks = prominent.mark_point(size=70).encode(looks.shape, tooltip=["contestant:N", *where, *MEANS])
+    columns = (alt.Tooltip("line:N", title="seed or line"), alt.Tooltip("w:Q", title="time weight (m/s per s)"))
+    marks = prominent.mark_point(size=70).encode(looks.shape, tooltip=["contestant:N", *columns, *MEANS])
     layers = faint + curves + marks if len(played.seeds) > 1 else curves + marks
     paper = played.paper.means(played.matchup.typical)
     first, last = played.policy.front[0], played.policy.front[-1]
@@ -214,11 +214,11 @@ def sentence(answer: Answer, matchup: Matchup) -> str:
             len(answer.each) > 1 and answer.reduction.value >= 0.0
         )
     else:
-        length, off = ("short", "later") if answer.later > 0.0 else ("long", "sooner")
+        length, direction = ("short", "later") if answer.later > 0.0 else ("long", "sooner")
         text = (
             f"no weight makes its approach as {length} as the paper's; at the nearest, {100 * abs(answer.later):.1f} % "
         )
-        text += f"{off}, the object leaves {change}"
+        text += f"{direction}, the object leaves {change}"
     if answer.beyond == "faster":
         text += "; it nowhere leaves the object as slow as the paper's rule."
     else:

@@ -63,10 +63,10 @@ def links(played: Played) -> list[Link]:
     by_rule = {baseline.controller["tuned"]["rule"]: baseline.name for baseline in reversed(tuned)}  # of two the first
     task = Task(**played.matchup.environment)
     stronger = task.acceleration_range[1] > PaperTrapezoid()["deceleration"]
-    more = {"ConstantSpeed": "the arm's limits" if stronger else "the choice of speed", "BlindProfile": "tuning"}
-    more |= {} if task.range_noise is None else {"Ranged": "the estimate"}
+    sources = {"ConstantSpeed": "the arm's limits" if stronger else "the choice of speed", "BlindProfile": "tuning"}
+    sources |= {} if task.range_noise is None else {"Ranged": "the estimate"}
     sequence, added = [Link("", PAPER, [played.paper])], []
-    for rule, source in more.items():
+    for rule, source in sources.items():
         added.append(source)
         if rule in by_rule:
             sequence.append(Link(" and ".join(added), by_rule[rule], [played.baselines[by_rule[rule]]]))
@@ -80,32 +80,27 @@ def chain(played: Played) -> list[Step]:
     steps = _steps(sequence, played.resamples, weight, policy=len(sequence) - 1)
     if played.bound is None or weight not in played.bound.weights:
         return steps
-    knows = Link("knowing the object", BOUND, [played.bound])
-    few = Resamples(played.bound["missed"].shape[1])
-    return [*steps, _steps([sequence[0], sequence[-1], knows], few, weight, policy=1)[-1]]
+    clairvoyant = Link("knowing the object", BOUND, [played.bound])
+    searched = Resamples(played.bound["missed"].shape[1])
+    return [*steps, _steps([sequence[0], sequence[-1], clairvoyant], searched, weight, policy=1)[-1]]
 
 
 def _steps(sequence: Sequence[Link], resamples: Resamples, weight: float, policy: int) -> list[Step]:
     """Return the steps on the first scenarios, as many as are resampled; `policy` is the place of the policy."""
     fronts: list[Front] = [front(resamples, link.runs) for link in sequence]
-    paper_time = fronts[0][0][:, 0]
-    later = [_outside(times[0], paper_time[0]) for times, _ in fronts]
+    time = fronts[0][0][0, 0]  # of the paper's rule
+    later = [float(np.clip(time, times[0].min(), times[0].max()) - time) for times, _ in fronts]
     missed = max(np.mean([run["missed"] for run in link.runs]) for link in sequence)
     claimed = max(later) == later[policy] == 0.0 and missed <= MISSED_TOO_OFTEN
     velocities = gains([Comparison.of_fronts(front, fronts[0]).ours for front in fronts], policy, claimed)
     losses = [np.array([run.loss(weight)[: resamples.scenarios] for run in link.runs]) for link in sequence]
     of_losses = gains([resamples.means(loss) for loss in losses], policy)
-    sooner = [off < 0.0 for off in later]
+    sooner = [delay < 0.0 for delay in later]
     limits = [LIMITS[pair] for pair in zip([False, *sooner], sooner, strict=False)]
     return [
-        Step(link.added, link.contestant, resamples.scenarios, off, limit, velocity, weight, loss)
-        for link, off, limit, velocity, loss in zip(sequence, later, limits, velocities, of_losses, strict=True)
+        Step(link.added, link.contestant, resamples.scenarios, delay, limit, velocity, weight, loss)
+        for link, delay, limit, velocity, loss in zip(sequence, later, limits, velocities, of_losses, strict=True)
     ]
-
-
-def _outside(times: Floats, time: float) -> float:
-    """Return by how much the nearest of what lies between `times` is later than `time`, s; below 0 sooner."""
-    return float(np.clip(time, times.min(), times.max()) - time)
 
 
 def gains(values: Sequence[Floats], policy: int, claimed: bool = True) -> list[Gain]:
@@ -126,12 +121,12 @@ def table(steps: Sequence[Step], labels: Mapping[str, str]) -> Table:
     """Return the chain of a matchup, whose contestants are called by `labels`."""
     body = []
     for step in steps:
-        on = "" if step.scenarios == steps[0].scenarios else f", the first {step.scenarios} scenarios"
-        off = f" (at the nearest, {1e3 * abs(step.later):.0f} ms {'later' if step.later > 0 else 'sooner'})"
+        subset = "" if step.scenarios == steps[0].scenarios else f", the first {step.scenarios} scenarios"
+        gap = f" (at the nearest, {1e3 * abs(step.later):.0f} ms {'later' if step.later > 0 else 'sooner'})"
         cells = [*_cells(step.velocity, step.limit), *_cells(step.loss)]
-        cells[0] += off if step.later else ""
+        cells[0] += gap if step.later else ""
         added = "+ " * bool(step.added) + (step.added or "the paper")
-        body.append((added, labels.get(step.contestant, step.contestant) + on, *cells))
+        body.append((added, labels.get(step.contestant, step.contestant) + subset, *cells))
     head = ("what is added", "contestant", "V_p at the paper's approach time (m/s)", "less by (m/s)", "share",
             f"V_p + {steps[0].weight:g} T (m/s)", "less by (m/s)", "share")  # fmt: skip
     caption = (
@@ -149,13 +144,13 @@ def _cells(gain: Gain, limit: str = "") -> list[str]:
 
 def sentence(steps: Sequence[Step]) -> str:
     """Return the share of each step: of the reduction, or of V_p + w T if one is later; "" unless all have one."""
-    first, *more = (step for step in steps if step.contestant != BOUND)
-    if any(step.later > 0.0 for step in more):
-        before, after = first.loss.value.value, more[-1].loss.value.value
+    first, *gained = (step for step in steps if step.contestant != BOUND)
+    if any(step.later > 0.0 for step in gained):
+        before, after = first.loss.value.value, gained[-1].loss.value.value
         subject = f"the {before - after:.3f} m/s that it saves of V_p + {first.weight:g} T, {before:.3f} m/s,"
-        shares = [("", step.loss.share) for step in more]
+        shares = [("", step.loss.share) for step in gained]
     else:
-        subject, shares = "that reduction", [(step.limit, step.velocity.share) for step in more]
-    parts = [f"{limit}{percent(share)} from {step.added}" for (limit, share), step in zip(shares, more, strict=True)
+        subject, shares = "that reduction", [(step.limit, step.velocity.share) for step in gained]
+    parts = [f"{limit}{percent(share)} from {step.added}" for (limit, share), step in zip(shares, gained, strict=True)
              if share]  # fmt: skip
-    return f" Of {subject} come {', '.join(parts)}." if 1 < len(more) == len(parts) else ""
+    return f" Of {subject} come {', '.join(parts)}." if 1 < len(gained) == len(parts) else ""

@@ -80,7 +80,7 @@ def _paired(played: Played, field: str) -> Figure:
     )
     kind: dict[str, Any] = {"type": "log"} if QUANTITIES[field].by_ratio(played.paper[field].min()) else {"zero": False}
     axis = alt.Axis(format="~s") if field == "contact_stiffness" else alt.Axis()
-    scale, looks = alt.Scale(**kind, nice=False, padding=14), looks_of(data, like={label: POLICY})
+    scale, looks = alt.Scale(**kind, nice=False, padding=14), looks_of(data, policy=label)
     base = chart_of(data).encode(alt.X("middle:Q", title=TITLES[field], scale=scale, axis=axis), looks.colour)
     title = f"difference of V_p + {weight:g} T (m/s)"
     intervals = base.mark_rule(strokeWidth=2).encode(alt.Y("low:Q", title=title), y2="high:Q")

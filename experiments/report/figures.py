@@ -7,7 +7,7 @@ dash or a shape of its own as well.
 
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -108,31 +108,21 @@ def zero_line(**channel: str) -> alt.Chart:
 
 
 class Looks(NamedTuple):
-    """Colour, dash and shape of the contestants in a chart, and their names in order."""
+    """Channels that tell the contestants of a chart apart."""
 
-    names: list[str]
     colour: alt.Color
     dash: alt.StrokeDash
     shape: alt.Shape
 
 
-def looks_of(data: pl.DataFrame, column: str = "contestant", like: Mapping[str, str] | None = None) -> Looks:
-    """Return the looks of the contestants in a column: the paper's rule and the policy look alike in all charts.
-
-    `like` says whose look another name takes.
-    """
-    fixed = {PAPER: 0, POLICY: 1}
-    free = iter(range(len(fixed), len(COLOURS)))
-    place = {}
-    for name in data[column].unique(maintain_order=True):
-        model = (like or {}).get(name, name)
-        place[name] = fixed[model] if model in fixed else next(free, len(COLOURS) - 1)
-    names = sorted(place, key=place.__getitem__)
+def looks_of(data: pl.DataFrame, policy: str = POLICY) -> Looks:
+    """Return the looks of the contestants; the paper's rule and the `policy`, by its name here, keep theirs."""
+    contestants = data["contestant"].unique(maintain_order=True).to_list()
+    ordered = list(dict.fromkeys([PAPER, policy, *contestants]))
+    place = {name: min(k, len(COLOURS) - 1) for k, name in enumerate(ordered) if name in contestants}
 
     def channel_of(channel: Any, looks: Sequence[Any]) -> Any:
-        scale = alt.Scale(domain=names, range=[looks[place[name]] for name in names])
-        return channel(f"{column}:N", title=None, scale=scale)
+        scale = alt.Scale(domain=list(place), range=[looks[k] for k in place.values()])
+        return channel("contestant:N", title=None, scale=scale)
 
-    return Looks(
-        names, channel_of(alt.Color, COLOURS), channel_of(alt.StrokeDash, DASHES), channel_of(alt.Shape, SHAPES)
-    )
+    return Looks(channel_of(alt.Color, COLOURS), channel_of(alt.StrokeDash, DASHES), channel_of(alt.Shape, SHAPES))

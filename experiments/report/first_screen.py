@@ -56,9 +56,9 @@ def chart(answer: Answer, played: Played) -> Figure:
     horizontal = alt.X("T:Q", title="mean time until the touch (s)", scale=alt.Scale(zero=False, nice=True), axis=axis)
     vertical = alt.Y("V:Q", title=None, scale=alt.Scale(zero=True), axis=axis)
     base = chart_of(data).encode(horizontal, vertical, looks.colour.legend(None))
-    large = alt.condition(alt.datum.contestant == PAPER, alt.value(170), alt.value(45))
+    size = alt.condition(alt.datum.contestant == PAPER, alt.value(170), alt.value(45))
     lines = base.mark_line(strokeWidth=2.5).encode(looks.dash.legend(None), order="w:Q")
-    marks = base.mark_point().encode(looks.shape.legend(None), size=large)
+    marks = base.mark_point().encode(looks.shape.legend(None), size=size)
 
     def label(text: str, x: float, y: float, contestant: str, **where: Any) -> alt.Chart:
         point = pl.DataFrame([{"text": text, "T": x, "V": y, "contestant": contestant}])
@@ -71,8 +71,8 @@ def chart(answer: Answer, played: Played) -> Figure:
     points = [*learned, *tuned, *played.paper.front]
     (earliest, _), (latest, _) = min(points), max(points)
     left = paper["T"] > 0.5 * (earliest + latest)  # there is more room
-    beside = {"align": "right", "dx": -12} if left else {"align": "left", "dx": 12}
-    names = [label(PAPER, paper["T"], paper["V"], PAPER, **beside)]
+    placing = {"align": "right", "dx": -12} if left else {"align": "left", "dx": 12}
+    names = [label(PAPER, paper["T"], paper["V"], PAPER, **placing)]
     low = learned[-1][1] < 0.12 * max(velocity for _, velocity in points)  # the axis is near
     names.append(label(POLICY, *learned[-1], POLICY, align="right", dy=-12 if low else 20))
     if rival != PAPER:

@@ -104,23 +104,22 @@ def _engineer(played: Played, steps: Sequence[chain.Step]) -> list[Fold]:
 def _statistician(played: Played, targets: Sequence[bars.Bar]) -> list[Fold]:
     seeds = [answer.seeds_table(played)] if len(played.seeds) > 1 else []
     trade_off: list[Part] = [answer.trade_off(played), answer.weights_table(played), *seeds]
-    apart = (
-        "The weight that makes a policy as late as the paper's rule was found on "
-        f"{_apart(played.matchup.scenarios)}, so the two are equally late only nearly here."
+    chosen_on = {
+        "table": "these scenarios themselves", "set": "the first half of the validation set",
+        "ranges": "other scenarios from the same ranges",
+    }  # fmt: skip
+    kind = next(kind for kind in chosen_on if kind in played.matchup.scenarios)
+    note = (
+        f"The weight that makes a policy as late as the paper's rule was found on {chosen_on[kind]}, so the two are "
+        "equally late only nearly here."
     )
-    where: list[Part] = [apart, *differences.breakdown(played)]
+    by_field: list[Part] = [note, *differences.breakdown(played)]
     return [
         Fold("The trade-off of every seed and every baseline", trade_off, key="trade-off"),
         Fold("Targets and results", [bars.table(targets)], key="bars"),
-        Fold("Where the policy wins, and where not", where, key="differences"),
+        Fold("Where the policy wins, and where not", by_field, key="differences"),
         Fold("Is it the simulator?", [SOLVERS, robustness.simulator(played)], key="simulator"),
     ]
-
-
-def _apart(scenarios: Mapping[str, Any]) -> str:
-    if "table" in scenarios:
-        return "these scenarios themselves"
-    return "the first half of the validation set" if "set" in scenarios else "other scenarios from the same ranges"
 
 
 def policies_table(all_played: Sequence[Played]) -> Table:

@@ -33,7 +33,7 @@ def varied(played: Played) -> list[Varied]:
         name = POLICY if contestant == played.matchup.chosen else contestant
         runs.setdefault((argument, label), {})[name] = run
     pairs = [(change, runs[change.argument, change.label]) for change in played.matchup.changes]
-    return [list(changes) for _, changes in groupby(pairs, lambda pair: pair[0].argument)]
+    return [list(changes) for _, changes in groupby(pairs, lambda changed: changed[0].argument)]
 
 
 def factor(argument: str) -> str:
@@ -76,8 +76,8 @@ def simulator(played: Played) -> Table:
         mean = max(abs(change.mean()) for change in velocities)
         most = max(np.abs(change).max() for change in velocities)
         means = {name: loss.mean() for name, loss in losses.items()}
-        more = (f"{means[name] - means[chosen]:+.2g}" if name in means else "-" for name in (PAPER, rival))
-        body.append((label, f"{whom}, {velocities[0].size}", f"{mean:.2g}", f"{most:.2g}", *more))
+        gain_changes = (f"{means[name] - means[chosen]:+.2g}" if name in means else "-" for name in (PAPER, rival))
+        body.append((label, f"{whom}, {velocities[0].size}", f"{mean:.2g}", f"{most:.2g}", *gain_changes))
 
     as_it_is = {**played.baselines, **played.seeds}
     for change in EXACT:

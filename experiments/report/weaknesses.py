@@ -80,7 +80,7 @@ def _most_missed(played: Played) -> tuple[Change, str] | None:
     weight, changes = played.matchup.typical, list(chain.from_iterable(varied(played)))
     if not changes:
         return None
-    change, runs = max(changes, key=lambda pair: pair[1][POLICY].at(weight).missed.mean())
+    change, runs = max(changes, key=lambda changed: changed[1][POLICY].at(weight).missed.mean())
     missed = runs[POLICY].at(weight).missed
     return (change, f"{missed.sum()} of {missed.size} objects") if missed.mean() > MISSED_TOO_OFTEN else None
 
@@ -105,7 +105,7 @@ def heat_map(played: Played) -> HeatMap:
             continue
         cells = []
         for name in contestants:
-            change, runs = max(changes, key=lambda pair: pair[1][name].means(weight)["loss"])
+            change, runs = max(changes, key=lambda changed: changed[1][name].means(weight)["loss"])
             cells.append(cell(runs[name], "unchanged" if change.same else setting(change) if len(tried) > 1 else ""))
         between = f"{len(tried)} tried: {tried[0]} to {tried[-1]}" if len(tried) > 1 else tried[0]
         rows.append((factor(changes[0][0].argument), between, cells))

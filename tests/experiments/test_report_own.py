@@ -99,6 +99,8 @@ def test_who_misses_everything_is_not_said_to_win(tmp_path):
     ({"policy": ("linear-blind",), "baseline": ("fastest",)}, "no controller 'fastest'"),
     ({"scenarios": '{"environment": {"tool_mass": 1.0}}'}, "--policy"),
     ({"count": 2001}, "at most 2000"),
+    ({"count": 1}, r"count.*at least 2"),
+    ({"baseline": ("ranged",)}, "baseline needs --policy"),
 ])  # fmt: skip
 def test_what_makes_no_sense_is_refused_before_anything_is_played(wanted, message, tmp_path):
     if wanted.get("scenarios", "").startswith("{"):
@@ -124,11 +126,7 @@ def test_a_set_up_of_the_readme_without_policies_is_left_out_and_said_so(tmp_pat
         report.matchups_of(ReportOptions(folder=tmp_path))
 
 
-def test_settings_are_checked(tmp_path):
-    with pytest.raises(ValueError, match=r"count.*at least 2"):
-        ReportOptions(count=1)
-    with pytest.raises(ValueError, match="baseline needs --policy"):
-        ReportOptions(baseline=("ranged",))
+def test_a_folder_that_no_report_wrote_is_not_replaced(tmp_path):
     (tmp_path / "letter").write_text("dear")
     with pytest.raises(ValueError, match="is not replaced"):
         write(ReportOptions(out=tmp_path, force=True))
