@@ -36,7 +36,7 @@ def played(name, late, evaluation, shares=(1.1, 0.8, 0.95)):
     return results
 
 
-def test_a_policy_is_measured_against_the_rule_the_best_baseline_and_the_objects_it_misses():
+def test_bars_compare_with_rule_and_best_baseline_and_count_misses():
     results = played("one", 0.5, Evaluation(weights=WEIGHTS, at_most=0.42))
     first, *ratios, missed = bars(results, [results])
     assert first.reached == pytest.approx({"seed-0": 0.55, "seed-1": 0.4, "seed-2": 0.475})
@@ -54,7 +54,7 @@ def test_a_policy_is_measured_against_the_rule_the_best_baseline_and_the_objects
     assert rows[-1][1:] == ("0", "1", "0, 1, 2", "1 of 3", "missed")
 
 
-def test_a_policy_is_measured_against_another_set_ups_where_that_is_played_as_well():
+def test_bars_compare_with_another_set_up_only_if_it_is_played():
     measure = played("other", 0.5, Evaluation())
     results = played("one", 0.25, Evaluation(weights=WEIGHTS, at_most=1.0, of="other"))
     first = bars(results, [measure, results])[0]
@@ -63,7 +63,7 @@ def test_a_policy_is_measured_against_another_set_ups_where_that_is_played_as_we
     assert bars(results, [results])[0].what.startswith("V_p + w T")  # alone there is nothing to measure it against
 
 
-def test_where_nothing_is_drawn_another_arm_is_the_measure_and_where_one_thing_is_off_the_paper_is():
+def test_bars_of_nominal_set_ups_compare_with_another_arm_and_under_changes_with_the_rule():
     evaluation = Evaluation(weights=WEIGHTS, at_most=1.02, of="linear-blind", nominal={"tool_mass": 0.2},
                             varied={"tool_mass": [0.1, 0.2, 0.3]})  # fmt: skip
     results = played("one", 0.5, evaluation)
@@ -92,5 +92,5 @@ def test_where_nothing_is_drawn_another_arm_is_the_measure_and_where_one_thing_i
     ((1.01, 0.99, 1.02), "missed, within the interval"),
     ((1.1, 1.05, 1.2), "missed"),
 ])  # fmt: skip
-def test_a_verdict_says_what_the_interval_leaves_open(interval, verdict):
+def test_verdict_says_what_the_interval_leaves_open(interval, verdict):
     assert Bar("a ratio", 1.0, "seed-0", Estimate(*interval), {"seed-0": interval[0]}).verdict == verdict

@@ -41,7 +41,7 @@ def played(names=("profile", "constant"), seeds=((0.2, 0.4),), **environment):
     return results
 
 
-def test_each_step_brings_what_the_one_before_lacks():
+def test_chain_steps_gain_the_difference_to_the_step_before():
     first, *steps = chain(played())
     mean = SPEEDS.mean()
     assert (first.contestant, first.velocity.less, first.velocity.share) == (PAPER, None, None)
@@ -65,7 +65,7 @@ def test_each_step_brings_what_the_one_before_lacks():
     assert rows[2][4] == "28.6 % [28.6, 28.6]"
 
 
-def test_steps_add_up_to_the_whole_in_every_resample():
+def test_gains_add_up_to_the_whole_in_every_resample():
     rng = np.random.default_rng(1)
     for resample in rng.uniform([1.0, 0.1, 0.1, 0.1, 0.1], [2.0, 1.0, 1.0, 1.0, 1.0], (50, 5)):
         values = [np.array(pair) for pair in zip((1.0, 0.8, 0.5, 0.4, 0.3), resample, strict=True)]
@@ -75,7 +75,7 @@ def test_steps_add_up_to_the_whole_in_every_resample():
             assert sum(getattr(step.share, side) for step in steps) == pytest.approx(1.0)
 
 
-def test_intervals_are_those_of_a_plain_bootstrap_over_seeds_and_scenarios():
+def test_chain_intervals_match_a_plain_bootstrap_over_seeds_and_scenarios():
     rng, seeds = np.random.default_rng(2), 6
     results = played(seeds=((0.2, 0.4),) * seeds)
     for contestant in [*results.seeds.values(), *results.baselines.values()]:
@@ -110,7 +110,7 @@ def test_intervals_are_those_of_a_plain_bootstrap_over_seeds_and_scenarios():
     assert [step.velocity.less.value for step in chain(results)[1:]] == pytest.approx(exact)
 
 
-def test_who_knows_the_object_is_compared_on_the_scenarios_it_was_searched_for():
+def test_chain_compares_the_clairvoyant_on_its_searched_scenarios():
     results = played(seeds=((0.2, 0.4), (0.1, 0.3)))
     results.bound = run((0.05, 0.15), count=20)
     *_, policy, knows = chain(results)
@@ -129,7 +129,7 @@ def test_who_knows_the_object_is_compared_on_the_scenarios_it_was_searched_for()
     ((0.25, 0.2), ["", "at least ", "at most "], "at least 28.6 %"),
     ((0.4, 0.2), ["", "", ""], " 28.6 %"),
 ])  # fmt: skip
-def test_a_step_read_too_soon_bounds_what_it_and_the_next_bring(times, limits, words):
+def test_chain_bounds_gains_of_a_step_read_too_soon(times, limits, words):
     results = played()
     results.baselines["profile"] = run((0.5, 0.6) if times[0] < PAPER_TIME else (0.4, 0.6), times)
     steps = chain(results)
@@ -138,7 +138,7 @@ def test_a_step_read_too_soon_bounds_what_it_and_the_next_bring(times, limits, w
     assert ("50 ms sooner" in table(steps, {}).rows[2][2]) == (times[0] < PAPER_TIME)
 
 
-def test_nothing_is_claimed_at_a_time_that_one_cannot_make():
+def test_chain_claims_nothing_at_a_time_that_a_contestant_cannot_make():
     results = played(acceleration_range=(1.0, 8.0))
     results.baselines["profile"] = run((0.4, 0.5), (0.5, 0.35))
     steps = chain(results)
@@ -154,7 +154,7 @@ def test_nothing_is_claimed_at_a_time_that_one_cannot_make():
     assert f"{first:.1f} %" in text
 
 
-def test_nothing_is_claimed_where_objects_are_missed_or_nothing_is_gained():
+def test_chain_claims_nothing_with_misses_or_without_gain():
     missing, useless = played(), played(seeds=((0.9, 1.1),))
     missing.seeds["seed-0"] = run((0.2, 0.4), missed=2)
     for results in (missing, useless):
@@ -172,26 +172,26 @@ def test_nothing_is_claimed_where_objects_are_missed_or_nothing_is_gained():
     (("range", "profile", "constant"), 0.01, ["the arm's limits", "tuning", "the estimate", "learning"]),
     (("profile", "constant"), 0.01, ["the arm's limits", "tuning", "the estimate and learning"]),
 ])  # fmt: skip
-def test_what_has_no_baseline_joins_the_next_step(names, noise, added):
+def test_links_join_the_next_step_without_a_baseline(names, noise, added):
     results = played(names, range_noise=noise)
     assert [link.added for link in links(results)][1:] == added
     assert bool(sentence(chain(results))) == (len(added) > 1)
 
 
-def test_of_two_baselines_of_one_rule_the_first_that_is_named_counts(monkeypatch):
+def test_links_take_the_first_of_two_baselines_of_one_rule(monkeypatch):
     monkeypatch.setitem(TUNED, "other", "BlindProfile")
     for names in (("profile", "other", "constant"), ("other", "profile", "constant")):
         assert links(played(names))[2].contestant == names[0]
 
 
-def test_all_are_resampled_alike():
+def test_chain_resamples_all_contestants_alike():
     """The chain's numbers of one contestant do not depend on who else is in it."""
     alone, together = (chain(played(names)) for names in ((), ("profile", "constant")))
     assert alone[-1].velocity.value == together[-1].velocity.value
 
 
 @pytest.mark.parametrize("soonest", [0.2, 0.35])
-def test_a_rival_that_arrives_later_at_every_weight_is_not_compared_at_the_papers_time(soonest):
+def test_answer_omits_a_rival_that_is_later_at_every_weight(soonest):
     results = played()
     results.as_late, results.baselines["profile"] = results.seeds, run((0.4, 0.6), (0.5, soonest))
     result = answer(results)

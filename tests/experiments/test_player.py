@@ -26,7 +26,7 @@ def every_run(film):
     return [(scene, run, columns(run)) for scene in film["scenes"] for run in scene["runs"]]
 
 
-def test_a_film_shows_the_episode_that_was_judged(film):
+def test_film_shows_the_judged_episode(film):
     content, played = film
     for scene, run, rows in every_run(content):
         judged, number = played[run["name"]], scene["number"]
@@ -39,7 +39,7 @@ def test_a_film_shows_the_episode_that_was_judged(film):
         assert scene["scenario"] == {name: values[number] for name, values in TEST_SET.scenario.items()}
 
 
-def test_time_rises_and_the_bodies_overlap_in_contacts_only(film):
+def test_film_time_rises_and_bodies_overlap_in_contacts_only(film):
     for scene, run, rows in every_run(film[0]):
         time = rows["time"]
         assert time[0] == 0.0 < time[-1] <= scene["end"]
@@ -54,7 +54,7 @@ def test_time_rises_and_the_bodies_overlap_in_contacts_only(film):
         assert rows["object_position"][0] == pytest.approx(scene["scenario"]["distance"], abs=0.6e-7)
 
 
-def test_what_is_left_of_a_trace_still_obeys_momentum_and_kinematics(film):
+def test_film_obeys_momentum_and_kinematics(film):
     for scene, run, rows in every_run(film[0]):
         limits, time = scene["limits"], rows["time"]
         touched = sum(end - start for start, end in run["contacts"])
@@ -68,7 +68,7 @@ def test_what_is_left_of_a_trace_still_obeys_momentum_and_kinematics(film):
             assert way == pytest.approx(rows[f"{body}_position"][-1] - rows[f"{body}_position"][0], abs=allowed)
 
 
-def test_thinning_keeps_within_what_it_allows():
+def test_thin_keeps_within_its_tolerances():
     run = play(PaperTrapezoid(), TEST_SET.seed, 2, {"time_weight": 2.0}, {})
     rows = run.until(run.history.now)
     limits = {"farthest": 0.5, "speed": 1.0, "force": rows["contact_force"].max(), "depth": 1e-3}
@@ -81,7 +81,7 @@ def test_thinning_keeps_within_what_it_allows():
         assert np.abs(again - rows[name]).max() <= allowed * (1.0 + 1e-9)
 
 
-def test_contestants_may_have_couplings_and_contacts_of_their_own():
+def test_films_take_couplings_and_contacts_per_contestant():
     rule, kinds = PaperTrapezoid(), {"spring": {}, "mechanism": {"coupling": {"type": "Bistable"}}}
     soft = {"spring": {"contact_stiffness": np.full(5, 2e3)}, "mechanism": {}}
     played = {
@@ -96,7 +96,7 @@ def test_contestants_may_have_couplings_and_contacts_of_their_own():
         films(players, {"first": 3}, played, frozen=TEST_SET, environments=kinds)
 
 
-def test_a_replay_that_differs_from_what_was_judged_is_refused():
+def test_films_refuse_a_replay_that_differs():
     stage = ScenarioBatch.of("test", 3, time_weight=[2.0])
     played = {"paper": stage.play(PaperTrapezoid())}
     with pytest.raises(RuntimeError, match=r"scenario 1: the replay of 'paper' leaves the object at .* judged by"):
@@ -107,7 +107,7 @@ def test_a_replay_that_differs_from_what_was_judged_is_refused():
     assert films({"paper": PaperTrapezoid()}, {"first": 1}, played, frozen=TEST_SET, rounding=2e-9)["scenes"]
 
 
-def test_a_dozen_scenarios_of_two_contestants_are_small(film):
+def test_film_of_a_dozen_scenarios_is_small(film):
     content = film[0]
     assert len(content["scenes"]) >= 8
     assert len(json.dumps(content)) * 13 / len(content["scenes"]) < 1.5e6
@@ -119,7 +119,7 @@ def made_up(rng, scenario, count=300):
                     rng.integers(1, 3, count), np.zeros(count, np.bool_), scenario)  # fmt: skip
 
 
-def test_what_is_chosen_is_what_its_phrase_says():
+def test_choose_finds_what_its_phrases_say():
     rng = np.random.default_rng(0)
     scenario = {name: rng.uniform(0.1, 1.0, 300) for name in TEST_SET.scenario}
     baseline, policy = made_up(rng, scenario), made_up(rng, scenario)
@@ -149,7 +149,7 @@ def test_what_is_chosen_is_what_its_phrase_says():
     assert find("missed by the policy") == 7
 
 
-def test_a_miss_is_shown_as_one():
+def test_films_show_misses():
     stage, slow = ScenarioBatch.of("test", 20, time_weight=[2.0]), ConstantSpeed(0.05)
     played = {"paper": stage.play(PaperTrapezoid()), "slow": stage.play(slow)}
     chosen = choose(*played.values())
@@ -163,14 +163,14 @@ def test_a_miss_is_shown_as_one():
         assert scene["end"] == pytest.approx(HORIZON)
 
 
-def test_scenarios_are_the_same_or_nothing_is_chosen():
+def test_choose_refuses_different_scenarios():
     rng = np.random.default_rng(0)
     scenarios = [{name: rng.uniform(0.1, 1.0, 300) for name in TEST_SET.scenario} for _ in range(2)]
     with pytest.raises(ValueError, match="same scenarios"):
         choose(*(made_up(rng, scenario) for scenario in scenarios))
 
 
-def test_the_film_runs_as_slow_as_the_environments_own(film):
+def test_film_clock_is_as_slow_as_the_environments(film):
     for scene in film[0]["scenes"]:
         starts, factors = np.array(scene["clock"]).T
         assert starts[0] == 0.0
@@ -181,7 +181,7 @@ def test_the_film_runs_as_slow_as_the_environments_own(film):
         assert 3.0 < length < 30.0  # s
 
 
-def test_names_cannot_leave_their_script(film):
+def test_fragment_keeps_names_inside_its_script(film):
     page = fragment(film[0])
     assert page.count("</script>") == 1  # the data's
     data = re.search(r'<script type="application/json"[^>]*>(.*?)</script>', page, re.DOTALL)

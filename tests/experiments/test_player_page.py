@@ -48,7 +48,7 @@ def seek(page, film):
 
 
 @pytest.mark.parametrize("width", [390, 1280])
-def test_slider_and_choice_change_the_picture(browser, page_file, width):
+def test_player_slider_and_choice_change_the_picture(browser, page_file, width):
     page, problems = opened(browser, page_file, width)
     steps = float(page.get_attribute(".igw-slider", "max"))
     pictures = []
@@ -73,7 +73,7 @@ def in_film(scene, time):
     return sum((min(end, time) - start) * slower for (start, slower), (end, _) in stretches if start < time)
 
 
-def test_positions_are_to_one_scale(browser, page_file, film):
+def test_player_positions_are_to_one_scale(browser, page_file, film):
     page, _ = opened(browser, page_file)
     scene = film[0]["scenes"][0]
     for time in (0.2 * scene["end"], scene["runs"][0]["contacts"][0][0], scene["end"]):
@@ -95,7 +95,7 @@ def test_positions_are_to_one_scale(browser, page_file, film):
         np.testing.assert_allclose(np.ravel(places), scale * np.ravel(positions) + shift, atol=0.2)
 
 
-def test_it_plays_pauses_and_listens_to_the_keyboard(browser, page_file):
+def test_player_plays_pauses_and_takes_keys(browser, page_file):
     page, problems = opened(browser, page_file)
     poster = page.inner_text(".igw-time")
     page.wait_for_timeout(300)
@@ -120,7 +120,7 @@ def test_it_plays_pauses_and_listens_to_the_keyboard(browser, page_file):
     assert problems == []
 
 
-def test_it_starts_by_itself_where_motion_is_welcome_and_leaves_nothing_global(browser, page_file, tmp_path):
+def test_player_starts_where_motion_is_welcome_and_leaves_no_globals(browser, page_file, tmp_path):
     blank = tmp_path / "blank.html"
     blank.write_text("<!doctype html><title>Nothing</title>")
     page, problems = opened(browser, page_file, motion="no-preference")

@@ -54,7 +54,7 @@ def front_of(episodes, contestant):
     return means.sort("approach_time").select("approach_time", "object_velocity").to_numpy().T
 
 
-def test_the_answer_follows_from_the_episodes_on_disk(folder, results, episodes):
+def test_answer_follows_from_the_episodes_on_disk(folder, results, episodes):
     answer = results["answers"]["linear-blind"]
     seeds = [name for name in results["contestants"]["linear-blind"] if name.startswith("seed-")]
     assert len(seeds) == 2
@@ -68,7 +68,7 @@ def test_the_answer_follows_from_the_episodes_on_disk(folder, results, episodes)
     assert f"{100 * answer['reduction']['value']:.1f} %" in (folder / "index.html").read_text()
 
 
-def test_the_chain_follows_from_the_episodes_on_disk_and_is_the_first_table(folder, results, episodes):
+def test_chain_follows_from_the_episodes_on_disk_and_is_the_first_table(folder, results, episodes):
     paper, *steps = results["chains"]["linear-blind"]
     assert [step["contestant"] for step in steps[:2]] == ["constant-speed", "blind-profile"]
     time, before = (of(episodes, PAPER)[field].mean() for field in ("approach_time", "object_velocity"))
@@ -85,7 +85,7 @@ def test_the_chain_follows_from_the_episodes_on_disk_and_is_the_first_table(fold
     assert f"{100 * steps[0]['velocity']['share']['value']:.1f} %" in results["sentences"][0]
 
 
-def test_what_the_next_training_brings_follows_from_each_seed_by_itself(folder, results, episodes):
+def test_tolerance_bound_follows_from_the_seeds(folder, results, episodes):
     by_seed = results["answers"]["linear-blind"]["each"]
     paper = of(episodes, PAPER)
     seeds = sorted(name for name in episodes["contestant"].unique() if re.fullmatch(r"seed-\d+", name))
@@ -100,7 +100,7 @@ def test_what_the_next_training_brings_follows_from_each_seed_by_itself(folder, 
     assert float(printed) == pytest.approx(bound, abs=0.06)
 
 
-def test_episodes_are_those_of_a_stage_and_of_the_same_scenarios(episodes):
+def test_episodes_match_a_batch_on_the_same_scenarios(episodes):
     frozen = evaluation_sets.load("test")
     for name, weight in ((PAPER, 2.0), ("blind-profile", 4.0)):
         rows = of(episodes, name, time_weight=weight).sort("scenario")
@@ -113,7 +113,7 @@ def test_episodes_are_those_of_a_stage_and_of_the_same_scenarios(episodes):
             assert (rows.sort("scenario")[field].to_numpy() == values[: len(rows)]).all(), name
 
 
-def test_checksums_are_those_of_policies_and_files(results):
+def test_checksums_match_policies_and_files(results):
     checksums = results["contestants"]["linear-blind"]
     for seed in (name for name in checksums if name.startswith("seed-")):
         policy = load_policy("linear-blind", int(seed.removeprefix("seed-")))
@@ -121,7 +121,7 @@ def test_checksums_are_those_of_policies_and_files(results):
     assert checksums["blind-profile"] == json.loads((TUNED / "blind-profile.json").read_text())["sha256"]
 
 
-def test_every_figure_is_there_as_picture_and_data(folder):
+def test_figures_lie_beside_the_page_as_picture_and_data(folder):
     class Page(HTMLParser):
         def handle_starttag(self, tag, attributes):
             values = dict(attributes)
@@ -156,7 +156,7 @@ def unfold(page):
 
 
 @pytest.mark.parametrize("width", [390, 1280])
-def test_the_page_in_a_browser(browser, folder, width):
+def test_page_fits_the_window_and_draws_every_chart(browser, folder, width):
     page, problems = opened(browser, folder / "index.html", width)
     unfold(page)
     charts = page.locator(".chart")
@@ -175,7 +175,7 @@ def test_the_page_in_a_browser(browser, folder, width):
     assert problems == []
 
 
-def test_a_chart_answers_the_pointer_and_the_theme_changes(browser, folder):
+def test_page_answers_the_pointer_and_changes_its_theme(browser, folder):
     page, problems = opened(browser, folder / "index.html")
     unfold(page)
     marks = page.locator("#linear-blind_trade_off .mark-symbol path")
@@ -192,7 +192,7 @@ def test_a_chart_answers_the_pointer_and_the_theme_changes(browser, folder):
     assert problems == []
 
 
-def test_one_screen_answers_and_its_film_plays(browser, folder):
+def test_page_answers_on_one_screen_and_plays_its_film(browser, folder):
     page, problems = opened(browser, folder / "index.html", 1280, 800, reduced_motion="no-preference")
     parts = {
         name: page.locator(name).first for name in (".finding", ".still svg", ".fails", ".igw-panels", ".igw-controls")
@@ -211,7 +211,7 @@ def test_one_screen_answers_and_its_film_plays(browser, folder):
     assert problems == []
 
 
-def test_all_of_a_set_up_is_printed_on_twelve_pages_and_folded_again(browser, folder):
+def test_page_prints_a_set_up_unfolded_on_twelve_sheets(browser, folder):
     page, problems = opened(browser, folder / "index.html")
     page.wait_for_function("document.querySelectorAll('.chart svg').length > 0")
     closed = page.locator("details:not([open])").count()
@@ -224,7 +224,7 @@ def test_all_of_a_set_up_is_printed_on_twelve_pages_and_folded_again(browser, fo
     assert problems == [], problems
 
 
-def test_every_control_has_a_name_and_every_link_its_own(browser, folder):
+def test_page_names_every_control_and_link(browser, folder):
     page, _ = opened(browser, folder / "index.html")
     page.wait_for_selector(".igw-panel")
     controls = page.evaluate("""() => [...document.querySelectorAll(
@@ -237,7 +237,7 @@ def test_every_control_has_a_name_and_every_link_its_own(browser, folder):
     assert len(set(links)) == len(links)
 
 
-def test_the_keyboard_reaches_every_control(browser, folder):
+def test_page_controls_are_reached_by_keyboard(browser, folder):
     page, _ = opened(browser, folder / "index.html")
     page.evaluate("""() => {
         const folded = control => control.parentElement.closest("details:not([open])");
@@ -254,7 +254,7 @@ def test_the_keyboard_reaches_every_control(browser, folder):
     assert unreached == [], unreached
 
 
-def test_a_set_up_is_chosen_with_the_keyboard_or_by_a_link(browser, folder, tmp_path):
+def test_page_chooses_a_set_up_by_keyboard_or_link(browser, folder, tmp_path):
     twin = replace(MATCHUP, name="twin", title="A twin, in plain words")
     (jobs_folder,) = folder.with_name(f".{folder.name}.episodes").iterdir()
     file = publish([MATCHUP, twin], ReportOptions(out=tmp_path / "out", episodes=jobs_folder, processes=0))

@@ -24,7 +24,7 @@ LINEAR = matchups.of_setup(load_setup("linear-blind"), SCENARIOS)
 PAPERS_RULE = {"baseline": "paper-trapezoid"}
 
 
-def test_as_late_is_as_late_on_the_validation_set():
+def test_play_as_late_is_as_late_on_the_validation_set():
     results = measures.play_as_late(LINEAR.policy.controller, LINEAR.environment, SCENARIOS, LINEAR.policy.weights)
     validation = {"set": "validation", "count": SCENARIOS["count"]}
     weight = float(results["weight"][0])
@@ -34,14 +34,14 @@ def test_as_late_is_as_late_on_the_validation_set():
     assert ours["approach_time"].mean() <= rule["approach_time"].mean()
 
 
-def test_a_profile_is_the_flanges():
+def test_profile_is_the_flanges():
     profile = measures.profile(PAPERS_RULE, {}, [2.0], 0.36)
     x = profile["position"]
     reached = x < 0.35  # the tool swings ahead of the flange and touches first
     assert profile["velocity"][0][reached] == pytest.approx(np.minimum(np.sqrt(16.0 * x), 1.0)[reached], abs=2e-3)
 
 
-def test_scenarios_come_from_sets_tables_and_ranges_alike():
+def test_play_takes_sets_tables_and_ranges_alike():
     frozen = evaluation_sets.load("test")
     table = {name: values[:20].tolist() for name, values in frozen.scenario.items()}
     ranges = {"object_mass": [0.1, 2.5], "contact_stiffness": [1e3, 1e6], "restitution": [0.1, 1.0],
@@ -55,7 +55,7 @@ def test_scenarios_come_from_sets_tables_and_ranges_alike():
         assert_identical(first, results)
 
 
-def test_a_report_needs_no_more_than_its_extra():
+def test_report_needs_no_more_than_its_extra():
     extras = tomllib.loads((AGENTS.parent / "pyproject.toml").read_text())["project"]["optional-dependencies"]
     names = {
         extra: {re.split("[><=]", requirement)[0].replace("-", "_") for requirement in requirements}
@@ -70,7 +70,7 @@ def test_a_report_needs_no_more_than_its_extra():
     subprocess.run([sys.executable, "-c", program], check=True, cwd=AGENTS.parent)
 
 
-def test_a_curve_that_does_not_come_to_the_papers_time_says_so():
+def test_answer_says_that_a_curve_does_not_reach_the_papers_time():
     matchup = replace(LINEAR, seeds=(replace(LINEAR.policy, weights=(8.0,)),), scenarios={"set": "test", "count": 20})
     fast = answer.answer(played_alone(matchup))
     assert not fast.reached

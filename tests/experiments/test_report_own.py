@@ -25,7 +25,7 @@ def of(episodes, contestant):
     return episodes.filter(pl.col("contestant") == contestant)
 
 
-def test_a_users_own_baseline_ranges_and_tool(tmp_path, monkeypatch):
+def test_report_takes_a_users_baseline_ranges_and_tool(tmp_path, monkeypatch):
     (tmp_path / "my_rules.py").write_text(
         "from agents.baselines import ConstantSpeed\n"
         "class Half(ConstantSpeed):\n    def __init__(self):\n        super().__init__(0.5)\n"
@@ -63,7 +63,7 @@ def test_a_users_own_baseline_ranges_and_tool(tmp_path, monkeypatch):
     sys.modules.pop("my_rules")
 
 
-def test_a_policy_of_one_weight_meets_baselines_at_that_weight(tmp_path):
+def test_report_of_a_single_weight_plays_baselines_at_that_weight(tmp_path):
     policy = load_policy("linear-blind")
     Policy(policy.network, {"time_weight": 3.0}, {}).save(tmp_path / "three & a bit.npz")
     write(ReportOptions(policy=(str(tmp_path / "three & a bit.npz"),), baseline=("blind-profile",), count=6,
@@ -74,7 +74,7 @@ def test_a_policy_of_one_weight_meets_baselines_at_that_weight(tmp_path):
     assert "no weight makes its approach as long" in (tmp_path / "out" / "index.html").read_text()
 
 
-def test_who_misses_everything_is_not_said_to_win(tmp_path):
+def test_report_claims_nothing_for_a_policy_that_misses(tmp_path):
     (tmp_path / "far.json").write_text('{"ranges": {"distance": [0.9, 1.0]}, "count": 5}')
     out = tmp_path / "out"
     write(ReportOptions(policy=("linear-blind",), scenarios=str(tmp_path / "far.json"), out=out, processes=0))
@@ -102,7 +102,7 @@ def test_who_misses_everything_is_not_said_to_win(tmp_path):
     ({"count": 1}, r"count.*at least 2"),
     ({"baseline": ("ranged",)}, "baseline needs --policy"),
 ])  # fmt: skip
-def test_what_makes_no_sense_is_refused_before_anything_is_played(wanted, message, tmp_path):
+def test_report_refuses_bad_options_before_playing(wanted, message, tmp_path):
     if wanted.get("scenarios", "").startswith("{"):
         (tmp_path / "mine.json").write_text(wanted["scenarios"])
         wanted = {**wanted, "scenarios": str(tmp_path / "mine.json")}
@@ -111,7 +111,7 @@ def test_what_makes_no_sense_is_refused_before_anything_is_played(wanted, messag
     assert not (tmp_path / "out").exists()
 
 
-def test_a_set_up_of_the_readme_without_policies_is_left_out_and_said_so(tmp_path, capsys):
+def test_report_leaves_out_set_ups_without_policies_and_says_so(tmp_path, capsys):
     archive = tmp_path / "policies" / "linear-blind.npz"
     archive.parent.mkdir()
     shutil.copy(SHIPPED / archive.name, archive)
@@ -126,13 +126,13 @@ def test_a_set_up_of_the_readme_without_policies_is_left_out_and_said_so(tmp_pat
         report.matchups_of(ReportOptions(folder=tmp_path))
 
 
-def test_a_folder_that_no_report_wrote_is_not_replaced(tmp_path):
+def test_report_refuses_a_folder_that_no_report_wrote(tmp_path):
     (tmp_path / "letter").write_text("dear")
     with pytest.raises(ValueError, match="is not replaced"):
         write(ReportOptions(out=tmp_path, force=True))
 
 
-def test_nothing_is_played_or_written_twice_unless_something_changed(tmp_path, monkeypatch, capsys):
+def test_report_plays_and_writes_only_what_changed(tmp_path, monkeypatch, capsys):
     settings = ReportOptions(policy=("rigid-blind",), count=12, out=tmp_path / "out", processes=0)
     of_other_sources = tmp_path / ".out.episodes" / "0"
     of_other_sources.mkdir(parents=True)
@@ -160,7 +160,7 @@ def test_nothing_is_played_or_written_twice_unless_something_changed(tmp_path, m
     assert len(performed) >= 2 * first_time
 
 
-def test_a_table_of_changes_that_a_set_up_does_not_make_is_left_out():
+def test_table_without_rows_is_left_out():
     pages = Environment(loader=FileSystemLoader(EXPERIMENTS), autoescape=True)
     pages.filters["typeset"] = typeset
     table = pages.get_template("report/parts.html.jinja").module.table

@@ -25,7 +25,7 @@ def played_of(matchup):
     return Played(matchup, seeds={matchup.chosen: unshielded}, baselines={PAPER: unshielded}, shielded=shields)
 
 
-def test_no_force_of_a_shielded_row_is_above_its_limit_and_the_policys_own_are_counted():
+def test_shield_table_keeps_forces_below_the_limit_and_counts_those_without_it():
     played = played_of(RIGID)
     unshielded, *rows = shield.table(played).rows
     forces = played.policy["peak_force"][0]
@@ -39,7 +39,7 @@ def test_no_force_of_a_shielded_row_is_above_its_limit_and_the_policys_own_are_c
     assert (forces > shield.LIMITS[0]).any()
 
 
-def test_what_has_no_shield_plays_none_and_says_why():
+def test_shield_is_left_out_with_a_reason():
     robot = {"type": "Robot", "mass": 5.0, "stiffness": 1e5, "damping": 50.0}
     compliant = replace(RIGID, environment={**RIGID.environment, "robot": robot})
     assert not list(shield.shielded(compliant))
