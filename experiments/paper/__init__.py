@@ -32,5 +32,5 @@ def resolve(word: str) -> str:
 
 def heading(name: str) -> str:
     """Return the heading of a figure on the page."""
-    kind, _, rest = name.partition("_")
-    return {"figure": f"Fig. {rest.lstrip('0')}", "beyond": "Beyond the paper", "hidden": "Not printed"}[kind]
+    kind, _, number = name.partition("_")
+    return {"figure": f"Fig. {number.lstrip('0')}", "beyond": "Beyond the paper", "hidden": "Not printed"}[kind]

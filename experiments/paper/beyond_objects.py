@@ -68,7 +68,7 @@ def plot(table: Table, axes: Panels) -> None:
 
 def statements(table: Table) -> Statements:
     ours, papers = reduction(table, "changed"), table["object_mass"] >= OBJECT_MASS
-    least = table["object_mass"][ours >= ENOUGH].min()  # kg, at the most favourable size
+    lightest = table["object_mass"][ours >= ENOUGH].min()  # kg, at the most favourable size
     stuck = table["object_mass"][table["snap_count"] != 1].max(initial=0.0)
     changed, unchanged = (100.0 * reduction(table, case)[papers] for case in ("changed", "as_it_is"))
     yield section_1.claim(
@@ -79,7 +79,7 @@ def statements(table: Table) -> Statements:
         f"H and front stop changed by at most 10 %: V_p at least {100 * ENOUGH:g} % below that of the fixed tool, for "
         f"objects of 1/4 to 4 times the radius and of the masses between the paper's two, {OBJECT_MASS:g} and 2.5 kg",
         why="The paper names neither masses nor sizes. A light object does not push the slider over the alignment for "
-        f"good (up to {stuck:.2f} kg), and below {least:.2f} kg no change of 10 % gives {100 * ENOUGH:g} %.",
+        f"good (up to {stuck:.2f} kg), and below {lightest:.2f} kg no change of 10 % gives {100 * ENOUGH:g} %.",
     ).read_as(
         f"objects lighter than the paper's as well, down to {MASSES[0]:g} kg",
         ours.min() >= ENOUGH,

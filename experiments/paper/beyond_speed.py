@@ -78,7 +78,7 @@ def statements(table: Table) -> Statements:
     rows, linear = where(table, coupling=0), where(table, coupling=1)
     speed = rows["speed"]
     ahead = rows["passes"] % 2 == 0  # the slider ends ahead of the alignment
-    lost = speed[(speed < MOTION.speed) & ahead].max(initial=0.0)
+    fails_below = speed[(speed < MOTION.speed) & ahead].max(initial=0.0)
     turns = changes(rows, "speed", "passes")
     velocity = {v: np.interp(v, speed, rows["object_velocity"]) for v in (1.0, 1.1, 1.2)}
     passes = int(rows["passes"][np.argmin(np.abs(speed - 1.1))])
@@ -96,8 +96,8 @@ def statements(table: Table) -> Statements:
     )
     yield section_6.claim(
         "A decrease in the impact velocity may prevent the mechanism from reaching the second stable configuration",
-        0.0 < lost < MOTION.speed,
-        f"it does not stay there below {lost:.3f} m/s"
+        0.0 < fails_below < MOTION.speed,
+        f"it does not stay there below {fails_below:.3f} m/s"
         + "".join(f"; {before} to {after} passes of the alignment at {v:.3f} m/s" for v, before, after in turns),
         "at some speed below 1 m/s the slider ends ahead of the alignment",
     )

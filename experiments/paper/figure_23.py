@@ -39,8 +39,8 @@ class SliderRun(Run):
     @property
     def plateau(self) -> float:
         """Velocity of the tool where it changes least between 0.4 m/s and the alignment, m/s."""
-        apart = np.append(np.diff(self.time) > 0.0, False)  # events are in it twice
-        steady = self.first_phase & (self.time >= self.time[self.slowed]) & apart
+        distinct = np.append(np.diff(self.time) > 0.0, False)  # events are in it twice
+        steady = self.first_phase & (self.time >= self.time[self.slowed]) & distinct
         rate = np.abs(np.diff(self.tool)[steady[:-1]] / np.diff(self.time)[steady[:-1]])
         return float(self.tool[steady][np.argmin(rate)])
 

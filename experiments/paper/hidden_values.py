@@ -149,8 +149,8 @@ def margins(values: Array, reading: float) -> Array:
     """
     number, half = np.array([*PRINTED, (reading, 0.005)]).T
     *ours, preload = predictions(values)
-    off = (np.array(ours) - number) / half
-    return np.concatenate([1.0 - off, 1.0 + off, [100.0 * (preload - 1.0)]])
+    error = (np.array(ours) - number) / half
+    return np.concatenate([1.0 - error, 1.0 + error, [100.0 * (preload - 1.0)]])
 
 
 def fit(start: Array, reading: float, fixed: int | None = None, push: float = 0.0) -> tuple[Array, float]:

@@ -202,7 +202,7 @@ def _limits(matchups: list[Matchup]) -> str:
     for matchup in matchups:
         task = Task(**matchup.environment)
         names[f"{task.acceleration_range[1]:g} m/s² and {task.velocity_range[1]:g} m/s"].append(matchup.name)
-    clauses = [f"{limits} ({', '.join(whose)})" if len(names) > 1 else limits for limits, whose in names.items()]
+    clauses = [f"{limits} ({', '.join(users)})" if len(names) > 1 else limits for limits, users in names.items()]
     return f"Policies and tuned baselines may use up to {'; '.join(clauses)}."
 
 

@@ -223,8 +223,8 @@ def sentence(answer: Answer, matchup: Matchup) -> str:
         text += "; it nowhere leaves the object as slow as the paper's rule."
     else:
         limit = "at least" if answer.sooner.value >= 0.0 else "at most"  # its fastest approach leaves the object slower
-        least = f"{limit} " if answer.beyond == "slower" else ""
-        text += f"; at the paper's V_p the approach is {least}{_compared(answer.sooner, 'sooner', 'later')}."
+        bound = f"{limit} " if answer.beyond == "slower" else ""
+        text += f"; at the paper's V_p the approach is {bound}{_compared(answer.sooner, 'sooner', 'later')}."
     if answer.rival_reduction:
         text += f" The best tuned baseline, {answer.rival}: {_compared(answer.rival_reduction, 'slower', 'faster')}."
     return begin + text + (f" It misses {answer.missed} of {answer.episodes:,} objects." if answer.missed else "")

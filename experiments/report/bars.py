@@ -45,9 +45,9 @@ def bars(played: Played, all_played: Sequence[Played]) -> list[Bar]:
     if evaluation.nominal:
         targets += _nominal(played, ratio)
     elif evaluation.at_most is not None and evaluation.of in measures:
-        whom, against = measures[evaluation.of]
+        policy, against = measures[evaluation.of]
         ours = {name: run["object_velocity"][0] for name, run in played.as_late.items()}
-        what = f"V_p over that of {whom}, as late as the paper's rule"
+        what = f"V_p over that of {policy}, as late as the paper's rule"
         targets.append(ratio(what, evaluation.at_most, ours, against["object_velocity"][0]))
     tuned = {name: run for name, run in played.baselines.items() if len(run.weights) > 1}
     for weight in played.matchup.weights if tuned else ():
@@ -75,9 +75,9 @@ def _nominal(played: Played, ratio: Callable[[str, float, Mapping[str, Floats], 
         policy, rule = (played.varied[change.argument, change.label, name] for name in (chosen, PAPER))
         worst = max(worst, float(policy.loss(typical).mean() / rule.loss(typical).mean()))
         missed = max(missed, float(policy.at(typical).missed.mean()))
-    where = f"with one thing off at a time, at its worst, w = {typical:g}"
-    yield Bar(f"V_p + w T over that of the paper's rule, {where}", 1.0, chosen, None, {chosen: worst})
-    yield Bar(f"share of objects missed, {where}", ONE_IN, chosen, None, {chosen: missed})
+    condition = f"with one thing off at a time, at its worst, w = {typical:g}"
+    yield Bar(f"V_p + w T over that of the paper's rule, {condition}", 1.0, chosen, None, {chosen: worst})
+    yield Bar(f"share of objects missed, {condition}", ONE_IN, chosen, None, {chosen: missed})
 
 
 def table(targets: Sequence[Bar]) -> Table:

@@ -69,8 +69,8 @@ def _paired(played: Played, field: str) -> Figure:
         for inside, place in _groups(played, field)
     ])  # fmt: skip
 
-    def ranges(where: pl.Expr) -> str:
-        places = ", ".join(f"{low:.3g} to {high:.3g}" for low, high in data.filter(where)["from", "to"].rows())
+    def ranges(holds: pl.Expr) -> str:
+        places = ", ".join(f"{low:.3g} to {high:.3g}" for low, high in data.filter(holds)["from", "to"].rows())
         return f"at {places}" if places else "nowhere"
 
     better, worse = ranges(pl.col("high") < 0), ranges(pl.col("low") > 0)

@@ -60,9 +60,9 @@ def chart(answer: Answer, played: Played) -> Figure:
     lines = base.mark_line(strokeWidth=2.5).encode(looks.dash.legend(None), order="w:Q")
     marks = base.mark_point().encode(looks.shape.legend(None), size=size)
 
-    def label(text: str, x: float, y: float, contestant: str, **where: Any) -> alt.Chart:
+    def label(text: str, x: float, y: float, contestant: str, **placing: Any) -> alt.Chart:
         point = pl.DataFrame([{"text": text, "T": x, "V": y, "contestant": contestant}])
-        return chart_of(point).mark_text(fontSize=13, fontWeight=600, **where).encode(
+        return chart_of(point).mark_text(fontSize=13, fontWeight=600, **placing).encode(
             horizontal, vertical, looks.colour.legend(None), text="text:N"
         )  # fmt: skip
 

@@ -71,13 +71,13 @@ def simulator(played: Played) -> Table:
     gains = [(run.loss(weight) - played.policy.loss(weight)).mean() for run in (played.paper, played.rival)]
     body = []
 
-    def add(label: str, whom: str, velocities: list[Floats], losses: Mapping[str, Floats]) -> None:
+    def add(label: str, contestants: str, velocities: list[Floats], losses: Mapping[str, Floats]) -> None:
         """Add a row of changes (scenarios,), m/s: of V_p, and of the losses by contestant."""
         mean = max(abs(change.mean()) for change in velocities)
-        most = max(np.abs(change).max() for change in velocities)
+        largest = max(np.abs(change).max() for change in velocities)
         means = {name: loss.mean() for name, loss in losses.items()}
         gain_changes = (f"{means[name] - means[chosen]:+.2g}" if name in means else "-" for name in (PAPER, rival))
-        body.append((label, f"{whom}, {velocities[0].size}", f"{mean:.2g}", f"{most:.2g}", *gain_changes))
+        body.append((label, f"{contestants}, {velocities[0].size}", f"{mean:.2g}", f"{largest:.2g}", *gain_changes))
 
     as_it_is = {**played.baselines, **played.seeds}
     for change in EXACT:

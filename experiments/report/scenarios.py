@@ -61,11 +61,11 @@ def environment_and_scenarios(
     One with ranges of its own meets as many from these, drawn from the seeds of the frozen set that is asked for,
     unless that is `hard`.
     """
-    rest = {name: value for name, value in environment.items() if name != "scenario"}
+    arguments = {name: value for name, value in environment.items() if name != "scenario"}
     if "scenario" not in environment or scenarios.get("set", "hard") == "hard":
-        return rest, scenarios
+        return arguments, scenarios
     seed = evaluation_sets.load(scenarios["set"]).seed
-    return rest, {"ranges": _pairs(environment["scenario"]), "seed": seed, "count": scenarios["count"]}
+    return arguments, {"ranges": _pairs(environment["scenario"]), "seed": seed, "count": scenarios["count"]}
 
 
 def _pairs(ranges: Any) -> dict[str, list[float]]:

@@ -78,8 +78,8 @@ def test_bars_of_nominal_set_ups_compare_with_another_arm_and_under_changes_with
         base = SPEEDS.mean()
         assert bar.reached["seed-0"] == pytest.approx((0.6 * base + 0.3 * weight) / (0.5 * base + 0.3 * weight))
         assert bar.at_most == 1.02
-    lost = 2.0 * 1 / COUNT  # what a miss costs
-    expected = (1.2 * SPEEDS.mean() + 0.3 + lost) / (SPEEDS.mean() + 0.3)  # w = 1, of theirs the nearest to 2
+    penalty = 2.0 * 1 / COUNT  # what a miss costs
+    expected = (1.2 * SPEEDS.mean() + 0.3 + penalty) / (SPEEDS.mean() + 0.3)  # w = 1, of theirs the nearest to 2
     assert rule.reached == {"seed-1": pytest.approx(expected)}
     assert (rule.at_most, rule.verdict) == (1.0, "missed")
     assert missed.reached == {"seed-1": 2 / COUNT}

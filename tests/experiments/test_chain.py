@@ -115,9 +115,9 @@ def test_chain_compares_the_clairvoyant_on_its_searched_scenarios():
     results.bound = run((0.05, 0.15), count=20)
     *_, policy, knows = chain(results)
     assert (policy.scenarios, knows.scenarios, knows.contestant) == (COUNT, 20, BOUND)
-    few = SPEEDS[:20].mean()
-    assert knows.velocity.value.value == pytest.approx(0.1 * few)
-    assert knows.velocity.less.value == pytest.approx((0.25 - 0.1) * few)
+    subset_mean = SPEEDS[:20].mean()
+    assert knows.velocity.value.value == pytest.approx(0.1 * subset_mean)
+    assert knows.velocity.less.value == pytest.approx((0.25 - 0.1) * subset_mean)
     assert knows.velocity.share.value == pytest.approx(0.15 / 0.75)
     assert "the first 20 scenarios" in table(chain(results), {}).rows[-1][1]
     assert "knowing" not in sentence(chain(results))

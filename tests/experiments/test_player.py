@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 import pytest
-from watched import COUPLINGS, TEST_SET, columns, shown
+from watched import COUPLINGS, TEST_SET, columns, judged_films
 
 from agents import load_policy
 from agents.baselines import ConstantSpeed, PaperTrapezoid
@@ -19,7 +19,7 @@ from impact_gym.task.task import HORIZON
 
 @pytest.fixture(scope="module", params=COUPLINGS)
 def film(request):
-    return shown(**COUPLINGS[request.param])
+    return judged_films(**COUPLINGS[request.param])
 
 
 def every_run(film):
@@ -29,13 +29,13 @@ def every_run(film):
 def test_film_shows_the_judged_episode(film):
     content, played = film
     for scene, run, rows in every_run(content):
-        judged, number = played[run["name"]], scene["number"]
-        assert run["object_velocity"] == judged.object_velocity[number]
+        episodes, number = played[run["name"]], scene["number"]
+        assert run["object_velocity"] == episodes.object_velocity[number]
         assert rows["object_velocity"][-1] == pytest.approx(run["object_velocity"], abs=0.6e-5)  # as it is rounded
-        assert run["contacts"][0][0] == pytest.approx(judged.approach_time[number], abs=0.6e-7)
-        assert len(run["contacts"]) == judged.contact_count[number]
+        assert run["contacts"][0][0] == pytest.approx(episodes.approach_time[number], abs=0.6e-7)
+        assert len(run["contacts"]) == episodes.contact_count[number]
         allowed = FORCE * scene["limits"]["force"] + 1e-5
-        assert rows["contact_force"].max() == pytest.approx(judged.peak_force[number], abs=allowed)
+        assert rows["contact_force"].max() == pytest.approx(episodes.peak_force[number], abs=allowed)
         assert scene["scenario"] == {name: values[number] for name, values in TEST_SET.scenario.items()}
 
 
@@ -97,8 +97,8 @@ def test_films_take_couplings_and_contacts_per_contestant():
 
 
 def test_films_refuse_a_replay_that_differs():
-    stage = ScenarioBatch.of("test", 3, time_weight=[2.0])
-    played = {"paper": stage.play(PaperTrapezoid())}
+    batch = ScenarioBatch.of("test", 3, time_weight=[2.0])
+    played = {"paper": batch.play(PaperTrapezoid())}
     with pytest.raises(RuntimeError, match=r"scenario 1: the replay of 'paper' leaves the object at .* judged by"):
         films({"paper": load_policy("linear-blind")}, {"first": 1}, played, frozen=TEST_SET)
     played["paper"].object_velocity[1] += 1e-9
@@ -142,16 +142,16 @@ def test_choose_finds_what_its_phrases_say():
         (scenario["contact_stiffness"], "softest", "stiffest"),
         (scenario["distance"], "nearest", "farthest"),
     ]
-    for values, least, most in extremes:
-        assert least is None or values[find(least)] == values[touched].min()
-        assert values[find(most)] == values[touched].max()
+    for values, lowest, highest in extremes:
+        assert lowest is None or values[find(lowest)] == values[touched].min()
+        assert values[find(highest)] == values[touched].max()
     assert find("most contacts") == 11
     assert find("missed by the policy") == 7
 
 
 def test_films_show_misses():
-    stage, slow = ScenarioBatch.of("test", 20, time_weight=[2.0]), ConstantSpeed(0.05)
-    played = {"paper": stage.play(PaperTrapezoid()), "slow": stage.play(slow)}
+    batch, slow = ScenarioBatch.of("test", 20, time_weight=[2.0]), ConstantSpeed(0.05)
+    played = {"paper": batch.play(PaperTrapezoid()), "slow": batch.play(slow)}
     chosen = choose(*played.values())
     assert played["slow"].missed.all()
     assert any("missed by the policy" in text.lower() for text in chosen)

@@ -6,14 +6,14 @@ import browsers
 import numpy as np
 import pytest
 from browsers import chromium
-from watched import CONTESTANTS, COUPLINGS, columns, shown
+from watched import CONTESTANTS, COUPLINGS, columns, judged_films
 
 from experiments.lab.player import fragment, script, style
 
 
 @pytest.fixture(scope="module", params=COUPLINGS)
 def film(request):
-    return shown(**COUPLINGS[request.param])
+    return judged_films(**COUPLINGS[request.param])
 
 
 @pytest.fixture(scope="module")

@@ -104,8 +104,8 @@ def test_episodes_match_a_batch_on_the_same_scenarios(episodes):
     frozen = evaluation_sets.load("test")
     for name, weight in ((PAPER, 2.0), ("blind-profile", 4.0)):
         rows = of(episodes, name, time_weight=weight).sort("scenario")
-        stage = ScenarioBatch.of("test", 30, time_weight=[weight])
-        judged = stage.play(load_baseline("paper-trapezoid" if name == PAPER else name, weight))
+        batch = ScenarioBatch.of("test", 30, time_weight=[weight])
+        judged = batch.play(load_baseline("paper-trapezoid" if name == PAPER else name, weight))
         for field in RESULTS:
             assert (rows[field].to_numpy() == getattr(judged, field)).all()
     for (name, _), rows in episodes.group_by("contestant", "time_weight"):

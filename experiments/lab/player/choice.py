@@ -48,13 +48,13 @@ def _outstanding(baseline: Episodes, policy: Episodes) -> Iterable[tuple[str, in
         if contacts[touched].max() > 1:
             yield "most contacts: it is hit again and again", largest(contacts)
         yield "the highest contact force", largest(np.maximum(baseline.peak_force, policy.peak_force))
-    for field, least, most in (
+    for field, lowest, highest in (
         ("object_mass", "the lightest object", "the heaviest object"),
         ("contact_stiffness", "the softest contact", "the stiffest contact"),
         ("distance", "the nearest object", "the farthest object"),
     ):
-        yield least, largest(-scenario[field])
-        yield most, largest(scenario[field])
+        yield lowest, largest(-scenario[field])
+        yield highest, largest(scenario[field])
     if policy.missed.any():
         yield "missed by the policy", int(np.argmax(policy.missed))
     elif baseline.missed.any():
