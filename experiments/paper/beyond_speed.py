@@ -25,16 +25,11 @@ COUPLINGS: tuple[Coupling, ...] = (MECHANISM, LINEAR, ig.Rigid())  # by their nu
 STYLES = (OBJECT, "bistable"), (TOOL, "linear, k_t = 50 N/m"), (FLANGE, "tool fixed")
 
 
-def approach(coupling: Coupling, speed: float) -> ig.Outcome:
-    """Simulate one approach at `speed` (m/s)."""
+def row(number: int, speed: float) -> Row:
+    """Simulate one approach at `speed` (m/s); a row of the table."""
     motion = ig.Trapezoid(speed, MOTION.acceleration, MOTION.brake)
     distance = speed**2 / (2.0 * MOTION.acceleration) + speed * CRUISE
-    return ig.simulate(scene(1e3, 0.1, coupling, distance=distance), motion, duration=2.0)
-
-
-def row(number: int, speed: float) -> Row:
-    """Simulate one approach; a row of the table."""
-    outcome = approach(COUPLINGS[number], speed)
+    outcome = ig.simulate(scene(1e3, 0.1, COUPLINGS[number], distance=distance), motion, duration=2.0)
     return {
         "coupling": number, "speed": speed, "object_velocity": outcome.object_velocity,
         "contacts": len(outcome.contacts), "passes": len(outcome.snap_through),  # of the slider through its alignment

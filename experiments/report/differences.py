@@ -1,13 +1,11 @@
 """Where the policy wins and where it does not: differences on the same scenarios, one by one and in groups."""
 
-from collections.abc import Iterator
 from dataclasses import asdict
 from typing import Any
 
 import altair as alt
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
 from experiments.lab.comparison import Comparison
 from experiments.lab.statistics import estimate, quantile_groups
@@ -16,7 +14,6 @@ from experiments.report.matchups import PAPER, POLICY
 from experiments.report.played import Played
 from experiments.report.tables import Table
 from impact_gym.quantities import QUANTITIES, SCENARIO
-from impact_gym.task.scenario import FIELDS
 
 GROUPS = 5  # of each field of the scenario, as many scenarios in each; fewer where there would be less than SMALLEST
 SMALLEST = 10
@@ -48,25 +45,15 @@ def measures(played: Played) -> Table:
     return Table(caption, head, body)
 
 
-def breakdown(played: Played) -> list[Figure]:
-    """Return for each field of the scenario the paired difference to the rival."""
-    return [_paired(played, field) for field in FIELDS]
-
-
-def _groups(played: Played, field: str) -> Iterator[tuple[NDArray[np.bool_], dict[str, float]]]:
-    """Yield a mask and the place on the axis of each group of scenarios that are close in a field."""
-    values = played.paper.scenario[field]
-    for inside, low, high in quantile_groups(values, max(1, min(GROUPS, values.size // SMALLEST))):
-        if inside.sum() > 1:
-            yield inside, {"from": low, "to": high, "middle": float(np.median(values[inside]))}
-
-
-def _paired(played: Played, field: str) -> Figure:
-    weight, rival = played.matchup.typical, played.matchup.rival.label
+def paired(played: Played, field: str) -> Figure:
+    """Return the paired difference to the rival in groups of scenarios that are close in a field."""
+    weight, rival, values = played.matchup.typical, played.matchup.rival.label, played.paper.scenario[field]
     label, ours, theirs = f"{POLICY} minus {rival}", played.losses(weight), played.rival.loss(weight)
     data = pl.DataFrame([
-        {"contestant": label, **place, **asdict(Comparison.of_means(theirs[inside], ours[:, inside]).less)}
-        for inside, place in _groups(played, field)
+        {"contestant": label, "from": low, "to": high, "middle": float(np.median(values[inside])),
+         **asdict(Comparison.of_means(theirs[inside], ours[:, inside]).less)}
+        for inside, low, high in quantile_groups(values, max(1, min(GROUPS, values.size // SMALLEST)))
+        if inside.sum() > 1
     ])  # fmt: skip
 
     def ranges(holds: pl.Expr) -> str:

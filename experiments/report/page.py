@@ -19,6 +19,7 @@ from experiments.report.figures import Figure
 from experiments.report.matchups import PAPER, POLICY, Matchup
 from experiments.report.played import Played
 from experiments.report.tables import HeatMap, Table
+from impact_gym.task.scenario import FIELDS
 
 Part = Figure | Table | HeatMap | str
 KINDS = {Figure: "figure", Table: "table", HeatMap: "heat_map", str: "paragraph"}
@@ -113,7 +114,7 @@ def _statistician(played: Played, targets: Sequence[bars.Bar]) -> list[Fold]:
         f"The weight that makes a policy as late as the paper's rule was found on {chosen_on[kind]}, so the two are "
         "equally late only nearly here."
     )
-    by_field: list[Part] = [note, *differences.breakdown(played)]
+    by_field: list[Part] = [note, *(differences.paired(played, field) for field in FIELDS)]
     return [
         Fold("The trade-off of every seed and every baseline", trade_off, key="trade-off"),
         Fold("Targets and results", [bars.table(targets)], key="bars"),
