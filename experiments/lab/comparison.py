@@ -49,6 +49,6 @@ class Comparison:
 
 def verdict(value: float, at_most: float, interval: Estimate | None = None) -> str:
     """Return whether a value meets a bar, and whether its interval leaves that open."""
-    met = "met" if value <= at_most else "missed"
+    result = "met" if value <= at_most else "missed"
     undecided = interval is not None and interval.low <= at_most < interval.high
-    return f"{met}, within the interval" if undecided else met
+    return f"{result}, within the interval" if undecided else result

@@ -1,4 +1,4 @@
-"""What every experiment does: compute what is missing of its tables, write them, draw them, write the page."""
+"""The run of every experiment: compute the rows that are missing, write the tables, draw them, write the page."""
 
 import shlex
 import sys
@@ -20,14 +20,14 @@ from impact_gym.files import whole_file
 Tables = dict[str, list[Row]]
 Compute = Callable[[Gather], Tables]
 Shown = tuple[Mapping[str, Figure], Mapping[str, Any]]
-"""Figures by name, and what else the template of the page needs."""
+"""Figures by name, and the other content of the page's template."""
 Show = Callable[[Tables], Shown]
 
 
 def command(
     name: str, compute: Compute, show: Show, out: Path | None, quick: bool, called: str = "", **options: Any
 ) -> None:
-    """Do what `run` does, for a command line, and say where the page is.
+    """`run` for a command line; print where the page is.
 
     The folder is `out`, or reports/name, or name_quick beside it; `name` is of the package below `experiments`, with
     dots, of which the last part names folder and command, unless the command is `called` otherwise.
@@ -36,8 +36,8 @@ def command(
     folder = out or REPORTS / (f"{short}_quick" if quick else short)
     line = shlex.join(["impact-gym", called or short, *sys.argv[1:]])
     with command_line(called or short, "what was computed is kept"):
-        written = run(name.replace(".", "/"), folder, line, compute, show, **options)
-    print(f"{short}: {written.resolve().as_uri()}")
+        index = run(name.replace(".", "/"), folder, line, compute, show, **options)
+    print(f"{short}: {index.resolve().as_uri()}")
 
 
 def run(

@@ -29,7 +29,7 @@ def short(value: float) -> Markup:
 
 def typeset(text: str) -> Markup:
     """Return a text with its subscripts and powers set as such, V_p, N/m^1.5, and its intervals in one piece."""
-    unbroken = INTERVAL.sub(lambda found: found[0].replace(" ", "\N{NO-BREAK SPACE}"), str(escape(text)))
+    unbroken = INTERVAL.sub(lambda match: match[0].replace(" ", "\N{NO-BREAK SPACE}"), str(escape(text)))
     return Markup(symbols.html(unbroken))
 
 

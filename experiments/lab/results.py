@@ -17,10 +17,10 @@ from impact_gym.files import whole_file
 
 REPORTS = Path("reports")
 KEPT = "kept"
-"""Folder, in that of an experiment, of what its jobs have returned."""
+"""Subfolder of an experiment with the results of its jobs."""
 
 MARK = ".impact_gym"
-"""A file that says a folder was written here and may be replaced."""
+"""File that marks a folder as ours, to be replaced."""
 
 
 def replaceable(path: Path) -> None:
@@ -72,18 +72,18 @@ def noted(folder: Path, command: str, packages: Iterable[str], again: bool) -> I
     A note has the command, the circumstances, the load before, how many results of jobs are new and how many seconds
     it took, None if it was stopped. Where everything is computed `again`, what was kept goes first.
     """
-    kept, log = folder / KEPT, folder / "results.json"
+    jobs, log = folder / KEPT, folder / "results.json"
     if again:
-        shutil.rmtree(kept, ignore_errors=True)
-    runs: list[dict[str, Any]] = json.loads(log.read_text())["runs"] if kept.is_dir() and log.is_file() else []
-    begun, before = time.perf_counter(), _results(kept)
+        shutil.rmtree(jobs, ignore_errors=True)
+    runs: list[dict[str, Any]] = json.loads(log.read_text())["runs"] if jobs.is_dir() and log.is_file() else []
+    begun, before = time.perf_counter(), _results(jobs)
     note: dict[str, Any] = {"command": command, "seconds": None, "load_before": os.getloadavg()[0]}
     runs.append(note | circumstances("impact-gym", "numpy", "scipy", *packages))
     try:
         yield runs
         runs[-1]["seconds"] = time.perf_counter() - begun
     finally:
-        runs[-1]["computed"] = _results(kept) - before
+        runs[-1]["computed"] = _results(jobs) - before
         with whole_file(log) as file:
             file.write((json.dumps({"runs": runs}, indent=2) + "\n").encode())
 

@@ -67,9 +67,9 @@ def _shares(seed: tuple[int, int], units: int, resamples: int) -> Floats:
 
 def estimate(resampled: Floats) -> Estimate:
     """Return the number in row 0 with the percentile interval of the others; resamples without a value are left out."""
-    others = resampled[1:][np.isfinite(resampled[1:])]
+    finite = resampled[1:][np.isfinite(resampled[1:])]
     tail = 50.0 * (1.0 - CONFIDENCE)
-    low, high = np.percentile(others, [tail, 100.0 - tail]) if others.size else (np.nan, np.nan)
+    low, high = np.percentile(finite, [tail, 100.0 - tail]) if finite.size else (np.nan, np.nan)
     return Estimate(float(resampled[0]), float(low), float(high))
 
 

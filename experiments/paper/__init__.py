@@ -25,12 +25,12 @@ def resolve(word: str) -> str:
     """
     name = f"figure_{int(word):02}" if word.isdecimal() else word
     if name not in NAMES:
-        words = ", ".join(known.removeprefix("figure_").lstrip("0") for known in NAMES)
+        words = ", ".join(figure.removeprefix("figure_").lstrip("0") for figure in NAMES)
         raise ValueError(f"no figure {word!r}: there are {words}")
     return name
 
 
 def heading(name: str) -> str:
-    """Return what a figure is called on the page."""
-    kind, _, rest = name.partition("_")
-    return {"figure": f"Fig. {rest.lstrip('0')}", "beyond": "Beyond the paper", "hidden": "Not printed"}[kind]
+    """Return the heading of a figure on the page."""
+    kind, _, number = name.partition("_")
+    return {"figure": f"Fig. {number.lstrip('0')}", "beyond": "Beyond the paper", "hidden": "Not printed"}[kind]

@@ -23,15 +23,15 @@ def main(names: tyro.conf.Positional[tuple[str, ...]] = (), out: Path = REPORTS 
     """
     begun = time.perf_counter()
     with command_line("paper", "what is drawn is kept"):
-        asked = sorted({resolve(word) for word in names} or NAMES, key=NAMES.index)
-        for name in (bar := tqdm(asked, desc="figures")):
+        figures = sorted({resolve(word) for word in names} or NAMES, key=NAMES.index)
+        for name in (bar := tqdm(figures, desc="figures")):
             bar.set_postfix_str(name)
             module, table_file = load(name), out / f"{name}.csv"
             tables.write(table_file, module.compute())
             save(module.plot(tables.read(table_file)), table_file.with_suffix(".svg"))
         command = shlex.join(["impact-gym", "paper", *sys.argv[1:]])
-        written = page.write(out, {"command": command, "seconds": time.perf_counter() - begun})
-    print(f"{len(asked)} figures in {time.perf_counter() - begun:.0f} s: {written.resolve().as_uri()}")
+        index = page.write(out, {"command": command, "seconds": time.perf_counter() - begun})
+    print(f"{len(figures)} figures in {time.perf_counter() - begun:.0f} s: {index.resolve().as_uri()}")
 
 
 if __name__ == "__main__":

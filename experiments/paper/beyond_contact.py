@@ -85,7 +85,7 @@ def statements(table: Table) -> Statements:
     spread = {case: np.ptp(where(table, case=case)["delivered"]) for case in CONTACTS}
     jumps = {case: ends(where(table, case=case, speed=1.0)) for case in CONTACTS}
     linear = where(table, case="linear", speed=1.0)["force"].max()
-    off = {law: np.abs((rows := where(table, case=law))["delivered"] - rows["nominal"]) for law in LAWS}
+    error = {law: np.abs((rows := where(table, case=law))["delivered"] - rows["nominal"]) for law in LAWS}
     small = NOMINAL < SMALL
     yield section_2_2.given.claim(
         "The coefficient of restitution of the linear contact does not depend on the velocity before the impact, "
@@ -119,8 +119,8 @@ def statements(table: Table) -> Statements:
     )
     yield section_2_2.claim(
         "Eq. 7 improves the model of Hunt and Crossley and extends its validity to small restitution coefficients",
-        (off["hu-guo"] < off["hunt-crossley"])[small].all() and off["hu-guo"][small].max() < 0.05,
-        f"below e = {SMALL:g} eq. 7 is off by at most {off['hu-guo'][small].max():.3f}, theirs by up to "
-        f"{off['hunt-crossley'][small].max():.2f}",
+        (error["hu-guo"] < error["hunt-crossley"])[small].all() and error["hu-guo"][small].max() < 0.05,
+        f"below e = {SMALL:g} eq. 7 is off by at most {error['hu-guo'][small].max():.3f}, theirs by up to "
+        f"{error['hunt-crossley'][small].max():.2f}",
         f"below e = {SMALL:g} nearer to e than theirs everywhere, and within 0.05 of it",
     )

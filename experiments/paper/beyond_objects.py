@@ -34,12 +34,12 @@ def velocities(coupling: Coupling, stiffness: float) -> ig.Outcomes:
 def compute() -> Table:
     """Simulate the tool fixed, the mechanism, and every small change of it that holds the tool."""
     height, stop = MECHANISM.height, MECHANISM.front_stop
-    near = [replace(MECHANISM, height=h * height, front_stop=s * stop) for h, s in product(CHANGES, CHANGES)]
-    near = [coupling for coupling in near if coupling.force(coupling.front_stop) >= HOLD]
+    candidates = [replace(MECHANISM, height=h * height, front_stop=s * stop) for h, s in product(CHANGES, CHANGES)]
+    candidates = [coupling for coupling in candidates if coupling.force(coupling.front_stop) >= HOLD]
     rows: list[Row] = []
     for size, stiffness in SIZES.items():
         fixed, used = (velocities(coupling, stiffness) for coupling in (ig.Rigid(), MECHANISM))
-        changed = np.min([velocities(coupling, stiffness).object_velocity for coupling in near], axis=0)
+        changed = np.min([velocities(coupling, stiffness).object_velocity for coupling in candidates], axis=0)
         for i, mass in enumerate(MASSES):
             rows.append({
                 "size": size, "object_mass": mass, "rigid": fixed.object_velocity[i],
@@ -68,7 +68,7 @@ def plot(table: Table, axes: Panels) -> None:
 
 def statements(table: Table) -> Statements:
     ours, papers = reduction(table, "changed"), table["object_mass"] >= OBJECT_MASS
-    least = table["object_mass"][ours >= ENOUGH].min()  # kg, at the most favourable size
+    lightest = table["object_mass"][ours >= ENOUGH].min()  # kg, at the most favourable size
     stuck = table["object_mass"][table["snap_count"] != 1].max(initial=0.0)
     changed, unchanged = (100.0 * reduction(table, case)[papers] for case in ("changed", "as_it_is"))
     yield section_1.claim(
@@ -79,7 +79,7 @@ def statements(table: Table) -> Statements:
         f"H and front stop changed by at most 10 %: V_p at least {100 * ENOUGH:g} % below that of the fixed tool, for "
         f"objects of 1/4 to 4 times the radius and of the masses between the paper's two, {OBJECT_MASS:g} and 2.5 kg",
         why="The paper names neither masses nor sizes. A light object does not push the slider over the alignment for "
-        f"good (up to {stuck:.2f} kg), and below {least:.2f} kg no change of 10 % gives {100 * ENOUGH:g} %.",
+        f"good (up to {stuck:.2f} kg), and below {lightest:.2f} kg no change of 10 % gives {100 * ENOUGH:g} %.",
     ).read_as(
         f"objects lighter than the paper's as well, down to {MASSES[0]:g} kg",
         ours.min() >= ENOUGH,

@@ -25,16 +25,11 @@ COUPLINGS: tuple[Coupling, ...] = (MECHANISM, LINEAR, ig.Rigid())  # by their nu
 STYLES = (OBJECT, "bistable"), (TOOL, "linear, k_t = 50 N/m"), (FLANGE, "tool fixed")
 
 
-def approach(coupling: Coupling, speed: float) -> ig.Outcome:
-    """Simulate one approach at `speed` (m/s)."""
+def row(number: int, speed: float) -> Row:
+    """Simulate one approach at `speed` (m/s); a row of the table."""
     motion = ig.Trapezoid(speed, MOTION.acceleration, MOTION.brake)
     distance = speed**2 / (2.0 * MOTION.acceleration) + speed * CRUISE
-    return ig.simulate(scene(1e3, 0.1, coupling, distance=distance), motion, duration=2.0)
-
-
-def row(number: int, speed: float) -> Row:
-    """Simulate one approach; a row of the table."""
-    outcome = approach(COUPLINGS[number], speed)
+    outcome = ig.simulate(scene(1e3, 0.1, COUPLINGS[number], distance=distance), motion, duration=2.0)
     return {
         "coupling": number, "speed": speed, "object_velocity": outcome.object_velocity,
         "contacts": len(outcome.contacts), "passes": len(outcome.snap_through),  # of the slider through its alignment
@@ -63,10 +58,10 @@ def plot(table: Table, grid: Panels) -> None:
         mark(axes, [], [], marker="D", label="number of snap-throughs changes")
         if any(changes(where(table, coupling=number), "speed", "contacts") for number in range(len(COUPLINGS))):
             mark(axes, [], [], label="number of contacts changes")
-        for speed, below, above in changes(where(table, coupling=0), "speed", "passes"):
+        for speed, before, after in changes(where(table, coupling=0), "speed", "passes"):
             axes.axvline(speed, color="#888888", linewidth=0.8, linestyle=":")
-            beside = {"xytext": (3, 3), "textcoords": "offset points", "fontsize": 8, "rotation": 90}
-            axes.annotate(f"{below} to {above}", (speed, 0.0), **beside)
+            placing = {"xytext": (3, 3), "textcoords": "offset points", "fontsize": 8, "rotation": 90}
+            axes.annotate(f"{before} to {after}", (speed, 0.0), **placing)
         axes.set_ylim(0.0, 1.25 * axes.get_ylim()[1])  # room for the legend
         axes.set_xlabel("impact speed (m/s)")
     grid[0].legend(fontsize=9, loc="upper left")
@@ -78,7 +73,7 @@ def statements(table: Table) -> Statements:
     rows, linear = where(table, coupling=0), where(table, coupling=1)
     speed = rows["speed"]
     ahead = rows["passes"] % 2 == 0  # the slider ends ahead of the alignment
-    lost = speed[(speed < MOTION.speed) & ahead].max(initial=0.0)
+    fails_below = speed[(speed < MOTION.speed) & ahead].max(initial=0.0)
     turns = changes(rows, "speed", "passes")
     velocity = {v: np.interp(v, speed, rows["object_velocity"]) for v in (1.0, 1.1, 1.2)}
     passes = int(rows["passes"][np.argmin(np.abs(speed - 1.1))])
@@ -96,9 +91,9 @@ def statements(table: Table) -> Statements:
     )
     yield section_6.claim(
         "A decrease in the impact velocity may prevent the mechanism from reaching the second stable configuration",
-        0.0 < lost < MOTION.speed,
-        f"it does not stay there below {lost:.3f} m/s"
-        + "".join(f"; {below} to {above} passes of the alignment at {v:.3f} m/s" for v, below, above in turns),
+        0.0 < fails_below < MOTION.speed,
+        f"it does not stay there below {fails_below:.3f} m/s"
+        + "".join(f"; {before} to {after} passes of the alignment at {v:.3f} m/s" for v, before, after in turns),
         "at some speed below 1 m/s the slider ends ahead of the alignment",
     )
     yield section_6.claim(

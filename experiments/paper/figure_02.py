@@ -36,23 +36,23 @@ def plot(table: Table, axes: Panels) -> None:
 def statements(table: Table) -> Statements:
     fixed, hit, tool = table["object_velocity_fixed"], table["object_velocity"], table["tool_velocity"]
     momentum = TOOL_MASS * tool + OBJECT_MASS * hit - TOOL_MASS
-    given = section_2_1.given  # eq. 1, 3 and 4 evaluated
+    identity = section_2_1.given  # eq. 1, 3 and 4 evaluated
     for e, velocity in ((1, fixed[-1]), (0, fixed[0])):
         text = f"v_t = 1 m/s, fixed tool: the final velocity is {1 + e} m/s with e = {e}"
-        yield given.number(text, f"{1 + e} m/s", velocity)
-    yield given.claim(
+        yield identity.number(text, f"{1 + e} m/s", velocity)
+    yield identity.claim(
         "The increase in e leads to increases in the final velocity of the object and in the change of the tool's",
         (np.diff(hit) > 0).all() and (np.diff(np.abs(tool - 1.0)) > 0).all(),
         f"V_p {hit[0]:.3f} to {hit[-1]:.3f}, V_t {tool[0]:.3f} to {tool[-1]:.3f} m/s",
         "both rise from each e to the next",
     )
-    yield given.claim(
+    yield identity.claim(
         "The variation in the velocity of the tool leads to a large reduction in the final velocity of the object",
         (hit < 0.5 * fixed).all(),
         f"V_p of the free tool is {hit[-1] / fixed[-1]:.3f} of that of the fixed one, at every e",
         "less than half, at every e",
     )
-    yield given.claim(
+    yield identity.claim(
         "The momentum of tool and object is conserved (eq. 2)",
         np.abs(momentum).max() < 1e-12,
         f"largest residual {np.abs(momentum).max():.1g} kg m/s",

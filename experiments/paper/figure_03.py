@@ -36,8 +36,8 @@ def plot(table: Table, grid: Panels) -> None:
             axes.semilogx(rows["tool_mass"], rows[column], color=colour, label=f"e = {restitution:g}")
         for mass in (TOOL_MASS, ROBOT_AND_TOOL):
             axes.axvline(mass, color="#888888", linewidth=0.8, linestyle=":")
-            beside = {"xytext": (-3, 4), "textcoords": "offset points", "rotation": 90, "ha": "right", "va": "bottom"}
-            axes.annotate(f"{mass:g} kg", (mass, 0.0), xycoords=("data", "axes fraction"), fontsize=8, **beside)
+            placing = {"xytext": (-3, 4), "textcoords": "offset points", "rotation": 90, "ha": "right", "va": "bottom"}
+            axes.annotate(f"{mass:g} kg", (mass, 0.0), xycoords=("data", "axes fraction"), fontsize=8, **placing)
         axes.set(xlabel="mass of the tool m_t (kg)", ylabel=label)
         axes.legend()
 

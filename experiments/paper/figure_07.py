@@ -31,7 +31,7 @@ def statements(table: Table) -> Statements:
     instantaneous = impact.free_tool(TOOL_MASS, OBJECT_MASS, 1.0, 0.0, e)[1]
     error = np.abs(grid_values(table, "object_velocity", 1)[:, 0] / instantaneous - 1.0)
     at_cut = where(table, free=1, contact_stiffness=CUT)
-    apart = [where(at_cut, restitution=e)["separation_velocity"][0] for e in VANISHING]
+    parting = [where(at_cut, restitution=e)["separation_velocity"][0] for e in VANISHING]
     yield section_2_2.claim(
         "An increase in k_c leads to a decrease in the impact duration",
         all((np.diff(duration, axis=1) < 0).all() for duration in durations),
@@ -46,8 +46,8 @@ def statements(table: Table) -> Statements:
     )
     yield section_2_2.claim(
         "If e tends to zero (inelastic impact), the two masses move together after the impact",
-        (np.diff(apart) < 0.0).all() and apart[-1] < 0.01,
-        f"they part with {apart[0]:.3f} m/s at e = {VANISHING[0]:g} and {apart[-1]:.4f} m/s at {VANISHING[-1]:g}",
+        (np.diff(parting) < 0.0).all() and parting[-1] < 0.01,
+        f"they part with {parting[0]:.3f} m/s at e = {VANISHING[0]:g} and {parting[-1]:.4f} m/s at {VANISHING[-1]:g}",
         "the speed at which they part falls with e, to less than 1 % of the approach velocity",
     )
     yield section_2_2.repeated.claim(

@@ -31,10 +31,10 @@ def plot(table: Table, grid: Panels) -> None:
         "damping": ("c_r (N s/m)", None, ""),
         "stiffness": ("k_r (N/m)", "effective_stiffness", "1/(K$_X^{-1}$)$_{11}$"),
     }
-    for axes, (column, (label, other, other_label)) in zip(grid, columns.items(), strict=True):
+    for axes, (column, (label, effective, note)) in zip(grid, columns.items(), strict=True):
         axes.plot(table["x"], table[column], color=TOOL, label="element (1,1), as in the paper")
-        if other:
-            axes.plot(table["x"], table[other], color=TOOL, linestyle="--", linewidth=1.0, label=f"ours: {other_label}")
+        if effective:
+            axes.plot(table["x"], table[effective], color=TOOL, linestyle="--", linewidth=1.0, label=f"ours: {note}")
         axes.plot(table["x"][at], table[column][at], "o", color=OBJECT, markersize=8, label="impact")
         axes.set(xlabel="imposed position x_r (m)", ylabel=label, ylim=(0, None))
         axes.legend(fontsize=9, loc="upper left")

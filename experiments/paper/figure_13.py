@@ -65,7 +65,7 @@ def statements(table: Table) -> Statements:
     frozen, along, along_unhindered = (Run(table, case) for case in ("frozen", "along", "along, unhindered"))
     change = abs(frozen.final_velocity - along.final_velocity)
     impact_change = abs(frozen.impact_velocity - along.impact_velocity)
-    since, minimum = along.nearest_minimum(along_unhindered)
+    delay, minimum = along.nearest_minimum(along_unhindered)
     yield section_3.undecided(
         "Eq. 16 lets m_r, c_r, k_r vary along x_r (Fig. 12); whether Fig. 13b does, or freezes them at the impact, is "
         "not said",
@@ -73,14 +73,14 @@ def statements(table: Table) -> Statements:
         f"{along.impact_velocity:.4f} and {frozen.impact_velocity:.4f} m/s",
         f"With our estimates of the Viper s650 freezing costs {change:.4f} m/s in V_p and {impact_change:.4f} m/s in "
         "the impact velocity. Along x_r the robot is softer on the way, and what is left of the vibration has another "
-        f"phase: the tool strikes {1e3 * abs(since):.1f} ms {'after' if since > 0 else 'before'} a minimum "
+        f"phase: the tool strikes {1e3 * abs(delay):.1f} ms {'after' if delay > 0 else 'before'} a minimum "
         f"of {minimum:.3f} m/s. 5 % in k_r shift that phase by 50 degrees. Eq. 16 as printed, without terms from "
         "the change of mass.",
     )
 
 
 def _compliant_joints(rigid: Run, run: Run, unhindered: Run) -> Statements:
-    since, minimum = run.nearest_minimum(unhindered)
+    delay, minimum = run.nearest_minimum(unhindered)
     ratio = run.final_velocity / MOTION.speed
     loss = 1.0 - run.final_velocity / rigid.final_velocity
     yield section_3_2.identified.number(
@@ -92,8 +92,8 @@ def _compliant_joints(rigid: Run, run: Run, unhindered: Run) -> Statements:
     )
     yield section_3_2.identified.claim(
         "The impact takes place when there is a local minimum of robot velocity",
-        abs(since) < 0.002 and run.impact_velocity < MOTION.speed,
-        f"{1e3 * abs(since):.1f} ms {'after' if since > 0 else 'before'} the minimum of {minimum:.4f} m/s that the "
+        abs(delay) < 0.002 and run.impact_velocity < MOTION.speed,
+        f"{1e3 * abs(delay):.1f} ms {'after' if delay > 0 else 'before'} the minimum of {minimum:.4f} m/s that the "
         "tool reaches with nothing in its way",
         "within 2 ms of a local minimum below 1 m/s",
     )

@@ -101,7 +101,7 @@ def draw(axes: Panels, table: Table) -> None:
         label = f"k_c = $10^{round(np.log10(k_c))}$ N/m$^{{1.5}}$"
         axes.plot(stiffness, velocity, color=colour, label=label)
         axes.plot(far["coupling_stiffness"], far["object_velocity"], color=colour, linewidth=0.8, linestyle="--")
-        at = np.isin(stiffness, [below for below, _, _ in changes(table, k_c)])
+        at = np.isin(stiffness, [stiffness_below for stiffness_below, _, _ in changes(table, k_c)])
         mark(axes, stiffness[at], velocity[at], colour)
     axes.plot([], [], color="black", linewidth=0.8, linestyle="--", label="ours: tool settled before the impact")
     if any(changes(table, k_c) for k_c in CONTACT_STIFFNESSES):

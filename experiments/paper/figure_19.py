@@ -113,10 +113,10 @@ def _share_before_the_brake(run: Run) -> float:
 
 def _during_the_contact(a: Run, b: Run) -> Statements:
     """Compare what depends on when the contact is said to be over."""
-    whole, felt = (a.first_contact, b.first_contact), (a.felt_contact, b.felt_contact)
-    kept = [
+    contacts, felt = (a.first_contact, b.first_contact), (a.felt_contact, b.felt_contact)
+    restitutions = [
         (end.object_velocity[-1] - end.tool_velocity[-1]) / start.tool_velocity[0]
-        for start, end in zip(whole, felt, strict=True)
+        for start, end in zip(contacts, felt, strict=True)
     ]
     yield section_4_2.claim(
         "Tool and object move almost synchronously after the collision: the final relative velocity is only a small "
@@ -126,10 +126,12 @@ def _during_the_contact(a: Run, b: Run) -> Statements:
         "below 0.2, in (a) and (b)",
         why="True of the impact itself. In (b) the surfaces part only after the robot has braked, and its coupling has "
         "pulled the tool back by then.",
-    ).read_as(FELT, max(kept) < 0.2, f"{kept[0]:.3f} of it in (a), {kept[1]:.3f} in (b) when it ends")
+    ).read_as(
+        FELT, max(restitutions) < 0.2, f"{restitutions[0]:.3f} of it in (a), {restitutions[1]:.3f} in (b) when it ends"
+    )
     yield section_4_2.claim(
         "The force of the decoupling elements is positive during the contact",
-        *judge(whole, pushes),
+        *judge(contacts, pushes),
         "positive from where the tool has fallen behind the flange (0.1 ms) to the end of the contact, in (a) and (b)",
         why="The contact outlasts the beginning of the braking. The flange then slows below the tool's velocity, the "
         "damper pulls, and towards the end of the contact it outweighs the compressed spring. The deceleration is "
@@ -137,7 +139,7 @@ def _during_the_contact(a: Run, b: Run) -> Statements:
     ).read_as(FELT, *judge(felt, pushes))
     yield section_4_2.claim(
         "During the contact the decoupling system is compressed",
-        *judge(whole, is_compressed),
+        *judge(contacts, is_compressed),
         "the tool behind its relaxed position at every instant of the contact, in (a) and (b)",
         why="In (b) the flange has all but stopped before the surfaces part, and the tool overtakes it by a fraction "
         "of a millimetre. Here the deceleration matters, which the paper does not print: below about 6 m/s^2 the "
@@ -145,7 +147,7 @@ def _during_the_contact(a: Run, b: Run) -> Statements:
     ).read_as(FELT, *judge(felt, is_compressed))
     yield section_4_2.claim(
         "During the contact the velocity of the tool is lower than the robot velocity",
-        *judge(whole, is_slower),
+        *judge(contacts, is_slower),
         "lower from the first moments of the contact to its end, in (a) and (b)",
         why="True until the robot brakes: then its velocity falls below that of tool and object, which go on.",
     ).read_as(FELT, *judge(felt, is_slower))

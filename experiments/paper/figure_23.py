@@ -39,8 +39,8 @@ class SliderRun(Run):
     @property
     def plateau(self) -> float:
         """Velocity of the tool where it changes least between 0.4 m/s and the alignment, m/s."""
-        apart = np.append(np.diff(self.time) > 0.0, False)  # events are in it twice
-        steady = self.first_phase & (self.time >= self.time[self.slowed]) & apart
+        distinct = np.append(np.diff(self.time) > 0.0, False)  # events are in it twice
+        steady = self.first_phase & (self.time >= self.time[self.slowed]) & distinct
         rate = np.abs(np.diff(self.tool)[steady[:-1]] / np.diff(self.time)[steady[:-1]])
         return float(self.tool[steady][np.argmin(rate)])
 
@@ -48,16 +48,16 @@ class SliderRun(Run):
 def plot(table: Table) -> Figure:
     figure = velocities_and_forces(table, titles=CASES, window=(0.25, 0.6))
     top, bottom = figure.axes[0], figure.axes[2]
-    beside: dict[str, Any] = {"xytext": (-6, 0), "textcoords": "offset points", "ha": "right", "fontsize": 8}
+    placing: dict[str, Any] = {"xytext": (-6, 0), "textcoords": "offset points", "ha": "right", "fontsize": 8}
     snap = SliderRun(table).snap
     top.axvline(snap, color=COUPLING, linestyle=":", linewidth=1.0)
-    top.annotate("slider passes\nthe alignment", (snap, -0.25), **beside)
+    top.annotate("slider passes\nthe alignment", (snap, -0.25), **placing)
     bistable, linear = (Run(table, case).trace for case in CASES)
     highest = 1.15 * max(bistable.contact_force.max(), linear.contact_force.max())
     bottom.set_ylim(-3.0, highest)  # shared with (d)
     strongest = int(np.argmax(bistable.coupling_force))
     text = f"rear stop, up to {bistable.coupling_force[strongest]:.0f} N"
-    bottom.annotate(text, (bistable.time[strongest], 0.8 * highest), **beside)
+    bottom.annotate(text, (bistable.time[strongest], 0.8 * highest), **placing)
     return figure
 
 
@@ -69,7 +69,7 @@ def statements(table: Table) -> Statements:
     at_stop = int(np.argmax((time > snap) & (x <= MECHANISM.rear_stop)))
     loss = bistable.plateau - tool[(time > snap) & (time < time[at_stop])].min(initial=np.inf)
     settled = time > time[at_stop] + 0.02
-    apart = np.abs(tool - bistable.trace.flange_velocity)[settled].max()
+    difference = np.abs(tool - bistable.trace.flange_velocity)[settled].max()
     yield section_5.claim(
         "When the velocity seems to stabilize, the tool crosses the vertical alignment and is pulled back",
         change < 0.05 and snap < np.inf and loss > 0.2,
@@ -78,8 +78,8 @@ def statements(table: Table) -> Statements:
     )
     yield section_5.claim(
         "Then the tool velocity suddenly adapts to the robot velocity when the tool hits the robot flange",
-        at_stop > 0 and apart < 0.05,
-        f"hits the rear stop at {time[at_stop]:.4f} s; from 20 ms later on they differ by {apart:.3f} m/s at most",
+        at_stop > 0 and difference < 0.05,
+        f"hits the rear stop at {time[at_stop]:.4f} s; from 20 ms later on they differ by {difference:.3f} m/s at most",
         "within 0.05 m/s of the robot's from 20 ms after the rear stop on",
     )
     yield section_5.claim(
@@ -156,7 +156,5 @@ def _collision(run: SliderRun) -> Statements:
         "at least 95 % of V_p at that instant",
         why="The surface is still recovering: at e = 0.1 the contact force has a long tail, which brings the rest.",
     ).read_as(
-        FELT,
-        abs(tool_after - 0.4) <= 0.05,
-        f"when it ends the tool has {tool_after:.3f} m/s, 0.4 to the digit printed",
+        FELT, abs(tool_after - 0.4) <= 0.05, f"when it ends the tool has {tool_after:.3f} m/s, 0.4 to the digit printed"
     )

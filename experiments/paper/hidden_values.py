@@ -149,8 +149,8 @@ def margins(values: Array, reading: float) -> Array:
     """
     number, half = np.array([*PRINTED, (reading, 0.005)]).T
     *ours, preload = predictions(values)
-    off = (np.array(ours) - number) / half
-    return np.concatenate([1.0 - off, 1.0 + off, [100.0 * (preload - 1.0)]])
+    error = (np.array(ours) - number) / half
+    return np.concatenate([1.0 - error, 1.0 + error, [100.0 * (preload - 1.0)]])
 
 
 def fit(start: Array, reading: float, fixed: int | None = None, push: float = 0.0) -> tuple[Array, float]:
@@ -176,15 +176,15 @@ def fit(start: Array, reading: float, fixed: int | None = None, push: float = 0.
     elif fixed is not None:
         bounds[fixed] = (start[fixed], start[fixed])
     solution = minimize(
-        lambda both: goal @ both[:n] + 0.5 * both[n:] @ both[n:],
+        lambda stacked: goal @ stacked[:n] + 0.5 * stacked[n:] @ stacked[n:],
         np.concatenate([start, outside * (not push)]),
-        jac=lambda both: np.concatenate([goal, both[n:]]),
+        jac=lambda stacked: np.concatenate([goal, stacked[n:]]),
         method="SLSQP",
         bounds=bounds,
         constraints={
             "type": "ineq",
-            "fun": lambda both: margins_at(both[:n]) + both[n:],
-            "jac": lambda both: np.hstack([approx_fprime(both[:n], margins_at, 5e-3), share]),
+            "fun": lambda stacked: margins_at(stacked[:n]) + stacked[n:],
+            "jac": lambda stacked: np.hstack([approx_fprime(stacked[:n], margins_at, 5e-3), share]),
         },
         options={"ftol": 1e-5, "maxiter": 15},
     )
@@ -224,8 +224,8 @@ def compute(step: float = 1 / 25) -> Table:
 def interval(table: Table, case: str, reading: float) -> tuple[float, float]:
     """Return the least and the greatest of a hidden value, SI, with which all printed numbers can hold."""
     rows = where(table, case=case, reading=reading)
-    met = rows[case][rows["misfit"] <= MET]
-    return float(met.min()), float(met.max())
+    plausible = rows[case][rows["misfit"] <= MET]
+    return float(plausible.min()), float(plausible.max())
 
 
 def intervals(table: Table) -> Iterator[list[str]]:

@@ -1,4 +1,4 @@
-"""What figures look like: panels beside each other, and the layouts that several share."""
+"""Layouts that figures share: panels beside each other."""
 
 from collections.abc import Callable, Mapping
 from functools import wraps
@@ -40,14 +40,14 @@ def mark(axes: Panels, x: Any, y: Any, colour: str = "none", marker: str = "o", 
 @panels(10.4, 6.4, columns=2, rows=2, sharex=True, sharey="row")
 def velocities_and_forces(table: Table, grid: Panels, titles: Mapping[str, str], window: tuple[float, float]) -> None:
     """Draw two cases of `table` over `window` (s): the layout of Fig. 17, 19 and 23."""
-    for (above, below), (case, title) in zip(grid.T, titles.items(), strict=True):
+    for (upper, lower), (case, title) in zip(grid.T, titles.items(), strict=True):
         trace = Run(table, case).trace
-        velocities(above, trace)
-        above.set(title=title, xlabel="", xlim=window)
-        below.plot(trace.time, trace.contact_force, color=FORCE, label="contact force on the object")
-        below.plot(trace.time, trace.coupling_force, color=COUPLING, label="force of the coupling on the tool")
-        below.set(xlabel="time (s)", ylabel="force (N)")
-    below.figure.legend(loc="outside lower center", ncols=2, handles=below.get_lines()[:2])
+        velocities(upper, trace)
+        upper.set(title=title, xlabel="", xlim=window)
+        lower.plot(trace.time, trace.contact_force, color=FORCE, label="contact force on the object")
+        lower.plot(trace.time, trace.coupling_force, color=COUPLING, label="force of the coupling on the tool")
+        lower.set(xlabel="time (s)", ylabel="force (N)")
+    lower.figure.legend(loc="outside lower center", ncols=2, handles=lower.get_lines()[:2])
 
 
 @panels(10.4, 4.0, columns=2, sharex=True, sharey=True)

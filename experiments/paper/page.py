@@ -19,7 +19,7 @@ WIDE = 650.0  # points; a wider figure stands alone in its row
 
 
 def read(folder: Path) -> list[dict[str, Any]]:
-    """Return what the page shows of each figure that is in `folder`, judged afresh.
+    """Return the entries of the page: each figure that is in `folder`, judged afresh.
 
     Raises:
         ValueError: a table is not as this version writes it; names it.
@@ -37,8 +37,8 @@ def read(folder: Path) -> list[dict[str, Any]]:
             raise ValueError(f"{file} is not of this version ({error!r}): {command}") from error
         width = re.search(r'width="([\d.]+)pt"', picture.read_text())
         wide = width is not None and float(width[1]) > WIDE
-        shown = {"name": name, "heading": heading(name), "module": module, "table": table}
-        entries.append({**shown, "statements": statements, "wide": wide})
+        about = {"name": name, "heading": heading(name), "module": module, "table": table}
+        entries.append({**about, "statements": statements, "wide": wide})
     return entries
 
 
@@ -52,7 +52,7 @@ def write(folder: Path, run: Mapping[str, Any]) -> Path:
     entries = read(folder)
     if not entries:
         raise ValueError(f"{folder} has no tables")
-    rows = [{"figure": entry["name"], **asdict(each)} for entry in entries for each in entry["statements"]]
+    rows = [{"figure": entry["name"], **asdict(statement)} for entry in entries for statement in entry["statements"]]
     with whole_file(folder / "statements.csv") as file:
         pl.DataFrame(rows, infer_schema_length=None).write_csv(file)
     present = {entry["name"] for entry in entries}

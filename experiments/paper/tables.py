@@ -90,7 +90,7 @@ def histories(scenes: Mapping[str, ig.Scene], motion: ig.Trapezoid = MOTION, dur
 
 
 class Run:
-    """One case of a table that `histories` made, and what is read off it."""
+    """One case of a table of `histories`, and the numbers read off it."""
 
     def __init__(self, table: Table, case: str) -> None:
         """Pick the rows of `case`."""
@@ -138,7 +138,7 @@ class Run:
 
     @property
     def deflection(self) -> float:
-        """By how much the robot gives way to the contact: largest x_r - x_t less its value at the impact, m."""
+        """Deflection of the robot by the contact: largest x_r - x_t less its value at the impact, m."""
         behind = self.first_contact.command_position - self.first_contact.tool_position
         return float(behind.max() - behind[0])
 

@@ -18,7 +18,7 @@ from agents.provenance import circumstances, revision
 from agents.setups import README, Setup, load_setup
 from experiments.lab.results import REPORTS, checksum, replaceable, whole_folder
 from experiments.lab.statistics import RESAMPLES
-from experiments.report import matchups
+from experiments.report.matchups import Matchup, of_policies, of_setup
 from experiments.report.played import Played, episodes
 from experiments.report.results import Asked, all_asked, gather_matchups, sources
 from experiments.report.scenarios import scenarios_from
@@ -49,7 +49,7 @@ class ReportOptions:
     """Baselines beside the paper's rule for them: names of tuned ones, or module:object for anything with `predict`, or
     for a function or class that returns it; it must be importable. Default: those of the set-up of the policy."""
     scenarios: str | None = None
-    """What they meet, if not what their set-ups say: a frozen set by name or file (CSV), or a JSON file
+    """Scenarios to play, instead of those of the set-ups: a frozen set by name or file (CSV), or a JSON file
     {"ranges": {...}, "seed": s, "count": n, "environment": {...}} of which all may be left out; the environment holds
     arguments of gym.make, your tool and coupling."""
     count: int | None = None
@@ -57,7 +57,7 @@ class ReportOptions:
     out: Path = REPORTS / "latest"
     """Folder for the page."""
     force: bool = False
-    """Play and write everything again; without it what is there already, and follows from the same, is kept."""
+    """Play and write everything again, instead of keeping what the same sources and options have given."""
     episodes: Path | None = None
     """Folder where results are kept as they come; the same command goes on from what is there. Default: a hidden one
     beside the page, with those of these sources alone."""
@@ -75,7 +75,7 @@ class ReportOptions:
             raise ValueError("baseline needs --policy: the shipped recipes have theirs")
 
 
-def matchups_of(options: ReportOptions) -> list[matchups.Matchup]:
+def matchups_of(options: ReportOptions) -> list[Matchup]:
     """Return the matchups that are asked for.
 
     Raises:
@@ -83,29 +83,29 @@ def matchups_of(options: ReportOptions) -> list[matchups.Matchup]:
     """
     if options.policy:
         scenarios, changes = scenarios_from(options.scenarios or "test", options.count)
-        return matchups.of_policies(options.policy, options.baseline, scenarios, changes)
-    found = [load_setup(name) for name in options.setups]
-    found = found or [one for one in map(load_setup, README) if _trained(one, options.folder or one.folder)]
-    if not found:
+        return of_policies(options.policy, options.baseline, scenarios, changes)
+    setups = [load_setup(name) for name in options.setups]
+    setups = setups or [setup for setup in map(load_setup, README) if _trained(setup, options.folder or setup.folder)]
+    if not setups:
         raise ValueError("no set-up has policies yet: impact-gym train-seeds")
-    if len({one.name for one in found}) < len(found):
+    if len({setup.name for setup in setups}) < len(setups):
         raise ValueError(f"two set-ups would have the same name: {', '.join(options.setups)}")
-    asked = []
-    for setup in found:
+    matchups = []
+    for setup in setups:
         count = options.count or (setup.evaluation.scenarios if options.scenarios is None else None)
         scenarios, changes = scenarios_from(options.scenarios or setup.evaluation.set, count)
         if changes:
             raise ValueError("scenarios with an environment of their own need --policy: set-ups have theirs")
-        asked.append(matchups.of_setup(setup, scenarios, options.folder))
-    return asked
+        matchups.append(of_setup(setup, scenarios, options.folder))
+    return matchups
 
 
 def _trained(setup: Setup, folder: Path) -> bool:
-    """Return whether there are policies of a set-up that nobody named; where there are none, that is said."""
-    there = (folder / "policies" / f"{setup.name}.npz").is_file()
-    if not there:
+    """Return whether a set-up of the README has policies; print a line where it has none."""
+    trained = (folder / "policies" / f"{setup.name}.npz").is_file()
+    if not trained:
         print(f"{setup.name} is left out, it has no policies yet: impact-gym train-seeds {setup.called}")
-    return there
+    return trained
 
 
 def write(options: ReportOptions) -> Path:
@@ -121,37 +121,40 @@ def write(options: ReportOptions) -> Path:
     return publish(matchups_of(options), options)
 
 
-def publish(met: Sequence[matchups.Matchup], options: ReportOptions) -> Path:
+def publish(matchups: Sequence[Matchup], options: ReportOptions) -> Path:
     """Play what is missing of matchups, write the folder unless it says the same already, and return its page."""
-    kept = options.episodes or _kept(options.out)
+    jobs_folder = options.episodes or _kept(options.out)
     if options.force:
-        for file in kept.glob(f"{store.NAME}*"):
+        for file in jobs_folder.glob(f"{store.NAME}*"):
             file.unlink()
-    asked, page = all_asked(met), options.out / "index.html"
-    made_from = _made_from(met, asked, options)
-    there = options.out / RESULTS
-    if options.force or not page.is_file() or json.loads(there.read_text()).get("made from") != made_from:
+    requests, page = all_asked(matchups), options.out / "index.html"
+    made_from = _made_from(matchups, requests, options)
+    results_file = options.out / RESULTS
+    if options.force or not page.is_file() or json.loads(results_file.read_text()).get("made from") != made_from:
         begun = time.perf_counter()
-        played = gather_matchups(met, asked, kept, options.processes, options.cluster)
+        played = gather_matchups(matchups, requests, jobs_folder, options.processes, options.cluster)
         print("writing the page", flush=True)
         write_folder(played, options, made_from, begun)
-    print(*json.loads(there.read_text())["sentences"], sep="\n")
+    print(*json.loads(results_file.read_text())["sentences"], sep="\n")
     return page
 
 
 def _kept(out: Path) -> Path:
-    """Return the folder of results beside a page; what other sources gave is removed."""
-    beside, own = out.with_name(f".{out.name}.episodes"), sources()[:16]
-    for other in beside.glob("*"):
-        if other.name != own:
-            shutil.rmtree(other, ignore_errors=True)
-    return beside / own
+    """Return the hidden folder of results beside a page, rid of those of other sources."""
+    parent, current = out.with_name(f".{out.name}.episodes"), sources()[:16]
+    for outdated in parent.glob("*"):
+        if outdated.name != current:
+            shutil.rmtree(outdated, ignore_errors=True)
+    return parent / current
 
 
-def _made_from(among: Sequence[matchups.Matchup], asked: Sequence[Asked], options: ReportOptions) -> str:
+def _made_from(matchups: Sequence[Matchup], requests: Sequence[Asked], options: ReportOptions) -> str:
     """Return SHA-256 of all that the folder follows from: results, words, the sources of the page."""
-    words = [(one.label, one.note, repr(one.evaluation), one.chosen, one.provenance) for one in among]
-    content = [sorted(one.job.key for one in asked), words, bool(options.policy), digest_of(*DRAWING)]
+    words = [
+        (matchup.label, matchup.note, repr(matchup.evaluation), matchup.chosen, matchup.provenance)
+        for matchup in matchups
+    ]
+    content = [sorted(request.job.key for request in requests), words, bool(options.policy), digest_of(*DRAWING)]
     return hashlib.sha256(json.dumps(content, default=str).encode()).hexdigest()
 
 
@@ -159,23 +162,22 @@ def write_folder(played: Sequence[Played], options: ReportOptions, made_from: st
     """Write the folder of what was played since `begun`; return its page."""
     from experiments.report import page  # what draws takes seconds to import
 
-    asked = [one.matchup for one in played]
+    matchups = [results.matchup for results in played]
+    versions = [item for matchup in matchups for item in matchup.provenance.get("versions", {}).items()]
     with whole_folder(options.out) as folder:
         rows = episodes(played)
         with whole_file(folder / "episodes.parquet") as file:
             rows.write_parquet(file, compression="zstd")
-        tabs = [page.tab(one, played) for one in played]
+        tabs = [page.tab(results, played) for results in played]
         results = {
-            "answers": {one.matchup.name: asdict(one.answer) for one in tabs},
-            "chains": {one.matchup.name: [asdict(step) for step in one.steps] for one in tabs},
-            "sentences": [one.sentence for one in tabs],
-            "bars": {one.matchup.name: [asdict(bar) for bar in one.bars] for one in tabs},
+            "answers": {tab.matchup.name: asdict(tab.answer) for tab in tabs},
+            "chains": {tab.matchup.name: [asdict(step) for step in tab.steps] for tab in tabs},
+            "sentences": [tab.sentence for tab in tabs],
+            "bars": {tab.matchup.name: [asdict(bar) for bar in tab.bars] for tab in tabs},
             "episodes": {"rows": len(rows), "sha256": checksum(folder / "episodes.parquet")},
-            "contestants": {
-                one.name: {each.name: each.checksum for each in (*one.seeds, *one.baselines)} for one in asked
-            },
-            "weights": {one.name: list(one.policy.weights) for one in asked},
-            "scenarios": "; ".join(dict.fromkeys(_scenarios(one.scenarios) for one in asked)),
+            "contestants": {matchup.name: matchup.checksums for matchup in matchups},
+            "weights": {matchup.name: list(matchup.policy.weights) for matchup in matchups},
+            "scenarios": "; ".join(dict.fromkeys(_scenarios(matchup.scenarios) for matchup in matchups)),
             "made from": made_from,
             "command": command_of("report", options),
             **revision(),
@@ -185,28 +187,23 @@ def write_folder(played: Sequence[Played], options: ReportOptions, made_from: st
         (folder / RESULTS).write_text(json.dumps(results, indent=2) + "\n")
         about = {
             **results,
-            "limits": _limits(asked),
+            "limits": _limits(matchups),
             "own": bool(options.policy) or not all(load_setup(name).shipped for name in options.setups),
-            "trained_with": _trained_with(asked),
+            "trained_with": ", ".join(dict.fromkeys(map(" ".join, versions))) or "what their files do not say",
             "resamples": f"{RESAMPLES:,}",
         }
         page.write(folder, about, tabs, played)
     return options.out / "index.html"
 
 
-def _trained_with(asked: list[matchups.Matchup]) -> str:
-    versions = [item for one in asked for item in one.provenance.get("versions", {}).items()]
-    return ", ".join(dict.fromkeys(map(" ".join, versions))) or "what their files do not say"
-
-
-def _limits(asked: list[matchups.Matchup]) -> str:
-    """Say what the arms can do."""
+def _limits(matchups: list[Matchup]) -> str:
+    """Return a sentence with the limits of the arms."""
     names = defaultdict(list)
-    for one in asked:
-        task = Task(**one.environment)
-        names[f"{task.acceleration_range[1]:g} m/s² and {task.velocity_range[1]:g} m/s"].append(one.name)
-    told = [f"{limits} ({', '.join(whose)})" if len(names) > 1 else limits for limits, whose in names.items()]
-    return f"Policies and tuned baselines may use up to {'; '.join(told)}."
+    for matchup in matchups:
+        task = Task(**matchup.environment)
+        names[f"{task.acceleration_range[1]:g} m/s² and {task.velocity_range[1]:g} m/s"].append(matchup.name)
+    clauses = [f"{limits} ({', '.join(users)})" if len(names) > 1 else limits for limits, users in names.items()]
+    return f"Policies and tuned baselines may use up to {'; '.join(clauses)}."
 
 
 def _scenarios(scenarios: Mapping[str, Any]) -> str:

@@ -11,14 +11,7 @@ import numpy as np
 import polars as pl
 
 from experiments.lab.comparison import Comparison, Front
-from experiments.lab.statistics import (
-    Estimate,
-    Floats,
-    Resamples,
-    along,
-    estimate,
-    tolerated,
-)
+from experiments.lab.statistics import Estimate, Floats, Resamples, along, estimate, tolerated
 from experiments.report.figures import MEANS, Figure, chart_of, looks_of, zoomable
 from experiments.report.matchups import BOUND, POLICY, Matchup
 from experiments.report.played import Played, Run
@@ -55,27 +48,27 @@ def answer(played: Played) -> Answer:
         [played.paper], list(played.seeds.values()), [played.rival]
     ))  # fmt: skip
     (times, velocities), time, velocity = policy, paper[0][0, 0], paper[1][0, 0]
-    there, then = Comparison.of_fronts(policy, paper), Comparison.of_fronts(policy[::-1], paper[::-1])
+    at_time, at_speed = Comparison.of_fronts(policy, paper), Comparison.of_fronts(policy[::-1], paper[::-1])
     tuned = len(played.rival.weights) > 1
     comparable = tuned and rival[0][0].min() <= time
     nearest = np.clip(time, times[0].min(), times[0].max())
-    late = played.of_seeds_as_late("object_velocity")
+    as_late = played.of_seeds_as_late("object_velocity")
     touched = played.of_seeds_as_late("missed") == 0.0
     rule = played.paper["object_velocity"][0]
     missed = played.of_seeds("missed", played.policy.weights)
     fastest, slowest = velocities[0].max(), velocities[0].min()
     return Answer(
         played.matchup.name,
-        reduction=there.reduction,
+        reduction=at_time.reduction,
         each=tuple(reductions(played).tolist()),
         reached=bool(nearest == time),
         later=float(nearest / time - 1.0),
-        sooner=then.reduction,
+        sooner=at_speed.reduction,
         beyond="slower" if fastest < velocity else "faster" if slowest > velocity else "",
-        velocity=estimate(there.ours),
+        velocity=estimate(at_time.ours),
         rival=played.matchup.rival.name if tuned else "",
         rival_reduction=Comparison.of_fronts(rival, paper).reduction if comparable else None,
-        improvement=estimate(resamples.means(((late < rule) + 0.5 * (late == rule)) * touched)),
+        improvement=estimate(resamples.means(((as_late < rule) + 0.5 * (as_late == rule)) * touched)),
         missed=int(missed.sum()),
         episodes=missed.size,
     )
@@ -99,7 +92,7 @@ def reductions(played: Played) -> Floats:
     return 1.0 - along(times, velocities, np.full(len(times), time)) / velocity
 
 
-def answers_table(answers: Sequence[Answer], played: Sequence[Played]) -> Table:
+def answers_table(answers: Sequence[Answer], all_played: Sequence[Played]) -> Table:
     """Return the answers of all set-ups."""
     head = (
         "set-up", "V_p lower at the paper's approach time", "95 % of trainings: at least",
@@ -108,28 +101,28 @@ def answers_table(answers: Sequence[Answer], played: Sequence[Played]) -> Table:
         "missed",
     )  # fmt: skip
     body = []
-    for one, play in zip(answers, played, strict=True):
-        sooner = {"": "", "slower": "at least ", "faster": "(not reached) "}[one.beyond] + percent(one.sooner)
-        reduction = percent(one.reduction) + ("" if one.reached else " (at the nearest time it reaches)")
-        rival = f"{percent(one.rival_reduction)}, {play.matchup.rival.plain}" if one.rival_reduction else "-"
+    for answer, played in zip(answers, all_played, strict=True):
+        sooner = {"": "", "slower": "at least ", "faster": "(not reached) "}[answer.beyond] + percent(answer.sooner)
+        reduction = percent(answer.reduction) + ("" if answer.reached else " (at the nearest time it reaches)")
+        rival = f"{percent(answer.rival_reduction)}, {played.matchup.rival.plain}" if answer.rival_reduction else "-"
         body.append((
-            f"{play.matchup.label}, seeds: {len(play.seeds)}", reduction, _at_least(one), rival, sooner,
-            f"{one.velocity:.3f}", percent(one.improvement), f"{one.missed} of {one.episodes:,}",
+            f"{played.matchup.label}, seeds: {len(played.seeds)}", reduction, _at_least(answer), rival, sooner,
+            f"{answer.velocity:.3f}", percent(answer.improvement), f"{answer.missed} of {answer.episodes:,}",
         ))  # fmt: skip
     return Table("Each set-up's policies against the paper's rule there, 95 % intervals; a miss is no win", head, body)
 
 
-def _at_least(one: Answer) -> str:
-    return f"{100 * tolerated(np.array(one.each)):.1f} %" if len(one.each) > 1 else "-"
+def _at_least(answer: Answer) -> str:
+    return f"{100 * tolerated(np.array(answer.each)):.1f} %" if len(answer.each) > 1 else "-"
 
 
 def seeds_table(played: Played) -> Table:
     """Return what the seeds say of the next training: their spread, and what 95 % of trainings reach at least."""
 
-    def row(what: str, scores: Floats, form: str, sign: float) -> tuple[str, ...]:
+    def row(label: str, scores: Floats, form: str, sign: float) -> tuple[str, ...]:
         """Return the cells of `scores` (seeds,), of which less is better where `sign` is -1."""
         ends = sign * tolerated(sign * scores), sign * (sign * scores).min()
-        return what, *(format(number, form) for number in (scores.mean(), scores.std(ddof=1), *ends))
+        return label, *(format(number, form) for number in (scores.mean(), scores.std(ddof=1), *ends))
 
     lower = 100.0 * reductions(played)
     body = [row("V_p lower at the paper's approach time (%)", lower, ".2f", 1.0)] if lower.size else []
@@ -165,13 +158,13 @@ def trade_off(played: Played) -> Figure:
         alt.Y("V:Q", title="mean V_p (m/s)", scale=alt.Scale(zero=True)),
         looks.colour,
     )
-    shown = base.transform_filter("datum.chosen || datum.contestant != 'learned policy'")
-    curves = shown.mark_line().encode(looks.dash, detail="line:N", order="w:Q")
+    prominent = base.transform_filter("datum.chosen || datum.contestant != 'learned policy'")
+    curves = prominent.mark_line().encode(looks.dash, detail="line:N", order="w:Q")
     faint = base.transform_filter("!datum.chosen && datum.contestant == 'learned policy'").mark_line(
         strokeWidth=0.8, opacity=0.45
     ).encode(detail="line:N", order="w:Q")  # fmt: skip
-    where = (alt.Tooltip("line:N", title="seed or line"), alt.Tooltip("w:Q", title="time weight (m/s per s)"))
-    marks = shown.mark_point(size=70).encode(looks.shape, tooltip=["contestant:N", *where, *MEANS])
+    columns = (alt.Tooltip("line:N", title="seed or line"), alt.Tooltip("w:Q", title="time weight (m/s per s)"))
+    marks = prominent.mark_point(size=70).encode(looks.shape, tooltip=["contestant:N", *columns, *MEANS])
     layers = faint + curves + marks if len(played.seeds) > 1 else curves + marks
     paper = played.paper.means(played.matchup.typical)
     first, last = played.policy.front[0], played.policy.front[-1]
@@ -196,12 +189,12 @@ def weights_table(played: Played) -> Table:
     body = []
     for weight in played.matchup.weights:
         ours, theirs, chosen = played.losses(weight), played.rival.loss(weight), played.policy.loss(weight)
-        median, recipe = (Comparison.of_means(one, theirs).ratio for one in (chosen, ours))
+        median, recipe = (Comparison.of_means(loss, theirs).ratio for loss in (chosen, ours))
         gap = "-"
         if played.bound is not None and weight in played.bound.weights:
             bound = played.bound.loss(weight)
-            gaps = [Comparison.of_means(bound, one[..., : bound.size]).less for one in (ours, theirs)]
-            gap = ", ".join(f"{one:.3f}" for one in gaps)
+            gaps = [Comparison.of_means(bound, loss[..., : bound.size]).less for loss in (ours, theirs)]
+            gap = ", ".join(f"{estimate:.3f}" for estimate in gaps)
         body.append((f"{weight:g}", f"{chosen.mean():.4f}", f"{theirs.mean():.4f}", f"{median:.4f}", f"{recipe:.4f}",
                      gap))  # fmt: skip
     head = ("time weight (m/s per s)", "median seed (m/s)", f"{played.matchup.rival.label} (m/s)", "ratio, median seed",
@@ -209,28 +202,32 @@ def weights_table(played: Played) -> Table:
     return Table("V_p + w T against the best baseline, tuned for each weight; below 1 the policy is better", head, body)
 
 
-def sentence(one: Answer, matchup: Matchup) -> str:
+def sentence(answer: Answer, matchup: Matchup) -> str:
     """Return the answer of a set-up in a sentence or two."""
     begin = f"{matchup.name} ({matchup.note}): "
-    if one.missed > MISSED_TOO_OFTEN * one.episodes:
-        return begin + f"it misses {one.missed:,} of {one.episodes:,} objects, so nothing is claimed for it."
-    less = _compared(one.reduction, "slower", "faster")
-    if one.reached:
-        said = f"the object leaves {less} at the paper's mean approach time"
-        said += f" (95 % of trainings: at least {_at_least(one)})" * (len(one.each) > 1 and one.reduction.value >= 0.0)
+    if answer.missed > MISSED_TOO_OFTEN * answer.episodes:
+        return begin + f"it misses {answer.missed:,} of {answer.episodes:,} objects, so nothing is claimed for it."
+    change = _compared(answer.reduction, "slower", "faster")
+    if answer.reached:
+        text = f"the object leaves {change} at the paper's mean approach time"
+        text += f" (95 % of trainings: at least {_at_least(answer)})" * (
+            len(answer.each) > 1 and answer.reduction.value >= 0.0
+        )
     else:
-        length, off = ("short", "later") if one.later > 0.0 else ("long", "sooner")
-        said = f"no weight makes its approach as {length} as the paper's; at the nearest, {100 * abs(one.later):.1f} % "
-        said += f"{off}, the object leaves {less}"
-    if one.beyond == "faster":
-        said += "; it nowhere leaves the object as slow as the paper's rule."
+        length, direction = ("short", "later") if answer.later > 0.0 else ("long", "sooner")
+        text = (
+            f"no weight makes its approach as {length} as the paper's; at the nearest, {100 * abs(answer.later):.1f} % "
+        )
+        text += f"{direction}, the object leaves {change}"
+    if answer.beyond == "faster":
+        text += "; it nowhere leaves the object as slow as the paper's rule."
     else:
-        limit = "at least" if one.sooner.value >= 0.0 else "at most"  # its fastest approach leaves the object slower
-        least = f"{limit} " if one.beyond == "slower" else ""
-        said += f"; at the paper's V_p the approach is {least}{_compared(one.sooner, 'sooner', 'later')}."
-    if one.rival_reduction:
-        said += f" The best tuned baseline, {one.rival}: {_compared(one.rival_reduction, 'slower', 'faster')}."
-    return begin + said + (f" It misses {one.missed} of {one.episodes:,} objects." if one.missed else "")
+        limit = "at least" if answer.sooner.value >= 0.0 else "at most"  # its fastest approach leaves the object slower
+        bound = f"{limit} " if answer.beyond == "slower" else ""
+        text += f"; at the paper's V_p the approach is {bound}{_compared(answer.sooner, 'sooner', 'later')}."
+    if answer.rival_reduction:
+        text += f" The best tuned baseline, {answer.rival}: {_compared(answer.rival_reduction, 'slower', 'faster')}."
+    return begin + text + (f" It misses {answer.missed} of {answer.episodes:,} objects." if answer.missed else "")
 
 
 def _compared(share: Estimate, good: str, bad: str) -> str:

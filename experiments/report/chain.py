@@ -22,7 +22,7 @@ from experiments.report.tables import Table, percent
 from impact_gym.task import Task
 
 LIMITS = {(False, False): "", (False, True): "at least ", (True, False): "at most ", (True, True): "about "}
-"""What a step brings at the paper's time, if the one before and it are read where they are sooner than that."""
+"""Bound of a gain where the contestant before the step, or its own, is read sooner than the paper's time."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Gain:
 
 @dataclass(frozen=True)
 class Step:
-    """A link of the chain, and what it brings."""
+    """A link of the chain, and its gain."""
 
     added: str
     contestant: str
@@ -58,80 +58,75 @@ class Step:
 
 
 def links(played: Played) -> list[Link]:
-    """Return the chain without the one who knows: what the matchup has no baseline for joins the next step."""
-    tuned = [one for one in played.matchup.baselines if "tuned" in one.controller]
-    by_rule = {one.controller["tuned"]["rule"]: one.name for one in reversed(tuned)}  # of two the first
+    """Return the chain without the clairvoyant: what the matchup has no baseline for joins the next step."""
+    tuned = [baseline for baseline in played.matchup.baselines if "tuned" in baseline.controller]
+    by_rule = {baseline.controller["tuned"]["rule"]: baseline.name for baseline in reversed(tuned)}  # of two the first
     task = Task(**played.matchup.environment)
     stronger = task.acceleration_range[1] > PaperTrapezoid()["deceleration"]
-    more = {"ConstantSpeed": "the arm's limits" if stronger else "the choice of speed", "BlindProfile": "tuning"}
-    more |= {} if task.range_noise is None else {"Ranged": "the estimate"}
-    found, added = [Link("", PAPER, [played.paper])], []
-    for rule, what in more.items():
-        added.append(what)
+    sources = {"ConstantSpeed": "the arm's limits" if stronger else "the choice of speed", "BlindProfile": "tuning"}
+    sources |= {} if task.range_noise is None else {"Ranged": "the estimate"}
+    sequence, added = [Link("", PAPER, [played.paper])], []
+    for rule, source in sources.items():
+        added.append(source)
         if rule in by_rule:
-            found.append(Link(" and ".join(added), by_rule[rule], [played.baselines[by_rule[rule]]]))
+            sequence.append(Link(" and ".join(added), by_rule[rule], [played.baselines[by_rule[rule]]]))
             added = []
-    return [*found, Link(" and ".join([*added, "learning"]), POLICY, list(played.seeds.values()))]
+    return [*sequence, Link(" and ".join([*added, "learning"]), POLICY, list(played.seeds.values()))]
 
 
 def chain(played: Played) -> list[Step]:
-    """Return the steps; the last, who knows the object, on the scenarios that it was searched for."""
-    found, weight = links(played), played.matchup.typical
-    steps = _steps(found, played.resamples, weight, policy=len(found) - 1)
+    """Return the steps; the last, the clairvoyant's, on the scenarios that it was searched for."""
+    sequence, weight = links(played), played.matchup.typical
+    steps = _steps(sequence, played.resamples, weight, policy=len(sequence) - 1)
     if played.bound is None or weight not in played.bound.weights:
         return steps
-    knows = Link("knowing the object", BOUND, [played.bound])
-    few = Resamples(played.bound["missed"].shape[1])
-    return [*steps, _steps([found[0], found[-1], knows], few, weight, policy=1)[-1]]
+    clairvoyant = Link("knowing the object", BOUND, [played.bound])
+    searched = Resamples(played.bound["missed"].shape[1])
+    return [*steps, _steps([sequence[0], sequence[-1], clairvoyant], searched, weight, policy=1)[-1]]
 
 
-def _steps(found: Sequence[Link], resamples: Resamples, weight: float, policy: int) -> list[Step]:
+def _steps(sequence: Sequence[Link], resamples: Resamples, weight: float, policy: int) -> list[Step]:
     """Return the steps on the first scenarios, as many as are resampled; `policy` is the place of the policy."""
-    fronts: list[Front] = [front(resamples, link.runs) for link in found]
-    paper_time = fronts[0][0][:, 0]
-    later = [_outside(times[0], paper_time[0]) for times, _ in fronts]
-    missed = max(np.mean([run["missed"] for run in link.runs]) for link in found)
+    fronts: list[Front] = [front(resamples, link.runs) for link in sequence]
+    time = fronts[0][0][0, 0]  # of the paper's rule
+    later = [float(np.clip(time, times[0].min(), times[0].max()) - time) for times, _ in fronts]
+    missed = max(np.mean([run["missed"] for run in link.runs]) for link in sequence)
     claimed = max(later) == later[policy] == 0.0 and missed <= MISSED_TOO_OFTEN
-    velocities = gains([Comparison.of_fronts(one, fronts[0]).ours for one in fronts], policy, claimed)
-    losses = [np.array([run.loss(weight)[: resamples.scenarios] for run in link.runs]) for link in found]
-    of_losses = gains([resamples.means(one) for one in losses], policy)
-    sooner = [one < 0.0 for one in later]
+    velocities = gains([Comparison.of_fronts(front, fronts[0]).ours for front in fronts], policy, claimed)
+    losses = [np.array([run.loss(weight)[: resamples.scenarios] for run in link.runs]) for link in sequence]
+    of_losses = gains([resamples.means(loss) for loss in losses], policy)
+    sooner = [delay < 0.0 for delay in later]
     limits = [LIMITS[pair] for pair in zip([False, *sooner], sooner, strict=False)]
     return [
-        Step(link.added, link.contestant, resamples.scenarios, off, limit, velocity, weight, loss)
-        for link, off, limit, velocity, loss in zip(found, later, limits, velocities, of_losses, strict=True)
+        Step(link.added, link.contestant, resamples.scenarios, delay, limit, velocity, weight, loss)
+        for link, delay, limit, velocity, loss in zip(sequence, later, limits, velocities, of_losses, strict=True)
     ]
 
 
-def _outside(times: Floats, time: float) -> float:
-    """Return by how much the nearest of what lies between `times` is later than `time`, s; below 0 sooner."""
-    return float(np.clip(time, times.min(), times.max()) - time)
-
-
 def gains(values: Sequence[Floats], policy: int, claimed: bool = True) -> list[Gain]:
-    """Return the gain of each step from what resampling gave for it (1 + n,), m/s.
+    """Return the gain of each step from its resampled values (1 + n,), m/s.
 
     Unless `claimed` there are no differences: a contestant is read at another time than the one before it.
     """
-    whole = Comparison(values[policy], values[0])
-    shared = claimed and whole.less.low > 0.0
-    found = [Gain(estimate(values[0]), None, None)]
+    total = Comparison(values[policy], values[0])
+    shared = claimed and total.less.low > 0.0
+    steps = [Gain(estimate(values[0]), None, None)]
     for before, after in pairwise(values):
-        share = estimate((before - after) / (whole.theirs - whole.ours)) if shared else None
-        found.append(Gain(estimate(after), Comparison(after, before).less if claimed else None, share))
-    return found
+        share = estimate((before - after) / (total.theirs - total.ours)) if shared else None
+        steps.append(Gain(estimate(after), Comparison(after, before).less if claimed else None, share))
+    return steps
 
 
 def table(steps: Sequence[Step], labels: Mapping[str, str]) -> Table:
     """Return the chain of a matchup, whose contestants are called by `labels`."""
     body = []
     for step in steps:
-        on = "" if step.scenarios == steps[0].scenarios else f", the first {step.scenarios} scenarios"
-        off = f" (at the nearest, {1e3 * abs(step.later):.0f} ms {'later' if step.later > 0 else 'sooner'})"
+        subset = "" if step.scenarios == steps[0].scenarios else f", the first {step.scenarios} scenarios"
+        gap = f" (at the nearest, {1e3 * abs(step.later):.0f} ms {'later' if step.later > 0 else 'sooner'})"
         cells = [*_cells(step.velocity, step.limit), *_cells(step.loss)]
-        cells[0] += off if step.later else ""
+        cells[0] += gap if step.later else ""
         added = "+ " * bool(step.added) + (step.added or "the paper")
-        body.append((added, labels.get(step.contestant, step.contestant) + on, *cells))
+        body.append((added, labels.get(step.contestant, step.contestant) + subset, *cells))
     head = ("what is added", "contestant", "V_p at the paper's approach time (m/s)", "less by (m/s)", "share",
             f"V_p + {steps[0].weight:g} T (m/s)", "less by (m/s)", "share")  # fmt: skip
     caption = (
@@ -148,14 +143,14 @@ def _cells(gain: Gain, limit: str = "") -> list[str]:
 
 
 def sentence(steps: Sequence[Step]) -> str:
-    """Return what comes from what: of the reduction, of V_p + w T where one cannot arrive so soon; else nothing."""
-    first, *more = (step for step in steps if step.contestant != BOUND)
-    if any(step.later > 0.0 for step in more):
-        before, after = first.loss.value.value, more[-1].loss.value.value
-        what = f"the {before - after:.3f} m/s that it saves of V_p + {first.weight:g} T, {before:.3f} m/s,"
-        shares = [("", step.loss.share) for step in more]
+    """Return the share of each step: of the reduction, or of V_p + w T if one is later; "" unless all have one."""
+    first, *gained = (step for step in steps if step.contestant != BOUND)
+    if any(step.later > 0.0 for step in gained):
+        before, after = first.loss.value.value, gained[-1].loss.value.value
+        subject = f"the {before - after:.3f} m/s that it saves of V_p + {first.weight:g} T, {before:.3f} m/s,"
+        shares = [("", step.loss.share) for step in gained]
     else:
-        what, shares = "that reduction", [(step.limit, step.velocity.share) for step in more]
-    known = [f"{limit}{percent(share)} from {step.added}" for (limit, share), step in zip(shares, more, strict=True)
+        subject, shares = "that reduction", [(step.limit, step.velocity.share) for step in gained]
+    parts = [f"{limit}{percent(share)} from {step.added}" for (limit, share), step in zip(shares, gained, strict=True)
              if share]  # fmt: skip
-    return f" Of {what} come {', '.join(known)}." if 1 < len(more) == len(known) else ""
+    return f" Of {subject} come {', '.join(parts)}." if 1 < len(gained) == len(parts) else ""

@@ -1,13 +1,11 @@
 """Where the policy wins and where it does not: differences on the same scenarios, one by one and in groups."""
 
-from collections.abc import Iterator
 from dataclasses import asdict
 from typing import Any
 
 import altair as alt
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
 from experiments.lab.comparison import Comparison
 from experiments.lab.statistics import estimate, quantile_groups
@@ -16,7 +14,6 @@ from experiments.report.matchups import PAPER, POLICY
 from experiments.report.played import Played
 from experiments.report.tables import Table
 from impact_gym.quantities import QUANTITIES, SCENARIO
-from impact_gym.task.scenario import FIELDS
 
 GROUPS = 5  # of each field of the scenario, as many scenarios in each; fewer where there would be less than SMALLEST
 SMALLEST = 10
@@ -24,22 +21,23 @@ TITLES = {row.id: row.words + (f" ({row.unit})" if row.unit != "-" else "") for 
 
 
 def measures(played: Played) -> Table:
-    """Return what each contestant does to the objects and to itself, over the same scenarios."""
-    weight, rival, late = played.matchup.typical, played.matchup.rival.label, played.policy_as_late
+    """Return times, velocities, forces and impulses of each contestant, over the same scenarios."""
+    weight, rival, as_late = played.matchup.typical, played.matchup.rival.label, played.policy_as_late
     runs = {PAPER: played.paper.at(weight)}
     if rival != PAPER:
         runs[f"{rival}, w = {weight:g}"] = played.rival.at(weight)
     runs[f"{POLICY}, w = {weight:g}"] = played.policy.at(weight)
-    runs[f"{POLICY}, as late as the paper's rule (w = {late.weights[0]:.3g})"] = late.at(late.weights[0])
+    runs[f"{POLICY}, as late as the paper's rule (w = {as_late.weights[0]:.3g})"] = as_late.at(as_late.weights[0])
     body = []
-    for name, one in runs.items():
-        velocity, peak = one.object_velocity, one.peak_force
+    for name, episodes in runs.items():
+        velocity, peak = episodes.object_velocity, episodes.peak_force
         worst = np.sort(velocity)[-max(1, round(0.05 * velocity.size)) :].mean()
-        impulse = velocity * one.scenario["object_mass"]
+        impulse = velocity * episodes.scenario["object_mass"]
         body.append((
-            name, f"{one.approach_time.mean():.4f}", f"{estimate(played.resamples.means(velocity)):.3f}",
+            name, f"{episodes.approach_time.mean():.4f}", f"{estimate(played.resamples.means(velocity)):.3f}",
             f"{worst:.3f}", f"{peak.mean():.1f}, {np.quantile(peak, 0.95):.0f}", f"{impulse.mean():.4f}",
-            f"{100 * (one.contact_count > 1).mean():.1f} %", f"{one.contact_count.mean():.2f}", f"{one.missed.sum()}",
+            f"{100 * (episodes.contact_count > 1).mean():.1f} %", f"{episodes.contact_count.mean():.2f}",
+            f"{episodes.missed.sum()}",
         ))  # fmt: skip
     head = ("contestant", "T (s)", "V_p (m/s)", "V_p, mean of the worst 5 %",
             "peak force (N): mean, 95 %", "impulse (N s)", "touched again", "contacts", "missed")  # fmt: skip
@@ -47,44 +45,34 @@ def measures(played: Played) -> Table:
     return Table(caption, head, body)
 
 
-def breakdown(played: Played) -> list[Figure]:
-    """Return for each field of the scenario the paired difference to the rival."""
-    return [_paired(played, field) for field in FIELDS]
-
-
-def _groups(played: Played, field: str) -> Iterator[tuple[NDArray[np.bool_], dict[str, float]]]:
-    """Yield a mask and the place on the axis of each group of scenarios that are close in a field."""
-    values = played.paper.scenario[field]
-    for inside, low, high in quantile_groups(values, max(1, min(GROUPS, values.size // SMALLEST))):
-        if inside.sum() > 1:
-            yield inside, {"from": low, "to": high, "middle": float(np.median(values[inside]))}
-
-
-def _paired(played: Played, field: str) -> Figure:
-    weight, rival = played.matchup.typical, played.matchup.rival.label
+def paired(played: Played, field: str) -> Figure:
+    """Return the paired difference to the rival in groups of scenarios that are close in a field."""
+    weight, rival, values = played.matchup.typical, played.matchup.rival.label, played.paper.scenario[field]
     label, ours, theirs = f"{POLICY} minus {rival}", played.losses(weight), played.rival.loss(weight)
     data = pl.DataFrame([
-        {"contestant": label, **place, **asdict(Comparison.of_means(theirs[inside], ours[:, inside]).less)}
-        for inside, place in _groups(played, field)
+        {"contestant": label, "from": low, "to": high, "middle": float(np.median(values[inside])),
+         **asdict(Comparison.of_means(theirs[inside], ours[:, inside]).less)}
+        for inside, low, high in quantile_groups(values, max(1, min(GROUPS, values.size // SMALLEST)))
+        if inside.sum() > 1
     ])  # fmt: skip
 
-    def ranges(where: pl.Expr) -> str:
-        places = ", ".join(f"{low:.3g} to {high:.3g}" for low, high in data.filter(where)["from", "to"].rows())
+    def ranges(holds: pl.Expr) -> str:
+        places = ", ".join(f"{low:.3g} to {high:.3g}" for low, high in data.filter(holds)["from", "to"].rows())
         return f"at {places}" if places else "nowhere"
 
     better, worse = ranges(pl.col("high") < 0), ranges(pl.col("low") > 0)
-    said = f"The policy is clearly better {better}, clearly worse {worse}."
+    verdict = f"The policy is clearly better {better}, clearly worse {worse}."
     caption = (
-        f"Paired differences at w = {weight:g}, all seeds, 95 % intervals; below zero the policy is better. {said}"
+        f"Paired differences at w = {weight:g}, all seeds, 95 % intervals; below zero the policy is better. {verdict}"
     )
     kind: dict[str, Any] = {"type": "log"} if QUANTITIES[field].by_ratio(played.paper[field].min()) else {"zero": False}
     axis = alt.Axis(format="~s") if field == "contact_stiffness" else alt.Axis()
-    scale, looks = alt.Scale(**kind, nice=False, padding=14), looks_of(data, like={label: POLICY})
+    scale, looks = alt.Scale(**kind, nice=False, padding=14), looks_of(data, policy=label)
     base = chart_of(data).encode(alt.X("middle:Q", title=TITLES[field], scale=scale, axis=axis), looks.colour)
     title = f"difference of V_p + {weight:g} T (m/s)"
     intervals = base.mark_rule(strokeWidth=2).encode(alt.Y("low:Q", title=title), y2="high:Q")
-    numbers = [alt.Tooltip(f"{one}:Q", format=".3g") for one in ("from", "to", "value", "low", "high")]
+    numbers = [alt.Tooltip(f"{column}:Q", format=".3g") for column in ("from", "to", "value", "low", "high")]
     marks = base.mark_point(size=60).encode(looks.shape, y="value:Q", tooltip=["contestant:N", *numbers])
     chart = zero_line(y="zero:Q") + intervals + base.mark_line(strokeWidth=1.2).encode(y="value:Q") + marks
     subject = f"against {rival}, by {TITLES[field]}"
-    return Figure(played.matchup.name, f"paired_{field}", subject, caption, said, chart, data, 240)
+    return Figure(played.matchup.name, f"paired_{field}", subject, caption, verdict, chart, data, 240)

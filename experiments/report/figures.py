@@ -7,7 +7,7 @@ dash or a shape of its own as well.
 
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -39,7 +39,7 @@ CONFIG: dict[str, Any] = {
 MEANS = (
     alt.Tooltip("T:Q", title="T (s)", format=".4f"), alt.Tooltip("V:Q", title="V_p (m/s)", format=".4f"), "missed:Q"
 )  # fmt: skip
-"""What a chart tells of a point that has the fields of `Run.means`."""
+"""Tooltips of a point with the fields of `Run.means`."""
 
 
 @dataclass(frozen=True)
@@ -58,12 +58,12 @@ class Figure:
 
     @property
     def name(self) -> str:
-        """What its files are called."""
+        """Name of its files, without suffix."""
         return f"{self.matchup}_{self.key}"
 
     @property
     def title(self) -> str:
-        """What stands above it."""
+        """Heading."""
         return self.subject[0].upper() + self.subject[1:]
 
     @cached_property
@@ -108,29 +108,21 @@ def zero_line(**channel: str) -> alt.Chart:
 
 
 class Looks(NamedTuple):
-    """How contestants are told apart in a chart: channels of its encoding, and their names in order."""
+    """Channels that tell the contestants of a chart apart."""
 
-    names: list[str]
     colour: alt.Color
     dash: alt.StrokeDash
     shape: alt.Shape
 
 
-def looks_of(data: pl.DataFrame, column: str = "contestant", like: Mapping[str, str] | None = None) -> Looks:
-    """Return the looks of the contestants in a column: the paper's rule and the policy look alike in all charts.
+def looks_of(data: pl.DataFrame, policy: str = POLICY) -> Looks:
+    """Return the looks of the contestants; the paper's rule and the `policy`, by its name here, keep theirs."""
+    contestants = data["contestant"].unique(maintain_order=True).to_list()
+    ordered = list(dict.fromkeys([PAPER, policy, *contestants]))
+    place = {name: min(k, len(COLOURS) - 1) for k, name in enumerate(ordered) if name in contestants}
 
-    `like` says whose look another name takes.
-    """
-    own = {PAPER: 0, POLICY: 1}
-    others = iter(range(len(own), len(COLOURS)))
-    place = {}
-    for name in data[column].unique(maintain_order=True):
-        alike = (like or {}).get(name, name)
-        place[name] = own[alike] if alike in own else next(others, len(COLOURS) - 1)
-    names = sorted(place, key=place.__getitem__)
+    def channel_of(channel: Any, looks: Sequence[Any]) -> Any:
+        scale = alt.Scale(domain=list(place), range=[looks[k] for k in place.values()])
+        return channel("contestant:N", title=None, scale=scale)
 
-    def told(channel: Any, looks: Sequence[Any]) -> Any:
-        scale = alt.Scale(domain=names, range=[looks[place[name]] for name in names])
-        return channel(f"{column}:N", title=None, scale=scale)
-
-    return Looks(names, told(alt.Color, COLOURS), told(alt.StrokeDash, DASHES), told(alt.Shape, SHAPES))
+    return Looks(channel_of(alt.Color, COLOURS), channel_of(alt.StrokeDash, DASHES), channel_of(alt.Shape, SHAPES))

@@ -1,4 +1,4 @@
-"""What one screen answers: a sentence in plain words, and the trade-off with the paper's point."""
+"""The first screen: the answer in plain words, and the trade-off with the paper's point."""
 
 from typing import Any
 
@@ -14,31 +14,37 @@ from impact_gym.task.task import VELOCITY_RANGE
 WIDTH, HEIGHT = 400, 270  # pixels: read on a phone as well, where the chart is scaled by no more than 0.85
 
 
-def headline(one: Answer, played: Played) -> str:
+def headline(answer: Answer, played: Played) -> str:
     """Return the answer in plain words; its intervals are for those who read on."""
-    if one.missed > MISSED_TOO_OFTEN * one.episodes:
-        return f"The learned policy misses {one.missed:,} of {one.episodes:,} objects, so nothing is claimed for it."
-    less = _less(one.reduction.value)
-    if one.reached:
-        said = f"The learned policy touches the object as soon as the paper's rule, and the object leaves {less}."
-    elif one.later > 0.0:
-        said = "No learned policy arrives as soon as the paper's rule; "
-        said += f"with one that is {100 * one.later:.0f} % later the object leaves {less}."
+    if answer.missed > MISSED_TOO_OFTEN * answer.episodes:
+        return (
+            f"The learned policy misses {answer.missed:,} of {answer.episodes:,} objects, so nothing is claimed for it."
+        )
+    slower = _less(answer.reduction.value)
+    if answer.reached:
+        text = f"The learned policy touches the object as soon as the paper's rule, and the object leaves {slower}."
+    elif answer.later > 0.0:
+        text = "No learned policy arrives as soon as the paper's rule; "
+        text += f"with one that is {100 * answer.later:.0f} % later the object leaves {slower}."
     else:
-        said = f"Even at its most patient the learned policy arrives {-100 * one.later:.0f} % sooner than the paper's "
-        said += f"rule; the object leaves {less}."
-    if one.rival_reduction:
-        alike = (one.rival_reduction.value >= 0.0) == (one.reduction.value >= 0.0)
-        less, rival = _less(one.rival_reduction.value), played.matchup.rival.plain
-        said += f" {rival[0].upper()}{rival[1:]}, no learning: {less.removesuffix(' slower') if alike else less}."
-    return said
+        text = (
+            f"Even at its most patient the learned policy arrives {-100 * answer.later:.0f} % sooner than the paper's "
+        )
+        text += f"rule; the object leaves {slower}."
+    if answer.rival_reduction:
+        same_sign = (answer.rival_reduction.value >= 0.0) == (answer.reduction.value >= 0.0)
+        slower, rival = _less(answer.rival_reduction.value), played.matchup.rival.plain
+        text += (
+            f" {rival[0].upper()}{rival[1:]}, no learning: {slower.removesuffix(' slower') if same_sign else slower}."
+        )
+    return text
 
 
 def _less(share: float) -> str:
     return f"{100 * abs(share):.0f} % {'slower' if share >= 0.0 else 'faster'}"
 
 
-def chart(one: Answer, played: Played) -> Figure:
+def chart(answer: Answer, played: Played) -> Figure:
     """Return the paper's point, the curves of the best tuned baseline and of the policy, each with its name at it."""
     rival = played.matchup.rival.plain
     runs = {POLICY: played.policy, PAPER: played.paper, rival: played.rival}  # without a rival the rule is its own
@@ -50,44 +56,44 @@ def chart(one: Answer, played: Played) -> Figure:
     horizontal = alt.X("T:Q", title="mean time until the touch (s)", scale=alt.Scale(zero=False, nice=True), axis=axis)
     vertical = alt.Y("V:Q", title=None, scale=alt.Scale(zero=True), axis=axis)
     base = chart_of(data).encode(horizontal, vertical, looks.colour.legend(None))
-    large = alt.condition(alt.datum.contestant == PAPER, alt.value(170), alt.value(45))
+    size = alt.condition(alt.datum.contestant == PAPER, alt.value(170), alt.value(45))
     lines = base.mark_line(strokeWidth=2.5).encode(looks.dash.legend(None), order="w:Q")
-    marks = base.mark_point().encode(looks.shape.legend(None), size=large)
+    marks = base.mark_point().encode(looks.shape.legend(None), size=size)
 
-    def written(text: str, x: float, y: float, contestant: str, **where: Any) -> alt.Chart:
-        said = pl.DataFrame([{"text": text, "T": x, "V": y, "contestant": contestant}])
-        return chart_of(said).mark_text(fontSize=13, fontWeight=600, **where).encode(
+    def label(text: str, x: float, y: float, contestant: str, **placing: Any) -> alt.Chart:
+        point = pl.DataFrame([{"text": text, "T": x, "V": y, "contestant": contestant}])
+        return chart_of(point).mark_text(fontSize=13, fontWeight=600, **placing).encode(
             horizontal, vertical, looks.colour.legend(None), text="text:N"
         )  # fmt: skip
 
     paper = played.paper.means(played.matchup.typical)
-    late, tuned = played.policy.front, played.rival.front
-    points = [*late, *tuned, *played.paper.front]
+    learned, tuned = played.policy.front, played.rival.front
+    points = [*learned, *tuned, *played.paper.front]
     (earliest, _), (latest, _) = min(points), max(points)
     left = paper["T"] > 0.5 * (earliest + latest)  # there is more room
-    beside = {"align": "right", "dx": -12} if left else {"align": "left", "dx": 12}
-    names = [written(PAPER, paper["T"], paper["V"], PAPER, **beside)]
-    low = late[-1][1] < 0.12 * max(velocity for _, velocity in points)  # the axis is near
-    names.append(written(POLICY, *late[-1], POLICY, align="right", dy=-12 if low else 20))
+    placing = {"align": "right", "dx": -12} if left else {"align": "left", "dx": 12}
+    names = [label(PAPER, paper["T"], paper["V"], PAPER, **placing)]
+    low = learned[-1][1] < 0.12 * max(velocity for _, velocity in points)  # the axis is near
+    names.append(label(POLICY, *learned[-1], POLICY, align="right", dy=-12 if low else 20))
     if rival != PAPER:
         last = tuned[-1][0] > 0.3 * earliest + 0.7 * latest  # no room to the right of it
-        above: dict[str, Any] = {"align": "right", "dy": -24} if last else {"align": "left", "dx": 8, "dy": -8}
-        names.append(written(rival, *tuned[-1], rival, **above))
+        offset: dict[str, Any] = {"align": "right", "dy": -24} if last else {"align": "left", "dx": 8, "dy": -8}
+        names.append(label(rival, *tuned[-1], rival, **offset))
     gain = []
-    if one.reached and one.reduction.value > 0.0:
-        there = pl.DataFrame([{"T": paper["T"], "V": paper["V"], "to": one.velocity.value}])
-        gain.append(chart_of(there).mark_rule(strokeDash=[2, 3]).encode(horizontal, vertical, y2="to:Q"))
-        middle = 0.5 * (paper["V"] + one.velocity.value)
-        gain.append(written(_less(one.reduction.value), paper["T"], middle, POLICY, align="left", dx=6))
+    if answer.reached and answer.reduction.value > 0.0:
+        gain_at = pl.DataFrame([{"T": paper["T"], "V": paper["V"], "to": answer.velocity.value}])
+        gain.append(chart_of(gain_at).mark_rule(strokeDash=[2, 3]).encode(horizontal, vertical, y2="to:Q"))
+        middle = 0.5 * (paper["V"] + answer.velocity.value)
+        gain.append(label(_less(answer.reduction.value), paper["T"], middle, POLICY, align="left", dx=6))
     text = (
-        f"Paper's rule: {paper['T']:.3f} s, {paper['V']:.3f} m/s. The learned policy: from {late[0][0]:.3f} s and "
-        f"{late[0][1]:.3f} m/s to {late[-1][0]:.3f} s and {late[-1][1]:.3f} m/s."
+        f"Paper's rule: {paper['T']:.3f} s, {paper['V']:.3f} m/s. The learned policy: from {learned[0][0]:.3f} s and "
+        f"{learned[0][1]:.3f} m/s to {learned[-1][0]:.3f} s and {learned[-1][1]:.3f} m/s."
     )
     fastest = played.matchup.environment.get("velocity_range", VELOCITY_RANGE)[1]
-    also = "" if rival == PAPER else f", and for which the {rival} is tuned"
+    tuning = "" if rival == PAPER else f", and for which the {rival} is tuned"
     caption = (
         "Down and left is better: gentler and sooner. Each line runs from urgent to patient; a mark is one urgency, "
-        f"which the policy is told{also}. The rule of the paper, Tommasino et al. 2020, goes at "
+        f"which the policy is told{tuning}. The rule of the paper, Tommasino et al. 2020, goes at "
         f"{min(1.0, fastest):g} m/s and brakes as soon as the alarm of the touch arrives."
     )
     subject = "speed the object is left with, V_p (m/s)"

@@ -1,4 +1,4 @@
-"""What it learned: how it approaches."""
+"""The learned approach."""
 
 import altair as alt
 import polars as pl
@@ -25,10 +25,10 @@ def approach(played: Played) -> Figure:
         tooltip=["contestant:N", alt.Tooltip("w:N", title="time weight"), alt.Tooltip("x:Q", format=".3f"),
                  alt.Tooltip("velocity:Q", format=".3f")],
     )  # fmt: skip
-    where = (
+    caption = (
         f"Nothing stands in the way here; in the scenarios objects are {ahead.min():.2f} to {ahead.max():.2f} m ahead."
         if matchup.environment.get("range_noise") is None
         else f"The object stands at {watched_at(matchup):.3g} m and the estimate is right."
     )
     subject = "velocity over position before the contact"
-    return Figure(matchup.name, "approach", subject, where, where, zoomable(chart), data, 340)
+    return Figure(matchup.name, "approach", subject, caption, caption, zoomable(chart), data, 340)

@@ -1,4 +1,4 @@
-"""Who meets whom, where: a recipe of training, each seed of it a policy, against baselines on the same scenarios."""
+"""Matchups: a recipe of training, each seed of it a policy, against baselines on the same scenarios."""
 
 import base64
 import hashlib
@@ -37,7 +37,7 @@ PLAIN = {
     "WaryProfile": "tuned wary profile",
     "WaryRanged": "tuned wary ranging profile",
 }
-"""What a reader is told of a rule that is tuned."""
+"""Tuned rules in plain words."""
 Environment = Mapping[str, Any]
 
 
@@ -52,12 +52,12 @@ class Contestant:
 
     @property
     def plain(self) -> str:
-        """What it is, in words; its name if nobody has words for it."""
+        """The rule in plain words, else its name."""
         return PLAIN.get(self.controller.get("tuned", {}).get("rule", ""), self.name)
 
     @property
     def label(self) -> str:
-        """What it is, and its name behind."""
+        """The plain words, and the name behind."""
         return self.name if self.plain == self.name else f"{self.plain} ({self.name})"
 
 
@@ -79,18 +79,18 @@ class Matchup:
 
     @property
     def label(self) -> str:
-        """What it is in plain words, and its name behind."""
+        """The title, and the name behind."""
         return f"{self.title} ({self.name})" if self.title else self.name
 
     @property
     def labels(self) -> dict[str, str]:
-        """What a reader is told of contestants, by name: the median seed is the policy."""
-        return {one.name: one.label for one in self.baselines} | {self.chosen: POLICY}
+        """Labels of the contestants, by name: the median seed is the policy."""
+        return {baseline.name: baseline.label for baseline in self.baselines} | {self.chosen: POLICY}
 
     @property
     def policy(self) -> Contestant:
         """The median seed."""
-        return next(one for one in self.seeds if one.name == self.chosen)
+        return next(seed for seed in self.seeds if seed.name == self.chosen)
 
     @property
     def rival(self) -> Contestant:
@@ -109,6 +109,11 @@ class Matchup:
         return weights or self.policy.weights
 
     @cached_property
+    def checksums(self) -> dict[str, str]:
+        """Checksums of the seeds and the baselines, by name."""
+        return {contestant.name: contestant.checksum for contestant in (*self.seeds, *self.baselines)}
+
+    @cached_property
     def measure(self) -> Contestant | None:
         """The shipped policy that this one is measured against where nothing is drawn, if there is one."""
         name = self.evaluation.of
@@ -116,7 +121,7 @@ class Matchup:
 
     @cached_property
     def changes(self) -> list[Change]:
-        """What is varied to see whether the policy holds."""
+        """Changes of the environment that test robustness."""
         return variants(self.evaluation, self.environment)
 
 
@@ -136,39 +141,39 @@ def of_setup(setup: Setup, scenarios: Mapping[str, Any], folder: Path | None = N
     policies = sorted(ensemble.policies, key=lambda policy: policy.seed)
     seeds = tuple(policy_contestant(f"seed-{policy.seed}", policy, setup.evaluation) for policy in policies)
     chosen, about = f"seed-{ensemble.chosen}", ensemble[None].provenance
-    environment, met = environment_and_scenarios(setup.environment, scenarios)
+    environment, scenarios = environment_and_scenarios(setup.environment, scenarios)
     rivals = baselines(setup.against, environment, setup, folder / "tuned")
     note = setup.about + quick_look_note(setup, about, rivals)
-    bound = clairvoyant(setup, met, folder / "tuned")
+    bound = clairvoyant(setup, scenarios, folder / "tuned")
     return Matchup(
-        setup.name, environment, seeds, chosen, rivals, met, about, note, setup.evaluation, bound, setup.title
+        setup.name, environment, seeds, chosen, rivals, scenarios, about, note, setup.evaluation, bound, setup.title
     )
 
 
 def clairvoyant(setup: Setup, scenarios: Mapping[str, Any], folder: Path = TUNED) -> Contestant | None:
     """Return the bound that holds for a set-up; None where there is none for the first of these scenarios."""
     its_own = setup.bound == setup.name
-    found = bound_of(setup, folder) if its_own else bound_of(load_setup(setup.bound))
-    searched = min(map(len, found.values()), default=0)
+    parameters_at = bound_of(setup, folder) if its_own else bound_of(load_setup(setup.bound))
+    searched = min(map(len, parameters_at.values()), default=0)
     first = scenarios.get("set") == FROZEN or (scenarios.get("seed") == TEST_SEED and its_own)
     if not first or not 0 < searched <= scenarios["count"]:
         return None
-    spec = {f"{weight:g}": parameters[:searched].tolist() for weight, parameters in found.items()}
+    spec = {f"{weight:g}": parameters[:searched].tolist() for weight, parameters in parameters_at.items()}
     checksum = hashlib.sha256(json.dumps(spec).encode()).hexdigest()
-    return Contestant(BOUND, {"clairvoyant": spec}, tuple(found), checksum)
+    return Contestant(BOUND, {"clairvoyant": spec}, tuple(parameters_at), checksum)
 
 
 def quick_look_note(setup: Setup, about: Mapping[str, Any], rivals: Sequence[Contestant]) -> str:
-    """Say what was trained or tuned with less than the set-up asks for; empty if nothing was."""
-    told = []
+    """Return a note on training or tuning with less than the set-up asks for; empty if there was none."""
+    shortfalls = []
     steps, wanted = about["settings"]["steps"], setup.training.steps
     if steps < wanted:
-        told.append(f"trained for {steps:,} steps of {wanted:,}")
-    tuned = [one.controller["tuned"]["weights"].values() for one in rivals if one.name in setup.tuned]
+        shortfalls.append(f"trained for {steps:,} steps of {wanted:,}")
+    tuned = [rival.controller["tuned"]["weights"].values() for rival in rivals if rival.name in setup.tuned]
     budget = min((at["search"]["budget"] for weights in tuned for at in weights), default=setup.budget)
     if budget < setup.budget:
-        told.append(f"baselines tuned with {budget:,} candidates of {setup.budget:,}")
-    return f"; A QUICK LOOK, {', '.join(told)}" if told else ""
+        shortfalls.append(f"baselines tuned with {budget:,} candidates of {setup.budget:,}")
+    return f"; A QUICK LOOK, {', '.join(shortfalls)}" if shortfalls else ""
 
 
 def of_policies(
@@ -182,35 +187,35 @@ def of_policies(
     Raises:
         ValueError: a policy sees other things than this environment shows, or is asked for twice.
     """
-    found: dict[str, Matchup] = {}
+    matchups: dict[str, Matchup] = {}
     for path in map(Path, paths):
         loaded = load_policy(path)
         trained_in = {name: value for name, value in loaded.environment.items() if name != "time_weight"}
-        asked = {**trained_in, **changes}
-        environment, met = environment_and_scenarios(asked, scenarios)
+        arguments = {**trained_in, **changes}
+        environment, of_environment = environment_and_scenarios(arguments, scenarios)
         Policy(loaded.network, environment, {})  # raises where they do not fit
-        setup = next((one for one in map(load_setup, shipped_setups()) if one.describes(trained_in)), None)
+        setup = next((setup for setup in map(load_setup, shipped_setups()) if setup.describes(trained_in)), None)
         evaluation = setup.evaluation if setup else Evaluation()
         called = path.parent.name if path.name in ("best.npz", "final.npz") else path.stem
         name = re.sub(r"[^A-Za-z0-9.-]+", "-", called).strip("-") or "policy"  # files and links can have it
-        if name in found:
+        if name in matchups:
             raise ValueError(f"two policies would be called {name!r}: give them files or folders of different names")
         note = f"your policy {name}"
-        if setup and not same_environment(asked, trained_in):
+        if setup and not same_environment(arguments, trained_in):
             note += f"; its baselines were tuned for {setup.name}, not for this environment"
         rivals = baselines(names or (setup.against if setup else ()), environment)
-        bound = clairvoyant(setup, met) if setup and not changes else None
+        bound = clairvoyant(setup, of_environment) if setup and not changes else None
         seeds, about = (policy_contestant(name, loaded, evaluation),), loaded.provenance
-        found[name] = Matchup(name, environment, seeds, name, rivals, met, about, note, evaluation, bound)
-    return list(found.values())
+        matchups[name] = Matchup(name, environment, seeds, name, rivals, of_environment, about, note, evaluation, bound)
+    return list(matchups.values())
 
 
 def policy_contestant(name: str, policy: Policy, evaluation: Evaluation) -> Contestant:
     """Return a policy as a contestant; it travels with its jobs, so that another machine needs no file."""
     trained = policy.environment.get("time_weight", evaluation.typical)
     low, high = trained if isinstance(trained, (list, tuple)) else (trained, trained)
-    played = sorted({*evaluation.curve, *evaluation.weights, evaluation.typical})
-    weights = tuple(weight for weight in played if low <= weight <= high) or (float(low),)
+    compared = sorted({*evaluation.curve, *evaluation.weights, evaluation.typical})
+    weights = tuple(weight for weight in compared if low <= weight <= high) or (float(low),)
     content = policy.to_bytes()
     controller = {"policy": base64.b64encode(content).decode()}
     return Contestant(name, controller, weights, hashlib.sha256(content).hexdigest())
@@ -227,19 +232,19 @@ def baselines(
         ValueError: there is no such baseline, it is named twice, or it cannot be asked in this environment.
     """
     typical = (setup.evaluation if setup else Evaluation()).typical
-    found = [Contestant(PAPER, {"baseline": RULE}, (typical,), "")]
+    contestants = [Contestant(PAPER, {"baseline": RULE}, (typical,), "")]
     if len({*names, RULE}) <= len(names):
         raise ValueError(f"baselines must differ, and the paper's rule is there anyway; got {list(names)}")
-    shown = np.zeros((2, len(ObservationSpec(Task(**environment)))), np.float32)
+    observations = np.zeros((2, len(ObservationSpec(Task(**environment)))), np.float32)
     for name in names:
         its_own = setup is not None and name in setup.tuned
         if its_own or name in tuned_names():
             content = read_tuned(name, folder, setup) if its_own else read_tuned(name)
             weights = tuple(map(float, content["weights"]))
-            found.append(Contestant(name, {"tuned": content}, weights, content["sha256"]))
+            contestants.append(Contestant(name, {"tuned": content}, weights, content["sha256"]))
         elif name in FIXED:
-            found.append(Contestant(name, {"baseline": name}, (typical,), ""))
+            contestants.append(Contestant(name, {"baseline": name}, (typical,), ""))
         else:
-            try_out(name, controller_of({"object": name}, typical), shown)  # raises now, not in a worker
-            found.append(Contestant(name, {"object": name}, (typical,), digest_of(name.partition(":")[0])))
-    return tuple(found)
+            try_out(name, controller_of({"object": name}, typical), observations)  # raises now, not in a worker
+            contestants.append(Contestant(name, {"object": name}, (typical,), digest_of(name.partition(":")[0])))
+    return tuple(contestants)

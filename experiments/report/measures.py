@@ -24,13 +24,13 @@ APART = 500  # scenarios to find a weight on, or as many as are then played
 def play_as_late(controller: JSON, environment: JSON, scenarios: JSON, weights: Sequence[float]) -> Arrays:
     """Return the results (1, scenarios) at the weight whose mean approach takes as long as that of the paper's rule.
 
-    That weight is found by bisection within the ends of `weights`, on other scenarios of the same kind (see `others`).
+    That weight is found by bisection within the ends of `weights`, on other scenarios (see `apart_from`).
     It is returned as `weight` (1,).
     """
-    apart = others(scenarios)
+    choosing = apart_from(scenarios)
 
-    def mean_time(weight: float, one: Controller) -> float:
-        return float(scenario_batch_of(apart, weight, environment).play(one).approach_time.mean())
+    def mean_time(weight: float, player: Controller) -> float:
+        return float(scenario_batch_of(choosing, weight, environment).play(player).approach_time.mean())
 
     low, high = weights[0], weights[-1]
     target = mean_time(low, PaperTrapezoid().for_environment(environment))
@@ -43,7 +43,7 @@ def play_as_late(controller: JSON, environment: JSON, scenarios: JSON, weights: 
     return play(controller, scenarios, [high], environment) | {"weight": np.array([high])}
 
 
-def others(scenarios: JSON) -> dict[str, Any]:
+def apart_from(scenarios: JSON) -> dict[str, Any]:
     """Return scenarios to choose a weight on: the validation set for a shipped one, the same ranges with another seed.
 
     For a table of scenarios there are no others, and it is these.
@@ -61,10 +61,10 @@ def in_scipy(controller: JSON, environment: JSON, scenarios: JSON, weight: float
     frozen = frozen_of(scenarios)
     if frozen is None:
         raise ValueError("the independent solver takes scenarios of a set or a table")
-    one = controller_of(controller, weight, environment)
-    found = rescore(one, frozen, range(scenarios["count"]), environment, weight)
-    ours = scenario_batch_of(scenarios, weight, environment).play(one)
-    return found | {f"our_{name}": getattr(ours, name) for name in ("object_velocity", "approach_time", "missed")}
+    player = controller_of(controller, weight, environment)
+    results = rescore(player, frozen, range(scenarios["count"]), environment, weight)
+    ours = scenario_batch_of(scenarios, weight, environment).play(player)
+    return results | {f"our_{name}": getattr(ours, name) for name in ("object_velocity", "approach_time", "missed")}
 
 
 def profile(controller: JSON, environment: JSON, weights: Sequence[float], distance: float) -> Arrays:

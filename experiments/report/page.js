@@ -26,11 +26,11 @@
   const later = () => soon(() => window.drawAll());
 
   const choose = (tab) => {
-    for (const one of tabs) {
-      const on = one === tab;
-      one.setAttribute("aria-selected", String(on));
-      one.tabIndex = on ? 0 : -1;
-      panelOf(one).hidden = !on;
+    for (const other of tabs) {
+      const on = other === tab;
+      other.setAttribute("aria-selected", String(on));
+      other.tabIndex = on ? 0 : -1;
+      panelOf(other).hidden = !on;
     }
     for (const link of document.querySelectorAll("[data-part]")) link.hash = link.dataset.part + panelOf(tab).id;
     later();
@@ -55,8 +55,8 @@
     const target = document.getElementById(decodeURIComponent(location.hash.slice(1)));
     if (!target) return;
     const panel = target.closest("[role=tabpanel]");
-    if (panel && panel.hidden) choose(tabs.find((one) => panelOf(one) === panel));
-    for (let one = target.closest("details"); one; one = one.parentElement.closest("details")) one.open = true;
+    if (panel && panel.hidden) choose(tabs.find((tab) => panelOf(tab) === panel));
+    for (let fold = target.closest("details"); fold; fold = fold.parentElement.closest("details")) fold.open = true;
     if (target !== panel) target.scrollIntoView();
   };
   addEventListener("hashchange", follow);
@@ -66,11 +66,11 @@
   let opened = [];
   addEventListener("beforeprint", () => {
     opened = [...document.querySelectorAll(".fold:not([open]), .fails:not([open]), figcaption details:not([open])")]
-      .filter((one) => !one.closest("[hidden]"));
-    for (const one of opened) one.open = true;
+      .filter((fold) => !fold.closest("[hidden]"));
+    for (const fold of opened) fold.open = true;
     window.drawAll();
   });
-  addEventListener("afterprint", () => { for (const one of opened) one.open = false; });
+  addEventListener("afterprint", () => { for (const fold of opened) fold.open = false; });
   requestAnimationFrame(() => setTimeout(() => {
     document.documentElement.classList.remove("fresh");
     follow();

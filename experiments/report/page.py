@@ -1,4 +1,4 @@
-"""The page: a tab for each set-up, and in it what one screen answers, what an engineer and what a statistician asks."""
+"""The page: a tab for each set-up, with the answer on one screen, then parts for the engineer and the statistician."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -19,6 +19,7 @@ from experiments.report.figures import Figure
 from experiments.report.matchups import PAPER, POLICY, Matchup
 from experiments.report.played import Played
 from experiments.report.tables import HeatMap, Table
+from impact_gym.task.scenario import FIELDS
 
 Part = Figure | Table | HeatMap | str
 KINDS = {Figure: "figure", Table: "table", HeatMap: "heat_map", str: "paragraph"}
@@ -37,7 +38,7 @@ SOLVERS = (
 
 @dataclass(frozen=True)
 class Fold:
-    """A part of a tab: what stands there, or is there to be opened."""
+    """A part of a tab, open or folded."""
 
     heading: str
     parts: Sequence[Part]
@@ -47,14 +48,14 @@ class Fold:
 
 @dataclass(frozen=True)
 class Tab:
-    """What the page says of a set-up."""
+    """Content of the page about one set-up."""
 
     matchup: Matchup
     answer: answer.Answer
     steps: Sequence[chain.Step]
     bars: Sequence[bars.Bar]
     headline: str
-    fails: weaknesses.Failing  # where it does not hold
+    fails: weaknesses.Failing
     chart: Figure
     sentence: str  # the answer with its intervals
     scenarios: int
@@ -69,64 +70,65 @@ class Tab:
         return [self.chart, *(part for part in parts if isinstance(part, Figure))]
 
 
-def tab(one: Played, others: Sequence[Played]) -> Tab:
-    """Return the tab of a matchup; `others` are all of the report."""
-    matchup, found, steps, reached = one.matchup, answer.answer(one), chain.chain(one), bars.bars(one, others)
+def tab(played: Played, all_played: Sequence[Played]) -> Tab:
+    """Return the tab of a matchup, whose bars may refer to the other matchups of the report."""
+    matchup, steps, targets = played.matchup, chain.chain(played), bars.bars(played, all_played)
+    result = answer.answer(played)
     return Tab(
         matchup,
-        found,
+        result,
         steps,
-        reached,
-        first_screen.headline(found, one),
-        weaknesses.where_it_fails(one),
-        first_screen.chart(found, one),
-        answer.sentence(found, matchup) + chain.sentence(steps),
-        one.count,
-        _engineer(one, steps),
-        _statistician(one, reached),
-        Markup(fragment(watch(one), f"watch-{matchup.name}")),
+        targets,
+        first_screen.headline(result, played),
+        weaknesses.where_it_fails(played),
+        first_screen.chart(result, played),
+        answer.sentence(result, matchup) + chain.sentence(steps),
+        played.count,
+        _engineer(played, steps),
+        _statistician(played, targets),
+        Markup(fragment(watch(played), f"watch-{matchup.name}")),
     )
 
 
-def _engineer(one: Played, steps: Sequence[chain.Step]) -> list[Fold]:
+def _engineer(played: Played, steps: Sequence[chain.Step]) -> list[Fold]:
+    ablation = chain.table(steps, played.matchup.labels)
     return [
-        Fold("What the gain is due to", [chain.table(steps, one.matchup.labels)], closed=False),
-        Fold("What it learned", [learned.approach(one)], closed=False, key="learned"),
-        Fold("Forces, and what the objects get", [differences.measures(one)], closed=False, key="forces"),
-        Fold("What a limit of force would cost", [shield.table(one)]),
-        Fold("Does it hold?", [weaknesses.heat_map(one)], closed=False, key="robustness"),
-        Fold("Each of these by itself", [ONE_AT_A_TIME, robustness.changes_table(one)]),
+        Fold("Ablation: gain from limits, tuning, estimate, learning", [ablation], closed=False),
+        Fold("What it learned", [learned.approach(played)], closed=False, key="learned"),
+        Fold("Forces, and what the objects get", [differences.measures(played)], closed=False, key="forces"),
+        Fold("What a limit of force would cost", [shield.table(played)]),
+        Fold("Does it hold?", [weaknesses.heat_map(played)], closed=False, key="robustness"),
+        Fold("Each of these by itself", [ONE_AT_A_TIME, robustness.changes_table(played)]),
     ]
 
 
-def _statistician(one: Played, reached: Sequence[bars.Bar]) -> list[Fold]:
-    seeds = [answer.seeds_table(one)] if len(one.seeds) > 1 else []
-    trade_off: list[Part] = [answer.trade_off(one), answer.weights_table(one), *seeds]
-    apart = (
-        "The weight that makes a policy as late as the paper's rule was found on "
-        f"{_apart(one.matchup.scenarios)}, so the two are equally late only nearly here."
+def _statistician(played: Played, targets: Sequence[bars.Bar]) -> list[Fold]:
+    seeds = [answer.seeds_table(played)] if len(played.seeds) > 1 else []
+    trade_off: list[Part] = [answer.trade_off(played), answer.weights_table(played), *seeds]
+    chosen_on = {
+        "table": "these scenarios themselves", "set": "the first half of the validation set",
+        "ranges": "other scenarios from the same ranges",
+    }  # fmt: skip
+    kind = next(kind for kind in chosen_on if kind in played.matchup.scenarios)
+    note = (
+        f"The weight that makes a policy as late as the paper's rule was found on {chosen_on[kind]}, so the two are "
+        "equally late only nearly here."
     )
-    where: list[Part] = [apart, *differences.breakdown(one)]
+    by_field: list[Part] = [note, *(differences.paired(played, field) for field in FIELDS)]
     return [
         Fold("The trade-off of every seed and every baseline", trade_off, key="trade-off"),
-        Fold("What was to be reached", [bars.table(reached)], key="bars"),
-        Fold("Where the policy wins, and where not", where, key="differences"),
-        Fold("Is it the simulator?", [SOLVERS, robustness.simulator(one)], key="simulator"),
+        Fold("Targets and results", [bars.table(targets)], key="bars"),
+        Fold("Where the policy wins, and where not", by_field, key="differences"),
+        Fold("Is it the simulator?", [SOLVERS, robustness.simulator(played)], key="simulator"),
     ]
 
 
-def _apart(scenarios: Mapping[str, Any]) -> str:
-    if "table" in scenarios:
-        return "these scenarios themselves"
-    return "the first half of the validation set" if "set" in scenarios else "other scenarios from the same ranges"
-
-
-def policies_table(played: Sequence[Played]) -> Table:
+def policies_table(all_played: Sequence[Played]) -> Table:
     """Return the median policies of all set-ups."""
     body = [
-        (one.label, one.chosen, str(len(one.seeds)), one.provenance.get("command", "-"),
-         f"{each.policy_as_late.weights[0]:.4g}", one.policy.checksum[:16])
-        for each in played for one in [each.matchup]
+        (matchup.label, matchup.chosen, str(len(matchup.seeds)), matchup.provenance.get("command", "-"),
+         f"{played.policy_as_late.weights[0]:.4g}", matchup.policy.checksum[:16])
+        for played in all_played for matchup in [played.matchup]
     ]  # fmt: skip
     head = ("set-up", "median seed", "seeds", "trained by", "weight as late as the rule (m/s per s)", "checksum")
     return Table("The policies; checksums of all contestants are in results.json", head, body)
@@ -134,15 +136,15 @@ def policies_table(played: Sequence[Played]) -> Table:
 
 def watch(played: Played) -> dict[str, Any]:
     """Return the films of a dozen scenarios of a matchup: the rule and the policy, as late."""
-    matchup, late = played.matchup, played.policy_as_late
-    (weight,) = late.weights
-    runs = {PAPER: played.paper.at(weight), POLICY: late.at(weight)}
+    matchup, as_late = played.matchup, played.policy_as_late
+    (weight,) = as_late.weights
+    runs = {PAPER: played.paper.at(weight), POLICY: as_late.at(weight)}
     players = {PAPER: matchup.baselines[0], POLICY: matchup.policy}
     frozen, environment = frozen_of(matchup.scenarios), dict(matchup.environment)
     if frozen is None:
         environment["scenario"] = {name: tuple(pair) for name, pair in matchup.scenarios["ranges"].items()}
     return films(
-        {name: controller_of(one.controller, weight, environment) for name, one in players.items()},
+        {name: controller_of(contestant.controller, weight, environment) for name, contestant in players.items()},
         choose(runs[PAPER], runs[POLICY]),
         runs,
         seed=frozen.seed if frozen else matchup.scenarios["seed"],
@@ -152,17 +154,17 @@ def watch(played: Played) -> dict[str, Any]:
     )
 
 
-def write(folder: Path, about: Mapping[str, Any], tabs: Sequence[Tab], played: Sequence[Played]) -> Path:
+def write(folder: Path, about: Mapping[str, Any], tabs: Sequence[Tab], all_played: Sequence[Played]) -> Path:
     """Write the page, and into `folder`/figures all its figures with their data; return its path."""
     (folder / "figures").mkdir()
-    for one in (figure for each in tabs for figure in each.figures):
-        one.save(folder / "figures")
+    for figure in (figure for tab in tabs for figure in tab.figures):
+        figure.save(folder / "figures")
     bundle = vl_convert.javascript_bundle()  # type: ignore[call-arg]  # its stub asks for what it does not need
     program = bundle.replace("</script", "<\\/script")  # what draws the charts
     tables = {
-        "table": answer.answers_table([one.answer for one in tabs], played),
-        "policies": policies_table(played),
-        "seeds": max(len(one.seeds) for one in played),
+        "table": answer.answers_table([tab.answer for tab in tabs], all_played),
+        "policies": policies_table(all_played),
+        "seeds": max(len(played.seeds) for played in all_played),
     }
     return page.write(
         folder,

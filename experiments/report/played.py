@@ -1,4 +1,4 @@
-"""What came of a matchup: arrays of results, and what is read from them."""
+"""Results of a matchup: arrays, and what is read from them."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -38,9 +38,9 @@ class Run:
 
     def means(self, weight: float) -> dict[str, Any]:
         """Mean approach time T (s), V_p (m/s) and loss (m/s) at a weight, and how many objects it missed."""
-        one = self.at(weight)
-        means = {"T": one.approach_time, "V": one.object_velocity, "loss": one.loss(weight)}
-        return {name: float(values.mean()) for name, values in means.items()} | {"missed": int(one.missed.sum())}
+        episodes = self.at(weight)
+        means = {"T": episodes.approach_time, "V": episodes.object_velocity, "loss": episodes.loss(weight)}
+        return {name: float(values.mean()) for name, values in means.items()} | {"missed": int(episodes.missed.sum())}
 
     @property
     def front(self) -> list[tuple[float, float]]:
@@ -56,7 +56,7 @@ class Run:
 
 @dataclass
 class Played:
-    """All that came of one matchup."""
+    """All results of one matchup."""
 
     matchup: Matchup
     seeds: dict[str, Run] = field(default_factory=dict)
@@ -114,18 +114,18 @@ class Played:
         return np.array([run.loss(weight) for run in self.seeds.values()])
 
 
-def episodes(played: Sequence[Played]) -> Any:
+def episodes(all_played: Sequence[Played]) -> Any:
     """Return all episodes of the seeds, the baselines and the bound, a row each, as a frame of polars."""
     import polars as pl  # not where nothing is written
 
     frames = []
-    for one in played:
-        runs = {**one.seeds, **one.baselines, **({BOUND: one.bound} if one.bound else {})}
-        runs |= {f"{name}, as late as the paper's rule": run for name, run in one.as_late.items()}
+    for played in all_played:
+        runs = {**played.seeds, **played.baselines, **({BOUND: played.bound} if played.bound else {})}
+        runs |= {f"{name}, as late as the paper's rule": run for name, run in played.as_late.items()}
         for name, run in runs.items():
             for place, weight in enumerate(run.weights):
                 results = {field: run[field][place] for field in RESULTS}
                 numbers = np.arange(len(results["missed"]), dtype=np.int32)
-                about = {"matchup": one.matchup.name, "contestant": name, "time_weight": weight, "scenario": numbers}
+                about = {"matchup": played.matchup.name, "contestant": name, "time_weight": weight, "scenario": numbers}
                 frames.append(pl.DataFrame({**about, **results, **run.scenario}))
     return pl.concat(frames)

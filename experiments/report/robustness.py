@@ -20,38 +20,38 @@ WORDS = {
     "robot": "robot that gives",
     "scenario": "objects beyond the training",
 }
-"""Changes in plain words, where those of the quantity are a statistician's, or it is none."""
+"""Changed arguments in plain words, where the quantity has none that a layman reads."""
 SHOWN = {"s": ("ms", 1e3), "m": ("mm", 1e3), "%": ("%", 100.0)}  # units and scales, where they are others than given
 Varied = list[tuple[Change, dict[str, Run]]]
 """Changes with the runs of all contestants."""
 
 
 def varied(played: Played) -> list[Varied]:
-    """Return what was varied, a list for each argument."""
+    """Return the changes with their runs, a list for each argument."""
     runs: dict[tuple[str, str], dict[str, Run]] = {}
     for (argument, label, contestant), run in played.varied.items():
-        shown = POLICY if contestant == played.matchup.chosen else contestant
-        runs.setdefault((argument, label), {})[shown] = run
-    found = [(change, runs[change.argument, change.label]) for change in played.matchup.changes]
-    return [list(of_one) for _, of_one in groupby(found, lambda one: one[0].argument)]
+        name = POLICY if contestant == played.matchup.chosen else contestant
+        runs.setdefault((argument, label), {})[name] = run
+    pairs = [(change, runs[change.argument, change.label]) for change in played.matchup.changes]
+    return [list(changes) for _, changes in groupby(pairs, lambda changed: changed[0].argument)]
 
 
 def factor(argument: str) -> str:
-    """Return what an argument of the environment is in plain words."""
+    """Return an argument of the environment in plain words."""
     return WORDS.get(argument) or (QUANTITIES[argument].words if argument in QUANTITIES else argument)
 
 
 def setting(change: Change) -> str:
-    """Return what the argument is changed to, in words."""
+    """Return the changed value with its unit, or its label."""
     if not np.isfinite(change.value):
         return change.label
     unit = "%" if change.multiple else QUANTITIES[change.argument].unit
-    shown, scale = SHOWN.get(unit, (unit, 1.0))
-    return f"{scale * change.value:g} {shown}"
+    name, scale = SHOWN.get(unit, (unit, 1.0))
+    return f"{scale * change.value:g} {name}"
 
 
 def changes_table(played: Played) -> Table:
-    """Return what each contestant does under each change, one at a time."""
+    """Return loss, V_p, T and misses of each contestant under each change, one at a time."""
     weight, labels, body = played.matchup.typical, played.matchup.labels, []
     for change, runs in chain.from_iterable(varied(played)):
         for name, run in runs.items():
@@ -65,18 +65,19 @@ def changes_table(played: Played) -> Table:
 
 
 def simulator(played: Played) -> Table:
-    """Return what other solvers and laws change, beside the gain."""
+    """Return how much other solvers and laws change V_p and the gain."""
     weight, chosen, rival = played.matchup.typical, played.matchup.chosen, played.matchup.rival.name
     rival_label = played.matchup.rival.label
     gains = [(run.loss(weight) - played.policy.loss(weight)).mean() for run in (played.paper, played.rival)]
     body = []
 
-    def add(what: str, whom: str, velocities: list[Floats], losses: Mapping[str, Floats]) -> None:
+    def add(label: str, contestants: str, velocities: list[Floats], losses: Mapping[str, Floats]) -> None:
         """Add a row of changes (scenarios,), m/s: of V_p, and of the losses by contestant."""
-        mean, most = max(abs(one.mean()) for one in velocities), max(np.abs(one).max() for one in velocities)
+        mean = max(abs(change.mean()) for change in velocities)
+        largest = max(np.abs(change).max() for change in velocities)
         means = {name: loss.mean() for name, loss in losses.items()}
-        more = (f"{means[name] - means[chosen]:+.2g}" if name in means else "-" for name in (PAPER, rival))
-        body.append((what, f"{whom}, {velocities[0].size}", f"{mean:.2g}", f"{most:.2g}", *more))
+        gain_changes = (f"{means[name] - means[chosen]:+.2g}" if name in means else "-" for name in (PAPER, rival))
+        body.append((label, f"{contestants}, {velocities[0].size}", f"{mean:.2g}", f"{largest:.2g}", *gain_changes))
 
     as_it_is = {**played.baselines, **played.seeds}
     for change in EXACT:
@@ -87,9 +88,9 @@ def simulator(played: Played) -> Table:
         velocities = [pairs[name][1].object_velocity - pairs[name][0].object_velocity for name in played.seeds]
         losses = {name: after.loss(weight) - before.loss(weight) for name, (before, after) in pairs.items()}
         add(change, f"{len(velocities)} seeds", velocities, losses)
-    if (own := played.scipy.get(chosen)) is not None:
-        losses = {name: _scipy_loss(one, weight) for name, one in played.scipy.items()}
-        add("SciPy's solver", chosen, [own["object_velocity"] - own["our_object_velocity"]], losses)
+    if (scipy := played.scipy.get(chosen)) is not None:
+        losses = {name: _scipy_loss(arrays, weight) for name, arrays in played.scipy.items()}
+        add("SciPy's solver", chosen, [scipy["object_velocity"] - scipy["our_object_velocity"]], losses)
     else:
         body.append(("SciPy's solver", "not played: it takes neither drawn ranges nor noise", "", "", "", ""))
     head = ("changed", "played", "largest mean change of V_p (m/s)", "in any scenario (m/s)",

@@ -1,4 +1,4 @@
-"""Which scenarios are asked for: a frozen set by name or file, or ranges of one's own with a tool of one's own."""
+"""The scenarios of a report: a frozen set by name or file, or a user's own ranges and tool."""
 
 import json
 from collections.abc import Mapping
@@ -24,7 +24,7 @@ def scenarios_from(source: str, count: int | None) -> tuple[dict[str, Any], dict
     if path.suffix == ".json":
         content = _content(path)
         ranges, environment = _pairs(content.get("ranges", "test")), content.get("environment", {})
-        asked = whole("count", count or content.get("count", 1000), at_least=2)
+        count = whole("count", count or content.get("count", 1000), at_least=2)
         seed = whole("seed", content.get("seed", 2_000_000), at_least=0)
         if not isinstance(environment, dict):
             raise ValueError(f"{path}: environment must hold arguments of gym.make by name, got {environment!r}")
@@ -32,14 +32,14 @@ def scenarios_from(source: str, count: int | None) -> tuple[dict[str, Any], dict
         if taken:
             raise ValueError(f"{path}: environment must leave out {taken}: ranges and the report see to that")
         Task(**environment)  # raises
-        return {"ranges": ranges, "seed": seed, "count": asked}, environment
+        return {"ranges": ranges, "seed": seed, "count": count}, environment
     frozen = evaluation_sets.load(source)
-    asked = whole("scenarios", count or frozen.count, at_least=2)
-    number("scenarios", asked, "(no unit)", at_most=frozen.count)
+    count = whole("scenarios", count or frozen.count, at_least=2)
+    number("scenarios", count, "(no unit)", at_most=frozen.count)
     if (evaluation_sets.SHIPPED / f"{source}.csv").is_file():
-        return {"set": source, "count": asked}, {}
-    table = {name: values[:asked].tolist() for name, values in frozen.scenario.items()}
-    return {"table": table, "seed": frozen.seed, "count": asked}, {}
+        return {"set": source, "count": count}, {}
+    table = {name: values[:count].tolist() for name, values in frozen.scenario.items()}
+    return {"table": table, "seed": frozen.seed, "count": count}, {}
 
 
 def _content(path: Path) -> dict[str, Any]:
@@ -47,9 +47,9 @@ def _content(path: Path) -> dict[str, Any]:
         content = json.loads(path.read_text())
     except (OSError, ValueError) as error:
         raise ValueError(f"{path} is not read as scenarios: {error}") from error
-    known = {"ranges", "seed", "count", "environment"}
-    if not isinstance(content, dict) or set(content) - known:
-        raise ValueError(f"{path} must be a JSON object with some of {sorted(known)}, got {str(content)[:200]}")
+    keys = {"ranges", "seed", "count", "environment"}
+    if not isinstance(content, dict) or set(content) - keys:
+        raise ValueError(f"{path} must be a JSON object with some of {sorted(keys)}, got {str(content)[:200]}")
     return content
 
 
@@ -61,11 +61,11 @@ def environment_and_scenarios(
     One with ranges of its own meets as many from these, drawn from the seeds of the frozen set that is asked for,
     unless that is `hard`.
     """
-    rest = {name: value for name, value in environment.items() if name != "scenario"}
+    arguments = {name: value for name, value in environment.items() if name != "scenario"}
     if "scenario" not in environment or scenarios.get("set", "hard") == "hard":
-        return rest, scenarios
+        return arguments, scenarios
     seed = evaluation_sets.load(scenarios["set"]).seed
-    return rest, {"ranges": _pairs(environment["scenario"]), "seed": seed, "count": scenarios["count"]}
+    return arguments, {"ranges": _pairs(environment["scenario"]), "seed": seed, "count": scenarios["count"]}
 
 
 def _pairs(ranges: Any) -> dict[str, list[float]]:

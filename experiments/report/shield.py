@@ -16,17 +16,17 @@ ALONE = "the shield alone"
 
 def speeds(matchup: Matchup) -> dict[float, float | str]:
     """Return by limit (N) the speed (m/s) at which objects may be met, or why there is no shield."""
-    found: dict[float, float | str] = {}
+    by_limit: dict[float, float | str] = {}
     for limit in LIMITS:
         try:
-            found[limit] = permitted(Task(**{**matchup.environment, "scenario": _ranges(matchup)}), limit)
+            by_limit[limit] = permitted(Task(**{**matchup.environment, "scenario": _ranges(matchup)}), limit)
         except ValueError as error:
-            found[limit] = str(error)
-    return found
+            by_limit[limit] = str(error)
+    return by_limit
 
 
 def _ranges(matchup: Matchup) -> Mapping[str, Any] | str:
-    """Return which objects there are; those of a table of scenarios, or of a set of a user's, nobody has bounded."""
+    """Return the ranges of the scenarios; a table, or a user's own set, has none."""
     ranges = matchup.scenarios.get("ranges", matchup.scenarios.get("set"))
     if not isinstance(ranges, Mapping) and ranges not in NAMED:
         raise ValueError("the scenarios are from no ranges that are known")
@@ -44,18 +44,18 @@ def shielded(matchup: Matchup) -> Iterator[tuple[float, Contestant]]:
 
 def table(played: Played) -> Table:
     """Return the table of all limits."""
-    weight, own = played.matchup.typical, played.policy
-    body = [_row("-", "-", POLICY, own, own, weight, "-")]
+    weight, unshielded = played.matchup.typical, played.policy
+    body = [_row("-", "-", POLICY, unshielded, unshielded, weight, "-")]
     for limit, speed in speeds(played.matchup).items():
         if isinstance(speed, str):
             body.append((f"{limit:g}", f"none: {speed}", *[""] * 7))
             continue
         for name in (ALONE, POLICY):
             run = played.shielded[limit, name]
-            above = f"{(run.at(weight).peak_force > limit).sum()}"
+            above_limit = f"{(run.at(weight).peak_force > limit).sum()}"
             if name == POLICY:
-                above += f", {(own.at(weight).peak_force > limit).sum()} without it"
-            body.append(_row(f"{limit:g}", f"{speed:.3f}", name, run, own, weight, above))
+                above_limit += f", {(unshielded.at(weight).peak_force > limit).sum()} without it"
+            body.append(_row(f"{limit:g}", f"{speed:.3f}", name, run, unshielded, weight, above_limit))
     head = ("limit (N)", "may meet objects at (m/s)", "contestant", "largest force (N)", "above the limit", "T (s)",
             "later than the policy without it (s)", "V_p (m/s)", "missed")  # fmt: skip
     caption = (
@@ -65,8 +65,17 @@ def table(played: Played) -> Table:
     return Table(caption, head, body)
 
 
-def _row(limit: str, speed: str, name: str, run: Run, own: Run, weight: float, above: str) -> tuple[str, ...]:
-    mean, later = run.means(weight), run.means(weight)["T"] - own.means(weight)["T"]
+def _row(
+    limit: str, speed: str, name: str, run: Run, unshielded: Run, weight: float, above_limit: str
+) -> tuple[str, ...]:
+    mean, later = run.means(weight), run.means(weight)["T"] - unshielded.means(weight)["T"]
     largest = run.at(weight).peak_force.max()
-    told = (f"{largest:.1f}", above, f"{mean['T']:.3f}", f"{later:+.3f}", f"{mean['V']:.3f}", f"{mean['missed']}")
-    return limit, speed, name, *told
+    cells = (
+        f"{largest:.1f}",
+        above_limit,
+        f"{mean['T']:.3f}",
+        f"{later:+.3f}",
+        f"{mean['V']:.3f}",
+        f"{mean['missed']}",
+    )
+    return limit, speed, name, *cells

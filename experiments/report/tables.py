@@ -1,4 +1,4 @@
-"""Tables of the page: rows of words, and cells that are as warm as they are bad."""
+"""Tables of the page: rows of words, and heat maps."""
 
 import re
 from collections.abc import Sequence
@@ -18,10 +18,10 @@ class Table:
 
     @property
     def words(self) -> list[bool]:
-        """Whether a column is of words: most of its cells begin with neither a digit nor a sign."""
+        """Whether each column holds words: most of its cells begin with neither a digit nor a sign."""
         columns = zip(*self.rows, strict=False)
-        return [2 * sum(bool(re.match(r"[-+\d]|at (least|most) \d", cell)) for cell in each) < len(self.rows)
-                for each in columns]  # fmt: skip
+        return [2 * sum(bool(re.match(r"[-+\d]|at (least|most) \d", cell)) for cell in column) < len(self.rows)
+                for column in columns]  # fmt: skip
 
 
 class Heat(NamedTuple):
@@ -34,7 +34,7 @@ class Heat(NamedTuple):
 
 @dataclass(frozen=True)
 class HeatMap:
-    """Rows of cells that are as warm as they are worse than what they are compared with."""
+    """Rows of cells, the warmer the worse they compare."""
 
     caption: str
     head: Sequence[str]

@@ -17,10 +17,10 @@ class Failing(NamedTuple):
     """Where the policy does not hold."""
 
     worst: str  # in one line: the change under which it fares worst
-    every: str  # all changes
+    details: str  # all changes
 
 
-class Lost(NamedTuple):
+class Weakness(NamedTuple):
     """One argument of the environment with which the policy is worse than a rival."""
 
     loss: float  # m/s, the largest
@@ -33,66 +33,64 @@ def where_it_fails(played: Played) -> Failing:
 
     The worst is the one by which it misses most, or else loses most, to the rule before the rival.
     """
-    found, missed = varied(played), _most_missed(played)
-    lost = {
-        rival: sorted(filter(None, (_lost(played, of_one, rival) for of_one in found)), key=lambda one: -one.loss)
-        for rival, _ in _rivals(played)
-    }
-    plain = {PAPER: PAPER, played.matchup.rival.name: played.matchup.rival.plain}
-    every = [
-        f"Worse than the {plain[rival]} with {', '.join(map(_with, those))}." for rival, those in lost.items() if those
-    ]
+    by_argument, missed, rival = varied(played), _most_missed(played), played.matchup.rival
+    sentences, worse = list[str](), list[tuple[Change, str]]()
+    for name, plain in {PAPER: PAPER, rival.name: rival.plain}.items():
+        weaknesses = [weakness for changes in by_argument if (weakness := _weakness(played, changes, name))]
+        weaknesses.sort(key=lambda weakness: -weakness.loss)
+        if weaknesses:
+            sentences.append(f"Worse than the {plain} with {', '.join(map(_with, weaknesses))}.")
+        worse += [(weakness.mildest, plain) for weakness in weaknesses]
     if missed:
         change, misses = missed
-        every.append(f"It misses {misses} with {factor(change.argument)} at {setting(change)}.")
-    if not every:
-        tried = sum(not change.same for change, _ in chain.from_iterable(found))
+        sentences.append(f"It misses {misses} with {factor(change.argument)} at {setting(change)}.")
+    if not sentences:
+        tried = sum(not change.same for change, _ in chain.from_iterable(by_argument))
         return Failing(f"nowhere among {tried} changes, one at a time, is it worse than its rivals.", "")
-    argument = missed[0].argument if missed else next(those[0].mildest.argument for those in lost.values() if those)
-    told = [
-        f"{_at(one.mildest)}it is worse than the {plain[rival]}"
-        for rival, those in lost.items() for one in those if one.mildest.argument == argument
-    ][:1]  # fmt: skip
-    told += [f"{_at(missed[0])}it misses {missed[1]}"] if missed else []
-    what, line = factor(argument), ", ".join(told)
-    return Failing(f"{what}. {line[0].upper()}{line[1:]}.", " ".join(every))
+    argument = missed[0].argument if missed else worse[0][0].argument
+    clauses = [f"{_at(change)}it is worse than the {plain}" for change, plain in worse if change.argument == argument][
+        :1
+    ]
+    clauses += [f"{_at(missed[0])}it misses {missed[1]}"] if missed else []
+    line = ", ".join(clauses)
+    return Failing(f"{factor(argument)}. {line[0].upper()}{line[1:]}.", " ".join(sentences))
 
 
 def _at(change: Change) -> str:
     return f"at {setting(change)} " if np.isfinite(change.value) else ""
 
 
-def _with(lost: Lost) -> str:
-    return factor(lost.mildest.argument) + ("" if lost.only else f" ({setting(lost.mildest)})")
+def _with(weakness: Weakness) -> str:
+    return factor(weakness.mildest.argument) + ("" if weakness.only else f" ({setting(weakness.mildest)})")
 
 
-def _lost(played: Played, of_one: Varied, rival: str) -> Lost | None:
-    """Return what of one argument's changes makes the policy worse than a rival, if any does."""
-    losses = [(change, _loss(played, runs, rival)) for change, runs in of_one if not change.same]
+def _weakness(played: Played, changes: Varied, rival: str) -> Weakness | None:
+    """Return the weakness among the changes of one argument: where the policy is worse than a rival, if anywhere."""
+    losses = [(change, _loss(played, runs, rival)) for change, runs in changes if not change.same]
     worse = [change for change, loss in losses if loss > 0.0]
     if not worse:
         return None
-    own = next((change.value for change, _ in of_one if change.same), np.nan)
-    mildest = min(worse, key=lambda change: np.nan_to_num(abs(change.value - own)))
-    return Lost(max(loss for _, loss in losses), mildest, len(losses) == 1)
+    trained = next((change.value for change, _ in changes if change.same), np.nan)
+    mildest = min(worse, key=lambda change: np.nan_to_num(abs(change.value - trained)))
+    return Weakness(max(loss for _, loss in losses), mildest, len(losses) == 1)
 
 
 def _most_missed(played: Played) -> tuple[Change, str] | None:
-    """Return with which change most objects are missed, and how many, if they are many."""
-    weight, changed = played.matchup.typical, list(chain.from_iterable(varied(played)))
-    if not changed:
+    """Return the change with which most objects are missed, and how many, if they are many."""
+    weight, changes = played.matchup.typical, list(chain.from_iterable(varied(played)))
+    if not changes:
         return None
-    change, runs = max(changed, key=lambda one: one[1][POLICY].at(weight).missed.mean())
+    change, runs = max(changes, key=lambda changed: changed[1][POLICY].at(weight).missed.mean())
     missed = runs[POLICY].at(weight).missed
     return (change, f"{missed.sum()} of {missed.size} objects") if missed.mean() > MISSED_TOO_OFTEN else None
 
 
 def heat_map(played: Played) -> HeatMap:
     """Return what each contestant costs at worst where one thing is off, against the paper's rule with nothing off."""
-    weight, found = played.matchup.typical, varied(played)
+    weight, by_argument = played.matchup.typical, varied(played)
     contestants = {**dict(_rivals(played)), POLICY: POLICY}
     as_it_is = {PAPER: played.paper, played.matchup.rival.name: played.rival, POLICY: played.policy}
-    as_it_is = next((runs for change, runs in chain.from_iterable(found) if change.same), as_it_is)
+    as_it_is = next((runs for change, runs in chain.from_iterable(by_argument) if change.same), as_it_is)
     measure = as_it_is[PAPER].means(weight)["loss"]
 
     def cell(runs: Run, note: str) -> Heat:
@@ -101,16 +99,16 @@ def heat_map(played: Played) -> HeatMap:
         return Heat(f"{mean['loss']:.2f}", ", ".join(filter(None, (note, missed))), mean["loss"] / measure)
 
     rows = [("nothing", "as trained and tuned", [cell(as_it_is[name], "") for name in contestants])]
-    for of_one in found:
-        tried = [setting(change) for change, _ in of_one if not change.same]
+    for changes in by_argument:
+        tried = [setting(change) for change, _ in changes if not change.same]
         if not tried:
             continue
         cells = []
         for name in contestants:
-            change, runs = max(of_one, key=lambda one: one[1][name].means(weight)["loss"])
+            change, runs = max(changes, key=lambda changed: changed[1][name].means(weight)["loss"])
             cells.append(cell(runs[name], "unchanged" if change.same else setting(change) if len(tried) > 1 else ""))
         between = f"{len(tried)} tried: {tried[0]} to {tried[-1]}" if len(tried) > 1 else tried[0]
-        rows.append((factor(of_one[0][0].argument), between, cells))
+        rows.append((factor(changes[0][0].argument), between, cells))
     caption = (
         f"Mean V_p + {weight:g} T (m/s), less is better, where one thing is off: the worst of the settings tried, and "
         f"which that is. Blue is below, orange above what the paper's rule costs with nothing off, {measure:.2f} m/s."
@@ -119,7 +117,7 @@ def heat_map(played: Played) -> HeatMap:
 
 
 def _rivals(played: Played) -> list[tuple[str, str]]:
-    """Return the names of the paper's rule and of the baseline to beat, and what they are called."""
+    """Return names and labels of the paper's rule and of the baseline to beat."""
     rival = played.matchup.rival
     return list(dict.fromkeys([(PAPER, PAPER), (rival.name, rival.label)]))
 

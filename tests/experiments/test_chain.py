@@ -1,4 +1,4 @@
-"""What is due to what: steps that add up, intervals that a plain bootstrap has as well, and no claim without ground."""
+"""The ablation: steps that add up, intervals that a plain bootstrap has as well, and no claim without ground."""
 
 import numpy as np
 import pytest
@@ -18,15 +18,15 @@ SHARES = {"constant": (0.6, 0.8), "profile": (0.4, 0.6)}  # of SPEEDS, at 0.4 s 
 
 def run(shares, times=(0.4, 0.2), weights=WEIGHTS, missed=0, count=COUNT):
     """A contestant whose V_p is a share of the same speeds at each weight, after an approach of so many seconds."""
-    lost = np.zeros((len(shares), count), bool)
-    lost[:, :missed] = True
-    velocity, time = (np.multiply.outer(one, SPEEDS[:count] ** power) for one, power in ((shares, 1), (times, 0)))
-    others = dict.fromkeys(("peak_force", "contact_count", *FIELDS), np.ones(lost.shape))
-    return Run(weights, {**others, "object_velocity": velocity, "approach_time": time, "missed": lost})
+    missing = np.zeros((len(shares), count), bool)
+    missing[:, :missed] = True
+    velocity, time = (np.multiply.outer(values, SPEEDS[:count] ** power) for values, power in ((shares, 1), (times, 0)))
+    others = dict.fromkeys(("peak_force", "contact_count", *FIELDS), np.ones(missing.shape))
+    return Run(weights, {**others, "object_velocity": velocity, "approach_time": time, "missed": missing})
 
 
 def matchup(names=("profile", "constant"), seeds=1, **environment):
-    rivals = [Contestant(one, {"tuned": {"rule": TUNED.get(one, "Ranged")}}, WEIGHTS, "") for one in names]
+    rivals = [Contestant(name, {"tuned": {"rule": TUNED.get(name, "Ranged")}}, WEIGHTS, "") for name in names]
     policies = tuple(Contestant(f"seed-{k}", {}, WEIGHTS, "") for k in range(seeds))
     everyone = (Contestant(PAPER, {}, (2.0,), ""), *rivals)
     return Matchup("toy", environment, policies, "seed-0", everyone, {}, {}, "", Evaluation(weights=WEIGHTS))
@@ -34,14 +34,14 @@ def matchup(names=("profile", "constant"), seeds=1, **environment):
 
 def played(names=("profile", "constant"), seeds=((0.2, 0.4),), **environment):
     """Constant speed 0.7, profile 0.5, policy 0.3 of the paper's V_p after its 0.3 s."""
-    found = Played(matchup(names, len(seeds), **environment))
-    found.baselines = {PAPER: run((1.0,), (PAPER_TIME,), (2.0,))}
-    found.baselines |= {name: run(SHARES.get(name, (0.35, 0.45))) for name in names}
-    found.seeds = {f"seed-{k}": run(shares) for k, shares in enumerate(seeds)}
-    return found
+    results = Played(matchup(names, len(seeds), **environment))
+    results.baselines = {PAPER: run((1.0,), (PAPER_TIME,), (2.0,))}
+    results.baselines |= {name: run(SHARES.get(name, (0.35, 0.45))) for name in names}
+    results.seeds = {f"seed-{k}": run(shares) for k, shares in enumerate(seeds)}
+    return results
 
 
-def test_each_step_brings_what_the_one_before_lacks():
+def test_chain_steps_gain_the_difference_to_the_step_before():
     first, *steps = chain(played())
     mean = SPEEDS.mean()
     assert (first.contestant, first.velocity.less, first.velocity.share) == (PAPER, None, None)
@@ -50,119 +50,119 @@ def test_each_step_brings_what_the_one_before_lacks():
     for step, share, less in zip(steps, (0.7, 0.5, 0.3), (0.3, 0.2, 0.2), strict=True):
         assert step.velocity.value.value == pytest.approx(share * mean)
         assert step.velocity.less.value == pytest.approx(less * mean)
-        found = step.velocity.share
-        assert (found.value, found.low, found.high) == pytest.approx((less / 0.7,) * 3)  # what all share cancels
+        gain = step.velocity.share
+        assert (gain.value, gain.low, gain.high) == pytest.approx((less / 0.7,) * 3)  # what all share cancels
     assert first.loss.value.value == pytest.approx(mean + 2.0 * PAPER_TIME)
     for step, share, less in zip(steps, (0.8, 0.6, 0.4), (0.2 * mean + 0.2, 0.2 * mean, 0.2 * mean), strict=True):
         assert step.loss.value.value == pytest.approx(share * mean + 2.0 * 0.2)  # at w = 2, after 0.2 s
         assert step.loss.less.value == pytest.approx(less)
-    told = sentence([first, *steps])
+    text = sentence([first, *steps])
     for words in ("42.9 % [42.9, 42.9] from the arm's limits", "28.6 % [28.6, 28.6] from learning"):
-        assert words in told
+        assert words in text
     rows = table([first, *steps], {"profile": "tuned profile (profile)"}).rows
     assert rows[0][:4] == ("the paper", PAPER, f"{mean:.3f}", "-")
     assert rows[2][:2] == ("+ tuning", "tuned profile (profile)")
     assert rows[2][4] == "28.6 % [28.6, 28.6]"
 
 
-def test_steps_add_up_to_the_whole_in_every_resample():
+def test_gains_add_up_to_the_whole_in_every_resample():
     rng = np.random.default_rng(1)
     for resample in rng.uniform([1.0, 0.1, 0.1, 0.1, 0.1], [2.0, 1.0, 1.0, 1.0, 1.0], (50, 5)):
         values = [np.array(pair) for pair in zip((1.0, 0.8, 0.5, 0.4, 0.3), resample, strict=True)]
-        found = gains(values, policy=3)[1:4]  # of one resample the interval is that resample
-        assert sum(one.less.low for one in found) == pytest.approx(resample[0] - resample[3])
+        steps = gains(values, policy=3)[1:4]  # of one resample the interval is that resample
+        assert sum(step.less.low for step in steps) == pytest.approx(resample[0] - resample[3])
         for side in ("value", "low", "high"):
-            assert sum(getattr(one.share, side) for one in found) == pytest.approx(1.0)
+            assert sum(getattr(step.share, side) for step in steps) == pytest.approx(1.0)
 
 
-def test_intervals_are_those_of_a_plain_bootstrap_over_seeds_and_scenarios():
+def test_chain_intervals_match_a_plain_bootstrap_over_seeds_and_scenarios():
     rng, seeds = np.random.default_rng(2), 6
-    one = played(seeds=((0.2, 0.4),) * seeds)
-    for each in [*one.seeds.values(), *one.baselines.values()]:
+    results = played(seeds=((0.2, 0.4),) * seeds)
+    for contestant in [*results.seeds.values(), *results.baselines.values()]:
         for name in ("object_velocity", "approach_time"):
-            each.arrays[name] *= rng.uniform(0.9, 1.1) * rng.uniform(0.8, 1.2, each[name].shape)
-    one.paper.arrays["approach_time"] *= rng.uniform(0.2, 1.8, COUNT)  # so that it matters when the fronts are read
+            contestant.arrays[name] *= rng.uniform(0.9, 1.1) * rng.uniform(0.8, 1.2, contestant[name].shape)
+    results.paper.arrays["approach_time"] *= rng.uniform(0.2, 1.8, COUNT)  # so that it matters when the fronts are read
 
     def resampled(scenarios, chosen):
         def mean(runs, name):
             return np.mean([run[name][:, scenarios].mean(axis=1) for run in runs], axis=0)
 
-        time = mean([one.paper], "approach_time")[0]
-        contestants = [[one.paper], [one.baselines["constant"]], [one.baselines["profile"]], chosen]
-        there = []
+        time = mean([results.paper], "approach_time")[0]
+        contestants = [[results.paper], [results.baselines["constant"]], [results.baselines["profile"]], chosen]
+        velocities = []
         for runs in contestants:
             line = sorted(zip(mean(runs, "approach_time"), mean(runs, "object_velocity"), strict=True))
-            there.append(np.interp(time, *zip(*line, strict=True)))
-        less = -np.diff(there)
-        return less, less / (there[0] - there[-1])
+            velocities.append(np.interp(time, *zip(*line, strict=True)))
+        less = -np.diff(velocities)
+        return less, less / (velocities[0] - velocities[-1])
 
     def drawn(units):  # one less than there are, as in `Resamples`
         return rng.choice(units, units - 1)
 
-    all_seeds = list(one.seeds.values())
+    all_seeds = list(results.seeds.values())
     plain = [resampled(drawn(COUNT), [all_seeds[k] for k in drawn(seeds)]) for _ in range(4000)]
     for place, part in enumerate(("less", "share")):
-        low, high = np.percentile([each[place] for each in plain], [2.5, 97.5], axis=0)
-        for step, *ends in zip(chain(one)[1:], low, high, strict=True):
-            found = getattr(step.velocity, part)
-            assert (found.low, found.high) == pytest.approx(ends, abs=0.08 * (ends[1] - ends[0]))
+        low, high = np.percentile([resample[place] for resample in plain], [2.5, 97.5], axis=0)
+        for step, *ends in zip(chain(results)[1:], low, high, strict=True):
+            interval = getattr(step.velocity, part)
+            assert (interval.low, interval.high) == pytest.approx(ends, abs=0.08 * (ends[1] - ends[0]))
     exact = resampled(np.arange(COUNT), all_seeds)[0]
-    assert [step.velocity.less.value for step in chain(one)[1:]] == pytest.approx(exact)
+    assert [step.velocity.less.value for step in chain(results)[1:]] == pytest.approx(exact)
 
 
-def test_who_knows_the_object_is_compared_on_the_scenarios_it_was_searched_for():
-    one = played(seeds=((0.2, 0.4), (0.1, 0.3)))
-    one.bound = run((0.05, 0.15), count=20)
-    *_, policy, knows = chain(one)
+def test_chain_compares_the_clairvoyant_on_its_searched_scenarios():
+    results = played(seeds=((0.2, 0.4), (0.1, 0.3)))
+    results.bound = run((0.05, 0.15), count=20)
+    *_, policy, knows = chain(results)
     assert (policy.scenarios, knows.scenarios, knows.contestant) == (COUNT, 20, BOUND)
-    few = SPEEDS[:20].mean()
-    assert knows.velocity.value.value == pytest.approx(0.1 * few)
-    assert knows.velocity.less.value == pytest.approx((0.25 - 0.1) * few)
+    subset_mean = SPEEDS[:20].mean()
+    assert knows.velocity.value.value == pytest.approx(0.1 * subset_mean)
+    assert knows.velocity.less.value == pytest.approx((0.25 - 0.1) * subset_mean)
     assert knows.velocity.share.value == pytest.approx(0.15 / 0.75)
-    assert "the first 20 scenarios" in table(chain(one), {}).rows[-1][1]
-    assert "knowing" not in sentence(chain(one))
-    one.bound = Run((7.0, 8.0), one.bound.arrays)
-    assert chain(one)[-1].contestant == policy.contestant  # not searched at the typical weight
+    assert "the first 20 scenarios" in table(chain(results), {}).rows[-1][1]
+    assert "knowing" not in sentence(chain(results))
+    results.bound = Run((7.0, 8.0), results.bound.arrays)
+    assert chain(results)[-1].contestant == policy.contestant  # not searched at the typical weight
 
 
 @pytest.mark.parametrize(("times", "limits", "words"), [
     ((0.25, 0.2), ["", "at least ", "at most "], "at least 28.6 %"),
     ((0.4, 0.2), ["", "", ""], " 28.6 %"),
 ])  # fmt: skip
-def test_a_step_read_too_soon_bounds_what_it_and_the_next_bring(times, limits, words):
-    one = played()
-    one.baselines["profile"] = run((0.5, 0.6) if times[0] < PAPER_TIME else (0.4, 0.6), times)
-    steps = chain(one)
+def test_chain_bounds_gains_of_a_step_read_too_soon(times, limits, words):
+    results = played()
+    results.baselines["profile"] = run((0.5, 0.6) if times[0] < PAPER_TIME else (0.4, 0.6), times)
+    steps = chain(results)
     assert [step.limit for step in steps[1:]] == limits
     assert words in sentence(steps)
     assert ("50 ms sooner" in table(steps, {}).rows[2][2]) == (times[0] < PAPER_TIME)
 
 
-def test_nothing_is_claimed_at_a_time_that_one_cannot_make():
-    one = played(acceleration_range=(1.0, 8.0))
-    one.baselines["profile"] = run((0.4, 0.5), (0.5, 0.35))
-    steps = chain(one)
+def test_chain_claims_nothing_at_a_time_that_a_contestant_cannot_make():
+    results = played(acceleration_range=(1.0, 8.0))
+    results.baselines["profile"] = run((0.4, 0.5), (0.5, 0.35))
+    steps = chain(results)
     assert [step.velocity.share for step in steps] == [None] * 4
     assert [step.velocity.less for step in steps] == [None] * 4
     assert "50 ms later" in table(steps, {}).rows[2][2]
-    told = sentence(steps)
-    assert "V_p + 2 T" in told  # which may be compared whenever they arrive
-    assert "from the choice of speed" in told  # on an arm that can do no more than the paper's rule
-    whole = 0.6 * SPEEDS.mean() + 0.2
-    first = 100 * (0.2 * SPEEDS.mean() + 0.2) / whole
-    assert f"{whole:.3f} m/s that it saves" in told
-    assert f"{first:.1f} %" in told
+    text = sentence(steps)
+    assert "V_p + 2 T" in text  # which may be compared whenever they arrive
+    assert "from the choice of speed" in text  # on an arm that can do no more than the paper's rule
+    total = 0.6 * SPEEDS.mean() + 0.2
+    first = 100 * (0.2 * SPEEDS.mean() + 0.2) / total
+    assert f"{total:.3f} m/s that it saves" in text
+    assert f"{first:.1f} %" in text
 
 
-def test_nothing_is_claimed_where_objects_are_missed_or_nothing_is_gained():
+def test_chain_claims_nothing_with_misses_or_without_gain():
     missing, useless = played(), played(seeds=((0.9, 1.1),))
     missing.seeds["seed-0"] = run((0.2, 0.4), missed=2)
-    for one in (missing, useless):
-        assert [step.velocity.share for step in chain(one)] == [None] * 4
-        assert sentence(chain(one)) == ""
-    one = played()
-    one.seeds["seed-0"] = run((0.3, 0.4), (0.25, 0.2))  # all of the policy is too soon, so the whole is not known
-    assert sentence(chain(one)) == ""
+    for results in (missing, useless):
+        assert [step.velocity.share for step in chain(results)] == [None] * 4
+        assert sentence(chain(results)) == ""
+    results = played()
+    results.seeds["seed-0"] = run((0.3, 0.4), (0.25, 0.2))  # all of the policy is too soon, so the whole is not known
+    assert sentence(chain(results)) == ""
 
 
 @pytest.mark.parametrize(("names", "noise", "added"), [
@@ -172,28 +172,28 @@ def test_nothing_is_claimed_where_objects_are_missed_or_nothing_is_gained():
     (("range", "profile", "constant"), 0.01, ["the arm's limits", "tuning", "the estimate", "learning"]),
     (("profile", "constant"), 0.01, ["the arm's limits", "tuning", "the estimate and learning"]),
 ])  # fmt: skip
-def test_what_has_no_baseline_joins_the_next_step(names, noise, added):
-    one = played(names, range_noise=noise)
-    assert [link.added for link in links(one)][1:] == added
-    assert bool(sentence(chain(one))) == (len(added) > 1)
+def test_links_join_the_next_step_without_a_baseline(names, noise, added):
+    results = played(names, range_noise=noise)
+    assert [link.added for link in links(results)][1:] == added
+    assert bool(sentence(chain(results))) == (len(added) > 1)
 
 
-def test_of_two_baselines_of_one_rule_the_first_that_is_named_counts(monkeypatch):
+def test_links_take_the_first_of_two_baselines_of_one_rule(monkeypatch):
     monkeypatch.setitem(TUNED, "other", "BlindProfile")
     for names in (("profile", "other", "constant"), ("other", "profile", "constant")):
         assert links(played(names))[2].contestant == names[0]
 
 
-def test_all_are_resampled_alike():
+def test_chain_resamples_all_contestants_alike():
     """The chain's numbers of one contestant do not depend on who else is in it."""
     alone, together = (chain(played(names)) for names in ((), ("profile", "constant")))
     assert alone[-1].velocity.value == together[-1].velocity.value
 
 
 @pytest.mark.parametrize("soonest", [0.2, 0.35])
-def test_a_rival_that_arrives_later_at_every_weight_is_not_compared_at_the_papers_time(soonest):
-    one = played()
-    one.as_late, one.baselines["profile"] = one.seeds, run((0.4, 0.6), (0.5, soonest))
-    found = answer(one)
-    assert found.rival == "profile"
-    assert (found.rival_reduction is None) == (soonest > PAPER_TIME)
+def test_answer_omits_a_rival_that_is_later_at_every_weight(soonest):
+    results = played()
+    results.as_late, results.baselines["profile"] = results.seeds, run((0.4, 0.6), (0.5, soonest))
+    result = answer(results)
+    assert result.rival == "profile"
+    assert (result.rival_reduction is None) == (soonest > PAPER_TIME)

@@ -53,7 +53,7 @@ def computed():
 
 
 @pytest.fixture(scope="session")
-def every(computed):
+def statements(computed):
     return [s for name, table in computed.items() for s in paper.load(name).statements(table)]
 
 
@@ -69,7 +69,7 @@ def folder(computed, tmp_path_factory):
 
 
 @pytest.mark.parametrize("name", paper.NAMES)
-def test_a_figure_is_drawn_from_its_table_on_disk(name, computed, folder):
+def test_figure_is_drawn_from_its_table_on_disk(name, computed, folder):
     again = tables.read(folder / f"{name}.csv")
     assert list(again) == list(computed[name])
     for column, values in computed[name].items():
@@ -81,8 +81,8 @@ def test_a_figure_is_drawn_from_its_table_on_disk(name, computed, folder):
         assert axes.has_data()
 
 
-def test_a_statement_says_what_was_found_by_which_rule_and_why_it_does_not_agree(every):
-    for statement in every:
+def test_statements_have_result_rule_and_reason(statements):
+    for statement in statements:
         assert statement.ours
         assert statement.rule
         assert (statement.digits is None) == (statement.printed is None)
@@ -91,14 +91,14 @@ def test_a_statement_says_what_was_found_by_which_rule_and_why_it_does_not_agree
 
 
 @pytest.mark.parametrize("verdict", BEGINNINGS)
-def test_the_text_holds_but_where_the_page_says_why_not(every, verdict):
-    texts = [s.text for s in every if s.verdict == verdict]
+def test_statements_agree_but_for_those_listed(statements, verdict):
+    texts = [s.text for s in statements if s.verdict == verdict]
     assert len(texts) == len(BEGINNINGS[verdict])
     for text, beginning in zip(texts, BEGINNINGS[verdict], strict=True):
         assert text.startswith(beginning)
 
 
-def test_the_page_stands_on_its_own_and_describes_every_figure(folder):
+def test_page_stands_on_its_own_and_describes_every_figure(folder):
     text = text_of_a_page_that_stands_on_its_own(folder, len(paper.NAMES))
     images = re.findall(r'<a href="([^"]+)"><img src="([^"]+)" alt="([^"]+)"', text)
     for name, (file, source, alternative) in zip(paper.NAMES, images, strict=True):
@@ -107,29 +107,30 @@ def test_the_page_stands_on_its_own_and_describes_every_figure(folder):
         assert len(alternative) > 60
 
 
-def test_the_summary_counts_what_is_on_the_page(folder, every):
+def test_page_summary_counts_its_statements(folder, statements):
     text = unescape(text_of_a_page_that_stands_on_its_own(folder, len(paper.NAMES)))
-    tests = [s for s in every if s.basis == Basis.TEST]
-    assert f"<strong>{len(every)} statements</strong>" in text
+    tests = [s for s in statements if s.basis == Basis.TEST]
+    assert f"<strong>{len(statements)} statements</strong>" in text
     assert f"<strong>{len(tests)} remain as tests</strong>" in text
     assert f"{sum(s.verdict == Verdict.DISAGREES for s in tests)} disagree</strong>" in text
     listed = {Basis.IDENTIFIED: "were used", Basis.GIVEN: "are identities", Basis.REPEATED: "say again"}
     for basis, words in listed.items():
-        assert f"<li>{sum(s.basis == basis for s in every)} {words}" in text
-    assert all(statement.text in text and statement.otherwise in text for statement in every)
+        assert f"<li>{sum(s.basis == basis for s in statements)} {words}" in text
+    assert all(statement.text in text and statement.otherwise in text for statement in statements)
     links = re.findall(r'<li><a href="#([^"]+)">', text)
-    assert len(links) == sum(s.verdict not in (Verdict.DIGITS, Verdict.AGREES) for s in every)
+    assert len(links) == sum(s.verdict not in (Verdict.DIGITS, Verdict.AGREES) for s in statements)
     assert all(f'id="{link}"' in text for link in links)
 
 
-def test_readme_and_documentation_tell_the_count_of_the_page(every):
-    bases, verdicts = Counter(s.basis for s in every), Counter(s.verdict for s in every if s.basis == Basis.TEST)
+def test_documentation_has_the_counts_of_the_page(statements):
+    bases = Counter(s.basis for s in statements)
+    verdicts = Counter(s.verdict for s in statements if s.basis == Basis.TEST)
     agree = verdicts[Verdict.DIGITS] + verdicts[Verdict.AGREES]
     tests = [agree, *(verdicts[verdict] for verdict in (Verdict.ONE_READING, Verdict.DISAGREES, Verdict.UNDECIDED))]
     no_tests = [bases[basis] for basis in (Basis.IDENTIFIED, Basis.GIVEN, Basis.REPEATED)]
     root = Path(__file__).parents[2]
     readme, how_to = ((root / page).read_text() for page in ("README.md", "docs/how-to/train.md"))
-    assert f"compares its {len(every)} statements" in readme
+    assert f"compares its {len(statements)} statements" in readme
     *rows, last = re.findall(r"^\| (.+) \| (\d+) \|$", readme, re.MULTILINE)
     assert [int(count) for _, count in rows] == tests
     assert [int(number) for number in (*re.findall(r"\d+", last[0]), last[1])] == [*no_tests, sum(no_tests)]
@@ -137,7 +138,7 @@ def test_readme_and_documentation_tell_the_count_of_the_page(every):
     assert [int(number) for number in sentence.groups()] == [sum(tests), *tests]
 
 
-def test_a_partial_run_keeps_the_rest(folder, tmp_path):
+def test_command_for_one_figure_keeps_the_others(folder, tmp_path):
     copy = shutil.copytree(folder, tmp_path / "paper")
     before = {file.name: file.read_bytes() for file in copy.iterdir()}
     (copy / "figure_02.svg").write_text("stale")
@@ -147,7 +148,7 @@ def test_a_partial_run_keeps_the_rest(folder, tmp_path):
     assert {name for name in after if after[name] != before[name]} <= {"index.html"}  # its date
 
 
-def test_what_cannot_be_drawn_is_named(folder, tmp_path):
+def test_command_and_page_name_what_cannot_be_drawn(folder, tmp_path):
     with pytest.raises(SystemExit, match=r"no figure '4': there are 2, 3, 5, .*beyond_speed"):
         command.main(("4",), tmp_path)
     shutil.copy(folder / "figure_02.csv", tmp_path / "figure_03.csv")
@@ -158,7 +159,7 @@ def test_what_cannot_be_drawn_is_named(folder, tmp_path):
         page.write(tmp_path, RUN)
 
 
-def test_the_damping_force_changes_sign_where_the_penetration_peaks(computed):
+def test_figure_05_damping_changes_sign_where_the_penetration_peaks(computed):
     time, elastic, damping = figure_05.parts(computed["figure_05"], "a")
     change = time[np.flatnonzero((damping[:-1] > 0.0) & (damping[1:] <= 0.0))[0]]
     assert change == pytest.approx(time[np.argmax(elastic)], abs=2e-4)
@@ -166,7 +167,7 @@ def test_the_damping_force_changes_sign_where_the_penetration_peaks(computed):
 
 @pytest.mark.parametrize("e", [0.1, 0.5, 1.0])
 @pytest.mark.parametrize(("free", "mass"), [(0, scenes.OBJECT_MASS), (1, scenes.REDUCED_MASS)])
-def test_peaks_and_durations_follow_the_contact_scales(computed, e, free, mass):
+def test_figures_06_and_07_follow_the_contact_scales(computed, e, free, mass):
     duration, penetration, peak = SHAPES[e]
     forces = tables.where(computed["figure_06"], free=free, restitution=e)
     assert forces["peak_force"] == pytest.approx(peak * forces["contact_stiffness"] ** 0.4 * mass**0.6, rel=1e-6)
@@ -177,7 +178,7 @@ def test_peaks_and_durations_follow_the_contact_scales(computed, e, free, mass):
 
 
 @pytest.mark.parametrize("name", ["figure_16", "figure_18"])
-def test_a_change_in_the_number_of_contacts_is_enclosed(computed, name):
+def test_enclose_changes_brackets_the_number_of_contacts(computed, name):
     for k_c in figure_16.CONTACT_STIFFNESSES:
         rows = figure_16.curve(computed[name], k_c)
         stiffness, contacts = rows["coupling_stiffness"], rows["contacts"]
@@ -189,7 +190,7 @@ def test_a_change_in_the_number_of_contacts_is_enclosed(computed, name):
         assert onset == pytest.approx(figure_16.slope_break(computed[name], 1e5), abs=2.0)
 
 
-def test_the_far_object_is_struck_by_a_tool_at_rest_behind_its_flange():
+def test_figure_16_settled_tool_strikes_at_rest_behind_its_flange():
     for k_t in (figure_16.COUPLING_STIFFNESSES[0], figure_16.COUPLING_STIFFNESSES[-1]):
         scene = scenes.decoupled(1e5, 1.0, float(k_t), distance=figure_16.SETTLED)
         (first, *_) = ig.simulate(scene, scenes.MOTION, 6.0).contacts
@@ -198,7 +199,7 @@ def test_the_far_object_is_struck_by_a_tool_at_rest_behind_its_flange():
 
 @pytest.mark.parametrize("deceleration", [1.0, 4.0, 20.0])
 @pytest.mark.parametrize("k_c", [1e3, 1e5])
-def test_no_deceleration_keeps_the_coupling_pushing_to_the_end(deceleration, k_c):
+def test_figure_19_coupling_pulls_at_the_end_at_any_deceleration(deceleration, k_c):
     motion = replace(scenes.MOTION, brake=replace(scenes.MOTION.brake, deceleration=deceleration))
     table = tables.histories({"a": scenes.decoupled(k_c, 0.1, 150.0)}, motion, duration=2.5)
     assert Run(table, "a").during_contact.coupling_force[-1] < 0.0
@@ -210,41 +211,41 @@ def test_final_velocities(computed, figure):
     assert velocity == pytest.approx(OBJECT_VELOCITIES[figure], rel=1e-5)
 
 
-def test_nothing_before_the_impact_depends_on_the_object(computed):
+def test_figure_14_impact_velocity_is_independent_of_the_object(computed):
     struck = [Run(computed["figure_14"], case).impact_velocity for case in ("a", "b", "13b")]
     assert struck == pytest.approx([IMPACT_VELOCITY] * 3, abs=1e-6)
     assert max(struck) - min(struck) < 1e-12
 
 
 @pytest.mark.parametrize("name", ["figure_20", "figure_24"])
-def test_the_impulse_drawn_ends_where_the_simulation_says(computed, name):
+def test_running_impulse_ends_at_the_simulated_impulse(computed, name):
     for run in (Run(computed[name], case) for case in "ab"):
         drawn = run.running_impulse()[1]
         assert drawn[-1] == pytest.approx(run.impulse, abs=2e-4 * drawn.max())
 
 
-def test_the_speed_sweep_passes_through_figure_23(computed):
+def test_beyond_speed_passes_through_figure_23(computed):
     for coupling, case in enumerate("ab"):
         row = tables.where(computed["beyond_speed"], coupling=coupling, speed=1.0)
         assert row["object_velocity"][0] == pytest.approx(Run(computed["figure_23"], case).final_velocity, rel=1e-6)
 
 
-def test_predictions_are_what_the_figures_show(computed):
+def test_predictions_match_the_figures(computed):
     light, heavy = Run(computed["figure_13"], "b"), Run(computed["figure_14"], "a")
     after_minimum, _ = light.nearest_minimum(Run(computed["figure_13"], "b, unhindered"))
     ((second_contact, *_),) = figure_16.changes(computed["figure_16"], 1e5)
     rigid, bistable = (Run(computed["figure_25"], case).final_velocity for case in ("rigid", "bistable"))
-    shown = [
+    drawn = [
         figure_05.turn(computed["figure_05"]), light.final_velocity, heavy.final_velocity, 1e3 * after_minimum,
         second_contact, 100.0 * (1.0 - bistable / rigid), light.impact_velocity,
     ]  # fmt: skip
     tolerances = [1e-6, 1e-6, 1e-6, 0.2, 1e-3, 1e-4, 1e-6]  # a trace has a point every 0.2 ms or so
-    assert (np.abs(predictions(USED)[:-1] - shown) < tolerances).all()
+    assert (np.abs(predictions(USED)[:-1] - drawn) < tolerances).all()
 
 
 @pytest.mark.parametrize("reading", hidden_values.READINGS)
 @pytest.mark.parametrize("case", HIDDEN)
-def test_profile_misses_no_number_inside_its_interval_and_some_outside(computed, case, reading):
+def test_profile_holds_all_numbers_inside_its_interval_only(computed, case, reading):
     rows = tables.where(computed["hidden_values"], case=case, reading=reading)
     low, high = hidden_values.interval(rows, case, reading)
     inside = (rows[case] >= low) & (rows[case] <= high)
@@ -264,16 +265,16 @@ def test_interval_holds_all_robots_that_meet_fig_13b_and_14a_at_the_papers_dista
     light, heavy = (ig.sweep(scene, scenes.MOTION, robots | {"object.mass": m}).object_velocity for m in (0.25, 2.5))
     candidates = np.flatnonzero((np.abs(light - 1.94) < 5e-3) & (np.abs(heavy - 1.88) < 5e-3))
     impacts = [hidden_values.robot_impacts(8.0, 0.2505, float(stiffness[i]), float(ratio[i])) for i in candidates]
-    met = [
+    plausible = [
         i for i, (*_, phase, velocity) in zip(candidates, impacts, strict=True)
         if abs(velocity - 0.98) < 5e-3 and abs(phase) < 2.0
     ]  # fmt: skip
-    assert met
+    assert plausible
     for values, case in ((stiffness, "stiffness"), (ratio, "damping_ratio")):
         low, high = hidden_values.interval(computed["hidden_values"], case, 0.98)
-        assert all(low <= values[i] <= high for i in met)
+        assert all(low <= values[i] <= high for i in plausible)
 
 
-def test_predictions_with_a_damping_ratio_of_2_percent_miss_fig_13b_by_a_hair():  # as docs/provenance.md has it
+def test_predictions_with_2_percent_damping_barely_miss_fig_13b():  # as docs/provenance.md has it
     _, light, heavy, _, _, _, impact, _ = predictions(np.array([8.0, 0.2505, 1.9e5, 0.02, 0.0208]))
     assert [impact, light, heavy] == pytest.approx([0.9755, 1.9459, 1.8774], abs=5e-5)

@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 import pytest
-from watched import COUPLINGS, TEST_SET, columns, shown
+from watched import COUPLINGS, TEST_SET, columns, judged_films
 
 from agents import load_policy
 from agents.baselines import ConstantSpeed, PaperTrapezoid
@@ -19,27 +19,27 @@ from impact_gym.task.task import HORIZON
 
 @pytest.fixture(scope="module", params=COUPLINGS)
 def film(request):
-    return shown(**COUPLINGS[request.param])
+    return judged_films(**COUPLINGS[request.param])
 
 
 def every_run(film):
     return [(scene, run, columns(run)) for scene in film["scenes"] for run in scene["runs"]]
 
 
-def test_a_film_shows_the_episode_that_was_judged(film):
+def test_film_shows_the_judged_episode(film):
     content, played = film
     for scene, run, rows in every_run(content):
-        judged, number = played[run["name"]], scene["number"]
-        assert run["object_velocity"] == judged.object_velocity[number]
+        episodes, number = played[run["name"]], scene["number"]
+        assert run["object_velocity"] == episodes.object_velocity[number]
         assert rows["object_velocity"][-1] == pytest.approx(run["object_velocity"], abs=0.6e-5)  # as it is rounded
-        assert run["contacts"][0][0] == pytest.approx(judged.approach_time[number], abs=0.6e-7)
-        assert len(run["contacts"]) == judged.contact_count[number]
+        assert run["contacts"][0][0] == pytest.approx(episodes.approach_time[number], abs=0.6e-7)
+        assert len(run["contacts"]) == episodes.contact_count[number]
         allowed = FORCE * scene["limits"]["force"] + 1e-5
-        assert rows["contact_force"].max() == pytest.approx(judged.peak_force[number], abs=allowed)
+        assert rows["contact_force"].max() == pytest.approx(episodes.peak_force[number], abs=allowed)
         assert scene["scenario"] == {name: values[number] for name, values in TEST_SET.scenario.items()}
 
 
-def test_time_rises_and_the_bodies_overlap_in_contacts_only(film):
+def test_film_time_rises_and_bodies_overlap_in_contacts_only(film):
     for scene, run, rows in every_run(film[0]):
         time = rows["time"]
         assert time[0] == 0.0 < time[-1] <= scene["end"]
@@ -54,7 +54,7 @@ def test_time_rises_and_the_bodies_overlap_in_contacts_only(film):
         assert rows["object_position"][0] == pytest.approx(scene["scenario"]["distance"], abs=0.6e-7)
 
 
-def test_what_is_left_of_a_trace_still_obeys_momentum_and_kinematics(film):
+def test_film_obeys_momentum_and_kinematics(film):
     for scene, run, rows in every_run(film[0]):
         limits, time = scene["limits"], rows["time"]
         touched = sum(end - start for start, end in run["contacts"])
@@ -68,46 +68,46 @@ def test_what_is_left_of_a_trace_still_obeys_momentum_and_kinematics(film):
             assert way == pytest.approx(rows[f"{body}_position"][-1] - rows[f"{body}_position"][0], abs=allowed)
 
 
-def test_thinning_keeps_within_what_it_allows():
+def test_thin_keeps_within_its_tolerances():
     run = play(PaperTrapezoid(), TEST_SET.seed, 2, {"time_weight": 2.0}, {})
     rows = run.until(run.history.now)
     limits = {"farthest": 0.5, "speed": 1.0, "force": rows["contact_force"].max(), "depth": 1e-3}
-    kept = thin(rows, limits)
-    assert len(kept) < len(rows["time"]) / 3
-    assert len(kept) < MOST
+    rows_kept = thin(rows, limits)
+    assert len(rows_kept) < len(rows["time"]) / 3
+    assert len(rows_kept) < MOST
     bounds = {"tool_position": POSITION * 0.5, "tool_velocity": VELOCITY, "contact_force": FORCE * limits["force"]}
     for name, allowed in bounds.items():
-        again = np.interp(rows["time"], rows["time"][kept], rows[name][kept])
+        again = np.interp(rows["time"], rows["time"][rows_kept], rows[name][rows_kept])
         assert np.abs(again - rows[name]).max() <= allowed * (1.0 + 1e-9)
 
 
-def test_contestants_may_have_couplings_and_contacts_of_their_own():
+def test_films_take_couplings_and_contacts_per_contestant():
     rule, kinds = PaperTrapezoid(), {"spring": {}, "mechanism": {"coupling": {"type": "Bistable"}}}
     soft = {"spring": {"contact_stiffness": np.full(5, 2e3)}, "mechanism": {}}
     played = {
         name: ScenarioBatch.of("test", 5, time_weight=[2.0], **kinds[name]).play(rule, soft[name]) for name in kinds
     }
     players = dict.fromkeys(kinds, rule)
-    found = films(players, {"one": 3}, played, frozen=TEST_SET, environments=kinds, records=soft)
-    for run in found["scenes"][0]["runs"]:
+    content = films(players, {"first": 3}, played, frozen=TEST_SET, environments=kinds, records=soft)
+    for run in content["scenes"][0]["runs"]:
         assert run["object_velocity"] == played[run["name"]].object_velocity[3]
         assert run["chain"]["coupling"] == {"spring": "spring", "mechanism": "bistable"}[run["name"]]
     with pytest.raises(RuntimeError, match="the replay of 'spring'"):
-        films(players, {"one": 3}, played, frozen=TEST_SET, environments=kinds)
+        films(players, {"first": 3}, played, frozen=TEST_SET, environments=kinds)
 
 
-def test_a_replay_that_differs_from_what_was_judged_is_refused():
-    stage = ScenarioBatch.of("test", 3, time_weight=[2.0])
-    played = {"paper": stage.play(PaperTrapezoid())}
+def test_films_refuse_a_replay_that_differs():
+    batch = ScenarioBatch.of("test", 3, time_weight=[2.0])
+    played = {"paper": batch.play(PaperTrapezoid())}
     with pytest.raises(RuntimeError, match=r"scenario 1: the replay of 'paper' leaves the object at .* judged by"):
-        films({"paper": load_policy("linear-blind")}, {"one": 1}, played, frozen=TEST_SET)
+        films({"paper": load_policy("linear-blind")}, {"first": 1}, played, frozen=TEST_SET)
     played["paper"].object_velocity[1] += 1e-9
     with pytest.raises(RuntimeError, match="scenario 1"):
-        films({"paper": PaperTrapezoid()}, {"one": 1}, played, frozen=TEST_SET)
-    assert films({"paper": PaperTrapezoid()}, {"one": 1}, played, frozen=TEST_SET, rounding=2e-9)["scenes"]
+        films({"paper": PaperTrapezoid()}, {"first": 1}, played, frozen=TEST_SET)
+    assert films({"paper": PaperTrapezoid()}, {"first": 1}, played, frozen=TEST_SET, rounding=2e-9)["scenes"]
 
 
-def test_a_dozen_scenarios_of_two_contestants_are_small(film):
+def test_film_of_a_dozen_scenarios_is_small(film):
     content = film[0]
     assert len(content["scenes"]) >= 8
     assert len(json.dumps(content)) * 13 / len(content["scenes"]) < 1.5e6
@@ -119,7 +119,7 @@ def made_up(rng, scenario, count=300):
                     rng.integers(1, 3, count), np.zeros(count, np.bool_), scenario)  # fmt: skip
 
 
-def test_what_is_chosen_is_what_its_phrase_says():
+def test_choose_finds_what_its_phrases_say():
     rng = np.random.default_rng(0)
     scenario = {name: rng.uniform(0.1, 1.0, 300) for name in TEST_SET.scenario}
     baseline, policy = made_up(rng, scenario), made_up(rng, scenario)
@@ -127,13 +127,13 @@ def test_what_is_chosen_is_what_its_phrase_says():
     chosen = choose(baseline, policy)
     assert 10 <= len(chosen) <= 14
     assert len(set(chosen.values())) == len(chosen)
-    there = np.arange(300) != 7
+    touched = np.arange(300) != 7
 
     def find(phrase):
         (number,) = (number for text, number in chosen.items() if phrase in text.lower())
         return number
 
-    assert np.sum(policy.object_velocity[there] < policy.object_velocity[find("median")]) == 149
+    assert np.sum(policy.object_velocity[touched] < policy.object_velocity[find("median")]) == 149
     extremes = [
         (policy.object_velocity, "lowest v_p", "highest v_p"),
         (baseline.object_velocity - policy.object_velocity, "largest loss", "largest gain"),
@@ -142,16 +142,16 @@ def test_what_is_chosen_is_what_its_phrase_says():
         (scenario["contact_stiffness"], "softest", "stiffest"),
         (scenario["distance"], "nearest", "farthest"),
     ]
-    for values, least, most in extremes:
-        assert least is None or values[find(least)] == values[there].min()
-        assert values[find(most)] == values[there].max()
+    for values, lowest, highest in extremes:
+        assert lowest is None or values[find(lowest)] == values[touched].min()
+        assert values[find(highest)] == values[touched].max()
     assert find("most contacts") == 11
     assert find("missed by the policy") == 7
 
 
-def test_a_miss_is_shown_as_one():
-    stage, slow = ScenarioBatch.of("test", 20, time_weight=[2.0]), ConstantSpeed(0.05)
-    played = {"paper": stage.play(PaperTrapezoid()), "slow": stage.play(slow)}
+def test_films_show_misses():
+    batch, slow = ScenarioBatch.of("test", 20, time_weight=[2.0]), ConstantSpeed(0.05)
+    played = {"paper": batch.play(PaperTrapezoid()), "slow": batch.play(slow)}
     chosen = choose(*played.values())
     assert played["slow"].missed.all()
     assert any("missed by the policy" in text.lower() for text in chosen)
@@ -163,14 +163,14 @@ def test_a_miss_is_shown_as_one():
         assert scene["end"] == pytest.approx(HORIZON)
 
 
-def test_scenarios_are_the_same_or_nothing_is_chosen():
+def test_choose_refuses_different_scenarios():
     rng = np.random.default_rng(0)
-    one, other = (made_up(rng, {name: rng.uniform(0.1, 1.0, 300) for name in TEST_SET.scenario}) for _ in range(2))
+    scenarios = [{name: rng.uniform(0.1, 1.0, 300) for name in TEST_SET.scenario} for _ in range(2)]
     with pytest.raises(ValueError, match="same scenarios"):
-        choose(one, other)
+        choose(*(made_up(rng, scenario) for scenario in scenarios))
 
 
-def test_the_film_runs_as_slow_as_the_environments_own(film):
+def test_film_clock_is_as_slow_as_the_environments(film):
     for scene in film[0]["scenes"]:
         starts, factors = np.array(scene["clock"]).T
         assert starts[0] == 0.0
@@ -181,7 +181,7 @@ def test_the_film_runs_as_slow_as_the_environments_own(film):
         assert 3.0 < length < 30.0  # s
 
 
-def test_names_cannot_leave_their_script(film):
+def test_fragment_keeps_names_inside_its_script(film):
     page = fragment(film[0])
     assert page.count("</script>") == 1  # the data's
     data = re.search(r'<script type="application/json"[^>]*>(.*?)</script>', page, re.DOTALL)

@@ -6,14 +6,14 @@ import browsers
 import numpy as np
 import pytest
 from browsers import chromium
-from watched import CONTESTANTS, COUPLINGS, columns, shown
+from watched import CONTESTANTS, COUPLINGS, columns, judged_films
 
 from experiments.lab.player import fragment, script, style
 
 
 @pytest.fixture(scope="module", params=COUPLINGS)
 def film(request):
-    return shown(**COUPLINGS[request.param])
+    return judged_films(**COUPLINGS[request.param])
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +48,7 @@ def seek(page, film):
 
 
 @pytest.mark.parametrize("width", [390, 1280])
-def test_slider_and_choice_change_the_picture(browser, page_file, width):
+def test_player_slider_and_choice_change_the_picture(browser, page_file, width):
     page, problems = opened(browser, page_file, width)
     steps = float(page.get_attribute(".igw-slider", "max"))
     pictures = []
@@ -57,13 +57,13 @@ def test_slider_and_choice_change_the_picture(browser, page_file, width):
         pictures.append(picture(page))
     page.select_option(".igw-select", "3")
     pictures.append(picture(page))
-    assert all(len(one) == 4 for one in pictures)
-    for one, other in itertools.combinations(pictures, 2):
-        assert all(a != b for a, b in zip(one, other, strict=True))
+    assert all(len(panels) == 4 for panels in pictures)
+    for pair in itertools.combinations(pictures, 2):
+        assert all(a != b for a, b in zip(*pair, strict=True))
     assert page.evaluate("document.documentElement.scrollWidth") <= width
     assert page.locator(".igw-panel h3").all_inner_texts() == list(CONTESTANTS)  # names are text
     assert page.locator(".igw-panel b").count() == 0
-    tops = [box["y"] for box in (one.bounding_box() for one in page.locator(".igw-chain").all())]
+    tops = [chain.bounding_box()["y"] for chain in page.locator(".igw-chain").all()]
     assert (tops[0] == tops[1]) == (width > 600)
     assert problems == []
 
@@ -73,14 +73,14 @@ def in_film(scene, time):
     return sum((min(end, time) - start) * slower for (start, slower), (end, _) in stretches if start < time)
 
 
-def test_positions_are_to_one_scale(browser, page_file, film):
+def test_player_positions_are_to_one_scale(browser, page_file, film):
     page, _ = opened(browser, page_file)
     scene = film[0]["scenes"][0]
     for time in (0.2 * scene["end"], scene["runs"][0]["contacts"][0][0], scene["end"]):
         seek(page, round(500 * in_film(scene, time) / in_film(scene, scene["end"])))
         places = page.evaluate("""[...document.querySelectorAll('.igw-chain')].map(svg => {
             const ball = svg.querySelector(':scope > circle.igw-object');
-            const tool = svg.querySelector(':scope > rect.igw-tool'), of = (one, name) => +one.getAttribute(name);
+            const tool = svg.querySelector(':scope > rect.igw-tool'), of = (shape, name) => +shape.getAttribute(name);
             return [of(tool, 'x') + of(tool, 'width'), of(ball, 'cx') - of(ball, 'r')]; })""")
         instant = float(page.inner_text(".igw-time").split()[0]) / 1e3
         half_a_step = 0.5 * in_film(scene, scene["end"]) / 500
@@ -95,7 +95,7 @@ def test_positions_are_to_one_scale(browser, page_file, film):
         np.testing.assert_allclose(np.ravel(places), scale * np.ravel(positions) + shift, atol=0.2)
 
 
-def test_it_plays_pauses_and_listens_to_the_keyboard(browser, page_file):
+def test_player_plays_pauses_and_takes_keys(browser, page_file):
     page, problems = opened(browser, page_file)
     poster = page.inner_text(".igw-time")
     page.wait_for_timeout(300)
@@ -120,7 +120,7 @@ def test_it_plays_pauses_and_listens_to_the_keyboard(browser, page_file):
     assert problems == []
 
 
-def test_it_starts_by_itself_where_motion_is_welcome_and_leaves_nothing_global(browser, page_file, tmp_path):
+def test_player_starts_where_motion_is_welcome_and_leaves_no_globals(browser, page_file, tmp_path):
     blank = tmp_path / "blank.html"
     blank.write_text("<!doctype html><title>Nothing</title>")
     page, problems = opened(browser, page_file, motion="no-preference")

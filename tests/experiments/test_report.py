@@ -22,10 +22,7 @@ from experiments.report.__main__ import ReportOptions, publish
 from experiments.report.matchups import PAPER
 from impact_gym.task import evaluation_sets
 
-SCENARIOS = {"set": "test", "count": 30}
-LINEAR = matchups.of_setup(load_setup("linear-blind"), SCENARIOS)
-
-
+LINEAR = matchups.of_setup(load_setup("linear-blind"), {"set": "test", "count": 30})
 FEW = [LINEAR.policy, next(seed for seed in LINEAR.seeds if seed.name != LINEAR.chosen)]
 MATCHUP = replace(LINEAR, seeds=tuple(replace(seed, weights=(0.7, 1.0, 2.0, 4.0)) for seed in FEW))
 
@@ -42,6 +39,11 @@ def episodes(folder):
     return pl.read_parquet(folder / "episodes.parquet")
 
 
+@pytest.fixture(scope="module")
+def results(folder):
+    return json.loads((folder / "results.json").read_text())
+
+
 def of(episodes, contestant, **columns):
     return episodes.filter(pl.col("contestant") == contestant, **columns)
 
@@ -52,69 +54,58 @@ def front_of(episodes, contestant):
     return means.sort("approach_time").select("approach_time", "object_velocity").to_numpy().T
 
 
-def test_the_answer_follows_from_the_episodes_on_disk(folder, episodes):
-    found = json.loads((folder / "results.json").read_text())
-    told = found["answers"]["linear-blind"]
-    seeds = [name for name in found["contestants"]["linear-blind"] if name.startswith("seed-")]
+def test_answer_follows_from_the_episodes_on_disk(folder, results, episodes):
+    answer = results["answers"]["linear-blind"]
+    seeds = [name for name in results["contestants"]["linear-blind"] if name.startswith("seed-")]
     assert len(seeds) == 2
-    paper = of(episodes, PAPER)
-    curve = [
-        [np.mean([of(episodes, seed, time_weight=w)[field].mean() for seed in seeds]) for w in (4.0, 2.0, 1.0, 0.7)]
-        for field in ("approach_time", "object_velocity")
-    ]
-    there = np.interp(paper["approach_time"].mean(), *curve)
-    assert told["reduction"]["value"] == pytest.approx(1 - there / paper["object_velocity"].mean())
-    then = np.interp(paper["object_velocity"].mean(), curve[1][::-1], curve[0][::-1])
-    assert told["sooner"]["value"] == pytest.approx(1 - then / paper["approach_time"].mean())
+    paper, curve = of(episodes, PAPER), np.mean([front_of(episodes, seed) for seed in seeds], axis=0)
+    velocity = np.interp(paper["approach_time"].mean(), *curve)
+    assert answer["reduction"]["value"] == pytest.approx(1 - velocity / paper["object_velocity"].mean())
+    time = np.interp(paper["object_velocity"].mean(), curve[1][::-1], curve[0][::-1])
+    assert answer["sooner"]["value"] == pytest.approx(1 - time / paper["approach_time"].mean())
     for name in ("reduction", "sooner", "velocity", "improvement"):
-        assert told[name]["low"] <= told[name]["value"] <= told[name]["high"]
-    assert f"{100 * told['reduction']['value']:.1f} %" in (folder / "index.html").read_text()
+        assert answer[name]["low"] <= answer[name]["value"] <= answer[name]["high"]
+    assert f"{100 * answer['reduction']['value']:.1f} %" in (folder / "index.html").read_text()
 
 
-def test_the_chain_follows_from_the_episodes_on_disk_and_is_the_first_table(folder, episodes):
-    found = json.loads((folder / "results.json").read_text())
-    paper, *steps = found["chains"]["linear-blind"]
+def test_chain_follows_from_the_episodes_on_disk_and_is_the_first_table(folder, results, episodes):
+    paper, *steps = results["chains"]["linear-blind"]
     assert [step["contestant"] for step in steps[:2]] == ["constant-speed", "blind-profile"]
     time, before = (of(episodes, PAPER)[field].mean() for field in ("approach_time", "object_velocity"))
     for step in steps[:2]:
-        means = (
-            of(episodes, step["contestant"]).group_by("time_weight").agg(pl.mean("approach_time", "object_velocity"))
-        )
-        there = np.interp(time, *(means.sort("approach_time")[field] for field in ("approach_time", "object_velocity")))
-        assert step["velocity"]["less"]["value"] == pytest.approx(before - there)
-        before = there
-    reduction = found["answers"]["linear-blind"]["reduction"]["value"]
-    less = sum(step["velocity"]["less"]["value"] for step in steps[:3])
-    assert less == pytest.approx(reduction * paper["velocity"]["value"]["value"])
+        after = np.interp(time, *front_of(episodes, step["contestant"]))
+        assert step["velocity"]["less"]["value"] == pytest.approx(before - after)
+        before = after
+    reduction = results["answers"]["linear-blind"]["reduction"]["value"]
+    gained = sum(step["velocity"]["less"]["value"] for step in steps[:3])
+    assert gained == pytest.approx(reduction * paper["velocity"]["value"]["value"])
     assert sum(step["velocity"]["share"]["value"] for step in steps[:3]) == pytest.approx(1.0)
     page = (folder / "index.html").read_text()
     assert "+ the arm&#39;s limits" in page[page.index("<table>") : page.index("</table>")]
-    assert f"{100 * steps[0]['velocity']['share']['value']:.1f} %" in found["sentences"][0]
+    assert f"{100 * steps[0]['velocity']['share']['value']:.1f} %" in results["sentences"][0]
 
 
-def test_what_the_next_training_brings_follows_from_each_seed_by_itself(folder, episodes):
-    told = json.loads((folder / "results.json").read_text())["answers"]["linear-blind"]["each"]
+def test_tolerance_bound_follows_from_the_seeds(folder, results, episodes):
+    by_seed = results["answers"]["linear-blind"]["each"]
     paper = of(episodes, PAPER)
     seeds = sorted(name for name in episodes["contestant"].unique() if re.fullmatch(r"seed-\d+", name))
-    assert len(told) == len(seeds) == 2
-    each = []
-    for seed in seeds:
-        there = np.interp(paper["approach_time"].mean(), *front_of(episodes, seed))
-        each.append(1 - there / paper["object_velocity"].mean())
-    assert sorted(told) == pytest.approx(sorted(each))
+    assert len(by_seed) == len(seeds) == 2
+    velocities = [np.interp(paper["approach_time"].mean(), *front_of(episodes, seed)) for seed in seeds]
+    reductions = [1 - velocity / paper["object_velocity"].mean() for velocity in velocities]
+    assert sorted(by_seed) == pytest.approx(sorted(reductions))
     k = 26.26  # one-sided 95/95 tolerance factor of two (M. G. Natrella, NBS Handbook 91, table A-7)
-    bound = 100 * (np.mean(each) - k * np.std(each, ddof=1))
+    bound = 100 * (np.mean(reductions) - k * np.std(reductions, ddof=1))
     page = (folder / "index.html").read_text()
-    (shown,) = re.findall(r"\(95 % of trainings: at least (\S+) %\)", page)
-    assert float(shown) == pytest.approx(bound, abs=0.06)
+    (printed,) = re.findall(r"\(95 % of trainings: at least (\S+) %\)", page)
+    assert float(printed) == pytest.approx(bound, abs=0.06)
 
 
-def test_episodes_are_those_of_a_stage_and_of_the_same_scenarios(episodes):
+def test_episodes_match_a_batch_on_the_same_scenarios(episodes):
     frozen = evaluation_sets.load("test")
     for name, weight in ((PAPER, 2.0), ("blind-profile", 4.0)):
         rows = of(episodes, name, time_weight=weight).sort("scenario")
-        stage = ScenarioBatch.of("test", 30, time_weight=[weight])
-        judged = stage.play(load_baseline("paper-trapezoid" if name == PAPER else name, weight))
+        batch = ScenarioBatch.of("test", 30, time_weight=[weight])
+        judged = batch.play(load_baseline("paper-trapezoid" if name == PAPER else name, weight))
         for field in RESULTS:
             assert (rows[field].to_numpy() == getattr(judged, field)).all()
     for (name, _), rows in episodes.group_by("contestant", "time_weight"):
@@ -122,21 +113,21 @@ def test_episodes_are_those_of_a_stage_and_of_the_same_scenarios(episodes):
             assert (rows.sort("scenario")[field].to_numpy() == values[: len(rows)]).all(), name
 
 
-def test_checksums_are_those_of_policies_and_files(folder):
-    found = json.loads((folder / "results.json").read_text())["contestants"]["linear-blind"]
-    for seed in (name for name in found if name.startswith("seed-")):
+def test_checksums_match_policies_and_files(results):
+    checksums = results["contestants"]["linear-blind"]
+    for seed in (name for name in checksums if name.startswith("seed-")):
         policy = load_policy("linear-blind", int(seed.removeprefix("seed-")))
-        assert found[seed] == hashlib.sha256(policy.to_bytes()).hexdigest()
-    assert found["blind-profile"] == json.loads((TUNED / "blind-profile.json").read_text())["sha256"]
+        assert checksums[seed] == hashlib.sha256(policy.to_bytes()).hexdigest()
+    assert checksums["blind-profile"] == json.loads((TUNED / "blind-profile.json").read_text())["sha256"]
 
 
-def test_every_figure_is_there_as_picture_and_data(folder):
+def test_figures_lie_beside_the_page_as_picture_and_data(folder):
     class Page(HTMLParser):
         def handle_starttag(self, tag, attributes):
-            given = dict(attributes)
-            if "chart" in (given.get("class") or "").split():
-                charts.append(given)
-            links.extend(given[name] for name in ("href", "src") if name in given)
+            values = dict(attributes)
+            if "chart" in (values.get("class") or "").split():
+                charts.append(values)
+            links.extend(values[name] for name in ("href", "src") if name in values)
 
     charts, links = [], []
     text = (folder / "index.html").read_text()
@@ -160,16 +151,16 @@ def browser():
 
 
 def unfold(page):
-    page.evaluate("document.querySelectorAll('details').forEach(one => { one.open = true; })")
+    page.evaluate("document.querySelectorAll('details').forEach(fold => { fold.open = true; })")
     page.evaluate("drawAll()")
 
 
 @pytest.mark.parametrize("width", [390, 1280])
-def test_the_page_in_a_browser(browser, folder, width):
+def test_page_fits_the_window_and_draws_every_chart(browser, folder, width):
     page, problems = opened(browser, folder / "index.html", width)
     unfold(page)
     charts = page.locator(".chart")
-    page.wait_for_function("[...document.querySelectorAll('.chart')].every(one => one.querySelector('svg'))")
+    page.wait_for_function("[...document.querySelectorAll('.chart')].every(chart => chart.querySelector('svg'))")
     for k in range(charts.count()):
         box = charts.nth(k).locator("svg").first.bounding_box()
         assert box["height"] > 150
@@ -179,12 +170,12 @@ def test_the_page_in_a_browser(browser, folder, width):
     for share in (0.1, 0.6):
         page.evaluate("""share => { const slider = document.querySelector('.igw-slider');
             slider.value = share * slider.max; slider.dispatchEvent(new Event('input')); }""", share)  # fmt: skip
-        pictures.append(page.locator(".igw-panel svg").first.evaluate("one => one.outerHTML"))
+        pictures.append(page.locator(".igw-panel svg").first.evaluate("panel => panel.outerHTML"))
     assert pictures[0] != pictures[1]
     assert problems == []
 
 
-def test_a_chart_answers_the_pointer_and_the_theme_changes(browser, folder):
+def test_page_answers_the_pointer_and_changes_its_theme(browser, folder):
     page, problems = opened(browser, folder / "index.html")
     unfold(page)
     marks = page.locator("#linear-blind_trade_off .mark-symbol path")
@@ -201,12 +192,12 @@ def test_a_chart_answers_the_pointer_and_the_theme_changes(browser, folder):
     assert problems == []
 
 
-def test_one_screen_answers_and_its_film_plays(browser, folder):
+def test_page_answers_on_one_screen_and_plays_its_film(browser, folder):
     page, problems = opened(browser, folder / "index.html", 1280, 800, reduced_motion="no-preference")
-    shown = {
+    parts = {
         name: page.locator(name).first for name in (".finding", ".still svg", ".fails", ".igw-panels", ".igw-controls")
     }
-    for name, part in shown.items():
+    for name, part in parts.items():
         box = part.bounding_box()
         assert box["height"] > 15, name
         assert box["y"] + box["height"] <= 800, name
@@ -220,7 +211,7 @@ def test_one_screen_answers_and_its_film_plays(browser, folder):
     assert problems == []
 
 
-def test_all_of_a_set_up_is_printed_on_twelve_pages_and_folded_again(browser, folder):
+def test_page_prints_a_set_up_unfolded_on_twelve_sheets(browser, folder):
     page, problems = opened(browser, folder / "index.html")
     page.wait_for_function("document.querySelectorAll('.chart svg').length > 0")
     closed = page.locator("details:not([open])").count()
@@ -233,43 +224,44 @@ def test_all_of_a_set_up_is_printed_on_twelve_pages_and_folded_again(browser, fo
     assert problems == [], problems
 
 
-def test_every_control_has_a_name_and_every_link_its_own(browser, folder):
+def test_page_names_every_control_and_link(browser, folder):
     page, _ = opened(browser, folder / "index.html")
     page.wait_for_selector(".igw-panel")
     controls = page.evaluate("""() => [...document.querySelectorAll(
-        "a[href], button, select, input, summary, slow-motion, [role=img]:not(svg *), [role=region]")].map(one => [
-        one.localName, (one.getAttribute("aria-label") || one.labels?.[0]?.textContent || one.textContent).trim()])""")
+        "a[href], button, select, input, summary, slow-motion, [role=img]:not(svg *), [role=region]")].map(control => {
+        const name = control.getAttribute("aria-label") || control.labels?.[0]?.textContent || control.textContent;
+        return [control.localName, name.trim()]; })""")
     assert {tag for tag, _ in controls} >= {"a", "button", "select", "input", "summary", "slow-motion", "div"}
     assert [tag for tag, name in controls if not name] == []
     links = [name for tag, name in controls if tag == "a"]
     assert len(set(links)) == len(links)
 
 
-def test_the_keyboard_reaches_every_control(browser, folder):
+def test_page_controls_are_reached_by_keyboard(browser, folder):
     page, _ = opened(browser, folder / "index.html")
     page.evaluate("""() => {
-        const folded = one => one.parentElement.closest("details:not([open])");
-        const hidden = one => folded(one.matches("summary") ? one.parentElement : one) || one.closest("[hidden]");
+        const folded = control => control.parentElement.closest("details:not([open])");
+        const holder = control => control.matches("summary") ? control.parentElement : control;
+        const hidden = control => folded(holder(control)) || control.closest("[hidden]");
         const controls = [...document.querySelectorAll("a[href], button, select, input, summary, [tabindex='0']")];
-        window.wanted = new Set(controls.filter(one => one.tabIndex >= 0 && !hidden(one)));
+        window.wanted = new Set(controls.filter(control => control.tabIndex >= 0 && !hidden(control)));
         addEventListener("focusin", event => window.wanted.delete(event.target)); }""")
     count = page.evaluate("window.wanted.size")
     assert count > 25
     for _ in range(2 * count):
         page.keyboard.press("Tab")
-    unreached = page.evaluate("[...window.wanted].map(one => one.outerHTML.slice(0, 80))")
+    unreached = page.evaluate("[...window.wanted].map(control => control.outerHTML.slice(0, 80))")
     assert unreached == [], unreached
 
 
-def test_a_set_up_is_chosen_with_the_keyboard_or_by_a_link(browser, folder, tmp_path):
+def test_page_chooses_a_set_up_by_keyboard_or_link(browser, folder, tmp_path):
     twin = replace(MATCHUP, name="twin", title="A twin, in plain words")
-    (kept,) = folder.with_name(f".{folder.name}.episodes").iterdir()
-    file = publish([MATCHUP, twin], ReportOptions(out=tmp_path / "out", episodes=kept, processes=0))
+    (jobs_folder,) = folder.with_name(f".{folder.name}.episodes").iterdir()
+    file = publish([MATCHUP, twin], ReportOptions(out=tmp_path / "out", episodes=jobs_folder, processes=0))
     page, problems = opened(browser, file)
     chosen = "document.querySelector('[aria-selected=true]').id"
-    visible = (
-        "[...document.querySelectorAll('[role=tabpanel]')].filter(one => one.checkVisibility()).map(one => one.id)"
-    )
+    panels = "[...document.querySelectorAll('[role=tabpanel]')]"
+    visible = f"{panels}.filter(panel => panel.checkVisibility()).map(panel => panel.id)"
     assert page.evaluate(chosen) == "tab-linear-blind"
     assert page.evaluate(visible) == ["linear-blind"]
     assert page.inner_text("#tab-twin").split("\n") == ["A twin, in plain words", "twin"]

@@ -24,59 +24,63 @@ LINEAR = matchups.of_setup(load_setup("linear-blind"), SCENARIOS)
 PAPERS_RULE = {"baseline": "paper-trapezoid"}
 
 
-def test_as_late_is_as_late_on_the_validation_set():
-    found = measures.play_as_late(LINEAR.policy.controller, LINEAR.environment, SCENARIOS, LINEAR.policy.weights)
+def test_play_as_late_is_as_late_on_the_validation_set():
+    results = measures.play_as_late(LINEAR.policy.controller, LINEAR.environment, SCENARIOS, LINEAR.policy.weights)
     validation = {"set": "validation", "count": SCENARIOS["count"]}
-    weight = float(found["weight"][0])
+    weight = float(results["weight"][0])
     ours = evaluations.play(LINEAR.policy.controller, validation, [weight])
     rule = evaluations.play(PAPERS_RULE, validation)
     assert ours["approach_time"].mean() == pytest.approx(rule["approach_time"].mean(), abs=1e-3)
     assert ours["approach_time"].mean() <= rule["approach_time"].mean()
 
 
-def test_a_profile_is_the_flanges():
-    found = measures.profile(PAPERS_RULE, {}, [2.0], 0.36)
-    x = found["position"]
+def test_profile_is_the_flanges():
+    profile = measures.profile(PAPERS_RULE, {}, [2.0], 0.36)
+    x = profile["position"]
     reached = x < 0.35  # the tool swings ahead of the flange and touches first
-    assert found["velocity"][0][reached] == pytest.approx(np.minimum(np.sqrt(16.0 * x), 1.0)[reached], abs=2e-3)
+    assert profile["velocity"][0][reached] == pytest.approx(np.minimum(np.sqrt(16.0 * x), 1.0)[reached], abs=2e-3)
 
 
-def test_scenarios_come_from_sets_tables_and_ranges_alike():
+def test_play_takes_sets_tables_and_ranges_alike():
     frozen = evaluation_sets.load("test")
     table = {name: values[:20].tolist() for name, values in frozen.scenario.items()}
     ranges = {"object_mass": [0.1, 2.5], "contact_stiffness": [1e3, 1e6], "restitution": [0.1, 1.0],
               "distance": [0.15, 0.35]}  # fmt: skip
     same = [{"set": "test"}, {"table": table, "seed": frozen.seed}, {"ranges": ranges, "seed": frozen.seed}]
-    first, *others = (
-        evaluations.play(PAPERS_RULE, {**one, "count": 20}, environment={"range_noise": 0.01}) for one in same
+    first, *rest = (
+        evaluations.play(PAPERS_RULE, {**scenarios, "count": 20}, environment={"range_noise": 0.01})
+        for scenarios in same
     )
-    for other in others:
-        assert_identical(first, other)
+    for results in rest:
+        assert_identical(first, results)
 
 
-def test_a_report_needs_no_more_than_its_extra():
+def test_report_needs_no_more_than_its_extra():
     extras = tomllib.loads((AGENTS.parent / "pyproject.toml").read_text())["project"]["optional-dependencies"]
-    names = {extra: {re.split("[><=]", one)[0].replace("-", "_") for one in extras[extra]} for extra in extras}
-    others = set().union(*names.values()) - names["report"] - {"packaging"}  # which altair brings
-    assert {"torch", "cma", "mujoco", "ray"} <= others
+    names = {
+        extra: {re.split("[><=]", requirement)[0].replace("-", "_") for requirement in requirements}
+        for extra, requirements in extras.items()
+    }
+    absent = set().union(*names.values()) - names["report"] - {"packaging"}  # which altair brings
+    assert {"torch", "cma", "mujoco", "ray"} <= absent
     program = (
-        f"import sys; sys.modules.update(dict.fromkeys({sorted(others)})); import experiments.report.__main__; "
+        f"import sys; sys.modules.update(dict.fromkeys({sorted(absent)})); import experiments.report.__main__; "
         "from experiments.report.__main__ import ReportOptions, matchups_of; matchups_of(ReportOptions())"
     )
     subprocess.run([sys.executable, "-c", program], check=True, cwd=AGENTS.parent)
 
 
-def test_a_curve_that_does_not_come_to_the_papers_time_says_so():
-    one = replace(LINEAR, seeds=(replace(LINEAR.policy, weights=(8.0,)),), scenarios={"set": "test", "count": 20})
-    fast = answer.answer(played_alone(one))
+def test_answer_says_that_a_curve_does_not_reach_the_papers_time():
+    matchup = replace(LINEAR, seeds=(replace(LINEAR.policy, weights=(8.0,)),), scenarios={"set": "test", "count": 20})
+    fast = answer.answer(played_alone(matchup))
     assert not fast.reached
     assert fast.later < 0.0
-    assert "no weight makes its approach as long" in answer.sentence(fast, one)
-    assert f"{-100 * fast.later:.1f} % sooner" in answer.sentence(fast, one)
+    assert "no weight makes its approach as long" in answer.sentence(fast, matchup)
+    assert f"{-100 * fast.later:.1f} % sooner" in answer.sentence(fast, matchup)
     assert fast.each == ()
     late = replace(fast, later=0.02)
-    assert "no weight makes its approach as short" in answer.sentence(late, one)
-    assert "2.0 % later" in answer.sentence(late, one)
+    assert "no weight makes its approach as short" in answer.sentence(late, matchup)
+    assert "2.0 % later" in answer.sentence(late, matchup)
     slow = replace(fast, reached=True, reduction=Estimate(-0.2, -0.3, -0.1), beyond="faster")
-    assert "20.0 % [10.0, 30.0] faster" in answer.sentence(slow, one)
-    assert "nowhere leaves the object as slow" in answer.sentence(slow, one)
+    assert "20.0 % [10.0, 30.0] faster" in answer.sentence(slow, matchup)
+    assert "nowhere leaves the object as slow" in answer.sentence(slow, matchup)

@@ -25,7 +25,7 @@ def of(episodes, contestant):
     return episodes.filter(pl.col("contestant") == contestant)
 
 
-def test_a_users_own_baseline_ranges_and_tool(tmp_path, monkeypatch):
+def test_report_takes_a_users_baseline_ranges_and_tool(tmp_path, monkeypatch):
     (tmp_path / "my_rules.py").write_text(
         "from agents.baselines import ConstantSpeed\n"
         "class Half(ConstantSpeed):\n    def __init__(self):\n        super().__init__(0.5)\n"
@@ -63,7 +63,7 @@ def test_a_users_own_baseline_ranges_and_tool(tmp_path, monkeypatch):
     sys.modules.pop("my_rules")
 
 
-def test_a_policy_of_one_weight_meets_baselines_at_that_weight(tmp_path):
+def test_report_of_a_single_weight_plays_baselines_at_that_weight(tmp_path):
     policy = load_policy("linear-blind")
     Policy(policy.network, {"time_weight": 3.0}, {}).save(tmp_path / "three & a bit.npz")
     write(ReportOptions(policy=(str(tmp_path / "three & a bit.npz"),), baseline=("blind-profile",), count=6,
@@ -74,7 +74,7 @@ def test_a_policy_of_one_weight_meets_baselines_at_that_weight(tmp_path):
     assert "no weight makes its approach as long" in (tmp_path / "out" / "index.html").read_text()
 
 
-def test_who_misses_everything_is_not_said_to_win(tmp_path):
+def test_report_claims_nothing_for_a_policy_that_misses(tmp_path):
     (tmp_path / "far.json").write_text('{"ranges": {"distance": [0.9, 1.0]}, "count": 5}')
     out = tmp_path / "out"
     write(ReportOptions(policy=("linear-blind",), scenarios=str(tmp_path / "far.json"), out=out, processes=0))
@@ -99,8 +99,10 @@ def test_who_misses_everything_is_not_said_to_win(tmp_path):
     ({"policy": ("linear-blind",), "baseline": ("fastest",)}, "no controller 'fastest'"),
     ({"scenarios": '{"environment": {"tool_mass": 1.0}}'}, "--policy"),
     ({"count": 2001}, "at most 2000"),
+    ({"count": 1}, r"count.*at least 2"),
+    ({"baseline": ("ranged",)}, "baseline needs --policy"),
 ])  # fmt: skip
-def test_what_makes_no_sense_is_refused_before_anything_is_played(wanted, message, tmp_path):
+def test_report_refuses_bad_options_before_playing(wanted, message, tmp_path):
     if wanted.get("scenarios", "").startswith("{"):
         (tmp_path / "mine.json").write_text(wanted["scenarios"])
         wanted = {**wanted, "scenarios": str(tmp_path / "mine.json")}
@@ -109,64 +111,60 @@ def test_what_makes_no_sense_is_refused_before_anything_is_played(wanted, messag
     assert not (tmp_path / "out").exists()
 
 
-def test_a_set_up_of_the_readme_without_policies_is_left_out_and_said_so(tmp_path, capsys):
-    there = tmp_path / "policies" / "linear-blind.npz"
-    there.parent.mkdir()
-    shutil.copy(SHIPPED / there.name, there)
+def test_report_leaves_out_set_ups_without_policies_and_says_so(tmp_path, capsys):
+    archive = tmp_path / "policies" / "linear-blind.npz"
+    archive.parent.mkdir()
+    shutil.copy(SHIPPED / archive.name, archive)
     shutil.copytree(TUNED, tmp_path / "tuned")
-    (found,) = report.matchups_of(ReportOptions(folder=tmp_path))
-    assert found.name == "linear-blind"
+    (matchup,) = report.matchups_of(ReportOptions(folder=tmp_path))
+    assert matchup.name == "linear-blind"
     assert "paper-limits is left out, it has no policies yet: impact-gym train-seeds" in capsys.readouterr().out
     with pytest.raises(ValueError, match="there are no policies"):
         report.matchups_of(ReportOptions(setups=("paper-limits",), folder=tmp_path))
-    there.unlink()
+    archive.unlink()
     with pytest.raises(ValueError, match="no set-up has policies yet"):
         report.matchups_of(ReportOptions(folder=tmp_path))
 
 
-def test_settings_are_checked(tmp_path):
-    with pytest.raises(ValueError, match=r"count.*at least 2"):
-        ReportOptions(count=1)
-    with pytest.raises(ValueError, match="baseline needs --policy"):
-        ReportOptions(baseline=("ranged",))
+def test_report_refuses_a_folder_that_no_report_wrote(tmp_path):
     (tmp_path / "letter").write_text("dear")
     with pytest.raises(ValueError, match="is not replaced"):
         write(ReportOptions(out=tmp_path, force=True))
 
 
-def test_nothing_is_played_or_written_twice_unless_something_changed(tmp_path, monkeypatch, capsys):
+def test_report_plays_and_writes_only_what_changed(tmp_path, monkeypatch, capsys):
     settings = ReportOptions(policy=("rigid-blind",), count=12, out=tmp_path / "out", processes=0)
     of_other_sources = tmp_path / ".out.episodes" / "0"
     of_other_sources.mkdir(parents=True)
     page = write(settings)
     assert not of_other_sources.exists()
-    answer, written = capsys.readouterr().out, page.stat()
-    played = []
+    answer, before = capsys.readouterr().out, page.stat()
+    performed = []
 
     def perform(function, arguments):
-        played.append(function)
+        performed.append(function)
         return job.perform(function, arguments)
 
     monkeypatch.setattr(local, "perform", perform)
-    assert write(settings).stat().st_mtime_ns == written.st_mtime_ns
+    assert write(settings).stat().st_mtime_ns == before.st_mtime_ns
     assert capsys.readouterr().out.splitlines()[-1] == answer.splitlines()[-1]
     page.unlink()
     write(settings)
-    assert played == []
+    assert performed == []
     (sentence,) = json.loads((tmp_path / "out" / "results.json").read_text())["sentences"]
     assert sentence == answer.splitlines()[-1]
     write(replace(settings, count=10))
-    more = len(played)
-    assert more > 50
+    first_time = len(performed)
+    assert first_time > 50
     write(replace(settings, count=10, force=True))
-    assert len(played) >= 2 * more
+    assert len(performed) >= 2 * first_time
 
 
-def test_a_table_of_changes_that_a_set_up_does_not_make_is_left_out():
+def test_table_without_rows_is_left_out():
     pages = Environment(loader=FileSystemLoader(EXPERIMENTS), autoescape=True)
     pages.filters["typeset"] = typeset
     table = pages.get_template("report/parts.html.jinja").module.table
     assert str(table(Table("changes", ("what", "V_p (m/s)"), ()))).strip() == ""
-    shown = str(table(Table("changes", ("what", "V_p (m/s)"), [("robot", "0.3")])))
-    assert shown.count("<th scope") == 3
-    assert "0.3" in shown
+    html = str(table(Table("changes", ("what", "V_p (m/s)"), [("robot", "0.3")])))
+    assert html.count("<th scope") == 3
+    assert "0.3" in html

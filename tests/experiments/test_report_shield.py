@@ -20,26 +20,26 @@ def run_of(matchup, contestant):
 
 
 def played_of(matchup):
-    own = run_of(matchup, matchup.policy)
-    shields = {(limit, one.name): run_of(matchup, one) for limit, one in shield.shielded(matchup)}
-    return Played(matchup, seeds={matchup.chosen: own}, baselines={PAPER: own}, shielded=shields)
+    unshielded = run_of(matchup, matchup.policy)
+    shields = {(limit, contestant.name): run_of(matchup, contestant) for limit, contestant in shield.shielded(matchup)}
+    return Played(matchup, seeds={matchup.chosen: unshielded}, baselines={PAPER: unshielded}, shielded=shields)
 
 
-def test_no_force_of_a_shielded_row_is_above_its_limit_and_the_policys_own_are_counted():
+def test_shield_table_keeps_forces_below_the_limit_and_counts_those_without_it():
     played = played_of(RIGID)
     unshielded, *rows = shield.table(played).rows
     forces = played.policy["peak_force"][0]
     assert float(unshielded[3]) == pytest.approx(forces.max(), abs=0.05)
     assert len(rows) == 2 * len(shield.LIMITS)
-    for limit, _, _, largest, above, *_ in rows:
+    for limit, _, _, largest, above_limit, *_ in rows:
         assert float(largest) <= float(limit)
-        assert above.split(", ")[0] == "0"
+        assert above_limit.split(", ")[0] == "0"
     without = [row[4] for row in rows if row[2] == matchups.POLICY]
     assert without == [f"0, {(forces > limit).sum()} without it" for limit in shield.LIMITS]
     assert (forces > shield.LIMITS[0]).any()
 
 
-def test_what_has_no_shield_plays_none_and_says_why():
+def test_shield_is_left_out_with_a_reason():
     robot = {"type": "Robot", "mass": 5.0, "stiffness": 1e5, "damping": 50.0}
     compliant = replace(RIGID, environment={**RIGID.environment, "robot": robot})
     assert not list(shield.shielded(compliant))

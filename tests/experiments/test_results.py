@@ -15,7 +15,7 @@ def write(target, text, problem=None):
             raise problem
 
 
-def test_a_folder_is_replaced_whole_or_not_at_all(tmp_path):
+def test_whole_folder_is_replaced_whole_or_not_at_all(tmp_path):
     target = tmp_path / "latest"
     write(target, "first")
     with pytest.raises(OSError, match="no room"):
@@ -26,7 +26,7 @@ def test_a_folder_is_replaced_whole_or_not_at_all(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["latest"]
 
 
-def test_an_interrupted_swap_brings_the_old_folder_back(tmp_path, monkeypatch):
+def test_whole_folder_brings_the_old_one_back_when_interrupted(tmp_path, monkeypatch):
     target, move = tmp_path / "latest", os.replace
     write(target, "first")
 
@@ -42,7 +42,7 @@ def test_an_interrupted_swap_brings_the_old_folder_back(tmp_path, monkeypatch):
     assert [path.name for path in tmp_path.iterdir()] == ["latest"]
 
 
-def test_a_folder_that_no_run_wrote_is_left_alone(tmp_path):
+def test_whole_folder_leaves_alone_what_no_run_wrote(tmp_path):
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "letter").write_text("dear")
     with pytest.raises(ValueError, match="mine is not replaced"):

@@ -32,7 +32,7 @@ def test_agreeing_digits(printed, ours, digits):
         (0.968, "is about 0.98", Verdict.DISAGREES),
     ],
 )
-def test_number_allows_one_unit_of_the_last_digit_where_the_text_says_about(ours, text, verdict):
+def test_number_allows_one_unit_of_the_last_digit_after_about(ours, text, verdict):
     statement = Section("1").identified.number(f"the velocity {text}", "0.98 m/s", ours)
     assert (statement.verdict, statement.basis, statement.unit) == (verdict, Basis.IDENTIFIED, "m/s")
 

@@ -7,25 +7,19 @@ import pytest
 from scipy.stats import norm
 
 from experiments.lab.comparison import Comparison
-from experiments.lab.statistics import (
-    Resamples,
-    along,
-    estimate,
-    quantile_groups,
-    tolerated,
-)
+from experiments.lab.statistics import Resamples, along, estimate, quantile_groups, tolerated
 
 
-def test_the_interval_of_a_mean_is_that_of_normal_theory():
+def test_estimate_has_the_interval_of_normal_theory():
     sample = np.random.default_rng(0).standard_normal(2000)
-    found = estimate(Resamples(2000).means(sample))
+    interval = estimate(Resamples(2000).means(sample))
     half = norm.ppf(0.975) * sample.std(ddof=1) / np.sqrt(2000)
-    assert found.value == pytest.approx(sample.mean())
-    assert (found.low, found.high) == pytest.approx((sample.mean() - half, sample.mean() + half), abs=0.1 * half)
+    assert interval.value == pytest.approx(sample.mean())
+    assert (interval.low, interval.high) == pytest.approx((sample.mean() - half, sample.mean() + half), abs=0.1 * half)
 
 
 @pytest.mark.parametrize(("of_seeds", "of_scenarios"), [(1.0, 0.0), (0.0, 1.0), (0.3, 5.0)])
-def test_both_levels_count(of_seeds, of_scenarios):
+def test_resamples_vary_with_seeds_and_scenarios(of_seeds, of_scenarios):
     """x = a_seed + b_scenario: the variance of the mean is var(a) / seeds + var(b) / scenarios, both unbiased."""
     rng = np.random.default_rng(1)
     seeds, scenarios = 10, 400
@@ -35,7 +29,7 @@ def test_both_levels_count(of_seeds, of_scenarios):
     assert means[1:].var() == pytest.approx(a.var(ddof=1) / seeds + b.var(ddof=1) / scenarios, rel=0.05)
 
 
-def test_what_all_contestants_share_cancels():
+def test_comparison_cancels_what_is_shared():
     rng = np.random.default_rng(2)
     hard = rng.uniform(1.0, 10.0, 500)
     recipe = Comparison.of_means(np.tile(0.4 * hard, (7, 1)), hard)
@@ -44,15 +38,15 @@ def test_what_all_contestants_share_cancels():
     assert astuple(Comparison.of_means(hard - 0.25, hard).less) == pytest.approx((0.25, 0.25, 0.25))
 
 
-def test_fronts_are_compared_at_the_time_of_the_other():
+def test_comparison_of_fronts_is_at_the_time_of_theirs():
     times, velocities = np.array([[0.4, 0.2], [0.5, 0.3]]), np.array([[0.2, 0.4], [0.1, 0.5]])
     point = np.array([[0.25], [0.4]]), np.array([[0.7], [0.6]])
-    found = Comparison.of_fronts((times, velocities), point)
-    assert found.ours == pytest.approx([0.35, 0.3])
-    assert found.less.value == pytest.approx(0.35)
+    comparison = Comparison.of_fronts((times, velocities), point)
+    assert comparison.ours == pytest.approx([0.35, 0.3])
+    assert comparison.less.value == pytest.approx(0.35)
 
 
-def test_a_mean_keeps_what_lies_between_seeds_and_scenarios():
+def test_resamples_keep_the_axes_between_seeds_and_scenarios():
     values = np.random.default_rng(3).standard_normal((4, 3, 50))
     resamples = Resamples(50, resamples=100)
     means = resamples.means(values)
@@ -62,13 +56,13 @@ def test_a_mean_keeps_what_lies_between_seeds_and_scenarios():
         assert means[:, k] == pytest.approx(resamples.means(values[:, k]))
 
 
-def test_a_curve_is_read_between_its_points_and_at_its_ends():
+def test_along_reads_between_points_and_at_ends():
     x, y = np.array([[3.0, 1.0, 2.0]]), np.array([[9.0, 1.0, 4.0]])
-    for at, there in ((1.5, 2.5), (2.75, 7.75), (0.0, 1.0), (5.0, 9.0)):
-        assert along(x, y, np.array([at])) == pytest.approx([there])
+    for at, expected in ((1.5, 2.5), (2.75, 7.75), (0.0, 1.0), (5.0, 9.0)):
+        assert along(x, y, np.array([at])) == pytest.approx([expected])
 
 
-def test_groups_are_as_large_as_each_other_and_fewer_where_values_repeat():
+def test_quantile_groups_are_equal_and_fewer_where_values_repeat():
     sample = np.random.default_rng(5).permutation(np.arange(1.0, 26.0))
     groups = quantile_groups(sample, 5)
     assert [sorted(sample[inside]) for inside, _, _ in groups] == np.arange(1.0, 26.0).reshape(5, 5).tolist()
@@ -77,30 +71,30 @@ def test_groups_are_as_large_as_each_other_and_fewer_where_values_repeat():
     assert (inside.sum(), low, high) == (7, 0.4, 0.4)
 
 
-def test_a_resample_without_a_value_is_left_out():
+def test_estimate_leaves_out_resamples_without_a_value():
     resampled = np.concatenate([[1.0], np.linspace(0.0, 2.0, 101), [np.nan]])
-    found = estimate(resampled)
-    assert (found.low, found.high) == pytest.approx((0.05, 1.95))
+    interval = estimate(resampled)
+    assert (interval.low, interval.high) == pytest.approx((0.05, 1.95))
 
 
 @pytest.mark.parametrize(("n", "factor"), [(5, 4.203), (10, 2.911), (30, 2.220), (50, 2.065)])
-def test_the_tolerance_factor_is_that_of_the_tables(n, factor):
+def test_tolerated_has_the_factor_of_the_tables(n, factor):
     """One-sided, 95 % content and confidence: M. G. Natrella, Experimental Statistics, NBS Handbook 91, table A-7."""
     scores = np.random.default_rng(6).normal(3.0, 2.0, n)
     assert (scores.mean() - tolerated(scores)) / scores.std(ddof=1) == pytest.approx(factor, abs=6e-4)
 
 
 @pytest.mark.parametrize("n", [10, 30])
-def test_95_percent_of_trainings_reach_the_bound_in_95_of_100_experiments(n):
+def test_tolerated_is_reached_by_95_percent_in_95_of_100_experiments(n):
     samples = np.random.default_rng(7).normal(0.6, 0.01, (4000, n))
     reached = norm.ppf(0.05, 0.6, 0.01)  # by 95 % of trainings, in truth
     noise = 3.0 * np.sqrt(0.95 * 0.05 / len(samples))
-    assert np.mean([tolerated(one) <= reached for one in samples]) == pytest.approx(0.95, abs=noise)
+    assert np.mean([tolerated(sample) <= reached for sample in samples]) == pytest.approx(0.95, abs=noise)
     plugged = samples.mean(axis=1) + norm.ppf(0.05) * samples.std(axis=1, ddof=1)  # as if that were the truth
     ends = samples.mean(axis=1) - norm.ppf(0.975) * samples.std(axis=1, ddof=1) / np.sqrt(n)  # of the mean's interval
     for wrong in (plugged, ends):
         assert np.mean(wrong <= reached) < 0.7
 
 
-def test_one_training_says_nothing_of_the_next():
+def test_tolerated_is_nan_for_one_training():
     assert np.isnan(tolerated(np.array([0.6])))

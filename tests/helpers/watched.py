@@ -14,9 +14,9 @@ COUPLINGS = {"spring": {}, "rigid": {"coupling": {"type": "Rigid"}}, "bistable":
 TEST_SET = evaluation_sets.load("test")
 
 
-def shown(count=40, **environment):
-    stage = ScenarioBatch.of("test", count, time_weight=[2.0], quiet=True, **environment)
-    played = {name: stage.play(controller) for name, controller in CONTESTANTS.items()}
+def judged_films(count=40, **environment):
+    batch = ScenarioBatch.of("test", count, time_weight=[2.0], quiet=True, **environment)
+    played = {name: batch.play(controller) for name, controller in CONTESTANTS.items()}
     numbers = choose(*played.values())
     return films(CONTESTANTS, numbers, played, frozen=TEST_SET, environment=environment), played
 

@@ -22,14 +22,14 @@ def choose(played_baseline: Episodes, played_policy: Episodes) -> dict[str, int]
     reasons: dict[int, list[str]] = {}
     for reason, number in _outstanding(played_baseline, played_policy):
         reasons.setdefault(number, []).append(reason)
-    phrases = {"; ".join(found): number for number, found in reasons.items()}
+    phrases = {"; ".join(texts): number for number, texts in reasons.items()}
     return {phrase[0].upper() + phrase[1:]: number for phrase, number in phrases.items()}
 
 
 def _outstanding(baseline: Episodes, policy: Episodes) -> Iterable[tuple[str, int]]:
     """Yield why a scenario is worth watching, and its number."""
-    both = ~(baseline.missed | policy.missed)
-    touched = np.flatnonzero(both) if both.any() else np.arange(len(both))
+    touched_by_both = ~(baseline.missed | policy.missed)
+    touched = np.flatnonzero(touched_by_both) if touched_by_both.any() else np.arange(len(touched_by_both))
     ours, gain = policy.object_velocity, baseline.object_velocity - policy.object_velocity
     scenario = policy.scenario
     contacts = np.maximum(baseline.contact_count, policy.contact_count)
@@ -37,7 +37,7 @@ def _outstanding(baseline: Episodes, policy: Episodes) -> Iterable[tuple[str, in
     def largest(values: NDArray[np.float64] | NDArray[np.int64]) -> int:
         return int(touched[np.argmax(values[touched])])
 
-    if both.any():
+    if touched_by_both.any():
         median = touched[np.argsort(ours[touched], kind="stable")][(len(touched) - 1) // 2]  # the lower one of two
         yield "a typical scenario: the policy's V_p is the median", int(median)
         yield "the policy's largest gain on the baseline", largest(gain)
@@ -48,13 +48,13 @@ def _outstanding(baseline: Episodes, policy: Episodes) -> Iterable[tuple[str, in
         if contacts[touched].max() > 1:
             yield "most contacts: it is hit again and again", largest(contacts)
         yield "the highest contact force", largest(np.maximum(baseline.peak_force, policy.peak_force))
-    for field, least, most in (
+    for field, lowest, highest in (
         ("object_mass", "the lightest object", "the heaviest object"),
         ("contact_stiffness", "the softest contact", "the stiffest contact"),
         ("distance", "the nearest object", "the farthest object"),
     ):
-        yield least, largest(-scenario[field])
-        yield most, largest(scenario[field])
+        yield lowest, largest(-scenario[field])
+        yield highest, largest(scenario[field])
     if policy.missed.any():
         yield "missed by the policy", int(np.argmax(policy.missed))
     elif baseline.missed.any():

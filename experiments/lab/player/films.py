@@ -109,12 +109,12 @@ def films(
             options = {"scenario": "test", **(environments or {}).get(name, environment or {})}
             options.pop("time_weight", None)
             changed = {**(frozen.scenario if frozen else {}), **(records or {}).get(name, {})}
-            record = {"time_weight": time_weight} | {field: float(each[number]) for field, each in changed.items()}
+            record = {"time_weight": time_weight} | {field: float(values[number]) for field, values in changed.items()}
             runs[name] = play(controller, frozen.seed if frozen else seed, number, record, options)
-            judged, found = float(played[name].object_velocity[number]), runs[name].info["object_velocity"]
-            if abs(found - judged) > rounding:
+            judged, replayed = float(played[name].object_velocity[number]), runs[name].info["object_velocity"]
+            if abs(replayed - judged) > rounding:
                 raise RuntimeError(
-                    f"scenario {number}: the replay of {name!r} leaves the object at {found!r} m/s, "
+                    f"scenario {number}: the replay of {name!r} leaves the object at {replayed!r} m/s, "
                     f"but it was judged by {judged!r} m/s"
                 )
         scenes.append({"label": label, "number": number, **_scene(runs)})
@@ -173,15 +173,15 @@ def _scene(runs: Mapping[str, Run]) -> dict[str, Any]:
 
 def _run(name: str, run: Run, columns: Columns, limits: Mapping[str, float]) -> dict[str, Any]:
     alarm, digits = float(run.history.alarm), DECIMALS["time"]
-    kept = thin(columns, limits)
-    kept = kept[np.append(True, np.diff(np.round(columns["time"][kept], digits)) > 0.0)]
+    rows = thin(columns, limits)
+    rows = rows[np.append(True, np.diff(np.round(columns["time"][rows], digits)) > 0.0)]
     return {
         "name": name,
         "chain": _chain(run.history.task),
         **{field: run.info[field] for field in RESULTS},
         "contacts": [[round(instant, digits) for instant in contact] for contact in run.contacts],
         "alarm": round(alarm, digits) if np.isfinite(alarm) else None,
-        "rows": [np.round(columns[key][kept], decimals).tolist() for key, decimals in DECIMALS.items()],
+        "rows": [np.round(columns[key][rows], decimals).tolist() for key, decimals in DECIMALS.items()],
     }
 
 

@@ -89,9 +89,9 @@ function watch(root) {
 
   // The middle of the first contact of the first contestant that has one: what a still picture shows.
   function poster() {
-    const one = scene.runs.find((each) => each.contacts.length);
-    if (!one) return clock.length;
-    const rows = one.rows, first = one.contacts[0];
+    const touching = scene.runs.find((run) => run.contacts.length);
+    if (!touching) return clock.length;
+    const rows = touching.rows, first = touching.contacts[0];
     let best = 0.5 * (first[0] + first[1]), most = 0;
     rows[COLUMNS.time].forEach((time, k) => {
       if (time >= first[0] && time <= first[1] && rows[COLUMNS.contact_force][k] > most) {
@@ -103,13 +103,13 @@ function watch(root) {
   }
 
   function verdict() {
-    const [one, other] = scene.runs;
-    if (!other || scene.runs.length > 2 || one.missed || other.missed) return "";
-    const share = Math.round(100 * Math.abs(1 - other.object_velocity / one.object_velocity));
-    const late = 1000 * (other.approach_time - one.approach_time);
+    const [baseline, policy] = scene.runs;
+    if (!policy || scene.runs.length > 2 || baseline.missed || policy.missed) return "";
+    const share = Math.round(100 * Math.abs(1 - policy.object_velocity / baseline.object_velocity));
+    const late = 1000 * (policy.approach_time - baseline.approach_time);
     const when = Math.abs(late) < 0.5 ? "at the same time"
       : `${Math.abs(late).toFixed(0)} ms ${late > 0 ? "later" : "sooner"}`;
-    const than = other.object_velocity < one.object_velocity ? "slower" : "faster";
+    const than = policy.object_velocity < baseline.object_velocity ? "slower" : "faster";
     return `In this scenario the object leaves ${share} % ${than} on the right, touched ${when}.`;
   }
 

@@ -7,21 +7,21 @@ function clockOf(scene) {
     start, slower, end: k + 1 < scene.clock.length ? scene.clock[k + 1][0] : scene.end,
   }));
   let length = 0;
-  for (const one of stretches) {
-    one.film = length;
-    length += (one.end - one.start) * one.slower;
+  for (const stretch of stretches) {
+    stretch.film = length;
+    length += (stretch.end - stretch.start) * stretch.slower;
   }
   const last = stretches[stretches.length - 1];
   return {
     stretches, length,
     film: (time) => {
-      const one = stretches.find((stretch) => time < stretch.end) || last;
-      return one.film + (clamp(time, one.start, one.end) - one.start) * one.slower;
+      const current = stretches.find((stretch) => time < stretch.end) || last;
+      return current.film + (clamp(time, current.start, current.end) - current.start) * current.slower;
     },
     time: (film) => {
-      let one = stretches[0];
-      for (const next of stretches) if (next.film <= film) one = next;
-      return Math.min(one.start + (film - one.film) / one.slower, scene.end);
+      let current = stretches[0];
+      for (const next of stretches) if (next.film <= film) current = next;
+      return Math.min(current.start + (film - current.film) / current.slower, scene.end);
     },
     slower: (time) => (stretches.find((stretch) => time < stretch.end) || last).slower,
   };

@@ -1,4 +1,4 @@
-"""Fewer points of a time history, where the eye would not miss the others."""
+"""Thinning of time histories to the points that the eye needs."""
 
 from collections.abc import Mapping
 
@@ -26,11 +26,11 @@ def thin(columns: Mapping[str, NDArray[np.float64]], limits: Mapping[str, float]
         channels.append(np.clip(penetration, -depth, depth) / (DEPTH * depth))
     values, time = np.array(channels), columns["time"]
     turns = np.flatnonzero(np.diff(penetration > 0.0))
-    kept = sorted({0, len(time) - 1, *turns.tolist(), *(turns + 1).tolist()})
-    while len(kept) < min(MOST, len(time)):
-        missed = np.max([np.abs(row - np.interp(time, time[kept], row[kept])) for row in values], axis=0)
+    rows = sorted({0, len(time) - 1, *turns.tolist(), *(turns + 1).tolist()})
+    while len(rows) < min(MOST, len(time)):
+        missed = np.max([np.abs(row - np.interp(time, time[rows], row[rows])) for row in values], axis=0)
         worst = int(np.argmax(missed))
         if missed[worst] <= 1.0:
             break
-        kept = sorted({*kept, worst})
-    return np.array(kept)
+        rows = sorted({*rows, worst})
+    return np.array(rows)
