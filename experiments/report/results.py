@@ -51,7 +51,11 @@ def sources() -> str:
 
 def all_asked(matchups: Sequence[Matchup]) -> list[Asked]:
     """Return all jobs. What they depend on beside their arguments: what plays, a user's own baselines among it."""
-    objects = {one.controller.get("object", "").partition(":")[0] for matchup in matchups for one in matchup.baselines}
+    objects = {
+        baseline.controller.get("object", "").partition(":")[0]
+        for matchup in matchups
+        for baseline in matchup.baselines
+    }
     depends = f"{sources()} {digest_of(*(objects - {''}))}"
     return [
         Asked(number, where, key, Job(function, arguments, depends))
@@ -65,7 +69,7 @@ def gather_matchups(
 ) -> list[Played]:
     """Play everything that is not in `folder` yet, and return what came of each matchup."""
     played = [Played(matchup) for matchup in matchups]
-    jobs = [one.job for one in reversed(asked)]  # those of the last set-up are the slowest: they begin first
+    jobs = [request.job for request in reversed(asked)]  # those of the last set-up are the slowest: they begin first
     results = gather_all(jobs, folder, processes=processes, cluster=cluster, title="playing")
     for (number, where, key, job), arrays in zip(asked, reversed(results), strict=True):
         value: Run | Arrays = arrays
@@ -81,17 +85,17 @@ def gather_matchups(
 
 def watched_at(matchup: Matchup) -> float:
     """Return where the object stands when an approach is watched, m: where it is known, as usual, or just too far."""
-    known = matchup.environment.get("range_noise") is not None
+    estimated = matchup.environment.get("range_noise") is not None
     if "ranges" not in matchup.scenarios:
-        return NEAR if known else FAR
+        return NEAR if estimated else FAR
     low, high = matchup.scenarios["ranges"]["distance"]
-    return float(0.5 * (low + high) if known else high + 0.01)
+    return float(0.5 * (low + high) if estimated else high + 0.01)
 
 
-def _shown_weights(matchup: Matchup, one: Contestant) -> list[float]:
+def _shown_weights(matchup: Matchup, contestant: Contestant) -> list[float]:
     """Return the weights (m/s per s) at which an approach is watched: the least, the typical, the largest compared."""
     shown = dict.fromkeys((matchup.weights[0], matchup.typical, matchup.weights[-1]))
-    return [weight for weight in shown if weight in one.weights] or [one.weights[0]]
+    return [weight for weight in shown if weight in contestant.weights] or [contestant.weights[0]]
 
 
 def _asked(matchup: Matchup) -> Iterator[tuple[str, Any, str, dict[str, Any]]]:
@@ -100,55 +104,55 @@ def _asked(matchup: Matchup) -> Iterator[tuple[str, Any, str, dict[str, Any]]]:
     task = Task(**environment)
     some = scenarios if matchup.evaluation.nominal else _first(scenarios, LESS)
 
-    def of(one: Contestant, **arguments: Any) -> dict[str, Any]:
-        return {"controller": one.controller, "environment": environment, **arguments}
+    def of(contestant: Contestant, **arguments: Any) -> dict[str, Any]:
+        return {"controller": contestant.controller, "environment": environment, **arguments}
 
-    for one in matchup.seeds:
-        everything = of(one, scenarios=scenarios, weights=list(one.weights))
-        yield "seeds", one.name, PLAY, everything
-        yield "as_late", one.name, f"{MEASURES}:play_as_late", everything
-    for one in matchup.baselines:
-        tuned = len(one.weights) > 1  # each weight is played at what was tuned for the nearest
-        weights = sorted({*one.weights, *matchup.weights, typical}) if tuned else list(one.weights)
-        yield "baselines", one.name, PLAY, of(one, scenarios=scenarios, weights=weights)
+    for seed in matchup.seeds:
+        everything = of(seed, scenarios=scenarios, weights=list(seed.weights))
+        yield "seeds", seed.name, PLAY, everything
+        yield "as_late", seed.name, f"{MEASURES}:play_as_late", everything
+    for baseline in matchup.baselines:
+        tuned = len(baseline.weights) > 1  # each weight is played at what was tuned for the nearest
+        weights = sorted({*baseline.weights, *matchup.weights, typical}) if tuned else list(baseline.weights)
+        yield "baselines", baseline.name, PLAY, of(baseline, scenarios=scenarios, weights=weights)
     fastest = task.velocity_range[1]
-    for speed in [one for one in SPEEDS if one <= fastest] or [share * fastest for share in SHARES]:
+    for speed in [speed for speed in SPEEDS if speed <= fastest] or [share * fastest for share in SHARES]:
         constant = Contestant(f"{speed:g} m/s", {"speed": speed}, (typical,), "")
         yield "family", constant.name, PLAY, of(constant, scenarios=scenarios, weights=[typical])
     if (bound := matchup.bound) is not None:
         searched = _first(scenarios, len(bound.controller["clairvoyant"][f"{bound.weights[0]:g}"]))
         knowing = {**environment, "privileged": True}
         yield "bound", None, PLAY, of(bound, scenarios=searched, weights=list(bound.weights), environment=knowing)
-    rivals = {one.name: one for one in (matchup.baselines[0], matchup.rival, matchup.policy)}
+    rivals = {rival.name: rival for rival in (matchup.baselines[0], matchup.rival, matchup.policy)}
     for change in matchup.changes:
         other = evaluation_sets.load(change.scenarios).count if change.scenarios else 0
         where = {"set": change.scenarios, "count": min(LESS, other)} if change.scenarios else some
-        for one in rivals.values():
-            changed = of(one, scenarios=where, weights=[typical], environment=change.environment)
-            yield "varied", (change.argument, change.label, one.name), PLAY, changed
+        for rival in rivals.values():
+            changed = of(rival, scenarios=where, weights=[typical], environment=change.environment)
+            yield "varied", (change.argument, change.label, rival.name), PLAY, changed
     if matchup.evaluation.nominal:
         nominal, weights = {**environment, **matchup.evaluation.nominal}, list(matchup.weights)
         if (measure := matchup.measure) is not None:
             its_own = load_setup(measure.name).environment
             nominal["alarm"] = its_own.get("alarm", Task.alarm)  # that which it is used to
             yield "nominal", measure.name, PLAY, of(measure, scenarios=scenarios, weights=weights, environment=its_own)
-        for one in matchup.seeds:
-            yield "nominal", one.name, PLAY, of(one, scenarios=scenarios, weights=weights, environment=nominal)
+        for seed in matchup.seeds:
+            yield "nominal", seed.name, PLAY, of(seed, scenarios=scenarios, weights=weights, environment=nominal)
     few = _first(scenarios, EXACTLY)
     for label, options in EXACT.items():
-        for one in {**{seed.name: seed for seed in matchup.seeds}, **rivals}.values():
-            exact = of(one, scenarios=few, weights=[typical], environment={**environment, **options})
-            yield "exactly", (label, one.name), PLAY, exact
+        for contestant in {**{seed.name: seed for seed in matchup.seeds}, **rivals}.values():
+            exact = of(contestant, scenarios=few, weights=[typical], environment={**environment, **options})
+            yield "exactly", (label, contestant.name), PLAY, exact
     drawn = "ranges" in scenarios or task.drawn or isinstance(task.reaction_delay, tuple)
     if not drawn and set(environment) <= set(SERVED):
         few = _first(scenarios, IN_SCIPY)
-        for one in rivals.values():
-            yield "scipy", one.name, f"{MEASURES}:in_scipy", of(one, scenarios=few, weight=typical)
-    for limit, one in shielded(matchup):
-        yield "shielded", (limit, one.name), PLAY, of(one, scenarios=scenarios, weights=[typical])
-    for one in rivals.values():
-        watched = of(one, weights=_shown_weights(matchup, one), distance=watched_at(matchup))
-        yield "profiles", one.name, f"{MEASURES}:profile", watched
+        for rival in rivals.values():
+            yield "scipy", rival.name, f"{MEASURES}:in_scipy", of(rival, scenarios=few, weight=typical)
+    for limit, contestant in shielded(matchup):
+        yield "shielded", (limit, contestant.name), PLAY, of(contestant, scenarios=scenarios, weights=[typical])
+    for rival in rivals.values():
+        watched = of(rival, weights=_shown_weights(matchup, rival), distance=watched_at(matchup))
+        yield "profiles", rival.name, f"{MEASURES}:profile", watched
 
 
 def _first(scenarios: Mapping[str, Any], count: int) -> dict[str, Any]:
