@@ -58,7 +58,7 @@ def test_a_contact_fills_many_pictures_and_the_factor_is_what_they_are_apart():
 
 
 @pytest.mark.parametrize("mode", ["rgb_array_list", "human"])
-def test_step_by_step_the_same_instants_are_shown_as_in_one_go(mode, no_waiting, monkeypatch):
+def test_pictures_step_by_step_show_the_instants_of_one_go_and_change_no_result(mode, no_waiting, monkeypatch):
     shown, honest = [], rendering.Renderer._drawn
 
     def drawn(self, history, time, factor):
@@ -68,6 +68,7 @@ def test_step_by_step_the_same_instants_are_shown_as_in_one_go(mode, no_waiting,
     monkeypatch.setattr(rendering.Renderer, "_drawn", drawn)
     env = gym.make(ID, render_mode=mode)
     pictures, results = play(env, scenario=HARD_AND_HEAVY)
+    assert_identical(results, play(gym.make(ID), scenario=HARD_AND_HEAVY)[1])
     times = np.array([time for time, _, _ in shown])
     assert times[0] == 0.0
     assert (np.diff(times) > 0.0).all()
@@ -101,15 +102,6 @@ def test_a_window_shows_the_picture(no_waiting):
     assert not pygame.display.get_init()
     env.reset(seed=2)  # opens another
     assert pygame.display.get_init()
-    env.close()
-
-
-@pytest.mark.parametrize("mode", ["rgb_array", "rgb_array_list", "human"])
-def test_rendering_changes_no_result(mode, no_waiting):
-    _, plain = play(gym.make(ID), seed=5)
-    env = gym.make(ID, render_mode=mode)
-    _, rendered = play(env, seed=5)
-    assert_identical(plain, rendered)
     env.close()
 
 
@@ -187,7 +179,9 @@ def test_films_play(recorder, mode, slow, tmp_path):
     from moviepy import VideoFileClip
 
     env = recorder(gym.make(ID, render_mode=mode), str(tmp_path / "films"), episode_trigger=lambda number: number == 0)
-    steps = len(history(env, PaperTrapezoid(), seed=2, scenario=HARD_AND_HEAVY)) - 1
+    played = history(env, PaperTrapezoid(), seed=2, scenario=HARD_AND_HEAVY)
+    assert_identical(played, history(gym.make(ID), PaperTrapezoid(), seed=2, scenario=HARD_AND_HEAVY))
+    steps = len(played) - 1
     recorded = list(env.recorded_frames)
     env.close()
     (film,) = (tmp_path / "films").glob("*.mp4")
