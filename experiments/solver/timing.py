@@ -255,7 +255,7 @@ def cheapest(rows: pl.DataFrame, names: Sequence[str], error: float) -> Row | No
 def beside_ours(rows: pl.DataFrame, names: Sequence[str], error: float) -> Row | None:
     """Return the row of the cheapest of `names` with the `ratio` of its time to ours, empty where none gets there.
 
-    None where they took no part, or ours does not get there.
+    None where ours does not get there.
     """
     ours, theirs = cheapest(rows, [OURS], error), cheapest(rows, names, error)
     if ours is None or rows.filter(pl.col("contender").is_in(names)).is_empty():
