@@ -40,8 +40,8 @@ $(SMALL): $(SOLVER)
 	$(call install,report,what a report needs)
 	@touch $@
 
-report: $(SMALL)  ## play the policies and baselines of four set-ups, or of SETUPS="...", and write reports/latest/index.html; what is there is kept unless FORCE=1
-	$(BIN)/python -m experiments.report $(SETUPS) $(if $(FORCE),--force)
+report: $(SMALL)  ## play policies and baselines of four set-ups, or of SETUPS="...", write reports/latest/index.html; FORCE=1: all anew
+	$(BIN)/impact-gym report $(SETUPS) $(if $(FORCE),--force)
 
 test: setup  ## run the tests
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadscope  # a core for each worker
@@ -65,22 +65,22 @@ search: setup  ## search for settings of training; goes on where it was stopped
 	$(BIN)/impact-gym tune-training
 
 figures: setup  ## reproduce figures of the paper below reports/paper
-	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m experiments.paper  # its matrices are too small for more
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/impact-gym paper  # its matrices are too small for more
 
 bench: setup  ## measure speed against SciPy, MuJoCo and Gymnasium in one run, and what simpler models save
 	$(BIN)/impact-gym bench
 
 speed: setup  ## speed against error, ours beside others, below reports/speed
-	$(BIN)/python -m experiments.solver.speed
+	$(BIN)/impact-gym speed
 
 stability: setup  ## a storm of random scenes through the solver, its checks and rivals, below reports/stability
-	$(BIN)/python -m experiments.solver.stability
+	$(BIN)/impact-gym stability
 
 docs: setup  ## build the documentation as a site that needs no network, site/index.html
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet
 
 identify: setup  ## fit logs of the independent solver, intervals and errors beside the bound, below reports/identify
-	$(BIN)/python -m experiments.identify
+	$(BIN)/impact-gym fits
 
 lint: setup  ## format check, lint, types, import order
 	$(BIN)/ruff format --check .

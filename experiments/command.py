@@ -34,6 +34,7 @@ COMMANDS = {
     "policies": Command("experiments.policies", (), "list the shipped policies with what they are for"),
     "design": Command("experiments.design", ("train", "report"), "find the coupling that leaves the object slowest"),
     "identify": Command("impact_gym.identify", (), "fit the numbers of a tool and an object to a measured blow"),
+    "robot": Command("impact_gym.robot", ("robot",), "compute the default approach of the Viper s650 from its joints"),
     "paper": Command("experiments.paper", ("report",), "reproduce the paper's figures and compare its statements"),
     "speed": Command("experiments.solver.speed", ("report", "peers"), "measure the solver's speed against its error"),
     "stability": Command(

@@ -30,7 +30,7 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 BLOCK = re.compile(r"^```(\w*)(?: title=\"(.+?)\")?\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 SHOWN_FILE = re.compile(r"# the file (docs/examples/\w+\.py)\n")
 FILES, SHOWN = ("toml", "json", "c", "python"), ("text", "diff")
-UNDER_WAY = {"impact_gym.robot"} | {COMMANDS[name].module for name in COMMANDS.keys() - {"setup", "doctor", "policies"}}
+UNDER_WAY = {COMMANDS[name].module for name in COMMANDS.keys() - {"setup", "doctor", "policies"}}
 """These take minutes; what they do has tests of its own."""
 ELSEWHERE = {"git", "source", "tensorboard", "cleanrl/ppo_continuous_action.py", "rl_zoo3.train"}
 """Not ours, or nothing to run here; rl_zoo3 is run by tests/envs/test_ecosystem.py."""

@@ -1,4 +1,4 @@
-"""`python -m experiments.identify`: what `impact_gym.identify` finds in logs of the independent solver, how surely."""
+"""`impact-gym fits`: what `impact_gym.identify` finds in logs of the independent solver, how surely."""
 
 from functools import partial
 from pathlib import Path

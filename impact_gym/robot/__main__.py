@@ -1,4 +1,4 @@
-"""`python -m impact_gym.robot [--out FILE]`: compute the default approach of the Viper s650, show it, write its table.
+"""`impact-gym robot [--out FILE]`: compute the default approach of the Viper s650, show it, write its table.
 
 With `--out impact_gym/robot/default_approach.json` it is shipped anew.
 """
@@ -19,7 +19,7 @@ DESCRIPTION = """Compute the default straight approach of the Viper s650 from it
 stiffness along x. Of another line: impact_gym.robot.follow(Arm(), Line(Pose(...)))."""
 
 PROVENANCE = {  # no version and no date, so that the same table makes the same file
-    "made_by": "python -m impact_gym.robot --out FILE",
+    "made_by": "impact-gym robot --out FILE",
     "robot": "Viper s650 as viper_s650.json beside this file has it: inertia and joint stiffness are ESTIMATES",
     "choice": "solved for, see impact_gym/robot/choice.py",
     "columns": "paper, eq. 12-16: m_r, c_r, k_r are elements (1,1); effective: 1/(M_X^-1)_11 and 1/(K_X^-1)_11",
@@ -28,7 +28,7 @@ PROVENANCE = {  # no version and no date, so that the same table makes the same 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Read the command line, compute, print, write."""
-    parser = argparse.ArgumentParser(prog="python -m impact_gym.robot", description=DESCRIPTION)
+    parser = argparse.ArgumentParser(prog="impact-gym robot", description=DESCRIPTION)
     parser.add_argument("--out", type=Path, help="file for the table, JSON; without it the table is only summed up")
     out = parser.parse_args(arguments).out
     if out is not None and (out.is_dir() or not out.parent.is_dir()):

@@ -22,7 +22,7 @@ from experiments.paper.hidden_values import HIDDEN, USED, predictions
 from experiments.paper.statements import Basis, Verdict
 from experiments.paper.tables import Run
 
-RUN = {"command": "python -m experiments.paper", "seconds": 1.0}
+RUN = {"command": "impact-gym paper", "seconds": 1.0}
 BEGINNINGS = {  # of the statements that do not simply agree; each carries its reason on the page
     Verdict.DISAGREES: (  # what a correct model says otherwise than the text
         "At constant k_c the contact force increases as e decreases",

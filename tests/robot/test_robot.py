@@ -227,7 +227,7 @@ def test_main_refuses_in_one_line(tmp_path, capsys):
     with pytest.raises(SystemExit) as stop:
         main(["--out", str(tmp_path)])
     assert stop.value.code == 2
-    assert capsys.readouterr().err.splitlines()[-1].startswith("python -m impact_gym.robot: error: ")
+    assert capsys.readouterr().err.splitlines()[-1].startswith("impact-gym robot: error: ")
 
 
 def test_arm_alone_needs_mujoco():

@@ -74,28 +74,25 @@ def test_trace_does_not_change_the_outcome_and_ends_with_it():
                 assert np.abs(trace.time / time - 1).min() < 3e-16
 
 
-def trapezoids(time, values):
-    """The integral from the first time to every second, and a bound of its error: by how much twice the step is off."""
-    step, pair = np.diff(time), 0.5 * (values[1:] + values[:-1])
-    fine = (pair * step)[: len(step) // 2 * 2].reshape(-1, 2).sum(axis=1)
+def integral(time, values):
+    """From the first time to every second, by trapezoids, extrapolated from twice the step."""
+    fine = (0.5 * (values[1:] + values[:-1]) * np.diff(time))[: (len(time) - 1) // 2 * 2].reshape(-1, 2).sum(axis=1)
     coarse = 0.5 * (values[:-2:2] + values[2::2]) * (time[2::2] - time[:-2:2])
-    return np.cumsum(fine), np.cumsum(np.abs(fine - coarse))
+    return np.cumsum(fine + (fine - coarse) / 3.0)
 
 
 def test_trace_is_a_motion_under_its_forces():
     for (chain, _, _), outcome in runs(rtol=1e-10):
         trace = outcome.trace
-        grown = [(f"{body}_velocity", getattr(trace, f"{body}_position")) for body in ("flange", "tool", "object")]
-        momentum = {"object": chain.object.mass * trace.object_velocity, "tool": chain.tool.mass * trace.tool_velocity}
-        forces = {"object": trace.contact_force, "tool": trace.coupling_force - trace.contact_force}
-        if isinstance(chain.coupling, ig.Rigid):
-            del forces["tool"]  # the tool's motion is imposed
-        pairs = [(getattr(trace, name), whole) for name, whole in grown]
-        for rate, whole in [*pairs, *((force, momentum[body]) for body, force in forces.items())]:
-            integral, bound = trapezoids(trace.time, rate)
-            assert bound[-1] < 0.02 * np.abs(whole).max()
-            wrong = np.abs(whole[2::2] - whole[0] - integral) - bound
-            assert wrong.max() < 1e-9 * np.abs(whole).max()
+        names = [(f"{body}_position", f"{body}_velocity") for body in ("flange", "tool", "object")]
+        grown = [(getattr(trace, whole), getattr(trace, rate), 5e-5) for whole, rate in names]
+        grown.append((chain.object.mass * trace.object_velocity, trace.contact_force, 5e-4))
+        if not isinstance(chain.coupling, ig.Rigid):  # else the tool's motion is imposed
+            net = trace.coupling_force - trace.contact_force
+            grown.append((chain.tool.mass * trace.tool_velocity, net, 1e-3))  # two forces that nearly cancel
+        for whole, rate, close in grown:
+            expected = integral(trace.time, rate)
+            assert whole[2::2] - whole[0] == pytest.approx(expected, abs=close * np.abs(whole).max())
 
 
 def test_momentum_given_is_momentum_received():
