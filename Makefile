@@ -6,7 +6,7 @@ SMALL := $(VENV)/installed-for-report
 EXTRAS := train report identify robot render zoo peers cluster docs dev
 
 .DEFAULT_GOAL := help
-.PHONY: help setup report test train train-all controller tune search figures bench speed stability docs identify design lint
+.PHONY: help setup report test mutants train train-all controller tune search figures bench speed stability docs identify design lint
 
 help:  ## list what can be made
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "make %-9s %s\n", $$1, $$2}'
@@ -45,6 +45,9 @@ report: $(SMALL)  ## play policies and baselines of four set-ups, or of SETUPS="
 
 test: setup  ## run the tests
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadscope  # a core for each worker
+
+mutants: setup  ## edit hundreds of lines, one at a time, and see which edits no test notices; an hour
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.mutants
 
 train: setup  ## train a policy with default settings; prints its run folder
 	$(BIN)/impact-gym train

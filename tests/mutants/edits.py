@@ -1,0 +1,98 @@
+"""Small edits: of Python by Cosmic Ray's operators, of Cython token by token; which of them are tried is seeded."""
+
+import io
+import tokenize
+import zlib
+from collections import Counter
+from dataclasses import dataclass
+from difflib import SequenceMatcher
+from functools import partial
+
+import numpy as np
+from cosmic_ray.ast import Visitor, get_ast
+from cosmic_ray.mutating import mutate_code
+from cosmic_ray.plugins import get_operator
+
+from tests.mutants.trial import ROOT
+
+SHARE, MOST = 0.55, 12  # edits of a file, over the square root of how many there could be, and at the most
+PYTHON = (
+    *(f"ReplaceBinaryOperator_{pair}" for pair in ("Add_Sub", "Sub_Add", "Mul_Div", "Div_Mul", "Pow_Mul")),
+    *(f"ReplaceComparisonOperator_{pair}" for pair in ("Lt_GtE", "LtE_Gt", "Gt_LtE", "GtE_Lt", "Eq_NotEq", "NotEq_Eq")),
+    *(f"ReplaceComparisonOperator_{pair}" for pair in ("Is_IsNot", "IsNot_Is")),
+    *("ReplaceAndWithOr", "ReplaceOrWithAnd", "ReplaceTrueWithFalse", "ReplaceFalseWithTrue"),
+    *("ReplaceUnaryOperator_Delete_USub", "ReplaceUnaryOperator_Delete_Not", "ReplaceBreakWithContinue"),
+    *("AddNot", "NumberReplacer", "ZeroIterationForLoop", "RemoveDecorator"),
+)
+"""Operators of Cosmic Ray; the others change types or make the same mistake again."""
+SWAPS = {"+": "-", "-": "+", "*": "/", "/": "*", "<": ">=", ">=": "<", ">": "<=", "<=": ">", "==": "!=", "!=": "=="}
+WORDS = {"and": "or", "or": "and", "not": "", "min": "max", "max": "min", "fabs": "", "+=": "-=", "-=": "+="}
+PERCENT = 1.01  # a number of Cython is off by one per cent
+
+
+@dataclass(frozen=True)
+class Edit:
+    """Lines of a file, from `line` (1 is the first), and what stands there instead; no file: nothing is edited."""
+
+    file: str = ""
+    line: int = 0
+    before: str = ""
+    after: str = ""
+
+
+def mutants(where, left_out):
+    """Edits of the files in these places, as many of each file as the square root of what there could be, seeded."""
+    files = {str(file.relative_to(ROOT)) for name in where for file in (ROOT / name).rglob("*.p[yx]*")}
+    files |= {name for name in where if name.endswith(".py")}
+    for file in sorted(file for file in files - set(left_out) if file.endswith((".py", ".pyx", ".pxi"))):
+        source = (ROOT / file).read_text("utf-8")
+        possible = (python_edits if file.endswith(".py") else cython_edits)(file, source)
+        chosen = np.random.default_rng(zlib.crc32(file.encode())).permutation(len(possible))
+        yield from (possible[place]() for place in sorted(chosen[: min(MOST, round(SHARE * len(possible) ** 0.5))]))
+
+
+class Counted(Visitor):
+    """How many edits each of Cosmic Ray's operators could make."""
+
+    def __init__(self):
+        self.count = Counter()
+
+    def visit(self, node):
+        for name in PYTHON:
+            self.count[name] += sum(1 for _ in get_operator(f"core/{name}")().mutation_positions(node))
+        return node
+
+
+def python_edits(file, source):
+    """Functions that return an edit: all that Cosmic Ray's operators make of a Python file."""
+    counted = Counted()
+    counted.walk(get_ast(source))
+    return [partial(python_edit, file, source, name, place) for name in PYTHON for place in range(counted.count[name])]
+
+
+def python_edit(file, source, name, place):
+    """The lines that Cosmic Ray's operator changes at its so manieth place."""
+    old, new = source.split("\n"), mutate_code(source, get_operator(f"core/{name}")(), place).split("\n")
+    blocks = [block for block in SequenceMatcher(None, old, new, False).get_opcodes() if block[0] != "equal"]
+    first, last = blocks[0][1], blocks[-1][2]
+    return Edit(file, first + 1, "\n".join(old[first:last]), "\n".join(new[blocks[0][3] : blocks[-1][4]]))
+
+
+def cython_edits(file, source):
+    """Functions as above: operators and words of a Cython file for their opposites, numbers off by a per cent."""
+    lines, edits = source.split("\n"), []
+    for token in tokenize.generate_tokens(io.StringIO(source).readline):
+        (row, start), (_, end), line = token.start, token.end, lines[token.start[0] - 1]
+        if line.lstrip().startswith(("cimport", "include", "ctypedef", "from", "import")):
+            continue
+        spaced = line[start - 1 : start] == " " == line[end : end + 1]  # a product, not a pointer
+        instead = SWAPS.get(token.string) if spaced else None
+        if token.string in WORDS:
+            instead = WORDS[token.string]
+        if token.type == tokenize.NUMBER and set(token.string) & set(".e"):
+            instead = repr(float(token.string) * PERCENT or 0.01)
+        elif token.type == tokenize.NUMBER:
+            instead = str(int(token.string, 0) + 1)
+        if instead is not None:
+            edits.append(partial(Edit, file, row, line, line[:start] + instead + line[end:]))
+    return edits

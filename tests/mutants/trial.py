@@ -1,0 +1,86 @@
+"""One trial: a copy of the project with one line edited, and the tests that should notice."""
+
+import os
+import re
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import sysconfig
+import tempfile
+from contextlib import suppress
+from pathlib import Path
+from time import monotonic
+
+import numpy as np
+
+ROOT = Path(__file__).parents[2]
+LEFT_OUT = (".*", "runs", "reports", "site", "build", "*.egg-info", "mutants")
+SURVIVED = "survived"
+LIMIT = 300.0  # s; an edit may make a loop endless
+FLAGS = "-O1 -w -fPIC -fno-math-errno -fno-trapping-math -ffp-contract=off"  # setup.py's but for the speed
+
+
+class SurvivedError(Exception):
+    """No test noticed: a failure, so that it is tried anew the next time."""
+
+
+def trial(file, line, before, after, tests):
+    """Who killed it, after how many seconds, in all; without `file` nothing is edited and nothing may fail.
+
+    Raises:
+        SurvivedError: nobody did.
+        ValueError: it is no mutant, as it does not compile, or no tests pass without it.
+    """
+    start = monotonic()
+    with tempfile.TemporaryDirectory(prefix="mutant-") as folder:
+        copy = Path(folder, "project")
+        shutil.copytree(ROOT, copy, ignore=shutil.ignore_patterns(*LEFT_OUT))
+        if file:
+            lines = (copy / file).read_text("utf-8").split("\n")
+            if "\n".join(lines[line - 1 : line - 1 + before.count("\n") + 1]) != before:
+                raise ValueError(f"{file}:{line} is no longer {before!r}")
+            lines[line - 1 : line - 1 + before.count("\n") + 1] = after.split("\n")
+            (copy / file).write_text("\n".join(lines), "utf-8")
+            if not file.endswith(".py"):
+                compiled(copy)
+        environment = os.environ | {"PYTHONPATH": str(copy), "TMPDIR": folder}
+        flags = ("-x", "-q", "--tb=line", "--hypothesis-seed=0", "-p", "no:cacheprovider")
+        process = subprocess.Popen(
+            [sys.executable, "-m", "pytest", *flags, *tests], cwd=copy, env=environment, text=True,
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, start_new_session=True,
+        )  # fmt: skip
+        try:
+            output, _ = process.communicate(timeout=LIMIT)
+        except subprocess.TimeoutExpired:
+            output = f"FAILED by taking longer than {LIMIT:g} s"
+        finally:
+            with suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+    failed = re.findall(r"^(?:FAILED|ERROR) (.*)", output, re.M)
+    if file and process.returncode == 0:
+        raise SurvivedError(f"{SURVIVED} {', '.join(tests)}")
+    if not file and process.returncode:
+        raise ValueError(f"without any edit {', '.join(tests)} fail: {failed or output[-2000:]}")
+    return {"killer": np.array((failed or [output.strip()[-200:]])[0]), "seconds": np.array(monotonic() - start)}
+
+
+def compiled(copy):
+    """Compile the kernels of the copy anew, hardly optimised, which takes a third of the time."""
+    package = copy / "impact_gym"
+    for library in package.glob("kernels*.so"):
+        library.unlink()
+    digest = subprocess.run(
+        [sys.executable, "-c", "import runpy; print(runpy.run_path('impact_gym/sources.py')['digest']())"],
+        cwd=copy, capture_output=True, text=True, check=True,
+    ).stdout.strip()  # fmt: skip
+    link = f"{sysconfig.get_config_var('LDSHARED')} {FLAGS} -I{shlex.quote(sysconfig.get_path('include'))}"
+    library = package / f"kernels{sysconfig.get_config_var('EXT_SUFFIX')}"
+    for command in (
+        [sys.executable, "-m", "cython", "-3", package / "kernels.pyx"],
+        [*shlex.split(link), f'-DCOMPILED_FROM="{digest}"', package / "kernels.c", "-o", library],
+    ):
+        made = subprocess.run(command, cwd=copy, capture_output=True, text=True, check=False)
+        if made.returncode:
+            raise ValueError(f"it does not compile: {made.stderr.strip()[-300:]}")
