@@ -104,7 +104,7 @@ def test_identify_fits_other_numbers_of_the_scene():
 
 @pytest.mark.parametrize(("rate", "estimated", "grown"), [(4000.0, False, 3.841), (550.0, True, 4.965)])
 def test_interval_ends_where_the_misfit_has_grown_by_the_quantile(rate, estimated, grown):
-    """By tables, 95 %: chi-squared with one degree of freedom; F with 1 and 10, of 12 samples less start and stiffness."""
+    """By tables, 95 %: chi-squared with one degree of freedom, F with 1 and 10: 12 samples less start and stiffness."""
     recorded = log(TRUTH, rate=rate, noise=0.1, after=0.012)
     noise = 0.1 * log(TRUTH, noise=0.0)["force"].max()
     sensor = ig.Sensor(noise=None if estimated else noise)
