@@ -18,6 +18,7 @@ from impact_gym.kernels import (
     STEP_LIMIT,
     STIFF_ROBOT,
     TABLE_OF_POSITION,
+    UNSETTLED,
 )  # fmt: skip
 from impact_gym.motion import Trapezoid
 from impact_gym.physics.dissipation import damping_factor
@@ -52,10 +53,11 @@ LOCAL_SHARE = 0.2
 """Local error allowed in a step, as a share of the `rtol` a user asks of the whole run."""
 
 STATUS_MESSAGES = {
+    UNSETTLED: "not settled: contacts were still to come, V_p is as it stood",
     STEP_LIMIT: "more integration steps than allowed: the motion has too many swings or contacts",
     NOT_FINITE: "the state overflowed: the scene's scales differ by more than floating point can hold",
 }
-"""What a run's status below zero means."""
+"""What the status of a run or of an episode means where it is not 0, ok."""
 
 
 def approach_plan(

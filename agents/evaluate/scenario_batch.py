@@ -77,7 +77,7 @@ class ScenarioBatch:
             frozen: the set that the scenarios are taken from, not drawn; its seed must be `seed`.
             threads: of the simulation; they change no result.
             quiet: say nothing of policies that were trained for another environment: here they are meant to be.
-            lenient: a scenario in which the solver fails is missed, and no error: for a search that tries anything.
+            lenient: a scenario whose status is not ok is missed, and no error: for a search that tries anything.
             max_steps: integration steps after which the solver gives up a scenario.
             options: of the environment.
         """
@@ -120,7 +120,7 @@ class ScenarioBatch:
             watch: is shown how the tools move on their flanges before each control step.
 
         Raises:
-            RuntimeError: the solver failed in a scenario, unless that is `lenient`; names it.
+            RuntimeError: the solver failed in a scenario, or it did not settle, unless that is `lenient`; names it.
         """
         batch = self._batch
         if isinstance(controller, Policy) and not self.quiet:

@@ -270,7 +270,7 @@ class Batch:
         missed = (self.episodes["terminated"][rows] == 1) & (count == 0)
         status = self.episodes["status"][rows]
         messages = np.full(len(rows), "ok", object)
-        for row in np.flatnonzero(status < 0):
+        for row in np.flatnonzero(status):
             messages[row] = STATUS_MESSAGES[int(status[row])]
         return count, missed, messages
 

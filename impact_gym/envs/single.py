@@ -106,8 +106,9 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     ## Episode End
     An episode terminates 0.15 s after the alarm. The flange then brakes to rest at the largest acceleration that an
-    action can command, and the simulation goes on until no contact is left or can follow (10 s at most). V_p is the
-    velocity that the object keeps, so nothing is gained by ending early.
+    action can command, and the simulation goes on until no contact is left or can follow. V_p is the velocity that the
+    object keeps, so nothing is gained by ending early. Where 10 s do not suffice, as with an object of tons,
+    `info["status"]` says "not settled", and V_p is as it stood.
 
     Without an alarm an episode terminates at 1.2 s: with V_p if the object was touched too softly to raise the alarm,
     otherwise as `missed`. It also terminates if the solver fails, with the cost of a miss and a sentence in

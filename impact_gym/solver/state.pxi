@@ -12,6 +12,7 @@ cpdef enum:
     TOUCHED = 2  # a contact begins
     PARTED = 3  # the contact has ended
     SWITCHED = 4  # the equations of motion change: a stop, the alignment, or a force that would be a pull
+    UNSETTLED = 5  # an episode is over before all contacts are
     STEP_LIMIT = -1  # more integration steps than allowed
     NOT_FINITE = -2  # a state became inf or nan
 

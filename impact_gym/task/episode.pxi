@@ -205,7 +205,7 @@ cdef void finish(Run *run, Row *row) noexcept nogil:
     """Settle and close the books of an episode that terminates."""
     cdef Episode *episode = row.episode
     if episode.status == 0 and row.chain.contacts > 0:
-        episode.status = min(settle(run, row), 0)
+        episode.status = settle(run, row)
     if row.chain.contacts == 0 or episode.status < 0:
         episode.missed_cost = row.task.missed_cost
         episode.object_velocity = 0.0
@@ -215,17 +215,17 @@ cdef void finish(Run *run, Row *row) noexcept nogil:
 
 
 cdef int settle(Run *run, Row *row) noexcept nogil:
-    """Brake the flange to rest at full deceleration and go on until no contact is left or to come."""
+    """Brake the flange to rest at full deceleration and go on until no contact is left or to come; UNSETTLED: one is."""
     cdef Chain *chain = row.chain
     cdef double limit = chain.time + row.task.settle_limit, deceleration = row.task.full_deceleration, brake_end
     cdef int status
-    while chain.time < limit:
-        if chain.flange_velocity == 0.0 and not chain.touching and cannot_touch(run, chain):
-            break
+    while chain.flange_velocity != 0.0 or chain.touching or not cannot_touch(run, chain):
+        if chain.time >= limit:
+            if chain.touching:
+                close_contact(run, chain, NAN)
+            return UNSETTLED
         brake_end = chain.time + fabs(chain.flange_velocity) / deceleration
         status = command(run, chain, 0.0, deceleration, min(limit, max(brake_end, chain.time + 0.05)))
         if status < 0:
             return status
-    if chain.touching:
-        close_contact(run, chain, NAN)
     return ARRIVED

@@ -56,7 +56,7 @@ cdef struct Episode:  # a row, beside its chain
     int64_t popped  # of these, how many have reached the controller
     int64_t control_steps
     int64_t terminated, truncated  # 0 or 1
-    int64_t status  # of the solver; negative: failed
+    int64_t status  # 0, UNSETTLED, or negative: the solver failed
     double time_cost, velocity_cost, force_cost, missed_cost  # m/s, terms of the reward
     double object_velocity  # m/s, so far; once terminated, what it keeps
     double approach_time  # s, so far

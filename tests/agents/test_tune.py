@@ -96,6 +96,13 @@ def test_tune_searches_as_the_set_up_asks_and_keeps_how(noisy, tmp_path):
     assert json.loads(path.read_text())["environment"]["force_noise"] == 2.0
 
 
+def test_tune_prefers_a_gentle_touch_to_none_however_little_time_costs():
+    """1.2 s without a touch are cheaper at 0.05 m/s per s than any blow, but a miss costs 2 m/s."""
+    found = tune_one("ConstantSpeed", {}, 0.05, 1e-5, 0.0, **SEARCH | {"scenarios": 20, "budget": 80})
+    assert found["missed"] == 0
+    assert 0.05 * 1.2 < found["train"] < 2.0
+
+
 def test_tune_keeps_what_is_there_and_ends_as_if_it_had_not_been_stopped(noisy, tmp_path):
     (path,) = tune(noisy)
     whole, setup = path.read_bytes(), load_setup(noisy.setups[0])

@@ -93,4 +93,5 @@ def test_environment_plays_whatever_it_accepts_to_a_finite_end(rows, extreme, sc
     assert len(rewards) < 1 + (1.2 + 0.15 + 1.0) / options.get("control_period", 0.016) + 2
     assert math.isfinite(rewards.sum())
     assert all_finite(info)
-    assert info["status"] == "ok" or info["reward_terms"]["missed"] == -2.0
+    if info["status"] != "ok" and not info["status"].startswith("not settled"):
+        assert info["reward_terms"]["missed"] == -2.0

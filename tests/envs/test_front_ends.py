@@ -101,13 +101,16 @@ def test_batch_goes_on_from_a_state_with_what_it_had_drawn(front, options):
     begin(envs, seed=1), begin(elsewhere, seed=2)
     envs.set_scenario({"distance": (0.1, 0.2)})
     actions = action_table(3, 90, 8, lean=(0.0, 0.6))
-    for action in actions[:40]:
-        envs.step(action)
+    ended, steps = False, 0
+    while not np.any(ended):  # a state between the last step of an episode and the next reset
+        *ended, _ = envs.step(actions[steps])[2:]
+        steps += 1
+    assert steps < 60
     state = envs.get_state()
     for restored in ((elsewhere,), (envs, elsewhere)):  # the state itself must not have moved on
         for each in restored:
             each.set_state(state)
-        for action in actions[40:]:
+        for action in actions[steps:]:
             assert_identical(envs.step(action), elsewhere.step(action))
 
 

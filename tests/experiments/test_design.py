@@ -11,10 +11,10 @@ from agents.baselines import BlindProfile, ConstantSpeed
 from agents.baselines.tuned import read_tuned
 from agents.evaluate import TUNING_SEED, ScenarioBatch
 from agents.setups import load_setup
-from experiments.design.free import as_built, free_numbers
+from experiments.design.free import Free, as_built, free_numbers
 from experiments.design.limits import Limits, Travel
 from experiments.design.pads import PADS, on_pad, pad_of
-from experiments.design.search import Effort, Rig, play
+from experiments.design.search import PENALTY, Effort, Rig, objective, play
 from experiments.design.study import Study
 from impact_gym.task import Task
 from impact_gym.task.arguments import changed
@@ -99,6 +99,22 @@ def test_travel_is_that_of_a_spring_and_damper_set_going_evenly(stiffness, dampi
     over = np.exp(-np.pi * damping_ratio / np.sqrt(1.0 - damping_ratio**2)) if damping_ratio < 1.0 else 0.0
     assert travel.deflection == pytest.approx(0.125 * 5.0 / stiffness * (1.0 + over), rel=0.01)
     assert (travel.stroke >= travel.deflection).all()
+
+
+def test_search_refuses_a_design_that_holds_only_as_far_off_as_it_may_be_built():
+    """A critically damped spring goes m a / k: within its limit 5.5 % off, but not the 6 % that a search asks."""
+    coupling = {"type": "SpringDamper", "stiffness": [300.0, 400.0], "damping_ratio": 1.0}
+    environment = {"coupling": coupling, "scenario": {"distance": 0.5}, "acceleration_range": [1.0, 5.0]}
+    rig, numbers = Rig(environment, "ConstantSpeed"), [Free("coupling.stiffness", 300.0, 400.0)]
+    candidates = np.array([np.log(350.0), 1.5, 5.0, 5.0]) * np.ones((4, 1, 1))
+
+    def loss(off):
+        limits = Limits(0.125 * 5.0 / (350.0 * (1.0 - off)))
+        effort = Effort(tolerance=0.05, scenarios=100, population=4)
+        return objective(rig, numbers, 9.0, limits, effort)(candidates)[0, 0]
+
+    assert loss(0.055) - loss(0.5) == pytest.approx(PENALTY * (0.945 / 0.94 - 1.0), rel=0.2)  # 100 designs, not all
+    assert loss(0.06) == loss(0.5)
 
 
 def test_excess_counts_what_is_beyond_each_limit_as_a_share():

@@ -14,6 +14,13 @@ def first_touch(law, chain, double acceleration, double horizon):
     return touch_time(<const Law *> memory_of(law), <const Chain *> memory_of(chain), acceleration, horizon)
 
 
+def never_touches(law, chain):
+    """Whether `chain` is known never to touch again while the imposed motion rests; likewise, without a robot."""
+    cdef Run run
+    run.law, run.tables = <const Law *> memory_of(law), NULL
+    return cannot_touch(&run, <const Chain *> memory_of(chain))
+
+
 def step_once(plan, table, chain, double acceleration, bint flying, x, double h, bint stiff):
     """Try a step of `h` from the scaled state `x` of a piece that begins at `chain`; return all that is known of it.
 

@@ -170,6 +170,20 @@ def test_first_touch_tells_a_graze_from_a_near_miss(margin):
     assert grazes > 100
 
 
+@pytest.mark.parametrize("margin", [0.1, 1e-9])
+def test_swing_of_an_undamped_tool_reaches_just_as_far_as_its_energy(margin):
+    """Before a flange and an object at rest the tool comes to hypot(y, y' / omega), and touches just within that."""
+    random = np.random.default_rng(6)
+    for _ in range(200):
+        y, y_dot, frequency = random.uniform(-0.05, 0.05), random.uniform(-1, 1), 10 ** random.uniform(0, 2.5)
+        reach, law = math.hypot(y, y_dot / frequency), spring(frequency, 0.0)
+        for beyond in (True, False):
+            gap = reach * (1 + margin if beyond else 1 - margin) - y
+            record = chain(flange_velocity=0.0, deflection=y, deflection_rate=y_dot, gap=gap, object_velocity=0.0)
+            assert kernels().never_touches(law, record) == beyond
+            assert math.isinf(kernels().first_touch(law, record, 0.0, 7.0 / frequency)) == beyond
+
+
 def rigid_touch(rate, acceleration, gap, horizon):
     record = chain(deflection=0.0, deflection_rate=0.0, gap=gap)
     record["penetration_rate"] = rate
