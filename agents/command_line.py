@@ -24,8 +24,7 @@ def run_command(
 
 @contextmanager
 def command_line(name: str, after: str = "the same command continues") -> Iterator[None]:
-    """Run `impact-gym NAME`; an error that a user can mend is one line; after an interruption, or on a full disk,
-    `after` says how to go on."""
+    """Run `impact-gym NAME`; an error that a user can mend is one line. `after` says how to go on once it stopped."""
     try:
         with writing("a file"):
             yield
