@@ -1,7 +1,9 @@
 """Files of arrays and JSON with a checksum: how policies and checkpoints are kept. Reading one runs no code."""
 
 import hashlib
+import io
 import json
+import math
 import struct
 import tokenize
 import zipfile
@@ -55,15 +57,37 @@ def load(file: IO[bytes], kind: str) -> tuple[dict[str, Any], dict[str, NDArray[
     Raises:
         DAMAGE: it is none of this kind, or not what was written.
     """
-    with np.load(file, allow_pickle=False) as archive:
-        header = json.loads(str(archive["header"]))
+    size = file.seek(0, io.SEEK_END)
+    with zipfile.ZipFile(file) as archive:
+        if (unpacked := sum(part.file_size for part in archive.infolist())) > size:
+            raise ValueError(f"it would unpack from {size:,} to {unpacked:,} bytes")
+        header = json.loads(str(_read(archive, "header.npy")))
         if header["format"] != kind:
             raise ValueError(f"its format is {header['format']!r}, this version reads {kind!r}")
-        arrays = {name: archive[name] for name in archive.files if name != "header"}
+        names = [name for name in archive.namelist() if name != "header.npy"]
+        arrays = {name.removesuffix(".npy"): _read(archive, name) for name in names}
     checksum = _checksum(kind, header["content"], arrays)
     if checksum != header["sha256"]:
         raise ValueError(f"its checksum is {checksum}, not {header['sha256']}: it was altered")
     return header["content"], arrays
+
+
+def _read(archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
+    """Return an array, once it is known to be as large as what is there: a header alone asks for no memory.
+
+    Raises:
+        DAMAGE: it is not, or it holds objects.
+    """
+    form = np.lib.format
+    with archive.open(name) as part:
+        first = form.read_magic(part) == (1, 0)
+        shape, _, dtype = (form.read_array_header_1_0 if first else form.read_array_header_2_0)(part)
+        claimed, there = math.prod(shape) * dtype.itemsize, archive.getinfo(name).file_size - part.tell()
+        if claimed != there and not dtype.hasobject:
+            raise ValueError(f"{name} claims {claimed:,} bytes and has {there:,}")
+        part.seek(0)
+        array: NDArray[Any] = form.read_array(part, allow_pickle=False)
+    return array
 
 
 def _checksum(kind: str, content: Mapping[str, Any], arrays: Arrays) -> str:

@@ -7,6 +7,8 @@ from contextlib import contextmanager
 from dataclasses import MISSING, fields, is_dataclass
 from typing import Any, TypeVar
 
+from impact_gym.files import DiskFullError, writing
+
 Options = TypeVar("Options")
 
 
@@ -22,9 +24,12 @@ def run_command(
 
 @contextmanager
 def command_line(name: str, after: str = "the same command continues") -> Iterator[None]:
-    """Run `impact-gym NAME`; an error that a user can mend is one line, and `after` follows an interruption."""
+    """Run `impact-gym NAME`; an error that a user can mend is one line. `after` says how to go on once it stopped."""
     try:
-        yield
+        with writing("a file"):
+            yield
+    except DiskFullError as error:
+        sys.exit(f"impact-gym {name}: {error}; make room: {after}")
     except (OSError, RuntimeError, ValueError) as error:
         sys.exit(f"impact-gym {name}: {error}")
     except KeyboardInterrupt:

@@ -12,14 +12,12 @@ from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 
 from agents.baselines import PaperTrapezoid
-from agents.baselines.tuned import FIXED, names
 from agents.command_line import run_command
 from agents.evaluate.scenario_batch import VALIDATION_SEED, ScenarioBatch
 from agents.policies.policy import ACTION_WORDS, action_table
-from agents.setups import Setup, load_setup, shipped
+from agents.setups import Setup, load_setup
 from agents.setups.evaluation import variants
 from agents.setups.feasible import corners, warnings
-from agents.setups.keys import known, within
 from agents.train.ppo import Run
 from impact_gym.files import whole_file
 from impact_gym.physics.dissipation import damping_factor
@@ -28,7 +26,6 @@ from impact_gym.physics.peak import peak_factor
 from impact_gym.quantities import QUANTITIES
 from impact_gym.scene import Bistable, Rigid, Robot, RobotTable, SpringDamper
 from impact_gym.task import ObservationSpec, Task
-from impact_gym.validation import number
 
 PAPERS_SPEED = 1.0  # m/s
 SAMPLE = 500  # scenarios that the paper's rule is played through
@@ -43,22 +40,6 @@ class Check:
     """A name or a file."""
     picture: Path | None = None
     """Where the picture of the chain goes, to scale, a PNG; default: reports/setups/NAME.png. Needs extra render."""
-
-
-def check(setup: Setup) -> None:
-    """Refuse what would only show hours later: what there is not, or a weight for which no policy is trained.
-
-    Raises:
-        ValueError: names the file and what is wrong.
-    """
-    low, high = setup.training.time_weight
-    with within(str(setup.path)):
-        for weight in (*setup.evaluation.weights, setup.evaluation.typical):
-            number("evaluation: weights and typical", weight, "m/s per s", at_least=low, at_most=high)
-        rivals = [name for name in setup.against if ":" not in name]
-        known("baselines.against.", rivals, {*setup.tuned, *names(), *FIXED})
-        known("baselines.bound.", [setup.bound], [setup.name, *shipped()])
-        known("evaluation.of.", [setup.evaluation.of], ["paper-trapezoid", *shipped()])
 
 
 def drawn(task: Task) -> Iterator[str]:
@@ -154,7 +135,6 @@ def lines(setup: Setup) -> Iterator[str]:
             ", never press as hard: to them the tool is as good as rigid"
         )
     yield from (f"  warning: {sentence}" for sentence in warnings(task))
-    check(setup)
     yield "\ntrained by"
     yield f"  {Run(setup, setup.training).command}"
     yield f"baselines: {', '.join(setup.against) or 'none'}; tuned here: {', '.join(setup.tuned)}"

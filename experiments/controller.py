@@ -16,7 +16,6 @@ import tyro
 from agents import train_seeds, tune
 from agents.command_line import command_of, run_command
 from agents.export import __main__ as export
-from agents.setup import check
 from agents.setups import Setup, load_setup
 from experiments.report import __main__ as report
 from impact_gym.files import whole_file
@@ -102,7 +101,6 @@ def stages(copy: Path, options: ControllerOptions) -> dict[str, Any]:
 def run(options: ControllerOptions) -> None:
     """Make a controller, one stage after the other."""
     setup = load_setup(options.setup)
-    check(setup)
     copy = copy_setup(setup, options.out, options.quick)
     for name, stage in stages(copy, options).items():
         print(f"$ {command_of(name, stage)}", flush=True)

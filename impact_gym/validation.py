@@ -2,11 +2,16 @@
 
 import math
 import operator
+import os
+import re
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 Range = tuple[float, float]
 WIDEST = 1e12  # high over low of a range
+IDENTIFIER = re.compile("[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 
 
 class WrongTypeError(TypeError, ValueError):
@@ -78,6 +83,33 @@ def whole(field: str, value: Any, at_least: int) -> int:
     if result < at_least:
         raise ValueError(f"{field} must be a whole number of at least {at_least}, got {value!r}")
     return result
+
+
+def identifier(field: str, value: Any) -> str:
+    """Return `value` if it can be part of a path, a link, a page and a command as it is, or raise.
+
+    Raises:
+        ValueError: it is no text of 1 to 100 letters a-z and A-Z, digits, '.', '_' and '-', the first no sign.
+    """
+    if not isinstance(value, str) or not IDENTIFIER.fullmatch(value):
+        allowed = "a name of letters a-z and A-Z, digits, '.', '_' and '-', at most 100 and the first no sign"
+        raise ValueError(f"{field} must be {allowed}, got {value!r:.80}")
+    return value
+
+
+def fits_memory(field: str, count: int, each: int) -> None:
+    """Raise ValueError if `count` things of `each` bytes cannot fit into this machine's memory."""
+    if hasattr(os, "sysconf") and count * each > (most := os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")):
+        needed = f"{count:,} of them take {count * each / 2**30:,.0f} GiB"
+        raise ValueError(
+            f"{field} must fit into memory, got {count}: {needed}, this machine has {most / 2**30:,.0f} GiB"
+        )
+
+
+def flag(field: str, value: Any) -> None:
+    """Raise TypeError unless `value` is True or False, in Python or NumPy."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise WrongTypeError(f"{field} must be True or False, got {value!r}")
 
 
 def one_of(field: str, value: Any, *kinds: type[Any]) -> None:

@@ -10,8 +10,7 @@ from typing import Any
 from agents.archive import read_archive, write_archive
 from agents.baselines.profile import Clairvoyant
 from agents.baselines.rule import Floats
-from agents.baselines.tuned import TUNED
-from agents.setups import Setup
+from agents.setups import TUNED, Setup
 
 GENERATIONS = 150  # of the search in each scenario
 FORMAT = "impact_gym clairvoyant 2"

@@ -13,20 +13,14 @@ from agents.baselines.constant import PaperTrapezoid
 from agents.baselines.random import RandomActions
 from agents.baselines.rule import Rule
 from agents.policies import Controller
-from agents.setups import Setup, owner
+from agents.setups import TUNED, Setup, owner, shipped_baselines
 from impact_gym.files import whole_file
 from impact_gym.validation import number
 
-TUNED = Path(__file__).parents[1] / "tuned"
 FORMAT = "impact_gym tuned baseline 1"
 CLASSES = vars(constant) | vars(profile) | vars(wary)
 RULES: dict[str, type[Rule]] = {name: CLASSES[name] for name in setups.RULES}
-FIXED = {"paper-trapezoid": PaperTrapezoid, "random": RandomActions}
-
-
-def names() -> list[str]:
-    """Return the baselines that are shipped with what tuning found."""
-    return sorted(path.stem for path in TUNED.glob("*.json"))
+FIXED = dict(zip(setups.FIXED, (PaperTrapezoid, RandomActions), strict=True))
 
 
 def load_baseline(name: str, time_weight: float = 2.0, folder: Path = TUNED) -> Controller:
@@ -64,7 +58,7 @@ def read_tuned(name: str, folder: Path = TUNED, setup: Setup | None = None) -> d
     """
     path, setup = folder / f"{name}.json", setup or owner(name)
     if setup is None and not path.is_file():
-        raise ValueError(f"no baseline {name!r}: there are {sorted([*FIXED, *names()])}")
+        raise ValueError(f"no baseline {name!r}: there are {sorted([*FIXED, *shipped_baselines()])}")
     remedy = f"impact-gym tune {setup.called if setup else 'SETUP'}"
     try:
         content: dict[str, Any] = json.loads(path.read_text())

@@ -4,6 +4,7 @@ The header holds the network, `NAME_act`, and around it the whole controller, `N
 the sensors say, in SI units, to the command. Its text is in controller.h.jinja.
 """
 
+import json
 import re
 from pathlib import Path
 from typing import Any
@@ -65,7 +66,7 @@ def c_text(template: str, **content: Any) -> str:
     templates = Environment(
         loader=folder, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
     )
-    templates.filters |= {"rows": _rows, "comment": lambda text: text.replace("*/", "* /")}
+    templates.filters |= {"rows": _rows, "comment": comment}
     return templates.get_template(template).render(**content)
 
 
@@ -88,6 +89,11 @@ def _scale(entry: Entry, value: str) -> tuple[str, float, float, float]:
     low, gain = entry.affine
     bent = value if entry.scale.curve == "linear" else f"{entry.scale.curve}({value})"
     return bent, low, gain, entry.scale.scaled_low
+
+
+def comment(text: Any) -> str:
+    """Return a text as a comment in C may hold it: a line of ASCII that neither ends it nor begins another."""
+    return re.sub(r"(?<=\*)(?=/)|(?<=/)(?=\*)|(?<=\?)(?=\?)", " ", json.dumps(str(text))[1:-1])
 
 
 def _rows(values: NDArray[np.float32]) -> str:

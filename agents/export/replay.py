@@ -66,11 +66,20 @@ def compiled(policy: Policy, header: Path, folder: Path, language: str = "C99") 
     compiler = shutil.which("g++" if language == "C++17" else "gcc") or shutil.which("cc")
     if compiler is None:
         return None
-    names = {"header": header.name, "name": identifier(header.stem), "controlled": has_controller(policy)}
+    names = {"name": identifier(header.stem), "controlled": has_controller(policy)}
     source = c_text("program.c.jinja", **names, fields=len(policy.spec.sensors), inputs=policy.inputs)
-    library = folder / f"{header.stem}-{len(language)}.so"
+    library = folder / f"policy-{len(language)}.so"
     flags = [*LANGUAGES[language], "-O2", "-ffp-contract=off", *WARNINGS, "-shared", "-fPIC", "-"]
-    command = [compiler, *flags, "-I", str(header.parent.resolve()), "-o", str(library), "-lm"]
+    command = [
+        compiler,
+        *flags,
+        "-D_POSIX_C_SOURCE=199309L",
+        "-include",
+        str(header.resolve()),
+        "-o",
+        str(library),
+        "-lm",
+    ]
     subprocess.run(command, input=source, text=True, check=True)
     return ctypes.CDLL(str(library))
 

@@ -12,6 +12,7 @@ from tqdm import tqdm
 from agents.jobs import local, ray_cluster
 from agents.jobs.job import Answer, Engine, Failure, Job
 from agents.jobs.store import Store
+from impact_gym.files import DiskFullError
 from impact_gym.validation import WrongTypeError, number, whole
 
 SHOWN = 10  # failed jobs that an error names one by one
@@ -61,6 +62,7 @@ def gather(
     Raises:
         JobsFailedError: after all others are done, jobs that raised, took too long or lost too many workers; names
             them. Not with `failures`.
+        DiskFullError: there is no room for a result, or a job found none for its files; what is in `folder` is kept.
         RuntimeError: no such cluster, or Ray is not installed.
     """
     jobs = list(jobs)
@@ -96,15 +98,17 @@ def _gather(
     bar = tqdm(total=len(jobs), desc=title, smoothing=0.02, disable=not jobs)
     with bar, closing(Store(folder)) as store:
         for key, same in places.items():
-            answer = store.read(key)
-            if answer is None or (isinstance(answer, Failure) and not failures):
+            kept = store.read(key)
+            if kept is None or (isinstance(kept, Failure) and not failures):
                 missing.append(jobs[same[0]])
                 continue
             bar.update(len(same))
-            yield from ((place, copy(answer)) for place in same)
+            yield from ((place, copy(kept)) for place in same)
         if missing:
             with closing(engine(missing, retries)) as answers:
                 for number, answer in answers:
+                    if isinstance(answer, DiskFullError):
+                        raise answer
                     job = missing[number]
                     bar.update(len(places[job.key]))
                     if isinstance(answer, Failure) and not failures:

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_gym.files import DiskFullError
 from impact_gym.validation import WrongTypeError
 
 Function = Callable[..., Any]  # a job's function may return anything: `perform` checks it
@@ -69,7 +70,7 @@ class Failure:
     trace: str = ""  # where the function raised
 
 
-Answer = Result | Failure
+Answer = Result | Failure | DiskFullError
 Answers = Generator[tuple[int, Answer], None, None]
 Engine = Callable[[Sequence[Job], int], Answers]
 """Does jobs, each whose worker is lost up to so many times again; yields places in the list and answers, in any order.
@@ -93,9 +94,11 @@ class Queue:
 
 
 def perform(function: str, arguments: Mapping[str, Any]) -> Answer:
-    """Call the function; a failure says what it raised."""
+    """Call the function; a failure says what it raised. A full disk is not the job's failure: it ends the gathering."""
     try:
         return _checked(resolve(function)(**arguments))
+    except DiskFullError as error:
+        return error
     except (Exception, SystemExit) as error:
         return Failure(f"{type(error).__name__}: {error}", traceback.format_exc())
 

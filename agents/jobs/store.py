@@ -8,7 +8,8 @@ from pathlib import Path
 from tqdm import tqdm
 
 from agents.archive import DAMAGE, load, save
-from agents.jobs.job import Answer, Failure, Job
+from agents.jobs.job import Failure, Job, Result
+from impact_gym.files import writing
 
 FORMAT = "impact_gym job result 1"
 NAME = "results.sqlite"
@@ -22,10 +23,11 @@ class Store:
     def __init__(self, folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self.path = folder / NAME
-        try:
-            self._open()
-        except sqlite3.DatabaseError as error:
-            self._begin_anew(error)
+        with writing(f"results into {self.path}"):
+            try:
+                self._open()
+            except sqlite3.DatabaseError as error:
+                self._begin_anew(error)
 
     def _open(self) -> None:
         self._database = sqlite3.connect(self.path, PATIENCE, isolation_level=None, check_same_thread=False)
@@ -51,7 +53,7 @@ class Store:
     def __len__(self) -> int:
         return int(self._database.execute("SELECT count(*) FROM results").fetchone()[0])
 
-    def read(self, key: str) -> Answer | None:
+    def read(self, key: str) -> Result | Failure | None:
         """Return the result of a job, or its failure where that was kept; None where there is none or it is damaged."""
         try:
             row = self._database.execute("SELECT answer FROM results WHERE key = ?", (key,)).fetchone()
@@ -69,10 +71,11 @@ class Store:
             tqdm.write(f"computed anew: {key} in {self.path}: {error}")
             return None
 
-    def write(self, job: Job, answer: Answer) -> None:
+    def write(self, job: Job, answer: Result | Failure) -> None:
         """Keep a result, or a failure that counts as one."""
-        content = {"key": job.key, "function": job.function, "arguments": job.arguments, "depends": job.depends}
+        content = {"key": job.key, "function": job.function}  # the key stands for the arguments, which may be large
         more, arrays = ({"failure": asdict(answer)}, {}) if isinstance(answer, Failure) else ({}, answer)
         packed = io.BytesIO()
         save(packed, FORMAT, content | more, arrays)
-        self._database.execute("INSERT OR REPLACE INTO results VALUES (?, ?)", (job.key, packed.getbuffer()))
+        with writing(f"a result of {job.function} into {self.path}"):
+            self._database.execute("INSERT OR REPLACE INTO results VALUES (?, ?)", (job.key, packed.getbuffer()))

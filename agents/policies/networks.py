@@ -104,7 +104,9 @@ class Network:
 
 def from_arrays(description: Mapping[str, Any], arrays: Mapping[str, Floats]) -> Network:
     """Return the network that `layers` and `description` came from; names of arrays as in `to_arrays`."""
-    made = {name: Affine(name, arrays[f"{name}.weight"], arrays[f"{name}.bias"]) for name in description["layers"]}
+    places = {name: f"hidden_{place}" for place, name in enumerate(description["layers"])}  # no text of a file
+    places |= {name: name for name in ("mean", "log_std")}
+    made = {name: Affine(place, arrays[f"{name}.weight"], arrays[f"{name}.bias"]) for name, place in places.items()}
     mean, log_std = made.pop("mean"), made.pop("log_std")
     return Network(tuple(made.values()), mean, log_std, description["activation"])
 

@@ -6,7 +6,22 @@ pair (low, high), drawn per episode; `[training]` what differs from the defaults
 which scenarios, and what is varied to see whether policies hold. Those in this folder are known by name.
 """
 
-from agents.setups.setup import README, RULES, Setup, Tuned, load_setup, owner, same_environment, shipped
+from agents.setups.setup import (
+    FIXED,
+    README,
+    RULES,
+    TUNED,
+    Setup,
+    Tuned,
+    load_setup,
+    owner,
+    same_environment,
+    shipped,
+    shipped_baselines,
+)  # fmt: skip
 from agents.setups.training import Training
 
-__all__ = ["README", "RULES", "Setup", "Training", "Tuned", "load_setup", "owner", "same_environment", "shipped"]
+__all__ = [
+    "FIXED", "README", "RULES", "TUNED", "Setup", "Training", "Tuned", "load_setup", "owner", "same_environment",
+    "shipped", "shipped_baselines",
+]  # fmt: skip

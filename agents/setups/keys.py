@@ -1,5 +1,6 @@
 """Reading tables of a file: a mistake gets one line that names the key, what it was given and what is allowed."""
 
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from difflib import get_close_matches
@@ -36,8 +37,8 @@ def table(content: Mapping[str, Any], name: str, prefix: str = "") -> dict[str, 
 def text(content: Mapping[str, Any], name: str, otherwise: str, prefix: str = "") -> str:
     """Return a text of a file."""
     value = content.get(name, otherwise)
-    if not isinstance(value, str) or not value:
-        raise ValueError(f"{prefix}{name} must be a text, got {value!r}")
+    if not isinstance(value, str) or not re.fullmatch(r"[^\x00-\x1f\x7f]+", value):
+        raise ValueError(f"{prefix}{name} must be a text in one line, got {value!r:.80}")
     return value
 
 

@@ -14,9 +14,10 @@ from agents.setups.evaluation import SET_UP_ARGUMENTS, Evaluation
 from agents.setups.keys import known, names, table, text, within
 from agents.setups.training import Training
 from impact_gym.task import Task
-from impact_gym.validation import number, whole
+from impact_gym.validation import identifier, number, whole
 
 SHIPPED = Path(__file__).resolve().parent
+TUNED = SHIPPED.parent / "tuned"
 VERSION = 1
 TABLES = ("environment", "training", "baselines", "evaluation")
 BUDGET = 4800  # candidates for each time weight, unless the file says otherwise
@@ -24,6 +25,8 @@ README = ("linear-blind", "linear-ranged", "bistable-blind", "paper-limits")
 """Those that the README, `make report` and `make train-all` are about."""
 RULES = ("BlindProfile", "ConstantDeceleration", "ConstantSpeed", "Ranged", "WaryProfile", "WaryRanged")
 """Those that may be tuned, classes of `agents.baselines`."""
+FIXED = ("paper-trapezoid", "random")
+"""Baselines without anything to tune."""
 
 
 class Tuned(NamedTuple):
@@ -90,6 +93,11 @@ def shipped() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in SHIPPED.glob("*.toml")))
 
 
+def shipped_baselines() -> tuple[str, ...]:
+    """Return the names of the baselines that are shipped with what tuning found."""
+    return tuple(sorted(path.stem for path in TUNED.glob("*.json")))
+
+
 def owner(baseline: str) -> Setup | None:
     """Return the shipped set-up for which `baseline` is tuned."""
     return next((setup for setup in map(load_setup, shipped()) if baseline in setup.tuned), None)
@@ -110,6 +118,7 @@ def load_setup(name_or_path: str | Path) -> Setup:
 
 @lru_cache(maxsize=64)
 def _loaded(path: Path, _: int) -> Setup:
+    identifier("name of a set-up's file", path.stem)
     try:
         content = tomllib.loads(path.read_text())
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
@@ -131,14 +140,17 @@ def _setup(path: Path, content: dict[str, Any]) -> Setup:
     blind = task.range_noise is None
     usual = {f"{path.stem}-profile": "BlindProfile" if blind else "Ranged"}
     listed = table(baselines, "tuned", "baselines.") or usual
-    tuned = {name: _tuned(f"baselines.tuned.{name}", given, blind) for name, given in listed.items()}
+    tuned = {
+        identifier("baselines.tuned: each", name): _tuned(f"baselines.tuned.{name}", given, blind)
+        for name, given in listed.items()
+    }
     title = text(content, "title", path.stem)
     with within("training"):
         settings = Training().changed(training)
     asked = Evaluation.of_table(evaluation, environment)
     if settings.nominal and not asked.nominal:
         raise ValueError(f"training.nominal must be 0 without a table [evaluation.nominal], got {settings.nominal!r}")
-    return Setup(
+    setup = Setup(
         path.stem,
         title,
         text(content, "about", title),
@@ -151,6 +163,20 @@ def _setup(path: Path, content: dict[str, Any]) -> Setup:
         asked,
         path,
     )
+    _refuse_unknown(setup)
+    return setup
+
+
+def _refuse_unknown(setup: Setup) -> None:
+    """Refuse what would only show hours later: what there is not, or a weight for which no policy is trained."""
+    low, high = setup.training.time_weight
+    for weight in (*setup.evaluation.weights, setup.evaluation.typical):
+        number("evaluation: weights and typical", weight, "m/s per s", at_least=low, at_most=high)
+    baselines = {*setup.tuned, *shipped_baselines()}
+    known("baselines.against.", [name for name in setup.against if ":" not in name], {*baselines, *FIXED})
+    known("training.teacher.", [setup.training.teacher], {"", *baselines})
+    known("baselines.bound.", [setup.bound], [setup.name, *shipped()])
+    known("evaluation.of.", [setup.evaluation.of], ["paper-trapezoid", *shipped()])
 
 
 def _tuned(name: str, given: Any, blind: bool) -> Tuned:

@@ -2,15 +2,26 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
+from math import inf
 from typing import Any, Literal, Self, get_args
 
 from agents.setups.keys import known
 from impact_gym.quantities import QUANTITIES
-from impact_gym.validation import Range, number, whole
+from impact_gym.validation import Range, fits_memory, flag, number, whole
 
 Activation = Literal["tanh", "relu"]
 SLOTS = 100_000
 """Most environments of a training: no two trainings share a seed of their scenarios, see `agents.train.ppo`."""
+WHOLE: dict[str, tuple[int, float]] = {
+    **dict.fromkeys(("steps", "epochs", "imitation_steps", "width", "depth"), (1, inf)),
+    **dict.fromkeys(("validate_every", "validation_scenarios", "checkpoint_every"), (1, inf)),
+    **dict.fromkeys(("batch", "rollout"), (2, inf)),
+    **dict.fromkeys(("threads", "simulation_threads"), (1, 4096)),
+    "seeds": (1, 10_000),
+    "envs": (1, SLOTS),
+}
+"""Whole numbers, with the least and the most of each."""
+FEWEST = 8  # numbers of an observation
 
 
 @dataclass(frozen=True)
@@ -74,12 +85,11 @@ class Training:
     """Steps between two checkpoints."""
 
     def __post_init__(self) -> None:
-        least = dict.fromkeys(("steps", "seeds", "envs", "epochs", "imitation_steps", "width", "depth", "threads"), 1)
-        least |= {"batch": 2, "rollout": 2, "validate_every": 1, "validation_scenarios": 1, "checkpoint_every": 1}
-        for name, at_least in least.items():
-            whole(name, getattr(self, name), at_least=at_least)
-        if self.envs > SLOTS:
-            raise ValueError(f"envs must be at most {SLOTS}, got {self.envs}")
+        for name, (least, most) in WHOLE.items():
+            if (value := getattr(self, name)) is not None or name != "simulation_threads":
+                number(name, whole(name, value, at_least=least), "-", at_most=most)
+        self._fits_memory()
+        flag("informed_critic", self.informed_critic)
         if self.activation not in get_args(Activation):
             raise ValueError(f"activation must be {' or '.join(get_args(Activation))}, got {self.activation!r}")
         if not isinstance(self.teacher, str):
@@ -93,6 +103,18 @@ class Training:
         number("learning_rate", self.learning_rate, "-", above=0)
         if self.rtol is not None:
             QUANTITIES["rtol"].check(self.rtol)
+
+    def _fits_memory(self) -> None:
+        """Refuse networks or rollouts that this machine cannot hold, at the least that they take.
+
+        A weight of actor and critic is there four times: itself, its gradient and Adam's two moments. Of a step at
+        least the numbers in FEWEST are kept.
+        """
+        weights = self.width * (FEWEST + (self.depth - 1) * self.width)
+        largest = "width" if self.width >= self.depth else "depth"
+        for name, numbers in ((largest, 2 * 4 * weights), ("rollout", FEWEST * self.round)):
+            value = getattr(self, name)
+            fits_memory(name, value, 4 * numbers // value)
 
     def changed(self, changes: Mapping[str, Any]) -> Self:
         """Return the settings with others by name, as JSON or TOML has them; ValueError: no such setting or value."""

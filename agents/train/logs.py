@@ -1,10 +1,13 @@
 """Learning curves as CSV and for TensorBoard, which a resumed run goes on with."""
 
 import csv
+import os
 from pathlib import Path
 
 from stable_baselines3.common.logger import CSVOutputFormat, KVWriter, TensorBoardOutputFormat
 from torch.utils.tensorboard.writer import SummaryWriter
+
+from impact_gym.files import whole_file
 
 STEPS = "time/total_timesteps"
 
@@ -16,10 +19,12 @@ class _Csv(CSVOutputFormat):
         lines = path.read_text().splitlines(keepends=True) if path.is_file() else []
         columns = next(csv.reader(lines[:1]), [])
         kept = [line for line in lines[1:] if line.endswith("\n") and _steps(line, columns) <= steps]
-        super().__init__(str(path))
-        self.keys = columns
-        self.file.writelines(lines[:1] + kept)
-        self.file.flush()
+        with whole_file(path) as file:
+            file.write("".join(lines[:1] + kept).encode())
+        super().__init__(os.devnull)  # which would empty the file
+        self.file.close()
+        self.file, self.keys = path.open("r+"), columns
+        self.file.seek(0, os.SEEK_END)
 
 
 def _steps(line: str, columns: list[str]) -> float:

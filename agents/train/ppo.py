@@ -33,7 +33,7 @@ from agents.train.imitation import PPOWithImitation, Teacher
 from agents.train.logs import outputs
 from agents.train.networks import ACTIVATIONS, AsymmetricPolicy, Standardised, acting_network
 from agents.wrappers import ScaledRewards
-from impact_gym.files import whole_file
+from impact_gym.files import whole_file, writing
 from impact_gym.sb3 import ImpactVecEnv
 from impact_gym.task import ObservationSpec, Task
 from impact_gym.validation import whole
@@ -181,7 +181,7 @@ def resume(folder: Path, on_validation: OnValidation | None = None) -> Path:
 def _to_its_end(folder: Path, run: Run, record: dict[str, Any], on_validation: OnValidation | None) -> Path:
     """Learn what is left to learn, with the folder held, and return the folder."""
     collapsed = folder / "collapsed.txt"
-    with _locked(folder):
+    with writing(f"the run in {folder}"), _locked(folder):
         if collapsed.is_file():
             raise CollapsedError(f"{folder}: {collapsed.read_text()}")
         if not (folder / "metrics.json").is_file():

@@ -16,7 +16,7 @@ from experiments.design.pads import pad_of
 from experiments.design.search import MARGIN, Effort
 from impact_gym.task import Task
 from impact_gym.task.arguments import changed
-from impact_gym.validation import number, whole
+from impact_gym.validation import identifier, number, whole
 
 PAPER, FRONT, CHOSEN, SEEDS, GRID = "paper's rule", "designs", "chosen", "seeds", "grid"
 """Lines of a study beside the couplings that it compares with."""
@@ -62,6 +62,7 @@ class Study:
         """
         whole("seeds", self.seeds, at_least=1)
         whole("processes", self.processes, at_least=0)
+        identifier("setup", f"{self.arm.name}-designed")  # what it ends with
         if not self.times:
             raise ValueError("times must name an approach time at least, as a multiple of that of the paper's rule")
         for time in self.times:

@@ -48,5 +48,5 @@ def write(folder: Path, experiment: str, **content: Any) -> Path:
     pages.filters |= {"factor": factor, "short": short, "typeset": typeset}
     text = pages.get_template(f"{experiment}/page.html.jinja").render(image=image, **content)
     with whole_file(folder / "index.html") as file:
-        file.write(text.encode())
+        file.write(text.encode(errors="replace"))
     return folder / "index.html"

@@ -13,7 +13,7 @@ from typing import Any
 
 from agents.jobs.store import Store
 from agents.provenance import circumstances
-from impact_gym.files import whole_file
+from impact_gym.files import whole_file, writing
 
 REPORTS = Path("reports")
 KEPT = "kept"
@@ -45,7 +45,8 @@ def whole_folder(path: Path) -> Iterator[Path]:
     unfinished = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
     old = Path(tempfile.mkdtemp(prefix=f".{path.name}.old.", dir=path.parent)) / path.name
     try:
-        yield unfinished
+        with writing(str(path)):
+            yield unfinished
         (unfinished / MARK).touch()
         unfinished.chmod(0o755)
         if path.exists():

@@ -20,7 +20,7 @@ from experiments.lab.results import REPORTS, checksum, replaceable, whole_folder
 from experiments.lab.statistics import RESAMPLES
 from experiments.report.matchups import Matchup, of_policies, of_setup
 from experiments.report.played import Played, episodes
-from experiments.report.results import Asked, all_asked, gather_matchups, sources
+from experiments.report.results import Asked, all_asked, gather_matchups, room_for, sources
 from experiments.report.scenarios import scenarios_from
 from impact_gym.files import whole_file
 from impact_gym.task import Task
@@ -132,6 +132,7 @@ def publish(matchups: Sequence[Matchup], options: ReportOptions) -> Path:
     results_file = options.out / RESULTS
     if options.force or not page.is_file() or json.loads(results_file.read_text()).get("made from") != made_from:
         begun = time.perf_counter()
+        print(f"results are kept in {jobs_folder}: about {room_for(requests) / 1e6:.1f} MB in all", flush=True)
         played = gather_matchups(matchups, requests, jobs_folder, options.processes, options.cluster)
         print("writing the page", flush=True)
         write_folder(played, options, made_from, begun)

@@ -13,17 +13,17 @@ from typing import Any
 import numpy as np
 
 from agents.baselines.bound import FROZEN, bound_of
-from agents.baselines.tuned import FIXED, TUNED, read_tuned
-from agents.baselines.tuned import names as tuned_names
+from agents.baselines.tuned import FIXED, read_tuned
 from agents.evaluate.controllers import controller_of, try_out
 from agents.evaluate.scenario_batch import TEST_SEED
 from agents.jobs import digest_of
 from agents.policies import Policy, load_ensemble, load_policy
-from agents.setups import Setup, load_setup, same_environment
+from agents.setups import TUNED, Setup, load_setup, same_environment, shipped_baselines
 from agents.setups import shipped as shipped_setups
 from agents.setups.evaluation import Change, Evaluation, variants
 from experiments.report.scenarios import environment_and_scenarios
 from impact_gym.task import ObservationSpec, Task
+from impact_gym.validation import identifier
 
 PAPER = "paper's rule"
 RULE = "paper-trapezoid"  # what the package calls it
@@ -197,7 +197,7 @@ def of_policies(
         setup = next((setup for setup in map(load_setup, shipped_setups()) if setup.describes(trained_in)), None)
         evaluation = setup.evaluation if setup else Evaluation()
         called = path.parent.name if path.name in ("best.npz", "final.npz") else path.stem
-        name = re.sub(r"[^A-Za-z0-9.-]+", "-", called).strip("-") or "policy"  # files and links can have it
+        name = identifier("policy", re.sub(r"[^A-Za-z0-9.-]+", "-", called)[:100].strip("-.") or "policy")
         if name in matchups:
             raise ValueError(f"two policies would be called {name!r}: give them files or folders of different names")
         note = f"your policy {name}"
@@ -238,7 +238,7 @@ def baselines(
     observations = np.zeros((2, len(ObservationSpec(Task(**environment)))), np.float32)
     for name in names:
         its_own = setup is not None and name in setup.tuned
-        if its_own or name in tuned_names():
+        if its_own or name in shipped_baselines():
             content = read_tuned(name, folder, setup) if its_own else read_tuned(name)
             weights = tuple(map(float, content["weights"]))
             contestants.append(Contestant(name, {"tuned": content}, weights, content["sha256"]))

@@ -7,7 +7,7 @@
   const drawing = () => {
     if (window.vegaEmbed) return;
     const program = document.createElement("script");
-    program.textContent = document.getElementById("vega").textContent;
+    program.textContent = document.getElementById("_vega").textContent;
     document.head.append(program);
   };
   const draw = (element) => {

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from agents.evaluate import RESULTS
 from agents.jobs import Job, digest_of, gather_all
 from agents.setups import load_setup
 from experiments.reference.task import SERVED
@@ -13,6 +14,7 @@ from experiments.report.played import Arrays, Played, Run
 from experiments.report.shield import shielded
 from impact_gym.sources import compiled_from
 from impact_gym.task import Task, evaluation_sets
+from impact_gym.task.scenario import FIELDS
 
 PLAY = "agents.evaluate.play:play"
 MEASURES = "experiments.report.measures"
@@ -32,6 +34,7 @@ EXACT: dict[str, dict[str, Any]] = {
     "a hundredth of the tolerance": {"rtol": Task.rtol / 100},
     "exact dissipation": {"dissipation": "exact"},
 }
+AROUND = 3500  # bytes of a result beside its numbers
 FAMILY = "any constant speed"
 
 
@@ -81,6 +84,14 @@ def gather_matchups(
         else:
             getattr(played[number], where)[key] = value
     return played
+
+
+def room_for(asked: Sequence[Asked]) -> int:
+    """Return about how many bytes the results of all jobs take."""
+    scenarios, results = 8 * len(FIELDS), 8 * len(RESULTS)  # bytes for each scenario
+    given = [job.arguments for job in {request.job.key: request.job for request in asked}.values()]
+    rows = [(len(each.get("weights", [])), each.get("scenarios", {}).get("count", 0)) for each in given]
+    return sum(AROUND + count * (scenarios + results * weights) for weights, count in rows)
 
 
 def watched_at(matchup: Matchup) -> float:

@@ -12,9 +12,9 @@ from agents.baselines import BlindProfile, Clairvoyant, ConstantSpeed, PaperTrap
 from agents.baselines.profile import KNOTS
 from agents.baselines.reaction import REACTION
 from agents.baselines.rule import View
-from agents.baselines.tuned import load_baseline, names, read_tuned, write_tuned
+from agents.baselines.tuned import load_baseline, read_tuned, write_tuned
 from agents.evaluate import RESULTS, ScenarioBatch
-from agents.setups import owner
+from agents.setups import owner, shipped_baselines
 from agents.tune import CLEAN_ALARM
 from impact_gym.envs.single import observation_space
 from impact_gym.task import ObservationSpec, Task
@@ -167,7 +167,7 @@ def test_load_baseline_refuses_what_was_not_written_with_the_remedy(tmp_path, ch
         load_baseline("ranged", 2.0, tmp_path)
 
 
-@pytest.mark.parametrize("name", names())
+@pytest.mark.parametrize("name", shipped_baselines())
 def test_shipped_baseline_beats_the_papers_rule_at_its_weight_and_misses_nothing(name):
     content, setup = read_tuned(name), owner(name)
     assert content["rule"] == setup.tuned[name].rule

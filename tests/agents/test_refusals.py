@@ -15,7 +15,6 @@ from agents.baselines.permitted import permitted
 from agents.evaluate import ScenarioBatch
 from agents.policies import Ensemble, Policy
 from agents.policies.policy import FORMAT
-from agents.setup import check
 from agents.setups import feasible
 from agents.setups.training import SLOTS
 from agents.train.__main__ import read_options
@@ -33,7 +32,7 @@ SET_UPS = [
     *((f"[training]\n{name} = {value}", f"training: {name} must ") for name, value in WRONG_SETTINGS.items()),
     ("nonsense", "is not read as TOML: Expected"),
     ('titel = "x"', "unknown key titel; did you mean 'title'"),
-    ("title = 3", "title must be a text, got 3"),
+    ("title = 3", "title must be a text in one line, got 3"),
     ("version = 2", "version must be 1, got 2.*another version"),
     ("environment = 3", "environment must be a table"),
     ("[environment]\ntool_mas = 1.0", "unknown key environment.tool_mas; did you mean 'tool_mass'"),
@@ -70,7 +69,6 @@ SET_UPS = [
     ("[evaluation.varied]\nrobot = [{ type = 'Robot', mass = 1.0 }]", "varied.robot: robot, a Robot, needs"),
     (f"[environment]\ncoupling = {TIGHT}\n[evaluation.varied]\n'coupling.front_stop' = {{ times = [4.0] }}",
      "evaluation.varied.coupling.front_stop: "),
-    # what only `check` sees:
     ('[baselines]\nagainst = ["bad-profil"]', "baselines.against.bad-profil; did you mean 'bad-profile'"),
     ('[baselines]\nbound = "nonsense"', "unknown key baselines.bound.nonsense"),
     ('[evaluation]\nof = "linear-blnd"', "unknown key evaluation.of.linear-blnd; did you mean 'linear-blind'"),
@@ -79,11 +77,11 @@ SET_UPS = [
 
 
 @pytest.mark.parametrize(("text", "message"), SET_UPS)
-def test_load_setup_and_check_name_the_mistake_in_a_file_in_one_line(text, message, tmp_path):
+def test_load_setup_names_the_mistake_in_a_file_in_one_line(text, message, tmp_path):
     path = tmp_path / "bad.toml"
     path.write_text(text)
     with pytest.raises(ValueError, match=message) as raised:
-        check(load_setup(path))
+        load_setup(path)
     assert "\n" not in str(raised.value)
     assert f"{path}" in str(raised.value)
 

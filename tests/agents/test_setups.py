@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from agents import load_setup
-from agents.baselines.tuned import names
-from agents.setups import owner, same_environment, shipped
+from agents.setups import owner, same_environment, shipped, shipped_baselines
 from agents.setups.evaluation import VARIED, Evaluation, changes, variants
 from agents.train.ppo import Run
 from agents.tune import Tune
@@ -21,7 +20,7 @@ SPRING = {"coupling": {"type": "SpringDamper", "stiffness": [40.0, 60.0]}, "tool
 def test_load_setup_finds_all_that_is_shipped_for_a_set_up(name):
     setup = load_setup(name)
     assert Run(setup, setup.training).environment == {**setup.environment, "time_weight": [0.3, 8.0]}
-    assert {*setup.against} <= {*setup.tuned, *names()}
+    assert {*setup.against} <= {*setup.tuned, *shipped_baselines()}
     assert all(owner(baseline) == setup for baseline in setup.tuned)
     setup.environment["tool_mass"] = 9.0
     assert load_setup(name).environment["tool_mass"] != 9.0  # nobody can change a set-up for all

@@ -7,7 +7,6 @@ import pytest
 
 from agents.baselines.tuned import read_tuned
 from agents.provenance import circumstances
-from agents.setup import check
 from agents.setups import load_setup
 from experiments.design import __main__ as command
 from experiments.design import search, sizes
@@ -61,7 +60,6 @@ def test_run_continues_a_stopped_study_and_ends_with_a_set_up(small, monkeypatch
     parameters = path.read_text().splitlines()[1].removeprefix("# Its controller: the BlindProfile with ")
     assert [float(each) for each in parameters.split(", ")] == pytest.approx(entries[1].rig.parameters, rel=1e-5)
     setup = load_setup(path)
-    check(setup)
     assert setup.environment["coupling"]["stiffness"] == entries[1].rig.design["coupling.stiffness"]
     assert setup.environment["tool_mass"] == small.arm.environment["tool_mass"]
     assert setup.training == load_setup("linear-blind").training

@@ -13,10 +13,10 @@ import pytest
 from browsers import chromium, opened
 
 from agents import load_policy
-from agents.baselines.tuned import TUNED, load_baseline
+from agents.baselines.tuned import load_baseline
 from agents.evaluate import RESULTS
 from agents.evaluate.scenario_batch import ScenarioBatch
-from agents.setups import load_setup
+from agents.setups import TUNED, load_setup
 from experiments.report import matchups
 from experiments.report.__main__ import ReportOptions, publish
 from experiments.report.matchups import PAPER

@@ -11,10 +11,10 @@ from jinja2 import Environment, FileSystemLoader
 
 from agents import Policy, load_policy
 from agents.baselines import ConstantSpeed
-from agents.baselines.tuned import TUNED
 from agents.evaluate.scenario_batch import ScenarioBatch
 from agents.jobs import job, local
 from agents.policies.policy import SHIPPED
+from agents.setups import TUNED
 from experiments.lab.page import EXPERIMENTS, typeset
 from experiments.report import __main__ as report
 from experiments.report.__main__ import ReportOptions, write
