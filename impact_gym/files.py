@@ -36,9 +36,14 @@ def parsed(path: Path, kind: str, parse: Callable[[str], Content]) -> Content:
     try:
         return parse(path.read_text(encoding="utf-8-sig"))
     except (OSError, ValueError, TypeError, AttributeError, LookupError, RecursionError, csv.Error) as error:
-        missing = f"it has no {error}" if isinstance(error, LookupError) else error
-        reason = "it is nested too deeply" if isinstance(error, RecursionError) else missing
-        raise ValueError(f"{path} is not read as {kind}: {reason}") from error
+        raise ValueError(f"{path} is not read as {kind}: {reason(error)}") from error
+
+
+def reason(error: Exception) -> str:
+    """Return why a file cannot be read, in one line."""
+    if isinstance(error, RecursionError):
+        return "it is nested too deeply"
+    return f"it has no {error}" if isinstance(error, KeyError) else " ".join(str(error).split())
 
 
 @contextmanager

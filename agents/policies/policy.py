@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from agents import archive
 from agents.policies.networks import Network, from_arrays, to_arrays
-from impact_gym.files import named_file
+from impact_gym.files import named_file, reason
 from impact_gym.task import ObservationSpec, Task
 from impact_gym.task.task import arguments
 from impact_gym.validation import array, whole
@@ -203,7 +203,7 @@ def load_ensemble(name: str | Path) -> Ensemble:
     try:
         return Ensemble.unpacked(content, arrays)
     except (LookupError, TypeError, AttributeError, ValueError) as error:
-        raise ValueError(f"{path} is no policy of this version: {error}") from error
+        raise ValueError(f"{path} is no policy of this version: {reason(error)}") from error
 
 
 def load_policy(name: str | Path, seed: int | None = None) -> Policy:
