@@ -15,7 +15,8 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_gym.files import whole_file
+from impact_gym.files import reason, whole_file
+from impact_gym.validation import shown
 
 Arrays = Mapping[str, NDArray[Any]]
 DAMAGE = (
@@ -47,8 +48,20 @@ def read_archive(path: Path, kind: str) -> tuple[dict[str, Any], dict[str, NDArr
         with path.open("rb") as file:
             return load(file, kind)
     except DAMAGE as error:
-        reason = "it holds pickled objects, which are never loaded" if "pickle" in str(error) else error
-        raise ValueError(f"{path} is no {kind} file, or is damaged: {reason}") from error
+        raise ValueError(f"{path} is no {kind} file, or is damaged: {_what_else(path) or reason(error)}") from error
+
+
+def _what_else(path: Path) -> str:
+    """Return what a file is that is no npz; "" where it is one, or not to be read."""
+    try:
+        with path.open("rb") as file:
+            first = file.read(1000)
+    except OSError:
+        return ""
+    kinds = {b"": "it is empty", b"\x93NUMPY": "it is a single array, .npy", b"\x80": "it holds pickled objects"}
+    known = next((words for magic, words in kinds.items() if first.startswith(magic) and (magic or not first)), "")
+    is_text = first.isascii() and not first.startswith(b"PK")
+    return known or (f"it is a text that begins with {shown(first.decode()[:40])}" if is_text else "")
 
 
 def load(file: IO[bytes], kind: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:

@@ -1,12 +1,51 @@
-"""Files that are whole or not there, and what is said where a disk is full."""
+"""Files: those of users, read or refused in one line, and ours, which are whole or not there, or the disk is full."""
 
+import csv
 import errno
 import os
 import sqlite3
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO
+from typing import IO, Any, TypeVar
+
+from impact_gym.validation import one_of, shown
+
+Content = TypeVar("Content")
+
+
+def named_file(kind: str, name: Any, shipped: Path, suffix: str, *inside: str) -> Path:
+    """Return the file that a name means: one that is `shipped` with this `suffix`, a path, or one `inside` a folder.
+
+    Raises:
+        TypeError, ValueError: neither a name nor a path, or there is no such file; lists what is shipped.
+    """
+    one_of(kind, name, str, os.PathLike)
+    for path in (shipped / f"{name}{suffix}", Path(name), *(Path(name) / file for file in inside)):
+        with suppress(OSError):  # of a name too long for a file
+            if path.is_file():
+                return path
+    known = ", ".join(sorted(path.stem for path in shipped.glob(f"*{suffix}")))
+    raise ValueError(f"no {kind} {shown(str(name))}: it is no file, and shipped are {known}")
+
+
+def parsed(path: Path, kind: str, parse: Callable[[str], Content]) -> Content:
+    """Return what `parse` makes of a text file, UTF-8 with or without the byte order mark that Excel writes.
+
+    Raises:
+        ValueError: it is not there, is no text, or `parse` finds nothing of this `kind` in it; names the file.
+    """
+    try:
+        return parse(path.read_text(encoding="utf-8-sig"))
+    except (OSError, ValueError, TypeError, AttributeError, LookupError, RecursionError, csv.Error) as error:
+        raise ValueError(f"{path} is not read as {kind}: {reason(error)}") from error
+
+
+def reason(error: Exception) -> str:
+    """Return why a file cannot be read, in one line."""
+    if isinstance(error, RecursionError):
+        return "it is nested too deeply"
+    return f"it has no {error}" if isinstance(error, KeyError) else " ".join(str(error).split())
 
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 SQLITE_NO_ROOM = (sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR)

@@ -4,10 +4,11 @@ import math
 import operator
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 Range = tuple[float, float]
 WIDEST = 1e12  # high over low of a range
@@ -16,6 +17,18 @@ IDENTIFIER = re.compile("[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 
 class WrongTypeError(TypeError, ValueError):
     """Something of another type than wanted: a TypeError, as in Python, and a ValueError, as all bad input is here."""
+
+
+def shown(value: Any, longest: int = 200) -> str:
+    """Return a value as messages show it: in one line, and what is long by its kind and how it begins."""
+    try:
+        text = " ".join(repr(value).split())
+    except ValueError:  # an int of thousands of digits
+        text = ""
+    if text and len(text) <= longest:
+        return text
+    form = f"{value.dtype} {value.shape}" if isinstance(value, np.ndarray) else f"{text[:40]}..."
+    return f"a long {type(value).__name__}, {form}"
 
 
 def unit_text(unit: str) -> str:
@@ -41,7 +54,7 @@ def number(
     if type(value) is float and above < value <= at_most and at_least <= value < math.inf:  # as nearly always
         return value
     unit = unit_text(unit)
-    wrong = WrongTypeError(f"{field} must be a number in {unit}, got {value!r}")
+    wrong = WrongTypeError(f"{field} must be a number in {unit}, got {shown(value)}")
     kind = getattr(getattr(value, "dtype", None), "kind", "f")
     if isinstance(value, (str, bytes, bool)) or not hasattr(value, "__float__") or kind not in "fiu":
         raise wrong
@@ -65,8 +78,11 @@ def number(
 
 def numbers(field: str, values: Any, unit: str, **limits: float) -> tuple[float, ...]:
     """Return `values`, a sequence or array of one dimension, as floats, or raise as `number` does for each."""
-    if isinstance(values, (str, bytes, Mapping)) or not hasattr(values, "__len__") or getattr(values, "ndim", 1) != 1:
-        raise WrongTypeError(f"{field} must be a sequence of numbers in {unit_text(unit)}, got {values!r}")
+    kind = getattr(getattr(values, "dtype", None), "kind", "f")
+    listed = hasattr(values, "__getitem__") and not isinstance(values, (str, bytes, Mapping, type))
+    if not listed or getattr(values, "ndim", 1) != 1 or kind not in "fiuO":
+        raise WrongTypeError(f"{field} must be a sequence of numbers in {unit_text(unit)}, got {shown(values)}")
+    values = values.tolist() if hasattr(values, "tolist") else values
     return tuple(number(f"{field}[{place}]", value, unit, **limits) for place, value in enumerate(values))
 
 
@@ -78,10 +94,10 @@ def whole(field: str, value: Any, at_least: int) -> int:
         ValueError: `value` is below `at_least`.
     """
     if isinstance(value, bool) or not hasattr(value, "__index__") or getattr(value, "ndim", 0) > 0:
-        raise WrongTypeError(f"{field} must be a whole number of at least {at_least}, got {value!r}")
+        raise WrongTypeError(f"{field} must be a whole number of at least {at_least}, got {shown(value)}")
     result = operator.index(value)
     if result < at_least:
-        raise ValueError(f"{field} must be a whole number of at least {at_least}, got {value!r}")
+        raise ValueError(f"{field} must be a whole number of at least {at_least}, got {shown(value)}")
     return result
 
 
@@ -115,8 +131,49 @@ def flag(field: str, value: Any) -> None:
 def one_of(field: str, value: Any, *kinds: type[Any]) -> None:
     """Raise TypeError unless `value` is of one of `kinds`."""
     if not isinstance(value, kinds):
-        wanted = " or ".join("None" if kind is type(None) else kind.__name__ for kind in kinds)
-        raise WrongTypeError(f"{field} must be a {wanted}, got {value!r}")
+        names = {type(None): "None", Mapping: "mapping", os.PathLike: "path"}
+        wanted = " or ".join(names.get(kind, kind.__name__) for kind in kinds)
+        raise WrongTypeError(f"{field} must be a {wanted}, got {shown(value)}")
+
+
+def flag(field: str, value: Any) -> None:
+    """Raise TypeError unless `value` is True or False, in Python or NumPy."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise WrongTypeError(f"{field} must be True or False, got {shown(value)}")
+
+
+def choice(field: str, value: Any, allowed: Container[str | None]) -> None:
+    """Raise ValueError unless `value` is one of the texts `allowed`, or None if that is."""
+    if not isinstance(value, (str, type(None))) or value not in allowed:
+        raise ValueError(f"{field} must be one of {allowed}, got {shown(value)}")
+
+
+def array(
+    field: str, values: Any, shape: tuple[int, ...] | None = None, kinds: str = "fiu", what: str = "numbers"
+) -> NDArray[Any]:
+    """Return `values` as an array, of a `shape` if one is wanted, its dtype of these `kinds`: else it is not `what`.
+
+    Raises:
+        TypeError, ValueError: of another kind or shape; numbers may be other than finite.
+    """
+    try:
+        result = np.asarray(values)
+    except (TypeError, ValueError):  # rows of different lengths, say
+        raise WrongTypeError(f"{field} must hold {what} in one shape, got {shown(values)}") from None
+    if result.dtype.kind not in kinds:
+        raise WrongTypeError(f"{field} must hold {what}, got dtype {result.dtype}: {shown(values)}")
+    if shape is not None and result.shape != shape:
+        raise ValueError(f"{field} must hold {what} in shape {shape}, got shape {result.shape}")
+    return result
+
+
+def fits_memory(field: str, count: int, each: int) -> None:
+    """Raise ValueError if `count` things of `each` bytes cannot fit into this machine's memory."""
+    if hasattr(os, "sysconf") and count * each > (most := os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")):
+        needed = f"{count:,} of them take {count * each / 2**30:,.0f} GiB"
+        raise ValueError(
+            f"{field} must fit into memory, got {count}: {needed}, this machine has {most / 2**30:,.0f} GiB"
+        )
 
 
 def interval(field: str, value: Any, unit: str, **limits: float) -> Range:
@@ -130,7 +187,7 @@ def interval(field: str, value: Any, unit: str, **limits: float) -> Range:
         single = number(field, value, unit, **limits)
         return single, single
     if len(value) != 2:
-        raise ValueError(f"{field} must be a number or a pair (low, high) in {unit}, got {value!r}")
+        raise ValueError(f"{field} must be a number or a pair (low, high) in {unit}, got {shown(value)}")
     low, high = (number(f"{field}[{place}]", end, unit, **limits) for place, end in enumerate(value))
     if low > high:
         raise ValueError(f"{field} must not be inverted: low {low:g} is above high {high:g} {unit}")

@@ -14,7 +14,7 @@ from agents.baselines.random import RandomActions
 from agents.baselines.rule import Rule
 from agents.policies import Controller
 from agents.setups import TUNED, Setup, owner, shipped_baselines
-from impact_gym.files import whole_file
+from impact_gym.files import parsed, whole_file
 from impact_gym.validation import number
 
 FORMAT = "impact_gym tuned baseline 1"
@@ -60,8 +60,10 @@ def read_tuned(name: str, folder: Path = TUNED, setup: Setup | None = None) -> d
     if setup is None and not path.is_file():
         raise ValueError(f"no baseline {name!r}: there are {sorted([*FIXED, *shipped_baselines()])}")
     remedy = f"impact-gym tune {setup.called if setup else 'SETUP'}"
+    if not path.is_file():
+        raise ValueError(f"baseline {name!r} was not tuned, there is no {path}: {remedy}")
     try:
-        content: dict[str, Any] = json.loads(path.read_text())
+        content: dict[str, Any] = parsed(path, "JSON", json.loads)
         checksum = _checksum(content)
         if checksum != content["sha256"]:
             raise ValueError(f"its checksum is {checksum}, not {content['sha256']}: it was altered")
@@ -69,9 +71,7 @@ def read_tuned(name: str, folder: Path = TUNED, setup: Setup | None = None) -> d
         other = [field for field, value in expected.items() if content[field] != value]
         if setup and not setup.describes(content["environment"]):
             other.append("environment")
-    except FileNotFoundError:
-        raise ValueError(f"baseline {name!r} was not tuned, there is no {path}: {remedy}") from None
-    except (OSError, LookupError, TypeError, AttributeError, ValueError) as error:
+    except (LookupError, TypeError, AttributeError, ValueError) as error:
         raise ValueError(f"{path} is no tuned baseline, or is damaged: {error}; {remedy}") from error
     if other:
         what = "table of parameters" if other[0] == "parameters" else other[0]

@@ -16,8 +16,10 @@ from numpy.typing import NDArray
 
 from agents import archive
 from agents.policies.networks import Network, from_arrays, to_arrays
+from impact_gym.files import named_file, reason
 from impact_gym.task import ObservationSpec, Task
 from impact_gym.task.task import arguments
+from impact_gym.validation import array, whole
 
 SHIPPED = Path(__file__).parent
 FORMAT = "impact_gym policies 3"
@@ -72,7 +74,8 @@ class Policy:
         It remembers nothing, so that `state` and `episode_start` change nothing. Unlike in stable-baselines3,
         deterministic is the default: it is what the policy was judged by.
         """
-        seen = np.asarray(observation, np.float32)
+        with np.errstate(over="ignore"):  # what float32 does not hold is not finite
+            seen = array("observation", observation).astype(np.float32, copy=False)
         if seen.ndim == 0 or seen.shape[-1] != self.inputs:
             raise ValueError(f"the policy takes {self.inputs} numbers, the observation has the shape {seen.shape}")
         if not np.isfinite(seen).all():
@@ -129,7 +132,7 @@ class Ensemble:
     def __getitem__(self, seed: int | None) -> Policy:
         """The policy of a seed, or the chosen one."""
         by_seed = {policy.seed: policy for policy in self.policies}
-        if (wanted := self.chosen if seed is None else seed) not in by_seed:
+        if (wanted := self.chosen if seed is None else whole("seed", seed, at_least=0)) not in by_seed:
             raise ValueError(f"seed must be one of {[*by_seed]}, got {seed!r}")
         return by_seed[wanted]
 
@@ -164,9 +167,9 @@ class Ensemble:
         if (content["observation"], content["action"]) != tables:
             raise ValueError("it was made for other scales of observation or action than this version's environment")
         weights: dict[str, dict[str, NDArray[Any]]] = {seed: {} for seed in content["provenance"]}
-        for name, array in arrays.items():
+        for name, weight in arrays.items():
             seed, _, part = name.partition("/")
-            weights[seed][part] = array
+            weights[seed][part] = weight
         networks = {seed: from_arrays(content["network"], own) for seed, own in weights.items()}
         policies = [Policy(networks[seed], environment, how) for seed, how in content["provenance"].items()]
         return cls(policies, content["chosen"])
@@ -192,19 +195,15 @@ def load_ensemble(name: str | Path) -> Ensemble:
     """Return the policies of all seeds of a set-up that is shipped, by name, or those in a file or a run folder.
 
     Raises:
-        FileNotFoundError: neither a shipped policy nor a file; lists what is shipped.
-        ValueError: the file is not a policy, or is damaged, or was made for other scales than the environment has.
+        TypeError, ValueError: neither a shipped policy, which it lists, nor a file; or the file is no policy, or is
+            damaged, or was made for other scales than the environment has.
     """
-    places = (SHIPPED / f"{name}.npz", Path(name), Path(name) / "best.npz")
-    path = next((place for place in places if place.is_file()), None)
-    if path is None:
-        shipped = sorted(file.stem for file in SHIPPED.glob("*.npz"))
-        raise FileNotFoundError(f"no policy {str(name)!r}: it is no file, and shipped are {shipped}")
+    path = named_file("policy", name, SHIPPED, ".npz", "best.npz")
     content, arrays = archive.read_archive(path, FORMAT)
     try:
         return Ensemble.unpacked(content, arrays)
     except (LookupError, TypeError, AttributeError, ValueError) as error:
-        raise ValueError(f"{path} is no policy of this version: {error}") from error
+        raise ValueError(f"{path} is no policy of this version: {reason(error)}") from error
 
 
 def load_policy(name: str | Path, seed: int | None = None) -> Policy:
@@ -215,7 +214,7 @@ def load_policy(name: str | Path, seed: int | None = None) -> Policy:
         seed: of its training, where there are several; None: the one that stands for all.
 
     Raises:
-        FileNotFoundError, ValueError: as `load_ensemble`, or there is no such seed.
+        ValueError: as `load_ensemble`, or there is no such seed.
     """
     return load_ensemble(name)[seed]
 

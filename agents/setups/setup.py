@@ -13,8 +13,9 @@ import gymnasium as gym
 from agents.setups.evaluation import SET_UP_ARGUMENTS, Evaluation
 from agents.setups.keys import known, names, table, text, within
 from agents.setups.training import Training
+from impact_gym.files import named_file, parsed
 from impact_gym.task import Task
-from impact_gym.validation import identifier, number, whole
+from impact_gym.validation import flag, identifier, number, whole
 
 SHIPPED = Path(__file__).resolve().parent
 TUNED = SHIPPED.parent / "tuned"
@@ -109,20 +110,14 @@ def load_setup(name_or_path: str | Path) -> Setup:
     Raises:
         ValueError: there is none, or something in the file is wrong: names file, key, value and what is allowed.
     """
-    shipped_path = SHIPPED / f"{name_or_path}.toml"
-    path = shipped_path if shipped_path.is_file() else Path(name_or_path)
-    if not path.is_file():
-        raise ValueError(f"no set-up {str(name_or_path)!r}: it is no file, and shipped are {', '.join(shipped())}")
+    path = named_file("set-up", name_or_path, SHIPPED, ".toml")
     return deepcopy(_loaded(path.resolve(), path.stat().st_mtime_ns))
 
 
 @lru_cache(maxsize=64)
 def _loaded(path: Path, _: int) -> Setup:
     identifier("name of a set-up's file", path.stem)
-    try:
-        content = tomllib.loads(path.read_text())
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise ValueError(f"{path} is not read as TOML: {error}") from error
+    content = parsed(path, "TOML", tomllib.loads)
     with within(str(path)):
         return _setup(path, content)
 
@@ -186,9 +181,7 @@ def _tuned(name: str, given: Any, blind: bool) -> Tuned:
         raise ValueError(f"{name} must be a rule, one of {', '.join(RULES)}, or a table with one, got {given!r}")
     known(f"{name}.", entry, Tuned._fields)
     rtol = number(f"{name}.rtol", entry.get("rtol", Task.rtol), "(no unit)", at_least=1e-13, at_most=1e-2)
-    clean_alarm = entry.get("clean_alarm", False)
-    if not isinstance(clean_alarm, bool):
-        raise ValueError(f"{name}.clean_alarm must be true or false, got {clean_alarm!r}")
+    flag(f"{name}.clean_alarm", clean_alarm := entry.get("clean_alarm", False))
     if blind and entry["rule"].endswith("Ranged"):
         raise ValueError(f"{name}: {entry['rule']} needs an estimate of the distance, environment.range_noise")
     jitter = number(f"{name}.jitter", entry.get("jitter", 0.0), "(no unit)", at_least=0.0, at_most=1.0)

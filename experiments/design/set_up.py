@@ -11,7 +11,7 @@ import tomli_w
 from agents.setups import Setup, load_setup
 from experiments.design.pads import on_pad
 from experiments.design.search import CONTACT, Rig
-from impact_gym.files import whole_file
+from impact_gym.files import parsed, whole_file
 from impact_gym.task import Task
 from impact_gym.task.arguments import changed
 
@@ -28,7 +28,7 @@ def write_setup(path: Path, setup: Setup, rig: Rig, command: str) -> Path:
 
     With a pad the contact's ranges are those that the pad leaves of them; see DRAWN.
     """
-    content = tomllib.loads(setup.path.read_text())
+    content = parsed(setup.path, "TOML", tomllib.loads)
     environment = changed(setup.environment, rig.design)
     if rig.pad:
         environment["scenario"] = _on_pad(environment, rig.pad)

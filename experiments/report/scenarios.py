@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from agents.setups.evaluation import RESERVED
+from impact_gym.files import parsed
 from impact_gym.task import ScenarioRanges, Task, evaluation_sets
 from impact_gym.validation import number, whole
 
@@ -43,10 +44,7 @@ def scenarios_from(source: str, count: int | None) -> tuple[dict[str, Any], dict
 
 
 def _content(path: Path) -> dict[str, Any]:
-    try:
-        content = json.loads(path.read_text())
-    except (OSError, ValueError) as error:
-        raise ValueError(f"{path} is not read as scenarios: {error}") from error
+    content = parsed(path, "scenarios, JSON", json.loads)
     keys = {"ranges", "seed", "count", "environment"}
     if not isinstance(content, dict) or set(content) - keys:
         raise ValueError(f"{path} must be a JSON object with some of {sorted(keys)}, got {str(content)[:200]}")

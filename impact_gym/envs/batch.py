@@ -15,7 +15,7 @@ from impact_gym.task.observation import ObservationSpec
 from impact_gym.task.scenario import FIELDS, ScenarioRanges
 from impact_gym.task.task import PLACES, Task
 from impact_gym.threads import cores, over_rows
-from impact_gym.validation import WrongTypeError, whole
+from impact_gym.validation import array, fits_memory, whole
 
 ROWS_PER_THREAD = 256
 """A batch is cut for several threads only into pieces of at least this many rows: smaller ones do not pay."""
@@ -83,6 +83,8 @@ class Batch:
         self.recorder, self.max_steps = recorder, max_steps
         self.spec = ObservationSpec.of_rows(tasks)
         slots = max(each.readings_under_way() for each in tasks) + _SPARE
+        each_row = CHAIN.itemsize + EPISODE.itemsize + slots * READING.itemsize + 4 * len(self.spec)
+        fits_memory("num_envs", size, each_row)
         self.chains = np.zeros(size, CHAIN)
         self.episodes = np.zeros(size, EPISODE)
         self.readings = np.zeros((size, slots), READING)
@@ -183,15 +185,10 @@ class Batch:
         Raises:
             TypeError, ValueError: not numbers, another shape, or not finite.
         """
-        array = np.asarray(actions)
-        if array.dtype.kind not in "fiu":
-            raise WrongTypeError(f"action must hold numbers, got dtype {array.dtype}")
-        if array.shape != shape:
-            raise ValueError(f"action must have shape {shape}, got {array.shape}")
-        array = np.ascontiguousarray(array, np.float64).reshape(self.size, 2)
-        if not np.isfinite(array).all():
-            raise ValueError(f"action must be finite, got {array[~np.isfinite(array).all(axis=1)][0]}")
-        return array
+        commands = np.ascontiguousarray(array("action", actions, shape), np.float64).reshape(self.size, 2)
+        if not np.isfinite(commands).all():
+            raise ValueError(f"action must be finite, got {commands[~np.isfinite(commands).all(axis=1)][0]}")
+        return commands
 
     def get_state(self) -> dict[str, Any]:
         """Return a copy of all that `step` and `begin` go on from."""

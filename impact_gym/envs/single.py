@@ -18,6 +18,7 @@ from impact_gym.task.episodes import episode_index, fixed_records, skip_episodes
 from impact_gym.task.observation import ObservationSpec
 from impact_gym.task.scenario import ScenarioRanges
 from impact_gym.task.task import Task
+from impact_gym.validation import choice, flag
 
 if TYPE_CHECKING:
     from impact_gym.envs.rendering import Renderer
@@ -157,8 +158,8 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         Raises:
             TypeError, ValueError: an argument is unknown or out of range; names it and what is allowed.
         """
-        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
-            raise ValueError(f"render_mode must be None or one of {self.metadata['render_modes']}, got {render_mode!r}")
+        choice("render_mode", render_mode, (None, *self.metadata["render_modes"]))
+        flag("record_trace", record_trace)
         self.render_mode = render_mode
         self._renderer: Renderer | None = None
         recorder = NOTHING_RECORDED

@@ -16,7 +16,7 @@ from impact_gym.envs.single import ACTION_SPACE, observation_space
 from impact_gym.task.episodes import episode_index, fixed_records, skip_episodes
 from impact_gym.task.scenario import ScenarioRanges
 from impact_gym.task.task import Task
-from impact_gym.validation import WrongTypeError, whole
+from impact_gym.validation import WrongTypeError, array, choice, one_of, shown, whole
 
 Floats = NDArray[np.float32]
 Flags = NDArray[np.bool_]
@@ -45,13 +45,13 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
     ) -> None:
         if render_mode is not None:
             raise ValueError(
-                f"render_mode must be None for a batch, got {render_mode!r}; gymnasium.make makes one to watch"
+                f"render_mode must be None for a batch, got {shown(render_mode)}; gymnasium.make makes one to watch"
             )
         self.num_envs = whole("num_envs", num_envs, at_least=1)
         self.render_mode = render_mode
         modes = [mode.value for mode in AutoresetMode]
-        if autoreset_mode not in (*AutoresetMode, *modes):
-            raise ValueError(f"autoreset_mode must be one of {modes}, got {autoreset_mode!r}")
+        if not isinstance(autoreset_mode, AutoresetMode):
+            choice("autoreset_mode", autoreset_mode, modes)
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {"render_modes": [], "autoreset_mode": self.autoreset_mode}
         if per_slot is not None and len(per_slot) != self.num_envs:
@@ -79,8 +79,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
 
         A value in `options["scenario"]` or `options["record"]` may be one for all slots or a sequence of one for each.
         """
-        if options is not None and not isinstance(options, Mapping):
-            raise WrongTypeError(f"options must be a mapping, got {options!r}")
+        one_of("options", options, Mapping, type(None))
         rest = dict(options or {})
         mask = self._mask(rest.pop("reset_mask", None))
         skipped = episode_index(rest) or 0
@@ -164,12 +163,11 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
     def _mask(self, mask: Any) -> Flags:
         if mask is None:
             return np.ones(self.num_envs, np.bool_)
-        array = np.asarray(mask)
-        if array.shape != (self.num_envs,) or array.dtype != np.bool_ or not array.any():
-            raise ValueError(
-                f"options['reset_mask'] must be {self.num_envs} booleans, at least one of them true, got {mask!r}"
-            )
-        return array
+        words = f"{self.num_envs} booleans, at least one of them true,"
+        flags = array("options['reset_mask']", mask, (self.num_envs,), "b", words)
+        if not flags.any():
+            raise ValueError(f"options['reset_mask'] must hold {words} got none")
+        return flags
 
     def _seed(self, seed: int | Sequence[int | None] | None, mask: Flags) -> None:
         """Seed slot i with seed + i, or with its place in a list; None leaves a generator as it is."""
@@ -180,7 +178,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         elif seed is None or (isinstance(seed, (Sequence, np.ndarray)) and not isinstance(seed, (str, bytes))):
             seeds = [None] * self.num_envs if seed is None else seed
         else:
-            raise WrongTypeError(f"seed must be a whole number or {self.num_envs} of them, got {seed!r}")
+            raise WrongTypeError(f"seed must be a whole number or {self.num_envs} of them, got {shown(seed)}")
         if len(seeds) != self.num_envs:
             raise ValueError(f"seed must be a whole number or {self.num_envs} of them, got {len(seeds)}")
         seeds = [None if given is None else whole("seed", given, at_least=0) for given in seeds]

@@ -20,7 +20,7 @@ from impact_gym.identify.result import Identified
 from impact_gym.identify.sensor import Sensor
 from impact_gym.motion import Trapezoid
 from impact_gym.scene import Scene
-from impact_gym.validation import WrongTypeError, one_of
+from impact_gym.validation import WrongTypeError, one_of, shown
 
 __all__ = ["Identified", "Sensor", "identify"]
 
@@ -62,7 +62,7 @@ def identify(
     logs = [logs_of.read(source, name) for source, name in zip(sources, names, strict=True)]
     sensors = _by_column(sensor, [name for name in logs_of.UNITS if any(name in each.columns for each in logs)])
     for each, imposed in zip(logs, motions, strict=True):
-        logs_of.check(each, imposed, sensors)
+        logs_of.check(each, scene, imposed, sensors)
     return Identified.of(*fit_with_intervals(Model.of(logs, scene, motions, sensors, coordinates)))
 
 
@@ -74,7 +74,7 @@ def _by_column(sensor: Sensor | Mapping[str, Sensor] | None, columns: Sequence[s
             raise ValueError(f"sensor must say which column it is of, {{'{columns[0]}': Sensor(...)}}; got {columns}")
         return {columns[0]: sensor}
     if not isinstance(sensor, Mapping):
-        raise WrongTypeError(f"sensor must be a Sensor or a mapping from columns to them, got {sensor!r}")
+        raise WrongTypeError(f"sensor must be a Sensor or a mapping from columns to them, got {shown(sensor)}")
     for name, known in sensor.items():
         if name not in columns:
             raise ValueError(f"sensor: no log has a column {name!r}; there are {', '.join(columns)}")

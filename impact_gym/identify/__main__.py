@@ -9,7 +9,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from impact_gym.files import whole_file
+from impact_gym.files import parsed, whole_file
 from impact_gym.identify import FREE, Identified, Sensor, identify
 from impact_gym.motion import Brake, Trapezoid
 from impact_gym.quantities import SCENARIO, SET_UP
@@ -69,7 +69,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     try:
         if find_spec("tomli_w") is None:
             raise ImportError("a set-up is written with tomli-w: pip install 'impact-gym[identify]'")
-        content = _read(options.scene)
+        content = parsed(options.scene, "TOML", tomllib.loads)
         scene, motion, sensors = parse(content, options.free)
         result = identify(options.logs, scene, motion, options.free, sensors or None)
         text = "\n".join(set_up(content, result))
@@ -81,13 +81,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
             result.plot().savefig(options.plot)
     except (ImportError, OSError, RuntimeError, ValueError) as error:
         sys.exit(f"impact-gym identify: {error}")
-
-
-def _read(path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(path.read_text())
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise ValueError(f"{path} is not read as TOML: {error}") from error
 
 
 def parse(content: Mapping[str, Any], free: Sequence[str]) -> tuple[Scene, Trapezoid, dict[str, Sensor]]:

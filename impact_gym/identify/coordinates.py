@@ -8,7 +8,7 @@ from typing import Any
 
 from impact_gym.scene import Scene
 from impact_gym.task.paths import flatten, get, parts
-from impact_gym.validation import WrongTypeError, number
+from impact_gym.validation import WrongTypeError, number, shown
 
 RESTITUTION = "contact.restitution"
 SEARCHED = {"contact.stiffness": (1e2, 1e8), RESTITUTION: (0.03, 0.99)}
@@ -96,7 +96,7 @@ def free_coordinates(scene: Scene, free: Iterable[str] | Mapping[str, Any]) -> t
 
 def _range(name: str, pair: Any) -> tuple[float, float]:
     if not hasattr(pair, "__len__") or len(pair) != 2:
-        raise WrongTypeError(f"free: the range of {name} must be a pair (low, high), got {pair!r}")
+        raise WrongTypeError(f"free: the range of {name} must be a pair (low, high), got {shown(pair)}")
     most = 1.0 if name == RESTITUTION else math.inf
     low, high = (number(f"free: the range of {name}", end, "(its unit)", above=0, at_most=most) for end in pair)
     if not low < high:

@@ -1,6 +1,8 @@
 """A measured blow: reading it, and refusing what cannot be one, in one line that says where and what is allowed."""
 
 import csv
+import io
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from os import PathLike
@@ -9,9 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from impact_gym.identify.sensor import Array, Sensor, noise_of, runs
+from impact_gym.files import parsed
+from impact_gym.identify.sensor import Array, Sensor, bursts, level, noise_of, runs
 from impact_gym.motion import Trapezoid
-from impact_gym.validation import WrongTypeError, numbers
+from impact_gym.scene import Rigid, Robot, Scene
+from impact_gym.validation import WrongTypeError, numbers, shown
 
 UNITS = {"force": "N", "flange_velocity": "m/s", "tool_velocity": "m/s", "object_velocity": "m/s"}
 """Columns that a log may have beside `time` (s)."""
@@ -23,6 +27,7 @@ MAX_SPEED_RATIO = 10.0  # of a velocity over the motion's speed
 MAX_STEP = 0.05  # s between two samples
 MAX_GAP = 1.5  # times the usual step
 MIN_SWING = 10.0  # standard deviations of the noise, from the least to the largest sample of a blow
+LEAST_IMPULSE = 0.01  # times that of two such bodies that stop against each other: the unit is another
 FLAT_SAMPLES = 3  # with the very same largest value, between much smaller ones: the sensor is saturated
 
 
@@ -50,13 +55,16 @@ def read(source: Any, name: str) -> Log:
     if isinstance(source, (str, PathLike)):
         name, source = str(source), _table(Path(source))
     if not isinstance(source, Mapping):
-        raise WrongTypeError(f"{name} must be a mapping of columns or the path of a CSV file, got {source!r}")
+        raise WrongTypeError(f"{name} must be a mapping of columns or the path of a CSV file, got {shown(source)}")
     for column in source:
         if column not in ("time", *UNITS):
             raise ValueError(f"{name} has an unknown column {column!r}; known are time (s), {COLUMNS}")
     if "time" not in source or len(source) < 2:
         raise ValueError(f"{name} must have a column time (s) and at least one of {COLUMNS}, got {list(source)}")
-    columns = {column: _column(f"{name}, {column}", values) for column, values in source.items()}
+    columns = {
+        column: np.array(numbers(f"{name}, {column}", values, UNITS.get(column, "s")))
+        for column, values in source.items()
+    }
     lengths = {column: len(values) for column, values in columns.items()}
     if len(set(lengths.values())) > 1 or min(lengths.values()) < MIN_SAMPLES:
         raise ValueError(f"{name} must have columns of one length, {MIN_SAMPLES} samples at least, got {lengths}")
@@ -79,35 +87,33 @@ def read(source: Any, name: str) -> Log:
     return Log(name, time, columns)
 
 
-def _column(field: str, values: Any) -> Array:
-    unit = UNITS.get(field.rpartition(" ")[2], "s")
-    return np.array(numbers(field, values.tolist() if hasattr(values, "tolist") else values, unit))
-
-
 def _table(path: Path) -> dict[str, list[float]]:
-    try:
-        with path.open(newline="") as file:
-            lines = [line for line in csv.reader(file) if line]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise ValueError(f"{path} is not read as CSV: {error}") from error
+    lines = parsed(path, "CSV", _numbered)
     if not lines:
         raise ValueError(f"{path} is empty; its first line must name the columns: time, and any of {COLUMNS}")
-    table: dict[str, list[float]] = {name.strip(): [] for name in lines[0]}
-    if len(table) < len(lines[0]):
-        raise ValueError(f"{path} must name no column twice, got {lines[0]}")
-    for sample, line in enumerate(lines[1:]):
+    head = lines[0][1]
+    table: dict[str, list[float]] = {name.strip(): [] for name in head}
+    if len(table) < len(head):
+        raise ValueError(f"{path} must name no column twice, got {shown(head)}")
+    for place, line in lines[1:]:
         if len(line) != len(table):
-            raise ValueError(f"{path}, sample {sample} must have {len(table)} values as the first line, got {line}")
+            raise ValueError(f"{path}, line {place} must have {len(table)} values as the first line, got {shown(line)}")
         for (name, values), text in zip(table.items(), line, strict=True):
             try:
                 values.append(float(text))
             except ValueError:
-                raise ValueError(f"{path}, {name} must be numbers, got {text} at sample {sample}") from None
+                raise ValueError(f"{path}, line {place}: {name} must be a number, got {shown(text)}") from None
     return table
 
 
-def check(log: Log, motion: Trapezoid, sensors: Mapping[str, Sensor]) -> None:
-    """Refuse a log in other units, off the sensor's rate, clipped, or without a blow.
+def _numbered(text: str) -> list[tuple[int, list[str]]]:
+    """Return the lines of a CSV file that are not blank, with their numbers."""
+    reader = csv.reader(io.StringIO(text))
+    return [(reader.line_num, line) for line in reader if line]
+
+
+def check(log: Log, scene: Scene, motion: Trapezoid, sensors: Mapping[str, Sensor]) -> None:
+    """Refuse a log in other units, off the sensor's rate, clipped, without a blow, or with a force of another sign.
 
     Raises:
         ValueError: names column, value, unit and what is allowed.
@@ -128,6 +134,31 @@ def check(log: Log, motion: Trapezoid, sensors: Mapping[str, Sensor]) -> None:
     noise = {name: max(noise_of(values, sensors[name]), 1e-12) for name, values in log.columns.items()}
     if not any(float(np.ptp(values)) > MIN_SWING * noise[name] for name, values in log.columns.items()):
         raise ValueError(f"{log.name} has no blow: nothing in {', '.join(log.columns)} stands out of the noise")
+    if "force" in log.columns:
+        _refuse_other_force(log, scene, motion, sensors["force"])
+
+
+def _refuse_other_force(log: Log, scene: Scene, motion: Trapezoid, sensor: Sensor) -> None:
+    """Refuse a force that pulls, and one whose impulse is far below what stops two such bodies against each other."""
+    force = log.columns["force"] - level(log.columns["force"], sensor)
+    most, least = float(force.max()), float(force.min())
+    if sensor.bias != "estimated" and -least > most:
+        raise ValueError(
+            f"{log.name}, force must be above 0 N where the tool presses, got {least:g} to {most:g} N: has it the other"
+            " sign?"
+        )
+    behind = scene.robot.mass if isinstance(scene.robot, Robot) else math.inf
+    tool = scene.tool.mass + (behind if isinstance(scene.coupling, Rigid) else 0.0)
+    speed = min(motion.speed, math.sqrt(2.0 * motion.acceleration * scene.object.distance))
+    usual = speed / (1.0 / tool + 1.0 / scene.object.mass)
+    impulse = log.step * sum(
+        float(force[first : last + 1].sum()) for first, last in bursts(log.columns["force"], sensor)
+    )
+    if 0.0 < impulse < LEAST_IMPULSE * usual:
+        raise ValueError(
+            f"{log.name}, force must have an impulse of about {usual:.3g} N s, as tool and object of the scene have at"
+            f" {speed:g} m/s, got {impulse:.3g} N s: is it in kN? If not, guess object.mass and tool.mass better"
+        )
 
 
 def _refuse_clipped(log: Log, name: str) -> None:

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal, get_args
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from impact_gym.files import whole_file
+from impact_gym.files import parsed, whole_file
 from impact_gym.record import SI, Record
 from impact_gym.robot.arm import JOINTS, Array
 from impact_gym.scene import Robot, RobotTable
@@ -133,7 +133,7 @@ def default_approach() -> Approach:
 
 def read(path: Path) -> Approach:
     """Read an approach that `write` wrote."""
-    data = json.loads(path.read_text(encoding="utf-8"))
+    data = parsed(path, "JSON", json.loads)
     if data["columns"] != HEADER:
         raise ValueError(f"{path} must have the columns {HEADER}, got {data['columns']}")
     rows, line = np.array(data["rows"], dtype=float), data["line"]

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_gym.files import parsed
 from impact_gym.validation import numbers, one_of
 
 Array = NDArray[np.float64]
@@ -72,7 +73,7 @@ class Description:
 @cache
 def read(path: Path = DATA) -> Description:
     """Return the robot in a file like the shipped one, which has the paper's (paper, Fig. 9)."""
-    data: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    data: dict[str, Any] = parsed(path, "JSON", json.loads)
     kinematics, links, joints = data["kinematics"], data["inertia"]["links"], data["joints"]
     limits = np.radians(kinematics["limits_deg"])
     unit_vectors = dict(zip("xyz", np.eye(3), strict=True))

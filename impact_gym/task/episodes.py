@@ -12,7 +12,7 @@ from impact_gym.kernels import RECORD, UNIFORMS
 from impact_gym.quantities import EPISODE, QUANTITIES, SCENARIO
 from impact_gym.task.scenario import FIELDS
 from impact_gym.task.task import PLACES, Task
-from impact_gym.validation import WrongTypeError, number, numbers, whole
+from impact_gym.validation import number, numbers, one_of, shown, whole
 
 RECORD_IDS = tuple(row.id for row in (*SCENARIO, *EPISODE))
 """All that an episode draws but for numbers of its set-up; keys of the final `info["record"]` and of
@@ -68,8 +68,7 @@ def fixed_records(options: Any, task: Task, slots: int | None = None) -> NDArray
     records = free_records(slots or 1)
     for option, known in {"record": [*RECORD_IDS, *task.drawn], "scenario": FIELDS}.items():
         given = (options or {}).get(option, {})
-        if not isinstance(given, Mapping):
-            raise WrongTypeError(f"options[{option!r}] must be a mapping of {list(known)}, got {given!r}")
+        one_of(f"options[{option!r}]", given, Mapping)
         for name, value in given.items():
             if name not in known:
                 raise ValueError(f"options[{option!r}] has no field {name!r}; its fields are {list(known)}")
@@ -93,7 +92,7 @@ def _checked(name: str, value: Any, task: Task, slots: int | None, field: str) -
         if len(values) != slots:
             raise ValueError(f"{field} must be a number or {slots} of them in {quantity.unit}, got {len(values)}")
     if name == "noise_seed" and np.any(np.mod(values, 1.0)):
-        raise ValueError(f"{field} must be a whole number, got {value!r}")
+        raise ValueError(f"{field} must be a whole number, got {shown(value)}")
     return values
 
 
@@ -105,8 +104,7 @@ def episode_index(options: Any) -> int | None:
     """
     if options is None:
         return None
-    if not isinstance(options, Mapping):
-        raise WrongTypeError(f"options must be a mapping, got {options!r}")
+    one_of("options", options, Mapping)
     for name in options:
         if name not in _RESET_OPTIONS:
             raise ValueError(f"unknown option {name!r}; allowed are {', '.join(map(repr, _RESET_OPTIONS))}")

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_gym.files import whole_file
+from impact_gym.files import named_file, parsed, whole_file
 from impact_gym.kernels import draw
 from impact_gym.quantities import SCENARIO
 from impact_gym.task.episodes import first_uniforms
@@ -46,21 +46,19 @@ def load(name: str | Path) -> EvaluationSet:
     Raises:
         ValueError: there is no such set, or the file is not what was frozen.
     """
-    path = SHIPPED / f"{name}.csv" if isinstance(name, str) and "/" not in name and "." not in name else Path(name)
-    if not path.is_file():
-        known = sorted(file.stem for file in SHIPPED.glob("*.csv"))
-        raise ValueError(f"no evaluation set {str(name)!r}: the shipped ones are {known}, or name a file")
-    try:
-        head, _, table = path.read_text(encoding="utf-8").partition("\n")
-        about = json.loads(head.removeprefix("# "))
-        checksum = _checksum(about["seed"], about["count"], table)
-        if checksum != about["sha256"]:
-            raise ValueError(f"its checksum is {checksum}, not {about['sha256']}")
-        rows = list(csv.DictReader(io.StringIO(table)))
-        scenario = {name: np.array([float(row[head]) for row in rows]) for name, head in _COLUMNS.items()}
-        return EvaluationSet(int(about["seed"]), scenario, checksum)
-    except (KeyError, TypeError, ValueError) as problem:
-        raise ValueError(f"{path} is no evaluation set, or was altered: {problem}") from problem
+    return parsed(named_file("evaluation set", name, SHIPPED, ".csv"), "evaluation set", _frozen)
+
+
+def _frozen(text: str) -> EvaluationSet:
+    """Return the set in the text of a file."""
+    head, _, table = text.partition("\n")
+    about = json.loads(head.removeprefix("# "))
+    checksum = _checksum(about["seed"], about["count"], table)
+    if checksum != about["sha256"]:
+        raise ValueError(f"its checksum is {checksum}, not {about['sha256']}: it was altered")
+    rows = list(csv.DictReader(io.StringIO(table)))
+    scenario = {name: np.array([float(row[head]) for row in rows]) for name, head in _COLUMNS.items()}
+    return EvaluationSet(int(about["seed"]), scenario, checksum)
 
 
 def freeze(path: str | Path, ranges: ScenarioRanges | Mapping[str, Any] | str, seed: int, count: int) -> Path:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 from impact_gym.quantities import QUANTITIES, SCENARIO
-from impact_gym.validation import Range, WrongTypeError
+from impact_gym.validation import Range, WrongTypeError, choice, shown
 
 FIELDS = tuple(quantity.id for quantity in SCENARIO)
 
@@ -34,15 +34,16 @@ class ScenarioRanges:
         if isinstance(value, ScenarioRanges):
             return value
         if isinstance(value, str):
-            if value not in NAMED:
-                raise ValueError(f"scenario must be one of {sorted(NAMED)} or a record of ranges, got {value!r}")
+            choice("scenario, a name,", value, sorted(NAMED))
             return NAMED[value]
         if isinstance(value, Mapping):
             for name in value:
                 if name not in FIELDS:
                     raise ValueError(f"scenario has no field {name!r}; its fields are {list(FIELDS)}")
             return cls(**value)
-        raise WrongTypeError(f"scenario must be a ScenarioRanges, a mapping of its fields or a name, got {value!r}")
+        raise WrongTypeError(
+            f"scenario must be a ScenarioRanges, a mapping of its fields or a name, got {shown(value)}"
+        )
 
     def by_id(self) -> dict[str, Range]:
         """Return the ranges by the id of what is drawn."""

@@ -14,7 +14,7 @@ from impact_gym.quantities import AFTER_ALARM, PAST_READINGS, QUANTITIES, SET_UP
 from impact_gym.scene import Coupling, Rigid, Robot, RobotTable, SpringDamper
 from impact_gym.task.paths import nested, replaced
 from impact_gym.task.scenario import ScenarioRanges
-from impact_gym.validation import Range, WrongTypeError, number, whole
+from impact_gym.validation import Range, WrongTypeError, choice, flag, number, shown, whole
 
 VELOCITY_RANGE = (-0.5, 1.5)  # m/s, what action[0] in [-1, 1] is mapped to, if not said otherwise
 ACCELERATION_RANGE = (1.0, 20.0)  # m/s^2, what action[1] in [-1, 1] is mapped to, likewise; its end brakes afterwards
@@ -100,18 +100,18 @@ class Task:
             quantity, value = QUANTITIES[name], getattr(self, name)
             low, high = quantity.interval(value)
             if not low < high:
-                raise ValueError(f"{name} must be a pair (low, high) in {quantity.unit}, low below high, got {value!r}")
+                raise ValueError(
+                    f"{name} must be a pair (low, high) in {quantity.unit}, low below high, got {shown(value)}"
+                )
             self._put(name, (low, high))
         if self.velocity_range[1] <= 0.0:
             raise ValueError(f"velocity_range must end above 0 m/s, got {self.velocity_range}")
 
     def _check_choices(self) -> None:
-        for name, choice in {"dissipation": DISSIPATIONS, "alarm": ALARMS}.items():
-            if not isinstance(getattr(self, name), str) or getattr(self, name) not in choice:
-                raise ValueError(f"{name} must be one of {choice}, got {getattr(self, name)!r}")
+        for name, allowed in {"dissipation": DISSIPATIONS, "alarm": ALARMS}.items():
+            choice(name, getattr(self, name), allowed)
         for name in ("deflection_sensor", "privileged", "observe_range_noise"):
-            if not isinstance(getattr(self, name), (bool, np.bool_)):
-                raise WrongTypeError(f"{name} must be True or False, got {getattr(self, name)!r}")
+            flag(name, getattr(self, name))
         if self.deflection_sensor and isinstance(self.coupling, Rigid):
             raise ValueError("deflection_sensor must be False with a Rigid coupling, which has no deflection")
         if self.range_noise is None and (self.observe_range_noise or self.range_bias or "range_bias" in self.drawn):
@@ -237,4 +237,6 @@ def record_from(name: str, value: Any, allowed: tuple[type[Any], ...]) -> Any:
                 raise WrongTypeError(f"{name}, a {chosen}, needs the fields {needed} too")
             return kinds[chosen](**given)
     wanted = " or ".join(kinds)
-    raise WrongTypeError(f"{name} must be a {wanted}, or a mapping whose 'type' is one of {list(kinds)}, got {value!r}")
+    raise WrongTypeError(
+        f"{name} must be a {wanted}, or a mapping whose 'type' is one of {list(kinds)}, got {shown(value)}"
+    )

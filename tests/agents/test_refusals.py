@@ -48,7 +48,7 @@ SET_UPS = [
     ("[baselines.tuned]\na = {rule = 'Ranged', rtoll = 1.0}", "baselines.tuned.a.rtoll; did you mean 'rtol'"),
     ("[baselines.tuned]\na = {rule = 'Ranged', rtol = 1.0}", "baselines.tuned.a.rtol.*at most"),
     ("[baselines.tuned]\na = {rule = 'BlindProfile', jitter = 2}", "baselines.tuned.a.jitter.*at most 1"),
-    ("[baselines.tuned]\na = {rule = 'BlindProfile', clean_alarm = 1}", "a.clean_alarm must be true or false"),
+    ("[baselines.tuned]\na = {rule = 'BlindProfile', clean_alarm = 1}", "a.clean_alarm must be True or False"),
     ("[baselines.tuned]\na = 'Ranged'", "baselines.tuned.a: Ranged needs"),
     ("[evaluation]\nweigths = [1.0]", r"unknown key evaluation.weigths; did you mean 'weights'\?"),
     ("[evaluation]\nweights = []", "evaluation.weights must hold weights"),

@@ -5,6 +5,7 @@ import pytest
 from blows import MOTION, scene
 
 import impact_gym as ig
+from impact_gym.identify.log import read
 
 SCENE = scene(1e4, 0.5)
 TIME = np.arange(0.303, 0.343, 1 / 4000)  # s
@@ -39,6 +40,10 @@ BAD_LOGS = {
     "millimetres": ({"object_velocity": VELOCITY}, r"below 10 m/s, got 50 m/s: is it in mm/s\?"),
     "saturated": ({"force": np.minimum(FORCE, 0.6 * FORCE.max())}, "force is saturated: it stays at"),
     "saturated below": ({"force": -np.minimum(FORCE, 0.6 * FORCE.max())}, "force is saturated: it stays at"),
+    "kilonewtons": ({"force": FORCE / 1e3}, r"impulse of about .* N s, as .* got .* N s: is it in kN\?"),
+    "other sign": ({"force": -FORCE}, r"force must be above 0 N .* N: has it the other sign\?"),
+    "complex": ({"force": FORCE + 0j}, r"force must be a sequence of numbers in N, got .*complex128 "),
+    "two-dimensional": ({"force": FORCE[:, None]}, r"force must be a sequence of numbers in N, got .*\(161, 1\)"),
     "no blow": ({"force": NOISE}, "has no blow: nothing in force stands out"),
     "two blows": (
         {"time": TIME[0] + np.arange(2 * len(TIME)) / 4000.0, "force": np.tile(FORCE, 2)},
@@ -72,15 +77,24 @@ def test_identify_refuses_what_is_no_log():
 
 @pytest.mark.parametrize(("text", "match"), [
     ("", "is empty"),
-    ("time,force\n0,1\n0.1\n", "sample 1 must have 2 values"),
+    ("time,force\n0,1\n0.1\n", "line 3 must have 2 values"),
     ("time,force,force\n", "no column twice"),
-    ("time,force\n" + "\n".join(f"{k / 1000},{'x' if k == 9 else k}" for k in range(20)), "got x at sample 9"),
+    ("time,force\n" + "\n".join(f"{k / 1000},{'x' if k == 9 else k}" for k in range(20)), "line 11: .* must be .*'x'"),
     (None, "is not read as CSV"),
 ])  # fmt: skip
 def test_identify_refuses_a_file_that_is_no_log(tmp_path, text, match):
     if text is not None:
         (tmp_path / "log.csv").write_text(text)
     identify_refused(match, tmp_path / "log.csv")
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig"])
+def test_identify_reads_a_file_with_the_byte_order_mark_of_excel_and_shows_the_line_of_a_blank_cell(encoding, tmp_path):
+    good = "\r\n".join(["time,force", *(f"{time},{force}" for time, force in zip(TIME, FORCE, strict=True))])
+    (tmp_path / "log.csv").write_text(good, encoding)
+    assert np.array_equal(read(tmp_path / "log.csv", "").columns["force"], FORCE)
+    (tmp_path / "log.csv").write_text(f"{good}\r\n\r\n0.5,\r\n", encoding)
+    identify_refused(rf"log.csv, line {len(TIME) + 3}: force must be a number, got ''", tmp_path / "log.csv")
 
 
 @pytest.mark.parametrize(("free", "match"), [

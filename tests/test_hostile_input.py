@@ -1,0 +1,197 @@
+"""Whatever stands in one place of an input that is good otherwise: it works, or one line names the place, and soon."""
+
+import csv
+import json
+import math
+import os
+import time
+import tomllib
+from copy import deepcopy
+from itertools import zip_longest
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import tomli_w
+from episodes import ID
+from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import strategies as st
+from policies import made_up_policy
+from own_set_up import TEXT
+from tasks import EVERYTHING_DRAWN
+
+import impact_gym as ig
+from agents import archive, load_policy, load_setup
+from agents.policies import Ensemble
+from agents.policies.policy import FORMAT
+from agents.setup import check
+from experiments.report.scenarios import scenarios_from
+from impact_gym.identify import log as logs_of
+from impact_gym.identify.__main__ import parse
+from impact_gym.sb3 import ImpactVecEnv
+from impact_gym.task import evaluation_sets
+
+SECONDS = 2.0
+MOST = 10**30
+PLAIN = [  # what a file may hold
+    True, False, 0, -1, 1, 3, MOST, -MOST, 0.0, -0.0, 1e-320, 1e300, -1.5, 0.5, math.nan, math.inf, -math.inf,
+    "", "0.1", "nan", "Rigid", "a\nb", "x" * 5000, "\x00", [], [1.0], [1.0, 2.0], [2.0, 1.0], [[1.0], [1.0, 2.0]],
+    [1, "a"], [True], {}, {"type": "Rigid"}, {"a": {"b": [1]}}, [math.nan, 1.0], [0.0, 1e300],
+]  # fmt: skip
+PYTHON = [  # and what only a caller may give
+    None, 1j, 10**400, 10**5000, b"1", bytearray(b"\xff"), {1, 2}, range(3), object, object(), len, Ellipsis, (1.0,),
+    *(lambda values=values: np.array(values) for values in (1.0, [1.0, 2.0], [1j], ["a"], [[1.0]], [None], [])),
+    lambda: np.float32(math.nan), lambda: np.int64(-5), lambda: np.zeros((3, 2, 2)), lambda: np.zeros(10**5),
+    lambda: np.datetime64("2020"), lambda: iter([1.0]), lambda: np.ma.masked, lambda: np.longdouble("1e4000"),
+]  # fmt: skip
+KEYS = ["", "mass", "tool_mas", "__class__", "type", "scenario", "Stiffness", "a.b", "x\ny", "self", "1", "k" * 300]
+
+
+def places(tree, path=()):
+    """Every place in an input, the whole first, but for the whole."""
+    items = tree.items() if isinstance(tree, dict) else enumerate(tree) if isinstance(tree, list) else ()
+    for key, value in items:
+        yield (*path, key)
+        yield from places(value, (*path, key))
+
+
+@st.composite
+def spoiled(draw, tree, hostile):
+    """An input with one place replaced, removed or added, and the keys of which a refusal must name one."""
+    tree = deepcopy(tree)
+    path = draw(st.sampled_from([*places(tree)]))
+    *outer, last = path
+    node = tree
+    for key in outer:
+        node = node[key]
+    how = draw(st.sampled_from(["replace"] * 6 + ["add", "remove"])) if isinstance(node, dict) else "replace"
+    if how == "remove":
+        del node[last]
+    else:
+        last = draw(st.sampled_from(KEYS)) if how == "add" else last
+        value = draw(st.sampled_from(hostile))
+        node[last] = value() if callable(value) and getattr(value, "__name__", "") == "<lambda>" else deepcopy(value)
+    beside = list(node) if isinstance(node, dict) else []
+    return tree, [str(key) for key in (*outer, last, *beside) if isinstance(key, str)]
+
+
+def finite(value):
+    """Whether every number in a result is finite."""
+    if isinstance(value, (list, tuple)):
+        return all(map(finite, value))
+    return bool(np.isfinite(value).all()) if isinstance(value, (float, np.ndarray)) else True
+
+
+ACTION = [0.4, -0.2]
+RESET = {"seed": 3, "options": {
+    "scenario": {"object_mass": 0.3, "contact_stiffness": 1e5, "restitution": 0.5, "distance": 0.2},
+    "record": {"noise_seed": 7, "reaction_delay": 0.01, "tool_mass": 0.1}, "episode_index": 1,
+}}  # fmt: skip
+ARGUMENTS = EVERYTHING_DRAWN["mechanism"] | {
+    "alarm": "reading", "dissipation": "exact", "force_weight": 0.01, "control_period": 0.02, "rtol": 1e-6,
+    "velocity_range": [-0.5, 1.0], "acceleration_range": [1.0, 8.0], "past_readings": 2, "privileged": True,
+    "observe_range_noise": True, "deflection_sensor": True,
+}  # fmt: skip
+ARGUMENTS = {name: list(value) if isinstance(value, tuple) else value for name, value in ARGUMENTS.items()}
+VECTOR = {"num_envs": 2, "threads": 1, "autoreset_mode": "SameStep", "max_episode_steps": 9, "tool_mass": 0.2,
+          "per_slot": [{"tool_mass": 0.1}, {"coupling": {"type": "Rigid"}}]}  # fmt: skip
+VARIED = {"varied": {"object.mass": [0.1, 0.2], "coupling.stiffness": [[40.0], [50.0]]}, "duration": 0.5, "rtol": 1e-6}
+SCENE = ig.Scene(ig.Tool(0.125), ig.Object(0.25, 0.2505), ig.Contact(1e5, 0.5), ig.SpringDamper(150.0))
+MOTION = ig.Trapezoid(1.0, 8.0, ig.Brake())
+TIMES = np.arange(0.30, 0.33, 1e-3)
+BLOW = ig.simulate(SCENE, MOTION, 0.4, trace=True).trace
+LOG = {"time": TIMES.tolist(), "force": np.interp(TIMES, BLOW.time, BLOW.contact_force).tolist()}
+SETUP = tomllib.loads(TEXT)
+SETUP["training"] |= {"time_weight": [0.5, 8.0], "nominal": 0.5, "teacher": "mine", "activation": "relu", "rtol": 1e-6}
+SETUP["baselines"] |= {"against": ["mine"], "bound": "linear-blind", "tuned": {"mine": {"rule": "Ranged", "jitter": 0.1}}}
+SETUP["evaluation"] |= {"nominal": {"robot": "rigid"}, "at_most": 0.5, "of": "linear-blind", "typical": 2.0}
+SETUP["evaluation"]["varied"] = {"tool_mass": {"times": [0.8, 1.1]}, "robot": ["rigid"], "scenario": ["hard"]}
+MEASURED = {
+    "environment": {"tool_mass": 0.1, "coupling": {"type": "SpringDamper", "stiffness": 150.0, "damping_ratio": 1.0},
+                    "scenario": RESET["options"]["scenario"]},
+    "motion": {"speed": 1.0, "acceleration": 8.0, "brake": {"threshold": 1.0, "delay": 0.016}},
+    "sensor": {"force": {"rate": 4000.0, "low_pass": 1e3, "bias": "estimated", "noise": 0.2}},
+}  # fmt: skip
+CONTENT, ARRAYS = Ensemble([made_up_policy(sizes=(3,))], 0).packed()
+OWN_SCENARIOS = {"ranges": {"object_mass": [0.1, 0.2]}, "seed": 3, "count": 5, "environment": {"tool_mass": 0.2}}
+
+
+def step(env, actions):
+    env.reset(seed=0)
+    return list(env.step(actions)[:2])
+
+
+def reset_stable(tree):
+    envs = ImpactVecEnv(2, tool_mass=(0.1, 0.2))
+    envs.seed(tree.get("seed"))
+    envs.set_options(tree.get("options"))
+    return envs.reset()
+
+
+def read_log(source):
+    log = logs_of.read(source, "log")
+    logs_of.check(log, SCENE, MOTION, dict.fromkeys(log.columns, ig.Sensor()))
+
+
+def written(tree, folder, suffix):
+    """A file of its own with this content."""
+    path = folder / f"{len(os.listdir(folder))}{suffix}"
+    if suffix == ".toml":
+        path.write_text(tomli_w.dumps(tree), encoding="utf-8-sig")
+    elif suffix == ".json":
+        path.write_text(json.dumps(tree))
+    elif suffix == ".csv":
+        with path.open("w", newline="", encoding="utf-8-sig") as file:
+            columns = [value if isinstance(value, list) else [value] for value in tree.values()]
+            csv.writer(file).writerows([tree, *zip_longest(*columns)])
+    else:
+        archive.write_archive(path, FORMAT, tree["content"], tree["arrays"])
+    return path
+
+
+BORDERS = {
+    "make": (ARGUMENTS, PLAIN + PYTHON, lambda tree, _: gym.make(ID, **tree).reset(seed=0)[0]),
+    "make a batch": (VECTOR, PLAIN + PYTHON, lambda tree, _: gym.make_vec(ID, **tree).reset(seed=0)[0]),
+    "action": ({"action": ACTION}, PLAIN + PYTHON, lambda tree, _: step(gym.make(ID), tree.get("action"))),
+    "actions": ({"action": [ACTION] * 2}, PLAIN + PYTHON, lambda tree, _: step(BATCH, tree.get("action"))),
+    "reset": (RESET, PLAIN + PYTHON, lambda tree, _: gym.make(ID, tool_mass=(0.1, 0.2)).reset(**tree)[0]),
+    "reset of a batch": (
+        RESET | {"options": RESET["options"] | {"reset_mask": [True, True]}}, PLAIN + PYTHON,
+        lambda tree, _: gym.make_vec(ID, num_envs=2, tool_mass=(0.1, 0.2)).reset(**tree)[0],
+    ),
+    "reset of stable-baselines3": (RESET, PLAIN + PYTHON, lambda tree, _: reset_stable(tree)),
+    "set-up": (SETUP, PLAIN, lambda tree, folder: check(load_setup(written(tree, folder, ".toml")))),
+    "scene": (MEASURED, PLAIN, lambda tree, _: parse(tree, ("contact.stiffness",))),
+    "log": (LOG, PLAIN + PYTHON, lambda tree, _: read_log(tree)),
+    "log's file": (LOG, PLAIN, lambda tree, folder: read_log(written(tree, folder, ".csv"))),
+    "scenarios": (OWN_SCENARIOS, PLAIN, lambda tree, folder: scenarios_from(str(written(tree, folder, ".json")), None)),
+    "policy": (
+        {"content": CONTENT, "arrays": ARRAYS}, PLAIN,
+        lambda tree, folder: load_policy(written(tree, folder, ".npz")).predict(np.zeros(8))[0],
+    ),
+    "observation": ({"observation": [0.0] * 8}, PLAIN + PYTHON, lambda tree, _: POLICY.predict(tree["observation"])[0]),
+    "sweep": (VARIED, PLAIN + PYTHON, lambda tree, _: ig.sweep(SCENE, MOTION, **tree).object_velocity),
+}  # fmt: skip
+for kind, load in {"set-up": load_setup, "policy": load_policy, "evaluation set": evaluation_sets.load}.items():
+    BORDERS[f"name of a {kind}"] = {kind: "linear-blind"}, PLAIN + PYTHON, lambda tree, _, load=load: load(*tree.values())
+POLICY, BATCH = made_up_policy(), gym.make_vec(ID, num_envs=2)
+
+
+@settings(max_examples=int(os.environ.get("HOSTILE", 500)), deadline=None, database=None, phases=[Phase.generate],
+          derandomize="HOSTILE" not in os.environ, suppress_health_check=list(HealthCheck))  # fmt: skip
+@given(st.data())
+def test_one_hostile_place_in_an_input_works_or_is_named_in_one_line(tmp_path, data):
+    border = data.draw(st.sampled_from([*BORDERS]))
+    good, hostile, use = BORDERS[border]
+    tree, keys = data.draw(spoiled(good, hostile))
+    begun = time.process_time()
+    try:
+        result = use(tree, tmp_path)
+    except ValueError as error:
+        says = str(error)
+        assert "\n" not in says
+        assert len(says) < 2000
+        assert any(key in says or repr(key)[1:-1] in says for key in keys), says
+    else:
+        assert finite(result)
+    assert time.process_time() - begun < SECONDS
