@@ -47,6 +47,7 @@ def reason(error: Exception) -> str:
         return "it is nested too deeply"
     return f"it has no {error}" if isinstance(error, KeyError) else " ".join(str(error).split())
 
+
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 SQLITE_NO_ROOM = (sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR)
 """Primary codes: SQLite takes a quota for an error of the disk."""

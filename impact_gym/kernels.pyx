@@ -91,7 +91,7 @@ cdef Recorder recorder_of(tuple arrays):
     contacts, trace, snaps, interval = arrays
     return Recorder(
         <ContactRow *> memory_of(contacts), <TraceRow *> memory_of(trace), <double *> memory_of(snaps),
-        len(contacts), len(trace), len(snaps), interval,
+        len(contacts), trace.shape[trace.ndim - 1], len(snaps), interval,
     )
 
 
@@ -183,7 +183,7 @@ cdef class Rows:
             readings: (size, slots), READING.
             observations: (size, length), float32.
             entries: of an observation (length,), ENTRY.
-            recorder: see `approach_rows`; rows of a batch share it.
+            recorder: see `approach_rows`; of its trace (size, points) each row has a row.
             max_steps: integration steps of an episode.
         """
         self.arrays = (
@@ -244,6 +244,7 @@ cdef class Rows:
                     continue
                 row = self.row(i)
                 run.law = &self.laws[i * self.each_law]
+                run.recorder.trace = self.recorder.trace + i * self.recorder.trace_rows
                 run.contact.stiffness, run.contact.damping = row.episode.drawn.contact_stiffness, row.episode.damping
                 run.object_mass = row.episode.drawn.object_mass
                 run.threshold, run.tolerance = row.episode.drawn.alarm_threshold, row.task.tolerance

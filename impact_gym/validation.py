@@ -136,12 +136,6 @@ def one_of(field: str, value: Any, *kinds: type[Any]) -> None:
         raise WrongTypeError(f"{field} must be a {wanted}, got {shown(value)}")
 
 
-def flag(field: str, value: Any) -> None:
-    """Raise TypeError unless `value` is True or False, in Python or NumPy."""
-    if not isinstance(value, (bool, np.bool_)):
-        raise WrongTypeError(f"{field} must be True or False, got {shown(value)}")
-
-
 def choice(field: str, value: Any, allowed: Container[str | None]) -> None:
     """Raise ValueError unless `value` is one of the texts `allowed`, or None if that is."""
     if not isinstance(value, (str, type(None))) or value not in allowed:
@@ -165,15 +159,6 @@ def array(
     if shape is not None and result.shape != shape:
         raise ValueError(f"{field} must hold {what} in shape {shape}, got shape {result.shape}")
     return result
-
-
-def fits_memory(field: str, count: int, each: int) -> None:
-    """Raise ValueError if `count` things of `each` bytes cannot fit into this machine's memory."""
-    if hasattr(os, "sysconf") and count * each > (most := os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")):
-        needed = f"{count:,} of them take {count * each / 2**30:,.0f} GiB"
-        raise ValueError(
-            f"{field} must fit into memory, got {count}: {needed}, this machine has {most / 2**30:,.0f} GiB"
-        )
 
 
 def interval(field: str, value: Any, unit: str, **limits: float) -> Range:

@@ -11,13 +11,12 @@ from itertools import zip_longest
 
 import gymnasium as gym
 import numpy as np
-import pytest
 import tomli_w
 from episodes import ID
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
-from policies import made_up_policy
 from own_set_up import TEXT
+from policies import made_up_policy
 from tasks import EVERYTHING_DRAWN
 
 import impact_gym as ig
@@ -103,7 +102,11 @@ BLOW = ig.simulate(SCENE, MOTION, 0.4, trace=True).trace
 LOG = {"time": TIMES.tolist(), "force": np.interp(TIMES, BLOW.time, BLOW.contact_force).tolist()}
 SETUP = tomllib.loads(TEXT)
 SETUP["training"] |= {"time_weight": [0.5, 8.0], "nominal": 0.5, "teacher": "mine", "activation": "relu", "rtol": 1e-6}
-SETUP["baselines"] |= {"against": ["mine"], "bound": "linear-blind", "tuned": {"mine": {"rule": "Ranged", "jitter": 0.1}}}
+SETUP["baselines"] |= {
+    "against": ["mine"],
+    "bound": "linear-blind",
+    "tuned": {"mine": {"rule": "Ranged", "jitter": 0.1}},
+}
 SETUP["evaluation"] |= {"nominal": {"robot": "rigid"}, "at_most": 0.5, "of": "linear-blind", "typical": 2.0}
 SETUP["evaluation"]["varied"] = {"tool_mass": {"times": [0.8, 1.1]}, "robot": ["rigid"], "scenario": ["hard"]}
 MEASURED = {
@@ -173,7 +176,11 @@ BORDERS = {
     "sweep": (VARIED, PLAIN + PYTHON, lambda tree, _: ig.sweep(SCENE, MOTION, **tree).object_velocity),
 }  # fmt: skip
 for kind, load in {"set-up": load_setup, "policy": load_policy, "evaluation set": evaluation_sets.load}.items():
-    BORDERS[f"name of a {kind}"] = {kind: "linear-blind"}, PLAIN + PYTHON, lambda tree, _, load=load: load(*tree.values())
+    BORDERS[f"name of a {kind}"] = (
+        {kind: "linear-blind"},
+        PLAIN + PYTHON,
+        lambda tree, _, load=load: load(*tree.values()),
+    )
 POLICY, BATCH = made_up_policy(), gym.make_vec(ID, num_envs=2)
 
 

@@ -6,10 +6,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from impact_gym.kernels import CHAIN, DRAW, EPISODE, READING, UNIFORMS, Rows, draw_uniforms, laws_of
+from impact_gym.kernels import CHAIN, CONTACT, DRAW, EPISODE, READING, TRACE, UNIFORMS, Rows, draw_uniforms, laws_of
 from impact_gym.lowering import STATUS_MESSAGES, places
 from impact_gym.quantities import QUANTITIES
-from impact_gym.simulation import MAX_STEPS, NOTHING_RECORDED
+from impact_gym.scene import flange_moves_with_tool
+from impact_gym.simulation import MAX_STEPS, Trace
 from impact_gym.task.episodes import RECORD_IDS, first_uniforms, fix, free_records
 from impact_gym.task.observation import ObservationSpec
 from impact_gym.task.scenario import FIELDS, ScenarioRanges
@@ -34,7 +35,8 @@ _NUMBERS = {
 """Entries of an info that are numbers, and which of an episode's they are."""
 
 _PLACES = places(EPISODE)
-_STATE = ("draws", "laws", "chains", "episodes", "readings", "observations", "rewards")
+_STATE = ("draws", "laws", "chains", "episodes", "readings", "observations", "rewards", "traces")
+TRACE_INTERVAL = 1e-3  # s, between points of a trace in flight
 _SPARE = 4  # readings beyond those under way: some are taken before the oldest is due
 
 
@@ -58,7 +60,7 @@ class Batch:
         size: int,
         task: Task | Sequence[Task],
         threads: int | None = None,
-        recorder: tuple[Any, ...] = NOTHING_RECORDED,
+        trace_points: int = 0,
         max_steps: int = MAX_STEPS,
     ) -> None:
         """Make a batch.
@@ -68,7 +70,7 @@ class Batch:
             task: of all rows, or one for each: these may differ in tool, coupling, robot, alarm threshold, noise,
                 scenarios and whatever else does not change what is observed.
             threads: how many to use, None for all cores; changes no result.
-            recorder: where rows write contacts and traces, see `simulation`; for a batch of one.
+            trace_points: how many are kept of the time histories of each row's episode.
             max_steps: integration steps after which the solver gives up an episode.
 
         Raises:
@@ -80,7 +82,7 @@ class Batch:
         self.task = tasks[0]
         self.size = size
         self.threads = cores() if threads is None else whole("threads", threads, at_least=1)
-        self.recorder, self.max_steps = recorder, max_steps
+        self.max_steps = max_steps
         self.spec = ObservationSpec.of_rows(tasks)
         slots = max(each.readings_under_way() for each in tasks) + _SPARE
         each_row = CHAIN.itemsize + EPISODE.itemsize + slots * READING.itemsize + 4 * len(self.spec)
@@ -90,6 +92,7 @@ class Batch:
         self.readings = np.zeros((size, slots), READING)
         self.observations = np.zeros((size, len(self.spec)), np.float32)
         self.rewards = np.zeros(size)
+        self.traces = np.empty((size, trace_points), TRACE)
         self._lower(tasks)
         self._name_entries(tasks)
         self._make_rows()
@@ -119,14 +122,16 @@ class Batch:
         numbers = _NUMBERS | {f"record.{name}": f"drawn.{name}" for name in drawn}
         entries = (*numbers, "peak_force", "contact_count", "missed", "status")
         self._layout = layout_of(entries)
+        self._with_tool = [flange_moves_with_tool(task.coupling, task.robot) for task in tasks]
         self._not_drawn = [[name for name in drawn if name not in task.drawn] for task in tasks]
         self._columns = np.array([[_PLACES[name]] for name in numbers.values()])
         self._signs = np.array([[-1.0] if name.startswith("reward_terms.") else [1.0] for name in numbers])
 
     def _make_rows(self) -> None:
         """Hand the arrays to the kernels."""
-        draws, laws, *arrays = (getattr(self, name) for name in _STATE)
-        self._rows = Rows(self.tasks, draws, laws, self._tables, *arrays, self._entries, self.recorder, self.max_steps)
+        draws, laws, *arrays, traces = (getattr(self, name) for name in _STATE)
+        recorder = np.empty(0, CONTACT), traces, np.empty(0), TRACE_INTERVAL
+        self._rows = Rows(self.tasks, draws, laws, self._tables, *arrays, self._entries, recorder, self.max_steps)
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in vars(self).items() if name != "_rows"}
@@ -245,6 +250,11 @@ class Batch:
         now = self.episodes.view(np.float64).reshape(self.size, -1)
         places = {name: self.spec.entries[self.spec.index(name)].place for name in self.spec.sensors}
         return {name: now[:, place].copy() for name, place in places.items()}
+
+    def trace(self, row: int) -> Trace:
+        """Return the time histories of the episode of `row` so far, as many points as are kept."""
+        points = self.traces[row, : int(self.chains["traced"][row])]
+        return Trace.of(points, self._with_tool[row % len(self._with_tool)])
 
     @property
     def ended(self) -> NDArray[np.bool_]:

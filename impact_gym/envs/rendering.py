@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from impact_gym.envs import render_canvas as look
 from impact_gym.envs import render_chain, render_strips
+from impact_gym.envs.batch import Batch
 from impact_gym.envs.render_canvas import Canvas
 from impact_gym.envs.render_history import FRAME_RATE, History, State
 from impact_gym.scene import Bistable, SpringDamper
-from impact_gym.simulation import Trace
 from impact_gym.task import Task
 
 if TYPE_CHECKING:
@@ -45,9 +45,9 @@ class Renderer:
         self._ended = False
         self._last: Frame | None = None
 
-    def render(self, trace: Trace, info: dict[str, Any], ended: bool) -> Frame | list[Frame] | None:
-        """Return what `render` of the environment returns, given its trace, its `episode_info()` and its end."""
-        history = History(trace, info, self._task, ended)
+    def render(self, batch: Batch, row: int) -> Frame | list[Frame] | None:
+        """Return what `render` of the environment returns, of the episode of `row` of `batch`."""
+        history = History(batch.trace(row), batch.info(row), self._task, batch.episodes["terminated"][row] == 1)
         if self._mode == "rgb_array":
             return self._single(history).copy()
         if self._mode == "rgb_array_list":

@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 from impact_gym.envs import docstring
 from impact_gym.envs.arguments import with_task_arguments
 from impact_gym.envs.batch import Batch
-from impact_gym.kernels import CONTACT, TRACE
-from impact_gym.scene import flange_moves_with_tool
-from impact_gym.simulation import NOTHING_RECORDED, Trace
+from impact_gym.simulation import Trace
 from impact_gym.task.episodes import episode_index, fixed_records, skip_episodes
 from impact_gym.task.observation import ObservationSpec
 from impact_gym.task.scenario import ScenarioRanges
@@ -24,7 +22,7 @@ if TYPE_CHECKING:
     from impact_gym.envs.rendering import Renderer
 
 ACTION_SPACE: Space[Any] = spaces.Box(-1.0, 1.0, (2,), np.float32)
-TRACE_ROWS = 1 << 15
+TRACE_POINTS = 1 << 15
 _ROW = np.zeros(1, np.int64)
 _NO_SKIP = np.zeros(1, np.bool_)
 
@@ -135,7 +133,8 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     over in a few steps, so "human" and "rgb_array_list" show it in slow motion with many pictures per step. Each
     picture says how slow: 8 to 1024 times. "rgb_array" gives one picture, of the end of the step. Gymnasium's
     `RecordVideo` keeps one picture per step in either case; `impact_gym.envs.render_video.SlowMotionVideo` keeps all.
-    A batch does not render.
+    A batch of at most 16 has "rgb_array" too: `render` returns a picture of each, and Gymnasium's `RecordVideo` for
+    vector environments makes them tiles of one film.
 
     ## Version History
     * v0: first version; it may still change until version 0.1.0 of the package is released
@@ -162,11 +161,8 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         flag("record_trace", record_trace)
         self.render_mode = render_mode
         self._renderer: Renderer | None = None
-        recorder = NOTHING_RECORDED
-        if record_trace or render_mode is not None:
-            recorder = np.empty(0, CONTACT), np.empty(TRACE_ROWS, TRACE), np.empty(0), 1e-3
-        self._trace = recorder[1]
-        self._batch = Batch(1, Task(**arguments), threads=1, recorder=recorder)
+        points = TRACE_POINTS if record_trace or render_mode is not None else 0
+        self._batch = Batch(1, Task(**arguments), threads=1, trace_points=points)
         self.observation_spec = self._batch.spec
         self.observation_space = observation_space(self.observation_spec)
         self.action_space = ACTION_SPACE
@@ -196,16 +192,12 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         Raises:
             RuntimeError: the environment was made without `record_trace`, or the episode was too long for it.
         """
-        rows = int(self._batch.chains["traced"][0])
-        if len(self._trace) == 0:
+        points, kept = int(self._batch.chains["traced"][0]), self._batch.traces.shape[1]
+        if kept == 0:
             raise RuntimeError("make the environment with record_trace=True to read a trace")
-        if rows > TRACE_ROWS:
-            raise RuntimeError(f"the episode has {rows} trace points, more than the {TRACE_ROWS} that are kept")
-        return self._kept(rows)
-
-    def _kept(self, rows: int) -> Trace:
-        task = self._batch.task
-        return Trace.of(self._trace[:rows], flange_moves_with_tool(task.coupling, task.robot))
+        if points > kept:
+            raise RuntimeError(f"the episode has {points} trace points, more than the {kept} that are kept")
+        return self._batch.trace(0)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -249,14 +241,13 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if self.render_mode is None:
             gym.logger.warn("render() draws nothing without a render_mode, such as gym.make(..., render_mode='human')")
             return None
-        rows = int(self._batch.chains["traced"][0])
-        if not self._running and rows == 0:
+        if not self._running and self._batch.chains["traced"][0] == 0:
             raise gym.error.ResetNeeded("no episode is under way: call reset before render")
         if self._renderer is None:
             from impact_gym.envs.rendering import Renderer
 
             self._renderer = Renderer(self._batch.task, self.render_mode)
-        return self._renderer.render(self._kept(rows), self.episode_info(), ended=not self._running)
+        return self._renderer.render(self._batch, 0)
 
     def close(self) -> None:
         """Close the window, if there is one; again does nothing."""

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from gymnasium import logger
 from gymnasium.error import ResetNeeded
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
@@ -12,11 +13,13 @@ from numpy.typing import NDArray
 
 from impact_gym.envs.arguments import with_task_arguments
 from impact_gym.envs.batch import Batch
-from impact_gym.envs.single import ACTION_SPACE, observation_space
+from impact_gym.envs.single import ACTION_SPACE, TRACE_POINTS, ImpactApproachEnv, observation_space
 from impact_gym.task.episodes import episode_index, fixed_records, skip_episodes
 from impact_gym.task.scenario import ScenarioRanges
 from impact_gym.task.task import Task
 from impact_gym.validation import WrongTypeError, array, choice, one_of, shown, whole
+
+MOST_DRAWN = 16  # environments of a batch with pictures
 
 Floats = NDArray[np.float32]
 Flags = NDArray[np.bool_]
@@ -27,9 +30,10 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
 
     Beside its arguments: `autoreset_mode`, NEXT_STEP by default (the step after an episode's last one ignores its
     action, starts the next episode and rewards nothing), SAME_STEP (the last observation and info in
-    `infos["final_obs"]`, `infos["final_info"]`) or DISABLED (reset by `options={"reset_mask": ...}`);
-    `max_episode_steps`, after which an episode is truncated; `threads`, which changes no result; `per_slot`, a mapping
-    for each slot of those arguments that it has otherwise, as long as all slots observe the same.
+    `infos["final_obs"]`, `infos["final_info"]`) or DISABLED (reset by `options={"reset_mask": ...}`); `render_mode`,
+    None or, for at most 16 environments, "rgb_array"; `max_episode_steps`, after which an episode is truncated;
+    `threads`, which changes no result; `per_slot`, a mapping for each slot of those arguments that it has otherwise, as
+    long as all slots observe the same.
     """
 
     @with_task_arguments()
@@ -37,33 +41,39 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         self,
         num_envs: int = 1,
         *,
-        render_mode: None = None,
+        render_mode: str | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         threads: int | None = None,
         per_slot: Sequence[Mapping[str, Any]] | None = None,
         **arguments: Any,  # those of `Task`, which checks them; the signature names them
     ) -> None:
-        if render_mode is not None:
-            raise ValueError(
-                f"render_mode must be None for a batch, got {shown(render_mode)}; gymnasium.make makes one to watch"
-            )
+        if render_mode not in (None, "rgb_array"):
+            raise ValueError(f"render_mode must be None or 'rgb_array' for a batch, got {shown(render_mode)}")
         self.num_envs = whole("num_envs", num_envs, at_least=1)
+        if render_mode is not None and self.num_envs > MOST_DRAWN:
+            raise ValueError(f"num_envs must be at most {MOST_DRAWN} with a render_mode, got {self.num_envs}")
         self.render_mode = render_mode
         modes = [mode.value for mode in AutoresetMode]
         if not isinstance(autoreset_mode, AutoresetMode):
             choice("autoreset_mode", autoreset_mode, modes)
         self.autoreset_mode = AutoresetMode(autoreset_mode)
-        self.metadata = {"render_modes": [], "autoreset_mode": self.autoreset_mode}
+        own = {"render_modes": ["rgb_array"], "autoreset_mode": self.autoreset_mode}
+        self.metadata = ImpactApproachEnv.metadata | own
         if per_slot is not None and len(per_slot) != self.num_envs:
             raise ValueError(f"per_slot must be a mapping for each of {self.num_envs} slots, got {len(per_slot)}")
         tasks = [Task(**{**arguments, **changes}) for changes in ([{}] if per_slot is None else per_slot)]
-        self.batch = Batch(self.num_envs, tasks, threads)
+        self.batch = Batch(self.num_envs, tasks, threads, 0 if render_mode is None else TRACE_POINTS)
         self.observation_spec = self.batch.spec
         self.single_observation_space = observation_space(self.observation_spec)
         self.single_action_space = ACTION_SPACE
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self._generators: list[np.random.Generator] = []
+        self._renderers: list[Any] = []
+        if render_mode is not None:
+            from impact_gym.envs.rendering import Renderer
+
+            self._renderers = [Renderer(tasks[slot % len(tasks)], render_mode) for slot in range(self.num_envs)]
         self._none: Flags = np.zeros(self.num_envs, np.bool_)
         self._ended = self._none.copy()
         self._begun = self._none.copy()
@@ -93,7 +103,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         self._seed(seed, mask)
         for slot in np.flatnonzero(mask & (skipped > 0)).tolist():
             skip_episodes(self._generators[slot], int(skipped[slot]))
-        self.batch.draw_and_begin(np.flatnonzero(mask), self._generators, fixed)
+        self._draw_and_begin(np.flatnonzero(mask), fixed)
         self._ended[mask] = False
         self._begun[mask] = True
         return self.batch.observations.copy()
@@ -111,7 +121,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         if self.autoreset_mode is AutoresetMode.NEXT_STEP:
             skip = self._ended
             if skip.any():
-                batch.draw_and_begin(np.flatnonzero(skip), self._generators)
+                self._draw_and_begin(np.flatnonzero(skip))
                 batch.rewards[skip] = 0.0
         elif self._ended.any():
             raise ResetNeeded("some episodes have ended: reset them with options={'reset_mask': ...}")
@@ -134,9 +144,23 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
                 for row in rows:
                     final[row] = batch.observations[row].copy()
                 infos = {"final_obs": final, "_final_obs": ended, "final_info": infos, "_final_info": ended.copy()}
-                batch.draw_and_begin(rows, self._generators)
+                self._draw_and_begin(rows)
                 self._ended = self._none.copy()
         return batch.observations.copy(), rewards, terminated, truncated, infos
+
+    def render(self) -> tuple[Any, ...] | None:
+        """Return a picture (540, 960, 3) of this moment in each slot; see Rendering of `ImpactApproachEnv`.
+
+        Raises:
+            DependencyNotInstalled: pygame is not there.
+            ResetNeeded: a slot has no episode yet.
+        """
+        if self.render_mode is None:
+            logger.warn("render() draws nothing without gym.make_vec(..., render_mode='rgb_array')")
+            return None
+        if not self._begun.all():
+            raise ResetNeeded("some slots have no episode under way: call reset before render")
+        return tuple(renderer.render(self.batch, slot) for slot, renderer in enumerate(self._renderers))
 
     def sensors(self) -> dict[str, NDArray[np.float64]]:
         """Return what the controllers may know now, arrays (num_envs,); see `ImpactApproachEnv.sensors`."""
@@ -159,6 +183,12 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         for generator, there in zip(self._generators, state["generators"], strict=True):
             generator.bit_generator.state = there
         self._ended, self._begun = state["ended"].copy(), state["begun"].copy()
+
+    def _draw_and_begin(self, rows: NDArray[np.int64], fixed: NDArray[Any] | None = None) -> None:
+        self.batch.draw_and_begin(rows, self._generators, fixed)
+        if self._renderers:
+            for row in rows.tolist():
+                self._renderers[row].begin()
 
     def _mask(self, mask: Any) -> Flags:
         if mask is None:

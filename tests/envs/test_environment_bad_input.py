@@ -90,8 +90,8 @@ def test_front_end_names_a_bad_argument(make, bad, error, message):
     ({"max_episode_steps": 2.5}, TypeError, "max_episode_steps.*whole"),
     ({"autoreset_mode": "never"}, ValueError, "(?i)autoreset_?mode"),
     ({"autoreset_mod": "NextStep"}, TypeError, "'autoreset_mod'.*autoreset_mode"),
-    ({"render_mode": "human"}, ValueError, "render_mode.*None"),
-    ({"render_mode": "rgb_array"}, ValueError, "render_mode.*None"),
+    ({"render_mode": "human"}, ValueError, "render_mode.*None.*'rgb_array'.*'human'"),
+    ({"render_mode": "rgb_array", "num_envs": 17}, ValueError, "num_envs.*at most 16.*17"),
 ])  # fmt: skip
 def test_batch_names_a_bad_argument(bad, error, message):
     with pytest.raises(error, match=message):

@@ -135,7 +135,7 @@ def test_scenes_of_any_scale_are_drawn(scenario, options):
 
 
 def test_an_episode_too_long_for_its_trace_is_drawn_as_far_as_that_goes(monkeypatch):
-    monkeypatch.setattr(ig.envs.single, "TRACE_ROWS", 400)
+    monkeypatch.setattr(ig.envs.single, "TRACE_POINTS", 400)
     env = gym.make(ID, render_mode="rgb_array")
     pictures, results = play(env, scenario=HARD_AND_HEAVY)
     with pytest.raises(RuntimeError, match="400"):

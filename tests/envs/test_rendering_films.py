@@ -9,10 +9,12 @@ from types import SimpleNamespace
 import gymnasium as gym
 import numpy as np
 import pytest
-from episodes import assert_identical, history
+from episodes import action_table, assert_identical, begin, history
 from gymnasium.utils.env_checker import check_env
 from gymnasium.wrappers import RecordVideo
+from gymnasium.wrappers import vector as vector_wrappers
 from rendered import HARD_AND_HEAVY, ID, SHAPE, history_of, play
+from tasks import EVERYTHING_DRAWN
 
 from agents.baselines import PaperTrapezoid, encode
 from impact_gym.envs import IDS, rendering
@@ -160,10 +162,34 @@ def test_a_display_that_is_not_there_is_named(monkeypatch):
         env.reset(seed=1)
 
 
-def test_calls_of_render_that_can_draw_nothing_are_named():
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+def test_a_batch_draws_what_gymnasiums_loop_draws_and_goes_on_drawing_from_a_state(mode):
+    options = {"render_mode": "rgb_array", **EVERYTHING_DRAWN["spring"]}
+    envs, elsewhere = (gym.make_vec(ID, num_envs=3, autoreset_mode=mode, **options) for _ in range(2))
+    loop = gym.make_vec(ID, 3, vectorization_mode="sync", vector_kwargs={"autoreset_mode": mode}, **options)
+    silent = gym.make_vec(ID, num_envs=3, autoreset_mode=mode, **EVERYTHING_DRAWN["spring"])
+    for each in (envs, elsewhere, loop, silent):
+        begin(each, seed=4)
+    assert_identical(envs.render(), loop.render())
+    ended = 0
+    for row in action_table(3, ticks=50, slots=3, lean=(0.4, 0.6)):
+        results = [each.step(row) for each in (envs, silent, loop)]
+        assert_identical(results[0], results[1])
+        if results[0][2].any() or ended > 0:
+            assert_identical(envs.render(), loop.render())
+            elsewhere.set_state(pickle.loads(pickle.dumps(envs)).get_state())
+            assert_identical(elsewhere.render(), copy.deepcopy(envs).render())
+            ended += results[0][2].sum()
+        if ended > 2:
+            break
+    assert ended > 2
+
+
+@pytest.mark.parametrize("make", [gym.make, gym.make_vec])
+def test_calls_of_render_that_can_draw_nothing_are_named(make):
     with pytest.raises(gym.error.ResetNeeded, match="reset"):
-        gym.make(ID, render_mode="rgb_array").unwrapped.render()
-    env = gym.make(ID)
+        make(ID, render_mode="rgb_array").unwrapped.render()
+    env = make(ID)
     env.reset(seed=1)
     with pytest.warns(UserWarning, match="render_mode"):
         assert env.render() is None
@@ -193,3 +219,26 @@ def test_films_play(recorder, mode, slow, tmp_path):
             picture = clip.get_frame((place + 0.5) / rendering.FRAME_RATE)
             assert picture.shape == SHAPE
             assert np.abs(picture.astype(int) - recorded[place]).mean() < 5.0  # the codec loses a little
+
+
+def test_a_film_of_a_batch_has_a_tile_for_each(tmp_path):
+    pytest.importorskip("moviepy")
+    from moviepy import VideoFileClip
+
+    height, width, _ = SHAPE
+    envs = vector_wrappers.RecordVideo(gym.make_vec(ID, num_envs=4, render_mode="rgb_array"), str(tmp_path / "films"))
+    envs.reset(seed=3)
+    shown, ended = [], [False]
+    while not ended[0]:  # a film ends with the episode of the first
+        _, _, ended, _, _ = envs.step(np.tile(encode(1.0, 8.0), (4, 1)))
+        shown.append(envs.env.render())
+    envs.close()
+    (film,) = (tmp_path / "films").glob("*-0.mp4")
+    with VideoFileClip(str(film)) as clip:
+        assert clip.fps == rendering.FRAME_RATE
+        place = len(shown) // 2
+        picture = clip.get_frame((place + 1.5) / rendering.FRAME_RATE)  # the first is of the reset
+    assert picture.shape == (2 * height, 2 * width, 3)
+    for tile, pixels in enumerate(shown[place]):
+        top, left = tile // 2 * height, tile % 2 * width
+        assert np.abs(picture[top : top + height, left : left + width].astype(int) - pixels).mean() < 5.0
