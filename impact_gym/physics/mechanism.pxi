@@ -101,9 +101,12 @@ cdef inline double mechanism_reach(const Mechanism *law, double stretch, double 
     """Largest stretch (m) that the energy of mechanism and stops and `kinetic` (J) allow.
 
     Behind the alignment with less energy than the barrier the slider stays there; else the front stop, which holds
-    no more energy than there is, ends its way.
+    no more energy than there is, ends its way. Of the energy at rest nothing is free, and in front of that place it
+    grows at least as that of a spring as much softer than the stop as the mechanism may be stiff.
     """
-    cdef double energy = kinetic + mechanism_energy(law, stretch)
+    cdef double energy = kinetic + mechanism_energy(law, stretch), free = energy - mechanism_energy(law, 0.0)
+    cdef double reach = law.front_stop - law.rest + sqrt(2.0 * energy / law.stop_stiffness)
+    cdef double stiffness = law.stop_stiffness - stiffness_bound(law)
     if law.rest + stretch < 0.0 and energy < spring_energy(law, 0.0):
         return -law.rest
-    return law.front_stop - law.rest + sqrt(2.0 * energy / law.stop_stiffness)
+    return min(reach, sqrt(2.0 * max(free, 0.0) / stiffness)) if stiffness > 0.0 else reach

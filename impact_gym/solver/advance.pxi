@@ -115,6 +115,8 @@ cdef int fly(Run *run, Chain *chain, double acceleration, double until) noexcept
     drift(run.law, chain, acceleration, min(touch, left))
     if touch <= left:
         return TOUCHED
+    if not isfinite(chain.penetration_rate + chain.deflection_rate):
+        return NOT_FINITE
     chain.time = until
     trace(run, chain, chain, acceleration, 0.0)
     return ARRIVED
@@ -151,8 +153,6 @@ cdef void approach(Run *run, Chain *chain, const Approach *plan) noexcept nogil:
         status = ARRIVED
     if chain.touching:
         close_contact(run, chain, NAN)
-    if status == ARRIVED and not isfinite(chain.penetration_rate + chain.deflection_rate):
-        status = NOT_FINITE
     chain.status = status
 
 
