@@ -26,7 +26,7 @@ def with_task_arguments(**without: str) -> Callable[[Callable[P, None]], Callabl
             for name, item in arguments().items()
             if name not in without
         ]
-        names = {parameter.name for parameter in (*parameters, *task)}
+        names = {parameter.name for parameter in (*parameters, *task)} - {"self"}
 
         @wraps(constructor)
         def checked(*given: P.args, **options: P.kwargs) -> None:
@@ -34,7 +34,7 @@ def with_task_arguments(**without: str) -> Callable[[Callable[P, None]], Callabl
                 if name in without:
                     raise WrongTypeError(f"{name} {without[name]}")
                 if name not in names:
-                    known = [name for name in (*arguments(), *own.parameters) if name in names and name != "self"]
+                    known = [name for name in (*arguments(), *own.parameters) if name in names]
                     raise WrongTypeError(f"unknown argument {name!r}; allowed are {', '.join(known)}")
             constructor(*given, **options)
 

@@ -61,7 +61,10 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         self.metadata = ImpactApproachEnv.metadata | own
         if per_slot is not None and len(per_slot) != self.num_envs:
             raise ValueError(f"per_slot must be a mapping for each of {self.num_envs} slots, got {len(per_slot)}")
-        tasks = [Task(**{**arguments, **changes}) for changes in ([{}] if per_slot is None else per_slot)]
+        own = [{}] if per_slot is None else per_slot
+        for slot, changes in enumerate(own):
+            one_of(f"per_slot[{slot}]", changes, Mapping)
+        tasks = [Task.of(f"per_slot[{slot}]", {**arguments, **changes}) for slot, changes in enumerate(own)]
         self.batch = Batch(self.num_envs, tasks, threads, 0 if render_mode is None else TRACE_POINTS)
         self.observation_spec = self.batch.spec
         self.single_observation_space = observation_space(self.observation_spec)
