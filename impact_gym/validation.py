@@ -93,7 +93,8 @@ def whole(field: str, value: Any, at_least: int) -> int:
         TypeError: `value` is no whole number.
         ValueError: `value` is below `at_least`.
     """
-    if isinstance(value, bool) or not hasattr(value, "__index__") or getattr(value, "ndim", 0) > 0:
+    kind = getattr(getattr(value, "dtype", None), "kind", "i")
+    if isinstance(value, bool) or not hasattr(value, "__index__") or getattr(value, "ndim", 0) > 0 or kind not in "iu":
         raise WrongTypeError(f"{field} must be a whole number of at least {at_least}, got {shown(value)}")
     result = operator.index(value)
     if result < at_least:

@@ -6,7 +6,7 @@ from functools import wraps
 from typing import ParamSpec
 
 from impact_gym.task.task import arguments
-from impact_gym.validation import WrongTypeError
+from impact_gym.validation import WrongTypeError, shown
 
 P = ParamSpec("P")
 
@@ -35,7 +35,7 @@ def with_task_arguments(**without: str) -> Callable[[Callable[P, None]], Callabl
                     raise WrongTypeError(f"{name} {without[name]}")
                 if name not in names:
                     known = [name for name in (*arguments(), *own.parameters) if name in names]
-                    raise WrongTypeError(f"unknown argument {name!r}; allowed are {', '.join(known)}")
+                    raise WrongTypeError(f"unknown argument {shown(name)}; allowed are {', '.join(known)}")
             constructor(*given, **options)
 
         checked.__signature__ = own.replace(parameters=[*parameters, *task])  # type: ignore[attr-defined]

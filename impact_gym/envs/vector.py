@@ -59,6 +59,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         own = {"render_modes": ["rgb_array"], "autoreset_mode": self.autoreset_mode}
         self.metadata = ImpactApproachEnv.metadata | own
+        one_of("per_slot", per_slot, Sequence, type(None))
         if per_slot is not None and len(per_slot) != self.num_envs:
             raise ValueError(f"per_slot must be a mapping for each of {self.num_envs} slots, got {len(per_slot)}")
         own = [{}] if per_slot is None else per_slot

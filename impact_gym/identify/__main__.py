@@ -16,7 +16,7 @@ from impact_gym.quantities import QUANTITIES, SCENARIO, SET_UP
 from impact_gym.scene import Contact, Object, Scene, Tool
 from impact_gym.task import Task
 from impact_gym.task.task import record_from
-from impact_gym.validation import one_of
+from impact_gym.validation import one_of, shown
 
 DESCRIPTION = """Fit numbers of a scene to a measured blow and write their 95 % intervals as the ranges of a set-up."""
 
@@ -93,7 +93,7 @@ def parse(content: Mapping[str, Any], free: Sequence[str]) -> tuple[Scene, Trape
     """
     for name in ("environment", "motion"):
         if not isinstance(content.get(name), Mapping):
-            raise ValueError(f"the scene's file must have a table [{name}], got {content.get(name)!r}")
+            raise ValueError(f"the scene's file must have a table [{name}], got {shown(content.get(name))}")
     for name in free:
         if name not in PLACES and not name.startswith(("coupling.", "robot.")):
             raise ValueError(f"free: {name} has no place in a set-up; have {', '.join(PLACES)}, coupling.*, robot.*")
@@ -102,7 +102,9 @@ def parse(content: Mapping[str, Any], free: Sequence[str]) -> tuple[Scene, Trape
     for name, place in PLACES.items():
         known = scenario.get(place[-1]) if isinstance(scenario, Mapping) else None
         if place[0] == "scenario" and name not in free and not isinstance(known, (int, float)):
-            raise ValueError(f"environment.scenario.{place[-1]} must be a number, as it was measured, got {known!r}")
+            raise ValueError(
+                f"environment.scenario.{place[-1]} must be a number, as it was measured, got {shown(known)}"
+            )
     for name, values in task.drawn.items():
         fitted = "tool.mass" if name == "tool_mass" else name
         if name.startswith(("tool_mass", "coupling.", "robot.")) and fitted not in free:
