@@ -23,7 +23,6 @@ import impact_gym as ig
 from agents import archive, load_policy, load_setup
 from agents.policies import Ensemble
 from agents.policies.policy import FORMAT
-from agents.setup import check
 from experiments.report.scenarios import scenarios_from
 from impact_gym.identify import log as logs_of
 from impact_gym.identify.__main__ import parse
@@ -169,7 +168,7 @@ BORDERS = {
     "reset": (RESET, ANY, lambda tree, _: reset(gym.make(ID, **DRAWN), tree)),
     "reset of a batch": (SLOTS, ANY, lambda tree, _: reset(gym.make_vec(ID, num_envs=2, **DRAWN), tree)),
     "reset of stable-baselines3": (RESET, ANY, lambda tree, _: reset_stable(tree)),
-    "set-up": (SETUP, PLAIN, lambda tree, folder: check(load_setup(written(tree, folder, ".toml")))),
+    "set-up": (SETUP, PLAIN, lambda tree, folder: load_setup(written(tree, folder, ".toml"))),
     "scene": (MEASURED, PLAIN, lambda tree, _: parse(tree, ("contact.stiffness",))),
     "log": (LOG, ANY, lambda tree, _: read_log(tree)),
     "log's file": (LOG, PLAIN, lambda tree, folder: read_log(written(tree, folder, ".csv"))),

@@ -62,10 +62,10 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         one_of("per_slot", per_slot, Sequence, type(None))
         if per_slot is not None and len(per_slot) != self.num_envs:
             raise ValueError(f"per_slot must be a mapping for each of {self.num_envs} slots, got {len(per_slot)}")
-        own = [{}] if per_slot is None else per_slot
-        for slot, changes in enumerate(own):
+        changed: Sequence[Mapping[str, Any]] = [{}] if per_slot is None else per_slot
+        for slot, changes in enumerate(changed):
             one_of(f"per_slot[{slot}]", changes, Mapping)
-        tasks = [Task.of(f"per_slot[{slot}]", {**arguments, **changes}) for slot, changes in enumerate(own)]
+        tasks = [Task.of(f"per_slot[{slot}]", {**arguments, **changes}) for slot, changes in enumerate(changed)]
         self.batch = Batch(self.num_envs, tasks, threads, 0 if render_mode is None else TRACE_POINTS)
         self.observation_spec = self.batch.spec
         self.single_observation_space = observation_space(self.observation_spec)
@@ -209,7 +209,9 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
             return
         if isinstance(seed, (int, np.integer)) and not isinstance(seed, bool):
             seeds: Sequence[int | None] = [int(seed) + slot for slot in range(self.num_envs)]
-        elif seed is None or (isinstance(seed, (Sequence, np.ndarray)) and not isinstance(seed, (str, bytes))):
+        elif not isinstance(seed, (str, bytes)) and (
+            isinstance(seed, Sequence | None) or getattr(seed, "ndim", 0) == 1
+        ):
             seeds = [None] * self.num_envs if seed is None else seed
         else:
             raise WrongTypeError(f"seed must be a whole number or {self.num_envs} of them, got {shown(seed)}")
