@@ -209,9 +209,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
             return
         if isinstance(seed, (int, np.integer)) and not isinstance(seed, bool):
             seeds: Sequence[int | None] = [int(seed) + slot for slot in range(self.num_envs)]
-        elif not isinstance(seed, (str, bytes)) and (
-            isinstance(seed, Sequence | None) or getattr(seed, "ndim", 0) == 1
-        ):
+        elif seed is None or (isinstance(seed, (Sequence, np.ndarray)) and np.ndim(seed) == 1):  # no text
             seeds = [None] * self.num_envs if seed is None else seed
         else:
             raise WrongTypeError(f"seed must be a whole number or {self.num_envs} of them, got {shown(seed)}")
