@@ -209,7 +209,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
             return
         if isinstance(seed, (int, np.integer)) and not isinstance(seed, bool):
             seeds: Sequence[int | None] = [int(seed) + slot for slot in range(self.num_envs)]
-        elif seed is None or (isinstance(seed, (Sequence, np.ndarray)) and np.ndim(seed) == 1):  # no text
+        elif seed is None or (isinstance(seed, Sequence) and not isinstance(seed, (str, bytes))) or _is_row(seed):
             seeds = [None] * self.num_envs if seed is None else seed
         else:
             raise WrongTypeError(f"seed must be a whole number or {self.num_envs} of them, got {shown(seed)}")
@@ -222,6 +222,10 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         for slot in np.flatnonzero(mask).tolist():
             if seeds[slot] is not None:
                 self._generators[slot] = seeding.np_random(seeds[slot])[0]
+
+
+def _is_row(value: Any) -> bool:
+    return isinstance(value, np.ndarray) and value.ndim == 1
 
 
 def masked(info: dict[str, Any], mask: Flags) -> dict[str, Any]:
