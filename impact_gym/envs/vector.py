@@ -210,7 +210,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         if isinstance(seed, (int, np.integer)) and not isinstance(seed, bool):
             seeds: Sequence[int | None] = [int(seed) + slot for slot in range(self.num_envs)]
         elif seed is None or (isinstance(seed, Sequence) and not isinstance(seed, (str, bytes))) or _is_row(seed):
-            seeds = [None] * self.num_envs if seed is None else seed
+            seeds = [None] * self.num_envs if seed is None else list(seed)  # type: ignore[arg-type]  # or an array
         else:
             raise WrongTypeError(f"seed must be a whole number or {self.num_envs} of them, got {shown(seed)}")
         if len(seeds) != self.num_envs:
