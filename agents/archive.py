@@ -48,7 +48,8 @@ def read_archive(path: Path, kind: str) -> tuple[dict[str, Any], dict[str, NDArr
         with path.open("rb") as file:
             return load(file, kind)
     except DAMAGE as error:
-        raise ValueError(f"{path} is no {kind} file, or is damaged: {_what_else(path) or reason(error)}") from error
+        pickled = "it holds pickled objects, which are never loaded" if "pickle" in str(error) else reason(error)
+        raise ValueError(f"{path} is no {kind} file, or is damaged: {_what_else(path) or pickled}") from error
 
 
 def _what_else(path: Path) -> str:
@@ -58,10 +59,10 @@ def _what_else(path: Path) -> str:
             first = file.read(1000)
     except OSError:
         return ""
-    kinds = {b"": "it is empty", b"\x93NUMPY": "it is a single array, .npy", b"\x80": "it holds pickled objects"}
-    known = next((words for magic, words in kinds.items() if first.startswith(magic) and (magic or not first)), "")
+    if first.startswith(b"\x93NUMPY"):
+        return "it is a single array, .npy"
     is_text = first.isascii() and not first.startswith(b"PK")
-    return known or (f"it is a text that begins with {shown(first.decode()[:40])}" if is_text else "")
+    return f"it is a text that begins with {shown(first.decode()[:40])}" if is_text else ""
 
 
 def load(file: IO[bytes], kind: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:

@@ -15,7 +15,7 @@ from impact_gym.scene import Scene, flange_moves_with_tool
 from impact_gym.simulation import MAX_STEPS, NOTHING_RECORDED
 from impact_gym.task.paths import flatten, parts, replaced
 from impact_gym.threads import cores, over_rows
-from impact_gym.validation import WrongTypeError, number, one_of, whole
+from impact_gym.validation import array, number, one_of, whole
 
 ROWS_PER_THREAD = 16
 
@@ -70,8 +70,7 @@ def sweep(
     """
     one_of("scene", scene, Scene)
     one_of("motion", motion, Trapezoid)
-    if not isinstance(varied, Mapping):
-        raise WrongTypeError(f"varied must be a mapping from names to arrays, got {varied!r}")
+    one_of("varied", varied, Mapping)
     rtol = number("rtol", rtol, "(no unit)", at_least=1e-13, at_most=1e-2)
     threads = cores() if threads is None else whole("threads", threads, at_least=1)
     template = {**parts(scene), "motion": motion}
@@ -79,7 +78,8 @@ def sweep(
     for name in varied:
         if name not in known:
             raise ValueError(f"varied has no number named {name!r}; there are {', '.join(known)}")
-    columns = {**{name: np.asarray(values) for name, values in varied.items()}, "duration": np.asarray(duration)}
+    columns = {name: array(f"varied[{name!r}]", values) for name, values in varied.items()}
+    columns["duration"] = array("duration", duration)
     try:
         shape = np.broadcast_shapes(*(column.shape for column in columns.values()))
     except ValueError:

@@ -93,7 +93,8 @@ def whole(field: str, value: Any, at_least: int) -> int:
         TypeError: `value` is no whole number.
         ValueError: `value` is below `at_least`.
     """
-    if isinstance(value, bool) or not hasattr(value, "__index__") or getattr(value, "ndim", 0) > 0:
+    kind = getattr(getattr(value, "dtype", None), "kind", "i")
+    if isinstance(value, bool) or not hasattr(value, "__index__") or getattr(value, "ndim", 0) > 0 or kind not in "iu":
         raise WrongTypeError(f"{field} must be a whole number of at least {at_least}, got {shown(value)}")
     result = operator.index(value)
     if result < at_least:
@@ -116,16 +117,16 @@ def identifier(field: str, value: Any) -> str:
 def fits_memory(field: str, count: int, each: int) -> None:
     """Raise ValueError if `count` things of `each` bytes cannot fit into this machine's memory."""
     if hasattr(os, "sysconf") and count * each > (most := os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")):
-        needed = f"{count:,} of them take {count * each / 2**30:,.0f} GiB"
+        needed = f"so many take {count * each / 2**30 if count < 10**15 else math.inf:,.0f} GiB"
         raise ValueError(
-            f"{field} must fit into memory, got {count}: {needed}, this machine has {most / 2**30:,.0f} GiB"
+            f"{field} must fit into memory, got {shown(count)}: {needed}, this machine has {most / 2**30:,.0f} GiB"
         )
 
 
 def flag(field: str, value: Any) -> None:
     """Raise TypeError unless `value` is True or False, in Python or NumPy."""
     if not isinstance(value, (bool, np.bool_)):
-        raise WrongTypeError(f"{field} must be True or False, got {value!r}")
+        raise WrongTypeError(f"{field} must be True or False, got {shown(value)}")
 
 
 def one_of(field: str, value: Any, *kinds: type[Any]) -> None:

@@ -79,7 +79,7 @@ def test_sweep_of_no_rows_has_none():
     ({"varied": {"object.mass": [0.1, -0.1]}}, ValueError, r"at \(1,\): Object.mass.*above 0 kg"),
     ({"varied": {"object.mass": [[0.1, np.nan]]}}, ValueError, r"at \(0, 1\): Object.mass.*finite"),
     ({"varied": {"object.mass": [0.1, 0.2], "motion.speed": [1.0, 2.0, 3.0]}}, ValueError, "broadcast"),
-    ({"varied": {"object.mass": ["0.1"]}}, TypeError, r"Object\.mass"),
+    ({"varied": {"object.mass": ["0.1"]}}, TypeError, r"object\.mass"),
     ({"varied": [1]}, TypeError, "varied"),
     ({"scene": 1}, TypeError, "scene"),
     ({"motion": None}, TypeError, "motion"),

@@ -19,7 +19,7 @@ from agents.policies.networks import Network, from_arrays, to_arrays
 from impact_gym.files import named_file, reason
 from impact_gym.task import ObservationSpec, Task
 from impact_gym.task.task import arguments
-from impact_gym.validation import array, whole
+from impact_gym.validation import array, shown, whole
 
 SHIPPED = Path(__file__).parent
 FORMAT = "impact_gym policies 3"
@@ -124,7 +124,7 @@ class Ensemble:
     def __post_init__(self) -> None:
         seeds = [policy.seed for policy in self.policies]
         if self.chosen not in seeds or len(set(seeds)) < len(seeds):
-            raise ValueError(f"policies must have different seeds, {self.chosen!r} among them, got {seeds}")
+            raise ValueError(f"policies must have different seeds, {shown(self.chosen)} among them, got {seeds}")
         kinds = [(policy.environment, policy.network.description()) for policy in self.policies]
         if any(kind != kinds[0] for kind in kinds):
             raise ValueError("policies of an ensemble must have one environment and one kind of network")

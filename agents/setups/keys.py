@@ -6,6 +6,8 @@ from contextlib import contextmanager
 from difflib import get_close_matches
 from typing import Any
 
+from impact_gym.validation import shown
+
 
 @contextmanager
 def within(place: str) -> Iterator[None]:
@@ -23,7 +25,7 @@ def known(prefix: str, given: Iterable[str], allowed: Iterable[str]) -> None:
         if key not in names:
             nearest = get_close_matches(key, names, 1)
             meant = f"; did you mean {nearest[0]!r}?" if nearest else "."
-            raise ValueError(f"unknown key {prefix}{key}{meant} Known are {', '.join(names)}")
+            raise ValueError(f"unknown key {prefix}{shown(key)[1:-1]}{meant} Known are {', '.join(names)}")
 
 
 def table(content: Mapping[str, Any], name: str, prefix: str = "") -> dict[str, Any]:

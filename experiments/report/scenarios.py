@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from agents.setups.evaluation import RESERVED
+from agents.setups.keys import within
 from impact_gym.files import parsed
 from impact_gym.task import ScenarioRanges, Task, evaluation_sets
 from impact_gym.validation import number, whole
@@ -24,15 +25,16 @@ def scenarios_from(source: str, count: int | None) -> tuple[dict[str, Any], dict
     path = Path(source)
     if path.suffix == ".json":
         content = _content(path)
-        ranges, environment = _pairs(content.get("ranges", "test")), content.get("environment", {})
+        environment = content.get("environment", {})
+        with within(f"{path}: ranges"):
+            ranges = _pairs(content.get("ranges", "test"))
         count = whole("count", count or content.get("count", 1000), at_least=2)
         seed = whole("seed", content.get("seed", 2_000_000), at_least=0)
-        if not isinstance(environment, dict):
-            raise ValueError(f"{path}: environment must hold arguments of gym.make by name, got {environment!r}")
+        with within(str(path)):
+            Task.of("environment", environment)
         taken = sorted(set(environment) & {"scenario", *RESERVED})
         if taken:
             raise ValueError(f"{path}: environment must leave out {taken}: ranges and the report see to that")
-        Task(**environment)  # raises
         return {"ranges": ranges, "seed": seed, "count": count}, environment
     frozen = evaluation_sets.load(source)
     count = whole("scenarios", count or frozen.count, at_least=2)

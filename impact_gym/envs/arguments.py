@@ -6,7 +6,7 @@ from functools import wraps
 from typing import ParamSpec
 
 from impact_gym.task.task import arguments
-from impact_gym.validation import WrongTypeError
+from impact_gym.validation import WrongTypeError, shown
 
 P = ParamSpec("P")
 
@@ -26,7 +26,7 @@ def with_task_arguments(**without: str) -> Callable[[Callable[P, None]], Callabl
             for name, item in arguments().items()
             if name not in without
         ]
-        names = {parameter.name for parameter in (*parameters, *task)}
+        names = {parameter.name for parameter in (*parameters, *task)} - {"self"}
 
         @wraps(constructor)
         def checked(*given: P.args, **options: P.kwargs) -> None:
@@ -34,8 +34,8 @@ def with_task_arguments(**without: str) -> Callable[[Callable[P, None]], Callabl
                 if name in without:
                     raise WrongTypeError(f"{name} {without[name]}")
                 if name not in names:
-                    known = [name for name in (*arguments(), *own.parameters) if name in names and name != "self"]
-                    raise WrongTypeError(f"unknown argument {name!r}; allowed are {', '.join(known)}")
+                    known = [name for name in (*arguments(), *own.parameters) if name in names]
+                    raise WrongTypeError(f"unknown argument {shown(name)}; allowed are {', '.join(known)}")
             constructor(*given, **options)
 
         checked.__signature__ = own.replace(parameters=[*parameters, *task])  # type: ignore[attr-defined]

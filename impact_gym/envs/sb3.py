@@ -14,6 +14,7 @@ from impact_gym.envs.arguments import with_task_arguments
 from impact_gym.envs.vector import ImpactApproachVectorEnv
 from impact_gym.task.episodes import episode_index, fixed_records
 from impact_gym.task.scenario import ScenarioRanges
+from impact_gym.validation import one_of
 
 
 class ImpactVecEnv(VecEnv):
@@ -46,6 +47,9 @@ class ImpactVecEnv(VecEnv):
 
     def reset(self) -> VecEnvObs:
         """Begin an episode everywhere, with what `seed` and `set_options` gave for it."""
+        one_of("options", self._options, list)
+        if len(self._options) != self.num_envs:
+            raise ValueError(f"options must be a mapping or {self.num_envs} of them, got {len(self._options)}")
         seeds = None if all(seed is None for seed in self._seeds) else list(self._seeds)
         skipped = np.array([episode_index(options) or 0 for options in self._options])
         task = self.envs.batch.task

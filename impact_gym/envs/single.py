@@ -16,7 +16,7 @@ from impact_gym.task.episodes import episode_index, fixed_records, skip_episodes
 from impact_gym.task.observation import ObservationSpec
 from impact_gym.task.scenario import ScenarioRanges
 from impact_gym.task.task import Task
-from impact_gym.validation import choice, flag
+from impact_gym.validation import choice, flag, whole
 
 if TYPE_CHECKING:
     from impact_gym.envs.rendering import Renderer
@@ -205,7 +205,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         """Begin an episode; see Starting State."""
         skipped = episode_index(options)
         fixed = fixed_records(options, self._batch.task)
-        super().reset(seed=seed)
+        super().reset(seed=None if seed is None else whole("seed", seed, at_least=0))
         if skipped:
             skip_episodes(self.np_random, skipped)
         self._batch.draw_and_begin(_ROW, [self.np_random], fixed)

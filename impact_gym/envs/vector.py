@@ -59,9 +59,13 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         own = {"render_modes": ["rgb_array"], "autoreset_mode": self.autoreset_mode}
         self.metadata = ImpactApproachEnv.metadata | own
+        one_of("per_slot", per_slot, Sequence, type(None))
         if per_slot is not None and len(per_slot) != self.num_envs:
             raise ValueError(f"per_slot must be a mapping for each of {self.num_envs} slots, got {len(per_slot)}")
-        tasks = [Task(**{**arguments, **changes}) for changes in ([{}] if per_slot is None else per_slot)]
+        changed: Sequence[Mapping[str, Any]] = [{}] if per_slot is None else per_slot
+        for slot, changes in enumerate(changed):
+            one_of(f"per_slot[{slot}]", changes, Mapping)
+        tasks = [Task.of(f"per_slot[{slot}]", {**arguments, **changes}) for slot, changes in enumerate(changed)]
         self.batch = Batch(self.num_envs, tasks, threads, 0 if render_mode is None else TRACE_POINTS)
         self.observation_spec = self.batch.spec
         self.single_observation_space = observation_space(self.observation_spec)
@@ -205,8 +209,8 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
             return
         if isinstance(seed, (int, np.integer)) and not isinstance(seed, bool):
             seeds: Sequence[int | None] = [int(seed) + slot for slot in range(self.num_envs)]
-        elif seed is None or (isinstance(seed, (Sequence, np.ndarray)) and not isinstance(seed, (str, bytes))):
-            seeds = [None] * self.num_envs if seed is None else seed
+        elif seed is None or (isinstance(seed, Sequence) and not isinstance(seed, (str, bytes))) or _is_row(seed):
+            seeds = [None] * self.num_envs if seed is None else list(seed)  # type: ignore[arg-type]  # or an array
         else:
             raise WrongTypeError(f"seed must be a whole number or {self.num_envs} of them, got {shown(seed)}")
         if len(seeds) != self.num_envs:
@@ -218,6 +222,10 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         for slot in np.flatnonzero(mask).tolist():
             if seeds[slot] is not None:
                 self._generators[slot] = seeding.np_random(seeds[slot])[0]
+
+
+def _is_row(value: Any) -> bool:
+    return isinstance(value, np.ndarray) and value.ndim == 1
 
 
 def masked(info: dict[str, Any], mask: Flags) -> dict[str, Any]:

@@ -12,9 +12,11 @@ from typing import Any
 from impact_gym.files import parsed, whole_file
 from impact_gym.identify import FREE, Identified, Sensor, identify
 from impact_gym.motion import Brake, Trapezoid
-from impact_gym.quantities import SCENARIO, SET_UP
+from impact_gym.quantities import QUANTITIES, SCENARIO, SET_UP
 from impact_gym.scene import Contact, Object, Scene, Tool
 from impact_gym.task import Task
+from impact_gym.task.task import record_from
+from impact_gym.validation import one_of, shown
 
 DESCRIPTION = """Fit numbers of a scene to a measured blow and write their 95 % intervals as the ranges of a set-up."""
 
@@ -91,30 +93,38 @@ def parse(content: Mapping[str, Any], free: Sequence[str]) -> tuple[Scene, Trape
     """
     for name in ("environment", "motion"):
         if not isinstance(content.get(name), Mapping):
-            raise ValueError(f"the scene's file must have a table [{name}], got {content.get(name)!r}")
+            raise ValueError(f"the scene's file must have a table [{name}], got {shown(content.get(name))}")
     for name in free:
         if name not in PLACES and not name.startswith(("coupling.", "robot.")):
             raise ValueError(f"free: {name} has no place in a set-up; have {', '.join(PLACES)}, coupling.*, robot.*")
-    task = Task(**content["environment"])
+    task = Task.of("environment", content["environment"])
     scenario = content["environment"].get("scenario", {})
     for name, place in PLACES.items():
         known = scenario.get(place[-1]) if isinstance(scenario, Mapping) else None
         if place[0] == "scenario" and name not in free and not isinstance(known, (int, float)):
-            raise ValueError(f"environment.scenario.{place[-1]} must be a number, as it was measured, got {known!r}")
+            raise ValueError(
+                f"environment.scenario.{place[-1]} must be a number, as it was measured, got {shown(known)}"
+            )
     for name, values in task.drawn.items():
         fitted = "tool.mass" if name == "tool_mass" else name
         if name.startswith(("tool_mass", "coupling.", "robot.")) and fitted not in free:
             raise ValueError(f"environment.{name} must be a number, as it was measured, got the range {values}")
-    mass, stiffness, restitution, distance = ((low * high) ** 0.5 for low, high in task.scenario.by_id().values())
+    middles = (QUANTITIES[name].middle(*ends) for name, ends in task.scenario.by_id().items())
+    mass, stiffness, restitution, distance = middles
     contact = Contact(stiffness, restitution, task.dissipation)  # type: ignore[arg-type]  # checked by the task
     scene = Scene(Tool(task.tool_mass), Object(mass, distance), contact, task.coupling, task.robot)
-    motion = dict(content["motion"])
-    try:
-        if "brake" in motion:
-            motion["brake"] = Brake(**motion["brake"])
-        return scene, Trapezoid(**motion), {name: Sensor(**known) for name, known in content.get("sensor", {}).items()}
-    except TypeError as error:
-        raise ValueError(f"motion or sensor: {error}") from error
+    motion, sensors = dict(content["motion"]), content.get("sensor", {})
+    if "brake" in motion:
+        motion["brake"] = _record("motion.brake", motion["brake"], Brake)
+    one_of("sensor", sensors, Mapping)
+    known_sensors = {name: _record(f"sensor.{name}", known, Sensor) for name, known in sensors.items()}
+    return scene, _record("motion", motion, Trapezoid), known_sensors
+
+
+def _record(name: str, table: Any, kind: type[Any]) -> Any:
+    """Return the record that a table describes; ValueError: it has no such fields."""
+    one_of(name, table, Mapping)
+    return record_from(name, {"type": kind.__name__, **table}, (kind,))
 
 
 def set_up(content: Mapping[str, Any], result: Identified) -> Iterator[str]:

@@ -14,7 +14,7 @@ from impact_gym.quantities import AFTER_ALARM, PAST_READINGS, QUANTITIES, SET_UP
 from impact_gym.scene import Coupling, Rigid, Robot, RobotTable, SpringDamper
 from impact_gym.task.paths import nested, replaced
 from impact_gym.task.scenario import ScenarioRanges
-from impact_gym.validation import Range, WrongTypeError, choice, flag, number, shown, whole
+from impact_gym.validation import Range, WrongTypeError, choice, flag, number, one_of, shown, whole
 
 VELOCITY_RANGE = (-0.5, 1.5)  # m/s, what action[0] in [-1, 1] is mapped to, if not said otherwise
 ACCELERATION_RANGE = (1.0, 20.0)  # m/s^2, what action[1] in [-1, 1] is mapped to, likewise; its end brakes afterwards
@@ -91,6 +91,16 @@ class Task:
         self._put("drawn", {row.id: drawn[row.id] for row in SET_UP if row.id in drawn})
         self._check_commands()
         self._check_choices()
+
+    @classmethod
+    def of(cls, field: str, given: Any) -> "Task":
+        """Return the task of a mapping of arguments, such as a file has at `field`; ValueError: it is none."""
+        one_of(field, given, Mapping)
+        for name in given:
+            if name not in arguments():
+                known = ", ".join(arguments())
+                raise WrongTypeError(f"{field}: unknown argument {shown(name)}; allowed are {known}")
+        return cls(**given)
 
     def _put(self, name: str, value: Any) -> None:
         object.__setattr__(self, name, value)

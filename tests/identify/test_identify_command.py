@@ -63,7 +63,7 @@ def test_main_prints_the_set_up_and_may_free_a_coupling(files, capsys):
 
 @pytest.mark.parametrize(("old", "new", "match"), [
     ("[motion]", "[moved]", r"must have a table \[motion\]"),
-    ("speed = 1.0", "speeed = 1.0", "motion or sensor: .*speeed"),
+    ("speed = 1.0", "speeed = 1.0", "motion has no field 'speeed'"),
     ("distance = 0.2505", "distance = [0.2, 0.3]", r"environment\.scenario\.distance must be a number"),
     ("stiffness = 150.0", "stiffness = [100.0, 200.0]", r"environment\.coupling\.stiffness must be a number"),
     ("rate = 4000.0", "rate = 400.0", "Sensor.rate of force is 400 Hz"),
