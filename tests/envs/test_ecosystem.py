@@ -205,7 +205,7 @@ def gymnasiums_own_time_limit(monkeypatch):
 def test_rl_zoo3_trains_from_its_command_line(tmp_path):
     # not imported here: it replaces Gymnasium's TimeLimit by its own
     arguments = (
-        f"-m rl_zoo3.train --algo ppo --env {ID} --gym-packages impact_gym -n 512 --seed 3 --eval-freq -1 "
+        f"-m rl_zoo3.train --algo ppo --env {ID} --gym-packages impact_gym -n 32768 --seed 3 --eval-freq -1 "
         f"--num-threads 1 --device cpu -conf {CONFIGURATION.relative_to(ROOT)} -f {tmp_path}"
     )
     subprocess.run([sys.executable, *arguments.split()], cwd=ROOT, check=True, capture_output=True)
@@ -213,7 +213,7 @@ def test_rl_zoo3_trains_from_its_command_line(tmp_path):
     model = PPO.load(folder / f"{ID}.zip", device="cpu")
     env = gym.make(ID)
     assert (model.observation_space, model.action_space) == (env.observation_space, env.action_space)
-    assert (model.n_envs, model.num_timesteps) == (64, 4096)  # one whole rollout: 64 steps of each
+    assert (model.n_envs, model.num_timesteps) == (64, 32768)
     layers = [layer for layer in model.policy.mlp_extractor.policy_net if hasattr(layer, "weight")]
     assert [layer.out_features for layer in layers] == [64, 64]
     episodes = []
@@ -224,3 +224,6 @@ def test_rl_zoo3_trains_from_its_command_line(tmp_path):
     for episode in episodes:
         assert 20 <= int(episode["l"]) <= 80
         assert -6.0 < float(episode["r"]) < 0.0
+    by_time = np.array([float(episode["r"]) for episode in sorted(episodes, key=lambda episode: float(episode["t"]))])
+    first, *_, last = np.array_split(by_time, 8)
+    assert last.mean() - first.mean() > 4.0 * (first.var() / len(first) + last.var() / len(last)) ** 0.5
