@@ -1,4 +1,4 @@
-"""Commands whose disk is full, and that are then killed: nothing is lost or done again, and the end has the same bits."""
+"""Commands whose disk is full, then killed: nothing is lost or done again, and the end has the same bits."""
 
 import json
 import os
@@ -36,7 +36,7 @@ weights = [1.0, 2.0, 4.0]
 SMALL = "--scenarios 8 --budget 16 --population 8 --processes 0"
 DESIGN = "design linear-blind --free coupling.stiffness=20:200 --times 1.0 --seeds 2 --against bistable-blind"
 COMMANDS = {
-    "tune": f"tune mine.toml {SMALL} --out out --jobs out/jobs",
+    "tune": f"tune ../mine.toml {SMALL} --out out --jobs out/jobs",
     "fits": "fits --scenes 2 --processes 0 --out out",
     "design": f"{DESIGN} {SMALL} --out out",
     "report": "report rigid-blind --count 4 --processes 0 --out out/page",
@@ -45,7 +45,6 @@ COMMANDS = {
 
 def started(words, folder):
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    (folder / "mine.toml").write_text(SET_UP)
     line = [sys.executable, "-m", "experiments.command", *words.split()]
     return subprocess.Popen(
         line, cwd=folder, env=environment, text=True, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
@@ -92,11 +91,13 @@ def left(folder):
     out = folder / "out"
     files = [path for kind in ("*.json", "page/*.parquet", "*.toml", "front.svg") for path in out.glob(kind)]
     content = {path.name: path.read_bytes() for path in files if path.name != "results.json"}
-    content |= {path.name: pl.read_csv(path).drop("seconds", "clock", strict=False) for path in out.glob("*.csv")}
+    content |= {
+        path.name: pl.read_csv(path).drop("seconds", "clock", strict=False).write_csv() for path in out.glob("*.csv")
+    }
     if (results := out / "page" / "results.json").is_file():
         content["answers"] = json.loads(results.read_text())["answers"]
     assert content
-    return {name: value.to_dicts() if isinstance(value, pl.DataFrame) else value for name, value in content.items()}
+    return content
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -104,6 +105,7 @@ def test_command_goes_on_behind_a_full_disk_and_a_kill_and_ends_with_the_same_bi
     part, whole = tmp_path / "part", tmp_path / "whole"
     part.mkdir()
     whole.mkdir()
+    (tmp_path / "mine.toml").write_text(SET_UP)
     code, said = stopped(COMMANDS[name], part, lambda: kept(part), fill)
     assert code == 1
     assert "Traceback" not in said
@@ -121,6 +123,7 @@ def test_command_goes_on_behind_a_full_disk_and_a_kill_and_ends_with_the_same_bi
 
 def test_train_goes_on_behind_a_full_disk_and_a_kill_and_ends_with_the_same_bits(tmp_path):
     saved = tmp_path / "part" / "checkpoint.npz"
+    (tmp_path / "mine.toml").write_text(SET_UP)
     code, said = stopped("train mine.toml --out part", tmp_path, saved.is_file, fill)
     assert code == 1
     assert re.search(r"^impact-gym train: no room to write .*part.*; make room: --resume with", said, re.MULTILINE)
