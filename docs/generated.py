@@ -107,7 +107,8 @@ def sets() -> str:
 
 def setups() -> str:
     """Return the table of the set-ups that are shipped."""
-    return table("Set-up|What it is", [[f"`{name}`", load_setup(name).about] for name in shipped()])
+    about = {name: html.escape(load_setup(name).about, quote=False).replace("|", "&#124;") for name in shipped()}
+    return table("Set-up|What it is", [[f"`{name}`", text] for name, text in about.items()])
 
 
 def materials() -> str:

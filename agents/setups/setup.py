@@ -1,5 +1,6 @@
 """Set-ups as records, and how their files are read."""
 
+import re
 import tomllib
 from collections.abc import Mapping
 from copy import deepcopy
@@ -22,6 +23,7 @@ TUNED = SHIPPED.parent / "tuned"
 VERSION = 1
 TABLES = ("environment", "training", "baselines", "evaluation")
 BUDGET = 4800  # candidates for each time weight, unless the file says otherwise
+OBJECT = re.compile(r"[\w.]+:[\w.]+")  # of a module
 README = ("linear-blind", "linear-ranged", "bistable-blind", "paper-limits")
 """Those that the README, `make report` and `make train-all` are about."""
 RULES = ("BlindProfile", "ConstantDeceleration", "ConstantSpeed", "Ranged", "WaryProfile", "WaryRanged")
@@ -168,7 +170,7 @@ def _refuse_unknown(setup: Setup) -> None:
     for weight in (*setup.evaluation.weights, setup.evaluation.typical):
         number("evaluation: weights and typical", weight, "m/s per s", at_least=low, at_most=high)
     baselines = {*setup.tuned, *shipped_baselines()}
-    known("baselines.against.", [name for name in setup.against if ":" not in name], {*baselines, *FIXED})
+    known("baselines.against.", [name for name in setup.against if not OBJECT.fullmatch(name)], {*baselines, *FIXED})
     known("training.teacher.", [setup.training.teacher], {"", *baselines})
     known("baselines.bound.", [setup.bound], [setup.name, *shipped()])
     known("evaluation.of.", [setup.evaluation.of], ["paper-trapezoid", *shipped()])

@@ -1,6 +1,7 @@
 """The report of a user's own policy, baseline, ranges and tool; what makes no sense is refused before it is played."""
 
 import json
+import re
 import shutil
 import sys
 from dataclasses import replace
@@ -139,6 +140,9 @@ def test_report_plays_and_writes_only_what_changed(tmp_path, monkeypatch, capsys
     page = write(settings)
     assert not of_other_sources.exists()
     answer, before = capsys.readouterr().out, page.stat()
+    (store,) = tmp_path.glob(".out.episodes/*/results.sqlite")
+    (megabytes,) = re.findall(rf"results are kept in {store.parent}: about (\S+) MB in all", answer)
+    assert float(megabytes) == pytest.approx(store.stat().st_size / 1e6, rel=0.4)
     performed = []
 
     def perform(function, arguments):

@@ -1,5 +1,6 @@
 """Functions that the tests of jobs call in other processes: each leaves a line in a file when it is called."""
 
+import errno
 import os
 import signal
 import time
@@ -8,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from agents.jobs.job import ONE_THREAD
+from impact_gym.files import whole_file
 
 
 def _called(log, number):
@@ -73,3 +75,9 @@ def no_arrays():
 def threads():
     """Return what the environment of this process says of threads."""
     return {"threads": np.array([os.environ.get(name, "") for name in ONE_THREAD])}
+
+
+def finds_no_room(path):
+    """Write a file to a disk that is full."""
+    with whole_file(Path(path)):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

@@ -1,0 +1,167 @@
+"""Texts of files that become paths, pages and C: nothing leaves its folder, and pages and C stay valid."""
+
+import io
+import json
+import shutil
+import subprocess
+import zipfile
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tomli_w
+from own_set_up import own_set_up
+from policies import made_up_policy
+
+from agents import archive, load_policy, load_setup
+from agents.baselines.bound import path_of
+from agents.export.c_header import header, identifier, write_header
+from agents.export.replay import LANGUAGES, WARNINGS, compiled
+from agents.policies import Policy
+from agents.policies.networks import from_arrays, to_arrays
+from experiments.report.__main__ import ReportOptions, write
+from impact_gym import validation
+
+TEXTS = [
+    "", ".", "..", "...", "../evil", "../../evil", "a/../../evil", "/abs", "/tmp/evil", "//evil", "~", "~/evil", "a/b",
+    ".hidden", "-rf", "--help", "$HOME", "$(touch evil)", "`touch evil`", "a;b", "a|b", "a&b", "a>b", "a b", " a", "a ",
+    "*", "?", "*/", "/*", "*/ evil(); /*", "??/", "*??/", "\\", "*\\", "C:\\evil", "..\\evil", '"', "'", '"; evil();',
+    "</script>", "<script>alert(1)</script>", "<!--", "]]>", "&lt;", "{{ 7 * 7 }}", "%s%n", "%2e%2e", "a\nb", "*\\\n/",
+    "a\0b", "a\tb", "\x1b[2J", "\x7f", "\u202e", "\u2028", "gr\u00fcn", "\u2215etc", "\U0001f4a5",
+    "a" * 101, "a" * 5000,
+]  # fmt: skip
+NAMES = ["con", "nul.toml", "int", "a..b", "vega", "all", "a" * 100]  # are odd, and do no harm
+
+
+def refused_in_one_line(call, *arguments):
+    with pytest.raises(ValueError, match=r"must be|unknown key|no ") as raised:
+        call(*arguments)
+    assert "\n" not in str(raised.value)
+
+
+def test_identifier_takes_what_can_be_a_file_and_nothing_else(tmp_path):
+    assert len({*TEXTS}) > 50
+    for text in (*TEXTS, None, 3, b"a"):
+        refused_in_one_line(validation.identifier, "name", text)
+    for name in NAMES:
+        assert (tmp_path / f"{validation.identifier('name', name)}.toml").resolve().parent == tmp_path
+
+
+def set_up(folder, content, stem="mine"):
+    path = folder / f"{stem}.toml"
+    path.write_bytes(tomli_w.dumps(content).encode())
+    return load_setup(path)
+
+
+@pytest.mark.parametrize("text", TEXTS, ids=range(len(TEXTS)))
+def test_load_setup_refuses_texts_that_become_paths(text, tmp_path):
+    places = [
+        {"baselines": {"tuned": {text: "BlindProfile"}}}, {"baselines": {"against": [text]}},
+        {"baselines": {"bound": text}}, {"evaluation": {"of": text}}, {"evaluation": {"set": text}},
+        *([{"training": {"teacher": text}}] if text else []),
+    ]  # fmt: skip
+    for content in places:
+        refused_in_one_line(set_up, tmp_path, content)
+    if "/" not in text and "\0" not in text and len(text) < 200:
+        refused_in_one_line(set_up, tmp_path, {}, text)
+    if any(ord(sign) < 32 or ord(sign) == 127 for sign in text):
+        refused_in_one_line(set_up, tmp_path, {"title": text})
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_load_setup_keeps_all_paths_of_a_set_up_within_its_folder(name, tmp_path):
+    setup = set_up(tmp_path, {"baselines": {"tuned": {name: "BlindProfile"}}}, name)
+    assert setup.folder == Path("runs") / name
+    assert path_of(setup, tmp_path).parent == tmp_path
+
+
+needs_c = pytest.mark.skipif(shutil.which("gcc") is None, reason="no C compiler")
+
+
+@needs_c
+@pytest.mark.parametrize("text", TEXTS, ids=range(len(TEXTS)))
+def test_header_stays_valid_c_whatever_a_policy_says_of_itself(text, tmp_path):
+    policy = made_up_policy(sizes=(4,))
+    arrays, kind = to_arrays(policy.network), policy.network.description()
+    arrays |= {f"{text}.{part}": arrays.pop(f"hidden_0.{part}") for part in ("weight", "bias")}
+    network = from_arrays(kind | {"layers": [text, "mean", "log_std"]}, arrays)
+    written = header(Policy(network, policy.environment, {"command": text}), identifier(text))
+    flags = [*LANGUAGES["C99"], *WARNINGS, "-Wno-unused-function", "-fsyntax-only", "-"]
+    subprocess.run(["gcc", *flags], input=written.encode("ascii"), check=True)
+    assert "evil();" not in written.partition("#ifndef")[2]
+
+
+@needs_c
+@pytest.mark.parametrize("stem", ['a"b', "a\nb", "-o evil", "\\", "gr\u00fcn"])
+def test_compiled_takes_a_header_of_any_name(stem, tmp_path):
+    policy = made_up_policy()
+    assert compiled(policy, write_header(policy, tmp_path / f"{stem}.h"), tmp_path)
+
+
+class Page(HTMLParser):
+    """The elements of a page, with what stands in scripts by their type and what a reader reads."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.words, self.scripts, self.kind = [], [], None
+        self.feed(text)
+
+    def handle_starttag(self, tag, attributes):
+        self.kind = dict(attributes).get("type", "program") if tag == "script" else None
+
+    def handle_endtag(self, tag):
+        self.kind = None
+
+    def handle_data(self, data):
+        if self.kind is None:
+            self.words.append(data)
+        else:
+            self.scripts.append((self.kind, data))
+
+
+def test_report_shows_hostile_texts_as_texts(tmp_path):
+    title = "".join(text for text in TEXTS if text.isprintable() and len(text) < 100)
+    mine = own_set_up(tmp_path)
+    *_, rest = mine.read_text().partition("[environment]")
+    mine.write_text(f"{tomli_w.dumps({'title': title, 'about': title})}[environment]{rest}[baselines]\nagainst = []\n"
+                    .replace("[baselines]\nbudget = 16\n", ""))  # fmt: skip
+    setup = load_setup(mine)
+    about = {"settings": {"seed": 0, "steps": 2000}, "command": title, "versions": {"</script>": "<b>"}}
+    made = made_up_policy(environment={**setup.environment, "time_weight": [0.3, 8.0]})
+    Policy(made.network, made.environment, about).save(tmp_path / "policies" / "mine.npz")
+    out = tmp_path / "out"
+    page = Page(write(ReportOptions((str(mine),), folder=tmp_path, count=4, out=out, processes=0)).read_text())
+    assert title in "".join(page.words)
+    assert not [data for kind, data in page.scripts if kind == "program" and "alert(1)" in data]
+    charts = [json.loads(data) for kind, data in page.scripts if kind == "application/json"]
+    assert len(charts) > 5
+    assert {path.name for path in tmp_path.iterdir()} == {"mine.toml", "policies", "out", ".out.episodes"}
+
+
+def member(shape, content):
+    """Return a file of NumPy's whose header claims a shape."""
+    file = io.BytesIO()
+    np.lib.format.write_array_header_1_0(file, {"descr": "<f8", "fortran_order": False, "shape": shape})
+    return file.getvalue() + content
+
+
+@pytest.mark.parametrize(("content", "how", "message"), [
+    (member((100_000_000_000,), bytes(8)), zipfile.ZIP_STORED, "claims 800,000,000,000 bytes and has 8"),
+    (member((100_000, 1000, 1000), b""), zipfile.ZIP_STORED, "claims 800,000,000,000 bytes and has 0"),
+    (member((2_000_000,), bytes(16_000_000)), zipfile.ZIP_DEFLATED, "would unpack from"),
+])  # fmt: skip
+def test_load_policy_refuses_what_is_larger_than_its_file(content, how, message, tmp_path):
+    path = made_up_policy().save(tmp_path / "it.npz")
+    with zipfile.ZipFile(path, "a", how) as file:
+        file.writestr("0/more.weight.npy", content)
+    with pytest.raises(ValueError, match=message):
+        load_policy(path)
+    with pytest.raises(ValueError, match=message), path.open("rb") as file:
+        archive.load(file, "impact_gym policies 3")
+
+
+@pytest.mark.parametrize(("name", "value"), [("width", 10**11), ("depth", 10**11), ("rollout", 10**11)])
+def test_load_setup_refuses_a_training_with_the_memory_that_it_takes(name, value, tmp_path):
+    with pytest.raises(ValueError, match=rf"training: {name} must fit into memory, got {value}: .* GiB, this machine"):
+        set_up(tmp_path, {"training": {name: value}})
