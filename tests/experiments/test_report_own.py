@@ -94,7 +94,7 @@ def test_report_claims_nothing_for_a_policy_that_misses(tmp_path):
     ({"policy": ("linear-blind",), "scenarios": '{"ranges": {"mass": 1}}'}, "mass"),
     ({"policy": ("linear-blind",), "scenarios": "{"}, "not read"),
     ({"policy": ("linear-blind",), "scenarios": '{"environment": {"time_weight": 3}}'}, "leave out.*time_weight"),
-    ({"policy": ("linear-blind",), "scenarios": '{"environment": [1]}'}, "arguments of gym.make"),
+    ({"policy": ("linear-blind",), "scenarios": '{"environment": [1]}'}, "environment must be a mapping"),
     ({"policy": ("linear-blind", "agents/policies/linear-blind.npz")}, "two policies"),
     ({"policy": ("linear-blind",), "baseline": ("paper-trapezoid",)}, "there anyway"),
     ({"policy": ("linear-blind",), "baseline": ("fastest",)}, "no controller 'fastest'"),
