@@ -157,6 +157,7 @@ def test_explicit_step_is_the_loop_over_its_tableau(name):
 @EVERY_PIECE
 def test_stiff_step_is_that_of_its_tableau_with_the_linear_equations_solved_by_numpy(name):
     step, x, h, method = stepper(name), state(name), 0.1, kernels().STIFF_TABLEAU
+    x[1] = -1.5  # parting, the slower the later
     compiled, A, C = step(x, h, True), method["A"], method["C"]
     matrix = np.eye(len(x)) / (method["gamma"] * h) - compiled["jacobian"]
     k = np.zeros((8, len(x)))
@@ -194,6 +195,20 @@ def test_jacobian_is_that_of_the_rates(name, exponents):
         measured = np.array(columns).T
         assert step(x)["jacobian"] == pytest.approx(measured, rel=1e-5, abs=1e-7 * np.abs(measured).max())
         assert np.abs(measured).max() > 0.1
+
+
+@pytest.mark.parametrize("name", ["spring on a robot", "rigid on a table", "spring on a table"])
+def test_blind_step_of_a_flight_ends_before_any_touch(name):
+    step, random = stepper(f"{name}, flight"), np.random.default_rng(2)
+    longer = 0
+    for seed in range(40):
+        x = state(name, seed) * random.choice([-1.0, 1.0], 10)
+        x[0] = -(10 ** random.uniform(-3, 1))
+        blind = step(x)["blind"]
+        longer += blind > kernels().BLIND[1]
+        path = solve_ivp(lambda _, y: step(y)["rate"], (0.0, blind), x, max_step=0.05, rtol=1e-6).y[0]
+        assert path.max() < 0.0
+    assert longer > 10
 
 
 @pytest.mark.parametrize("size", [1, 4, 10])
