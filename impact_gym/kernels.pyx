@@ -237,7 +237,6 @@ cdef class Rows:
         cdef Row row
         cdef int64_t i
         run.tables, run.recorder, run.work, run.max_steps = self.tables, self.recorder, &work, self.max_steps
-        run.contact = contact_of(1.0, 0.0, 1.5, 1.5)
         with nogil:
             for i in range(first, last):
                 if skipped[i]:
@@ -245,7 +244,7 @@ cdef class Rows:
                 row = self.row(i)
                 run.law = &self.laws[i * self.each_law]
                 run.recorder.trace = self.recorder.trace + i * self.recorder.trace_rows
-                run.contact.stiffness, run.contact.damping = row.episode.drawn.contact_stiffness, row.episode.damping
+                run.contact = contact_of(row.episode.drawn.contact_stiffness, row.episode.damping, 1.5, 1.5)
                 run.object_mass = row.episode.drawn.object_mass
                 run.threshold, run.tolerance = row.episode.drawn.alarm_threshold, row.task.tolerance
                 self.rewards[i] = play_step(&run, &row, action[2 * i], action[2 * i + 1])

@@ -19,6 +19,7 @@ from impact_gym.kernels import (
     STIFF_ROBOT,
     TABLE_OF_POSITION,
     UNSETTLED,
+    contact_of,
 )  # fmt: skip
 from impact_gym.motion import Trapezoid
 from impact_gym.physics.dissipation import damping_factor
@@ -82,12 +83,7 @@ def contact_law(contact: Contact) -> tuple[Any, ...]:
     """Lower a contact to the fields of the kernels' `Contact`."""
     m, n = contact.stiffness_exponent, contact.damping_exponent
     damping = damping_factor(contact.dissipation, contact.restitution, m, n)
-    return contact.stiffness, damping, m, n, _integer(2.0 * m), _integer(2.0 * n), 1.0
-
-
-def _integer(number: float) -> int:
-    """Return a whole number as an int, -1 for any other."""
-    return int(number) if number == int(number) else -1
+    return tuple(contact_of(contact.stiffness, damping, m, n).values())
 
 
 _NO_COUPLING = (0.0,) * len(COUPLING_NUMBERS)

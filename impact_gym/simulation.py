@@ -53,7 +53,7 @@ class Trace(NamedTuple):
     command_velocity: NDArray[np.float64]  # m/s, likewise
 
     @classmethod
-    def of(cls, points: NDArray[Any], with_the_tool: bool = False) -> "Trace":
+    def of(cls, points: NDArray[Any], with_the_tool: bool) -> "Trace":
         """Return a copy of what was recorded (n, TRACE); `with_the_tool`: the flange moves so."""
         columns = {name: points[name].copy() for name in TRACE.names or ()}
         if with_the_tool:

@@ -38,7 +38,7 @@ cdef struct Units:
     double force  # N, F0
 
 
-cdef Contact contact_of(double stiffness, double damping, double m, double n) noexcept nogil:
+cpdef Contact contact_of(double stiffness, double damping, double m, double n) noexcept nogil:
     """A contact whose surfaces hold."""
     cdef Contact law = Contact(stiffness, damping, m, n, -1, -1, 1.0)
     if 2.0 * m == floor(2.0 * m):

@@ -93,9 +93,6 @@ cdef int advance(Run *run, Chain *chain, double acceleration, double until) noex
         if status == TOUCHED:
             begin_contact(run, chain)
             trace(run, chain, chain, acceleration, 0.0)
-            if run.threshold == 0.0 and isinf(chain.detection):
-                chain.detection = chain.time
-                return DETECTED
         elif status == PARTED:
             close_contact(run, chain, chain.time)
             chain.touching = 0

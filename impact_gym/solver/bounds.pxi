@@ -65,7 +65,7 @@ cdef double longest_blind_step(const Piece *now, const double *x, double longest
     cdef Swing at = swing(now, x[TIME], x[DEFLECTION], x[DEFLECTION_RATE], x[OFFSET], x[OFFSET_RATE])
     cdef double touching = law.tool_mass, mass = law.tool_mass, energy, floor = 0.0, barrier = INFINITY
     cdef double closing = (x[RATE] - x[DEFLECTION_RATE]) * now.units.velocity, gap = -x[ROOT] * now.units.length
-    cdef double span, fed, h = longest
+    cdef double span, gained, fed, h = longest
     if now.robot.intervals:
         mass += at.robot.mass
     if law.coupled:
@@ -79,9 +79,10 @@ cdef double longest_blind_step(const Piece *now, const double *x, double longest
         energy = 0.5 * (mass * at.y_dot * at.y_dot + at.robot.stiffness * at.y * at.y)
     while h > shortest:
         span = h * now.units.time
-        fed = sqrt(TABLE * max(energy - floor, 0.0)) + fabs(now.acceleration) * sqrt(0.5 * mass) * span
+        gained = fabs(now.acceleration) * sqrt(0.5 * mass) * span
+        fed = sqrt(TABLE * max(energy - floor, 0.0)) + gained
         if floor + fed * fed >= barrier:  # and then there is more to gain on the other side
-            fed = sqrt(TABLE * energy) + fabs(now.acceleration) * sqrt(0.5 * mass) * span
+            fed = sqrt(TABLE * energy) + gained
         if span * (closing + fabs(now.acceleration) * span + fed * sqrt(2.0 / touching)) < gap:
             return h
         h *= 0.5

@@ -146,11 +146,11 @@ cdef int before_landing(const Piece *now, const Sight *end, int landed, bint unf
 
 
 cdef double extremum(double start, double start_slope, double end, double end_slope) noexcept nogil:
-    """Place in (0, 1) where the cubic with these values and slopes, of opposite signs, at 0 and 1 turns."""
+    """Place in (0, 1) where the cubic with these values and slopes at 0, rising, and 1, falling, is largest."""
     cdef double a = 3.0 * (end - start) - 2.0 * start_slope - end_slope, b = start_slope + end_slope - 2.0 * (end - start)
     cdef double root = sqrt(max(a * a - 3.0 * b * start_slope, 0.0))
-    cdef double first = -start_slope / (a + root), second = -start_slope / (a - root)
-    return first if 0.0 < first < 1.0 else second if 0.0 < second < 1.0 else 0.5
+    cdef double place = -start_slope / (a - root)
+    return place if 0.0 < place < 1.0 else 0.5
 
 
 cdef double on_cubic(double t, double start, double start_slope, double end, double end_slope) noexcept nogil:

@@ -28,7 +28,7 @@ cdef int integrate(Run *run, Chain *chain, double acceleration, double until, bi
         h = min(h, -work.x[RATE] / work.rate[RATE])
     if not flying:
         peak = start.height[FORCE]  # a linear contact begins with one
-        if unfelt and start.value[FORCE] > 0.0:
+        if unfelt and start.value[FORCE] >= 0.0:  # a threshold of 0 is passed by the touch
             chain.detection = chain.time
             return DETECTED
     work.memory = chain.memory

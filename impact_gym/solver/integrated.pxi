@@ -148,9 +148,11 @@ cdef void integrated_jacobian(const Piece *now, const double *x, double[WIDTH] *
     if not now.law.coupled:
         tool_rate = now.per_acceleration / (robot.mass + now.law.tool_mass)
         tool.time -= (move.pull - push) * robot.mass_slope * at.v_r / (robot.mass + now.law.tool_mass)
-        joined = Gradient(0.0, robot.mass_slope * at.v_r, 0.0, 0.0, 0.0)
-        joined.time = robot_slopes(&now.robot, now.place, at.x_r).mass_bend * at.v_r * at.v_r * (at.v_r + at.y_dot)
-        joined.time += robot.mass_slope * now.acceleration * (2.0 * at.v_r + at.y_dot)
+        joined = Gradient(
+            0.0, robot.mass_slope * at.v_r, 0.0, 0.0,
+            robot_slopes(&now.robot, now.place, at.x_r).mass_bend * at.v_r * at.v_r * (at.v_r + at.y_dot)
+            + robot.mass_slope * now.acceleration * (2.0 * at.v_r + at.y_dot),
+        )
         gradient_row(now, &joined, pace * now.per_force, J[JOINED])
     elif now.robot.intervals:
         flange = flange_gradient(now, &at, &pull, move.pull)

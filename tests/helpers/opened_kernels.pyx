@@ -21,6 +21,9 @@ def never_touches(law, chain):
     return cannot_touch(&run, <const Chain *> memory_of(chain))
 
 
+BLIND = 10.0, 1e-4  # longest and shortest blind step, scaled
+
+
 def step_once(plan, table, chain, double acceleration, bint flying, x, double h, bint stiff):
     """Try a step of `h` from the scaled state `x` of a piece that begins at `chain`; return all that is known of it.
 
@@ -54,6 +57,7 @@ def step_once(plan, table, chain, double acceleration, bint flying, x, double h,
     }
     probe(&now, &work, h, 0.5)
     result["middle"] = [work.probe[i] for i in range(now.width)]
+    result["blind"] = longest_blind_step(&now, work.x, BLIND[0], BLIND[1]) if flying else 0.0
     jacobian(&now, work.x, work.matrix)
     result["jacobian"] = [[work.matrix[i][j] for j in range(now.width)] for i in range(now.width)]
     return {name: np.array(value) for name, value in result.items()}

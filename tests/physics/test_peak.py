@@ -45,6 +45,14 @@ def test_permitted_speed_of_a_rigid_tool_reaches_the_limit_and_no_more():
         assert outcome.peak_force == pytest.approx(limit, rel=1e-6)
 
 
+def test_permitted_speed_under_a_push_that_grows_with_it_is_that_under_the_push_it_grows_to():
+    for push, rate in RANDOM.uniform([0.0, 0.0], [1.0, 10.0], (50, 2)):  # N, N s/m
+        k_c, e, mass = random_contact()
+        contact = 10.0, mass, k_c, damping_factor("hu-guo", e)
+        speed = permitted_speed(*contact, push, rate)
+        assert permitted_speed(*contact, push + rate * speed) == pytest.approx(speed, rel=1e-12)
+
+
 def under_a_push(k_c, e, mass, share):
     """The peak (N) of a rigid tool that meets the object at the permitted speed, its acceleration a push; the limit."""
     limit = log_uniform(RANDOM, 1.0, 1000.0)

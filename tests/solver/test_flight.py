@@ -184,6 +184,22 @@ def test_swing_of_an_undamped_tool_reaches_just_as_far_as_its_energy(margin):
             assert math.isinf(kernels().first_touch(law, record, 0.0, 7.0 / frequency)) == beyond
 
 
+def test_slider_on_a_stop_without_damping_may_touch_wherever_its_energy_lets_it():
+    """It turns where spring and stop have taken all of its energy; a bound may say less often that it never gets there."""
+    random = np.random.default_rng(7)
+    for front, stop_stiffness, speed in 10 ** random.uniform([-4, 2, -4], [-2, 5, 0], (300, 3)):
+        slider = ig.Bistable(front_stop=front, stop_stiffness=stop_stiffness, stop_damping_ratio=0.0)
+        start = random.uniform(0.0, slider.rest)
+
+        def energy(x, slider=slider):
+            return slider.energy(x) + 0.5 * slider.stop_stiffness * max(x - slider.front_stop, 0.0) ** 2
+
+        there = energy(start) + 0.5 * TOOL_MASS * speed**2
+        furthest = brentq(lambda x, there=there: there - energy(x), slider.rest, 1.0, xtol=1e-15)
+        at = {"flange_velocity": 0.0, "object_velocity": 0.0, "deflection": start - slider.rest, "deflection_rate": speed}
+        assert not kernels().never_touches(law_of(slider), chain(gap=0.999 * (furthest - start), **at))
+
+
 def rigid_touch(rate, acceleration, gap, horizon):
     record = chain(deflection=0.0, deflection_rate=0.0, gap=gap)
     record["penetration_rate"] = rate

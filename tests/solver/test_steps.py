@@ -42,7 +42,7 @@ def state(name, seed=0):
     return np.random.default_rng(seed).uniform(0.2, 1.5, width)
 
 
-def stepper(name, contact=None, coupling=None):
+def stepper(name, contact=None, coupling=None, acceleration=3.0):
     """A step of `h` from the scaled state `x` of a piece, and all that is known of it, as a function of x, h, stiff."""
     chain, phase, *stop = name.split(", ")
     robot = next(robot for robot in reversed(ROBOTS) if chain.endswith(robot))
@@ -55,7 +55,7 @@ def stepper(name, contact=None, coupling=None):
     row["holding"] = row["side"] = 1
     row["flange_position"], row["flange_velocity"] = 0.14, 0.8
     row["pressed"] = PRESSED["".join(f", {which}" for which in stop)]
-    piece = np.array([plan], kernels().APPROACH), table, row, 3.0, phase == "flight"  # 3 m/s^2, of the flange
+    piece = np.array([plan], kernels().APPROACH), table, row, acceleration, phase == "flight"  # m/s^2, of the flange
     return lambda x, h=1e-3, stiff=False: kernels().step_once(*piece, np.ascontiguousarray(x), h, stiff)
 
 
@@ -157,6 +157,7 @@ def test_explicit_step_is_the_loop_over_its_tableau(name):
 @EVERY_PIECE
 def test_stiff_step_is_that_of_its_tableau_with_the_linear_equations_solved_by_numpy(name):
     step, x, h, method = stepper(name), state(name), 0.1, kernels().STIFF_TABLEAU
+    x[1] = -1.5  # parting, the slower the later
     compiled, A, C = step(x, h, True), method["A"], method["C"]
     matrix = np.eye(len(x)) / (method["gamma"] * h) - compiled["jacobian"]
     k = np.zeros((8, len(x)))
@@ -194,6 +195,21 @@ def test_jacobian_is_that_of_the_rates(name, exponents):
         measured = np.array(columns).T
         assert step(x)["jacobian"] == pytest.approx(measured, rel=1e-5, abs=1e-7 * np.abs(measured).max())
         assert np.abs(measured).max() > 0.1
+
+
+@pytest.mark.parametrize("acceleration", [-30.0, 3.0])
+@pytest.mark.parametrize("name", ["spring on a robot", "rigid on a table", "spring on a table"])
+def test_blind_step_of_a_flight_ends_before_any_touch(name, acceleration):
+    step, random = stepper(f"{name}, flight", acceleration=acceleration), np.random.default_rng(2)
+    longer = 0
+    for seed in range(25):
+        x = state(name, seed) * random.choice([-1.0, 1.0], 10)
+        x[0] = -(10 ** random.uniform(-3, 1))
+        blind = step(x)["blind"]
+        longer += blind > kernels().BLIND[1]
+        path = solve_ivp(lambda _, y: step(y)["rate"], (0.0, blind), x, max_step=0.1, rtol=1e-6).y[0]
+        assert path.max() < 0.0
+    assert longer > 10
 
 
 @pytest.mark.parametrize("size", [1, 4, 10])
