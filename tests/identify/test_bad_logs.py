@@ -69,8 +69,20 @@ def test_identify_takes_no_coarse_sensor_for_a_saturated_one():
     ig.identify(GOOD | {"force": coarse}, SCENE, MOTION, free=("contact.stiffness",))
 
 
+def test_identify_takes_a_sample_for_another_blow_from_six_standard_deviations():
+    noise = CLEAN.max() / 25.0
+    for height in (5.5, 6.5):
+        arguments = {"free": ("contact.stiffness",), "sensor": ig.Sensor(noise=noise)}
+        recorded = GOOD | {"force": put(CLEAN, 9, height * noise)}  # before the touch
+        if height < 6.0:
+            ig.identify(recorded, SCENE, MOTION, **arguments)
+        else:
+            identify_refused(f"has 2 blows, at {TIME[9]:g}, .* the scene makes no more than 1", recorded, **arguments)
+
+
 def test_identify_refuses_what_is_no_log():
-    identify_refused("must have a column time", {"force": FORCE})
+    identify_refused("^log must have a column time", {"force": FORCE})
+    identify_refused("^log 2 must have a column time", [GOOD, {"force": FORCE}])
     identify_refused("at least one of force", {"time": TIME})
     identify_refused("mapping of columns or the path", 7, error=TypeError)
 
