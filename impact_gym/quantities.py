@@ -100,6 +100,7 @@ ANY, POSITIVE, NOT_NEGATIVE = Limits(), Limits(above=0.0), Limits(at_least=0.0)
 UP_TO_ONE, DAMPING_RATIO = Limits(above=0.0, at_most=1.0), Limits(at_least=0.0, at_most=1e6)
 NEWTONS, EXPONENT = Limits(at_least=0.0, at_most=1e6), Limits(at_least=0.0, at_most=10.0)
 FORCE, SHARE, GAP = Scale(0.0, 1000.0, 0.0, "log1p"), Scale(0.0, 1.0, 0.0), Scale(-0.5, 0.5)
+SINCE_ALARM = Scale(0.0, AFTER_ALARM, 0.0)
 SENSED, ALARMED = ("reaction_delay", "force_noise", "force_bias", "alarm"), ("reaction_delay", "alarm")
 
 SENSORS = (
@@ -107,8 +108,7 @@ SENSORS = (
     Quantity("velocity", "flange velocity", "m/s", observed="always", scale=Scale(-0.5, 1.5, ends="velocity_range")),
     Quantity("time", "time", "s", observed="always", scale=Scale(0.0, 1.5)),  # 1.35 s and a delay at the most
     Quantity("alarm", "alarm", "-", observed="always", scale=SHARE, shaped_by=ALARMED),
-    Quantity("time_since_alarm", "time since the alarm", "s", observed="always", scale=Scale(0.0, AFTER_ALARM, 0.0),
-             shaped_by=ALARMED),
+    Quantity("time_since_alarm", "time since the alarm", "s", observed="always", scale=SINCE_ALARM, shaped_by=ALARMED),
     Quantity("force", "contact force as sensed a delay ago", "N", observed="always", scale=FORCE, shaped_by=SENSED),
     Quantity("force_peak", "largest sensed force so far", "N", observed="always", scale=FORCE, shaped_by=SENSED),
 )  # fmt: skip
@@ -185,7 +185,7 @@ MORE_SENSORS = (
     DEFLECTION,
     *PAST,
     Quantity("time_since_touch", "time since a switch would have raised the alarm", "s", observed="privileged",
-             scale=Scale(0.0, AFTER_ALARM, 0.0)),
+             scale=SINCE_ALARM),
 )  # fmt: skip
 """What sensors say where an argument of the environment asks for it."""
 

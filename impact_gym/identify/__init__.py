@@ -63,7 +63,11 @@ def identify(
     sensors = _by_column(sensor, [name for name in logs_of.UNITS if any(name in each.columns for each in logs)])
     for each, imposed in zip(logs, motions, strict=True):
         logs_of.check(each, scene, imposed, sensors)
-    return Identified.of(*fit_with_intervals(Model.of(logs, scene, motions, sensors, coordinates)))
+    model = Model.of(logs, scene, motions, sensors, coordinates)
+    if model.size >= model.samples:
+        unknown = f"{model.size} unknowns with starts and biases"
+        raise ValueError(f"free must leave more samples than unknowns, got {unknown}, but {model.samples} samples")
+    return Identified.of(*fit_with_intervals(model))
 
 
 def _by_column(sensor: Sensor | Mapping[str, Sensor] | None, columns: Sequence[str]) -> dict[str, Sensor]:

@@ -58,7 +58,7 @@ class Model:
         noise = {}
         for name, sensor in sensors.items():
             columns = [log.columns[name] for log in logs if name in log.columns]
-            least = 1e-6 * max(float(np.ptp(values)) for values in columns)
+            least = 1e-6 * max(float(np.ptp(values) or np.abs(values).max()) for values in columns)
             noise[name] = max(float(np.mean([noise_of(values, sensor) for values in columns])), least)
         return cls(logs, scene, motions, sensors, free, noise)
 

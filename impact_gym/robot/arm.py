@@ -114,7 +114,7 @@ class Arm:
         for joint in range(JOINTS):
             body = body.add_body(
                 name=f"link {joint + 1}", pos=robot.origins[joint], mass=robot.masses[joint], ipos=robot.centres[joint],
-                fullinertia=robot.inertias[joint], explicitinertial=True,
+                fullinertia=robot.inertias[joint],
             )  # fmt: skip
             body.add_joint(type=self._mujoco.mjtJoint.mjJNT_HINGE, axis=robot.axes[joint])
         body.add_site(name="flange")

@@ -44,6 +44,7 @@ BAD_LOGS = {
     "other sign": ({"force": -FORCE}, r"force must be above 0 N .* N: has it the other sign\?"),
     "complex": ({"force": FORCE + 0j}, r"force must be a sequence of numbers in N, got .*complex128 "),
     "two-dimensional": ({"force": FORCE[:, None]}, r"force must be a sequence of numbers in N, got .*\(161, 1\)"),
+    "dead sensor": ({"tool_velocity": 0.0 * FORCE}, "tool_velocity must not be 0 m/s all along, in 161 samples: leave"),
     "no blow": ({"force": NOISE}, "has no blow: nothing in force stands out"),
     "two blows": (
         {"time": TIME[0] + np.arange(2 * len(TIME)) / 4000.0, "force": np.tile(FORCE, 2)},
@@ -69,8 +70,20 @@ def test_identify_takes_no_coarse_sensor_for_a_saturated_one():
     ig.identify(GOOD | {"force": coarse}, SCENE, MOTION, free=("contact.stiffness",))
 
 
+def test_identify_takes_a_sample_for_another_blow_from_six_standard_deviations():
+    noise = CLEAN.max() / 25.0
+    for height in (5.5, 6.5):
+        arguments = {"free": ("contact.stiffness",), "sensor": ig.Sensor(noise=noise)}
+        recorded = GOOD | {"force": put(CLEAN, 9, height * noise)}  # before the touch
+        if height < 6.0:
+            ig.identify(recorded, SCENE, MOTION, **arguments)
+        else:
+            identify_refused(f"has 2 blows, at {TIME[9]:g}, .* the scene makes no more than 1", recorded, **arguments)
+
+
 def test_identify_refuses_what_is_no_log():
-    identify_refused("must have a column time", {"force": FORCE})
+    identify_refused("^log must have a column time", {"force": FORCE})
+    identify_refused("^log 2 must have a column time", [GOOD, {"force": FORCE}])
     identify_refused("at least one of force", {"time": TIME})
     identify_refused("mapping of columns or the path", 7, error=TypeError)
 
@@ -115,6 +128,13 @@ def test_identify_refuses_numbers_that_the_log_or_the_scene_says_nothing_of():
     rigid, undamped = (scene(1e4, 0.5, coupling=coupling) for coupling in (ig.Rigid(), ig.SpringDamper(150.0, 0.0)))
     identify_refused(r"log does not depend on tool\.mass", GOOD, rigid, free=("contact.stiffness", "tool.mass"))
     identify_refused(r"coupling\.damping_ratio is 0 in the scene", GOOD, undamped, free=("coupling.damping_ratio",))
+
+
+def test_identify_refuses_as_many_unknowns_as_samples():
+    eight = {name: values[30:62:4] for name, values in GOOD.items()}
+    numbers = ("contact.stiffness", "contact.restitution", "object.mass", "object.distance", "tool.mass")
+    match = "more samples than unknowns, got 8 unknowns with starts and biases, but 8 samples"
+    identify_refused(match, eight, free=(*numbers, "coupling.stiffness", "coupling.damping_ratio"))
 
 
 def test_identify_refuses_arguments_of_other_kinds():

@@ -8,6 +8,9 @@ import pytest
 from blows import MOTION, SPRING, log, scene
 
 import impact_gym as ig
+from impact_gym.identify.coordinates import free_coordinates
+from impact_gym.identify.fit import BEYOND, Fit, intervals
+from impact_gym.identify.search import SCATTERED, scatter
 
 NUMBERS = ("contact.stiffness", "contact.restitution", "object.mass")
 ROBOT = ig.Robot(5.225, 1.5e5, 53.75)
@@ -72,6 +75,16 @@ def test_identify_takes_filter_and_bias_of_a_sensor_into_account():
     assert unaware.estimate["contact.stiffness"] + 4000.0 < fit.estimate["contact.stiffness"]
 
 
+def test_identify_takes_a_flange_that_keeps_its_speed_all_along():
+    recorded = log(TRUTH, after=0.012)
+    alone, both = (
+        ig.identify(recorded | more, guess(), MOTION)
+        for more in ({}, {"flange_velocity": np.ones_like(recorded["time"])})
+    )
+    assert both.estimate == pytest.approx(alone.estimate, rel=1e-3)
+    assert both.noise["flange_velocity"] < 1e-6
+
+
 def test_identify_estimates_noise_or_believes_what_is_known_of_it():
     noise = 0.02 * log(TRUTH, noise=0.0)["force"].max()
     known, twice = (ig.identify(log(TRUTH), guess(), MOTION, sensor=ig.Sensor(noise=n)) for n in (noise, 2 * noise))
@@ -123,6 +136,43 @@ def test_interval_ends_where_the_misfit_has_grown_by_the_quantile(rate, estimate
         assert (misfit(end) - least) / square == pytest.approx(grown, rel=0.1)
 
 
+class Misfit:
+    """In the place of a model: of u = ln(object.mass) and v, with the misfit `profile(u)` at the best v, which is u."""
+
+    size = samples = 2
+
+    def __init__(self, profile):
+        self.profile, self.tried = profile, set()
+        self.free, self.sensors = free_coordinates(TRUTH, ("object.mass",)), {"force": ig.Sensor(noise=1.0)}
+
+    def residuals(self, x):
+        self.tried.add(x[0])
+        return np.array([math.sqrt(self.profile(x[0])), x[1] - x[0]])
+
+    def jacobian(self, x, skip):
+        return np.array([[math.nan, 0.0], [-1.0, 1.0]])
+
+
+@pytest.mark.parametrize("well", [0.0, 0.4])
+def test_interval_reaches_over_a_ridge_to_another_minimum_that_is_as_good(well):
+    model = Misfit(lambda u: min((u / 0.1) ** 2, ((u - well) / 0.1) ** 2 + 2.0 * (well > 0.0)))
+    covariance = 0.1**2 * np.array([[1.0, 1.0], [1.0, 2.0]])
+    _, ((low, high),) = intervals(Fit(model, np.zeros(2), 0.0, covariance, []))
+    assert low < 0.0 <= well < high
+    assert [model.profile(low), model.profile(high)] == pytest.approx([3.841, 3.841], rel=0.04)  # half of it in the end
+    assert well or len(model.tried) == 2 * (1 + len(BEYOND))  # a parabola ends where its curvature says
+
+
+def test_fits_begin_once_in_each_part_of_what_is_searched():
+    model = identified().fit.model
+    for i, number in enumerate(model.free):
+        low, high = map(number.coordinate, number.searched)
+        shares = [(x[i] - low) / (high - low) for x in scatter(model) if x[i] != number.start(model.scene)]
+        cells = {math.floor(SCATTERED * share) for share in shares}
+        assert cells <= {*range(SCATTERED)}
+        assert len(cells) == len(shares) > SCATTERED / 2
+
+
 def test_indistinguishable_names_an_object_much_heavier_than_the_tool():
     fit = ig.identify(log(scene(1e5, 0.5, 50.0), after=0.012), guess(), MOTION)
     low, high = fit.interval["object.mass"]
@@ -148,9 +198,11 @@ def test_indistinguishable_names_a_filter_longer_than_the_blow():
     free = ("contact.restitution", "object.mass")
     fit = ig.identify(recorded, scene(1e7, 0.8, 1.0, ig.Rigid()), MOTION, free, ig.Sensor(low_pass=5.0))
     low, high = fit.interval["contact.restitution"]
-    assert low < 0.5 < high
-    assert high - low > 0.5
-    assert any("contact.restitution" in text and "filter takes 32 ms" in text for text in fit.indistinguishable)
+    assert 0.0 < low < 0.5 < high == 1.0
+    assert fit.correlation[0, 1] < -0.95
+    restitution, pair = fit.indistinguishable
+    assert f"contact.restitution: any value above {low:.3g} fits as well, because the filter takes 32 ms" in restitution
+    assert "contact.restitution and object.mass apart: a larger one with a smaller other" in pair
 
 
 def test_model_simulates_no_motion_that_was_over_long_before_the_log():
@@ -174,6 +226,7 @@ def test_sensor_with_a_low_pass_answers_a_ramp_as_its_equation_does():
 def test_correlation_is_that_of_the_scene_and_hardly_of_the_noise():
     for seed in range(2):
         fit = identified(seed)
+        assert len({fit, fit.fit, identified(1 - seed).fit}) == 3  # what holds arrays is compared by identity
         assert np.allclose(np.diag(fit.correlation), 1.0)
         assert np.allclose(fit.correlation, fit.correlation.T)
         assert f"correlation of contact.stiffness and object.mass: {fit.correlation[0, 2]:.2f}" in str(fit)

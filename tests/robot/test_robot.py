@@ -164,6 +164,9 @@ def test_bad_angles_descriptions_and_places_are_named(arm):
         Arm("viper")
     with pytest.raises(ValueError, match=r"Approach\.impact_travel"):
         dataclasses.replace(SHIPPED, impact_travel=0.2506)
+    for part in (np.s_[:-1], np.s_[:, :-1]):
+        with pytest.raises(ValueError, match=rf"joint_angles must be {len(SHIPPED.travel)} rows of 6 numbers in deg"):
+            dataclasses.replace(SHIPPED, joint_angles=SHIPPED.joint_angles[part])
 
 
 def test_default_approach_is_straight_in_the_arms_plane_within_limits_and_has_the_papers_mass():
@@ -182,7 +185,9 @@ def test_default_approach_is_straight_in_the_arms_plane_within_limits_and_has_th
 def test_main_makes_the_shipped_table_again(arm, tmp_path, capsys):
     file = tmp_path / "again.json"
     main(["--out", str(file)])
-    assert "5.2250" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "5.2250" in printed
+    assert re.search(r"^end +(\S+)", printed, re.M)[1] == f"{SHIPPED.travel[-1]:.3f}"
     again = approach.read(file)
     for name in (*approach.COLUMNS, "joint_angles"):
         assert_equal(getattr(again, name), getattr(SHIPPED, name), 1e-9)
@@ -227,7 +232,8 @@ def test_main_refuses_in_one_line(tmp_path, capsys):
     with pytest.raises(SystemExit) as stop:
         main(["--out", str(tmp_path)])
     assert stop.value.code == 2
-    assert capsys.readouterr().err.splitlines()[-1].startswith("impact-gym robot: error: ")
+    error = capsys.readouterr().err.splitlines()[-1]
+    assert error == f"impact-gym robot: error: --out must name a file in a folder that is there, got {tmp_path}"
 
 
 def test_arm_alone_needs_mujoco():

@@ -104,6 +104,7 @@ def test_ends_of_the_limits_belong_to_them_and_masses_stiffnesses_and_distances_
     if row in SET_UP or row in SCENARIO:
         assert row.draw is not None
         assert row.scale is not None
+        assert row.draw.by_ratio == (row.scale.curve == "log")
 
 
 @EVERY_PATH
