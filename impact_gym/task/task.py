@@ -159,7 +159,7 @@ class Task:
             draws.append((PLACES[name], source, int(row.by_ratio(low)), low, high))
         return draws
 
-    def lowered(self, first_draw: int = 0, table_at: int = 0) -> tuple[Any, Any]:
+    def lowered(self, first_draw: int, table_at: int) -> tuple[Any, Any]:
         """Return the compiled program's `Task` (1,), TASK, and its robot's table (n,).
 
         Its draws begin at `first_draw` among those of all tasks, its table at `table_at` among all tables.

@@ -112,6 +112,10 @@ def test_batch_goes_on_from_a_state_with_what_it_had_drawn(front, options):
             each.set_state(state)
         for action in actions[steps:]:
             assert_identical(envs.step(action), elsewhere.step(action))
+    single = kind(1, **options)
+    begin(single, seed=3)
+    with pytest.raises(ValueError, match=r"of another batch: .*\(1,.*this one has .*\(8,"):
+        envs.set_state(single.get_state())  # which NumPy would spread over all rows
 
 
 @pytest.mark.parametrize(("id", "options"), [*product(IDS, ({}, HARD)), (f"impact_gym:{ID}", NOISY)], ids=str)
