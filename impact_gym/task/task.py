@@ -216,9 +216,9 @@ def ranged_record(name: str, value: Any, kinds: tuple[type[Any], ...]) -> tuple[
     pairs = {
         path: QUANTITIES[path].interval(given)
         for path, given in ((f"{name}.{inner}", given) for inner, given in value.items())
-        if path in QUANTITIES and (isinstance(given, (tuple, list)) or getattr(given, "ndim", 0) > 0)
+        if path in QUANTITIES
     }
-    for corner in product(*pairs.values()):
+    for corner in product(*(sorted({*pair}) for pair in pairs.values())):
         record_from(name, {**value, **nested(dict(zip(pairs, corner, strict=True))).get(name, {})}, kinds)
     middles = {path: QUANTITIES[path].middle(*pair) for path, pair in pairs.items()}
     record = record_from(name, {**value, **nested(middles).get(name, {})}, kinds)

@@ -47,7 +47,7 @@ def doors(row):
     if row in SCENARIO:
         yield f"ScenarioRanges.{row.id}", lambda value: ScenarioRanges(**{row.id: value})
     if row in (*SCENARIO, *EPISODE):
-        fixed = partial(fixed_records, task=Task(reaction_delay=1.0))
+        fixed = partial(fixed_records, tasks=[Task(reaction_delay=1.0)])
         yield f"options['record']['{row.id}']", lambda value: fixed({"record": {row.id: value}})
     if row.id in ARGUMENTS and not row.id.endswith("_range"):
         yield row.id, lambda value: Task(**{row.id: value})
