@@ -85,11 +85,12 @@ def _checked(name: str, value: Any, tasks: Sequence[Task], slots: int | None, fi
         for each in limits:
             values = number(field, value, unit, **each)
     else:
-        values = numbers(field, value, unit, **QUANTITIES[name].limits._asdict())
+        alike = len(limits) == 1
+        values = numbers(field, value, unit, **(limits[0] if alike else {}))
         if len(values) != slots:
             raise ValueError(f"{field} must be a number or {slots} of them in {unit}, got {len(values)}")
-        for slot, one in enumerate(values):
-            number(f"{field}[{slot}]", one, unit, **limits[slot % len(limits)])
+        for slot, one in enumerate(() if alike else values):
+            number(f"{field}[{slot}]", one, unit, **limits[slot])
     if name == "noise_seed" and np.any(np.mod(values, 1.0)):
         raise ValueError(f"{field} must be a whole number, got {shown(value)}")
     return values
