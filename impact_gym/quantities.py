@@ -53,6 +53,9 @@ class Scale(NamedTuple):
     ends: str = ""  # argument of the environment that gives `low` and `high` instead
 
 
+NEVER_OBSERVED = Scale(math.nan, math.nan)
+
+
 @dataclass(frozen=True)
 class Quantity:
     """One number."""
@@ -63,7 +66,7 @@ class Quantity:
     limits: Limits = Limits()
     draw: Draw | None = None
     observed: str = ""  # "always", or the argument of the environment that adds it; "": where it is drawn, for a critic
-    scale: Scale | None = None  # None: never observed
+    scale: Scale = NEVER_OBSERVED
     path: str = ""  # in a `Scene` with its motion, if not the id
     from_flange: bool = False  # as observed it is counted from the flange
     shaped_by: tuple[str, ...] = ()  # arguments of the environment that change what is observed

@@ -1,6 +1,8 @@
 """What the border lets in, and how it says no: the field, the value, the unit."""
 
 import dataclasses
+import importlib
+import pkgutil
 from decimal import Decimal
 from fractions import Fraction
 
@@ -53,6 +55,14 @@ def test_record_cannot_be_changed(record):
     with pytest.raises((AttributeError, TypeError)):
         record.colour = "red"
     assert hash(record) == hash(dataclasses.replace(record))
+
+
+def test_classes_of_records_are_frozen_but_the_model_that_counts_its_simulations():
+    modules = (importlib.import_module(name) for _, name, _ in pkgutil.walk_packages(ig.__path__, "impact_gym."))
+    classes = {thing for module in modules for thing in vars(module).values() if dataclasses.is_dataclass(thing)}
+    assert {kind.__module__ for kind in classes if not kind.__dataclass_params__.frozen} == {
+        "impact_gym.identify.model"
+    }
 
 
 NO_RECORDS = (None, 1.0, "rigid", ig.Tool, MOTION)

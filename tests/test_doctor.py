@@ -15,9 +15,10 @@ from impact_gym import doctor
 HEALTHY = {"cores": 4, "usable": 4, "memory": 16.0, "load": 0.1, "debug": False}
 EXTRAS = ("torch", "stable-baselines3", "pygame", "mujoco")
 BARRED = (
-    "import sys\n"
+    "import os, sys\n"
     "sys.modules.update(dict.fromkeys(['torch', 'stable_baselines3', 'pygame', 'mujoco', 'rich']))\n"
     "from impact_gym import doctor\n"
+    "os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})\n"
     "doctor.main(['--quick'])"
 )
 ALL = "import sys\nfrom impact_gym import doctor\ndoctor.main([])\nassert 'torch' not in sys.modules"
@@ -46,8 +47,10 @@ def test_doctor_prints_versions_machine_first_start_and_warnings_without_torch()
     assert any("impact-gym bench" in title for title in printed)
 
 
-def test_doctor_without_the_extras_says_what_is_missing():
+def test_doctor_without_the_extras_and_on_one_core_says_what_is_missing():
     printed = sections(BARRED)
+    usable = f"{os.cpu_count()}, {min(1, doctor.group_limit()):g}"
+    assert dict(printed["machine"])["cores, usable by this process"] == usable
     assert {dict(printed["versions"])[name] for name in EXTRAS} == {"not installed"}
     assert "torch and stable-baselines3 missing, for training: pip install 'impact-gym[train]'" in str(
         printed["warnings"]

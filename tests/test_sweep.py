@@ -84,6 +84,7 @@ def test_sweep_of_no_rows_has_none():
     ({"scene": 1}, TypeError, "scene"),
     ({"motion": None}, TypeError, "motion"),
     ({"threads": 1.5}, TypeError, "threads"),
+    ({"threads": 0}, ValueError, "threads must be .*at least 1, got 0"),
     ({"rtol": "1e-3"}, TypeError, "rtol"),
 ], ids=str)  # fmt: skip
 def test_sweep_names_bad_input_and_its_place(bad, error, message):

@@ -53,15 +53,14 @@ def frozen_of(scenarios: Mapping[str, Any]) -> EvaluationSet | None:
     """Return scenarios as a frozen set; None where they are drawn from ranges."""
     if "table" in scenarios:
         table = {name: np.asarray(scenarios["table"][name], np.float64) for name in FIELDS}
-        return EvaluationSet(scenarios["seed"], table, "")
+        return EvaluationSet(scenarios["seed"], table)
     if "set" not in scenarios:
         return None
     whole, first = _shipped(scenarios["set"]), scenarios.get("first", 0)
     if not 0 <= first < first + scenarios["count"] <= whole.count:
         last = first + scenarios["count"] - 1
         raise ValueError(f"the set {scenarios['set']!r} has {whole.count} scenarios, not {first} ... {last}")
-    cut = {name: values[first:] for name, values in whole.scenario.items()}
-    return EvaluationSet(whole.seed + first, cut, whole.checksum if first == 0 else "")
+    return EvaluationSet(whole.seed + first, {name: values[first:] for name, values in whole.scenario.items()})
 
 
 _shipped = lru_cache(maxsize=4)(evaluation_sets.load)  # the sets do not change while a process lives

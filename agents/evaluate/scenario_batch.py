@@ -124,7 +124,7 @@ class ScenarioBatch:
         """
         batch = self._batch
         if isinstance(controller, Policy) and not self.quiet:
-            controller.warn_if_elsewhere(batch.task)
+            controller.warn_if_elsewhere(batch.tasks[0])
         batch.begin_seeded(self.seed, {**self._fixed, **(record or {})}, self._copies)
         start, state = np.ones(batch.size, np.bool_), None
         actions = np.zeros((batch.size, ACTIONS))

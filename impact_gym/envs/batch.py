@@ -79,7 +79,7 @@ class Batch:
         tasks = [task] if isinstance(task, Task) else list(task)
         if len(tasks) not in {1, size}:
             raise ValueError(f"a batch of {size} rows needs one task for all or {size} of them, got {len(tasks)}")
-        self.task = tasks[0]
+        self.tasks = tasks
         self.size = size
         self.threads = cores() if threads is None else whole("threads", threads, at_least=1)
         self.max_steps = max_steps
@@ -107,9 +107,9 @@ class Batch:
             draws += task.draws()
             tables.append(table)
             numbers += len(table)
-        self.tasks, self.draws = np.concatenate(records), np.array(draws, DRAW)
+        self._lowered, self.draws = np.concatenate(records), np.array(draws, DRAW)
         self._tables, self._entries = np.concatenate(tables), self.spec.lowered()
-        self.laws = laws_of(np.ascontiguousarray(self.tasks["mount"]))
+        self.laws = laws_of(np.ascontiguousarray(self._lowered["mount"]))
         if any(task.draws_mount for task in tasks):
             self.laws = np.resize(self.laws, self.size)
 
@@ -131,7 +131,7 @@ class Batch:
         """Hand the arrays to the kernels."""
         draws, laws, *arrays, traces = (getattr(self, name) for name in _STATE)
         recorder = np.empty(0, CONTACT), traces, np.empty(0), TRACE_INTERVAL
-        self._rows = Rows(self.tasks, draws, laws, self._tables, *arrays, self._entries, recorder, self.max_steps)
+        self._rows = Rows(self._lowered, draws, laws, self._tables, *arrays, self._entries, recorder, self.max_steps)
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in vars(self).items() if name != "_rows"}

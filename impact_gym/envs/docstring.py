@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from impact_gym.quantities import QUANTITIES, SCENARIO, SET_UP, Quantity, Scale
+from impact_gym.quantities import QUANTITIES, SCENARIO, SET_UP, Quantity
 from impact_gym.task.scenario import ScenarioRanges
 from impact_gym.task.task import arguments
 
@@ -26,7 +26,7 @@ def observation_table() -> Rows:
     seen.sort(key=lambda row: (row.observed != "always", row.observed == "privileged"))
     rows: Rows = [("Num", "Observation", "Unit", "from", "to", "Scaled to", "Argument")]
     for place, row in enumerate(seen):
-        low, high, scaled_low, curve, ends = row.scale or Scale(0.0, 1.0)
+        low, high, scaled_low, curve, ends = row.scale
         unit = {"linear": row.unit, "log": f"{row.unit}, as log", "log1p": f"{row.unit}, as log(1 + F)"}[curve]
         always = row.observed == "always"
         shapers = ", ".join(f"`{name}`" for name in (ends, *row.shaped_by) if name)
@@ -59,8 +59,7 @@ def set_up_table() -> Rows:
     """Return a row for each number of a set-up that may be a range."""
     rows: Rows = [("Number of the set-up", "Distribution", "Unit", "Observed from", "to")]
     for row in SET_UP:
-        low, high, *_ = row.scale or Scale(0.0, 1.0)
-        rows.append((f"`{row.id}`", law_of(row), row.unit, f"{low:g}", f"{high:g}"))
+        rows.append((f"`{row.id}`", law_of(row), row.unit, f"{row.scale.low:g}", f"{row.scale.high:g}"))
     return rows
 
 

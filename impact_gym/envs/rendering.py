@@ -161,7 +161,7 @@ def alarm(history: History, state: State) -> tuple[str, str]:
 def pace(factor: float) -> str:
     """Return how fast the film runs, in words."""
     if factor > 1.0:
-        return f"slow motion {factor:.2g} x" if factor < 10.0 else f"slow motion {factor:.0f} x"
+        return f"slow motion {round(factor, 1):g} x"
     return "real time" if factor == 1.0 else f"fast motion {1.0 / factor:.2g} x"
 
 

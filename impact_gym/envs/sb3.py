@@ -52,8 +52,9 @@ class ImpactVecEnv(VecEnv):
             raise ValueError(f"options must be a mapping or {self.num_envs} of them, got {len(self._options)}")
         seeds = None if all(seed is None for seed in self._seeds) else list(self._seeds)
         skipped = np.array([episode_index(options) or 0 for options in self._options])
-        task = self.envs.batch.task
-        fixed = np.concatenate([fixed_records(options, task) for options in self._options])
+        tasks = self.envs.batch.tasks
+        given = enumerate(self._options)
+        fixed = np.concatenate([fixed_records(options, [tasks[slot % len(tasks)]]) for slot, options in given])
         observations = self.envs.begin(seeds, np.ones(self.num_envs, np.bool_), fixed, skipped)
         self.reset_infos = [{} for _ in range(self.num_envs)]
         self._reset_seeds()

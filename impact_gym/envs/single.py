@@ -204,7 +204,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """Begin an episode; see Starting State."""
         skipped = episode_index(options)
-        fixed = fixed_records(options, self._batch.task)
+        fixed = fixed_records(options, self._batch.tasks)
         super().reset(seed=None if seed is None else whole("seed", seed, at_least=0))
         if skipped:
             skip_episodes(self.np_random, skipped)
@@ -246,7 +246,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if self._renderer is None:
             from impact_gym.envs.rendering import Renderer
 
-            self._renderer = Renderer(self._batch.task, self.render_mode)
+            self._renderer = Renderer(self._batch.tasks[0], self.render_mode)
         return self._renderer.render(self._batch, 0)
 
     def close(self) -> None:

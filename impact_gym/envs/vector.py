@@ -93,12 +93,13 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         """Begin an episode in every slot, or in those of `options["reset_mask"]` (num_envs,).
 
         A value in `options["scenario"]` or `options["record"]` may be one for all slots or a sequence of one for each.
+        A slot that does not draw a number of its set-up keeps its own.
         """
         one_of("options", options, Mapping, type(None))
         rest = dict(options or {})
         mask = self._mask(rest.pop("reset_mask", None))
         skipped = episode_index(rest) or 0
-        fixed = fixed_records(rest, self.batch.task, self.num_envs)
+        fixed = fixed_records(rest, self.batch.tasks, self.num_envs)
         return self.begin(seed, mask, fixed[mask], np.full(self.num_envs, skipped)), {}
 
     def begin(

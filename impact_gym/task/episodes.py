@@ -55,45 +55,53 @@ def fix(records: NDArray[Any], numbers_by_id: Mapping[str, ArrayLike]) -> NDArra
     return records
 
 
-def fixed_records(options: Any, task: Task, slots: int | None = None) -> NDArray[Any]:
+def fixed_records(options: Any, tasks: Sequence[Task], slots: int | None = None) -> NDArray[Any]:
     """Return what `reset(options=...)` fixes as records (slots or 1,), nan where the episode draws.
 
-    A scenario goes before a record. With `slots` a value may also be a sequence of so many, one for each. What an
-    episode of `task` draws of its set-up stays within its range, a reaction delay below the longest, for which force
-    readings are kept.
+    A scenario goes before a record. With `slots` a value may also be a sequence of so many, one for each. `tasks` are
+    one for all slots or one for each: what its episode draws of its set-up stays within its range, a reaction delay
+    below its longest, for which force readings are kept; what it does not draw stays as it is.
 
     Raises:
         TypeError, ValueError: an unknown option or field, or a value out of range; names what is allowed.
     """
     records = free_records(slots or 1)
-    for option, known in {"record": [*RECORD_IDS, *task.drawn], "scenario": FIELDS}.items():
+    drawn = dict.fromkeys(name for task in tasks for name in task.drawn)
+    for option, known in {"record": [*RECORD_IDS, *drawn], "scenario": FIELDS}.items():
         given = (options or {}).get(option, {})
         one_of(f"options[{option!r}]", given, Mapping)
         for name, value in given.items():
             if name not in known:
                 raise ValueError(f"options[{option!r}] has no field {name!r}; its fields are {list(known)}")
-            fix(records, {name: _checked(name, value, task, slots, f"options[{option!r}][{name!r}]")})
+            fix(records, {name: _checked(name, value, tasks, slots, f"options[{option!r}][{name!r}]")})
     return records
 
 
-def _checked(name: str, value: Any, task: Task, slots: int | None, field: str) -> ArrayLike:
+def _checked(name: str, value: Any, tasks: Sequence[Task], slots: int | None, field: str) -> ArrayLike:
     """Return what an option fixes a number at, one value or one for each slot."""
-    quantity = QUANTITIES[name]
-    limits = quantity.limits._asdict()
-    if name in task.drawn:
-        limits = dict(zip(("at_least", "at_most"), task.drawn[name], strict=True))
-    elif name == "reaction_delay":
-        limits["at_most"] = task.longest_delay
+    unit, limits = QUANTITIES[name].unit, [_limits(name, task) for task in tasks]
     values: ArrayLike
     if slots is None or not isinstance(value, (Sequence, np.ndarray)) or isinstance(value, (str, bytes)):
-        values = number(field, value, quantity.unit, **limits)
+        for each in limits:
+            values = number(field, value, unit, **each)
     else:
-        values = numbers(field, value, quantity.unit, **limits)
+        alike = len(limits) == 1
+        values = numbers(field, value, unit, **(limits[0] if alike else {}))
         if len(values) != slots:
-            raise ValueError(f"{field} must be a number or {slots} of them in {quantity.unit}, got {len(values)}")
+            raise ValueError(f"{field} must be a number or {slots} of them in {unit}, got {len(values)}")
+        for slot, one in enumerate(() if alike else values):
+            number(f"{field}[{slot}]", one, unit, **limits[slot])
     if name == "noise_seed" and np.any(np.mod(values, 1.0)):
         raise ValueError(f"{field} must be a whole number, got {shown(value)}")
     return values
+
+
+def _limits(name: str, task: Task) -> dict[str, float]:
+    """Return the limits of a number that an episode of `task` is given."""
+    if name in task.drawn:
+        return dict(zip(("at_least", "at_most"), task.drawn[name], strict=True))
+    longest = {"at_most": task.longest_delay} if name == "reaction_delay" else {}
+    return QUANTITIES[name].limits._asdict() | longest
 
 
 def episode_index(options: Any) -> int | None:

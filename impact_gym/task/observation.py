@@ -179,8 +179,6 @@ def _critic_sees(row: Quantity, task: Task, drawn: set[str]) -> bool:
 
 def _entry(row: Quantity, task: Task) -> Entry:
     """Return a row as a task shows it."""
-    if row.scale is None:
-        raise ValueError(f"{row.id} has no scale to be observed on")
     scale = row.scale
     if scale.ends:
         low, high = getattr(task, scale.ends)

@@ -159,7 +159,7 @@ class Task:
             draws.append((PLACES[name], source, int(row.by_ratio(low)), low, high))
         return draws
 
-    def lowered(self, first_draw: int = 0, table_at: int = 0) -> tuple[Any, Any]:
+    def lowered(self, first_draw: int, table_at: int) -> tuple[Any, Any]:
         """Return the compiled program's `Task` (1,), TASK, and its robot's table (n,).
 
         Its draws begin at `first_draw` among those of all tasks, its table at `table_at` among all tables.
@@ -216,9 +216,9 @@ def ranged_record(name: str, value: Any, kinds: tuple[type[Any], ...]) -> tuple[
     pairs = {
         path: QUANTITIES[path].interval(given)
         for path, given in ((f"{name}.{inner}", given) for inner, given in value.items())
-        if path in QUANTITIES and (isinstance(given, (tuple, list)) or getattr(given, "ndim", 0) > 0)
+        if path in QUANTITIES
     }
-    for corner in product(*pairs.values()):
+    for corner in product(*(sorted({*pair}) for pair in pairs.values())):
         record_from(name, {**value, **nested(dict(zip(pairs, corner, strict=True))).get(name, {})}, kinds)
     middles = {path: QUANTITIES[path].middle(*pair) for path, pair in pairs.items()}
     record = record_from(name, {**value, **nested(middles).get(name, {})}, kinds)

@@ -3,7 +3,7 @@
 import gymnasium as gym
 import numpy as np
 import pytest
-from episodes import ID, Always, play
+from episodes import ID, Always, assert_identical, play
 from policies import made_up_policy
 
 from agents import load_policy, load_setup
@@ -95,6 +95,14 @@ def test_policy_warns_once_where_it_is_played_elsewhere(recwarn):
 ], ids=str)  # fmt: skip
 def test_policy_names_what_differs_however_it_is_written(change, differs):
     assert load_policy("linear-ranged").differs_in(Task(**{"range_noise": 0.01, **change})) == differs
+
+
+def test_play_takes_a_controller_by_its_name_and_says_what_cannot_predict():
+    scenarios = {"set": "test", "count": 20}
+    named = jobs.play({"object": "agents.baselines:PaperTrapezoid"}, scenarios)
+    assert_identical(named, jobs.play({"baseline": "paper-trapezoid"}, scenarios))
+    with pytest.raises(ValueError, match="'json:JSONDecoder' is no controller: it has no method `predict`"):
+        jobs.play({"object": "json:JSONDecoder"}, scenarios)
 
 
 def test_play_takes_a_shield_around_another_controller_from_plain_data():

@@ -104,6 +104,8 @@ CALLS = [
     (lambda: Tune(names=("paper-trapezoid",)), "no baseline 'paper-trapezoid' to tune"),
     (lambda: Tune(weights=(0.0,)), "weights must be .*above 0"),
     (lambda: Tune(scenarios=0), "scenarios must be .*at least 1"),
+    (lambda: Tune(population=3), "population must be .*at least 4, got 3"),
+    (lambda: Tune(budget=0), "budget must be .*at least 1, got 0"),
     (lambda: ConstantSpeed(0.0), "speed.*above 0.*m/s"),
     (lambda: ConstantSpeed([1.0, 1.6]), "speed.*at most 1.5"),
     (lambda: Ranged([1.0, 0.3, 10.0]), "Ranged has the parameters .*'top speed', 'contact speed'"),

@@ -1,6 +1,7 @@
 """Searches find optima that are known; tuning keeps what it found, and does anew what was found for something else."""
 
 import json
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -129,6 +130,12 @@ def test_tune_does_anew_what_was_tuned_otherwise_or_for_another_environment(nois
     tune(replace(noisy, seed=9))
     assert "another environment" in capsys.readouterr().out
     assert len({first, second, path.read_bytes()}) == 3
+
+
+def test_tune_searches_on_a_cluster_whatever_processes_it_has_here(noisy, monkeypatch):
+    monkeypatch.setitem(sys.modules, "ray", None)
+    with pytest.raises(RuntimeError, match="install the extra `cluster`"):
+        tune(replace(noisy, processes=2, cluster="ray"))
 
 
 @pytest.mark.parametrize("weight", load_setup("linear-blind").evaluation.weights)

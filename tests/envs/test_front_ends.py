@@ -1,6 +1,7 @@
 """One task behind every front end: what a row meets is, to the bit, what the single environment of its task gives."""
 
 import warnings
+from inspect import signature
 from itertools import product
 
 import gymnasium as gym
@@ -19,6 +20,7 @@ from tasks import EVERYTHING_DRAWN, OBSERVED, OWN, rows_of_tasks
 
 import impact_gym as ig
 from impact_gym.envs.batch import ROWS_PER_THREAD
+from impact_gym.envs.single import ImpactApproachEnv
 from impact_gym.envs.vector import ImpactApproachVectorEnv
 from impact_gym.sb3 import ImpactVecEnv
 from impact_gym.task import Task
@@ -112,10 +114,17 @@ def test_batch_goes_on_from_a_state_with_what_it_had_drawn(front, options):
             each.set_state(state)
         for action in actions[steps:]:
             assert_identical(envs.step(action), elsewhere.step(action))
+    single = kind(1, **options)
+    begin(single, seed=3)
+    with pytest.raises(ValueError, match=r"of another batch: .*\(1,.*this one has .*\(8,"):
+        envs.set_state(single.get_state())  # which NumPy would spread over all rows
 
 
 @pytest.mark.parametrize(("id", "options"), [*product(IDS, ({}, HARD)), (f"impact_gym:{ID}", NOISY)], ids=str)
 def test_checkers_of_gymnasium_and_stable_baselines3_find_nothing(id, options):
+    for name in ("reset", "step"):
+        own, theirs = (signature(getattr(kind, name)).parameters for kind in (ImpactApproachEnv, gym.Env))
+        assert [(each.name, each.kind) for each in own.values()] == [(each.name, each.kind) for each in theirs.values()]
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         check_env(gym.make(id, **options).unwrapped)
@@ -243,6 +252,22 @@ def test_slots_may_be_given_numbers_of_their_own():
     mask = np.array([False, True, True])  # picks the slots' own values
     envs.reset(options={"record": {"distance": [0.3, 0.31, 0.32]}, "reset_mask": mask})
     assert envs.unwrapped.batch.info()["record"]["distance"].tolist() == [0.2, 0.31, 0.32]
+
+
+def test_slots_that_draw_otherwise_play_their_records_again_and_keep_to_their_own_ranges():
+    slots = [{}, {"tool_mass": 0.3}, {"tool_mass": (0.5, 0.6), "reaction_delay": (0.06, 0.1)}]
+    envs, by_slot = (make(3, per_slot=slots, tool_mass=(0.1, 0.2)) for make in (ImpactApproachVectorEnv, ImpactVecEnv))
+    envs.reset(seed=1)
+    record = envs.batch.info()["record"]
+    by_slot.set_options([{"record": info["record"]} for info in envs.batch.infos(np.arange(3))])
+    by_slot.reset()
+    assert_identical(by_slot.envs.batch.info()["record"], record)
+    envs.reset(seed=2, options={"record": record})
+    assert_identical(envs.batch.info()["record"], record)
+    for mass, slot in (([0.15, 0.3, 0.15], r"\[2\]"), (0.15, "")):
+        message = rf"tool_mass'\]{slot} must be .*at least 0.5 and at most 0.6 kg, got 0.15 kg"
+        with pytest.raises(ValueError, match=message):
+            envs.reset(options={"record": {"tool_mass": mass}})
 
 
 def test_rows_of_which_some_draw_a_number_all_show_a_critic_what_they_have():

@@ -123,7 +123,7 @@ class Rows:
         self.generators = [gym.utils.seeding.np_random(seed + row)[0] for row in rows.tolist()]
         for generator in self.generators:
             skip_episodes(generator, episode_index(options) or 0)
-        self.env.draw_and_begin(rows, self.generators, np.repeat(fixed_records(options, self.tasks[0]), len(rows)))
+        self.env.draw_and_begin(rows, self.generators, fixed_records(options, self.tasks, len(rows)))
         return self.env.observations.copy()
 
     def step(self, actions):

@@ -29,7 +29,7 @@ def history_of(env):
 
 
 def rendering_task(env):
-    return env.unwrapped._batch.task
+    return env.unwrapped._batch.tasks[0]
 
 
 def drawn(env, time):

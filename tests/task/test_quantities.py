@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import re
 from functools import partial
 
 import gymnasium as gym
@@ -15,7 +16,7 @@ from tasks import EVERYTHING_DRAWN
 import impact_gym as ig
 from agents import load_policy, load_setup
 from impact_gym.identify.coordinates import free_coordinates
-from impact_gym.quantities import BY_PATH, EPISODE, QUANTITIES, RESULTS, SCENARIO, SENSORS, SET_UP
+from impact_gym.quantities import BY_PATH, EPISODE, NEVER_OBSERVED, QUANTITIES, RESULTS, SCENARIO, SENSORS, SET_UP
 from impact_gym.task import ObservationSpec, ScenarioRanges, Task, numbers, paths
 from impact_gym.task.episodes import fixed_records
 from impact_gym.task.task import PLACES, arguments
@@ -46,7 +47,7 @@ def doors(row):
     if row in SCENARIO:
         yield f"ScenarioRanges.{row.id}", lambda value: ScenarioRanges(**{row.id: value})
     if row in (*SCENARIO, *EPISODE):
-        fixed = partial(fixed_records, task=Task(reaction_delay=1.0))
+        fixed = partial(fixed_records, tasks=[Task(reaction_delay=1.0)])
         yield f"options['record']['{row.id}']", lambda value: fixed({"record": {row.id: value}})
     if row.id in ARGUMENTS and not row.id.endswith("_range"):
         yield row.id, lambda value: Task(**{row.id: value})
@@ -105,6 +106,7 @@ def test_ends_of_the_limits_belong_to_them_and_masses_stiffnesses_and_distances_
         assert row.draw is not None
         assert row.scale is not None
         assert row.draw.by_ratio == (row.scale.curve == "log")
+        assert row.scale.low < row.scale.high
 
 
 @EVERY_PATH
@@ -215,7 +217,7 @@ def everything_shown():
 @EVERY_ROW
 def test_observation_decodes_to_what_was_encoded_and_is_clipped_beyond_its_scale(row):
     spec = next((spec for spec in everything_shown() if row.id in spec), None)
-    assert (spec is None) == (row.scale is None)
+    assert (spec is None) == (row.scale is NEVER_OBSERVED)
     if spec is None:
         return
     scale = spec.scale(row.id)
@@ -251,6 +253,13 @@ def test_documentation_names_the_number_and_its_unit(row):
         assert any(f"| {row.words}" in line and f"| {row.unit}" in line for line in lines)
     if row in RESULTS:
         assert f"`{row.id}`" in text
+
+
+def test_tables_of_the_documentation_are_markdown():
+    text = gym.make(ID).unwrapped.__class__.__doc__
+    heads = re.findall(r"(?<!\|\n)^    (\|.*)\n    (\|.*)\n", text, re.M)
+    assert len(heads) == 5
+    assert all(line == re.sub(r"[^|]", "-", head) for head, line in heads)
 
 
 def test_words_for_people_change_no_behaviour(monkeypatch):
