@@ -8,6 +8,7 @@ cdef double LARGEST_STEP = 1.0
 
 cdef enum:
     TRACE_POINTS = 8  # in a step of a contact
+    EVENTS_IN_TURN = 20  # landed on in one step
 
 
 cdef int integrate(Run *run, Chain *chain, double acceleration, double until, bint flying) noexcept nogil:
@@ -106,7 +107,7 @@ cdef double land_on_first(
     """
     cdef int other
     cdef double taken = tried
-    while True:
+    for _ in range(EVENTS_IN_TURN):
         taken = land(now, work, found, taken, error)
         look(now, work.trial, work.trial_rate, end)
         other = before_landing(now, end, found.event, unfelt)
@@ -117,6 +118,8 @@ cdef double land_on_first(
             return taken
         found.event, found.within = other, 1.0
         found.share = crossing_share(now, work, taken, other, start, end, 1.0)
+    found.event, found.share = SHORTER, 0.5  # two that seem to come before each other: they are closer than its error
+    return taken
 
 
 cdef int conclude(Run *run, Chain *chain, int event, double until) noexcept nogil:

@@ -12,6 +12,7 @@ import impact_gym as ig
 from experiments import reference
 
 STIFF = ig.SpringDamper(1e8)
+CLAMPED = scene(1e5, 0.5, ig.SpringDamper(150.0), distance=0.25)
 
 
 @pytest.mark.parametrize("approach_velocity", [1e-3, 1e-6, 1e-9])
@@ -178,3 +179,12 @@ def test_swing_too_fast_to_follow_is_passed_over_and_ends_as_if_it_were_rigid(ch
     outcome = ig.simulate(chain, MOTION)
     assert outcome.object_velocity == pytest.approx(ig.simulate(rigid, MOTION).object_velocity, rel=1e-8)
     assert outcome.steps < steps
+
+
+@pytest.mark.parametrize("exponent", [1.501, 1.51, 1.53, 1.54])
+def test_force_that_ends_just_before_the_surfaces_part_ends_the_run_too(exponent):
+    """At a millionth of the depth the grip, u^(m - n) + d w, still falls steeply: which is first, is hard to tell."""
+    contact = dataclasses.replace(CLAMPED.contact, stiffness_exponent=exponent)
+    case = dataclasses.replace(CLAMPED, contact=contact), CRUISE, 1.5
+    slow = reference.simulate(*case, rtol=1e-11)
+    assert ig.simulate(*case).object_velocity == pytest.approx(slow.object_velocity, rel=1e-8)
