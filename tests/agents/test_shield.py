@@ -26,7 +26,7 @@ WORST = {"object_mass": [2.5], "contact_stiffness": [1e6], "restitution": [0.1, 
 def worst_objects(name, count=40):
     """A batch of the heaviest and stiffest objects, all over the distances."""
     table = np.array(list(product(*WORST.values(), np.linspace(0.15, 0.35, count)))).T
-    frozen = EvaluationSet(0, dict(zip(FIELDS, table, strict=True)), "")
+    frozen = EvaluationSet(0, dict(zip(FIELDS, table, strict=True)))
     return ScenarioBatch(0, 2 * count, frozen=frozen, **ENVIRONMENTS[name])
 
 
