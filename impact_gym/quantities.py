@@ -99,8 +99,11 @@ def own(place: int, by_ratio: bool = False) -> Draw:
     return Draw(place, by_ratio, own_stream=True)
 
 
-ANY, POSITIVE, NOT_NEGATIVE = Limits(), Limits(above=0.0), Limits(at_least=0.0)
-UP_TO_ONE, DAMPING_RATIO = Limits(above=0.0, at_most=1.0), Limits(at_least=0.0, at_most=1e6)
+# Wide, but not as wide as floats: near the ends a run is right or its status says why it is not
+MASS, STIFFNESS = Limits(at_least=1e-12, at_most=1e12), Limits(at_least=1e-9, at_most=1e18)
+LENGTH, PLACE = Limits(at_least=1e-9, at_most=1e9), Limits(at_least=-1e12, at_most=1e12)
+RATE, NOT_NEGATIVE = Limits(at_least=1e-9, at_most=1e9), Limits(at_least=0.0, at_most=1e12)
+RESTITUTION, DAMPING_RATIO = Limits(at_least=1e-12, at_most=1.0), Limits(at_least=0.0, at_most=1e6)
 NEWTONS, EXPONENT = Limits(at_least=0.0, at_most=1e6), Limits(at_least=0.0, at_most=10.0)
 FORCE, SHARE, GAP = Scale(0.0, 1000.0, 0.0, "log1p"), Scale(0.0, 1.0, 0.0), Scale(-0.5, 0.5)
 SINCE_ALARM = Scale(0.0, AFTER_ALARM, 0.0)
@@ -118,12 +121,12 @@ SENSORS = (
 """What sensors say at each step."""
 
 SCENARIO = (
-    Quantity("object_mass", "object mass", "kg", POSITIVE, Draw(0, by_ratio=True), "privileged",
+    Quantity("object_mass", "object mass", "kg", MASS, Draw(0, by_ratio=True), "privileged",
              Scale(0.01, 10.0, curve="log"), path="object.mass"),
-    Quantity("contact_stiffness", "contact stiffness", "N/m^1.5", POSITIVE, Draw(1, by_ratio=True), "privileged",
+    Quantity("contact_stiffness", "contact stiffness", "N/m^1.5", Limits(at_least=1e-12, at_most=1e20), Draw(1, by_ratio=True), "privileged",
              Scale(1e3, 1e8, curve="log"), path="contact.stiffness"),
-    Quantity("restitution", "restitution", "-", UP_TO_ONE, Draw(2), "privileged", SHARE, path="contact.restitution"),
-    Quantity("distance", "distance", "m", POSITIVE, Draw(3), "privileged", GAP, path="object.distance",
+    Quantity("restitution", "restitution", "-", RESTITUTION, Draw(2), "privileged", SHARE, path="contact.restitution"),
+    Quantity("distance", "distance", "m", Limits(at_least=1e-24, at_most=1e9), Draw(3), "privileged", GAP, path="object.distance",
              from_flange=True),
 )  # fmt: skip
 """What makes a scenario: keys of `options["scenario"]` and of the final `info["scenario"]`."""
@@ -131,17 +134,17 @@ SCENARIO = (
 EPISODE = (
     Quantity("time_weight", "time weight", "m/s per s", Limits(above=0.0, at_most=LARGEST_WEIGHT),
              Draw(4, by_ratio=True), "always", Scale(2 / 16, 2 * 16, curve="log"), shaped_by=("time_weight",)),
-    Quantity("distance_estimate", "distance estimate", "m", ANY, Draw(5, normal=True), "range_noise", GAP,
+    Quantity("distance_estimate", "distance estimate", "m", PLACE, Draw(5, normal=True), "range_noise", GAP,
              from_flange=True),
     Quantity("reaction_delay", "reaction delay", "s", Limits(at_least=0.0, at_most=1.0), Draw(7), "privileged",
              Scale(0.0, 0.1, 0.0)),
-    Quantity("force_error", "error of all force readings of the episode", "N", ANY, Draw(8, normal=True)),
+    Quantity("force_error", "error of all force readings of the episode", "N", PLACE, Draw(8, normal=True)),
     Quantity("noise_seed", "seed of the force noise", "-", Limits(at_least=0.0, at_most=2.0**53), Draw(10)),
 )  # fmt: skip
 """What an episode draws beside: with the scenario the keys of the final `info["record"]`."""
 
 SET_UP = (
-    Quantity("tool_mass", "tool mass", "kg", POSITIVE, own(0, True), scale=Scale(0.01, 10.0, curve="log"),
+    Quantity("tool_mass", "tool mass", "kg", MASS, own(0, True), scale=Scale(0.01, 10.0, curve="log"),
              path="tool.mass"),
     Quantity("alarm_threshold", "contact force above which the alarm is sent", "N",
              Limits(at_least=1e-6, at_most=1e6), own(1, True), scale=Scale(0.1, 100.0, curve="log")),
@@ -153,23 +156,23 @@ SET_UP = (
              scale=Scale(0.01, 10.0, curve="log")),
     Quantity("force_bias", "standard deviation of the force error of an episode", "N", NEWTONS, own(5),
              scale=Scale(0.0, 2.0)),
-    Quantity("coupling.stiffness", "stiffness of the coupling", "N/m", POSITIVE, own(6, True),
+    Quantity("coupling.stiffness", "stiffness of the coupling", "N/m", STIFFNESS, own(6, True),
              scale=Scale(1.0, 1e4, curve="log")),
     Quantity("coupling.damping_ratio", "damping ratio of the coupling", "-", DAMPING_RATIO, own(7),
              scale=Scale(0.0, 2.0)),
-    Quantity("coupling.free_length", "free length of the mechanism's spring", "m", POSITIVE, own(8),
+    Quantity("coupling.free_length", "free length of the mechanism's spring", "m", LENGTH, own(8),
              scale=Scale(0.0, 0.2)),
-    Quantity("coupling.height", "height of the mechanism's pivot above its path", "m", POSITIVE, own(9),
+    Quantity("coupling.height", "height of the mechanism's pivot above its path", "m", LENGTH, own(9),
              scale=Scale(0.0, 0.1)),
-    Quantity("coupling.front_stop", "front stop of the mechanism", "m", ANY, own(10), scale=Scale(0.0, 0.1)),
-    Quantity("coupling.rear_stop", "rear stop of the mechanism", "m", ANY, own(11), scale=Scale(-0.1, 0.0)),
-    Quantity("coupling.stop_stiffness", "stiffness of the mechanism's stops", "N/m", POSITIVE, own(12, True),
+    Quantity("coupling.front_stop", "front stop of the mechanism", "m", PLACE, own(10), scale=Scale(0.0, 0.1)),
+    Quantity("coupling.rear_stop", "rear stop of the mechanism", "m", PLACE, own(11), scale=Scale(-0.1, 0.0)),
+    Quantity("coupling.stop_stiffness", "stiffness of the mechanism's stops", "N/m", Limits(at_least=1e-9, at_most=1e16), own(12, True),
              scale=Scale(1e3, 1e7, curve="log")),
     Quantity("coupling.stop_damping_ratio", "damping ratio of the mechanism's stops", "-", DAMPING_RATIO, own(13),
              scale=Scale(0.0, 2.0)),
-    Quantity("robot.mass", "effective mass of the robot", "kg", POSITIVE, own(14, True),
+    Quantity("robot.mass", "effective mass of the robot", "kg", MASS, own(14, True),
              scale=Scale(0.1, 100.0, curve="log")),
-    Quantity("robot.stiffness", "stiffness of the robot", "N/m", POSITIVE, own(15, True),
+    Quantity("robot.stiffness", "stiffness of the robot", "N/m", STIFFNESS, own(15, True),
              scale=Scale(1e3, 1e7, curve="log")),
     Quantity("robot.damping", "damping of the robot", "N s/m", NOT_NEGATIVE, own(16), scale=Scale(0.0, 500.0)),
 )  # fmt: skip
@@ -205,18 +208,18 @@ OTHERS = (
     Quantity("object.friction", "Coulomb friction of the object on the ground", "-", NOT_NEGATIVE),
     Quantity("contact.stiffness_exponent", "exponent of the contact stiffness", "-", Limits(at_least=1, at_most=10)),
     Quantity("contact.damping_exponent", "exponent of the contact damping", "-", EXPONENT),
-    Quantity("robot.position", "positions of a robot's table", "m"),
-    Quantity("motion.speed", "speed of the approach", "m/s", POSITIVE),
-    Quantity("motion.acceleration", "acceleration of the approach", "m/s^2", POSITIVE),
+    Quantity("robot.position", "positions of a robot's table", "m", PLACE),
+    Quantity("motion.speed", "speed of the approach", "m/s", RATE),
+    Quantity("motion.acceleration", "acceleration of the approach", "m/s^2", RATE),
     Quantity("motion.brake.threshold", "contact force above which the brake's alarm is sent", "N", NOT_NEGATIVE),
     Quantity("motion.brake.delay", "delay of the brake", "s", NOT_NEGATIVE),
-    Quantity("motion.brake.deceleration", "deceleration of the brake", "m/s^2", POSITIVE),
-    Quantity("duration", "length of a run", "s", POSITIVE),
+    Quantity("motion.brake.deceleration", "deceleration of the brake", "m/s^2", RATE),
+    Quantity("duration", "length of a run", "s", Limits(at_least=1e-12, at_most=1e12)),
     Quantity("rtol", "relative error allowed in a contact", "-", Limits(at_least=1e-13, at_most=1e-2)),
     Quantity("force_weight", "cost of the peak force", "m/s per N", Limits(at_least=0.0, at_most=LARGEST_WEIGHT)),
     Quantity("control_period", "control period", "s", Limits(at_least=1e-4, at_most=0.15)),
     Quantity("velocity_range", "what the first action is mapped to", "m/s", Limits(at_least=-1e3, at_most=1e3)),
-    Quantity("acceleration_range", "what the second action is mapped to", "m/s^2", Limits(above=0.0, at_most=1e6)),
+    Quantity("acceleration_range", "what the second action is mapped to", "m/s^2", Limits(at_least=1e-9, at_most=1e6)),
 )
 """What belongs to a scene, its motion or its run alone, and arguments of the environment that are never drawn."""
 

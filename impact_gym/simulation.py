@@ -11,8 +11,9 @@ from impact_gym.kernels import CHAIN, CONTACT, TRACE, approach_rows
 from impact_gym.lowering import LOCAL_SHARE, STATUS_MESSAGES, approach_plan, packed
 from impact_gym.motion import Trapezoid
 from impact_gym.physics.impact import sliding_distance
+from impact_gym.quantities import QUANTITIES
 from impact_gym.scene import Scene, flange_moves_with_tool
-from impact_gym.validation import number, one_of
+from impact_gym.validation import one_of
 
 MAX_STEPS = 1_000_000
 """Integration steps after which `simulate` gives up; an ordinary approach takes about fifty."""
@@ -99,8 +100,8 @@ def simulate(
     """
     one_of("scene", scene, Scene)
     one_of("motion", motion, Trapezoid)
-    duration = number("duration", duration, "s", above=0)
-    rtol = number("rtol", rtol, "(no unit)", at_least=1e-13, at_most=1e-2)
+    duration = QUANTITIES["duration"].check(duration)
+    rtol = QUANTITIES["rtol"].check(rtol)
     plan, table = approach_plan(scene, motion, duration)
     plans, chains = packed(plan), np.empty(1, CHAIN)
     contacts, snaps = np.empty(_CONTACT_ROWS, CONTACT), np.empty(_SNAP_ROWS)

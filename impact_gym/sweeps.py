@@ -11,6 +11,7 @@ from impact_gym.kernels import APPROACH, CHAIN, approach_rows
 from impact_gym.lowering import LOCAL_SHARE, STATUS_MESSAGES, approach_plan
 from impact_gym.motion import Trapezoid
 from impact_gym.physics.impact import sliding_distance
+from impact_gym.quantities import QUANTITIES
 from impact_gym.scene import Scene, flange_moves_with_tool
 from impact_gym.simulation import MAX_STEPS, NOTHING_RECORDED
 from impact_gym.task.paths import flatten, parts, replaced
@@ -71,7 +72,7 @@ def sweep(
     one_of("scene", scene, Scene)
     one_of("motion", motion, Trapezoid)
     one_of("varied", varied, Mapping)
-    rtol = number("rtol", rtol, "(no unit)", at_least=1e-13, at_most=1e-2)
+    rtol = QUANTITIES["rtol"].check(rtol)
     threads = cores() if threads is None else whole("threads", threads, at_least=1)
     template = {**parts(scene), "motion": motion}
     known = list(flatten(template))
@@ -105,7 +106,7 @@ def _rows(template: Mapping[str, Any], columns: Mapping[str, NDArray[Any]]) -> I
     durations, numbers = flat.pop("duration"), 0
     for row in range(len(durations)):
         try:
-            duration = number("duration", durations[row], "s", above=0)
+            duration = QUANTITIES["duration"].check(durations[row])
             records = replaced(template, {path: column[row] for path, column in flat.items()})
         except (TypeError, ValueError) as problem:
             index = np.unravel_index(row, columns["duration"].shape)

@@ -1,6 +1,8 @@
 """The loop that hands over: a command to the flange becomes a ramp and a hold, each a run of flights and contacts."""
 
 cdef double GRAZE = 1e-12  # m/s, approach velocity of a touch at rest: from exactly zero the scaled equations never start
+cdef double LOST = 1e11  # ways to the object: where a spring would rest so far away, rounding takes 1e-5 of the way
+cdef double SHORT = 1e-6  # m, added to the way
 
 
 cdef void forget(Memory *memory, double step) noexcept nogil:
@@ -104,9 +106,13 @@ cdef int advance(Run *run, Chain *chain, double acceleration, double until) noex
 
 cdef int fly(Run *run, Chain *chain, double acceleration, double until) noexcept nogil:
     """Fly to the first touch (TOUCHED) or to time `until` (s, ARRIVED): exactly, or integrated without a closed form."""
-    cdef double touch, left = until - chain.time
+    cdef double way, touch, left = until - chain.time
     if run.law.kind == INTEGRATED:
         return integrate(run, chain, acceleration, until, True)
+    if run.law.kind != RIGID:
+        way = chain.flange_position + chain.deflection - chain.penetration + SHORT
+        if fabs(acceleration) > LOST * way * run.law.frequency * run.law.frequency:
+            return NOT_FINITE
     touch = touch_time(run.law, chain, acceleration, left)
     trace_flight(run, chain, acceleration, min(touch, left))
     drift(run.law, chain, acceleration, min(touch, left))

@@ -101,7 +101,7 @@ def test_ends_of_the_limits_belong_to_them_and_masses_stiffnesses_and_distances_
         if math.isfinite(value) and value > -1e300:
             assert row.check(value) == value
     if row.unit in ("kg", "N/m", "N/m^1.5") or row.id == "distance":
-        assert row.limits.above == 0.0
+        assert row.limits.at_least > 0.0
     if row in SET_UP or row in SCENARIO:
         assert row.draw is not None
         assert row.scale is not None
