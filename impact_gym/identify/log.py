@@ -113,7 +113,7 @@ def _numbered(text: str) -> list[tuple[int, list[str]]]:
 
 
 def check(log: Log, scene: Scene, motion: Trapezoid, sensors: Mapping[str, Sensor]) -> None:
-    """Refuse a log in other units, off its rate, of a dead or clipped sensor, without a blow, with a force of other sign.
+    """Refuse a log in other units, off its rate, of a dead or clipped sensor, without a blow, with a force that pulls.
 
     Raises:
         ValueError: names column, value, unit and what is allowed.
