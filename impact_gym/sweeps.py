@@ -16,7 +16,7 @@ from impact_gym.scene import Scene, flange_moves_with_tool
 from impact_gym.simulation import MAX_STEPS, NOTHING_RECORDED
 from impact_gym.task.paths import flatten, parts, replaced
 from impact_gym.threads import cores, over_rows
-from impact_gym.validation import array, number, one_of, whole
+from impact_gym.validation import array, one_of, whole
 
 ROWS_PER_THREAD = 16
 

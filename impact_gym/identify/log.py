@@ -126,9 +126,7 @@ def check(log: Log, scene: Scene, motion: Trapezoid, sensors: Mapping[str, Senso
                 f"{log.name}, {name} must be below {limit:g} {unit}, got {largest:g} {unit}: is it in {other}?"
             )
         if largest == 0.0:
-            raise ValueError(
-                f"{log.name}, {name} must not be 0 {unit} all along, in {len(values)} samples: leave it out"
-            )
+            raise ValueError(f"{log.name}, {name} must not be 0 {unit} in all {len(values)} samples: leave it out")
         if rate is not None and not 0.99 < rate * log.step < 1.01:
             raise ValueError(
                 f"{log.name}, time has a sample every {log.step:g} s, but Sensor.rate of {name} is {rate:g} Hz, one"

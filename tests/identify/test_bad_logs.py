@@ -44,7 +44,7 @@ BAD_LOGS = {
     "other sign": ({"force": -FORCE}, r"force must be above 0 N .* N: has it the other sign\?"),
     "complex": ({"force": FORCE + 0j}, r"force must be a sequence of numbers in N, got .*complex128 "),
     "two-dimensional": ({"force": FORCE[:, None]}, r"force must be a sequence of numbers in N, got .*\(161, 1\)"),
-    "dead sensor": ({"tool_velocity": 0.0 * FORCE}, "tool_velocity must not be 0 m/s all along, in 161 samples: leave"),
+    "dead sensor": ({"tool_velocity": 0.0 * FORCE}, "tool_velocity must not be 0 m/s in all 161 samples: leave it out"),
     "no blow": ({"force": NOISE}, "has no blow: nothing in force stands out"),
     "two blows": (
         {"time": TIME[0] + np.arange(2 * len(TIME)) / 4000.0, "force": np.tile(FORCE, 2)},
