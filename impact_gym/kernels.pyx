@@ -226,7 +226,7 @@ cdef class Rows:
                     mount = row.task.mount
                     mount.tool_mass, mount.coupling, mount.robot = drawn.tool_mass, drawn.coupling, drawn.robot
                     lower(&mount, &self.laws[places[k] * self.each_law])
-                begin_episode(&row, &drawn)
+                begin_episode(&row, drawn)
 
     def step(self, actions, skip, int64_t first, int64_t last):
         """Play a control step in rows `first` to `last` with `actions` (size, 2), but where `skip` (size,) is set."""

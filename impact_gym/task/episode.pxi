@@ -22,14 +22,14 @@ cpdef int64_t samples_under_way(double reaction_delay, double control_period) no
     return <int64_t> floor(reaction_delay / control_period + 1e-9)
 
 
-cdef void begin_episode(Row *row, const Record *drawn) noexcept nogil:
+cdef void begin_episode(Row *row, Record drawn) noexcept nogil:
     """Put everything at rest at t = 0."""
     cdef Episode *episode = row.episode
     cdef double period = row.task.control_period, delay = drawn.reaction_delay
     cdef int64_t k
     memset(episode, 0, sizeof(Episode))
     memset(row.readings, 0, row.slots * sizeof(Reading))
-    episode.drawn = drawn[0]
+    episode.drawn = drawn
     episode.damping = exact_damping(drawn.restitution) if row.task.exact else hu_guo(drawn.restitution)
     episode.alarm = INFINITY
     episode.pushed = samples_under_way(delay, period)
