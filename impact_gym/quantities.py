@@ -101,6 +101,8 @@ def own(place: int, by_ratio: bool = False) -> Draw:
 
 # Wide, but not as wide as floats: near the ends a run is right or its status says why it is not
 MASS, STIFFNESS = Limits(at_least=1e-12, at_most=1e12), Limits(at_least=1e-9, at_most=1e18)
+HERTZ, STOP = Limits(at_least=1e-12, at_most=1e20), Limits(at_least=1e-9, at_most=1e16)
+AWAY = Limits(at_least=1e-24, at_most=1e9)
 LENGTH, PLACE = Limits(at_least=1e-9, at_most=1e9), Limits(at_least=-1e12, at_most=1e12)
 RATE, NOT_NEGATIVE = Limits(at_least=1e-9, at_most=1e9), Limits(at_least=0.0, at_most=1e12)
 RESTITUTION, DAMPING_RATIO = Limits(at_least=1e-12, at_most=1.0), Limits(at_least=0.0, at_most=1e6)
@@ -123,10 +125,10 @@ SENSORS = (
 SCENARIO = (
     Quantity("object_mass", "object mass", "kg", MASS, Draw(0, by_ratio=True), "privileged",
              Scale(0.01, 10.0, curve="log"), path="object.mass"),
-    Quantity("contact_stiffness", "contact stiffness", "N/m^1.5", Limits(at_least=1e-12, at_most=1e20), Draw(1, by_ratio=True), "privileged",
+    Quantity("contact_stiffness", "contact stiffness", "N/m^1.5", HERTZ, Draw(1, by_ratio=True), "privileged",
              Scale(1e3, 1e8, curve="log"), path="contact.stiffness"),
     Quantity("restitution", "restitution", "-", RESTITUTION, Draw(2), "privileged", SHARE, path="contact.restitution"),
-    Quantity("distance", "distance", "m", Limits(at_least=1e-24, at_most=1e9), Draw(3), "privileged", GAP, path="object.distance",
+    Quantity("distance", "distance", "m", AWAY, Draw(3), "privileged", GAP, path="object.distance",
              from_flange=True),
 )  # fmt: skip
 """What makes a scenario: keys of `options["scenario"]` and of the final `info["scenario"]`."""
@@ -166,7 +168,7 @@ SET_UP = (
              scale=Scale(0.0, 0.1)),
     Quantity("coupling.front_stop", "front stop of the mechanism", "m", PLACE, own(10), scale=Scale(0.0, 0.1)),
     Quantity("coupling.rear_stop", "rear stop of the mechanism", "m", PLACE, own(11), scale=Scale(-0.1, 0.0)),
-    Quantity("coupling.stop_stiffness", "stiffness of the mechanism's stops", "N/m", Limits(at_least=1e-9, at_most=1e16), own(12, True),
+    Quantity("coupling.stop_stiffness", "stiffness of the mechanism's stops", "N/m", STOP, own(12, True),
              scale=Scale(1e3, 1e7, curve="log")),
     Quantity("coupling.stop_damping_ratio", "damping ratio of the mechanism's stops", "-", DAMPING_RATIO, own(13),
              scale=Scale(0.0, 2.0)),

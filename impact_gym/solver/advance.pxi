@@ -114,6 +114,8 @@ cdef int fly(Run *run, Chain *chain, double acceleration, double until) noexcept
         if fabs(acceleration) > LOST * way * run.law.frequency * run.law.frequency:
             return NOT_FINITE
     touch = touch_time(run.law, chain, acceleration, left)
+    if isnan(touch):
+        return STEP_LIMIT
     trace_flight(run, chain, acceleration, min(touch, left))
     drift(run.law, chain, acceleration, min(touch, left))
     if touch <= left:

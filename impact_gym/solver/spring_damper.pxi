@@ -1,5 +1,8 @@
 """A tool behind a spring and damper: flight in closed form, the first touch isolated between extrema of the gap."""
 
+cdef enum:
+    MOST_BENDS = 300000  # between two zeros of the gap's third derivative, in one flight
+
 
 cdef struct SpringRates:
     double z, w, t, p, y, v, q
@@ -142,7 +145,7 @@ cdef double within_reach(const Glide *glide, double now) noexcept nogil:
 
 
 cdef double spring_touch(const Law *law, const Chain *chain, double acceleration, double horizon) noexcept nogil:
-    """Time (s) until tool and object touch, inf if not within `horizon`; no touch is stepped over.
+    """Time (s) until tool and object touch, inf if not within `horizon`, nan after MOST_BENDS; none is stepped over.
 
     Between two zeros of its third derivative the gap has at most one inflection, so at most two extrema, so at most
     three monotone pieces: each is tested by its ends.
@@ -156,7 +159,9 @@ cdef double spring_touch(const Law *law, const Chain *chain, double acceleration
     glide.closing = chain.penetration_rate - chain.deflection_rate
     glide.acceleration = acceleration
     low = within_reach(&glide, 0.0)
-    while low < horizon:
+    for _ in range(MOST_BENDS):
+        if not low < horizon:
+            return INFINITY
         high = min(inflection_time(&glide, low), horizon)
         middle = high
         if (gap_at(&glide, low).order[2] > 0.0) != (gap_at(&glide, high).order[2] > 0.0):
@@ -167,7 +172,7 @@ cdef double spring_touch(const Law *law, const Chain *chain, double acceleration
         if touch < INFINITY:
             return touch
         low = within_reach(&glide, high)
-    return INFINITY
+    return NAN
 
 
 cdef double touch_in_bend(const Glide *glide, double begin, double end) noexcept nogil:
