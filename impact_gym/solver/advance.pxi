@@ -110,7 +110,7 @@ cdef int fly(Run *run, Chain *chain, double acceleration, double until) noexcept
     if run.law.kind == INTEGRATED:
         return integrate(run, chain, acceleration, until, True)
     if run.law.kind != RIGID:
-        way = chain.flange_position + chain.deflection - chain.penetration + SHORT
+        way = fabs(chain.flange_position + chain.deflection - chain.penetration) + SHORT
         if fabs(acceleration) > LOST * way * run.law.frequency * run.law.frequency:
             return NOT_FINITE
     touch = touch_time(run.law, chain, acceleration, left)

@@ -185,7 +185,7 @@ def test_swing_of_an_undamped_tool_reaches_just_as_far_as_its_energy(margin):
 
 
 def test_slider_on_a_stop_without_damping_may_touch_wherever_its_energy_lets_it():
-    """It turns where spring and stop have taken all its energy; a bound may say less often that it never gets there."""
+    """It turns where spring and stop have taken all of its energy: no bound on its way may lie below that."""
     random = np.random.default_rng(7)
     for front, stop_stiffness, speed in 10 ** random.uniform([-4, 2, -4], [-2, 5, 0], (300, 3)):
         slider = ig.Bistable(front_stop=front, stop_stiffness=stop_stiffness, stop_damping_ratio=0.0)
