@@ -76,7 +76,7 @@ def test_sweep_of_no_rows_has_none():
     ({"varied": {"object": [1.0]}}, ValueError, "'object'.*object.mass"),
     ({"varied": {"coupling.stiffness": [1.0]}}, ValueError, "coupling.stiffness.*motion.speed"),  # it is rigid
     ({"varied": {"contact.dissipation": ["exact"]}}, ValueError, "contact.dissipation"),
-    ({"varied": {"object.mass": [0.1, -0.1]}}, ValueError, r"at \(1,\): Object.mass.*above 0 kg"),
+    ({"varied": {"object.mass": [0.1, -0.1]}}, ValueError, r"at \(1,\): Object.mass.*at least 1e-12 .*kg"),
     ({"varied": {"object.mass": [[0.1, np.nan]]}}, ValueError, r"at \(0, 1\): Object.mass.*finite"),
     ({"varied": {"object.mass": [0.1, 0.2], "motion.speed": [1.0, 2.0, 3.0]}}, ValueError, "broadcast"),
     ({"varied": {"object.mass": ["0.1"]}}, TypeError, r"object\.mass"),

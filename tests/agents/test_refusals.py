@@ -63,7 +63,7 @@ SET_UPS = [
     ("[evaluation]\nnominal = 3", r"evaluation.nominal must be a table, \[evaluation.nominal\]"),
     ("[evaluation.varied]\ntool_mas = [1.0]", "unknown key evaluation.varied.tool_mas; did you mean 'tool_mass'"),
     ("[evaluation.varied]\ntool_mass = 1.0", "evaluation.varied.tool_mass must be a list of values, or a table"),
-    ("[evaluation.varied]\ntool_mass = [-1.0]", "evaluation.varied.tool_mass: tool_mass must be .*above 0"),
+    ("[evaluation.varied]\ntool_mass = [-1.0]", "evaluation.varied.tool_mass: tool_mass must be .*at least 1e-12"),
     ("[evaluation.varied]\ntool_mass = { time = [1.0] }", "varied.tool_mass.time; did you mean 'times'"),
     ("[evaluation.varied]\ntool_mass = { times = [0.0] }", "evaluation.varied.tool_mass: times must be .*above 0"),
     ("[evaluation.varied]\nrobot = [{ type = 'Robot', mass = 1.0 }]", "varied.robot: robot, a Robot, needs"),
