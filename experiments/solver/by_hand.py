@@ -79,7 +79,7 @@ def law_of(scene: ig.Scene) -> Law:
 @lru_cache
 def command_of(motion: ig.Trapezoid) -> Command:
     """Return the numbers of a motion."""
-    brake = motion.brake or ig.Brake(threshold=1e300)
+    brake = motion.brake or ig.Brake(threshold=1e12)
     return Command(motion.speed, motion.acceleration, brake.threshold, brake.delay, motion.deceleration)
 
 

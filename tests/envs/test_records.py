@@ -11,6 +11,8 @@ from tasks import EVERYTHING_DRAWN
 
 import impact_gym as ig
 from impact_gym.envs.render_history import History
+from impact_gym.envs.vector import ImpactApproachVectorEnv
+from impact_gym.sb3 import ImpactVecEnv
 from impact_gym.task import ObservationSpec, Task, evaluation_sets
 from impact_gym.task.episodes import RECORD_IDS as RECORD
 from impact_gym.task.scenario import FIELDS, NAMED
@@ -135,3 +137,30 @@ def test_reset_takes_a_scenario_before_a_record():
     env = gym.make(ID)
     env.reset(options={"record": {"distance": 0.3}, "scenario": {"distance": 0.2}})
     assert env.unwrapped.episode_info()["scenario"]["distance"] == 0.2
+
+
+def test_slots_that_draw_otherwise_play_their_records_again_and_keep_to_their_own_ranges():
+    slots = [{}, {"tool_mass": 0.3}, {"tool_mass": (0.5, 0.6), "reaction_delay": (0.06, 0.1)}]
+    envs, by_slot = (make(3, per_slot=slots, tool_mass=(0.1, 0.2)) for make in (ImpactApproachVectorEnv, ImpactVecEnv))
+    envs.reset(seed=1)
+    record = envs.batch.info()["record"]
+    by_slot.set_options([{"record": info["record"]} for info in envs.batch.infos(np.arange(3))])
+    by_slot.reset()
+    assert_identical(by_slot.envs.batch.info()["record"], record)
+    envs.reset(seed=2, options={"record": record})
+    assert_identical(envs.batch.info()["record"], record)
+    for mass, slot in (([0.15, 0.3, 0.15], r"\[2\]"), (0.15, "")):
+        message = rf"tool_mass'\]{slot} must be .*at least 0.5 and at most 0.6 kg, got 0.15 kg"
+        with pytest.raises(ValueError, match=message):
+            envs.reset(options={"record": {"tool_mass": mass}})
+
+
+def test_rows_of_which_some_draw_a_number_all_show_a_critic_what_they_have():
+    drawn = EVERYTHING_DRAWN["spring"] | {"privileged": True, "tool_mass": (0.1, 0.2)}
+    slots = [{}, {"tool_mass": 0.3, "robot": None}, {"tool_mass": 0.05, "robot": ig.Robot(5.0, 1e5, 50.0)}]
+    envs = gym.make_vec(ID, num_envs=3, per_slot=slots, **drawn)
+    observations, spec = envs.reset(seed=1)[0], envs.unwrapped.observation_spec
+    mass, stiffness = (spec.decode(observations, name) for name in ("tool_mass", "robot.stiffness"))
+    assert 0.1 <= mass[0] < 0.2
+    assert mass[1:] == pytest.approx([0.3, 0.05], rel=2e-6)
+    assert stiffness[1:] == pytest.approx([spec.scale("robot.stiffness").high, 1e5], rel=2e-6)  # none: the stiffest
