@@ -70,16 +70,8 @@ def compiled(policy: Policy, header: Path, folder: Path, language: str = "C99") 
     source = c_text("program.c.jinja", **names, fields=len(policy.spec.sensors), inputs=policy.inputs)
     library = folder / f"policy-{len(language)}.so"
     flags = [*LANGUAGES[language], "-O2", "-ffp-contract=off", *WARNINGS, "-shared", "-fPIC", "-"]
-    command = [
-        compiler,
-        *flags,
-        "-D_POSIX_C_SOURCE=199309L",
-        "-include",
-        str(header.resolve()),
-        "-o",
-        str(library),
-        "-lm",
-    ]
+    included = ["-D_POSIX_C_SOURCE=199309L", "-include", str(header.resolve())]
+    command = [compiler, *flags, *included, "-o", str(library), "-lm"]
     subprocess.run(command, input=source, text=True, check=True)
     return ctypes.CDLL(str(library))
 
