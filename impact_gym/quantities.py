@@ -73,7 +73,8 @@ class Quantity:
 
     def check(self, value: Any, name: str = "") -> float:
         """Return `value` as a float, or raise as `validation.number`; `name` is what the message calls it."""
-        return number(name or self.id, value, self.unit, **self.limits._asdict())
+        above, at_least, at_most = self.limits  # by hand: every approach comes through here
+        return number(name or self.id, value, self.unit, above=above, at_least=at_least, at_most=at_most)
 
     def interval(self, value: Any, name: str = "") -> Range:
         """Return `value`, a number or a pair (low, high), as a pair, or raise as `validation.interval`."""
