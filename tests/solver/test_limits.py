@@ -1,18 +1,16 @@
-"""Numbers at the ends of their limits, alone and together: a run is right, or says why it is not, and soon."""
+"""Numbers at the ends of their limits, alone and together: a run is right, or says why it is not."""
 
-import contextlib
 import math
-from time import thread_time
 
 import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 import impact_gym as ig
+from impact_gym.lowering import STATUS_MESSAGES
 from impact_gym.quantities import BY_PATH
 from impact_gym.task import paths
 
-SECONDS = 4.0  # a million integration steps
 ROBOTS = None, ig.Robot(5.0, 1e5, 50.0)
 COUPLINGS = ig.Rigid(), ig.SpringDamper(150.0), ig.Bistable()
 FITTED = "coupling.free_length", "coupling.height", "coupling.front_stop", "coupling.rear_stop"  # to each other
@@ -39,11 +37,13 @@ def extreme_cases(draw):
 @given(extreme_cases())
 def test_scene_within_the_limits_is_solved_or_says_why_not(case):
     scene, motion, duration = case
-    begun, outcomes = thread_time(), []
+    outcomes, failures = [], []
     for rtol in (1e-8, 1e-11):
-        with contextlib.suppress(RuntimeError):  # which says what stopped it
+        try:
             outcomes.append(ig.simulate(*case, rtol))
-    assert thread_time() - begun < 2 * SECONDS
+        except RuntimeError as error:
+            failures.append(str(error).partition(" s: ")[2])
+    assert {*failures} <= {*STATUS_MESSAGES.values()}
     rounding = 1e-6 * min(motion.speed, motion.acceleration * duration) + 2e-12  # m/s, of a touch at rest
     for outcome in outcomes:
         gained = sum(contact.impulse for contact in outcome.contacts) / scene.object.mass
