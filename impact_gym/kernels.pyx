@@ -47,6 +47,8 @@ include "task/records.pxi"
 include "task/draw.pxi"
 include "task/episode.pxi"
 
+GRAVITY = STANDARD_GRAVITY
+
 cdef Approach blank_approach
 cdef Chain blank_chain
 cdef ContactRow blank_contact
@@ -123,6 +125,7 @@ def approach_rows(
             lower(&plan[i].mount, &law)
             run.law, run.contact = &law, plan[i].contact
             run.object_mass, run.threshold = plan[i].object_mass, plan[i].threshold
+            run.ground = STANDARD_GRAVITY * plan[i].friction
             approach(&run, &chain[i], &plan[i])
 
 
@@ -226,7 +229,7 @@ cdef class Rows:
                     mount = row.task.mount
                     mount.tool_mass, mount.coupling, mount.robot = drawn.tool_mass, drawn.coupling, drawn.robot
                     lower(&mount, &self.laws[places[k] * self.each_law])
-                begin_episode(&row, drawn)
+                begin_episode(&row, &self.laws[places[k] * self.each_law], drawn)
 
     def step(self, actions, skip, int64_t first, int64_t last):
         """Play a control step in rows `first` to `last` with `actions` (size, 2), but where `skip` (size,) is set."""
@@ -244,7 +247,9 @@ cdef class Rows:
                 row = self.row(i)
                 run.law = &self.laws[i * self.each_law]
                 run.recorder.trace = self.recorder.trace + i * self.recorder.trace_rows
-                run.contact = contact_of(row.episode.drawn.contact_stiffness, row.episode.damping, 1.5, 1.5)
-                run.object_mass = row.episode.drawn.object_mass
+                run.contact = contact_of(
+                    row.episode.drawn.contact_stiffness, row.episode.damping, 1.5, 1.5, row.task.reference_velocity
+                )
+                run.object_mass, run.ground = row.episode.drawn.object_mass, STANDARD_GRAVITY * row.episode.drawn.friction
                 run.threshold, run.tolerance = row.episode.drawn.alarm_threshold, row.task.tolerance
                 self.rewards[i] = play_step(&run, &row, action[2 * i], action[2 * i + 1])

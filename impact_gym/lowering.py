@@ -23,7 +23,17 @@ from impact_gym.kernels import (
 )  # fmt: skip
 from impact_gym.motion import Trapezoid
 from impact_gym.physics.dissipation import damping_factor
-from impact_gym.scene import Bistable, Contact, Coupling, Robot, RobotTable, Scene, SpringDamper
+from impact_gym.scene import (
+    STOP_DAMPING_RATIO,
+    STOP_STIFFNESS,
+    Bistable,
+    Contact,
+    Coupling,
+    Robot,
+    RobotTable,
+    Scene,
+    SpringDamper,
+)
 
 Numbers = NDArray[np.float64]
 
@@ -70,7 +80,8 @@ def approach_plan(
     threshold, delay = (brake.threshold, brake.delay) if brake else (math.inf, math.inf)
     target = scene.object
     profile = motion.speed, motion.acceleration, threshold, delay, motion.deceleration
-    return (held, contact_law(scene.contact), target.mass, target.distance, *profile, duration, 0.0), table
+    numbers = target.mass, target.distance, target.friction or 0.0
+    return (held, contact_law(scene.contact), *numbers, *profile, duration, 0.0), table
 
 
 def packed(plan: tuple[Any, ...]) -> bytes:
@@ -83,7 +94,7 @@ def contact_law(contact: Contact) -> tuple[Any, ...]:
     """Lower a contact to the fields of the kernels' `Contact`."""
     m, n = contact.stiffness_exponent, contact.damping_exponent
     damping = damping_factor(contact.dissipation, contact.restitution, m, n)
-    return tuple(contact_of(contact.stiffness, damping, m, n).values())
+    return tuple(contact_of(contact.stiffness, damping, m, n, contact.reference_velocity or 0.0).values())
 
 
 _NO_COUPLING = (0.0,) * len(COUPLING_NUMBERS)
@@ -98,8 +109,10 @@ def mount(
     kind, numbers = DIRECT, _NO_COUPLING
     if isinstance(coupling, SpringDamper):
         kind, numbers = SPRING_DAMPER, (coupling.stiffness, coupling.damping_ratio, *_NO_MECHANISM)
+        if coupling.stroke:
+            numbers = (*numbers[:-3], STOP_STIFFNESS, STOP_DAMPING_RATIO, coupling.stroke)
     elif isinstance(coupling, Bistable):
-        kind, numbers = MECHANISM, tuple(getattr(coupling, name, 0.0) for name in COUPLING_NUMBERS)
+        kind, numbers = MECHANISM, (*(getattr(coupling, name, 0.0) for name in COUPLING_NUMBERS[:-1]), 0.0)
     if robot is None:
         return (kind, STIFF_ROBOT, tool_mass, numbers, _NO_ROBOT, 0, 0, 0.0), NO_TABLE
     if isinstance(robot, Robot):

@@ -11,7 +11,8 @@ from typing import Any, Literal, NamedTuple
 
 from impact_gym.validation import Range, interval, number
 
-AFTER_ALARM = 0.15  # s, an episode ends this long after the alarm
+HORIZON = 1.2  # s, an episode without an alarm ends here, if not said otherwise
+AFTER_ALARM = 0.15  # s, one with an alarm ends this long after it, likewise
 PAST_READINGS = 3  # readings before the last one that may be observed, at the most
 LARGEST_WEIGHT = 1e6  # m/s per s and m/s per N; keeps rewards finite
 
@@ -50,7 +51,7 @@ class Scale(NamedTuple):
     high: float
     scaled_low: float = -1.0
     curve: Literal["linear", "log", "log1p"] = "linear"
-    ends: str = ""  # argument of the environment that gives `low` and `high` instead
+    ends: str = ""  # argument of the environment that they follow from instead, see `Task.ends`
 
 
 NEVER_OBSERVED = Scale(math.nan, math.nan)
@@ -109,13 +110,13 @@ RATE, NOT_NEGATIVE = Limits(at_least=1e-9, at_most=1e9), Limits(at_least=0.0, at
 RESTITUTION, DAMPING_RATIO = Limits(at_least=1e-12, at_most=1.0), Limits(at_least=0.0, at_most=1e6)
 NEWTONS, EXPONENT = Limits(at_least=0.0, at_most=1e6), Limits(at_least=0.0, at_most=10.0)
 FORCE, SHARE, GAP = Scale(0.0, 1000.0, 0.0, "log1p"), Scale(0.0, 1.0, 0.0), Scale(-0.5, 0.5)
-SINCE_ALARM = Scale(0.0, AFTER_ALARM, 0.0)
+SINCE_ALARM = Scale(0.0, AFTER_ALARM, 0.0, ends="after_alarm")
 SENSED, ALARMED = ("reaction_delay", "force_noise", "force_bias", "alarm"), ("reaction_delay", "alarm")
 
 SENSORS = (
     Quantity("position", "flange position", "m", observed="always", scale=Scale(-0.25, 0.75)),
     Quantity("velocity", "flange velocity", "m/s", observed="always", scale=Scale(-0.5, 1.5, ends="velocity_range")),
-    Quantity("time", "time", "s", observed="always", scale=Scale(0.0, 1.5)),  # 1.35 s and a delay at the most
+    Quantity("time", "time", "s", observed="always", scale=Scale(0.0, 1.25 * HORIZON, ends="horizon")),
     Quantity("alarm", "alarm", "-", observed="always", scale=SHARE, shaped_by=ALARMED),
     Quantity("time_since_alarm", "time since the alarm", "s", observed="always", scale=SINCE_ALARM, shaped_by=ALARMED),
     Quantity("force", "contact force as sensed a delay ago", "N", observed="always", scale=FORCE, shaped_by=SENSED),
@@ -159,6 +160,8 @@ SET_UP = (
              scale=Scale(0.01, 10.0, curve="log")),
     Quantity("force_bias", "standard deviation of the force error of an episode", "N", NEWTONS, own(5),
              scale=Scale(0.0, 2.0)),
+    Quantity("friction", "Coulomb friction of the object on the ground", "-", Limits(at_least=0.0, at_most=1e3),
+             own(17), scale=Scale(0.0, 1.0, 0.0), path="object.friction"),
     Quantity("coupling.stiffness", "stiffness of the coupling", "N/m", STIFFNESS, own(6, True),
              scale=Scale(1.0, 1e4, curve="log")),
     Quantity("coupling.damping_ratio", "damping ratio of the coupling", "-", DAMPING_RATIO, own(7),
@@ -173,6 +176,8 @@ SET_UP = (
              scale=Scale(1e3, 1e7, curve="log")),
     Quantity("coupling.stop_damping_ratio", "damping ratio of the mechanism's stops", "-", DAMPING_RATIO, own(13),
              scale=Scale(0.0, 2.0)),
+    Quantity("coupling.stroke", "way of the tool to its stops, either side", "m", LENGTH, own(18),
+             scale=Scale(0.0, 0.1, 0.0)),
     Quantity("robot.mass", "effective mass of the robot", "kg", MASS, own(14, True),
              scale=Scale(0.1, 100.0, curve="log")),
     Quantity("robot.stiffness", "stiffness of the robot", "N/m", STIFFNESS, own(15, True),
@@ -208,9 +213,9 @@ RESULTS = (
 """What is known of an episode at its end."""
 
 OTHERS = (
-    Quantity("object.friction", "Coulomb friction of the object on the ground", "-", NOT_NEGATIVE),
     Quantity("contact.stiffness_exponent", "exponent of the contact stiffness", "-", Limits(at_least=1, at_most=10)),
     Quantity("contact.damping_exponent", "exponent of the contact damping", "-", EXPONENT),
+    Quantity("contact.reference_velocity", "velocity at which a fixed damping gives the restitution", "m/s", RATE),
     Quantity("robot.position", "positions of a robot's table", "m", PLACE),
     Quantity("motion.speed", "speed of the approach", "m/s", RATE),
     Quantity("motion.acceleration", "acceleration of the approach", "m/s^2", RATE),
@@ -220,6 +225,11 @@ OTHERS = (
     Quantity("duration", "length of a run", "s", Limits(at_least=1e-12, at_most=1e12)),
     Quantity("rtol", "relative error allowed in a contact", "-", Limits(at_least=1e-13, at_most=1e-2)),
     Quantity("force_weight", "cost of the peak force", "m/s per N", Limits(at_least=0.0, at_most=LARGEST_WEIGHT)),
+    Quantity("horizon", "end of an episode without an alarm", "s", Limits(at_least=1e-3, at_most=1e3)),
+    Quantity("after_alarm", "time from the alarm to the end of an episode", "s", Limits(at_least=1e-3, at_most=1e3)),
+    Quantity(
+        "missed_cost", "cost of an object that was not touched", "m/s", Limits(at_least=0.0, at_most=LARGEST_WEIGHT)
+    ),
     Quantity("control_period", "control period", "s", Limits(at_least=1e-4, at_most=0.15)),
     Quantity("velocity_range", "what the first action is mapped to", "m/s", Limits(at_least=-1e3, at_most=1e3)),
     Quantity("acceleration_range", "what the second action is mapped to", "m/s^2", Limits(at_least=1e-9, at_most=1e6)),

@@ -5,6 +5,7 @@ they are made, so that everything behind them may rely on them. What is allowed 
 """
 
 import math
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -20,9 +21,13 @@ from impact_gym.record import Record
 from impact_gym.validation import number, one_of
 
 Dissipation = Literal[
-    "hu-guo", "exact", "hunt-crossley", "lankarani-nikravesh", "herbert-mcwhannell", "gonthier", "flores"
+    "hu-guo", "exact", "hunt-crossley", "lankarani-nikravesh", "herbert-mcwhannell", "gonthier", "flores", "fixed"
 ]
 """How the damping follows from the restitution; what each delivers is `physics.dissipation.effective_restitution`."""
+
+
+STOP_STIFFNESS, STOP_DAMPING_RATIO = 1e5, 1.0
+"""Of stops, in N/m and without a unit, where nothing else is said."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,13 +41,13 @@ class Tool(Record, path="tool"):
 class Object(Record, path="object"):
     """The body that is struck; at rest until then.
 
-    `friction` says how far it slides after the last contact. As in the paper it changes nothing before: it is small
-    while mu m_p g is small beside the contact force, and takes at most mu g from V_p for every second of contact.
+    With `friction` it sticks to the ground until the contact force exceeds mu m_p g, slides, in a contact and after it,
+    and sticks again once it has come to rest; g = 9.80665 m/s^2. The paper has none and calls it small and beneficial.
     """
 
     mass: float  # kg
     distance: float  # m, gap between the faces at rest, t = 0
-    friction: float = 0.0  # -, mu, Coulomb's, between object and ground
+    friction: float | None = None  # -, mu, Coulomb's, between object and ground
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +58,9 @@ class Contact(Record, path="contact"):
     `dissipation` says how chi follows from the restitution: "hu-guo" is the paper's eq. 7, which delivers a little
     less than it is given (0.4877 for 0.5, 0.0741 for 0.1; see docs/provenance.md), "exact" delivers it, the others
     are in `physics.dissipation` with their sources. They set the damping in the contact's own scales,
-    chi = d k_c delta0^(m - n) / v_in, with v_in the approach velocity of this contact.
+    chi = d k_c delta0^(m - n) / v_in, with v_in the approach velocity of this contact. So its restitution is the same
+    at every velocity. With "fixed" chi is: it delivers the restitution to a contact that begins at
+    `reference_velocity`, less to a faster one and more to a slower one, as measured.
     """
 
     checked_by_itself: ClassVar = ("stiffness",)  # its unit depends on the exponent
@@ -62,9 +69,17 @@ class Contact(Record, path="contact"):
     dissipation: Dissipation = "hu-guo"
     stiffness_exponent: float = 1.5  # -, m
     damping_exponent: float = 1.5  # -, n, 0 or at least 1
+    reference_velocity: float | None = None  # m/s, of "fixed", which has 1 if nothing is said
 
     def __post_init__(self) -> None:
         Record.__post_init__(self)
+        if self.dissipation == "fixed" and self.reference_velocity is None:
+            object.__setattr__(self, "reference_velocity", 1.0)
+        elif self.dissipation != "fixed" and self.reference_velocity is not None:
+            raise ValueError(
+                f'Contact.reference_velocity must be None unless dissipation is "fixed", got '
+                f"{self.reference_velocity!r} m/s with {self.dissipation!r}"
+            )
         if 0 < self.damping_exponent < 1:
             raise ValueError(
                 f"Contact.damping_exponent must be 0 or at least 1 (no unit), got {self.damping_exponent!r} (no unit)"
@@ -83,10 +98,14 @@ class Rigid:
 
 @dataclass(frozen=True, slots=True)
 class SpringDamper(Record, path="coupling"):
-    """Tool behind a linear spring and damper (paper, eq. 17-18); c_t = 2 zeta sqrt(k_t m_t)."""
+    """Tool behind a linear spring and damper (paper, eq. 17-18); c_t = 2 zeta sqrt(k_t m_t).
+
+    With a `stroke` its way ends there, on stops like those that `Bistable` has by default.
+    """
 
     stiffness: float  # N/m
     damping_ratio: float = 1.0  # -
+    stroke: float | None = None  # m, from rest to a stop, either side
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,8 +124,8 @@ class Bistable(Record, path="coupling"):
     height: float = 0.028  # m, H, of the pivot above the path
     front_stop: float = 0.0208  # m, between 0 and the stroke sqrt(L0^2 - H^2)
     rear_stop: float = -0.02  # m, between minus the stroke and 0
-    stop_stiffness: float = 1e5  # N/m, k_s
-    stop_damping_ratio: float = 1.0  # -, zeta_s
+    stop_stiffness: float = STOP_STIFFNESS  # N/m, k_s
+    stop_damping_ratio: float = STOP_DAMPING_RATIO  # -, zeta_s
 
     def __post_init__(self) -> None:
         Record.__post_init__(self)
@@ -256,6 +275,18 @@ class Scene:
         one_of("Scene.contact", self.contact, Contact)
         one_of("Scene.coupling", self.coupling, *get_args(Coupling))
         one_of("Scene.robot", self.robot, Robot, RobotTable, type(None))
+
+
+def warn_of_stroke(coupling: Coupling, tool_mass: float, acceleration: float) -> None:
+    """Warn where a tool lies on its stop whenever the arm accelerates."""
+    if isinstance(coupling, SpringDamper) and coupling.stroke:
+        rest = acceleration * tool_mass / coupling.stiffness
+        if rest > coupling.stroke:
+            warnings.warn(
+                f"SpringDamper.stroke is {coupling.stroke:g} m, but under {acceleration:g} m/s^2 the tool's place of "
+                f"rest is {rest:.3g} m away: it lies on its stop whenever the arm accelerates",
+                stacklevel=3,
+            )
 
 
 def flange_moves_with_tool(coupling: Coupling, robot: Robot | RobotTable | None) -> bool:

@@ -7,12 +7,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_gym.kernels import CHAIN, CONTACT, TRACE, approach_rows
+from impact_gym.kernels import CHAIN, CONTACT, STUCK, TRACE, approach_rows
 from impact_gym.lowering import LOCAL_SHARE, STATUS_MESSAGES, approach_plan, packed
 from impact_gym.motion import Trapezoid
-from impact_gym.physics.impact import sliding_distance
 from impact_gym.quantities import QUANTITIES
-from impact_gym.scene import Scene, flange_moves_with_tool
+from impact_gym.scene import Scene, flange_moves_with_tool, warn_of_stroke
 from impact_gym.validation import one_of
 
 MAX_STEPS = 1_000_000
@@ -77,7 +76,11 @@ class Outcome(NamedTuple):
     status: str  # "ok"
     trace: Trace | None
     snap_through: tuple[float, ...]  # s, when the slider of a mechanism passes its alignment, first backwards
-    sliding_distance: float | None  # m, from `object_velocity` to rest; None if without friction it never rests
+    peak_object_velocity: float  # m/s, the largest; without friction the object loses none
+    slide: float | None  # m, to where the object rests if nothing touches it after `duration`; None without friction
+    rest_time: (
+        float | None
+    )  # s, from when on it rests and the tool is slower than 1 mm/s for good; None without friction
 
 
 def simulate(
@@ -102,6 +105,7 @@ def simulate(
     one_of("motion", motion, Trapezoid)
     duration = QUANTITIES["duration"].check(duration)
     rtol = QUANTITIES["rtol"].check(rtol)
+    warn_of_stroke(scene.coupling, scene.tool.mass, motion.acceleration)
     plan, table = approach_plan(scene, motion, duration)
     plans, chains = packed(plan), np.empty(1, CHAIN)
     contacts, snaps = np.empty(_CONTACT_ROWS, CONTACT), np.empty(_SNAP_ROWS)
@@ -118,7 +122,7 @@ def simulate(
     with_the_tool = flange_moves_with_tool(scene.coupling, scene.robot)
     history = Trace.of(points[: end.traced], with_the_tool) if trace else None
     snap_through = tuple(snaps[: end.snaps].tolist())
-    return _outcome(end, contacts[: end.logged], history, snap_through, with_the_tool, scene.object.friction)
+    return _outcome(end, contacts[: end.logged], history, snap_through, with_the_tool, bool(scene.object.friction))
 
 
 _record: Any = namedtuple  # whose fields mypy wants to read here
@@ -132,12 +136,10 @@ def _outcome(
     trace: Trace | None,
     snap_through: tuple[float, ...],
     with_the_tool: bool,
-    friction: float,
+    rough: bool,
 ) -> Outcome:
     tool = end.flange_velocity + end.deflection_rate
-    object_velocity = tool - end.penetration_rate if end.contacts else 0.0
-    never = None if object_velocity else 0.0
-    slid = float(sliding_distance(object_velocity, friction)) if friction else never
+    object_velocity = tool - end.penetration_rate if end.contacts and end.footing != STUCK else 0.0
     return Outcome(
         object_velocity,
         tool,
@@ -151,5 +153,7 @@ def _outcome(
         "ok",
         trace,
         snap_through,
-        slid,
+        end.top_speed if rough else object_velocity,
+        end.slide if rough else None,
+        end.rest_time if rough else None,
     )

@@ -7,10 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from impact_gym.kernels import APPROACH, CHAIN, approach_rows
+from impact_gym.kernels import APPROACH, CHAIN, STUCK, approach_rows
 from impact_gym.lowering import LOCAL_SHARE, STATUS_MESSAGES, approach_plan
 from impact_gym.motion import Trapezoid
-from impact_gym.physics.impact import sliding_distance
 from impact_gym.quantities import QUANTITIES
 from impact_gym.scene import Scene, flange_moves_with_tool
 from impact_gym.simulation import MAX_STEPS, NOTHING_RECORDED
@@ -40,7 +39,9 @@ class Outcomes:
     snap_count: NDArray[np.int64]  # passages of the slider of a mechanism through its alignment
     coupling_impulse: Array  # N s
     momentum_error: Array  # -
-    sliding_distance: Array  # m, nan if the object never rests
+    peak_object_velocity: Array  # m/s
+    slide: Array  # m, nan without friction
+    rest_time: Array  # s, nan without friction or if not all comes to rest
     steps: NDArray[np.int64]
     status: NDArray[np.object_]  # "ok", or a sentence
 
@@ -96,8 +97,8 @@ def sweep(
             approach_rows(plans, tables, chains, first, last, LOCAL_SHARE * rtol, MAX_STEPS, NOTHING_RECORDED)
 
         over_rows(run, len(lowered), threads, ROWS_PER_THREAD)
-    friction = np.broadcast_to(columns.get("object.friction", np.asarray(scene.object.friction)), shape)
-    return _outcomes(chains.reshape(shape), flange_moves_with_tool(scene.coupling, scene.robot), friction)
+    friction = np.broadcast_to(columns.get("object.friction", np.asarray(scene.object.friction or 0.0)), shape)
+    return _outcomes(chains.reshape(shape), flange_moves_with_tool(scene.coupling, scene.robot), friction > 0.0)
 
 
 def _rows(template: Mapping[str, Any], columns: Mapping[str, NDArray[Any]]) -> Iterator[tuple[Any, Array]]:
@@ -117,7 +118,7 @@ def _rows(template: Mapping[str, Any], columns: Mapping[str, NDArray[Any]]) -> I
         yield plan, table
 
 
-def _outcomes(chains: NDArray[Any], with_the_tool: bool, friction: Array) -> Outcomes:
+def _outcomes(chains: NDArray[Any], with_the_tool: bool, rough: NDArray[np.bool_]) -> Outcomes:
     failed = chains["status"] < 0
 
     def numbers(values: Array) -> Array:
@@ -126,9 +127,8 @@ def _outcomes(chains: NDArray[Any], with_the_tool: bool, friction: Array) -> Out
     tool = chains["flange_velocity"] + chains["deflection_rate"]
     flange = tool if with_the_tool else chains["flange_velocity"] + chains["flange_offset_rate"]
     sentence = np.vectorize(lambda status: STATUS_MESSAGES.get(status, "ok"), otypes=[object])
-    object_velocity = numbers(np.where(chains["contacts"] > 0, tool - chains["penetration_rate"], 0.0))
-    slid = np.full(chains.shape, np.nan)
-    slid[~failed] = sliding_distance(object_velocity[~failed], friction[~failed])
+    moving = (chains["contacts"] > 0) & (chains["footing"] != STUCK)
+    object_velocity = numbers(np.where(moving, tool - chains["penetration_rate"], 0.0))
     alike = ("peak_force", "first_contact", "coupling_impulse", "momentum_error")
     return Outcomes(
         object_velocity=object_velocity,
@@ -137,7 +137,8 @@ def _outcomes(chains: NDArray[Any], with_the_tool: bool, friction: Array) -> Out
         detection_time=numbers(chains["detection"]),
         contact_count=chains["contacts"].copy(),
         snap_count=chains["snaps"].copy(),
-        sliding_distance=numbers(slid),
+        peak_object_velocity=np.where(rough, numbers(chains["top_speed"]), object_velocity),
+        **{name: np.where(rough, numbers(chains[name]), np.nan) for name in ("slide", "rest_time")},
         steps=chains["steps"].copy(),
         **{name: numbers(chains[name]) for name in alike},
         status=sentence(chains["status"]),

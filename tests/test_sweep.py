@@ -28,7 +28,7 @@ def assert_row(outcomes, index, outcome):
     assert outcomes.snap_count[index] == len(outcome.snap_through)
     first = outcome.contacts[0].start if outcome.contacts else np.nan
     assert np.array_equal(outcomes.first_contact[index], first, equal_nan=True)
-    for name in ("detection_time", "sliding_distance"):
+    for name in ("detection_time", "slide", "rest_time"):
         alone = np.nan if getattr(outcome, name) is None else getattr(outcome, name)
         assert np.array_equal(getattr(outcomes, name)[index], alone, equal_nan=True)
 
@@ -43,6 +43,18 @@ def test_row_of_a_sweep_is_simulate_to_the_bit(coupling, robot):
     for i, j in np.ndindex(2, 3):
         alone = scene(1e4, 0.5, coupling, robot, m_p=masses[i, 0])
         assert_row(outcomes, (i, j), ig.simulate(alone, dataclasses.replace(MOTION, speed=speeds[j]), duration=1.1))
+
+
+def test_row_of_a_sweep_has_its_own_friction():
+    friction = np.array([0.0, 0.1, 0.4])
+    struck = dataclasses.replace(scene(1e4, 0.5, SPRING), object=ig.Object(0.25, 0.25, 0.1))
+    outcomes = ig.sweep(struck, MOTION, {"object.friction": friction}, duration=3.0)
+    for index, mu in enumerate(friction):
+        alone = dataclasses.replace(struck, object=ig.Object(0.25, 0.25, mu))
+        outcome = ig.simulate(alone, MOTION, duration=3.0)
+        assert_row(outcomes, index, outcome)
+        assert outcomes.peak_object_velocity[index] == outcome.peak_object_velocity
+    assert np.isnan(outcomes.slide).tolist() == [True, False, False]
 
 
 def test_row_of_a_sweep_depends_on_neither_threads_nor_order():
@@ -60,7 +72,7 @@ def test_row_that_cannot_finish_says_why_and_does_not_affect_others():
     ringing = scene(1e4, 0.5, SPRING, dataclasses.replace(ROBOT, mass=1.0, damping=1e-3))
     outcomes = ig.sweep(ringing, MOTION, {"robot.stiffness": stiffness})
     assert "more integration steps than allowed" in outcomes.status[1]
-    assert np.isnan([outcomes.object_velocity[1], outcomes.sliding_distance[1]]).all()
+    assert np.isnan([outcomes.object_velocity[1], outcomes.peak_object_velocity[1]]).all()
     for index in (0, 2):
         robot = dataclasses.replace(ringing.robot, stiffness=stiffness[index])
         assert_row(outcomes, index, ig.simulate(dataclasses.replace(ringing, robot=robot), MOTION))

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from agents.baselines.profile import BlindProfile, Ranged
 from agents.baselines.reaction import ReactingRule
 from agents.baselines.rule import Floats, Parameter, View
-from impact_gym.quantities import AFTER_ALARM
 
 THRESHOLD = Parameter("own threshold", "N", 0.5, 100.0, 10.0)
 CLOCK = 1e-6  # s, resolution of the observed time
@@ -36,7 +35,7 @@ class OwnAlarmView(View):
 
 
 class OwnThresholdRule(ReactingRule):
-    """A reacting rule whose alarm is a reading above THRESHOLD, its last parameter; it clears after 0.15 s.
+    """A reacting rule whose alarm is a reading above THRESHOLD, its last parameter; it clears when one would end.
 
     So a false alarm costs that time and no more.
     """
@@ -45,7 +44,7 @@ class OwnThresholdRule(ReactingRule):
         """Return a view with the rule's own alarm, and when that was raised, s."""
         time = view["time"]
         raised = np.full(np.shape(time), np.inf) if state is None else state
-        raised = np.where(time > raised + AFTER_ALARM - CLOCK, np.inf, raised)
+        raised = np.where(time > raised + self.task.after_alarm - CLOCK, np.inf, raised)
         raised = np.where(False if episode_start is None else episode_start, np.inf, raised)
         raised = np.where(view["force"] > self[THRESHOLD.name], np.minimum(raised, time), raised)
         return OwnAlarmView(view, raised), raised

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from agents.policies import ACTIONS, Controller, Policy
 from impact_gym import quantities
-from impact_gym.envs.batch import Batch, ToolMotion
+from impact_gym.envs.batch import SLIDE, Batch, ToolMotion
 from impact_gym.simulation import MAX_STEPS
 from impact_gym.task import Task, evaluation_sets
 from impact_gym.task.scenario import FIELDS
@@ -36,6 +36,9 @@ class Episodes:
     contact_count: NDArray[np.int64]
     missed: NDArray[np.bool_]
     scenario: dict[str, NDArray[np.float64]]
+    missed_cost: float = MISSED_COST  # m/s
+    slide: NDArray[np.float64] | None = None  # m, where there is friction
+    rest_time: NDArray[np.float64] | None = None  # s, likewise
 
     def cost(self, time_weight: float | NDArray[np.float64]) -> NDArray[np.float64]:
         """V_p + time_weight * approach time, m/s, per scenario."""
@@ -43,12 +46,13 @@ class Episodes:
 
     def loss(self, time_weight: float | NDArray[np.float64]) -> NDArray[np.float64]:
         """The same and what the environment charges for a miss, m/s: minus the return."""
-        return self.cost(time_weight) + MISSED_COST * self.missed
+        return self.cost(time_weight) + self.missed_cost * self.missed
 
     def first(self, count: int) -> "Episodes":
         """Return the first `count` of them."""
         scenario = {name: values[:count] for name, values in self.scenario.items()}
-        return Episodes(**{name: getattr(self, name)[:count] for name in RESULTS}, scenario=scenario)
+        cut = {name: values[:count] for name in (*RESULTS, *SLIDE) if (values := getattr(self, name)) is not None}
+        return Episodes(**cut, scenario=scenario, missed_cost=self.missed_cost)
 
 
 class ScenarioBatch:
@@ -144,8 +148,9 @@ class ScenarioBatch:
             row = int(failed.argmax())
             raise RuntimeError(f"scenario seeded {self.seed + row % self.count}: {info['status'][row]}")
         scenario = {name: values.copy() for name, values in info["scenario"].items()}
-        results = {name: np.array(info[name]) for name in RESULTS}
-        return Episodes(**results | {"missed": results["missed"] | failed}, scenario=scenario)
+        results = {name: np.array(info[name]) for name in (*RESULTS, *SLIDE) if name in info}
+        results["missed"] |= failed
+        return Episodes(**results, scenario=scenario, missed_cost=batch.tasks[0].missed_cost)
 
 
 class Validation(ScenarioBatch):

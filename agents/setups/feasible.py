@@ -7,7 +7,7 @@ import numpy as np
 
 from impact_gym.scene import Bistable
 from impact_gym.task import ObservationSpec, Task
-from impact_gym.task.task import HORIZON, MOUNT_IDS
+from impact_gym.task.task import MOUNT_IDS
 
 OVERSHOOT = 2.0
 """Largest acceleration of a compliant robot's flange over the one asked for: a step on a spring without damping, from
@@ -20,17 +20,17 @@ def warnings(task: Task) -> list[str]:
     Raises:
         ValueError: it goes wrong in all of them; names the field.
     """
-    (near, far), reach, most = task.scenario.distance, reached(task), task.acceleration_range[1]
+    (near, far), reach, most = task.scenario.distance, task.reach, task.acceleration_range[1]
     if near > reach:
         raise ValueError(
-            f"environment.scenario.distance must begin below {reach:.3g} m, as far as the arm gets in {HORIZON:g} s, "
-            f"got {near:g} m: every object would be missed"
+            f"environment.scenario.distance must begin below {reach:.3g} m, as far as the arm gets in "
+            f"{task.horizon:g} s, got {near:g} m: every object would be missed"
         )
     seen, heard = ObservationSpec(task).scale("position").high, task.longest_delay + task.control_period
     ahead, from_on = f"objects stand up to {far:g} m ahead, but", f"objects stand from {1e3 * near:.3g} mm on, where"
     first_reading = f"the first reading arrives, {1e3 * heard:g} ms after the start"
     sentences = {
-        f"{ahead} the arm gets only {reach:.3g} m far in {HORIZON:g} s": far > reach,
+        f"{ahead} the arm gets only {reach:.3g} m far in {task.horizon:g} s": far > reach,
         f"{ahead} the observation ends at a flange position of {seen:g} m": far > seen,
         f"{from_on} the tool can be before {first_reading}": near <= 0.5 * most * heard**2,
     }
@@ -53,13 +53,6 @@ def _off_its_stop(task: Task) -> list[str]:
         f"the front stop holds the tool up to {min(holds):.3g} m/s^2, the arm can make {most:g}{swings}: above that "
         "the mechanism leaves its stop without a touch"
     ]
-
-
-def reached(task: Task) -> float:
-    """Return how far the flange gets before an episode without a touch ends, m."""
-    speed, acceleration = task.velocity_range[1], task.acceleration_range[1]
-    ramp = min(HORIZON, speed / acceleration)
-    return 0.5 * acceleration * ramp**2 + speed * (HORIZON - ramp)
 
 
 def held(task: Task) -> float:

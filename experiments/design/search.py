@@ -22,7 +22,6 @@ from experiments.design.pads import Pad, on_pad, pad_of
 from impact_gym.scene import Bistable
 from impact_gym.task import Task
 from impact_gym.task.arguments import changed
-from impact_gym.task.task import MISSED_COST
 from impact_gym.validation import number, whole
 
 RTOL = 1e-5  # of the simulation while searching: V_p is within 1e-6 m/s
@@ -128,7 +127,7 @@ def objective(rig: Rig, numbers: Sequence[Free], approach_time: float, limits: L
         travel = Travel(population * scenarios)
         played = stage.play(rig.controller_of(np.repeat(of_rule, scenarios, axis=0)), record, travel)
         # what the environment charges for a miss instead of V_p
-        velocity = np.where(played.missed, MISSED_COST, np.nan_to_num(played.object_velocity))
+        velocity = np.where(played.missed, played.missed_cost, np.nan_to_num(played.object_velocity))
         velocity, time = (values.reshape(population, -1).mean(axis=1) for values in (velocity, played.approach_time))
         late = np.maximum(time / approach_time - 1.0, 0.0)
         loss: Floats = velocity + PENALTY * (

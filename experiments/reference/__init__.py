@@ -35,6 +35,7 @@ class Reference:
     """State at the end of the run (m/s, m) and what happened on the way."""
 
     object_velocity: float
+    peak_object_velocity: float
     tool_velocity: float
     flange_velocity: float  # of the imposed motion, or of the robot's mass where it has one
     peak_force: float  # N
@@ -45,6 +46,7 @@ class Reference:
     object_position: float  # its face; 0 is where the tool's face is at the start
     tool_position: float
     flange_position: float  # from its start
+    stop_hits: int  # how often a stop begins to push
     contact_seconds: float = field(compare=False)  # of processor time, spent in the contacts
 
 
@@ -70,7 +72,8 @@ def simulate(scene: Any, motion: Any, duration: float, rtol: float = 1e-11, meth
     delta, _, u, u_dot, w, w_dot = run.state.tolist()
     x_r, v_r, _, _ = run.command.at(duration)
     return Reference(
-        object_velocity=run.past_impulse / run.chain.m_p,
+        object_velocity=run.object_velocity if run.chain.friction else run.past_impulse / run.chain.m_p,
+        peak_object_velocity=run.top_speed,
         tool_velocity=v_r - w_dot - u_dot,
         flange_velocity=v_r - w_dot,
         peak_force=run.peak_force,
@@ -81,5 +84,6 @@ def simulate(scene: Any, motion: Any, duration: float, rtol: float = 1e-11, meth
         object_position=x_r - w - u - delta,
         tool_position=x_r - w - u,
         flange_position=x_r - w,
+        stop_hits=run.stop_hits,
         contact_seconds=run.contact_seconds,
     )

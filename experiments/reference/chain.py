@@ -13,11 +13,13 @@ import numpy as np
 
 from experiments.reference.command import Command
 from experiments.reference.integration import Switch, Vector
-from experiments.reference.laws import BistableForce, damping_factor, robot_law
+from experiments.reference.laws import BistableForce, StoppedSpring, damping_factor, robot_law
 
 # both tend to zero where a contact with little restitution creeps apart, and would then follow the rounding
 SLACK = 1e-12  # of the sign and of the slope of the contact force, in the scales of the contact
+STEADY = 1e-9  # of the force beyond friction, which tends to zero where an object is pushed along; likewise
 POSITION_SLACK = 1e-16  # m, of the slider
+G = 9.80665  # m/s^2
 
 
 @dataclass(frozen=True)
@@ -58,11 +60,23 @@ class Chain:
         self.m = float(getattr(contact, "stiffness_exponent", 1.5))
         self.n = float(getattr(contact, "damping_exponent", 1.5))
         self.d = damping_factor(getattr(contact, "dissipation", "hu-guo"), contact.restitution, self.m, self.n)
+        self.reference_velocity = getattr(contact, "reference_velocity", None)  # m/s, where chi is fixed
+        self.friction = (getattr(scene.object, "friction", None) or 0.0) * self.m_p * G  # N
         self.clamp = getattr(contact, "clamp", True)  # of the contact force, at zero: without it the surfaces may pull
-        self.on = {"pressed": True, "loading": True, "front": True, "rear": False, "alignment": True}
+        self.on = {
+            "pressed": True,
+            "loading": True,
+            "rear": False,
+            "alignment": True,
+            "sliding": False,
+            "gaining": True,
+        }
+        self.on["front"] = hasattr(coupling, "free_length")
 
-        self.bistable = BistableForce(coupling, self.m_t) if hasattr(coupling, "free_length") else None
-        sprung = hasattr(coupling, "damping_ratio")
+        self.bistable = BistableForce(coupling, self.m_t) if self.on["front"] else None
+        if getattr(coupling, "damping_ratio", None) is not None and coupling.stroke:
+            self.bistable = StoppedSpring(coupling, self.m_t)
+        sprung = self.bistable is None and hasattr(coupling, "damping_ratio")
         self.rigid = self.bistable is None and not sprung
         if self.rigid and hasattr(coupling, "stiffness"):
             raise NotImplementedError(f"reference: no coupling like {coupling!r}")
@@ -73,14 +87,24 @@ class Chain:
         self.robot = None if robot is None else robot_law(robot)
         nodes = getattr(robot, "position", ())  # of a table
         self.command.nodes = np.array(nodes)
-        self.linear = self.bistable is None and not len(nodes)
+        self.linear = self.bistable is None and not len(nodes) and not self.friction
         slow, fast = [0.0], [0.0]  # 1/s: of oscillations of the chain, of its stops
         if robot is not None:
             slow.append(float(np.sqrt(np.max(np.divide(robot.stiffness, robot.mass)))))
         if self.bistable is not None:
-            slow.append(sqrt(self.bistable.k * (self.bistable.L0 / self.bistable.H - 1) / self.m_t))
+            stopped = isinstance(self.bistable, StoppedSpring)
+            slope = 1.0 if stopped else self.bistable.L0 / self.bistable.H - 1
+            slow.append(sqrt(self.bistable.k * slope / self.m_t))
             fast += [sqrt(self.bistable.k_s / self.m_t), self.bistable.c_s / self.m_t]
         self.slow_rate, self.stop_rate, self.stop_decay = max(slow), max(fast[:2]), max(fast)
+
+    def damping(self, t: float, v_in: float) -> float:
+        """Damping factor d of a contact that begins at t (s) with v_in (m/s)."""
+        if self.reference_velocity is None:
+            return self.d
+        there, here = (self.contact_scales(t, v).length for v in (self.reference_velocity, v_in))
+        chi = self.d * self.k_c * there ** (self.m - self.n) / self.reference_velocity
+        return float(chi * v_in / (self.k_c * here ** (self.m - self.n)))
 
     def contact_scales(self, t: float, v_in: float) -> Scales:
         """Scales of a contact that begins at t (s) with v_in (m/s)."""
@@ -95,10 +119,10 @@ class Chain:
 class System:
     """The equations of one flight or contact in its scales: `rates` for the integrator, and switches."""
 
-    def __init__(self, chain: Chain, scales: Scales, touching: bool) -> None:
+    def __init__(self, chain: Chain, scales: Scales, touching: bool, damping: float = 0.0) -> None:
         self.chain, self.scales, self.touching, self.on = chain, scales, touching, chain.on
-        self.on["pressed"] = self.on["loading"] = True
-        self.d, self.m, self.n = chain.d, chain.m, chain.n
+        self.on["pressed"] = self.on["loading"] = self.on["gaining"] = True
+        self.d, self.m, self.n, self.friction = damping, chain.m, chain.n, chain.friction / scales.force
         self.stiffness_unit = scales.force / scales.length
         self.damping_unit = scales.force / scales.length * scales.time
         self.mass_unit = self.damping_unit * scales.time
@@ -150,7 +174,13 @@ class System:
             T = self.m_t * alpha + F
         if not self.chain.rigid:
             x_t_ddot = (T - F) / self.m_t
-        return [rate, x_t_ddot - F / self.m_p, u_dot, x_f_ddot - x_t_ddot, w_dot, alpha - x_f_ddot, F, T]
+        x_p_ddot = (F - self.friction) / self.m_p if self.on["sliding"] or not self.friction else 0.0
+        return [rate, x_t_ddot - x_p_ddot, u_dot, x_f_ddot - x_t_ddot, w_dot, alpha - x_f_ddot, F, T]
+
+    def object_velocity(self, tau: float, y: Any) -> float:
+        """Of an object with friction, scaled."""
+        v_r = self.v_r + self.a * tau * self.scales.time
+        return float(v_r * self.scales.time / self.scales.length - y[5] - y[3] - y[1])
 
     def rates(self, tau: float, y: Vector) -> list[float]:
         """`derivatives` as an integrator calls it, `patience` times; a trial step that overflows is one to reject."""
@@ -180,14 +210,23 @@ class System:
             if chain.command.detection_time is None and chain.command.threshold < inf:
                 threshold = chain.command.threshold / self.scales.force
                 watched.append(Switch("alarm", False, lambda _, y: self.force(y) - threshold))
+        if chain.friction and on["sliding"]:
+            watched.append(Switch("sliding", True, self.object_velocity, SLACK))
+            if self.touching:
+                watched.append(Switch("gaining", on["gaining"], lambda _, y: self.force(y) - self.friction, STEADY))
+        elif chain.friction and self.touching:
+            watched.append(Switch("sliding", False, lambda _, y: self.force(y) - self.friction))
         if chain.bistable is not None:
             length, speed, law = self.scales.length, self.scales.length / self.scales.time, chain.bistable
             push = law.k_s * POSITION_SLACK
             watched += [
                 Switch("front", on["front"], lambda _, y: law.front(length * y[2], speed * y[3]), push),
                 Switch("rear", on["rear"], lambda _, y: law.rear(length * y[2], speed * y[3]), push),
-                Switch("alignment", on["alignment"], lambda _, y: law.x0 - length * y[2], POSITION_SLACK),
             ]
+            if not isinstance(law, StoppedSpring):
+                watched.append(
+                    Switch("alignment", on["alignment"], lambda _, y: law.x0 - length * y[2], POSITION_SLACK)
+                )
         return watched
 
     def _sign_of_force(self, _: float, y: list[float]) -> float:

@@ -35,8 +35,8 @@ def damping_factor(name: str, e: float, m: float, n: float) -> float:
     """
     if name in CLOSURES:
         return CLOSURES[name](e)
-    if name != "exact":
-        raise ValueError(f"reference: no dissipation {name!r}; there are {[*CLOSURES, 'exact']}")
+    if name not in ("exact", "fixed"):  # "fixed" at its reference velocity
+        raise ValueError(f"reference: no dissipation {name!r}; there are {[*CLOSURES, 'exact', 'fixed']}")
     if e == 1:
         return 0.0
     if m == n:
@@ -173,3 +173,28 @@ class BistableForce:
             return self.spring(self.x0 - u) + self.k_s * (self.p_rear + u)
 
         return float(brentq(pull, -self.p_rear, 1 - self.p_rear))
+
+
+class StoppedSpring(BistableForce):
+    """A linear spring and damper whose way ends at stops, like those of a mechanism."""
+
+    def __init__(self, coupling: Any, tool_mass: float, stop_stiffness: float = 1e5, stop_damping: float = 1.0) -> None:
+        self.k, self.c = float(coupling.stiffness), 2 * coupling.damping_ratio * sqrt(coupling.stiffness * tool_mass)
+        self.k_s, self.c_s = stop_stiffness, 2 * stop_damping * sqrt(stop_stiffness * tool_mass)
+        self.x0, self.p_front, self.p_rear = 0.0, -float(coupling.stroke), -float(coupling.stroke)
+
+    def spring(self, x: float) -> float:
+        """Of the spring alone, N."""
+        return -self.k * x
+
+    def force(self, u: float, u_dot: float, on: Mapping[str, bool]) -> float:
+        """Spring, damper and the stops that are on, N."""
+        return super().force(u, u_dot, on) + self.c * u_dot
+
+    def energy(self, u: float) -> float:
+        """Of the spring and of the stops that are penetrated, J."""
+        return self.k / 2 * u**2 + self.k_s / 2 * (max(self.p_front - u, 0.0) ** 2 + max(self.p_rear + u, 0.0) ** 2)
+
+    def rest(self, front: bool) -> float:
+        """Where it is at rest, m."""
+        return 0.0

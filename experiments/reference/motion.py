@@ -51,6 +51,8 @@ class Motion:
         self.snap_through: list[float] = []  # s
         self.contacts, self.first_contact = 0, inf  # how many have begun, and when the first did, s
         self.contact_seconds = 0.0  # of processor time
+        self.top_speed = 0.0  # m/s, of the object
+        self.stop_hits = 0
         self.fastest = max(chain.slow_rate, chain.stop_rate)  # 1/s
         # a stop turns the rounding of a position into a velocity, which no tolerance must ask for
         self.flight_atol = FLIGHT_ATOL * np.tile([1.0, max(1.0, chain.stop_rate)], 4)
@@ -73,7 +75,10 @@ class Motion:
 
     @property
     def object_velocity(self) -> float:
-        """Of the impulse it was given, m/s."""
+        """Of the impulse it was given, or, with friction, as it moves, m/s."""
+        if self.chain.friction:
+            _, rate, _, u_dot, _, w_dot = self.state.tolist()
+            return float(self.command.at(self.t)[1] - w_dot - u_dot - rate) if self.chain.on["sliding"] else 0.0
         return float((self.past_impulse + self._system.scales.impulse * self._y[6]) / self.chain.m_p)
 
     def over(self) -> bool:
@@ -84,7 +89,10 @@ class Motion:
         if self.touching or not self.command.rests(self.t):
             return False
         chain, law = self.chain, self.chain.bistable
-        _, _, u, u_dot, w, w_dot = self.state.tolist()
+        delta, _, u, u_dot, w, w_dot = self.state.tolist()
+        if chain.friction:  # the object slows down, but it does not come back: only the way that is left counts
+            swing = 0.0 if chain.rigid else sqrt(u**2 + u_dot**2 * chain.m_t / chain.k_t)
+            return not chain.on["sliding"] and swing + u < -delta
         m_r, k_r, _ = (0.0, 0.0, 0.0) if chain.robot is None else chain.robot(self.command.at(self.t)[0])
         m_t = chain.m_t + m_r if chain.rigid else chain.m_t
         energy = chain.m_t * (u_dot + w_dot) ** 2 / 2 + m_r * w_dot**2 / 2 + k_r * w**2 / 2 + chain.k_t * u**2 / 2
@@ -113,13 +121,12 @@ class Motion:
         self.past_impulse += impulse
         self.coupling_impulse += coupling_impulse
         start, v_in = self._onset
-        self.records.append(
-            ContactRecord(start, end, v_in, v_out, self._peak, impulse, self.past_impulse / self.chain.m_p)
-        )
+        v_p = self.object_velocity if self.chain.friction else self.past_impulse / self.chain.m_p
+        self.records.append(ContactRecord(start, end, v_in, v_out, self._peak, impulse, v_p))
 
-    def _go_on(self, scales: Scales, z: Vector, touching: bool) -> None:
+    def _go_on(self, scales: Scales, z: Vector, touching: bool, damping: float = 0.0) -> None:
         """Begin a flight or a contact in its scales, from the state z (SI)."""
-        self._system = System(self.chain, scales, touching)
+        self._system = System(self.chain, scales, touching, damping)
         self._y = np.append(z / scales.state, [0.0, 0.0])
 
     def _touch(self) -> None:
@@ -127,7 +134,8 @@ class Motion:
         z, v_in = self.state, float(self.state[1])
         self.contacts, self.first_contact = self.contacts + 1, min(self.first_contact, self.t)
         self._onset, self._peak, self._stiff = (self.t, v_in), 0.0, False
-        self._go_on(self.chain.contact_scales(self.t, max(v_in, self.floor)), z, touching=True)
+        v_in = max(v_in, self.floor)
+        self._go_on(self.chain.contact_scales(self.t, v_in), z, touching=True, damping=self.chain.damping(self.t, v_in))
 
     def _advance_phase(self, until: float) -> None:
         """Move to `until`, or to the first instant at which the equations change."""
@@ -148,6 +156,7 @@ class Motion:
             self.unread_force = max(self.unread_force, before, self.force)
         if switch is not None:
             self._turn(switch.name)
+        self.top_speed = max(self.top_speed, self.object_velocity)
 
     def _turn(self, name: str) -> None:
         """Go on behind the switch of this name."""
@@ -160,14 +169,19 @@ class Motion:
             self._go_on(UNITS, self.state, touching=False)
             return
         on = self.chain.on
+        if name == "sliding" and on[name]:
+            self._y[1] += self.object_velocity * self._system.scales.time / self._system.scales.length  # at rest
         if name in on:
             on[name] = not on[name]
+            self.stop_hits += name in ("front", "rear") and on[name]
         if name == "alarm":
             self.command.detect(self.t)
         elif name == "alignment":
             self.snap_through.append(self.t)
         elif name == "pressed":
             on["loading"] = True
+        elif name == "sliding":
+            on["gaining"] = True
 
     def _integrate(self, end: float) -> tuple[float, Vector, Switch | None]:
         """Integrate the equations up to `end` or to a switch, in their scales; a stiff contact implicitly."""

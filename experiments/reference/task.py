@@ -19,16 +19,16 @@ from numpy.typing import NDArray
 from experiments.reference.chain import Chain
 from experiments.reference.command import Command
 from experiments.reference.motion import Motion
-from impact_gym.quantities import AFTER_ALARM, Scale
+from impact_gym.quantities import Scale
 from impact_gym.task import ObservationSpec, Task, evaluation_sets
 from impact_gym.task.episodes import first_uniforms
 from impact_gym.task.scenario import FIELDS
-from impact_gym.task.task import HORIZON, SETTLE_LIMIT
+from impact_gym.task.task import SETTLE_LIMIT
 
 SERVED = (
     "coupling", "tool_mass", "robot", "reaction_delay", "control_period", "alarm", "alarm_threshold", "dissipation",
     "range_noise", "range_bias", "observe_range_noise", "deflection_sensor", "privileged", "velocity_range",
-    "acceleration_range",
+    "acceleration_range", "friction", "reference_velocity", "horizon", "after_alarm",
 )  # fmt: skip
 RTOL = 1e-10  # of contacts
 FLOOR = 1e-12  # m/s, of v_in, as in the environment
@@ -135,7 +135,7 @@ def _episode(
     while True:
         received = {at: reading for at, reading in sensed.items() if at <= max(now - delay, 0.0) + ROUNDING}
         if by_reading:
-            raised = inf if now > raised + AFTER_ALARM - ROUNDING else raised
+            raised = inf if now > raised + task.after_alarm - ROUNDING else raised
             above = any(force > task.alarm_threshold for at, (force, _, _) in received.items() if at > heard_until)
             raised, heard_until = min(raised, now if above else inf), max(received)
         elif command.detection_time is not None:
@@ -151,7 +151,7 @@ def _episode(
         while True:
             detected = command.detection_time
             alarm = inf if detected is None else detected + delay
-            times = _observation_times(task.control_period, alarm, by_reading)
+            times = _observation_times(task, alarm, by_reading)
             due = min(at for at in times if at > now + ROUNDING)
             if motion.t > due - ROUNDING:
                 break
@@ -168,16 +168,18 @@ def _episode(
     missed = motion.contacts == 0
     if not missed:
         _settle(motion, task.acceleration_range[1])
-    approach_time = min(motion.first_contact, HORIZON)
-    return Outcome(motion.object_velocity, approach_time, motion.peak_force, motion.contacts, missed)
+    approach_time = min(motion.first_contact, task.horizon)
+    kept = motion.top_speed if motion.chain.friction else motion.object_velocity
+    return Outcome(kept, approach_time, motion.peak_force, motion.contacts, missed)
 
 
 def _at_rest(task: Task, scenario: Mapping[str, float], rtol: float, clamp: bool = True) -> Motion:
     """Return the chain as an episode finds it."""
     law = {"restitution": scenario["restitution"], "dissipation": task.dissipation, "clamp": clamp}
+    law["reference_velocity"] = task.reference_velocity
     scene = Record(
         tool=Record(mass=task.tool_mass),
-        object=Record(mass=scenario["object_mass"]),
+        object=Record(mass=scenario["object_mass"], friction=task.friction),
         contact=Record(stiffness=scenario["contact_stiffness"], **law),
         coupling=task.coupling,
         robot=task.robot,
@@ -194,9 +196,9 @@ def _settle(motion: Motion, deceleration: float) -> None:
         motion.advance(min(end, motion.t + SETTLE_SLICE))
 
 
-def _observation_times(period: float, alarm: float, by_reading: bool) -> list[float]:
+def _observation_times(task: Task, alarm: float, by_reading: bool) -> list[float]:
     """When the controller is asked, and when the episode ends, s: the clock starts anew at an alarm of its own."""
-    end = HORIZON if alarm == inf else alarm + AFTER_ALARM
+    end, period = task.horizon if alarm == inf else alarm + task.after_alarm, task.control_period
     start = 0.0 if alarm == inf or by_reading else alarm
     before = [] if start == 0.0 else [k * period for k in range(1, 1 + int((alarm - ROUNDING) / period))] + [alarm]
     return before + [start + k * period for k in range(1, 1 + int((end - ROUNDING - start) / period))] + [end]

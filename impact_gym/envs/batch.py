@@ -34,6 +34,9 @@ _NUMBERS = {
 }
 """Entries of an info that are numbers, and which of an episode's they are."""
 
+SLIDE = ("slide", "rest_time")
+"""Entries of an info where there is friction."""
+
 _PLACES = places(EPISODE)
 _STATE = ("draws", "laws", "chains", "episodes", "readings", "observations", "rewards", "traces")
 TRACE_INTERVAL = 1e-3  # s, between points of a trace in flight
@@ -120,9 +123,12 @@ class Batch:
         """
         drawn = [name for name in QUANTITIES if any(name in task.drawn for task in tasks)]
         numbers = _NUMBERS | {f"record.{name}": f"drawn.{name}" for name in drawn}
+        if any(task.rough for task in tasks):
+            numbers |= {name: name for name in SLIDE}
         entries = (*numbers, "peak_force", "contact_count", "missed", "status")
         self._layout = layout_of(entries)
         self._with_tool = [flange_moves_with_tool(task.coupling, task.robot) for task in tasks]
+        self._smooth = [not task.rough and "slide" in numbers for task in tasks]
         self._not_drawn = [[name for name in drawn if name not in task.drawn] for task in tasks]
         self._columns = np.array([[_PLACES[name]] for name in numbers.values()])
         self._signs = np.array([[-1.0] if name.startswith("reward_terms.") else [1.0] for name in numbers])
@@ -227,6 +233,8 @@ class Batch:
         for row, info in zip(rows.tolist(), infos, strict=True):
             for name in self._not_drawn[row % len(self._not_drawn)]:
                 del info["record"][name]
+            for name in SLIDE if self._smooth[row % len(self._smooth)] else ():
+                del info[name]
         return infos
 
     def info_columns(self, rows: NDArray[np.int64]) -> dict[str, Any]:

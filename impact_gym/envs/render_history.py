@@ -6,10 +6,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from impact_gym.quantities import AFTER_ALARM
 from impact_gym.scene import Rigid
 from impact_gym.simulation import Trace
-from impact_gym.task.task import HORIZON, Task
+from impact_gym.task.task import Task
 
 FRAME_RATE = 30  # 1/s
 FLIGHT_FACTOR = 8  # times slower than life, where nothing touches
@@ -77,7 +76,7 @@ class History:
         over = np.flatnonzero(self.columns["contact_force"] >= self.threshold * (1.0 - 1e-9))
         self.detection = float(self.time[over[0]]) if len(over) else math.inf
         self.alarm = self.detection + info["record"]["reaction_delay"]
-        self.end_of_control = HORIZON if math.isinf(self.alarm) else self.alarm + AFTER_ALARM
+        self.end_of_control = task.horizon if math.isinf(self.alarm) else self.alarm + task.after_alarm
 
     def at(self, time: float) -> State:
         """Return the chain at `time` (s), linear between points of the trace."""

@@ -77,9 +77,9 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     ## Rewards
     Each step gives `-time_weight * dt` until the first contact begins; dt ends at that instant, not at a whole step.
-    The last step adds `-V_p - force_weight * peak force`, where V_p is the object's final velocity, or -2 if nothing
-    was touched. The sum over an episode lies in [-time_weight * 1.2 - 2, 0] as long as V_p stays below 2 m/s and
-    `force_weight` is 0.
+    The last step adds `-V_p - force_weight * peak force`, where V_p is the object's final velocity, or `-missed_cost`
+    (-2) if nothing was touched. The sum over an episode lies in [-time_weight * 1.2 - 2, 0] as long as V_p stays below
+    2 m/s and `force_weight` is 0. With `friction` V_p is the largest velocity that the object has had: it keeps none.
 
     ## Starting State
     Flange, tool and object are at rest, the flange at position 0, the coupling relaxed (a bistable one: on its front
@@ -104,18 +104,20 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     - `{"episode_index": k}`, with a seed, goes to the k-th episode of that seed.
 
     ## Episode End
-    An episode terminates 0.15 s after the alarm. The flange then brakes to rest at the largest acceleration that an
-    action can command, and the simulation goes on until no contact is left or can follow. V_p is the velocity that the
-    object keeps, so nothing is gained by ending early. Where 10 s do not suffice, as with an object of tons,
-    `info["status"]` says "not settled", and V_p is as it stood.
+    An episode terminates 0.15 s after the alarm (`after_alarm`). The flange then brakes to rest at the largest
+    acceleration that an action can command, and the simulation goes on until no contact is left or can follow. V_p is
+    the velocity that the object keeps, so nothing is gained by ending early. Where 10 s do not suffice, as with an
+    object of tons, `info["status"]` says "not settled", and V_p is as it stood.
 
-    Without an alarm an episode terminates at 1.2 s: with V_p if the object was touched too softly to raise the alarm,
-    otherwise as `missed`. It also terminates if the solver fails, with the cost of a miss and a sentence in
+    Without an alarm an episode terminates at 1.2 s (`horizon`): with V_p if the object was touched too softly to raise
+    the alarm, otherwise as `missed`. It also terminates if the solver fails, with the cost of a miss and a sentence in
     `info["status"]`. Only `TimeLimit` truncates.
 
     The final `info` has `object_velocity` (m/s), `approach_time` (s), `peak_force` (N), `contact_count`, `missed`,
     `time_weight`, `reward_terms` (time, velocity, force, missed; they sum to the return), `scenario`, `record` (all
-    that was drawn, numbers of the set-up under dotted names such as `coupling.stiffness`) and `status`.
+    that was drawn, numbers of the set-up under dotted names such as `coupling.stiffness`) and `status`. With `friction`
+    it has `slide` (m, how far the object is from where it stood once it rests) and `rest_time` (s, when it rests and
+    the tool stays slower than 1 mm/s; inf if that does not come; to a millisecond).
     `TimeLimit` truncates without telling the environment: `env.unwrapped.episode_info()` then has the values so far.
 
     ## Arguments

@@ -28,6 +28,8 @@ cdef struct Contact:
     double m  # -, exponent of the stiffness, at least 1
     double n  # -, exponent of the damping, 0 or at least 1
     int64_t twice_m, twice_n  # 2 m and 2 n where they are whole, else -1
+    double nominal  # -, damping factor at the reference velocity
+    double reference  # m/s, where chi is the same at every velocity; 0 where the damping factor is
     double held  # 1, or 0 once the surfaces part faster than they recover: then there is no force and no damping
 
 
@@ -38,9 +40,9 @@ cdef struct Units:
     double force  # N, F0
 
 
-cpdef Contact contact_of(double stiffness, double damping, double m, double n) noexcept nogil:
+cpdef Contact contact_of(double stiffness, double damping, double m, double n, double reference) noexcept nogil:
     """A contact whose surfaces hold."""
-    cdef Contact law = Contact(stiffness, damping, m, n, -1, -1, 1.0)
+    cdef Contact law = Contact(stiffness, damping, m, n, -1, -1, damping, reference, 1.0)
     if 2.0 * m == floor(2.0 * m):
         law.twice_m = <int64_t> (2.0 * m)
     if 2.0 * n == floor(2.0 * n):
@@ -74,6 +76,16 @@ cdef Units natural_units(const Contact *law, double reduced_mass, double approac
     units.time = units.length / units.velocity
     units.force = reduced_mass * units.velocity / units.time
     return units
+
+
+cdef inline double damping_at(const Contact *law, double approach_velocity) noexcept nogil:
+    """Damping factor of a contact that begins at `approach_velocity` (m/s), chi delta0^(n - m) v_in / k_c.
+
+    With the same chi at every velocity it grows as v_in delta0^(n - m), and delta0 as v_in^(2 / (m + 1)).
+    """
+    if law.reference == 0.0:
+        return law.nominal
+    return law.nominal * pow(approach_velocity / law.reference, 1.0 - 2.0 * (law.m - law.n) / (law.m + 1.0))
 
 
 cdef inline double contact_force(const Contact *law, double z, double w) noexcept nogil:

@@ -51,10 +51,10 @@ def damping_factor(
     """Damping factor d that `law` gives a contact of nominal `restitution`.
 
     The published laws say what d is and do not ask for the exponents; "exact" delivers the restitution whatever they
-    are.
+    are, and so does "fixed" at its reference velocity.
     """
     m, n = stiffness_exponent, damping_exponent
-    if law != "exact":
+    if law not in ("exact", "fixed"):
         return float(PUBLISHED[law](restitution))
     if m == n:
         return float(exact_damping(restitution))

@@ -8,10 +8,8 @@ All arguments broadcast against each other as NumPy arrays; a restitution of 0 i
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from impact_gym.kernels import GRAVITY as GRAVITY  # m/s^2, standard gravity
 from impact_gym.validation import WrongTypeError, number
-
-GRAVITY = 9.80665
-"""Standard gravity, m/s^2."""
 
 Velocities = NDArray[np.float64] | np.float64
 

@@ -1,8 +1,8 @@
-"""The bistable mechanism and its stops: a spring on a pivot at height H above the slider's path (paper, Fig. 21).
+"""A spring between stops: of a bistable mechanism, on a pivot at height H above its path (paper, Fig. 21), or a linear one.
 
 x is the position of the slider from the vertical alignment, where the spring is shortest and pushes neither way; the
 stretch of the coupling is counted from the slider's place at rest, `rest`. A stop is a one-sided linear spring and
-damper that never pulls.
+damper that never pulls. A linear spring is at rest at 0, and has a damper of its own.
 """
 
 cdef enum:
@@ -18,6 +18,8 @@ cdef struct Mechanism:
     double rear_stop  # m
     double stop_stiffness  # N/m
     double stop_damping  # N s/m
+    int64_t linear  # 1: pull is -k x - c x_dot, 0: that of a mechanism
+    double damping  # N s/m, c
 
 
 cpdef inline double bistable_force(double stiffness, double free_length, double height, double x) noexcept nogil:
@@ -25,9 +27,12 @@ cpdef inline double bistable_force(double stiffness, double free_length, double 
     return stiffness * (free_length / sqrt(height * height + x * x) - 1.0) * x
 
 
-cdef inline double bistable_slope(const Mechanism *law, double x) noexcept nogil:
-    """Derivative of the force by the position, N/m: k (L0 H^2 / L^3 - 1)."""
-    cdef double L = sqrt(law.height * law.height + x * x)
+cdef inline double spring_slope(const Mechanism *law, double x) noexcept nogil:
+    """Derivative of the spring's force by the position, N/m: k (L0 H^2 / L^3 - 1), or -k."""
+    cdef double L
+    if law.linear:
+        return -law.stiffness
+    L = sqrt(law.height * law.height + x * x)
     return law.stiffness * (law.free_length * law.height * law.height / (L * L * L) - 1.0)
 
 
@@ -39,8 +44,11 @@ cpdef inline double bistable_energy(double stiffness, double free_length, double
 
 cdef inline double mechanism_pull(const Mechanism *law, int pressed, double stretch, double stretch_rate) noexcept nogil:
     """Force on the tool, N: the spring (paper, eq. 23) and the stop that is `pressed`."""
-    cdef double x = law.rest + stretch
-    cdef double pull = bistable_force(law.stiffness, law.free_length, law.height, x)
+    cdef double pull, x = law.rest + stretch
+    if law.linear:
+        pull = -law.stiffness * x - law.damping * stretch_rate
+    else:
+        pull = bistable_force(law.stiffness, law.free_length, law.height, x)
     if pressed == FREE:
         return pull
     return pull - law.stop_stiffness * (x - stop_place(law, pressed)) - law.stop_damping * stretch_rate
@@ -69,17 +77,21 @@ cdef inline (double, double, double) stop_switch(
 
 
 cdef inline double stiffness_bound(const Mechanism *law) noexcept nogil:
-    """Largest stiffness of the spring in size, N/m: at the alignment or far from it."""
+    """Largest stiffness of the spring in size, N/m: of a mechanism at the alignment or far from it."""
+    if law.linear:
+        return law.stiffness
     return law.stiffness * max(law.free_length / law.height - 1.0, 1.0)
 
 
 cdef inline double spring_energy(const Mechanism *law, double x) noexcept nogil:
-    """Elastic energy of the mechanism's spring, J."""
+    """Elastic energy of the spring, J."""
+    if law.linear:
+        return 0.5 * law.stiffness * x * x
     return bistable_energy(law.stiffness, law.free_length, law.height, x)
 
 
 cdef inline double mechanism_energy(const Mechanism *law, double stretch) noexcept nogil:
-    """Energy of mechanism and stops, J."""
+    """Energy of spring and stops, J."""
     cdef double x = law.rest + stretch
     cdef double depth = max(max(x - law.front_stop, law.rear_stop - x), 0.0)
     return spring_energy(law, x) + 0.5 * law.stop_stiffness * depth * depth
@@ -92,6 +104,8 @@ cdef inline (double, double) mechanism_floor(const Mechanism *law, int side) noe
     pushes with less than F = k (L0 - H), which the stop of stiffness k_s gives at most F^2 / (2 k_s) for.
     """
     cdef double barrier = spring_energy(law, 0.0), F = law.stiffness * (law.free_length - law.height)
+    if law.linear:
+        return 0.0, INFINITY
     if side > 0:
         return mechanism_energy(law, 0.0), barrier
     return max(spring_energy(law, law.rear_stop) - 0.5 * F * F / law.stop_stiffness, 0.0), barrier
@@ -107,6 +121,8 @@ cdef inline double mechanism_reach(const Mechanism *law, double stretch, double 
     cdef double energy = kinetic + mechanism_energy(law, stretch), free = energy - mechanism_energy(law, 0.0)
     cdef double reach = law.front_stop - law.rest + sqrt(2.0 * energy / law.stop_stiffness)
     cdef double stiffness = law.stop_stiffness - stiffness_bound(law)
+    if law.linear:
+        return min(reach, sqrt(2.0 * energy / law.stiffness))
     if law.rest + stretch < 0.0 and energy < spring_energy(law, 0.0):
         return -law.rest
     return min(reach, sqrt(2.0 * max(free, 0.0) / stiffness)) if stiffness > 0.0 else reach

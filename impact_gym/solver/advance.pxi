@@ -11,11 +11,17 @@ cdef void forget(Memory *memory, double step) noexcept nogil:
     memory.step, memory.method, memory.patience = step, EXPLICIT, UNCHECKED
 
 
-cdef void reset_chain(Chain *chain, double distance) noexcept nogil:
+cdef double REST_SPEED = 1e-3  # m/s, a tool that stays slower has come to rest
+cdef double REST_STEP = 1e-3  # s, between two looks at whether it has
+
+
+cdef void reset_chain(Chain *chain, const Law *law, double distance, double friction) noexcept nogil:
     """Put `chain` at rest at t = 0, the object `distance` (m) ahead, nothing having happened yet."""
     memset(chain, 0, sizeof(Chain))
     chain.penetration = -distance
-    chain.pressed = FRONT  # if there is a mechanism
+    chain.footing = STUCK if friction > 0.0 else SLIDING
+    chain.calm = INFINITY
+    chain.pressed = FRONT if law.bistable else FREE
     chain.side = 1
     chain.first_contact = chain.detection = INFINITY
     forget(&chain.memory, FIRST_FLIGHT)
@@ -36,7 +42,8 @@ cdef void begin_contact(const Run *run, Chain *chain) noexcept nogil:
     chain.start_object_velocity = object_velocity(chain)
     chain.start_deflection = chain.deflection
     chain.start_flange_position = chain.flange_position
-    chain.impulse = chain.deflection_integral = chain.pull_impulse = chain.joined = 0.0
+    chain.damping = damping_at(&run.contact, chain.units.velocity)
+    chain.impulse = chain.ground_impulse = chain.deflection_integral = chain.pull_impulse = chain.joined = 0.0
     chain.contact_peak_force = 0.0
     forget(&chain.memory, FIRST_STEP)
     chain.contacts += 1
@@ -45,11 +52,13 @@ cdef void begin_contact(const Run *run, Chain *chain) noexcept nogil:
 
 cdef double sensed_force(const Run *run, const Chain *chain) noexcept nogil:
     """Contact force now, N."""
+    cdef Contact contact = run.contact
     cdef double root
     if not chain.touching or not chain.holding:
         return 0.0
+    contact.damping = chain.damping
     root = sqrt(max(chain.penetration, 0.0) / chain.units.length)
-    return chain.units.force * max(contact_force(&run.contact, root, chain.penetration_rate / chain.units.velocity), 0.0)
+    return chain.units.force * max(contact_force(&contact, root, chain.penetration_rate / chain.units.velocity), 0.0)
 
 
 cdef double take_peak(const Run *run, Chain *chain) noexcept nogil:
@@ -105,7 +114,22 @@ cdef int advance(Run *run, Chain *chain, double acceleration, double until) noex
 
 
 cdef int fly(Run *run, Chain *chain, double acceleration, double until) noexcept nogil:
-    """Fly to the first touch (TOUCHED) or to time `until` (s, ARRIVED): exactly, or integrated without a closed form."""
+    """Fly to the first touch (TOUCHED), to where the object comes to rest or to time `until` (s, both ARRIVED).
+
+    Exactly, or integrated without a closed form.
+    """
+    cdef double halt = INFINITY
+    cdef int status
+    if ground_now(run, chain) > 0.0:
+        halt = chain.time + max(object_velocity(chain), 0.0) / run.ground
+    status = fly_on(run, chain, acceleration, min(halt, until))
+    if status == ARRIVED and chain.time >= halt:
+        come_to_rest(chain)
+    return status
+
+
+cdef int fly_on(Run *run, Chain *chain, double acceleration, double until) noexcept nogil:
+    """Fly to the first touch or to time `until` (s), while nothing changes for the object."""
     cdef double way, touch, left = until - chain.time
     if run.law.kind == INTEGRATED:
         return integrate(run, chain, acceleration, until, True)
@@ -113,11 +137,11 @@ cdef int fly(Run *run, Chain *chain, double acceleration, double until) noexcept
         way = fabs(chain.flange_position + chain.deflection - chain.penetration) + SHORT
         if fabs(acceleration) > LOST * way * run.law.frequency * run.law.frequency:
             return NOT_FINITE
-    touch = touch_time(run.law, chain, acceleration, left)
+    touch = touch_time(run, chain, acceleration, left)
     if isnan(touch):
         return STEP_LIMIT
     trace_flight(run, chain, acceleration, min(touch, left))
-    drift(run.law, chain, acceleration, min(touch, left))
+    drift(run, chain, acceleration, min(touch, left))
     if touch <= left:
         return TOUCHED
     if not isfinite(chain.penetration_rate + chain.deflection_rate):
@@ -127,11 +151,63 @@ cdef int fly(Run *run, Chain *chain, double acceleration, double until) noexcept
     return ARRIVED
 
 
+cdef bint is_calm(const Run *run, const Chain *chain) noexcept nogil:
+    """Whether the imposed motion rests, and the tool, with what it hangs on, is never faster again than REST_SPEED.
+
+    Seen from its next place of rest a swing is as fast as hypot(v, a / omega), or slower, with any omega below its own.
+    """
+    cdef const Law *law = run.law
+    cdef RobotTable table
+    cdef RobotNow robot
+    cdef Motion move
+    cdef double k, mass = law.tool_mass, push = sensed_force(run, chain)
+    if chain.flange_velocity != 0.0 or (chain.touching and chain.footing != STUCK):
+        return False
+    if law.kind == RIGID:
+        return True
+    if law.kind == SPRING:
+        k = relative_force(law.frequency, law.damping_ratio, chain.deflection, chain.deflection_rate) - push / mass
+        return hypot(chain.deflection_rate, k / law.frequency) <= REST_SPEED
+    move, k = motion_now(run, chain, 0.0, push), law.stiffness
+    if law.intervals:
+        table = robot_table(run)
+        robot = robot_at(&table, chain.flange_position)
+        if not law.coupled:
+            k, mass = robot.stiffness, mass + robot.mass
+        elif hypot(chain.flange_offset_rate, move.flange * sqrt(robot.mass / robot.stiffness)) > REST_SPEED:
+            return False
+    if law.stops:
+        k = fabs(spring_slope(&law.mechanism, law.mechanism.rest + chain.deflection - chain.flange_offset))
+        k += law.mechanism.stop_stiffness if chain.pressed != FREE else 0.0
+    return hypot(chain.deflection_rate, move.tool * sqrt(mass / k)) <= REST_SPEED
+
+
+cdef void watch(const Run *run, Chain *chain) noexcept nogil:
+    """Note since when the tool has been calm, if there is friction."""
+    if run.ground > 0.0:
+        chain.calm = min(chain.calm, chain.time) if is_calm(run, chain) else INFINITY
+
+
+cdef void take_stock(const Run *run, Chain *chain, double distance) noexcept nogil:
+    """Enter how far an object with friction, at first at `distance` (m), slides and when all is at rest.
+
+    One that still slides does so to its end, if nothing touches it any more.
+    """
+    cdef double speed = max(object_velocity(chain), 0.0)
+    if run.ground == 0.0:
+        return
+    if chain.contacts > 0:
+        chain.slide = chain.flange_position + chain.deflection - chain.penetration - distance
+        chain.slide += 0.5 * speed * speed / run.ground
+    chain.rest_time = max(chain.calm, chain.halt if chain.footing == STUCK else chain.time + speed / run.ground)
+
+
 cdef struct Approach:  # the paper's rule, and what it meets
     Mount mount
     Contact contact
     double object_mass  # kg
     double distance  # m
+    double friction  # -, mu
     double speed  # m/s
     double acceleration  # m/s^2
     double threshold  # N, inf without a brake
@@ -145,10 +221,14 @@ cdef void approach(Run *run, Chain *chain, const Approach *plan) noexcept nogil:
     """Run `chain` from rest: trapezoid, contact alarm, brake; a contact unfinished then is entered with an end of nan."""
     cdef double speed = plan.speed, acceleration = plan.acceleration, brake_at = INFINITY
     cdef int status = ARRIVED
-    reset_chain(chain, plan.distance)
+    cdef double until
+    reset_chain(chain, run.law, plan.distance, plan.friction)
     chain.flange_velocity = plan.frame
     while chain.time < plan.duration:
-        status = command(run, chain, plan.frame + speed, acceleration, min(brake_at, plan.duration))
+        until = min(brake_at, plan.duration)
+        if run.ground > 0.0 and speed == 0.0 and isinf(chain.calm):
+            until = min(until, chain.time + REST_STEP)
+        status = command(run, chain, plan.frame + speed, acceleration, until)
         if status == DETECTED:
             brake_at = chain.detection + plan.delay
         elif status != ARRIVED:
@@ -156,6 +236,8 @@ cdef void approach(Run *run, Chain *chain, const Approach *plan) noexcept nogil:
         if chain.time >= brake_at:
             speed, acceleration, brake_at = 0.0, plan.deceleration, INFINITY
         status = ARRIVED
+        watch(run, chain)
+    take_stock(run, chain, plan.distance)
     if chain.touching:
         close_contact(run, chain, NAN)
     chain.status = status
@@ -171,9 +253,9 @@ cpdef double separation_velocity(double damping, double stiffness_exponent, doub
     memset(&run, 0, sizeof(run))
     law.kind = RIGID
     run.law, run.work = &law, &work
-    run.contact = contact_of(1.0, damping, stiffness_exponent, damping_exponent)
+    run.contact = contact_of(1.0, damping, stiffness_exponent, damping_exponent, 0.0)
     run.object_mass, run.threshold, run.tolerance, run.max_steps = 1.0, INFINITY, 1e-13, 1000000
-    reset_chain(&chain, 0.0)
+    reset_chain(&chain, &law, 0.0, 0.0)
     chain.flange_velocity = chain.penetration_rate = 1.0
     begin_contact(&run, &chain)
     while integrate(&run, &chain, 0.0, 1e300, False) == SWITCHED:

@@ -3,14 +3,14 @@
 
 cdef inline double coupling_energy(const Law *law, double stretch) noexcept nogil:
     """Energy of the coupling, J."""
-    if law.bistable:
+    if law.stops:
         return mechanism_energy(&law.mechanism, stretch)
     return 0.5 * law.stiffness * stretch * stretch
 
 
 cdef inline double coupling_reach(const Law *law, double stretch, double kinetic) noexcept nogil:
     """A bound on the stretch to come, m, with so much `kinetic` energy (J) to feed it."""
-    if law.bistable:
+    if law.stops:
         return mechanism_reach(&law.mechanism, stretch, kinetic)
     return sqrt(stretch * stretch + 2.0 * kinetic / law.stiffness)
 
@@ -30,7 +30,7 @@ cdef double highest_frequency(const Run *run, double position) noexcept nogil:
     cdef RobotTable table = robot_table(run)
     cdef double square = law.stiffest if law.intervals else 0.0, k = law.stiffness
     if law.coupled:
-        if law.bistable:
+        if law.stops:
             k = stiffness_bound(&law.mechanism)
         square += k / law.tool_mass
         if law.intervals:
@@ -65,14 +65,14 @@ cdef double longest_blind_step(const Piece *now, const double *x, double longest
     cdef Swing at = swing(now, x[TIME], x[DEFLECTION], x[DEFLECTION_RATE], x[OFFSET], x[OFFSET_RATE])
     cdef double touching = law.tool_mass, mass = law.tool_mass, energy, floor = 0.0, barrier = INFINITY
     cdef double closing = (x[RATE] - x[DEFLECTION_RATE]) * now.units.velocity, gap = -x[ROOT] * now.units.length
-    cdef double span, gained, fed, h = longest
+    cdef double span, gained, fed, h = longest, ground = now.ground * now.units.velocity / now.units.time
     if now.robot.intervals:
         mass += at.robot.mass
     if law.coupled:
         energy = coupling_energy(law, at.y - at.q) + 0.5 * law.tool_mass * at.y_dot * at.y_dot
         if now.robot.intervals:
             energy += 0.5 * (at.robot.mass * at.q_dot * at.q_dot + at.robot.stiffness * at.q * at.q)
-        if law.bistable:
+        if law.stops:
             floor, barrier = mechanism_floor(&law.mechanism, now.side)
     else:
         touching = mass
@@ -83,7 +83,7 @@ cdef double longest_blind_step(const Piece *now, const double *x, double longest
         fed = sqrt(TABLE * max(energy - floor, 0.0)) + gained
         if floor + fed * fed >= barrier:  # and then there is more to gain on the other side
             fed = sqrt(TABLE * energy) + gained
-        if span * (closing + fabs(now.acceleration) * span + fed * sqrt(2.0 / touching)) < gap:
+        if span * (closing + (fabs(now.acceleration) + ground) * span + fed * sqrt(2.0 / touching)) < gap:
             return h
         h *= 0.5
     return shortest

@@ -15,13 +15,22 @@ cdef void begin_piece(
     now.threshold = run.threshold / now.units.force
     now.horizon = (until - chain.time) / now.units.time
     now.push = acceleration * now.units.time / now.units.velocity
+    now.position, now.velocity = chain.flange_position, chain.flange_velocity
+    now.rough, now.footing, now.share = run.ground > 0.0, <int> chain.footing, 1.0
+    now.ground = (run.ground if chain.footing != STUCK else 0.0) * now.units.time / now.units.velocity
+    now.friction = run.object_mass * run.ground / now.units.force
+    now.standstill = STANDSTILL * (1.0 + fabs(chain.flange_velocity) / now.units.velocity)
     if law.kind == RIGID:
         now.width = IMPULSE + 1
+        if chain.footing == STUCK:
+            now.share = 0.0
     elif law.kind == SPRING:
         now.width = DEFLECTION_INTEGRAL + 1
         now.pull_y = -law.frequency * law.frequency * now.units.time * now.units.time
         now.pull_y_dot = -2.0 * law.damping_ratio * law.frequency * now.units.time
         now.tool_share = run.object_mass / (law.tool_mass + run.object_mass)
+        if chain.footing == STUCK:
+            now.share = now.tool_share
     else:
         now.width = OFFSET_RATE + 1
         begin_integrated(run, chain, now)
@@ -34,11 +43,10 @@ cdef void begin_integrated(const Run *run, const Chain *chain, Piece *now) noexc
     if now.robot.intervals:
         now.place = robot_place(&now.robot, chain.flange_position, direction)
         now.lumped = robot_within(&now.robot, now.place, chain.flange_position)
-    now.position, now.velocity = chain.flange_position, chain.flange_velocity
     now.per_acceleration = now.units.time / now.units.velocity
     now.per_force = 1.0 / now.units.force
     now.tool_rate = now.per_acceleration / run.law.tool_mass
-    now.object_rate = now.per_acceleration / run.object_mass
+    now.object_rate = now.per_acceleration / run.object_mass if chain.footing != STUCK else 0.0
     now.pressed, now.side = <int> chain.pressed, <int> chain.side
 
 
@@ -130,20 +138,25 @@ cdef double apparent_eigenvalue(const Piece *now, const Work *work) noexcept nog
     return integrated_eigenvalue(work)
 
 
-cdef inline void drift(const Law *law, Chain *chain, double acceleration, double time) noexcept nogil:
+cdef inline double ground_now(const Run *run, const Chain *chain) noexcept nogil:
+    """Deceleration of the object by its friction where nothing pushes it, m/s^2."""
+    return run.ground if chain.footing != STUCK else 0.0
+
+
+cdef inline void drift(const Run *run, Chain *chain, double acceleration, double time) noexcept nogil:
     """Move a chain with a closed form through `time` (s) of flight, exactly."""
-    if law.kind == RIGID:
-        rigid_drift(chain, acceleration, time)
+    if run.law.kind == RIGID:
+        rigid_drift(chain, acceleration, ground_now(run, chain), time)
     else:
-        spring_drift(law, chain, acceleration, time)
+        spring_drift(run.law, chain, acceleration, ground_now(run, chain), time)
 
 
-cdef inline double touch_time(const Law *law, const Chain *chain, double acceleration, double horizon) noexcept nogil:
+cdef inline double touch_time(const Run *run, const Chain *chain, double acceleration, double horizon) noexcept nogil:
     """Time (s) until a chain with a closed form touches the object, inf if not within `horizon`."""
-    cdef double time
-    if law.kind == SPRING:
-        return spring_touch(law, chain, acceleration, horizon)
-    time = gap_closes(-chain.penetration, chain.penetration_rate, acceleration)
+    cdef double time, ground = ground_now(run, chain)
+    if run.law.kind == SPRING:
+        return spring_touch(run.law, chain, acceleration, ground, horizon)
+    time = gap_closes(-chain.penetration, chain.penetration_rate, acceleration + ground)
     return time if time <= horizon else INFINITY
 
 
@@ -170,7 +183,7 @@ cdef bint cannot_touch(const Run *run, const Chain *chain) noexcept nogil:
     cdef double reach
     if run.law.kind == RIGID:
         return chain.penetration_rate <= 0.0
-    if tool_velocity(chain) - chain.penetration_rate < 0.0:
+    if object_velocity(chain) < 0.0:
         return False
     if run.law.kind == SPRING:
         reach = hypot(chain.deflection, chain.deflection_rate / run.law.frequency)
@@ -189,6 +202,8 @@ cdef void round_off(const Law *law, Chain *chain, double target) noexcept nogil:
     if law.coupled and law.intervals:
         chain.flange_offset_rate -= shift
     chain.flange_velocity = target
+    if chain.footing == STUCK:
+        chain.penetration_rate = tool_velocity(chain)
 
 
 cdef double coupling_impulse(const Law *law, const Chain *chain) noexcept nogil:
@@ -204,16 +219,23 @@ cdef double coupling_impulse(const Law *law, const Chain *chain) noexcept nogil:
 cdef double coupling_force(const Run *run, const Chain *chain, double acceleration, double push) noexcept nogil:
     """Force on the tool of what holds it, N, under a contact force `push` (N)."""
     cdef const Law *law = run.law
-    cdef Piece now
-    cdef Swing at
     if law.kind == RIGID:
         return law.tool_mass * acceleration + push
     if law.kind == SPRING:
         return law.tool_mass * relative_force(law.frequency, law.damping_ratio, chain.deflection, chain.deflection_rate)
-    now.law, now.acceleration, now.units = law, acceleration, Units(1.0, 1.0, 1.0, 1.0)
+    return motion_now(run, chain, acceleration, push).pull
+
+
+cdef Motion motion_now(const Run *run, const Chain *chain, double acceleration, double push) noexcept nogil:
+    """What happens to an INTEGRATED chain under a contact force `push` (N), SI units."""
+    cdef Piece now
+    cdef Swing at
+    now.law, now.acceleration, now.units = run.law, acceleration, Units(1.0, 1.0, 1.0, 1.0)
+    now.position, now.velocity = chain.flange_position, chain.flange_velocity
+    now.push, now.ground = acceleration, ground_now(run, chain)
     begin_integrated(run, chain, &now)
     at = swing(&now, 0.0, chain.deflection, chain.deflection_rate, chain.flange_offset, chain.flange_offset_rate)
-    return motion(&now, &at, push).pull
+    return motion(&now, &at, push)
 
 
 cdef double tool_momentum(const Run *run, const Chain *chain) noexcept nogil:

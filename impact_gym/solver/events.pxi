@@ -9,6 +9,9 @@ cdef enum:
     SEPARATION  # the root z passes zero; it does not come back, dt = z ds runs backwards there
     CLAMP  # the force would become a pull, or no longer would
     FORCE  # it exceeds the threshold; where it is largest is recorded
+    SLIP  # it exceeds the friction under an object that sticks
+    HALT  # an object that slides comes to rest
+    TOP  # where its speed is largest is recorded; nothing happens
     FRONT_STOP  # a stop begins to push, or lets go
     REAR_STOP
     ALIGNMENT  # the slider passes it
@@ -29,7 +32,7 @@ cdef struct Sight:
 cdef void look(const Piece *now, const double *x, const double *rate, Sight *sight) noexcept nogil:
     """Fill the rows that this piece has."""
     cdef double z = x[ROOT], w = x[RATE]
-    if now.law.bistable:
+    if now.law.stops:
         look_at_slider(now, x, rate, sight)
     if now.flying:
         sight.value[TOUCH] = sight.height[TOUCH] = z
@@ -46,6 +49,32 @@ cdef void look(const Piece *now, const double *x, const double *rate, Sight *sig
             sight.slope[FORCE] = 1e-300
     sight.height[CLAMP] = sight.value[CLAMP]
     sight.value[FORCE] = sight.height[FORCE] - now.threshold
+    if now.rough:
+        look_at_object(now, x, rate, sight)
+
+
+cdef void look_at_object(const Piece *now, const double *x, const double *rate, Sight *sight) noexcept nogil:
+    """Fill the rows of an object with friction, those of the force being known."""
+    cdef double speed = -x[RATE], gain = now.push * rate[TIME] - rate[RATE]
+    sight.value[SLIP] = sight.height[SLIP] = sight.height[FORCE] - now.friction
+    sight.slope[SLIP] = sight.slope[FORCE]
+    speed += (now.velocity + now.acceleration * x[TIME] * now.units.time) / now.units.velocity
+    if now.law.kind != RIGID:
+        speed, gain = speed + x[DEFLECTION_RATE], gain + rate[DEFLECTION_RATE]
+    sight.value[HALT] = sight.height[HALT] = -speed - now.standstill
+    sight.slope[HALT] = -gain
+    sight.value[TOP], sight.height[TOP], sight.slope[TOP] = -1.0, speed, gain
+    if x[ROOT] <= 0.0:  # at a separation, or beyond it, where time runs backwards
+        sight.slope[TOP] = copysign(1e-300, sight.value[SLIP])
+
+
+cdef inline bint acts(const Piece *now, int row) noexcept nogil:
+    """Whether this piece has a row."""
+    if SLIP <= row <= TOP:
+        return now.rough and (row == SLIP) == (now.footing == STUCK)
+    if row == ALIGNMENT:
+        return now.law.bistable
+    return now.law.stops or not FRONT_STOP <= row <= REAR_STOP
 
 
 cdef void look_at_slider(const Piece *now, const double *x, const double *rate, Sight *sight) noexcept nogil:
@@ -74,35 +103,37 @@ cdef struct Finding:
     int event  # the first, or NOTHING, or SHORTER
     double share  # of the step: where it is, or how much shorter
     double within  # share at which it has surely happened
-    double peak  # largest force inside the step, over F0
-    double peak_at  # and where, from the start of the step
+    double peak, top  # largest force, and speed of an object with friction, inside the step, over F0 and the velocity
+    double peak_at, top_at  # and where, from the start of the step
 
 
 cdef Finding search(
     const Piece *now, Work *work, double h, const Sight *start, const Sight *end, bint unfelt
 ) noexcept nogil:
     """Return what happens first in the step of `h` just tried, from `start` to `end`."""
-    cdef Finding found = Finding(NOTHING, 1.0, 1.0, 0.0, 0.0)
+    cdef Finding found = Finding(NOTHING, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0)
     cdef int row
     cdef double high, share, reached
     cdef Sight summit
     for row in range(FRONT_STOP if now.flying else CLOCK, ROWS if now.flying else TOUCH):
-        if FRONT_STOP <= row <= ALIGNMENT and not now.law.bistable:
+        if not acts(now, row):
             continue
         high, reached = 1.0, end.value[row]
-        if row == FORCE and now.contact.n == 0.0 and work.x[ROOT] == 0.0:
+        if (row == FORCE or row == SLIP) and now.contact.n == 0.0 and work.x[ROOT] == 0.0:
             if end.slope[FORCE] < 0.0 and rises_at_onset(now, work, h):
-                return Finding(SHORTER, 0.25, 1.0, 0.0, 0.0)  # one that ends before the peak
+                return Finding(SHORTER, 0.25, 1.0, 0.0, 0.0, 0.0, 0.0)  # one that ends before the peak
         elif (row == FORCE or (row >= CLAMP and reached <= 0.0)) and comes_back(row, h, start, end):
             share = climb(now, work, h, row, start, end, &summit)
             if row == FORCE:
                 found.peak, found.peak_at = summit.height[FORCE], share * h
+            elif row == TOP:
+                found.top, found.top_at = summit.height[TOP], share * h
             if reached <= 0.0:
                 high, reached = share, summit.value[row]
         if not reached > 0.0 or (row == FORCE and not unfelt):
             continue
         if starts_on(row, h, start, reached):
-            return Finding(SHORTER, 0.5, 1.0, 0.0, 0.0)
+            return Finding(SHORTER, 0.5, 1.0, 0.0, 0.0, 0.0, 0.0)
         if row == CLOCK:
             share = clock_share(now, work, h)
         else:
@@ -112,7 +143,7 @@ cdef Finding search(
     if found.event == NOTHING and now.flying:
         share = bend_share(work, h)
         if share < 1.0:
-            return Finding(SHORTER, share, 1.0, 0.0, 0.0)
+            return Finding(SHORTER, share, 1.0, 0.0, 0.0, 0.0, 0.0)
     return found
 
 
@@ -138,7 +169,7 @@ cdef int before_landing(const Piece *now, const Sight *end, int landed, bint unf
     """
     cdef int row
     for row in range(FRONT_STOP if now.flying else CLOCK, ROWS if now.flying else TOUCH):
-        if FRONT_STOP <= row <= ALIGNMENT and not now.law.bistable:
+        if not acts(now, row):
             continue
         if row != landed and end.value[row] > 0.0 and (unfelt or row != FORCE):
             return row
@@ -164,9 +195,11 @@ cdef double on_cubic(double t, double start, double start_slope, double end, dou
 cdef bint comes_back(int row, double h, const Sight *start, const Sight *end) noexcept nogil:
     """Whether a row rises and falls within a step, and not clearly below zero all the while."""
     cdef double v0 = start.height[row], v1 = end.height[row], s0 = h * start.slope[row], s1 = h * end.slope[row], top
+    if row == TOP and s1 < 0.0 < start.slope[SLIP]:  # at a slip it begins to gain: its own slope is rounding there
+        return True
     if not s0 > 0.0 > s1:
         return False
-    if row == FORCE:
+    if row == FORCE or row == SLIP or row == TOP:
         return True
     top = on_cubic(extremum(v0, s0, v1, s1), v0, s0, v1, s1)
     return top + 0.1 * (top - max(v0, v1)) > 0.0  # the cubic is not that far off

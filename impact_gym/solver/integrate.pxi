@@ -20,7 +20,8 @@ cdef int integrate(Run *run, Chain *chain, double acceleration, double until, bi
     cdef Sight *end = &sights[1]
     cdef Finding found
     cdef bint unfelt = not flying and isinf(chain.detection)
-    cdef double taken, peak = 0.0, h = FIRST_FLIGHT if flying else chain.memory.step
+    cdef double taken, peak = 0.0, top = 0.0, h = FIRST_FLIGHT if flying else chain.memory.step
+    run.contact.damping = chain.damping
     begin_piece(run, chain, acceleration, until, flying, &now)
     load(&now, chain, work.x)
     rates(&now, work.x, work.rate)
@@ -32,6 +33,8 @@ cdef int integrate(Run *run, Chain *chain, double acceleration, double until, bi
         if unfelt and start.value[FORCE] >= 0.0:  # a threshold of 0 is passed by the touch
             chain.detection = chain.time
             return DETECTED
+        if now.rough and now.footing == STUCK and work.x[ROOT] == 0.0 and start.value[SLIP] > 0.0:
+            return conclude(run, chain, SLIP, until)  # likewise the friction, by that force
     work.memory = chain.memory
     while True:
         chain.steps += 1
@@ -46,11 +49,15 @@ cdef int integrate(Run *run, Chain *chain, double acceleration, double until, bi
             trace_step(run, &now, chain, taken)
         if not flying:
             peak = max(max(peak, end.height[FORCE]), found.peak if found.peak_at <= taken else 0.0)
+            if now.rough and now.footing == SLIDING:
+                top = max(max(top, end.height[TOP]), found.top if found.top_at <= taken else 0.0)
         memcpy(work.x, work.trial, sizeof(work.x))
         memcpy(work.rate, work.trial_rate, sizeof(work.x))
         start, end = end, start
         if found.event != NOTHING:
             break
+    if now.rough and not flying:
+        push_back(&now, run, chain, work.x)
     store(&now, chain, work.x, chain)
     chain.memory = work.memory
     chain.memory.step = h
@@ -58,9 +65,24 @@ cdef int integrate(Run *run, Chain *chain, double acceleration, double until, bi
         chain.contact_peak_force = max(chain.contact_peak_force, peak * now.units.force)
         chain.peak_force = max(chain.peak_force, chain.contact_peak_force)
         chain.unread_force = max(chain.unread_force, peak * now.units.force)
+        chain.top_speed = max(chain.top_speed, top * now.units.velocity)
     if not isfinite(chain.penetration_rate + chain.deflection_rate):
         return NOT_FINITE
     return conclude(run, chain, found.event, until)
+
+
+cdef void push_back(const Piece *now, const Run *run, Chain *chain, const double *x) noexcept nogil:
+    """Enter the impulse of the ground over a piece: what it takes to hold the object, or mu m_p g for so long."""
+    if now.footing == STUCK:
+        chain.ground_impulse += x[IMPULSE] * now.units.force * now.units.time
+    else:
+        chain.ground_impulse += run.object_mass * run.ground * x[TIME] * now.units.time
+
+
+cdef void come_to_rest(Chain *chain) noexcept nogil:
+    """Let the object stick."""
+    chain.footing, chain.halt = STUCK, chain.time
+    chain.penetration_rate = tool_velocity(chain)
 
 
 cdef bint good_step(
@@ -137,6 +159,10 @@ cdef int conclude(Run *run, Chain *chain, int event, double until) noexcept nogi
         return DETECTED
     if event == CLAMP:
         chain.holding = 1 - chain.holding
+    elif event == SLIP:
+        chain.footing = SLIDING
+    elif event == HALT:
+        come_to_rest(chain)
     elif event == ALIGNMENT:
         chain.side = -chain.side
         if chain.snaps < run.recorder.snap_rows:

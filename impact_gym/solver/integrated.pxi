@@ -1,6 +1,6 @@
-"""Equations of motion of the chain without a closed form: a coupling on a compliant robot, a mechanism, or both.
+"""Equations of motion of the chain without a closed form: a coupling on a compliant robot, one with stops, or both.
 
-Its parts are data: a tool behind a spring and damper or behind a mechanism, on a rigid robot or on one with a table of
+Its parts are data: a tool behind a spring and damper, with stops or without, or behind a mechanism, on a rigid robot or on one with a table of
 parameters; or a tool that is one mass with such a robot. It is integrated in flight as in contact. Forces are computed
 in SI units and scaled at the border. Further places of its state: the impulse of what pulls the tool, the momentum of
 the mass that has joined it, the offset of the flange from the imposed motion and its rate.
@@ -41,7 +41,7 @@ cdef inline Swing swing(const Piece *now, double t, double y, double v, double q
 
 cdef inline double coupling_pull(const Piece *now, double stretch, double stretch_rate) noexcept nogil:
     """Force of the coupling on the tool, N (paper, right side of eq. 17, or eq. 23)."""
-    if now.law.bistable:
+    if now.law.stops:
         return mechanism_pull(&now.law.mechanism, now.pressed, stretch, stretch_rate)
     return -now.law.stiffness * stretch - now.law.damping * stretch_rate
 
@@ -63,7 +63,7 @@ cdef inline Motion motion(const Piece *now, const Swing *at, double push) noexce
             flange_rate = now.per_acceleration / robot.mass  # while the pull is not yet known
             move.flange = (-robot.stiffness * at.q - robot.damping * at.q_dot - move.pull) * flange_rate - now.push
     move.tool = move.gap - now.push
-    move.gap -= push * now.object_rate
+    move.gap += now.ground - push * now.object_rate
     return move
 
 
@@ -106,11 +106,11 @@ cdef inline Gradient pull_gradient(const Piece *now, const Swing *at) noexcept n
             -(slopes.stiffness * at.y + slopes.damping * at.y_dot) * at.v_r,
         )
     k, c = now.law.stiffness, now.law.damping
-    if now.law.bistable:
-        k = -bistable_slope(&now.law.mechanism, now.law.mechanism.rest + at.y - at.q)
-        c = 0.0
+    if now.law.stops:
+        k = -spring_slope(&now.law.mechanism, now.law.mechanism.rest + at.y - at.q)
+        c = now.law.mechanism.damping
         if now.pressed != FREE:
-            k, c = k + now.law.mechanism.stop_stiffness, now.law.mechanism.stop_damping
+            k, c = k + now.law.mechanism.stop_stiffness, c + now.law.mechanism.stop_damping
     return Gradient(-k, -c, k, c, 0.0)
 
 

@@ -1,5 +1,6 @@
 """From what a user says of coupling and robot to the simplest chain that is the same."""
 
+cdef double STANDARD_GRAVITY = 9.80665  # m/s^2
 cdef double EVERYWHERE = 1e9  # m; a lumped robot is a table of one interval, so much to either side
 
 
@@ -11,11 +12,11 @@ cpdef double rest_of(
     The net force is concave in the depth and negative at the stroke: from there Newton's method falls onto its one
     zero and never below, until rounding ends it.
     """
-    cdef Mechanism law = Mechanism(stiffness, free_length, height, 0.0, front_stop, 0.0, stop_stiffness, 0.0)
+    cdef Mechanism law = Mechanism(stiffness, free_length, height, 0.0, front_stop, 0.0, stop_stiffness, 0.0, 0, 0.0)
     cdef double depth = sqrt((free_length - height) * (free_length + height)) - front_stop, net, lower
     while True:
         net = bistable_force(stiffness, free_length, height, front_stop + depth) - stop_stiffness * depth
-        lower = depth - net / (bistable_slope(&law, front_stop + depth) - stop_stiffness)
+        lower = depth - net / (spring_slope(&law, front_stop + depth) - stop_stiffness)
         if not lower < depth:
             return front_stop + depth
         depth = lower
@@ -28,7 +29,7 @@ cdef void lower(const Mount *mount, Law *law) noexcept nogil:
     law.tool_mass = mount.tool_mass
     if mount.robot_kind == STIFF_ROBOT and mount.coupling_kind == DIRECT:
         law.kind = RIGID
-    elif mount.robot_kind == STIFF_ROBOT and mount.coupling_kind == SPRING_DAMPER:
+    elif mount.robot_kind == STIFF_ROBOT and mount.coupling_kind == SPRING_DAMPER and mount.coupling.stroke == 0.0:
         law.kind, law.damping_ratio = SPRING, mount.coupling.damping_ratio
         law.frequency = sqrt(mount.coupling.stiffness / mount.tool_mass)
     elif mount.robot_kind == LUMPED and mount.coupling_kind == DIRECT:
@@ -44,16 +45,20 @@ cdef void lower(const Mount *mount, Law *law) noexcept nogil:
 cdef void lower_coupling(const Mount *mount, Law *law) noexcept nogil:
     """Write the coupling of an INTEGRATED chain."""
     cdef const CouplingNumbers *given = &mount.coupling
-    cdef double m = mount.tool_mass
+    cdef double m = mount.tool_mass, stop_damping = 2.0 * given.stop_damping_ratio * sqrt(given.stop_stiffness * m)
     law.coupled, law.bistable = mount.coupling_kind != DIRECT, mount.coupling_kind == MECHANISM
     if mount.coupling_kind == SPRING_DAMPER:
         law.stiffness, law.damping = given.stiffness, 2.0 * given.damping_ratio * sqrt(given.stiffness * m)
+        law.stops = given.stroke > 0.0
+        law.mechanism = Mechanism(
+            given.stiffness, 0.0, 0.0, 0.0, given.stroke, -given.stroke, given.stop_stiffness, stop_damping, 1, law.damping
+        )
     elif law.bistable:
+        law.stops = 1
         law.mechanism = Mechanism(
             given.stiffness, given.free_length, given.height,
             rest_of(given.stiffness, given.free_length, given.height, given.front_stop, given.stop_stiffness),
-            given.front_stop, given.rear_stop, given.stop_stiffness,
-            2.0 * given.stop_damping_ratio * sqrt(given.stop_stiffness * m),
+            given.front_stop, given.rear_stop, given.stop_stiffness, stop_damping, 0, 0.0,
         )
 
 

@@ -5,6 +5,8 @@ cdef enum:
     DEFLECTION_INTEGRAL = 6  # of a SPRING chain
     PULL_IMPULSE = 6, JOINED = 7, OFFSET = 8, OFFSET_RATE = 9  # of an INTEGRATED chain, see its module
 
+cdef double STANDSTILL = 1e-13  # of the velocities at hand: an object that slips begins with the rounding of a difference
+
 
 cdef struct Piece:
     const Law *law
@@ -13,10 +15,16 @@ cdef struct Piece:
     bint flying  # then the first place is the penetration over the unit of length, and s is time
     const Contact *grip  # the law of the contact as it is
     Contact contact  # and as it acts: no force where the surfaces do not hold
+    bint rough  # there is friction under the object
+    int footing  # of the object
+    double friction  # mu m_p g over F0
+    double ground  # scaled deceleration of the object by its friction as it slides
+    double standstill  # scaled speed backwards at which an object that slid has come to rest
+    double share  # of the relative acceleration that the contact force would give without friction
     double tolerance  # -, local error of a step
     double threshold  # alarm threshold over F0
     double horizon  # time left
-    double acceleration  # m/s^2, of the imposed motion
+    double position, velocity, acceleration  # m, m/s, m/s^2, of the imposed motion; the first two where the piece starts
 
     # of the linear chains, in the piece's units
     double push  # flange acceleration
@@ -29,7 +37,6 @@ cdef struct Piece:
     RobotNow lumped  # what it says everywhere, if it has but one
     double per_acceleration  # scaled acceleration for 1 m/s^2
     double tool_rate, object_rate  # likewise of tool and object for 1 N
-    double position, velocity  # m, m/s, of the imposed motion where the piece starts
     double per_force  # 1 / N
     int pressed, side  # of the slider
 
@@ -49,8 +56,8 @@ cdef void store_common(const Piece *now, const Chain *base, const double *x, Cha
 
 
 cdef inline double object_velocity(const Chain *chain) noexcept nogil:
-    """Velocity of the object, m/s; it rests until it is touched, whatever rounding says."""
-    if chain.contacts == 0:
+    """Velocity of the object, m/s; it rests until it is touched, and where it sticks, whatever rounding says."""
+    if chain.contacts == 0 or chain.footing == STUCK:
         return 0.0
     return chain.flange_velocity + chain.deflection_rate - chain.penetration_rate
 

@@ -6,6 +6,8 @@ cdef void close_contact(const Run *run, Chain *chain, double end) noexcept nogil
     cdef double impulse = coupling_impulse(run.law, chain)
     cdef double given = run.object_mass * (object_velocity(chain) - chain.start_object_velocity)
     cdef double residual = tool_momentum(run, chain) + given - impulse  # what the paper's eq. 20 leaves over
+    if run.ground > 0.0:
+        residual += chain.ground_impulse
     cdef double error = fabs(residual) / chain.impulse if chain.impulse > 0.0 else 0.0
     chain.momentum_error = max(chain.momentum_error, error)
     chain.coupling_impulse += impulse
@@ -54,5 +56,5 @@ cdef void trace_flight(const Run *run, Chain *chain, double acceleration, double
     points = <int64_t> ceil(duration / run.recorder.interval)
     for point in range(points):
         ghost = chain[0]
-        drift(run.law, &ghost, acceleration, duration * point / points)
+        drift(run, &ghost, acceleration, duration * point / points)
         trace(run, chain, &ghost, acceleration, 0.0)

@@ -10,7 +10,7 @@ cdef inline RigidRates rigid_rates(const Piece *now, double z, double w) noexcep
     cdef RigidRates rates
     rates.p = impulse_rate(&now.contact, z, w)
     rates.z = 0.5 * w
-    rates.w = z * now.push - rates.p
+    rates.w = z * (now.push + now.ground) - now.share * rates.p
     rates.t = z
     return rates
 
@@ -28,8 +28,8 @@ cdef inline void contact_rows(const Piece *now, const double *x, double[WIDTH] *
 cdef void rigid_jacobian(const Piece *now, const double *x, double[WIDTH] *J) noexcept nogil:
     """Write d(rates)/d(state), all else being zero."""
     contact_rows(now, x, J)
-    J[RATE][ROOT] = now.push - J[IMPULSE][ROOT]
-    J[RATE][RATE] = -J[IMPULSE][RATE]
+    J[RATE][ROOT] = now.push + now.ground - now.share * J[IMPULSE][ROOT]
+    J[RATE][RATE] = -now.share * J[IMPULSE][RATE]
 
 
 cdef double gap_closes(double gap, double speed, double acceleration) noexcept nogil:
@@ -47,10 +47,10 @@ cdef double gap_closes(double gap, double speed, double acceleration) noexcept n
     return INFINITY
 
 
-cdef void rigid_drift(Chain *chain, double acceleration, double time) noexcept nogil:
-    """Move `chain` through `time` (s) of flight, exactly."""
-    chain.penetration += time * (chain.penetration_rate + 0.5 * acceleration * time)
-    chain.penetration_rate += acceleration * time
+cdef void rigid_drift(Chain *chain, double acceleration, double ground, double time) noexcept nogil:
+    """Move `chain` through `time` (s) of flight, exactly, while the object slows down by `ground` (m/s^2)."""
+    chain.penetration += time * (chain.penetration_rate + 0.5 * (acceleration + ground) * time)
+    chain.penetration_rate += (acceleration + ground) * time
     chain.flange_position += time * (chain.flange_velocity + 0.5 * acceleration * time)
     chain.flange_velocity += acceleration * time
     chain.time += time

@@ -14,7 +14,7 @@ cdef inline SpringRates spring_rates(const Piece *now, double z, double w, doubl
     cdef double pull = z * (now.pull_y * y + now.pull_y_dot * v)
     rates.p = impulse_rate(&now.contact, z, w)
     rates.z = 0.5 * w
-    rates.w = pull - rates.p
+    rates.w = (pull + z * now.ground) - now.share * rates.p
     rates.t = z
     rates.y = z * v
     rates.v = (pull - z * now.push) - now.tool_share * rates.p
@@ -27,8 +27,8 @@ cdef void spring_jacobian(const Piece *now, const double *x, double[WIDTH] *J) n
     cdef double z = x[ROOT], y = x[DEFLECTION], v = x[DEFLECTION_RATE]
     cdef double pull = now.pull_y * y + now.pull_y_dot * v
     contact_rows(now, x, J)
-    J[RATE][ROOT] = pull - J[IMPULSE][ROOT]
-    J[RATE][RATE] = -J[IMPULSE][RATE]
+    J[RATE][ROOT] = pull + now.ground - now.share * J[IMPULSE][ROOT]
+    J[RATE][RATE] = -now.share * J[IMPULSE][RATE]
     J[DEFLECTION_RATE][ROOT] = pull - now.push - now.tool_share * J[IMPULSE][ROOT]
     J[DEFLECTION_RATE][RATE] = -now.tool_share * J[IMPULSE][RATE]
     J[RATE][DEFLECTION] = J[DEFLECTION_RATE][DEFLECTION] = z * now.pull_y
@@ -39,18 +39,18 @@ cdef void spring_jacobian(const Piece *now, const double *x, double[WIDTH] *J) n
     J[DEFLECTION_INTEGRAL][DEFLECTION] = z
 
 
-cdef void spring_drift(const Law *law, Chain *chain, double acceleration, double time) noexcept nogil:
-    """Move `chain` through `time` (s) of flight, exactly."""
+cdef void spring_drift(const Law *law, Chain *chain, double acceleration, double ground, double time) noexcept nogil:
+    """Move `chain` through `time` (s) of flight, exactly, while the object slows down by `ground` (m/s^2)."""
     cdef double z, z_dot, rest = -acceleration / (law.frequency * law.frequency)
     cdef double object_speed = tool_velocity(chain) - chain.penetration_rate
     cdef double travel = time * (chain.flange_velocity + 0.5 * acceleration * time)
     z, z_dot = free_decay(law.frequency, law.damping_ratio, chain.deflection - rest, chain.deflection_rate, time)
-    chain.penetration += travel + (z + rest - chain.deflection) - object_speed * time
+    chain.penetration += travel + (z + rest - chain.deflection) - time * (object_speed - 0.5 * ground * time)
     chain.deflection = z + rest
     chain.deflection_rate = z_dot
     chain.flange_position += travel
     chain.flange_velocity += acceleration * time
-    chain.penetration_rate = chain.flange_velocity + z_dot - object_speed
+    chain.penetration_rate = chain.flange_velocity + z_dot - (object_speed - ground * time)
     chain.time += time
 
 
@@ -60,7 +60,7 @@ cdef struct Glide:  # the gap as a function of time: penetration = start + z(t) 
     double position, velocity  # m, m/s: z(0) = y + a / omega^2, z'(0)
     double start  # m, penetration at t = 0, not positive
     double closing  # m/s, flange velocity less object velocity
-    double acceleration  # m/s^2, of the flange
+    double acceleration  # m/s^2, of the flange less that of the object
 
 
 cdef struct Gap:
@@ -144,7 +144,9 @@ cdef double within_reach(const Glide *glide, double now) noexcept nogil:
     return now + gap_closes(gap, glide.closing + glide.acceleration * now, glide.acceleration)
 
 
-cdef double spring_touch(const Law *law, const Chain *chain, double acceleration, double horizon) noexcept nogil:
+cdef double spring_touch(
+    const Law *law, const Chain *chain, double acceleration, double ground, double horizon
+) noexcept nogil:
     """Time (s) until tool and object touch, inf if not within `horizon`, nan after MOST_BENDS; none is stepped over.
 
     Between two zeros of its third derivative the gap has at most one inflection, so at most two extrema, so at most
@@ -157,7 +159,7 @@ cdef double spring_touch(const Law *law, const Chain *chain, double acceleration
     glide.velocity = chain.deflection_rate
     glide.start = min(chain.penetration, 0.0)
     glide.closing = chain.penetration_rate - chain.deflection_rate
-    glide.acceleration = acceleration
+    glide.acceleration = acceleration + ground
     low = within_reach(&glide, 0.0)
     for _ in range(MOST_BENDS):
         if not low < horizon:

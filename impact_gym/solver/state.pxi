@@ -22,6 +22,10 @@ cpdef enum:
     STIFF_ROBOT, LUMPED, TABLE_OF_POSITION  # robots
 
 
+cpdef enum:
+    SLIDING, STUCK  # an object
+
+
 cdef struct Mount:  # what holds the tool, as a user describes it
     int64_t coupling_kind, robot_kind
     double tool_mass  # kg
@@ -43,6 +47,7 @@ cdef struct Law:  # the simplest chain that is what holds the tool
     double damping_ratio  # -, zeta of a SPRING chain
     int64_t coupled  # of an INTEGRATED chain: 1 if a coupling is between tool and flange, 0 if they are one mass
     int64_t bistable  # 1 if that coupling is a mechanism, 0 if a spring and damper, or if there is none
+    int64_t stops  # 1 if it has stops: `mechanism` then has the spring, whichever it is
     double stiffness  # N/m, of the spring and damper
     double damping  # N s/m, likewise
     Mechanism mechanism
@@ -71,8 +76,9 @@ cdef struct Chain:  # a row: where everything is, and what has happened
     double penetration_rate  # m/s
     double flange_offset  # m, flange minus imposed motion; 0 but for a flange of its own behind a coupling
     double flange_offset_rate  # m/s
-    int64_t pressed  # which stop of a mechanism pushes: 1 front, -1 rear, 0 none
+    int64_t pressed  # which stop pushes: 1 front, -1 rear, 0 none
     int64_t side  # of the alignment the slider of a mechanism is on, 1 in front
+    int64_t footing  # of the object: SLIDING, where there is no friction for ever
 
     # the contact under way
     int64_t touching  # 0 or 1
@@ -84,7 +90,9 @@ cdef struct Chain:  # a row: where everything is, and what has happened
     double start_object_velocity  # m/s
     double start_deflection  # m
     double start_flange_position  # m
+    double damping  # -, damping factor
     double impulse  # N s, on the object
+    double ground_impulse  # N s, of the ground on the object, which holds it back
     double deflection_integral  # m s
     double pull_impulse  # N s, of the coupling on the tool, where no closed form gives it
     double joined  # N s, momentum of the mass that has joined the moving part
@@ -96,6 +104,11 @@ cdef struct Chain:  # a row: where everything is, and what has happened
     double first_contact  # s, inf if none yet
     double detection  # s, inf if none yet
     double peak_force  # N
+    double top_speed  # m/s, of the object, with friction; without the one that it has is the largest so far
+    double halt  # s, when the object came to rest
+    double calm  # s, since when the tool has been slower than REST_SPEED for good, with friction; inf if it is not
+    double slide  # m, how far the object has come once it rests, with friction
+    double rest_time  # s, when object and tool are at rest, with friction; inf if the tool is not
     double unread_force  # N, largest since `take_peak`
     double coupling_impulse  # N s, over the finished contacts (paper, eq. 21)
     double momentum_error  # -, largest over the finished contacts (paper, eq. 20)
@@ -156,6 +169,7 @@ cdef struct Run:  # what stays as it is while a chain moves
     const double *tables  # numbers of all robots' tables
     Contact contact
     double object_mass  # kg
+    double ground  # m/s^2, mu g, deceleration of an object that slides; 0 without friction
     double threshold  # N, of the contact alarm; inf if there is none
     double tolerance  # -, local error of a step in its own scales
     int64_t max_steps

@@ -22,7 +22,7 @@ cpdef int64_t samples_under_way(double reaction_delay, double control_period) no
     return <int64_t> floor(reaction_delay / control_period + 1e-9)
 
 
-cdef void begin_episode(Row *row, Record drawn) noexcept nogil:
+cdef void begin_episode(Row *row, const Law *law, Record drawn) noexcept nogil:
     """Put everything at rest at t = 0."""
     cdef Episode *episode = row.episode
     cdef double period = row.task.control_period, delay = drawn.reaction_delay
@@ -37,7 +37,8 @@ cdef void begin_episode(Row *row, Record drawn) noexcept nogil:
         row.readings[k].time = (k + 1) * period - delay
     episode.next_sample = (episode.pushed + 1) * period - delay
     episode.approach_time = row.task.horizon
-    reset_chain(row.chain, drawn.distance)
+    episode.slide = episode.rest_time = INFINITY
+    reset_chain(row.chain, law, drawn.distance, drawn.friction)
     observe(row)
 
 
@@ -159,7 +160,7 @@ cdef double play_step(Run *run, Row *row, double velocity_action, double acceler
     episode.control_steps += 1
     observe(row)
     episode.approach_time = min(chain.first_contact, task.horizon)
-    episode.object_velocity = object_velocity(chain)
+    episode.object_velocity = kept_velocity(run, chain)
     time_cost = episode.drawn.time_weight * (min(chain.time, chain.first_contact) - begun)
     episode.time_cost += time_cost
     episode.truncated = task.max_steps > 0 and episode.control_steps >= task.max_steps
@@ -201,6 +202,11 @@ cdef double drive(Run *run, Row *row, double velocity, double acceleration) noex
     return alarm
 
 
+cdef inline double kept_velocity(const Run *run, const Chain *chain) noexcept nogil:
+    """V_p so far, m/s: the velocity that the object keeps, with friction the largest that it had."""
+    return chain.top_speed if run.ground > 0.0 else object_velocity(chain)
+
+
 cdef void finish(Run *run, Row *row) noexcept nogil:
     """Settle and close the books of an episode that terminates."""
     cdef Episode *episode = row.episode
@@ -210,22 +216,39 @@ cdef void finish(Run *run, Row *row) noexcept nogil:
         episode.missed_cost = row.task.missed_cost
         episode.object_velocity = 0.0
     else:
-        episode.object_velocity = episode.velocity_cost = object_velocity(row.chain)
+        episode.object_velocity = episode.velocity_cost = kept_velocity(run, row.chain)
         episode.force_cost = row.task.force_weight * row.chain.peak_force
+    if run.ground > 0.0:
+        take_stock(run, row.chain, episode.drawn.distance)
+        episode.slide, episode.rest_time = row.chain.slide, row.chain.rest_time
 
 
 cdef int settle(Run *run, Row *row) noexcept nogil:
-    """Brake the flange to rest at full deceleration and go on until no contact is left or to come; UNSETTLED: one is."""
+    """Brake the flange to rest at full deceleration and go on until no contact is left or to come; UNSETTLED: one is.
+
+    With friction until the tool is calm, too; a contact may be left then, with an object that sticks.
+    """
     cdef Chain *chain = row.chain
     cdef double limit = chain.time + row.task.settle_limit, deceleration = row.task.full_deceleration, brake_end
+    cdef double pause = REST_STEP if run.ground > 0.0 else 0.05
     cdef int status
-    while chain.flange_velocity != 0.0 or chain.touching or not cannot_touch(run, chain):
+    while not is_over(run, chain):
         if chain.time >= limit:
+            if not chain.touching and cannot_touch(run, chain):
+                return ARRIVED
             if chain.touching:
                 close_contact(run, chain, NAN)
             return UNSETTLED
         brake_end = chain.time + fabs(chain.flange_velocity) / deceleration
-        status = command(run, chain, 0.0, deceleration, min(limit, max(brake_end, chain.time + 0.05)))
+        status = command(run, chain, 0.0, deceleration, min(limit, max(brake_end, chain.time + pause)))
         if status < 0:
             return status
+        watch(run, chain)
     return ARRIVED
+
+
+cdef bint is_over(const Run *run, const Chain *chain) noexcept nogil:
+    """Whether nothing more happens to the object, and, with friction, the tool is calm."""
+    if chain.flange_velocity != 0.0 or (run.ground > 0.0 and isinf(chain.calm)):
+        return False
+    return chain.touching or cannot_touch(run, chain) if run.ground > 0.0 else not chain.touching and cannot_touch(run, chain)

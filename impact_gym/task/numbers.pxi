@@ -16,6 +16,7 @@ cdef struct CouplingNumbers:
     double rear_stop  # m, rear stop of the mechanism
     double stop_stiffness  # N/m, stiffness of the mechanism's stops
     double stop_damping_ratio  # -, damping ratio of the mechanism's stops
+    double stroke  # m, way of the tool to its stops, either side
 
 
 cdef struct RobotNumbers:
@@ -40,6 +41,7 @@ cdef struct Record:  # what an episode has drawn, the rest of its set-up; nan: t
     double range_bias  # m, error of every distance estimate
     double force_noise  # N, standard deviation of each force reading
     double force_bias  # N, standard deviation of the force error of an episode
+    double friction  # -, Coulomb friction of the object on the ground
     CouplingNumbers coupling
     RobotNumbers robot
 

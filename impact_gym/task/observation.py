@@ -181,7 +181,7 @@ def _entry(row: Quantity, task: Task) -> Entry:
     """Return a row as a task shows it."""
     scale = row.scale
     if scale.ends:
-        low, high = getattr(task, scale.ends)
+        low, high = task.ends(scale.ends)
         scale = scale._replace(low=low, high=high)
     argument = row.observed if _actor_sees(row, task) else "privileged"
     words = f"{row.words} minus flange position" if row.from_flange else row.words

@@ -29,6 +29,7 @@ cdef struct Task:  # what a row plays
     double force_weight  # m/s per N
     double tolerance  # -, local error of a step of the integrator
     int64_t exact  # 1: the damping factor that delivers the restitution, 0: that of Hu and Guo
+    double reference_velocity  # m/s, where chi is the same at every velocity; 0 where the damping factor is
     int64_t max_steps  # control steps until truncation, 0 if unlimited
 
 
@@ -60,3 +61,4 @@ cdef struct Episode:  # a row, beside its chain
     double time_cost, velocity_cost, force_cost, missed_cost  # m/s, terms of the reward
     double object_velocity  # m/s, so far; once terminated, what it keeps
     double approach_time  # s, so far
+    double slide, rest_time  # m and s, once terminated; inf without friction

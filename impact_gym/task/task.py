@@ -10,8 +10,8 @@ import numpy as np
 
 from impact_gym.kernels import RECORD, TASK, samples_under_way
 from impact_gym.lowering import LOCAL_SHARE, ROBOT_NUMBERS, mount, places
-from impact_gym.quantities import AFTER_ALARM, PAST_READINGS, QUANTITIES, SET_UP
-from impact_gym.scene import Coupling, Rigid, Robot, RobotTable, SpringDamper
+from impact_gym.quantities import AFTER_ALARM, HORIZON, PAST_READINGS, QUANTITIES, SET_UP
+from impact_gym.scene import Contact, Coupling, Rigid, Robot, RobotTable, SpringDamper, warn_of_stroke
 from impact_gym.task.paths import nested, replaced
 from impact_gym.task.scenario import ScenarioRanges
 from impact_gym.validation import Range, WrongTypeError, choice, flag, number, one_of, shown, whole
@@ -19,10 +19,9 @@ from impact_gym.validation import Range, WrongTypeError, choice, flag, number, o
 VELOCITY_RANGE = (-0.5, 1.5)  # m/s, what action[0] in [-1, 1] is mapped to, if not said otherwise
 ACCELERATION_RANGE = (1.0, 20.0)  # m/s^2, what action[1] in [-1, 1] is mapped to, likewise; its end brakes afterwards
 COMMAND_RESOLUTION = 1e-6  # m/s and m/s^2; so 8 m/s^2 can be commanded exactly through a float32
-HORIZON = 1.2  # s, an episode without an alarm ends here
 MISSED_COST = 2.0  # m/s
 SETTLE_LIMIT = 10.0  # s, simulated after the end at the most
-DISSIPATIONS = ("hu-guo", "exact")
+DISSIPATIONS = ("hu-guo", "exact", "fixed")
 ALARMS = ("force", "reading")
 PLACES = places(RECORD)
 """Where each number that an episode draws stands in its record."""
@@ -55,7 +54,9 @@ class Task:
     acceleration_range: Range = argument(ACCELERATION_RANGE, "what the second is mapped to; its top brakes at the end")
     alarm: str = argument("force", 'or "reading": what raises the alarm, see Observation Space')
     alarm_threshold: Any = argument(1.0, "")
-    dissipation: str = argument("hu-guo", 'or "exact": how damping follows from restitution, see `Contact`')
+    dissipation: str = argument("hu-guo", 'or "exact" or "fixed": how damping follows from restitution, see `Contact`')
+    reference_velocity: float | None = argument(None, 'at which "fixed" gives the restitution, 1 if None')
+    friction: Any = argument(None, "under the object; None: none, it slides without an end")
     range_noise: Any = argument(None, "standard deviation of a distance estimate; None: no estimate")
     range_bias: Any = argument(0.0, "added to every distance estimate")
     observe_range_noise: bool = argument(False, "observe `range_noise`, which may differ from episode to episode")
@@ -66,6 +67,9 @@ class Task:
     privileged: bool = argument(False, "observe the true scenario, and whatever is drawn, too")
     robot: Any = argument(None, "a compliant `Robot` or `RobotTable`; a dict works too")
     rtol: float = argument(1e-8, "relative error allowed in a contact, see `simulate`")
+    horizon: float = argument(HORIZON, "end of an episode without an alarm")
+    after_alarm: float = argument(AFTER_ALARM, "from the alarm to the end of an episode")
+    missed_cost: float = argument(MISSED_COST, "what an object costs that was not touched")
     max_episode_steps: int | None = argument(None, "control steps after which an episode is truncated")
 
     drawn: Mapping[str, Range] = field(init=False)  # by id, in the order of the table
@@ -86,11 +90,12 @@ class Task:
         for name in ("time_weight", "reaction_delay"):
             low, high = QUANTITIES[name].interval(getattr(self, name))
             self._put(name, low if low == high else (low, high))
-        for name in ("force_weight", "control_period", "rtol"):
+        for name in ("force_weight", "control_period", "rtol", "horizon", "after_alarm", "missed_cost"):
             self._put(name, QUANTITIES[name].check(getattr(self, name)))
         self._put("drawn", {row.id: drawn[row.id] for row in SET_UP if row.id in drawn})
         self._check_commands()
         self._check_choices()
+        self._check_reach()
 
     @classmethod
     def of(cls, field: str, given: Any) -> "Task":
@@ -120,6 +125,9 @@ class Task:
     def _check_choices(self) -> None:
         for name, allowed in {"dissipation": DISSIPATIONS, "alarm": ALARMS}.items():
             choice(name, getattr(self, name), allowed)
+        law: Any = self.dissipation
+        contact = Contact(1.0, 1.0, law, reference_velocity=self.reference_velocity)
+        self._put("reference_velocity", contact.reference_velocity)
         for name in ("deflection_sensor", "privileged", "observe_range_noise"):
             flag(name, getattr(self, name))
         if self.deflection_sensor and isinstance(self.coupling, Rigid):
@@ -132,6 +140,23 @@ class Task:
         number("past_readings", self.past_readings, "-", at_most=PAST_READINGS)
         if self.max_episode_steps is not None:
             self._put("max_episode_steps", whole("max_episode_steps", self.max_episode_steps, at_least=1))
+
+    def _check_reach(self) -> None:
+        """Refuse an own horizon that leaves no time for any object; warn of a stroke too short for the arm."""
+        (near, _), reach = self.scenario.distance, self.reach
+        if self.horizon != HORIZON and near > reach:
+            raise ValueError(
+                f"horizon must be longer than the way to the nearest object, {near:g} m, takes: in {self.horizon:g} s "
+                f"the arm gets only {reach:.3g} m far"
+            )
+        warn_of_stroke(self.coupling, self.tool_mass, self.acceleration_range[1])
+
+    @property
+    def reach(self) -> float:
+        """How far the flange gets before an episode without a touch ends, m."""
+        speed, acceleration = self.velocity_range[1], self.acceleration_range[1]
+        ramp = min(self.horizon, speed / acceleration)
+        return 0.5 * acceleration * ramp**2 + speed * (self.horizon - ramp)
 
     @property
     def ranges(self) -> dict[str, Range]:
@@ -149,6 +174,17 @@ class Task:
     def draws_mount(self) -> bool:
         """Whether episodes differ in what holds the tool."""
         return not self.drawn.keys().isdisjoint(MOUNT_IDS)
+
+    @property
+    def rough(self) -> bool:
+        """Whether there is friction under the object, in some episodes at least."""
+        return bool(self.friction)
+
+    def ends(self, argument: str) -> Range:
+        """Return the ends of a scale that follow from an argument of the environment."""
+        if argument == "horizon":
+            return 0.0, max(1.25 * self.horizon, self.horizon + self.after_alarm)
+        return (0.0, self.after_alarm) if argument == "after_alarm" else self.velocity_range
 
     def draws(self) -> list[tuple[Any, ...]]:
         """Return the fields of the compiled program's `Draw` of each number that episodes draw from a range."""
@@ -176,13 +212,14 @@ class Task:
             if "." not in row.id:
                 numbers[row.id] = getattr(self, row.id) or 0.0
         values = {
-            "control_period": self.control_period, "horizon": HORIZON, "after_alarm": AFTER_ALARM,
-            "full_deceleration": self.acceleration_range[1], "settle_limit": SETTLE_LIMIT, "missed_cost": MISSED_COST,
+            "control_period": self.control_period, "horizon": self.horizon, "after_alarm": self.after_alarm,
+            "full_deceleration": self.acceleration_range[1], "settle_limit": SETTLE_LIMIT,
+            "missed_cost": self.missed_cost, "reference_velocity": self.reference_velocity or 0.0,
             "velocity": self.velocity_range, "acceleration": self.acceleration_range,
             "command_resolution": COMMAND_RESOLUTION, "first_draw": first_draw,
             "last_draw": first_draw + len(self.ranges), "mount_drawn": self.draws_mount,
             "alarm_by_reading": self.alarm == "reading", "force_weight": self.force_weight,
-            "tolerance": LOCAL_SHARE * self.rtol, "exact": self.dissipation == "exact",
+            "tolerance": LOCAL_SHARE * self.rtol, "exact": self.dissipation != "hu-guo",
             "max_steps": self.max_episode_steps or 0,
         }  # fmt: skip
         for name, value in values.items():

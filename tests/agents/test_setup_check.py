@@ -83,7 +83,7 @@ def test_reached_is_as_far_as_an_arm_gets_before_the_end(acceleration, speed):
     """At full acceleration the flange touches what stands a hair nearer than that, and misses what stands beyond."""
     arm = {"acceleration_range": (1.0, acceleration), "velocity_range": (-0.1, speed), "coupling": {"type": "Rigid"}}
     for share, missed in ((0.999, False), (1.001, True)):
-        env = gym.make("ImpactApproach-v0", scenario={"distance": share * feasible.reached(Task(**arm))}, **arm)
+        env = gym.make("ImpactApproach-v0", scenario={"distance": share * Task(**arm).reach}, **arm)
         env.reset(seed=0)
         terminated = False
         while not terminated:

@@ -57,6 +57,7 @@ PERIODS_AND_DELAYS = [
     *({"coupling": coupling, "control_period": period, "reaction_delay": delay}
       for coupling, (period, delay) in product(COUPLINGS, PERIODS_AND_DELAYS)),
     {"alarm_threshold": 5.0}, {"alarm_threshold": 0.2}, {"dissipation": "exact"}, {"scenario": "hard"},
+    {"dissipation": "fixed"}, {"coupling": ig.SpringDamper(150.0, stroke=0.018)},
 ], ids=str)  # fmt: skip
 def test_papers_rule_played_in_the_environment_equals_simulate(options):
     coupling, law = options.get("coupling", PAPERS_SPRING), options.get("dissipation", "hu-guo")

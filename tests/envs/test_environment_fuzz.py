@@ -1,4 +1,4 @@
-"""Whatever is given to the environment is refused by a clear error, or played to a finite end."""
+"""Whatever the environment takes is played to a finite end; what it refuses is in `tests/test_hostile_input.py`."""
 
 import math
 from itertools import cycle, islice
@@ -10,20 +10,6 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 from tasks import rows_of_tasks
 
-from impact_gym.envs.vector import ImpactApproachVectorEnv
-from impact_gym.quantities import QUANTITIES
-from impact_gym.task.task import arguments
-
-HUGE = 10**400  # no float holds it
-GARBAGE = st.one_of(
-    st.sampled_from([math.nan, math.inf, -math.inf, -1.0, 0.0, -0.0, HUGE, -HUGE, 1e-320, True, None, "", "0.1", 1j]),
-    st.tuples(st.floats(), st.floats()),
-    st.lists(st.floats(), max_size=3),
-    st.floats().map(np.float64),
-    st.lists(st.floats(), max_size=2).map(np.array),
-    st.sampled_from([{}, {"type": "Rigid", "stiffness": 1.0}]),
-)
-NAMES = [*arguments(), *QUANTITIES, "Rigid"]
 FUZZ = settings(
     deadline=None, derandomize=True, database=None, phases=[Phase.generate], suppress_health_check=list(HealthCheck)
 )
@@ -52,31 +38,6 @@ def all_finite(value):
     return isinstance(value, str) or bool(np.isfinite(value).all())
 
 
-@settings(FUZZ, max_examples=150)
-@given(rows_of_tasks(count=1), st.sampled_from([*arguments()]), GARBAGE)
-def test_environment_takes_garbage_for_an_argument_with_a_clear_error_or_plays_it(rows, name, garbage):
-    try:
-        envs = ImpactApproachVectorEnv(2, **rows[0] | {name: garbage})
-    except (TypeError, ValueError) as error:
-        refusal = str(error)
-        assert any(known in refusal for known in NAMES), refusal
-    else:
-        assert np.isfinite(envs.reset(seed=0)[0]).all()
-
-
-@settings(FUZZ, max_examples=100)
-@given(st.dictionaries(st.sampled_from([*EXTREME, "mass", ""]), st.one_of(GARBAGE, *EXTREME.values()), max_size=3))
-def test_reset_takes_garbage_for_a_scenario_with_a_clear_error_or_plays_it(scenario):
-    try:
-        observation, _ = gym.make(ID).reset(seed=0, options={"scenario": scenario})
-    except (TypeError, ValueError) as error:
-        refusal = str(error)
-        assert any(name in refusal for name in EXTREME), refusal
-    else:
-        assert np.isfinite(observation).all()
-        assert set(scenario) <= set(EXTREME)
-
-
 @settings(FUZZ, max_examples=120)
 @given(
     rows_of_tasks(count=1),
@@ -94,4 +55,4 @@ def test_environment_plays_whatever_it_accepts_to_a_finite_end(rows, extreme, sc
     assert math.isfinite(rewards.sum())
     assert all_finite(info)
     if info["status"] != "ok" and not info["status"].startswith("not settled"):
-        assert info["reward_terms"]["missed"] == -2.0
+        assert info["reward_terms"]["missed"] == -options.get("missed_cost", 2.0)

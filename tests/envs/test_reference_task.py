@@ -80,6 +80,8 @@ def test_environment_plays_what_the_reference_plays(setup, controller, velocity_
       for period, delay in ((0.016, 0.016), (0.011, 0.0), (0.016, 0.040))),
     ("validation", {"velocity_range": (-0.1, 1.0), "acceleration_range": (0.5, 8.0), "privileged": True}, 3, 1e-7),
     ("validation", {"robot": TABLE} | RIGID, 3, 1e-7),
+    ("validation", {"friction": 0.3, "after_alarm": 0.2, "horizon": 1.0}, 4, 1e-8),
+    ("validation", {"friction": 0.8, "dissipation": "fixed", "reference_velocity": 0.5} | RIGID, 4, 1e-8),
 ], ids=str)  # fmt: skip
 def test_environment_shows_what_the_reference_shows_whatever_is_done(frozen, options, rows, velocity_error):
     controllers = Played(rows), Played(rows)

@@ -6,18 +6,22 @@ include "../../impact_gym/kernels.pyx"
 
 def drift_once(law, chain, double acceleration, double time):
     """Move `chain` (1, CHAIN) through `time` (s) of flight in closed form under a `law` (1, LAW)."""
-    drift(<const Law *> memory_of(law), <Chain *> memory_of(chain), acceleration, time)
+    cdef Run run
+    run.law, run.ground = <const Law *> memory_of(law), 0.0
+    drift(&run, <Chain *> memory_of(chain), acceleration, time)
 
 
 def first_touch(law, chain, double acceleration, double horizon):
     """Time (s) until `chain` touches, inf if not within `horizon`; likewise."""
-    return touch_time(<const Law *> memory_of(law), <const Chain *> memory_of(chain), acceleration, horizon)
+    cdef Run run
+    run.law, run.ground = <const Law *> memory_of(law), 0.0
+    return touch_time(&run, <const Chain *> memory_of(chain), acceleration, horizon)
 
 
 def never_touches(law, chain):
     """Whether `chain` is known never to touch again while the imposed motion rests; likewise, without a robot."""
     cdef Run run
-    run.law, run.tables = <const Law *> memory_of(law), NULL
+    run.law, run.tables, run.ground = <const Law *> memory_of(law), NULL, 0.0
     return cannot_touch(&run, <const Chain *> memory_of(chain))
 
 
@@ -44,6 +48,7 @@ def step_once(plan, table, chain, double acceleration, bint flying, x, double h,
     lower(&given.mount, &law)
     run.law, run.tables, run.contact = &law, <const double *> memory_of(table), given.contact
     run.object_mass, run.threshold, run.tolerance = given.object_mass, given.threshold, 1.0
+    run.ground = STANDARD_GRAVITY * given.friction
     begin_piece(&run, <const Chain *> memory_of(chain), acceleration, INFINITY, flying, &now)
     memcpy(work.x, memory_of(x), now.width * sizeof(double))
     rates(&now, work.x, work.rate)

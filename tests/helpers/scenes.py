@@ -1,6 +1,7 @@
 """The paper's tool, object, distance and motion, of which a test changes what it is about; and random approaches."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -59,6 +60,29 @@ def random_approach(seed, coupling="any", robot="rigid robot", laws=("hu-guo",),
     motion = ig.Trapezoid(random.uniform(0.3, 1.5), random.uniform(4, 20), brake if brakes else None)
     chain = ig.Scene(ig.Tool(log(0.05, 0.5)), target, contact, couplings[coupling], robots[robot])
     return chain, motion, target.distance / motion.speed + motion.speed / motion.acceleration + 0.25
+
+
+def on_rough_ground(seed, *features):
+    """A random approach of any chain with some of: friction under the object, a stroke of the spring, a fixed chi."""
+    random = np.random.default_rng([2028, seed])
+    kind = "spring" if "stroke" in features else ("any", "spring", "bistable", "rigid")[seed % 4]
+    chain, motion, duration = random_approach(seed, kind, [*ROBOTS][seed // 4 % 3])
+    if "friction" in features:
+        chain = replace(chain, object=replace(chain.object, friction=log_uniform(random, 0.01, 3.0)))
+    if "stroke" in features:  # at least as long as the way that the arm's own acceleration takes
+        rest = motion.acceleration * chain.tool.mass / chain.coupling.stiffness
+        chain = replace(chain, coupling=replace(chain.coupling, stroke=rest + log_uniform(random, 1e-3, 3e-2)))
+    if "fixed" in features:
+        exponents = (*EXPONENTS, (1.5, 1.0))[seed % 6]
+        contact = (
+            chain.contact.stiffness,
+            chain.contact.restitution,
+            "fixed",
+            *exponents,
+            log_uniform(random, 0.05, 2.0),
+        )
+        chain = replace(chain, contact=ig.Contact(*contact))
+    return chain, motion, duration
 
 
 def time_unit(scene, contact):

@@ -8,8 +8,9 @@ import impact_gym as ig
 SPANS = {
     "tool_mass": (0.05, 0.4), "alarm_threshold": (0.2, 15.0), "force_noise": (0.0, 2.0), "force_bias": (0.0, 1.0),
     "range_noise": (0.001, 0.05), "range_bias": (-0.02, 0.02), "time_weight": (0.5, 8.0), "reaction_delay": (0.0, 0.05),
+    "friction": (0.0, 0.6),
 }  # fmt: skip
-SPRING = {"stiffness": (20.0, 600.0), "damping_ratio": (0.0, 1.5)}
+SPRING = {"stiffness": (20.0, 600.0), "damping_ratio": (0.0, 1.5), "stroke": (0.05, 0.1)}
 MECHANISM = {
     "stiffness": (40.0, 80.0), "free_length": (0.07, 0.08), "height": (0.02, 0.03), "front_stop": (0.001, 0.02),
     "rear_stop": (-0.03, -0.01), "stop_stiffness": (1e4, 1e5), "stop_damping_ratio": (0.5, 1.0),
@@ -65,7 +66,8 @@ OWN = {
     "scenario": st.sampled_from(["train", "hard"]) | some_of(SCENARIO),
     "robot": ROBOTS,
     "alarm": st.sampled_from(["force", "reading"]),
-    "dissipation": st.sampled_from(["hu-guo", "exact"]),
+    "dissipation": st.sampled_from(["hu-guo", "exact", "fixed"]),
+    "missed_cost": st.floats(0.0, 5.0),
     "force_weight": st.floats(0.0, 0.02),
     "control_period": st.floats(0.009, 0.03),
     "acceleration_range": st.just((0.5, 8.0)),

@@ -10,14 +10,14 @@ from functools import cache
 import numpy as np
 import pytest
 import taylor
-from scenes import MOTION, ROBOTS, random_approach, scene, time_unit
+from scenes import MOTION, ROBOTS, on_rough_ground, random_approach, scene, time_unit
 
 import impact_gym as ig
 from experiments import reference
 from experiments.solver.solutions import Solution
 from impact_gym.scene import Dissipation
 
-SCENES = 150
+SCENES, ROUGH = 150, 60
 RTOLS = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9)
 
 
@@ -99,6 +99,29 @@ def test_simulate_agrees_with_the_reference_for_every_coupling_on_every_robot(co
         bound = (100 if coupling == "bistable" else 3) * rtol + 1e-9  # the reference's own error in flight
         assert (np.abs(ours - theirs) / (size + sensitive)).max() < bound
         assert fast.momentum_error < 1e-9
+
+
+@pytest.mark.storm
+@pytest.mark.parametrize(
+    "features", [("friction",), ("stroke",), ("fixed",), ("friction", "stroke", "fixed")], ids="-".join
+)
+def test_simulate_agrees_with_the_reference_on_rough_ground_at_stops_and_under_a_fixed_damping(features):
+    slid = stopped = 0
+    for seed in range(ROUGH):
+        approach = on_rough_ground(seed, *features)
+        chain, slow, fast = approach[0], reference.simulate(*approach), ig.simulate(*approach, rtol=1e-10)
+        # flights of a mechanism hold each step, not their end, to rtol
+        close = 1e-8 if isinstance(chain.coupling, ig.Bistable) else 1e-9
+        assert fast.peak_object_velocity == pytest.approx(slow.peak_object_velocity, rel=0, abs=close)
+        assert fast.object_velocity == pytest.approx(slow.object_velocity, rel=0, abs=close)
+        assert len(fast.contacts) == len(slow.contacts)
+        assert fast.momentum_error < 1e-9
+        if fast.slide is not None and fast.object_velocity == 0.0:
+            assert fast.slide == pytest.approx(slow.object_position - chain.object.distance, rel=0, abs=close)
+            slid += fast.slide > 0.0
+        stopped += slow.stop_hits > 0
+    assert slid >= ROUGH // 8 or "friction" not in features
+    assert stopped >= ROUGH // 8 or "stroke" not in features
 
 
 @pytest.mark.parametrize("e", [1.0, 0.8, 0.5])

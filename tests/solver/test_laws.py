@@ -155,7 +155,9 @@ def in_units(value, mass, length, time, name=""):
     """A number, or a record of numbers, in other units: each mass so many times as large, and so on."""
     force = mass * length / time**2
     if isinstance(value, ig.Contact):  # N/m^m
-        return replace(value, stiffness=value.stiffness * force / length**value.stiffness_exponent)
+        reference = value.reference_velocity and value.reference_velocity * length / time
+        stiffness = value.stiffness * force / length**value.stiffness_exponent
+        return replace(value, stiffness=stiffness, reference_velocity=reference)
     if is_dataclass(value):
         names = [name for name in value.__dataclass_fields__ if getattr(value, name) is not None]
         return replace(value, **{name: in_units(getattr(value, name), mass, length, time, name) for name in names})

@@ -22,8 +22,9 @@ from impact_gym.task.episodes import fixed_records
 from impact_gym.task.task import PLACES, arguments
 
 EVERY_ROW = pytest.mark.parametrize("row", QUANTITIES.values(), ids=list(QUANTITIES))
-CONTACT, BRAKE = ig.Contact(1e5, 0.5), ig.Brake(deceleration=5.0)
-SPRUNG = ig.Scene(ig.Tool(0.125), ig.Object(0.25, 0.25, 0.1), CONTACT, ig.SpringDamper(150.0), ig.Robot(5.0, 1e5, 50.0))
+CONTACT, BRAKE = ig.Contact(1e5, 0.5, "fixed"), ig.Brake(deceleration=5.0)
+SPRING, ROBOT = ig.SpringDamper(150.0, stroke=0.02), ig.Robot(5.0, 1e5, 50.0)
+SPRUNG = ig.Scene(ig.Tool(0.125), ig.Object(0.25, 0.25, 0.1), CONTACT, SPRING, ROBOT)
 SCENES = [SPRUNG, dataclasses.replace(SPRUNG, coupling=ig.Bistable())]
 RECORDS = [{**paths.parts(scene), "motion": ig.Trapezoid(1.0, 8.0, BRAKE)} for scene in SCENES]
 NUMBERS = {path: records for records in RECORDS for path in paths.flatten(records)}

@@ -1,0 +1,99 @@
+"""Friction under the object in the environment, and the task's own ends and costs."""
+
+from dataclasses import replace
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from episodes import ID, PAPERS_SPRING, scene
+
+import impact_gym as ig
+from agents.baselines import ConstantSpeed, PaperTrapezoid
+from agents.evaluate import ScenarioBatch
+from impact_gym.physics.impact import GRAVITY
+from impact_gym.task import Task
+
+SCENARIO = {"object_mass": 0.25, "contact_stiffness": 1e5, "restitution": 0.5, "distance": 0.2505}
+
+
+def final(controller, scenario=SCENARIO, **options):
+    """The final info of an episode, and its last observation."""
+    env = gym.make(ID, **options)
+    observation, _ = env.reset(seed=1, options={"scenario": scenario})
+    ended = False
+    while not ended:
+        observation, _, ended, _, info = env.step(np.reshape(controller.predict(observation)[0], 2))
+    return info, observation
+
+
+@pytest.mark.parametrize("coupling", [ig.Rigid(), PAPERS_SPRING, ig.SpringDamper(150.0, 0.2)], ids=str)
+@pytest.mark.parametrize("friction", [0.1, 0.5])
+def test_papers_rule_on_rough_ground_leaves_what_simulate_says(coupling, friction):
+    info, _ = final(PaperTrapezoid(), coupling=coupling, friction=friction)
+    struck = scene(SCENARIO, coupling)
+    struck = replace(struck, object=replace(struck.object, friction=friction))
+    motion = ig.Trapezoid(1.0, 8.0, ig.Brake())
+    outcome = ig.simulate(struck, motion, duration=5.0)
+    assert info["object_velocity"] == pytest.approx(outcome.peak_object_velocity, rel=1e-9)
+    assert info["slide"] == pytest.approx(outcome.slide, rel=1e-7)
+    assert info["rest_time"] == pytest.approx(outcome.rest_time, abs=1.5e-3)
+    assert info["slide"] > 0.0
+    assert info["reward_terms"]["velocity"] == -info["object_velocity"]
+
+
+def test_object_slides_as_in_a_workshop():
+    """V_p of 0.64 and 0.24 m/s, the rule's and a learned one's, are about 7 and 1 cm at mu = 0.3."""
+    slid = {v: v**2 / (2 * 0.3 * GRAVITY) for v in (0.64, 0.24)}
+    assert slid == {0.64: pytest.approx(0.07, abs=0.005), 0.24: pytest.approx(0.01, abs=0.005)}
+
+
+def test_info_has_slide_and_rest_time_where_there_is_friction_alone():
+    assert {"slide", "rest_time"} <= final(PaperTrapezoid(), friction=(0.1, 0.4))[0].keys()
+    assert final(PaperTrapezoid(), friction=0.0)[0].keys() == final(PaperTrapezoid())[0].keys()
+    assert {"slide", "rest_time"}.isdisjoint(final(PaperTrapezoid())[0])
+    missed, _ = final(ConstantSpeed([0.05]), friction=0.3)
+    assert missed["missed"]
+    assert (missed["slide"], missed["object_velocity"]) == (0.0, 0.0)
+    played = ScenarioBatch(0, 50, friction=0.3).play(PaperTrapezoid())
+    assert (played.slide >= played.object_velocity**2 / (0.6 * GRAVITY) * (1 - 1e-9)).all()
+    assert (played.first(3).slide == played.slide[:3]).all()
+    assert np.isfinite(played.rest_time).all()
+    smooth = ScenarioBatch(0, 50).play(PaperTrapezoid())
+    assert smooth.slide is None
+    assert (played.object_velocity < smooth.object_velocity).mean() > 0.9
+
+
+def test_horizon_time_after_the_alarm_and_cost_of_a_miss_are_those_asked_for():
+    info, observation = final(ConstantSpeed([0.05]), horizon=0.4, missed_cost=3.5)
+    assert (info["approach_time"], info["reward_terms"]["missed"]) == (0.4, -3.5)
+    spec = gym.make(ID, horizon=0.4).unwrapped.observation_spec
+    assert spec.decode(observation, "time") == pytest.approx(0.4, rel=1e-6)
+    assert spec.scale("time").high == pytest.approx(0.55)
+    assert Task(horizon=2.4).ends("horizon") == (0.0, 3.0)
+    assert Task().ends("horizon") == (0.0, 1.5)
+    _, observation = final(PaperTrapezoid(), after_alarm=0.3)
+    spec = gym.make(ID, after_alarm=0.3).unwrapped.observation_spec
+    assert spec.decode(observation, "time_since_alarm") == pytest.approx(0.3, rel=1e-6)
+    assert ScenarioBatch(0, 3, missed_cost=3.5).play(ConstantSpeed([0.05])).loss(1.0) == pytest.approx(1.2 + 3.5)
+
+
+@pytest.mark.parametrize(("arguments", "says"), [
+    ({"friction": -0.1}, r"friction must be finite and at least 0 and at most 1000 \(no unit\), got -0\.1"),
+    ({"friction": (0.3, 0.1)}, r"friction"),
+    ({"horizon": 0.1}, r"horizon must be longer than the way to the nearest object, 0\.15 m, takes: in 0\.1 s the arm"),
+    ({"horizon": 0.0}, r"horizon must be finite and at least 0\.001 "),
+    ({"after_alarm": -1.0}, r"after_alarm must be finite"),
+    ({"missed_cost": -1.0}, r"missed_cost must be finite and at least 0"),
+    ({"reference_velocity": 1.0}, r'reference_velocity must be None unless dissipation is "fixed"'),
+    ({"coupling": {"type": "Rigid", "stroke": 0.1}}, r"coupling has no field 'stroke'"),
+], ids=str)  # fmt: skip
+def test_arguments_that_make_no_sense_are_refused(arguments, says):
+    with pytest.raises(ValueError, match=says):
+        gym.make(ID, **arguments)
+
+
+def test_short_stroke_is_said_where_the_environment_is_made():
+    with pytest.warns(
+        UserWarning, match=r"stroke is 0\.02 m, but under 20 m/s\^2 the tool's place of rest is 0\.05 m away"
+    ):
+        gym.make(ID, coupling=ig.SpringDamper(50.0, stroke=0.02))

@@ -1,0 +1,166 @@
+"""Friction: closed forms of the slide and of what moves the object; energy; a stroke; a damping that is fixed."""
+
+import math
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scenes import CRUISE, MOTION, on_rough_ground, scene
+
+import impact_gym as ig
+from impact_gym.physics.impact import GRAVITY, sliding_distance
+
+SPRING = ig.SpringDamper(150.0)
+COUPLINGS = pytest.mark.parametrize(
+    "coupling", [ig.Rigid(), SPRING, ig.SpringDamper(150.0, 0.1), ig.Bistable()], ids=str
+)
+
+
+def rough(friction, *args, **options):
+    """The paper's scene, or another, with friction under the object."""
+    smooth = scene(*args, **options)
+    return replace(smooth, object=replace(smooth.object, friction=friction))
+
+
+@COUPLINGS
+@pytest.mark.parametrize("friction", [0.05, 0.3])
+def test_object_slides_as_far_as_its_last_speed_takes_it_and_rests(coupling, friction):
+    outcome = ig.simulate(rough(friction, 1e5, 0.5, coupling, m_p=0.4), MOTION, duration=4.0, trace=True)
+    last, trace = outcome.contacts[-1], outcome.trace
+    gone = sliding_distance(last.object_velocity, friction)
+    at_parting = np.interp(last.end, trace.time, trace.object_position)
+    assert trace.object_position[-1] - at_parting == pytest.approx(gone, rel=1e-9)
+    assert outcome.slide == pytest.approx(trace.object_position[-1] - 0.2505, rel=1e-12)
+    assert (outcome.object_velocity, trace.object_velocity[-1]) == (0.0, 0.0)
+    halt = last.end + last.object_velocity / (friction * GRAVITY)
+    assert outcome.rest_time >= halt * (1 - 1e-12)
+    still = trace.object_velocity[trace.time > halt + 1e-9]
+    assert not still.any()
+    # a run that ends earlier says how far it will slide
+    early = ig.simulate(rough(friction, 1e5, 0.5, coupling, m_p=0.4), MOTION, duration=last.end + 0.01)
+    assert early.slide == pytest.approx(outcome.slide, rel=1e-9)
+
+
+def test_rest_is_the_later_one_of_flange_and_object_where_the_tool_is_rigid():
+    slippery, sticky = (ig.simulate(rough(mu, 1e6, 0.5, m_p=0.4), MOTION, duration=4.0) for mu in (0.05, 2.0))
+    last = slippery.contacts[-1]
+    assert slippery.rest_time == pytest.approx(last.end + last.object_velocity / (0.05 * GRAVITY), rel=1e-12)
+    assert sticky.rest_time == pytest.approx(sticky.detection_time + 0.016 + 1.0 / 8.0, abs=1.1e-3)
+    assert ig.simulate(rough(0.3, 1e6, 0.5), CRUISE).rest_time == math.inf  # a flange that never brakes
+
+
+def test_tool_is_calm_once_its_swing_is_slower_than_a_millimetre_a_second():
+    outcome = ig.simulate(rough(0.5, 1e5, 0.5, ig.SpringDamper(150.0, 0.1)), MOTION, duration=4.0, trace=True)
+    trace = outcome.trace
+    fast = trace.time[np.abs(trace.tool_velocity) > 1e-3]
+    assert 0.0 < outcome.rest_time - fast[-1] < math.pi / math.sqrt(150.0 / 0.125)  # of an envelope: half a swing
+
+
+@pytest.mark.parametrize("coupling", [ig.Rigid(), SPRING], ids=str)
+def test_force_below_the_friction_moves_nothing_and_one_above_does(coupling):
+    k_c, m_p, depth = 1e4, 5.0, 1e-3  # pressed so deep, at 1 mm/s
+    slow = ig.Trapezoid(1e-3, 8.0, ig.Brake(1e-6, delay=1.0, deceleration=1e3))
+    struck = scene(k_c, 0.5, coupling, m_p=m_p, distance=1e-4)
+    at_most, at_least = (2.6 * k_c * depth**1.5, k_c * depth**1.5) if coupling == ig.Rigid() else (0.15, 0.149)
+    for force, moves in ((at_most, False), (0.5 * at_least, True)):
+        target = replace(struck.object, friction=force / (m_p * GRAVITY))
+        outcome = ig.simulate(replace(struck, object=target), slow, duration=3.0)
+        assert (outcome.peak_object_velocity > 0.0) == (outcome.slide > 1e-12) == moves
+        if not moves:
+            assert outcome.slide == pytest.approx(0.0, abs=1e-14)
+            assert outcome.contacts[-1].end is None  # it presses for good, and all rests
+            assert outcome.rest_time < 3.0
+
+
+def test_steady_push_takes_the_force_of_friction_and_the_flanges_speed():
+    outcome = ig.simulate(rough(0.4, 1e4, 0.1, SPRING, m_p=0.5), ig.Trapezoid(0.2, 8.0), duration=4.0, trace=True)
+    assert outcome.trace.contact_force[-1] == pytest.approx(0.4 * 0.5 * GRAVITY, rel=1e-6)
+    assert outcome.object_velocity == pytest.approx(0.2, rel=1e-6)
+    assert outcome.momentum_error < 1e-9
+
+
+def test_friction_takes_at_most_mu_g_for_the_time_of_the_contact_and_none_is_no_friction():
+    for coupling in (ig.Rigid(), ig.SpringDamper(20.0)):
+        free, *_ = ig.simulate(scene(1e5, 0.5, coupling), CRUISE, duration=0.42).contacts
+        for friction in (1e-9, 0.1, 0.3):
+            struck = ig.simulate(rough(friction, 1e5, 0.5, coupling), CRUISE, duration=0.42).contacts[0]
+            lost = free.object_velocity - struck.object_velocity
+            assert -1e-9 <= lost <= friction * GRAVITY * (struck.end - struck.start) + 1e-9
+            assert lost > 1e-5 or friction == 1e-9
+    assert ig.simulate(rough(0.0, 1e5, 0.5), CRUISE) == ig.simulate(scene(1e5, 0.5), CRUISE)
+
+
+@pytest.mark.parametrize(
+    "features", [("friction",), ("stroke",), ("fixed",), ("friction", "stroke", "fixed")], ids="-".join
+)
+def test_energy_is_never_made(features):
+    """At a constant speed v the flange puts in v times the momentum it gives, and the ground v times what it takes."""
+    for seed in range(0, 240, 12):  # without a robot
+        chain, motion, duration = on_rough_ground(seed, *features)
+        v, friction = motion.speed, (chain.object.friction or 0.0) * chain.object.mass * GRAVITY
+        outcome = ig.simulate(chain, replace(motion, brake=None), duration + 0.2, rtol=1e-11, trace=True)
+        trace, m = outcome.trace, chain.contact.stiffness_exponent
+        depth = np.maximum(trace.tool_position - trace.object_position, 0.0)
+        energy = 0.5 * chain.object.mass * trace.object_velocity**2 + 0.5 * chain.tool.mass * trace.tool_velocity**2
+        energy += chain.contact.stiffness * depth ** (m + 1) / (m + 1)
+        stretch = trace.tool_position - trace.flange_position
+        if isinstance(chain.coupling, ig.SpringDamper):
+            beyond = np.maximum(np.abs(stretch) - (chain.coupling.stroke or np.inf), 0.0)
+            energy += 0.5 * chain.coupling.stiffness * stretch**2 + 0.5e5 * beyond**2
+        elif isinstance(chain.coupling, ig.Bistable):
+            x, law = chain.coupling.rest + stretch, chain.coupling
+            beyond = np.maximum(np.maximum(x - law.front_stop, law.rear_stop - x), 0.0)
+            energy += law.energy(x) + 0.5 * law.stop_stiffness * beyond**2
+        given = chain.object.mass * trace.object_velocity + chain.tool.mass * trace.tool_velocity
+        made = np.diff(energy - v * given) - v * friction * np.diff(trace.time)
+        if isinstance(chain.coupling, ig.Rigid):  # whose own energy is imposed
+            made += np.diff(v * chain.tool.mass * trace.tool_velocity - 0.5 * chain.tool.mass * trace.tool_velocity**2)
+        steady = trace.time[:-1] > v / motion.acceleration * (1 + 1e-12)
+        assert made[steady].max() < 1e-9 * energy.max()
+        assert len(outcome.contacts) > 0
+
+
+def test_slow_touches_are_more_elastic_under_a_fixed_damping_and_the_restitution_holds_at_its_velocity():
+    delivered = []
+    for speed in (0.05, 0.2, 0.8):
+        fixed = scene(1e5, 0.4, dissipation="fixed", reference_velocity=0.2)
+        contact = ig.simulate(fixed, ig.Trapezoid(speed, 50.0), duration=1.0 + 0.3 / speed, rtol=1e-10).contacts[0]
+        delivered.append(contact.separation_velocity / contact.approach_velocity)
+        assert contact.approach_velocity == pytest.approx(speed, rel=1e-3)
+    assert delivered[0] > delivered[1] > delivered[2]
+    assert delivered[1] == pytest.approx(0.4, rel=1e-8)
+    lost = []  # 1 - e = 2/3 d + 4/9 d^2 where it is little, and d grows as the velocity
+    for speed in (0.05, 0.1):
+        approach = scene(1e5, 0.99, dissipation="fixed"), ig.Trapezoid(speed, 50.0), 1.0 + 0.3 / speed
+        (contact,) = ig.simulate(*approach, rtol=1e-11).contacts
+        lost.append(1.0 - contact.separation_velocity / contact.approach_velocity)
+    assert lost[1] / lost[0] == pytest.approx(2.0, rel=1e-3)
+
+
+def test_stroke_that_is_never_used_changes_nothing_and_one_that_is_keeps_the_tool_within():
+    free = ig.simulate(scene(1e5, 0.5, SPRING), MOTION, rtol=1e-11, trace=True)
+    reach = np.abs(free.trace.tool_position - free.trace.flange_position).max()
+    wide = ig.simulate(scene(1e5, 0.5, ig.SpringDamper(150.0, stroke=1.1 * reach)), MOTION, rtol=1e-11)
+    assert wide.object_velocity == pytest.approx(free.object_velocity, rel=1e-9)
+    narrow = ig.simulate(scene(1e5, 0.5, ig.SpringDamper(150.0, stroke=0.5 * reach)), MOTION, trace=True)
+    stretch = np.abs(narrow.trace.tool_position - narrow.trace.flange_position).max()
+    assert 0.5 * reach < stretch < 0.5 * reach + 1e-2
+    assert abs(narrow.object_velocity - free.object_velocity) > 1e-3
+
+
+def test_stroke_shorter_than_the_rest_under_the_arms_acceleration_is_said_with_the_number():
+    short = ig.SpringDamper(50.0, stroke=0.01)
+    with pytest.warns(
+        UserWarning, match=r"stroke is 0\.01 m, but under 8 m/s\^2 the tool's place of rest is 0\.02 m away"
+    ):
+        ig.simulate(scene(1e5, 0.5, short), MOTION)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        ig.simulate(scene(1e5, 0.5, ig.SpringDamper(50.0, stroke=0.021)), MOTION)
+
+
+def test_reference_velocity_belongs_to_a_fixed_damping_alone():
+    assert ig.Contact(1e5, 0.5, "fixed").reference_velocity == 1.0
+    with pytest.raises(ValueError, match=r'Contact\.reference_velocity must be None unless .*"fixed"'):
+        ig.Contact(1e5, 0.5, reference_velocity=1.0)
