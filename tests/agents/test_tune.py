@@ -15,7 +15,7 @@ from agents.baselines.random import Jittery
 from agents.baselines.rule import Parameter
 from agents.baselines.tuned import load_baseline, read_tuned, write_tuned
 from agents.evaluate import ScenarioBatch
-from agents.tune import CLEAN_ALARM, Tune, scores, search_bounds, tune, tune_one
+from agents.tune import CLEAN_ALARM, Tune, scores, search_bound, search_bounds, tune, tune_one
 
 SPACE = (
     Parameter("speed", "m/s", -1.0, 3.0, 0.0),
@@ -149,6 +149,12 @@ def test_bound_of_is_below_every_baseline_that_is_shipped(name, weight):
         blind = ScenarioBatch.of(bound.FROZEN, count, **options).play(load_baseline(baseline, weight)).loss(weight)
         assert known.mean() < blind.mean()
         assert np.mean(known < blind) > 0.9  # in single scenarios a search may end in the wrong valley
+
+
+def test_search_of_the_bound_prefers_a_gentle_touch_to_none_however_little_time_costs():
+    parameters = search_bound({}, 0.01, scenarios=3, generations=12, population=10)["parameters"]
+    known = ScenarioBatch.of("test", 3, time_weight=[0.01], privileged=True).play(Clairvoyant(parameters))
+    assert not known.missed.any()
 
 
 def test_search_bounds_finds_what_knowing_the_scenario_is_worth_and_keeps_it(tmp_path):

@@ -32,6 +32,7 @@ BEGINNINGS = {  # of the statements that do not simply agree; each carries its r
         "Since e = 1, the relative velocity before and after the impact are equal",
         "The decrease in k_c leads to a reduction in V_p, opposite to e = 1",
         "During the contact the velocity of the tool is lower",
+        "A tool that is able to delay the moment in which it actively pushes the objects, giving time to the operator",
     ),
     Verdict.ONE_READING: (  # the page has both readings
         "The increase in stiffness k_t",

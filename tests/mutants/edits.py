@@ -1,14 +1,19 @@
-"""Small edits: of Python by Cosmic Ray's operators, of Cython token by token; which of them are tried is seeded."""
+"""Small edits: of Python by Cosmic Ray's operators, of Cython token by token; which of them are tried is a sample.
+
+An edit has a key, of its file, its line's text and what is done to it. Tried are first those that `sample.json` has,
+then those whose keys are smallest: so a change of a file replaces the edits of the lines that it changes, and no more.
+"""
 
 import io
+import json
 import tokenize
 import zlib
 from collections import Counter
 from dataclasses import dataclass
 from difflib import SequenceMatcher
 from functools import partial
+from pathlib import Path
 
-import numpy as np
 from cosmic_ray.ast import Visitor, get_ast
 from cosmic_ray.mutating import mutate_code
 from cosmic_ray.plugins import get_operator
@@ -30,6 +35,10 @@ WORDS = {"and": "or", "or": "and", "not": "", "min": "max", "max": "min", "fabs"
 PERCENT = 1.01  # a number of Cython is off by one per cent
 
 
+SAMPLE = json.loads((Path(__file__).parent / "sample.json").read_text("utf-8"))
+"""Keys by file."""
+
+
 @dataclass(frozen=True)
 class Edit:
     """Lines of a file, from `line` (1 is the first), and what stands there instead; no file: nothing is edited."""
@@ -41,33 +50,47 @@ class Edit:
 
 
 def mutants(where, left_out):
-    """Edits of the files in these places, as many of each file as the square root of what there could be, seeded."""
+    """Edits of the files in these places, as many of each file as the square root of what there could be."""
     files = {str(file.relative_to(ROOT)) for name in where for file in (ROOT / name).rglob("*.p[yx]*")}
     files |= {name for name in where if name.endswith(".py")}
     for file in sorted(file for file in files - set(left_out) if file.endswith((".py", ".pyx", ".pxi"))):
         source = (ROOT / file).read_text("utf-8")
         possible = (python_edits if file.endswith(".py") else cython_edits)(file, source)
-        chosen = np.random.default_rng(zlib.crc32(file.encode())).permutation(len(possible))
-        yield from (possible[place]() for place in sorted(chosen[: min(MOST, round(SHARE * len(possible) ** 0.5))]))
+        known = {key: place for place, key in enumerate(SAMPLE.get(file, ()))}
+        ranked = sorted(possible, key=lambda key: (known.get(key, len(known)), key))
+        yield from (possible[key]() for key in ranked[: min(MOST, round(SHARE * len(possible) ** 0.5))])
 
 
-class Counted(Visitor):
-    """How many edits each of Cosmic Ray's operators could make."""
+def keyed(file, edits):
+    """Functions that return an edit by key, given with the line that each edits and a word for what it does there."""
+    by_key, alike = {}, Counter()
+    for line, word, edit in edits:
+        what = f"{file}|{word}|{line.strip()}"
+        by_key[f"{zlib.crc32(f'{what}|{alike[what]}'.encode()):08x}"] = edit
+        alike[what] += 1
+    return by_key
+
+
+class Found(Visitor):
+    """The lines in which each of Cosmic Ray's operators could make an edit, in its order."""
 
     def __init__(self):
-        self.count = Counter()
+        self.rows = {name: [] for name in PYTHON}
 
     def visit(self, node):
         for name in PYTHON:
-            self.count[name] += sum(1 for _ in get_operator(f"core/{name}")().mutation_positions(node))
+            self.rows[name] += [start[0] for (start, _) in get_operator(f"core/{name}")().mutation_positions(node)]
         return node
 
 
 def python_edits(file, source):
-    """Functions that return an edit: all that Cosmic Ray's operators make of a Python file."""
-    counted = Counted()
-    counted.walk(get_ast(source))
-    return [partial(python_edit, file, source, name, place) for name in PYTHON for place in range(counted.count[name])]
+    """All that Cosmic Ray's operators make of a Python file, by key."""
+    found, lines = Found(), source.split("\n")
+    found.walk(get_ast(source))
+    return keyed(file, (
+        (lines[row - 1], name, partial(python_edit, file, source, name, place))
+        for name, rows in found.rows.items() for place, row in enumerate(rows)
+    ))  # fmt: skip
 
 
 def python_edit(file, source, name, place):
@@ -79,7 +102,7 @@ def python_edit(file, source, name, place):
 
 
 def cython_edits(file, source):
-    """Functions as above: operators and words of a Cython file for their opposites, numbers off by a per cent."""
+    """Operators and words of a Cython file for their opposites, numbers off by a per cent; by key."""
     lines, edits = source.split("\n"), []
     for token in tokenize.generate_tokens(io.StringIO(source).readline):
         (row, start), (_, end), line = token.start, token.end, lines[token.start[0] - 1]
@@ -94,5 +117,6 @@ def cython_edits(file, source):
         elif token.type == tokenize.NUMBER:
             instead = str(int(token.string, 0) + 1)
         if instead is not None:
-            edits.append(partial(Edit, file, row, line, line[:start] + instead + line[end:]))
-    return edits
+            after = line[:start] + instead + line[end:]
+            edits.append((line, after.strip(), partial(Edit, file, row, line, after)))
+    return keyed(file, edits)
