@@ -32,6 +32,7 @@ COMMANDS = {
     "tune-training": Command("agents.tune_training", ("train",), "search for settings of a training"),
     "export": Command("agents.export", ("train",), "write a policy as ONNX and as a controller in C"),
     "policies": Command("experiments.policies", (), "list the shipped policies with what they are for"),
+    "gain": Command("experiments.gain", ("train", "report"), "say what the gain over the paper's rule is made of"),
     "design": Command("experiments.design", ("train", "report"), "find the coupling that leaves the object slowest"),
     "identify": Command("impact_gym.identify", (), "fit the numbers of a tool and an object to a measured blow"),
     "robot": Command("impact_gym.robot", ("robot",), "compute the default approach of the Viper s650 from its joints"),

@@ -151,10 +151,11 @@ cdef int fly_on(Run *run, Chain *chain, double acceleration, double until) noexc
     return ARRIVED
 
 
-cdef bint is_calm(const Run *run, const Chain *chain) noexcept nogil:
-    """Whether the imposed motion rests, and the tool, with what it hangs on, is never faster again than REST_SPEED.
+cdef double calm_reach(const Run *run, const Chain *chain) noexcept nogil:
+    """How far the tool still moves, m, if it is calm, else inf.
 
-    Seen from its next place of rest a swing is as fast as hypot(v, a / omega), or slower, with any omega below its own.
+    It is once the imposed motion rests and the tool, with what it hangs on, is never faster again than REST_SPEED. Seen
+    from its next place of rest a swing is as fast as hypot(v, a / omega), or slower, with any omega below its own.
     """
     cdef const Law *law = run.law
     cdef RobotTable table
@@ -162,12 +163,12 @@ cdef bint is_calm(const Run *run, const Chain *chain) noexcept nogil:
     cdef Motion move
     cdef double k, mass = law.tool_mass, push = sensed_force(run, chain)
     if chain.flange_velocity != 0.0 or (chain.touching and chain.footing != STUCK):
-        return False
+        return INFINITY
     if law.kind == RIGID:
-        return True
+        return 0.0
     if law.kind == SPRING:
         k = relative_force(law.frequency, law.damping_ratio, chain.deflection, chain.deflection_rate) - push / mass
-        return hypot(chain.deflection_rate, k / law.frequency) <= REST_SPEED
+        return slow_swing(chain.deflection_rate, k, law.frequency)
     move, k = motion_now(run, chain, 0.0, push), law.stiffness
     if law.intervals:
         table = robot_table(run)
@@ -175,17 +176,23 @@ cdef bint is_calm(const Run *run, const Chain *chain) noexcept nogil:
         if not law.coupled:
             k, mass = robot.stiffness, mass + robot.mass
         elif hypot(chain.flange_offset_rate, move.flange * sqrt(robot.mass / robot.stiffness)) > REST_SPEED:
-            return False
+            return INFINITY
     if law.stops:
         k = fabs(spring_slope(&law.mechanism, law.mechanism.rest + chain.deflection - chain.flange_offset))
         k += law.mechanism.stop_stiffness if chain.pressed != FREE else 0.0
-    return hypot(chain.deflection_rate, move.tool * sqrt(mass / k)) <= REST_SPEED
+    return slow_swing(chain.deflection_rate, move.tool, sqrt(k / mass))
+
+
+cdef inline double slow_swing(double velocity, double acceleration, double frequency) noexcept nogil:
+    """How far a swing of this angular frequency (rad/s) gets, m; inf if it is faster than REST_SPEED."""
+    cdef double fastest = hypot(velocity, acceleration / frequency)
+    return 2.0 * fastest / frequency if fastest <= REST_SPEED else INFINITY
 
 
 cdef void watch(const Run *run, Chain *chain) noexcept nogil:
     """Note since when the tool has been calm, if there is friction."""
     if run.ground > 0.0:
-        chain.calm = min(chain.calm, chain.time) if is_calm(run, chain) else INFINITY
+        chain.calm = min(chain.calm, chain.time) if calm_reach(run, chain) < INFINITY else INFINITY
 
 
 cdef void take_stock(const Run *run, Chain *chain, double distance) noexcept nogil:
@@ -196,7 +203,7 @@ cdef void take_stock(const Run *run, Chain *chain, double distance) noexcept nog
     cdef double speed = max(object_velocity(chain), 0.0)
     if run.ground == 0.0:
         return
-    if chain.contacts > 0:
+    if chain.top_speed > 0.0:
         chain.slide = chain.flange_position + chain.deflection - chain.penetration - distance
         chain.slide += 0.5 * speed * speed / run.ground
     chain.rest_time = max(chain.calm, chain.halt if chain.footing == STUCK else chain.time + speed / run.ground)

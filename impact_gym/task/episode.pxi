@@ -248,7 +248,16 @@ cdef int settle(Run *run, Row *row) noexcept nogil:
 
 
 cdef bint is_over(const Run *run, const Chain *chain) noexcept nogil:
-    """Whether nothing more happens to the object, and, with friction, the tool is calm."""
-    if chain.flange_velocity != 0.0 or (run.ground > 0.0 and isinf(chain.calm)):
+    """Whether nothing more happens to the object that changes V_p.
+
+    With friction the tool is calm, too. One that may still touch then makes the object no faster than twice REST_SPEED.
+    """
+    if chain.flange_velocity != 0.0:
         return False
-    return chain.touching or cannot_touch(run, chain) if run.ground > 0.0 else not chain.touching and cannot_touch(run, chain)
+    if run.ground == 0.0:
+        return not chain.touching and cannot_touch(run, chain)
+    if isinf(chain.calm):
+        return False
+    if chain.touching or chain.top_speed > 2.0 * REST_SPEED:
+        return True
+    return calm_reach(run, chain) < -chain.penetration or cannot_touch(run, chain)

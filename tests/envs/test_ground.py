@@ -26,7 +26,9 @@ def final(controller, scenario=SCENARIO, **options):
     return info, observation
 
 
-@pytest.mark.parametrize("coupling", [ig.Rigid(), PAPERS_SPRING, ig.SpringDamper(150.0, 0.2)], ids=str)
+@pytest.mark.parametrize(
+    "coupling", [ig.Rigid(), PAPERS_SPRING, ig.SpringDamper(150.0, 0.2), ig.Bistable(stop_damping_ratio=0.9)], ids=str
+)
 @pytest.mark.parametrize("friction", [0.1, 0.5])
 def test_papers_rule_on_rough_ground_leaves_what_simulate_says(coupling, friction):
     info, _ = final(PaperTrapezoid(), coupling=coupling, friction=friction)

@@ -1,0 +1,143 @@
+"""How much of the gain is knowing where objects can stand: rule, best steady speed and best profile, place by place.
+
+All have the same arm, and the last two the same choice of reactions. A profile differs from a steady speed in one
+thing: it may be faster where no object stands yet, and slower where most have been met. What it gains is what the place
+tells. In theory V_p grows as the speed v, and the best v as the root of the share of objects that are still ahead; a
+place without memory says nothing of what is left, and nothing is gained.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agents.baselines import BlindProfile, PaperTrapezoid
+from agents.baselines.cmaes import minimise
+from agents.baselines.reaction import ACCELERATION, REACTION, ReactingRule
+from agents.baselines.rule import Floats, Parameter
+from agents.evaluate import TEST_SEED, TUNING_SEED, ScenarioBatch
+from agents.jobs import Result
+from experiments.lab.comparison import Comparison
+from experiments.lab.statistics import Resamples, estimate
+from experiments.lab.tables import Gather, Row, result_of, solver_and
+from impact_gym.task.task import VELOCITY_RANGE
+
+
+class Steady(ReactingRule):
+    """One speed wherever the flange is, until the alarm; then a reaction as good as that of a profile."""
+
+    PARAMETERS = (Parameter("speed", "m/s", 0.01, VELOCITY_RANGE[1], 0.6), ACCELERATION, *REACTION)
+
+    def speed(self, position: Floats) -> Floats:
+        """Return the speed (m/s)."""
+        return np.broadcast_to(self["speed"], np.shape(position))
+
+
+class Prior(NamedTuple):
+    """Where objects can stand."""
+
+    near: float  # m, from the tool
+    far: float  # m; of a place without memory where 95 % have been met
+    memoryless: bool = False
+
+    @property
+    def words(self) -> str:
+        """What it is called."""
+        if self.memoryless:
+            return f"without memory, {100 * self.mean:.0f} cm on average"
+        return f"{100 * self.near:.3g} to {100 * self.far:.3g} cm"
+
+    @property
+    def mean(self) -> float:
+        """Of the distance, m."""
+        return (self.far - self.near) / np.log(20.0) if self.memoryless else 0.5 * (self.near + self.far)
+
+    def environment(self) -> dict[str, Any]:
+        """Arguments of the environment; there is time for all of them."""
+        return {"scenario": {"distance": (self.near, self.far)}, "horizon": 1.2 if self.far < 0.5 else 6.0}
+
+    def distances(self, seed: int, count: int) -> Floats:
+        """Return where the objects of so many scenarios stand, m."""
+        share = (np.random.default_rng(seed).permutation(count) + 0.5) / count  # one of each count-th
+        away = -np.log1p(-share) / np.log(20.0) if self.memoryless else share
+        return self.near + (self.far - self.near) * away
+
+
+FREE, RANGE = (0.001, 0.05, 0.10, 0.15, 0.20), (0.1, 0.4, 1.0)  # m, the ways before a range of 0.2 m, and other ranges
+PRIORS = (
+    *(Prior(near, near + 0.2) for near in FREE),
+    *(Prior(0.15, 0.15 + width) for width in RANGE),
+    Prior(0.001, 0.6, memoryless=True),
+)
+RULES: Mapping[str, Any] = {"rule": PaperTrapezoid, "steady": Steady, "profile": BlindProfile}
+
+
+class Effort(NamedTuple):
+    """Of the searches."""
+
+    weights: tuple[float, ...] = (0.7, 2.0, 5.0)  # m/s per s
+    scenarios: int = 200
+    generations: int = 90
+    tested: int = 1000
+
+
+def searched(
+    near: float, far: float, memoryless: bool, rule: str, weight: float, scenarios: int, generations: int, tested: int,
+    population: int = 16,
+) -> Result:  # fmt: skip
+    """Return what the best of a rule comes to in each of the test scenarios; it was searched on others."""
+    prior, kind = Prior(near, far, memoryless), RULES[rule]
+    options = {"threads": 1, "quiet": True, "lenient": True, **prior.environment()}
+
+    def played(numbers: Any, seed: int, count: int, copies: int, rtol: float) -> Any:
+        stage = ScenarioBatch(seed, count, copies, [weight] * copies, rtol=rtol, **options)
+        controller = kind.of(np.repeat(numbers, count, axis=0)) if rule != "rule" else kind()
+        distances = np.tile(prior.distances(seed, count), copies)
+        return stage.play(controller.for_environment(prior.environment()), {"distance": distances})
+
+    def losses(candidates: Floats) -> Floats:
+        episodes = played(candidates[:, 0], TUNING_SEED, scenarios, population, 1e-5)
+        return episodes.loss(weight).reshape(population, scenarios).mean(axis=1)[:, None]
+
+    found = None if rule == "rule" else minimise(losses, kind.PARAMETERS, 1, population, generations, 1).parameters
+    episodes = played(found, TEST_SEED, tested, 1, 1e-8)
+    columns = {name: getattr(episodes, name).tolist() for name in ("object_velocity", "approach_time", "missed")}
+    asked = {"near": near, "far": far, "memoryless": memoryless, "rule": rule, "weight": weight}
+    return result_of([asked | dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)])
+
+
+def rows(gather: Gather, effort: Effort, priors: Sequence[Prior] = PRIORS) -> list[Row]:
+    """Return a row for each test scenario of each prior, rule and weight."""
+    jobs = [
+        {**prior._asdict(), "rule": rule, "weight": weight, **effort._asdict()}
+        for prior in priors for rule in RULES for weight in (effort.weights if rule != "rule" else (1.0,))
+    ]  # fmt: skip
+    for job in jobs:
+        del job["weights"]
+    return gather("priors", searched, jobs, solver_and("experiments.gain", "agents.baselines", "agents.evaluate"))
+
+
+def table(found: Sequence[Row]) -> list[dict[str, Any]]:
+    """Return for each prior what each rule leaves the object at the mean time of the paper's rule, with intervals."""
+    lines = []
+    for prior in dict.fromkeys(Prior(row["near"], row["far"], row["memoryless"]) for row in found):
+        mine = [row for row in found if (row["near"], row["far"], row["memoryless"]) == tuple(prior)]
+        fronts = {rule: _front([row for row in mine if row["rule"] == rule]) for rule in RULES}
+        rule, steady, profile = (Comparison.of_fronts(front, fronts["rule"]).ours for front in fronts.values())
+        missed = max(np.mean([row["missed"] for row in mine if row["rule"] == name]) for name in RULES)
+        shares = {"limits": (rule - steady) / rule, "place": (steady - profile) / rule, "all": 1.0 - profile / rule}
+        line: dict[str, Any] = {"prior": prior, "time": fronts["rule"][0][0, 0], "missed": missed}
+        line["velocity"] = list(map(estimate, (rule, steady, profile)))
+        line |= {name: estimate(share) for name, share in shares.items()}
+        lines.append(line | {"profile": Comparison(profile, steady).reduction})
+    return lines
+
+
+def _front(found: Sequence[Row]) -> tuple[Floats, Floats]:
+    """Return mean times and velocities at each weight, in the sample and in each resample."""
+    weights = sorted({row["weight"] for row in found})
+    each = [[row for row in found if row["weight"] == weight] for weight in weights]
+    names = ("approach_time", "object_velocity")
+    values = {name: np.array([[row[name] for row in rows] for rows in each]) for name in names}
+    resamples = Resamples(values["approach_time"].shape[1])
+    return tuple(np.stack([resamples.means(line) for line in values[name]], axis=1) for name in names)  # type: ignore[return-value]
