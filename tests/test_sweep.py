@@ -78,6 +78,12 @@ def test_row_that_cannot_finish_says_why_and_does_not_affect_others():
         assert_row(outcomes, index, ig.simulate(dataclasses.replace(ringing, robot=robot), MOTION))
 
 
+def test_object_that_is_not_touched_rests_whatever_rounding_says():
+    outcomes = ig.sweep(scene(1e4, 0.5, SPRING), MOTION, {"motion.speed": np.linspace(0.01, 0.1, 40)}, duration=0.7)
+    assert (outcomes.contact_count == 0).all()
+    assert (outcomes.object_velocity == 0.0).all()
+
+
 def test_sweep_of_no_rows_has_none():
     assert ig.sweep(scene(1e4), MOTION, {"object.mass": []}).object_velocity.shape == (0,)
     assert ig.sweep(scene(1e4), MOTION, {}).object_velocity.shape == ()

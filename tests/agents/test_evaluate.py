@@ -111,3 +111,8 @@ def test_play_takes_a_shield_around_another_controller_from_plain_data():
     result = jobs.play(shield, {"set": "test", "count": 20}, environment=environment)
     same = Shield(environment, 50.0, load_policy("rigid-blind"))
     assert np.array_equal(result["peak_force"][0], ScenarioBatch.of("test", 20, **environment).play(same).peak_force)
+
+
+def test_batch_of_a_frozen_set_draws_its_own_scenarios_where_the_environment_has_some():
+    own = ScenarioBatch.of("test", 5, scenario={"distance": (0.2, 0.2)}).play(PaperTrapezoid())
+    assert (own.scenario["distance"] == 0.2).all()

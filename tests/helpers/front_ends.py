@@ -92,7 +92,7 @@ class Stable:
     """The batch of stable-baselines3."""
 
     def __init__(self, rows):
-        self.env = ImpactVecEnv(len(rows), per_slot=rows, threads=1)
+        self.env = ImpactVecEnv(num_envs=len(rows), per_slot=rows, threads=1)
 
     def begin(self, seed, options):
         self.env.seed(seed)

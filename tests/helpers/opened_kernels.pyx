@@ -25,6 +25,19 @@ def never_touches(law, chain):
     return cannot_touch(&run, <const Chain *> memory_of(chain))
 
 
+def energy_and_reach(law, double stretch, double kinetic):
+    """Energy of a coupling (J) and a bound on the stretch to come with so much `kinetic` energy (m); a `law` (1, LAW)."""
+    cdef const Law *given = <const Law *> memory_of(law)
+    return coupling_energy(given, stretch), coupling_reach(given, stretch, kinetic)
+
+
+def swing_reach(law, chain):
+    """Largest deflection to come (m) of an INTEGRATED `chain` on a lumped robot or none; likewise."""
+    cdef Run run
+    run.law, run.tables = <const Law *> memory_of(law), NULL
+    return integrated_reach(&run, <const Chain *> memory_of(chain))
+
+
 BLIND = 10.0, 1e-4  # longest and shortest blind step, scaled
 
 

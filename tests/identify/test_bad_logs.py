@@ -1,11 +1,13 @@
 """Logs and arguments that cannot be right: one line says what, where, and what is allowed."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from blows import MOTION, scene
 
 import impact_gym as ig
-from impact_gym.identify.log import read
+from impact_gym.identify.log import Log, _refuse_clipped, _refuse_other_force, read
 
 SCENE = scene(1e4, 0.5)
 TIME = np.arange(0.303, 0.343, 1 / 4000)  # s
@@ -34,7 +36,10 @@ BAD_LOGS = {
         {"time": np.delete(TIME, slice(50, 71)), "force": np.delete(FORCE, slice(50, 71))},
         r"time must have no gaps, but 0\.0055 s lie between samples 49 and 50",
     ),
-    "time stands still": ({"time": put(TIME, 30, TIME[29])}, "time must increase, but sample 30 is at"),
+    "time stands still": (
+        {"time": put(TIME, 30, TIME[29])},
+        r"time must increase, but sample 30 is at 0\.31025 s after 0\.31025 s",
+    ),
     "milliseconds": ({"time": 1e3 * TIME}, "at most 0.05 s between samples, got 0.25 s: is it in ms"),
     "millinewtons": ({"force": 1e6 * FORCE / FORCE.max()}, r"below 100000 N, got .* N: is it in mN\?"),
     "millimetres": ({"object_velocity": VELOCITY}, r"below 10 m/s, got 50 m/s: is it in mm/s\?"),
@@ -147,9 +152,23 @@ def test_identify_refuses_sensors():
     identify_refused("Sensor.rate of force is 2000 Hz", GOOD, sensor=ig.Sensor(rate=2000.0))
     identify_refused("no log has a column 'tool_velocity'", GOOD, sensor={"tool_velocity": ig.Sensor()})
     two = GOOD | {"object_velocity": VELOCITY / 100.0}
-    identify_refused("sensor must say which column it is of", two, sensor=ig.Sensor())
+    identify_refused(r"sensor must say which column it is of, \{'force': Sensor", two, sensor=ig.Sensor())
     for field in ("rate", "low_pass", "noise"):
         with pytest.raises(ValueError, match=f"Sensor.{field} must be finite and above 0"):
             ig.Sensor(**{field: 0.0})
     with pytest.raises(ValueError, match=r"Sensor\.bias must be a number"):
         ig.Sensor(bias="guess")
+
+
+def test_impulse_that_is_usual_is_that_of_tool_and_object_at_the_speed_of_the_approach():
+    near, weak = replace(SCENE, object=ig.Object(0.25, 0.01)), Log("blow", TIME, {"force": FORCE / 1e3})
+    with pytest.raises(ValueError, match=r"an impulse of about 0\.0333 N s, .* have at 0\.4 m/s"):  # 0.4 / (8 + 4)
+        _refuse_other_force(weak, near, MOTION, ig.Sensor())
+
+
+def test_flat_bottom_within_the_resolution_is_not_saturation():
+    values = np.array([5.0, 4.0, 2.0, *[0.5] * 8, 2.0, 4.0, 5.0, 4.5, 4.0])  # next to it 3 resolutions away, no more
+    _refuse_clipped(Log("blow", TIME[: len(values)], {"force": values}), "force")
+    values[2] = values[11] = 2.5
+    with pytest.raises(ValueError, match=r"force is saturated: it stays at 0\.5 N"):
+        _refuse_clipped(Log("blow", TIME[: len(values)], {"force": values}), "force")

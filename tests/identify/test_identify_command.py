@@ -80,3 +80,10 @@ def test_main_says_in_one_line_what_is_wrong_with_the_file(files, old, new, matc
 def test_main_refuses_a_number_without_a_place_in_a_set_up(files):
     with pytest.raises(SystemExit, match=r"contact\.stiffness_exponent has no place in a set-up"):
         identify(files, "--free", "contact.stiffness_exponent")
+
+
+def test_command_asks_for_the_scene(files, capsys):
+    with pytest.raises(SystemExit) as refusal:
+        main([str(files / "log.csv"), "--free", "object.mass"])
+    assert refusal.value.code == 2
+    assert "--scene" in capsys.readouterr().err

@@ -210,3 +210,9 @@ def test_moving_room_changes_nothing_within_it(coupling):
     assert there[0] == ig.simulate(*approach).object_velocity
     # integrated flights count their errors in the speed of the flange, which another frame has differently
     assert there[1:] == pytest.approx([there[0]] * 2, rel=1e-8 if coupling == "bistable" else 1e-11)
+
+
+def test_peak_of_a_touch_that_is_hardly_felt_is_that_of_hertz():
+    touch = ig.simulate(scene(1e3, 1.0, distance=1e-5), ig.Trapezoid(1e-4, 8.0), duration=5.0)
+    assert touch.peak_force == pytest.approx(1.25**0.6 * 1e3**0.4 * (0.25 * 1e-8) ** 0.6, rel=1e-7)
+    assert touch.contacts[0].peak_force == touch.peak_force < 1e-3

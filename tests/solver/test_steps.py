@@ -202,9 +202,10 @@ def test_jacobian_is_that_of_the_rates(name, exponents):
 def test_blind_step_of_a_flight_ends_before_any_touch(name, acceleration):
     step, random = stepper(f"{name}, flight", acceleration=acceleration), np.random.default_rng(2)
     longer = 0
-    for seed in range(25):
-        x = state(name, seed) * random.choice([-1.0, 1.0], 10)
-        x[0] = -(10 ** random.uniform(-3, 1))
+    for seed in range(40):
+        size = 1.0 if seed < 25 else 1e-2  # of all that moves: little energy, and a near object
+        x = state(name, seed) * random.choice([-1.0, 1.0], 10) * size
+        x[0] = -(10 ** random.uniform(-3, 1)) * size
         blind = step(x)["blind"]
         longer += blind > kernels().BLIND[1]
         path = solve_ivp(lambda _, y: step(y)["rate"], (0.0, blind), x, max_step=0.1, rtol=1e-6).y[0]

@@ -15,6 +15,7 @@ from tasks import EVERYTHING_DRAWN
 
 import impact_gym as ig
 from agents import load_policy, load_setup
+from impact_gym.envs.single import ImpactApproachEnv
 from impact_gym.identify.coordinates import free_coordinates
 from impact_gym.quantities import BY_PATH, EPISODE, NEVER_OBSERVED, QUANTITIES, RESULTS, SCENARIO, SENSORS, SET_UP
 from impact_gym.task import ObservationSpec, ScenarioRanges, Task, numbers, paths
@@ -284,3 +285,18 @@ def test_words_for_people_change_no_behaviour(monkeypatch):
         monkeypatch.setitem(QUANTITIES, name, dataclasses.replace(row, words=f"what is called {name}"))
     assert everything_shown()[0].entries[0].words == "what is called position"
     assert behaviour() == before
+
+
+def test_specification_says_how_each_field_of_a_scenario_is_drawn():
+    assert re.search(r"\| `restitution` +\| 0\.1 - 1 +\| uniform +\|", ImpactApproachEnv.__doc__)
+    assert re.search(r"\| `object_mass` +\| 0\.1 - 2\.5 +\| log-uniform +\|", ImpactApproachEnv.__doc__)
+
+
+def test_places_of_what_an_episode_draws_are_for_ever():
+    ids = [row.id for row in (*SCENARIO, *EPISODE)]
+    places = dict(zip(ids, (QUANTITIES[name].draw.place for name in ids), strict=True))
+    assert places == {
+        "object_mass": 0, "contact_stiffness": 1, "restitution": 2, "distance": 3, "time_weight": 4,
+        "distance_estimate": 5, "reaction_delay": 7, "force_error": 8, "noise_seed": 10,
+    }  # fmt: skip
+    assert QUANTITIES["noise_seed"].limits.at_most == 2.0**53  # up to where floats are whole numbers one by one
