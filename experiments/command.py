@@ -29,7 +29,6 @@ COMMANDS = {
     "tune": Command("agents.tune", ("train",), "tune the baselines of a set-up"),
     "train": Command("agents.train", ("train",), "train a policy for a set-up"),
     "train-seeds": Command("agents.train_seeds", ("train",), "train several seeds and ship the median"),
-    "tune-training": Command("agents.tune_training", ("train",), "search for settings of a training"),
     "export": Command("agents.export", ("train",), "write a policy as ONNX and as a controller in C"),
     "policies": Command("experiments.policies", (), "list the shipped policies with what they are for"),
     "gain": Command("experiments.gain", ("train", "report"), "say what the gain over the paper's rule is made of"),

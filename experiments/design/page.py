@@ -8,7 +8,6 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from agents.baselines.rule import Floats
-from experiments.design import sizes
 from experiments.design.run import Entry
 from experiments.design.study import CHOSEN, FRONT, GRID, PAPER, SEEDS, Study
 from experiments.lab.charts import OBJECT, SERIES, TOOL
@@ -142,13 +141,12 @@ def optimum(seeds: Sequence[Entry], grid: Sequence[Entry], paper: Entry) -> dict
     return {"table": table, "count": len(grid), "within": within, "spread": max(values) - min(values)}
 
 
-def write_page(study: Study, entries: Sequence[Entry], map_rows: Sequence[Row], file: str, runs: Any) -> Path:
+def write_page(study: Study, entries: Sequence[Entry], file: str, runs: Any) -> Path:
     """Write the page of a study, and return its path.
 
     Args:
         study: what was asked for.
         entries: as `run` returns them.
-        map_rows: of `sizes`; empty: none were asked for.
         file: name of the chosen design's set-up, beside the page.
         runs: notes of what made it.
     """
@@ -172,10 +170,8 @@ def write_page(study: Study, entries: Sequence[Entry], map_rows: Sequence[Row], 
         "rows": table,
         "file": file,
         "optimum": optimum(seeds, grid, paper) if grid else None,
-        "sizes": sizes.shares(map_rows) if map_rows else None,
     }
     figures = {"front": front_chart(lines)}
     figures |= {"grid": grid_chart(seeds, grid, study)} if grid else {}
-    figures |= {"sizes": sizes.maps(map_rows)} if map_rows else {}
-    tables = {"designs": table, "grid": [row(entry, paper) for entry in (*seeds, *grid)], "sizes": list(map_rows)}
+    tables = {"designs": table, "grid": [row(entry, paper) for entry in (*seeds, *grid)]}
     return write("design", study.out, tables, figures, content, runs)

@@ -49,8 +49,6 @@ class Study:
     grid: tuple[int, int] | None = None
     """Is it the optimum? So many values of each of two free numbers make a grid of designs; the controller of each is
     searched with the whole budget, and the page compares them with the seeds."""
-    sizes: bool = False
-    """Add maps of the paper's mechanism over its spring, for other objects, tools and speeds."""
     processes: int = 2
     """Searches at a time, each on one core; 0: none but this process."""
 

@@ -1,9 +1,10 @@
-"""Ablation: gain from limits, tuning, estimate, learning, and from knowing the object, one thing more at each step.
+"""Ablation: gain from limits, from knowing where, from shape, estimate, learning, and from knowing the object.
 
 A step has all that the one before has, so what the steps bring adds up to the whole; in another order each could bring
-more or less. The same rule with the arm's limits is the constant speed that is tuned for each weight and braked as hard
-as pays, on a spring with all of 20 m/s^2. Nothing is left to learn there, so it is a baseline of each set-up and no
-set-up of its own.
+more or less. Who brakes evenly towards the place where the object must have been met uses that objects stand within a
+range, and no more; a profile has a shape of its own over it. The same rule with the arm's limits is the constant speed
+that is tuned for each weight and braked as hard as pays, on a spring with all of 20 m/s^2. Nothing is left to learn
+there, so it is a baseline of each set-up and no set-up of its own.
 """
 
 from collections.abc import Mapping, Sequence
@@ -63,7 +64,8 @@ def links(played: Played) -> list[Link]:
     by_rule = {baseline.controller["tuned"]["rule"]: baseline.name for baseline in reversed(tuned)}  # of two the first
     task = Task(**played.matchup.environment)
     stronger = task.acceleration_range[1] > PaperTrapezoid()["deceleration"]
-    sources = {"ConstantSpeed": "the arm's limits" if stronger else "the choice of speed", "BlindProfile": "tuning"}
+    sources = {"ConstantSpeed": "the arm's limits" if stronger else "the choice of speed"}
+    sources |= {"ConstantDeceleration": "knowing where objects can stand", "BlindProfile": "the profile's shape"}
     sources |= {} if task.range_noise is None else {"Ranged": "the estimate"}
     sequence, added = [Link("", PAPER, [played.paper])], []
     for rule, source in sources.items():

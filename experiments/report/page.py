@@ -93,7 +93,7 @@ def tab(played: Played, all_played: Sequence[Played]) -> Tab:
 def _engineer(played: Played, steps: Sequence[chain.Step]) -> list[Fold]:
     ablation = chain.table(steps, played.matchup.labels)
     return [
-        Fold("Ablation: gain from limits, tuning, estimate, learning", [ablation], closed=False),
+        Fold("Ablation: gain from limits, knowing where, shape, estimate, learning", [ablation], closed=False),
         Fold("What it learned", [learned.approach(played)], closed=False, key="learned"),
         Fold("Forces, and what the objects get", [differences.measures(played)], closed=False, key="forces"),
         Fold("What a limit of force would cost", [shield.table(played)]),

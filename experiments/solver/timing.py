@@ -10,7 +10,6 @@ import signal
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
-from functools import lru_cache
 from itertools import count, islice
 from time import thread_time
 from typing import Any
@@ -23,26 +22,23 @@ import impact_gym as ig
 from agents.jobs import Result, digest_of
 from experiments import reference
 from experiments.lab.tables import Gather, Row, result_of, solver_and
-from experiments.solver import by_hand, in_mujoco, solutions
+from experiments.solver import by_hand, solutions
 from experiments.solver.approaches import Approach, approach_of, storm
-from experiments.solver.in_mujoco import Fit
 from experiments.solver.solutions import ERRORS, OURS, SHARED, Solution, errors, failure, known
 
 METHODS = ("RK45", "DOP853", "LSODA", "Radau")
-CAREFUL, PLAIN, MUJOCO = "SciPy", "solve_ivp", "MuJoCo"  # SciPy's integrators in the reference; as people write it
-NAMES = (OURS, *(f"{CAREFUL} {method}" for method in METHODS), *by_hand.METHODS, MUJOCO)
+CAREFUL, PLAIN = "SciPy", "solve_ivp"  # SciPy's integrators in the reference; as people write it
+NAMES = (OURS, *(f"{CAREFUL} {method}" for method in METHODS), *by_hand.METHODS)
 RTOLS = tuple(float(f"1e-{k}") for k in range(3, 13))
 STEPS = tuple(float(f"{step:.2g}") for step in np.geomspace(1e-3, 1e-6, 10))  # s
-MUJOCO_STEPS = (1e-3, 5e-4, 2e-4, 1e-4, 5e-5, 2e-5, 1e-5)  # s
 TOO_WRONG = 1e-2  # m/s in V_p: then an answer is a failure
 LEAST = 5e-3  # s, in a round, so that the clock's grain does not matter
 MOST_CALLS = 10_000
 SLOW = 0.2  # s, of a call that is made in the first round only
-FINE, COARSE = 1e-6, 1e-3  # m/s in V_p
+FINE = 1e-6  # m/s in V_p
 RIVALS = {  # on the page about speed, and the error at which each is compared
     "scipy": ([name for name in NAMES if name.startswith(CAREFUL)], FINE),
     "by_hand": ([*by_hand.METHODS], FINE),
-    "mujoco": ([MUJOCO], COARSE),
 }
 OUR_RTOL, RTOL, ATOL = 1e-8, 1e-6, 1e-9
 CLOSE = 1e-3  # of V_p, relative: then a rival stands in a scene of the storm
@@ -58,12 +54,11 @@ Settings = Sequence[tuple[str, float]]
 
 
 def settings(
-    rtols: Sequence[float] = RTOLS, scipy_rtols: Sequence[float] = RTOLS, steps: Sequence[float] = STEPS,
-    mujoco_steps: Sequence[float] = MUJOCO_STEPS,
+    rtols: Sequence[float] = RTOLS, scipy_rtols: Sequence[float] = RTOLS, steps: Sequence[float] = STEPS
 ) -> Settings:  # fmt: skip
     """Return who is tried at which tolerance or step, ours first."""
     tried = {OURS: rtols, **{f"{CAREFUL} {method}": scipy_rtols for method in METHODS}}
-    tried |= {method: steps for method in by_hand.METHODS} | {MUJOCO: mujoco_steps}
+    tried |= {method: steps for method in by_hand.METHODS}
     return [(name, setting) for name in tried for setting in tried[name]]
 
 
@@ -84,23 +79,17 @@ def limited(seconds: float | None) -> Iterator[None]:
         signal.signal(signal.SIGPROF, before)
 
 
-def solved(approach: Approach, name: str, setting: float, fit: Fit | None = None) -> tuple[Solution, float]:
+def solved(approach: Approach, name: str, setting: float) -> tuple[Solution, float]:
     """Return the solution of a contender at a tolerance or step (s), and the processor time that it is charged, s.
 
     Ours is charged all the way from the scene to the outcome. SciPy is charged the contacts alone: the reference,
     which drives it, flies by the matrix exponential, or at rtol 1e-12 where there is no closed form. Turning the scene
-    into numbers is free of charge for a fixed step; for MuJoCo, building the model and reading the state.
+    into numbers is free of charge for a fixed step.
     """
     kind, _, method = name.partition(" ")
     if kind == CAREFUL:
         outcome = reference.simulate(*approach.run, rtol=setting, method=method)
         return Solution.of(outcome, approach.duration), outcome.contact_seconds
-    if name == MUJOCO:
-        assert fit is not None
-        solution, model = _in_mujoco(approach, fit, setting)
-        begun = thread_time()
-        model.repeat()
-        return solution, thread_time() - begun
     begun = thread_time()
     if name == OURS:
         ours = ig.simulate(*approach.run, setting)
@@ -111,28 +100,21 @@ def solved(approach: Approach, name: str, setting: float, fit: Fit | None = None
     return by_hand.fixed_step(approach, name, setting), thread_time() - begun
 
 
-@lru_cache
-def _in_mujoco(approach: Approach, fit: Fit, step: float) -> tuple[Solution, in_mujoco.Model]:
-    """The model that has been stepped through once, and what it says."""
-    model = in_mujoco.Model(approach, fit, step)
-    return model.run(), model
-
-
-def averaged(approach: Approach, name: str, setting: float, fit: Fit | None, least: float) -> tuple[Solution, float]:
+def averaged(approach: Approach, name: str, setting: float, least: float) -> tuple[Solution, float]:
     """Return what `solved` does, the time as the mean of so many calls as take at `least` s."""
-    solution, spent = solved(approach, name, setting, fit)
+    solution, spent = solved(approach, name, setting)
     calls = 1
     while spent < least and calls < MOST_CALLS:
-        spent += solved(approach, name, setting, fit)[1]
+        spent += solved(approach, name, setting)[1]
         calls += 1
     return solution, spent / calls
 
 
 def timed(
-    approach: Approach, truth: Solution, fit: Fit | None, tried: Settings, rounds: int,
+    approach: Approach, truth: Solution, tried: Settings, rounds: int,
     allowed: float = TOO_WRONG, counted: Sequence[str] = ("contacts", "passes", "alarms"), limit: float | None = None,
 ) -> list[Row]:  # fmt: skip
-    """Return a row for each contender that is tried on an approach; MuJoCo needs its fit.
+    """Return a row for each contender that is tried on an approach.
 
     Its time is the best of `rounds` rounds in which all take turns. What has to be compiled or loaded is so before.
     With a `limit` (s) there is one call, which may take so long. What is `allowed` and `counted`, see `failure`.
@@ -152,7 +134,7 @@ def timed(
                 continue
             try:
                 with limited(limit):
-                    solution, seconds = averaged(approach, name, setting, fit, 0.0 if limit else LEAST)
+                    solution, seconds = averaged(approach, name, setting, 0.0 if limit else LEAST)
             except Exception as problem:  # of any kind: a failure is a result here
                 reason = f"{solutions.GAVE_UP}: {type(problem).__name__}: {problem}".replace("\n", " ")
                 late = isinstance(problem, TimeoutError)
@@ -165,24 +147,18 @@ def timed(
     return [row | {"true_contacts": truth.contacts} | circumstances for row in rows]
 
 
-def timed_rows(
-    approach: str | int, truth: Mapping[str, Any], fit: Mapping[str, float] | None, **options: Any
-) -> Result:
+def timed_rows(approach: str | int, truth: Mapping[str, Any], **options: Any) -> Result:
     """Return the rows of `timed`, as a job; `options` are its others."""
-    contact = None if fit is None else Fit(**fit)
-    return result_of(timed(approach_of(approach), Solution(**truth), contact, **options))
+    return result_of(timed(approach_of(approach), Solution(**truth), **options))
 
 
-JUDGES = (by_hand.__name__, in_mujoco.__name__, reference.__name__, __name__, *SHARED)
+JUDGES = (by_hand.__name__, reference.__name__, __name__, *SHARED)
 
 
-def in_turns(
-    gather: Gather, truths: Mapping[str, Solution], fits: Sequence[Row], tried: Settings, rounds: int
-) -> list[Row]:
+def in_turns(gather: Gather, truths: Mapping[str, Solution], tried: Settings, rounds: int) -> list[Row]:
     """Return the rows of all approaches whose truth is given, measured one after the other, here."""
-    fit = {row["scene"]: {name: row[name] for name in ("stiffness", "damping")} for row in fits}
     about = {"tried": [list(setting) for setting in tried], "rounds": rounds}
-    jobs = [{"approach": name, "truth": truth.numbers, "fit": fit.get(name)} | about for name, truth in truths.items()]
+    jobs = [{"approach": name, "truth": truth.numbers} | about for name, truth in truths.items()]
     return gather("named", timed_rows, jobs, solver_and(*JUDGES), processes=0)
 
 
@@ -203,7 +179,7 @@ def in_storm(gather: Gather, truths: Mapping[int, Row], tried: Settings) -> list
         if not true["failure"]:
             allowed = CLOSE * max(abs(true["velocity"]), 1e-6 * true["speed"])
             judged = {"truth": Solution.of_row(true).numbers, "allowed": allowed, "counted": ["contacts"]}
-            about = {"approach": scene, "fit": None, "rounds": 1, "limit": SECONDS} | judged
+            about = {"approach": scene, "rounds": 1, "limit": SECONDS} | judged
             jobs += [about | {"tried": [[name, setting]]} for name, setting in tried]
     rows: list[Row] = []
     for ours, depends in ((True, solver_and(*JUDGES)), (False, digest_of(*JUDGES))):  # others not on our solver

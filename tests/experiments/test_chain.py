@@ -12,7 +12,8 @@ from impact_gym.task.scenario import FIELDS
 
 COUNT, WEIGHTS, PAPER_TIME = 60, (1.0, 2.0), 0.3
 SPEEDS = np.random.default_rng(0).uniform(0.5, 1.5, COUNT)
-TUNED = {"constant": "ConstantSpeed", "profile": "BlindProfile"}
+TUNED = {"constant": "ConstantSpeed", "evenly": "ConstantDeceleration", "profile": "BlindProfile"}
+PLACE = "knowing where objects can stand and the profile's shape"
 SHARES = {"constant": (0.6, 0.8), "profile": (0.4, 0.6)}  # of SPEEDS, at 0.4 s and at 0.2 s
 
 
@@ -45,7 +46,7 @@ def test_chain_steps_gain_the_difference_to_the_step_before():
     first, *steps = chain(played())
     mean = SPEEDS.mean()
     assert (first.contestant, first.velocity.less, first.velocity.share) == (PAPER, None, None)
-    assert [step.added for step in steps] == ["the arm's limits", "tuning", "learning"]
+    assert [step.added for step in steps] == ["the arm's limits", PLACE, "learning"]
     assert [step.contestant for step in steps] == ["constant", "profile", "learned policy"]
     for step, share, less in zip(steps, (0.7, 0.5, 0.3), (0.3, 0.2, 0.2), strict=True):
         assert step.velocity.value.value == pytest.approx(share * mean)
@@ -61,7 +62,7 @@ def test_chain_steps_gain_the_difference_to_the_step_before():
         assert words in text
     rows = table([first, *steps], {"profile": "tuned profile (profile)"}).rows
     assert rows[0][:4] == ("the paper", PAPER, f"{mean:.3f}", "-")
-    assert rows[2][:2] == ("+ tuning", "tuned profile (profile)")
+    assert rows[2][:2] == (f"+ {PLACE}", "tuned profile (profile)")
     assert rows[2][4] == "28.6 % [28.6, 28.6]"
 
 
@@ -120,7 +121,7 @@ def test_chain_compares_the_clairvoyant_on_its_searched_scenarios():
     assert knows.velocity.less.value == pytest.approx((0.25 - 0.1) * subset_mean)
     assert knows.velocity.share.value == pytest.approx(0.15 / 0.75)
     assert "the first 20 scenarios" in table(chain(results), {}).rows[-1][1]
-    assert "knowing" not in sentence(chain(results))
+    assert "knowing the object" not in sentence(chain(results))
     results.bound = Run((7.0, 8.0), results.bound.arrays)
     assert chain(results)[-1].contestant == policy.contestant  # not searched at the typical weight
 
@@ -166,11 +167,13 @@ def test_chain_claims_nothing_with_misses_or_without_gain():
 
 
 @pytest.mark.parametrize(("names", "noise", "added"), [
-    ((), None, ["the arm's limits and tuning and learning"]),
-    (("constant",), None, ["the arm's limits", "tuning and learning"]),
-    (("profile",), None, ["the arm's limits and tuning", "learning"]),
-    (("range", "profile", "constant"), 0.01, ["the arm's limits", "tuning", "the estimate", "learning"]),
-    (("profile", "constant"), 0.01, ["the arm's limits", "tuning", "the estimate and learning"]),
+    ((), None, [f"the arm's limits and {PLACE} and learning"]),
+    (("constant",), None, ["the arm's limits", f"{PLACE} and learning"]),
+    (("profile",), None, [f"the arm's limits and {PLACE}", "learning"]),
+    (("profile", "evenly", "constant"), None,
+     ["the arm's limits", "knowing where objects can stand", "the profile's shape", "learning"]),
+    (("range", "profile", "constant"), 0.01, ["the arm's limits", PLACE, "the estimate", "learning"]),
+    (("profile", "constant"), 0.01, ["the arm's limits", PLACE, "the estimate and learning"]),
 ])  # fmt: skip
 def test_links_join_the_next_step_without_a_baseline(names, noise, added):
     results = played(names, range_noise=noise)

@@ -9,14 +9,13 @@ from agents.baselines.tuned import read_tuned
 from agents.provenance import circumstances
 from agents.setups import load_setup
 from experiments.design import __main__ as command
-from experiments.design import search, sizes
+from experiments.design import search
 from experiments.design.pads import on_pad, pad_of
 from experiments.design.page import lines_of, reduction, write_page
 from experiments.design.run import PAPERS_RULE, Entry, best, played, run
 from experiments.design.search import Effort, Rig
 from experiments.design.set_up import write_setup
 from experiments.design.study import CHOSEN, FRONT, GRID, PAPER, SEEDS, Study
-from experiments.lab.tables import rows_of
 
 STIFFNESS = "coupling.stiffness=20:200"
 SPRING = (STIFFNESS, "coupling.damping_ratio=0.2:2")
@@ -130,15 +129,3 @@ def test_reduction_reads_a_line_at_the_mean_approach_time_of_the_papers_rule():
     line, paper = [entry(0.9, 0.23), entry(1.1, 0.17)], entry(1.0, 0.6)
     gain = reduction(line, paper)
     assert (gain.value, gain.low, gain.high) == pytest.approx((1.0 - 0.2 / 0.6,) * 3)
-
-
-def test_sizes_at_the_papers_own_point_are_those_of_its_figure_23():
-    """V_p 0.45074 m/s with the mechanism and 0.692859 m/s with the spring, by an independent solver."""
-    rows = rows_of(sizes.rows_at("object", 1.0, [0.25]))
-    assert rows[0]["mechanism"] == pytest.approx(0.45074, rel=1e-4)
-    assert rows[0]["spring"] == pytest.approx(0.692859, rel=1e-4)
-    assert rows[0]["modified"] <= rows[0]["mechanism"]
-    assert rows_of(sizes.rows_at("both", 1.0, [0.25])) == [rows[0] | {"kind": "both"}]
-    shares = sizes.shares([rows[0] | {"mechanism": 1.0}, rows[0], rows[0] | {"kind": "both"}])
-    assert [each["mechanism"] for each in shares.values()] == [0.5, 1.0]
-    assert [each["worse"] for each in shares.values()] == [0.5, 0.0]

@@ -10,7 +10,7 @@ import tyro
 from experiments.lab import experiment
 from experiments.lab.experiment import Shown, Tables
 from experiments.lab.tables import Gather
-from experiments.solver import figures, in_mujoco, solutions, timing
+from experiments.solver import figures, solutions, timing
 from experiments.solver.approaches import named
 from experiments.solver.by_hand import METHODS
 from experiments.solver.solutions import ERRORS, Solution, truths_with_doubt
@@ -23,12 +23,11 @@ class Extent:
 
     tried: Settings
     rounds: int
-    fit: int  # approaches that MuJoCo's fit may take
     names: tuple[str, ...] = ()  # of scenes; none means all
 
 
-FULL = Extent(settings(), rounds=3, fit=90)
-QUICK = Extent(settings((1e-3, 1e-6, 1e-9), (1e-6,), (1e-3, 1e-4), (1e-3, 2e-4)), rounds=1, fit=25)
+FULL = Extent(settings(), rounds=3)
+QUICK = Extent(settings((1e-3, 1e-6, 1e-9), (1e-6,), (1e-3, 1e-4)), rounds=1)
 
 
 def tables(extent: Extent, gather: Gather) -> Tables:
@@ -36,9 +35,8 @@ def tables(extent: Extent, gather: Gather) -> Tables:
     names = [approach.name for approach in named() if not extent.names or approach.name in extent.names]
     rows = truths_with_doubt(gather, names)
     truths = {row["scene"]: Solution.of_row(row) for row in rows}
-    fits = in_mujoco.fits(gather, truths, extent.fit)
-    times = timing.in_turns(gather, truths, fits, extent.tried, extent.rounds)
-    return {"truth": rows, "mujoco_fits": fits, "named": times}
+    times = timing.in_turns(gather, truths, extent.tried, extent.rounds)
+    return {"truth": rows, "named": times}
 
 
 def shown(tables: Tables) -> Shown:
@@ -69,7 +67,7 @@ def main(out: Path | None = None, quick: bool = False, force: bool = False) -> N
         force: measure everything again.
     """
     compute = partial(tables, QUICK if quick else FULL)
-    experiment.command("solver.speed", compute, shown, out, quick, again=force, packages=["mujoco"])
+    experiment.command("solver.speed", compute, shown, out, quick, again=force)
 
 
 if __name__ == "__main__":
