@@ -6,7 +6,7 @@ SMALL := $(VENV)/installed-for-report
 EXTRAS := train report identify robot render zoo peers cluster docs dev
 
 .DEFAULT_GOAL := help
-.PHONY: help setup report test mutants train train-all controller tune figures bench speed stability docs identify design lint
+.PHONY: help setup report test mutants train train-all controller tune gain figures bench speed stability docs identify design lint
 
 help:  ## list what can be made
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "make %-9s %s\n", $$1, $$2}'
@@ -63,6 +63,9 @@ controller: setup  ## tune, train, report and export for SETUP=my.toml into OUT=
 
 design: setup  ## which coupling with its best controller: FREE="coupling.stiffness=10:300 ..." SETUP=my.toml OUT=DIR
 	$(BIN)/impact-gym design $(SETUP) --free $(FREE) --out $(OUT)
+
+gain: setup  ## say what the gain over the paper's rule is made of, below reports/gain
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/impact-gym gain
 
 figures: setup  ## reproduce figures of the paper below reports/paper
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/impact-gym paper  # its matrices are too small for more

@@ -35,4 +35,5 @@ def _table(environment: Mapping[str, Any], name: str, record: Any) -> dict[str, 
     """Return the parts of a coupling or a robot, as they were given where that was a mapping."""
     given = environment.get(name)
     own = given if isinstance(given, Mapping) else {}
-    return asdict(record) | {part: value for part, value in own.items() if part != "type"}
+    parts = asdict(record) | {part: value for part, value in own.items() if part != "type"}
+    return {part: value for part, value in parts.items() if value is not None}

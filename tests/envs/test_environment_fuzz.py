@@ -10,6 +10,8 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 from tasks import rows_of_tasks
 
+from impact_gym.envs.batch import SLIDE
+
 FUZZ = settings(
     deadline=None, derandomize=True, database=None, phases=[Phase.generate], suppress_health_check=list(HealthCheck)
 )
@@ -53,6 +55,6 @@ def test_environment_plays_whatever_it_accepts_to_a_finite_end(rows, extreme, sc
     assert all(observation in env.observation_space for observation in observations)
     assert len(rewards) < 1 + (1.2 + 0.15 + 1.0) / options.get("control_period", 0.016) + 2
     assert math.isfinite(rewards.sum())
-    assert all_finite(info)
+    assert all_finite({name: value for name, value in info.items() if name not in SLIDE})  # with friction of 0 inf
     if info["status"] != "ok" and not info["status"].startswith("not settled"):
         assert info["reward_terms"]["missed"] == -options.get("missed_cost", 2.0)

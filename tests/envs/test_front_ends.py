@@ -40,7 +40,7 @@ FIXED = st.sampled_from([
 
 
 def test_every_argument_of_a_task_is_in_the_strategy():
-    assert {*arguments()} == {*OWN, *OBSERVED, "coupling", "range_noise", "range_bias"}
+    assert {*arguments()} == {*OWN, *OBSERVED, "coupling", "range_noise", "range_bias", "reference_velocity"}
 
 
 def with_float32_rewards(trail):

@@ -114,7 +114,7 @@ def test_page_says_what_the_chosen_design_gains(tmp_path):
     on_foam = replace(front, rig=replace(front.rig, parameters=slow, pad="memory-foam"))
     papers = Entry(PAPER, 1.0, Rig({}, *PAPERS_RULE))
     entries = paper, *_, chosen = played(study, [papers, front, on_foam, replace(front, line=CHOSEN)], "test")
-    text = write_page(study, entries, (), "it.toml", RUNS).read_text()
+    text = write_page(study, entries, "it.toml", RUNS).read_text()
     gain = 1.0 - chosen.results["object_velocity"].mean() / paper.results["object_velocity"].mean()
     assert f"<strong>{100 * gain:.1f} % [" in text
     assert text.count('<td class="words">coupling.stiffness 70 N/m, coupling.damping_ratio 0.4</td>') == 3

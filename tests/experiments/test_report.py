@@ -70,16 +70,16 @@ def test_answer_follows_from_the_episodes_on_disk(folder, results, episodes):
 
 def test_chain_follows_from_the_episodes_on_disk_and_is_the_first_table(folder, results, episodes):
     paper, *steps = results["chains"]["linear-blind"]
-    assert [step["contestant"] for step in steps[:2]] == ["constant-speed", "blind-profile"]
+    assert [step["contestant"] for step in steps[:3]] == ["constant-speed", "constant-deceleration", "blind-profile"]
     time, before = (of(episodes, PAPER)[field].mean() for field in ("approach_time", "object_velocity"))
-    for step in steps[:2]:
+    for step in steps[:3]:
         after = np.interp(time, *front_of(episodes, step["contestant"]))
         assert step["velocity"]["less"]["value"] == pytest.approx(before - after)
         before = after
     reduction = results["answers"]["linear-blind"]["reduction"]["value"]
-    gained = sum(step["velocity"]["less"]["value"] for step in steps[:3])
+    gained = sum(step["velocity"]["less"]["value"] for step in steps[:4])
     assert gained == pytest.approx(reduction * paper["velocity"]["value"]["value"])
-    assert sum(step["velocity"]["share"]["value"] for step in steps[:3]) == pytest.approx(1.0)
+    assert sum(step["velocity"]["share"]["value"] for step in steps[:4]) == pytest.approx(1.0)
     page = (folder / "index.html").read_text()
     assert "+ the arm&#39;s limits" in page[page.index("<table>") : page.index("</table>")]
     assert f"{100 * steps[0]['velocity']['share']['value']:.1f} %" in results["sentences"][0]

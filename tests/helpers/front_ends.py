@@ -11,7 +11,7 @@ import gymnasium as gym
 import numpy as np
 from episodes import ID
 
-from impact_gym.envs.batch import Batch
+from impact_gym.envs.batch import SLIDE, Batch
 from impact_gym.envs.vector import ImpactApproachVectorEnv
 from impact_gym.sb3 import ImpactVecEnv
 from impact_gym.task import Task
@@ -56,7 +56,7 @@ class Vector:
     def __init__(self, rows, mode="NextStep"):
         self.env = ImpactApproachVectorEnv(len(rows), autoreset_mode=mode, per_slot=rows, threads=1)
         self.mode = mode
-        self.records = [[*RECORD_IDS, *Task(**arguments).drawn] for arguments in rows]
+        self.tasks = [Task(**arguments) for arguments in rows]
         self.waiting = np.zeros(len(rows), bool)  # for the step that begins an episode
 
     def begin(self, seed, options):
@@ -74,10 +74,11 @@ class Vector:
             begun = self.env.reset(options={"reset_mask": ended})[0]
             first = [begun[row] if ended[row] else None for row in range(len(actions))]
         results = []
-        for row, record in enumerate(self.records):
+        for row, task in enumerate(self.tasks):
             info = plain(infos, row) if ended[row] else {}
-            if ended[row]:
-                info["record"] = {name: info["record"][name] for name in record}  # columns have what any row draws
+            if ended[row]:  # columns have what any row draws, and how far objects slide if any has friction
+                info["record"] = {name: info["record"][name] for name in (*RECORD_IDS, *task.drawn)}
+                info = {name: value for name, value in info.items() if task.rough or name not in SLIDE}
             flags = bool(terminated[row]), bool(truncated[row] and not terminated[row])
             results.append((seen[row], float(rewards[row]), *flags, info, first[row]))
         if self.mode == "NextStep":

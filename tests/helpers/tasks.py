@@ -10,7 +10,7 @@ SPANS = {
     "range_noise": (0.001, 0.05), "range_bias": (-0.02, 0.02), "time_weight": (0.5, 8.0), "reaction_delay": (0.0, 0.05),
     "friction": (0.0, 0.6),
 }  # fmt: skip
-SPRING = {"stiffness": (20.0, 600.0), "damping_ratio": (0.0, 1.5), "stroke": (0.05, 0.1)}
+SPRING = {"stiffness": (20.0, 600.0), "damping_ratio": (0.0, 1.5), "stroke": (0.5, 0.6)}
 MECHANISM = {
     "stiffness": (40.0, 80.0), "free_length": (0.07, 0.08), "height": (0.02, 0.03), "front_stop": (0.001, 0.02),
     "rear_stop": (-0.03, -0.01), "stop_stiffness": (1e4, 1e5), "stop_damping_ratio": (0.5, 1.0),
@@ -76,7 +76,10 @@ OWN = {
 }
 """What rows of a batch may have each for itself, whatever they observe."""
 ESTIMATE = {name: number_or_range(*SPANS[name]) for name in ("range_noise", "range_bias")}
-OBSERVED = ("observe_range_noise", "deflection_sensor", "privileged", "past_readings", "velocity_range")
+OBSERVED = (
+    "observe_range_noise", "deflection_sensor", "privileged", "past_readings", "velocity_range", "horizon",
+    "after_alarm",
+)  # fmt: skip
 
 
 @st.composite
@@ -87,6 +90,7 @@ def rows_of_tasks(draw, count=3):
     common["past_readings"] = draw(st.integers(0, 3))
     common["observe_range_noise"] = ranged and draw(st.booleans())
     common["velocity_range"] = draw(st.sampled_from([(-0.5, 1.5), (0.0, 1.0)]))
+    common["horizon"], common["after_alarm"] = draw(st.sampled_from([(1.2, 0.15), (1.2, 0.15), (1.0, 0.2)]))
     kinds = SOFT if deflection else COUPLINGS
     always = {"coupling": st.sampled_from([*kinds]).flatmap(kinds.get)}
     always |= {"range_noise": ESTIMATE["range_noise"]} if ranged else {}
