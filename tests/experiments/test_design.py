@@ -29,7 +29,7 @@ NO_LIMITS = Limits(deflection=None)
     ({"free": ()}, "--free must name a number"),
     ({"free": ("coupling.stifness=1:2",)}, "did you mean 'coupling.stiffness'"),
     ({"free": ("object_mass=1:2",)}, "unknown key --free object_mass"),
-    ({"free": ("coupling.height=0.01:0.02",)}, "Known are tool_mass, coupling.stiffness, coupling.damping_ratio, coupling.stroke$"),
+    ({"free": ("coupling.height=0.01:0.02",)}, "coupling.stiffness, coupling.damping_ratio, coupling.stroke$"),
     ({"setup": "rigid-blind"}, "unknown key --free coupling.stiffness. Known are tool_mass$"),
     ({"free": ("coupling.stiffness=300:10",)}, "LOW below HIGH, got 300:10"),
     ({"free": ("coupling.stiffness=10:10",)}, "LOW below HIGH, got 10:10"),
