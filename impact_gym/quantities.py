@@ -85,10 +85,6 @@ class Quantity:
         """Whether it is drawn log-uniformly from a range that begins at `low`."""
         return self.draw is not None and self.draw.by_ratio and low > 0.0
 
-    def at_share(self, low: float, high: float, share: float) -> float:
-        """Return what is drawn from a range by a uniform number `share` in [0, 1)."""
-        return low * math.exp(share * math.log(high / low)) if self.by_ratio(low) else low + (high - low) * share
-
     def middle(self, low: float, high: float) -> float:
         """Return the middle of a range, as it is drawn."""
         if low == high:

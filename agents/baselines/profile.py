@@ -8,6 +8,8 @@ from impact_gym.task.task import ACCELERATION_RANGE, VELOCITY_RANGE
 
 KNOTS: Floats = np.array([0.08, 0.12, 0.15, 0.17, 0.19, 0.22, 0.25, 0.28, 0.315, 0.35])
 """Positions (m) of the profile's corners, see `Rule.placed`; before the first the start from rest rules."""
+AHEAD: Floats = np.array([-0.2, -0.12, -0.08, -0.05, -0.035, -0.02, -0.01, 0.0, 0.01, 0.025, 0.05])
+"""Positions (m) of the corners of a profile that counts from an estimate of where the object stands."""
 GAPS: Floats = np.array([-0.02, -0.01, 0.0, 0.01, 0.02, 0.04])
 """Gaps (m) between the faces at which its profile has corners; below 0 the coupling gives way, or the object."""
 
@@ -66,6 +68,22 @@ class Ranged(ReactingRule):
         left = np.maximum(-position - self["margin"], 0.0)
         braking = np.sqrt(self["contact speed"] ** 2 + 2.0 * self["deceleration"] * left)
         return np.minimum(braking, np.maximum(self["top speed"], self["contact speed"]))
+
+
+class RangedProfile(ReactingRule):
+    """Follow a speed profile over the position that is counted from the estimated distance; then react."""
+
+    needs_estimate = True
+    PARAMETERS = (
+        *(Parameter(f"speed at {1e3 * place:g} mm", "m/s", 0.01, VELOCITY_RANGE[1], 0.5) for place in AHEAD),
+        ACCELERATION,
+        *REACTION,
+    )
+    position = Ranged.position
+
+    def speed(self, position: Floats) -> Floats:
+        """Return the broken line's speed (m/s) at `position` (m), counted from the estimated distance."""
+        return interpolate(AHEAD, self.columns(self.PARAMETERS[0].name, len(AHEAD)), position)
 
 
 class Clairvoyant(ReactingRule):

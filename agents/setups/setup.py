@@ -26,7 +26,15 @@ BUDGET = 4800  # candidates for each time weight, unless the file says otherwise
 OBJECT = re.compile(r"[\w.]+:[\w.]+")  # of a module
 README = ("linear-blind", "linear-ranged", "bistable-blind", "paper-limits")
 """Those that the README, `make report` and `make train-all` are about."""
-RULES = ("BlindProfile", "ConstantDeceleration", "ConstantSpeed", "Ranged", "WaryProfile", "WaryRanged")
+RULES = (
+    "BlindProfile",
+    "ConstantDeceleration",
+    "ConstantSpeed",
+    "Ranged",
+    "RangedProfile",
+    "WaryProfile",
+    "WaryRanged",
+)
 """Those that may be tuned, classes of `agents.baselines`."""
 FIXED = ("paper-trapezoid", "random")
 """Baselines without anything to tune."""
@@ -184,7 +192,7 @@ def _tuned(name: str, given: Any, blind: bool) -> Tuned:
     known(f"{name}.", entry, Tuned._fields)
     rtol = number(f"{name}.rtol", entry.get("rtol", Task.rtol), "(no unit)", at_least=1e-13, at_most=1e-2)
     flag(f"{name}.clean_alarm", clean_alarm := entry.get("clean_alarm", False))
-    if blind and entry["rule"].endswith("Ranged"):
+    if blind and "Ranged" in entry["rule"]:
         raise ValueError(f"{name}: {entry['rule']} needs an estimate of the distance, environment.range_noise")
     jitter = number(f"{name}.jitter", entry.get("jitter", 0.0), "(no unit)", at_least=0.0, at_most=1.0)
     return Tuned(entry["rule"], rtol, clean_alarm, jitter)

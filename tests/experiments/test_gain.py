@@ -28,28 +28,20 @@ def test_steady_rule_keeps_its_speed_wherever_it_is():
     assert played.approach_time == pytest.approx(played.scenario["distance"] / 0.4 + ramp / 2, abs=2e-2)
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    out = tmp_path_factory.mktemp("gain")
-    few = priors.Effort((0.7, 3.0), scenarios=10, generations=3, tested=20)
+@pytest.mark.filterwarnings("ignore:SpringDamper.stroke")
+def test_page_says_shares_that_add_up(tmp_path):
+    few, made = priors.Effort((0.7, 3.0), scenarios=10, generations=3, tested=20), {}
 
     def compute(gather):
         played = [{"setup": "linear-blind", "world": world, "contestant": who, "count": 8}
                   for world in ("friction 0.3", "stroke 20 mm") for who in (worlds.RULE, "policy")]  # fmt: skip
-        rows = [row for each in played for row in rows_of(worlds.played(**each))]
-        return {"priors": priors.rows(gather, few, priors.PRIORS[3:4]), "worlds": rows}
+        made["worlds"] = [row for each in played for row in rows_of(worlds.played(**each))]
+        return made | {"priors": priors.rows(gather, few, priors.PRIORS[3:4])}
 
-    experiment.run("gain", out, "test", compute, gain.shown, processes=0)
-    return out
-
-
-@pytest.mark.filterwarnings("ignore:SpringDamper.stroke")
-def test_page_says_shares_that_add_up(folder):
-    text = text_of_a_page_that_stands_on_its_own(folder, figures=1)
+    show = lambda tables: gain.shown(made.setdefault("all", tables))  # noqa: E731
+    experiment.run("gain", tmp_path, "test", compute, show, processes=0)
+    text = text_of_a_page_that_stands_on_its_own(tmp_path, figures=1)
     assert "from knowing where objects can stand" in text
-    few = priors.Effort((0.7, 3.0), scenarios=10, generations=3, tested=20)
-    found = [row for rule in priors.RULES for weight in (few.weights if rule != "rule" else (1.0,))
-             for row in rows_of(priors.searched(0.15, 0.35, False, rule, weight, 10, 3, 20))]  # fmt: skip
-    (line,) = priors.table(found)
+    (line,) = priors.table(made["all"]["priors"])
     assert line["limits"].value + line["place"].value == pytest.approx(line["all"].value, rel=1e-12)
     assert line["velocity"][0].value > line["velocity"][1].value

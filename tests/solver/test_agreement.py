@@ -17,7 +17,7 @@ from experiments import reference
 from experiments.solver.solutions import Solution
 from impact_gym.scene import Dissipation
 
-SCENES, ROUGH = 150, 60
+SCENES, ROUGH = 150, 24
 RTOLS = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9)
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from opened import kernels
-from scenes import ROBOTS, random_mechanism
+from scenes import random_mechanism
 from scipy.integrate import quad, solve_ivp
 
 import impact_gym as ig
@@ -75,4 +75,3 @@ def test_reach_of_a_tool_on_a_robot_holds_and_is_not_far_off():
     assert max(shares) <= 1.0
     assert max(shares) > 0.7
     assert min(shares) > 0.2
-    assert ROBOTS["robot"].mass > 1.0
