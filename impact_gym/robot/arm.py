@@ -24,7 +24,7 @@ DATA = Path(__file__).with_name("viper_s650.json")
 ELEMENTS = ("xx", "yy", "zz", "xy", "xz", "yz")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Description:
     """Six revolute joints with a spherical wrist; one row per joint, or per link behind it."""
 

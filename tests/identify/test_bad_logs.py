@@ -7,7 +7,9 @@ import pytest
 from blows import MOTION, scene
 
 import impact_gym as ig
+from impact_gym.identify.coordinates import free_coordinates
 from impact_gym.identify.log import Log, _refuse_clipped, _refuse_other_force, read
+from impact_gym.identify.model import IMPOSSIBLE, Model
 
 SCENE = scene(1e4, 0.5)
 TIME = np.arange(0.303, 0.343, 1 / 4000)  # s
@@ -37,8 +39,8 @@ BAD_LOGS = {
         r"time must have no gaps, but 0\.0055 s lie between samples 49 and 50",
     ),
     "time stands still": (
-        {"time": put(TIME, 30, TIME[29])},
-        r"time must increase, but sample 30 is at 0\.31025 s after 0\.31025 s",
+        {"time": put(TIME, 30, TIME[20])},
+        r"time must increase, but sample 30 is at 0\.308 s after 0\.31025 s",
     ),
     "milliseconds": ({"time": 1e3 * TIME}, "at most 0.05 s between samples, got 0.25 s: is it in ms"),
     "millinewtons": ({"force": 1e6 * FORCE / FORCE.max()}, r"below 100000 N, got .* N: is it in mN\?"),
@@ -172,3 +174,14 @@ def test_flat_bottom_within_the_resolution_is_not_saturation():
     values[2] = values[11] = 2.5
     with pytest.raises(ValueError, match=r"force is saturated: it stays at 0\.5 N"):
         _refuse_clipped(Log("blow", TIME[: len(values)], {"force": values}), "force")
+
+
+def test_start_so_early_that_the_log_ends_when_the_blow_is_over_is_impossible():
+    coordinates = free_coordinates(SCENE, ("object.mass",))
+    model = Model.of([read(GOOD, "blow")], SCENE, [MOTION], {"force": ig.Sensor()}, coordinates)
+    latest = model.latest(SCENE, 0)  # s, of the motion
+    x = np.zeros(model.size)
+    x[0] = coordinates[0].start(SCENE)
+    for start, impossible in ((TIME[-1] - latest - 0.01, True), (TIME[-1] - latest + 0.01, False)):
+        x[1] = start
+        assert (np.abs(model.predicted(x)[0]) == IMPOSSIBLE * np.ptp(FORCE)).all() == impossible

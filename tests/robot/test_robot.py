@@ -246,8 +246,3 @@ robot.Arm()
 """
     done = subprocess.run([sys.executable, "-W", "error", "-c", script], capture_output=True, text=True, check=False)
     assert "pip install 'impact-gym[robot]'" in done.stderr.splitlines()[-1]
-
-
-def test_description_may_be_kept_in_a_set():
-    described = arms.read()
-    assert described in {described}

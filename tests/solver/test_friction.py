@@ -158,9 +158,3 @@ def test_stroke_shorter_than_the_rest_under_the_arms_acceleration_is_said_with_t
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         ig.simulate(scene(1e5, 0.5, ig.SpringDamper(50.0, stroke=0.021)), MOTION)
-
-
-def test_reference_velocity_belongs_to_a_fixed_damping_alone():
-    assert ig.Contact(1e5, 0.5, "fixed").reference_velocity == 1.0
-    with pytest.raises(ValueError, match=r'Contact\.reference_velocity must be None unless .*"fixed"'):
-        ig.Contact(1e5, 0.5, reference_velocity=1.0)
