@@ -78,9 +78,7 @@ class Outcome(NamedTuple):
     snap_through: tuple[float, ...]  # s, when the slider of a mechanism passes its alignment, first backwards
     peak_object_velocity: float  # m/s, the largest; without friction the object loses none
     slide: float | None  # m, to where the object rests if nothing touches it after `duration`; None without friction
-    rest_time: (
-        float | None
-    )  # s, from when on it rests and the tool is slower than 1 mm/s for good; None without friction
+    rest_time: float | None  # s, when it rests and the tool stays slower than 1 mm/s; likewise, inf if that never comes
 
 
 def simulate(

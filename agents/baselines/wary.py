@@ -35,7 +35,7 @@ class OwnAlarmView(View):
 
 
 class OwnThresholdRule(ReactingRule):
-    """A reacting rule whose alarm is a reading above THRESHOLD, its last parameter; it clears when one would end.
+    """A reacting rule whose alarm is a reading above THRESHOLD, its last parameter; it clears as an environment's does.
 
     So a false alarm costs that time and no more.
     """

@@ -18,12 +18,7 @@ SET_UP_ARGUMENTS = tuple(name for name in arguments() if name not in RESERVED)
 """Those that say what an environment is, not what it is used for."""
 AS_TRAINED = "as trained"
 
-COMPLIANT = {
-    "type": "Robot",
-    "mass": 5.225,
-    "stiffness": 1.9e5,
-    "damping": 50.4,
-}  # paper, section 3; docs/provenance.md
+COMPLIANT = {"type": "Robot", "mass": 5.225, "stiffness": 1.9e5, "damping": 50.4}  # docs/provenance.md
 VARIED: Mapping[str, Any] = {
     "reaction_delay": [0.0, 0.008, 0.016, 0.024, 0.032, 0.048, 0.064],
     "alarm_threshold": [0.25, 0.5, 1.0, 2.0, 4.0],

@@ -27,14 +27,8 @@ OBJECT = re.compile(r"[\w.]+:[\w.]+")  # of a module
 README = ("linear-blind", "linear-ranged", "bistable-blind", "paper-limits")
 """Those that the README, `make report` and `make train-all` are about."""
 RULES = (
-    "BlindProfile",
-    "ConstantDeceleration",
-    "ConstantSpeed",
-    "Ranged",
-    "RangedProfile",
-    "WaryProfile",
-    "WaryRanged",
-)
+    "BlindProfile", "ConstantDeceleration", "ConstantSpeed", "Ranged", "RangedProfile", "WaryProfile", "WaryRanged",
+)  # fmt: skip
 """Those that may be tuned, classes of `agents.baselines`."""
 FIXED = ("paper-trapezoid", "random")
 """Baselines without anything to tune."""

@@ -11,6 +11,7 @@ from agents.evaluate import RESULTS, Episodes
 from experiments.lab.statistics import Floats, Resamples
 from experiments.report.matchups import BOUND, PAPER, Matchup
 from impact_gym.task.scenario import FIELDS
+from impact_gym.task.task import MISSED_COST
 
 Arrays = Mapping[str, NDArray[Any]]
 
@@ -21,6 +22,7 @@ class Run:
 
     weights: tuple[float, ...]
     arrays: Arrays  # (weights, scenarios) each, and the fields of the scenarios (scenarios,)
+    missed_cost: float = MISSED_COST  # m/s
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         return self.arrays[name]
@@ -30,7 +32,8 @@ class Run:
         if len(self.weights) > 1 and weight not in self.weights:
             raise ValueError(f"it was not played at a weight of {weight:g}, only at {self.weights}")
         place = self.weights.index(weight) if weight in self.weights else 0
-        return Episodes(**{name: self[name][place] for name in RESULTS}, scenario=self.scenario)
+        results = {name: self[name][place] for name in RESULTS}
+        return Episodes(**results, scenario=self.scenario, missed_cost=self.missed_cost)
 
     def loss(self, weight: float) -> Floats:
         """V_p + weight * approach time and what misses cost (scenarios,), m/s."""

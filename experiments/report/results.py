@@ -15,6 +15,7 @@ from experiments.report.shield import shielded
 from impact_gym.sources import compiled_from
 from impact_gym.task import Task, evaluation_sets
 from impact_gym.task.scenario import FIELDS
+from impact_gym.task.task import MISSED_COST
 
 PLAY = "agents.evaluate.play:play"
 MEASURES = "experiments.report.measures"
@@ -78,7 +79,8 @@ def gather_matchups(
         value: Run | Arrays = arrays
         if "weights" in job.arguments:
             weights = arrays["weight"].tolist() if where == "as_late" else job.arguments["weights"]
-            value = Run(tuple(weights), arrays)
+            cost = job.arguments["environment"].get("missed_cost", MISSED_COST)
+            value = Run(tuple(weights), arrays, cost)
         if key is None:
             setattr(played[number], where, value)
         else:

@@ -12,7 +12,6 @@ from experiments.report.played import Arrays, Played, Run
 from experiments.report.results import EXACT
 from experiments.report.tables import Table
 from impact_gym.quantities import QUANTITIES
-from impact_gym.task.task import MISSED_COST
 
 WORDS = {
     "force_noise": "noise of the force sensor",
@@ -89,7 +88,8 @@ def simulator(played: Played) -> Table:
         losses = {name: after.loss(weight) - before.loss(weight) for name, (before, after) in pairs.items()}
         add(change, f"{len(velocities)} seeds", velocities, losses)
     if (scipy := played.scipy.get(chosen)) is not None:
-        losses = {name: _scipy_loss(arrays, weight) for name, arrays in played.scipy.items()}
+        cost = played.paper.missed_cost
+        losses = {name: _scipy_loss(arrays, weight, cost) for name, arrays in played.scipy.items()}
         add("SciPy's solver", chosen, [scipy["object_velocity"] - scipy["our_object_velocity"]], losses)
     else:
         body.append(("SciPy's solver", "not played: it takes neither drawn ranges nor noise", "", "", "", ""))
@@ -102,8 +102,8 @@ def simulator(played: Played) -> Table:
     return Table(caption, head, body)
 
 
-def _scipy_loss(arrays: Arrays, weight: float) -> Floats:
+def _scipy_loss(arrays: Arrays, weight: float, missed_cost: float) -> Floats:
     """Change of V_p + w T and of what misses cost (scenarios,), m/s."""
     names = ("object_velocity", "approach_time", "missed")
     change = {name: arrays[name].astype(float) - arrays[f"our_{name}"] for name in names}
-    return change["object_velocity"] + weight * change["approach_time"] + MISSED_COST * change["missed"]
+    return change["object_velocity"] + weight * change["approach_time"] + missed_cost * change["missed"]

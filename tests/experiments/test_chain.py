@@ -200,3 +200,9 @@ def test_answer_omits_a_rival_that_is_later_at_every_weight(soonest):
     result = answer(results)
     assert result.rival == "profile"
     assert (result.rival_reduction is None) == (soonest > PAPER_TIME)
+
+
+def test_misses_cost_what_the_environment_says():
+    usual = run((0.5, 0.5), missed=3)
+    dear = Run(usual.weights, usual.arrays, missed_cost=5.0)
+    assert (dear.loss(1.0) - usual.loss(1.0)).sum() == pytest.approx(3 * (5.0 - 2.0))
