@@ -32,8 +32,12 @@ def minimise(
     population: int = 20,
     generations: int = 150,
     seed: int = 0,
+    starts: Floats | None = None,
+    sigma: float = SIGMA,
 ) -> Minimum:
     """Search within the limits of `parameters`, from their starts, in each of so many `problems` alone.
+
+    `starts` (problems, k) are others than the parameters'; they are the first candidates, so that nothing gets worse.
 
     `losses` is played once per generation with `population` candidates of each problem; a search that has converged
     waits for the others. The result depends on the arguments alone.
@@ -41,11 +45,13 @@ def minimise(
     import cma  # whoever only plays has no need of it
 
     low, high, start = np.array([(each.low, each.high, each.start) for each in parameters]).T
+    best, lowest = np.tile(start, (problems, 1)) if starts is None else starts.copy(), np.full(problems, np.inf)
     searches = [
-        cma.CMAEvolutionStrategy((start - low) / (high - low), SIGMA, _options(population, seed, problem))
-        for problem in range(problems)
+        cma.CMAEvolutionStrategy((start - low) / (high - low), sigma, _options(population, seed, problem))
+        for problem, start in enumerate(best)
     ]
-    best, lowest = np.tile(start, (problems, 1)), np.full(problems, np.inf)
+    if starts is not None:
+        lowest = losses(np.tile(starts, (population, 1, 1)))[0]
     generation = 0
     while generation < generations and not all(search.stop() for search in searches):
         generation += 1

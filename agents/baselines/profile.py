@@ -1,5 +1,8 @@
 """Speed profiles over position, over an estimated distance, or over the true one: a bound on what any could do."""
 
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
 import numpy as np
 
 from agents.baselines.reaction import ACCELERATION, REACTION, ReactingRule
@@ -50,7 +53,7 @@ class ConstantDeceleration(ReactingRule):
 class Ranged(ReactingRule):
     """Brake at constant deceleration to the contact speed, reached a margin before the estimated distance; creep on."""
 
-    needs_estimate = True
+    NEEDS: ClassVar[Mapping[str, Any]] = {"range_noise": 0.01}
     PARAMETERS = (
         Parameter("top speed", "m/s", 0.1, VELOCITY_RANGE[1], 1.0),
         Parameter("contact speed", "m/s", 0.01, 1.0, 0.3),
@@ -73,9 +76,14 @@ class Ranged(ReactingRule):
 class RangedProfile(ReactingRule):
     """Follow a speed profile over the position that is counted from the estimated distance; then react."""
 
-    needs_estimate = True
+    NEEDS: ClassVar[Mapping[str, Any]] = {"range_noise": 0.01}
     PARAMETERS = (
-        *(Parameter(f"speed at {1e3 * place:g} mm", "m/s", 0.01, VELOCITY_RANGE[1], 0.5) for place in AHEAD),
+        *(
+            Parameter(
+                f"speed at {1e3 * place:g} mm", "m/s", 0.01, VELOCITY_RANGE[1], float(np.clip(-10 * place, 0.3, 1.5))
+            )
+            for place in AHEAD
+        ),
         ACCELERATION,
         *REACTION,
     )
@@ -92,7 +100,7 @@ class Clairvoyant(ReactingRule):
     Needs the environment's option `privileged`, and parameters that were optimised for the scenario it meets.
     """
 
-    needs_truth = True
+    NEEDS: ClassVar[Mapping[str, Any]] = {"privileged": True}
     PARAMETERS = (
         *(Parameter(f"velocity at a gap of {1e3 * gap:g} mm", "m/s", *VELOCITY_RANGE, 0.3) for gap in GAPS),
         Parameter("deceleration", "m/s^2", *ACCELERATION_RANGE, 12.0),

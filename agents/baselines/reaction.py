@@ -40,11 +40,15 @@ class ReactingRule(Rule):
     def approach(self, view: View) -> tuple[ArrayLike, ArrayLike]:
         """Return the profile's velocity (m/s) one control period ahead, and the acceleration (m/s^2) for it."""
         most = self[ACCELERATION.name] if ACCELERATION in self.PARAMETERS else ACCELERATION_RANGE[1]
-        return follow(self.speed, self.position(view), view["velocity"], most, self.task.control_period)
+        return follow(self.profile(view), self.position(view), view["velocity"], most, self.task.control_period)
 
     def position(self, view: View) -> Floats:
         """Return the position (m) on the profile: the flange's, unless a rule counts from somewhere else."""
         return view["position"]
+
+    def profile(self, view: View) -> Callable[[Floats], Floats]:
+        """Return what gives the speed at a position: `speed`, whatever else is seen, unless a rule says otherwise."""
+        return self.speed
 
     def speed(self, position: Floats) -> Floats:
         """Return the profile's speed (m/s) at `position` (m)."""

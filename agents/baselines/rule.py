@@ -56,9 +56,9 @@ class View:
 
 
 @cache
-def default_task(needs_estimate: bool, needs_truth: bool) -> tuple[Task, ObservationSpec]:
+def least_task(rule: Any) -> tuple[Task, ObservationSpec]:
     """Return the task of an environment with no more arguments than a rule needs, and what it shows."""
-    task = Task(range_noise=0.0 if needs_estimate else None, privileged=needs_truth)
+    task = Task(**rule.NEEDS)
     return task, ObservationSpec(task)
 
 
@@ -66,8 +66,7 @@ class Rule:
     """A controller of a few numbers, each within its limits."""
 
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = ()
-    needs_estimate: ClassVar[bool] = False  # of the distance
-    needs_truth: ClassVar[bool] = False  # what the argument `privileged` shows
+    NEEDS: ClassVar[Mapping[str, Any]] = {}  # arguments of an environment that shows what it looks at
 
     def __init__(self, parameters: ArrayLike) -> None:
         """Make a controller.
@@ -86,7 +85,8 @@ class Rule:
         for parameter, values in zip(self.PARAMETERS, np.moveaxis(self.parameters, -1, 0), strict=True):
             for value in (values.min(), values.max()):
                 number(parameter.name, value, parameter.unit, at_least=parameter.low, at_most=parameter.high)
-        self.task, self.spec = default_task(self.needs_estimate, self.needs_truth)
+        kind: Any = type(self)
+        self.task, self.spec = least_task(kind)
 
     @classmethod
     def names(cls) -> list[str]:
@@ -102,12 +102,16 @@ class Rule:
         """Return the same rule for an environment with these arguments; positions are `placed` where its objects stand.
 
         Raises:
-            ValueError: the rule needs an estimate of the distance, and the environment shows none.
+            ValueError: the environment does not show what the rule looks at.
         """
-        twin, task = copy.copy(self), Task(**{**environment, **({"privileged": True} if self.needs_truth else {})})
-        if self.needs_estimate and task.range_noise is None:
-            raise ValueError(f"{type(self).__name__} needs an estimate of the distance: environment.range_noise")
-        twin.task, twin.spec = task, ObservationSpec(task)
+        kind: Any = type(self)
+        twin, truth = copy.copy(self), {name: True for name in self.NEEDS if name == "privileged"}
+        twin.task = Task(**{**environment, **truth})
+        twin.spec = ObservationSpec(twin.task)
+        if missing := [name for name in least_task(kind)[1].ids if name not in twin.spec]:
+            arguments = ", ".join(f"{name} = {value}" for name, value in self.NEEDS.items())
+            what = f"{kind.__name__} looks at {', '.join(missing)}"
+            raise ValueError(f"{what}, which this environment does not show: it needs arguments like {arguments}")
         return twin
 
     def placed(self, position: Floats) -> Floats:

@@ -2,10 +2,11 @@
 
 import hashlib
 import json
-import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from agents import setups
 from agents.baselines import constant, profile, wary
@@ -26,7 +27,8 @@ FIXED = dict(zip(setups.FIXED, (PaperTrapezoid, RandomActions), strict=True))
 def load_baseline(name: str, time_weight: float = 2.0, folder: Path = TUNED) -> Controller:
     """Return a baseline, with what was tuned for `time_weight` (m/s per s).
 
-    Where nothing was tuned for that weight, it is what was tuned for the nearest one, by ratio.
+    Between weights that were tuned for, parameters are interpolated over the logarithm of the weight; beyond, they are
+    those of the last.
 
     Raises:
         ValueError: no such baseline; or its file is missing, or altered, or was made for other parameters or for
@@ -39,12 +41,13 @@ def load_baseline(name: str, time_weight: float = 2.0, folder: Path = TUNED) -> 
 
 
 def tuned_rule(content: Mapping[str, Any], time_weight: float) -> Rule:
-    """Return the rule in what `read_tuned` returned, with what was tuned for the nearest weight (m/s per s)."""
-    weights = [float(weight) for weight in content["weights"]]
-    if not weights:
+    """Return the rule in what `read_tuned` returned for a weight (m/s per s), interpolated as in `load_baseline`."""
+    if not content["weights"]:
         raise ValueError(f"baseline {content['baseline']!r} holds no weight: tune it")
-    nearest = min(weights, key=lambda weight: abs(math.log(weight / time_weight)))
-    rule = RULES[content["rule"]].of(list(content["weights"][f"{nearest:g}"]["parameters"].values()))
+    weights, tuned = zip(*((float(weight), found) for weight, found in content["weights"].items()), strict=True)
+    numbers = np.array([list(found["parameters"].values()) for found in tuned]).T
+    parameters = [np.interp(np.log(time_weight), np.log(weights), values) for values in numbers]
+    rule = RULES[content["rule"]].of(parameters)
     return rule.for_environment(content["environment"])
 
 

@@ -27,7 +27,8 @@ OBJECT = re.compile(r"[\w.]+:[\w.]+")  # of a module
 README = ("linear-blind", "linear-ranged", "bistable-blind", "paper-limits")
 """Those that the README, `make report` and `make train-all` are about."""
 RULES = (
-    "BlindProfile", "ConstantDeceleration", "ConstantSpeed", "Ranged", "RangedProfile", "WaryProfile", "WaryRanged",
+    "BlindProfile", "ConstantDeceleration", "ConstantSpeed", "DetectorProfile", "DetectorRanged", "Ranged",
+    "RangedProfile", "WaryProfile", "WaryRanged",
 )  # fmt: skip
 """Those that may be tuned, classes of `agents.baselines`."""
 FIXED = ("paper-trapezoid", "random")
@@ -136,11 +137,10 @@ def _setup(path: Path, content: dict[str, Any]) -> Setup:
     with within("environment"):
         task = Task(**environment)
     known("baselines.", baselines, ("against", "tuned", "bound", "budget"))
-    blind = task.range_noise is None
-    usual = {f"{path.stem}-profile": "BlindProfile" if blind else "Ranged"}
+    usual = {f"{path.stem}-profile": "BlindProfile" if task.range_noise is None else "RangedProfile"}
     listed = table(baselines, "tuned", "baselines.") or usual
     tuned = {
-        identifier("baselines.tuned: each", name): _tuned(f"baselines.tuned.{name}", given, blind)
+        identifier("baselines.tuned: each", name): _tuned(f"baselines.tuned.{name}", given, task)
         for name, given in listed.items()
     }
     title = text(content, "title", path.stem)
@@ -178,15 +178,16 @@ def _refuse_unknown(setup: Setup) -> None:
     known("evaluation.of.", [setup.evaluation.of], ["paper-trapezoid", *shipped()])
 
 
-def _tuned(name: str, given: Any, blind: bool) -> Tuned:
-    """Return what a file says of a baseline: a rule, or a table with one; `blind` where no distance is estimated."""
+def _tuned(name: str, given: Any, task: Task) -> Tuned:
+    """Return what a file says of a baseline: a rule, or a table with one."""
     entry = {"rule": given} if isinstance(given, str) else given
     if not isinstance(entry, dict) or entry.get("rule") not in RULES:
         raise ValueError(f"{name} must be a rule, one of {', '.join(RULES)}, or a table with one, got {given!r}")
     known(f"{name}.", entry, Tuned._fields)
     rtol = number(f"{name}.rtol", entry.get("rtol", Task.rtol), "(no unit)", at_least=1e-13, at_most=1e-2)
     flag(f"{name}.clean_alarm", clean_alarm := entry.get("clean_alarm", False))
-    if blind and "Ranged" in entry["rule"]:
-        raise ValueError(f"{name}: {entry['rule']} needs an estimate of the distance, environment.range_noise")
+    for kind, argument in {"Ranged": "range_noise", "Detector": "deflection_sensor"}.items():
+        if kind in entry["rule"] and getattr(task, argument) in (None, False):
+            raise ValueError(f"{name}: {entry['rule']} looks at what environment.{argument} adds")
     jitter = number(f"{name}.jitter", entry.get("jitter", 0.0), "(no unit)", at_least=0.0, at_most=1.0)
     return Tuned(entry["rule"], rtol, clean_alarm, jitter)

@@ -6,12 +6,13 @@ from pathlib import Path
 import tyro
 from matplotlib.figure import Figure
 
-from experiments.gain import priors, worlds
+from experiments.gain import blind, priors, worlds
 from experiments.lab import experiment
 from experiments.lab.charts import FLANGE, OBJECT, TOOL
 from experiments.lab.experiment import Shown, Tables
 from experiments.lab.tables import Gather
 
+QUICK_BOUND = blind.Effort(scenarios=40, corners=2, rounds=1, generations=10)
 QUICK = priors.Effort((0.7, 3.0), scenarios=40, generations=12, tested=100)
 
 
@@ -19,7 +20,11 @@ def tables(quick: bool, gather: Gather) -> Tables:
     """Return all rows, after searching and playing what is missing of them."""
     effort = QUICK if quick else priors.Effort()
     chosen = priors.PRIORS[::4] if quick else priors.PRIORS
-    return {"priors": priors.rows(gather, effort, chosen), "worlds": worlds.rows(gather, effort.tested)}
+    return {
+        "priors": priors.rows(gather, effort, chosen),
+        "worlds": worlds.rows(gather, effort.tested),
+        "blind": blind.rows(gather, QUICK_BOUND if quick else blind.Effort()),
+    }
 
 
 def shown(tables: Tables) -> Shown:
@@ -28,6 +33,7 @@ def shown(tables: Tables) -> Shown:
     return {"priors": chart(lines)}, {
         "lines": lines, "known": next((line for line in lines if line["prior"].near == 0.15), lines[-1]),
         "worlds": worlds.table(tables["worlds"]), "measures": worlds.MEASURES,
+        "blind": blind.table(tables["blind"]),
     }  # fmt: skip
 
 

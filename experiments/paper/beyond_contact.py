@@ -95,13 +95,13 @@ def statements(table: Table) -> Statements:
         "the same to 1e-6 at all speeds",
         why="A linear oscillator scales with its velocity. That real contacts do not was found by experiment.",
     )
-    yield section_2_2.claim(
+    yield section_2_2.given.claim(
         "Its viscous component is discontinuous, since it suddenly increases at the beginning of the contact",
         jumps["linear"][0] > 0.1,
         f"jumps to {100 * jumps['linear'][0]:.0f} % of the largest force",
         "more than a tenth of the largest force at the touch",
     )
-    yield section_2_2.claim(
+    yield section_2_2.given.claim(
         "... is not zero at the end of the contact and is opposed to the separation",
         jumps["linear"][1] > 0.1,
         f"the damper holds back with {linear * jumps['linear'][1]:.1f} N where it outweighs the spring",

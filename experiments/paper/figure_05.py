@@ -55,14 +55,14 @@ def statements(table: Table) -> Statements:
     _, _, damping = parts(table, "a")
     ends = np.abs(damping[a.contact > 0][[0, -1]]).max() / damping.max()
     least = min(run.trace.contact_force.min() for run in (a, b))
-    yield section_2_2.claim(
+    yield section_2_2.given.claim(
         "If the tool is rigidly connected, the peak of the contact force is almost twice that of the decoupled tool",
         1.8 <= peak_a / peak_b < 2.0,
         f"{peak_a / peak_b:.4f} ({peak_a:.2f} N against {peak_b:.2f} N)",
         "ratio at least 1.8 and below 2",
         why="The force scales as M^(3/5), and the masses are 0.25 kg and 0.25/3 kg: the ratio is 3^(3/5) = 1.933.",
     )
-    yield section_2_2.claim(
+    yield section_2_2.given.claim(
         "The duration of the contact decreases if the tool is decoupled",
         b.duration_of_contact < a.duration_of_contact,
         f"{1e3 * b.duration_of_contact:.2f} ms against {1e3 * a.duration_of_contact:.2f} ms",

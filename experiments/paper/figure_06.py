@@ -89,19 +89,19 @@ def statements(table: Table) -> Statements:
     energy_spread = max((np.ptp(v_p, axis=1) / v_p.mean(axis=1)).max() for v_p in velocities)
     row = where(table, free=0, contact_stiffness=CUT)
     restitution, force, lowest = row["restitution"], row["peak_force"], np.argmin(row["peak_force"])
-    yield section_2_2.claim(
+    yield section_2_2.given.claim(
         "When e is assigned, an increase in k_c leads to an increase in contact force",
         all((np.diff(peaks, axis=1) > 0).all() for peaks in (fixed, free)),
         "rises at every e, with k_c^(2/5)",
         "rises from each k_c to the next, at every e, in both cases",
     )
-    yield section_2_2.claim(
+    yield section_2_2.given.claim(
         "When k_c increases, the deformation decreases",
         all((np.diff(depth, axis=1) < 0).all() for depth in depths),
         f"tool fixed, e = 1: {1e3 * depths[0][-1, 0]:.1f} mm at k_c = 1e3, {1e3 * depths[0][-1, -1]:.2f} mm at 1e6",
         "the largest penetration falls from each k_c to the next, at every e, in both cases",
     )
-    yield section_2_2.claim(
+    yield section_2_2.given.claim(
         "The energy transferred to the object has to remain constant, since e is fixed",
         energy_spread < 1e-6,
         f"V_p varies by {energy_spread:.1g} of itself over k_c",

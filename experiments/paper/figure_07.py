@@ -32,7 +32,7 @@ def statements(table: Table) -> Statements:
     error = np.abs(grid_values(table, "object_velocity", 1)[:, 0] / instantaneous - 1.0)
     at_cut = where(table, free=1, contact_stiffness=CUT)
     parting = [where(at_cut, restitution=e)["separation_velocity"][0] for e in VANISHING]
-    yield section_2_2.claim(
+    yield section_2_2.given.claim(
         "An increase in k_c leads to a decrease in the impact duration",
         all((np.diff(duration, axis=1) < 0).all() for duration in durations),
         "falls at every e, with k_c^(-2/5)",

@@ -14,7 +14,7 @@ import impact_gym as ig
 from experiments.lab.charts import SERIES
 from experiments.paper import tables
 from experiments.paper.layouts import Panels, mark, panels
-from experiments.paper.scenes import DISTANCE, DURATION, MOTION, decoupled
+from experiments.paper.scenes import DISTANCE, DURATION, MOTION, STEADY, decoupled
 from experiments.paper.statements import Statements, section_4_2
 from experiments.paper.tables import Array, Row, Table, enclose_changes, from_rows, where
 
@@ -30,12 +30,15 @@ DAMPED_STIFFNESS = 150.0  # N/m
 DAMPING_RATIOS = np.round(np.arange(0.1, 2.0001, 0.05), 2)
 
 
-def point(k_t: float, k_c: float, restitution: float, zeta: float = 1.0, distance: float = DISTANCE) -> Row:
+def point(
+    k_t: float, k_c: float, restitution: float, zeta: float = 1.0, distance: float = DISTANCE, braked: bool = True
+) -> Row:
     """Simulate one approach; a row of the table."""
     scene = decoupled(k_c, restitution, k_t, zeta, distance)
-    outcome = ig.simulate(scene, MOTION, DURATION + distance / MOTION.speed)
+    outcome = ig.simulate(scene, MOTION if braked else STEADY, DURATION + distance / MOTION.speed)
     return {
-        "distance": distance, "damping_ratio": zeta, "contact_stiffness": k_c, "coupling_stiffness": k_t,
+        "braked": braked, "distance": distance, "damping_ratio": zeta, "contact_stiffness": k_c,
+        "coupling_stiffness": k_t,
         "contacts": len(outcome.contacts), "object_velocity": outcome.object_velocity,
         "object_velocity_first": outcome.contacts[0].object_velocity,
     }  # fmt: skip
@@ -64,9 +67,9 @@ def by_curve(words: Mapping[float, str]) -> str:
     return "; ".join(f"k_c = 1e{round(np.log10(k_c))}: {part}" for k_c, part in words.items())
 
 
-def curve(table: Table, k_c: float, distance: float = DISTANCE) -> Table:
+def curve(table: Table, k_c: float, distance: float = DISTANCE, braked: bool = True) -> Table:
     """Return the rows of one curve, by rising coupling stiffness."""
-    return where(table, distance=distance, damping_ratio=1.0, contact_stiffness=k_c)
+    return where(table, braked=braked, distance=distance, damping_ratio=1.0, contact_stiffness=k_c)
 
 
 def changes(table: Table, k_c: float) -> list[tuple[float, int, int]]:
@@ -112,7 +115,7 @@ def draw(axes: Panels, table: Table) -> None:
 
 def damping_row(table: Table, k_c: float) -> Table:
     """Return the row over the damping ratio at one k_c."""
-    rows = where(table, distance=DISTANCE, contact_stiffness=k_c, coupling_stiffness=DAMPED_STIFFNESS)
+    rows = where(table, braked=True, distance=DISTANCE, contact_stiffness=k_c, coupling_stiffness=DAMPED_STIFFNESS)
     order = np.argsort(rows["damping_ratio"])
     return {name: column[order] for name, column in rows.items()}
 

@@ -27,7 +27,7 @@ class Basis(StrEnum):
 
     TEST = "test"
     IDENTIFIED = "used to identify"  # a value that the paper does not print was chosen such that this comes true
-    GIVEN = "identity or input"  # an equation of the paper evaluated, an input read back, true by construction
+    GIVEN = "identity, scale law or input"  # an equation evaluated, an input read back, true of any numbers
     REPEATED = "repeats another statement"  # follows from another statement of the list
 
 

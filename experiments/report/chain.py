@@ -66,7 +66,7 @@ def links(played: Played) -> list[Link]:
     stronger = task.acceleration_range[1] > PaperTrapezoid()["deceleration"]
     sources = {"ConstantSpeed": "the arm's limits" if stronger else "the choice of speed"}
     sources |= {"ConstantDeceleration": "knowing where objects can stand", "BlindProfile": "the profile's shape"}
-    sources |= {} if task.range_noise is None else {"Ranged": "the estimate"}
+    sources |= {} if task.range_noise is None else {"Ranged": "the estimate", "RangedProfile": "a profile over it"}
     sequence, added = [Link("", PAPER, [played.paper])], []
     for rule, source in sources.items():
         added.append(source)

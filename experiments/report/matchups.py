@@ -28,14 +28,17 @@ from impact_gym.validation import identifier
 PAPER = "paper's rule"
 RULE = "paper-trapezoid"  # what the package calls it
 POLICY = "learned policy"
-BOUND = "clairvoyant, by search"
+BOUND = "who knows the object, by search"
 PLAIN = {
     "BlindProfile": "tuned profile",
     "ConstantDeceleration": "tuned even braking",
     "ConstantSpeed": "tuned constant speed",
-    "Ranged": "tuned ranging profile",
-    "WaryProfile": "tuned wary profile",
-    "WaryRanged": "tuned wary ranging profile",
+    "DetectorProfile": "tuned profile with a detector",
+    "DetectorRanged": "tuned profile over the estimate with a detector",
+    "Ranged": "tuned braking towards the estimate",
+    "RangedProfile": "tuned profile over the estimate",
+    "WaryProfile": "tuned profile with a threshold",
+    "WaryRanged": "tuned braking with a threshold",
 }
 """Tuned rules in plain words."""
 Environment = Mapping[str, Any]
@@ -143,7 +146,10 @@ def of_setup(setup: Setup, scenarios: Mapping[str, Any], folder: Path | None = N
     chosen, about = f"seed-{ensemble.chosen}", ensemble[None].provenance
     environment, scenarios = environment_and_scenarios(setup.environment, scenarios)
     rivals = baselines(setup.against, environment, setup, folder / "tuned")
-    note = setup.about + quick_look_note(setup, about, rivals)
+    teacher = setup.training.teacher
+    known = ", which it is compared with" if teacher in setup.against else ""
+    imitates = f"; its training begins by imitating {teacher}{known}" if teacher else ""
+    note = setup.about + imitates + quick_look_note(setup, about, rivals)
     bound = clairvoyant(setup, scenarios, folder / "tuned")
     return Matchup(
         setup.name, environment, seeds, chosen, rivals, scenarios, about, note, setup.evaluation, bound, setup.title

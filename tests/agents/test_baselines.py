@@ -21,7 +21,6 @@ from impact_gym.task import ObservationSpec, Task
 
 RULES = [*tuned.RULES.values(), Clairvoyant]
 STAY = [0.0] * (len(REACTION) - 1) + [20.0]
-NEEDS = {"range_noise": 0.01, "privileged": True}
 PAPERS, OURS = (load_setup(name).environment for name in ("paper-limits", "linear-blind"))
 
 
@@ -90,7 +89,7 @@ def test_ranged_arrives_at_the_estimate_with_the_tuned_speed_whatever_the_distan
 
 
 def test_clairvoyant_goes_by_the_true_gap():
-    env = gym.make(ID, **NEEDS)
+    env = gym.make(ID, **Clairvoyant.NEEDS)
     seen, _ = env.reset(options={"scenario": {"distance": 0.2718}})
     rule = Clairvoyant([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 10.0, 20.0, *STAY])
     velocity, _ = rule.approach(View(seen, env.unwrapped.observation_spec))
@@ -102,7 +101,7 @@ def test_clairvoyant_goes_by_the_true_gap():
 
 @pytest.mark.parametrize("rule", RULES)
 def test_rule_acts_on_a_row_of_a_batch_as_it_does_alone(rule):
-    environment = NEEDS if rule.needs_truth else {"range_noise": 0.01} if rule.needs_estimate else {}
+    environment = rule.NEEDS
     (seen, _), parameters = observations(environment), drawn(rule, 200)
     actions, _ = rule.of(parameters).for_environment(environment).predict(seen)
     assert np.abs(actions).max() <= 1.0 + 1e-6
@@ -140,13 +139,15 @@ def parameters_of(rule, seed):
     return {"parameters": dict(zip(rule.names(), drawn(rule, 1, seed)[0].tolist(), strict=True))}
 
 
-def test_load_baseline_takes_what_was_tuned_for_the_nearest_weight(tmp_path):
+def test_load_baseline_interpolates_over_the_logarithm_of_the_weight(tmp_path):
     weights = {"4": parameters_of(BlindProfile, 4), "1": parameters_of(BlindProfile, 1)}
     write_tuned("blind-profile", weights, load_setup("linear-blind"), tmp_path)
-    for weight, nearest in ((0.1, "1"), (1.0, "1"), (1.9, "1"), (2.1, "4"), (50.0, "4")):
+    low, high = (np.array(list(weights[weight]["parameters"].values())) for weight in ("1", "4"))
+    for weight, share in ((0.1, 0.0), (1.0, 0.0), (2.0, 0.5), (4.0, 1.0), (50.0, 1.0)):
         rule = load_baseline("blind-profile", weight, tmp_path)
         assert isinstance(rule, BlindProfile)
-        assert rule.parameters.tolist() == list(weights[nearest]["parameters"].values())
+        assert rule.parameters == pytest.approx((1.0 - share) * low + share * high, rel=1e-12)
+    assert (load_baseline("blind-profile", 1.0, tmp_path).parameters == low).all()
     assert isinstance(load_baseline("paper-trapezoid", 3.0, tmp_path), PaperTrapezoid)
 
 

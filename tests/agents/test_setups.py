@@ -46,7 +46,7 @@ def test_load_setup_makes_what_a_file_says(mine):
     assert {*task.drawn} == {"tool_mass", "coupling.stiffness", "robot.stiffness", "range_noise"}
     assert (task.velocity_range, task.scenario.object_mass) == ((-0.2, 0.6), (0.2, 1.0))
     assert [*setup.tuned] == ["mine-profile"] == [*setup.against]  # what is usual, where the file says nothing
-    assert setup.tuned["mine-profile"].rule == "Ranged"
+    assert setup.tuned["mine-profile"].rule == "RangedProfile"
     assert setup.folder == Path("runs/mine")
     training = setup.training
     assert (training.steps, training.rollout, training.seeds, setup.budget) == (2000, 16, 2, 16)

@@ -134,9 +134,9 @@ def test_memory_of_a_rule_ends_with_the_episode():
     rule = WaryProfile([parameter.start for parameter in WaryProfile.PARAMETERS])
     high = np.zeros((2, 8), np.float32)
     high[:, FORCE] = 1.0  # 1 kN
-    _, raised = rule.predict(high)
+    _, (raised,) = rule.predict(high)
     assert np.isfinite(raised).all()
-    _, raised = rule.predict(np.zeros((2, 8), np.float32), raised, np.array([True, False]))
+    _, (raised,) = rule.predict(np.zeros((2, 8), np.float32), (raised,), np.array([True, False]))
     assert np.isfinite(raised).tolist() == [False, True]
 
 
