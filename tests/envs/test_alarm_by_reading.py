@@ -10,7 +10,7 @@ from scipy import stats
 
 import impact_gym as ig
 from agents.baselines import BlindProfile, PaperTrapezoid
-from agents.baselines.wary import THRESHOLD, WaryProfile
+from agents.baselines.wary import DETECTOR, THRESHOLD, DetectorProfile, WaryProfile
 from agents.evaluate.scenario_batch import ScenarioBatch
 
 READING = {"alarm": "reading"}
@@ -155,3 +155,35 @@ def test_past_readings_are_those_that_were_shown_then(deflection):
                 assert np.array_equal(seen[before:, column], seen[:-before, sensor])
                 differ += not np.array_equal(seen[:, column], seen[:, sensor])
     assert differ == 10 * 3 * len(read)
+
+
+def test_detector_sees_a_small_rise_as_soon_as_pages_rule_does():
+    needs = {**DetectorProfile.NEEDS, "force_noise": 1.0}
+    detector = dict(zip((each.name for each in DETECTOR), (0.5, 0.0, 5.0, 0.0, 0.0, 0.0), strict=True))
+    numbers = [detector.get(each.name, each.start) for each in DetectorProfile.PARAMETERS]
+    rule, rng, before, rows = DetectorProfile(numbers).for_environment(needs), np.random.default_rng(0), 200, 1000
+    seen, state, first = np.zeros((rows, len(rule.spec)), np.float32), None, np.full(rows, np.inf)
+    for step in range(before + 60):  # from then on 1 N more, one standard deviation
+        seen[:, rule.spec.index("force")] = rule.spec.encode("force", 20.0 + rng.normal(size=rows) + (step >= before))
+        seen[:, rule.spec.index("time")] = rule.spec.encode("time", np.full(rows, 1e-3 * step))
+        _, state = rule.predict(seen, state, np.zeros(rows, bool))
+        first = np.where(np.isfinite(state[0]), np.minimum(first, step), first)
+    assert 0.65 < (first >= before).mean() < 0.9  # one false alarm in 930 readings, exp(-200/930)
+    assert (first[first >= before] - before + 1).mean() == pytest.approx(10.4, rel=0.1)
+    # D. C. Montgomery, Introduction to Statistical Quality Control, table 9.3: k = 1/2, h = 5
+
+
+def test_detector_takes_a_kick_of_the_tool_for_a_touch_and_its_own_swing_for_none():
+    detector = dict(zip((each.name for each in DETECTOR), (0.0, 0.0, 1.0, 0.0, 1000.0, 0.8), strict=True))
+    numbers = [detector.get(each.name, each.start) for each in DetectorProfile.PARAMETERS]
+    rule = DetectorProfile(numbers)
+    steps = np.arange(20)
+    swing = (0.01 + 0.02 * steps) * 0.8**steps  # a critically damped tool, left to itself
+    for kick, touched in ((0.0, False), (-0.005, True)):  # m
+        state, seen = None, np.zeros((1, len(rule.spec)), np.float32)
+        for step in range(2, 20):
+            for name, back in (("deflection", 0), ("deflection_1", 1), ("deflection_2", 2)):
+                value = swing[step - back] + kick * (step - back >= 10)
+                seen[:, rule.spec.index(name)] = rule.spec.encode(name, np.array([value]))
+            _, state = rule.predict(seen, state, np.zeros(1, bool))
+        assert np.isfinite(state[0]).all() == touched
