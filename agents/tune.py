@@ -45,8 +45,8 @@ class Tune:
     """Of their baselines only these."""
     weights: tuple[float, ...] = ()
     """What a second of approach costs, m/s per s; what the set-up says unless given."""
-    scenarios: int = 300
-    """Training scenarios that each candidate is played through."""
+    scenarios: int | None = None
+    """Training scenarios that each candidate is played through; what the set-up says, or 300, unless given."""
     budget: int | None = None
     """Candidates for each weight; what the set-up says unless given."""
     population: int = 16
@@ -65,10 +65,9 @@ class Tune:
     """Folder where finished searches are kept."""
 
     def __post_init__(self) -> None:
-        for name, least in (("scenarios", 1), ("processes", 0), ("population", 4), ("seed", 0)):
-            whole(name, getattr(self, name), at_least=least)
-        if self.budget is not None:
-            whole("budget", self.budget, at_least=1)
+        for name, least in (("processes", 0), ("population", 4), ("seed", 0), ("scenarios", 1), ("budget", 1)):
+            if getattr(self, name) is not None:
+                whole(name, getattr(self, name), at_least=least)
         for weight in self.weights:
             number("weights", weight, "m/s per s", above=0)
         tuned = {name for setup in self.setups for name in load_setup(setup).tuned}
@@ -91,10 +90,11 @@ class Tune:
         """Return the time weights, m/s per s."""
         return self.weights or setup.evaluation.weights
 
-    def search(self, setup: Setup) -> dict[str, Any]:
-        """Return the settings of the search, on which its result depends."""
+    def search(self, name: str, setup: Setup) -> dict[str, Any]:
+        """Return the settings of the search for a baseline, on which its result depends."""
         budget = setup.budget if self.budget is None else self.budget
-        return {"scenarios": self.scenarios, "budget": budget, "population": self.population, "seed": self.seed}
+        scenarios = setup.tuned[name].scenarios if self.scenarios is None else self.scenarios
+        return {"scenarios": scenarios, "budget": budget, "population": self.population, "seed": self.seed}
 
     def folder(self, setup: Setup) -> Path:
         """Return where the files of a set-up are."""
@@ -122,7 +122,7 @@ def tune(options: Tune) -> list[Path]:
     for name, setup, weight in missing:
         given = setup.tuned[name]._asdict() | {"environment": dict(setup.environment), "weight": weight}
         given["environment"] |= CLEAN_ALARM if given.pop("clean_alarm") else {}
-        arguments.append(given | options.search(setup))
+        arguments.append(given | options.search(name, setup))
     for place, result in options.results("tune_one", arguments, "tuning"):
         name, setup, weight = missing[place]
         tuned[name][f"{weight:g}"] = _as_json(name, setup, weight, options, result)
@@ -149,13 +149,13 @@ def _searched(name: str, setup: Setup, options: Tune) -> dict[str, Any]:
     """Return how a baseline is searched for: the search, and what the set-up asks for beside its rule."""
     tuned = setup.tuned[name]
     asked = {field: getattr(tuned, field) for field in ("clean_alarm", "jitter") if getattr(tuned, field)}
-    return options.search(setup) | asked
+    return options.search(name, setup) | asked
 
 
 def _as_json(name: str, setup: Setup, weight: float, options: Tune, result: Result) -> dict[str, Any]:
     """Return what a file keeps of what was found for one weight: its scores and how it came about."""
     names = RULES[setup.tuned[name].rule].names()
-    alone = Tune((setup.called,), (name,), (weight,), **options.search(setup))
+    alone = Tune((setup.called,), (name,), (weight,), **options.search(name, setup))
     return {
         "parameters": dict(zip(names, result["parameters"].tolist(), strict=True)),
         "train": result["train"].item(),

@@ -79,10 +79,8 @@ class RangedProfile(ReactingRule):
     NEEDS: ClassVar[Mapping[str, Any]] = {"range_noise": 0.01}
     PARAMETERS = (
         *(
-            Parameter(
-                f"speed at {1e3 * place:g} mm", "m/s", 0.01, VELOCITY_RANGE[1], float(np.clip(-10 * place, 0.3, 1.5))
-            )
-            for place in AHEAD
+            Parameter(f"speed at {1e3 * place:g} mm", "m/s", 0.01, VELOCITY_RANGE[1], start)
+            for place, start in zip(AHEAD, np.sqrt(np.clip(-36.0 * AHEAD, 0.06, 2.25)).tolist(), strict=True)
         ),
         ACCELERATION,
         *REACTION,

@@ -42,6 +42,7 @@ class Tuned(NamedTuple):
     rtol: float = Task.rtol  # of the simulation while searching; scores are played at the environment's
     clean_alarm: bool = False  # whether a switch without errors raises the alarm, as for a teacher
     jitter: float = 0.0  # of each command while searching, a standard deviation as a share of an action's range
+    scenarios: int = 300  # that each candidate is played through
 
 
 @dataclass(frozen=True)
@@ -190,4 +191,5 @@ def _tuned(name: str, given: Any, task: Task) -> Tuned:
         if kind in entry["rule"] and getattr(task, argument) in (None, False):
             raise ValueError(f"{name}: {entry['rule']} looks at what environment.{argument} adds")
     jitter = number(f"{name}.jitter", entry.get("jitter", 0.0), "(no unit)", at_least=0.0, at_most=1.0)
-    return Tuned(entry["rule"], rtol, clean_alarm, jitter)
+    scenarios = whole(f"{name}.scenarios", entry.get("scenarios", Tuned._field_defaults["scenarios"]), at_least=1)
+    return Tuned(entry["rule"], rtol, clean_alarm, jitter, scenarios)

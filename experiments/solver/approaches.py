@@ -6,7 +6,7 @@ are extreme on purpose.
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, get_args
 
 import numpy as np
@@ -40,9 +40,13 @@ OTHERS = {
     "robot mass": (0.5, 50.0),  # kg
     "robot stiffness": (1e3, 1e6),  # N/m
     "robot damping": (1.0, 1e3),  # N s/m
+    "friction": (1e-3, 3.0),  # between object and ground
+    "reference velocity": (0.01, 5.0),  # m/s, at which a fixed damping has its restitution
+    "stroke over rest": (1.01, 30.0),  # way of a tool on a spring over that by which the acceleration presses it
 }
 """What a scene needs besides, over ranges of our own."""
 EXPONENTS = (*((1.5, 1.5),) * 6, (1.0, 0.0), (1.0, 1.0), (2.0, 2.0), (1.5, 1.0), (1.2, 1.2), (3.0, 0.0))
+ROUGH = 0.25  # share of scenes with friction, with a fixed damping, with an end to a spring's way
 AT_AN_END = 0.05  # share of draws from a range of the storm that are one of its ends
 AFTERMATH = 0.5  # s, after the flange would reach the object
 
@@ -105,8 +109,8 @@ def named() -> tuple[Approach, ...]:
 class _Draw:
     """Draws for one scene of the storm."""
 
-    def __init__(self, number: int) -> None:
-        self.rng = np.random.default_rng([STORM_SEED, number])
+    def __init__(self, *numbers: int) -> None:
+        self.rng = np.random.default_rng([STORM_SEED, *numbers])
         self.share = self.rng.uniform
 
     def value(self, name: str) -> float:
@@ -162,8 +166,22 @@ def storm(number: int) -> Approach:
     brake = ig.Brake(*map(draw.value, ("threshold", "delay", "deceleration"))) if brakes else None
     motion = ig.Trapezoid(draw.value("speed"), draw.value("acceleration"), brake)
     duration = target.distance / motion.speed + motion.speed / motion.acceleration + AFTERMATH
-    made = ig.Scene(tool, target, contact, coupling, robot)
+    made = roughened(ig.Scene(tool, target, contact, coupling, robot), motion.acceleration, _Draw(number, 1))
     return Approach(str(number), describe(made, motion), made, motion, duration)
+
+
+def roughened(smooth: ig.Scene, acceleration: float, draw: _Draw) -> ig.Scene:
+    """Return the scene with friction, an end to its spring's way and a fixed damping, each in a share ROUGH of all."""
+    target, contact, coupling = smooth.object, smooth.contact, smooth.coupling
+    if draw.share(0, 1) < ROUGH:
+        target = replace(target, friction=draw.value("friction"))
+    if draw.share(0, 1) < ROUGH:
+        reference = draw.value("reference velocity")
+        contact = replace(contact, dissipation="fixed", reference_velocity=reference)
+    if isinstance(coupling, ig.SpringDamper) and draw.share(0, 1) < ROUGH:
+        rest = smooth.tool.mass * acceleration / coupling.stiffness
+        coupling = replace(coupling, stroke=rest * draw.value("stroke over rest"))
+    return replace(smooth, object=target, contact=contact, coupling=coupling)
 
 
 def describe(stormy: ig.Scene, motion: ig.Trapezoid) -> str:
@@ -176,6 +194,9 @@ def describe(stormy: ig.Scene, motion: ig.Trapezoid) -> str:
     words.append(f"m_t {stormy.tool.mass:.3g} kg, m_p {stormy.object.mass:.3g} kg, {motion.speed:.3g} m/s")
     if isinstance(coupling, ig.SpringDamper):
         words.append(f"k_t {coupling.stiffness:.3g}, zeta {coupling.damping_ratio:.3g}")
+        words += [] if coupling.stroke is None else [f"stroke {coupling.stroke:.3g} m"]
+    if stormy.object.friction is not None:
+        words.append(f"mu {stormy.object.friction:.3g}")
     if isinstance(coupling, ig.Bistable):
         stops = f"k_s {coupling.stop_stiffness:.3g}, zeta_s {coupling.stop_damping_ratio:.3g}"
         words.append(f"k {coupling.stiffness:.3g}, {stops}")

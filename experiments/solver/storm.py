@@ -9,6 +9,8 @@ It may not be negative: a contact that is over has given back less than it took,
 first part is known to rounding from a `ContactRecord`. The second is a sum over the points of a `Trace`, in which M a
 follows from the velocities at two points, so that a may jump; its doubt is the change when every second point is left
 out. Where the tool is fixed to a robot whose mass varies, M varies with it.
+
+Friction takes from the object what it was given, at most mu g of velocity in a second: within that a budget is met.
 """
 
 import math
@@ -23,7 +25,9 @@ from agents.jobs import Result
 from experiments.lab.tables import Gather, Row, result_of, solver_and
 from experiments.solver.approaches import Approach, storm
 from experiments.solver.solutions import SHARED, known, relative_error
+from impact_gym.physics.impact import GRAVITY
 
+NEVER = 1e6  # s, when a contact ends that does not
 LIMIT = 120.0  # s, without an answer: a hang
 AGAIN_OVER = 20.0  # ms; the better of two, so that what is loaded at first use does not count
 LONGEST_TRACE = 50_000  # steps, beyond which a trace would fill the memory
@@ -35,7 +39,7 @@ CHECKS = {
     "energy_created": "over all energy that went to and fro in the contact; negative: lost; nan without a trace",
     "energy_doubt": "of that by quadrature, in the same contact",
     "pull": "contact force below 0 over its peak, or V_p lower after a contact over the speed of the tool",
-    "trace_fall": "of V_p from one point of the trace to the next, over the speed of the tool",
+    "trace_fall": "of V_p from one point of the trace to the next beyond friction's, over the speed of the tool",
 }
 """The worst of a run, each without unit; all zero if there was no contact."""
 COLUMNS = (
@@ -101,6 +105,7 @@ def rows(gather: Gather, count: int) -> list[Row]:
 
 def finite(outcome: ig.Outcome) -> bool:
     """Whether all numbers of an outcome are numbers."""
+    outcome = outcome._replace(rest_time=None)  # inf where something still moves
     records = [record for record in (outcome, *outcome.contacts, outcome.trace) if record is not None]
     values = [value for record in records for value in record]
     return all(bool(np.all(np.isfinite(value))) for value in values if isinstance(value, float | np.ndarray))
@@ -111,7 +116,8 @@ def checked(scene: ig.Scene, outcome: ig.Outcome) -> dict[str, float]:
     if not outcome.contacts:
         return dict.fromkeys(CHECKS, 0.0)
     budgets, energies, pulls, fall = [], [], [0.0], 0.0
-    before, m_p, trace = 0.0, scene.object.mass, outcome.trace
+    before, since, m_p, trace = 0.0, 0.0, scene.object.mass, outcome.trace
+    slowing = GRAVITY * (scene.object.friction or 0.0)  # m/s^2
     heaviest = scene.tool.mass  # of what moves as one with the tool
     if isinstance(scene.coupling, ig.Rigid) and scene.robot is not None:
         heaviest += float(np.max(scene.robot.mass))
@@ -119,16 +125,19 @@ def checked(scene: ig.Scene, outcome: ig.Outcome) -> dict[str, float]:
         after, striking = contact.object_velocity, before + contact.approach_velocity
         impulse = max(contact.impulse, 1e-300)
         rounding = EPS * (heaviest * abs(striking) + m_p * max(abs(before), abs(after))) / impulse
-        gained = m_p * (after - before)
-        budgets.append((abs(contact.momentum_error), abs(gained - contact.impulse) / impulse, rounding))
-        pulls += [(before - after) / striking, -contact.impulse / (m_p * striking)]
-        before = after
+        until = NEVER if contact.end is None else contact.end
+        rubbed = slowing * (until - since)  # m/s, at most
+        lost = contact.impulse - m_p * (after - before)
+        budgets.append((abs(contact.momentum_error), max(-lost, lost - m_p * rubbed, 0.0) / impulse, rounding))
+        pulls += [(before - after - rubbed) / striking, -contact.impulse / (m_p * striking)]
+        before, since = after, until
         if trace is not None:
             energies.append(energy(scene, trace, contact))
     if trace is not None:
         pulls.append(-float(trace.contact_force.min()) / max(outcome.peak_force, 1e-300))
         fastest = max(float(np.abs(trace.tool_velocity).max()), 1e-300)
-        fall = -float(np.diff(trace.object_velocity).min(initial=0.0)) / fastest
+        falls = np.diff(trace.object_velocity) + slowing * np.diff(trace.time)
+        fall = -float(falls.min(initial=0.0)) / fastest
     budget = max(budgets, key=lambda budget: _worst(*budget[:2]))
     created, doubt = max(energies, key=lambda parts: _worst(parts[0] - parts[1]), default=(math.nan, math.nan))
     return dict(zip(CHECKS, (*budget, created, doubt, max(pulls, key=_worst), fall), strict=True))

@@ -60,7 +60,10 @@ def test_storm_has_every_coupling_with_every_robot_all_laws_and_depends_on_its_n
     drawn = [approaches.storm(number) for number in range(900)]
     assert len({approaches.kind(approach.scene) for approach in drawn[:9]}) == 9
     contacts = [approach.scene.contact for approach in drawn]
-    assert {contact.dissipation for contact in contacts} == set(Dissipation.__args__) - {"fixed"}
+    assert {contact.dissipation for contact in contacts} == set(Dissipation.__args__)
+    rough = {approach.scene.object.friction is not None for approach in drawn}
+    ended = {getattr(approach.scene.coupling, "stroke", None) is not None for approach in drawn}
+    assert rough == ended == {False, True}
     exponents = {(contact.stiffness_exponent, contact.damping_exponent) for contact in contacts}
     assert exponents == set(approaches.EXPONENTS)
     assert 0.15 < np.mean([approach.motion.brake is None for approach in drawn]) < 0.25
