@@ -5,6 +5,7 @@ k of them), `{"table": {field: values}, "seed": s, "count": n}` any others, `{"r
 "count": n}` what environments seeded s, s + 1, ... draw first from ranges, or from a named set of these.
 """
 
+import warnings
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import Any
@@ -29,10 +30,11 @@ def play(
 
     `agents.evaluate.controllers` says how to describe a controller; `environment` is without scenario and time weight.
     """
-    played = [
-        scenario_batch_of(scenarios, weight, environment).play(controller_of(controller, weight, environment))
-        for weight in weights
-    ]
+    with warnings.catch_warnings(action="ignore", category=UserWarning):  # what is hard about it is meant to be
+        played = [
+            scenario_batch_of(scenarios, weight, environment).play(controller_of(controller, weight, environment))
+            for weight in weights
+        ]
     return {name: np.array([getattr(episodes, name) for episodes in played]) for name in RESULTS} | played[0].scenario
 
 

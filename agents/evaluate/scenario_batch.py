@@ -157,6 +157,7 @@ class Validation(ScenarioBatch):
     """The frozen validation set at several time weights: the number that training is judged and chosen by.
 
     It is never the test set of the report. The score is the cost of the environment, V_p + w T, and the missed cost.
+    What does not settle, as half-trained policies leave it, is missed: it ends no training.
     """
 
     def __init__(
@@ -170,7 +171,8 @@ class Validation(ScenarioBatch):
         count = min(scenarios, frozen.count)
         self.weights, options = tuple(weights), {name: v for name, v in environment.items() if name != "time_weight"}
         taken = None if "scenario" in options else frozen
-        super().__init__(frozen.seed, count, len(self.weights), self.weights, taken, threads, **options)
+        copies = len(self.weights)
+        super().__init__(frozen.seed, count, copies, self.weights, taken, threads, lenient=True, **options)
 
     def score(self, controller: Controller) -> dict[str, Any]:
         """Return the means over the scenarios at each time weight, and their mean cost, the `score` (m/s)."""

@@ -1,6 +1,7 @@
 """How a set-up is evaluated, the table `[evaluation]` of its file: at which weights, on which scenarios."""
 
 import math
+import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any
@@ -26,11 +27,14 @@ VARIED: Mapping[str, Any] = {
     "range_noise": [0.0, 0.005, 0.01, 0.02, 0.03],
     "tool_mass": {"times": [0.7, 0.85, 1.0, 1.15, 1.3]},
     "coupling.stiffness": {"times": [0.7, 0.85, 1.0, 1.15, 1.3]},
+    "coupling.stroke": [0.02],  # m, half of what the spring needs at 20 m/s^2
     "coupling.front_stop": {"times": [0.5, 1.0, 2.0, 4.0]},
     "robot": ["rigid", COMPLIANT],
     "scenario": [AS_TRAINED, "hard"],
 }
 """What is varied unless a file says otherwise; what a set-up does not have, such as an estimate, is left out."""
+MAY_BE_NONE = ("robot", "coupling.stroke")
+"""Of that: what an environment may have though its set-up says nothing of it."""
 
 
 @dataclass(frozen=True)
@@ -134,11 +138,14 @@ def changes(name: str, values: Any, environment: Mapping[str, Any], strict: bool
     given = {path: value for path, value in flat(environment).items() if path.partition(".")[0] in SET_UP_ARGUMENTS}
     if strict:
         known("evaluation.varied.", [name], ["scenario", *given])
-    if given.get(name) is None and name != "robot":
+    if given.get(name) is None and name not in MAY_BE_NONE:
         return
     for value in listed:
         try:
-            with within(where):
+            with (
+                within(where),
+                warnings.catch_warnings(action="ignore", category=UserWarning),
+            ):  # it is meant to be hard
                 other = _multiple(given[name], value) if multiples else _argument(value)
                 varied = changed(environment, {name: other})
                 same = Task(**varied) == Task(**environment)

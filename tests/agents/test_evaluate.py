@@ -37,6 +37,7 @@ def test_evaluate_gives_a_scenario_the_same_result_whatever_its_neighbours(contr
 def test_scenario_batch_reports_where_the_solver_fails_or_takes_it_as_missed():
     with pytest.raises(RuntimeError, match=f"scenario seeded {TEST_SEED}: .*more integration steps"):
         evaluate(PaperTrapezoid(), TEST_SEED, 1, max_steps=10)
+    assert Validation({"max_steps": 10}, WEIGHTS, scenarios=5).score(PaperTrapezoid())["missed"] == [1.0] * len(WEIGHTS)
     batch = ScenarioBatch(TEST_SEED, 20, lenient=True, max_steps=40)
     result = batch.play(PaperTrapezoid())
     assert 0 < result.missed.sum() < 20
