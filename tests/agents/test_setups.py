@@ -53,6 +53,7 @@ def test_load_setup_makes_what_a_file_says(mine):
     assert setup.evaluation.weights == Tune((str(mine),)).weights_of(setup) == (1.0, 4.0)
 
 
+@pytest.mark.filterwarnings("ignore:SpringDamper.stroke")
 def test_variants_change_one_argument_each_and_leave_the_rest():
     own = Task(**SPRING)
     for change in variants(Evaluation(), SPRING):

@@ -1,12 +1,13 @@
 """What the gain is made of: priors that theory knows the answer of, and the page."""
 
+import gymnasium as gym
 import numpy as np
 import pytest
 from pages import text_of_a_page_that_stands_on_its_own
 
 from agents.evaluate import ScenarioBatch
 from experiments.gain import __main__ as gain
-from experiments.gain import priors, worlds
+from experiments.gain import blind, priors, worlds
 from experiments.lab import experiment
 from experiments.lab.tables import rows_of
 
@@ -36,12 +37,46 @@ def test_page_says_shares_that_add_up(tmp_path):
         played = [{"setup": "linear-blind", "world": world, "contestant": who, "count": 8}
                   for world in ("friction 0.3", "stroke 20 mm") for who in (worlds.RULE, "policy")]  # fmt: skip
         made["worlds"] = [row for each in played for row in rows_of(worlds.played(**each))]
-        return made | {"priors": priors.rows(gather, few, priors.PRIORS[3:4])}
+        effort = blind.Effort(scenarios=10, corners=1, rounds=1, generations=2)
+        bound = blind.rows(gather, effort, ["linear-blind"])
+        return made | {"priors": priors.rows(gather, few, priors.PRIORS[3:4]), "blind": bound}
 
     show = lambda tables: gain.shown(made.setdefault("all", tables))  # noqa: E731
     experiment.run("gain", tmp_path, "test", compute, show, processes=0)
     text = text_of_a_page_that_stands_on_its_own(tmp_path, figures=1)
     assert "from knowing where objects can stand" in text
+    assert "profile above it" in text
     (line,) = priors.table(made["all"]["priors"])
     assert line["limits"].value + line["place"].value == pytest.approx(line["all"].value, rel=1e-12)
     assert line["velocity"][0].value > line["velocity"][1].value
+
+
+def test_nobody_blind_is_below_the_bound_and_finer_corners_only_lower_it():
+    few = {"scenarios": 15, "corners": 2, "rounds": 1, "generations": 4}
+    for setup in blind.BINS:
+        found = rows_of(blind.searched(setup, blind.BINS[setup], 2.0, **few))
+        found += [row for who in (blind.RULE, blind.PROFILE, "seed 0", "seed 1")
+                  for row in rows_of(blind.played(setup, 2.0, few["scenarios"], who))]  # fmt: skip
+        (line,) = blind.table(found)
+        coarse, fine = line["bounds"]
+        assert fine <= coarse + 1e-6 < line["least"]  # searched at a larger tolerance than judged
+        assert all(above.value > 0.0 for above in line["above"])
+
+
+def test_shared_motion_ends_with_the_first_reading():
+    kind = blind.shared(blind.KNOTS)
+    numbers = [0.3] * len(blind.KNOTS) + [20.0, -0.5, -0.5, -0.5, -0.5, 20.0]
+    env = gym.make("ImpactApproach-v0")
+    rule, (seen, _), state, start = kind.of(numbers), env.reset(seed=3), None, True
+    for _ in range(60):
+        action, state = rule.predict(seen, state, start)
+        touched = env.unwrapped.observation_spec.decode(seen, "force") > 0.0
+        wanted = env.unwrapped.task.velocity_range[0] if touched else 0.3
+        if touched or env.unwrapped.observation_spec.decode(seen, "position") > 0.05:
+            assert np.interp(action[0], (-1, 1), env.unwrapped.task.velocity_range) == pytest.approx(wanted, abs=1e-6)
+        seen, _, ended, _, _ = env.step(action)
+        start = False
+        if ended:
+            break
+    assert ended
+    assert touched
