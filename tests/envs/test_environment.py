@@ -218,25 +218,11 @@ def test_slower_arm_maps_its_actions_to_its_own_ranges():
     assert ends == pytest.approx(0.016 * np.array([8.0, 6.0, 11.0, 19.0]), rel=1e-9)
 
 
-SCENARIO = {"object_mass": 0.5, "contact_stiffness": 3e4, "restitution": 0.4, "distance": 0.3}
-
-
-def test_paper_rule_at_the_papers_limits_is_the_corner_of_the_action_space():
-    class Corner:
-        def predict(self, observation, state=None):
-            return np.array([1.0 if observation[3] == 0.0 else -1.0, 1.0], np.float32), state
-
-    env = gym.make(ID, velocity_range=(0.0, 1.0), acceleration_range=(1.0, 8.0))
-    info = play(env, Corner(), scenario=SCENARIO).info
-    outcome = ig.simulate(scene(SCENARIO), ig.Trapezoid(1.0, 8.0, ig.Brake(1.0, 0.016)), 3.0)
-    assert info["object_velocity"] == pytest.approx(outcome.object_velocity, abs=1e-9)
-    assert info["approach_time"] == pytest.approx(outcome.contacts[0].start, abs=1e-9)
-
-
 def test_baseline_commands_what_it_means_on_an_arm_of_other_ranges():
+    scenario = {"object_mass": 0.5, "contact_stiffness": 3e4, "restitution": 0.4, "distance": 0.3}
     results = []
     for options in ({}, {"velocity_range": (-1.0, 2.0), "acceleration_range": (0.5, 20.0)}):
         rule = ConstantDeceleration([parameter.start for parameter in ConstantDeceleration.PARAMETERS])
-        info = play(gym.make(ID, **options), rule.for_environment(options), scenario=SCENARIO).info
+        info = play(gym.make(ID, **options), rule.for_environment(options), scenario=scenario).info
         results.append([info["object_velocity"], info["approach_time"], info["peak_force"]])
     assert results[0] == pytest.approx(results[1], rel=1e-4)  # actions and observations are of single precision
