@@ -24,14 +24,16 @@ LINEAR = matchups.of_setup(load_setup("linear-blind"), SCENARIOS)
 PAPERS_RULE = {"baseline": "paper-trapezoid"}
 
 
-def test_play_as_late_is_as_late_on_the_validation_set():
-    results = measures.play_as_late(LINEAR.policy.controller, LINEAR.environment, SCENARIOS, LINEAR.policy.weights)
-    validation = {"set": "validation", "count": SCENARIOS["count"]}
-    weight = float(results["weight"][0])
-    ours = evaluations.play(LINEAR.policy.controller, validation, [weight])
-    rule = evaluations.play(PAPERS_RULE, validation)
-    assert ours["approach_time"].mean() == pytest.approx(rule["approach_time"].mean(), abs=1e-3)
-    assert ours["approach_time"].mean() <= rule["approach_time"].mean()
+@pytest.mark.parametrize("arm", [{}, {"velocity_range": [-0.2, 1.2], "acceleration_range": [1.0, 10.0]}], ids=str)
+def test_play_as_late_is_as_late_as_the_rule_on_that_arm_on_the_validation_set_and_nearly_on_the_other(arm):
+    scenarios, validation = ({"set": name, "count": 200} for name in ("test", "validation"))
+    policy = LINEAR.policy
+    late = measures.play_as_late(policy.controller, arm, scenarios, policy.weights)
+    ours = evaluations.play(policy.controller, validation, [float(late["weight"][0])], arm)
+    chosen, other = (evaluations.play(PAPERS_RULE, each, environment=arm) for each in (validation, scenarios))
+    assert ours["approach_time"].mean() == pytest.approx(chosen["approach_time"].mean(), abs=1e-3)
+    assert ours["approach_time"].mean() <= chosen["approach_time"].mean()
+    assert late["approach_time"].mean() == pytest.approx(other["approach_time"].mean(), rel=0.03)
 
 
 def test_profile_is_the_flanges():
