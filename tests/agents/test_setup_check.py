@@ -1,10 +1,12 @@
 """`impact-gym setup`: what it says beforehand of a set-up is what a simulation shows."""
 
 import sys
+from itertools import repeat
 
 import gymnasium as gym
 import numpy as np
 import pytest
+from episodes import Given, play
 
 import impact_gym as ig
 from agents import load_setup, setup
@@ -84,11 +86,7 @@ def test_reached_is_as_far_as_an_arm_gets_before_the_end(acceleration, speed):
     arm = {"acceleration_range": (1.0, acceleration), "velocity_range": (-0.1, speed), "coupling": {"type": "Rigid"}}
     for share, missed in ((0.999, False), (1.001, True)):
         env = gym.make("ImpactApproach-v0", scenario={"distance": share * Task(**arm).reach}, **arm)
-        env.reset(seed=0)
-        terminated = False
-        while not terminated:
-            _, _, terminated, _, info = env.step(np.ones(2, np.float32))
-        assert info["missed"] == missed
+        assert play(env, Given(repeat(np.ones(2, np.float32))), seed=0).info["missed"] == missed
 
 
 @pytest.mark.parametrize(("environment", "words"), [
