@@ -13,11 +13,11 @@ import gymnasium as gym
 import numpy as np
 import tomli_w
 from episodes import ID
-from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from own_set_up import TEXT
 from policies import made_up_policy
-from tasks import EVERYTHING_DRAWN
+from tasks import EVERYTHING_DRAWN, STORM
 
 import impact_gym as ig
 from agents import archive, load_policy, load_setup
@@ -100,11 +100,8 @@ BLOW = ig.simulate(SCENE, MOTION, 0.4, trace=True).trace
 LOG = {"time": TIMES.tolist(), "force": np.interp(TIMES, BLOW.time, BLOW.contact_force).tolist()}
 SETUP = tomllib.loads(TEXT)
 SETUP["training"] |= {"time_weight": [0.5, 8.0], "nominal": 0.5, "teacher": "mine", "activation": "relu", "rtol": 1e-6}
-SETUP["baselines"] |= {
-    "against": ["mine"],
-    "bound": "linear-blind",
-    "tuned": {"mine": {"rule": "Ranged", "jitter": 0.1}},
-}
+SETUP["baselines"] |= {"against": ["mine"], "tuned": {"mine": {"rule": "Ranged", "jitter": 0.1}}}
+SETUP["baselines"]["bound"] = "linear-blind"
 SETUP["evaluation"] |= {"nominal": {"robot": "rigid"}, "at_most": 0.5, "of": "linear-blind", "typical": 2.0}
 SETUP["evaluation"]["varied"] = {"tool_mass": {"times": [0.8, 1.1]}, "robot": ["rigid"], "scenario": ["hard"]}
 MEASURED = {
@@ -190,8 +187,7 @@ ALSO_NAMED = {
 """What a refusal may name instead of a key: a file of arrays, a line of a table."""
 
 
-@settings(max_examples=int(os.environ.get("HOSTILE", "500")), deadline=None, database=None, phases=[Phase.generate],
-          derandomize="HOSTILE" not in os.environ, suppress_health_check=list(HealthCheck))  # fmt: skip
+@settings(STORM, max_examples=int(os.environ.get("HOSTILE", "500")), derandomize="HOSTILE" not in os.environ)
 @given(st.data())
 def test_one_hostile_place_in_an_input_works_or_is_named_in_one_line(tmp_path, data):
     border = data.draw(st.sampled_from([*BORDERS]))

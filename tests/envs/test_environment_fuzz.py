@@ -6,15 +6,11 @@ from itertools import cycle, islice
 import gymnasium as gym
 import numpy as np
 from episodes import ID, Given, play
-from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
-from tasks import rows_of_tasks
+from tasks import STORM, rows_of_tasks
 
 from impact_gym.envs.batch import SLIDE
-
-FUZZ = settings(
-    deadline=None, derandomize=True, database=None, phases=[Phase.generate], suppress_health_check=list(HealthCheck)
-)
 
 
 def powers(low, high):
@@ -40,7 +36,7 @@ def all_finite(value):
     return isinstance(value, str) or bool(np.isfinite(value).all())
 
 
-@settings(FUZZ, max_examples=120)
+@settings(STORM, max_examples=120)
 @given(
     rows_of_tasks(count=1),
     st.fixed_dictionaries({}, optional=EXTREME_ARGUMENTS),

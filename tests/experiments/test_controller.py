@@ -15,11 +15,6 @@ from experiments.report import matchups
 from experiments.report.__main__ import ReportOptions, matchups_of
 
 
-@pytest.fixture
-def mine(tmp_path):
-    return own_set_up(tmp_path)
-
-
 def test_copy_setup_keeps_a_folder_for_its_set_up(mine, tmp_path):
     out = tmp_path / "out"
     copy = copy_setup(load_setup(mine), out)

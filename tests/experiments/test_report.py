@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 import polars as pl
 import pytest
-from browsers import chromium, opened
+from browsers import opened
 
 from agents import load_policy
 from agents.baselines.tuned import load_baseline
@@ -142,12 +142,6 @@ def test_figures_lie_beside_the_page_as_picture_and_data(folder):
     for link in links:
         assert link.startswith(("#", "data:")) or (folder / link).is_file(), link
     assert len(text) < 12e6
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as program:
-        yield program
 
 
 def unfold(page):
