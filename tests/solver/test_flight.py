@@ -196,13 +196,9 @@ def test_slider_on_a_stop_without_damping_may_touch_wherever_its_energy_lets_it(
 
         there = energy(start) + 0.5 * TOOL_MASS * speed**2
         furthest = brentq(lambda x, there=there: there - energy(x), slider.rest, 1.0, xtol=1e-15)
-        at = {
-            "flange_velocity": 0.0,
-            "object_velocity": 0.0,
-            "deflection": start - slider.rest,
-            "deflection_rate": speed,
-        }
-        assert not kernels().never_touches(law_of(slider), chain(gap=0.999 * (furthest - start), **at))
+        flight = {"deflection": start - slider.rest, "deflection_rate": speed, "gap": 0.999 * (furthest - start)}
+        at_rest = chain(flange_velocity=0.0, object_velocity=0.0, **flight)
+        assert not kernels().never_touches(law_of(slider), at_rest)
 
 
 def rigid_touch(rate, acceleration, gap, horizon):
