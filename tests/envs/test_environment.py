@@ -87,7 +87,7 @@ def test_constant_speed_that_stops_within_the_episode_equals_simulate(speed, acc
 
 @pytest.mark.parametrize("options", [
     {}, {"time_weight": (0.5, 8.0), "force_weight": 0.003}, {"coupling": ig.Rigid(), "control_period": 0.011},
-    {"scenario": "hard", "reaction_delay": 0.04},
+    {"scenario": "hard", "reaction_delay": 0.04}, {"friction": (0.1, 0.4)},
 ], ids=str)  # fmt: skip
 def test_return_is_minus_the_weighed_time_velocity_and_force(options):
     env = gym.make(ID, **options)
@@ -96,7 +96,7 @@ def test_return_is_minus_the_weighed_time_velocity_and_force(options):
         _, rewards, info = play(env, random_actions(seed), seed=seed)
         terms, weight = info["reward_terms"], info["time_weight"]
         weights.add(weight)
-        assert set(info) == INFO_KEYS
+        assert set(info) == INFO_KEYS | ({"slide", "rest_time"} if "friction" in options else set())
         assert set(terms) == {"time", "velocity", "force", "missed"}
         assert set(info["scenario"]) == set(FIELDS)
         assert info["object_velocity"] >= 0.0
