@@ -165,14 +165,6 @@ def test_first_uniform_numbers_of_the_generator_are_the_scenario():
             assert drawn == pytest.approx(expected, rel=1e-13)
 
 
-def test_options_fix_a_scenario_for_one_episode_only():
-    env, free = gym.make(ID), gym.make(ID)
-    fixed = {"object_mass": 0.7, "distance": 0.21}
-    drawn = play(free, PaperTrapezoid(), seed=4).info["scenario"]
-    assert play(env, PaperTrapezoid(), seed=4, scenario=fixed).info["scenario"] == drawn | fixed
-    assert_identical(play(env, PaperTrapezoid()), play(free, PaperTrapezoid()))
-
-
 def test_named_sets_are_the_documented_ones():
     drawn = {}
     for name in ("train", "test", "hard"):
