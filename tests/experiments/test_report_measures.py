@@ -49,10 +49,8 @@ def test_play_takes_sets_tables_and_ranges_alike():
     ranges = {"object_mass": [0.1, 2.5], "contact_stiffness": [1e3, 1e6], "restitution": [0.1, 1.0],
               "distance": [0.15, 0.35]}  # fmt: skip
     same = [{"set": "test"}, {"table": table, "seed": frozen.seed}, {"ranges": ranges, "seed": frozen.seed}]
-    first, *rest = (
-        evaluations.play(PAPERS_RULE, {**scenarios, "count": 20}, environment={"range_noise": 0.01})
-        for scenarios in same
-    )
+    noisy = {"range_noise": 0.01}
+    first, *rest = (evaluations.play(PAPERS_RULE, {**each, "count": 20}, environment=noisy) for each in same)
     for results in rest:
         assert_identical(first, results)
 

@@ -8,10 +8,8 @@ def played_alone(matchup):
     """Return what `answer` needs of a matchup, nothing else."""
     played = Played(matchup)
     for contestant in (*matchup.seeds, *matchup.baselines):
-        arrays = evaluations.play(
-            contestant.controller, matchup.scenarios, list(contestant.weights), matchup.environment
-        )
+        of = contestant.controller, matchup.scenarios, contestant.weights, matchup.environment
         runs = played.seeds if contestant in matchup.seeds else played.baselines
-        runs[contestant.name] = Run(contestant.weights, arrays)
+        runs[contestant.name] = Run(contestant.weights, evaluations.play(*of))
     played.as_late = played.seeds
     return played

@@ -117,9 +117,8 @@ class Path:
 def random_flight(random, start=None):
     """Law, acceleration and path of a random flight, and the record it starts from."""
     frequency = 10 ** random.uniform(1, 2.5)
-    damping_ratio = random.choice(
-        [0.0, random.uniform(0, 0.2), random.uniform(0.2, 0.98), 1.0, random.uniform(1.02, 4)]
-    )
+    light, heavy, beyond = random.uniform([0, 0.2, 1.02], [0.2, 0.98, 4])
+    damping_ratio = random.choice([0.0, light, heavy, 1.0, beyond])
     acceleration = random.choice([0.0, random.uniform(-20, 20)])
     closing = random.uniform(-0.5, 1.0)
     y_dot = random.uniform(-1.0, 1.0)
