@@ -68,7 +68,6 @@ def test_horizon_time_after_the_alarm_and_cost_of_a_miss_are_those_asked_for():
 
 
 def test_short_stroke_is_said_where_the_environment_is_made():
-    with pytest.warns(
-        UserWarning, match=r"stroke is 0\.02 m, but under 20 m/s\^2 the tool's place of rest is 0\.05 m away"
-    ):
+    said = r"stroke is 0\.02 m, but under 20 m/s\^2 the tool's place of rest is 0\.05 m away"
+    with pytest.warns(UserWarning, match=said):
         gym.make(ID, coupling=ig.SpringDamper(50.0, stroke=0.02))

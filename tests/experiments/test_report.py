@@ -188,11 +188,8 @@ def test_page_answers_the_pointer_and_changes_its_theme(browser, folder):
 
 def test_page_answers_on_one_screen_and_plays_its_film(browser, folder):
     page, problems = opened(browser, folder / "index.html", 1280, 800, reduced_motion="no-preference")
-    parts = {
-        name: page.locator(name).first for name in (".finding", ".still svg", ".fails", ".igw-panels", ".igw-controls")
-    }
-    for name, part in parts.items():
-        box = part.bounding_box()
+    for name in (".finding", ".still svg", ".fails", ".igw-panels", ".igw-controls"):
+        box = page.locator(name).first.bounding_box()
         assert box["height"] > 15, name
         assert box["y"] + box["height"] <= 800, name
         assert name != ".fails" or box["height"] < 25  # one line

@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from episodes import assert_identical
-from played import played_alone
 
 from agents.evaluate import play as evaluations
 from agents.setups import load_setup
 from experiments.lab.statistics import Estimate
 from experiments.report import answer, matchups, measures
+from experiments.report.played import Played, Run
 from impact_gym.task import evaluation_sets
 
 AGENTS = Path(matchups.__file__).parents[2] / "agents"
@@ -72,7 +72,13 @@ def test_report_needs_no_more_than_its_extra():
 
 def test_answer_says_that_a_curve_does_not_reach_the_papers_time():
     matchup = replace(LINEAR, seeds=(replace(LINEAR.policy, weights=(8.0,)),), scenarios={"set": "test", "count": 20})
-    fast = answer.answer(played_alone(matchup))
+    played = Played(matchup)
+    for runs, contestants in ((played.seeds, matchup.seeds), (played.baselines, matchup.baselines)):
+        for each in contestants:
+            arrays = evaluations.play(each.controller, matchup.scenarios, each.weights, matchup.environment)
+            runs[each.name] = Run(each.weights, arrays)
+    played.as_late = played.seeds
+    fast = answer.answer(played)
     assert not fast.reached
     assert fast.later < 0.0
     assert "no weight makes its approach as long" in answer.sentence(fast, matchup)
