@@ -12,7 +12,7 @@ from itertools import zip_longest
 import gymnasium as gym
 import numpy as np
 import tomli_w
-from episodes import ID
+from episodes import ID, all_finite
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from own_set_up import TEXT
@@ -71,13 +71,6 @@ def spoiled(draw, tree, hostile):
         node[last] = value() if callable(value) and getattr(value, "__name__", "") == "<lambda>" else deepcopy(value)
     beside = list(node) if isinstance(node, dict) else []
     return tree, [str(key) for key in (*outer, last, *beside) if isinstance(key, str)]
-
-
-def finite(value):
-    """Whether every number in a result is finite."""
-    if isinstance(value, (list, tuple)):
-        return all(map(finite, value))
-    return bool(np.isfinite(value).all()) if isinstance(value, (float, np.ndarray)) else True
 
 
 ACTION = [0.4, -0.2]
@@ -203,5 +196,5 @@ def test_one_hostile_place_in_an_input_works_or_is_named_in_one_line(tmp_path, d
         parts = {part for key in keys for part in (key, repr(key)[1:-1], key.rpartition(".")[2])}
         assert any(part in says for part in [*parts, *ALSO_NAMED.get(border, ())]), says
     else:
-        assert finite(result)
+        assert all_finite(result)
     assert time.process_time() - begun < SECONDS

@@ -5,7 +5,7 @@ from itertools import cycle, islice
 
 import gymnasium as gym
 import numpy as np
-from episodes import ID, Given, play
+from episodes import ID, Given, all_finite, play
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tasks import STORM, rows_of_tasks
@@ -28,12 +28,6 @@ EXTREME_ARGUMENTS = {
     "control_period": powers(2e-3, 0.15), "reaction_delay": st.floats(0.0, 1.0), "rtol": powers(1e-12, 1e-2),
     "force_noise": st.floats(0.0, 100.0), "coupling": SPRING.map(lambda numbers: {"type": "SpringDamper", **numbers}),
 }  # fmt: skip
-
-
-def all_finite(value):
-    if isinstance(value, dict):
-        return all(map(all_finite, value.values()))
-    return isinstance(value, str) or bool(np.isfinite(value).all())
 
 
 @settings(STORM, max_examples=120)

@@ -27,17 +27,12 @@ SCENARIO = {
 }  # fmt: skip
 
 
-def drawn(kind, spans):
-    """A coupling or robot of which every number is drawn."""
-    return {"type": kind, **spans}
-
-
-DRAWN = {
-    **SPANS, "force_noise": (0.1, 2.0), "force_bias": (0.1, 1.0), "scenario": SCENARIO, "robot": drawn("Robot", ARM),
+DRAWN = SPANS | {
+    "force_noise": (0.1, 2.0), "force_bias": (0.1, 1.0), "scenario": SCENARIO, "robot": {"type": "Robot", **ARM},
 }  # fmt: skip
 EVERYTHING_DRAWN = {
-    "spring": DRAWN | {"coupling": drawn("SpringDamper", SPRING)},
-    "mechanism": DRAWN | {"coupling": drawn("Bistable", MECHANISM)},
+    "spring": DRAWN | {"coupling": {"type": "SpringDamper", **SPRING}},
+    "mechanism": DRAWN | {"coupling": {"type": "Bistable", **MECHANISM}},
 }
 """Arguments with a range for every number that may have one."""
 
