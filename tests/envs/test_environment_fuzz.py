@@ -5,6 +5,7 @@ from itertools import cycle, islice
 
 import gymnasium as gym
 import numpy as np
+import pytest
 from episodes import ID, Given, all_finite, play
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -30,6 +31,7 @@ EXTREME_ARGUMENTS = {
 }  # fmt: skip
 
 
+@pytest.mark.filterwarnings("ignore:SpringDamper.stroke")
 @settings(STORM, max_examples=120)
 @given(
     rows_of_tasks(count=1),
