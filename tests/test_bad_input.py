@@ -1,5 +1,6 @@
 """What the border lets in, and how it says no: the field, the value, the unit."""
 
+import copy
 import dataclasses
 import importlib
 import pkgutil
@@ -45,24 +46,15 @@ def test_contact_refuses_a_damping_exponent_between_none_and_one():
         dataclasses.replace(SCENE.contact, damping_exponent=0.5)
 
 
-@pytest.mark.parametrize("record", [
-    SCENE, SCENE.tool, SCENE.object, SCENE.contact, SCENE.coupling, ig.Rigid(), MOTION, MOTION.brake,
-], ids=lambda record: type(record).__name__)  # fmt: skip
-def test_record_cannot_be_changed(record):
-    for field in dataclasses.fields(record):
-        with pytest.raises(dataclasses.FrozenInstanceError):
-            setattr(record, field.name, getattr(record, field.name))
-    with pytest.raises((AttributeError, TypeError)):
-        record.colour = "red"
-    assert hash(record) == hash(dataclasses.replace(record))
-
-
 def test_classes_of_records_are_frozen_but_the_model_that_counts_its_simulations():
     modules = (importlib.import_module(name) for _, name, _ in pkgutil.walk_packages(ig.__path__, "impact_gym."))
     classes = {thing for module in modules for thing in vars(module).values() if dataclasses.is_dataclass(thing)}
-    assert {kind.__module__ for kind in classes if not kind.__dataclass_params__.frozen} == {
-        "impact_gym.identify.model"
-    }
+    changeable = {kind.__module__ for kind in classes if not kind.__dataclass_params__.frozen}
+    assert changeable == {"impact_gym.identify.model"}
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        SCENE.tool.mass = 1.0
+    for record in (SCENE, MOTION, ig.Rigid()):  # and all that is in these
+        assert hash(record) == hash(copy.deepcopy(record))
 
 
 NO_RECORDS = (None, 1.0, "rigid", ig.Tool, MOTION)

@@ -52,9 +52,8 @@ def test_doctor_without_the_extras_and_on_one_core_says_what_is_missing():
     usable = f"{os.cpu_count()}, {min(1, doctor.group_limit()):g}"
     assert dict(printed["machine"])["cores, usable by this process"] == usable
     assert {dict(printed["versions"])[name] for name in EXTRAS} == {"not installed"}
-    assert "torch and stable-baselines3 missing, for training: pip install 'impact-gym[train]'" in str(
-        printed["warnings"]
-    )
+    said = str(printed["warnings"])
+    assert "torch and stable-baselines3 missing, for training: pip install 'impact-gym[train]'" in said
     assert "a fresh process" not in printed
 
 

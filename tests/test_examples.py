@@ -76,8 +76,7 @@ def test_mechanism_is_held_from_rest_in_every_corner_of_its_ranges():
         motion = ig.Trapezoid(1.5, times * task.acceleration_range[1])
         off = []
         for corner in corners:
-            chain = ig.Scene(ig.Tool(corner.tool_mass), ig.Object(1.0, 9.0), ig.Contact(1e4, 0.5), corner.coupling,
-                             corner.robot)  # fmt: skip
+            chain = scene(coupling=corner.coupling, robot=corner.robot, m_t=corner.tool_mass, distance=9.0)
             trace = ig.simulate(chain, motion, 0.06, trace=True).trace
             behind = np.abs(trace.flange_position - trace.tool_position).max()
             off.append(behind > corner.coupling.front_stop)

@@ -12,12 +12,12 @@ from itertools import zip_longest
 import gymnasium as gym
 import numpy as np
 import tomli_w
-from episodes import ID
-from hypothesis import HealthCheck, Phase, given, settings
+from episodes import ID, all_finite
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from own_set_up import TEXT
 from policies import made_up_policy
-from tasks import EVERYTHING_DRAWN
+from tasks import EVERYTHING_DRAWN, STORM
 
 import impact_gym as ig
 from agents import archive, load_policy, load_setup
@@ -73,13 +73,6 @@ def spoiled(draw, tree, hostile):
     return tree, [str(key) for key in (*outer, last, *beside) if isinstance(key, str)]
 
 
-def finite(value):
-    """Whether every number in a result is finite."""
-    if isinstance(value, (list, tuple)):
-        return all(map(finite, value))
-    return bool(np.isfinite(value).all()) if isinstance(value, (float, np.ndarray)) else True
-
-
 ACTION = [0.4, -0.2]
 RESET = {"seed": 3, "options": {
     "scenario": {"object_mass": 0.3, "contact_stiffness": 1e5, "restitution": 0.5, "distance": 0.2},
@@ -100,11 +93,8 @@ BLOW = ig.simulate(SCENE, MOTION, 0.4, trace=True).trace
 LOG = {"time": TIMES.tolist(), "force": np.interp(TIMES, BLOW.time, BLOW.contact_force).tolist()}
 SETUP = tomllib.loads(TEXT)
 SETUP["training"] |= {"time_weight": [0.5, 8.0], "nominal": 0.5, "teacher": "mine", "activation": "relu", "rtol": 1e-6}
-SETUP["baselines"] |= {
-    "against": ["mine"],
-    "bound": "linear-blind",
-    "tuned": {"mine": {"rule": "Ranged", "jitter": 0.1}},
-}
+SETUP["baselines"] |= {"against": ["mine"], "tuned": {"mine": {"rule": "Ranged", "jitter": 0.1}}}
+SETUP["baselines"]["bound"] = "linear-blind"
 SETUP["evaluation"] |= {"nominal": {"robot": "rigid"}, "at_most": 0.5, "of": "linear-blind", "typical": 2.0}
 SETUP["evaluation"]["varied"] = {"tool_mass": {"times": [0.8, 1.1]}, "robot": ["rigid"], "scenario": ["hard"]}
 MEASURED = {
@@ -190,8 +180,7 @@ ALSO_NAMED = {
 """What a refusal may name instead of a key: a file of arrays, a line of a table."""
 
 
-@settings(max_examples=int(os.environ.get("HOSTILE", "500")), deadline=None, database=None, phases=[Phase.generate],
-          derandomize="HOSTILE" not in os.environ, suppress_health_check=list(HealthCheck))  # fmt: skip
+@settings(STORM, max_examples=int(os.environ.get("HOSTILE", "500")), derandomize="HOSTILE" not in os.environ)
 @given(st.data())
 def test_one_hostile_place_in_an_input_works_or_is_named_in_one_line(tmp_path, data):
     border = data.draw(st.sampled_from([*BORDERS]))
@@ -207,5 +196,5 @@ def test_one_hostile_place_in_an_input_works_or_is_named_in_one_line(tmp_path, d
         parts = {part for key in keys for part in (key, repr(key)[1:-1], key.rpartition(".")[2])}
         assert any(part in says for part in [*parts, *ALSO_NAMED.get(border, ())]), says
     else:
-        assert finite(result)
+        assert all_finite(result)
     assert time.process_time() - begun < SECONDS

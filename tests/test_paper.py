@@ -17,10 +17,8 @@ RIGID, SPRING, LINEAR, BISTABLE = ig.Rigid(), ig.SpringDamper(150.0), ig.SpringD
 BRAKE = ig.Brake(threshold=1.0, delay=0.016, deceleration=8.0)  # printed, printed, identified
 
 
-def approach(coupling, contact_stiffness, restitution, simulate=ig.simulate, **options):
-    return simulate(
-        scene(contact_stiffness, restitution, coupling), ig.Trapezoid(1.0, 8.0, BRAKE), 1.5, 1e-9, **options
-    )
+def approach(coupling, k_c, restitution, simulate=ig.simulate, **options):
+    return simulate(scene(k_c, restitution, coupling), ig.Trapezoid(1.0, 8.0, BRAKE), 1.5, 1e-9, **options)
 
 
 SCENES = {  # coupling, contact stiffness (N/m^1.5), restitution, number of contacts, impulse of the coupling (N s)

@@ -91,9 +91,8 @@ def left(folder):
     out = folder / "out"
     files = [path for kind in ("*.json", "page/*.parquet", "*.toml", "front.svg") for path in out.glob(kind)]
     content = {path.name: path.read_bytes() for path in files if path.name != "results.json"}
-    content |= {
-        path.name: pl.read_csv(path).drop("seconds", "clock", strict=False).write_csv() for path in out.glob("*.csv")
-    }
+    for path in out.glob("*.csv"):
+        content[path.name] = pl.read_csv(path).drop("seconds", "clock", strict=False).write_csv()
     if (results := out / "page" / "results.json").is_file():
         content["answers"] = json.loads(results.read_text())["answers"]
     assert content

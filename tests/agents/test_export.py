@@ -96,11 +96,8 @@ def test_header_says_what_goes_in_and_out():
 
 
 def test_identifier_is_a_name_in_c():
-    assert [identifier(name) for name in ("linear-blind", "2 fast", "grün")] == [
-        "linear_blind",
-        "policy_2_fast",
-        "gr_n",
-    ]
+    names = [identifier(name) for name in ("linear-blind", "2 fast", "grün")]
+    assert names == ["linear_blind", "policy_2_fast", "gr_n"]
 
 
 def test_run_names_a_missing_package(saved, tmp_path, monkeypatch):
@@ -149,9 +146,8 @@ def faulty_readings(seed, steps=60):
     rng = np.random.default_rng(seed)
     low, high = [0.0, 0.0, -0.5, 0.0, 0.0, -5.0, 0.0, -0.1], [0.0, 0.3, 1.5, 0.0, 0.1, 20.0, 20.0, 0.4]
     readings = rng.uniform(low, high, (steps, len(FIELDS)))
-    readings[:, 0] = np.cumsum(rng.uniform(0.001, 0.03, steps)) * rng.choice(
-        [1.0, 0.9, np.nan], steps, p=[0.8, 0.1, 0.1]
-    )
+    readings[:, 0] = np.cumsum(rng.uniform(0.001, 0.03, steps))
+    readings[:, 0] *= rng.choice([1.0, 0.9, np.nan], steps, p=[0.8, 0.1, 0.1])
     readings[:, 3] = rng.random(steps) < 0.5 * (np.arange(steps) > 5)
     missing = rng.random(readings.shape) < 0.2
     readings[:, 1:][missing[:, 1:]] = rng.choice([np.nan, np.inf, -np.inf], missing[:, 1:].sum())
@@ -200,9 +196,8 @@ def test_controller_takes_faulty_readings_as_the_header_says(tmp_path, environme
                 continue
             history.append(reading)
             seen = {name: observed_by_hand(history, name, "alarm" in environment) for name in FIELDS}
-            seen |= {f"force_{k}": observed_by_hand(history[:-k], "force", False) for k in (1, 2)} | {
-                "time_weight": weight
-            }
+            seen |= {f"force_{k}": observed_by_hand(history[:-k], "force", False) for k in (1, 2)}
+            seen["time_weight"] = weight
             row = np.array([policy.spec.encode(name, seen[name]) for name in policy.spec.ids], np.float32)
             low, high = np.array([[-0.5, 1.0], [1.5, 20.0]])
             expected.append(low + 0.5 * (policy.predict(row)[0].astype(float) + 1.0) * (high - low))

@@ -1,10 +1,13 @@
 """`impact-gym setup`: what it says beforehand of a set-up is what a simulation shows."""
 
 import sys
+from itertools import repeat
 
 import gymnasium as gym
 import numpy as np
 import pytest
+from episodes import Given, play
+from scenes import CRUISE, scene
 
 import impact_gym as ig
 from agents import load_setup, setup
@@ -14,9 +17,8 @@ from impact_gym.task import Task
 
 def far_flight(task, acceleration, duration):
     """Trace of a chain that only accelerates."""
-    tool, struck, contact = ig.Tool(task.tool_mass), ig.Object(1.0, 1e6), ig.Contact(1e4, 0.5)
-    scene = ig.Scene(tool, struck, contact, task.coupling, task.robot)
-    return ig.simulate(scene, ig.Trapezoid(1e3, acceleration), duration, trace=True).trace
+    chain = scene(coupling=task.coupling, robot=task.robot, m_t=task.tool_mass, distance=1e6)
+    return ig.simulate(chain, ig.Trapezoid(1e3, acceleration), duration, trace=True).trace
 
 
 @pytest.mark.parametrize("robot", [None, ig.Robot(5.0, 3e3, 200.0)])
@@ -41,8 +43,8 @@ def test_held_is_the_acceleration_above_which_a_mechanism_leaves_its_stop(share)
 def test_estimate_is_the_impact_of_a_hard_contact(coupling, robot):
     task = Task(coupling=coupling, robot=robot)
     scenario = {"object_mass": 0.4, "restitution": 0.6, "distance": 0.3}
-    scene = ig.Scene(ig.Tool(task.tool_mass), ig.Object(0.4, 0.3), ig.Contact(1e12, 0.6, "exact"), coupling, robot)
-    first = ig.simulate(scene, ig.Trapezoid(1.0, 8.0), 1.0).contacts[0]
+    hard = scene(1e12, 0.6, coupling, robot, m_t=task.tool_mass, m_p=0.4, distance=0.3, dissipation="exact")
+    first = ig.simulate(hard, CRUISE, 1.0).contacts[0]
     speed = first.approach_velocity if isinstance(coupling, ig.SpringDamper) or robot else 1.0
     assert setup.estimate(task, scenario) * speed == pytest.approx(first.object_velocity, rel=1e-3)
 
@@ -51,8 +53,8 @@ def test_rigid_to_counts_the_objects_whose_peak_force_is_below_what_holds_the_to
     """The peak is that of a simulated contact with a rigid tool."""
     masses, restitutions, peaks = np.array([0.1, 0.3, 1.0, 2.5]), np.array([1.0, 0.3, 1.0, 0.3]), []
     for mass, restitution in zip(masses, restitutions, strict=True):
-        scene = ig.Scene(ig.Tool(0.125), ig.Object(mass, 0.3), ig.Contact(1e4, restitution), ig.Rigid())
-        peaks.append(ig.simulate(scene, ig.Trapezoid(setup.GENTLE, 8.0), 2.0).contacts[0].peak_force)
+        gentle = scene(1e4, restitution, m_p=mass), ig.Trapezoid(setup.GENTLE, 8.0), 2.0
+        peaks.append(ig.simulate(*gentle).contacts[0].peak_force)
     assert np.all(np.diff(peaks) > 0.0)
     scenario = {"object_mass": masses, "contact_stiffness": np.full(4, 1e4), "restitution": restitutions}
     for count, force in enumerate([0.999 * peaks[0], *(1.001 * np.array(peaks))]):
@@ -84,11 +86,7 @@ def test_reached_is_as_far_as_an_arm_gets_before_the_end(acceleration, speed):
     arm = {"acceleration_range": (1.0, acceleration), "velocity_range": (-0.1, speed), "coupling": {"type": "Rigid"}}
     for share, missed in ((0.999, False), (1.001, True)):
         env = gym.make("ImpactApproach-v0", scenario={"distance": share * Task(**arm).reach}, **arm)
-        env.reset(seed=0)
-        terminated = False
-        while not terminated:
-            _, _, terminated, _, info = env.step(np.ones(2, np.float32))
-        assert info["missed"] == missed
+        assert play(env, Given(repeat(np.ones(2, np.float32))), seed=0).info["missed"] == missed
 
 
 @pytest.mark.parametrize(("environment", "words"), [

@@ -12,6 +12,7 @@ from policies import observations
 from training import model_of, tiny
 
 from agents import load_setup
+from agents.baselines import PaperTrapezoid
 from agents.baselines.tuned import load_baseline
 from agents.evaluate.scenario_batch import ScenarioBatch
 from agents.setups import shipped
@@ -223,10 +224,8 @@ def test_imitation_soon_does_nearly_as_well_as_its_teacher():
     before = policy_from(model, run, {})
     model.learn(run.training.steps, log_interval=None)
     batch = ScenarioBatch.of("validation", 100, time_weight=[2.0], threads=1, **run.setup.environment)
-    rules = [load_baseline(name, 2.0) for name in ("blind-profile", "paper-trapezoid")]
-    start, end, teacher, paper = (
-        batch.play(controller).loss(2.0).mean() for controller in (before, policy_from(model, run, {}), *rules)
-    )
+    players = (before, policy_from(model, run, {}), load_baseline("blind-profile", 2.0), PaperTrapezoid())
+    start, end, teacher, paper = (batch.play(controller).loss(2.0).mean() for controller in players)
     assert teacher < 0.8 * paper  # there is something to learn
     assert end < 1.05 * teacher
     assert start > 1.3 * teacher

@@ -84,9 +84,8 @@ def test_resume_ends_as_if_nothing_had_happened_and_logs_each_step_once(whole, p
         written = [(step, float(row[name])) for step, row in zip(steps, log, strict=True) if row[name]]
         assert len(written) >= 2
         assert np.isfinite(written).all()
-        assert [(event.step, event.value) for event in events.Scalars(name)] == pytest.approx(
-            np.array(written), rel=1e-6
-        )
+        drawn = [(event.step, event.value) for event in events.Scalars(name)]
+        assert drawn == pytest.approx(np.array(written), rel=1e-6)
 
 
 @pytest.mark.parametrize("imitation_steps", [512, 4096])

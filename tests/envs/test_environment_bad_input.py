@@ -18,7 +18,7 @@ ZERO = np.zeros(2, np.float32)
 MAKERS = {"single": gym.make, "vector": gym.make_vec, "stable": lambda _, **options: ImpactVecEnv(2, **options)}
 EVERY = pytest.mark.parametrize("make", MAKERS.values(), ids=list(MAKERS))
 SPRING, BISTABLE = {"type": "SpringDamper"}, {"type": "Bistable"}
-
+TOO_SHORT = r"horizon must be longer than the way to the nearest object, 0\.15 m, takes: in 0\.1 s the arm"
 
 ARGUMENT_CASES = [  # beside a number beyond its limits, which tests/task has for all of them
     ({"scenaro": "train"}, TypeError, "'scenaro'.*scenario.*time_weight"),
@@ -38,12 +38,16 @@ ARGUMENT_CASES = [  # beside a number beyond its limits, which tests/task has fo
     ({"coupling": BISTABLE | {"height": (0.02, 0.068)}}, ValueError, "front_stop.*below the stroke"),
     ({"coupling": BISTABLE | {"rear_stop": (-0.02, 0.01)}}, ValueError, "rear_stop.*below 0"),
     ({"coupling": BISTABLE | {"height": 0.1}}, ValueError, "height.*free_length"),
+    ({"coupling": {"type": "Rigid", "stroke": 0.1}}, TypeError, "coupling has no field 'stroke'"),
     ({"robot": "Viper"}, TypeError, "robot.*Robot.*Viper"),
     ({"robot": {"type": "Robot", "weight": 5.0}}, TypeError, "weight.*mass"),
     ({"robot": {"type": "Robot", "mass": 3.0}}, TypeError, "robot.*needs.*stiffness.*damping"),
     ({"time_weight": (8.0, 0.5)}, ValueError, "time_weight.*8.*0.5"),
     ({"reaction_delay": np.array([[0.01, 0.02]])}, (TypeError, ValueError), "reaction_delay.*number"),
+    ({"friction": (0.3, 0.1)}, ValueError, "friction"),
+    ({"horizon": 0.1}, ValueError, TOO_SHORT),
     ({"dissipation": "flores"}, ValueError, "dissipation.*hu-guo.*exact.*flores"),
+    ({"reference_velocity": 1.0}, ValueError, 'reference_velocity must be None unless dissipation is "fixed"'),
     ({"alarm": "bell"}, ValueError, "alarm must be one of .'force', 'reading'., got 'bell'"),
     ({"velocity_range": 1.0}, ValueError, "velocity_range.*pair.*m/s"),
     ({"velocity_range": (1.0, 1.0)}, ValueError, "velocity_range.*low below high"),

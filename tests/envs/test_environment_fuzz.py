@@ -5,16 +5,13 @@ from itertools import cycle, islice
 
 import gymnasium as gym
 import numpy as np
-from episodes import ID, Given, play
-from hypothesis import HealthCheck, Phase, given, settings
+import pytest
+from episodes import ID, Given, all_finite, play
+from hypothesis import given, settings
 from hypothesis import strategies as st
-from tasks import rows_of_tasks
+from tasks import STORM, rows_of_tasks
 
 from impact_gym.envs.batch import SLIDE
-
-FUZZ = settings(
-    deadline=None, derandomize=True, database=None, phases=[Phase.generate], suppress_health_check=list(HealthCheck)
-)
 
 
 def powers(low, high):
@@ -34,13 +31,8 @@ EXTREME_ARGUMENTS = {
 }  # fmt: skip
 
 
-def all_finite(value):
-    if isinstance(value, dict):
-        return all(map(all_finite, value.values()))
-    return isinstance(value, str) or bool(np.isfinite(value).all())
-
-
-@settings(FUZZ, max_examples=120)
+@pytest.mark.filterwarnings("ignore:SpringDamper.stroke")
+@settings(STORM, max_examples=120)
 @given(
     rows_of_tasks(count=1),
     st.fixed_dictionaries({}, optional=EXTREME_ARGUMENTS),

@@ -5,7 +5,7 @@ from dataclasses import replace
 import gymnasium as gym
 import numpy as np
 import pytest
-from episodes import ID, PAPERS_SPRING, scene
+from episodes import ID, PAPERS_SPRING, play, scene
 
 import impact_gym as ig
 from agents.baselines import ConstantSpeed, PaperTrapezoid
@@ -16,14 +16,10 @@ from impact_gym.task import Task
 SCENARIO = {"object_mass": 0.25, "contact_stiffness": 1e5, "restitution": 0.5, "distance": 0.2505}
 
 
-def final(controller, scenario=SCENARIO, **options):
+def final(controller, **options):
     """The final info of an episode, and its last observation."""
-    env = gym.make(ID, **options)
-    observation, _ = env.reset(seed=1, options={"scenario": scenario})
-    ended = False
-    while not ended:
-        observation, _, ended, _, info = env.step(np.reshape(controller.predict(observation)[0], 2))
-    return info, observation
+    episode = play(gym.make(ID, **options), controller, 1, scenario=SCENARIO)
+    return episode.info, episode.observations[-1]
 
 
 @pytest.mark.parametrize(
@@ -44,10 +40,8 @@ def test_papers_rule_on_rough_ground_leaves_what_simulate_says(coupling, frictio
 
 
 def test_info_has_slide_and_rest_time_where_there_is_friction_alone():
-    assert {"slide", "rest_time"} <= final(PaperTrapezoid(), friction=(0.1, 0.4))[0].keys()
     assert final(PaperTrapezoid(), friction=0.0)[0].keys() == final(PaperTrapezoid())[0].keys()
-    assert {"slide", "rest_time"}.isdisjoint(final(PaperTrapezoid())[0])
-    missed, _ = final(ConstantSpeed([0.05]), friction=0.3)
+    missed, _ = final(ConstantSpeed(0.05), friction=0.3)
     assert missed["missed"]
     assert (missed["slide"], missed["object_velocity"]) == (0.0, 0.0)
     played = ScenarioBatch(0, 50, friction=0.3).play(PaperTrapezoid())
@@ -60,7 +54,7 @@ def test_info_has_slide_and_rest_time_where_there_is_friction_alone():
 
 
 def test_horizon_time_after_the_alarm_and_cost_of_a_miss_are_those_asked_for():
-    info, observation = final(ConstantSpeed([0.05]), horizon=0.4, missed_cost=3.5)
+    info, observation = final(ConstantSpeed(0.05), horizon=0.4, missed_cost=3.5)
     assert (info["approach_time"], info["reward_terms"]["missed"]) == (0.4, -3.5)
     spec = gym.make(ID, horizon=0.4).unwrapped.observation_spec
     assert spec.decode(observation, "time") == pytest.approx(0.4, rel=1e-6)
@@ -70,26 +64,10 @@ def test_horizon_time_after_the_alarm_and_cost_of_a_miss_are_those_asked_for():
     _, observation = final(PaperTrapezoid(), after_alarm=0.3)
     spec = gym.make(ID, after_alarm=0.3).unwrapped.observation_spec
     assert spec.decode(observation, "time_since_alarm") == pytest.approx(0.3, rel=1e-6)
-    assert ScenarioBatch(0, 3, missed_cost=3.5).play(ConstantSpeed([0.05])).loss(1.0) == pytest.approx(1.2 + 3.5)
-
-
-@pytest.mark.parametrize(("arguments", "says"), [
-    ({"friction": -0.1}, r"friction must be finite and at least 0 and at most 1000 \(no unit\), got -0\.1"),
-    ({"friction": (0.3, 0.1)}, r"friction"),
-    ({"horizon": 0.1}, r"horizon must be longer than the way to the nearest object, 0\.15 m, takes: in 0\.1 s the arm"),
-    ({"horizon": 0.0}, r"horizon must be finite and at least 0\.001 "),
-    ({"after_alarm": -1.0}, r"after_alarm must be finite"),
-    ({"missed_cost": -1.0}, r"missed_cost must be finite and at least 0"),
-    ({"reference_velocity": 1.0}, r'reference_velocity must be None unless dissipation is "fixed"'),
-    ({"coupling": {"type": "Rigid", "stroke": 0.1}}, r"coupling has no field 'stroke'"),
-], ids=str)  # fmt: skip
-def test_arguments_that_make_no_sense_are_refused(arguments, says):
-    with pytest.raises(ValueError, match=says):
-        gym.make(ID, **arguments)
+    assert ScenarioBatch(0, 3, missed_cost=3.5).play(ConstantSpeed(0.05)).loss(1.0) == pytest.approx(1.2 + 3.5)
 
 
 def test_short_stroke_is_said_where_the_environment_is_made():
-    with pytest.warns(
-        UserWarning, match=r"stroke is 0\.02 m, but under 20 m/s\^2 the tool's place of rest is 0\.05 m away"
-    ):
+    said = r"stroke is 0\.02 m, but under 20 m/s\^2 the tool's place of rest is 0\.05 m away"
+    with pytest.warns(UserWarning, match=said):
         gym.make(ID, coupling=ig.SpringDamper(50.0, stroke=0.02))

@@ -39,21 +39,15 @@ def test_episode_is_found_again_from_its_seed_and_index():
     assert len({episode.info["scenario"]["object_mass"] for episode in episodes}) == 4
 
 
-def test_episode_is_played_again_from_its_record_in_any_environment():
-    episode = play(gym.make(ID, **OPTIONS), seed=5)
-    record = episode.info["record"]
-    assert tuple(record) == RECORD
-    assert {name: record[name] for name in FIELDS} == episode.info["scenario"]
-    elsewhere = gym.make(ID, **OPTIONS, scenario="hard")
-    assert_identical(play(elsewhere, seed=99, record=record), episode)
-    assert play(elsewhere).info["scenario"] != episode.info["scenario"]  # only for one episode
-
-
-def test_record_that_is_fixed_changes_no_other_draw():
-    free, fixed = (
-        play(gym.make(ID, **OPTIONS), seed=8, record=record).info["record"] for record in ({}, {"restitution": 0.5})
-    )
-    assert fixed == {**free, "restitution": 0.5}
+@pytest.mark.parametrize("kind", ["scenario", "record"])
+def test_options_fix_numbers_for_one_episode_only_and_change_no_other_draw(kind):
+    env, free = gym.make(ID, **OPTIONS), gym.make(ID, **OPTIONS)
+    fixed = {"object_mass": 0.7, "restitution": 0.5}
+    drawn, info = play(free, seed=4).info["record"], play(env, seed=4, **{kind: fixed}).info
+    assert tuple(drawn) == RECORD
+    assert info["record"] == drawn | fixed
+    assert info["scenario"] == {name: info["record"][name] for name in FIELDS}
+    assert_identical(play(env), play(free))
 
 
 def test_number_that_is_drawn_leaves_everything_else_as_it_is():

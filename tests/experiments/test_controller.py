@@ -8,19 +8,11 @@ from own_set_up import change, own_set_up
 from policies import made_up_policy
 
 from agents import load_setup
-from agents.baselines import PaperTrapezoid
-from agents.evaluate import ScenarioBatch
 from agents.policies import load_ensemble
 from experiments import controller
 from experiments.controller import copy_setup
 from experiments.report import matchups
 from experiments.report.__main__ import ReportOptions, matchups_of
-from experiments.report.measures import play_as_late
-
-
-@pytest.fixture
-def mine(tmp_path):
-    return own_set_up(tmp_path)
 
 
 def test_copy_setup_keeps_a_folder_for_its_set_up(mine, tmp_path):
@@ -94,10 +86,3 @@ def test_matchups_of_plays_the_set_of_the_set_up_unless_another_is_named(options
     (matchup,) = matchups_of(ReportOptions(setups=("rigid-blind",), **options))
     assert dict(matchup.scenarios) == scenarios
     assert matchup.evaluation == load_setup("rigid-blind").evaluation
-
-
-def test_play_as_late_makes_a_policy_as_late_as_the_rule_is_on_that_arm():
-    arm = {"velocity_range": [-0.2, 1.2], "acceleration_range": [1.0, 10.0]}
-    late = play_as_late({"shipped": "linear-blind"}, arm, {"set": "test", "count": 200}, [0.3, 8.0])
-    rule = ScenarioBatch.of("test", 200, **arm).play(PaperTrapezoid().for_environment(arm))
-    assert late["approach_time"].mean() == pytest.approx(rule.approach_time.mean(), rel=0.03)

@@ -5,7 +5,6 @@ import itertools
 import browsers
 import numpy as np
 import pytest
-from browsers import chromium
 from watched import CONTESTANTS, COUPLINGS, columns, judged_films
 
 from experiments.lab.player import fragment, script, style
@@ -14,12 +13,6 @@ from experiments.lab.player import fragment, script, style
 @pytest.fixture(scope="module", params=COUPLINGS)
 def film(request):
     return judged_films(**COUPLINGS[request.param])
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as program:
-        yield program
 
 
 @pytest.fixture(scope="module")

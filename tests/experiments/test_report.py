@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 import polars as pl
 import pytest
-from browsers import chromium, opened
+from browsers import opened
 
 from agents import load_policy
 from agents.baselines.tuned import load_baseline
@@ -144,12 +144,6 @@ def test_figures_lie_beside_the_page_as_picture_and_data(folder):
     assert len(text) < 12e6
 
 
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as program:
-        yield program
-
-
 def unfold(page):
     page.evaluate("document.querySelectorAll('details').forEach(fold => { fold.open = true; })")
     page.evaluate("drawAll()")
@@ -194,11 +188,8 @@ def test_page_answers_the_pointer_and_changes_its_theme(browser, folder):
 
 def test_page_answers_on_one_screen_and_plays_its_film(browser, folder):
     page, problems = opened(browser, folder / "index.html", 1280, 800, reduced_motion="no-preference")
-    parts = {
-        name: page.locator(name).first for name in (".finding", ".still svg", ".fails", ".igw-panels", ".igw-controls")
-    }
-    for name, part in parts.items():
-        box = part.bounding_box()
+    for name in (".finding", ".still svg", ".fails", ".igw-panels", ".igw-controls"):
+        box = page.locator(name).first.bounding_box()
         assert box["height"] > 15, name
         assert box["y"] + box["height"] <= 800, name
         assert name != ".fails" or box["height"] < 25  # one line

@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from episodes import assert_identical
-from played import played_alone
 
 from agents.evaluate import play as evaluations
 from agents.setups import load_setup
 from experiments.lab.statistics import Estimate
 from experiments.report import answer, matchups, measures
+from experiments.report.played import Played, Run
 from impact_gym.task import evaluation_sets
 
 AGENTS = Path(matchups.__file__).parents[2] / "agents"
@@ -24,14 +24,16 @@ LINEAR = matchups.of_setup(load_setup("linear-blind"), SCENARIOS)
 PAPERS_RULE = {"baseline": "paper-trapezoid"}
 
 
-def test_play_as_late_is_as_late_on_the_validation_set():
-    results = measures.play_as_late(LINEAR.policy.controller, LINEAR.environment, SCENARIOS, LINEAR.policy.weights)
-    validation = {"set": "validation", "count": SCENARIOS["count"]}
-    weight = float(results["weight"][0])
-    ours = evaluations.play(LINEAR.policy.controller, validation, [weight])
-    rule = evaluations.play(PAPERS_RULE, validation)
-    assert ours["approach_time"].mean() == pytest.approx(rule["approach_time"].mean(), abs=1e-3)
-    assert ours["approach_time"].mean() <= rule["approach_time"].mean()
+@pytest.mark.parametrize("arm", [{}, {"velocity_range": [-0.2, 1.2], "acceleration_range": [1.0, 10.0]}], ids=str)
+def test_play_as_late_is_as_late_as_the_rule_on_that_arm_on_the_validation_set_and_nearly_on_the_other(arm):
+    scenarios, validation = ({"set": name, "count": 200} for name in ("test", "validation"))
+    policy = LINEAR.policy
+    late = measures.play_as_late(policy.controller, arm, scenarios, policy.weights)
+    ours = evaluations.play(policy.controller, validation, [float(late["weight"][0])], arm)
+    chosen, other = (evaluations.play(PAPERS_RULE, each, environment=arm) for each in (validation, scenarios))
+    assert ours["approach_time"].mean() == pytest.approx(chosen["approach_time"].mean(), abs=1e-3)
+    assert ours["approach_time"].mean() <= chosen["approach_time"].mean()
+    assert late["approach_time"].mean() == pytest.approx(other["approach_time"].mean(), rel=0.03)
 
 
 def test_profile_is_the_flanges():
@@ -47,10 +49,8 @@ def test_play_takes_sets_tables_and_ranges_alike():
     ranges = {"object_mass": [0.1, 2.5], "contact_stiffness": [1e3, 1e6], "restitution": [0.1, 1.0],
               "distance": [0.15, 0.35]}  # fmt: skip
     same = [{"set": "test"}, {"table": table, "seed": frozen.seed}, {"ranges": ranges, "seed": frozen.seed}]
-    first, *rest = (
-        evaluations.play(PAPERS_RULE, {**scenarios, "count": 20}, environment={"range_noise": 0.01})
-        for scenarios in same
-    )
+    noisy = {"range_noise": 0.01}
+    first, *rest = (evaluations.play(PAPERS_RULE, {**each, "count": 20}, environment=noisy) for each in same)
     for results in rest:
         assert_identical(first, results)
 
@@ -72,7 +72,13 @@ def test_report_needs_no_more_than_its_extra():
 
 def test_answer_says_that_a_curve_does_not_reach_the_papers_time():
     matchup = replace(LINEAR, seeds=(replace(LINEAR.policy, weights=(8.0,)),), scenarios={"set": "test", "count": 20})
-    fast = answer.answer(played_alone(matchup))
+    played = Played(matchup)
+    for runs, contestants in ((played.seeds, matchup.seeds), (played.baselines, matchup.baselines)):
+        for each in contestants:
+            arrays = evaluations.play(each.controller, matchup.scenarios, each.weights, matchup.environment)
+            runs[each.name] = Run(each.weights, arrays)
+    played.as_late = played.seeds
+    fast = answer.answer(played)
     assert not fast.reached
     assert fast.later < 0.0
     assert "no weight makes its approach as long" in answer.sentence(fast, matchup)

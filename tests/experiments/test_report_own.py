@@ -47,9 +47,8 @@ def test_report_takes_a_users_baseline_ranges_and_tool(tmp_path, monkeypatch):
     assert set(episodes["object_mass"]) == {0.4}
     assert episodes["distance"].is_between(0.2, 0.3).all()
     half = of(episodes, "my_rules:Half").sort("scenario")
-    judged = ScenarioBatch(5, 6, scenario={"object_mass": 0.4, "distance": (0.2, 0.3)}, tool_mass=0.2).play(
-        ConstantSpeed(0.5)
-    )
+    ranges = {"object_mass": 0.4, "distance": (0.2, 0.3)}
+    judged = ScenarioBatch(5, 6, scenario=ranges, tool_mass=0.2).play(ConstantSpeed(0.5))
     assert (half["object_velocity"].to_numpy() == judged.object_velocity).all()
     write(replace(settings, count=4))
     assert len(of(pl.read_parquet(tmp_path / "out" / "episodes.parquet"), "my_rules:Half")) == 4

@@ -99,16 +99,11 @@ def test_named_scenes_are_what_they_are_called():
 EXACT = Solution(1.0, 10.0, 0.1, 0.3, contacts=2, passes=1)
 
 
-@pytest.mark.parametrize(
-    ("change", "kind"),
-    [
-        ({"velocity": 1.009}, ""),
-        ({"velocity": 1.011}, solutions.WRONG),
-        ({"velocity": math.nan}, solutions.NOT_FINITE),
-        *(({name: value}, solutions.MISCOUNTED) for name, value in
-          (("contacts", 1), ("passes", 0), ("detection_time", math.nan))),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("change", "kind"), [
+    ({"velocity": 1.009}, ""), ({"velocity": 1.011}, solutions.WRONG), ({"velocity": math.nan}, solutions.NOT_FINITE),
+    *(({name: value}, solutions.MISCOUNTED) for name, value in
+      (("contacts", 1), ("passes", 0), ("detection_time", math.nan))),
+])  # fmt: skip
 def test_failure_is_the_class_of_what_is_wrong(change, kind):
     solution = replace(EXACT, **change)
     assert solutions.failure(solution, EXACT, timing.TOO_WRONG) == kind

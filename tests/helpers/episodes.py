@@ -32,6 +32,13 @@ def assert_identical(first, second):
     assert data_equivalence(first, second, exact=True), "\n".join(f"{each}"[:1000] for each in (first, second))
 
 
+def all_finite(value):
+    """Whether every number in a value is finite, however deep."""
+    if isinstance(value, (dict, list, tuple)):
+        return all(map(all_finite, value.values() if isinstance(value, dict) else value))
+    return not isinstance(value, (float, np.floating, np.ndarray)) or bool(np.isfinite(value).all())
+
+
 class Always:
     """Commands one velocity (m/s) and acceleration (m/s^2) for ever, alone or in every row of a batch."""
 

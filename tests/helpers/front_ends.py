@@ -149,17 +149,13 @@ FRONT_ENDS = {
     "stable-baselines3": Stable,
     "batch": Rows,
 }
-TWINS = {
-    "itself": lambda env: env,
-    "copy": copy.deepcopy,
-    "pickle": lambda env: pickle.loads(pickle.dumps(env)),
-}
+TWINS = {"itself": None, "copy": copy.deepcopy, "pickle": lambda front: pickle.loads(pickle.dumps(front))}
 
 
 def trails(front, actions, seed, options=None, twin="itself"):
     """What each row meets, playing its own column of `actions` (ticks, rows, 2), episode after episode.
 
-    In the middle the environment is replaced by its twin, and the original steps on by other actions.
+    In the middle the front end is replaced by its twin, and the original steps on by other actions.
     """
     trail = [[observation] for observation in front.begin(seed, options)]
     ticks, rows = actions.shape[:2]
@@ -168,9 +164,8 @@ def trails(front, actions, seed, options=None, twin="itself"):
     while played.min() < ticks:
         begun += 1
         if begun == ticks // 2 and twin != "itself":
-            original, front.env = front.env, TWINS[twin](front.env)
-            for each in original if isinstance(original, list) else [original]:
-                go_astray(each)  # what it does next is its own affair
+            original, front = front, TWINS[twin](front)
+            original.step(np.ones((rows, 2), np.float32))  # what it does next is its own affair
         now = actions[np.minimum(played, ticks - 1), np.arange(rows)]
         for row, (*result, first) in enumerate(front.step(now)):
             if played[row] == ticks:
@@ -181,13 +176,3 @@ def trails(front, actions, seed, options=None, twin="itself"):
             if first is not None and played[row] < ticks:
                 trail[row].append(first)
     return trail
-
-
-def go_astray(env):
-    """Step an environment on, whatever comes of it."""
-    if isinstance(env, Batch):
-        env.step(np.ones((env.size, 2)), np.zeros(env.size, bool))
-    elif isinstance(env, gym.Env):
-        env.step(np.ones(2, np.float32))
-    else:
-        env.step(np.ones((env.num_envs, 2), np.float32))

@@ -20,9 +20,8 @@ FLAGS = "-O0 -w -fPIC -fno-math-errno -fno-trapping-math -ffp-contract=off -DCOM
 def kernels():
     """The compiled module; 4 s the first time, for whichever process comes first."""
     package = SOURCE.parents[2] / "impact_gym"
-    content = b"".join(
-        file.read_bytes() for file in (SOURCE, *sorted((*package.glob("*.pyx"), *package.rglob("*.pxi"))))
-    )
+    sources = (SOURCE, *sorted((*package.glob("*.pyx"), *package.rglob("*.pxi"))))
+    content = b"".join(file.read_bytes() for file in sources)
     version = sha256(content).hexdigest()[:16] + sysconfig.get_config_var("EXT_SUFFIX")
     library, written = BUILT / version, BUILT / f"{version}.c"
     BUILT.mkdir(parents=True, exist_ok=True)

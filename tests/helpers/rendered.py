@@ -38,12 +38,8 @@ def drawn(env, time):
     return renderer._pixels(history_of(env), time, 8.0)
 
 
-def colour(name):
-    return np.array([int(name[place : place + 2], 16) for place in (1, 3, 5)])
-
-
 def is_colour(pixels, name):
-    return (np.abs(pixels.astype(int) - colour(name)).max(axis=-1)) <= 12
+    return np.abs(pixels.astype(int) - [*bytes.fromhex(name.removeprefix("#"))]).max(axis=-1) <= 12
 
 
 def column(view, position):

@@ -73,15 +73,9 @@ def on_rough_ground(seed, *features):
         rest = motion.acceleration * chain.tool.mass / chain.coupling.stiffness
         chain = replace(chain, coupling=replace(chain.coupling, stroke=rest + log_uniform(random, 1e-3, 3e-2)))
     if "fixed" in features:
-        exponents = (*EXPONENTS, (1.5, 1.0))[seed % 6]
-        contact = (
-            chain.contact.stiffness,
-            chain.contact.restitution,
-            "fixed",
-            *exponents,
-            log_uniform(random, 0.05, 2.0),
-        )
-        chain = replace(chain, contact=ig.Contact(*contact))
+        m, n = (*EXPONENTS, (1.5, 1.0))[seed % 6]
+        contact = replace(chain.contact, dissipation="fixed", stiffness_exponent=m, damping_exponent=n)
+        chain = replace(chain, contact=replace(contact, reference_velocity=log_uniform(random, 0.05, 2.0)))
     return chain, motion, duration
 
 

@@ -1,9 +1,15 @@
 """Tasks: what arguments of the environment may be, as one strategy, and all of it drawn for each episode."""
 
 from episodes import ROBOT, TABLE
+from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 
 import impact_gym as ig
+
+STORM = settings(
+    deadline=None, derandomize=True, database=None, phases=[Phase.generate], suppress_health_check=list(HealthCheck)
+)
+"""Examples that are the same every time, none of them shrunk or kept."""
 
 SPANS = {
     "tool_mass": (0.05, 0.4), "alarm_threshold": (0.2, 15.0), "force_noise": (0.0, 2.0), "force_bias": (0.0, 1.0),
@@ -21,17 +27,12 @@ SCENARIO = {
 }  # fmt: skip
 
 
-def drawn(kind, spans):
-    """A coupling or robot of which every number is drawn."""
-    return {"type": kind, **spans}
-
-
-DRAWN = {
-    **SPANS, "force_noise": (0.1, 2.0), "force_bias": (0.1, 1.0), "scenario": SCENARIO, "robot": drawn("Robot", ARM),
+DRAWN = SPANS | {
+    "force_noise": (0.1, 2.0), "force_bias": (0.1, 1.0), "scenario": SCENARIO, "robot": {"type": "Robot", **ARM},
 }  # fmt: skip
 EVERYTHING_DRAWN = {
-    "spring": DRAWN | {"coupling": drawn("SpringDamper", SPRING)},
-    "mechanism": DRAWN | {"coupling": drawn("Bistable", MECHANISM)},
+    "spring": DRAWN | {"coupling": {"type": "SpringDamper", **SPRING}},
+    "mechanism": DRAWN | {"coupling": {"type": "Bistable", **MECHANISM}},
 }
 """Arguments with a range for every number that may have one."""
 

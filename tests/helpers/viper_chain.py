@@ -23,10 +23,8 @@ def about(axis, angle):
 
 def frames(angles):
     """Frames of links 1 to 6 from the URDF's origins and axes."""
-    frame, result = np.eye(4), []
-    for origin, axis, angle in zip(
-        KINEMATICS["urdf_joint_origins_xyz_m"], KINEMATICS["urdf_joint_axes"], angles, strict=True
-    ):
+    frame, result, origins = np.eye(4), [], KINEMATICS["urdf_joint_origins_xyz_m"]
+    for origin, axis, angle in zip(origins, KINEMATICS["urdf_joint_axes"], angles, strict=True):
         frame = frame @ transform(about(axis, angle), origin)
         result.append(frame)
     return result

@@ -19,6 +19,8 @@ NOISE = np.random.default_rng(0).normal(size=len(TIME))
 FORCE = CLEAN + 0.02 * CLEAN.max() * NOISE
 GOOD = {"time": TIME, "force": FORCE}
 VELOCITY = 50.0 * FORCE / FORCE.max()
+CUT = {name: np.delete(values, slice(50, 71)) for name, values in GOOD.items()}
+TWICE = {"time": TIME[0] + np.arange(2 * len(TIME)) / 4000.0, "force": np.tile(FORCE, 2)}
 
 
 def put(values, place, value):
@@ -34,10 +36,7 @@ def identify_refused(match, log, scene=SCENE, error=ValueError, motion=MOTION, *
 
 
 BAD_LOGS = {
-    "gap": (
-        {"time": np.delete(TIME, slice(50, 71)), "force": np.delete(FORCE, slice(50, 71))},
-        r"time must have no gaps, but 0\.0055 s lie between samples 49 and 50",
-    ),
+    "gap": (CUT, r"time must have no gaps, but 0\.0055 s lie between samples 49 and 50"),
     "time stands still": (
         {"time": put(TIME, 30, TIME[20])},
         r"time must increase, but sample 30 is at 0\.308 s after 0\.31025 s",
@@ -53,10 +52,7 @@ BAD_LOGS = {
     "two-dimensional": ({"force": FORCE[:, None]}, r"force must be a sequence of numbers in N, got .*\(161, 1\)"),
     "dead sensor": ({"tool_velocity": 0.0 * FORCE}, "tool_velocity must not be 0 m/s in all 161 samples: leave it out"),
     "no blow": ({"force": NOISE}, "has no blow: nothing in force stands out"),
-    "two blows": (
-        {"time": TIME[0] + np.arange(2 * len(TIME)) / 4000.0, "force": np.tile(FORCE, 2)},
-        "has 2 blows, at .* cut it to one",
-    ),
+    "two blows": (TWICE, "has 2 blows, at .* cut it to one"),
     "time is nan": ({"time": put(TIME, 7, np.nan)}, r"time\[7\] must be finite s, got nan"),
     "force is nan": ({"force": put(FORCE, 7, np.nan)}, r"force\[7\] must be finite N, got nan"),
     "text": ({"force": ["x"] * len(TIME)}, r"force\[0\] must be a number in N, got 'x'"),

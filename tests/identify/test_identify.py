@@ -77,10 +77,8 @@ def test_identify_takes_filter_and_bias_of_a_sensor_into_account():
 
 def test_identify_takes_a_flange_that_keeps_its_speed_all_along():
     recorded = log(TRUTH, after=0.012)
-    alone, both = (
-        ig.identify(recorded | more, guess(), MOTION)
-        for more in ({}, {"flange_velocity": np.ones_like(recorded["time"])})
-    )
+    steady = {"flange_velocity": np.ones_like(recorded["time"])}
+    alone, both = (ig.identify(recorded | more, guess(), MOTION) for more in ({}, steady))
     assert both.estimate == pytest.approx(alone.estimate, rel=1e-3)
     assert both.noise["flange_velocity"] < 1e-6
 

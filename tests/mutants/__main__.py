@@ -61,12 +61,10 @@ def tests_of(edit):
 
 def tried(edits, **options):
     """Why edits were not killed. Before, all tests must pass without any."""
-    sources = sorted(
-        file for name in ("agents", "experiments", "impact_gym", "tests") for file in Path(name).rglob("*.p*")
-    )
-    gather_all(
-        [job(Edit(), tests, sources) for tests in {tests_of(edit) for edit in edits}], title="unedited", **options
-    )
+    packages = ("agents", "experiments", "impact_gym", "tests")
+    sources = sorted(file for name in packages for file in Path(name).rglob("*.p*"))
+    unedited = [job(Edit(), tests, sources) for tests in {tests_of(edit) for edit in edits}]
+    gather_all(unedited, title="unedited", **options)
     jobs = {edit: job(edit, tests_of(edit), [ROOT / edit.file]) for edit in edits}
     try:
         gather_all(jobs.values(), title="mutants", **options)

@@ -1,6 +1,6 @@
 """A robot that yields: against matrix exponentials, its limits, and the paper's Fig. 13b and 14.
 
-That every chain with a robot, or a table of one, agrees with the slow solver is in tests/solver/test_chains.py.
+That every chain with a robot, or a table of one, agrees with the slow solver is in tests/solver/test_agreement.py.
 """
 
 import dataclasses
@@ -9,31 +9,28 @@ import math
 import numpy as np
 import pytest
 from golden import IMPACT_VELOCITY, OBJECT_VELOCITIES
-from scenes import scene
+from scenes import MOTION, scene
 from scipy.linalg import expm
 from solvers import BOTH
 
 import impact_gym as ig
 from impact_gym.robot import default_approach
 
-TOOL_MASS, OBJECT_MASS = 0.125, 0.25
+TOOL_MASS = 0.125
 ROBOT = ig.Robot(5.225, 1.9e5, 50.4)
-BRAKE = ig.Brake(threshold=1.0, delay=0.016, deceleration=8.0)
 FAR = 1e3  # m, an object that is never met
 COUPLINGS = [ig.Rigid(), ig.SpringDamper(150.0), ig.SpringDamper(5000.0, 0.1), ig.Bistable()]
 EVERY_COUPLING = pytest.mark.parametrize("coupling", COUPLINGS, ids=str)
 
 
-def approach(coupling, robot, *, k_c=1e5, e=1.0, brake=BRAKE, duration=1.0, rtol=1e-10, **target):
-    chain = scene(k_c, e, coupling, robot, **target)
-    return ig.simulate(chain, ig.Trapezoid(1.0, 8.0, brake), duration, rtol, trace=True)
+def approach(coupling, robot, *, k_c=1e5, e=1.0, duration=1.0, **target):
+    return ig.simulate(scene(k_c, e, coupling, robot, **target), MOTION, duration, 1e-10, trace=True)
 
 
 @BOTH
 @pytest.mark.parametrize(("figure", "k_c", "m_p"), [("13b", 1e5, 0.25), ("14a", 1e5, 2.5), ("14b", 1e6, 2.5)])
 def test_simulate_gives_the_velocities_of_figure(simulate, figure, k_c, m_p):
-    chain = scene(k_c, 1.0, robot=ROBOT, m_p=m_p)
-    outcome = simulate(chain, ig.Trapezoid(1.0, 8.0, BRAKE), 1.0)
+    outcome = simulate(scene(k_c, 1.0, robot=ROBOT, m_p=m_p), MOTION, 1.0)
     (contact,) = outcome.contacts
     assert contact.approach_velocity == pytest.approx(IMPACT_VELOCITY, abs=1e-6)
     assert outcome.object_velocity == pytest.approx(OBJECT_VELOCITIES[figure], abs=1e-6)
@@ -41,8 +38,7 @@ def test_simulate_gives_the_velocities_of_figure(simulate, figure, k_c, m_p):
 
 def test_robot_and_fixed_tool_are_one_mass_on_the_robots_spring():
     spring_damper = ig.SpringDamper(ROBOT.stiffness, ROBOT.damping / 2 / math.sqrt(ROBOT.stiffness * 5.35))
-    heavy = scene(1e5, 1.0, spring_damper, m_t=5.35)
-    same = ig.simulate(heavy, ig.Trapezoid(1.0, 8.0, BRAKE), duration=1.0, rtol=1e-10, trace=True)
+    same = ig.simulate(scene(1e5, 1.0, spring_damper, m_t=5.35), MOTION, duration=1.0, rtol=1e-10, trace=True)
     robot = approach(ig.Rigid(), ROBOT)
     assert robot.object_velocity == pytest.approx(same.object_velocity, rel=1e-12)
     assert robot.trace.tool_position == pytest.approx(same.trace.tool_position, abs=1e-12)

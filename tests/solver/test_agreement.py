@@ -127,9 +127,7 @@ def test_simulate_agrees_with_the_reference_on_rough_ground_at_stops_and_under_a
 @pytest.mark.parametrize("e", [1.0, 0.8, 0.5])
 @pytest.mark.parametrize("motion", [MOTION, ig.Trapezoid(3.0, 8.0, ig.Brake(5.0)), ig.Trapezoid(1.2, 12.0, ig.Brake())])
 @pytest.mark.parametrize(
-    "coupling",
-    [ig.Rigid(), ig.SpringDamper(150.0, 0.4), ig.SpringDamper(50.0, 1.0), ig.Bistable()],
-    ids=str,
+    "coupling", [ig.Rigid(), ig.SpringDamper(150.0, 0.4), ig.SpringDamper(50.0, 1.0), ig.Bistable()], ids=str
 )
 def test_simulate_agrees_with_taylor_series(coupling, motion, e):
     pytest.importorskip("heyoka")

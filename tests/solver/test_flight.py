@@ -117,9 +117,8 @@ class Path:
 def random_flight(random, start=None):
     """Law, acceleration and path of a random flight, and the record it starts from."""
     frequency = 10 ** random.uniform(1, 2.5)
-    damping_ratio = random.choice(
-        [0.0, random.uniform(0, 0.2), random.uniform(0.2, 0.98), 1.0, random.uniform(1.02, 4)]
-    )
+    light, heavy, beyond = random.uniform([0, 0.2, 1.02], [0.2, 0.98, 4])
+    damping_ratio = random.choice([0.0, light, heavy, 1.0, beyond])
     acceleration = random.choice([0.0, random.uniform(-20, 20)])
     closing = random.uniform(-0.5, 1.0)
     y_dot = random.uniform(-1.0, 1.0)
@@ -196,13 +195,9 @@ def test_slider_on_a_stop_without_damping_may_touch_wherever_its_energy_lets_it(
 
         there = energy(start) + 0.5 * TOOL_MASS * speed**2
         furthest = brentq(lambda x, there=there: there - energy(x), slider.rest, 1.0, xtol=1e-15)
-        at = {
-            "flange_velocity": 0.0,
-            "object_velocity": 0.0,
-            "deflection": start - slider.rest,
-            "deflection_rate": speed,
-        }
-        assert not kernels().never_touches(law_of(slider), chain(gap=0.999 * (furthest - start), **at))
+        flight = {"deflection": start - slider.rest, "deflection_rate": speed, "gap": 0.999 * (furthest - start)}
+        at_rest = chain(flange_velocity=0.0, object_velocity=0.0, **flight)
+        assert not kernels().never_touches(law_of(slider), at_rest)
 
 
 def rigid_touch(rate, acceleration, gap, horizon):

@@ -152,9 +152,8 @@ def test_stroke_that_is_never_used_changes_nothing_and_one_that_is_keeps_the_too
 
 def test_stroke_shorter_than_the_rest_under_the_arms_acceleration_is_said_with_the_number():
     short = ig.SpringDamper(50.0, stroke=0.01)
-    with pytest.warns(
-        UserWarning, match=r"stroke is 0\.01 m, but under 8 m/s\^2 the tool's place of rest is 0\.02 m away"
-    ):
+    said = r"stroke is 0\.01 m, but under 8 m/s\^2 the tool's place of rest is 0\.02 m away"
+    with pytest.warns(UserWarning, match=said):
         ig.simulate(scene(1e5, 0.5, short), MOTION)
     with warnings.catch_warnings():
         warnings.simplefilter("error")

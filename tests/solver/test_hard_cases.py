@@ -37,9 +37,8 @@ def test_slow_contact_under_a_push_ends_up_as_a_steady_push(coupling, approach_v
 
 @pytest.mark.parametrize("restitution", [1e-2, 1e-3, 1e-4])
 def test_restitution_close_to_zero_is_delivered_and_lasts(restitution):
-    first, second = (
-        ig.simulate(scene(1e8, e), CRUISE, 3.0, rtol=1e-10).contacts[0] for e in (restitution, restitution / 2)
-    )
+    values = (restitution, restitution / 2)
+    first, second = (ig.simulate(scene(1e8, e), CRUISE, 3.0, rtol=1e-10).contacts[0] for e in values)
     assert first.separation_velocity == pytest.approx(ig.effective_restitution("hu-guo", restitution), rel=1e-6)
     # duration grows as e^-0.6: the surfaces creep apart at e v over a depth that goes with d^-0.4
     ratio = (second.end - second.start) / (first.end - first.start)
@@ -101,9 +100,7 @@ def test_graze_in_an_integrated_flight_is_told_from_a_near_miss(margin):
     robot, coupling, motion = ig.Robot(2.0, 2000.0, 0.0), ig.SpringDamper(60.0, 0.0), ig.Trapezoid(0.3, 40.0)
     trace = ig.simulate(scene(1e5, 1.0, coupling, robot, distance=10.0), motion, 1.0, 1e-12, trace=True).trace
     at, *_ = np.flatnonzero((trace.tool_velocity[:-1] > 0) & (trace.tool_velocity[1:] <= 0))
-    time, position, velocity = (
-        getattr(trace, name)[at : at + 2] for name in ("time", "tool_position", "tool_velocity")
-    )
+    time, position, velocity = np.array([trace.time, trace.tool_position, trace.tool_velocity])[:, at : at + 2]
     path = CubicHermiteSpline(time, position, velocity)
     (when,), bend = path.derivative().roots(extrapolate=False), -(np.diff(velocity) / np.diff(time))[0]
     near = scene(1e5, 1.0, coupling, robot, distance=path(when) - margin)

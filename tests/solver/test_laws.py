@@ -174,9 +174,8 @@ def in_units(value, mass, length, time, name=""):
 @pytest.mark.parametrize("coupling", COUPLINGS)
 def test_simulate_does_not_depend_on_the_units(coupling, robot):
     closed = robot == "rigid robot" and coupling != "bistable"  # else flight is integrated, maybe in other steps
-    for seed, units in product(
-        SEEDS if closed else range(3), [(2, 1, 1), (1e-4, 1e-5, 1e-5), (1, 1, 0.5), (3, 0.7, 1.3)]
-    ):
+    some = [(2, 1, 1), (1e-4, 1e-5, 1e-5), (1, 1, 0.5), (3, 0.7, 1.3)]
+    for seed, units in product(SEEDS if closed else range(3), some):
         chain, motion, duration = random_approach(seed, coupling, robot, Dissipation.__args__)
         mass, length, time = units
         speed, force = length / time, mass * length / time**2

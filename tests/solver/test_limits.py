@@ -3,8 +3,9 @@
 import math
 
 import pytest
-from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
+from tasks import STORM
 
 import impact_gym as ig
 from impact_gym.lowering import STATUS_MESSAGES
@@ -32,8 +33,7 @@ def extreme_cases(draw):
     return ig.Scene(**records), motion, min(2.0 * there + 1.0, 1e12)
 
 
-@settings(max_examples=75, deadline=None, derandomize=True, database=None, phases=[Phase.generate],
-          suppress_health_check=list(HealthCheck))  # fmt: skip
+@settings(STORM, max_examples=75)
 @given(extreme_cases())
 def test_scene_within_the_limits_is_solved_or_says_why_not(case):
     scene, motion, duration = case

@@ -73,10 +73,8 @@ def beyond(limits):
 @EVERY_ROW
 def test_number_beyond_its_limits_is_refused_with_name_value_unit_and_what_is_allowed(row):
     unit = "(no unit)" if row.unit == "-" else row.unit
-    limits = [
-        f"{word.replace('_', ' ')} {limit:g}" for word, limit in row.limits._asdict().items() if -math.inf < limit
-    ]
-    allowed = " and ".join(["finite", *(limit for limit in limits if "inf" not in limit)])
+    limits = {word.replace("_", " "): limit for word, limit in row.limits._asdict().items() if math.isfinite(limit)}
+    allowed = " and ".join(["finite", *(f"{word} {limit:g}" for word, limit in limits.items())])
     for name, take in doors(row):
         for value in (*beyond(row.limits), math.nan, math.inf, -math.inf, np.float32("nan"), 10**400):
             with pytest.raises(ValueError, match=r" must be finite") as refusal:
@@ -175,9 +173,8 @@ def test_each_number_is_drawn_within_its_range_evenly_and_apart_from_all_others(
 
 
 def test_every_row_that_has_a_draw_is_drawn_here(drawn):
-    assert {row.id for row in QUANTITIES.values() if row.draw} == {
-        name for task, record in drawn.values() for name in shares(task, record)
-    }
+    here = {name for task, record in drawn.values() for name in shares(task, record)}
+    assert {row.id for row in QUANTITIES.values() if row.draw} == here
 
 
 def narrowed(value, width):
@@ -272,13 +269,8 @@ def test_words_for_people_change_no_behaviour(monkeypatch):
         specs = [(spec.ids, spec.lowered().tolist()) for spec in everything_shown()]
         policy = load_policy("linear-ranged")
         actions = policy.predict(np.full((1, policy.inputs), 0.1, np.float32))[0].tolist()
-        return (
-            without_comments,
-            specs,
-            actions,
-            [Task(**options).draws() for options in EVERYTHING_DRAWN.values()],
-            PLACES,
-        )
+        draws = [Task(**options).draws() for options in EVERYTHING_DRAWN.values()]
+        return without_comments, specs, actions, draws, PLACES
 
     before = behaviour()
     for name, row in QUANTITIES.items():

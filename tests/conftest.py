@@ -1,0 +1,22 @@
+import pytest
+from browsers import chromium
+from own_set_up import own_set_up
+
+
+@pytest.fixture
+def mine(tmp_path):
+    """A set-up of one's own, in a file."""
+    return own_set_up(tmp_path)
+
+
+@pytest.fixture
+def no_display(monkeypatch):
+    """Nothing that draws needs a display."""
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+
+
+@pytest.fixture(scope="module")
+def browser():
+    """Chromium, for all tests of a file."""
+    with chromium() as program:
+        yield program
