@@ -3,7 +3,7 @@
 import mpmath
 import numpy as np
 import pytest
-from scenes import scene
+from scenes import CRUISE, scene
 from solvers import BOTH, fast
 
 import impact_gym as ig
@@ -54,19 +54,17 @@ def test_damping_factor_is_that_of_the_working_notes(restitution, hu_guo, effect
 HOOKE = {"dissipation": "exact", "stiffness_exponent": 1.0, "damping_exponent": 0.0}
 HERTZ = [{"dissipation": law} for law in ("exact", *CLOSURES)]
 OTHER_POWERS = [law | {"stiffness_exponent": m, "damping_exponent": m} for law in HERTZ for m in (1.0, 3.0)]
-FURTHER_POWERS = [(2.0, 1.5), (1.5, 1.0), (1.5, 2.0), (1.2, 1.7), (1.5, 0.0), (2.0, 2.0)]
-EXACT = [{"dissipation": "exact", "stiffness_exponent": m, "damping_exponent": n} for m, n in FURTHER_POWERS]
-RESTITUTIONS_OF_CONTACTS = (0.01, 0.02, 0.05, 0.1, 0.25, 0.4, 0.5, 0.6, 0.75, 0.9, 1.0)
+RESTITUTIONS_OF_CONTACTS = (0.01, 0.02, 0.05, 0.1, 0.25, 0.4, 0.5, 0.75, 0.9, 1.0)
 """With those of Project Chrono's test of the normal restitution, which asks for 1e-3."""
 
 
 @BOTH
-@pytest.mark.parametrize("law", [HOOKE, *HERTZ, *OTHER_POWERS, *EXACT], ids=str)
+@pytest.mark.parametrize("law", [HOOKE, *HERTZ, *OTHER_POWERS], ids=str)
 def test_object_rebounds_from_a_moving_wall_with_the_restitution_of_each_law_whatever_the_scales(simulate, law):
     random, power = np.random.default_rng(1), law.get("stiffness_exponent", 1.5)
     for restitution in RESTITUTIONS_OF_CONTACTS:
         others = 10 ** random.uniform([2, -3.6, -2], [10, 2.4, 1.5], (8, 3))
-        for stiffness, mass, speed in [(1e5, 0.25, 1.0), *others.tolist()][: 9 if simulate is fast else 2]:
+        for stiffness, mass, speed in [(1e5, 0.25, 1.0), *(others.tolist() if simulate is fast else [])]:
             t0 = (mass * speed**2 / stiffness) ** (1 / (power + 1)) / speed
             wall = scene(stiffness, restitution, m_p=mass, distance=0.2505 * speed, **law)
             (hit,) = simulate(wall, ig.Trapezoid(speed, 8.0 * speed), 0.32 + 1000 * t0).contacts
@@ -76,6 +74,18 @@ def test_object_rebounds_from_a_moving_wall_with_the_restitution_of_each_law_wha
             assert hit.separation_velocity / speed == pytest.approx(delivered, rel=1e-10 if simulate is fast else 1e-9)
             assert hit.object_velocity / speed == pytest.approx(1 + delivered, rel=1e-9)
             assert simulate is not fast or hit.momentum_error < 1e-12
+
+
+@BOTH
+@pytest.mark.parametrize(
+    ("m", "n"),
+    [(1.0, 0.0), (1.0, 1.0), (1.5, 1.5), (2.0, 2.0), (2.0, 1.5), (1.5, 1.0), (1.5, 2.0), (1.2, 1.7), (1.5, 0.0)],
+)
+@pytest.mark.parametrize(("e", "m_p"), [(0.1, 0.25), (0.5, 0.25), (0.5, 2.5), (0.6, 0.25), (0.9, 0.25), (1.0, 0.25)])
+def test_exact_delivers_the_restitution_whatever_the_exponents(simulate, m, n, e, m_p):
+    exact = scene(1e5, e, m_p=m_p, dissipation="exact", stiffness_exponent=m, damping_exponent=n)
+    (contact,) = simulate(exact, CRUISE, 1.5).contacts
+    assert contact.separation_velocity == pytest.approx(e, rel=1e-9)
 
 
 @pytest.mark.parametrize("zeta", [0.05, 0.4, 1.0 - 1e-9, 1.0, 1.0 + 1e-9, 1.5, 1e3])
