@@ -79,8 +79,7 @@ class Run:
         made = {"settings": settings, "environment": self.environment, "weights": evaluation.weights}
         made |= {"teacher": Teacher(self.setup, training.teacher).checksum} if training.teacher else {}
         made |= {"nominal": evaluation.nominal} if training.nominal else {}
-        plain: dict[str, Any] = json.loads(json.dumps(made))
-        return plain
+        return json.loads(json.dumps(made))
 
     def record(self) -> dict[str, Any]:
         """Return what it takes to repeat the run."""
@@ -97,10 +96,9 @@ def make_environments(run: Run) -> ScaledRewards:
     """Return the environments a training plays in; in a share of them hardly anything is drawn, see `nominal`."""
     training = run.training
     nominal = round(training.nominal * training.envs)
-    slots: list[dict[str, Any]] | None
-    slots = [{}] * (training.envs - nominal) + [dict(run.setup.evaluation.nominal)] * nominal if nominal else None
-    threads = training.simulation_threads
-    envs = ImpactVecEnv(training.envs, threads=threads, per_slot=slots, **run.training_environment)
+    changes = dict(run.setup.evaluation.nominal)
+    slots: list[dict[str, Any]] | None = [{}] * (training.envs - nominal) + [changes] * nominal if nominal else None
+    envs = ImpactVecEnv(training.envs, threads=training.simulation_threads, per_slot=slots, **run.training_environment)
     return ScaledRewards(envs, training.weight_power)
 
 

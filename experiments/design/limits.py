@@ -72,8 +72,7 @@ class Limits:
 
 def kinetic(played: Episodes) -> Floats:
     """Return the energy that the object leaves with in each episode, J."""
-    energy: Floats = 0.5 * played.scenario["object_mass"] * played.object_velocity**2
-    return energy
+    return 0.5 * played.scenario["object_mass"] * played.object_velocity**2
 
 
 class Travel:

@@ -128,5 +128,4 @@ def _bound(nudged: Any, here: Blow, how: Recording, times: Array, noise: Array) 
     jacobian = np.array(scaled).T
     size = np.linalg.norm(jacobian, axis=0)
     covariance = np.linalg.pinv((jacobian / size).T @ (jacobian / size), rcond=1e-14)
-    bound: Array = np.sqrt(np.diag(covariance))[:3] / size[:3]
-    return bound
+    return np.sqrt(np.diag(covariance))[:3] / size[:3]

@@ -98,10 +98,8 @@ class Approach(Record):
         if len(angles) != rows or any(len(q) != JOINTS for q in angles):
             raise ValueError(f"Approach.joint_angles must be {rows} rows of {JOINTS} numbers in deg")
         self._store("joint_angles", angles)
-        if self.impact_travel not in self.travel:
-            raise ValueError(
-                f"Approach.impact_travel must be one of its places of travel, got {self.impact_travel!r} m"
-            )
+        if (at := self.impact_travel) not in self.travel:
+            raise ValueError(f"Approach.impact_travel must be one of its places of travel, got {at!r} m")
         Pose(float(self.x[self.impact_row]), self.y, self.z, self.orientation)  # refuses any other orientation
 
     def _store(self, name: str, values: Any) -> None:
