@@ -15,7 +15,7 @@ from agents.baselines.random import RandomActions
 from agents.baselines.rule import Rule
 from agents.policies import Controller
 from agents.setups import TUNED, Setup, owner, shipped_baselines
-from impact_gym.files import parsed, whole_file
+from impact_gym.files import parsed, write_file
 from impact_gym.validation import number
 
 FORMAT = "impact_gym tuned baseline 1"
@@ -87,10 +87,8 @@ def write_tuned(name: str, weights: Mapping[str, Any], setup: Setup, folder: Pat
     ordered = {key: weights[key] for key in sorted(weights, key=float)}
     made_for = {**_description(name, setup.tuned[name].rule), "environment": dict(setup.environment)}
     content = json.loads(json.dumps({**made_for, "weights": ordered}))
-    path = folder / f"{name}.json"
-    with whole_file(path) as file:
-        file.write((json.dumps({**content, "sha256": _checksum(content)}, indent=2) + "\n").encode())
-    return path
+    text = json.dumps({**content, "sha256": _checksum(content)}, indent=2)
+    return write_file(folder / f"{name}.json", text + "\n")
 
 
 def _description(name: str, rule: str) -> dict[str, Any]:

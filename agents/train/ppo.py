@@ -33,7 +33,7 @@ from agents.train.imitation import PPOWithImitation, Teacher
 from agents.train.logs import outputs
 from agents.train.networks import ACTIVATIONS, AsymmetricPolicy, Standardised, acting_network
 from agents.wrappers import ScaledRewards
-from impact_gym.files import whole_file, writing
+from impact_gym.files import write_file, writing
 from impact_gym.sb3 import ImpactVecEnv
 from impact_gym.task import ObservationSpec, Task
 from impact_gym.validation import whole
@@ -255,5 +255,4 @@ def _locked(folder: Path) -> Iterator[None]:
 
 def write_json(path: Path, content: Any) -> None:
     """Write `content` to `path`, whole or not at all."""
-    with whole_file(path) as file:
-        file.write((json.dumps(content, indent=2) + "\n").encode())
+    write_file(path, json.dumps(content, indent=2) + "\n")

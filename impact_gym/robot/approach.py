@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal, get_args
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from impact_gym.files import parsed, whole_file
+from impact_gym.files import parsed, write_file
 from impact_gym.record import SI, Record
 from impact_gym.robot.arm import JOINTS, Array
 from impact_gym.scene import Robot, RobotTable
@@ -154,5 +154,4 @@ def write(path: Path, approach: Approach, provenance: dict[str, Any]) -> None:
     head = json.dumps({"provenance": provenance, "line": line, "columns": HEADER}, indent=2)
     table = np.column_stack([*(getattr(approach, name) for name in COLUMNS), approach.joint_angles])
     rows = ",\n".join("    " + json.dumps(row) for row in table.tolist())
-    with whole_file(path) as file:
-        file.write((head.removesuffix("\n}") + ',\n  "rows": [\n' + rows + "\n  ]\n}\n").encode())
+    write_file(path, head.removesuffix("\n}") + ',\n  "rows": [\n' + rows + "\n  ]\n}\n")

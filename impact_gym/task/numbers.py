@@ -6,7 +6,7 @@
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from impact_gym.files import whole_file
+from impact_gym.files import write_file
 from impact_gym.quantities import EPISODE, MORE_SENSORS, QUANTITIES, SCENARIO, SENSORS, SET_UP, Quantity
 
 OUT = Path(__file__).with_name("numbers.pxi")
@@ -41,5 +41,4 @@ def _fields(rows: Iterable[Quantity], from_flange: str = "") -> Iterator[str]:
 
 
 if __name__ == "__main__":
-    with whole_file(OUT) as file:
-        file.write(text().encode())
+    write_file(OUT, text())
