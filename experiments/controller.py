@@ -94,8 +94,7 @@ def stages(copy: Path, options: ControllerOptions) -> dict[str, Any]:
 
 def run(options: ControllerOptions) -> None:
     """Make a controller, one stage after the other."""
-    setup = load_setup(options.setup)
-    copy = copy_setup(setup, options.out, options.quick)
+    copy = copy_setup(load_setup(options.setup), options.out, options.quick)
     for name, stage in stages(copy, options).items():
         print(f"$ {command_of(name, stage)}", flush=True)
         STAGES[name](stage)

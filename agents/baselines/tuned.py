@@ -47,8 +47,7 @@ def tuned_rule(content: Mapping[str, Any], time_weight: float) -> Rule:
     weights, tuned = zip(*((float(weight), found) for weight, found in content["weights"].items()), strict=True)
     numbers = np.array([list(found["parameters"].values()) for found in tuned]).T
     parameters = [np.interp(np.log(time_weight), np.log(weights), values) for values in numbers]
-    rule = RULES[content["rule"]].of(parameters)
-    return rule.for_environment(content["environment"])
+    return RULES[content["rule"]].of(parameters).for_environment(content["environment"])
 
 
 def read_tuned(name: str, folder: Path = TUNED, setup: Setup | None = None) -> dict[str, Any]:

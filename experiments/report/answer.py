@@ -44,9 +44,8 @@ class Answer:
 def answer(played: Played) -> Answer:
     """Return what a set-up's policies gain, seeds and scenarios resampled."""
     resamples = played.resamples
-    paper, policy, rival = (front(resamples, runs) for runs in (
-        [played.paper], list(played.seeds.values()), [played.rival]
-    ))  # fmt: skip
+    everybody = [played.paper], list(played.seeds.values()), [played.rival]
+    paper, policy, rival = (front(resamples, runs) for runs in everybody)
     (times, velocities), time, velocity = policy, paper[0][0, 0], paper[1][0, 0]
     at_time, at_speed = Comparison.of_fronts(policy, paper), Comparison.of_fronts(policy[::-1], paper[::-1])
     tuned = len(played.rival.weights) > 1

@@ -90,11 +90,9 @@ class Approach(Record):
         for name in COLUMNS:
             if len(getattr(self, name)) != rows:
                 raise ValueError(f"Approach.{name} must have a value for each of the {rows} places of travel")
-        if not hasattr(self.joint_angles, "__len__"):
-            raise WrongTypeError(
-                f"Approach.joint_angles must be rows of {JOINTS} numbers in deg, got {self.joint_angles!r}"
-            )
-        angles = [numbers(f"Approach.joint_angles[{row}]", q, "deg") for row, q in enumerate(self.joint_angles)]
+        if not hasattr(given := self.joint_angles, "__len__"):
+            raise WrongTypeError(f"Approach.joint_angles must be rows of {JOINTS} numbers in deg, got {given!r}")
+        angles = [numbers(f"Approach.joint_angles[{row}]", q, "deg") for row, q in enumerate(given)]
         if len(angles) != rows or any(len(q) != JOINTS for q in angles):
             raise ValueError(f"Approach.joint_angles must be {rows} rows of {JOINTS} numbers in deg")
         self._store("joint_angles", angles)
