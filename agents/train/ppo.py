@@ -96,9 +96,10 @@ def make_environments(run: Run) -> ScaledRewards:
     """Return the environments a training plays in; in a share of them hardly anything is drawn, see `nominal`."""
     training = run.training
     nominal = round(training.nominal * training.envs)
-    changes = dict(run.setup.evaluation.nominal)
-    slots: list[dict[str, Any]] | None = [{}] * (training.envs - nominal) + [changes] * nominal if nominal else None
-    envs = ImpactVecEnv(training.envs, threads=training.simulation_threads, per_slot=slots, **run.training_environment)
+    slots: list[dict[str, Any]] | None
+    slots = [{}] * (training.envs - nominal) + [dict(run.setup.evaluation.nominal)] * nominal if nominal else None
+    threads = training.simulation_threads
+    envs = ImpactVecEnv(training.envs, threads=threads, per_slot=slots, **run.training_environment)
     return ScaledRewards(envs, training.weight_power)
 
 
