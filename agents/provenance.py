@@ -25,10 +25,7 @@ def revision() -> dict[str, str | None]:
     """
     if _git("ls-files", "--error-unmatch", __file__) is None:
         return {"commit": None, "changed since": None}
-    return {
-        "commit": _git("rev-parse", "HEAD"),
-        "changed since": _git("status", "--porcelain", "--untracked-files=no"),
-    }
+    return {"commit": _git("rev-parse", "HEAD"), "changed since": _git("status", "--porcelain", "--untracked-files=no")}
 
 
 def _git(*command: str) -> str | None:

@@ -22,7 +22,7 @@ from agents.jobs import Job, Result, gather
 from agents.policies import Ensemble, Policy, load_policy
 from agents.setups import README, Setup, load_setup
 from agents.train.ppo import Run, resume, train
-from impact_gym.files import whole_file
+from impact_gym.files import write_file
 from impact_gym.validation import whole
 
 KEPT = {"config": "config.json", "best": "best.npz", "final": "final.npz", "metrics": "metrics.json"}
@@ -125,8 +125,7 @@ def _fill(folder: Path, result: Result) -> None:
     """Write the files of a run that was made on another machine, or whose folder is gone."""
     if not (folder / KEPT["metrics"]).is_file():
         for name, file in KEPT.items():
-            with whole_file(folder / file) as opened:
-                opened.write(result[name].tobytes())
+            write_file(folder / file, result[name].tobytes())
 
 
 def run(options: Seeds) -> None:

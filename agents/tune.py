@@ -207,20 +207,13 @@ def search_bounds(options: Tune, scenarios: int = BOUND_SCENARIOS, generations: 
     """Search what is missing of the clairvoyant bounds for the first test scenarios; return the paths of the files."""
     setups = [setup for setup in map(load_setup, options.setups) if setup.bound == setup.name]
     paths = [bound.path_of(setup, options.folder(setup)) for setup in setups]
-    bounds = [
-        bound.read_bound(setup, path.parent, generations) if path.is_file() else {}
-        for setup, path in zip(setups, paths, strict=True)
-    ]
-    missing = [
-        (setup, by_weight, weight)
-        for setup, by_weight in zip(setups, bounds, strict=True)
-        for weight in options.weights_of(setup)
-        if weight not in by_weight
-    ]
-    search = {"scenarios": scenarios, "generations": generations}
-    arguments = [
-        {"environment": dict(setup.environment), "time_weight": weight, **search} for setup, _, weight in missing
-    ]
+    missing, arguments, search = [], [], {"scenarios": scenarios, "generations": generations}
+    for setup, path in zip(setups, paths, strict=True):
+        by_weight = bound.read_bound(setup, path.parent, generations) if path.is_file() else {}
+        for weight in options.weights_of(setup):
+            if weight not in by_weight:
+                missing.append((setup, by_weight, weight))
+                arguments.append({"environment": dict(setup.environment), "time_weight": weight, **search})
     for place, result in options.results("search_bound", arguments, "clairvoyant bound"):
         setup, by_weight, weight = missing[place]
         by_weight[weight] = result["parameters"]

@@ -50,8 +50,7 @@ def on_page_content(content: str, **_: Any) -> str:
     r"""Turn \(...\) and \[...\] of `pymdownx.arithmatex` into MathML, which browsers show; V_p gets its index."""
 
     def math(found: re.Match[str]) -> str:
-        display = "block" if found[1] == "div" else "inline"
-        return convert(html.unescape(found[2]), display=display)
+        return convert(html.unescape(found[2]), display="block" if found[1] == "div" else "inline")
 
     shown = re.sub(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', math, content, flags=re.DOTALL)
     pieces = re.split(r"(<pre.*?</pre>|<code.*?</code>|<[^>]+>)", shown, flags=re.DOTALL)

@@ -18,7 +18,7 @@ from agents.command_line import command_of, run_command
 from agents.export import __main__ as export
 from agents.setups import Setup, load_setup
 from experiments.report import __main__ as report
-from impact_gym.files import whole_file
+from impact_gym.files import write_file
 
 MADE_FOR = attrgetter("environment", "training", "tuned", "budget", "evaluation.weights")
 QUICK_BUDGET, QUICK_STEPS, QUICK_SEEDS, QUICK_SCENARIOS, QUICK_CALLS = 320, 1_000_000, 3, 200, 10_000
@@ -56,8 +56,7 @@ def copy_setup(setup: Setup, out: Path, quick: bool = False) -> Path:
     Raises:
         ValueError: the folder holds something else.
     """
-    copy, text = out / f"{setup.path.stem}.toml", setup.path.read_bytes()
-    sign = out / "quick"
+    copy, sign = out / f"{setup.path.stem}.toml", out / "quick"
     if out.exists() and not out.is_dir():
         raise ValueError(f"{out} is no folder")
     content = sorted(out.iterdir()) if out.is_dir() else []
@@ -69,8 +68,7 @@ def copy_setup(setup: Setup, out: Path, quick: bool = False) -> Path:
         if sign.exists() != quick:
             kind = "a quick look" if sign.exists() else "the whole"
             raise ValueError(f"{out} holds {kind}: name another folder with --out")
-    with whole_file(copy) as file:
-        file.write(text)
+    write_file(copy, setup.path.read_bytes())
     if quick:
         sign.touch()
     return copy
@@ -79,13 +77,9 @@ def copy_setup(setup: Setup, out: Path, quick: bool = False) -> Path:
 def stages(copy: Path, options: ControllerOptions) -> dict[str, Any]:
     """Return the options of each stage by the name of its command."""
     out, setup, copies = options.out, load_setup(copy), (str(copy),)
-    tuning = tune.Tune(
-        copies, bound=setup.bound == copy.stem, out=out / "tuned", jobs=out / "searches",
-        processes=options.processes, cluster=options.cluster,
-    )  # fmt: skip
-    training = train_seeds.Seeds(
-        copies, runs=out / "runs", policies=out / "policies", processes=options.processes, cluster=options.cluster
-    )
+    where: dict[str, Any] = {"processes": options.processes, "cluster": options.cluster}
+    tuning = tune.Tune(copies, bound=setup.bound == copy.stem, out=out / "tuned", jobs=out / "searches", **where)
+    training = train_seeds.Seeds(copies, runs=out / "runs", policies=out / "policies", **where)
     page = report.ReportOptions(
         copies, folder=out, out=out / "report", episodes=out / "episodes", cluster=options.cluster
     )
@@ -100,8 +94,7 @@ def stages(copy: Path, options: ControllerOptions) -> dict[str, Any]:
 
 def run(options: ControllerOptions) -> None:
     """Make a controller, one stage after the other."""
-    setup = load_setup(options.setup)
-    copy = copy_setup(setup, options.out, options.quick)
+    copy = copy_setup(load_setup(options.setup), options.out, options.quick)
     for name, stage in stages(copy, options).items():
         print(f"$ {command_of(name, stage)}", flush=True)
         STAGES[name](stage)

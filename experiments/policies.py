@@ -21,11 +21,6 @@ def lines() -> Iterator[str]:
     yield 'to play one: agents.load_policy("NAME"), impact-gym report NAME; to use it: impact-gym export NAME --out DIR'
 
 
-def main() -> None:
-    """Print the list."""
+if __name__ == "__main__":
     argparse.ArgumentParser(prog="impact-gym policies", description="List the shipped policies.").parse_args()
     print(*lines(), sep="\n")
-
-
-if __name__ == "__main__":
-    main()

@@ -111,8 +111,7 @@ def advise(
         raise ValueError(f"quantity must be one of {', '.join(get_args(Quantity))}, got {quantity!r}")
     tolerance = number("tolerance", tolerance, "(no unit)", above=0)
     true, seconds = _run(sample, motion, duration, quantity)
-    full = Model(FULL, _as_it_is, np.zeros(len(sample)), 0.0)
-    tried, seen = [full], [sample]
+    tried, seen = [Model(FULL, _as_it_is, np.zeros(len(sample)), 0.0)], [sample]
     for name, simplify in _models():
         simpler = [simplify(scene) for scene in sample]
         if simpler in seen:

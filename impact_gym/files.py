@@ -96,3 +96,10 @@ def whole_file(path: Path) -> Iterator[IO[bytes]]:
             os.replace(unfinished, path)
         finally:
             unfinished.unlink(missing_ok=True)
+
+
+def write_file(path: Path, content: str | bytes) -> Path:
+    """Write bytes, or a text as UTF-8, to `path` as `whole_file` does, and return it."""
+    with whole_file(path) as file:
+        file.write(content.encode() if isinstance(content, str) else content)
+    return path

@@ -104,6 +104,7 @@ AWAY = Limits(at_least=1e-24, at_most=1e9)
 LENGTH, PLACE = Limits(at_least=1e-9, at_most=1e9), Limits(at_least=-1e12, at_most=1e12)
 RATE, NOT_NEGATIVE = Limits(at_least=1e-9, at_most=1e9), Limits(at_least=0.0, at_most=1e12)
 RESTITUTION, DAMPING_RATIO = Limits(at_least=1e-12, at_most=1.0), Limits(at_least=0.0, at_most=1e6)
+WEIGHT = Limits(at_least=0.0, at_most=LARGEST_WEIGHT)
 NEWTONS, EXPONENT = Limits(at_least=0.0, at_most=1e6), Limits(at_least=0.0, at_most=10.0)
 FORCE, SHARE, GAP = Scale(0.0, 1000.0, 0.0, "log1p"), Scale(0.0, 1.0, 0.0), Scale(-0.5, 0.5)
 SINCE_ALARM = Scale(0.0, AFTER_ALARM, 0.0, ends="after_alarm")
@@ -220,12 +221,10 @@ OTHERS = (
     Quantity("motion.brake.deceleration", "deceleration of the brake", "m/s^2", RATE),
     Quantity("duration", "length of a run", "s", Limits(at_least=1e-12, at_most=1e12)),
     Quantity("rtol", "relative error allowed in a contact", "-", Limits(at_least=1e-13, at_most=1e-2)),
-    Quantity("force_weight", "cost of the peak force", "m/s per N", Limits(at_least=0.0, at_most=LARGEST_WEIGHT)),
+    Quantity("force_weight", "cost of the peak force", "m/s per N", WEIGHT),
     Quantity("horizon", "end of an episode without an alarm", "s", Limits(at_least=1e-3, at_most=1e3)),
     Quantity("after_alarm", "time from the alarm to the end of an episode", "s", Limits(at_least=1e-3, at_most=1e3)),
-    Quantity(
-        "missed_cost", "cost of an object that was not touched", "m/s", Limits(at_least=0.0, at_most=LARGEST_WEIGHT)
-    ),
+    Quantity("missed_cost", "cost of an object that was not touched", "m/s", WEIGHT),
     Quantity("control_period", "control period", "s", Limits(at_least=1e-4, at_most=0.15)),
     Quantity("velocity_range", "what the first action is mapped to", "m/s", Limits(at_least=-1e3, at_most=1e3)),
     Quantity("acceleration_range", "what the second action is mapped to", "m/s^2", Limits(at_least=1e-9, at_most=1e6)),

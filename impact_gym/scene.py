@@ -189,9 +189,8 @@ class Bistable(Record, path="coupling"):
         return self._at(bistable_energy, position)
 
     def _at(self, law: Callable[..., float], position: ArrayLike) -> NDArray[np.float64] | float:
-        values: NDArray[np.float64] = np.vectorize(
-            lambda x: law(self.stiffness, self.free_length, self.height, x), otypes=[np.float64]
-        )(position)
+        along = np.vectorize(lambda x: law(self.stiffness, self.free_length, self.height, x), otypes=[np.float64])
+        values: NDArray[np.float64] = along(position)
         return values if values.ndim else float(values)
 
 

@@ -66,13 +66,8 @@ def number(
         raise wrong from None
     if math.isfinite(result) and above < result <= at_most and result >= at_least:
         return result
-    allowed = []
-    if above > -math.inf:
-        allowed.append(f"above {above:g}")
-    if at_least > -math.inf:
-        allowed.append(f"at least {at_least:g}")
-    if at_most < math.inf:
-        allowed.append(f"at most {at_most:g}")
+    limits = {"above": above, "at least": at_least, "at most": at_most}
+    allowed = [f"{words} {limit:g}" for words, limit in limits.items() if math.isfinite(limit)]
     raise ValueError(f"{field} must be {' and '.join(['finite', *allowed])} {unit}, got {result!r} {unit}")
 
 

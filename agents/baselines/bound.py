@@ -31,8 +31,7 @@ def write_bound(
     setup: Setup, by_weight: Mapping[float, Floats], folder: Path = TUNED, generations: int = GENERATIONS
 ) -> Path:
     """Write the best parameters (scenarios, k) for each time weight, whole or not at all, and return the path."""
-    path = path_of(setup, folder)
-    content = {"environment": dict(setup.environment), **_search(generations)}
+    path, content = path_of(setup, folder), {"environment": dict(setup.environment), **_search(generations)}
     write_archive(path, FORMAT, content, {f"{weight:g}": by_weight[weight] for weight in sorted(by_weight)})
     return path
 

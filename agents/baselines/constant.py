@@ -36,10 +36,8 @@ class ConstantSpeed(Rule):
 
     def command(self, view: View) -> tuple[ArrayLike, ArrayLike]:
         """Return the speed until the alarm, and rest from then on."""
-        return (
-            np.where(view.alarm, 0.0, self["speed"]),
-            np.where(view.alarm, self["deceleration"], self["acceleration"]),
-        )
+        change = np.where(view.alarm, self["deceleration"], self["acceleration"])
+        return np.where(view.alarm, 0.0, self["speed"]), change
 
 
 class PaperTrapezoid(ConstantSpeed):

@@ -77,15 +77,13 @@ class Rule:
         Raises:
             ValueError: another number of them, or one out of its limits; names it.
         """
+        kind: Any = type(self)
         self.parameters = np.array(parameters, np.float64)
         if self.parameters.ndim not in (1, 2) or self.parameters.shape[-1] != len(self.names()):
-            raise WrongTypeError(
-                f"{type(self).__name__} has the parameters {self.names()}, got {self.parameters.shape}"
-            )
+            raise WrongTypeError(f"{kind.__name__} has the parameters {self.names()}, got {self.parameters.shape}")
         for parameter, values in zip(self.PARAMETERS, np.moveaxis(self.parameters, -1, 0), strict=True):
             for value in (values.min(), values.max()):
                 number(parameter.name, value, parameter.unit, at_least=parameter.low, at_most=parameter.high)
-        kind: Any = type(self)
         self.task, self.spec = least_task(kind)
 
     @classmethod

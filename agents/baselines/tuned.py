@@ -15,7 +15,7 @@ from agents.baselines.random import RandomActions
 from agents.baselines.rule import Rule
 from agents.policies import Controller
 from agents.setups import TUNED, Setup, owner, shipped_baselines
-from impact_gym.files import parsed, whole_file
+from impact_gym.files import parsed, write_file
 from impact_gym.validation import number
 
 FORMAT = "impact_gym tuned baseline 1"
@@ -47,8 +47,7 @@ def tuned_rule(content: Mapping[str, Any], time_weight: float) -> Rule:
     weights, tuned = zip(*((float(weight), found) for weight, found in content["weights"].items()), strict=True)
     numbers = np.array([list(found["parameters"].values()) for found in tuned]).T
     parameters = [np.interp(np.log(time_weight), np.log(weights), values) for values in numbers]
-    rule = RULES[content["rule"]].of(parameters)
-    return rule.for_environment(content["environment"])
+    return RULES[content["rule"]].of(parameters).for_environment(content["environment"])
 
 
 def read_tuned(name: str, folder: Path = TUNED, setup: Setup | None = None) -> dict[str, Any]:
@@ -87,10 +86,8 @@ def write_tuned(name: str, weights: Mapping[str, Any], setup: Setup, folder: Pat
     ordered = {key: weights[key] for key in sorted(weights, key=float)}
     made_for = {**_description(name, setup.tuned[name].rule), "environment": dict(setup.environment)}
     content = json.loads(json.dumps({**made_for, "weights": ordered}))
-    path = folder / f"{name}.json"
-    with whole_file(path) as file:
-        file.write((json.dumps({**content, "sha256": _checksum(content)}, indent=2) + "\n").encode())
-    return path
+    text = json.dumps({**content, "sha256": _checksum(content)}, indent=2)
+    return write_file(folder / f"{name}.json", text + "\n")
 
 
 def _description(name: str, rule: str) -> dict[str, Any]:

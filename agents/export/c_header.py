@@ -14,7 +14,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from numpy.typing import NDArray
 
 from agents.policies.policy import ACTION_WORDS, Policy, action_table
-from impact_gym.files import whole_file
+from impact_gym.files import write_file
 from impact_gym.task import ObservationSpec, Task
 from impact_gym.task.observation import Entry
 from impact_gym.task.task import COMMAND_RESOLUTION
@@ -29,9 +29,7 @@ def identifier(name: str) -> str:
 
 def write_header(policy: Policy, path: Path) -> Path:
     """Write the header to `path`; its stem names what is in it."""
-    with whole_file(path) as file:
-        file.write(header(policy, identifier(path.stem)).encode("ascii", "replace"))
-    return path
+    return write_file(path, header(policy, identifier(path.stem)).encode("ascii", "replace"))
 
 
 def header(policy: Policy, name: str) -> str:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from agents.policies.policy import ACTIONS, Policy
-from impact_gym.files import whole_file
+from impact_gym.files import write_file
 
 OPSET = 17
 IR_VERSION = 8  # what runtimes of 2022 and later read
@@ -43,6 +43,4 @@ def write_onnx(policy: Policy, path: Path) -> Path:
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", OPSET)], ir_version=IR_VERSION)
     helper.set_model_props(model, {"command": str(policy.provenance.get("command", "unknown"))})
     onnx.checker.check_model(model)
-    with whole_file(path) as file:
-        file.write(model.SerializeToString())
-    return path
+    return write_file(path, model.SerializeToString())

@@ -14,6 +14,7 @@ from unittest.mock import patch
 
 from agents.jobs.job import ONE_THREAD, Answer, Answers, Failure, Job, Queue, perform, resolve
 
+SPAWN = multiprocessing.get_context("spawn")
 LOOKING_EVERY = 0.1  # s, for jobs that are late
 PATIENCE = 1.0  # s, for a process whose connection has broken to end by itself
 
@@ -75,9 +76,7 @@ class _Worker:
             self.end()
             self.connection, other_end = multiprocessing.Pipe()
             with patch.dict(os.environ, ONE_THREAD):
-                self._process = multiprocessing.get_context("spawn").Process(
-                    target=_work, args=[other_end], daemon=True
-                )
+                self._process = SPAWN.Process(target=_work, args=[other_end], daemon=True)
                 self._process.start()
             other_end.close()
         self._began = math.inf

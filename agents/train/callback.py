@@ -137,9 +137,8 @@ class TrainingCallback(BaseCallback):
         again = missed >= NEARLY_ALL and self.num_timesteps > BEGINNING * self._training.whole_steps
         self.kept["collapsed"] = self.kept["collapsed"] + 1 if again else 0
         if self.kept["collapsed"] >= COLLAPSED:
-            raise self._collapse(
-                f"{missed:.1%} of the objects missed, nearly all of them {COLLAPSED} validations in a row"
-            )
+            reason = f"{missed:.1%} of the objects missed, nearly all of them {COLLAPSED} validations in a row"
+            raise self._collapse(reason)
 
     def _collapse(self, reason: str) -> CollapsedError:
         """Return what to raise: the reason, the step, and what to try."""

@@ -7,7 +7,7 @@ from pathlib import Path
 from stable_baselines3.common.logger import CSVOutputFormat, KVWriter, TensorBoardOutputFormat
 from torch.utils.tensorboard.writer import SummaryWriter
 
-from impact_gym.files import whole_file
+from impact_gym.files import write_file
 
 STEPS = "time/total_timesteps"
 
@@ -19,8 +19,7 @@ class _Csv(CSVOutputFormat):
         lines = path.read_text().splitlines(keepends=True) if path.is_file() else []
         columns = next(csv.reader(lines[:1]), [])
         kept = [line for line in lines[1:] if line.endswith("\n") and _steps(line, columns) <= steps]
-        with whole_file(path) as file:
-            file.write("".join(lines[:1] + kept).encode())
+        write_file(path, "".join(lines[:1] + kept))
         super().__init__(os.devnull)  # which would empty the file
         self.file.close()
         self.file, self.keys = path.open("r+"), columns

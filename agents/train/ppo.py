@@ -33,7 +33,7 @@ from agents.train.imitation import PPOWithImitation, Teacher
 from agents.train.logs import outputs
 from agents.train.networks import ACTIVATIONS, AsymmetricPolicy, Standardised, acting_network
 from agents.wrappers import ScaledRewards
-from impact_gym.files import whole_file, writing
+from impact_gym.files import write_file, writing
 from impact_gym.sb3 import ImpactVecEnv
 from impact_gym.task import ObservationSpec, Task
 from impact_gym.validation import whole
@@ -79,8 +79,7 @@ class Run:
         made = {"settings": settings, "environment": self.environment, "weights": evaluation.weights}
         made |= {"teacher": Teacher(self.setup, training.teacher).checksum} if training.teacher else {}
         made |= {"nominal": evaluation.nominal} if training.nominal else {}
-        plain: dict[str, Any] = json.loads(json.dumps(made))
-        return plain
+        return json.loads(json.dumps(made))
 
     def record(self) -> dict[str, Any]:
         """Return what it takes to repeat the run."""
@@ -257,5 +256,4 @@ def _locked(folder: Path) -> Iterator[None]:
 
 def write_json(path: Path, content: Any) -> None:
     """Write `content` to `path`, whole or not at all."""
-    with whole_file(path) as file:
-        file.write((json.dumps(content, indent=2) + "\n").encode())
+    write_file(path, json.dumps(content, indent=2) + "\n")

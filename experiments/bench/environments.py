@@ -105,9 +105,8 @@ def stepped(quick: bool) -> pl.DataFrame:
 
 def measure(quick: bool) -> dict[str, pl.DataFrame]:
     """Return step rates beside Gymnasium's, and the largest error in V_p and the memory of a batch."""
-    exact, rough = (
-        evaluate(PaperTrapezoid(), VALIDATION_SEED, BATCH, rtol=rtol).object_velocity for rtol in (1e-12, RTOL)
-    )
+    played = (evaluate(PaperTrapezoid(), VALIDATION_SEED, BATCH, rtol=rtol) for rtol in (1e-12, RTOL))
+    exact, rough = (episodes.object_velocity for episodes in played)
     envs: Any = gym.make_vec(ID, num_envs=BATCH).unwrapped
     envs.reset(seed=0)
     held = sum(array.nbytes for array in vars(envs.batch).values() if isinstance(array, np.ndarray))

@@ -54,9 +54,8 @@ class Limits:
             pad: may be pressed in as far as its law holds, in the share WITHIN of the episodes.
         """
         count = len(release)
-        peak, energy = (
-            np.quantile(values.reshape(count, -1), WITHIN, axis=1) for values in (played.peak_force, kinetic(played))
-        )
+        loads = played.peak_force, kinetic(played)
+        peak, energy = (np.quantile(values.reshape(count, -1), WITHIN, axis=1) for values in loads)
         repeated = None if self.touched_once is None else max(1.0 - self.touched_once, 1e-3)
         limited = [
             (self.deflection, travel.deflection.reshape(count, -1).max(axis=1)),
@@ -72,8 +71,7 @@ class Limits:
 
 def kinetic(played: Episodes) -> Floats:
     """Return the energy that the object leaves with in each episode, J."""
-    energy: Floats = 0.5 * played.scenario["object_mass"] * played.object_velocity**2
-    return energy
+    return 0.5 * played.scenario["object_mass"] * played.object_velocity**2
 
 
 class Travel:

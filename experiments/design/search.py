@@ -78,12 +78,9 @@ class Rig:
         if not isinstance(coupling, Bistable):
             return np.zeros(count)
         numbers = {name.rpartition(".")[2]: values for name, values in design.items() if name.startswith("coupling.")}
-        built = [
-            replace(coupling, **{name: float(values[k]) for name, values in numbers.items()}) for k in range(count)
-        ]
-        return np.array(
-            [mechanism.energy(mechanism.rest) - mechanism.energy(mechanism.rear_stop) for mechanism in built]
-        )
+        each = ({name: float(values[k]) for name, values in numbers.items()} for k in range(count))
+        built = [replace(coupling, **changes) for changes in each]
+        return np.array([one.energy(one.rest) - one.energy(one.rear_stop) for one in built])
 
 
 @dataclass(frozen=True)
@@ -130,10 +127,8 @@ def objective(rig: Rig, numbers: Sequence[Free], approach_time: float, limits: L
         velocity = np.where(played.missed, played.missed_cost, np.nan_to_num(played.object_velocity))
         velocity, time = (values.reshape(population, -1).mean(axis=1) for values in (velocity, played.approach_time))
         late = np.maximum(time / approach_time - 1.0, 0.0)
-        loss: Floats = velocity + PENALTY * (
-            late + limits.excess(played, travel, rig.released(design, population), rig.soft)
-        )
-        return loss[:, None]
+        excess = limits.excess(played, travel, rig.released(design, population), rig.soft)
+        return (velocity + PENALTY * (late + excess))[:, None]
 
     return losses
 

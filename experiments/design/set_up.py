@@ -11,7 +11,7 @@ import tomli_w
 from agents.setups import Setup, load_setup
 from experiments.design.pads import on_pad
 from experiments.design.search import CONTACT, Rig
-from impact_gym.files import parsed, whole_file
+from impact_gym.files import parsed, write_file
 from impact_gym.task import Task
 from impact_gym.task.arguments import changed
 
@@ -45,8 +45,7 @@ def write_setup(path: Path, setup: Setup, rig: Rig, command: str) -> Path:
     }
     written = tomli_w.dumps({name: value for name, value in tables.items() if value})
     controller = f"{rig.rule} with {', '.join(f'{value:.6g}' for value in rig.parameters)}"
-    with whole_file(path) as file:
-        file.write(f"# {command}\n# Its controller: the {controller}\n{written}".encode())
+    write_file(path, f"# {command}\n# Its controller: the {controller}\n{written}")
     load_setup(path)
     return path
 

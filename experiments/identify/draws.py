@@ -64,10 +64,8 @@ def recording(number: int, log: int) -> Recording:
     known, velocity = bool(rng.random() < 0.5), bool(rng.random() < 1 / 3)
     if log >= RANDOM:
         rate, noise, low_pass, bias, known, velocity = 4000.0, 0.02, None, None, False, False
-    window = rng.uniform(0.005, 0.02), rng.uniform(0.02, 0.04)
-    return Recording(
-        rate, noise, low_pass, bias, known, velocity, *window, share=float(rng.random()), clock=rng.uniform(-0.5, 0.5)
-    )
+    when = rng.uniform(0.005, 0.02), rng.uniform(0.02, 0.04), float(rng.random()), rng.uniform(-0.5, 0.5)
+    return Recording(rate, noise, low_pass, bias, known, velocity, *when)
 
 
 def numbers(of: ig.Scene) -> tuple[float, float, float]:
@@ -128,5 +126,4 @@ def _bound(nudged: Any, here: Blow, how: Recording, times: Array, noise: Array) 
     jacobian = np.array(scaled).T
     size = np.linalg.norm(jacobian, axis=0)
     covariance = np.linalg.pinv((jacobian / size).T @ (jacobian / size), rcond=1e-14)
-    bound: Array = np.sqrt(np.diag(covariance))[:3] / size[:3]
-    return bound
+    return np.sqrt(np.diag(covariance))[:3] / size[:3]

@@ -15,7 +15,7 @@ from experiments.lab import page
 from experiments.lab.charts import save
 from experiments.lab.results import REPORTS, noted
 from experiments.lab.tables import Gather, Row, gathered
-from impact_gym.files import whole_file
+from impact_gym.files import write_file
 
 Tables = dict[str, list[Row]]
 Compute = Callable[[Gather], Tables]
@@ -58,8 +58,7 @@ def write(
     for title, rows in tables.items():
         (folder / f"{title}.csv").unlink(missing_ok=True)
         if rows:
-            with whole_file(folder / f"{title}.csv") as file:
-                pl.DataFrame(rows, infer_schema_length=None).write_csv(file)
+            write_file(folder / f"{title}.csv", pl.DataFrame(rows, infer_schema_length=None).write_csv())
     for title, figure in figures.items():
         save(figure, folder / f"{title}.svg")
     return page.write(folder, name, runs=runs, **content)

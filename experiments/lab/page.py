@@ -9,7 +9,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup, escape
 
 from experiments.lab import symbols
-from impact_gym.files import whole_file
+from impact_gym.files import write_file
 
 EXPERIMENTS = Path(__file__).parents[1]
 INTERVAL = re.compile(r"\[[^][]*\]")
@@ -47,6 +47,4 @@ def write(folder: Path, experiment: str, **content: Any) -> Path:
     pages = Environment(loader=FileSystemLoader(EXPERIMENTS), autoescape=True, undefined=StrictUndefined)
     pages.filters |= {"factor": factor, "short": short, "typeset": typeset}
     text = pages.get_template(f"{experiment}/page.html.jinja").render(image=image, **content)
-    with whole_file(folder / "index.html") as file:
-        file.write(text.encode(errors="replace"))
-    return folder / "index.html"
+    return write_file(folder / "index.html", text.encode(errors="replace"))

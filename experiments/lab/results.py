@@ -13,7 +13,7 @@ from typing import Any
 
 from agents.jobs.store import Store
 from agents.provenance import circumstances
-from impact_gym.files import whole_file, writing
+from impact_gym.files import write_file, writing
 
 REPORTS = Path("reports")
 KEPT = "kept"
@@ -85,8 +85,7 @@ def noted(folder: Path, command: str, packages: Iterable[str], again: bool) -> I
         runs[-1]["seconds"] = time.perf_counter() - begun
     finally:
         runs[-1]["computed"] = _results(jobs) - before
-        with whole_file(log) as file:
-            file.write((json.dumps({"runs": runs}, indent=2) + "\n").encode())
+        write_file(log, json.dumps({"runs": runs}, indent=2) + "\n")
 
 
 def _results(folder: Path) -> int:

@@ -4,6 +4,8 @@ Maps of V_p over the rigid tool's, by the delay of the brake and the contact's s
 brake. Delays from 0 to 500 ms, stiffness over six decades; e = 0.1 and 0.25 kg as in Fig. 23, and e = 0.5 and 1 kg.
 """
 
+from itertools import product
+
 import numpy as np
 
 import impact_gym as ig
@@ -11,7 +13,7 @@ from experiments.lab.charts import FLANGE, OBJECT, TOOL
 from experiments.paper.layouts import Panels, panels
 from experiments.paper.scenes import BRAKE, LINEAR, MECHANISM, MOTION, STEADY, THRESHOLD, scene
 from experiments.paper.statements import Statements, section_1
-from experiments.paper.tables import Table, where
+from experiments.paper.tables import Row, Table, from_rows, where
 from impact_gym.scene import Coupling
 
 TITLE = "Where the brake comes late: a person's delay, a channel's, or a contact that is over before"
@@ -20,9 +22,7 @@ mechanism: down to a third at short delays; right of a border near 100 ms, above
 V_p over that without a brake after 16 ms: 1 for the rigid tool from k_c = 1e5 on, 0.6 and 0.35 for the other two."""
 COUPLINGS: dict[str, Coupling] = {"rigid": ig.Rigid(), "spring": LINEAR, "bistable": MECHANISM}
 OBJECTS = {"light": (0.1, 0.25), "heavy": (0.5, 1.0)}  # e, kg
-DELAYS = np.round(
-    np.array([0, 4, 8, 12, 16, 20, 30, 40, 50, 75, 100, 125, 150, 200, 250, 300, 400, 500]) * 1e-3, 3
-)  # s
+DELAYS = np.array([0, 4, 8, 12, 16, 20, 30, 40, 50, 75, 100, 125, 150, 200, 250, 300, 400, 500]) / 1000  # s
 STIFFNESS = np.logspace(2, 8, 25)  # N/m^1.5
 DURATION = 4.0  # s
 NEVER = -1.0  # s, in place of a delay: no brake
@@ -31,21 +31,18 @@ PERSON = 0.2  # s, a simple reaction of a person
 
 def compute() -> Table:
     """Simulate every delay, and no brake, at every stiffness, for each coupling and object."""
-    parts = []
+    rows: list[Row] = []
     braking = ig.Trapezoid(MOTION.speed, MOTION.acceleration, ig.Brake(THRESHOLD, 0.0, BRAKE.deceleration))
-    stiffness, delays = STIFFNESS[:, None], DELAYS[None]
-    for coupling, what in COUPLINGS.items():
-        for kind, (e, mass) in OBJECTS.items():
-            approach = scene(1e3, e, what, object_mass=mass)
-            varied = {"contact.stiffness": stiffness, "motion.brake.delay": delays}
-            braked = ig.sweep(approach, braking, varied, duration=DURATION)
-            free = ig.sweep(approach, STEADY, {"contact.stiffness": stiffness}, duration=DURATION)
-            velocity = np.hstack([free.object_velocity, braked.object_velocity])
-            columns = np.broadcast_arrays(stiffness, np.concatenate([[NEVER], DELAYS])[None], velocity)
-            table = dict(zip(("stiffness", "delay", "object_velocity"), (c.ravel() for c in columns), strict=True))
-            size = velocity.size
-            parts.append({"coupling": np.full(size, coupling), "object": np.full(size, kind), **table})
-    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    stiffness = {"contact.stiffness": STIFFNESS[:, None]}
+    for (coupling, what), (kind, (e, mass)) in product(COUPLINGS.items(), OBJECTS.items()):
+        approach = scene(1e3, e, what, object_mass=mass)
+        free = ig.sweep(approach, STEADY, stiffness, duration=DURATION)
+        braked = ig.sweep(approach, braking, {**stiffness, "motion.brake.delay": DELAYS[None]}, duration=DURATION)
+        grid = np.hstack([free.object_velocity, braked.object_velocity])
+        for (k_c, delay), velocity in zip(product(STIFFNESS, (NEVER, *DELAYS)), grid.flat, strict=True):
+            about = {"coupling": coupling, "object": kind, "stiffness": k_c, "delay": delay}
+            rows.append({**about, "object_velocity": velocity})
+    return from_rows(rows)
 
 
 def velocities(table: Table, coupling: str, kind: str) -> tuple[np.ndarray, np.ndarray]:
@@ -56,8 +53,7 @@ def velocities(table: Table, coupling: str, kind: str) -> tuple[np.ndarray, np.n
 
 def ratio(table: Table, coupling: str, kind: str) -> np.ndarray:
     """Return V_p over that of the rigid tool (stiffness, delays)."""
-    ratios: np.ndarray = velocities(table, coupling, kind)[1] / velocities(table, "rigid", kind)[1]
-    return ratios
+    return velocities(table, coupling, kind)[1] / velocities(table, "rigid", kind)[1]
 
 
 @panels(13.5, 4.2, columns=3)

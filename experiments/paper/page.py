@@ -13,7 +13,7 @@ from agents.provenance import circumstances
 from experiments.lab import page
 from experiments.paper import NAMES, heading, load, tables
 from experiments.paper.statements import Basis, Verdict
-from impact_gym.files import whole_file
+from impact_gym.files import write_file
 
 WIDE = 650.0  # points; a wider figure stands alone in its row
 
@@ -53,8 +53,7 @@ def write(folder: Path, run: Mapping[str, Any]) -> Path:
     if not entries:
         raise ValueError(f"{folder} has no tables")
     rows = [{"figure": entry["name"], **asdict(statement)} for entry in entries for statement in entry["statements"]]
-    with whole_file(folder / "statements.csv") as file:
-        pl.DataFrame(rows, infer_schema_length=None).write_csv(file)
+    write_file(folder / "statements.csv", pl.DataFrame(rows, infer_schema_length=None).write_csv())
     present = {entry["name"] for entry in entries}
     return page.write(
         folder,

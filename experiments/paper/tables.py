@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 import impact_gym as ig
 from experiments.paper.scenes import DURATION, MOTION, OBJECT_MASS, THRESHOLD, TOOL_MASS, simulate_with_trace
-from impact_gym.files import whole_file
+from impact_gym.files import write_file
 from impact_gym.physics import impact
 
 Array = NDArray[np.float64]
@@ -30,8 +30,7 @@ def from_rows(rows: Iterable[Row]) -> Table:
 
 def write(path: Path, table: Table) -> None:
     """Write `table` to `path`, whole or not at all."""
-    with whole_file(path) as file:
-        pl.DataFrame(table).write_csv(file)
+    write_file(path, pl.DataFrame(table).write_csv())
 
 
 def read(path: Path) -> Table:

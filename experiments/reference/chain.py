@@ -63,15 +63,8 @@ class Chain:
         self.reference_velocity = getattr(contact, "reference_velocity", None)  # m/s, where chi is fixed
         self.friction = (getattr(scene.object, "friction", None) or 0.0) * self.m_p * G  # N
         self.clamp = getattr(contact, "clamp", True)  # of the contact force, at zero: without it the surfaces may pull
-        self.on = {
-            "pressed": True,
-            "loading": True,
-            "rear": False,
-            "alignment": True,
-            "sliding": False,
-            "gaining": True,
-        }
-        self.on["front"] = hasattr(coupling, "free_length")
+        self.on = dict.fromkeys(("pressed", "loading", "alignment", "gaining"), True)
+        self.on |= {"rear": False, "sliding": False, "front": hasattr(coupling, "free_length")}
 
         self.bistable = BistableForce(coupling, self.m_t) if self.on["front"] else None
         if getattr(coupling, "damping_ratio", None) is not None and coupling.stroke:

@@ -8,7 +8,7 @@ With OPENBLAS_NUM_THREADS=1, as the workers of `agents.jobs` have it, an episode
 of the linear algebra wait for each other over matrices of 7 x 7, and a linear chain takes up to 25 times as long.
 """
 
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from math import cos, inf, log, log1p, pi, sqrt
 from types import SimpleNamespace as Record
 from typing import Any, NamedTuple
@@ -35,6 +35,7 @@ FLOOR = 1e-12  # m/s, of v_in, as in the environment
 PATIENCE = 3000  # evaluations of an explicit method in a phase of a contact; one that needs more is stiff
 ROUNDING = 1e-9  # s, of the clock
 SETTLE_SLICE = 0.05  # s, between two looks at whether all is over
+CURVES: dict[str, Callable[[float], float]] = {"linear": float, "log": log, "log1p": log1p}  # of a scale
 
 
 class Outcome(NamedTuple):
@@ -223,10 +224,6 @@ def _observe(
 
 def _scaled(scale: Scale, value: float) -> float:
     """Map the range of a scale onto that of its number, by logarithms where it says so."""
-    low, high = scale.low, scale.high
-    if scale.curve == "log":
-        value, low, high = log(value), log(low), log(high)
-    elif scale.curve == "log1p":
-        value, low, high = log1p(value), log1p(low), log1p(high)
+    value, low, high = map(CURVES[scale.curve], (value, scale.low, scale.high))
     share = (value - low) / (high - low)
     return min(1.0, max(scale.scaled_low, scale.scaled_low + (1.0 - scale.scaled_low) * share))

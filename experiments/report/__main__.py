@@ -220,10 +220,5 @@ def run(options: ReportOptions) -> None:
     print(f"report: {write(options).resolve().as_uri()}")
 
 
-def main() -> None:
-    """Read the options from the command line and write the report."""
-    run_command("report", ReportOptions, run)
-
-
 if __name__ == "__main__":
-    main()
+    run_command("report", ReportOptions, run)

@@ -44,9 +44,8 @@ class Answer:
 def answer(played: Played) -> Answer:
     """Return what a set-up's policies gain, seeds and scenarios resampled."""
     resamples = played.resamples
-    paper, policy, rival = (front(resamples, runs) for runs in (
-        [played.paper], list(played.seeds.values()), [played.rival]
-    ))  # fmt: skip
+    everybody = [played.paper], list(played.seeds.values()), [played.rival]
+    paper, policy, rival = (front(resamples, runs) for runs in everybody)
     (times, velocities), time, velocity = policy, paper[0][0, 0], paper[1][0, 0]
     at_time, at_speed = Comparison.of_fronts(policy, paper), Comparison.of_fronts(policy[::-1], paper[::-1])
     tuned = len(played.rival.weights) > 1
@@ -210,15 +209,12 @@ def sentence(answer: Answer, matchup: Matchup) -> str:
     change = _compared(answer.reduction, "slower", "faster")
     if answer.reached:
         text = f"the object leaves {change} at the paper's mean approach time"
-        text += f" (95 % of trainings: at least {_at_least(answer)})" * (
-            len(answer.each) > 1 and answer.reduction.value >= 0.0
-        )
+        if len(answer.each) > 1 and answer.reduction.value >= 0.0:
+            text += f" (95 % of trainings: at least {_at_least(answer)})"
     else:
         length, direction = ("short", "later") if answer.later > 0.0 else ("long", "sooner")
-        text = (
-            f"no weight makes its approach as {length} as the paper's; at the nearest, {100 * abs(answer.later):.1f} % "
-        )
-        text += f"{direction}, the object leaves {change}"
+        text = f"no weight makes its approach as {length} as the paper's; at the nearest, "
+        text += f"{100 * abs(answer.later):.1f} % {direction}, the object leaves {change}"
     if answer.beyond == "faster":
         text += "; it nowhere leaves the object as slow as the paper's rule."
     else:

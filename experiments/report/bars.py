@@ -66,10 +66,8 @@ def _nominal(played: Played, ratio: Callable[[str, float, Mapping[str, Floats], 
     if (measure := played.nominal.get(evaluation.of)) is not None and evaluation.at_most is not None:
         for weight in played.matchup.weights:
             ours = {name: played.nominal[name].loss(weight) for name in played.seeds}
-            what = (
-                f"with nothing drawn, alarm as there, V_p + w T over that of {evaluation.of}'s policy, w = {weight:g}"
-            )
-            yield ratio(what, evaluation.at_most, ours, measure.loss(weight))
+            what = f"V_p + w T over that of {evaluation.of}'s policy, w = {weight:g}"
+            yield ratio(f"with nothing drawn, alarm as there, {what}", evaluation.at_most, ours, measure.loss(weight))
     chosen, worst, missed = played.matchup.chosen, 0.0, 0.0
     for change in played.matchup.changes:
         policy, rule = (played.varied[change.argument, change.label, name] for name in (chosen, PAPER))

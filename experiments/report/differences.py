@@ -62,9 +62,8 @@ def paired(played: Played, field: str) -> Figure:
 
     better, worse = ranges(pl.col("high") < 0), ranges(pl.col("low") > 0)
     verdict = f"The policy is clearly better {better}, clearly worse {worse}."
-    caption = (
-        f"Paired differences at w = {weight:g}, all seeds, 95 % intervals; below zero the policy is better. {verdict}"
-    )
+    caption = f"Paired differences at w = {weight:g}, all seeds, 95 % intervals; below zero the policy is better. "
+    caption += verdict
     kind: dict[str, Any] = {"type": "log"} if QUANTITIES[field].by_ratio(played.paper[field].min()) else {"zero": False}
     axis = alt.Axis(format="~s") if field == "contact_stiffness" else alt.Axis()
     scale, looks = alt.Scale(**kind, nice=False, padding=14), looks_of(data, policy=label)

@@ -19,7 +19,7 @@ import vl_convert
 from markupsafe import Markup
 
 from experiments.report.matchups import PAPER, POLICY
-from impact_gym.files import whole_file
+from impact_gym.files import write_file
 
 COLOURS = ("#D55E00", "#0072B2", "#009E73", "#E69F00", "#CC79A7", "#56B4E9", "#8A8A8A")
 DASHES = ([1, 0], [1, 0], [6, 3], [2, 2], [8, 3, 2, 3], [4, 4], [1, 3])
@@ -84,8 +84,7 @@ class Figure:
         """Write the chart as SVG and its data as CSV."""
         svg = vl_convert.vegalite_to_svg(self.spec | {"width": self.width, "background": "white"})
         for suffix, content in (("svg", svg), ("csv", self.data.write_csv())):
-            with whole_file(folder / f"{self.name}.{suffix}") as file:
-                file.write(content.encode())
+            write_file(folder / f"{self.name}.{suffix}", content)
 
 
 def zoomable(chart: Any) -> Any:

@@ -17,9 +17,8 @@ WIDTH, HEIGHT = 400, 270  # pixels: read on a phone as well, where the chart is 
 def headline(answer: Answer, played: Played) -> str:
     """Return the answer in plain words; its intervals are for those who read on."""
     if answer.missed > MISSED_TOO_OFTEN * answer.episodes:
-        return (
-            f"The learned policy misses {answer.missed:,} of {answer.episodes:,} objects, so nothing is claimed for it."
-        )
+        misses = f"{answer.missed:,} of {answer.episodes:,} objects"
+        return f"The learned policy misses {misses}, so nothing is claimed for it."
     slower = _less(answer.reduction.value)
     if answer.reached:
         text = f"The learned policy touches the object as soon as the paper's rule, and the object leaves {slower}."
@@ -27,16 +26,13 @@ def headline(answer: Answer, played: Played) -> str:
         text = "No learned policy arrives as soon as the paper's rule; "
         text += f"with one that is {100 * answer.later:.0f} % later the object leaves {slower}."
     else:
-        text = (
-            f"Even at its most patient the learned policy arrives {-100 * answer.later:.0f} % sooner than the paper's "
-        )
-        text += f"rule; the object leaves {slower}."
+        text = f"Even at its most patient the learned policy arrives {-100 * answer.later:.0f} % sooner than the "
+        text += f"paper's rule; the object leaves {slower}."
     if answer.rival_reduction:
         same_sign = (answer.rival_reduction.value >= 0.0) == (answer.reduction.value >= 0.0)
         slower, rival = _less(answer.rival_reduction.value), played.matchup.rival.plain
-        text += (
-            f" {rival[0].upper()}{rival[1:]}, no learning: {slower.removesuffix(' slower') if same_sign else slower}."
-        )
+        slower = slower.removesuffix(" slower") if same_sign else slower
+        text += f" {rival[0].upper()}{rival[1:]}, no learning: {slower}."
     return text
 
 

@@ -48,8 +48,7 @@ class Run:
     @property
     def front(self) -> list[tuple[float, float]]:
         """Mean approach time (s) and V_p (m/s) at each weight, the soonest first."""
-        means = map(self.means, self.weights)
-        return sorted((mean["T"], mean["V"]) for mean in means)
+        return sorted((mean["T"], mean["V"]) for mean in map(self.means, self.weights))
 
     @property
     def scenario(self) -> dict[str, Floats]:

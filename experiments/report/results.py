@@ -55,12 +55,9 @@ def sources() -> str:
 
 def all_asked(matchups: Sequence[Matchup]) -> list[Asked]:
     """Return all jobs. What they depend on beside their arguments: what plays, a user's own baselines among it."""
-    objects = {
-        baseline.controller.get("object", "").partition(":")[0]
-        for matchup in matchups
-        for baseline in matchup.baselines
-    }
-    depends = f"{sources()} {digest_of(*(objects - {''}))}"
+    specs = [baseline.controller for matchup in matchups for baseline in matchup.baselines]
+    modules = {spec["object"].partition(":")[0] for spec in specs if "object" in spec}
+    depends = f"{sources()} {digest_of(*modules)}"
     return [
         Asked(number, where, key, Job(function, arguments, depends))
         for number, matchup in enumerate(matchups)

@@ -70,12 +70,5 @@ def _row(
 ) -> tuple[str, ...]:
     mean, later = run.means(weight), run.means(weight)["T"] - unshielded.means(weight)["T"]
     largest = run.at(weight).peak_force.max()
-    cells = (
-        f"{largest:.1f}",
-        above_limit,
-        f"{mean['T']:.3f}",
-        f"{later:+.3f}",
-        f"{mean['V']:.3f}",
-        f"{mean['missed']}",
-    )
-    return limit, speed, name, *cells
+    means = f"{mean['T']:.3f}", f"{later:+.3f}", f"{mean['V']:.3f}", f"{mean['missed']}"
+    return limit, speed, name, f"{largest:.1f}", above_limit, *means

@@ -48,9 +48,8 @@ def where_it_fails(played: Played) -> Failing:
         tried = sum(not change.same for change, _ in chain.from_iterable(by_argument))
         return Failing(f"nowhere among {tried} changes, one at a time, is it worse than its rivals.", "")
     argument = missed[0].argument if missed else worse[0][0].argument
-    clauses = [f"{_at(change)}it is worse than the {plain}" for change, plain in worse if change.argument == argument][
-        :1
-    ]
+    first = [(change, plain) for change, plain in worse if change.argument == argument][:1]
+    clauses = [f"{_at(change)}it is worse than the {plain}" for change, plain in first]
     clauses += [f"{_at(missed[0])}it misses {missed[1]}"] if missed else []
     line = ", ".join(clauses)
     return Failing(f"{factor(argument)}. {line[0].upper()}{line[1:]}.", " ".join(sentences))
@@ -88,8 +87,9 @@ def _most_missed(played: Played) -> tuple[Change, str] | None:
 def heat_map(played: Played) -> HeatMap:
     """Return what each contestant costs at worst where one thing is off, against the paper's rule with nothing off."""
     weight, by_argument = played.matchup.typical, varied(played)
-    contestants = {**dict(_rivals(played)), POLICY: POLICY}
-    as_it_is = {PAPER: played.paper, played.matchup.rival.name: played.rival, POLICY: played.policy}
+    rival = played.matchup.rival
+    contestants = {PAPER: PAPER, rival.name: rival.label, POLICY: POLICY}
+    as_it_is = {PAPER: played.paper, rival.name: played.rival, POLICY: played.policy}
     as_it_is = next((runs for change, runs in chain.from_iterable(by_argument) if change.same), as_it_is)
     measure = as_it_is[PAPER].means(weight)["loss"]
 
@@ -114,12 +114,6 @@ def heat_map(played: Played) -> HeatMap:
         f"which that is. Blue is below, orange above what the paper's rule costs with nothing off, {measure:.2f} m/s."
     )
     return HeatMap(caption, ("what is off", *contestants.values()), rows)
-
-
-def _rivals(played: Played) -> list[tuple[str, str]]:
-    """Return names and labels of the paper's rule and of the baseline to beat."""
-    rival = played.matchup.rival
-    return list(dict.fromkeys([(PAPER, PAPER), (rival.name, rival.label)]))
 
 
 def _loss(played: Played, runs: dict[str, Run], rival: str) -> float:

@@ -10,7 +10,6 @@
     `timing`       contenders timed and judged, in turns or in the storm; who is cheapest at an error
     `storm`        a row for each scene of the storm, with what physics says about the run
     `promises`     what was promised of the storm, and whether it is met; agreement with the independent solver
-    `rivals`       SciPy and fixed steps in the storm
     `figures`      of both pages, drawn from the tables
 
 Whatever is computed is a job of `agents.jobs`, whose result is kept: hangs and crashes end its process, not the study.

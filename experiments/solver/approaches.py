@@ -159,9 +159,8 @@ def storm(number: int) -> Approach:
     contact = ig.Contact(draw.value("contact stiffness"), draw.value("restitution"), law, m, n)
     couplings: tuple[Callable[[], Coupling], ...] = (ig.Rigid, draw.spring, draw.mechanism)
     coupling = couplings[number % 3]()
-    robot = (lambda: None, lambda: ig.Robot(*draw.robot()), lambda: draw.robot_table(target.distance))[
-        number // 3 % 3
-    ]()
+    robots = (lambda: None, lambda: ig.Robot(*draw.robot()), lambda: draw.robot_table(target.distance))
+    robot = robots[number // 3 % 3]()
     brakes = draw.share(0, 1) < 0.8
     brake = ig.Brake(*map(draw.value, ("threshold", "delay", "deceleration"))) if brakes else None
     motion = ig.Trapezoid(draw.value("speed"), draw.value("acceleration"), brake)

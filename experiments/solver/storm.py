@@ -172,8 +172,7 @@ def _work(time: Array, mass: Array, delta: Array, rate: Array, given: Array) -> 
     """M a d(delta) between the points, J, a as constant there: M a is M delta'' and what the object is given."""
     push = (mass[1:] + mass[:-1]) / 2 * np.diff(rate) + np.diff(given)
     passed = np.diff(time)
-    parts: Array = np.divide(push * np.diff(delta), passed, out=np.zeros_like(push), where=passed > 0)
-    return parts
+    return np.divide(push * np.diff(delta), passed, out=np.zeros_like(push), where=passed > 0)
 
 
 def _reduced_mass(scene: ig.Scene, command: Array) -> Array:

@@ -13,6 +13,7 @@ from impact_gym.scene import flange_moves_with_tool
 from impact_gym.simulation import MAX_STEPS, Trace
 from impact_gym.task.episodes import RECORD_IDS, first_uniforms, fix, free_records
 from impact_gym.task.observation import ObservationSpec
+from impact_gym.task.paths import nested
 from impact_gym.task.scenario import FIELDS, ScenarioRanges
 from impact_gym.task.task import PLACES, Task
 from impact_gym.threads import cores, over_rows
@@ -126,7 +127,7 @@ class Batch:
         if any(task.rough for task in tasks):
             numbers |= {name: name for name in SLIDE}
         entries = (*numbers, "peak_force", "contact_count", "missed", "status")
-        self._layout = layout_of(entries)
+        self._layout = nested({name: place for place, name in enumerate(entries)})
         self._with_tool = [flange_moves_with_tool(task.coupling, task.robot) for task in tasks]
         self._smooth = [not task.rough and "slide" in numbers for task in tasks]
         self._not_drawn = [[name for name in drawn if name not in task.drawn] for task in tasks]
@@ -288,15 +289,6 @@ class Batch:
         for row in np.flatnonzero(status):
             messages[row] = STATUS_MESSAGES[int(status[row])]
         return count, missed, messages
-
-
-def layout_of(paths: Sequence[str]) -> dict[str, Any]:
-    """Return mappings in mappings, one for each group of `paths`, with the place of each path."""
-    layout: dict[str, Any] = {}
-    for place, path in enumerate(paths):
-        group, dot, rest = path.partition(".")
-        (layout.setdefault(group, {}) if dot else layout)[rest or group] = place
-    return layout
 
 
 def filled(layout: Mapping[str, Any], values: Sequence[Any]) -> dict[str, Any]:

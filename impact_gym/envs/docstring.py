@@ -47,20 +47,16 @@ def law_of(row: Quantity) -> str:
 
 def scenario_table() -> Rows:
     """Return a row for each field of a scenario."""
-    rows: Rows = [("Scenario field", "Default range", "Distribution", "Unit")]
-    ranges = ScenarioRanges().by_id()
-    for row in SCENARIO:
-        low, high = ranges[row.id]
-        rows.append((f"`{row.id}`", f"{low:g} - {high:g}", law_of(row), row.unit))
-    return rows
+    head = ("Scenario field", "Default range", "Distribution", "Unit")
+    pairs = zip(SCENARIO, ScenarioRanges().by_id().values(), strict=True)
+    return [head, *((f"`{row.id}`", f"{low:g} - {high:g}", law_of(row), row.unit) for row, (low, high) in pairs)]
 
 
 def set_up_table() -> Rows:
     """Return a row for each number of a set-up that may be a range."""
-    rows: Rows = [("Number of the set-up", "Distribution", "Unit", "Observed from", "to")]
-    for row in SET_UP:
-        rows.append((f"`{row.id}`", law_of(row), row.unit, f"{row.scale.low:g}", f"{row.scale.high:g}"))
-    return rows
+    head = ("Number of the set-up", "Distribution", "Unit", "Observed from", "to")
+    ends = ((row, f"{row.scale.low:g}", f"{row.scale.high:g}") for row in SET_UP)
+    return [head, *((f"`{row.id}`", law_of(row), row.unit, low, high) for row, low, high in ends)]
 
 
 def argument_table() -> Rows:

@@ -20,7 +20,6 @@ from impact_gym.task import Task
 if TYPE_CHECKING:
     import pygame
 
-MODES = ("human", "rgb_array", "rgb_array_list")
 HOLD = 1.0  # s, that the last picture of an episode stays
 
 Frame = NDArray[np.uint8]

@@ -9,7 +9,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from impact_gym.files import parsed, whole_file
+from impact_gym.files import parsed, write_file
 from impact_gym.identify import FREE, Identified, Sensor, identify
 from impact_gym.motion import Brake, Trapezoid
 from impact_gym.quantities import QUANTITIES, SCENARIO, SET_UP
@@ -77,8 +77,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         text = "\n".join(set_up(content, result))
         print(result if options.out else text)
         if options.out:
-            with whole_file(options.out) as file:
-                file.write(text.encode())
+            write_file(options.out, text)
         if options.plot:
             result.plot().savefig(options.plot)
     except (ImportError, OSError, RuntimeError, ValueError) as error:

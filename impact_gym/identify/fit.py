@@ -92,8 +92,7 @@ class Fit:
 
     def direction(self, i: int) -> Array:
         """Return how x moves with x[i] along the valley of the misfit, by the curvature at the best fit."""
-        along: Array = self.covariance[:, i] / self.covariance[i, i]
-        return along
+        return self.covariance[:, i] / self.covariance[i, i]
 
 
 def fit_with_intervals(model: Model) -> tuple[Fit, list[Ends]]:

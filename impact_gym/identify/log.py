@@ -153,9 +153,8 @@ def _refuse_other_force(log: Log, scene: Scene, motion: Trapezoid, sensor: Senso
     tool = scene.tool.mass + (behind if isinstance(scene.coupling, Rigid) else 0.0)
     speed = min(motion.speed, math.sqrt(2.0 * motion.acceleration * scene.object.distance))
     usual = speed / (1.0 / tool + 1.0 / scene.object.mass)
-    impulse = log.step * sum(
-        float(force[first : last + 1].sum()) for first, last in bursts(log.columns["force"], sensor)
-    )
+    blows = bursts(log.columns["force"], sensor)
+    impulse = log.step * sum(float(force[first : last + 1].sum()) for first, last in blows)
     if 0.0 < impulse < LEAST_IMPULSE * usual:
         raise ValueError(
             f"{log.name}, force must have an impulse of about {usual:.3g} N s, as tool and object of the scene have at"

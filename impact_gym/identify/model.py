@@ -78,8 +78,7 @@ class Model:
 
     def scene_at(self, x: Array) -> Scene:
         """Return the scene with these numbers."""
-        scene: Scene = replaced(self.scene, self.numbers(x))
-        return scene
+        return replaced(self.scene, self.numbers(x))
 
     def trace(self, scene: Scene, k: int, duration: float) -> Trace:
         """Simulate the motion behind log k."""
@@ -138,9 +137,7 @@ class Model:
 
     def scales(self) -> Array:
         """Return the noise of each sample (n,)."""
-        return np.concatenate(
-            [np.full(slot.stop - slot.start, self.noise[name]) for (_, name), slot in self.slots.items()]
-        )
+        return np.concatenate([np.full_like(self.logs[k].time, self.noise[name]) for k, name in self.slots])
 
     def residuals(self, x: Array) -> Array:
         """Return predicted less measured, over the noise (n,)."""

@@ -101,8 +101,7 @@ def _filtered(signal: Curve, nodes: Array, pace: float, last: float) -> Array:
     mean = (weight * signal(np.minimum(inside, last), piece)[0]).sum(1) / weight.sum(1)
     kept = np.exp(-pace * h[:, 0])
     steps = np.array([np.ones(len(nodes)), np.append(-kept, 0.0)])  # of y[k + 1] - kept[k] y[k], y[0] = 0
-    y: Array = solve_banded((1, 0), steps, np.append(0.0, mean * (1.0 - kept)), check_finite=False)
-    return y
+    return solve_banded((1, 0), steps, np.append(0.0, mean * (1.0 - kept)), check_finite=False)
 
 
 def noise_of(values: Array, sensor: Sensor) -> float:

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal, get_args
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from impact_gym.files import parsed, whole_file
+from impact_gym.files import parsed, write_file
 from impact_gym.record import SI, Record
 from impact_gym.robot.arm import JOINTS, Array
 from impact_gym.scene import Robot, RobotTable
@@ -90,18 +90,14 @@ class Approach(Record):
         for name in COLUMNS:
             if len(getattr(self, name)) != rows:
                 raise ValueError(f"Approach.{name} must have a value for each of the {rows} places of travel")
-        if not hasattr(self.joint_angles, "__len__"):
-            raise WrongTypeError(
-                f"Approach.joint_angles must be rows of {JOINTS} numbers in deg, got {self.joint_angles!r}"
-            )
-        angles = [numbers(f"Approach.joint_angles[{row}]", q, "deg") for row, q in enumerate(self.joint_angles)]
+        if not hasattr(given := self.joint_angles, "__len__"):
+            raise WrongTypeError(f"Approach.joint_angles must be rows of {JOINTS} numbers in deg, got {given!r}")
+        angles = [numbers(f"Approach.joint_angles[{row}]", q, "deg") for row, q in enumerate(given)]
         if len(angles) != rows or any(len(q) != JOINTS for q in angles):
             raise ValueError(f"Approach.joint_angles must be {rows} rows of {JOINTS} numbers in deg")
         self._store("joint_angles", angles)
-        if self.impact_travel not in self.travel:
-            raise ValueError(
-                f"Approach.impact_travel must be one of its places of travel, got {self.impact_travel!r} m"
-            )
+        if (at := self.impact_travel) not in self.travel:
+            raise ValueError(f"Approach.impact_travel must be one of its places of travel, got {at!r} m")
         Pose(float(self.x[self.impact_row]), self.y, self.z, self.orientation)  # refuses any other orientation
 
     def _store(self, name: str, values: Any) -> None:
@@ -156,5 +152,4 @@ def write(path: Path, approach: Approach, provenance: dict[str, Any]) -> None:
     head = json.dumps({"provenance": provenance, "line": line, "columns": HEADER}, indent=2)
     table = np.column_stack([*(getattr(approach, name) for name in COLUMNS), approach.joint_angles])
     rows = ",\n".join("    " + json.dumps(row) for row in table.tolist())
-    with whole_file(path) as file:
-        file.write((head.removesuffix("\n}") + ',\n  "rows": [\n' + rows + "\n  ]\n}\n").encode())
+    write_file(path, head.removesuffix("\n}") + ',\n  "rows": [\n' + rows + "\n  ]\n}\n")

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_gym.files import named_file, parsed, whole_file
+from impact_gym.files import named_file, parsed, write_file
 from impact_gym.kernels import draw
 from impact_gym.quantities import SCENARIO
 from impact_gym.task.episodes import first_uniforms
@@ -82,9 +82,7 @@ def freeze(path: str | Path, ranges: ScenarioRanges | Mapping[str, Any] | str, s
         writer.writerow(scenario)
     checksum = _checksum(seed, count, text.getvalue())
     about = json.dumps({"seed": seed, "count": count, "sha256": checksum})
-    with whole_file(path) as file:
-        file.write(f"# {about}\n{text.getvalue()}".encode())
-    return path
+    return write_file(path, f"# {about}\n{text.getvalue()}")
 
 
 def _checksum(seed: int, count: int, table: str) -> str:

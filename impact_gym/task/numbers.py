@@ -6,7 +6,7 @@
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from impact_gym.files import whole_file
+from impact_gym.files import write_file
 from impact_gym.quantities import EPISODE, MORE_SENSORS, QUANTITIES, SCENARIO, SENSORS, SET_UP, Quantity
 
 OUT = Path(__file__).with_name("numbers.pxi")
@@ -24,19 +24,11 @@ def text() -> str:
     places = [(f"{name.upper()}_UNIFORM", draw.place) for name, draw in generated.items() if draw.normal]
     places += [("NOISE_SEED_UNIFORM", generated["noise_seed"].place)]
     places += [("UNIFORMS", 1 + max(place for _, place in places))]
-    lines = [
-        NOTICE,
-        "",
-        "cpdef enum:  # places among the uniform numbers from the generator, and their count",
-    ]
+    lines = [NOTICE, "", "cpdef enum:  # places among the uniform numbers from the generator, and their count"]
     lines += [f"    {name} = {place}" for name, place in places]
     for part, rows in inner.items():
         lines += ["", "", f"cdef struct {part.capitalize()}Numbers:", *_fields(rows)]
-    lines += [
-        "",
-        "",
-        "cdef struct Record:  # what an episode has drawn, the rest of its set-up; nan: to draw",
-    ]
+    lines += ["", "", "cdef struct Record:  # what an episode has drawn, the rest of its set-up; nan: to draw"]
     lines += [*_fields(drawn), *(f"    {part.capitalize()}Numbers {part}" for part in inner)]
     lines += ["", "", "cdef struct Sensors:  # what the controller may know now, and what it is told of the truth"]
     return "\n".join([*lines, *_fields(sensed, ", from the flange"), ""])
@@ -49,5 +41,4 @@ def _fields(rows: Iterable[Quantity], from_flange: str = "") -> Iterator[str]:
 
 
 if __name__ == "__main__":
-    with whole_file(OUT) as file:
-        file.write(text().encode())
+    write_file(OUT, text())

@@ -34,9 +34,8 @@ def get(record: Any, path: str) -> Any:
 
 def replaced(record: Any, numbers: Mapping[str, Any]) -> Any:
     """Return a record, or a mapping of records, with other `numbers` by path; each record is made once."""
-    changes: dict[str, Any] = {}
-    for name, inner in nested(numbers).items():
-        changes[name] = replaced(get(record, name), inner) if isinstance(inner, dict) else inner
+    groups = nested(numbers).items()
+    changes = {name: replaced(get(record, name), to) if isinstance(to, dict) else to for name, to in groups}
     return {**record, **changes} if isinstance(record, Mapping) else replace(record, **changes)
 
 

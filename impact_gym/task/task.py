@@ -112,12 +112,10 @@ class Task:
 
     def _check_commands(self) -> None:
         for name in ("velocity_range", "acceleration_range"):
-            quantity, value = QUANTITIES[name], getattr(self, name)
-            low, high = quantity.interval(value)
+            unit, value = QUANTITIES[name].unit, getattr(self, name)
+            low, high = QUANTITIES[name].interval(value)
             if not low < high:
-                raise ValueError(
-                    f"{name} must be a pair (low, high) in {quantity.unit}, low below high, got {shown(value)}"
-                )
+                raise ValueError(f"{name} must be a pair (low, high) in {unit}, low below high, got {shown(value)}")
             self._put(name, (low, high))
         if self.velocity_range[1] <= 0.0:
             raise ValueError(f"velocity_range must end above 0 m/s, got {self.velocity_range}")

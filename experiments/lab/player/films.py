@@ -78,10 +78,7 @@ def films(
     seed: int = TEST_SEED,
     frozen: EvaluationSet | None = None,
     environment: Mapping[str, Any] | None = None,
-    environments: Mapping[str, Mapping[str, Any]] | None = None,
-    records: Mapping[str, Mapping[str, NDArray[np.float64]]] | None = None,
     time_weight: float = 2.0,
-    rounding: float = 0.0,
 ) -> dict[str, Any]:
     """Return what `fragment` shows: per scenario the clock and the thinned traces of all contestants, as plain JSON.
 
@@ -92,27 +89,21 @@ def films(
         seed: of the set's scenario 0; a frozen set brings its own.
         frozen: the set from which the scenarios were taken, if they were not drawn.
         environment: arguments of the environment but for its time weight.
-        environments: of contestants that have one of their own, by name.
-        records: of contestants whose scenarios (n,) have something instead of what they would draw, see
-            `ScenarioBatch.play`.
         time_weight: m/s per s.
-        rounding: m/s by which V_p of a controller may differ whose action for an observation depends on others in its
-            batch (a matrix product of BLAS rounds so); 0 for policies and rules of this project.
 
     Raises:
         RuntimeError: a replay differs from what was judged.
     """
     scenes = []
+    options = {"scenario": "test", **(environment or {})}
+    options.pop("time_weight", None)
     for label, number in numbers.items():
-        runs = {}
+        runs, fixed = {}, frozen.scenario if frozen else {}
+        record = {"time_weight": time_weight} | {field: float(values[number]) for field, values in fixed.items()}
         for name, controller in contestants.items():
-            options = {"scenario": "test", **(environments or {}).get(name, environment or {})}
-            options.pop("time_weight", None)
-            changed = {**(frozen.scenario if frozen else {}), **(records or {}).get(name, {})}
-            record = {"time_weight": time_weight} | {field: float(values[number]) for field, values in changed.items()}
             runs[name] = play(controller, frozen.seed if frozen else seed, number, record, options)
             judged, replayed = float(played[name].object_velocity[number]), runs[name].info["object_velocity"]
-            if abs(replayed - judged) > rounding:
+            if abs(replayed - judged) > 0.0:
                 raise RuntimeError(
                     f"scenario {number}: the replay of {name!r} leaves the object at {replayed!r} m/s, "
                     f"but it was judged by {judged!r} m/s"

@@ -35,8 +35,7 @@ def tables(extent: Extent, gather: Gather) -> Tables:
     names = [approach.name for approach in named() if not extent.names or approach.name in extent.names]
     rows = truths_with_doubt(gather, names)
     truths = {row["scene"]: Solution.of_row(row) for row in rows}
-    times = timing.in_turns(gather, truths, extent.tried, extent.rounds)
-    return {"truth": rows, "named": times}
+    return {"truth": rows, "named": timing.in_turns(gather, truths, extent.tried, extent.rounds)}
 
 
 def shown(tables: Tables) -> Shown:

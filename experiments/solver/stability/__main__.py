@@ -81,9 +81,8 @@ def main(scenes: int | None = None, out: Path | None = None, quick: bool = False
         force: compute everything again.
     """
     count = scenes or (200 if quick else 10_000)
-    experiment.command(
-        "solver.stability", partial(tables, count, QUICK if quick else FULL), shown, out, quick, again=force
-    )
+    compute = partial(tables, count, QUICK if quick else FULL)
+    experiment.command("solver.stability", compute, shown, out, quick, again=force)
 
 
 if __name__ == "__main__":
