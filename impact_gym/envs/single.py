@@ -117,7 +117,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     `time_weight`, `reward_terms` (time, velocity, force, missed; they sum to the return), `scenario`, `record` (all
     that was drawn, numbers of the set-up under dotted names such as `coupling.stiffness`) and `status`. With `friction`
     it has `slide` (m, how far the object is from where it stood once it rests) and `rest_time` (s, when it rests and
-    the tool stays slower than 1 mm/s; inf if that does not come; to a millisecond).
+    the tool stays slower than 1 mm/s; inf if that does not come; to a millisecond, within the episode to two steps).
     `TimeLimit` truncates without telling the environment: `env.unwrapped.episode_info()` then has the values so far.
 
     ## Arguments

@@ -39,6 +39,17 @@ def test_papers_rule_on_rough_ground_leaves_what_simulate_says(coupling, frictio
     assert info["reward_terms"]["velocity"] == -info["object_velocity"]
 
 
+def test_rest_is_noted_within_two_control_steps_and_to_a_millisecond_after_the_episode():
+    spring = ig.SpringDamper(50.0)
+    played, late = ScenarioBatch(0, 60, coupling=spring, friction=0.5).play(PaperTrapezoid()), []
+    for row, rest_time in enumerate(played.rest_time):
+        struck = scene({name: values[row] for name, values in played.scenario.items()}, spring)
+        struck = replace(struck, object=replace(struck.object, friction=0.5))
+        late.append(rest_time - ig.simulate(struck, ig.Trapezoid(1.0, 8.0, ig.Brake()), duration=5.0).rest_time)
+    assert np.min(late) > -1.5e-3
+    assert np.percentile(late, 90) < 1.5e-3 < np.max(late) < 2.0 * Task.control_period
+
+
 def test_info_has_slide_and_rest_time_where_there_is_friction_alone():
     assert final(PaperTrapezoid(), friction=0.0)[0].keys() == final(PaperTrapezoid())[0].keys()
     missed, _ = final(ConstantSpeed(0.05), friction=0.3)
