@@ -12,7 +12,7 @@ from experiments.lab.charts import FLANGE, OBJECT, TOOL
 from experiments.lab.experiment import Shown, Tables
 from experiments.lab.tables import Gather
 
-QUICK_BOUND = blind.Effort(scenarios=40, corners=2, rounds=1, generations=10)
+QUICK_BOUND = blind.Effort(scenarios=40, corners=2, generations=10)
 QUICK = priors.Effort((0.7, 3.0), scenarios=40, generations=12, tested=100)
 
 

@@ -8,7 +8,6 @@ the bound's own error is that of its corners: they are doubled until nothing cha
 """
 
 from collections.abc import Sequence
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -29,9 +28,9 @@ from experiments.lab.tables import Gather, Row, result_of, solver_and
 from impact_gym.task.task import VELOCITY_RANGE
 
 BINS = {"linear-blind": 1, "linear-ranged": 10}  # of the estimate
-WEIGHTS = (0.7, 2.0, 4.0)  # m/s per s
+WEIGHTS = (0.7, 2.0)  # m/s per s
 BETWEEN = (0.84, 1.4, 2.8)  # m/s per s, for which no profile was tuned
-FAR, NEAR = 0.1, 0.03  # standard deviations of the first candidates, as a share of each parameter's range
+SPREADS = (0.1, 0.03)  # of the first candidates, a standard deviation as a share of each parameter's range
 SEARCH_RTOL, OF_REACTIONS = 1e-5, 30
 RULE, PROFILE = "rule", "profile"
 
@@ -40,9 +39,8 @@ class Effort(NamedTuple):
     """Of the searches for the bound."""
 
     scenarios: int = 500
-    corners: int = 3  # how often their number is doubled, and once more
-    rounds: int = 2
-    generations: int = 100
+    corners: int = 3  # how many numbers of them, each about twice the one before
+    generations: int = 80  # for each of SPREADS
 
 
 class Shared(ReactingRule):
@@ -72,51 +70,35 @@ def shared(places: Floats) -> type[Shared]:
 
 
 def searched(
-    setup: str,
-    bins: int,
-    weight: float,
-    scenarios: int,
-    corners: int,
-    rounds: int,
-    generations: int,
-    population: int = 16,
+    setup: str, bins: int, weight: float, scenarios: int, corners: int, generations: int, population: int = 16
 ) -> Result:
     """Return what the bound is in each of the first test scenarios with the usual corners, with twice as many, ..."""
-    count = scenarios
     environment = dict(load_setup(setup).environment)
     stage = ScenarioBatch.of(
-        "test", count, copies=population, time_weight=[weight] * population, threads=1, lenient=True,
+        "test", scenarios, copies=population, time_weight=[weight] * population, threads=1, lenient=True,
         **{**environment, "rtol": SEARCH_RTOL},
     )  # fmt: skip
-    exact = ScenarioBatch.of("test", count, time_weight=[weight], threads=1, **environment)
+    exact = ScenarioBatch.of("test", scenarios, time_weight=[weight], threads=1, **environment)
     tuned: Any = load_baseline(load_setup(setup).against[0], weight)
-    counted = exact.play(tuned).scenario["distance_estimate"] if bins > 1 else np.arange(count)
-    of_bin = np.argsort(np.argsort(counted)) * bins // count
+    counted = exact.play(tuned).scenario["distance_estimate"] if bins > 1 else np.arange(scenarios)
+    of_bin = np.argsort(np.argsort(counted)) * bins // scenarios
     per_bin = np.bincount(of_bin)
     places = AHEAD if bins > 1 else KNOTS
-    motion = np.tile(tuned.parameters[: -len(REACTION)], (bins, 1))
-    reaction = np.tile(tuned.parameters[-len(REACTION) :], (count, 1))
+    kind, motion = shared(places), np.tile(tuned.parameters[: -len(REACTION)], (bins, 1))
+    reaction = np.tile(tuned.parameters[-len(REACTION) :], (scenarios, 1))
 
-    def losses(kind: type[Shared], motions: Floats, reactions: Floats, stage: ScenarioBatch = stage) -> Floats:
-        """Losses (n, count) of motions (n, bins, k) with reactions (n, count, k)."""
+    def losses(motions: Floats, reactions: Floats, stage: ScenarioBatch = stage) -> Floats:
+        """Losses (n, scenarios) of motions (n, bins, k) with reactions (n, scenarios, k)."""
         numbers = np.concatenate([motions[:, of_bin], reactions], axis=2)
         rule = kind.of(numbers.reshape(-1, numbers.shape[2])).for_environment(environment)
-        return stage.play(rule).loss(weight).reshape(len(numbers), count)
+        return stage.play(rule).loss(weight).reshape(len(numbers), scenarios)
 
-    def best_reactions(kind: type[Shared], motion: Floats, reaction: Floats, seed: int) -> Floats:
-        same = np.tile(motion, (population, 1, 1))
-        return minimise(
-            partial(losses, kind, same), REACTION, count, population, OF_REACTIONS, seed, reaction, FAR
-        ).parameters
+    def of_reactions(candidates: Floats) -> Floats:
+        return losses(np.tile(motion, (population, 1, 1)), candidates)
 
-    def best_motions(kind: type[Shared], motion: Floats, reaction: Floats, seed: int) -> Floats:
-        same = np.tile(reaction, (population, 1, 1))
-
-        def means(candidates: Floats) -> Floats:
-            return np.array([np.bincount(of_bin, each) / per_bin for each in losses(kind, candidates, same)])
-
-        usual = kind.PARAMETERS[: -len(REACTION)]
-        return minimise(means, usual, bins, population, generations, seed, motion, (FAR, NEAR)[seed % 2]).parameters
+    def of_motions(candidates: Floats) -> Floats:
+        each = losses(candidates, np.tile(reaction, (population, 1, 1)))
+        return np.array([np.bincount(of_bin, row) / per_bin for row in each])
 
     rows = []
     for doubled in range(corners):
@@ -124,12 +106,12 @@ def searched(
             between = np.insert(places, range(1, len(places)), 0.5 * (places[1:] + places[:-1]))
             speeds = [np.interp(between, places, each[:-1]) for each in motion]
             places, motion = between, np.column_stack([speeds, motion[:, -1]])
-        kind = shared(places)
-        for again in range(rounds):
-            reaction = best_reactions(kind, motion, reaction, again)
-            motion = best_motions(kind, motion, reaction, again)
-        reaction = best_reactions(kind, motion, reaction, rounds)
-        costs = losses(kind, motion[None], reaction[None], exact)[0]
+            kind = shared(places)
+        best = minimise(of_reactions, REACTION, scenarios, population, OF_REACTIONS, doubled, reaction, SPREADS[0])
+        reaction, usual = best.parameters, kind.PARAMETERS[: -len(REACTION)]
+        for spread in SPREADS:
+            motion = minimise(of_motions, usual, bins, population, generations, doubled, motion, spread).parameters
+        costs = losses(motion[None], reaction[None], exact)[0]
         asked = {"setup": setup, "weight": weight, "contestant": f"{len(places)} corners"}
         rows += [asked | {"scenario": place, "loss": cost} for place, cost in enumerate(costs.tolist())]
     return result_of(rows)

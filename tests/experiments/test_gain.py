@@ -37,7 +37,7 @@ def test_page_says_shares_that_add_up(tmp_path):
         played = [{"setup": "linear-blind", "world": world, "contestant": who, "count": 8}
                   for world in ("friction 0.3", "stroke 20 mm") for who in (worlds.RULE, "policy")]  # fmt: skip
         made["worlds"] = [row for each in played for row in rows_of(worlds.played(**each))]
-        effort = blind.Effort(scenarios=10, corners=1, rounds=1, generations=2)
+        effort = blind.Effort(scenarios=10, corners=1, generations=2)
         bound = blind.rows(gather, effort, ["linear-blind"])
         return made | {"priors": priors.rows(gather, few, priors.PRIORS[3:4]), "blind": bound}
 
@@ -52,7 +52,7 @@ def test_page_says_shares_that_add_up(tmp_path):
 
 
 def test_nobody_blind_is_below_the_bound_and_finer_corners_only_lower_it():
-    few = {"scenarios": 15, "corners": 2, "rounds": 1, "generations": 4}
+    few = {"scenarios": 15, "corners": 2, "generations": 4}
     for setup in blind.BINS:
         found = rows_of(blind.searched(setup, blind.BINS[setup], 2.0, **few))
         found += [row for who in (blind.RULE, blind.PROFILE, "seed 0", "seed 1")
