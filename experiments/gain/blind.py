@@ -56,7 +56,7 @@ class Shared(ReactingRule):
 
     def position(self, view: View) -> Floats:
         """Return the flange's position (m), counted from the estimated distance where there is one."""
-        return view["position"] - (view["distance_estimate"] if self.task.range_noise is not None else 0.0)
+        return view["position"] if self.task.range_noise is None else -view["distance_estimate"]
 
     def speed(self, position: Floats) -> Floats:
         """Return the broken line's speed (m/s) at `position` (m)."""
@@ -67,6 +67,15 @@ def shared(places: Floats) -> type[Shared]:
     """Return the motions with these corners (m)."""
     speeds = (Parameter(f"speed {each}", "m/s", 0.01, VELOCITY_RANGE[1], 0.6) for each in range(len(places)))
     return type("Shared", (Shared,), {"PARAMETERS": (*speeds, ACCELERATION, *REACTION), "places": places})
+
+
+class Noting(PaperTrapezoid):
+    """The paper's rule, which notes the estimates of the distance."""
+
+    def see(self, view: View, state: Any, episode_start: Any) -> tuple[View, Any]:
+        """Return what it is given, after a note."""
+        self.estimates = view["position"] + view["distance_estimate"]  # which counts from the flange
+        return view, state
 
 
 def searched(
@@ -80,8 +89,10 @@ def searched(
     )  # fmt: skip
     exact = ScenarioBatch.of("test", scenarios, time_weight=[weight], threads=1, **environment)
     tuned: Any = load_baseline(load_setup(setup).against[0], weight)
-    counted = exact.play(tuned).scenario["distance_estimate"] if bins > 1 else np.arange(scenarios)
-    of_bin = np.argsort(np.argsort(counted)) * bins // scenarios
+    of_bin = np.zeros(scenarios, np.int64)
+    if bins > 1:
+        exact.play(noting := Noting().for_environment(environment))
+        of_bin = np.argsort(np.argsort(noting.estimates)) * bins // scenarios
     per_bin = np.bincount(of_bin)
     places = AHEAD if bins > 1 else KNOTS
     kind, motion = shared(places), np.tile(tuned.parameters[: -len(REACTION)], (bins, 1))

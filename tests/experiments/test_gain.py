@@ -1,6 +1,5 @@
 """What the gain is made of: priors that theory knows the answer of, and the page."""
 
-import gymnasium as gym
 import numpy as np
 import pytest
 from pages import text_of_a_page_that_stands_on_its_own
@@ -63,20 +62,13 @@ def test_nobody_blind_is_below_the_bound_and_finer_corners_only_lower_it():
         assert all(above.value > 0.0 for above in line["above"])
 
 
-def test_shared_motion_ends_with_the_first_reading():
-    kind = blind.shared(blind.KNOTS)
-    numbers = [0.3] * len(blind.KNOTS) + [20.0, -0.5, -0.5, -0.5, -0.5, 20.0]
-    env = gym.make("ImpactApproach-v0")
-    rule, (seen, _), state, start = kind.of(numbers), env.reset(seed=3), None, True
-    for _ in range(60):
-        action, state = rule.predict(seen, state, start)
-        touched = env.unwrapped.observation_spec.decode(seen, "force") > 0.0
-        wanted = env.unwrapped.task.velocity_range[0] if touched else 0.3
-        if touched or env.unwrapped.observation_spec.decode(seen, "position") > 0.05:
-            assert np.interp(action[0], (-1, 1), env.unwrapped.task.velocity_range) == pytest.approx(wanted, abs=1e-6)
-        seen, _, ended, _, _ = env.step(action)
-        start = False
-        if ended:
-            break
-    assert ended
-    assert touched
+def test_shared_motion_ends_with_the_first_reading_and_does_not_begin_again():
+    rule = blind.shared(blind.KNOTS)([0.3] * len(blind.KNOTS) + [20.0, -0.5, -0.5, -0.5, -0.5, 20.0])
+    seen, state, low = np.zeros((2, len(rule.spec)), np.float32), None, -1.0  # -0.5 m/s
+    seen[:, rule.spec.index("velocity")] = rule.spec.encode("velocity", np.full(2, 0.3))
+    for force in (0.0, 1e-3, 0.0):
+        seen[1, rule.spec.index("force")] = rule.spec.encode("force", force)
+        actions, state = rule.predict(seen, state)
+        assert actions[0, 0] == pytest.approx(low + 0.8, abs=1e-6)  # 0.3 m/s of -0.5 to 1.5
+        assert actions[1, 0] == pytest.approx(low if np.isfinite(state[1]) else low + 0.8, abs=1e-6)
+    assert np.isfinite(state).tolist() == [False, True]
