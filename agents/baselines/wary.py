@@ -59,8 +59,7 @@ class OwnAlarmRule(ReactingRule):
 
     def see(self, view: View, state: Any, episode_start: Any) -> tuple[View, Any]:
         """Return a view with the rule's own alarm, and what is remembered: when that was raised (s), and `memory`."""
-        time = view["time"]
-        start = np.ones(np.shape(time), np.bool_) if state is None or episode_start is None else episode_start
+        time, start = view["time"], state is None or (episode_start is not None and episode_start)
         raised, *memory = np.zeros((1 + self.MEMORY, *np.shape(time))) if state is None else state
         cleared = start | (time > raised + self.task.after_alarm - CLOCK)
         raised = np.where(cleared, np.inf, raised)

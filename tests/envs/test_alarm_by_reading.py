@@ -138,6 +138,7 @@ def test_memory_of_a_rule_ends_with_the_episode():
     assert np.isfinite(raised).all()
     _, (raised,) = rule.predict(np.zeros((2, 8), np.float32), (raised,), np.array([True, False]))
     assert np.isfinite(raised).tolist() == [False, True]
+    assert np.isfinite(rule.predict(np.zeros((2, 8), np.float32), (raised,))[1][0]).tolist() == [False, True]
 
 
 @pytest.mark.parametrize("deflection", [False, True])
@@ -157,11 +158,16 @@ def test_past_readings_are_those_that_were_shown_then(deflection):
     assert differ == 10 * 3 * len(read)
 
 
+def detector(*numbers, **environment):
+    """A profile with these numbers of the detector."""
+    own = dict(zip((each.name for each in DETECTOR), numbers, strict=True))
+    rule = DetectorProfile([own.get(each.name, each.start) for each in DetectorProfile.PARAMETERS])
+    return rule.for_environment({**DetectorProfile.NEEDS, **environment})
+
+
 def test_detector_sees_a_small_rise_as_soon_as_pages_rule_does():
-    needs = {**DetectorProfile.NEEDS, "force_noise": 1.0}
-    detector = dict(zip((each.name for each in DETECTOR), (0.5, 0.0, 5.0, 0.0, 0.0, 0.0), strict=True))
-    numbers = [detector.get(each.name, each.start) for each in DetectorProfile.PARAMETERS]
-    rule, rng, before, rows = DetectorProfile(numbers).for_environment(needs), np.random.default_rng(0), 200, 1000
+    rule, rng = detector(0.5, 0.0, 5.0, 0.0, 0.0, 0.0, force_noise=1.0), np.random.default_rng(0)
+    before, rows = 200, 1000
     seen, state, first = np.zeros((rows, len(rule.spec)), np.float32), None, np.full(rows, np.inf)
     for step in range(before + 60):  # from then on 1 N more, one standard deviation
         seen[:, rule.spec.index("force")] = rule.spec.encode("force", 20.0 + rng.normal(size=rows) + (step >= before))
@@ -174,10 +180,7 @@ def test_detector_sees_a_small_rise_as_soon_as_pages_rule_does():
 
 
 def test_detector_takes_a_kick_of_the_tool_for_a_touch_and_its_own_swing_for_none():
-    detector = dict(zip((each.name for each in DETECTOR), (0.0, 0.0, 1.0, 0.0, 1000.0, 0.8), strict=True))
-    numbers = [detector.get(each.name, each.start) for each in DetectorProfile.PARAMETERS]
-    rule = DetectorProfile(numbers)
-    steps = np.arange(20)
+    rule, steps = detector(0.0, 0.0, 1.0, 0.0, 1000.0, 0.8), np.arange(20)
     swing = (0.01 + 0.02 * steps) * 0.8**steps  # a critically damped tool, left to itself
     for kick, touched in ((0.0, False), (-0.005, True)):  # m
         state, seen = None, np.zeros((1, len(rule.spec)), np.float32)
