@@ -1,4 +1,4 @@
-"""What the shipped answers do in worlds that they were not made for: friction, a fixed damping, a coupling that ends.
+"""What shipped answers do in worlds that they were not made for: friction, fixed damping, an end of the spring, delay.
 
 Outcome is not V_p alone: how far the object slides, how often it is touched, and when tool and object are at rest, the
 clock of somebody who has to fetch the object.
@@ -25,6 +25,7 @@ WORLDS: Mapping[str, Mapping[str, Any]] = {
     **{f"friction {mu:g}": {"friction": mu} for mu in (0.1, 0.3, 0.5)},
     "restitution holds at 0.2 m/s": {"dissipation": "fixed", "reference_velocity": 0.2},
     f"stroke {1e3 * STROKE:g} mm": {"coupling": STROKE},
+    **{f"sensed {1e3 * delay:g} ms late": {"reaction_delay": delay} for delay in (0.05, 0.1, 0.2)},
 }
 MEASURES = {
     "object_velocity": "V_p (m/s)", "approach_time": "T (s)", "slide": "slides (cm)", "contact_count": "contacts",
