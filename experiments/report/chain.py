@@ -66,7 +66,8 @@ def links(played: Played) -> list[Link]:
     stronger = task.acceleration_range[1] > PaperTrapezoid()["deceleration"]
     sources = {"ConstantSpeed": "the arm's limits" if stronger else "the choice of speed"}
     sources |= {"ConstantDeceleration": "knowing where objects can stand", "BlindProfile": "the profile's shape"}
-    sources |= {} if task.range_noise is None else {"Ranged": "the estimate", "RangedProfile": "a profile over it"}
+    sources |= {} if task.range_noise is None else {"Ranged": "the estimate"}
+    sources |= {"RangedProfile": "a profile over it"} if "RangedProfile" in by_rule else {}
     sequence, added = [Link("", PAPER, [played.paper])], []
     for rule, source in sources.items():
         added.append(source)

@@ -12,7 +12,12 @@ from impact_gym.task.scenario import FIELDS
 
 COUNT, WEIGHTS, PAPER_TIME = 60, (1.0, 2.0), 0.3
 SPEEDS = np.random.default_rng(0).uniform(0.5, 1.5, COUNT)
-TUNED = {"constant": "ConstantSpeed", "evenly": "ConstantDeceleration", "profile": "BlindProfile"}
+TUNED = {
+    "constant": "ConstantSpeed",
+    "evenly": "ConstantDeceleration",
+    "profile": "BlindProfile",
+    "over": "RangedProfile",
+}
 PLACE = "knowing where objects can stand and the profile's shape"
 SHARES = {"constant": (0.6, 0.8), "profile": (0.4, 0.6)}  # of SPEEDS, at 0.4 s and at 0.2 s
 
@@ -174,6 +179,8 @@ def test_chain_claims_nothing_with_misses_or_without_gain():
      ["the arm's limits", "knowing where objects can stand", "the profile's shape", "learning"]),
     (("range", "profile", "constant"), 0.01, ["the arm's limits", PLACE, "the estimate", "learning"]),
     (("profile", "constant"), 0.01, ["the arm's limits", PLACE, "the estimate and learning"]),
+    (("over", "range", "profile", "constant"), 0.01,
+     ["the arm's limits", PLACE, "the estimate", "a profile over it", "learning"]),
 ])  # fmt: skip
 def test_links_join_the_next_step_without_a_baseline(names, noise, added):
     results = played(names, range_noise=noise)
