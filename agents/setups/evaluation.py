@@ -142,10 +142,7 @@ def changes(name: str, values: Any, environment: Mapping[str, Any], strict: bool
         return
     for value in listed:
         try:
-            with (
-                within(where),
-                warnings.catch_warnings(action="ignore", category=UserWarning),
-            ):  # it is meant to be hard
+            with within(where), warnings.catch_warnings(action="ignore", category=UserWarning):  # meant to be hard
                 other = _multiple(given[name], value) if multiples else _argument(value)
                 varied = changed(environment, {name: other})
                 same = Task(**varied) == Task(**environment)

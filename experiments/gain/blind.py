@@ -4,7 +4,7 @@ Until a sensor says something every deterministic controller that knows no place
 objects. So: one shared motion, and for each object the reaction that is best for it, from the first reading on that is
 not zero; both are searched on the very scenarios they are judged by, so that whoever was made on others stays above.
 Where the distance is estimated, a motion for each of a few bins of the estimate, counted from it. What remains of
-the bound's own error is that of its corners: they are doubled until nothing changes.
+the bound's own error is that of its corners, which are doubled, and that of the search.
 """
 
 from collections.abc import Sequence

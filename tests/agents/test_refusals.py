@@ -49,6 +49,8 @@ SET_UPS = [
     ("[baselines.tuned]\na = {rule = 'Ranged', rtol = 1.0}", "baselines.tuned.a.rtol.*at most"),
     ("[baselines.tuned]\na = {rule = 'BlindProfile', jitter = 2}", "baselines.tuned.a.jitter.*at most 1"),
     ("[baselines.tuned]\na = {rule = 'BlindProfile', clean_alarm = 1}", "a.clean_alarm must be True or False"),
+    ("[baselines.tuned]\na = {rule = 'BlindProfile', scenarios = 0}", "baselines.tuned.a.scenarios must be"),
+    ("[baselines.tuned]\na = 'DetectorProfile'", "looks at what environment.deflection_sensor adds"),
     ("[baselines.tuned]\na = 'Ranged'", "baselines.tuned.a: Ranged looks at what environment.range_noise"),
     ("[evaluation]\nweigths = [1.0]", r"unknown key evaluation.weigths; did you mean 'weights'\?"),
     ("[evaluation]\nweights = []", "evaluation.weights must hold weights"),
