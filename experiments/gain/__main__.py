@@ -13,7 +13,7 @@ from experiments.lab.experiment import Shown, Tables
 from experiments.lab.tables import Gather
 
 QUICK_BOUND = blind.Effort(scenarios=40, corners=2, generations=10)
-QUICK = priors.Effort((0.7, 3.0), scenarios=40, generations=12, tested=100)
+QUICK = priors.Effort((0.7, 3.0), scenarios=40, generations=12, tested=100, seeds=1, steps=300_000)
 
 
 def tables(quick: bool, gather: Gather) -> Tables:

@@ -30,7 +30,7 @@ def test_steady_rule_keeps_its_speed_wherever_it_is():
 
 @pytest.mark.filterwarnings("ignore:SpringDamper.stroke")
 def test_page_says_shares_that_add_up(tmp_path):
-    few, made = priors.Effort((0.7, 3.0), scenarios=10, generations=3, tested=20), {}
+    few, made = priors.Effort((0.7, 3.0), scenarios=10, generations=3, tested=20, seeds=2, steps=40_000), {}
 
     def compute(gather):
         played = [{"setup": "linear-blind", "world": world, "contestant": who, "count": 8}
@@ -48,6 +48,9 @@ def test_page_says_shares_that_add_up(tmp_path):
     (line,) = priors.table(made["all"]["priors"])
     assert line["limits"].value + line["place"].value == pytest.approx(line["all"].value, rel=1e-12)
     assert line["velocity"][0].value > line["velocity"][1].value
+    policies = [row for row in made["all"]["priors"] if row["rule"] == "policy"]
+    assert len(policies) == 2 * 2 * 20  # seeds, weights and scenarios
+    assert line["learning"].value == pytest.approx(1.0 - line["velocity"][3].value / line["velocity"][2].value)
 
 
 def test_nobody_blind_is_below_the_bound_and_finer_corners_only_lower_it():
