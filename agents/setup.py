@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from agents.baselines import PaperTrapezoid
 from agents.command_line import run_command
 from agents.evaluate.scenario_batch import VALIDATION_SEED, ScenarioBatch
-from agents.policies.policy import ACTION_WORDS, action_table
 from agents.setups import Setup, load_setup
 from agents.setups.evaluation import variants
 from agents.setups.feasible import corners, warnings
@@ -105,8 +104,8 @@ def lines(setup: Setup) -> Iterator[str]:
     for place, entry in enumerate(ObservationSpec(task).entries):
         yield f"  {place}: {entry.words} ({entry.unit}), {entry.scale.low:g} to {entry.scale.high:g}"
     yield "\nactions"
-    for action in action_table(setup.environment):
-        yield f"  {ACTION_WORDS[action['id']]}: {action['low']:g} to {action['high']:g} {action['unit']}"
+    for action in task.actions:
+        yield f"  {action.words}: {action.low:g} to {action.high:g} {action.unit}"
     yield "\neach episode"
     yield from drawn(task)
     yield "\nwhat follows"

@@ -4,9 +4,10 @@ from impact_gym import sources
 
 sources.check()
 
-from impact_gym import envs
+from impact_gym import envs, operators
 from impact_gym.identify import Identified, Sensor, identify
-from impact_gym.motion import Brake, Trapezoid
+from impact_gym.motion import Brake, Motion, Trapezoid
+from impact_gym.operators import Channel
 from impact_gym.physics.dissipation import effective_restitution
 from impact_gym.physics.hertz import MATERIALS, Material, hertz, material_ranges
 from impact_gym.scene import Bistable, Contact, Object, Rigid, Robot, RobotTable, Scene, SpringDamper, Tool
@@ -18,10 +19,12 @@ __all__ = [
     "MATERIALS",
     "Bistable",
     "Brake",
+    "Channel",
     "Contact",
     "ContactRecord",
     "Identified",
     "Material",
+    "Motion",
     "Object",
     "Outcome",
     "Outcomes",
@@ -38,6 +41,7 @@ __all__ = [
     "hertz",
     "identify",
     "material_ranges",
+    "operators",
     "simulate",
     "sweep",
 ]

@@ -9,7 +9,7 @@ must be contiguous and of these types, which `simulation`, `sweeps` and `envs.ba
 from cpython.buffer cimport PyBUF_SIMPLE, PyBuffer_Release, PyObject_GetBuffer
 from cpython.pycapsule cimport PyCapsule_GetPointer
 from libc.math cimport (
-    INFINITY, M_PI, NAN, acos, acosh, atan2, atanh, ceil, copysign, cos, exp, expf, expm1, fabs, floor, hypot, isfinite, isinf,
+    INFINITY, M_PI, NAN, acos, acosh, atan2, atanh, ceil, copysign, cos, exp, expf, expm1, fabs, floor, fmod, hypot, isfinite, isinf,
     isnan, log, log1p, logf, pow, rint, sin, sqrt,
 )
 from libc.stdint cimport int64_t, uint8_t, uint32_t, uint64_t, uintptr_t
@@ -46,6 +46,7 @@ include "solver/advance.pxi"
 include "task/records.pxi"
 include "task/draw.pxi"
 include "task/episode.pxi"
+include "task/teleop.pxi"
 
 GRAVITY = STANDARD_GRAVITY
 
@@ -57,6 +58,8 @@ cdef Episode blank_episode
 cdef Draw blank_draw
 cdef Entry blank_entry
 cdef Law blank_law
+cdef Link blank_link
+cdef Packet blank_packet
 cdef Reading blank_reading
 cdef Task blank_task
 
@@ -72,7 +75,7 @@ APPROACH, CHAIN, CONTACT, TRACE = map(layout, (blank_approach, blank_chain, blan
 MOUNT = APPROACH["mount"]
 DRAW, EPISODE, ENTRY, LAW = map(layout, (blank_draw, blank_episode, blank_entry, blank_law))
 RECORD, SENSORS = EPISODE["drawn"], EPISODE["sensors"]
-READING, TASK = map(layout, (blank_reading, blank_task))
+READING, TASK, LINK, PACKET = map(layout, (blank_reading, blank_task, blank_link, blank_packet))
 assert (APPROACH.itemsize, CHAIN.itemsize, EPISODE.itemsize) == (sizeof(Approach), sizeof(Chain), sizeof(Episode))
 
 
@@ -118,7 +121,7 @@ def approach_rows(
     cdef Chain *chain = <Chain *> memory_of(chains)
     cdef int64_t i
     run.tables = <const double *> memory_of(tables)
-    run.tolerance, run.max_steps, run.work = tolerance, max_steps, &work
+    run.tolerance, run.max_steps, run.work, run.tell_touch = tolerance, max_steps, &work, False
     run.recorder = recorder_of(recorder)
     with nogil:
         for i in range(first, last):
@@ -165,15 +168,17 @@ cdef class Rows:
     cdef Chain *chains
     cdef Episode *episodes
     cdef Reading *readings
+    cdef Link *links
+    cdef Packet *packets
     cdef float *observations
     cdef double *rewards
     cdef const Entry *entries
-    cdef int64_t slots, length, each_task, each_law, max_steps
+    cdef int64_t slots, packet_slots, each_link, commands, length, each_task, each_law, max_steps
     cdef Recorder recorder
 
     def __init__(
-        self, tasks, draws, laws, tables, chains, episodes, readings, observations, rewards, entries,
-        tuple recorder, max_steps,
+        self, tasks, draws, laws, tables, chains, episodes, readings, links, packets, observations, rewards, entries,
+        tuple recorder, max_steps, commands,
     ):
         """Take arrays of `size` rows each; `tasks` and `laws` may have one for all.
 
@@ -184,14 +189,19 @@ cdef class Rows:
             tables: see `approach_rows`.
             chains, episodes, rewards: (size,), CHAIN, EPISODE and float64.
             readings: (size, slots), READING.
+            links, packets: (size,) and (size, slots), or no rows without an operator; LINK and PACKET.
             observations: (size, length), float32.
             entries: of an observation (length,), ENTRY.
             recorder: see `approach_rows`; of its trace (size, points) each row has a row.
             max_steps: integration steps of an episode.
+            commands: numbers of an action.
         """
         self.arrays = (
-            tasks, draws, laws, tables, chains, episodes, readings, observations, rewards, entries, recorder
+            tasks, draws, laws, tables, chains, episodes, readings, links, packets, observations, rewards, entries,
+            recorder,
         )
+        self.links, self.each_link, self.commands = <Link *> memory_of(links), len(links) > 0, commands
+        self.packets, self.packet_slots = <Packet *> memory_of(packets), packets.shape[1]
         self.tasks, self.each_task = <const Task *> memory_of(tasks), len(tasks) > 1
         self.draws = <const Draw *> memory_of(draws)
         self.laws, self.each_law = <Law *> memory_of(laws), len(laws) > 1
@@ -207,6 +217,7 @@ cdef class Rows:
         return Row(
             &self.tasks[i * self.each_task], &self.chains[i], &self.episodes[i], &self.readings[i * self.slots],
             self.slots, self.entries, self.length, &self.observations[i * self.length],
+            &self.links[i * self.each_link], &self.packets[i * self.packet_slots], self.packet_slots, self.tables,
         )
 
     def begin(self, rows, uniforms, fixed):
@@ -232,7 +243,7 @@ cdef class Rows:
                 begin_episode(&row, &self.laws[places[k] * self.each_law], drawn)
 
     def step(self, actions, skip, int64_t first, int64_t last):
-        """Play a control step in rows `first` to `last` with `actions` (size, 2), but where `skip` (size,) is set."""
+        """Play a control step in rows `first` to `last` with `actions` (size, n), but where `skip` (size,) is set."""
         cdef const double *action = <const double *> memory_of(actions)
         cdef const uint8_t *skipped = <const uint8_t *> memory_of(skip)
         cdef Run run
@@ -252,4 +263,5 @@ cdef class Rows:
                 )
                 run.object_mass, run.ground = row.episode.drawn.object_mass, STANDARD_GRAVITY * row.episode.drawn.friction
                 run.threshold, run.tolerance = row.episode.drawn.alarm_threshold, row.task.tolerance
-                self.rewards[i] = play_step(&run, &row, action[2 * i], action[2 * i + 1])
+                run.tell_touch = row.task.operator_kind != NO_OPERATOR
+                self.rewards[i] = play_step(&run, &row, &action[self.commands * i])

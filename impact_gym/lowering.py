@@ -21,7 +21,7 @@ from impact_gym.kernels import (
     UNSETTLED,
     contact_of,
 )  # fmt: skip
-from impact_gym.motion import Trapezoid
+from impact_gym.motion import Motion, Trapezoid
 from impact_gym.physics.dissipation import damping_factor
 from impact_gym.scene import (
     STOP_DAMPING_RATIO,
@@ -72,14 +72,19 @@ STATUS_MESSAGES = {
 
 
 def approach_plan(
-    scene: Scene, motion: Trapezoid, duration: float, table_at: int = 0
+    scene: Scene, motion: Trapezoid | Motion, duration: float, table_at: int = 0
 ) -> tuple[tuple[Any, ...], Numbers]:
-    """Lower an approach to the fields of the kernels' `Approach`, and its robot's table, which begins at `table_at`."""
+    """Lower an approach to the fields of the kernels' `Approach`, and its tables, which begin at `table_at`."""
     held, table = mount(scene.tool.mass, scene.coupling, scene.robot, table_at)
-    brake = motion.brake
-    threshold, delay = (brake.threshold, brake.delay) if brake else (math.inf, math.inf)
     target = scene.object
-    profile = motion.speed, motion.acceleration, threshold, delay, motion.deceleration
+    profile: tuple[float, ...]
+    if isinstance(motion, Motion):
+        profile = 0.0, 1.0, math.inf, math.inf, 1.0, table_at + len(table), len(motion.times)
+        table = np.concatenate([table, motion.table])
+    else:
+        brake = motion.brake
+        threshold, delay = (brake.threshold, brake.delay) if brake else (math.inf, math.inf)
+        profile = motion.speed, motion.acceleration, threshold, delay, motion.deceleration, 0, 0
     numbers = target.mass, target.distance, target.friction or 0.0
     return (held, contact_law(scene.contact), *numbers, *profile, duration, 0.0), table
 

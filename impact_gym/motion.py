@@ -5,9 +5,13 @@ is one command at t = 0 and, if it brakes, a second one when the contact alarm r
 """
 
 from dataclasses import dataclass
+from typing import Annotated
 
-from impact_gym.record import Record
-from impact_gym.validation import one_of
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_gym.record import SI, Record
+from impact_gym.validation import one_of, rising
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,3 +45,27 @@ class Trapezoid(Record, path="motion"):
         if self.brake is None or self.brake.deceleration is None:
             return self.acceleration
         return self.brake.deceleration
+
+
+@dataclass(frozen=True, slots=True)
+class Motion(Record, path="motion"):
+    """Any commanded motion, from rest: pieces of constant acceleration between velocities, the last one held."""
+
+    times: Annotated[tuple[float, ...], SI("s", at_least=0.0, at_most=1e12)]  # rising, from 0
+    velocities: Annotated[tuple[float, ...], SI("m/s", at_least=-1e9, at_most=1e9)]  # at each, the first 0
+
+    def __post_init__(self) -> None:
+        Record.__post_init__(self)
+        rising("Motion", self.times, {"velocity": self.velocities})
+        if self.velocities[0] != 0.0:
+            raise ValueError(f"Motion.velocities must begin at 0 m/s, got {self.velocities[0]!r} m/s")
+
+    @property
+    def acceleration(self) -> float:
+        """Largest acceleration, m/s^2."""
+        return float(np.abs(np.diff(self.velocities) / np.diff(self.times)).max())
+
+    @property
+    def table(self) -> NDArray[np.float64]:
+        """Times, s, then velocities, m/s."""
+        return np.array([*self.times, *self.velocities])

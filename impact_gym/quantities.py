@@ -105,13 +105,35 @@ LENGTH, PLACE = Limits(at_least=1e-9, at_most=1e9), Limits(at_least=-1e12, at_mo
 RATE, NOT_NEGATIVE = Limits(at_least=1e-9, at_most=1e9), Limits(at_least=0.0, at_most=1e12)
 RESTITUTION, DAMPING_RATIO = Limits(at_least=1e-12, at_most=1.0), Limits(at_least=0.0, at_most=1e6)
 WEIGHT = Limits(at_least=0.0, at_most=LARGEST_WEIGHT)
+SECONDS, PART = Limits(at_least=0.0, at_most=1e3), Limits(at_least=0.0, at_most=1.0)
 NEWTONS, EXPONENT = Limits(at_least=0.0, at_most=1e6), Limits(at_least=0.0, at_most=10.0)
 FORCE, SHARE, GAP = Scale(0.0, 1000.0, 0.0, "log1p"), Scale(0.0, 1.0, 0.0), Scale(-0.5, 0.5)
 SINCE_ALARM = Scale(0.0, AFTER_ALARM, 0.0, ends="after_alarm")
 SENSED, ALARMED = ("reaction_delay", "force_noise", "force_bias", "alarm"), ("reaction_delay", "alarm")
 
+
+def channel(way: str, place: int) -> tuple[Quantity, ...]:
+    """Return the numbers of a channel; its draws begin at a place."""
+    words = {"uplink": "the operator's commands", "downlink": "what the operator sees"}[way]
+    rows = (
+        ("delay", f"least delay of {words}", "s", SECONDS, Scale(0.0, 0.5, 0.0)),
+        ("jitter", f"mean of a random delay of {words}", "s", SECONDS, Scale(0.0, 0.5, 0.0)),
+        ("tail", f"mean of a longer random delay of {words}", "s", SECONDS, Scale(0.0, 0.5, 0.0)),
+        ("tail_share", f"share of {words} with the longer delay", "-", PART, SHARE),
+        ("loss", f"share of {words} that is lost", "-", Limits(at_least=0.0, at_most=0.99), SHARE),
+        ("burst", f"mean number of losses in a row of {words}", "-", Limits(at_least=1.0, at_most=1e6), SHARE),
+        ("timeout", "time without a newer command after which the arm stops", "s", Limits(above=0.0, at_most=1e3),
+         Scale(0.0, 0.5, 0.0)),
+    )  # fmt: skip
+    return tuple(
+        Quantity(f"{way}.{name}", about, unit, limits, own(place + k), scale=scale)
+        for k, (name, about, unit, limits, scale) in enumerate(rows)
+    )
+
+
 SENSORS = (
-    Quantity("position", "flange position", "m", observed="always", scale=Scale(-0.25, 0.75)),
+    Quantity("position", "flange position", "m", observed="always",
+             scale=Scale(-0.25, 0.75, ends="operator")),
     Quantity("velocity", "flange velocity", "m/s", observed="always", scale=Scale(-0.5, 1.5, ends="velocity_range")),
     Quantity("time", "time", "s", observed="always", scale=Scale(0.0, 1.25 * HORIZON, ends="horizon")),
     Quantity("alarm", "alarm", "-", observed="always", scale=SHARE, shaped_by=ALARMED),
@@ -180,6 +202,30 @@ SET_UP = (
     Quantity("robot.stiffness", "stiffness of the robot", "N/m", STIFFNESS, own(15, True),
              scale=Scale(1e3, 1e7, curve="log")),
     Quantity("robot.damping", "damping of the robot", "N s/m", NOT_NEGATIVE, own(16), scale=Scale(0.0, 500.0)),
+    Quantity("operator.speed", "fastest command of the operator", "m/s", Limits(above=0.0, at_most=1e3), own(19),
+             scale=Scale(0.0, 1.0)),
+    Quantity("operator.reaction", "reaction time of the operator", "s", SECONDS, own(20), scale=Scale(0.0, 0.5, 0.0)),
+    Quantity("operator.place_error", "how far beyond the object the operator believes it", "m",
+             Limits(at_least=-1e3, at_most=1e3), own(21), scale=Scale(-0.2, 0.2)),
+    Quantity("operator.creep", "speed at which the operator searches further", "m/s", Limits(above=0.0, at_most=1e3),
+             own(22), scale=Scale(0.0, 0.5, 0.0)),
+    Quantity("operator.lag_slope", "share by which a second of lag lengthens a reach", "1/s", NOT_NEGATIVE, own(23),
+             scale=Scale(0.0, 10.0, 0.0)),
+    Quantity("operator.intercept", "Fitts' intercept", "s", SECONDS, own(24), scale=Scale(0.0, 1.0, 0.0)),
+    Quantity("operator.slope", "Fitts' slope, for a bit", "s", SECONDS, own(25), scale=Scale(0.0, 1.0, 0.0)),
+    Quantity("operator.width", "width of the target of a reach", "m", LENGTH, own(26), scale=Scale(0.0, 0.2, 0.0)),
+    Quantity("operator.noise", "noise of the operator's control as a share of it", "-", EXPONENT, own(27),
+             scale=Scale(0.0, 1.0, 0.0)),
+    Quantity("operator.stiffness", "stiffness of the operator's hand over its mass", "1/s^2", STIFFNESS, own(28, True),
+             scale=Scale(1.0, 1e3, curve="log")),
+    Quantity("operator.damping", "damping of the operator's hand over its mass", "1/s", NOT_NEGATIVE, own(29),
+             scale=Scale(0.0, 20.0, 0.0)),
+    Quantity("operator.gain", "crossover frequency of the operator", "rad/s", RATE, own(30),
+             scale=Scale(0.0, 10.0, 0.0)),
+    Quantity("operator.repeat", "share of commands that repeat the one before", "-", PART, own(31), scale=SHARE),
+    Quantity("operator.random", "share of commands that are random", "-", PART, own(32), scale=SHARE),
+    *channel("uplink", 33),
+    *channel("downlink", 40),
 )  # fmt: skip
 """Numbers of a set-up, arguments of the environment that may be ranges."""
 
@@ -192,9 +238,20 @@ PAST = tuple(
     for before in range(1, PAST_READINGS + 1)
     for row in (SENSORS[5], DEFLECTION)
 )
+SPEEDS, AGE = Scale(-0.5, 1.5, ends="velocity_range"), Scale(0.0, 1.0, 0.0)
+COMMANDS = (
+    Quantity("command", "newest command of the operator that has arrived", "m/s", observed="operator", scale=SPEEDS),
+    Quantity("command_age", "time since it was sent", "s", observed="operator", scale=AGE),
+    Quantity("command_age_mean", "mean age of commands as they arrived", "s", observed="operator", scale=AGE),
+    Quantity("command_age_spread", "standard deviation of that age", "s", observed="operator",
+             scale=Scale(0.0, 0.2, 0.0)),
+    Quantity("executed", "velocity that the flange was last sent to", "m/s", observed="operator", scale=SPEEDS),
+)  # fmt: skip
+"""What is known of the operator's commands at the arm."""
 MORE_SENSORS = (
     DEFLECTION,
     *PAST,
+    *COMMANDS,
     Quantity("time_since_touch", "time since a switch would have raised the alarm", "s", observed="privileged",
              scale=SINCE_ALARM),
 )  # fmt: skip
@@ -209,6 +266,12 @@ RESULTS = (
 )
 """What is known of an episode at its end."""
 
+STEERED = (
+    Quantity("done_time", "time until the end, when the object rests and the operator or the tool is done", "s"),
+    Quantity("taken", "share of the operator's motion before the touch that was withheld", "-"),
+)
+"""What is known beside where an operator commands."""
+
 OTHERS = (
     Quantity("contact.stiffness_exponent", "exponent of the contact stiffness", "-", Limits(at_least=1, at_most=10)),
     Quantity("contact.damping_exponent", "exponent of the contact damping", "-", EXPONENT),
@@ -222,6 +285,7 @@ OTHERS = (
     Quantity("duration", "length of a run", "s", Limits(at_least=1e-12, at_most=1e12)),
     Quantity("rtol", "relative error allowed in a contact", "-", Limits(at_least=1e-13, at_most=1e-2)),
     Quantity("force_weight", "cost of the peak force", "m/s per N", WEIGHT),
+    Quantity("taken_weight", "cost of all of the operator's motion before the touch, if withheld", "m/s", WEIGHT),
     Quantity("horizon", "end of an episode without an alarm", "s", Limits(at_least=1e-3, at_most=1e3)),
     Quantity("after_alarm", "time from the alarm to the end of an episode", "s", Limits(at_least=1e-3, at_most=1e3)),
     Quantity("missed_cost", "cost of an object that was not touched", "m/s", WEIGHT),
@@ -232,7 +296,7 @@ OTHERS = (
 """What belongs to a scene, its motion or its run alone, and arguments of the environment that are never drawn."""
 
 QUANTITIES: dict[str, Quantity] = {
-    row.id: row for row in (*SENSORS, *SCENARIO, *EPISODE, *SET_UP, *MORE_SENSORS, *RESULTS, *OTHERS)
+    row.id: row for row in (*SENSORS, *SCENARIO, *EPISODE, *SET_UP, *MORE_SENSORS, *RESULTS, *STEERED, *OTHERS)
 }
 """The table by id; in the order of the observation."""
 

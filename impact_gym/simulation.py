@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from impact_gym.kernels import CHAIN, CONTACT, STUCK, TRACE, approach_rows
 from impact_gym.lowering import LOCAL_SHARE, STATUS_MESSAGES, approach_plan, packed
-from impact_gym.motion import Trapezoid
+from impact_gym.motion import Motion, Trapezoid
 from impact_gym.quantities import QUANTITIES
 from impact_gym.scene import Scene, flange_moves_with_tool, warn_of_stroke
 from impact_gym.validation import one_of
@@ -82,7 +82,7 @@ class Outcome(NamedTuple):
 
 
 def simulate(
-    scene: Scene, motion: Trapezoid, duration: float = 1.5, rtol: float = 1e-8, trace: bool = False
+    scene: Scene, motion: Trapezoid | Motion, duration: float = 1.5, rtol: float = 1e-8, trace: bool = False
 ) -> Outcome:
     """Run an approach and return its result.
 
@@ -100,7 +100,7 @@ def simulate(
         RuntimeError: the run cannot finish; says why.
     """
     one_of("scene", scene, Scene)
-    one_of("motion", motion, Trapezoid)
+    one_of("motion", motion, Trapezoid, Motion)
     duration = QUANTITIES["duration"].check(duration)
     rtol = QUANTITIES["rtol"].check(rtol)
     warn_of_stroke(scene.coupling, scene.tool.mass, motion.acceleration)

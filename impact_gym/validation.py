@@ -4,7 +4,7 @@ import math
 import operator
 import os
 import re
-from collections.abc import Container, Mapping
+from collections.abc import Container, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -155,6 +155,16 @@ def array(
     if shape is not None and result.shape != shape:
         raise ValueError(f"{field} must hold {what} in shape {shape}, got shape {result.shape}")
     return result
+
+
+def rising(field: str, time: Sequence[float], columns: Mapping[str, Sequence[float]]) -> None:
+    """Raise ValueError unless times begin at 0 and rise, and each column has as many finite numbers, at least 2."""
+    for name, values in columns.items():
+        if len(values) != len(time) or len(time) < 2 or not np.isfinite([*time, *values]).all():
+            raise ValueError(f"{field} must have at least 2 times in s and a finite {name} at each, got {len(time)}")
+    if time[0] != 0.0 or np.any(np.diff(time) <= 0.0):
+        place = int(np.argmax(np.diff(time) <= 0.0))
+        raise ValueError(f"{field} must have times that rise from 0 s, got {time[place]!r} s and {time[place + 1]!r} s")
 
 
 def interval(field: str, value: Any, unit: str, **limits: float) -> Range:

@@ -1,6 +1,6 @@
 """Controllers without learning, called as a policy of stable-baselines3 is: `action, state = predict(observation)`."""
 
-from agents.baselines.constant import ConstantSpeed, PaperTrapezoid
+from agents.baselines.constant import ConstantGain, ConstantSpeed, LocalBrake, OperatorAlone, PaperTrapezoid
 from agents.baselines.profile import BlindProfile, Clairvoyant, Ranged, RangedProfile
 from agents.baselines.random import RandomActions
 from agents.baselines.rule import Rule, encode
@@ -11,10 +11,13 @@ from agents.baselines.wary import DetectorProfile, DetectorRanged
 __all__ = [
     "BlindProfile",
     "Clairvoyant",
+    "ConstantGain",
     "ConstantSpeed",
     "DetectorProfile",
     "DetectorRanged",
     "FullSpeed",
+    "LocalBrake",
+    "OperatorAlone",
     "PaperTrapezoid",
     "RandomActions",
     "Ranged",

@@ -1,4 +1,7 @@
-"""Constant speed until the alarm: the paper's rule, and the family it belongs to."""
+"""Constant speed until the alarm: the paper's rule, and the family it belongs to. A constant share of a command."""
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -45,3 +48,33 @@ class PaperTrapezoid(ConstantSpeed):
 
     def __init__(self) -> None:
         super().__init__(speed=1.0, acceleration=8.0)
+
+
+class LocalBrake(ConstantSpeed):
+    """The operator's command until the alarm, then all of the arm's deceleration: what senses at once can do."""
+
+    def __init__(self) -> None:
+        super().__init__(VELOCITY_RANGE[1], *ACCELERATION_RANGE[1:], ACCELERATION_RANGE[1])
+
+
+class ConstantGain(Rule):
+    """A share of the operator's command, whatever happens."""
+
+    NEEDS: ClassVar[Mapping[str, Any]] = {
+        "operator": {"type": "Trapezoid"}, "velocity_range": (-0.3, 0.5), "horizon": 8.0, "friction": 0.3,
+    }  # fmt: skip
+    PARAMETERS = (
+        Parameter("gain", "-", 0.05, 1.0, 0.7),
+        Parameter("acceleration", "m/s^2", *ACCELERATION_RANGE, ACCELERATION_RANGE[1]),
+    )
+
+    def command(self, view: View) -> tuple[ArrayLike, ArrayLike]:
+        """Return that share as a speed (m/s), and the acceleration (m/s^2)."""
+        return self["gain"] * np.abs(view["command"]), self["acceleration"]
+
+
+class OperatorAlone(ConstantGain):
+    """The whole command."""
+
+    def __init__(self) -> None:
+        super().__init__([1.0, ACCELERATION_RANGE[1]])

@@ -135,7 +135,21 @@ class Rule:
     ) -> tuple[NDArray[np.float32], Any]:
         """Return the action for an observation (n_obs,) or the actions for a batch of them (n, n_obs), and a state."""
         view, state = self.see(View(observation, self.spec), state, episode_start)
-        return encode(*self.command(view), self.task.velocity_range, self.task.acceleration_range), state
+        velocity, acceleration = self.command(view)
+        if self.task.operator is None:
+            return encode(velocity, acceleration, self.task.velocity_range, self.task.acceleration_range), state
+        return self._assist(view["command"], np.asarray(velocity), acceleration), state
+
+    def _assist(self, command: Floats, velocity: Floats, acceleration: ArrayLike) -> NDArray[np.float32]:
+        """Return the action (..., 3) that lets an operator's `command` (m/s) be no faster than the rule's `velocity`.
+
+        So every rule is an assistance: what it would do by itself is a limit, and where it would retreat it withdraws.
+        """
+        fast = np.maximum(np.abs(command), 1e-9)
+        wanted = np.clip(velocity / fast, 0.0, 1.0), acceleration, np.maximum(-velocity, 0.0)
+        low, high = np.array([(action.low, action.high) for action in self.task.actions]).T
+        share = (np.stack(np.broadcast_arrays(*wanted), axis=-1) - low) / (high - low)
+        return np.clip(2.0 * share - 1.0, -1.0, 1.0).astype(np.float32)
 
     def see(self, view: View, state: Any, episode_start: Any) -> tuple[View, Any]:
         """Return what the command follows from, and what is remembered of it: nothing, unless a rule says so."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from agents import setups
 from agents.baselines import constant, profile, wary
-from agents.baselines.constant import PaperTrapezoid
+from agents.baselines.constant import LocalBrake, OperatorAlone, PaperTrapezoid
 from agents.baselines.random import RandomActions
 from agents.baselines.rule import Rule
 from agents.policies import Controller
@@ -21,7 +21,7 @@ from impact_gym.validation import number
 FORMAT = "impact_gym tuned baseline 1"
 CLASSES = vars(constant) | vars(profile) | vars(wary)
 RULES: dict[str, type[Rule]] = {name: CLASSES[name] for name in setups.RULES}
-FIXED = dict(zip(setups.FIXED, (PaperTrapezoid, RandomActions), strict=True))
+FIXED = dict(zip(setups.FIXED, (PaperTrapezoid, RandomActions, LocalBrake, OperatorAlone), strict=True))
 
 
 def load_baseline(name: str, time_weight: float = 2.0, folder: Path = TUNED) -> Controller:

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from agents.policies import ACTIONS, Controller, Policy
+from agents.policies import Controller, Policy
 from impact_gym import quantities
-from impact_gym.envs.batch import SLIDE, Batch, ToolMotion
+from impact_gym.envs.batch import LINKED, SLIDE, Batch, ToolMotion
 from impact_gym.simulation import MAX_STEPS
 from impact_gym.task import Task, evaluation_sets
 from impact_gym.task.scenario import FIELDS
@@ -23,7 +23,8 @@ third set; agents are trained with seeds above all of these, from `agents.train.
 
 
 RESULTS = tuple(row.id for row in quantities.RESULTS)
-"""What is known of an episode, see `Episodes`."""
+MEASURED = (*RESULTS, *SLIDE, *LINKED)
+"""What is known of an episode, see `Episodes`: always, and with friction or an operator."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,7 @@ class Episodes:
     """Results of one controller, an array entry per scenario."""
 
     object_velocity: NDArray[np.float64]  # m/s, V_p
-    approach_time: NDArray[np.float64]  # s
+    approach_time: NDArray[np.float64]  # s, the time that is charged: with an operator until it is done
     peak_force: NDArray[np.float64]  # N
     contact_count: NDArray[np.int64]
     missed: NDArray[np.bool_]
@@ -39,6 +40,9 @@ class Episodes:
     missed_cost: float = MISSED_COST  # m/s
     slide: NDArray[np.float64] | None = None  # m, where there is friction
     rest_time: NDArray[np.float64] | None = None  # s, likewise
+    done_time: NDArray[np.float64] | None = None  # s, where an operator commands; also the approach time then
+    taken: NDArray[np.float64] | None = None  # -, likewise
+    touch_time: NDArray[np.float64] | None = None  # s, likewise
 
     def cost(self, time_weight: float | NDArray[np.float64]) -> NDArray[np.float64]:
         """V_p + time_weight * approach time, m/s, per scenario."""
@@ -51,7 +55,7 @@ class Episodes:
     def first(self, count: int) -> "Episodes":
         """Return the first `count` of them."""
         scenario = {name: values[:count] for name, values in self.scenario.items()}
-        cut = {name: values[:count] for name in (*RESULTS, *SLIDE) if (values := getattr(self, name)) is not None}
+        cut = {name: values[:count] for name in MEASURED if (values := getattr(self, name)) is not None}
         return Episodes(**cut, scenario=scenario, missed_cost=self.missed_cost)
 
 
@@ -131,7 +135,7 @@ class ScenarioBatch:
             controller.warn_if_elsewhere(batch.tasks[0])
         batch.begin_seeded(self.seed, {**self._fixed, **(record or {})}, self._copies)
         start, state = np.ones(batch.size, np.bool_), None
-        actions = np.zeros((batch.size, ACTIONS))
+        actions = np.zeros((batch.size, batch.commanded))
         while not (ended := batch.ended).all():
             if watch is not None:
                 watch(batch.tool_motion())
@@ -140,7 +144,7 @@ class ScenarioBatch:
             else:
                 seen = batch.observations.copy()
                 actions, state = controller.predict(seen, state=state, episode_start=start, deterministic=True)
-            batch.step(batch.commands(actions, (batch.size, ACTIONS)), ended)
+            batch.step(batch.commands(actions, (batch.size, batch.commanded)), ended)
             start = np.zeros(batch.size, np.bool_)
         info = batch.info()
         failed = info["status"] != "ok"
@@ -148,8 +152,9 @@ class ScenarioBatch:
             row = int(failed.argmax())
             raise RuntimeError(f"scenario seeded {self.seed + row % self.count}: {info['status'][row]}")
         scenario = {name: values.copy() for name, values in info["scenario"].items()}
-        results = {name: np.array(info[name]) for name in (*RESULTS, *SLIDE) if name in info}
+        results = {name: np.array(info[name]) for name in MEASURED if name in info}
         results["missed"] |= failed
+        results["approach_time"] = results.get("done_time", results["approach_time"])
         return Episodes(**results, scenario=scenario, missed_cost=batch.tasks[0].missed_cost)
 
 

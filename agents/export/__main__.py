@@ -21,7 +21,7 @@ from agents.command_line import run_command
 from agents.export.c_header import has_controller, write_header
 from agents.export.onnx_graph import write_onnx
 from agents.export.replay import Replay, address, compiled, logged, replay
-from agents.policies.policy import ACTIONS, Policy, load_policy
+from agents.policies.policy import Policy, load_policy
 from impact_gym.task import Task
 
 Floats = NDArray[np.float32]
@@ -48,7 +48,7 @@ class Export:
 class Form(NamedTuple):
     """A policy's actions as a form of it computes them, in C or ONNX, and how fast."""
 
-    actions: Floats  # (n, 2)
+    actions: Floats  # (n, numbers of an action)
     seconds: float  # for one call with one observation
 
 
@@ -71,11 +71,11 @@ def with_onnx(path: Path, observed: Floats) -> Form | None:
     return Form(actions, _time(lambda: session.run(None, {"observation": observed[:1]})))
 
 
-def with_c(program: ctypes.CDLL, observed: Floats) -> Form:
-    """Play the network of a compiled header."""
-    actions = np.empty((len(observed), ACTIONS), np.float32)
-    arrays = address(observed), address(actions)
-    return Form(actions, timeit.timeit(lambda: program.act(len(observed), *arrays), number=1) / len(observed))
+def with_c(program: ctypes.CDLL, observed: Floats, actions: int) -> Form:
+    """Play the network of a compiled header, with so many numbers of an action."""
+    acted = np.empty((len(observed), actions), np.float32)
+    arrays = address(observed), address(acted)
+    return Form(acted, timeit.timeit(lambda: program.act(len(observed), *arrays), number=1) / len(observed))
 
 
 def rounding(policy: Policy, observed: Floats, actions: Floats) -> float:
@@ -108,7 +108,7 @@ def run(options: Export) -> list[Path]:
     header, graph = write_header(policy, options.out / f"{stem}.h"), write_onnx(policy, options.out / f"{stem}.onnx")
     with TemporaryDirectory() as folder:
         program = compiled(policy, header, Path(folder))
-        in_c = with_c(program, observed) if program else None
+        in_c = with_c(program, observed, policy.actions) if program else None
         controller = program if has_controller(policy) else None
         played = replay(policy, controller, logged(policy, options.episodes), options.calls) if controller else None
     print(judged_replay(header, played, period))

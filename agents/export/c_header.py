@@ -13,7 +13,7 @@ import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from numpy.typing import NDArray
 
-from agents.policies.policy import ACTION_WORDS, Policy, action_table
+from agents.policies.policy import Policy
 from impact_gym.files import write_file
 from impact_gym.task import ObservationSpec, Task
 from impact_gym.task.observation import Entry
@@ -41,8 +41,7 @@ def header(policy: Policy, name: str) -> str:
     return c_text(
         "controller.h.jinja",
         policy=policy,
-        actions=action_table(policy.environment),
-        words=ACTION_WORDS,
+        actions=task.actions,
         name=name,
         task=task,
         network=network,

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.policies.policy import ACTIONS, Policy
+from agents.policies.policy import Policy
 from impact_gym.files import write_file
 
 OPSET = 17
@@ -36,7 +36,7 @@ def write_onnx(policy: Policy, path: Path) -> Path:
         if layer is network.mean:
             kind, inputs, values = "Clip", [total, "low", "high"], "action"
         nodes.append(helper.make_node(kind, inputs, [values], name=values))
-    shapes = {"observation": network.inputs, "action": ACTIONS}
+    shapes = {"observation": network.inputs, "action": policy.actions}
     start, end = (helper.make_tensor_value_info(name, TensorProto.FLOAT, ["n", shapes[name]]) for name in shapes)
     initial = [numpy_helper.from_array(np.asarray(value), name) for name, value in weights.items()]
     graph = helper.make_graph(nodes, path.stem, [start], [end], initial)

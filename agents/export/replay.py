@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.export.c_header import c_text, has_controller, identifier
-from agents.policies.policy import ACTIONS, Policy
+from agents.policies.policy import Policy
 from impact_gym.envs.batch import Batch
 from impact_gym.task import Task
 from impact_gym.task.task import COMMAND_RESOLUTION
@@ -25,7 +25,7 @@ class Log(NamedTuple):
     """Sensors and commands of episodes, step by step."""
 
     sensors: Floats  # (steps, rows, fields), SI units
-    commands: Floats  # (steps, rows, 2), m/s and m/s^2
+    commands: Floats  # (steps, rows, n), in their units
     steps: NDArray[np.int64]  # (rows,), of each episode
     time_weight: Floats  # (rows,)
 
@@ -45,7 +45,7 @@ def logged(policy: Policy, episodes: int) -> Log:
     task = Task(**policy.environment)
     batch = Batch(episodes, task)
     batch.draw_and_begin(np.arange(episodes), [np.random.default_rng(SEED)] * episodes)
-    low, high = np.array([task.velocity_range, task.acceleration_range]).T
+    low, high = np.array([(action.low, action.high) for action in task.actions]).T
     steps, sensors, commands = np.zeros(episodes, np.int64), [], []
     while not (ended := batch.ended).all():
         sensors.append(np.stack(list(batch.sensors().values()), axis=-1))
@@ -53,7 +53,7 @@ def logged(policy: Policy, episodes: int) -> Log:
         share = 0.5 * (np.clip(actions.astype(np.float64), -1.0, 1.0) + 1.0)
         commands.append(np.rint((low + share * (high - low)) / COMMAND_RESOLUTION) * COMMAND_RESOLUTION)
         steps += ~ended
-        batch.step(batch.commands(actions, (episodes, ACTIONS)), ended)
+        batch.step(batch.commands(actions, (episodes, policy.actions)), ended)
     return Log(np.array(sensors), np.array(commands), steps, batch.info()["time_weight"])
 
 
@@ -67,7 +67,8 @@ def compiled(policy: Policy, header: Path, folder: Path, language: str = "C99") 
     if compiler is None:
         return None
     names = {"name": identifier(header.stem), "controlled": has_controller(policy)}
-    source = c_text("program.c.jinja", **names, fields=len(policy.spec.sensors), inputs=policy.inputs)
+    source = c_text("program.c.jinja", **names, fields=len(policy.spec.sensors), inputs=policy.inputs,
+                    actions=Task(**policy.environment).actions)  # fmt: skip
     library = folder / f"policy-{len(language)}.so"
     flags = [*LANGUAGES[language], "-O2", "-ffp-contract=off", *WARNINGS, "-shared", "-fPIC", "-"]
     included = ["-D_POSIX_C_SOURCE=199309L", "-include", str(header.resolve())]
@@ -88,8 +89,7 @@ def replay(policy: Policy, program: ctypes.CDLL, log: Log, calls: int) -> Replay
     arrays = [address(array) for array in (log.sensors, steps, log.time_weight)]
     program.play(len(steps), *arrays, address(commands))
     program.clocked(len(steps), *arrays, calls, address(seconds))
-    task = Task(**policy.environment)
-    span = np.diff([task.velocity_range, task.acceleration_range])[:, 0]
+    span = np.array([action.high - action.low for action in Task(**policy.environment).actions])
     played = np.arange(len(commands))[:, None] < steps
     difference = np.abs((commands - log.commands) / span)[played].max()
     return Replay(len(steps), calls, float(difference), float(np.quantile(seconds, 0.999)), float(seconds.max()))

@@ -23,8 +23,6 @@ from impact_gym.validation import array, shown, whole
 
 SHIPPED = Path(__file__).parent
 FORMAT = "impact_gym policies 3"
-ACTIONS = 2  # numbers of an action
-ACTION_WORDS = {"velocity": "velocity to go to", "acceleration": "acceleration to use for it"}
 MAY_DIFFER = ("scenario", "time_weight", "privileged", "rtol", "max_episode_steps")
 """Arguments of an environment that a policy may meet otherwise than in training."""
 
@@ -53,11 +51,12 @@ class Policy:
             ValueError: the network does not fit the environment.
         """
         self.network, self.environment, self.provenance = network, dict(environment), dict(provenance)
-        self.spec, self.inputs = ObservationSpec(Task(**environment)), network.inputs
+        task = Task(**environment)
+        self.spec, self.inputs, self.actions = ObservationSpec(task), network.inputs, len(task.actions)
         if self.inputs != len(self.spec):
             raise ValueError(f"the network takes {self.inputs} numbers, the environment shows {len(self.spec)}")
-        if network.mean.outputs != ACTIONS:
-            raise ValueError(f"the network gives {network.mean.outputs} numbers, an action has {ACTIONS}")
+        if network.mean.outputs != self.actions:
+            raise ValueError(f"the network gives {network.mean.outputs} numbers, an action has {self.actions}")
         self._noise = np.random.default_rng()
         self._warned = False
 
@@ -186,9 +185,7 @@ def observation_table(environment: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 def action_table(environment: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Return what the action's numbers in [-1, 1] are mapped to."""
-    task = Task(**environment)
-    rows = [("velocity", "m/s", *task.velocity_range), ("acceleration", "m/s^2", *task.acceleration_range)]
-    return [dict(zip(("id", "unit", "low", "high"), row, strict=True)) for row in rows]
+    return [dict(zip(("id", "unit", "low", "high"), action, strict=False)) for action in Task(**environment).actions]
 
 
 def load_ensemble(name: str | Path) -> Ensemble:

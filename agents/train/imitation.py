@@ -37,7 +37,7 @@ class Teacher:
         self.checksum: str = content["sha256"]
 
     def actions(self, observations: NDArray[Any], episode_starts: NDArray[Any]) -> NDArray[np.float32]:
-        """Return its actions (steps, envs, 2) at privileged `observations` (steps, envs, n_obs), step by step.
+        """Return its actions (steps, envs, n) at privileged `observations` (steps, envs, n_obs), step by step.
 
         Where readings raise the alarm, the teacher's alarm is the clean one of a switch: its pupil has to find out.
         What it remembers of before the first of them is lost.
@@ -50,7 +50,7 @@ class Teacher:
             observations[..., spec.index("time_since_alarm")] = touched
         velocity, time = self.means.T  # on the validation set
         best = (velocity + time_weight[..., None] * time).argmin(axis=-1)
-        chosen = np.zeros((*best.shape, 2), np.float32)
+        chosen = np.zeros((*best.shape, len(self.rules[0].task.actions)), np.float32)
         for place, rule in enumerate(self.rules):
             state = None
             for step, (seen, start) in enumerate(zip(observations, episode_starts, strict=True)):

@@ -9,8 +9,14 @@ IDS: dict[str, dict[str, Any]] = {
     "ImpactApproachRigid-v0": {"coupling": {"type": "Rigid"}},
     "ImpactApproachBistable-v0": {"coupling": {"type": "Bistable"}},
     "ImpactApproachRanged-v0": {"range_noise": 0.01},
-}
+    "ImpactTeleop-v0": {
+        "operator": {"type": "Reach", "place_error": [-0.05, 0.05], "creep": [0.05, 0.15]},
+        "uplink": {"delay": 0.1}, "downlink": {"delay": 0.1}, "friction": [0.1, 0.5], "horizon": 8.0,
+        "velocity_range": [-0.3, 0.5], "scenario": {"distance": [0.2, 0.8]},
+    },
+}  # fmt: skip
 """Registered ids and the arguments that set them apart."""
+APPROACH, TELEOP = "single:ImpactApproachEnv", "teleop:ImpactTeleopEnv"
 
 
 def register() -> None:
@@ -19,7 +25,7 @@ def register() -> None:
         if name not in gym.registry:
             gym.register(
                 name,
-                entry_point="impact_gym.envs.single:ImpactApproachEnv",
+                entry_point=f"impact_gym.envs.{TELEOP if 'operator' in arguments else APPROACH}",
                 vector_entry_point="impact_gym.envs.vector:ImpactApproachVectorEnv",
                 kwargs=dict(arguments),
             )

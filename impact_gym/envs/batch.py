@@ -6,7 +6,20 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from impact_gym.kernels import CHAIN, CONTACT, DRAW, EPISODE, READING, TRACE, UNIFORMS, Rows, draw_uniforms, laws_of
+from impact_gym.kernels import (
+    CHAIN,
+    CONTACT,
+    DRAW,
+    EPISODE,
+    LINK,
+    PACKET,
+    READING,
+    TRACE,
+    UNIFORMS,
+    Rows,
+    draw_uniforms,
+    laws_of,
+)
 from impact_gym.lowering import STATUS_MESSAGES, places
 from impact_gym.quantities import QUANTITIES
 from impact_gym.scene import flange_moves_with_tool
@@ -38,8 +51,13 @@ _NUMBERS = {
 SLIDE = ("slide", "rest_time")
 """Entries of an info where there is friction."""
 
+LINKED = {"touch_time": "approach_time", "done_time": "done_time", "taken": "taken"}
+"""Entries of an info where an operator commands."""
+
+INTERVENTION = 1e-3  # m/s, by which a command is changed at the least where the assistance intervenes
+
 _PLACES = places(EPISODE)
-_STATE = ("draws", "laws", "chains", "episodes", "readings", "observations", "rewards", "traces")
+_STATE = ("draws", "laws", "chains", "episodes", "readings", "links", "packets", "observations", "rewards", "traces")
 TRACE_INTERVAL = 1e-3  # s, between points of a trace in flight
 _SPARE = 4  # readings beyond those under way: some are taken before the oldest is due
 
@@ -89,11 +107,15 @@ class Batch:
         self.max_steps = max_steps
         self.spec = ObservationSpec.of_rows(tasks)
         slots = max(each.readings_under_way() for each in tasks) + _SPARE
+        packets, self.commanded = max(each.packets_under_way() for each in tasks), len(tasks[0].actions)
+        linked = size if packets else 0
         each_row = CHAIN.itemsize + EPISODE.itemsize + slots * READING.itemsize + 4 * len(self.spec)
+        each_row += packets * PACKET.itemsize
         fits_memory("num_envs", size, each_row)
         self.chains = np.zeros(size, CHAIN)
         self.episodes = np.zeros(size, EPISODE)
         self.readings = np.zeros((size, slots), READING)
+        self.links, self.packets = np.zeros(linked, LINK), np.zeros((linked, packets), PACKET)
         self.observations = np.zeros((size, len(self.spec)), np.float32)
         self.rewards = np.zeros(size)
         self.traces = np.empty((size, trace_points), TRACE)
@@ -126,6 +148,8 @@ class Batch:
         numbers = _NUMBERS | {f"record.{name}": f"drawn.{name}" for name in drawn}
         if any(task.rough for task in tasks):
             numbers |= {name: name for name in SLIDE}
+        if tasks[0].operator:
+            numbers |= LINKED | {"reward_terms.taken": "taken_cost"}
         entries = (*numbers, "peak_force", "contact_count", "missed", "status")
         self._layout = nested({name: place for place, name in enumerate(entries)})
         self._with_tool = [flange_moves_with_tool(task.coupling, task.robot) for task in tasks]
@@ -138,7 +162,8 @@ class Batch:
         """Hand the arrays to the kernels."""
         draws, laws, *arrays, traces = (getattr(self, name) for name in _STATE)
         recorder = np.empty(0, CONTACT), traces, np.empty(0), TRACE_INTERVAL
-        self._rows = Rows(self._lowered, draws, laws, self._tables, *arrays, self._entries, recorder, self.max_steps)
+        shared = self._entries, recorder, self.max_steps, self.commanded
+        self._rows = Rows(self._lowered, draws, laws, self._tables, *arrays, *shared)
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in vars(self).items() if name != "_rows"}
@@ -180,7 +205,7 @@ class Batch:
         self.begin(rows, uniforms, free_records(len(rows)) if fixed is None else fixed)
 
     def step(self, actions: NDArray[Any], skip: NDArray[np.bool_]) -> None:
-        """Play a control step with `actions` (size, 2), of any float type, but where `skip` (size,) is set.
+        """Play a control step with `actions` (size, 2 or 3), of any float type, but where `skip` (size,) is set.
 
         Leaves `observations`, `rewards` and the fields of `episodes` as they are after it.
         """
@@ -192,12 +217,12 @@ class Batch:
         over_rows(run, self.size, self.threads, ROWS_PER_THREAD)
 
     def commands(self, actions: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
-        """Return `actions`, which must have `shape`, as an array (size, 2), or raise before anything is stepped.
+        """Return `actions`, which must have `shape`, as an array (size, n), or raise before anything is stepped.
 
         Raises:
             TypeError, ValueError: not numbers, another shape, or not finite.
         """
-        commands = np.ascontiguousarray(array("action", actions, shape), np.float64).reshape(self.size, 2)
+        commands = np.ascontiguousarray(array("action", actions, shape), np.float64).reshape(self.size, self.commanded)
         if not np.isfinite(commands).all():
             raise ValueError(f"action must be finite, got {commands[~np.isfinite(commands).all(axis=1)][0]}")
         return commands
@@ -253,6 +278,29 @@ class Batch:
         """Return the entries of an info that an episode holds (n, k), in one go."""
         fields = self.episodes.view(np.float64).reshape(self.size, -1)
         return fields[rows, self._columns] * self._signs
+
+    def link_columns(self) -> dict[str, NDArray[Any]]:
+        """Return the entries of the info of every step, arrays (size,) and (size, 1); none without an operator.
+
+        Keys are those of human-in-the-loop code: what the operator commanded is `teleop_action`, what the flange was
+        sent to `intervene_action` (m/s).
+        """
+        if not len(self.links):
+            return {}
+        sensors = self.episodes["sensors"]
+        command, executed = sensors["command"].copy(), sensors["executed"].copy()
+        return {
+            "command": command, "command_age": sensors["command_age"].copy(),
+            "is_intervention": np.abs(executed - command) > INTERVENTION,
+            "teleop_action": command[:, None], "intervene_action": executed[:, None],
+        }  # fmt: skip
+
+    def link_infos(self) -> list[dict[str, Any]]:
+        """Return these entries of each row, plain numbers and arrays (1,)."""
+        columns = self.link_columns()
+        lists = (list(column) if column.ndim > 1 else column.tolist() for column in columns.values())
+        rows = zip(*lists, strict=True) if columns else iter([()] * self.size)
+        return [dict(zip(columns, row, strict=True)) for row in rows]
 
     def sensors(self) -> dict[str, NDArray[np.float64]]:
         """Return what the controllers may know now, in SI units (size,) each; see `ImpactApproachEnv.sensors`."""

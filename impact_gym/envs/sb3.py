@@ -38,7 +38,7 @@ class ImpactVecEnv(VecEnv):
             num_envs, autoreset_mode=mode, threads=threads, per_slot=per_slot, **arguments
         )
         self.observation_spec = self.envs.observation_spec
-        self._actions: NDArray[Any] = np.zeros((num_envs, 2), np.float32)
+        self._actions: NDArray[Any] = np.zeros((num_envs, self.envs.batch.commanded), np.float32)
         super().__init__(num_envs, self.envs.single_observation_space, self.envs.single_action_space)
 
     def set_scenario(self, scenario: ScenarioRanges | Mapping[str, Any] | str) -> None:
@@ -62,7 +62,7 @@ class ImpactVecEnv(VecEnv):
         return observations
 
     def step_async(self, actions: NDArray[Any]) -> None:
-        """Remember `actions` (num_envs, 2)."""
+        """Remember `actions` (num_envs, n)."""
         self._actions = actions
 
     def step_wait(self) -> VecEnvStepReturn:
@@ -70,12 +70,12 @@ class ImpactVecEnv(VecEnv):
         terminated, truncated = self.envs.play(self._actions)
         batch, ended = self.envs.batch, terminated | truncated
         rewards = batch.rewards.astype(np.float32)
-        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        infos = batch.link_infos()
         if ended.any():
             rows = np.flatnonzero(ended)
             lasts, cuts = batch.observations[rows], (truncated & ~terminated)[rows].tolist()
             for row, info, last, cut in zip(rows.tolist(), batch.infos(rows), lasts, cuts, strict=True):
-                infos[row] = info | {"terminal_observation": last, "TimeLimit.truncated": cut}
+                infos[row] |= info | {"terminal_observation": last, "TimeLimit.truncated": cut}
             self.envs.reset(options={"reset_mask": ended})
         return batch.observations.copy(), rewards, ended, infos
 

@@ -21,10 +21,14 @@ from impact_gym.validation import choice, flag, whole
 if TYPE_CHECKING:
     from impact_gym.envs.rendering import Renderer
 
-ACTION_SPACE: Space[Any] = spaces.Box(-1.0, 1.0, (2,), np.float32)
 TRACE_POINTS = 1 << 15
 _ROW = np.zeros(1, np.int64)
 _NO_SKIP = np.zeros(1, np.bool_)
+
+
+def action_space(task: Task) -> Space[Any]:
+    """Return the action space of one environment."""
+    return spaces.Box(-1.0, 1.0, (len(task.actions),), np.float32)
 
 
 def observation_space(spec: ObservationSpec) -> Space[Any]:
@@ -167,7 +171,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._batch = Batch(1, Task(**arguments), threads=1, trace_points=points)
         self.observation_spec = self._batch.spec
         self.observation_space = observation_space(self.observation_spec)
-        self.action_space = ACTION_SPACE
+        self.action_space = action_space(self._batch.tasks[0])
         self._running = False
 
     def set_scenario(self, scenario: ScenarioRanges | Mapping[str, Any] | str) -> None:
@@ -223,10 +227,10 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if not self._running:
             raise gym.error.ResetNeeded("no episode is under way: call reset before step")
         batch = self._batch
-        batch.step(batch.commands(action, (2,)), _NO_SKIP)
+        batch.step(batch.commands(action, (batch.commanded,)), _NO_SKIP)
         terminated = bool(batch.episodes["terminated"][0])
         self._running = not terminated
-        info = batch.info(0) if terminated else {}
+        info = batch.link_infos()[0] | (batch.info(0) if terminated else {})
         if self.render_mode == "human":
             self.render()
         return batch.observations[0].copy(), float(batch.rewards[0]), terminated, False, info

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from impact_gym.envs.arguments import with_task_arguments
 from impact_gym.envs.batch import Batch
-from impact_gym.envs.single import ACTION_SPACE, TRACE_POINTS, ImpactApproachEnv, observation_space
+from impact_gym.envs.single import TRACE_POINTS, ImpactApproachEnv, action_space, observation_space
 from impact_gym.task.episodes import episode_index, fixed_records, skip_episodes
 from impact_gym.task.scenario import ScenarioRanges
 from impact_gym.task.task import Task
@@ -70,7 +70,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         self.batch = Batch(self.num_envs, tasks, threads, 0 if render_mode is None else TRACE_POINTS)
         self.observation_spec = self.batch.spec
         self.single_observation_space = observation_space(self.observation_spec)
-        self.single_action_space = ACTION_SPACE
+        self.single_action_space = action_space(tasks[0])
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self._generators: list[np.random.Generator] = []
@@ -122,7 +122,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         if not self._begun.all():
             raise ResetNeeded("some slots have no episode under way: call reset before step")
         batch = self.batch
-        commands = batch.commands(actions, (self.num_envs, 2))
+        commands = batch.commands(actions, (self.num_envs, batch.commanded))
         skip = self._none
         if self.autoreset_mode is AutoresetMode.NEXT_STEP:
             skip = self._ended
@@ -140,16 +140,20 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         """Play one control step in every slot."""
         terminated, truncated = self.play(actions)
         batch, ended = self.batch, self._ended
-        infos: dict[str, Any] = {}
+        links = batch.link_columns()
+        infos = masked(links, ~self._none)
         rewards = batch.rewards.copy()
         if ended.any():
             rows = np.flatnonzero(ended)
-            infos = masked(batch.info_columns(rows), ended)
-            if self.autoreset_mode is AutoresetMode.SAME_STEP:
+            finals = masked(batch.info_columns(rows), ended)
+            if self.autoreset_mode is not AutoresetMode.SAME_STEP:
+                infos |= finals
+            else:
                 final = np.full(self.num_envs, None, object)
                 for row in rows:
                     final[row] = batch.observations[row].copy()
-                infos = {"final_obs": final, "_final_obs": ended, "final_info": infos, "_final_info": ended.copy()}
+                finals |= masked(links, ended)
+                infos |= {"final_obs": final, "_final_obs": ended, "final_info": finals, "_final_info": ended.copy()}
                 self._draw_and_begin(rows)
                 self._ended = self._none.copy()
         return batch.observations.copy(), rewards, terminated, truncated, infos

@@ -71,7 +71,8 @@ cdef double take_peak(const Run *run, Chain *chain) noexcept nogil:
 cdef int command(Run *run, Chain *chain, double target, double acceleration, double until) noexcept nogil:
     """Take the flange to velocity `target` (m/s) at `acceleration` (m/s^2) and hold it, until time `until` (s).
 
-    Comes back earlier, with DETECTED, when the contact force first exceeds the threshold.
+    Comes back earlier with DETECTED when the contact force first exceeds the threshold, and with TOUCHED at the first
+    touch if the run is to tell it.
     """
     cdef double change, ramp, end
     cdef bint ramp_ends
@@ -104,6 +105,8 @@ cdef int advance(Run *run, Chain *chain, double acceleration, double until) noex
         if status == TOUCHED:
             begin_contact(run, chain)
             trace(run, chain, chain, acceleration, 0.0)
+            if run.tell_touch and chain.contacts == 1:
+                return TOUCHED
         elif status == PARTED:
             close_contact(run, chain, chain.time)
             chain.touching = 0
@@ -220,19 +223,31 @@ cdef struct Approach:  # the paper's rule, and what it meets
     double threshold  # N, inf without a brake
     double delay  # s
     double deceleration  # m/s^2
+    int64_t motion, points  # where times and as many velocities of any other motion begin; 0 points: the rule's
     double duration  # s
     double frame  # m/s, of the room: flange, tool and object have this velocity from the start
 
 
 cdef void approach(Run *run, Chain *chain, const Approach *plan) noexcept nogil:
-    """Run `chain` from rest: trapezoid, contact alarm, brake; a contact unfinished then is entered with an end of nan."""
+    """Run `chain` from rest: trapezoid, contact alarm, brake, or a motion by points.
+
+    A contact unfinished then is entered with an end of nan.
+    """
+    cdef const double *times = run.tables + plan.motion
+    cdef const double *velocities = times + plan.points
     cdef double speed = plan.speed, acceleration = plan.acceleration, brake_at = INFINITY
     cdef int status = ARRIVED
+    cdef int64_t k = 0
     cdef double until
     reset_chain(chain, run.law, plan.distance, plan.friction)
     chain.flange_velocity = plan.frame
     while chain.time < plan.duration:
         until = min(brake_at, plan.duration)
+        while k < plan.points and times[k] <= chain.time:
+            k += 1
+        if k < plan.points:
+            speed, acceleration = velocities[k], fabs(velocities[k] - velocities[k - 1]) / (times[k] - times[k - 1])
+            until = min(until, times[k])
         if run.ground > 0.0 and speed == 0.0 and isinf(chain.calm):
             until = min(until, chain.time + REST_STEP)
         status = command(run, chain, plan.frame + speed, acceleration, until)

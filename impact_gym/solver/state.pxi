@@ -171,6 +171,7 @@ cdef struct Run:  # what stays as it is while a chain moves
     double object_mass  # kg
     double ground  # m/s^2, mu g, deceleration of an object that slides; 0 without friction
     double threshold  # N, of the contact alarm; inf if there is none
+    bint tell_touch  # whether to come back at the first touch
     double tolerance  # -, local error of a step in its own scales
     int64_t max_steps
     Recorder recorder

@@ -15,6 +15,10 @@ cdef struct Row:  # everything of one environment
     const Entry *entries  # of the observation
     int64_t length
     float *observation
+    Link *link  # with an operator
+    Packet *packets  # a ring of so many slots
+    int64_t packet_slots
+    const double *tables
 
 
 cpdef int64_t samples_under_way(double reaction_delay, double control_period) noexcept nogil:
@@ -39,6 +43,9 @@ cdef void begin_episode(Row *row, const Law *law, Record drawn) noexcept nogil:
     episode.approach_time = row.task.horizon
     episode.slide = episode.rest_time = INFINITY
     reset_chain(row.chain, law, drawn.distance, drawn.friction)
+    if row.task.operator_kind:
+        begin_link(row)
+        happen(row)
     observe(row)
 
 
@@ -70,7 +77,10 @@ cdef void sample(const Run *run, Row *row) noexcept nogil:
         chain.time, force, chain.peak_force, chain.deflection - chain.flange_offset
     )
     episode.pushed += 1
-    last = row.task.horizon - delay if isinf(chain.detection) else chain.detection + row.task.after_alarm
+    if isinf(chain.detection) or row.task.operator_kind:
+        last = row.task.horizon - delay
+    else:
+        last = chain.detection + row.task.after_alarm
     if not shifted:
         following = (floor((chain.time + delay + ROUNDING) / period) + 1.0) * period - delay
         # the end is an observation of its own
@@ -124,6 +134,8 @@ cdef void observe(Row *row) noexcept nogil:
     sensors.time_since_alarm = chain.time - row.episode.alarm if sensors.alarm else 0.0
     sensors.distance_estimate = drawn.distance_estimate - chain.flange_position
     sensors.distance = drawn.distance - chain.flange_position
+    if row.task.operator_kind:
+        show_link(row)
     sensors.time_since_touch = max(chain.time - chain.detection - drawn.reaction_delay, 0.0)
     for k in range(row.length):
         entry = &row.entries[k]
@@ -138,17 +150,28 @@ cdef void observe(Row *row) noexcept nogil:
         row.observation[k] = <float> min(1.0, max(entry.scaled_low, value))
 
 
-cdef double play_step(Run *run, Row *row, double velocity_action, double acceleration_action) noexcept nogil:
-    """Play one control step: command, advance, sense, and at the end settle. Returns the reward."""
+cdef inline double end_with(const Row *row, double detection) noexcept nogil:
+    """End of an episode whose contact force exceeded the threshold at some time, s; with an operator it goes on."""
+    if isinf(detection) or row.task.operator_kind:
+        return row.task.horizon
+    return detection + row.episode.drawn.reaction_delay + row.task.after_alarm
+
+
+cdef double play_step(Run *run, Row *row, const double *action) noexcept nogil:
+    """Play one control step: command, advance, sense, and at the end settle. Returns the reward.
+
+    The action has a velocity and an acceleration, with an operator a gain, an acceleration and a withdrawal.
+    """
     cdef const Task *task = row.task
     cdef Chain *chain = row.chain
     cdef Episode *episode = row.episode
-    cdef double velocity = decode(velocity_action, task.velocity.low, task.velocity.high, task.command_resolution)
-    cdef double acceleration = decode(
-        acceleration_action, task.acceleration.low, task.acceleration.high, task.command_resolution
-    )
-    cdef double begun = min(chain.time, chain.first_contact), alarm, until, time_cost
-    alarm = drive(run, row, velocity, acceleration)
+    cdef Command asked
+    cdef double begun = chain.time, alarm, until, time_cost
+    asked.velocity = decode(action[0], task.velocity.low, task.velocity.high, task.command_resolution)
+    asked.acceleration = decode(action[1], task.acceleration.low, task.acceleration.high, task.command_resolution)
+    if task.operator_kind:
+        assist(row, action[0], asked.acceleration, action[2])
+    alarm = drive(run, row, asked)
     if task.alarm_by_reading:
         if chain.time >= episode.alarm + task.after_alarm - ROUNDING:
             episode.alarm = INFINITY
@@ -161,44 +184,62 @@ cdef double play_step(Run *run, Row *row, double velocity_action, double acceler
     observe(row)
     episode.approach_time = min(chain.first_contact, task.horizon)
     episode.object_velocity = kept_velocity(run, chain)
-    time_cost = episode.drawn.time_weight * (min(chain.time, chain.first_contact) - begun)
+    episode.terminated = episode.status < 0 or chain.time >= end_with(row, chain.detection)
+    if task.operator_kind:
+        episode.terminated = episode.terminated or is_done(row)
+        episode.done_time = chain.time
+        time_cost = episode.drawn.time_weight * (chain.time - begun)
+    else:
+        time_cost = episode.drawn.time_weight * (min(chain.time, chain.first_contact) - min(begun, chain.first_contact))
     episode.time_cost += time_cost
     episode.truncated = task.max_steps > 0 and episode.control_steps >= task.max_steps
-    episode.terminated = episode.status < 0 or chain.time >= (task.horizon if isinf(alarm) else alarm + task.after_alarm)
     if episode.terminated:
         finish(run, row)
-    return -time_cost - episode.missed_cost - episode.velocity_cost - episode.force_cost
+    return -time_cost - episode.missed_cost - episode.velocity_cost - episode.force_cost - episode.taken_cost
 
 
-cdef double drive(Run *run, Row *row, double velocity, double acceleration) noexcept nogil:
-    """Follow a command to the end of the control step, reading the sensors on the way; return the time of the alarm, s."""
+cdef double drive(Run *run, Row *row, Command asked) noexcept nogil:
+    """Follow a command to the end of the control step, reading the sensors on the way; return the time of the alarm, s.
+
+    With an operator the command is what the link makes of the action, at every moment at which that changes.
+    """
     cdef Chain *chain = row.chain
     cdef Episode *episode = row.episode
+    cdef bint linked = row.task.operator_kind != NO_OPERATOR
     cdef double period_end = chain.time + row.task.control_period, alarm = chain.detection + episode.drawn.reaction_delay
     cdef bint shifts = not row.task.alarm_by_reading
-    cdef double until, end, late = 0.0 if shifts else ROUNDING
+    cdef double until, end, begun, late = 0.0 if shifts else ROUNDING
     cdef int status
-    if isinf(alarm):
-        end = snap(period_end, row.task.horizon)
-    elif shifts and isinf(episode.alarm):
+    if shifts and isinf(episode.alarm) and not isinf(alarm):
         end = snap(period_end, alarm)
     else:
-        end = snap(period_end, alarm + row.task.after_alarm)
+        end = snap(period_end, end_with(row, chain.detection))
     while chain.time < end:
         until = min(end, max(episode.next_sample, chain.time))
-        status = command(run, chain, velocity, acceleration, until) if until > chain.time else ARRIVED
+        if linked:
+            happen(row)
+            asked = obeyed(row)
+            until = min(until, max(next_event(row), chain.time))
+        begun = chain.time
+        status = command(run, chain, asked.velocity, asked.acceleration, until) if until > chain.time else ARRIVED
+        if linked and chain.contacts == 0 or status == TOUCHED:
+            account(row, chain.time - begun, row.link.command)
         if status < 0:
             episode.status = status
             break
+        if status == TOUCHED:
+            show_touch(row)
         if status == DETECTED:
             alarm = chain.detection + episode.drawn.reaction_delay
             if shifts:
                 end = snap(period_end, alarm)
                 episode.next_sample = chain.time
             else:
-                end = snap(period_end, alarm + row.task.after_alarm)
+                end = snap(period_end, end_with(row, chain.detection))
         if chain.time >= episode.next_sample - late:
             sample(run, row)
+    if linked:
+        happen(row)
     return alarm
 
 
@@ -218,6 +259,8 @@ cdef void finish(Run *run, Row *row) noexcept nogil:
     else:
         episode.object_velocity = episode.velocity_cost = kept_velocity(run, row.chain)
         episode.force_cost = row.task.force_weight * row.chain.peak_force
+    if row.task.operator_kind:
+        episode.taken_cost = row.task.taken_weight * episode.taken
     if run.ground > 0.0:
         take_stock(run, row.chain, episode.drawn.distance)
         episode.slide, episode.rest_time = row.chain.slide, row.chain.rest_time

@@ -25,6 +25,33 @@ cdef struct RobotNumbers:
     double damping  # N s/m, damping of the robot
 
 
+cdef struct OperatorNumbers:
+    double speed  # m/s, fastest command of the operator
+    double reaction  # s, reaction time of the operator
+    double place_error  # m, how far beyond the object the operator believes it
+    double creep  # m/s, speed at which the operator searches further
+    double lag_slope  # 1/s, share by which a second of lag lengthens a reach
+    double intercept  # s, Fitts' intercept
+    double slope  # s, Fitts' slope, for a bit
+    double width  # m, width of the target of a reach
+    double noise  # -, noise of the operator's control as a share of it
+    double stiffness  # 1/s^2, stiffness of the operator's hand over its mass
+    double damping  # 1/s, damping of the operator's hand over its mass
+    double gain  # rad/s, crossover frequency of the operator
+    double repeat  # -, share of commands that repeat the one before
+    double random  # -, share of commands that are random
+
+
+cdef struct ChannelNumbers:
+    double delay  # s, least delay of the operator's commands
+    double jitter  # s, mean of a random delay of the operator's commands
+    double tail  # s, mean of a longer random delay of the operator's commands
+    double tail_share  # -, share of the operator's commands with the longer delay
+    double loss  # -, share of the operator's commands that is lost
+    double burst  # -, mean number of losses in a row of the operator's commands
+    double timeout  # s, time without a newer command after which the arm stops
+
+
 cdef struct Record:  # what an episode has drawn, the rest of its set-up; nan: to draw
     double object_mass  # kg, object mass
     double contact_stiffness  # N/m^1.5, contact stiffness
@@ -44,6 +71,9 @@ cdef struct Record:  # what an episode has drawn, the rest of its set-up; nan: t
     double friction  # -, Coulomb friction of the object on the ground
     CouplingNumbers coupling
     RobotNumbers robot
+    OperatorNumbers operator
+    ChannelNumbers uplink
+    ChannelNumbers downlink
 
 
 cdef struct Sensors:  # what the controller may know now, and what it is told of the truth
@@ -63,4 +93,9 @@ cdef struct Sensors:  # what the controller may know now, and what it is told of
     double deflection_2  # m, tool minus flange from rest, as sensed a delay ago, 2 before
     double force_3  # N, contact force as sensed a delay ago, 3 before
     double deflection_3  # m, tool minus flange from rest, as sensed a delay ago, 3 before
+    double command  # m/s, newest command of the operator that has arrived
+    double command_age  # s, time since it was sent
+    double command_age_mean  # s, mean age of commands as they arrived
+    double command_age_spread  # s, standard deviation of that age
+    double executed  # m/s, velocity that the flange was last sent to
     double time_since_touch  # s, time since a switch would have raised the alarm

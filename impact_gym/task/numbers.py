@@ -10,6 +10,9 @@ from impact_gym.files import write_file
 from impact_gym.quantities import EPISODE, MORE_SENSORS, QUANTITIES, SCENARIO, SENSORS, SET_UP, Quantity
 
 OUT = Path(__file__).with_name("numbers.pxi")
+STRUCTS = {part: f"{part.capitalize()}Numbers" for part in ("coupling", "robot", "operator")}
+STRUCTS |= dict.fromkeys(("uplink", "downlink"), "ChannelNumbers")
+"""Parts of a set-up, and the records of their numbers."""
 NOTICE = (
     '''"""Written by `python -m impact_gym.task.numbers` from the table in `impact_gym/quantities.py`: edit that."""'''
 )
@@ -17,7 +20,7 @@ NOTICE = (
 
 def text() -> str:
     """Return the file."""
-    inner = {part: [row for row in SET_UP if row.id.startswith(f"{part}.")] for part in ("coupling", "robot")}
+    inner = {part: [row for row in SET_UP if row.id.startswith(f"{part}.")] for part in STRUCTS}
     drawn = [*SCENARIO, *EPISODE, *(row for row in SET_UP if "." not in row.id)]
     sensed = [*SENSORS, *(row for row in QUANTITIES.values() if row.from_flange), *MORE_SENSORS]
     generated = {row.id: row.draw for row in EPISODE if row.draw}
@@ -27,9 +30,9 @@ def text() -> str:
     lines = [NOTICE, "", "cpdef enum:  # places among the uniform numbers from the generator, and their count"]
     lines += [f"    {name} = {place}" for name, place in places]
     for part, rows in inner.items():
-        lines += ["", "", f"cdef struct {part.capitalize()}Numbers:", *_fields(rows)]
+        lines += ["", "", f"cdef struct {STRUCTS[part]}:", *_fields(rows)] if part != "downlink" else []
     lines += ["", "", "cdef struct Record:  # what an episode has drawn, the rest of its set-up; nan: to draw"]
-    lines += [*_fields(drawn), *(f"    {part.capitalize()}Numbers {part}" for part in inner)]
+    lines += [*_fields(drawn), *(f"    {STRUCTS[part]} {part}" for part in inner)]
     lines += ["", "", "cdef struct Sensors:  # what the controller may know now, and what it is told of the truth"]
     return "\n".join([*lines, *_fields(sensed, ", from the flange"), ""])
 

@@ -12,6 +12,11 @@ cdef struct Draw:  # a number that an episode draws from a range
     double low, high
 
 
+cdef struct Table:  # of times and as many values, among the numbers of all tables
+    int64_t begin, points
+    double length  # s
+
+
 cdef struct Task:  # what a row plays
     double control_period  # s
     double horizon  # s, the end of an episode without an alarm
@@ -31,6 +36,9 @@ cdef struct Task:  # what a row plays
     int64_t exact  # 1: the damping factor that delivers the restitution, 0: that of Hu and Guo
     double reference_velocity  # m/s, where chi is the same at every velocity; 0 where the damping factor is
     int64_t max_steps  # control steps until truncation, 0 if unlimited
+    int64_t operator_kind  # NO_OPERATOR: the controller decides alone
+    Table replay, uplink, downlink  # commands of an operator, delays of the channels; no points where there is none
+    double taken_weight  # m/s
 
 
 cdef struct Reading:  # of the sensors, on its way to the controller
@@ -62,3 +70,34 @@ cdef struct Episode:  # a row, beside its chain
     double object_velocity  # m/s, so far; once terminated, what it keeps
     double approach_time  # s, so far
     double slide, rest_time  # m and s, once terminated; inf without friction
+    double taken_cost  # m/s, term of the reward
+    double done_time, taken  # s, so far; share
+
+
+cdef struct Packet:  # a command on its way
+    double sent, arrives  # s
+    double command  # m/s
+    double position  # m, of the flange as it was sent: what the operator sees later
+
+
+cdef struct Command:  # to the flange
+    double velocity, acceleration  # m/s, m/s^2
+
+
+cdef struct Link:  # operator, channels and assistance of a row
+    double command  # m/s, the newest that has arrived
+    double sent  # s, when; negative if none has
+    double next_sent, next_arrival  # s
+    double silent_at  # s, when the newest will be too old
+    double idle_since  # s, since when the command has been 0, after another
+    double displayed, stop  # s, when the operator sees the touch and stops
+    double believed  # m, way to the object as the operator believes
+    double duration  # s, of a reach
+    double muscle, tremor  # -, noise of control after one lag and two
+    double last  # m/s, the last command sent
+    double gain, acceleration, withdrawal  # of the assistance: -, m/s^2, m/s
+    double asked, withheld  # m, of the operator's motion before the touch
+    double age_mean, age_squares  # s, s^2
+    int64_t packets, oldest, arrived, ticks  # sent so far, the oldest that may still count, arrived, regular ones
+    int64_t silent, stopped  # 0 or 1
+    int64_t uplink_bad  # whether the last packet was lost

@@ -4,12 +4,13 @@ import math
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, field, fields
 from itertools import product
-from typing import Any, get_args
+from typing import Any, NamedTuple, get_args
 
 import numpy as np
 
-from impact_gym.kernels import RECORD, TASK, samples_under_way
+from impact_gym.kernels import FASTEST_WITHDRAWAL, LONGEST_JITTER, RECORD, TASK, samples_under_way
 from impact_gym.lowering import LOCAL_SHARE, ROBOT_NUMBERS, mount, places
+from impact_gym.operators import KINDS, Channel, Operator
 from impact_gym.quantities import AFTER_ALARM, HORIZON, PAST_READINGS, QUANTITIES, SET_UP
 from impact_gym.scene import Contact, Coupling, Rigid, Robot, RobotTable, SpringDamper, warn_of_stroke
 from impact_gym.task.paths import nested, replaced
@@ -27,6 +28,23 @@ PLACES = places(RECORD)
 """Where each number that an episode draws stands in its record."""
 MOUNT_IDS = tuple(row.id for row in SET_UP if row.id == "tool_mass" or "." in row.id)
 """The numbers of what holds the tool."""
+
+WAYS = ("uplink", "downlink")
+PARTS: Mapping[str, tuple[Any, ...]] = {
+    "coupling": get_args(Coupling), "robot": (Robot, RobotTable),
+    "operator": get_args(Operator), **dict.fromkeys(WAYS, (Channel,)),
+}  # fmt: skip
+"""Arguments that are records, and their kinds."""
+
+
+class Action(NamedTuple):
+    """One number of an action."""
+
+    id: str
+    unit: str
+    low: float
+    high: float
+    words: str
 
 
 def argument(default: Any, words: str) -> Any:
@@ -70,6 +88,10 @@ class Task:
     horizon: float = argument(HORIZON, "end of an episode without an alarm")
     after_alarm: float = argument(AFTER_ALARM, "from the alarm to the end of an episode")
     missed_cost: float = argument(MISSED_COST, "what an object costs that was not touched")
+    operator: Any = argument(None, "who commands, see `impact_gym.operators`; a dict works too; None: the controller")
+    uplink: Any = argument(None, "the `Channel` of the operator's commands; a dict works too; None: a perfect one")
+    downlink: Any = argument(None, "that of what the operator sees, likewise")
+    taken_weight: float = argument(0.0, "")
     max_episode_steps: int | None = argument(None, "control steps after which an episode is truncated")
 
     drawn: Mapping[str, Range] = field(init=False)  # by id, in the order of the table
@@ -77,8 +99,8 @@ class Task:
     def __post_init__(self) -> None:
         drawn: dict[str, Range] = {}
         self._put("scenario", ScenarioRanges.of(self.scenario))
-        for name, kinds in {"coupling": get_args(Coupling), "robot": (Robot, RobotTable)}.items():
-            if name == "coupling" or self.robot is not None:
+        for name, kinds in PARTS.items():
+            if getattr(self, name) is not None:
                 record, ranges = ranged_record(name, getattr(self, name), kinds)
                 self._put(name, record)
                 drawn |= ranges
@@ -90,11 +112,12 @@ class Task:
         for name in ("time_weight", "reaction_delay"):
             low, high = QUANTITIES[name].interval(getattr(self, name))
             self._put(name, low if low == high else (low, high))
-        for name in ("force_weight", "control_period", "rtol", "horizon", "after_alarm", "missed_cost"):
+        for name in ("force_weight", "control_period", "rtol", "horizon", "after_alarm", "missed_cost", "taken_weight"):
             self._put(name, QUANTITIES[name].check(getattr(self, name)))
         self._put("drawn", {row.id: drawn[row.id] for row in SET_UP if row.id in drawn})
         self._check_commands()
         self._check_choices()
+        self._check_operator()
         self._check_reach()
 
     @classmethod
@@ -139,6 +162,29 @@ class Task:
         if self.max_episode_steps is not None:
             self._put("max_episode_steps", whole("max_episode_steps", self.max_episode_steps, at_least=1))
 
+    def _check_operator(self) -> None:
+        """Refuse what only an operator has without one, and an operator whom the arm cannot follow."""
+        if self.operator is None:
+            if self.uplink or self.downlink or self.taken_weight:
+                raise ValueError("uplink, downlink and taken_weight must be None, None and 0 without an operator")
+            return
+        for way in ("uplink", "downlink"):
+            if getattr(self, way) is None:
+                self._put(way, Channel())
+            longest = self._longest(way, "delay")
+            if longest >= self.horizon:
+                raise ValueError(f"{way}.delay must be below the horizon, {self.horizon:g} s, got {longest:g} s")
+        if not self.friction or self.drawn.get("friction", (1.0, 1.0))[0] == 0.0:
+            raise ValueError("friction must be above 0 (no unit) with an operator: else an object never rests")
+        fastest, limit = max(self._longest("operator", "speed"), self.operator.fastest), self.velocity_range[1]
+        if fastest > limit:
+            raise ValueError(f"operator.speed must be at most that of the arm, {limit:g} m/s, got {fastest:g} m/s")
+
+    def _longest(self, part: str, name: str) -> float:
+        """Return the largest value of a number of an operator or a channel, 0 if it has none."""
+        value = getattr(getattr(self, part), name, 0.0)
+        return self.drawn.get(f"{part}.{name}", (value, value))[1]
+
     def _check_reach(self) -> None:
         """Refuse an own horizon that leaves no time for any object; warn of a stroke too short for the arm."""
         (near, _), reach = self.scenario.distance, self.reach
@@ -180,6 +226,8 @@ class Task:
 
     def ends(self, argument: str) -> Range:
         """Return the ends of a scale that follow from an argument of the environment."""
+        if argument == "operator":
+            return -0.25, 0.75 if self.operator is None else 1.75
         if argument == "horizon":
             return 0.0, max(1.25 * self.horizon, self.horizon + self.after_alarm)
         return (0.0, self.after_alarm) if argument == "after_alarm" else self.velocity_range
@@ -203,6 +251,16 @@ class Task:
         record["mount"] = held
         numbers = record["numbers"]
         numbers["coupling"], numbers["robot"] = record["mount"]["coupling"], record["mount"]["robot"]
+        tables = [table]
+        if self.operator is not None:
+            for part in ("operator", "uplink", "downlink"):
+                for name in numbers[part].dtype.names or ():
+                    numbers[part][name] = getattr(getattr(self, part), name, None) or 0.0
+            recorded = self.operator.table, self.uplink.table, self.downlink.table
+            for name, points in zip(("replay", "uplink", "downlink"), recorded, strict=True):
+                begin = table_at + sum(map(len, tables))
+                record[name] = begin, len(points) // 2, points[len(points) // 2 - 1] if len(points) else 0.0
+                tables.append(points)
         if self.robot is None:
             for name in ROBOT_NUMBERS:
                 numbers["robot"][name] = math.inf  # what a critic sees beside rows with a robot
@@ -218,15 +276,34 @@ class Task:
             "last_draw": first_draw + len(self.ranges), "mount_drawn": self.draws_mount,
             "alarm_by_reading": self.alarm == "reading", "force_weight": self.force_weight,
             "tolerance": LOCAL_SHARE * self.rtol, "exact": self.dissipation != "hu-guo",
-            "max_steps": self.max_episode_steps or 0,
+            "max_steps": self.max_episode_steps or 0, "operator_kind": KINDS.get(type(self.operator), 0),
+            "taken_weight": self.taken_weight,
         }  # fmt: skip
         for name, value in values.items():
             record[name] = value
-        return record, table
+        return record, np.concatenate(tables)
 
     def at(self, record: Mapping[str, float]) -> "Task":
         """Return the task of the episode that drew `record`, the final `info["record"]`: nothing in it is drawn."""
         return replaced(self, {name: float(record[name]) for name in self.drawn}) if self.drawn else self
+
+    @property
+    def actions(self) -> tuple[Action, ...]:
+        """What the numbers of an action, from -1 to 1, are mapped to."""
+        acceleration = Action("acceleration", "m/s^2", *self.acceleration_range, "acceleration to use for it")
+        if self.operator is None:
+            return Action("velocity", "m/s", *self.velocity_range, "velocity to go to"), acceleration
+        gain = Action("gain", "-", 0.0, 1.0, "share of the operator's command")
+        return gain, acceleration, Action("withdrawal", "m/s", 0.0, FASTEST_WITHDRAWAL, "withdrawal after an alarm")
+
+    def packets_under_way(self) -> int:
+        """Return how many commands must be kept: those on their way, and where the flange was for who sees it late."""
+        if self.operator is None:
+            return 0
+        late = [LONGEST_JITTER * max(self._longest(way, "jitter"), self._longest(way, "tail")) for way in WAYS]
+        up, down = (self._longest(way, "delay") + max((0.0, *getattr(self, way).delays)) for way in WAYS)
+        longest = max(up + late[0], down + late[1] + self._longest("operator", "reaction"))
+        return math.ceil(min(longest, self.horizon) / self.control_period) + 4
 
     def readings_under_way(self) -> int:
         """Return how many force readings can be between sensor and controller."""
@@ -271,7 +348,8 @@ def record_from(name: str, value: Any, allowed: tuple[type[Any], ...]) -> Any:
     if isinstance(value, Mapping):
         given = {field: argument for field, argument in value.items() if field != "type"}
         named = {kind: [field.name for field in fields(of)] for kind, of in kinds.items()}
-        chosen = value.get("type", next((kind for kind in kinds if set(given) == set(named[kind])), None))
+        fitting = [kind for kind in kinds if len(kinds) == 1 or set(given) == set(named[kind])]
+        chosen = value.get("type", fitting[0] if fitting else None)
         if isinstance(chosen, str) and chosen in kinds:
             for field in given:
                 if field not in named[chosen]:

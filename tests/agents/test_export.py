@@ -56,7 +56,7 @@ def test_forms_compute_what_the_network_does_in_double_precision(tmp_path, kind)
     rounding = exporting.rounding(policy, seen, original)
     assert rounding < AGREEMENT
     for form in (
-        exporting.with_c(compiled(policy, write_header(policy, tmp_path / "it.h"), tmp_path), seen),
+        exporting.with_c(compiled(policy, write_header(policy, tmp_path / "it.h"), tmp_path), seen, policy.actions),
         exporting.with_onnx(write_onnx(policy, tmp_path / "it.onnx"), seen),
     ):
         assert np.abs(form.actions - original).max() <= AGREEMENT + rounding

@@ -19,7 +19,7 @@ SPRING = {"coupling": {"type": "SpringDamper", "stiffness": [40.0, 60.0]}, "tool
 @pytest.mark.parametrize("name", shipped())
 def test_load_setup_finds_all_that_is_shipped_for_a_set_up(name):
     setup = load_setup(name)
-    assert Run(setup, setup.training).environment == {**setup.environment, "time_weight": [0.3, 8.0]}
+    assert Run(setup, setup.training).environment == {**setup.environment, "time_weight": list(setup.training.time_weight)}
     assert {*setup.against} <= {*setup.tuned, *shipped_baselines()}
     assert all(owner(baseline) == setup for baseline in setup.tuned)
     setup.environment["tool_mass"] = 9.0

@@ -42,7 +42,7 @@ EXTREME_ARGUMENTS = {
 def test_environment_plays_whatever_it_accepts_to_a_finite_end(rows, extreme, scenario, actions):
     options = rows[0] | extreme | {"max_episode_steps": None}
     env = gym.make(ID, **options)
-    given = Given(islice(cycle(map(np.array, actions)), 1300))
+    given = Given(islice(cycle(np.resize(action, env.action_space.shape) for action in actions), 1300))
     observations, rewards, info = play(env, given, seed=0, scenario=scenario)
     assert all(observation in env.observation_space for observation in observations)
     assert len(rewards) < 1 + (1.2 + 0.15 + 1.0) / options.get("control_period", 0.016) + 2

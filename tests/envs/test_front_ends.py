@@ -16,7 +16,7 @@ from gymnasium.vector import AutoresetMode
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from stable_baselines3.common.vec_env import DummyVecEnv
-from tasks import EVERYTHING_DRAWN, OBSERVED, OWN, STORM, rows_of_tasks
+from tasks import EVERYTHING_DRAWN, OBSERVED, OWN, STORM, WITH_OPERATOR, rows_of_tasks
 
 import impact_gym as ig
 from impact_gym.envs.batch import ROWS_PER_THREAD
@@ -29,6 +29,7 @@ from impact_gym.task.task import arguments
 
 HARD = {"scenario": "hard", "time_weight": (0.5, 8.0), "reaction_delay": 0.03}
 NOISY = {"range_noise": 0.01, "force_noise": 0.2, "force_bias": 0.1, "deflection_sensor": True, "privileged": True}
+MORE = ("coupling", "range_noise", "range_bias", "reference_velocity")
 MODES = ["NextStep", "SameStep", "Disabled"]
 FIXED = st.sampled_from([
     None, {"episode_index": 2}, {"scenario": {"distance": 0.1}},
@@ -37,7 +38,7 @@ FIXED = st.sampled_from([
 
 
 def test_every_argument_of_a_task_is_in_the_strategy():
-    assert {*arguments()} == {*OWN, *OBSERVED, "coupling", "range_noise", "range_bias", "reference_velocity"}
+    assert {*arguments()} == {*OWN, *OBSERVED, *WITH_OPERATOR, *MORE}
 
 
 def with_float32_rewards(trail):
@@ -49,7 +50,7 @@ def with_float32_rewards(trail):
 @given(rows_of_tasks(), st.integers(0, 1000), FIXED, st.sampled_from([*TWINS]))
 def test_front_ends_play_in_each_row_what_the_single_environment_of_its_task_plays(rows, seed, options, twin):
     """Whatever the task, what is fixed for the first episode, and whether a copy goes on in the middle of one."""
-    actions = action_table(seed, 160, len(rows), lean=(-0.6, 0.6))
+    actions = action_table(seed, 160, len(rows), lean=(-0.6, 0.6), task=rows[0])
     expected = trails(Singles(rows), actions, seed, options)
     assert_identical(trails(Singles(rows), actions, seed, options, twin), expected)
     for name, make in FRONT_ENDS.items():
@@ -64,7 +65,7 @@ def test_front_ends_play_in_each_row_what_the_single_environment_of_its_task_pla
 @given(rows_of_tasks(count=1), st.integers(0, 1000))
 def test_episode_is_that_of_the_numbers_it_drew_and_can_be_played_again(rows, seed):
     (options,) = rows
-    actions = action_table(seed, 200, 1, lean=(0.3, 0.6))[:, 0]
+    actions = action_table(seed, 200, 1, lean=(0.3, 0.6), task=options)[:, 0]
     env = gym.make(ID, **options)
     first = history(env, Given(actions), seed)
     info = env.unwrapped.episode_info()
@@ -133,7 +134,8 @@ def test_checkers_of_gymnasium_and_stable_baselines3_find_nothing(id, options):
 @settings(STORM, max_examples=30)
 @given(st.sampled_from(IDS), rows_of_tasks(count=1), st.sampled_from(MODES))
 def test_environment_is_made_again_from_its_json(id, rows, mode):
-    (options,), actions = rows, action_table(3, 200)
+    (options,) = rows
+    actions = action_table(3, 200, task=gym.spec(id).kwargs | options)
     env = gym.make(id, **options)
     again = gym.make(EnvSpec.from_json(env.spec.to_json()))
     assert_identical(*(history(each, Given(actions[:, 0]), seed=3) for each in (env, again)))

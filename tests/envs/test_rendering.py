@@ -5,12 +5,12 @@ import itertools
 import gymnasium as gym
 import numpy as np
 import pytest
-from episodes import ROBOT, Always
+from episodes import IDS, ROBOT, Always
 from rendered import HARD_AND_HEAVY, ID, SHAPE, column, drawn, history_of, is_colour, lamp, play, rendering_task
 
 import impact_gym as ig
 from agents.baselines import PaperTrapezoid
-from impact_gym.envs import IDS, render_canvas, render_chain, render_strips
+from impact_gym.envs import render_canvas, render_chain, render_strips
 
 pytest.importorskip("pygame")
 pytestmark = pytest.mark.usefixtures("no_display")

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import gymnasium as gym
 import numpy as np
 import pytest
+from episodes import IDS as APPROACHES
 from episodes import action_table, assert_identical, begin, history
 from gymnasium.utils.env_checker import check_env
 from gymnasium.wrappers import RecordVideo
@@ -43,7 +44,7 @@ def test_every_mode_of_every_id_passes_gymnasiums_check(name, no_waiting):
 
 
 def test_a_contact_fills_many_pictures_and_the_factor_is_what_they_are_apart():
-    for name in IDS:
+    for name in APPROACHES:
         env = gym.make(name, record_trace=True)
         for seed in range(8):
             _, results = play(env, seed=seed)

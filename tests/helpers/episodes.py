@@ -14,6 +14,8 @@ from impact_gym.sb3 import ImpactVecEnv
 ID = "ImpactApproach-v0"
 IDS = sorted(name for name in gym.registry if name.startswith("ImpactApproach"))
 SLOTS = 4
+COMMANDED = ("command", "command_age", "is_intervention", "teleop_action", "intervene_action")
+"""Entries of the info of every step, with an operator."""
 ROBOT = ig.Robot(5.225, 1.9e5, 50.4)
 TABLE = ig.RobotTable([0.05, 0.15, 0.25, 0.35], [5.0, 5.3, 5.5, 5.2], [1.5e5, 1.6e5, 1.4e5, 1.5e5], [50, 55, 60, 50])
 PAPERS_SPRING = ig.SpringDamper(50.0, 1.0)
@@ -21,11 +23,11 @@ VELOCITY, TIME, ALARM, SINCE, FORCE, PEAK = range(1, 7)
 """Where these stand in an observation, by the table of the environment's documentation."""
 
 
-def action_table(seed, ticks=160, slots=SLOTS, lean=(0.3, 0.3)):
-    """Random actions (ticks, slots, 2) that lean forward, each slot's by its own share, so that slots end apart."""
+def action_table(seed, ticks=160, slots=SLOTS, lean=(0.3, 0.3), task=None):
+    """Random actions (ticks, slots, n) for such tasks, lean forward, each slot by its own share: so slots end apart."""
     rng = np.random.default_rng(seed)
-    leans = rng.uniform(*lean, (1, slots, 1))
-    return np.clip(rng.uniform(-1.0, 1.0, (ticks, slots, 2)) + leans, -1.0, 1.0).astype(np.float32)
+    leans, commands = rng.uniform(*lean, (1, slots, 1)), 3 if (task or {}).get("operator") else 2
+    return np.clip(rng.uniform(-1.0, 1.0, (ticks, slots, commands)) + leans, -1.0, 1.0).astype(np.float32)
 
 
 def assert_identical(first, second):
@@ -85,7 +87,7 @@ def history(env, controller, seed=None, **options):
 def play(env, controller, seed=None, **options):
     """The same as arrays; before the end there is nothing in the info."""
     (first, _), *steps = history(env, controller, seed, **options)
-    assert all(step[4] == {} for step in steps[:-1])
+    assert all(step[4].keys() <= {*COMMANDED} for step in steps[:-1])
     return Episode(np.array([first, *(step[0] for step in steps)]), np.array([step[1] for step in steps]), steps[-1][4])
 
 

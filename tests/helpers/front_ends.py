@@ -9,13 +9,18 @@ import pickle
 
 import gymnasium as gym
 import numpy as np
-from episodes import ID
+from episodes import COMMANDED, ID
 
 from impact_gym.envs.batch import SLIDE, Batch
 from impact_gym.envs.vector import ImpactApproachVectorEnv
 from impact_gym.sb3 import ImpactVecEnv
 from impact_gym.task import Task
 from impact_gym.task.episodes import RECORD_IDS, episode_index, fixed_records, skip_episodes
+
+
+def scalars(info):
+    """An info with plain numbers for arrays of one."""
+    return {name: value.item() if isinstance(value, np.ndarray) else value for name, value in info.items()}
 
 
 def plain(values, row):
@@ -43,10 +48,10 @@ class Singles:
 
     def _step(self, env, action):
         observation, reward, terminated, truncated, info = env.step(action)
+        info = scalars(info)
         if not (terminated or truncated):
-            assert info == {}
-            return observation, reward, False, False, {}, None
-        info = env.unwrapped.episode_info()  # TimeLimit truncates without telling the environment
+            return observation, reward, False, False, info, None
+        info |= env.unwrapped.episode_info()  # TimeLimit truncates without telling the environment
         return observation, reward, terminated, truncated and not terminated, info, env.reset()[0]
 
 
@@ -65,17 +70,17 @@ class Vector:
     def step(self, actions):
         observations, rewards, terminated, truncated, infos = self.env.step(actions)
         ended = terminated | truncated
-        seen, first = observations, [None] * len(actions)
+        seen, first, step, finals = observations, [None] * len(actions), infos, infos
         if ended.any() and self.mode == "SameStep":
             seen = [infos["final_obs"][row] if ended[row] else observations[row] for row in range(len(actions))]
             first = [observations[row] if ended[row] else None for row in range(len(actions))]
-            infos = infos["final_info"]
+            finals = infos["final_info"]
         elif ended.any() and self.mode == "Disabled":
             begun = self.env.reset(options={"reset_mask": ended})[0]
             first = [begun[row] if ended[row] else None for row in range(len(actions))]
         results = []
         for row, task in enumerate(self.tasks):
-            info = plain(infos, row) if ended[row] else {}
+            info = plain(finals if ended[row] else {name: step[name] for name in COMMANDED if name in step}, row)
             if ended[row]:  # columns have what any row draws, and how far objects slide if any has friction
                 info["record"] = {name: info["record"][name] for name in (*RECORD_IDS, *task.drawn)}
                 info = {name: value for name, value in info.items() if task.rough or name not in SLIDE}
@@ -83,7 +88,7 @@ class Vector:
             results.append((seen[row], float(rewards[row]), *flags, info, first[row]))
         if self.mode == "NextStep":
             for row in np.flatnonzero(self.waiting):
-                assert results[row][1:5] == (0.0, False, False, {})
+                assert results[row][1:4] == (0.0, False, False)
                 results[row] = (None, None, None, None, None, observations[row])
             self.waiting = ended
         return results
@@ -103,7 +108,9 @@ class Stable:
     def step(self, actions):
         observations, rewards, ended, infos = self.env.step(actions)
         results = []
-        for observation, reward, over, info in zip(observations, rewards, ended, infos, strict=True):
+        for observation, reward, over, given in zip(observations, rewards, ended, infos, strict=True):
+            info = {name: value if name == "terminal_observation" else scalars({name: value})[name]
+                    for name, value in given.items()}  # fmt: skip
             if over:
                 last, cut = info.pop("terminal_observation"), info.pop("TimeLimit.truncated")
                 results.append((last, reward, not cut, cut, info, observation))
@@ -132,13 +139,14 @@ class Rows:
         batch.step(actions, np.zeros(len(actions), bool))
         ended, seen, rewards = batch.ended, batch.observations.copy(), batch.rewards.copy()
         terminated, infos = batch.episodes["terminated"] == 1, batch.infos(np.arange(len(actions)))
+        steps = [scalars(info) for info in batch.link_infos()]
         if ended.any():
             batch.draw_and_begin(np.flatnonzero(ended), self.generators)
         results = []
         for row, over in enumerate(ended):
             flags = bool(terminated[row]), bool(over and not terminated[row])
             first = batch.observations[row].copy() if over else None
-            results.append((seen[row], float(rewards[row]), *flags, infos[row] if over else {}, first))
+            results.append((seen[row], float(rewards[row]), *flags, steps[row] | (infos[row] if over else {}), first))
         return results
 
 
@@ -153,19 +161,19 @@ TWINS = {"itself": None, "copy": copy.deepcopy, "pickle": lambda front: pickle.l
 
 
 def trails(front, actions, seed, options=None, twin="itself"):
-    """What each row meets, playing its own column of `actions` (ticks, rows, 2), episode after episode.
+    """What each row meets, playing its own column of `actions` (ticks, rows, n), episode after episode.
 
     In the middle the front end is replaced by its twin, and the original steps on by other actions.
     """
     trail = [[observation] for observation in front.begin(seed, options)]
-    ticks, rows = actions.shape[:2]
+    ticks, rows, commands = actions.shape
     played = np.zeros(rows, int)
     begun = 0
     while played.min() < ticks:
         begun += 1
         if begun == ticks // 2 and twin != "itself":
             original, front = front, TWINS[twin](front)
-            original.step(np.ones((rows, 2), np.float32))  # what it does next is its own affair
+            original.step(np.ones((rows, commands), np.float32))  # what it does next is its own affair
         now = actions[np.minimum(played, ticks - 1), np.arange(rows)]
         for row, (*result, first) in enumerate(front.step(now)):
             if played[row] == ticks:

@@ -34,7 +34,28 @@ EVERYTHING_DRAWN = {
     "spring": DRAWN | {"coupling": {"type": "SpringDamper", **SPRING}},
     "mechanism": DRAWN | {"coupling": {"type": "Bistable", **MECHANISM}},
 }
-"""Arguments with a range for every number that may have one."""
+"""Arguments with a range for every number that may have one, but those of an operator."""
+HAND = {"place_error": (-0.05, 0.05), "creep": (0.05, 0.2), "speed": (0.3, 0.5), "reaction": (0.1, 0.3)}
+REACH = HAND | {
+    "lag_slope": (1.0, 3.0), "intercept": (0.0, 0.2), "slope": (0.0, 0.2), "width": (0.01, 0.05), "noise": (0.0, 0.5),
+}  # fmt: skip
+OPERATORS = {
+    "Laggy": REACH | {"repeat": (0.5, 0.9)}, "Noisy": REACH | {"random": (0.1, 0.2)}, "Reach": REACH,
+    "SecondOrderLag": HAND | {"stiffness": (21.0, 71.0), "damping": (5.7, 12.8)},
+    "Tracker": HAND | {"gain": (3.0, 4.5)}, "Trapezoid": {name: HAND[name] for name in ("speed", "reaction")},
+}  # fmt: skip
+CHANNEL = {
+    "delay": (0.0, 0.3), "jitter": (0.0, 0.05), "tail": (0.0, 0.1), "tail_share": (0.0, 0.5), "loss": (0.0, 0.4),
+    "burst": (1.0, 5.0), "timeout": (0.05, 0.2),
+}  # fmt: skip
+STEERED = DRAWN | {"friction": (0.1, 0.5), "horizon": 8.0, "velocity_range": [-0.3, 0.5]}
+STEERED_DRAWN = {
+    name: STEERED | {"operator": {"type": name, **numbers}, "uplink": CHANNEL, "downlink": CHANNEL}
+    for name, numbers in OPERATORS.items()
+}  # fmt: skip
+"""The same for each operator with numbers."""
+RECORDED = {"type": "Replay", "time": [0.0, 0.5, 3.0, 3.1], "velocity": [0.0, 0.3, 0.3, 0.0]}
+TRACED = {"trace": [[0.0, 0.02], [0.5, 0.3], [1.0, 0.1]]}
 
 
 def number_or_range(low, high):
@@ -77,6 +98,7 @@ OWN = {
 }
 """What rows of a batch may have each for itself, whatever they observe."""
 ESTIMATE = {name: number_or_range(*SPANS[name]) for name in ("range_noise", "range_bias")}
+WITH_OPERATOR = ("operator", "uplink", "downlink", "taken_weight")
 OBSERVED = (
     "observe_range_noise", "deflection_sensor", "privileged", "past_readings", "velocity_range", "horizon",
     "after_alarm",
@@ -92,11 +114,18 @@ def rows_of_tasks(draw, count=3):
     common["observe_range_noise"] = ranged and draw(st.booleans())
     common["velocity_range"] = draw(st.sampled_from([(-0.5, 1.5), (0.0, 1.0)]))
     common["horizon"], common["after_alarm"] = draw(st.sampled_from([(1.2, 0.15), (1.2, 0.15), (1.0, 0.2)]))
+    must = {"friction": number_or_range(0.1, 0.5), "control_period": st.floats(0.012, 0.03)}
+    who = st.sampled_from([*OPERATORS]).flatmap(lambda name: described(name, OPERATORS[name])) | st.just(RECORDED)
+    links = {way: some_of(CHANNEL) | st.just(TRACED) for way in ("uplink", "downlink")}
+    steered = must | {"operator": who, "taken_weight": st.floats(0.0, 1.0)} | links if draw(st.booleans()) else {}
+    if steered:
+        common["velocity_range"], common["horizon"] = (-0.3, 0.5), 1.5
     kinds = SOFT if deflection else COUPLINGS
     always = {"coupling": st.sampled_from([*kinds]).flatmap(kinds.get)}
     always |= {"range_noise": ESTIMATE["range_noise"]} if ranged else {}
     optional = OWN | ({"range_bias": ESTIMATE["range_bias"]} if ranged else {})
-    row = st.fixed_dictionaries(always, optional=optional)
+    always |= steered
+    row = st.fixed_dictionaries(always, optional={name: of for name, of in optional.items() if name not in always})
     if common["privileged"]:  # a critic sees in each row what any of them draws
         return [common | draw(row)] * count
     return [common | draw(row) for _ in range(count)]

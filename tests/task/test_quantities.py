@@ -11,7 +11,7 @@ import pytest
 import tomli_w
 from episodes import ID
 from scipy.stats import kstest
-from tasks import EVERYTHING_DRAWN
+from tasks import EVERYTHING_DRAWN, STEERED_DRAWN
 
 import impact_gym as ig
 from agents import load_policy, load_setup
@@ -32,7 +32,8 @@ NUMBERS = {path: records for records in RECORDS for path in paths.flatten(record
 """The records in which a dotted path leads to a number."""
 EVERY_PATH = pytest.mark.parametrize("path", NUMBERS)
 
-EVERY_SET_UP = pytest.mark.parametrize("arguments", EVERYTHING_DRAWN.values(), ids=list(EVERYTHING_DRAWN))
+ALL_DRAWN = EVERYTHING_DRAWN | STEERED_DRAWN
+EVERY_SET_UP = pytest.mark.parametrize("arguments", ALL_DRAWN.values(), ids=list(ALL_DRAWN))
 EPISODES = 3000
 ARGUMENTS = arguments().keys() - {row.id for row in SENSORS}  # "alarm" says what raises it: the sensor is another thing
 
@@ -120,7 +121,8 @@ def test_paths_lead_to_every_number_of_a_scene_and_change_it_alone(path):
 
 
 def test_paths_are_those_of_the_table():
-    assert {*NUMBERS, "robot.position"} == {*BY_PATH}
+    of_a_scene = {path for path in BY_PATH if path.partition(".")[0] not in ("operator", "uplink", "downlink")}
+    assert {*NUMBERS, "robot.position"} == of_a_scene
 
 
 @EVERY_PATH
@@ -141,7 +143,7 @@ def test_path_may_be_swept_and_what_is_the_scenes_identified(path):
 def drawn():
     """The task of each set-up, and what many episodes of it draw, by id."""
     records = {}
-    for name, options in EVERYTHING_DRAWN.items():
+    for name, options in ALL_DRAWN.items():
         envs = gym.make_vec(ID, num_envs=EPISODES, **options)
         envs.reset(seed=5)
         records[name] = Task(**options), envs.unwrapped.batch.info()["record"]
@@ -161,7 +163,7 @@ def shares(task, record):
     return uniform | normal | {"noise_seed": record["noise_seed"] * 2.0**-53}
 
 
-@pytest.mark.parametrize("name", EVERYTHING_DRAWN)
+@pytest.mark.parametrize("name", ALL_DRAWN)
 def test_each_number_is_drawn_within_its_range_evenly_and_apart_from_all_others(drawn, name):
     uniform = shares(*drawn[name])
     for quantity, values in uniform.items():
@@ -210,7 +212,7 @@ def test_critic_sees_the_true_value_of_what_is_drawn_however_narrow_its_range(ar
 def everything_shown():
     """The specifications of all that there is to observe."""
     more = {"privileged": True, "observe_range_noise": True, "deflection_sensor": True, "past_readings": 3}
-    return [ObservationSpec(Task(**options, **more, alarm="reading")) for options in EVERYTHING_DRAWN.values()]
+    return [ObservationSpec(Task(**options, **more, alarm="reading")) for options in ALL_DRAWN.values()]
 
 
 @EVERY_ROW
@@ -269,7 +271,7 @@ def test_words_for_people_change_no_behaviour(monkeypatch):
         specs = [(spec.ids, spec.lowered().tolist()) for spec in everything_shown()]
         policy = load_policy("linear-ranged")
         actions = policy.predict(np.full((1, policy.inputs), 0.1, np.float32))[0].tolist()
-        draws = [Task(**options).draws() for options in EVERYTHING_DRAWN.values()]
+        draws = [Task(**options).draws() for options in ALL_DRAWN.values()]
         return without_comments, specs, actions, draws, PLACES
 
     before = behaviour()

@@ -1,0 +1,75 @@
+"""The environment with an operator in the loop: the text that specifies it."""
+
+from impact_gym.envs import docstring
+from impact_gym.envs.single import ImpactApproachEnv
+
+
+class ImpactTeleopEnv(ImpactApproachEnv):
+    """An operator steers the tool from afar and acts late; the assistance at the arm corrects, and acts at once.
+
+    ## Description
+    What `ImpactApproach` is but for this: an operator commands the flange's velocity over a channel and sees over
+    another what happens. Between the commands and the flange stands the controller, here an assistance: it can slow the
+    approach down, and after a touch stop and withdraw. It never knows where the object stands. Its command reaches the
+    flange at once; the operator's comes late. The task is done when the object rests again.
+
+    ## Operators and Channels
+    `operator` is a record of `impact_gym.operators` or a dict with its name as "type": `Replay`, `Trapezoid`, `Reach`,
+    `Laggy`, `Noisy`, `SecondOrderLag`, `Tracker`; their docstrings have equations and sources. The operator knows only
+    where he believes the object: `place_error` beyond its face. He is shown the first touch when it has crossed the
+    `downlink`, and `reaction` later commands 0, for ever. `uplink` and `downlink` are `Channel` records. The operator
+    sends a command each control period, on his own clock, and his stop at once; a packet takes its delay; the newest
+    that has arrived counts. A `Tracker` sees the flange with the display's delay, without its losses.
+
+    ## Action Space
+    `Box(-1, 1, (3,), float32)`. Values outside the box are clipped. With u the operator's command, the flange is sent
+    to v = g u - r, within `velocity_range`, whenever u changes too.
+
+    | Num | Action                      | at -1 | at +1 | Unit  |
+    |-----|-----------------------------|-------|-------|-------|
+    | 0   | gain g on the command       | 0     | 1     | -     |
+    | 1   | acceleration to use for it  | 1     | 20    | m/s^2 |
+    | 2   | withdrawal r                | 0     | 0.3   | m/s   |
+
+    These rules are kept whatever the action is: without an alarm r is 0, and so 0 <= v/u <= 1. r counts for 0.15 s
+    (`after_alarm`) from an alarm on, then fades over 0.1 s, from step to step. Where u is 0 or no newer command has
+    come for the `timeout` of the uplink, the flange stops at the arm's limit, 20 m/s^2.
+
+    ## Observation Space
+    That of `ImpactApproach`, and five numbers of the command: see the rows with `operator`. Where the operator believes
+    the object is no part of it, but his commands follow from that.
+
+    OBSERVATION_TABLE
+
+    A step lasts 16 ms, and ends early when the contact alarm reaches the controller, as there.
+
+    ## Reward
+    -w times the time, until the end; at the end -V_p, the object's largest velocity, and -c times the share of the
+    operator's motion before the touch that was withheld (`taken`; c is `taken_weight`, 0 by default). An object that
+    was not touched costs 2 m/s (`missed_cost`).
+
+    ## Starting State
+    As there, with the object 0.2 to 0.8 m ahead and friction of 0.1 to 0.5 under it. Numbers of operator and channels
+    may be pairs, from which episodes draw.
+
+    ## Episode End
+    It terminates when the object has been touched and rests, and either the command has been 0 for 0.3 s or the flange
+    is sent to at most 0.01 m/s with the tool within 5 mm of the object. It also terminates when an operator who has
+    commanded something commands 0 for 0.3 s without having touched anything, and at 8 s (`horizon`). Then the flange
+    brakes, and what still moves is played to its end.
+
+    `info` of each step has `command` (m/s, as it arrived), `command_age` (s), `is_intervention` (whether v is more than
+    1 mm/s away from u), `teleop_action` (u) and `intervene_action` (v, m/s). The final one has `object_velocity`
+    (m/s), `slide` (m), `touch_time`, `done_time` (s; the horizon where that has not come), `peak_force` (N),
+    `contact_count`, `taken`, `missed`, `record`, and what that of `ImpactApproach` has.
+
+    ## Arguments
+    See `ImpactApproach`. `ImpactTeleop-v0` is that with a `Reach` over channels of 0.1 s each way.
+
+    ## Version History
+    * v0: first version
+    """
+
+
+if ImpactTeleopEnv.__doc__:  # there is none under python -OO
+    ImpactTeleopEnv.__doc__ = docstring.filled(ImpactTeleopEnv.__doc__)

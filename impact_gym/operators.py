@@ -1,0 +1,201 @@
+"""Operators and channels: who commands an arm from afar, and over what.
+
+An operator commands a velocity, and is told of a touch by the display. Nobody knows where the object stands: a reach
+goes to where the operator believes it, `place_error` beyond its face, and from there on searches with `creep`. All but
+a `Replay` stop a reaction time after the displayed touch. Any number may be a pair, from which episodes draw. A number
+without a default has none because no source for one was found.
+"""
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_gym.kernels import REACH, REPLAY, SECOND_ORDER_LAG, STEADY, TRACKER
+from impact_gym.record import SI, Record
+from impact_gym.validation import rising
+
+SIMPLE_REACTION = 0.213  # s, mean of 1,469 persons (Woods et al., Front. Hum. Neurosci. 9, 2015, 131)
+NOTHING: NDArray[np.float64] = np.empty(0)
+Instants = Annotated[tuple[float, ...], SI("s", at_least=0.0, at_most=1e6)]
+
+
+class Commander(Record, path="operator"):
+    """What all operators have."""
+
+    __slots__ = ()
+
+    @property
+    def table(self) -> NDArray[np.float64]:
+        """What was recorded: times (s), then as many commands (m/s)."""
+        return NOTHING
+
+    @property
+    def fastest(self) -> float:
+        """Fastest command that was recorded, m/s."""
+        return float(np.abs(self.table[len(self.table) // 2 :]).max(initial=0.0))
+
+
+@dataclass(frozen=True, slots=True)
+class Replay(Commander):
+    """Commands what was recorded, linearly between its points, the last for ever; sees nothing."""
+
+    time: Instants  # rising, from 0
+    velocity: Annotated[tuple[float, ...], SI("m/s", at_least=-1e3, at_most=1e3)]  # at each
+
+    def __post_init__(self) -> None:
+        Record.__post_init__(self)
+        rising("Replay", self.time, {"velocity": self.velocity})
+
+    @property
+    def table(self) -> NDArray[np.float64]:
+        """Times, s, then commands, m/s."""
+        return np.array([*self.time, *self.velocity])
+
+
+@dataclass(frozen=True, slots=True)
+class Trapezoid(Commander):
+    """One speed until the stop: with an arm of finite acceleration the paper's trapezoid (paper, Fig. 11)."""
+
+    speed: float = 0.5  # m/s
+    reaction: float = SIMPLE_REACTION  # s
+
+
+@dataclass(frozen=True, slots=True)
+class Reach(Commander):
+    """A minimum jerk to where the object is believed (Flash and Hogan 1985, J. Neurosci. 5, 1688-1703).
+
+    Its peak is 1.875 times the mean and at most `speed`. With a `width` it lasts at least Fitts' time, `intercept` +
+    `slope` log2(way / width + 1). Lag lengthens it: 64 % at 225 ms (MacKenzie and Ware 1993, CHI '93, 488-493, whose
+    effect is a factor). Its noise is signal-dependent: a share of the control, behind two lags of 40 ms (Todorov 2005,
+    as in the code of RothkopfLab/inverse-optimal-control).
+    """
+
+    place_error: float  # m
+    creep: float  # m/s
+    speed: float = 0.5  # m/s
+    reaction: float = SIMPLE_REACTION  # s
+    lag_slope: float = 0.64 / 0.225  # 1/s
+    intercept: float = 0.0  # s
+    slope: float = 0.0  # s, for a bit
+    width: float | None = None  # m; None: the arm's speed alone says how long
+    noise: float = 0.5  # -
+
+
+@dataclass(frozen=True, slots=True)
+class Laggy(Reach):
+    """A reach that repeats its last command (surrogate pilot, in the code of ripl/diffusion-for-shared-autonomy)."""
+
+    repeat: float = 0.85  # -, of all commands
+
+
+@dataclass(frozen=True, slots=True)
+class Noisy(Reach):
+    """A reach with commands at random (likewise)."""
+
+    random: float = 0.2  # -, of all commands
+
+
+@dataclass(frozen=True, slots=True)
+class SecondOrderLag(Commander):
+    """A pointing hand on a spring and damper (medians of 192 fits, `optparams/` of fl0fischer/OFC4HCI)."""
+
+    place_error: float  # m
+    creep: float  # m/s
+    speed: float = 0.5  # m/s
+    reaction: float = SIMPLE_REACTION  # s
+    stiffness: float = 38.0  # 1/s^2
+    damping: float = 8.9  # 1/s
+
+
+@dataclass(frozen=True, slots=True)
+class Tracker(Commander):
+    """The crossover model: as fast as the way left, as it is seen, times `gain` (Idate96/MRAC_manual_control)."""
+
+    place_error: float  # m
+    creep: float  # m/s
+    speed: float = 0.5  # m/s
+    gain: float = 3.0  # rad/s
+    reaction: float = 0.3  # s
+
+
+Operator = Replay | Trapezoid | Reach | Laggy | Noisy | SecondOrderLag | Tracker
+KINDS = {
+    Replay: REPLAY, Trapezoid: STEADY, Reach: REACH, Laggy: REACH, Noisy: REACH,
+    SecondOrderLag: SECOND_ORDER_LAG, Tracker: TRACKER,
+}  # fmt: skip
+"""What the compiled program calls them."""
+
+
+@dataclass(frozen=True, slots=True)
+class Channel(Record, path="uplink"):
+    """One way between operator and arm: a packet each control period; the newest wins, later ones are dropped.
+
+    A packet takes `delay` and an exponential time beside, of mean `jitter`, or of mean `tail` for a share of them; what
+    takes more than twelve times its mean is cut. With a `trace`, rows of time and delay in s or a CSV file of these, it
+    takes what the trace says, from a random place on. Losses come in bursts (Gilbert 1960, Bell Syst. Tech. J. 39).
+    """
+
+    delay: float = 0.0  # s
+    jitter: float = 0.0  # s
+    tail: float = 0.0  # s
+    tail_share: float = 0.0  # -
+    loss: float = 0.0  # -, share of all packets
+    burst: float = 1.0  # -, mean number in a row
+    timeout: float = 0.1  # s; of the uplink: without a newer command for so long the arm stops
+    trace: Any = None
+
+    def __post_init__(self) -> None:
+        Record.__post_init__(self)
+        if self.trace is not None:
+            rows = trace_of(self.trace)
+            times, delays = ([row[column] for row in rows] for column in (0, 1))
+            rising("Channel.trace", times, {"delay": delays})
+            if min(delays) < 0.0:
+                raise ValueError(f"Channel.trace must have delays of at least 0 s, got {min(delays)!r} s")
+            object.__setattr__(self, "trace", tuple(map(tuple, rows)))
+        if self.loss > self.burst / (1.0 + self.burst):
+            most = self.burst / (1.0 + self.burst)
+            raise ValueError(f"Channel.loss must be at most {most:g} with bursts of {self.burst:g}, got {self.loss!r}")
+
+    @property
+    def delays(self) -> tuple[float, ...]:
+        """Delays of the trace, s."""
+        return tuple(delay for _, delay in self.trace or ())
+
+    @property
+    def table(self) -> NDArray[np.float64]:
+        """The trace: times (s), then as many delays (s)."""
+        return np.array(self.trace, np.float64).T.ravel() if self.trace else NOTHING
+
+
+FIFTH_GENERATION = {
+    f"5g-{mean}ms": Channel(least / 1e3, 1e-3 / fast, 1e-3 / slow, share)
+    for mean, least, share, fast, slow in (
+        (100, 70.0, 0.726, 0.0853, 0.0271), (299, 210.0, 0.893, 0.0162, 0.0108), (500, 406.0, 0.896, 0.0155, 0.0103),
+    )
+}  # fmt: skip
+"""Channels of telesurgery over 5G (UVA-DSA/telesurgery-qos-analysis, arXiv 2603.06824), by their mean delay."""
+
+
+def trace_of(given: Any) -> list[list[float]]:
+    """Return rows of time and delay, s, from such rows or from a CSV file; its first line may name the columns."""
+    if not isinstance(given, (str, Path)):
+        wanted = ValueError(f"Channel.trace must be rows of time and delay in s, or a file of them, got {given!r:.80}")
+        try:
+            rows = np.asarray(given, np.float64)
+        except (TypeError, ValueError):
+            raise wanted from None
+        if rows.ndim != 2 or rows.shape[1] != 2:
+            raise wanted
+        return rows.tolist()
+    try:
+        with Path(given).open(newline="", encoding="utf-8-sig") as file:
+            lines = [line for line in csv.reader(file) if line]
+        head = any(not cell.strip().replace(".", "").replace("-", "").replace("e", "").isdigit() for cell in lines[0])
+        return [[float(time), float(delay)] for time, delay in lines[1 if head else 0 :]]
+    except (OSError, ValueError, IndexError) as problem:
+        raise ValueError(f"Channel.trace: {given} is no CSV file of time and delay in s: {problem}") from None

@@ -1,0 +1,278 @@
+"""An operator behind two channels: what is commanded, when it arrives, and what the arm makes of it."""
+
+cpdef enum:
+    NO_OPERATOR, REPLAY, STEADY, REACH, SECOND_ORDER_LAG, TRACKER  # operators
+
+cpdef enum:
+    LONGEST_JITTER = 12  # means of a random delay: what would take longer does not
+
+cdef double MUSCLE = 0.04  # s, time constant of each of two lags between control and motion (Todorov 2005)
+cdef double WITHDRAWAL = 0.3  # m/s, the fastest
+FASTEST_WITHDRAWAL = WITHDRAWAL
+cdef double FADE = 0.1  # s, in which a withdrawal ends
+cdef double IDLE = 0.3  # s, an operator who has commanded nothing for so long is done
+cdef double BESIDE = 5e-3  # m, of a tool that has done its work
+cdef double STANDING = 0.01  # m/s, commanded of such a tool at the most
+
+
+cdef double chance(Row *row, int64_t stream, int64_t count) noexcept nogil:
+    """Uniform number in [0, 1), the `count`-th of a stream of the episode; force noise has the stream 0."""
+    return hashed(row.episode.drawn.noise_seed, (stream << 40) + count)
+
+
+cdef double normal_chance(Row *row, int64_t stream, int64_t count) noexcept nogil:
+    """Standard normal number, likewise."""
+    cdef double[2] uniform
+    uniform[0], uniform[1] = chance(row, stream, 2 * count), chance(row, stream, 2 * count + 1)
+    return normal(uniform)
+
+
+cdef double delay_of(Row *row, const ChannelNumbers *channel, const Table *trace, int64_t stream, int64_t count,
+                     double time) noexcept nogil:
+    """Delay of the `count`-th packet of a channel, sent at `time`, s: the trace's, or the least and a random one."""
+    cdef double mean, begin
+    if trace.points > 0:
+        begin = chance(row, stream + 3, 0) * trace.length
+        return look_up(trace, row.tables, fmod(begin + time, trace.length))
+    if channel.jitter == channel.tail == 0.0:
+        return channel.delay
+    mean = channel.tail if chance(row, stream, 2 * count) < channel.tail_share else channel.jitter
+    return channel.delay + mean * min(-log1p(-chance(row, stream, 2 * count + 1)), <double> LONGEST_JITTER)
+
+
+cdef bint is_lost(Row *row, const ChannelNumbers *channel, int64_t *bad, int64_t stream, int64_t count) noexcept nogil:
+    """Whether a packet is lost, from whether the one before was (Gilbert 1960): `loss` of all, `burst` in a row."""
+    cdef double share = channel.loss
+    if share == 0.0:
+        return False
+    if count > 0:
+        share = 1.0 - 1.0 / channel.burst if bad[0] else min(1.0, share / (channel.burst * (1.0 - share)))
+    bad[0] = chance(row, stream + 1, count) < share
+    return bad[0]
+
+
+cdef double look_up(const Table *table, const double *tables, double time) noexcept nogil:
+    """Value of a table at a time, linear between its points, the last one beyond."""
+    cdef const double *times = tables + table.begin
+    cdef const double *values = times + table.points
+    cdef int64_t low = 0, high = table.points - 1, middle
+    if time >= times[high]:
+        return values[high]
+    if time <= times[0]:
+        return values[0]
+    while high - low > 1:
+        middle = (low + high) // 2
+        if times[middle] <= time:
+            low = middle
+        else:
+            high = middle
+    return values[low] + (values[high] - values[low]) * (time - times[low]) / (times[high] - times[low])
+
+
+cdef void begin_link(Row *row) noexcept nogil:
+    """Let the operator begin at t = 0, with nothing on its way."""
+    cdef Link *link = row.link
+    cdef const Record *drawn = &row.episode.drawn
+    cdef const OperatorNumbers *who = &drawn.operator
+    cdef double lag = drawn.uplink.delay + drawn.downlink.delay, way
+    memset(link, 0, sizeof(Link))
+    link.sent = -1.0
+    link.displayed = link.stop = link.idle_since = link.next_arrival = link.silent_at = INFINITY
+    way = link.believed = max(drawn.distance + who.place_error, 0.0)
+    link.duration = 1.875 * way / who.speed if who.speed > 0.0 else INFINITY
+    if who.width > 0.0:
+        link.duration = max(link.duration, who.intercept + who.slope * log(way / who.width + 1.0) / log(2.0))
+    link.duration *= 1.0 + who.lag_slope * lag
+
+
+cdef double intended(Row *row, double time) noexcept nogil:
+    """What the operator means to command, m/s, before noise and errors."""
+    cdef const OperatorNumbers *who = &row.episode.drawn.operator
+    cdef Link *link = row.link
+    cdef double speed = who.speed, share, root, omega, zeta
+    if row.task.operator_kind == REPLAY:
+        return look_up(&row.task.replay, row.tables, time)
+    if row.task.operator_kind == STEADY:
+        return speed
+    if row.task.operator_kind == REACH:
+        share = time / link.duration if link.duration > 0.0 else 1.0
+        speed = 30.0 * link.believed / link.duration * (share * (1.0 - share)) ** 2 if share < 1.0 else 0.0
+        return max(speed, who.creep) if share > 0.5 else speed
+    if row.task.operator_kind == SECOND_ORDER_LAG:
+        omega, zeta = sqrt(who.stiffness), 0.5 * who.damping / sqrt(who.stiffness)
+        root = omega * sqrt(fabs(1.0 - zeta * zeta))
+        share = sin(root * time) if zeta < 1.0 else 0.5 * (exp(root * time) - exp(-root * time))
+        share = time if root == 0.0 else share / root
+        speed = min(link.believed * omega * omega * exp(-zeta * omega * time) * share, speed)
+        return max(speed, who.creep) if omega * time > 1.0 else speed
+    return min(max(who.gain * (link.believed - seen(row, time)), who.creep), speed)
+
+
+cdef double seen(Row *row, double time) noexcept nogil:
+    """Where the operator sees the flange, m: where it was one delay of the display and one reaction ago."""
+    cdef const Record *drawn = &row.episode.drawn
+    cdef Link *link = row.link
+    cdef double late = delay_of(row, &drawn.downlink, &row.task.downlink, 8, link.packets, time), age
+    cdef int64_t back
+    age = (time - late - drawn.operator.reaction) / row.task.control_period
+    back = min(<int64_t> floor(age + ROUNDING), link.packets - 1)
+    if back < 0:
+        return 0.0
+    return row.packets[max(back, link.packets - row.packet_slots + 1) % row.packet_slots].position
+
+
+cdef double commanded(Row *row, double time) noexcept nogil:
+    """What the operator commands now, m/s: what is meant, with the noise of control, or an error of a surrogate."""
+    cdef const OperatorNumbers *who = &row.episode.drawn.operator
+    cdef Link *link = row.link
+    cdef int64_t count = link.packets
+    cdef double limit = who.speed if who.speed > 0.0 else INFINITY, speed, rate
+    if link.stopped:
+        return 0.0
+    speed = intended(row, time)
+    if who.noise > 0.0:  # white, 10 ms of it as in the source, through two lags
+        rate = row.task.control_period / MUSCLE
+        rate = rate / (1.0 + rate)
+        link.muscle += rate * (who.noise * sqrt(0.01 / row.task.control_period) * normal_chance(row, 12, count) - link.muscle)
+        link.tremor += rate * (link.muscle - link.tremor)
+        speed *= 1.0 + link.tremor
+    if who.random > 0.0 and chance(row, 13, count) < who.random:
+        speed = limit * (2.0 * chance(row, 14, count) - 1.0)
+    if who.repeat > 0.0 and count > 0 and chance(row, 15, count) < who.repeat:
+        speed = link.last
+    return min(max(speed, -limit), limit)
+
+
+cdef void send(Row *row) noexcept nogil:
+    """Send a command now; it arrives after the delay of its packet, if it is not lost."""
+    cdef Link *link = row.link
+    cdef Chain *chain = row.chain
+    cdef const ChannelNumbers *channel = &row.episode.drawn.uplink
+    cdef Packet *packet = &row.packets[link.packets % row.packet_slots]
+    link.last = packet.command = commanded(row, chain.time)
+    packet.sent, packet.position = chain.time, chain.flange_position
+    packet.arrives = chain.time + delay_of(row, channel, &row.task.uplink, 4, link.packets, chain.time)
+    if is_lost(row, channel, &link.uplink_bad, 4, link.packets):
+        packet.arrives = INFINITY
+    link.packets += 1
+    link.next_arrival = min(link.next_arrival, packet.arrives)
+
+
+cdef void arrive(Row *row) noexcept nogil:
+    """Take in what has arrived by now: the newest counts, older ones are dropped."""
+    cdef Link *link = row.link
+    cdef Packet *packet
+    cdef double now = row.chain.time + ROUNDING, age
+    cdef int64_t k
+    link.next_arrival = INFINITY
+    link.oldest = max(link.oldest, link.packets - row.packet_slots)
+    for k in range(link.packets - 1, link.oldest - 1, -1):
+        packet = &row.packets[k % row.packet_slots]
+        if packet.arrives > now:
+            link.next_arrival = min(link.next_arrival, packet.arrives)
+        else:
+            if packet.sent > link.sent:
+                if packet.command != 0.0:
+                    link.idle_since = INFINITY
+                elif link.command != 0.0:
+                    link.idle_since = row.chain.time
+                link.sent, link.command, link.silent = packet.sent, packet.command, 0
+                link.silent_at = packet.arrives + row.episode.drawn.uplink.timeout
+                age = packet.arrives - packet.sent
+                link.arrived += 1
+                link.age_squares += (age - link.age_mean) * (age - link.age_mean) * (link.arrived - 1) / link.arrived
+                link.age_mean += (age - link.age_mean) / link.arrived
+            break
+    while link.oldest < link.packets and row.packets[link.oldest % row.packet_slots].sent <= link.sent:
+        link.oldest += 1
+
+
+cdef void show_touch(Row *row) noexcept nogil:
+    """Show the operator the touch that happens now, with the first packet of the display that is not lost."""
+    cdef Link *link = row.link
+    cdef const Record *drawn = &row.episode.drawn
+    cdef double shown = row.chain.time
+    cdef int64_t bad = 0, k = 0
+    while is_lost(row, &drawn.downlink, &bad, 8, k) and shown < row.task.horizon:
+        shown += row.task.control_period
+        k += 1
+    link.displayed = shown + delay_of(row, &drawn.downlink, &row.task.downlink, 8, (<int64_t> 1 << 30) + k, shown)
+    if row.task.operator_kind != REPLAY:
+        link.stop = link.displayed + drawn.operator.reaction
+
+
+cdef double next_event(const Row *row) noexcept nogil:
+    """When the link changes next, s: a command is sent or arrives, or none has for too long."""
+    cdef const Link *link = row.link
+    cdef double sends = min(link.next_sent, link.stop if not link.stopped else INFINITY)
+    return min(min(sends, link.next_arrival), link.silent_at)
+
+
+cdef void happen(Row *row) noexcept nogil:
+    """Let happen what is due at the link."""
+    cdef Link *link = row.link
+    cdef double now = row.chain.time + ROUNDING
+    if link.next_sent <= now or (link.stop <= now and not link.stopped):
+        if link.next_sent <= now:
+            link.ticks += 1
+            link.next_sent = link.ticks * row.task.control_period
+        link.stopped = link.stop <= now
+        send(row)
+    if link.next_arrival <= now:
+        arrive(row)
+    if link.silent_at <= now:
+        link.silent, link.silent_at = 1, INFINITY
+
+
+cdef Command obeyed(Row *row) noexcept nogil:
+    """What the flange is sent to: before an alarm a share of the command, soon after one with a withdrawal.
+
+    A command of 0, or none for too long, stops at the arm's limit, whatever the assistance asks for.
+    """
+    cdef Link *link = row.link
+    cdef const Task *task = row.task
+    cdef Command asked = Command(0.0, task.full_deceleration)
+    if link.command != 0.0 and not link.silent:
+        asked.velocity = min(max(link.gain * link.command - link.withdrawal, task.velocity.low), task.velocity.high)
+        asked.acceleration = link.acceleration
+    row.episode.sensors.executed = asked.velocity
+    return asked
+
+
+cdef void assist(Row *row, double gain, double acceleration, double withdrawal) noexcept nogil:
+    """Take the action of a control step; a withdrawal counts within `after_alarm` of an alarm, then fades."""
+    cdef double since = row.chain.time - row.episode.alarm - row.task.after_alarm
+    row.link.gain, row.link.acceleration = 0.5 * (min(1.0, max(-1.0, gain)) + 1.0), acceleration
+    row.link.withdrawal = 0.0
+    if row.chain.time >= row.episode.alarm and since < FADE:
+        withdrawal = 0.5 * WITHDRAWAL * (min(1.0, max(-1.0, withdrawal)) + 1.0)
+        row.link.withdrawal = withdrawal * min(1.0, 1.0 - since / FADE)
+
+
+cdef void account(Row *row, double time, double command) noexcept nogil:
+    """Enter what was asked and withheld in a time (s) before the touch, with an operator's `command` (m/s)."""
+    if not row.link.silent:
+        row.link.asked += time * fabs(command)
+        row.link.withheld += time * fabs(command - row.episode.sensors.executed)
+
+
+cdef void show_link(Row *row) noexcept nogil:
+    """Write what is known of the operator's commands at the arm."""
+    cdef Link *link = row.link
+    cdef Sensors *sensors = &row.episode.sensors
+    sensors.command = link.command
+    sensors.command_age = row.chain.time - max(link.sent, 0.0)
+    sensors.command_age_mean = link.age_mean
+    sensors.command_age_spread = sqrt(link.age_squares / link.arrived) if link.arrived > 0 else 0.0
+    row.episode.taken = link.withheld / link.asked if link.asked > 0.0 else 0.0
+
+
+cdef bint is_done(Row *row) noexcept nogil:
+    """Whether the object rests after a touch and the operator has let go or the tool stands at it, or nobody goes on."""
+    cdef Chain *chain = row.chain
+    cdef bint idle = chain.time >= row.link.idle_since + IDLE - ROUNDING
+    if chain.contacts == 0:
+        return idle
+    if chain.footing != STUCK:
+        return False
+    return idle or (fabs(chain.penetration) <= BESIDE and fabs(chain.flange_velocity) <= STANDING)

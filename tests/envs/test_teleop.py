@@ -1,0 +1,360 @@
+"""An operator in the loop: laws of operators and channels, rules that no action breaks, and the paper's brake."""
+
+import math
+import warnings
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import stable_baselines3.common.env_checker as sb3_checker
+from episodes import action_table
+from gymnasium.utils.env_checker import check_env
+from impact_gym.kernels import PACKET
+from tasks import CHANNEL, STEERED_DRAWN
+
+import impact_gym as ig
+from impact_gym.envs.batch import Batch
+from impact_gym.operators import FIFTH_GENERATION, SIMPLE_REACTION
+from impact_gym.quantities import STEERED
+from impact_gym.task import Task
+from impact_gym.task.episodes import free_records
+
+ID, ARM = "ImpactTeleop-v0", {"friction": 0.3, "horizon": 8.0, "velocity_range": (-0.3, 0.5)}
+OWN, STOP, GENTLE = [1.0, 1.0, -1.0], [-1.0, 1.0, -1.0], [1.0, 2.0 * (8.0 - 1.0) / 19.0 - 1.0, -1.0]
+AWAY = {"distance": 0.79}
+
+
+def steered(operator, rows=1, **options):
+    """A batch of rows whose flanges an operator steers."""
+    return Batch(rows, Task(**ARM | {"operator": operator} | options), threads=1)
+
+
+def played(batch, action, seed=0, steps=10_000):
+    """Play every row to its end with one action; yields the batch after each step."""
+    batch.begin_seeded(seed, {})
+    while not batch.ended.all() and steps:
+        batch.step(np.broadcast_to(action, (batch.size, 3)), batch.ended)
+        steps -= 1
+        yield batch
+
+
+def final(batch, action, seed=0):
+    """What comes of it: the info's columns."""
+    *_, _ = played(batch, action, seed)
+    return batch.info()
+
+
+def sent(batch, action, steps=10_000):
+    """Play and return the packets that the operator of each row sends, in their order: (rows, n), PACKET."""
+    seen = {}
+    for each in played(batch, action, steps=steps):
+        for row in range(batch.size):
+            last = int(each.links["packets"][row])
+            for number in range(max(last - 3, 0), last):
+                seen[row, number] = each.packets[row, number % each.packets.shape[1]].copy()
+    count = min(int(last) for last in batch.links["packets"])
+    return np.array([[seen[row, number] for number in range(count)] for row in range(batch.size)], PACKET)
+
+
+COUPLINGS = (ig.Rigid(), ig.SpringDamper(50.0), ig.Bistable())
+
+
+@pytest.mark.parametrize("coupling", COUPLINGS, ids=lambda each: type(each).__name__)
+def test_stop_sent_at_the_touch_is_the_papers_brake_with_that_delay(coupling):
+    rng = np.random.default_rng(3)
+    for _ in range(70):
+        delay, mass, stiffness, restitution, friction, distance = rng.uniform(
+            [0.0, math.log(0.1), math.log(1e3), 0.1, 0.1, 0.2], [0.3, math.log(2.5), math.log(1e6), 1.0, 0.5, 0.8]
+        ).tolist()
+        numbers = {"object_mass": math.exp(mass), "contact_stiffness": math.exp(stiffness), "restitution": restitution}
+        batch = steered(
+            ig.operators.Trapezoid(0.5, 0.0), coupling=coupling, uplink={"delay": delay}, friction=friction, rtol=1e-10,
+            scenario=numbers | {"distance": distance},
+        )  # fmt: skip
+        info = final(batch, GENTLE)
+        scene = ig.Scene(ig.Tool(0.125), ig.Object(numbers["object_mass"], distance, friction),
+                         ig.Contact(numbers["contact_stiffness"], restitution), coupling)  # fmt: skip
+        brake = ig.Brake(threshold=0.0, delay=delay, deceleration=20.0)
+        outcome = ig.simulate(scene, ig.Trapezoid(0.5, 8.0, brake), duration=4.0, rtol=1e-10)
+        assert info["object_velocity"][0] == pytest.approx(outcome.peak_object_velocity, abs=1e-9)
+        assert info["touch_time"][0] == pytest.approx(delay + outcome.contacts[0].start, abs=1e-9)
+
+
+def test_what_is_recorded_is_what_was_executed_and_simulate_follows_it():
+    """The flange that follows the recorded velocities, as a motion of `simulate`, does to the object what it did."""
+    rng = np.random.default_rng(5)
+    for seed in range(10):
+        env = gym.make(ID, record_trace=True, rtol=1e-10).unwrapped
+        env.reset(seed=seed)
+        ended = False
+        while not ended:
+            command = rng.uniform(-0.2, 1.0, 3)
+            *_, ended, _, info = env.step(command.astype(np.float32))
+            commanded, executed = info["teleop_action"].item(), info["intervene_action"].item()
+            assert info["is_intervention"] == (abs(commanded - executed) > 1e-3)
+            assert commanded == info["command"] == env.sensors()["command"]
+            if abs(env.sensors()["velocity"] - executed) > 1e-12:  # then the flange is on its way there
+                assert env.sensors()["velocity"] != executed
+        trace, record = env.trace(), info["record"]
+        kept = np.flatnonzero(np.diff(trace.time, append=np.inf) > 1e-12)  # of equal times the last
+        times, velocities = trace.time[kept], trace.command_velocity[kept]
+        bends = np.flatnonzero(np.abs(np.diff(np.diff(velocities) / np.diff(times))) > 1e-6) + 1
+        corners = [0, *bends, len(times) - 1]
+        motion, spring = ig.Motion(times[corners], velocities[corners]), ig.SpringDamper(50.0)
+        scene = ig.Scene(ig.Tool(0.125), ig.Object(record["object_mass"], record["distance"], record["friction"]),
+                         ig.Contact(record["contact_stiffness"], record["restitution"]), spring)  # fmt: skip
+        outcome = ig.simulate(scene, motion, duration=float(times[-1]), rtol=1e-10)
+        assert outcome.peak_object_velocity == pytest.approx(info["object_velocity"], abs=2e-6)
+
+
+def test_no_action_over_no_channel_breaks_the_rules_of_authority():
+    rng, steps = np.random.default_rng(1), 0
+    for options in STEERED_DRAWN.values():
+        batch = Batch(512, Task(**options | {"robot": None, "acceleration_range": (1.0, 20.0)}), threads=1)
+        batch.begin_seeded(7, {})
+        still = np.zeros(512)
+        while steps < 1_000_000 * (1 + list(STEERED_DRAWN.values()).index(options)) / len(STEERED_DRAWN):
+            begun = np.flatnonzero(batch.ended)
+            if len(begun):
+                batch.begin(begun, rng.random((len(begun), 11)), free_records(len(begun)))
+                still[begun] = 0.0
+            before, alarmed = batch.links["silent"].copy(), batch.episodes["sensors"]["alarm"] > 0.0
+            late = batch.chains["time"] - batch.episodes["alarm"]
+            batch.step(rng.uniform(-1.5, 1.5, (512, 3)), np.zeros(512, bool))
+            steps += 512
+            sensors, links = batch.episodes["sensors"], batch.links
+            command, executed = sensors["command"], sensors["executed"]
+            free = ~alarmed | (late > 0.15 + 0.1)
+            assert (np.abs(executed[free]) <= np.abs(command[free])).all()
+            assert (executed[free] * command[free] >= 0.0).all()
+            assert (np.abs(executed - command) <= np.abs(command) + 0.3 + 1e-12).all()
+            assert (executed[command == 0.0] == 0.0).all()
+            silent = (links["silent"] == 1) & (before == 1)  # the whole step
+            assert (executed[silent] == 0.0).all()
+            still = np.where(silent | (command == 0.0), still + 0.016, 0.0)
+            assert (sensors["velocity"][still > 0.032 + 0.5 / 20.0] == 0.0).all()
+
+
+def test_arm_stops_within_timeout_delay_and_braking_once_the_channel_is_dead():
+    batch = steered(ig.operators.Trapezoid(0.5), uplink={"delay": 0.1, "timeout": 0.07}, scenario=AWAY)
+    for _ in played(batch, OWN, steps=40):
+        pass
+    assert batch.episodes["sensors"]["velocity"][0] == 0.5
+    batch.packets["arrives"][batch.packets["arrives"] > batch.chains["time"][0]] = (
+        math.inf
+    )  # what is on its way is lost
+    batch.links["next_arrival"], batch.links["next_sent"], begun = math.inf, math.inf, batch.chains["time"][0]
+    while batch.episodes["sensors"]["velocity"][0] != 0.0:
+        batch.step(np.array([OWN]), batch.ended)
+    assert 0.5 / 20.0 < batch.chains["time"][0] - begun <= 0.07 + 0.5 / 20.0 + 0.016
+
+
+@pytest.mark.parametrize(("name", "spread"), [("5g-100ms", 0.034), ("5g-299ms", 0.090), ("5g-500ms", 0.095)])
+def test_presets_of_channels_have_the_mean_and_spread_of_their_source(name, spread):
+    packets = packets_of(FIFTH_GENERATION[name])
+    delays = packets["arrives"] - packets["sent"]
+    assert delays.mean() == pytest.approx(float(name[3:-2]) / 1e3, abs=0.003)
+    assert delays.std() == pytest.approx(spread, rel=0.12)
+
+
+def packets_of(channel, rows=128):
+    """What operators send over an uplink who never stop, (rows, n); packets that are lost arrive at infinity."""
+    task = {"uplink": channel, "horizon": 9.0, "scenario": AWAY, "control_period": 0.01}
+    return sent(steered(ig.operators.Trapezoid(0.3), rows, **task), STOP, steps=300)
+
+
+@pytest.mark.parametrize(("loss", "burst"), [(0.05, 1.0), (0.3, 1.0), (0.2, 4.0)])
+def test_losses_are_as_many_and_as_long_as_the_channel_says(loss, burst):
+    packets = packets_of(ig.Channel(0.02, loss=loss, burst=burst))
+    lost = np.isinf(packets["arrives"])
+    assert lost.mean() == pytest.approx(loss, abs=0.01)
+    begins = np.diff(lost.astype(int), axis=1) == 1
+    assert lost[:, 1:].sum() / begins.sum() == pytest.approx(burst, rel=0.06)
+
+
+def test_newest_command_counts_late_ones_are_dropped_and_ages_are_those_of_the_packets():
+    batch = steered(ig.operators.Reach(0.0, 0.1), uplink=ig.Channel(0.05, jitter=0.06, loss=0.2), scenario=AWAY)
+    packets, ages, last = sent(batch, OWN, steps=90)[0], [], -1.0
+    for each in played(batch, OWN, steps=90):
+        now, sensors = each.chains["time"][0] + 1e-9, each.episodes["sensors"][0]
+        arrived = packets[packets["arrives"] <= now]
+        if len(arrived) == 0:
+            assert sensors["command"] == 0.0
+            continue
+        newest = arrived[arrived["sent"].argmax()]
+        assert sensors["command"] == newest["command"]
+        assert sensors["command_age"] == pytest.approx(now - newest["sent"], abs=2e-9)
+    for packet in arrived[np.argsort(arrived["arrives"])]:
+        if packet["sent"] > last:
+            last = packet["sent"]
+            ages.append(packet["arrives"] - last)
+    assert sensors["command_age_mean"] == pytest.approx(np.mean(ages), rel=1e-12)
+    assert sensors["command_age_spread"] == pytest.approx(np.std(ages), rel=1e-9)
+
+
+def test_trace_of_delays_is_played_from_a_random_place_on(tmp_path):
+    (tmp_path / "delays.csv").write_text("time,delay\n0,0.05\n0.5,0.25\n1.0,0.05\n")
+    packets = packets_of(ig.Channel(trace=tmp_path / "delays.csv"), rows=64)
+    delays = packets["arrives"] - packets["sent"]
+    assert np.abs(np.diff(delays, axis=1)).max() == pytest.approx(0.004, rel=1e-9)  # 0.4 of 10 ms
+    assert delays.min() >= 0.05
+    assert delays.max() <= 0.25
+    assert len(np.unique(delays[:, 0])) == 64
+
+
+def test_reach_is_the_minimum_jerk_and_lag_lengthens_it():
+    way, error = 0.5, 0.03
+    quiet = {"noise": 0.0, "creep": 1e-3, "place_error": error}
+    for delay in (0.0, 0.1125):
+        batch = steered(ig.operators.Reach(**quiet), scenario={"distance": way}, uplink={"delay": delay},
+                        downlink={"delay": delay}, taken_weight=1.0)  # fmt: skip
+        packets, duration = sent(batch, STOP, steps=230)[0], 1.875 * (way + error) / 0.5 * (1.64 if delay else 1.0)
+        share = np.clip(packets["sent"] / duration, 0.0, 1.0)
+        speed = (way + error) / duration * 30.0 * share**2 * (1.0 - share) ** 2
+        assert packets["command"] == pytest.approx(np.where(share > 0.5, np.maximum(speed, 1e-3), speed), abs=1e-12)
+        assert batch.episodes["taken"][0] == 1.0
+    fitts = ig.operators.Reach(**quiet, intercept=0.2, slope=0.5, width=0.03, lag_slope=0.0)
+    batch = steered(fitts, scenario={"distance": way})
+    batch.begin_seeded(0, {})
+    assert batch.links["duration"][0] == pytest.approx(0.2 + 0.5 * math.log2((way + error) / 0.03 + 1.0))
+
+
+@pytest.mark.parametrize("damping", [5.7, 2.0 * math.sqrt(38.0), 30.0])
+def test_hand_is_a_spring_and_damper(damping):
+    """Its commands are the velocity of x'' = k (way - x) - d x', integrated here step by step."""
+    way, stiffness = 0.1, 38.0
+    operator = ig.operators.SecondOrderLag(0.0, 1e-9, speed=0.5, stiffness=stiffness, damping=damping)
+    batch = steered(operator, scenario={"distance": way})
+    x, v, step, expected = 0.0, 0.0, 1e-5, []
+    for k in range(round(0.3 / step)):
+        if k % 1600 == 0:
+            expected.append(v)
+        half = v + 0.5 * step * (stiffness * (way - x) - damping * v)
+        x += step * half
+        v = (half + 0.5 * step * stiffness * (way - x)) / (1.0 + 0.5 * step * damping)
+    commands = sent(batch, STOP, steps=20)["command"][0, : len(expected)]
+    assert commands == pytest.approx(np.maximum(expected, 1e-9), abs=1e-6)
+
+
+def test_tracker_closes_the_loop_over_the_delay_of_its_display():
+    operator = ig.operators.Tracker(0.0, 1e-6, speed=0.5, gain=1.0, reaction=0.1)
+    batch = steered(operator, scenario={"distance": 0.4}, downlink={"delay": 0.06})
+    places = [0.0]
+    for each in played(batch, OWN, steps=60):
+        places.append(each.chains["flange_position"][0])
+    for k, packet in enumerate(sent(batch, OWN, steps=60)[0]):
+        seen = places[max(k - 10, 0)]  # 0.16 s ago
+        assert packet["command"] == pytest.approx(min(0.4 - seen, 0.5), abs=1e-9)
+
+
+def test_surrogate_pilots_err_as_often_as_they_say():
+    for kind, share in ((ig.operators.Laggy, 0.85), (ig.operators.Noisy, 0.2)):
+        batch = steered(kind(0.0, 0.1, noise=0.0), 400, scenario=AWAY)
+        plain = steered(ig.operators.Reach(0.0, 0.1, noise=0.0), 1, scenario=AWAY)
+        commands, meant = (sent(each, STOP, steps=100)["command"] for each in (batch, plain))
+        errs = commands[:, 2:] == commands[:, 1:-1] if kind is ig.operators.Laggy else commands[:, 2:] != meant[:, 2:]
+        assert errs.mean() == pytest.approx(share, abs=0.02)
+
+
+def test_noise_of_control_grows_with_the_control():
+    """Two lags of 40 ms of white noise, of 10 ms each in the source: sd 0.5 / sqrt(4 * 40 / 10) of the control."""
+    batch = steered(ig.operators.Reach(0.0, 0.1), 2000, scenario=AWAY)
+    quiet = steered(ig.operators.Reach(0.0, 0.1, noise=0.0), scenario=AWAY)
+    ratios = sent(batch, STOP, steps=60)["command"][:, 30:55] / sent(quiet, STOP, steps=60)["command"][:, 30:55]
+    assert ratios.mean() == pytest.approx(1.0, abs=0.01)
+    assert ratios.std() == pytest.approx(0.125, rel=0.15)  # the lags are steps of a control period here
+    assert ratios.std(axis=0) == pytest.approx(ratios.std(), rel=0.1)
+
+
+def test_operator_stops_a_reaction_after_the_display_has_shown_the_touch():
+    options = {"uplink": {"delay": 0.05}, "downlink": {"delay": 0.12}, "scenario": {"distance": 0.3}}
+    batch = steered(ig.operators.Trapezoid(0.4), **options)
+    packets = sent(batch, OWN)[0]
+    stop, info = packets[packets["command"] == 0.0][0], batch.info()
+    assert stop["sent"] == pytest.approx(info["touch_time"][0] + 0.12 + SIMPLE_REACTION, abs=1e-12)
+    done = stop["sent"] + 0.05 + 0.3
+    assert (
+        done <= info["done_time"][0] < done + 0.016 + 1e-9 or info["done_time"][0] < done
+    )  # or the tool was beside it
+
+
+def test_replay_plays_what_was_recorded_and_gives_up_where_it_ends():
+    operator = ig.operators.Replay((0.0, 0.5, 1.0, 1.1), (0.0, 0.3, 0.3, 0.0))
+    info = final(steered(operator, scenario=AWAY), OWN)
+    assert info["missed"][0]
+    assert info["done_time"][0] == pytest.approx(1.104 + 0.3, abs=0.017)
+    assert info["reward_terms"]["time"][0] == pytest.approx(-2.0 * info["done_time"][0], rel=1e-12)
+    assert info["taken"][0] == 0.0
+
+
+def test_episode_ends_where_it_says_and_rewards_add_up():
+    env = gym.make(ID, taken_weight=0.7)
+    for seed in range(20):
+        env.reset(seed=seed)
+        total, ended = 0.0, False
+        while not ended:
+            _, reward, ended, _, info = env.step(np.array([0.4 if seed % 2 else 1.0, 0.5, -1.0], np.float32))
+            total += reward
+        assert total == pytest.approx(sum(info["reward_terms"].values()), rel=1e-12)
+        assert info["reward_terms"]["taken"] == pytest.approx(-0.7 * info["taken"], rel=1e-12)
+        assert info["taken"] == pytest.approx(0.3 if seed % 2 else 0.0, abs=1e-6)
+        batch = env.unwrapped._batch
+        rests = batch.chains["footing"][0] == 1
+        assert info["missed"] or rests or info["done_time"] == pytest.approx(8.0)
+    assert {row.id for row in STEERED} <= info.keys()
+
+
+def test_shuffled_beliefs_change_the_commands_alone():
+    """Whoever has another episode's belief commands what that operator would; nothing else tells of the place."""
+    batch = steered({"type": "Reach", "place_error": (-0.05, 0.05), "creep": 0.1}, 2, scenario=AWAY)
+    batch.begin_seeded(0, {"operator.place_error": [-0.3, -0.3], "distance": [0.6, 0.7], "noise_seed": [1.0, 1.0]})
+    assert np.ptp(batch.links["believed"]) == pytest.approx(0.1)
+    batch.begin_seeded(0, {"operator.place_error": [-0.3, -0.4], "distance": [0.6, 0.7], "noise_seed": [1.0, 1.0]})
+    for _ in range(60):
+        batch.step(np.array([OWN, OWN]), batch.ended)
+        assert batch.observations[0].tolist() == pytest.approx(batch.observations[1].tolist(), abs=1e-6)
+
+
+@pytest.mark.parametrize("options", [{}, {"uplink": CHANNEL, "privileged": True, "force_noise": (0.1, 1.0)}], ids=str)
+def test_checkers_find_nothing(options):
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        check_env(gym.make(ID, **options).unwrapped, skip_render_check=True)
+        sb3_checker.check_env(gym.make(ID, **options))
+    assert [str(warning.message) for warning in caught] == []
+
+
+def test_picture_shows_the_moment():
+    pytest.importorskip("pygame")
+    env = gym.make(ID, render_mode="rgb_array")
+    env.reset(seed=1)
+    for action in action_table(1, 30, 1, task={"operator": True})[:, 0]:
+        env.step(action)
+    assert env.render().shape == (540, 960, 3)
+
+
+REACH = {"type": "Reach", "place_error": 0.0, "creep": 0.1}
+
+
+@pytest.mark.parametrize(("options", "message"), [
+    ({"operator": {"type": "Person"}}, "operator must be a Replay or .*got"),
+    ({"operator": {"type": "Reach"}}, r"needs the fields \['place_error', 'creep'\]"),
+    ({"operator": REACH | {"speed": 0.6}}, "operator.speed must be at most that of the arm, 0.5 m/s, got 0.6 m/s"),
+    ({"operator": {"type": "Replay", "time": [0, 1], "velocity": [0, 0.7]}}, "at most that of the arm, 0.5 m/s"),
+    ({"operator": {"type": "Replay", "time": [0, 1, 0.5], "velocity": [0, 0.1, 0]}}, "that rise from 0 s, got 1.0"),
+    ({"operator": {"type": "Replay", "time": [0, math.nan], "velocity": [0, 0.1]}}, r"Replay.time\[1\] must be finite"),
+    ({"operator": REACH | {"reaction": math.nan}}, "operator.reaction must be finite|Reach.reaction must be finite"),
+    ({"operator": REACH, "uplink": {"loss": 1.0}}, "loss must be finite and at least 0 and at most 0.99"),
+    ({"operator": REACH, "uplink": {"delay": 9.0}}, "uplink.delay must be below the horizon, 8 s, got 9 s"),
+    ({"operator": REACH, "downlink": {"delay": (0.1, 8.0)}}, "downlink.delay must be below the horizon"),
+    ({"operator": REACH, "uplink": {"trace": [[0.0, 0.1], [1.0, -0.1]]}}, "delays of at least 0 s"),
+    ({"operator": REACH, "uplink": {"trace": [[0.0, 0.1], [-1.0, 0.1]]}}, "rise from 0 s, got 0.0 s and -1.0"),
+    ({"operator": REACH, "uplink": {"trace": "nowhere.csv"}}, "nowhere.csv is no CSV file of time and delay"),
+    ({"operator": REACH, "friction": 0.0}, "friction must be above 0"),
+    ({"uplink": {"delay": 0.1}, "operator": None}, "must be None, None and 0 without an operator"),
+    ({"operator": REACH, "taken_weight": -1.0}, "taken_weight must be finite and at least 0"),
+], ids=str)  # fmt: skip
+def test_bad_operators_and_channels_are_refused_in_one_line(options, message):
+    with pytest.raises(ValueError, match=message) as refusal:
+        Task(**ARM | options)
+    assert "\n" not in str(refusal.value)
