@@ -45,6 +45,7 @@ include "solver/integrate.pxi"
 include "solver/advance.pxi"
 include "task/records.pxi"
 include "task/draw.pxi"
+include "task/settle.pxi"
 include "task/episode.pxi"
 include "task/teleop.pxi"
 

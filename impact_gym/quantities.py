@@ -100,7 +100,7 @@ def own(place: int, by_ratio: bool = False) -> Draw:
 # Wide, but not as wide as floats: near the ends a run is right or its status says why it is not
 MASS, STIFFNESS = Limits(at_least=1e-12, at_most=1e12), Limits(at_least=1e-9, at_most=1e18)
 HERTZ, STOP = Limits(at_least=1e-12, at_most=1e20), Limits(at_least=1e-9, at_most=1e16)
-AWAY = Limits(at_least=1e-24, at_most=1e9)
+AWAY, POSITIVE = Limits(at_least=1e-24, at_most=1e9), Limits(above=0.0, at_most=1e3)
 LENGTH, PLACE = Limits(at_least=1e-9, at_most=1e9), Limits(at_least=-1e12, at_most=1e12)
 RATE, NOT_NEGATIVE = Limits(at_least=1e-9, at_most=1e9), Limits(at_least=0.0, at_most=1e12)
 RESTITUTION, DAMPING_RATIO = Limits(at_least=1e-12, at_most=1.0), Limits(at_least=0.0, at_most=1e6)
@@ -122,8 +122,7 @@ def channel(way: str, place: int) -> tuple[Quantity, ...]:
         ("tail_share", f"share of {words} with the longer delay", "-", PART, SHARE),
         ("loss", f"share of {words} that is lost", "-", Limits(at_least=0.0, at_most=0.99), SHARE),
         ("burst", f"mean number of losses in a row of {words}", "-", Limits(at_least=1.0, at_most=1e6), SHARE),
-        ("timeout", "time without a newer command after which the arm stops", "s", Limits(above=0.0, at_most=1e3),
-         Scale(0.0, 0.5, 0.0)),
+        ("timeout", "silence of a channel after which the arm stops", "s", POSITIVE, Scale(0.0, 0.5, 0.0)),
     )  # fmt: skip
     return tuple(
         Quantity(f"{way}.{name}", about, unit, limits, own(place + k), scale=scale)
@@ -132,8 +131,7 @@ def channel(way: str, place: int) -> tuple[Quantity, ...]:
 
 
 SENSORS = (
-    Quantity("position", "flange position", "m", observed="always",
-             scale=Scale(-0.25, 0.75, ends="operator")),
+    Quantity("position", "flange position", "m", observed="always", scale=Scale(-0.25, 0.75, ends="operator")),
     Quantity("velocity", "flange velocity", "m/s", observed="always", scale=Scale(-0.5, 1.5, ends="velocity_range")),
     Quantity("time", "time", "s", observed="always", scale=Scale(0.0, 1.25 * HORIZON, ends="horizon")),
     Quantity("alarm", "alarm", "-", observed="always", scale=SHARE, shaped_by=ALARMED),
@@ -149,8 +147,7 @@ SCENARIO = (
     Quantity("contact_stiffness", "contact stiffness", "N/m^1.5", HERTZ, Draw(1, by_ratio=True), "privileged",
              Scale(1e3, 1e8, curve="log"), path="contact.stiffness"),
     Quantity("restitution", "restitution", "-", RESTITUTION, Draw(2), "privileged", SHARE, path="contact.restitution"),
-    Quantity("distance", "distance", "m", AWAY, Draw(3), "privileged", GAP, path="object.distance",
-             from_flange=True),
+    Quantity("distance", "distance", "m", AWAY, Draw(3), "privileged", GAP, path="object.distance", from_flange=True),
 )  # fmt: skip
 """What makes a scenario: keys of `options["scenario"]` and of the final `info["scenario"]`."""
 
@@ -202,12 +199,11 @@ SET_UP = (
     Quantity("robot.stiffness", "stiffness of the robot", "N/m", STIFFNESS, own(15, True),
              scale=Scale(1e3, 1e7, curve="log")),
     Quantity("robot.damping", "damping of the robot", "N s/m", NOT_NEGATIVE, own(16), scale=Scale(0.0, 500.0)),
-    Quantity("operator.speed", "fastest command of the operator", "m/s", Limits(above=0.0, at_most=1e3), own(19),
-             scale=Scale(0.0, 1.0)),
+    Quantity("operator.speed", "fastest command of the operator", "m/s", POSITIVE, own(19), scale=Scale(0.0, 1.0)),
     Quantity("operator.reaction", "reaction time of the operator", "s", SECONDS, own(20), scale=Scale(0.0, 0.5, 0.0)),
     Quantity("operator.place_error", "how far beyond the object the operator believes it", "m",
              Limits(at_least=-1e3, at_most=1e3), own(21), scale=Scale(-0.2, 0.2)),
-    Quantity("operator.creep", "speed at which the operator searches further", "m/s", Limits(above=0.0, at_most=1e3),
+    Quantity("operator.creep", "speed at which the operator searches further", "m/s", POSITIVE,
              own(22), scale=Scale(0.0, 0.5, 0.0)),
     Quantity("operator.lag_slope", "share by which a second of lag lengthens a reach", "1/s", NOT_NEGATIVE, own(23),
              scale=Scale(0.0, 10.0, 0.0)),

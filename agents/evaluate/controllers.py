@@ -30,7 +30,8 @@ def controller_of(
 ) -> Controller:
     """Return the controller that `spec` describes, for a time weight (m/s per s).
 
-    A baseline's commands are made for what the actions of `environment`, its arguments, are mapped to.
+    A baseline's commands are made for what the actions of `environment`, its arguments, are mapped to; where these have
+    no scenario, its places stay those that it was tuned for.
 
     Raises:
         ValueError: there is none, or it cannot `predict`; says why.
@@ -42,7 +43,9 @@ def controller_of(
     if kind not in KINDS:
         raise ValueError(f"no controller of the kind {kind!r}")
     controller = KINDS[kind](value, time_weight)
-    return controller.for_environment(environment) if environment and isinstance(controller, Rule) else controller
+    if not environment or not isinstance(controller, Rule):
+        return controller
+    return controller.for_environment({"scenario": controller.task.scenario, **environment})
 
 
 @lru_cache(maxsize=64)

@@ -9,7 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from agents.policies import Controller, Policy
 from impact_gym import quantities
-from impact_gym.envs.batch import LINKED, SLIDE, Batch, ToolMotion
+from impact_gym.envs.batch import Batch, ToolMotion
+from impact_gym.envs.infos import LINKED, SLIDE
 from impact_gym.simulation import MAX_STEPS
 from impact_gym.task import Task, evaluation_sets
 from impact_gym.task.scenario import FIELDS

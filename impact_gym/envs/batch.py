@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from impact_gym.envs.infos import Infos, command_columns
 from impact_gym.kernels import (
     CHAIN,
     CONTACT,
@@ -20,14 +21,12 @@ from impact_gym.kernels import (
     draw_uniforms,
     laws_of,
 )
-from impact_gym.lowering import STATUS_MESSAGES, places
-from impact_gym.quantities import QUANTITIES
 from impact_gym.scene import flange_moves_with_tool
 from impact_gym.simulation import MAX_STEPS, Trace
-from impact_gym.task.episodes import RECORD_IDS, first_uniforms, fix, free_records
+from impact_gym.task.episodes import first_uniforms, fix, free_records
 from impact_gym.task.observation import ObservationSpec
-from impact_gym.task.paths import nested
-from impact_gym.task.scenario import FIELDS, ScenarioRanges
+from impact_gym.task.scenario import ScenarioRanges
+from impact_gym.task.steering import packets_under_way
 from impact_gym.task.task import PLACES, Task
 from impact_gym.threads import cores, over_rows
 from impact_gym.validation import array, fits_memory, whole
@@ -35,28 +34,6 @@ from impact_gym.validation import array, fits_memory, whole
 ROWS_PER_THREAD = 256
 """A batch is cut for several threads only into pieces of at least this many rows: smaller ones do not pay."""
 
-REWARD_TERMS = {"time": "time_cost", "velocity": "velocity_cost", "force": "force_cost", "missed": "missed_cost"}
-"""Names in `info["reward_terms"]`, each the negative of a cost summed over the episode."""
-
-_NUMBERS = {
-    "object_velocity": "object_velocity",
-    "approach_time": "approach_time",
-    "time_weight": "drawn.time_weight",
-    **{f"reward_terms.{name}": cost for name, cost in REWARD_TERMS.items()},
-    **{f"scenario.{name}": f"drawn.{name}" for name in FIELDS},
-    **{f"record.{name}": f"drawn.{name}" for name in RECORD_IDS},
-}
-"""Entries of an info that are numbers, and which of an episode's they are."""
-
-SLIDE = ("slide", "rest_time")
-"""Entries of an info where there is friction."""
-
-LINKED = {"touch_time": "approach_time", "done_time": "done_time", "taken": "taken"}
-"""Entries of an info where an operator commands."""
-
-INTERVENTION = 1e-3  # m/s, by which a command is changed at the least where the assistance intervenes
-
-_PLACES = places(EPISODE)
 _STATE = ("draws", "laws", "chains", "episodes", "readings", "links", "packets", "observations", "rewards", "traces")
 TRACE_INTERVAL = 1e-3  # s, between points of a trace in flight
 _SPARE = 4  # readings beyond those under way: some are taken before the oldest is due
@@ -107,7 +84,7 @@ class Batch:
         self.max_steps = max_steps
         self.spec = ObservationSpec.of_rows(tasks)
         slots = max(each.readings_under_way() for each in tasks) + _SPARE
-        packets, self.commanded = max(each.packets_under_way() for each in tasks), len(tasks[0].actions)
+        packets, self.commanded = max(map(packets_under_way, tasks)), len(tasks[0].actions)
         linked = size if packets else 0
         each_row = CHAIN.itemsize + EPISODE.itemsize + slots * READING.itemsize + 4 * len(self.spec)
         each_row += packets * PACKET.itemsize
@@ -120,7 +97,8 @@ class Batch:
         self.rewards = np.zeros(size)
         self.traces = np.empty((size, trace_points), TRACE)
         self._lower(tasks)
-        self._name_entries(tasks)
+        self._infos = Infos(tasks)
+        self._with_tool = [flange_moves_with_tool(each.coupling, each.robot) for each in tasks]
         self._make_rows()
 
     def _lower(self, tasks: Sequence[Task]) -> None:
@@ -138,25 +116,6 @@ class Batch:
         self.laws = laws_of(np.ascontiguousarray(self._lowered["mount"]))
         if any(task.draws_mount for task in tasks):
             self.laws = np.resize(self.laws, self.size)
-
-    def _name_entries(self, tasks: Sequence[Task]) -> None:
-        """Find the numbers of an info in an episode's record.
-
-        `info_columns` has all that any task draws of its set-up, the info of one row only what its own task draws.
-        """
-        drawn = [name for name in QUANTITIES if any(name in task.drawn for task in tasks)]
-        numbers = _NUMBERS | {f"record.{name}": f"drawn.{name}" for name in drawn}
-        if any(task.rough for task in tasks):
-            numbers |= {name: name for name in SLIDE}
-        if tasks[0].operator:
-            numbers |= LINKED | {"reward_terms.taken": "taken_cost"}
-        entries = (*numbers, "peak_force", "contact_count", "missed", "status")
-        self._layout = nested({name: place for place, name in enumerate(entries)})
-        self._with_tool = [flange_moves_with_tool(task.coupling, task.robot) for task in tasks]
-        self._smooth = [not task.rough and "slide" in numbers for task in tasks]
-        self._not_drawn = [[name for name in drawn if name not in task.drawn] for task in tasks]
-        self._columns = np.array([[_PLACES[name]] for name in numbers.values()])
-        self._signs = np.array([[-1.0] if name.startswith("reward_terms.") else [1.0] for name in numbers])
 
     def _make_rows(self) -> None:
         """Hand the arrays to the kernels."""
@@ -252,48 +211,15 @@ class Batch:
 
     def infos(self, rows: NDArray[np.int64]) -> list[dict[str, Any]]:
         """Return the info of each of `rows`."""
-        count, missed, status = self._verdicts(rows)
-        entries = (*self._numbers(rows), self.chains["peak_force"][rows], count, missed, status)
-        values = zip(*(column.tolist() for column in entries), strict=True)
-        infos = [filled(self._layout, of_row) for of_row in values]
-        for row, info in zip(rows.tolist(), infos, strict=True):
-            for name in self._not_drawn[row % len(self._not_drawn)]:
-                del info["record"][name]
-            for name in SLIDE if self._smooth[row % len(self._smooth)] else ():
-                del info[name]
-        return infos
+        return self._infos.infos(self.episodes, self.chains, rows)
 
     def info_columns(self, rows: NDArray[np.int64]) -> dict[str, Any]:
         """Return the infos of `rows` as arrays (size,), blank elsewhere."""
-        size = self.size
-        numbers = np.zeros((len(self._columns) + 1, size))
-        numbers[:-1, rows] = self._numbers(rows)
-        numbers[-1, rows] = self.chains["peak_force"][rows]
-        verdicts = [np.zeros(size, np.int64), np.zeros(size, np.bool_), np.full(size, None)]
-        for column, some in zip(verdicts, self._verdicts(rows), strict=True):
-            column[rows] = some
-        return filled(self._layout, (*numbers, *verdicts))
-
-    def _numbers(self, rows: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Return the entries of an info that an episode holds (n, k), in one go."""
-        fields = self.episodes.view(np.float64).reshape(self.size, -1)
-        return fields[rows, self._columns] * self._signs
+        return self._infos.columns(self.episodes, self.chains, rows)
 
     def link_columns(self) -> dict[str, NDArray[Any]]:
-        """Return the entries of the info of every step, arrays (size,) and (size, 1); none without an operator.
-
-        Keys are those of human-in-the-loop code: what the operator commanded is `teleop_action`, what the flange was
-        sent to `intervene_action` (m/s).
-        """
-        if not len(self.links):
-            return {}
-        sensors = self.episodes["sensors"]
-        command, executed = sensors["command"].copy(), sensors["executed"].copy()
-        return {
-            "command": command, "command_age": sensors["command_age"].copy(),
-            "is_intervention": np.abs(executed - command) > INTERVENTION,
-            "teleop_action": command[:, None], "intervene_action": executed[:, None],
-        }  # fmt: skip
+        """Return the entries of the info of every step, arrays (size, ...); none without an operator."""
+        return command_columns(self.episodes) if len(self.links) else {}
 
     def link_infos(self) -> list[dict[str, Any]]:
         """Return these entries of each row, plain numbers and arrays (1,)."""
@@ -327,18 +253,3 @@ class Batch:
             chains["deflection_rate"] - chains["flange_offset_rate"],
             chains["contacts"] > 0,
         )
-
-    def _verdicts(self, rows: NDArray[np.int64]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-        """Return number of contacts, whether the object was missed, and a sentence about the solver."""
-        count = self.chains["contacts"][rows]
-        missed = (self.episodes["terminated"][rows] == 1) & (count == 0)
-        status = self.episodes["status"][rows]
-        messages = np.full(len(rows), "ok", object)
-        for row in np.flatnonzero(status):
-            messages[row] = STATUS_MESSAGES[int(status[row])]
-        return count, missed, messages
-
-
-def filled(layout: Mapping[str, Any], values: Sequence[Any]) -> dict[str, Any]:
-    """Return a mapping, of mappings where `layout` has one, with the value at each place that `layout` names."""
-    return {name: filled(place, values) if isinstance(place, dict) else values[place] for name, place in layout.items()}

@@ -15,7 +15,7 @@ from impact_gym.motion import Brake, Trapezoid
 from impact_gym.quantities import QUANTITIES, SCENARIO, SET_UP
 from impact_gym.scene import Contact, Object, Scene, Tool
 from impact_gym.task import Task
-from impact_gym.task.task import record_from
+from impact_gym.task.parts import record_from
 from impact_gym.validation import one_of, shown
 
 DESCRIPTION = """Fit numbers of a scene to a measured blow and write their 95 % intervals as the ranges of a set-up."""

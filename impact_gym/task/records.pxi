@@ -91,6 +91,7 @@ cdef struct Link:  # operator, channels and assistance of a row
     double silent_at  # s, when the newest will be too old
     double idle_since  # s, since when the command has been 0, after another
     double displayed, stop  # s, when the operator sees the touch and stops
+    double alarmed  # s, when the last alarm came; -inf if none has
     double believed  # m, way to the object as the operator believes
     double duration  # s, of a reach
     double muscle, tremor  # -, noise of control after one lag and two

@@ -2,18 +2,19 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import MISSING, dataclass, field, fields
-from itertools import product
+from dataclasses import dataclass, field, fields
 from typing import Any, NamedTuple, get_args
 
 import numpy as np
 
-from impact_gym.kernels import FASTEST_WITHDRAWAL, LONGEST_JITTER, RECORD, TASK, samples_under_way
+from impact_gym.kernels import FASTEST_WITHDRAWAL, RECORD, TASK, samples_under_way
 from impact_gym.lowering import LOCAL_SHARE, ROBOT_NUMBERS, mount, places
-from impact_gym.operators import KINDS, Channel, Operator
+from impact_gym.operators import Channel, Operator
 from impact_gym.quantities import AFTER_ALARM, HORIZON, PAST_READINGS, QUANTITIES, SET_UP
 from impact_gym.scene import Contact, Coupling, Rigid, Robot, RobotTable, SpringDamper, warn_of_stroke
-from impact_gym.task.paths import nested, replaced
+from impact_gym.task import steering
+from impact_gym.task.parts import ranged_record
+from impact_gym.task.paths import replaced
 from impact_gym.task.scenario import ScenarioRanges
 from impact_gym.validation import Range, WrongTypeError, choice, flag, number, one_of, shown, whole
 
@@ -29,10 +30,9 @@ PLACES = places(RECORD)
 MOUNT_IDS = tuple(row.id for row in SET_UP if row.id == "tool_mass" or "." in row.id)
 """The numbers of what holds the tool."""
 
-WAYS = ("uplink", "downlink")
 PARTS: Mapping[str, tuple[Any, ...]] = {
     "coupling": get_args(Coupling), "robot": (Robot, RobotTable),
-    "operator": get_args(Operator), **dict.fromkeys(WAYS, (Channel,)),
+    "operator": get_args(Operator), **dict.fromkeys(steering.WAYS, (Channel,)),
 }  # fmt: skip
 """Arguments that are records, and their kinds."""
 
@@ -117,7 +117,8 @@ class Task:
         self._put("drawn", {row.id: drawn[row.id] for row in SET_UP if row.id in drawn})
         self._check_commands()
         self._check_choices()
-        self._check_operator()
+        for way, channel in steering.checked(self).items():
+            self._put(way, channel)
         self._check_reach()
 
     @classmethod
@@ -161,29 +162,6 @@ class Task:
         number("past_readings", self.past_readings, "-", at_most=PAST_READINGS)
         if self.max_episode_steps is not None:
             self._put("max_episode_steps", whole("max_episode_steps", self.max_episode_steps, at_least=1))
-
-    def _check_operator(self) -> None:
-        """Refuse what only an operator has without one, and an operator whom the arm cannot follow."""
-        if self.operator is None:
-            if self.uplink or self.downlink or self.taken_weight:
-                raise ValueError("uplink, downlink and taken_weight must be None, None and 0 without an operator")
-            return
-        for way in ("uplink", "downlink"):
-            if getattr(self, way) is None:
-                self._put(way, Channel())
-            longest = self._longest(way, "delay")
-            if longest >= self.horizon:
-                raise ValueError(f"{way}.delay must be below the horizon, {self.horizon:g} s, got {longest:g} s")
-        if not self.friction or self.drawn.get("friction", (1.0, 1.0))[0] == 0.0:
-            raise ValueError("friction must be above 0 (no unit) with an operator: else an object never rests")
-        fastest, limit = max(self._longest("operator", "speed"), self.operator.fastest), self.velocity_range[1]
-        if fastest > limit:
-            raise ValueError(f"operator.speed must be at most that of the arm, {limit:g} m/s, got {fastest:g} m/s")
-
-    def _longest(self, part: str, name: str) -> float:
-        """Return the largest value of a number of an operator or a channel, 0 if it has none."""
-        value = getattr(getattr(self, part), name, 0.0)
-        return self.drawn.get(f"{part}.{name}", (value, value))[1]
 
     def _check_reach(self) -> None:
         """Refuse an own horizon that leaves no time for any object; warn of a stroke too short for the arm."""
@@ -251,16 +229,7 @@ class Task:
         record["mount"] = held
         numbers = record["numbers"]
         numbers["coupling"], numbers["robot"] = record["mount"]["coupling"], record["mount"]["robot"]
-        tables = [table]
-        if self.operator is not None:
-            for part in ("operator", "uplink", "downlink"):
-                for name in numbers[part].dtype.names or ():
-                    numbers[part][name] = getattr(getattr(self, part), name, None) or 0.0
-            recorded = self.operator.table, self.uplink.table, self.downlink.table
-            for name, points in zip(("replay", "uplink", "downlink"), recorded, strict=True):
-                begin = table_at + sum(map(len, tables))
-                record[name] = begin, len(points) // 2, points[len(points) // 2 - 1] if len(points) else 0.0
-                tables.append(points)
+        tables = [table, *steering.lowered(self, record, table_at + len(table))]
         if self.robot is None:
             for name in ROBOT_NUMBERS:
                 numbers["robot"][name] = math.inf  # what a critic sees beside rows with a robot
@@ -276,8 +245,7 @@ class Task:
             "last_draw": first_draw + len(self.ranges), "mount_drawn": self.draws_mount,
             "alarm_by_reading": self.alarm == "reading", "force_weight": self.force_weight,
             "tolerance": LOCAL_SHARE * self.rtol, "exact": self.dissipation != "hu-guo",
-            "max_steps": self.max_episode_steps or 0, "operator_kind": KINDS.get(type(self.operator), 0),
-            "taken_weight": self.taken_weight,
+            "max_steps": self.max_episode_steps or 0, "taken_weight": self.taken_weight,
         }  # fmt: skip
         for name, value in values.items():
             record[name] = value
@@ -296,15 +264,6 @@ class Task:
         gain = Action("gain", "-", 0.0, 1.0, "share of the operator's command")
         return gain, acceleration, Action("withdrawal", "m/s", 0.0, FASTEST_WITHDRAWAL, "withdrawal after an alarm")
 
-    def packets_under_way(self) -> int:
-        """Return how many commands must be kept: those on their way, and where the flange was for who sees it late."""
-        if self.operator is None:
-            return 0
-        late = [LONGEST_JITTER * max(self._longest(way, "jitter"), self._longest(way, "tail")) for way in WAYS]
-        up, down = (self._longest(way, "delay") + max((0.0, *getattr(self, way).delays)) for way in WAYS)
-        longest = max(up + late[0], down + late[1] + self._longest("operator", "reaction"))
-        return math.ceil(min(longest, self.horizon) / self.control_period) + 4
-
     def readings_under_way(self) -> int:
         """Return how many force readings can be between sensor and controller."""
         return int(samples_under_way(self.longest_delay, self.control_period))
@@ -313,53 +272,3 @@ class Task:
 def arguments() -> dict[str, Any]:
     """Return the fields of `Task` that are arguments of the environment, by name."""
     return {item.name: item for item in fields(Task) if item.init}
-
-
-def ranged_record(name: str, value: Any, kinds: tuple[type[Any], ...]) -> tuple[Any, dict[str, Range]]:
-    """Return the record of one of the `kinds` that `value` describes, and the ranges in it by dotted path.
-
-    What is a range is at its middle in the record, which exists at all corners of the ranges.
-
-    Raises:
-        TypeError, ValueError: a range that is none, or one of whose ends the record refuses, with those of the others.
-    """
-    if not isinstance(value, Mapping) or "position" in value:  # a table has lists that are no ranges
-        return record_from(name, value, kinds), {}
-    pairs = {
-        path: QUANTITIES[path].interval(given)
-        for path, given in ((f"{name}.{inner}", given) for inner, given in value.items())
-        if path in QUANTITIES and given is not None
-    }
-    for corner in product(*(sorted({*pair}) for pair in pairs.values())):
-        record_from(name, {**value, **nested(dict(zip(pairs, corner, strict=True))).get(name, {})}, kinds)
-    middles = {path: QUANTITIES[path].middle(*pair) for path, pair in pairs.items()}
-    record = record_from(name, {**value, **nested(middles).get(name, {})}, kinds)
-    return record, {path: pair for path, pair in pairs.items() if pair[0] < pair[1]}
-
-
-def record_from(name: str, value: Any, allowed: tuple[type[Any], ...]) -> Any:
-    """Return a record of one of the `allowed` kinds from one, or from a mapping with its fields and its kind as "type".
-
-    A mapping of all fields of one kind needs no type: that is what `EnvSpec.to_json` makes of a record.
-    """
-    if isinstance(value, allowed):
-        return value
-    kinds = {kind.__name__: kind for kind in allowed}
-    if isinstance(value, Mapping):
-        given = {field: argument for field, argument in value.items() if field != "type"}
-        named = {kind: [field.name for field in fields(of)] for kind, of in kinds.items()}
-        fitting = [kind for kind in kinds if len(kinds) == 1 or set(given) == set(named[kind])]
-        chosen = value.get("type", fitting[0] if fitting else None)
-        if isinstance(chosen, str) and chosen in kinds:
-            for field in given:
-                if field not in named[chosen]:
-                    raise WrongTypeError(f"{name} has no field {field!r}; the fields of a {chosen} are {named[chosen]}")
-            needed = [field.name for field in fields(kinds[chosen]) if field.default is MISSING]
-            needed = [field for field in needed if field not in given]
-            if needed:
-                raise WrongTypeError(f"{name}, a {chosen}, needs the fields {needed} too")
-            return kinds[chosen](**given)
-    wanted = " or ".join(kinds)
-    raise WrongTypeError(
-        f"{name} must be a {wanted}, or a mapping whose 'type' is one of {list(kinds)}, got {shown(value)}"
-    )

@@ -78,6 +78,7 @@ cdef void begin_link(Row *row) noexcept nogil:
     memset(link, 0, sizeof(Link))
     link.sent = -1.0
     link.displayed = link.stop = link.idle_since = link.next_arrival = link.silent_at = INFINITY
+    link.alarmed = -INFINITY
     way = link.believed = max(drawn.distance + who.place_error, 0.0)
     link.duration = 1.875 * way / who.speed if who.speed > 0.0 else INFINITY
     if who.width > 0.0:
@@ -241,10 +242,13 @@ cdef Command obeyed(Row *row) noexcept nogil:
 
 cdef void assist(Row *row, double gain, double acceleration, double withdrawal) noexcept nogil:
     """Take the action of a control step; a withdrawal counts within `after_alarm` of an alarm, then fades."""
-    cdef double since = row.chain.time - row.episode.alarm - row.task.after_alarm
+    cdef double since
     row.link.gain, row.link.acceleration = 0.5 * (min(1.0, max(-1.0, gain)) + 1.0), acceleration
     row.link.withdrawal = 0.0
-    if row.chain.time >= row.episode.alarm and since < FADE:
+    if row.chain.time >= row.episode.alarm:
+        row.link.alarmed = row.episode.alarm
+    since = row.chain.time - row.link.alarmed - row.task.after_alarm
+    if since < FADE:
         withdrawal = 0.5 * WITHDRAWAL * (min(1.0, max(-1.0, withdrawal)) + 1.0)
         row.link.withdrawal = withdrawal * min(1.0, 1.0 - since / FADE)
 

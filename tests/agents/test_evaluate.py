@@ -7,7 +7,7 @@ from episodes import ID, Always, assert_identical, play
 from policies import made_up_policy
 
 from agents import load_policy, load_setup
-from agents.baselines import ConstantSpeed, PaperTrapezoid, Shield
+from agents.baselines import ConstantSpeed, PaperTrapezoid, Shield, load_baseline
 from agents.evaluate import RESULTS, TEST_SEED, TUNING_SEED, VALIDATION_SEED, ScenarioBatch, Validation, evaluate
 from agents.evaluate import play as jobs
 from agents.setups.evaluation import WEIGHTS
@@ -104,6 +104,18 @@ def test_play_takes_a_controller_by_its_name_and_says_what_cannot_predict():
     assert_identical(named, jobs.play({"baseline": "paper-trapezoid"}, scenarios))
     with pytest.raises(ValueError, match="'json:JSONDecoder' is no controller: it has no method `predict`"):
         jobs.play({"object": "json:JSONDecoder"}, scenarios)
+
+
+def test_tuned_profile_is_fast_at_the_places_it_was_tuned_for_wherever_it_is_played():
+    """It is given in shares of those places, so what a batch is told of its own must not move them."""
+    setup = load_setup("linear-wide")
+    places = setup.environment["scenario"]
+    environment = {name: value for name, value in setup.environment.items() if name != "scenario"}
+    scenarios = {"seed": TEST_SEED, "count": 20, "ranges": places}
+    told = load_baseline("wide-profile", 2.0).for_environment(setup.environment)
+    expected = ScenarioBatch(TEST_SEED, 20, **setup.environment).play(told)
+    result = jobs.play({"baseline": "wide-profile"}, scenarios, environment=environment)
+    assert np.array_equal(result["object_velocity"][0], expected.object_velocity)
 
 
 def test_play_takes_a_shield_around_another_controller_from_plain_data():

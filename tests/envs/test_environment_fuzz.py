@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tasks import STORM, rows_of_tasks
 
-from impact_gym.envs.batch import SLIDE
+from impact_gym.envs.infos import SLIDE
 
 
 def powers(low, high):

@@ -15,6 +15,7 @@ from tasks import CHANNEL, STEERED_DRAWN
 import impact_gym as ig
 from impact_gym.envs.batch import Batch
 from impact_gym.operators import FIFTH_GENERATION, SIMPLE_REACTION
+from impact_gym.physics.impact import GRAVITY
 from impact_gym.quantities import STEERED
 from impact_gym.task import Task
 from impact_gym.task.episodes import free_records
@@ -118,13 +119,12 @@ def test_no_action_over_no_channel_breaks_the_rules_of_authority():
             if len(begun):
                 batch.begin(begun, rng.random((len(begun), 11)), free_records(len(begun)))
                 still[begun] = 0.0
-            before, alarmed = batch.links["silent"].copy(), batch.episodes["sensors"]["alarm"] > 0.0
-            late = batch.chains["time"] - batch.episodes["alarm"]
+            before, now = batch.links["silent"].copy(), batch.chains["time"].copy()
             batch.step(rng.uniform(-1.5, 1.5, (512, 3)), np.zeros(512, bool))
             steps += 512
             sensors, links = batch.episodes["sensors"], batch.links
             command, executed = sensors["command"], sensors["executed"]
-            free = ~alarmed | (late > 0.15 + 0.1)
+            free = now - links["alarmed"] > 0.15 + 0.1
             assert (np.abs(executed[free]) <= np.abs(command[free])).all()
             assert (executed[free] * command[free] >= 0.0).all()
             assert (np.abs(executed - command) <= np.abs(command) + 0.3 + 1e-12).all()
@@ -133,6 +133,59 @@ def test_no_action_over_no_channel_breaks_the_rules_of_authority():
             assert (executed[silent] == 0.0).all()
             still = np.where(silent | (command == 0.0), still + 0.016, 0.0)
             assert (sensors["velocity"][still > 0.032 + 0.5 / 20.0] == 0.0).all()
+
+
+@pytest.mark.parametrize("alarm", ["force", "reading"])
+def test_withdrawal_ends_over_a_tenth_of_a_second_after_the_alarm(alarm):
+    """However the alarm comes: v = -r, and after 0.15 s r falls linearly."""
+    task = {"alarm": alarm, "scenario": {"distance": 0.1}, "coupling": ig.Rigid()}
+    batch, back = steered(ig.operators.Trapezoid(0.5, reaction=1.0), **task), []
+    for _ in played(batch, OWN):
+        if batch.episodes["sensors"]["alarm"][0]:
+            break
+    while len(back) < 18:
+        batch.step(np.array([[-1.0, 1.0, 1.0]]), batch.ended)
+        back.append(
+            (batch.chains["time"][0] - 0.016 - batch.links["alarmed"][0], -batch.episodes["sensors"]["executed"][0])
+        )
+    since, speed = np.array(back).T
+    expected = 0.3 * np.clip(1.0 - (since - 0.15) / 0.1, 0.0, 1.0)
+    assert np.abs(speed - expected).max() < 1e-9
+    assert expected[-1] == 0.0 < expected.max()
+
+
+def test_object_that_a_tool_rocks_against_is_settled_once_it_has_stuck():
+    """Hardly anything damps this contact, so the tool still swings after 10 s; but no force comes near the friction."""
+    lags = {way: {"delay": [0.0, 0.2], "jitter": 0.005} for way in ("uplink", "downlink")}
+    operator = {"type": "Reach", "place_error": [-0.05, 0.05], "creep": [0.05, 0.15]}
+    task = {"coupling": ig.Bistable(), "friction": (0.1, 0.5), "scenario": {"distance": [0.2, 0.8]}}
+    batch = steered(operator, **lags, **task)
+    batch.begin_seeded(1_000_499, {})
+    while not batch.ended[0]:
+        batch.step(np.array([STOP if batch.episodes["sensors"]["alarm"][0] else OWN]), batch.ended)
+    info = batch.info()
+    drawn = batch.episodes["drawn"][0]
+    assert info["peak_force"][0] < drawn["friction"] * drawn["object_mass"] * GRAVITY
+    assert info["rest_time"][0] == math.inf  # of the tool
+    assert (info["status"][0], info["object_velocity"][0], info["slide"][0]) == ("ok", 0.0, 0.0)
+
+
+@pytest.mark.parametrize("rtol", [1e-4, 1e-5, 1e-6, 1e-8])
+def test_tool_that_rests_against_an_object_for_seconds_presses_with_what_holds_it(rtol):
+    """Each step is good there; forces of mechanism and contact are equal, and the clock goes on."""
+    operator = {"type": "Reach", "place_error": [-0.05, 0.05], "creep": [0.05, 0.15]}
+    task = {"coupling": ig.Bistable(), "friction": (0.1, 0.5), "scenario": {"distance": [0.2, 0.8]}, "rtol": rtol}
+    batch = steered(operator, uplink=CHANNEL | {"loss": 0.0}, **task)
+    batch.begin_seeded(4_000_240, {})
+    for step in range(470):
+        batch.step(np.array([[0.486, 0.294, -1.0]]), np.zeros(1, bool))
+        assert batch.chains["time"][0] == pytest.approx(0.016 * (step + 1), abs=0.02)
+    chain, drawn, mechanism = batch.chains[0], batch.episodes["drawn"][0], ig.Bistable()
+    assert chain["touching"]
+    assert chain["footing"] == 1
+    slider = mechanism.rest + chain["deflection"]
+    held = mechanism.force(slider) + mechanism.stop_stiffness * (mechanism.rear_stop - slider)
+    assert drawn["contact_stiffness"] * chain["penetration"] ** 1.5 == pytest.approx(held, rel=1e-5)
 
 
 def test_arm_stops_within_timeout_delay_and_braking_once_the_channel_is_dead():

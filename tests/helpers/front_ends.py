@@ -11,7 +11,8 @@ import gymnasium as gym
 import numpy as np
 from episodes import COMMANDED, ID
 
-from impact_gym.envs.batch import SLIDE, Batch
+from impact_gym.envs.batch import Batch
+from impact_gym.envs.infos import SLIDE
 from impact_gym.envs.vector import ImpactApproachVectorEnv
 from impact_gym.sb3 import ImpactVecEnv
 from impact_gym.task import Task

@@ -19,11 +19,12 @@ def made_up_policy(seed=0, environment=None, activation="tanh", log_std=-1.0, si
         weight = rng.normal(size=(outputs, inputs)) / (1.0 if name == "hidden_0" else np.sqrt(inputs))
         return Affine(name, weight.astype(np.float32), rng.normal(size=outputs).astype(np.float32) * np.float32(0.3))
 
-    inputs = len(ObservationSpec(Task(**environment)))
+    task = Task(**environment)
+    inputs, outputs = len(ObservationSpec(task)), len(task.actions)
     widths = [inputs, *sizes]
     hidden = [affine(f"hidden_{k}", n, m) for k, (m, n) in enumerate(itertools.pairwise(widths))]
-    noise = Affine("log_std", np.zeros((2, widths[-1]), np.float32), np.full(2, log_std, np.float32))
-    network = Network(tuple(hidden), affine("mean", 2, widths[-1]), noise, activation)
+    noise = Affine("log_std", np.zeros((outputs, widths[-1]), np.float32), np.full(outputs, log_std, np.float32))
+    network = Network(tuple(hidden), affine("mean", outputs, widths[-1]), noise, activation)
     return Policy(network, environment, {"command": "by hand", "settings": {"seed": seed}})
 
 

@@ -123,6 +123,8 @@ function drawChain(svg, scene, run, view) {
                              y: fits ? y + 0.5 * radius + 5 : y + radius + 13}, svg, massText(scene));
   const couple = COUPLINGS[run.chain.coupling](node("g", {}, svg), view, run.chain);
   const flange = body(FLANGE, "igw-flange"), tool = body(TOOL, "igw-tool");
+  const seenTool = body(TOOL, "igw-seen");
+  const seenBall = node("circle", {class: "igw-seen", cy: y, r: radius}, svg);
   const flash = node("path", {class: "igw-flash"}, svg);
   const push = node("path", {class: "igw-push"}, svg);
   const speed = node("path", {class: "igw-speed"}, svg);
@@ -130,7 +132,12 @@ function drawChain(svg, scene, run, view) {
   const moved = node("path", {class: "igw-moved"}, svg);
   const movedText = node("text", {class: "igw-strong igw-object-text", y: view.ground + 33}, svg);
   const loupe = drawLoupe(svg, scene, view);
-  return (state) => {
+  return (state, seen) => {
+    for (const each of [seenTool, seenBall]) show(each, seen);
+    if (seen) {  // what reaches the eyes of an operator now
+      set(seenTool, {x: view.x(seen.tool_position - TOOL.length)});
+      set(seenBall, {cx: view.x(seen.object_position) + radius});
+    }
     const front = state.flange_position - TOOL.length - run.chain.rest;
     const face = view.x(state.object_position), share = state.force / (scene.limits.force || 1);
     set(flange, {x: view.x(front - FLANGE.length)});

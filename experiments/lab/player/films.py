@@ -170,10 +170,19 @@ def _run(name: str, run: Run, columns: Columns, limits: Mapping[str, float]) -> 
         "name": name,
         "chain": _chain(run.history.task),
         **{field: run.info[field] for field in RESULTS},
+        **_operated(run),
         "contacts": [[round(instant, digits) for instant in contact] for contact in run.contacts],
         "alarm": round(alarm, digits) if np.isfinite(alarm) else None,
         "rows": [np.round(columns[key][rows], decimals).tolist() for key, decimals in DECIMALS.items()],
     }
+
+
+def _operated(run: Run) -> dict[str, float]:
+    """Return how late (s) an operator sees what happens, how far the object slides (m) and when all is done (s)."""
+    if not run.history.task.operator:
+        return {}
+    late = run.info["record"].get("downlink.delay", run.history.task.downlink.delay)
+    return {"late": late, "slide": run.info["slide"], "done_time": run.info["done_time"]}
 
 
 def _chain(task: Task) -> dict[str, Any]:

@@ -17,7 +17,9 @@ def fragment(films: dict[str, Any], name: str = "watch") -> str:
     """
     pages = Environment(loader=FileSystemLoader(HERE), autoescape=True, undefined=StrictUndefined)
     content = htmlsafe_json_dumps(films, separators=(",", ":"), allow_nan=False)
-    return pages.get_template("player.html.jinja").render(name=name, content=content)
+    return pages.get_template("player.html.jinja").render(
+        name=name, content=content, late=any("late" in run for scene in films["scenes"] for run in scene["runs"])
+    )
 
 
 def style() -> str:

@@ -43,7 +43,7 @@ function watch(root) {
     const time = clock.time(film);
     for (const panel of panels) {
       const state = stateAt(panel.run, time);
-      panel.update(state);
+      panel.update(state, panel.run.late ? stateAt(panel.run, Math.max(time - panel.run.late, 0)) : null);
       panel.strip.move(state);
       panel.state.textContent = phase(state, panel.run);
       panel.state.classList.toggle("igw-touching", state.contact >= 0);
@@ -104,7 +104,7 @@ function watch(root) {
 
   function verdict() {
     const [baseline, policy] = scene.runs;
-    if (!policy || scene.runs.length > 2 || baseline.missed || policy.missed) return "";
+    if (!policy || scene.runs.length > 2 || policy.slide !== undefined || baseline.missed || policy.missed) return "";
     const share = Math.round(100 * Math.abs(1 - policy.object_velocity / baseline.object_velocity));
     const late = 1000 * (policy.approach_time - baseline.approach_time);
     const when = Math.abs(late) < 0.5 ? "at the same time"
@@ -158,7 +158,9 @@ function watch(root) {
       const box = html("article", {class: `igw-panel igw-who-${k}`}, where);
       const head = html("header", {}, box);
       html("h3", {}, head, each.name);
-      html("strong", {}, head, each.missed ? "missed" : `leaves it at ${three(each.object_velocity)} m/s`);
+      const slides = each.slide === undefined ? `leaves it at ${three(each.object_velocity)} m/s`
+        : `it slides ${(100 * each.slide).toFixed(1)} cm, done after ${each.done_time.toFixed(1)} s`;
+      html("strong", {}, head, each.missed ? "missed" : slides);
       html("p", {class: "igw-facts"}, head, each.contacts.length ? `touch ${Math.round(1000 * each.approach_time)} ms`
         + ` \u00b7 peak ${newtons(each.peak_force)} N`
         + ` \u00b7 ${each.contact_count} contact${each.contact_count === 1 ? "" : "s"}` : "");

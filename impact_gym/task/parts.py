@@ -1,0 +1,60 @@
+"""Records in a mapping of arguments: couplings, robots, operators and channels, with numbers or ranges of them."""
+
+from collections.abc import Mapping
+from dataclasses import MISSING, fields
+from itertools import product
+from typing import Any
+
+from impact_gym.quantities import QUANTITIES
+from impact_gym.task.paths import nested
+from impact_gym.validation import Range, WrongTypeError, shown
+
+
+def ranged_record(name: str, value: Any, kinds: tuple[type[Any], ...]) -> tuple[Any, dict[str, Range]]:
+    """Return the record of one of the `kinds` that `value` describes, and the ranges in it by dotted path.
+
+    What is a range is at its middle in the record, which exists at all corners of the ranges.
+
+    Raises:
+        TypeError, ValueError: a range that is none, or one of whose ends the record refuses, with those of the others.
+    """
+    if not isinstance(value, Mapping) or "position" in value:  # a table has lists that are no ranges
+        return record_from(name, value, kinds), {}
+    pairs = {
+        path: QUANTITIES[path].interval(given)
+        for path, given in ((f"{name}.{inner}", given) for inner, given in value.items())
+        if path in QUANTITIES and given is not None
+    }
+    for corner in product(*(sorted({*pair}) for pair in pairs.values())):
+        record_from(name, {**value, **nested(dict(zip(pairs, corner, strict=True))).get(name, {})}, kinds)
+    middles = {path: QUANTITIES[path].middle(*pair) for path, pair in pairs.items()}
+    record = record_from(name, {**value, **nested(middles).get(name, {})}, kinds)
+    return record, {path: pair for path, pair in pairs.items() if pair[0] < pair[1]}
+
+
+def record_from(name: str, value: Any, allowed: tuple[type[Any], ...]) -> Any:
+    """Return a record of one of the `allowed` kinds from one, or from a mapping with its fields and its kind as "type".
+
+    A mapping of all fields of one kind needs no type: that is what `EnvSpec.to_json` makes of a record.
+    """
+    if isinstance(value, allowed):
+        return value
+    kinds = {kind.__name__: kind for kind in allowed}
+    if isinstance(value, Mapping):
+        given = {field: argument for field, argument in value.items() if field != "type"}
+        named = {kind: [field.name for field in fields(of)] for kind, of in kinds.items()}
+        fitting = [kind for kind in kinds if len(kinds) == 1 or set(given) == set(named[kind])]
+        chosen = value.get("type", fitting[0] if fitting else None)
+        if isinstance(chosen, str) and chosen in kinds:
+            for field in given:
+                if field not in named[chosen]:
+                    raise WrongTypeError(f"{name} has no field {field!r}; the fields of a {chosen} are {named[chosen]}")
+            needed = [field.name for field in fields(kinds[chosen]) if field.default is MISSING]
+            needed = [field for field in needed if field not in given]
+            if needed:
+                raise WrongTypeError(f"{name}, a {chosen}, needs the fields {needed} too")
+            return kinds[chosen](**given)
+    wanted = " or ".join(kinds)
+    raise WrongTypeError(
+        f"{name} must be a {wanted}, or a mapping whose 'type' is one of {list(kinds)}, got {shown(value)}"
+    )

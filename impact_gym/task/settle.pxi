@@ -1,0 +1,70 @@
+"""How an episode ends: the arm comes to rest, the last contact is awaited, the books are closed."""
+
+
+cdef inline double kept_velocity(const Run *run, const Chain *chain) noexcept nogil:
+    """V_p so far, m/s: the velocity that the object keeps, with friction the largest that it had."""
+    return chain.top_speed if run.ground > 0.0 else object_velocity(chain)
+
+
+cdef void finish(Run *run, Row *row) noexcept nogil:
+    """Settle and close the books of an episode that terminates."""
+    cdef Episode *episode = row.episode
+    if episode.status == 0 and row.chain.contacts > 0:
+        episode.status = settle(run, row)
+    if row.chain.contacts == 0 or episode.status < 0:
+        episode.missed_cost = row.task.missed_cost
+        episode.object_velocity = 0.0
+    else:
+        episode.object_velocity = episode.velocity_cost = kept_velocity(run, row.chain)
+        episode.force_cost = row.task.force_weight * row.chain.peak_force
+    if row.task.operator_kind:
+        episode.taken_cost = row.task.taken_weight * episode.taken
+    if run.ground > 0.0:
+        take_stock(run, row.chain, episode.drawn.distance)
+        episode.slide, episode.rest_time = row.chain.slide, row.chain.rest_time
+
+
+cdef int settle(Run *run, Row *row) noexcept nogil:
+    """Brake the flange to rest at full deceleration and go on until no contact is left or to come; UNSETTLED: one is.
+
+    With friction until the tool is calm, too; a contact may be left then, with an object that sticks. One that has stuck
+    for half of the time allowed while the flange rested sticks for good: what rocks against it only loses energy.
+    """
+    cdef Chain *chain = row.chain
+    cdef double limit = chain.time + row.task.settle_limit, deceleration = row.task.full_deceleration, brake_end
+    cdef double pause = REST_STEP if run.ground > 0.0 else 0.05
+    cdef int status
+    while not is_over(run, chain):
+        if chain.time >= limit:
+            if has_stuck(chain, limit - 0.5 * row.task.settle_limit) or not chain.touching and cannot_touch(run, chain):
+                return ARRIVED
+            if chain.touching:
+                close_contact(run, chain, NAN)
+            return UNSETTLED
+        brake_end = chain.time + fabs(chain.flange_velocity) / deceleration
+        status = command(run, chain, 0.0, deceleration, min(limit, max(brake_end, chain.time + pause)))
+        if status < 0:
+            return status
+        watch(run, chain)
+    return ARRIVED
+
+
+cdef inline bint has_stuck(const Chain *chain, double since) noexcept nogil:
+    """Whether the object has rested since a time (s) or longer, on ground that holds it, with the flange at rest now."""
+    return chain.footing == STUCK and chain.halt <= since and chain.flange_velocity == 0.0
+
+
+cdef bint is_over(const Run *run, const Chain *chain) noexcept nogil:
+    """Whether nothing more happens to the object that changes V_p.
+
+    With friction the tool is calm, too. One that may still touch then makes the object no faster than twice REST_SPEED.
+    """
+    if chain.flange_velocity != 0.0:
+        return False
+    if run.ground == 0.0:
+        return not chain.touching and cannot_touch(run, chain)
+    if isinf(chain.calm):
+        return False
+    if chain.touching or chain.top_speed > 2.0 * REST_SPEED:
+        return True
+    return calm_reach(run, chain) < -chain.penetration or cannot_touch(run, chain)
