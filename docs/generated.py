@@ -28,6 +28,7 @@ from agents.baselines import PaperTrapezoid
 from agents.setups import load_setup, shipped
 from impact_gym.envs import IDS
 from impact_gym.envs.single import ImpactApproachEnv
+from impact_gym.envs.teleop import ImpactTeleopEnv
 from impact_gym.physics.dissipation import PUBLISHED, effective_restitution
 from impact_gym.quantities import SCENARIO
 from impact_gym.task.scenario import NAMED
@@ -82,6 +83,11 @@ def table(head: str, rows: list[list[str]]) -> str:
 def environment() -> str:
     """Return the specification of the environment: its docstring, whose tables its modules fill."""
     return inspect.cleandoc(ImpactApproachEnv.__doc__ or "").split("\n\n", 1)[1]
+
+
+def teleop() -> str:
+    """Return the specification of the environment with an operator, likewise."""
+    return inspect.cleandoc(ImpactTeleopEnv.__doc__ or "").split("\n\n", 1)[1]
 
 
 def ids() -> str:
@@ -225,7 +231,7 @@ def moment(which: str) -> bytes:
 
 
 TEXTS: dict[str, Callable[[], str]] = {
-    "environment": environment, "ids": ids, "sets": sets, "setups": setups, "materials": materials,
+    "environment": environment, "teleop": teleop, "ids": ids, "sets": sets, "setups": setups, "materials": materials,
 }  # fmt: skip
 
 

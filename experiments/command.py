@@ -32,6 +32,8 @@ COMMANDS = {
     "export": Command("agents.export", ("train",), "write a policy as ONNX and as a controller in C"),
     "policies": Command("experiments.policies", (), "list the shipped policies with what they are for"),
     "gain": Command("experiments.gain", ("train", "report"), "say what the gain over the paper's rule is made of"),
+    "teleop": Command("experiments.teleop", ("train", "report"), "say what assistance gives an operator who acts late"),
+    "arm": Command("experiments.arm", ("train", "report", "robot"), "hold the one mass on a spring against whole arms"),
     "design": Command("experiments.design", ("train", "report"), "find the coupling that leaves the object slowest"),
     "identify": Command("impact_gym.identify", (), "fit the numbers of a tool and an object to a measured blow"),
     "robot": Command("impact_gym.robot", ("robot",), "compute the default approach of the Viper s650 from its joints"),

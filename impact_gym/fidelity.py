@@ -1,7 +1,7 @@
 """What a scene needs: `advise` runs simpler models beside the full one and names the cheapest that is as good."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_gym.motion import Trapezoid
+from impact_gym.robot import Approach, Arm, whole
+from impact_gym.robot.approach import Mass
 from impact_gym.scene import Bistable, Rigid, RobotTable, Scene, SpringDamper
 from impact_gym.simulation import Outcome, simulate
 from impact_gym.validation import number
@@ -90,6 +92,7 @@ def advise(
     tolerance: float = 1e-3,
     quantity: Quantity = "object_velocity",
     duration: float = 1.5,
+    arm: tuple[Arm, Approach] | None = None,
 ) -> Advice:
     """Run every simpler model of `scenes` beside the full one; return the cheapest that keeps `tolerance` in all.
 
@@ -99,6 +102,8 @@ def advise(
         tolerance: relative error allowed.
         quantity: the object's velocity at the end, the largest contact force, or the impulse of all contacts.
         duration: of a run, s.
+        arm: a whole arm and its approach, see `impact_gym.robot.whole`. The full model is then all joints at once, the
+            simpler ones have one mass for it, of each kind; the scenes have no robot.
 
     Raises:
         TypeError, ValueError: an argument is none of these or out of range; names it.
@@ -110,15 +115,16 @@ def advise(
     if quantity not in get_args(Quantity):
         raise ValueError(f"quantity must be one of {', '.join(get_args(Quantity))}, got {quantity!r}")
     tolerance = number("tolerance", tolerance, "(no unit)", above=0)
-    true, seconds = _run(sample, motion, duration, quantity)
-    tried, seen = [Model(FULL, _as_it_is, np.zeros(len(sample)), 0.0)], [sample]
-    for name, simplify in _models():
+    true, seconds = _run(partial(_on_chain, motion, duration), sample, quantity) if arm is None else _run(
+        partial(_on_arm, *arm, motion, duration), sample, quantity, rounds=1)  # fmt: skip
+    tried, seen = [Model(FULL, _as_it_is, np.zeros(len(sample)), 0.0)], [sample] if arm is None else []
+    for name, simplify in _models(ROBOTS if arm is None else _masses(arm[1])):
         simpler = [simplify(scene) for scene in sample]
         if simpler in seen:
             continue
         seen.append(simpler)
         try:
-            values, taken = _run(simpler, motion, duration, quantity)
+            values, taken = _run(partial(_on_chain, motion, duration), simpler, quantity)
         except (RuntimeError, ValueError):  # a model may be impossible where the scene is not
             tried.append(Model(name, simplify, np.full(len(sample), math.inf), 0.0))
             continue
@@ -129,26 +135,46 @@ def advise(
     return Advice(quantity, tolerance, max(kept, key=lambda model: model.time_saved), tuple(tried))
 
 
-def _models() -> Iterator[tuple[str, Callable[[Scene], Scene]]]:
-    for (robot, of_robot), (tool, of_tool) in product(ROBOTS.items(), TOOLS.items()):
+def _masses(approach: Approach) -> dict[str, Callable[[Scene], Scene]]:
+    """Return the models with one mass for an arm, varying along the line and frozen at the impact."""
+    models: dict[str, Callable[[Scene], Scene]] = {"robot rigid": _rigid_robot}
+    for mass in get_args(Mass):
+        models[f"robot one mass, {mass}"] = partial(replace, robot=approach.robot_table(mass))
+        models[f"robot one mass, {mass}, frozen at the impact"] = partial(replace, robot=approach.at_impact(mass))
+    return models
+
+
+def _models(robots: Mapping[str, Callable[[Scene], Scene]]) -> Iterator[tuple[str, Callable[[Scene], Scene]]]:
+    for (robot, of_robot), (tool, of_tool) in product(robots.items(), TOOLS.items()):
         parts = [part for part in (robot, tool) if part != FULL]
         if parts:
             yield ", ".join(parts), partial(_both, of_robot, of_tool)
 
 
 def _run(
-    scenes: Sequence[Scene], motion: Trapezoid, duration: float, quantity: Quantity
+    play: Callable[[Scene], Outcome | whole.Blow], scenes: Sequence[Scene], quantity: Quantity, rounds: int = ROUNDS
 ) -> tuple[NDArray[np.float64], float]:
     """Return the quantity of each scene, and the time for all of them, s."""
     times = []
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         begun = perf_counter()
-        outcomes = [simulate(scene, motion, duration) for scene in scenes]
+        outcomes = [play(scene) for scene in scenes]
         times.append(perf_counter() - begun)
     return np.array([_read(outcome, quantity) for outcome in outcomes]), min(times)
 
 
-def _read(outcome: Outcome, quantity: Quantity) -> float:
-    if quantity == "impulse":
+def _on_chain(motion: Trapezoid, duration: float, scene: Scene) -> Outcome:
+    return simulate(scene, motion, duration)
+
+
+def _on_arm(arm: Arm, approach: Approach, motion: Trapezoid, duration: float, scene: Scene) -> whole.Blow:
+    blow = whole.simulate(arm, approach, scene, motion, duration=duration)
+    if blow.status != "ok":
+        raise RuntimeError(f"the whole arm: {blow.status}")
+    return blow
+
+
+def _read(outcome: Outcome | whole.Blow, quantity: Quantity) -> float:
+    if quantity == "impulse" and isinstance(outcome, Outcome):
         return math.fsum(contact.impulse for contact in outcome.contacts)
     return float(getattr(outcome, quantity))

@@ -14,6 +14,7 @@ from agents.export.__main__ import AGREEMENT, Export, Form
 from agents.export.c_header import header, identifier, write_header
 from agents.export.onnx_graph import write_onnx
 from agents.export.replay import LANGUAGES, WARNINGS, Replay, address, compiled, logged, replay
+from impact_gym.envs import IDS
 
 COMPILER = shutil.which("cc") or shutil.which("gcc")
 needs_c = pytest.mark.skipif(COMPILER is None, reason="no C compiler")
@@ -119,6 +120,7 @@ CONTROLLERS = {
         "time_weight": [0.05, 50.0],  # beyond what is observed
         "reaction_delay": [0.0, 0.05],
     }},
+    "an operator": {"environment": IDS["ImpactTeleop-v0"]},
 }  # fmt: skip
 
 

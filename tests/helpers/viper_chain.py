@@ -1,12 +1,12 @@
 """The Viper s650 once more, from the numbers in its data file and nothing of the package's own calculation."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from impact_gym.robot.arm import DATA as FILE
-
+FILE = Path(__file__).parents[1] / "robot" / "viper_s650.json"
 DATA = json.loads(FILE.read_text(encoding="utf-8"))
 KINEMATICS, LINKS = DATA["kinematics"], DATA["inertia"]["links"]
 
@@ -65,3 +65,18 @@ def mass_matrix(angles):
         R = frame[:3, :3]
         total += link["mass_kg"] * J[:3].T @ J[:3] + J[3:].T @ R @ tensor @ R.T @ J[3:]
     return total
+
+
+def composite_mass(angles):
+    """What a force along x on the flange meets if all links are one free body: its 6 x 6 inertia about the flange."""
+    at_flange, spatial = frames(angles)[-1][:3, 3], np.zeros((6, 6))
+    for frame, link in zip(frames(angles), LINKS, strict=True):
+        mass, elements, turn = link["mass_kg"], link["inertia_kg_m2"], frame[:3, :3]
+        r = frame[:3, 3] + turn @ link["com_m"] - at_flange
+        cross = np.array([[0, -r[2], r[1]], [r[2], 0, -r[0]], [-r[1], r[0], 0]])
+        tensor = np.array([[elements["".join(sorted(a + b))] for a in "xyz"] for b in "xyz"])
+        spatial[:3, :3] += mass * np.eye(3)
+        spatial[:3, 3:] -= mass * cross
+        spatial[3:, :3] += mass * cross
+        spatial[3:, 3:] += turn @ tensor @ turn.T - mass * cross @ cross
+    return 1 / np.linalg.inv(spatial)[0, 0]

@@ -13,13 +13,14 @@ import viper_chain as viper
 from scipy.optimize import root
 from scipy.spatial.transform import Rotation
 
-from impact_gym.robot import Arm, Line, Pose, approach, default_approach, follow
-from impact_gym.robot import arm as arms
+from impact_gym.robot import Line, along, approach, default_approach, follow, joint_angles
+from impact_gym.robot import viper as vipers
 from impact_gym.robot.__main__ import main
-from impact_gym.robot.line import MAX_CONDITION, joint_angles
+from impact_gym.robot.line import MAX_CONDITION
+from impact_gym.robot.viper import angles_at
 
 SOME_ANGLES = np.random.default_rng(0).uniform(*np.radians(viper.KINEMATICS["limits_deg"]).T, size=(20, 6))
-SHIPPED = default_approach()
+SHIPPED, X = default_approach(), (1.0, 0.0, 0.0)
 
 
 def assert_equal(ours, expected, tolerance):
@@ -29,7 +30,7 @@ def assert_equal(ours, expected, tolerance):
 @pytest.fixture(scope="module")
 def arm():
     pytest.importorskip("mujoco", reason="the extra robot is not installed")
-    return Arm()
+    return vipers.viper()
 
 
 def test_flange_of_urdf_and_denavit_hartenberg_and_mujoco_is_one(arm):
@@ -58,41 +59,39 @@ def test_mass_matrix_is_that_of_the_links(arm):
         assert np.linalg.eigvalsh(M)[0] > 0
 
 
-def test_description_has_the_reach_of_the_data_sheet_and_the_damping_said_in_words():
-    robot = arms.read()
-    assert float(re.search(r"beta = (\S+) s", viper.DATA["joints"]["damping_rule"])[1]) == robot.damping_over_stiffness
-    reach = viper.KINEMATICS["link_lengths_m"]["a1"] + robot.wrist_distance(robot.stretched_elbow)
-    assert reach == pytest.approx(viper.KINEMATICS["reach_to_wrist_centre_m"], abs=5e-5)  # four digits are given
-    for elbow in (1.0, 2.0, 4.0):
-        places = viper.frames([0.3, -0.7, elbow, 0, 0, 0])
-        assert np.linalg.norm(places[4][:3, 3] - places[1][:3, 3]) == pytest.approx(robot.wrist_distance(elbow))
+def test_file_has_the_numbers_of_the_data(arm):
+    joints = viper.DATA["joints"]
+    assert float(re.search(r"beta = (\S+) s", joints["damping_rule"])[1]) == vipers.DAMPING_OVER_STIFFNESS
+    assert list(vipers.STIFFNESS) == joints["stiffness_N_m_per_rad"]
+    assert pytest.approx(viper.DATA["targets"]["m_r_at_impact_kg"]) == vipers.MASS_AT_IMPACT
+    limits = np.radians(viper.KINEMATICS["limits_deg"])
+    assert np.array_equal(np.column_stack([arm.lower, arm.upper]), limits)
+    assert arm.length == pytest.approx(viper.KINEMATICS["link_lengths_m"]["a2"])
 
 
 def test_along_x_is_energy_and_force_along_x(arm):
-    for angles in np.radians(SHIPPED.joint_angles[::19]):
-        ours = arms.along_x(arm, angles)
+    for angles in SHIPPED.joint_angles[::19]:
+        ours = along(arm, angles, X)
         J = viper.point_jacobian(angles, viper.frames(angles)[-1][:3, 3], 6)
-        M, K = viper.mass_matrix(angles), arm.description.joint_stiffness
+        M, K = viper.mass_matrix(angles), arm.stiffness
         rates = np.linalg.solve(J, np.eye(6)[0])  # the flange moves along x at 1 m/s and in no other way
         torques = J.T @ np.eye(6)[0]  # a force or an impulse along x, nothing else
         stiffness = rates @ (K * rates)
         assert ours == pytest.approx({
             "mass": rates @ M @ rates,  # twice its kinetic energy
             "stiffness": stiffness,  # the force that holds it 1 m off
-            "damping": arm.description.damping_over_stiffness * stiffness,
+            "damping": vipers.DAMPING_OVER_STIFFNESS * stiffness,
             "effective_mass": 1 / (J[0] @ np.linalg.solve(M, torques)),
             "effective_stiffness": 1 / (J[0] @ (torques / K)),
+            "composite_mass": viper.composite_mass(angles),
         }, rel=1e-12)  # fmt: skip
         assert ours["effective_mass"] <= ours["mass"]
         assert ours["effective_stiffness"] <= ours["stiffness"]
-        whole = arms.cartesian(J, M)
-        np.testing.assert_allclose(whole, np.linalg.inv(J).T @ M @ np.linalg.inv(J), rtol=1e-10, atol=1e-12)
-        assert 1 / np.linalg.inv(whole)[0, 0] == pytest.approx(ours["effective_mass"], rel=1e-9)
 
 
 def in_the_plane(arm, x, z, orientation):
     """Mass and stiffness along x with the flange there, in the plane of the arm."""
-    ours = arms.along_x(arm, joint_angles(arm, Pose(x, 0.0, z, orientation)))
+    ours = along(arm, angles_at(arm, x, 0.0, z, orientation), X)
     return np.array([ours["mass"], ours["stiffness"]])
 
 
@@ -105,16 +104,18 @@ def test_along_x_does_not_depend_on_the_orientation_in_the_plane_of_the_arm(arm)
 def test_follow_refuses_a_longer_approach_to_a_robot_softer_at_the_impact(arm):
     place = root(lambda at: in_the_plane(arm, *at, "horizontal") / (5.225, 1.5e5) - 1, (0.57, 0.31))
     assert np.max(np.abs(place.fun)) < 1e-9
-    with pytest.raises(ValueError, match=r"cannot reach x = 0\.3\d+ m, y = 0 m, .*horizontal"):
-        follow(arm, Line(Pose(place.x[0], 0.0, place.x[1], "horizontal"), ahead=0.28))
+    with pytest.raises(
+        ValueError, match=r"cannot reach x = 0\.3\d+ m, y = .*: joint 'joint 3' would be at .* 4\.468 rad"
+    ):
+        follow(arm, Line(tuple(angles_at(arm, place.x[0], 0.0, place.x[1], "horizontal")), ahead=0.28))
 
 
 @pytest.mark.parametrize(("orientation", "pointing"), [("down", (0, 0, -1)), ("horizontal", (1, 0, 0))])
 @pytest.mark.parametrize("y", [-0.2, 0.0, 0.1])
 def test_joint_angles_put_the_flange_there(arm, y, orientation, pointing):
-    angles = joint_angles(arm, Pose(0.5, y, 0.25, orientation))
+    angles = angles_at(arm, 0.5, y, 0.25, orientation)
     assert_equal(viper.frames(angles)[-1][:3][:, 1:].T, [(0, 1, 0), pointing, (0.5, y, 0.25)], 1e-10)
-    assert angles[2] > arm.description.stretched_elbow
+    assert angles[2] > 1.0  # the elbow is up
     lower, upper = np.radians(viper.KINEMATICS["limits_deg"]).T
     assert np.all((lower < angles) & (angles < upper))
 
@@ -122,35 +123,32 @@ def test_joint_angles_put_the_flange_there(arm, y, orientation, pointing):
 @pytest.mark.parametrize(
     ("place", "why"),
     [  # stretched, the wrist is a2 + hypot(a3, d4) = 0.5784 m from joint 2; here it would be hypot(0.745, 0.035) m
-        ((0.9, 0.0, 0.3, "horizontal"), r"x = 0\.9 m, y = 0 m, z = 0\.3 m, tool horizontal.* 0\.5784 m.* 0\.7458 m"),
-        # hypot(0.045, 0.035): joint 3 cannot fold that far
-        ((0.2, 0.0, 0.3, "horizontal"), r"x = 0\.2 m, .* 0\.05701 m"),
-        ((0.3, 0.0, 0.05, "horizontal"), r"x = 0\.3 m, .*-120 to 120.*deg"),  # joint 5 would have to turn farther
+        ((0.9, 0.0, 0.3, "horizontal"), r"x = 0\.9 m, y = 0 m, z = 0\.3 m: the nearest that was found misses it by"),
+        ((0.3, 0.0, 0.05, "horizontal"), r"x = 0\.3 m, .*: joint 'joint 5' would be at .* -2\.094 and 2\.094 rad"),
     ],
 )
 def test_joint_angles_refuse_a_pose_out_of_reach(arm, place, why):
     with pytest.raises(ValueError, match=r"cannot reach " + why):
-        joint_angles(arm, Pose(*place))
+        angles_at(arm, *place)
 
 
 @pytest.mark.parametrize("place", [(0.42, 0.0, 0.1, "down"), (0.73, 0.0, 0.335, "horizontal")])
 def test_joint_angles_refuse_a_pose_near_a_singularity(arm, place):
     with pytest.raises(ValueError, match=r"too near a singularity") as refusal:
-        joint_angles(arm, Pose(*place))
-    pattern = r"(.*) is too near .* \((.*)\) deg the .* Jacobian is (\S+), allowed is at most (\S+)"
-    pose, written, number, allowed = re.fullmatch(pattern, str(refusal.value)).groups()
-    assert pose == str(Pose(*place))
-    angles = np.radians([float(angle) for angle in written.split(", ")])
-    np.testing.assert_allclose(viper.frames(angles)[-1][:3, 3], place[:3], atol=1e-3)  # written to 0.01 deg
+        angles_at(arm, *place)
+    pattern = r"x = (\S+) m, .* z = (\S+) m is too near .* at \[(.*)\] the .* is (\S+), allowed is at most (\S+); .*"
+    x, z, written, number, allowed = re.fullmatch(pattern, str(refusal.value)).groups()
+    assert (float(x), float(z)) == (place[0], place[2])
+    angles = [float(angle) for angle in written.split()]
+    np.testing.assert_allclose(viper.frames(angles)[-1][:3, 3], place[:3], atol=1e-3)  # written to 0.0001 rad
     assert float(number) == pytest.approx(viper.condition(angles), rel=0.02)
     assert float(number) > float(allowed) == MAX_CONDITION
 
 
 @pytest.mark.parametrize("value", ["a", None, True, [1.0], float("nan"), float("inf")])
 def test_records_name_bad_numbers(value):
-    pose = Pose(0.5, 0.0, 0.3, "down")
-    fields = {pose: ("x", "y", "z", "orientation"), Line(pose): ("ahead", "behind", "spacing", "impact")}
-    fields[SHIPPED] = (*approach.COLUMNS, "joint_angles", "impact_travel", "y", "z")
+    fields = {Line((0.0,) * 6): ("ahead", "behind", "spacing", "direction")}
+    fields[SHIPPED] = (*approach.COLUMNS, "joint_angles", "impact_travel", "start", "direction")
     for record, field in ((record, field) for record, names in fields.items() for field in names):
         with pytest.raises((TypeError, ValueError), match=rf"{type(record).__name__}\.{field}"):
             dataclasses.replace(record, **{field: value})
@@ -160,24 +158,26 @@ def test_bad_angles_descriptions_and_places_are_named(arm):
     for angles in (None, "abcdef", np.zeros(5), [0, 0, 0, 0, 0, np.nan]):
         with pytest.raises((TypeError, ValueError), match="angles"):
             arm.jacobian(angles)
-    with pytest.raises(TypeError, match=r"Arm\.description"):
-        Arm("viper")
+    with pytest.raises(TypeError, match=r"arm must be a.* Arm"):
+        follow("viper", Line((0.0,) * 6))
+    with pytest.raises(ValueError, match=r"Line\.direction"):
+        Line((0.0,) * 6, (0.0, 0.0, 0.0))
     with pytest.raises(ValueError, match=r"Approach\.impact_travel"):
         dataclasses.replace(SHIPPED, impact_travel=0.2506)
     for part in (np.s_[:-1], np.s_[:, :-1]):
-        with pytest.raises(ValueError, match=rf"joint_angles must be {len(SHIPPED.travel)} rows of 6 numbers in deg"):
+        with pytest.raises(ValueError, match=rf"joint_angles must be {len(SHIPPED.travel)} rows of 6 numbers in rad"):
             dataclasses.replace(SHIPPED, joint_angles=SHIPPED.joint_angles[part])
 
 
 def test_default_approach_is_straight_in_the_arms_plane_within_limits_and_has_the_papers_mass():
     assert SHIPPED.mass[SHIPPED.impact_row] + 0.125 == pytest.approx(5.35, abs=1e-9)  # paper, section 3.2
     assert SHIPPED.stiffness[SHIPPED.impact_row] == pytest.approx(1.9e5, rel=1e-9)
-    assert (SHIPPED.impact_travel, SHIPPED.y) == (0.2505, 0.0)
+    assert (SHIPPED.impact_travel, SHIPPED.start[1]) == (0.2505, pytest.approx(0.0, abs=1e-15))
     assert SHIPPED.travel[-1] - SHIPPED.impact_travel > 0.016 + 1 / 16  # delay and brake from 1 m/s at 8 m/s^2
-    limits = np.array(viper.KINEMATICS["limits_deg"])
-    assert np.min([SHIPPED.joint_angles - limits[:, 0], limits[:, 1] - SHIPPED.joint_angles]) > 10 - 1e-9
-    for travel, angles in zip(SHIPPED.travel, np.radians(SHIPPED.joint_angles), strict=True):
-        place = (SHIPPED.x[0] + travel, SHIPPED.y, SHIPPED.z)
+    limits, turned = np.array(viper.KINEMATICS["limits_deg"]), np.degrees(SHIPPED.joint_angles)
+    assert np.min([turned - limits[:, 0], limits[:, 1] - turned]) > 10 - 1e-9
+    for travel, angles in zip(SHIPPED.travel, SHIPPED.joint_angles, strict=True):
+        place = np.add(SHIPPED.start, (travel, 0.0, 0.0))
         assert_equal(viper.frames(angles)[-1], viper.transform(viper.about("y", np.pi / 2), place), 1e-10)
         assert viper.condition(angles) < MAX_CONDITION
 
@@ -212,14 +212,15 @@ def test_write_is_whole_or_not_at_all(tmp_path, monkeypatch):
 def test_robot_table_meets_the_robot_between_its_rows(arm):
     table, at_impact = SHIPPED.robot_table(), SHIPPED.at_impact()
     assert dataclasses.astuple(table.at(0.2505)) == pytest.approx(dataclasses.astuple(at_impact), rel=1e-12)
-    line = Line(Pose(SHIPPED.x[SHIPPED.impact_row], SHIPPED.y, SHIPPED.z, SHIPPED.orientation))
+    line = Line(tuple(SHIPPED.joint_angles[SHIPPED.impact_row]))
     coarse = follow(arm, dataclasses.replace(line, spacing=0.005)).robot_table()
     rows = [*range(0, len(SHIPPED.travel) - 1, 3), len(SHIPPED.travel) - 2]
 
     def worst(table, places):
-        near = np.radians(SHIPPED.joint_angles[rows])
-        angles = [joint_angles(arm, line.pose(x), q) for x, q in zip(places, near, strict=True)]
-        masses = [arms.along_x(arm, q)["mass"] for q in angles]
+        forward = viper.about("y", np.pi / 2)
+        near = zip(places, SHIPPED.joint_angles[rows], strict=True)
+        angles = [joint_angles(arm, np.add(SHIPPED.start, (x, 0.0, 0.0)), forward, q) for x, q in near]
+        masses = [along(arm, q, X)["mass"] for q in angles]
         return max(abs(table.at(x).mass / m - 1) for x, m in zip(places, masses, strict=True))
 
     middles = 0.5 * (SHIPPED.travel[:-1] + SHIPPED.travel[1:])
@@ -242,7 +243,8 @@ import sys
 sys.modules["mujoco"] = None  # what import finds where it is not installed
 import impact_gym.robot as robot
 assert robot.default_approach().robot_table().at(0.2505).mass > 0
-robot.Arm()
+from impact_gym.robot.viper import viper
+viper()
 """
     done = subprocess.run([sys.executable, "-W", "error", "-c", script], capture_output=True, text=True, check=False)
     assert "pip install 'impact-gym[robot]'" in done.stderr.splitlines()[-1]

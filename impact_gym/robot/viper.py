@@ -1,0 +1,66 @@
+"""The paper's arm, the Viper s650, and its approach: the paper names none, so one is solved for that has its numbers.
+
+The paper says where the impact happens neither in joint angles nor in place; of its Fig. 12 the text holds nothing but
+m_r + m_t = 5.35 kg at the impact. k_r = 1.9e5 N/m there and the 0.2505 m of travel before it are identified from other
+printed numbers (see docs/provenance.md).
+
+With the tool in the plane of the arm (y = 0) m_r and k_r depend on the place of the wrist centre alone: the orientation
+is held, so links 5 and 6 only translate. Both values meet at one place, and the arm reaches it on a straight line of
+that length with every joint at least 15 degrees from its limits. The tool is horizontal, along the approach.
+"""
+
+from pathlib import Path
+
+import numpy as np
+from scipy.optimize import root
+from scipy.spatial.transform import Rotation
+
+from impact_gym.robot.arm import Arm, Array, along, from_urdf
+from impact_gym.robot.line import Line, joint_angles
+
+FILE = Path(__file__).with_name("viper_s650.urdf")
+STIFFNESS = (10000.0, 10000.0, 3000.0, 1000.0, 700.0, 300.0)
+"""Of the joints, N m/rad. An estimate, not measured on this robot: chosen such that k_r = 1.5e5 N/m with the tool down
+at x = 0.50 m, z = 0.20 m; the split between joints is arbitrary."""
+DAMPING_OVER_STIFFNESS = 3.7e-4
+"""beta in D = beta K, s: a damping ratio of about 3 % at 26 Hz."""
+MASS_AT_IMPACT = 5.35 - 0.125
+"""m_r, kg: the printed m_r + m_t (paper, section 3.2) less the tool."""
+STIFFNESS_AT_IMPACT = 1.9e5
+"""k_r at the impact, N/m: identified from the paper's Fig. 13b and 14a, not printed."""
+PITCH = {"down": np.pi, "horizontal": np.pi / 2}
+"""Angle of the flange's z axis from the vertical, towards +x, rad: the tool points down, or along the approach."""
+ELBOW_UP = (0.0, -0.7, 3.2, 0.0, -2.5, 0.0)  # rad, in the middle of the workspace; the pitch goes on top
+
+
+def viper() -> Arm:
+    """Return the arm; its frames are parallel at zero angles, the flange's z axis points out of it."""
+    damping = tuple(DAMPING_OVER_STIFFNESS * stiffness for stiffness in STIFFNESS)
+    return from_urdf(FILE, "base", "flange", joint_stiffness=STIFFNESS, joint_damping=damping)
+
+
+def angles_at(arm: Arm, x: float, y: float, z: float, orientation: str) -> Array:
+    """Return the joint angles, elbow up, that put the flange there (m), the tool "down" or "horizontal"."""
+    pitch = PITCH[orientation]
+    near = np.add(ELBOW_UP, [np.arctan2(y, x), 0.0, 0.0, 0.0, pitch, 0.0])
+    return joint_angles(arm, (x, y, z), Rotation.from_rotvec([0.0, pitch, 0.0]).as_matrix(), near)
+
+
+def default_line(arm: Arm) -> Line:
+    """Solve for the line of the default approach.
+
+    Raises:
+        ValueError: no such line was found, or the robot cannot reach a place tried on the way to it.
+    """
+
+    def misfit(place: Array) -> Array:
+        x, z = map(float, place)
+        at_impact = along(arm, angles_at(arm, x, 0.0, z, "horizontal"), (1.0, 0.0, 0.0))
+        wanted = MASS_AT_IMPACT, STIFFNESS_AT_IMPACT
+        return np.array([at_impact["mass"], at_impact["stiffness"]]) / wanted - 1
+
+    solution = root(misfit, [0.56, 0.28], method="hybr", options={"xtol": 1e-13})
+    if np.max(np.abs(solution.fun)) > 1e-11:
+        raise ValueError(f"no line with the wanted robot at the impact was found: {solution.message}")
+    x, z = map(float, solution.x)
+    return Line(tuple(angles_at(arm, x, 0.0, z, "horizontal").tolist()))

@@ -1,0 +1,67 @@
+"""URDF files of small arms whose equations one can write down."""
+
+import numpy as np
+
+TWO_LINKS = {"lengths": (0.5, 0.4), "masses": (3.0, 2.0)}
+
+
+def link(name, mass=0.0, at=(0.0, 0.0, 0.0), moments=(0.01, 0.02, 0.02), extra=""):
+    """A link; one without mass is a frame."""
+    if not mass:
+        return f'<link name="{name}">{extra}</link>'
+    xx, yy, zz = moments
+    place = " ".join(map(str, at))
+    return (f'<link name="{name}"><inertial><origin xyz="{place}"/><mass value="{mass}"/><inertia ixx="{xx}" iyy="{yy}"'
+            f' izz="{zz}" ixy="0" ixz="0" iyz="0"/></inertial>{extra}</link>')  # fmt: skip
+
+
+def joint(name, kind, parent, child, at=(0.0, 0.0, 0.0), axis="0 0 1", turn="0 0 0", extra=""):
+    """A joint."""
+    place = " ".join(map(str, at))
+    return (f'<joint name="{name}" type="{kind}"><origin xyz="{place}" rpy="{turn}"/><parent link="{parent}"/>'
+            f'<child link="{child}"/><axis xyz="{axis}"/><limit lower="-3" upper="3" effort="1" velocity="1"/>{extra}'
+            "</joint>")  # fmt: skip
+
+
+def write(folder, *parts):
+    """Write the file of these links and joints."""
+    path = folder / "arm.urdf"
+    path.write_text(f'<robot name="made up">{"".join(parts)}</robot>')
+    return path
+
+
+def two_links(folder, turn="0 0 0", names=("shoulder", "elbow")):
+    """Two rods of 0.5 and 0.4 m that turn about z, in a base that is turned itself."""
+    (a, b), (m, n) = TWO_LINKS["lengths"], TWO_LINKS["masses"]
+    return write(
+        folder, link("world"), joint("held", "fixed", "world", "base", turn=turn), link("base"),
+        joint(names[0], "revolute", "base", "upper"), link("upper", m, (a / 2, 0, 0), rod(m, a)),
+        joint(names[1], "revolute", "upper", "fore", (a, 0, 0)), link("fore", n, (b / 2, 0, 0), rod(n, b)),
+        joint("end", "fixed", "fore", "tip", (b, 0, 0)), link("tip"),
+    )  # fmt: skip
+
+
+def rod(mass, length):
+    """Principal moments of a thin rod along x, not quite thin."""
+    return 1e-4, mass * length**2 / 12, mass * length**2 / 12 + 1e-4
+
+
+def two_links_matrices(q):
+    """M, and the Jacobian of the tip in the plane."""
+    (a, b), (m, n) = TWO_LINKS["lengths"], TWO_LINKS["masses"]
+    i, j = rod(m, a)[2], rod(n, b)[2]
+    c, far = np.cos(q[1]), n * b**2 / 4 + j
+    M = np.array([[m * a**2 / 4 + i + n * a**2 + far + n * a * b * c, far + n * a * b * c / 2],
+                  [far + n * a * b * c / 2, far]])  # fmt: skip
+    both = q[0] + q[1]
+    J = np.array([[-a * np.sin(q[0]) - b * np.sin(both), -b * np.sin(both)],
+                  [a * np.cos(q[0]) + b * np.cos(both), b * np.cos(both)]])  # fmt: skip
+    return M, J
+
+
+def slides(folder, first=2.0, second=3.225):
+    """Two slides, along x and along y: along x it is one mass on a spring."""
+    return write(
+        folder, link("base"), joint("x", "prismatic", "base", "carriage", axis="1 0 0"), link("carriage", first),
+        joint("y", "prismatic", "carriage", "tip", axis="0 1 0"), link("tip", second),
+    )  # fmt: skip
