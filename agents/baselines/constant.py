@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from agents.baselines.rule import Parameter, Rule, View
+from agents.baselines.rule import SLOWEST, Parameter, Rule, View
 from impact_gym.task.task import ACCELERATION_RANGE, VELOCITY_RANGE
 from impact_gym.validation import number
 
@@ -70,7 +70,7 @@ class ConstantGain(Rule):
 
     def command(self, view: View) -> tuple[ArrayLike, ArrayLike]:
         """Return that share as a speed (m/s), and the acceleration (m/s^2)."""
-        return self["gain"] * np.abs(view["command"]), self["acceleration"]
+        return self["gain"] * np.maximum(np.abs(view["command"]), SLOWEST), self["acceleration"]
 
 
 class OperatorAlone(ConstantGain):

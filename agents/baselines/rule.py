@@ -22,6 +22,7 @@ CONTROL_PERIOD: float = Task.control_period  # s
 DISTANCES = ScenarioRanges().distance
 """Where objects stand, m, unless an environment says otherwise: what positions in rules are made for."""
 LEAST_STRETCH = 0.01  # m
+SLOWEST = 1e-9  # m/s, of a command that a share is taken of
 
 
 class Parameter(NamedTuple):
@@ -145,7 +146,7 @@ class Rule:
 
         So every rule is an assistance: what it would do by itself is a limit, and where it would retreat it withdraws.
         """
-        fast = np.maximum(np.abs(command), 1e-9)
+        fast = np.maximum(np.abs(command), SLOWEST)
         wanted = np.clip(velocity / fast, 0.0, 1.0), acceleration, np.maximum(-velocity, 0.0)
         low, high = np.array([(action.low, action.high) for action in self.task.actions]).T
         share = (np.stack(np.broadcast_arrays(*wanted), axis=-1) - low) / (high - low)
