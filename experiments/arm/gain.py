@@ -50,7 +50,8 @@ def played(arm: str, first: int, count: int) -> Result:
             commands, alarm, info = _commands(env, task, controller, TEST_SEED + scenario, {})
             drawn = info["scenario"]
             after = tuple((t - alarm, v, a) for t, v, a in commands if t >= alarm - 1e-9)
-            reaction = whole.Reaction(before, (*after, (after[-1][0] + 0.016, 0.0, 20.0)), 1.0, 0.016)
+            stop = after[-1][0] + task.control_period if after else 0.0
+            reaction = whole.Reaction(before, (*after, (stop, 0.0, task.acceleration_range[1])), 1.0, 0.016)
             contact = Contact(drawn["contact_stiffness"], drawn["restitution"])
             scene = Scene(Tool(0.125), Object(drawn["object_mass"], drawn["distance"]), contact, SpringDamper(50.0))
             blow = whole.simulate(made, approach, scene, reaction, duration=info["approach_time"] + 0.35, rtol=1e-7)
