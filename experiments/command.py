@@ -34,6 +34,9 @@ COMMANDS = {
     "gain": Command("experiments.gain", ("train", "report"), "say what the gain over the paper's rule is made of"),
     "teleop": Command("experiments.teleop", ("train", "report"), "say what assistance gives an operator who acts late"),
     "arm": Command("experiments.arm", ("train", "report", "robot"), "hold the one mass on a spring against whole arms"),
+    "measured": Command(
+        "experiments.measured", ("train", "report"), "predict half of measured hits from the other half"
+    ),
     "design": Command("experiments.design", ("train", "report"), "find the coupling that leaves the object slowest"),
     "identify": Command("impact_gym.identify", (), "fit the numbers of a tool and an object to a measured blow"),
     "robot": Command("impact_gym.robot", ("robot",), "compute the default approach of the Viper s650 from its joints"),
