@@ -5,7 +5,7 @@ from impact_gym import sources
 sources.check()
 
 from impact_gym import envs, operators
-from impact_gym.identify import Identified, Sensor, identify
+from impact_gym.identify import Identified, LoadCell, Sensor, identify
 from impact_gym.motion import Brake, Motion, Trapezoid
 from impact_gym.operators import Channel
 from impact_gym.physics.dissipation import effective_restitution
@@ -23,6 +23,7 @@ __all__ = [
     "Contact",
     "ContactRecord",
     "Identified",
+    "LoadCell",
     "Material",
     "Motion",
     "Object",

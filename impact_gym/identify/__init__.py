@@ -17,12 +17,12 @@ from impact_gym.identify.coordinates import free_coordinates
 from impact_gym.identify.fit import fit_with_intervals
 from impact_gym.identify.model import Model
 from impact_gym.identify.result import Identified
-from impact_gym.identify.sensor import Sensor
+from impact_gym.identify.sensor import LoadCell, Sensor
 from impact_gym.motion import Trapezoid
 from impact_gym.scene import Scene
 from impact_gym.validation import WrongTypeError, one_of, shown
 
-__all__ = ["Identified", "Sensor", "identify"]
+__all__ = ["Identified", "LoadCell", "Sensor", "identify"]
 
 FREE = ("contact.stiffness", "contact.restitution", "object.mass")
 
@@ -83,4 +83,6 @@ def _by_column(sensor: Sensor | Mapping[str, Sensor] | None, columns: Sequence[s
         if name not in columns:
             raise ValueError(f"sensor: no log has a column {name!r}; there are {', '.join(columns)}")
         one_of(f"sensor: {name}", known, Sensor)
+        if known.cell and name != "force":
+            raise ValueError(f"sensor: {name} has a load cell, which a force alone may have")
     return {name: sensor.get(name, Sensor()) for name in columns}

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from impact_gym.files import parsed, write_file
-from impact_gym.identify import FREE, Identified, Sensor, identify
+from impact_gym.identify import FREE, Identified, LoadCell, Sensor, identify
 from impact_gym.motion import Brake, Trapezoid
 from impact_gym.quantities import QUANTITIES, SCENARIO, SET_UP
 from impact_gym.scene import Contact, Object, Scene, Tool
@@ -44,6 +44,7 @@ other one what it was when the blow was measured: no range.
     low_pass = 1000.0                                    # Hz, first order
     bias = "estimated"                                   # or a number, in the column's unit
     noise = 0.2                                          # standard deviation
+    cell = { mass = 0.02, frequency = 5000.0 }           # of a force: kg before the element, Hz; damping_ratio
 
 what is written: the set-up with the intervals as ranges, without the two tables, fit for agents.load_setup. A number to
 which the log sets no limit on one side stays as it was, and a comment says so.
@@ -116,8 +117,15 @@ def parse(content: Mapping[str, Any], free: Sequence[str]) -> tuple[Scene, Trape
     if "brake" in motion:
         motion["brake"] = _record("motion.brake", motion["brake"], Brake)
     one_of("sensor", sensors, Mapping)
-    known_sensors = {name: _record(f"sensor.{name}", known, Sensor) for name, known in sensors.items()}
+    known_sensors = {name: _sensor(f"sensor.{name}", known) for name, known in sensors.items()}
     return scene, _record("motion", motion, Trapezoid), known_sensors
+
+
+def _sensor(name: str, table: Any) -> Sensor:
+    """Return the sensor that a table describes, with its load cell."""
+    one_of(name, table, Mapping)
+    cell = {"cell": _record(f"{name}.cell", table["cell"], LoadCell)} if "cell" in table else {}
+    return _record(name, {**table, **cell}, Sensor)
 
 
 def _record(name: str, table: Any, kind: type[Any]) -> Any:

@@ -9,7 +9,7 @@ from impact_gym.identify.coordinates import Coordinate
 from impact_gym.identify.log import Log
 from impact_gym.identify.sensor import Array, Sensor, bursts, noise_of
 from impact_gym.motion import Trapezoid
-from impact_gym.scene import Scene
+from impact_gym.scene import Rigid, RobotTable, Scene
 from impact_gym.simulation import Trace, simulate
 from impact_gym.task.paths import replaced
 
@@ -21,6 +21,13 @@ bias cost nothing, a fit takes up to 30 % fewer simulations than with SciPy's "2
 "3-point", to the same minimum. The batch simulator records no motion but its end and cannot give these differences."""
 IMPOSSIBLE = 1e3  # times its size is what a log is off a scene that cannot be
 TRACED = {"force": "contact_force"}  # column of a log: that of a trace, where the two have not the same name
+
+
+def tool_acceleration(scene: Scene, trace: Trace) -> Array:
+    """Return the tool's acceleration (n,), m/s^2, from the forces on it and on what is fixed to it."""
+    robot = scene.robot.at(scene.object.distance) if isinstance(scene.robot, RobotTable) else scene.robot
+    mass = scene.tool.mass + (robot.mass if robot and isinstance(scene.coupling, Rigid) else 0.0)
+    return np.asarray((trace.coupling_force - trace.contact_force) / mass)
 
 
 @dataclass(eq=False)
@@ -96,9 +103,12 @@ class Model:
         arrival = 2.0 * scene.object.distance / motion.speed + motion.speed / motion.acceleration
         return arrival + float(log.time[-1] - log.time[0])
 
-    def sensed(self, trace: Trace, name: str, at: Array) -> tuple[Array, Array]:
+    def sensed(self, scene: Scene, trace: Trace, name: str, at: Array) -> tuple[Array, Array]:
         """Return what the sensor of a column reads `at` (n,) s of the motion, and its slope."""
-        return self.sensors[name].senses(trace.time, getattr(trace, TRACED.get(name, name)), at)
+        sensor, values = self.sensors[name], getattr(trace, TRACED.get(name, name))
+        if sensor.cell:
+            values = values + sensor.cell.mass * tool_acceleration(scene, trace)
+        return sensor.senses(trace.time, values, at)
 
     def predicted(self, x: Array) -> tuple[Array, Array]:
         """Return all columns of all logs (n,) without their biases, and their slopes in time."""
@@ -117,7 +127,7 @@ class Model:
                     raise ValueError("the log begins when the blow is over")
                 trace = self.trace(scene, k, max(float(at[-1]), log.step))
                 for name in log.columns:
-                    values[self.slots[k, name]], slopes[self.slots[k, name]] = self.sensed(trace, name, at)
+                    values[self.slots[k, name]], slopes[self.slots[k, name]] = self.sensed(scene, trace, name, at)
         except (ValueError, RuntimeError):  # no such scene or start, or the simulator cannot finish it
             for (k, name), slot in self.slots.items():
                 values[slot], slopes[slot] = IMPOSSIBLE * np.ptp(self.logs[k].columns[name]), 0.0

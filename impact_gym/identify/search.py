@@ -14,6 +14,7 @@ from impact_gym.identify.coordinates import RESTITUTION
 from impact_gym.identify.log import Log
 from impact_gym.identify.model import Model
 from impact_gym.identify.sensor import Array, level
+from impact_gym.scene import Scene
 from impact_gym.simulation import Trace
 
 SCATTERED = 40  # scenes beside the given one
@@ -59,7 +60,7 @@ def _start_at(model: Model, point: Array, share: float) -> Point:
         scene = model.scene_at(x)
         for k, log in enumerate(model.logs):
             trace = model.trace(scene, k, model.latest(scene, k))
-            misfit, delay, biases = _align(model, log, trace, share)
+            misfit, delay, biases = _align(model, scene, log, trace, share)
             x[len(point) + k] = log.time[0] + delay
             for name, bias in biases.items():
                 if (k, name) in model.biased:
@@ -70,7 +71,7 @@ def _start_at(model: Model, point: Array, share: float) -> Point:
     return Point(total, x, is_minimum=False)
 
 
-def _align(model: Model, log: Log, trace: Trace, share: float) -> tuple[float, float, dict[str, float]]:
+def _align(model: Model, scene: Scene, log: Log, trace: Trace, share: float) -> tuple[float, float, dict[str, float]]:
     """Return the least misfit of a motion with a log, the start of the motion after the log's (s), and the biases."""
     step, n = log.step, len(log.time)
     touch = trace.time[np.argmax(trace.contact_force > 0.0)] if np.any(trace.contact_force > 0.0) else np.inf
@@ -86,7 +87,7 @@ def _align(model: Model, log: Log, trace: Trace, share: float) -> tuple[float, f
         free = sensor.bias == "estimated"
         rest = level(values, sensor)
         y = values - rest
-        sensed = model.sensed(trace, name, times)[0]
+        sensed = model.sensed(scene, trace, name, times)[0]
         spectrum = np.fft.rfft(y, length) * np.conj(np.fft.rfft(sensed, length))
         products = np.fft.irfft(spectrum, length)
         sums, squares = (np.concatenate([[0.0], np.cumsum(part)]) for part in (sensed, sensed**2))

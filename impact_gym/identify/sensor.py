@@ -1,13 +1,13 @@
-"""What a sensor makes of a motion: a first-order low pass, a bias, noise, and values at its sampling times only."""
+"""What a sensor makes of a motion: a load cell, a first-order low pass, a bias, noise, values at its times only."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_banded
 
-from impact_gym.validation import number
+from impact_gym.validation import number, one_of
 
 Array = NDArray[np.float64]
 
@@ -48,22 +48,57 @@ class Curve:
 
 
 @dataclass(frozen=True, slots=True)
+class LoadCell:
+    """A force sensor as it is built: a face of some mass on a spring and damper, fixed to the tool.
+
+    Its reading is the force R = k u + c u' of the element (Kelvin and Voigt), where m u'' + c u' + k u = F + m a, with
+    the contact force F and the tool's acceleration a. So it rings, reads m a without a contact, and less than F while
+    the tool is braked by it. The element is taken to be much stiffer than the contact, which it does not soften.
+    """
+
+    mass: float  # kg, between element and contact
+    frequency: float  # Hz, sqrt(k / m) / 2 pi
+    damping_ratio: float = 0.0  # -, at most 0.99
+
+    def __post_init__(self) -> None:
+        for name, unit, allowed in (
+            ("mass", "kg", {"above": 0.0}), ("frequency", "Hz", {"above": 0.0}),
+            ("damping_ratio", "-", {"at_least": 0.0, "at_most": 0.99}),
+        ):  # fmt: skip
+            object.__setattr__(self, name, number(f"LoadCell.{name}", getattr(self, name), unit, **allowed))
+
+    @property
+    def pole(self) -> complex:
+        """Less the root of s^2 + 2 zeta omega s + omega^2 that turns forwards, 1/s."""
+        omega = 2.0 * np.pi * self.frequency
+        return complex(omega * self.damping_ratio, omega * np.sqrt(1.0 - self.damping_ratio**2))
+
+    def gain(self, s: complex) -> complex:
+        """Return what it makes of exp(s t), -."""
+        omega = 2.0 * np.pi * self.frequency
+        pull = 2.0 * self.damping_ratio * omega * s + omega**2
+        return pull / (s**2 + pull)
+
+
+@dataclass(frozen=True, slots=True)
 class Sensor:
     """What is known of the sensor behind one column of a log.
 
-    Noise is white and comes after the filter: independent from sample to sample, normal, the same all along.
+    Noise is white and comes after load cell and filter: independent from sample to sample, normal, the same all along.
     """
 
     rate: float | None = None  # Hz, checked against the log's times; None: as these say
     low_pass: float | None = None  # Hz, cut-off of a first-order filter; None: no filter
     bias: float | Literal["estimated"] = 0.0  # in the column's unit, added to every sample
     noise: float | None = None  # standard deviation in the column's unit; None: estimated
+    cell: LoadCell | None = None  # of a force; None: it reads the contact force
 
     def __post_init__(self) -> None:
         for name, unit in {"rate": "Hz", "low_pass": "Hz", "noise": "(the column's unit)"}.items():
             value = getattr(self, name)
             if value is not None:
                 object.__setattr__(self, name, number(f"Sensor.{name}", value, unit, above=0))
+        one_of("Sensor.cell", self.cell, LoadCell, type(None))
         if self.bias != "estimated":
             object.__setattr__(self, "bias", number("Sensor.bias", self.bias, "(the column's unit), or 'estimated'"))
 
@@ -77,18 +112,35 @@ class Sensor:
         """
         signal = Curve(time, values)
         within = np.clip(at, signal.time[0], signal.time[-1])
-        if self.low_pass is None:
+        lags = self._lags()
+        if not lags:
             value, slope = signal(within)
             return value, np.where(at == within, slope, 0.0)
-        pace = 2.0 * np.pi * self.low_pass
         moving = np.flatnonzero(values)
         begin = time[moving[0] - 1] if len(moving) and moving[0] else time[0]
-        nodes = np.unique(np.concatenate([time[(time >= begin) & (time <= at[-1])], at[at >= begin], [begin]]))
-        value = np.interp(at, nodes, _filtered(signal, nodes, pace, time[-1]), left=0.0)
-        return value, np.where(at >= begin, pace * (signal(within)[0] - value), 0.0)
+        swings = np.arange(begin, at[-1], 0.5 / self.cell.frequency) if self.cell else np.empty(0)
+        nodes = np.unique(np.concatenate([
+            time[(time >= begin) & (time <= at[-1])], at[at >= begin], [begin], swings,
+        ]))  # fmt: skip
+        now, value, slope = signal(within)[0], np.zeros(len(at)), np.zeros(len(at))
+        for share, pace in lags:
+            lagging = np.interp(at, nodes, _filtered(signal, nodes, pace, time[-1]), left=0.0)
+            value += np.real(share * lagging)
+            slope += np.where(at >= begin, np.real(share * pace * (now - lagging)), 0.0)
+        return value, slope
+
+    def _lags(self) -> list[tuple[complex, complex]]:
+        """Return cell and filter as a sum of lags: shares and paces (1/s), of which the real part counts."""
+        slow = 2.0 * np.pi * self.low_pass if self.low_pass else None
+        if self.cell is None:
+            return [(1.0, slow)] if slow else []
+        pole = self.cell.pole
+        omega, damping = abs(pole), 2.0 * pole.real
+        share = 1j * (omega**2 - damping * pole) / (pole.imag * pole)
+        return [(self.cell.gain(-slow), slow), (share * slow / (slow - pole), pole)] if slow else [(share, pole)]
 
 
-def _filtered(signal: Curve, nodes: Array, pace: float, last: float) -> Array:
+def _filtered(signal: Curve, nodes: Array, pace: complex, last: float) -> NDArray[Any]:
     """Return y at `nodes` (k,), y' = pace (u - y) from rest at the first.
 
     Between two nodes y moves by 1 - exp(-pace h) towards the mean of u that is weighted with exp(-pace (time left)), by

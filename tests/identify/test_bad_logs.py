@@ -156,6 +156,13 @@ def test_identify_refuses_sensors():
             ig.Sensor(**{field: 0.0})
     with pytest.raises(ValueError, match=r"Sensor\.bias must be a number"):
         ig.Sensor(bias="guess")
+    held = {"object_velocity": ig.Sensor(cell=ig.LoadCell(0.02, 5000.0))}
+    identify_refused("sensor: object_velocity has a load cell, which a force alone may have", two, sensor=held)
+    for numbers, name in (((0.0, 1.0), "mass"), ((1.0, np.inf), "frequency"), ((1.0, 1.0, 1.0), "damping_ratio")):
+        with pytest.raises(ValueError, match=rf"LoadCell\.{name} must be finite"):
+            ig.LoadCell(*numbers)
+    with pytest.raises(TypeError, match=r"Sensor\.cell must be a LoadCell or None, got 5"):
+        ig.Sensor(cell=5)
 
 
 def test_impulse_that_is_usual_is_that_of_tool_and_object_at_the_speed_of_the_approach():

@@ -6,6 +6,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from blows import MOTION, SPRING, log, scene
+from scipy import signal
 
 import impact_gym as ig
 from impact_gym.identify.coordinates import free_coordinates
@@ -73,6 +74,38 @@ def test_identify_takes_filter_and_bias_of_a_sensor_into_account():
     assert fit.bias[0]["force"] == pytest.approx(2.0, abs=0.3)
     unaware = ig.identify(recorded, guess(), MOTION, sensor=ig.Sensor(bias=2.0))
     assert unaware.estimate["contact.stiffness"] + 4000.0 < fit.estimate["contact.stiffness"]
+
+
+@pytest.mark.parametrize("damping_ratio", [0.0, 0.05, 0.7])
+def test_load_cell_answers_a_step_like_a_mass_on_a_spring_and_damper(damping_ratio):
+    time, omega = np.linspace(0.0, 0.01, 41), 2.0 * np.pi * 700.0
+    read, slope = ig.Sensor(cell=ig.LoadCell(0.02, 700.0, damping_ratio)).senses(time, np.ones(41), time)
+    root = math.sqrt(1.0 - damping_ratio**2)
+    turn, fade = omega * root * time, np.exp(-damping_ratio * omega * time)
+    expected = 1.0 - fade * (np.cos(turn) - damping_ratio / root * np.sin(turn))
+    np.testing.assert_allclose(read, expected, rtol=0.0, atol=1e-9)
+    assert slope[0] == pytest.approx(2.0 * damping_ratio * omega, abs=1e-6)  # the damper takes it up at once
+
+
+@pytest.mark.parametrize("low_pass", [None, 900.0])
+def test_identify_sees_through_a_load_cell_that_rings_and_is_braked_with_the_tool(low_pass):
+    cell, trace = ig.LoadCell(0.03, 1500.0, 0.03), ig.simulate(TRUTH, MOTION, 0.4, trace=True).trace
+    fine = np.arange(0.0, 0.345, 1e-6)
+    pull = np.interp(fine, trace.time, trace.coupling_force - trace.contact_force) / TRUTH.tool.mass
+    force = np.interp(fine, trace.time, trace.contact_force) + cell.mass * pull
+    omega = 2.0 * np.pi * cell.frequency
+    systems = [([2.0 * cell.damping_ratio * omega, omega**2], [1.0, 2.0 * cell.damping_ratio * omega, omega**2])]
+    systems += [([2.0 * np.pi * low_pass], [1.0, 2.0 * np.pi * low_pass])] if low_pass else []
+    for system in systems:
+        force = signal.lsim(system, force, fine)[1]
+    time = np.arange(0.3, 0.345, 1 / 8000)
+    read = np.interp(time, fine, force)
+    recorded = {"time": time, "force": read + np.random.default_rng(0).normal(0.0, 0.005 * read.max(), len(time))}
+    fit = ig.identify(recorded, guess(), MOTION, sensor=ig.Sensor(low_pass=low_pass, cell=cell))
+    assert_near(fit, TRUTH)
+    unaware = ig.identify(recorded, guess(), MOTION, sensor=ig.Sensor(low_pass=low_pass))
+    low, high = fit.interval["object.mass"]
+    assert not low < unaware.estimate["object.mass"] < high
 
 
 def test_identify_takes_a_flange_that_keeps_its_speed_all_along():
