@@ -23,7 +23,8 @@ ROUNDS = 3  # runs of a model, of which the fastest counts
 FULL = "as it is"
 
 
-def _rigid_robot(scene: Scene) -> Scene:
+def rigid_robot(scene: Scene) -> Scene:
+    """Return the scene with a flange that yields to nothing."""
     return replace(scene, robot=None)
 
 
@@ -33,7 +34,8 @@ def _frozen_robot(scene: Scene) -> Scene:
     return replace(scene, robot=scene.robot.at(scene.object.distance))
 
 
-def _rigid_tool(scene: Scene) -> Scene:
+def fixed_tool(scene: Scene) -> Scene:
+    """Return the scene with the tool fixed to the flange, if a spring holds it."""
     return replace(scene, coupling=Rigid()) if isinstance(scene.coupling, SpringDamper) else scene
 
 
@@ -52,8 +54,8 @@ def _both(of_robot: Callable[[Scene], Scene], of_tool: Callable[[Scene], Scene],
     return of_tool(of_robot(scene))
 
 
-ROBOTS = {FULL: _as_it_is, "robot frozen where the object stands": _frozen_robot, "robot rigid": _rigid_robot}
-TOOLS = {FULL: _as_it_is, "tool fixed to the flange": _rigid_tool, "stops ten times softer": _softer_stops}
+ROBOTS = {FULL: _as_it_is, "robot frozen where the object stands": _frozen_robot, "robot rigid": rigid_robot}
+TOOLS = {FULL: _as_it_is, "tool fixed to the flange": fixed_tool, "stops ten times softer": _softer_stops}
 
 
 @dataclass(frozen=True)
@@ -137,7 +139,7 @@ def advise(
 
 def _masses(approach: Approach) -> dict[str, Callable[[Scene], Scene]]:
     """Return the models with one mass for an arm, varying along the line and frozen at the impact."""
-    models: dict[str, Callable[[Scene], Scene]] = {"robot rigid": _rigid_robot}
+    models: dict[str, Callable[[Scene], Scene]] = {"robot rigid": rigid_robot}
     for mass in get_args(Mass):
         models[f"robot one mass, {mass}"] = partial(replace, robot=approach.robot_table(mass))
         models[f"robot one mass, {mass}, frozen at the impact"] = partial(replace, robot=approach.at_impact(mass))

@@ -19,7 +19,6 @@ from impact_gym.validation import shown
 
 Array = NDArray[np.float64]
 FEWEST = 20  # hits of a set
-REPEATS = 5  # equal hits that tell a spread
 SPLITS = 200
 LOG = {"time", "force"}  # what a log of one blow has
 
@@ -31,8 +30,12 @@ class Hits:
     name: str
     flux: Array  # m/s, (n,)
     distance: Array  # m, (n,)
-    repeat: list[str]  # what is equal for hits that were meant to be equal
-    left_out: int  # rows that are no hit
+    repeat: NDArray[np.str_]  # what is equal for hits that were meant to be equal, (n,)
+    left_out: int = 0  # rows that are no hit
+
+    def part(self, rows: Any) -> "Hits":
+        """Return some of the hits."""
+        return Hits(self.name, self.flux[rows], self.distance[rows], self.repeat[rows])
 
 
 def read(
@@ -40,7 +43,8 @@ def read(
 ) -> list[Hits]:
     """Return the sets of a CSV file: hits with the same values in the columns `by`.
 
-    A row whose numbers are none, or below what they must be `at_least`, is left out and counted.
+    A row whose numbers are none, or not above what they must be `at_least`, is left out and counted; so is one whose
+    distance or flux is not above 0.
 
     Raises:
         ValueError: the file has not these columns, or too few hits; names it and what it has.
@@ -49,36 +53,22 @@ def read(
     names = list(rows[0]) if rows else []
     missing = [name for name in (distance, flux, *by, *repeat, *at_least) if name not in names]
     if missing and {*names} >= LOG:
-        raise ValueError(f"{path} is the log of one blow, not a table of hits: impact-gym identify {path}")
+        raise ValueError(f"{path} is the log of one blow, not a table of hits: give what is known of it with --scene")
     if missing:
         raise ValueError(f"{path} has no column {missing[0]!r}, there are {names}")
     sets: dict[str, list[Mapping[str, str]]] = {}
     for row in rows:
         sets.setdefault(" ".join([path.stem, *(f"{name} {row[name]}" for name in by)]), []).append(row)
-    made = [_hits(name, each, distance, flux, repeat, at_least) for name, each in sets.items()]
-    kept = [hits for hits in made if len(hits.flux) >= FEWEST]
-    if not kept:
+    least, made = {distance: 0.0, flux: 0.0} | dict(at_least), list[Hits]()
+    for name, mine in sets.items():
+        numbers = np.array([[_number(row[column]) for column in (flux, distance, *least)] for row in mine])
+        kept = np.isfinite(numbers).all(axis=1) & (numbers[:, 2:] > list(least.values())).all(axis=1)
+        equal = np.array([" ".join(row[column] for column in repeat) for row in mine])
+        made.append(Hits(name, *numbers[kept, :2].T, equal[kept], int(np.sum(~kept))))
+    enough = [hits for hits in made if len(hits.flux) >= FEWEST]
+    if not enough:
         raise ValueError(f"{path} has sets of {[len(hits.flux) for hits in made]} hits, {FEWEST} or more are needed")
-    return kept
-
-
-def _hits(
-    name: str,
-    rows: Sequence[Mapping[str, str]],
-    distance: str,
-    flux: str,
-    repeat: Sequence[str],
-    at_least: Mapping[str, float],
-) -> Hits:
-    """Return the hits of some rows."""
-    kept = []
-    for row in rows:
-        numbers = {column: _number(row[column]) for column in {distance, flux, *at_least}}
-        least = {distance: 0.0, flux: 0.0} | dict(at_least)
-        if all(np.isfinite(value) and value > least[column] for column, value in numbers.items()):
-            kept.append((numbers[flux], numbers[distance], " ".join(row[column] for column in repeat)))
-    fluxes, distances = (np.array([each[k] for each in kept], dtype=np.float64) for k in (0, 1))
-    return Hits(name, fluxes, distances, [str(each[2]) for each in kept], len(rows) - len(kept))
+    return enough
 
 
 def _number(text: Any) -> float:
@@ -99,82 +89,69 @@ def least(texts: Sequence[str]) -> dict[str, float]:
     return found
 
 
-Predict = Callable[[Array], Array]
+Predict = Callable[[Hits], Array]
+"""What a fit says of the distances of other hits, (n,); nan where it says nothing."""
 
 
-def blow(flux: Array, distance: Array) -> Predict:
-    """Fit (1 + e)^2 / (2 mu g), s^2/m, as the median of what each hit says."""
-    number = number_of(flux, distance)
-    return lambda other: number * other**2
+def number_of(hits: Hits) -> float:
+    """Return (1 + e)^2 / (2 mu g), s^2/m, the median of what each hit says."""
+    return float(np.median(hits.distance / hits.flux**2))
 
 
-def number_of(flux: Array, distance: Array) -> float:
-    """Return that number."""
-    return float(np.median(distance / flux**2))
+def blow(hits: Hits) -> Predict:
+    """Fit that number."""
+    number = number_of(hits)
+    return lambda other: number * other.flux**2
 
 
-def power(flux: Array, distance: Array) -> Predict:
+def power(hits: Hits) -> Predict:
     """Fit any power of the flux."""
-    exponent, start = np.polyfit(np.log(flux), np.log(distance), 1)
-    return lambda other: np.asarray(np.exp(start) * other**exponent)
+    exponent, start = np.polyfit(np.log(hits.flux), np.log(hits.distance), 1)
+    return lambda other: np.asarray(np.exp(start) * other.flux**exponent)
 
 
-def line(flux: Array, distance: Array) -> Predict:
+def line(hits: Hits) -> Predict:
     """Fit a straight line."""
-    slope, start = np.polyfit(flux, distance, 1)
-    return lambda other: np.asarray(slope * other + start)
+    slope, start = np.polyfit(hits.flux, hits.distance, 1)
+    return lambda other: np.asarray(slope * other.flux + start)
 
 
-def always(flux: Array, distance: Array) -> Predict:
-    """Fit the median."""
-    middle = float(np.median(distance))
-    return lambda other: np.full_like(other, middle)
+def equal(hits: Hits) -> Predict:
+    """Take the median of the hits that were meant to be equal: what repeats leave, whatever the model."""
+    median = {name: float(np.median(hits.distance[hits.repeat == name])) for name in np.unique(hits.repeat)}
+    return lambda other: np.array([median.get(name, np.nan) if name else np.nan for name in other.repeat])
 
 
-MODELS: Mapping[str, Callable[[Array, Array], Predict]] = {
+MODELS: Mapping[str, Callable[[Hits], Predict]] = {
     "blow and friction, one number": blow, "any power of the flux, two": power, "straight line, two": line,
-    "always the same, one": always,
+    "median of equal hits": equal,
 }  # fmt: skip
-BLOW = next(iter(MODELS))
+BLOW, *_, EQUAL = MODELS
 
 
-def errors(hits: Hits, fit: Callable[[Array, Array], Predict], other: Hits | None = None) -> tuple[float, float, float]:
+def errors(hits: Hits, model: str, other: Hits | None = None, beside: str = BLOW) -> tuple[float, float, float]:
     """Return median and 95 % relative error on hits that nothing was fitted on, and how many its interval holds.
 
-    With `other` these are all of its hits, else the other half, over random halves.
+    With `other` these are all of its hits, else the other half, over random halves; of these only such as another
+    model, `beside`, says something of. All are nan where there are none.
     """
-    off, held = list[Array](), list[float]()
-    for one, two in _halves(hits, other):
-        predict = fit(*one)
-        spread = np.quantile(one[1] / predict(one[0]), [0.025, 0.975])
-        off.append(np.abs(predict(two[0]) / two[1] - 1.0))
-        share = two[1] / predict(two[0])
-        held.append(float(np.mean((spread[0] <= share) & (share <= spread[1]))))
+    off, held = list[Array](), list[Array]()
+    for one, two in _halves(hits) if other is None else [(hits, other)]:
+        predict = MODELS[model](one)
+        known = one.distance / predict(one)
+        spread = np.nanquantile(known, [0.025, 0.975]) if np.isfinite(known).any() else np.full(2, np.nan)
+        share = two.distance / predict(two)
+        share = share[np.isfinite(share + MODELS[beside](one)(two))]
+        off.append(np.abs(1.0 / share - 1.0))
+        held.append((spread[0] <= share) & (share <= spread[1]))
     together = np.concatenate(off)
-    return float(np.median(together)), float(np.quantile(together, 0.95)), float(np.mean(held))
+    if not len(together):
+        return np.nan, np.nan, np.nan
+    return float(np.median(together)), float(np.quantile(together, 0.95)), float(np.mean(np.concatenate(held)))
 
 
-def _halves(hits: Hits, other: Hits | None) -> Iterator[tuple[tuple[Array, Array], tuple[Array, Array]]]:
-    if other is not None:
-        yield (hits.flux, hits.distance), (other.flux, other.distance)
-        return
+def _halves(hits: Hits) -> Iterator[tuple[Hits, Hits]]:
     rng, count = np.random.default_rng(0), len(hits.flux)
     for _ in range(SPLITS):
         order = rng.permutation(count)
-        one, two = order[: count // 2], order[count // 2 :]
-        yield (hits.flux[one], hits.distance[one]), (hits.flux[two], hits.distance[two])
-
-
-def spread(hits: Hits) -> tuple[float, float, int]:
-    """Return median and 95 % of how far a hit is from the median of those meant to be equal, and of how many hits.
-
-    Nan where there are no repeats.
-    """
-    off: list[float] = []
-    for name in dict.fromkeys(hits.repeat):
-        mine = hits.distance[[each == name for each in hits.repeat]]
-        if name and len(mine) >= REPEATS:
-            off += [abs(float(np.median(np.delete(mine, k))) / mine[k] - 1.0) for k in range(len(mine))]
-    if not off:
-        return np.nan, np.nan, 0
-    return float(np.median(off)), float(np.quantile(off, 0.95)), len(off)
+        yield hits.part(order[: count // 2]), hits.part(order[count // 2 :])

@@ -42,12 +42,12 @@ def scatter(model: Model) -> list[Array]:
     cells = np.array([rng.permutation(SCATTERED) for _ in model.free]).T
     points = low + (high - low) * (cells + rng.random(cells.shape)) / SCATTERED
     given = np.array([number.start(model.scene) for number in model.free])
-    starts = [_start_at(model, point, rng.random()) for point in [given, *points]]
+    starts = [start_at(model, point, rng.random()) for point in [given, *points]]
     starts.sort(key=lambda start: start.misfit)
     return [start.x for start in starts if np.isfinite(start.misfit)]
 
 
-def _start_at(model: Model, point: Array, share: float) -> Point:
+def start_at(model: Model, point: Array, share: float) -> Point:
     """Return free coordinates with the start times and biases at which the misfit is least.
 
     Times are tried on the log's own grid, moved by a `share` of a sample, and none at which the log begins later than
