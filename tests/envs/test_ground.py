@@ -83,3 +83,13 @@ def test_short_stroke_is_said_where_the_environment_is_made():
     said = r"stroke is 0\.02 m, but under 20 m/s\^2 the tool's place of rest is 0\.05 m away"
     with pytest.warns(UserWarning, match=said):
         gym.make(ID, coupling=ig.SpringDamper(50.0, stroke=0.02))
+    worst = {"type": "SpringDamper", "stiffness": (20.0, 80.0), "stroke": (0.02, 0.2)}  # 20 m/s^2 * 0.14 kg / 20 N/m
+    with pytest.warns(UserWarning, match=r"stroke is 0\.02 m, .* the tool's place of rest is 0\.14 m away"):
+        gym.make(ID, coupling=worst, tool_mass=(0.1, 0.14))
+
+
+def test_objects_beyond_the_way_of_an_episode_are_said_where_the_environment_is_made():
+    with pytest.warns(
+        UserWarning, match=r"distance ends at 0\.35 m, but in 0\.2 s \(horizon\) the arm gets only 0\.244 m far"
+    ):
+        gym.make(ID, horizon=0.2)
