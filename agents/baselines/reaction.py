@@ -56,12 +56,9 @@ class ReactingRule(Rule):
 
 
 def follow(
-    speed: Callable[[Floats], Floats],
-    position: Floats,
-    velocity: Floats,
-    acceleration: ArrayLike = ACCELERATION_RANGE[1],
-    period: float = CONTROL_PERIOD,
-) -> tuple[Floats, Floats]:
+    speed: Callable[[Floats], Floats], position: Floats, velocity: Floats,
+    acceleration: ArrayLike = ACCELERATION_RANGE[1], period: float = CONTROL_PERIOD,
+) -> tuple[Floats, Floats]:  # fmt: skip
     """Return the command that has the flange on the profile `speed` one control `period` (s) from now.
 
     The position by then follows from the mean of the velocities now and then; one look ahead gives the latter. Where

@@ -19,12 +19,9 @@ Part = Literal["approaches", "environments", "models", "rates", "cost"]
 Measure = Callable[[bool], dict[str, pl.DataFrame]]
 """Measures, quickly or not; returns tables by their titles."""
 PARTS: dict[str, Measure] = {
-    "approaches": solvers.measure,
-    "environments": environments.measure,
-    "models": models.measure,
-    "rates": environments.three_rates,
-    "cost": cost.measure,
-}
+    "approaches": solvers.measure, "environments": environments.measure, "models": models.measure,
+    "rates": environments.three_rates, "cost": cost.measure,
+}  # fmt: skip
 
 
 @dataclass(frozen=True)

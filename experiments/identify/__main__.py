@@ -27,13 +27,10 @@ def shown(tables: Tables) -> Shown:
     """Return the figure and what the page says."""
     fitted = tables["fits"]
     return {"errors": measures.figure(fitted)}, {
-        "coverage": tables["coverage"],
-        "errors": tables["errors"],
-        "seconds": measures.seconds(fitted),
-        "failures": [row for row in fitted if row["failure"]],
-        "logs": len(fitted),
+        "coverage": tables["coverage"], "errors": tables["errors"], "seconds": measures.seconds(fitted),
+        "failures": [row for row in fitted if row["failure"]], "logs": len(fitted),
         "random": sum(row["log"] < draws.RANDOM for row in fitted),
-    }
+    }  # fmt: skip
 
 
 def main(

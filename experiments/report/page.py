@@ -75,19 +75,11 @@ def tab(played: Played, all_played: Sequence[Played]) -> Tab:
     matchup, steps, targets = played.matchup, chain.chain(played), bars.bars(played, all_played)
     result = answer.answer(played)
     return Tab(
-        matchup,
-        result,
-        steps,
-        targets,
-        first_screen.headline(result, played),
-        weaknesses.where_it_fails(played),
-        first_screen.chart(result, played),
-        answer.sentence(result, matchup) + chain.sentence(steps),
-        played.count,
-        _engineer(played, steps),
-        _statistician(played, targets),
+        matchup, result, steps, targets, first_screen.headline(result, played), weaknesses.where_it_fails(played),
+        first_screen.chart(result, played), answer.sentence(result, matchup) + chain.sentence(steps), played.count,
+        _engineer(played, steps), _statistician(played, targets),
         Markup(fragment(watch(played), f"watch-{matchup.name}")),
-    )
+    )  # fmt: skip
 
 
 def _engineer(played: Played, steps: Sequence[chain.Step]) -> list[Fold]:

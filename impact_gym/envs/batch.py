@@ -55,13 +55,9 @@ class Batch:
     """
 
     def __init__(
-        self,
-        size: int,
-        task: Task | Sequence[Task],
-        threads: int | None = None,
-        trace_points: int = 0,
+        self, size: int, task: Task | Sequence[Task], threads: int | None = None, trace_points: int = 0,
         max_steps: int = MAX_STEPS,
-    ) -> None:
+    ) -> None:  # fmt: skip
         """Make a batch.
 
         Args:

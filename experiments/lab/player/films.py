@@ -71,15 +71,10 @@ def clock(runs: Sequence[Run], end: float) -> list[list[float]]:
 
 
 def films(
-    contestants: Mapping[str, Controller],
-    numbers: Mapping[str, int],
-    played: Mapping[str, Episodes],
-    *,
-    seed: int = TEST_SEED,
-    frozen: EvaluationSet | None = None,
-    environment: Mapping[str, Any] | None = None,
+    contestants: Mapping[str, Controller], numbers: Mapping[str, int], played: Mapping[str, Episodes], *,
+    seed: int = TEST_SEED, frozen: EvaluationSet | None = None, environment: Mapping[str, Any] | None = None,
     time_weight: float = 2.0,
-) -> dict[str, Any]:
+) -> dict[str, Any]:  # fmt: skip
     """Return what `fragment` shows: per scenario the clock and the thinned traces of all contestants, as plain JSON.
 
     Args:
