@@ -9,8 +9,7 @@ from episodes import ID, assert_identical, play
 
 from agents import load_setup
 from agents.baselines import BlindProfile, Clairvoyant, ConstantSpeed, OperatorAlone, PaperTrapezoid, Ranged, tuned
-from agents.baselines.profile import KNOTS
-from agents.baselines.reaction import REACTION
+from agents.baselines.profile import KNOTS, REACTION
 from agents.baselines.rule import View
 from agents.baselines.tuned import load_baseline, read_tuned, write_tuned
 from agents.evaluate import RESULTS, ScenarioBatch

@@ -13,10 +13,9 @@ from scipy.stats import norm
 
 from experiments.lab.charts import save
 from experiments.lab.comparison import Comparison
-from experiments.lab.page import typeset
+from experiments.lab.page import mathtext, typeset
 from experiments.lab.results import whole_folder
 from experiments.lab.statistics import Resamples, along, estimate, quantile_groups, tolerated
-from experiments.lab.symbols import mathtext
 
 
 def test_estimate_has_the_interval_of_normal_theory():

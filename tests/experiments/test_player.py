@@ -11,8 +11,7 @@ from agents import load_policy
 from agents.baselines import ConstantSpeed, PaperTrapezoid
 from agents.evaluate.scenario_batch import Episodes, ScenarioBatch
 from experiments.lab.player import choose, films, fragment
-from experiments.lab.player.films import play
-from experiments.lab.player.thinning import FORCE, MOST, POSITION, VELOCITY, thin
+from experiments.lab.player.films import FORCE, MOST, POSITION, VELOCITY, play, thin
 from impact_gym.envs.render_history import CONTACT_FACTOR
 from impact_gym.task.task import HORIZON
 
