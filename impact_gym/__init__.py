@@ -16,35 +16,10 @@ from impact_gym.sweeps import Outcomes, sweep
 
 __version__ = "0.1.0"
 __all__ = [
-    "MATERIALS",
-    "Bistable",
-    "Brake",
-    "Channel",
-    "Contact",
-    "ContactRecord",
-    "Identified",
-    "LoadCell",
-    "Material",
-    "Motion",
-    "Object",
-    "Outcome",
-    "Outcomes",
-    "Rigid",
-    "Robot",
-    "RobotTable",
-    "Scene",
-    "Sensor",
-    "SpringDamper",
-    "Tool",
-    "Trace",
-    "Trapezoid",
-    "effective_restitution",
-    "hertz",
-    "identify",
-    "material_ranges",
-    "operators",
-    "simulate",
-    "sweep",
-]
+    "MATERIALS", "Bistable", "Brake", "Channel", "Contact", "ContactRecord", "Identified", "LoadCell", "Material",
+    "Motion", "Object", "Outcome", "Outcomes", "Rigid", "Robot", "RobotTable", "Scene", "Sensor", "SpringDamper",
+    "Tool", "Trace", "Trapezoid", "effective_restitution", "hertz", "identify", "material_ranges", "operators",
+    "simulate", "sweep",
+]  # fmt: skip
 
 envs.register()

@@ -37,14 +37,9 @@ def unit_text(unit: str) -> str:
 
 
 def number(
-    field: str,
-    value: Any,
-    unit: str,
-    *,
-    above: float = -math.inf,
-    at_least: float = -math.inf,
+    field: str, value: Any, unit: str, *, above: float = -math.inf, at_least: float = -math.inf,
     at_most: float = math.inf,
-) -> float:
+) -> float:  # fmt: skip
     """Return `value` as a float, or raise; a `unit` of "-" is none.
 
     Raises:

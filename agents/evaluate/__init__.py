@@ -12,12 +12,5 @@ from agents.evaluate.scenario_batch import (
 )
 
 __all__ = [
-    "RESULTS",
-    "TEST_SEED",
-    "TUNING_SEED",
-    "VALIDATION_SEED",
-    "Episodes",
-    "ScenarioBatch",
-    "Validation",
-    "evaluate",
-]
+    "RESULTS", "TEST_SEED", "TUNING_SEED", "VALIDATION_SEED", "Episodes", "ScenarioBatch", "Validation", "evaluate",
+]  # fmt: skip

@@ -16,7 +16,7 @@ import numpy as np
 
 from agents.baselines import BlindProfile, PaperTrapezoid
 from agents.baselines.cmaes import minimise
-from agents.baselines.reaction import ACCELERATION, REACTION, ReactingRule
+from agents.baselines.profile import ACCELERATION, REACTION, ReactingRule
 from agents.baselines.rule import Floats, Parameter
 from agents.evaluate import TEST_SEED, TUNING_SEED, ScenarioBatch
 from agents.jobs import Result, digest_of

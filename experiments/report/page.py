@@ -14,7 +14,7 @@ from agents.evaluate.controllers import controller_of
 from agents.evaluate.play import frozen_of
 from experiments.lab import page, player
 from experiments.lab.player import choose, films, fragment
-from experiments.report import answer, bars, chain, differences, first_screen, learned, robustness, shield, weaknesses
+from experiments.report import answer, bars, chain, differences, first_screen, robustness, shield, weaknesses
 from experiments.report.figures import Figure
 from experiments.report.matchups import PAPER, POLICY, Matchup
 from experiments.report.played import Played
@@ -75,26 +75,18 @@ def tab(played: Played, all_played: Sequence[Played]) -> Tab:
     matchup, steps, targets = played.matchup, chain.chain(played), bars.bars(played, all_played)
     result = answer.answer(played)
     return Tab(
-        matchup,
-        result,
-        steps,
-        targets,
-        first_screen.headline(result, played),
-        weaknesses.where_it_fails(played),
-        first_screen.chart(result, played),
-        answer.sentence(result, matchup) + chain.sentence(steps),
-        played.count,
-        _engineer(played, steps),
-        _statistician(played, targets),
+        matchup, result, steps, targets, first_screen.headline(result, played), weaknesses.where_it_fails(played),
+        first_screen.chart(result, played), answer.sentence(result, matchup) + chain.sentence(steps), played.count,
+        _engineer(played, steps), _statistician(played, targets),
         Markup(fragment(watch(played), f"watch-{matchup.name}")),
-    )
+    )  # fmt: skip
 
 
 def _engineer(played: Played, steps: Sequence[chain.Step]) -> list[Fold]:
     ablation = chain.table(steps, played.matchup.labels)
     return [
         Fold("Ablation: gain from limits, knowing where, shape, estimate, learning", [ablation], closed=False),
-        Fold("What it learned", [learned.approach(played)], closed=False, key="learned"),
+        Fold("What it learned", [differences.approach(played)], closed=False, key="learned"),
         Fold("Forces, and what the objects get", [differences.measures(played)], closed=False, key="forces"),
         Fold("What a limit of force would cost", [shield.table(played)]),
         Fold("Does it hold?", [weaknesses.heat_map(played)], closed=False, key="robustness"),

@@ -6,21 +6,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from impact_gym import kernels
 from impact_gym.envs.infos import Infos, command_columns
-from impact_gym.kernels import (
-    CHAIN,
-    CONTACT,
-    DRAW,
-    EPISODE,
-    LINK,
-    PACKET,
-    READING,
-    TRACE,
-    UNIFORMS,
-    Rows,
-    draw_uniforms,
-    laws_of,
-)
 from impact_gym.scene import flange_moves_with_tool
 from impact_gym.simulation import MAX_STEPS, Trace
 from impact_gym.task.episodes import first_uniforms, fix, free_records
@@ -55,13 +42,9 @@ class Batch:
     """
 
     def __init__(
-        self,
-        size: int,
-        task: Task | Sequence[Task],
-        threads: int | None = None,
-        trace_points: int = 0,
+        self, size: int, task: Task | Sequence[Task], threads: int | None = None, trace_points: int = 0,
         max_steps: int = MAX_STEPS,
-    ) -> None:
+    ) -> None:  # fmt: skip
         """Make a batch.
 
         Args:
@@ -86,16 +69,16 @@ class Batch:
         slots = max(each.readings_under_way() for each in tasks) + _SPARE
         packets, self.commanded = max(map(packets_under_way, tasks)), len(tasks[0].actions)
         linked = size if packets else 0
-        each_row = CHAIN.itemsize + EPISODE.itemsize + slots * READING.itemsize + 4 * len(self.spec)
-        each_row += packets * PACKET.itemsize
+        each_row = kernels.CHAIN.itemsize + kernels.EPISODE.itemsize + slots * kernels.READING.itemsize
+        each_row += packets * kernels.PACKET.itemsize + 4 * len(self.spec)
         fits_memory("num_envs", size, each_row)
-        self.chains = np.zeros(size, CHAIN)
-        self.episodes = np.zeros(size, EPISODE)
-        self.readings = np.zeros((size, slots), READING)
-        self.links, self.packets = np.zeros(linked, LINK), np.zeros((linked, packets), PACKET)
+        self.chains = np.zeros(size, kernels.CHAIN)
+        self.episodes = np.zeros(size, kernels.EPISODE)
+        self.readings = np.zeros((size, slots), kernels.READING)
+        self.links, self.packets = np.zeros(linked, kernels.LINK), np.zeros((linked, packets), kernels.PACKET)
         self.observations = np.zeros((size, len(self.spec)), np.float32)
         self.rewards = np.zeros(size)
-        self.traces = np.empty((size, trace_points), TRACE)
+        self.traces = np.empty((size, trace_points), kernels.TRACE)
         self._lower(tasks)
         self._infos = Infos(tasks)
         self._with_tool = [flange_moves_with_tool(each.coupling, each.robot) for each in tasks]
@@ -111,18 +94,18 @@ class Batch:
             draws += task.draws()
             tables.append(table)
             numbers += len(table)
-        self._lowered, self.draws = np.concatenate(records), np.array(draws, DRAW)
+        self._lowered, self.draws = np.concatenate(records), np.array(draws, kernels.DRAW)
         self._tables, self._entries = np.concatenate(tables), self.spec.lowered()
-        self.laws = laws_of(np.ascontiguousarray(self._lowered["mount"]))
+        self.laws = kernels.laws_of(np.ascontiguousarray(self._lowered["mount"]))
         if any(task.draws_mount for task in tasks):
             self.laws = np.resize(self.laws, self.size)
 
     def _make_rows(self) -> None:
         """Hand the arrays to the kernels."""
         draws, laws, *arrays, traces = (getattr(self, name) for name in _STATE)
-        recorder = np.empty(0, CONTACT), traces, np.empty(0), TRACE_INTERVAL
+        recorder = np.empty(0, kernels.CONTACT), traces, np.empty(0), TRACE_INTERVAL
         shared = self._entries, recorder, self.max_steps, self.commanded
-        self._rows = Rows(self._lowered, draws, laws, self._tables, *arrays, *shared)
+        self._rows = kernels.Rows(self._lowered, draws, laws, self._tables, *arrays, *shared)
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in vars(self).items() if name != "_rows"}
@@ -159,8 +142,8 @@ class Batch:
         self, rows: NDArray[np.int64], generators: list[np.random.Generator], fixed: NDArray[Any] | None = None
     ) -> None:
         """Begin an episode in each of `rows` (k,), each with its own generator; `fixed` (k,) as in `begin`."""
-        uniforms = np.empty((len(rows), UNIFORMS))
-        draw_uniforms(generators, rows, uniforms)
+        uniforms = np.empty((len(rows), kernels.UNIFORMS))
+        kernels.draw_uniforms(generators, rows, uniforms)
         self.begin(rows, uniforms, free_records(len(rows)) if fixed is None else fixed)
 
     def step(self, actions: NDArray[Any], skip: NDArray[np.bool_]) -> None:

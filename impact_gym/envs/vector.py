@@ -1,7 +1,6 @@
 """The same task for Gymnasium's vector interface, natively: one call into compiled code steps every environment."""
 
-from collections.abc import Iterable, Mapping, Sequence
-from importlib.util import find_spec
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -223,20 +222,11 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
             raise ValueError(f"seed must be a whole number or {self.num_envs} of them, got {len(seeds)}")
         seeds = [None if given is None else whole("seed", given, at_least=0) for given in seeds]
         if not self._generators:
-            self._generators = [seeding.np_random(given)[0] for given in _watched(seeds)]
+            self._generators = [seeding.np_random(given)[0] for given in seeds]
             return
         for slot in np.flatnonzero(mask).tolist():
             if seeds[slot] is not None:
                 self._generators[slot] = seeding.np_random(seeds[slot])[0]
-
-
-def _watched(seeds: list[int | None]) -> Iterable[int | None]:
-    """Return the seeds, with a progress bar on a terminal if there are so many that it takes seconds."""
-    if len(seeds) < 100_000 or find_spec("tqdm") is None:
-        return seeds
-    from tqdm import tqdm
-
-    return tqdm(seeds, desc="seeding environments", disable=None)
 
 
 def _is_row(value: Any) -> bool:

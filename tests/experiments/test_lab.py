@@ -1,12 +1,20 @@
-"""Intervals of means over seeds and scenarios, and what is read from curves."""
+"""What the studies share: intervals over seeds and scenarios, symbols as they are set, folders whole or not there."""
 
+import os
 from dataclasses import astuple
+from html import unescape
+from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
+from pages import as_plain_text_has_it
 from scipy.stats import norm
 
+from experiments.lab.charts import save
 from experiments.lab.comparison import Comparison
+from experiments.lab.page import mathtext, typeset
+from experiments.lab.results import whole_folder
 from experiments.lab.statistics import Resamples, along, estimate, quantile_groups, tolerated
 
 
@@ -98,3 +106,70 @@ def test_tolerated_is_reached_by_95_percent_in_95_of_100_experiments(n):
 
 def test_tolerated_is_nan_for_one_training():
     assert np.isnan(tolerated(np.array([0.6])))
+
+
+@pytest.mark.parametrize(
+    "text", ["V_p + 2 T (m/s)", "k_c up to 1e5 N/m^1.5", "F_T at v_in", "rises with k_c^(2/5)", "10^-3 < d"]
+)
+def test_typeset_and_mathtext_leave_neither_underscore_nor_caret(text):
+    page, outside = typeset(text), "".join(mathtext(text).split("$")[::2])
+    assert not {"_", "^"} & {*page, *outside}
+    assert unescape(as_plain_text_has_it(page)).replace("(2/5)", "2/5") == text.replace("(2/5)", "2/5")
+
+
+@pytest.mark.parametrize("text", ["$10^5$", "impact_gym", "RK45, solve_ivp", "M$_X^{-1}$"])
+def test_mathtext_leaves_names_of_programs_and_what_is_set_already(text):
+    assert mathtext(text) == text
+
+
+def test_save_sets_symbols_wherever_they_stand(tmp_path):
+    figure = Figure()
+    axes = figure.subplots()
+    axes.plot([0, 1], [0, 1], label="error of V_p")
+    axes.set(title="k_c", xlabel="V_p (m/s)", ylabel="v_in")
+    axes.annotate("x_r", (0.5, 0.5))
+    axes.legend()
+    drawn = save(figure, tmp_path / "figure.svg").read_text()
+    assert not [symbol for symbol in ("V_p", "k_c", "v_in", "x_r") if symbol in drawn]
+
+
+def write(target, text, problem=None):
+    with whole_folder(target) as unfinished:
+        (unfinished / "page").write_text(text)
+        if problem:
+            raise problem
+
+
+def test_whole_folder_is_replaced_whole_or_not_at_all(tmp_path):
+    target = tmp_path / "latest"
+    write(target, "first")
+    with pytest.raises(OSError, match="no room"):
+        write(target, "half", OSError("no room"))
+    assert (target / "page").read_text() == "first"
+    write(target, "second")
+    assert (target / "page").read_text() == "second"
+    assert [path.name for path in tmp_path.iterdir()] == ["latest"]
+
+
+def test_whole_folder_brings_the_old_one_back_when_interrupted(tmp_path, monkeypatch):
+    target, move = tmp_path / "latest", os.replace
+    write(target, "first")
+
+    def replace(source, destination):
+        if Path(destination) == target and Path(source).name != target.name:
+            raise KeyboardInterrupt
+        move(source, destination)
+
+    monkeypatch.setattr(os, "replace", replace)
+    with pytest.raises(KeyboardInterrupt):
+        write(target, "second")
+    assert (target / "page").read_text() == "first"
+    assert [path.name for path in tmp_path.iterdir()] == ["latest"]
+
+
+def test_whole_folder_leaves_alone_what_no_run_wrote(tmp_path):
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "letter").write_text("dear")
+    with pytest.raises(ValueError, match="mine is not replaced"):
+        write(tmp_path / "mine", "first")
+    assert (tmp_path / "mine" / "letter").read_text() == "dear"
