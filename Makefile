@@ -55,7 +55,7 @@ train: setup  ## train a policy with default settings; prints its run folder
 train-all: setup  ## train ten seeds of four set-ups and ship the medians; goes on where it was stopped
 	$(BIN)/impact-gym train-seeds
 
-tune: setup  ## tune the baselines and search the clairvoyant bound; goes on where it was stopped
+tune: setup  ## tune the baselines and search who knows the object; goes on where it was stopped
 	$(BIN)/impact-gym tune --bound
 
 controller: setup  ## tune, train, report and export for SETUP=my.toml into OUT=runs/NAME; QUICK=1 for a first look

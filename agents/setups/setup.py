@@ -56,7 +56,7 @@ class Setup:
     training: Training = field(default_factory=Training)
     tuned: Mapping[str, Tuned] = field(default_factory=dict)  # baselines by name
     against: tuple[str, ...] = ()  # baselines beside the paper's rule; the first is the one to beat
-    bound: str = ""  # set-up whose clairvoyant bound holds here, too
+    bound: str = ""  # set-up whose search for one who knows the object holds here, too
     budget: int = BUDGET  # of tuning
     evaluation: Evaluation = field(default_factory=Evaluation)
     path: Path = Path()

@@ -7,7 +7,7 @@ import polars as pl
 
 from experiments.report.answer import MISSED_TOO_OFTEN, Answer
 from experiments.report.figures import Figure, chart_of, looks_of
-from experiments.report.matchups import PAPER, POLICY
+from experiments.report.matchups import IMITATES, PAPER, POLICY
 from experiments.report.played import Played
 from impact_gym.task.task import VELOCITY_RANGE
 
@@ -33,6 +33,8 @@ def headline(answer: Answer, played: Played) -> str:
         slower, rival = _less(answer.rival_reduction.value), played.matchup.rival.plain
         slower = slower.removesuffix(" slower") if same_sign else slower
         text += f" {rival[0].upper()}{rival[1:]}, no learning: {slower}."
+    if IMITATES in played.matchup.note:
+        text += " The policy's training began by imitating a tuned profile."
     return text
 
 

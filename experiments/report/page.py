@@ -90,7 +90,10 @@ def _engineer(played: Played, steps: Sequence[chain.Step]) -> list[Fold]:
         Fold("Forces, and what the objects get", [differences.measures(played)], closed=False, key="forces"),
         Fold("What a limit of force would cost", [shield.table(played)]),
         Fold("Does it hold?", [weaknesses.heat_map(played)], closed=False, key="robustness"),
-        Fold("Each of these by itself", [ONE_AT_A_TIME, robustness.changes_table(played)]),
+        Fold(
+            "Each of these by itself",
+            [ONE_AT_A_TIME, robustness.changes_table(played), *robustness.travel_table(played)],
+        ),
     ]
 
 

@@ -48,6 +48,17 @@ def test_profile_is_the_flanges():
     assert profile["velocity"][0][reached] == pytest.approx(np.minimum(np.sqrt(16.0 * x), 1.0)[reached], abs=2e-3)
 
 
+def test_tool_lags_behind_the_rule_as_a_critically_damped_spring_does():
+    """At 8 m/s^2 for 0.125 s, then none: it lags most a little later; every object stands beyond that."""
+    a, omega, ramp = 8.0, 20.0, 0.125
+    lag, rate = a / omega**2 * (1.0 - (1.0 + omega * ramp) * np.exp(-omega * ramp)), a * ramp * np.exp(-omega * ramp)
+    later = rate / omega / (rate + omega * lag)  # s
+    most = (lag + (rate + omega * lag) * later) * np.exp(-omega * later)
+    travelled = measures.travelled(PAPERS_RULE, LINEAR.environment, SCENARIOS, 2.0)
+    assert travelled["before"] == pytest.approx(most, rel=5e-3)  # watched four times in a control step
+    assert (travelled["in_all"] > travelled["before"]).any()
+
+
 def test_play_takes_sets_tables_and_ranges_alike():
     frozen = evaluation_sets.load("test")
     table = {name: values[:20].tolist() for name, values in frozen.scenario.items()}
