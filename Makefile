@@ -3,7 +3,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 WHOLE := $(VENV)/installed
 SMALL := $(VENV)/installed-for-report
-EXTRAS := train report identify robot render zoo peers cluster docs dev
+EXTRAS := train report identify robot render zoo objectives peers cluster docs dev
 
 .DEFAULT_GOAL := help
 .PHONY: help setup report test mutants train train-all controller tune gain figures bench speed stability docs identify design lint
