@@ -182,10 +182,8 @@ def films(
             runs[name] = play(controller, frozen.seed if frozen else seed, number, record, options)
             judged, replayed = float(played[name].object_velocity[number]), runs[name].info["object_velocity"]
             if abs(replayed - judged) > 0.0:
-                raise RuntimeError(
-                    f"scenario {number}: the replay of {name!r} leaves the object at {replayed!r} m/s, "
-                    f"but it was judged by {judged!r} m/s"
-                )
+                raise RuntimeError(f"scenario {number}: the replay of {name!r} leaves the object at {replayed!r} m/s, "
+                                   f"but it was judged by {judged!r} m/s")  # fmt: skip
         scenes.append({"label": label, "number": number, **_scene(runs)})
     return {"contestants": list(contestants), "columns": list(COLUMNS), "scenes": scenes}
 
