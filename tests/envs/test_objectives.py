@@ -15,7 +15,7 @@ MODES = [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP]
 
 
 def episodes(env, count, seed=0):
-    """Of each of some episodes with random actions: rewards (steps, objectives), scalar ones (steps,), the last info."""
+    """Of each episode with random actions: rewards (steps, objectives), scalar ones (steps,), the last info."""
     rng = np.random.default_rng(seed)
     env.reset(seed=seed)
     for _ in range(count):
