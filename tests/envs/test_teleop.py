@@ -340,6 +340,83 @@ def test_replay_plays_what_was_recorded_and_gives_up_where_it_ends():
     assert info["taken"][0] == 0.0
 
 
+def persons(batch, seed, assist):
+    """Play with persons at the sticks who go and let go at random; return what they commanded at each tick."""
+    rng, ticks = np.random.default_rng(seed), [np.zeros(batch.size)]
+    batch.begin_seeded(seed, {})
+    while not batch.ended.all():
+        if len(ticks) % 5 == 1:
+            given = rng.uniform(-0.1, 0.4, batch.size) * (rng.random(batch.size) < 0.8)
+        batch.command(given)
+        batch.step(assist(batch), batch.ended)
+        ticks.append(given)
+    return np.array(ticks)
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.05])
+def test_replay_of_what_a_person_commanded_at_each_tick_is_the_same_episode(delay):
+    """To the bit, alone and as one of several recordings, behind an assistance that looks at the command."""
+
+    def assist(batch):
+        command, alarm = (batch.episodes["sensors"][name] for name in ("command", "alarm"))
+        return np.stack([np.cos(9.0 * command), np.full(batch.size, 0.3), alarm - 0.5], axis=1)
+
+    task = {
+        "uplink": {"delay": delay, "jitter": 0.2 * delay},
+        "downlink": {"delay": delay},
+        "coupling": ig.SpringDamper(50.0),
+    }
+    batch = steered(ig.operators.Person(), 30, **task)
+    commands, played_by_them = persons(batch, 3, assist), batch.info()
+    ticks, length = 0.016 * np.arange(len(commands)), 0.016 * 600
+    end_to_end = np.concatenate([number * length + ticks for number in range(30)])
+    several = {
+        "type": "Replay",
+        "time": end_to_end,
+        "velocity": commands.T.ravel(),
+        "length": length,
+        "recording": (0, 30),
+    }
+    for row in range(30):
+        alone = steered(ig.operators.Replay(tuple(ticks), tuple(commands[:, row])), **task)
+        among = steered(several, **task)
+        for other, record in ((alone, {}), (among, {"operator.recording": row + 0.5})):
+            other.begin_seeded(3 + row, record)
+            while not other.ended[0]:
+                other.step(assist(other), other.ended)
+            for name in ("object_velocity", "slide", "done_time", "peak_force", "taken", "rest_time"):
+                assert other.info()[name][0] == played_by_them[name][row], (row, name)
+    assert len({*played_by_them["slide"]}) > 10
+    assert 0 < played_by_them["missed"].sum() < 30
+
+
+def test_recording_is_drawn_and_every_one_alike():
+    operator = {"type": "Replay", "time": [0.0, 8.0, 9.0, 17.0], "velocity": [0.1, 0.1, 0.2, 0.2], "length": 9.0,
+                "recording": (0, 2)}  # fmt: skip
+    batch = steered(operator, 1000, scenario=AWAY)
+    batch.begin_seeded(0, {})
+    assert {*batch.links["last"]} == {0.1, 0.2}
+    assert np.mean(batch.links["last"] == 0.1) == pytest.approx(0.5, abs=0.05)
+
+
+def test_command_is_for_a_person_and_within_what_the_arm_can_do():
+    env = gym.make(ID, operator={"type": "Person"}).unwrapped
+    env.reset(seed=1)
+    for wrong in (math.nan, math.inf, 0.51, -0.51, "fast", None):
+        with pytest.raises(ValueError, match="command"):
+            env.command(wrong)
+    with pytest.raises(ValueError, match="operator must be a Person"):
+        gym.make(ID).unwrapped.command(0.1)
+    env.command(0.5)
+    *_, info = env.step(np.array(OWN, np.float32))
+    assert info["command"] == 0.0  # it is sent at the end of the step, and takes 0.1 s
+    envs = gym.make_vec(ID, 2, operator={"type": "Person"}, uplink=None)
+    envs.reset(seed=1)
+    envs.unwrapped.command([0.1, 0.2])
+    *_, infos = envs.step(np.array([OWN, OWN], np.float32))
+    assert infos["command"].tolist() == [0.1, 0.2]
+
+
 def test_episode_ends_where_it_says_and_rewards_add_up():
     env = gym.make(ID, taken_weight=0.7)
     for seed in range(20):
@@ -390,7 +467,10 @@ REACH = {"type": "Reach", "place_error": 0.0, "creep": 0.1}
 
 
 @pytest.mark.parametrize(("options", "message"), [
-    ({"operator": {"type": "Person"}}, "operator must be a Replay or .*got"),
+    ({"operator": {"type": "Pilot"}}, "operator must be a Replay or .*got"),
+    ({"operator": {"type": "Replay", "time": [0, 1], "velocity": [0, 0.1], "length": 4.0}}, "at least the horizon, 8 s"),
+    ({"operator": {"type": "Replay", "time": [0, 9], "velocity": [0, 0.1], "length": 8.0, "recording": (0, 3)}},
+     "Replay.recording must be at most 2"),
     ({"operator": {"type": "Reach"}}, r"needs the fields \['place_error', 'creep'\]"),
     ({"operator": REACH | {"speed": 0.6}}, "operator.speed must be at most that of the arm, 0.5 m/s, got 0.6 m/s"),
     ({"operator": {"type": "Replay", "time": [0, 1], "velocity": [0, 0.7]}}, "at most that of the arm, 0.5 m/s"),
