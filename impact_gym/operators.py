@@ -2,8 +2,8 @@
 
 An operator commands a velocity, and is told of a touch by the display. Nobody knows where the object stands: a reach
 goes to where the operator believes it, `place_error` beyond its face, and from there on searches with `creep`. All but
-a `Replay` and a `Person` stop a reaction time after the displayed touch. Any number may be a pair, from which episodes draw. A number
-without a default has none because no source for one was found.
+a `Replay` and a `Person` stop a reaction time after the displayed touch. Any number may be a pair, from which episodes
+draw. A number without a default has none because no source for one was found.
 """
 
 import csv
@@ -69,7 +69,7 @@ class Replay(Commander):
 
 @dataclass(frozen=True, slots=True)
 class Person(Commander):
-    """Commands what the environment's `command` was last given, from 0 on: somebody at a stick, at each of his ticks."""
+    """Somebody at a stick: commands at each tick what the environment's `command` was last given, at first 0."""
 
 
 @dataclass(frozen=True, slots=True)

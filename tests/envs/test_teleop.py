@@ -341,16 +341,17 @@ def test_replay_plays_what_was_recorded_and_gives_up_where_it_ends():
 
 
 def persons(batch, seed, assist):
-    """Play with persons at the sticks who go and let go at random; return what they commanded at each tick."""
-    rng, ticks = np.random.default_rng(seed), [np.zeros(batch.size)]
+    """Play with persons at the sticks who go and let go at random; return what each commanded at each of his ticks."""
+    rng, ticks = np.random.default_rng(seed), [[0.0] for _ in range(batch.size)]
     batch.begin_seeded(seed, {})
     while not batch.ended.all():
-        if len(ticks) % 5 == 1:
+        if rng.random() < 0.25:
             given = rng.uniform(-0.1, 0.4, batch.size) * (rng.random(batch.size) < 0.8)
-        batch.command(given)
+            batch.command(given)
         batch.step(assist(batch), batch.ended)
-        ticks.append(given)
-    return np.array(ticks)
+        for row in np.flatnonzero(batch.links["packets"] > list(map(len, ticks))):  # a step that an alarm cuts has none
+            ticks[row].append(float(batch.links["given"][row]))
+    return ticks
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.05])
@@ -368,17 +369,17 @@ def test_replay_of_what_a_person_commanded_at_each_tick_is_the_same_episode(dela
     }
     batch = steered(ig.operators.Person(), 30, **task)
     commands, played_by_them = persons(batch, 3, assist), batch.info()
-    ticks, length = 0.016 * np.arange(len(commands)), 0.016 * 600
-    end_to_end = np.concatenate([number * length + ticks for number in range(30)])
+    times, length = [0.016 * np.arange(len(each)) for each in commands], 0.016 * 600
+    end_to_end = np.concatenate([number * length + ticks for number, ticks in enumerate(times)])
     several = {
         "type": "Replay",
-        "time": end_to_end,
-        "velocity": commands.T.ravel(),
+        "time": end_to_end.tolist(),
+        "velocity": np.concatenate(commands).tolist(),
         "length": length,
         "recording": (0, 30),
     }
     for row in range(30):
-        alone = steered(ig.operators.Replay(tuple(ticks), tuple(commands[:, row])), **task)
+        alone = steered(ig.operators.Replay(tuple(times[row]), tuple(commands[row])), **task)
         among = steered(several, **task)
         for other, record in ((alone, {}), (among, {"operator.recording": row + 0.5})):
             other.begin_seeded(3 + row, record)
@@ -386,7 +387,7 @@ def test_replay_of_what_a_person_commanded_at_each_tick_is_the_same_episode(dela
                 other.step(assist(other), other.ended)
             for name in ("object_velocity", "slide", "done_time", "peak_force", "taken", "rest_time"):
                 assert other.info()[name][0] == played_by_them[name][row], (row, name)
-    assert len({*played_by_them["slide"]}) > 10
+    assert len({*played_by_them["peak_force"]}) > 10
     assert 0 < played_by_them["missed"].sum() < 30
 
 
@@ -468,7 +469,7 @@ REACH = {"type": "Reach", "place_error": 0.0, "creep": 0.1}
 
 @pytest.mark.parametrize(("options", "message"), [
     ({"operator": {"type": "Pilot"}}, "operator must be a Replay or .*got"),
-    ({"operator": {"type": "Replay", "time": [0, 1], "velocity": [0, 0.1], "length": 4.0}}, "at least the horizon, 8 s"),
+    ({"operator": {"type": "Replay", "time": [0, 1], "velocity": [0, 0.1], "length": 4.0}}, "at least the horizon, 8"),
     ({"operator": {"type": "Replay", "time": [0, 9], "velocity": [0, 0.1], "length": 8.0, "recording": (0, 3)}},
      "Replay.recording must be at most 2"),
     ({"operator": {"type": "Reach"}}, r"needs the fields \['place_error', 'creep'\]"),
