@@ -346,7 +346,7 @@ def persons(batch, seed, assist):
     batch.begin_seeded(seed, {})
     while not batch.ended.all():
         if rng.random() < 0.25:
-            given = rng.uniform(-0.1, 0.4, batch.size) * (rng.random(batch.size) < 0.8)
+            given = rng.uniform(-0.1, 0.4, batch.size) * (rng.random(batch.size) < 0.95)
             batch.command(given)
         batch.step(assist(batch), batch.ended)
         for row in np.flatnonzero(batch.links["packets"] > list(map(len, ticks))):  # a step that an alarm cuts has none
@@ -360,35 +360,26 @@ def test_replay_of_what_a_person_commanded_at_each_tick_is_the_same_episode(dela
 
     def assist(batch):
         command, alarm = (batch.episodes["sensors"][name] for name in ("command", "alarm"))
-        return np.stack([np.cos(9.0 * command), np.full(batch.size, 0.3), alarm - 0.5], axis=1)
+        return np.stack([np.cos(4.0 * command), np.full(batch.size, 0.3), alarm - 0.5], axis=1)
 
-    task = {
-        "uplink": {"delay": delay, "jitter": 0.2 * delay},
-        "downlink": {"delay": delay},
-        "coupling": ig.SpringDamper(50.0),
-    }
-    batch = steered(ig.operators.Person(), 30, **task)
-    commands, played_by_them = persons(batch, 3, assist), batch.info()
+    task = {"uplink": {"delay": delay, "jitter": 0.2 * delay}, "scenario": {"distance": (0.1, 0.6)}}
+    batch = steered(ig.operators.Person(), 20, **task)
+    commands, of_them = persons(batch, 3, assist), batch.info()
     times, length = [0.016 * np.arange(len(each)) for each in commands], 0.016 * 600
-    end_to_end = np.concatenate([number * length + ticks for number, ticks in enumerate(times)])
     several = {
-        "type": "Replay",
-        "time": end_to_end.tolist(),
-        "velocity": np.concatenate(commands).tolist(),
-        "length": length,
-        "recording": (0, 30),
-    }
-    for row in range(30):
-        alone = steered(ig.operators.Replay(tuple(times[row]), tuple(commands[row])), **task)
-        among = steered(several, **task)
+        "type": "Replay", "time": [time for k, each in enumerate(times) for time in k * length + each],
+        "velocity": [velocity for each in commands for velocity in each], "length": length, "recording": (0, 20),
+    }  # fmt: skip
+    among = steered(several, **task)
+    for row, (ticks, velocities) in enumerate(zip(times, commands, strict=True)):
+        alone = steered(ig.operators.Replay(tuple(ticks), tuple(velocities)), **task)
         for other, record in ((alone, {}), (among, {"operator.recording": row + 0.5})):
             other.begin_seeded(3 + row, record)
             while not other.ended[0]:
                 other.step(assist(other), other.ended)
             for name in ("object_velocity", "slide", "done_time", "peak_force", "taken", "rest_time"):
-                assert other.info()[name][0] == played_by_them[name][row], (row, name)
-    assert len({*played_by_them["peak_force"]}) > 10
-    assert 0 < played_by_them["missed"].sum() < 30
+                assert other.info()[name][0] == of_them[name][row], (row, name)
+    assert len({*of_them["peak_force"]}) > 10
 
 
 def test_recording_is_drawn_and_every_one_alike():
