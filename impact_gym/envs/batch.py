@@ -50,13 +50,13 @@ class ToolMotion(NamedTuple):
 
 
 class Bodies(NamedTuple):
-    """Where flanges, tools and objects are (m), and whether tool and object touch, (rows,) each."""
+    """Where flanges, tools and objects are (m), and whether an object has been touched, (rows,) each."""
 
     time: NDArray[np.float64]  # s
     flange: NDArray[np.float64]
     tool: NDArray[np.float64]
     object: NDArray[np.float64]
-    touching: NDArray[np.bool_]
+    touched: NDArray[np.bool_]
 
 
 class Batch:
@@ -274,7 +274,7 @@ class Batch:
         chains, with_tool = self.chains, np.resize(self._with_tool, self.size)
         tool = chains["flange_position"] + chains["deflection"]
         flange = np.where(with_tool, tool, chains["flange_position"] + chains["flange_offset"])
-        return Bodies(chains["time"].copy(), flange, tool, tool - chains["penetration"], chains["touching"] == 1)
+        return Bodies(chains["time"].copy(), flange, tool, tool - chains["penetration"], chains["contacts"] > 0)
 
     def tool_motion(self) -> ToolMotion:
         """Return how the tools move against their flanges, and whether they have touched."""

@@ -108,7 +108,7 @@ def films(
                     f"scenario {number}: the replay of {name!r} leaves the object at {replayed!r} m/s, "
                     f"but it was judged by {judged!r} m/s"
                 )
-        scenes.append({"label": label, "number": number, **_scene(runs)})
+        scenes.append({"label": label, "number": number, **scene_of(runs)})
     return {"contestants": list(contestants), "columns": list(COLUMNS), "scenes": scenes}
 
 
@@ -136,7 +136,7 @@ def play_to_the_end(
     return info
 
 
-def _scene(runs: Mapping[str, Run]) -> dict[str, Any]:
+def scene_of(runs: Mapping[str, Run]) -> dict[str, Any]:
     """Return one scenario: its clock, the scales that all panels share, and the contestants' histories."""
     ends = [run.contacts[-1][1] + AFTER if run.contacts else run.history.now for run in runs.values()]
     end = round(max(ends), DECIMALS["time"])
@@ -168,7 +168,7 @@ def _run(name: str, run: Run, columns: Columns, limits: Mapping[str, float]) -> 
     rows = rows[np.append(True, np.diff(np.round(columns["time"][rows], digits)) > 0.0)]
     return {
         "name": name,
-        "chain": _chain(run.history.task),
+        "chain": chain_of(run.history.task),
         **{field: run.info[field] for field in RESULTS},
         **_operated(run),
         "contacts": [[round(instant, digits) for instant in contact] for contact in run.contacts],
@@ -185,7 +185,7 @@ def _operated(run: Run) -> dict[str, float]:
     return {"late": late, "slide": run.info["slide"], "done_time": run.info["done_time"]}
 
 
-def _chain(task: Task) -> dict[str, Any]:
+def chain_of(task: Task) -> dict[str, Any]:
     """Return what holds the tool, m."""
     coupling = task.coupling
     kind = {SpringDamper: "spring", Bistable: "bistable", Rigid: "rigid"}[type(coupling)]
