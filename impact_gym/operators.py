@@ -14,11 +14,12 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_gym.kernels import PERSON, REACH, REPLAY, SECOND_ORDER_LAG, STEADY, TRACKER
+from impact_gym.kernels import LONGEST_JITTER, PERSON, REACH, REPLAY, SECOND_ORDER_LAG, STEADY, TRACKER
 from impact_gym.record import SI, Record
 from impact_gym.validation import rising
 
 SIMPLE_REACTION = 0.213  # s, mean of 1,469 persons (Woods et al., Front. Hum. Neurosci. 9, 2015, 131)
+CUT = float(LONGEST_JITTER)  # means of a random delay, which takes no longer
 NOTHING: NDArray[np.float64] = np.empty(0)
 Instants = Annotated[tuple[float, ...], SI("s", at_least=0.0, at_most=1e6)]
 

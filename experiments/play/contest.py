@@ -69,7 +69,7 @@ def film(played: Mapping[str, Try], label: str, seconds: float | None = None) ->
         ends = [start for start, _ in scene["clock"][1:]] + [scene["end"]]
         whole = sum((end - start) * slower for (start, slower), end in zip(scene["clock"], ends, strict=True))
         scene["clock"] = [[start, float(f"{slower * seconds / whole:.3g}")] for start, slower in scene["clock"]]
-    return player.fragment({"contestants": list(played), "columns": list(COLUMNS), "scenes": [scene]}, "film")
+    return player.fragment({"contestants": list(played), "columns": list(COLUMNS), "scenes": [scene]})
 
 
 def first_film(setup: str, latest: Try | None) -> str:

@@ -52,6 +52,7 @@ class Live:
         self.batch = Batch(1, Task(**self.environment, operator=asked.operator), threads=1)
         self.assistant: Controller = assistance(asked.assist, setup)
         self.batch.begin_seeded(asked.seed, record_of(asked.chosen))
+        self.record: dict[str, float] = self.batch.info(0)["record"]
         self.commands, self.actions, self.marks = [0.0], [], list[str]()
         self.ages, self.late = list[float](), list[float]()
         self._start, self._state = np.ones(1, np.bool_), None
@@ -126,7 +127,7 @@ class Live:
             ticks = (PERIOD * np.arange(len(self.commands))).tolist()
             operator = {"type": "Replay", "time": ticks, "velocity": self.commands}
         return completed(Try(
-            asked.setup, asked.assist, self.environment, operator, asked.seed, self.batch.info(0)["record"],
+            asked.setup, asked.assist, self.environment, operator, asked.seed, self.record,
             self.actions, asked.slow, self.ages, self.late, self.marks, asked.study,
         ))  # fmt: skip
 

@@ -154,12 +154,17 @@ def scene_of(runs: Mapping[str, Run]) -> dict[str, Any]:
     scenario = next(iter(runs.values())).info["scenario"]
     return {
         "scenario": scenario,
-        "radius": float(min(np.cbrt(0.75 * scenario["object_mass"] / (np.pi * DENSITY)), LARGEST_RADIUS)),
+        "radius": radius_of(scenario["object_mass"]),
         "end": end,
         "clock": clock(list(runs.values()), end),
         "limits": limits,
         "runs": [_run(name, run, histories[name], limits) for name, run in runs.items()],
     }
+
+
+def radius_of(mass: float) -> float:
+    """Return the radius (m) of the ball that is drawn for an object of a mass (kg)."""
+    return float(min(np.cbrt(0.75 * mass / (np.pi * DENSITY)), LARGEST_RADIUS))
 
 
 def _run(name: str, run: Run, columns: Columns, limits: Mapping[str, float]) -> dict[str, Any]:

@@ -74,7 +74,7 @@ function watch(root) {
   }
 
   function tick(now) {
-    if (!playing) return;
+    if (!playing || !root.isConnected) return;
     seek(film + Math.max(now - before, 0) / 1000 * Number(speed.value));
     before = now;
     say(false);
