@@ -13,7 +13,6 @@ from agents.setups import load_setup
 from experiments.play import tries
 from experiments.play.assistance import LONGEST, MOST_JITTER, NAMES, STIFFNESS, playable, usual
 from experiments.play.live import Asked
-from experiments.play.tries import Try
 from impact_gym.files import parsed
 from impact_gym.validation import choice, number, one_of, whole
 
@@ -119,13 +118,13 @@ class Study:
         self.plan = plan
         self.done: dict[int, int] = {}  # tries of each person, in the order in which they came
         for _, this in tries.folder_of(folder):
-            self.enter(this)
+            self.enter(this.study)
         self.person: int | None = None
 
-    def enter(self, this: Try) -> None:
-        """Count a try; one that was interrupted is not asked for again."""
-        person = this.study["person"]
-        self.done[person] = max(self.done.get(person, 0), 1 + this.study["number"])
+    def enter(self, try_of: Mapping[str, Any]) -> None:
+        """Count a try, by its `study`; one that was interrupted is not asked for again."""
+        person = try_of["person"]
+        self.done[person] = max(self.done.get(person, 0), 1 + try_of["number"])
 
     def agree(self) -> None:
         """A person has read the text and agrees: one who was interrupted goes on, else a new one gets a number."""

@@ -1,5 +1,6 @@
 // The page: one connection, one stick, one try at a time.
 const part = (id) => document.getElementById(id);
+const HOLDS = {rigid: "fixed to the arm", spring: "a spring and a damper", bistable: "a bistable mechanism"};
 const BEAT = 60, LEAST = 6;  // ms, between two messages at the most and at the least
 const page = {
   hello: null, socket: null, stage: null, frame: null, came: 0, running: false, asked: false, player: false,
@@ -200,7 +201,7 @@ const HEARD = {
   hello(message) {
     page.hello = message;
     page.tries = message.tries;
-    for (const [id, entries] of [["setup", Object.entries(message.setups).map(([name, each]) => [name, each.title])],
+    for (const [id, entries] of [["setup", Object.entries(message.setups).map(([name, each]) => [name, HOLDS[each.chain.coupling]])],
                                  ["assist", Object.entries(message.assists)]]) {
       part(id).replaceChildren();
       for (const [value, text] of entries) html("option", {value}, part(id), text);
@@ -213,7 +214,7 @@ const HEARD = {
     layout();
     tabulate();
     if (!message.study) {
-      film(message.tries.length ? "" : "");
+      film("");
       fetched("reference").then((answer) => answer.json()).then((means) => {
         page.means = means;
         tabulate();
@@ -242,6 +243,7 @@ const HEARD = {
     page.stage.begin(message.radius);
     state("go on until you touch");
     part("film").replaceChildren();
+    part("screen").after(part("film"));  // who plays has the arm at the top
     ready();
   },
   frame(message) {
@@ -255,15 +257,19 @@ const HEARD = {
   },
   ended(message) {
     over();
-    page.tries.push(message.try);
-    result(message.try);
+    page.tries.push(message.entry);
+    result(message.entry);
     tabulate();
     state("press \u2192 for the next try");
-    film(message.try.name);
+    film(message.entry.name);
   },
   study(message) {
     over();
     studied(message.study);
+  },
+  said(message) {
+    banner(message.text);
+    say(message.text);
   },
   failed(message) {
     over();
@@ -276,6 +282,7 @@ const HEARD = {
 function over() {
   page.running = page.asked = false;
   mode("playing", false);
+  mode("touching", false);
   ready();
 }
 

@@ -1,4 +1,13 @@
 from pathlib import Path
-def play_scripted(*a): pass
-def standing(*a): return ""
-def write(*a): return Path()
+
+
+def play_scripted(*a):
+    pass
+
+
+def standing(*a):
+    return ""
+
+
+def write(*a):
+    return Path()

@@ -4,10 +4,9 @@ import asyncio
 import json
 import secrets
 import socket
-import sys
 import time
 from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +27,6 @@ SCRIPTS = tuple(HERE / name for name in ("stage.js", "stick.js", "chart.js", "pl
 HOST = "127.0.0.1"
 MOST_SEATS, MESSAGE_BYTES, RATE = 16, 512, 250.0  # pages, bytes, messages a second
 PATIENCE = 5.0  # s, for a page that does not read
-SWITCH = 5e-4  # s, after which a thread of Python gives way to the clock
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
     "img-src 'self' data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
@@ -65,13 +63,15 @@ class Seat:
 
     async def send(self) -> None:
         """Send what there is, until the page goes or does not read."""
-        while True:
-            await self._news.wait()
-            self._news.clear()
-            waiting, self._messages = self._messages, []
-            frame, self._frame = self._frame, None
-            for message in [*waiting, *([frame] if frame else [])]:
-                await asyncio.wait_for(self.socket.send_text(json.dumps(message, separators=(",", ":"))), PATIENCE)
+        with suppress(TimeoutError, RuntimeError, WebSocketDisconnect):
+            while True:
+                await self._news.wait()
+                self._news.clear()
+                waiting, self._messages = self._messages, []
+                frame, self._frame = self._frame, None
+                for message in [*waiting, *([frame] if frame else [])]:
+                    text = json.dumps(message, separators=(",", ":"))
+                    await asyncio.wait_for(self.socket.send_text(text), PATIENCE)
 
     async def hear(self) -> dict[str, Any]:
         """Return what the page says next.
@@ -153,11 +153,12 @@ def application(session: Session, token: str, port: int, ready: Callable[[], Non
         return JSONResponse(await asyncio.to_thread(contest.reference, session.setup), 200, HEADERS)
 
     async def connected(page: WebSocket) -> None:
-        await _serve_page(session, page)
+        with suppress(RuntimeError, TimeoutError, WebSocketDisconnect):  # it has gone already
+            await _serve_page(session, page)
 
     @asynccontextmanager
     async def life(_: Starlette) -> AsyncIterator[None]:
-        session.loop = asyncio.get_running_loop()
+        session.attach(asyncio.get_running_loop())
         ready()
         yield
         await session.closed()
@@ -180,36 +181,21 @@ async def _serve_page(session: Session, page: WebSocket) -> None:
         return
     await page.accept()
     seat, why = Seat(page), "the page was closed"
-    session.seats.append(seat)
-    seat.tell(session.hello())
-    session.roles()
+    session.sit(seat)
     sender = asyncio.create_task(seat.send())
     try:
         while not sender.done():
             session.hear(seat, await seat.hear())
         why = "the page did not read"
-    except Refused as refused:
+    except (Refused, ValueError) as problem:
+        refused = problem if isinstance(problem, Refused) else Refused(1008, str(problem))
         why = refused.why
+        session.refused[why] += 1
         session.leave(seat, why)  # the arm stops first
-        await _refuse(session, page, refused)
-    except ValueError as problem:
-        why = str(problem)
-        session.leave(seat, why)
-        await _refuse(session, page, Refused(1008, why))
-    except (WebSocketDisconnect, RuntimeError):
-        pass
+        await asyncio.wait_for(page.close(refused.code, why), PATIENCE)
     finally:
         session.leave(seat, why)
         sender.cancel()
-
-
-async def _refuse(session: Session, page: WebSocket, refused: Refused) -> None:
-    """Close a page's connection with a reason, and count it."""
-    session.refused[refused.why] += 1
-    try:
-        await asyncio.wait_for(page.close(refused.code, refused.why), PATIENCE)
-    except (RuntimeError, TimeoutError):
-        pass
 
 
 def listening(port: int) -> socket.socket:
@@ -233,10 +219,9 @@ def serve(session: Session, port: int, ready: Callable[[str], None]) -> None:
     sock, token = listening(port), secrets.token_urlsafe(16)
     port = sock.getsockname()[1]
     address = f"http://{HOST}:{port}/{token}/"
-    sys.setswitchinterval(SWITCH)
     app = application(session, token, port, lambda: ready(address))
     config = uvicorn.Config(
-        app, log_config=None, access_log=False, server_header=False, date_header=False, limit_concurrency=4 * MOST_SEATS,
+        app, log_config=None, log_level="critical", access_log=False, server_header=False, date_header=False, limit_concurrency=4 * MOST_SEATS,
         h11_max_incomplete_event_size=8192, ws_max_size=MESSAGE_BYTES, ws_per_message_deflate=False,
         ws_ping_interval=5.0, ws_ping_timeout=10.0, timeout_graceful_shutdown=3,
     )  # fmt: skip

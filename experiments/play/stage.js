@@ -1,5 +1,5 @@
 // The arm to scale, as the player sees it: what the server shows, and nothing that it does not.
-const STAGE = {height: 230, axis: 118, ground: 176};
+const STAGE = {height: 218, axis: 112, ground: 168};
 
 function drawStage(svg, about, width) {
   svg.replaceChildren();
