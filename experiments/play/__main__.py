@@ -1,5 +1,7 @@
 """`impact-gym play`: take the stick in the browser, or run a study of persons who do."""
 
+import os
+import sys
 import webbrowser
 from dataclasses import dataclass
 from pathlib import Path
@@ -58,7 +60,8 @@ def work(options: Play) -> None:
 
     def ready(address: str) -> None:
         print(address, flush=True)
-        if options.open and not webbrowser.open(address):
+        display = sys.platform != "linux" or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+        if options.open and not (display and webbrowser.open(address)):
             print("no browser could be opened here: open the address above", flush=True)
 
     try:

@@ -27,10 +27,10 @@ def playable(name: str) -> Setup:
     """
     setup = load_setup(name)
     if "operator" not in setup.environment:
+        operator, others = '{ type = "Reach", place_error = 0.0, creep = 0.1 }', map(load_setup, shipped())
         raise ValueError(
-            f'{setup.called} has no operator: add to its [environment] operator = {{ type = "Reach", place_error = 0.0, '
-            f"creep = 0.1 }} and friction = 0.3, horizon = 8.0, or take one of "
-            f"{', '.join(name for name in shipped() if 'operator' in load_setup(name).environment)}"
+            f"{setup.called} has no operator: add operator = {operator}, friction = 0.3 and horizon = 8.0 to its "
+            f"[environment], or take {', '.join(each.name for each in others if 'operator' in each.environment)}"
         )
     return setup
 

@@ -53,7 +53,7 @@ class Live:
         self.assistant: Controller = assistance(asked.assist, setup)
         self.batch.begin_seeded(asked.seed, record_of(asked.chosen))
         self.record: dict[str, float] = self.batch.info(0)["record"]
-        self.commands, self.actions, self.marks = [0.0], [], list[str]()
+        self.commands, self.actions, self.marks = [0.0], list[list[float]](), list[str]()
         self.ages, self.late = list[float](), list[float]()
         self._start, self._state = np.ones(1, np.bool_), None
         self._journal, self._path = None, journal

@@ -17,7 +17,7 @@ from impact_gym.files import parsed
 from impact_gym.validation import choice, number, one_of, whole
 
 OUTCOMES = ("slide at equal done_time",)
-PRACTICE = 20  # tries, unless the plan says otherwise
+WHOLE = {"seed": 0, "practice": 0, "blocks": 1, "tries": 1}
 KEYS = ("title", "setup", "outcome", "smallest", "alpha", "power", "seed", "practice", "blocks", "tries", "consent",
         "conditions")  # fmt: skip
 
@@ -35,7 +35,7 @@ class Plan:
     ]  # by name: assist, delay (s, there and back), jitter (s), stiffness (N/m)
     consent: str
     seed: int = 0
-    practice: int = PRACTICE
+    practice: int = 20  # tries before the first block
     blocks: int = 2  # of each condition, for each person
     tries: int = 10  # of a block
     alpha: float = 0.05
@@ -104,10 +104,8 @@ def _plan(content: dict[str, Any]) -> Plan:
     return Plan(
         content["title"], content["setup"], content["outcome"],
         number("smallest", content.get("smallest"), "m", above=0.0), conditions, content["consent"],
-        whole("seed", content.get("seed", 0), at_least=0), whole("practice", content.get("practice", PRACTICE), at_least=0),
-        whole("blocks", content.get("blocks", 2), at_least=1), whole("tries", content.get("tries", 10), at_least=1),
-        number("alpha", content.get("alpha", 0.05), "(no unit)", **share),
-        number("power", content.get("power", 0.9), "(no unit)", **share),
+        **{name: whole(name, content[name], at_least=at_least) for name, at_least in WHOLE.items() if name in content},
+        **{name: number(name, content[name], "(no unit)", **share) for name in ("alpha", "power") if name in content},
     )  # fmt: skip
 
 

@@ -136,11 +136,14 @@ async function film(name) {
   }
 }
 
+function centimetres(value) {
+  return value < 1e-3 ? `${(1000 * value).toFixed(1)} mm` : `${(100 * value).toFixed(1)} cm`;
+}
+
 function result(entry) {
   const box = part("answer");
   box.hidden = false;
   box.replaceChildren();
-  const centimetres = (value) => `${(100 * value).toFixed(1)} cm`;
   const headline = entry.missed ? "Nothing was touched." : `It slid ${centimetres(entry.slide)}.`;
   html("p", {class: "big"}, box, headline);
   const others = Object.entries(entry.beside).filter(([, each]) => !each.missed)
@@ -249,7 +252,7 @@ const HEARD = {
   frame(message) {
     page.frame = message;
     page.came = performance.now();
-    if (message.touched && !document.body.classList.contains("touching")) {
+    if (message.touched && page.running && !document.body.classList.contains("touching")) {
       mode("touching", true);
       state("touched: let go!");
       say("Touched.");

@@ -137,7 +137,7 @@ def application(session: Session, token: str, port: int, ready: Callable[[], Non
     """Return what is served below /token/."""
     templates = Environment(loader=FileSystemLoader(HERE), autoescape=True, undefined=StrictUndefined)
     styles = "\n".join([(LAB / "page.css").read_text(), player.style(), (HERE / "play.css").read_text()])
-    program, page = player.script(*SCRIPTS), templates.get_template("page.html.jinja").render()
+    program, page = player.script(*SCRIPTS), templates.get_template("stick.html.jinja").render()
 
     def fixed(content: str, kind: str) -> Callable[[Request], Response]:
         return lambda _: Response(content, 200, HEADERS, kind)
@@ -221,9 +221,9 @@ def serve(session: Session, port: int, ready: Callable[[str], None]) -> None:
     address = f"http://{HOST}:{port}/{token}/"
     app = application(session, token, port, lambda: ready(address))
     config = uvicorn.Config(
-        app, log_config=None, log_level="critical", access_log=False, server_header=False, date_header=False, limit_concurrency=4 * MOST_SEATS,
-        h11_max_incomplete_event_size=8192, ws_max_size=MESSAGE_BYTES, ws_per_message_deflate=False,
-        ws_ping_interval=5.0, ws_ping_timeout=10.0, timeout_graceful_shutdown=3,
+        app, log_config=None, log_level="critical", access_log=False, server_header=False, date_header=False,
+        limit_concurrency=4 * MOST_SEATS, h11_max_incomplete_event_size=8192, ws_max_size=MESSAGE_BYTES,
+        ws_per_message_deflate=False, ws_ping_interval=5.0, ws_ping_timeout=10.0, timeout_graceful_shutdown=3,
     )  # fmt: skip
     with sock:
         sock.listen(64)

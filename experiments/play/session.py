@@ -58,7 +58,7 @@ class Session:
 
     @property
     def setups(self) -> list[str]:
-        """What may be chosen for a coupling: the set-ups of its family that are shipped, or what was asked for alone."""
+        """What may be chosen for a coupling: the shipped set-ups of a family, or what was asked for alone."""
         family, dash, kind = self.setup.rpartition("-")
         if self.study or not load_setup(self.setup).shipped or kind not in COUPLINGS:
             return [self.setup]

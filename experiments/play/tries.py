@@ -91,7 +91,8 @@ def corners(trace: Trace) -> ig.Motion:
 
 def simulated(this: Try) -> Outcome:
     """Return what `simulate` makes of the recorded motion: the same bits each time."""
-    task, record = Task(**this.environment, operator=this.operator).at(this.record), this.record
+    record = this.record
+    task: Any = Task(**this.environment, operator=this.operator).at(record)
     scene = ig.Scene(
         ig.Tool(task.tool_mass), ig.Object(record["object_mass"], record["distance"], task.friction),
         ig.Contact(record["contact_stiffness"], record["restitution"], task.dissipation,
