@@ -16,7 +16,7 @@ NAMES = {
 }  # fmt: skip
 """What an assistance is called, and what it is."""
 LONGEST, MOST_JITTER, STIFFNESS = 0.5, 0.05, (20.0, 2000.0)  # s each way, s, N/m: as far as sliders go
-RTOL = 1e-10  # so that `simulate` and the environment agree to 1e-9
+RTOL = 1e-12  # so that `simulate` and the environment agree to 1e-9
 
 
 def playable(name: str) -> Setup:

@@ -103,12 +103,12 @@ class Clock:
             self.unsaved.append((path, this))
             while self.unsaved:  # those that found no room before, too
                 tries.write(*self.unsaved[0])
-                self.unsaved.pop(0)
-            live.close()
-        except (OSError, RuntimeError, ValueError) as problem:  # the journal stays, or the try waits for room
-            live.close(keep=True)
+                self.unsaved.pop(0)[0].with_suffix(".journal").unlink()
+        except (OSError, RuntimeError, ValueError) as problem:  # the journal stays, and the try waits for room
             self.tell(kind="failed", text=str(problem))
             return
+        finally:
+            live.close()
         others = {} if asked.study else contest.beside(this)
         beside = {who: played.result for who, played in others.items() if played is not this}
         self.tell(kind="ended", entry=entry_of(path.stem, this, beside), study=this.study)

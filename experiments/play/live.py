@@ -106,11 +106,12 @@ class Live:
         self.late.append(round(late, 5))
         if self.time >= tick - ROUNDING * PERIOD:
             self.commands.append(velocity)
-        if self._journal is not None:
-            with writing(str(self._path)):
-                self._journal.write(json.dumps([velocity, self.action.tolist()]) + "\n")
+        line = json.dumps([velocity, self.action.tolist()]) + "\n"
         if not self.ended:
             self.action = self._decided()
+        if self._journal is not None:
+            with writing(str(self._path)):
+                self._journal.write(line)
 
     def ahead(self) -> Bodies:
         """Return where everything will be one step from now, as far as no further command arrives in it."""
@@ -131,13 +132,11 @@ class Live:
             self.actions, asked.slow, self.ages, self.late, self.marks, asked.study,
         ))  # fmt: skip
 
-    def close(self, keep: bool = False) -> None:
-        """End the journal, which goes unless one is to `keep` it."""
-        if self._journal is not None and self._path is not None:
+    def close(self) -> None:
+        """Close the journal, which stays."""
+        if self._journal is not None:
             with suppress(OSError):  # what is left of it finds no room
                 self._journal.close()
-            if not keep:
-                self._path.unlink()
 
 
 def recovered(journal: Path) -> Try:

@@ -101,11 +101,14 @@ def _plan(content: dict[str, Any]) -> Plan:
             low, high = most[key]
             number(f"conditions.{name}.{key}", condition[key], "s or N/m", at_least=low, at_most=high)
     share: Any = {"above": 0.0, "at_most": 0.999}
+    given: dict[str, Any] = {
+        name: whole(name, content[name], least) for name, least in WHOLE.items() if name in content
+    }
+    given |= {name: number(name, content[name], "(no unit)", **share) for name in ("alpha", "power") if name in content}
     return Plan(
         content["title"], content["setup"], content["outcome"],
         number("smallest", content.get("smallest"), "m", above=0.0), conditions, content["consent"],
-        **{name: whole(name, content[name], at_least=at_least) for name, at_least in WHOLE.items() if name in content},
-        **{name: number(name, content[name], "(no unit)", **share) for name in ("alpha", "power") if name in content},
+        **given,
     )  # fmt: skip
 
 

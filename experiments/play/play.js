@@ -2,6 +2,7 @@
 const part = (id) => document.getElementById(id);
 const HOLDS = {rigid: "fixed to the arm", spring: "a spring and a damper", bistable: "a bistable mechanism"};
 const BEAT = 60, LEAST = 6;  // ms, between two messages at the most and at the least
+const AHEAD_OF_EYES = 12;  // ms, until what is drawn now is seen
 const page = {
   hello: null, socket: null, stage: null, frame: null, came: 0, running: false, asked: false, player: false,
   tries: [], means: [], sent: NaN, sentAt: 0, study: null, level: 0.6,
@@ -17,6 +18,10 @@ function say(text) {
 
 function state(text) {
   part("state").textContent = text;
+}
+
+function write(id, text) {
+  if (part(id).textContent !== text) part(id).textContent = text;
 }
 
 function mode(name, on) {
@@ -108,11 +113,11 @@ function draw(now) {
   steer(now);
   const {frame, stage} = page;
   if (!frame || !stage || frame.still) return;
-  const share = clamp((performance.now() - page.came) / (1000 * frame.dt || 1), 0, 1);
+  const share = clamp((performance.now() + AHEAD_OF_EYES - page.came) / (1000 * frame.dt || 1), 0, 1);
   stage.update(frame.from.map((from, k) => from === null || frame.to[k] === null ? frame.to[k] : from + share * (frame.to[k] - from)));
   const speed = frame.dt ? (frame.to[0] - frame.from[0]) / frame.dt * Number(part("slow").value) : 0;
-  part("speed").textContent = `${Math.round(100 * speed)} cm/s`.replace("-", "\u2212");
-  part("clock").textContent = `${Math.max(about().horizon - frame.t, 0).toFixed(1)} s left`;
+  write("speed", `${Math.round(100 * speed)} cm/s`.replace("-", "\u2212"));
+  write("clock", `${Math.max(about().horizon - frame.t, 0).toFixed(1)} s left`);
   frame.still = share >= 1;
 }
 

@@ -1,6 +1,7 @@
 """A try: what somebody did and what came of it, whole enough to be played again to the bit; a JSON file each."""
 
 import json
+import math
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 from functools import cache
@@ -22,7 +23,7 @@ FORMAT = "impact_gym try 1"
 PERIOD: float = Task.control_period  # s
 LATE, MOST_LATE = 4e-3, 0.02  # s, from which on a step is late; share of late steps from which on a try is invalid
 TRACE_POINTS = 1 << 18
-BEND = 1e-6  # m/s^2, by which an acceleration changes at the least where a command does
+BEND = 1e-13  # m/s, by which a line may miss a velocity
 _ALL = np.zeros(1, np.bool_)
 
 
@@ -77,16 +78,21 @@ def replayed(this: Try) -> tuple[Trace, dict[str, Any], Task]:
 
 
 def corners(trace: Trace) -> ig.Motion:
-    """Return the motion that was imposed, by the corners of its velocity."""
-    last = np.append(np.diff(trace.time) > 0.0, True)  # of equal times
-    time, velocity = np.append(0.0, trace.time[last]), np.append(0.0, trace.command_velocity[last])
-    time, velocity = (column[time > 0.0] for column in (time, velocity))
-    time, velocity = np.append(0.0, time), np.append(0.0, velocity)
-    step = np.diff(time)
-    slope, noise = np.diff(velocity) / step, 1e-14 / step  # rounding of a velocity over a short span
-    bends = np.abs(np.diff(slope)) > BEND + np.maximum(noise[1:], noise[:-1])
-    kept = [0, *(np.flatnonzero(bends) + 1).tolist(), len(time) - 1]
-    return ig.Motion(tuple(time[kept].tolist()), tuple(velocity[kept].tolist()))
+    """Return the motion that was imposed, by the corners of its velocity: straight lines that miss no point of it."""
+    times, velocities = [0.0], [0.0]
+    low, high, before = -math.inf, math.inf, (0.0, 0.0)
+    for time, velocity in zip(trace.time.tolist(), trace.command_velocity.tolist(), strict=True):
+        if time <= before[0]:
+            continue
+        least, most = ((velocity - velocities[-1] + side) / (time - times[-1]) for side in (-BEND, BEND))
+        if least > high or most < low:  # no line from the last corner comes by all points since
+            times.append(before[0])
+            velocities.append(before[1])
+            low, high = ((velocity - before[1] + side) / (time - before[0]) for side in (-BEND, BEND))
+        else:
+            low, high = max(low, least), min(high, most)
+        before = time, velocity
+    return ig.Motion((*times, before[0]), (*velocities, before[1]))
 
 
 def simulated(this: Try) -> Outcome:
