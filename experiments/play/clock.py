@@ -24,6 +24,7 @@ from impact_gym.envs.batch import Bodies
 from impact_gym.files import DiskFullError
 from impact_gym.operators import CUT
 
+STOPPED = "the server was stopped"
 SILENT = 0.25  # s, without a message a stick is let go
 HOLD = 1e-5  # m/s, of a stick that is let go before a touch was seen: a pause does not end the try, as 0 would
 
@@ -78,7 +79,7 @@ class Clock:
                 else:
                     self.stick = Stick()
                     self.asked.put(value)
-        self.stick.stop(f"{INTERRUPTED}the server was stopped")
+        self.stick.stop(INTERRUPTED + STOPPED)
         self.hurry = True
         self.asked.put(None)
 
@@ -124,7 +125,7 @@ class Clock:
             now = time.perf_counter()
             velocity, came = stick.at(now - slow * (live.time + PERIOD - live.next_tick))
             try:
-                live.step(velocity, min(now - came, 1e3), now - due - behind)
+                live.step(velocity, min(now - came, 1e3), 0.0 if self.hurry else now - due - behind)
             except DiskFullError as problem:
                 if not stick.let_go:
                     stick.stop(f"{INTERRUPTED}no room for the journal")
@@ -142,7 +143,7 @@ class Clock:
             late += mean * min(chance.expovariate(1.0), CUT)
         touched = bool(then.touched[0])
         self.tell(
-            kind="frame", n=len(live.actions), t=round(float(now.time[0]), 4), touched=touched,
+            kind="frame", of=live.asked.seed, n=len(live.actions), t=round(float(now.time[0]), 4), touched=touched,
             dt=round(float(then.time[0] - now.time[0]) * slow, 5), wait=0.0 if self.hurry else late * slow,
             **{"from": places(now, seen or touched), "to": places(then, seen or touched)},
         )  # fmt: skip

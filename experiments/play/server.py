@@ -20,12 +20,14 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from experiments.lab import player
 from experiments.play import contest
+from experiments.play.clock import STOPPED
 from experiments.play.session import Session
 
 HERE, LAB = Path(__file__).parent, Path(__file__).parents[1] / "lab"
 SCRIPTS = tuple(HERE / name for name in ("stage.js", "stick.js", "chart.js", "play.js"))
 HOST = "127.0.0.1"
 MOST_SEATS, MESSAGE_BYTES, RATE = 16, 512, 250.0  # pages, bytes, messages a second
+RESTART = 1012  # code of a server that ends
 PATIENCE = 5.0  # s, for a page that does not read
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
@@ -193,6 +195,8 @@ async def _serve_page(session: Session, page: WebSocket) -> None:
         session.refused[why] += 1
         session.leave(seat, why)  # the arm stops first
         await asyncio.wait_for(page.close(refused.code, why), PATIENCE)
+    except WebSocketDisconnect as gone:
+        why = STOPPED if gone.code == RESTART else why
     finally:
         session.leave(seat, why)
         sender.cancel()

@@ -36,7 +36,8 @@ class Session:
         self.busy = False  # a try is under way
         self.history: deque[dict[str, Any]] = deque(maxlen=SHOWN)
         self._loop: Any = None
-        self._speeds, self._shown, self._latest = (-1.0, 1.0), -1, ""
+        self._speeds, self._latest = (-1.0, 1.0), ""
+        self._seed, self._shown = -1, -1  # of the try under way, and its newest frame that was shown
         for journal in sorted(folder.glob("*.journal")):  # what a killed clock left under way
             with suppress(ValueError, LookupError, TypeError, RuntimeError):
                 tries.write(journal.with_suffix(".json"), recovered(journal))
@@ -111,7 +112,7 @@ class Session:
         """Begin a try with what the page's controls say, or with what the plan says."""
         asked, seen = (self.study.asked(), False) if self.study else self._asked(options)
         low, high = Task(**environment_of(playable(asked.setup)), operator={"type": "Person"}).velocity_range
-        self._speeds, self._shown, self.busy = (min(low, 0.0), high), -1, True
+        self._speeds, self._seed, self._shown, self.busy = (min(low, 0.0), high), asked.seed, -1, True
         name = time.strftime("%Y%m%d-%H%M%S-") + f"{time.time_ns() // 1000 % 1_000_000:06d}"
         if asked.study:  # nothing of a person but the number
             name = f"{asked.study['person']:06d}-{asked.study['number']:04d}"
@@ -196,8 +197,8 @@ class Session:
         self.tell(message)
 
     def _frame(self, frame: dict[str, Any]) -> None:
-        """Show a frame, if no newer one has come before it."""
-        if frame["n"] > self._shown:
+        """Show a frame of this try, if no newer one has come before it."""
+        if frame["of"] == self._seed and frame["n"] > self._shown:
             self._shown = frame["n"]
             if frame["touched"]:
                 self._send("touched")

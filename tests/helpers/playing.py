@@ -93,12 +93,12 @@ def choices(**chosen):
     return {"setup": NEAR, "assist": "none", "slow": 1.0, "seen": False, **usual(load_setup(NEAR)), **chosen}
 
 
-def heard(page, *kinds, seconds=20.0):
-    """Return the next message of one of some kinds."""
+def heard(page, kind, seconds=20.0, **having):
+    """Return the next message of a kind that has some values."""
     end = time.monotonic() + seconds
     while True:
         message = json.loads(page.recv(timeout=end - time.monotonic()))
-        if message["kind"] in kinds:
+        if message["kind"] == kind and having.items() <= message.items():
             return message
 
 
