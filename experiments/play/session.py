@@ -37,6 +37,7 @@ class Session:
         self.history: deque[dict[str, Any]] = deque(maxlen=SHOWN)
         self._loop: Any = None
         self._speeds, self._latest = (-1.0, 1.0), ""
+        self._seen_at = 0.0  # s, by the loop's clock: when the last frame is seen
         self._seed, self._shown = -1, -1  # of the try under way, and its newest frame that was shown
         for journal in sorted(folder.glob("*.journal")):  # what a killed clock left under way
             with suppress(ValueError, LookupError, TypeError, RuntimeError):
@@ -181,13 +182,21 @@ class Session:
             self.tell({"kind": "failed", "text": "the clock has stopped: start impact-gym play again"})
 
     def _heard(self, message: dict[str, Any]) -> None:
+        """Pass on what the clock says, each thing when it reaches the eyes: what came of a try after its last frame."""
+        now, wait = self._loop.time(), message.pop("wait", 0.0)
+        if message["kind"] == "frame":
+            self._seen_at = max(self._seen_at, now + wait)
+        elif message["kind"] in ("ended", "failed"):
+            wait = self._seen_at - now
+        act = self._frame if message["kind"] == "frame" else self._result
+        if wait > 0.0:
+            self._loop.call_later(wait, act, message)
+        else:
+            act(message)
+
+    def _result(self, message: dict[str, Any]) -> None:
+        """Tell the pages that a try has begun, or what came of it."""
         kind = message["kind"]
-        if kind == "frame":
-            if (wait := message.pop("wait")) > 0.0:
-                self._loop.call_later(wait, self._frame, message)
-            else:
-                self._frame(message)
-            return
         self.busy = self.busy and kind not in ("ended", "failed")
         if kind == "ended" and self.study:
             self.study.enter(message["study"])

@@ -8,7 +8,7 @@ import socket
 import subprocess
 import sys
 import time
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, closing, suppress
 
 import pytest
 from playing import ROOT, choices, closed, heard, play, say, served
@@ -23,14 +23,14 @@ def server(tmp_path_factory):
 
 def answer(server, path=None, **headers):
     """Return status and headers of an answer, asked for with any headers."""
-    asked = http.client.HTTPConnection(server.origin.removeprefix("http://"))
-    asked.putrequest("GET", path or server.address.removeprefix(server.origin), skip_host="Host" in headers)
-    for name, value in headers.items():
-        asked.putheader(name, value)
-    asked.endheaders()
-    reply = asked.getresponse()
-    reply.read()
-    return reply.status, reply.headers
+    with closing(http.client.HTTPConnection(server.origin.removeprefix("http://"))) as asked:
+        asked.putrequest("GET", path or server.address.removeprefix(server.origin), skip_host="Host" in headers)
+        for name, value in headers.items():
+            asked.putheader(name, value)
+        asked.endheaders()
+        reply = asked.getresponse()
+        reply.read()
+        return reply.status, reply.headers
 
 
 def test_only_our_own_page_is_answered(server):
