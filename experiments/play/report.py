@@ -61,10 +61,10 @@ def analysed(rows: pl.DataFrame, plan: Plan) -> pl.DataFrame:
 def found(rows: pl.DataFrame, plan: Plan) -> Finding | None:
     """Return what the analysed rows say; None before FEWEST persons have played both conditions.
 
-    A mixed model, with a level of each person's own, gives how slide (cm in it) goes with done_time; each person's
-    difference between the conditions is taken at equal done_time by that. These are held against their own spread, by t
-    with persons - 1 degrees of freedom. With an effect of each person's own as well, the model did not converge in a
-    fifth of the studies of `calibration`, and its error was too large.
+    A mixed model, with a level of each person's own in each condition, gives how slide (cm in it) goes with done_time;
+    each person's difference between the conditions is taken at equal done_time by that. These are held against their
+    own spread, by t with persons - 1 degrees of freedom. A model with levels and effects of persons as two variances
+    did not converge in a fifth of the studies of `calibration`, and its errors were too large.
     """
     persons = rows["person"].unique(maintain_order=True).to_list() if len(rows) else []
     if len(persons) < FEWEST:
@@ -74,7 +74,8 @@ def found(rows: pl.DataFrame, plan: Plan) -> Finding | None:
     late = late - late.mean()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # a variance of nought is a result, too
-        fit = MixedLM(slide, np.column_stack([np.ones(len(slide)), second, late]), person).fit(reml=True)
+        cell = 2 * np.searchsorted(np.unique(person), person) + second
+        fit = MixedLM(slide, np.column_stack([np.ones(len(slide)), second, late]), cell).fit(reml=True)
     level = slide - float(fit.fe_params[2]) * late
     means = np.array([[level[(person == who) & (second == side)].mean() for side in (False, True)] for who in persons])
     lines = 0.01 * (means[:, 1] - means[:, 0])  # m
