@@ -1,6 +1,7 @@
 // The page: one connection, one stick, one try at a time.
 const part = (id) => document.getElementById(id);
 const HOLDS = {rigid: "fixed to the arm", spring: "a spring and a damper", bistable: "a bistable mechanism"};
+const MOST_TRIES = 200;  // on the chart
 const BEAT = 60, LEAST = 6;  // ms, between two messages at the most and at the least
 const AHEAD_OF_EYES = 12;  // ms, until what is drawn now is seen
 const page = {
@@ -265,7 +266,7 @@ const HEARD = {
   },
   ended(message) {
     over();
-    page.tries.push(message.entry);
+    page.tries = [...page.tries, message.entry].slice(-MOST_TRIES);
     result(message.entry);
     tabulate();
     state("press \u2192 for the next try");

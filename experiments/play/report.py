@@ -75,7 +75,7 @@ def found(rows: pl.DataFrame, plan: Plan) -> Finding | None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # a variance of nought is a result, too
         cell = 2 * np.searchsorted(np.unique(person), person) + second
-        fit = MixedLM(slide, np.column_stack([np.ones(len(slide)), second, late]), cell).fit(reml=True)
+        fit = MixedLM(slide, np.column_stack([np.ones(len(slide)), second, late]), cell).fit(reml=True, method="powell")
     level = slide - float(fit.fe_params[2]) * late
     means = np.array([[level[(person == who) & (second == side)].mean() for side in (False, True)] for who in persons])
     lines = 0.01 * (means[:, 1] - means[:, 0])  # m
