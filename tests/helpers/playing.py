@@ -1,5 +1,6 @@
 """The page that is played: its server in a process of its own, players with and without a browser."""
 
+import asyncio
 import json
 import os
 import signal
@@ -10,6 +11,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
+import websockets
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
@@ -19,6 +21,7 @@ from experiments.play.assistance import usual
 
 ROOT = Path(__file__).parents[2]
 NEAR = "teleop-spring"
+RUBBISH = ('{"v":0.5}', "rubbish", '{"v":NaN}', '{"v":1e999}', "[]", '{"x":1}', "x" * 4000, '{"begin":{}}')
 
 
 class Served:
@@ -130,6 +133,28 @@ def closed(page, seconds=10.0):
             page.recv(timeout=end - time.monotonic())
     except ConnectionClosed as gone:
         return gone.rcvd.code, gone.rcvd.reason
+
+
+async def flood(address, seconds, clients=50):
+    """Send a thousand messages a second from each of so many clients, good ones and rubbish; return how many went."""
+    sent, end = 0, time.monotonic() + seconds
+    origin, where = "/".join(address.split("/")[:3]), address.replace("http", "ws") + "ws"
+
+    async def one(number):
+        nonlocal sent
+        while time.monotonic() < end:
+            try:
+                async with websockets.connect(where, origin=origin, compression=None) as page:
+                    begun, count = time.monotonic(), 0
+                    while time.monotonic() < end:
+                        await page.send(RUBBISH[number % len(RUBBISH)] if number % 2 else RUBBISH[0])
+                        count, sent = count + 1, sent + 1
+                        await asyncio.sleep(max(begun + count / 1000 - time.monotonic(), 0.0))
+            except (OSError, websockets.WebSocketException):
+                await asyncio.sleep(0.02)
+
+    await asyncio.gather(*map(one, range(clients)))
+    return sent
 
 
 def lateness(found):

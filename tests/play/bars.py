@@ -13,12 +13,11 @@ import time
 from pathlib import Path
 
 import numpy as np
-import websockets
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "helpers"))
 
 from browsers import chromium
-from playing import lateness, play, served
+from playing import flood, lateness, play, served
 
 LOOK = """() => {
   const flange = document.querySelector('#picture .igw-flange'), channel = new MessageChannel();
@@ -37,7 +36,6 @@ LOOK = """() => {
     channel.port2.postMessage(0);
   }).observe(flange, {attributes: true, attributeFilter: ['x']});
 }"""
-RUBBISH = ('{"v":0.5}', "rubbish", '{"v":NaN}', '{"v":1e999}', "[]", '{"x":1}', "x" * 4000, '{"begin":{}}')
 
 
 def key_to_picture(page, tries):
@@ -59,28 +57,6 @@ def key_to_picture(page, tries):
         page.keyboard.press(" ")
         page.wait_for_selector("body:not(.playing)", timeout=15000)
     return found
-
-
-async def flood(address, seconds, clients=50):
-    """Send a thousand messages a second from each of so many clients, good ones and rubbish; return how many went."""
-    sent, end = 0, time.monotonic() + seconds
-    origin, where = "/".join(address.split("/")[:3]), address.replace("http", "ws") + "ws"
-
-    async def one(number):
-        nonlocal sent
-        while time.monotonic() < end:
-            try:
-                async with websockets.connect(where, origin=origin, compression=None) as page:
-                    begun, count = time.monotonic(), 0
-                    while time.monotonic() < end:
-                        await page.send(RUBBISH[number % len(RUBBISH)] if number % 2 else RUBBISH[0])
-                        count, sent = count + 1, sent + 1
-                        await asyncio.sleep(max(begun + count / 1000 - time.monotonic(), 0.0))
-            except (OSError, websockets.WebSocketException):
-                await asyncio.sleep(0.02)
-
-    await asyncio.gather(*map(one, range(clients)))
-    return sent
 
 
 def percentiles(values):

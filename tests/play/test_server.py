@@ -97,6 +97,29 @@ def test_player_who_floods_is_refused_after_the_arm_has_stopped_and_the_try_is_k
         assert kept[-1].operator["velocity"][-1] == 0.0
 
 
+@pytest.mark.storm
+def test_flood_of_fifty_is_refused_with_reasons_and_leaves_the_player_alone(tmp_path):
+    with served(tmp_path / "tries") as server, server.connect() as page:
+        play(page, assist="brake")
+        before = server.memory()
+        script = f"import asyncio, playing; print(asyncio.run(playing.flood({server.address!r}, 12.0)))"
+        helpers = os.pathsep.join([str(ROOT), str(ROOT / "tests" / "helpers")])
+        line = [sys.executable, "-c", script]
+        clients = subprocess.Popen(line, env=os.environ | {"PYTHONPATH": helpers}, stdout=subprocess.PIPE, text=True)
+        played = []
+        while clients.poll() is None:
+            played.append(play(page, assist="brake")["kind"])
+        assert {*played} == {"ended"}
+        assert int(clients.communicate()[0]) > 5000
+        assert server.memory() < before + 40e6
+        assert len(server.tries()) == 1 + len(played)
+        assert not any("interrupted" in mark for this in server.tries() for mark in this.marks)
+        _, said = server.end()
+        for reason in ("more than 250 messages a second", "a message must be JSON", "too many pages"):
+            assert reason in said
+        assert "Traceback" not in said
+
+
 def test_second_page_is_told_so_watches_and_may_take_the_stick(server):
     with server.connect() as first, server.connect() as second:
         assert heard(first, "role", others=1)["player"]
