@@ -8,6 +8,7 @@ from agents.baselines import LocalBrake, OperatorAlone, PaperTrapezoid, load_bas
 from agents.policies import Controller
 from agents.setups import Setup, load_setup
 from agents.setups.setup import shipped
+from impact_gym.task import Task
 from impact_gym.task.steering import WAYS
 
 NAMES = {
@@ -15,6 +16,7 @@ NAMES = {
     "rule": "the paper's rule",
 }  # fmt: skip
 """What an assistance is called, and what it is."""
+PERIOD: float = Task.control_period  # s
 LONGEST, MOST_JITTER, STIFFNESS = 0.5, 0.05, (20.0, 2000.0)  # s each way, s, N/m: as far as sliders go
 RTOL = 1e-12  # so that `simulate` and the environment agree to 1e-9
 
@@ -32,6 +34,8 @@ def playable(name: str) -> Setup:
             f"{setup.called} has no operator: add operator = {operator}, friction = 0.3 and horizon = 8.0 to its "
             f"[environment], or take {', '.join(each.name for each in others if 'operator' in each.environment)}"
         )
+    if (period := setup.environment.get("control_period", PERIOD)) != PERIOD:
+        raise ValueError(f"{setup.called}: control_period must be {PERIOD} s to be played, got {period} s")
     return setup
 
 
@@ -52,13 +56,14 @@ def environment_of(setup: Setup) -> dict[str, Any]:
 def usual(setup: Setup) -> dict[str, float]:
     """Return where the sliders begin: delay there and back and jitter (s), and stiffness (N/m) where there is one."""
 
-    def middle(part: str, name: str) -> float:
+    def middle(part: str, name: str, low: float, high: float) -> float:
         value = setup.environment.get(part, {}).get(name, 0.0)
-        return float(sum(value) / 2.0 if isinstance(value, list) else value)
+        return min(max(float(sum(value) / 2.0 if isinstance(value, list) else value), low), high)
 
-    chosen = {"delay": sum(middle(way, "delay") for way in WAYS), "jitter": middle("uplink", "jitter")}
+    chosen = {"delay": sum(middle(way, "delay", 0.0, LONGEST) for way in WAYS)}
+    chosen["jitter"] = middle("uplink", "jitter", 0.0, MOST_JITTER)
     stiff = setup.environment.get("coupling", {}).get("type") == "SpringDamper"
-    return chosen | ({"stiffness": middle("coupling", "stiffness")} if stiff else {})
+    return chosen | ({"stiffness": middle("coupling", "stiffness", *STIFFNESS)} if stiff else {})
 
 
 def record_of(chosen: Mapping[str, float]) -> dict[str, float]:

@@ -18,8 +18,9 @@ from typing import Any
 
 from experiments.lab.player.films import radius_of
 from experiments.play import contest, tries
+from experiments.play.assistance import PERIOD
 from experiments.play.live import INTERRUPTED, Asked, Live
-from experiments.play.tries import PERIOD, Try
+from experiments.play.tries import Try
 from impact_gym.envs.batch import Bodies
 from impact_gym.files import DiskFullError
 from impact_gym.operators import CUT
@@ -104,7 +105,7 @@ class Clock:
             self.unsaved.append((path, this))
             while self.unsaved:  # those that found no room before, too
                 tries.write(*self.unsaved[0])
-                self.unsaved.pop(0)[0].with_suffix(".journal").unlink()
+                self.unsaved.pop(0)[0].with_suffix(".journal").unlink(missing_ok=True)
         except (OSError, RuntimeError, ValueError) as problem:  # the journal stays, and the try waits for room
             self.tell(kind="failed", text=str(problem))
             return

@@ -78,7 +78,7 @@ def first_film(setup: str, latest: Try | None) -> str:
         return film(beside(latest), "your last try, the same scene for all", SECONDS)
     chosen = usual(load_setup(setup))
     played = {name: scripted(setup, kind, chosen, SHOWN_SEED) for name, kind in rivals(setup).items()}
-    played["a person (scripted)"] = scripted(setup, "none", chosen, SHOWN_SEED)
+    played["person (scripted)"] = scripted(setup, "none", chosen, SHOWN_SEED)
     return film(played, "one scene, three contestants", SECONDS)
 
 

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from agents.policies import Controller
-from experiments.play.assistance import assistance, environment_of, playable, record_of
-from experiments.play.tries import PERIOD, Try, completed
+from experiments.play.assistance import PERIOD, assistance, environment_of, playable, record_of
+from experiments.play.tries import Try, completed
 from impact_gym.envs.batch import Batch, Bodies
 from impact_gym.files import writing
 from impact_gym.task import Task

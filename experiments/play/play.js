@@ -143,6 +143,7 @@ async function film(name) {
 }
 
 function centimetres(value) {
+  if (value < 5e-5) return "less than 0.1 mm";
   return value < 1e-3 ? `${(1000 * value).toFixed(1)} mm` : `${(100 * value).toFixed(1)} cm`;
 }
 

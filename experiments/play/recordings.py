@@ -11,7 +11,8 @@ from tyro.conf import Positional
 
 from agents.command_line import run_command
 from experiments.play import tries
-from experiments.play.tries import PERIOD, Try
+from experiments.play.assistance import PERIOD
+from experiments.play.tries import Try
 from impact_gym.files import write_file
 
 SPARE = 3  # ticks between the horizon and the next recording

@@ -12,10 +12,18 @@ from typing import Any
 from agents.setups import load_setup
 from experiments.lab.player.films import chain_of
 from experiments.play import clock, contest, tries
-from experiments.play.assistance import LONGEST, MOST_JITTER, NAMES, STIFFNESS, environment_of, playable, usual
+from experiments.play.assistance import (
+    LONGEST,
+    MOST_JITTER,
+    NAMES,
+    PERIOD,
+    STIFFNESS,
+    environment_of,
+    playable,
+    usual,
+)  # fmt: skip
 from experiments.play.live import INTERRUPTED, Asked, recovered
 from experiments.play.plan import Study
-from experiments.play.tries import PERIOD
 from impact_gym.task import Task
 from impact_gym.validation import choice, flag, number, one_of
 

@@ -20,7 +20,6 @@ from impact_gym.sources import compiled_from
 from impact_gym.task import Task
 
 FORMAT = "impact_gym try 1"
-PERIOD: float = Task.control_period  # s
 LATE, MOST_LATE = 4e-3, 0.02  # s, from which on a step is late; share of late steps from which on a try is invalid
 TRACE_POINTS = 1 << 18
 BEND = 1e-13  # m/s, by which a line may miss a velocity

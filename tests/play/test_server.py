@@ -217,6 +217,12 @@ def command(folder, *words):
 
 def test_bad_arguments_are_refused_in_one_line(tmp_path):
     (tmp_path / "mine.toml").write_text("[environment]\ntool_mass = 0.2\n")
+    teleop = (
+        (ROOT / "agents" / "setups" / "teleop-rigid.toml")
+        .read_text()
+        .replace("horizon =", "control_period = 0.01\nhorizon =")
+    )
+    (tmp_path / "fast.toml").write_text(teleop)
     (tmp_path / "plan.toml").write_text('title = "a"\nsetup = "teleop-spring"\nsmallest = 0.01\nconsent = "b"\n')
     (tmp_path / "tries").mkdir()
     (tmp_path / "tries" / "a.json").write_text("{}")
@@ -230,6 +236,7 @@ def test_bad_arguments_are_refused_in_one_line(tmp_path):
             (("no-such",), "no set-up 'no-such'"),
             (("linear-blind",), "has no operator: add operator = "),
             (("mine.toml",), "has no operator: add operator = "),
+            (("fast.toml",), "control_period must be 0.016 s to be played, got 0.01 s"),
             (("--assist", "magic"), "assist must be one of none, brake, limit, policy, rule, got 'magic'"),
             (("--plan", "plan.toml"), "outcome must be fixed before anybody plays"),
             (("--plan", "none.toml"), "none.toml is not read as TOML"),
