@@ -51,7 +51,7 @@ class Replay(Commander):
     time: Instants  # rising, from 0
     velocity: Annotated[tuple[float, ...], SI("m/s", at_least=-1e3, at_most=1e3)]  # at each
     recording: float = 0.0  # -, its fraction does not count
-    length: float = 0.0  # s, at least the horizon; 0: there is one
+    length: Annotated[float, SI("s", at_least=0.0, at_most=1e3)] = 0.0  # at least the horizon; 0: there is one
 
     def __post_init__(self) -> None:
         Record.__post_init__(self)

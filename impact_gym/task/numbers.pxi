@@ -41,7 +41,6 @@ cdef struct OperatorNumbers:
     double repeat  # -, share of commands that repeat the one before
     double random  # -, share of commands that are random
     double recording  # -, which of several recordings is played, its fraction dropped
-    double length  # s, time from the start of a recording to that of the next
 
 
 cdef struct ChannelNumbers:

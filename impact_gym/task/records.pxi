@@ -14,7 +14,7 @@ cdef struct Draw:  # a number that an episode draws from a range
 
 cdef struct Table:  # of times and as many values, among the numbers of all tables
     int64_t begin, points
-    double length  # s
+    double length  # s; of recordings one behind the other that of each
 
 
 cdef struct Task:  # what a row plays

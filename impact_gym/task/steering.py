@@ -57,6 +57,7 @@ def lowered(task: Any, record: NDArray[Any], begin: int) -> list[NDArray[np.floa
         count = len(points) // 2
         record[name] = begin, count, points[count - 1] if count else 0.0
         begin += len(points)
+    record["replay"]["length"] = getattr(task.operator, "length", 0.0)
     return tables
 
 

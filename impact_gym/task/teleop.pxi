@@ -94,7 +94,7 @@ cdef double intended(Row *row, double time) noexcept nogil:
     if row.task.operator_kind == PERSON:
         return link.given
     if row.task.operator_kind == REPLAY:  # at the tick's own time, whatever rounding the clock has gathered
-        time = floor(who.recording) * who.length + (link.ticks - 1) * row.task.control_period
+        time = floor(who.recording) * row.task.replay.length + (link.ticks - 1) * row.task.control_period
         return look_up(&row.task.replay, row.tables, time)
     if row.task.operator_kind == STEADY:
         return speed
