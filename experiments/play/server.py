@@ -46,33 +46,30 @@ class Refused(Exception):  # noqa: N818  # it is an answer, not a fault
 
 
 class Seat:
-    """A page that is connected: of frames it gets the newest, of all else everything, as fast as it reads."""
+    """A page that is connected: it gets what there is in order, as fast as it reads; of frames only the newest."""
 
     def __init__(self, socket: WebSocket) -> None:
-        self.socket, self._frame, self._messages = socket, None, list[dict[str, Any]]()
-        self._news = asyncio.Event()
+        self.socket, self._waiting, self._news = socket, list[dict[str, Any]](), asyncio.Event()
         self._allowance, self._heard = RATE, time.monotonic()
 
-    def show(self, frame: Any) -> None:
+    def show(self, frame: dict[str, Any]) -> None:
         """Send a frame, in place of one that has not gone yet."""
-        self._frame = frame
-        self._news.set()
+        if self._waiting and self._waiting[-1]["kind"] == frame["kind"]:
+            self._waiting.pop()
+        self.tell(frame)
 
     def tell(self, message: dict[str, Any]) -> None:
         """Send a message."""
-        self._messages.append(message)
+        self._waiting.append(message)
         self._news.set()
 
     async def send(self) -> None:
         """Send what there is, until the page goes or does not read."""
         with suppress(TimeoutError, RuntimeError, WebSocketDisconnect):
-            while True:
-                await self._news.wait()
+            while await self._news.wait():
                 self._news.clear()
-                waiting, self._messages = self._messages, []
-                frame, self._frame = self._frame, None
-                for message in [*waiting, *([frame] if frame else [])]:
-                    text = json.dumps(message, separators=(",", ":"))
+                while self._waiting:
+                    text = json.dumps(self._waiting.pop(0), separators=(",", ":"))
                     await asyncio.wait_for(self.socket.send_text(text), PATIENCE)
 
     async def hear(self) -> dict[str, Any]:
