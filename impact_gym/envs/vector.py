@@ -174,6 +174,10 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
             raise ResetNeeded("some slots have no episode under way: call reset before render")
         return tuple(renderer.render(self.batch, slot) for slot, renderer in enumerate(self._renderers))
 
+    def command(self, velocities: Any) -> None:
+        """Let the operators, each a `Person`, command `velocities` (m/s), one for all slots or (num_envs,)."""
+        self.batch.command(velocities)
+
     def sensors(self) -> dict[str, NDArray[np.float64]]:
         """Return what the controllers may know now, arrays (num_envs,); see `ImpactApproachEnv.sensors`."""
         return self.batch.sensors()
