@@ -4,7 +4,7 @@ BIN := $(VENV)/bin
 WHOLE := $(VENV)/installed
 SMALL := $(VENV)/installed-for-report
 PLAYED := $(VENV)/installed-for-play
-EXTRAS := train report play identify robot render zoo objectives peers cluster docs dev
+EXTRAS := train report play data identify robot render zoo objectives peers cluster docs dev
 
 .DEFAULT_GOAL := help
 .PHONY: help setup report play test mutants train train-all controller tune gain figures bench speed stability docs identify design lint

@@ -1,12 +1,11 @@
-"""`impact-gym recordings`: what was played as a dataset of Minari, and as an operator for training."""
+"""`impact-gym recordings`: what was played as an operator, for training."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import gymnasium as gym
-import numpy as np
+import tomli_w
 from tyro.conf import Positional
 
 from agents.command_line import run_command
@@ -50,42 +49,14 @@ def operator_of(found: Sequence[Try]) -> dict[str, Any]:
     }
 
 
-def dataset(found: Sequence[Try], name: str) -> Any:
-    """Play tries again in one environment and keep them as a dataset of Minari; return it.
-
-    Each step has the observation, the action of the assistance, and in its info the operator's command as it arrived
-    (m/s), what the flange was sent to (m/s) and the record, with which `reset` plays the episode again.
-    """
-    import minari
-
-    from impact_gym.minari import EpisodeInfo
-
-    class StepInfo(EpisodeInfo):
-        def __call__(self, env: Any, **step: Any) -> dict[str, Any]:
-            data, sensors = super().__call__(env, **step), env.unwrapped.sensors()
-            return {**data, "info": {**data["info"], **{key: sensors[key] for key in ("command", "executed")}}}
-
-    env = gym.make("ImpactTeleop-v0", **found[0].environment, operator=operator_of(found))
-    collector = minari.DataCollector(env, StepInfo, record_infos=True)
-    for number, this in enumerate(found):
-        collector.reset(seed=this.seed, options={"record": {**this.record, "operator.recording": number + 0.5}})
-        for action in this.actions:
-            *_, ended, _, info = collector.step(np.array(action, np.float32))
-        if not ended or info["done_time"] != this.result["done_time"]:
-            raise RuntimeError("a try does not end as it did: it was made with another version of the environment")
-    return collector.create_dataset(name, algorithm_name=", ".join(sorted({this.assist for this in found})))
-
-
 @dataclass(frozen=True)
 class Recordings:
-    """Make a dataset of Minari of what was played, or an operator for a set-up."""
+    """Make an operator of what was played, for the [environment] of a set-up."""
 
     folder: Positional[Path]
     """Folder of tries, as impact-gym play leaves them."""
-    name: str = "impact/play-v0"
-    """Of the dataset."""
-    operator: Path | None = None
-    """Write a TOML file with the operator instead, for the [environment] of a set-up."""
+    out: Positional[Path] = Path("operator.toml")
+    """TOML file to write."""
     marked: bool = False
     """Take tries that are marked as interrupted or late, too."""
 
@@ -93,14 +64,8 @@ class Recordings:
 def work(options: Recordings) -> None:
     """Do what the options ask for."""
     found = played(options.folder, options.marked)
-    if options.operator is not None:
-        import tomli_w
-
-        content = {"environment": {"operator": operator_of(found)}}
-        print(f"{len(found)} recordings: {write_file(options.operator, tomli_w.dumps(content))}")
-        return
-    made = dataset(found, options.name)
-    print(f"{made.total_episodes} episodes, {made.total_steps} steps: {options.name}")
+    content = {"environment": {"operator": operator_of(found)}}
+    print(f"{len(found)} recordings: {write_file(options.out, tomli_w.dumps(content))}")
 
 
 if __name__ == "__main__":

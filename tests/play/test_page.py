@@ -196,6 +196,7 @@ def test_second_tab_is_told_so_and_may_take_the_stick(tab):
 def test_server_stopped_and_started(browser, tmp_path):
     with served(tmp_path / "tries") as server:
         one = Tab(browser, server)
+        one.page.wait_for_load_state("networkidle")  # what is being fetched as the server stops fails
         one.page.keyboard.press("Enter")
         one.page.wait_for_selector("body.playing")
         server.end(signal.SIGINT)
