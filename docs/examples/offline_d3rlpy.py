@@ -4,22 +4,23 @@ python docs/examples/offline_d3rlpy.py [STEPS [DATASET ...]]. Written for d3rlpy
 """
 
 import sys
+from collections.abc import Callable
+from typing import Any
 
 import d3rlpy
 import gymnasium as gym
 import minari
 import numpy as np
-
 from impact_gym.agents import baselines, load_policy
 
 
-def episodes(name):
+def episodes(name: str) -> list[Any]:
     """Return what d3rlpy learns from; the settling after the last action is none of the controller's."""
     return [d3rlpy.dataset.Episode(each.observations[:-1], each.actions, each.rewards[:, None], terminated=True)
             for each in minari.load_dataset(name)]  # fmt: skip
 
 
-def score(act, count=2000):
+def score(act: Callable[[Any], Any], count: int = 2000) -> float:
     """Return the mean return (m/s) over test scenarios at w = 2 m/s per s, in a native batch."""
     envs = gym.make_vec("impact_gym:ImpactApproach-v0", num_envs=count, scenario="test", time_weight=2.0)
     seen, _ = envs.reset(seed=2_000_000)
@@ -28,15 +29,21 @@ def score(act, count=2000):
         seen, rewards, terminated, _, _ = envs.step(act(seen))
         total += np.where(running, rewards, 0.0)
         running &= ~terminated
-    return total.mean()
+    return float(total.mean())
 
 
-def main(steps, names):
+def main(steps: int, names: list[str]) -> None:
     """Train on datasets, and print what comes of it beside those who played them."""
     data = [episode for name in names for episode in episodes(name)]
     buffer = d3rlpy.dataset.create_infinite_replay_buffer(data)
     learner = d3rlpy.algos.IQLConfig(gamma=1.0, expectile=0.9, weight_temp=10.0).create(device="cpu")
-    learner.fit(buffer, n_steps=steps, n_steps_per_epoch=steps, show_progress=False, logger_adapter=d3rlpy.logging.NoopAdapterFactory())
+    learner.fit(
+        buffer,
+        n_steps=steps,
+        n_steps_per_epoch=steps,
+        show_progress=False,
+        logger_adapter=d3rlpy.logging.NoopAdapterFactory(),
+    )
     policy, rule = load_policy("linear-blind"), baselines.PaperTrapezoid()
     profile = baselines.load_baseline("blind-profile", 2.0)
     print(f"{len(data)} episodes of {', '.join(names)}, {steps} steps")

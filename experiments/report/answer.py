@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import altair as alt
+import moocore
 import numpy as np
 import polars as pl
 
@@ -17,6 +18,8 @@ from experiments.report.matchups import BOUND, POLICY, Matchup
 from experiments.report.played import Played, Run
 from experiments.report.results import FAMILY
 from experiments.report.tables import Table, percent
+from impact_gym.envs.objectives import soonest
+from impact_gym.task import Task
 
 FRONT = ("approach_time", "object_velocity")
 MISSED_TOO_OFTEN = 0.01  # of the objects: a missed one has no V_p
@@ -195,6 +198,26 @@ def weights_table(played: Played) -> Table:
     head = ("time weight (m/s per s)", "median seed (m/s)", f"{played.matchup.rival.label} (m/s)", "ratio, median seed",
             "ratio, all seeds", "above the search that knows: policy, baseline (m/s)")  # fmt: skip
     return Table("V_p + w T against the best baseline, tuned for each weight; below 1 the policy is better", head, body)
+
+
+def hypervolumes(played: Played) -> Table:
+    """Return how much of what is between the worst and the best lies behind each front."""
+    task = Task(**played.matchup.environment)
+    ahead = played.paper.scenario["distance"]
+    best = np.array([np.mean([soonest(task, distance) for distance in ahead]), 0.0])
+    worst = np.array([task.horizon, task.missed_cost])
+    body = []
+    for name, run in {**played.baselines, **played.seeds}.items():
+        weights = [weight for weight in run.weights if weight in played.matchup.weights] or run.weights
+        means = [(run.means(weight), weight) for weight in weights]
+        front = np.array([(each["T"], each["loss"] - weight * each["T"]) for each, weight in means])
+        volume = moocore.hypervolume(front, ref=worst)
+        share = f"{100 * volume / np.prod(worst - best):.1f} %"
+        body.append((played.matchup.labels.get(name, name), str(len(front)), f"{volume:.4f}", share))
+    caption = (f"Hypervolume of the front of mean T and V_p over the same weights, what misses cost included, beyond "
+               f"the reference point ({worst[0]:g} s, {worst[1]:g} m/s), where nothing is touched; at the utopia point "
+               f"({best[0]:.3f} s, 0 m/s) a rigid tool arrives at the arm's limits, and the object rests")  # fmt: skip
+    return Table(caption, ("contestant", "weights", "hypervolume (s m/s)", "of what the utopia point has"), body)
 
 
 def sentence(answer: Answer, matchup: Matchup) -> str:

@@ -95,7 +95,12 @@ def _engineer(played: Played, steps: Sequence[chain.Step]) -> list[Fold]:
 
 def _statistician(played: Played, targets: Sequence[bars.Bar]) -> list[Fold]:
     seeds = [answer.seeds_table(played)] if len(played.seeds) > 1 else []
-    trade_off: list[Part] = [answer.trade_off(played), answer.weights_table(played), *seeds]
+    trade_off: list[Part] = [
+        answer.trade_off(played),
+        answer.weights_table(played),
+        *seeds,
+        answer.hypervolumes(played),
+    ]
     chosen_on = {
         "table": "these scenarios themselves", "set": "the first half of the validation set",
         "ranges": "other scenarios from the same ranges",

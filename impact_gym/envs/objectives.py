@@ -45,6 +45,28 @@ class Objectives:
         return rewards
 
 
+def soonest(task: Task, distance: float) -> float:
+    """Return the time (s) after which a rigid tool can have come so far (m) from rest: at the arm's limits."""
+    velocity, acceleration = task.velocity_range[1], task.acceleration_range[1]
+    ramp = 0.5 * velocity**2 / acceleration  # m
+    if distance < ramp:
+        return float(np.sqrt(2.0 * distance / acceleration))
+    return float(velocity / acceleration + (distance - ramp) / velocity)
+
+
+def points(task: Task) -> tuple[Rewards, Rewards]:
+    """Return what no episode falls below, where nothing is touched until the end, and what none exceeds.
+
+    Sums of the rewards, for hypervolumes: the reference point and the utopia point, which is at the nearest place as
+    soon as a rigid tool can be and leaves the object at rest. Nothing limits a force: -inf.
+    """
+    worst = [task.horizon, task.missed_cost]
+    worst += [np.inf] * (task.force_weight > 0.0) + [1.0] * (task.taken_weight > 0.0)
+    best = np.zeros(len(worst))
+    best[0] = soonest(task, task.scenario.distance[0])
+    return -np.array(worst), -best
+
+
 class MOImpactApproachEnv(ImpactApproachEnv):
     """`ImpactApproach` with a vector reward; `info["original_reward"]` has the scalar one.
 
@@ -52,6 +74,7 @@ class MOImpactApproachEnv(ImpactApproachEnv):
     `reward_space` is `Box(-inf, 0, (reward_dim,), float64)`: -T (s, in each step) and -V_p (m/s, at the end, with
     `missed_cost`), and as a third one, with a `force_weight`, -(largest contact force) (N, at the end). With an
     operator T runs until the task is done, and with a `taken_weight` the last one is -(share taken).
+    `reference_point` and `utopia_point` (reward_dim,) bound the sums of an episode's rewards, see `points`.
 
     ## Version History
     * v0: first version
@@ -61,6 +84,7 @@ class MOImpactApproachEnv(ImpactApproachEnv):
     def __init__(self, **arguments: Any) -> None:
         super().__init__(**arguments)
         self._objectives = Objectives(self._batch.tasks[0], self._batch)
+        self.reference_point, self.utopia_point = points(self._batch.tasks[0])
         self.reward_space, self.reward_dim = self._objectives.space, len(self._objectives.space.low)
 
     def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], Any, bool, bool, dict[str, Any]]:
@@ -76,6 +100,7 @@ class MOImpactApproachVectorEnv(ImpactApproachVectorEnv):
     def __init__(self, num_envs: int = 1, **arguments: Any) -> None:
         super().__init__(num_envs, **arguments)
         self._objectives = Objectives(self.batch.tasks[0], self.batch)
+        self.reference_point, self.utopia_point = points(self.batch.tasks[0])
         self.reward_space, self.reward_dim = self._objectives.space, len(self._objectives.space.low)
 
     def _rewards(self) -> tuple[Rewards, dict[str, Any]]:

@@ -8,7 +8,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 
-from impact_gym.envs import IDS, of_objectives
+from impact_gym.envs import IDS, objectives, of_objectives
 
 OPTIONS = [{}, {"force_weight": 0.01}, {"time_weight": (0.5, 8.0), "missed_cost": 3.0}]
 MODES = [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP]
@@ -43,6 +43,33 @@ def test_vector_rewards_are_the_scalar_one_taken_apart(name, options):
         assert -vectors.sum(axis=0)[:2] == pytest.approx([charged, velocity], abs=1e-12)
         if "force_weight" in options and not info["missed"]:
             assert -vectors[-1, 2] == pytest.approx(info["peak_force"])
+
+
+@pytest.mark.parametrize("options", OPTIONS, ids=str)
+def test_episodes_lie_between_reference_and_utopia_point(options):
+    """Whatever is done, also where a tool goes as fast as it can or not at all."""
+    env = gym.make("mo-impact-approach-v0", disable_env_checker=True, **options)
+    bare, rng = env.unwrapped, np.random.default_rng(2)
+    for seed in range(30):
+        env.reset(seed=seed)
+        total, ended, action = np.zeros(bare.reward_dim), False, [rng.choice([-1.0, 0.0, 1.0]), 1.0]
+        while not ended:
+            _, reward, ended, _, _ = env.step(np.array(action, np.float32))
+            total += reward
+        assert np.all(total >= bare.reference_point - 1e-12)
+        assert np.all(total <= bare.utopia_point)
+
+
+def test_no_tool_is_sooner_than_a_rigid_one_at_the_limits():
+    env = gym.make("mo-impact-approach-rigid-v0", disable_env_checker=True)
+    for distance in (0.15, 0.3):
+        env.reset(seed=0, options={"scenario": {"distance": distance}})
+        ended = False
+        while not ended:
+            _, _, ended, _, info = env.step(np.ones(2, np.float32))
+        task = env.unwrapped._batch.tasks[0]
+        assert info["approach_time"] == pytest.approx(objectives.soonest(task, distance), abs=1e-9)
+        assert -env.unwrapped.utopia_point[0] == pytest.approx(objectives.soonest(task, 0.15))
 
 
 @pytest.mark.parametrize("mode", MODES, ids=lambda mode: mode.value)

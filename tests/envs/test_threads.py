@@ -1,0 +1,48 @@
+"""Several threads of one process, each with environments and scenes of its own: the same bits as one after the other."""
+
+import sys
+from concurrent.futures import ThreadPoolExecutor
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from episodes import assert_identical
+
+import impact_gym as ig
+
+WORKERS, ROUNDS = 8, 3
+IDS = ("ImpactApproach-v0", "ImpactApproachBistable-v0", "ImpactTeleop-v0")
+
+
+def of_batch(seed):
+    """What a batch of another environment for each seed comes to after some steps at random."""
+    envs = gym.make_vec(IDS[seed % len(IDS)], num_envs=16, threads=1 + seed % 2)
+    rng, kept = np.random.default_rng(seed), [envs.reset(seed=seed)[0]]
+    for _ in range(40):
+        kept += envs.step(rng.uniform(-0.2, 1.0, envs.action_space.shape))[:4]
+    envs.close()
+    return kept
+
+
+def of_scene(seed):
+    """What a scene with another stiffness and coupling for each seed comes to."""
+    coupling = [ig.Rigid(), ig.SpringDamper(50.0), ig.Bistable()][seed % 3]
+    scene = ig.Scene(ig.Tool(0.125), ig.Object(0.3, 0.25), ig.Contact(1e4 * (1 + seed), 0.4), coupling)
+    outcome = ig.simulate(scene, ig.Trapezoid(1.0, 8.0, ig.Brake()), duration=2.0, trace=True)
+    return [np.array([outcome.object_velocity, outcome.peak_force]), outcome.trace.time, outcome.trace.contact_force]
+
+
+@pytest.mark.parametrize("work", [of_batch, of_scene])
+def test_threads_do_not_see_each_other(work):
+    seeds = list(range(WORKERS))
+    alone = list(map(work, seeds))
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e-5)
+    try:
+        with ThreadPoolExecutor(WORKERS) as pool:
+            together = list(pool.map(work, seeds * ROUNDS))
+    finally:
+        sys.setswitchinterval(before)
+    for kept, there in zip(alone * ROUNDS, together, strict=True):
+        for mine, theirs in zip(kept, there, strict=True):
+            assert_identical(mine, theirs)
