@@ -4,7 +4,7 @@ from impact_gym import sources
 
 sources.check()
 
-from impact_gym import envs, operators
+from impact_gym import envs, operators, robot
 from impact_gym.identify import Identified, LoadCell, Sensor, identify
 from impact_gym.motion import Brake, Motion, Trapezoid
 from impact_gym.operators import Channel
@@ -43,6 +43,7 @@ __all__ = [
     "identify",
     "material_ranges",
     "operators",
+    "robot",
     "simulate",
     "sweep",
 ]

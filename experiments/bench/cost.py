@@ -12,7 +12,7 @@ import polars as pl
 from agents.evaluate.play import play
 from agents.setups import load_setup
 from impact_gym.envs import IDS
-from impact_gym.robot import default_approach
+from impact_gym.robot import IMPACT, default_approach
 
 RULE = "paper-trapezoid"
 COUNT, SEED = 10_000, 30_000_000  # of the scenarios: only time is measured, so any will do
@@ -21,7 +21,7 @@ RTOLS = {"1e-4": 1e-4, "1e-6": 1e-6, "1e-8 (the default)": 1e-8, "1e-10": 1e-10,
 
 def measure(quick: bool) -> dict[str, pl.DataFrame]:
     """Return a table for each of these: processor time of an approach, the best of some rounds."""
-    robot, along = default_approach().at_impact(), default_approach().robot_table()
+    robot, along = default_approach().at(IMPACT), default_approach().robot_table()
     spring, bistable = IDS["ImpactApproach-v0"], IDS["ImpactApproachBistable-v0"]
     varied: dict[str, dict[str, dict[str, Any]]] = {
         "coupling": {
