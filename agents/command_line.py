@@ -2,6 +2,7 @@
 
 import shlex
 import sys
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import MISSING, fields, is_dataclass
@@ -24,9 +25,20 @@ def run_command(
 
 @contextmanager
 def command_line(name: str, after: str = "the same command continues") -> Iterator[None]:
-    """Run `impact-gym NAME`; an error that a user can mend is one line. `after` says how to go on once it stopped."""
+    """Run `impact-gym NAME`; an error that a user can mend is one line. `after` says how to go on once it stopped.
+
+    So is a warning, which is printed once.
+    """
+    said = set[str]()
+
+    def show(message: Warning | str, *_: object, **__: object) -> None:
+        if (text := str(message)) not in said:
+            said.add(text)
+            print(f"impact-gym {name}: warning: {text}", file=sys.stderr)
+
     try:
-        with writing("a file"):
+        with warnings.catch_warnings(), writing("a file"):
+            warnings.showwarning = show
             yield
     except DiskFullError as error:
         sys.exit(f"impact-gym {name}: {error}; make room: {after}")

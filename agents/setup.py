@@ -126,10 +126,8 @@ def lines(setup: Setup) -> Iterator[str]:
         for corner in corners(task)
         for mass, restitution in product(pairs["object_mass"], pairs["restitution"])
     ]
-    yield (
-        f"  the paper's rule, at {min(PAPERS_SPEED, task.velocity_range[1]):g} m/s, leaves the object"
-        f" {_spread(impacts)} m/s by an instantaneous impact (the coupling's push left out)"
-    )
+    yield (f"  the paper's rule, at {min(PAPERS_SPEED, task.velocity_range[1]):g} m/s, leaves the object "
+           f"{_spread(impacts)} m/s by an instantaneous impact (the coupling's push left out)")  # fmt: skip
     rule = PaperTrapezoid().for_environment(setup.environment)
     played = ScenarioBatch.of("validation", SAMPLE, **setup.environment).play(rule)
     yield (
@@ -139,16 +137,12 @@ def lines(setup: Setup) -> Iterator[str]:
     if task.operator:
         (least, greatest), touches = lateness(task), np.asarray(played.touch_time)[~played.missed]
         soon, late = np.quantile(touches, [0.05, 0.95])
-        yield (
-            f"  the operator's own stop is {_spread([1e3 * least, 1e3 * greatest], '.0f')} ms late; until the touch it"
-            f" takes {_spread([soon / greatest, late / least], '.1f')} times that, in nine of ten"
-        )
+        yield (f"  the operator's own stop is {_spread([1e3 * least, 1e3 * greatest], '.0f')} ms late; until the touch "
+               f"it takes {_spread([soon / greatest, late / least], '.1f')} times that, in nine of ten")  # fmt: skip
     if isinstance(task.coupling, Bistable):
         force, share = rigid_to(task, played.scenario)
-        yield (
-            f"  the front stop holds the tool with {force:.3g} N; {share:.0%} of the objects, touched at {GENTLE:g} m/s"
-            ", never press as hard: to them the tool is as good as rigid"
-        )
+        yield (f"  the front stop holds the tool with {force:.3g} N; {share:.0%} of the objects, touched at {GENTLE:g} "
+               "m/s, never press as hard: to them the tool is as good as rigid")  # fmt: skip
     yield from (f"  warning: {sentence}" for sentence in warnings(task))
     yield "\ntrained by"
     yield f"  {Run(setup, setup.training).command}"

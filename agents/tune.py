@@ -1,8 +1,8 @@
 """Tune the baselines of set-ups: `impact-gym tune my.toml`, or `make tune` for those that are shipped.
 
 Each baseline is tuned for each time weight of the set-up's evaluation, by CMA-ES on training scenarios; `--bound` also
-searches the clairvoyant bound. Each search is a job of `agents.jobs`: what is done is kept, and the same command goes
-on where it was stopped.
+searches the best approach of one who knows the object. Each search is a job of `agents.jobs`: what is done is kept, and
+the same command goes on where it was stopped.
 """
 
 from collections.abc import Iterator, Mapping
@@ -54,7 +54,7 @@ class Tune:
     seed: int = 1
     """Of the search."""
     bound: bool = False
-    """Search the clairvoyant bound of each set-up as well, unless its file says that another's holds for it."""
+    """Search the best approach of one who knows the object, too, unless the file says that another set-up's holds."""
     processes: int = 2
     """Searches at a time on this machine, each on one core; 0: none but this process."""
     cluster: str | None = None
@@ -204,7 +204,7 @@ def scores(rule: str, environment: Mapping[str, Any], weight: float, parameters:
 
 
 def search_bounds(options: Tune, scenarios: int = BOUND_SCENARIOS, generations: int = bound.GENERATIONS) -> list[Path]:
-    """Search what is missing of the clairvoyant bounds for the first test scenarios; return the paths of the files."""
+    """Search what is missing of it for the first test scenarios; return the paths of the files."""
     setups = [setup for setup in map(load_setup, options.setups) if setup.bound == setup.name]
     paths = [bound.path_of(setup, options.folder(setup)) for setup in setups]
     missing, arguments, search = [], [], {"scenarios": scenarios, "generations": generations}
@@ -214,7 +214,7 @@ def search_bounds(options: Tune, scenarios: int = BOUND_SCENARIOS, generations: 
             if weight not in by_weight:
                 missing.append((setup, by_weight, weight))
                 arguments.append({"environment": dict(setup.environment), "time_weight": weight, **search})
-    for place, result in options.results("search_bound", arguments, "clairvoyant bound"):
+    for place, result in options.results("search_bound", arguments, "who knows the object"):
         setup, by_weight, weight = missing[place]
         by_weight[weight] = result["parameters"]
         bound.write_bound(setup, by_weight, options.folder(setup), generations)

@@ -247,12 +247,7 @@ def identified() -> bytes:
 
 
 PICTURES: dict[str, Callable[[], bytes]] = {
-    "contact_force.svg": contact_force,
-    "convergence.svg": convergence,
-    "restitution.svg": restitution,
-    "mechanism.svg": mechanism,
-    "identified.svg": identified,
-    "approach.png": lambda: moment("approach"),
-    "contact.png": lambda: moment("contact"),
-    "end.png": lambda: moment("end"),
-}
+    "contact_force.svg": contact_force, "convergence.svg": convergence, "restitution.svg": restitution,
+    "mechanism.svg": mechanism, "identified.svg": identified, "approach.png": lambda: moment("approach"),
+    "contact.png": lambda: moment("contact"), "end.png": lambda: moment("end"),
+}  # fmt: skip

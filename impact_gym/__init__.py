@@ -1,8 +1,12 @@
 """A tool approaches an object: how to move and brake so that it arrives soon and does not shoot the object away."""
 
+from pathlib import Path
+
 from impact_gym import sources
 
 sources.check()
+if not Path(__file__).with_name("agents").is_dir():  # a checkout, where they lie beside: a wheel has them in here
+    __path__.append(str(Path(__file__).parents[1]))
 
 from impact_gym import envs, operators, robot
 from impact_gym.identify import Identified, LoadCell, Sensor, identify
@@ -16,36 +20,10 @@ from impact_gym.sweeps import Outcomes, sweep
 
 __version__ = "0.1.0"
 __all__ = [
-    "MATERIALS",
-    "Bistable",
-    "Brake",
-    "Channel",
-    "Contact",
-    "ContactRecord",
-    "Identified",
-    "LoadCell",
-    "Material",
-    "Motion",
-    "Object",
-    "Outcome",
-    "Outcomes",
-    "Rigid",
-    "Robot",
-    "RobotTable",
-    "Scene",
-    "Sensor",
-    "SpringDamper",
-    "Tool",
-    "Trace",
-    "Trapezoid",
-    "effective_restitution",
-    "hertz",
-    "identify",
-    "material_ranges",
-    "operators",
-    "robot",
-    "simulate",
-    "sweep",
-]
+    "MATERIALS", "Bistable", "Brake", "Channel", "Contact", "ContactRecord", "Identified", "LoadCell", "Material",
+    "Motion", "Object", "Outcome", "Outcomes", "Rigid", "Robot", "RobotTable", "Scene", "Sensor", "SpringDamper",
+    "Tool", "Trace", "Trapezoid", "effective_restitution", "hertz", "identify", "material_ranges", "operators",
+    "robot", "simulate", "sweep",
+]  # fmt: skip
 
 envs.register()

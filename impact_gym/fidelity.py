@@ -89,13 +89,9 @@ class Advice:
 
 
 def advise(
-    scenes: Scene | Sequence[Scene],
-    motion: Trapezoid,
-    tolerance: float = 1e-3,
-    quantity: Quantity = "object_velocity",
-    duration: float = 1.5,
-    arm: tuple[Arm, Approach] | None = None,
-) -> Advice:
+    scenes: Scene | Sequence[Scene], motion: Trapezoid, tolerance: float = 1e-3, quantity: Quantity = "object_velocity",
+    duration: float = 1.5, arm: tuple[Arm, Approach] | None = None,
+) -> Advice:  # fmt: skip
     """Run every simpler model of `scenes` beside the full one; return the cheapest that keeps `tolerance` in all.
 
     Args:

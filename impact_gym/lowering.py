@@ -7,20 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_gym.kernels import (
-    APPROACH,
-    DIRECT,
-    LUMPED,
-    MECHANISM,
-    MOUNT,
-    NOT_FINITE,
-    SPRING_DAMPER,
-    STEP_LIMIT,
-    STIFF_ROBOT,
-    TABLE_OF_POSITION,
-    UNSETTLED,
-    contact_of,
-)  # fmt: skip
+from impact_gym import kernels
 from impact_gym.motion import Motion, Trapezoid
 from impact_gym.physics.dissipation import damping_factor
 from impact_gym.scene import (
@@ -38,8 +25,8 @@ from impact_gym.scene import (
 Numbers = NDArray[np.float64]
 
 NO_TABLE: Numbers = np.zeros(1)
-COUPLING_NUMBERS: tuple[str, ...] = MOUNT["coupling"].names or ()
-ROBOT_NUMBERS: tuple[str, ...] = MOUNT["robot"].names or ()
+COUPLING_NUMBERS: tuple[str, ...] = kernels.MOUNT["coupling"].names or ()
+ROBOT_NUMBERS: tuple[str, ...] = kernels.MOUNT["robot"].names or ()
 
 
 def _codes(record: np.dtype[Any]) -> str:
@@ -48,7 +35,7 @@ def _codes(record: np.dtype[Any]) -> str:
     return "".join(_codes(field) if field.names else "dq"[field.kind == "i"] for field in fields)
 
 
-_APPROACH = struct.Struct(_codes(APPROACH))
+_APPROACH = struct.Struct(_codes(kernels.APPROACH))
 
 
 def places(kind: np.dtype[Any], before: int = 0) -> dict[str, int]:
@@ -64,9 +51,9 @@ LOCAL_SHARE = 0.2
 """Local error allowed in a step, as a share of the `rtol` a user asks of the whole run."""
 
 STATUS_MESSAGES = {
-    UNSETTLED: "not settled: contacts were still to come, V_p is as it stood",
-    STEP_LIMIT: "more integration steps than allowed: the motion has too many swings or contacts",
-    NOT_FINITE: "the state overflowed: the scene's scales differ by more than floating point can hold",
+    kernels.UNSETTLED: "not settled: contacts were still to come, V_p is as it stood",
+    kernels.STEP_LIMIT: "more integration steps than allowed: the motion has too many swings or contacts",
+    kernels.NOT_FINITE: "the state overflowed: the scene's scales differ by more than floating point can hold",
 }
 """What the status of a run or of an episode means where it is not 0, ok."""
 
@@ -99,7 +86,7 @@ def contact_law(contact: Contact) -> tuple[Any, ...]:
     """Lower a contact to the fields of the kernels' `Contact`."""
     m, n = contact.stiffness_exponent, contact.damping_exponent
     damping = damping_factor(contact.dissipation, contact.restitution, m, n)
-    return tuple(contact_of(contact.stiffness, damping, m, n, contact.reference_velocity or 0.0).values())
+    return tuple(kernels.contact_of(contact.stiffness, damping, m, n, contact.reference_velocity or 0.0).values())
 
 
 _NO_COUPLING = (0.0,) * len(COUPLING_NUMBERS)
@@ -111,20 +98,20 @@ def mount(
     tool_mass: float, coupling: Coupling, robot: Robot | RobotTable | None = None, table_at: int = 0
 ) -> tuple[tuple[Any, ...], Numbers]:
     """Lower what holds the tool to the fields of `Mount`, and its robot's table, which begins at `table_at`."""
-    kind, numbers = DIRECT, _NO_COUPLING
+    kind, numbers = kernels.DIRECT, _NO_COUPLING
     if isinstance(coupling, SpringDamper):
-        kind, numbers = SPRING_DAMPER, (coupling.stiffness, coupling.damping_ratio, *_NO_MECHANISM)
+        kind, numbers = kernels.SPRING_DAMPER, (coupling.stiffness, coupling.damping_ratio, *_NO_MECHANISM)
         if coupling.stroke:
             numbers = (*numbers[:-3], STOP_STIFFNESS, STOP_DAMPING_RATIO, coupling.stroke)
     elif isinstance(coupling, Bistable):
-        kind, numbers = MECHANISM, (*(getattr(coupling, name, 0.0) for name in COUPLING_NUMBERS[:-1]), 0.0)
+        kind, numbers = kernels.MECHANISM, (*(getattr(coupling, name, 0.0) for name in COUPLING_NUMBERS[:-1]), 0.0)
     if robot is None:
-        return (kind, STIFF_ROBOT, tool_mass, numbers, _NO_ROBOT, 0, 0, 0.0), NO_TABLE
+        return (kind, kernels.STIFF_ROBOT, tool_mass, numbers, _NO_ROBOT, 0, 0, 0.0), NO_TABLE
     if isinstance(robot, Robot):
         of_robot = (robot.mass, robot.stiffness, robot.damping)
-        return (kind, LUMPED, tool_mass, numbers, of_robot, 0, 0, 0.0), NO_TABLE
+        return (kind, kernels.LUMPED, tool_mass, numbers, of_robot, 0, 0, 0.0), NO_TABLE
     splines = robot.splines
     mass, stiffness, _ = splines(splines.x).T
     rows = splines.c[::-1].transpose(1, 2, 0)  # (n, 3, 4): mass, stiffness, damping, the constant first
-    held = kind, TABLE_OF_POSITION, tool_mass, numbers, _NO_ROBOT, table_at, len(rows), max(stiffness / mass)
+    held = kind, kernels.TABLE_OF_POSITION, tool_mass, numbers, _NO_ROBOT, table_at, len(rows), max(stiffness / mass)
     return held, np.concatenate([splines.x, rows.ravel()])

@@ -129,13 +129,9 @@ _End = _record("_End", CHAIN.names)
 
 
 def _outcome(
-    end: Any,
-    contacts: NDArray[Any],
-    trace: Trace | None,
-    snap_through: tuple[float, ...],
-    with_the_tool: bool,
+    end: Any, contacts: NDArray[Any], trace: Trace | None, snap_through: tuple[float, ...], with_the_tool: bool,
     rough: bool,
-) -> Outcome:
+) -> Outcome:  # fmt: skip
     tool = end.flange_velocity + end.deflection_rate
     object_velocity = tool - end.penetration_rate if end.contacts and end.footing != STUCK else 0.0
     return Outcome(

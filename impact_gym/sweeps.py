@@ -47,13 +47,9 @@ class Outcomes:
 
 
 def sweep(
-    scene: Scene,
-    motion: Trapezoid,
-    varied: Mapping[str, ArrayLike],
-    duration: ArrayLike = 1.5,
-    rtol: float = 1e-8,
+    scene: Scene, motion: Trapezoid, varied: Mapping[str, ArrayLike], duration: ArrayLike = 1.5, rtol: float = 1e-8,
     threads: int | None = None,
-) -> Outcomes:
+) -> Outcomes:  # fmt: skip
     """Run many approaches that differ from `scene` and `motion` in the parameters of `varied`.
 
     Args:

@@ -36,15 +36,15 @@ def unit_text(unit: str) -> str:
     return "(no unit)" if unit == "-" else unit
 
 
+def in_unit(unit: str) -> str:
+    """Return "in" and the unit, or that there is none."""
+    return f" {unit}" if unit.startswith("(") else f" in {unit}"
+
+
 def number(
-    field: str,
-    value: Any,
-    unit: str,
-    *,
-    above: float = -math.inf,
-    at_least: float = -math.inf,
+    field: str, value: Any, unit: str, *, above: float = -math.inf, at_least: float = -math.inf,
     at_most: float = math.inf,
-) -> float:
+) -> float:  # fmt: skip
     """Return `value` as a float, or raise; a `unit` of "-" is none.
 
     Raises:
@@ -54,7 +54,7 @@ def number(
     if type(value) is float and above < value <= at_most and at_least <= value < math.inf:  # as nearly always
         return value
     unit = unit_text(unit)
-    wrong = WrongTypeError(f"{field} must be a number in {unit}, got {shown(value)}")
+    wrong = WrongTypeError(f"{field} must be a number{in_unit(unit)}, got {shown(value)}")
     kind = getattr(getattr(value, "dtype", None), "kind", "f")
     if isinstance(value, (str, bytes, bool)) or not hasattr(value, "__float__") or kind not in "fiu":
         raise wrong
@@ -76,7 +76,7 @@ def numbers(field: str, values: Any, unit: str, **limits: float) -> tuple[float,
     kind = getattr(getattr(values, "dtype", None), "kind", "f")
     listed = hasattr(values, "__getitem__") and not isinstance(values, (str, bytes, Mapping, type))
     if not listed or getattr(values, "ndim", 1) != 1 or kind not in "fiuO":
-        raise WrongTypeError(f"{field} must be a sequence of numbers in {unit_text(unit)}, got {shown(values)}")
+        raise WrongTypeError(f"{field} must be a sequence of numbers{in_unit(unit_text(unit))}, got {shown(values)}")
     values = values.tolist() if hasattr(values, "tolist") else values
     return tuple(number(f"{field}[{place}]", value, unit, **limits) for place, value in enumerate(values))
 

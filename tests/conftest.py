@@ -1,6 +1,6 @@
 import pytest
-from browsers import chromium
 from own_set_up import own_set_up
+from pages import chromium
 
 
 @pytest.fixture

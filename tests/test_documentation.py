@@ -20,7 +20,7 @@ from pathlib import Path
 
 import pytest
 import tyro
-from browsers import chromium, opened
+from pages import chromium, opened
 
 from experiments.command import COMMANDS
 from impact_gym.task.task import arguments

@@ -8,13 +8,12 @@ from pathlib import Path
 import gymnasium as gym
 import numpy as np
 import pytest
-from episodes import assert_identical
 from scenes import MOTION, scene
 
 import impact_gym as ig
 from agents.setups import feasible, load_setup
 from experiments.design.pads import on_pad
-from experiments.design.set_up import DRAWN
+from experiments.design.study import DRAWN
 from impact_gym.task import ScenarioRanges, Task
 
 ROOT = Path(__file__).parents[1]
@@ -62,7 +61,7 @@ def test_contact_of_the_padded_design_is_what_its_pad_leaves_of_the_usual_scenar
 
 def test_examples_all_have_a_test():
     tested = {"gymnasium_loop.py", "vector_loop.py", "stable_baselines3_ppo.py", "rl_zoo3.yml", "bistable-robust.toml"}
-    tested |= DESIGNED | {"minari_dataset.py"}
+    tested |= DESIGNED
     on_a_page = {"mujoco_restitution.py"}  # what it prints stands in docs/questions.md
     assert {file.name for file in EXAMPLES.iterdir() if file.is_file()} == tested | on_a_page
 
@@ -95,43 +94,6 @@ def test_vector_loop_prints_the_mean_of_what_simulate_gives():
     assert scenarios == 1000
     expected = np.mean([paper_rule(seed) for seed in range(1000)], axis=0)
     assert (time, velocity) == pytest.approx(tuple(expected), rel=0, abs=0.51e-4)
-
-
-def at(step, infos):
-    """The info of one step among those that Minari has read, as Gymnasium gives it."""
-    if isinstance(infos, dict):
-        return {name: at(step, values) for name, values in infos.items()}
-    value = infos[step]
-    return value.decode() if isinstance(value, bytes) else value.item()
-
-
-WITHOUT_JAX = """
-import importlib.util, runpy, sys, types
-if importlib.util.find_spec("jax") is None:
-    from torch.utils import _pytree
-    sys.modules |= {"jax": types.SimpleNamespace(tree_util=_pytree), "jax.tree_util": _pytree}
-runpy.run_path(sys.argv[1])
-"""
-"""Minari's collector takes `tree_map` from jax, nothing else; where that is not installed, torch's does the same."""
-
-
-def test_minari_dataset_has_the_infos_of_every_step_and_plays_again(tmp_path, monkeypatch):
-    minari = pytest.importorskip("minari")
-    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
-    command = [sys.executable, "-c", WITHOUT_JAX, str(EXAMPLES / "minari_dataset.py")]
-    printed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout.splitlines()
-    dataset = minari.load_dataset("impact/paper-rule-v0")
-    env, abouts = dataset.recover_environment(), dataset.storage.get_episode_metadata(range(10))
-    for episode, about, line in zip(dataset, abouts, printed, strict=True):
-        observation, _ = env.reset(seed=about["seed"])
-        for step, action in enumerate(episode.actions):
-            assert_identical(observation, episode.observations[step])
-            assert_identical(at(step, episode.infos), env.unwrapped.episode_info())
-            observation, *result, _, info = env.step(action)
-            assert result == [episode.rewards[step], episode.terminations[step]]
-        assert_identical(at(-1, episode.infos), info)
-        assert info["object_velocity"] == pytest.approx(paper_rule(about["seed"])[1], rel=1e-6)
-        assert line == f"{len(episode)} steps, peak force {info['peak_force']:.2f} N"
 
 
 @pytest.mark.storm

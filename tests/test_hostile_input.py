@@ -17,6 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from own_set_up import TEXT
 from policies import made_up_policy
+from scenes import MOTION, scene
 from tasks import EVERYTHING_DRAWN, STORM
 
 import impact_gym as ig
@@ -86,8 +87,7 @@ ARGUMENTS = EVERYTHING_DRAWN["mechanism"] | {
 ARGUMENTS = {name: list(value) if isinstance(value, tuple) else value for name, value in ARGUMENTS.items()}
 VECTOR = {"num_envs": 2, "threads": 1, "autoreset_mode": "SameStep", "max_episode_steps": 9, "tool_mass": 0.2,
           "per_slot": [{"tool_mass": 0.1}, {"coupling": {"type": "Rigid"}}]}  # fmt: skip
-SCENE = ig.Scene(ig.Tool(0.125), ig.Object(0.25, 0.2505), ig.Contact(1e5, 0.5), ig.SpringDamper(150.0))
-MOTION = ig.Trapezoid(1.0, 8.0, ig.Brake())
+SCENE = scene(coupling=ig.SpringDamper(150.0))
 TIMES = np.arange(0.30, 0.33, 1e-3)
 BLOW = ig.simulate(SCENE, MOTION, 0.4, trace=True).trace
 LOG = {"time": TIMES.tolist(), "force": np.interp(TIMES, BLOW.time, BLOW.contact_force).tolist()}

@@ -20,12 +20,9 @@ from impact_gym.physics import dissipation
 
 ROBOT = ig.Robot(5.225, 1.9e5, 50.4)
 CHAINS = {
-    "rigid": (ig.Rigid(), None),
-    "robot": (ig.Rigid(), ROBOT),
-    "spring": (ig.SpringDamper(150.0, 0.4), None),
-    "table, spring": (ig.SpringDamper(150.0), TABLE),
-    "bistable, robot": (ig.Bistable(), ROBOT),
-}
+    "rigid": (ig.Rigid(), None), "robot": (ig.Rigid(), ROBOT), "spring": (ig.SpringDamper(150.0, 0.4), None),
+    "table, spring": (ig.SpringDamper(150.0), TABLE), "bistable, robot": (ig.Bistable(), ROBOT),
+}  # fmt: skip
 
 
 def energy(case, outcome, t):

@@ -9,21 +9,7 @@ from agents.baselines.tuned import load_baseline
 from agents.baselines.wary import DetectorProfile, DetectorRanged
 
 __all__ = [
-    "BlindProfile",
-    "Clairvoyant",
-    "ConstantGain",
-    "ConstantSpeed",
-    "DetectorProfile",
-    "DetectorRanged",
-    "FullSpeed",
-    "LocalBrake",
-    "OperatorAlone",
-    "PaperTrapezoid",
-    "RandomActions",
-    "Ranged",
-    "RangedProfile",
-    "Rule",
-    "Shield",
-    "encode",
-    "load_baseline",
-]
+    "BlindProfile", "Clairvoyant", "ConstantGain", "ConstantSpeed", "DetectorProfile", "DetectorRanged", "FullSpeed",
+    "LocalBrake", "OperatorAlone", "PaperTrapezoid", "RandomActions", "Ranged", "RangedProfile", "Rule", "Shield",
+    "encode", "load_baseline",
+]  # fmt: skip

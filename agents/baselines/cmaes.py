@@ -26,15 +26,9 @@ class Minimum(NamedTuple):
 
 
 def minimise(
-    losses: Losses,
-    parameters: tuple[Parameter, ...],
-    problems: int = 1,
-    population: int = 20,
-    generations: int = 150,
-    seed: int = 0,
-    starts: Floats | None = None,
-    sigma: float = SIGMA,
-) -> Minimum:
+    losses: Losses, parameters: tuple[Parameter, ...], problems: int = 1, population: int = 20, generations: int = 150,
+    seed: int = 0, starts: Floats | None = None, sigma: float = SIGMA,
+) -> Minimum:  # fmt: skip
     """Search within the limits of `parameters`, from their starts, in each of so many `problems` alone.
 
     `starts` (problems, k) are others than the parameters'; they are the first candidates, so that nothing gets worse.

@@ -11,8 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.baselines.profile import BlindProfile, Ranged, RangedProfile
-from agents.baselines.reaction import ReactingRule
+from agents.baselines.profile import BlindProfile, Ranged, RangedProfile, ReactingRule
 from agents.baselines.rule import Floats, Parameter, View
 from impact_gym.task.task import VELOCITY_RANGE
 

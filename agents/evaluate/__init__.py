@@ -10,14 +10,9 @@ from agents.evaluate.scenario_batch import (
     Validation,
     evaluate,
 )
+from agents.evaluate.travel import Travel
 
 __all__ = [
-    "RESULTS",
-    "TEST_SEED",
-    "TUNING_SEED",
-    "VALIDATION_SEED",
-    "Episodes",
-    "ScenarioBatch",
-    "Validation",
+    "RESULTS", "TEST_SEED", "TUNING_SEED", "VALIDATION_SEED", "Episodes", "ScenarioBatch", "Travel", "Validation",
     "evaluate",
-]
+]  # fmt: skip

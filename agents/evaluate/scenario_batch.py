@@ -64,18 +64,10 @@ class ScenarioBatch:
     """Numbered scenarios that controllers are played through, all at once and as often as one likes."""
 
     def __init__(
-        self,
-        seed: int,
-        count: int,
-        copies: int = 1,
-        time_weight: Sequence[float] | None = None,
-        frozen: evaluation_sets.EvaluationSet | None = None,
-        threads: int | None = None,
-        quiet: bool = False,
-        lenient: bool = False,
-        max_steps: int = MAX_STEPS,
-        **options: Any,
-    ) -> None:
+        self, seed: int, count: int, copies: int = 1, time_weight: Sequence[float] | None = None,
+        frozen: evaluation_sets.EvaluationSet | None = None, threads: int | None = None, quiet: bool = False,
+        lenient: bool = False, max_steps: int = MAX_STEPS, **options: Any,
+    ) -> None:  # fmt: skip
         """Make a batch of `copies * count` rows: row k holds scenario `k % count` of its copy.
 
         Args:

@@ -31,16 +31,9 @@ class JobsFailedError(RuntimeError):
 
 
 def gather(
-    jobs: Iterable[Job],
-    folder: Path | str,
-    *,
-    processes: int | None = None,
-    cluster: str | None = None,
-    title: str = "jobs",
-    retries: int = 3,
-    seconds: float | None = None,
-    failures: bool = False,
-) -> Iterator[tuple[int, Any]]:  # of results; with `failures`, of answers
+    jobs: Iterable[Job], folder: Path | str, *, processes: int | None = None, cluster: str | None = None,
+    title: str = "jobs", retries: int = 3, seconds: float | None = None, failures: bool = False,
+) -> Iterator[tuple[int, Any]]:  # fmt: skip
     """Yield the place of each job in `jobs` and its result, in any order; results that are in `folder` come first.
 
     Every new result is written to the folder before it is yielded, by this process. Run again, only what is missing is

@@ -137,7 +137,7 @@ def changes(name: str, values: Any, environment: Mapping[str, Any], strict: bool
         return
     given = {path: value for path, value in flat(environment).items() if path.partition(".")[0] in SET_UP_ARGUMENTS}
     if strict:
-        known("evaluation.varied.", [name], ["scenario", *given])
+        known("evaluation.varied.", [name], ["scenario", *given, *MAY_BE_NONE])
     if given.get(name) is None and name not in MAY_BE_NONE:
         return
     for value in listed:

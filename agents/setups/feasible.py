@@ -15,22 +15,16 @@ rest. Steps in time with the robot's own swing get to more."""
 
 
 def warnings(task: Task) -> list[str]:
-    """Return what will go wrong in some episodes, a sentence each.
+    """Return what will go wrong in some episodes, a sentence each, but for what a `Task` warns of by itself.
 
     Raises:
         ValueError: it goes wrong in all of them; names the field.
     """
-    (near, far), reach, most = task.scenario.distance, task.reach, task.acceleration_range[1]
-    if near > reach:
-        raise ValueError(
-            f"environment.scenario.distance must begin below {reach:.3g} m, as far as the arm gets in "
-            f"{task.horizon:g} s, got {near:g} m: every object would be missed"
-        )
+    (near, far), most = task.scenario.distance, task.acceleration_range[1]
     seen, heard = ObservationSpec(task).scale("position").high, task.longest_delay + task.control_period
     ahead, from_on = f"objects stand up to {far:g} m ahead, but", f"objects stand from {1e3 * near:.3g} mm on, where"
     first_reading = f"the first reading arrives, {1e3 * heard:g} ms after the start"
     sentences = {
-        f"{ahead} the arm gets only {reach:.3g} m far in {task.horizon:g} s": far > reach,
         f"{ahead} the observation ends at a flange position of {seen:g} m": far > seen,
         f"{from_on} the tool can be before {first_reading}": near <= 0.5 * most * heard**2,
     }

@@ -45,6 +45,9 @@ class Tuned(NamedTuple):
     scenarios: int = 300  # that each candidate is played through
 
 
+UNSAID = "not said; impact-gym report changes one thing at a time"
+
+
 @dataclass(frozen=True)
 class Setup:
     """An arm, what is trained for it, and what that is compared with."""
@@ -56,9 +59,10 @@ class Setup:
     training: Training = field(default_factory=Training)
     tuned: Mapping[str, Tuned] = field(default_factory=dict)  # baselines by name
     against: tuple[str, ...] = ()  # baselines beside the paper's rule; the first is the one to beat
-    bound: str = ""  # set-up whose clairvoyant bound holds here, too
+    bound: str = ""  # set-up whose search for one who knows the object holds here, too
     budget: int = BUDGET  # of tuning
     evaluation: Evaluation = field(default_factory=Evaluation)
+    fails: str = UNSAID  # where its policy does, in words
     path: Path = Path()
 
     def make(self, **more: Any) -> gym.Env[Any, Any]:
@@ -132,7 +136,7 @@ def _setup(path: Path, content: dict[str, Any]) -> Setup:
     version = content.get("version", VERSION)
     if version != VERSION:
         raise ValueError(f"version must be {VERSION}, got {version!r}: the set-up is one of another version of agents")
-    known("", content, ("version", "title", "about", *TABLES))
+    known("", content, ("version", "title", "about", "fails", *TABLES))
     environment, training, baselines, evaluation = (table(content, name) for name in TABLES)
     known("environment.", environment, SET_UP_ARGUMENTS)
     with within("environment"):
@@ -161,6 +165,7 @@ def _setup(path: Path, content: dict[str, Any]) -> Setup:
         text(baselines, "bound", path.stem, "baselines."),
         whole("baselines.budget", baselines.get("budget", BUDGET), at_least=1),
         asked,
+        text(content, "fails", UNSAID),
         path,
     )
     _refuse_unknown(setup)

@@ -34,14 +34,9 @@ class TrainingCallback(BaseCallback):
     """Acts between two rollouts, after the update: what it sees then is all there is to save."""
 
     def __init__(
-        self,
-        folder: Path,
-        setup: Setup,
-        training: Training,
-        environments: ScaledRewards,
-        policy: Callable[[], Policy],
+        self, folder: Path, setup: Setup, training: Training, environments: ScaledRewards, policy: Callable[[], Policy],
         on_validation: OnValidation | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         """Make one that writes into `folder` what `policy` gives of the model."""
         super().__init__()
         self._folder, self._setup, self._training, self._environments = folder, setup, training, environments

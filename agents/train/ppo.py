@@ -116,20 +116,11 @@ def make_model(run: Run, environments: ScaledRewards) -> PPO:
         "optimizer_kwargs": {"eps": 1e-5, "fused": True},
     }
     arguments: dict[str, Any] = {
-        "policy": AsymmetricPolicy,
-        "policy_kwargs": network,
-        "env": environments,
-        "n_steps": training.rollout,
-        "batch_size": min(training.batch, training.round),
-        "n_epochs": training.epochs,
-        "learning_rate": training.rate,
-        "gamma": 1.0,
-        "gae_lambda": training.gae_lambda,
-        "clip_range": training.clip,
-        "ent_coef": training.entropy,
-        "seed": run.seed,
-        "device": "cpu",
-    }
+        "policy": AsymmetricPolicy, "policy_kwargs": network, "env": environments, "n_steps": training.rollout,
+        "batch_size": min(training.batch, training.round), "n_epochs": training.epochs, "learning_rate": training.rate,
+        "gamma": 1.0, "gae_lambda": training.gae_lambda, "clip_range": training.clip, "ent_coef": training.entropy,
+        "seed": run.seed, "device": "cpu",
+    }  # fmt: skip
     if not training.teacher:
         return PPO(**arguments)
     teacher = Teacher(run.setup, training.teacher)

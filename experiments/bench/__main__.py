@@ -12,19 +12,16 @@ import tyro
 
 from agents.command_line import run_command
 from agents.provenance import circumstances
-from experiments.bench import cost, environments, models, solvers
+from experiments.bench import approaches, environments
 from experiments.lab.results import REPORTS, whole_folder
 
 Part = Literal["approaches", "environments", "models", "rates", "cost"]
 Measure = Callable[[bool], dict[str, pl.DataFrame]]
 """Measures, quickly or not; returns tables by their titles."""
 PARTS: dict[str, Measure] = {
-    "approaches": solvers.measure,
-    "environments": environments.measure,
-    "models": models.measure,
-    "rates": environments.three_rates,
-    "cost": cost.measure,
-}
+    "approaches": approaches.solvers, "environments": environments.measure, "models": approaches.models,
+    "rates": environments.three_rates, "cost": approaches.cost,
+}  # fmt: skip
 
 
 @dataclass(frozen=True)

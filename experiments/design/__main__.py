@@ -3,8 +3,7 @@
 from agents.command_line import command_of, run_command
 from experiments.design.page import row, sentence, write_page
 from experiments.design.run import run
-from experiments.design.set_up import write_setup
-from experiments.design.study import CHOSEN, Study
+from experiments.design.study import CHOSEN, Study, write_setup
 from experiments.lab.results import noted
 
 

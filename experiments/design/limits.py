@@ -10,15 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from agents.baselines.rule import Floats
-from agents.evaluate import Episodes
+from agents.evaluate import Episodes, Travel
 from experiments.design.pads import Pad
-from impact_gym.envs.batch import ToolMotion
 from impact_gym.validation import number
 
 WITHIN = 0.95
 """Share of the episodes that keep to the limits of peak force and energy; deflection and stroke hold in all."""
-WITHIN_STEP = (0.25, 0.5, 0.75, 1.0)
-"""Shares of a control step at which the tool is looked for, on the cubic through both ends of it."""
 UNITS = {"deflection": "m", "stroke": "m", "peak_force": "N", "release": "J", "energy": "J", "touched_once": "-"}
 
 
@@ -44,7 +41,7 @@ class Limits:
             if getattr(self, name) is not None:
                 number(name, getattr(self, name), unit, above=0, at_most=1.0 if name == "touched_once" else math.inf)
 
-    def excess(self, played: Episodes, travel: "Travel", release: Floats, pad: Pad | None = None) -> Floats:
+    def excess(self, played: Episodes, travel: Travel, release: Floats, pad: Pad | None = None) -> Floats:
         """Return how far each candidate is beyond the limits: shares of each limit, summed; 0 within them.
 
         Args:
@@ -72,30 +69,3 @@ class Limits:
 def kinetic(played: Episodes) -> Floats:
     """Return the energy that the object leaves with in each episode, J."""
     return 0.5 * played.scenario["object_mass"] * played.object_velocity**2
-
-
-class Travel:
-    """How far the tool of each row went from its place on the flange, m, watched from control step to control step."""
-
-    def __init__(self, rows: int) -> None:
-        self.deflection, self.stroke = np.zeros(rows), np.zeros(rows)
-        self._rest: Floats = np.zeros(rows)
-        self._before: ToolMotion | None = None
-
-    def __call__(self, now: ToolMotion) -> None:
-        """Take in the present motion of the tools; see `ScenarioBatch.play`."""
-        before, self._before = self._before, now
-        if before is None:
-            self._rest = now.deflection
-            return
-        step = now.time - before.time
-        for u in WITHIN_STEP:
-            deflection = (
-                (1.0 + 2.0 * u) * (1.0 - u) ** 2 * before.deflection
-                + u * (1.0 - u) ** 2 * step * before.deflection_rate
-                + u**2 * (3.0 - 2.0 * u) * now.deflection
-                - u**2 * (1.0 - u) * step * now.deflection_rate
-            )
-            away = np.abs(deflection - self._rest)
-            self.stroke = np.maximum(self.stroke, away)
-            self.deflection = np.where(now.touched, self.deflection, np.maximum(self.deflection, away))

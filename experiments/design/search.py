@@ -14,10 +14,10 @@ from numpy.typing import ArrayLike
 from agents.baselines.cmaes import Losses, minimise
 from agents.baselines.rule import Floats, Rule
 from agents.baselines.tuned import RULES
-from agents.evaluate import RESULTS, TUNING_SEED, ScenarioBatch
+from agents.evaluate import RESULTS, TUNING_SEED, ScenarioBatch, Travel
 from agents.jobs import Result
 from experiments.design.free import Free, as_built
-from experiments.design.limits import Limits, Travel, kinetic
+from experiments.design.limits import Limits, kinetic
 from experiments.design.pads import Pad, on_pad, pad_of
 from impact_gym.scene import Bistable
 from impact_gym.task import Task

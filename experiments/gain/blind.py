@@ -14,8 +14,7 @@ import numpy as np
 
 from agents.baselines import PaperTrapezoid, load_baseline
 from agents.baselines.cmaes import minimise
-from agents.baselines.profile import AHEAD, KNOTS
-from agents.baselines.reaction import ACCELERATION, REACTION, ReactingRule
+from agents.baselines.profile import ACCELERATION, AHEAD, KNOTS, REACTION, ReactingRule
 from agents.baselines.rule import Floats, Parameter, View, interpolate
 from agents.baselines.wary import OwnAlarmView
 from agents.evaluate import ScenarioBatch

@@ -16,7 +16,7 @@ import numpy as np
 
 from agents.baselines import BlindProfile, PaperTrapezoid
 from agents.baselines.cmaes import minimise
-from agents.baselines.reaction import ACCELERATION, REACTION, ReactingRule
+from agents.baselines.profile import ACCELERATION, REACTION, ReactingRule
 from agents.baselines.rule import Floats, Parameter
 from agents.evaluate import TEST_SEED, TUNING_SEED, ScenarioBatch
 from agents.jobs import Result, digest_of
@@ -69,6 +69,7 @@ class Prior(NamedTuple):
         return self.near + (self.far - self.near) * away
 
 
+WEIGHTS = (0.5, 1.0, 1.4, 2.0, 2.8, 4.0)  # m/s per s, at which policies are played, too
 FREE, RANGE = (0.001, 0.05, 0.10, 0.15, 0.20), (0.1, 0.4, 1.0)  # m, the ways before a range of 0.2 m, and other ranges
 PRIORS = (
     *(Prior(near, near + 0.2) for near in FREE),
@@ -81,7 +82,7 @@ RULES: Mapping[str, Any] = {"rule": PaperTrapezoid, "steady": Steady, "profile":
 class Effort(NamedTuple):
     """Of the searches."""
 
-    weights: tuple[float, ...] = (0.7, 2.0, 5.0)  # m/s per s
+    weights: tuple[float, ...] = (0.7, 1.2, 1.7, 2.4, 3.4, 5.0)  # m/s per s, between which fronts are straight
     scenarios: int = 200
     generations: int = 90
     tested: int = 1000
@@ -144,7 +145,8 @@ def rows(gather: Gather, effort: Effort, priors: Sequence[Prior] = PRIORS) -> li
         {"prior": list(prior), "rule": rule, "weight": weight, **same}
         for prior in priors for rule in RULES for weight in (effort.weights if rule != "rule" else (1.0,))
     ]  # fmt: skip
-    own = {"steps": effort.steps, "weights": list(effort.weights), "tested": effort.tested}
+    weights = sorted({*WEIGHTS, *effort.weights})  # to play a policy at one more costs nothing
+    own = {"steps": effort.steps, "weights": weights, "tested": effort.tested}
     policies = [
         {"prior": list(prior), "seed": seed, **own}
         for prior in priors if not prior.memoryless for seed in range(effort.seeds)

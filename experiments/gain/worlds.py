@@ -4,6 +4,7 @@ Outcome is not V_p alone: how far the object slides, how often it is touched, an
 clock of somebody who has to fetch the object.
 """
 
+import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -17,7 +18,7 @@ from agents.setups import load_setup
 from experiments.lab.statistics import Resamples, estimate
 from experiments.lab.tables import Gather, Row, result_of, solver_and
 
-ANSWERS = ("linear-blind", "linear-ranged", "bistable-blind")
+ANSWERS = ("linear-blind", "linear-robust", "linear-ranged", "bistable-blind")
 RULE = "paper's rule"
 STROKE = 0.02  # m
 WORLDS: Mapping[str, Mapping[str, Any]] = {
@@ -43,8 +44,9 @@ def played(setup: str, world: str, contestant: str, count: int) -> Result:
     if contestant != "policy":
         rule: Any = PaperTrapezoid() if contestant == RULE else load_baseline(made.against[0], weight)
         controller = rule.for_environment(environment)
-    stage = ScenarioBatch.of("test", count, time_weight=[weight], threads=1, quiet=True, **environment)
-    episodes = stage.play(controller)
+    with warnings.catch_warnings(action="ignore", category=UserWarning):  # of a stroke that is meant to be short
+        stage = ScenarioBatch.of("test", count, time_weight=[weight], threads=1, quiet=True, **environment)
+        episodes = stage.play(controller)
     asked = {"setup": setup, "world": world, "contestant": contestant, "missed": 0}
     columns = {name: getattr(episodes, name) for name in ("missed", *MEASURES)}
     columns = {name: np.full(count, np.nan) if values is None else values for name, values in columns.items()}

@@ -7,7 +7,7 @@ import tyro
 
 from agents.jobs import digest_of
 from experiments import reference
-from experiments.identify import draws, fits, measures, recorder
+from experiments.identify import draws, measures, recorder
 from experiments.lab import experiment
 from experiments.lab.experiment import Shown, Tables
 from experiments.lab.tables import Gather, solver_and
@@ -17,9 +17,9 @@ SCENES = 100
 
 def tables(scenes: int, gather: Gather) -> Tables:
     """Return the fits of all logs of so many scenes, and what they come to."""
-    logs = digest_of(reference.__name__, draws.__name__, recorder.__name__)
-    depends = f"{logs} {solver_and('impact_gym.identify', fits.__name__)}"
-    fitted = gather("fits", fits.fit, [{"number": number} for number in range(scenes)], depends)
+    logs = digest_of(reference.__name__, recorder.__name__)
+    depends = f"{logs} {solver_and('impact_gym.identify', draws.__name__)}"
+    fitted = gather("fits", draws.fit, [{"number": number} for number in range(scenes)], depends)
     return {"fits": fitted, "coverage": measures.coverage(fitted), "errors": measures.errors(fitted)}
 
 
@@ -27,13 +27,10 @@ def shown(tables: Tables) -> Shown:
     """Return the figure and what the page says."""
     fitted = tables["fits"]
     return {"errors": measures.figure(fitted)}, {
-        "coverage": tables["coverage"],
-        "errors": tables["errors"],
-        "seconds": measures.seconds(fitted),
-        "failures": [row for row in fitted if row["failure"]],
-        "logs": len(fitted),
+        "coverage": tables["coverage"], "errors": tables["errors"], "seconds": measures.seconds(fitted),
+        "failures": [row for row in fitted if row["failure"]], "logs": len(fitted),
         "random": sum(row["log"] < draws.RANDOM for row in fitted),
-    }
+    }  # fmt: skip
 
 
 def main(

@@ -1,5 +1,6 @@
-"""Random blows and sensors, each a function of its number alone, and what one must know of them."""
+"""Random blows and sensors, each a function of its number alone, and what `identify` makes of their logs."""
 
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
@@ -8,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 import impact_gym as ig
+from agents.jobs import Result
 from experiments.identify.recorder import Blow, blow, sample_signal
+from experiments.lab.tables import Row, result_of
 
 Array = NDArray[np.float64]
 
@@ -127,3 +130,34 @@ def _bound(nudged: Any, here: Blow, how: Recording, times: Array, noise: Array) 
     size = np.linalg.norm(jacobian, axis=0)
     covariance = np.linalg.pinv((jacobian / size).T @ (jacobian / size), rcond=1e-14)
     return np.sqrt(np.diag(covariance))[:3] / size[:3]
+
+
+GUESS = np.log([1e5, 1.0, 0.25])  # stiffness, e/(1-e), mass: what every fit is told
+MEASURES = ("estimate", "low", "high", "error", "over bound")  # of each number: relative error, and over the bound
+
+
+def fit(number: int) -> Result:
+    """Return a row for each log of a scene: MEASURES of its numbers, whether intervals hold the truth, time, words."""
+    return result_of([_row(number, log, *recorded) for log, recorded in enumerate(logs(number))])
+
+
+def _row(number: int, log: int, how: Recording, columns: dict[str, Array], noise: Array, bound: Array) -> Row:
+    truth, motion = scene(number)
+    sensor = {name: how.sensor(deviation) for name, deviation in zip(list(columns)[1:], noise.tolist(), strict=True)}
+    row: dict[str, Any] = {"scene": number, "log": log, "failure": "", "seconds": np.nan, "clock": np.nan, "words": ""}
+    row |= {f"{name} {measure}": np.nan for name in NAMES for measure in MEASURES}
+    row |= {f"{name} covered": False for name in NAMES}
+    begun = time.process_time(), time.perf_counter()
+    try:
+        result = ig.identify(columns, at(truth, GUESS), motion, sensor=sensor)
+    except (ValueError, RuntimeError) as error:
+        return row | {"failure": str(error)}
+    row |= {"seconds": time.process_time() - begun[0], "clock": time.perf_counter() - begun[1]}
+    row["words"] = " | ".join(result.indistinguishable)
+    errors = np.abs(coordinates(result.scene) - coordinates(truth)) / bound
+    for name, true, over_bound in zip(NAMES, numbers(truth), errors, strict=True):
+        estimate, (low, high) = result.estimate[name], result.interval[name]
+        measures = zip(MEASURES, (estimate, low, high, abs(estimate / true - 1.0), over_bound), strict=True)
+        row |= {f"{name} {measure}": value for measure, value in measures}
+        row[f"{name} covered"] = low <= true <= high
+    return row

@@ -9,7 +9,7 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
-from experiments.lab.symbols import mathtext
+from experiments.lab.page import mathtext
 from impact_gym.files import whole_file
 from impact_gym.simulation import Trace
 

@@ -36,18 +36,19 @@ def command(
     folder = out or REPORTS / (f"{short}_quick" if quick else short)
     line = shlex.join(["impact-gym", called or short, *sys.argv[1:]])
     with command_line(called or short, "what was computed is kept"):
-        index = run(name.replace(".", "/"), folder, line, compute, show, **options)
+        index = run(name.replace(".", "/"), folder, line, compute, show, quick=quick, **options)
     print(f"{short}: {index.resolve().as_uri()}")
 
 
 def run(
     name: str, folder: Path, line: str, compute: Compute, show: Show,
-    *, again: bool = False, packages: Iterable[str] = (), processes: int | None = None,
+    *, again: bool = False, packages: Iterable[str] = (), processes: int | None = None, quick: bool = False,
 ) -> Path:  # fmt: skip
     """Compute what `folder` does not have, or everything `again`; write and show it; return the path of the page."""
     with noted(folder, line, packages, again) as runs:
         tables = compute(partial(gathered, folder, processes=processes))
-    return write(name, folder, tables, *show(tables), runs)
+    figures, content = show(tables)
+    return write(name, folder, tables, figures, {**content, "quick": quick}, runs)
 
 
 def write(

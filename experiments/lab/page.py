@@ -8,7 +8,6 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup, escape
 
-from experiments.lab import symbols
 from impact_gym.files import write_file
 
 EXPERIMENTS = Path(__file__).parents[1]
@@ -30,7 +29,7 @@ def short(value: float) -> Markup:
 def typeset(text: str) -> Markup:
     """Return a text with its subscripts and powers set as such, V_p, N/m^1.5, and its intervals in one piece."""
     unbroken = INTERVAL.sub(lambda match: match[0].replace(" ", "\N{NO-BREAK SPACE}"), str(escape(text)))
-    return Markup(symbols.html(unbroken))
+    return Markup(html(unbroken))
 
 
 def write(folder: Path, experiment: str, **content: Any) -> Path:
@@ -48,3 +47,19 @@ def write(folder: Path, experiment: str, **content: Any) -> Path:
     pages.filters |= {"factor": factor, "short": short, "typeset": typeset}
     text = pages.get_template(f"{experiment}/page.html.jinja").render(image=image, **content)
     return write_file(folder / "index.html", text.encode(errors="replace"))
+
+
+SYMBOL = re.compile(r"\b([A-Za-z])_([a-z]{1,2}|[A-Z])\b")
+POWER = re.compile(r"\^(?:\(([^()]+)\)|(-?\d+(?:\.\d+)?))")
+
+
+def html(text: str) -> str:
+    """Return escaped text with subscripts and superscripts as elements."""
+    return POWER.sub(r"<sup>\1\2</sup>", SYMBOL.sub(r"\1<sub>\2</sub>", text))
+
+
+def mathtext(text: str) -> str:
+    """Return text with subscripts and superscripts between dollars; what stands between dollars stays as it is."""
+    pieces = text.split("$")
+    pieces[::2] = [POWER.sub(r"$^{\1\2}$", SYMBOL.sub(r"$\1_{\2}$", piece)) for piece in pieces[::2]]
+    return "$".join(pieces)

@@ -159,6 +159,8 @@ def main(options: Measured) -> None:
     with command_line("measured", "nothing is kept"):
         if not options.files:
             raise ValueError("files must be one file or more, got none")
+        compute: experiment.Compute
+        show: experiment.Show
         if options.scene:
             blows = logs_of.read_blows(options.files, parsed(options.scene, "TOML", tomllib.loads), options.free)
             compute, show = partial(blows_computed, blows), blows_shown

@@ -117,7 +117,7 @@ def predicted(blows: Blows) -> tuple[dict[str, NDArray[np.float64]], list[Identi
     fits = []
     for begin in (0, 1):
         fitted, held = blows.part(slice(begin, None, 2)), blows.part(slice(1 - begin, None, 2))
-        fit = identify([log.columns | {"time": log.time} for log in fitted.logs], blows.scene, list(fitted.motions),
+        fit = identify([{**log.columns, "time": log.time} for log in fitted.logs], blows.scene, list(fitted.motions),
                        blows.free, blows.sensors or None)  # fmt: skip
         seen, there = _sensed(fitted, fit), _sensed(held, fit)
         for measure, rows in table.items():

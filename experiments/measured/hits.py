@@ -64,7 +64,8 @@ def read(
         numbers = np.array([[_number(row[column]) for column in (flux, distance, *least)] for row in mine])
         kept = np.isfinite(numbers).all(axis=1) & (numbers[:, 2:] > list(least.values())).all(axis=1)
         equal = np.array([" ".join(row[column] for column in repeat) for row in mine])
-        made.append(Hits(name, *numbers[kept, :2].T, equal[kept], int(np.sum(~kept))))
+        flux_of, way_of = numbers[kept, :2].T
+        made.append(Hits(name, flux_of, way_of, equal[kept], int(np.sum(~kept))))
     enough = [hits for hits in made if len(hits.flux) >= FEWEST]
     if not enough:
         raise ValueError(f"{path} has sets of {[len(hits.flux) for hits in made]} hits, {FEWEST} or more are needed")

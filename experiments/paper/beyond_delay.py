@@ -18,7 +18,8 @@ from impact_gym.scene import Coupling
 
 TITLE = "Where the brake comes late: a person's delay, a channel's, or a contact that is over before"
 ALT = """Two maps of V_p over that of the rigid tool, by delay and contact stiffness, of the spring and of the bistable
-mechanism: down to a third at short delays; right of a border near 100 ms, above 1: there decoupling hurts. A chart of
+mechanism: down to a third at short delays; right of a border near 100 ms, above 1: there decoupling hurts; the border
+of an object of 1 kg, where it has one, is dashed. A chart of
 V_p over that without a brake after 16 ms: 1 for the rigid tool from k_c = 1e5 on, 0.6 and 0.35 for the other two."""
 COUPLINGS: dict[str, Coupling] = {"rigid": ig.Rigid(), "spring": LINEAR, "bistable": MECHANISM}
 OBJECTS = {"light": (0.1, 0.25), "heavy": (0.5, 1.0)}  # e, kg
@@ -63,6 +64,9 @@ def plot(table: Table, grid: Panels) -> None:
         values = ratio(table, coupling, "light")
         mesh = axes.pcolormesh(steps, STIFFNESS, np.log2(values), cmap="RdBu_r", vmin=-1.5, vmax=1.5, shading="nearest")
         axes.contour(steps, STIFFNESS, values, levels=[1.0], colors="black", linewidths=1.5)
+        heavy = ratio(table, coupling, "heavy")
+        if heavy.max() > 1.0:
+            axes.contour(steps, STIFFNESS, heavy, levels=[1.0], colors="black", linewidths=1.5, linestyles="dashed")
         axes.set(yscale="log", title=coupling, xlabel="delay of the brake (ms)", ylabel="k_c (N/m^1.5)")
         axes.set_xticks(steps[::3], [f"{1e3 * delay:g}" for delay in DELAYS[::3]])
         bar = axes.figure.colorbar(mesh, ax=axes, label="V_p over the rigid tool's")

@@ -21,14 +21,9 @@ LINEAR = ig.SpringDamper(stiffness=50.0, damping_ratio=1.0)  # what Fig. 23 comp
 
 
 def scene(
-    contact_stiffness: float,
-    restitution: float,
-    coupling: Coupling | None = None,
-    robot: ig.Robot | ig.RobotTable | None = None,
-    *,
-    object_mass: float = OBJECT_MASS,
-    distance: float = DISTANCE,
-) -> ig.Scene:
+    contact_stiffness: float, restitution: float, coupling: Coupling | None = None,
+    robot: ig.Robot | ig.RobotTable | None = None, *, object_mass: float = OBJECT_MASS, distance: float = DISTANCE,
+) -> ig.Scene:  # fmt: skip
     """Return the paper's tool and object with this contact (N/m^1.5).
 
     Without a coupling the tool is fixed to the robot; without a robot the flange follows the imposed motion exactly.
@@ -38,12 +33,9 @@ def scene(
 
 
 def decoupled(
-    contact_stiffness: float,
-    restitution: float,
-    coupling_stiffness: float,
-    damping_ratio: float = 1.0,
+    contact_stiffness: float, restitution: float, coupling_stiffness: float, damping_ratio: float = 1.0,
     distance: float = DISTANCE,
-) -> ig.Scene:
+) -> ig.Scene:  # fmt: skip
     """Return the scene with the tool behind a spring of `coupling_stiffness` (N/m) and a damper."""
     coupling = ig.SpringDamper(coupling_stiffness, damping_ratio)
     return scene(contact_stiffness, restitution, coupling, distance=distance)

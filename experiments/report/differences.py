@@ -1,4 +1,4 @@
-"""Where the policy wins and where it does not: differences on the same scenarios, one by one and in groups."""
+"""What was learned, and where the policy wins or not: differences on the same scenarios, one by one and in groups."""
 
 from dataclasses import asdict
 from typing import Any
@@ -9,9 +9,10 @@ import polars as pl
 
 from experiments.lab.comparison import Comparison
 from experiments.lab.statistics import estimate, quantile_groups
-from experiments.report.figures import Figure, chart_of, looks_of, zero_line
+from experiments.report.figures import Figure, chart_of, looks_of, zero_line, zoomable
 from experiments.report.matchups import PAPER, POLICY
 from experiments.report.played import Played
+from experiments.report.results import watched_at
 from experiments.report.tables import Table
 from impact_gym.quantities import QUANTITIES, SCENARIO
 
@@ -75,3 +76,29 @@ def paired(played: Played, field: str) -> Figure:
     chart = zero_line(y="zero:Q") + intervals + base.mark_line(strokeWidth=1.2).encode(y="value:Q") + marks
     subject = f"against {rival}, by {TITLES[field]}"
     return Figure(played.matchup.name, f"paired_{field}", subject, caption, verdict, chart, data, 240)
+
+
+def approach(played: Played) -> Figure:
+    """Return velocity over position before the contact, of the policy, its rival and the paper's rule."""
+    matchup, ahead = played.matchup, played.paper.scenario["distance"]
+    data = pl.concat(
+        pl.DataFrame({"contestant": matchup.labels[name], "w": weight, "x": run["position"], "velocity": velocity})
+        for name, run in played.profiles.items()
+        for weight, velocity in zip(run.weights, run["velocity"], strict=True)
+    ).drop_nans("velocity")
+    looks = looks_of(data)
+    chart = chart_of(data, 4).mark_line().encode(
+        alt.X("x:Q", title="flange position (m)"),
+        alt.Y("velocity:Q", title="flange velocity (m/s)"),
+        alt.Opacity("w:O", title="time weight (m/s per s)", scale=alt.Scale(range=[1.0, 0.7, 0.45])),
+        looks.colour, looks.dash, detail="w:N", order="x:Q",
+        tooltip=["contestant:N", alt.Tooltip("w:N", title="time weight"), alt.Tooltip("x:Q", format=".3f"),
+                 alt.Tooltip("velocity:Q", format=".3f")],
+    )  # fmt: skip
+    caption = (
+        f"Nothing stands in the way here; in the scenarios objects are {ahead.min():.2f} to {ahead.max():.2f} m ahead."
+        if matchup.environment.get("range_noise") is None
+        else f"The object stands at {watched_at(matchup):.3g} m and the estimate is right."
+    )
+    subject = "velocity over position before the contact"
+    return Figure(matchup.name, "approach", subject, caption, caption, zoomable(chart), data, 340)

@@ -7,7 +7,7 @@ import polars as pl
 
 from experiments.report.answer import MISSED_TOO_OFTEN, Answer
 from experiments.report.figures import Figure, chart_of, looks_of
-from experiments.report.matchups import PAPER, POLICY
+from experiments.report.matchups import IMITATES, PAPER, POLICY
 from experiments.report.played import Played
 from impact_gym.task.task import VELOCITY_RANGE
 
@@ -33,6 +33,8 @@ def headline(answer: Answer, played: Played) -> str:
         slower, rival = _less(answer.rival_reduction.value), played.matchup.rival.plain
         slower = slower.removesuffix(" slower") if same_sign else slower
         text += f" {rival[0].upper()}{rival[1:]}, no learning: {slower}."
+    if IMITATES in played.matchup.note:
+        text += " The policy's training began by imitating a tuned profile."
     return text
 
 
@@ -81,17 +83,13 @@ def chart(answer: Answer, played: Played) -> Figure:
         gain.append(chart_of(gain_at).mark_rule(strokeDash=[2, 3]).encode(horizontal, vertical, y2="to:Q"))
         middle = 0.5 * (paper["V"] + answer.velocity.value)
         gain.append(label(_less(answer.reduction.value), paper["T"], middle, POLICY, align="left", dx=6))
-    text = (
-        f"Paper's rule: {paper['T']:.3f} s, {paper['V']:.3f} m/s. The learned policy: from {learned[0][0]:.3f} s and "
-        f"{learned[0][1]:.3f} m/s to {learned[-1][0]:.3f} s and {learned[-1][1]:.3f} m/s."
-    )
+    text = (f"Paper's rule: {paper['T']:.3f} s, {paper['V']:.3f} m/s. The learned policy: from {learned[0][0]:.3f} s "
+            f"and {learned[0][1]:.3f} m/s to {learned[-1][0]:.3f} s and {learned[-1][1]:.3f} m/s.")  # fmt: skip
     fastest = played.matchup.environment.get("velocity_range", VELOCITY_RANGE)[1]
     tuning = "" if rival == PAPER else f", and for which the {rival} is tuned"
-    caption = (
-        "Down and left is better: gentler and sooner. Each line runs from urgent to patient; a mark is one urgency, "
-        f"which the policy is told{tuning}. The rule of the paper, Tommasino et al. 2020, goes at "
-        f"{min(1.0, fastest):g} m/s and brakes as soon as the alarm of the touch arrives."
-    )
+    caption = ("Down and left is better: gentler and sooner. Each line runs from urgent to patient; a mark is one "
+               f"urgency, which the policy is told{tuning}. The rule of the paper, Tommasino et al. 2020, goes at "
+               f"{min(1.0, fastest):g} m/s and brakes as soon as the alarm of the touch arrives.")  # fmt: skip
     subject = "speed the object is left with, V_p (m/s)"
     layers = alt.layer(*gain, lines, marks, *names)
     return Figure(played.matchup.name, "answer", subject, caption, text, layers, data, HEIGHT, WIDTH)

@@ -28,6 +28,7 @@ from impact_gym.validation import identifier
 PAPER = "paper's rule"
 RULE = "paper-trapezoid"  # what the package calls it
 POLICY = "learned policy"
+IMITATES = "its training begins by imitating"
 BOUND = "who knows the object, by search"
 PLAIN = {
     "BlindProfile": "tuned profile",
@@ -148,7 +149,7 @@ def of_setup(setup: Setup, scenarios: Mapping[str, Any], folder: Path | None = N
     rivals = baselines(setup.against, environment, setup, folder / "tuned")
     teacher = setup.training.teacher
     known = ", which it is compared with" if teacher in setup.against else ""
-    imitates = f"; its training begins by imitating {teacher}{known}" if teacher else ""
+    imitates = f"; {IMITATES} {teacher}{known}" if teacher else ""
     note = setup.about + imitates + quick_look_note(setup, about, rivals)
     bound = clairvoyant(setup, scenarios, folder / "tuned")
     return Matchup(

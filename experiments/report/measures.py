@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.baselines import PaperTrapezoid
+from agents.evaluate import Travel
 from agents.evaluate.controllers import controller_of
 from agents.evaluate.play import frozen_of, play, scenario_batch_of
 from agents.policies import Controller
@@ -65,6 +66,14 @@ def in_scipy(controller: JSON, environment: JSON, scenarios: JSON, weight: float
     results = rescore(player, frozen, range(scenarios["count"]), environment, weight)
     ours = scenario_batch_of(scenarios, weight, environment).play(player)
     return results | {f"our_{name}": getattr(ours, name) for name in ("object_velocity", "approach_time", "missed")}
+
+
+def travelled(controller: JSON, environment: JSON, scenarios: JSON, weight: float) -> Arrays:
+    """Return how far the tool gets from its place on the flange, m: before the first touch, and in all (scenarios,)."""
+    batch = scenario_batch_of(scenarios, weight, environment)
+    travel = Travel(batch.count)
+    batch.play(controller_of(controller, weight, environment), watch=travel)
+    return {"before": travel.deflection, "in_all": travel.stroke}
 
 
 def profile(controller: JSON, environment: JSON, weights: Sequence[float], distance: float) -> Arrays:

@@ -14,7 +14,7 @@ from agents.evaluate.controllers import controller_of
 from agents.evaluate.play import frozen_of
 from experiments.lab import page, player
 from experiments.lab.player import choose, films, fragment
-from experiments.report import answer, bars, chain, differences, first_screen, learned, robustness, shield, weaknesses
+from experiments.report import answer, bars, chain, differences, first_screen, robustness, shield, weaknesses
 from experiments.report.figures import Figure
 from experiments.report.matchups import PAPER, POLICY, Matchup
 from experiments.report.played import Played
@@ -24,16 +24,12 @@ from impact_gym.task.scenario import FIELDS
 Part = Figure | Table | HeatMap | str
 KINDS = {Figure: "figure", Table: "table", HeatMap: "heat_map", str: "paragraph"}
 """Macros of parts.html.jinja that show a part of a fold."""
-ONE_AT_A_TIME = (
-    "One thing is changed at a time; policy and baselines stay as they were trained and tuned. The alarm is a switch "
-    "that noise of the force does not reach, so a baseline that looks at nothing else is the same at any noise. A "
-    "stiffer coupling keeps its damping ratio."
-)
-SOLVERS = (
-    "Every policy once more with a hundredth of the tolerance and with the dissipation that delivers the nominal "
-    "restitution exactly instead of Hu and Guo's; and the median seed and two baselines in an independent solver of "
-    "the whole episode, written with SciPy's integrators."
-)
+ONE_AT_A_TIME = ("One thing is changed at a time; policy and baselines stay as they were trained and tuned. The alarm "
+                 "is a switch that noise of the force does not reach, so a baseline that looks at nothing else is the "
+                 "same at any noise. A stiffer coupling keeps its damping ratio.")  # fmt: skip
+SOLVERS = ("Every policy once more with a hundredth of the tolerance and with the dissipation that delivers the "
+           "nominal restitution exactly instead of Hu and Guo's; and the median seed and two baselines in an "
+           "independent solver of the whole episode, written with SciPy's integrators.")  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -75,30 +71,25 @@ def tab(played: Played, all_played: Sequence[Played]) -> Tab:
     matchup, steps, targets = played.matchup, chain.chain(played), bars.bars(played, all_played)
     result = answer.answer(played)
     return Tab(
-        matchup,
-        result,
-        steps,
-        targets,
-        first_screen.headline(result, played),
-        weaknesses.where_it_fails(played),
-        first_screen.chart(result, played),
-        answer.sentence(result, matchup) + chain.sentence(steps),
-        played.count,
-        _engineer(played, steps),
-        _statistician(played, targets),
+        matchup, result, steps, targets, first_screen.headline(result, played), weaknesses.where_it_fails(played),
+        first_screen.chart(result, played), answer.sentence(result, matchup) + chain.sentence(steps), played.count,
+        _engineer(played, steps), _statistician(played, targets),
         Markup(fragment(watch(played), f"watch-{matchup.name}")),
-    )
+    )  # fmt: skip
 
 
 def _engineer(played: Played, steps: Sequence[chain.Step]) -> list[Fold]:
     ablation = chain.table(steps, played.matchup.labels)
     return [
         Fold("Ablation: gain from limits, knowing where, shape, estimate, learning", [ablation], closed=False),
-        Fold("What it learned", [learned.approach(played)], closed=False, key="learned"),
+        Fold("What it learned", [differences.approach(played)], closed=False, key="learned"),
         Fold("Forces, and what the objects get", [differences.measures(played)], closed=False, key="forces"),
         Fold("What a limit of force would cost", [shield.table(played)]),
         Fold("Does it hold?", [weaknesses.heat_map(played)], closed=False, key="robustness"),
-        Fold("Each of these by itself", [ONE_AT_A_TIME, robustness.changes_table(played)]),
+        Fold(
+            "Each of these by itself",
+            [ONE_AT_A_TIME, robustness.changes_table(played), *robustness.travel_table(played)],
+        ),
     ]
 
 
@@ -110,10 +101,8 @@ def _statistician(played: Played, targets: Sequence[bars.Bar]) -> list[Fold]:
         "ranges": "other scenarios from the same ranges",
     }  # fmt: skip
     kind = next(kind for kind in chosen_on if kind in played.matchup.scenarios)
-    note = (
-        f"The weight that makes a policy as late as the paper's rule was found on {chosen_on[kind]}, so the two are "
-        "equally late only nearly here."
-    )
+    note = (f"The weight that makes a policy as late as the paper's rule was found on {chosen_on[kind]}, so the two "
+            "are equally late only nearly here.")  # fmt: skip
     by_field: list[Part] = [note, *(differences.paired(played, field) for field in FIELDS)]
     return [
         Fold("The trade-off of every seed and every baseline", trade_off, key="trade-off"),

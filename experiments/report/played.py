@@ -72,6 +72,7 @@ class Played:
     shielded: dict[tuple[float, str], Run] = field(default_factory=dict)  # limit (N), around whom
     scipy: dict[str, Arrays] = field(default_factory=dict)
     profiles: dict[str, Run] = field(default_factory=dict)
+    travelled: dict[str, Arrays] = field(default_factory=dict)  # of a tool on a spring
 
     @property
     def paper(self) -> Run:

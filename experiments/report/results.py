@@ -12,6 +12,7 @@ from experiments.reference.task import SERVED
 from experiments.report.matchups import Contestant, Matchup
 from experiments.report.played import Arrays, Played, Run
 from experiments.report.shield import shielded
+from impact_gym.scene import SpringDamper
 from impact_gym.sources import compiled_from
 from impact_gym.task import Task, evaluation_sets
 from impact_gym.task.scenario import FIELDS
@@ -140,6 +141,9 @@ def _asked(matchup: Matchup) -> Iterator[tuple[str, Any, str, dict[str, Any]]]:
         for rival in rivals.values():
             changed = of(rival, scenarios=where, weights=[typical], environment=change.environment)
             yield "varied", (change.argument, change.label, rival.name), PLAY, changed
+    if isinstance(task.coupling, SpringDamper):
+        for rival in rivals.values():
+            yield "travelled", rival.name, f"{MEASURES}:travelled", of(rival, scenarios=some, weight=typical)
     if matchup.evaluation.nominal:
         nominal, weights = {**environment, **matchup.evaluation.nominal}, list(matchup.weights)
         if (measure := matchup.measure) is not None:

@@ -12,6 +12,7 @@ from experiments.report.played import Arrays, Played, Run
 from experiments.report.results import EXACT
 from experiments.report.tables import Table
 from impact_gym.quantities import QUANTITIES
+from impact_gym.task import Task
 
 WORDS = {
     "force_noise": "noise of the force sensor",
@@ -21,6 +22,7 @@ WORDS = {
 }
 """Changed arguments in plain words, where the quantity has none that a layman reads."""
 SHOWN = {"s": ("ms", 1e3), "m": ("mm", 1e3), "%": ("%", 100.0)}  # units and scales, where they are others than given
+STROKE = 0.02  # m, of a spring whose way ends
 Varied = list[tuple[Change, dict[str, Run]]]
 """Changes with the runs of all contestants."""
 
@@ -63,6 +65,29 @@ def changes_table(played: Played) -> Table:
                  "elastic, nearer", head, body)  # fmt: skip
 
 
+def travel_table(played: Played) -> list[Table]:
+    """Return how far each contestant lets a tool on a spring get from its place on the flange; nothing without one."""
+    body, labels, end = [], played.matchup.labels, 1e3 * STROKE
+    for name, run in played.travelled.items():
+        before, after = (1e3 * run[key] for key in ("before", "in_all"))
+        shares = [np.mean(values > end) for values in (before, after)]
+        name = POLICY if name == played.matchup.chosen else name
+        way = (f"{np.quantile(before, share):.0f}" for share in (0.5, 0.95, 1.0))
+        body.append((labels.get(name, name), *way, f"{after.max():.0f}", *(f"{100 * share:.0f}" for share in shares)))
+    if not body:
+        return []
+    task = Task(**played.matchup.environment)
+    most, rest = task.acceleration_range[1], task.tool_mass / task.coupling.stiffness
+    caption = (
+        f"How far the tool gets from its place on the flange. At {most:g} m/s^2 it hangs {1e3 * most * rest:.0f} mm "
+        f"behind, so a stop after {end:g} mm is met wherever more than {STROKE / rest:.3g} m/s^2 are kept up; "
+        "the rest of the way is the blow and the retreat"
+    )
+    head = ("contestant", "before the touch, median (mm)", "95 % (mm)", "most (mm)", "in all, most (mm)",
+            f"beyond {end:g} mm before the touch (%)", "in all (%)")  # fmt: skip
+    return [Table(caption, head, body)]
+
+
 def simulator(played: Played) -> Table:
     """Return how much other solvers and laws change V_p and the gain."""
     weight, chosen, rival = played.matchup.typical, played.matchup.chosen, played.matchup.rival.name
@@ -95,10 +120,8 @@ def simulator(played: Played) -> Table:
         body.append(("SciPy's solver", "not played: it takes neither drawn ranges nor noise", "", "", "", ""))
     head = ("changed", "played", "largest mean change of V_p (m/s)", "in any scenario (m/s)",
             "change of the gain over the rule (m/s)", f"over {rival_label} (m/s)")  # fmt: skip
-    caption = (
-        f"The gain in V_p + w T at w = {weight:g} is {gains[0]:.4f} m/s over the paper's rule and "
-        f"{gains[1]:.4f} m/s over {rival_label}; what follows is by how much that changes."
-    )
+    caption = (f"The gain in V_p + w T at w = {weight:g} is {gains[0]:.4f} m/s over the paper's rule and "
+               f"{gains[1]:.4f} m/s over {rival_label}; what follows is by how much that changes.")  # fmt: skip
     return Table(caption, head, body)
 
 

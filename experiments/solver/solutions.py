@@ -23,13 +23,8 @@ ERRORS = {
 }
 """Columns of the tables, with their axis labels."""
 CLASSES = GOOD, MISCOUNTED, WRONG, NOT_FINITE, LATE, GAVE_UP = (
-    "V_p and contacts right",
-    "V_p right, events miscounted",
-    "V_p wrong",
-    "not finite",
-    "no answer in 5 s",
-    "gave up",
-)
+    "V_p and contacts right", "V_p right, events miscounted", "V_p wrong", "not finite", "no answer in 5 s", "gave up",
+)  # fmt: skip
 """What becomes of a solver on an approach, from good to bad; in tables the failure of what is good is empty."""
 TRUE_RTOL, SECOND_RTOL = 1e-13, 1e-11  # of the truth but for the storm, by DOP853; and of Radau beside it
 STIFF = 20.0  # d, above which the truth of a scene of the storm is looked for by an implicit method first

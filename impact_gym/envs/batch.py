@@ -6,21 +6,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from impact_gym import kernels
 from impact_gym.envs.infos import Infos, command_columns
-from impact_gym.kernels import (
-    CHAIN,
-    CONTACT,
-    DRAW,
-    EPISODE,
-    LINK,
-    PACKET,
-    READING,
-    TRACE,
-    UNIFORMS,
-    Rows,
-    draw_uniforms,
-    laws_of,
-)
+from impact_gym.operators import Person
 from impact_gym.scene import flange_moves_with_tool
 from impact_gym.simulation import MAX_STEPS, Trace
 from impact_gym.task.episodes import first_uniforms, fix, free_records
@@ -29,7 +17,7 @@ from impact_gym.task.scenario import ScenarioRanges
 from impact_gym.task.steering import packets_under_way
 from impact_gym.task.task import PLACES, Task
 from impact_gym.threads import cores, over_rows
-from impact_gym.validation import array, fits_memory, whole
+from impact_gym.validation import array, fits_memory, number, one_of, whole
 
 ROWS_PER_THREAD = 256
 """A batch is cut for several threads only into pieces of at least this many rows: smaller ones do not pay."""
@@ -48,6 +36,16 @@ class ToolMotion(NamedTuple):
     touched: NDArray[np.bool_]
 
 
+class Bodies(NamedTuple):
+    """Where flanges, tools and objects are (m), and whether an object has been touched, (rows,) each."""
+
+    time: NDArray[np.float64]  # s
+    flange: NDArray[np.float64]
+    tool: NDArray[np.float64]
+    object: NDArray[np.float64]
+    touched: NDArray[np.bool_]
+
+
 class Batch:
     """`size` environments, each a row that no other row can touch.
 
@@ -55,13 +53,9 @@ class Batch:
     """
 
     def __init__(
-        self,
-        size: int,
-        task: Task | Sequence[Task],
-        threads: int | None = None,
-        trace_points: int = 0,
+        self, size: int, task: Task | Sequence[Task], threads: int | None = None, trace_points: int = 0,
         max_steps: int = MAX_STEPS,
-    ) -> None:
+    ) -> None:  # fmt: skip
         """Make a batch.
 
         Args:
@@ -86,16 +80,16 @@ class Batch:
         slots = max(each.readings_under_way() for each in tasks) + _SPARE
         packets, self.commanded = max(map(packets_under_way, tasks)), len(tasks[0].actions)
         linked = size if packets else 0
-        each_row = CHAIN.itemsize + EPISODE.itemsize + slots * READING.itemsize + 4 * len(self.spec)
-        each_row += packets * PACKET.itemsize
+        each_row = kernels.CHAIN.itemsize + kernels.EPISODE.itemsize + slots * kernels.READING.itemsize
+        each_row += packets * kernels.PACKET.itemsize + 4 * len(self.spec)
         fits_memory("num_envs", size, each_row)
-        self.chains = np.zeros(size, CHAIN)
-        self.episodes = np.zeros(size, EPISODE)
-        self.readings = np.zeros((size, slots), READING)
-        self.links, self.packets = np.zeros(linked, LINK), np.zeros((linked, packets), PACKET)
+        self.chains = np.zeros(size, kernels.CHAIN)
+        self.episodes = np.zeros(size, kernels.EPISODE)
+        self.readings = np.zeros((size, slots), kernels.READING)
+        self.links, self.packets = np.zeros(linked, kernels.LINK), np.zeros((linked, packets), kernels.PACKET)
         self.observations = np.zeros((size, len(self.spec)), np.float32)
         self.rewards = np.zeros(size)
-        self.traces = np.empty((size, trace_points), TRACE)
+        self.traces = np.empty((size, trace_points), kernels.TRACE)
         self._lower(tasks)
         self._infos = Infos(tasks)
         self._with_tool = [flange_moves_with_tool(each.coupling, each.robot) for each in tasks]
@@ -111,18 +105,18 @@ class Batch:
             draws += task.draws()
             tables.append(table)
             numbers += len(table)
-        self._lowered, self.draws = np.concatenate(records), np.array(draws, DRAW)
+        self._lowered, self.draws = np.concatenate(records), np.array(draws, kernels.DRAW)
         self._tables, self._entries = np.concatenate(tables), self.spec.lowered()
-        self.laws = laws_of(np.ascontiguousarray(self._lowered["mount"]))
+        self.laws = kernels.laws_of(np.ascontiguousarray(self._lowered["mount"]))
         if any(task.draws_mount for task in tasks):
             self.laws = np.resize(self.laws, self.size)
 
     def _make_rows(self) -> None:
         """Hand the arrays to the kernels."""
         draws, laws, *arrays, traces = (getattr(self, name) for name in _STATE)
-        recorder = np.empty(0, CONTACT), traces, np.empty(0), TRACE_INTERVAL
+        recorder = np.empty(0, kernels.CONTACT), traces, np.empty(0), TRACE_INTERVAL
         shared = self._entries, recorder, self.max_steps, self.commanded
-        self._rows = Rows(self._lowered, draws, laws, self._tables, *arrays, *shared)
+        self._rows = kernels.Rows(self._lowered, draws, laws, self._tables, *arrays, *shared)
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in vars(self).items() if name != "_rows"}
@@ -159,8 +153,8 @@ class Batch:
         self, rows: NDArray[np.int64], generators: list[np.random.Generator], fixed: NDArray[Any] | None = None
     ) -> None:
         """Begin an episode in each of `rows` (k,), each with its own generator; `fixed` (k,) as in `begin`."""
-        uniforms = np.empty((len(rows), UNIFORMS))
-        draw_uniforms(generators, rows, uniforms)
+        uniforms = np.empty((len(rows), kernels.UNIFORMS))
+        kernels.draw_uniforms(generators, rows, uniforms)
         self.begin(rows, uniforms, free_records(len(rows)) if fixed is None else fixed)
 
     def step(self, actions: NDArray[Any], skip: NDArray[np.bool_]) -> None:
@@ -185,6 +179,20 @@ class Batch:
         if not np.isfinite(commands).all():
             raise ValueError(f"action must be finite, got {commands[~np.isfinite(commands).all(axis=1)][0]}")
         return commands
+
+    def command(self, velocities: ArrayLike) -> None:
+        """Have a `Person` command `velocities` (m/s), one for all rows or (size,), from the next ticks on.
+
+        Raises:
+            TypeError, ValueError: somebody else commands, or not numbers that the arm can follow.
+        """
+        for task in self.tasks:
+            one_of("operator", task.operator, Person)
+        fastest = min(task.velocity_range[1] for task in self.tasks)
+        limits: Any = {"at_least": -fastest, "at_most": fastest}
+        for velocity in np.atleast_1d(array("command", velocities)):
+            number("command", velocity, "m/s", **limits)
+        self.links["given"] = velocities
 
     def get_state(self) -> dict[str, Any]:
         """Return a copy of all that `step` and `begin` go on from."""
@@ -243,6 +251,13 @@ class Batch:
     def ended(self) -> NDArray[np.bool_]:
         """Whether the episode of each row (size,) has terminated or was truncated."""
         return np.asarray((self.episodes["terminated"] == 1) | (self.episodes["truncated"] == 1))
+
+    def bodies(self) -> Bodies:
+        """Return where everything is now; with a compliant robot and a rigid coupling the flange is with the tool."""
+        chains, with_tool = self.chains, np.resize(self._with_tool, self.size)
+        tool = chains["flange_position"] + chains["deflection"]
+        flange = np.where(with_tool, tool, chains["flange_position"] + chains["flange_offset"])
+        return Bodies(chains["time"].copy(), flange, tool, tool - chains["penetration"], chains["contacts"] > 0)
 
     def tool_motion(self) -> ToolMotion:
         """Return how the tools move against their flanges, and whether they have touched."""

@@ -14,12 +14,14 @@ class ImpactTeleopEnv(ImpactApproachEnv):
     flange at once; the operator's comes late. The task is done when the object rests again.
 
     ## Operators and Channels
-    `operator` is a record of `impact_gym.operators` or a dict with its name as "type": `Replay`, `Trapezoid`, `Reach`,
-    `Laggy`, `Noisy`, `SecondOrderLag`, `Tracker`; their docstrings have equations and sources. The operator knows only
-    where he believes the object: `place_error` beyond its face. He is shown the first touch when it has crossed the
-    `downlink`, and `reaction` later commands 0, for ever. `uplink` and `downlink` are `Channel` records. The operator
-    sends a command each control period, on his own clock, and his stop at once; a packet takes its delay; the newest
-    that has arrived counts. A `Tracker` sees the flange with the display's delay, without its losses.
+    `operator` is a record of `impact_gym.operators` or a dict with its name as "type": `Replay`, `Person`, `Trapezoid`,
+    `Reach`, `Laggy`, `Noisy`, `SecondOrderLag`, `Tracker`; their docstrings have equations and sources. The operator
+    knows only where he believes the object: `place_error` beyond its face. He is shown the first touch when it has
+    crossed the `downlink`, and `reaction` later commands 0, for ever. `uplink` and `downlink` are `Channel` records.
+    The operator sends a command each control period, on his own clock, and his stop at once; a packet takes its delay;
+    the newest that has arrived counts. A `Tracker` sees the flange with the display's delay, without its losses. A
+    `Person` sends what `command(velocity)` of the unwrapped environment was last given: before a step, what is sent at
+    the tick in it or at its end. A `Replay` of these at the ticks is the same episode, to the bit.
 
     ## Action Space
     `Box(-1, 1, (3,), float32)`. Values outside the box are clipped. With u the operator's command, the flange is sent

@@ -26,13 +26,9 @@ def rigid_tool(tool_velocity: ArrayLike, object_velocity: ArrayLike, restitution
 
 
 def free_tool(
-    tool_mass: ArrayLike,
-    object_mass: ArrayLike,
-    tool_velocity: ArrayLike,
-    object_velocity: ArrayLike,
-    restitution: ArrayLike,
-    impulse: ArrayLike = 0.0,
-) -> tuple[Velocities, Velocities]:
+    tool_mass: ArrayLike, object_mass: ArrayLike, tool_velocity: ArrayLike, object_velocity: ArrayLike,
+    restitution: ArrayLike, impulse: ArrayLike = 0.0,
+) -> tuple[Velocities, Velocities]:  # fmt: skip
     """Final velocities of tool and object, m/s (paper, eq. 3-4).
 
     `impulse` (N s) is what a coupling gives the tool meanwhile (paper, eq. 21-22); it moves both alike.

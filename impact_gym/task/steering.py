@@ -30,6 +30,10 @@ def checked(task: Any) -> dict[str, Channel]:
     fastest, limit = max(longest(task, "operator", "speed"), task.operator.fastest), task.velocity_range[1]
     if fastest > limit:
         raise ValueError(f"operator.speed must be at most that of the arm, {limit:g} m/s, got {fastest:g} m/s")
+    if 0.0 < getattr(task.operator, "length", 0.0) < task.horizon:
+        raise ValueError(
+            f"Replay.length must be at least the horizon, {task.horizon:g} s, got {task.operator.length!r} s"
+        )
     return {way: getattr(task, way) or Channel() for way in WAYS}
 
 
@@ -53,6 +57,7 @@ def lowered(task: Any, record: NDArray[Any], begin: int) -> list[NDArray[np.floa
         count = len(points) // 2
         record[name] = begin, count, points[count - 1] if count else 0.0
         begin += len(points)
+    record["replay"]["length"] = getattr(task.operator, "length", 0.0)
     return tables
 
 

@@ -1,8 +1,9 @@
 """The task's rules: constants of the environment, its arguments, and their record for the compiled program."""
 
 import math
+import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, NamedTuple, get_args
 
 import numpy as np
@@ -29,6 +30,8 @@ PLACES = places(RECORD)
 """Where each number that an episode draws stands in its record."""
 MOUNT_IDS = tuple(row.id for row in SET_UP if row.id == "tool_mass" or "." in row.id)
 """The numbers of what holds the tool."""
+WORST_OF_STROKE = {"tool_mass": 1, "coupling.stiffness": 0, "coupling.stroke": 0}
+"""Which end of a range leaves a tool least way to its stop."""
 
 PARTS: Mapping[str, tuple[Any, ...]] = {
     "coupling": get_args(Coupling), "robot": (Robot, RobotTable),
@@ -164,14 +167,18 @@ class Task:
             self._put("max_episode_steps", whole("max_episode_steps", self.max_episode_steps, at_least=1))
 
     def _check_reach(self) -> None:
-        """Refuse an own horizon that leaves no time for any object; warn of a stroke too short for the arm."""
-        (near, _), reach = self.scenario.distance, self.reach
-        if self.horizon != HORIZON and near > reach:
-            raise ValueError(
-                f"horizon must be longer than the way to the nearest object, {near:g} m, takes: in {self.horizon:g} s "
-                f"the arm gets only {reach:.3g} m far"
-            )
-        warn_of_stroke(self.coupling, self.tool_mass, self.acceleration_range[1])
+        """Refuse a way that no episode is long enough for; warn of one that some are not, and of a stroke too short."""
+        (near, far), reach = self.scenario.distance, self.reach
+        way = f"in {self.horizon:g} s (horizon) the arm gets only {reach:.3g} m far"
+        if near > reach:
+            raise ValueError(f"scenario.distance must begin below {reach:.3g} m, got {near:g} m: {way}")
+        if far > reach:
+            warnings.warn(f"scenario.distance ends at {far:g} m, but {way}: the rest is missed", stacklevel=3)
+        worst = {name: self.drawn[name][end] for name, end in WORST_OF_STROKE.items() if name in self.drawn}
+        if isinstance(self.coupling, SpringDamper):
+            numbers = {name.removeprefix("coupling."): value for name, value in worst.items() if name != "tool_mass"}
+            mass = worst.get("tool_mass", self.tool_mass)
+            warn_of_stroke(replace(self.coupling, **numbers), mass, self.acceleration_range[1])
 
     @property
     def reach(self) -> float:

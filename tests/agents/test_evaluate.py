@@ -1,12 +1,16 @@
 """Controllers played through numbered scenarios: the same for all of them, whatever is played beside."""
 
+import runpy
+import shutil
+import subprocess
+
 import gymnasium as gym
 import numpy as np
 import pytest
 from episodes import ID, Always, assert_identical, play
 from policies import made_up_policy
 
-from agents import load_policy, load_setup
+from agents import load_policy, load_setup, provenance
 from agents.baselines import ConstantSpeed, PaperTrapezoid, Shield, load_baseline
 from agents.evaluate import RESULTS, TEST_SEED, TUNING_SEED, VALIDATION_SEED, ScenarioBatch, Validation, evaluate
 from agents.evaluate import play as jobs
@@ -129,3 +133,23 @@ def test_play_takes_a_shield_around_another_controller_from_plain_data():
 def test_batch_of_a_frozen_set_draws_its_own_scenarios_where_the_environment_has_some():
     own = ScenarioBatch.of("test", 5, scenario={"distance": (0.2, 0.2)}).play(PaperTrapezoid())
     assert (own.scenario["distance"] == 0.2).all()
+
+
+def test_revision_names_the_commit_of_sources_that_git_knows_and_none_of_others(tmp_path):
+    def git(*command):
+        author = ("-c", "user.name=Somebody", "-c", "user.email=somebody@example.org")
+        return subprocess.check_output(["git", *author, *command], cwd=tmp_path, text=True).strip()
+
+    def revision():
+        return runpy.run_path(str(file))["revision"]()
+
+    file = tmp_path / "provenance.py"
+    shutil.copy(provenance.__file__, file)
+    git("init", "--quiet")
+    git("commit", "--quiet", "--allow-empty", "--message=somebody else's")
+    assert revision() == {"commit": None, "changed since": None}
+    git("add", file.name)
+    git("commit", "--quiet", "--message=ours")
+    assert revision() == {"commit": git("rev-parse", "HEAD"), "changed since": ""}
+    file.write_text(file.read_text() + "\n")
+    assert revision()["changed since"].split() == ["M", "provenance.py"]

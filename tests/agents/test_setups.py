@@ -1,13 +1,19 @@
 """Set-ups: what is shipped is whole, and a file means what it says, its table [evaluation] included."""
 
 import math
+import sys
+from itertools import repeat
 from pathlib import Path
 
+import gymnasium as gym
 import numpy as np
 import pytest
+from episodes import Given, play
+from scenes import CRUISE, scene
 
-from agents import load_setup
-from agents.setups import owner, same_environment, shipped, shipped_baselines
+import impact_gym as ig
+from agents import load_setup, setup
+from agents.setups import feasible, owner, same_environment, shipped, shipped_baselines
 from agents.setups.evaluation import VARIED, Evaluation, changes, variants
 from agents.setups.setup import FIXED
 from agents.train.ppo import Run
@@ -94,3 +100,93 @@ def test_changes_leave_out_what_makes_no_environment():
     tight = {"type": "Bistable", "free_length": 0.07, "height": 0.06995, "front_stop": 0.001, "rear_stop": -0.001}
     kept = changes("coupling.front_stop", {"times": [1.0, 4.0]}, {"coupling": tight})
     assert [change.value for change in kept] == [1.0]
+
+
+def far_flight(task, acceleration, duration):
+    """Trace of a chain that only accelerates."""
+    chain = scene(coupling=task.coupling, robot=task.robot, m_t=task.tool_mass, distance=1e6)
+    return ig.simulate(chain, ig.Trapezoid(1e3, acceleration), duration, trace=True).trace
+
+
+@pytest.mark.parametrize("robot", [None, ig.Robot(5.0, 3e3, 200.0)])
+@pytest.mark.parametrize("coupling", [ig.Rigid(), ig.SpringDamper(200.0, 1.0)])
+def test_lag_is_that_of_a_long_run_at_full_acceleration(coupling, robot):
+    task = Task(tool_mass=0.3, coupling=coupling, robot=robot)
+    trace = far_flight(task, 20.0, 5.0)
+    behind = trace.command_position[-1] - trace.tool_position[-1]
+    assert setup.lag(task) == pytest.approx(behind, rel=1e-6, abs=1e-9)
+
+
+@pytest.mark.parametrize("share", [0.98, 1.02])
+def test_held_is_the_acceleration_above_which_a_mechanism_leaves_its_stop(share):
+    task = Task(coupling=ig.Bistable())
+    trace = far_flight(task, share * feasible.held(task), 2.0)
+    behind = np.abs(trace.command_position - trace.tool_position).max()
+    assert (behind > 0.01) == (share > 1.0)
+
+
+@pytest.mark.parametrize("robot", [None, ig.Robot(2.0, 1e3, 5.0)])
+@pytest.mark.parametrize("coupling", [ig.Rigid(), ig.SpringDamper(50.0, 1.0)])
+def test_estimate_is_the_impact_of_a_hard_contact(coupling, robot):
+    task = Task(coupling=coupling, robot=robot)
+    scenario = {"object_mass": 0.4, "restitution": 0.6, "distance": 0.3}
+    hard = scene(1e12, 0.6, coupling, robot, m_t=task.tool_mass, m_p=0.4, distance=0.3, dissipation="exact")
+    first = ig.simulate(hard, CRUISE, 1.0).contacts[0]
+    speed = first.approach_velocity if isinstance(coupling, ig.SpringDamper) or robot else 1.0
+    assert setup.estimate(task, scenario) * speed == pytest.approx(first.object_velocity, rel=1e-3)
+
+
+def test_rigid_to_counts_the_objects_whose_peak_force_is_below_what_holds_the_tool():
+    """The peak is that of a simulated contact with a rigid tool."""
+    masses, restitutions, peaks = np.array([0.1, 0.3, 1.0, 2.5]), np.array([1.0, 0.3, 1.0, 0.3]), []
+    for mass, restitution in zip(masses, restitutions, strict=True):
+        gentle = scene(1e4, restitution, m_p=mass), ig.Trapezoid(setup.GENTLE, 8.0), 2.0
+        peaks.append(ig.simulate(*gentle).contacts[0].peak_force)
+    assert np.all(np.diff(peaks) > 0.0)
+    scenario = {"object_mass": masses, "contact_stiffness": np.full(4, 1e4), "restitution": restitutions}
+    for count, force in enumerate([0.999 * peaks[0], *(1.001 * np.array(peaks))]):
+        stiffness = 50.0 * force / float(ig.Bistable().force(ig.Bistable().rest))
+        task = Task(coupling=ig.Bistable(stiffness, stop_stiffness=2e3 * stiffness))
+        assert setup.rigid_to(task, scenario) == pytest.approx((force, count / 4), rel=1e-9)
+
+
+def test_lines_say_what_follows(mine):
+    lags = [setup.lag(corner) for corner in feasible.corners(Task(**load_setup(mine).environment))]
+    hand = [4.0 * m / k + 4.0 * (8.0 + m) / k_r for m in (0.3, 0.5) for k in (200, 400) for k_r in (5e4, 2e5)]
+    assert sorted(lags) == pytest.approx(sorted(hand), rel=1e-12)
+    text = "\n".join(setup.lines(load_setup(mine)))
+    drawn = "robot.stiffness: 50000 to 200000 N/m, log-uniform"
+    assert all(part in text for part in (drawn, f"impact-gym train {mine}", "mine-profile", "distance estimate"))
+    assert "warning" not in text
+    assert "the front stop holds the tool up to 8.38" in "\n".join(setup.lines(load_setup("bistable-paper")))
+
+
+def test_setup_needs_pygame_for_the_picture_alone(monkeypatch, capsys, tmp_path):
+    monkeypatch.setitem(sys.modules, "pygame", None)
+    setup.run(setup.Check("linear-blind", tmp_path / "picture.png"))
+    assert capsys.readouterr().out.splitlines()[-1].startswith("no picture: rendering needs pygame")
+
+
+@pytest.mark.parametrize(("acceleration", "speed"), [(20.0, 1.5), (2.0, 0.4), (1.5, 10.0)])
+def test_reached_is_as_far_as_an_arm_gets_before_the_end(acceleration, speed):
+    """At full acceleration the flange touches what stands a hair nearer than that, and misses what stands beyond."""
+    arm = {"acceleration_range": (1.0, acceleration), "velocity_range": (-0.1, speed), "coupling": {"type": "Rigid"}}
+    env, reach = gym.make("ImpactApproach-v0", scenario={"distance": 0.1}, **arm), Task(scenario="train", **arm).reach
+    for share, missed in ((0.999, False), (1.001, True)):
+        options = {"record": {"distance": share * reach}}
+        assert play(env, Given(repeat(np.ones(2, np.float32))), seed=0, **options).info["missed"] == missed
+
+
+@pytest.mark.parametrize(("environment", "words"), [
+    ({}, []),
+    ({"scenario": {"distance": (0.2, 1.7)}}, ["ends at a flange position of 0.75"]),
+    ({"scenario": {"distance": (0.01, 0.3)}}, ["from 10 mm on, where the tool can be before the first reading"]),
+    ({"coupling": ig.Bistable()}, ["holds the tool up to 8.38 m/s^2, the arm can make 20: above that"]),
+    ({"coupling": ig.Bistable(), "acceleration_range": (1.0, 8.0)}, []),
+    ({"coupling": ig.Bistable(), "acceleration_range": (1.0, 8.0), "robot": ig.Robot(5.0, 1e5, 50.0)},
+     ["the arm can make 8, and a compliant robot swings to 2 times that and more"]),
+], ids=str)  # fmt: skip
+def test_warnings_name_what_goes_wrong_in_some_episodes(environment, words):
+    sentences = feasible.warnings(Task(**environment))
+    assert len(sentences) == len(words)
+    assert all(part in sentence for part, sentence in zip(words, sentences, strict=True))

@@ -18,7 +18,7 @@ ZERO = np.zeros(2, np.float32)
 MAKERS = {"single": gym.make, "vector": gym.make_vec, "stable": lambda _, **options: ImpactVecEnv(2, **options)}
 EVERY = pytest.mark.parametrize("make", MAKERS.values(), ids=list(MAKERS))
 SPRING, BISTABLE = {"type": "SpringDamper"}, {"type": "Bistable"}
-TOO_SHORT = r"horizon must be longer than the way to the nearest object, 0\.15 m, takes: in 0\.1 s the arm"
+TOO_SHORT = r"distance must begin below 0\.0938 m, got 0\.15 m: in 0\.1 s \(horizon\) the arm gets only 0\.0938 m far"
 
 ARGUMENT_CASES = [  # beside a number beyond its limits, which tests/task has for all of them
     ({"scenaro": "train"}, TypeError, "'scenaro'.*scenario.*time_weight"),

@@ -1,12 +1,13 @@
 """The slow solver of the whole task: its laws, and that the environment plays what it plays."""
 
+import json
 from math import sqrt
+from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
 import pytest
 from episodes import ROBOT, TABLE, Always, Given
-from rippling_scenes import RIPPLING
 from scipy.special import lambertw
 
 import impact_gym as ig
@@ -23,6 +24,12 @@ from impact_gym.task.scenario import FIELDS
 
 SCENARIO = {"object_mass": 0.25, "contact_stiffness": 1e6, "restitution": 1.0, "distance": 0.2505}
 RIGID = {"coupling": {"type": "Rigid"}}
+HELPERS = Path(__file__).parents[1] / "helpers"
+RIPPLING = json.loads((HELPERS / "rippling_scenes.json").read_text("utf-8"))
+"""What two episodes of `ranged-robust` drew, and the rule, a `WaryRanged`, that plays each: a clamp ripples.
+
+A soft contact on a robot that rings lets go, holds, and lets go in one step.
+"""
 
 
 class Played:
@@ -200,11 +207,11 @@ def test_range_of_delays_and_a_scenario_beyond_the_set_are_refused():
         rescore(PaperTrapezoid(), "validation", [1000], {}, 1.0)
 
 
-@pytest.mark.parametrize(("drawn", "numbers"), RIPPLING, ids=["once", "twice"])
+@pytest.mark.parametrize("episode", RIPPLING, ids=["once", "twice"])
 @pytest.mark.parametrize("rtol", [1e-5, 1e-6])
-def test_contact_that_ripples_as_it_lets_go_is_followed_through(drawn, numbers, rtol):
+def test_contact_that_ripples_as_it_lets_go_is_followed_through(episode, rtol):
     """It is found to let go where a step starts that ends beyond the next time it does; that went on for ever."""
-    setup = load_setup("ranged-robust").environment
+    setup, drawn, numbers = load_setup("ranged-robust").environment, episode["drew"], episode["rule"]
     env, rule, state, actions = gym.make("ImpactApproach-v0", **setup, rtol=rtol), WaryRanged(numbers), None, []
     observation, _ = env.reset(seed=0, options={"record": drawn})
     terminated = False

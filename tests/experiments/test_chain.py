@@ -13,11 +13,8 @@ from impact_gym.task.scenario import FIELDS
 COUNT, WEIGHTS, PAPER_TIME = 60, (1.0, 2.0), 0.3
 SPEEDS = np.random.default_rng(0).uniform(0.5, 1.5, COUNT)
 TUNED = {
-    "constant": "ConstantSpeed",
-    "evenly": "ConstantDeceleration",
-    "profile": "BlindProfile",
-    "over": "RangedProfile",
-}
+    "constant": "ConstantSpeed", "evenly": "ConstantDeceleration", "profile": "BlindProfile", "over": "RangedProfile",
+}  # fmt: skip
 PLACE = "knowing where objects can stand and the profile's shape"
 SHARES = {"constant": (0.6, 0.8), "profile": (0.4, 0.6)}  # of SPEEDS, at 0.4 s and at 0.2 s
 

@@ -9,10 +9,10 @@ from scipy.optimize import brentq
 import impact_gym as ig
 from agents.baselines import BlindProfile, ConstantSpeed
 from agents.baselines.tuned import read_tuned
-from agents.evaluate import TUNING_SEED, ScenarioBatch
+from agents.evaluate import TUNING_SEED, ScenarioBatch, Travel
 from agents.setups import load_setup
 from experiments.design.free import Free, as_built, free_numbers
-from experiments.design.limits import Limits, Travel
+from experiments.design.limits import Limits
 from experiments.design.pads import PADS, on_pad, pad_of
 from experiments.design.search import PENALTY, Effort, Rig, objective, play
 from experiments.design.study import Study

@@ -14,8 +14,7 @@ from experiments.design.pads import on_pad, pad_of
 from experiments.design.page import lines_of, reduction, write_page
 from experiments.design.run import PAPERS_RULE, Entry, best, played, run
 from experiments.design.search import Effort, Rig
-from experiments.design.set_up import write_setup
-from experiments.design.study import CHOSEN, FRONT, GRID, PAPER, SEEDS, Study
+from experiments.design.study import CHOSEN, FRONT, GRID, PAPER, SEEDS, Study, write_setup
 
 STIFFNESS = "coupling.stiffness=20:200"
 SPRING = (STIFFNESS, "coupling.damping_ratio=0.2:2")

@@ -49,7 +49,7 @@ def test_page_says_shares_that_add_up(tmp_path):
     assert line["limits"].value + line["place"].value == pytest.approx(line["all"].value, rel=1e-12)
     assert line["velocity"][0].value > line["velocity"][1].value
     policies = [row for row in made["all"]["priors"] if row["rule"] == "policy"]
-    assert len(policies) == 2 * 2 * 20  # seeds, weights and scenarios
+    assert len(policies) == 2 * (2 + len(priors.WEIGHTS)) * 20  # seeds, weights and scenarios
     assert line["learning"].value == pytest.approx(1.0 - line["velocity"][3].value / line["velocity"][2].value)
 
 

@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 import polars as pl
 import pytest
-from browsers import opened
+from pages import opened
 
 from agents import load_policy
 from agents.baselines.tuned import load_baseline

@@ -152,12 +152,9 @@ class Rows:
 
 
 FRONT_ENDS = {
-    "NextStep": Vector,
-    "SameStep": lambda rows: Vector(rows, "SameStep"),
-    "Disabled": lambda rows: Vector(rows, "Disabled"),
-    "stable-baselines3": Stable,
-    "batch": Rows,
-}
+    "NextStep": Vector, "SameStep": lambda rows: Vector(rows, "SameStep"),
+    "Disabled": lambda rows: Vector(rows, "Disabled"), "stable-baselines3": Stable, "batch": Rows,
+}  # fmt: skip
 TWINS = {"itself": None, "copy": copy.deepcopy, "pickle": lambda front: pickle.loads(pickle.dumps(front))}
 
 

@@ -1,6 +1,10 @@
-"""What every page of an experiment has to be."""
+"""What every page of an experiment has to be; and Debian's Chromium, driven by Playwright, to see it in."""
 
 import re
+import shutil
+from contextlib import contextmanager
+
+import pytest
 
 
 def text_of_a_page_that_stands_on_its_own(folder, figures):
@@ -16,3 +20,27 @@ def text_of_a_page_that_stands_on_its_own(folder, figures):
 def as_plain_text_has_it(text):
     """Return HTML with its subscripts and powers as they were before they were typeset."""
     return re.sub(r"<sup>([^<]+)</sup>", r"^\1", re.sub(r"<sub>(\w+)</sub>", r"_\1", text))
+
+
+@contextmanager
+def chromium():
+    """Give a browser; skip where there is none."""
+    programs = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")
+    program = shutil.which("chromium")
+    if program is None:
+        pytest.skip("no Chromium is installed")
+    with programs.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=program, args=["--no-sandbox"])
+        yield browser
+        browser.close()
+
+
+def opened(browser, file, width=1280, height=900, **options):
+    """Return a page that shows a file, and the list of its complaints and of its requests to elsewhere."""
+    page = browser.new_context(viewport={"width": width, "height": height}, **options).new_page()
+    problems = []
+    page.on("console", lambda message: problems.append(f"{message.type}: {message.text}"))
+    page.on("pageerror", lambda error: problems.append(str(error)))
+    page.on("request", lambda request: request.url.startswith(("file:", "data:")) or problems.append(request.url))
+    page.goto(file.as_uri())
+    return page, problems

@@ -4,8 +4,7 @@
 has `style` and `script` once.
 """
 
-from experiments.lab.player.choice import choose
-from experiments.lab.player.films import films
+from experiments.lab.player.films import choose, films
 from experiments.lab.player.page import fragment, script, style
 
 __all__ = ["choose", "films", "fragment", "script", "style"]

@@ -1,6 +1,6 @@
-"""Scenarios played again with their traces, thinned to what the eye needs and put on one clock."""
+"""Scenarios worth watching, played again with their traces, thinned to what the eye needs and put on one clock."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,13 +9,96 @@ from numpy.typing import NDArray
 
 from agents.evaluate.scenario_batch import RESULTS, TEST_SEED, Episodes
 from agents.policies import Controller
-from experiments.lab.player.thinning import thin
 from impact_gym.envs.render_chain import DENSITY, LARGEST_RADIUS, rest_length
 from impact_gym.envs.render_history import FRAME_RATE, History
 from impact_gym.envs.single import ImpactApproachEnv
 from impact_gym.scene import Bistable, Rigid, SpringDamper
 from impact_gym.task import Task
 from impact_gym.task.evaluation_sets import EvaluationSet
+
+MOST = 200  # points of a history
+POSITION, VELOCITY, FORCE, DEPTH = 0.0003, 0.003, 0.005, 0.005
+"""Errors allowed, as shares: of the way, the highest speed, the highest force, the deepest penetration."""
+
+
+def thin(columns: Mapping[str, NDArray[np.float64]], limits: Mapping[str, float]) -> NDArray[np.int64]:
+    """Return which rows to keep, in order: straight lines between them miss the others by less than is allowed.
+
+    The row that is missed by most comes next, until none is missed or MOST are kept; where a contact begins or ends is
+    always kept.
+    """
+    depth = limits["depth"]
+    penetration = columns["tool_position"] - columns["object_position"]
+    scaled = {f"{body}_position": POSITION * limits["farthest"] for body in ("flange", "tool", "object")}
+    scaled |= {f"{body}_velocity": VELOCITY * limits["speed"] for body in ("flange", "tool", "object")}
+    channels = [columns[name] / allowed for name, allowed in scaled.items()]
+    if depth > 0.0:
+        channels.append(columns["contact_force"] / (FORCE * limits["force"]))
+        channels.append(np.clip(penetration, -depth, depth) / (DEPTH * depth))
+    values, time = np.array(channels), columns["time"]
+    turns = np.flatnonzero(np.diff(penetration > 0.0))
+    rows = sorted({0, len(time) - 1, *turns.tolist(), *(turns + 1).tolist()})
+    while len(rows) < min(MOST, len(time)):
+        missed = np.max([np.abs(row - np.interp(time, time[rows], row[rows])) for row in values], axis=0)
+        worst = int(np.argmax(missed))
+        if missed[worst] <= 1.0:
+            break
+        rows = sorted({*rows, worst})
+    return np.array(rows)
+
+
+def choose(played_baseline: Episodes, played_policy: Episodes) -> dict[str, int]:
+    """Return the scenarios to show: numbers, all different, each under a phrase that says why.
+
+    A scenario that stands out in several ways is there once, with all of them in its phrase. Of equals it is the first.
+
+    Raises:
+        ValueError: the two did not play the same scenarios.
+    """
+    ours, theirs = played_policy.scenario, played_baseline.scenario
+    if any(not np.array_equal(ours[name], theirs[name]) for name in ours):
+        raise ValueError("baseline and policy must have played the same scenarios")
+    reasons: dict[int, list[str]] = {}
+    for reason, number in _outstanding(played_baseline, played_policy):
+        reasons.setdefault(number, []).append(reason)
+    phrases = {"; ".join(texts): number for number, texts in reasons.items()}
+    return {phrase[0].upper() + phrase[1:]: number for phrase, number in phrases.items()}
+
+
+def _outstanding(baseline: Episodes, policy: Episodes) -> Iterable[tuple[str, int]]:
+    """Yield why a scenario is worth watching, and its number."""
+    touched_by_both = ~(baseline.missed | policy.missed)
+    touched = np.flatnonzero(touched_by_both) if touched_by_both.any() else np.arange(len(touched_by_both))
+    ours, gain = policy.object_velocity, baseline.object_velocity - policy.object_velocity
+    scenario = policy.scenario
+    contacts = np.maximum(baseline.contact_count, policy.contact_count)
+
+    def largest(values: NDArray[np.float64] | NDArray[np.int64]) -> int:
+        return int(touched[np.argmax(values[touched])])
+
+    if touched_by_both.any():
+        median = touched[np.argsort(ours[touched], kind="stable")][(len(touched) - 1) // 2]  # the lower one of two
+        yield "a typical scenario: the policy's V_p is the median", int(median)
+        yield "the policy's largest gain on the baseline", largest(gain)
+        worst = largest(-gain)
+        yield f"the policy's {'largest loss to' if gain[worst] < 0.0 else 'smallest gain on'} the baseline", worst
+        yield "the policy's best: its lowest V_p", largest(-ours)
+        yield "the policy's worst: its highest V_p", largest(ours)
+        if contacts[touched].max() > 1:
+            yield "most contacts: it is hit again and again", largest(contacts)
+        yield "the highest contact force", largest(np.maximum(baseline.peak_force, policy.peak_force))
+    for field, lowest, highest in (
+        ("object_mass", "the lightest object", "the heaviest object"),
+        ("contact_stiffness", "the softest contact", "the stiffest contact"),
+        ("distance", "the nearest object", "the farthest object"),
+    ):
+        yield lowest, largest(-scenario[field])
+        yield highest, largest(scenario[field])
+    if policy.missed.any():
+        yield "missed by the policy", int(np.argmax(policy.missed))
+    elif baseline.missed.any():
+        yield "missed by the baseline", int(np.argmax(baseline.missed))
+
 
 BODIES = ("flange", "tool", "object")
 DECIMALS = {  # s, m, m/s, N: a stiff contact lasts 0.1 ms and is 1 um deep
@@ -71,15 +154,10 @@ def clock(runs: Sequence[Run], end: float) -> list[list[float]]:
 
 
 def films(
-    contestants: Mapping[str, Controller],
-    numbers: Mapping[str, int],
-    played: Mapping[str, Episodes],
-    *,
-    seed: int = TEST_SEED,
-    frozen: EvaluationSet | None = None,
-    environment: Mapping[str, Any] | None = None,
+    contestants: Mapping[str, Controller], numbers: Mapping[str, int], played: Mapping[str, Episodes], *,
+    seed: int = TEST_SEED, frozen: EvaluationSet | None = None, environment: Mapping[str, Any] | None = None,
     time_weight: float = 2.0,
-) -> dict[str, Any]:
+) -> dict[str, Any]:  # fmt: skip
     """Return what `fragment` shows: per scenario the clock and the thinned traces of all contestants, as plain JSON.
 
     Args:
@@ -104,11 +182,9 @@ def films(
             runs[name] = play(controller, frozen.seed if frozen else seed, number, record, options)
             judged, replayed = float(played[name].object_velocity[number]), runs[name].info["object_velocity"]
             if abs(replayed - judged) > 0.0:
-                raise RuntimeError(
-                    f"scenario {number}: the replay of {name!r} leaves the object at {replayed!r} m/s, "
-                    f"but it was judged by {judged!r} m/s"
-                )
-        scenes.append({"label": label, "number": number, **_scene(runs)})
+                raise RuntimeError(f"scenario {number}: the replay of {name!r} leaves the object at {replayed!r} m/s, "
+                                   f"but it was judged by {judged!r} m/s")  # fmt: skip
+        scenes.append({"label": label, "number": number, **scene_of(runs)})
     return {"contestants": list(contestants), "columns": list(COLUMNS), "scenes": scenes}
 
 
@@ -136,7 +212,7 @@ def play_to_the_end(
     return info
 
 
-def _scene(runs: Mapping[str, Run]) -> dict[str, Any]:
+def scene_of(runs: Mapping[str, Run]) -> dict[str, Any]:
     """Return one scenario: its clock, the scales that all panels share, and the contestants' histories."""
     ends = [run.contacts[-1][1] + AFTER if run.contacts else run.history.now for run in runs.values()]
     end = round(max(ends), DECIMALS["time"])
@@ -154,12 +230,17 @@ def _scene(runs: Mapping[str, Run]) -> dict[str, Any]:
     scenario = next(iter(runs.values())).info["scenario"]
     return {
         "scenario": scenario,
-        "radius": float(min(np.cbrt(0.75 * scenario["object_mass"] / (np.pi * DENSITY)), LARGEST_RADIUS)),
+        "radius": radius_of(scenario["object_mass"]),
         "end": end,
         "clock": clock(list(runs.values()), end),
         "limits": limits,
         "runs": [_run(name, run, histories[name], limits) for name, run in runs.items()],
     }
+
+
+def radius_of(mass: float) -> float:
+    """Return the radius (m) of the ball that is drawn for an object of a mass (kg)."""
+    return float(min(np.cbrt(0.75 * mass / (np.pi * DENSITY)), LARGEST_RADIUS))
 
 
 def _run(name: str, run: Run, columns: Columns, limits: Mapping[str, float]) -> dict[str, Any]:
@@ -168,7 +249,7 @@ def _run(name: str, run: Run, columns: Columns, limits: Mapping[str, float]) -> 
     rows = rows[np.append(True, np.diff(np.round(columns["time"][rows], digits)) > 0.0)]
     return {
         "name": name,
-        "chain": _chain(run.history.task),
+        "chain": chain_of(run.history.task),
         **{field: run.info[field] for field in RESULTS},
         **_operated(run),
         "contacts": [[round(instant, digits) for instant in contact] for contact in run.contacts],
@@ -185,7 +266,7 @@ def _operated(run: Run) -> dict[str, float]:
     return {"late": late, "slide": run.info["slide"], "done_time": run.info["done_time"]}
 
 
-def _chain(task: Task) -> dict[str, Any]:
+def chain_of(task: Task) -> dict[str, Any]:
     """Return what holds the tool, m."""
     coupling = task.coupling
     kind = {SpringDamper: "spring", Bistable: "bistable", Rigid: "rigid"}[type(coupling)]

@@ -1,0 +1,234 @@
+"""`impact-gym dataset`: what rule, profile, policy or persons do as datasets of Minari, which play again to the bit."""
+
+import base64
+import os
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from importlib.metadata import metadata, version
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+import gymnasium as gym
+import minari
+import numpy as np
+from minari.data_collector.episode_buffer import EpisodeBuffer
+from minari.dataset.minari_dataset import parse_dataset_id
+from minari.namespace import create_namespace, list_local_namespaces
+from minari.storage import get_dataset_path
+from tqdm import tqdm
+from tyro.conf import Positional
+
+from agents.baselines.tuned import read_tuned
+from agents.command_line import run_command
+from agents.evaluate.controllers import controller_of
+from agents.policies import Controller, load_policy
+from agents.provenance import revision
+from agents.setups import FIXED, Setup, load_setup, shipped_baselines
+from impact_gym.sources import compiled_from
+from impact_gym.validation import whole
+
+PLAYERS = {
+    "rule": "the paper's rule",
+    "profile": "the baseline that was tuned for the set-up and comes first in its `against`",
+    "policy": "its learned policy",
+}
+SEED = 70_000_000  # of the first episode: neither trained, nor tuned, nor judged with
+ROOT = "MINARI_DATASETS_PATH"
+Players = Callable[[float], Controller]  # by the time weight of an episode, m/s per s
+
+
+@dataclass(frozen=True)
+class DatasetOptions:
+    """Make datasets of Minari, NAMESPACE/SET-UP/PLAYER-vVERSION, or check that one plays again to the bit."""
+
+    source: Positional[str]
+    """A set-up by name or file; or a folder of tries that impact-gym play left; or with --check a dataset's id."""
+    who: tuple[str, ...] = tuple(PLAYERS)
+    """Who plays a set-up, a dataset each: rule, profile, policy, a baseline by name, module:object with `predict`."""
+    episodes: int = 1000
+    """Of each."""
+    seed: int = SEED
+    """Of the first episode; the others follow."""
+    namespace: str = "impact"
+    version: int = 0
+    author: str = metadata("impact-gym")["Author"] or ""
+    email: str = ""
+    """Or another way to reach the author."""
+    link: str = ""
+    """To the code in a public place; the commit unless given."""
+    check: bool = False
+    """Play a dataset again and compare observations, rewards and ends."""
+
+    def __post_init__(self) -> None:
+        whole("episodes", self.episodes, at_least=1)
+        for name in ("seed", "version"):
+            whole(name, getattr(self, name), at_least=0)
+
+
+def players(name: str, setup: Setup) -> Players:
+    """Return who plays a set-up, by a name as in `DatasetOptions.who`.
+
+    Raises:
+        ValueError: there is none, or it was not tuned or trained.
+    """
+    tuned = setup.against[0] if name == "profile" and setup.against else name
+    if name == "policy":
+        policy = load_policy(setup.name if setup.shipped else setup.folder / "policies" / f"{setup.name}.npz")
+        spec: dict[str, Any] = {"policy": base64.b64encode(policy.to_bytes()).decode()}
+    elif name == "rule" or name in FIXED:
+        spec = {"baseline": "paper-trapezoid" if name == "rule" else name}
+    elif ":" in name:
+        spec = {"object": name}
+    elif tuned in setup.tuned or tuned in shipped_baselines():
+        spec = {"tuned": read_tuned(tuned, setup.folder / "tuned", setup if tuned in setup.tuned else None)}
+    else:
+        names = ", ".join(dict.fromkeys((*PLAYERS, *setup.tuned, *FIXED)))
+        raise ValueError(f"who must be of {names}, another tuned baseline or module:object, got {name!r:.80}")
+    return lambda weight: controller_of(spec, weight, setup.environment)
+
+
+def recorded(env: gym.Env[Any, Any], seed: int, record: Mapping[str, float], play: Players) -> EpisodeBuffer:
+    """Play an episode and return it: in its options the whole record, so that a reset with them begins it again.
+
+    The infos of each step are what `sensors` returns, in SI units, and the numbers of the final info as they stand.
+    """
+    bare: Any = env.unwrapped
+
+    def seen() -> dict[str, Any]:
+        flat = {name: value for name, value in bare.episode_info().items() if not isinstance(value, Mapping)}
+        return {**bare.sensors(), **flat}
+
+    observation, _ = env.reset(seed=seed, options={"record": dict(record)})
+    controller = play(bare.episode_info()["time_weight"])
+    state, start = None, np.ones(1, np.bool_)
+    observations, infos = [observation], [seen()]
+    steps: list[tuple[Any, ...]] = []
+    while not (steps and (steps[-1][2] or steps[-1][3])):
+        action, state = controller.predict(observation[None], state=state, episode_start=start, deterministic=True)
+        start, action = np.zeros(1, np.bool_), np.asarray(action, np.float32)[0]
+        observation, reward, terminated, truncated, _ = env.step(action)
+        steps.append((action, float(reward), terminated, truncated))
+        observations.append(observation)
+        infos.append(seen())
+    actions, rewards, terminations, truncations = map(list, zip(*steps, strict=True))
+    options = {"record": bare.episode_info()["record"]}
+    of_steps = {name: [info[name] for info in infos] for name in infos[0]}
+    return EpisodeBuffer(None, seed, options, observations, actions, rewards, terminations, truncations, of_steps)
+
+
+def write(
+    name: str, env: gym.Env[Any, Any], episodes: Iterator[EpisodeBuffer], options: "DatasetOptions", **said: str
+) -> Any:
+    """Write a dataset, whole or not at all, and return it; `said` is Minari's `algorithm_name` and `description`.
+
+    Raises:
+        ValueError: there is such a dataset already, or its name is none.
+    """
+    final, (namespace, _, _) = get_dataset_path(name), parse_dataset_id(name)
+    if final.exists():
+        raise ValueError(f"there is a dataset {name} already, {final}: delete it, or take another --version")
+    code = options.link or f"impact_gym {version('impact-gym')}, commit {revision()['commit'] or 'unknown'}"
+    packages = [f"{package}=={version(package)}" for package in ("impact-gym", "gymnasium", "numpy")]
+    with tempfile.TemporaryDirectory(prefix=".making-", dir=get_dataset_path()) as hidden:
+        with patch.dict(os.environ, {ROOT: hidden}):
+            made = minari.create_dataset_from_buffers(
+                name, episodes, env=env, eval_env=env, author=options.author, code_permalink=code,
+                author_email=options.email or "none given", requirements=packages, **said,
+            )  # fmt: skip
+            made.storage.update_metadata({"solver": compiled_from()})
+        if namespace not in list_local_namespaces():
+            create_namespace(namespace)
+        Path(hidden, name).rename(final)
+    return minari.load_dataset(name)
+
+
+def of_setup(options: DatasetOptions) -> Iterator[Any]:
+    """Make and yield a dataset of each player of a set-up."""
+    setup = load_setup(options.source)
+    env = setup.make(time_weight=setup.training.time_weight)
+    for who, play in {who: players(who, setup) for who in options.who}.items():
+        name = f"{options.namespace}/{setup.name}/{who.rpartition(':')[2]}-v{options.version}"
+        seeds = tqdm(range(options.seed, options.seed + options.episodes), name, unit="episodes")
+        said = {"algorithm_name": who, "description": f"{setup.title}: {setup.about}. Plays: {PLAYERS.get(who, who)}"}
+        yield write(name, env, (recorded(env, seed, {}, play) for seed in seeds), options, **said)
+
+
+def of_tries(options: DatasetOptions) -> Any:
+    """Make and return a dataset of the tries of persons in a folder."""
+    from experiments.play.recordings import operator_of, played
+
+    found = played(Path(options.source))
+    env = gym.make("impact_gym:ImpactTeleop-v0", **found[0].environment, operator=operator_of(found))
+    name = f"{options.namespace}/{found[0].setup}/person-v{options.version}"
+
+    def again() -> Iterator[EpisodeBuffer]:
+        for number, this in enumerate(tqdm(found, name, unit="episodes")):
+            record = {**this.record, "operator.recording": number + 0.5}
+            done = recorded(env, this.seed, record, given(this.actions))
+            if done.infos["done_time"][-1] != this.result["done_time"]:
+                raise ValueError("a try does not end as it did: it was made with another version of the environment")
+            yield done
+
+    assists = ", ".join(sorted({this.assist for this in found}))
+    return write(name, env, again(), options, algorithm_name=assists, description="persons steer, assisted as named")
+
+
+class Given:
+    """Plays the actions that it was given, then nought."""
+
+    def __init__(self, actions: Sequence[Sequence[float]]) -> None:
+        self.given = np.array(actions, np.float32)
+        self.ahead = iter(self.given)
+
+    def predict(self, *_: Any, **__: Any) -> tuple[Any, Any]:
+        """Return the next one."""
+        return next(self.ahead, 0.0 * self.given[0])[None], None
+
+
+def given(actions: Sequence[Sequence[float]]) -> Players:
+    """Return who plays these actions, whatever the weight."""
+    return lambda _: Given(actions)
+
+
+def check(name: str) -> int:
+    """Play a dataset of Minari again; return how many episodes it has.
+
+    Raises:
+        ValueError: there is none of this name, or it was made with another version: says where it differs.
+    """
+    if not get_dataset_path(name).is_dir():
+        known = ", ".join(minari.list_local_datasets()) or "none"
+        raise ValueError(f"there is no dataset {name!r:.80} in {get_dataset_path()}, which has: {known}")
+    dataset = minari.load_dataset(name)
+    about = dataset.storage.metadata
+    made = f"it was made with {', '.join(about.get('requirements', ['?']))}, solver {about.get('solver', '?')}"
+    other = f"{made}, and this is impact-gym {version('impact-gym')}, solver {compiled_from()}"
+    try:
+        env = dataset.recover_environment()
+    except (TypeError, ValueError, gym.error.Error) as problem:
+        raise ValueError(f"{name} has an environment that is none here, {problem}: {other}") from problem
+    abouts = dataset.storage.get_episode_metadata(range(dataset.total_episodes))
+    for episode, begun in zip(tqdm(dataset, name, unit="episodes"), abouts, strict=True):
+        record = begun.get("options", {}).get("record", {})
+        done = recorded(env, begun["seed"], record, given(episode.actions))
+        for what in ("observations", "rewards", "terminations", "truncations"):
+            if not np.array_equal(getattr(done, what), getattr(episode, what)):
+                raise ValueError(f"{name}: {what} of episode {episode.id} are others when played again: {other}")
+    return int(dataset.total_episodes)
+
+
+def work(options: DatasetOptions) -> None:
+    """Do what the options ask for, and say what came of it."""
+    if options.check:
+        print(f"{options.source}: {check(options.source)} episodes play again to the bit")
+        return
+    for made in [of_tries(options)] if Path(options.source).is_dir() else of_setup(options):
+        returns = [float(episode.rewards.sum()) for episode in made]
+        counts = f"{made.total_episodes} episodes, {made.total_steps} steps"
+        print(f"{made.spec.dataset_id}: {counts}, mean return {np.mean(returns):.4f} m/s")
+
+
+if __name__ == "__main__":
+    run_command("dataset", DatasetOptions, work)

@@ -1,0 +1,175 @@
+"""What the studies share: intervals over seeds and scenarios, symbols as they are set, folders whole or not there."""
+
+import os
+from dataclasses import astuple
+from html import unescape
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from pages import as_plain_text_has_it
+from scipy.stats import norm
+
+from experiments.lab.charts import save
+from experiments.lab.comparison import Comparison
+from experiments.lab.page import mathtext, typeset
+from experiments.lab.results import whole_folder
+from experiments.lab.statistics import Resamples, along, estimate, quantile_groups, tolerated
+
+
+def test_estimate_has_the_interval_of_normal_theory():
+    sample = np.random.default_rng(0).standard_normal(2000)
+    interval = estimate(Resamples(2000).means(sample))
+    half = norm.ppf(0.975) * sample.std(ddof=1) / np.sqrt(2000)
+    assert interval.value == pytest.approx(sample.mean())
+    assert (interval.low, interval.high) == pytest.approx((sample.mean() - half, sample.mean() + half), abs=0.1 * half)
+
+
+@pytest.mark.parametrize(("of_seeds", "of_scenarios"), [(1.0, 0.0), (0.0, 1.0), (0.3, 5.0)])
+def test_resamples_vary_with_seeds_and_scenarios(of_seeds, of_scenarios):
+    """x = a_seed + b_scenario: the variance of the mean is var(a) / seeds + var(b) / scenarios, both unbiased."""
+    rng = np.random.default_rng(1)
+    seeds, scenarios = 10, 400
+    a, b = of_seeds * rng.standard_normal(seeds), of_scenarios * rng.standard_normal(scenarios)
+    means = Resamples(scenarios, resamples=20_000).means(a[:, None] + b)
+    assert means[0] == pytest.approx(a.mean() + b.mean())
+    assert means[1:].var() == pytest.approx(a.var(ddof=1) / seeds + b.var(ddof=1) / scenarios, rel=0.05)
+
+
+def test_comparison_cancels_what_is_shared():
+    rng = np.random.default_rng(2)
+    hard = rng.uniform(1.0, 10.0, 500)
+    recipe = Comparison.of_means(np.tile(0.4 * hard, (7, 1)), hard)
+    assert astuple(recipe.ratio) == pytest.approx((0.4, 0.4, 0.4))
+    assert astuple(recipe.reduction) == pytest.approx((0.6, 0.6, 0.6))
+    assert astuple(Comparison.of_means(hard - 0.25, hard).less) == pytest.approx((0.25, 0.25, 0.25))
+
+
+def test_comparison_of_fronts_is_at_the_time_of_theirs():
+    times, velocities = np.array([[0.4, 0.2], [0.5, 0.3]]), np.array([[0.2, 0.4], [0.1, 0.5]])
+    point = np.array([[0.25], [0.4]]), np.array([[0.7], [0.6]])
+    comparison = Comparison.of_fronts((times, velocities), point)
+    assert comparison.ours == pytest.approx([0.35, 0.3])
+    assert comparison.less.value == pytest.approx(0.35)
+
+
+def test_resamples_keep_the_axes_between_seeds_and_scenarios():
+    values = np.random.default_rng(3).standard_normal((4, 3, 50))
+    resamples = Resamples(50, resamples=100)
+    means = resamples.means(values)
+    assert means.shape == (101, 3)
+    assert means[0] == pytest.approx(values.mean(axis=(0, 2)))
+    for k in range(3):
+        assert means[:, k] == pytest.approx(resamples.means(values[:, k]))
+
+
+def test_along_reads_between_points_and_at_ends():
+    x, y = np.array([[3.0, 1.0, 2.0]]), np.array([[9.0, 1.0, 4.0]])
+    for at, expected in ((1.5, 2.5), (2.75, 7.75), (0.0, 1.0), (5.0, 9.0)):
+        assert along(x, y, np.array([at])) == pytest.approx([expected])
+
+
+def test_quantile_groups_are_equal_and_fewer_where_values_repeat():
+    sample = np.random.default_rng(5).permutation(np.arange(1.0, 26.0))
+    groups = quantile_groups(sample, 5)
+    assert [sorted(sample[inside]) for inside, _, _ in groups] == np.arange(1.0, 26.0).reshape(5, 5).tolist()
+    assert (groups[0][1], groups[-1][2]) == (1.0, 25.0)
+    ((inside, low, high),) = quantile_groups(np.full(7, 0.4), 5)
+    assert (inside.sum(), low, high) == (7, 0.4, 0.4)
+
+
+def test_estimate_leaves_out_resamples_without_a_value():
+    resampled = np.concatenate([[1.0], np.linspace(0.0, 2.0, 101), [np.nan]])
+    interval = estimate(resampled)
+    assert (interval.low, interval.high) == pytest.approx((0.05, 1.95))
+
+
+@pytest.mark.parametrize(("n", "factor"), [(5, 4.203), (10, 2.911), (30, 2.220), (50, 2.065)])
+def test_tolerated_has_the_factor_of_the_tables(n, factor):
+    """One-sided, 95 % content and confidence: M. G. Natrella, Experimental Statistics, NBS Handbook 91, table A-7."""
+    scores = np.random.default_rng(6).normal(3.0, 2.0, n)
+    assert (scores.mean() - tolerated(scores)) / scores.std(ddof=1) == pytest.approx(factor, abs=6e-4)
+
+
+@pytest.mark.parametrize("n", [10, 30])
+def test_tolerated_is_reached_by_95_percent_in_95_of_100_experiments(n):
+    samples = np.random.default_rng(7).normal(0.6, 0.01, (4000, n))
+    reached = norm.ppf(0.05, 0.6, 0.01)  # by 95 % of trainings, in truth
+    noise = 3.0 * np.sqrt(0.95 * 0.05 / len(samples))
+    assert np.mean([tolerated(sample) <= reached for sample in samples]) == pytest.approx(0.95, abs=noise)
+    plugged = samples.mean(axis=1) + norm.ppf(0.05) * samples.std(axis=1, ddof=1)  # as if that were the truth
+    ends = samples.mean(axis=1) - norm.ppf(0.975) * samples.std(axis=1, ddof=1) / np.sqrt(n)  # of the mean's interval
+    for wrong in (plugged, ends):
+        assert np.mean(wrong <= reached) < 0.7
+
+
+def test_tolerated_is_nan_for_one_training():
+    assert np.isnan(tolerated(np.array([0.6])))
+
+
+@pytest.mark.parametrize(
+    "text", ["V_p + 2 T (m/s)", "k_c up to 1e5 N/m^1.5", "F_T at v_in", "rises with k_c^(2/5)", "10^-3 < d"]
+)
+def test_typeset_and_mathtext_leave_neither_underscore_nor_caret(text):
+    page, outside = typeset(text), "".join(mathtext(text).split("$")[::2])
+    assert not {"_", "^"} & {*page, *outside}
+    assert unescape(as_plain_text_has_it(page)).replace("(2/5)", "2/5") == text.replace("(2/5)", "2/5")
+
+
+@pytest.mark.parametrize("text", ["$10^5$", "impact_gym", "RK45, solve_ivp", "M$_X^{-1}$"])
+def test_mathtext_leaves_names_of_programs_and_what_is_set_already(text):
+    assert mathtext(text) == text
+
+
+def test_save_sets_symbols_wherever_they_stand(tmp_path):
+    figure = Figure()
+    axes = figure.subplots()
+    axes.plot([0, 1], [0, 1], label="error of V_p")
+    axes.set(title="k_c", xlabel="V_p (m/s)", ylabel="v_in")
+    axes.annotate("x_r", (0.5, 0.5))
+    axes.legend()
+    drawn = save(figure, tmp_path / "figure.svg").read_text()
+    assert not [symbol for symbol in ("V_p", "k_c", "v_in", "x_r") if symbol in drawn]
+
+
+def write(target, text, problem=None):
+    with whole_folder(target) as unfinished:
+        (unfinished / "page").write_text(text)
+        if problem:
+            raise problem
+
+
+def test_whole_folder_is_replaced_whole_or_not_at_all(tmp_path):
+    target = tmp_path / "latest"
+    write(target, "first")
+    with pytest.raises(OSError, match="no room"):
+        write(target, "half", OSError("no room"))
+    assert (target / "page").read_text() == "first"
+    write(target, "second")
+    assert (target / "page").read_text() == "second"
+    assert [path.name for path in tmp_path.iterdir()] == ["latest"]
+
+
+def test_whole_folder_brings_the_old_one_back_when_interrupted(tmp_path, monkeypatch):
+    target, move = tmp_path / "latest", os.replace
+    write(target, "first")
+
+    def replace(source, destination):
+        if Path(destination) == target and Path(source).name != target.name:
+            raise KeyboardInterrupt
+        move(source, destination)
+
+    monkeypatch.setattr(os, "replace", replace)
+    with pytest.raises(KeyboardInterrupt):
+        write(target, "second")
+    assert (target / "page").read_text() == "first"
+    assert [path.name for path in tmp_path.iterdir()] == ["latest"]
+
+
+def test_whole_folder_leaves_alone_what_no_run_wrote(tmp_path):
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "letter").write_text("dear")
+    with pytest.raises(ValueError, match="mine is not replaced"):
+        write(tmp_path / "mine", "first")
+    assert (tmp_path / "mine" / "letter").read_text() == "dear"

@@ -1,0 +1,219 @@
+"""Closed forms: Hertz's stiffness and the materials, the instantaneous impact (eq. 1-4, 22), the peak force."""
+
+import math
+import re
+
+import numpy as np
+import pytest
+from golden import SHAPES
+from scenes import CRUISE, log_uniform, scene
+
+import impact_gym as ig
+from impact_gym.physics import impact
+from impact_gym.physics.dissipation import damping_factor
+from impact_gym.physics.hertz import GENT, rubber
+from impact_gym.physics.impact import free_tool, rigid_tool, sliding_distance
+from impact_gym.physics.peak import peak_factor, permitted_speed
+from impact_gym.task import ScenarioRanges
+
+STEEL = (206e9, 0.3)
+
+
+def test_hertz_is_his_approach_of_a_sphere_to_a_plane():
+    radius, force = 0.02, 50.0
+    k = ig.hertz(radius, *STEEL, 3e9, 0.4)
+    modulus = 1.0 / ((1 - 0.3**2) / 206e9 + (1 - 0.4**2) / 3e9)
+    approach = (9.0 * force**2 / (16.0 * radius * modulus**2)) ** (1 / 3)  # Johnson, Contact Mechanics, eq. 4.23
+    assert k * approach**1.5 == pytest.approx(force, rel=1e-12)
+
+
+def test_hertz_of_a_rigid_tool_leaves_the_object_alone_and_bodies_may_change_places():
+    alone = 4.0 / 3.0 * math.sqrt(0.01) * 2e6 / (1 - 0.5**2)
+    assert ig.hertz(0.01, 1e30, 0.3, 2e6, 0.5) == pytest.approx(alone, rel=1e-12)
+    assert ig.hertz(0.01, *STEEL, 2e6, 0.5) == pytest.approx(ig.hertz(0.01, 2e6, 0.5, *STEEL), rel=1e-14)
+
+
+def test_materials_have_a_source_that_says_whether_it_was_read_and_numbers_that_a_body_can_have():
+    for name, material in ig.MATERIALS.items():
+        assert re.search(r"\bread\b|not checked here", material.source), name
+        assert 0 < material.young[0] <= material.young[1] < 1e12
+        assert material.poisson[0] > 0 or name == "memory-foam"  # whose cells give way sideways
+        assert 0 <= material.poisson[0] <= material.poisson[1] <= 0.5
+        if GENT not in material.source:  # no source prints more digits of a modulus, nor may we
+            assert [float(f"{young:.2g}") for young in material.young] == list(material.young)
+        least, most = material.restitution or (0, 1)
+        assert 0 <= least <= most <= 1
+
+
+@pytest.mark.parametrize("shore", [20.0, 40.0, 60.0, 80.0])
+def test_rubber_is_the_law_of_a_flat_punch_pressed_in_by_a_durometer(shore):
+    """ASTM D2240, type A: a cone blunted to 0.79 mm from 1.27 mm, 0.55 to 8.05 N, and 2.54 mm at hardness 0."""
+    radius, force, depth = (0.79e-3 + 1.27e-3) / 4, 0.55 + 0.075 * shore, 2.54e-3 * (1 - shore / 100)
+    young = (1 - 0.5**2) * force / (2 * radius * depth)  # Johnson, Contact Mechanics, eq. 3.36, no change of volume
+    low, high = rubber(shore).young
+    assert math.sqrt(low * high) == pytest.approx(young, rel=0.01)
+    assert high / low == pytest.approx(1.2**2)
+
+
+@pytest.mark.parametrize(("shore", "tabled"), [(40.0, 1.7e6), (60.0, 3.6e6)])
+def test_rubber_of_a_hardness_has_the_modulus_that_is_tabled_for_it(shore, tabled):
+    assert math.sqrt(math.prod(rubber(shore).young)) == pytest.approx(tabled, rel=0.02)
+
+
+def test_material_ranges_hold_the_middle_of_a_pair_and_make_a_set_up():
+    ranges = ig.material_ranges((0.01, 0.03), "rubber, Shore A 50", "steel")
+    low, high = ranges["contact_stiffness"]
+    assert low < ig.hertz(0.02, 2.5e6, 0.48, 200e9, 0.29) < high
+    assert "restitution" not in ranges
+    assert ig.material_ranges((0.01, 0.03), "glass", "glass")["restitution"] == [0.96, 0.98]
+    assert ScenarioRanges.of(ranges).contact_stiffness == (low, high)
+
+
+RNG = np.random.default_rng(1)
+M_T, M_P = RNG.uniform(0.01, 5.0, (2, 200))
+V_T, V_P = RNG.uniform(-2.0, 2.0, (2, 200))
+E = RNG.uniform(0.0, 1.0, 200)
+PUSH = RNG.uniform(-1.0, 1.0, 200)
+
+
+@pytest.mark.parametrize("push", [(), (PUSH,)], ids=["free", "pushed"])
+def test_free_tool_keeps_momentum_but_for_the_push_and_reverses_and_reduces_the_relative_velocity(push):
+    after_t, after_p = impact.free_tool(M_T, M_P, V_T, V_P, E, *push)
+    assert M_T * after_t + M_P * after_p == pytest.approx(M_T * V_T + M_P * V_P + sum(push), rel=1e-12, abs=1e-12)
+    assert after_p - after_t == pytest.approx(E * (V_T - V_P), abs=1e-12)
+    assert impact.rigid_tool(V_T, V_P, E) - V_T == pytest.approx(E * (V_T - V_P), abs=1e-12)
+
+
+def test_free_tool_that_is_heavy_is_a_rigid_one():
+    heavy = impact.free_tool(1e12, M_P, V_T, V_P, E)[1]
+    assert heavy == pytest.approx(impact.rigid_tool(V_T, V_P, E), abs=1e-10)
+
+
+def test_rigid_and_free_tool_have_the_papers_examples():
+    assert impact.rigid_tool(1.0, 0.0, [1.0, 0.0]) == pytest.approx([2.0, 1.0])  # section 2.1
+    v_t, v_p = impact.free_tool(0.125, 0.25, 1.0, 0.0, [0.0, 1.0])
+    assert v_t == pytest.approx([1 / 3, -1 / 3])  # Fig. 2, by hand
+    assert v_p == pytest.approx([1 / 3, 2 / 3])
+
+
+def test_sliding_distance_is_infinite_without_friction_and_none_at_rest():
+    assert impact.sliding_distance([1.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.5, 0.5])[:2].tolist() == [np.inf, 0.0]
+
+
+@pytest.mark.parametrize("restitution", [0.1, 0.5, 1.0])
+def test_simulated_contact_comes_to_eq_3_and_4_where_it_is_stiff(restitution):
+    errors, stiffnesses, share = [], [1e11, 1e12, 1e13], 0.125 / 0.375
+    for stiffness in stiffnesses:
+        sprung = scene(stiffness, restitution, ig.SpringDamper(150.0), dissipation="exact")
+        contact = ig.simulate(sprung, CRUISE, duration=0.5, rtol=1e-11).contacts[0]
+        args = (0.125, 0.25, contact.approach_velocity, 0.0, restitution)
+        tool, thing = impact.free_tool(*args)
+        # what the spring adds is bounded by its force on a tool that lags by its full jump
+        jump, duration = contact.approach_velocity - tool, contact.end - contact.start
+        bound = (2 * math.sqrt(150.0 * 0.125) + 150.0 * duration) * jump * duration / 0.375
+        assert 0 < contact.object_velocity - thing < 1.001 * bound
+        assert contact.object_velocity - contact.separation_velocity == pytest.approx(tool, abs=2 * bound / share)
+        errors.append(contact.object_velocity / thing - 1)
+        # eq. 22 takes the coupling's impulse along: what is left is that the push also changes the restitution
+        lost = contact.separation_velocity - restitution * contact.approach_velocity
+        left = contact.object_velocity - impact.free_tool(*args, contact.coupling_impulse)[1]
+        assert left == pytest.approx(share * lost, abs=1e-12)
+    # the contact's duration, over which the coupling pushes, goes with k_c^(-2/5)
+    assert np.polyfit(np.log(stiffnesses), np.log(errors), 1)[0] == pytest.approx(-0.4, abs=0.03)
+
+
+RANDOM = np.random.default_rng(5)
+
+
+def random_contact():
+    """Stiffness (N/m^1.5), restitution, object mass (kg)."""
+    return log_uniform(RANDOM, 1e3, 1e7), RANDOM.uniform(0.02, 1.0), log_uniform(RANDOM, 0.02, 5.0)
+
+
+@pytest.mark.parametrize("restitution", SHAPES)
+def test_peak_factor_is_that_of_the_independent_solver(restitution):
+    assert peak_factor(damping_factor("hu-guo", restitution)) == pytest.approx(SHAPES[restitution][2], rel=1e-9)
+
+
+def test_peak_factor_is_worst_at_one_end_of_a_range_of_dampings():
+    factors = np.array([peak_factor(d) for d in np.geomspace(1e-7, 1e5, 2000)])
+    lowest = factors.argmin()
+    assert 0 < lowest < 1999
+    assert np.all(np.diff(factors[:lowest]) <= 1e-14)
+    assert np.all(np.diff(factors[lowest:]) > 0)
+
+
+def loading_time(limit, k_c, speed):
+    """Longer than the force takes to its peak (s): five times the deepest penetration at the approach velocity."""
+    return 5.0 * (limit / k_c) ** (2 / 3) / speed
+
+
+def test_permitted_speed_of_a_rigid_tool_reaches_the_limit_and_no_more():
+    for _ in range(100):
+        k_c, e, mass = random_contact()
+        limit = log_uniform(RANDOM, 1.0, 1000.0)
+        speed = permitted_speed(limit, mass, k_c, damping_factor("hu-guo", e))
+        motion = ig.Trapezoid(speed, 2.0 * speed**2)  # at its speed after the first 0.25 m
+        outcome = ig.simulate(scene(k_c, e, m_p=mass), motion, 0.51 / speed + loading_time(limit, k_c, speed))
+        assert outcome.peak_force == pytest.approx(limit, rel=1e-6)
+
+
+def test_permitted_speed_under_a_push_that_grows_with_it_is_that_under_the_push_it_grows_to():
+    for push, rate in RANDOM.uniform([0.0, 0.0], [1.0, 10.0], (50, 2)):  # N, N s/m
+        k_c, e, mass = random_contact()
+        contact = 10.0, mass, k_c, damping_factor("hu-guo", e)
+        speed = permitted_speed(*contact, push, rate)
+        assert permitted_speed(*contact, push + rate * speed) == pytest.approx(speed, rel=1e-12)
+
+
+def under_a_push(k_c, e, mass, share):
+    """The peak (N) of a rigid tool that meets the object at the permitted speed, its acceleration a push; the limit."""
+    limit = log_uniform(RANDOM, 1.0, 1000.0)
+    push = share * limit / 2.5
+    speed = permitted_speed(limit, mass, k_c, damping_factor("hu-guo", e), push)
+    acceleration = push / mass
+    met = scene(k_c, e, m_p=mass, distance=speed**2 / (2.0 * acceleration))
+    duration = speed / acceleration + loading_time(limit, k_c, speed)
+    return ig.simulate(met, ig.Trapezoid(1e6, acceleration), duration).peak_force, limit
+
+
+def test_permitted_speed_under_a_push_stays_below_the_limit_and_an_elastic_contact_reaches_it():
+    for share in RANDOM.uniform(0.01, 0.95, 200):
+        peak, limit = under_a_push(*random_contact(), share)
+        assert peak <= limit * (1.0 + 1e-6)
+    for share in RANDOM.uniform(0.01, 0.6, 50):
+        k_c, _, mass = random_contact()
+        peak, limit = under_a_push(k_c, 1.0, mass, share)
+        assert peak == pytest.approx(limit, rel=1e-5)
+
+
+REFUSALS = [
+    (free_tool, (0.0, 1.0, 1.0, 0.0, 0.5), "tool_mass"), (free_tool, (1.0, [1.0, -1.0], 1.0, 0.0, 0.5), "object_mass"),
+    (free_tool, (1.0, 1.0, math.nan, 0.0, 0.5), "tool_velocity"),
+    (free_tool, (1.0, 1.0, 1.0, math.inf, 0.5), "object_velocity"),
+    (free_tool, (1.0, 1.0, 1.0, 0.0, 1.1), "restitution"), (free_tool, (1.0, 1.0, 1.0, 0.0, -0.1), "restitution"),
+    (free_tool, (1.0, 1.0, 1.0, 0.0, 0.5, math.nan), "impulse"),
+    *((rigid_tool, (value, 0.0, 0.5), "tool_velocity") for value in ("1", None, [None], True, 1j)),
+    (sliding_distance, (1.0, -0.1), r"friction must be finite and at least 0 .*-0\.1"),
+    (ig.hertz, (0.0, *STEEL, *STEEL), "radius must be finite and above 0 m"),
+    (ig.hertz, (0.01, -1.0, 0.3, *STEEL), "young_tool must be finite and above 0 Pa"),
+    (ig.hertz, (0.01, 206e9, 0.6, *STEEL), "poisson_tool must be finite and above -1 and at most 0.5"),
+    (ig.hertz, (0.01, *STEEL, math.nan, 0.3), "young_object"),
+    (ig.hertz, (0.01, *STEEL, 206e9, -1.0), "poisson_object"),
+    *((rubber, (shore,), "shore") for shore in (19.0, 81.0, math.nan)),  # beyond Gent's relation
+    (ig.material_ranges, ((0.01, 0.03), "butter", "steel"), "tool must be one of"),
+    (permitted_speed, (0.0, 1.0, 1e5, 1.0), "limit must be finite and above 0 N"),
+    (permitted_speed, (10.0, 1.0, 1e5, 1.0, 4.0), "limit must be finite and above 10 N"),
+    (permitted_speed, (50.0, 0.0, 1e5, 1.0), "mass must be finite and above 0 kg"),
+    (permitted_speed, (50.0, 1.0, -1.0, 1.0), r"stiffness must be finite and above 0 N/m\^1.5"),
+    (permitted_speed, (50.0, 1.0, 1e5, 1.0, -1.0), "push must be finite and at least 0 N"),
+    (peak_factor, (-1.0,), "damping must be finite and at least 0"),
+    (ig.effective_restitution, ("hertz", 0.5), "law"),
+    *((ig.effective_restitution, ("exact", value), "restitution") for value in (0.0, 1.5, math.nan)),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("function", "arguments", "message"), REFUSALS)
+def test_function_names_what_it_refuses(function, arguments, message):
+    with pytest.raises((TypeError, ValueError), match=message):
+        function(*arguments)

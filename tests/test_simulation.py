@@ -1,0 +1,275 @@
+"""What `simulate`, `sweep` and `advise` take and refuse, and that a row of a sweep is `simulate` to the bit."""
+
+import copy
+import dataclasses
+import importlib
+import math
+import pkgutil
+from dataclasses import replace
+from decimal import Decimal
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scenes import COUPLINGS, MOTION, scene
+from tasks import STORM
+
+import impact_gym as ig
+from impact_gym.fidelity import advise
+from impact_gym.lowering import STATUS_MESSAGES
+from impact_gym.quantities import BY_PATH
+from impact_gym.robot import default_approach
+from impact_gym.task import paths
+
+ROBOT = ig.Robot(5.225, 1.9e5, 50.4)
+SPRING = ig.SpringDamper(150.0)
+SCENE = scene(coupling=SPRING)
+
+
+def with_field(record, field):
+    return lambda value: replace(record, **{field: value})
+
+
+def argument(name):
+    return lambda value: ig.simulate(SCENE, **{"motion": MOTION} | {name: value})
+
+
+@pytest.mark.parametrize("value", [
+    None, "", [1.0], (1.0,), {}, SCENE, np.array([1.0]), np.array([1.0, 2.0]), np.array(["1"]), Decimal("sNaN"),
+], ids=lambda value: f"{type(value).__name__} {value}"[:30])  # fmt: skip
+def test_record_refuses_what_only_looks_like_a_number_with_its_name(value):
+    """All else that every number is refused for is tested with the table, in tests/task."""
+    with pytest.raises((TypeError, ValueError), match=r"Tool\.mass"):
+        ig.Tool(value)
+
+
+@pytest.mark.parametrize("number", [1, np.int64(1), np.uint8(1), np.float32(1), np.float64(1), Fraction(1)], ids=repr)
+def test_record_and_argument_take_any_number_as_a_float(number):
+    tool = ig.Tool(number)
+    assert type(tool.mass) is float
+    assert tool == ig.Tool(1.0)
+    assert ig.simulate(SCENE, MOTION, number) == ig.simulate(SCENE, MOTION, 1.0)
+
+
+def test_contact_refuses_a_damping_exponent_between_none_and_one():
+    with pytest.raises(ValueError, match=r"Contact.damping_exponent must be 0 or at least 1 .*got 0\.5"):
+        replace(SCENE.contact, damping_exponent=0.5)
+
+
+def test_classes_of_records_are_frozen_but_the_model_that_counts_its_simulations():
+    modules = (importlib.import_module(name) for _, name, _ in pkgutil.walk_packages(ig.__path__, "impact_gym."))
+    classes = {thing for module in modules for thing in vars(module).values() if dataclasses.is_dataclass(thing)}
+    changeable = {kind.__module__ for kind in classes if not kind.__dataclass_params__.frozen}
+    assert changeable == {"impact_gym.identify.model"}
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        SCENE.tool.mass = 1.0
+    for record in (SCENE, MOTION, ig.Rigid()):  # and all that is in these
+        assert hash(record) == hash(copy.deepcopy(record))
+
+
+NO_RECORDS = (None, 1.0, "rigid", ig.Tool, MOTION)
+NO_ROBOTS = (1.0, "robot", SCENE.tool, False, {"mass": 5.0}, ig.Rigid())
+DISSIPATIONS = (None, 1, "Hu-Guo", "huntcrossley", b"hu-guo", ["hu-guo"])
+
+
+@pytest.mark.parametrize(("make", "says", "values"), [
+    (with_field(SCENE, "tool"), r"Scene\.tool must be a Tool", (*NO_RECORDS, SCENE.object)),
+    (with_field(SCENE, "object"), r"Scene\.object must be a", NO_RECORDS),
+    (with_field(SCENE, "contact"), r"Scene\.contact must be a", NO_RECORDS),
+    (with_field(SCENE, "coupling"), r"Scene\.coupling must be a", NO_RECORDS),
+    (with_field(SCENE, "robot"), r"Scene\.robot must be a Robot or RobotTable or None", NO_ROBOTS),
+    (with_field(SCENE.contact, "dissipation"), r"Contact\.dissipation .*hu-guo", DISSIPATIONS),
+    (with_field(MOTION, "brake"), r"Trapezoid\.brake must be a Brake", (1.0, "now", True, MOTION)),
+    (lambda value: ig.simulate(value, MOTION), "scene must be a Scene", (None, 1.0, "scene", SCENE.tool, MOTION)),
+    (argument("motion"), "motion must be a Trapezoid", (None, 1.0, "motion", SCENE, MOTION.brake)),
+])  # fmt: skip
+def test_record_refuses_what_is_not_of_its_kind_with_its_name_and_the_kind(make, says, values):
+    for value in values:
+        with pytest.raises((TypeError, ValueError) if values is DISSIPATIONS else TypeError, match=says):
+            make(value)
+
+
+def test_brake_without_deceleration_has_that_of_the_trapezoid():
+    assert ig.Trapezoid(1.0, 5.0, ig.Brake(deceleration=None)).deceleration == 5.0
+    assert ig.Trapezoid(1.0, 5.0, ig.Brake(deceleration=3.0)).deceleration == 3.0
+    assert dataclasses.astuple(ig.Brake()) == (1.0, 0.016, None)
+
+
+def test_motion_too_short_to_reach_the_object_ends_in_no_contact():
+    outcome = ig.simulate(SCENE, MOTION, 0.3)
+    assert (outcome.contacts, outcome.detection_time, outcome.object_velocity) == ((), None, 0.0)
+    assert (outcome.peak_force, outcome.coupling_impulse, outcome.momentum_error, outcome.status) == (0, 0, 0, "ok")
+
+
+CHAINS = {
+    "rigid": (ig.Rigid(), None),
+    "spring": (SPRING, None),
+    "bistable on a robot": (ig.Bistable(), ROBOT),
+    "rigid on a table": (ig.Rigid(), default_approach().robot_table()),
+}
+
+
+def assert_row(outcomes, index, outcome):
+    assert outcomes.status[index] == "ok"
+    for name in ("object_velocity", "peak_object_velocity", "tool_velocity", "flange_velocity", "peak_force",
+                 "coupling_impulse", "momentum_error", "steps"):  # fmt: skip
+        assert getattr(outcomes, name)[index] == getattr(outcome, name)
+    assert outcomes.contact_count[index] == len(outcome.contacts)
+    assert outcomes.snap_count[index] == len(outcome.snap_through)
+    first = outcome.contacts[0].start if outcome.contacts else np.nan
+    assert np.array_equal(outcomes.first_contact[index], first, equal_nan=True)
+    for name in ("detection_time", "slide", "rest_time"):
+        alone = np.nan if getattr(outcome, name) in (None, np.inf) else getattr(outcome, name)
+        assert np.array_equal(getattr(outcomes, name)[index], alone, equal_nan=True)
+
+
+@pytest.mark.parametrize(("coupling", "robot"), CHAINS.values(), ids=CHAINS)
+def test_row_of_a_sweep_is_simulate_to_the_bit(coupling, robot):
+    masses, speeds, friction = np.array([[0.1], [1.0]]), np.array([0.4, 0.9, 1.3, 1.0]), np.array([0.0, 0.1, 0.4, 0.0])
+    varied = {"object.mass": masses, "motion.speed": speeds, "object.friction": friction}
+    struck = replace(scene(1e4, 0.5, coupling, robot), object=ig.Object(0.25, 0.2505, 0.1))
+    outcomes = ig.sweep(struck, MOTION, varied, duration=1.1)
+    assert outcomes.object_velocity.shape == (2, 4)
+    for i, j in np.ndindex(2, 4):
+        alone = replace(struck, object=ig.Object(masses[i, 0], 0.2505, friction[j]))
+        assert_row(outcomes, (i, j), ig.simulate(alone, replace(MOTION, speed=speeds[j]), duration=1.1))
+    assert np.isnan(outcomes.slide).tolist() == [[True, False, False, True]] * 2
+
+
+def test_row_of_a_sweep_depends_on_neither_threads_nor_order():
+    template, varied = scene(1e4, 0.5, SPRING), {"contact.stiffness": np.geomspace(1e3, 1e7, 200)}
+    single, many = (ig.sweep(template, MOTION, varied, threads=n) for n in (1, 7))
+    back = ig.sweep(template, MOTION, {"contact.stiffness": varied["contact.stiffness"][::-1]}, threads=3)
+    for field in dataclasses.fields(ig.Outcomes):
+        first = getattr(single, field.name)
+        for other in (getattr(many, field.name), getattr(back, field.name)[::-1]):
+            assert np.array_equal(first, other, equal_nan=first.dtype.kind == "f")
+
+
+def test_row_that_cannot_finish_says_why_and_does_not_affect_others():
+    stiffness = np.array([1e5, 1e18, 1e4])  # N/m; the second rings at 160 MHz with hardly any damping
+    ringing = scene(1e4, 0.5, SPRING, replace(ROBOT, mass=1.0, damping=1e-3))
+    outcomes = ig.sweep(ringing, MOTION, {"robot.stiffness": stiffness})
+    assert "more integration steps than allowed" in outcomes.status[1]
+    assert np.isnan([outcomes.object_velocity[1], outcomes.peak_object_velocity[1]]).all()
+    for index in (0, 2):
+        robot = replace(ringing.robot, stiffness=stiffness[index])
+        assert_row(outcomes, index, ig.simulate(replace(ringing, robot=robot), MOTION))
+
+
+def test_object_that_is_not_touched_rests_whatever_rounding_says():
+    outcomes = ig.sweep(scene(1e4, 0.5, SPRING), MOTION, {"motion.speed": np.linspace(0.01, 0.1, 40)}, duration=0.7)
+    assert (outcomes.contact_count == 0).all()
+    assert (outcomes.object_velocity == 0.0).all()
+
+
+def test_sweep_of_no_rows_has_none():
+    assert ig.sweep(scene(1e4), MOTION, {"object.mass": []}).object_velocity.shape == (0,)
+    assert ig.sweep(scene(1e4), MOTION, {}).object_velocity.shape == ()
+
+
+@pytest.mark.parametrize(("bad", "error", "message"), [
+    ({"varied": {"object.weight": [1.0]}}, ValueError, "object.weight.*object.mass"),
+    ({"varied": {"object": [1.0]}}, ValueError, "'object'.*object.mass"),
+    ({"varied": {"coupling.stiffness": [1.0]}}, ValueError, "coupling.stiffness.*motion.speed"),  # it is rigid
+    ({"varied": {"contact.dissipation": ["exact"]}}, ValueError, "contact.dissipation"),
+    ({"varied": {"object.mass": [0.1, -0.1]}}, ValueError, r"at \(1,\): Object.mass.*at least 1e-12 .*kg"),
+    ({"varied": {"object.mass": [[0.1, np.nan]]}}, ValueError, r"at \(0, 1\): Object.mass.*finite"),
+    ({"varied": {"object.mass": [0.1, 0.2], "motion.speed": [1.0, 2.0, 3.0]}}, ValueError, "broadcast"),
+    ({"varied": {"object.mass": ["0.1"]}}, TypeError, r"object\.mass"),
+    ({"varied": [1]}, TypeError, "varied"),
+    ({"scene": 1}, TypeError, "scene"),
+    ({"motion": None}, TypeError, "motion"),
+    ({"threads": 1.5}, TypeError, "threads"),
+    ({"threads": 0}, ValueError, "threads must be .*at least 1, got 0"),
+    ({"rtol": "1e-3"}, TypeError, "rtol"),
+], ids=str)  # fmt: skip
+def test_sweep_names_bad_input_and_its_place(bad, error, message):
+    with pytest.raises(error, match=message):
+        ig.sweep(**{"scene": scene(1e4), "motion": MOTION, "varied": {}} | bad)
+
+
+def test_advise_leaves_out_a_robot_as_good_as_rigid_with_the_error_of_two_runs():
+    whole = replace(SCENE, robot=replace(ROBOT, stiffness=1e9))
+    advice = advise(whole, MOTION, 1e-3)
+    full, simple = (ig.simulate(chain, MOTION).object_velocity for chain in (whole, SCENE))
+    assert advice.model.name == "robot rigid"
+    assert advice.model.errors.tolist() == [abs(simple - full) / full]
+    assert advice.model.simplify(whole) == SCENE
+    assert "robot rigid" in str(advice)
+
+
+@pytest.mark.parametrize("quantity", ["object_velocity", "peak_force", "impulse"])
+def test_advise_keeps_a_scene_of_which_every_part_matters(quantity):
+    advice = advise(replace(SCENE, robot=ROBOT), MOTION, 1e-12, quantity)
+    assert advice.model is advice.tried[0]
+    assert advice.model.bound == 0.0
+    assert all(model.bound > 1e-12 for model in advice.tried[1:])
+    assert len(advice.tried) == 4  # the robot, the spring, both
+
+
+def test_advise_on_a_sample_is_as_good_as_its_worst_scene():
+    scenes = [replace(SCENE, robot=replace(ROBOT, stiffness=stiffness)) for stiffness in (1e9, 1e4)]
+    alone = [advise(scene, MOTION, 1e-3).tried[1].bound for scene in scenes]
+    together = advise(scenes, MOTION, 1e-3).tried[1]
+    assert np.array_equal(together.errors, alone)
+    assert together.bound == max(alone)
+
+
+def test_advise_leaves_nothing_out_where_there_is_nothing_and_an_object_out_of_reach_has_no_error():
+    assert len(advise(replace(SCENE, coupling=ig.Rigid()), MOTION).tried) == 1
+    far = advise(replace(SCENE, object=ig.Object(0.25, 100.0), robot=ROBOT), MOTION, 1e-9, duration=0.2)
+    assert far.model.bound == 0.0
+
+
+@pytest.mark.parametrize(("change", "message"), [
+    ({"scenes": []}, "scenes must be a Scene or some of them"),
+    ({"scenes": [1.0]}, "scene must be a Scene"),
+    ({"motion": 1.0}, "motion must be a Trapezoid"),
+    ({"tolerance": 0.0}, "tolerance must be"),
+    ({"tolerance": math.nan}, "tolerance must be"),
+    ({"quantity": "energy"}, "quantity must be one of object_velocity, peak_force, impulse"),
+    ({"duration": -1.0}, "duration must be"),
+])  # fmt: skip
+def test_advise_names_bad_input(change, message):
+    with pytest.raises((TypeError, ValueError), match=message):
+        advise(**({"scenes": SCENE, "motion": MOTION} | change))
+
+
+FITTED = "coupling.free_length", "coupling.height", "coupling.front_stop", "coupling.rear_stop"  # to each other
+
+
+@st.composite
+def extreme_cases(draw):
+    """An approach with some numbers anywhere within their limits, mostly at their ends, and its duration."""
+    chain = scene(coupling=draw(st.sampled_from([*COUPLINGS.values()])), robot=draw(st.sampled_from([None, ROBOT])))
+    records = {**paths.parts(chain), "motion": ig.Trapezoid(1.0, 8.0, ig.Brake(deceleration=5.0))}
+    free = sorted({*paths.flatten(records)} - {*FITTED, "contact.damping_exponent"})
+    for path in draw(st.lists(st.sampled_from(free), min_size=1, max_size=5, unique=True)):
+        low, high = max(BY_PATH[path].limits.at_least, 1e-12), BY_PATH[path].limits.at_most
+        between = st.floats(math.log(low), math.log(high)).map(lambda power: float(math.exp(power)))
+        records = paths.replaced(records, {path: min(max(draw(st.sampled_from([low, high]) | between), low), high)})
+    motion, distance = records.pop("motion"), records["object"].distance
+    there = distance / motion.speed + math.sqrt(2 * distance / motion.acceleration)
+    return ig.Scene(**records), motion, min(2.0 * there + 1.0, 1e12)
+
+
+@settings(STORM, max_examples=75)
+@given(extreme_cases())
+def test_scene_within_the_limits_is_solved_or_says_why_not(case):
+    chain, motion, duration = case
+    outcomes, failures = [], []
+    for rtol in (1e-8, 1e-11):
+        try:
+            outcomes.append(ig.simulate(*case, rtol))
+        except RuntimeError as error:
+            failures.append(str(error).partition(" s: ")[2])
+    assert {*failures} <= {*STATUS_MESSAGES.values()}
+    rounding = 1e-6 * min(motion.speed, motion.acceleration * duration) + 2e-12  # m/s, of a touch at rest
+    for outcome in outcomes:
+        gained = sum(contact.impulse for contact in outcome.contacts) / chain.object.mass
+        for other in (gained, outcomes[0].object_velocity):
+            assert outcome.object_velocity == pytest.approx(other, rel=1e-4, abs=rounding)
+        assert -rounding <= outcome.object_velocity < math.inf
