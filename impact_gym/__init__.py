@@ -8,7 +8,7 @@ sources.check()
 if not Path(__file__).with_name("agents").is_dir():  # a checkout, where they lie beside: a wheel has them in here
     __path__.append(str(Path(__file__).parents[1]))
 
-from impact_gym import envs, operators
+from impact_gym import envs, operators, robot
 from impact_gym.identify import Identified, LoadCell, Sensor, identify
 from impact_gym.motion import Brake, Motion, Trapezoid
 from impact_gym.operators import Channel
@@ -23,7 +23,7 @@ __all__ = [
     "MATERIALS", "Bistable", "Brake", "Channel", "Contact", "ContactRecord", "Identified", "LoadCell", "Material",
     "Motion", "Object", "Outcome", "Outcomes", "Rigid", "Robot", "RobotTable", "Scene", "Sensor", "SpringDamper",
     "Tool", "Trace", "Trapezoid", "effective_restitution", "hertz", "identify", "material_ranges", "operators",
-    "simulate", "sweep",
+    "robot", "simulate", "sweep",
 ]  # fmt: skip
 
 envs.register()

@@ -16,7 +16,7 @@ from impact_gym.robot import Approach, Arm, whole
 from impact_gym.robot.approach import Mass
 from impact_gym.scene import Bistable, Rigid, RobotTable, Scene, SpringDamper
 from impact_gym.simulation import Outcome, simulate
-from impact_gym.validation import number
+from impact_gym.validation import WrongTypeError, number, shown
 
 Quantity = Literal["object_velocity", "peak_force", "impulse"]
 ROUNDS = 3  # runs of a model, of which the fastest counts
@@ -113,6 +113,8 @@ def advise(
     if quantity not in get_args(Quantity):
         raise ValueError(f"quantity must be one of {', '.join(get_args(Quantity))}, got {quantity!r}")
     tolerance = number("tolerance", tolerance, "(no unit)", above=0)
+    if arm is not None and [type(each) for each in (arm if isinstance(arm, tuple) else ())] != [Arm, Approach]:
+        raise WrongTypeError(f"arm must be a pair, an Arm and its Approach, got {shown(arm)}")
     true, seconds = _run(partial(_on_chain, motion, duration), sample, quantity) if arm is None else _run(
         partial(_on_arm, *arm, motion, duration), sample, quantity, rounds=1)  # fmt: skip
     tried, seen = [Model(FULL, _as_it_is, np.zeros(len(sample)), 0.0)], [sample] if arm is None else []
@@ -134,12 +136,16 @@ def advise(
 
 
 def _masses(approach: Approach) -> dict[str, Callable[[Scene], Scene]]:
-    """Return the models with one mass for an arm, varying along the line and frozen at the impact."""
+    """Return the models with one mass for an arm, varying along the line and frozen where the object stands."""
     models: dict[str, Callable[[Scene], Scene]] = {"robot rigid": rigid_robot}
     for mass in get_args(Mass):
         models[f"robot one mass, {mass}"] = partial(replace, robot=approach.robot_table(mass))
-        models[f"robot one mass, {mass}, frozen at the impact"] = partial(replace, robot=approach.at_impact(mass))
+        models[f"robot one mass, {mass}, frozen where the object stands"] = partial(_frozen_at, approach, mass)
     return models
+
+
+def _frozen_at(approach: Approach, mass: Mass, scene: Scene) -> Scene:
+    return replace(scene, robot=approach.at(scene.object.distance, mass))
 
 
 def _models(robots: Mapping[str, Callable[[Scene], Scene]]) -> Iterator[tuple[str, Callable[[Scene], Scene]]]:

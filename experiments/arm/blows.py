@@ -2,12 +2,15 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from itertools import product
 from typing import Any, get_args
+from zlib import crc32
 
 import numpy as np
+from numpy.typing import NDArray
 
 from agents.jobs import Result
-from experiments.arm.robots import approach_of
+from experiments.arm.robots import AHEAD, approach_of
 from experiments.lab.tables import Gather, Row, result_of, solver_and
 from impact_gym.motion import Brake, Trapezoid
 from impact_gym.robot import whole
@@ -17,52 +20,79 @@ from impact_gym.simulation import simulate
 
 COUPLINGS: dict[str, Coupling] = {"rigid": Rigid(), "spring": SpringDamper(50.0), "bistable": Bistable()}
 FACTORS = (0.3, 1.0, 3.0)  # of the stiffness of all joints
-MODELS = (*get_args(Mass), "rigid robot")
+MASSES = get_args(Mass)
+MODELS = (*MASSES, "rigid robot")
 """What stands for the arm: one of its three masses on a spring, or a flange that follows the motion exactly."""
-MEASURES = {"impact_velocity": "impact velocity", "object_velocity": "V_p", "peak_force": "peak force",
+MEASURES = {"object_velocity": "V_p", "impact_velocity": "impact velocity", "peak_force": "peak force",
             "contact_time": "time in contact"}  # fmt: skip
-DISTANCE = 0.2505  # m
 AFTERWARDS = 0.2  # s, that a run goes on after the touch
-LINES = 3
+LINES, SCENES = 3, 300
+MODULES = ("experiments.arm.blows", "experiments.arm.robots")
 
 
 def played(arm: str, line: int, count: int) -> Result:
     """Return a row for each of `count` scenes of an arm along one of its lines."""
-    rng = np.random.default_rng((LINES * len(arm) + line, count))
-    return result_of([_row(arm, line, scene, float(speed), factor) for scene, speed, factor in _scenes(rng, count)])
+    rng = np.random.default_rng((crc32(arm.encode()), line, count))
+    return result_of([_row(arm, line, *drawn) for drawn in _scenes(rng, count)])
 
 
-def _scenes(rng: np.random.Generator, count: int) -> Iterable[tuple[Scene, float, float]]:
-    """Yield scenes, speeds (m/s) and factors of the joints' stiffness: each coupling as often."""
+def _scenes(rng: np.random.Generator, count: int) -> Iterable[tuple[str, Contact, float, float, float]]:
+    """Yield coupling, contact, the object's mass (kg), speed (m/s) and factor of the joints' stiffness."""
     for k in range(count):
         stiffness, mass = 10.0 ** rng.uniform(3.0, 6.0), 0.1 * 25.0 ** rng.random()
         contact = Contact(float(stiffness), float(rng.uniform(0.1, 1.0)))
-        coupling = list(COUPLINGS.values())[k % len(COUPLINGS)]
-        scene = Scene(Tool(0.125), Object(float(mass), DISTANCE), contact, coupling)
-        yield scene, rng.uniform(0.3, 1.0), FACTORS[(k // len(COUPLINGS)) % len(FACTORS)]
+        coupling = list(COUPLINGS)[k % len(COUPLINGS)]
+        factor = FACTORS[(k // len(COUPLINGS)) % len(FACTORS)]
+        yield coupling, contact, float(mass), float(rng.uniform(0.3, 1.0)), factor
 
 
-def _row(name: str, line: int, scene: Scene, speed: float, factor: float) -> Row:
-    """Return the scene, what the whole arm makes of it and what each model does."""
-    arm, approach = approach_of(name, line, factor)
-    motion = Trapezoid(speed, 8.0, Brake())
-    duration = DISTANCE / speed + speed / 16.0 + AFTERWARDS
-    blow = whole.simulate(arm, approach, scene, motion, duration=duration)
-    coupling = next(each for each, made in COUPLINGS.items() if made == scene.coupling)
+def linearised(arm: str) -> Result:
+    """Return the paper's step from eq. 10 to eq. 11 at 1 m/s: a row for each line and coupling of an arm."""
+    contact = Contact(1e5, 0.5)
+    cells = product(range(LINES), COUPLINGS)
+    return result_of([_row(arm, line, name, contact, 0.25, 1.0, 1.0, linear=True) for line, name in cells])
+
+
+def _row(
+    arm: str, line: int, coupling: str, contact: Contact, mass: float, speed: float, factor: float, linear: bool = False
+) -> Row:
+    """Return a scene, what the whole arm makes of it and what each model does; a status says what has no result."""
+    names = ["sideways", "turn", "condition", "rigid all", "linear", *MEASURES]
+    names += [f"{measure}: {model}" for model in MODELS for measure in MEASURES]
     row: Row = {
-        "arm": name, "line": line, "coupling": coupling, "factor": factor, "speed": speed,
-        "object_mass": scene.object.mass, "contact_stiffness": scene.contact.stiffness,
-        "restitution": scene.contact.restitution, "status": blow.status, "contacts": blow.contact_count,
-        "sideways": blow.sideways, "turn": blow.turn,
-        "condition": max(arm.condition(angles) for angles in approach.joint_angles),
-    }  # fmt: skip
-    row |= {measure: float(getattr(blow, measure)) for measure in MEASURES}
-    for model in MODELS:
-        robot = None if model == "rigid robot" else approach.robot_table(model)
-        row |= {f"{measure}: {model}": value for measure, value in _simulated(scene, robot, motion, duration).items()}
-    held = replace(scene, coupling=Rigid())
-    row["rigid all"] = simulate(held, motion, duration=duration).object_velocity
+        "arm": arm, "line": line, "coupling": coupling, "factor": factor, "speed": speed, "object_mass": mass,
+        "contact_stiffness": contact.stiffness, "restitution": contact.restitution, "status": "", "contacts": 0,
+    } | dict.fromkeys(names, np.nan)  # fmt: skip
+    try:
+        row |= _measured(arm, line, coupling, contact, mass, speed, factor, linear)
+    except (ValueError, RuntimeError) as problem:  # one bad scene does not spoil the others
+        row["status"] = " ".join(str(problem).split())
     return row
+
+
+def _measured(
+    name: str, line: int, coupling: str, contact: Contact, mass: float, speed: float, factor: float, linear: bool
+) -> Row:
+    """Return what differs from scene to scene of a row."""
+    arm, approach = approach_of(name, line, factor)
+    scene = Scene(Tool(0.125), Object(mass, AHEAD), contact, COUPLINGS[coupling])
+    motion = Trapezoid(speed, 8.0, Brake())
+    duration = AHEAD / speed + speed / 16.0 + AFTERWARDS
+    blow = whole.simulate(arm, approach, scene, motion, duration=duration)
+    row: Row = {"status": blow.status, "contacts": blow.contact_count, "sideways": blow.sideways, "turn": blow.turn}
+    row["condition"] = max(arm.condition(angles) for angles in approach.joint_angles)
+    row |= {measure: _number(getattr(blow, measure)) for measure in MEASURES}
+    if linear:
+        row["linear"] = whole.simulate(arm, approach, scene, motion, duration=duration, linear=True).object_velocity
+    for model in MODELS:
+        robot = approach.robot_table(model) if model in MASSES else None
+        row |= {f"{measure}: {model}": value for measure, value in _simulated(scene, robot, motion, duration).items()}
+    row["rigid all"] = simulate(replace(scene, coupling=Rigid()), motion, duration=duration).object_velocity
+    return row
+
+
+def _number(value: float | None) -> float:
+    return np.nan if value is None else float(value)
 
 
 def _simulated(scene: Scene, robot: Any, motion: Trapezoid, duration: float) -> Mapping[str, float]:
@@ -81,11 +111,16 @@ def _simulated(scene: Scene, robot: Any, motion: Trapezoid, duration: float) -> 
 def rows(gather: Gather, arms: Sequence[str], count: int) -> list[Row]:
     """Return the rows of all arms and lines."""
     cells = [{"arm": arm, "line": line, "count": count} for arm in arms for line in range(LINES)]
-    return gather("scenes", played, cells, solver_and("experiments.arm"))
+    return gather("scenes", played, cells, solver_and(*MODULES))
 
 
-def errors(found: Sequence[Row], model: str, measure: str = "object_velocity") -> np.ndarray[Any, np.dtype[np.float64]]:
-    """Return how far a model is off, as a share, where there was a touch that ended, (n,)."""
+def linear_rows(gather: Gather, arms: Sequence[str]) -> list[Row]:
+    """Return the rows of eq. 10 beside eq. 11."""
+    return gather("linear", linearised, [{"arm": arm} for arm in arms], solver_and(*MODULES))
+
+
+def errors(found: Sequence[Row], model: str, measure: str = "object_velocity") -> NDArray[np.float64]:
+    """Return how far a model is off, as a share, where both have the measure, (n,)."""
     ours = np.array([row[f"{measure}: {model}"] for row in found])
     whole_arm = np.array([row[measure] for row in found])
     return np.asarray((ours / whole_arm - 1.0)[np.isfinite(ours / whole_arm)])

@@ -19,7 +19,7 @@ from experiments.solver.solutions import solve
 from experiments.solver.timing import FINE, Settings, cheapest, settings, timed
 from impact_gym.envs import IDS
 from impact_gym.fidelity import ROUNDS, advise
-from impact_gym.robot import default_approach
+from impact_gym.robot import IMPACT, default_approach
 
 TOLERANCE = 0.05  # relative error of V_p allowed
 
@@ -76,7 +76,7 @@ RTOLS = {"1e-4": 1e-4, "1e-6": 1e-6, "1e-8 (the default)": 1e-8, "1e-10": 1e-10,
 
 def cost(quick: bool) -> dict[str, pl.DataFrame]:
     """Return a table for each of these: processor time of an approach, the best of some rounds."""
-    robot, along = default_approach().at_impact(), default_approach().robot_table()
+    robot, along = default_approach().at(IMPACT), default_approach().robot_table()
     spring, bistable = IDS["ImpactApproach-v0"], IDS["ImpactApproachBistable-v0"]
     varied: dict[str, dict[str, dict[str, Any]]] = {
         "coupling": {

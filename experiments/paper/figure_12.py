@@ -7,7 +7,7 @@ from experiments.paper.layouts import Panels, panels
 from experiments.paper.scenes import TOOL_MASS
 from experiments.paper.statements import Statements, section_3_1, section_3_2
 from experiments.paper.tables import Table
-from impact_gym.robot import default_approach
+from impact_gym.robot import IMPACT, default_approach
 
 TITLE = "Lumped components of the robot along the imposed position"
 ALT = """Three panels against the position: mass, damping and stiffness rise, slowly at first and steeply towards the
@@ -17,9 +17,9 @@ end of the reach; a dot marks the impact at 5.2 kg. Dashed, the effective mass a
 def compute() -> Table:
     """Read the approach that ships with the robot model."""
     approach = default_approach()
-    names = ("travel", "x", "mass", "damping", "stiffness", "effective_mass", "effective_stiffness")
+    names = ("position", "x", "held", "damping", "stiffness", "effective", "effective_stiffness")
     table: Table = {name: np.array(getattr(approach, name)) for name in names}
-    table["at_impact"] = (np.arange(approach.travel.size) == approach.impact_row).astype(float)
+    table["at_impact"] = (approach.position == IMPACT).astype(float)
     return table
 
 
@@ -27,7 +27,7 @@ def compute() -> Table:
 def plot(table: Table, grid: Panels) -> None:
     at = int(np.argmax(table["at_impact"]))
     columns = {
-        "mass": ("m_r (kg)", "effective_mass", "1/(M$_X^{-1}$)$_{11}$"),
+        "held": ("m_r (kg)", "effective", "1/(M$_X^{-1}$)$_{11}$"),
         "damping": ("c_r (N s/m)", None, ""),
         "stiffness": ("k_r (N/m)", "effective_stiffness", "1/(K$_X^{-1}$)$_{11}$"),
     }
@@ -42,11 +42,11 @@ def plot(table: Table, grid: Panels) -> None:
 
 def statements(table: Table) -> Statements:
     at = int(np.argmax(table["at_impact"]))
-    varies = {name: table[name].max() / table[name].min() for name in ("mass", "damping", "stiffness")}
+    varies = {name: table[name].max() / table[name].min() for name in ("held", "damping", "stiffness")}
     yield section_3_2.identified.number(
         "m_r + m_t is equal to 5.35 kg just before the impact",
         "5.35 kg",
-        table["mass"][at] + TOOL_MASS,
+        table["held"][at] + TOOL_MASS,
         why="The line of approach in front of the robot is not printed; ours was chosen such that this comes true.",
     )
     yield section_3_1.claim(

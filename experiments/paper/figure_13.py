@@ -9,7 +9,7 @@ from experiments.paper.scenes import MOTION, OBJECT_MASS, ROBOT, scene
 from experiments.paper.statements import Statements, section_3, section_3_1, section_3_2
 from experiments.paper.tables import Run, Table, histories
 from impact_gym.physics.impact import GRAVITY, sliding_distance
-from impact_gym.robot import default_approach
+from impact_gym.robot import IMPACT, default_approach
 
 TITLE = "Velocities of tool and object, robot with rigid and with compliant joints"
 ALT = """Two panels, velocity against time. The object leaves at 2.00 m/s with rigid joints and at 1.94 m/s with
@@ -23,7 +23,7 @@ plot = partial(imposed_and_actual, titles=CASES)
 def compute() -> Table:
     """Simulate both, and the second again with our estimates of the robot: frozen at the impact, and along the line."""
     approach = default_approach()
-    robots = {"a": None, "b": ROBOT, "frozen": approach.at_impact(), "along": approach.robot_table()}
+    robots = {"a": None, "b": ROBOT, "frozen": approach.at(IMPACT), "along": approach.robot_table()}
     scenes = {case: scene(1e5, 1.0, robot=robot) for case, robot in robots.items()}
     for case in ("b", "along"):  # beyond reach: nothing is struck within the run
         scenes[f"{case}, unhindered"] = scene(1e5, 1.0, robot=robots[case], distance=10.0)

@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from impact_gym.robot import approach
-from impact_gym.robot.approach import Approach
+from impact_gym.robot.approach import IMPACT, Approach
 from impact_gym.robot.arm import Arm
-from impact_gym.robot.line import MAX_CONDITION, follow
+from impact_gym.robot.line import MAX_CONDITION
 from impact_gym.robot.viper import default_line, viper
 
 DESCRIPTION = """Compute the default straight approach of the Viper s650 from its six joints: mass, damping and
-stiffness along x. Of another arm or line: impact_gym.robot.follow(from_urdf(...), Line(angles, direction))."""
+stiffness along x. Of another arm or line: impact_gym.robot.from_urdf(...).along(start, direction, length)."""
 
 PROVENANCE = {  # no version and no date, so that the same table makes the same file
     "made_by": "impact-gym robot --out FILE",
@@ -35,7 +35,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         parser.error(f"--out must name a file in a folder that is there, got {out}")
     try:
         arm = viper()
-        result = follow(arm, default_line(arm))
+        result = default_line(arm)
         print(_summary(arm, result))
         if out is not None:
             approach.write(out, result, PROVENANCE)
@@ -50,12 +50,12 @@ def _summary(arm: Arm, result: Approach) -> str:
         "  joint angles",
         f"{'':8}{'m':>8}{'kg':>9}{'N s/m':>9}{'N/m':>11}{'kg':>11}{'N/m':>16}{'kg':>10}  deg",
     ]
-    for name, row in {"start": 0, "impact": result.impact_row, "end": -1}.items():
+    for name, row in {"start": 0, "impact": int(np.searchsorted(result.position, IMPACT)), "end": -1}.items():
         joints = " ".join(f"{angle:8.2f}" for angle in np.degrees(result.joint_angles[row]))
         lines.append(
-            f"{name:8}{result.travel[row]:8.3f}{result.mass[row]:9.4f}{result.damping[row]:9.3f}"
-            f"{result.stiffness[row]:11.1f}{result.effective_mass[row]:11.4f}"
-            f"{result.effective_stiffness[row]:16.1f}{result.composite_mass[row]:10.4f}  {joints}"
+            f"{name:8}{result.position[row]:8.3f}{result.held[row]:9.4f}{result.damping[row]:9.3f}"
+            f"{result.stiffness[row]:11.1f}{result.effective[row]:11.4f}"
+            f"{result.effective_stiffness[row]:16.1f}{result.composite[row]:10.4f}  {joints}"
         )
     worst = max(arm.condition(row) for row in result.joint_angles)
     return "\n".join([*lines, f"largest condition number {worst:.2f} (allowed {MAX_CONDITION:g})"])

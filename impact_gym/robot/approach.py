@@ -7,23 +7,26 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from impact_gym.files import parsed, write_file
 from impact_gym.record import SI, Record
-from impact_gym.robot.arm import Array
 from impact_gym.scene import Robot, RobotTable
 from impact_gym.validation import WrongTypeError, choice, numbers
 
+Array = NDArray[np.float64]
 SHIPPED = Path(__file__).with_name("default_approach.json")
+IMPACT = 0.2505  # m, from the start of the shipped one to the object's face; identified, see docs/provenance.md
 
 COLUMNS = {
-    "travel": "travel_m", "mass": "m_r_kg", "damping": "c_r_N_s_per_m", "stiffness": "k_r_N_per_m",
-    "effective_mass": "effective_mass_kg", "effective_stiffness": "effective_stiffness_N_per_m",
-    "composite_mass": "composite_mass_kg",
+    "position": "travel_m", "held": "m_r_kg", "damping": "c_r_N_s_per_m", "stiffness": "k_r_N_per_m",
+    "effective": "effective_mass_kg", "effective_stiffness": "effective_stiffness_N_per_m",
+    "composite": "composite_mass_kg",
 }  # fmt: skip
 """Name in the file of each field; the joint angles follow under the joints' names."""
 
 Mass = Literal["held", "effective", "composite"]
+NEAREST = "from the start on, from place to place, the least change of the joints"
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,29 +36,31 @@ class Approach(Record):
     The masses are those of the bare robot: a tool's own mass comes on top (paper: 'simply adds').
     """
 
-    travel: Annotated[Array, SI("m")]  # of the imposed motion from its start, rising from 0
-    mass: Annotated[Array, SI("kg")]  # held: m_r = M_X,11 (paper, eq. 12 and 16)
+    position: Annotated[Array, SI("m")]  # of the imposed motion from its start, rising from 0
+    held: Annotated[Array, SI("kg")]  # m_r = M_X,11 (paper, eq. 12 and 16)
     damping: Annotated[Array, SI("N s/m")]  # c_r = D_X,11 (paper, eq. 13 and 16)
     stiffness: Annotated[Array, SI("N/m")]  # k_r = K_X,11 (paper, eq. 14 and 16)
-    effective_mass: Annotated[Array, SI("kg")]  # 1/(M_X^-1)_11
+    effective: Annotated[Array, SI("kg")]  # 1/(M_X^-1)_11
     effective_stiffness: Annotated[Array, SI("N/m")]  # 1/(K_X^-1)_11
-    composite_mass: Annotated[Array, SI("kg")]  # of all links as one body, see `along`
+    composite: Annotated[Array, SI("kg")]  # of all links as one body, see `Arm.reduction`
     joint_angles: Array  # rad, m for prismatic joints, (rows, n)
     joints: tuple[str, ...]  # names
     start: Annotated[Array, SI("m")]  # of the flange in the base's frame, (3,)
     direction: Annotated[Array, SI("-")]  # of length 1, (3,)
-    impact_travel: Annotated[float, SI("m")]  # where the object's face is; one of `travel`
+    chosen: Mass = "held"  # which mass stands for the arm where nothing else is said
+    rule: str = NEAREST  # by which the joint angles were chosen, where others would do
 
     def __post_init__(self) -> None:
         Record.__post_init__(self)
+        choice("Approach.chosen", self.chosen, get_args(Mass))
         for name in (*COLUMNS, "start", "direction"):
             self._store(name, getattr(self, name))
-        rows = len(self.travel)
-        if rows < 4 or np.any(np.diff(self.travel) <= 0) or self.travel[0] != 0:
-            raise ValueError(f"Approach.travel must be at least 4 numbers in m rising from 0, got {self.travel!r}")
+        rows = len(self.position)
+        if rows < 4 or np.any(np.diff(self.position) <= 0) or self.position[0] != 0:
+            raise ValueError(f"Approach.position must be at least 4 numbers in m rising from 0, got {self.position!r}")
         for name in COLUMNS:
             if len(getattr(self, name)) != rows:
-                raise ValueError(f"Approach.{name} must have a value for each of the {rows} places of travel")
+                raise ValueError(f"Approach.{name} must have a value for each of the {rows} places of position")
         if len(self.start) != 3 or len(self.direction) != 3:
             raise ValueError("Approach.start and Approach.direction must be three numbers each")
         if not hasattr(given := self.joint_angles, "__len__"):
@@ -66,8 +71,6 @@ class Approach(Record):
         if len(angles) != rows or any(len(q) != len(self.joints) for q in angles):
             raise ValueError(f"Approach.joint_angles must be {rows} rows of {len(self.joints)} numbers in rad")
         self._store("joint_angles", angles)
-        if (at := self.impact_travel) not in self.travel:
-            raise ValueError(f"Approach.impact_travel must be one of its places of travel, got {at!r} m")
 
     def _store(self, name: str, values: Any) -> None:
         array = np.array(values, dtype=float)
@@ -75,31 +78,26 @@ class Approach(Record):
         object.__setattr__(self, name, array)
 
     @property
-    def impact_row(self) -> int:
-        """Row of the table in which the impact happens."""
-        return int(np.flatnonzero(self.travel == self.impact_travel)[0])
-
-    @property
     def x(self) -> Array:
         """Of the flange in the base's frame, m, a row per place."""
-        return np.asarray(self.start[0] + self.travel * self.direction[0])
+        return np.asarray(self.start[0] + self.position * self.direction[0])
 
-    def _columns(self, mass: Mass) -> tuple[Array, Array, Array]:
-        """Return mass, stiffness and damping; with the effective mass goes what a free flange is held by."""
+    def robot_table(self, mass: Mass | None = None) -> RobotTable:
+        """Return the robot whose parameters vary along the line, with this one of its three masses, or the chosen one.
+
+        With the effective mass goes what holds a flange that is free across the line.
+        """
+        mass = self.chosen if mass is None else mass
         choice("mass", mass, get_args(Mass))
-        if mass == "held":
-            return self.mass, self.stiffness, self.damping
-        if mass == "composite":
-            return self.composite_mass, self.stiffness, self.damping
-        return self.effective_mass, self.effective_stiffness, self.damping * self.effective_stiffness / self.stiffness
+        stiffness, damping = self.stiffness, self.damping
+        if mass == "effective":
+            stiffness, damping = self.effective_stiffness, damping * self.effective_stiffness / stiffness
+        columns = self.position, getattr(self, mass), stiffness, damping
+        return RobotTable(*(tuple(map(float, column)) for column in columns))
 
-    def robot_table(self, mass: Mass = "held") -> RobotTable:
-        """Return the robot whose parameters vary along the approach, with this one of its three masses."""
-        return RobotTable(*(tuple(map(float, column)) for column in (self.travel, *self._columns(mass))))
-
-    def at_impact(self, mass: Mass = "held") -> Robot:
-        """Return the robot frozen as it is at the impact."""
-        return Robot(*(float(column[self.impact_row]) for column in self._columns(mass)))
+    def at(self, position: float, mass: Mass | None = None) -> Robot:
+        """Return the robot frozen as it is at a place of the line, m."""
+        return self.robot_table(mass).at(position)
 
 
 @cache
@@ -121,7 +119,8 @@ def read(path: Path) -> Approach:
         joints=names,
         start=np.array(line["start_m"]),
         direction=np.array(line["direction"]),
-        impact_travel=line["impact_travel_m"],
+        chosen=line["chosen"],
+        rule=line["rule"],
     )
 
 
@@ -129,7 +128,7 @@ def write(path: Path, approach: Approach, provenance: dict[str, Any]) -> None:
     """Write `approach` and where it comes from to `path`: all of it or nothing, one line per row, no digit lost."""
     line = {
         "joints": list(approach.joints), "start_m": approach.start.tolist(), "direction": approach.direction.tolist(),
-        "impact_travel_m": approach.impact_travel,
+        "chosen": approach.chosen, "rule": approach.rule,
     }  # fmt: skip
     header = [*COLUMNS.values(), *approach.joints]
     head = json.dumps({"provenance": provenance, "line": line, "columns": header}, indent=2)

@@ -4,20 +4,20 @@ Joint angles are in rad, in m for prismatic joints; all that comes out is in the
 """
 
 import importlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from impact_gym.robot import urdf
+from impact_gym.robot import line, urdf
+from impact_gym.robot.approach import Approach, Array
 from impact_gym.validation import number, numbers, whole
 
-Array = NDArray[np.float64]
-
 PerJoint = float | Sequence[float] | Sequence[tuple[float, float]]
-"""A number for all joints, one for each, or a pair (low, high) for each, drawn log-uniformly."""
+"""A number for all joints, one for each, or a pair (low, high) for all or for each, drawn log-uniformly."""
 
 
 def from_urdf(
@@ -30,7 +30,9 @@ def from_urdf(
         path: of the file; meshes are not needed.
         base: the link that stands still; what is above it is left out.
         tip: the link whose frame is the flange.
-        joint_stiffness: N m/rad, or N/m. There is no default: it is seldom published, and what follows depends on it.
+        joint_stiffness: N m/rad, or N/m: a number for all joints, one for each, or a pair (low, high) to draw from, for
+            all or for each; for an arm of two joints two numbers are one for each. There is no default: it is seldom
+            published, and what follows depends on it.
         joint_damping: N m s/rad, or N s/m, of the same elements.
         rotor_inertia: of the motors' rotors, kg m^2, or kg; needed by the servo of `whole.simulate` alone.
         gear: turns of the rotor for one of the joint, 1 unless given.
@@ -40,21 +42,30 @@ def from_urdf(
         ValueError: the file is no such arm, or a number is none for it; says which.
         ImportError: MuJoCo is not installed.
     """
-    xml, joints = urdf.read(Path(path), base, tip)
     rng = np.random.default_rng(whole("seed", seed, at_least=0))
-    stiffness = _per_joint("joint_stiffness", joint_stiffness, len(joints), rng, "N m/rad", above=0)
-    damping = _per_joint("joint_damping", joint_damping, len(joints), rng, "N m s/rad", at_least=0)
-    inertia = _per_joint("rotor_inertia", rotor_inertia or 0.0, len(joints), rng, "kg m^2", at_least=0)
-    turns = _per_joint("gear", gear or 1.0, len(joints), rng, "-", above=0)
-    return Arm(xml, joints, tip, stiffness, damping, inertia * turns**2)
+    try:
+        xml, joints = urdf.read(Path(path), base, tip)
+        arm = Arm(xml, joints)
+    except ValueError as problem:  # MuJoCo's own have two lines
+        raise ValueError(f"{path}: {' '.join(str(problem).split())}") from None
+    arm.stiffness = _per_joint("joint_stiffness", joint_stiffness, arm.count, rng, "N m/rad", above=0)
+    arm.damping = _per_joint("joint_damping", joint_damping, arm.count, rng, "N m s/rad", at_least=0)
+    inertia = 0.0 if rotor_inertia is None else rotor_inertia
+    turns = _per_joint("gear", 1.0 if gear is None else gear, arm.count, rng, "-", above=0)
+    arm.rotors = _per_joint("rotor_inertia", inertia, arm.count, rng, "kg m^2", at_least=0) * turns**2
+    return arm
 
 
 def _per_joint(name: str, given: Any, count: int, rng: np.random.Generator, unit: str, **limits: float) -> Array:
     """Return a number for each joint, (count,)."""
-    if not hasattr(given, "__len__") or isinstance(given, str):
+    if not hasattr(given, "__len__") or isinstance(given, (str, Mapping)):
         return np.full(count, number(name, given, unit, **limits))
+    if len(given) == 2 != count:
+        given = [given] * count
     if len(given) != count:
-        raise ValueError(f"{name} must be a number or {count} of them, one for each joint, in {unit}, got {given!r}")
+        raise ValueError(
+            f"{name} must be a number or {count} of them, one for each joint, or pairs, in {unit}, got {given!r}"
+        )
     if all(hasattr(each, "__len__") and len(each) == 2 for each in given):
         low, high = (numbers(name, [each[end] for each in given], unit, **limits) for end in (0, 1))
         if not all(a <= b and a > 0.0 for a, b in zip(low, high, strict=True)):
@@ -66,9 +77,11 @@ def _per_joint(name: str, given: Any, count: int, rng: np.random.Generator, unit
 class Arm:
     """A serial arm of n joints; see `from_urdf`."""
 
-    def __init__(
-        self, xml: str, joints: Sequence[urdf.Joint], tip: str, stiffness: Array, damping: Array, rotors: Array
-    ) -> None:
+    stiffness: Array  # of the joints, N m/rad or N/m, (n,)
+    damping: Array  # N m s/rad or N s/m, (n,)
+    rotors: Array  # inertia of the motors behind the gear, kg m^2 or kg, (n,)
+
+    def __init__(self, xml: str, joints: Sequence[urdf.Joint]) -> None:
         try:
             # by name: the package has to load, and its types to check, where MuJoCo is not installed
             self._mujoco: Any = importlib.import_module("mujoco")
@@ -76,30 +89,23 @@ class Arm:
             raise ImportError(
                 "computing a robot needs MuJoCo: pip install 'impact-gym[robot]' (the shipped table does not need it)"
             ) from missing
-        self.joints, self.tip = tuple(joint.name for joint in joints), tip
-        self.units = tuple(joint.unit for joint in joints)
+        self.joints, self.units = tuple(joint.name for joint in joints), tuple(joint.unit for joint in joints)
         self.lower, self.upper = (np.array([getattr(joint, end) for joint in joints]) for end in ("low", "high"))
-        self.stiffness, self.damping, self.rotors = stiffness, damping, rotors  # of the joints; rotors behind the gear
         self._xml = xml
         self._load(self._mujoco.MjSpec.from_string(xml))
 
     def _load(self, specification: Any) -> None:
         self._model = specification.compile()
         self._data = self._mujoco.MjData(self._model)
-        self._body = self._model.body(self.tip).id
-        self._column, places = (
-            np.empty(self._model.nv),
-            [int(self._model.joint(name).qposadr[0]) for name in self.joints],
-        )
-        self._order, self._units = np.array(places), np.eye(self._model.nv)[places]  # as in the file
+        self._tip = self._model.body("tip").id
 
     def with_load(self, mass: float) -> "Arm":
         """Return the arm with a point mass (kg) at its flange."""
         loaded = Arm.__new__(Arm)
         loaded.__dict__ = dict(self.__dict__)
         specification = self._mujoco.MjSpec.from_string(self._xml)
-        body = specification.body(self.tip).add_body(name="load", mass=mass, ipos=[0.0, 0.0, 0.0])
-        body.inertia, body.explicitinertial = [1e-15] * 3, True
+        load = specification.body("tip").add_body(mass=mass, ipos=[0.0, 0.0, 0.0])
+        load.inertia, load.explicitinertial = [1e-15] * 3, True
         loaded._load(specification)
         return loaded
 
@@ -113,29 +119,34 @@ class Arm:
         """Whether it can hold all of a pose, not only the place."""
         return self.count >= 6
 
-    @property
+    @cached_property
     def length(self) -> float:
         """Largest distance between a joint and the next, m: the scale at which a rotation is a way."""
-        self.place(np.zeros(self.count))
-        anchors = np.vstack([self._data.xanchor[self._order], self._data.xpos[self._body]])
+        self.move(np.zeros(self.count))
+        anchors = np.vstack([self._data.xanchor, self._data.xpos[self._tip]])
         return float(np.linalg.norm(np.diff(anchors, axis=0), axis=1).max())
 
+    def move(self, q: ArrayLike) -> None:
+        """Put the joints there, unchecked."""
+        self._data.qpos[:] = q
+        self._mujoco.mj_kinematics(self._model, self._data)
+        self._mujoco.mj_comPos(self._model, self._data)
+
     def place(self, angles: ArrayLike) -> None:
-        """Put the joints there."""
+        """Put the joints there, checked."""
         q = numbers("angles", angles, "rad")
         if len(q) != self.count:
             raise ValueError(f"angles must be {self.count} numbers in rad, got {angles!r}")
-        self._place(q)
-
-    def _place(self, q: ArrayLike) -> None:
-        self._data.qpos[self._order] = q
-        self._mujoco.mj_kinematics(self._model, self._data)
-        self._mujoco.mj_comPos(self._model, self._data)
+        self.move(q)
 
     def flange(self, angles: ArrayLike) -> tuple[Array, Array]:
         """Return position (m) and rotation matrix of the flange."""
         self.place(angles)
-        return self._data.xpos[self._body].copy(), self._data.xmat[self._body].reshape(3, 3).copy()
+        return self.pose()
+
+    def pose(self) -> tuple[Array, Array]:
+        """Return position (m) and rotation matrix of the flange as the joints are."""
+        return self._data.xpos[self._tip].copy(), self._data.xmat[self._tip].reshape(3, 3).copy()
 
     def jacobian(self, angles: ArrayLike) -> Array:
         """Return J(q): rows vx, vy, vz (m/s) and wx, wy, wz (rad/s) of the flange per joint rate, (6, n)."""
@@ -143,44 +154,61 @@ class Arm:
         return self._jacobian()
 
     def _jacobian(self) -> Array:
-        jacobian = np.empty((6, self._model.nv))
-        at = self._data.xpos[self._body]
-        self._mujoco.mj_jac(self._model, self._data, jacobian[:3], jacobian[3:], at, self._body)
-        return jacobian[:, self._order]
+        jacobian = np.empty((6, self.count))
+        self._mujoco.mj_jac(self._model, self._data, jacobian[:3], jacobian[3:], self._data.xpos[self._tip], self._tip)
+        return jacobian
+
+    def held_rows(self, angles: ArrayLike) -> Array:
+        """Return the rows of J(q) that are held: all, or with fewer than six joints those of the place."""
+        return self.jacobian(angles)[: 6 if self.holds_orientation else 3]
+
+    @cached_property
+    def rank(self) -> int:
+        """How many of the held directions are independent, in general: fewer than there are for an arm in a plane."""
+        low, high = np.clip([self.lower, self.upper], -3.0, 3.0)
+        somewhere = np.random.default_rng(0).uniform(low, np.maximum(high, low), (8, self.count))
+        return max(int((sizes > 1e-9 * sizes[0]).sum()) for sizes in map(self._sizes, somewhere))
+
+    def _sizes(self, angles: ArrayLike) -> Array:
+        rows = self.held_rows(angles)
+        return np.linalg.svd(np.vstack([rows[:3], self.length * rows[3:]]), compute_uv=False)
 
     def condition(self, angles: ArrayLike) -> float:
-        """Return the condition number of the part of the Jacobian that is held, its rotations scaled by `length`."""
-        rows = self.jacobian(angles)
-        scaled = np.vstack([rows[:3], self.length * rows[3:]]) if self.holds_orientation else rows[:3]
-        sizes = np.linalg.svd(scaled, compute_uv=False)
-        return float(sizes[0] / sizes[-1]) if sizes[-1] > 0.0 else np.inf
+        """Return the condition number of the Jacobian's held rows, over its `rank`, rotations scaled by `length`."""
+        sizes = self._sizes(angles)
+        return float(sizes[0] / sizes[self.rank - 1]) if sizes[self.rank - 1] > 0.0 else np.inf
 
     def mass_matrix(self, angles: ArrayLike) -> Array:
         """Return M_q(q), kg m^2, (n, n) (paper, eq. 11)."""
         self.place(angles)
-        return self._mass_matrix()
-
-    def _mass_matrix(self) -> Array:
         self._mujoco.mj_crb(self._model, self._data)
         matrix = np.empty((self.count, self.count))
-        for row, unit in zip(matrix, self._units, strict=True):
-            self._mujoco.mj_mulM(self._model, self._data, self._column, unit)
-            row[:] = self._column[self._order]
+        for row, unit in zip(matrix, np.eye(self.count), strict=True):
+            self._mujoco.mj_mulM(self._model, self._data, row, unit)
         return np.asarray((matrix + matrix.T) / 2)  # symmetric but for rounding
 
-    def dynamics(
-        self, angles: ArrayLike, rates: Array, coriolis: bool, gravity: bool
-    ) -> tuple[Array, Array, Array, Array]:
-        """Return flange position, J(q), M_q(q) and what centrifugal, Coriolis and weight take of the torques, (n,)."""
-        self._place(angles)
-        position, rows, matrix = self._data.xpos[self._body].copy(), self._jacobian(), self._mass_matrix()
-        bias = np.zeros(self._model.nv)
+    def dynamics(self, angles: Array, rates: Array, coriolis: bool, gravity: bool) -> tuple[Array, Array, Array]:
+        """Return flange position, J(q) of it and what centrifugal, Coriolis and weight take of the torques, (n,).
+
+        `accelerations` is of these angles until the next call.
+        """
+        self.move(angles)
+        self._mujoco.mj_crb(self._model, self._data)
+        self._mujoco.mj_factorM(self._model, self._data)
+        bias = np.zeros(self.count)
         if coriolis or gravity:
             self._model.opt.gravity[:] = (0.0, 0.0, -9.80665) if gravity else 0.0
-            self._data.qvel[self._order] = rates if coriolis else 0.0
+            self._data.qvel[:] = rates if coriolis else 0.0
             self._mujoco.mj_comVel(self._model, self._data)
             self._mujoco.mj_rne(self._model, self._data, 0, bias)
-        return position, rows, matrix, bias[self._order]
+        return self._data.xpos[self._tip].copy(), self._jacobian()[:3], bias
+
+    def accelerations(self, torques: Array) -> Array:
+        """Return M_q^-1 times `torques`, (n,), or times each row of (rows, n)."""
+        rows = np.atleast_2d(torques)
+        found = np.empty_like(rows)
+        self._mujoco.mj_solveM(self._model, self._data, found, rows)
+        return found.reshape(torques.shape)
 
     def composite(self, angles: ArrayLike) -> tuple[float, Array, Array]:
         """Return mass (kg), centre (m) and tensor of inertia about it (kg m^2) of all that moves, as one body."""
@@ -194,32 +222,20 @@ class Arm:
             tensor += turn @ np.diag(self._model.body_inertia[body]) @ turn.T + m * (r @ r * np.eye(3) - np.outer(r, r))
         return mass, centre, tensor
 
+    def along(self, start: ArrayLike, direction: ArrayLike, length: float | ArrayLike) -> Approach:
+        """Return the arm along a straight line, the flange keeping its orientation if the arm can hold it.
 
-def along(arm: Arm, angles: ArrayLike, direction: ArrayLike) -> dict[str, float]:
-    """Return an arm along a unit vector at joint `angles`, by the names of the fields of `Approach`.
+        Args:
+            start: joint angles where the line begins, rad, m for prismatic joints, (n,).
+            direction: of the line in the base's frame, of any length above 0, (3,).
+            length: m; or the places of the rows, m from the start, rising from 0.
 
-    Mass, damping and stiffness are elements (1,1) of the cartesian matrices (paper, eq. 12-16), those of a flange that
-    is *held* in its other directions. A flange that is free in them is lighter and softer: the effective mass is what
-    an impulse along the line meets at first, the effective stiffness is static force over deflection along it. By
-    Cauchy-Schwarz they never exceed the held ones. The composite mass is that of all links as one rigid body that
-    nothing holds, which stiff position control comes close to (Wang, Dehio and Kheddar, arXiv 2202.12646).
+        Raises:
+            ValueError: the arm cannot follow it; names the first place that is refused, and the joint. Or it would be
+                so soft or so stiff there that a unit must have slipped.
+        """
+        return line.follow(self, start, direction, length)
 
-    An arm with more than six joints moves, held, as its inertia and its springs let it: A_X = (J A^-1 J')^-1.
-    """
-    u, M = np.asarray(direction, dtype=np.float64), arm.mass_matrix(angles)
-    rows = arm.jacobian(angles)
-    J = rows if arm.holds_orientation else rows[:3]
-    held = np.concatenate([u, np.zeros(len(J) - 3)])
-    invert = np.linalg.inv if arm.holds_orientation else np.linalg.pinv
-    M_X, K_X = invert(J @ np.linalg.solve(M, J.T)), invert((J / arm.stiffness) @ J.T)
-    rates = (J / arm.stiffness).T @ K_X @ held  # of the joints at 1 m/s along the line; J^-1 held with six
-    x = u @ rows[:3]
-    mass, centre, tensor = arm.composite(angles)
-    lever = np.cross(arm.flange(angles)[0] - centre, u)
-    return {
-        "mass": float(held @ M_X @ held), "damping": float(rates @ (arm.damping * rates)),
-        "stiffness": float(held @ K_X @ held),
-        "effective_mass": float(1 / (x @ np.linalg.solve(M, x))),
-        "effective_stiffness": float(1 / (x @ (x / arm.stiffness))),
-        "composite_mass": float(1 / (1 / mass + lever @ np.linalg.solve(tensor, lever))),
-    }  # fmt: skip
+    def reduction(self, angles: ArrayLike, direction: ArrayLike) -> dict[str, float]:
+        """Return the arm along a direction in one place, by the names of the columns of `Approach`."""
+        return line.reduction(self, angles, direction)

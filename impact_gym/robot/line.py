@@ -1,22 +1,23 @@
 """A straight line for the flange, the joint angles along it, and the table of what the arm is there."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Annotated
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from impact_gym.record import SI, Record
-from impact_gym.robot.approach import Approach
-from impact_gym.robot.arm import Arm, Array, along
-from impact_gym.validation import one_of
+from impact_gym.robot.approach import Approach, Array
+from impact_gym.validation import number, numbers
+
+if TYPE_CHECKING:
+    from impact_gym.robot.arm import Arm
 
 TOLERANCE = 1e-10
 """Largest error of a pose, m and rad."""
 STEPS = 200
 LARGEST_TURN = 0.2  # rad or m, of a joint in a step of the search
+SPACING, LONGEST = 0.0025, 4.0  # m, of the places along a line, at most, and of a line
 
 MAX_CONDITION = 30.0
 """Largest condition number of the Jacobian.
@@ -28,35 +29,64 @@ the joints there, and eq. 11-16 end.
 SOFTEST, STIFFEST = 1e3, 1e8  # N/m, along a line: beyond these a unit has slipped
 
 
-@dataclass(frozen=True, slots=True)
-class Line(Record):
-    """Along `direction` through the flange at the joint angles of the impact; its orientation stays, if it can."""
-
-    angles: Annotated[tuple[float, ...], SI("rad")]  # m for prismatic joints
-    direction: Annotated[tuple[float, ...], SI("-")] = (1.0, 0.0, 0.0)  # in the base's frame, of any length above 0
-    ahead: Annotated[float, SI("m", above=0, at_most=2)] = 0.2505  # from the start to the impact; identified
-    behind: Annotated[float, SI("m", above=0, at_most=2)] = 0.08  # beyond it: 16 ms at 1 m/s and a brake take 0.0785 m
-    spacing: Annotated[float, SI("m", at_least=1e-4, at_most=2)] = 0.0025  # from row to row of the table, at most
-
-    def __post_init__(self) -> None:
-        Record.__post_init__(self)
-        if len(self.direction) != 3 or not np.linalg.norm(self.direction) > 0:
-            raise ValueError(f"Line.direction must be three numbers that are not all 0, got {self.direction!r}")
-
-    @property
-    def unit(self) -> Array:
-        """The direction, of length 1."""
-        return np.array(self.direction) / np.linalg.norm(self.direction)
-
-    @property
-    def travels(self) -> tuple[Array, Array]:
-        """Travel of the rows from the start to the impact and from there to the end, m; the impact is in both."""
-        before, after = (int(np.ceil(length / self.spacing - 1e-9)) + 1 for length in (self.ahead, self.behind))
-        behind = np.linspace(self.ahead, self.ahead + self.behind, max(after, 2))
-        return np.linspace(0.0, self.ahead, max(before, 3)), behind
+def _unit(direction: ArrayLike) -> Array:
+    """Return a direction, of length 1."""
+    u = np.array(numbers("direction", direction, "-"))
+    if len(u) != 3 or not np.abs(u).max() > 0.0:
+        raise ValueError(f"direction must be three numbers that are not all 0, got {direction!r}")
+    u /= np.abs(u).max()
+    return np.asarray(u / np.linalg.norm(u))
 
 
-def joint_angles(arm: Arm, position: ArrayLike, rotation: Array | None, near: ArrayLike) -> Array:
+def _regular(arm: "Arm", angles: Array, where: str) -> None:
+    """Raise ValueError if the arm is too near a singularity."""
+    condition = arm.condition(angles)
+    if not condition <= MAX_CONDITION:
+        far = arm.joints[int(np.argmax(np.abs(np.linalg.svd(arm.held_rows(angles))[2][arm.rank - 1])))]
+        raise ValueError(
+            f"{where} is too near a singularity: with the joints at {np.array2string(angles, precision=4)} the"
+            f" condition number of the Jacobian is {condition:.4g}, allowed is at most {MAX_CONDITION:g}; it is joint"
+            f" {far!r} that has to turn far"
+        )
+
+
+def reduction(arm: "Arm", angles: ArrayLike, direction: ArrayLike) -> dict[str, float]:
+    """Return an arm along a direction at joint `angles`, by the names of the columns of `Approach`.
+
+    Mass, damping and stiffness are elements (1,1) of the cartesian matrices (paper, eq. 12-16), those of a flange that
+    is *held* in its other directions. A flange that is free in them is lighter and softer: the effective mass is what
+    an impulse along the line meets at first, the effective stiffness is static force over deflection along it. By
+    Cauchy-Schwarz they never exceed the held ones. The composite mass is that of all links as one rigid body that
+    nothing holds, which stiff position control comes close to (Wang, Dehio and Kheddar, arXiv 2202.12646).
+
+    An arm with more joints than it holds directions moves, held, as its inertia and its springs let it:
+    A_X = (J A^-1 J')^-1.
+
+    Raises:
+        ValueError: the arm cannot move that way, or is too near a singularity.
+    """
+    u, M = _unit(direction), arm.mass_matrix(angles)
+    J = arm.held_rows(angles)
+    _regular(arm, np.asarray(angles, dtype=np.float64), "the place")
+    held = np.concatenate([u, np.zeros(len(J) - 3)])
+    invert = np.linalg.inv if arm.rank == len(J) else partial(np.linalg.pinv, rcond=1e-12)
+    M_X, K_X = invert(J @ np.linalg.solve(M, J.T)), invert((J / arm.stiffness) @ J.T)
+    rates = (J / arm.stiffness).T @ K_X @ held  # of the joints at 1 m/s along the line; J^-1 held with six
+    if not np.abs(J @ rates - held).max() < 1e-6:
+        raise ValueError(f"the arm cannot move along {u}, the direction, without moving in another")
+    x = u @ J[:3]
+    mass, centre, tensor = arm.composite(angles)
+    lever = np.cross(arm.flange(angles)[0] - centre, u)
+    return {
+        "held": float(held @ M_X @ held), "damping": float(rates @ (arm.damping * rates)),
+        "stiffness": float(held @ K_X @ held),
+        "effective": float(1 / (x @ np.linalg.solve(M, x))),
+        "effective_stiffness": float(1 / (x @ (x / arm.stiffness))),
+        "composite": float(1 / (1 / mass + lever @ np.linalg.solve(tensor, lever))),
+    }  # fmt: skip
+
+
+def joint_angles(arm: "Arm", position: ArrayLike, rotation: Array | None, near: ArrayLike) -> Array:
     """Return the joint angles that put the flange there, searched from angles `near` them, (n,).
 
     Newton's method with the least change of the joints in each step: that is also what chooses among the angles of an
@@ -89,51 +119,29 @@ def joint_angles(arm: Arm, position: ArrayLike, rotation: Array | None, near: Ar
                 f"the robot cannot reach {where}: joint {joint!r} would be at {angle:.4g} {unit},"
                 f" its limits are {low:.4g} and {high:.4g} {unit}"
             )
-    condition = arm.condition(angles)
-    if not condition <= MAX_CONDITION:
-        far = arm.joints[int(np.argmax(np.abs(np.linalg.svd(rows)[2][min(len(rows), arm.count) - 1])))]
-        raise ValueError(
-            f"{where} is too near a singularity: with the joints at {np.array2string(angles, precision=4)} the"
-            f" condition number of the Jacobian is {condition:.4g}, allowed is at most {MAX_CONDITION:g}; it is joint"
-            f" {far!r} that has to turn far"
-        )
+    _regular(arm, angles, where)
     return angles
 
 
-def follow(arm: Arm, line: Line) -> Approach:
-    """Return the approach along `line`; joint angles are found from the impact outwards both ways.
-
-    Raises:
-        ValueError: the robot cannot follow it; the message names the first place that is refused. Or it would be so
-            soft or so stiff there that a unit must have slipped.
-    """
-    one_of("arm", arm, Arm)
-    one_of("line", line, Line)
-    place, turned = arm.flange(line.angles)
-    rotation = turned if arm.holds_orientation else None
-    at_impact = joint_angles(arm, place, rotation, line.angles)
-
-    def walk(travels: Sequence[float]) -> list[Array]:
-        angles = [at_impact]
-        for travel in travels:
-            angles.append(joint_angles(arm, place + (travel - line.ahead) * line.unit, rotation, angles[-1]))
-        return angles[1:]
-
-    before, behind = line.travels
-    angles = np.array([*walk(before[-2::-1].tolist())[::-1], at_impact, *walk(behind[1:].tolist())])
-    rows = [along(arm, row, line.unit) for row in angles]
+def follow(arm: "Arm", start: ArrayLike, direction: ArrayLike, length: Any) -> Approach:
+    """Return the table along a line; see `Arm.along`."""
+    unit, angles = _unit(direction), np.array(numbers("start", start, "rad"))
+    if not hasattr(length, "__len__"):
+        length = number("length", length, "m", above=0, at_most=LONGEST)
+        length = np.linspace(0.0, length, max(int(np.ceil(length / SPACING - 1e-9)), 3) + 1)
+    places = np.array(numbers("length", length, "m", at_least=0, at_most=LONGEST))
+    begin, turned = arm.flange(angles)
+    rotation, rows, found = turned if arm.holds_orientation else None, list[dict[str, float]](), list[Array]()
+    for place in places:
+        angles = joint_angles(arm, begin + place * unit, rotation, angles)
+        found.append(angles)
+        rows.append(reduction(arm, angles, unit))
     softest, stiffest = (pick(row["stiffness"] for row in rows) for pick in (min, max))
     if not SOFTEST <= softest <= stiffest <= STIFFEST:
         raise ValueError(
             f"along the line the stiffness is {softest:.3g} to {stiffest:.3g} N/m, expected is {SOFTEST:g} to"
             f" {STIFFEST:g}: is joint_stiffness in N m/rad?"
         )
-    return Approach(
-        travel=np.concatenate([before, behind[1:]]),
-        **{name: np.array([row[name] for row in rows]) for name in rows[0]},
-        joint_angles=angles,
-        joints=arm.joints,
-        start=place - line.ahead * line.unit,
-        direction=line.unit,
-        impact_travel=line.ahead,
-    )
+    columns: Any = {name: np.array([row[name] for row in rows]) for name in rows[0]}
+    line: Any = {"joint_angles": np.array(found), "joints": arm.joints, "start": begin, "direction": unit}
+    return Approach(position=places, **columns, **line)

@@ -1,23 +1,24 @@
-"""A URDF file reduced to the serial arm between two of its links, checked, as MuJoCo reads it.
+"""A URDF file reduced to the serial arm between two of its links, checked, as MuJoCo's own XML.
 
-Links that hang on the arm by fixed joints move with it; joints beside the arm, such as those of a gripper, are held at
-zero. Meshes, colours and transmissions are left out. What MuJoCo would take without a word, or refuse without a name,
-is refused here.
+Links that hang on the arm by other joints move with it: fixed ones, and those of a gripper, which is held at zero.
+Meshes, colours and transmissions are left out. What MuJoCo would take without a word, or refuse without a name, is
+refused here.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 from xml.etree import ElementTree
+from xml.parsers import expat
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from impact_gym.validation import number
+from impact_gym.validation import number, unit_text
 
 UNITS = {"revolute": "rad", "continuous": "rad", "prismatic": "m"}
 """Types of joints that an arm may have, and the unit of each."""
-KEPT = ("origin", "parent", "child", "axis")
-OPTIONS = {"fusestatic": "false", "discardvisual": "true", "balanceinertia": "false"}
+LEAST_MASS = 1e-9  # kg, that a joint moves until the next one
 
 Element = ElementTree.Element
 
@@ -32,65 +33,70 @@ class Joint(NamedTuple):
 
 
 def read(path: Path, base: str, tip: str) -> tuple[str, list[Joint]]:
-    """Return the arm from the link `base` to the link `tip` as MuJoCo's XML, and its joints from the base on.
+    """Return the arm from the link `base` to the link `tip` as MuJoCo's XML, in which that is "tip", and its joints.
 
     Raises:
-        ValueError: the file is no URDF of such an arm; names file, link or joint.
+        ValueError: the file is no URDF of such an arm; names link or joint.
     """
-    try:
-        return _arm(_parsed(path), base, tip)
-    except ValueError as problem:
-        raise ValueError(f"{path}: {problem}") from None
+    robot = _parsed(path)
+    links, joints = _named(robot, "link"), _named(robot, "joint")
+    above = _above(links, joints)
+    for name in (base, tip):
+        if name not in links:
+            raise ValueError(f"no link {name!r}, there are {sorted(links)}")
+    held, chain = _path(above, base), _path(above, tip)[::-1]
+    for joint in held:
+        if (kind := joint.get("type")) in ("floating", "planar"):
+            raise ValueError(f"the base {base!r} is not fixed: joint {joint.get('name')!r} above it is {kind}")
+    if base != tip and base not in [_end(joint, "parent") for joint in chain]:
+        raise ValueError(f"the tip {tip!r} is not below the base {base!r}")
+    chain = [joint for joint in chain[len(held) :] if joint.get("type") != "fixed"]
+    if len(chain) < 2:
+        raise ValueError(f"an arm has two joints or more, between {base!r} and {tip!r} there are {len(chain)}")
+    made, moved = Element("mujoco"), {joint.get("name", ""): 0.0 for joint in chain}
+    ElementTree.SubElement(made, "compiler", balanceinertia="false", angle="radian")
+    bodies = {base: ElementTree.SubElement(made, "worldbody")}
+    for joint in _downwards(above.values(), base):
+        link = _end(joint, "child")
+        bodies[link] = _body(bodies[_end(joint, "parent")], joint, joint in chain)
+        mass = _weigh(bodies[link], links[link])
+        moving = [each for each in _path(above, link) if each in chain]
+        if moving:
+            moved[moving[0].get("name", "")] += mass
+    for name, mass in moved.items():
+        if not mass >= LEAST_MASS:
+            raise ValueError(f"joint {name!r} moves no mass until the next one, {mass:g} kg: allowed is {LEAST_MASS:g}")
+    bodies[tip].set("name", "tip")
+    return ElementTree.tostring(made, "unicode"), [_joint(joint) for joint in chain]
 
 
 def _parsed(path: Path) -> Element:
     """Return the robot of a file."""
+    builder, parser = ElementTree.TreeBuilder(), expat.ParserCreate()  # to which a prefix is a part of a name
+    parser.StartElementHandler, parser.EndElementHandler = builder.start, builder.end
     try:
-        robot = ElementTree.parse(path).getroot()
-    except (OSError, ElementTree.ParseError) as problem:
+        parser.Parse(path.read_bytes(), True)
+    except (OSError, expat.ExpatError) as problem:
         raise ValueError(f"no URDF that can be read, {problem}") from None
+    robot: Element = builder.close()
+    everything = list(robot.iter())
+    declared = {name[6:] for each in everything for name, to in each.items() if name[:6] == "xmlns:" and "xacro" in to}
+    if {each.tag.partition(":")[0] for each in everything} & {"xacro", *declared}:
+        raise ValueError("a xacro, turn it into a URDF first")
     if robot.tag != "robot":
         raise ValueError(f"no URDF, it begins with <{robot.tag}>")
-    if any("xacro" in each.tag for each in robot.iter()):
-        raise ValueError("a xacro, turn it into a URDF first")
     return robot
 
 
-def _arm(robot: Element, base: str, tip: str) -> tuple[str, list[Joint]]:
-    """Return the arm of a robot."""
-    links = {link.get("name", ""): link for link in robot.findall("link")}
-    above: dict[str, Element] = {}  # the joint that each link hangs on
-    for joint in robot.findall("joint"):
-        for side in ("parent", "child"):
-            if _end(joint, side) not in links:
-                raise ValueError(f"joint {joint.get('name')!r} has the {side} {_end(joint, side)!r}, which is no link")
-        child = _end(joint, "child")
-        if child in above:
-            raise ValueError(f"link {child!r} hangs on two joints, a loop, which is not allowed")
-        above[child] = joint
-    for name in (base, tip):
-        if name not in links:
-            raise ValueError(f"no link {name!r}, there are {sorted(links)}")
-    chain = [joint for joint in _between(above, base, tip) if joint.get("type") != "fixed"]
-    if len(chain) < 2:
-        raise ValueError(f"an arm has two joints or more, between {base!r} and {tip!r} there are {len(chain)}")
-    joints = [_joint(joint) for joint in chain]
-    behind = [name for name in links if name != base and base in _path(above, name)]
-    _check_masses(links, above, behind, chain)
-    made = Element("robot", name="arm")
-    ElementTree.SubElement(ElementTree.SubElement(made, "mujoco"), "compiler", OPTIONS)
-    for name in (base, *behind):
-        inertial = links[name].find("inertial")
-        link = ElementTree.SubElement(made, "link", name=name)
-        if inertial is not None and _mass(name, inertial) > 0.0:
-            link.append(inertial)
-    for joint in (above[name] for name in behind):
-        kind = "fixed" if joint not in chain else "prismatic" if joint.get("type") == "prismatic" else "continuous"
-        copy = ElementTree.SubElement(made, "joint", name=joint.get("name", ""), type=kind)
-        copy.extend(part for part in joint if part.tag in KEPT)
-        if kind == "prismatic":
-            ElementTree.SubElement(copy, "limit", lower="-1e3", upper="1e3", effort="0", velocity="0")
-    return ElementTree.tostring(made, "unicode"), joints
+def _named(robot: Element, kind: str) -> dict[str, Element]:
+    """Return all links or joints by their names."""
+    named: dict[str, Element] = {}
+    for each in robot.findall(kind):
+        name = each.get("name", "")
+        if not name or name in named:
+            raise ValueError(f"two {kind}s are called {name!r}" if name else f"a {kind} has no name")
+        named[name] = each
+    return named
 
 
 def _end(joint: Element, side: str) -> str:
@@ -99,71 +105,116 @@ def _end(joint: Element, side: str) -> str:
     return "" if end is None else end.get("link", "")
 
 
-def _path(above: Mapping[str, Element], link: str) -> list[str]:
-    """Return the links above a link, itself included."""
-    path = [link]
-    while path[-1] in above and len(path) <= len(above):
-        path.append(_end(above[path[-1]], "parent"))
+def _above(links: Mapping[str, Element], joints: Mapping[str, Element]) -> dict[str, Element]:
+    """Return the joint that each link hangs on."""
+    above: dict[str, Element] = {}
+    for name, joint in joints.items():
+        for side in ("parent", "child"):
+            if _end(joint, side) not in links:
+                raise ValueError(f"joint {name!r} has the {side} {_end(joint, side)!r}, which is no link")
+        child = _end(joint, "child")
+        if child in above:
+            raise ValueError(f"link {child!r} hangs on two joints, a loop, which is not allowed")
+        above[child] = joint
+    for link in links:
+        _path(above, link)
+    return above
+
+
+def _path(above: Mapping[str, Element], link: str) -> list[Element]:
+    """Return the joints above a link, its own first."""
+    path: list[Element] = []
+    while link in above:
+        if len(path) == len(above):
+            raise ValueError(f"link {link!r} hangs on itself, a loop, which is not allowed")
+        path.append(above[link])
+        link = _end(above[link], "parent")
     return path
 
 
-def _between(above: Mapping[str, Element], base: str, tip: str) -> list[Element]:
-    """Return the joints from `base` to `tip`."""
-    path = _path(above, tip)
-    if base not in path:
-        raise ValueError(f"the tip {tip!r} is not below the base {base!r}")
-    return [above[link] for link in path[: path.index(base)]][::-1]
+def _downwards(joints: Iterable[Element], link: str) -> list[Element]:
+    """Return the joints below a link, each after those above it."""
+    below = [joint for joint in joints if _end(joint, "parent") == link]
+    return [each for joint in below for each in (joint, *_downwards(joints, _end(joint, "child")))]
+
+
+def _numbers(what: str, of: Element | None, key: str, unit: str, missing: str, **limits: float) -> tuple[float, ...]:
+    """Return the numbers of an attribute, as many as there are in place of it if it is missing."""
+    text = missing if of is None else of.get(key, missing)
+    try:
+        values = [float(each) for each in text.split()]
+    except ValueError:
+        values = []
+    if len(values) != (count := len(missing.split())):
+        wanted = "a number" if count == 1 else f"{count} numbers"
+        raise ValueError(f"{what} must be {wanted} in {unit_text(unit)}, got {text!r}")
+    return tuple(number(what, value, unit, **limits) for value in values)
+
+
+def _place(name: str, of: Element) -> tuple[Any, Rotation]:
+    """Return where a joint or the centre of a mass is, and how it is turned."""
+    origin = of.find("origin")
+    turn = _numbers(f"rpy of {name}", origin, "rpy", "rad", "0 0 0")
+    return _numbers(f"xyz of {name}", origin, "xyz", "m", "0 0 0"), Rotation.from_euler("xyz", turn)
+
+
+def _text(values: Any) -> str:
+    """Return numbers, none of their digits lost."""
+    return " ".join(repr(float(each)) for each in values)
+
+
+def _body(parent: Element, joint: Element, moves: bool) -> Element:
+    """Return a body that hangs on a joint."""
+    name = joint.get("name", "")
+    place, turn = _place(name, joint)
+    body = ElementTree.SubElement(parent, "body", pos=_text(place), quat=_text(np.roll(turn.as_quat(), 1)))
+    if moves:
+        axis = _numbers(f"axis of {name}", joint.find("axis"), "xyz", "-", "1 0 0")
+        if not np.linalg.norm(axis) > 0.0:
+            raise ValueError(f"axis of {name} must not be 0 0 0")
+        kind = "slide" if joint.get("type") == "prismatic" else "hinge"
+        ElementTree.SubElement(body, "joint", type=kind, axis=_text(axis))
+    return body
 
 
 def _joint(joint: Element) -> Joint:
     """Return a joint of an arm, checked."""
     name, kind, limit = joint.get("name", ""), joint.get("type", ""), joint.find("limit")
     if kind not in UNITS:
-        raise ValueError(f"joint {name!r} is {kind}, allowed are {', '.join(UNITS)} and fixed")
+        raise ValueError(f"joint {name!r} is {kind or 'of no type'}, allowed are {', '.join(UNITS)} and fixed")
     if joint.find("mimic") is not None:
         raise ValueError(f"joint {name!r} mimics another, which is not allowed between base and tip")
     if kind == "continuous":
         return Joint(name, "rad", -np.inf, np.inf)
     if limit is None:
         raise ValueError(f"joint {name!r} has no limits, {UNITS[kind]}")
-    low, high = (
-        number(f"{side} limit of {name}", float(limit.get(side, "0")), UNITS[kind]) for side in ("lower", "upper")
-    )
+    low, high = (_numbers(f"{side} limit of {name}", limit, side, UNITS[kind], "0")[0] for side in ("lower", "upper"))
     if not low < high:
         raise ValueError(f"joint {name!r} has limits of {low:g} and {high:g} {UNITS[kind]}, which must rise")
     return Joint(name, UNITS[kind], low, high)
 
 
-def _mass(link: str, inertial: Element) -> float:
-    """Return a mass, kg."""
-    mass = inertial.find("mass")
-    return number(f"mass of {link}", float("nan" if mass is None else mass.get("value", "nan")), "kg", at_least=0)
-
-
-def _check_masses(
-    links: Mapping[str, Element], above: Mapping[str, Element], behind: list[str], chain: list[Element]
-) -> None:
-    """Refuse tensors of inertia that no body has, and joints that move no mass."""
-    moved = {joint.get("name", ""): 0.0 for joint in chain}
-    for link in behind:
-        inertial = links[link].find("inertial")
-        mass = 0.0 if inertial is None else _mass(link, inertial)
-        if inertial is None or mass == 0.0:
-            continue
-        inertia = inertial.find("inertia")
-        xx, yy, zz, xy, xz, yz = (
-            number(f"i{axes} of {link}", float("nan" if inertia is None else inertia.get(f"i{axes}", "0")), "kg m^2")
-            for axes in ("xx", "yy", "zz", "xy", "xz", "yz")
+def _weigh(body: Element, link: Element) -> float:
+    """Give a body the inertia of a link, if it has one, checked; return its mass, kg."""
+    name, inertial = link.get("name", ""), link.find("inertial")
+    if inertial is None:
+        return 0.0
+    (mass,) = _numbers(f"mass of {name}", inertial.find("mass"), "value", "kg", "missing", at_least=0)
+    if mass == 0.0:
+        return 0.0
+    centre, turn = _place(name, inertial)
+    xx, yy, zz, xy, xz, yz = (
+        _numbers(f"i{axes} of {name}", inertial.find("inertia"), f"i{axes}", "kg m^2", "missing")[0]
+        for axes in ("xx", "yy", "zz", "xy", "xz", "yz")
+    )
+    tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    least, middle, most = np.linalg.eigvalsh(tensor).tolist()
+    if not 0.0 < least <= most <= least + middle:
+        raise ValueError(
+            f"link {name!r} has principal moments of inertia of {least:.6g}, {middle:.6g} and {most:.6g} kg m^2:"
+            " each must be above 0 and at most the sum of the others"
         )
-        least, middle, most = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]).tolist()
-        if not 0.0 < least <= most <= least + middle:
-            raise ValueError(
-                f"link {link!r} has principal moments of inertia of {least:.6g}, {middle:.6g} and {most:.6g} kg m^2:"
-                " each must be above 0 and at most the sum of the others"
-            )
-        moving = next((above[at] for at in _path(above, link) if at in above and above[at] in chain), None)
-        if moving is not None:
-            moved[moving.get("name", "")] += mass
-    for joint, mass in moved.items():
-        if mass == 0.0:
-            raise ValueError(f"joint {joint!r} moves no mass until the next one, in kg: allowed is above 0")
+    tensor = turn.as_matrix() @ tensor @ turn.as_matrix().T
+    six = _text([*tensor.diagonal(), tensor[0, 1], tensor[0, 2], tensor[1, 2]])
+    ElementTree.SubElement(body, "inertial", mass=repr(mass), pos=_text(centre), fullinertia=six)
+    return mass

@@ -15,8 +15,9 @@ import numpy as np
 from scipy.optimize import root
 from scipy.spatial.transform import Rotation
 
-from impact_gym.robot.arm import Arm, Array, along, from_urdf
-from impact_gym.robot.line import Line, joint_angles
+from impact_gym.robot.approach import IMPACT, Approach, Array
+from impact_gym.robot.arm import Arm, from_urdf
+from impact_gym.robot.line import joint_angles
 
 FILE = Path(__file__).with_name("viper_s650.urdf")
 STIFFNESS = (10000.0, 10000.0, 3000.0, 1000.0, 700.0, 300.0)
@@ -46,8 +47,8 @@ def angles_at(arm: Arm, x: float, y: float, z: float, orientation: str) -> Array
     return joint_angles(arm, (x, y, z), Rotation.from_rotvec([0.0, pitch, 0.0]).as_matrix(), near)
 
 
-def default_line(arm: Arm) -> Line:
-    """Solve for the line of the default approach.
+def default_line(arm: Arm) -> Approach:
+    """Solve for the default approach.
 
     Raises:
         ValueError: no such line was found, or the robot cannot reach a place tried on the way to it.
@@ -55,12 +56,14 @@ def default_line(arm: Arm) -> Line:
 
     def misfit(place: Array) -> Array:
         x, z = map(float, place)
-        at_impact = along(arm, angles_at(arm, x, 0.0, z, "horizontal"), (1.0, 0.0, 0.0))
+        at_impact = arm.reduction(angles_at(arm, x, 0.0, z, "horizontal"), (1.0, 0.0, 0.0))
         wanted = MASS_AT_IMPACT, STIFFNESS_AT_IMPACT
-        return np.array([at_impact["mass"], at_impact["stiffness"]]) / wanted - 1
+        return np.array([at_impact["held"], at_impact["stiffness"]]) / wanted - 1
 
     solution = root(misfit, [0.56, 0.28], method="hybr", options={"xtol": 1e-13})
     if np.max(np.abs(solution.fun)) > 1e-11:
         raise ValueError(f"no line with the wanted robot at the impact was found: {solution.message}")
     x, z = map(float, solution.x)
-    return Line(tuple(angles_at(arm, x, 0.0, z, "horizontal").tolist()))
+    back = arm.along(angles_at(arm, x, 0.0, z, "horizontal"), (-1.0, 0.0, 0.0), IMPACT)
+    beyond = np.linspace(IMPACT, IMPACT + 0.08, 33)[1:]  # m: 16 ms at 1 m/s and a brake take 0.0785 m
+    return arm.along(back.joint_angles[-1], (1.0, 0.0, 0.0), [*np.linspace(0.0, IMPACT, 102), *beyond])

@@ -59,9 +59,31 @@ def two_links_matrices(q):
     return M, J
 
 
+def coriolis(q, rates):
+    """Centrifugal and Coriolis torques of the two links without a load."""
+    (a, b), n = TWO_LINKS["lengths"], TWO_LINKS["masses"][1]
+    h = -n * a * b / 2 * np.sin(q[1])
+    return h * np.array([(2 * rates[0] + rates[1]) * rates[1], -(rates[0] ** 2)])
+
+
 def slides(folder, first=2.0, second=3.225):
     """Two slides, along x and along y: along x it is one mass on a spring."""
     return write(
         folder, link("base"), joint("x", "prismatic", "base", "carriage", axis="1 0 0"), link("carriage", first),
         joint("y", "prismatic", "carriage", "tip", axis="0 1 0"), link("tip", second),
     )  # fmt: skip
+
+
+IIWA = [((0, 0, 0.15), "0 0 1"), ((0, 0, 0.19), "0 1 0"), ((0, 0, 0.21), "0 0 1"), ((0, 0, 0.19), "0 -1 0"),
+        ((0, 0, 0.21), "0 0 1"), ((0, -0.0607, 0.19), "0 1 0"), ((0, 0.0607, 0.081), "0 0 1")]  # fmt: skip
+"""KUKA LBR iiwa 7: from each joint to the next, m, and its axis, upright; the lengths are those of iiwa_ros."""
+
+
+def seven_joints(folder, steps=IIWA, tip=0.15, names=None, turn="0 0 0"):
+    """An arm of seven joints, upright at zero angles, in a base that is turned itself; made-up masses."""
+    names, parts = names or [f"joint {k}" for k in range(7)], [joint("held", "fixed", "world", "link 0", turn=turn)]
+    for k, (at, axis) in enumerate(steps):
+        parts += [joint(names[k], "revolute", f"link {k}", f"link {k + 1}", at, axis),
+                  link(f"link {k + 1}", 4.0 - 0.4 * k, (0.01, 0.02, 0.05 + 0.01 * k))]  # fmt: skip
+    end = joint("end", "fixed", "link 7", "tip", (0, 0, tip))
+    return write(folder, link("world"), link("link 0"), *parts, end, link("tip"))

@@ -1,12 +1,16 @@
 """Any serial arm from a URDF: closed forms of small ones, what must not matter, and files that are no arm."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from arms import TWO_LINKS, joint, link, rod, slides, two_links, two_links_matrices, write
+from arms import TWO_LINKS, joint, link, rod, seven_joints, slides, two_links, two_links_matrices, write
+from scipy.spatial.transform import Rotation
 
-from impact_gym.robot import Line, along, follow, from_urdf
+import impact_gym as ig
+from experiments.arm import robots
+from impact_gym.robot import from_urdf
 
 pytest.importorskip("mujoco", reason="the extra robot is not installed")
 ELASTIC = {"joint_stiffness": (9e3, 4e3), "joint_damping": (5.0, 2.0)}
@@ -19,12 +23,12 @@ def test_two_links_have_the_masses_stiffnesses_and_frequencies_of_the_textbook(q
     np.testing.assert_allclose(arm.mass_matrix(q), M, rtol=1e-12)
     np.testing.assert_allclose(arm.jacobian(q)[:2], J, atol=1e-12)
     u, K, D = np.array([np.cos(0.4), np.sin(0.4)]), np.diag([9e3, 4e3]), np.diag([5.0, 2.0])
-    ours = along(arm, q, (*u, 0.0))
+    ours = arm.reduction(q, (*u, 0.0))
     back = np.linalg.inv(J)  # the plane is all that the tip has: held across, it moves along u alone
     a, b = (mass * length for mass, length in zip(TWO_LINKS["masses"], TWO_LINKS["lengths"], strict=True))
     expected = {
-        "mass": u @ back.T @ M @ back @ u, "stiffness": u @ back.T @ K @ back @ u, "damping": u @ back.T @ D @ back @ u,
-        "effective_mass": 1 / (u @ J @ np.linalg.inv(M) @ J.T @ u),
+        "held": u @ back.T @ M @ back @ u, "stiffness": u @ back.T @ K @ back @ u, "damping": u @ back.T @ D @ back @ u,
+        "effective": 1 / (u @ J @ np.linalg.inv(M) @ J.T @ u),
         "effective_stiffness": 1 / (u @ J @ np.linalg.inv(K) @ J.T @ u),
     }  # fmt: skip
     assert {name: ours[name] for name in expected} == pytest.approx(expected, rel=1e-10)
@@ -38,7 +42,7 @@ def test_two_links_have_the_masses_stiffnesses_and_frequencies_of_the_textbook(q
         rod(m, l1)[2] + rod(n, l2)[2] + m * (upper - centre) @ (upper - centre) + n * (fore - centre) @ (fore - centre)
     )
     lever = (tip - centre)[0] * u[1] - (tip - centre)[1] * u[0]
-    assert ours["composite_mass"] == pytest.approx(1 / (1 / (m + n) + lever**2 / moment), rel=1e-10)
+    assert ours["composite"] == pytest.approx(1 / (1 / (m + n) + lever**2 / moment), rel=1e-10)
     half, product = np.trace(np.linalg.inv(M) @ K) / 2, np.linalg.det(K) / np.linalg.det(M)
     squares = half + np.array([-1, 1]) * np.sqrt(half**2 - product)  # omega^2 of a quadratic equation
     found = np.sort(np.linalg.eigvals(np.linalg.solve(arm.mass_matrix(q), np.diag(arm.stiffness))))
@@ -46,60 +50,135 @@ def test_two_links_have_the_masses_stiffnesses_and_frequencies_of_the_textbook(q
     assert (a, b) == (1.5, 0.8)
 
 
-def test_neither_names_nor_the_turn_of_the_base_matter(tmp_path):
-    q, turn = (0.3, 0.9), 0.7
-    plain = from_urdf(two_links(tmp_path), "base", "tip", **ELASTIC)
-    other = from_urdf(two_links(tmp_path, f"0 0 {turn}", ("zulu", "alpha")), "world", "tip", **ELASTIC)
-    line = {"ahead": 0.1, "behind": 0.05}
-    ours = follow(plain, Line(q, (1.0, 0.2, 0.0), **line))
-    cos, sin = np.cos(turn), np.sin(turn)
-    theirs = follow(other, Line(q, (cos - 0.2 * sin, sin + 0.2 * cos, 0.0), **line))
-    assert theirs.joints == ("zulu", "alpha")
-    for name in ("mass", "effective_mass", "composite_mass", "stiffness", "damping", "joint_angles"):
+Q7, THERE = np.array([0.2, 0.6, -0.3, 1.1, 0.4, 0.8, -0.2]), (-1.0, 0.2, 0.0)
+COLUMNS = ("held", "effective", "composite", "stiffness", "effective_stiffness", "damping", "joint_angles")
+
+
+@pytest.mark.parametrize("count", [2, 7])
+def test_neither_names_nor_the_turn_of_the_base_matter(count, tmp_path):
+    make, q = (two_links, Q7[:2]) if count == 2 else (seven_joints, Q7)
+    names, turn = [f"{word} {k}" for k, word in enumerate(("zulu", "alpha") * 4)][:count], (0.4, -0.9, 2.1)
+    elastic = {"joint_stiffness": tuple(np.linspace(9e3, 4e3, count)), "joint_damping": tuple(range(count))}
+    base = "base" if count == 2 else "link 0"
+    plain = from_urdf(make(tmp_path), base, "tip", **elastic)
+    other = from_urdf(make(tmp_path, names=names, turn=" ".join(map(str, turn))), "world", "tip", **elastic)
+    ours, theirs = (
+        arm.along(q, turned.apply(THERE), 0.15)
+        for arm, turned in ((plain, Rotation.identity()), (other, Rotation.from_euler("xyz", turn)))
+    )
+    assert theirs.joints == tuple(names)
+    for name in COLUMNS:
         np.testing.assert_allclose(getattr(theirs, name), getattr(ours, name), rtol=1e-9)
 
 
-def test_line_is_straight_and_its_table_has_the_chosen_mass(tmp_path):
-    arm = from_urdf(two_links(tmp_path), "base", "tip", **ELASTIC)
-    approach = follow(arm, Line((0.3, 0.9), (1.0, 1.0, 0.0), ahead=0.1, behind=0.05))
-    for travel, angles in zip(approach.travel, approach.joint_angles, strict=True):
-        np.testing.assert_allclose(arm.flange(angles)[0], approach.start + travel * approach.direction, atol=1e-10)
-    row, at = approach.impact_row, approach.impact_travel
-    for name, mass in (("held", approach.mass), ("effective", approach.effective_mass)):
-        assert approach.robot_table(name).at(at).mass == pytest.approx(mass[row], rel=1e-12)
-        assert approach.at_impact(name).mass == mass[row]
-    assert approach.at_impact("composite").stiffness == approach.stiffness[row]
-    assert approach.at_impact("effective").stiffness == approach.effective_stiffness[row]
+def test_line_is_straight_and_its_table_names_its_columns_and_the_chosen_mass(tmp_path):
+    arm = ig.robot.from_urdf(two_links(tmp_path), "base", "tip", **ELASTIC)
+    table = arm.along((0.3, 0.9), (-3.0, -3.0, 0.0), 0.15)
+    assert (table.position[0], table.position[-1]) == (0.0, 0.15)
+    assert np.diff(table.position).max() <= 0.0025 + 1e-12
+    for place, angles in zip(table.position, table.joint_angles, strict=True):
+        np.testing.assert_allclose(arm.flange(angles)[0], table.start + place * table.direction, atol=1e-10)
+    assert np.linalg.norm(table.direction) == pytest.approx(1.0)
+    for mass in ("held", "effective", "composite"):
+        chosen, stiffness = replace(table, chosen=mass), "effective_stiffness" if mass == "effective" else "stiffness"
+        assert chosen.robot_table() == table.robot_table(mass)
+        for place in (0, 17, -1):
+            robot = chosen.at(table.position[place])
+            assert robot.mass == pytest.approx(getattr(table, mass)[place], rel=1e-12)
+            assert robot.stiffness == pytest.approx(getattr(table, stiffness)[place], rel=1e-12)
     with pytest.raises(ValueError, match=r"mass must be .*'held'"):
-        approach.robot_table("light")
+        table.robot_table("light")
 
 
 def test_seven_joints_go_the_shortest_way(tmp_path):
     """Of all angles that reach a place nearby the joints take those that change least."""
-    axes, parts = ["0 0 1", "0 1 0"] * 3 + ["0 0 1"], [link("link 0")]
-    for k, axis in enumerate(axes):
-        parts += [joint(f"joint {k}", "revolute", f"link {k}", f"link {k + 1}", (0, 0, 0.2), axis),
-                  link(f"link {k + 1}", 1.0, (0, 0, 0.1))]  # fmt: skip
-    arm = from_urdf(write(tmp_path, *parts), "link 0", "link 7", joint_stiffness=1e4, joint_damping=1.0)
-    q = np.array([0.2, 0.6, -0.3, 1.1, 0.4, 0.8, -0.2])
-    approach = follow(arm, Line(tuple(q), (1.0, 0.0, 0.0), ahead=0.01, behind=0.01, spacing=0.001))
+    steps = [((0, 0, 0.2), axis) for axis in (["0 0 1", "0 1 0"] * 3 + ["0 0 1"])]
+    arm = from_urdf(seven_joints(tmp_path, steps), "link 0", "tip", joint_stiffness=1e4, joint_damping=1.0)
+    approach = arm.along(Q7, (1.0, 0.0, 0.0), np.linspace(0.0, 0.02, 21))
+    assert "least change" in approach.rule
     steps, middles = np.diff(approach.joint_angles, axis=0), approach.joint_angles[:-1]
     for step, angles in zip(steps, middles, strict=True):
         free = np.linalg.svd(arm.jacobian(angles))[2][-1]
         assert abs(free @ step) < 2e-2 * np.linalg.norm(step)  # the bend of the way within a step
-    rows = along(arm, q, (1.0, 0.0, 0.0))
-    assert rows["effective_mass"] <= rows["mass"]
-    J, M = arm.jacobian(q), arm.mass_matrix(q)
+    rows = arm.reduction(Q7, (1.0, 0.0, 0.0))
+    assert rows["effective"] <= rows["held"]
+    J, M = arm.jacobian(Q7), arm.mass_matrix(Q7)
     rates = np.linalg.solve(M, J.T) @ np.linalg.solve(J @ np.linalg.solve(M, J.T), np.eye(6)[0])
     np.testing.assert_allclose(J @ rates, np.eye(6)[0], atol=1e-12)  # along the line and in no other way
-    assert rows["mass"] == pytest.approx(rates @ M @ rates, rel=1e-10)
+    assert rows["held"] == pytest.approx(rates @ M @ rates, rel=1e-10)
 
 
-def test_stiffness_is_a_number_one_for_each_joint_or_drawn_between_two(tmp_path):
+def test_iiwa_puts_its_tip_where_a_recording_has_it(tmp_path):
+    """The first row of epfl-lasa/air_hockey, IIWA_7_hit_12.csv; the tip is 0.105 m before the flange.
+
+    In data/airhockey_consistency_with_NS_inertia_shaping/50_hits-config_1-object_1.
+    """
+    q = (-0.48339479699243942, 1.0548095912535869, 0.017438725020258446, -1.3455508422509039, -1.9530869654098884,
+         -1.827210263604073, -0.89820123826920695)  # fmt: skip
+    arm = from_urdf(seven_joints(tmp_path), "link 0", "tip", joint_stiffness=1e4, joint_damping=1.0)
+    np.testing.assert_allclose(arm.flange(q)[0], (0.55531794, -0.05046306, 0.23243509), atol=2e-5)
+
+
+def test_three_joints_in_a_plane_are_two_that_hold_and_one_that_yields(tmp_path):
+    """The plane has two directions to hold; held across, the third joint goes where inertia and springs let it."""
+    parts, masses = [link("base")], (3.0, 2.0, 1.0)
+    for k, mass in enumerate(masses):
+        parts += [joint(f"joint {k}", "revolute", f"link {k - 1}" if k else "base", f"link {k}", (0.4 * (k > 0), 0, 0)),
+                  link(f"link {k}", mass, (0.2, 0, 0), rod(mass, 0.4))]  # fmt: skip
+    path = write(tmp_path, *parts, joint("end", "fixed", "link 2", "tip", (0.4, 0, 0)), link("tip"))
+    arm = from_urdf(path, "base", "tip", joint_stiffness=(9e3, 4e3, 2e3), joint_damping=1.0)
+    q, u = np.array([0.3, 0.9, 0.7]), np.array([0.6, 0.8])
+    turned = np.cumsum(q)
+    levers = 0.4 * np.array([np.cos(turned), np.sin(turned)])  # from each joint to the next
+    J = np.array([[-levers[1, k:].sum() for k in range(3)], [levers[0, k:].sum() for k in range(3)]])
+    M = np.zeros((3, 3))
+    for k, mass in enumerate(masses):  # kinetic energy of each rod
+        ends = np.hstack([levers[:, :k], 0.5 * levers[:, k : k + 1]])
+        move = np.array([[-ends[1, i:].sum(), ends[0, i:].sum()] if i <= k else [0.0, 0.0] for i in range(3)])
+        M += mass * move @ move.T + rod(mass, 0.4)[2] * np.outer(np.arange(3) <= k, np.arange(3) <= k)
+    ours = arm.reduction(q, (*u, 0.0))
+    assert ours["held"] == pytest.approx(u @ np.linalg.inv(J @ np.linalg.solve(M, J.T)) @ u, rel=1e-10)
+    assert ours["effective"] == pytest.approx(1 / (u @ J @ np.linalg.solve(M, J.T @ u)), rel=1e-10)
+    stretched = np.linalg.svd(J, compute_uv=False)
+    assert arm.condition(q) == pytest.approx(stretched[0] / stretched[1], rel=1e-10)
+    with pytest.raises(ValueError, match="the arm cannot move along"):
+        arm.reduction(q, (0.0, 0.6, 0.8))
+    with pytest.raises(ValueError, match="too near a singularity"):
+        arm.reduction((0.3, 0.0, 0.0), (*u, 0.0))
+
+
+UR5E = [(0, 0.1625, np.pi / 2), (-0.425, 0, 0), (-0.3922, 0, 0), (0, 0.1333, np.pi / 2), (0, 0.0997, -np.pi / 2),
+        (0, 0.0996, 0)]  # fmt: skip
+PANDA = [(0, 0.333, 0), (0, 0, -np.pi / 2), (0, 0.316, np.pi / 2), (0.0825, 0, np.pi / 2), (-0.0825, 0.384, -np.pi / 2),
+         (0, 0, np.pi / 2), (0.088, 0, np.pi / 2)]  # fmt: skip
+IIWA14 = [(0, 0.36, -np.pi / 2), (0, 0, np.pi / 2), (0, 0.42, np.pi / 2), (0, 0, -np.pi / 2), (0, 0.4, -np.pi / 2),
+          (0, 0, np.pi / 2), (0, 0.081, 0)]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "table", "modified", "beyond", "base"), [
+    ("ur5e", UR5E, False, 0.0, -1.0), ("panda", PANDA, True, 0.212, 1.0), ("iiwa", IIWA14, False, 0.0, 1.0),
+])  # fmt: skip
+def test_files_of_makers_have_the_makers_lengths(name, table, modified, beyond, base):
+    """Denavit-Hartenberg as Universal Robots, Franka (modified) and KUKA print it: a, d, alpha; m, rad."""
+    if robots.path_of(name) is None:
+        pytest.skip(f"{robots.KINDS[name].package} is not installed, which ships the description: the extra arms")
+    arm = robots.arm_of(name)
+    assert len(table) == arm.count
+    for q in np.random.default_rng(1).uniform(np.maximum(arm.lower, -2), np.minimum(arm.upper, 2), (5, arm.count)):
+        frame = np.eye(4)
+        for (a, d, alpha), angle in zip(table, q, strict=True):
+            along_z, along_x = np.eye(4), np.eye(4)
+            along_z[:3, :3], along_z[2, 3] = Rotation.from_rotvec([0, 0, angle]).as_matrix(), d
+            along_x[:3, :3], along_x[0, 3] = Rotation.from_rotvec([alpha, 0, 0]).as_matrix(), a
+            frame = frame @ (along_x @ along_z if modified else along_z @ along_x)
+        place = frame[:3, 3] + beyond * frame[:3, 2]
+        np.testing.assert_allclose(arm.flange(q)[0], place * (base, base, 1.0), atol=2e-4)
+
+
+def test_numbers_of_joints_are_one_for_all_one_for_each_or_drawn_between_two(tmp_path):
     def stiffness(given, seed=0):
-        return from_urdf(
-            two_links(tmp_path), "base", "tip", joint_stiffness=given, joint_damping=0.0, seed=seed
-        ).stiffness
+        options = {"joint_stiffness": given, "joint_damping": 0.0, "seed": seed}
+        return from_urdf(two_links(tmp_path), "base", "tip", **options).stiffness
 
     assert stiffness(5e3).tolist() == [5e3, 5e3]
     assert stiffness((5e3, 4e3)).tolist() == [5e3, 4e3]
@@ -107,6 +186,11 @@ def test_stiffness_is_a_number_one_for_each_joint_or_drawn_between_two(tmp_path)
     assert np.array_equal(drawn[3], stiffness(((1e3, 1e4), (2e3, 2e3)), 3))
     assert np.ptp(np.log([each[0] for each in drawn])) > 0.8 * np.log(10)
     assert np.ptp([each[1] for each in drawn]) < 1e-9
+    seven = from_urdf(seven_joints(tmp_path), "link 0", "tip", joint_stiffness=(5e3, 2e4), joint_damping=np.ones(7),
+                      rotor_inertia=np.full(7, 1e-4), gear=np.full(7, 100.0))  # fmt: skip
+    assert len(set(seven.stiffness.tolist())) == 7
+    assert 5e3 <= seven.stiffness.min() <= seven.stiffness.max() <= 2e4
+    assert seven.rotors == pytest.approx(np.ones(7))
 
 
 GRIPPER = joint("finger", "prismatic", "tip", "claw", extra='<mimic joint="elbow"/>') + link("claw", 0.1)
@@ -137,6 +221,22 @@ def test_what_hangs_on_the_arm_moves_with_it(tmp_path):
     ('(name="shoulder".*?)<limit', r'\1<mimic joint="elbow"/><limit', "joint 'shoulder' mimics another"),
     (SHOULDER, r'\1"3" upper="-3"', "joint 'shoulder' has limits of 3 and -3 rad, which must rise"),
     ("<inertial>.*?</inertial>", "", "joint 'shoulder' moves no mass"),
+    ('<mass value="3.0"/>', '<mass value="1e-30"/>', "joint 'shoulder' moves no mass until the next one, 1e-30 kg"),
+    ('<mass value="3.0"/>', "", "mass of upper must be a number in kg, got 'missing'"),
+    ('<mass value="3.0"/>', '<mass value="${m}"/>', r"mass of upper must be a number in kg, got '\$\{m\}'"),
+    (SHOULDER, r'\1"-3" upper="three"', "upper limit of shoulder must be a number in rad, got 'three'"),
+    ('ixy="0" ', "", "ixy of upper must be a number in kg m.2, got 'missing'"),
+    ('xyz="0.5 0.0 0.0"|xyz="0.5 0 0"', 'xyz="nan 0 0"', "xyz of elbow must be finite m, got nan"),
+    ('(<inertial>.*?xyz=")[^"]*', r"\1nan 0 0", "xyz of upper must be finite m, got nan"),
+    ('xyz="0.5 0.0 0.0"|xyz="0.5 0 0"', 'xyz="0.5 0"', "xyz of elbow must be 3 numbers in m, got '0.5 0'"),
+    ('(name="elbow".*?axis xyz=")0 0 1', r"\g<1>0 0 0", "axis of elbow must not be 0 0 0"),
+    ('name="elbow"', 'name="shoulder"', "two joints are called 'shoulder'"),
+    ('<link name="tip">', '<link name="upper"/><link name="tip">', "two links are called 'upper'"),
+    ('<joint name="elbow"', "<joint", "a joint has no name"),
+    ("</robot>", joint("back", "fixed", "tip", "world") + "</robot>", "link 'world' hangs on itself, a loop"),
+    ("</robot>", joint("self", "fixed", "world", "world") + "</robot>", "link 'world' hangs on itself, a loop"),
+    ('type="fixed"', 'type="floating"', "the base 'base' is not fixed: joint 'held' above it is floating"),
+    ("</robot>", "<xacro:include/></robot>", "a xacro, turn it into a URDF first"),
     ('<mass value="3.0"/>', '<mass value="-3"/>', "mass of upper must be .*kg.*, got -3.0"),
     ('ixx="0.0001"', 'ixx="-1"', "link 'upper' has principal moments of inertia of -1, .* above 0"),
     ('ixx="0.0001"', 'ixx="9"', "link 'upper' has principal moments .* at most the sum of the others"),
@@ -157,6 +257,9 @@ def test_files_that_are_no_arm_are_refused_in_one_line(old, new, message, tmp_pa
     ("base", "hand", {}, r"no link 'hand', there are \['base'"),
     ("upper", "tip", {}, "an arm has two joints or more, between 'upper' and 'tip' there are 1"),
     ("base", "tip", {"joint_stiffness": (1.0, 2.0, 3.0)}, "joint_stiffness must be a number or 2 of them"),
+    ("base", "tip", {"joint_stiffness": {"shoulder": 1e4, "elbow": 1e4}}, "joint_stiffness must be a number in N m"),
+    *[("base", "tip", {name: value}, name) for name in ("gear", "rotor_inertia") for value in ("", (), False, -1.0)],
+    ("base", "tip", {"gear": 0.0}, "gear must be .*above 0.*, got 0.0"),
     ("base", "tip", {"joint_stiffness": 0.0}, "joint_stiffness must be .*above 0.*, got 0.0"),
     ("base", "tip", {"joint_stiffness": (-1.0, 5.0)}, r"joint_stiffness\[0\] must be .*above 0.*, got -1.0"),
     ("base", "tip", {"joint_stiffness": float("nan")}, "joint_stiffness must be .*, got nan"),
@@ -169,16 +272,26 @@ def test_ends_and_numbers_that_are_none_are_refused(base, tip, options, message,
 
 
 def test_lines_that_leave_limits_pass_a_singularity_or_have_slipped_units_are_refused(tmp_path):
-    arm = from_urdf(two_links(tmp_path), "base", "tip", **ELASTIC)
+    arm, line = from_urdf(two_links(tmp_path), "base", "tip", **ELASTIC), ((0.3, 0.9), (-1.0, -0.2, 0.0), 0.2)
     with pytest.raises(ValueError, match=r"cannot reach x = .* misses it by|too near a singularity.* joint 'elbow'"):
-        follow(arm, Line((0.0, 0.5), ahead=0.1, behind=0.2))  # beyond the stretched arm
+        arm.along((0.0, 0.5), (1.0, 0.0, 0.0), 0.3)  # beyond the stretched arm
     short = from_urdf(edited(tmp_path, SHOULDER, r'\1"0.2" upper="0.4"'), "base", "tip", **ELASTIC)
     with pytest.raises(ValueError, match=r"joint 'shoulder' would be at .* rad, its limits are 0.2 and 0.4 rad"):
-        follow(short, Line((0.3, 0.9), ahead=0.1, behind=0.1))
+        short.along(*line)
     soft = from_urdf(two_links(tmp_path), "base", "tip", joint_stiffness=9.0, joint_damping=0.0)
     with pytest.raises(ValueError, match=r"is joint_stiffness in N m/rad\?"):
-        follow(soft, Line((0.3, 0.9), ahead=0.1, behind=0.1))
+        soft.along(*line)
     slide = from_urdf(slides(tmp_path), "base", "tip", joint_stiffness=1e5, joint_damping=1.0)
     assert slide.units == ("m", "m")
     with pytest.raises(ValueError, match="angles must be 2 numbers"):
-        follow(slide, Line((0.0,), ahead=0.1))
+        slide.along((0.0,), (1.0, 0.0, 0.0), 0.1)
+    for wrong in ((0.0, 0.0, 0.0), (np.nan, 0.0, 0.0), (1.0, 0.0), "ab"):
+        with pytest.raises(ValueError, match="direction"):
+            arm.reduction((0.3, 0.9), wrong)
+    assert arm.reduction((0.3, 0.9), (2.0, 0.0, 0.0)) == arm.reduction((0.3, 0.9), (1.0, 0.0, 0.0))
+
+
+def test_prefixes_that_nobody_declared_are_names(tmp_path):
+    """As in a file of airo-models, `drake:acceleration`."""
+    arm = from_urdf(edited(tmp_path, 'velocity="1"', 'velocity="1" drake:acceleration="9"'), "base", "tip", **ELASTIC)
+    assert arm.joints == ("shoulder", "elbow")

@@ -13,7 +13,7 @@ import viper_chain as viper
 from scipy.optimize import root
 from scipy.spatial.transform import Rotation
 
-from impact_gym.robot import Line, along, approach, default_approach, follow, joint_angles
+from impact_gym.robot import IMPACT, approach, default_approach, joint_angles
 from impact_gym.robot import viper as vipers
 from impact_gym.robot.__main__ import main
 from impact_gym.robot.line import MAX_CONDITION
@@ -71,28 +71,28 @@ def test_file_has_the_numbers_of_the_data(arm):
 
 def test_along_x_is_energy_and_force_along_x(arm):
     for angles in SHIPPED.joint_angles[::19]:
-        ours = along(arm, angles, X)
+        ours = arm.reduction(angles, X)
         J = viper.point_jacobian(angles, viper.frames(angles)[-1][:3, 3], 6)
         M, K = viper.mass_matrix(angles), arm.stiffness
         rates = np.linalg.solve(J, np.eye(6)[0])  # the flange moves along x at 1 m/s and in no other way
         torques = J.T @ np.eye(6)[0]  # a force or an impulse along x, nothing else
         stiffness = rates @ (K * rates)
         assert ours == pytest.approx({
-            "mass": rates @ M @ rates,  # twice its kinetic energy
+            "held": rates @ M @ rates,  # twice its kinetic energy
             "stiffness": stiffness,  # the force that holds it 1 m off
             "damping": vipers.DAMPING_OVER_STIFFNESS * stiffness,
-            "effective_mass": 1 / (J[0] @ np.linalg.solve(M, torques)),
+            "effective": 1 / (J[0] @ np.linalg.solve(M, torques)),
             "effective_stiffness": 1 / (J[0] @ (torques / K)),
-            "composite_mass": viper.composite_mass(angles),
+            "composite": viper.composite_mass(angles),
         }, rel=1e-12)  # fmt: skip
-        assert ours["effective_mass"] <= ours["mass"]
+        assert ours["effective"] <= ours["held"]
         assert ours["effective_stiffness"] <= ours["stiffness"]
 
 
 def in_the_plane(arm, x, z, orientation):
     """Mass and stiffness along x with the flange there, in the plane of the arm."""
-    ours = along(arm, angles_at(arm, x, 0.0, z, orientation), X)
-    return np.array([ours["mass"], ours["stiffness"]])
+    ours = arm.reduction(angles_at(arm, x, 0.0, z, orientation), X)
+    return np.array([ours["held"], ours["stiffness"]])
 
 
 def test_along_x_does_not_depend_on_the_orientation_in_the_plane_of_the_arm(arm):
@@ -101,13 +101,13 @@ def test_along_x_does_not_depend_on_the_orientation_in_the_plane_of_the_arm(arm)
     assert in_the_plane(arm, 0.5 + flange, 0.3, "horizontal") == pytest.approx(down, rel=1e-10)
 
 
-def test_follow_refuses_a_longer_approach_to_a_robot_softer_at_the_impact(arm):
+def test_along_refuses_a_longer_approach_to_a_robot_softer_at_the_impact(arm):
     place = root(lambda at: in_the_plane(arm, *at, "horizontal") / (5.225, 1.5e5) - 1, (0.57, 0.31))
     assert np.max(np.abs(place.fun)) < 1e-9
     with pytest.raises(
         ValueError, match=r"cannot reach x = 0\.3\d+ m, y = .*: joint 'joint 3' would be at .* 4\.468 rad"
     ):
-        follow(arm, Line(tuple(angles_at(arm, place.x[0], 0.0, place.x[1], "horizontal")), ahead=0.28))
+        arm.along(angles_at(arm, place.x[0], 0.0, place.x[1], "horizontal"), (-1.0, 0.0, 0.0), 0.28)
 
 
 @pytest.mark.parametrize(("orientation", "pointing"), [("down", (0, 0, -1)), ("horizontal", (1, 0, 0))])
@@ -147,36 +147,36 @@ def test_joint_angles_refuse_a_pose_near_a_singularity(arm, place):
 
 @pytest.mark.parametrize("value", ["a", None, True, [1.0], float("nan"), float("inf")])
 def test_records_name_bad_numbers(value):
-    fields = {Line((0.0,) * 6): ("ahead", "behind", "spacing", "direction")}
-    fields[SHIPPED] = (*approach.COLUMNS, "joint_angles", "impact_travel", "start", "direction")
-    for record, field in ((record, field) for record, names in fields.items() for field in names):
-        with pytest.raises((TypeError, ValueError), match=rf"{type(record).__name__}\.{field}"):
-            dataclasses.replace(record, **{field: value})
+    for field in (*approach.COLUMNS, "joint_angles", "start", "direction", "chosen"):
+        with pytest.raises((TypeError, ValueError), match=rf"Approach\.{field}"):
+            dataclasses.replace(SHIPPED, **{field: value})
 
 
 def test_bad_angles_descriptions_and_places_are_named(arm):
     for angles in (None, "abcdef", np.zeros(5), [0, 0, 0, 0, 0, np.nan]):
         with pytest.raises((TypeError, ValueError), match="angles"):
             arm.jacobian(angles)
-    with pytest.raises(TypeError, match=r"arm must be a.* Arm"):
-        follow("viper", Line((0.0,) * 6))
-    with pytest.raises(ValueError, match=r"Line\.direction"):
-        Line((0.0,) * 6, (0.0, 0.0, 0.0))
-    with pytest.raises(ValueError, match=r"Approach\.impact_travel"):
-        dataclasses.replace(SHIPPED, impact_travel=0.2506)
+    upright = angles_at(arm, 0.5, 0.0, 0.25, "down")
+    for name, value in (("start", None), ("start", upright[:5]), ("direction", (0, 0, 0)),
+                        ("direction", (np.nan, 0, 0)), ("direction", (1, 0)), ("length", 0.0),
+                        ("length", np.nan), ("length", "far")):  # fmt: skip
+        with pytest.raises((TypeError, ValueError), match=f"{name}|angles must be 6"):
+            arm.along(**{"start": upright, "direction": X, "length": 0.1} | {name: value})
+    with pytest.raises(ValueError, match=r"Approach\.position must be at least 4 numbers in m rising from 0"):
+        arm.along(upright, X, (0.02, 0.01, 0.0, 0.03))
     for part in (np.s_[:-1], np.s_[:, :-1]):
-        with pytest.raises(ValueError, match=rf"joint_angles must be {len(SHIPPED.travel)} rows of 6 numbers in rad"):
+        with pytest.raises(ValueError, match=rf"joint_angles must be {len(SHIPPED.position)} rows of 6 numbers in rad"):
             dataclasses.replace(SHIPPED, joint_angles=SHIPPED.joint_angles[part])
 
 
 def test_default_approach_is_straight_in_the_arms_plane_within_limits_and_has_the_papers_mass():
-    assert SHIPPED.mass[SHIPPED.impact_row] + 0.125 == pytest.approx(5.35, abs=1e-9)  # paper, section 3.2
-    assert SHIPPED.stiffness[SHIPPED.impact_row] == pytest.approx(1.9e5, rel=1e-9)
-    assert (SHIPPED.impact_travel, SHIPPED.start[1]) == (0.2505, pytest.approx(0.0, abs=1e-15))
-    assert SHIPPED.travel[-1] - SHIPPED.impact_travel > 0.016 + 1 / 16  # delay and brake from 1 m/s at 8 m/s^2
+    assert SHIPPED.at(0.2505).mass + 0.125 == pytest.approx(5.35, abs=1e-9)  # paper, section 3.2
+    assert SHIPPED.at(0.2505).stiffness == pytest.approx(1.9e5, rel=1e-9)
+    assert (SHIPPED.chosen, SHIPPED.start[1]) == ("held", pytest.approx(0.0, abs=1e-15))
+    assert SHIPPED.position[-1] - 0.2505 > 0.016 + 1 / 16  # delay and brake from 1 m/s at 8 m/s^2
     limits, turned = np.array(viper.KINEMATICS["limits_deg"]), np.degrees(SHIPPED.joint_angles)
     assert np.min([turned - limits[:, 0], limits[:, 1] - turned]) > 10 - 1e-9
-    for travel, angles in zip(SHIPPED.travel, SHIPPED.joint_angles, strict=True):
+    for travel, angles in zip(SHIPPED.position, SHIPPED.joint_angles, strict=True):
         place = np.add(SHIPPED.start, (travel, 0.0, 0.0))
         assert_equal(viper.frames(angles)[-1], viper.transform(viper.about("y", np.pi / 2), place), 1e-10)
         assert viper.condition(angles) < MAX_CONDITION
@@ -187,12 +187,13 @@ def test_main_makes_the_shipped_table_again(arm, tmp_path, capsys):
     main(["--out", str(file)])
     printed = capsys.readouterr().out
     assert "5.2250" in printed
-    assert re.search(r"^end +(\S+)", printed, re.M)[1] == f"{SHIPPED.travel[-1]:.3f}"
+    assert re.search(r"^end +(\S+)", printed, re.M)[1] == f"{SHIPPED.position[-1]:.3f}"
     again = approach.read(file)
     for name in (*approach.COLUMNS, "joint_angles"):
         assert_equal(getattr(again, name), getattr(SHIPPED, name), 1e-9)
     made, shipped = (json.loads(path.read_text(encoding="utf-8")) for path in (file, approach.SHIPPED))
     assert made["provenance"] == shipped["provenance"]
+    assert {name: made["line"][name] for name in ("chosen", "rule")} == {"chosen": "held", "rule": approach.NEAREST}
     assert [path.name for path in tmp_path.iterdir()] == ["again.json"]
 
 
@@ -210,23 +211,23 @@ def test_write_is_whole_or_not_at_all(tmp_path, monkeypatch):
 
 
 def test_robot_table_meets_the_robot_between_its_rows(arm):
-    table, at_impact = SHIPPED.robot_table(), SHIPPED.at_impact()
-    assert dataclasses.astuple(table.at(0.2505)) == pytest.approx(dataclasses.astuple(at_impact), rel=1e-12)
-    line = Line(tuple(SHIPPED.joint_angles[SHIPPED.impact_row]))
-    coarse = follow(arm, dataclasses.replace(line, spacing=0.005)).robot_table()
-    rows = [*range(0, len(SHIPPED.travel) - 1, 3), len(SHIPPED.travel) - 2]
+    table, row = SHIPPED.robot_table(), int(np.flatnonzero(SHIPPED.position == IMPACT)[0])
+    at_impact = [column[row] for column in (SHIPPED.held, SHIPPED.stiffness, SHIPPED.damping)]
+    assert dataclasses.astuple(SHIPPED.at(IMPACT)) == pytest.approx(at_impact, rel=1e-12)
+    coarse = arm.along(SHIPPED.joint_angles[0], X, [0.0, *SHIPPED.position[1::2]]).robot_table()
+    rows = [*range(0, len(SHIPPED.position) - 1, 3), len(SHIPPED.position) - 2]
 
     def worst(table, places):
         forward = viper.about("y", np.pi / 2)
         near = zip(places, SHIPPED.joint_angles[rows], strict=True)
         angles = [joint_angles(arm, np.add(SHIPPED.start, (x, 0.0, 0.0)), forward, q) for x, q in near]
-        masses = [along(arm, q, X)["mass"] for q in angles]
+        masses = [arm.reduction(q, X)["held"] for q in angles]
         return max(abs(table.at(x).mass / m - 1) for x, m in zip(places, masses, strict=True))
 
-    middles = 0.5 * (SHIPPED.travel[:-1] + SHIPPED.travel[1:])
+    middles = 0.5 * (SHIPPED.position[:-1] + SHIPPED.position[1:])
     error = worst(table, middles[rows])
     assert error < 1e-4  # small beside what is unknown about the links
-    assert error < worst(coarse, SHIPPED.travel[rows]) / 2**3  # cubic splines
+    assert error < worst(coarse, SHIPPED.position[rows]) / 2**3  # cubic splines
 
 
 def test_main_refuses_in_one_line(tmp_path, capsys):

@@ -1,20 +1,25 @@
 """All joints at once: against the compiled solver where an arm is one mass, laws, limits, and what it refuses."""
 
+import math
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
-from arms import slides, two_links
+from arms import TWO_LINKS, coriolis, slides, two_links, two_links_matrices
 from scipy.integrate import solve_ivp
 
 import impact_gym as ig
 from impact_gym.fidelity import advise
-from impact_gym.robot import Line, follow, from_urdf, whole
+from impact_gym.robot import from_urdf, whole
+from impact_gym.robot.drive import Path
+from impact_gym.robot.equations import Equations
 
 pytest.importorskip("mujoco", reason="the extra robot is not installed")
 COUPLINGS = (ig.Rigid(), ig.SpringDamper(50.0), ig.Bistable())
 SCENE = ig.Scene(ig.Tool(0.125), ig.Object(0.25, 0.1), ig.Contact(1e5, 0.5))
 PAPERS = ig.Trapezoid(0.5, 8.0, ig.Brake())
+START, LINE = (0.1, 1.6), (1.0, 0.5, 0.0)
 
 
 def elastic(folder, factor=1.0, damping=(5.0, 2.0), **options):
@@ -22,14 +27,14 @@ def elastic(folder, factor=1.0, damping=(5.0, 2.0), **options):
     stiffness = (9e3 * factor, 4e3 * factor)
     arm = from_urdf(two_links(folder), "base", "tip", joint_stiffness=stiffness, joint_damping=damping, **options)
     softer = from_urdf(two_links(folder), "base", "tip", joint_stiffness=(9e3, 4e3), joint_damping=damping)
-    return arm, follow(softer, Line((0.2, 1.4), (1.0, 0.5, 0.0), ahead=0.1, behind=0.1))
+    return arm, softer.along(START, LINE, 0.2)
 
 
 @pytest.mark.parametrize("coupling", COUPLINGS, ids=lambda each: type(each).__name__)
 def test_two_slides_are_the_chain_with_one_mass_on_a_spring(coupling, tmp_path):
     """Nothing turns, so every mass is that of both carriages and the compiled solver has the same equations."""
     arm = from_urdf(slides(tmp_path), "base", "tip", joint_stiffness=(1.9e5, 1e5), joint_damping=(50.4, 50.0))
-    approach = follow(arm, Line((0.0, 0.0), ahead=0.1, behind=0.1))
+    approach = arm.along((0.0, 0.0), (1.0, 0.0, 0.0), 0.25)
     robot = ig.Robot(5.225, 1.9e5, 50.4)
     scene = replace(SCENE, coupling=coupling)
     ours = ig.simulate(replace(scene, robot=robot), PAPERS, duration=0.4)
@@ -48,20 +53,20 @@ def test_energy_and_momentum_stay_where_nothing_damps(tmp_path):
     """The arm stands, its motors too; the object comes, touches and leaves."""
     arm, approach = elastic(tmp_path, damping=0.0)
     scene = replace(SCENE, contact=ig.Contact(1e5, 1.0))
-    made = whole._Whole(arm, approach, scene, whole._Path(whole.Reaction(())), True, False, False, None)
+    made = Equations(arm, approach, scene, Path(whole.Reaction(())))
     y = made.begin(0.0)
     y[-2] = -0.4  # m/s, of the object
     assert made.damping == 0.0
 
     def energy(y):
-        q, rates, (x, v) = y[:2], y[2:4], y[-3:-1]
-        loaded, depth = made.arm.mass_matrix(q), max(made.seen(0.0, y)[-5] - x, 0.0)
+        q, rates, v = y[:2], y[2:4], y[-2]
+        loaded, depth = made.arm.mass_matrix(q), max(made.seen(0.0, y)[0], 0.0)
         off = q - approach.joint_angles[0]
         return 0.5 * (rates @ loaded @ rates + off @ (arm.stiffness * off) + 0.25 * v * v) + 1e5 * depth**2.5 / 2.5
 
     done = solve_ivp(lambda t, y: made.rates(t, y, True), (0.0, 0.02), y, "DOP853", rtol=1e-12, atol=1e-14)
     found = [energy(state) for state in done.y.T]
-    assert max(made.contact(made.seen(0.0, state)) for state in done.y.T) > 10.0
+    assert max(made.contact(*made.seen(0.0, state)) for state in done.y.T) > 10.0
     assert np.ptp(found) < 1e-8 * found[0]
     assert done.y[-1, -1] == pytest.approx(0.25 * (done.y[-2, -1] + 0.4), rel=1e-8)  # impulse on the object
 
@@ -69,13 +74,13 @@ def test_energy_and_momentum_stay_where_nothing_damps(tmp_path):
 def test_stiffer_joints_come_to_a_rigid_robot_as_one_over_their_stiffness(tmp_path):
     """Over three decades."""
     scene = replace(SCENE, contact=ig.Contact(1e4, 0.5))
-    rigid = ig.simulate(scene, PAPERS, duration=0.3).object_velocity
+    rigid = ig.simulate(scene, PAPERS, duration=0.3, rtol=1e-11).object_velocity
     off = []
-    for factor in (10.0, 100.0, 1000.0):
+    for factor in (1e2, 1e3, 1e4, 1e5):
         arm, approach = elastic(tmp_path, factor, damping=(5.0 * factor, 2.0 * factor))
-        off.append(whole.simulate(arm, approach, scene, PAPERS, duration=0.3, rtol=1e-9).object_velocity - rigid)
+        off.append(whole.simulate(arm, approach, scene, PAPERS, duration=0.3, rtol=1e-11).object_velocity - rigid)
     ratios = np.array(off[:-1]) / off[1:]
-    assert ratios == pytest.approx([10.0, 10.0], rel=0.1)
+    assert ratios == pytest.approx([10.0, 10.0, 10.0], rel=0.02)
 
 
 @pytest.mark.parametrize("coupling", COUPLINGS[:2], ids=lambda each: type(each).__name__)
@@ -84,7 +89,7 @@ def test_small_motion_is_the_linear_one(coupling, tmp_path):
     arm, _ = elastic(tmp_path)
     off = []
     for size in (1e-3, 1e-4, 1e-5):
-        approach = follow(arm, Line((0.2, 1.4), (1.0, 0.5, 0.0), ahead=0.1 * size, behind=0.1 * size, spacing=1e-4))
+        approach = arm.along(START, LINE, 0.2 * size)
         scene = replace(SCENE, object=ig.Object(0.25, 0.1 * size), coupling=coupling)
         scene = replace(scene, contact=ig.Contact(1e5 / size**0.5, 0.5))  # scales with the way: a force of that size
         motion = ig.Trapezoid(0.5 * size, 8.0 * size)
@@ -93,6 +98,15 @@ def test_small_motion_is_the_linear_one(coupling, tmp_path):
         off.append(abs(full.object_velocity / linear.object_velocity - 1.0))
     assert off[2] < 1e-6
     assert off[0] > 5.0 * off[1]
+
+
+def test_jacobian_is_the_derivative_of_the_rates_by_the_joints(tmp_path):
+    """Of the linear equations, which have nothing else that depends on the joints while nothing touches."""
+    arm, approach = elastic(tmp_path)
+    made = Equations(arm, approach, SCENE, Path(whole.Reaction(())), linear=True)
+    y, ours = made.begin(0.1), made.jacobian(0.0, made.begin(0.1))
+    by_columns = [made.rates(0.0, y + unit, False) - made.rates(0.0, y - unit, False) for unit in np.eye(len(y))[:4]]
+    np.testing.assert_allclose(ours[:4, :4], np.transpose(by_columns)[:4] / 2.0, rtol=1e-12)
 
 
 def test_weight_hangs_the_joints_and_coriolis_is_small_but_there(tmp_path):
@@ -105,20 +119,128 @@ def test_weight_hangs_the_joints_and_coriolis_is_small_but_there(tmp_path):
     assert 1e-7 < abs(plain - still) < 0.01 * plain
 
 
-def test_good_servo_is_nearly_an_imposed_motion_and_a_bad_one_has_a_status(tmp_path):
+def test_good_servo_is_nearly_an_imposed_motion_and_a_bad_one_has_a_status(tmp_path, monkeypatch):
     arm, approach = elastic(tmp_path, rotor_inertia=1e-4, gear=100.0)
     assert arm.rotors == pytest.approx([1.0, 1.0])
-    imposed = whole.simulate(arm, approach, SCENE, PAPERS, duration=0.25).object_velocity
-    servo = whole.simulate(arm, approach, SCENE, PAPERS, duration=0.25, servo=whole.Servo()).object_velocity
-    assert servo == pytest.approx(imposed, rel=0.05)
-    lost = whole.simulate(arm, approach, SCENE, PAPERS, duration=0.25, servo=whole.Servo(5000.0, 1.0, 2e-3))
-    assert lost.status.startswith("the servo does not hold the arm on its line")
-    assert np.isfinite(lost.object_velocity)
+    run = partial(whole.simulate, arm, approach, SCENE, PAPERS, duration=0.25)
+    imposed = run().object_velocity
+    found = [run(servo=whole.Servo(delay=delay)).object_velocity for delay in (0.0, 0.4e-3, 1e-3, 1.5e-3)]
+    assert found == pytest.approx([imposed] * 4, rel=0.05)
+    assert len(set(found)) == 4
+    for numbers in ((5e3, 1.0, 2e-3), (100.0, 1.0, 0.1), (300.0, 0.01), (1e9, 1.0, 0.1), (300.0, 1.0, 1e-3, 8e-3)):
+        lost = run(servo=whole.Servo(*numbers))
+        assert lost.status.startswith("the servo is not stable")
+        assert np.isfinite([lost.object_velocity, lost.peak_force, lost.impulse, lost.sideways, lost.turn]).all()
+    monkeypatch.setattr("impact_gym.robot.equations.LOST", 1e-9)
+    assert run(servo=whole.Servo(10.0)).status.startswith("the servo does not hold the arm on its line: a joint is")
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.3, 1.0, 2.0])
+@pytest.mark.parametrize("w", [0.2, 0.9, 1.7])
+def test_loop_of_a_servo_around_a_rotor_alone_is_the_sampled_double_integrator(w, delay):
+    """Period 1 s. Joints so soft that they pass nothing on: x'' is what was asked for a delay ago."""
+    ratio, part, late = 0.5, delay % 1.0, int(delay)
+    rest = 1.0 - part
+    state = np.array([[1.0, 1.0], [0.0, 1.0]])
+    older, newer = np.array([part**2 / 2 + part * rest, part]), np.array([rest**2 / 2, rest])
+    control = np.array([-w * w, -2.0 * ratio * w])
+    loop = np.zeros((3 + late, 3 + late))  # x, x', then what was asked for in the last samples
+    loop[:2, :2], loop[2, :2], loop[:2, 2 + late] = state, control, older
+    if late:
+        loop[:2, 1 + late] += newer
+        loop[3:, 2:-1] += np.eye(late)
+    else:
+        loop[:2, :2] += np.outer(newer, control)
+    servo = whole.Servo(w / 0.01, ratio, 0.01, 0.01 * delay)  # the same but for its unit of time
+    growth = servo.growth(np.eye(1), np.array([1e-9]), np.array([1e-9]), np.ones(1))
+    expected = np.abs(np.linalg.eigvals(loop)).max()
+    assert growth == pytest.approx(max(expected, 1.0), abs=1e-6)
+    if not delay:  # Jury's criterion
+        assert (growth > 1.0 + 1e-6) == (w > min(4.0 * ratio, 1.0 / ratio))
+
+
+def test_all_that_is_reported_is_what_an_independent_run_has(tmp_path):
+    """The two links in closed form, the motors by their inverse kinematics, another method, looked at everywhere."""
+    arm, approach = elastic(tmp_path)
+    (a, b), m, k_c = TWO_LINKS["lengths"], 0.125, 1e5
+    u, begin, K, D = approach.direction[:2], approach.start[:2], np.array([9e3, 4e3]), np.array([5.0, 2.0])
+
+    def tip(q):
+        both = q[0] + q[1]
+        return np.array([a * np.cos(q[0]) + b * np.cos(both), a * np.sin(q[0]) + b * np.sin(both)])
+
+    def motors(t):
+        s, speed = (4.0 * t * t, 8.0 * t) if t < 0.0625 else (0.5 * (t - 0.03125), 0.5)
+        x, y = begin + s * u
+        elbow = np.arccos((x * x + y * y - a * a - b * b) / (2 * a * b))
+        q = np.array([np.arctan2(y, x) - np.arctan2(b * np.sin(elbow), a + b * np.cos(elbow)), elbow])
+        return q, np.linalg.solve(two_links_matrices(q)[1], u * speed)
+
+    def gap(t, y):
+        return u @ (tip(y[:2]) - begin) - y[4]
+
+    def force(t, y, chi):
+        depth, rate = max(gap(t, y), 0.0), u @ two_links_matrices(y[:2])[1] @ y[2:4] - y[5]
+        return (k_c + chi * rate) * depth**1.5
+
+    def rates(t, y, chi, touching):
+        q, v = y[:2], y[2:4]
+        (M, J), (q_m, v_m) = two_links_matrices(q), motors(t)
+        turning = tip(q) * v[0] ** 2 + b * np.array([np.cos(q.sum()), np.sin(q.sum())]) * (2 * v[0] + v[1]) * v[1]
+        F = max(force(t, y, chi), 0.0) if touching else 0.0
+        torques = K * (q_m - q) + D * (v_m - v) - coriolis(q, v) + m * J.T @ turning - J.T @ u * F
+        return [*v, *np.linalg.solve(M + m * J.T @ J, torques), y[5], F / 0.25]
+
+    gap.terminal, given = True, {"method": "RK45", "events": gap, "rtol": 1e-10, "atol": 1e-13, "dense_output": True}
+    still = [*approach.joint_angles[0], 0.0, 0.0, 0.1, 0.0]
+    ramp = solve_ivp(lambda t, y: rates(t, y, 0.0, False), (0.0, 0.0625), still, **given)
+    flight = solve_ivp(lambda t, y: rates(t, y, 0.0, False), (0.0625, 1.0), ramp.y[:, -1], **given)
+    met, touched = flight.y[:, -1], flight.t[-1]
+    closing = u @ two_links_matrices(met[:2])[1] @ met[2:4]
+    chi, gap.direction = 1.5 * (1 - 0.5) / 0.5 * k_c / closing, -1.0  # Hu and Guo
+    contact = solve_ivp(lambda t, y: rates(t, y, chi, True), (touched, 1.0), met, **given)
+    looked = [(t, contact.sol(t)) for t in np.linspace(touched, contact.t[-1], 4001)]
+    away = [tip(y[:2]) - begin for _, y in looked]
+    motion, duration = ig.Trapezoid(0.5, 8.0), contact.t[-1] + 1e-4
+    ours = whole.simulate(arm, approach, SCENE, motion, duration=duration, rtol=1e-10)
+    assert (ours.status, ours.contact_count) == ("ok", 1)
+    assert ours.touch_time == pytest.approx(touched, abs=1e-8)
+    assert ours.impact_velocity == pytest.approx(closing, abs=1e-7)
+    assert ours.object_velocity == pytest.approx(contact.y[5, -1], abs=1e-7)
+    assert ours.contact_time == pytest.approx(contact.t[-1] - touched, rel=1e-6)
+    assert ours.peak_force == pytest.approx(max(force(t, y, chi) for t, y in looked), rel=1e-5)
+    assert ours.sideways == pytest.approx(max(abs(x * u[1] - y * u[0]) for x, y in away), rel=1e-3)
+    assert ours.turn == pytest.approx(max(abs(y[:2].sum() - met[:2].sum()) for _, y in looked), rel=1e-3)
+    assert abs(away[-1][0] * u[1] - away[-1][1] * u[0]) < 0.9 * ours.sideways  # it is largest in between
+
+
+def test_a_flight_that_is_kept_changes_nothing(tmp_path):
+    arm, approach = elastic(tmp_path)
+    flight = []
+    for coupling, distance in ((ig.Rigid(), 0.1), (ig.Rigid(), 0.05), (ig.Rigid(), 0.12)):
+        scene = replace(SCENE, coupling=coupling, object=ig.Object(0.25, distance))
+        run = partial(whole.simulate, arm, approach, scene, PAPERS, duration=0.4)
+        fresh, shortened = run(), run(flight=flight)
+        assert shortened.object_velocity == pytest.approx(fresh.object_velocity, abs=1e-7)
+        assert shortened.touch_time == pytest.approx(fresh.touch_time, abs=1e-8)
+    assert flight[-1][1] == pytest.approx(0.12, abs=1e-6)
+
+
+def test_a_motion_beyond_the_line_and_one_that_takes_too_long_have_a_status(tmp_path, monkeypatch):
+    arm, approach = elastic(tmp_path)
+    beyond = whole.simulate(arm, approach, SCENE, ig.Trapezoid(0.5, 8.0), duration=2.0)
+    assert beyond.status == "the motion leaves the line at 0.4313 s"  # 0.2 m at 0.5 m/s and 0.5 m/s at 8 m/s^2
+    back = whole.simulate(arm, approach, SCENE, ig.Motion((0.0, 0.1, 0.3), (0.0, 0.2, -0.4)), duration=2.0)
+    assert back.status.startswith("the motion leaves the line")
+    assert (back.touch_time, back.impact_velocity, back.contact_time) == (None, None, None)
+    monkeypatch.setattr("impact_gym.robot.equations.MOST_EVALUATIONS", 100)
+    short = whole.simulate(arm, approach, SCENE, PAPERS, duration=0.3)
+    assert short.status == "more than 100 evaluations of the equations"
 
 
 def test_advise_names_the_cheapest_mass_beside_all_joints(tmp_path):
     arm, approach = elastic(tmp_path, 10.0)
-    approach = follow(arm, Line((0.2, 1.4), (1.0, 0.5, 0.0), ahead=0.1, behind=0.1))
+    approach = arm.along(START, LINE, 0.2)
     advice = advise(SCENE, PAPERS, 0.05, duration=0.3, arm=(arm, approach))
     true = whole.simulate(arm, approach, SCENE, PAPERS, duration=0.3).object_velocity
     for model in advice.tried[1:]:
@@ -136,8 +258,22 @@ def test_advise_names_the_cheapest_mass_beside_all_joints(tmp_path):
     ({"contact": ig.Contact(1e5, 0.5, damping_exponent=1.0, dissipation="exact")}, {}, "damping_exponent"),
     ({}, {"servo": whole.Servo()}, "rotor_inertia"),
     ({}, {"duration": -1.0}, "duration"),
+    *[({}, {"rtol": value}, "rtol must be") for value in (0.0, math.nan, 1.0, None, 1e-20)],
+    *[({}, {name: 5}, f"{name} must be") for name in ("arm", "approach", "scene", "motion", "servo", "gravity")],
 ])  # fmt: skip
-def test_scenes_that_it_has_no_equations_for_are_refused(change, options, message, tmp_path):
+def test_what_it_has_no_equations_for_is_refused(change, options, message, tmp_path):
     arm, approach = elastic(tmp_path)
+    given = {"arm": arm, "approach": approach, "scene": replace(SCENE, **change), "motion": PAPERS, "duration": 0.2}
     with pytest.raises(ValueError, match=message):
-        whole.simulate(arm, approach, replace(SCENE, **change), PAPERS, **{"duration": 0.2} | options)
+        whole.simulate(**given | options)
+
+
+def test_arms_and_approaches_that_do_not_belong_together_are_refused(tmp_path):
+    arm, approach = elastic(tmp_path)
+    slide = from_urdf(slides(tmp_path), "base", "tip", joint_stiffness=1e5, joint_damping=1.0)
+    for other in (slide.along((0.0, 0.0), LINE, 0.2), replace(approach, start=approach.start + 0.01)):
+        with pytest.raises(ValueError, match="approach must be of this arm"):
+            whole.simulate(arm, other, SCENE, PAPERS, duration=0.2)
+    for pair in (arm, (approach, arm), (arm,), [arm, approach]):
+        with pytest.raises(ValueError, match="arm must be a pair, an Arm and its Approach"):
+            advise(SCENE, PAPERS, arm=pair)

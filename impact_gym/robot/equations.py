@@ -1,0 +1,190 @@
+"""The equations of an arm with all its joints, a tool and an object; see `whole`."""
+
+import math
+from bisect import bisect_right
+from typing import Any
+
+import numpy as np
+from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicSpline
+from scipy.optimize import fsolve
+
+from impact_gym.robot.approach import Approach, Array
+from impact_gym.robot.arm import Arm
+from impact_gym.robot.drive import Path, Servo
+from impact_gym.scene import Bistable, Rigid, Scene, SpringDamper
+
+LOST = 0.05  # rad or m, of a motor off its line: the servo does not hold it
+MOST_EVALUATIONS = 400_000  # of the equations, about a quarter of a minute
+STIFF = 1e5  # 1/s, the joints' fastest mode: above it an implicit method is faster
+
+
+class Unfinished(Exception):  # noqa: N818 a status, not an error
+    """A run ends before its time."""
+
+
+class Equations:
+    """The equations. The state is q, q', with a servo the motors' angles and rates, then tool, object and impulse."""
+
+    def __init__(
+        self, arm: Arm, approach: Approach, scene: Scene, path: Path, *, coriolis: bool = True, gravity: bool = False,
+        linear: bool = False, servo: Servo | None = None,
+    ) -> None:  # fmt: skip
+        self.rigid, self.m_t, self.m_p = isinstance(scene.coupling, Rigid), scene.tool.mass, scene.object.mass
+        self.arm, self.scene, self.path, self.n = arm.with_load(self.m_t) if self.rigid else arm, scene, path, arm.count
+        self.coriolis, self.gravity, self.servo, self.linear = coriolis, gravity, servo, linear
+        self.motors = CubicSpline(approach.position, approach.joint_angles)
+        self.slopes, self.bend = self.motors.derivative(), self.motors.derivative(2)
+        self.places, self.pieces = approach.position.tolist(), self.motors.c.transpose(1, 0, 2)
+        self.start, self.u = approach.start, approach.direction
+        met = self.motors(scene.object.distance)
+        self.row = self.u @ self.arm.dynamics(met, np.zeros(self.n), False, False)[1]  # where the object stands
+        M = self.arm.mass_matrix(met)
+        self.inverse, self.carried = np.linalg.inv(M), M @ self.slopes(scene.object.distance)
+        modes = np.linalg.eigvals(self._elastic(np.eye(self.n), self.inverse))
+        self.stiff = bool(np.abs(modes).max() > STIFF)
+        self.torque = np.zeros(self.n)  # of the motors, held for a sample
+        self.damping = 0.0  # chi of the contact that goes on, N s/m^(1 + n)
+        self.evaluations = 0
+
+    def begin(self, distance: float) -> Array:
+        """Return the state at rest, in equilibrium."""
+        q_m = self.motors(0.0)
+        q = q_m
+        if self.linear:
+            q = np.zeros(self.n)
+        elif self.gravity:
+            q = fsolve(lambda q: self.arm.dynamics(q, q * 0.0, False, True)[2] - self.arm.stiffness * (q_m - q), q_m)
+        self.torque = self.arm.stiffness * (q_m - q)
+        motors = np.concatenate([q_m, np.zeros(self.n)]) if self.servo else np.empty(0)
+        place = 0.0 if self.linear else float(self.u @ (self.arm.flange(q)[0] - self.start))
+        return np.concatenate([q, np.zeros(self.n), motors, [place, 0.0, distance, 0.0, 0.0]])
+
+    def driven(self, t: float, y: Array) -> tuple[Array, Array]:
+        """Return angles and rates of the motors."""
+        if self.servo:
+            return y[2 * self.n : 3 * self.n], y[3 * self.n : 4 * self.n]
+        s, rate, _ = self.path.at(t)
+        at = min(max(bisect_right(self.places, s) - 1, 0), len(self.places) - 2)
+        off = s - self.places[at]
+        powers = (off**3, off * off, off, 1.0), (3.0 * off * off * rate, 2.0 * off * rate, rate, 0.0)
+        angles, rates = np.array(powers) @ self.pieces[at]
+        return angles, rates
+
+    def sample(self, t: float, y: Array) -> Array:
+        """Return the torques that the servo works out now."""
+        assert self.servo is not None
+        s, rate, rise = self.path.at(t)
+        q_m, v_m = self.driven(t, y)
+        off = self.motors(s) - q_m
+        if not (most := np.abs(off).max()) < LOST:
+            raise Unfinished(f"the servo does not hold the arm on its line: a joint is {most:.3g} rad or m off")
+        w, wanted = self.servo.frequency, self.slopes(s) * rise + self.bend(s) * rate * rate
+        follow = w * w * off + 2.0 * self.servo.damping_ratio * w * (self.slopes(s) * rate - v_m)
+        held = self.arm.stiffness * (q_m - y[: self.n]) + self.arm.damping * (v_m - y[self.n : 2 * self.n])
+        return np.asarray(self.arm.rotors * (wanted + follow) + held)
+
+    def contact(self, depth: float, rate: float) -> float:
+        """Contact force, N, without the sign that a clamp would take."""
+        law, depth = self.scene.contact, max(depth, 0.0)
+        return float(law.stiffness * depth**law.stiffness_exponent + self.damping * depth**law.damping_exponent * rate)
+
+    def pull(self, stretch: float, rate: float) -> float:
+        """Force of the coupling on the tool, N."""
+        held = self.scene.coupling
+        if isinstance(held, SpringDamper):
+            return -held.stiffness * stretch - 2.0 * held.damping_ratio * math.sqrt(held.stiffness * self.m_t) * rate
+        assert isinstance(held, Bistable)
+        k, place = held.stop_stiffness, held.rest + stretch
+        c = 2.0 * held.stop_damping_ratio * math.sqrt(k * self.m_t)
+        front = max(k * (place - held.front_stop) + c * rate, 0.0) if place > held.front_stop else 0.0
+        rear = max(k * (held.rear_stop - place) - c * rate, 0.0) if place < held.rear_stop else 0.0
+        return float(held.force(place)) - front + rear
+
+    def flange(self, t: float, y: Array) -> tuple[float, float, Array, Array]:
+        """Return place and velocity along the line, the line's row of the Jacobian and the bias."""
+        q, rates = y[: self.n], y[self.n : 2 * self.n]
+        if self.linear:  # q is what the joints yield
+            s, speed, rise = self.path.at(t)
+            return s + float(self.row @ q), speed + float(self.row @ rates), self.row, self.carried * rise
+        place, J, bias = self.arm.dynamics(q, rates, self.coriolis, self.gravity)
+        row = self.u @ J
+        return float(self.u @ (place - self.start)), float(row @ rates), row, bias
+
+    def rates(self, t: float, y: Array, touching: bool) -> Array:
+        """Return d(state)/dt."""
+        self.evaluations += 1
+        if self.evaluations > MOST_EVALUATIONS:
+            raise Unfinished(f"more than {MOST_EVALUATIONS} evaluations of the equations")
+        n, out = self.n, np.empty_like(y)
+        place, speed, row, bias = self.flange(t, y)
+        tool, v_t, x, v_p = (place, speed, y[-3], y[-2]) if self.rigid else y[-5:-1]
+        force = max(self.contact(tool - x, v_t - v_p), 0.0) if touching else 0.0
+        pulled = force if self.rigid else self.pull(tool - place, v_t - speed)
+        q, v = y[:n], y[n : 2 * n]
+        q_m, v_m = (0.0, 0.0) if self.linear else self.driven(t, y)
+        yielded = self.arm.stiffness * (q_m - q) + self.arm.damping * (v_m - v)
+        torques = yielded - bias - row * pulled
+        out[:n], out[n : 2 * n] = v, self.inverse @ torques if self.linear else self.arm.accelerations(torques)
+        if self.servo:
+            out[2 * n : 3 * n] = v_m
+            out[3 * n : 4 * n] = (self.torque - yielded) / self.arm.rotors
+        out[-5:] = v_t, 0.0 if self.rigid else (pulled - force) / self.m_t, v_p, force / self.m_p, force
+        return out
+
+    def jacobian(self, t: float, y: Array) -> Array:
+        """Return what the joints' stiffness and damping have of d(rates)/d(state): all that is ever stiff."""
+        self.flange(t, y)
+        matrix, unit = np.zeros((len(y), len(y))), np.eye(self.n)
+        inverse = self.inverse if self.linear else self.arm.accelerations(unit)
+        matrix[: 2 * self.n, : 2 * self.n] = self._elastic(unit, inverse)
+        return matrix
+
+    def _elastic(self, unit: Array, inverse: Any) -> Any:
+        return np.block([[0.0 * unit, unit], [-inverse * self.arm.stiffness, -inverse * self.arm.damping]])
+
+    def seen(self, t: float, y: Array) -> tuple[float, float]:
+        """Return how deep the tool is in the object, m, and how fast it goes deeper."""
+        tool, v_t = self.flange(t, y)[:2] if self.rigid else y[-5:-3]
+        return float(tool - y[-3]), float(v_t - y[-2])
+
+    def aside(self, y: Array, rotation: Array) -> tuple[float, float]:
+        """Return how far the flange is from the line, m, and turned, rad."""
+        if self.linear:
+            return 0.0, 0.0
+        self.arm.move(y[: self.n])
+        place, turned = self.arm.pose()
+        away = place - self.start
+        away = away - self.u * (self.u @ away)
+        return math.sqrt(away @ away), math.acos(min(1.0, max(-1.0, 0.5 * (float(np.sum(rotation * turned)) - 1.0))))
+
+    def piece(self, t: float, until: float, y: Array, touching: bool, unfelt: bool, rtol: float) -> Any:
+        """Integrate a piece without corners, to the first of its events: touch or parting, line's end, alarm."""
+
+        def gap(t: float, y: Array) -> float:
+            return self.seen(t, y)[0]
+
+        def line_left(t: float, _: Array) -> float:
+            s = self.path.at(t)[0]
+            return min(s + 1e-9, self.places[-1] - s)
+
+        def felt(t: float, y: Array) -> float:
+            return self.contact(*self.seen(t, y)) - self.path.commands.threshold
+
+        events: list[Any] = [gap, line_left, felt][: 3 if unfelt and touching else 2]
+        for event, direction in zip(events, (-1.0 if touching else 1.0, -1.0, 1.0), strict=False):
+            event.terminal, event.direction = True, direction
+        longest, law = until - t, self.scene.contact
+        if touching:
+            mass, closing = 1.0 / (1.0 / self.m_t + 1.0 / self.m_p), max(abs(self.seen(t, y)[1]), 1e-3)
+            depth = (mass * closing**2 / law.stiffness) ** (1.0 / (law.stiffness_exponent + 1.0))
+            longest = min(longest, depth / closing)
+        elif isinstance(self.scene.coupling, Bistable):
+            longest = min(longest, 2.0 * math.sqrt(self.m_t / self.scene.coupling.stop_stiffness))
+        # LSODA starts anew too dearly for the samples of a servo, and wavers where joints are stiff
+        method = "DOP853" if self.servo else "Radau" if self.stiff else "LSODA"
+        return solve_ivp(
+            lambda t, y: self.rates(t, y, touching), (t, until), y, method, events=events, rtol=rtol,
+            atol=max(1e-2 * rtol, 1e-10 if self.stiff else 0.0), max_step=max(longest, 1e-9), dense_output=touching,
+            **({} if self.servo else {"jac": self.jacobian}),
+        )  # fmt: skip
