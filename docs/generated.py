@@ -24,6 +24,7 @@ from mkdocs.structure.files import File, Files
 from PIL import Image
 
 import impact_gym as ig
+from agents import load_policy
 from agents.baselines import PaperTrapezoid
 from agents.setups import load_setup, shipped
 from impact_gym.envs import IDS
@@ -212,21 +213,32 @@ def convergence() -> bytes:
     return svg(figure)
 
 
-def moment(which: str) -> bytes:
-    """Return a picture of an episode of the paper's rule: the approach, the contact, or the end."""
+def contact() -> bytes:
+    """Return a picture of an episode of the paper's rule at its first contact."""
     env = gym.make("ImpactApproach-v0", render_mode="rgb_array")
     observation, _ = env.reset(seed=3)
-    rule, ended, step = PaperTrapezoid(), False, 0
-    while not ended:
-        action, _ = rule.predict(observation)
-        observation, _, ended, _, _ = env.step(action)
-        step += 1
-        force = env.unwrapped.episode_info()["peak_force"]  # type: ignore[attr-defined]
-        if (which == "approach" and step == 12) or (which == "contact" and force > 0.0):
-            break
-    file = io.BytesIO()
+    rule, file = PaperTrapezoid(), io.BytesIO()
+    while env.unwrapped.episode_info()["peak_force"] == 0.0:  # type: ignore[attr-defined]
+        observation, *_ = env.step(rule.predict(observation)[0])
     Image.fromarray(env.render()).save(file, "png", optimize=True)  # type: ignore[arg-type]
     env.close()
+    return file.getvalue()
+
+
+def film(setup: str, every: int) -> bytes:
+    """Return an episode of a set-up's policy, a picture of `every` so many control steps, played once."""
+    env, policy = load_setup(setup).make(render_mode="rgb_array", time_weight=2.0), load_policy(setup)
+    observation, _ = env.reset(seed=3)
+    ended, step, pictures = False, 0, list[Image.Image]()
+    while not ended:
+        if step % every == 0:
+            pictures.append(Image.fromarray(env.render()).resize((640, 360)))  # type: ignore[arg-type]
+        observation, _, ended, *_ = env.step(policy.predict(observation)[0])
+        step += 1
+    pictures.append(Image.fromarray(env.render()).resize((640, 360)))  # type: ignore[arg-type]
+    env.close()
+    file = io.BytesIO()
+    pictures[0].save(file, "webp", save_all=True, append_images=pictures[1:], duration=100, loop=1, quality=60)
     return file.getvalue()
 
 
@@ -248,6 +260,6 @@ def identified() -> bytes:
 
 PICTURES: dict[str, Callable[[], bytes]] = {
     "contact_force.svg": contact_force, "convergence.svg": convergence, "restitution.svg": restitution,
-    "mechanism.svg": mechanism, "identified.svg": identified, "approach.png": lambda: moment("approach"),
-    "contact.png": lambda: moment("contact"), "end.png": lambda: moment("end"),
+    "mechanism.svg": mechanism, "identified.svg": identified, "contact.png": contact,
+    "linear-blind.webp": lambda: film("linear-blind", 1), "teleop-spring.webp": lambda: film("teleop-spring", 6),
 }  # fmt: skip

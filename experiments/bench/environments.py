@@ -1,9 +1,11 @@
 """Environments and training: steps per second with everything included, beside Gymnasium's own; what a batch costs.
 
-The rates of batches by size tell how many environments are enough. A set-up has three rates. *environment*: actions
-drawn beforehand. *environment with inference*: the set-up's shipped policy acts. *training*: all that `agents.train`
-does from the first rollout to the end, updates and validation included; `metrics.json` has it too. Random actions play
-other episodes than a policy, so the first rate need not be the highest.
+The rates of batches by size tell how many environments are enough. A set-up has three rates, beside those of CartPole
+and Pendulum in batches of the same size. *environment*: Gymnasium's own benchmark, random actions. *environment with
+inference*: the set-up's shipped policy acts, beside them one of stable-baselines3. *training*: all that `agents.train`
+does from the first rollout to the end, updates and validation included (`metrics.json` has it too), beside them PPO of
+stable-baselines3 on the batch that it makes. Random actions play other episodes than a policy, so the first rate need
+not be the highest.
 """
 
 import io
@@ -22,6 +24,10 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import polars as pl
+import torch
+from gymnasium.utils.performance import benchmark_vector_step
+from stable_baselines3 import PPO
+from stable_baselines3.common.env_util import make_vec_env
 from tqdm import tqdm
 
 from agents import load_policy
@@ -125,20 +131,39 @@ def measure(quick: bool) -> dict[str, pl.DataFrame]:
     return {"Environments": stepped(quick), "The batch": pl.DataFrame([row])}
 
 
+def neighbour(name: str, count: int, quick: bool) -> dict[str, Any]:
+    """Return the three rates of one of Gymnasium's environments, in its own batch; see above."""
+    mode = "sync" if gym.spec(name).vector_entry_point is None else "vector_entry_point"
+    learner = PPO("MlpPolicy", make_vec_env(name, count), n_steps=32, batch_size=4096, n_epochs=4, device="cpu")
+    envs = [gym.make_vec(name, count, mode) for _ in range(2)]
+    row = rates(name, envs, lambda last: learner.predict(last[0], deterministic=True)[0], quick)
+    begun = time.perf_counter()
+    learner.learn(2 * count if quick else STEPS // 2)
+    return row | {"training, torch threads: 1": learner.num_timesteps / (time.perf_counter() - begun)}
+
+
+def rates(name: str, envs: Sequence[Any], act: Callable[[Any], Any], quick: bool) -> dict[str, Any]:
+    """Return a row with the rates of two batches without training, one for random actions, one that `act` steps."""
+    count, seconds = envs[0].num_envs, 0.1 if quick else 3.0
+    random: Any = benchmark_vector_step(envs[0], seconds, seed=0)  # type: ignore[arg-type]  # parts of a second, too
+    inference = rate(stepping(envs[1], act), count, seconds)
+    return {"set-up": name, "environments": count, "environment": random, "environment with inference": inference}
+
+
 def three_rates(quick: bool, setups: Sequence[str] = SETUPS) -> dict[str, pl.DataFrame]:
     """Return the three rates of set-ups, with as many environments side by side as their training has."""
-    seconds, steps, threads = (0.1, STEPS // 100, {1}) if quick else (3.0, STEPS, {1, len(os.sched_getaffinity(0))})
+    steps, threads = (STEPS // 100, {1}) if quick else (STEPS, {1, len(os.sched_getaffinity(0))})
     rows = []
     for name in setups:
         setup, policy = load_setup(name), load_policy(name)
-        count = setup.training.envs
-        envs = setup.make_vec(count)
-        ways = {"environment": None, "environment with inference": lambda last, act=policy: act.predict(last[0])[0]}
-        row = {way: rate(stepping(envs, act), count, seconds) for way, act in ways.items()}
+        envs = [setup.make_vec(setup.training.envs) for _ in range(2)]
+        row = rates(name, envs, lambda last, act=policy: act.predict(last[0])[0], quick)  # type: ignore[misc]
         for number in sorted(threads):
             asked = Run(setup, replace(setup.training, steps=steps, threads=number))
             with tempfile.TemporaryDirectory() as folder, redirect_stdout(io.StringIO()):
                 metrics = json.loads((train(asked, Path(folder) / "run") / "metrics.json").read_text())
             row[f"training, torch threads: {number}"] = metrics["steps_per_second"]
-        rows.append({"set-up": name, "environments": count, **row})
+        rows.append(row)
+    torch.set_num_threads(1)
+    rows += [neighbour(name, rows[0]["environments"], quick) for name in (BATCH_SCALE, SCALE)]
     return {"The three rates, steps per second": pl.DataFrame(rows)}

@@ -1,4 +1,4 @@
-"""Several threads of one process, each with environments and scenes of its own: the same bits as one after the other."""
+"""Threads of one process, each with environments and scenes of its own: the same bits as one after the other."""
 
 import sys
 from concurrent.futures import ThreadPoolExecutor

@@ -41,7 +41,7 @@ def test_three_rates_are_measured_for_a_set_up():
     training = "training, torch threads: 1"
     assert "steps per second" in title
     assert table.columns == ["set-up", "environments", "environment", "environment with inference", training]
-    assert table["set-up"].to_list() == ["linear-blind"]
+    assert table["set-up"].to_list() == ["linear-blind", environments.BATCH_SCALE, environments.SCALE]
     assert (table[training] > 0.0).all()
     assert (table["environment"] > table[training]).all()  # which steps the same, and learns
 
