@@ -1,12 +1,9 @@
 """A tool approaches an object: how to move and brake so that it arrives soon and does not shoot the object away."""
 
-from pathlib import Path
-
-from impact_gym import sources
+from impact_gym import beside, sources
 
 sources.check()
-if not Path(__file__).with_name("agents").is_dir():  # a checkout, where they lie beside: a wheel has them in here
-    __path__.append(str(Path(__file__).parents[1]))
+beside.install()
 
 from impact_gym import envs, operators, robot
 from impact_gym.identify import Identified, LoadCell, Sensor, identify

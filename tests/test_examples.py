@@ -62,6 +62,7 @@ def test_contact_of_the_padded_design_is_what_its_pad_leaves_of_the_usual_scenar
 def test_examples_all_have_a_test():
     tested = {"gymnasium_loop.py", "vector_loop.py", "stable_baselines3_ppo.py", "rl_zoo3.yml", "bistable-robust.toml"}
     tested |= DESIGNED
+    tested |= {"minari_again.py"}  # in tests/experiments/test_dataset.py
     on_a_page = {"mujoco_restitution.py"}  # what it prints stands in docs/questions.md
     on_a_page |= {"morl_capql.py", "offline_d3rlpy.py"}  # in docs/how-to/libraries.md: theirs are not installed here
     assert {file.name for file in EXAMPLES.iterdir() if file.is_file()} == tested | on_a_page

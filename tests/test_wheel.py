@@ -200,3 +200,8 @@ def test_import_refuses_a_solver_that_is_not_what_its_sources_say(copy, missing,
         file.unlink()
     answer = printed("import impact_gym", copy.parent)
     assert message in answer if message else answer == ""
+
+
+def test_name_in_the_package_is_the_module_that_lies_beside_a_checkout():
+    alike = "import agents.jobs, impact_gym.agents.jobs as jobs; print(jobs is agents.jobs, jobs.__spec__.name)"
+    assert printed(alike) == "True agents.jobs\n"

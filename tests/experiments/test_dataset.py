@@ -1,6 +1,9 @@
 """Datasets of Minari: as its contract says, whole or not there, and played again to the bit."""
 
 import re
+import subprocess
+import sys
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -55,6 +58,13 @@ def test_of_a_set_up_each_player_has_one_that_plays_again(capsys):
             assert info["record"] == at["options"]["record"]
     said = capsys.readouterr().out.splitlines()
     assert [line.split(":")[0] for line in said] == [f"impact/linear-blind/{who}-v0" for who in dataset.PLAYERS]
+
+
+def test_example_of_the_page_begins_an_episode_again():
+    make(who=("profile",))
+    example = Path(__file__).parents[2] / "docs" / "examples" / "minari_again.py"
+    command = [sys.executable, str(example), "impact/linear-blind/profile-v0"]
+    assert subprocess.run(command, capture_output=True, text=True, check=True).stdout == "begins as recorded: True\n"
 
 
 def test_the_rule_is_what_the_batch_plays():

@@ -16,7 +16,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "helpers"))
 
-from browsers import chromium
+from pages import chromium
 from playing import flood, lateness, play, served
 
 LOOK = """() => {

@@ -86,13 +86,13 @@ def test_number_beyond_its_limits_is_refused_with_name_value_unit_and_what_is_al
 
 @EVERY_ROW
 def test_what_is_no_number_is_refused_with_name_and_unit(row):
-    unit = "(no unit)" if row.unit == "-" else row.unit
+    unit = "(no unit)" if row.unit == "-" else f"in {row.unit}"
     for name, take in doors(row):
         for value in (True, "1", b"1", 1j, object(), np.True_, np.complex128(1.0)):
             with pytest.raises(TypeError) as refusal:
                 take(value)
             assert isinstance(refusal.value, ValueError)
-            assert str(refusal.value) == f"{name} must be a number in {unit}, got {value!r}"
+            assert str(refusal.value) == f"{name} must be a number {unit}, got {value!r}"
 
 
 @EVERY_ROW
