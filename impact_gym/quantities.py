@@ -122,11 +122,12 @@ def channel(way: str, place: int) -> tuple[Quantity, ...]:
         ("tail_share", f"share of {words} with the longer delay", "-", PART, SHARE),
         ("loss", f"share of {words} that is lost", "-", Limits(at_least=0.0, at_most=0.99), SHARE),
         ("burst", f"mean number of losses in a row of {words}", "-", Limits(at_least=1.0, at_most=1e6), SHARE),
-        ("timeout", "silence of a channel after which the arm stops", "s", POSITIVE, Scale(0.0, 0.5, 0.0)),
+        ("timeout", "silence after which the arm stops", "s", POSITIVE, Scale(0.0, 0.5, 0.0)),
     )  # fmt: skip
     return tuple(
         Quantity(f"{way}.{name}", about, unit, limits, own(place + k), scale=scale)
         for k, (name, about, unit, limits, scale) in enumerate(rows)
+        if (way, name) != ("downlink", "timeout")
     )
 
 

@@ -166,7 +166,8 @@ class Batch:
         """
         commands = np.ascontiguousarray(array("action", actions, shape), np.float64).reshape(self.size, self.commanded)
         if not np.isfinite(commands).all():
-            raise ValueError(f"action must be finite, got {commands[~np.isfinite(commands).all(axis=1)][0]}")
+            wrong = commands[~np.isfinite(commands).all(axis=1)][0]
+            raise ValueError(f"action must be finite (no unit), got {wrong}: nothing was moved")
         return commands
 
     def get_state(self) -> dict[str, Any]:
@@ -202,7 +203,7 @@ class Batch:
 
     def link_columns(self) -> dict[str, NDArray[Any]]:
         """Return the entries of the info of every step, arrays (size, ...); none without an operator."""
-        return command_columns(self.episodes) if len(self.links) else {}
+        return command_columns(self.episodes, self.links) if len(self.links) else {}
 
     def link_infos(self) -> list[dict[str, Any]]:
         """Return these entries of each row, plain numbers and arrays (1,)."""
