@@ -265,6 +265,7 @@ RESULTS = (
 
 STEERED = (
     Quantity("done_time", "time until the end, when the object rests and the operator or the tool is done", "s"),
+    Quantity("late", "time from a touch until the operator's stop reaches the arm, on average", "s"),
     Quantity("taken", "share of the operator's motion before the touch that was withheld", "-"),
 )
 """What is known beside where an operator commands."""

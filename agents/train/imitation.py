@@ -31,7 +31,9 @@ class Teacher:
         content = read_tuned(name, setup.folder / "tuned", setup) if its_own else read_tuned(name)
         rules = [tuned_rule(content, float(weight)) for weight in content["weights"]]
         self.rules = [rule.for_environment(setup.environment) for rule in rules]
-        self.spec = ObservationSpec(Task(**{**setup.environment, "privileged": True}))
+        played = [{}, *(changes for _, changes in setup.mixed)]
+        tasks = [Task(**{**setup.environment, **changes, "privileged": True}) for changes in played]
+        self.spec = ObservationSpec.of_rows(tasks)
         means = [tuned["validation"] for tuned in content["weights"].values()]
         self.means = np.array([(mean["object_velocity"], mean["approach_time"]) for mean in means])
         self.checksum: str = content["sha256"]

@@ -33,7 +33,7 @@ _NUMBERS = {
 SLIDE = ("slide", "rest_time")
 """Entries of an info where there is friction."""
 
-LINKED = {"touch_time": "approach_time", "done_time": "done_time", "taken": "taken"}
+LINKED = {"touch_time": "approach_time", "done_time": "done_time", "taken": "taken", "late": "late"}
 """Entries of an info where an operator commands."""
 
 INTERVENTION = 1e-3  # m/s, by which a command is changed at the least where the assistance intervenes

@@ -73,6 +73,7 @@ cdef struct Episode:  # a row, beside its chain
     double slide, rest_time  # m and s, once terminated; inf without friction
     double taken_cost  # m/s, term of the reward
     double done_time, taken  # s, so far; share
+    double late  # s, from a touch until the operator's stop reaches the arm, on average
 
 
 cdef struct Packet:  # a command on its way

@@ -91,6 +91,7 @@ cdef void begin_link(Row *row) noexcept nogil:
     if who.width > 0.0:
         link.duration = max(link.duration, who.intercept + who.slope * log(way / who.width + 1.0) / log(2.0))
     link.duration *= 1.0 + who.lag_slope * lag
+    row.episode.late = lag + who.reaction
 
 
 cdef double step_response(double omega, double zeta, double time) noexcept nogil:
