@@ -123,6 +123,23 @@ def test_tool_that_rests_against_an_object_for_seconds_presses_with_what_holds_i
     assert drawn["contact_stiffness"] * chain["penetration"] ** 1.5 == pytest.approx(held, rel=1e-5)
 
 
+@pytest.mark.parametrize("coupling", COUPLINGS, ids=lambda each: type(each).__name__)
+def test_tool_pushes_an_object_on_for_seconds_with_its_friction(coupling):
+    """The object goes as fast as the flange, and the contact is as deep as mu m_p g asks for."""
+    dull = {"object_mass": (0.3, 1.0), "restitution": (0.1, 0.4), "distance": 0.2}
+    operator = {"type": "Trapezoid", "speed": (0.1, 0.4), "reaction": 9.0}
+    batch = steered(operator, 50, coupling=coupling, horizon=7.0, scenario=dull)
+    *_, _ = played(batch, OWN, steps=400)
+    chains, drawn = batch.chains, batch.episodes["drawn"]
+    assert (batch.episodes["status"] == 0).all()
+    pressed = (chains["penetration"] > 0.0) & (chains["time"] > 6.0)
+    assert pressed.sum() > 40
+    depth = (0.3 * drawn["object_mass"] * GRAVITY / drawn["contact_stiffness"]) ** (2.0 / 3.0)
+    assert chains["penetration"][pressed] == pytest.approx(depth[pressed], rel=1e-3)  # it still swings a little
+    speed = chains["flange_velocity"] + chains["deflection_rate"] - chains["penetration_rate"]  # of the object
+    assert speed[pressed] == pytest.approx(drawn["operator"]["speed"][pressed], rel=1e-3)
+
+
 def test_arm_stops_within_timeout_delay_and_braking_once_the_channel_is_dead():
     batch = steered(ig.operators.Trapezoid(0.5), uplink={"delay": 0.1, "timeout": 0.07}, scenario=AWAY)
     for _ in played(batch, OWN, steps=40):
