@@ -63,8 +63,8 @@ class ImpactTeleopEnv(ImpactApproachEnv):
     what was executed last in it `teleop_action` (u, 0 if that was too old) and `intervene_action` (v), arrays (1,) in
     m/s, and `is_intervention`, whether they are more than 1 mm/s apart. Unlike in HIL-SERL `intervene_action` is there
     in each step: the flag says whether it is an intervention. The final one has `object_velocity` (m/s), `slide` (m),
-    `touch_time`, `done_time` (s; the horizon where that has not come), `late` (s, what reaction and channels take from a
-    touch to the operator's stop at the arm, on average), `peak_force` (N), `contact_count`, `taken`, `missed`,
+    `touch_time`, `done_time` (s; the horizon where that has not come), `late` (s, what reaction and channels take from
+    a touch to the operator's stop at the arm, on average), `peak_force` (N), `contact_count`, `taken`, `missed`,
     `record`, and what that of `ImpactApproach` has.
 
     ## Arguments
