@@ -134,7 +134,8 @@ def lines(setup: Setup) -> Iterator[str]:
         least, soon, usual, last = np.quantile(ahead, [0.0, 0.05, 0.5, 0.95]) if ahead.size else [np.nan] * 4
         yield (
             f"  the operator's own stop is {_spread((1e3 * late).tolist(), '.0f')} ms late; the touch comes after"
-            f" {soon:.1f} to {last:.1f} times that in nine of ten scenarios, {usual:.1f} in the middle, {least:.1f} at the least"
+            f" {soon:.1f} to {last:.1f} times that in nine of ten scenarios, {usual:.1f} in the middle, at the least"
+            f" {least:.1f}"
         )
     if isinstance(task.coupling, Bistable):
         force, share = rigid_to(task, played.scenario)
