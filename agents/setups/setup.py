@@ -205,7 +205,7 @@ def _refuse_unknown(setup: Setup) -> None:
         number("evaluation: weights and typical", weight, "m/s per s", at_least=low, at_most=high)
     baselines = {*setup.tuned, *shipped_baselines()}
     known("baselines.against.", [name for name in setup.against if not OBJECT.fullmatch(name)], {*baselines, *FIXED})
-    known("training.teacher.", [setup.training.teacher], {"", *baselines})
+    known("training.teacher.", [setup.training.teacher], {"", *baselines, *FIXED})
     known("baselines.bound.", [setup.bound], [setup.name, *shipped()])
     known("evaluation.of.", [setup.evaluation.of], ["paper-trapezoid", *shipped()])
 

@@ -6,11 +6,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_gym.kernels import LONGEST_JITTER
+from impact_gym.kernels import LONGEST_JITTER, WITHDRAWAL_FADE
 from impact_gym.operators import KINDS, Channel
 from impact_gym.validation import Range
 
 WAYS = ("uplink", "downlink")
+FADE: float = WITHDRAWAL_FADE  # s, in which a withdrawal ends
 
 
 def checked(task: Any) -> dict[str, Channel]:

@@ -8,8 +8,8 @@ cpdef enum:
 
 cdef double MUSCLE = 0.04  # s, time constant of each of two lags between control and motion (Todorov 2005)
 cdef double WITHDRAWAL = 0.3  # m/s, the fastest
-FASTEST_WITHDRAWAL = WITHDRAWAL
 cdef double FADE = 0.1  # s, in which a withdrawal ends
+FASTEST_WITHDRAWAL, WITHDRAWAL_FADE = WITHDRAWAL, FADE
 cdef double IDLE = 0.3  # s, an operator who has commanded nothing for so long is done
 cdef double BESIDE = 5e-3  # m, of a tool that has done its work
 cdef double STANDING = 0.01  # m/s, commanded of such a tool at the most
