@@ -3,10 +3,11 @@ VENV := .venv
 BIN := $(VENV)/bin
 WHOLE := $(VENV)/installed
 SMALL := $(VENV)/installed-for-report
-EXTRAS := train report identify robot render zoo peers cluster docs dev
+PLAYED := $(VENV)/installed-for-play
+EXTRAS := train report play identify robot render zoo objectives peers cluster docs dev
 
 .DEFAULT_GOAL := help
-.PHONY: help setup report test mutants train train-all controller tune gain figures bench speed stability docs identify design lint
+.PHONY: help setup report play test mutants train train-all controller tune gain figures bench speed stability docs identify design lint
 
 help:  ## list what can be made
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "make %-9s %s\n", $$1, $$2}'
@@ -34,11 +35,18 @@ setup: $(WHOLE)  ## make .venv and install everything that is pinned
 
 $(WHOLE): $(SOLVER)
 	$(call install,$(EXTRAS),everything; torch is large: this can take minutes)
-	@touch $(SMALL) $@
+	@touch $(SMALL) $(PLAYED) $@
 
 $(SMALL): $(SOLVER)
 	$(call install,report,what a report needs)
 	@touch $@
+
+$(PLAYED): $(SOLVER)
+	$(call install,play,what the page to play on needs)
+	@touch $@
+
+play: $(PLAYED)  ## take the stick: steer the tool in the browser, SETUP=teleop-spring ASSIST=none
+	$(BIN)/impact-gym play $(SETUP) $(if $(ASSIST),--assist $(ASSIST))
 
 report: $(SMALL)  ## play policies and baselines of four set-ups, or of SETUPS="...", write reports/latest/index.html; FORCE=1: all anew
 	$(BIN)/impact-gym report $(SETUPS) $(if $(FORCE),--force)

@@ -117,10 +117,8 @@ def lines(setup: Setup) -> Iterator[str]:
         for corner in corners(task)
         for mass, restitution in product(pairs["object_mass"], pairs["restitution"])
     ]
-    yield (
-        f"  the paper's rule, at {min(PAPERS_SPEED, task.velocity_range[1]):g} m/s, leaves the object"
-        f" {_spread(impacts)} m/s by an instantaneous impact (the coupling's push left out)"
-    )
+    yield (f"  the paper's rule, at {min(PAPERS_SPEED, task.velocity_range[1]):g} m/s, leaves the object "
+           f"{_spread(impacts)} m/s by an instantaneous impact (the coupling's push left out)")  # fmt: skip
     rule = PaperTrapezoid().for_environment(setup.environment)
     played = ScenarioBatch.of("validation", SAMPLE, **setup.environment).play(rule)
     yield (
@@ -132,17 +130,13 @@ def lines(setup: Setup) -> Iterator[str]:
         late = np.maximum(np.asarray(played.late), 1e-9)  # s
         ahead = (np.asarray(played.touch_time) / late)[~played.missed]
         least, soon, usual, last = np.quantile(ahead, [0.0, 0.05, 0.5, 0.95]) if ahead.size else [np.nan] * 4
-        yield (
-            f"  the operator's own stop is {_spread((1e3 * late).tolist(), '.0f')} ms late; the touch comes after"
-            f" {soon:.1f} to {last:.1f} times that in nine of ten scenarios, {usual:.1f} in the middle, at the least"
-            f" {least:.1f}"
-        )
+        yield (f"  the operator's own stop is {_spread((1e3 * late).tolist(), '.0f')} ms late; the touch comes after "
+               f"{soon:.1f} to {last:.1f} times that in nine of ten scenarios, {usual:.1f} in the middle, at the least "
+               f"{least:.1f}")  # fmt: skip
     if isinstance(task.coupling, Bistable):
         force, share = rigid_to(task, played.scenario)
-        yield (
-            f"  the front stop holds the tool with {force:.3g} N; {share:.0%} of the objects, touched at {GENTLE:g} m/s"
-            ", never press as hard: to them the tool is as good as rigid"
-        )
+        yield (f"  the front stop holds the tool with {force:.3g} N; {share:.0%} of the objects, touched at {GENTLE:g} "
+               "m/s, never press as hard: to them the tool is as good as rigid")  # fmt: skip
     yield from (f"  warning: {sentence}" for sentence in warnings(task))
     yield "\ntrained by"
     yield f"  {Run(setup, setup.training).command}"

@@ -33,6 +33,10 @@ COMMANDS = {
     "policies": Command("experiments.policies", (), "list the shipped policies with what they are for"),
     "gain": Command("experiments.gain", ("train", "report"), "say what the gain over the paper's rule is made of"),
     "teleop": Command("experiments.teleop", ("train", "report"), "say what assistance gives an operator who acts late"),
+    "play": Command("experiments.play", ("play",), "take the stick: steer the tool in the browser, alone or assisted"),
+    "recordings": Command(
+        "experiments.play.recordings", ("play", "minari"), "make a dataset of Minari of what was played"
+    ),
     "arm": Command("experiments.arm", ("train", "report", "robot"), "hold the one mass on a spring against whole arms"),
     "measured": Command(
         "experiments.measured", ("train", "report"), "predict half of measured hits from the other half"

@@ -1,26 +1,56 @@
-"""The shipped policies: `impact-gym policies`."""
+"""Cards of policies: `impact-gym policies [NAME ...]`."""
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
-from agents import load_policy
+import numpy as np
+from scipy.stats import t as student
+
+from agents.command_line import command_line
+from agents.policies import load_ensemble
 from agents.setups import load_setup, shipped
 
 
-def lines() -> Iterator[str]:
-    """Yield what each shipped policy is for, and what it does on the validation set."""
-    for name in shipped():
-        setup, validation = load_setup(name), load_policy(name).provenance["validation"]
-        times, velocities, weights = (validation[key] for key in ("approach_time", "object_velocity", "time_weight"))
-        yield f"{name}: {setup.title}"
-        yield f"  {setup.about}"
-        yield (
-            f"  approach in {min(times):.3f} to {max(times):.3f} s, V_p {max(velocities):.3f} to {min(velocities):.3f} "
-            f"m/s, at time weights of {max(weights):g} to {min(weights):g} m/s per s"
-        )
-    yield 'to play one: agents.load_policy("NAME"), impact-gym report NAME; to use it: impact-gym export NAME --out DIR'
+def card(name: str) -> Iterator[str]:
+    """Yield what a policy is for, where it fails, how it came about, and what its seeds do on the validation set."""
+    setup = load_setup(name)
+    path = setup.folder / "policies" / f"{setup.name}.npz"
+    if not path.is_file():
+        raise ValueError(f"{setup.called} has no policy yet, there is no {path}: impact-gym train-seeds {setup.called}")
+    ensemble = load_ensemble(path)
+    chosen = ensemble[None].provenance
+    yield f"{setup.name}: {setup.title}"
+    yield f"  for: {setup.about}"
+    yield f"  fails: {setup.fails}"
+    seeds, validations = len(ensemble.policies), [policy.provenance["validation"] for policy in ensemble.policies]
+    for place, weight in enumerate(chosen["validation"]["time_weight"]):
+        means = [f"{_mean([validation[key][place] for validation in validations])} {unit}"
+                 for key, unit in (("approach_time", "s"), ("object_velocity", "m/s"))]  # fmt: skip
+        yield f"  w = {weight:g} m/s per s: T {means[0]}, V_p {means[1]}"
+    yield f"  {seeds} seeds, seed {ensemble.chosen} is the median and stands for all; in brackets 95 % for their mean"
+    when = f"{chosen['settings']['steps']:,} steps, {chosen['date'][:10]}, commit {(chosen.get('commit') or '-')[:7]}"
+    yield f"  made by: {chosen['command']} ({when})"
+
+
+def _mean(values: Sequence[float]) -> str:
+    """Return the mean over seeds with its interval."""
+    middle, count = np.mean(values), len(values)
+    if count < 2:
+        return f"{middle:.3f}"
+    wide = student.ppf(0.975, count - 1) * np.std(values, ddof=1) / np.sqrt(count)
+    return f"{middle:.3f} [{middle - wide:.3f}, {middle + wide:.3f}]"
+
+
+def main() -> None:
+    """Print the cards."""
+    parser = argparse.ArgumentParser(prog="impact-gym policies", description="Cards of policies.")
+    parser.add_argument("names", nargs="*", metavar="NAME", help="of a set-up, or its file; all that are shipped")
+    names = parser.parse_args().names or shipped()
+    with command_line("policies"):
+        for name in names:
+            print(*card(name), sep="\n")
+    print('to play one: load_policy("NAME"), impact-gym report NAME; to use it: impact-gym export NAME --out DIR')
 
 
 if __name__ == "__main__":
-    argparse.ArgumentParser(prog="impact-gym policies", description="List the shipped policies.").parse_args()
-    print(*lines(), sep="\n")
+    main()

@@ -1,8 +1,12 @@
 """A tool approaches an object: how to move and brake so that it arrives soon and does not shoot the object away."""
 
+from pathlib import Path
+
 from impact_gym import sources
 
 sources.check()
+if not Path(__file__).with_name("agents").is_dir():  # a checkout, where they lie beside: a wheel has them in here
+    __path__.append(str(Path(__file__).parents[1]))
 
 from impact_gym import envs, operators
 from impact_gym.identify import Identified, LoadCell, Sensor, identify

@@ -2,8 +2,8 @@
 
 An operator commands a velocity, and is told of a touch by the display. Nobody knows where the object stands: a reach
 goes to where the operator believes it, `place_error` beyond its face, and from there on searches with `creep`. All but
-a `Replay` stop a reaction time after the displayed touch. In a dict, as in a set-up's file, any number may be a pair,
-from which episodes draw. A number without a default has none because no source for one was found.
+a `Replay` and a `Person` stop a reaction time after the displayed touch. In a dict, as in a set-up's file, any number
+may be a pair, from which episodes draw. A number without a default has none because no source for one was found.
 """
 
 import warnings
@@ -14,11 +14,12 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_gym.kernels import REACH, REPLAY, SECOND_ORDER_LAG, STEADY, TRACKER
+from impact_gym.kernels import LONGEST_JITTER, PERSON, REACH, REPLAY, SECOND_ORDER_LAG, STEADY, TRACKER
 from impact_gym.record import SI, Record
 from impact_gym.validation import numbers, rising, shown
 
 SIMPLE_REACTION = 0.213  # s, mean of 1,469 persons (Woods et al., Front. Hum. Neurosci. 9, 2015, 131)
+CUT = float(LONGEST_JITTER)  # means of a random delay, which takes no longer
 NOTHING: NDArray[np.float64] = np.empty(0)
 Instants = Annotated[tuple[float, ...], SI("s", at_least=0.0, at_most=1e6)]
 
@@ -41,19 +42,35 @@ class Commander(Record, path="operator"):
 
 @dataclass(frozen=True, slots=True)
 class Replay(Commander):
-    """Commands what was recorded, linearly between its points, the last for ever; sees nothing."""
+    """Commands what was recorded, linearly between its points, the last for ever; sees nothing.
+
+    With a `length`, these are several recordings, one behind the other, that begin so long apart: `recording` counts
+    from 0, and from a pair (0, n) an episode draws one of n.
+    """
 
     time: Instants  # rising, from 0
     velocity: Annotated[tuple[float, ...], SI("m/s", at_least=-1e3, at_most=1e3)]  # at each
+    recording: float = 0.0  # -, its fraction does not count
+    length: Annotated[float, SI("s", at_least=0.0, at_most=1e3)] = 0.0  # at least the horizon; 0: there is one
 
     def __post_init__(self) -> None:
         Record.__post_init__(self)
         rising("Replay", self.time, {"velocity": self.velocity})
+        count = np.ceil(self.time[-1] / self.length) if self.length else 0.0
+        if self.recording > count:
+            raise ValueError(
+                f"Replay.recording must be at most {count:g}, as many as there are, got {self.recording!r}"
+            )
 
     @property
     def table(self) -> NDArray[np.float64]:
         """Times, s, then commands, m/s."""
         return np.array([*self.time, *self.velocity])
+
+
+@dataclass(frozen=True, slots=True)
+class Person(Commander):
+    """Somebody at a stick: commands at each tick what the environment's `command` was last given, at first 0."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,9 +149,9 @@ class Tracker(Commander):
     reaction: float = 0.2  # s
 
 
-Operator = Replay | Trapezoid | Reach | Laggy | Noisy | SecondOrderLag | Tracker
+Operator = Replay | Person | Trapezoid | Reach | Laggy | Noisy | SecondOrderLag | Tracker
 KINDS = {
-    Replay: REPLAY, Trapezoid: STEADY, Reach: REACH, Laggy: REACH, Noisy: REACH,
+    Replay: REPLAY, Person: PERSON, Trapezoid: STEADY, Reach: REACH, Laggy: REACH, Noisy: REACH,
     SecondOrderLag: SECOND_ORDER_LAG, Tracker: TRACKER,
 }  # fmt: skip
 """What the compiled program calls them."""

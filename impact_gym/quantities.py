@@ -221,6 +221,8 @@ SET_UP = (
              scale=Scale(0.0, 10.0, 0.0)),
     Quantity("operator.repeat", "share of commands that repeat the one before", "-", PART, own(31), scale=SHARE),
     Quantity("operator.random", "share of commands that are random", "-", PART, own(32), scale=SHARE),
+    Quantity("operator.recording", "which of several recordings is played, its fraction dropped", "-",
+             Limits(at_least=0.0, at_most=1e6), own(47), scale=Scale(0.0, 1e3, 0.0)),
     *channel("uplink", 33),
     *channel("downlink", 40),
 )  # fmt: skip

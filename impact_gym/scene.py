@@ -135,20 +135,16 @@ class Bistable(Record, path="coupling"):
                 "a spring that is not compressed at its alignment has one stable position"
             )
         if not self.rear_stop < self.front_stop:
-            raise ValueError(
-                f"Bistable.rear_stop must be below Bistable.front_stop = {self.front_stop!r} m, "
-                f"got {self.rear_stop!r} m"
-            )
+            raise ValueError(f"Bistable.rear_stop must be below Bistable.front_stop = {self.front_stop!r} m, got "
+                             f"{self.rear_stop!r} m")  # fmt: skip
         stroke = self.stroke
         if not 0 < self.front_stop < stroke:
             raise ValueError(
                 f"Bistable.front_stop must be above 0 and below the stroke {stroke:.6g} m, got {self.front_stop!r} m"
             )
         if not -stroke < self.rear_stop < 0:
-            raise ValueError(
-                f"Bistable.rear_stop must be above minus the stroke, {-stroke:.6g} m, and below 0, "
-                f"got {self.rear_stop!r} m"
-            )
+            raise ValueError(f"Bistable.rear_stop must be above minus the stroke, {-stroke:.6g} m, and below 0, got "
+                             f"{self.rear_stop!r} m")  # fmt: skip
 
     @property
     def stroke(self) -> float:
@@ -228,10 +224,8 @@ class RobotTable(Record, path="robot"):
             raise ValueError(f"RobotTable.position must be at least 4 rising numbers in m, got {self.position!r}")
         for name in ("mass", "stiffness", "damping"):
             if len(getattr(self, name)) != len(self.position):
-                raise ValueError(
-                    f"RobotTable.{name} must have one value for each of the {len(self.position)} positions, "
-                    f"got {len(getattr(self, name))}"
-                )
+                raise ValueError(f"RobotTable.{name} must have one value for each of the {len(self.position)} "
+                                 f"positions, got {len(getattr(self, name))}")  # fmt: skip
         lowest = self.splines.derivative().roots(extrapolate=False)
         for place, name in enumerate(("mass", "stiffness", "damping")):
             turns = lowest[place][np.isfinite(lowest[place])]

@@ -21,8 +21,8 @@ ROOT = Path(__file__).parents[1]
 PACKAGES = ("impact_gym", "agents", "experiments")
 NOT_SHIPPED = {".pyx", ".pxi", ".c", ".so"}
 EPISODES = """
-from agents import baselines, load_policy, load_setup
-from agents.setups import shipped
+from impact_gym.agents import baselines, load_policy, load_setup
+from impact_gym.agents.setups import shipped
 
 for setup in map(load_setup, shipped()):
     paper = baselines.PaperTrapezoid().for_environment(setup.environment)
@@ -34,6 +34,9 @@ for setup in map(load_setup, shipped()):
             observation, reward, ended, truncated, info = env.step(action)
         print(setup.name, type(controller).__name__, info["approach_time"], info["object_velocity"])
 """
+
+
+TEN_LINES = re.search(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)[1]
 
 
 def run(*command, where, check=True):
@@ -96,8 +99,19 @@ def test_wheel_holds_every_file_of_the_packages_but_the_sources_of_the_solver(wh
     (solver,) = (name for name in held if name.endswith(".so"))
     assert solver.startswith("impact_gym/kernels.")
     files = [file.relative_to(ROOT) for name in PACKAGES for file in (ROOT / name).rglob("*") if file.is_file()]
-    mine = {str(file) for file in files if "__pycache__" not in file.parts and file.suffix not in NOT_SHIPPED}
-    assert held - {solver} == mine
+    mine = {file for file in files if "__pycache__" not in file.parts and file.suffix not in NOT_SHIPPED}
+    assert held - {solver} == {str(file if file.parts[0] == "impact_gym" else "impact_gym" / file) for file in mine}
+    assert wheel.stat().st_size < 5e6
+
+
+def test_wheel_works_beside_packages_that_have_the_names_of_our_folders(wheel, tmp_path):
+    commands = environment(tmp_path / ".venv", wheel)
+    (packages,) = (tmp_path / ".venv").glob("lib/python*/site-packages")
+    for name in ("agents", "experiments"):  # as openai-agents installs one
+        (packages / f"{name}.py").write_text(f"raise ImportError('this is another {name}')")
+    played = run(commands / "python", "-c", TEN_LINES, where=tmp_path).stdout
+    assert played == run(sys.executable, "-c", TEN_LINES, where=ROOT).stdout
+    assert "linear-blind: " in run(commands / "impact-gym", "policies", where=tmp_path).stdout
 
 
 def test_wheel_plays_policies_and_baselines_as_the_checkout_does_without_torch(commands, tmp_path):
@@ -133,7 +147,7 @@ def test_report_is_written_in_a_folder_with_baselines_and_experiments_of_its_own
     commands = environment(tmp_path / ".venv", wheel, "report")
     (tmp_path / "experiments").mkdir()
     (tmp_path / "experiments" / "__init__.py").touch()
-    (tmp_path / "mine.py").write_text("from agents.baselines import PaperTrapezoid as Rule\n")
+    (tmp_path / "mine.py").write_text("from impact_gym.agents.baselines import PaperTrapezoid as Rule\n")
     options = ("--policy", "linear-blind", "--baseline", "mine:Rule", "--count", "4", "--out", "page")
     run(commands / "impact-gym", "report", *options, where=tmp_path)
     assert "mine:Rule" in (tmp_path / "page" / "index.html").read_text()

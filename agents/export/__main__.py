@@ -142,11 +142,9 @@ def judged_replay(header: Path, played: Replay | None, period: float) -> str:
     difference = f"{played.difference:.1e}"
     if not played.difference <= SAME_COMMANDS:
         raise ValueError(f"{header} commands otherwise, by {difference} of the range, more than {SAME_COMMANDS:g}")
-    return (
-        f"{header}: {played.episodes:,} episodes replayed, commands differ by at most {difference} of their range; "
-        f"of {played.calls:,} calls 99.9 % take at most {1e6 * played.usual:.1f} us, the worst "
-        f"{1e6 * played.worst:.0f} us, where the control period is {1e6 * period:,.0f} us"
-    )
+    return (f"{header}: {played.episodes:,} episodes replayed, commands differ by at most {difference} of their range; "
+            f"of {played.calls:,} calls 99.9 % take at most {1e6 * played.usual:.1f} us, the worst "
+            f"{1e6 * played.worst:.0f} us, where the control period is {1e6 * period:,.0f} us")  # fmt: skip
 
 
 def _beside(seconds: float, period: float) -> str:

@@ -47,6 +47,9 @@ class Tuned(NamedTuple):
     scenarios: int = 300  # that each candidate is played through
 
 
+UNSAID = "not said; impact-gym report changes one thing at a time"
+
+
 @dataclass(frozen=True)
 class Setup:
     """An arm, what is trained for it, and what that is compared with."""
@@ -61,6 +64,7 @@ class Setup:
     bound: str = ""  # set-up whose search for one who knows the object holds here, too
     budget: int = BUDGET  # of tuning
     evaluation: Evaluation = field(default_factory=Evaluation)
+    fails: str = UNSAID  # where its policy does, in words
     path: Path = Path()
     mixed: tuple[tuple[float, Mapping[str, Any]], ...] = ()  # shares of the training, and what these play instead
 
@@ -135,7 +139,7 @@ def _setup(path: Path, content: dict[str, Any]) -> Setup:
     version = content.get("version", VERSION)
     if version != VERSION:
         raise ValueError(f"version must be {VERSION}, got {version!r}: the set-up is one of another version of agents")
-    known("", content, ("version", "title", "about", *TABLES))
+    known("", content, ("version", "title", "about", "fails", *TABLES))
     environment, training, baselines, evaluation = (table(content, name) for name in TABLES)
     known("environment.", environment, SET_UP_ARGUMENTS)
     _read_delays(environment, path.parent)
@@ -168,6 +172,7 @@ def _setup(path: Path, content: dict[str, Any]) -> Setup:
         text(baselines, "bound", path.stem, "baselines."),
         whole("baselines.budget", baselines.get("budget", BUDGET), at_least=1),
         asked,
+        text(content, "fails", UNSAID),
         path,
         mixed,
     )

@@ -107,9 +107,7 @@ def searched_environment(setup: Setup, numbers: Sequence[Free], deflection: floa
         # in equilibrium the tool stays behind by m a / k
         lag = task.acceleration_range[0] * min((c.tool_mass / c.coupling.stiffness for c in springs), default=0.0)
         if deflection is not None and lag > deflection:
-            raise ValueError(
-                f"no design in these ranges holds the tool within {1e3 * deflection:g} mm: even at "
-                f"{task.acceleration_range[0]:g} m/s^2, the least that the arm makes, the stiffest lets it lag "
-                f"{1e3 * lag:.3g} mm behind"
-            )
+            raise ValueError(f"no design in these ranges holds the tool within {1e3 * deflection:g} mm: even at "
+                             f"{task.acceleration_range[0]:g} m/s^2, the least that the arm makes, the stiffest lets "
+                             f"it lag {1e3 * lag:.3g} mm behind")  # fmt: skip
     return environment

@@ -129,10 +129,8 @@ def seeds_table(played: Played) -> Table:
         body.append(row(f"V_p + {weight:g} T (m/s)", played.losses(weight).mean(axis=1), ".4f", -1.0))
     count = len(played.seeds)
     head = ("what", "mean of seeds", "standard deviation", "95 % of trainings: at least as good as", "worst seed")
-    caption = (
-        f"The next training, by {count} seeds on these scenarios, with 95 % confidence. What 95 % of trainings reach "
-        "is said of normal scores (one-sided tolerance bound)"
-    )
+    caption = (f"The next training, by {count} seeds on these scenarios, with 95 % confidence. What 95 % of trainings "
+               "reach is said of normal scores (one-sided tolerance bound)")  # fmt: skip
     return Table(caption, head, body)
 
 
@@ -167,10 +165,8 @@ def trade_off(played: Played) -> Figure:
     layers = faint + curves + marks if len(played.seeds) > 1 else curves + marks
     paper = played.paper.means(played.matchup.typical)
     first, last = played.policy.front[0], played.policy.front[-1]
-    text = (
-        f"Paper's rule: {paper['T']:.3f} s, {paper['V']:.3f} m/s. The policy's curve goes from "
-        f"{first[0]:.3f} s and {first[1]:.3f} m/s to {last[0]:.3f} s and {last[1]:.3f} m/s."
-    )
+    text = (f"Paper's rule: {paper['T']:.3f} s, {paper['V']:.3f} m/s. The policy's curve goes from {first[0]:.3f} s "
+            f"and {first[1]:.3f} m/s to {last[0]:.3f} s and {last[1]:.3f} m/s.")  # fmt: skip
     bound = "" if played.bound is None else (
         f" {BOUND.capitalize()}, is the best that a search found for each of the first "
         f"{played.bound['missed'].shape[1]} scenarios by itself: what one could do who knew the object."

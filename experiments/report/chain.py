@@ -132,11 +132,9 @@ def table(steps: Sequence[Step], labels: Mapping[str, str]) -> Table:
         body.append((added, labels.get(step.contestant, step.contestant) + subset, *cells))
     head = ("what is added", "contestant", "V_p at the paper's approach time (m/s)", "less by (m/s)", "share",
             f"V_p + {steps[0].weight:g} T (m/s)", "less by (m/s)", "share")  # fmt: skip
-    caption = (
-        "Each row has all that the row above has and one thing more; by how much that is less, and which share of the "
-        "way from the paper's rule to the policy, 95 % intervals. Who knows the object is compared with policy and "
-        "rule on the same few scenarios."
-    )
+    caption = ("Each row has all that the row above has and one thing more; by how much that is less, and which share "
+               "of the way from the paper's rule to the policy, 95 % intervals. Who knows the object is compared with "
+               "policy and rule on the same few scenarios.")  # fmt: skip
     return Table(caption, head, body)
 
 

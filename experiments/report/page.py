@@ -24,16 +24,12 @@ from impact_gym.task.scenario import FIELDS
 Part = Figure | Table | HeatMap | str
 KINDS = {Figure: "figure", Table: "table", HeatMap: "heat_map", str: "paragraph"}
 """Macros of parts.html.jinja that show a part of a fold."""
-ONE_AT_A_TIME = (
-    "One thing is changed at a time; policy and baselines stay as they were trained and tuned. The alarm is a switch "
-    "that noise of the force does not reach, so a baseline that looks at nothing else is the same at any noise. A "
-    "stiffer coupling keeps its damping ratio."
-)
-SOLVERS = (
-    "Every policy once more with a hundredth of the tolerance and with the dissipation that delivers the nominal "
-    "restitution exactly instead of Hu and Guo's; and the median seed and two baselines in an independent solver of "
-    "the whole episode, written with SciPy's integrators."
-)
+ONE_AT_A_TIME = ("One thing is changed at a time; policy and baselines stay as they were trained and tuned. The alarm "
+                 "is a switch that noise of the force does not reach, so a baseline that looks at nothing else is the "
+                 "same at any noise. A stiffer coupling keeps its damping ratio.")  # fmt: skip
+SOLVERS = ("Every policy once more with a hundredth of the tolerance and with the dissipation that delivers the "
+           "nominal restitution exactly instead of Hu and Guo's; and the median seed and two baselines in an "
+           "independent solver of the whole episode, written with SciPy's integrators.")  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -105,10 +101,8 @@ def _statistician(played: Played, targets: Sequence[bars.Bar]) -> list[Fold]:
         "ranges": "other scenarios from the same ranges",
     }  # fmt: skip
     kind = next(kind for kind in chosen_on if kind in played.matchup.scenarios)
-    note = (
-        f"The weight that makes a policy as late as the paper's rule was found on {chosen_on[kind]}, so the two are "
-        "equally late only nearly here."
-    )
+    note = (f"The weight that makes a policy as late as the paper's rule was found on {chosen_on[kind]}, so the two "
+            "are equally late only nearly here.")  # fmt: skip
     by_field: list[Part] = [note, *(differences.paired(played, field) for field in FIELDS)]
     return [
         Fold("The trade-off of every seed and every baseline", trade_off, key="trade-off"),

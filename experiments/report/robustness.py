@@ -120,10 +120,8 @@ def simulator(played: Played) -> Table:
         body.append(("SciPy's solver", "not played: it takes neither drawn ranges nor noise", "", "", "", ""))
     head = ("changed", "played", "largest mean change of V_p (m/s)", "in any scenario (m/s)",
             "change of the gain over the rule (m/s)", f"over {rival_label} (m/s)")  # fmt: skip
-    caption = (
-        f"The gain in V_p + w T at w = {weight:g} is {gains[0]:.4f} m/s over the paper's rule and "
-        f"{gains[1]:.4f} m/s over {rival_label}; what follows is by how much that changes."
-    )
+    caption = (f"The gain in V_p + w T at w = {weight:g} is {gains[0]:.4f} m/s over the paper's rule and "
+               f"{gains[1]:.4f} m/s over {rival_label}; what follows is by how much that changes.")  # fmt: skip
     return Table(caption, head, body)
 
 

@@ -1,5 +1,6 @@
 """The environment: scenario, sensing, reward, the batch step, and its front ends."""
 
+import re
 from typing import Any
 
 import gymnasium as gym
@@ -16,16 +17,24 @@ IDS: dict[str, dict[str, Any]] = {
     },
 }  # fmt: skip
 """Registered ids and the arguments that set them apart."""
-APPROACH, TELEOP = "single:ImpactApproachEnv", "teleop:ImpactTeleopEnv"
+APPROACH, TELEOP, BATCH = "single:ImpactApproachEnv", "teleop:ImpactTeleopEnv", "vector:ImpactApproachVectorEnv"
+OBJECTIVES = "objectives:MOImpactApproachEnv", "objectives:MOImpactApproachVectorEnv"
+
+
+def of_objectives(name: str) -> str:
+    """Return the id of the same task with its objectives apart, as MO-Gymnasium spells them: mo-impact-approach-v0."""
+    return "mo" + re.sub("[A-Z]", lambda capital: f"-{capital[0].lower()}", name)
 
 
 def register() -> None:
     """Register the environments with Gymnasium; again does nothing."""
     for name, arguments in IDS.items():
-        if name not in gym.registry:
-            gym.register(
-                name,
-                entry_point=f"impact_gym.envs.{TELEOP if 'operator' in arguments else APPROACH}",
-                vector_entry_point="impact_gym.envs.vector:ImpactApproachVectorEnv",
-                kwargs=dict(arguments),
-            )
+        single = TELEOP if "operator" in arguments else APPROACH
+        for each, (entry, batch) in {name: (single, BATCH), of_objectives(name): OBJECTIVES}.items():
+            if each not in gym.registry:
+                gym.register(
+                    each,
+                    entry_point=f"impact_gym.envs.{entry}",
+                    vector_entry_point=f"impact_gym.envs.{batch}",
+                    kwargs=dict(arguments),
+                )

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from impact_gym import kernels
 from impact_gym.envs.infos import Infos, command_columns
+from impact_gym.operators import Person
 from impact_gym.scene import flange_moves_with_tool
 from impact_gym.simulation import MAX_STEPS, Trace
 from impact_gym.task.episodes import first_uniforms, fix, free_records
@@ -16,7 +17,7 @@ from impact_gym.task.scenario import ScenarioRanges
 from impact_gym.task.steering import packets_under_way
 from impact_gym.task.task import PLACES, Task
 from impact_gym.threads import cores, over_rows
-from impact_gym.validation import array, fits_memory, whole
+from impact_gym.validation import array, fits_memory, number, one_of, whole
 
 ROWS_PER_THREAD = 256
 """A batch is cut for several threads only into pieces of at least this many rows: smaller ones do not pay."""
@@ -32,6 +33,16 @@ class ToolMotion(NamedTuple):
     time: NDArray[np.float64]  # s
     deflection: NDArray[np.float64]  # m
     deflection_rate: NDArray[np.float64]  # m/s
+    touched: NDArray[np.bool_]
+
+
+class Bodies(NamedTuple):
+    """Where flanges, tools and objects are (m), and whether an object has been touched, (rows,) each."""
+
+    time: NDArray[np.float64]  # s
+    flange: NDArray[np.float64]
+    tool: NDArray[np.float64]
+    object: NDArray[np.float64]
     touched: NDArray[np.bool_]
 
 
@@ -170,6 +181,20 @@ class Batch:
             raise ValueError(f"action must be finite (no unit), got {wrong}: nothing was moved")
         return commands
 
+    def command(self, velocities: ArrayLike) -> None:
+        """Have a `Person` command `velocities` (m/s), one for all rows or (size,), from the next ticks on.
+
+        Raises:
+            TypeError, ValueError: somebody else commands, or not numbers that the arm can follow.
+        """
+        for task in self.tasks:
+            one_of("operator", task.operator, Person)
+        fastest = min(task.velocity_range[1] for task in self.tasks)
+        limits: Any = {"at_least": -fastest, "at_most": fastest}
+        for velocity in np.atleast_1d(array("command", velocities)):
+            number("command", velocity, "m/s", **limits)
+        self.links["given"] = velocities
+
     def get_state(self) -> dict[str, Any]:
         """Return a copy of all that `step` and `begin` go on from."""
         return {name: getattr(self, name).copy() for name in _STATE}
@@ -227,6 +252,13 @@ class Batch:
     def ended(self) -> NDArray[np.bool_]:
         """Whether the episode of each row (size,) has terminated or was truncated."""
         return np.asarray((self.episodes["terminated"] == 1) | (self.episodes["truncated"] == 1))
+
+    def bodies(self) -> Bodies:
+        """Return where everything is now; with a compliant robot and a rigid coupling the flange is with the tool."""
+        chains, with_tool = self.chains, np.resize(self._with_tool, self.size)
+        tool = chains["flange_position"] + chains["deflection"]
+        flange = np.where(with_tool, tool, chains["flange_position"] + chains["flange_offset"])
+        return Bodies(chains["time"].copy(), flange, tool, tool - chains["penetration"], chains["contacts"] > 0)
 
     def tool_motion(self) -> ToolMotion:
         """Return how the tools move against their flanges, and whether they have touched."""

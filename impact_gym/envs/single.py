@@ -182,6 +182,14 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         """Return the entries of the final `info` as they stand now."""
         return self._batch.info(0)
 
+    def command(self, velocity: float) -> None:
+        """Let the operator, a `Person`, command `velocity` (m/s) from his next tick on.
+
+        Raises:
+            TypeError, ValueError: somebody else commands, or it is no number that the arm can follow.
+        """
+        self._batch.command(velocity)
+
     def sensors(self) -> dict[str, float]:
         """Return what the controller may know now, in SI units, without the observation's scales and clips.
 

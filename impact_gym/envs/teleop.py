@@ -14,12 +14,15 @@ class ImpactTeleopEnv(ImpactApproachEnv):
     flange at once; the operator's comes late. The task is done when the object rests again.
 
     ## Operators and Channels
-    `operator` is a record of `impact_gym.operators` or a dict with its name as "type": `Replay`, `Trapezoid`, `Reach`,
-    `Laggy`, `Noisy`, `SecondOrderLag`, `Tracker`; their docstrings have equations and sources. The operator knows only
-    where he believes the object: `place_error` beyond its face. `uplink` and `downlink` are `Channel` records, with one
-    rule: a packet each control period, on the operator's clock; each takes its delay, and the newest that has arrived
-    counts. He sends his stop at once, and the arm the touch. So he sees the touch with the first packet that comes of
-    those sent from then on, and `reaction` later commands 0, for ever. A `Tracker` sees the flange in these packets.
+    `operator` is a record of `impact_gym.operators` or a dict with its name as "type": `Replay`, `Person`, `Trapezoid`,
+    `Reach`, `Laggy`, `Noisy`, `SecondOrderLag`, `Tracker`; their docstrings have equations and sources. The operator
+    knows only where he believes the object: `place_error` beyond its face. `uplink` and `downlink` are `Channel`
+    records, with one rule: a packet each control period, on the operator's clock; each takes its delay, and the newest
+    that has arrived counts. He sends his stop at once, and the arm the touch. So he sees the touch with the first
+    packet that comes of those sent from then on, and `reaction` later commands 0, for ever. A `Tracker` sees the flange
+    in these packets. A `Person` sends what `command(velocity)` of the unwrapped environment was last given: before a
+    step, what is sent at the tick in it or at its end. A `Replay` of these at the ticks is the same episode, to the
+    bit.
 
     ## Action Space
     `Box(-1, 1, (3,), float32)`. Values outside the box are clipped. With u the operator's command, the flange is sent

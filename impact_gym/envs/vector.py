@@ -139,9 +139,8 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         """Play one control step in every slot."""
         terminated, truncated = self.play(actions)
         batch, ended = self.batch, self._ended
-        links = batch.link_columns()
-        infos = masked(links, ~self._none)
-        rewards = batch.rewards.copy()
+        links, (rewards, scalar) = batch.link_columns(), self._rewards()
+        infos = masked(links | scalar, ~self._none)
         if ended.any():
             rows = np.flatnonzero(ended)
             finals = masked(batch.info_columns(rows), ended)
@@ -157,6 +156,10 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
                 self._ended = self._none.copy()
         return batch.observations.copy(), rewards, terminated, truncated, infos
 
+    def _rewards(self) -> tuple[NDArray[np.float64], dict[str, Any]]:
+        """Return the rewards of the last step, and what infos say of them."""
+        return self.batch.rewards.copy(), {}
+
     def render(self) -> tuple[Any, ...] | None:
         """Return a picture (540, 960, 3) of this moment in each slot; see Rendering of `ImpactApproachEnv`.
 
@@ -170,6 +173,10 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         if not self._begun.all():
             raise ResetNeeded("some slots have no episode under way: call reset before render")
         return tuple(renderer.render(self.batch, slot) for slot, renderer in enumerate(self._renderers))
+
+    def command(self, velocities: Any) -> None:
+        """Let the operators, each a `Person`, command `velocities` (m/s), one for all slots or (num_envs,)."""
+        self.batch.command(velocities)
 
     def sensors(self) -> dict[str, NDArray[np.float64]]:
         """Return what the controllers may know now, arrays (num_envs,); see `ImpactApproachEnv.sensors`."""

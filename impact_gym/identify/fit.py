@@ -145,10 +145,8 @@ def _extra_blows(fit: Fit) -> str:
         ]
         if any(extra) and len(blows) > 1:
             times = ", ".join(f"{log.time[first]:g}" for first, _ in blows)
-            return (
-                f"{log.name} has {len(blows)} blows, at {times} s, the scene makes no more than"
-                f" {len(blows) - sum(extra)} of them: cut it to one, or give each as a log of its own"
-            )
+            return (f"{log.name} has {len(blows)} blows, at {times} s, the scene makes no more than "
+                    f"{len(blows) - sum(extra)} of them: cut it to one, or give each as a log of its own")  # fmt: skip
     return ""
 
 

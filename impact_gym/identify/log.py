@@ -80,10 +80,8 @@ def read(source: Any, name: str) -> Log:
         )
     if steps.max() > MAX_GAP * usual:
         k = int(np.argmax(steps))
-        raise ValueError(
-            f"{name}, time must have no gaps, but {steps[k]:g} s lie between samples {k} and {k + 1}, at {time[k]:g} s"
-            f", where the usual step is {usual:g} s"
-        )
+        raise ValueError(f"{name}, time must have no gaps, but {steps[k]:g} s lie between samples {k} and {k + 1}, at "
+                         f"{time[k]:g} s, where the usual step is {usual:g} s")  # fmt: skip
     return Log(name, time, columns)
 
 
@@ -128,10 +126,8 @@ def check(log: Log, scene: Scene, motion: Trapezoid, sensors: Mapping[str, Senso
         if largest == 0.0:
             raise ValueError(f"{log.name}, {name} must not be 0 {unit} in all {len(values)} samples: leave it out")
         if rate is not None and not 0.99 < rate * log.step < 1.01:
-            raise ValueError(
-                f"{log.name}, time has a sample every {log.step:g} s, but Sensor.rate of {name} is {rate:g} Hz, one"
-                f" every {1 / rate:g} s"
-            )
+            raise ValueError(f"{log.name}, time has a sample every {log.step:g} s, but Sensor.rate of {name} is "
+                             f"{rate:g} Hz, one every {1 / rate:g} s")  # fmt: skip
         _refuse_clipped(log, name)
     noise = {name: max(noise_of(values, sensors[name]), 1e-12) for name, values in log.columns.items()}
     if not any(float(np.ptp(values)) > MIN_SWING * noise[name] for name, values in log.columns.items()):
@@ -145,10 +141,8 @@ def _refuse_other_force(log: Log, scene: Scene, motion: Trapezoid, sensor: Senso
     force = log.columns["force"] - level(log.columns["force"], sensor)
     most, least = float(force.max()), float(force.min())
     if sensor.bias != "estimated" and -least > most:
-        raise ValueError(
-            f"{log.name}, force must be above 0 N where the tool presses, got {least:g} to {most:g} N: has it the other"
-            " sign?"
-        )
+        raise ValueError(f"{log.name}, force must be above 0 N where the tool presses, got {least:g} to {most:g} N: "
+                         "has it the other sign?")  # fmt: skip
     behind = scene.robot.mass if isinstance(scene.robot, Robot) else math.inf
     tool = scene.tool.mass + (behind if isinstance(scene.coupling, Rigid) else 0.0)
     speed = min(motion.speed, math.sqrt(2.0 * motion.acceleration * scene.object.distance))

@@ -129,10 +129,8 @@ def _words(fit: Fit, interval: Mapping[str, Interval], correlation: Array) -> It
     for (i, first), (j, second) in combinations(enumerate(interval), 2):
         if abs(correlation[i, j]) > MIN_CORRELATION and not {first, second}.isdisjoint(wide):
             other = "larger" if correlation[i, j] > 0 else "smaller"
-            yield (
-                f"the log does not tell {first} and {second} apart: a larger one with a {other} other fits as well"
-                f" (correlation {correlation[i, j]:.3f})"
-            )
+            yield (f"the log does not tell {first} and {second} apart: a larger one with a {other} other fits as well "
+                   f"(correlation {correlation[i, j]:.3f})")  # fmt: skip
 
 
 def _sentence(scene: Scene, name: str, low: float, high: float) -> str:

@@ -55,25 +55,19 @@ GENT = (
     "modulus: A. N. Gent, Rubber Chem. Technol. 31 (1958) 896-906, his paper not checked here, the relation read in "
     "public code that names him; Poisson's ratio: Altair Radioss manual, poissons_ratio_definitions_r.htm, read"
 )
-BALLS = (
-    "hardness (JIS A, taken for Shore A) and returned energy: the maker's sheet of two balls at "
-    "commons.bcit.ca/physics-resources/physics-demonstration-manual/mechanics/dld20-coefficient-of-restitution, read; "
-    f"{GENT}"
-)
+BALLS = ("hardness (JIS A, taken for Shore A) and returned energy: the maker's sheet of two balls at "
+         "commons.bcit.ca/physics-resources/physics-demonstration-manual/mechanics/dld20-coefficient-of-restitution, "
+         f"read; {GENT}")  # fmt: skip
 GERE = (
     "J. M. Gere, Mechanics of Materials, 5th ed., read at ah-engr.com/som/tools/tables/table_1_elastic_constants.htm "
     "and issuhub.com/view/index?id=5272&pageIndex=575"
 )
 DOWLING = "N. E. Dowling, Mechanical Behavior of Materials, table 5.2, read at digilib.universitaspertamina.ac.id"
-WOOD = (
-    "USDA Forest Products Laboratory, Wood Handbook, Douglas-fir of 12 % moisture, radially and tangentially: Interior "
-    "South, the least, read at engdatabase.com/data/wood-properties/douglas-fir-interior-south; Coast, the most, and "
-    "the factor of 1.1 from the modulus in bending not checked here"
-)
-FOERSTER = (
-    "restitution of 3 mm spheres: S. F. Foerster, M. Y. Louge, H. Chang, K. Allia, Phys. Fluids 6 (1994) 1108-1115, "
-    "not checked here"
-)
+WOOD = ("USDA Forest Products Laboratory, Wood Handbook, Douglas-fir of 12 % moisture, radially and tangentially: "
+        "Interior South, the least, read at engdatabase.com/data/wood-properties/douglas-fir-interior-south; Coast, "
+        "the most, and the factor of 1.1 from the modulus in bending not checked here")  # fmt: skip
+FOERSTER = ("restitution of 3 mm spheres: S. F. Foerster, M. Y. Louge, H. Chang, K. Allia, Phys. Fluids 6 (1994) "
+            "1108-1115, not checked here")  # fmt: skip
 FOAM = (
     "modulus, of slow tests: G. Silber, C. Then, Preventive Biomechanics, 2013, table 4.3, 2 (mu_1 + mu_2) = 12.6 kPa "
     "with Poisson's ratios below 0.003, read at "

@@ -40,6 +40,7 @@ cdef struct OperatorNumbers:
     double gain  # rad/s, crossover frequency of the operator
     double repeat  # -, share of commands that repeat the one before
     double random  # -, share of commands that are random
+    double recording  # -, which of several recordings is played, its fraction dropped
 
 
 cdef struct ChannelNumbers:

@@ -97,10 +97,8 @@ class ObservationSpec:
         for row, task in enumerate(tasks):
             if differing := {*cls(task, drawn).entries} ^ {*common.entries}:
                 arguments = {entry.scale.ends or entry.argument for entry in differing}
-                raise ValueError(
-                    f"the tasks of a batch must have the same observations, but row {row} has another "
-                    f"{' and '.join(sorted(arguments))} than row 0"
-                )
+                raise ValueError(f"the tasks of a batch must have the same observations, but row {row} has another "
+                                 f"{' and '.join(sorted(arguments))} than row 0")  # fmt: skip
         return common
 
     def __len__(self) -> int:

@@ -14,7 +14,7 @@ cdef struct Draw:  # a number that an episode draws from a range
 
 cdef struct Table:  # of times and as many values, among the numbers of all tables
     int64_t begin, points
-    double length  # s
+    double length  # s; of recordings one behind the other that of each
     double mean  # of the values, over time
 
 
@@ -100,6 +100,7 @@ cdef struct Link:  # operator, channels and assistance of a row
     double duration  # s, of a reach
     double muscle, tremor  # -, noise of control after one lag and two
     double last, obeyed  # m/s, the last command sent, and what the arm goes by: 0 where the newest is too old
+    double given  # m/s, what a person commands from the next tick on
     double gain, acceleration, withdrawal  # of the assistance: -, m/s^2, m/s
     double asked, withheld  # m, of the operator's motion before the touch
     double age_mean, age_squares  # s, s^2

@@ -35,6 +35,9 @@ def checked(task: Any) -> dict[str, Channel]:
     for velocity in task.operator.recorded:
         if not low <= velocity <= high:
             raise ValueError(f"Replay.velocity must be {low:g} to {high:g} m/s, as the arm's, got {velocity:g} m/s")
+    if 0.0 < getattr(task.operator, "length", 0.0) < task.horizon:
+        length = task.operator.length
+        raise ValueError(f"Replay.length must be at least the horizon, {task.horizon:g} s, got {length!r} s")
     channels = {way: getattr(task, way) or Channel() for way in WAYS}
     for way, channel in channels.items():
         delay, jitter, tail = (longest(task, way, name) for name in ("delay", "jitter", "tail"))
@@ -75,6 +78,7 @@ def lowered(task: Any, record: NDArray[Any], begin: int) -> list[NDArray[np.floa
         length = times[-1] if count else 0.0
         record[name] = begin, count, length, np.trapezoid(values, times) / length if count else 0.0
         begin += len(points)
+    record["replay"]["length"] = getattr(task.operator, "length", 0.0)
     return tables
 
 

@@ -1,7 +1,7 @@
 """An operator behind two channels: what is commanded, when it arrives, and what the arm makes of it."""
 
 cpdef enum:
-    NO_OPERATOR, REPLAY, STEADY, REACH, SECOND_ORDER_LAG, TRACKER  # operators
+    NO_OPERATOR, REPLAY, PERSON, STEADY, REACH, SECOND_ORDER_LAG, TRACKER  # operators
 
 cpdef enum:
     LONGEST_JITTER = 12  # means of a random delay: what would take longer does not
@@ -112,7 +112,10 @@ cdef double intended(Row *row, double time) noexcept nogil:
     cdef const OperatorNumbers *who = &row.episode.drawn.operator
     cdef Link *link = row.link
     cdef double speed = who.speed, share, omega, zeta
-    if row.task.operator_kind == REPLAY:
+    if row.task.operator_kind == PERSON:
+        return link.given
+    if row.task.operator_kind == REPLAY:  # at the tick's own time, whatever rounding the clock has gathered
+        time = floor(who.recording) * row.task.replay.length + (link.ticks - 1) * row.task.control_period
         return look_up(&row.task.replay, row.tables, time)
     if row.task.operator_kind == STEADY:
         return speed
@@ -174,7 +177,7 @@ cdef double show(Row *row) noexcept nogil:
     if is_lost(row, channel, &link.downlink_bad, 8, link.shown):
         arrives = INFINITY
     link.shown += 1
-    if row.chain.contacts > 0 and row.task.operator_kind != REPLAY:
+    if row.chain.contacts > 0 and row.task.operator_kind > PERSON:
         link.stop = min(link.stop, arrives + row.episode.drawn.operator.reaction)
     return arrives
 

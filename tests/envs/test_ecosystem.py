@@ -55,11 +55,8 @@ def test_pickle_goes_on_identically_in_a_process_that_never_imported_the_package
     file, rows = tmp_path / "running.pickle", action_table(7, ticks=60)
     envs = running("NextStep")
     file.write_bytes(pickle.dumps((envs, rows)))
-    code = (
-        "import pickle, sys\n"
-        "envs, rows = pickle.load(open(sys.argv[1], 'rb'))\n"
-        "pickle.dump([envs.step(row) for row in rows], open(sys.argv[2], 'wb'))\n"
-    )
+    code = ("import pickle, sys\nenvs, rows = pickle.load(open(sys.argv[1], 'rb'))\npickle.dump([envs.step(row) for "
+            "row in rows], open(sys.argv[2], 'wb'))\n")  # fmt: skip
     subprocess.run([sys.executable, "-c", code, file, tmp_path / "history"], check=True)
     with (tmp_path / "history").open("rb") as history:
         assert_identical(pickle.load(history), [envs.step(row) for row in rows])
@@ -204,10 +201,8 @@ def gymnasiums_own_time_limit(monkeypatch):
 @pytest.mark.skipif(importlib.util.find_spec("rl_zoo3") is None, reason="rl_zoo3 is not installed; see docs/examples")
 def test_rl_zoo3_trains_from_its_command_line(tmp_path):
     # not imported here: it replaces Gymnasium's TimeLimit by its own
-    arguments = (
-        f"-m rl_zoo3.train --algo ppo --env {ID} --gym-packages impact_gym -n 32768 --seed 3 --eval-freq -1 "
-        f"--num-threads 1 --device cpu -conf {CONFIGURATION.relative_to(ROOT)} -f {tmp_path}"
-    )
+    arguments = (f"-m rl_zoo3.train --algo ppo --env {ID} --gym-packages impact_gym -n 32768 --seed 3 --eval-freq -1 "
+                 f"--num-threads 1 --device cpu -conf {CONFIGURATION.relative_to(ROOT)} -f {tmp_path}")  # fmt: skip
     subprocess.run([sys.executable, *arguments.split()], cwd=ROOT, check=True, capture_output=True)
     folder = tmp_path / "ppo" / f"{ID}_1"
     model = PPO.load(folder / f"{ID}.zip", device="cpu")

@@ -171,6 +171,75 @@ def test_replay_plays_what_was_recorded_and_gives_up_where_it_ends():
     assert info["taken"][0] == 0.0
 
 
+def persons(batch, seed, assist):
+    """Play with persons at the sticks who go and let go at random; return what each commanded at each of his ticks."""
+    rng, ticks = np.random.default_rng(seed), [[0.0] for _ in range(batch.size)]
+    batch.begin_seeded(seed, {})
+    while not batch.ended.all():
+        if rng.random() < 0.25:
+            given = rng.uniform(-0.1, 0.4, batch.size) * (rng.random(batch.size) < 0.95)
+            batch.command(given)
+        batch.step(assist(batch), batch.ended)
+        for row in np.flatnonzero(batch.links["packets"] > list(map(len, ticks))):  # a step that an alarm cuts has none
+            ticks[row].append(float(batch.links["given"][row]))
+    return ticks
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.05])
+def test_replay_of_what_a_person_commanded_at_each_tick_is_the_same_episode(delay):
+    """To the bit, alone and as one of several recordings, behind an assistance that looks at the command."""
+
+    def assist(batch):
+        command, alarm = (batch.episodes["sensors"][name] for name in ("command", "alarm"))
+        return np.stack([np.cos(4.0 * command), np.full(batch.size, 0.3), alarm - 0.5], axis=1)
+
+    task = {"uplink": {"delay": delay, "jitter": 0.2 * delay}, "scenario": {"distance": (0.1, 0.6)}}
+    batch = steered(ig.operators.Person(), 20, **task)
+    commands, of_them = persons(batch, 3, assist), batch.info()
+    times, length = [0.016 * np.arange(len(each)) for each in commands], 0.016 * 600
+    several = {
+        "type": "Replay", "time": [time for k, each in enumerate(times) for time in k * length + each],
+        "velocity": [velocity for each in commands for velocity in each], "length": length, "recording": (0, 20),
+    }  # fmt: skip
+    among = steered(several, **task)
+    for row, (ticks, velocities) in enumerate(zip(times, commands, strict=True)):
+        alone = steered(ig.operators.Replay(tuple(ticks), tuple(velocities)), **task)
+        for other, record in ((alone, {}), (among, {"operator.recording": row + 0.5})):
+            other.begin_seeded(3 + row, record)
+            while not other.ended[0]:
+                other.step(assist(other), other.ended)
+            for name in ("object_velocity", "slide", "done_time", "peak_force", "taken", "rest_time"):
+                assert other.info()[name][0] == of_them[name][row], (row, name)
+    assert len({*of_them["peak_force"]}) > 10
+
+
+def test_recording_is_drawn_and_every_one_alike():
+    operator = {"type": "Replay", "time": [0.0, 8.0, 9.0, 17.0], "velocity": [0.1, 0.1, 0.2, 0.2], "length": 9.0,
+                "recording": (0, 2)}  # fmt: skip
+    batch = steered(operator, 1000, scenario=AWAY)
+    batch.begin_seeded(0, {})
+    assert {*batch.links["last"]} == {0.1, 0.2}
+    assert np.mean(batch.links["last"] == 0.1) == pytest.approx(0.5, abs=0.05)
+
+
+def test_command_is_for_a_person_and_within_what_the_arm_can_do():
+    env = gym.make(ID, operator={"type": "Person"}).unwrapped
+    env.reset(seed=1)
+    for wrong in (math.nan, math.inf, 0.51, -0.51, "fast", None):
+        with pytest.raises(ValueError, match="command"):
+            env.command(wrong)
+    with pytest.raises(ValueError, match="operator must be a Person"):
+        gym.make(ID).unwrapped.command(0.1)
+    env.command(0.5)
+    *_, info = env.step(np.array(OWN, np.float32))
+    assert info["command"] == 0.0  # it is sent at the end of the step, and takes 0.1 s
+    envs = gym.make_vec(ID, 2, operator={"type": "Person"}, uplink=None)
+    envs.reset(seed=1)
+    envs.unwrapped.command([0.1, 0.2])
+    *_, infos = envs.step(np.array([OWN, OWN], np.float32))
+    assert infos["command"].tolist() == [0.1, 0.2]
+
+
 def test_episode_ends_where_it_says_and_rewards_add_up():
     env = gym.make(ID, taken_weight=0.7)
     for seed in range(20):
@@ -221,7 +290,10 @@ REACH, DAYS = {"type": "Reach", "place_error": 0.0, "creep": 0.1}, [[0.0, 100.0]
 
 
 @pytest.mark.parametrize(("options", "message"), [
-    ({"operator": {"type": "Person"}}, "operator must be a Replay or .*got"),
+    ({"operator": {"type": "Pilot"}}, "operator must be a Replay or .*got"),
+    ({"operator": {"type": "Replay", "time": [0, 1], "velocity": [0, 0.1], "length": 4.0}}, "at least the horizon, 8"),
+    ({"operator": {"type": "Replay", "time": [0, 9], "velocity": [0, 0.1], "length": 8.0, "recording": (0, 3)}},
+     "Replay.recording must be at most 2"),
     ({"operator": {"type": "Reach"}}, r"needs the fields \['place_error', 'creep'\]"),
     ({"operator": REACH | {"speed": 0.6}}, "operator.speed must be at most that of the arm, 0.5 m/s, got 0.6 m/s"),
     ({"operator": REACH | {"creep": (0.1, 0.6)}}, "operator.creep must be at most that of the arm, 0.5 m/s, got 0.6"),

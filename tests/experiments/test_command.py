@@ -6,12 +6,12 @@ import sys
 import warnings
 from pathlib import Path
 
+import numpy as np
 import pytest
 import tyro
 from own_set_up import change, own_set_up
 from policies import made_up_policy
 
-from agents import load_policy
 from agents.command_line import command_line, command_of
 from agents.export.__main__ import Export
 from agents.policies import load_ensemble
@@ -79,11 +79,16 @@ def test_design_refuses_in_one_line(exit_of, tmp_path):
     assert message == "impact-gym design: --free coupling.stiffness must have LOW below HIGH, got 9:1"
 
 
-def test_policies_lists_every_shipped_policy_with_its_purpose():
-    text = "\n".join(policies.lines())
+def test_cards_say_what_policies_are_for_where_they_fail_and_what_their_seeds_do(mine):
     for name in shipped():
-        assert f"{name}: {load_setup(name).title}\n  {load_setup(name).about}\n" in text
-        assert load_policy(name)
+        setup, text = load_setup(name), "\n".join(policies.card(name))
+        assert text.startswith(f"{name}: {setup.title}\n  for: {setup.about}\n  fails: {setup.fails}\n")
+        validations = [policy.provenance["validation"] for policy in load_ensemble(name).policies]
+        mean = np.mean([validation["object_velocity"][0] for validation in validations])
+        assert f"V_p {mean:.3f}" in text
+        assert f"{len(validations)} seeds" in text
+    with pytest.raises(ValueError, match=r"mine.toml has no policy yet, there is no .*: impact-gym train-seeds"):
+        list(policies.card(str(mine)))
 
 
 def test_copy_setup_keeps_a_folder_for_its_set_up(mine, tmp_path):

@@ -44,6 +44,10 @@ OPERATORS = {
     "SecondOrderLag": HAND | {"stiffness": (21.0, 71.0), "damping": (5.7, 12.8)},
     "Tracker": HAND | {"gain": (2.0, 4.5)}, "Trapezoid": {name: HAND[name] for name in ("speed", "reaction")},
 }  # fmt: skip
+SEVERAL = {
+    "time": [0.0, 7.9, 8.0, 15.9], "velocity": [0.3, 0.0, 0.1, 0.2], "length": 8.0, "recording": (0.0, 2.0),
+}  # fmt: skip
+"""Two recordings, one behind the other."""
 CHANNEL = {
     "delay": (0.0, 0.3), "jitter": (0.0, 0.05), "tail": (0.0, 0.1), "tail_share": (0.0, 0.5), "loss": (0.0, 0.4),
     "burst": (1.0, 5.0), "timeout": (0.05, 0.2),
@@ -52,7 +56,7 @@ DISPLAY = {name: span for name, span in CHANNEL.items() if name != "timeout"}
 STEERED = DRAWN | {"friction": (0.1, 0.5), "horizon": 8.0, "velocity_range": [-0.3, 0.5]}
 STEERED_DRAWN = {
     name: STEERED | {"operator": {"type": name, **numbers}, "uplink": CHANNEL, "downlink": DISPLAY}
-    for name, numbers in OPERATORS.items()
+    for name, numbers in (OPERATORS | {"Replay": SEVERAL}).items()
 }  # fmt: skip
 """The same for each operator with numbers."""
 RECORDED = {"type": "Replay", "time": [0.0, 0.5, 3.0, 3.1], "velocity": [0.0, 0.3, 0.3, 0.0]}

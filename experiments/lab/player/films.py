@@ -182,11 +182,9 @@ def films(
             runs[name] = play(controller, frozen.seed if frozen else seed, number, record, options)
             judged, replayed = float(played[name].object_velocity[number]), runs[name].info["object_velocity"]
             if abs(replayed - judged) > 0.0:
-                raise RuntimeError(
-                    f"scenario {number}: the replay of {name!r} leaves the object at {replayed!r} m/s, "
-                    f"but it was judged by {judged!r} m/s"
-                )
-        scenes.append({"label": label, "number": number, **_scene(runs)})
+                raise RuntimeError(f"scenario {number}: the replay of {name!r} leaves the object at {replayed!r} m/s, "
+                                   f"but it was judged by {judged!r} m/s")  # fmt: skip
+        scenes.append({"label": label, "number": number, **scene_of(runs)})
     return {"contestants": list(contestants), "columns": list(COLUMNS), "scenes": scenes}
 
 
@@ -214,7 +212,7 @@ def play_to_the_end(
     return info
 
 
-def _scene(runs: Mapping[str, Run]) -> dict[str, Any]:
+def scene_of(runs: Mapping[str, Run]) -> dict[str, Any]:
     """Return one scenario: its clock, the scales that all panels share, and the contestants' histories."""
     ends = [run.contacts[-1][1] + AFTER if run.contacts else run.history.now for run in runs.values()]
     end = round(max(ends), DECIMALS["time"])
@@ -232,12 +230,17 @@ def _scene(runs: Mapping[str, Run]) -> dict[str, Any]:
     scenario = next(iter(runs.values())).info["scenario"]
     return {
         "scenario": scenario,
-        "radius": float(min(np.cbrt(0.75 * scenario["object_mass"] / (np.pi * DENSITY)), LARGEST_RADIUS)),
+        "radius": radius_of(scenario["object_mass"]),
         "end": end,
         "clock": clock(list(runs.values()), end),
         "limits": limits,
         "runs": [_run(name, run, histories[name], limits) for name, run in runs.items()],
     }
+
+
+def radius_of(mass: float) -> float:
+    """Return the radius (m) of the ball that is drawn for an object of a mass (kg)."""
+    return float(min(np.cbrt(0.75 * mass / (np.pi * DENSITY)), LARGEST_RADIUS))
 
 
 def _run(name: str, run: Run, columns: Columns, limits: Mapping[str, float]) -> dict[str, Any]:
@@ -246,7 +249,7 @@ def _run(name: str, run: Run, columns: Columns, limits: Mapping[str, float]) -> 
     rows = rows[np.append(True, np.diff(np.round(columns["time"][rows], digits)) > 0.0)]
     return {
         "name": name,
-        "chain": _chain(run.history.task),
+        "chain": chain_of(run.history.task),
         **{field: run.info[field] for field in RESULTS},
         **_operated(run),
         "contacts": [[round(instant, digits) for instant in contact] for contact in run.contacts],
@@ -263,7 +266,7 @@ def _operated(run: Run) -> dict[str, float]:
     return {"late": late, "slide": run.info["slide"], "done_time": run.info["done_time"]}
 
 
-def _chain(task: Task) -> dict[str, Any]:
+def chain_of(task: Task) -> dict[str, Any]:
     """Return what holds the tool, m."""
     coupling = task.coupling
     kind = {SpringDamper: "spring", Bistable: "bistable", Rigid: "rigid"}[type(coupling)]

@@ -1,5 +1,5 @@
 // The clock and what one steers it with: a film is made when it is first seen, so that a page is painted before.
-function watch(root) {
+function watch(root, gone) {
   const films = JSON.parse(root.querySelector(".igw-films").textContent);
   films.columns.forEach((name, k) => { COLUMNS[name] = k; });
   const part = (name) => root.querySelector(`.igw-${name}`);
@@ -74,7 +74,7 @@ function watch(root) {
   }
 
   function tick(now) {
-    if (!playing) return;
+    if (!playing || !root.isConnected) return;
     seek(film + Math.max(now - before, 0) / 1000 * Number(speed.value));
     before = now;
     say(false);
@@ -191,7 +191,7 @@ function watch(root) {
   window.addEventListener("beforeprint", () => {
     if (playing) run(false);
     seek(poster());
-  });
+  }, {signal: gone});
   open(0);
   new ResizeObserver(() => { if (panels[0].head.clientWidth !== width) layout(); }).observe(part("panels"));
   if (!still.matches && window.IntersectionObserver) {
@@ -217,6 +217,12 @@ customElements.define("slow-motion", class extends HTMLElement {
   // Make the film, seen or not.
   start() {
     this.seen.disconnect();
-    watch(this);
+    this.gone = new AbortController();
+    watch(this, this.gone.signal);
+  }
+
+  disconnectedCallback() {
+    this.seen.disconnect();
+    if (this.gone) this.gone.abort();
   }
 });

@@ -1,0 +1,94 @@
+"""Who assists a person, by name, and the environment in which a person can take the place of a set-up's operator."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from agents import load_policy
+from agents.baselines import LocalBrake, OperatorAlone, PaperTrapezoid, load_baseline
+from agents.policies import Controller
+from agents.setups import Setup, load_setup
+from agents.setups.setup import shipped
+from impact_gym.task import Task
+from impact_gym.task.steering import WAYS
+
+NAMES = {
+    "none": "nobody", "brake": "a brake at the arm", "limit": "a tuned speed limit", "policy": "the learned policy",
+    "rule": "the paper's rule",
+}  # fmt: skip
+"""What an assistance is called, and what it is."""
+PERIOD: float = Task.control_period  # s
+LONGEST, MOST_JITTER, STIFFNESS = 0.5, 0.05, (20.0, 2000.0)  # s each way, s, N/m: as far as sliders go
+RTOL = 1e-12  # so that `simulate` and the environment agree to 1e-9
+
+
+def playable(name: str) -> Setup:
+    """Return a set-up in which somebody commands.
+
+    Raises:
+        ValueError: there is none of this name, or nobody commands in it: says how to add an operator.
+    """
+    setup = load_setup(name)
+    if "operator" not in setup.environment:
+        operator, others = '{ type = "Reach", place_error = 0.0, creep = 0.1 }', map(load_setup, shipped())
+        raise ValueError(
+            f"{setup.called} has no operator: add operator = {operator}, friction = 0.3 and horizon = 8.0 to its "
+            f"[environment], or take {', '.join(each.name for each in others if 'operator' in each.environment)}"
+        )
+    if (period := setup.environment.get("control_period", PERIOD)) != PERIOD:
+        raise ValueError(f"{setup.called}: control_period must be {PERIOD} s to be played, got {period} s")
+    return setup
+
+
+def environment_of(setup: Setup) -> dict[str, Any]:
+    """Return a set-up's arguments without the operator, with ranges as wide as what a player may choose.
+
+    What is chosen is then a number of the episode's record, so that all tries with one kind of coupling are one
+    environment.
+    """
+    environment = {name: value for name, value in setup.environment.items() if name != "operator"} | {"rtol": RTOL}
+    for way in WAYS:
+        environment[way] = {**environment.get(way, {}), "delay": [0.0, LONGEST], "jitter": [0.0, MOST_JITTER]}
+    if (coupling := environment.get("coupling", {})).get("type") == "SpringDamper":
+        environment["coupling"] = {**coupling, "stiffness": list(STIFFNESS)}
+    return environment
+
+
+def usual(setup: Setup) -> dict[str, float]:
+    """Return where the sliders begin: delay there and back and jitter (s), and stiffness (N/m) where there is one."""
+
+    def middle(part: str, name: str, low: float, high: float) -> float:
+        value = setup.environment.get(part, {}).get(name, 0.0)
+        return min(max(float(sum(value) / 2.0 if isinstance(value, list) else value), low), high)
+
+    chosen = {"delay": sum(middle(way, "delay", 0.0, LONGEST) for way in WAYS)}
+    chosen["jitter"] = middle("uplink", "jitter", 0.0, MOST_JITTER)
+    stiff = setup.environment.get("coupling", {}).get("type") == "SpringDamper"
+    return chosen | ({"stiffness": middle("coupling", "stiffness", *STIFFNESS)} if stiff else {})
+
+
+def record_of(chosen: Mapping[str, float]) -> dict[str, float]:
+    """Return what sliders say as numbers of an episode's record."""
+    record = {f"{way}.delay": 0.5 * chosen["delay"] for way in WAYS}
+    record |= {f"{way}.jitter": chosen["jitter"] for way in WAYS}
+    return record | ({"coupling.stiffness": chosen["stiffness"]} if "stiffness" in chosen else {})
+
+
+def assistance(name: str, setup: Setup) -> Controller:
+    """Return who assists, for a set-up.
+
+    Raises:
+        ValueError: no such assistance, or none that was tuned or trained for this set-up.
+    """
+    if name not in NAMES:
+        raise ValueError(f"assist must be one of {', '.join(NAMES)}, got {name!r:.80}")
+    if name == "policy":
+        own = setup.folder / "policies" / f"{setup.name}.npz"
+        return load_policy(setup.name if setup.shipped else own)
+    if name == "limit":
+        limits = [known for known, tuned in setup.tuned.items() if tuned.rule == "BlindProfile"]
+        if not limits:
+            raise ValueError(f"{setup.called} has no speed limit: add a BlindProfile to its [baselines.tuned]")
+        rule: Any = load_baseline(limits[0], setup.evaluation.typical, setup.folder / "tuned")
+    else:
+        rule = {"none": OperatorAlone, "brake": LocalBrake, "rule": PaperTrapezoid}[name]()
+    return rule.for_environment({**environment_of(setup), "operator": {"type": "Person"}})

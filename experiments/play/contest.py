@@ -1,0 +1,95 @@
+"""The same scenario played by the paper's rule, the learned policy and a person, side by side: films, and a chart."""
+
+from collections.abc import Mapping
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from agents.evaluate.scenario_batch import TEST_SEED, ScenarioBatch
+from agents.setups import load_setup
+from experiments.lab import player
+from experiments.lab.player.films import COLUMNS, Run, scene_of
+from experiments.play.assistance import assistance, environment_of, record_of, usual
+from experiments.play.live import Asked, Live
+from experiments.play.tries import Try, replayed
+from impact_gym.envs.render_history import History
+
+SECONDS = 10.0  # of a film for those who only look
+RIVALS = {"paper's rule": "rule", "learned policy": "policy"}
+SHOWN_SEED, REFERENCES = TEST_SEED + 11, 100
+
+
+def run_of(this: Try) -> Run:
+    """Return a try as a film has it."""
+    trace, info, task = replayed(this)
+    return Run(History(trace, info, task, ended=True), info)
+
+
+@cache
+def rivals(setup: str) -> Mapping[str, str]:
+    """Return who plays beside a person: assistances behind a scripted operator, as far as a set-up has them."""
+    found = {}
+    for name, kind in RIVALS.items():
+        try:
+            assistance(kind, load_setup(setup))
+        except ValueError:  # no policy was trained for it
+            continue
+        found[name] = kind
+    return found
+
+
+def scripted(setup: str, kind: str, chosen: Mapping[str, float], seed: int) -> Try:
+    """Return a try of the set-up's own operator, assisted, in the scenario of a seed."""
+    operator = dict(load_setup(setup).environment["operator"])
+    live = Live(Asked(setup, kind, dict(chosen), seed, operator=operator))
+    while not live.ended:
+        live.step()
+    return live.finished()
+
+
+def beside(this: Try) -> dict[str, Try]:
+    """Return rule and policy in the scenario of a try, and the try, by name."""
+    chosen = chosen_of(this)
+    played = {name: scripted(this.setup, kind, chosen, this.seed) for name, kind in rivals(this.setup).items()}
+    return played | {"you": this}
+
+
+def chosen_of(this: Try) -> dict[str, float]:
+    """Return where the sliders stood."""
+    chosen = {"delay": 2.0 * this.record["uplink.delay"], "jitter": this.record["uplink.jitter"]}
+    stiffness = {"stiffness": this.record["coupling.stiffness"]} if "coupling.stiffness" in this.record else {}
+    return chosen | stiffness
+
+
+def film(played: Mapping[str, Try], label: str, seconds: float | None = None) -> str:
+    """Return the slow-motion player of tries in one scenario; with `seconds` its film takes so long."""
+    scene = {"label": label, "number": 0, **scene_of({name: run_of(this) for name, this in played.items()})}
+    if seconds is not None:
+        ends = [start for start, _ in scene["clock"][1:]] + [scene["end"]]
+        whole = sum((end - start) * slower for (start, slower), end in zip(scene["clock"], ends, strict=True))
+        scene["clock"] = [[start, float(f"{slower * seconds / whole:.3g}")] for start, slower in scene["clock"]]
+    return player.fragment({"contestants": list(played), "columns": list(COLUMNS), "scenes": [scene]})
+
+
+def first_film(setup: str, latest: Try | None) -> str:
+    """Return the film for those who only look: the person of the latest try, or the set-up's operator, marked so."""
+    if latest is not None:
+        return film(beside(latest), "your last try, the same scene for all", SECONDS)
+    chosen = usual(load_setup(setup))
+    played = {name: scripted(setup, kind, chosen, SHOWN_SEED) for name, kind in rivals(setup).items()}
+    played["person (scripted)"] = scripted(setup, "none", chosen, SHOWN_SEED)
+    return film(played, "one scene, three contestants", SECONDS)
+
+
+@cache
+def reference(setup: str) -> list[dict[str, Any]]:
+    """Return where rule and policy stand on the chart: means over scenarios, with the set-up's own operator."""
+    made, points = load_setup(setup), []
+    options = {"threads": 1, "quiet": True, "lenient": True, **environment_of(made), "rtol": 1e-6}
+    batch = ScenarioBatch(TEST_SEED, REFERENCES, operator=made.environment["operator"], **options)
+    for name, kind in {**rivals(setup), "scripted, alone": "none"}.items():
+        played = batch.play(assistance(kind, made), record_of(usual(made)))
+        means = {key: float(np.mean(getattr(played, key))) for key in ("done_time", "slide")}
+        points.append({"who": name, **means})
+    return points

@@ -1,0 +1,101 @@
+// What the player's hand does, from whichever device: one number from -1 (back) to 1 (forward).
+const ZERO = 1 / 3, DEAD = 0.12, LEVELS = [0.1, 0.2, 0.4, 0.6, 0.8, 1];
+
+function stickOf(element, on) {
+  const knob = element.querySelector(".knob"), push = element.querySelector(".push");
+  const sources = {keys: 0, pointer: 0, pad: 0}, held = {forward: false, back: false};
+  let level = 3, value = 0, pressed = [];
+
+  function merge() {
+    const next = sources.pointer || sources.keys || sources.pad;
+    if (next === value) return;
+    value = next;
+    const at = ZERO + (value > 0 ? value * (1 - ZERO) : value * ZERO), room = element.clientWidth - knob.offsetWidth;
+    const left = clamp(at * element.clientWidth, 0.5 * knob.offsetWidth, room + 0.5 * knob.offsetWidth);
+    knob.style.left = `${left}px`;
+    push.style.left = `${Math.min(100 * ZERO, 100 * left / element.clientWidth)}%`;
+    push.style.width = `${Math.abs(100 * left / element.clientWidth - 100 * ZERO) * (value !== 0)}%`;
+    element.setAttribute("aria-valuenow", String(Math.round(100 * value)));
+    const way = value > 0 ? "forward" : "back";
+    element.setAttribute("aria-valuetext", value ? `${way}, ${Math.round(100 * Math.abs(value))} %` : "let go");
+    on.moved(value);
+  }
+
+  function byKeys() {
+    sources.keys = LEVELS[level] * (held.forward - held.back);
+    merge();
+  }
+
+  function letGo() {
+    held.forward = held.back = false;
+    sources.keys = sources.pointer = 0;
+    merge();
+  }
+
+  const ways = {ArrowRight: "forward", ArrowLeft: "back", d: "forward", a: "back"};
+  addEventListener("keydown", (event) => {
+    const elsewhere = event.target.closest("input, select, a, button, summary, .igw, textarea");
+    if (event.ctrlKey || event.metaKey || event.altKey || elsewhere && !(element.contains(event.target))) return;
+    const way = ways[event.key];
+    if (way || ["ArrowUp", "ArrowDown", " ", "Enter"].includes(event.key)) event.preventDefault();
+    if (event.repeat) return;
+    if (way) {
+      held[way] = true;
+      on.pressed();
+      byKeys();
+    } else if (event.key === "ArrowUp" || event.key === "ArrowDown") {
+      level = clamp(level + (event.key === "ArrowUp" ? 1 : -1), 0, LEVELS.length - 1);
+      on.level(LEVELS[level]);
+      byKeys();
+    } else if (event.key === "Enter") {
+      on.pressed();
+    } else if (event.key === " " || event.key === "Escape") {
+      letGo();
+      on.ended();
+    }
+  });
+  addEventListener("keyup", (event) => {
+    if (ways[event.key]) {
+      held[ways[event.key]] = false;
+      byKeys();
+    }
+  });
+  addEventListener("blur", letGo);
+  document.addEventListener("visibilitychange", letGo);
+
+  const point = (event) => {
+    const box = element.getBoundingClientRect(), share = (event.clientX - box.left) / box.width - ZERO;
+    const wanted = clamp(share > 0 ? share / (0.97 - ZERO) : share / (ZERO - 0.03), -1, 1);
+    sources.pointer = Math.abs(wanted) < 0.04 ? 0 : Math.round(1000 * wanted) / 1000;
+    merge();
+  };
+  element.addEventListener("pointerdown", (event) => {
+    if (event.button) return;
+    element.setPointerCapture(event.pointerId);
+    element.focus({preventScroll: true});
+    on.pressed();
+    point(event);
+    event.preventDefault();
+  });
+  element.addEventListener("pointermove", (event) => { if (element.hasPointerCapture(event.pointerId)) point(event); });
+  for (const name of ["pointerup", "pointercancel", "lostpointercapture"]) {
+    element.addEventListener(name, () => {
+      sources.pointer = 0;
+      merge();
+    });
+  }
+
+  function poll() {
+    const pads = navigator.getGamepads ? [...navigator.getGamepads()].filter(Boolean) : [];
+    for (const pad of pads.slice(0, 1)) {
+      const x = pad.axes[0] || 0, size = Math.max(Math.abs(x) - DEAD, 0) / (1 - DEAD);
+      const next = [0, 1].map((k) => Boolean(pad.buttons[k] && pad.buttons[k].pressed));
+      if (next[0] && !pressed[0] || size > 0 && sources.pad === 0) on.pressed();
+      if (next[1] && !pressed[1]) on.ended();
+      pressed = next;
+      sources.pad = Math.sign(x) * Math.round(1000 * Math.min(size, 1)) / 1000;
+      merge();
+    }
+  }
+  return {poll, letGo, get value() { return value; }};
+}

@@ -1,0 +1,83 @@
+"""The task with its objectives apart: vector rewards, by MO-Gymnasium's contract, single and as a native batch.
+
+`mo_gymnasium.make("mo-impact-approach-v0")` and `gym.make_vec` know the ids, as `import impact_gym` registers them;
+MO-Gymnasium itself is not needed. Everything but the reward is as in the environment without the prefix.
+"""
+
+from functools import wraps
+from typing import Any
+
+import numpy as np
+from gymnasium.spaces import Box
+from numpy.typing import NDArray
+
+from impact_gym.envs.batch import Batch
+from impact_gym.envs.single import ImpactApproachEnv
+from impact_gym.envs.vector import ImpactApproachVectorEnv
+from impact_gym.task import Task
+
+Rewards = NDArray[np.float64]
+
+
+class Objectives:
+    """What each control step of a batch adds to the objectives: -T (s), -V_p (m/s) and, where it counts, -force (N).
+
+    T is the time that the task charges. V_p comes at the end, with what a miss costs; so does the largest contact force
+    of an environment with a `force_weight`, and the share that was taken of one with a `taken_weight`. With w the
+    episode's time weight, the scalar reward is w * (-T) - V_p - force_weight * force - taken_weight * taken.
+    """
+
+    def __init__(self, task: Task, batch: Batch) -> None:
+        last = {"force_cost": task.force_weight, "taken_cost": task.taken_weight}
+        self._last = {name: weight for name, weight in last.items() if weight > 0.0}
+        self._batch, self._before = batch, np.zeros((batch.size, 2 + len(self._last)))
+        self.space = Box(-np.inf, 0.0, (2 + len(self._last),), np.float64)
+
+    def added(self) -> Rewards:
+        """Return the rewards of the last step (rows, objectives); to be asked once after each."""
+        episodes = self._batch.episodes
+        time = episodes["time_cost"] / episodes["drawn"]["time_weight"]
+        kept = episodes["velocity_cost"] + episodes["missed_cost"]
+        now = np.stack([time, kept, *(episodes[name] / weight for name, weight in self._last.items())], axis=1)
+        new = episodes["control_steps"] <= 1  # an episode that has just begun
+        rewards = np.where(new[:, None], 0.0, self._before) - now
+        self._before = now
+        return rewards
+
+
+class MOImpactApproachEnv(ImpactApproachEnv):
+    """`ImpactApproach` with a vector reward; `info["original_reward"]` has the scalar one.
+
+    ## Rewards
+    `reward_space` is `Box(-inf, 0, (reward_dim,), float64)`: -T (s, in each step) and -V_p (m/s, at the end, with
+    `missed_cost`), and as a third one, with a `force_weight`, -(largest contact force) (N, at the end). With an
+    operator T runs until the task is done, and with a `taken_weight` the last one is -(share taken).
+
+    ## Version History
+    * v0: first version
+    """
+
+    @wraps(ImpactApproachEnv.__init__)  # type: ignore[misc]  # whose arguments they are
+    def __init__(self, **arguments: Any) -> None:
+        super().__init__(**arguments)
+        self._objectives = Objectives(self._batch.tasks[0], self._batch)
+        self.reward_space, self.reward_dim = self._objectives.space, len(self._objectives.space.low)
+
+    def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], Any, bool, bool, dict[str, Any]]:
+        """Play one control step; the reward is (reward_dim,)."""
+        observation, reward, terminated, truncated, info = super().step(action)
+        return observation, self._objectives.added()[0], terminated, truncated, info | {"original_reward": reward}
+
+
+class MOImpactApproachVectorEnv(ImpactApproachVectorEnv):
+    """The native batch with vector rewards (num_envs, reward_dim); slot i seeded s + i equals the single one."""
+
+    @wraps(ImpactApproachVectorEnv.__init__)  # type: ignore[misc]  # likewise
+    def __init__(self, num_envs: int = 1, **arguments: Any) -> None:
+        super().__init__(num_envs, **arguments)
+        self._objectives = Objectives(self.batch.tasks[0], self.batch)
+        self.reward_space, self.reward_dim = self._objectives.space, len(self._objectives.space.low)
+
+    def _rewards(self) -> tuple[Rewards, dict[str, Any]]:
+        """Return the rewards of the last step, and the scalar ones as an info."""
+        return self._objectives.added(), {"original_reward": self.batch.rewards.copy()}
