@@ -189,8 +189,8 @@ class Batch:
         """
         for task in self.tasks:
             one_of("operator", task.operator, Person)
-        fastest = min(task.velocity_range[1] for task in self.tasks)
-        limits: Any = {"at_least": -fastest, "at_most": fastest}
+        lows, highs = zip(*(task.velocity_range for task in self.tasks), strict=True)
+        limits: Any = {"at_least": max(lows), "at_most": min(highs)}
         for velocity in np.atleast_1d(array("command", velocities)):
             number("command", velocity, "m/s", **limits)
         self.links["given"] = velocities
