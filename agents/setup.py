@@ -94,15 +94,6 @@ def rigid_to(task: Task, scenario: Mapping[str, NDArray[np.float64]]) -> tuple[f
     return held_with, float(np.mean(np.array(peaks) < held_with))
 
 
-def lateness(task: Task) -> tuple[float, float]:
-    """Least and greatest time from a touch to the operator's stop at the arm, s, but for random delays and traces."""
-    parts = {"downlink": "delay", "operator": "reaction", "uplink": "delay"}
-    ends = [
-        task.drawn.get(f"{part}.{name}", (getattr(getattr(task, part), name, 0.0),) * 2) for part, name in parts.items()
-    ]
-    return sum(low for low, _ in ends), sum(high for _, high in ends)
-
-
 def lines(setup: Setup) -> Iterator[str]:
     """Yield the lines to print about a set-up."""
     task = Task(**setup.environment)
@@ -132,13 +123,16 @@ def lines(setup: Setup) -> Iterator[str]:
     played = ScenarioBatch.of("validation", SAMPLE, **setup.environment).play(rule)
     yield (
         f"  played through {SAMPLE} scenarios, the paper's rule leaves the object {played.object_velocity.mean():.3f}"
-        f" m/s (mean), arrives after {played.approach_time.mean():.3f} s and misses {int(played.missed.sum())}"
+        f" m/s (mean), {'is done' if task.operator else 'arrives'} after {played.approach_time.mean():.3f} s and misses"
+        f" {int(played.missed.sum())}"
     )
     if task.operator:
-        (least, greatest), touches = lateness(task), np.asarray(played.touch_time)[~played.missed]
-        soon, late = np.quantile(touches, [0.05, 0.95])
-        yield (f"  the operator's own stop is {_spread([1e3 * least, 1e3 * greatest], '.0f')} ms late; until the touch "
-               f"it takes {_spread([soon / greatest, late / least], '.1f')} times that, in nine of ten")  # fmt: skip
+        late = np.maximum(np.asarray(played.late), 1e-9)  # s
+        ahead = (np.asarray(played.touch_time) / late)[~played.missed]
+        least, soon, usual, last = np.quantile(ahead, [0.0, 0.05, 0.5, 0.95]) if ahead.size else [np.nan] * 4
+        yield (f"  the operator's own stop is {_spread((1e3 * late).tolist(), '.0f')} ms late; the touch comes after "
+               f"{soon:.1f} to {last:.1f} times that in nine of ten scenarios, {usual:.1f} in the middle, at the least "
+               f"{least:.1f}")  # fmt: skip
     if isinstance(task.coupling, Bistable):
         force, share = rigid_to(task, played.scenario)
         yield (f"  the front stop holds the tool with {force:.3g} N; {share:.0%} of the objects, touched at {GENTLE:g} "

@@ -2,11 +2,11 @@
 
 An operator commands a velocity, and is told of a touch by the display. Nobody knows where the object stands: a reach
 goes to where the operator believes it, `place_error` beyond its face, and from there on searches with `creep`. All but
-a `Replay` and a `Person` stop a reaction time after the displayed touch. Any number may be a pair, from which episodes
-draw. A number without a default has none because no source for one was found.
+a `Replay` and a `Person` stop a reaction time after the displayed touch. In a dict, as in a set-up's file, any number
+may be a pair, from which episodes draw. A number without a default has none because no source for one was found.
 """
 
-import csv
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from impact_gym.kernels import LONGEST_JITTER, PERSON, REACH, REPLAY, SECOND_ORDER_LAG, STEADY, TRACKER
 from impact_gym.record import SI, Record
-from impact_gym.validation import rising
+from impact_gym.validation import numbers, rising, shown
 
 SIMPLE_REACTION = 0.213  # s, mean of 1,469 persons (Woods et al., Front. Hum. Neurosci. 9, 2015, 131)
 CUT = float(LONGEST_JITTER)  # means of a random delay, which takes no longer
@@ -35,9 +35,9 @@ class Commander(Record, path="operator"):
         return NOTHING
 
     @property
-    def fastest(self) -> float:
-        """Fastest command that was recorded, m/s."""
-        return float(np.abs(self.table[len(self.table) // 2 :]).max(initial=0.0))
+    def recorded(self) -> NDArray[np.float64]:
+        """The commands of these, m/s."""
+        return self.table[len(self.table) // 2 :]
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,21 +104,28 @@ class Reach(Commander):
 
 @dataclass(frozen=True, slots=True)
 class Laggy(Reach):
-    """A reach that repeats its last command (surrogate pilot, in the code of ripl/diffusion-for-shared-autonomy)."""
+    """A reach that repeats its last command.
+
+    A surrogate pilot of ripl/diffusion-for-shared-autonomy, with the share that its `eval_assistance.py` has for
+    LunarLander-v5.
+    """
 
     repeat: float = 0.85  # -, of all commands
 
 
 @dataclass(frozen=True, slots=True)
 class Noisy(Reach):
-    """A reach with commands at random (likewise)."""
+    """A reach with commands at random, evenly from all that the arm can follow (another one, from the same place)."""
 
-    random: float = 0.2  # -, of all commands
+    random: float = 0.3  # -, of all commands
 
 
 @dataclass(frozen=True, slots=True)
 class SecondOrderLag(Commander):
-    """A pointing hand on a spring and damper (medians of 192 fits, `optparams/` of fl0fischer/OFC4HCI)."""
+    """A pointing hand on a spring and damper (medians of 192 fits, `optparams/` of fl0fischer/OFC4HCI).
+
+    Its target goes to where the object is believed, so fast that the hand, with its overshoot, gets to `speed`.
+    """
 
     place_error: float  # m
     creep: float  # m/s
@@ -130,13 +137,16 @@ class SecondOrderLag(Commander):
 
 @dataclass(frozen=True, slots=True)
 class Tracker(Commander):
-    """The crossover model: as fast as the way left, as it is seen, times `gain` (Idate96/MRAC_manual_control)."""
+    """The crossover model: as fast as the way left, as it is seen, times `gain`.
+
+    `gain` and `reaction` are where `src/optimize_runs_u.m` of Idate96/MRAC_manual_control begins to fit recorded runs.
+    """
 
     place_error: float  # m
     creep: float  # m/s
     speed: float = 0.5  # m/s
-    gain: float = 3.0  # rad/s
-    reaction: float = 0.3  # s
+    gain: float = 2.5  # rad/s
+    reaction: float = 0.2  # s
 
 
 Operator = Replay | Person | Trapezoid | Reach | Laggy | Noisy | SecondOrderLag | Tracker
@@ -158,24 +168,24 @@ class Channel(Record, path="uplink"):
 
     delay: float = 0.0  # s
     jitter: float = 0.0  # s
-    tail: float = 0.0  # s
-    tail_share: float = 0.0  # -
     loss: float = 0.0  # -, share of all packets
     burst: float = 1.0  # -, mean number in a row
-    timeout: float = 0.1  # s; of the uplink: without a newer command for so long the arm stops
+    timeout: float = 0.1  # s; of the uplink alone: without a newer command for so long the arm stops
     trace: Any = None
+    tail: float = 0.0  # s
+    tail_share: float = 0.0  # -
 
     def __post_init__(self) -> None:
         Record.__post_init__(self)
         if self.trace is not None:
-            rows = trace_of(self.trace)
-            times, delays = ([row[column] for row in rows] for column in (0, 1))
-            rising("Channel.trace", times, {"delay": delays})
-            if min(delays) < 0.0:
-                raise ValueError(f"Channel.trace must have delays of at least 0 s, got {min(delays)!r} s")
-            object.__setattr__(self, "trace", tuple(map(tuple, rows)))
-        if self.loss > self.burst / (1.0 + self.burst):
-            most = self.burst / (1.0 + self.burst)
+            columns = {name: numbers(f"Channel.trace: {name}", values, "s", at_least=0.0, at_most=1e6)
+                       for name, values in zip(("time", "delay"), columns_of(self.trace), strict=True)}  # fmt: skip
+            rising("Channel.trace", columns["time"], {"delay": columns["delay"]})
+            object.__setattr__(self, "trace", tuple(zip(*columns.values(), strict=True)))
+            for name in ("delay", "jitter", "tail", "tail_share"):
+                if value := getattr(self, name):
+                    raise ValueError(f"Channel.{name} must be 0 beside a trace, which has all delays, got {value!r}")
+        if self.loss > (most := self.burst / (1.0 + self.burst)):
             raise ValueError(f"Channel.loss must be at most {most:g} with bursts of {self.burst:g}, got {self.loss!r}")
 
     @property
@@ -190,7 +200,7 @@ class Channel(Record, path="uplink"):
 
 
 FIFTH_GENERATION = {
-    f"5g-{mean}ms": Channel(least / 1e3, 1e-3 / fast, 1e-3 / slow, share)
+    f"5g-{mean}ms": Channel(least / 1e3, 1e-3 / fast, tail=1e-3 / slow, tail_share=share)
     for mean, least, share, fast, slow in (
         (100, 70.0, 0.726, 0.0853, 0.0271), (299, 210.0, 0.893, 0.0162, 0.0108), (500, 406.0, 0.896, 0.0155, 0.0103),
     )
@@ -198,21 +208,19 @@ FIFTH_GENERATION = {
 """Channels of telesurgery over 5G (UVA-DSA/telesurgery-qos-analysis, arXiv 2603.06824), by their mean delay."""
 
 
-def trace_of(given: Any) -> list[list[float]]:
-    """Return rows of time and delay, s, from such rows or from a CSV file; its first line may name the columns."""
-    if not isinstance(given, (str, Path)):
-        wanted = ValueError(f"Channel.trace must be rows of time and delay in s, or a file of them, got {given!r:.80}")
-        try:
-            rows = np.asarray(given, np.float64)
-        except (TypeError, ValueError):
-            raise wanted from None
-        if rows.ndim != 2 or rows.shape[1] != 2:
-            raise wanted
-        return rows.tolist()
+def columns_of(trace: Any) -> list[list[float]]:
+    """Return the times and delays (s) of rows of both, or of a CSV file, whose first line may name the columns."""
+    wanted = f"Channel.trace must be rows of time and delay in s, or a CSV file of them, got {shown(trace)}"
+    rows = trace
     try:
-        with Path(given).open(newline="", encoding="utf-8-sig") as file:
-            lines = [line for line in csv.reader(file) if line]
-        head = any(not cell.strip().replace(".", "").replace("-", "").replace("e", "").isdigit() for cell in lines[0])
-        return [[float(time), float(delay)] for time, delay in lines[1 if head else 0 :]]
-    except (OSError, ValueError, IndexError) as problem:
-        raise ValueError(f"Channel.trace: {given} is no CSV file of time and delay in s: {problem}") from None
+        if isinstance(trace, (str, Path)):
+            with warnings.catch_warnings(action="ignore"):  # of an empty file
+                rows = np.genfromtxt(trace, delimiter=",", encoding="utf-8-sig", ndmin=2)
+                rows = rows[int(np.isnan(rows[:1]).all()) :]  # words are nan
+        columns = np.asarray(rows, np.float64).T
+    except (OSError, TypeError, ValueError) as problem:
+        why = " ".join(f"{problem}".split())
+        raise ValueError(f"{wanted}: {why}") from None
+    if columns.ndim != 2 or len(columns) != 2:
+        raise ValueError(wanted)
+    return columns.tolist()

@@ -122,11 +122,12 @@ def channel(way: str, place: int) -> tuple[Quantity, ...]:
         ("tail_share", f"share of {words} with the longer delay", "-", PART, SHARE),
         ("loss", f"share of {words} that is lost", "-", Limits(at_least=0.0, at_most=0.99), SHARE),
         ("burst", f"mean number of losses in a row of {words}", "-", Limits(at_least=1.0, at_most=1e6), SHARE),
-        ("timeout", "silence of a channel after which the arm stops", "s", POSITIVE, Scale(0.0, 0.5, 0.0)),
+        ("timeout", "silence after which the arm stops", "s", POSITIVE, Scale(0.0, 0.5, 0.0)),
     )  # fmt: skip
     return tuple(
         Quantity(f"{way}.{name}", about, unit, limits, own(place + k), scale=scale)
         for k, (name, about, unit, limits, scale) in enumerate(rows)
+        if (way, name) != ("downlink", "timeout")
     )
 
 
@@ -266,6 +267,7 @@ RESULTS = (
 
 STEERED = (
     Quantity("done_time", "time until the end, when the object rests and the operator or the tool is done", "s"),
+    Quantity("late", "time from a touch until the operator's stop reaches the arm, on average", "s"),
     Quantity("taken", "share of the operator's motion before the touch that was withheld", "-"),
 )
 """What is known beside where an operator commands."""

@@ -1,6 +1,7 @@
 """Evaluation: controllers played through the same numbered scenarios, here or as jobs."""
 
 from agents.evaluate.scenario_batch import (
+    MEASURED,
     RESULTS,
     TEST_SEED,
     TUNING_SEED,
@@ -13,6 +14,6 @@ from agents.evaluate.scenario_batch import (
 from agents.evaluate.travel import Travel
 
 __all__ = [
-    "RESULTS", "TEST_SEED", "TUNING_SEED", "VALIDATION_SEED", "Episodes", "ScenarioBatch", "Travel", "Validation",
-    "evaluate",
+    "MEASURED", "RESULTS", "TEST_SEED", "TUNING_SEED", "VALIDATION_SEED", "Episodes", "ScenarioBatch", "Travel",
+    "Validation", "evaluate",
 ]  # fmt: skip

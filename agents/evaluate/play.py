@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.evaluate.controllers import controller_of
-from agents.evaluate.scenario_batch import RESULTS, ScenarioBatch
+from agents.evaluate.scenario_batch import MEASURED, ScenarioBatch
 from impact_gym.task import evaluation_sets
 from impact_gym.task.evaluation_sets import EvaluationSet
 from impact_gym.task.scenario import FIELDS
@@ -35,7 +35,8 @@ def play(
             scenario_batch_of(scenarios, weight, environment).play(controller_of(controller, weight, environment))
             for weight in weights
         ]
-    return {name: np.array([getattr(episodes, name) for episodes in played]) for name in RESULTS} | played[0].scenario
+    measured = [name for name in MEASURED if getattr(played[0], name) is not None]
+    return {name: np.array([getattr(each, name) for each in played]) for name in measured} | played[0].scenario
 
 
 def scenario_batch_of(

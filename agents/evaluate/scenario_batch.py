@@ -44,6 +44,7 @@ class Episodes:
     done_time: NDArray[np.float64] | None = None  # s, where an operator commands; also the approach time then
     taken: NDArray[np.float64] | None = None  # -, likewise
     touch_time: NDArray[np.float64] | None = None  # s, likewise
+    late: NDArray[np.float64] | None = None  # s, likewise, from a touch until his stop reaches the arm
 
     def cost(self, time_weight: float | NDArray[np.float64]) -> NDArray[np.float64]:
         """V_p + time_weight * approach time, m/s, per scenario."""

@@ -17,8 +17,10 @@ from agents.policies.policy import Policy
 from impact_gym.files import write_file
 from impact_gym.task import ObservationSpec, Task
 from impact_gym.task.observation import Entry
+from impact_gym.task.steering import FADE
 from impact_gym.task.task import COMMAND_RESOLUTION
 
+CLOCK = 1e-9  # s, within which times are the same
 C_ACTIVATIONS = {"tanh": "tanhf((float)sum)", "relu": "sum > 0.0 ? (float)sum : 0.0f", "none": "(float)sum"}
 
 
@@ -50,6 +52,8 @@ def header(policy: Policy, name: str) -> str:
         activations={activation: C_ACTIVATIONS[activation] for activation in used},
         controlled=has_controller(policy),
         resolution=COMMAND_RESOLUTION,
+        fade=FADE,
+        clock=CLOCK,
         fields=spec.sensors,
         remembered=[field for field in ("force", "deflection") if f"{field}_1" in value_of],
         scales=[_scale(entry, value_of[entry.id]) for entry in spec.entries] if has_controller(policy) else [],

@@ -25,7 +25,8 @@ class Log(NamedTuple):
     """Sensors and commands of episodes, step by step."""
 
     sensors: Floats  # (steps, rows, fields), SI units
-    commands: Floats  # (steps, rows, n), in their units
+    commands: Floats  # (steps, rows, 2), m/s and m/s^2: with an operator what the flange was sent to last in a step
+    late: Floats  # (steps, rows), m/s, the operator's command by which it was: nan where a step has one alone
     steps: NDArray[np.int64]  # (rows,), of each episode
     time_weight: Floats  # (rows,)
 
@@ -46,15 +47,24 @@ def logged(policy: Policy, episodes: int) -> Log:
     batch = Batch(episodes, task)
     batch.draw_and_begin(np.arange(episodes), [np.random.default_rng(SEED)] * episodes)
     low, high = np.array([(action.low, action.high) for action in task.actions]).T
-    steps, sensors, commands = np.zeros(episodes, np.int64), [], []
+    steps, sensors, commands, late = np.zeros(episodes, np.int64), [], [], []
     while not (ended := batch.ended).all():
-        sensors.append(np.stack(list(batch.sensors().values()), axis=-1))
+        now = batch.sensors()
+        sensors.append(np.stack(list(now.values()), axis=-1))
         actions, _ = policy.predict(batch.observations)
         share = 0.5 * (np.clip(actions.astype(np.float64), -1.0, 1.0) + 1.0)
-        commands.append(np.rint((low + share * (high - low)) / COMMAND_RESOLUTION) * COMMAND_RESOLUTION)
+        command = np.rint((low + share * (high - low)) / COMMAND_RESOLUTION) * COMMAND_RESOLUTION
         steps += ~ended
+        begun = np.where(batch.links["silent"], 0.0, now["command"]) if task.operator else np.zeros(episodes)
+        obeyed = begun
         batch.step(batch.commands(actions, (episodes, policy.actions)), ended)
-    return Log(np.array(sensors), np.array(commands), steps, batch.info()["time_weight"])
+        if task.operator:
+            obeyed, executed = (batch.link_columns()[name][:, 0] for name in ("teleop_action", "intervene_action"))
+            stop = np.where(obeyed == 0.0, task.acceleration_range[1], command[:, 1])
+            command = np.stack([executed, stop], axis=-1)
+        commands.append(command)
+        late.append(np.where(obeyed == begun, np.nan, obeyed))
+    return Log(np.array(sensors), np.array(commands), np.array(late), steps, batch.info()["time_weight"])
 
 
 def compiled(policy: Policy, header: Path, folder: Path, language: str = "C99") -> ctypes.CDLL | None:
@@ -66,9 +76,10 @@ def compiled(policy: Policy, header: Path, folder: Path, language: str = "C99") 
     compiler = shutil.which("g++" if language == "C++17" else "gcc") or shutil.which("cc")
     if compiler is None:
         return None
-    names = {"name": identifier(header.stem), "controlled": has_controller(policy)}
+    task = Task(**policy.environment)
+    names = {"name": identifier(header.stem), "controlled": has_controller(policy), "operator": task.operator}
     source = c_text("program.c.jinja", **names, fields=len(policy.spec.sensors), inputs=policy.inputs,
-                    actions=Task(**policy.environment).actions)  # fmt: skip
+                    actions=task.actions)  # fmt: skip
     library = folder / f"policy-{len(language)}.so"
     flags = [*LANGUAGES[language], "-O2", "-ffp-contract=off", *WARNINGS, "-shared", "-fPIC", "-"]
     included = ["-D_POSIX_C_SOURCE=199309L", "-include", str(header.resolve())]
@@ -87,9 +98,10 @@ def replay(policy: Policy, program: ctypes.CDLL, log: Log, calls: int) -> Replay
     steps = log.steps.astype(np.int32)
     commands, seconds = np.zeros_like(log.commands), np.zeros(calls)
     arrays = [address(array) for array in (log.sensors, steps, log.time_weight)]
-    program.play(len(steps), *arrays, address(commands))
+    program.play(len(steps), *arrays, address(log.late), address(commands))
     program.clocked(len(steps), *arrays, calls, address(seconds))
-    span = np.array([action.high - action.low for action in Task(**policy.environment).actions])
+    task = Task(**policy.environment)
+    span = np.ptp([task.velocity_range, task.acceleration_range], axis=1)
     played = np.arange(len(commands))[:, None] < steps
     difference = np.abs((commands - log.commands) / span)[played].max()
     return Replay(len(steps), calls, float(difference), float(np.quantile(seconds, 0.999)), float(seconds.max()))

@@ -15,8 +15,10 @@ from agents.setups.evaluation import SET_UP_ARGUMENTS, Evaluation
 from agents.setups.keys import known, names, table, text, within
 from agents.setups.training import Training
 from impact_gym.files import named_file, parsed
-from impact_gym.task import Task
-from impact_gym.validation import flag, identifier, number, whole
+from impact_gym.operators import columns_of
+from impact_gym.task import ObservationSpec, Task
+from impact_gym.task.steering import WAYS
+from impact_gym.validation import flag, identifier, number, one_of, whole
 
 SHIPPED = Path(__file__).resolve().parent
 TUNED = SHIPPED.parent / "tuned"
@@ -27,7 +29,7 @@ OBJECT = re.compile(r"[\w.]+:[\w.]+")  # of a module
 README = ("linear-blind", "linear-ranged", "bistable-blind", "paper-limits")
 """Those that the README, `make report` and `make train-all` are about."""
 RULES = (
-    "BlindProfile", "ConstantDeceleration", "ConstantGain", "ConstantSpeed", "DetectorProfile", "DetectorRanged",
+    "BlindProfile", "ConstantDeceleration", "ConstantSpeed", "DetectorProfile", "DetectorRanged",
     "Ranged", "RangedProfile", "WaryProfile", "WaryRanged",
 )  # fmt: skip
 """Those that may be tuned, classes of `agents.baselines`."""
@@ -64,6 +66,7 @@ class Setup:
     evaluation: Evaluation = field(default_factory=Evaluation)
     fails: str = UNSAID  # where its policy does, in words
     path: Path = Path()
+    mixed: tuple[tuple[float, Mapping[str, Any]], ...] = ()  # shares of the training, and what these play instead
 
     def make(self, **more: Any) -> gym.Env[Any, Any]:
         """Return the environment of Gymnasium, with `more` arguments."""
@@ -139,6 +142,7 @@ def _setup(path: Path, content: dict[str, Any]) -> Setup:
     known("", content, ("version", "title", "about", "fails", *TABLES))
     environment, training, baselines, evaluation = (table(content, name) for name in TABLES)
     known("environment.", environment, SET_UP_ARGUMENTS)
+    _read_delays(environment, path.parent)
     with within("environment"):
         task = Task(**environment)
     known("baselines.", baselines, ("against", "tuned", "bound", "budget"))
@@ -149,8 +153,11 @@ def _setup(path: Path, content: dict[str, Any]) -> Setup:
         for name, given in listed.items()
     }
     title = text(content, "title", path.stem)
+    mixed = _mixed(training.pop("mixed", []), environment, path.parent)
     with within("training"):
         settings = Training().changed(training)
+        shares = settings.nominal + sum(share for share, _ in mixed)
+        number("nominal and the shares of what is mixed, in all,", shares, "-", at_most=1)
     asked = Evaluation.of_table(evaluation, environment)
     if settings.nominal and not asked.nominal:
         raise ValueError(f"training.nominal must be 0 without a table [evaluation.nominal], got {settings.nominal!r}")
@@ -167,9 +174,33 @@ def _setup(path: Path, content: dict[str, Any]) -> Setup:
         asked,
         text(content, "fails", UNSAID),
         path,
+        mixed,
     )
     _refuse_unknown(setup)
     return setup
+
+
+def _read_delays(environment: dict[str, Any], folder: Path) -> None:
+    """Put what files of delays say in their place; they lie beside the set-up's, and are part of it."""
+    for way in WAYS:
+        if isinstance(channel := environment.get(way), dict) and isinstance(trace := channel.get("trace"), str):
+            with within(f"environment.{way}"):
+                channel["trace"] = [list(row) for row in zip(*columns_of(folder / trace), strict=True)]
+
+
+def _mixed(given: Any, environment: Mapping[str, Any], folder: Path) -> tuple[tuple[float, Mapping[str, Any]], ...]:
+    """Return the shares of a training that play something else, and what."""
+    parts = []
+    for place, part in enumerate(given):
+        name = f"training.mixed[{place}]"
+        one_of(name, part, dict)
+        known(f"{name}.", part, ("share", *SET_UP_ARGUMENTS))
+        with within(name):
+            share = number("share", part.pop("share", None), "-", above=0, at_most=1)
+            _read_delays(part, folder)
+            ObservationSpec.of_rows([Task(**environment), Task(**{**environment, **part})])
+        parts.append((share, part))
+    return tuple(parts)
 
 
 def _refuse_unknown(setup: Setup) -> None:
@@ -179,7 +210,7 @@ def _refuse_unknown(setup: Setup) -> None:
         number("evaluation: weights and typical", weight, "m/s per s", at_least=low, at_most=high)
     baselines = {*setup.tuned, *shipped_baselines()}
     known("baselines.against.", [name for name in setup.against if not OBJECT.fullmatch(name)], {*baselines, *FIXED})
-    known("training.teacher.", [setup.training.teacher], {"", *baselines})
+    known("training.teacher.", [setup.training.teacher], {"", *baselines, *FIXED})
     known("baselines.bound.", [setup.bound], [setup.name, *shipped()])
     known("evaluation.of.", [setup.evaluation.of], ["paper-trapezoid", *shipped()])
 

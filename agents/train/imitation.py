@@ -1,4 +1,4 @@
-"""PPO that first imitates a tuned baseline, at the states that it visits itself.
+"""PPO that first imitates a baseline, at the states that it visits itself.
 
 S. Ross, G. Gordon, D. Bagnell, A Reduction of Imitation Learning and Structured Prediction to No-Regret Online
 Learning, AISTATS 2011. PPO explores around what it does; what lies far from that, such as an approach in pulses, it
@@ -13,28 +13,32 @@ from numpy.typing import NDArray
 from stable_baselines3 import PPO
 from torch.nn.functional import mse_loss
 
-from agents.baselines.tuned import read_tuned, tuned_rule
+from agents.baselines.tuned import FIXED, read_tuned, tuned_rule
 from agents.setups import Setup
 from impact_gym.task import ObservationSpec, Task
 
 
 class Teacher:
-    """A tuned baseline of a set-up, in each episode as it was tuned for the time weight at which it does best there."""
+    """A baseline of a set-up; a tuned one in each episode as tuned for the time weight at which it does best there."""
 
     def __init__(self, setup: Setup, name: str) -> None:
-        """Read a baseline of the set-up itself, or one that is shipped.
+        """Read a baseline of the set-up itself, or one that is shipped, or take one without anything to tune.
 
         Raises:
             ValueError: there is no such baseline, or it does not fit what the set-up shows.
         """
-        its_own = name in setup.tuned
-        content = read_tuned(name, setup.folder / "tuned", setup) if its_own else read_tuned(name)
-        rules = [tuned_rule(content, float(weight)) for weight in content["weights"]]
-        self.rules = [rule.for_environment(setup.environment) for rule in rules]
-        self.spec = ObservationSpec(Task(**{**setup.environment, "privileged": True}))
-        means = [tuned["validation"] for tuned in content["weights"].values()]
-        self.means = np.array([(mean["object_velocity"], mean["approach_time"]) for mean in means])
-        self.checksum: str = content["sha256"]
+        rules, means, self.checksum = [FIXED[name]()] if name in FIXED else [], [(0.0, 0.0)], name
+        if not rules:
+            its_own = name in setup.tuned
+            content = read_tuned(name, setup.folder / "tuned", setup) if its_own else read_tuned(name)
+            rules = [tuned_rule(content, float(weight)) for weight in content["weights"]]
+            scores = [tuned["validation"] for tuned in content["weights"].values()]
+            means = [(score["object_velocity"], score["approach_time"]) for score in scores]
+            self.checksum = content["sha256"]
+        self.rules, self.means = [rule.for_environment(setup.environment) for rule in rules], np.array(means)
+        played = [{}, *(changes for _, changes in setup.mixed)]
+        tasks = [Task(**{**setup.environment, **changes, "privileged": True}) for changes in played]
+        self.spec = ObservationSpec.of_rows(tasks)
 
     def actions(self, observations: NDArray[Any], episode_starts: NDArray[Any]) -> NDArray[np.float32]:
         """Return its actions (steps, envs, n) at privileged `observations` (steps, envs, n_obs), step by step.

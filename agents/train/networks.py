@@ -5,6 +5,7 @@ that knows the mass and the distance of the object (Pinto et al. 2018, asymmetri
 """
 
 import re
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -38,13 +39,13 @@ CENTRE_AND_SPREAD = {
 numbers, or what differs little would be learned late; an exported policy has this in its weights."""
 
 
-def standardisation(task: Task) -> NDArray[np.float64]:
-    """Return centres and spreads (2, n_obs) of what a task shows.
+def standardisation(tasks: Sequence[Task]) -> NDArray[np.float64]:
+    """Return centres and spreads (2, n_obs) of what tasks show that observe the same.
 
     Of a number that is drawn from a range, and is not in the table, they are those of the range; of others 0 and 1.
     """
-    spec, pairs = ObservationSpec(task), []
-    drawn = {name: (low, high) for name, (low, high) in task.ranges.items() if low < high}
+    spec, pairs = ObservationSpec.of_rows(tasks), []
+    drawn = {name: pair for task in reversed(tasks) for name, pair in task.ranges.items() if pair[0] < pair[1]}
     for name in spec.ids:
         if (known := CENTRE_AND_SPREAD.get(re.sub(r"_\d$", "", name))) is not None:  # a past reading as the last one
             pairs.append(known)
@@ -62,9 +63,9 @@ class Standardised(BaseFeaturesExtractor):
     centre: torch.Tensor  # (n_obs,)
     spread: torch.Tensor  # (n_obs,)
 
-    def __init__(self, observation_space: spaces.Space[Any], task: Task) -> None:
-        """Make one for what a task shows."""
-        centre, spread = torch.tensor(standardisation(task), dtype=torch.float32)
+    def __init__(self, observation_space: spaces.Space[Any], tasks: Sequence[Task]) -> None:
+        """Make one for what tasks show."""
+        centre, spread = torch.tensor(standardisation(tasks), dtype=torch.float32)
         super().__init__(observation_space, len(centre))
         self.register_buffer("centre", centre)
         self.register_buffer("spread", spread)
@@ -129,7 +130,7 @@ def acting_network(policy: ActorCriticPolicy, task: Task, activation: str) -> Ne
     """Return a copy of what acts in a policy, on NumPy: from observations as `task` shows them, not standardised."""
     linear = [layer for layer in policy.mlp_extractor.policy_net if isinstance(layer, torch.nn.Linear)]
     layers = [_affine(f"hidden_{place}", layer) for place, layer in enumerate(linear)]
-    centre, spread = standardisation(task)
+    centre, spread = standardisation([task])
     weight = layers[0].weight / spread
     bias = layers[0].bias - weight @ centre
     layers[0] = Affine(layers[0].name, weight.astype(np.float32), bias.astype(np.float32))

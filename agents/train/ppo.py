@@ -67,6 +67,13 @@ class Run:
         return {**self.environment, **faster, "privileged": self.training.informed_critic}
 
     @property
+    def slots(self) -> list[dict[str, Any]]:
+        """What each environment has otherwise: those of `nominal` and of the set-up's `mixed` come last."""
+        shares = (*self.setup.mixed, (self.training.nominal, self.setup.evaluation.nominal))
+        others = [dict(changes) for share, changes in shares for _ in range(round(share * self.training.envs))]
+        return [{} for _ in range(self.training.envs - len(others))] + others
+
+    @property
     def command(self) -> str:
         """The command that trains so, as short as it can be."""
         seed = ["--seed", str(self.seed)] if self.seed else []
@@ -79,6 +86,7 @@ class Run:
         made = {"settings": settings, "environment": self.environment, "weights": evaluation.weights}
         made |= {"teacher": Teacher(self.setup, training.teacher).checksum} if training.teacher else {}
         made |= {"nominal": evaluation.nominal} if training.nominal else {}
+        made |= {"mixed": self.setup.mixed} if self.setup.mixed else {}
         return json.loads(json.dumps(made))
 
     def record(self) -> dict[str, Any]:
@@ -93,11 +101,8 @@ class Run:
 
 
 def make_environments(run: Run) -> ScaledRewards:
-    """Return the environments a training plays in; in a share of them hardly anything is drawn, see `nominal`."""
-    training = run.training
-    nominal = round(training.nominal * training.envs)
-    slots: list[dict[str, Any]] | None
-    slots = [{}] * (training.envs - nominal) + [dict(run.setup.evaluation.nominal)] * nominal if nominal else None
+    """Return the environments a training plays in, see `Run.slots`."""
+    training, slots = run.training, run.slots if any(run.slots) else None
     threads = training.simulation_threads
     envs = ImpactVecEnv(training.envs, threads=threads, per_slot=slots, **run.training_environment)
     return ScaledRewards(envs, training.weight_power)
@@ -111,7 +116,7 @@ def make_model(run: Run, environments: ScaledRewards) -> PPO:
         "net_arch": [training.width] * training.depth,
         "activation_fn": ACTIVATIONS[training.activation],
         "features_extractor_class": Standardised,
-        "features_extractor_kwargs": {"task": Task(**run.training_environment)},
+        "features_extractor_kwargs": {"tasks": environments.get_attr("batch", [0])[0].tasks},
         "log_std_init": training.log_std,
         "optimizer_kwargs": {"eps": 1e-5, "fused": True},
     }

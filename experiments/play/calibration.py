@@ -34,7 +34,7 @@ def studies(plan: Plan, count: int, persons: int, later: float, seed: int = 0) -
     for name, value in record_of(usual(setup)).items():
         more = 0.5 * later * np.arange(2)[:, None] if name.endswith(".delay") else 0.0
         record[name] = np.broadcast_to(value + more, shape).ravel()
-    operator = {"type": "Reach", "place_error": [-1.0, 1.0], "creep": [1e-3, 1.0], "reaction": [1e-3, 2.0]}
+    operator = {"type": "Reach", "place_error": [-1.0, 1.0], "creep": [1e-3, 0.5], "reaction": [1e-3, 2.0]}
     options = {"threads": 1, "lenient": True, "quiet": True, **environment_of(setup), "rtol": 1e-6}
     batch = ScenarioBatch(FIRST_SEED + seed * 10**6, int(np.prod(shape)), operator=operator, **options)
     played = batch.play(assistance("none", setup), record)

@@ -154,7 +154,7 @@ def trade_off(played: Played) -> Figure:
     data = data.with_columns(chosen=pl.col("line") == played.matchup.chosen)
     looks = looks_of(data)
     base = chart_of(data).encode(
-        alt.X("T:Q", title="mean approach time (s)", scale=alt.Scale(zero=False, nice=True)),
+        alt.X("T:Q", title=f"mean time until {played.matchup.until} (s)", scale=alt.Scale(zero=False, nice=True)),
         alt.Y("V:Q", title="mean V_p (m/s)", scale=alt.Scale(zero=True)),
         looks.colour,
     )
@@ -178,7 +178,7 @@ def trade_off(played: Played) -> Figure:
         "Down and left is better. A line per contestant over its time weights, the policy's faint lines are the other "
         f"seeds; {FAMILY} is sped up to and braked at 16 m/s² or as hard as the arm can." + bound
     )
-    subject = "approach time against V_p, everybody and every seed"
+    subject = f"time until {played.matchup.until} against V_p, everybody and every seed"
     return Figure(played.matchup.name, "trade_off", subject, caption, text, zoomable(layers), data, 380)
 
 

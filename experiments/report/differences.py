@@ -27,9 +27,12 @@ def measures(played: Played) -> Table:
     runs = {PAPER: played.paper.at(weight)}
     if rival != PAPER:
         runs[f"{rival}, w = {weight:g}"] = played.rival.at(weight)
+    if played.matchup.operated:
+        labels = played.matchup.labels
+        runs |= {labels[name]: run.at(weight) for name, run in played.baselines.items() if len(run.weights) == 1}
     runs[f"{POLICY}, w = {weight:g}"] = played.policy.at(weight)
     runs[f"{POLICY}, as late as the paper's rule (w = {as_late.weights[0]:.3g})"] = as_late.at(as_late.weights[0])
-    body = []
+    body: list[tuple[str, ...]] = []
     for name, episodes in runs.items():
         velocity, peak = episodes.object_velocity, episodes.peak_force
         worst = np.sort(velocity)[-max(1, round(0.05 * velocity.size)) :].mean()
@@ -40,8 +43,13 @@ def measures(played: Played) -> Table:
             f"{100 * (episodes.contact_count > 1).mean():.1f} %", f"{episodes.contact_count.mean():.2f}",
             f"{episodes.missed.sum()}",
         ))  # fmt: skip
+        if played.matchup.operated:
+            of_operator = (getattr(episodes, what).mean() for what in ("slide", "touch_time", "taken"))
+            body[-1] += tuple(f"{mean:.3f}" for mean in of_operator)
+    head: tuple[str, ...]
     head = ("contestant", "T (s)", "V_p (m/s)", "V_p, mean of the worst 5 %",
             "peak force (N): mean, 95 %", "impulse (N s)", "touched again", "contacts", "missed")  # fmt: skip
+    head += ("slide (m)", "until the touch (s)", "taken") if played.matchup.operated else ()
     caption = f"Means over the same {played.count:,} scenarios; the impulse is all that the object was given, m V_p"
     return Table(caption, head, body)
 

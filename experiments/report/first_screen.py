@@ -3,8 +3,10 @@
 from typing import Any
 
 import altair as alt
+import numpy as np
 import polars as pl
 
+from experiments.lab.statistics import Estimate, estimate
 from experiments.report.answer import MISSED_TOO_OFTEN, Answer
 from experiments.report.figures import Figure, chart_of, looks_of
 from experiments.report.matchups import IMITATES, PAPER, POLICY
@@ -16,6 +18,8 @@ WIDTH, HEIGHT = 400, 270  # pixels: read on a phone as well, where the chart is 
 
 def headline(answer: Answer, played: Played) -> str:
     """Return the answer in plain words; its intervals are for those who read on."""
+    if played.matchup.operated:
+        return assisted(played)
     if answer.missed > MISSED_TOO_OFTEN * answer.episodes:
         misses = f"{answer.missed:,} of {answer.episodes:,} objects"
         return f"The learned policy misses {misses}, so nothing is claimed for it."
@@ -42,6 +46,22 @@ def _less(share: float) -> str:
     return f"{100 * abs(share):.0f} % {'slower' if share >= 0.0 else 'faster'}"
 
 
+def assisted(played: Played, intervals: bool = False) -> str:
+    """Return how far the object slides behind an operator, and when all is done, with each assistance."""
+    weight, plain = played.matchup.typical, {each.name: each.plain for each in played.matchup.baselines}
+    everybody = {f"the {POLICY}": list(played.seeds.values())}
+    everybody |= {plain[name]: [run] for name, run in played.baselines.items()}
+    parts = []
+    for name, runs in everybody.items():
+        results = (np.array([getattr(run.at(weight), what) for run in runs]) for what in ("slide", "done_time"))
+        slide, done = (estimate(played.resamples.means(values)) for values in results)
+        slide = Estimate(100.0 * slide.value, 100.0 * slide.low, 100.0 * slide.high)  # cm
+        length, time = (f"{each:.2f}" if intervals else f"{each.value:.1f}" for each in (slide, done))
+        parts.append(f"{length} cm and {time} s with {name}")
+    how_far = f"How far the object slides, and when all is done, where a second costs {weight:g} m/s"
+    return f"{how_far}: {'; '.join(parts)}."
+
+
 def chart(answer: Answer, played: Played) -> Figure:
     """Return the paper's point, the curves of the best tuned baseline and of the policy, each with its name at it."""
     rival = played.matchup.rival.plain
@@ -51,7 +71,8 @@ def chart(answer: Answer, played: Played) -> Figure:
     ]).drop("loss")  # fmt: skip
     looks = looks_of(data)
     axis = alt.Axis(tickCount=5)
-    horizontal = alt.X("T:Q", title="mean time until the touch (s)", scale=alt.Scale(zero=False, nice=True), axis=axis)
+    title = f"mean time until {played.matchup.until} (s)"
+    horizontal = alt.X("T:Q", title=title, scale=alt.Scale(zero=False, nice=True), axis=axis)
     vertical = alt.Y("V:Q", title=None, scale=alt.Scale(zero=True), axis=axis)
     base = chart_of(data).encode(horizontal, vertical, looks.colour.legend(None))
     size = alt.condition(alt.datum.contestant == PAPER, alt.value(170), alt.value(45))

@@ -40,8 +40,10 @@ PLAIN = {
     "RangedProfile": "tuned profile over the estimate",
     "WaryProfile": "tuned profile with a threshold",
     "WaryRanged": "tuned braking with a threshold",
+    "local-brake": "the local brake",
+    "operator-alone": "the operator alone",
 }
-"""Tuned rules in plain words."""
+"""Tuned rules, and whoever needs no tuning, in plain words."""
 Environment = Mapping[str, Any]
 
 
@@ -57,7 +59,7 @@ class Contestant:
     @property
     def plain(self) -> str:
         """The rule in plain words, else its name."""
-        return PLAIN.get(self.controller.get("tuned", {}).get("rule", ""), self.name)
+        return PLAIN.get(self.controller.get("tuned", {}).get("rule", self.name), self.name)
 
     @property
     def label(self) -> str:
@@ -85,6 +87,16 @@ class Matchup:
     def label(self) -> str:
         """The title, and the name behind."""
         return f"{self.title} ({self.name})" if self.title else self.name
+
+    @property
+    def operated(self) -> bool:
+        """Whether an operator commands: T is then the time until all is done."""
+        return Task(**self.environment).operator is not None
+
+    @property
+    def until(self) -> str:
+        """What T lasts until, in plain words."""
+        return "all is done" if self.operated else "the touch"
 
     @property
     def labels(self) -> dict[str, str]:

@@ -70,21 +70,29 @@ def tab(played: Played, all_played: Sequence[Played]) -> Tab:
     """Return the tab of a matchup, whose bars may refer to the other matchups of the report."""
     matchup, steps, targets = played.matchup, chain.chain(played), bars.bars(played, all_played)
     result = answer.answer(played)
+    told = answer.sentence(result, matchup) + chain.sentence(steps)
+    if matchup.operated:
+        told = f"{matchup.name} ({matchup.note}): {first_screen.assisted(played, intervals=True)}"
     return Tab(
         matchup, result, steps, targets, first_screen.headline(result, played), weaknesses.where_it_fails(played),
-        first_screen.chart(result, played), answer.sentence(result, matchup) + chain.sentence(steps), played.count,
+        first_screen.chart(result, played), told, played.count,
         _engineer(played, steps), _statistician(played, targets),
         Markup(fragment(watch(played), f"watch-{matchup.name}")),
     )  # fmt: skip
 
 
 def _engineer(played: Played, steps: Sequence[chain.Step]) -> list[Fold]:
-    ablation = chain.table(steps, played.matchup.labels)
+    heading = "Ablation: gain from limits, knowing where, shape, estimate, learning"
+    own = [
+        Fold(heading, [chain.table(steps, played.matchup.labels)], closed=False),
+        Fold("What a limit of force would cost", [shield.table(played)]),
+    ]
+    first, last = ([], []) if played.matchup.operated else (own[:1], own[1:])  # an operator's command is none of these
     return [
-        Fold("Ablation: gain from limits, knowing where, shape, estimate, learning", [ablation], closed=False),
+        *first,
         Fold("What it learned", [differences.approach(played)], closed=False, key="learned"),
         Fold("Forces, and what the objects get", [differences.measures(played)], closed=False, key="forces"),
-        Fold("What a limit of force would cost", [shield.table(played)]),
+        *last,
         Fold("Does it hold?", [weaknesses.heat_map(played)], closed=False, key="robustness"),
         Fold(
             "Each of these by itself",

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.evaluate import RESULTS, Episodes
+from agents.evaluate import MEASURED, Episodes
 from experiments.lab.statistics import Floats, Resamples
 from experiments.report.matchups import BOUND, PAPER, Matchup
 from impact_gym.task.scenario import FIELDS
@@ -32,7 +32,7 @@ class Run:
         if len(self.weights) > 1 and weight not in self.weights:
             raise ValueError(f"it was not played at a weight of {weight:g}, only at {self.weights}")
         place = self.weights.index(weight) if weight in self.weights else 0
-        results = {name: self[name][place] for name in RESULTS}
+        results = {name: self[name][place] for name in MEASURED if name in self.arrays}
         return Episodes(**results, scenario=self.scenario, missed_cost=self.missed_cost)
 
     def loss(self, weight: float) -> Floats:
@@ -127,8 +127,8 @@ def episodes(all_played: Sequence[Played]) -> Any:
         runs |= {f"{name}, as late as the paper's rule": run for name, run in played.as_late.items()}
         for name, run in runs.items():
             for place, weight in enumerate(run.weights):
-                results = {field: run[field][place] for field in RESULTS}
+                results = {field: run[field][place] for field in MEASURED if field in run.arrays}
                 numbers = np.arange(len(results["missed"]), dtype=np.int32)
                 about = {"matchup": played.matchup.name, "contestant": name, "time_weight": weight, "scenario": numbers}
                 frames.append(pl.DataFrame({**about, **results, **run.scenario}))
-    return pl.concat(frames)
+    return pl.concat(frames, how="diagonal")

@@ -177,7 +177,8 @@ class Batch:
         """
         commands = np.ascontiguousarray(array("action", actions, shape), np.float64).reshape(self.size, self.commanded)
         if not np.isfinite(commands).all():
-            raise ValueError(f"action must be finite, got {commands[~np.isfinite(commands).all(axis=1)][0]}")
+            wrong = commands[~np.isfinite(commands).all(axis=1)][0]
+            raise ValueError(f"action must be finite (no unit), got {wrong}: nothing was moved")
         return commands
 
     def command(self, velocities: ArrayLike) -> None:
@@ -188,8 +189,8 @@ class Batch:
         """
         for task in self.tasks:
             one_of("operator", task.operator, Person)
-        fastest = min(task.velocity_range[1] for task in self.tasks)
-        limits: Any = {"at_least": -fastest, "at_most": fastest}
+        lows, highs = zip(*(task.velocity_range for task in self.tasks), strict=True)
+        limits: Any = {"at_least": max(lows), "at_most": min(highs)}
         for velocity in np.atleast_1d(array("command", velocities)):
             number("command", velocity, "m/s", **limits)
         self.links["given"] = velocities
@@ -227,7 +228,7 @@ class Batch:
 
     def link_columns(self) -> dict[str, NDArray[Any]]:
         """Return the entries of the info of every step, arrays (size, ...); none without an operator."""
-        return command_columns(self.episodes) if len(self.links) else {}
+        return command_columns(self.episodes, self.links) if len(self.links) else {}
 
     def link_infos(self) -> list[dict[str, Any]]:
         """Return these entries of each row, plain numbers and arrays (1,)."""

@@ -33,7 +33,7 @@ _NUMBERS = {
 SLIDE = ("slide", "rest_time")
 """Entries of an info where there is friction."""
 
-LINKED = {"touch_time": "approach_time", "done_time": "done_time", "taken": "taken"}
+LINKED = {"touch_time": "approach_time", "done_time": "done_time", "taken": "taken", "late": "late"}
 """Entries of an info where an operator commands."""
 
 INTERVENTION = 1e-3  # m/s, by which a command is changed at the least where the assistance intervenes
@@ -90,18 +90,19 @@ class Infos:
         return fields[rows, self._columns] * self._signs
 
 
-def command_columns(episodes: Records) -> dict[str, NDArray[Any]]:
+def command_columns(episodes: Records, links: Records) -> dict[str, NDArray[Any]]:
     """Return the entries of the info of every step with an operator, arrays (size,) and (size, 1).
 
-    Keys are those of human-in-the-loop code: what the operator commanded is `teleop_action`, what the flange was sent
-    to `intervene_action` (m/s).
+    `command` and its age are of what has arrived by the end of the step. The keys of human-in-the-loop code are of what
+    the flange was sent to last in the step (m/s): by `teleop_action`, 0 where a command was too old, to
+    `intervene_action`. That is there in every step, as arrays of a batch have no gaps: the flag says whether it counts.
     """
-    sensors = episodes["sensors"]
-    command, executed = sensors["command"].copy(), sensors["executed"].copy()
+    sensors, obeyed = episodes["sensors"], links["obeyed"].copy()
+    executed = sensors["executed"].copy()
     return {
-        "command": command, "command_age": sensors["command_age"].copy(),
-        "is_intervention": np.abs(executed - command) > INTERVENTION,
-        "teleop_action": command[:, None], "intervene_action": executed[:, None],
+        "command": sensors["command"].copy(), "command_age": sensors["command_age"].copy(),
+        "is_intervention": np.abs(executed - obeyed) > INTERVENTION,
+        "teleop_action": obeyed[:, None], "intervene_action": executed[:, None],
     }  # fmt: skip
 
 

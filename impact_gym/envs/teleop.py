@@ -16,12 +16,13 @@ class ImpactTeleopEnv(ImpactApproachEnv):
     ## Operators and Channels
     `operator` is a record of `impact_gym.operators` or a dict with its name as "type": `Replay`, `Person`, `Trapezoid`,
     `Reach`, `Laggy`, `Noisy`, `SecondOrderLag`, `Tracker`; their docstrings have equations and sources. The operator
-    knows only where he believes the object: `place_error` beyond its face. He is shown the first touch when it has
-    crossed the `downlink`, and `reaction` later commands 0, for ever. `uplink` and `downlink` are `Channel` records.
-    The operator sends a command each control period, on his own clock, and his stop at once; a packet takes its delay;
-    the newest that has arrived counts. A `Tracker` sees the flange with the display's delay, without its losses. A
-    `Person` sends what `command(velocity)` of the unwrapped environment was last given: before a step, what is sent at
-    the tick in it or at its end. A `Replay` of these at the ticks is the same episode, to the bit.
+    knows only where he believes the object: `place_error` beyond its face. `uplink` and `downlink` are `Channel`
+    records, with one rule: a packet each control period, on the operator's clock; each takes its delay, and the newest
+    that has arrived counts. He sends his stop at once, and the arm the touch. So he sees the touch with the first
+    packet that comes of those sent from then on, and `reaction` later commands 0, for ever. A `Tracker` sees the flange
+    in these packets. A `Person` sends what `command(velocity)` of the unwrapped environment was last given: before a
+    step, what is sent at the tick in it or at its end. A `Replay` of these at the ticks is the same episode, to the
+    bit.
 
     ## Action Space
     `Box(-1, 1, (3,), float32)`. Values outside the box are clipped. With u the operator's command, the flange is sent
@@ -35,7 +36,8 @@ class ImpactTeleopEnv(ImpactApproachEnv):
 
     These rules are kept whatever the action is: without an alarm r is 0, and so 0 <= v/u <= 1. r counts for 0.15 s
     (`after_alarm`) from an alarm on, then fades over 0.1 s, from step to step. Where u is 0 or no newer command has
-    come for the `timeout` of the uplink, the flange stops at the arm's limit, 20 m/s^2.
+    come for the `timeout` of the uplink, the flange stops at the arm's limit, 20 m/s^2. An action that is not finite is
+    refused before anything moves.
 
     ## Observation Space
     That of `ImpactApproach`, and five numbers of the command: see the rows with `operator`. Where the operator believes
@@ -52,7 +54,7 @@ class ImpactTeleopEnv(ImpactApproachEnv):
 
     ## Starting State
     As there, with the object 0.2 to 0.8 m ahead and friction of 0.1 to 0.5 under it. Numbers of operator and channels
-    may be pairs, from which episodes draw.
+    may be pairs, from which episodes draw, where these are given as dicts.
 
     ## Episode End
     It terminates when the object has been touched and rests, and either the command has been 0 for 0.3 s or the flange
@@ -60,10 +62,13 @@ class ImpactTeleopEnv(ImpactApproachEnv):
     commanded something commands 0 for 0.3 s without having touched anything, and at 8 s (`horizon`). Then the flange
     brakes, and what still moves is played to its end.
 
-    `info` of each step has `command` (m/s, as it arrived), `command_age` (s), `is_intervention` (whether v is more than
-    1 mm/s away from u), `teleop_action` (u) and `intervene_action` (v, m/s). The final one has `object_velocity`
-    (m/s), `slide` (m), `touch_time`, `done_time` (s; the horizon where that has not come), `peak_force` (N),
-    `contact_count`, `taken`, `missed`, `record`, and what that of `ImpactApproach` has.
+    `info` of each step has `command` (m/s, the newest that has arrived) and `command_age` (s), both at its end; and of
+    what was executed last in it `teleop_action` (u, 0 if that was too old) and `intervene_action` (v), arrays (1,) in
+    m/s, and `is_intervention`, whether they are more than 1 mm/s apart. Unlike in HIL-SERL `intervene_action` is there
+    in each step: the flag says whether it is an intervention. The final one has `object_velocity` (m/s), `slide` (m),
+    `touch_time`, `done_time` (s; the horizon where that has not come), `late` (s, what reaction and channels take from
+    a touch to the operator's stop at the arm, on average), `peak_force` (N), `contact_count`, `taken`, `missed`,
+    `record`, and what that of `ImpactApproach` has.
 
     ## Arguments
     See `ImpactApproach`. `ImpactTeleop-v0` is that with a `Reach` over channels of 0.1 s each way.

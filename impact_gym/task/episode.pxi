@@ -219,18 +219,18 @@ cdef double drive(Run *run, Row *row, Command asked) noexcept nogil:
         if linked:
             happen(row)
             asked = obeyed(row)
-            until = min(until, max(next_event(row), chain.time))
+            until = snap(min(until, max(next_event(row), chain.time)), end)  # else what comes at the end had no time
         begun = chain.time
         status = command(run, chain, asked.velocity, asked.acceleration, until) if until > chain.time else ARRIVED
         if linked and chain.contacts == 0 or status == TOUCHED:
-            account(row, chain.time - begun, row.link.command)
+            account(row, chain.time - begun)
         if status < 0:
             episode.status = status
             if not begun <= chain.time <= until:  # nan or worse
                 chain.time = until
             break
         if status == TOUCHED:
-            show_touch(row)
+            show(row)
         if status == DETECTED:
             alarm = chain.detection + episode.drawn.reaction_delay
             if shifts:

@@ -50,7 +50,7 @@ cdef struct ChannelNumbers:
     double tail_share  # -, share of the operator's commands with the longer delay
     double loss  # -, share of the operator's commands that is lost
     double burst  # -, mean number of losses in a row of the operator's commands
-    double timeout  # s, silence of a channel after which the arm stops
+    double timeout  # s, silence after which the arm stops
 
 
 cdef struct Record:  # what an episode has drawn, the rest of its set-up; nan: to draw

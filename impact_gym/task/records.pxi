@@ -15,6 +15,7 @@ cdef struct Draw:  # a number that an episode draws from a range
 cdef struct Table:  # of times and as many values, among the numbers of all tables
     int64_t begin, points
     double length  # s; of recordings one behind the other that of each
+    double mean  # of the values, over time
 
 
 cdef struct Task:  # what a row plays
@@ -72,12 +73,14 @@ cdef struct Episode:  # a row, beside its chain
     double slide, rest_time  # m and s, once terminated; inf without friction
     double taken_cost  # m/s, term of the reward
     double done_time, taken  # s, so far; share
+    double late  # s, from a touch until the operator's stop reaches the arm, on average
 
 
 cdef struct Packet:  # a command on its way
     double sent, arrives  # s
     double command  # m/s
-    double position  # m, of the flange as it was sent: what the operator sees later
+    double position  # m, of the flange as it was sent
+    double displayed  # s, when the operator could see that
 
 
 cdef struct Command:  # to the flange
@@ -90,16 +93,18 @@ cdef struct Link:  # operator, channels and assistance of a row
     double next_sent, next_arrival  # s
     double silent_at  # s, when the newest will be too old
     double idle_since  # s, since when the command has been 0, after another
-    double displayed, stop  # s, when the operator sees the touch and stops
+    double stop  # s, when the operator stops
+    double seen  # m, where he saw the flange last
     double alarmed  # s, when the last alarm came; -inf if none has
     double believed  # m, way to the object as the operator believes
     double duration  # s, of a reach
     double muscle, tremor  # -, noise of control after one lag and two
-    double last  # m/s, the last command sent
+    double last, obeyed  # m/s, the last command sent, and what the arm goes by: 0 where the newest is too old
     double given  # m/s, what a person commands from the next tick on
     double gain, acceleration, withdrawal  # of the assistance: -, m/s^2, m/s
     double asked, withheld  # m, of the operator's motion before the touch
     double age_mean, age_squares  # s, s^2
     int64_t packets, oldest, arrived, ticks  # sent so far, the oldest that may still count, arrived, regular ones
+    int64_t shown, looked_at  # packets of the display sent so far, the newest that the operator has seen
     int64_t silent, stopped  # 0 or 1
-    int64_t uplink_bad  # whether the last packet was lost
+    int64_t uplink_bad, downlink_bad  # whether the last packet was lost

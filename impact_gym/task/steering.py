@@ -6,10 +6,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_gym.kernels import LONGEST_JITTER
+from impact_gym.kernels import LONGEST_JITTER, WITHDRAWAL_FADE
 from impact_gym.operators import KINDS, Channel
+from impact_gym.validation import Range
 
 WAYS = ("uplink", "downlink")
+FADE: float = WITHDRAWAL_FADE  # s, in which a withdrawal ends
 
 
 def checked(task: Any) -> dict[str, Channel]:
@@ -22,25 +24,42 @@ def checked(task: Any) -> dict[str, Channel]:
         if task.uplink or task.downlink or task.taken_weight:
             raise ValueError("uplink, downlink and taken_weight must be None, None and 0 without an operator")
         return {}
-    for way in WAYS:
-        if (delay := longest(task, way, "delay")) >= task.horizon:
-            raise ValueError(f"{way}.delay must be below the horizon, {task.horizon:g} s, got {delay:g} s")
+    low, high = task.velocity_range
+    if low > 0.0:
+        raise ValueError(f"velocity_range must not begin above 0 m/s with an operator, who stops by 0, got {low:g} m/s")
     if not task.friction or task.drawn.get("friction", (1.0, 1.0))[0] == 0.0:
         raise ValueError("friction must be above 0 (no unit) with an operator: else an object never rests")
-    fastest, limit = max(longest(task, "operator", "speed"), task.operator.fastest), task.velocity_range[1]
-    if fastest > limit:
-        raise ValueError(f"operator.speed must be at most that of the arm, {limit:g} m/s, got {fastest:g} m/s")
+    for name in ("speed", "creep"):
+        if (fastest := longest(task, "operator", name)) > high:
+            raise ValueError(f"operator.{name} must be at most that of the arm, {high:g} m/s, got {fastest:g} m/s")
+    for velocity in task.operator.recorded:
+        if not low <= velocity <= high:
+            raise ValueError(f"Replay.velocity must be {low:g} to {high:g} m/s, as the arm's, got {velocity:g} m/s")
     if 0.0 < getattr(task.operator, "length", 0.0) < task.horizon:
-        raise ValueError(
-            f"Replay.length must be at least the horizon, {task.horizon:g} s, got {task.operator.length!r} s"
-        )
-    return {way: getattr(task, way) or Channel() for way in WAYS}
+        length = task.operator.length
+        raise ValueError(f"Replay.length must be at least the horizon, {task.horizon:g} s, got {length!r} s")
+    channels = {way: getattr(task, way) or Channel() for way in WAYS}
+    for way, channel in channels.items():
+        delay, jitter, tail = (longest(task, way, name) for name in ("delay", "jitter", "tail"))
+        mean = delay + max(jitter + share * (tail - jitter) for share in ends(task, way, "tail_share"))
+        late, note = max(mean, *channel.delays, 0.0), " with the mean jitter" if mean > delay else ""
+        of, note = ("trace", ": is it in ms?") if channel.trace else ("delay", note)
+        if late >= task.horizon:
+            raise ValueError(f"{way}.{of} must be below the horizon, {task.horizon:g} s, got {late:g} s{note}")
+    if (timeout := channels["downlink"].timeout) != Channel().timeout:
+        raise ValueError(f"downlink.timeout must be left out: the uplink's alone stops the arm, got {timeout:g} s")
+    return channels
+
+
+def ends(task: Any, part: str, name: str) -> Range:
+    """Return the least and the largest value of a number of a task's operator or channel, 0 if it has none."""
+    value = getattr(getattr(task, part), name, 0.0)
+    return task.drawn.get(f"{part}.{name}", (value, value))
 
 
 def longest(task: Any, part: str, name: str) -> float:
-    """Return the largest value of a number of a task's operator or channel, 0 if it has none."""
-    value = getattr(getattr(task, part), name, 0.0)
-    return float(task.drawn.get(f"{part}.{name}", (value, value))[1])
+    """Return the largest."""
+    return ends(task, part, name)[1]
 
 
 def lowered(task: Any, record: NDArray[Any], begin: int) -> list[NDArray[np.float64]]:
@@ -55,7 +74,9 @@ def lowered(task: Any, record: NDArray[Any], begin: int) -> list[NDArray[np.floa
     tables = [task.operator.table, task.uplink.table, task.downlink.table]
     for name, points in zip(("replay", *WAYS), tables, strict=True):
         count = len(points) // 2
-        record[name] = begin, count, points[count - 1] if count else 0.0
+        times, values = points.reshape(2, count)
+        length = times[-1] if count else 0.0
+        record[name] = begin, count, length, np.trapezoid(values, times) / length if count else 0.0
         begin += len(points)
     record["replay"]["length"] = getattr(task.operator, "length", 0.0)
     return tables

@@ -8,8 +8,8 @@ cpdef enum:
 
 cdef double MUSCLE = 0.04  # s, time constant of each of two lags between control and motion (Todorov 2005)
 cdef double WITHDRAWAL = 0.3  # m/s, the fastest
-FASTEST_WITHDRAWAL = WITHDRAWAL
 cdef double FADE = 0.1  # s, in which a withdrawal ends
+FASTEST_WITHDRAWAL, WITHDRAWAL_FADE = WITHDRAWAL, FADE
 cdef double IDLE = 0.3  # s, an operator who has commanded nothing for so long is done
 cdef double BESIDE = 5e-3  # m, of a tool that has done its work
 cdef double STANDING = 0.01  # m/s, commanded of such a tool at the most
@@ -38,6 +38,13 @@ cdef double delay_of(Row *row, const ChannelNumbers *channel, const Table *trace
         return channel.delay
     mean = channel.tail if chance(row, stream, 2 * count) < channel.tail_share else channel.jitter
     return channel.delay + mean * min(-log1p(-chance(row, stream, 2 * count + 1)), <double> LONGEST_JITTER)
+
+
+cdef double mean_delay(const ChannelNumbers *channel, const Table *trace) noexcept nogil:
+    """Mean delay of a channel's packets, s."""
+    if trace.points > 0:
+        return trace.mean
+    return channel.delay + channel.jitter + channel.tail_share * (channel.tail - channel.jitter)
 
 
 cdef bint is_lost(Row *row, const ChannelNumbers *channel, int64_t *bad, int64_t stream, int64_t count) noexcept nogil:
@@ -74,23 +81,37 @@ cdef void begin_link(Row *row) noexcept nogil:
     cdef Link *link = row.link
     cdef const Record *drawn = &row.episode.drawn
     cdef const OperatorNumbers *who = &drawn.operator
-    cdef double lag = drawn.uplink.delay + drawn.downlink.delay, way
+    cdef double way, lag = mean_delay(&drawn.uplink, &row.task.uplink) + mean_delay(&drawn.downlink, &row.task.downlink)
     memset(link, 0, sizeof(Link))
     link.sent = -1.0
-    link.displayed = link.stop = link.idle_since = link.next_arrival = link.silent_at = INFINITY
+    link.stop = link.idle_since = link.next_arrival = link.silent_at = INFINITY
     link.alarmed = -INFINITY
     way = link.believed = max(drawn.distance + who.place_error, 0.0)
     link.duration = 1.875 * way / who.speed if who.speed > 0.0 else INFINITY
     if who.width > 0.0:
         link.duration = max(link.duration, who.intercept + who.slope * log(way / who.width + 1.0) / log(2.0))
     link.duration *= 1.0 + who.lag_slope * lag
+    row.episode.late = lag + who.reaction
+
+
+cdef double step_response(double omega, double zeta, double time) noexcept nogil:
+    """Where a spring and damper of angular frequency omega (rad/s) is, whose target stepped from 0 to 1 at time 0."""
+    cdef double decay = zeta * omega, root = omega * sqrt(fabs(1.0 - zeta * zeta)), slow, fast
+    if time <= 0.0:
+        return 0.0
+    if root == 0.0:
+        return 1.0 - exp(-decay * time) * (1.0 + decay * time)
+    if zeta < 1.0:
+        return 1.0 - exp(-decay * time) * (cos(root * time) + decay / root * sin(root * time))
+    slow, fast = decay - root, decay + root
+    return 1.0 - (fast * exp(-slow * time) - slow * exp(-fast * time)) / (fast - slow)
 
 
 cdef double intended(Row *row, double time) noexcept nogil:
     """What the operator means to command, m/s, before noise and errors."""
     cdef const OperatorNumbers *who = &row.episode.drawn.operator
     cdef Link *link = row.link
-    cdef double speed = who.speed, share, root, omega, zeta
+    cdef double speed = who.speed, share, omega, zeta
     if row.task.operator_kind == PERSON:
         return link.given
     if row.task.operator_kind == REPLAY:  # at the tick's own time, whatever rounding the clock has gathered
@@ -104,25 +125,26 @@ cdef double intended(Row *row, double time) noexcept nogil:
         return max(speed, who.creep) if share > 0.5 else speed
     if row.task.operator_kind == SECOND_ORDER_LAG:
         omega, zeta = sqrt(who.stiffness), 0.5 * who.damping / sqrt(who.stiffness)
-        root = omega * sqrt(fabs(1.0 - zeta * zeta))
-        share = sin(root * time) if zeta < 1.0 else 0.5 * (exp(root * time) - exp(-root * time))
-        share = time if root == 0.0 else share / root
-        speed = min(link.believed * omega * omega * exp(-zeta * omega * time) * share, speed)
-        return max(speed, who.creep) if omega * time > 1.0 else speed
+        share = exp(-M_PI * zeta / sqrt(1.0 - zeta * zeta)) if zeta < 1.0 else 0.0  # by which it overshoots
+        speed /= 1.0 + share
+        share = time - link.believed / speed  # since the target has arrived
+        speed *= step_response(omega, zeta, time) - step_response(omega, zeta, share)
+        return max(speed, who.creep) if omega * share > 1.0 else speed
     return min(max(who.gain * (link.believed - seen(row, time)), who.creep), speed)
 
 
 cdef double seen(Row *row, double time) noexcept nogil:
-    """Where the operator sees the flange, m: where it was one delay of the display and one reaction ago."""
-    cdef const Record *drawn = &row.episode.drawn
+    """Where the operator sees the flange, m: as in the newest packet of the display that had arrived a reaction ago."""
+    cdef double then = time - row.episode.drawn.operator.reaction + ROUNDING
     cdef Link *link = row.link
-    cdef double late = delay_of(row, &drawn.downlink, &row.task.downlink, 8, link.packets, time), age
-    cdef int64_t back
-    age = (time - late - drawn.operator.reaction) / row.task.control_period
-    back = min(<int64_t> floor(age + ROUNDING), link.packets - 1)
-    if back < 0:
-        return 0.0
-    return row.packets[max(back, link.packets - row.packet_slots + 1) % row.packet_slots].position
+    cdef Packet *packet
+    cdef int64_t k
+    for k in range(link.packets, max(link.looked_at, link.packets - row.packet_slots), -1):
+        packet = &row.packets[k % row.packet_slots]
+        if packet.displayed <= then:
+            link.looked_at, link.seen = k, packet.position
+            break
+    return link.seen
 
 
 cdef double commanded(Row *row, double time) noexcept nogil:
@@ -130,7 +152,7 @@ cdef double commanded(Row *row, double time) noexcept nogil:
     cdef const OperatorNumbers *who = &row.episode.drawn.operator
     cdef Link *link = row.link
     cdef int64_t count = link.packets
-    cdef double limit = who.speed if who.speed > 0.0 else INFINITY, speed, rate
+    cdef double limit = who.speed if who.speed > 0.0 else INFINITY, least = max(-limit, row.task.velocity.low), speed, rate
     if link.stopped:
         return 0.0
     speed = intended(row, time)
@@ -141,20 +163,34 @@ cdef double commanded(Row *row, double time) noexcept nogil:
         link.tremor += rate * (link.muscle - link.tremor)
         speed *= 1.0 + link.tremor
     if who.random > 0.0 and chance(row, 13, count) < who.random:
-        speed = limit * (2.0 * chance(row, 14, count) - 1.0)
+        speed = least + (limit - least) * chance(row, 14, count)
     if who.repeat > 0.0 and count > 0 and chance(row, 15, count) < who.repeat:
         speed = link.last
-    return min(max(speed, -limit), limit)
+    return min(max(speed, least), limit)
 
 
-cdef void send(Row *row) noexcept nogil:
-    """Send a command now; it arrives after the delay of its packet, if it is not lost."""
+cdef double show(Row *row) noexcept nogil:
+    """Send the display what the arm senses now; return when it arrives. The first one that does shows a touch."""
+    cdef Link *link = row.link
+    cdef const ChannelNumbers *channel = &row.episode.drawn.downlink
+    cdef double now = row.chain.time, arrives = now + delay_of(row, channel, &row.task.downlink, 8, link.shown, now)
+    if is_lost(row, channel, &link.downlink_bad, 8, link.shown):
+        arrives = INFINITY
+    link.shown += 1
+    if row.chain.contacts > 0 and row.task.operator_kind > PERSON:
+        link.stop = min(link.stop, arrives + row.episode.drawn.operator.reaction)
+    return arrives
+
+
+cdef void send(Row *row, bint regular) noexcept nogil:
+    """Send a command now; it arrives after the delay of its packet, if it is not lost. The arm sends as regularly."""
     cdef Link *link = row.link
     cdef Chain *chain = row.chain
     cdef const ChannelNumbers *channel = &row.episode.drawn.uplink
     cdef Packet *packet = &row.packets[link.packets % row.packet_slots]
-    link.last = packet.command = commanded(row, chain.time)
     packet.sent, packet.position = chain.time, chain.flange_position
+    packet.displayed = show(row) if regular else INFINITY
+    link.last = packet.command = commanded(row, chain.time)
     packet.arrives = chain.time + delay_of(row, channel, &row.task.uplink, 4, link.packets, chain.time)
     if is_lost(row, channel, &link.uplink_bad, 4, link.packets):
         packet.arrives = INFINITY
@@ -191,20 +227,6 @@ cdef void arrive(Row *row) noexcept nogil:
         link.oldest += 1
 
 
-cdef void show_touch(Row *row) noexcept nogil:
-    """Show the operator the touch that happens now, with the first packet of the display that is not lost."""
-    cdef Link *link = row.link
-    cdef const Record *drawn = &row.episode.drawn
-    cdef double shown = row.chain.time
-    cdef int64_t bad = 0, k = 0
-    while is_lost(row, &drawn.downlink, &bad, 8, k) and shown < row.task.horizon:
-        shown += row.task.control_period
-        k += 1
-    link.displayed = shown + delay_of(row, &drawn.downlink, &row.task.downlink, 8, (<int64_t> 1 << 30) + k, shown)
-    if row.task.operator_kind > PERSON:
-        link.stop = link.displayed + drawn.operator.reaction
-
-
 cdef double next_event(const Row *row) noexcept nogil:
     """When the link changes next, s: a command is sent or arrives, or none has for too long."""
     cdef const Link *link = row.link
@@ -216,12 +238,13 @@ cdef void happen(Row *row) noexcept nogil:
     """Let happen what is due at the link."""
     cdef Link *link = row.link
     cdef double now = row.chain.time + ROUNDING
-    if link.next_sent <= now or (link.stop <= now and not link.stopped):
-        if link.next_sent <= now:
+    cdef bint regular = link.next_sent <= now
+    if regular or (link.stop <= now and not link.stopped):
+        if regular:
             link.ticks += 1
             link.next_sent = link.ticks * row.task.control_period
         link.stopped = link.stop <= now
-        send(row)
+        send(row, regular)
     if link.next_arrival <= now:
         arrive(row)
     if link.silent_at <= now:
@@ -231,13 +254,14 @@ cdef void happen(Row *row) noexcept nogil:
 cdef Command obeyed(Row *row) noexcept nogil:
     """What the flange is sent to: before an alarm a share of the command, soon after one with a withdrawal.
 
-    A command of 0, or none for too long, stops at the arm's limit, whatever the assistance asks for.
+    A command of 0, or none for too long, which counts as 0, stops at the arm's limit, whatever the assistance asks for.
     """
     cdef Link *link = row.link
     cdef const Task *task = row.task
     cdef Command asked = Command(0.0, task.full_deceleration)
-    if link.command != 0.0 and not link.silent:
-        asked.velocity = min(max(link.gain * link.command - link.withdrawal, task.velocity.low), task.velocity.high)
+    link.obeyed = 0.0 if link.silent else link.command
+    if link.obeyed != 0.0:
+        asked.velocity = min(max(link.gain * link.obeyed - link.withdrawal, task.velocity.low), task.velocity.high)
         asked.acceleration = link.acceleration
     row.episode.sensors.executed = asked.velocity
     return asked
@@ -256,11 +280,10 @@ cdef void assist(Row *row, double gain, double acceleration, double withdrawal) 
         row.link.withdrawal = withdrawal * min(1.0, 1.0 - since / FADE)
 
 
-cdef void account(Row *row, double time, double command) noexcept nogil:
-    """Enter what was asked and withheld in a time (s) before the touch, with an operator's `command` (m/s)."""
-    if not row.link.silent:
-        row.link.asked += time * fabs(command)
-        row.link.withheld += time * fabs(command - row.episode.sensors.executed)
+cdef void account(Row *row, double time) noexcept nogil:
+    """Enter what was asked and withheld in a time (s) before the touch."""
+    row.link.asked += time * fabs(row.link.obeyed)
+    row.link.withheld += time * fabs(row.link.obeyed - row.episode.sensors.executed)
 
 
 cdef void show_link(Row *row) noexcept nogil:

@@ -1,6 +1,7 @@
 """Exported policies compute what the policy computes."""
 
 import importlib.util
+import math
 import shutil
 import subprocess
 import sys
@@ -121,6 +122,9 @@ CONTROLLERS = {
         "reaction_delay": [0.0, 0.05],
     }},
     "an operator": {"environment": IDS["ImpactTeleop-v0"]},
+    "an operator whose commands get lost": {"environment": IDS["ImpactTeleop-v0"] | {
+        "uplink": {"delay": 0.096, "loss": 0.4, "burst": 8.0, "timeout": 0.096}, "alarm": "reading",
+    }},
 }  # fmt: skip
 
 
@@ -189,8 +193,8 @@ def test_controller_takes_faulty_readings_as_the_header_says(tmp_path, environme
     program = compiled(policy, write_header(policy, tmp_path / "it.h"), tmp_path)
     for seed in range(8):
         readings, commands = faulty_readings(seed), np.zeros((60, 1, 2))
-        arrays = readings, np.array([60], np.int32), np.array([weight]), commands
-        program.play(1, *map(address, arrays))
+        arrays = readings, np.array([60], np.int32), np.array([weight])
+        program.play(1, *map(address, arrays), address(np.full(60, np.nan)), address(commands))
         history, expected = [], [np.array([0.0, 20.0])]  # at first to stay at rest
         for reading in (dict(zip(FIELDS, values, strict=True)) for values in readings):
             if not np.isfinite(reading["time"]) or (history and reading["time"] <= history[-1]["time"]):
@@ -206,6 +210,27 @@ def test_controller_takes_faulty_readings_as_the_header_says(tmp_path, environme
         assert len(history) > 30
         assert commands[:, 0] == pytest.approx(np.array(expected[1:]), rel=0, abs=2e-5)
         assert commands[:, 0].std(axis=0).min() > 0.05
+
+
+@needs_c
+def test_controller_in_c_stops_where_the_operator_is_silent_and_withdraws_after_an_alarm_alone(tmp_path):
+    """A gain of 1 and all of the withdrawal, by the biases of the last layer; the alarm comes at 1.5 s."""
+    policy = made_up_policy(environment=IDS["ImpactTeleop-v0"])
+    policy.network.mean.weight[:], policy.network.mean.bias[:] = 0.0, [2.0, 0.0, 2.0]
+    program = compiled(policy, write_header(policy, tmp_path / "it.h"), tmp_path)
+    time = 0.016 * np.arange(150)
+    fields = dict.fromkeys(policy.spec.sensors, np.zeros(150)) | {"time": time, "alarm": time >= 1.5}
+    fields["time_since_alarm"] = np.maximum(time - 1.5, 0.0)
+    fields["command"] = np.where(np.abs(time - 0.5) < 0.02, math.nan, 0.2)
+    fields["command_age"] = 0.1 + np.clip(time - 1.0, 0.0, 0.3) * (time < 1.3)  # none comes from 1.0 to 1.3 s
+    sensors, commands = np.stack(list(fields.values()), axis=-1)[:, None].copy(), np.zeros((150, 1, 2))
+    arrays = sensors, np.array([150], np.int32), np.array([2.0]), np.full((150, 1), math.nan), commands
+    program.play(1, *map(address, arrays))
+    silent = np.isnan(fields["command"]) | ((time >= 1.0 + 0.1 + 0.008) & (time < 1.3))
+    back = 0.3 * np.clip(1.0 - (time - 1.5 - 0.15) / 0.1, 0.0, 1.0) * (time >= 1.5)
+    assert silent.sum() > 12
+    assert commands[:, 0, 0] == pytest.approx(np.where(silent, 0.0, 0.2 - back), abs=1e-9)
+    assert commands[:, 0, 1] == pytest.approx(np.where(silent, 20.0, 10.5), abs=1e-6)
 
 
 @needs_c

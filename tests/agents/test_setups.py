@@ -190,3 +190,31 @@ def test_warnings_name_what_goes_wrong_in_some_episodes(environment, words):
     sentences = feasible.warnings(Task(**environment))
     assert len(sentences) == len(words)
     assert all(part in sentence for part, sentence in zip(words, sentences, strict=True))
+
+
+STEADY = """[environment]
+operator = { type = "Trapezoid", speed = 0.25, reaction = 0.2 }
+uplink = { trace = "delays.csv" }
+downlink = { delay = 0.2 }
+coupling = { type = "Rigid" }
+friction = 0.3
+horizon = 8.0
+velocity_range = [-0.3, 0.5]
+scenario = { distance = 0.5 }
+"""
+TIMES = (0.1 + 0.5 / 0.25 + 0.25 / 16.0) / (0.1 + 0.2 + 0.2)
+PRESSED = STEADY.replace(
+    '"Trapezoid", speed = 0.25, reaction = 0.2', '"Replay", time = [0.0, 0.1], velocity = [0.1, 0.0]'
+)
+
+
+@pytest.mark.parametrize(("text", "words"), [
+    (STEADY, ["stop is 500 ms late", f"comes after {TIMES:.1f} to {TIMES:.1f} times", "is done after"]),
+    (PRESSED, ["misses 500", "comes after nan to nan times"]),
+], ids=["steady", "nobody gets there"])  # fmt: skip
+def test_lines_say_how_late_an_operator_is_beside_each_way(tmp_path, text, words):
+    """The touch comes after delay + distance / speed + speed / (2 * 8 m/s^2), the delay of a trace on average."""
+    (tmp_path / "far.toml").write_text(text)
+    (tmp_path / "delays.csv").write_text("0,0.1\n1,0.1\n")
+    printed = "\n".join(setup.lines(load_setup(tmp_path / "far.toml")))
+    assert all(word in printed for word in words)

@@ -84,6 +84,44 @@ def test_make_environments_plays_a_share_as_nominal_and_shows_the_critic_what_is
     assert len({record["tool_mass"] for record in records.values()}) == 12
 
 
+RECORDED = """[environment]
+operator = { type = "Reach", place_error = [-0.05, 0.05], creep = 0.1 }
+uplink = { trace = "delays.csv" }
+friction = 0.3
+horizon = 8.0
+velocity_range = [-0.3, 0.5]
+
+[[training.mixed]]
+share = 0.25
+operator = { type = "Trapezoid", speed = [0.1, 0.4], reaction = 8.0 }
+
+[[training.mixed]]
+share = 0.5
+operator = { type = "Replay", time = [0.0, 1.0], velocity = [0.0, 0.3] }
+uplink = { delay = 0.2 }
+"""
+
+
+def test_make_environments_mixes_families_of_operators_and_the_critic_is_told_what_any_draws(tmp_path):
+    """A file of delays lies beside the set-up's, and what it says is kept with the policy."""
+    (tmp_path / "mixed.toml").write_text(RECORDED)
+    (tmp_path / "delays.csv").write_text("time,delay\n0,0.05\n1,0.15\n")
+    run = tiny(tmp_path / "mixed.toml")
+    assert run.environment["uplink"] == {"trace": [[0.0, 0.05], [1.0, 0.15]]}
+    share, other = run.made_for()["mixed"][0]
+    assert (share, other["operator"]["speed"]) == (0.25, [0.1, 0.4])
+    model, environments = model_of(run)
+    tasks = environments.get_attr("batch", [0])[0].tasks
+    kinds = [type(task.operator).__name__ for task in tasks]
+    assert kinds == ["Reach"] * 4 + ["Trapezoid"] * 4 + ["Replay"] * 8
+    assert [task.uplink.delay for task in tasks] == [0.0] * 8 + [0.2] * 8
+    seen, spec = environments.reset(), environments.venv.observation_spec
+    assert np.ptp(spec.decode(seen, "operator.speed")[4:8]) > 0.01
+    assert np.ptp(spec.decode(seen, "operator.place_error")[:4]) > 0.01
+    model.learn(run.training.round, log_interval=None)
+    assert policy_from(model, run, {}).predict(seen[:, spec.actor])[0].shape == (16, 3)
+
+
 def test_fast_tanh_is_the_one_of_torch_with_its_gradient():
     values = torch.cat((torch.linspace(-12.0, 12.0, 4001), torch.tensor([-1e4, -0.0, 0.0, 1e4]))).requires_grad_()
     results = [tanh(values) for tanh in (FastTanh(), torch.tanh)]
@@ -104,7 +142,7 @@ def test_standardised_numbers_are_about_unit_size_while_a_policy_trains():
     for _ in range(120):
         command = np.stack((rng.normal(0.2, 0.4, 256), rng.uniform(-1.0, 1.0, 256)), axis=1)
         seen.append(envs.step(command.clip(-1.0, 1.0).astype(np.float32))[0])
-    layer = Standardised(envs.observation_space, Task(**task))
+    layer = Standardised(envs.observation_space, [Task(**task)])
     places = [place for place, name in enumerate(envs.observation_spec.ids) if name in CENTRE_AND_SPREAD]
     standard = layer(torch.as_tensor(np.concatenate(seen))).numpy()[:, places]
     assert np.abs(standard.mean(axis=0)).max() < 1.5
@@ -117,7 +155,7 @@ def test_standardisation_gives_what_is_drawn_mean_0_and_deviation_1():
     task = Task(**run.training_environment)
     envs = ImpactVecEnv(count, **run.training_environment)
     envs.seed(1)
-    centre, spread = standardisation(task)
+    centre, spread = standardisation([task])
     standard = (envs.reset() - centre) / spread
     drawn = [envs.observation_spec.index(name) for name in (*task.drawn, "reaction_delay") if name != "range_noise"]
     assert len(drawn) == 10

@@ -16,7 +16,7 @@ from agents.evaluate.play import play
 from agents.setups import load_setup
 from agents.setups.evaluation import Evaluation
 from experiments.lab.statistics import Estimate
-from experiments.report import answer, matchups, measures, shield
+from experiments.report import answer, differences, first_screen, matchups, measures, shield
 from experiments.report.bars import Bar, bars, table
 from experiments.report.matchups import PAPER, Contestant, Matchup
 from experiments.report.played import Played, Run
@@ -39,6 +39,27 @@ def test_play_as_late_is_as_late_as_the_rule_on_that_arm_on_the_validation_set_a
     assert ours["approach_time"].mean() == pytest.approx(chosen["approach_time"].mean(), abs=1e-3)
     assert ours["approach_time"].mean() <= chosen["approach_time"].mean()
     assert late["approach_time"].mean() == pytest.approx(other["approach_time"].mean(), rel=0.03)
+
+
+def test_report_of_an_operator_tells_of_slide_and_of_when_all_is_done_with_each_assistance():
+    setup = load_setup("teleop-rigid")
+    matchup = replace(matchups.of_setup(setup, {"set": "test", "count": 12}), evaluation=setup.evaluation)
+    played = Played(matchup)
+    for contestant in (*matchup.baselines, matchup.policy):
+        arrays = play(contestant.controller, matchup.scenarios, [matchup.typical], matchup.environment)
+        where = played.seeds if contestant is matchup.policy else played.baselines
+        where[contestant.name] = Run((matchup.typical,), arrays)
+    played.as_late[matchup.chosen] = played.policy
+    alone, text = played.baselines["operator-alone"], first_screen.assisted(played)
+    assert f"{100 * alone['slide'].mean():.1f} cm and {alone['done_time'].mean():.1f} s with the operator alone" in text
+    assert all(f"with {name}" in text for name in ("the learned policy", PAPER, "the local brake"))
+    table = differences.measures(played)
+    rows = {row[0]: dict(zip(table.head, row, strict=True)) for row in table.rows}
+    row = rows["the operator alone (operator-alone)"]
+    assert row["slide (m)"] == f"{alone['slide'].mean():.3f}"
+    assert float(row["until the touch (s)"]) < float(row["T (s)"]) == pytest.approx(alone["done_time"].mean(), abs=1e-4)
+    assert matchup.until == "all is done"
+    assert LINEAR.until == "the touch"
 
 
 def test_profile_is_the_flanges():

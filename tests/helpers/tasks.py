@@ -42,7 +42,7 @@ REACH = HAND | {
 OPERATORS = {
     "Laggy": REACH | {"repeat": (0.5, 0.9)}, "Noisy": REACH | {"random": (0.1, 0.2)}, "Reach": REACH,
     "SecondOrderLag": HAND | {"stiffness": (21.0, 71.0), "damping": (5.7, 12.8)},
-    "Tracker": HAND | {"gain": (3.0, 4.5)}, "Trapezoid": {name: HAND[name] for name in ("speed", "reaction")},
+    "Tracker": HAND | {"gain": (2.0, 4.5)}, "Trapezoid": {name: HAND[name] for name in ("speed", "reaction")},
 }  # fmt: skip
 SEVERAL = {
     "time": [0.0, 7.9, 8.0, 15.9], "velocity": [0.3, 0.0, 0.1, 0.2], "length": 8.0, "recording": (0.0, 2.0),
@@ -52,9 +52,10 @@ CHANNEL = {
     "delay": (0.0, 0.3), "jitter": (0.0, 0.05), "tail": (0.0, 0.1), "tail_share": (0.0, 0.5), "loss": (0.0, 0.4),
     "burst": (1.0, 5.0), "timeout": (0.05, 0.2),
 }  # fmt: skip
+DISPLAY = {name: span for name, span in CHANNEL.items() if name != "timeout"}
 STEERED = DRAWN | {"friction": (0.1, 0.5), "horizon": 8.0, "velocity_range": [-0.3, 0.5]}
 STEERED_DRAWN = {
-    name: STEERED | {"operator": {"type": name, **numbers}, "uplink": CHANNEL, "downlink": CHANNEL}
+    name: STEERED | {"operator": {"type": name, **numbers}, "uplink": CHANNEL, "downlink": DISPLAY}
     for name, numbers in (OPERATORS | {"Replay": SEVERAL}).items()
 }  # fmt: skip
 """The same for each operator with numbers."""
@@ -120,7 +121,7 @@ def rows_of_tasks(draw, count=3):
     common["horizon"], common["after_alarm"] = draw(st.sampled_from([(1.2, 0.15), (1.2, 0.15), (1.0, 0.2)]))
     must = {"friction": number_or_range(0.1, 0.5), "control_period": st.floats(0.012, 0.03)}
     who = st.sampled_from([*OPERATORS]).flatmap(lambda name: described(name, OPERATORS[name])) | st.just(RECORDED)
-    links = {way: some_of(CHANNEL) | st.just(TRACED) for way in ("uplink", "downlink")}
+    links = {way: some_of(of) | st.just(TRACED) for way, of in {"uplink": CHANNEL, "downlink": DISPLAY}.items()}
     steered = must | {"operator": who, "taken_weight": st.floats(0.0, 1.0)} | links if draw(st.booleans()) else {}
     if steered:
         common["velocity_range"], common["horizon"] = (-0.3, 0.5), 1.5

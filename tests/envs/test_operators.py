@@ -1,0 +1,188 @@
+"""Laws of operators and channels: what is commanded, when it arrives, and what is seen of it."""
+
+import math
+from dataclasses import fields
+
+import numpy as np
+import pytest
+from steered import AWAY, OWN, STOP, played, sent, steered
+
+import impact_gym as ig
+from impact_gym.operators import FIFTH_GENERATION
+
+
+@pytest.mark.parametrize(("name", "spread"), [("5g-100ms", 0.034), ("5g-299ms", 0.090), ("5g-500ms", 0.095)])
+def test_presets_of_channels_have_the_mean_and_spread_of_their_source(name, spread):
+    packets = packets_of(FIFTH_GENERATION[name])
+    delays = packets["arrives"] - packets["sent"]
+    assert delays.mean() == pytest.approx(float(name[3:-2]) / 1e3, abs=0.003)
+    assert delays.std() == pytest.approx(spread, rel=0.12)
+
+
+def packets_of(channel, rows=128):
+    """What operators send over an uplink who never stop, (rows, n); packets that are lost arrive at infinity."""
+    task = {"uplink": channel, "horizon": 9.0, "scenario": AWAY, "control_period": 0.01}
+    return sent(steered(ig.operators.Trapezoid(0.3), rows, **task), STOP, steps=300)
+
+
+@pytest.mark.parametrize(("loss", "burst"), [(0.05, 1.0), (0.3, 1.0), (0.2, 4.0)])
+def test_losses_are_as_many_and_as_long_as_the_channel_says(loss, burst):
+    packets = packets_of(ig.Channel(0.02, loss=loss, burst=burst))
+    lost = np.isinf(packets["arrives"])
+    assert lost.mean() == pytest.approx(loss, abs=0.01)
+    begins = np.diff(lost.astype(int), axis=1) == 1
+    assert lost[:, 1:].sum() / begins.sum() == pytest.approx(burst, rel=0.06)
+
+
+def test_newest_command_counts_late_ones_are_dropped_and_ages_are_those_of_the_packets():
+    batch = steered(ig.operators.Reach(0.0, 0.1), uplink=ig.Channel(0.05, jitter=0.06, loss=0.2), scenario=AWAY)
+    packets, ages, last = sent(batch, OWN, steps=90)[0], [], -1.0
+    for each in played(batch, OWN, steps=90):
+        now, sensors = each.chains["time"][0] + 1e-9, each.episodes["sensors"][0]
+        arrived = packets[packets["arrives"] <= now]
+        if len(arrived) == 0:
+            assert sensors["command"] == 0.0
+            continue
+        newest = arrived[arrived["sent"].argmax()]
+        assert sensors["command"] == newest["command"]
+        assert sensors["command_age"] == pytest.approx(now - newest["sent"], abs=2e-9)
+    for packet in arrived[np.argsort(arrived["arrives"])]:
+        if packet["sent"] > last:
+            last = packet["sent"]
+            ages.append(packet["arrives"] - last)
+    assert sensors["command_age_mean"] == pytest.approx(np.mean(ages), rel=1e-12)
+    assert sensors["command_age_spread"] == pytest.approx(np.std(ages), rel=1e-9)
+
+
+def test_trace_of_delays_is_played_from_a_random_place_on(tmp_path):
+    (tmp_path / "delays.csv").write_text("time,delay\n0,0.05\n0.5,0.25\n1.0,0.05\n")
+    packets = packets_of(ig.Channel(trace=tmp_path / "delays.csv"), rows=64)
+    delays = packets["arrives"] - packets["sent"]
+    assert np.abs(np.diff(delays, axis=1)).max() == pytest.approx(0.004, rel=1e-9)  # 0.4 of 10 ms
+    assert delays.min() >= 0.05
+    assert delays.max() <= 0.25
+    assert len(np.unique(delays[:, 0])) == 64
+
+
+def test_fields_of_a_channel_are_in_the_order_that_callers_rely_on():
+    names = [field.name for field in fields(ig.Channel)]
+    assert names[:6] == ["delay", "jitter", "loss", "burst", "timeout", "trace"]
+
+
+RISING = {"trace": [[0.0, 0.0], [1.0, 0.4], [2.0, 0.3]]}
+
+
+@pytest.mark.parametrize("link", [
+    {"delay": 0.25}, {"jitter": 0.25}, {"delay": 0.05, "jitter": 0.1, "tail": 0.6, "tail_share": 0.2},
+    RISING, ig.Channel(0.15, 0.1, loss=0.3),
+], ids=str)  # fmt: skip
+def test_lag_lengthens_a_reach_by_the_mean_delay_however_that_comes_about(link):
+    batch = steered(ig.operators.Reach(0.0, 0.1), scenario={"distance": 0.5}, uplink=link, downlink=link)
+    batch.begin_seeded(0, {})
+    mean = 0.25 if link != RISING else 0.5 * (0.2 + 0.35)  # 0 to 0.4 s, then 0.4 to 0.3
+    assert batch.links["duration"][0] == pytest.approx(1.875 * 0.5 / 0.5 * (1.0 + 0.64 / 0.225 * 2.0 * mean), rel=1e-12)
+
+
+def test_reach_is_the_minimum_jerk_and_lag_lengthens_it():
+    way, error = 0.5, 0.03
+    quiet = {"noise": 0.0, "creep": 1e-3, "place_error": error}
+    for delay in (0.0, 0.1125):
+        batch = steered(ig.operators.Reach(**quiet), scenario={"distance": way}, uplink={"delay": delay},
+                        downlink={"delay": delay}, taken_weight=1.0)  # fmt: skip
+        packets, duration = sent(batch, STOP, steps=230)[0], 1.875 * (way + error) / 0.5 * (1.64 if delay else 1.0)
+        share = np.clip(packets["sent"] / duration, 0.0, 1.0)
+        speed = (way + error) / duration * 30.0 * share**2 * (1.0 - share) ** 2
+        assert packets["command"] == pytest.approx(np.where(share > 0.5, np.maximum(speed, 1e-3), speed), abs=1e-12)
+        assert batch.episodes["taken"][0] == 1.0
+    fitts = ig.operators.Reach(**quiet, intercept=0.2, slope=0.5, width=0.03, lag_slope=0.0)
+    batch = steered(fitts, scenario={"distance": way})
+    batch.begin_seeded(0, {})
+    assert batch.links["duration"][0] == pytest.approx(0.2 + 0.5 * math.log2((way + error) / 0.03 + 1.0))
+
+
+@pytest.mark.parametrize(("damping", "speed", "way"), [
+    (8.9, 0.3, 0.7), (5.7, 0.5, 0.1), (2.0 * math.sqrt(38.0), 0.4, 0.5), (30.0, 0.5, 0.3),
+])  # fmt: skip
+def test_hand_is_a_spring_and_damper_whose_target_moves(damping, speed, way):
+    """Its commands are the velocity of x'' = k (target - x) - d x', integrated here step by step, until it turns back.
+
+    It gets to where the object is believed, and as fast as the operator, and no further but for its overshoot.
+    """
+    operator = ig.operators.SecondOrderLag(0.0, 1e-9, speed=speed, damping=damping)
+    decay, root = 0.5 * damping, math.sqrt(max(38.0 - 0.25 * damping**2, 0.0))
+    beyond = 1.0 + (math.exp(-math.pi * decay / root) if root else 0.0)
+    rate = speed / beyond
+    x, v, step, expected = 0.0, 0.0, 1e-4, []
+    for k in range(80_000):
+        if k % 160 == 0:
+            expected.append(v)
+        half = v + 0.5 * step * (38.0 * (min(rate * k * step, way) - x) - damping * v)
+        x += step * half
+        v = (half + 0.5 * step * 38.0 * (min(rate * (k + 1) * step, way) - x)) / (1.0 + 0.5 * step * damping)
+    expected, batch = np.array(expected), steered(operator, scenario={"distance": way})
+    commands = sent(batch, STOP)["command"][0, :500]
+    assert commands == pytest.approx(np.where(expected > 1e-4, expected, commands), abs=2e-4)
+    assert 0.98 * way < 0.016 * commands.sum() < 1.03 * beyond * way  # a sum for an integral
+    assert commands.max() <= speed + 1e-12
+    if way / rate > 1.0:
+        assert commands.max() == pytest.approx(speed, rel=1e-2)
+
+
+def test_tracker_closes_the_loop_over_the_delay_of_its_display():
+    operator = ig.operators.Tracker(0.0, 1e-6, speed=0.5, gain=1.0, reaction=0.1)
+    batch = steered(operator, scenario={"distance": 0.4}, downlink={"delay": 0.06})
+    places = [0.0]
+    for each in played(batch, OWN, steps=60):
+        places.append(each.chains["flange_position"][0])
+    for k, packet in enumerate(sent(batch, OWN, steps=60)[0]):
+        seen = places[max(k - 10, 0)]  # 0.16 s ago
+        assert packet["command"] == pytest.approx(min(0.4 - seen, 0.5), abs=1e-9)
+
+
+@pytest.mark.parametrize("display", [{"delay": 0.02, "jitter": 0.15}, {"delay": 0.02, "loss": 0.4, "burst": 20.0}])
+def test_tracker_sees_the_newest_that_has_been_displayed(display):
+    """Late packets do not set it back, and where some are lost it goes by what it saw last."""
+    operator = ig.operators.Tracker(0.0, 1e-6, speed=0.5, gain=1.0, reaction=0.1)
+    packets = sent(steered(operator, scenario={"distance": 0.5}, downlink=display), OWN, steps=100)[0]
+    late = 0
+    for number, packet in enumerate(packets):
+        seen = packets[: number + 1][packets["displayed"][: number + 1] <= packet["sent"] - 0.1 + 1e-9]
+        late += len(seen) > 0 and np.isfinite(seen["displayed"]).all() and seen["displayed"].argmax() != len(seen) - 1
+        assert packet["command"] == pytest.approx(0.5 - (seen["position"][-1] if len(seen) else 0.0), abs=1e-12)
+    assert late > 10 or np.isinf(packets["displayed"]).mean() > 0.1
+
+
+def test_touch_is_displayed_by_whichever_packet_comes_first():
+    """Of those that are sent from the touch on: the one at the touch, which is not kept, and one at each tick."""
+    display = {"jitter": 0.3, "loss": 0.3, "burst": 4.0}
+    batch = steered(ig.operators.Trapezoid(0.4, 0.05), 200, downlink=display, scenario={"distance": 0.25})
+    packets = sent(batch, STOP, steps=1)  # as a share of 0 it would never touch anything
+    packets, touch, stop = sent(batch, OWN), batch.chains["first_contact"], batch.links["stop"]
+    after = np.where(packets["sent"] >= touch[:, None], packets["displayed"], np.inf).min(axis=1) + 0.05
+    assert (stop <= after + 1e-12).all()
+    assert 0.5 < np.mean(np.abs(stop - after) < 1e-12) < 1.0
+    at_once = touch - 0.3 * np.log1p(-np.random.default_rng(0).random((2000, 200)))
+    assert np.mean(stop - touch) < 0.5 * np.mean(at_once - touch)
+
+
+def test_surrogate_pilots_err_as_often_as_they_say():
+    for kind, share in ((ig.operators.Laggy, 0.85), (ig.operators.Noisy, 0.3)):
+        batch = steered(kind(0.0, 0.1, noise=0.0), 400, scenario=AWAY)
+        plain = steered(ig.operators.Reach(0.0, 0.1, noise=0.0), 1, scenario=AWAY)
+        commands, meant = (sent(each, STOP, steps=100)["command"] for each in (batch, plain))
+        errs = commands[:, 2:] == commands[:, 1:-1] if kind is ig.operators.Laggy else commands[:, 2:] != meant[:, 2:]
+        assert errs.mean() == pytest.approx(share, abs=0.02)
+        if kind is ig.operators.Noisy:  # evenly over all that the arm can follow
+            random = commands[:, 2:][errs]
+            assert (random.min(), random.max()) == pytest.approx((-0.3, 0.5), abs=0.01)
+            assert random.mean() == pytest.approx(0.1, abs=0.01)
+
+
+def test_noise_of_control_grows_with_the_control():
+    """Two lags of 40 ms of white noise, of 10 ms each in the source: sd 0.5 / sqrt(4 * 40 / 10) of the control."""
+    batch = steered(ig.operators.Reach(0.0, 0.1), 2000, scenario=AWAY)
+    quiet = steered(ig.operators.Reach(0.0, 0.1, noise=0.0), scenario=AWAY)
+    ratios = sent(batch, STOP, steps=60)["command"][:, 30:55] / sent(quiet, STOP, steps=60)["command"][:, 30:55]
+    assert ratios.mean() == pytest.approx(1.0, abs=0.01)
+    assert ratios.std() == pytest.approx(0.125, rel=0.15)  # the lags are steps of a control period here
+    assert ratios.std(axis=0) == pytest.approx(ratios.std(), rel=0.1)
