@@ -32,4 +32,4 @@ class Beside:
 def install() -> None:
     """Have Python look there, in a checkout."""
     if not Path(__file__).with_name("agents").is_dir():
-        sys.meta_path.insert(0, Beside)  # type: ignore[arg-type]
+        sys.meta_path.insert(0, Beside)
