@@ -118,6 +118,7 @@ class Clock:
     def _run(self, live: Live, stick: Stick, seen: bool) -> None:
         """Play the steps of a try, each when it is due."""
         slow, start, behind, chance = live.asked.slow, time.perf_counter(), 0.0, random.Random(live.asked.seed)
+        full = False
         self._show(live, stick, seen, chance)
         while not live.ended:
             due = start + slow * (live.time + PERIOD)
@@ -128,9 +129,10 @@ class Clock:
             try:
                 live.step(velocity, min(now - came, 1e3), 0.0 if self.hurry else now - due - behind)
             except DiskFullError as problem:
-                if not stick.let_go:
-                    stick.stop(f"{INTERRUPTED}no room for the journal")
+                stick.stop(f"{INTERRUPTED}no room for the journal")
+                if not full:
                     self.tell(kind="said", text=str(problem))
+                full = True
             behind = now - due
             if behind > slow * PERIOD:  # the machine slept: the clock goes on from here
                 start, behind = start + behind, 0.0

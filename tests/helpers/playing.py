@@ -160,3 +160,27 @@ async def flood(address, seconds, clients=50):
 def lateness(found):
     """Return |wall - 16 ms| of all steps of tries, ms."""
     return 1e3 * np.abs(np.concatenate([this.late for this in found]))
+
+
+READY, OVER = "#go:not([disabled])", "#answer:not([hidden])"
+
+
+class Tab:
+    """A page that is open, with what it complained of and what it asked of others."""
+
+    def __init__(self, browser, server, width=1280, height=900, **options):
+        self.context = browser.new_context(viewport={"width": width, "height": height}, **options)
+        self.page, self.problems = self.context.new_page(), []
+        own = (server.address, server.address.replace("http", "ws"), "data:")
+        self.page.on("console", lambda message: self.problems.append(message.text))
+        self.page.on("pageerror", lambda error: self.problems.append(str(error)))
+        self.page.on("request", lambda request: request.url.startswith(own) or self.problems.append(request.url))
+        self.page.on("websocket", lambda socket: socket.url.startswith(own) or self.problems.append(socket.url))
+        self.page.goto(server.address)
+        self.page.wait_for_selector(READY + ", body.watching")
+
+    def until_over(self):
+        """Wait until the try is over and its film is there."""
+        self.page.wait_for_selector(OVER, timeout=20000)
+        self.page.wait_for_selector("#film h2:has-text('In slow motion')", timeout=20000)
+        self.page.wait_for_selector("#film .igw-panel")

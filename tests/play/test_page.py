@@ -5,9 +5,8 @@ import signal
 import time
 
 import pytest
-from playing import connect, heard, served
+from playing import READY, Tab, connect, heard, served
 
-READY, OVER = "#go:not([disabled])", "#answer:not([hidden])"
 PAD = """() => {
   const pad = {axes: [0, 0], buttons: [{pressed: false}, {pressed: false}]};
   navigator.getGamepads = () => [pad];
@@ -19,27 +18,6 @@ PAD = """() => {
 def server(tmp_path_factory):
     with served(tmp_path_factory.mktemp("play") / "tries") as running:
         yield running
-
-
-class Tab:
-    """A page that is open, with what it complained of and what it asked of others."""
-
-    def __init__(self, browser, server, width=1280, height=900, **options):
-        self.context = browser.new_context(viewport={"width": width, "height": height}, **options)
-        self.page, self.problems = self.context.new_page(), []
-        own = (server.address, server.address.replace("http", "ws"), "data:")
-        self.page.on("console", lambda message: self.problems.append(message.text))
-        self.page.on("pageerror", lambda error: self.problems.append(str(error)))
-        self.page.on("request", lambda request: request.url.startswith(own) or self.problems.append(request.url))
-        self.page.on("websocket", lambda socket: socket.url.startswith(own) or self.problems.append(socket.url))
-        self.page.goto(server.address)
-        self.page.wait_for_selector(READY + ", body.watching")
-
-    def until_over(self):
-        """Wait until the try is over and its film is there."""
-        self.page.wait_for_selector(OVER, timeout=20000)
-        self.page.wait_for_selector("#film h2:has-text('In slow motion')", timeout=20000)
-        self.page.wait_for_selector("#film .igw-panel")
 
 
 @pytest.fixture
@@ -238,31 +216,3 @@ def test_client_that_reads_slowly_holds_nobody_up(server):
         player.send(json.dumps({"begin": {"setup": "teleop-spring", "assist": "brake", "slow": 1.0, "seen": False}}))
         player.send(json.dumps({"done": 1}))
         assert heard(player, "ended")
-
-
-@pytest.mark.storm
-def test_two_hundred_tries_in_a_row_without_growth_of_memory(browser, tmp_path):
-    with served(tmp_path / "tries", "--assist", "brake") as server:
-        one = Tab(browser, server)
-        page, session = one.page, one.context.new_cdp_session(one.page)
-        session.send("Performance.enable")
-
-        def heap():
-            session.send("HeapProfiler.collectGarbage")
-            found = {each["name"]: each["value"] for each in session.send("Performance.getMetrics")["metrics"]}
-            return found["JSHeapUsedSize"], found["Nodes"], server.memory()
-
-        held = []
-        for number in range(200):  # locators, as what `wait_for_selector` returns would hold what it found
-            page.keyboard.press("Enter")
-            page.locator("body.playing").wait_for()
-            page.keyboard.press("ArrowRight")
-            page.keyboard.press(" ")
-            page.locator("body:not(.playing)").wait_for()
-            if number % 20 == 19:
-                page.locator("#film .igw-panel").first.wait_for()
-                held.append(heap())
-        assert len(server.tries()) == 200
-        for first, last in zip(held[2], held[-1], strict=True):  # from 60 on; the chart still gets a dot for each
-            assert last < 1.25 * first
-        assert one.problems == []
