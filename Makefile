@@ -7,7 +7,8 @@ PLAYED := $(VENV)/installed-for-play
 EXTRAS := train report play data identify robot render zoo objectives peers cluster docs dev
 
 .DEFAULT_GOAL := help
-.PHONY: help setup report play test mutants train train-all controller tune gain figures bench speed stability docs identify design lint
+.PHONY: help setup report play test coverage mutants train train-all controller tune gain figures bench speed stability docs publish identify \
+	design lint
 
 help:  ## list what can be made
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "make %-9s %s\n", $$1, $$2}'
@@ -54,6 +55,9 @@ report: $(SMALL)  ## play policies and baselines of four set-ups, or of SETUPS="
 test: setup  ## run the tests
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadscope  # a core for each worker
 
+coverage: setup  ## run the tests and say which lines none of them runs in its own process
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadscope --cov
+
 mutants: setup  ## edit hundreds of lines, one at a time, and see which edits no test notices; an hour
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.mutants
 
@@ -89,6 +93,9 @@ stability: setup  ## a storm of random scenes through the solver, its checks and
 
 docs: setup  ## build the documentation as a site that needs no network, site/index.html
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet
+
+publish: setup  ## keep the site of VERSION=dev, or VERSION="0.1 latest", beside the others on the branch gh-pages
+	DOCS_VERSIONS=mike NO_MKDOCS_2_WARNING=1 PATH=$(BIN):$$PATH $(BIN)/mike deploy --update-aliases $(VERSION)
 
 identify: setup  ## fit logs of the independent solver, intervals and errors beside the bound, below reports/identify
 	$(BIN)/impact-gym fits
