@@ -7,8 +7,8 @@ contact force is F = M (a - delta''), so that the contact takes from the bodies
 
 It may not be negative: a contact that is over has given back less than it took, one that is not holds some still. The
 first part is known to rounding from a `ContactRecord`. The second is a sum over the points of a `Trace`, in which M a
-follows from the velocities at two points, so that a may jump; its doubt is the change when every second point is left
-out. Where the tool is fixed to a robot whose mass varies, M varies with it.
+follows from the velocities at two points and friction, so that a may jump; its doubt is the change when every second
+point is left out. Where the tool is fixed to a robot whose mass varies, M varies with it.
 
 Friction takes from the object what it was given, at most mu g of velocity in a second: within that a budget is met.
 """
@@ -156,16 +156,31 @@ def energy(scene: ig.Scene, trace: ig.Trace, contact: ig.ContactRecord) -> tuple
     time, mass = trace.time[inside], _reduced_mass(scene, trace.command_position[inside])
     delta = (trace.tool_position - trace.object_position)[inside]
     rate = (trace.tool_velocity - trace.object_velocity)[inside]
-    given = scene.object.mass * trace.object_velocity[inside]
+    velocity, force = trace.object_velocity[inside], trace.contact_force[inside]
+    given = _given(scene.object, time, velocity, force)
     parts = _work(time, mass, delta, rate, given)
     work = float(np.sum(parts))
-    every_second = [np.append(values[:-1:2], values[-1]) for values in (time, mass, delta, rate, given)]
-    doubt = abs(work - float(np.sum(_work(*every_second))))
+    time2, velocity2, force2, *others = (
+        np.append(values[:-1:2], values[-1]) for values in (time, velocity, force, mass, delta, rate)
+    )
+    doubt = abs(work - float(np.sum(_work(time2, *others, _given(scene.object, time2, velocity2, force2)))))
     rounding = 4 * EPS * np.sqrt(len(time)) * np.abs(given).max() * np.abs(rate).max()
     rate[0], rate[-1] = contact.approach_velocity, -contact.separation_velocity
     kinetic = float(np.sum((mass[1:] + mass[:-1]) / 2 * np.diff(rate**2 / 2)))
     turned_over = mass.max() * contact.approach_velocity**2 / 2 + float(np.sum(np.abs(parts)))
     return (kinetic - work) / turned_over, (doubt + rounding) / turned_over
+
+
+def _given(target: ig.Object, time: Array, velocity: Array, force: Array) -> Array:
+    """What the contact has given the object up to each point, Ns: that what it has, and what friction has taken.
+
+    Where it slides that is mu m g for so long; where it sticks it is the contact force, as that is what friction holds.
+    """
+    friction = GRAVITY * target.mass * (target.friction or 0.0)
+    slides = velocity[1:] + velocity[:-1] != 0.0
+    held = np.where(slides, friction * np.sign(velocity[1:] + velocity[:-1]), (force[1:] + force[:-1]) / 2)
+    taken = np.cumsum(held * np.diff(time)) if friction else np.zeros(len(time) - 1)
+    return target.mass * velocity + np.concatenate(([0.0], taken))
 
 
 def _work(time: Array, mass: Array, delta: Array, rate: Array, given: Array) -> Array:

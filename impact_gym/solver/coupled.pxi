@@ -17,7 +17,6 @@ cdef void begin_piece(
     now.push = acceleration * now.units.time / now.units.velocity
     now.position, now.velocity = chain.flange_position, chain.flange_velocity
     now.rough, now.footing, now.share = run.ground > 0.0, <int> chain.footing, 1.0
-    now.lasts = now.rough and (now.footing == STUCK or run.tell_touch)
     now.ground = (run.ground if chain.footing != STUCK else 0.0) * now.units.time / now.units.velocity
     now.friction = run.object_mass * run.ground / now.units.force
     now.standstill = STANDSTILL * (1.0 + fabs(chain.flange_velocity) / now.units.velocity)

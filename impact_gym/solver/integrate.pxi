@@ -6,9 +6,9 @@ cdef double LARGEST_STEP = 1.0
 # Likewise, stops apart. Within it the gap's third derivative hardly changes sign twice, which the search for a touch
 # relies on; a step in which the tool cannot get there need not be searched and may be larger (`longest_blind_step`).
 cdef double OVERSHOOT = 1e3
-# Where a contact may last, a step aims at most so many times beyond the time that is left: where a tool rests against an
-# object that sticks, or an operator pushes one on, every step is good, and one that grew without end would be too long
-# to find the end of the piece in it.
+# Against an object with friction, which may stay in contact, a step aims at most so many times beyond the time that is
+# left: where a tool rests there, or pushes it on, every step is good, and one that grew without end would be too long to
+# find the end of the piece in it.
 
 cdef enum:
     TRACE_POINTS = 8  # in a step of a contact
@@ -98,7 +98,7 @@ cdef bint good_step(
         left = now.horizon - work.x[TIME]
         if h[0] > LARGEST_STEP:
             h[0] = longest_blind_step(now, work.x, min(h[0], left), LARGEST_STEP)
-    elif now.lasts and work.x[ROOT] > 0.0 and now.horizon > work.x[TIME]:
+    elif now.rough and work.x[ROOT] > 0.0 and now.horizon > work.x[TIME]:
         most = OVERSHOOT * (now.horizon - work.x[TIME]) / work.x[ROOT]
     taken[0] = tried = min(min(h[0], left), most)
     work.method = method_now(&work.memory)

@@ -16,7 +16,6 @@ cdef struct Piece:
     const Contact *grip  # the law of the contact as it is
     Contact contact  # and as it acts: no force where the surfaces do not hold
     bint rough  # there is friction under the object
-    bint lasts  # a contact may last for seconds
     int footing  # of the object
     double friction  # mu m_p g over F0
     double ground  # scaled deceleration of the object by its friction as it slides
