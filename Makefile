@@ -52,8 +52,8 @@ play: $(PLAYED)  ## take the stick: steer the tool in the browser, SETUP=teleop-
 report: $(SMALL)  ## play policies and baselines of four set-ups, or of SETUPS="...", write reports/latest/index.html; FORCE=1: all anew
 	$(BIN)/impact-gym report $(SETUPS) $(if $(FORCE),--force)
 
-test: setup  ## run the tests
-	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadscope  # a core for each worker
+test: setup  ## run the tests, OPTIONS='-m "not storm"' without the long ones
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadscope $(OPTIONS)  # a core for each worker
 
 coverage: setup  ## run the tests and say which lines none of them runs in its own process
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadscope --cov

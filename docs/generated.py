@@ -111,6 +111,11 @@ def sets() -> str:
     return table(head, rows)
 
 
+def laws() -> str:
+    """Return the published laws of dissipation, one a row."""
+    return "\n".join(f'| `"{name}"` | ${law.formula}$ | {law.source} |' for name, law in PUBLISHED.items())
+
+
 def setups() -> str:
     """Return the table of the set-ups that are shipped."""
     about = {name: html.escape(load_setup(name).about, quote=False).replace("|", "&#124;") for name in shipped()}
@@ -244,6 +249,7 @@ def film(setup: str, every: int) -> bytes:
 
 TEXTS: dict[str, Callable[[], str]] = {
     "environment": environment, "teleop": teleop, "ids": ids, "sets": sets, "setups": setups, "materials": materials,
+    "laws": laws,
 }  # fmt: skip
 
 

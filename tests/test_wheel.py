@@ -42,9 +42,11 @@ TEN_LINES = re.search(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), 
 def run(*command, where, check=True):
     """What a command says, in a folder and without a way to find the checkout."""
     variables = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-    return subprocess.run(
-        [*map(str, command)], cwd=where, env=variables, capture_output=True, text=True, check=check, timeout=300
+    done = subprocess.run(
+        [*map(str, command)], cwd=where, env=variables, capture_output=True, text=True, check=False, timeout=300
     )
+    assert done.returncode == 0 or not check, done.stderr
+    return done
 
 
 def asked_for(requirements, extra=""):

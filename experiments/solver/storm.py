@@ -160,10 +160,11 @@ def energy(scene: ig.Scene, trace: ig.Trace, contact: ig.ContactRecord) -> tuple
     given = _given(scene.object, time, velocity, force)
     parts = _work(time, mass, delta, rate, given)
     work = float(np.sum(parts))
-    time2, velocity2, force2, *others = (
+    time2, velocity2, force2, mass2, delta2, rate2 = (
         np.append(values[:-1:2], values[-1]) for values in (time, velocity, force, mass, delta, rate)
     )
-    doubt = abs(work - float(np.sum(_work(time2, *others, _given(scene.object, time2, velocity2, force2)))))
+    given2 = _given(scene.object, time2, velocity2, force2)
+    doubt = abs(work - float(np.sum(_work(time2, mass2, delta2, rate2, given2))))
     rounding = 4 * EPS * np.sqrt(len(time)) * np.abs(given).max() * np.abs(rate).max()
     rate[0], rate[-1] = contact.approach_velocity, -contact.separation_velocity
     kinetic = float(np.sum((mass[1:] + mass[:-1]) / 2 * np.diff(rate**2 / 2)))

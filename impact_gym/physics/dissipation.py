@@ -12,6 +12,7 @@ Slavic, Boltezar, Int. J. Mech. Sci. 145 (2018) 171-187 (the paper's reference 1
 import math
 from collections.abc import Callable
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,18 +31,34 @@ def delivered_by(damping: float, stiffness_exponent: float, damping_exponent: fl
     return float(separation_velocity(d, m, n))
 
 
-PUBLISHED: dict[str, Callable[[float], float]] = {
-    "hu-guo": hu_guo,  # the paper's eq. 7
-    "hunt-crossley": lambda e: 1.5 * (1.0 - e),  # J. Appl. Mech. 42 (1975) 440-445
-    "lankarani-nikravesh": lambda e: 0.75 * (1.0 - e) * (1.0 + e),  # J. Mech. Des. 112 (1990) 369-376
-    "herbert-mcwhannell": lambda e: 6.0 * (1.0 - e) / ((2.0 * e - 1.0) ** 2 + 3.0),  # J. Eng. Ind. 99 (1977) 263-266
-    "gonthier": lambda e: (1.0 - e) * (1.0 + e) / e,  # with McPhee, Lange, Piedboeuf, MSD 11 (2004) 209-233
-    "flores": lambda e: 1.6 * (1.0 - e) / e,  # with Machado, Silva, Martins, MSD 25 (2011) 357-375
-}
-"""Damping factor d of a nominal restitution; the second and third are for e near 1, Gonthier's is for small e.
+class Law(NamedTuple):
+    """A published law: damping factor d of a nominal restitution e, the same as a formula, and where it is from."""
 
-MSD is Multibody Syst. Dyn.
-"""
+    factor: Callable[[float], float]
+    formula: str
+    source: str
+
+
+PUBLISHED = {
+    "hu-guo": Law(hu_guo, r"\tfrac32 (1 - e) / e", "Hu and Guo (2015), the paper's eq. 7"),
+    "hunt-crossley": Law(lambda e: 1.5 * (1.0 - e), r"\tfrac32 (1 - e)", "J. Appl. Mech. 42 (1975) 440-445"),
+    "lankarani-nikravesh": Law(
+        lambda e: 0.75 * (1.0 - e) * (1.0 + e), r"\tfrac34 (1 - e^2)", "J. Mech. Des. 112 (1990) 369-376"
+    ),
+    "herbert-mcwhannell": Law(
+        lambda e: 6.0 * (1.0 - e) / ((2.0 * e - 1.0) ** 2 + 3.0),
+        "6 (1 - e) / ((2e - 1)^2 + 3)", "J. Eng. Ind. 99 (1977) 263-266",
+    ),
+    "gonthier": Law(
+        lambda e: (1.0 - e) * (1.0 + e) / e,
+        "(1 - e^2) / e", "with McPhee, Lange, Piedboeuf, Multibody Syst. Dyn. 11 (2004) 209-233, for small e",
+    ),
+    "flores": Law(
+        lambda e: 1.6 * (1.0 - e) / e,
+        r"\tfrac85 (1 - e) / e", "with Machado, Silva, Martins, Multibody Syst. Dyn. 25 (2011) 357-375",
+    ),
+}  # fmt: skip
+"""Hunt and Crossley's and Lankarani and Nikravesh's are for e near 1."""
 
 
 @lru_cache(maxsize=4096)
@@ -55,7 +72,7 @@ def damping_factor(
     """
     m, n = stiffness_exponent, damping_exponent
     if law not in ("exact", "fixed"):
-        return float(PUBLISHED[law](restitution))
+        return float(PUBLISHED[law].factor(restitution))
     if m == n:
         return float(exact_damping(restitution))
     if restitution == 1.0:

@@ -246,3 +246,15 @@ def test_delivered_linear_leaves_when_its_force_would_pull(zeta):
 def test_effective_restitution_keeps_the_shape_of_its_argument():
     assert isinstance(ig.effective_restitution("hu-guo", 0.5), float)
     assert ig.effective_restitution("hu-guo", [[0.5, 0.6]]).shape == (1, 2)
+
+
+SHARES = {"hunt-crossley": 1, "lankarani-nikravesh": 1, "herbert-mcwhannell": 1, "hu-guo": 1, "exact": 1}
+SHARES |= {"gonthier": 4 / 3, "flores": 16 / 15}
+"""(2/3) d / (1 - e) for e near 1, by hand from what the source says of d."""
+
+
+def test_law_near_e_1_loses_this_share_of_what_it_is_to_lose():
+    assert SHARES.keys() == {*dissipation.PUBLISHED, "exact"}
+    for law, share in SHARES.items():  # where d is small, e_eff = 1 - 2/3 d
+        lost = 1.0 - ig.effective_restitution(law, 1.0 - 1e-7)
+        assert lost / 1e-7 == pytest.approx(share, rel=1e-6), law
