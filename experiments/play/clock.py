@@ -145,10 +145,11 @@ class Clock:
         if mean := live.record["downlink.jitter"]:
             late += mean * min(chance.expovariate(1.0), CUT)
         touched = bool(then.touched[0])
+        seen = seen or touched or (live.ended and not live.asked.study)  # what was missed is shown, too
         self.tell(
             kind="frame", of=live.asked.seed, n=len(live.actions), t=round(float(now.time[0]), 4), touched=touched,
             dt=round(float(then.time[0] - now.time[0]) * slow, 5), wait=0.0 if self.hurry else late * slow,
-            **{"from": places(now, seen or touched), "to": places(then, seen or touched)},
+            **{"from": places(now, seen), "to": places(then, seen)},
         )  # fmt: skip
 
 
