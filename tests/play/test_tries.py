@@ -92,6 +92,7 @@ def test_disk_that_is_full_stops_the_arm_and_the_try_is_kept_until_there_is_room
     with served(tmp_path / "tries") as server, server.connect() as page:
         assert play(page)["kind"] == "ended"
         say(page, begin=choices())
+        heard(page, "began")  # a frame could be the last one's, on its way
         heard(page, "frame")
         resource.prlimit(server.clock, resource.RLIMIT_FSIZE, (1, resource.RLIM_INFINITY))
         said = heard(page, "said")
