@@ -12,6 +12,7 @@ cdef void begin_piece(
     if not chain.holding:
         now.contact.held = now.contact.damping = 0.0
     now.tolerance = run.tolerance
+    now.analytic = law.kind != INTEGRATED and is_hertz(&run.contact)  # such a chain is integrated in contacts alone
     now.threshold = run.threshold / now.units.force
     now.horizon = (until - chain.time) / now.units.time
     now.push = acceleration * now.units.time / now.units.velocity
@@ -130,12 +131,35 @@ cdef void dense_output(const Piece *now, Work *work, double h) noexcept nogil:
 
 
 cdef double apparent_eigenvalue(const Piece *now, const Work *work) noexcept nogil:
-    """How far the rates of the last two stages of an explicit step differ, over their states."""
+    """How far the rates of the last two stages of an explicit step differ, over their states; where it is a series, the
+
+    largest of the contact's or the spring's own at its end.
+    """
+    if work.method == SERIES:
+        return fastest(now, work.trial)
     if now.law.kind == SPRING:
         return spring_eigenvalue(work)
     if now.law.kind == RIGID:
         return rigid_eigenvalue(work)
     return integrated_eigenvalue(work)
+
+
+cdef void expand(const Piece *now, Work *work) noexcept nogil:
+    """Find the Taylor series of the state from `work.x` on."""
+    if now.law.kind == SPRING:
+        spring_series(now, work)
+    else:
+        rigid_series(now, work)
+
+
+cdef double fastest(const Piece *now, const double *x) noexcept nogil:
+    """Largest eigenvalue of contact or spring, each for itself, at the scaled state `x` of an analytic piece."""
+    cdef double z = x[ROOT], contact, spring = 0.0
+    contact = now.share * z * z * z * (now.contact.held + now.contact.damping * x[RATE])
+    contact = now.share * now.contact.damping * z * z * z * z + sqrt(max(1.5 * contact, 0.0))
+    if now.law.kind == SPRING:
+        spring = z * (fabs(now.pull_y_dot) + sqrt(fabs(now.pull_y)))
+    return max(contact, spring)
 
 
 cdef inline double ground_now(const Run *run, const Chain *chain) noexcept nogil:

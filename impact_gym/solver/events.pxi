@@ -216,7 +216,7 @@ cdef double climb(
     cdef double low = 0.0, high = 1.0, low_slope = start.slope[row], high_slope = end.slope[row], before, gain
     cdef double share = extremum(start.height[row], h * low_slope, end.height[row], h * high_slope)
     cdef int side = 0
-    cdef bint exactly = work.method == STIFF
+    cdef bint exactly = work.method != EXPLICIT
     for _ in range(60):
         if exactly:
             probe_exactly(now, work, h, share)

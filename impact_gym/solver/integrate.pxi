@@ -39,7 +39,7 @@ cdef int integrate(Run *run, Chain *chain, double acceleration, double until, bi
             return DETECTED
         if now.rough and now.footing == STUCK and work.x[ROOT] == 0.0 and start.value[SLIP] > 0.0:
             return conclude(run, chain, SLIP, until)  # likewise the friction, by that force
-    work.memory = chain.memory
+    work.memory, work.expanded = chain.memory, False
     while True:
         chain.steps += 1
         found.event = NOTHING
@@ -57,6 +57,7 @@ cdef int integrate(Run *run, Chain *chain, double acceleration, double until, bi
                 top = max(max(top, end.height[TOP]), found.top if found.top_at <= taken else 0.0)
         memcpy(work.x, work.trial, sizeof(work.x))
         memcpy(work.rate, work.trial_rate, sizeof(work.x))
+        work.expanded = False
         start, end = end, start
         if found.event != NOTHING:
             break
@@ -100,8 +101,8 @@ cdef bint good_step(
             h[0] = longest_blind_step(now, work.x, min(h[0], left), LARGEST_STEP)
     elif now.rough and work.x[ROOT] > 0.0 and now.horizon > work.x[TIME]:
         most = OVERSHOOT * (now.horizon - work.x[TIME]) / work.x[ROOT]
+    choose_method(now, work, h)
     taken[0] = tried = min(min(h[0], left), most)
-    work.method = method_now(&work.memory)
     error = attempt(now, work, tried)
     factor = judge(now, work, tried, &error)
     if error > 1.0:

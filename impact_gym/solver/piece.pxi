@@ -12,6 +12,7 @@ cdef struct Piece:
     const Law *law
     int width  # places of the scaled state
     Units units
+    bint analytic  # polynomial in z, w, y and v: then its steps are those of its Taylor series
     bint flying  # then the first place is the penetration over the unit of length, and s is time
     const Contact *grip  # the law of the contact as it is
     Contact contact  # and as it acts: no force where the surfaces do not hold

@@ -8,7 +8,7 @@ vain, as swings that only look stiff make it, is more patient the next time.
 """
 
 cdef enum:
-    EXPLICIT, STIFF
+    EXPLICIT, STIFF, SERIES
     UNCHECKED = 25  # attempts that are not looked at: most smooth pieces have no more
     REPEATED = 10  # attempts near the border that hand over
     TRY = 10  # stiff steps after which the explicit pair tries the next
@@ -18,8 +18,44 @@ cdef enum:
 cdef double NEAR = 3.5  # of h lambda; kept at the border of 6, good attempts and bad ones alternate between 4 and 7
 
 
+cdef double LONGEST = 2.0  # step by a series, less than half a swing of the contact
+
+
+cdef void evaluate(const Piece *now, const Work *work, double h, double *x, double *rate) noexcept nogil:
+    """Find the state and its rate after `h` on the series."""
+    cdef double[SERIES_WIDTH] odd, even
+    cdef double square = h * h
+    cdef int i, k
+    for i in range(SERIES_WIDTH):
+        even[i], odd[i] = work.series[ORDER][i], work.series[ORDER - 1][i]
+    for k in range(ORDER - 2, 0, -2):
+        for i in range(SERIES_WIDTH):
+            even[i] = work.series[k][i] + square * even[i]
+            odd[i] = work.series[k - 1][i] + square * odd[i]
+    for i in range(SERIES_WIDTH):
+        x[i] = work.series[0][i] + h * (odd[i] + h * even[i])
+    rates(now, x, rate)
+
+
+cdef double longest_by_series(const Piece *now, const Work *work) noexcept nogil:
+    """The step that leaves out as much as is allowed, by the last orders: c_k shrinks as the k-th power of a radius.
+
+    0 where that cannot be told.
+    """
+    cdef float root = -50.0  # log of its inverse
+    cdef int i
+    for i in range(LAST_ORDERS):
+        if not work.last_orders[i] < 1e30:
+            return 0.0
+        root = max(root, <float> (0.5 / (ORDER - i)) * logf(<float> work.last_orders[i]))
+    return min(LONGEST, expf(<float> (1.0 / (ORDER + 1)) * logf(<float> now.tolerance) - root))
+
+
 cdef double attempt(const Piece *now, Work *work, double h) noexcept nogil:
     """Try a step of `h` from `work.x` into `work.trial`; return its estimated error over what is allowed."""
+    if work.method == SERIES:
+        evaluate(now, work, h, work.trial, work.trial_rate)
+        return 0.5 if h <= work.longest else 2.0
     work.dense_known = False
     if work.method == EXPLICIT:
         return explicit_step(now, work, h)
@@ -33,13 +69,13 @@ cdef double judge(const Piece *now, Work *work, double h, double *error) noexcep
     """
     cdef Memory *memory = &work.memory
     memory.seen += 1
-    if work.method != memory.method:  # the explicit pair tries: one step may look good however unstable it is
+    if (work.method == STIFF) != (memory.method == STIFF):  # the explicit pair tries: one step may look good however unstable it is
         if error[0] > 1.0 or h * apparent_eigenvalue(now, work) > NEAR:
             memory.seen, error[0] = 0, 2.0
             return 1.0
         memory.patience = min(4 * memory.patience, MOST) if memory.seen <= IN_VAIN * TRY else UNCHECKED
         memory.method, memory.seen = EXPLICIT, 0
-    elif work.method == EXPLICIT and memory.seen > memory.patience:
+    elif work.method != STIFF and memory.seen > memory.patience:
         if h * apparent_eigenvalue(now, work) <= NEAR:
             memory.seen -= 1
         if memory.seen > memory.patience + REPEATED:
@@ -47,11 +83,20 @@ cdef double judge(const Piece *now, Work *work, double h, double *error) noexcep
     return step_factor(work, error[0])
 
 
-cdef int method_now(const Memory *memory) noexcept nogil:
-    """Method of the step ahead: now and then the explicit pair may try."""
-    if memory.method == STIFF and memory.seen > 0 and memory.seen % TRY == 0:
-        return EXPLICIT
-    return <int> memory.method
+cdef void choose_method(const Piece *now, Work *work, double *h) noexcept nogil:
+    """Choose by which method to step: now and then an explicit one may try; a new series says how far it goes."""
+    cdef const Memory *memory = &work.memory
+    cdef bint known = work.expanded
+    work.method = STIFF if memory.method == STIFF and (memory.seen == 0 or memory.seen % TRY != 0) else EXPLICIT
+    if work.method == STIFF or not now.analytic:
+        return
+    if not known:
+        expand(now, work)
+        work.expanded, work.longest = True, longest_by_series(now, work)
+    if work.longest > 0.0:
+        work.method = SERIES
+        if memory.method != STIFF:
+            h[0] = min(h[0], work.longest) if known else work.longest
 
 
 cdef double step_factor(Work *work, double error) noexcept nogil:
@@ -62,6 +107,8 @@ cdef double step_factor(Work *work, double error) noexcept nogil:
     """
     cdef float factor, log_error  # a step needs no more digits
     cdef Memory *memory = &work.memory
+    if work.method == SERIES:
+        return 1.0
     if error == 0.0:
         return 5.0
     if work.method == STIFF:
@@ -80,7 +127,7 @@ cdef double step_factor(Work *work, double error) noexcept nogil:
 cdef void probe(const Piece *now, Work *work, double h, double share) noexcept nogil:
     """Find the state and its rate at a share of the step of `h` just tried, on the polynomial if there is one."""
     cdef int i
-    if work.method == STIFF:
+    if work.method != EXPLICIT:
         probe_exactly(now, work, h, share)
         return
     lay_polynomial(now, work, h)
@@ -92,6 +139,9 @@ cdef void probe(const Piece *now, Work *work, double h, double share) noexcept n
 cdef void probe_exactly(const Piece *now, Work *work, double h, double share) noexcept nogil:
     """Find the same by a step of that length."""
     cdef Work other
+    if work.method == SERIES:
+        evaluate(now, work, share * h, work.probe, work.probe_rate)
+        return
     other.method = work.method
     memcpy(other.x, work.x, sizeof(other.x))
     memcpy(other.rate, work.rate, sizeof(other.x))
