@@ -1,6 +1,7 @@
 """What infos say of episodes: numbers of their records under the names that users know."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import wraps
 from typing import Any
 
 import numpy as np
@@ -73,16 +74,22 @@ class Infos:
                 del info[name]
         return infos
 
-    def columns(self, episodes: Records, chains: Records, rows: NDArray[np.int64]) -> dict[str, Any]:
-        """Return the infos of `rows` as arrays (size,), blank elsewhere."""
-        size = len(episodes)
-        numbers = np.zeros((len(self._columns) + 1, size))
-        numbers[:-1, rows] = self._numbers(episodes, rows)
-        numbers[-1, rows] = chains["peak_force"][rows]
-        verdicts = [np.zeros(size, np.int64), np.zeros(size, np.bool_), np.full(size, None)]
-        for column, some in zip(verdicts, _verdicts(episodes, chains, rows), strict=True):
-            column[rows] = some
-        return filled(self._layout, (*numbers, *verdicts))
+    def columns(
+        self, episodes: Records, chains: Records, rows: NDArray[np.int64]
+    ) -> Callable[[], dict[str, Any]]:  # fmt: skip
+        """Read the infos of `rows`; return what makes arrays (size,) of them, blank elsewhere."""
+        size, some, forces = len(episodes), self._numbers(episodes, rows), chains["peak_force"][rows]
+        some_verdicts = _verdicts(episodes, chains, rows)
+
+        def spread() -> dict[str, Any]:
+            numbers = np.zeros((len(self._columns) + 1, size))
+            numbers[:-1, rows], numbers[-1, rows] = some, forces
+            verdicts = [np.zeros(size, np.int64), np.zeros(size, np.bool_), np.full(size, None)]
+            for column, verdict in zip(verdicts, some_verdicts, strict=True):
+                column[rows] = verdict
+            return filled(self._layout, (*numbers, *verdicts))
+
+        return spread
 
     def _numbers(self, episodes: Records, rows: NDArray[np.int64]) -> NDArray[np.float64]:
         """Return the entries of an info that an episode holds (n, k), in one go."""
@@ -122,3 +129,34 @@ def _verdicts(
 def filled(layout: Mapping[str, Any], values: Sequence[Any]) -> dict[str, Any]:
     """Return a mapping, of mappings where `layout` has one, with the value at each place that `layout` names."""
     return {name: filled(place, values) if isinstance(place, dict) else values[place] for name, place in layout.items()}
+
+
+class LateInfo(dict[str, Any]):
+    """A dictionary that is made when it is first read or written: in most steps nobody does either."""
+
+    _make: Callable[[], dict[str, Any]] | None = None
+
+    @classmethod
+    def of(cls, make: Callable[[], dict[str, Any]]) -> "LateInfo":
+        """Return what `make` will return."""
+        late = cls()
+        late._make = make
+        return late
+
+
+def _made_first(method: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a method of dictionaries that has its dictionary made before."""
+
+    @wraps(method)
+    def call(self: LateInfo, *arguments: Any, **named: Any) -> Any:
+        if self._make is not None:
+            make, self._make = self._make, None
+            dict.update(self, make())
+        return method(self, *arguments, **named)
+
+    return call
+
+
+for _name in {*vars(dict), "__reduce_ex__"} - {*vars(object)} | {"__eq__", "__ne__", "__repr__", "__reduce_ex__"}:
+    if callable(getattr(dict, _name)) and _name not in {"fromkeys", "__class_getitem__"}:
+        setattr(LateInfo, _name, _made_first(getattr(dict, _name)))

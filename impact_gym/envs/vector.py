@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from impact_gym.envs.arguments import with_task_arguments
 from impact_gym.envs.batch import Batch
+from impact_gym.envs.infos import LateInfo
 from impact_gym.envs.single import TRACE_POINTS, ImpactApproachEnv, action_space, observation_space
 from impact_gym.task.episodes import episode_index, fixed_records, skip_episodes
 from impact_gym.task.scenario import ScenarioRanges
@@ -143,14 +144,14 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         infos = masked(links | scalar, ~self._none)
         if ended.any():
             rows = np.flatnonzero(ended)
-            finals = masked(batch.info_columns(rows), ended)
+            columns, live, ended = batch.info_columns_later(rows), infos, ended.copy()
             if self.autoreset_mode is not AutoresetMode.SAME_STEP:
-                infos |= finals
+                infos = LateInfo.of(lambda: live | masked(columns(), ended))
             else:
                 final = np.full(self.num_envs, None, object)
                 for row in rows:
                     final[row] = batch.observations[row].copy()
-                finals |= masked(links, ended)
+                finals = LateInfo.of(lambda: masked(columns(), ended) | masked(links, ended))
                 infos |= {"final_obs": final, "_final_obs": ended, "final_info": finals, "_final_info": ended.copy()}
                 self._draw_and_begin(rows)
                 self._ended = self._none.copy()

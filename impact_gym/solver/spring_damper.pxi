@@ -81,13 +81,12 @@ cdef Gap gap_at(const Glide *glide, double time) noexcept nogil:
     return gap
 
 
-cdef double monotone_zero(const Glide *glide, int order, double low, double high) noexcept nogil:
-    """Zero of derivative `order` between `low` and `high`, where it is monotone and changes sign, to rounding.
+cdef double monotone_zero(const Glide *glide, int order, bint rising, double low, double high) noexcept nogil:
+    """Zero of derivative `order` between `low` and `high`, where it only rises, or only falls, to rounding.
 
     Newton's method, held inside the bracket by bisection.
     """
-    cdef Gap gap = gap_at(glide, high)
-    cdef bint rising = gap.order[order] > 0.0
+    cdef Gap gap
     cdef double following, time = 0.5 * (low + high)
     for _ in range(100):
         gap = gap_at(glide, time)
@@ -104,9 +103,8 @@ cdef double monotone_zero(const Glide *glide, int order, double low, double high
     return time
 
 
-cdef double inflection_time(const Glide *glide, double after) noexcept nogil:
-    """First zero after `after` of the third derivative of the gap, itself a free decay; inf if there is none."""
-    cdef Gap gap = gap_at(glide, after)
+cdef double inflection_time(const Glide *glide, double after, const Gap *gap) noexcept nogil:
+    """First zero after `after`, where the gap is known, of its third derivative, a free decay; inf if there is none."""
     cdef double w = glide.frequency, zeta = glide.damping_ratio, p = gap.order[3]
     cdef double slope = gap.order[4] + zeta * w * p, square = (1.0 - zeta) * (1.0 + zeta) * w * w
     cdef double damped, phase, ratio, split
@@ -153,6 +151,7 @@ cdef double spring_touch(
     three monotone pieces: each is tested by its ends.
     """
     cdef Glide glide
+    cdef Gap first, between, last
     cdef double low, high, middle, touch
     glide.frequency, glide.damping_ratio = law.frequency, law.damping_ratio
     glide.position = chain.deflection + acceleration / (law.frequency * law.frequency)
@@ -164,32 +163,41 @@ cdef double spring_touch(
     for _ in range(MOST_BENDS):
         if not low < horizon:
             return INFINITY
-        high = min(inflection_time(&glide, low), horizon)
-        middle = high
-        if (gap_at(&glide, low).order[2] > 0.0) != (gap_at(&glide, high).order[2] > 0.0):
-            middle = monotone_zero(&glide, 2, low, high)
-        touch = touch_in_bend(&glide, low, middle)
+        first = gap_at(&glide, low)
+        high = min(inflection_time(&glide, low, &first), horizon)
+        last = gap_at(&glide, high)
+        middle, between = high, last
+        if (first.order[2] > 0.0) != (last.order[2] > 0.0):
+            middle = monotone_zero(&glide, 2, last.order[2] > 0.0, low, high)
+            between = gap_at(&glide, middle)
+        touch = touch_in_bend(&glide, low, &first, middle, &between)
         if touch == INFINITY:
-            touch = touch_in_bend(&glide, middle, high)
+            touch = touch_in_bend(&glide, middle, &between, high, &last)
         if touch < INFINITY:
             return touch
         low = within_reach(&glide, high)
     return NAN
 
 
-cdef double touch_in_bend(const Glide *glide, double begin, double end) noexcept nogil:
-    """First touch between `begin` and `end`, where the gap bends one way only; inf if there is none."""
-    cdef double left, right, extremum = end
-    cdef int half
-    if begin >= end:
+cdef double touch_in_bend(
+    const Glide *glide, double begin, const Gap *first, double end, const Gap *last
+) noexcept nogil:
+    """First touch between `begin` and `end`, where the gap is known and bends one way only; inf if there is none.
+
+    While it opens there is none: what looks like one after a contact has just ended is rounding.
+    """
+    cdef bint closing = first.order[1] > 0.0, still = last.order[1] > 0.0
+    cdef double turn
+    cdef Gap there
+    if begin >= end or not (closing or still):
         return INFINITY
-    if (gap_at(glide, begin).order[1] > 0.0) != (gap_at(glide, end).order[1] > 0.0):
-        extremum = monotone_zero(glide, 1, begin, end)
-    for half in range(2):
-        left = begin if half == 0 else extremum
-        right = extremum if half == 0 else end
-        if not left < right or gap_at(glide, 0.5 * (left + right)).order[1] <= 0.0:
-            continue  # opening: what looks like a touch after a contact has just ended is rounding
-        if gap_at(glide, right).order[0] > 0.0:
-            return left if gap_at(glide, left).order[0] >= 0.0 else monotone_zero(glide, 0, left, right)
+    turn, there = end, last[0]
+    if closing != still:
+        turn = monotone_zero(glide, 1, still, begin, end)
+        there = gap_at(glide, turn)
+    if closing:
+        if there.order[0] > 0.0:
+            return begin if first.order[0] >= 0.0 else monotone_zero(glide, 0, True, begin, turn)
+    elif last.order[0] > 0.0:
+        return turn if there.order[0] >= 0.0 else monotone_zero(glide, 0, True, turn, end)
     return INFINITY

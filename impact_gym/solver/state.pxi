@@ -148,7 +148,7 @@ cdef struct Recorder:  # where contacts and trace are written; no rows record no
 
 cdef enum:
     WIDTH = 10  # places of the longest scaled state
-    ORDER = 10  # of a Taylor series, see `solver/taylor.py`
+    ORDER = 12  # of a Taylor series, see `solver/taylor.py`
     LAST_ORDERS = 3  # of a series, which tell how it converges: from z = 0 two in a row may vanish
     SERIES_WIDTH = 8  # places of a state that is expanded in a series, and unused ones
     KEPT = 8  # stages of a step that are kept: the rates of stages 5 to 11 for dense output, or all of a stiff step

@@ -18,6 +18,7 @@ cdef enum:
 cdef double NEAR = 3.5  # of h lambda; kept at the border of 6, good attempts and bad ones alternate between 4 and 7
 
 
+cdef double LEFT_OUT = 0.05  # of the local error allowed: what a series leaves out adds up over a contact
 cdef double LONGEST = 2.0  # step by a series, less than half a swing of the contact
 
 
@@ -48,7 +49,7 @@ cdef double longest_by_series(const Piece *now, const Work *work) noexcept nogil
         if not work.last_orders[i] < 1e30:
             return 0.0
         root = max(root, <float> (0.5 / (ORDER - i)) * logf(<float> work.last_orders[i]))
-    return min(LONGEST, expf(<float> (1.0 / (ORDER + 1)) * logf(<float> now.tolerance) - root))
+    return min(LONGEST, expf(<float> (1.0 / (ORDER + 1)) * logf(<float> (LEFT_OUT * now.tolerance)) - root))
 
 
 cdef double attempt(const Piece *now, Work *work, double h) noexcept nogil:

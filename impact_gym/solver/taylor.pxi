@@ -2,11 +2,11 @@
 
 
 cdef void rigid_series(const Piece *now, Work *work) noexcept nogil:
-    cdef double z0, z1, z2, z3, z4, z5, z6, z7, z8, z9, z10
-    cdef double w0, w1, w2, w3, w4, w5, w6, w7, w8, w9, w10
-    cdef double t0, t1, t2, t3, t4, t5, t6, t7, t8, t9, t10
-    cdef double p0, p1, p2, p3, p4, p5, p6, p7, p8, p9, p10
-    cdef double a0, a1, a2, a3, a4, a5, a6, a7, a8, a9, b0, b1, b2, b3, b4, b5, b6, b7, b8, b9, g0, g1, g2, g3, g4, g5, g6, g7, g8, g9
+    cdef double z0, z1, z2, z3, z4, z5, z6, z7, z8, z9, z10, z11, z12
+    cdef double w0, w1, w2, w3, w4, w5, w6, w7, w8, w9, w10, w11, w12
+    cdef double t0, t1, t2, t3, t4, t5, t6, t7, t8, t9, t10, t11, t12
+    cdef double p0, p1, p2, p3, p4, p5, p6, p7, p8, p9, p10, p11, p12
+    cdef double a0, a1, a2, a3, a4, a5, a6, a7, a8, a9, a10, a11, b0, b1, b2, b3, b4, b5, b6, b7, b8, b9, b10, b11, g0, g1, g2, g3, g4, g5, g6, g7, g8, g9, g10, g11
     cdef double size, size_z, size_w, size_t, size_p
     cdef double twice_z, twice_a, grip, b_damping, damping = now.contact.damping, share = now.share
     cdef double push = now.push + now.ground
@@ -132,6 +132,28 @@ cdef void rigid_series(const Piece *now, Work *work) noexcept nogil:
     work.series[10][1] = w10
     work.series[10][2] = t10
     work.series[10][3] = p10
+    a10 = z5 * z5 + 2.0 * (z4 * z6 + z3 * z7 + z2 * z8 + z1 * z9) + twice_z * z10
+    b10 = a5 * a5 + 2.0 * (a4 * a6 + a3 * a7 + a2 * a8 + a1 * a9) + twice_a * a10
+    g10 = (damping * (b5 * w5 + b4 * w6 + b6 * w4 + b3 * w7 + b7 * w3 + b2 * w8 + b8 * w2 + b1 * w9 + b9 * w1) + grip * b10) + b_damping * w10
+    z11 = 0.045454545454545456 * w10
+    t11 = 0.09090909090909091 * z10
+    p11 = 0.09090909090909091 * g10
+    w11 = 0.09090909090909091 * (push * z10) - (0.09090909090909091 * share) * g10
+    work.series[11][0] = z11
+    work.series[11][1] = w11
+    work.series[11][2] = t11
+    work.series[11][3] = p11
+    a11 = 2.0 * (z5 * z6 + z4 * z7 + z3 * z8 + z2 * z9 + z1 * z10) + twice_z * z11
+    b11 = 2.0 * (a5 * a6 + a4 * a7 + a3 * a8 + a2 * a9 + a1 * a10) + twice_a * a11
+    g11 = (damping * (b5 * w6 + b6 * w5 + b4 * w7 + b7 * w4 + b3 * w8 + b8 * w3 + b2 * w9 + b9 * w2 + b1 * w10 + b10 * w1) + grip * b11) + b_damping * w11
+    z12 = 0.041666666666666664 * w11
+    t12 = 0.08333333333333333 * z11
+    p12 = 0.08333333333333333 * g11
+    w12 = 0.08333333333333333 * (push * z11) - (0.08333333333333333 * share) * g11
+    work.series[12][0] = z12
+    work.series[12][1] = w12
+    work.series[12][2] = t12
+    work.series[12][3] = p12
     size = 1.0 / max(fabs(z0), 1.0)
     size_z = size * size
     size = 1.0 / max(fabs(w0), 1.0)
@@ -140,20 +162,20 @@ cdef void rigid_series(const Piece *now, Work *work) noexcept nogil:
     size_t = size * size
     size = 1.0 / max(fabs(p0), 1.0)
     size_p = size * size
-    work.last_orders[0] = (size_z * (z10 * z10) + size_w * (w10 * w10) + size_t * (t10 * t10) + size_p * (p10 * p10)) * 0.25
-    work.last_orders[1] = (size_z * (z9 * z9) + size_w * (w9 * w9) + size_t * (t9 * t9) + size_p * (p9 * p9)) * 0.25
-    work.last_orders[2] = (size_z * (z8 * z8) + size_w * (w8 * w8) + size_t * (t8 * t8) + size_p * (p8 * p8)) * 0.25
+    work.last_orders[0] = (size_z * (z12 * z12) + size_w * (w12 * w12) + size_t * (t12 * t12) + size_p * (p12 * p12)) * 0.25
+    work.last_orders[1] = (size_z * (z11 * z11) + size_w * (w11 * w11) + size_t * (t11 * t11) + size_p * (p11 * p11)) * 0.25
+    work.last_orders[2] = (size_z * (z10 * z10) + size_w * (w10 * w10) + size_t * (t10 * t10) + size_p * (p10 * p10)) * 0.25
 
 
 cdef void spring_series(const Piece *now, Work *work) noexcept nogil:
-    cdef double z0, z1, z2, z3, z4, z5, z6, z7, z8, z9, z10
-    cdef double w0, w1, w2, w3, w4, w5, w6, w7, w8, w9, w10
-    cdef double t0, t1, t2, t3, t4, t5, t6, t7, t8, t9, t10
-    cdef double p0, p1, p2, p3, p4, p5, p6, p7, p8, p9, p10
-    cdef double y0, y1, y2, y3, y4, y5, y6, y7, y8, y9, y10
-    cdef double v0, v1, v2, v3, v4, v5, v6, v7, v8, v9, v10
-    cdef double q0, q1, q2, q3, q4, q5, q6, q7, q8, q9, q10
-    cdef double a0, a1, a2, a3, a4, a5, a6, a7, a8, a9, b0, b1, b2, b3, b4, b5, b6, b7, b8, b9, g0, g1, g2, g3, g4, g5, g6, g7, g8, g9, Y0, Y1, Y2, Y3, Y4, Y5, Y6, Y7, Y8, Y9, V0, V1, V2, V3, V4, V5, V6, V7, V8, V9
+    cdef double z0, z1, z2, z3, z4, z5, z6, z7, z8, z9, z10, z11, z12
+    cdef double w0, w1, w2, w3, w4, w5, w6, w7, w8, w9, w10, w11, w12
+    cdef double t0, t1, t2, t3, t4, t5, t6, t7, t8, t9, t10, t11, t12
+    cdef double p0, p1, p2, p3, p4, p5, p6, p7, p8, p9, p10, p11, p12
+    cdef double y0, y1, y2, y3, y4, y5, y6, y7, y8, y9, y10, y11, y12
+    cdef double v0, v1, v2, v3, v4, v5, v6, v7, v8, v9, v10, v11, v12
+    cdef double q0, q1, q2, q3, q4, q5, q6, q7, q8, q9, q10, q11, q12
+    cdef double a0, a1, a2, a3, a4, a5, a6, a7, a8, a9, a10, a11, b0, b1, b2, b3, b4, b5, b6, b7, b8, b9, b10, b11, g0, g1, g2, g3, g4, g5, g6, g7, g8, g9, g10, g11, Y0, Y1, Y2, Y3, Y4, Y5, Y6, Y7, Y8, Y9, Y10, Y11, V0, V1, V2, V3, V4, V5, V6, V7, V8, V9, V10, V11
     cdef double size, size_z, size_w, size_t, size_p, size_y, size_v, size_q
     cdef double twice_z, twice_a, grip, b_damping, damping = now.contact.damping, share = now.share
     cdef double pull, push = now.push, ground = now.ground, tool_share = now.tool_share
@@ -376,6 +398,46 @@ cdef void spring_series(const Piece *now, Work *work) noexcept nogil:
     work.series[10][4] = y10
     work.series[10][5] = v10
     work.series[10][6] = q10
+    Y10 = z5 * y5 + z4 * y6 + z6 * y4 + z3 * y7 + z7 * y3 + z2 * y8 + z8 * y2 + z1 * y9 + z9 * y1 + z10 * y0 + z0 * y10
+    V10 = z5 * v5 + z4 * v6 + z6 * v4 + z3 * v7 + z7 * v3 + z2 * v8 + z8 * v2 + z1 * v9 + z9 * v1 + z10 * v0 + z0 * v10
+    a10 = z5 * z5 + 2.0 * (z4 * z6 + z3 * z7 + z2 * z8 + z1 * z9) + twice_z * z10
+    b10 = a5 * a5 + 2.0 * (a4 * a6 + a3 * a7 + a2 * a8 + a1 * a9) + twice_a * a10
+    g10 = (damping * (b5 * w5 + b4 * w6 + b6 * w4 + b3 * w7 + b7 * w3 + b2 * w8 + b8 * w2 + b1 * w9 + b9 * w1) + grip * b10) + b_damping * w10
+    z11 = 0.045454545454545456 * w10
+    t11 = 0.09090909090909091 * z10
+    p11 = 0.09090909090909091 * g10
+    pull = pull_y * Y10 + pull_y_dot * V10
+    w11 = 0.09090909090909091 * (pull + ground * z10) - (0.09090909090909091 * share) * g10
+    v11 = 0.09090909090909091 * (pull - push * z10) - (0.09090909090909091 * tool_share) * g10
+    y11 = 0.09090909090909091 * V10
+    q11 = 0.09090909090909091 * Y10
+    work.series[11][0] = z11
+    work.series[11][1] = w11
+    work.series[11][2] = t11
+    work.series[11][3] = p11
+    work.series[11][4] = y11
+    work.series[11][5] = v11
+    work.series[11][6] = q11
+    Y11 = z5 * y6 + z6 * y5 + z4 * y7 + z7 * y4 + z3 * y8 + z8 * y3 + z2 * y9 + z9 * y2 + z1 * y10 + z10 * y1 + z11 * y0 + z0 * y11
+    V11 = z5 * v6 + z6 * v5 + z4 * v7 + z7 * v4 + z3 * v8 + z8 * v3 + z2 * v9 + z9 * v2 + z1 * v10 + z10 * v1 + z11 * v0 + z0 * v11
+    a11 = 2.0 * (z5 * z6 + z4 * z7 + z3 * z8 + z2 * z9 + z1 * z10) + twice_z * z11
+    b11 = 2.0 * (a5 * a6 + a4 * a7 + a3 * a8 + a2 * a9 + a1 * a10) + twice_a * a11
+    g11 = (damping * (b5 * w6 + b6 * w5 + b4 * w7 + b7 * w4 + b3 * w8 + b8 * w3 + b2 * w9 + b9 * w2 + b1 * w10 + b10 * w1) + grip * b11) + b_damping * w11
+    z12 = 0.041666666666666664 * w11
+    t12 = 0.08333333333333333 * z11
+    p12 = 0.08333333333333333 * g11
+    pull = pull_y * Y11 + pull_y_dot * V11
+    w12 = 0.08333333333333333 * (pull + ground * z11) - (0.08333333333333333 * share) * g11
+    v12 = 0.08333333333333333 * (pull - push * z11) - (0.08333333333333333 * tool_share) * g11
+    y12 = 0.08333333333333333 * V11
+    q12 = 0.08333333333333333 * Y11
+    work.series[12][0] = z12
+    work.series[12][1] = w12
+    work.series[12][2] = t12
+    work.series[12][3] = p12
+    work.series[12][4] = y12
+    work.series[12][5] = v12
+    work.series[12][6] = q12
     size = 1.0 / max(fabs(z0), 1.0)
     size_z = size * size
     size = 1.0 / max(fabs(w0), 1.0)
@@ -390,6 +452,6 @@ cdef void spring_series(const Piece *now, Work *work) noexcept nogil:
     size_v = size * size
     size = 1.0 / max(fabs(q0), 1.0)
     size_q = size * size
-    work.last_orders[0] = (size_z * (z10 * z10) + size_w * (w10 * w10) + size_t * (t10 * t10) + size_p * (p10 * p10) + size_y * (y10 * y10) + size_v * (v10 * v10) + size_q * (q10 * q10)) * 0.14285714285714285
-    work.last_orders[1] = (size_z * (z9 * z9) + size_w * (w9 * w9) + size_t * (t9 * t9) + size_p * (p9 * p9) + size_y * (y9 * y9) + size_v * (v9 * v9) + size_q * (q9 * q9)) * 0.14285714285714285
-    work.last_orders[2] = (size_z * (z8 * z8) + size_w * (w8 * w8) + size_t * (t8 * t8) + size_p * (p8 * p8) + size_y * (y8 * y8) + size_v * (v8 * v8) + size_q * (q8 * q8)) * 0.14285714285714285
+    work.last_orders[0] = (size_z * (z12 * z12) + size_w * (w12 * w12) + size_t * (t12 * t12) + size_p * (p12 * p12) + size_y * (y12 * y12) + size_v * (v12 * v12) + size_q * (q12 * q12)) * 0.14285714285714285
+    work.last_orders[1] = (size_z * (z11 * z11) + size_w * (w11 * w11) + size_t * (t11 * t11) + size_p * (p11 * p11) + size_y * (y11 * y11) + size_v * (v11 * v11) + size_q * (q11 * q11)) * 0.14285714285714285
+    work.last_orders[2] = (size_z * (z10 * z10) + size_w * (w10 * w10) + size_t * (t10 * t10) + size_p * (p10 * p10) + size_y * (y10 * y10) + size_v * (v10 * v10) + size_q * (q10 * q10)) * 0.14285714285714285
