@@ -1,6 +1,6 @@
 """The batch behind every front end: arrays of rows and the kernels that move them."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -224,10 +224,6 @@ class Batch:
 
     def info_columns(self, rows: NDArray[np.int64]) -> dict[str, Any]:
         """Return the infos of `rows` as arrays (size,), blank elsewhere."""
-        return self.info_columns_later(rows)()
-
-    def info_columns_later(self, rows: NDArray[np.int64]) -> Callable[[], dict[str, Any]]:
-        """Return what makes them, as they are now, whenever it is called."""
         return self._infos.columns(self.episodes, self.chains, rows)
 
     def link_columns(self) -> dict[str, NDArray[Any]]:

@@ -1,7 +1,6 @@
 """What infos say of episodes: numbers of their records under the names that users know."""
 
-from collections.abc import Callable, Mapping, Sequence
-from functools import wraps
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -58,13 +57,13 @@ class Infos:
         self._layout = nested({name: place for place, name in enumerate(entries)})
         self._smooth = [not task.rough and "slide" in numbers for task in tasks]
         self._not_drawn = [[name for name in drawn if name not in task.drawn] for task in tasks]
-        self._columns = np.array([[_PLACES[name]] for name in numbers.values()])
-        self._signs = np.array([[-1.0] if name.startswith("reward_terms.") else [1.0] for name in numbers])
+        self._columns = np.array([_PLACES[name] for name in numbers.values()])
+        self._signs = np.array([-1.0 if name.startswith("reward_terms.") else 1.0 for name in numbers])
 
     def infos(self, episodes: Records, chains: Records, rows: NDArray[np.int64]) -> list[dict[str, Any]]:
         """Return the info of each of `rows`."""
         count, missed, status = _verdicts(episodes, chains, rows)
-        entries = (*self._numbers(episodes, rows), chains["peak_force"][rows], count, missed, status)
+        entries = (*self._numbers(episodes, rows).T, chains["peak_force"][rows], count, missed, status)
         values = zip(*(column.tolist() for column in entries), strict=True)
         infos = [filled(self._layout, of_row) for of_row in values]
         for row, info in zip(rows.tolist(), infos, strict=True):
@@ -74,27 +73,21 @@ class Infos:
                 del info[name]
         return infos
 
-    def columns(
-        self, episodes: Records, chains: Records, rows: NDArray[np.int64]
-    ) -> Callable[[], dict[str, Any]]:  # fmt: skip
-        """Read the infos of `rows`; return what makes arrays (size,) of them, blank elsewhere."""
-        size, some, forces = len(episodes), self._numbers(episodes, rows), chains["peak_force"][rows]
-        some_verdicts = _verdicts(episodes, chains, rows)
-
-        def spread() -> dict[str, Any]:
-            numbers = np.zeros((len(self._columns) + 1, size))
-            numbers[:-1, rows], numbers[-1, rows] = some, forces
-            verdicts = [np.zeros(size, np.int64), np.zeros(size, np.bool_), np.full(size, None)]
-            for column, verdict in zip(verdicts, some_verdicts, strict=True):
-                column[rows] = verdict
-            return filled(self._layout, (*numbers, *verdicts))
-
-        return spread
+    def columns(self, episodes: Records, chains: Records, rows: NDArray[np.int64]) -> dict[str, Any]:
+        """Return the infos of `rows` as arrays (size,), blank elsewhere."""
+        size = len(episodes)
+        numbers = np.zeros((size, len(self._columns) + 1))
+        numbers[rows, :-1] = self._numbers(episodes, rows)
+        numbers[rows, -1] = chains["peak_force"][rows]
+        verdicts = [np.zeros(size, np.int64), np.zeros(size, np.bool_), np.full(size, None)]
+        for column, some in zip(verdicts, _verdicts(episodes, chains, rows), strict=True):
+            column[rows] = some
+        return filled(self._layout, (*numbers.T, *verdicts))
 
     def _numbers(self, episodes: Records, rows: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Return the entries of an info that an episode holds (n, k), in one go."""
+        """Return the entries of an info that episodes hold (k, n), in one go."""
         fields = episodes.view(np.float64).reshape(len(episodes), -1)
-        return fields[rows, self._columns] * self._signs
+        return fields[rows[:, None], self._columns] * self._signs
 
 
 def command_columns(episodes: Records, links: Records) -> dict[str, NDArray[Any]]:
@@ -129,34 +122,3 @@ def _verdicts(
 def filled(layout: Mapping[str, Any], values: Sequence[Any]) -> dict[str, Any]:
     """Return a mapping, of mappings where `layout` has one, with the value at each place that `layout` names."""
     return {name: filled(place, values) if isinstance(place, dict) else values[place] for name, place in layout.items()}
-
-
-class LateInfo(dict[str, Any]):
-    """A dictionary that is made when it is first read or written: in most steps nobody does either."""
-
-    _make: Callable[[], dict[str, Any]] | None = None
-
-    @classmethod
-    def of(cls, make: Callable[[], dict[str, Any]]) -> "LateInfo":
-        """Return what `make` will return."""
-        late = cls()
-        late._make = make
-        return late
-
-
-def _made_first(method: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a method of dictionaries that has its dictionary made before."""
-
-    @wraps(method)
-    def call(self: LateInfo, *arguments: Any, **named: Any) -> Any:
-        if self._make is not None:
-            make, self._make = self._make, None
-            dict.update(self, make())
-        return method(self, *arguments, **named)
-
-    return call
-
-
-for _name in {*vars(dict), "__reduce_ex__"} - {*vars(object)} | {"__eq__", "__ne__", "__repr__", "__reduce_ex__"}:
-    if callable(getattr(dict, _name)) and _name not in {"fromkeys", "__class_getitem__"}:
-        setattr(LateInfo, _name, _made_first(getattr(dict, _name)))

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from impact_gym.envs.arguments import with_task_arguments
 from impact_gym.envs.batch import Batch
-from impact_gym.envs.infos import LateInfo
 from impact_gym.envs.single import TRACE_POINTS, ImpactApproachEnv, action_space, observation_space
 from impact_gym.task.episodes import episode_index, fixed_records, skip_episodes
 from impact_gym.task.scenario import ScenarioRanges
@@ -144,14 +143,14 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         infos = masked(links | scalar, ~self._none)
         if ended.any():
             rows = np.flatnonzero(ended)
-            columns, live, ended = batch.info_columns_later(rows), infos, ended.copy()
+            finals = masked(batch.info_columns(rows), ended)
             if self.autoreset_mode is not AutoresetMode.SAME_STEP:
-                infos = LateInfo.of(lambda: live | masked(columns(), ended))
+                infos |= finals
             else:
                 final = np.full(self.num_envs, None, object)
                 for row in rows:
                     final[row] = batch.observations[row].copy()
-                finals = LateInfo.of(lambda: masked(columns(), ended) | masked(links, ended))
+                finals |= masked(links, ended)
                 infos |= {"final_obs": final, "_final_obs": ended, "final_info": finals, "_final_info": ended.copy()}
                 self._draw_and_begin(rows)
                 self._ended = self._none.copy()
@@ -242,9 +241,19 @@ def _is_row(value: Any) -> bool:
 
 
 def masked(info: dict[str, Any], mask: Flags) -> dict[str, Any]:
-    """Return `info` in Gymnasium's form for vector environments: beside each key the mask of slots that have it."""
+    """Return `info` in Gymnasium's form for vector environments: beside each key the mask of slots that have it.
+
+    All keys share one mask, which nobody may write to.
+    """
+    shared = mask.copy()
+    shared.flags.writeable = False
+    return beside(info, shared)
+
+
+def beside(info: dict[str, Any], mask: Flags) -> dict[str, Any]:
+    """Return `info` with the mask beside each key, in the mappings inside, too."""
     result: dict[str, Any] = {}
     for name, value in info.items():
-        result[name] = masked(value, mask) if isinstance(value, dict) else value
-        result[f"_{name}"] = mask.copy()
+        result[name] = beside(value, mask) if isinstance(value, dict) else value
+        result[f"_{name}"] = mask
     return result

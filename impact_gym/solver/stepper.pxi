@@ -18,8 +18,8 @@ cdef enum:
 cdef double NEAR = 3.5  # of h lambda; kept at the border of 6, good attempts and bad ones alternate between 4 and 7
 
 
-cdef double LEFT_OUT = 0.05  # of the local error allowed: what a series leaves out adds up over a contact
-cdef double LONGEST = 2.0  # step by a series, less than half a swing of the contact
+cdef double LEFT_OUT = 0.02  # of the local error allowed: what a series leaves out adds up over a contact,
+cdef double MOST_LEFT_OUT = 1e-7  # and over many that lead to each other
 
 
 cdef void evaluate(const Piece *now, const Work *work, double h, double *x, double *rate) noexcept nogil:
@@ -43,13 +43,13 @@ cdef double longest_by_series(const Piece *now, const Work *work) noexcept nogil
 
     0 where that cannot be told.
     """
-    cdef float root = -50.0  # log of its inverse
+    cdef float root = -7.0  # log of its inverse, at the least
     cdef int i
     for i in range(LAST_ORDERS):
         if not work.last_orders[i] < 1e30:
             return 0.0
-        root = max(root, <float> (0.5 / (ORDER - i)) * logf(<float> work.last_orders[i]))
-    return min(LONGEST, expf(<float> (1.0 / (ORDER + 1)) * logf(<float> (LEFT_OUT * now.tolerance)) - root))
+        root = max(root, <float> (1.0 / (ORDER - i)) * logf(<float> sqrt(work.last_orders[i])))
+    return expf(<float> (1.0 / (ORDER + 1)) * logf(<float> min(LEFT_OUT * now.tolerance, MOST_LEFT_OUT)) - root)
 
 
 cdef double attempt(const Piece *now, Work *work, double h) noexcept nogil:
