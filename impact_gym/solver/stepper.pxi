@@ -19,7 +19,7 @@ cdef double NEAR = 3.5  # of h lambda; kept at the border of 6, good attempts an
 
 
 cdef double LEFT_OUT = 0.02  # of the local error allowed: what a series leaves out adds up over a contact,
-cdef double MOST_LEFT_OUT = 1e-7  # and over many that lead to each other
+cdef double MOST_LEFT_OUT = 2e-8  # and over several: more digits cost little
 
 
 cdef void evaluate(const Piece *now, const Work *work, double h, double *x, double *rate) noexcept nogil:
