@@ -13,7 +13,7 @@ EXTRAS := train report play data identify robot render zoo objectives peers clus
 help:  ## list what can be made
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "make %-9s %s\n", $$1, $$2}'
 
-SOLVER := pyproject.toml constraints.txt setup.py $(wildcard impact_gym/*.pyx impact_gym/*/*.pxi)
+SOLVER := pyproject.toml constraints.txt setup.py $(wildcard impact_gym/*.pyx impact_gym/*/*.pxi impact_gym/*/*.h)
 
 PIP = $(BIN)/pip install --quiet --no-compile --disable-pip-version-check -c constraints.txt
 WANTED := import sys, tomllib; project = tomllib.load(open("pyproject.toml", "rb"))["project"]; \

@@ -52,6 +52,7 @@ digest = runpy.run_path("impact_gym/sources.py")["digest"]()
 kernels = Extension(
     "impact_gym.kernels",
     ["impact_gym/kernels.pyx"],
+    depends=["impact_gym/solver/taylor.h"],
     extra_compile_args=FLAGS,
     define_macros=[("COMPILED_FROM", f'"{digest}"')],
 )

@@ -10,7 +10,7 @@ REMEDY = "compile it with `make setup`, or `python setup.py build_ext --inplace`
 
 def digest() -> str:
     """Return a digest of the sources of `impact_gym.kernels`, empty where a wheel left them out."""
-    files = sorted((*HERE.glob("*.pyx"), *HERE.glob("*/*.pxi")))
+    files = sorted((*HERE.glob("*.pyx"), *HERE.glob("*/*.pxi"), *HERE.glob("*/*.h")))
     content = b"".join(file.read_bytes() for file in files)
     return hashlib.sha256(content).hexdigest()[:16] if files else ""
 

@@ -57,13 +57,13 @@ class Infos:
         self._layout = nested({name: place for place, name in enumerate(entries)})
         self._smooth = [not task.rough and "slide" in numbers for task in tasks]
         self._not_drawn = [[name for name in drawn if name not in task.drawn] for task in tasks]
-        self._columns = np.array([_PLACES[name] for name in numbers.values()])
-        self._signs = np.array([-1.0 if name.startswith("reward_terms.") else 1.0 for name in numbers])
+        self._columns = np.array([[_PLACES[name]] for name in numbers.values()])
+        self._signs = np.array([[-1.0] if name.startswith("reward_terms.") else [1.0] for name in numbers])
 
     def infos(self, episodes: Records, chains: Records, rows: NDArray[np.int64]) -> list[dict[str, Any]]:
         """Return the info of each of `rows`."""
         count, missed, status = _verdicts(episodes, chains, rows)
-        entries = (*self._numbers(episodes, rows).T, chains["peak_force"][rows], count, missed, status)
+        entries = (*self._numbers(episodes, rows), chains["peak_force"][rows], count, missed, status)
         values = zip(*(column.tolist() for column in entries), strict=True)
         infos = [filled(self._layout, of_row) for of_row in values]
         for row, info in zip(rows.tolist(), infos, strict=True):
@@ -76,18 +76,18 @@ class Infos:
     def columns(self, episodes: Records, chains: Records, rows: NDArray[np.int64]) -> dict[str, Any]:
         """Return the infos of `rows` as arrays (size,), blank elsewhere."""
         size = len(episodes)
-        numbers = np.zeros((size, len(self._columns) + 1))
-        numbers[rows, :-1] = self._numbers(episodes, rows)
-        numbers[rows, -1] = chains["peak_force"][rows]
+        numbers = np.zeros((len(self._columns) + 1, size))
+        numbers[:-1, rows] = self._numbers(episodes, rows)
+        numbers[-1, rows] = chains["peak_force"][rows]
         verdicts = [np.zeros(size, np.int64), np.zeros(size, np.bool_), np.full(size, None)]
         for column, some in zip(verdicts, _verdicts(episodes, chains, rows), strict=True):
             column[rows] = some
-        return filled(self._layout, (*numbers.T, *verdicts))
+        return filled(self._layout, (*numbers, *verdicts))
 
     def _numbers(self, episodes: Records, rows: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Return the entries of an info that episodes hold (k, n), in one go."""
+        """Return the entries of an info that an episode holds (n, k), in one go."""
         fields = episodes.view(np.float64).reshape(len(episodes), -1)
-        return fields[rows[:, None], self._columns] * self._signs
+        return fields[rows, self._columns] * self._signs
 
 
 def command_columns(episodes: Records, links: Records) -> dict[str, NDArray[Any]]:

@@ -241,19 +241,9 @@ def _is_row(value: Any) -> bool:
 
 
 def masked(info: dict[str, Any], mask: Flags) -> dict[str, Any]:
-    """Return `info` in Gymnasium's form for vector environments: beside each key the mask of slots that have it.
-
-    All keys share one mask, which nobody may write to.
-    """
-    shared = mask.copy()
-    shared.flags.writeable = False
-    return beside(info, shared)
-
-
-def beside(info: dict[str, Any], mask: Flags) -> dict[str, Any]:
-    """Return `info` with the mask beside each key, in the mappings inside, too."""
+    """Return `info` in Gymnasium's form for vector environments: beside each key the mask of slots that have it."""
     result: dict[str, Any] = {}
     for name, value in info.items():
-        result[name] = beside(value, mask) if isinstance(value, dict) else value
-        result[f"_{name}"] = mask
+        result[name] = masked(value, mask) if isinstance(value, dict) else value
+        result[f"_{name}"] = mask.copy()
     return result

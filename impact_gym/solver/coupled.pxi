@@ -146,10 +146,15 @@ cdef double apparent_eigenvalue(const Piece *now, const Work *work) noexcept nog
 
 cdef void expand(const Piece *now, Work *work) noexcept nogil:
     """Find the Taylor series of the state from `work.x` on."""
+    cdef Polynomial law
+    law.held, law.damping, law.share = now.contact.held, now.contact.damping, now.share
     if now.law.kind == SPRING:
-        spring_series(now, work)
+        law.ground, law.push, law.tool_share = now.ground, now.push, now.tool_share
+        law.pull_y, law.pull_y_dot = now.pull_y, now.pull_y_dot
     else:
-        rigid_series(now, work)
+        law.ground, law.push, law.tool_share, law.pull_y, law.pull_y_dot = now.ground + now.push, 0.0, 0.0, 0.0, 0.0
+        work.x[DEFLECTION] = work.x[DEFLECTION_RATE] = work.x[DEFLECTION_INTEGRAL] = 0.0
+    expand_polynomial(&law, work.x, work.series)
 
 
 cdef double fastest(const Piece *now, const double *x) noexcept nogil:

@@ -146,11 +146,19 @@ cdef struct Recorder:  # where contacts and trace are written; no rows record no
     double interval  # s, between two points of a trace in flight
 
 
+cdef extern from "solver/taylor.h" nogil:
+    enum:
+        ORDER, PLACES  # of a series
+
+    ctypedef struct Polynomial:
+        double held, damping, share, ground, tool_share, push, pull_y, pull_y_dot
+
+    void expand_polynomial(const Polynomial *law, const double *x, double[PLACES] *series)
+
+
 cdef enum:
     WIDTH = 10  # places of the longest scaled state
-    ORDER = 12  # of a Taylor series, see `solver/taylor.py`
     LAST_ORDERS = 3  # of a series, which tell how it converges: from z = 0 two in a row may vanish
-    SERIES_WIDTH = 8  # places of a state that is expanded in a series, and unused ones
     KEPT = 8  # stages of a step that are kept: the rates of stages 5 to 11 for dense output, or all of a stiff step
 
 
@@ -162,8 +170,7 @@ cdef struct Work:  # scratch of the integrator
     double[KEPT][WIDTH] stage
     double[7][WIDTH] dense  # polynomial through the step
     bint dense_known
-    double[ORDER + 1][SERIES_WIDTH] series  # of the state from `x` on
-    double[LAST_ORDERS] last_orders  # mean squares of its places there, the last first
+    double[ORDER + 1][PLACES] series  # of the state from `x` on
     bint expanded  # whether it is that
     double longest  # step that it is good for; 0 where it is good for none
     double[WIDTH][WIDTH] matrix

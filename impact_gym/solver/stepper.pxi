@@ -24,16 +24,16 @@ cdef double MOST_LEFT_OUT = 2e-8  # and over several: more digits cost little
 
 cdef void evaluate(const Piece *now, const Work *work, double h, double *x, double *rate) noexcept nogil:
     """Find the state and its rate after `h` on the series."""
-    cdef double[SERIES_WIDTH] odd, even
+    cdef double[PLACES] odd, even
     cdef double square = h * h
     cdef int i, k
-    for i in range(SERIES_WIDTH):
+    for i in range(PLACES):
         even[i], odd[i] = work.series[ORDER][i], work.series[ORDER - 1][i]
     for k in range(ORDER - 2, 0, -2):
-        for i in range(SERIES_WIDTH):
+        for i in range(PLACES):
             even[i] = work.series[k][i] + square * even[i]
             odd[i] = work.series[k - 1][i] + square * odd[i]
-    for i in range(SERIES_WIDTH):
+    for i in range(PLACES):
         x[i] = work.series[0][i] + h * (odd[i] + h * even[i])
     rates(now, x, rate)
 
@@ -44,11 +44,19 @@ cdef double longest_by_series(const Piece *now, const Work *work) noexcept nogil
     0 where that cannot be told.
     """
     cdef float root = -7.0  # log of its inverse, at the least
-    cdef int i
-    for i in range(LAST_ORDERS):
-        if not work.last_orders[i] < 1e30:
+    cdef double[PLACES] weight
+    cdef double squares
+    cdef int i, k
+    for i in range(PLACES):
+        weight[i] = max(fabs(work.series[0][i]), 1.0)
+        weight[i] = 1.0 / (weight[i] * weight[i])
+    for k in range(ORDER - LAST_ORDERS + 1, ORDER + 1):
+        squares = 0.0
+        for i in range(PLACES):
+            squares += weight[i] * (work.series[k][i] * work.series[k][i])
+        if not squares < 1e30:
             return 0.0
-        root = max(root, <float> (1.0 / (ORDER - i)) * logf(<float> sqrt(work.last_orders[i])))
+        root = max(root, <float> (1.0 / k) * logf(<float> sqrt(squares / now.width)))
     return expf(<float> (1.0 / (ORDER + 1)) * logf(<float> min(LEFT_OUT * now.tolerance, MOST_LEFT_OUT)) - root)
 
 

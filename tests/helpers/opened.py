@@ -20,7 +20,7 @@ FLAGS = "-O0 -w -fPIC -fno-math-errno -fno-trapping-math -ffp-contract=off -DCOM
 def kernels():
     """The compiled module; 4 s the first time, for whichever process comes first."""
     package = SOURCE.parents[2] / "impact_gym"
-    sources = (SOURCE, *sorted((*package.glob("*.pyx"), *package.rglob("*.pxi"))))
+    sources = (SOURCE, *sorted((*package.glob("*.pyx"), *package.rglob("*.pxi"), *package.rglob("*.h"))))
     content = b"".join(file.read_bytes() for file in sources)
     version = sha256(content).hexdigest()[:16] + sysconfig.get_config_var("EXT_SUFFIX")
     library, written = BUILT / version, BUILT / f"{version}.c"
@@ -30,7 +30,7 @@ def kernels():
         if not library.exists():
             for stale in BUILT.glob("*.so"):
                 stale.unlink()
-            link = f"{sysconfig.get_config_var('LDSHARED')} {FLAGS} -I{shlex.quote(sysconfig.get_path('include'))}"
+            link = f"{sysconfig.get_config_var('LDSHARED')} {FLAGS} -I{shlex.quote(sysconfig.get_path('include'))} -I{shlex.quote(str(package))}"
             subprocess.run([sys.executable, "-m", "cython", "-o", written, SOURCE], check=True)
             subprocess.run([*shlex.split(link), written, "-o", written.with_suffix(".so")], check=True)
             written.with_suffix(".so").rename(library)
