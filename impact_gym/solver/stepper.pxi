@@ -18,7 +18,7 @@ cdef enum:
 cdef double NEAR = 3.5  # of h lambda; kept at the border of 6, good attempts and bad ones alternate between 4 and 7
 
 
-cdef double LEFT_OUT = 0.02  # of the local error allowed: what a series leaves out adds up over a contact,
+cdef double LEFT_OUT = 0.05  # of the local error allowed: what a series leaves out adds up over a contact,
 cdef double MOST_LEFT_OUT = 2e-8  # and over several: more digits cost little
 
 
