@@ -131,10 +131,7 @@ cdef void dense_output(const Piece *now, Work *work, double h) noexcept nogil:
 
 
 cdef double apparent_eigenvalue(const Piece *now, const Work *work) noexcept nogil:
-    """How far the rates of the last two stages of an explicit step differ, over their states; where it is a series, the
-
-    largest of the contact's or the spring's own at its end.
-    """
+    """How far the rates of the last two stages of an explicit step differ, over their states; of a series see there."""
     if work.method == SERIES:
         return fastest(now, work.trial)
     if now.law.kind == SPRING:
@@ -142,29 +139,6 @@ cdef double apparent_eigenvalue(const Piece *now, const Work *work) noexcept nog
     if now.law.kind == RIGID:
         return rigid_eigenvalue(work)
     return integrated_eigenvalue(work)
-
-
-cdef void expand(const Piece *now, Work *work) noexcept nogil:
-    """Find the Taylor series of the state from `work.x` on."""
-    cdef Polynomial law
-    law.held, law.damping, law.share = now.contact.held, now.contact.damping, now.share
-    if now.law.kind == SPRING:
-        law.ground, law.push, law.tool_share = now.ground, now.push, now.tool_share
-        law.pull_y, law.pull_y_dot = now.pull_y, now.pull_y_dot
-    else:
-        law.ground, law.push, law.tool_share, law.pull_y, law.pull_y_dot = now.ground + now.push, 0.0, 0.0, 0.0, 0.0
-        work.x[DEFLECTION] = work.x[DEFLECTION_RATE] = work.x[DEFLECTION_INTEGRAL] = 0.0
-    expand_polynomial(&law, work.x, work.series)
-
-
-cdef double fastest(const Piece *now, const double *x) noexcept nogil:
-    """Largest eigenvalue of contact or spring, each for itself, at the scaled state `x` of an analytic piece."""
-    cdef double z = x[ROOT], contact, spring = 0.0
-    contact = now.share * z * z * z * (now.contact.held + now.contact.damping * x[RATE])
-    contact = now.share * now.contact.damping * z * z * z * z + sqrt(max(1.5 * contact, 0.0))
-    if now.law.kind == SPRING:
-        spring = z * (fabs(now.pull_y_dot) + sqrt(fabs(now.pull_y)))
-    return max(contact, spring)
 
 
 cdef inline double ground_now(const Run *run, const Chain *chain) noexcept nogil:

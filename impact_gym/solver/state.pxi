@@ -158,7 +158,6 @@ cdef extern from "solver/taylor.h" nogil:
 
 cdef enum:
     WIDTH = 10  # places of the longest scaled state
-    LAST_ORDERS = 3  # of a series, which tell how it converges: from z = 0 two in a row may vanish
     KEPT = 8  # stages of a step that are kept: the rates of stages 5 to 11 for dense output, or all of a stiff step
 
 
@@ -172,7 +171,7 @@ cdef struct Work:  # scratch of the integrator
     bint dense_known
     double[ORDER + 1][PLACES] series  # of the state from `x` on
     bint expanded  # whether it is that
-    double longest  # step that it is good for; 0 where it is good for none
+    double longest  # step that it is good for, 0 for none
     double[WIDTH][WIDTH] matrix
     int method  # of the step under way
     Memory memory

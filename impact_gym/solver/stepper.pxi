@@ -1,10 +1,12 @@
-"""One step of the integrator: the explicit pair DOP853, or the L-stable one where that is held back by stiffness.
+"""One step of the integrator: of a Taylor series, of the explicit pair DOP853, or of the L-stable one where a piece is stiff.
 
-The explicit pair knows that it is by the estimate of Hairer's code: the rates of its last two stages, which stand at
-the same time, differ by about lambda times their states. Near the border of its stability, h lambda about 6, its error
-estimate keeps it there however smooth the motion is. Attempts near it that repeat, good or not, hand over to the
-L-stable pair. From time to time that lets the explicit one try its step: if it can, it goes on. Whoever hands over in
-vain, as swings that only look stiff make it, is more patient the next time.
+Where the equations are polynomial, a step follows their series (`series.pxi`), which says how far it goes and is known
+all along; elsewhere it is one of the explicit pair. That a piece is stiff, the pair knows by the estimate of Hairer's
+code: the rates of its last two stages, which stand at the same time, differ by about lambda times their states; of a
+series the eigenvalues are known. Near the border of stability, h lambda about 6, the error estimate keeps either there
+however smooth the motion is. Attempts near it that repeat, good or not, hand over to the L-stable pair. From time to time
+that lets the explicit one try its step: if it can, it goes on. Whoever hands over in vain, as swings that only look stiff
+make it, is more patient the next time.
 """
 
 cdef enum:
@@ -16,48 +18,6 @@ cdef enum:
     MOST = 16 * UNCHECKED
 
 cdef double NEAR = 3.5  # of h lambda; kept at the border of 6, good attempts and bad ones alternate between 4 and 7
-
-
-cdef double LEFT_OUT = 0.05  # of the local error allowed: what a series leaves out adds up over a contact,
-cdef double MOST_LEFT_OUT = 2e-8  # and over several: more digits cost little
-
-
-cdef void evaluate(const Piece *now, const Work *work, double h, double *x, double *rate) noexcept nogil:
-    """Find the state and its rate after `h` on the series."""
-    cdef double[PLACES] odd, even
-    cdef double square = h * h
-    cdef int i, k
-    for i in range(PLACES):
-        even[i], odd[i] = work.series[ORDER][i], work.series[ORDER - 1][i]
-    for k in range(ORDER - 2, 0, -2):
-        for i in range(PLACES):
-            even[i] = work.series[k][i] + square * even[i]
-            odd[i] = work.series[k - 1][i] + square * odd[i]
-    for i in range(PLACES):
-        x[i] = work.series[0][i] + h * (odd[i] + h * even[i])
-    rates(now, x, rate)
-
-
-cdef double longest_by_series(const Piece *now, const Work *work) noexcept nogil:
-    """The step that leaves out as much as is allowed, by the last orders: c_k shrinks as the k-th power of a radius.
-
-    0 where that cannot be told.
-    """
-    cdef float root = -7.0  # log of its inverse, at the least
-    cdef double[PLACES] weight
-    cdef double squares
-    cdef int i, k
-    for i in range(PLACES):
-        weight[i] = max(fabs(work.series[0][i]), 1.0)
-        weight[i] = 1.0 / (weight[i] * weight[i])
-    for k in range(ORDER - LAST_ORDERS + 1, ORDER + 1):
-        squares = 0.0
-        for i in range(PLACES):
-            squares += weight[i] * (work.series[k][i] * work.series[k][i])
-        if not squares < 1e30:
-            return 0.0
-        root = max(root, <float> (1.0 / k) * logf(<float> sqrt(squares / now.width)))
-    return expf(<float> (1.0 / (ORDER + 1)) * logf(<float> min(LEFT_OUT * now.tolerance, MOST_LEFT_OUT)) - root)
 
 
 cdef double attempt(const Piece *now, Work *work, double h) noexcept nogil:
@@ -78,7 +38,7 @@ cdef double judge(const Piece *now, Work *work, double h, double *error) noexcep
     """
     cdef Memory *memory = &work.memory
     memory.seen += 1
-    if (work.method == STIFF) != (memory.method == STIFF):  # the explicit pair tries: one step may look good however unstable it is
+    if work.method != STIFF and memory.method == STIFF:  # it tries: one step may look good however unstable it is
         if error[0] > 1.0 or h * apparent_eigenvalue(now, work) > NEAR:
             memory.seen, error[0] = 0, 2.0
             return 1.0
@@ -93,18 +53,17 @@ cdef double judge(const Piece *now, Work *work, double h, double *error) noexcep
 
 
 cdef void choose_method(const Piece *now, Work *work, double *h) noexcept nogil:
-    """Choose by which method to step: now and then an explicit one may try; a new series says how far it goes."""
+    """Choose how to step: in a stiff piece now and then as if it were not. A new series says how far it goes."""
     cdef const Memory *memory = &work.memory
-    cdef bint known = work.expanded
-    work.method = STIFF if memory.method == STIFF and (memory.seen == 0 or memory.seen % TRY != 0) else EXPLICIT
+    cdef bint stiff = memory.method == STIFF, known = work.expanded
+    work.method = STIFF if stiff and (memory.seen == 0 or memory.seen % TRY != 0) else EXPLICIT
     if work.method == STIFF or not now.analytic:
         return
     if not known:
         expand(now, work)
-        work.expanded, work.longest = True, longest_by_series(now, work)
     if work.longest > 0.0:
         work.method = SERIES
-        if memory.method != STIFF:
+        if not stiff:
             h[0] = min(h[0], work.longest) if known else work.longest
 
 

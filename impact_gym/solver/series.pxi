@@ -1,0 +1,67 @@
+"""Steps by the Taylor series of a piece that is polynomial: `taylor.h` expands it, here is what comes of that."""
+
+cdef enum:
+    LAST_ORDERS = 3  # tell how a series converges: from z = 0, without damping, two in a row of every five vanish
+
+cdef double LEFT_OUT = 0.05  # of the local error allowed: what is left out adds up over a contact,
+cdef double MOST_LEFT_OUT = 2e-8  # and over several: more digits cost little
+cdef double TOO_STEEP = 1e30  # of a mean square of coefficients: the explicit pair goes on from where they are larger
+
+
+cdef void expand(const Piece *now, Work *work) noexcept nogil:
+    """Find the series of the state from `work.x` on, and the longest step by it, 0 where that cannot be told."""
+    cdef Polynomial law = Polynomial(
+        now.contact.held, now.contact.damping, now.share, now.ground,
+        now.tool_share, now.push, now.pull_y, now.pull_y_dot,
+    )
+    if now.law.kind == RIGID:  # as if a spring did nothing, in places that it has not
+        law.ground += now.push
+        law.tool_share = law.push = law.pull_y = law.pull_y_dot = 0.0
+        work.x[DEFLECTION] = work.x[DEFLECTION_RATE] = work.x[DEFLECTION_INTEGRAL] = 0.0
+    expand_polynomial(&law, work.x, work.series)
+    work.expanded, work.longest = True, longest_by_series(now, work)
+
+
+cdef double longest_by_series(const Piece *now, const Work *work) noexcept nogil:
+    """The step that leaves out as much as is allowed: coefficients of order k shrink as the k-th power of a radius."""
+    cdef float inverse_radius = -7.0  # its log, at the least
+    cdef double[PLACES] weight
+    cdef double squares, left_out = min(LEFT_OUT * now.tolerance, MOST_LEFT_OUT)
+    cdef int i, k
+    for i in range(PLACES):
+        weight[i] = max(fabs(work.series[0][i]), 1.0)
+        weight[i] = 1.0 / (weight[i] * weight[i])
+    for k in range(ORDER - LAST_ORDERS + 1, ORDER + 1):
+        squares = 0.0
+        for i in range(PLACES):
+            squares += weight[i] * (work.series[k][i] * work.series[k][i])
+        if not squares < TOO_STEEP:
+            return 0.0
+        inverse_radius = max(inverse_radius, <float> (1.0 / k) * logf(<float> sqrt(squares / now.width)))
+    return expf(<float> (1.0 / (ORDER + 1)) * logf(<float> left_out) - inverse_radius)
+
+
+cdef void evaluate(const Piece *now, const Work *work, double h, double *x, double *rate) noexcept nogil:
+    """Find the state and its rate after `h` on the series, by Horner's scheme for even and odd orders."""
+    cdef double[PLACES] odd, even
+    cdef double square = h * h
+    cdef int i, k
+    for i in range(PLACES):
+        even[i], odd[i] = work.series[ORDER][i], work.series[ORDER - 1][i]
+    for k in range(ORDER - 2, 0, -2):
+        for i in range(PLACES):
+            even[i] = work.series[k][i] + square * even[i]
+            odd[i] = work.series[k - 1][i] + square * odd[i]
+    for i in range(PLACES):
+        x[i] = work.series[0][i] + h * (odd[i] + h * even[i])
+    rates(now, x, rate)
+
+
+cdef double fastest(const Piece *now, const double *x) noexcept nogil:
+    """Largest eigenvalue of contact or spring, each for itself, at the scaled state `x` of an analytic piece."""
+    cdef double z = x[ROOT], contact, spring = 0.0
+    contact = now.share * z * z * z * (now.contact.held + now.contact.damping * x[RATE])
+    contact = now.share * now.contact.damping * z * z * z * z + sqrt(max(1.5 * contact, 0.0))
+    if now.law.kind == SPRING:
+        spring = z * (fabs(now.pull_y_dot) + sqrt(fabs(now.pull_y)))
+    return max(contact, spring)
