@@ -133,7 +133,7 @@ cdef void dense_output(const Piece *now, Work *work, double h) noexcept nogil:
 cdef double apparent_eigenvalue(const Piece *now, const Work *work) noexcept nogil:
     """How far the rates of the last two stages of an explicit step differ, over their states; of a series see there."""
     if work.method == SERIES:
-        return fastest(now, work.trial)
+        return fastest(now, work.trial, work.trial_rate)
     if now.law.kind == SPRING:
         return spring_eigenvalue(work)
     if now.law.kind == RIGID:

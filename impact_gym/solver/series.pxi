@@ -57,11 +57,18 @@ cdef void evaluate(const Piece *now, const Work *work, double h, double *x, doub
     rates(now, x, rate)
 
 
-cdef double fastest(const Piece *now, const double *x) noexcept nogil:
+cdef double fastest(const Piece *now, const double *x, const double *rate) noexcept nogil:
     """Largest eigenvalue of contact or spring, each for itself, at the scaled state `x` of an analytic piece."""
-    cdef double z = x[ROOT], contact, spring = 0.0
-    contact = now.share * z * z * z * (now.contact.held + now.contact.damping * x[RATE])
-    contact = now.share * now.contact.damping * z * z * z * z + sqrt(max(1.5 * contact, 0.0))
+    cdef double z = x[ROOT], force, spring = 0.0
     if now.law.kind == SPRING:
-        spring = z * (fabs(now.pull_y_dot) + sqrt(fabs(now.pull_y)))
-    return max(contact, spring)
+        spring = z * largest_root(-now.pull_y_dot, -now.pull_y)
+    if z <= 0.0:
+        return spring
+    force = now.share * z * z * z * (now.contact.held + now.contact.damping * x[RATE])
+    return max(spring, largest_root(now.share * now.contact.damping * z * z * z * z, 1.5 * force - 0.5 * rate[RATE] / z))
+
+
+cdef inline double largest_root(double b, double c) noexcept nogil:
+    """Absolute value of the larger root of r^2 + b r + c, b not negative."""
+    cdef double square = 0.25 * b * b - c
+    return 0.5 * b + sqrt(square) if square > 0.0 else sqrt(c)

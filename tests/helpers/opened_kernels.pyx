@@ -1,5 +1,5 @@
 # cython: language_level=3, boundscheck=False, wraparound=False, initializedcheck=False, cdivision=True, cpow=True
-"""The kernels, and in the same program what tests look at: the closed forms, and one step of either method."""
+"""The kernels, and in the same program what tests look at: the closed forms, and one step of each method."""
 
 include "../../impact_gym/kernels.pyx"
 
@@ -41,7 +41,7 @@ def swing_reach(law, chain):
 BLIND = 10.0, 1e-4  # longest and shortest blind step, scaled
 
 
-def step_once(plan, table, chain, double acceleration, bint flying, x, double h, bint stiff):
+def step_once(plan, table, chain, double acceleration, bint flying, x, double h, str method, double tolerance):
     """Try a step of `h` from the scaled state `x` of a piece that begins at `chain`; return all that is known of it.
 
     Args:
@@ -49,7 +49,8 @@ def step_once(plan, table, chain, double acceleration, bint flying, x, double h,
         acceleration: of the flange, m/s^2.
         flying: in flight or in contact.
         x: state (n,), as long as the chain's.
-        h, stiff: the step, and by which method.
+        h, method: the step, and how: "explicit", "stiff" or "series".
+        tolerance: local error of a step, which says how long one of a series may be.
     """
     cdef Run run
     cdef Work work
@@ -60,14 +61,20 @@ def step_once(plan, table, chain, double acceleration, bint flying, x, double h,
     cdef int i, j
     lower(&given.mount, &law)
     run.law, run.tables, run.contact = &law, <const double *> memory_of(table), given.contact
-    run.object_mass, run.threshold, run.tolerance = given.object_mass, given.threshold, 1.0
+    run.object_mass, run.threshold, run.tolerance = given.object_mass, given.threshold, tolerance
     run.ground = STANDARD_GRAVITY * given.friction
     begin_piece(&run, <const Chain *> memory_of(chain), acceleration, INFINITY, flying, &now)
+    memset(work.x, 0, sizeof(work.x))
     memcpy(work.x, memory_of(x), now.width * sizeof(double))
     rates(&now, work.x, work.rate)
-    work.method = STIFF if stiff else EXPLICIT
+    work.method = {"explicit": EXPLICIT, "stiff": STIFF, "series": SERIES}[method]
+    result = {}
+    if now.analytic:
+        expand(&now, &work)
+        result["series"] = [[work.series[i][j] for j in range(now.width)] for i in range(ORDER + 1)]
+        result["longest"], result["fastest"] = work.longest, fastest(&now, work.x, work.rate)
     error = attempt(&now, &work, h)
-    result = {
+    result |= {
         "rate": [work.rate[i] for i in range(now.width)],
         "end": [work.trial[i] for i in range(now.width)],
         "end_rate": [work.trial_rate[i] for i in range(now.width)],

@@ -1,4 +1,4 @@
-"""One step of either method: tableaus against order conditions and print, compiled steps against the tableaus.
+"""One step of each method: tableaus against order conditions and print, compiled steps against the tableaus.
 
 Steps are taken on smooth pieces of every chain, by the kernels opened for tests (`opened_kernels.pyx`).
 """
@@ -43,7 +43,7 @@ def state(name, seed=0):
 
 
 def stepper(name, contact=None, coupling=None, acceleration=3.0):
-    """A step of `h` from the scaled state `x` of a piece, and all that is known of it, as a function of x, h, stiff."""
+    """A step of `h` from the scaled state `x` of a piece, and all that is known of it, as a function of x, h, method."""
     chain, phase, *stop = name.split(", ")
     robot = next(robot for robot in reversed(ROBOTS) if chain.endswith(robot))
     coupling = coupling or COUPLINGS[chain.removesuffix(robot)]
@@ -56,7 +56,9 @@ def stepper(name, contact=None, coupling=None, acceleration=3.0):
     row["flange_position"], row["flange_velocity"] = 0.14, 0.8
     row["pressed"] = PRESSED["".join(f", {which}" for which in stop)]
     piece = np.array([plan], kernels().APPROACH), table, row, acceleration, phase == "flight"  # m/s^2, of the flange
-    return lambda x, h=1e-3, stiff=False: kernels().step_once(*piece, np.ascontiguousarray(x), h, stiff)
+    return lambda x, h=1e-3, method="explicit", tolerance=1.0: kernels().step_once(
+        *piece, np.ascontiguousarray(x), h, method, tolerance
+    )
 
 
 STAGES = len(tableau.A)
@@ -154,11 +156,57 @@ def test_explicit_step_is_the_loop_over_its_tableau(name):
     assert compiled["middle"] == pytest.approx(x + middle, rel=1e-12, abs=1e-12)
 
 
+SERIES = pytest.mark.parametrize("name", [f"{chain}, contact" for chain in WIDTHS])
+
+
+@SERIES
+def test_series_solves_the_equations_up_to_its_order(name):
+    step = stepper(name)
+    for seed in range(10):
+        expanded = step(state(name, seed), method="series", tolerance=1e-6)
+        series, far = expanded["series"], expanded["longest"]
+        powers = np.arange(len(series))
+
+        def off(s, series=series, powers=powers):
+            slope = powers[1:] * s ** powers[:-1] @ series[1:]
+            return np.abs(slope - step(s**powers @ series)["rate"]).max()
+
+        assert off(far) < 1e-5
+        assert np.log2(off(far) / off(0.5 * far)) > len(series) - 2  # a wrong coefficient shows at its own order
+
+
+@SERIES
+@pytest.mark.parametrize("tolerance", [1e-5, 1e-8, 1e-11])
+def test_longest_step_by_a_series_leaves_out_as_much_as_is_allowed_and_not_much_less(name, tolerance):
+    step, shares = stepper(name), []
+    for seed in range(20):
+        x = state(name, seed)
+        h = step(x, method="series", tolerance=tolerance)["longest"]
+        end = step(x, h, "series")["end"]
+        exact = solve_ivp(lambda _, y: step(y)["rate"], (0.0, h), x, "DOP853", rtol=3e-14, atol=1e-16).y[:, -1]
+        shares.append(np.abs((end - exact) / np.maximum(np.abs(x), 1.0)).max() / tolerance)
+    assert max(shares) < 0.5
+    assert tolerance < 1e-10 or np.median(shares) > 1e-4
+
+
+@SERIES
+def test_series_of_a_state_that_no_float_holds_is_left_to_the_explicit_pair(name):
+    assert stepper(name)(1e6 * state(name), method="series")["longest"] == 0.0
+
+
+@pytest.mark.parametrize(("name", "close"), [("rigid, contact", 1e-9), (SPRING_PIECE, 0.15)])
+def test_fastest_motion_of_a_series_is_the_largest_eigenvalue_but_for_what_contact_and_spring_do_together(name, close):
+    for damping, seed in product([0.1, 1.0, 30.0], range(10)):
+        coupling = ig.SpringDamper(150.0, damping) if name.startswith("spring") else None
+        at = stepper(name, coupling=coupling)(state(name, seed), method="series")
+        assert at["fastest"] == pytest.approx(np.abs(np.linalg.eigvals(at["jacobian"])).max(), rel=close)
+
+
 @EVERY_PIECE
 def test_stiff_step_is_that_of_its_tableau_with_the_linear_equations_solved_by_numpy(name):
     step, x, h, method = stepper(name), state(name), 0.1, kernels().STIFF_TABLEAU
     x[1] = -1.5  # parting, the slower the later
-    compiled, A, C = step(x, h, True), method["A"], method["C"]
+    compiled, A, C = step(x, h, "stiff"), method["A"], method["C"]
     matrix = np.eye(len(x)) / (method["gamma"] * h) - compiled["jacobian"]
     k = np.zeros((8, len(x)))
     for stage in range(8):
@@ -170,14 +218,17 @@ def test_stiff_step_is_that_of_its_tableau_with_the_linear_equations_solved_by_n
 
 
 @pytest.mark.parametrize(
-    ("stiff", "what", "longest", "order"),
-    [(False, "end", 0.2, 8.5), (False, "middle", 0.2, 7.5), (True, "end", 0.05, 5.6), (True, "error", 0.05, 4.8)],
+    ("method", "what", "longest", "order"),
+    [
+        ("explicit", "end", 0.2, 8.5), ("explicit", "middle", 0.2, 7.5), ("series", "end", 0.4, 12.2),
+        ("series", "middle", 0.8, 12.2), ("stiff", "end", 0.05, 5.6), ("stiff", "error", 0.05, 4.8),
+    ],
 )
-def test_step_shows_the_order_of_each_pair_when_halved(stiff, what, longest, order):
+def test_step_shows_the_order_of_each_method_when_halved(method, what, longest, order):
     step, x = stepper(SPRING_PIECE), state(SPRING_PIECE)
     errors = []
     for h in longest * 0.5 ** np.arange(3):
-        compiled = step(x, h, stiff)[what]  # an estimate of the error is one itself
+        compiled = step(x, h, method)[what]  # an estimate of the error is one itself
         at = 0.5 * h if what == "middle" else h
         exact = solve_ivp(lambda _, y: step(y)["rate"], (0.0, at), x, "DOP853", rtol=3e-14, atol=1e-16).y[:, -1]
         errors.append(compiled if what == "error" else np.abs(compiled - exact).max())
@@ -226,9 +277,9 @@ def test_stiff_step_far_longer_than_a_decay_ends_where_the_decay_does(rate):
     # an overdamped spring: y' decays to -(y + what the contact pushes) / rate; a method only A-stable keeps swinging
     step = stepper(SPRING_PIECE, ig.Contact(1e3, 1.0), ig.SpringDamper(150.0, rate))
     x = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0])
-    assert abs(step(x, 0.05, True)["jacobian"][5][5]) > 0.05 * rate
+    assert abs(step(x, 0.05, "stiff")["jacobian"][5][5]) > 0.05 * rate
     for _ in range(4):
-        x = step(x, 0.05, True)["end"]
-    last = step(x, 0.05, True)
+        x = step(x, 0.05, "stiff")["end"]
+    last = step(x, 0.05, "stiff")
     slaved = x[5] - last["rate"][5] / last["jacobian"][5][5]  # where its rate vanishes
     assert x[5] == pytest.approx(slaved, rel=0.01)
