@@ -1,4 +1,4 @@
-"""One step of the integrator: of a Taylor series, of the explicit pair DOP853, or of the L-stable one where a piece is stiff.
+"""One step of the integrator: by a Taylor series, by the explicit pair DOP853, or by an L-stable one.
 
 Where the equations are polynomial, a step follows their series (`series.pxi`), which says how far it goes and is known
 all along; elsewhere it is one of the explicit pair. That a piece is stiff, the pair knows by the estimate of Hairer's
