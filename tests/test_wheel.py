@@ -19,7 +19,7 @@ from experiments.command import COMMANDS
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("impact_gym", "agents", "experiments")
-NOT_SHIPPED = {".pyx", ".pxi", ".c", ".so"}
+NOT_SHIPPED = {".pyx", ".pxi", ".h", ".c", ".so"}
 EPISODES = """
 from impact_gym.agents import baselines, load_policy, load_setup
 from impact_gym.agents.setups import shipped
@@ -191,7 +191,7 @@ def test_import_does_not_load_what_learning_and_plotting_need():
     [
         ([], "sources of the solver have changed since it was compiled; compile it with `make"),
         (["kernels*.so"], "the solver is not compiled; compile it with `make"),
-        (["*.pyx", "*/*.pxi"], ""),  # a wheel without sources is taken as it is
+        (["*.pyx", "*/*.pxi", "*/*.h"], ""),  # a wheel without sources is taken as it is
     ],
 )
 def test_import_refuses_a_solver_that_is_not_what_its_sources_say(copy, missing, message):
