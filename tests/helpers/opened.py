@@ -30,7 +30,8 @@ def kernels():
         if not library.exists():
             for stale in BUILT.glob("*.so"):
                 stale.unlink()
-            link = f"{sysconfig.get_config_var('LDSHARED')} {FLAGS} -I{shlex.quote(sysconfig.get_path('include'))} -I{shlex.quote(str(package))}"
+            headers = shlex.join(f"-I{folder}" for folder in (sysconfig.get_path("include"), package))
+            link = f"{sysconfig.get_config_var('LDSHARED')} {FLAGS} {headers}"
             subprocess.run([sys.executable, "-m", "cython", "-o", written, SOURCE], check=True)
             subprocess.run([*shlex.split(link), written, "-o", written.with_suffix(".so")], check=True)
             written.with_suffix(".so").rename(library)

@@ -43,7 +43,7 @@ def state(name, seed=0):
 
 
 def stepper(name, contact=None, coupling=None, acceleration=3.0):
-    """A step of `h` from the scaled state `x` of a piece, and all that is known of it, as a function of x, h, method."""
+    """A step of `h` from the scaled state `x` of a piece, and all that is known of it, as a function of these."""
     chain, phase, *stop = name.split(", ")
     robot = next(robot for robot in reversed(ROBOTS) if chain.endswith(robot))
     coupling = coupling or COUPLINGS[chain.removesuffix(robot)]
