@@ -9,7 +9,7 @@ from pathlib import Path
 
 ALWAYS = ("agents", "impact_gym")  # packages that are sent to each node
 STANDARD = Path(sysconfig.get_path("stdlib")).resolve()
-SOURCES = (".py", ".pyx", ".pxi", ".csv", ".json", ".toml", ".npz", ".jinja", ".css", ".js", ".typed")
+SOURCES = (".py", ".pyx", ".pxi", ".h", ".csv", ".json", ".toml", ".npz", ".jinja", ".css", ".js", ".typed")
 """Kinds of files that a package here reads or is made of."""
 COMPILED = (".so",)
 

@@ -185,6 +185,8 @@ cdef void trace_step(Run *run, const Piece *now, Chain *chain, double taken) noe
     cdef Chain ghost = chain[0]
     cdef Sight sight
     cdef int64_t point, points = TRACE_POINTS
+    if run.work.method == SERIES:  # such a step is longer
+        points = 3 * TRACE_POINTS // 2
     if now.flying:
         points = <int64_t> ceil(taken * now.units.time / run.recorder.interval)
     for point in range(1, points + 1):
