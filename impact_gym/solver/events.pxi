@@ -6,7 +6,7 @@ rows at both ends. Where in the step is found on the integrator's polynomial; th
 
 cdef enum:
     CLOCK  # the time is up
-    SEPARATION  # the root z passes zero; dt = z ds runs backwards there
+    SEPARATION  # the root z passes zero; it does not come back, dt = z ds runs backwards there
     CLAMP  # the force would become a pull, or no longer would
     FORCE  # it exceeds the threshold; where it is largest is recorded
     SLIP  # it exceeds the friction under an object that sticks
@@ -39,8 +39,7 @@ cdef void look(const Piece *now, const double *x, const double *rate, Sight *sig
         sight.slope[TOUCH] = rate[ROOT]
         return
     sight.value[CLOCK], sight.slope[CLOCK] = x[TIME] - now.horizon, rate[TIME]
-    sight.value[SEPARATION] = sight.height[SEPARATION] = -z
-    sight.slope[SEPARATION] = -rate[ROOT]
+    sight.value[SEPARATION], sight.slope[SEPARATION] = -z, -rate[ROOT]
     sight.value[CLAMP], sight.slope[CLAMP] = contact_grip(now.grip, z, w, rate[RATE])
     sight.height[FORCE] = sight.slope[FORCE] = 0.0
     if now.contact.held != 0.0:
@@ -123,7 +122,7 @@ cdef Finding search(
         if (row == FORCE or row == SLIP) and now.contact.n == 0.0 and work.x[ROOT] == 0.0:
             if end.slope[FORCE] < 0.0 and rises_at_onset(now, work, h):
                 return Finding(SHORTER, 0.25, 1.0, 0.0, 0.0, 0.0, 0.0)  # one that ends before the peak
-        elif (row == FORCE or (row >= SEPARATION and reached <= 0.0)) and comes_back(row, h, start, end):
+        elif (row == FORCE or (row >= CLAMP and reached <= 0.0)) and comes_back(row, h, start, end):
             share = climb(now, work, h, row, start, end, &summit)
             if row == FORCE:
                 found.peak, found.peak_at = summit.height[FORCE], share * h

@@ -24,7 +24,7 @@ cdef void expand(const Piece *now, Work *work) noexcept nogil:
 
 cdef double longest_by_series(const Piece *now, const Work *work) noexcept nogil:
     """The step that leaves out as much as is allowed: coefficients of order k shrink as the k-th power of a radius."""
-    cdef float inverse_radius = -7.0  # its log, at the least
+    cdef float inverse_radius = -7.0  # its log; no less, as last orders may vanish by chance or in a float
     cdef double[PLACES] weight
     cdef double squares, left_out = min(LEFT_OUT * now.tolerance, MOST_LEFT_OUT)
     cdef int i, k
