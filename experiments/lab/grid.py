@@ -34,6 +34,7 @@ class Place(NamedTuple):
     setup: str
     change: str  # in words
     environment: Mapping[str, Any]  # arguments of the environment, without scenario and time weight
+    scenarios: Mapping[str, Any] | None = None  # instead of those of the grid
 
 
 def cells(
@@ -46,7 +47,7 @@ def cells(
     for place, contestant in product(places, contestants):
         labels = {"setup": place.setup, "change": place.change, "contestant": contestant.name, "seed": contestant.seed}
         arguments = {"controller": contestant.controller, "environment": place.environment}
-        yield Cell(labels, {**arguments, "scenarios": scenarios, "weights": list(weights)})
+        yield Cell(labels, {**arguments, "scenarios": place.scenarios or scenarios, "weights": list(weights)})
 
 
 def play(

@@ -62,7 +62,7 @@ SET_UPS = [
     ("[evaluation]\nweights = []", "evaluation.weights must hold weights"),
     ("[evaluation]\nweights = [1.0, 1.0]", "none twice"),
     ("[evaluation]\nweights = 'all'", "evaluation.weights must be a sequence of numbers"),
-    ("[evaluation]\nat_most = 0", "evaluation.at_most must be .*above 0"),
+    ("[evaluation]\ntypical = 0", "evaluation.typical must be .*above 0"),
     ("[evaluation]\nset = 'tset'", "no evaluation set 'tset'"),
     ("[evaluation]\nset = 3", "evaluation.set must be a name"),
     ("[evaluation]\nscenarios = 1", "evaluation.scenarios must be a whole number of at least 2"),
@@ -79,7 +79,6 @@ SET_UPS = [
      "evaluation.varied.coupling.front_stop: "),
     ('[baselines]\nagainst = ["bad-profil"]', "baselines.against.bad-profil; did you mean 'bad-profile'"),
     ('[baselines]\nbound = "nonsense"', "unknown key baselines.bound.nonsense"),
-    ('[evaluation]\nof = "linear-blnd"', "unknown key evaluation.of.linear-blnd; did you mean 'linear-blind'"),
     ("[evaluation]\nweights = [1.0, 20.0]", "evaluation: weights .* at most 8 m/s per s, got 20"),
 ]  # fmt: skip
 
