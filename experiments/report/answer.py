@@ -18,7 +18,6 @@ from experiments.report.matchups import BOUND, POLICY, Matchup
 from experiments.report.played import Played, Run
 
 FRONT = ("approach_time", "object_velocity")
-FAMILY = "any constant speed"
 MISSED_TOO_OFTEN = 0.01  # of the objects: a missed one has no V_p
 
 
@@ -117,17 +116,14 @@ def _at_least(answer: Answer) -> str:
 def trade_off(played: Played) -> Figure:
     """Return the figure of approach time against V_p."""
     labels = played.matchup.labels
-    runs: list[tuple[str, str, str | None, Run]]
-    runs = [(labels[name], name, None, run) for name, run in played.baselines.items()]
-    runs += [(POLICY, seed, None, run) for seed, run in played.seeds.items()]
-    runs += [(FAMILY, FAMILY, speed, run) for speed, run in played.family.items()]
-    runs += [(BOUND, BOUND, None, played.bound)] if played.bound else []
-    rows = [
-        {"contestant": name, "line": line, "w": weight, **run.means(weight), "speed": speed}
-        for name, line, speed, run in runs
+    runs = [(labels[name], name, run) for name, run in played.baselines.items()]
+    runs += [(POLICY, seed, run) for seed, run in played.seeds.items()]
+    runs += [(BOUND, BOUND, played.bound)] if played.bound else []
+    data = pl.DataFrame([
+        {"contestant": name, "line": line, "w": weight, **run.means(weight)}
+        for name, line, run in runs
         for weight in run.weights
-    ]
-    data = pl.DataFrame(rows, infer_schema_length=None)
+    ])  # fmt: skip
     data = data.with_columns(chosen=pl.col("line") == played.matchup.chosen)
     looks = looks_of(data)
     base = chart_of(data).encode(
@@ -153,7 +149,7 @@ def trade_off(played: Played) -> Figure:
     )  # fmt: skip
     caption = (
         "Down and left is better. A line per contestant over its time weights, the policy's faint lines are the other "
-        f"seeds; {FAMILY} is sped up to and braked at 16 m/s² or as hard as the arm can." + bound
+        "seeds." + bound
     )
     subject = f"time until {played.matchup.until} against V_p, everybody and every seed"
     return Figure(played.matchup.name, "trade_off", subject, caption, text, zoomable(layers), data, 380)

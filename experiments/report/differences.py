@@ -11,9 +11,9 @@ from experiments.lab.comparison import Comparison
 from experiments.lab.parts import Table
 from experiments.lab.statistics import estimate, quantile_groups
 from experiments.report.figures import Figure, chart_of, looks_of, zero_line, zoomable
+from experiments.report.jobs import watched_at
 from experiments.report.matchups import PAPER, POLICY
 from experiments.report.played import Played
-from experiments.report.jobs import watched_at
 from impact_gym.quantities import QUANTITIES, SCENARIO
 
 GROUPS = 5  # of each field of the scenario, as many scenarios in each; fewer where there would be less than SMALLEST
@@ -56,7 +56,8 @@ def measures(played: Played) -> Table:
             row |= {what: getattr(episodes, what).mean() for what in ("slide", "touch_time", "taken")}
         rows.append(row)
     columns = {
-        "contestant": "{label}", "T (s)": "{T:.4f}", "V_p (m/s)": "{V:.3f}", "V_p, mean of the worst 5 %": "{worst:.3f}",
+        "contestant": "{label}", "T (s)": "{T:.4f}",
+        "V_p (m/s)": "{V:.3f}", "V_p, mean of the worst 5 %": "{worst:.3f}",
         "peak force (N): mean, 95 %": "{peak:.1f}, {high:.0f}", "impulse (N s)": "{impulse:.4f}",
         "touched again": "{again:.1f} %", "contacts": "{contacts:.2f}", "missed": "{missed}",
     }  # fmt: skip

@@ -1,10 +1,6 @@
-"""Does it hold? One thing is changed at a time; policy and baselines stay as they were trained and tuned.
-
-Played on the grid that studies share; `outcomes` has what came of each change, the rest says where the policy is worse.
-"""
+"""Does it hold? One thing is changed at a time; policy and baselines stay as they were trained and tuned."""
 
 from collections.abc import Iterator, Mapping
-from itertools import groupby
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,7 +9,6 @@ import polars as pl
 from agents.setups.evaluation import Change
 from experiments.lab import grid
 from experiments.lab.parts import Heat, HeatMap, Table
-from experiments.lab.statistics import Floats
 from experiments.lab.study import Cell
 from experiments.report.answer import MISSED_TOO_OFTEN
 from experiments.report.matchups import PAPER, POLICY, Matchup
@@ -30,14 +25,7 @@ WORDS = {
 }
 """Changed arguments in plain words, where the quantity has none that a layman reads."""
 SHOWN = {"s": ("ms", 1e3), "m": ("mm", 1e3), "%": ("%", 100.0)}  # units and scales, where they are others than given
-
-
-class Outcome(NamedTuple):
-    """One change, and what each contestant did under it; the median seed is the policy."""
-
-    change: Change
-    losses: Mapping[str, Floats]  # V_p + w T and what misses cost, m/s
-    means: Mapping[str, Mapping[str, Any]]  # of V_p (m/s), T (s) and the loss (m/s), and the number of misses
+Row = dict[str, Any]
 
 
 class Failing(NamedTuple):
@@ -47,43 +35,19 @@ class Failing(NamedTuple):
     details: str  # all changes
 
 
-class Weakness(NamedTuple):
-    """One argument of the environment with which the policy is worse than a rival."""
-
-    loss: float  # m/s, the largest
-    mildest: Change  # with which it is worse
-    only: bool  # nothing else was tried
-
-
 def cells(matchup: Matchup, scenarios: Mapping[str, Any]) -> Iterator[Cell]:
-    """Return the cells of the grid: paper's rule, rival and policy under each change, at the typical weight."""
-    nominal = {**matchup.environment, **matchup.evaluation.nominal}
+    """Yield the cells of the grid: paper's rule, rival and policy under each change, at the typical weight."""
     places = []
     for change in matchup.changes:
         own = None
         if change.scenarios:
-            own = {"set": change.scenarios, "count": min(scenarios["count"], evaluation_sets.load(change.scenarios).count)}
+            there = evaluation_sets.load(change.scenarios).count
+            own = {"set": change.scenarios, "count": min(scenarios["count"], there)}
+        nominal = {**matchup.environment, **matchup.evaluation.nominal}
         environment = nominal if change.same else change.environment
         places.append(grid.Place(matchup.name, words(change), environment, own))
     contestants = [grid.Contestant(each.name, each.controller) for each in matchup.rivals]
     return grid.cells(places, contestants, scenarios, [matchup.typical])
-
-
-def outcomes(played: Played) -> list[Outcome]:
-    """Return what came of each change."""
-    weight, found = played.matchup.typical, list[Outcome]()
-    by_change = played.varied.partition_by("change", as_dict=True) if len(played.varied) else {}
-    for change in played.matchup.changes:
-        cost = grid.cost(weight, change.environment.get("missed_cost", MISSED_COST)).alias("loss")
-        frame = by_change[words(change),].with_columns(cost)
-        frame = frame.with_columns(pl.col("contestant").replace(played.matchup.chosen, POLICY))
-        means = frame.group_by("contestant", maintain_order=True).agg(
-            pl.mean("loss"), V=pl.mean("object_velocity"), T=pl.mean("approach_time"), missed=pl.sum("missed"), of=pl.len()
-        )
-        rows = {row.pop("contestant"): row for row in means.to_dicts()}
-        losses = {name: frame.filter(contestant=name).sort("episode")["loss"].to_numpy() for name in rows}
-        found.append(Outcome(change, losses, rows))
-    return found
 
 
 def factor(argument: str) -> str:
@@ -105,9 +69,31 @@ def words(change: Change) -> str:
     return f"{factor(change.argument)}: {setting(change)}"
 
 
-def by_argument(all_outcomes: list[Outcome]) -> list[list[Outcome]]:
-    """Return a list for each argument."""
-    return [list(group) for _, group in groupby(all_outcomes, lambda outcome: outcome.change.argument)]
+def outcomes(played: Played) -> pl.DataFrame:
+    """Return a row for each contestant under each change, in their order; the median seed is the policy.
+
+    Beside the means of V_p (m/s), T (s) and the loss (m/s) and the number of objects missed `of` so many, it has by how
+    much the policy costs `more` (m/s): 0 unless that is above two standard errors.
+    """
+    changes = [
+        {"change": words(change), "factor": factor(change.argument), "setting": setting(change), "same": change.same,
+         "value": change.value, "missed_cost": float(change.environment.get("missed_cost", MISSED_COST))}
+        for change in played.matchup.changes
+    ]  # fmt: skip
+    if not changes:
+        return pl.DataFrame(schema={"factor": str, "setting": str, "same": bool, "contestant": str})
+    loss = grid.cost(played.matchup.typical, 0.0) + pl.col("missed_cost") * pl.col("missed")
+    frame = played.varied.join(pl.DataFrame(changes), on="change", maintain_order="left").with_columns(
+        pl.col("contestant").replace(played.matchup.chosen, POLICY), loss=loss
+    )
+    ours = frame.filter(contestant=POLICY).select("change", "episode", more=pl.col("loss"))
+    more = pl.col("more") - pl.col("loss")
+    clear = more.mean() > 2.0 * more.std() / more.len().sqrt()
+    by = ["change", "factor", "setting", "same", "value", "contestant"]
+    return frame.join(ours, on=["change", "episode"], maintain_order="left").group_by(by, maintain_order=True).agg(
+        pl.mean("loss"), V=pl.mean("object_velocity"), T=pl.mean("approach_time"), missed=pl.sum("missed"), of=pl.len(),
+        more=pl.when(clear).then(more.mean()).otherwise(0.0),
+    )  # fmt: skip
 
 
 def where_it_fails(played: Played) -> Failing:
@@ -115,90 +101,72 @@ def where_it_fails(played: Played) -> Failing:
 
     The worst is the one by which it misses most, or else loses most, to the rule before the rival.
     """
-    all_outcomes, rival = outcomes(played), played.matchup.rival
-    missed = _most_missed(all_outcomes)
-    sentences, worse = list[str](), list[tuple[Change, str]]()
+    rows, rival = outcomes(played).to_dicts(), played.matchup.rival
+    sentences, worse = list[str](), list[tuple[Row, str]]()
     for name, plain in {PAPER: PAPER, rival.name: rival.plain}.items():
-        found = [weakness for group in by_argument(all_outcomes) if (weakness := _weakness(group, name))]
-        found.sort(key=lambda weakness: -weakness.loss)
+        against = [row for row in rows if row["contestant"] == name]
+        losing = [row for row in against if row["more"] > 0.0 and not row["same"]]
+        largest: dict[str, float] = {}
+        for row in losing:
+            largest[row["factor"]] = max(row["more"], largest.get(row["factor"], 0.0))
+        found = [_mildest(against, each) for each in sorted(largest, key=lambda each: -largest[each])]
         if found:
-            sentences.append(f"Worse than the {plain} with {', '.join(map(_with, found))}.")
-        worse += [(weakness.mildest, plain) for weakness in found]
-    if missed:
-        change, misses = missed
-        sentences.append(f"It misses {misses} with {factor(change.argument)} at {setting(change)}.")
+            sentences.append(f"Worse than the {plain} with {', '.join(_with(row, against) for row in found)}.")
+        worse += [(row, plain) for row in found]
+    ours = [row for row in rows if row["contestant"] == POLICY]
+    missed = max(ours, key=lambda row: row["missed"] / row["of"], default={"missed": 0, "of": 1})
+    many = missed["missed"] > MISSED_TOO_OFTEN * missed["of"]
+    if many:
+        misses = f"{missed['missed']} of {missed['of']} objects"
+        sentences.append(f"It misses {misses} with {missed['factor']} at {missed['setting']}.")
     if not sentences:
-        tried = sum(not outcome.change.same for outcome in all_outcomes)
+        tried = sum(not row["same"] for row in ours)
         return Failing(f"nowhere among {tried} changes, one at a time, is it worse than its rivals.", "")
-    argument = missed[0].argument if missed else worse[0][0].argument
-    first = [(change, plain) for change, plain in worse if change.argument == argument][:1]
-    clauses = [f"{_at(change)}it is worse than the {plain}" for change, plain in first]
-    clauses += [f"{_at(missed[0])}it misses {missed[1]}"] if missed else []
+    place = missed["factor"] if many else worse[0][0]["factor"]
+    clauses = [f"{_at(row)}it is worse than the {plain}" for row, plain in worse if row["factor"] == place][:1]
+    clauses += [f"{_at(missed)}it misses {misses}"] if many else []
     line = ", ".join(clauses)
-    return Failing(f"{factor(argument)}. {line[0].upper()}{line[1:]}.", " ".join(sentences))
+    return Failing(f"{place}. {line[0].upper()}{line[1:]}.", " ".join(sentences))
 
 
-def _at(change: Change) -> str:
-    return f"at {setting(change)} " if np.isfinite(change.value) else ""
+def _mildest(against: list[Row], place: str) -> Row:
+    """Return the outcome against a rival, under changes of one kind, that is worse at the least distance from usual."""
+    trained = next((row["value"] for row in against if row["factor"] == place and row["same"]), np.nan)
+    losing = [row for row in against if row["factor"] == place and row["more"] > 0.0 and not row["same"]]
+    return min(losing, key=lambda row: np.nan_to_num(abs(row["value"] - trained)))
 
 
-def _with(weakness: Weakness) -> str:
-    return factor(weakness.mildest.argument) + ("" if weakness.only else f" ({setting(weakness.mildest)})")
+def _at(row: Row) -> str:
+    return f"at {row['setting']} " if np.isfinite(row["value"]) else ""
 
 
-def _weakness(group: list[Outcome], rival: str) -> Weakness | None:
-    """Return the weakness among the changes of one argument: where the policy is worse than a rival, if anywhere."""
-    losses = [(outcome.change, _loss(outcome, rival)) for outcome in group if not outcome.change.same]
-    worse = [change for change, loss in losses if loss > 0.0]
-    if not worse:
-        return None
-    trained = next((outcome.change.value for outcome in group if outcome.change.same), np.nan)
-    mildest = min(worse, key=lambda change: np.nan_to_num(abs(change.value - trained)))
-    return Weakness(max(loss for _, loss in losses), mildest, len(losses) == 1)
-
-
-def _loss(outcome: Outcome, rival: str) -> float:
-    """Return by how much the policy costs more than a rival, m/s; 0 unless that is above two standard errors."""
-    difference = outcome.losses[POLICY] - outcome.losses[rival]
-    clear = difference.mean() > 2.0 * difference.std(ddof=1) / np.sqrt(difference.size)
-    return float(difference.mean()) if clear else 0.0
-
-
-def _most_missed(all_outcomes: list[Outcome]) -> tuple[Change, str] | None:
-    """Return the change with which most objects are missed, and how many, if they are many."""
-    shares = [outcome.means[POLICY]["missed"] / outcome.means[POLICY]["of"] for outcome in all_outcomes]
-    if max(shares, default=0.0) <= MISSED_TOO_OFTEN:
-        return None
-    change, _, means = all_outcomes[int(np.argmax(shares))]
-    return change, f"{means[POLICY]['missed']} of {means[POLICY]['of']} objects"
+def _with(row: Row, against: list[Row]) -> str:
+    tried = sum(each["factor"] == row["factor"] and not each["same"] for each in against)
+    return row["factor"] + (f" ({row['setting']})" if tried > 1 else "")
 
 
 def heat_map(played: Played) -> HeatMap:
     """Return what each contestant costs at worst where one thing is off, against the paper's rule with nothing off."""
-    weight, all_outcomes, rival = played.matchup.typical, outcomes(played), played.matchup.rival
+    weight, frame, rival = played.matchup.typical, outcomes(played), played.matchup.rival
     contestants = {PAPER: PAPER, rival.name: rival.label, POLICY: POLICY}
-    runs = {PAPER: played.paper, rival.name: played.rival, POLICY: played.policy}
-    as_it_is: Mapping[str, Mapping[str, Any]]
-    as_it_is = {name: {**run.means(weight), "loss": run.loss(weight).mean(), "of": played.count} for name, run in runs.items()}
-    as_it_is = next((outcome.means for outcome in all_outcomes if outcome.change.same), as_it_is)
-    measure = as_it_is[PAPER]["loss"]
+    usual = {row["contestant"]: row for row in frame.filter("same").unique("contestant", keep="first").to_dicts()}
+    for name, run in {PAPER: played.paper, rival.name: played.rival, POLICY: played.policy}.items():
+        means = {**run.means(weight), "loss": float(run.loss(weight).mean()), "of": played.count}
+        usual.setdefault(name, means)  # where no change is none
+    measure = usual[PAPER]["loss"]
 
-    def cell(mean: Mapping[str, Any], note: str) -> Heat:
+    def cell(mean: Row, note: str) -> Heat:
         missed = f"{mean['missed']} of {mean['of']} missed" if mean["missed"] else ""
         return Heat(f"{mean['loss']:.2f}", ", ".join(filter(None, (note, missed))), mean["loss"] / measure)
 
-    rows = [("nothing", "as trained and tuned", [cell(as_it_is[name], "") for name in contestants])]
-    for group in by_argument(all_outcomes):
-        tried = [setting(outcome.change) for outcome in group if not outcome.change.same]
+    rows = [("nothing", "as trained and tuned", [cell(usual[name], "") for name in contestants])]
+    for (place,), group in frame.group_by("factor", maintain_order=True):
+        tried = group.filter(~pl.col("same"))["setting"].unique(maintain_order=True).to_list()
         if not tried:
             continue
-        heats = []
-        for name in contestants:
-            change, _, means = max(group, key=lambda outcome: outcome.means[name]["loss"])
-            note = "unchanged" if change.same else setting(change) if len(tried) > 1 else ""
-            heats.append(cell(means[name], note))
-        between = f"{len(tried)} tried: {tried[0]} to {tried[-1]}" if len(tried) > 1 else tried[0]
-        rows.append((factor(group[0].change.argument), between, heats))
+        worst = [max(group.filter(contestant=name).to_dicts(), key=lambda row: row["loss"]) for name in contestants]
+        heats = [cell(row, "unchanged" if row["same"] else row["setting"] if len(tried) > 1 else "") for row in worst]
+        rows.append((place, f"{len(tried)} tried: {tried[0]} to {tried[-1]}" if len(tried) > 1 else tried[0], heats))
     caption = (
         f"Mean V_p + {weight:g} T (m/s), less is better, where one thing is off: the worst of the settings tried, and "
         f"which that is. Blue is below, orange above what the paper's rule costs with nothing off, {measure:.2f} m/s."
@@ -208,20 +176,16 @@ def heat_map(played: Played) -> HeatMap:
 
 def table(played: Played) -> Table:
     """Return loss, V_p, T and misses of each contestant under each change."""
-    labels = played.matchup.labels
-    rows = [
-        {"factor": factor(outcome.change.argument), "to": setting(outcome.change), "who": labels.get(name, name), **mean}
-        for outcome in outcomes(played)
-        for name, mean in outcome.means.items()
-    ]
+    labels = pl.col("contestant").replace(played.matchup.labels)
     columns = {
-        "changed": "{factor}", "to": "{to}", "contestant": "{who}", f"V_p + {played.matchup.typical:g} T (m/s)": "{loss:.4f}",
+        "changed": "{factor}", "to": "{setting}", "contestant": "{contestant}",
+        f"V_p + {played.matchup.typical:g} T (m/s)": "{loss:.4f}",
         "V_p (m/s)": "{V:.4f}", "T (s)": "{T:.4f}", "missed": "{missed} of {of}",
     }  # fmt: skip
     caption = (
-        "One thing is changed at a time; policy and baselines stay as they were trained and tuned. The alarm is a switch "
-        "that noise of the force does not reach, so a baseline that looks at nothing else is the same at any noise. A "
-        "stiffer coupling keeps its damping ratio. Hard scenarios lie beyond the training ranges: lighter, stiffer, less "
-        "elastic, nearer"
+        "One thing is changed at a time; policy and baselines stay as they were trained and tuned. The alarm is a "
+        "switch that noise of the force does not reach, so a baseline that looks at nothing else is the same at any "
+        "noise. A stiffer coupling keeps its damping ratio. Hard scenarios lie beyond the training ranges: lighter, "
+        "stiffer, less elastic, nearer"
     )
-    return Table.of(caption, rows, columns)
+    return Table.of(caption, outcomes(played).with_columns(labels), columns)

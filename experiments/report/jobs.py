@@ -19,8 +19,6 @@ from impact_gym.task.scenario import FIELDS
 
 PLAYING = (*grid.PLAYED, measures.__name__, "experiments.lab.player.films", grid.__name__)
 """Sources that results depend on; set-ups, policies and what was tuned are arguments."""
-SPEEDS = (0.4, 0.5, 0.6, 0.8, 1.0, 1.25, 1.5)  # m/s, of the family of constant speeds
-SHARES = (0.4, 0.6, 0.8, 1.0)  # of the largest speed of an arm that is slower than all of these
 FAR = 0.36  # m, just beyond the farthest object: where an approach that meets nothing is watched
 NEAR = 0.25  # m, where one is watched that knows the distance
 FEWER = 500  # scenarios where many variants are played
@@ -115,10 +113,6 @@ def jobs_of(matchup: Matchup) -> Iterator[ReportJob]:
         tuned = len(baseline.weights) > 1  # each weight is played at what was tuned for the nearest
         weights = sorted({*baseline.weights, *matchup.weights, typical}) if tuned else list(baseline.weights)
         yield ReportJob("baselines", baseline.name, "play", of(baseline, scenarios=scenarios, weights=weights))
-    fastest = task.velocity_range[1]
-    for speed in [speed for speed in SPEEDS if speed <= fastest] or [share * fastest for share in SHARES]:
-        constant = Contestant(f"{speed:g} m/s", {"speed": speed}, (typical,), "")
-        yield ReportJob("family", constant.name, "play", of(constant, scenarios=scenarios, weights=[typical]))
     if (bound := matchup.bound) is not None:
         searched = first(scenarios, len(bound.controller["clairvoyant"][f"{bound.weights[0]:g}"]))
         knowing = {**environment, "privileged": True}

@@ -65,7 +65,6 @@ class Played:
     seeds: dict[str, Run] = field(default_factory=dict)
     as_late: dict[str, Run] = field(default_factory=dict)  # each seed at the weight that makes it as late as the paper
     baselines: dict[str, Run] = field(default_factory=dict)
-    family: dict[str, Run] = field(default_factory=dict)
     bound: Run | None = None
     varied: pl.DataFrame = field(default_factory=pl.DataFrame)  # an episode a row, see `holds.cells`
     profiles: dict[str, Run] = field(default_factory=dict)
