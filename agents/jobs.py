@@ -5,9 +5,9 @@ process, so a command that was stopped, even killed, continues when it is run ag
 common disk. joblib.Memory stores the results. pebble's pool of processes ends a late call, and reports a lost process
 for the call that it was doing alone.
 
-joblib's own ways to run calls were measured and not taken. Its pool, loky, starts in 2.6 s (pebble: 0.9 s); a
-process that dies takes all calls under way with it. Its Ray backend returns no result before all calls are done, so a killed command would
-have stored none.
+joblib's own ways to run calls were measured and not taken. Its pool, loky, starts in 2.6 s (pebble: 0.9 s), and one lost
+process ends all calls. Its Ray backend returns no result before all calls are done: a killed command would have stored
+none.
 
 Stored results are pickles, read only from the folder that is given, which this program wrote for its user: it must not
 come from elsewhere.
@@ -242,11 +242,11 @@ def _on_cluster(calls: Sequence[Call], address: str) -> Answers:
         return
     names = {"agents", "impact_gym", calls[0].function.replace(":", ".").split(".")[0]}
     sources = [str(origin_of(name)) for name in sorted(names)]
-    quiet = {"log_to_driver": False, "logging_level": logging.WARNING}
     environment = {"py_modules": sources, "excludes": ["__pycache__"], "env_vars": ONE_THREAD}
     try:
         _listens(address)
-        ray.init("auto" if address == "ray" else address, runtime_env=environment, **quiet)
+        name, quiet = "auto" if address == "ray" else address, logging.WARNING
+        ray.init(name, runtime_env=environment, log_to_driver=False, logging_level=quiet)
     except (OSError, RuntimeError, ValueError) as error:
         raise RuntimeError(
             f"no Ray cluster at {address!r} ({error}): start one with `ray start --head`, and with `ray start "
