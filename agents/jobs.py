@@ -5,9 +5,9 @@ process, so a command that was stopped, even killed, continues when it is run ag
 common disk. joblib.Memory stores the results. pebble's pool of processes ends a late call, and reports a lost process
 for the call that it was doing alone.
 
-joblib's own ways to run calls were measured and not taken. Its pool, loky, starts in 2.6 s (pebble: 0.9 s), and one lost
-process ends all calls. Its Ray backend returns no result before all calls are done: a killed command would have stored
-none.
+joblib's own ways to run calls were measured and not taken. Its pool, loky, starts in 2.6 s (pebble: 0.9 s), and one
+lost process ends all calls. Its Ray backend returns no result before all calls are done: a killed command would have
+stored none.
 
 Stored results are pickles, read only from the folder that is given, which this program wrote for its user: it must not
 come from elsewhere.
