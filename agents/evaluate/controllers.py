@@ -4,8 +4,7 @@
 names one that is shipped, `{"tuned": ...}` holds what the file of a tuned one says; `{"speed": ...}` is a
 constant speed, reached and left at 16 m/s^2, which a bistable mechanism still bears; `{"clairvoyant": ...}` holds by
 time weight what was found for each scenario of a set-up; `{"object": "module:name"}` anything with `predict`, or a
-function or class that returns it; `{"shield": N, "scenario": ranges, "of": one of these or None}` is a shield at a
-limit of force, for objects from the ranges, around another controller or by itself.
+function or class that returns it.
 """
 
 import base64
@@ -18,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents import load_policy
-from agents.baselines import Clairvoyant, ConstantSpeed, Shield
+from agents.baselines import Clairvoyant, ConstantSpeed
 from agents.baselines.rule import Rule
 from agents.baselines.tuned import load_baseline, tuned_rule
 from agents.policies import Controller
@@ -36,9 +35,6 @@ def controller_of(
     Raises:
         ValueError: there is none, or it cannot `predict`; says why.
     """
-    if "shield" in spec:
-        inner = spec["of"] and controller_of(spec["of"], time_weight, environment)
-        return Shield({**(environment or {}), "scenario": spec["scenario"]}, spec["shield"], inner)
     ((kind, value),) = spec.items()
     if kind not in KINDS:
         raise ValueError(f"no controller of the kind {kind!r}")
