@@ -1,8 +1,7 @@
 """Controllers from plain data, so that a job can name one on another machine.
 
-`{"policy": ...}` holds a policy's file in base 64, `{"shipped": ...}` names one of the project's; `{"baseline": ...}`
-names one that is shipped, `{"tuned": ...}` holds what the file of a tuned one says; `{"speed": ...}` is a
-constant speed, reached and left at 16 m/s^2, which a bistable mechanism still bears; `{"clairvoyant": ...}` holds by
+`{"policy": ...}` holds a policy's file in base 64; `{"baseline": ...}` names one that is shipped, `{"tuned": ...}`
+holds what the file of a tuned one says; `{"speed": ...}` is a constant speed, reached and left at 16 m/s^2, which a bistable mechanism still bears; `{"clairvoyant": ...}` holds by
 time weight what was found for each scenario of a set-up; `{"object": "module:name"}` anything with `predict`, or a
 function or class that returns it.
 """
@@ -16,7 +15,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents import load_policy
 from agents.baselines import Clairvoyant, ConstantSpeed
 from agents.baselines.rule import Rule
 from agents.baselines.tuned import load_baseline, tuned_rule
@@ -49,11 +47,6 @@ def _policy(content: str) -> Policy:
     return policy_from_bytes(base64.b64decode(content))
 
 
-@lru_cache(maxsize=16)
-def _shipped(name: str) -> Policy:
-    return load_policy(name)  # which reads the policies of all seeds
-
-
 def _object(name: str) -> Controller:
     module, colon, attribute = name.partition(":")
     if not (module and colon and attribute):
@@ -70,7 +63,6 @@ def _object(name: str) -> Controller:
 
 KINDS: Mapping[str, Callable[[Any, float], Controller]] = {
     "policy": lambda content, _: _policy(content),
-    "shipped": lambda name, _: _shipped(name),
     "baseline": load_baseline,
     "tuned": tuned_rule,
     "speed": lambda speed, _: ConstantSpeed(speed, 16.0),
