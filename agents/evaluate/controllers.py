@@ -1,9 +1,8 @@
 """Controllers from plain data, so that a job can name one on another machine.
 
 `{"policy": ...}` holds a policy's file in base 64; `{"baseline": ...}` names one that is shipped, `{"tuned": ...}`
-holds what the file of a tuned one says; `{"speed": ...}` is a constant speed, reached and left at 16 m/s^2, which a bistable mechanism still bears; `{"clairvoyant": ...}` holds by
-time weight what was found for each scenario of a set-up; `{"object": "module:name"}` anything with `predict`, or a
-function or class that returns it.
+holds what the file of a tuned one says; `{"clairvoyant": ...}` holds by time weight what was found for each scenario of
+a set-up; `{"object": "module:name"}` anything with `predict`, or a function or class that returns it.
 """
 
 import base64
@@ -15,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.baselines import Clairvoyant, ConstantSpeed
+from agents.baselines import Clairvoyant
 from agents.baselines.rule import Rule
 from agents.baselines.tuned import load_baseline, tuned_rule
 from agents.policies import Controller
@@ -65,7 +64,6 @@ KINDS: Mapping[str, Callable[[Any, float], Controller]] = {
     "policy": lambda content, _: _policy(content),
     "baseline": load_baseline,
     "tuned": tuned_rule,
-    "speed": lambda speed, _: ConstantSpeed(speed, 16.0),
     "clairvoyant": lambda by_weight, weight: Clairvoyant(by_weight[f"{weight:g}"]),
     "object": lambda name, _: _object(name),
 }

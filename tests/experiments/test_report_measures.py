@@ -38,7 +38,8 @@ def test_answer_is_read_where_the_papers_rule_is():
     result, sentence, headline = told(played())
     for share, expected in ((result.reduction, 0.7), (result.sooner, 1.0 / 3.0), (result.rival_reduction, 0.5)):
         assert (share.value, share.low, share.high) == pytest.approx((expected,) * 3)  # what all share cancels
-    assert (result.improvement.value, result.missed, result.episodes) == (1.0, 0, 2 * COUNT)
+    assert result.improvement.value == pytest.approx(1.0)
+    assert (result.missed, result.episodes) == (0, 2 * COUNT)
     assert result.velocity.value == pytest.approx(0.3 * SPEEDS.mean())
     assert "the object leaves 70.0 % [70.0, 70.0] slower at the paper's mean approach time;" in sentence
     assert "the approach is at least 33.3 % [33.3, 33.3] sooner" in sentence
@@ -54,13 +55,12 @@ def test_answer_is_read_where_the_papers_rule_is():
 
 @pytest.mark.parametrize(("shares", "times", "sentence", "headline"), [
     ((0.2, 0.4), (0.3, 0.2), "80.0 % [80.0, 80.0] slower at the paper's", "leaves 80 % slower"),  # just as late
-    ((0.2, 0.4), (0.27, 0.2), "approach as long as the paper's; at the nearest, 10.0 % sooner, the object leaves 80.0 %",
+    ((0.2, 0.4), (0.27, 0.2), "as long as the paper's; at the nearest, 10.0 % sooner, the object leaves 80.0 %",
      "arrives 10 % sooner than the paper's rule; the object leaves 80 % slower"),
-    ((0.2, 0.4), (0.5, 0.33), "approach as short as the paper's; at the nearest, 10.0 % later, the object leaves 60.0 %",
+    ((0.2, 0.4), (0.5, 0.33), "as short as the paper's; at the nearest, 10.0 % later, the object leaves 60.0 %",
      "one that is 10 % later the object leaves 60 % slower"),
-    ((1.0, 1.0), (0.4, 0.2), " 0.0 % [0.0, 0.0] slower at", "leaves 0 % slower"),
-    ((1.2, 1.4), (0.4, 0.2), "30.0 % [30.0, 30.0] faster at the paper's mean approach time; it nowhere leaves the object "
-     "as slow as the paper's rule.", "leaves 30 % faster. Tuned profile, no learning: 50 % slower."),
+    ((1.2, 1.4), (0.4, 0.2), "30.0 % [30.0, 30.0] faster at the paper's mean approach time; it nowhere leaves the "
+     "object as slow as the paper's rule.", "leaves 30 % faster. Tuned profile, no learning: 50 % slower."),
     ((0.8, 1.4), (0.4, 0.2), "at the paper's V_p the approach is 11.1 % [11.1, 11.1] later", "leaves 10 % faster"),
 ])  # fmt: skip
 def test_answer_says_what_a_curve_does_not_reach(shares, times, sentence, headline):
@@ -91,10 +91,10 @@ def test_answer_counts_a_miss_as_no_win():
     results.as_late["seed-0"] = run((0.3,), (PAPER_TIME,), (1.4,), missed=6)
     assert answer.answer(results).improvement.value == pytest.approx(1.0 - 6 / COUNT)
     results.as_late["seed-0"] = run((1.0,), (PAPER_TIME,), (1.4,))  # nobody is slower
-    assert answer.answer(results).improvement.value == 0.5
+    assert answer.answer(results).improvement.value == pytest.approx(0.5)
 
 
-@pytest.mark.parametrize("soonest", [0.3, 0.301])
+@pytest.mark.parametrize("soonest", [0.299, 0.301])
 def test_answer_omits_a_rival_that_is_later_at_every_weight(soonest):
     results = played()
     results.baselines["profile"] = run((0.4, 0.6), (0.5, soonest))
@@ -128,12 +128,8 @@ def test_weights_table_compares_with_rival_and_search():
     assert [float(gap.split(" ")[0]) for gap in row[6].split("], ")] == pytest.approx([0.2 * few, 0.4 * few], abs=6e-4)
     figure = answer.trade_off(results)
     assert set(figure.data["contestant"]) == {
-        PAPER,
-        POLICY,
-        BOUND,
-        "tuned profile (profile)",
-        "tuned constant speed (constant)",
-    }
+        PAPER, POLICY, BOUND, "tuned profile (profile)", "tuned constant speed (constant)"
+    }  # fmt: skip
     assert figure.data.filter(contestant=PAPER).select("T", "V").row(0) == pytest.approx((PAPER_TIME, SPEEDS.mean()))
 
 
@@ -177,37 +173,50 @@ def varied(results, change, losses, missed=0):
     results.varied = pl.concat([*([results.varied] if len(results.varied) else []), *frames])
 
 
+ARM = {"type": "Robot", "mass": 5.0, "stiffness": 1e5, "damping": 50.0}
+ROBOT = "robot that gives: mass 5, stiffness 100000, damping 50"
 ALTERNATING = np.tile([0.0, 1.0], 50)
 TWO_ERRORS = 2.0 * ALTERNATING.std(ddof=1) / 10.0  # of the mean of 100
 
 
 @pytest.mark.parametrize(("surplus", "missed", "worst", "details"), [
-    (0.999 * TWO_ERRORS, 1, "nowhere among 2 changes, one at a time, is it worse than its rivals.", ""),
-    (1.001 * TWO_ERRORS, 1, "tool mass. At 0.2 kg it is worse than the tuned profile.",
+    (0.999, 1, "nowhere among 2 changes, one at a time, is it worse than its rivals.", ""),
+    (1.001, 1, "tool mass. At 0.2 kg it is worse than the tuned profile.",
      "Worse than the tuned profile with tool mass (0.2 kg)."),
-    (1.001 * TWO_ERRORS, 2, "tool mass. At 0.2 kg it is worse than the tuned profile, at 0.3 kg it misses 2 of 100 objects.",
+    (0.999, 2, "tool mass. At 0.3 kg it misses 2 of 100 objects.",
+     "It misses 2 of 100 objects with tool mass at 0.3 kg."),
+    (1.001, 2, "tool mass. At 0.2 kg it is worse than the tuned profile, at 0.3 kg it misses 2 of 100 objects.",
      "Worse than the tuned profile with tool mass (0.2 kg). It misses 2 of 100 objects with tool mass at 0.3 kg."),
 ])  # fmt: skip
 def test_where_it_fails_needs_two_standard_errors_or_more_than_one_miss_in_a_hundred(surplus, missed, worst, details):
     results = played(varied={"tool_mass": [0.125, 0.2, 0.3]})
-    usual = {PAPER: 9.0, "profile": 1.0, "seed-0": 2.0}  # at which nothing is claimed of the policy
+    usual, more = {PAPER: 9.0, "profile": 1.0, "seed-0": 2.0}, surplus * TWO_ERRORS  # where nothing is off, no matter
     varied(results, "tool mass: 0.125 kg", usual)
-    shifted = ALTERNATING - ALTERNATING.mean() + surplus
-    varied(results, "tool mass: 0.2 kg", usual | {"seed-0": 1.0 + shifted})
-    varied(results, "tool mass: 0.3 kg", usual | {"seed-0": 1.0 + 1.5 * shifted}, missed)
+    varied(results, "tool mass: 0.2 kg", usual | {"seed-0": 1.0 + ALTERNATING - ALTERNATING.mean() + more})
+    varied(results, "tool mass: 0.3 kg", usual | {"seed-0": 0.5}, missed)
     assert holds.where_it_fails(results) == (worst, details)
-    heat = holds.heat_map(results)
-    assert heat.rows[0][:2] == ("nothing", "as trained and tuned")
-    assert [(cell.value, cell.ratio) for cell in heat.rows[0][2]] == pytest.approx(
-        [("9.00", 1), ("1.00", 1 / 9), ("2.00", 2 / 9)]
-    )
-    (_, tried, cells) = heat.rows[1]
-    assert tried == "2 tried: 0.2 kg to 0.3 kg"
-    assert cells[2].value == "2.00"
-    assert cells[2].note == "unchanged"
-    table = holds.table(results)
-    assert table.rows[-1] == ["tool mass", "0.3 kg", POLICY, f"{1.0 + 1.5 * surplus + 0.02 * missed:.4f}",
-                              f"{1.0 + 1.5 * surplus:.4f}", "0.0000", f"{missed} of 100"]  # fmt: skip
+    (what, _, cells), (_, tried, at_worst) = holds.heat_map(results).rows
+    assert (what, tried) == ("nothing", "2 tried: 0.2 kg to 0.3 kg")
+    assert [cell.value for cell in cells] == ["9.00", "1.00", "2.00"]
+    assert [cell.ratio for cell in cells] == pytest.approx([1.0, 1.0 / 9.0, 2.0 / 9.0])
+    assert (at_worst[2].value, at_worst[2].note) == ("2.00", "unchanged")
+    last = ("tool mass", "0.3 kg", POLICY, f"{0.5 + 0.02 * missed:.4f}", "0.5000", "0.0000", f"{missed} of 100")
+    assert tuple(holds.table(results).rows[-1]) == last  # a miss costs 2 m/s
+
+
+def test_where_it_fails_names_the_mildest_change_of_each_kind_and_the_largest_loss_first():
+    results = played(varied={"tool_mass": [0.05, 0.125, 0.2, 0.3], "robot": ["rigid", ARM], "reaction_delay": [0.032]})
+    usual = {PAPER: 1.0, "profile": 9.0}
+    for change, loss in {"tool mass: 0.05 kg": 1.2, "tool mass: 0.125 kg": 5.0, "tool mass: 0.2 kg": 1.1,
+                         "tool mass: 0.3 kg": 1.4, "robot that gives: rigid": 1.0, ROBOT: 1.6,
+                         "reaction delay: 32 ms": 1.3}.items():  # fmt: skip
+        varied(results, change, usual | {"seed-0": loss + 1e-3 * ALTERNATING})
+    worst, details = holds.where_it_fails(results)
+    assert worst == "robot that gives. It is worse than the paper's rule."
+    named = "robot that gives, tool mass (0.05 kg), reaction delay"
+    assert details == f"Worse than the paper's rule with {named}."
+    place = holds.heat_map(results).rows[1][2][2]
+    assert (place.value, place.note) == ("5.00", "unchanged")
 
 
 def test_report_without_changes_says_so():
@@ -224,7 +233,7 @@ def test_changes_of_a_set_up_have_different_words(name):
 
 
 def test_report_of_an_operator_tells_of_slide_and_of_when_all_is_done_with_each_assistance():
-    results = played(("operator-alone",), **load_setup("teleop-rigid").environment)
+    results = played(("local-brake",), **load_setup("teleop-rigid").environment)
     for k, runs in enumerate((results.seeds, results.baselines)):
         for name, each in runs.items():
             more = {"slide": 0.1 * (k + 1), "done_time": 2.0 + k, "touch_time": 1.0, "taken": 0.5}
@@ -232,7 +241,7 @@ def test_report_of_an_operator_tells_of_slide_and_of_when_all_is_done_with_each_
     results.as_late = {"seed-0": replace(results.policy, weights=(2.0,))}
     text = first_screen.assisted(results)
     assert "10.0 cm and 2.0 s with the learned policy; 20.0 cm and 3.0 s with paper's rule; " in text
-    assert "20.0 cm and 3.0 s with the operator alone" in text
+    assert "20.0 cm and 3.0 s with the local brake" in text
     assert "10.00 [10.00, 10.00] cm" in first_screen.assisted(results, intervals=True)
     table = differences.measures(results)
     row = dict(zip(table.head, table.rows[-2], strict=True))

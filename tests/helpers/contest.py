@@ -12,7 +12,7 @@ SPEEDS = np.random.default_rng(0).uniform(0.5, 1.5, COUNT)
 """V_p of the paper's rule, m/s; of the others it is a share of that."""
 RULES = {
     "constant": "ConstantSpeed", "evenly": "ConstantDeceleration", "profile": "BlindProfile", "other": "BlindProfile",
-    "over": "RangedProfile",
+    "range": "Ranged", "over": "RangedProfile",
 }  # fmt: skip
 SHARES = {"constant": (0.6, 0.8), "profile": (0.4, 0.6)}  # of SPEEDS, at 0.4 s and at 0.2 s
 
@@ -25,17 +25,17 @@ def run(shares, times=(0.4, 0.2), weights=WEIGHTS, missed=0, count=COUNT, **more
     missing = np.zeros((len(shares), count), bool)
     missing[:, :missed] = True
     velocity, time = (np.multiply.outer(values, SPEEDS[:count] ** power) for values, power in ((shares, 1), (times, 0)))
-    others = {
-        name: np.full(missing.shape, value) for name, value in {"peak_force": 1.0, "contact_count": 1, **more}.items()
-    }
+    results = {"peak_force": 1.0, "contact_count": 1, **more}
+    results = {name: np.full(missing.shape, value) for name, value in results.items()}
     scenario = dict.fromkeys(FIELDS, SPEEDS[:count])
-    results = {"object_velocity": velocity, "approach_time": time, "missed": missing}
-    return Run(weights, {**others, **scenario, **results})
+    results |= {"object_velocity": velocity, "approach_time": time, "missed": missing}
+    return Run(weights, results | scenario)
 
 
 def played(names=("profile", "constant"), seeds=((0.2, 0.4),), varied=None, **environment):
     """Constant speed 0.7, profile 0.5, policy 0.3 of the paper's V_p after its 0.3 s; shares are those of each seed."""
-    rivals = [Contestant(name, {"tuned": {"rule": RULES.get(name, "Ranged")}}, WEIGHTS, "") for name in names]
+    specs = {name: {"tuned": {"rule": RULES[name]}} if name in RULES else {"baseline": name} for name in names}
+    rivals = [Contestant(name, spec, WEIGHTS, "") for name, spec in specs.items()]
     policies = tuple(Contestant(f"seed-{k}", {}, WEIGHTS, "") for k in range(len(seeds)))
     everyone = (Contestant(PAPER, {}, (2.0,), ""), *rivals)
     evaluation = Evaluation(weights=WEIGHTS, varied=varied or {})
