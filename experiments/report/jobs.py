@@ -5,7 +5,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from agents.evaluate import RESULTS
 from agents.jobs import cached, digest_of
 from experiments.lab import grid
 from experiments.lab.study import frame_of
@@ -15,14 +14,12 @@ from experiments.report.played import Played, Run
 from impact_gym.scene import SpringDamper
 from impact_gym.sources import compiled_from
 from impact_gym.task import Task
-from impact_gym.task.scenario import FIELDS
 
 PLAYING = (*grid.PLAYED, measures.__name__, "experiments.lab.player.films", grid.__name__)
 """Sources that results depend on; set-ups, policies and what was tuned are arguments."""
 FAR = 0.36  # m, just beyond the farthest object: where an approach that meets nothing is watched
 NEAR = 0.25  # m, where one is watched that knows the distance
 FEWER = 500  # scenarios where many variants are played
-OVERHEAD_BYTES = 3500  # of a result, beside its numbers
 
 
 class ReportJob(NamedTuple):
@@ -45,7 +42,7 @@ def play_matchups(
     """Play everything that is not in `folder` yet, and return what came of each matchup."""
     asked = [(number, job) for number, matchup in enumerate(matchups) for job in jobs_of(matchup)]
     calls = [{"measure": job.measure, "arguments": dict(job.arguments)} for _, job in asked]
-    print(f"results are kept in {folder}: about {room_for(job for _, job in asked) / 1e6:.1f} MB in all", flush=True)
+    print(f"results are kept in {folder}", flush=True)
     own = {module for matchup in matchups for module in matchup.modules}
     results = cached(
         measures.measured,
@@ -71,15 +68,6 @@ def play_matchups(
     for each, measured in zip(played, frames, strict=True):
         each.varied = frame_of(measured)
     return played
-
-
-def room_for(jobs: Iterator[ReportJob]) -> int:
-    """Return about how many bytes the results of jobs take."""
-    scenario, results, room = 8 * len(FIELDS), 8 * len(RESULTS), 0  # bytes for each scenario
-    for job in jobs:
-        count = job.arguments.get("scenarios", {}).get("count", 0)
-        room += OVERHEAD_BYTES + count * (scenario + results * len(job.arguments["weights"]))
-    return room
 
 
 def watched_at(matchup: Matchup) -> float:
