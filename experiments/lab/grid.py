@@ -47,8 +47,9 @@ class Place(NamedTuple):
 
 
 def seeds_of(setup: str, name: str) -> list[Contestant]:
-    """Return the shipped policies of a set-up, a contestant for each seed; they travel as bytes."""
-    policies = load_ensemble(setup).policies
+    """Return the shipped policies of a set-up, a contestant for each seed, the median first; they travel as bytes."""
+    ensemble = load_ensemble(setup)
+    policies = sorted(ensemble.policies, key=lambda policy: policy.seed != ensemble.chosen)
     return [Contestant(name, {"policy": base64.b64encode(each.to_bytes()).decode()}, each.seed) for each in policies]
 
 

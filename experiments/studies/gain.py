@@ -146,7 +146,7 @@ def worlds(quick: bool, _: Frames) -> Iterable[Cell]:
         contestants = [
             Contestant(RULE, {"baseline": "paper-trapezoid"}),
             Contestant(PROFILE, {"baseline": setup.against[0]}),
-            Contestant(POLICY, {"shipped": setup.name}),
+            grid.seeds_of(setup.name, POLICY)[0],
         ]
         yield from grid.cells(places, contestants, scenarios, [setup.evaluation.typical])
 

@@ -106,12 +106,12 @@ def assisted(quick: bool, _: Frames) -> Iterator[Cell]:
 
 def shuffled(quick: bool, frames: Frames) -> Iterator[Cell]:
     """Yield cells where the operator believes the object where it stands in another episode."""
-    alone = {labels: rows for labels, rows in grid.groups(frames["episodes"].filter(contestant=ALONE), *LABELS)}
+    played = frames["episodes"].filter(contestant=ALONE, operator=REACH, channel="")
+    alone = {labels: rows.sort("episode")["distance"].to_numpy() for labels, rows in grid.groups(played, *LABELS)}
     for cell in assisted(quick, frames):
         where, who = tuple(cell.labels[name] for name in LABELS), cell.labels["contestant"]
-        if who in (ALONE, BRAKE, POLICY) and cell.labels["operator"] == REACH and not cell.labels["channel"]:
-            distance = alone[where].sort("episode")["distance"].to_numpy()
-            error = np.random.default_rng(0).permutation(distance) - distance
+        if who in (ALONE, BRAKE, POLICY) and where in alone:
+            error = np.random.default_rng(0).permutation(alone[where]) - alone[where]
             record = {"operator.place_error": error.tolist()}
             yield Cell({**cell.labels, "contestant": who + SHUFFLED}, {**cell.arguments, "record": record})
 
