@@ -267,6 +267,21 @@ def listed(rows: Sequence[Row]) -> Table:
     })  # fmt: skip
 
 
+def answer(held_out: Sequence[Row]) -> str:
+    """Return how far the object slides alone, with the brake and with the policy, at the typical delay."""
+    frame = pl.DataFrame(held_out, infer_schema_length=None).filter(delay=TYPICAL)
+    parts = []
+    for coupling in COUPLINGS:
+        means = (
+            np.mean(frame.filter(coupling=coupling, contestant=who)["slide"].to_numpy())
+            for who in (ALONE, BRAKE, POLICY)
+        )
+        alone, brake, policy = (f"{100.0 * mean:.1f}" for mean in means)
+        parts.append(f"{coupling} {alone} cm alone, {brake} with the brake, {policy} with the policy")
+    return (f"How far the object slides, {1e3 * TYPICAL:.0f} ms there and back, mean of operators that were held out: "
+            f"{'; '.join(parts)}.")  # fmt: skip
+
+
 def watched(coupling: str, count: int) -> dict[str, Any]:
     """Return films of an operator alone and with a local brake, 100 ms away: a typical scenario, the worst of each."""
     environment = environment_of(coupling, REACH, {"delay": 0.1})
@@ -325,7 +340,7 @@ def analyse(frames: Frames, _: bool) -> Findings:
             "grades, each way.", listed(found),
         ], folded=True, key="all"),
     ]  # fmt: skip
-    return Findings(duel_sentence(duels[0]), sections, {"cells": pl.DataFrame(found, infer_schema_length=None)})
+    return Findings(answer(held_out), sections, {"cells": pl.DataFrame(found, infer_schema_length=None)})
 
 
 PLAYED = (*grid.PLAYED, "agents.setups", "impact_gym.operators")
