@@ -6,6 +6,7 @@ sources.check()
 beside.install()
 
 from impact_gym import envs, operators, robot
+from impact_gym.fidelity import advise
 from impact_gym.identify import Identified, LoadCell, Sensor, identify
 from impact_gym.motion import Brake, Motion, Trapezoid
 from impact_gym.operators import Channel
@@ -19,7 +20,7 @@ __version__ = "0.1.0"
 __all__ = [
     "MATERIALS", "Bistable", "Brake", "Channel", "Contact", "ContactRecord", "Identified", "LoadCell", "Material",
     "Motion", "Object", "Outcome", "Outcomes", "Rigid", "Robot", "RobotTable", "Scene", "Sensor", "SpringDamper",
-    "Tool", "Trace", "Trapezoid", "effective_restitution", "hertz", "identify", "material_ranges", "operators",
+    "Tool", "Trace", "Trapezoid", "advise", "effective_restitution", "hertz", "identify", "material_ranges", "operators",
     "robot", "simulate", "sweep",
 ]  # fmt: skip
 
