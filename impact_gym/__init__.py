@@ -20,8 +20,8 @@ __version__ = "0.1.0"
 __all__ = [
     "MATERIALS", "Bistable", "Brake", "Channel", "Contact", "ContactRecord", "Identified", "LoadCell", "Material",
     "Motion", "Object", "Outcome", "Outcomes", "Rigid", "Robot", "RobotTable", "Scene", "Sensor", "SpringDamper",
-    "Tool", "Trace", "Trapezoid", "advise", "effective_restitution", "hertz", "identify", "material_ranges", "operators",
-    "robot", "simulate", "sweep",
+    "Tool", "Trace", "Trapezoid", "advise", "effective_restitution", "hertz", "identify", "material_ranges",
+    "operators", "robot", "simulate", "sweep",
 ]  # fmt: skip
 
 envs.register()

@@ -177,7 +177,9 @@ def _on_chain(motion: Trapezoid, duration: float, scene: Scene) -> Outcome:
 
 
 def _on_arm(arm: Arm, approach: Approach, motion: Trapezoid, duration: float, scene: Scene) -> "Blow":
-    from impact_gym.robot import whole  # its integrators take 40 ms to import, which every `import impact_gym` would pay
+    from impact_gym.robot import (
+        whole,
+    )  # its integrators take 40 ms to import, which every `import impact_gym` would pay
 
     blow = whole.simulate(arm, approach, scene, motion, duration=duration)
     if blow.status != "ok":

@@ -5,7 +5,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from blows import MOTION, SPRING, log, scene
+from recorder import MOTION, SPRING, log, scene
 from scipy import signal
 
 import impact_gym as ig
