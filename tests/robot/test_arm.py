@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from arms import TWO_LINKS, joint, link, rod, seven_joints, slides, two_links, two_links_matrices, write
+from experiments.arm import robots
 from scipy.spatial.transform import Rotation
 
 import impact_gym as ig
-from experiments.arm import robots
 from impact_gym.robot import from_urdf
 
 pytest.importorskip("mujoco", reason="the extra robot is not installed")

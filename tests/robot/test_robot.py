@@ -10,12 +10,12 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 import viper_chain as viper
+from impact_gym.robot.__main__ import main
 from scipy.optimize import root
 from scipy.spatial.transform import Rotation
 
 from impact_gym.robot import IMPACT, approach, default_approach, joint_angles
 from impact_gym.robot import viper as vipers
-from impact_gym.robot.__main__ import main
 from impact_gym.robot.line import MAX_CONDITION
 from impact_gym.robot.viper import angles_at
 
