@@ -15,7 +15,7 @@ GUESS = ig.Object(0.25, 0.25), ig.Contact(1e5, 0.5)  # what every fit is told
 
 
 def drawn(number):
-    """A random scene and motion, a log of its force and perhaps its object's velocity, and what is known of the sensors."""
+    """A random scene and motion, a log of its force and perhaps its object's velocity, and what is known of sensors."""
     rng = np.random.default_rng(number)
     spring = ig.SpringDamper(log_uniform(rng, 40.0, 300.0), rng.uniform(0.3, 1.5))
     robot = ig.Robot(rng.uniform(3.5, 7.0), log_uniform(rng, 1e5, 1e6), rng.uniform(30.0, 80.0))
@@ -30,9 +30,9 @@ def drawn(number):
     columns = ("force", "object_velocity")[: 1 + (rng.random() < 1 / 3)]
     span = {"before": rng.uniform(0.005, 0.02), "after": rng.uniform(0.02, 0.04)}
     given = {"rate": rate, "low_pass": low_pass, "columns": columns, "motion": motion, **span}
-    clean = log(scene, noise=0.0, **given)
-    sensors = {name: ig.Sensor(rate, low_pass, "estimated" if bias else 0.0, noise * clean[name].max() if known else None)
-               for name in columns}  # fmt: skip
+    clean, offset = log(scene, noise=0.0, **given), "estimated" if bias else 0.0
+    noises = {name: noise * clean[name].max() if known else None for name in columns}
+    sensors = {name: ig.Sensor(rate, low_pass, offset, deviation) for name, deviation in noises.items()}
     return scene, motion, log(scene, noise=noise, bias=bias, seed=number, **given), sensors
 
 

@@ -120,7 +120,7 @@ VALUES = [
     (line(joint_stiffness=9.0), "the stiffness is", "N/m", "is joint_stiffness in N m/rad?"),
     (line((0.0,), X, make=slides, joint_stiffness=1e5), "angles must be 2 numbers"),
     *[(line(direction=u), "direction") for u in ((0.0, 0.0, 0.0), (math.nan, 0.0, 0.0), (1.0, 0.0), "ab")],
-    (lambda _: angles_at(SIX(), 0.9, 0.0, 0.3, "horizontal"), "x = 0.9 m, y = 0 m, z = 0.3 m: the nearest", "misses it"),
+    (lambda _: angles_at(SIX(), 0.9, 0.0, 0.3, "horizontal"), "x = 0.9 m, y = 0 m, z = 0.3 m: ", "misses it by"),
     (lambda _: angles_at(SIX(), 0.3, 0.0, 0.05, "horizontal"), "cannot reach x = 0.3 m", "-2.094 and 2.094 rad"),
     *[(lambda _, q=q: SIX().jacobian(q), "angles") for q in (None, "abcdef", np.zeros(5), [0.0] * 5 + [math.nan])],
     *[(viper_line(start=q), name) for q, name in ((None, "start"), (np.zeros(5), "angles must be 6"))],
@@ -161,7 +161,8 @@ TYPES = [
 REFUSED = [(ValueError, *row) for row in FILES + VALUES] + [(TypeError, *row) for row in TYPES]
 
 
-@pytest.mark.parametrize(("error", "call", "words"), [(error, call, words) for error, call, *words in REFUSED])
+@pytest.mark.parametrize(("error", "call", "words"), [(error, call, words) for error, call, *words in REFUSED],
+                         ids=[row[2] for row in REFUSED])  # fmt: skip
 def test_refusal_names_the_field_the_value_and_the_unit_in_one_line(error, call, words, tmp_path):
     with pytest.raises(error) as refusal:
         call(tmp_path)
