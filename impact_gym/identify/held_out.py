@@ -98,7 +98,7 @@ def hold_out(
                              f" {logs[0].name} {', '.join(logs[0].columns)}")  # fmt: skip
     if not {"force", "object_velocity"} & logs[0].columns.keys():
         raise ValueError(f"hold-out compares force or object_velocity, got {', '.join(logs[0].columns)}")
-    motions = list(motion) if isinstance(motion, (list, tuple)) else [motion] * len(logs)
+    motions: list[Any] = list(motion) if isinstance(motion, (list, tuple)) else [motion] * len(logs)
     found: dict[int, list[Prediction]] = {}
     for begin in (0, 1):
         fitted = slice(begin, None, 2)
@@ -111,7 +111,7 @@ def hold_out(
             made = _quantities(_predicted(logs[k], motions[k], fit), fit)
             found[k] = []
             for quantity, value in _quantities(logs[k], fit).items():
-                equal = float(np.median(seen.get((motions[k], quantity), [math.nan])))
+                equal = float(np.median(np.array(seen.get((motions[k], quantity), [math.nan]))))
                 found[k].append(Prediction(logs[k].name, quantity, value, made[quantity], equal))
     return HeldOut(tuple(each for k in range(len(logs)) for each in found[k]))
 

@@ -236,15 +236,6 @@ def test_indistinguishable_names_a_filter_longer_than_the_blow():
     assert "contact.restitution and object.mass apart: a larger one with a smaller other" in pair
 
 
-def test_model_simulates_no_motion_that_was_over_long_before_the_log():
-    model = identified().fit.model
-    x, simulations = identified().fit.x.copy(), model.simulations
-    x[-1] = log(TRUTH)["time"][0] - 100.0
-    left = model.residuals(x)
-    assert model.simulations == simulations
-    assert np.all(np.abs(left) * model.noise["force"] > 100 * log(TRUTH)["force"].max())
-
-
 def test_sensor_with_a_low_pass_answers_a_ramp_as_its_equation_does():
     time = np.linspace(0.0, 0.05, 40)
     at = np.linspace(0.0, 0.05, 77)

@@ -9,7 +9,7 @@ from recorder import MOTION, SCENE_FILE, blow, log, scene, write_log
 
 from agents import load_setup
 from impact_gym.identify.__main__ import main
-from impact_gym.identify.held_out import UNITS, hold_out
+from impact_gym.identify.held_out import UNITS
 
 TRUTH = scene(1e5, 0.5)
 BOTH = ("force", "object_velocity")
@@ -83,7 +83,7 @@ def test_held_out_blows_are_predicted_to_the_noise_by_the_chain_that_made_them_a
     motions = [MOTION, SLOW] * 2
     logs = [log(TRUTH, noise=0.01, columns=BOTH, seed=k, motion=each) for k, each in enumerate(motions)]
     other = replace(TRUTH, contact=replace(TRUTH.contact, dissipation="fixed"))
-    right, wrong = (hold_out(logs, of, motions) for of in (TRUTH, other))
+    right, wrong = (ig.hold_out(logs, of, motions) for of in (TRUTH, other))
     for each in right.predictions:
         motion = motions[int(each.log.removeprefix("log ")) - 1]
         true = blow(TRUTH, motion, 0.03)
@@ -101,7 +101,7 @@ def test_held_out_blows_are_predicted_to_the_noise_by_the_chain_that_made_them_a
 
 def test_scatter_of_equal_blows_is_the_median_of_those_that_were_fitted():
     logs = [log(scene(1e5, e), noise=1e-4, columns=("object_velocity",)) for e in (0.3, 0.5, 0.6, 0.7, 0.4)]
-    found = hold_out(logs, TRUTH, MOTION, free=("contact.restitution",))
+    found = ig.hold_out(logs, TRUTH, MOTION, free=("contact.restitution",))
     ends = [np.mean(each["object_velocity"][-40:]) for each in logs]  # the last quarter of 160
     assert [each.measured for each in found.predictions] == pytest.approx(ends)
     halves = [np.median(ends[1::2]), np.median(ends[::2])]

@@ -9,7 +9,6 @@ from recorder import MOTION, SCENE_FILE, scene, write_log
 import impact_gym as ig
 from impact_gym.identify.__main__ import main
 from impact_gym.identify.coordinates import free_coordinates
-from impact_gym.identify.held_out import hold_out
 from impact_gym.identify.log import Log, check, read
 from impact_gym.identify.model import IMPOSSIBLE, Model
 
@@ -121,10 +120,10 @@ VALUES = [
     (cell(0.0, 1.0), "LoadCell.mass must be finite", "kg"),
     (cell(1.0, np.inf), "LoadCell.frequency must be finite", "Hz"),
     (cell(1.0, 1.0, 1.0), "LoadCell.damping_ratio must be finite", "at most 0.99"),
-    (lambda folder: hold_out([GOOD], SCENE, MOTION), "hold-out needs 2 logs or more", "got 1"),
-    (lambda folder: hold_out(GOOD, SCENE, MOTION), "hold-out needs 2 logs or more", "got 1"),
-    (lambda folder: hold_out([GOOD, TWO_COLUMNS], SCENE, MOTION), "log 2 has force, object_velocity but log 1 force"),
-    (lambda folder: hold_out([{"time": TIME, "tool_velocity": VELOCITY}] * 2, SCENE, MOTION), "got tool_velocity"),
+    (lambda folder: ig.hold_out([GOOD], SCENE, MOTION), "hold-out needs 2 logs or more", "got 1"),
+    (lambda folder: ig.hold_out(GOOD, SCENE, MOTION), "hold-out needs 2 logs or more", "got 1"),
+    (lambda folder: ig.hold_out([GOOD, TWO_COLUMNS], SCENE, MOTION), "log 2 has force, object_velocity but log"),
+    (lambda folder: ig.hold_out([{"time": TIME, "tool_velocity": VELOCITY}] * 2, SCENE, MOTION), "got tool_velocity"),
     (command("[motion]", "[moved]"), "must have a table [motion]"),
     (command("speed = 1.0", "speeed = 1.0"), "motion has no field 'speeed'"),
     (command("speed = 1.0", "speed = [1.0, 0.5]"), "motion.speed", "m/s, or one for each of 1 logs, got [1.0, 0.5]"),
@@ -192,9 +191,10 @@ def test_file_with_the_byte_order_mark_of_excel_is_read(tmp_path):
         assert np.array_equal(read(tmp_path / "log.csv", "").columns["force"], FORCE)
 
 
-def test_start_so_early_that_the_log_ends_when_the_blow_is_over_is_impossible():
+def test_start_so_early_that_the_log_ends_when_the_blow_is_over_is_impossible_and_not_simulated():
     coordinates = free_coordinates(SCENE, ("object.mass",))
     model = Model.of([read(GOOD, "blow")], SCENE, [MOTION], {"force": ig.Sensor()}, coordinates)
     latest, mass = TIME[-1] - model.latest(SCENE, 0), coordinates[0].start(SCENE)
     for start, impossible in ((latest - 0.01, True), (latest + 0.01, False)):
         assert (np.abs(model.predicted(np.array([mass, start]))[0]) == IMPOSSIBLE * np.ptp(FORCE)).all() == impossible
+        assert model.simulations == (0 if impossible else 1)

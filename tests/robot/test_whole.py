@@ -235,3 +235,12 @@ def test_advise_names_the_cheapest_mass_beside_all_joints(tmp_path):
     assert {"robot rigid", "robot one mass, held", "robot one mass, effective"} < {model.name for model in advice.tried}
     assert advice.model.bound <= 0.05
     assert advice.model is not advice.tried[0]
+    assert ig.advise(SCENE, PAPERS, 1e-9, duration=0.3, arm=(arm, approach)).model.name == "all joints"
+
+
+def test_advise_finds_that_two_slides_are_one_mass_that_yields(tmp_path):
+    arm = from_urdf(slides(tmp_path), "base", "tip", joint_stiffness=(1.9e5, 1e5), joint_damping=(50.4, 50.0))
+    advice = ig.advise(SCENE, PAPERS, 1e-5, duration=0.4, arm=(arm, arm.along((0.0, 0.0), (1.0, 0.0, 0.0), 0.25)))
+    off = {model.name: model.bound for model in advice.tried}
+    assert advice.model.name.startswith("robot one mass")
+    assert max(error for name, error in off.items() if name.startswith("robot one mass")) < 1e-6 < off["robot rigid"]
