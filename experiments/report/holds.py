@@ -45,7 +45,7 @@ def cells(matchup: Matchup, scenarios: Mapping[str, Any]) -> Iterator[Cell]:
             own = {"set": change.scenarios, "count": min(scenarios["count"], there)}
         nominal = {**matchup.environment, **matchup.evaluation.nominal}
         environment = nominal if change.same else change.environment
-        places.append(grid.Place(matchup.name, words(change), environment, own))
+        places.append(grid.Place(matchup.name, words(change), environment, scenarios=own))
     contestants = [grid.Contestant(each.name, each.controller) for each in matchup.rivals]
     return grid.cells(places, contestants, scenarios, [matchup.typical])
 

@@ -1,7 +1,6 @@
 """The scenarios of a report: a frozen set by name or file, or a user's own ranges and tool."""
 
 import json
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
