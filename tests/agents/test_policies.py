@@ -19,7 +19,7 @@ from agents.policies import SHIPPED, Ensemble, load_ensemble
 from agents.policies.networks import Affine, Network, to_arrays
 from agents.policies.policy import FORMAT
 from agents.setups import shipped
-from agents.train_seeds import median
+from agents.train.seeds import median
 from impact_gym.quantities import QUANTITIES
 
 
@@ -68,9 +68,9 @@ def test_load_policy_plays_the_weights_of_the_shipped_file(name):
         arrays = dict(file)
     content = json.loads(str(arrays.pop("header")))["content"]
     ensemble, setup = load_ensemble(name), load_setup(name)
-    assert sorted(policy.seed for policy in ensemble.policies) == list(range(setup.training.seeds))
+    assert sorted(policy.seed for policy in ensemble.policies) == list(range(setup.seeds))
     assert load_policy(name).seed == content["chosen"] == median(ensemble.policies).seed
-    last = setup.training.seeds - 1
+    last = setup.seeds - 1
     assert_same(load_policy(name, last), ensemble[last])
     for policy in ensemble.policies:
         own = {key.partition("/")[2]: array for key, array in arrays.items() if key.startswith(f"{policy.seed}/")}
