@@ -59,7 +59,7 @@ class ReportOptions:
     force: bool = False
     """Play and write everything again, instead of keeping what the same sources and options have given."""
     processes: int | None = None
-    """Games at the same time on this machine. Default: one a core; 0: none but this process."""
+    """Jobs at the same time on this machine. Default: one a core; 0: none but this process."""
     cluster: str | None = None
     """A Ray cluster instead: "ray", or its address. A module:object must be installed on its nodes."""
 
@@ -168,7 +168,10 @@ def write_folder(played: Sequence[Any], options: ReportOptions, made_from: str, 
             "ablations": {tab.matchup.name: [asdict(step) for step in tab.steps] for tab in tabs},
             "sentences": [tab.summary for tab in tabs],
             "episodes": {"rows": len(rows), "sha256": checksum(folder / "episodes.parquet")},
-            "contestants": {matchup.name: matchup.checksums for matchup in matchups},
+            "contestants": {
+                matchup.name: {each.name: each.checksum for each in (*matchup.seeds, *matchup.baselines)}
+                for matchup in matchups
+            },
             "weights": {matchup.name: list(matchup.policy.weights) for matchup in matchups},
             "scenarios": "; ".join(dict.fromkeys(_scenarios(matchup.scenarios) for matchup in matchups)),
             "made from": made_from,

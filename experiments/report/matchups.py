@@ -133,11 +133,6 @@ class Matchup:
         return weights or self.policy.weights
 
     @cached_property
-    def checksums(self) -> dict[str, str]:
-        """Checksums of the seeds and the baselines, by name."""
-        return {contestant.name: contestant.checksum for contestant in (*self.seeds, *self.baselines)}
-
-    @cached_property
     def changes(self) -> list[Change]:
         """Changes of the environment that test robustness."""
         return variants(self.evaluation, self.environment)

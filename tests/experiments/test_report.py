@@ -121,6 +121,7 @@ def test_page_stands_on_its_own_and_draws_every_chart(browser, folder, width):
         assert box["height"] > 150
         assert 0.6 * min(width, 420) < box["width"] <= width
     assert page.evaluate("document.documentElement.scrollWidth") <= width
+    assert (folder / "index.html").stat().st_size < 12e6
     names = page.evaluate("[...document.querySelectorAll('.chart')].map(chart => chart.dataset.spec.slice(5))")
     pictures = sorted((folder / "figures").glob("*.svg"))
     assert {path.stem for path in pictures} == {*names, "linear-blind_answer", "twin_answer"}

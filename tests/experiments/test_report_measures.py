@@ -13,6 +13,7 @@ import pytest
 from contest import COUNT, PAPER_TIME, SPEEDS, WEIGHTS, played, run
 from episodes import assert_identical
 
+from agents import Policy, load_policy
 from agents.evaluate.play import play
 from agents.setups import load_setup, shipped
 from agents.setups.evaluation import variants
@@ -291,9 +292,12 @@ def test_play_takes_sets_tables_and_ranges_alike():
         assert_identical(first, results)
 
 
-def test_jobs_play_tuned_baselines_at_every_weight_that_is_compared():
-    single = replace(LINEAR, seeds=(replace(LINEAR.policy, weights=(3.0,)),))
-    weights = {job.key: set(job.arguments["weights"]) for job in jobs.jobs_of(single) if job.where == "baselines"}
+def test_a_policy_of_one_weight_is_compared_there_under_a_name_that_is_a_files(tmp_path):
+    path = tmp_path / "three & a bit.npz"
+    Policy(load_policy("linear-blind").network, {"time_weight": 3.0}, {}).save(path)
+    (matchup,) = matchups.of_policies([str(path)], ["blind-profile"], SCENARIOS, {})
+    assert (matchup.name, matchup.weights, matchup.typical) == ("three-a-bit", (3.0,), 3.0)
+    weights = {job.key: set(job.arguments["weights"]) for job in jobs.jobs_of(matchup) if job.where == "baselines"}
     assert {3.0, *WEIGHTS} <= weights["blind-profile"]
     assert weights[PAPER] == {2.0}
 
