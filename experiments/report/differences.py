@@ -97,7 +97,7 @@ def paired(played: Played, field: str) -> Figure:
     intervals = base.mark_rule(strokeWidth=2).encode(alt.Y("low:Q", title=title), y2="high:Q")
     numbers = [alt.Tooltip(f"{column}:Q", format=".3g") for column in ("from", "to", "value", "low", "high")]
     marks = base.mark_point(size=60).encode(looks.shape, y="value:Q", tooltip=["contestant:N", *numbers])
-    chart = zero_line(y="zero:Q") + intervals + base.mark_line(strokeWidth=1.2).encode(y="value:Q") + marks
+    chart = zero_line() + intervals + base.mark_line(strokeWidth=1.2).encode(y="value:Q") + marks
     subject = f"against {rival}, by {TITLES[field]}"
     return Figure(played.matchup.name, f"paired_{field}", subject, caption, verdict, chart, data, 240)
 

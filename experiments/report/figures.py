@@ -101,9 +101,9 @@ def _data(rows: list[dict[str, Any]]) -> Any:
     return alt.Data(values=rows)  # type: ignore[no-untyped-call]  # altair leaves it untyped
 
 
-def zero_line(**channel: str) -> alt.Chart:
-    """Return a dotted line at zero: `x="zero:Q"` or `y="zero:Q"`."""
-    return alt.Chart(_data([{"zero": 0}])).mark_rule(strokeDash=[2, 3]).encode(**channel)
+def zero_line() -> alt.Chart:
+    """Return a dotted line where y is zero."""
+    return alt.Chart(_data([{"zero": 0}])).mark_rule(strokeDash=[2, 3]).encode(y="zero:Q")
 
 
 class Looks(NamedTuple):

@@ -22,7 +22,7 @@ from agents.policies import Policy, load_ensemble, load_policy
 from agents.setups import TUNED, Setup, load_setup, same_environment, shipped, shipped_baselines
 from agents.setups.evaluation import Change, Evaluation, variants
 from impact_gym.task import ObservationSpec, Task
-from impact_gym.validation import identifier
+from impact_gym.validation import identifier, nearest
 
 PAPER = "paper's rule"
 RULE = "paper-trapezoid"  # what the package calls it
@@ -260,6 +260,9 @@ def baselines(
             contestants.append(Contestant(name, {"tuned": content}, weights, content["sha256"]))
         elif name in FIXED:
             contestants.append(Contestant(name, {"baseline": name}, (typical,), ""))
+        elif ":" not in name:
+            known = nearest("baseline", name, [*FIXED, *shipped_baselines()])
+            raise ValueError(f"{known} (one of your own is named module:object)")
         else:
             try_out(name, controller_of({"object": name}, typical), observations)  # raises now, not in a worker
             contestants.append(Contestant(name, {"object": name}, (typical,), digest_of(name.partition(":")[0])))

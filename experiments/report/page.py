@@ -39,7 +39,6 @@ class Tab:
     fails: holds.Failing
     chart: Figure
     summary: str  # the answer with its intervals, in a sentence or two
-    scenarios: int
     engineer: Sequence[Section]
     statistician: Sequence[Section]
     film: Markup
@@ -78,7 +77,7 @@ def tab(played: Played) -> Tab:
     ]
     return Tab(
         matchup, result, steps, first_screen.headline(result, played), holds.where_it_fails(played),
-        first_screen.chart(result, played), summary, played.count, engineer, statistician,
+        first_screen.chart(result, played), summary, engineer, statistician,
         Markup(fragment(watch(played), f"watch-{matchup.name}")),
     )  # fmt: skip
 

@@ -283,7 +283,8 @@ def test_report_takes_a_users_baseline_ranges_and_tool_and_plays_and_writes_only
 @pytest.mark.parametrize(("baseline", "message"), [
     (["my_rules:idle"], "no controller"), (["my_rules:nothing"], "no controller"), (["nowhere:x"], "no controller"),
     (["my_rules"], "module:object"), (["my_rules:Crooked"], "must return actions"), (["my_rules:Lost"], "finite"),
-    (["blind-profile", "blind-profile"], "differ"), (["paper-trapezoid"], "there anyway"), (["fastest"], "'fastest'"),
+    (["blind-profile", "blind-profile"], "differ"), (["paper-trapezoid"], "there anyway"),
+    (["blind-profil"], "'blind-profil': blind-profile[?]"),
 ])  # fmt: skip
 def test_report_refuses_baselines_that_cannot_play(baseline, message, tmp_path, monkeypatch):
     (tmp_path / "my_rules.py").write_text(RULES)
