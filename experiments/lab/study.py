@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import polars as pl
@@ -62,6 +63,7 @@ class Findings(NamedTuple):
 
     answer: str  # in a sentence or two
     sections: Sequence[Section]
+    tables: Frames = MappingProxyType({})  # beside those that were measured
 
 
 @dataclass(frozen=True)
@@ -155,11 +157,12 @@ class Run:
         with noted(self.folder, self.command, self.study.packages) as runs:
             frames = self.measured()
         findings = self.study.analyse(frames, self.options.quick)
-        for name, frame in frames.items():
+        tables = {**frames, **findings.tables}
+        for name, frame in tables.items():
             write_file(self.folder / f"{name}.csv", frame.write_csv())
         for picture in (picture for section in findings.sections for picture in section.pictures):
             save(picture.figure, self.folder / f"{picture.name}.svg")
-        content = {"question": self.study.question, "findings": findings, "tables": list(frames), **self.more}
+        content = {"question": self.study.question, "findings": findings, "tables": list(tables), **self.more}
         return page.write(self.folder, self.study.template, runs=runs, quick=self.options.quick, **content)
 
 
