@@ -39,7 +39,10 @@ class Place(NamedTuple):
 def cells(
     places: Iterable[Place], contestants: Iterable[Contestant], scenarios: Mapping[str, Any], weights: Sequence[float]
 ) -> Iterator[Cell]:
-    """Yield a cell for each contestant in each place; scenarios are those of `agents.evaluate.play`, weights m/s per s."""
+    """Yield a cell for each contestant in each place.
+
+    Scenarios are plain data, see `agents.evaluate.play`; weights are in m/s per s.
+    """
     for place, contestant in product(places, contestants):
         labels = {"setup": place.setup, "change": place.change, "contestant": contestant.name, "seed": contestant.seed}
         arguments = {"controller": contestant.controller, "environment": place.environment}
