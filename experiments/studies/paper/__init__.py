@@ -7,7 +7,6 @@ statements.toml names.
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict
-from itertools import groupby
 
 import polars as pl
 
@@ -26,8 +25,8 @@ WIDE = 11 * SCALE  # inches; a wider figure stands alone in its row
 
 
 def measurement(name: str) -> Measurement:
-    """Return the table of a figure: one cell, whose rows are all of it."""
-    return Measurement(name, lambda quick, frames: [Cell({}, {})], MADE[name].measure, DEPENDS)
+    """Return the table of a figure: one cell, whose rows are all of it; that fast that a process is not worth while."""
+    return Measurement(name, lambda quick, frames: [Cell({}, {})], MADE[name].measure, DEPENDS, processes=0)
 
 
 def picture(name: str, frame: pl.DataFrame) -> Picture:
@@ -49,48 +48,43 @@ def table(caption: str, statements: Sequence[Statement]) -> Table:
     for each in statements:
         printed = f"printed {each.printed} {each.unit}, ours " if each.printed else ""
         ours = f"{printed}{each.ours} {each.unit}".rstrip()
-        judgement = " ".join(filter(None, (each.otherwise, each.why)))
-        rows.append((f"{each.text} (section {each.section})", ours, _verdict(each), f"Rule: {each.rule}. {judgement}"))
-    return Table(caption, ("What the text says", "What we find", "Verdict", "By which rule, and why"), rows)
+        place = f"section {each.section}" + f", {ABOUT[each.figure]['heading']}" * each.figure.startswith("figure")
+        source = f"Source: {each.source}." if each.source else ""
+        judgement = " ".join(filter(None, (f"Rule: {each.rule}.", each.otherwise, each.why, source)))
+        rows.append((f"{each.text} ({place})", _verdict(each), ours, judgement))
+    return Table(caption, ("What the text says", "Verdict", "What we find", "By which rule, and why"), rows)
 
 
 def answer(statements: Sequence[Statement]) -> str:
     """Return the counts in words."""
     bases = Counter(statement.basis for statement in statements)
     tests = Counter(statement.verdict for statement in statements if statement.basis == Basis.TEST)
+    others = len(statements) - bases[Basis.TEST]
     return (
         f"Of {len(statements)} statements of the paper's text {bases[Basis.TEST]} are tests: "
         f"{tests[Verdict.DIGITS] + tests[Verdict.AGREES]} agree, {tests[Verdict.ONE_READING]} agree in one of two "
         f"readings, {tests[Verdict.DISAGREES]} disagree, and {tests[Verdict.UNDECIDED]} cannot be decided. The other "
-        f"{len(statements) - bases[Basis.TEST]} could not have come out otherwise: {bases[Basis.IDENTIFIED]} were used to "
-        f"identify values that the paper does not print, or follow from them, {bases[Basis.GIVEN]} are identities, scale "
-        f"laws or inputs, and {bases[Basis.REPEATED]} repeat another one."
+        f"{others} could not have come out otherwise: {bases[Basis.IDENTIFIED]} were used to identify values that the "
+        f"paper does not print, or follow from them, {bases[Basis.GIVEN]} are identities, scale laws or inputs, and "
+        f"{bases[Basis.REPEATED]} repeat another one."
     )
 
 
 def analyse(frames: Frames, quick: bool) -> Findings:
     """Judge the statements about all figures that were made, and show both."""
     statements = judged({name: MADE[name].numbers(frame) for name, frame in frames.items()})
-    by_figure = {name: list(group) for name, group in groupby(statements, lambda each: each.figure)}
     apart = [each for each in statements if each.verdict not in AGREEING]
     misprints = [(misprint["place"], misprint["correction"]) for misprint in DATA["misprints"]]
     sections = [
-        Section(
-            "What disagrees",
-            [table("What disagrees, depends on the reading, or cannot be decided.", apart)],
-            key="apart",
-        ),
+        Section("What disagrees", [table("Or depends on the reading, or cannot be decided.", apart)], key="apart"),
         Section("Misprints", [Table("", ("Where", "What is wrong with it"), misprints)], key="misprints"),
     ]
     for about in DATA["sections"]:
-        names = [name for name in about["figures"] if name in frames]
-        if names:
-            sections.append(
-                Section(about["heading"], [picture(name, frames[name]) for name in names], key=about["key"])
-            )
-            tables = [table(f"{ABOUT[name]['heading']}: {ABOUT[name]['title']}", by_figure[name]) for name in names]
-            count = sum(len(each.rows) for each in tables)
-            sections.append(Section(f"{count} statements about these figures", tables, folded=True))
+        if names := [name for name in about["figures"] if name in frames]:
+            pictures = [picture(name, frames[name]) for name in names]
+            here = [each for each in statements if each.figure in names]
+            sections.append(Section(about["heading"], pictures, key=about["key"]))
+            sections.append(Section(f"{len(here)} statements about these figures", [table("", here)], folded=True))
     rows = pl.DataFrame([asdict(each) for each in statements], infer_schema_length=None)
     return Findings(answer(statements), sections, {"statements": rows})
 

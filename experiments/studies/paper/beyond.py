@@ -10,7 +10,17 @@ import polars as pl
 import impact_gym as ig
 from experiments.lab.charts import FLANGE, OBJECT, SERIES, TOOL
 from experiments.lab.scenes import (
-    BRAKE, DISTANCE, HEAVY_MASS, HOLD, LINEAR, MECHANISM, MOTION, OBJECT_MASS, STEADY, THRESHOLD, scene,
+    BRAKE,
+    DISTANCE,
+    HEAVY_MASS,
+    HOLD,
+    LINEAR,
+    MECHANISM,
+    MOTION,
+    OBJECT_MASS,
+    STEADY,
+    THRESHOLD,
+    scene,
     simulate_with_trace,
 )  # fmt: skip
 from experiments.studies.paper.layouts import Panels, Reproduction, mark, panels
@@ -152,14 +162,10 @@ def _numbers_detection(frame: pl.DataFrame) -> Numbers:
     free = rows["delay"][rows["object_velocity"] < 1.05 * by_tool].max()
     fixed = where(frame, coupling="rigid", noticed_by="tool")["object_velocity"][0]
     return {
-        "later": 1e3 * (robot_delay - tool_delay),
-        "change": 100 * (by_robot / by_tool - 1.0),
-        "free": 1e3 * free,
-        "robot_delay": 1e3 * robot_delay,
-        "velocity": by_robot,
-        "fixed": fixed,
-        "share": by_robot / fixed,
-    }
+        "later": 1e3 * (robot_delay - tool_delay), "change": 100 * (by_robot / by_tool - 1.0),
+        "free": 1e3 * free, "robot_delay": 1e3 * robot_delay,
+        "velocity": by_robot, "fixed": fixed, "share": by_robot / fixed,
+    }  # fmt: skip
 
 
 def _by_mass(coupling: Coupling, stiffness: float) -> ig.Outcomes:
@@ -271,22 +277,15 @@ def _numbers_speed(frame: pl.DataFrame) -> Numbers:
     ratio = velocity / speed
     fixed = where(frame, coupling="rigid", speed=MOTION.speed)["object_velocity"][0]
     return {
-        "fixed": fixed,
-        "faster": speed[velocity <= fixed].max(),
+        "fixed": fixed, "faster": speed[velocity <= fixed].max(),
         "fails_below": speed[(speed < MOTION.speed) & ahead].max(initial=0.0),
         "turns": "".join(f"; {before} to {after} passes of the alignment at {v:.3f} m/s" for v, before, after in turns),
-        "better_from": better.min(),
-        "better_to": better.max(),
-        "slowest": speed[0],
-        "fastest": speed[-1],
-        "change": 100 * (at_11 / at_10 - 1.0),
-        "change_12": 100 * (at_12 / at_10 - 1.0),
+        "better_from": better.min(), "better_to": better.max(), "slowest": speed[0], "fastest": speed[-1],
+        "change": 100 * (at_11 / at_10 - 1.0), "change_12": 100 * (at_12 / at_10 - 1.0),
         "passes": int(rows["passes"][np.argmin(np.abs(speed - 1.1))]),
-        "spread": np.ptp(ratio),
-        "ratio_best": ratio.min(),
-        "best_at": speed[int(np.argmin(ratio))],
-        "ratio_worst": ratio.max(),
-    }
+        "spread": np.ptp(ratio), "ratio_worst": ratio.max(),
+        "ratio_best": ratio.min(), "best_at": speed[int(np.argmin(ratio))],
+    }  # fmt: skip
 
 
 FIGURES = {

@@ -1,12 +1,21 @@
 """Section 3, the compliant robot (3.1 its model, 3.2 its impacts): Fig. 11 to 14."""
 
+from functools import partial
+
 import numpy as np
 import polars as pl
-from matplotlib.figure import Figure
 
 from experiments.lab.charts import FLANGE, OBJECT, TOOL
 from experiments.lab.scenes import (
-    HEAVY_MASS, MOTION, OBJECT_MASS, ROBOT, ROBOT_AND_TOOL, STEADY, TOOL_MASS, scene, simulate_with_trace
+    HEAVY_MASS,
+    MOTION,
+    OBJECT_MASS,
+    ROBOT,
+    ROBOT_AND_TOOL,
+    STEADY,
+    TOOL_MASS,
+    scene,
+    simulate_with_trace,
 )  # fmt: skip
 from experiments.studies.paper.layouts import Panels, Reproduction, imposed_and_actual, panels
 from experiments.studies.paper.runs import Numbers, Run, histories, where
@@ -82,13 +91,9 @@ def _plot_12(frame: pl.DataFrame, grid: Panels) -> None:
 def _numbers_12(frame: pl.DataFrame) -> Numbers:
     columns, at = where(frame), where(frame, at_impact=True)
     return {
-        "mass": at["held"][0] + TOOL_MASS,
-        "factors": np.array(
-            [np.max(columns[name]) / np.min(columns[name]) for name in ("held", "damping", "stiffness")]
-        ),
-        "stiffness": at["stiffness"][0],
-        "damping": at["damping"][0],
-    }
+        "mass": at["held"][0] + TOOL_MASS, "stiffness": at["stiffness"][0], "damping": at["damping"][0],
+        "factors": [columns[name].max() / columns[name].min() for name in ("held", "damping", "stiffness")],
+    }  # fmt: skip
 
 
 def figure_13() -> pl.DataFrame:
@@ -99,10 +104,6 @@ def figure_13() -> pl.DataFrame:
     for case in ("b", "along"):  # beyond reach: nothing is struck within the run
         scenes[f"{case}, unhindered"] = scene(1e5, 1.0, robot=robots[case], distance=10.0)
     return histories(scenes)
-
-
-def _plot_13(frame: pl.DataFrame) -> Figure:
-    return imposed_and_actual(frame, titles=JOINTS)
 
 
 def _order(delay: float) -> str:
@@ -116,32 +117,22 @@ def _numbers_13(frame: pl.DataFrame) -> Numbers:
     delay_along, minimum_along = along.nearest_minimum(Run(frame, "along, unhindered"))
     friction_loss = FRICTION * GRAVITY * run.duration_of_contact
     return {
-        "rigid": rigid.final_velocity,
-        "contact_ends": rigid.during_contact.time[-1],
+        "rigid": rigid.final_velocity, "contact_ends": rigid.during_contact.time[-1],
         "braking": rigid.trace.time[(commanded < MOTION.speed) & (rigid.trace.time > 0.2)][0],
-        "impact_velocity": run.impact_velocity,
-        "delay": 1e3 * abs(delay),
-        "order": _order(delay),
-        "minimum": minimum,
-        "compliant": run.final_velocity,
+        "impact_velocity": run.impact_velocity, "compliant": run.final_velocity,
+        "delay": 1e3 * abs(delay), "order": _order(delay), "minimum": minimum,
         "times": run.final_velocity / MOTION.speed,
         "lower": 100.0 * (1.0 - run.final_velocity / rigid.final_velocity),
-        "deflection": 1e3 * run.deflection,
-        "peak": run.trace.contact_force.max(),
-        "friction": FRICTION * OBJECT_MASS * GRAVITY,
-        "friction_loss": friction_loss,
+        "deflection": 1e3 * run.deflection, "peak": run.trace.contact_force.max(),
+        "friction": FRICTION * OBJECT_MASS * GRAVITY, "friction_loss": friction_loss,
         "friction_share": friction_loss / run.final_velocity,
         "slide": float(sliding_distance(run.final_velocity, FRICTION)),
-        "along": along.final_velocity,
-        "frozen": frozen.final_velocity,
-        "impact_along": along.impact_velocity,
-        "impact_frozen": frozen.impact_velocity,
+        "along": along.final_velocity, "frozen": frozen.final_velocity,
+        "impact_along": along.impact_velocity, "impact_frozen": frozen.impact_velocity,
         "change": abs(frozen.final_velocity - along.final_velocity),
         "impact_change": abs(frozen.impact_velocity - along.impact_velocity),
-        "delay_along": 1e3 * abs(delay_along),
-        "order_along": _order(delay_along),
-        "minimum_along": minimum_along,
-    }
+        "delay_along": 1e3 * abs(delay_along), "order_along": _order(delay_along), "minimum_along": minimum_along,
+    }  # fmt: skip
 
 
 def figure_14() -> pl.DataFrame:
@@ -149,10 +140,6 @@ def figure_14() -> pl.DataFrame:
     soft, stiff = (scene(k_c, 1.0, robot=ROBOT, object_mass=HEAVY_MASS) for k_c in (1e5, 1e6))
     braking = histories({"a": soft, "b": stiff, "13b": scene(1e5, 1.0, robot=ROBOT)})
     return pl.concat([braking, histories({"b, no brake": stiff}, STEADY)])
-
-
-def _plot_14(frame: pl.DataFrame) -> Figure:
-    return imposed_and_actual(frame, titles=HEAVY)
 
 
 def _numbers_14(frame: pl.DataFrame) -> Numbers:
@@ -163,32 +150,21 @@ def _numbers_14(frame: pl.DataFrame) -> Numbers:
     after_without_brake = without_brake.vibration[1]
     return {
         "share": 100.0 * HEAVY_MASS / ROBOT_AND_TOOL,
-        "impact": impact,
-        "impact_light": light.impact_velocity,
+        "impact": impact, "impact_light": light.impact_velocity,
         "mean": np.trapezoid(touching.tool_velocity, touching.time) / a.duration_of_contact,
-        "a": a.final_velocity,
-        "b": b.final_velocity,
-        "light": light.final_velocity,
+        "a": a.final_velocity, "b": b.final_velocity, "light": light.final_velocity,
         "less": 100.0 * (1.0 - a.final_velocity / light.final_velocity),
-        "force_a": a.trace.contact_force.max(),
-        "force_b": b.trace.contact_force.max(),
-        "deflection_a": 1e3 * a.deflection,
-        "deflection_b": 1e3 * b.deflection,
-        "lost_a": lost_a,
-        "lost_b": lost_b,
-        "lost_share": lost_b / impact,
-        "lost_ratio": lost_b / lost_a,
-        "before": before,
-        "after": after,
-        "growth": after / before,
-        "after_without_brake": after_without_brake,
-        "growth_without_brake": after_without_brake / before,
-    }
+        "force_a": a.trace.contact_force.max(), "force_b": b.trace.contact_force.max(),
+        "deflection_a": 1e3 * a.deflection, "deflection_b": 1e3 * b.deflection,
+        "lost_a": lost_a, "lost_b": lost_b, "lost_share": lost_b / impact, "lost_ratio": lost_b / lost_a,
+        "before": before, "after": after, "growth": after / before,
+        "after_without_brake": after_without_brake, "growth_without_brake": after_without_brake / before,
+    }  # fmt: skip
 
 
 FIGURES = {
     "figure_11": Reproduction(figure_11, _plot_11, _numbers_11),
     "figure_12": Reproduction(figure_12, _plot_12, _numbers_12),
-    "figure_13": Reproduction(figure_13, _plot_13, _numbers_13),
-    "figure_14": Reproduction(figure_14, _plot_14, _numbers_14),
+    "figure_13": Reproduction(figure_13, partial(imposed_and_actual, titles=JOINTS), _numbers_13),
+    "figure_14": Reproduction(figure_14, partial(imposed_and_actual, titles=HEAVY), _numbers_14),
 }

@@ -145,18 +145,12 @@ def _numbers_16(frame: pl.DataFrame) -> Numbers:
         "largest": np.max(grid),
         "rising_from": _rising_from(frame),
         "damping_falls": [(np.diff(velocity) <= 0).sum() for velocity in damped],
-        "settled_steps": np.diff(settled),
-        "settled_rises": (np.diff(settled) > 0).sum(axis=1),
-        "soft": soft,
-        "middle": middle,
-        "stiff": stiff,
+        "settled_steps": np.diff(settled), "settled_rises": (np.diff(settled) > 0).sum(axis=1),
+        "soft": soft, "middle": middle, "stiff": stiff,
         "order": _places((soft > middle) & (middle > stiff)),
-        "slope_break": slope_break,
-        "onset": onset,
-        "apart": abs(onset - slope_break),
-        "contacts_before": before,
-        "contacts_after": after,
-    }
+        "slope_break": slope_break, "onset": onset, "apart": abs(onset - slope_break),
+        "contacts_before": before, "contacts_after": after,
+    }  # fmt: skip
 
 
 @panels(7.0, 4.6)
@@ -169,20 +163,16 @@ def _numbers_18(frame: pl.DataFrame) -> Numbers:
     soft, middle, stiff = grid = _on_grid(frame)
     unbraked = [curve(frame, k_c, braked=False)["object_velocity"] for k_c in CONTACT_STIFFNESSES]
     steadily = (unbraked[0] < unbraked[1]) & (unbraked[1] < unbraked[2])
-    at = (COUPLING_STIFFNESSES == 150.0).argmax()
+    at_150 = [velocity[(COUPLING_STIFFNESSES == 150.0).argmax()] for velocity in grid]
     return {
-        "soft": soft,
-        "middle": middle,
-        "stiff": stiff,
+        "soft": soft, "middle": middle, "stiff": stiff,
         "order": _places((soft < middle) & (middle < stiff)),
         "softest_slowest": ((soft < middle) & (soft < stiff)).sum(),
         "steps_unbraked": np.diff(unbraked, axis=0),
-        "ordered_unbraked": steadily.sum(),
-        "values_unbraked": steadily.size,
-        "at_150": [velocity[at] for velocity in grid],
-        "steps_at_150": np.diff([velocity[at] for velocity in grid]),
+        "ordered_unbraked": steadily.sum(), "values_unbraked": steadily.size,
+        "at_150": at_150, "steps_at_150": np.diff(at_150),
         "rising_from": _rising_from(frame),
-    }
+    }  # fmt: skip
 
 
 FIGURES = {

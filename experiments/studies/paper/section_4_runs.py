@@ -1,10 +1,10 @@
 """Section 4, the tool behind spring and damper: Fig. 17, 19 and 20, runs at k_t = 150 N/m, zeta = 1."""
 
 from collections.abc import Iterable
+from functools import partial
 
 import numpy as np
 import polars as pl
-from matplotlib.figure import Figure
 
 import impact_gym as ig
 from experiments.lab.scenes import MOTION, decoupled
@@ -13,6 +13,7 @@ from experiments.studies.paper.runs import Numbers, Run, histories
 
 ELASTIC = {"a": decoupled(1e5, 1.0, 150.0), "b": decoupled(1e4, 1.0, 150.0)}  # Fig. 17
 ELASTIC_TITLES = {"a": "(a, c) k_c = $10^5$ N/m$^{1.5}$", "b": "(b, d) k_c = $10^4$ N/m$^{1.5}$"}
+WINDOW = (0.25, 0.75)  # s, that is drawn
 RESTITUTION = 0.1  # of Fig. 19 and 20
 INELASTIC = {"a": decoupled(1e5, RESTITUTION, 150.0), "b": decoupled(1e3, RESTITUTION, 150.0)}  # Fig. 19 and 20
 INELASTIC_TITLES = {"a": "(a, c) k_c = $10^5$ N/m$^{1.5}$", "b": "(b, d) k_c = $10^3$ N/m$^{1.5}$"}
@@ -22,10 +23,6 @@ IMPULSES = {"a": "k_c = $10^5$ N/m$^{1.5}$", "b": "k_c = $10^3$ N/m$^{1.5}$"}
 def figure_17() -> pl.DataFrame:
     """Simulate both."""
     return histories(ELASTIC)
-
-
-def _plot_17(frame: pl.DataFrame) -> Figure:
-    return velocities_and_forces(frame, titles=ELASTIC_TITLES, window=(0.25, 0.75))
 
 
 def _numbers_17(frame: pl.DataFrame) -> Numbers:
@@ -60,10 +57,6 @@ def figure_19() -> pl.DataFrame:
     return histories(INELASTIC | {"a, e = 1": decoupled(1e5, 1.0, 150.0), "b, e = 1": decoupled(1e3, 1.0, 150.0)})
 
 
-def _plot_19(frame: pl.DataFrame) -> Figure:
-    return velocities_and_forces(frame, titles=INELASTIC_TITLES, window=(0.25, 0.75))
-
-
 def _share_before_the_brake(run: Run) -> float:
     """Return how many per cent of V_p the object has when the robot begins to brake."""
     trace = run.trace
@@ -94,35 +87,26 @@ def _during(contacts: Iterable[ig.Trace], name: str) -> Numbers:
 def _numbers_19(frame: pl.DataFrame) -> Numbers:
     a, b = (Run(frame, case) for case in "ab")
     contacts, felt = (a.first_contact, b.first_contact), (a.felt_contact, b.felt_contact)
-    parted = zip(felt, contacts, strict=True)
     return {
-        "velocities": np.array([run.final_velocity for run in (a, b)]),
-        "velocities_elastic": np.array([Run(frame, f"{case}, e = 1").final_velocity for case in "ab"]),
-        "velocity_a": a.final_velocity,
-        "velocity_b": b.final_velocity,
-        "shares": np.array([_share_before_the_brake(run) for run in (a, b)]),
-        "deceleration_a": a.deceleration,
-        "deceleration_b": b.deceleration,
-        "duration_a": 1e3 * a.duration_of_contact,
-        "duration_b": 1e3 * b.duration_of_contact,
-        "parting_a": a.during_contact.flange_velocity[-1],
-        "parting_b": b.during_contact.flange_velocity[-1],
-        "restitutions": np.array([run.restitution for run in (a, b)]),
-        "restitutions_felt": np.array([
-            (end.object_velocity[-1] - end.tool_velocity[-1]) / start.tool_velocity[0] for end, start in parted
-        ]),
-        **_during(contacts, "contact"),
-        **_during(felt, "felt"),
+        "velocities": [run.final_velocity for run in (a, b)],
+        "velocities_elastic": [Run(frame, f"{case}, e = 1").final_velocity for case in "ab"],
+        "velocity_a": a.final_velocity, "velocity_b": b.final_velocity,
+        "shares": [_share_before_the_brake(run) for run in (a, b)],
+        "deceleration_a": a.deceleration, "deceleration_b": b.deceleration,
+        "duration_a": 1e3 * a.duration_of_contact, "duration_b": 1e3 * b.duration_of_contact,
+        "parting_a": a.during_contact.flange_velocity[-1], "parting_b": b.during_contact.flange_velocity[-1],
+        "restitutions": [run.restitution for run in (a, b)],
+        "restitutions_felt": [
+            (end.object_velocity[-1] - end.tool_velocity[-1]) / start.tool_velocity[0]
+            for end, start in zip(felt, contacts, strict=True)
+        ],
+        **_during(contacts, "contact"), **_during(felt, "felt"),
     }  # fmt: skip
 
 
 def figure_20() -> pl.DataFrame:
     """Simulate both cases of Fig. 19."""
     return histories(INELASTIC)
-
-
-def _plot_20(frame: pl.DataFrame) -> Figure:
-    return impulses(frame, titles=IMPULSES)
 
 
 def _numbers_20(frame: pl.DataFrame) -> Numbers:
@@ -134,22 +118,23 @@ def _numbers_20(frame: pl.DataFrame) -> Numbers:
     velocities = np.array([run.final_velocity for run in pair])
     velocities_felt = np.array([contact.object_velocity[-1] for contact in felt])
     return {
-        "impulses": [run.impulse for run in pair],
-        "velocities": velocities,
+        "impulses": [run.impulse for run in pair], "velocities": velocities,
         "same_order": (a.impulse - b.impulse) * (a.final_velocity - b.final_velocity),
         "identity": max(abs(run.equation_22() / run.final_velocity - 1.0) for run in pair),
         "drawn_error": max(abs(run.running_impulse()[1][-1] / run.impulse - 1.0) for run in pair),
-        "nominal": nominal,
-        "nominal_error": np.abs(nominal / velocities - 1.0),
+        "nominal": nominal, "nominal_error": np.abs(nominal / velocities - 1.0),
         "velocities_felt": velocities_felt,
-        "nominal_felt": nominal_felt,
-        "nominal_error_felt": np.abs(nominal_felt / velocities_felt - 1.0),
+        "nominal_felt": nominal_felt, "nominal_error_felt": np.abs(nominal_felt / velocities_felt - 1.0),
         "restitutions": [run.restitution for run in pair],
-    }
+    }  # fmt: skip
 
 
 FIGURES = {
-    "figure_17": Reproduction(figure_17, _plot_17, _numbers_17),
-    "figure_19": Reproduction(figure_19, _plot_19, _numbers_19),
-    "figure_20": Reproduction(figure_20, _plot_20, _numbers_20),
+    "figure_17": Reproduction(
+        figure_17, partial(velocities_and_forces, titles=ELASTIC_TITLES, window=WINDOW), _numbers_17
+    ),
+    "figure_19": Reproduction(
+        figure_19, partial(velocities_and_forces, titles=INELASTIC_TITLES, window=WINDOW), _numbers_19
+    ),
+    "figure_20": Reproduction(figure_20, partial(impulses, titles=IMPULSES), _numbers_20),
 }

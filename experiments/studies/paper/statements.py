@@ -77,6 +77,7 @@ class Statement:
     why: str
     basis: Basis
     otherwise: str  # outcome under another reading of the text
+    source: str  # of numbers that are not computed here
 
 
 SAID = {
@@ -146,7 +147,9 @@ def judge(figure: str, said: Said, numbers: Numbers, others_agree: bool = True) 
         if (second is Verdict.DISAGREES) != (verdict is Verdict.DISAGREES):
             verdict = Verdict.ONE_READING  # it stays one statement
     why, basis = said.why.format(**numbers), Basis[said.basis.upper()]
-    return Statement(figure, said.section, said.text, printed, ours, unit, verdict, rule, digits, why, basis, otherwise)
+    return Statement(
+        figure, said.section, said.text, printed, ours, unit, verdict, rule, digits, why, basis, otherwise, said.source
+    )
 
 
 def judged(numbers: Mapping[str, Numbers], statements: Mapping[str, Said] = SAID) -> list[Statement]:
