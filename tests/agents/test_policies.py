@@ -7,7 +7,6 @@ import math
 import os
 import pickle
 import warnings
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,11 +15,10 @@ from policies import KINDS, made_up_policy, observations
 
 from agents import archive, load_policy, load_setup
 from agents.policies import SHIPPED, Ensemble, load_ensemble
-from agents.policies.networks import Affine, Network, to_arrays
+from agents.policies.networks import to_arrays
 from agents.policies.policy import FORMAT
 from agents.setups import shipped
 from agents.train_seeds import median
-from impact_gym.quantities import QUANTITIES
 
 
 def actions_by_hand(arrays, activation, rows):
@@ -39,6 +37,12 @@ def actions_by_hand(arrays, activation, rows):
 def path(tmp_path):
     """The file of a made-up policy."""
     return made_up_policy().save(tmp_path / "policy.npz")
+
+
+def arrays_of(path):
+    """All that a file holds, by name."""
+    with np.load(path, allow_pickle=False) as file:
+        return dict(file)
 
 
 def assert_same(first, second):
@@ -64,14 +68,12 @@ def test_predict_is_the_network_row_by_row(kind):
 
 @pytest.mark.parametrize("name", shipped())
 def test_load_policy_plays_the_weights_of_the_shipped_file(name):
-    with np.load(SHIPPED / f"{name}.npz", allow_pickle=False) as file:
-        arrays = dict(file)
+    arrays = arrays_of(SHIPPED / f"{name}.npz")
     content = json.loads(str(arrays.pop("header")))["content"]
     ensemble, setup = load_ensemble(name), load_setup(name)
     assert sorted(policy.seed for policy in ensemble.policies) == list(range(setup.training.seeds))
     assert load_policy(name).seed == content["chosen"] == median(ensemble.policies).seed
-    last = setup.training.seeds - 1
-    assert_same(load_policy(name, last), ensemble[last])
+    assert_same(load_policy(name, setup.training.seeds - 1), ensemble[setup.training.seeds - 1])
     for policy in ensemble.policies:
         own = {key.partition("/")[2]: array for key, array in arrays.items() if key.startswith(f"{policy.seed}/")}
         seen = observations(policy, 100)
@@ -82,15 +84,15 @@ def test_load_policy_plays_the_weights_of_the_shipped_file(name):
 
 
 def test_predict_adds_noise_of_the_standard_deviation_it_has():
-    policy = made_up_policy(log_std=-4.0)
-    policy.network.mean.bias[:] = 0.0
-    mean = Affine("mean", policy.network.mean.weight * 0.0, policy.network.mean.bias)
-    policy.network = Network(policy.network.hidden, mean, policy.network.log_std)
-    noise = policy.predict(observations(policy, 20_000), deterministic=False)[0]
-    sigma = math.exp(-4.0)
-    assert np.abs(noise.mean(axis=0)).max() < 5.0 * sigma / math.sqrt(20_000)
-    assert np.abs(noise.std(axis=0) - sigma).max() < 5.0 * sigma / math.sqrt(40_000)
-    assert abs(np.corrcoef(noise.T)[0, 1]) < 5.0 / math.sqrt(20_000)
+    policy, sigma = made_up_policy(log_std=-4.0), math.exp(-4.0)
+    seen = observations(policy, 60_000)
+    mean = policy.predict(seen)[0]
+    inside = np.abs(mean).max(axis=1) < 0.9  # the others are clipped
+    noise = (policy.predict(seen, deterministic=False)[0] - mean)[inside]
+    assert len(noise) > 10_000
+    assert np.abs(noise.mean(axis=0)).max() < 5.0 * sigma / math.sqrt(len(noise))
+    assert np.abs(noise.std(axis=0) - sigma).max() < 5.0 * sigma / math.sqrt(2 * len(noise))
+    assert abs(np.corrcoef(noise.T)[0, 1]) < 5.0 / math.sqrt(len(noise))
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -105,22 +107,14 @@ def test_ensemble_survives_its_file_bit_for_bit(tmp_path, kind):
 
 
 def test_save_writes_ids_units_and_scales_of_observation_and_action(tmp_path):
+    """And no words: these may change, and the file is still read, and written as it was."""
     path = made_up_policy(environment={"range_noise": 0.01}).save(tmp_path / "policy.npz")
     content, _ = archive.read_archive(path, FORMAT)
+    assert load_policy(path).to_bytes() == path.read_bytes()
     assert [row["id"] for row in content["observation"]] == list(load_policy(path).spec.ids)
     velocity = {"id": "velocity", "unit": "m/s", "low": -0.5, "high": 1.5}
     assert content["observation"][1] == {**velocity, "scaled_low": -1.0, "curve": "linear"}
     assert content["action"] == [velocity, {"id": "acceleration", "unit": "m/s^2", "low": 1.0, "high": 20.0}]
-
-
-def test_load_policy_reads_a_file_whatever_the_words_of_its_quantities(path, monkeypatch):
-    policy, seen = load_policy(path), observations(load_policy(path), 50)
-    for name, row in QUANTITIES.items():
-        monkeypatch.setitem(QUANTITIES, name, replace(row, words=f"{row.words}, in other words"))
-    reworded = load_policy(path)
-    assert all(entry.words.endswith("in other words") for entry in reworded.spec.entries)
-    assert np.array_equal(reworded.predict(seen)[0], policy.predict(seen)[0])
-    assert reworded.to_bytes() == policy.to_bytes() == path.read_bytes()
 
 
 class Bomb:
@@ -133,11 +127,6 @@ class Bomb:
         return os.mkdir, (str(self.path),)
 
 
-def arrays_of(path):
-    with np.load(path, allow_pickle=False) as file:
-        return dict(file)
-
-
 def test_load_policy_runs_no_code(path, tmp_path):
     mark, good = tmp_path / "code ran", arrays_of(path)
     np.savez(path, **good)
@@ -146,12 +135,11 @@ def test_load_policy_runs_no_code(path, tmp_path):
         np.savez(path, **{**good, name: np.array([Bomb(mark)], object)})
         with pytest.raises(ValueError, match="pickled objects, which are never loaded"):
             load_policy(path)
-    pickled = pickle.dumps(Bomb(mark))
-    path.write_bytes(pickled)
+    path.write_bytes(pickle.dumps(Bomb(mark)))
     with pytest.raises(ValueError, match="damaged"):
         load_policy(path)
     assert not mark.exists()
-    pickle.loads(pickled)
+    pickle.loads(path.read_bytes())
     assert mark.exists()
 
 
