@@ -1,9 +1,9 @@
 """Controllers from plain data, so that a job can name one on another machine.
 
 `{"policy": ...}` holds a policy's file in base 64; `{"baseline": ...}` names one that is shipped, `{"tuned": ...}`
-holds what the file of a tuned one says; `{"speed": ...}` is a constant speed, reached and left at 16 m/s^2, which a bistable mechanism still bears; `{"clairvoyant": ...}` holds by
-time weight what was found for each scenario of a set-up; `{"object": "module:name"}` anything with `predict`, or a
-function or class that returns it.
+holds what the file of a tuned one says; `{"speed": ...}` is a constant speed, reached and left at 16 m/s^2, which a
+bistable mechanism still bears; `{"clairvoyant": ...}` holds by time weight what was found for each scenario of a
+set-up; `{"object": "module:name"}` anything with `predict`, or a function or class that returns it.
 """
 
 import base64

@@ -145,8 +145,8 @@ def test_load_baseline_interpolates_over_the_logarithm_of_the_weight(tmp_path):
 
 
 @pytest.mark.parametrize(("changes", "reason"), [
-    ({"weights": {}, "sha256": "as it was"}, "was altered"), (None, "damaged"),
-    ({"environment": {"range_noise": 0.02}}, "another environment"), ({"parameters": []}, "another table of parameters"),
+    ({"weights": {}, "sha256": "as it was"}, "was altered"), ({"parameters": []}, "another table of parameters"),
+    ({"environment": {"range_noise": 0.02}}, "another environment"), (None, "damaged"),
 ], ids=str)  # fmt: skip
 def test_load_baseline_refuses_what_was_not_written_with_the_remedy(tmp_path, changes, reason):
     with pytest.raises(ValueError, match=r"was not tuned.*impact-gym tune linear-ranged"):
@@ -179,18 +179,11 @@ def test_shipped_baseline_beats_the_papers_rule_at_its_weight_and_misses_next_to
 
 
 def test_paper_limits_permit_the_papers_rule_and_no_more():
-    paper, ours = (load_setup(name).environment for name in ("paper-limits", "linear-blind"))
-
-    def played(controller, environment):
+    def played(controller, name):
+        environment = load_setup(name).environment
         result = ScenarioBatch.of("test", 500, **environment).play(controller.for_environment(environment))
         return {name: getattr(result, name) for name in RESULTS}
 
-    expected = played(PaperTrapezoid(), paper)
-    assert_identical(expected, played(PaperTrapezoid(), ours))
-    assert_identical(expected, played(ConstantSpeed(1.5, 20.0), paper))
-    fastest = BlindProfile([1.5] * len(KNOTS) + [20.0] + [-0.5] * (len(REACTION) - 1) + [20.0])  # and back again
-    for environment, (slowest, most), hardest in ((paper, (0.0, 1.0), 8.0), (ours, (-0.5, 1.5), 20.0)):
-        time, _, velocity, _ = flange(fastest.for_environment(environment), environment)
-        acceleration = (np.diff(velocity) / np.diff(time).clip(1e-9))[np.diff(time) > 1e-6]
-        assert slowest - 1e-5 <= velocity.min() < velocity.max() <= most + 1e-5
-        assert np.abs(acceleration).max() == pytest.approx(hardest, abs=1e-3)
+    expected = played(PaperTrapezoid(), "paper-limits")
+    assert_identical(expected, played(PaperTrapezoid(), "linear-blind"))
+    assert_identical(expected, played(ConstantSpeed(1.5, 20.0), "paper-limits"))

@@ -61,6 +61,8 @@ def test_validation_plays_what_evaluation_plays(rule, environment):
         expected["cost"] = episodes.loss(weight).mean()
         assert {name: scores[name][place] for name in expected} == pytest.approx(expected, rel=1e-12)
     assert scores["score"] == pytest.approx(np.mean(scores["cost"]), rel=1e-12)
+    drawn = ScenarioBatch.of("validation", 40, **environment).play(rule).scenario
+    assert np.array_equal(drawn["distance"], episodes.scenario["distance"])
 
 
 def test_seeds_of_evaluation_tuning_and_training_lie_one_above_the_other():
@@ -117,11 +119,6 @@ def test_tuned_profile_is_fast_at_the_places_it_was_tuned_for_wherever_it_is_pla
     expected = ScenarioBatch(TEST_SEED, 20, **own).play(load_baseline("wide-profile", 2.0).for_environment(own))
     result = jobs.play({"baseline": "wide-profile"}, scenarios, environment=elsewhere)
     assert np.array_equal(result["object_velocity"][0], expected.object_velocity)
-
-
-def test_batch_of_a_frozen_set_draws_its_own_scenarios_where_the_environment_has_some():
-    own = ScenarioBatch.of("test", 5, scenario={"distance": (0.2, 0.2)}).play(PaperTrapezoid())
-    assert (own.scenario["distance"] == 0.2).all()
 
 
 def test_revision_names_the_commit_of_sources_that_git_knows_and_none_of_others(tmp_path):

@@ -18,9 +18,9 @@ from agents.export.replay import LANGUAGES, WARNINGS, Replay, address, compiled,
 from impact_gym.envs import IDS
 
 COMPILER = shutil.which("cc") or shutil.which("gcc")
-needs_c = pytest.mark.skipif(COMPILER is None, reason="no C compiler")
+pytestmark = pytest.mark.skipif(COMPILER is None, reason="no C compiler")
 WITH_ONNX = all(map(importlib.util.find_spec, ("onnx", "onnxruntime")))
-needs_both = pytest.mark.skipif(COMPILER is None or not WITH_ONNX, reason="no C compiler, or no onnx or onnxruntime")
+needs_onnx = pytest.mark.skipif(not WITH_ONNX, reason="onnx or onnxruntime is missing")
 
 
 @pytest.fixture
@@ -29,21 +29,20 @@ def saved(tmp_path):
     return str(made_up_policy().save(tmp_path / "my policy-2.npz"))
 
 
-@needs_both
+@needs_onnx
 def test_run_writes_both_forms_and_says_how_they_agree_and_what_cannot_be_checked(saved, tmp_path, monkeypatch, capsys):
-    written = exporting.run(Export(saved, tmp_path / "out", episodes=300, calls=1000))
-    assert [file.name for file in written] == ["my policy-2.h", "my policy-2.onnx"]
+    options = Export(saved, tmp_path / "out", episodes=300, calls=1000)
+    assert [file.name for file in exporting.run(options)] == ["my policy-2.h", "my policy-2.onnx"]
     printed = capsys.readouterr().out
-    assert printed.count("16 ms") == 3
-    assert printed.count("differs by at most") == 2
+    assert (printed.count("16 ms"), printed.count("differs by at most")) == (3, 2)
     monkeypatch.setenv("PATH", str(tmp_path))
-    exporting.run(Export(saved, tmp_path / "out", episodes=30, calls=1000))
+    exporting.run(options)
     printed = capsys.readouterr().out
     assert "my policy-2.h: not checked, no C compiler is here" in printed
     assert "my policy-2.h: its controller is not checked: no C compiler" in printed
 
 
-@needs_both
+@needs_onnx
 @pytest.mark.parametrize("kind", KINDS)
 def test_forms_compute_what_the_network_does_in_double_precision(tmp_path, kind):
     """Every part is exercised: actions at their limits would compare limits."""
@@ -73,7 +72,6 @@ def test_judged_refuses_a_form_that_computes_something_else(tmp_path):
         exporting.judged_replay(tmp_path, Replay(3, 9, 2e-5, 1e-6, 1e-6), 0.016)
 
 
-@needs_c
 def test_headers_of_two_policies_can_stand_in_one_program_twice(tmp_path):
     calls = ""
     for name, policy in (("first", made_up_policy()), ("other", made_up_policy(seed=1, activation="relu"))):
@@ -117,7 +115,6 @@ CONTROLLERS = {
 }  # fmt: skip
 
 
-@needs_c
 @pytest.mark.parametrize("environment", CONTROLLERS.values(), ids=list(CONTROLLERS))
 def test_controller_compiles_without_a_warning_and_commands_what_the_policy_commands(tmp_path, environment):
     policy = made_up_policy(environment=environment)
@@ -174,7 +171,6 @@ def observed_by_hand(history, field, by_reading):
     return observed_by_hand(before, field, by_reading) + now["time"] - before[-1]["time"] if on_before else 0.0
 
 
-@needs_c
 @pytest.mark.parametrize("environment", [{}, {"alarm": "reading"}, {"past_readings": 2}], ids=str)
 def test_controller_takes_faulty_readings_as_the_header_says(tmp_path, environment):
     policy, weight = made_up_policy(environment={"range_noise": 0.01, **environment}), 2.0
@@ -200,7 +196,6 @@ def test_controller_takes_faulty_readings_as_the_header_says(tmp_path, environme
         assert commands[:, 0].std(axis=0).min() > 0.05
 
 
-@needs_c
 def test_controller_in_c_stops_where_the_operator_is_silent_and_withdraws_after_an_alarm_alone(tmp_path):
     """A gain of 1 and all of the withdrawal, by the biases of the last layer; the alarm comes at 1.5 s."""
     policy = made_up_policy(environment=IDS["ImpactTeleop-v0"])
@@ -221,7 +216,6 @@ def test_controller_in_c_stops_where_the_operator_is_silent_and_withdraws_after_
     assert commands[:, 0, 1] == pytest.approx(np.where(silent, 20.0, 10.5), abs=1e-6)
 
 
-@needs_c
 def test_header_has_no_controller_for_a_policy_that_sees_the_truth(tmp_path):
     policy = made_up_policy(environment={"privileged": True})
     file = write_header(policy, tmp_path / "it.h")

@@ -89,10 +89,7 @@ SET_UPS = [
      "evaluation.varied.coupling.front_stop: ", "0.004"),
 ]  # fmt: skip
 LOOSE = {"coupling": ig.Bistable(5.0), "acceleration_range": (2.0, 20.0)}
-SLOW = {"acceleration_range": (1.0, 2.0), "velocity_range": (-0.1, 0.1)}
 CALLS = [
-    (lambda: Task(scenario={"distance": (1.8, 2.0)}), "scenario.distance", "below 1.74 m, got 1.8 m", "1.2 s (horizon)"),
-    (lambda: Task(**SLOW), "scenario.distance", "below 0.117 m, got 0.15 m"),
     (lambda: Task(robot={"type": "RobotTable", "position": [0.1, 0.2, 0.3]}), "robot must be a Robot", "RobotTable"),
     (lambda: feasible.warnings(Task(**LOOSE)), "coupling must hold the tool at 2 m/s^2", "0.838", "m/s^2"),
     (lambda: tiny(seed=-1), "seed", "got -1"), (lambda: tiny(teacher="nobody").made_for(), "no baseline 'nobody'"),
