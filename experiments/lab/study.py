@@ -50,7 +50,7 @@ class Measurement:
     depends: tuple[str, ...] = SOLVER  # modules, beside that of `measure`, whose change makes rows outdated
     failed: Callable[[Row], Row] | None = None  # the row of a cell without a result, from its labels; None: an error
     seconds: float | None = None  # after which a cell has failed
-    processes: int | None = None  # 1: its cells are timed, so they run one after the other
+    processes: int | None = None  # 1: its cells are timed, so they run one after the other; 0: in this process
 
     @property
     def digest(self) -> str:
@@ -117,25 +117,23 @@ class Run:
 
     def frame(self, measurement: Measurement) -> pl.DataFrame:
         """Return the rows of all cells; what is kept is not measured again."""
-        cells, failed = list(measurement.cells(self.options.quick, self.frames)), None
-        if measurement.failed is not None:
-            row_of = measurement.failed
+        cells, row_of = list(measurement.cells(self.options.quick, self.frames)), measurement.failed
 
-            def failed(arguments: Mapping[str, Any], reason: str) -> Rows:
-                labels = next(cell.labels for cell in cells if cell.arguments == arguments)
-                return [{**row_of(labels), "failure": reason.replace("\n", " ")}]
+        def failed(arguments: Mapping[str, Any], reason: str) -> Rows:
+            labels = next(cell.labels for cell in cells if cell.arguments == arguments)
+            return [{**(row_of(labels) if row_of else {}), "failure": reason.replace("\n", " ")}]
 
-        given = measurement.processes
+        given, asked = measurement.processes, self.options.processes
         results = cached(
             measurement.measure,
             [cell.arguments for cell in cells],
             self.folder / KEPT,
             depends=measurement.digest,
             title=measurement.name,
-            processes=self.options.processes if given is None else min(given, self.options.processes or given),
+            processes=asked if given is None else given if asked is None else min(given, asked),
             cluster=self.options.cluster if given is None else None,
             seconds=measurement.seconds,
-            failed=failed,
+            failed=failed if row_of else None,
         )
         return frame_of(zip((cell.labels for cell in cells), results, strict=True))
 
@@ -159,8 +157,8 @@ class Run:
         files = [_write_table(self.folder / name, frame) for name, frame in tables.items()]
         for picture in (picture for section in findings.sections for picture in section.pictures):
             save(picture.figure, self.folder / f"{picture.name}.svg")
-        content = {"question": self.study.question, "findings": findings, "files": files, "quick": self.options.quick}
-        return page.write(self.folder, "lab/study.html.jinja", runs=runs, **content)
+        about = {"question": self.study.question, "findings": findings, "files": files}
+        return page.write(self.folder, "lab/study.html.jinja", runs=runs, quick=self.options.quick, **about)
 
 
 def _write_table(path: Path, frame: pl.DataFrame) -> str:
