@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tyro
+from agents.train_seeds import Seeds
 from own_set_up import change, own_set_up
 from policies import made_up_policy
 
@@ -16,7 +17,6 @@ from agents.command_line import command_line, command_of
 from agents.export.__main__ import Export
 from agents.policies import load_ensemble
 from agents.setups import Training, load_setup, shipped
-from agents.train_seeds import Seeds
 from agents.tune import Tune
 from experiments import command, controller, policies
 from experiments.controller import copy_setup

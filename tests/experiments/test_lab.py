@@ -1,19 +1,16 @@
-"""What studies share: intervals over seeds and scenarios, the runner, the grid, pages, folders whole or not there."""
+"""What studies share: intervals over seeds and scenarios, the grid, symbols, folders whole or not there."""
 
-import json
 import sys
 from dataclasses import astuple
 from html import unescape
 from pathlib import Path
 
 import numpy as np
-import polars as pl
 import pytest
 from jinja2 import Environment, FileSystemLoader
 from matplotlib.figure import Figure
-from pages import as_plain_text_has_it, stands_on_its_own
+from pages import as_plain_text_has_it
 from scipy.stats import norm
-from studies import falling
 
 from agents.evaluate.play import play
 from experiments.lab import grid
@@ -23,7 +20,7 @@ from experiments.lab.page import EXPERIMENTS, mathtext, typeset
 from experiments.lab.parts import Table
 from experiments.lab.results import whole_folder
 from experiments.lab.statistics import Resamples, along, estimate, quantile_groups, tolerated
-from experiments.lab.study import Run, StudyOptions, frame_of
+from experiments.lab.study import frame_of
 
 
 def test_estimate_has_the_interval_of_normal_theory():
@@ -141,43 +138,6 @@ def test_save_sets_symbols_wherever_they_stand(tmp_path):
     assert not [symbol for symbol in ("V_p", "k_c", "v_in", "x_r") if symbol in drawn]
 
 
-@pytest.mark.parametrize("width", [390, 1280])
-def test_study_measures_what_is_missing_and_its_page_stands_on_its_own(browser, tmp_path, width):
-    log, out = tmp_path / "log", tmp_path / "out"
-    run = Run(falling(log), StudyOptions(out, processes=0), "impact-gym study falling")
-    page = stands_on_its_own(browser, run.write(), width)
-    for words in (
-        "How long does it fall?",
-        "It takes longer",
-        "sqrt(2 h / g)",
-        "4",
-        "0.903",
-        "impact-gym study falling",
-    ):
-        assert words in page.inner_text("main")
-    assert page.get_attribute("img", "alt") == "A line that rises"
-    falls, (deeper,) = pl.read_csv(out / "falls.csv"), pl.read_csv(out / "deeper.csv").to_dicts()
-    assert falls["time"].to_list() == pytest.approx([np.sqrt(2.0 / 9.81), np.sqrt(8.0 / 9.81)])
-    assert deeper["height"] == deeper["height again"] == pytest.approx(-0.1 * falls["time"].mean())
-    assert "math domain error" in deeper["failure"]
-    assert log.read_text().splitlines() == ["1.0", "4.0", str(deeper["height"])]
-    Run(falling(log, heights=(1.0, 4.0, 9.0)), StudyOptions(out, only=("falls",), processes=0)).write()
-    assert log.read_text().splitlines()[3:] == ["9.0"]
-    first, second = json.loads((out / "results.json").read_text())["runs"]
-    assert (first["command"], second["command"]) == ("impact-gym study falling", "")
-    Run(falling(log), StudyOptions(out, quick=True, only=("falls",), force=True, processes=0)).write()
-    assert log.read_text().splitlines()[4:] == ["1.0"]
-    with pytest.raises(ValueError, match="no table 'rises' in the study falling: falls, deeper"):
-        Run(falling(log), StudyOptions(out, only=("rises",))).write()
-
-
-def test_frame_of_has_labels_first_and_nothing_where_a_row_lacks_a_column():
-    frame = frame_of([({"place": "here"}, [{"a": 1}]), ({"place": "there"}, pl.DataFrame({"a": [2.5], "b": [True]}))])
-    assert frame.columns == ["place", "a", "b"]
-    assert frame.rows() == [("here", 1.0, None), ("there", 2.5, True)]
-    assert frame_of([]).is_empty()
-
-
 def test_grid_plays_every_contestant_in_every_place_and_gives_back_what_was_played():
     rule, slow = {"baseline": "paper-trapezoid"}, {"rule": ["ConstantSpeed", [0.5, 20.0]]}
     few, other = {"set": "test", "count": 5}, {"set": "hard", "count": 3}
@@ -251,3 +211,13 @@ def test_whole_folder_leaves_alone_what_no_run_wrote(tmp_path):
     with pytest.raises(ValueError, match="mine is not replaced"):
         write(tmp_path / "mine", "first")
     assert (tmp_path / "mine" / "letter").read_text() == "dear"
+
+
+def test_table_tells_columns_of_numbers_from_words_and_sentences():
+    rows = [
+        ("x", "0.1 [0, 1] m/s", "2 peaks in 2 contacts, each above a tenth of the highest; " * 2),
+        ("y", "-2", "1 e"),
+    ]
+    table = Table("", ("name", "number", "finding"), [*rows, ("z", "at most 3", rows[0][2])])
+    assert table.words == [True, False, True]
+    assert table.long == [False, False, True]
