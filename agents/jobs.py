@@ -168,7 +168,7 @@ def _call(function: Callable[..., Any], arguments: Mapping[str, Any], depends: s
         ) from None
 
 
-def _perform(call: Call, versions: Mapping[str, str]) -> bytes:
+def perform(call: Call, versions: Mapping[str, str]) -> bytes:
     """Do a call where these packages have these versions. A full disk is no failure of the call: it ends all."""
     try:
         if (here := {name: version(name) for name in versions}) != versions:
@@ -191,13 +191,13 @@ def _here(calls: Sequence[Call], processes: int | None, seconds: float | None) -
     from pebble import ProcessExpired, ProcessPool
 
     if not calls or processes == 0:
-        yield from ((call, _perform(call, {})) for call in calls)
+        yield from ((call, perform(call, {})) for call in calls)
         return
     count, context = min(len(calls), processes or os.cpu_count() or 1), multiprocessing.get_context("spawn")
     with patch.dict(os.environ, ONE_THREAD):
         pool = ProcessPool(count, initializer=_begin, initargs=[calls[0].function], context=context)
         try:
-            under_way: dict[Any, Call] = {pool.schedule(_perform, [call, {}], timeout=seconds): call for call in calls}
+            under_way: dict[Any, Call] = {pool.schedule(perform, [call, {}], timeout=seconds): call for call in calls}
             for future in as_completed([*under_way]):
                 try:
                     pickled = future.result()
@@ -252,7 +252,7 @@ def _on_cluster(calls: Sequence[Call], address: str) -> Answers:
             f"no Ray cluster at {address!r} ({error}): start one with `ray start --head`, and with `ray start "
             "--address=HOST:PORT` on each further node; or name one that runs"
         ) from error
-    task: Any = ray.remote(num_cpus=1, max_retries=RETRIES)(_perform)
+    task: Any = ray.remote(num_cpus=1, max_retries=RETRIES)(perform)
     versions = {name: version(name) for name in ("numpy", "scipy")}  # which may show in the last bit of a result
     waiting, under_way = iter(calls), dict[Any, Call]()
     ahead = max(AHEAD, 4 * int(ray.cluster_resources().get("CPU", 0)))  # type: ignore[no-untyped-call]  # Ray's own
