@@ -85,7 +85,7 @@ def killed_and_resumed(folder, ways, **engine):
 
 
 def slices(folder):
-    """Return arguments for slices of the validation set, and for results too large to be sent with the answer."""
+    """Return arguments for scenarios of the validation set, and for results too large to be sent with the answer."""
     log = str(folder / "log")
     large = [{"log": log, "seconds": 0.1, "megabytes": 1, "number": number} for number in range(12)]
     return [{"log": str(folder / "log played"), "number": number, "count": 25} for number in range(6)], large
