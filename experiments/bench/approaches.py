@@ -13,7 +13,7 @@ from tqdm import tqdm
 from agents.evaluate.play import play
 from agents.setups import load_setup
 from experiments import reference
-from experiments.paper.scenes import DURATION, MOTION, decoupled
+from experiments.lab.scenes import DURATION, MOTION, decoupled
 from experiments.solver.approaches import Approach, storm
 from experiments.solver.solutions import solve
 from experiments.solver.timing import FINE, Settings, cheapest, settings, timed

@@ -12,7 +12,7 @@ from experiments.lab.tables import Gather, Row, result_of
 from experiments.reference.laws import damping_factor
 from experiments.solver.approaches import Approach, approach_of
 
-SHARED = ("experiments.paper.scenes", "experiments.solver.approaches", "experiments.solver.solutions")
+SHARED = ("experiments.lab.scenes", "experiments.solver.approaches", "experiments.solver.solutions")
 """Modules that the rows of every table follow from."""
 OURS = "impact_gym"
 ERRORS = {
