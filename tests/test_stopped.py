@@ -90,7 +90,9 @@ def left(folder):
     return content
 
 
-@pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.parametrize(
+    "name", ["tune", *(pytest.param(name, marks=pytest.mark.storm) for name in ("train", "report"))]
+)
 def test_command_goes_on_behind_a_full_disk_and_a_kill_and_ends_with_the_same_bits(name, tmp_path):
     part, whole = tmp_path / "part", tmp_path / "whole"
     part.mkdir()
