@@ -16,7 +16,7 @@ def card(name: str) -> Iterator[str]:
     setup = load_setup(name)
     path = setup.folder / "policies" / f"{setup.name}.npz"
     if not path.is_file():
-        train = f"impact-gym train {setup.called} --seeds 10"
+        train = f"impact-gym train {setup.called} --seeds {setup.seeds}"
         raise ValueError(f"{setup.called} has no policy yet, there is no {path}: {train}")
     ensemble = load_ensemble(path)
     chosen = ensemble[None].provenance

@@ -86,7 +86,7 @@ def matchups_of(options: ReportOptions) -> list[Matchup]:
     setups = [load_setup(name) for name in options.setups]
     setups = setups or [setup for setup in map(load_setup, README) if _trained(setup, options.folder or setup.folder)]
     if not setups:
-        raise ValueError("no set-up has policies yet: impact-gym train --seeds 10")
+        raise ValueError("no set-up has policies yet: impact-gym train SETUP --seeds 10")
     if len({setup.name for setup in setups}) < len(setups):
         raise ValueError(f"two set-ups would have the same name: {', '.join(options.setups)}")
     matchups = []
@@ -103,7 +103,9 @@ def _trained(setup: Setup, folder: Path) -> bool:
     """Return whether a set-up of the README has policies; print a line where it has none."""
     trained = (folder / "policies" / f"{setup.name}.npz").is_file()
     if not trained:
-        print(f"{setup.name} is left out, it has no policies yet: impact-gym train {setup.called} --seeds 10")
+        print(
+            f"{setup.name} is left out, it has no policies yet: impact-gym train {setup.called} --seeds {setup.seeds}"
+        )
     return trained
 
 

@@ -147,7 +147,7 @@ def of_setup(setup: Setup, scenarios: Mapping[str, Any], folder: Path | None = N
     folder = setup.folder if folder is None else folder
     path = folder / "policies" / f"{setup.name}.npz"
     if not path.is_file():
-        raise ValueError(f"there are no policies {path}: impact-gym train {setup.called} --seeds 10")
+        raise ValueError(f"there are no policies {path}: impact-gym train {setup.called} --seeds {setup.seeds}")
     ensemble = load_ensemble(path)
     if not setup.describes(ensemble[None].environment):
         raise ValueError(f"{path} was trained for another environment than {setup.called} says: train it anew")

@@ -17,7 +17,6 @@ from agents.policies.networks import to_arrays
 from agents.policies.policy import FORMAT
 from agents.setups import shipped
 from agents.train.seeds import median
-from impact_gym.quantities import QUANTITIES
 
 
 def actions_by_hand(arrays, activation, rows):

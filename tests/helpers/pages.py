@@ -60,9 +60,12 @@ def stands_on_its_own(browser, file, width=1280):
         assert (file.parent / name).exists(), link
         assert name or page.evaluate("key => document.getElementById(key) !== null", key), link
     parts = "a[href], button, select, input, summary, img, slow-motion, [role=img]:not(svg *), [role=region]"
-    nameless = page.evaluate("""parts => [...document.querySelectorAll(parts)]
+    nameless = page.evaluate(
+        """parts => [...document.querySelectorAll(parts)]
         .filter(part => !(part.ariaLabel || part.alt || part.labels?.[0]?.textContent || part.textContent).trim())
-        .map(part => part.outerHTML)""", parts)
+        .map(part => part.outerHTML)""",
+        parts,
+    )
     assert nameless == []
     assert page.evaluate("document.documentElement.scrollWidth") <= width
     assert problems == []
