@@ -19,8 +19,8 @@ from agents.train.__main__ import TrainOptions
 from agents.tune import Tune
 from experiments import command, controller, policies
 from experiments.controller import copy_setup
-from experiments.design.search import Effort
-from experiments.design.study import Study
+from experiments.design.options import DesignOptions
+from experiments.design.search import SearchBudget
 from experiments.report import matchups
 from experiments.report.__main__ import ReportOptions, matchups_of
 
@@ -40,7 +40,7 @@ def exit_of(monkeypatch):
         yield run
 
 
-@pytest.mark.parametrize("name", command.COMMANDS)
+@pytest.mark.parametrize("name", [name for group in command.COMMANDS.values() for name in group])
 def test_help_of_a_command_prints_its_name(name, exit_of, capsys):
     assert exit_of(name, "--help") == 0
     assert capsys.readouterr().out.startswith(f"usage: impact-gym {name} ")
@@ -51,7 +51,8 @@ def test_help_of_a_command_prints_its_name(name, exit_of, capsys):
     ("train", TrainOptions("rigid-blind", Training(width=24), seeds=2, cluster="ray", out=Path("there"))),
     ("report", ReportOptions(("linear-blind",), folder=Path("a b"), force=True, count=200)),
     ("export", Export("linear-blind", Path("out"))),
-    ("design", Study("linear-blind", ("coupling.stiffness=20:200",), Path("out"), effort=Effort(budget=8), against=())),
+    ("design", DesignOptions("linear-blind", ("coupling.stiffness=20:200",), Path("out"),
+                             search=SearchBudget(budget=8), against=())),
 ], ids=lambda value: value if isinstance(value, str) else "")  # fmt: skip
 def test_command_of_options_is_read_into_the_same_options(name, options):
     words = shlex.split(command_of(name, options))
