@@ -18,8 +18,7 @@ from agents.policies import Ensemble, Policy
 from agents.policies.policy import FORMAT
 from agents.setups import feasible
 from agents.setups.training import SLOTS
-from agents.train.__main__ import read_options
-from agents.train_seeds import Seeds
+from agents.train.__main__ import TrainOptions, read_options
 from agents.tune import Tune
 from impact_gym.task import Task
 
@@ -96,7 +95,8 @@ CALLS = [
     (lambda: tiny(teacher="ranged").made_for(), "Ranged looks at", "distance_estimate"),
     (lambda: read_options(["--resume", "there", "--steps", "5"]), "give nothing else"),
     (lambda: read_options(["cubic"]), "no set-up 'cubic': there are bistable-blind,", "linear-ranged"),
-    (lambda: Seeds(processes=-1), "processes", "got -1"),
+    (lambda: TrainOptions(processes=-1), "processes", "got -1"), (lambda: TrainOptions(seeds=0), "seeds", "got 0"),
+    (lambda: TrainOptions(seeds=2, seed=1), "seed must be 0 with seeds", "got 1"),
     (lambda: Tune(weights=(0.0,)), "weights", "above 0 m/s per s, got 0.0"),
     (lambda: Tune(names=("paper-trapezoid",)), "no baseline to tune 'paper-trapezoid': there are ", "ranged-profile"),
     (lambda: Tune(scenarios=0), "scenarios", "at least 1, got 0"),
