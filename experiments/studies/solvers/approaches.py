@@ -1,4 +1,4 @@
-"""The approaches that both studies run: six with a name, and the storm, drawn at random.
+"""The approaches of the studies of speed and stability: six with a name, and the storm, drawn at random.
 
 The storm covers the ranges in which the solver is to work. Its scene k is a function of the number k alone; its ends
 are extreme on purpose.
@@ -67,10 +67,9 @@ class Approach:
         return self.scene, self.motion, self.duration
 
     @property
-    def labels(self) -> dict[str, Any]:
-        """The columns of a table that say which approach a row is about."""
-        about = {"scene": self.name, "coupling": kind(self.scene), "speed": self.motion.speed}
-        return about | {"description": self.description, "failure": ""}
+    def about(self) -> dict[str, Any]:
+        """The columns of a table that say what its scene is."""
+        return {"coupling": kind(self.scene), "speed": self.motion.speed, "description": self.description}
 
 
 def kind(of: ig.Scene) -> str:
