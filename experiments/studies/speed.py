@@ -15,7 +15,7 @@ from experiments.lab.parts import Picture, Section, Table
 from experiments.lab.study import SOLVER, Cell, Findings, Frames, Measurement, Row, Study
 from experiments.studies.solvers.approaches import named
 from experiments.studies.solvers.contenders import CAREFUL, JUDGES, METHODS, OURS, TOO_WRONG, timed
-from experiments.studies.solvers.solutions import ERRORS, SECOND_RTOL, TRUE_RTOL, Solution, true_row
+from experiments.studies.solvers.solutions import ERRORS, SECOND_RTOL, TRUE_RTOL, Solution, power, true_row
 
 FINE = 1e-6  # m/s in V_p, at which contenders are compared
 RTOLS = tuple(float(f"1e-{k}") for k in range(3, 13))
@@ -63,7 +63,7 @@ def compared(scene: str, description: str, rows: pl.DataFrame) -> tuple[float | 
     if ours is None or theirs is None:
         return None, [words, "-" if ours is None else f"{ours['microseconds']:.0f} µs", "not reached", ""]
     ratio = theirs["microseconds"] / ours["microseconds"]
-    by = f"{theirs['contender']}, rtol {theirs['setting']:.0e}"
+    by = f"{theirs['contender']}, rtol {power(theirs['setting'])}"
     return ratio, [words, f"{ours['microseconds']:.0f} µs", factor(ratio), by]
 
 
@@ -75,15 +75,15 @@ def analyse(frames: Frames, quick: bool) -> Findings:
         for scene, description in truths.select("scene", "description").iter_rows()
     ]
     ratios, names = [ratio for ratio, _ in lines if ratio is not None], [*ERRORS]
-    answer = f"No comparison with SciPy at {FINE:g} m/s: one of the two does not get there."
+    answer = f"No comparison with SciPy at {power(FINE)} m/s: one of the two does not get there."
     if ratios:
         answer = (
-            f"At the same error in the velocity V_p that the object keeps, {FINE:g} m/s, one whole approach is "
+            f"At the same error in the velocity V_p that the object keeps, {power(FINE)} m/s, one whole approach is "
             f"{factor(min(ratios))} to {factor(max(ratios))} times faster with impact_gym than with the fastest of "
             "SciPy's solvers on the contacts alone."
         )
     head = ("approach", "impact_gym", "SciPy takes times as long", "by")
-    table = Table(f"Time at an error in V_p of {FINE:g} m/s", head, [line for _, line in lines])
+    table = Table(f"Time at an error in V_p of {power(FINE)} m/s", head, [line for _, line in lines])
     differ = (pl.col("second_contacts") != pl.col("contacts")) | (pl.col("second_passes") != pl.col("passes"))
     return Findings(answer, [
         Section("Who is cheapest at an error", [
@@ -91,11 +91,11 @@ def analyse(frames: Frames, quick: bool) -> Findings:
             "Each contender at its cheapest setting that keeps the error there and at every finer setting tried, so "
             "that no lucky sign counts. The contenders of an approach are timed in turns, in one run.",
         ]),
-        Section("Error of V_p against time", [drawn(names[0], times, truths)]),
+        Section("Error of the object's velocity against time", [drawn(names[0], times, truths)]),
         Section("The other errors", [drawn(name, times, truths) for name in names[1:]], folded=True),
         Section("What is compared, and how fair it is", [
-            f"Truth: the slow independent solver (experiments/reference) with DOP853 at rtol {TRUE_RTOL:g}. Radau at "
-            f"{SECOND_RTOL:g} differs from it by at most {truths['velocity_error_doubt'].max():.1e} m/s in V_p; number "
+            f"Truth: the slow independent solver (experiments/reference) with DOP853 at rtol {power(TRUE_RTOL)}. Radau "
+            f"at {power(SECOND_RTOL)} differs by at most {truths['velocity_error_doubt'].max():.1e} m/s in V_p; number "
             f"of contacts or snap-throughs differs in {truths.filter(differ).height} approaches.",
             "impact_gym: the whole call of simulate, flights and records included, on one core.",
             "SciPy: RK45, DOP853, LSODA, Radau with events through the same slow solver. Only the time inside contacts "

@@ -60,6 +60,11 @@ class Solution:
         return int(not math.isnan(self.detection_time))
 
 
+def power(value: float) -> str:
+    """Return a number without the zeros that fill its exponent, 1e-6."""
+    return f"{value:g}".replace("e-0", "e-")
+
+
 def solve(approach: Approach, simulate: Callable[..., Any] = ig.simulate, **options: Any) -> Solution:
     """Return the solution by impact_gym, or by `simulate` of the reference."""
     return Solution.of(simulate(*approach.run, **options), approach.duration)

@@ -20,7 +20,7 @@ from experiments.lab.parts import Picture, Section, Table
 from experiments.lab.study import SOLVER, Cell, Findings, Frames, Measurement, Row, Study
 from experiments.studies.solvers import approaches
 from experiments.studies.solvers.contenders import ATOL, CAREFUL, JUDGES, METHODS, OURS, PLAIN, met
-from experiments.studies.solvers.solutions import CLASSES, GOOD, LATE, Solution
+from experiments.studies.solvers.solutions import CLASSES, GOOD, LATE, Solution, power
 from experiments.studies.stability import promises
 from experiments.studies.stability.storm import storm_row, truth_row
 
@@ -125,7 +125,7 @@ def analyse(frames: Frames, quick: bool) -> Findings:
     of = f"{storm.height:,} random scenes"
     answer = f"All {len(verdicts)} promises are kept on {of}."
     if missed:
-        answer = f"{missed} of {len(verdicts)} promises are missed on {of}; {failing} scenes break at least one."
+        answer = f"{missed} of {len(verdicts)} promises are missed on {of}; scenes that break at least one: {failing}."
     rows = [[text, finding, "met" if met else "missed"] for text, finding, met in verdicts]
     described = {"what it is": "{description}"}
     failures = {"scene": "{scene}", "promise": "{promise}", "reason": "{reason}", **described}
@@ -152,11 +152,11 @@ def contest(table: pl.DataFrame) -> list[Any]:
     return [
         who_stands(table),
         Table.of("As a table", table, columns),
-        f"SciPy: its integrators inside the slow independent solver, rtol {RTOL:g}: contacts in their own scales, "
+        f"SciPy: its integrators inside the slow independent solver, rtol {power(RTOL)}: contacts in their own scales, "
         "exact flights, every step searched for events. Much of what makes it stand is not SciPy's.",
-        f"solve_ivp: the same equations as people write them: SI units, rtol {RTOL:g}, atol {ATOL:g}, events for "
-        "touch, separation and alarm, a restart at each, and where the command's acceleration jumps.",
-        f"impact_gym: rtol {OUR_RTOL:g}. Each has {SECONDS:g} s of processor time for a run. The judge, the "
+        f"solve_ivp: the same equations as people write them: SI units, rtol {power(RTOL)}, atol {power(ATOL)}, events "
+        "for touch, separation and alarm, a restart at each, and where the command's acceleration jumps.",
+        f"impact_gym: rtol {power(OUR_RTOL)}. Each has {SECONDS:g} s of processor time for a run. The judge, the "
         "independent solver, has its equations in common with the others.",
     ]
 
@@ -177,8 +177,8 @@ def checks() -> list[str]:
         "Momentum: the residual of the paper's eq. 20 that the run reports, and the impulse against what the object "
         "gained; over the impulse of that contact.",
         "Energy: what the contact force took from tool and object, from approach and separation velocity and the work, "
-        f"along the trace, of all else that acts on the tool. May be negative by {promises.ENERGY:g} of the energy "
-        "that went to and fro, and by the doubt of the quadrature.",
+        f"along the trace, of all else that acts on it. May be negative by {power(promises.ENERGY)} of the energy that "
+        "went to and fro, and by the doubt of the quadrature.",
         "No pull: contact force of the trace never below 0, V_p never lower after a contact than before it; from point "
         "to point of a trace to 1e-8 of the tool's speed, which is rtol.",
         "A hundredth of rtol: every scene that was traced is run once more at 1e-10. Where sliders hop through their "

@@ -64,8 +64,8 @@ def _energies(rows: pl.DataFrame) -> str:
 
 def _budgets(rows: pl.DataFrame) -> str:
     beyond = rows.filter(~BALANCED.kept.fill_null(value=False), ~(BUDGET <= EXPLAINED)).height
-    words = f"largest {_largest(rows, BUDGET):.1e}"
-    return f"{words}; in {beyond} scenes beyond the bar more than rounding of the momenta explains" if beyond else words
+    words = f"{beyond} of these beyond what rounding of the momenta explains, " if beyond else ""
+    return f"{words}largest {_largest(rows, BUDGET):.1e}"
 
 
 ENDED = Promise(
