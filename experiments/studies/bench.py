@@ -190,7 +190,7 @@ def approached(environment: dict[str, Any], quick: bool) -> list[Row]:
 
 def cases() -> dict[str, dict[str, dict[str, Any]]]:
     """Return arguments of the environment by what is varied and by case."""
-    robot, along = default_approach().at(IMPACT), default_approach().robot_table()
+    robot = default_approach().at(IMPACT)
     spring, bistable = IDS["ImpactApproach-v0"], IDS["ImpactApproachBistable-v0"]
     return {
         "coupling": {
@@ -202,7 +202,6 @@ def cases() -> dict[str, dict[str, dict[str, Any]]]:
         "robot, with the default coupling": {
             "rigid (the default)": spring,
             "one mass on a spring": {"robot": {"type": "Robot", **asdict(robot)}},
-            "table along the way": {"robot": {"type": "RobotTable", **asdict(along)}},
         },
         "rtol, with the default coupling": {name: {"rtol": rtol} for name, rtol in RTOLS.items()},
         "rtol, with the paper's bistable coupling": {name: {"rtol": rtol, **bistable} for name, rtol in RTOLS.items()},

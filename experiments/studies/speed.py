@@ -70,6 +70,7 @@ def compared(scene: str, description: str, rows: pl.DataFrame) -> tuple[float | 
 def analyse(frames: Frames, quick: bool) -> Findings:
     """Compare contenders at FINE, and draw each error against time."""
     truths, times = frames["truth"], frames["times"]
+    doubt, load = truths["velocity_error_doubt"].to_numpy().max(), times["load"].to_numpy()
     lines = [
         compared(scene, description, times.filter(scene=scene))
         for scene, description in truths.select("scene", "description").iter_rows()
@@ -95,15 +96,15 @@ def analyse(frames: Frames, quick: bool) -> Findings:
         Section("The other errors", [drawn(name, times, truths) for name in names[1:]], folded=True),
         Section("What is compared, and how fair it is", [
             f"Truth: the slow independent solver (experiments/reference) with DOP853 at rtol {power(TRUE_RTOL)}. Radau "
-            f"at {power(SECOND_RTOL)} differs by at most {truths['velocity_error_doubt'].max():.1e} m/s in V_p; number "
-            f"of contacts or snap-throughs differs in {truths.filter(differ).height} approaches.",
+            f"at {power(SECOND_RTOL)} differs by at most {doubt:.1e} m/s in V_p; the "
+            f"number of contacts or snap-throughs differs in {truths.filter(differ).height} approaches.",
             "impact_gym: the whole call of simulate, flights and records included, on one core.",
             "SciPy: RK45, DOP853, LSODA, Radau with events through the same slow solver. Only the time inside contacts "
             "counts; its flights are exact and free of charge, which favours SciPy. Equations are Python functions, as "
             "SciPy asks; the search for events, more careful than that of solve_ivp, is included.",
             "Time: processor time of the one thread that each uses, so that other work on the machine does not count; "
             "the best of several rounds in which all contenders take turns; calls over 0.2 s once. Load while they "
-            f"were timed: {times['load'].min():.2f} to {times['load'].max():.2f}.",
+            f"were timed: {load.min():.2f} to {load.max():.2f}.",
         ]),
     ])  # fmt: skip
 

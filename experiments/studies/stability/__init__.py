@@ -134,7 +134,8 @@ def analyse(frames: Frames, quick: bool) -> Findings:
     return Findings(answer, [
         Section("What was promised", [Table("", ("promise", "found", ""), rows), shares_above(storm, judged)]),
         Section(f"Every failure: {broken.height}", [
-            Table.of(f"The first {SHOWN} at most", broken.head(SHOWN), failures) if broken.height else "None.",
+            Table.of(f"The first {SHOWN} at most; all: failures.csv", broken.head(SHOWN), failures)
+            if broken.height else "None.",
         ], folded=broken.height > 20),
         Section("Not as the independent solver has it", [
             Table.of("", apart, differences) if apart.height else "None.",
@@ -142,7 +143,7 @@ def analyse(frames: Frames, quick: bool) -> Findings:
         ]),
         Section("Other solvers on the same scenes", contest(shares(contenders))),
         Section("How it is checked", checks()),
-    ])  # fmt: skip
+    ], {"failures": broken, "agreement": judged})  # fmt: skip
 
 
 def contest(table: pl.DataFrame) -> list[Any]:
@@ -229,7 +230,7 @@ def shares_above(storm: pl.DataFrame, judged: pl.DataFrame) -> Picture:
 
 def who_stands(table: pl.DataFrame) -> Picture:
     """Draw what became of each contender on the same scenes: bars of shares."""
-    figure = Figure(figsize=(10.8, 1.6 + 0.45 * table.height))
+    figure, scenes = Figure(figsize=(10.8, 1.6 + 0.45 * table.height)), table["scenes"][0]
     axes = figure.subplots()
     rows, left = table.reverse(), np.zeros(table.height)
     for kind, colour in SHADES.items():
@@ -239,11 +240,11 @@ def who_stands(table: pl.DataFrame) -> Picture:
         )
         axes.bar_label(bars, fmt=lambda x: f"{x:.0f}" if x >= 4 else "", label_type="center", fontsize=8)
         left = left + widths
-    axes.set(xlabel=f"share of {table['scenes'].max()} scenes (%)", xlim=(0, 100))
+    axes.set(xlabel=f"share of {scenes} scenes (%)", xlim=(0, 100))
     axes.grid(visible=False, axis="y")
     figure.legend(loc="outside lower center", ncols=3, fontsize=9)
     caption = (
-        f"The first {table['scenes'].max()} scenes of the storm with m = n = 3/2 and a rigid robot, which all can do. "
+        f"The first {scenes} scenes of the storm with m = n = 3/2 and a rigid robot, which all can do. "
         "V_p is judged by the independent solver to 1e-3, relative."
     )
     return Picture(
