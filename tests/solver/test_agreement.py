@@ -14,7 +14,7 @@ from scenes import MOTION, ROBOTS, on_rough_ground, random_approach, scene, time
 
 import impact_gym as ig
 from experiments import reference
-from experiments.solver.solutions import Solution
+from experiments.studies.solvers.solutions import Solution
 from impact_gym.scene import Dissipation
 
 SCENES, ROUGH = 150, 24
