@@ -50,7 +50,7 @@ class Measurement:
     depends: tuple[str, ...] = SOLVER  # modules, beside that of `measure`, whose change makes rows outdated
     failed: Callable[[Row], Row] | None = None  # the row of a cell without a result, from its labels; None: an error
     seconds: float | None = None  # after which a cell has failed
-    processes: int | None = None  # 1: its cells are timed, so they run one after the other
+    processes: int | None = None  # 1: its cells are timed, so they run one after the other; 0: in this process
 
     @property
     def digest(self) -> str:

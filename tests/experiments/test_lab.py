@@ -14,6 +14,7 @@ from scipy.stats import norm
 from experiments.lab.charts import save
 from experiments.lab.comparison import Comparison
 from experiments.lab.page import mathtext, typeset
+from experiments.lab.parts import Table
 from experiments.lab.results import whole_folder
 from experiments.lab.statistics import Resamples, along, estimate, quantile_groups, tolerated
 
@@ -173,3 +174,13 @@ def test_whole_folder_leaves_alone_what_no_run_wrote(tmp_path):
     with pytest.raises(ValueError, match="mine is not replaced"):
         write(tmp_path / "mine", "first")
     assert (tmp_path / "mine" / "letter").read_text() == "dear"
+
+
+def test_table_tells_columns_of_numbers_from_words_and_sentences():
+    rows = [
+        ("x", "0.1 [0, 1] m/s", "2 peaks in 2 contacts, each above a tenth of the highest; " * 2),
+        ("y", "-2", "1 e"),
+    ]
+    table = Table("", ("name", "number", "finding"), [*rows, ("z", "at most 3", rows[0][2])])
+    assert table.words == [True, False, True]
+    assert table.long == [False, False, True]

@@ -12,7 +12,7 @@ from typing import Any, get_args
 import numpy as np
 
 import impact_gym as ig
-from experiments.paper.scenes import DISTANCE, MOTION, scene
+from experiments.lab.scenes import DISTANCE, MOTION, scene
 from impact_gym.robot import default_approach
 from impact_gym.scene import Coupling, Dissipation
 
@@ -88,7 +88,7 @@ def named() -> tuple[Approach, ...]:
     """Return the six approaches."""
     soft, spring = ig.SpringDamper(50.0), ig.SpringDamper(150.0)
     # the paper's Fig. 23, a little slower than the speed above which the slider passes its alignment for good: that
-    # lies between 0.9772 and 0.9773 m/s, the object as far away as `experiments.paper.beyond_speed` places it
+    # lies between 0.9772 and 0.9773 m/s, the object as far away as the study `paper` places it
     speed = 0.9772  # m/s
     at_threshold = ig.Trapezoid(speed, MOTION.acceleration, MOTION.brake)
     distance = speed**2 / (2 * MOTION.acceleration) + speed * (DISTANCE - 1 / (2 * MOTION.acceleration))

@@ -25,7 +25,7 @@ from experiments.studies.solvers.solutions import GAVE_UP, LATE, Solution, error
 
 OURS, CAREFUL, PLAIN = "impact_gym", "SciPy", "solve_ivp"  # SciPy's integrators in the reference; as people write it
 METHODS = ("RK45", "DOP853", "LSODA", "Radau")
-JUDGES = ("experiments.reference", "experiments.paper.scenes", "experiments.studies.solvers")
+JUDGES = ("experiments.reference", "experiments.lab.scenes", "experiments.studies.solvers")
 """Modules that rows of contenders follow from, beside our solver."""
 ATOL = 1e-9  # of solve_ivp as people write it
 TOO_WRONG = 1e-2  # m/s in V_p: then an answer is a failure

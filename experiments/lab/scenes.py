@@ -13,7 +13,7 @@ BRAKE = ig.Brake(threshold=THRESHOLD, delay=0.016, deceleration=8.0)
 MOTION = ig.Trapezoid(speed=1.0, acceleration=8.0, brake=BRAKE)
 STEADY = ig.Trapezoid(MOTION.speed, MOTION.acceleration)  # never brakes
 DURATION = 1.5  # s
-ROBOT = ig.Robot(mass=5.225, stiffness=1.9e5, damping=50.4)  # mass printed, the others identified: `hidden_values`
+ROBOT = ig.Robot(mass=5.225, stiffness=1.9e5, damping=50.4)  # mass printed, the others identified
 ROBOT_AND_TOOL = ROBOT.mass + TOOL_MASS  # kg, 5.35 is printed in section 3.2
 MECHANISM = ig.Bistable()  # H, L0 and k printed, front stop identified
 HOLD = TOOL_MASS * MOTION.acceleration  # N, what keeps the tool on its front stop while the robot accelerates

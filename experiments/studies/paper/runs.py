@@ -1,8 +1,7 @@
-"""Tables between computing and drawing: columns of equal length by name, as CSV on disk; and the runs in them."""
+"""Columns of a figure's frame, searches along a parameter, and the runs whose time histories a frame holds."""
 
 from collections.abc import Callable, Iterable, Mapping
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,38 +9,20 @@ import polars as pl
 from numpy.typing import NDArray
 
 import impact_gym as ig
-from experiments.paper.scenes import DURATION, MOTION, OBJECT_MASS, THRESHOLD, TOOL_MASS, simulate_with_trace
-from impact_gym.files import write_file
+from experiments.lab.scenes import DURATION, MOTION, OBJECT_MASS, THRESHOLD, TOOL_MASS, simulate_with_trace
 from impact_gym.physics import impact
 
 Array = NDArray[np.float64]
-Table = dict[str, NDArray[Any]]  # Any: numbers, but text in the column `case`
-Row = Mapping[str, Any]  # Any: as in a table
-FELT = f"contact only while its force exceeds the {THRESHOLD:g} N of section 3.2"
-"""Another reading of 'contact': where the coupling is involved, a force below that has a long tail."""
+Columns = dict[str, NDArray[Any]]  # Any: numbers, but text in the column `case`
+Row = Mapping[str, Any]  # Any: as in a frame
+Numbers = dict[str, Any]
+"""What statements about a figure name: numbers, arrays of them, or words."""
 WIDTH = 1e-6  # to which `enclose_changes` closes in on a change, in units of the parameter
 
 
-def from_rows(rows: Iterable[Row]) -> Table:
-    """Return the table of rows with the same columns."""
-    rows = list(rows)
-    return {name: np.array([row[name] for row in rows]) for name in rows[0]}
-
-
-def write(path: Path, table: Table) -> None:
-    """Write `table` to `path`, whole or not at all."""
-    write_file(path, pl.DataFrame(table).write_csv())
-
-
-def read(path: Path) -> Table:
-    """Read what `write` wrote."""
-    return {column.name: column.to_numpy() for column in pl.read_csv(path)}
-
-
-def where(table: Table, **values: float | str) -> Table:
-    """Return the rows in which each named column has the value given for it."""
-    rows = np.logical_and.reduce([table[name] == value for name, value in values.items()])
-    return {name: column[rows] for name, column in table.items()}
+def where(frame: pl.DataFrame, **values: float | str) -> Columns:
+    """Return the columns of the rows in which each named column has the value given for it."""
+    return {column.name: column.to_numpy() for column in (frame.filter(**values) if values else frame)}
 
 
 def enclose_changes(values: Iterable[float], row: Callable[[float], Row], parameter: str, *counts: str) -> list[Row]:
@@ -63,13 +44,15 @@ def enclose_changes(values: Iterable[float], row: Callable[[float], Row], parame
     return [by_value[value] for value in sorted(by_value)]
 
 
-def changes(rows: Table, parameter: str, count: str) -> list[tuple[float, int, int]]:
+def changes(rows: Columns, parameter: str, count: str) -> list[tuple[float, int, int]]:
     """Return where the column `count` changes: the parameter below it, and the count below and above it."""
     places, counts = np.flatnonzero(np.diff(rows[count])), rows[count].astype(int).tolist()
     return [(float(rows[parameter][i]), counts[i], counts[i + 1]) for i in places]
 
 
-def histories(scenes: Mapping[str, ig.Scene], motion: ig.Trapezoid = MOTION, duration: float = DURATION) -> Table:
+def histories(
+    scenes: Mapping[str, ig.Scene], motion: ig.Trapezoid = MOTION, duration: float = DURATION
+) -> pl.DataFrame:
     """Simulate scenes for `duration` (s) and return their traces below each other, told apart by the column `case`.
 
     The column `contact` counts the contact going on from 1 and is 0 in flight. `impulse` is eq. 21 over all contacts in
@@ -82,18 +65,18 @@ def histories(scenes: Mapping[str, ig.Scene], motion: ig.Trapezoid = MOTION, dur
         for count, contact in enumerate(outcome.contacts, start=1):
             end = np.inf if contact.end is None else contact.end
             number[(trace.time >= contact.start) & (trace.time <= end)] = count
-        impulse = np.full_like(trace.time, outcome.coupling_impulse)
-        cases = np.full(trace.time.shape, case)
-        parts.append({"case": cases, **trace._asdict(), "contact": number, "impulse": impulse})
-    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+        columns = {**trace._asdict(), "contact": number}
+        constants = pl.lit(case).alias("case"), pl.lit(outcome.coupling_impulse).alias("impulse")
+        parts.append(pl.DataFrame(columns).with_columns(constants))
+    return pl.concat(parts)
 
 
 class Run:
-    """One case of a table of `histories`, and the numbers read off it."""
+    """One case of a frame of `histories`, and the numbers read off it."""
 
-    def __init__(self, table: Table, case: str) -> None:
+    def __init__(self, frame: pl.DataFrame, case: str) -> None:
         """Pick the rows of `case`."""
-        rows = where(table, case=case)
+        rows = where(frame, case=case)
         self.trace = ig.Trace(*(rows[name] for name in ig.Trace._fields))
         self.contact = rows["contact"]  # number of the contact going on, 0 in flight
         self.contacts = int(self.contact.max())
