@@ -1,4 +1,4 @@
-"""The free numbers of a design, `NAME=LOW:HIGH`: what is wrong with them shows before anything is searched."""
+"""The numbers of a design that a search may choose, `NAME=LOW:HIGH`, checked before anything is searched."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
@@ -21,7 +21,7 @@ WIDE = 10.0
 """A range whose ends differ by this factor is searched by ratio, as stiffness and mass always are."""
 
 
-class Free(NamedTuple):
+class SearchVariable(NamedTuple):
     """A number of the design that the search may choose."""
 
     name: str  # dotted, such as coupling.stiffness
@@ -48,14 +48,9 @@ class Free(NamedTuple):
         """Return the physical values of the search's numbers, any shape."""
         return np.clip(np.exp(searched) if self.logarithmic else searched, self.low, self.high)
 
-    def spread(self, count: int) -> list[float]:
-        """Return `count` values from low to high, equally spaced as the search sees them."""
-        space = np.geomspace if self.logarithmic else np.linspace
-        return [float(value) for value in space(self.low, self.high, count)]
 
-
-def free_numbers(texts: Sequence[str], setup: Setup) -> list[Free]:
-    """Return the free numbers, `NAME=LOW:HIGH` each; they begin with the set-up's own, the middle of what it draws.
+def search_variables(texts: Sequence[str], setup: Setup) -> list[SearchVariable]:
+    """Return the variables, `NAME=LOW:HIGH` each; they begin with the set-up's own value, the middle of what it draws.
 
     Raises:
         ValueError: there is none, a text has another form, a name stands twice or is no number of the set-up's coupling
@@ -65,17 +60,17 @@ def free_numbers(texts: Sequence[str], setup: Setup) -> list[Free]:
         raise ValueError("--free must name a number of the design at least, such as coupling.stiffness=10:300")
     task = Task(**setup.environment)
     own = {f"coupling.{field.name}": getattr(task.coupling, field.name) for field in fields(task.coupling)}
-    numbers = {}
+    variables = {}
     for text in texts:
-        free = _read(text, {"tool_mass": task.tool_mass} | own)
-        if free.name in numbers:
-            raise ValueError(f"--free {free.name} is named twice")
-        numbers[free.name] = free
-    return list(numbers.values())
+        variable = _read(text, {"tool_mass": task.tool_mass} | own)
+        if variable.name in variables:
+            raise ValueError(f"--free {variable.name} is named twice")
+        variables[variable.name] = variable
+    return list(variables.values())
 
 
-def _read(text: str, own: Mapping[str, float]) -> Free:
-    """Return the free number in a text, which begins with the set-up's `own`."""
+def _read(text: str, own: Mapping[str, float]) -> SearchVariable:
+    """Return the variable in a text, which begins with the set-up's `own` value."""
     name, _, ends = text.partition("=")
     try:
         low, high = map(float, ends.split(":"))
@@ -85,7 +80,7 @@ def _read(text: str, own: Mapping[str, float]) -> Free:
     low, high = (number(f"--free {name}", end, QUANTITIES[name].unit) for end in (low, high))
     if not low < high:
         raise ValueError(f"--free {name} must have LOW below HIGH, got {low:g}:{high:g}")
-    return Free(name, low, high, float(own[name]))
+    return SearchVariable(name, low, high, float(own[name]))
 
 
 def as_built(design: Mapping[str, float], tolerance: float) -> dict[str, list[float]]:
@@ -93,14 +88,14 @@ def as_built(design: Mapping[str, float], tolerance: float) -> dict[str, list[fl
     return {name: sorted([value * (1.0 - tolerance), value * (1.0 + tolerance)]) for name, value in design.items()}
 
 
-def searched_environment(setup: Setup, numbers: Sequence[Free], deflection: float | None) -> dict[str, Any]:
-    """Return the set-up's arguments with a range for each free number, as episodes would draw it.
+def searched_environment(setup: Setup, variables: Sequence[SearchVariable], deflection: float | None) -> dict[str, Any]:
+    """Return the set-up's arguments with a range for each variable, as episodes would draw it.
 
     Raises:
         ValueError: an end of a range is no coupling; or no design in them holds the tool, within `deflection` (m).
     """
     with within("--free"):
-        environment = changed(setup.environment, {free.name: [free.low, free.high] for free in numbers})
+        environment = changed(setup.environment, {each.name: [each.low, each.high] for each in variables})
         task = Task(**environment)
         warnings(task)
         springs = [corner for corner in corners(task) if isinstance(corner.coupling, SpringDamper)]
