@@ -103,7 +103,7 @@ OWN = {
 }
 """What rows of a batch may have each for itself, whatever they observe."""
 ESTIMATE = {name: number_or_range(*SPANS[name]) for name in ("range_noise", "range_bias")}
-WITH_OPERATOR = ("operator", "uplink", "downlink", "taken_weight")
+WITH_OPERATOR = ("operator", "uplink", "downlink")
 OBSERVED = (
     "observe_range_noise", "deflection_sensor", "privileged", "past_readings", "velocity_range", "horizon",
     "after_alarm",
@@ -122,7 +122,7 @@ def rows_of_tasks(draw, count=3):
     must = {"friction": number_or_range(0.1, 0.5), "control_period": st.floats(0.012, 0.03)}
     who = st.sampled_from([*OPERATORS]).flatmap(lambda name: described(name, OPERATORS[name])) | st.just(RECORDED)
     links = {way: some_of(of) | st.just(TRACED) for way, of in {"uplink": CHANNEL, "downlink": DISPLAY}.items()}
-    steered = must | {"operator": who, "taken_weight": st.floats(0.0, 1.0)} | links if draw(st.booleans()) else {}
+    steered = must | {"operator": who} | links if draw(st.booleans()) else {}
     if steered:
         common["velocity_range"], common["horizon"] = (-0.3, 0.5), 1.5
     kinds = SOFT if deflection else COUPLINGS
