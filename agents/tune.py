@@ -23,7 +23,7 @@ from agents.evaluate import TUNING_SEED, ScenarioBatch
 from agents.jobs import Job, Result, digest_of, gather
 from agents.provenance import circumstances
 from agents.setups import Setup, load_setup, shipped
-from impact_gym.validation import number, whole
+from impact_gym.validation import nearest, number, whole
 
 SETUPS = shipped()
 PACKAGES = ("impact-gym", "cma", "numpy", "scipy")
@@ -73,7 +73,7 @@ class Tune:
         tuned = {name for setup in self.setups for name in load_setup(setup).tuned}
         for name in self.names:
             if name not in tuned:
-                raise ValueError(f"no baseline {name!r} to tune: there are {sorted(tuned)}")
+                raise ValueError(nearest("baseline to tune", name, tuned))
 
     def baselines(self) -> dict[str, Setup]:
         """Return the set-up of each baseline that is asked for."""

@@ -29,8 +29,8 @@ OBJECT = re.compile(r"[\w.]+:[\w.]+")  # of a module
 README = ("linear-blind", "linear-ranged", "bistable-blind", "paper-limits")
 """Those that the README, `make report` and `make train-all` are about."""
 RULES = (
-    "BlindProfile", "ConstantDeceleration", "ConstantSpeed", "DetectorProfile", "DetectorRanged",
-    "Ranged", "RangedProfile", "WaryProfile", "WaryRanged",
+    "BlindProfile", "ConstantDeceleration", "ConstantSpeed", "DetectorProfile", "DetectorRanged", "Ranged",
+    "RangedProfile",
 )  # fmt: skip
 """Those that may be tuned, classes of `agents.baselines`."""
 FIXED = ("paper-trapezoid", "random", "local-brake", "operator-alone")

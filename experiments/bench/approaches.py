@@ -76,7 +76,7 @@ RTOLS = {"1e-4": 1e-4, "1e-6": 1e-6, "1e-8 (the default)": 1e-8, "1e-10": 1e-10,
 
 def cost(quick: bool) -> dict[str, pl.DataFrame]:
     """Return a table for each of these: processor time of an approach, the best of some rounds."""
-    robot, along = default_approach().at(IMPACT), default_approach().robot_table()
+    robot = default_approach().at(IMPACT)
     spring, bistable = IDS["ImpactApproach-v0"], IDS["ImpactApproachBistable-v0"]
     varied: dict[str, dict[str, dict[str, Any]]] = {
         "coupling": {
@@ -88,7 +88,6 @@ def cost(quick: bool) -> dict[str, pl.DataFrame]:
         "robot, with the default coupling": {
             "rigid (the default)": spring,
             "one mass on a spring": {"robot": {"type": "Robot", **asdict(robot)}},
-            "table along the way": {"robot": {"type": "RobotTable", **asdict(along)}},
         },
         "rtol, with the default coupling": {name: {"rtol": rtol} for name, rtol in RTOLS.items()},
         "rtol, with the paper's bistable coupling": {name: {"rtol": rtol, **bistable} for name, rtol in RTOLS.items()},

@@ -16,7 +16,7 @@ from agents.baselines import PaperTrapezoid, load_baseline
 from agents.baselines.cmaes import minimise
 from agents.baselines.profile import ACCELERATION, AHEAD, KNOTS, REACTION, ReactingRule
 from agents.baselines.rule import Floats, Parameter, View, interpolate
-from agents.baselines.wary import OwnAlarmView
+from agents.baselines.detector import OwnAlarmView
 from agents.evaluate import ScenarioBatch
 from agents.jobs import Result
 from agents.policies import load_ensemble

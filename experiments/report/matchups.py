@@ -38,8 +38,6 @@ PLAIN = {
     "DetectorRanged": "tuned profile over the estimate with a detector",
     "Ranged": "tuned braking towards the estimate",
     "RangedProfile": "tuned profile over the estimate",
-    "WaryProfile": "tuned profile with a threshold",
-    "WaryRanged": "tuned braking with a threshold",
     "local-brake": "the local brake",
     "operator-alone": "the operator alone",
 }

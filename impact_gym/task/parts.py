@@ -18,7 +18,7 @@ def ranged_record(name: str, value: Any, kinds: tuple[type[Any], ...]) -> tuple[
     Raises:
         TypeError, ValueError: a range that is none, or one of whose ends the record refuses, with those of the others.
     """
-    if not isinstance(value, Mapping) or "position" in value:  # a table has lists that are no ranges
+    if not isinstance(value, Mapping):
         return record_from(name, value, kinds), {}
     pairs = {
         path: QUANTITIES[path].interval(given)

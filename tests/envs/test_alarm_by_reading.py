@@ -10,7 +10,7 @@ from scipy import stats
 
 import impact_gym as ig
 from agents.baselines import BlindProfile, PaperTrapezoid
-from agents.baselines.wary import DETECTOR, THRESHOLD, DetectorProfile, WaryProfile
+from agents.baselines.detector import DETECTOR, DetectorProfile
 from agents.evaluate.scenario_batch import ScenarioBatch
 
 READING = {"alarm": "reading"}
@@ -108,39 +108,6 @@ def test_alarm_that_is_false_ends_nothing():
     assert np.array(finals[0]) == pytest.approx(np.array(finals[1]), rel=1e-7, abs=1e-9)
 
 
-def test_rule_that_judges_for_itself_does_as_the_alarm_where_the_alarm_is_right():
-    numbers = [parameter.start for parameter in BlindProfile.PARAMETERS]
-    stage = ScenarioBatch.of("validation", 200, alarm="reading", alarm_threshold=3.0)
-    trusting, wary = stage.play(BlindProfile(numbers)), stage.play(WaryProfile([*numbers, 3.0]))
-    assert np.array_equal(trusting.object_velocity, wary.object_velocity)
-    deaf = stage.play(WaryProfile([*numbers, 100.0]))
-    assert (deaf.object_velocity > 1.1 * trusting.object_velocity).mean() > 0.3
-
-
-def test_rule_that_judges_for_itself_goes_on_after_what_was_no_touch():
-    numbers = [parameter.start for parameter in WaryProfile.PARAMETERS]
-    stage = ScenarioBatch.of("validation", 200, alarm="reading", force_noise=3.0)
-    missed = {}
-    for threshold in (1.0, 8.0, 20.0):
-        numbers[-1] = threshold
-        missed[threshold] = stage.play(WaryProfile(numbers)).missed.sum()
-    assert missed[1.0] > 100  # within the noise
-    assert missed[8.0] == missed[20.0] == 0
-    assert stage.play(BlindProfile(numbers[:-1])).missed.sum() > 100
-    assert WaryProfile.PARAMETERS[-1] is THRESHOLD
-
-
-def test_memory_of_a_rule_ends_with_the_episode():
-    rule = WaryProfile([parameter.start for parameter in WaryProfile.PARAMETERS])
-    high = np.zeros((2, 8), np.float32)
-    high[:, FORCE] = 1.0  # 1 kN
-    _, (raised,) = rule.predict(high)
-    assert np.isfinite(raised).all()
-    _, (raised,) = rule.predict(np.zeros((2, 8), np.float32), (raised,), np.array([True, False]))
-    assert np.isfinite(raised).tolist() == [False, True]
-    assert np.isfinite(rule.predict(np.zeros((2, 8), np.float32), (raised,))[1][0]).tolist() == [False, True]
-
-
 @pytest.mark.parametrize("deflection", [False, True])
 def test_past_readings_are_those_that_were_shown_then(deflection):
     env = gym.make(ID, past_readings=3, deflection_sensor=deflection, force_noise=2.0, **READING)
@@ -190,3 +157,43 @@ def test_detector_takes_a_kick_of_the_tool_for_a_touch_and_its_own_swing_for_non
                 seen[:, rule.spec.index(name)] = rule.spec.encode(name, np.array([value]))
             _, state = rule.predict(seen, state, np.zeros(1, bool))
         assert np.isfinite(state[0]).all() == touched
+
+
+SENSORS = {"alarm": "reading", "deflection_sensor": True, "past_readings": 2}
+START = [parameter.start for parameter in BlindProfile.PARAMETERS]
+
+
+def above(threshold, **environment):
+    """A detector that takes for a touch what exceeds the mean so far by a threshold, N, in a single reading."""
+    return detector(threshold - 0.01, 0.0, 0.01, 0.0, 0.0, 0.0, **environment)
+
+
+def test_detector_does_as_the_alarm_where_the_alarm_is_right():
+    environment = SENSORS | {"alarm_threshold": 3.0}
+    stage = ScenarioBatch.of("validation", 200, **environment)
+    trusting = stage.play(BlindProfile(START).for_environment(environment))
+    judging, deaf = (stage.play(above(threshold, **environment)) for threshold in (3.0, 20.0))
+    assert np.mean(trusting.object_velocity == judging.object_velocity) > 0.98  # what came below 3 N is in the mean
+    assert (deaf.object_velocity > 1.1 * trusting.object_velocity).mean() > 0.3
+
+
+def test_detector_goes_on_after_what_was_no_touch():
+    environment = SENSORS | {"force_noise": 3.0}
+    stage = ScenarioBatch.of("validation", 200, **environment)
+    missed = [stage.play(above(threshold, **environment)).missed.sum() for threshold in (1.0, 8.0, 20.0)]
+    assert missed[0] > 100  # within the noise
+    assert missed[1:] == [0, 0]
+    assert stage.play(BlindProfile(START).for_environment(environment)).missed.sum() > 100
+
+
+def test_memory_of_a_detector_ends_with_the_episode():
+    rule = detector(0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+    quiet, hit = (np.zeros((2, len(rule.spec)), np.float32) for _ in range(2))
+    for place in range(2):
+        hit[place, rule.spec.index("force")] = 1.0  # 1 kN
+    _, state = rule.predict(quiet)
+    _, state = rule.predict(hit, state)
+    assert np.isfinite(state[0]).all()
+    _, state = rule.predict(quiet, state, np.array([True, False]))
+    assert np.isfinite(state[0]).tolist() == [False, True]
+    assert np.isfinite(rule.predict(quiet, state)[1][0]).tolist() == [False, True]

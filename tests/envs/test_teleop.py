@@ -241,7 +241,7 @@ def test_command_is_for_a_person_and_within_what_the_arm_can_do():
 
 
 def test_episode_ends_where_it_says_and_rewards_add_up():
-    env = gym.make(ID, taken_weight=0.7)
+    env = gym.make(ID)
     for seed in range(20):
         env.reset(seed=seed)
         total, ended = 0.0, False
@@ -249,7 +249,6 @@ def test_episode_ends_where_it_says_and_rewards_add_up():
             _, reward, ended, _, info = env.step(np.array([0.4 if seed % 2 else 1.0, 0.5, -1.0], np.float32))
             total += reward
         assert total == pytest.approx(sum(info["reward_terms"].values()), rel=1e-12)
-        assert info["reward_terms"]["taken"] == pytest.approx(-0.7 * info["taken"], rel=1e-12)
         assert info["taken"] == pytest.approx(0.3 if seed % 2 else 0.0, abs=1e-6)
         batch = env.unwrapped._batch
         rests = batch.chains["footing"][0] == 1

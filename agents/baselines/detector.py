@@ -1,8 +1,8 @@
-"""Rules that do not trust the alarm: each judges the sensors' readings by itself.
+"""Rules that do not trust the alarm: they detect the touch in the sensors' readings by themselves.
 
 Where noisy readings raise the alarm (`alarm="reading"`) at a threshold within that noise, it is on most of the time.
-One kind compares each reading with a threshold; the other adds up what readings say beyond their noise, which it learns
-as it goes, by the rule of cumulative sums (E. S. Page, Continuous inspection schemes, Biometrika 41, 1954).
+A detector adds up what readings say beyond their noise, which it learns as it goes, by the rule of cumulative sums
+(E. S. Page, Continuous inspection schemes, Biometrika 41, 1954).
 """
 
 from collections.abc import Callable, Mapping
@@ -11,11 +11,10 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.baselines.profile import BlindProfile, Ranged, RangedProfile, ReactingRule
+from agents.baselines.profile import BlindProfile, RangedProfile, ReactingRule
 from agents.baselines.rule import Floats, Parameter, View
 from impact_gym.task.task import VELOCITY_RANGE
 
-THRESHOLD = Parameter("own threshold", "N", 0.5, 100.0, 10.0)
 LEAST_NOISE, USUAL_NOISE = 1e-3, 1e-2  # m, of estimates of the distance
 CLOCK = 1e-6  # s, resolution of the observed time
 Flags = NDArray[np.bool_]
@@ -48,13 +47,16 @@ class OwnAlarmView(View):
         return np.where(self.alarm, self["time"] - np.where(self.alarm, self._raised, 0.0), 0.0)
 
 
-class OwnAlarmRule(ReactingRule):
-    """A reacting rule with an alarm of its own, a reading above THRESHOLD; it clears as an environment's does.
+class DetectorRule(ReactingRule):
+    """A reacting rule whose alarm is Page's cumulative sum of what force and deflection say beyond their noise.
 
-    So a false alarm costs that time and no more.
+    Mean and spread of the readings are learnt while no alarm is on. A touch kicks the tool back: by how much its
+    deflection has changed beyond what a critically damped tool's would have by itself. The alarm clears as an
+    environment's does, so a false one costs that time and no more.
     """
 
-    MEMORY = 0  # arrays that are remembered, 0 as an episode begins
+    NEEDS: ClassVar[Mapping[str, Any]] = {"deflection_sensor": True, "past_readings": 2}
+    MEMORY = 4  # the sum; of readings while no alarm was on how many, their mean and their squared deviations
 
     def see(self, view: View, state: Any, episode_start: Any) -> tuple[View, Any]:
         """Return a view with the rule's own alarm, and what is remembered: when that was raised (s), and `memory`."""
@@ -68,22 +70,7 @@ class OwnAlarmRule(ReactingRule):
         return OwnAlarmView(view, raised), (raised, *memory)
 
     def touched(self, view: View, memory: list[Floats], quiet: Flags) -> tuple[Flags, list[Floats]]:
-        """Return whether a touch is seen now, and the MEMORY; `quiet` where no alarm is on."""
-        return view["force"] > self[THRESHOLD.name], memory
-
-
-class DetectorRule(OwnAlarmRule):
-    """A rule whose alarm is Page's cumulative sum of what force and deflection say beyond their noise.
-
-    Mean and spread of the readings are learnt while no alarm is on. A touch kicks the tool back: by how much its
-    deflection has changed beyond what a critically damped tool's would have by itself.
-    """
-
-    NEEDS: ClassVar[Mapping[str, Any]] = {"deflection_sensor": True, "past_readings": 2}
-    MEMORY = 4  # the sum; of readings while no alarm was on how many, their mean and their squared deviations
-
-    def touched(self, view: View, memory: list[Floats], quiet: Flags) -> tuple[Flags, list[Floats]]:
-        """Return whether the sum says so, see `OwnAlarmRule`."""
+        """Return whether a touch is detected now, and the MEMORY; `quiet` where no alarm is on."""
         total, count, mean, squares = memory
         force, noise = view["force"], np.sqrt(squares / np.maximum(count - 1.0, 1.0))
         now, before, earlier = view["deflection"], view["deflection_1"], view["deflection_2"]
@@ -97,18 +84,6 @@ class DetectorRule(OwnAlarmRule):
         learnt = mean + np.where(learns, (force - mean) / np.maximum(count, 1.0), 0.0)
         squares = squares + np.where(learns, (force - mean) * (force - learnt), 0.0)
         return touched, [np.where(touched, 0.0, total), count, learnt, squares]
-
-
-class WaryProfile(OwnAlarmRule, BlindProfile):
-    """`BlindProfile` with an alarm of its own."""
-
-    PARAMETERS = (*BlindProfile.PARAMETERS, THRESHOLD)
-
-
-class WaryRanged(OwnAlarmRule, Ranged):
-    """`Ranged` with an alarm of its own."""
-
-    PARAMETERS = (*Ranged.PARAMETERS, THRESHOLD)
 
 
 class DetectorProfile(DetectorRule, BlindProfile):
