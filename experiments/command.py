@@ -1,15 +1,18 @@
-"""The command `impact-gym`: each name runs what `python -m MODULE` runs in a checkout.
+"""The command `impact-gym`: each name runs a module, which reads its own arguments.
 
-A command gets its arguments as they are, so that its options, and its help, stand in one place. What its extras ask for
-is looked for first: a command that needs more than is there says so in one line, before it has worked for hours.
+What a command's extras ask for is looked for first: a command that needs more than is installed says so in one line,
+before it has worked for hours.
 """
 
-import argparse
+import platform
 import re
 import runpy
 import sys
-from importlib.metadata import Distribution, requires
+from collections.abc import Mapping
+from importlib.metadata import Distribution, requires, version
 from typing import NamedTuple
+
+from impact_gym.validation import nearest
 
 
 class Command(NamedTuple):
@@ -17,43 +20,47 @@ class Command(NamedTuple):
 
     module: str
     extras: tuple[str, ...]
-    does: str
+    help: str
 
 
-COMMANDS = {
-    "report": Command("experiments.report", ("report",), "play policies and baselines and write a page about it"),
-    "controller": Command(
-        "experiments.controller", ("train", "report"), "make a controller for a set-up: tune, train, report, export"
-    ),
-    "setup": Command("agents.setup", ("train",), "check a set-up, a TOML file, and see what follows from it"),
-    "tune": Command("agents.tune", ("train",), "tune the baselines of a set-up"),
-    "train": Command("agents.train", ("train",), "train a policy for a set-up"),
-    "train-seeds": Command("agents.train_seeds", ("train",), "train several seeds and ship the median"),
-    "export": Command("agents.export", ("train",), "write a policy as ONNX and as a controller in C"),
-    "policies": Command("experiments.policies", (), "list the shipped policies with what they are for"),
-    "gain": Command("experiments.gain", ("train", "report"), "say what the gain over the paper's rule is made of"),
-    "teleop": Command("experiments.teleop", ("train", "report"), "say what assistance gives an operator who acts late"),
-    "play": Command("experiments.play", ("play",), "take the stick: steer the tool in the browser, alone or assisted"),
-    "recordings": Command("experiments.play.recordings", ("play",), "make an operator of what was played"),
-    "dataset": Command("experiments.dataset", ("data",), "keep what rule, profile, policy or persons do, for Minari"),
-    "arm": Command("experiments.arm", ("train", "report", "robot"), "hold the one mass on a spring against whole arms"),
-    "measured": Command(
-        "experiments.measured", ("train", "report"), "predict half of measured hits from the other half"
-    ),
-    "design": Command("experiments.design", ("train", "report"), "find the coupling that leaves the object slowest"),
-    "identify": Command("impact_gym.identify", (), "fit the numbers of a tool and an object to a measured blow"),
-    "robot": Command("impact_gym.robot", ("robot",), "compute the default approach of the Viper s650 from its joints"),
-    "paper": Command("experiments.paper", ("report",), "reproduce the paper's figures and compare its statements"),
-    "speed": Command("experiments.solver.speed", ("report", "peers"), "measure the solver's speed against its error"),
-    "stability": Command(
-        "experiments.solver.stability", ("report", "peers"), "send random scenes through solver and rivals"
-    ),
-    "fits": Command("experiments.identify", ("report",), "fit logs of the independent solver, errors beside the bound"),
-    "bench": Command(
-        "experiments.bench", ("train", "report", "peers"), "measure approaches, environments and training"
-    ),
-    "doctor": Command("impact_gym.doctor", (), "say what this machine has, and what to do about it"),
+COMMANDS: Mapping[str, Mapping[str, Command]] = {
+    "for your own arm and tool": {
+        "check": Command("agents.check", ("train",), "check a set-up (a TOML file) and say what follows from it"),
+        "tune": Command("agents.tune", ("train",), "tune the baselines of a set-up"),
+        "train": Command("agents.train", ("train",), "train a policy for a set-up, or several seeds"),
+        "controller": Command("experiments.controller", ("train", "report"), "all in one: tune, train, report, export"),
+        "report": Command("experiments.report", ("report",), "compare policies and baselines, on a page"),
+        "export": Command("agents.export", ("train",), "write a policy as a controller in C and as ONNX"),
+        "policies": Command("experiments.policies", (), "list the shipped policies and what they are for"),
+        "play": Command("experiments.play", ("play",), "steer the tool in the browser, alone or assisted"),
+        "identify": Command("impact_gym.identify", (), "fit mass, stiffness and restitution to measured blows"),
+        "design": Command(
+            "experiments.design", ("train", "report"), "find the coupling that leaves the object slowest"
+        ),
+    },
+    "for data": {
+        "dataset": Command("experiments.dataset", ("data",), "record episodes of rule, profile, policy or persons"),
+    },
+    "for work on this project": {
+        "study": Command("experiments.studies", ("report",), "run a study of this project again"),
+    },
 }
+EPILOG = "impact-gym COMMAND --help: the options of a command;  impact-gym --version: versions"
+
+
+def overview() -> str:
+    """Return the list of all commands."""
+    lines = ["usage: impact-gym COMMAND ..."]
+    for group, commands in COMMANDS.items():
+        lines += ["", f"{group}:", *(f"  {name:<11} {command.help}" for name, command in commands.items())]
+    return "\n".join([*lines, "", EPILOG])
+
+
+def versions() -> str:
+    """Return the versions of this package, of Python and of what it builds on, as far as it is installed."""
+    named = ("impact-gym", "numpy", "scipy", "gymnasium", "torch", "stable-baselines3")
+    there = [f"{name} {version(name)}" for name in named if any(Distribution.discover(name=name))]
+    return "\n".join([*there, f"Python {platform.python_version()}, {platform.platform()}"])
 
 
 def missing(extras: tuple[str, ...]) -> list[str]:
@@ -65,15 +72,21 @@ def missing(extras: tuple[str, ...]) -> list[str]:
 
 def main() -> None:
     """Run the command that is asked for."""
-    parser = argparse.ArgumentParser(prog="impact-gym", epilog="impact-gym COMMAND --help: the arguments of a command")
-    commands = parser.add_subparsers(dest="name", required=True, metavar="COMMAND")
-    for name, command in COMMANDS.items():
-        commands.add_parser(name, help=command.does, add_help=False)
-    options, arguments = parser.parse_known_args()
-    command = COMMANDS[options.name]
-    if lacking := missing(command.extras):
+    name, *arguments = sys.argv[1:] or ["--help"]
+    commands = {name: command for group in COMMANDS.values() for name, command in group.items()}
+    if name in ("--help", "-h", "help"):
+        print(overview())
+        return
+    if name == "--version":
+        print(versions())
+        return
+    if name not in commands:
+        print(f"{overview()}\n\nimpact-gym: {nearest('command', name, commands)}", file=sys.stderr)
+        sys.exit(2)
+    command = commands[name]
+    if absent := missing(command.extras):
         remedy = f"pip install 'impact-gym[{','.join(command.extras)}]'"
-        sys.exit(f"impact-gym {options.name} needs {', '.join(lacking)}: {remedy}")
+        sys.exit(f"impact-gym {name} needs {', '.join(absent)}: {remedy}")
     sys.argv[1:] = arguments
     sys.path.append("")  # where `module:object` of the report is looked for; last, as many have a folder `experiments`
     runpy.run_module(command.module, run_name="__main__", alter_sys=True)

@@ -1,13 +1,13 @@
-"""`impact-gym dataset`: what rule, profile, policy or persons do as datasets of Minari, which play again to the bit."""
+"""`impact-gym dataset`: episodes of rule, profile, policy or persons, for Minari; they play again to the bit."""
 
-import base64
+import json
 import os
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import metadata, version
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 from unittest.mock import patch
 
 import gymnasium as gym
@@ -18,7 +18,7 @@ from minari.dataset.minari_dataset import parse_dataset_id
 from minari.namespace import create_namespace, list_local_namespaces
 from minari.storage import get_dataset_path
 from tqdm import tqdm
-from tyro.conf import Positional
+from tyro.conf import FlagCreatePairsOff, Positional, arg
 
 from agents.baselines.tuned import read_tuned
 from agents.command_line import run_command
@@ -26,6 +26,8 @@ from agents.evaluate.controllers import controller_of
 from agents.policies import Controller, load_policy
 from agents.provenance import revision
 from agents.setups import FIXED, Setup, load_setup, shipped_baselines
+from experiments.play import tries
+from impact_gym.files import write_file
 from impact_gym.sources import compiled_from
 from impact_gym.validation import whole
 
@@ -41,25 +43,36 @@ Players = Callable[[float], Controller]  # by the time weight of an episode, m/s
 
 @dataclass(frozen=True)
 class DatasetOptions:
-    """Make datasets of Minari, NAMESPACE/SET-UP/PLAYER-vVERSION, or check that one plays again to the bit."""
+    """Record episodes as datasets of Minari, NAMESPACE/SETUP/PLAYER-vVERSION.
 
-    source: Positional[str]
-    """A set-up by name or file; or a folder of tries that impact-gym play left; or with --check a dataset's id."""
-    who: tuple[str, ...] = tuple(PLAYERS)
-    """Who plays a set-up, a dataset each: rule, profile, policy, a baseline by name, module:object with `predict`."""
-    episodes: int = 1000
-    """Of each."""
-    seed: int = SEED
-    """Of the first episode; the others follow."""
-    namespace: str = "impact"
-    version: int = 0
-    author: str = metadata("impact-gym")["Author"] or ""
-    email: str = ""
+    Of a set-up, each of --who plays a dataset. A folder of tries, which impact-gym play left, becomes a dataset of
+    persons, or with --operator an operator to train with.
+    """
+
+    source: Annotated[Positional[str], arg(metavar="SETUP|FOLDER|DATASET")]
+    """A set-up by name or file; a folder of tries; or with --check the id of a dataset."""
+    who: Annotated[tuple[str, ...], arg(metavar="NAME...")] = tuple(PLAYERS)
+    """Players of a set-up: rule, profile, policy, another baseline by name, or MODULE:OBJECT with `predict`."""
+    episodes: Annotated[int, arg(metavar="N")] = 1000
+    """Episodes of each player."""
+    seed: Annotated[int, arg(metavar="N")] = SEED
+    """Seed of the first episode; the others follow."""
+    operator: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(default: make a dataset)")] = None
+    """Write the tries as an operator that draws one of them for each episode: TOML for a set-up's [environment]."""
+    include_marked: Annotated[FlagCreatePairsOff[bool], arg(help_behavior_hint="")] = False
+    """Take the tries that are marked as interrupted or late as well."""
+    namespace: Annotated[str, arg(metavar="NAME")] = "impact"
+    """First part of the dataset's id."""
+    version: Annotated[int, arg(metavar="N")] = 0
+    """Last part of it."""
+    author: Annotated[str, arg(metavar="NAME")] = metadata("impact-gym")["Author"] or ""
+    """Written into the dataset."""
+    email: Annotated[str, arg(metavar="ADDRESS", help_behavior_hint="(default: none)")] = ""
     """Or another way to reach the author."""
-    link: str = ""
-    """To the code in a public place; the commit unless given."""
-    check: bool = False
-    """Play a dataset again and compare observations, rewards and ends."""
+    link: Annotated[str, arg(metavar="URL", help_behavior_hint="(default: version and commit)")] = ""
+    """Public place of the code."""
+    check: Annotated[FlagCreatePairsOff[bool], arg(help_behavior_hint="")] = False
+    """Play a dataset again and compare observations, rewards and ends to the bit."""
 
     def __post_init__(self) -> None:
         whole("episodes", self.episodes, at_least=1)
@@ -68,7 +81,7 @@ class DatasetOptions:
 
 
 def players(name: str, setup: Setup) -> Players:
-    """Return who plays a set-up, by a name as in `DatasetOptions.who`.
+    """Return the player of a set-up that has a name as in `DatasetOptions.who`.
 
     Raises:
         ValueError: there is none, or it was not tuned or trained.
@@ -76,8 +89,9 @@ def players(name: str, setup: Setup) -> Players:
     tuned = setup.against[0] if name == "profile" and setup.against else name
     if name == "policy":
         policy = load_policy(setup.name if setup.shipped else setup.folder / "policies" / f"{setup.name}.npz")
-        spec: dict[str, Any] = {"policy": base64.b64encode(policy.to_bytes()).decode()}
-    elif name == "rule" or name in FIXED:
+        return lambda _: policy
+    spec: dict[str, Any]
+    if name == "rule" or name in FIXED:
         spec = {"baseline": "paper-trapezoid" if name == "rule" else name}
     elif ":" in name:
         spec = {"object": name}
@@ -157,10 +171,8 @@ def of_setup(options: DatasetOptions) -> Iterator[Any]:
 
 def of_tries(options: DatasetOptions) -> Any:
     """Make and return a dataset of the tries of persons in a folder."""
-    from experiments.play.recordings import operator_of, played
-
-    found = played(Path(options.source))
-    env = gym.make("impact_gym:ImpactTeleop-v0", **found[0].environment, operator=operator_of(found))
+    found = tries.of_persons(Path(options.source), options.include_marked)
+    env = gym.make("impact_gym:ImpactTeleop-v0", **found[0].environment, operator=tries.operator_of(found))
     name = f"{options.namespace}/{found[0].setup}/person-v{options.version}"
 
     def again() -> Iterator[EpisodeBuffer]:
@@ -173,6 +185,16 @@ def of_tries(options: DatasetOptions) -> Any:
 
     assists = ", ".join(sorted({this.assist for this in found}))
     return write(name, env, again(), options, algorithm_name=assists, description="persons steer, assisted as named")
+
+
+def write_operator(folder: Path, out: Path, include_marked: bool) -> int:
+    """Write the tries of persons in a folder as an operator; return how many they are."""
+    found = tries.of_persons(folder, include_marked)
+    lines = [
+        f"{key} = {json.dumps(value)}" for key, value in tries.operator_of(found).items()
+    ]  # JSON that is TOML, too
+    write_file(out, "\n".join(["[environment.operator]", *lines, ""]))
+    return len(found)
 
 
 class Given:
@@ -188,7 +210,7 @@ class Given:
 
 
 def given(actions: Sequence[Sequence[float]]) -> Players:
-    """Return who plays these actions, whatever the weight."""
+    """Return the player of these actions, whatever the weight."""
     return lambda _: Given(actions)
 
 
@@ -223,6 +245,10 @@ def work(options: DatasetOptions) -> None:
     """Do what the options ask for, and say what came of it."""
     if options.check:
         print(f"{options.source}: {check(options.source)} episodes play again to the bit")
+        return
+    if options.operator is not None:
+        count = write_operator(Path(options.source), options.operator, options.include_marked)
+        print(f"{options.operator}: an operator that draws one of {count} tries for each episode")
         return
     for made in [of_tries(options)] if Path(options.source).is_dir() else of_setup(options):
         returns = [float(episode.rewards.sum()) for episode in made]

@@ -25,14 +25,19 @@ def play(
     scenarios: Mapping[str, Any],
     weights: Sequence[float] = (2.0,),
     environment: Mapping[str, Any] | None = None,
+    record: Mapping[str, Sequence[float]] | None = None,
+    lenient: bool = False,
 ) -> dict[str, NDArray[Any]]:
     """Return the results (weights, scenarios) at each time weight (m/s per s), and the scenarios' fields (scenarios,).
 
-    `agents.evaluate.controllers` says how to describe a controller; `environment` is without scenario and time weight.
+    `agents.evaluate.controllers` says how to describe a controller; `environment` is without scenario and time weight;
+    `record` and `lenient` are those of `ScenarioBatch`.
     """
     with warnings.catch_warnings(action="ignore", category=UserWarning):  # what is hard about it is meant to be
         played = [
-            scenario_batch_of(scenarios, weight, environment).play(controller_of(controller, weight, environment))
+            scenario_batch_of(scenarios, weight, environment, lenient).play(
+                controller_of(controller, weight, environment), record
+            )
             for weight in weights
         ]
     measured = [name for name in MEASURED if getattr(played[0], name) is not None]
@@ -40,10 +45,11 @@ def play(
 
 
 def scenario_batch_of(
-    scenarios: Mapping[str, Any], weight: float, environment: Mapping[str, Any] | None = None
+    scenarios: Mapping[str, Any], weight: float, environment: Mapping[str, Any] | None = None, lenient: bool = False
 ) -> ScenarioBatch:
     """Return the batch of `scenarios` at a time weight (m/s per s)."""
-    options: dict[str, Any] = {"time_weight": [weight], "threads": 1, "quiet": True, **(environment or {})}
+    options: dict[str, Any] = {"time_weight": [weight], "threads": 1, "quiet": True, "lenient": lenient}
+    options |= environment or {}
     frozen = frozen_of(scenarios)
     if frozen is not None:
         return ScenarioBatch(frozen.seed, scenarios["count"], frozen=frozen, **options)

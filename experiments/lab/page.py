@@ -1,13 +1,16 @@
-"""The page of an experiment: one file with its figures inside, from the experiment's template, which extends ours."""
+"""Pages: one file with its figures inside, from the template of all studies or one that extends it."""
 
 import base64
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup, escape
 
+from experiments.lab import player
+from experiments.lab.parts import HeatMap, Picture, Table
 from impact_gym.files import write_file
 
 EXPERIMENTS = Path(__file__).parents[1]
@@ -32,20 +35,28 @@ def typeset(text: str) -> Markup:
     return Markup(html(unbroken))
 
 
-def write(folder: Path, experiment: str, **content: Any) -> Path:
-    """Write `folder`/index.html from the template experiments/`experiment`/page.html.jinja; return its path.
+MACROS: Mapping[type, str] = {
+    str: "paragraph", Markup: "markup", Table: "table", HeatMap: "heat_map", Picture: "picture"
+}  # fmt: skip
+"""Macros of lab/parts.html.jinja that show a part of a section."""
 
-    The template has the filters `factor`, `short` and `typeset`, and `image(figure)`, which is the content of
-    `folder`/figure.svg as a URI. Of `content`, `runs` are notes of what made the page, as
-    `experiments.lab.results.noted` gives them.
+
+def write(folder: Path, template: str, macros: Mapping[type, str] | None = None, **content: Any) -> Path:
+    """Write `folder`/index.html from a template below experiments/; return its path.
+
+    The template has the filters `factor`, `short` and `typeset`; `image(name)`, the content of `folder`/NAME.svg as a
+    URI; and `macro_name(part)`, the macro that shows a part of a section. Of `content`, `runs` are notes of what made
+    the page, as `experiments.lab.results.noted` gives them.
     """
+    known = {**MACROS, **(macros or {})}
 
     def image(figure: str) -> str:
         return "data:image/svg+xml;base64," + base64.b64encode((folder / f"{figure}.svg").read_bytes()).decode()
 
     pages = Environment(loader=FileSystemLoader(EXPERIMENTS), autoescape=True, undefined=StrictUndefined)
     pages.filters |= {"factor": factor, "short": short, "typeset": typeset}
-    text = pages.get_template(f"{experiment}/page.html.jinja").render(image=image, **content)
+    pages.globals |= {"image": image, "macro_name": lambda part: known[type(part)], "player": player}
+    text = pages.get_template(template).render(**content)
     return write_file(folder / "index.html", text.encode(errors="replace"))
 
 

@@ -7,17 +7,16 @@ import shutil
 import tempfile
 import time
 from collections.abc import Iterable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from agents.jobs.store import Store
 from agents.provenance import circumstances
 from impact_gym.files import write_file, writing
 
 REPORTS = Path("reports")
 KEPT = "kept"
-"""Subfolder of an experiment with the results of its jobs."""
+"""Subfolder of a study with the results of its cells."""
 
 MARK = ".impact_gym"
 """File that marks a folder as ours, to be replaced."""
@@ -67,28 +66,21 @@ def checksum(path: Path) -> str:
 
 
 @contextmanager
-def noted(folder: Path, command: str, packages: Iterable[str], again: bool) -> Iterator[list[dict[str, Any]]]:
-    """Note a run of an experiment in `folder`/results.json; give the notes of all, its own complete at its end.
+def noted(folder: Path, command: str, packages: Iterable[str]) -> Iterator[list[dict[str, Any]]]:
+    """Note a run of a study in `folder`/results.json; give the notes of all runs, its own complete at the end.
 
-    A note has the command, the circumstances, the load before, how many results of jobs are new and how many seconds
-    it took, None if it was stopped. Where everything is computed `again`, what was kept goes first.
+    A note has the command, the circumstances, the load before and how many seconds it took, None if it was stopped.
+    The notes begin anew where no results are kept.
     """
-    jobs, log = folder / KEPT, folder / "results.json"
-    if again:
-        shutil.rmtree(jobs, ignore_errors=True)
-    runs: list[dict[str, Any]] = json.loads(log.read_text())["runs"] if jobs.is_dir() and log.is_file() else []
-    begun, before = time.perf_counter(), _results(jobs)
+    log = folder / "results.json"
+    runs: list[dict[str, Any]] = (
+        json.loads(log.read_text())["runs"] if (folder / KEPT).is_dir() and log.is_file() else []
+    )
+    begun = time.perf_counter()
     note: dict[str, Any] = {"command": command, "seconds": None, "load_before": os.getloadavg()[0]}
     runs.append(note | circumstances("impact-gym", "numpy", "scipy", *packages))
     try:
         yield runs
         runs[-1]["seconds"] = time.perf_counter() - begun
     finally:
-        runs[-1]["computed"] = _results(jobs) - before
         write_file(log, json.dumps({"runs": runs}, indent=2) + "\n")
-
-
-def _results(folder: Path) -> int:
-    """Return how many results of jobs there are."""
-    with closing(Store(folder)) as store:
-        return len(store)

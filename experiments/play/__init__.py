@@ -1,1 +1,1 @@
-"""Take the stick: a page that is played in a browser, what it leaves behind, and studies of persons who played it."""
+"""A page in the browser on which a person steers the tool, and the files that hold what was played."""

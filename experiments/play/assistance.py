@@ -1,4 +1,4 @@
-"""Who assists a person, by name, and the environment in which a person can take the place of a set-up's operator."""
+"""Assistances by name, and the environment in which a person takes the place of a set-up's operator."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -15,17 +15,18 @@ NAMES = {
     "none": "nobody", "brake": "a brake at the arm", "limit": "a tuned speed limit", "policy": "the learned policy",
     "rule": "the paper's rule",
 }  # fmt: skip
-"""What an assistance is called, and what it is."""
+"""Assistances, with what the page says of them."""
+PERSON = {"type": "Person"}
 PERIOD: float = Task.control_period  # s
-LONGEST, MOST_JITTER, STIFFNESS = 0.5, 0.05, (20.0, 2000.0)  # s each way, s, N/m: as far as sliders go
+DELAY, JITTER, STIFFNESS = (0.0, 1.0), (0.0, 0.05), (20.0, 2000.0)  # s there and back, s, N/m: ranges of the sliders
 RTOL = 1e-12  # so that `simulate` and the environment agree to 1e-9
 
 
 def playable(name: str) -> Setup:
-    """Return a set-up in which somebody commands.
+    """Return a set-up that has an operator.
 
     Raises:
-        ValueError: there is none of this name, or nobody commands in it: says how to add an operator.
+        ValueError: there is none of this name, or it has no operator: says how to add one.
     """
     setup = load_setup(name)
     if "operator" not in setup.environment:
@@ -40,41 +41,46 @@ def playable(name: str) -> Setup:
 
 
 def environment_of(setup: Setup) -> dict[str, Any]:
-    """Return a set-up's arguments without the operator, with ranges as wide as what a player may choose.
+    """Return a set-up's arguments without the operator, with the sliders' ranges.
 
-    What is chosen is then a number of the episode's record, so that all tries with one kind of coupling are one
+    A slider's value is then a number of the episode's record, so that all tries with one kind of coupling are one
     environment.
     """
     environment = {name: value for name, value in setup.environment.items() if name != "operator"} | {"rtol": RTOL}
     for way in WAYS:
-        environment[way] = {**environment.get(way, {}), "delay": [0.0, LONGEST], "jitter": [0.0, MOST_JITTER]}
+        environment[way] = {**environment.get(way, {}), "delay": [0.0, 0.5 * DELAY[1]], "jitter": [*JITTER]}
     if (coupling := environment.get("coupling", {})).get("type") == "SpringDamper":
-        environment["coupling"] = {**coupling, "stiffness": list(STIFFNESS)}
+        environment["coupling"] = {**coupling, "stiffness": [*STIFFNESS]}
     return environment
 
 
+def task_of(setup: Setup) -> Task:
+    """Return the rules of the environment in which a person commands."""
+    return Task(**environment_of(setup), operator=PERSON)
+
+
 def usual(setup: Setup) -> dict[str, float]:
-    """Return where the sliders begin: delay there and back and jitter (s), and stiffness (N/m) where there is one."""
+    """Return where the sliders begin: delay there and back (s), jitter (s), and stiffness (N/m) of a spring."""
 
     def middle(part: str, name: str, low: float, high: float) -> float:
         value = setup.environment.get(part, {}).get(name, 0.0)
         return min(max(float(sum(value) / 2.0 if isinstance(value, list) else value), low), high)
 
-    chosen = {"delay": sum(middle(way, "delay", 0.0, LONGEST) for way in WAYS)}
-    chosen["jitter"] = middle("uplink", "jitter", 0.0, MOST_JITTER)
-    stiff = setup.environment.get("coupling", {}).get("type") == "SpringDamper"
-    return chosen | ({"stiffness": middle("coupling", "stiffness", *STIFFNESS)} if stiff else {})
+    sliders = {"delay": sum(middle(way, "delay", 0.0, 0.5 * DELAY[1]) for way in WAYS)}
+    sliders["jitter"] = middle("uplink", "jitter", *JITTER)
+    spring = setup.environment.get("coupling", {}).get("type") == "SpringDamper"
+    return sliders | ({"stiffness": middle("coupling", "stiffness", *STIFFNESS)} if spring else {})
 
 
-def record_of(chosen: Mapping[str, float]) -> dict[str, float]:
-    """Return what sliders say as numbers of an episode's record."""
-    record = {f"{way}.delay": 0.5 * chosen["delay"] for way in WAYS}
-    record |= {f"{way}.jitter": chosen["jitter"] for way in WAYS}
-    return record | ({"coupling.stiffness": chosen["stiffness"]} if "stiffness" in chosen else {})
+def record_of(sliders: Mapping[str, float]) -> dict[str, float]:
+    """Return the positions of sliders, as `usual` has them, as numbers of an episode's record."""
+    record = {f"{way}.delay": 0.5 * sliders["delay"] for way in WAYS}
+    record |= {f"{way}.jitter": sliders["jitter"] for way in WAYS}
+    return record | ({"coupling.stiffness": sliders["stiffness"]} if "stiffness" in sliders else {})
 
 
 def assistance(name: str, setup: Setup) -> Controller:
-    """Return who assists, for a set-up.
+    """Return an assistance for a set-up.
 
     Raises:
         ValueError: no such assistance, or none that was tuned or trained for this set-up.
@@ -82,8 +88,7 @@ def assistance(name: str, setup: Setup) -> Controller:
     if name not in NAMES:
         raise ValueError(f"assist must be one of {', '.join(NAMES)}, got {name!r:.80}")
     if name == "policy":
-        own = setup.folder / "policies" / f"{setup.name}.npz"
-        return load_policy(setup.name if setup.shipped else own)
+        return load_policy(setup.name if setup.shipped else setup.folder / "policies" / f"{setup.name}.npz")
     if name == "limit":
         limits = [known for known, tuned in setup.tuned.items() if tuned.rule == "BlindProfile"]
         if not limits:
@@ -91,4 +96,4 @@ def assistance(name: str, setup: Setup) -> Controller:
         rule: Any = load_baseline(limits[0], setup.evaluation.typical, setup.folder / "tuned")
     else:
         rule = {"none": OperatorAlone, "brake": LocalBrake, "rule": PaperTrapezoid}[name]()
-    return rule.for_environment({**environment_of(setup), "operator": {"type": "Person"}})
+    return rule.for_environment({**environment_of(setup), "operator": PERSON})

@@ -1,7 +1,7 @@
 """The clock of tries, in a process of its own: however busy the server is, each step comes when it is due.
 
-The server sends what the player does, and gets frames as they reach the eyes, and what came of a try. If the server is
-killed, the arm stops and the try is kept.
+The server sends what the player does, and gets frames with the time until they reach the player's eyes, and the result
+of each try. If the server is killed, the arm stops and the try is kept.
 """
 
 import os
@@ -11,6 +11,7 @@ import signal
 import threading
 import time
 from collections import deque
+from collections.abc import Callable
 from contextlib import suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -19,7 +20,7 @@ from typing import Any
 from experiments.lab.player.films import radius_of
 from experiments.play import contest, tries
 from experiments.play.assistance import PERIOD
-from experiments.play.live import INTERRUPTED, Asked, Live
+from experiments.play.live import INTERRUPTED, Live
 from experiments.play.tries import Try
 from impact_gym.envs.batch import Bodies
 from impact_gym.files import DiskFullError
@@ -31,78 +32,88 @@ HOLD = 1e-5  # m/s, of a stick that is let go before a touch was seen: a pause d
 
 
 class Stick:
-    """What has been put in, with the times at which it came."""
+    """The player's input, with the times at which it came."""
 
     def __init__(self) -> None:
         self._inputs: deque[tuple[float, float]] = deque([(-1e9, 0.0)], maxlen=256)
         self.touched = False  # a touch has been seen
-        self.marks: list[str] = []  # why the try is to end; one without a reason is the player's wish
+        self.marks: list[str] = []  # why the try does not count
         self.let_go = False
 
-    def put(self, velocity: float) -> None:
-        """Take a velocity (m/s) that has just come in."""
-        self._inputs.append((time.perf_counter(), velocity))
+    def put(self, velocity: float, came: float) -> None:
+        """Take a velocity (m/s) that comes at a moment of the clock (s)."""
+        self._inputs.append((came, velocity))
 
     def stop(self, mark: str = "") -> None:
-        """Let go for good; a `mark` says why the try does not count."""
+        """Let go for good; a `mark` says why the try does not count, none that the player ended it."""
         if mark and not self.let_go:
             self.marks.append(mark)
         self.let_go = True
 
-    def at(self, moment: float) -> tuple[float, float]:
-        """Return the velocity (m/s) that counts at a moment of the clock (s), and when it came (s)."""
+    def at(self, moment: float) -> float:
+        """Return the velocity (m/s) that counts at a moment of the clock (s)."""
         inputs = tuple(self._inputs)
         came, velocity = next((each for each in reversed(inputs) if each[0] <= moment), inputs[0])
         if self.let_go or moment - came > SILENT:
-            return 0.0, came
-        return (HOLD if velocity == 0.0 and not self.touched else velocity), came
+            return 0.0
+        return HOLD if velocity == 0.0 and not self.touched else velocity
 
 
 class Clock:
     """Plays one try after another, as the server asks for them."""
 
-    def __init__(self, server: Connection) -> None:
-        self.server, self.stick, self.hurry = server, Stick(), False
-        self.asked: queue.SimpleQueue[tuple[Asked, Path, bool] | None] = queue.SimpleQueue()
+    def __init__(
+        self, server: Connection, now: Callable[[], float] = time.perf_counter,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:  # fmt: skip
+        """Wait for what the server asks.
+
+        Args:
+            server: connection to it.
+            now: returns the time, s.
+            sleep: waits for so many seconds.
+        """
+        self.server, self.now, self.sleep = server, now, sleep
+        self.stick, self.gone = Stick(), False  # the server is gone: nobody looks
+        self.wanted: queue.SimpleQueue[tuple[Try, Path, bool] | None] = queue.SimpleQueue()
         self.unsaved: list[tuple[Path, Try]] = []
 
     def listen(self) -> None:
-        """Do what the server says, until it has gone."""
+        """Do what the server says, until it is gone."""
         with suppress(EOFError, OSError):
             while True:
                 word, value = self.server.recv()
                 if word == "v":
-                    self.stick.put(value)
+                    self.stick.put(value, self.now())
                 elif word == "stop":
                     self.stick.stop(value)
                 elif word == "touched":
                     self.stick.touched = True
                 else:
                     self.stick = Stick()
-                    self.asked.put(value)
+                    self.wanted.put(value)
         self.stick.stop(INTERRUPTED + STOPPED)
-        self.hurry = True
-        self.asked.put(None)
+        self.gone = True
+        self.wanted.put(None)
 
     def tell(self, **message: Any) -> None:
         """Send a message to the server, if it is still there."""
         with suppress(OSError):
             self.server.send(message)
 
-    def play(self, asked: Asked, path: Path, seen: bool) -> None:
-        """Play a try on the clock, keep it, and tell what came of it."""
+    def play(self, wanted: Try, path: Path, seen: bool) -> None:
+        """Play a try on the clock, keep it, and tell its result; `seen`: the object is shown before it is touched."""
         try:
-            live = Live(asked, path.with_suffix(".journal"))
+            live = Live(wanted, path.with_suffix(".journal"))
         except (OSError, RuntimeError, ValueError) as problem:
             self.tell(kind="failed", text=str(problem))
             return
         stick = self.stick
-        self.tell(kind="began", setup=asked.setup, radius=radius_of(live.record["object_mass"]), slow=asked.slow)
+        self.tell(kind="began", setup=wanted.setup, radius=radius_of(live.kept.record["object_mass"]))
         self._run(live, stick, seen)
-        live.marks += stick.marks
+        live.kept.marks.extend(stick.marks)
         try:
-            this = live.finished()
-            self.unsaved.append((path, this))
+            self.unsaved.append((path, live.finished()))
             while self.unsaved:  # those that found no room before, too
                 tries.write(*self.unsaved[0])
                 self.unsaved.pop(0)[0].with_suffix(".journal").unlink(missing_ok=True)
@@ -111,23 +122,21 @@ class Clock:
             return
         finally:
             live.close()
-        others = {} if asked.study else contest.beside(this)
-        beside = {who: played.result for who, played in others.items() if played is not this}
-        self.tell(kind="ended", entry=entry_of(path.stem, this, beside), study=this.study)
+        beside = {name: played.result for name, played in contest.rivals_of(live.kept).items()}
+        self.tell(kind="ended", entry=entry_of(path.stem, live.kept, beside))
 
     def _run(self, live: Live, stick: Stick, seen: bool) -> None:
-        """Play the steps of a try, each when it is due."""
-        slow, start, behind, chance = live.asked.slow, time.perf_counter(), 0.0, random.Random(live.asked.seed)
-        full = False
-        self._show(live, stick, seen, chance)
-        while not live.ended:
+        """Play the steps of a try, each when it is due, until it ends or nobody looks."""
+        slow, start, behind, rng, full = live.kept.slow, self.now(), 0.0, random.Random(live.kept.seed), False
+        self._show(live, seen, rng)
+        while not (live.ended or self.gone):
             due = start + slow * (live.time + PERIOD)
-            while not self.hurry and (left := due - time.perf_counter()) > 0.0:
-                time.sleep(min(left, 0.1))
-            now = time.perf_counter()
-            velocity, came = stick.at(now - slow * (live.time + PERIOD - live.next_tick))
+            while (left := due - self.now()) > 0.0:
+                self.sleep(left)
+            now = self.now()
+            velocity = stick.at(now - slow * (live.time + PERIOD - live.next_tick))
             try:
-                live.step(velocity, min(now - came, 1e3), 0.0 if self.hurry else now - due - behind)
+                live.step(velocity, now - due - behind)
             except DiskFullError as problem:
                 stick.stop(f"{INTERRUPTED}no room for the journal")
                 if not full:
@@ -136,27 +145,27 @@ class Clock:
             behind = now - due
             if behind > slow * PERIOD:  # the machine slept: the clock goes on from here
                 start, behind = start + behind, 0.0
-            self._show(live, stick, seen, chance)
+            self._show(live, seen, rng)
 
-    def _show(self, live: Live, stick: Stick, seen: bool, chance: random.Random) -> None:
-        """Send what is so now, and a step on, on its way to the eyes."""
-        now, late, slow = live.batch.bodies(), live.record["downlink.delay"], live.asked.slow
-        then = now if live.ended else live.ahead()
-        if mean := live.record["downlink.jitter"]:
-            late += mean * min(chance.expovariate(1.0), CUT)
+    def _show(self, live: Live, seen: bool, rng: random.Random) -> None:
+        """Send the state now and one step on, with the time until it reaches the player's eyes."""
+        now, record, slow = live.batch.bodies(), live.kept.record, live.kept.slow
+        then, late = now if live.ended else live.ahead(), record["downlink.delay"]
+        if mean := record["downlink.jitter"]:
+            late += mean * min(rng.expovariate(1.0), CUT)
         touched = bool(then.touched[0])
-        seen = seen or touched or (live.ended and not live.asked.study)  # what was missed is shown, too
+        seen = seen or touched or live.ended  # what was missed is shown, too
         self.tell(
-            kind="frame", of=live.asked.seed, n=len(live.actions), t=round(float(now.time[0]), 4), touched=touched,
-            dt=round(float(then.time[0] - now.time[0]) * slow, 5), wait=0.0 if self.hurry else late * slow,
+            kind="frame", of=live.kept.seed, n=len(live.kept.actions), t=round(live.time, 4), touched=touched,
+            dt=round(float(then.time[0] - now.time[0]) * slow, 5), wait=late * slow,
             **{"from": places(now, seen), "to": places(then, seen)},
         )  # fmt: skip
 
 
 def entry_of(name: str, this: Try, beside: dict[str, dict[str, float]]) -> dict[str, Any]:
-    """Return what a page's chart shows of a try."""
+    """Return what a page shows of a try in its chart and its table."""
     return {"name": name, "setup": this.setup, "assist": this.assist, "delay": 2.0 * this.record["uplink.delay"],
-            "slow": this.slow, "marks": this.marks, "beside": beside, **this.result}  # fmt: skip
+            "marks": this.marks, "beside": beside, **this.result}  # fmt: skip
 
 
 def places(bodies: Bodies, seen: bool) -> list[float | None]:
@@ -166,12 +175,12 @@ def places(bodies: Bodies, seen: bool) -> list[float | None]:
 
 
 def run(server: Connection, theirs: Connection) -> None:
-    """Be the clock of a server, in a process of its own; `theirs` is the server's end."""
+    """Be the clock of a server, in a process of its own; `theirs` is the server's end of the connection."""
     theirs.close()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the server says when it ends
     clock = Clock(server)
     threading.Thread(target=clock.listen, daemon=True).start()
     with suppress(OSError, AttributeError):  # before all others, where the machine lets us
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))
-    while (asked := clock.asked.get()) is not None:
-        clock.play(*asked)
+    while (wanted := clock.wanted.get()) is not None:
+        clock.play(*wanted)

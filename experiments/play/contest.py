@@ -1,4 +1,4 @@
-"""The same scenario played by the paper's rule, the learned policy and a person, side by side: films, and a chart."""
+"""One scenario played by the paper's rule, the learned policy and a person, side by side: films, and a chart."""
 
 from collections.abc import Mapping
 from functools import cache
@@ -11,7 +11,7 @@ from agents.setups import load_setup
 from experiments.lab import player
 from experiments.lab.player.films import COLUMNS, Run, scene_of
 from experiments.play.assistance import assistance, environment_of, record_of, usual
-from experiments.play.live import Asked, Live
+from experiments.play.live import Live
 from experiments.play.tries import Try, replayed
 from impact_gym.envs.render_history import History
 
@@ -28,7 +28,7 @@ def run_of(this: Try) -> Run:
 
 @cache
 def rivals(setup: str) -> Mapping[str, str]:
-    """Return who plays beside a person: assistances behind a scripted operator, as far as a set-up has them."""
+    """Return the assistances behind a scripted operator that a person is compared with, as far as a set-up has them."""
     found = {}
     for name, kind in RIVALS.items():
         try:
@@ -39,27 +39,15 @@ def rivals(setup: str) -> Mapping[str, str]:
     return found
 
 
-def scripted(setup: str, kind: str, chosen: Mapping[str, float], seed: int) -> Try:
+def scripted(setup: str, kind: str, seed: int, record: Mapping[str, float]) -> Try:
     """Return a try of the set-up's own operator, assisted, in the scenario of a seed."""
     operator = dict(load_setup(setup).environment["operator"])
-    live = Live(Asked(setup, kind, dict(chosen), seed, operator=operator))
-    while not live.ended:
-        live.step()
-    return live.finished()
+    return Live(Try(setup, kind, seed, dict(record), operator)).finished()
 
 
-def beside(this: Try) -> dict[str, Try]:
-    """Return rule and policy in the scenario of a try, and the try, by name."""
-    chosen = chosen_of(this)
-    played = {name: scripted(this.setup, kind, chosen, this.seed) for name, kind in rivals(this.setup).items()}
-    return played | {"you": this}
-
-
-def chosen_of(this: Try) -> dict[str, float]:
-    """Return where the sliders stood."""
-    chosen = {"delay": 2.0 * this.record["uplink.delay"], "jitter": this.record["uplink.jitter"]}
-    stiffness = {"stiffness": this.record["coupling.stiffness"]} if "coupling.stiffness" in this.record else {}
-    return chosen | stiffness
+def rivals_of(this: Try) -> dict[str, Try]:
+    """Return rule and policy in the scenario of a try, by name."""
+    return {name: scripted(this.setup, kind, this.seed, this.record) for name, kind in rivals(this.setup).items()}
 
 
 def film(played: Mapping[str, Try], label: str, seconds: float | None = None) -> str:
@@ -75,10 +63,10 @@ def film(played: Mapping[str, Try], label: str, seconds: float | None = None) ->
 def first_film(setup: str, latest: Try | None) -> str:
     """Return the film for those who only look: the person of the latest try, or the set-up's operator, marked so."""
     if latest is not None:
-        return film(beside(latest), "your last try, the same scene for all", SECONDS)
-    chosen = usual(load_setup(setup))
-    played = {name: scripted(setup, kind, chosen, SHOWN_SEED) for name, kind in rivals(setup).items()}
-    played["person (scripted)"] = scripted(setup, "none", chosen, SHOWN_SEED)
+        return film({**rivals_of(latest), "you": latest}, "your last try, the same scene for all", SECONDS)
+    record = record_of(usual(load_setup(setup)))
+    shown = {**rivals(setup), "person (scripted)": "none"}
+    played = {name: scripted(setup, kind, SHOWN_SEED, record) for name, kind in shown.items()}
     return film(played, "one scene, three contestants", SECONDS)
 
 

@@ -6,7 +6,7 @@ const BEAT = 60, LEAST = 6;  // ms, between two messages at the most and at the 
 const AHEAD_OF_EYES = 12;  // ms, until what is drawn now is seen
 const page = {
   hello: null, socket: null, stage: null, frame: null, came: 0, running: false, asked: false, player: false,
-  tries: [], means: [], sent: NaN, sentAt: 0, study: null, level: 0.6,
+  tries: [], means: [], sent: NaN, sentAt: 0,
 };
 
 function send(message) {
@@ -55,10 +55,9 @@ function options() {
 }
 
 function begin() {
-  if (!page.player || page.running || page.asked || page.study && page.study.done >= page.study.length) return;
-  if (document.body.classList.contains("agreeing")) return;
+  if (!page.player || page.running || page.asked) return;
   page.asked = true;
-  send({begin: page.study ? {} : options()});
+  send({begin: options()});
   page.sent = NaN;
 }
 
@@ -71,7 +70,6 @@ const stick = stickOf(part("stick"), {
   pressed: begin,
   ended: end,
   level: (level) => {
-    page.level = level;
     part("level").textContent = `${Math.round(100 * level)} %`;
     if (!page.running) state(`arrows push to ${Math.round(100 * level)} %`);
   },
@@ -191,22 +189,6 @@ function ready() {
   part("end").disabled = !page.running;
 }
 
-function studied(study) {
-  page.study = study;
-  mode("studying", Boolean(study));
-  if (!study) return;
-  const agreed = study.person !== null;
-  mode("agreeing", !agreed);
-  part("consent").hidden = agreed;
-  part("consent-title").textContent = study.title;
-  part("consent-text").textContent = study.consent;
-  const over = study.done >= study.length, practice = study.done < study.practice;
-  const number = practice ? `practice ${study.done + 1} of ${study.practice}`
-    : `try ${study.done - study.practice + 1} of ${study.length - study.practice}`;
-  state(over ? "thank you: all is done" : `${number}: press \u2192`);
-  if (agreed) banner(over ? "Thank you, that was the last one. You may close this page." : `You are person ${study.person}. ${number[0].toUpperCase()}${number.slice(1)}.`);
-}
-
 const HEARD = {
   hello(message) {
     page.hello = message;
@@ -217,26 +199,23 @@ const HEARD = {
       for (const [value, text] of entries) html("option", {value}, part(id), text);
       part(id).value = message[id];
     }
-    part("delay").max = message.longest;
-    part("jitter").max = message.jitter;
+    part("delay").max = message.delay[1];
+    part("jitter").max = message.jitter[1];
     usual();
-    studied(message.study);
     layout();
     tabulate();
-    if (!message.study) {
-      film("");
-      fetched("reference").then((answer) => answer.json()).then((means) => {
-        page.means = means;
-        tabulate();
-      }, (problem) => banner(problem.message));
-    }
+    film("");
+    fetched("reference").then((answer) => answer.json()).then((means) => {
+      page.means = means;
+      tabulate();
+    }, (problem) => banner(problem.message));
   },
   role(message) {
     page.player = message.player;
     mode("watching", !message.player);
     if (!message.player) {
       banner("Another tab has the stick. You are watching.", "Take the stick", () => send({take: 1}));
-    } else if (!page.study) {
+    } else {
       banner(message.others ? `You have the stick; ${message.others} more ${message.others > 1 ? "tabs are" : "tab is"} watching.` : "");
     }
     ready();
@@ -272,10 +251,6 @@ const HEARD = {
     tabulate();
     state("press \u2192 for the next try");
     film(message.entry.name);
-  },
-  study(message) {
-    over();
-    studied(message.study);
   },
   said(message) {
     banner(message.text);
@@ -320,7 +295,6 @@ part("go").addEventListener("click", () => {
   part("stick").focus({preventScroll: true});
 });
 part("end").addEventListener("click", end);
-part("agree").addEventListener("click", () => send({agree: 1}));
 for (const id of ["delay", "jitter", "stiffness"]) part(id).addEventListener("input", words);
 part("setup").addEventListener("change", () => {
   usual();

@@ -1,4 +1,4 @@
-"""The server of the page: on this machine alone, for whoever has the address, with limits to what is listened to."""
+"""The server of the page: on this machine alone, for whoever has the address, with limits on what it accepts."""
 
 import asyncio
 import json
@@ -52,14 +52,10 @@ class Seat:
         self.socket, self._waiting, self._news = socket, list[dict[str, Any]](), asyncio.Event()
         self._allowance, self._heard = RATE, time.monotonic()
 
-    def show(self, frame: dict[str, Any]) -> None:
-        """Send a frame, in place of one that has not gone yet."""
-        if self._waiting and self._waiting[-1]["kind"] == frame["kind"]:
-            self._waiting.pop()
-        self.tell(frame)
-
     def tell(self, message: dict[str, Any]) -> None:
-        """Send a message."""
+        """Send a message; a frame takes the place of one that has not gone yet."""
+        if message["kind"] == "frame" and self._waiting and self._waiting[-1]["kind"] == "frame":
+            self._waiting.pop()
         self._waiting.append(message)
         self._news.set()
 
@@ -105,10 +101,7 @@ class Guard:
 
     async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
         """Serve a request, or refuse it with a reason."""
-        if scope["type"] not in ("http", "websocket"):
-            await self.app(scope, receive, send)
-            return
-        why = self._wrong(scope)
+        why = self._wrong(scope) if scope["type"] in ("http", "websocket") else None
         if why is None:
             await self.app(scope, receive, send)
             return
@@ -136,7 +129,7 @@ def application(session: Session, token: str, port: int, ready: Callable[[], Non
     """Return what is served below /token/."""
     templates = Environment(loader=FileSystemLoader(HERE), autoescape=True, undefined=StrictUndefined)
     styles = "\n".join([(LAB / "page.css").read_text(), player.style(), (HERE / "play.css").read_text()])
-    program, page = player.script(*SCRIPTS), templates.get_template("stick.html.jinja").render()
+    program, page = player.script(*SCRIPTS), templates.get_template("page.html.jinja").render()
 
     def fixed(content: str, kind: str) -> Callable[[Request], Response]:
         return lambda _: Response(content, 200, HEADERS, kind)
@@ -157,10 +150,10 @@ def application(session: Session, token: str, port: int, ready: Callable[[], Non
 
     @asynccontextmanager
     async def life(_: Starlette) -> AsyncIterator[None]:
-        session.attach(asyncio.get_running_loop())
+        session.attach(loop := asyncio.get_running_loop())
         ready()
         yield
-        await session.closed()
+        await session.detach(loop)
 
     routes = [
         Route("/{token}/", fixed(page, "text/html")),

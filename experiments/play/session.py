@@ -1,4 +1,4 @@
-"""What goes on between the pages and the clock: who has the stick, what may be asked for, and what is told."""
+"""Between the pages and the clock: who has the stick, what may be asked for, and what is told."""
 
 import asyncio
 import multiprocessing
@@ -12,51 +12,37 @@ from typing import Any
 from agents.setups import load_setup
 from experiments.lab.player.films import chain_of
 from experiments.play import clock, contest, tries
-from experiments.play.assistance import (
-    LONGEST,
-    MOST_JITTER,
-    NAMES,
-    PERIOD,
-    STIFFNESS,
-    environment_of,
-    playable,
-    usual,
-)  # fmt: skip
-from experiments.play.live import INTERRUPTED, Asked, recovered
-from experiments.play.plan import Study
-from impact_gym.task import Task
+from experiments.play.assistance import DELAY, JITTER, NAMES, STIFFNESS, playable, record_of, task_of, usual
+from experiments.play.live import INTERRUPTED, recover
+from experiments.play.tries import Try
 from impact_gym.validation import choice, flag, number, one_of
 
-SLOWEST = 16.0  # times slower than life
+SLOWEST = 16.0  # times slower than real time
 SHOWN = 200  # tries on the chart
 COUPLINGS = ("rigid", "spring", "bistable")
-WORDS = ("v", "begin", "done", "take", "agree")
+WORDS = ("v", "begin", "done", "take")
+SLIDERS = {"delay": ("s", *DELAY), "jitter": ("s", *JITTER), "stiffness": ("N/m", *STIFFNESS)}
 
 
 class Session:
     """One player at a time, watchers, one try at a time."""
 
-    def __init__(self, setup: str, assist: str, folder: Path, study: Study | None = None) -> None:
-        """Begin with what is in a folder, and start the clock."""
-        self.setup, self.assist, self.folder, self.study = playable(setup).called, assist, folder, study
+    def __init__(self, setup: str, assist: str, folder: Path) -> None:
+        """Begin with the tries in a folder, and start the clock."""
+        self.setup, self.assist, self.folder = playable(setup).called, assist, folder
         self.seats: list[Any] = []  # the player is the first
         self.refused: Counter[str] = Counter()
         self.busy = False  # a try is under way
         self.history: deque[dict[str, Any]] = deque(maxlen=SHOWN)
-        self._loop: Any = None
         self._speeds, self._latest = (-1.0, 1.0), ""
         self._seen_at = 0.0  # s, by the loop's clock: when the last frame is seen
         self._seed, self._shown = -1, -1  # of the try under way, and its newest frame that was shown
-        for journal in sorted(folder.glob("*.journal")):  # what a killed clock left under way
-            with suppress(ValueError, LookupError, TypeError, RuntimeError):
-                tries.write(journal.with_suffix(".json"), recovered(journal))
-            journal.unlink()
+        recover(folder)
         for path, this in tries.folder_of(folder):
             self._note(clock.entry_of(path.stem, this, {}))
         self._pipe, theirs = multiprocessing.Pipe()
-        self._clock = multiprocessing.get_context("fork").Process(
-            target=clock.run, args=(theirs, self._pipe), daemon=True
-        )
+        fork = multiprocessing.get_context("fork")
+        self._clock = fork.Process(target=clock.run, args=(theirs, self._pipe), daemon=True)
         self._clock.start()
         theirs.close()
 
@@ -68,9 +54,9 @@ class Session:
 
     @property
     def setups(self) -> list[str]:
-        """What may be chosen for a coupling: the shipped set-ups of a family, or what was asked for alone."""
+        """The set-ups that may be chosen: those of a shipped family, or the one that was asked for."""
         family, dash, kind = self.setup.rpartition("-")
-        if self.study or not load_setup(self.setup).shipped or kind not in COUPLINGS:
+        if not load_setup(self.setup).shipped or kind not in COUPLINGS:
             return [self.setup]
         return [f"{family}{dash}{each}" for each in COUPLINGS]
 
@@ -78,9 +64,8 @@ class Session:
         """Return all that a page has to know at first."""
         return {
             "kind": "hello", "setups": {name: _about(name) for name in self.setups}, "setup": self.setup,
-            "assists": NAMES, "assist": self.assist, "period": PERIOD, "tries": list(self.history),
-            "longest": 2.0 * LONGEST, "jitter": MOST_JITTER, "stiffness": STIFFNESS, "busy": self.busy,
-            "study": self.study.now() if self.study else None,
+            "assists": NAMES, "assist": self.assist, "tries": list(self.history), "delay": DELAY, "jitter": JITTER,
+            "stiffness": STIFFNESS,
         }  # fmt: skip
 
     def tell(self, message: dict[str, Any]) -> None:
@@ -111,39 +96,25 @@ class Session:
             self._send("v", share * high if share >= 0.0 else -share * low)
         elif word == "done":
             self._send("stop", "")
-        elif word == "agree" and self.study:
-            self.study.agree()
-            self.tell({"kind": "study", "study": self.study.now()})
-        elif word == "begin" and not self.busy:
+        elif not self.busy:
             self._begin(value)
 
     def _begin(self, options: Any) -> None:
-        """Begin a try with what the page's controls say, or with what the plan says."""
-        asked, seen = (self.study.asked(), False) if self.study else self._asked(options)
-        low, high = Task(**environment_of(playable(asked.setup)), operator={"type": "Person"}).velocity_range
-        self._speeds, self._seed, self._shown, self.busy = (min(low, 0.0), high), asked.seed, -1, True
-        name = time.strftime("%Y%m%d-%H%M%S-") + f"{time.time_ns() // 1000 % 1_000_000:06d}"
-        if asked.study:  # nothing of a person but the number
-            name = f"{asked.study['person']:06d}-{asked.study['number']:04d}"
-        self._send("play", (asked, self.folder / f"{name}.json", seen))
-
-    def _asked(self, options: Any) -> tuple[Asked, bool]:
-        """Return what the page's controls ask for, and whether the object is to be seen."""
+        """Begin a try with what the page's controls say."""
         one_of("begin", options, dict)
         choice("setup", options.get("setup"), self.setups)
         choice("assist", options.get("assist"), list(NAMES))
         flag("seen", options.get("seen"))
-        setup, chosen = playable(options["setup"]), {}
-        limits = {
-            "delay": ("s", 0.0, 2.0 * LONGEST),
-            "jitter": ("s", 0.0, MOST_JITTER),
-            "stiffness": ("N/m", *STIFFNESS),
-        }
+        setup, sliders = playable(options["setup"]), {}
         for name, at in usual(setup).items():
-            unit, low, high = limits[name]
-            chosen[name] = number(name, options.get(name, at), unit, at_least=low, at_most=high)
+            unit, low, high = SLIDERS[name]
+            sliders[name] = number(name, options.get(name, at), unit, at_least=low, at_most=high)
         slow = number("slow", options.get("slow"), "(times)", at_least=1.0, at_most=SLOWEST)
-        return Asked(setup.called, options["assist"], chosen, secrets.randbelow(2**31), slow), options["seen"]
+        seed, (low, high) = secrets.randbelow(2**31), task_of(setup).velocity_range
+        self._speeds, self._seed, self._shown, self.busy = (min(low, 0.0), high), seed, -1, True
+        name = time.strftime("%Y%m%d-%H%M%S-") + f"{time.time_ns() // 1000 % 1_000_000:06d}.json"
+        wanted = Try(setup.called, options["assist"], seed, record_of(sliders), slow=slow)
+        self._send("play", (wanted, self.folder / name, options["seen"]))
 
     def sit(self, seat: Any) -> None:
         """A page has come."""
@@ -173,64 +144,54 @@ class Session:
         with suppress(OSError):
             self._pipe.send((word, value))
 
-    # what the clock says
-
-    def attach(self, loop: Any) -> None:
+    def attach(self, loop: asyncio.AbstractEventLoop) -> None:
         """Listen to the clock on an event loop."""
-        self._loop = loop
-        loop.add_reader(self._pipe.fileno(), self._listen)
+        loop.add_reader(self._pipe.fileno(), self._listen, loop)
 
-    def _listen(self) -> None:
+    def _listen(self, loop: asyncio.AbstractEventLoop) -> None:
         try:
             while self._pipe.poll():
-                self._heard(self._pipe.recv())
+                self._heard(loop, self._pipe.recv())
         except (EOFError, OSError):
-            self._loop.remove_reader(self._pipe.fileno())
+            loop.remove_reader(self._pipe.fileno())
             self.busy = False
             self.tell({"kind": "failed", "text": "the clock has stopped: start impact-gym play again"})
 
-    def _heard(self, message: dict[str, Any]) -> None:
-        """Pass on what the clock says, each thing when it reaches the eyes: what came of a try after its last frame."""
-        now, wait = self._loop.time(), message.pop("wait", 0.0)
+    def _heard(self, loop: asyncio.AbstractEventLoop, message: dict[str, Any]) -> None:
+        """Pass on what the clock says when it reaches the player's eyes: the result of a try after its last frame."""
+        at = loop.time() + message.pop("wait", 0.0)
         if message["kind"] == "frame":
-            self._seen_at = max(self._seen_at, now + wait)
+            self._seen_at = max(self._seen_at, at)
         elif message["kind"] in ("ended", "failed"):
-            wait = self._seen_at - now
-        act = self._frame if message["kind"] == "frame" else self._result
-        if wait > 0.0:
-            self._loop.call_later(wait, act, message)
+            at = self._seen_at
+        if at > loop.time():
+            loop.call_at(at, self._pass_on, message)
         else:
-            act(message)
+            self._pass_on(message)
 
-    def _result(self, message: dict[str, Any]) -> None:
-        """Tell the pages that a try has begun, or what came of it."""
-        kind = message["kind"]
-        self.busy = self.busy and kind not in ("ended", "failed")
-        if kind == "ended" and self.study:
-            self.study.enter(message["study"])
-            message = {"kind": "study", "study": self.study.now()}
-        elif kind == "ended":
+    def _pass_on(self, message: dict[str, Any]) -> None:
+        """Tell the pages; of a try's frames none that comes behind a newer one."""
+        if message["kind"] == "frame":
+            if message["of"] != self._seed or message["n"] <= self._shown:
+                return
+            self._shown = message["n"]
+            if message["touched"]:
+                self._send("touched")
+        elif message["kind"] in ("ended", "failed"):
+            self.busy = False
+        if message["kind"] == "ended":
             self._note(message["entry"])
         self.tell(message)
 
-    def _frame(self, frame: dict[str, Any]) -> None:
-        """Show a frame of this try, if no newer one has come before it."""
-        if frame["of"] == self._seed and frame["n"] > self._shown:
-            self._shown = frame["n"]
-            if frame["touched"]:
-                self._send("touched")
-            for seat in self.seats:
-                seat.show(frame)
-
-    async def closed(self) -> None:
-        """Stop what is under way, have it kept, and end."""
-        self._loop.remove_reader(self._pipe.fileno())
-        await asyncio.to_thread(self.close)
-
     def close(self) -> None:
-        """Likewise, without a loop."""
+        """Stop what is under way, have it kept, and end."""
         self._pipe.close()
         self._clock.join(20.0)
+
+    async def detach(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Likewise, on the loop that listens."""
+        loop.remove_reader(self._pipe.fileno())
+        await asyncio.to_thread(self.close)
 
     def film(self, name: str) -> str:
         """Return the film of a try by its name, beside rule and policy; the first film where there is no name.
@@ -244,12 +205,11 @@ class Session:
         if name not in {entry["name"] for entry in self.history}:
             raise ValueError(f"there is no try {name!r:.60}")
         this = tries.read(self.folder / f"{name}.json")
-        return contest.film(contest.beside(this), "this scenario, the same for all")
+        return contest.film({**contest.rivals_of(this), "you": this}, "this scenario, the same for all")
 
 
 def _about(name: str) -> dict[str, Any]:
-    """Return what a page knows of a set-up: title, what holds the tool, how fast the arm is, where objects stand."""
-    setup = playable(name)
-    task = Task(**environment_of(setup), operator={"type": "Person"})
-    return {"title": setup.title, "usual": usual(setup), "chain": chain_of(task), "speeds": task.velocity_range,
-            "distance": task.scenario.distance, "horizon": task.horizon}  # fmt: skip
+    """Return what a page knows of a set-up: what holds the tool, where objects stand, and how long a try may take."""
+    setup, task = playable(name), task_of(playable(name))
+    chain, distance = chain_of(task), task.scenario.distance
+    return {"usual": usual(setup), "chain": chain, "distance": distance, "horizon": task.horizon}

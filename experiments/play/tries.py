@@ -2,61 +2,54 @@
 
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
 import impact_gym as ig
 from agents.provenance import circumstances, revision
+from experiments.play.assistance import PERIOD, PERSON
 from impact_gym.envs.batch import Batch
 from impact_gym.files import parsed, write_file
 from impact_gym.simulation import Outcome, Trace
 from impact_gym.sources import compiled_from
 from impact_gym.task import Task
 
-FORMAT = "impact_gym try 1"
+FORMAT = "impact_gym try 2"
 LATE, MOST_LATE = 4e-3, 0.02  # s, from which on a step is late; share of late steps from which on a try is invalid
 TRACE_POINTS = 1 << 18
 BEND = 1e-13  # m/s, by which a line may miss a velocity
+SPARE = 3  # ticks between the horizon and the next recording of an operator
 _ALL = np.zeros(1, np.bool_)
 
 
 @dataclass(frozen=True)
 class Try:
-    """What was done: the environment, who commanded, who assisted, and what came of it."""
+    """What is to be done, which is the first six fields, what was done, and what came of it."""
 
     setup: str
     assist: str
-    environment: dict[str, Any]  # its arguments but for the operator
-    operator: dict[str, Any]  # a Replay of what a person commanded at each tick, m/s, or a scripted operator
     seed: int
-    record: dict[str, float]  # all that the episode drew
-    actions: list[list[float]]  # of the assistance, one for each step
-    slow: float = 1.0  # times slower than life
-    ages: list[float] = field(default_factory=list)  # s, from the arrival of the newest input to the state, each step
-    late: list[float] = field(
-        default_factory=list
-    )  # s, by which each step came later after the one before than planned
+    record: dict[str, float]  # numbers of the episode's record that are not drawn by the seed; once begun, all numbers
+    operator: dict[str, Any] = field(default_factory=PERSON.copy)  # of a person, once begun: a Replay of the commands
+    slow: float = 1.0  # times slower than real time
+    environment: dict[str, Any] = field(default_factory=dict)  # its arguments but for the operator
+    actions: list[list[float]] = field(default_factory=list)  # of the assistance, one for each step
+    late: list[float] = field(default_factory=list)  # s, by which a step followed the one before later than planned
     marks: list[str] = field(default_factory=list)  # why it does not count: interrupted, late
-    study: dict[str, Any] = field(default_factory=dict)  # of a plan: person, condition, block, number
     motion: dict[str, list[float]] = field(default_factory=dict)  # what the flange executed: `ig.Motion`
     result: dict[str, float] = field(default_factory=dict)  # of `simulate` with it, and the times of the episode
-    made: dict[str, Any] = field(default_factory=dict)
+    made: dict[str, Any] = field(default_factory=dict)  # which code made it; neither when nor where
 
-    @property
-    def counts(self) -> bool:
-        """Whether it may be analysed."""
-        return not self.marks
 
-    @property
-    def person(self) -> bool:
-        """Whether a person commanded."""
-        return bool(self.operator["type"] == "Replay")
+def advance(batch: Batch, action: ArrayLike) -> None:
+    """Play a control step of the one episode in a batch."""
+    batch.step(batch.commands(np.array(action), (batch.commanded,)), _ALL)
 
 
 def replayed(this: Try) -> tuple[Trace, dict[str, Any], Task]:
@@ -70,14 +63,14 @@ def replayed(this: Try) -> tuple[Trace, dict[str, Any], Task]:
     for action in this.actions:
         if batch.ended[0]:
             break
-        batch.step(batch.commands(np.array(action), (batch.commanded,)), _ALL)
+        advance(batch, action)
     if not batch.ended[0]:
         raise RuntimeError("the try does not end as it did: it was made with another version of the environment")
     return batch.trace(0), batch.info(0), batch.tasks[0].at(this.record)
 
 
 def corners(trace: Trace) -> ig.Motion:
-    """Return the motion that was imposed, by the corners of its velocity: straight lines that miss no point of it."""
+    """Return the imposed motion by the corners of its velocity: straight lines through every point of the trace."""
     times, velocities = [0.0], [0.0]
     low, high, before = -math.inf, math.inf, (0.0, 0.0)
     for time, velocity in zip(trace.time.tolist(), trace.command_velocity.tolist(), strict=True):
@@ -109,7 +102,7 @@ def simulated(this: Try) -> Outcome:
 
 
 def completed(done: Try) -> Try:
-    """Return a try with what came of it, after what was done."""
+    """Fill in the executed motion, the results, the mark of late steps and the code's version; return the try."""
     trace, info, _ = replayed(done)
     motion = corners(trace)
     done.motion.update(times=list(motion.times), velocities=list(motion.velocities))
@@ -126,7 +119,6 @@ def completed(done: Try) -> Try:
 
 @cache
 def _made() -> dict[str, Any]:
-    """Return which code made a try; neither when nor where, which would tell of a person."""
     return revision() | {"solver": compiled_from(), "versions": circumstances("impact-gym", "numpy")["versions"]}
 
 
@@ -157,6 +149,29 @@ def folder_of(folder: Path) -> Iterator[tuple[Path, Try]]:
         yield path, read(path)
 
 
-def numbers(tries: list[Try], name: str) -> NDArray[np.float64]:
-    """Return a number of the results of tries (n,)."""
-    return np.array([this.result[name] for this in tries], np.float64)
+def of_persons(folder: Path, marked: bool = False) -> list[Try]:
+    """Return the tries of persons in a folder that count, or with `marked` all of them.
+
+    Raises:
+        ValueError: there is none, or they are of several environments.
+    """
+    every = [this for _, this in folder_of(folder) if this.operator["type"] == "Replay"]
+    found = [this for this in every if marked or not this.marks]
+    if not found:
+        raise ValueError(f"{folder} has no try of a person that counts, and {len(every)} that are marked")
+    if any(this.environment != found[0].environment for this in found):
+        raise ValueError(f"{folder} has tries with several couplings or set-ups: take those of one, a folder each")
+    return found
+
+
+def operator_of(found: Sequence[Try]) -> dict[str, Any]:
+    """Return a `Replay` that draws one of the tries for each episode: for `operator` of a set-up or an environment."""
+    ticks = round(found[0].environment["horizon"] / PERIOD) + SPARE
+    times, velocities = list[float](), list[float]()
+    for number, this in enumerate(found):
+        given = this.operator["velocity"][: ticks - 1]
+        begin = number * (ticks * PERIOD)
+        times += [begin + k * PERIOD for k in (*range(len(given)), ticks - 1)]  # the last is held
+        velocities += [*given, given[-1]]
+    drawn = {"length": ticks * PERIOD, "recording": [0, len(found)]}
+    return {"type": "Replay", "time": times, "velocity": velocities, **drawn}

@@ -9,11 +9,11 @@ from functools import partial
 import numpy as np
 import polars as pl
 import pytest
+from agents.jobs.store import Store
 from pages import text_of_a_page_that_stands_on_its_own
 from scenes import COUPLINGS, MOTION, scene
 
 import impact_gym as ig
-from agents.jobs.store import Store
 from experiments import reference
 from experiments.lab import experiment
 from experiments.lab.charts import save

@@ -11,10 +11,10 @@ import time
 from contextlib import closing
 from pathlib import Path
 
+from agents.jobs.store import Store
 from cluster_work import begun, calls
 
 from agents.jobs import Job, JobsFailedError, gather, gather_all
-from agents.jobs.store import Store
 
 ROOT = Path(__file__).parents[2]
 NODE = {"num_cpus": 1, "object_store_memory": 80 * 2**20}

@@ -5,7 +5,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from blows import MOTION, SPRING, log, scene
+from recorder import MOTION, SPRING, log, scene
 from scipy import signal
 
 import impact_gym as ig
@@ -234,15 +234,6 @@ def test_indistinguishable_names_a_filter_longer_than_the_blow():
     restitution, pair = fit.indistinguishable
     assert f"contact.restitution: any value above {low:.3g} fits as well, because the filter takes 32 ms" in restitution
     assert "contact.restitution and object.mass apart: a larger one with a smaller other" in pair
-
-
-def test_model_simulates_no_motion_that_was_over_long_before_the_log():
-    model = identified().fit.model
-    x, simulations = identified().fit.x.copy(), model.simulations
-    x[-1] = log(TRUTH)["time"][0] - 100.0
-    left = model.residuals(x)
-    assert model.simulations == simulations
-    assert np.all(np.abs(left) * model.noise["force"] > 100 * log(TRUTH)["force"].max())
 
 
 def test_sensor_with_a_low_pass_answers_a_ramp_as_its_equation_does():

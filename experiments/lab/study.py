@@ -1,0 +1,192 @@
+"""A study: a question, what is measured in each of its cells, and what that says. One runner for all of them.
+
+    cells -> measure -> rows, kept on disk -> a frame for each measurement -> analysis -> page
+
+A study adds cells, a measure and an analysis; where results are kept, progress, options and the page are the same for
+all.
+"""
+
+import shutil
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import polars as pl
+
+from agents.command_line import command_of
+from agents.jobs import cached, digest_of
+from experiments.lab import page
+from experiments.lab.charts import save
+from experiments.lab.parts import Section
+from experiments.lab.results import KEPT, REPORTS, noted
+from impact_gym.files import whole_file
+from impact_gym.sources import compiled_from
+from impact_gym.validation import whole
+
+Row = Mapping[str, Any]
+Rows = Sequence[Row] | pl.DataFrame
+Frames = Mapping[str, pl.DataFrame]
+LARGE = 50_000  # rows
+SOLVER = tuple(f"impact_gym.{name}" for name in ("physics", "scene", "motion", "robot", "lowering", "simulation"))
+"""Modules that every simulated row depends on, beside the compiled solver."""
+
+
+class Cell(NamedTuple):
+    """One place of a grid: `labels` become columns of each of its rows, `arguments` go to what measures it."""
+
+    labels: Row
+    arguments: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """A table of a study: its cells, and the function that measures one."""
+
+    name: str  # of the table
+    cells: Callable[[bool, Frames], Iterable[Cell]]  # of a quick run or not; the frames are those of the tables before
+    measure: Callable[..., Rows]  # of a module, so that other processes find it
+    depends: tuple[str, ...] = SOLVER  # modules, beside that of `measure`, whose change makes rows outdated
+    failed: Callable[[Row], Row] | None = None  # the row of a cell without a result, from its labels; None: an error
+    seconds: float | None = None  # after which a cell has failed
+    processes: int | None = None  # 1: its cells are timed, so they run one after the other
+
+    @property
+    def digest(self) -> str:
+        """What kept rows depend on beside their arguments."""
+        return _digest(tuple(sorted({self.measure.__module__, *self.depends})))
+
+
+@dataclass(frozen=True)
+class Findings:
+    """What a study says."""
+
+    answer: str  # in a sentence or two
+    sections: Sequence[Section]
+    tables: Frames = field(default_factory=dict)  # made of the measured ones, and written beside them
+
+
+@dataclass(frozen=True)
+class Study:
+    """A question, its tables in the order in which they are measured, and their analysis."""
+
+    name: str
+    question: str
+    measurements: Sequence[Measurement]
+    analyse: Callable[[Frames, bool], Findings]  # of the frames that were measured; a quick run or not
+    packages: tuple[str, ...] = ()  # whose versions the page names beside ours, NumPy's and SciPy's
+
+
+@dataclass(frozen=True)
+class StudyOptions:
+    """Measure what is missing of a study, and write a page about it."""
+
+    out: Path | None = None
+    """Folder of tables, figures and the page. Default: reports/NAME, or reports/NAME-quick."""
+    quick: bool = False
+    """A first look within minutes: few cells, short searches."""
+    force: bool = False
+    """Measure everything again, instead of what is missing or outdated."""
+    only: tuple[str, ...] = ()
+    """Only these tables of the study."""
+    processes: int | None = None
+    """Cells at the same time on this machine. Default: one a core; 0: none but this process."""
+    cluster: str | None = None
+    """A Ray cluster instead: "ray" for the one that runs here, or its address."""
+
+    def __post_init__(self) -> None:
+        if self.processes is not None:
+            whole("processes", self.processes, at_least=0)
+
+
+@dataclass
+class Run:
+    """A run of a study: where it goes, and how cells are measured."""
+
+    study: Study
+    options: StudyOptions
+    command: str = ""  # that repeats it
+    frames: dict[str, pl.DataFrame] = field(default_factory=dict, init=False)  # what was measured
+
+    @property
+    def folder(self) -> Path:
+        """Where tables, figures and the page go."""
+        quick = "-quick" if self.options.quick else ""
+        return self.options.out or REPORTS / f"{self.study.name}{quick}"
+
+    def frame(self, measurement: Measurement) -> pl.DataFrame:
+        """Return the rows of all cells; what is kept is not measured again."""
+        cells, row_of = list(measurement.cells(self.options.quick, self.frames)), measurement.failed
+
+        def failed(arguments: Mapping[str, Any], reason: str) -> Rows:
+            labels = next(cell.labels for cell in cells if cell.arguments == arguments)
+            return [{**(row_of(labels) if row_of else {}), "failure": reason.replace("\n", " ")}]
+
+        given, asked = measurement.processes, self.options.processes
+        results = cached(
+            measurement.measure,
+            [cell.arguments for cell in cells],
+            self.folder / KEPT,
+            depends=measurement.digest,
+            title=measurement.name,
+            processes=asked if given is None else given if asked is None else min(given, asked),
+            cluster=self.options.cluster if given is None else None,
+            seconds=measurement.seconds,
+            failed=failed if row_of else None,
+        )
+        return frame_of(zip((cell.labels for cell in cells), results, strict=True))
+
+    def measure(self) -> None:
+        """Measure all tables that are asked for."""
+        names = [measurement.name for measurement in self.study.measurements]
+        if unknown := set(self.options.only) - {*names}:
+            raise ValueError(f"only: no table {min(unknown)!r} in the study {self.study.name}: {', '.join(names)}")
+        for measurement in self.study.measurements:
+            if measurement.name in (self.options.only or names):
+                self.frames[measurement.name] = self.frame(measurement)
+
+    def write(self) -> Path:
+        """Measure what is missing, write tables, figures and the page, and return the path of the page."""
+        if self.options.force:
+            shutil.rmtree(self.folder / KEPT, ignore_errors=True)
+        with noted(self.folder, self.command, self.study.packages) as runs:
+            self.measure()
+        findings = self.study.analyse(self.frames, self.options.quick)
+        tables = {**self.frames, **findings.tables}
+        files = [_write_table(self.folder / name, frame) for name, frame in tables.items()]
+        for picture in (picture for section in findings.sections for picture in section.pictures):
+            save(picture.figure, self.folder / f"{picture.name}.svg")
+        about = {"question": self.study.question, "findings": findings, "files": files}
+        return page.write(self.folder, "lab/study.html.jinja", runs=runs, quick=self.options.quick, **about)
+
+
+def _write_table(path: Path, frame: pl.DataFrame) -> str:
+    """Write a table as CSV, or as Parquet where it is large; return the file's name. One of the other kind goes."""
+    large = frame.height > LARGE
+    file, other = (path.with_suffix(suffix) for suffix in ((".parquet", ".csv") if large else (".csv", ".parquet")))
+    with whole_file(file) as stream:
+        frame.write_parquet(stream) if large else frame.write_csv(stream)
+    other.unlink(missing_ok=True)
+    return file.name
+
+
+def frame_of(measured: Iterable[tuple[Row, Rows]]) -> pl.DataFrame:
+    """Return one frame of the rows of all cells, each with its labels as first columns; what a row lacks is null."""
+    frames = []
+    for labels, rows in measured:
+        frame = rows if isinstance(rows, pl.DataFrame) else pl.DataFrame(list(rows), infer_schema_length=None)
+        frames.append(frame.select(*(pl.lit(value).alias(name) for name, value in labels.items()), pl.all()))
+    return pl.concat(frames, how="diagonal_relaxed") if frames else pl.DataFrame()
+
+
+def run(study: Study, options: StudyOptions) -> None:
+    """Run a study and print where its page is."""
+    path = Run(study, options, command_of("study", options, None, study.name)).write()
+    print(f"results: {path.resolve().as_uri()}")
+
+
+@cache
+def _digest(modules: tuple[str, ...]) -> str:
+    solver = compiled_from() if any(name.startswith("impact_gym") for name in modules) else ""
+    return f"{solver} {digest_of(*modules)}"
