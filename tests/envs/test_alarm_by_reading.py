@@ -1,15 +1,17 @@
-"""`alarm="reading"`: noisy readings raise the alarm, falsely too; nothing but the touch ends an episode."""
+"""`alarm="reading"`: noisy readings raise the alarm, falsely too; nothing but the touch ends an episode.
+
+Without errors, alarms and readings are those of the independent solver: `test_reference_task.py`.
+"""
 
 import math
 
 import gymnasium as gym
 import numpy as np
 import pytest
-from episodes import ALARM, FORCE, ID, PEAK, SINCE, Always, newtons, play, random_actions, scene, seconds
+from episodes import ALARM, FORCE, ID, SINCE, Always, newtons, play, random_actions
 from scipy import stats
 
-import impact_gym as ig
-from agents.baselines import BlindProfile, PaperTrapezoid
+from agents.baselines import BlindProfile
 from agents.baselines.detector import DETECTOR, DetectorProfile
 from agents.evaluate.scenario_batch import ScenarioBatch
 
@@ -52,41 +54,6 @@ def test_false_alarm_is_over_after_its_time_and_can_come_again():
             assert on[tick, row] == (raised is not None)
     assert begun > 100
     assert again > 100
-
-
-@pytest.mark.parametrize("delay", [0.0, 0.016, 0.03])
-def test_alarm_without_errors_comes_with_the_first_reading_behind_the_threshold(delay):
-    env = gym.make(ID, reaction_delay=delay, **READING)
-    for seed in range(20):
-        observations, _, info = play(env, PaperTrapezoid(), seed)
-        motion = ig.Trapezoid(1.0, 8.0, ig.Brake(delay=10.0))
-        touched = ig.simulate(scene(info["scenario"]), motion, duration=1.0).detection_time
-        times = seconds(observations)
-        expected = math.ceil((touched + delay) / 0.016 - 1e-6) * 0.016
-        assert times[observations[:, ALARM].argmax()] == pytest.approx(expected, abs=1e-6)
-        assert times[-1] == pytest.approx(touched + delay + 0.15, abs=1e-6)
-        assert np.diff(times[:-1]) == pytest.approx(0.016, abs=1e-6)
-
-
-def test_reading_is_the_largest_force_since_the_one_before():
-    env = gym.make(ID, record_trace=True, **READING)
-    met = 0
-    for seed in range(12):
-        stiffness = [1e3, 1e4, 1e6][seed % 3]
-        observations = play(env, random_actions(seed), seed, scenario={"contact_stiffness": stiffness}).observations
-        trace = env.unwrapped.trace()
-        for k in range(1, len(observations)):
-            end = seconds(observations[k]) - 0.016
-            during = (trace.time > end - 0.016 - 1e-7) & (trace.time <= end + 1e-7)
-            if k == len(observations) - 1 or not during.any():
-                continue  # the last one is of a shorter time
-            largest = max(trace.contact_force[during].max(), 0.0)
-            met += largest > 0.0
-            assert newtons(observations[k, FORCE]) == pytest.approx(largest, rel=2e-3, abs=1e-4)  # between its points
-        assert newtons(observations[:, PEAK]) == pytest.approx(
-            np.maximum.accumulate(newtons(observations[:, FORCE])), rel=1e-5, abs=1e-5
-        )
-    assert met > 20
 
 
 def test_alarm_that_is_false_ends_nothing():

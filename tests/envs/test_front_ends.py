@@ -171,6 +171,9 @@ def test_batch_returns_what_gymnasiums_loop_over_single_environments_returns(opt
     for row in action_table(1, 160, 7, lean=(-0.6, 0.6)):
         result = envs.step(row)
         assert_identical(result, loop.step(row))
+        sensors = envs.unwrapped.sensors()
+        for slot, env in enumerate(loop.unwrapped.envs):
+            assert env.unwrapped.sensors() == {name: column[slot] for name, column in sensors.items()}
         ended += (dones := result[2] | result[3]).sum()
         if mode == "Disabled" and dones.any():
             assert_identical(*(each.reset(options={"reset_mask": dones.copy()}) for each in (envs, loop)))
@@ -181,23 +184,18 @@ def test_batch_of_stable_baselines3_returns_what_its_own_loop_returns():
     """After `seed` the next reset uses it, and only that one; options hold for the slot and the reset they are for."""
     envs, loop = ImpactVecEnv(3, **NOISY), DummyVecEnv([lambda: gym.make(ID, **NOISY)] * 3)
     assert (envs.observation_space, envs.action_space) == (loop.observation_space, loop.action_space)
-    distances, first = [0.17, 0.22, 0.31], {}
-    for seed in (17, None, 3):
+    for seed, distances in ((17, [0.17, 0.22, 0.31]), (None, []), (3, [])):
         for each in (envs, loop):
-            each.set_options([{"scenario": {"distance": distance}} for distance in distances] if seed == 17 else {})
-        if seed is not None:
-            assert envs.seed(seed) == loop.seed(seed)
+            each.set_options([{"scenario": {"distance": distance}} for distance in distances] or {})
+        assert seed is None or envs.seed(seed) == loop.seed(seed)
         assert_identical(envs.reset(), loop.reset())
         assert envs.reset_infos == [{}] * 3
+        assert envs.envs.batch.info()["scenario"]["distance"].tolist() == distances or not distances
         for row in action_table(6, 90, 3, lean=(0.3, 0.6)):
             (*seen, infos), (*expected, others) = envs.step(row), loop.step(row)
             assert_identical(seen, expected)
-            for slot, (info, other) in enumerate(zip(infos, others, strict=True)):
-                assert_identical(info, {name: other[name] for name in info})
-                assert bool(info) == seen[2][slot]
-                if info:
-                    first.setdefault(slot, info["scenario"]["distance"])
-    assert [first[slot] for slot in range(3)] == distances
+            for info, other, ended in zip(infos, others, seen[2], strict=True):
+                assert_identical((info, bool(info)), ({name: other[name] for name in info}, bool(ended)))
 
 
 def test_episode_that_ends_by_itself_on_the_last_step_allowed_is_flagged_as_by_gymnasium():
@@ -275,13 +273,3 @@ def test_set_scenario_holds_from_the_next_episode_on(make):
         env.unwrapped.set_scenario({"distance": 0.3, "object_mass": (1.0, 1.1)})
         scenario = (env.unwrapped.episode_info() if make is gym.make else env.unwrapped.batch.info(0))["scenario"]
         assert (scenario["distance"], 1.0 <= scenario["object_mass"] <= 1.1) == (expected, expected == 0.3)
-
-
-def test_sensors_of_a_batch_are_those_of_each_of_its_rows():
-    envs, singles = gym.make_vec(ID, num_envs=4, **NOISY), [gym.make(ID, **NOISY) for _ in range(4)]
-    envs.reset(seed=1), [env.reset(seed=1 + row) for row, env in enumerate(singles)]
-    for action in action_table(0, 22, 4):
-        envs.step(action), [env.step(action[row]) for row, env in enumerate(singles)]
-    together = envs.unwrapped.sensors()
-    for row, env in enumerate(singles):
-        assert env.unwrapped.sensors() == {name: column[row] for name, column in together.items()}

@@ -1,14 +1,10 @@
 """An operator in the loop: rules that no action breaks, and the paper's brake."""
 
 import math
-import warnings
 
 import gymnasium as gym
 import numpy as np
 import pytest
-import stable_baselines3.common.env_checker as sb3_checker
-from episodes import action_table
-from gymnasium.utils.env_checker import check_env
 from steered import AWAY, GENTLE, ID, OWN, STOP, final, played, sent, steered
 from tasks import CHANNEL, STEERED_DRAWN
 
@@ -265,21 +261,3 @@ def test_shuffled_beliefs_change_the_commands_alone():
     for _ in range(60):
         batch.step(np.array([OWN, OWN]), batch.ended)
         assert batch.observations[0].tolist() == pytest.approx(batch.observations[1].tolist(), abs=1e-6)
-
-
-@pytest.mark.parametrize("options", [{}, {"uplink": CHANNEL, "privileged": True, "force_noise": (0.1, 1.0)}], ids=str)
-def test_checkers_find_nothing(options):
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        check_env(gym.make(ID, **options).unwrapped, skip_render_check=True)
-        sb3_checker.check_env(gym.make(ID, **options))
-    assert [str(warning.message) for warning in caught] == []
-
-
-def test_picture_shows_the_moment():
-    pytest.importorskip("pygame")
-    env = gym.make(ID, render_mode="rgb_array")
-    env.reset(seed=1)
-    for action in action_table(1, 30, 1, task={"operator": True})[:, 0]:
-        env.step(action)
-    assert env.render().shape == (540, 960, 3)
