@@ -52,16 +52,15 @@ def set_up(folder, content, stem="mine"):
 
 def test_load_setup_refuses_texts_that_become_paths(tmp_path):
     for text in TEXTS:
-        for content in (
-            {"baselines": {"tuned": {text: "BlindProfile"}}}, {"baselines": {"against": [text]}},
-            {"baselines": {"bound": text}}, {"evaluation": {"of": text}}, {"evaluation": {"set": text}},
-            *([{"training": {"teacher": text}}] if text else []),
-        ):  # fmt: skip
-            refused(partial(set_up, tmp_path, content), "")
+        places = {"tuned": {"baselines": {"tuned": {text: "BlindProfile"}}}, "set": {"evaluation": {"set": text}},
+                  "against": {"baselines": {"against": [text]}}, "bound": {"baselines": {"bound": text}},
+                  "of": {"evaluation": {"of": text}}, "teacher": {"training": {"teacher": text or ".."}}}  # fmt: skip
+        for field, content in places.items():
+            refused(partial(set_up, tmp_path, content), field)
         if "/" not in text and "\0" not in text and len(text) < 200:
-            refused(partial(set_up, tmp_path, {}, text), "")
+            refused(partial(set_up, tmp_path, {}, text), "name")
         if any(ord(sign) < 32 or ord(sign) == 127 for sign in text):
-            refused(partial(set_up, tmp_path, {"title": text}), "")
+            refused(partial(set_up, tmp_path, {"title": text}), "title")
 
 
 @pytest.mark.parametrize("name", NAMES)

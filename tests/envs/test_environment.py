@@ -6,7 +6,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from episodes import ID, PAPERS_SPRING, Always, Given, assert_identical, history, play, random_actions, scene, seconds
-from front_ends import plain
+from front_ends import first_infos
 from impact_gym.kernels import decode
 
 import impact_gym as ig
@@ -20,17 +20,6 @@ INFO_KEYS = {
     "object_velocity", "approach_time", "peak_force", "contact_count", "missed", "time_weight", "reward_terms",
     "scenario", "record", "status",
 }  # fmt: skip
-
-
-def first_infos(envs, controller, seed):
-    """Play until the first episode of every row has ended: the final infos."""
-    observation, _ = envs.reset(seed=seed)
-    finals = {}
-    while len(finals) < envs.num_envs:
-        actions = np.broadcast_to(controller.predict(observation)[0], (envs.num_envs, 2))
-        observation, _, ended, _, infos = envs.step(actions)
-        finals = {row: plain(infos, row) for row in np.flatnonzero(ended)} | finals
-    return finals.values()
 
 
 COUPLINGS = [PAPERS_SPRING, ig.SpringDamper(150.0, 0.2), ig.Rigid(), ig.Bistable()]

@@ -40,6 +40,17 @@ def plain(values, row):
     return picked
 
 
+def first_infos(envs, controller, seed):
+    """Play until the first episode of every row of a batch has ended: the final infos, by row."""
+    observation, _ = envs.reset(seed=seed)
+    finals = {}
+    while len(finals) < envs.num_envs:
+        actions = np.broadcast_to(controller.predict(observation)[0], (envs.num_envs, 2))
+        observation, _, ended, _, infos = envs.step(actions)
+        finals = {row: plain(infos, row) for row in np.flatnonzero(ended)} | finals
+    return [finals[row] for row in range(envs.num_envs)]
+
+
 class Singles:
     """Environments of `gymnasium.make`, one for each row: what all others are compared with."""
 
