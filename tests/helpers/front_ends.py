@@ -95,6 +95,7 @@ class Vector:
         mode = self.arguments[1]
         observations, rewards, terminated, truncated, infos = self.env.step(actions)
         ended = terminated | truncated
+        assert all(infos[f"_{name}"].all() for name in OF_STEP if name in infos)
         seen, first, finals = observations, [None] * len(actions), infos
         if ended.any() and mode == "SameStep":
             seen = [infos["final_obs"][row] if ended[row] else observations[row] for row in range(len(actions))]

@@ -126,33 +126,25 @@ def test_ends_of_the_limits_belong_to_them_and_masses_stiffnesses_and_distances_
         assert row.scale.low < row.scale.high
 
 
-@EVERY_PATH
-def test_paths_lead_to_every_number_of_a_scene_and_change_it_alone(path):
-    records, row = NUMBERS[path], BY_PATH[path]
-    before = paths.flatten(records)
-    value = 0.98 * before[path] or 0.01
-    after = paths.flatten(paths.replaced(records, {path: value}))
-    assert after == before | {path: row.check(value)}
-    assert paths.get(records, path) == before[path]
-
-
 def test_paths_are_those_of_the_table():
     of_a_scene = {path for path in BY_PATH if path.partition(".")[0] not in ("operator", "uplink", "downlink")}
     assert {*NUMBERS, "robot.position"} == of_a_scene
 
 
 @EVERY_PATH
-def test_path_may_be_swept_and_what_is_the_scenes_identified(path):
-    records = dict(NUMBERS[path])
-    value = 0.98 * paths.get(records, path)
-    motion = records.pop("motion")
-    swept = ig.sweep(ig.Scene(**records), motion, {path: [value]}, duration=1.0)
-    changed = paths.replaced(NUMBERS[path], {path: value})
-    outcome = ig.simulate(ig.Scene(**{name: changed[name] for name in records}), changed["motion"], duration=1.0)
+def test_path_leads_to_a_number_changes_it_alone_and_may_be_swept_and_what_is_the_scenes_identified(path):
+    records, before = NUMBERS[path], paths.flatten(NUMBERS[path])
+    value = 0.98 * before[path] or 0.01
+    changed = paths.replaced(records, {path: value})
+    assert paths.flatten(changed) == before | {path: BY_PATH[path].check(value)}
+    assert paths.get(records, path) == before[path]
+    motion, scene = records["motion"], {name: each for name, each in records.items() if name != "motion"}
+    swept = ig.sweep(ig.Scene(**scene), motion, {path: [value]}, duration=1.0)
+    outcome = ig.simulate(ig.Scene(**{name: changed[name] for name in scene}), changed["motion"], duration=1.0)
     assert (swept.status[0], swept.object_velocity[0]) == ("ok", outcome.object_velocity)
     if not path.startswith("motion."):
-        (free,) = free_coordinates(ig.Scene(**records), (path,))
-        assert free.number(free.start(ig.Scene(**records))) == pytest.approx(paths.get(records, path), rel=1e-12)
+        (free,) = free_coordinates(ig.Scene(**scene), (path,))
+        assert free.number(free.start(ig.Scene(**scene))) == pytest.approx(before[path], rel=1e-12)
 
 
 @pytest.fixture(scope="module")
