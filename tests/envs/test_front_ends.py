@@ -67,6 +67,7 @@ def assert_taken_apart(trail, task):
         scalars.append(info["original_reward"])
         if terminated or truncated:
             assert np.array(vectors) @ [info["time_weight"], 1.0, *forced] == pytest.approx(scalars, abs=1e-9)
+            assert info["missed"] == (terminated and info["contact_count"] == 0)
             kept = task.missed_cost if info["missed"] else info["object_velocity"]
             costs = info.get("done_time", info["approach_time"]), kept, *[info["peak_force"]] * len(forced)
             if not terminated:  # no V_p of the future, nothing but the time
