@@ -26,7 +26,7 @@ def named_file(kind: str, name: Any, shipped: Path, suffix: str, *inside: str) -
             if path.is_file():
                 return path
     known = (path.stem for path in shipped.glob(f"*{suffix}"))
-    raise ValueError(f"{nearest(kind, str(name), known)} (nor is there such a file)")
+    raise ValueError(f"{nearest(kind, str(name), known)} (there is no such file either)")
 
 
 def parsed(path: Path, kind: str, parse: Callable[[str], Content]) -> Content:

@@ -42,7 +42,7 @@ def nearest(kind: str, name: str, known: Iterable[str]) -> str:
     """
     names = sorted(known)
     near = get_close_matches(name, names, 1)
-    return f"no {kind} {shown(name)}: " + (f"{near[0]}?" if near else f"there are {', '.join(names) or 'none'}")
+    return f"no {kind} {shown(name)}: " + (f"{near[0]}?" if near else f"there are {', '.join(names)}")
 
 
 def unit_text(unit: str) -> str:

@@ -1,8 +1,8 @@
 """Jobs that play a controller through scenarios; the pieces of an evaluation grid or of a robustness sweep.
 
-Scenarios are plain data: `{"set": name, "count": n}` the first of a frozen set that is shipped (`"first": k` leaves out
-k of them), `{"table": {field: values}, "seed": s, "count": n}` any others, `{"ranges": {field: pair}, "seed": s,
-"count": n}` what environments seeded s, s + 1, ... draw first from ranges, or from a named set of these.
+Scenarios are plain data: `{"set": name, "count": n}` the first of a frozen set that is shipped, `{"table": {field:
+values}, "seed": s, "count": n}` any others, `{"ranges": {field: pair}, "seed": s, "count": n}` what environments seeded
+s, s + 1, ... draw first from ranges, or from a named set of these.
 """
 
 import warnings
@@ -65,11 +65,7 @@ def frozen_of(scenarios: Mapping[str, Any]) -> EvaluationSet | None:
         return EvaluationSet(scenarios["seed"], table)
     if "set" not in scenarios:
         return None
-    whole, first = _shipped(scenarios["set"]), scenarios.get("first", 0)
-    if not 0 <= first < first + scenarios["count"] <= whole.count:
-        last = first + scenarios["count"] - 1
-        raise ValueError(f"the set {scenarios['set']!r} has {whole.count} scenarios, not {first} ... {last}")
-    return EvaluationSet(whole.seed + first, {name: values[first:] for name, values in whole.scenario.items()})
+    return _shipped(scenarios["set"])
 
 
 _shipped = lru_cache(maxsize=4)(evaluation_sets.load)  # the sets do not change while a process lives

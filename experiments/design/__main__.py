@@ -1,8 +1,9 @@
 """`impact-gym design SETUP --free NAME=LOW:HIGH ... --out DIR`."""
 
 from agents.command_line import command_of, run_command
+from experiments.design.findings import sentence, summary
 from experiments.design.options import DesignOptions, write_setup
-from experiments.design.study import Search, sentence, study_of, summary
+from experiments.design.study import Search, study_of
 from experiments.lab.study import Run, StudyOptions
 
 

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from agents.baselines.permitted import permitted
+
 from experiments.report.matchups import POLICY, Contestant, Matchup
 from experiments.report.played import Played, Run
 from experiments.report.tables import Table

@@ -23,7 +23,7 @@ def ranged_record(name: str, value: Any, kinds: tuple[type[Any], ...]) -> tuple[
     pairs = {
         path: QUANTITIES[path].interval(given)
         for path, given in ((f"{name}.{inner}", given) for inner, given in value.items())
-        if path in QUANTITIES and given is not None
+        if given is not None and path in QUANTITIES and QUANTITIES[path].draw
     }
     for corner in product(*(sorted({*pair}) for pair in pairs.values())):
         record_from(name, {**value, **nested(dict(zip(pairs, corner, strict=True))).get(name, {})}, kinds)

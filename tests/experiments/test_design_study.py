@@ -9,10 +9,11 @@ import pytest
 
 from agents.setups import load_setup
 from experiments.design.__main__ import design
+from experiments.design.findings import reduction, summary
 from experiments.design.options import CHOSEN, FRONT, PAPER, DesignOptions, write_setup
 from experiments.design.pads import on_pad, pad_of
 from experiments.design.search import SearchBudget, objective
-from experiments.design.study import Search, reduction, study_of, summary
+from experiments.design.study import Search, study_of
 from experiments.lab.study import Run, StudyOptions
 
 SPRING = ("coupling.stiffness=20:200", "coupling.damping_ratio=0.2:2")
