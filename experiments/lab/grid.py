@@ -23,8 +23,6 @@ from impact_gym.task.task import MISSED_COST
 PLAYED = ("impact_gym", "agents.baselines", "agents.evaluate", "agents.policies.networks", "agents.policies.policy",
           "agents.setups.evaluation")  # fmt: skip
 """Modules that the result of an episode depends on; set-ups, policies and what was tuned are arguments."""
-OF_CONTESTANT = ("setup", "change", "contestant", "seed")
-"""Columns that `cells` gives each row."""
 
 
 class Contestant(NamedTuple):

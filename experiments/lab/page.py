@@ -22,13 +22,6 @@ def factor(value: float) -> str:
     return f"{value:.1f}" if value < 10 else f"{float(f'{value:.2g}'):,.0f}"
 
 
-def short(value: float) -> Markup:
-    """Return a power of ten without the zeros that fill its exponent, 1e-6 or 2.2e-4, not to be broken over lines."""
-    mantissa, _, exponent = f"{value:.1e}".partition("e")  # inf and nan have no exponent
-    text = f"{mantissa.removesuffix('.0')}e{int(exponent)}" if exponent else mantissa
-    return Markup('<span class="number">{}</span>').format(text)
-
-
 def typeset(text: str) -> Markup:
     """Return a text with its subscripts and powers set as such, V_p, N/m^1.5, and its intervals in one piece."""
     unbroken = INTERVAL.sub(lambda match: match[0].replace(" ", "\N{NO-BREAK SPACE}"), str(escape(text)))
@@ -44,9 +37,9 @@ MACROS: Mapping[type, str] = {
 def write(folder: Path, template: str, macros: Mapping[type, str] | None = None, **content: Any) -> Path:
     """Write `folder`/index.html from a template below experiments/; return its path.
 
-    The template has the filters `factor`, `short` and `typeset`; `image(name)`, the content of `folder`/NAME.svg as a
-    URI; and `macro_name(part)`, the macro that shows a part of a section. Of `content`, `runs` are notes of what made
-    the page, as `experiments.lab.results.noted` gives them.
+    The template has the filter `typeset`; `image(name)`, the content of `folder`/NAME.svg as a URI; and
+    `macro_name(part)`, the macro that shows a part of a section. Of `content`, `runs` are notes of what made the page,
+    as `experiments.lab.results.noted` gives them.
     """
     known = {**MACROS, **(macros or {})}
 
@@ -54,7 +47,7 @@ def write(folder: Path, template: str, macros: Mapping[type, str] | None = None,
         return "data:image/svg+xml;base64," + base64.b64encode((folder / f"{figure}.svg").read_bytes()).decode()
 
     pages = Environment(loader=FileSystemLoader(EXPERIMENTS), autoescape=True, undefined=StrictUndefined)
-    pages.filters |= {"factor": factor, "short": short, "typeset": typeset}
+    pages.filters["typeset"] = typeset
     pages.globals |= {"image": image, "macro_name": lambda part: known[type(part)], "player": player}
     text = pages.get_template(template).render(**content)
     return write_file(folder / "index.html", text.encode(errors="replace"))
