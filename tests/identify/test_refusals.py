@@ -112,7 +112,7 @@ VALUES = [
     (lambda _: ig.hold_out([GOOD], SCENE, MOTION), "hold-out needs 2 logs or more", "got 1"),
     (lambda _: ig.hold_out([GOOD] * 4, SCENE, [MOTION] * 3), "motion", "one for each of 4 logs, got 3"),
     (lambda _: ig.hold_out(GOOD, SCENE, MOTION), "hold-out needs 2 logs or more", "got 1"),
-    (lambda _: ig.hold_out([GOOD, TWO_COLUMNS], SCENE, MOTION), "log 2 has force, object_velocity but log"),
+    (lambda _: ig.hold_out([GOOD, TWO_COLUMNS], SCENE, MOTION), "log 2 has force, object_velocity, but"),
     (lambda _: ig.hold_out([{"time": TIME, "tool_velocity": VELOCITY}] * 2, SCENE, MOTION), "got tool_velocity"),
     (command("[motion]", "[moved]"), "must have a table [motion]"),
     (command("speed = 1.0", "speeed = 1.0"), "motion has no field 'speeed'"),
