@@ -1,16 +1,13 @@
 """Independent calls in parallel, on this machine or a Ray cluster; results are stored, with the same bits everywhere.
 
-`cached` calls a function once for each of many arguments. Each result is stored as soon as it is there, by the calling
-process, so a command that was stopped, even killed, continues when it is run again, and the nodes of a cluster need no
-common disk. joblib.Memory stores the results. pebble's pool of processes ends a late call, and reports a lost process
-for the call that it was doing alone.
+`cached` calls a function for each of many arguments. The calling process stores each result as soon as it is there: a
+command that was stopped, even killed, continues when it is run again, and the nodes of a cluster need no common disk.
+joblib.Memory stores. pebble's pool of processes ends a late call, and reports a lost process for its call alone.
 
-joblib's own ways to run calls were measured and not taken. Its pool, loky, starts in 2.6 s (pebble: 0.9 s), and one lost
-process ends all calls. Its Ray backend returns no result before all calls are done: a killed command would have stored
-none.
-
-Stored results are pickles, read only from the folder that is given, which this program wrote for its user: it must not
-come from elsewhere.
+joblib's own ways to run calls were measured and not taken. Its pool, loky, starts in 2.6 s (pebble: 0.9 s), and one
+lost process ends all calls. Its Ray backend returns no result before all calls are done: a killed command would have
+stored none. Stored results are pickles, read from the folder that is given, which this program wrote for its user: it
+must not come from elsewhere.
 """
 
 import hashlib
@@ -36,17 +33,14 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from agents.progress import progress
-from agents.provenance import digest_of, origin_of
+from agents.provenance import digest_of as digest_of
+from agents.provenance import origin_of
 from impact_gym.files import DiskFullError, writing
 from impact_gym.validation import WrongTypeError, number, whole
-
-__all__ = ["JobsFailedError", "cached", "digest_of"]
 
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
 """Environment of every worker: each has one core, and no sum is split by how many cores there are."""
 SHOWN = 10  # failed calls that an error names one by one
-AHEAD = 64  # calls that a cluster has at a time at least, so that no node waits for the next one
-RETRIES = 3  # how often a cluster begins a call again whose node was lost
 
 
 class Failure(NamedTuple):
@@ -63,12 +57,8 @@ class Call(NamedTuple):
     arguments: str
     depends: str
 
-    def __str__(self) -> str:
-        return f"{self.function} {self.arguments if len(self.arguments) <= 400 else self.arguments[:400] + '...'}"
 
-
-Answers = Generator[tuple[Call, bytes], None, None]
-"""Calls as they are done, each with its result, `Failure` or `DiskFullError`, pickled where it was computed."""
+Answers = Generator[tuple[Call, bytes], None, None]  # as they come: result, `Failure` or `DiskFullError`, pickled
 
 
 class JobsFailedError(RuntimeError):
@@ -76,7 +66,10 @@ class JobsFailedError(RuntimeError):
 
     def __init__(self, failed: Mapping[Call, Failure], count: int) -> None:
         lines = [f"{len(failed)} of {count} jobs failed (the others are done and kept):"]
-        lines += [f"{call}: {failure.reason}" for call, failure in islice(failed.items(), SHOWN)]
+        lines += [
+            f"{call.function} {call.arguments[:400]}: {failure.reason}"
+            for call, failure in islice(failed.items(), SHOWN)
+        ]
         lines += [f"and {len(failed) - SHOWN} more"] if len(failed) > SHOWN else []
         lines += [f"the first of these raised:\n{failure.trace}" for failure in failed.values() if failure.trace][:1]
         super().__init__("\n".join(lines))
@@ -88,9 +81,7 @@ def cached(
     seconds: float | None = None, failed: Callable[[Mapping[str, Any], str], Any] | None = None,
     done: Callable[[int, Any], object] | None = None,
 ) -> list[Any]:  # fmt: skip
-    """Return `function(**each)` for each of `arguments`, in their order; what `folder` holds of it is not computed.
-
-    Equal calls are computed once, and a result that is damaged on disk is computed anew.
+    """Return `function(**each)` for each of `arguments`, computed once if it is not whole in `folder`, in their order.
 
     Args:
         function: one at the top level of a module that can be imported; what it returns can be pickled.
@@ -102,8 +93,8 @@ def cached(
         cluster: an existing Ray cluster instead: "ray" for the one of this machine (or of RAY_ADDRESS), or an address.
         seconds: how long a call may take by the clock; a later one fails, and its process is ended. Starting a process
             and importing the function do not count. Not on a cluster; with `processes` 0 nothing can end a call.
-        failed: given the arguments and the reason, returns what stands for the result of a call that failed; the
-            failure is stored as well, and the call is not repeated.
+        failed: given the arguments and the reason, returns what stands for the result of a failed call. The failure is
+            stored, and the call not repeated.
         done: called in this process with the place and the result of each call, stored ones first.
 
     Raises:
@@ -120,8 +111,7 @@ def cached(
     given, places, store = list(arguments), dict[Call, list[int]](), _Store(Path(folder))
     for place, each in enumerate(given):
         places.setdefault(_call(function, each, depends), []).append(place)
-    results: dict[int, Any] = {}
-    missing = []
+    results, missing = dict[int, Any](), list[Call]()
 
     def settle(call: Call, pickled: bytes) -> None:
         """Put a result, or what stands for it, in all places of a call, in each a copy."""
@@ -146,8 +136,7 @@ def cached(
                 if failed or not isinstance(answer, Failure):
                     store.write(call, pickled)
                 settle(call, pickled)
-    without = {call: results[same[0]] for call, same in places.items() if isinstance(results[same[0]], Failure)}
-    if without:
+    if without := {call: results[same[0]] for call, same in places.items() if isinstance(results[same[0]], Failure)}:
         raise JobsFailedError(without, len(given))
     return [results[place] for place in range(len(given))]
 
@@ -163,12 +152,10 @@ def _call(function: Callable[..., Any], arguments: Mapping[str, Any], depends: s
         inspect.signature(function).bind(**arguments)
         return Call(f"{module}:{name}", json.dumps(arguments, sort_keys=True), depends)
     except TypeError as error:
-        raise WrongTypeError(
-            f"arguments of {name} must be keywords that it takes, of what JSON holds: {error}"
-        ) from None
+        raise WrongTypeError(f"arguments of {name} must be keywords that it takes, as JSON has them: {error}") from None
 
 
-def _perform(call: Call, versions: Mapping[str, str]) -> bytes:
+def perform(call: Call, versions: Mapping[str, str]) -> bytes:
     """Do a call where these packages have these versions. A full disk is no failure of the call: it ends all."""
     try:
         if (here := {name: version(name) for name in versions}) != versions:
@@ -177,11 +164,7 @@ def _perform(call: Call, versions: Mapping[str, str]) -> bytes:
     except DiskFullError as error:
         return pickle.dumps(error)
     except (Exception, SystemExit) as error:
-        return _failure(f"{type(error).__name__}: {error}", traceback.format_exc())
-
-
-def _failure(reason: str, trace: str = "") -> bytes:
-    return pickle.dumps(Failure(reason, trace))
+        return pickle.dumps(Failure(f"{type(error).__name__}: {error}", traceback.format_exc()))
 
 
 def _here(calls: Sequence[Call], processes: int | None, seconds: float | None) -> Answers:
@@ -191,23 +174,25 @@ def _here(calls: Sequence[Call], processes: int | None, seconds: float | None) -
     from pebble import ProcessExpired, ProcessPool
 
     if not calls or processes == 0:
-        yield from ((call, _perform(call, {})) for call in calls)
+        yield from ((call, perform(call, {})) for call in calls)
         return
     count, context = min(len(calls), processes or os.cpu_count() or 1), multiprocessing.get_context("spawn")
     with patch.dict(os.environ, ONE_THREAD):
         pool = ProcessPool(count, initializer=_begin, initargs=[calls[0].function], context=context)
         try:
-            under_way: dict[Any, Call] = {pool.schedule(_perform, [call, {}], timeout=seconds): call for call in calls}
+            under_way: dict[Any, Call] = {pool.schedule(perform, [call, {}], timeout=seconds): call for call in calls}
             for future in as_completed([*under_way]):
                 try:
                     pickled = future.result()
                 except TimeoutError:
-                    pickled = _failure(f"no answer within {seconds:g} s")
+                    pickled = pickle.dumps(Failure(f"no answer within {seconds:g} s"))
                 except ProcessExpired as error:
-                    pickled = _failure(f"its process ended with exit code {error.exitcode}, killed or out of memory")
+                    pickled = pickle.dumps(
+                        Failure(f"its process was lost, with exit code {error.exitcode} (out of memory?)")
+                    )
                 except Exception as error:
-                    remedy = "a script must call `cached` below `if __name__ == '__main__'` only"
-                    pickled = _failure(f"its process could not begin: {error}; {remedy}")
+                    reason = f"no process began, as in a script without `if __name__ == '__main__'`: {error}"
+                    pickled = pickle.dumps(Failure(reason))
                 yield under_way.pop(future), pickled
         finally:
             pool.stop()  # type: ignore[no-untyped-call]  # pebble's own
@@ -229,33 +214,29 @@ def _begin(function: str) -> None:
 def _on_cluster(calls: Sequence[Call], address: str) -> Answers:
     """Do calls on a Ray cluster, a core for each; the project's sources go along, compiled kernels included.
 
-    The nodes need the same Python, Ray, NumPy and SciPy. Ray repeats a call whose node was lost, even one that was done
-    there but not fetched.
+    Nodes need the same Python, Ray, NumPy and SciPy. Ray repeats a call whose node was lost, done or not.
     """
     try:
         import ray
         import ray.exceptions
     except ImportError as error:
-        message = f"Ray is not installed ({error}): install the extra `cluster`, here and on all nodes"
-        raise RuntimeError(message) from error
+        raise RuntimeError("Ray is not installed: install the extra `cluster`, here and on all nodes") from error
     if not calls:
         return
-    names = {"agents", "impact_gym", calls[0].function.replace(":", ".").split(".")[0]}
-    sources = [str(origin_of(name)) for name in sorted(names)]
-    environment = {"py_modules": sources, "excludes": ["__pycache__"], "env_vars": ONE_THREAD}
+    sources = {"agents", "impact_gym", calls[0].function.replace(":", ".").split(".")[0]}
+    paths = [str(origin_of(name)) for name in sorted(sources)]
+    environment = {"py_modules": paths, "excludes": ["__pycache__"], "env_vars": ONE_THREAD}
     try:
         _listens(address)
-        name, quiet = "auto" if address == "ray" else address, logging.WARNING
-        ray.init(name, runtime_env=environment, log_to_driver=False, logging_level=quiet)
+        name = "auto" if address == "ray" else address
+        ray.init(name, runtime_env=environment, log_to_driver=False, logging_level=logging.WARNING)
     except (OSError, RuntimeError, ValueError) as error:
-        raise RuntimeError(
-            f"no Ray cluster at {address!r} ({error}): start one with `ray start --head`, and with `ray start "
-            "--address=HOST:PORT` on each further node; or name one that runs"
-        ) from error
-    task: Any = ray.remote(num_cpus=1, max_retries=RETRIES)(_perform)
+        begin = "`ray start --head`, and `ray start --address=HOST:PORT` on each further node"
+        raise RuntimeError(f"no Ray cluster at {address!r} ({error}): start one with {begin}") from error
+    task: Any = ray.remote(num_cpus=1, max_retries=3)(perform)
     versions = {name: version(name) for name in ("numpy", "scipy")}  # which may show in the last bit of a result
     waiting, under_way = iter(calls), dict[Any, Call]()
-    ahead = max(AHEAD, 4 * int(ray.cluster_resources().get("CPU", 0)))  # type: ignore[no-untyped-call]  # Ray's own
+    ahead = 64 + 4 * int(ray.cluster_resources().get("CPU", 0))  # type: ignore[no-untyped-call]  # so that no node waits
     try:
         while True:
             under_way |= {task.remote(call, versions): call for call in islice(waiting, ahead - len(under_way))}
@@ -265,12 +246,10 @@ def _on_cluster(calls: Sequence[Call], address: str) -> Answers:
             try:
                 pickled = ray.get(ready)
             except ray.exceptions.RayError as error:
-                pickled = _failure(f"its process was lost, or could not begin: {error}")
+                pickled = pickle.dumps(Failure(f"its process was lost, or could not begin: {error}"))
             yield under_way.pop(ready), pickled
     finally:
-        for each in under_way:
-            ray.cancel(each, force=True)
-        ray.shutdown()
+        ray.shutdown()  # which ends what is under way
 
 
 def _listens(address: str) -> None:
@@ -299,7 +278,7 @@ class _Store:
             digest, pickled = found.get()
             if digest == hashlib.sha256(pickled).digest():
                 return pickled
-        print(f"computed anew: {call} in {self._folder} is damaged", file=sys.stderr)
+        print(f"computed anew: {call.function} {call.arguments[:400]} is damaged in {self._folder}", file=sys.stderr)
         return None
 
     def write(self, call: Call, pickled: bytes) -> None:

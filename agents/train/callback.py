@@ -30,6 +30,18 @@ class CollapsedError(RuntimeError):
     """A training that has nothing left to go on from: its policy touches no object, or its weights are not finite."""
 
 
+class ProgressCallback(BaseCallback):
+    """Tells a bar, see `agents.progress`, how many steps are done."""
+
+    def __init__(self, bar: Any) -> None:
+        super().__init__()
+        self._bar = bar
+
+    def _on_step(self) -> bool:
+        self._bar.update(self.num_timesteps - self._bar.n)
+        return True
+
+
 class TrainingCallback(BaseCallback):
     """Acts between two rollouts, after the update: what it sees then is all there is to save."""
 

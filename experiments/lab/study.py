@@ -50,7 +50,7 @@ class Measurement:
     depends: tuple[str, ...] = SOLVER  # modules, beside that of `measure`, whose change makes rows outdated
     failed: Callable[[Row], Row] | None = None  # the row of a cell without a result, from its labels; None: an error
     seconds: float | None = None  # after which a cell has failed
-    processes: int | None = None  # 1: its cells are timed, so they run one after the other
+    processes: int | None = None  # 1: its cells are timed, so they run one after the other; 0: in this process
 
     @property
     def digest(self) -> str:
@@ -157,7 +157,7 @@ class Run:
         files = [_write_table(self.folder / name, frame) for name, frame in tables.items()]
         for picture in (picture for section in findings.sections for picture in section.pictures):
             save(picture.figure, self.folder / f"{picture.name}.svg")
-        about = {"question": self.study.question, "findings": findings, "files": files}
+        about: dict[str, Any] = {"question": self.study.question, "findings": findings, "files": files}
         return page.write(self.folder, "lab/study.html.jinja", runs=runs, quick=self.options.quick, **about)
 
 

@@ -16,7 +16,7 @@ from agents.policies import SHIPPED, Ensemble, load_ensemble
 from agents.policies.networks import to_arrays
 from agents.policies.policy import FORMAT
 from agents.setups import shipped
-from agents.train_seeds import median
+from agents.train.seeds import median
 
 
 def actions_by_hand(arrays, activation, rows):
@@ -68,9 +68,9 @@ def test_predict_is_the_network_row_by_row(kind):
 def test_load_policy_plays_the_weights_of_the_shipped_file(name):
     arrays, ensemble, setup = arrays_of(SHIPPED / f"{name}.npz"), load_ensemble(name), load_setup(name)
     content = json.loads(str(arrays.pop("header")))["content"]
-    assert sorted(policy.seed for policy in ensemble.policies) == list(range(setup.training.seeds))
+    assert sorted(policy.seed for policy in ensemble.policies) == list(range(setup.seeds))
     assert load_policy(name).seed == content["chosen"] == median(ensemble.policies).seed
-    assert_same(load_policy(name, setup.training.seeds - 1), ensemble[setup.training.seeds - 1])
+    assert_same(load_policy(name, setup.seeds - 1), ensemble[setup.seeds - 1])
     for policy in ensemble.policies:
         own = {key.partition("/")[2]: array for key, array in arrays.items() if key.startswith(f"{policy.seed}/")}
         seen = observations(policy, 100)

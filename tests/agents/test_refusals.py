@@ -18,8 +18,7 @@ from agents.policies import Ensemble, Policy
 from agents.policies.policy import FORMAT
 from agents.setups import feasible
 from agents.setups.training import SLOTS
-from agents.train.__main__ import read_options
-from agents.train_seeds import Seeds
+from agents.train.__main__ import TrainOptions, read_options
 from agents.tune import Tune
 from impact_gym.task import Task
 
@@ -71,12 +70,11 @@ SET_UPS = [
     ("[evaluation]\nweights = [1.0, 1.0]", "evaluation.weights must", "none twice", "[1.0, 1.0]"),
     ("[evaluation]\nweights = 'all'", "evaluation.weights must", "'all'", "m/s per s"),
     ("[evaluation]\nweights = [1.0, 20.0]", "evaluation: weights", "at most 8 m/s per s, got 20"),
-    ("[evaluation]\nat_most = 0", "evaluation.at_most", "above 0 (no unit), got 0.0"),
+    ("[evaluation]\ntypical = 0", "evaluation.typical", "above 0 m/s per s, got 0.0"),
     ("[evaluation]\nset = 'tset'", "no evaluation set 'tset': test?"),
     ("[evaluation]\nset = 3", "evaluation.set must", "got 3"),
     ("[evaluation]\nscenarios = 1", "evaluation.scenarios", "got 1"),
     ("[evaluation]\nscenarios = 5000", "evaluation.scenarios", "at most the 2000", "got 5000"),
-    ("[evaluation]\nof = 'linear-blnd'", "evaluation.of.linear-blnd; did you mean 'linear-blind'"),
     ("[evaluation]\nnominal = 3", "evaluation.nominal must", "got 3"),
     ("[evaluation.nominal]\ntool_mas = 1.0", "evaluation.nominal.tool_mas; did you mean 'tool_mass'"),
     ("[evaluation.varied]\ntool_mas = [1.0]", "evaluation.varied.tool_mas; did you mean 'tool_mass'"),
@@ -96,7 +94,8 @@ CALLS = [
     (lambda: tiny(teacher="ranged").made_for(), "Ranged looks at", "distance_estimate"),
     (lambda: read_options(["--resume", "there", "--steps", "5"]), "give nothing else"),
     (lambda: read_options(["cubic"]), "no set-up 'cubic': there are bistable-blind,", "linear-ranged"),
-    (lambda: Seeds(processes=-1), "processes", "got -1"),
+    (lambda: TrainOptions(processes=-1), "processes", "got -1"), (lambda: TrainOptions(seeds=0), "seeds", "got 0"),
+    (lambda: TrainOptions(seeds=2, seed=1), "seed must be 0 with seeds", "got 1"),
     (lambda: Tune(weights=(0.0,)), "weights", "above 0 m/s per s, got 0.0"),
     (lambda: Tune(names=("paper-trapezoid",)), "no baseline to tune 'paper-trapezoid': there are ", "ranged-profile"),
     (lambda: Tune(scenarios=0), "scenarios", "at least 1, got 0"),

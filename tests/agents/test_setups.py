@@ -54,7 +54,7 @@ def test_load_setup_makes_what_a_file_says(mine):
     assert [*setup.tuned] == ["mine-profile"] == [*setup.against]  # what is usual, where the file says nothing
     assert setup.tuned["mine-profile"].rule == "RangedProfile"
     assert setup.folder == Path("runs/mine")
-    assert (training.steps, training.rollout, training.seeds, setup.budget) == (2000, 16, 2, 16)
+    assert (training.steps, training.rollout, setup.seeds, setup.budget) == (2000, 16, 2, 16)
     assert setup.evaluation.weights == Tune((str(mine),)).weights_of(setup) == (1.0, 4.0)
 
 
