@@ -96,7 +96,7 @@ def hold_out(
     columns = logs[0].columns.keys()
     for each in logs:
         if each.columns.keys() != columns:
-            raise ValueError(f"hold-out needs logs with the same columns, {each.name} has {', '.join(each.columns)}, but"
+            raise ValueError(f"hold-out needs logs of the same columns, {each.name} has {', '.join(each.columns)}, but"
                              f" the first one {', '.join(columns)}")  # fmt: skip
     if not {"force", "object_velocity"} & columns:
         raise ValueError(f"hold-out compares force or object_velocity, got {', '.join(columns)}")
