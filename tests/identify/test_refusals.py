@@ -87,6 +87,7 @@ VALUES = [
     (file("time,force,force\n"), "log.csv must name no column twice"),
     (file("time,force\n" + LINES), "log.csv, line 11: force must be a number, got 'x'"),
     (file("time,force\n0,1\n\n0.5,\n"), "log.csv, line 4: force must be a number, got ''"),
+    (file('time,"x\ny"\n0,a\n'), "log.csv, line 3: x y must be a number, got 'a'"),
     (lambda folder: fit(folder / "log.csv")(folder), "log.csv is not read as CSV"),
     (fit(free=("contact.stifness",)), "no number 'contact.stifness'; did you mean 'contact.stiffness'"),
     (fit(free=("robot.mass",)), "no number 'robot.mass'"),
