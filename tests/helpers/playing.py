@@ -91,7 +91,7 @@ class Served:
     def connect(self, **options):
         """Return a connection of a page."""
         where = self.address.replace("http", "ws") + "ws"
-        return connect(where, **{"origin": self.origin, "compression": None, **options})
+        return connect(where, **{"origin": self.origin, "compression": None, "close_timeout": 0.3, **options})
 
     def tries(self):
         """Return what was played so far."""
