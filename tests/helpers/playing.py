@@ -119,7 +119,18 @@ class Served:
 def served(folder, setup=None, *words):
     """Serve the page from a folder of tries, at a free port; with a near set-up unless another is named."""
     setup = setup or near_setup(folder.with_name(folder.name + "-setup"))
-    line = [sys.executable, "-m", "experiments.play", str(setup), *words, "--port", "0", "--no-open", "--out", str(folder)]
+    line = [
+        sys.executable,
+        "-m",
+        "experiments.play",
+        str(setup),
+        *words,
+        "--port",
+        "0",
+        "--no-open",
+        "--out",
+        str(folder),
+    ]
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     process = subprocess.Popen(line, cwd=folder.parent, env=environment, text=True,
                                stdout=subprocess.PIPE, stderr=subprocess.STDOUT)  # fmt: skip
