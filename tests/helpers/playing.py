@@ -10,6 +10,7 @@ import time
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+import pytest
 import tomli_w
 import websockets
 from websockets.exceptions import ConnectionClosed
@@ -116,30 +117,16 @@ class Served:
 
 
 @contextmanager
-def served(folder, setup=None, *words):
+def served(folder, setup=None):
     """Serve the page from a folder of tries, at a free port; with a near set-up unless another is named."""
     setup = setup or near_setup(folder.with_name(folder.name + "-setup"))
-    line = [
-        sys.executable,
-        "-m",
-        "experiments.play",
-        str(setup),
-        *words,
-        "--port",
-        "0",
-        "--no-open",
-        "--out",
-        str(folder),
-    ]
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    process = subprocess.Popen(line, cwd=folder.parent, env=environment, text=True,
-                               stdout=subprocess.PIPE, stderr=subprocess.STDOUT)  # fmt: skip
+    line = [sys.executable, "-m", "experiments.play", str(setup), "--port=0", "--no-open", f"--out={folder}"]
+    how = {"cwd": folder.parent, "env": os.environ | {"PYTHONPATH": str(ROOT)}, "text": True}
+    process = subprocess.Popen(line, **how, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
     try:
-        said = [process.stdout.readline()]
-        while said[-1] and not said[-1].startswith("http://"):
-            said.append(process.stdout.readline())
-        assert said[-1], said
-        yield Served(process, said[-1].strip(), folder)
+        said = process.stdout.readline()
+        assert said.startswith("http://"), said + process.stdout.read()
+        yield Served(process, said.strip(), folder)
     finally:
         with suppress(ProcessLookupError):
             process.kill()
@@ -185,14 +172,11 @@ def play(server, page, **chosen):
     return message
 
 
-def closed(page, seconds=10.0):
+def closed(page):
     """Return code and reason with which the server closes a connection."""
-    end = time.monotonic() + seconds
-    try:
-        while True:
-            page.recv(timeout=end - time.monotonic())
-    except ConnectionClosed as gone:
-        return gone.rcvd.code, gone.rcvd.reason
+    with pytest.raises(ConnectionClosed) as gone:
+        list(iter(lambda: page.recv(timeout=10.0), None))
+    return gone.value.rcvd.code, gone.value.rcvd.reason
 
 
 async def flood(server, seconds, clients=50):

