@@ -1,11 +1,12 @@
 """What the commands share: each is called `impact-gym NAME`, and one line says what went wrong or how to continue."""
 
+import re
 import shlex
 import sys
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import MISSING, fields, is_dataclass
+from dataclasses import MISSING, fields, is_dataclass, replace
 from typing import Any, TypeVar
 
 from impact_gym.files import DiskFullError, writing
@@ -17,10 +18,47 @@ def run_command(
     name: str, options: type[Options], work: Callable[[Options], object], after: str = "the same command continues"
 ) -> None:
     """Read the command line of `impact-gym NAME` into `options`, a dataclass, and do the work."""
-    import tyro  # whoever only plays has no need of it
-
     with command_line(name, after):
-        work(tyro.cli(options, prog=f"impact-gym {name}"))
+        work(read_command(name, options))
+
+
+def read_command(
+    name: str, options: type[Options], arguments: Sequence[str] | None = None, default: Options | None = None
+) -> Options:
+    """Return what a command line asks for: words after `impact-gym NAME`, those of this process unless given.
+
+    The help says SETUP, NAME, NUMBER and PATH for what stands where, instead of types.
+    """
+    import tyro  # whoever only plays has no need of it
+    from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
+
+    registry, asking = ConstructorRegistry(), list[PrimitiveTypeInfo]()
+
+    @registry.primitive_rule
+    def readable(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
+        """Read as tyro does, which is asked while this rule looks away, but say plainly what."""
+        if asking:
+            return None
+        asking.append(info)
+        spec = ConstructorRegistry.get_primitive_spec(info)
+        asking.clear()
+        if not isinstance(spec, PrimitiveConstructorSpec):
+            return None
+
+        def shown(value: Any) -> list[str]:
+            return ["none"] if value in (None, ()) else spec.str_from_instance(value)
+
+        return replace(spec, metavar=_plain(spec.metavar), str_from_instance=shown)
+
+    config = (tyro.conf.PositionalMetavarFromFieldName,)
+    given: dict[str, Any] = {} if default is None else {"default": default}
+    return tyro.cli(options, prog=f"impact-gym {name}", args=arguments, registry=registry, config=config, **given)
+
+
+def _plain(metavar: str) -> str:
+    """Return a word for what a value is, such as "PATH" for "{None}|PATH" and "NAME ..." for "[STR [STR ...]]"."""
+    metavar = re.sub(r"\[(\w+) \[\1 \.\.\.\]\]", r"\1 ...", metavar.replace("{None}|", ""))
+    return re.sub("INT|FLOAT", "NUMBER", metavar.replace("STR", "NAME"))
 
 
 @contextmanager

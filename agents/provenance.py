@@ -1,5 +1,7 @@
 """What something was made with: sources, versions, machine, date."""
 
+import hashlib
+import importlib.util
 import os
 import platform
 import subprocess
@@ -7,6 +9,9 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
+
+SOURCES = {".py", ".pyx", ".pxi", ".h", ".csv", ".json", ".toml", ".npz", ".jinja", ".css", ".js", ".typed"}
+"""Kinds of files that a package here reads or is made of."""
 
 
 def circumstances(*packages: str) -> dict[str, Any]:
@@ -26,6 +31,34 @@ def revision() -> dict[str, str | None]:
     if _git("ls-files", "--error-unmatch", __file__) is None:
         return {"commit": None, "changed since": None}
     return {"commit": _git("rev-parse", "HEAD"), "changed since": _git("status", "--porcelain", "--untracked-files=no")}
+
+
+def digest_of(*modules: str) -> str:
+    """Return SHA-256 of the sources and data files of modules and whole packages, for `depends` of `cached`.
+
+    Raises:
+        ValueError: no such module.
+    """
+    digest = hashlib.sha256()
+    for name in sorted(modules):
+        root = origin_of(name)
+        files = [path for path in root.rglob("*") if path.suffix in SOURCES and not path.name.startswith(".")]
+        for path in sorted(files) if root.is_dir() else [root]:
+            digest.update(f"{name} {path.relative_to(root.parent)}\0".encode())
+            digest.update(hashlib.sha256(path.read_bytes()).digest())
+    return digest.hexdigest()
+
+
+def origin_of(name: str) -> Path:
+    """Return a package's folder or a module's file; ValueError: there is no such module."""
+    try:
+        spec = importlib.util.find_spec(name)
+    except (ImportError, ValueError):
+        spec = None
+    origin = spec and next(iter(spec.submodule_search_locations or ()), spec.origin)
+    if not origin:
+        raise ValueError(f"there is no module {name!r}")
+    return Path(origin).resolve()
 
 
 def _git(*command: str) -> str | None:

@@ -1,11 +1,11 @@
-"""Tune the baselines of set-ups: `impact-gym tune my.toml`, or `make tune` for those that are shipped.
+"""Tune the baselines of set-ups: `impact-gym tune my.toml`, or `impact-gym tune` for those that are shipped.
 
 Each baseline is tuned for each time weight of the set-up's evaluation, by CMA-ES on training scenarios; `--bound` also
-searches the best approach of one who knows the object. Each search is a job of `agents.jobs`: what is done is kept, and
-the same command goes on where it was stopped.
+searches the best approach of one who knows the object. Finished searches are stored (`agents.jobs`), and the same
+command continues where it was stopped.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,10 +20,10 @@ from agents.baselines.rule import Floats
 from agents.baselines.tuned import RULES, read_tuned, write_tuned
 from agents.command_line import command_of, run_command
 from agents.evaluate import TUNING_SEED, ScenarioBatch
-from agents.jobs import Job, Result, digest_of, gather
+from agents.jobs import cached, digest_of
 from agents.provenance import circumstances
 from agents.setups import Setup, load_setup, shipped
-from impact_gym.validation import number, whole
+from impact_gym.validation import nearest, number, whole
 
 SETUPS = shipped()
 PACKAGES = ("impact-gym", "cma", "numpy", "scipy")
@@ -73,7 +73,7 @@ class Tune:
         tuned = {name for setup in self.setups for name in load_setup(setup).tuned}
         for name in self.names:
             if name not in tuned:
-                raise ValueError(f"no baseline {name!r} to tune: there are {sorted(tuned)}")
+                raise ValueError(nearest("baseline to tune", name, tuned))
 
     def baselines(self) -> dict[str, Setup]:
         """Return the set-up of each baseline that is asked for."""
@@ -100,12 +100,12 @@ class Tune:
         """Return where the files of a set-up are."""
         return setup.folder / "tuned" if self.out is None else self.out
 
-    def results(self, function: str, arguments: list[dict[str, Any]], title: str) -> Iterator[tuple[int, Result]]:
-        """Call a function of this module with each of the arguments, as jobs; yield places and results as they come."""
-        depends = digest_of(*SEARCHED) if arguments else ""
-        jobs = [Job(f"agents.tune:{function}", given, depends) for given in arguments]
-        processes = None if self.cluster else self.processes
-        return gather(jobs, self.jobs, processes=processes, cluster=self.cluster, title=title)
+    def search_all(
+        self, search: Callable[..., Any], arguments: list[dict[str, Any]], title: str, done: Callable[[int, Any], None]
+    ) -> None:
+        """Call a function of this module with each of the arguments, and `done` with each place and result."""
+        where: dict[str, Any] = {"processes": self.processes, "cluster": self.cluster, "title": title}
+        cached(search, arguments, self.jobs, depends=digest_of(*SEARCHED) if arguments else "", done=done, **where)
 
 
 def tune(options: Tune) -> list[Path]:
@@ -123,10 +123,13 @@ def tune(options: Tune) -> list[Path]:
         given = setup.tuned[name]._asdict() | {"environment": dict(setup.environment), "weight": weight}
         given["environment"] |= CLEAN_ALARM if given.pop("clean_alarm") else {}
         arguments.append(given | options.search(name, setup))
-    for place, result in options.results("tune_one", arguments, "tuning"):
+
+    def write(place: int, result: Mapping[str, Any]) -> None:
         name, setup, weight = missing[place]
         tuned[name][f"{weight:g}"] = _as_json(name, setup, weight, options, result)
         write_tuned(name, tuned[name], setup, options.folder(setup))
+
+    options.search_all(tune_one, arguments, "tuning", write)
     return [options.folder(setup) / f"{name}.json" for name, setup in setups.items()]
 
 
@@ -152,15 +155,15 @@ def _searched(name: str, setup: Setup, options: Tune) -> dict[str, Any]:
     return options.search(name, setup) | asked
 
 
-def _as_json(name: str, setup: Setup, weight: float, options: Tune, result: Result) -> dict[str, Any]:
+def _as_json(name: str, setup: Setup, weight: float, options: Tune, result: Mapping[str, Any]) -> dict[str, Any]:
     """Return what a file keeps of what was found for one weight: its scores and how it came about."""
     names = RULES[setup.tuned[name].rule].names()
     alone = Tune((setup.called,), (name,), (weight,), **options.search(name, setup))
     return {
-        "parameters": dict(zip(names, result["parameters"].tolist(), strict=True)),
-        "train": result["train"].item(),
-        "validation": {key: result[key].item() for key in ("loss", "object_velocity", "approach_time", "missed")},
-        "generations": result["generations"].item(),
+        "parameters": dict(zip(names, result["parameters"], strict=True)),
+        "train": result["train"],
+        "validation": result["validation"],
+        "generations": result["generations"],
         "search": _searched(name, setup, options),
         "command": command_of("tune", alone),
         "versions": circumstances(*PACKAGES)["versions"],
@@ -170,8 +173,8 @@ def _as_json(name: str, setup: Setup, weight: float, options: Tune, result: Resu
 def tune_one(
     rule: str, environment: Mapping[str, Any], weight: float, rtol: float, jitter: float,
     scenarios: int, budget: int, population: int, seed: int,
-) -> Result:  # fmt: skip
-    """Return the best parameters (k,) of a rule at one weight, its scores and how many generations that took.
+) -> dict[str, Any]:  # fmt: skip
+    """Return the best parameters (k) of a rule at one weight, its scores (m/s) and how many generations that took.
 
     With `jitter` nothing is found that holds only as long as every command is followed to the last digit.
     """
@@ -186,9 +189,12 @@ def tune_one(
         return played.loss(weight).reshape(population, scenarios).mean(axis=1)[:, None]
 
     best = minimise(losses, kind.PARAMETERS, 1, population, -(-budget // population), seed)
-    means = scores(rule, environment, weight, best.parameters[0])
-    results = {"train": best.loss[0], "generations": best.generations, **means}
-    return {"parameters": best.parameters[0]} | {name: np.array([value]) for name, value in results.items()}
+    return {
+        "parameters": best.parameters[0].tolist(),
+        "train": float(best.loss[0]),
+        "validation": scores(rule, environment, weight, best.parameters[0]),
+        "generations": best.generations,
+    }
 
 
 def scores(rule: str, environment: Mapping[str, Any], weight: float, parameters: Any) -> dict[str, float]:
@@ -214,18 +220,21 @@ def search_bounds(options: Tune, scenarios: int = BOUND_SCENARIOS, generations: 
             if weight not in by_weight:
                 missing.append((setup, by_weight, weight))
                 arguments.append({"environment": dict(setup.environment), "time_weight": weight, **search})
-    for place, result in options.results("search_bound", arguments, "who knows the object"):
+
+    def write(place: int, parameters: Floats) -> None:
         setup, by_weight, weight = missing[place]
-        by_weight[weight] = result["parameters"]
+        by_weight[weight] = parameters
         bound.write_bound(setup, by_weight, options.folder(setup), generations)
+
+    options.search_all(search_bound, arguments, "bound", write)
     return paths
 
 
 def search_bound(
     environment: Mapping[str, Any], time_weight: float, scenarios: int, generations: int,
     population: int = BOUND_POPULATION,
-) -> Result:  # fmt: skip
-    """Return as `parameters` (scenarios, k) those of the best `Clairvoyant` for each of the first test scenarios.
+) -> Floats:  # fmt: skip
+    """Return parameters (scenarios, k), those of the best `Clairvoyant` for each of the first test scenarios.
 
     The time weight is in m/s per s; there are so many generations, and candidates in each, for each scenario.
     """
@@ -238,7 +247,7 @@ def search_bound(
         return stage.play(rule).loss(time_weight).reshape(population, scenarios)
 
     best = minimise(losses, Clairvoyant.PARAMETERS, scenarios, population, generations, BOUND_SEED)
-    return {"parameters": np.ascontiguousarray(best.parameters)}
+    return np.ascontiguousarray(best.parameters)
 
 
 def run(options: Tune) -> None:

@@ -81,8 +81,8 @@ def main() -> None:
         print(versions())
         return
     if name not in commands:
-        print(overview(), file=sys.stderr)
-        sys.exit(f"\nimpact-gym: {nearest('command', name, commands)}")
+        print(f"{overview()}\n\nimpact-gym: {nearest('command', name, commands)}", file=sys.stderr)
+        sys.exit(2)
     command = commands[name]
     if absent := missing(command.extras):
         remedy = f"pip install 'impact-gym[{','.join(command.extras)}]'"

@@ -13,10 +13,11 @@ from typing import Any
 
 import tyro
 
-from agents import train_seeds, tune
+from agents import tune
 from agents.command_line import command_of, run_command
 from agents.export import __main__ as export
 from agents.setups import Setup, load_setup
+from agents.train import __main__ as train
 from experiments.report import __main__ as report
 from impact_gym.files import write_file
 
@@ -24,7 +25,7 @@ MADE_FOR = attrgetter("environment", "training", "tuned", "budget", "evaluation.
 QUICK_BUDGET, QUICK_STEPS, QUICK_SEEDS, QUICK_SCENARIOS, QUICK_CALLS = 320, 1_000_000, 3, 200, 10_000
 STAGES: dict[str, Callable[[Any], object]] = {  # each takes the options of its command
     "tune": tune.run,
-    "train-seeds": train_seeds.run,
+    "train": train.run,
     "report": report.run,
     "export": export.run,
 }
@@ -79,24 +80,26 @@ def stages(copy: Path, options: ControllerOptions) -> dict[str, Any]:
     out, setup, copies = options.out, load_setup(copy), (str(copy),)
     where: dict[str, Any] = {"processes": options.processes, "cluster": options.cluster}
     tuning = tune.Tune(copies, bound=setup.bound == copy.stem, out=out / "tuned", jobs=out / "searches", **where)
-    training = train_seeds.Seeds(copies, runs=out / "runs", policies=out / "policies", **where)
-    page = report.ReportOptions(
-        copies, folder=out, out=out / "report", episodes=out / "episodes", cluster=options.cluster
-    )
+    training = train.default_options(copies[0])
+    training = replace(training, seeds=setup.seeds, out=out / "runs", policies=out / "policies", **where)
+    page = report.ReportOptions(copies, folder=out, out=out / "report", cluster=options.cluster)
     exported = export.Export(str(out / "policies" / f"{copy.stem}.npz"), out / "export")
     if options.quick:
         tuning = replace(tuning, bound=False, scenarios=100, budget=min(QUICK_BUDGET, setup.budget))
-        training = replace(training, seeds=min(QUICK_SEEDS, setup.training.seeds), steps=QUICK_STEPS)
+        steps = min(QUICK_STEPS, setup.training.steps)
+        few = replace(setup.training, steps=steps, validate_every=min(steps, setup.training.validate_every))
+        training = replace(training, training=few, seeds=min(QUICK_SEEDS, setup.seeds))
         page = replace(page, count=QUICK_SCENARIOS)
         exported = replace(exported, episodes=QUICK_SCENARIOS, calls=QUICK_CALLS)
-    return {"tune": tuning, "train-seeds": training, "report": page, "export": exported}
+    return {"tune": tuning, "train": training, "report": page, "export": exported}
 
 
 def run(options: ControllerOptions) -> None:
     """Make a controller, one stage after the other."""
     copy = copy_setup(load_setup(options.setup), options.out, options.quick)
     for name, stage in stages(copy, options).items():
-        print(f"$ {command_of(name, stage)}", flush=True)
+        usual = train.default_options(str(copy)) if name == "train" else None
+        print(f"$ {command_of(name, stage, usual)}", flush=True)
         STAGES[name](stage)
     print(f"report: {(options.out / 'report' / 'index.html').resolve().as_uri()}")
     print(f"controller: {options.out / 'export'}")

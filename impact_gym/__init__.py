@@ -6,7 +6,9 @@ sources.check()
 beside.install()
 
 from impact_gym import envs, operators, robot
+from impact_gym.fidelity import advise
 from impact_gym.identify import Identified, LoadCell, Sensor, identify
+from impact_gym.identify.held_out import HeldOut, hold_out
 from impact_gym.motion import Brake, Motion, Trapezoid
 from impact_gym.operators import Channel
 from impact_gym.physics.dissipation import effective_restitution
@@ -17,10 +19,10 @@ from impact_gym.sweeps import Outcomes, sweep
 
 __version__ = "0.1.0"
 __all__ = [
-    "MATERIALS", "Bistable", "Brake", "Channel", "Contact", "ContactRecord", "Identified", "LoadCell", "Material",
-    "Motion", "Object", "Outcome", "Outcomes", "Rigid", "Robot", "RobotTable", "Scene", "Sensor", "SpringDamper",
-    "Tool", "Trace", "Trapezoid", "effective_restitution", "hertz", "identify", "material_ranges", "operators",
-    "robot", "simulate", "sweep",
+    "MATERIALS", "Bistable", "Brake", "Channel", "Contact", "ContactRecord", "HeldOut", "Identified", "LoadCell",
+    "Material", "Motion", "Object", "Outcome", "Outcomes", "Rigid", "Robot", "RobotTable", "Scene", "Sensor",
+    "SpringDamper", "Tool", "Trace", "Trapezoid", "advise", "effective_restitution", "hertz", "hold_out", "identify",
+    "material_ranges", "operators", "robot", "simulate", "sweep",
 ]  # fmt: skip
 
 envs.register()

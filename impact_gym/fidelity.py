@@ -6,21 +6,24 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
 from time import perf_counter
-from typing import Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from impact_gym.motion import Trapezoid
-from impact_gym.robot import Approach, Arm, whole
+from impact_gym.robot import Approach, Arm
 from impact_gym.robot.approach import Mass
 from impact_gym.scene import Bistable, Rigid, RobotTable, Scene, SpringDamper
 from impact_gym.simulation import Outcome, simulate
 from impact_gym.validation import WrongTypeError, number, shown
 
+if TYPE_CHECKING:
+    from impact_gym.robot.whole import Blow
+
 Quantity = Literal["object_velocity", "peak_force", "impulse"]
 ROUNDS = 3  # runs of a model, of which the fastest counts
-FULL = "as it is"
+FULL, WHOLE_ARM = "as it is", "all joints"
 
 
 def rigid_robot(scene: Scene) -> Scene:
@@ -100,8 +103,9 @@ def advise(
         tolerance: relative error allowed.
         quantity: the object's velocity at the end, the largest contact force, or the impulse of all contacts.
         duration: of a run, s.
-        arm: a whole arm and its approach, see `impact_gym.robot.whole`. The full model is then all joints at once, the
-            simpler ones have one mass for it, of each kind; the scenes have no robot.
+        arm: an arm and the line it moves along, `(arm, arm.along(...))`, for scenes without a robot. The full model is
+            then the whole arm (`impact_gym.robot.whole`), and the simpler ones put one mass in its place: that of each
+            kind, varying along the line or frozen where the object stands, or none that yields.
 
     Raises:
         TypeError, ValueError: an argument is none of these or out of range; names it.
@@ -117,7 +121,8 @@ def advise(
         raise WrongTypeError(f"arm must be a pair, an Arm and its Approach, got {shown(arm)}")
     true, seconds = _run(partial(_on_chain, motion, duration), sample, quantity) if arm is None else _run(
         partial(_on_arm, *arm, motion, duration), sample, quantity, rounds=1)  # fmt: skip
-    tried, seen = [Model(FULL, _as_it_is, np.zeros(len(sample)), 0.0)], [sample] if arm is None else []
+    full = Model(FULL if arm is None else WHOLE_ARM, _as_it_is, np.zeros(len(sample)), 0.0)
+    tried, seen = [full], [sample] if arm is None else []
     for name, simplify in _models(ROBOTS if arm is None else _masses(arm[1])):
         simpler = [simplify(scene) for scene in sample]
         if simpler in seen:
@@ -156,7 +161,7 @@ def _models(robots: Mapping[str, Callable[[Scene], Scene]]) -> Iterator[tuple[st
 
 
 def _run(
-    play: Callable[[Scene], Outcome | whole.Blow], scenes: Sequence[Scene], quantity: Quantity, rounds: int = ROUNDS
+    play: Callable[[Scene], "Outcome | Blow"], scenes: Sequence[Scene], quantity: Quantity, rounds: int = ROUNDS
 ) -> tuple[NDArray[np.float64], float]:
     """Return the quantity of each scene, and the time for all of them, s."""
     times = []
@@ -171,14 +176,18 @@ def _on_chain(motion: Trapezoid, duration: float, scene: Scene) -> Outcome:
     return simulate(scene, motion, duration)
 
 
-def _on_arm(arm: Arm, approach: Approach, motion: Trapezoid, duration: float, scene: Scene) -> whole.Blow:
+def _on_arm(arm: Arm, approach: Approach, motion: Trapezoid, duration: float, scene: Scene) -> "Blow":
+    from impact_gym.robot import (
+        whole,
+    )  # its integrators take 40 ms to import, which every `import impact_gym` would pay
+
     blow = whole.simulate(arm, approach, scene, motion, duration=duration)
     if blow.status != "ok":
         raise RuntimeError(f"the whole arm: {blow.status}")
     return blow
 
 
-def _read(outcome: Outcome | whole.Blow, quantity: Quantity) -> float:
+def _read(outcome: "Outcome | Blow", quantity: Quantity) -> float:
     if quantity == "impulse" and isinstance(outcome, Outcome):
         return math.fsum(contact.impulse for contact in outcome.contacts)
     return float(getattr(outcome, quantity))

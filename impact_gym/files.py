@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any, TypeVar
 
-from impact_gym.validation import one_of, shown
+from impact_gym.validation import nearest, one_of
 
 Content = TypeVar("Content")
 
@@ -18,15 +18,15 @@ def named_file(kind: str, name: Any, shipped: Path, suffix: str, *inside: str) -
     """Return the file that a name means: one that is `shipped` with this `suffix`, a path, or one `inside` a folder.
 
     Raises:
-        TypeError, ValueError: neither a name nor a path, or there is no such file; lists what is shipped.
+        TypeError, ValueError: neither a name nor a path, or there is no such file; names the nearest that is shipped.
     """
     one_of(kind, name, str, os.PathLike)
     for path in (shipped / f"{name}{suffix}", Path(name), *(Path(name) / file for file in inside)):
         with suppress(OSError):  # of a name too long for a file
             if path.is_file():
                 return path
-    known = ", ".join(sorted(path.stem for path in shipped.glob(f"*{suffix}")))
-    raise ValueError(f"no {kind} {shown(str(name))}: it is no file, and shipped are {known}")
+    known = (path.stem for path in shipped.glob(f"*{suffix}"))
+    raise ValueError(f"{nearest(kind, str(name), known)} (there is no such file either)")
 
 
 def parsed(path: Path, kind: str, parse: Callable[[str], Content]) -> Content:

@@ -85,10 +85,9 @@ class Trapezoid(Commander):
 class Reach(Commander):
     """A minimum jerk to where the object is believed (Flash and Hogan 1985, J. Neurosci. 5, 1688-1703).
 
-    Its peak is 1.875 times the mean and at most `speed`. With a `width` it lasts at least Fitts' time, `intercept` +
-    `slope` log2(way / width + 1). Lag lengthens it: 64 % at 225 ms (MacKenzie and Ware 1993, CHI '93, 488-493, whose
-    effect is a factor). Its noise is signal-dependent: a share of the control, behind two lags of 40 ms (Todorov 2005,
-    as in the code of RothkopfLab/inverse-optimal-control).
+    Its peak is 1.875 times the mean and at most `speed`. Lag lengthens it: 64 % at 225 ms (MacKenzie and Ware 1993,
+    CHI '93, 488-493, whose effect is a factor). Its noise is signal-dependent: a share of the control, behind two lags
+    of 40 ms (Todorov 2005, as in the code of RothkopfLab/inverse-optimal-control).
     """
 
     place_error: float  # m
@@ -96,28 +95,7 @@ class Reach(Commander):
     speed: float = 0.5  # m/s
     reaction: float = SIMPLE_REACTION  # s
     lag_slope: float = 0.64 / 0.225  # 1/s
-    intercept: float = 0.0  # s
-    slope: float = 0.0  # s, for a bit
-    width: float | None = None  # m; None: the arm's speed alone says how long
     noise: float = 0.5  # -
-
-
-@dataclass(frozen=True, slots=True)
-class Laggy(Reach):
-    """A reach that repeats its last command.
-
-    A surrogate pilot of ripl/diffusion-for-shared-autonomy, with the share that its `eval_assistance.py` has for
-    LunarLander-v5.
-    """
-
-    repeat: float = 0.85  # -, of all commands
-
-
-@dataclass(frozen=True, slots=True)
-class Noisy(Reach):
-    """A reach with commands at random, evenly from all that the arm can follow (another one, from the same place)."""
-
-    random: float = 0.3  # -, of all commands
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,10 +127,10 @@ class Tracker(Commander):
     reaction: float = 0.2  # s
 
 
-Operator = Replay | Person | Trapezoid | Reach | Laggy | Noisy | SecondOrderLag | Tracker
+Operator = Replay | Person | Trapezoid | Reach | SecondOrderLag | Tracker
 KINDS = {
-    Replay: REPLAY, Person: PERSON, Trapezoid: STEADY, Reach: REACH, Laggy: REACH, Noisy: REACH,
-    SecondOrderLag: SECOND_ORDER_LAG, Tracker: TRACKER,
+    Replay: REPLAY, Person: PERSON, Trapezoid: STEADY, Reach: REACH, SecondOrderLag: SECOND_ORDER_LAG,
+    Tracker: TRACKER,
 }  # fmt: skip
 """What the compiled program calls them."""
 

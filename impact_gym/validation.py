@@ -4,7 +4,8 @@ import math
 import operator
 import os
 import re
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
+from difflib import get_close_matches
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,19 @@ def shown(value: Any, longest: int = 200) -> str:
         return text
     form = f"{value.dtype} {value.shape}" if isinstance(value, np.ndarray) else f"{text[:40]}..."
     return f"a long {type(value).__name__}, {form}"
+
+
+def nearest(kind: str, name: str, known: Iterable[str]) -> str:
+    """Return what a message says of a `name` that is not among those `known`: the nearest of these, or all of them.
+
+    Args:
+        kind: what is named, such as "set-up".
+        name: as it was given.
+        known: the names that there are.
+    """
+    names = sorted(known)
+    near = get_close_matches(name, names, 1)
+    return f"no {kind} {shown(name)}: " + (f"{near[0]}?" if near else f"there are {', '.join(names)}")
 
 
 def unit_text(unit: str) -> str:

@@ -30,7 +30,8 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 BLOCK = re.compile(r"^```(\w*)(?: title=\"(.+?)\")?\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 SHOWN_FILE = re.compile(r"# the file (docs/examples/\w+\.py)\n")
 FILES, SHOWN = ("toml", "json", "c", "python"), ("text", "diff")
-UNDER_WAY = {COMMANDS[name].module for name in COMMANDS.keys() - {"setup", "doctor", "policies"}}
+MODULES = {name: command.module for group in COMMANDS.values() for name, command in group.items()}
+UNDER_WAY = {module for name, module in MODULES.items() if name not in ("check", "policies")}
 """These take minutes; what they do has tests of its own."""
 ELSEWHERE = {"git", "source", "tensorboard", "cleanrl/ppo_continuous_action.py", "rl_zoo3.train"}
 """Not ours, or nothing to run here; rl_zoo3 is run by tests/envs/test_ecosystem.py."""
@@ -88,7 +89,7 @@ def run_shell(code, monkeypatch):
             subprocess.run([*words, "--dry-run", "--silent"], cwd=ROOT, check=True, capture_output=True)
             continue
         if words[0] == "impact-gym":
-            words[:2] = ["python", "-m", COMMANDS[words[1]].module]
+            words[:2] = ["python", "-m", MODULES[words[1]]]
         if words[:2] == ["python", "-m"] and words[2] in UNDER_WAY:
             read_options(words[2], words[3:], monkeypatch)
         elif not ELSEWHERE & {*words[:3]}:

@@ -2,7 +2,7 @@
 
 Printed are the speed of 1 m/s, the detection, each scene's masses, stiffnesses and restitution. Distance, acceleration
 and stops were identified by the project, and the numbers asserted here were found by the independent solver. What the
-text says of them is compared in experiments/paper, whose verdicts tests/experiments/test_figures.py asserts.
+text says of them is compared in the study `paper`, whose verdicts tests/experiments/test_paper_study.py asserts.
 """
 
 import numpy as np

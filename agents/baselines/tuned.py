@@ -9,17 +9,17 @@ from typing import Any
 import numpy as np
 
 from agents import setups
-from agents.baselines import constant, profile, wary
+from agents.baselines import constant, detector, profile
 from agents.baselines.constant import LocalBrake, OperatorAlone, PaperTrapezoid
 from agents.baselines.random import RandomActions
 from agents.baselines.rule import Rule
 from agents.policies import Controller
 from agents.setups import TUNED, Setup, owner, shipped_baselines
 from impact_gym.files import parsed, write_file
-from impact_gym.validation import number
+from impact_gym.validation import nearest, number
 
 FORMAT = "impact_gym tuned baseline 1"
-CLASSES = vars(constant) | vars(profile) | vars(wary)
+CLASSES = vars(constant) | vars(profile) | vars(detector)
 RULES: dict[str, type[Rule]] = {name: CLASSES[name] for name in setups.RULES}
 FIXED = dict(zip(setups.FIXED, (PaperTrapezoid, RandomActions, LocalBrake, OperatorAlone), strict=True))
 
@@ -44,8 +44,9 @@ def tuned_rule(content: Mapping[str, Any], time_weight: float) -> Rule:
     """Return the rule in what `read_tuned` returned for a weight (m/s per s), interpolated as in `load_baseline`."""
     if not content["weights"]:
         raise ValueError(f"baseline {content['baseline']!r} holds no weight: tune it")
-    weights, tuned = zip(*((float(weight), found) for weight, found in content["weights"].items()), strict=True)
-    numbers = np.array([list(found["parameters"].values()) for found in tuned]).T
+    tuned = {float(weight): found["parameters"] for weight, found in content["weights"].items()}
+    weights, names = sorted(tuned), [parameter["name"] for parameter in content["parameters"]]  # JSON may be reordered
+    numbers = [[tuned[weight][name] for weight in weights] for name in names]
     parameters = [np.interp(np.log(time_weight), np.log(weights), values) for values in numbers]
     return RULES[content["rule"]].of(parameters).for_environment(content["environment"])
 
@@ -60,7 +61,7 @@ def read_tuned(name: str, folder: Path = TUNED, setup: Setup | None = None) -> d
     """
     path, setup = folder / f"{name}.json", setup or owner(name)
     if setup is None and not path.is_file():
-        raise ValueError(f"no baseline {name!r}: there are {sorted([*FIXED, *shipped_baselines()])}")
+        raise ValueError(nearest("baseline", name, [*FIXED, *shipped_baselines()]))
     remedy = f"impact-gym tune {setup.called if setup else 'SETUP'}"
     if not path.is_file():
         raise ValueError(f"baseline {name!r} was not tuned, there is no {path}: {remedy}")

@@ -1,11 +1,9 @@
 """Controllers from plain data, so that a job can name one on another machine.
 
-`{"policy": ...}` holds a policy's file in base 64, `{"shipped": ...}` names one of the project's; `{"baseline": ...}`
-names one that is shipped, `{"tuned": ...}` holds what the file of a tuned one says; `{"speed": ...}` is a
-constant speed, reached and left at 16 m/s^2, which a bistable mechanism still bears; `{"clairvoyant": ...}` holds by
-time weight what was found for each scenario of a set-up; `{"object": "module:name"}` anything with `predict`, or a
-function or class that returns it; `{"shield": N, "scenario": ranges, "of": one of these or None}` is a shield at a
-limit of force, for objects from the ranges, around another controller or by itself.
+`{"policy": ...}` holds a policy's file in base 64; `{"baseline": ...}` names one that is shipped, `{"tuned": ...}`
+holds what the file of a tuned one says; `{"rule": [name, parameters]}` is a rule of `agents.baselines` with its
+numbers; `{"clairvoyant": ...}` holds by time weight what was found for each scenario of a set-up; `{"object":
+"module:name"}` anything with `predict`, or a function or class that returns it.
 """
 
 import base64
@@ -17,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents import load_policy
-from agents.baselines import Clairvoyant, ConstantSpeed, Shield
+from agents import baselines
+from agents.baselines import Clairvoyant
 from agents.baselines.rule import Rule
 from agents.baselines.tuned import load_baseline, tuned_rule
 from agents.policies import Controller
@@ -36,9 +34,6 @@ def controller_of(
     Raises:
         ValueError: there is none, or it cannot `predict`; says why.
     """
-    if "shield" in spec:
-        inner = spec["of"] and controller_of(spec["of"], time_weight, environment)
-        return Shield({**(environment or {}), "scenario": spec["scenario"]}, spec["shield"], inner)
     ((kind, value),) = spec.items()
     if kind not in KINDS:
         raise ValueError(f"no controller of the kind {kind!r}")
@@ -51,11 +46,6 @@ def controller_of(
 @lru_cache(maxsize=64)
 def _policy(content: str) -> Policy:
     return policy_from_bytes(base64.b64decode(content))
-
-
-@lru_cache(maxsize=16)
-def _shipped(name: str) -> Policy:
-    return load_policy(name)  # which reads the policies of all seeds
 
 
 def _object(name: str) -> Controller:
@@ -74,10 +64,9 @@ def _object(name: str) -> Controller:
 
 KINDS: Mapping[str, Callable[[Any, float], Controller]] = {
     "policy": lambda content, _: _policy(content),
-    "shipped": lambda name, _: _shipped(name),
     "baseline": load_baseline,
     "tuned": tuned_rule,
-    "speed": lambda speed, _: ConstantSpeed(speed, 16.0),
+    "rule": lambda described, _: getattr(baselines, described[0]).of(described[1]),
     "clairvoyant": lambda by_weight, weight: Clairvoyant(by_weight[f"{weight:g}"]),
     "object": lambda name, _: _object(name),
 }

@@ -1,12 +1,13 @@
 """Jobs that play a controller through scenarios; the pieces of an evaluation grid or of a robustness sweep.
 
-Scenarios are plain data: `{"set": name, "count": n}` the first of a frozen set that is shipped (`"first": k` leaves out
-k of them), `{"table": {field: values}, "seed": s, "count": n}` any others, `{"ranges": {field: pair}, "seed": s,
-"count": n}` what environments seeded s, s + 1, ... draw first from ranges, or from a named set of these.
+Scenarios are plain data: `{"set": name, "count": n}` the first of a frozen set that is shipped, `{"table": {field:
+values}, "seed": s, "count": n}` any others, `{"ranges": {field: pair}, "seed": s, "count": n}` what environments seeded
+s, s + 1, ... draw first from ranges, or from a named set of these.
 """
 
 import warnings
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from functools import lru_cache
 from typing import Any
 
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 
 from agents.evaluate.controllers import controller_of
 from agents.evaluate.scenario_batch import MEASURED, ScenarioBatch
-from impact_gym.task import evaluation_sets
+from impact_gym.task import ScenarioRanges, evaluation_sets
 from impact_gym.task.evaluation_sets import EvaluationSet
 from impact_gym.task.scenario import FIELDS
 
@@ -25,25 +26,51 @@ def play(
     scenarios: Mapping[str, Any],
     weights: Sequence[float] = (2.0,),
     environment: Mapping[str, Any] | None = None,
+    record: Mapping[str, Sequence[float]] | None = None,
+    lenient: bool = False,
 ) -> dict[str, NDArray[Any]]:
     """Return the results (weights, scenarios) at each time weight (m/s per s), and the scenarios' fields (scenarios,).
 
-    `agents.evaluate.controllers` says how to describe a controller; `environment` is without scenario and time weight.
+    `agents.evaluate.controllers` says how to describe a controller; `environment` is without scenario and time weight;
+    `record` and `lenient` are those of `ScenarioBatch`.
     """
     with warnings.catch_warnings(action="ignore", category=UserWarning):  # what is hard about it is meant to be
         played = [
-            scenario_batch_of(scenarios, weight, environment).play(controller_of(controller, weight, environment))
+            scenario_batch_of(scenarios, weight, environment, lenient).play(
+                controller_of(controller, weight, environment), record
+            )
             for weight in weights
         ]
     measured = [name for name in MEASURED if getattr(played[0], name) is not None]
     return {name: np.array([getattr(each, name) for each in played]) for name in measured} | played[0].scenario
 
 
+def environment_and_scenarios(
+    environment: Mapping[str, Any], scenarios: Mapping[str, Any]
+) -> tuple[dict[str, Any], Mapping[str, Any]]:
+    """Return the arguments of an environment without its scenario, and the scenarios that are played in it.
+
+    One with ranges of its own meets as many from these, drawn from the seeds of the frozen set that is asked for,
+    unless that is `hard`.
+    """
+    arguments = {name: value for name, value in environment.items() if name != "scenario"}
+    if "scenario" not in environment or scenarios.get("set", "hard") == "hard":
+        return arguments, scenarios
+    seed = evaluation_sets.load(scenarios["set"]).seed
+    return arguments, {"ranges": pairs(environment["scenario"]), "seed": seed, "count": scenarios["count"]}
+
+
+def pairs(ranges: Any) -> dict[str, list[float]]:
+    """Return ranges of scenarios, or those of a name, as plain data."""
+    return {name: list(pair) for name, pair in asdict(ScenarioRanges.of(ranges)).items()}
+
+
 def scenario_batch_of(
-    scenarios: Mapping[str, Any], weight: float, environment: Mapping[str, Any] | None = None
+    scenarios: Mapping[str, Any], weight: float, environment: Mapping[str, Any] | None = None, lenient: bool = False
 ) -> ScenarioBatch:
     """Return the batch of `scenarios` at a time weight (m/s per s)."""
-    options: dict[str, Any] = {"time_weight": [weight], "threads": 1, "quiet": True, **(environment or {})}
+    options: dict[str, Any] = {"time_weight": [weight], "threads": 1, "quiet": True, "lenient": lenient}
+    options |= environment or {}
     frozen = frozen_of(scenarios)
     if frozen is not None:
         return ScenarioBatch(frozen.seed, scenarios["count"], frozen=frozen, **options)
@@ -59,11 +86,7 @@ def frozen_of(scenarios: Mapping[str, Any]) -> EvaluationSet | None:
         return EvaluationSet(scenarios["seed"], table)
     if "set" not in scenarios:
         return None
-    whole, first = _shipped(scenarios["set"]), scenarios.get("first", 0)
-    if not 0 <= first < first + scenarios["count"] <= whole.count:
-        last = first + scenarios["count"] - 1
-        raise ValueError(f"the set {scenarios['set']!r} has {whole.count} scenarios, not {first} ... {last}")
-    return EvaluationSet(whole.seed + first, {name: values[first:] for name, values in whole.scenario.items()})
+    return _shipped(scenarios["set"])
 
 
 _shipped = lru_cache(maxsize=4)(evaluation_sets.load)  # the sets do not change while a process lives

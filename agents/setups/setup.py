@@ -25,12 +25,13 @@ TUNED = SHIPPED.parent / "tuned"
 VERSION = 1
 TABLES = ("environment", "training", "baselines", "evaluation")
 BUDGET = 4800  # candidates for each time weight, unless the file says otherwise
+SEEDS, MOST_SEEDS = 10, 10_000  # trainings of a set-up, unless the file says otherwise; and the most it may say
 OBJECT = re.compile(r"[\w.]+:[\w.]+")  # of a module
 README = ("linear-blind", "linear-ranged", "bistable-blind", "paper-limits")
-"""Those that the README, `make report` and `make train-all` are about."""
+"""Those that the README and `impact-gym report` are about."""
 RULES = (
-    "BlindProfile", "ConstantDeceleration", "ConstantSpeed", "DetectorProfile", "DetectorRanged",
-    "Ranged", "RangedProfile", "WaryProfile", "WaryRanged",
+    "BlindProfile", "ConstantDeceleration", "ConstantSpeed", "DetectorProfile", "DetectorRanged", "Ranged",
+    "RangedProfile",
 )  # fmt: skip
 """Those that may be tuned, classes of `agents.baselines`."""
 FIXED = ("paper-trapezoid", "random", "local-brake", "operator-alone")
@@ -67,6 +68,7 @@ class Setup:
     fails: str = UNSAID  # where its policy does, in words
     path: Path = Path()
     mixed: tuple[tuple[float, Mapping[str, Any]], ...] = ()  # shares of the training, and what these play instead
+    seeds: int = SEEDS  # trained for it, from 0 on
 
     def make(self, **more: Any) -> gym.Env[Any, Any]:
         """Return the environment of Gymnasium, with `more` arguments."""
@@ -155,6 +157,8 @@ def _setup(path: Path, content: dict[str, Any]) -> Setup:
     title = text(content, "title", path.stem)
     mixed = _mixed(training.pop("mixed", []), environment, path.parent)
     with within("training"):
+        seeds = whole("seeds", training.pop("seeds", SEEDS), at_least=1)
+        number("seeds", seeds, "-", at_most=MOST_SEEDS)
         settings = Training().changed(training)
         shares = settings.nominal + sum(share for share, _ in mixed)
         number("nominal and the shares of what is mixed, in all,", shares, "-", at_most=1)
@@ -175,6 +179,7 @@ def _setup(path: Path, content: dict[str, Any]) -> Setup:
         text(content, "fails", UNSAID),
         path,
         mixed,
+        seeds,
     )
     _refuse_unknown(setup)
     return setup
@@ -212,7 +217,6 @@ def _refuse_unknown(setup: Setup) -> None:
     known("baselines.against.", [name for name in setup.against if not OBJECT.fullmatch(name)], {*baselines, *FIXED})
     known("training.teacher.", [setup.training.teacher], {"", *baselines, *FIXED})
     known("baselines.bound.", [setup.bound], [setup.name, *shipped()])
-    known("evaluation.of.", [setup.evaluation.of], ["paper-trapezoid", *shipped()])
 
 
 def _tuned(name: str, given: Any, task: Task) -> Tuned:

@@ -17,7 +17,6 @@ WHOLE: dict[str, tuple[int, float]] = {
     **dict.fromkeys(("validate_every", "validation_scenarios", "checkpoint_every"), (1, inf)),
     **dict.fromkeys(("batch", "rollout"), (2, inf)),
     **dict.fromkeys(("threads", "simulation_threads"), (1, 4096)),
-    "seeds": (1, 10_000),
     "envs": (1, SLOTS),
 }
 """Whole numbers, with the least and the most of each."""
@@ -30,8 +29,6 @@ class Training:
 
     steps: int = 12_000_000
     """Environment steps in all; rounded up to whole rollouts of all environments."""
-    seeds: int = 10
-    """Seeds that `agents.train_seeds` trains."""
     time_weight: Range = (0.3, 8.0)
     """What a second of approach costs, in m/s of object velocity: log-uniform per episode, and seen by the policy, so
     that one policy is the whole trade-off. A ranged policy is as late as the paper's rule at 0.45."""

@@ -30,6 +30,18 @@ class CollapsedError(RuntimeError):
     """A training that has nothing left to go on from: its policy touches no object, or its weights are not finite."""
 
 
+class ProgressCallback(BaseCallback):
+    """Tells a bar, see `agents.progress`, how many steps are done."""
+
+    def __init__(self, bar: Any) -> None:
+        super().__init__()
+        self._bar = bar
+
+    def _on_step(self) -> bool:
+        self._bar.update(self.num_timesteps - self._bar.n)
+        return True
+
+
 class TrainingCallback(BaseCallback):
     """Acts between two rollouts, after the update: what it sees then is all there is to save."""
 
@@ -141,7 +153,7 @@ class TrainingCallback(BaseCallback):
         return CollapsedError(
             f"the training collapsed after {self.num_timesteps:,} of {training.whole_steps:,} steps: {reason}. Try a"
             f" learning_rate below {training.learning_rate:g} or log_std below {training.log_std:g}, and see with"
-            f" `impact-gym setup {self._setup.called}` whether the objects can be reached at all"
+            f" `impact-gym check {self._setup.called}` whether the objects can be reached at all"
         )
 
     def _write_row(self) -> None:

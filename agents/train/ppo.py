@@ -8,9 +8,8 @@ policy that did best on the validation set) and `final.npz`, `metrics.json` (wit
 
 import fcntl
 import json
-import sys
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -23,12 +22,13 @@ from stable_baselines3.common.logger import Logger
 from agents.baselines import PaperTrapezoid
 from agents.command_line import command_of
 from agents.policies import Policy, load_policy
+from agents.progress import progress
 from agents.provenance import circumstances, revision
 from agents.setups import Setup, Training, load_setup
 from agents.setups.feasible import warnings
 from agents.setups.keys import within
 from agents.train import checkpoint
-from agents.train.callback import CollapsedError, OnValidation, TrainingCallback
+from agents.train.callback import CollapsedError, OnValidation, ProgressCallback, TrainingCallback
 from agents.train.imitation import PPOWithImitation, Teacher
 from agents.train.logs import outputs
 from agents.train.networks import ACTIVATIONS, AsymmetricPolicy, Standardised, acting_network
@@ -206,20 +206,18 @@ def _learn(folder: Path, run: Run, record: dict[str, Any], on_validation: OnVali
     saved = folder / "checkpoint.npz"
     if saved.is_file():
         callback.kept |= checkpoint.restore(saved, model, environments)
-        print(f"going on behind {model.num_timesteps:,} of {training.whole_steps:,} steps")
+        print(f"resuming at step {model.num_timesteps:,} of {training.whole_steps:,} steps")
     else:
         print(f"training for {training.whole_steps:,} steps; torch uses {training.threads} thread(s)")
     log.output_formats = outputs(folder, model.num_timesteps)
-    try:
+    title = f"{run.setup.name}, seed {run.seed}"
+    with closing(log), closing(progress(title, training.whole_steps, model.num_timesteps)) as bar:
         model.learn(
             training.whole_steps - model.num_timesteps,
-            callback=callback,
+            callback=[callback, ProgressCallback(bar)],
             log_interval=None,  # type: ignore[arg-type]  # none: the callback writes the log (stable-baselines3 2.9)
             reset_num_timesteps=not saved.is_file(),
-            progress_bar=sys.stderr.isatty(),
         )
-    finally:
-        log.close()
     rule = callback.validation.score(PaperTrapezoid().for_environment(run.environment))
     scores = {name: load_policy(folder / f"{name}.npz").provenance["validation"] for name in ("best", "final")}
     metrics = {

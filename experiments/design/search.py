@@ -4,21 +4,22 @@ A design has to be judged by its own best controller, which takes a few hundred 
 both takes about twice as many; a search of designs, each with a search of its controller, takes that many for each.
 """
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+import polars as pl
 from numpy.typing import ArrayLike
 
 from agents.baselines.cmaes import Losses, minimise
 from agents.baselines.rule import Floats, Rule
 from agents.baselines.tuned import RULES
 from agents.evaluate import RESULTS, TUNING_SEED, ScenarioBatch, Travel
-from agents.jobs import Result
-from experiments.design.free import Free, as_built
 from experiments.design.limits import Limits, kinetic
 from experiments.design.pads import Pad, on_pad, pad_of
+from experiments.design.variables import SearchVariable, as_built
 from impact_gym.scene import Bistable
 from impact_gym.task import Task
 from impact_gym.task.arguments import changed
@@ -35,7 +36,7 @@ CONTACT = ("contact_stiffness", "restitution")
 
 
 @dataclass(frozen=True)
-class Rig:
+class Candidate:
     """One coupling with one controller, as plain data."""
 
     environment: Mapping[str, Any]  # arguments of the environment
@@ -84,7 +85,7 @@ class Rig:
 
 
 @dataclass(frozen=True)
-class Effort:
+class SearchBudget:
     """How much a search does."""
 
     tolerance: float = 0.05
@@ -103,83 +104,88 @@ class Effort:
             whole(name, getattr(self, name), at_least=least)
 
 
-def objective(rig: Rig, numbers: Sequence[Free], approach_time: float, limits: Limits, effort: Effort) -> Losses:
+def objective(
+    candidate: Candidate,
+    variables: Sequence[SearchVariable],
+    approach_time: float,
+    limits: Limits,
+    budget: SearchBudget,
+) -> Losses:
     """Return the losses (population, 1), m/s, of candidates (population, 1, k): designs, then controllers.
 
     All are played through the same training scenarios; arguments as in `search`.
     """
-    population, scenarios = effort.population, effort.scenarios
-    options = {"scenario": "train", **rig.environment, "rtol": RTOL, "threads": 1}
+    population, scenarios = budget.population, budget.scenarios
+    options = {"scenario": "train", **candidate.environment, "rtol": RTOL, "threads": 1}
     stage = ScenarioBatch(TUNING_SEED, scenarios, population, lenient=True, **options)
-    contact = rig.contact(ScenarioBatch(TUNING_SEED, scenarios, **options))
-    off, rng = MARGIN * effort.tolerance, np.random.default_rng((TUNING_SEED, 1))
-    errors = rng.uniform(1.0 - off, 1.0 + off, (len(numbers), scenarios))  # factors, as built
+    contact = candidate.contact(ScenarioBatch(TUNING_SEED, scenarios, **options))
+    off, rng = MARGIN * budget.tolerance, np.random.default_rng((TUNING_SEED, 1))
+    errors = rng.uniform(1.0 - off, 1.0 + off, (len(variables), scenarios))  # factors, as built
 
     def losses(candidates: Floats) -> Floats:
-        searched, of_rule = np.split(candidates[:, 0], [len(numbers)], axis=1)
-        design = {free.name: free.value(searched[:, k]) for k, free in enumerate(numbers)}
+        searched, of_rule = np.split(candidates[:, 0], [len(variables)], axis=1)
+        design = {each.name: each.value(searched[:, k]) for k, each in enumerate(variables)}
         built = zip(design.items(), errors, strict=True)
         record = {name: np.outer(values, factors).ravel() for (name, values), factors in built}
         record |= {name: np.tile(values, population) for name, values in contact.items()}
         travel = Travel(population * scenarios)
-        played = stage.play(rig.controller_of(np.repeat(of_rule, scenarios, axis=0)), record, travel)
+        played = stage.play(candidate.controller_of(np.repeat(of_rule, scenarios, axis=0)), record, travel)
         # what the environment charges for a miss instead of V_p
         velocity = np.where(played.missed, played.missed_cost, np.nan_to_num(played.object_velocity))
         velocity, time = (values.reshape(population, -1).mean(axis=1) for values in (velocity, played.approach_time))
         late = np.maximum(time / approach_time - 1.0, 0.0)
-        excess = limits.excess(played, travel, rig.released(design, population), rig.soft)
+        excess = limits.excess(played, travel, candidate.released(design, population), candidate.soft)
         return (velocity + PENALTY * (late + excess))[:, None]
 
     return losses
 
 
 def search(
-    rig: Mapping[str, Any], free: Sequence[Sequence[Any]], approach_time: float, limits: Mapping[str, float | None],
-    effort: Mapping[str, Any], seed: int,
-) -> Result:  # fmt: skip
-    """Return the best `design` (d,) and `parameters` (k,) of its rule, and the `loss` (1,), m/s.
+    candidate: Mapping[str, Any], variables: Sequence[Sequence[Any]], approach_time: float,
+    limits: Mapping[str, float | None], budget: Mapping[str, Any], seed: int,
+) -> list[dict[str, Any]]:  # fmt: skip
+    """Return one row: the best `design` and the `parameters` of its rule, as JSON, and their `loss`, m/s.
 
     Args:
-        rig: fields of a `Rig`: its environment has a range for each free number, its parameters are the first.
-        free: fields of each `Free` number; none: only the controller is searched.
+        candidate: fields of a `Candidate`: its environment has a range for each variable; its parameters are the first.
+        variables: fields of each `SearchVariable`; none: only the controller is searched.
         approach_time: s, that the mean over the scenarios may take.
         limits: fields of `Limits`.
-        effort: fields of `Effort`.
+        budget: fields of `SearchBudget`.
         seed: of the search.
     """
-    begin, numbers, much = Rig(**rig), [Free(*number) for number in free], Effort(**effort)
+    begin, free, much = Candidate(**candidate), [SearchVariable(*each) for each in variables], SearchBudget(**budget)
     of_rule = zip(RULES[begin.rule].PARAMETERS, begin.parameters, strict=True)
-    parameters = [number.parameter() for number in numbers]
+    parameters = [variable.parameter() for variable in free]
     parameters += [parameter._replace(start=start) for parameter, start in of_rule]
-    losses = objective(begin, numbers, approach_time, Limits(**limits), much)
+    losses = objective(begin, free, approach_time, Limits(**limits), much)
     best = minimise(losses, tuple(parameters), 1, much.population, -(-much.budget // much.population), seed)
-    searched, controller = np.split(best.parameters[0], [len(numbers)])
-    design = np.array([number.value(value) for number, value in zip(numbers, searched, strict=True)], float)
-    return {"design": design, "parameters": controller, "loss": best.loss}
+    searched, controller = np.split(best.parameters[0], [len(free)])
+    design = {each.name: float(each.value(value)) for each, value in zip(free, searched, strict=True)}
+    found = {"design": json.dumps(design), "parameters": json.dumps(controller.tolist())}
+    return [{**found, "loss": float(best.loss[0])}]
 
 
 def play(
-    rig: Mapping[str, Any], tolerance: float, name: str, limits: Mapping[str, Any], count: int | None = None
-) -> Result:
-    """Return the results of a rig on a frozen set, deflection, stroke and the scenario's fields among them.
+    candidate: Mapping[str, Any], tolerance: float, name: str, limits: Mapping[str, Any], count: int | None = None
+) -> pl.DataFrame:
+    """Return a row for each scenario of a frozen set: its fields, results, deflection and stroke of the tool (m).
 
-    Each is an entry per scenario, but for the `excess` (1,): how far all of it together is beyond the limits.
+    The `excess`, how far all scenarios together are beyond the limits, is the same in each row.
 
     Args:
-        rig: fields of a `Rig`.
+        candidate: fields of a `Candidate`.
         tolerance: largest share by which each number of the design is off, another in each scenario.
         name: of the set.
         limits: fields of `Limits`.
         count: how many scenarios of the set; all unless given.
     """
-    player = Rig(**rig)
+    player = Candidate(**candidate)
     stage = ScenarioBatch.of(name, count, threads=1, **player.built(tolerance))
     travel = Travel(stage.count)
     played = stage.play(player.controller, player.contact(stage), travel)
     released = player.released({name: np.array([value]) for name, value in player.design.items()}, 1)
-    return {name: getattr(played, name) for name in RESULTS} | played.scenario | {
-        "deflection": travel.deflection,
-        "stroke": travel.stroke,
-        "energy": kinetic(played),
-        "excess": Limits(**limits).excess(played, travel, released, player.soft),
-    }  # fmt: skip
+    excess = Limits(**limits).excess(played, travel, released, player.soft)
+    columns = {name: getattr(played, name) for name in RESULTS} | played.scenario
+    columns |= {"deflection": travel.deflection, "stroke": travel.stroke, "energy": kinetic(played)}
+    return pl.DataFrame(columns | {"excess": np.repeat(excess, stage.count)})

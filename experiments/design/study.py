@@ -1,173 +1,182 @@
-"""The options of a study of designs, checked, and what follows from them; the chosen design as a set-up's file."""
+"""The study behind `impact-gym design`: searches, choice by validation, play on the test set.
 
-import tomllib
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
-from functools import cached_property
-from itertools import product
-from pathlib import Path
-from typing import Annotated, Any
+For each approach time the design is the best of its seeds on the validation set. The one at the paper's own time is
+chosen, and its controller searched for the other times. Nothing is chosen by the test set.
+"""
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from typing import Any
 
 import numpy as np
-import tomli_w
-import tyro
 
-from agents.setups import Setup, load_setup
-from experiments.design.free import Free, as_built, free_numbers, searched_environment
-from experiments.design.limits import Limits
-from experiments.design.pads import on_pad, pad_of
-from experiments.design.search import CONTACT, MARGIN, Effort, Rig
-from impact_gym.files import parsed, write_file
+from agents.baselines.tuned import read_tuned
+from agents.evaluate import TUNING_SEED, ScenarioBatch
+from experiments.design.findings import ENTRY, analyse, mean
+from experiments.design.options import CHOSEN, FRONT, PAPER, DesignOptions, with_papers_spring
+from experiments.design.search import PENALTY, Candidate, play, search
+from experiments.lab import grid
+from experiments.lab.study import Cell, Frames, Measurement, Study
+from impact_gym.scene import Bistable
 from impact_gym.task import Task
-from impact_gym.task.arguments import changed
-from impact_gym.validation import identifier, number, whole
 
-PAPER, FRONT, CHOSEN, SEEDS, GRID = "paper's rule", "designs", "chosen", "seeds", "grid"
-"""Lines of a study beside the couplings that it compares with."""
-LIMITED = (FRONT, CHOSEN, SEEDS, GRID)
+DEPENDS = (
+    "impact_gym", "agents.baselines", "agents.evaluate", "agents.setups",
+    *(f"experiments.design.{name}" for name in ("variables", "limits", "pads")),
+)  # fmt: skip
+PAPERS_RULE = "ConstantSpeed", [1.0, 8.0, 8.0]  # paper, section 3.2
+STARTS = {("BlindProfile", False): "blind-profile", ("BlindProfile", True): "bistable-blind-profile"}
+"""Tuned baseline whose parameters begin a search, by its rule and whether there is a mechanism; otherwise "ranged"."""
 
 
 @dataclass(frozen=True)
-class Study:
-    """Search for the coupling that, with its best controller, leaves the object slowest at each approach time.
+class Entry:
+    """A candidate on a line of the trade-off."""
 
-    Deflection and stroke are kept to in all scenarios of the search, peak force and energy in 95 % of them.
-    """
+    line: str  # PAPER, FRONT, CHOSEN, or a name of `DesignOptions.others`
+    allowed: float  # approach time, over that of the paper's rule
+    candidate: Candidate
+    seed: int = 1
+    loss: float = np.nan  # m/s, V_p on the scenarios of the search, with the penalty for exceeded limits
 
-    setup: tyro.conf.Positional[str]
-    """A name or a file."""
-    free: tuple[str, ...]
-    """NAME=LOW:HIGH of each number that may be chosen, tool_mass or of the coupling: coupling.stiffness=10:300."""
-    out: Path
-    """Folder for all of it; finished searches are kept there, and the same command continues."""
-    pad: str = ""
-    """A pad on the tool: memory-foam, neoprene or norbornene; its mass counts as the tool's."""
-    times: tuple[float, ...] = (0.9, 1.0, 1.15, 1.35)
-    """Approach times, as multiples of that of the paper's rule with the paper's spring."""
-    limits: Annotated[Limits, tyro.conf.arg(name="")] = field(default_factory=Limits)
-    effort: Annotated[Effort, tyro.conf.arg(name="")] = field(default_factory=Effort)
-    against: tuple[str, ...] = ("bistable-blind", "bistable-paper")
-    """Set-ups whose coupling is compared, with a controller of its own."""
-    seeds: int = 2
-    """Searches for each design, of which validation chooses one."""
-    grid: tuple[int, int] | None = None
-    """Is it the optimum? So many values of each of two free numbers make a grid of designs; the controller of each is
-    searched with the whole budget, and the page compares them with the seeds."""
-    processes: int = 2
-    """Searches at a time, each on one core; 0: none but this process."""
+    @property
+    def labels(self) -> dict[str, Any]:
+        """Columns of its rows."""
+        candidate = self.candidate
+        written = {"design": json.dumps(dict(candidate.design)), "parameters": json.dumps(list(candidate.parameters))}
+        values = (self.line, self.allowed, self.seed, self.loss, candidate.rule)
+        return dict(zip(ENTRY, values, strict=False)) | written
 
-    def checked(self) -> "Study":
-        """Return the study, its times in order.
 
-        Raises:
-            ValueError: names an option that is out of range, or a design that cannot be searched.
+@dataclass(frozen=True)
+class Search:
+    """The cells of each table, from the options and the tables before."""
+
+    options: DesignOptions
+
+    @property
+    def paper(self) -> Entry:
+        """The paper's rule with the paper's spring."""
+        return Entry(PAPER, 1.0, Candidate(with_papers_spring(self.options.arm.environment), *PAPERS_RULE))
+
+    def searches(self, _: bool, __: Frames) -> Iterator[Cell]:
+        """Yield the searches of designs, and of controllers for the couplings to compare with."""
+        options = self.options
+        designs = Candidate(options.searched, options.rule, pad=options.pad)
+        entries = [
+            Entry(FRONT, allowed, designs, seed) for allowed in options.times for seed in range(1, options.seeds + 1)
+        ]
+        entries += [
+            Entry(name, allowed, Candidate(environment, options.rule))
+            for name, environment in options.others.items()
+            for allowed in options.times
+        ]
+        yield from self._searched(entries)
+
+    def validation(self, _: bool, frames: Frames) -> Iterator[Cell]:
+        """Yield plays of all designs, and of the paper's rule, on the validation set."""
+        yield from self._played([self.paper, *self._front_of(frames)], "validation")
+
+    def controllers(self, _: bool, frames: Frames) -> Iterator[Cell]:
+        """Yield the searches of the chosen design's controller for the other approach times."""
+        chosen = self.chosen(frames)
+        built = replace(chosen.candidate, design={})
+        others = [time for time in self.options.times if time != self.options.typical]
+        yield from self._searched([Entry(CHOSEN, time, built) for time in others], chosen.candidate.parameters)
+
+    def designs(self, _: bool, frames: Frames) -> Iterator[Cell]:
+        """Yield plays on the test set: the paper's rule, the front, the chosen design and what is compared."""
+        options, chosen = self.options, self.chosen(frames)
+        curve = [chosen]
+        for row in frames["controllers"].to_dicts() if "controllers" in frames else ():
+            candidate = replace(chosen.candidate, parameters=json.loads(row["parameters"]))
+            curve.append(Entry(CHOSEN, row["allowed"], candidate, row["seed"], row["loss"]))
+        compared = [
+            Entry(name, row["allowed"], Candidate(environment, options.rule, json.loads(row["parameters"])),
+                  row["seed"], row["loss"])
+            for name, environment in options.others.items()
+            for row in frames["searches"].filter(line=name).to_dicts()
+        ]  # fmt: skip
+        yield from self._played([self.paper, *self.front(frames), *curve, *compared], "test")
+
+    def chosen(self, frames: Frames) -> Entry:
+        """Return the design of the approach time that is nearest to that of the paper's rule, as it is built."""
+        entry = next(entry for entry in self.front(frames) if entry.allowed == self.options.typical)
+        environment = self.options.built(entry.candidate.design)
+        return replace(entry, line=CHOSEN, candidate=replace(entry.candidate, environment=environment))
+
+    def front(self, frames: Frames) -> list[Entry]:
+        """Return for each approach time the design that leaves the object slowest on the validation set.
+
+        Exceeded limits and a later approach count as in a search.
         """
-        whole("seeds", self.seeds, at_least=1)
-        whole("processes", self.processes, at_least=0)
-        identifier("setup", f"{self.arm.name}-designed")  # what it ends with
-        if not self.times:
-            raise ValueError("times must name an approach time at least, as a multiple of that of the paper's rule")
-        for time in self.times:
-            number("times", time, "-", above=0)
-        if self.pad:
-            pad_of(self.pad)
-        for count in self.grid or ():
-            whole("grid", count, at_least=2)
-        if self.grid and len(self.numbers) != 2:
-            raise ValueError(f"grid needs two free numbers, --free names {len(self.numbers)}")
-        study = replace(self, times=tuple(sorted(self.times)))
-        _ = study.searched, study.others  # each refuses what cannot be searched or compared
-        return study
+        played = dict(grid.groups(frames["validation"], "line", "allowed", "seed"))
+        paper = mean(played[PAPER, 1.0, 1], "approach_time")
 
-    @cached_property
-    def arm(self) -> Setup:
-        """The set-up."""
-        return load_setup(self.setup)
+        def cost(entry: Entry) -> float:
+            rows = played[entry.line, entry.allowed, entry.seed]
+            late = mean(rows, "approach_time") / (entry.allowed * paper) - 1.0
+            return mean(rows, "object_velocity") + PENALTY * (max(late, 0.0) + mean(rows, "excess"))
 
-    @cached_property
-    def numbers(self) -> list[Free]:
-        """The free numbers."""
-        return free_numbers(self.free, self.arm)
+        entries = self._front_of(frames)
+        return [min((e for e in entries if e.allowed == allowed), key=cost) for allowed in self.options.times]
 
-    @cached_property
-    def searched(self) -> dict[str, Any]:
-        """The set-up's environment, with a range for each free number."""
-        return searched_environment(self.arm, self.numbers, self.limits.deflection)
+    def _front_of(self, frames: Frames) -> list[Entry]:
+        """Return the designs of all seeds."""
+        designs = Candidate(self.options.searched, self.options.rule, pad=self.options.pad)
+        return [
+            Entry(FRONT, row["allowed"],
+                  replace(designs, design=json.loads(row["design"]), parameters=json.loads(row["parameters"])),
+                  row["seed"], row["loss"])
+            for row in frames["searches"].filter(line=FRONT).to_dicts()
+        ]  # fmt: skip
 
-    @cached_property
-    def others(self) -> dict[str, dict[str, Any]]:
-        """The environments to compare with, by name."""
-        couplings = {name: load_setup(name).environment["coupling"] for name in self.against}
-        compared = {name: {**self.arm.environment, "coupling": coupling} for name, coupling in couplings.items()}
-        return {"paper's spring": with_papers_spring(self.arm.environment)} | compared
+    def _searched(self, entries: Sequence[Entry], start: Sequence[float] = ()) -> Iterator[Cell]:
+        """Yield searches; controllers begin with `start`, or else with a shipped one.
 
-    @property
-    def rule(self) -> str:
-        """Which controller the set-up's observation allows."""
-        return "BlindProfile" if Task(**self.arm.environment).range_noise is None else "Ranged"
+        On the line FRONT the design is searched, elsewhere the controller alone.
+        """
+        options = self.options
+        paper = mean_time(self.paper.candidate, options.search.scenarios)
+        for entry in entries:
+            time = entry.allowed * paper
+            begin = replace(entry.candidate, parameters=list(start or start_of(entry.candidate, time)))
+            variables = options.variables if entry.line == FRONT else []
+            yield Cell({name: getattr(entry, name) for name in ("line", "allowed", "seed")}, {
+                "candidate": asdict(begin), "variables": list(map(list, variables)), "approach_time": time,
+                "limits": asdict(options.limits_of(entry.line)), "budget": asdict(options.search), "seed": entry.seed,
+            })  # fmt: skip
 
-    @property
-    def typical(self) -> float:
-        """The allowed approach time that is nearest to that of the paper's rule."""
-        return min(self.times, key=lambda allowed: abs(allowed - 1.0))
-
-    def limits_of(self, line: str) -> Limits:
-        """Return what a line must keep to; couplings that are only compared with have no limits."""
-        return self.limits if line in LIMITED else Limits(deflection=None)
-
-    def built(self, design: Mapping[str, float]) -> dict[str, Any]:
-        """Return the environment of a design as a search meets it, each number off by a share in each episode."""
-        return changed(self.arm.environment, as_built(design, MARGIN * self.effort.tolerance))
-
-    def designs_of_grid(self) -> Iterator[dict[str, float]]:
-        """Yield the designs of the grid."""
-        names = [free.name for free in self.numbers]
-        for design in product(*(free.spread(count) for free, count in zip(self.numbers, self.grid or (), strict=True))):
-            yield dict(zip(names, design, strict=True))
+    def _played(self, entries: Sequence[Entry], name: str) -> Iterator[Cell]:
+        """Yield plays of entries on the frozen set of this name."""
+        for entry in entries:
+            limits = asdict(self.options.limits_of(entry.line))
+            arguments = {"candidate": asdict(entry.candidate), "limits": limits, "name": name}
+            yield Cell(entry.labels, arguments | {"tolerance": self.options.search.tolerance})
 
 
-def with_papers_spring(environment: Mapping[str, Any]) -> dict[str, Any]:
-    """Return an environment's arguments with the default coupling, the paper's spring."""
-    return {name: value for name, value in environment.items() if name != "coupling"}
+def mean_time(candidate: Candidate, scenarios: int) -> float:
+    """Return the mean approach time (s) on the scenarios of a search."""
+    batch = ScenarioBatch(TUNING_SEED, scenarios, **{"scenario": "train", "threads": 1, **candidate.environment})
+    return float(batch.play(candidate.controller).approach_time.mean())
 
 
-OF_TEACHER = ("teacher", "imitation_steps")
-"""Settings of training that concern a baseline of the set-up that was begun with."""
-DRAWN = (
-    "this file draws stiffness and restitution of the contact independently from the ranges that the pad leaves, "
-    "where on the pad both follow from the object's own: the softer it is, the more it keeps of its own restitution"
-)
+def start_of(candidate: Candidate, approach_time: float) -> list[float]:
+    """Return the parameters of the shipped controller of the same rule whose approach time (s) is nearest."""
+    bistable = isinstance(Task(**candidate.environment).coupling, Bistable)
+    weights = read_tuned(STARTS.get((candidate.rule, bistable), "ranged"))["weights"].values()
+    nearest = min(weights, key=lambda tuned: abs(tuned["validation"]["approach_time"] - approach_time))
+    return list(nearest["parameters"].values())
 
 
-def write_setup(path: Path, setup: Setup, rig: Rig, command: str) -> Path:
-    """Write a design as a set-up to `path`, and return it; `command` made it.
-
-    With a pad the contact's ranges are those that the pad leaves of them; see DRAWN.
-    """
-    content = parsed(setup.path, "TOML", tomllib.loads)
-    environment = changed(setup.environment, rig.design)
-    if rig.pad:
-        environment["scenario"] = _on_pad(environment, rig.pad)
-    about = "; ".join(f"{name} {value:.4g}" for name, value in rig.design.items())
-    baseline = f"{path.stem}-profile"
-    tables = {
-        "version": content.get("version", 1),
-        "title": f"{setup.title}: a designed coupling",
-        "about": f"designed from {setup.name}: {about}" + (f", on a pad of {rig.pad}; {DRAWN}" if rig.pad else ""),
-        "environment": environment,
-        "training": {k: v for k, v in content.get("training", {}).items() if k not in OF_TEACHER},
-        "baselines": {"tuned": {baseline: rig.rule}, "against": [baseline]},
-        "evaluation": {k: v for k, v in content.get("evaluation", {}).items() if k not in ("at_most", "of")},
-    }
-    written = tomli_w.dumps({name: value for name, value in tables.items() if value})
-    controller = f"{rig.rule} with {', '.join(f'{value:.6g}' for value in rig.parameters)}"
-    write_file(path, f"# {command}\n# Its controller: the {controller}\n{written}")
-    load_setup(path)
-    return path
-
-
-def _on_pad(environment: Mapping[str, Any], pad: str) -> dict[str, list[float]]:
-    """Return ranges of the scenario with what a pad leaves of contact stiffness and restitution."""
-    ranges = {name: list(ends) for name, ends in Task(**environment).scenario.by_id().items()}
-    corners = on_pad(pad, *np.meshgrid(*(ranges[name] for name in CONTACT)))
-    return ranges | {name: [float(v.min()), float(v.max())] for name, v in zip(CONTACT, corners, strict=True)}
+def study_of(options: DesignOptions) -> Study:
+    """Return the study of checked options."""
+    search_for = Search(options)
+    return Study("design", f"Which coupling, with its best controller, for {options.arm.name}?", (
+        Measurement("searches", search_for.searches, search, DEPENDS),
+        Measurement("validation", search_for.validation, play, DEPENDS),
+        Measurement("controllers", search_for.controllers, search, DEPENDS),
+        Measurement("designs", search_for.designs, play, DEPENDS),
+    ), partial(analyse, options), ("cma",))  # fmt: skip

@@ -3,6 +3,7 @@
 `cells` names who plays where, `play` gives a row for each episode, `sample` turns rows back into arrays for statistics.
 """
 
+import base64
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import product
 from typing import Any, NamedTuple
@@ -12,12 +13,18 @@ import polars as pl
 
 from agents.evaluate import play as jobs
 from agents.evaluate.scenario_batch import MEASURED
-from experiments.lab.statistics import Floats
+from agents.policies import load_ensemble
+from experiments.lab.comparison import Front
+from experiments.lab.statistics import Floats, Resamples
 from experiments.lab.study import Cell
+from impact_gym.task.scenario import FIELDS
+from impact_gym.task.task import MISSED_COST
 
 PLAYED = ("impact_gym", "agents.baselines", "agents.evaluate", "agents.policies.networks", "agents.policies.policy",
           "agents.setups.evaluation")  # fmt: skip
 """Modules that the result of an episode depends on; set-ups, policies and what was tuned are arguments."""
+OF_CONTESTANT = ("setup", "change", "contestant", "seed")
+"""Columns that `cells` gives each row."""
 
 
 class Contestant(NamedTuple):
@@ -33,40 +40,70 @@ class Place(NamedTuple):
 
     setup: str
     change: str  # in words
-    environment: Mapping[str, Any]  # arguments of the environment, without scenario and time weight
+    environment: Mapping[str, Any]  # arguments of the environment, without time weight
+    labels: Mapping[str, Any] = {}  # more columns of its rows
+    scenarios: Mapping[str, Any] | None = None  # instead of those of the grid
+
+
+def seeds_of(setup: str, name: str) -> list[Contestant]:
+    """Return the shipped policies of a set-up, a contestant for each seed, the median first; they travel as bytes."""
+    ensemble = load_ensemble(setup)
+    policies = sorted(ensemble.policies, key=lambda policy: policy.seed != ensemble.chosen)
+    return [Contestant(name, {"policy": base64.b64encode(each.to_bytes()).decode()}, each.seed) for each in policies]
 
 
 def cells(
-    places: Iterable[Place], contestants: Iterable[Contestant], scenarios: Mapping[str, Any], weights: Sequence[float]
-) -> Iterator[Cell]:
+    places: Iterable[Place], contestants: Iterable[Contestant], scenarios: Mapping[str, Any], weights: Sequence[float],
+    **more: Any,
+) -> Iterator[Cell]:  # fmt: skip
     """Yield a cell for each contestant in each place.
 
-    Scenarios are plain data, see `agents.evaluate.play`; weights are in m/s per s.
+    Scenarios are plain data, see `agents.evaluate.play`; weights are in m/s per s; `more` goes to `play`.
     """
     for place, contestant in product(places, contestants):
-        labels = {"setup": place.setup, "change": place.change, "contestant": contestant.name, "seed": contestant.seed}
-        arguments = {"controller": contestant.controller, "environment": place.environment}
-        yield Cell(labels, {**arguments, "scenarios": scenarios, "weights": list(weights)})
+        labels = {"setup": place.setup, "change": place.change, **place.labels}
+        labels |= {"contestant": contestant.name, "seed": contestant.seed}
+        environment, where = jobs.environment_and_scenarios(place.environment, place.scenarios or scenarios)
+        arguments = {"controller": contestant.controller, "environment": environment, "scenarios": where}
+        yield Cell(labels, {**arguments, "weights": list(weights), **more})
 
 
 def play(
-    controller: Mapping[str, Any],
-    environment: Mapping[str, Any],
-    scenarios: Mapping[str, Any],
-    weights: Sequence[float],
-) -> pl.DataFrame:
-    """Return a row for each episode: its weight (m/s per s), number, and the results that are known of it."""
-    results = jobs.play(controller, scenarios, weights, environment)
+    controller: Mapping[str, Any], environment: Mapping[str, Any], scenarios: Mapping[str, Any],
+    weights: Sequence[float], record: Mapping[str, Sequence[float]] | None = None, lenient: bool = False,
+) -> pl.DataFrame:  # fmt: skip
+    """Return a row for each episode: its weight (m/s per s), number, scenario, and the results that are known of it."""
+    results = jobs.play(controller, scenarios, weights, environment, record, lenient)
     measured = {name: results[name] for name in MEASURED if name in results}
     shape = next(iter(measured.values())).shape
-    columns = {"weight": np.broadcast_to(np.array(weights)[:, None], shape), "episode": np.indices(shape)[1]}
-    return pl.DataFrame({name: np.ravel(values) for name, values in (columns | measured).items()})
+    columns: dict[str, Any] = {"weight": np.array(weights)[:, None], "episode": np.arange(shape[1])}
+    columns |= {name: results[name] for name in FIELDS} | measured
+    return pl.DataFrame({name: np.broadcast_to(values, shape).ravel() for name, values in columns.items()})
+
+
+def groups(frame: pl.DataFrame, *by: str) -> Iterator[tuple[tuple[Any, ...], pl.DataFrame]]:
+    """Yield the values of columns that occur together, and the rows that have them, in the order of their first row."""
+    yield from frame.group_by(by, maintain_order=True)
 
 
 def sample(frame: pl.DataFrame, name: str) -> Floats:
     """Return a column (seeds, episodes) of the rows of one contestant in one place at one weight."""
     ordered = frame.sort("seed", "episode")
     return ordered[name].to_numpy().astype(np.float64).reshape(ordered["seed"].n_unique(), -1)
+
+
+def front(
+    frame: pl.DataFrame, resamples: Resamples, measures: Sequence[str] = ("approach_time", "object_velocity")
+) -> Front:
+    """Return the means of two measures at each weight (1 + n, weights) of one contestant in one place."""
+    each = [rows for _, rows in groups(frame.sort("weight"), "weight")]
+    first, second = (np.stack([resamples.means(sample(rows, name)) for rows in each], axis=1) for name in measures)
+    return first, second
+
+
+def missed_cost(environment: Mapping[str, Any]) -> float:
+    """Return what an environment charges for a miss, m/s."""
+    return float(environment.get("missed_cost", MISSED_COST))
 
 
 def cost(weight: float, missed_cost: float) -> pl.Expr:

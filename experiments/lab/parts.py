@@ -10,6 +10,8 @@ from matplotlib.figure import Figure
 
 from experiments.lab.statistics import Estimate
 
+LONG = 80  # characters of a cell that holds a sentence
+
 
 @dataclass(frozen=True)
 class Table:
@@ -28,10 +30,15 @@ class Table:
 
     @property
     def words(self) -> list[bool]:
-        """Whether each column holds words: most of its cells begin with neither a digit nor a sign."""
+        """Whether each column holds words: most of its cells are no number, nor an interval of numbers."""
         columns = zip(*self.rows, strict=False)
-        return [2 * sum(bool(re.match(r"[-+\d]|at (least|most) \d", cell)) for cell in column) < len(self.rows)
+        return [2 * sum(bool(re.match(r"([-+\d]|at (least|most) \d).{,40}$", cell)) for cell in column) < len(self.rows)
                 for column in columns]  # fmt: skip
+
+    @property
+    def long(self) -> list[bool]:
+        """Whether each column has sentences, which are not to be squeezed on a small screen."""
+        return [max(map(len, column)) > LONG for column in zip(*self.rows, strict=False)]
 
 
 class Heat(NamedTuple):

@@ -21,13 +21,14 @@ from experiments.lab import page
 from experiments.lab.charts import save
 from experiments.lab.parts import Section
 from experiments.lab.results import KEPT, REPORTS, noted
-from impact_gym.files import write_file
+from impact_gym.files import whole_file
 from impact_gym.sources import compiled_from
 from impact_gym.validation import whole
 
 Row = Mapping[str, Any]
 Rows = Sequence[Row] | pl.DataFrame
 Frames = Mapping[str, pl.DataFrame]
+LARGE = 50_000  # rows
 SOLVER = tuple(f"impact_gym.{name}" for name in ("physics", "scene", "motion", "robot", "lowering", "simulation"))
 """Modules that every simulated row depends on, beside the compiled solver."""
 
@@ -49,7 +50,7 @@ class Measurement:
     depends: tuple[str, ...] = SOLVER  # modules, beside that of `measure`, whose change makes rows outdated
     failed: Callable[[Row], Row] | None = None  # the row of a cell without a result, from its labels; None: an error
     seconds: float | None = None  # after which a cell has failed
-    processes: int | None = None  # 1: its cells are timed, so they run one after the other
+    processes: int | None = None  # 1: its cells are timed, so they run one after the other; 0: in this process
 
     @property
     def digest(self) -> str:
@@ -57,11 +58,13 @@ class Measurement:
         return _digest(tuple(sorted({self.measure.__module__, *self.depends})))
 
 
-class Findings(NamedTuple):
+@dataclass(frozen=True)
+class Findings:
     """What a study says."""
 
     answer: str  # in a sentence or two
     sections: Sequence[Section]
+    tables: Frames = field(default_factory=dict)  # made of the measured ones, and written beside them
 
 
 @dataclass(frozen=True)
@@ -73,7 +76,6 @@ class Study:
     measurements: Sequence[Measurement]
     analyse: Callable[[Frames, bool], Findings]  # of the frames that were measured; a quick run or not
     packages: tuple[str, ...] = ()  # whose versions the page names beside ours, NumPy's and SciPy's
-    template: str = "lab/study.html.jinja"
 
 
 @dataclass(frozen=True)
@@ -105,7 +107,7 @@ class Run:
     study: Study
     options: StudyOptions
     command: str = ""  # that repeats it
-    more: Mapping[str, Any] = field(default_factory=dict)  # content of the study's own template
+    frames: dict[str, pl.DataFrame] = field(default_factory=dict, init=False)  # what was measured
 
     @property
     def folder(self) -> Path:
@@ -113,54 +115,60 @@ class Run:
         quick = "-quick" if self.options.quick else ""
         return self.options.out or REPORTS / f"{self.study.name}{quick}"
 
-    def frame(self, measurement: Measurement, frames: Frames) -> pl.DataFrame:
+    def frame(self, measurement: Measurement) -> pl.DataFrame:
         """Return the rows of all cells; what is kept is not measured again."""
-        cells, failed = list(measurement.cells(self.options.quick, frames)), None
-        if measurement.failed is not None:
-            row_of = measurement.failed
+        cells, row_of = list(measurement.cells(self.options.quick, self.frames)), measurement.failed
 
-            def failed(arguments: Mapping[str, Any], reason: str) -> Rows:
-                labels = next(cell.labels for cell in cells if cell.arguments == arguments)
-                return [{**row_of(labels), "failure": reason.replace("\n", " ")}]
+        def failed(arguments: Mapping[str, Any], reason: str) -> Rows:
+            labels = next(cell.labels for cell in cells if cell.arguments == arguments)
+            return [{**(row_of(labels) if row_of else {}), "failure": reason.replace("\n", " ")}]
 
-        given = measurement.processes
+        given, asked = measurement.processes, self.options.processes
         results = cached(
             measurement.measure,
             [cell.arguments for cell in cells],
             self.folder / KEPT,
             depends=measurement.digest,
             title=measurement.name,
-            processes=self.options.processes if given is None else min(given, self.options.processes or given),
+            processes=asked if given is None else given if asked is None else min(given, asked),
             cluster=self.options.cluster if given is None else None,
             seconds=measurement.seconds,
-            failed=failed,
+            failed=failed if row_of else None,
         )
         return frame_of(zip((cell.labels for cell in cells), results, strict=True))
 
-    def measured(self) -> dict[str, pl.DataFrame]:
-        """Return the frames of all tables that are asked for."""
+    def measure(self) -> None:
+        """Measure all tables that are asked for."""
         names = [measurement.name for measurement in self.study.measurements]
         if unknown := set(self.options.only) - {*names}:
             raise ValueError(f"only: no table {min(unknown)!r} in the study {self.study.name}: {', '.join(names)}")
-        frames = dict[str, pl.DataFrame]()
         for measurement in self.study.measurements:
             if measurement.name in (self.options.only or names):
-                frames[measurement.name] = self.frame(measurement, frames)
-        return frames
+                self.frames[measurement.name] = self.frame(measurement)
 
     def write(self) -> Path:
         """Measure what is missing, write tables, figures and the page, and return the path of the page."""
         if self.options.force:
             shutil.rmtree(self.folder / KEPT, ignore_errors=True)
         with noted(self.folder, self.command, self.study.packages) as runs:
-            frames = self.measured()
-        findings = self.study.analyse(frames, self.options.quick)
-        for name, frame in frames.items():
-            write_file(self.folder / f"{name}.csv", frame.write_csv())
+            self.measure()
+        findings = self.study.analyse(self.frames, self.options.quick)
+        tables = {**self.frames, **findings.tables}
+        files = [_write_table(self.folder / name, frame) for name, frame in tables.items()]
         for picture in (picture for section in findings.sections for picture in section.pictures):
             save(picture.figure, self.folder / f"{picture.name}.svg")
-        content = {"question": self.study.question, "findings": findings, "tables": list(frames), **self.more}
-        return page.write(self.folder, self.study.template, runs=runs, quick=self.options.quick, **content)
+        about: dict[str, Any] = {"question": self.study.question, "findings": findings, "files": files}
+        return page.write(self.folder, "lab/study.html.jinja", runs=runs, quick=self.options.quick, **about)
+
+
+def _write_table(path: Path, frame: pl.DataFrame) -> str:
+    """Write a table as CSV, or as Parquet where it is large; return the file's name. One of the other kind goes."""
+    large = frame.height > LARGE
+    file, other = (path.with_suffix(suffix) for suffix in ((".parquet", ".csv") if large else (".csv", ".parquet")))
+    with whole_file(file) as stream:
+        frame.write_parquet(stream) if large else frame.write_csv(stream)
+    other.unlink(missing_ok=True)
+    return file.name
 
 
 def frame_of(measured: Iterable[tuple[Row, Rows]]) -> pl.DataFrame:

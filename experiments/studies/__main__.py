@@ -16,7 +16,8 @@ def main() -> None:
         print("usage: impact-gym study NAME ...\n")
         print(*(f"  {each:<10} {load(each).question}" for each in NAMES), sep="\n")
     elif name not in NAMES:
-        sys.exit(f"impact-gym study: {nearest('study', name, NAMES)}")
+        print(f"impact-gym study: {nearest('study', name, NAMES)}", file=sys.stderr)
+        sys.exit(2)
     else:
         run_command(f"study {name}", StudyOptions, partial(run, load(name)))
 

@@ -52,7 +52,7 @@ class Infos:
         if any(task.rough for task in tasks):
             numbers |= {name: name for name in SLIDE}
         if tasks[0].operator:
-            numbers |= LINKED | {"reward_terms.taken": "taken_cost"}
+            numbers |= LINKED
         entries = (*numbers, "peak_force", "contact_count", "missed", "status")
         self._layout = nested({name: place for place, name in enumerate(entries)})
         self._smooth = [not task.rough and "slide" in numbers for task in tasks]

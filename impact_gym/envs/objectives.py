@@ -23,22 +23,23 @@ class Objectives:
     """What each control step of a batch adds to the objectives: -T (s), -V_p (m/s) and, where it counts, -force (N).
 
     T is the time that the task charges. V_p comes at the end, with what a miss costs; so does the largest contact force
-    of an environment with a `force_weight`, and the share that was taken of one with a `taken_weight`. With w the
-    episode's time weight, the scalar reward is w * (-T) - V_p - force_weight * force - taken_weight * taken.
+    of an environment with a `force_weight`. With w the episode's time weight, the scalar reward is
+    w * (-T) - V_p - force_weight * force.
     """
 
     def __init__(self, task: Task, batch: Batch) -> None:
-        last = {"force_cost": task.force_weight, "taken_cost": task.taken_weight}
-        self._last = {name: weight for name, weight in last.items() if weight > 0.0}
-        self._batch, self._before = batch, np.zeros((batch.size, 2 + len(self._last)))
-        self.space = Box(-np.inf, 0.0, (2 + len(self._last),), np.float64)
+        self._batch, self._force_weight = batch, task.force_weight
+        count = 3 if task.force_weight > 0.0 else 2
+        self._before = np.zeros((batch.size, count))
+        self.space = Box(-np.inf, 0.0, (count,), np.float64)
 
     def added(self) -> Rewards:
         """Return the rewards of the last step (rows, objectives); to be asked once after each."""
         episodes = self._batch.episodes
         time = episodes["time_cost"] / episodes["drawn"]["time_weight"]
         kept = episodes["velocity_cost"] + episodes["missed_cost"]
-        now = np.stack([time, kept, *(episodes[name] / weight for name, weight in self._last.items())], axis=1)
+        force = [episodes["force_cost"] / self._force_weight] if self._force_weight > 0.0 else []
+        now = np.stack([time, kept, *force], axis=1)
         new = episodes["control_steps"] <= 1  # an episode that has just begun
         rewards = np.where(new[:, None], 0.0, self._before) - now
         self._before = now
@@ -60,8 +61,7 @@ def points(task: Task) -> tuple[Rewards, Rewards]:
     Sums of the rewards, for hypervolumes: the reference point and the utopia point, which is at the nearest place as
     soon as a rigid tool can be and leaves the object at rest. Nothing limits a force: -inf.
     """
-    worst = [task.horizon, task.missed_cost]
-    worst += [np.inf] * (task.force_weight > 0.0) + [1.0] * (task.taken_weight > 0.0)
+    worst = [task.horizon, task.missed_cost, *([np.inf] if task.force_weight > 0.0 else [])]
     best = np.zeros(len(worst))
     best[0] = soonest(task, task.scenario.distance[0])
     return -np.array(worst), -best
@@ -73,7 +73,7 @@ class MOImpactApproachEnv(ImpactApproachEnv):
     ## Rewards
     `reward_space` is `Box(-inf, 0, (reward_dim,), float64)`: -T (s, in each step) and -V_p (m/s, at the end, with
     `missed_cost`), and as a third one, with a `force_weight`, -(largest contact force) (N, at the end). With an
-    operator T runs until the task is done, and with a `taken_weight` the last one is -(share taken).
+    operator T runs until the task is done.
     `reference_point` and `utopia_point` (reward_dim,) bound the sums of an episode's rewards, see `points`.
 
     ## Version History

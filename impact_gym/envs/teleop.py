@@ -15,14 +15,13 @@ class ImpactTeleopEnv(ImpactApproachEnv):
 
     ## Operators and Channels
     `operator` is a record of `impact_gym.operators` or a dict with its name as "type": `Replay`, `Person`, `Trapezoid`,
-    `Reach`, `Laggy`, `Noisy`, `SecondOrderLag`, `Tracker`; their docstrings have equations and sources. The operator
-    knows only where he believes the object: `place_error` beyond its face. `uplink` and `downlink` are `Channel`
-    records, with one rule: a packet each control period, on the operator's clock; each takes its delay, and the newest
-    that has arrived counts. He sends his stop at once, and the arm the touch. So he sees the touch with the first
-    packet that comes of those sent from then on, and `reaction` later commands 0, for ever. A `Tracker` sees the flange
-    in these packets. A `Person` sends what `command(velocity)` of the unwrapped environment was last given: before a
-    step, what is sent at the tick in it or at its end. A `Replay` of these at the ticks is the same episode, to the
-    bit.
+    `Reach`, `SecondOrderLag`, `Tracker`; their docstrings have equations and sources. The operator knows only where he
+    believes the object: `place_error` beyond its face. `uplink` and `downlink` are `Channel` records, with one rule: a
+    packet each control period, on the operator's clock; each takes its delay, and the newest that has arrived counts.
+    He sends his stop at once, and the arm the touch. So he sees the touch with the first packet that comes of those
+    sent from then on, and `reaction` later commands 0, for ever. A `Tracker` sees the flange in these packets. A
+    `Person` sends what `command(velocity)` of the unwrapped environment was last given: before a step, what is sent at
+    the tick in it or at its end. A `Replay` of these at the ticks is the same episode, to the bit.
 
     ## Action Space
     `Box(-1, 1, (3,), float32)`. Values outside the box are clipped. With u the operator's command, the flange is sent
@@ -48,9 +47,8 @@ class ImpactTeleopEnv(ImpactApproachEnv):
     A step lasts 16 ms, and ends early when the contact alarm reaches the controller, as there.
 
     ## Reward
-    -w times the time, until the end; at the end -V_p, the object's largest velocity, and -c times the share of the
-    operator's motion before the touch that was withheld (`taken`; c is `taken_weight`, 0 by default). An object that
-    was not touched costs 2 m/s (`missed_cost`).
+    -w times the time, until the end; at the end -V_p, the object's largest velocity. An object that was not touched
+    costs 2 m/s (`missed_cost`).
 
     ## Starting State
     As there, with the object 0.2 to 0.8 m ahead and friction of 0.1 to 0.5 under it. Numbers of operator and channels
@@ -67,8 +65,9 @@ class ImpactTeleopEnv(ImpactApproachEnv):
     m/s, and `is_intervention`, whether they are more than 1 mm/s apart. Unlike in HIL-SERL `intervene_action` is there
     in each step: the flag says whether it is an intervention. The final one has `object_velocity` (m/s), `slide` (m),
     `touch_time`, `done_time` (s; the horizon where that has not come), `late` (s, what reaction and channels take from
-    a touch to the operator's stop at the arm, on average), `peak_force` (N), `contact_count`, `taken`, `missed`,
-    `record`, and what that of `ImpactApproach` has.
+    a touch to the operator's stop at the arm, on average), `peak_force` (N), `contact_count`, `taken` (the share of
+    the operator's motion before the touch that was withheld), `missed`, `record`, and what that of `ImpactApproach`
+    has.
 
     ## Arguments
     See `ImpactApproach`. `ImpactTeleop-v0` is that with a `Reach` over channels of 0.1 s each way.

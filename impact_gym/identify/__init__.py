@@ -5,6 +5,7 @@
     `model`           residuals by our simulator, and their derivatives
     `search`, `fit`   from several starts to the best fit; profile likelihoods
     `result`          estimates, intervals, what the log cannot tell
+    `held_out`        half of the logs predicts the other half
 
 `impact_gym.identify` is the function; this package is found by `from impact_gym.identify import ...` all the same.
 """
@@ -24,7 +25,7 @@ from impact_gym.validation import WrongTypeError, one_of, shown
 
 __all__ = ["Identified", "LoadCell", "Sensor", "identify"]
 
-FREE = ("contact.stiffness", "contact.restitution", "object.mass")
+FREE: tuple[str, ...] = ("contact.stiffness", "contact.restitution", "object.mass")
 
 
 def identify(

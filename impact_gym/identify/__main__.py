@@ -1,4 +1,4 @@
-"""`impact-gym identify log.csv --scene my.toml [--out setup.toml]`: from a measured blow to a set-up."""
+"""`impact-gym identify log.csv --scene my.toml [--hold-out] [--out setup.toml]`: from measured blows to a set-up."""
 
 import argparse
 import sys
@@ -11,12 +11,13 @@ from typing import Any
 
 from impact_gym.files import parsed, write_file
 from impact_gym.identify import FREE, Identified, LoadCell, Sensor, identify
+from impact_gym.identify.held_out import hold_out
 from impact_gym.motion import Brake, Trapezoid
 from impact_gym.quantities import QUANTITIES, SCENARIO, SET_UP
 from impact_gym.scene import Contact, Object, Scene, Tool
 from impact_gym.task import Task
 from impact_gym.task.parts import record_from
-from impact_gym.validation import one_of, shown
+from impact_gym.validation import numbers, one_of, shown
 
 DESCRIPTION = """Fit numbers of a scene to a measured blow and write their 95 % intervals as the ranges of a set-up."""
 
@@ -36,7 +37,7 @@ other one what it was when the blow was measured: no range.
     restitution = 0.5
     distance = 0.25                                      # m, between the faces at rest
     [motion]                                             # of the robot, from rest
-    speed = 1.0                                          # m/s
+    speed = 1.0                                          # m/s, or a list with the speed of each log
     acceleration = 8.0                                   # m/s^2
     brake = { threshold = 1.0, delay = 0.016 }           # N, s; leave it out if it does not brake
     [sensor.force]                                       # what is known of a column, all of it optional
@@ -48,6 +49,10 @@ other one what it was when the blow was measured: no range.
 
 what is written: the set-up with the intervals as ranges, without the two tables, fit for agents.load_setup. A number to
 which the log sets no limit on one side stays as it was, and a comment says so.
+
+--hold-out checks the fit on blows that it has not seen: every other log is fitted and predicts those between, then they
+change places. Printed is how far off V_p, peak force, impulse and duration are for each blow, beside the scatter of
+blows with equal motions. With --out setup.toml the table goes to setup.held-out.csv, too.
 """
 
 PLACES = {row.path: ("scenario", row.id) for row in SCENARIO} | {row.path: (row.id,) for row in SET_UP if row.path}
@@ -66,6 +71,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("logs", nargs="+", metavar="log.csv", help="measured blows with the same scene")
     parser.add_argument("--scene", type=Path, required=True, help="what is known, a TOML file, see below")
     parser.add_argument("--free", nargs="+", default=list(FREE), help=f"numbers to fit, default: {' '.join(FREE)}")
+    parser.add_argument("--hold-out", action="store_true", help="predict each half of the logs from the other one, too")
     parser.add_argument("--out", type=Path, help="file for the set-up; without it, it is printed")
     parser.add_argument("--plot", type=Path, help="file for a picture of fit and residuals, needs Matplotlib")
     options = parser.parse_args(arguments)
@@ -73,20 +79,27 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if find_spec("tomli_w") is None:
             raise ImportError("a set-up is written with tomli-w: pip install 'impact-gym[identify]'")
         content = parsed(options.scene, "TOML", tomllib.loads)
-        scene, motion, sensors = parse(content, options.free)
-        result = identify(options.logs, scene, motion, options.free, sensors or None)
-        text = "\n".join(set_up(content, result))
-        print(result if options.out else text)
+        scene, motions, sensors = parse(content, options.free, len(options.logs))
+        known = options.logs, scene, motions, options.free, sensors or None
+        held_out = hold_out(*known) if options.hold_out else None
+        result = identify(*known)
+        said = f"{result}\n{held_out}" if held_out else str(result)
+        text = "\n".join(set_up(content, result, said))
+        print(said if options.out else text)
         if options.out:
             write_file(options.out, text)
+        if options.out and held_out:
+            write_file(options.out.with_suffix(".held-out.csv"), held_out.csv())
         if options.plot:
             result.plot().savefig(options.plot)
     except (ImportError, OSError, RuntimeError, ValueError) as error:
         sys.exit(f"impact-gym identify: {error}")
 
 
-def parse(content: Mapping[str, Any], free: Sequence[str]) -> tuple[Scene, Trapezoid, dict[str, Sensor]]:
-    """Return scene, motion and sensors that the tables of a file describe.
+def parse(
+    content: Mapping[str, Any], free: Sequence[str], count: int = 1
+) -> tuple[Scene, list[Trapezoid], dict[str, Sensor]]:
+    """Return scene, motion of each of `count` logs, and sensors that the tables of a file describe.
 
     Raises:
         ValueError: a table is missing, or has something unknown, or a range where a number is needed.
@@ -118,7 +131,11 @@ def parse(content: Mapping[str, Any], free: Sequence[str]) -> tuple[Scene, Trape
         motion["brake"] = _record("motion.brake", motion["brake"], Brake)
     one_of("sensor", sensors, Mapping)
     known_sensors = {name: _sensor(f"sensor.{name}", known) for name, known in sensors.items()}
-    return scene, _record("motion", motion, Trapezoid), known_sensors
+    if not isinstance(speeds := motion.get("speed"), list):
+        return scene, [_record("motion", motion, Trapezoid)] * count, known_sensors
+    if len(numbers("motion.speed", speeds, "m/s")) != count:
+        raise ValueError(f"motion.speed must be a number in m/s, or one for each of {count} logs, got {shown(speeds)}")
+    return scene, [_record("motion", {**motion, "speed": speed}, Trapezoid) for speed in speeds], known_sensors
 
 
 def _sensor(name: str, table: Any) -> Sensor:
@@ -134,11 +151,11 @@ def _record(name: str, table: Any, kind: type[Any]) -> Any:
     return record_from(name, {"type": kind.__name__, **table}, (kind,))
 
 
-def set_up(content: Mapping[str, Any], result: Identified) -> Iterator[str]:
-    """Yield the lines of the set-up: the file's tables with the intervals as ranges, what the log says as comments."""
+def set_up(content: Mapping[str, Any], result: Identified, said: str) -> Iterator[str]:
+    """Yield the lines of the set-up: the file's tables with the intervals as ranges, and `said` as comments."""
     import tomli_w  # not needed by whoever reads a log from Python
 
-    yield from (f"# {line}" for line in str(result).splitlines())
+    yield from (f"# {line}" for line in said.splitlines())
     written = deepcopy({name: table for name, table in content.items() if name not in MEASUREMENT})
     environment = written["environment"]
     if not isinstance(environment.get("scenario", {}), Mapping):

@@ -28,7 +28,7 @@ class Equations:
 
     def __init__(
         self, arm: Arm, approach: Approach, scene: Scene, path: Path, *, coriolis: bool = True, gravity: bool = False,
-        linear: bool = False, servo: Servo | None = None,
+        linear: bool = False, servo: Servo | None = None, most_evaluations: int = MOST_EVALUATIONS,
     ) -> None:  # fmt: skip
         self.rigid, self.m_t, self.m_p = isinstance(scene.coupling, Rigid), scene.tool.mass, scene.object.mass
         self.arm, self.scene, self.path, self.n = arm.with_load(self.m_t) if self.rigid else arm, scene, path, arm.count
@@ -45,7 +45,7 @@ class Equations:
         self.stiff = bool(np.abs(modes).max() > STIFF)
         self.torque = np.zeros(self.n)  # of the motors, held for a sample
         self.damping = 0.0  # chi of the contact that goes on, N s/m^(1 + n)
-        self.evaluations = 0
+        self.evaluations, self.most_evaluations = 0, most_evaluations
 
     def begin(self, distance: float) -> Array:
         """Return the state at rest, in equilibrium."""
@@ -114,8 +114,8 @@ class Equations:
     def rates(self, t: float, y: Array, touching: bool) -> Array:
         """Return d(state)/dt."""
         self.evaluations += 1
-        if self.evaluations > MOST_EVALUATIONS:
-            raise Unfinished(f"more than {MOST_EVALUATIONS} evaluations of the equations")
+        if self.evaluations > self.most_evaluations:
+            raise Unfinished(f"more than {self.most_evaluations} evaluations of the equations")
         n, out = self.n, np.empty_like(y)
         place, speed, row, bias = self.flange(t, y)
         tool, v_t, x, v_p = (place, speed, y[-3], y[-2]) if self.rigid else y[-5:-1]

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.optimize import root
 from scipy.spatial.transform import Rotation
 
-from impact_gym.robot.approach import IMPACT, Approach, Array
+from impact_gym.robot.approach import IMPACT, SHIPPED, Approach, Array, write
 from impact_gym.robot.arm import Arm, from_urdf
 from impact_gym.robot.line import joint_angles
 
@@ -31,6 +31,12 @@ STIFFNESS_AT_IMPACT = 1.9e5
 """k_r at the impact, N/m: identified from the paper's Fig. 13b and 14a, not printed."""
 PITCH = {"down": np.pi, "horizontal": np.pi / 2}
 """Angle of the flange's z axis from the vertical, towards +x, rad: the tool points down, or along the approach."""
+PROVENANCE = {  # no version and no date, so that the same table makes the same file
+    "made_by": "impact_gym.robot.viper.write_default_approach()",
+    "robot": "Viper s650, viper_s650.urdf and viper.py beside this file: inertia and joint stiffness are ESTIMATES",
+    "choice": "solved for, see impact_gym/robot/viper.py",
+    "columns": "paper, eq. 12-16: m_r, c_r, k_r: elements (1,1); effective: 1/(M_X^-1)_11, 1/(K_X^-1)_11; joints rad",
+}
 ELBOW_UP = (0.0, -0.7, 3.2, 0.0, -2.5, 0.0)  # rad, in the middle of the workspace; the pitch goes on top
 
 
@@ -67,3 +73,13 @@ def default_line(arm: Arm) -> Approach:
     back = arm.along(angles_at(arm, x, 0.0, z, "horizontal"), (-1.0, 0.0, 0.0), IMPACT)
     beyond = np.linspace(IMPACT, IMPACT + 0.08, 33)[1:]  # m: 16 ms at 1 m/s and a brake take 0.0785 m
     return arm.along(back.joint_angles[-1], (1.0, 0.0, 0.0), [*np.linspace(0.0, IMPACT, 102), *beyond])
+
+
+def write_default_approach(path: Path = SHIPPED) -> None:
+    """Compute the default approach again and write its table: over the shipped one, unless told otherwise.
+
+    Raises:
+        ImportError: MuJoCo is not installed.
+        OSError: the file cannot be written; what was there stays.
+    """
+    write(path, default_line(viper()), PROVENANCE)

@@ -18,7 +18,7 @@ from impact_gym.physics.dissipation import damping_factor
 from impact_gym.robot.approach import Approach, Array
 from impact_gym.robot.arm import Arm
 from impact_gym.robot.drive import Path, Reaction, Servo, reaction
-from impact_gym.robot.equations import Equations, Unfinished
+from impact_gym.robot.equations import MOST_EVALUATIONS, Equations, Unfinished
 from impact_gym.scene import Scene, SpringDamper
 from impact_gym.validation import flag, number, one_of
 
@@ -43,14 +43,10 @@ class Blow:
     status: str  # "ok", or why it ends before its time
 
 
-Flight = list[tuple[float, float, Array]]
-"""Steps until a touch: time (s), the tool's place (m), and the state."""
-
-
 def simulate(
     arm: Arm, approach: Approach, scene: Scene, motion: Trapezoid | Motion | Reaction, *, duration: float,
     coriolis: bool = True, gravity: bool = False, linear: bool = False, servo: Servo | None = None, rtol: float = 1e-8,
-    flight: Flight | None = None,
+    most_evaluations: int = MOST_EVALUATIONS,
 ) -> Blow:  # fmt: skip
     """Run an approach of the whole arm along the line of `approach`; its robot is the arm, so the scene has none.
 
@@ -66,7 +62,7 @@ def simulate(
             which has neither Coriolis forces nor weight.
         servo: how the motors follow; exactly without.
         rtol: of the integration, 1e-12 to 1e-3.
-        flight: a list, empty at first, that keeps the way to the touch for scenes that differ in the object alone.
+        most_evaluations: of the equations, after which a run is given up with a status.
 
     Raises:
         ValueError: the scene has what this reference has not, or the line ends before the object; names it.
@@ -80,6 +76,7 @@ def simulate(
         flag(field, given)
     number("duration", duration, "s", above=0)
     number("rtol", rtol, "-", at_least=1e-12, at_most=1e-3)
+    number("most_evaluations", most_evaluations, "-", at_least=1)
     law, distance = scene.contact, scene.object.distance
     stroke = isinstance(scene.coupling, SpringDamper) and scene.coupling.stroke
     if scene.robot is not None or scene.object.friction or law.reference_velocity or stroke:
@@ -90,29 +87,28 @@ def simulate(
         raise ValueError(f"object.distance is {distance!r} m, but the line ends after {approach.position[-1]:.4g} m")
     if arm.joints != approach.joints or np.abs(arm.flange(approach.joint_angles[0])[0] - approach.start).max() > 1e-6:
         raise ValueError("approach must be of this arm: its first joint angles do not put the flange at its start")
-    if servo is not None and (linear or flight is not None or not (arm.rotors > 0).all()):
-        raise ValueError("a servo needs the arm's rotor_inertia, in kg m^2, above 0, and neither linear nor flight")
+    if servo is not None and (linear or not (arm.rotors > 0).all()):
+        raise ValueError("a servo needs the arm's rotor_inertia, in kg m^2, above 0, and linear=False")
     path = Path(reaction(motion))
-    whole = Equations(arm, approach, scene, path, coriolis=coriolis, gravity=gravity, linear=linear, servo=servo)
+    whole = Equations(
+        arm, approach, scene, path, coriolis=coriolis, gravity=gravity, linear=linear, servo=servo,
+        most_evaluations=most_evaluations,
+    )  # fmt: skip
     if servo is not None:
         found = [whole.arm.mass_matrix(approach.joint_angles[row]) for row in (0, len(approach.position) // 2, -1)]
         growth = max(servo.growth(M, arm.stiffness, arm.damping, arm.rotors) for M in found)
         if not growth < 1.0:
             twice = servo.period * math.log(2.0) / math.log(growth) if growth > 1.0 else math.inf
-            return _run(whole, 0.0, rtol, f"the servo is not stable: an error doubles in {twice:.3g} s", flight)
-    return _run(whole, duration, rtol, "ok", flight)
+            return _run(whole, 0.0, rtol, f"the servo is not stable: an error doubles in {twice:.3g} s")
+    return _run(whole, duration, rtol, "ok")
 
 
-def _run(whole: Equations, duration: float, rtol: float, status: str, flight: Flight | None) -> Blow:
+def _run(whole: Equations, duration: float, rtol: float, status: str) -> Blow:
     """Integrate from one event to the next."""
     scene, path, servo, touching, t = whole.scene, whole.path, whole.servo, False, 0.0
     y, d = whole.begin(scene.object.distance), damping_factor(scene.contact.dissipation, scene.contact.restitution)
     touches, parted, impact, rotation, unfelt = list[float](), list[float](), None, np.eye(3), True
     peak = sideways = turn = 0.0
-    for time, place, state in flight or ():
-        if place >= scene.object.distance:
-            break
-        t, y[:-3] = time, state[:-3]
     due, late = 0.0 if servo else math.inf, deque[tuple[float, Array]]()  # the next sample; torques that do not act yet
     try:
         while t < duration:
@@ -125,9 +121,6 @@ def _run(whole: Equations, duration: float, rtol: float, status: str, flight: Fl
             found = whole.piece(t, until, y, touching, unfelt and path.commands.threshold < math.inf, rtol)
             if not found.success:
                 raise Unfinished(f"the integration failed: {found.message}")
-            if flight is not None and not touches:
-                new = [each for each in zip(found.t, found.y.T, strict=True) if not flight or each[0] > flight[-1][0]]
-                flight += [(float(s), whole.seen(s, each)[0] + float(each[-3]), each) for s, each in new]
             if touching:
                 states = [(s, found.sol(s)) for s in np.linspace(found.t[0], found.t[-1], 4 * len(found.t) + 1)]
                 peak = max(peak, _highest([whole.contact(*whole.seen(s, each)) for s, each in states]))

@@ -195,7 +195,7 @@ cdef double play_step(Run *run, Row *row, const double *action) noexcept nogil:
     episode.truncated = task.max_steps > 0 and episode.control_steps >= task.max_steps
     if episode.terminated:
         finish(run, row)
-    return -time_cost - episode.missed_cost - episode.velocity_cost - episode.force_cost - episode.taken_cost
+    return -time_cost - episode.missed_cost - episode.velocity_cost - episode.force_cost
 
 
 cdef double drive(Run *run, Row *row, Command asked) noexcept nogil:

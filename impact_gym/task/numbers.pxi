@@ -31,15 +31,10 @@ cdef struct OperatorNumbers:
     double place_error  # m, how far beyond the object the operator believes it
     double creep  # m/s, speed at which the operator searches further
     double lag_slope  # 1/s, share by which a second of lag lengthens a reach
-    double intercept  # s, Fitts' intercept
-    double slope  # s, Fitts' slope, for a bit
-    double width  # m, width of the target of a reach
     double noise  # -, noise of the operator's control as a share of it
     double stiffness  # 1/s^2, stiffness of the operator's hand over its mass
     double damping  # 1/s, damping of the operator's hand over its mass
     double gain  # rad/s, crossover frequency of the operator
-    double repeat  # -, share of commands that repeat the one before
-    double random  # -, share of commands that are random
     double recording  # -, which of several recordings is played, its fraction dropped
 
 

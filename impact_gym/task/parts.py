@@ -18,12 +18,12 @@ def ranged_record(name: str, value: Any, kinds: tuple[type[Any], ...]) -> tuple[
     Raises:
         TypeError, ValueError: a range that is none, or one of whose ends the record refuses, with those of the others.
     """
-    if not isinstance(value, Mapping) or "position" in value:  # a table has lists that are no ranges
+    if not isinstance(value, Mapping):
         return record_from(name, value, kinds), {}
     pairs = {
         path: QUANTITIES[path].interval(given)
         for path, given in ((f"{name}.{inner}", given) for inner, given in value.items())
-        if path in QUANTITIES and given is not None
+        if given is not None and path in QUANTITIES and QUANTITIES[path].draw
     }
     for corner in product(*(sorted({*pair}) for pair in pairs.values())):
         record_from(name, {**value, **nested(dict(zip(pairs, corner, strict=True))).get(name, {})}, kinds)

@@ -39,7 +39,6 @@ cdef struct Task:  # what a row plays
     int64_t max_steps  # control steps until truncation, 0 if unlimited
     int64_t operator_kind  # NO_OPERATOR: the controller decides alone
     Table replay, uplink, downlink  # commands of an operator, delays of the channels; no points where there is none
-    double taken_weight  # m/s
 
 
 cdef struct Reading:  # of the sensors, on its way to the controller
@@ -71,7 +70,6 @@ cdef struct Episode:  # a row, beside its chain
     double object_velocity  # m/s, so far; once terminated, what it keeps
     double approach_time  # s, so far
     double slide, rest_time  # m and s, once terminated; inf without friction
-    double taken_cost  # m/s, term of the reward
     double done_time, taken  # s, so far; share
     double late  # s, from a touch until the operator's stop reaches the arm, on average
 

@@ -17,8 +17,6 @@ cdef void finish(Run *run, Row *row) noexcept nogil:
     else:
         episode.object_velocity = episode.velocity_cost = kept_velocity(run, row.chain)
         episode.force_cost = row.task.force_weight * row.chain.peak_force
-    if row.task.operator_kind:
-        episode.taken_cost = row.task.taken_weight * episode.taken
     if run.ground > 0.0:
         take_stock(run, row.chain, episode.drawn.distance)
         episode.slide, episode.rest_time = row.chain.slide, row.chain.rest_time

@@ -21,8 +21,8 @@ def checked(task: Any) -> dict[str, Channel]:
         ValueError: something that only an operator has without one, or an operator whom the arm cannot follow.
     """
     if task.operator is None:
-        if task.uplink or task.downlink or task.taken_weight:
-            raise ValueError("uplink, downlink and taken_weight must be None, None and 0 without an operator")
+        if task.uplink or task.downlink:
+            raise ValueError("uplink and downlink must be None without an operator")
         return {}
     low, high = task.velocity_range
     if low > 0.0:

@@ -12,7 +12,7 @@ from impact_gym.kernels import FASTEST_WITHDRAWAL, RECORD, TASK, samples_under_w
 from impact_gym.lowering import LOCAL_SHARE, ROBOT_NUMBERS, mount, places
 from impact_gym.operators import Channel, Operator
 from impact_gym.quantities import AFTER_ALARM, HORIZON, PAST_READINGS, QUANTITIES, SET_UP
-from impact_gym.scene import Contact, Coupling, Rigid, Robot, RobotTable, SpringDamper, warn_of_stroke
+from impact_gym.scene import Contact, Coupling, Rigid, Robot, SpringDamper, warn_of_stroke
 from impact_gym.task import steering
 from impact_gym.task.parts import ranged_record
 from impact_gym.task.paths import replaced
@@ -34,7 +34,7 @@ WORST_OF_STROKE = {"tool_mass": 1, "coupling.stiffness": 0, "coupling.stroke": 0
 """Which end of a range leaves a tool least way to its stop."""
 
 PARTS: Mapping[str, tuple[Any, ...]] = {
-    "coupling": get_args(Coupling), "robot": (Robot, RobotTable),
+    "coupling": get_args(Coupling), "robot": (Robot,),
     "operator": get_args(Operator), **dict.fromkeys(steering.WAYS, (Channel,)),
 }  # fmt: skip
 """Arguments that are records, and their kinds."""
@@ -86,7 +86,7 @@ class Task:
     deflection_sensor: bool = argument(False, "observe how far the tool is displaced on its coupling")
     past_readings: int = argument(0, f"readings before the last one to observe too; at most {PAST_READINGS}")
     privileged: bool = argument(False, "observe the true scenario, and whatever is drawn, too")
-    robot: Any = argument(None, "a compliant `Robot` or `RobotTable`; a dict works too")
+    robot: Any = argument(None, "a compliant `Robot`; a dict works too")
     rtol: float = argument(1e-8, "relative error allowed in a contact, see `simulate`")
     horizon: float = argument(HORIZON, "end of an episode without an alarm")
     after_alarm: float = argument(AFTER_ALARM, "from the alarm to the end of an episode")
@@ -94,7 +94,6 @@ class Task:
     operator: Any = argument(None, "who commands, see `impact_gym.operators`; a dict works too; None: the controller")
     uplink: Any = argument(None, "the `Channel` of the operator's commands; a dict works too; None: a perfect one")
     downlink: Any = argument(None, "that of what the operator sees, likewise")
-    taken_weight: float = argument(0.0, "")
     max_episode_steps: int | None = argument(None, "control steps after which an episode is truncated")
 
     drawn: Mapping[str, Range] = field(init=False)  # by id, in the order of the table
@@ -115,7 +114,7 @@ class Task:
         for name in ("time_weight", "reaction_delay"):
             low, high = QUANTITIES[name].interval(getattr(self, name))
             self._put(name, low if low == high else (low, high))
-        for name in ("force_weight", "control_period", "rtol", "horizon", "after_alarm", "missed_cost", "taken_weight"):
+        for name in ("force_weight", "control_period", "rtol", "horizon", "after_alarm", "missed_cost"):
             self._put(name, QUANTITIES[name].check(getattr(self, name)))
         self._put("drawn", {row.id: drawn[row.id] for row in SET_UP if row.id in drawn})
         self._check_commands()
@@ -227,16 +226,16 @@ class Task:
         return draws
 
     def lowered(self, first_draw: int, table_at: int) -> tuple[Any, Any]:
-        """Return the compiled program's `Task` (1,), TASK, and its robot's table (n,).
+        """Return the compiled program's `Task` (1,), TASK, and the tables of its operator and channels (n,).
 
-        Its draws begin at `first_draw` among those of all tasks, its table at `table_at` among all tables.
+        Its draws begin at `first_draw` among those of all tasks, its tables at `table_at` among all tables.
         """
-        held, table = mount(self.tool_mass, self.coupling, self.robot, table_at)
+        held, no_table = mount(self.tool_mass, self.coupling, self.robot)
         record = np.zeros(1, TASK)
         record["mount"] = held
         numbers = record["numbers"]
         numbers["coupling"], numbers["robot"] = record["mount"]["coupling"], record["mount"]["robot"]
-        tables = [table, *steering.lowered(self, record, table_at + len(table))]
+        tables = [no_table, *steering.lowered(self, record, table_at + len(no_table))]
         if self.robot is None:
             for name in ROBOT_NUMBERS:
                 numbers["robot"][name] = math.inf  # what a critic sees beside rows with a robot
@@ -252,7 +251,7 @@ class Task:
             "last_draw": first_draw + len(self.ranges), "mount_drawn": self.draws_mount,
             "alarm_by_reading": self.alarm == "reading", "force_weight": self.force_weight,
             "tolerance": LOCAL_SHARE * self.rtol, "exact": self.dissipation != "hu-guo",
-            "max_steps": self.max_episode_steps or 0, "taken_weight": self.taken_weight,
+            "max_steps": self.max_episode_steps or 0,
         }  # fmt: skip
         for name, value in values.items():
             record[name] = value

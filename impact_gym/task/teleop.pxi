@@ -88,8 +88,6 @@ cdef void begin_link(Row *row) noexcept nogil:
     link.alarmed = -INFINITY
     way = link.believed = max(drawn.distance + who.place_error, 0.0)
     link.duration = 1.875 * way / who.speed if who.speed > 0.0 else INFINITY
-    if who.width > 0.0:
-        link.duration = max(link.duration, who.intercept + who.slope * log(way / who.width + 1.0) / log(2.0))
     link.duration *= 1.0 + who.lag_slope * lag
     row.episode.late = lag + who.reaction
 
@@ -148,7 +146,7 @@ cdef double seen(Row *row, double time) noexcept nogil:
 
 
 cdef double commanded(Row *row, double time) noexcept nogil:
-    """What the operator commands now, m/s: what is meant, with the noise of control, or an error of a surrogate."""
+    """What the operator commands now, m/s: what is meant, with the noise of control."""
     cdef const OperatorNumbers *who = &row.episode.drawn.operator
     cdef Link *link = row.link
     cdef int64_t count = link.packets
@@ -162,10 +160,6 @@ cdef double commanded(Row *row, double time) noexcept nogil:
         link.muscle += rate * (who.noise * sqrt(0.01 / row.task.control_period) * normal_chance(row, 12, count) - link.muscle)
         link.tremor += rate * (link.muscle - link.tremor)
         speed *= 1.0 + link.tremor
-    if who.random > 0.0 and chance(row, 13, count) < who.random:
-        speed = least + (limit - least) * chance(row, 14, count)
-    if who.repeat > 0.0 and count > 0 and chance(row, 15, count) < who.repeat:
-        speed = link.last
     return min(max(speed, least), limit)
 
 

@@ -1,4 +1,4 @@
-"""Set-ups: what is shipped is whole, and a file means what it says, its table [evaluation] included."""
+"""Set-ups: what is shipped is whole, a file means what it says, and what `impact-gym check` says follows from it."""
 
 import math
 import sys
@@ -12,7 +12,7 @@ from episodes import Given, play
 from scenes import CRUISE, scene
 
 import impact_gym as ig
-from agents import load_setup, setup
+from agents import check, load_setup
 from agents.setups import feasible, owner, same_environment, shipped, shipped_baselines
 from agents.setups.evaluation import VARIED, Evaluation, changes, variants
 from agents.setups.setup import FIXED
@@ -34,37 +34,34 @@ def test_load_setup_finds_all_that_is_shipped_for_a_set_up(name):
     assert load_setup(name).environment.get("tool_mass") != 9.0  # nobody can change a set-up for all
 
 
-@pytest.mark.parametrize(("first", "second"), [
-    ({}, {"tool_mass": 0.125, "coupling": {"type": "SpringDamper", "stiffness": 50.0}, "time_weight": [0.3, 8.0]}),
-    ({"reaction_delay": [0.01, 0.02]}, {"reaction_delay": np.array([0.01, 0.02])}),
-    ({"scenario": {"distance": [0.1, 0.2]}}, {"scenario": {"distance": (0.1, 0.2)}}),
-    ({"scenario": "train"}, {"scenario": {"distance": [0.15, 0.35]}}),
-], ids=str)  # fmt: skip
-def test_same_environment_whatever_is_left_to_defaults_or_written_as(first, second):
-    assert same_environment(first, second)
-    for other in ({"tool_mass": 0.2}, {"tool_mass": [0.1, 0.15]}):
-        assert not same_environment(first, other)
+def test_same_environment_whatever_is_left_to_defaults_or_written_as():
+    written = {"tool_mass": 0.125, "coupling": {"type": "SpringDamper", "stiffness": 50.0}, "time_weight": [0.3, 8.0]}
+    delays = ([0.01, 0.02], (0.01, 0.02), np.array([0.01, 0.02]))
+    for given in (written, *({"scenario": scenario} for scenario in ("train", {"distance": [0.15, 0.35]}))):
+        assert same_environment({}, given)
+        assert all(same_environment({"reaction_delay": delays[0]}, given | {"reaction_delay": each}) for each in delays)
+        for other in ({"tool_mass": 0.2}, {"tool_mass": [0.1, 0.15]}):
+            assert not same_environment(given, other)
 
 
 def test_load_setup_makes_what_a_file_says(mine):
     setup = load_setup(mine)
     single, several = setup.make(), setup.make_vec(3)
     assert np.array_equal(single.reset(seed=5)[0], several.reset(seed=5)[0][0])
-    task = Task(**setup.environment)
+    task, training = Task(**setup.environment), setup.training
     assert {*task.drawn} == {"tool_mass", "coupling.stiffness", "robot.stiffness", "range_noise"}
     assert (task.velocity_range, task.scenario.object_mass) == ((-0.2, 0.6), (0.2, 1.0))
     assert [*setup.tuned] == ["mine-profile"] == [*setup.against]  # what is usual, where the file says nothing
     assert setup.tuned["mine-profile"].rule == "RangedProfile"
     assert setup.folder == Path("runs/mine")
-    training = setup.training
-    assert (training.steps, training.rollout, training.seeds, setup.budget) == (2000, 16, 2, 16)
+    assert (training.steps, training.rollout, setup.seeds, setup.budget) == (2000, 16, 2, 16)
     assert setup.evaluation.weights == Tune((str(mine),)).weights_of(setup) == (1.0, 4.0)
 
 
 @pytest.mark.filterwarnings("ignore:SpringDamper.stroke")
 def test_variants_change_one_argument_each_and_leave_the_rest():
-    own = Task(**SPRING)
-    for change in variants(Evaluation(), SPRING):
+    own, changed = Task(**SPRING), variants(Evaluation(), SPRING)
+    for change in changed:
         task = Task(**change.environment)
         assert (task == own) == (change.same or bool(change.scenarios)), change
         if change.argument == "reaction_delay":
@@ -77,23 +74,22 @@ def test_variants_change_one_argument_each_and_leave_the_rest():
         elif change.argument == "tool_mass":
             assert task.tool_mass == pytest.approx(0.2 * change.value)
             assert task.drawn == own.drawn
-    arguments = {change.argument for change in variants(Evaluation(), SPRING)}
-    assert arguments == set(VARIED) - {"range_noise", "coupling.front_stop"}  # which this environment does not have
+    # without what this environment does not have
+    assert {change.argument for change in changed} == set(VARIED) - {"range_noise", "coupling.front_stop"}
 
 
 def test_variants_start_from_what_is_nominal():
-    nominal = {"tool_mass": 0.2, "robot": "rigid", "force_noise": 0.0}
-    varied = {"tool_mass": [0.1, 0.2], "force_noise": [3.0]}
     robot = {"type": "Robot", "mass": [3.0, 5.0], "stiffness": 1e5, "damping": 50.0}
     environment = {"tool_mass": [0.1, 0.3], "force_noise": [0.0, 3.0], "alarm": "reading", "robot": robot}
-    assert set(Task(**environment).drawn) == {"tool_mass", "force_noise", "robot.mass"}
-    changed = variants(Evaluation.of_table({"nominal": nominal, "varied": varied}, environment), environment)
+    evaluation = Evaluation.of_table({
+        "nominal": {"tool_mass": 0.2, "robot": "rigid", "force_noise": 0.0},
+        "varied": {"tool_mass": [0.1, 0.2], "force_noise": [3.0]},
+    }, environment)  # fmt: skip
     expected = [(0.1, 0.0, False), (0.2, 0.0, True), (0.2, 3.0, False)]
-    for change, (mass, noise, same) in zip(changed, expected, strict=True):
+    for change, (mass, noise, same) in zip(variants(evaluation, environment), expected, strict=True):
         task = Task(**change.environment)
         assert (task.tool_mass, task.force_noise, task.robot, task.alarm) == (mass, noise, None, "reading")
-        assert not task.drawn
-        assert change.same == same
+        assert (task.drawn, change.same) == ({}, same)
 
 
 def test_changes_leave_out_what_makes_no_environment():
@@ -102,68 +98,52 @@ def test_changes_leave_out_what_makes_no_environment():
     assert [change.value for change in kept] == [1.0]
 
 
-def far_flight(task, acceleration, duration):
-    """Trace of a chain that only accelerates."""
+def behind_in_far_flight(task, acceleration, duration):
+    """How far the tool of a chain that only accelerates is behind what is commanded, m, over the time."""
     chain = scene(coupling=task.coupling, robot=task.robot, m_t=task.tool_mass, distance=1e6)
-    return ig.simulate(chain, ig.Trapezoid(1e3, acceleration), duration, trace=True).trace
+    trace = ig.simulate(chain, ig.Trapezoid(1e3, acceleration), duration, trace=True).trace
+    return trace.command_position - trace.tool_position
 
 
 @pytest.mark.parametrize("robot", [None, ig.Robot(5.0, 3e3, 200.0)])
 @pytest.mark.parametrize("coupling", [ig.Rigid(), ig.SpringDamper(200.0, 1.0)])
 def test_lag_is_that_of_a_long_run_at_full_acceleration(coupling, robot):
     task = Task(tool_mass=0.3, coupling=coupling, robot=robot)
-    trace = far_flight(task, 20.0, 5.0)
-    behind = trace.command_position[-1] - trace.tool_position[-1]
-    assert setup.lag(task) == pytest.approx(behind, rel=1e-6, abs=1e-9)
+    assert check.lag(task) == pytest.approx(behind_in_far_flight(task, 20.0, 5.0)[-1], rel=1e-6, abs=1e-9)
 
 
 @pytest.mark.parametrize("share", [0.98, 1.02])
 def test_held_is_the_acceleration_above_which_a_mechanism_leaves_its_stop(share):
     task = Task(coupling=ig.Bistable())
-    trace = far_flight(task, share * feasible.held(task), 2.0)
-    behind = np.abs(trace.command_position - trace.tool_position).max()
-    assert (behind > 0.01) == (share > 1.0)
+    behind = behind_in_far_flight(task, share * feasible.held(task), 2.0)
+    assert (np.abs(behind).max() > 0.01) == (share > 1.0)
 
 
 @pytest.mark.parametrize("robot", [None, ig.Robot(2.0, 1e3, 5.0)])
 @pytest.mark.parametrize("coupling", [ig.Rigid(), ig.SpringDamper(50.0, 1.0)])
 def test_estimate_is_the_impact_of_a_hard_contact(coupling, robot):
     task = Task(coupling=coupling, robot=robot)
-    scenario = {"object_mass": 0.4, "restitution": 0.6, "distance": 0.3}
     hard = scene(1e12, 0.6, coupling, robot, m_t=task.tool_mass, m_p=0.4, distance=0.3, dissipation="exact")
     first = ig.simulate(hard, CRUISE, 1.0).contacts[0]
     speed = first.approach_velocity if isinstance(coupling, ig.SpringDamper) or robot else 1.0
-    assert setup.estimate(task, scenario) * speed == pytest.approx(first.object_velocity, rel=1e-3)
-
-
-def test_rigid_to_counts_the_objects_whose_peak_force_is_below_what_holds_the_tool():
-    """The peak is that of a simulated contact with a rigid tool."""
-    masses, restitutions, peaks = np.array([0.1, 0.3, 1.0, 2.5]), np.array([1.0, 0.3, 1.0, 0.3]), []
-    for mass, restitution in zip(masses, restitutions, strict=True):
-        gentle = scene(1e4, restitution, m_p=mass), ig.Trapezoid(setup.GENTLE, 8.0), 2.0
-        peaks.append(ig.simulate(*gentle).contacts[0].peak_force)
-    assert np.all(np.diff(peaks) > 0.0)
-    scenario = {"object_mass": masses, "contact_stiffness": np.full(4, 1e4), "restitution": restitutions}
-    for count, force in enumerate([0.999 * peaks[0], *(1.001 * np.array(peaks))]):
-        stiffness = 50.0 * force / float(ig.Bistable().force(ig.Bistable().rest))
-        task = Task(coupling=ig.Bistable(stiffness, stop_stiffness=2e3 * stiffness))
-        assert setup.rigid_to(task, scenario) == pytest.approx((force, count / 4), rel=1e-9)
+    assert check.estimate(task, 0.4, 0.6) * speed == pytest.approx(first.object_velocity, rel=1e-3)
 
 
 def test_lines_say_what_follows(mine):
-    lags = [setup.lag(corner) for corner in feasible.corners(Task(**load_setup(mine).environment))]
+    lags = [check.lag(corner) for corner in feasible.corners(Task(**load_setup(mine).environment))]
     hand = [4.0 * m / k + 4.0 * (8.0 + m) / k_r for m in (0.3, 0.5) for k in (200, 400) for k_r in (5e4, 2e5)]
     assert sorted(lags) == pytest.approx(sorted(hand), rel=1e-12)
-    text = "\n".join(setup.lines(load_setup(mine)))
+    text, of_mechanism = ("\n".join(check.lines(load_setup(name))) for name in (mine, "bistable-paper"))
     drawn = "robot.stiffness: 50000 to 200000 N/m, log-uniform"
     assert all(part in text for part in (drawn, f"impact-gym train {mine}", "mine-profile", "distance estimate"))
     assert "warning" not in text
-    assert "the front stop holds the tool up to 8.38" in "\n".join(setup.lines(load_setup("bistable-paper")))
+    assert "the front stop holds the tool up to 8.38" in of_mechanism
+    assert "the front stop holds the tool with 1.05 N" in of_mechanism  # 8.38 m/s^2 times 0.125 kg
 
 
-def test_setup_needs_pygame_for_the_picture_alone(monkeypatch, capsys, tmp_path):
+def test_check_needs_pygame_for_the_picture_alone(monkeypatch, capsys, tmp_path):
     monkeypatch.setitem(sys.modules, "pygame", None)
-    setup.run(setup.Check("linear-blind", tmp_path / "picture.png"))
+    check.run(check.Check("linear-blind", tmp_path / "picture.png"))
     assert capsys.readouterr().out.splitlines()[-1].startswith("no picture: rendering needs pygame")
 
 
@@ -177,14 +157,15 @@ def test_reached_is_as_far_as_an_arm_gets_before_the_end(acceleration, speed):
         assert play(env, Given(repeat(np.ones(2, np.float32))), seed=0, **options).info["missed"] == missed
 
 
+GENTLE = {"coupling": ig.Bistable(), "acceleration_range": (1.0, 8.0)}
+
+
 @pytest.mark.parametrize(("environment", "words"), [
-    ({}, []),
+    ({}, []), (GENTLE, []),
     ({"scenario": {"distance": (0.2, 1.7)}}, ["ends at a flange position of 0.75"]),
     ({"scenario": {"distance": (0.01, 0.3)}}, ["from 10 mm on, where the tool can be before the first reading"]),
     ({"coupling": ig.Bistable()}, ["holds the tool up to 8.38 m/s^2, the arm can make 20: above that"]),
-    ({"coupling": ig.Bistable(), "acceleration_range": (1.0, 8.0)}, []),
-    ({"coupling": ig.Bistable(), "acceleration_range": (1.0, 8.0), "robot": ig.Robot(5.0, 1e5, 50.0)},
-     ["the arm can make 8, and a compliant robot swings to 2 times that and more"]),
+    (GENTLE | {"robot": ig.Robot(5.0, 1e5, 50.0)}, ["8, and a compliant robot swings to 2 times that and more"]),
 ], ids=str)  # fmt: skip
 def test_warnings_name_what_goes_wrong_in_some_episodes(environment, words):
     sentences = feasible.warnings(Task(**environment))
@@ -192,8 +173,8 @@ def test_warnings_name_what_goes_wrong_in_some_episodes(environment, words):
     assert all(part in sentence for part, sentence in zip(words, sentences, strict=True))
 
 
-STEADY = """[environment]
-operator = { type = "Trapezoid", speed = 0.25, reaction = 0.2 }
+LATE = """[environment]
+operator = { %s }
 uplink = { trace = "delays.csv" }
 downlink = { delay = 0.2 }
 coupling = { type = "Rigid" }
@@ -203,18 +184,16 @@ velocity_range = [-0.3, 0.5]
 scenario = { distance = 0.5 }
 """
 TIMES = (0.1 + 0.5 / 0.25 + 0.25 / 16.0) / (0.1 + 0.2 + 0.2)
-PRESSED = STEADY.replace(
-    '"Trapezoid", speed = 0.25, reaction = 0.2', '"Replay", time = [0.0, 0.1], velocity = [0.1, 0.0]'
-)
 
 
-@pytest.mark.parametrize(("text", "words"), [
-    (STEADY, ["stop is 500 ms late", f"comes after {TIMES:.1f} to {TIMES:.1f} times", "is done after"]),
-    (PRESSED, ["misses 500", "comes after nan to nan times"]),
-], ids=["steady", "nobody gets there"])  # fmt: skip
-def test_lines_say_how_late_an_operator_is_beside_each_way(tmp_path, text, words):
+@pytest.mark.parametrize(("operator", "words"), [
+    ('type = "Trapezoid", speed = 0.25, reaction = 0.2',
+     ["stop is 500 ms late", f"comes after {TIMES:.1f} to {TIMES:.1f} times", "is done after"]),
+    ('type = "Replay", time = [0.0, 0.1], velocity = [0.1, 0.0]', ["misses 500", "comes after nan to nan times"]),
+], ids=["steady", "stops short"])  # fmt: skip
+def test_lines_say_how_late_an_operator_is_beside_each_way(tmp_path, operator, words):
     """The touch comes after delay + distance / speed + speed / (2 * 8 m/s^2), the delay of a trace on average."""
-    (tmp_path / "far.toml").write_text(text)
+    (tmp_path / "far.toml").write_text(LATE % operator)
     (tmp_path / "delays.csv").write_text("0,0.1\n1,0.1\n")
-    printed = "\n".join(setup.lines(load_setup(tmp_path / "far.toml")))
+    printed = "\n".join(check.lines(load_setup(tmp_path / "far.toml")))
     assert all(word in printed for word in words)

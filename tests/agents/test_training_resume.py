@@ -3,7 +3,6 @@
 import fcntl
 import json
 import shutil
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,10 +15,12 @@ from agents import load_policy, load_setup
 from agents.evaluate import Validation
 from agents.jobs import JobsFailedError
 from agents.policies.networks import to_arrays
+from agents.train.__main__ import read_options, run
 from agents.train.callback import OBJECTIVES, CollapsedError, TrainingCallback
 from agents.train.ppo import policy_from, resume, train
-from agents.train_seeds import Seeds, train_all, train_one
+from agents.train.seeds import train_one
 
+TINY_SETTINGS = ("steps", "envs", "rollout", "batch", "width", "validate_every", "validation_scenarios")
 ALL_AT_ONCE = """[environment]
 tool_mass = [0.1, 0.2]
 reaction_delay = [0.008, 0.032]
@@ -132,18 +133,30 @@ def test_train_refuses_what_can_never_be_done(mine, tmp_path):
     assert not (tmp_path / "run").exists()
 
 
-def test_train_all_trains_each_seed_once_and_for_the_set_up_as_it_is(mine, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    wanted = Seeds(steps=512, processes=0, runs=tmp_path / "runs", policies=tmp_path / "policies")
-    policies = [load_policy(train_all(load_setup("mine.toml"), wanted), seed) for seed in (0, 1)]
+def trained(folder, setup, *words):
+    """Do what `impact-gym train SETUP --seeds ...` does, in this process."""
+    where = ["--processes", "0", "--out", str(folder / "runs"), "--policies", str(folder / "policies")]
+    return run(read_options([str(setup), *words, *where]))
+
+
+def test_train_seeds_trains_each_seed_once_and_for_the_set_up_as_it_is(mine, tmp_path):
+    wanted = ("--seeds", "2", "--steps", "512")
+    path = trained(tmp_path, mine, *wanted)
+    policies = [load_policy(path, seed) for seed in (0, 1)]
     weights, others = (to_arrays(policy.network) for policy in policies)
     assert not any(np.array_equal(weights[name], others[name]) for name in weights if name != "log_std.weight")
     assert load_setup(mine).describes(policies[0].environment)
+    shutil.rmtree(tmp_path / "runs" / "seed-1")
+    before = path.read_bytes()
+    trained(tmp_path, mine, *wanted)  # which fills the folder with what is stored
+    assert path.read_bytes() == before
+    with pytest.raises(ValueError, match=r"other settings .* remove it, or name another folder with --out"):
+        trained(tmp_path, mine, *wanted, "--width", "24")
     change(mine, "damping_ratio = 0.7", "damping_ratio = 0.9")
     with pytest.raises(ValueError, match="for another environment: remove it"):
-        train_all(load_setup(mine), wanted)
+        trained(tmp_path, mine, *wanted)
     with pytest.raises(ValueError, match="has changed since"):
-        resume(tmp_path / "runs" / "mine" / "seed-0")
+        resume(tmp_path / "runs" / "seed-0")
 
 
 @pytest.fixture
@@ -168,17 +181,16 @@ def test_train_stops_with_the_reason_where_it_touches_no_object(unreachable, tmp
         train(unreachable, tmp_path / "run", interrupt)
     reason = r"after 1,536 of 4,096 steps: 100\.0% of the objects missed.*learning_rate below.*log_std below"
     for _ in range(2):  # the second time at once
-        with pytest.raises(CollapsedError, match=f"{reason}.*impact-gym setup .*slow.toml"):
+        with pytest.raises(CollapsedError, match=f"{reason}.*impact-gym check .*slow.toml"):
             resume(tmp_path / "run")
     assert "100.0% of the objects missed" in (tmp_path / "run" / "collapsed.txt").read_text()
     assert not (tmp_path / "run" / "metrics.json").exists()
 
 
-def test_train_all_ships_nothing_of_a_collapsed_seed(unreachable, tmp_path):
-    wanted = Seeds(seeds=1, processes=0, runs=tmp_path / "runs", policies=tmp_path / "policies")
-    setup = replace(unreachable.setup, training=unreachable.training)
+def test_train_seeds_ships_nothing_of_a_collapsed_seed(unreachable, tmp_path):
+    settings = (f"--{name.replace('_', '-')} {getattr(unreachable.training, name)}" for name in TINY_SETTINGS)
     with pytest.raises(JobsFailedError, match=r"1 of 1 jobs failed(.|\n)*CollapsedError(.|\n)*objects missed"):
-        train_all(setup, wanted)
+        trained(tmp_path, unreachable.setup.path, "--seeds", "1", *" ".join(settings).split())
     assert not (tmp_path / "policies").exists()
 
 

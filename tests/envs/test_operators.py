@@ -88,16 +88,12 @@ def test_reach_is_the_minimum_jerk_and_lag_lengthens_it():
     quiet = {"noise": 0.0, "creep": 1e-3, "place_error": error}
     for delay in (0.0, 0.1125):
         batch = steered(ig.operators.Reach(**quiet), scenario={"distance": way}, uplink={"delay": delay},
-                        downlink={"delay": delay}, taken_weight=1.0)  # fmt: skip
+                        downlink={"delay": delay})  # fmt: skip
         packets, duration = sent(batch, STOP, steps=230)[0], 1.875 * (way + error) / 0.5 * (1.64 if delay else 1.0)
         share = np.clip(packets["sent"] / duration, 0.0, 1.0)
         speed = (way + error) / duration * 30.0 * share**2 * (1.0 - share) ** 2
         assert packets["command"] == pytest.approx(np.where(share > 0.5, np.maximum(speed, 1e-3), speed), abs=1e-12)
         assert batch.episodes["taken"][0] == 1.0
-    fitts = ig.operators.Reach(**quiet, intercept=0.2, slope=0.5, width=0.03, lag_slope=0.0)
-    batch = steered(fitts, scenario={"distance": way})
-    batch.begin_seeded(0, {})
-    assert batch.links["duration"][0] == pytest.approx(0.2 + 0.5 * math.log2((way + error) / 0.03 + 1.0))
 
 
 @pytest.mark.parametrize(("damping", "speed", "way"), [
@@ -163,19 +159,6 @@ def test_touch_is_displayed_by_whichever_packet_comes_first():
     assert 0.5 < np.mean(np.abs(stop - after) < 1e-12) < 1.0
     at_once = touch - 0.3 * np.log1p(-np.random.default_rng(0).random((2000, 200)))
     assert np.mean(stop - touch) < 0.5 * np.mean(at_once - touch)
-
-
-def test_surrogate_pilots_err_as_often_as_they_say():
-    for kind, share in ((ig.operators.Laggy, 0.85), (ig.operators.Noisy, 0.3)):
-        batch = steered(kind(0.0, 0.1, noise=0.0), 400, scenario=AWAY)
-        plain = steered(ig.operators.Reach(0.0, 0.1, noise=0.0), 1, scenario=AWAY)
-        commands, meant = (sent(each, STOP, steps=100)["command"] for each in (batch, plain))
-        errs = commands[:, 2:] == commands[:, 1:-1] if kind is ig.operators.Laggy else commands[:, 2:] != meant[:, 2:]
-        assert errs.mean() == pytest.approx(share, abs=0.02)
-        if kind is ig.operators.Noisy:  # evenly over all that the arm can follow
-            random = commands[:, 2:][errs]
-            assert (random.min(), random.max()) == pytest.approx((-0.3, 0.5), abs=0.01)
-            assert random.mean() == pytest.approx(0.1, abs=0.01)
 
 
 def test_noise_of_control_grows_with_the_control():

@@ -8,15 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import tyro
 from own_set_up import change, own_set_up
 from policies import made_up_policy
 
-from agents.command_line import command_line, command_of
+from agents.command_line import command_line, command_of, read_command
 from agents.export.__main__ import Export
 from agents.policies import load_ensemble
 from agents.setups import Training, load_setup, shipped
-from agents.train_seeds import Seeds
+from agents.train.__main__ import TrainOptions
 from agents.tune import Tune
 from experiments import command, controller, policies
 from experiments.controller import copy_setup
@@ -49,7 +48,7 @@ def test_help_of_a_command_prints_its_name(name, exit_of, capsys):
 
 @pytest.mark.parametrize(("name", "options"), [
     ("tune", Tune(("linear-blind",), names=("blind-profile",), weights=(0.5, 2.0), budget=8, bound=True)),
-    ("train-seeds", Seeds(("linear-blind", "rigid-blind"), seeds=2, cluster="ray", runs=Path("there"))),
+    ("train", TrainOptions("rigid-blind", Training(width=24), seeds=2, cluster="ray", out=Path("there"))),
     ("report", ReportOptions(("linear-blind",), folder=Path("a b"), force=True, count=200)),
     ("export", Export("linear-blind", Path("out"))),
     ("design", Study("linear-blind", ("coupling.stiffness=20:200",), Path("out"), effort=Effort(budget=8), against=())),
@@ -57,7 +56,7 @@ def test_help_of_a_command_prints_its_name(name, exit_of, capsys):
 def test_command_of_options_is_read_into_the_same_options(name, options):
     words = shlex.split(command_of(name, options))
     assert words[:2] == ["impact-gym", name]
-    assert tyro.cli(type(options), args=words[2:]) == options
+    assert read_command(name, type(options), words[2:]) == options
 
 
 def test_command_of_leaves_out_what_another_default_says():
@@ -87,7 +86,7 @@ def test_cards_say_what_policies_are_for_where_they_fail_and_what_their_seeds_do
         mean = np.mean([validation["object_velocity"][0] for validation in validations])
         assert f"V_p {mean:.3f}" in text
         assert f"{len(validations)} seeds" in text
-    with pytest.raises(ValueError, match=r"mine.toml has no policy yet, there is no .*: impact-gym train-seeds"):
+    with pytest.raises(ValueError, match=r"mine.toml has no policy yet, there is no .*: impact-gym train .* --seeds"):
         list(policies.card(str(mine)))
 
 

@@ -11,11 +11,11 @@ from agents.baselines import BlindProfile, ConstantSpeed
 from agents.baselines.tuned import read_tuned
 from agents.evaluate import TUNING_SEED, ScenarioBatch, Travel
 from agents.setups import load_setup
-from experiments.design.free import Free, as_built, free_numbers
 from experiments.design.limits import Limits
+from experiments.design.options import DesignOptions
 from experiments.design.pads import PADS, on_pad, pad_of
-from experiments.design.search import PENALTY, Effort, Rig, objective, play
-from experiments.design.study import Study
+from experiments.design.search import PENALTY, Candidate, SearchBudget, objective, play
+from experiments.design.variables import SearchVariable, as_built, search_variables
 from impact_gym.task import Task
 from impact_gym.task.arguments import changed
 
@@ -45,21 +45,19 @@ NO_LIMITS = Limits(deflection=None)
     ({"times": ()}, "times must name an approach time"),
     ({"times": (0.0,)}, "times must be finite and above 0"),
     ({"against": ("nobody",)}, "no set-up 'nobody'"),
-    ({"grid": (2, 1)}, "grid must be a whole number of at least 2"),
-    ({"grid": (2, 2), "free": (STIFFNESS,)}, "grid needs two free numbers, --free names 1"),
 ], ids=str)  # fmt: skip
-def test_study_names_what_is_out_of_range_or_cannot_be_searched(changes, message, tmp_path):
+def test_options_name_what_is_out_of_range_or_cannot_be_searched(changes, message, tmp_path):
     with pytest.raises(ValueError, match=message):
-        Study(**{"setup": "linear-blind", "free": SPRING, "out": tmp_path, **changes}).checked()
+        DesignOptions(**{"setup": "linear-blind", "free": SPRING, "out": tmp_path, **changes}).checked()
 
 
 @pytest.mark.parametrize(("options", "changes", "message"), [
     (Limits, {"deflection": 0.0}, "deflection must be finite and above 0"),
     (Limits, {"touched_once": 1.5}, "touched_once must be finite and above 0 and at most 1"),
-    (Effort, {"tolerance": -0.1}, "tolerance must be finite and at least 0"),
-    (Effort, {"population": 2}, "population must be a whole number of at least 4"),
+    (SearchBudget, {"tolerance": -0.1}, "tolerance must be finite and at least 0"),
+    (SearchBudget, {"population": 2}, "population must be a whole number of at least 4"),
 ], ids=str)  # fmt: skip
-def test_limits_and_effort_name_what_is_out_of_range(options, changes, message):
+def test_limits_and_budget_name_what_is_out_of_range(options, changes, message):
     with pytest.raises(ValueError, match=message):
         options(**changes)
 
@@ -106,13 +104,14 @@ def test_search_refuses_a_design_that_holds_only_as_far_off_as_it_may_be_built()
     coupling = {"type": "SpringDamper", "stiffness": [300.0, 400.0], "damping_ratio": 1.0}
     environment = {"coupling": coupling, "scenario": {"distance": 0.5}, "acceleration_range": [1.0, 5.0]}
     environment["control_period"] = 0.002  # so that the cubic between two looks at the tool is exact
-    rig, numbers = Rig(environment, "ConstantSpeed"), [Free("coupling.stiffness", 300.0, 400.0)]
+    candidate = Candidate(environment, "ConstantSpeed")
+    variables = [SearchVariable("coupling.stiffness", 300.0, 400.0)]
     candidates = np.array([np.log(350.0), 1.5, 5.0, 5.0]) * np.ones((4, 1, 1))
 
     def loss(off):
         limits = Limits(0.125 * 5.0 / (350.0 * (1.0 - off)))
-        effort = Effort(tolerance=0.05, scenarios=100, population=4)
-        return objective(rig, numbers, 9.0, limits, effort)(candidates)[0, 0]
+        budget = SearchBudget(tolerance=0.05, scenarios=100, population=4)
+        return objective(candidate, variables, 9.0, limits, budget)(candidates)[0, 0]
 
     assert loss(0.055) - loss(0.5) == pytest.approx(PENALTY * (0.945 / 0.94 - 1.0), rel=0.2)  # 100 designs, not all
     assert loss(0.06) == loss(0.5)
@@ -169,11 +168,12 @@ def test_changed_puts_numbers_in_together_that_are_a_coupling_only_together():
 def test_play_takes_a_design_as_it_may_be_built_another_in_each_scenario():
     design, scenarios = {"coupling.stiffness": 80.0, "coupling.damping_ratio": 0.4}, {"name": "validation", "count": 60}
     assert as_built({"coupling.rear_stop": -0.02}, 0.05) == {"coupling.rear_stop": pytest.approx([-0.021, -0.019])}
-    rig = asdict(Rig({}, "BlindProfile", PROFILE, design))
-    exact, built = (play(rig, share, limits={}, **scenarios) for share in (0.0, 0.05))
+    candidate = asdict(Candidate({}, "BlindProfile", PROFILE, design))
+    exact, built = (play(candidate, share, limits={}, **scenarios) for share in (0.0, 0.05))
     alone = ScenarioBatch.of(**scenarios, threads=1, **changed({}, design)).play(BlindProfile(PROFILE))
-    assert np.array_equal(exact["object_velocity"], alone.object_velocity)
-    changes = built["object_velocity"] / exact["object_velocity"] - 1.0
+    exact, built = (frame["object_velocity"].to_numpy() for frame in (exact, built))
+    assert np.array_equal(exact, alone.object_velocity)
+    changes = built / exact - 1.0
     assert (changes != 0.0).all()
     assert np.abs(np.median(changes)) < np.abs(changes).max() < 0.5
 
@@ -186,9 +186,8 @@ def test_play_takes_a_design_as_it_may_be_built_another_in_each_scenario():
     ("coupling.damping_ratio=0:3", 1.0, False),
 ])  # fmt: skip
 def test_free_number_is_searched_by_ratio_where_that_matters_and_begins_where_the_set_up_is(text, start, logarithmic):
-    (free,) = free_numbers([text], load_setup("linear-blind"))
-    parameter = free.parameter()
-    assert free.logarithmic is logarithmic
-    values = free.value(np.array([parameter.low, parameter.start, parameter.high]))
-    assert values == pytest.approx([free.low, start, free.high])
-    assert [free.spread(3)[0], free.spread(3)[-1]] == pytest.approx([free.low, free.high])
+    (variable,) = search_variables([text], load_setup("linear-blind"))
+    parameter = variable.parameter()
+    assert variable.logarithmic is logarithmic
+    values = variable.value(np.array([parameter.low, parameter.start, parameter.high]))
+    assert values == pytest.approx([variable.low, start, variable.high])

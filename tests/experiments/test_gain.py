@@ -1,18 +1,16 @@
-"""What the gain is made of: priors that theory knows the answer of, and the page."""
+"""What the gain is made of: priors that theory knows the answer of, and shares that add up."""
 
 import numpy as np
+import polars as pl
 import pytest
-from pages import text_of_a_page_that_stands_on_its_own
+from studies import small_run
 
 from agents.evaluate import ScenarioBatch
-from experiments.gain import __main__ as gain
-from experiments.gain import blind, priors, worlds
-from experiments.lab import experiment
-from experiments.lab.tables import rows_of
+from experiments.studies import gain
 
 
 def test_places_are_those_of_the_prior():
-    uniform, memoryless = priors.Prior(0.15, 0.35), priors.Prior(0.001, 0.6, memoryless=True)
+    uniform, memoryless = gain.Prior(0.15, 0.35), gain.Prior(0.001, 0.6, memoryless=True)
     assert np.sort(uniform.distances(1, 400)) == pytest.approx(0.15 + 0.2 * (np.arange(400) + 0.5) / 400)
     away = memoryless.distances(1, 100_000) - 0.001
     assert away.mean() == pytest.approx(memoryless.mean, rel=1e-3)
@@ -22,56 +20,35 @@ def test_places_are_those_of_the_prior():
 
 
 def test_steady_rule_keeps_its_speed_wherever_it_is():
-    numbers = [0.4, 15.0, *(parameter.start for parameter in priors.REACTION)]
-    played = ScenarioBatch.of("test", 20).play(priors.Steady(numbers))
+    numbers = [0.4, 15.0, *(parameter.start for parameter in gain.REACTION)]
+    played = ScenarioBatch.of("test", 20).play(gain.Steady(numbers))
     ramp = 0.4 / 15.0  # s, in which it gets half as far as at full speed
     assert played.approach_time == pytest.approx(played.scenario["distance"] / 0.4 + ramp / 2, abs=2e-2)
 
 
 @pytest.mark.filterwarnings("ignore:SpringDamper.stroke")
-def test_page_says_shares_that_add_up(tmp_path):
-    few, made = priors.Effort((0.7, 3.0), scenarios=10, generations=3, tested=20, seeds=2, steps=40_000), {}
-
-    def compute(gather):
-        played = [{"setup": "linear-blind", "world": world, "contestant": who, "count": 8}
-                  for world in ("friction 0.3", "stroke 20 mm") for who in (worlds.RULE, "policy")]  # fmt: skip
-        made["worlds"] = [row for each in played for row in rows_of(worlds.played(**each))]
-        effort = blind.Effort(scenarios=10, corners=1, generations=2)
-        bound = blind.rows(gather, effort, ["linear-blind"])
-        return made | {"priors": priors.rows(gather, few, priors.PRIORS[3:4]), "blind": bound}
-
-    show = lambda tables: gain.shown(made.setdefault("all", tables))  # noqa: E731
-    experiment.run("gain", tmp_path, "test", compute, show, processes=0)
-    text = text_of_a_page_that_stands_on_its_own(tmp_path, figures=1)
-    assert "from knowing where objects can stand" in text
-    assert "profile above it" in text
-    (line,) = priors.table(made["all"]["priors"])
+def test_shares_add_up_and_worlds_differ_where_they_should(tmp_path):
+    few = {"scenarios": 10, "generations": 3, "tested": 20}
+    searches = [cell for cell in gain.searches(True, {}) if cell.labels["near"] == 0.15]
+    searches = [cell._replace(arguments=cell.arguments | few) for cell in searches]
+    assert len(searches) == 1 + 2 * len(gain.QUICK_WEIGHTS)
+    asked = {("linear-blind", world) for world in ("as trained", "friction 0.3", "stroke 20 mm")}
+    worlds = [cell for cell in gain.worlds(True, {}) if (cell.labels["setup"], cell.labels["change"]) in asked]
+    worlds = [cell._replace(arguments=cell.arguments | {"scenarios": {"set": "test", "count": 8}}) for cell in worlds]
+    run = small_run(gain.STUDY, tmp_path, priors=searches, worlds=worlds)
+    run.write()
+    (line,) = gain.by_prior(run.frames["priors"])
     assert line["limits"].value + line["place"].value == pytest.approx(line["all"].value, rel=1e-12)
-    assert line["velocity"][0].value > line["velocity"][1].value
-    policies = [row for row in made["all"]["priors"] if row["rule"] == "policy"]
-    assert len(policies) == 2 * (2 + len(priors.WEIGHTS)) * 20  # seeds, weights and scenarios
-    assert line["learning"].value == pytest.approx(1.0 - line["velocity"][3].value / line["velocity"][2].value)
-
-
-def test_nobody_blind_is_below_the_bound_and_finer_corners_only_lower_it():
-    few = {"scenarios": 15, "corners": 2, "generations": 4}
-    for setup in blind.BINS:
-        found = rows_of(blind.searched(setup, blind.BINS[setup], 2.0, **few))
-        found += [row for who in (blind.RULE, blind.PROFILE, "seed 0", "seed 1")
-                  for row in rows_of(blind.played(setup, 2.0, few["scenarios"], who))]  # fmt: skip
-        (line,) = blind.table(found)
-        coarse, fine = line["bounds"]
-        assert fine <= coarse + 1e-6 < line["least"]  # searched at a larger tolerance than judged
-        assert all(above.value > 0.0 for above in line["above"])
-
-
-def test_shared_motion_ends_with_the_first_reading_and_does_not_begin_again():
-    rule = blind.shared(blind.KNOTS)([0.3] * len(blind.KNOTS) + [20.0, -0.5, -0.5, -0.5, -0.5, 20.0])
-    seen, state, low = np.zeros((2, len(rule.spec)), np.float32), None, -1.0  # -0.5 m/s
-    seen[:, rule.spec.index("velocity")] = rule.spec.encode("velocity", np.full(2, 0.3))
-    for force in (0.0, 1e-3, 0.0):
-        seen[1, rule.spec.index("force")] = rule.spec.encode("force", force)
-        actions, state = rule.predict(seen, state)
-        assert actions[0, 0] == pytest.approx(low + 0.8, abs=1e-6)  # 0.3 m/s of -0.5 to 1.5
-        assert actions[1, 0] == pytest.approx(low if np.isfinite(state[1]) else low + 0.8, abs=1e-6)
-    assert np.isfinite(state).tolist() == [False, True]
+    rule, steady, profile = line["velocity"]
+    assert rule.value == pytest.approx(run.frames["priors"].filter(rule="rule")["object_velocity"].mean())
+    assert (line["limits"].value, line["profile"].value) == pytest.approx(
+        ((rule.value - steady.value) / rule.value, 1.0 - profile.value / steady.value)
+    )
+    frame, names = run.frames["worlds"], [gain.RULE, gain.PROFILE, gain.POLICY]
+    assert frame["contestant"].unique(maintain_order=True).to_list() == names
+    assert frame.filter(pl.col("slide").is_null())["change"].unique().sort().to_list() == ["as trained", "stroke 20 mm"]
+    table = {(row["world"], row["contestant"]): row for row in gain.by_world(frame)}
+    for who in names:
+        assert table["as trained", who]["slides (cm)"] == "-" != table["friction 0.3", who]["slides (cm)"]
+        trained, ends = (frame.filter(change=world, contestant=who) for world in ("as trained", "stroke 20 mm"))
+        assert not trained["object_velocity"].equals(ends["object_velocity"])

@@ -1,4 +1,4 @@
-"""Who assists an operator: the cells' numbers, and the page."""
+"""Who assists an operator: the numbers of cells, and which sentences they allow."""
 
 import math
 from html import unescape
@@ -6,45 +6,70 @@ from html import unescape
 import numpy as np
 import pytest
 from pages import text_of_a_page_that_stands_on_its_own
+from studies import small_run
 
-from experiments.lab import experiment
-from experiments.teleop import __main__ as teleop
-from experiments.teleop import cells
+from experiments.studies import teleop
 from impact_gym.task import Task
 
+COUNT = 25
 
-def test_page_has_every_contestant_and_numbers_that_hold_together(tmp_path):
-    compute = lambda gather: {"cells": gather("cells", cells.played, [  # noqa: E731
-        {"coupling": "spring", "delay": 0.2, "operator": cells.REACH, "count": 25},
-        {"coupling": "rigid", "delay": 0.2, "operator": "recordings", "count": 25},
-    ], "")}  # fmt: skip
-    made = {}
-    show = lambda tables: teleop.shown(made.setdefault("tables", tables))  # noqa: E731
-    experiment.run("teleop", tmp_path, "test", compute, show, processes=0)
-    text = unescape(text_of_a_page_that_stands_on_its_own(tmp_path, figures=2))
-    found = made["tables"]["cells"]
+
+def few(cells):
+    """Cells with few scenarios, one seed of the policy, and two of the places."""
+    asked = {("spring", "reach", 0.2), ("rigid", "steady", 0.2)}
+    for cell in cells:
+        place = tuple(cell.labels[name] for name in ("coupling", "operator", "delay"))
+        if place in asked and not cell.labels["channel"] and cell.labels["seed"] in (0, 1):
+            scenarios = {**cell.arguments["scenarios"], "count": COUNT}
+            yield cell._replace(arguments=cell.arguments | {"scenarios": scenarios})
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    run = small_run(
+        teleop.STUDY, tmp_path_factory.mktemp("teleop"),
+        episodes=list(few(teleop.assisted(True, {}))),
+        shuffled=lambda frames: few(teleop.shuffled(True, frames)),
+    )  # fmt: skip
+    run.write()
+    return run
+
+
+def test_page_has_every_contestant_and_numbers_that_hold_together(study):
+    text = unescape(text_of_a_page_that_stands_on_its_own(study.folder, figures=2))
+    found = teleop.table_of_cells(study.frames)
     names = {row["contestant"] for row in found}
-    known = {cells.ALONE, cells.RULE, cells.BRAKE, cells.LIMIT, cells.POLICY}
-    assert names == known | {name + cells.SHUFFLED for name in (cells.ALONE, cells.BRAKE, cells.POLICY)}
+    assert names == {*teleop.ASSISTANCE} | {
+        name + teleop.SHUFFLED for name in (teleop.ALONE, teleop.BRAKE, teleop.POLICY)
+    }
     assert all(name in text for name in names)
-    assert "over 25 scenarios" in text
+    assert f"over {COUNT} scenarios" in text
     by_name = {(row["operator"], row["contestant"]): row for row in found}
     for (operator, who), row in by_name.items():
         assert row["slide_low"] <= row["slide"] <= row["slide_high"]
-        brake = by_name[operator, cells.BRAKE]
-        if cells.SHUFFLED in who:
+        brake = by_name[operator, teleop.BRAKE]
+        if teleop.SHUFFLED in who:
             assert math.isnan(row["brake_cost"])
             continue
         assert row["cost"] == pytest.approx(row["object_velocity"] + 0.5 * row["done_time"] + 2.0 * row["missed"])
         assert row["brake_slide"] == pytest.approx(brake["slide"] - row["slide"], abs=1e-12)
         assert row["brake_cost"] == pytest.approx(brake["cost"] - row["cost"], abs=1e-12)
-        if who in (cells.ALONE, cells.BRAKE, cells.RULE):
+        if who in (teleop.ALONE, teleop.BRAKE, teleop.RULE):
             assert row["taken"] == 0.0  # they withhold nothing before the touch
-        if who == cells.ALONE:  # one of the gains
+        if who == teleop.ALONE:  # one of the gains
             assert (row["gain_slide"], row["median_ratio"]) == pytest.approx((0.0, 1.0), abs=1e-12)
             assert row["gain_cost"] <= 0.0
-    for operator in (cells.REACH, "recordings"):  # who senses at once stops before the operator has seen anything
-        assert by_name[operator, cells.BRAKE]["slide"] < by_name[operator, cells.ALONE]["slide"]
+    for operator in (teleop.REACH, "steady"):  # who senses at once stops before the operator has seen anything
+        assert by_name[operator, teleop.BRAKE]["slide"] < by_name[operator, teleop.ALONE]["slide"]
+
+
+def test_shuffled_operator_believes_the_object_where_another_one_stands(study):
+    frame = study.frames["shuffled"].filter(contestant=teleop.ALONE + teleop.SHUFFLED, coupling="spring")
+    cells = few(teleop.shuffled(True, study.frames))
+    error = next(cell.arguments["record"]["operator.place_error"] for cell in cells)
+    distance = frame.sort("episode")["distance"].to_numpy()
+    assert np.sort(distance + error) == pytest.approx(np.sort(distance), rel=1e-12)
+    assert np.abs(error).max() > 0.05
 
 
 def row_of(who, column, low, high, **others):
@@ -57,30 +82,32 @@ def row_of(who, column, low, high, **others):
 
 def test_hurts_names_all_cells_that_are_worse_beyond_their_interval_and_the_worst():
     rows = [
-        row_of(cells.POLICY, "brake_slide", -0.03, -0.01), row_of(cells.POLICY, "brake_slide", -0.03, 0.01, delay=0.2),
-        row_of(cells.POLICY, "brake_slide", -0.09, -0.05, delay=0.4), row_of(cells.ALONE, "brake_slide", -0.9, -0.8),
-        row_of(cells.BRAKE, "gain_cost", -0.3, -0.1, operator="hand"),
+        row_of(teleop.POLICY, "brake_slide", -0.03, -0.01), row_of(teleop.POLICY, "brake_slide", -0.03, 0.0, delay=0.2),
+        row_of(teleop.POLICY, "brake_slide", -0.09, -0.05, delay=0.4), row_of(teleop.ALONE, "brake_slide", -0.9, -0.8),
+        row_of(teleop.BRAKE, "gain_cost", -0.3, -0.1, operator="hand"),
     ]  # fmt: skip
     first, second = teleop.hurts(rows)
-    assert first == {
-        "who": cells.POLICY, "what": f"slides further than with the {cells.BRAKE}", "count": "2",
-        "where": "rigid, steady: 100, 400 ms", "most": "7.00 [5.00, 9.00] cm (rigid, steady, 400 ms)",
-    }  # fmt: skip
-    assert (second["who"], second["what"], second["count"]) == (cells.BRAKE, "costs more than constant gains", "1")
+    assert first == (
+        teleop.POLICY, f"slides further than with the {teleop.BRAKE}", "2",
+        "7.00 [5.00, 9.00] cm (rigid, steady, 400 ms)", "rigid, steady: 100, 400 ms",
+    )  # fmt: skip
+    assert second[:3] == (teleop.BRAKE, "costs more than constant gains", "1")
 
 
 def test_duel_counts_cells_and_weighs_all_of_them():
-    rows = [row_of(cells.POLICY, "brake_cost", low, low + 0.2) for low in (0.1, -0.1, -0.3, 0.3)]
-    result = teleop.duel([*rows, row_of(cells.BRAKE, "brake_cost", 5.0, 6.0)], "brake")
-    assert (result["cells"], result["less"], result["more"]) == (4, 2, 1)
-    assert (result["best"], result["worst"]) == (rows[3], rows[2])
-    assert result["share"] == pytest.approx(100.0 * 0.4 / 4.4)
+    rows = [row_of(teleop.POLICY, "brake_cost", low, low + 0.2) for low in (0.1, -0.1, -0.3, 0.0, 0.3)]
+    result = teleop.duel([*rows, row_of(teleop.BRAKE, "brake_cost", 5.0, 6.0)], "brake")
+    assert (result["cells"], result["less"], result["more"]) == (5, 2, 1)  # 0 is not clearly less
+    assert (result["best"], result["worst"]) == (rows[4], rows[2])
+    assert result["share"] == pytest.approx(100.0 * 0.5 / 5.5)
+    assert "clearly less than the local brake in 2 of 5 cells and clearly more in 1" in teleop.duel_sentence(result)
 
 
 def test_recordings_go_the_whole_way_and_are_none_of_the_training():
-    recorded, seen = cells.recordings(), cells._environment("rigid", cells.SEEN, {"delay": 0.1})["operator"]
-    assert Task(**cells._environment("rigid", "recordings", {"delay": 0.1})).operator.recorded.min() == 0.0
-    time, velocity = (np.array(recorded[name]).reshape(cells.RECORDINGS, -1) for name in ("time", "velocity"))
-    assert np.trapezoid(velocity, time, axis=1) == pytest.approx(cells.WAY)
-    assert (time[:, -1] - time[:, 0]).max() < cells.APART
+    recorded, seen = teleop.recordings(), teleop.environment_of("rigid", teleop.SEEN, {"delay": 0.1})["operator"]
+    task = Task(**teleop.environment_of("rigid", "recordings", {"delay": 0.1}))
+    assert task.operator.recorded.min() == 0.0
+    time, velocity = (np.array(recorded[name]).reshape(teleop.RECORDINGS, -1) for name in ("time", "velocity"))
+    assert np.trapezoid(velocity, time, axis=1) == pytest.approx(teleop.WAY)
+    assert (time[:, -1] - time[:, 0]).max() < teleop.APART
     assert {*seen["velocity"]} & {*velocity.ravel()} == {0.0}

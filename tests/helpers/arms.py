@@ -1,8 +1,11 @@
 """URDF files of small arms whose equations one can write down."""
 
+import re
+
 import numpy as np
 
 TWO_LINKS = {"lengths": (0.5, 0.4), "masses": (3.0, 2.0)}
+SHOULDER = '(name="shoulder".*?lower=)"-3" upper="3"'
 
 
 def link(name, mass=0.0, at=(0.0, 0.0, 0.0), moments=(0.01, 0.02, 0.02), extra=""):
@@ -39,6 +42,15 @@ def two_links(folder, turn="0 0 0", names=("shoulder", "elbow")):
         joint(names[1], "revolute", "upper", "fore", (a, 0, 0)), link("fore", n, (b / 2, 0, 0), rod(n, b)),
         joint("end", "fixed", "fore", "tip", (b, 0, 0)), link("tip"),
     )  # fmt: skip
+
+
+def edited(folder, old, new):
+    """The two links with a piece of the file exchanged."""
+    path = two_links(folder)
+    text = path.read_text()
+    assert re.search(old, text)
+    path.write_text(re.sub(old, new, text, count=1))
+    return path
 
 
 def rod(mass, length):

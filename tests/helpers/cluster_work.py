@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from agents.jobs.job import ONE_THREAD
+from agents.jobs import ONE_THREAD
 from impact_gym.files import whole_file
 
 
@@ -18,13 +18,13 @@ def _called(log, number):
 
 
 def begun(log):
-    """Return the jobs that were begun, in order: number, and the process that started the worker, one for a node."""
+    """Return the calls that were begun, in order: number, and the process that started the worker, one for a node."""
     lines = Path(log).read_text().splitlines() if Path(log).exists() else []
     return [tuple(map(int, line.split())) for line in lines]
 
 
 def calls(log):
-    """Return the numbers of these jobs."""
+    """Return the numbers of these calls."""
     return [number for number, _ in begun(log)]
 
 
@@ -39,17 +39,19 @@ def numbers(log, number, seconds=0.0, megabytes=0, below=None):
     _called(log, number)
     time.sleep(seconds)
     drawn = np.random.default_rng(number).standard_normal((64, 64))
-    result = {"product": drawn @ drawn.T, "number": np.array(number), "where": np.array(__file__)}
+    threads = [os.environ.get(name, "") for name in ONE_THREAD]
+    result = {"product": drawn @ drawn.T, "number": number, "threads": threads, "where": __file__}
     return result | {"values": np.random.default_rng(number).random(int(megabytes * 1e6 / 8))}
 
 
 def played(log, number, count):
-    """Play a slice of the frozen validation set."""
+    """Play some scenarios of the validation set with the compiled kernels."""
     from agents.evaluate.play import play  # 2 s, which every other worker does without
+    from impact_gym import kernels
 
     _called(log, number)
-    scenarios = {"set": "validation", "first": count * number, "count": count}
-    return play({"baseline": "paper-trapezoid"}, scenarios) | {"where": np.array(__file__)}
+    scenarios = {"ranges": "train", "seed": 1_000_000 + count * number, "count": count}
+    return {**play({"baseline": "paper-trapezoid"}, scenarios), "where": kernels.__file__}
 
 
 def fails_on(log, number, bad):
@@ -59,22 +61,15 @@ def fails_on(log, number, bad):
     return numbers(log, number)
 
 
-def kills_itself(log, number, times):
-    """Die as if out of memory, the first so many times."""
+def kills_itself(log, number):
+    """Die as if out of memory."""
     _called(log, number)
-    if calls(log).count(number) <= times:
-        os.kill(os.getpid(), signal.SIGKILL)
-    return {"number": np.array(number)}
+    os.kill(os.getpid(), signal.SIGKILL)
 
 
-def no_arrays():
-    """Return what is no result."""
-    return {"value": 1.0}
-
-
-def threads():
-    """Return what the environment of this process says of threads."""
-    return {"threads": np.array([os.environ.get(name, "") for name in ONE_THREAD])}
+def no_data():
+    """Return what cannot be sent to another process."""
+    return lambda: None
 
 
 def finds_no_room(path):

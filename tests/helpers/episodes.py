@@ -17,7 +17,6 @@ SLOTS = 4
 COMMANDED = ("command", "command_age", "is_intervention", "teleop_action", "intervene_action")
 """Entries of the info of every step, with an operator."""
 ROBOT = ig.Robot(5.225, 1.9e5, 50.4)
-TABLE = ig.RobotTable([0.05, 0.15, 0.25, 0.35], [5.0, 5.3, 5.5, 5.2], [1.5e5, 1.6e5, 1.4e5, 1.5e5], [50, 55, 60, 50])
 PAPERS_SPRING = ig.SpringDamper(50.0, 1.0)
 VELOCITY, TIME, ALARM, SINCE, FORCE, PEAK = range(1, 7)
 """Where these stand in an observation, by the table of the environment's documentation."""
@@ -115,8 +114,3 @@ def newtons(reading):
 
 def seconds(observations):
     return 0.75 * (np.asarray(observations, float)[..., 2] + 1.0)
-
-
-def metres(observations):
-    """Position of the flange."""
-    return -0.25 + 0.5 * (np.asarray(observations, float)[..., 0] + 1.0)

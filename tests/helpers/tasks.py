@@ -1,6 +1,6 @@
 """Tasks: what arguments of the environment may be, as one strategy, and all of it drawn for each episode."""
 
-from episodes import ROBOT, TABLE
+from episodes import ROBOT
 from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 
@@ -36,11 +36,8 @@ EVERYTHING_DRAWN = {
 }
 """Arguments with a range for every number that may have one, but those of an operator."""
 HAND = {"place_error": (-0.05, 0.05), "creep": (0.05, 0.2), "speed": (0.3, 0.5), "reaction": (0.1, 0.3)}
-REACH = HAND | {
-    "lag_slope": (1.0, 3.0), "intercept": (0.0, 0.2), "slope": (0.0, 0.2), "width": (0.01, 0.05), "noise": (0.0, 0.5),
-}  # fmt: skip
 OPERATORS = {
-    "Laggy": REACH | {"repeat": (0.5, 0.9)}, "Noisy": REACH | {"random": (0.1, 0.2)}, "Reach": REACH,
+    "Reach": HAND | {"lag_slope": (1.0, 3.0), "noise": (0.0, 0.5)},
     "SecondOrderLag": HAND | {"stiffness": (21.0, 71.0), "damping": (5.7, 12.8)},
     "Tracker": HAND | {"gain": (2.0, 4.5)}, "Trapezoid": {name: HAND[name] for name in ("speed", "reaction")},
 }  # fmt: skip
@@ -87,7 +84,7 @@ SOFT = {
     "drawn mechanism": described("Bistable", MECHANISM),
 }
 COUPLINGS = SOFT | {"rigid": st.sampled_from([ig.Rigid(), {"type": "Rigid"}])}
-ROBOTS = st.sampled_from([None, ROBOT, ig.Robot(2.0, 4e4, 10.0), TABLE]) | described("Robot", ARM)
+ROBOTS = st.sampled_from([None, ROBOT, ig.Robot(2.0, 4e4, 10.0)]) | described("Robot", ARM)
 OWN = {
     **{name: number_or_range(*span) for name, span in SPANS.items() if name not in ("range_noise", "range_bias")},
     "scenario": st.sampled_from(["train", "hard"]) | some_of(SCENARIO),
@@ -103,7 +100,7 @@ OWN = {
 }
 """What rows of a batch may have each for itself, whatever they observe."""
 ESTIMATE = {name: number_or_range(*SPANS[name]) for name in ("range_noise", "range_bias")}
-WITH_OPERATOR = ("operator", "uplink", "downlink", "taken_weight")
+WITH_OPERATOR = ("operator", "uplink", "downlink")
 OBSERVED = (
     "observe_range_noise", "deflection_sensor", "privileged", "past_readings", "velocity_range", "horizon",
     "after_alarm",
@@ -122,7 +119,7 @@ def rows_of_tasks(draw, count=3):
     must = {"friction": number_or_range(0.1, 0.5), "control_period": st.floats(0.012, 0.03)}
     who = st.sampled_from([*OPERATORS]).flatmap(lambda name: described(name, OPERATORS[name])) | st.just(RECORDED)
     links = {way: some_of(of) | st.just(TRACED) for way, of in {"uplink": CHANNEL, "downlink": DISPLAY}.items()}
-    steered = must | {"operator": who, "taken_weight": st.floats(0.0, 1.0)} | links if draw(st.booleans()) else {}
+    steered = must | {"operator": who} | links if draw(st.booleans()) else {}
     if steered:
         common["velocity_range"], common["horizon"] = (-0.3, 0.5), 1.5
     kinds = SOFT if deflection else COUPLINGS

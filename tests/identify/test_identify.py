@@ -5,7 +5,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from blows import MOTION, SPRING, log, scene
+from recorder import MOTION, SPRING, log, scene
 from scipy import signal
 
 import impact_gym as ig
@@ -90,7 +90,7 @@ def test_load_cell_answers_a_step_like_a_mass_on_a_spring_and_damper(damping_rat
 @pytest.mark.parametrize("low_pass", [None, 900.0])
 def test_identify_sees_through_a_load_cell_that_rings_and_is_braked_with_the_tool(low_pass):
     cell, trace = ig.LoadCell(0.03, 1500.0, 0.03), ig.simulate(TRUTH, MOTION, 0.4, trace=True).trace
-    fine = np.arange(0.0, 0.345, 1e-6)
+    fine = np.arange(0.25, 0.345, 1e-6)  # what rings at its begin has faded to e^-14 when the log begins
     pull = np.interp(fine, trace.time, trace.coupling_force - trace.contact_force) / TRUTH.tool.mass
     force = np.interp(fine, trace.time, trace.contact_force) + cell.mass * pull
     omega = 2.0 * np.pi * cell.frequency
@@ -234,15 +234,6 @@ def test_indistinguishable_names_a_filter_longer_than_the_blow():
     restitution, pair = fit.indistinguishable
     assert f"contact.restitution: any value above {low:.3g} fits as well, because the filter takes 32 ms" in restitution
     assert "contact.restitution and object.mass apart: a larger one with a smaller other" in pair
-
-
-def test_model_simulates_no_motion_that_was_over_long_before_the_log():
-    model = identified().fit.model
-    x, simulations = identified().fit.x.copy(), model.simulations
-    x[-1] = log(TRUTH)["time"][0] - 100.0
-    left = model.residuals(x)
-    assert model.simulations == simulations
-    assert np.all(np.abs(left) * model.noise["force"] > 100 * log(TRUTH)["force"].max())
 
 
 def test_sensor_with_a_low_pass_answers_a_ramp_as_its_equation_does():

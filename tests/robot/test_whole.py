@@ -1,6 +1,5 @@
 """All joints at once: against the compiled solver where an arm is one mass, laws, limits, and what it refuses."""
 
-import math
 from dataclasses import replace
 from functools import partial
 
@@ -10,7 +9,6 @@ from arms import TWO_LINKS, coriolis, slides, two_links, two_links_matrices
 from scipy.integrate import solve_ivp
 
 import impact_gym as ig
-from impact_gym.fidelity import advise
 from impact_gym.robot import from_urdf, whole
 from impact_gym.robot.drive import Path
 from impact_gym.robot.equations import Equations
@@ -34,6 +32,7 @@ def elastic(folder, factor=1.0, damping=(5.0, 2.0), **options):
 def test_two_slides_are_the_chain_with_one_mass_on_a_spring(coupling, tmp_path):
     """Nothing turns, so every mass is that of both carriages and the compiled solver has the same equations."""
     arm = from_urdf(slides(tmp_path), "base", "tip", joint_stiffness=(1.9e5, 1e5), joint_damping=(50.4, 50.0))
+    assert arm.units == ("m", "m")
     approach = arm.along((0.0, 0.0), (1.0, 0.0, 0.0), 0.25)
     robot = ig.Robot(5.225, 1.9e5, 50.4)
     scene = replace(SCENE, coupling=coupling)
@@ -47,28 +46,6 @@ def test_two_slides_are_the_chain_with_one_mass_on_a_spring(coupling, tmp_path):
     assert theirs.contact_time == pytest.approx(first.end - first.start, rel=1e-6)
     assert theirs.impulse == pytest.approx(0.25 * ours.object_velocity, abs=1e-7)
     assert max(theirs.sideways, theirs.turn) < 1e-12
-
-
-def test_energy_and_momentum_stay_where_nothing_damps(tmp_path):
-    """The arm stands, its motors too; the object comes, touches and leaves."""
-    arm, approach = elastic(tmp_path, damping=0.0)
-    scene = replace(SCENE, contact=ig.Contact(1e5, 1.0))
-    made = Equations(arm, approach, scene, Path(whole.Reaction(())))
-    y = made.begin(0.0)
-    y[-2] = -0.4  # m/s, of the object
-    assert made.damping == 0.0
-
-    def energy(y):
-        q, rates, v = y[:2], y[2:4], y[-2]
-        loaded, depth = made.arm.mass_matrix(q), max(made.seen(0.0, y)[0], 0.0)
-        off = q - approach.joint_angles[0]
-        return 0.5 * (rates @ loaded @ rates + off @ (arm.stiffness * off) + 0.25 * v * v) + 1e5 * depth**2.5 / 2.5
-
-    done = solve_ivp(lambda t, y: made.rates(t, y, True), (0.0, 0.02), y, "DOP853", rtol=1e-12, atol=1e-14)
-    found = [energy(state) for state in done.y.T]
-    assert max(made.contact(*made.seen(0.0, state)) for state in done.y.T) > 10.0
-    assert np.ptp(found) < 1e-8 * found[0]
-    assert done.y[-1, -1] == pytest.approx(0.25 * (done.y[-2, -1] + 0.4), rel=1e-8)  # impulse on the object
 
 
 def test_stiffer_joints_come_to_a_rigid_robot_as_one_over_their_stiffness(tmp_path):
@@ -104,6 +81,7 @@ def test_jacobian_is_the_derivative_of_the_rates_by_the_joints(tmp_path):
     """Of the linear equations, which have nothing else that depends on the joints while nothing touches."""
     arm, approach = elastic(tmp_path)
     made = Equations(arm, approach, SCENE, Path(whole.Reaction(())), linear=True)
+    assert (made.path.at(1.0), made.damping) == ((0.0, 0.0, 0.0), 0.0)  # without commands the motors stand
     y, ours = made.begin(0.1), made.jacobian(0.0, made.begin(0.1))
     by_columns = [made.rates(0.0, y + unit, False) - made.rates(0.0, y - unit, False) for unit in np.eye(len(y))[:4]]
     np.testing.assert_allclose(ours[:4, :4], np.transpose(by_columns)[:4] / 2.0, rtol=1e-12)
@@ -119,10 +97,10 @@ def test_weight_hangs_the_joints_and_coriolis_is_small_but_there(tmp_path):
     assert 1e-7 < abs(plain - still) < 0.01 * plain
 
 
-def test_good_servo_is_nearly_an_imposed_motion_and_a_bad_one_has_a_status(tmp_path, monkeypatch):
+def test_good_servo_is_nearly_an_imposed_motion_and_a_bad_one_has_a_status(tmp_path):
     arm, approach = elastic(tmp_path, rotor_inertia=1e-4, gear=100.0)
     assert arm.rotors == pytest.approx([1.0, 1.0])
-    run = partial(whole.simulate, arm, approach, SCENE, PAPERS, duration=0.25)
+    run = partial(whole.simulate, arm, approach, scene=SCENE, motion=PAPERS, duration=0.25)
     imposed = run().object_velocity
     found = [run(servo=whole.Servo(delay=delay)).object_velocity for delay in (0.0, 0.4e-3, 1e-3, 1.5e-3)]
     assert found == pytest.approx([imposed] * 4, rel=0.05)
@@ -131,11 +109,11 @@ def test_good_servo_is_nearly_an_imposed_motion_and_a_bad_one_has_a_status(tmp_p
         lost = run(servo=whole.Servo(*numbers))
         assert lost.status.startswith("the servo is not stable")
         assert np.isfinite([lost.object_velocity, lost.peak_force, lost.impulse, lost.sideways, lost.turn]).all()
-    monkeypatch.setattr("impact_gym.robot.equations.LOST", 1e-9)
-    assert run(servo=whole.Servo(10.0)).status.startswith("the servo does not hold the arm on its line: a joint is")
+    weak = run(motion=ig.Trapezoid(0.5, 50.0), servo=whole.Servo(0.5, 1.0, 0.02, 0.0))  # stable, but 20 ms late
+    assert weak.status.startswith("the servo does not hold the arm on its line: a joint is")
 
 
-@pytest.mark.parametrize("delay", [0.0, 0.3, 1.0, 2.0])
+@pytest.mark.parametrize("delay", [0.0, 0.3, 1.0, 1.4, 2.0])
 @pytest.mark.parametrize("w", [0.2, 0.9, 1.7])
 def test_loop_of_a_servo_around_a_rotor_alone_is_the_sampled_double_integrator(w, delay):
     """Period 1 s. Joints so soft that they pass nothing on: x'' is what was asked for a delay ago."""
@@ -214,34 +192,21 @@ def test_all_that_is_reported_is_what_an_independent_run_has(tmp_path):
     assert abs(away[-1][0] * u[1] - away[-1][1] * u[0]) < 0.9 * ours.sideways  # it is largest in between
 
 
-def test_a_flight_that_is_kept_changes_nothing(tmp_path):
-    arm, approach = elastic(tmp_path)
-    flight = []
-    for coupling, distance in ((ig.Rigid(), 0.1), (ig.Rigid(), 0.05), (ig.Rigid(), 0.12)):
-        scene = replace(SCENE, coupling=coupling, object=ig.Object(0.25, distance))
-        run = partial(whole.simulate, arm, approach, scene, PAPERS, duration=0.4)
-        fresh, shortened = run(), run(flight=flight)
-        assert shortened.object_velocity == pytest.approx(fresh.object_velocity, abs=1e-7)
-        assert shortened.touch_time == pytest.approx(fresh.touch_time, abs=1e-8)
-    assert flight[-1][1] == pytest.approx(0.12, abs=1e-6)
-
-
-def test_a_motion_beyond_the_line_and_one_that_takes_too_long_have_a_status(tmp_path, monkeypatch):
+def test_a_motion_beyond_the_line_and_one_that_takes_too_long_have_a_status(tmp_path):
     arm, approach = elastic(tmp_path)
     beyond = whole.simulate(arm, approach, SCENE, ig.Trapezoid(0.5, 8.0), duration=2.0)
     assert beyond.status == "the motion leaves the line at 0.4313 s"  # 0.2 m at 0.5 m/s and 0.5 m/s at 8 m/s^2
     back = whole.simulate(arm, approach, SCENE, ig.Motion((0.0, 0.1, 0.3), (0.0, 0.2, -0.4)), duration=2.0)
     assert back.status.startswith("the motion leaves the line")
     assert (back.touch_time, back.impact_velocity, back.contact_time) == (None, None, None)
-    monkeypatch.setattr("impact_gym.robot.equations.MOST_EVALUATIONS", 100)
-    short = whole.simulate(arm, approach, SCENE, PAPERS, duration=0.3)
+    short = whole.simulate(arm, approach, SCENE, PAPERS, duration=0.3, most_evaluations=100)
     assert short.status == "more than 100 evaluations of the equations"
 
 
 def test_advise_names_the_cheapest_mass_beside_all_joints(tmp_path):
     arm, approach = elastic(tmp_path, 10.0)
     approach = arm.along(START, LINE, 0.2)
-    advice = advise(SCENE, PAPERS, 0.05, duration=0.3, arm=(arm, approach))
+    advice = ig.advise(SCENE, PAPERS, 0.05, duration=0.3, arm=(arm, approach))
     true = whole.simulate(arm, approach, SCENE, PAPERS, duration=0.3).object_velocity
     for model in advice.tried[1:]:
         chain = ig.simulate(model.simplify(SCENE), PAPERS, duration=0.3).object_velocity
@@ -249,31 +214,12 @@ def test_advise_names_the_cheapest_mass_beside_all_joints(tmp_path):
     assert {"robot rigid", "robot one mass, held", "robot one mass, effective"} < {model.name for model in advice.tried}
     assert advice.model.bound <= 0.05
     assert advice.model is not advice.tried[0]
+    assert ig.advise(SCENE, PAPERS, 1e-9, duration=0.3, arm=(arm, approach)).model.name == "all joints"
 
 
-@pytest.mark.parametrize(("change", "options", "message"), [
-    ({"robot": ig.Robot(5.0, 1e5, 10.0)}, {}, "scene.robot"),
-    ({"object": ig.Object(0.25, 0.1, friction=0.3)}, {}, "object.friction"),
-    ({"object": ig.Object(0.25, 0.3)}, {}, "object.distance is 0.3 m, but the line ends after 0.2 m"),
-    ({"contact": ig.Contact(1e5, 0.5, damping_exponent=1.0, dissipation="exact")}, {}, "damping_exponent"),
-    ({}, {"servo": whole.Servo()}, "rotor_inertia"),
-    ({}, {"duration": -1.0}, "duration"),
-    *[({}, {"rtol": value}, "rtol must be") for value in (0.0, math.nan, 1.0, None, 1e-20)],
-    *[({}, {name: 5}, f"{name} must be") for name in ("arm", "approach", "scene", "motion", "servo", "gravity")],
-])  # fmt: skip
-def test_what_it_has_no_equations_for_is_refused(change, options, message, tmp_path):
-    arm, approach = elastic(tmp_path)
-    given = {"arm": arm, "approach": approach, "scene": replace(SCENE, **change), "motion": PAPERS, "duration": 0.2}
-    with pytest.raises(ValueError, match=message):
-        whole.simulate(**given | options)
-
-
-def test_arms_and_approaches_that_do_not_belong_together_are_refused(tmp_path):
-    arm, approach = elastic(tmp_path)
-    slide = from_urdf(slides(tmp_path), "base", "tip", joint_stiffness=1e5, joint_damping=1.0)
-    for other in (slide.along((0.0, 0.0), LINE, 0.2), replace(approach, start=approach.start + 0.01)):
-        with pytest.raises(ValueError, match="approach must be of this arm"):
-            whole.simulate(arm, other, SCENE, PAPERS, duration=0.2)
-    for pair in (arm, (approach, arm), (arm,), [arm, approach]):
-        with pytest.raises(ValueError, match="arm must be a pair, an Arm and its Approach"):
-            advise(SCENE, PAPERS, arm=pair)
+def test_advise_finds_that_two_slides_are_one_mass_that_yields(tmp_path):
+    arm = from_urdf(slides(tmp_path), "base", "tip", joint_stiffness=(1.9e5, 1e5), joint_damping=(50.4, 50.0))
+    advice = ig.advise(SCENE, PAPERS, 1e-5, duration=0.4, arm=(arm, arm.along((0.0, 0.0), (1.0, 0.0, 0.0), 0.25)))
+    off = {model.name: model.bound for model in advice.tried}
+    assert advice.model.name.startswith("robot one mass")
+    assert max(error for name, error in off.items() if name.startswith("robot one mass")) < 1e-6 < off["robot rigid"]

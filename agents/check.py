@@ -1,0 +1,164 @@
+"""Check a set-up and see what follows from it: `impact-gym check my.toml`, or the name of one that is shipped."""
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import tyro
+from gymnasium.error import DependencyNotInstalled
+
+from agents.baselines import PaperTrapezoid
+from agents.command_line import run_command
+from agents.evaluate.scenario_batch import VALIDATION_SEED, ScenarioBatch
+from agents.setups import Setup, load_setup
+from agents.setups.evaluation import variants
+from agents.setups.feasible import corners, warnings
+from agents.train.ppo import Run
+from impact_gym.files import whole_file
+from impact_gym.physics.impact import free_tool, rigid_tool
+from impact_gym.quantities import QUANTITIES
+from impact_gym.scene import Bistable, Rigid, SpringDamper
+from impact_gym.task import ObservationSpec, Task
+
+PAPERS_SPEED = 1.0  # m/s
+SAMPLE = 500  # scenarios that the paper's rule is played through
+
+
+@dataclass(frozen=True)
+class Check:
+    """Check a set-up and print what follows from it."""
+
+    setup: tyro.conf.Positional[str]
+    """A name or a file."""
+    picture: Path | None = None
+    """Where the picture of the chain goes, to scale, a PNG; default: reports/setups/NAME.png. Needs extra render."""
+
+
+def drawn(task: Task) -> Iterator[str]:
+    """Yield a line for each number that episodes draw, but for the time weight, which training sees to."""
+    for name, (low, high) in task.ranges.items():
+        quantity = QUANTITIES[name]
+        how = "fixed" if low == high else "log-uniform" if quantity.by_ratio(low) else "uniform"
+        unit = "" if quantity.unit == "-" else f" {quantity.unit}"
+        if name != "time_weight":
+            yield f"  {name}: {_spread([low, high], 'g')}{unit}, {how}"
+
+
+def _spread(values: Sequence[float], form: str = ".3g") -> str:
+    """Return the least and the largest of `values`; one where they are the same."""
+    low, high = min(values), max(values)
+    return f"{low:{form}}" if low == high else f"{low:{form}} to {high:{form}}"
+
+
+def lag(task: Task) -> float:
+    """How far the tool stays behind the imposed motion at full acceleration, m, in equilibrium.
+
+    The force on all that is behind a spring, over its stiffness: the coupling's and the robot's, one behind the other.
+    """
+    spring = task.tool_mass / task.coupling.stiffness if isinstance(task.coupling, SpringDamper) else 0.0
+    arm = (task.robot.mass + task.tool_mass) / task.robot.stiffness if task.robot else 0.0
+    return task.acceleration_range[1] * (spring + arm)
+
+
+def estimate(task: Task, object_mass: float, restitution: float) -> float:
+    """V_p of the paper's rule by an instantaneous impact (paper, eq. 1-4), m/s; what pushes afterwards is left out.
+
+    Args:
+        task: whose tool meets the object.
+        object_mass: kg.
+        restitution: no unit.
+    """
+    speed = min(PAPERS_SPEED, task.velocity_range[1])
+    mass = task.tool_mass
+    if isinstance(task.coupling, Rigid):
+        if task.robot is None:
+            return float(rigid_tool(speed, 0.0, restitution))
+        mass += task.robot.mass
+    return float(free_tool(mass, object_mass, speed, 0.0, restitution)[1])
+
+
+def lines(setup: Setup) -> Iterator[str]:
+    """Yield the lines to print about a set-up."""
+    task = Task(**setup.environment)
+    most = task.acceleration_range[1]
+    yield f"{setup.name}: {setup.title}"
+    yield f"  {setup.about}"
+    yield "\nobservation"
+    for place, entry in enumerate(ObservationSpec(task).entries):
+        yield f"  {place}: {entry.words} ({entry.unit}), {entry.scale.low:g} to {entry.scale.high:g}"
+    yield "\nactions"
+    for action in task.actions:
+        yield f"  {action.words}: {action.low:g} to {action.high:g} {action.unit}"
+    yield "\neach episode"
+    yield from drawn(task)
+    yield "\nwhat follows"
+    spread = _spread([1e3 * lag(corner) for corner in corners(task)])
+    yield f"  the tool lags {spread} mm behind at the full {most:g} m/s^2"
+    pairs = task.scenario.by_id()
+    impacts = [
+        estimate(corner, mass, restitution)
+        for corner in corners(task)
+        for mass, restitution in product(pairs["object_mass"], pairs["restitution"])
+    ]
+    yield (f"  the paper's rule, at {min(PAPERS_SPEED, task.velocity_range[1]):g} m/s, leaves the object "
+           f"{_spread(impacts)} m/s by an instantaneous impact (the coupling's push left out)")  # fmt: skip
+    rule = PaperTrapezoid().for_environment(setup.environment)
+    played = ScenarioBatch.of("validation", SAMPLE, **setup.environment).play(rule)
+    yield (
+        f"  played through {SAMPLE} scenarios, the paper's rule leaves the object {played.object_velocity.mean():.3f}"
+        f" m/s (mean), {'is done' if task.operator else 'arrives'} after {played.approach_time.mean():.3f} s and misses"
+        f" {int(played.missed.sum())}"
+    )
+    if task.operator:
+        late = np.maximum(np.asarray(played.late), 1e-9)  # s
+        ahead = (np.asarray(played.touch_time) / late)[~played.missed]
+        least, soon, usual, last = np.quantile(ahead, [0.0, 0.05, 0.5, 0.95]) if ahead.size else [np.nan] * 4
+        yield (f"  the operator's own stop is {_spread((1e3 * late).tolist(), '.0f')} ms late; the touch comes after "
+               f"{soon:.1f} to {last:.1f} times that in nine of ten scenarios, {usual:.1f} in the middle, at the least "
+               f"{least:.1f}")  # fmt: skip
+    if isinstance(task.coupling, Bistable):
+        force = float(task.coupling.force(task.coupling.rest))
+        yield f"  the front stop holds the tool with {force:.3g} N: to what presses less hard it is as good as rigid"
+    yield from (f"  warning: {sentence}" for sentence in warnings(task))
+    yield "\ntrained by"
+    yield f"  {Run(setup, setup.training).command}"
+    yield f"baselines: {', '.join(setup.against) or 'none'}; tuned here: {', '.join(setup.tuned)}"
+    yield "\nevaluation"
+    weights = ", ".join(f"{weight:g}" for weight in setup.evaluation.weights)
+    yield f"  on {setup.evaluation.scenarios:,} scenarios ({setup.evaluation.set}), time weights of {weights} m/s per s"
+    changes = variants(setup.evaluation, setup.environment)
+    counts = dict.fromkeys((change.argument for change in changes), 0)
+    counts |= Counter(change.argument for change in changes if not change.same)
+    varied = ", ".join(f"{name} ({count})" for name, count in counts.items())
+    yield f"  changed one at a time, so many values each: {varied or 'nothing'}"
+
+
+def draw(setup: Setup, path: Path) -> None:
+    """Write a picture of the chain at rest, to scale. DependencyNotInstalled: pygame is not there."""
+    env = setup.make(render_mode="rgb_array")
+    env.reset(seed=VALIDATION_SEED)
+    pixels = np.asarray(env.render())
+    import pygame
+
+    with whole_file(path) as file:
+        pygame.image.save(pygame.surfarray.make_surface(np.swapaxes(pixels, 0, 1)), file, "picture.png")
+
+
+def run(options: Check) -> None:
+    """Print what follows from a set-up, and draw its chain."""
+    setup = load_setup(options.setup)
+    for line in lines(setup):
+        print(line)
+    path = options.picture or Path("reports/setups") / f"{setup.name}.png"
+    try:
+        draw(setup, path)
+        print(f"picture: {path}")
+    except DependencyNotInstalled as error:
+        print(f"no picture: {error}")
+
+
+if __name__ == "__main__":
+    run_command("check", Check, run)

@@ -1,0 +1,93 @@
+"""Several trainings of a set-up that differ in the seed, of which all policies are kept and the median is shipped.
+
+Finished trainings are stored (`agents.jobs`), and one that was killed continues from its checkpoint. On a cluster that
+holds where the nodes see the run folders at the same place; elsewhere a training whose node is lost starts over.
+"""
+
+import json
+import shutil
+import tempfile
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from agents.jobs import cached
+from agents.policies import Ensemble, Policy, load_policy
+from agents.setups import Setup, Training
+from agents.train.ppo import Run, resume, train
+from impact_gym.files import write_file
+
+KEPT = ("config.json", "best.npz", "final.npz", "metrics.json")
+"""Files of a run folder that come back from where it was trained; the last one says that the run is finished."""
+
+
+def train_seeds(
+    setup: Setup, training: Training, seeds: int, out: Path, policies: Path, processes: int | None = None,
+    cluster: str | None = None,
+) -> Path:  # fmt: skip
+    """Train the seeds from 0 on that are missing in `out`, and return the file of all policies, in folder `policies`.
+
+    Raises:
+        ValueError: a run that is there has other settings.
+        JobsFailedError: trainings failed; the others are done.
+    """
+    training = replace(training, simulation_threads=1)  # which changes no result
+    runs = [Run(setup, training, seed) for seed in range(seeds)]
+    folders = [out.resolve() / f"seed-{seed}" for seed in range(seeds)]
+    arguments: list[dict[str, Any]] = [
+        {"folder": str(folder), "made_for": run.made_for()} for folder, run in zip(folders, runs, strict=True)
+    ]
+    for each in arguments:
+        _refuse_another(**each)
+
+    def fill(seed: int, files: Mapping[str, bytes]) -> None:
+        """Write the files of a run that was made on another machine, or whose folder is gone; say how good it is."""
+        if not (folders[seed] / KEPT[-1]).is_file():
+            for name, content in files.items():
+                write_file(folders[seed] / name, content)
+        print(f"{setup.name}: seed {seed} scored {score(load_policy(folders[seed])):.4f} m/s", flush=True)
+
+    where: dict[str, Any] = {"processes": processes, "cluster": cluster, "title": setup.name}
+    cached(train_one, arguments, out / "results", done=fill, **where)
+    trained = [load_policy(folder) for folder in folders]
+    return Ensemble(trained, median(trained).seed).save(policies / f"{setup.name}.npz")
+
+
+def score(policy: Policy) -> float:
+    """Return a policy's mean cost on the validation set, m/s."""
+    return float(policy.provenance["validation"]["score"])
+
+
+def median(policies: list[Policy]) -> Policy:
+    """Return the policy in the middle by score; of two in the middle, the worse one."""
+    return sorted(policies, key=lambda policy: (score(policy), policy.seed))[len(policies) // 2]
+
+
+def train_one(folder: str, made_for: Mapping[str, Any]) -> dict[str, bytes]:
+    """Train, continue or find finished in a folder what a run is `made_for`; return the files in KEPT by name.
+
+    Where the folder cannot be made, as on a node of a cluster without a common one, a temporary one takes its place.
+    """
+    run = Path(folder)
+    with tempfile.TemporaryDirectory(prefix="impact-gym-run-") as elsewhere:
+        try:
+            run.parent.mkdir(parents=True, exist_ok=True)
+        except OSError:
+            run = Path(elsewhere) / run.name
+        if (run / "config.json").is_file():
+            _refuse_another(str(run), made_for)  # which may lie on a node of a cluster alone
+            resume(run)
+        else:
+            shutil.rmtree(run, ignore_errors=True)  # killed before it had begun
+            train(Run.of_record(made_for["settings"]), run)
+        return {name: (run / name).read_bytes() for name in KEPT}
+
+
+def _refuse_another(folder: str, made_for: Mapping[str, Any]) -> None:
+    """Raise ValueError if the folder holds a run that was made with something else."""
+    path = Path(folder) / "config.json"
+    config = json.loads(path.read_text()) if path.is_file() else made_for
+    if any(config.get(name) != value for name, value in made_for.items()):
+        other = f"{folder} was trained with other settings or for another environment"
+        raise ValueError(f"{other}: remove it, or name another folder with --out")

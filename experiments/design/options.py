@@ -1,0 +1,165 @@
+"""The options of `impact-gym design`, checked, and what follows from them; the chosen design as a set-up's file."""
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import tomli_w
+import tyro
+
+from agents.setups import Setup, load_setup
+from experiments.design.limits import Limits
+from experiments.design.pads import on_pad, pad_of
+from experiments.design.search import CONTACT, MARGIN, Candidate, SearchBudget
+from experiments.design.variables import SearchVariable, as_built, search_variables, searched_environment
+from impact_gym.files import parsed, write_file
+from impact_gym.task import Task
+from impact_gym.task.arguments import changed
+from impact_gym.validation import identifier, number, whole
+
+PAPER, FRONT, CHOSEN = "paper's rule", "designs", "chosen"
+"""Lines of the trade-off beside the couplings that are compared."""
+LIMITED = (FRONT, CHOSEN)
+
+
+@dataclass(frozen=True)
+class DesignOptions:
+    """Search for the coupling that, with its best controller, leaves the object slowest at each approach time.
+
+    Deflection and stroke are kept to in all scenarios of the search, peak force and energy in 95 % of them.
+    """
+
+    setup: tyro.conf.Positional[str]
+    """A name or a file."""
+    free: tuple[str, ...]
+    """NAME=LOW:HIGH of each number that may be chosen, tool_mass or of the coupling: coupling.stiffness=10:300."""
+    out: Path
+    """Folder for all of it; finished searches are kept there, and the same command continues."""
+    pad: str = ""
+    """A pad on the tool: memory-foam, neoprene or norbornene; its mass counts as the tool's."""
+    times: tuple[float, ...] = (0.9, 1.0, 1.15, 1.35)
+    """Approach times, as multiples of that of the paper's rule with the paper's spring."""
+    limits: Annotated[Limits, tyro.conf.arg(name="")] = field(default_factory=Limits)
+    search: Annotated[SearchBudget, tyro.conf.arg(name="")] = field(default_factory=SearchBudget)
+    against: tuple[str, ...] = ("bistable-blind", "bistable-paper")
+    """Set-ups whose coupling is compared, with a controller of its own."""
+    seeds: int = 2
+    """Searches for each design, of which validation chooses one."""
+    processes: int = 2
+    """Searches at a time, each on one core; 0: none but this process."""
+
+    def checked(self) -> "DesignOptions":
+        """Return the options, the times in order.
+
+        Raises:
+            ValueError: names an option that is out of range, or a design that cannot be searched.
+        """
+        whole("seeds", self.seeds, at_least=1)
+        whole("processes", self.processes, at_least=0)
+        identifier("setup", f"{self.arm.name}-designed")  # what it ends with
+        if not self.times:
+            raise ValueError("times must name an approach time at least, as a multiple of that of the paper's rule")
+        for time in self.times:
+            number("times", time, "-", above=0)
+        if self.pad:
+            pad_of(self.pad)
+        options = replace(self, times=tuple(sorted(self.times)))
+        _ = options.searched, options.others  # each refuses what cannot be searched or compared
+        return options
+
+    @cached_property
+    def arm(self) -> Setup:
+        """The set-up."""
+        return load_setup(self.setup)
+
+    @cached_property
+    def variables(self) -> list[SearchVariable]:
+        """The numbers that the search may choose."""
+        return search_variables(self.free, self.arm)
+
+    @cached_property
+    def searched(self) -> dict[str, Any]:
+        """The set-up's environment, with a range for each variable."""
+        return searched_environment(self.arm, self.variables, self.limits.deflection)
+
+    @cached_property
+    def others(self) -> dict[str, dict[str, Any]]:
+        """The environments to compare with, by name."""
+        couplings = {name: load_setup(name).environment["coupling"] for name in self.against}
+        compared = {name: {**self.arm.environment, "coupling": coupling} for name, coupling in couplings.items()}
+        return {"paper's spring": with_papers_spring(self.arm.environment)} | compared
+
+    @property
+    def file(self) -> Path:
+        """The file of the set-up that is designed."""
+        return self.out / f"{self.arm.name}-designed.toml"
+
+    @property
+    def rule(self) -> str:
+        """Which controller the set-up's observation allows."""
+        return "BlindProfile" if Task(**self.arm.environment).range_noise is None else "Ranged"
+
+    @property
+    def typical(self) -> float:
+        """The allowed approach time that is nearest to that of the paper's rule."""
+        return min(self.times, key=lambda allowed: abs(allowed - 1.0))
+
+    def limits_of(self, line: str) -> Limits:
+        """Return what a line must keep to; couplings that are only compared with have no limits."""
+        return self.limits if line in LIMITED else Limits(deflection=None)
+
+    def built(self, design: Mapping[str, float]) -> dict[str, Any]:
+        """Return the environment of a design as a search meets it, each number off by a share in each episode."""
+        return changed(self.arm.environment, as_built(design, MARGIN * self.search.tolerance))
+
+
+def with_papers_spring(environment: Mapping[str, Any]) -> dict[str, Any]:
+    """Return an environment's arguments with the default coupling, the paper's spring."""
+    return {name: value for name, value in environment.items() if name != "coupling"}
+
+
+OF_TEACHER = ("teacher", "imitation_steps")
+"""Settings of training that concern a baseline of the set-up that was begun with."""
+DRAWN = (
+    "this file draws stiffness and restitution of the contact independently from the ranges that the pad leaves, "
+    "where on the pad both follow from the object's own: the softer it is, the more it keeps of its own restitution"
+)
+
+
+def write_setup(path: Path, setup: Setup, candidate: Candidate, command: str) -> Path:
+    """Write a design as a set-up to `path`, and return it; `command` made it.
+
+    With a pad the contact's ranges are those that the pad leaves of them; see DRAWN.
+    """
+    content = parsed(setup.path, "TOML", tomllib.loads)
+    environment = changed(setup.environment, candidate.design)
+    if candidate.pad:
+        environment["scenario"] = _on_pad(environment, candidate.pad)
+    about = "; ".join(f"{name} {value:.4g}" for name, value in candidate.design.items())
+    baseline = f"{path.stem}-profile"
+    tables = {
+        "version": content.get("version", 1),
+        "title": f"{setup.title}: a designed coupling",
+        "about": f"designed from {setup.name}: {about}"
+        + (f", on a pad of {candidate.pad}; {DRAWN}" if candidate.pad else ""),
+        "environment": environment,
+        "training": {k: v for k, v in content.get("training", {}).items() if k not in OF_TEACHER},
+        "baselines": {"tuned": {baseline: candidate.rule}, "against": [baseline]},
+        "evaluation": {k: v for k, v in content.get("evaluation", {}).items() if k not in ("at_most", "of")},
+    }
+    written = tomli_w.dumps({name: value for name, value in tables.items() if value})
+    controller = f"{candidate.rule} with {', '.join(f'{value:.6g}' for value in candidate.parameters)}"
+    write_file(path, f"# {command}\n# Its controller: the {controller}\n{written}")
+    load_setup(path)
+    return path
+
+
+def _on_pad(environment: Mapping[str, Any], pad: str) -> dict[str, list[float]]:
+    """Return ranges of the scenario with what a pad leaves of contact stiffness and restitution."""
+    ranges = {name: list(ends) for name, ends in Task(**environment).scenario.by_id().items()}
+    corners = on_pad(pad, *np.meshgrid(*(ranges[name] for name in CONTACT)))
+    return ranges | {name: [float(v.min()), float(v.max())] for name, v in zip(CONTACT, corners, strict=True)}

@@ -1,0 +1,108 @@
+"""The numbers of a design that a search may choose, `NAME=LOW:HIGH`, checked before anything is searched."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from agents.baselines.rule import Floats, Parameter
+from agents.setups import Setup
+from agents.setups.feasible import corners, warnings
+from agents.setups.keys import known, within
+from impact_gym.quantities import QUANTITIES
+from impact_gym.scene import SpringDamper
+from impact_gym.task import Task
+from impact_gym.task.arguments import changed
+from impact_gym.validation import number
+
+WIDE = 10.0
+"""A range whose ends differ by this factor is searched by ratio, as stiffness and mass always are."""
+
+
+class SearchVariable(NamedTuple):
+    """A number of the design that the search may choose."""
+
+    name: str  # dotted, such as coupling.stiffness
+    low: float
+    high: float
+    start: float = np.nan  # of the search
+
+    @property
+    def logarithmic(self) -> bool:
+        """Whether it is searched by ratio."""
+        return QUANTITIES[self.name].by_ratio(self.low) or 0.0 < WIDE * self.low <= self.high
+
+    def parameter(self) -> Parameter:
+        """Return the search's parameter; it begins in the middle where `start` is not within the range."""
+        low, high = float(self.searched(self.low)), float(self.searched(self.high))
+        begin = float(self.searched(self.start)) if self.low <= self.start <= self.high else 0.5 * (low + high)
+        return Parameter(self.name, QUANTITIES[self.name].unit, low, high, begin)
+
+    def searched(self, value: ArrayLike) -> Floats:
+        """Return the search's numbers for physical values, any shape."""
+        return np.log(value) if self.logarithmic else np.asarray(value, np.float64)
+
+    def value(self, searched: Floats) -> Floats:
+        """Return the physical values of the search's numbers, any shape."""
+        return np.clip(np.exp(searched) if self.logarithmic else searched, self.low, self.high)
+
+
+def search_variables(texts: Sequence[str], setup: Setup) -> list[SearchVariable]:
+    """Return the variables, `NAME=LOW:HIGH` each; they begin with the set-up's own value, the middle of what it draws.
+
+    Raises:
+        ValueError: there is none, a text has another form, a name stands twice or is no number of the set-up's coupling
+            and tool, or LOW is not below HIGH.
+    """
+    if not texts:
+        raise ValueError("--free must name a number of the design at least, such as coupling.stiffness=10:300")
+    task = Task(**setup.environment)
+    own = {f"coupling.{field.name}": getattr(task.coupling, field.name) for field in fields(task.coupling)}
+    variables = {}
+    for text in texts:
+        variable = _read(text, {"tool_mass": task.tool_mass} | own)
+        if variable.name in variables:
+            raise ValueError(f"--free {variable.name} is named twice")
+        variables[variable.name] = variable
+    return list(variables.values())
+
+
+def _read(text: str, own: Mapping[str, float]) -> SearchVariable:
+    """Return the variable in a text, which begins with the set-up's `own` value."""
+    name, _, ends = text.partition("=")
+    try:
+        low, high = map(float, ends.split(":"))
+    except ValueError:
+        raise ValueError(f"--free must be NAME=LOW:HIGH, such as coupling.stiffness=10:300, got {text!r}") from None
+    known("--free ", [name], own)
+    low, high = (number(f"--free {name}", end, QUANTITIES[name].unit) for end in (low, high))
+    if not low < high:
+        raise ValueError(f"--free {name} must have LOW below HIGH, got {low:g}:{high:g}")
+    return SearchVariable(name, low, high, float(own[name]))
+
+
+def as_built(design: Mapping[str, float], tolerance: float) -> dict[str, list[float]]:
+    """Return the numbers of a design as ranges, which reach by a share `tolerance` to either side."""
+    return {name: sorted([value * (1.0 - tolerance), value * (1.0 + tolerance)]) for name, value in design.items()}
+
+
+def searched_environment(setup: Setup, variables: Sequence[SearchVariable], deflection: float | None) -> dict[str, Any]:
+    """Return the set-up's arguments with a range for each variable, as episodes would draw it.
+
+    Raises:
+        ValueError: an end of a range is no coupling; or no design in them holds the tool, within `deflection` (m).
+    """
+    with within("--free"):
+        environment = changed(setup.environment, {each.name: [each.low, each.high] for each in variables})
+        task = Task(**environment)
+        warnings(task)
+        springs = [corner for corner in corners(task) if isinstance(corner.coupling, SpringDamper)]
+        # in equilibrium the tool stays behind by m a / k
+        lag = task.acceleration_range[0] * min((c.tool_mass / c.coupling.stiffness for c in springs), default=0.0)
+        if deflection is not None and lag > deflection:
+            raise ValueError(f"no design in these ranges holds the tool within {1e3 * deflection:g} mm: even at "
+                             f"{task.acceleration_range[0]:g} m/s^2, the least that the arm makes, the stiffest lets "
+                             f"it lag {1e3 * lag:.3g} mm behind")  # fmt: skip
+    return environment

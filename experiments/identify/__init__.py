@@ -1,1 +1,0 @@
-"""How well `impact_gym.identify` finds what an independent solver put into a log."""

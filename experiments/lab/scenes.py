@@ -1,0 +1,50 @@
+"""The scenes of the paper's sections 2 to 5; what the paper does not print is in docs/provenance.md."""
+
+import impact_gym as ig
+from impact_gym.scene import Coupling
+
+TOOL_MASS = 0.125  # kg
+OBJECT_MASS = 0.25  # kg
+HEAVY_MASS = 2.5  # kg, the object of Fig. 14
+REDUCED_MASS = TOOL_MASS * OBJECT_MASS / (TOOL_MASS + OBJECT_MASS)  # kg
+DISTANCE = 0.2505  # m, identified: first contact at 0.313 s
+THRESHOLD = 1.0  # N, printed in section 3.2: the robot does not feel a smaller contact force
+BRAKE = ig.Brake(threshold=THRESHOLD, delay=0.016, deceleration=8.0)
+MOTION = ig.Trapezoid(speed=1.0, acceleration=8.0, brake=BRAKE)
+STEADY = ig.Trapezoid(MOTION.speed, MOTION.acceleration)  # never brakes
+DURATION = 1.5  # s
+ROBOT = ig.Robot(mass=5.225, stiffness=1.9e5, damping=50.4)  # mass printed, the others identified
+ROBOT_AND_TOOL = ROBOT.mass + TOOL_MASS  # kg, 5.35 is printed in section 3.2
+MECHANISM = ig.Bistable()  # H, L0 and k printed, front stop identified
+HOLD = TOOL_MASS * MOTION.acceleration  # N, what keeps the tool on its front stop while the robot accelerates
+LINEAR = ig.SpringDamper(stiffness=50.0, damping_ratio=1.0)  # what Fig. 23 compares it with
+
+
+def scene(
+    contact_stiffness: float, restitution: float, coupling: Coupling | None = None,
+    robot: ig.Robot | ig.RobotTable | None = None, *, object_mass: float = OBJECT_MASS, distance: float = DISTANCE,
+) -> ig.Scene:  # fmt: skip
+    """Return the paper's tool and object with this contact (N/m^1.5).
+
+    Without a coupling the tool is fixed to the robot; without a robot the flange follows the imposed motion exactly.
+    """
+    contact = ig.Contact(contact_stiffness, restitution)
+    return ig.Scene(ig.Tool(TOOL_MASS), ig.Object(object_mass, distance), contact, coupling or ig.Rigid(), robot)
+
+
+def decoupled(
+    contact_stiffness: float, restitution: float, coupling_stiffness: float, damping_ratio: float = 1.0,
+    distance: float = DISTANCE,
+) -> ig.Scene:  # fmt: skip
+    """Return the scene with the tool behind a spring of `coupling_stiffness` (N/m) and a damper."""
+    coupling = ig.SpringDamper(coupling_stiffness, damping_ratio)
+    return scene(contact_stiffness, restitution, coupling, distance=distance)
+
+
+def simulate_with_trace(
+    approach: ig.Scene, motion: ig.Trapezoid = MOTION, duration: float = DURATION
+) -> tuple[ig.Outcome, ig.Trace]:
+    """Simulate an approach for `duration` (s); return outcome and time histories."""
+    outcome = ig.simulate(approach, motion, duration, trace=True)
+    assert outcome.trace is not None  # asked for
+    return outcome, outcome.trace

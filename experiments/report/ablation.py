@@ -1,0 +1,157 @@
+"""Ablation: gain from limits, from knowing where, from shape, estimate, learning, and from knowing the object.
+
+A step has all that the one before has, so what the steps bring adds up to the whole; in another order each could bring
+more or less. Who brakes evenly towards the place where the object must have been met uses that objects stand within a
+range, and no more; a profile has a shape of its own over it. The same rule with the arm's limits is the constant speed
+that is tuned for each weight and braked as hard as pays, on a spring with all of 20 m/s^2. Nothing is left to learn
+there, so it is a baseline of each set-up and no set-up of its own.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from agents.baselines import PaperTrapezoid
+from experiments.lab.comparison import Comparison, Front
+from experiments.lab.parts import Table, percent
+from experiments.lab.statistics import Estimate, Floats, Resamples, estimate
+from experiments.report.answer import MISSED_TOO_OFTEN, front
+from experiments.report.matchups import BOUND, PAPER, POLICY
+from experiments.report.played import Played, Run
+from impact_gym.task import Task
+
+LIMITS = {(False, False): "", (False, True): "at least ", (True, False): "at most ", (True, True): "about "}
+"""Bound of a gain where the contestant before the step, or its own, is read sooner than the paper's time."""
+
+
+@dataclass(frozen=True)
+class Link:
+    """A contestant, and what it has beyond the one before."""
+
+    added: str
+    contestant: str
+    runs: Sequence[Run]  # one for each seed
+
+
+@dataclass(frozen=True)
+class Gain:
+    """A number of a contestant, less is better, and by how much it is below that of the one before."""
+
+    value: Estimate  # m/s
+    less: Estimate | None  # m/s; None for the first, or where nothing can be claimed
+    share: Estimate | None  # of what lies between the paper's rule and the policy; None where that may be nothing
+
+
+@dataclass(frozen=True)
+class Step:
+    """A link, and its gain."""
+
+    added: str
+    contestant: str
+    scenarios: int
+    later: float  # than the paper's mean approach time: the nearest that its front comes to it, s; 0 where it does
+    limit: str  # of what it brings there: "at least" if it is sooner itself, "at most" if the one before is
+    velocity: Gain  # V_p at that time
+    weight: float  # w, m/s per s: the typical one
+    loss: Gain  # V_p + w T, and what misses cost
+
+
+def links(played: Played) -> list[Link]:
+    """Return the sequence without the clairvoyant: what the matchup has no baseline for joins the next step."""
+    tuned = [baseline for baseline in played.matchup.baselines if "tuned" in baseline.controller]
+    by_rule = {baseline.controller["tuned"]["rule"]: baseline.name for baseline in reversed(tuned)}  # of two the first
+    task = Task(**played.matchup.environment)
+    stronger = task.acceleration_range[1] > PaperTrapezoid()["deceleration"]
+    sources = {"ConstantSpeed": "the arm's limits" if stronger else "the choice of speed"}
+    sources |= {"ConstantDeceleration": "knowing where objects can stand", "BlindProfile": "the profile's shape"}
+    sources |= {} if task.range_noise is None else {"Ranged": "the estimate"}
+    sources |= {"RangedProfile": "a profile over it"} if "RangedProfile" in by_rule else {}
+    sequence, added = [Link("", PAPER, [played.paper])], []
+    for rule, source in sources.items():
+        added.append(source)
+        if rule in by_rule:
+            sequence.append(Link(" and ".join(added), by_rule[rule], [played.baselines[by_rule[rule]]]))
+            added = []
+    return [*sequence, Link(" and ".join([*added, "learning"]), POLICY, list(played.seeds.values()))]
+
+
+def steps_of(played: Played) -> list[Step]:
+    """Return the steps; the last, the clairvoyant's, on the scenarios that it was searched for."""
+    sequence, weight = links(played), played.matchup.typical
+    steps = _steps(sequence, played.resamples, weight, policy=len(sequence) - 1)
+    if played.bound is None or weight not in played.bound.weights:
+        return steps
+    clairvoyant = Link("knowing the object", BOUND, [played.bound])
+    searched = Resamples(played.bound["missed"].shape[1])
+    return [*steps, _steps([sequence[0], sequence[-1], clairvoyant], searched, weight, policy=1)[-1]]
+
+
+def _steps(sequence: Sequence[Link], resamples: Resamples, weight: float, policy: int) -> list[Step]:
+    """Return the steps on the first scenarios, as many as are resampled; `policy` is the place of the policy."""
+    fronts: list[Front] = [front(resamples, link.runs) for link in sequence]
+    time = fronts[0][0][0, 0]  # of the paper's rule
+    later = [float(np.clip(time, times[0].min(), times[0].max()) - time) for times, _ in fronts]
+    missed = max(np.mean([run["missed"] for run in link.runs]) for link in sequence)
+    claimed = max(later) == later[policy] == 0.0 and missed <= MISSED_TOO_OFTEN
+    velocities = gains([Comparison.of_fronts(front, fronts[0]).ours for front in fronts], policy, claimed)
+    losses = [np.array([run.loss(weight)[: resamples.scenarios] for run in link.runs]) for link in sequence]
+    of_losses = gains([resamples.means(loss) for loss in losses], policy)
+    sooner = [delay < 0.0 for delay in later]
+    limits = [LIMITS[pair] for pair in zip([False, *sooner], sooner, strict=False)]
+    return [
+        Step(link.added, link.contestant, resamples.scenarios, delay, limit, velocity, weight, loss)
+        for link, delay, limit, velocity, loss in zip(sequence, later, limits, velocities, of_losses, strict=True)
+    ]
+
+
+def gains(values: Sequence[Floats], policy: int, claimed: bool = True) -> list[Gain]:
+    """Return the gain of each step from its resampled values (1 + n,), m/s.
+
+    Unless `claimed` there are no differences: a contestant is read at another time than the one before it.
+    """
+    total = Comparison(values[policy], values[0])
+    shared = claimed and total.less.low > 0.0
+    steps = [Gain(estimate(values[0]), None, None)]
+    for before, after in pairwise(values):
+        share = estimate((before - after) / (total.theirs - total.ours)) if shared else None
+        steps.append(Gain(estimate(after), Comparison(after, before).less if claimed else None, share))
+    return steps
+
+
+def table(steps: Sequence[Step], labels: Mapping[str, str]) -> Table:
+    """Return the ablation of a matchup, whose contestants are called by `labels`."""
+    body = []
+    for step in steps:
+        subset = "" if step.scenarios == steps[0].scenarios else f", the first {step.scenarios} scenarios"
+        gap = f" (at the nearest, {1e3 * abs(step.later):.0f} ms {'later' if step.later > 0 else 'sooner'})"
+        cells = [*_cells(step.velocity, step.limit), *_cells(step.loss)]
+        cells[0] += gap if step.later else ""
+        added = "+ " * bool(step.added) + (step.added or "the paper")
+        body.append((added, labels.get(step.contestant, step.contestant) + subset, *cells))
+    head = ("what is added", "contestant", "V_p at the paper's approach time (m/s)", "less by (m/s)", "share",
+            f"V_p + {steps[0].weight:g} T (m/s)", "less by (m/s)", "share")  # fmt: skip
+    caption = ("Each row has all that the row above has and one thing more; by how much that is less, and which share "
+               "of the way from the paper's rule to the policy, 95 % intervals. Who knows the object is compared with "
+               "policy and rule on the same few scenarios.")  # fmt: skip
+    return Table(caption, head, body)
+
+
+def _cells(gain: Gain, limit: str = "") -> list[str]:
+    less = "-" if gain.less is None else f"{limit}{gain.less:.3f}"
+    return [f"{gain.value.value:.3f}", less, "-" if gain.share is None else limit + percent(gain.share)]
+
+
+def sentence(steps: Sequence[Step]) -> str:
+    """Return the share of each step: of the reduction, or of V_p + w T if one is later; "" unless all have one."""
+    first, *gained = (step for step in steps if step.contestant != BOUND)
+    if any(step.later > 0.0 for step in gained):
+        before, after = first.loss.value.value, gained[-1].loss.value.value
+        subject = f"the {before - after:.3f} m/s that it saves of V_p + {first.weight:g} T, {before:.3f} m/s,"
+        shares = [("", step.loss.share) for step in gained]
+    else:
+        subject, shares = "that reduction", [(step.limit, step.velocity.share) for step in gained]
+    parts = [f"{limit}{percent(share)} from {step.added}" for (limit, share), step in zip(shares, gained, strict=True)
+             if share]  # fmt: skip
+    return f" Of {subject} come {', '.join(parts)}." if 1 < len(gained) == len(parts) else ""

@@ -1,0 +1,168 @@
+"""What the paper says, what we find, and a verdict computed from the two by a stated rule.
+
+A printed number is agreed with to n digits if ours is within half a unit of its n-th significant digit. Where the text
+says 'about', one unit of the last printed digit is allowed. A trend or a comparison comes with a rule of its own. The
+statements are in statements.toml; its first lines say how to read it.
+"""
+
+import tomllib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from decimal import Decimal
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from experiments.studies.paper.runs import Numbers
+
+DATA: dict[str, Any] = tomllib.loads(Path(__file__).with_name("statements.toml").read_text())
+SIGNS = {"<": np.less, "<=": np.less_equal, ">": np.greater, ">=": np.greater_equal, "==": np.equal}
+
+
+class Verdict(StrEnum):
+    """Result of a comparison."""
+
+    DIGITS = "agrees to the printed digits"
+    AGREES = "agrees"
+    ONE_READING = "agrees in one of two readings"
+    DISAGREES = "disagrees"
+    UNDECIDED = "cannot be decided"
+
+
+AGREEING = (Verdict.DIGITS, Verdict.AGREES)
+
+
+class Basis(StrEnum):
+    """What stands behind a verdict: only a TEST could have come out otherwise."""
+
+    TEST = "test"
+    IDENTIFIED = "used to identify"  # a value that the paper does not print was chosen such that this comes true
+    GIVEN = "identity, scale law or input"  # an equation evaluated, an input read back, true of any numbers
+    REPEATED = "repeats another statement"  # follows from another statement of the list
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Said:
+    """One thing that the paper says about a figure, as in statements.toml."""
+
+    text: str  # a short quotation, or what the passage says
+    section: str
+    basis: str = "test"  # name of a Basis
+    printed: str | None = None  # a number with its unit, "0.98 m/s"; None for a trend
+    value: str = ""  # name of our number beside it
+    holds: tuple[str, ...] = ()  # conditions of a trend
+    agree: tuple[str, ...] = ()  # or the statements, FIGURE.KEY, that have to agree for this one to
+    rule: str = "none"  # the conditions in words; "none": the text does not suffice to judge it
+    ours: str = ""  # format string of what we find
+    why: str = ""  # format string: where we disagree, or where there is something to know
+    source: str = ""  # of numbers that are not computed here
+    reading: Mapping[str, Any] = field(default_factory=dict)  # another reading of the text: its text, holds and ours
+
+
+@dataclass(frozen=True, slots=True)
+class Statement:
+    """A statement and its verdict."""
+
+    figure: str
+    section: str
+    text: str
+    printed: str | None  # as printed; None for a trend
+    ours: str
+    unit: str  # of a printed number
+    verdict: Verdict
+    rule: str  # by which the verdict was computed
+    digits: int | None  # significant digits to which we agree; None for a trend
+    why: str
+    basis: Basis
+    otherwise: str  # outcome under another reading of the text
+    source: str  # of numbers that are not computed here
+
+
+SAID = {
+    f"{figure}.{key}": Said(**said)
+    for figure, about in DATA["figures"].items()
+    for key, said in about["statements"].items()
+}
+"""All statements, by FIGURE.KEY."""
+
+
+def agreeing_digits(printed: str, ours: float) -> tuple[int, int]:
+    """Return to how many significant digits `ours` agrees with `printed`, and how many are printed."""
+    value = Decimal(printed)  # "5e1" is 50 with one significant digit
+    count = len(value.as_tuple().digits)
+    error = abs(Decimal(ours) - value)
+    half_units = [Decimal(5).scaleb(value.adjusted() - n) for n in range(1, count + 1)]
+    return sum(error <= half_unit for half_unit in half_units), count
+
+
+def holding(conditions: Iterable[str], numbers: Numbers) -> bool:
+    """Return whether all conditions hold: "ratio >= 1.8", "soft < middle"; those of arrays, in every place.
+
+    Raises:
+        KeyError: a condition is about a number that there is not.
+    """
+    outcomes = []
+    for name, sign, bound in map(str.split, conditions):
+        limit = numbers[bound] if bound in numbers else float(bound)
+        outcomes.append(np.all(SIGNS[sign](numbers[name], limit)))
+    return all(outcomes)
+
+
+def compared(said: Said, ours: float) -> tuple[Verdict, str, int]:
+    """Return the verdict on a printed number, the rule, and the digits to which `ours` agrees."""
+    value = str(said.printed).partition(" ")[0]
+    digits, count = agreeing_digits(value, ours)
+    last_unit = Decimal(1).scaleb(int(Decimal(value).as_tuple().exponent))
+    if digits == count or "about" not in said.text:
+        verdict = Verdict.DIGITS if digits == count else Verdict.DISAGREES
+        return verdict, f"within half a unit of the last printed digit ({last_unit / 2})", digits
+    verdict = Verdict.AGREES if abs(Decimal(ours) - Decimal(value)) <= last_unit else Verdict.DISAGREES
+    return verdict, f"printed as approximate: within one unit of the last printed digit ({last_unit})", digits
+
+
+def judge(figure: str, said: Said, numbers: Numbers, others_agree: bool = True) -> Statement:
+    """Judge a statement about a figure by what was computed there.
+
+    Args:
+        figure: its name.
+        said: the statement.
+        numbers: what its conditions and format strings name.
+        others_agree: whether the statements agree that it follows from.
+    """
+    printed, unit, digits, rule, ours = None, "", None, said.rule, said.ours.format(**numbers)
+    if said.printed:
+        text, _, unit = said.printed.partition(" ")
+        printed, ours = f"{Decimal(text):f}", f"{numbers[said.value]:.5g}"
+        verdict, rule, digits = compared(said, numbers[said.value])
+    elif not (said.holds or said.agree):
+        verdict = Verdict.UNDECIDED
+    else:
+        verdict = Verdict.AGREES if others_agree and holding(said.holds, numbers) else Verdict.DISAGREES
+    otherwise = ""
+    if reading := said.reading:
+        second = Verdict.AGREES if holding(reading["holds"], numbers) else Verdict.DISAGREES
+        otherwise = f"Another reading, {reading['text']}: {reading['ours'].format(**numbers)} ({second})."
+        if (second is Verdict.DISAGREES) != (verdict is Verdict.DISAGREES):
+            verdict = Verdict.ONE_READING  # it stays one statement
+    why, basis = said.why.format(**numbers), Basis[said.basis.upper()]
+    return Statement(
+        figure, said.section, said.text, printed, ours, unit, verdict, rule, digits, why, basis, otherwise, said.source
+    )
+
+
+def judged(numbers: Mapping[str, Numbers], statements: Mapping[str, Said] = SAID) -> list[Statement]:
+    """Judge all statements about the figures whose numbers are there.
+
+    Args:
+        numbers: of figures, by their name.
+        statements: by FIGURE.KEY; one that follows from statements about figures that are not there is left out.
+    """
+    found = dict[str, Statement]()
+    for name, said in sorted(statements.items(), key=lambda item: bool(item[1].agree)):  # what follows comes last
+        figure = name.partition(".")[0]
+        if figure in numbers and all(other in found for other in said.agree):
+            others_agree = all(found[other].verdict in AGREEING for other in said.agree)
+            found[name] = judge(figure, said, numbers[figure], others_agree)
+    return [found[name] for name in statements if name in found]

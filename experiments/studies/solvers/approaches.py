@@ -1,0 +1,193 @@
+"""The approaches of the studies of speed and stability: six with a name, and the storm, drawn at random.
+
+The storm covers the ranges in which the solver is to work. Its scene k is a function of the number k alone; its ends
+are extreme on purpose.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from typing import Any, get_args
+
+import numpy as np
+
+import impact_gym as ig
+from experiments.lab.scenes import DISTANCE, MOTION, scene
+from impact_gym.robot import default_approach
+from impact_gym.scene import Coupling, Dissipation
+
+CRUISE = ig.Trapezoid(1.0, 8.0, ig.Brake(threshold=1.0, delay=10.0))  # the alarm is noted, the robot goes on
+STORM_SEED = 4
+
+RANGES = {
+    "contact stiffness": (1e2, 1e10),  # N/m^m
+    "restitution": (1e-3, 1.0),
+    "mass ratio": (1e-3, 1e3),  # object over tool
+    "speed": (0.01, 5.0),  # m/s
+    "coupling stiffness": (1.0, 1e5),  # N/m, of a spring and damper or of a mechanism
+    "damping ratio": (0.0, 3.0),  # of a spring and damper or of a stop
+    "deceleration": (0.5, 50.0),  # m/s^2, of the brake
+}
+"""What the storm must cover."""
+OTHERS = {
+    "tool mass": (0.01, 10.0),  # kg
+    "acceleration": (0.5, 50.0),  # m/s^2
+    "distance": (0.05, 0.35),  # m
+    "threshold": (0.1, 10.0),  # N, of the alarm
+    "delay": (0.0, 0.05),  # s, likewise
+    "free length": (0.01, 0.3),  # m, of a mechanism
+    "stop stiffness": (1e4, 1e6),  # N/m
+    "robot mass": (0.5, 50.0),  # kg
+    "robot stiffness": (1e3, 1e6),  # N/m
+    "robot damping": (1.0, 1e3),  # N s/m
+    "friction": (1e-3, 3.0),  # between object and ground
+    "reference velocity": (0.01, 5.0),  # m/s, at which a fixed damping has its restitution
+    "stroke over rest": (1.01, 30.0),  # way of a tool on a spring over that by which the acceleration presses it
+}
+"""What a scene needs besides, over ranges of our own."""
+EXPONENTS = (*((1.5, 1.5),) * 6, (1.0, 0.0), (1.0, 1.0), (2.0, 2.0), (1.5, 1.0), (1.2, 1.2), (3.0, 0.0))
+ROUGH = 0.25  # share of scenes with friction, with a fixed damping, with an end to a spring's way
+AT_AN_END = 0.05  # share of draws from a range of the storm that are one of its ends
+AFTERMATH = 0.5  # s, after the flange would reach the object
+
+
+@dataclass(frozen=True)
+class Approach:
+    """One approach from rest, over `duration` s."""
+
+    name: str
+    description: str
+    scene: ig.Scene
+    motion: ig.Trapezoid
+    duration: float
+
+    @property
+    def run(self) -> tuple[ig.Scene, ig.Trapezoid, float]:
+        """What `simulate` takes."""
+        return self.scene, self.motion, self.duration
+
+    @property
+    def about(self) -> dict[str, Any]:
+        """The columns of a table that say what its scene is."""
+        return {"coupling": kind(self.scene), "speed": self.motion.speed, "description": self.description}
+
+
+def kind(of: ig.Scene) -> str:
+    """Return coupling and robot of a scene in words."""
+    couplings = {ig.Rigid: "rigid", ig.SpringDamper: "spring", ig.Bistable: "bistable"}
+    robots = {ig.Robot: ", robot", ig.RobotTable: ", robot table", type(None): ""}
+    return couplings[type(of.coupling)] + robots[type(of.robot)]
+
+
+def approach_of(name: str | int) -> Approach:
+    """Return the approach of this name; a whole number is a scene of the storm."""
+    return storm(name) if isinstance(name, int) else {approach.name: approach for approach in named()}[name]
+
+
+def named() -> tuple[Approach, ...]:
+    """Return the six approaches."""
+    soft, spring = ig.SpringDamper(50.0), ig.SpringDamper(150.0)
+    # the paper's Fig. 23, a little slower than the speed above which the slider passes its alignment for good: that
+    # lies between 0.9772 and 0.9773 m/s, the object as far away as the study `paper` places it
+    speed = 0.9772  # m/s
+    at_threshold = ig.Trapezoid(speed, MOTION.acceleration, MOTION.brake)
+    distance = speed**2 / (2 * MOTION.acceleration) + speed * (DISTANCE - 1 / (2 * MOTION.acceleration))
+    held, heavy = scene(1e3, 0.1, ig.Bistable(), distance=distance), scene(1e6, 1.0, spring, object_mass=1.0)
+    slow_and_pushed = "k_c 1e8, e 0.1, spring 150 N/m, no brake: the second contact is slow and pushed"
+    below_threshold = "bistable coupling 4e-5 m/s below its threshold, k_c 1e3, e 0.1"
+    return (
+        Approach("soft", "k_c 1e3, e 0.7, spring 50 N/m", scene(1e3, 0.7, soft), MOTION, 1.5),
+        Approach("stiff", "k_c 1e8, e 0.7, spring 50 N/m: two short contacts", scene(1e8, 0.7, soft), MOTION, 1.5),
+        Approach("inelastic", "k_c 1e5, e 0.02 (d = 73.5), spring 50 N/m", scene(1e5, 0.02, soft), MOTION, 1.5),
+        Approach("multiple", "k_c 1e6, e 1, spring 150 N/m, object 1 kg: six contacts", heavy, MOTION, 1.5),
+        Approach("pushed", slow_and_pushed, scene(1e8, 0.1, spring), CRUISE, 0.8),
+        Approach("bistable", below_threshold, held, at_threshold, 1.5),
+    )
+
+
+class _Draw:
+    """Draws for one scene of the storm."""
+
+    def __init__(self, *numbers: int) -> None:
+        self.rng = np.random.default_rng([STORM_SEED, *numbers])
+        self.share = self.rng.uniform
+
+    def value(self, name: str) -> float:
+        """A value of a range; log-uniform unless it begins at 0."""
+        low, high = RANGES.get(name) or OTHERS[name]
+        u, end = map(float, self.rng.random(2))
+        if name in RANGES and end < AT_AN_END:
+            return low if end < AT_AN_END / 2 else high
+        if low == 0.0:
+            return high * u
+        return min(max(math.exp(math.log(low) + u * math.log(high / low)), low), high)
+
+    def spring(self) -> ig.SpringDamper:
+        return ig.SpringDamper(self.value("coupling stiffness"), self.value("damping ratio"))
+
+    def mechanism(self) -> ig.Bistable:
+        length = self.value("free length")
+        height = self.share(0.2, 0.9) * length
+        stroke = math.sqrt((length - height) * (length + height))
+        front, rear = self.share(0.1, 0.9) * stroke, -self.share(0.1, 0.9) * stroke
+        spring, stop = self.value("coupling stiffness"), self.value("stop stiffness")
+        return ig.Bistable(spring, length, height, front, rear, stop, self.value("damping ratio"))
+
+    def robot(self) -> list[float]:
+        return [self.value(f"robot {name}") for name in ("mass", "stiffness", "damping")]
+
+    def robot_table(self, distance: float) -> ig.RobotTable:
+        """The shipped robot, or a random one that varies by up to a factor of two on the way to the object."""
+        if self.share(0, 1) < 0.25:
+            return default_approach().robot_table()
+        way = np.linspace(0.0, 1.0, 6)
+        start = np.array(self.robot())[:, None]
+        slopes = self.rng.uniform(-1, 1, (3, 2))
+        columns = (start * np.exp(0.5 * slopes[:, :1] * way + 0.2 * slopes[:, 1:] * way**2)).tolist()
+        return ig.RobotTable(tuple((1.2 * distance * way).tolist()), *map(tuple, columns))
+
+
+def storm(number: int) -> Approach:
+    """Return scene `number` of the storm; every coupling comes with every robot."""
+    draw = _Draw(number)
+    tool = ig.Tool(draw.value("tool mass"))
+    target = ig.Object(tool.mass * draw.value("mass ratio"), draw.value("distance"))
+    m, n = EXPONENTS[draw.rng.integers(len(EXPONENTS))]
+    laws = [law for law in get_args(Dissipation) if law != "fixed"]  # as when the storm was first drawn
+    law: Dissipation = laws[draw.rng.integers(len(laws))] if draw.share(0, 1) < 0.5 else "hu-guo"
+    contact = ig.Contact(draw.value("contact stiffness"), draw.value("restitution"), law, m, n)
+    couplings: tuple[Callable[[], Coupling], ...] = (ig.Rigid, draw.spring, draw.mechanism)
+    coupling = couplings[number % 3]()
+    robots = (lambda: None, lambda: ig.Robot(*draw.robot()), lambda: draw.robot_table(target.distance))
+    robot = robots[number // 3 % 3]()
+    brakes = draw.share(0, 1) < 0.8
+    brake = ig.Brake(*map(draw.value, ("threshold", "delay", "deceleration"))) if brakes else None
+    motion = ig.Trapezoid(draw.value("speed"), draw.value("acceleration"), brake)
+    duration = target.distance / motion.speed + motion.speed / motion.acceleration + AFTERMATH
+    made = roughened(ig.Scene(tool, target, contact, coupling, robot), motion.acceleration, _Draw(number, 1))
+    return Approach(str(number), describe(made, motion), made, motion, duration)
+
+
+def roughened(smooth: ig.Scene, acceleration: float, draw: _Draw) -> ig.Scene:
+    """Return the scene with friction, an end to its spring's way and a fixed damping, each in a share ROUGH of all."""
+    target, contact, coupling = smooth.object, smooth.contact, smooth.coupling
+    if draw.share(0, 1) < ROUGH:
+        target = replace(target, friction=draw.value("friction"))
+    if draw.share(0, 1) < ROUGH:
+        reference = draw.value("reference velocity")
+        contact = replace(contact, dissipation="fixed", reference_velocity=reference)
+    if isinstance(coupling, ig.SpringDamper) and draw.share(0, 1) < ROUGH:
+        rest = smooth.tool.mass * acceleration / coupling.stiffness
+        coupling = replace(coupling, stroke=rest * draw.value("stroke over rest"))
+    return replace(smooth, object=target, contact=contact, coupling=coupling)
+
+
+def describe(stormy: ig.Scene, motion: ig.Trapezoid) -> str:
+    """Return the numbers of a scene of the storm in a line; `storm` gives it whole."""
+    words = [kind(stormy)]
+    for part in (stormy.tool, stormy.object, stormy.contact, stormy.coupling, stormy.robot, motion, motion.brake):
+        values = {} if part is None else asdict(part)
+        told = [f"{name} {value:.3g}" for name, value in values.items() if isinstance(value, float)]
+        told += [value for value in values.values() if isinstance(value, str)]
+        words += [f"{type(part).__name__}: {', '.join(told)}"] if told else []
+    return "; ".join(words)

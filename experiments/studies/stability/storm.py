@@ -1,0 +1,214 @@
+"""A row of numbers for each scene of the storm: our run, and what physics says about it.
+
+Energy. With M the reduced mass of tool and object and a the acceleration of the tool by all but the contact, the
+contact force is F = M (a - delta''), so that the contact takes from the bodies
+
+    integral of F d(delta) = (M v_in^2 - M v_out^2) / 2 + M integral of a d(delta)
+
+It may not be negative: a contact that is over has given back less than it took, one that is not holds some still. The
+first part is known to rounding from a `ContactRecord`. The second is a sum over the points of a `Trace`, in which M a
+follows from the velocities at two points and friction, so that a may jump; its doubt is the change when every second
+point is left out. Where the tool is fixed to a robot whose mass varies, M varies with it.
+
+Friction takes from the object what it was given, at most mu g of velocity in a second: within that a budget is met.
+"""
+
+import math
+from collections.abc import Callable
+from time import thread_time
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import impact_gym as ig
+from experiments import reference
+from experiments.lab.study import Row
+from experiments.reference.laws import damping_factor
+from experiments.studies.solvers.approaches import Approach, storm
+from experiments.studies.solvers.contenders import limited
+from experiments.studies.solvers.solutions import Solution
+from impact_gym.physics.impact import GRAVITY
+
+NEVER = 1e6  # s, when a contact ends that does not
+AGAIN_OVER = 20.0  # ms; the better of two, so that what is loaded at first use does not count
+LONGEST_TRACE = 50_000  # steps, beyond which a trace would fill the memory
+FINER = 1e-10  # rtol of a second run
+STIFF = 20.0  # d, above which the truth is looked for by an implicit method first
+TRUE_RTOL = {"DOP853": 1e-11, "Radau": 1e-10}
+CHECKS = {
+    "momentum_error": "of eq. 20 by the records, over the impulse of the contact",
+    "impulse_error": "impulse against what the object has gained, over the impulse",
+    "rounding": "of the momenta that were subtracted in that contact, over the impulse",
+    "energy_created": "over all energy that went to and fro in the contact; negative: lost; nan without a trace",
+    "energy_doubt": "of that by quadrature, in the same contact",
+    "pull": "contact force below 0 over its peak, or V_p lower after a contact over the speed of the tool",
+    "trace_fall": "of V_p from one point of the trace to the next beyond friction's, over the speed of the tool",
+}
+"""The worst of a run, each without unit; all zero if there was no contact."""
+
+Array = NDArray[np.float64]
+EPS = float(np.finfo(float).eps)
+
+
+def run(approach: Approach, rtol: float = 1e-8) -> tuple[ig.Outcome | None, str, float]:
+    """Return the outcome, or why there is none, and the processor time of one `simulate` in ms."""
+    begun, outcome, problem = thread_time(), None, ""
+    try:
+        outcome = ig.simulate(*approach.run, rtol)
+    except Exception as error:  # a failure is a result here
+        problem = f"{type(error).__name__}: {error}".replace("\n", " ")
+    return outcome, problem, 1e3 * (thread_time() - begun)
+
+
+def row_of(approach: Approach, simulate: Callable[..., ig.Outcome] = ig.simulate) -> Row:
+    """Return the row of a scene; `simulate` gives its trace."""
+    outcome, problem, milliseconds = run(approach)
+    if milliseconds >= AGAIN_OVER:
+        milliseconds = min(milliseconds, run(approach)[2])
+    row: dict[str, Any] = {**approach.about, "failure": problem, "milliseconds": milliseconds}
+    if outcome is None:
+        return row
+    v_p, is_finite = outcome.object_velocity, finite(outcome)
+    traced = outcome.steps <= LONGEST_TRACE
+    row |= {
+        "steps": outcome.steps,
+        "contacts": len(outcome.contacts),
+        "passes": len(outcome.snap_through),
+        "object_velocity": v_p,
+        "slowest_contact": min((contact.approach_velocity for contact in outcome.contacts), default=math.nan),
+    }
+    if traced:
+        outcome, (finer, *_) = simulate(*approach.run, trace=True), run(approach, FINER)
+        is_finite = is_finite and finite(outcome)
+        velocity = finer.object_velocity if finer else math.nan
+        row["finer_change"] = abs(velocity - v_p) / max(abs(v_p), 1e-6 * approach.motion.speed)
+    return row | {"finite": is_finite, "traced": traced} | checked(approach.scene, outcome)
+
+
+def storm_row(number: int) -> list[Row]:
+    """Return the row of a scene, by its number."""
+    return [row_of(storm(number))]
+
+
+def truth_row(number: int, patience: float) -> list[Row]:
+    """Return what the independent solver finds of a scene of the storm; each method has `patience` (s) for it.
+
+    What is stiff is left to Radau first, all else to DOP853; what one cannot do the other may try.
+    """
+    approach = storm(number)
+    law = approach.scene.contact
+    d = damping_factor(law.dissipation, law.restitution, law.stiffness_exponent, law.damping_exponent)
+    methods = sorted(TRUE_RTOL, reverse=d > STIFF)
+    for method in methods:
+        try:
+            with limited(patience):
+                outcome = reference.simulate(*approach.run, rtol=TRUE_RTOL[method], method=method)
+        except Exception:
+            if method == methods[-1]:
+                raise
+        else:
+            found = vars(Solution.of(outcome, approach.duration))
+            break
+    return [{**approach.about, "failure": "", "method": method, **found}]
+
+
+def finite(outcome: ig.Outcome) -> bool:
+    """Whether all numbers of an outcome are numbers."""
+    outcome = outcome._replace(rest_time=None)  # inf where something still moves
+    records = [record for record in (outcome, *outcome.contacts, outcome.trace) if record is not None]
+    values = [value for record in records for value in record]
+    return all(bool(np.all(np.isfinite(value))) for value in values if isinstance(value, float | np.ndarray))
+
+
+def checked(scene: ig.Scene, outcome: ig.Outcome) -> dict[str, float]:
+    """Return CHECKS of the records and, if there is one, the trace of a run."""
+    if not outcome.contacts:
+        return dict.fromkeys(CHECKS, 0.0)
+    budgets, energies, pulls, fall = [], [], [0.0], 0.0
+    before, since, m_p, trace = 0.0, 0.0, scene.object.mass, outcome.trace
+    slowing = GRAVITY * (scene.object.friction or 0.0)  # m/s^2
+    heaviest = scene.tool.mass  # of what moves as one with the tool
+    if isinstance(scene.coupling, ig.Rigid) and scene.robot is not None:
+        heaviest += float(np.max(scene.robot.mass))
+    for contact in outcome.contacts:
+        after, striking = contact.object_velocity, before + contact.approach_velocity
+        impulse = max(contact.impulse, 1e-300)
+        rounding = EPS * (heaviest * abs(striking) + m_p * max(abs(before), abs(after))) / impulse
+        until = NEVER if contact.end is None else contact.end
+        rubbed = slowing * (until - since)  # m/s, at most
+        lost = contact.impulse - m_p * (after - before)
+        budgets.append((abs(contact.momentum_error), max(-lost, lost - m_p * rubbed, 0.0) / impulse, rounding))
+        pulls += [(before - after - rubbed) / striking, -contact.impulse / (m_p * striking)]
+        before, since = after, until
+        if trace is not None:
+            energies.append(energy(scene, trace, contact))
+    if trace is not None:
+        pulls.append(-float(trace.contact_force.min()) / max(outcome.peak_force, 1e-300))
+        fastest = max(float(np.abs(trace.tool_velocity).max()), 1e-300)
+        falls = np.diff(trace.object_velocity) + slowing * np.diff(trace.time)
+        fall = -float(falls.min(initial=0.0)) / fastest
+    budget = max(budgets, key=lambda budget: _worst(*budget[:2]))
+    created, doubt = max(energies, key=lambda parts: _worst(parts[0] - parts[1]), default=(math.nan, math.nan))
+    return dict(zip(CHECKS, (*budget, created, doubt, max(pulls, key=_worst), fall), strict=True))
+
+
+def _worst(*values: float) -> float:
+    """The largest, what is no number above all."""
+    return math.inf if any(map(math.isnan, values)) else max(values)
+
+
+def energy(scene: ig.Scene, trace: ig.Trace, contact: ig.ContactRecord) -> tuple[float, float]:
+    """Return the energy that a contact has created, and its doubt, over what went to and fro."""
+    first = int(np.searchsorted(trace.time, contact.start, side="right")) - 1
+    last = np.searchsorted(trace.time, math.inf if contact.end is None else contact.end, side="left")
+    inside = slice(first, int(last) + 1)
+    time, mass = trace.time[inside], _reduced_mass(scene, trace.command_position[inside])
+    delta = (trace.tool_position - trace.object_position)[inside]
+    rate = (trace.tool_velocity - trace.object_velocity)[inside]
+    velocity, force = trace.object_velocity[inside], trace.contact_force[inside]
+    given = _given(scene.object, time, velocity, force)
+    parts = _work(time, mass, delta, rate, given)
+    work = float(np.sum(parts))
+    time2, velocity2, force2, mass2, delta2, rate2 = (
+        np.append(values[:-1:2], values[-1]) for values in (time, velocity, force, mass, delta, rate)
+    )
+    given2 = _given(scene.object, time2, velocity2, force2)
+    doubt = abs(work - float(np.sum(_work(time2, mass2, delta2, rate2, given2))))
+    rounding = 4 * EPS * np.sqrt(len(time)) * np.abs(given).max() * np.abs(rate).max()
+    rate[0], rate[-1] = contact.approach_velocity, -contact.separation_velocity
+    kinetic = float(np.sum((mass[1:] + mass[:-1]) / 2 * np.diff(rate**2 / 2)))
+    turned_over = mass.max() * contact.approach_velocity**2 / 2 + float(np.sum(np.abs(parts)))
+    return (kinetic - work) / turned_over, (doubt + rounding) / turned_over
+
+
+def _given(target: ig.Object, time: Array, velocity: Array, force: Array) -> Array:
+    """What the contact has given the object up to each point, Ns: that what it has, and what friction has taken.
+
+    Where it slides that is mu m g for so long; where it sticks it is the contact force, as that is what friction holds.
+    """
+    friction = GRAVITY * target.mass * (target.friction or 0.0)
+    slides = velocity[1:] + velocity[:-1] != 0.0
+    held = np.where(slides, friction * np.sign(velocity[1:] + velocity[:-1]), (force[1:] + force[:-1]) / 2)
+    taken = np.cumsum(held * np.diff(time)) if friction else np.zeros(len(time) - 1)
+    return target.mass * velocity + np.concatenate(([0.0], taken))
+
+
+def _work(time: Array, mass: Array, delta: Array, rate: Array, given: Array) -> Array:
+    """M a d(delta) between the points, J, a as constant there: M a is M delta'' and what the object is given."""
+    push = (mass[1:] + mass[:-1]) / 2 * np.diff(rate) + np.diff(given)
+    passed = np.diff(time)
+    return np.divide(push * np.diff(delta), passed, out=np.zeros_like(push), where=passed > 0)
+
+
+def _reduced_mass(scene: ig.Scene, command: Array) -> Array:
+    """M (kg) at each commanded position (m); a tool fixed to a rigid robot is as if infinitely heavy."""
+    mass, m_p, robot = np.full_like(command, scene.tool.mass), scene.object.mass, scene.robot
+    if isinstance(scene.coupling, ig.Rigid):
+        if robot is None:
+            return np.full_like(command, m_p)
+        if isinstance(robot, ig.RobotTable):
+            mass += robot.splines(np.clip(command, robot.position[0], robot.position[-1]))[:, 0]
+        else:
+            mass += robot.mass
+    return mass * m_p / (mass + m_p)

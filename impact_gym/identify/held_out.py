@@ -1,0 +1,149 @@
+"""How far off a fit is on blows that it has not seen: half of the logs predict the other half, then they change places.
+
+Every quantity is read off the samples in the same way, of the log and of what the fitted scene's sensors would have
+recorded. Of a predicted log only the start of the motion, and a bias that is not known, are fitted.
+"""
+
+import csv
+import io
+import math
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from impact_gym.identify import FREE, Identified, Sensor, identify
+from impact_gym.identify.log import Log, read
+from impact_gym.identify.model import Model
+from impact_gym.identify.search import descend, start_at
+from impact_gym.identify.sensor import Array, level, runs
+from impact_gym.motion import Trapezoid
+from impact_gym.scene import Scene
+from impact_gym.validation import one_of
+
+UNITS = {"object_velocity": "m/s", "peak_force": "N", "impulse": "N s", "duration": "s"}
+"""Quantities of a blow: V_p, and of the force its peak, its integral and its width at half of the peak."""
+END = 0.25  # of a log, its last samples, whose mean is the velocity after the blow
+HALF = 0.5  # of the peak
+FEWEST = 2  # logs
+
+
+class Prediction(NamedTuple):
+    """A quantity of a blow that was not fitted, in the unit that UNITS has for it."""
+
+    log: str
+    quantity: str
+    measured: float
+    predicted: float
+    equal: float  # median of the fitted blows with the same motion; nan without any
+
+    def error(self, value: float) -> float:
+        """Return how far a value is from the measured one, relative to it."""
+        return abs(value - self.measured) / abs(self.measured) if self.measured else math.inf
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Predictions of all blows, each by a fit to those of the other half."""
+
+    predictions: tuple[Prediction, ...]
+
+    def errors(self, quantity: str) -> tuple[Array, Array]:
+        """Return the relative errors of the predictions and of the medians of equal blows, (blows,) each."""
+        mine = [each for each in self.predictions if each.quantity == quantity]
+        ours, of_equals = [each.error(each.predicted) for each in mine], [each.error(each.equal) for each in mine]
+        return np.array(ours), np.array(of_equals)
+
+    def __str__(self) -> str:
+        return "\n".join(["each half of the logs predicts the other:", *self._lines()])
+
+    def _lines(self) -> Iterator[str]:
+        for log, quantity, measured, predicted, _ in self.predictions:
+            off = 100.0 * (predicted / measured - 1.0) if measured else math.inf
+            yield f"{log}: {quantity} {measured:.4g} {UNITS[quantity]}, predicted {predicted:.4g}, {off:+.1f} %"
+        for quantity in dict.fromkeys(each.quantity for each in self.predictions):
+            errors, of_equals = self.errors(quantity)
+            known = of_equals[np.isfinite(of_equals)]
+            beside = f"; the median of equal blows {100.0 * np.median(known):.1f} %" if len(known) else ""
+            yield (f"{quantity}: median error {100.0 * np.median(errors):.1f} %, 95 % of the blows below "
+                   f"{100.0 * np.quantile(errors, 0.95):.1f} %{beside}")  # fmt: skip
+
+    def csv(self) -> str:
+        """Return the predictions as a CSV file, a row for each blow and quantity."""
+        text = io.StringIO()
+        table = csv.writer(text, lineterminator="\n")
+        table.writerow(["log", "quantity", "unit", "measured", "predicted", "equal blows"])
+        table.writerows([log, quantity, UNITS[quantity], *values] for log, quantity, *values in self.predictions)
+        return text.getvalue()
+
+
+def hold_out(
+    log: Sequence[Any], scene: Scene, motion: Trapezoid | Sequence[Trapezoid],
+    free: Iterable[str] | Mapping[str, Any] = FREE, sensor: Sensor | Mapping[str, Sensor] | None = None,
+) -> HeldOut:  # fmt: skip
+    """Fit every other log, predict those between, and the other way round; the arguments are those of `identify`.
+
+    Raises:
+        TypeError, ValueError: as `identify`; or there are too few logs, their columns differ, or nothing in them can be
+            compared: V_p needs a column object_velocity, all else a force.
+    """
+    if not isinstance(log, (list, tuple)) or len(log) < FEWEST:
+        count = len(log) if isinstance(log, (list, tuple)) else 1
+        raise ValueError(f"hold-out needs {FEWEST} logs or more, a half to fit and a half to predict, got {count}")
+    logs = [read(source, f"log {k + 1}") for k, source in enumerate(log)]
+    for each in logs:
+        if each.columns.keys() != logs[0].columns.keys():
+            raise ValueError(f"hold-out needs logs with the same columns, {each.name} has {', '.join(each.columns)} but"
+                             f" {logs[0].name} {', '.join(logs[0].columns)}")  # fmt: skip
+    if not {"force", "object_velocity"} & logs[0].columns.keys():
+        raise ValueError(f"hold-out compares force or object_velocity, got {', '.join(logs[0].columns)}")
+    motions: list[Any] = list(motion) if isinstance(motion, (list, tuple)) else [motion] * len(logs)
+    for imposed in motions:
+        one_of("motion", imposed, Trapezoid)
+    if len(motions) != len(logs):
+        raise ValueError(f"motion must be one Trapezoid, or one for each of {len(logs)} logs, got {len(motions)}")
+    found: dict[int, list[Prediction]] = {}
+    for begin in (0, 1):
+        fitted = slice(begin, None, 2)
+        fit = identify(list(log[fitted]), scene, motions[fitted], free, sensor)
+        seen: dict[tuple[Trapezoid, str], list[float]] = defaultdict(list)
+        for each, imposed in zip(logs[fitted], motions[fitted], strict=True):
+            for quantity, value in _quantities(each, fit).items():
+                seen[imposed, quantity].append(value)
+        for k in range(1 - begin, len(logs), 2):
+            made = _quantities(_predicted(logs[k], motions[k], fit), fit)
+            found[k] = []
+            for quantity, value in _quantities(logs[k], fit).items():
+                equal = float(np.median(np.array(seen.get((motions[k], quantity), [math.nan]))))
+                found[k].append(Prediction(logs[k].name, quantity, value, made[quantity], equal))
+    return HeldOut(tuple(each for k in range(len(logs)) for each in found[k]))
+
+
+def _predicted(log: Log, motion: Trapezoid, fit: Identified) -> Log:
+    """Return a log as the sensors of a fit would have recorded it."""
+    model = Model.of([log], fit.scene, [motion], fit.fit.model.sensors, ())
+    x = descend(model, start_at(model, np.empty(0), 0.5).x).x
+    samples = model.predicted(x)[0] + model.biases(x)
+    return Log(log.name, log.time, {name: samples[slot] for (_, name), slot in model.slots.items()})
+
+
+def _quantities(log: Log, fit: Identified) -> dict[str, float]:
+    """Return the quantities that can be read off a log."""
+    found = {}
+    if "object_velocity" in log.columns:
+        found["object_velocity"] = float(np.mean(log.columns["object_velocity"][-max(int(END * len(log.time)), 1) :]))
+    if "force" in log.columns:
+        force = log.columns["force"] - level(log.columns["force"], fit.fit.model.sensors["force"])
+        found["peak_force"], found["impulse"] = float(force.max()), float(log.step * force.sum())
+        found["duration"] = log.step * _width(force)
+    return found
+
+
+def _width(force: Array) -> float:
+    """Return how many samples lie between the places where a blow passes HALF of its peak, linear between samples."""
+    high, padded = HALF * force.max(), np.concatenate([[0.0], force, [0.0]])
+    first, last = next(run for run in runs(padded > high) if run[0] <= padded.argmax() <= run[1])
+    inside = [(padded[a] - high) / (padded[a] - padded[b]) for a, b in ((first, first - 1), (last, last + 1))]
+    return float(last - first + sum(inside))

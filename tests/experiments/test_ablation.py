@@ -1,0 +1,163 @@
+"""The ablation: steps that add up, intervals that a plain bootstrap has as well, and no claim without ground."""
+
+import numpy as np
+import pytest
+from contest import COUNT, PAPER_TIME, SPEEDS, played, run
+
+from experiments.report.ablation import gains, links, sentence, steps_of, table
+from experiments.report.matchups import BOUND, PAPER
+from experiments.report.played import Run
+
+PLACE = "knowing where objects can stand and the profile's shape"
+
+
+def test_steps_steps_gain_the_difference_to_the_step_before():
+    first, *steps = steps_of(played())
+    mean = SPEEDS.mean()
+    assert (first.contestant, first.velocity.less, first.velocity.share) == (PAPER, None, None)
+    assert [step.added for step in steps] == ["the arm's limits", PLACE, "learning"]
+    assert [step.contestant for step in steps] == ["constant", "profile", "learned policy"]
+    for step, share, less in zip(steps, (0.7, 0.5, 0.3), (0.3, 0.2, 0.2), strict=True):
+        assert step.velocity.value.value == pytest.approx(share * mean)
+        assert step.velocity.less.value == pytest.approx(less * mean)
+        gain = step.velocity.share
+        assert (gain.value, gain.low, gain.high) == pytest.approx((less / 0.7,) * 3)  # what all share cancels
+    assert first.loss.value.value == pytest.approx(mean + 2.0 * PAPER_TIME)
+    for step, share, less in zip(steps, (0.8, 0.6, 0.4), (0.2 * mean + 0.2, 0.2 * mean, 0.2 * mean), strict=True):
+        assert step.loss.value.value == pytest.approx(share * mean + 2.0 * 0.2)  # at w = 2, after 0.2 s
+        assert step.loss.less.value == pytest.approx(less)
+    text = sentence([first, *steps])
+    for words in ("42.9 % [42.9, 42.9] from the arm's limits", "28.6 % [28.6, 28.6] from learning"):
+        assert words in text
+    rows = table([first, *steps], {"profile": "tuned profile (profile)"}).rows
+    assert rows[0][:4] == ("the paper", PAPER, f"{mean:.3f}", "-")
+    assert rows[2][:2] == (f"+ {PLACE}", "tuned profile (profile)")
+    assert rows[2][4] == "28.6 % [28.6, 28.6]"
+
+
+def test_gains_add_up_to_the_whole_in_every_resample():
+    rng = np.random.default_rng(1)
+    for resample in rng.uniform([1.0, 0.1, 0.1, 0.1, 0.1], [2.0, 1.0, 1.0, 1.0, 1.0], (50, 5)):
+        values = [np.array(pair) for pair in zip((1.0, 0.8, 0.5, 0.4, 0.3), resample, strict=True)]
+        steps = gains(values, policy=3)[1:4]  # of one resample the interval is that resample
+        assert sum(step.less.low for step in steps) == pytest.approx(resample[0] - resample[3])
+        for side in ("value", "low", "high"):
+            assert sum(getattr(step.share, side) for step in steps) == pytest.approx(1.0)
+
+
+def test_steps_intervals_match_a_plain_bootstrap_over_seeds_and_scenarios():
+    rng, seeds = np.random.default_rng(2), 6
+    results = played(seeds=((0.2, 0.4),) * seeds)
+    for contestant in [*results.seeds.values(), *results.baselines.values()]:
+        for name in ("object_velocity", "approach_time"):
+            contestant.arrays[name] *= rng.uniform(0.9, 1.1) * rng.uniform(0.8, 1.2, contestant[name].shape)
+    results.paper.arrays["approach_time"] *= rng.uniform(0.2, 1.8, COUNT)  # so that it matters when the fronts are read
+
+    def resampled(scenarios, chosen):
+        def mean(runs, name):
+            return np.mean([run[name][:, scenarios].mean(axis=1) for run in runs], axis=0)
+
+        time = mean([results.paper], "approach_time")[0]
+        contestants = [[results.paper], [results.baselines["constant"]], [results.baselines["profile"]], chosen]
+        velocities = []
+        for runs in contestants:
+            line = sorted(zip(mean(runs, "approach_time"), mean(runs, "object_velocity"), strict=True))
+            velocities.append(np.interp(time, *zip(*line, strict=True)))
+        less = -np.diff(velocities)
+        return less, less / (velocities[0] - velocities[-1])
+
+    def drawn(units):  # one less than there are, as in `Resamples`
+        return rng.choice(units, units - 1)
+
+    all_seeds = list(results.seeds.values())
+    plain = [resampled(drawn(COUNT), [all_seeds[k] for k in drawn(seeds)]) for _ in range(4000)]
+    for place, part in enumerate(("less", "share")):
+        low, high = np.percentile([resample[place] for resample in plain], [2.5, 97.5], axis=0)
+        for step, *ends in zip(steps_of(results)[1:], low, high, strict=True):
+            interval = getattr(step.velocity, part)
+            assert (interval.low, interval.high) == pytest.approx(ends, abs=0.08 * (ends[1] - ends[0]))
+    exact = resampled(np.arange(COUNT), all_seeds)[0]
+    assert [step.velocity.less.value for step in steps_of(results)[1:]] == pytest.approx(exact)
+
+
+def test_steps_compares_the_clairvoyant_on_its_searched_scenarios():
+    results = played(seeds=((0.2, 0.4), (0.1, 0.3)))
+    results.bound = run((0.05, 0.15), count=20)
+    *_, policy, knows = steps_of(results)
+    assert (policy.scenarios, knows.scenarios, knows.contestant) == (COUNT, 20, BOUND)
+    subset_mean = SPEEDS[:20].mean()
+    assert knows.velocity.value.value == pytest.approx(0.1 * subset_mean)
+    assert knows.velocity.less.value == pytest.approx((0.25 - 0.1) * subset_mean)
+    assert knows.velocity.share.value == pytest.approx(0.15 / 0.75)
+    assert "the first 20 scenarios" in table(steps_of(results), {}).rows[-1][1]
+    assert "knowing the object" not in sentence(steps_of(results))
+    results.bound = Run((7.0, 8.0), results.bound.arrays)
+    assert steps_of(results)[-1].contestant == policy.contestant  # not searched at the typical weight
+
+
+@pytest.mark.parametrize(("times", "limits", "words"), [
+    ((0.25, 0.2), ["", "at least ", "at most "], "at least 28.6 %"),
+    ((0.4, 0.2), ["", "", ""], " 28.6 %"),
+])  # fmt: skip
+def test_steps_bounds_gains_of_a_step_read_too_soon(times, limits, words):
+    results = played()
+    results.baselines["profile"] = run((0.5, 0.6) if times[0] < PAPER_TIME else (0.4, 0.6), times)
+    steps = steps_of(results)
+    assert [step.limit for step in steps[1:]] == limits
+    assert words in sentence(steps)
+    assert ("50 ms sooner" in table(steps, {}).rows[2][2]) == (times[0] < PAPER_TIME)
+
+
+def test_steps_claims_nothing_at_a_time_that_a_contestant_cannot_make():
+    results = played(acceleration_range=(1.0, 8.0))
+    results.baselines["profile"] = run((0.4, 0.5), (0.5, 0.35))
+    steps = steps_of(results)
+    assert [step.velocity.share for step in steps] == [None] * 4
+    assert [step.velocity.less for step in steps] == [None] * 4
+    assert "50 ms later" in table(steps, {}).rows[2][2]
+    text = sentence(steps)
+    assert "V_p + 2 T" in text  # which may be compared whenever they arrive
+    assert "from the choice of speed" in text  # on an arm that can do no more than the paper's rule
+    total = 0.6 * SPEEDS.mean() + 0.2
+    first = 100 * (0.2 * SPEEDS.mean() + 0.2) / total
+    assert f"{total:.3f} m/s that it saves" in text
+    assert f"{first:.1f} %" in text
+
+
+def test_steps_claims_nothing_with_misses_or_without_gain():
+    missing, useless = played(), played(seeds=((0.9, 1.1),))
+    missing.seeds["seed-0"] = run((0.2, 0.4), missed=2)
+    for results in (missing, useless):
+        assert [step.velocity.share for step in steps_of(results)] == [None] * 4
+        assert sentence(steps_of(results)) == ""
+    results = played()
+    results.seeds["seed-0"] = run((0.3, 0.4), (0.25, 0.2))  # all of the policy is too soon, so the whole is not known
+    assert sentence(steps_of(results)) == ""
+
+
+@pytest.mark.parametrize(("names", "noise", "added"), [
+    ((), None, [f"the arm's limits and {PLACE} and learning"]),
+    (("constant",), None, ["the arm's limits", f"{PLACE} and learning"]),
+    (("profile",), None, [f"the arm's limits and {PLACE}", "learning"]),
+    (("profile", "evenly", "constant"), None,
+     ["the arm's limits", "knowing where objects can stand", "the profile's shape", "learning"]),
+    (("range", "profile", "constant"), 0.01, ["the arm's limits", PLACE, "the estimate", "learning"]),
+    (("profile", "constant"), 0.01, ["the arm's limits", PLACE, "the estimate and learning"]),
+    (("over", "range", "profile", "constant"), 0.01,
+     ["the arm's limits", PLACE, "the estimate", "a profile over it", "learning"]),
+])  # fmt: skip
+def test_links_join_the_next_step_without_a_baseline(names, noise, added):
+    results = played(names, range_noise=noise)
+    assert [link.added for link in links(results)][1:] == added
+    assert bool(sentence(steps_of(results))) == (len(added) > 1)
+
+
+def test_links_take_the_first_of_two_baselines_of_one_rule():
+    for names in (("profile", "other", "constant"), ("other", "profile", "constant")):
+        assert links(played(names))[2].contestant == names[0]
+
+
+def test_steps_resamples_all_contestants_alike():
+    """The numbers of one contestant do not depend on who else is in it."""
+    alone, together = (steps_of(played(names)) for names in ((), ("profile", "constant")))
+    assert alone[-1].velocity.value == together[-1].velocity.value

@@ -1,0 +1,235 @@
+"""The study of the paper: its figures, the rules by which statements are judged, the verdicts, and the page."""
+
+import re
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from golden import IMPACT_VELOCITY, OBJECT_VELOCITIES, SHAPES
+from pages import text_of_a_page_that_stands_on_its_own
+
+import impact_gym as ig
+from experiments.lab import scenes
+from experiments.lab.study import Run as StudyRun
+from experiments.lab.study import StudyOptions, frame_of
+from experiments.studies.paper import ABOUT, MADE, STUDY, answer, section_2_2, section_4_curves
+from experiments.studies.paper.runs import WIDTH, Run, histories, where
+from experiments.studies.paper.statements import (
+    AGREEING,
+    SAID,
+    Basis,
+    Said,
+    Verdict,
+    agreeing_digits,
+    holding,
+    judge,
+    judged,
+)
+
+APART = {  # the statements that do not simply agree; each carries its reason on the page
+    Verdict.DISAGREES: (  # what a correct model says otherwise than the text
+        "figure_06.restitution", "figure_13.brakes_after", "figure_14.share", "figure_14.deceleration",
+        "figure_17.relative_velocity", "figure_18.contact_stiffness", "figure_19.slower", "beyond_delay.operator",
+    ),
+    Verdict.ONE_READING: (  # the page has both readings
+        "figure_16.stiffness", "figure_17.compression", "figure_19.synchronous", "figure_19.pushes",
+        "figure_19.compressed", "figure_20.equation_22", "figure_23.complete", "beyond_objects.small_modifications",
+    ),
+}  # fmt: skip
+
+
+@pytest.fixture(scope="session")
+def frames():
+    measured = (
+        (table.name, table.measure(**cell.arguments)) for table in STUDY.measurements for cell in table.cells(False, {})
+    )
+    return {name: frame_of([({}, rows)]) for name, rows in measured}
+
+
+@pytest.fixture(scope="session")
+def statements(frames):
+    return judged({name: MADE[name].numbers(frame) for name, frame in frames.items()})
+
+
+@pytest.mark.parametrize(
+    ("printed", "ours", "digits"),
+    [
+        ("0.98", 0.9786, (2, 2)), ("0.95", 0.9786, (1, 2)), ("1.88", 1.8602, (2, 3)), ("5e1", 51.04, (1, 1)),
+        ("90", 89.0, (1, 2)), ("2", 1.99987, (1, 1)), ("0.321", 0.4, (0, 3)), ("1.0", 1.049, (2, 2)),
+    ],
+)  # fmt: skip
+def test_agreeing_digits(printed, ours, digits):
+    assert agreeing_digits(printed, ours) == digits
+
+
+@pytest.mark.parametrize(
+    ("ours", "text", "verdict"),
+    [
+        (0.9786, "is 0.98", Verdict.DIGITS), (0.9786, "is about 0.98", Verdict.DIGITS),
+        (0.972, "is 0.98", Verdict.DISAGREES), (0.972, "is about 0.98", Verdict.AGREES),
+        (0.968, "is about 0.98", Verdict.DISAGREES),
+    ],
+)  # fmt: skip
+def test_number_allows_one_unit_of_the_last_digit_after_about(ours, text, verdict):
+    said = Said(text=f"the velocity {text}", section="1", basis="identified", printed="0.98 m/s", value="v")
+    statement = judge("figure", said, {"v": ours})
+    assert (statement.verdict, statement.basis, statement.unit) == (verdict, Basis.IDENTIFIED, "m/s")
+
+
+@pytest.mark.parametrize("first", [True, False])
+@pytest.mark.parametrize("second", [True, False])
+def test_second_reading_agrees_only_if_both_do(first, second):
+    reading = {"text": "meant otherwise", "holds": ["b > 0"], "ours": "thus {b}"}
+    said = Said(text="so it is", section="1", holds=("a > 0",), rule="a rule", ours="so {a}", reading=reading)
+    read = judge("figure", said, {"a": int(first), "b": int(second)})
+    alone = Verdict.AGREES if first else Verdict.DISAGREES
+    assert read.verdict == (alone if first == second else Verdict.ONE_READING)
+    assert read.ours == f"so {first:d}"
+    assert (
+        read.otherwise == f"Another reading, meant otherwise: thus {second:d} ({'agrees' if second else 'disagrees'})."
+    )
+
+
+@pytest.mark.parametrize(
+    ("condition", "holds"),
+    [
+        ("steps > 0", True), ("steps > 1", False), ("steps >= 1", True), ("steps < 2", False), ("steps <= 2", True),
+        ("one == 1", True), ("one == 2", False), ("one < other", True), ("other < one", False), ("one < inf", True),
+    ],
+)  # fmt: skip
+def test_condition_holds_in_every_place(condition, holds):
+    numbers = {"steps": [1.0, 2.0], "one": 1, "other": 3.0}
+    assert holding([condition], numbers) == holding(["one == 1", condition], numbers) == holds
+    with pytest.raises(KeyError, match="none"):
+        holding(["none > 0"], numbers)
+
+
+@pytest.mark.parametrize(("value", "verdict"), [(1, Verdict.AGREES), (-1, Verdict.DISAGREES)])
+def test_statement_that_follows_from_others_agrees_if_they_do_and_needs_them(value, verdict):
+    follows = {"a.first": Said(text="both", section="1", agree=("a.own", "b.other"))}
+    others = {name: Said(text=name, section="1", holds=("x > 0",)) for name in ("a.own", "b.other")}
+    first, *_ = judged({"a": {"x": 1}, "b": {"x": value}}, follows | others)
+    assert (first.text, first.verdict) == ("both", verdict)
+    assert [each.text for each in judged({"a": {"x": 1}}, follows | others)] == ["a.own"]
+
+
+def test_each_statement_is_judged_by_one_rule_and_has_a_reason(statements):
+    assert len(statements) == len(SAID)
+    for name, said, statement in zip(SAID, SAID.values(), statements, strict=True):
+        kinds = [said.printed is not None, bool(said.holds), bool(said.agree), said.rule == "none" and not said.printed]
+        assert sum(kinds) == 1, name
+        assert statement.ours, name
+        assert statement.why or statement.verdict in AGREEING, name
+        assert statement.otherwise or statement.verdict != Verdict.ONE_READING, name
+
+
+@pytest.mark.parametrize("verdict", APART)
+def test_statements_agree_but_for_those_listed(statements, verdict):
+    assert tuple(name for name, each in zip(SAID, statements, strict=True) if each.verdict == verdict) == APART[verdict]
+
+
+def test_answer_and_documentation_have_the_counts(statements):
+    bases = Counter(s.basis for s in statements)
+    verdicts = Counter(s.verdict for s in statements if s.basis == Basis.TEST)
+    agree = verdicts[Verdict.DIGITS] + verdicts[Verdict.AGREES]
+    tests = [agree, *(verdicts[verdict] for verdict in (Verdict.ONE_READING, Verdict.DISAGREES, Verdict.UNDECIDED))]
+    no_tests = [bases[basis] for basis in (Basis.IDENTIFIED, Basis.GIVEN, Basis.REPEATED)]
+    root = Path(__file__).parents[2]
+    readme, how_to = ((root / page).read_text() for page in ("README.md", "docs/how-to/train.md"))
+    assert f"compares its {len(statements)} statements" in readme
+    *rows, last = re.findall(r"^\| (.+) \| (\d+) \|$", readme, re.MULTILINE)
+    assert [int(count) for _, count in rows] == tests
+    assert [int(number) for number in (*re.findall(r"\d+", last[0]), last[1])] == [*no_tests, sum(no_tests)]
+    sentence = re.search(r"Of the (\d+) statements that are tests, (\d+) .* (\d+) .* (\d+) .*\s(\d+) cannot", how_to)
+    assert [int(number) for number in sentence.groups()] == [sum(tests), *tests]
+    counts = [len(statements), sum(tests), *tests, sum(no_tests), *no_tests]
+    assert [int(number) for number in re.findall(r"\d+", answer(statements))] == counts
+
+
+@pytest.mark.parametrize("name", MADE)
+def test_figure_is_drawn_with_axes_that_say_what_they_are(name, frames):
+    for axes in MADE[name].plot(frames[name]).axes:
+        assert axes.get_xlabel() or axes.get_title()
+        assert axes.get_ylabel()
+        assert axes.has_data()
+    assert len(ABOUT[name]["alternative"]) > 60
+
+
+def test_page_of_some_figures_stands_on_its_own_with_their_statements(statements, tmp_path):
+    StudyRun(STUDY, StudyOptions(out=tmp_path, only=("figure_22", "figure_02"))).write()
+    text = (
+        text_of_a_page_that_stands_on_its_own(tmp_path, 2)
+        .replace("&#39;", "'")
+        .replace("&gt;", ">")
+        .replace("&lt;", "<")
+    )
+    for statement in statements:
+        assert (statement.text in text) == (statement.figure in ("figure_02", "figure_22")), statement.text
+    assert (tmp_path / "statements.csv").read_text().count("\n") == 1 + 5 + 4
+
+
+def test_figure_05_damping_changes_sign_where_the_penetration_peaks(frames):
+    time, elastic, damping = section_2_2.parts(frames["figure_05"], "a")
+    change = time[np.flatnonzero((damping[:-1] > 0.0) & (damping[1:] <= 0.0))[0]]
+    assert change == pytest.approx(time[np.argmax(elastic)], abs=2e-4)
+
+
+@pytest.mark.parametrize("e", [0.1, 0.5, 1.0])
+@pytest.mark.parametrize(("free", "mass"), [(0, scenes.OBJECT_MASS), (1, scenes.REDUCED_MASS)])
+def test_figures_06_and_07_follow_the_contact_scales(frames, e, free, mass):
+    duration, penetration, peak = SHAPES[e]
+    forces, times = (where(frames[name], free=free, restitution=e) for name in ("figure_06", "figure_07"))
+    assert forces["peak_force"] == pytest.approx(peak * forces["contact_stiffness"] ** 0.4 * mass**0.6, rel=1e-6)
+    # read off points of the trace, the highest of which lies a little beside the peak
+    assert forces["penetration"] == pytest.approx(penetration * (mass / forces["contact_stiffness"]) ** 0.4, rel=1e-4)
+    assert times["duration"] == pytest.approx(duration * (mass / times["contact_stiffness"]) ** 0.4, rel=1e-6)
+
+
+@pytest.mark.parametrize("name", ["figure_16", "figure_18"])
+def test_enclose_changes_brackets_the_number_of_contacts(frames, name):
+    for k_c in section_4_curves.CONTACT_STIFFNESSES:
+        rows = section_4_curves.curve(frames[name], k_c)
+        assert (np.diff(rows["coupling_stiffness"]) > 0.0).all()
+        assert (np.diff(rows["coupling_stiffness"])[np.diff(rows["contacts"]) != 0] <= WIDTH).all()
+
+
+def test_figure_16_settled_tool_strikes_at_rest_behind_its_flange():
+    for k_t in section_4_curves.COUPLING_STIFFNESSES[[0, -1]]:
+        scene = scenes.decoupled(1e5, 1.0, float(k_t), distance=section_4_curves.SETTLED)
+        (first, *_) = ig.simulate(scene, scenes.MOTION, 6.0).contacts
+        assert first.approach_velocity == pytest.approx(1.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("deceleration", [1.0, 4.0, 20.0])
+@pytest.mark.parametrize("k_c", [1e3, 1e5])
+def test_figure_19_coupling_pulls_at_the_end_at_any_deceleration(deceleration, k_c):
+    motion = replace(scenes.MOTION, brake=replace(scenes.MOTION.brake, deceleration=deceleration))
+    frame = histories({"a": scenes.decoupled(k_c, 0.1, 150.0)}, motion, duration=2.5)
+    assert Run(frame, "a").during_contact.coupling_force[-1] < 0.0
+
+
+@pytest.mark.parametrize("figure", [figure for figure in OBJECT_VELOCITIES if not figure.startswith("16")])
+def test_final_velocities(frames, figure):
+    velocity = Run(frames[f"figure_{figure[:2]}"], figure[2:] or "rigid").final_velocity
+    assert velocity == pytest.approx(OBJECT_VELOCITIES[figure], rel=1e-5)
+
+
+def test_figure_14_impact_velocity_is_independent_of_the_object(frames):
+    struck = [Run(frames["figure_14"], case).impact_velocity for case in ("a", "b", "13b")]
+    assert struck == pytest.approx([IMPACT_VELOCITY] * 3, abs=1e-6)
+    assert max(struck) - min(struck) < 1e-12
+
+
+@pytest.mark.parametrize("name", ["figure_20", "figure_24"])
+def test_running_impulse_ends_at_the_simulated_impulse(frames, name):
+    for run in (Run(frames[name], case) for case in "ab"):
+        drawn = run.running_impulse()[1]
+        assert drawn[-1] == pytest.approx(run.impulse, abs=2e-4 * drawn.max())
+
+
+def test_beyond_speed_passes_through_figure_23(frames):
+    for coupling, case in (("bistable", "a"), ("spring", "b")):
+        (velocity,) = where(frames["beyond_speed"], coupling=coupling, speed=1.0)["object_velocity"]
+        assert velocity == pytest.approx(Run(frames["figure_23"], case).final_velocity, rel=1e-6)

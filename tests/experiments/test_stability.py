@@ -1,0 +1,266 @@
+"""The storm covers what it says, its checks find what is planted, rivals are judged as said, and the page tells it."""
+
+import math
+
+import numpy as np
+import polars as pl
+import pytest
+from pages import text_of_a_page_that_stands_on_its_own
+from scenes import COUPLINGS, MOTION, ROBOTS, scene
+from studies import small_run
+
+import impact_gym as ig
+from experiments.lab.study import Cell
+from experiments.studies import stability
+from experiments.studies.solvers import approaches, solutions
+from experiments.studies.solvers.approaches import Approach
+from experiments.studies.solvers.contenders import OURS
+from experiments.studies.stability import promises, storm
+from impact_gym.scene import Dissipation
+
+FEW = 27  # scenes: every coupling with every robot, three times
+
+
+def approach_of(coupling=None, robot=None, e=0.5, motion=MOTION):
+    return Approach("7", "planted", scene(1e5, e, coupling, robot), motion, 0.8)
+
+
+def ranges_of(number):
+    """What a scene has of each range of the storm."""
+    scene, motion, _ = approaches.storm(number).run
+    coupling = scene.coupling
+    values = {
+        "contact stiffness": scene.contact.stiffness,
+        "restitution": scene.contact.restitution,
+        "mass ratio": scene.object.mass / scene.tool.mass,
+        "speed": motion.speed,
+        "coupling stiffness": getattr(coupling, "stiffness", None),
+        "damping ratio": getattr(coupling, "damping_ratio", getattr(coupling, "stop_damping_ratio", None)),
+        "deceleration": motion.brake.deceleration if motion.brake else None,
+    }
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def test_storm_fills_its_ranges_to_their_ends():
+    drawn = [ranges_of(number) for number in range(1500)]
+    for name, (low, high) in approaches.RANGES.items():
+        values = np.array([ranges[name] for ranges in drawn if name in ranges])
+        assert values.min() == pytest.approx(low, rel=1e-12)
+        assert values.max() == pytest.approx(high, rel=1e-12)
+        place = values / high if low == 0 else np.log(values / low) / math.log(high / low)
+        inside = place[(place > 1e-9) & (place < 1 - 1e-9)]
+        assert len(inside) > 400
+        assert np.quantile(inside, [0.1, 0.5, 0.9]) == pytest.approx([0.1, 0.5, 0.9], abs=0.06)
+
+
+def test_storm_has_every_coupling_with_every_robot_all_laws_and_depends_on_its_number_alone():
+    drawn = [approaches.storm(number) for number in range(900)]
+    assert len({approaches.kind(approach.scene) for approach in drawn[:9]}) == 9
+    contacts = [approach.scene.contact for approach in drawn]
+    assert {contact.dissipation for contact in contacts} == set(Dissipation.__args__)
+    rough = {approach.scene.object.friction is not None for approach in drawn}
+    ended = {getattr(approach.scene.coupling, "stroke", None) is not None for approach in drawn}
+    assert rough == ended == {False, True}
+    exponents = {(contact.stiffness_exponent, contact.damping_exponent) for contact in contacts}
+    assert exponents == set(approaches.EXPONENTS)
+    assert 0.15 < np.mean([approach.motion.brake is None for approach in drawn]) < 0.25
+    assert [approaches.storm(number) for number in reversed(range(40))] == drawn[39::-1]
+    assert len({approach.description for approach in drawn}) == 900
+
+
+def frame_of(*rows):
+    return pl.DataFrame([{"scene": number, **row} for number, row in enumerate(rows)], infer_schema_length=None)
+
+
+def promises_broken(row):
+    return {*promises.failures(frame_of(row))["promise"]}
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("coupling", COUPLINGS)
+@pytest.mark.parametrize("e", [0.3, 1.0])
+def test_row_of_a_sound_run_breaks_no_promise(coupling, robot, e):
+    approach = approach_of(COUPLINGS[coupling], ROBOTS[robot], e)
+    row = storm.row_of(approach)
+    assert row["contacts"] > 0
+    assert row["traced"]
+    assert promises_broken(row | {"milliseconds": 1.0}) == set()  # how fast is for the storm to say
+    assert row["energy_doubt"] < 1e-3
+    if e == 1.0 and ig.simulate(*approach.run).contacts[-1].end is not None:
+        # nothing dissipates: what has gone in has come out again, but for a contact under way at the end
+        assert abs(row["energy_created"]) < 1e-6 + row["energy_doubt"]
+
+
+@pytest.mark.parametrize("number", [882, 2628, 1177, 1678, 1845, 2197])
+def test_row_of_an_object_that_is_pushed_on_or_sticks_breaks_no_promise(number):
+    """The first two are pushed on until the brake has ended, the others come to stick under the tool."""
+    approach = approaches.storm(number)
+    assert approach.scene.object.friction
+    assert promises_broken(storm.row_of(approach) | {"milliseconds": 1.0}) == set()
+
+
+@pytest.mark.parametrize("e", [0.1, 0.5, 0.9])
+def test_row_of_an_isolated_contact_has_lost_what_its_restitution_says(e):
+    row = storm.row_of(approach_of(e=e, motion=ig.Trapezoid(1.0, 8.0)))
+    lost = 1.0 - ig.effective_restitution("hu-guo", e) ** 2
+    assert row["energy_created"] == pytest.approx(-lost, rel=1e-7)
+
+
+def planted(**changes):
+    """`simulate` with a fault in its trace or in its first contact."""
+
+    def simulate(scene, motion, duration, trace):
+        outcome = ig.simulate(scene, motion, duration, trace=trace)
+        for name in ig.Trace._fields:
+            changes.get(f"trace.{name}", len)(getattr(outcome.trace, name))
+        first, *rest = outcome.contacts
+        wrong = {name: f(getattr(first, name)) for name, f in changes.items() if hasattr(first, name)}
+        return outcome._replace(contacts=(first._replace(**wrong), *rest))
+
+    return simulate
+
+
+def at(place, value):
+    def put(column):
+        column[place] = value
+
+    return put
+
+
+@pytest.mark.parametrize(
+    ("fault", "promise"),
+    [
+        ({"separation_velocity": lambda v: 1.01 * v}, promises.PASSIVE),
+        ({"trace.contact_force": at(400, -1e-9)}, promises.PUSHED),
+        ({"impulse": lambda j: -j}, promises.PUSHED),
+        ({"trace.object_velocity": at(slice(-30, None), 0.0)}, promises.RISING),
+        ({"impulse": lambda j: j * (1 + 1e-8)}, promises.BALANCED),
+        ({"momentum_error": lambda _: 2e-9}, promises.BALANCED),
+        ({"momentum_error": lambda _: math.nan}, promises.BALANCED),
+        ({"trace.tool_position": at(3, math.nan)}, promises.FINITE),
+        ({"peak_force": lambda _: math.inf}, promises.FINITE),
+    ],
+)
+@pytest.mark.parametrize("coupling", COUPLINGS)
+def test_row_of_a_planted_fault_breaks_its_promise(fault, promise, coupling):
+    row = storm.row_of(approach_of(COUPLINGS[coupling], e=1.0), planted(**fault))
+    assert promise.text in promises_broken(row)
+
+
+def test_checked_finds_an_object_that_is_slowed_between_two_contacts():
+    outcome = ig.simulate(*approach_of(ig.SpringDamper(150.0), e=1.0).run)
+    first, second, *rest = outcome.contacts
+    assert storm.checked(approach_of().scene, outcome)["pull"] <= 0.0
+    slowed = second._replace(object_velocity=first.object_velocity - 1e-6)
+    wrong = outcome._replace(contacts=(first, slowed, *rest))
+    assert storm.checked(approach_of().scene, wrong)["pull"] > promises.PULL
+
+
+def test_failures_name_a_run_that_cannot_finish_takes_too_long_or_is_not_settled():
+    row = storm.row_of(approach_of(ig.SpringDamper(150.0)))
+    assert promises_broken(row | {"milliseconds": 50.1}) == {promises.FAST.text}
+    for change in (2e-6, math.nan):
+        assert promises_broken(row | {"milliseconds": 1.0, "finer_change": change}) == {promises.SETTLED.text}
+    for_ever = scene(1e12, 1.0, distance=1e-7)  # bounces of 0.2 ms
+    stopped = storm.row_of(Approach("7", "", for_ever, ig.Trapezoid(2000.0, 20.0), 20.0))
+    hung = stability.blank({"scene": 3}) | {"failure": "no answer within 120 s"}
+    broken = promises.failures(frame_of(row | {"milliseconds": 1.0}, stopped | {"milliseconds": 1.0}, hung))
+    assert broken["scene"].to_list() == [1, 2]
+    assert {*broken["promise"]} == {promises.ENDED.text}
+    assert "integration steps" in broken["reason"][0]
+
+
+def test_over_storm_says_which_promise_is_missed_by_how_many():
+    rows = [storm.row_of(approach_of(coupling)) | {"milliseconds": 1.0} for coupling in COUPLINGS.values()]
+    kept = promises.over_storm(frame_of(*rows))
+    assert [verdict.text for verdict in kept] == [promise.text for promise in promises.PROMISES]
+    assert all(verdict.met for verdict in kept)
+    wrong = frame_of(rows[0] | {"finite": False}, rows[1] | {"momentum_error": 1e-3}, rows[2])
+    missed = {verdict.text: verdict.finding for verdict in promises.over_storm(wrong) if not verdict.met}
+    assert missed.keys() == {promises.FINITE.text, promises.BALANCED.text}
+    assert all("1 of 3 scenes" in finding for finding in missed.values())
+    assert "1 of these beyond what rounding of the momenta explains" in missed[promises.BALANCED.text]
+
+
+def test_agreement_finds_a_difference_and_over_agreement_counts_what_is_not_known():
+    ours = frame_of(storm.row_of(approaches.storm(17)))
+    (truth,) = storm.truth_row(17, 60.0)
+    changes = ({}, {"velocity": truth["velocity"] * (1 + 3e-6)}, {"passes": truth["passes"] + 1})
+    same, elsewhere, passed = (promises.agreement(ours, frame_of(truth | change)) for change in changes)
+    assert same["apart"].to_list() == [""]
+    assert "3.0e-06" in elsewhere["apart"][0]
+    assert passed["apart"][0]
+    unknown = frame_of(truth | {"failure": "no answer"})
+    assert promises.agreement(ours, unknown).is_empty()
+    kept = promises.over_agreement(same, 1)
+    assert kept.met
+    assert "1 scenes the independent solver could not do" in kept.finding
+    assert not promises.over_agreement(pl.concat([same, elsewhere]), 0).met
+    assert not promises.over_agreement(same.clear(), 0).met
+
+
+def test_shares_are_those_of_each_class_and_of_missed_contacts():
+    of = {"contender": OURS, "true_contacts": 2, "microseconds": 1e6}
+    kinds = (("", 2), (solutions.WRONG, 1), (solutions.LATE, None), ("", 2), ("gave up: it did", None))
+    hung = {"contender": "RK45", "failure": "no answer within 60 s"}
+    rows = [*(of | {"failure": kind, "contacts": contacts} for kind, contacts in kinds), hung]
+    line, ended = stability.shares(pl.DataFrame(rows)).to_dicts()
+    assert sum(line[kind] for kind in solutions.CLASSES) == pytest.approx(1.0)
+    assert (line[solutions.GOOD], line[solutions.GAVE_UP], line["missed"], line["seconds"]) == (0.4, 0.2, 0.2, 1.0)
+    assert (ended[solutions.LATE], ended["missed"], ended["seconds"]) == (1.0, 0.0, math.inf)
+
+
+def few(cells):
+    """Cells of the scene that is judged, and of the first two that rivals meet."""
+    asked = {stability.FIRST, *stability.contested(True)[:2]}
+    return [cell for cell in cells if cell.labels["scene"] in asked]
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    """A study of a few scenes, for one of which the independent solver has no time at all."""
+    late, plain = Cell({"scene": 2}, {"number": 2, "patience": 1e-3}), {"solve_ivp LSODA": 1e-6}
+    run = small_run(
+        stability.STUDY, tmp_path_factory.mktemp("stability"),
+        storm=[Cell({"scene": number}, {"number": number}) for number in range(FEW)],
+        truth=lambda frames: [*few(stability.cells_of_truth(True, frames)), late],
+        ours=lambda frames: stability.cells_of_ours(True, frames),
+        rivals=lambda frames: stability.cells_of_contest(True, frames, plain),
+    )  # fmt: skip
+    run.write()
+    return run
+
+
+def test_page_has_a_row_for_each_scene_also_for_one_without_a_truth_and_shares_of_the_rivals(study):
+    assert study.frames["storm"]["scene"].to_list() == [*range(FEW)]
+    text = text_of_a_page_that_stands_on_its_own(study.folder, figures=2)
+    assert all(promise.text in text for promise in promises.PROMISES)
+    shares = stability.shares(pl.concat([study.frames["ours"], study.frames["rivals"]]))
+    assert shares["contender"].to_list() == [OURS, "solve_ivp LSODA"]
+    assert shares[solutions.GOOD][0] == 1.0
+    late = study.frames["truth"].filter(scene=2)
+    assert late["description"].item() == approaches.storm(2).description
+    assert "TimeoutError" in late["failure"].item()
+    assert late["velocity"].item() is None
+    assert 2 not in study.frames["ours"]["scene"]
+
+
+def test_page_lists_every_failure(study):
+    rows, number = study.frames["storm"], pl.col("scene")
+
+    def changed(scene, **values):
+        return {name: pl.when(number == scene).then(pl.lit(value)).otherwise(name) for name, value in values.items()}
+
+    wrong = (
+        rows.with_columns(**changed(3, milliseconds=77.0))
+        .with_columns(**changed(5, failure="RuntimeError: the run stopped"))
+        .with_columns(**changed(8, energy_created=1e-3, energy_doubt=1e-9, traced=True))
+    )
+    findings = stability.STUDY.analyse(study.frames | {"storm": wrong}, False)
+    listed = {row[:3] for row in findings.tables["failures"].iter_rows()}
+    assert (3, promises.FAST.text, "77.0 ms, {} steps".format(rows["steps"][3])) in listed
+    assert (5, promises.ENDED.text, "RuntimeError: the run stopped") in listed
+    assert (8, promises.PASSIVE.text) in {row[:2] for row in listed}
+    shown = [row for part in findings.sections[1].parts for row in part.rows]
+    assert {row[0] for row in shown} >= {"3", "5", "8"}
+    assert "promises are missed" in findings.answer

@@ -1,0 +1,147 @@
+"""The runner of all studies: what is kept, what is outdated, cells that fail, tables on disk, names of studies."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import polars as pl
+import pytest
+from matplotlib.figure import Figure
+from pages import stands_on_its_own
+
+from experiments import studies
+from experiments.lab.parts import Heat, HeatMap, Picture, Section, Table
+from experiments.lab.statistics import Estimate
+from experiments.lab.study import LARGE, Cell, Findings, Measurement, Run, Study, StudyOptions
+
+
+def squares(numbers, log):
+    """Rows of squares; each call is a line of a file."""
+    with Path(log).open("a") as file:
+        print(*numbers, file=file)
+    if 0 in numbers:
+        raise ValueError("no\nzero")
+    return [{"number": number, "square": number**2} for number in numbers]
+
+
+def cubes(squares):
+    return pl.DataFrame({"cube": [row["number"] * row["square"] for row in squares]})
+
+
+def chart():
+    figure = Figure()
+    figure.subplots().plot([0, 1], [0, 1])
+    return figure
+
+
+def findings(frames, quick):
+    table = Table.of("Squares", frames["squares"], {"kind": "{kind}", "V_p": "{square}"}) if "squares" in frames else ""
+    heat = HeatMap("Warm is worse", ("what", "cost"), [("noise", "1 tried", [Heat("1.2", "at most", 1.2)])])
+    parts = [table, heat, Picture("line", chart(), "A line that rises.", "V_p over k_c")]
+    return Findings(f"quick: {quick}", [Section("Squares of V_p", parts, key="first"), Section("More", ["x^2"], True)])
+
+
+@pytest.fixture
+def study(tmp_path):
+    log = str(tmp_path / "log")
+    cells = [
+        Cell({"kind": "small"}, {"numbers": [1, 2], "log": log}),
+        Cell({"kind": "large"}, {"numbers": [10], "log": log}),
+    ]
+
+    def of_all(_, frames):
+        return [Cell({}, {"squares": frames["squares"].to_dicts()})]
+
+    return Study("squares", "Which squares?", (
+        Measurement("squares", lambda quick, _: cells[: 1 if quick else None], squares, (__name__,)),
+        Measurement("cubes", of_all, cubes, (__name__,)),
+    ), findings)  # fmt: skip
+
+
+def run(study, folder, **options):
+    made = Run(study, StudyOptions(folder, processes=0, **options), "impact-gym study squares")
+    made.write()
+    return made
+
+
+def calls(tmp_path):
+    return (tmp_path / "log").read_text().splitlines()
+
+
+def test_rows_have_the_labels_of_their_cell_and_later_tables_see_earlier_ones(study, tmp_path):
+    frames = run(study, tmp_path / "out").frames
+    assert frames["squares"].rows() == [("small", 1, 1), ("small", 2, 4), ("large", 10, 100)]
+    assert frames["cubes"]["cube"].to_list() == [1, 8, 1000]
+    assert pl.read_csv(tmp_path / "out" / "squares.csv").equals(frames["squares"])
+
+
+@pytest.mark.parametrize("width", [390, 1280])
+def test_page_stands_on_its_own(study, browser, tmp_path, width):
+    page = stands_on_its_own(browser, run(study, tmp_path / "out").folder / "index.html", width)
+    for words in ("Which squares?", "quick: False", "A line", "impact-gym study squares"):
+        assert words in page.inner_text("main") or page.get_by_alt_text(words).count() == 1
+
+
+def test_what_is_kept_is_not_measured_again_unless_forced_or_outdated(study, tmp_path):
+    run(study, tmp_path / "out")
+    run(study, tmp_path / "out")
+    assert calls(tmp_path) == ["1 2", "10"]
+    first, second = study.measurements
+    run(
+        replace(study, measurements=(replace(first, depends=(__name__, "experiments.lab.parts")), second)),
+        tmp_path / "out",
+    )
+    assert calls(tmp_path) == 2 * ["1 2", "10"]
+    run(study, tmp_path / "out", force=True)
+    assert calls(tmp_path) == 3 * ["1 2", "10"]
+
+
+def test_quick_run_has_fewer_cells_and_only_names_tables(study, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert "quick: True" in (run(study, None, quick=True).folder / "index.html").read_text()
+    assert {file.name for file in Path("reports/squares-quick").glob("*.csv")} == {"squares.csv", "cubes.csv"}
+    run(study, tmp_path / "one", only=("squares",))
+    assert {file.name for file in (tmp_path / "one").glob("*.csv")} == {"squares.csv"}
+    with pytest.raises(ValueError, match=r"only: no table 'cube' in the study squares: squares, cubes"):
+        run(study, tmp_path / "one", only=("cube",))
+
+
+def test_cell_that_fails_is_an_error_or_a_row_with_its_reason(study, tmp_path):
+    bad = Cell({"kind": "none"}, {"numbers": [0], "log": str(tmp_path / "log")})
+    first = replace(
+        study.measurements[0], cells=lambda *_: [bad, Cell({"kind": "one"}, {**bad.arguments, "numbers": [1]})]
+    )
+    with pytest.raises(RuntimeError, match="1 of 2 jobs failed"):
+        run(replace(study, measurements=(first,)), tmp_path / "out")
+    allowed = replace(first, failed=lambda labels: {"number": len(labels["kind"])})
+    rows = run(replace(study, measurements=(allowed,)), tmp_path / "out").frames["squares"].to_dicts()
+    assert rows[0] == {"kind": "none", "number": 4, "failure": "ValueError: no zero", "square": None}
+    assert rows[1] == {"kind": "one", "number": 1, "failure": None, "square": 1}
+
+
+def test_large_table_is_parquet_and_none_of_another_kind_stays(study, tmp_path):
+    large = [{"number": k, "square": 0} for k in range(LARGE + 1)]
+    only = (study.measurements[1],)
+    for rows, kept, gone in ((large, "cubes.parquet", "cubes.csv"), (large[:3], "cubes.csv", "cubes.parquet")):
+        few = replace(only[0], cells=lambda *_, rows=rows: [Cell({}, {"squares": rows})])
+        run(replace(study, measurements=(few,)), tmp_path / "out")
+        assert (tmp_path / "out" / kept).is_file()
+        assert not (tmp_path / "out" / gone).exists()
+
+
+def test_percent_and_tables_are_written_as_asked():
+    from experiments.lab.parts import percent
+
+    assert percent(Estimate(0.123, 0.1, 0.15)) == "12.3 % [10.0, 15.0]"
+    assert percent(Estimate(0.123, 0.1, 0.15), 0) == "12 % [10, 15]"
+    table = Table.of("", [{"a": 1.25, "b": "word"}, {"a": -2.0, "b": "at most 3"}], {"A": "{a:.1f}", "B": "{b}"})
+    assert table.rows == [["1.2", "word"], ["-2.0", "at most 3"]]
+    assert table.words == [False, False]  # half of the second column are numbers
+
+
+@pytest.mark.parametrize("name", studies.NAMES)
+def test_study_has_its_name_a_question_and_quick_cells(name):
+    study = studies.load(name)
+    assert study.name == name
+    assert study.question.endswith("?")
+    assert len({measurement.name for measurement in study.measurements}) == len(study.measurements)
+    assert all(measurement.digest for measurement in study.measurements)  # the modules that it depends on are there
