@@ -82,9 +82,7 @@ def stages(copy: Path, options: ControllerOptions) -> dict[str, Any]:
     tuning = tune.Tune(copies, bound=setup.bound == copy.stem, out=out / "tuned", jobs=out / "searches", **where)
     training = train.default_options(copies[0])
     training = replace(training, seeds=setup.seeds, out=out / "runs", policies=out / "policies", **where)
-    page = report.ReportOptions(
-        copies, folder=out, out=out / "report", episodes=out / "episodes", cluster=options.cluster
-    )
+    page = report.ReportOptions(copies, folder=out, out=out / "report", cluster=options.cluster)
     exported = export.Export(str(out / "policies" / f"{copy.stem}.npz"), out / "export")
     if options.quick:
         tuning = replace(tuning, bound=False, scenarios=100, budget=min(QUICK_BUDGET, setup.budget))

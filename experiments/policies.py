@@ -16,7 +16,8 @@ def card(name: str) -> Iterator[str]:
     setup = load_setup(name)
     path = setup.folder / "policies" / f"{setup.name}.npz"
     if not path.is_file():
-        raise ValueError(f"{setup.called} has no policy yet, there is no {path}: impact-gym train {setup.called} --seeds {setup.seeds}")
+        train = f"impact-gym train {setup.called} --seeds {setup.seeds}"
+        raise ValueError(f"{setup.called} has no policy yet, there is no {path}: {train}")
     ensemble = load_ensemble(path)
     chosen = ensemble[None].provenance
     yield f"{setup.name}: {setup.title}"

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from refusals import refused
 from scenes import COUPLINGS, MOTION, scene
 from tasks import STORM
 
@@ -28,21 +29,12 @@ SPRING = ig.SpringDamper(150.0)
 SCENE = scene(coupling=SPRING)
 
 
-def with_field(record, field):
-    return lambda value: replace(record, **{field: value})
-
-
-def argument(name):
-    return lambda value: ig.simulate(SCENE, **{"motion": MOTION} | {name: value})
-
-
 @pytest.mark.parametrize("value", [
     None, "", [1.0], (1.0,), {}, SCENE, np.array([1.0]), np.array([1.0, 2.0]), np.array(["1"]), Decimal("sNaN"),
 ], ids=lambda value: f"{type(value).__name__} {value}"[:30])  # fmt: skip
 def test_record_refuses_what_only_looks_like_a_number_with_its_name(value):
     """All else that every number is refused for is tested with the table, in tests/task."""
-    with pytest.raises((TypeError, ValueError), match=r"Tool\.mass"):
-        ig.Tool(value)
+    refused(lambda: ig.Tool(value), "Tool.mass", "kg")
 
 
 @pytest.mark.parametrize("number", [1, np.int64(1), np.uint8(1), np.float32(1), np.float64(1), Fraction(1)], ids=repr)
@@ -54,8 +46,7 @@ def test_record_and_argument_take_any_number_as_a_float(number):
 
 
 def test_contact_refuses_a_damping_exponent_between_none_and_one():
-    with pytest.raises(ValueError, match=r"Contact.damping_exponent must be 0 or at least 1 .*got 0\.5"):
-        replace(SCENE.contact, damping_exponent=0.5)
+    refused(lambda: replace(SCENE.contact, damping_exponent=0.5), "Contact.damping_exponent", "0 or at least 1", "0.5")
 
 
 def test_classes_of_records_are_frozen_but_the_model_that_counts_its_simulations():
@@ -74,21 +65,21 @@ NO_ROBOTS = (1.0, "robot", SCENE.tool, False, {"mass": 5.0}, ig.Rigid())
 DISSIPATIONS = (None, 1, "Hu-Guo", "huntcrossley", b"hu-guo", ["hu-guo"])
 
 
-@pytest.mark.parametrize(("make", "says", "values"), [
-    (with_field(SCENE, "tool"), r"Scene\.tool must be a Tool", (*NO_RECORDS, SCENE.object)),
-    (with_field(SCENE, "object"), r"Scene\.object must be a", NO_RECORDS),
-    (with_field(SCENE, "contact"), r"Scene\.contact must be a", NO_RECORDS),
-    (with_field(SCENE, "coupling"), r"Scene\.coupling must be a", NO_RECORDS),
-    (with_field(SCENE, "robot"), r"Scene\.robot must be a Robot or RobotTable or None", NO_ROBOTS),
-    (with_field(SCENE.contact, "dissipation"), r"Contact\.dissipation .*hu-guo", DISSIPATIONS),
-    (with_field(MOTION, "brake"), r"Trapezoid\.brake must be a Brake", (1.0, "now", True, MOTION)),
-    (lambda value: ig.simulate(value, MOTION), "scene must be a Scene", (None, 1.0, "scene", SCENE.tool, MOTION)),
-    (argument("motion"), "motion must be a Trapezoid", (None, 1.0, "motion", SCENE, MOTION.brake)),
+@pytest.mark.parametrize(("record", "field", "kind", "values"), [
+    (SCENE, "tool", "Tool", (*NO_RECORDS, SCENE.object)), (SCENE, "object", "Object", NO_RECORDS),
+    (SCENE, "contact", "Contact", NO_RECORDS), (SCENE, "coupling", "Rigid", NO_RECORDS),
+    (SCENE, "robot", "Robot or RobotTable or None", NO_ROBOTS), (SCENE.contact, "dissipation", "hu-guo", DISSIPATIONS),
+    (MOTION, "brake", "Brake", (1.0, "now", True, MOTION)),
+    (None, "scene", "Scene", (None, 1.0, "scene", SCENE.tool, MOTION)),
+    (None, "motion", "Trapezoid", (None, 1.0, "motion", SCENE, MOTION.brake)),
 ])  # fmt: skip
-def test_record_refuses_what_is_not_of_its_kind_with_its_name_and_the_kind(make, says, values):
+def test_record_refuses_what_is_not_of_its_kind_with_its_name_and_the_kind(record, field, kind, values):
     for value in values:
-        with pytest.raises((TypeError, ValueError) if values is DISSIPATIONS else TypeError, match=says):
-            make(value)
+        if record is None:
+            refused(lambda value=value: ig.simulate(**{"scene": SCENE, "motion": MOTION} | {field: value}), field, kind)
+        else:
+            name = f"{type(record).__name__}.{field}"
+            refused(lambda value=value: replace(record, **{field: value}), name, kind)
 
 
 def test_brake_without_deceleration_has_that_of_the_trapezoid():
@@ -170,25 +161,21 @@ def test_sweep_of_no_rows_has_none():
     assert ig.sweep(scene(1e4), MOTION, {}).object_velocity.shape == ()
 
 
-@pytest.mark.parametrize(("bad", "error", "message"), [
-    ({"varied": {"object.weight": [1.0]}}, ValueError, "object.weight.*object.mass"),
-    ({"varied": {"object": [1.0]}}, ValueError, "'object'.*object.mass"),
-    ({"varied": {"coupling.stiffness": [1.0]}}, ValueError, "coupling.stiffness.*motion.speed"),  # it is rigid
-    ({"varied": {"contact.dissipation": ["exact"]}}, ValueError, "contact.dissipation"),
-    ({"varied": {"object.mass": [0.1, -0.1]}}, ValueError, r"at \(1,\): Object.mass.*at least 1e-12 .*kg"),
-    ({"varied": {"object.mass": [[0.1, np.nan]]}}, ValueError, r"at \(0, 1\): Object.mass.*finite"),
-    ({"varied": {"object.mass": [0.1, 0.2], "motion.speed": [1.0, 2.0, 3.0]}}, ValueError, "broadcast"),
-    ({"varied": {"object.mass": ["0.1"]}}, TypeError, r"object\.mass"),
-    ({"varied": [1]}, TypeError, "varied"),
-    ({"scene": 1}, TypeError, "scene"),
-    ({"motion": None}, TypeError, "motion"),
-    ({"threads": 1.5}, TypeError, "threads"),
-    ({"threads": 0}, ValueError, "threads must be .*at least 1, got 0"),
-    ({"rtol": "1e-3"}, TypeError, "rtol"),
+@pytest.mark.parametrize(("bad", "says"), [
+    ({"varied": {"object.weight": [1.0]}}, ("object.weight", "object.mass")),
+    ({"varied": {"object": [1.0]}}, ("'object'", "object.mass")),
+    ({"varied": {"coupling.stiffness": [1.0]}}, ("coupling.stiffness", "motion.speed")),  # it is rigid
+    ({"varied": {"contact.dissipation": ["exact"]}}, ("contact.dissipation",)),
+    ({"varied": {"object.mass": [0.1, -0.1]}}, ("at (1,): Object.mass", "at least 1e-12", "-0.1 kg")),
+    ({"varied": {"object.mass": [[0.1, np.nan]]}}, ("at (0, 1): Object.mass", "finite", "nan kg")),
+    ({"varied": {"object.mass": [0.1, 0.2], "motion.speed": [1.0, 2.0, 3.0]}}, ("broadcast",)),
+    ({"varied": {"object.mass": ["0.1"]}}, ("object.mass",)),
+    ({"varied": [1]}, ("varied",)), ({"scene": 1}, ("scene",)), ({"motion": None}, ("motion",)),
+    ({"threads": 1.5}, ("threads", "1.5")), ({"threads": 0}, ("threads", "at least 1", "got 0")),
+    ({"rtol": "1e-3"}, ("rtol", "'1e-3'")),
 ], ids=str)  # fmt: skip
-def test_sweep_names_bad_input_and_its_place(bad, error, message):
-    with pytest.raises(error, match=message):
-        ig.sweep(**{"scene": scene(1e4), "motion": MOTION, "varied": {}} | bad)
+def test_sweep_names_bad_input_and_its_place(bad, says):
+    refused(lambda: ig.sweep(**{"scene": scene(1e4), "motion": MOTION, "varied": {}} | bad), *says)
 
 
 def test_advise_leaves_out_a_robot_as_good_as_rigid_with_the_error_of_two_runs():
@@ -224,18 +211,14 @@ def test_advise_leaves_nothing_out_where_there_is_nothing_and_an_object_out_of_r
     assert far.model.bound == 0.0
 
 
-@pytest.mark.parametrize(("change", "message"), [
-    ({"scenes": []}, "scenes must be a Scene or some of them"),
-    ({"scenes": [1.0]}, "scene must be a Scene"),
-    ({"motion": 1.0}, "motion must be a Trapezoid"),
-    ({"tolerance": 0.0}, "tolerance must be"),
-    ({"tolerance": math.nan}, "tolerance must be"),
-    ({"quantity": "energy"}, "quantity must be one of object_velocity, peak_force, impulse"),
-    ({"duration": -1.0}, "duration must be"),
-])  # fmt: skip
-def test_advise_names_bad_input(change, message):
-    with pytest.raises((TypeError, ValueError), match=message):
-        advise(**({"scenes": SCENE, "motion": MOTION} | change))
+@pytest.mark.parametrize(("change", "says"), [
+    ({"scenes": []}, ("scenes", "Scene")), ({"scenes": [1.0]}, ("scene", "Scene", "1.0")),
+    ({"motion": 1.0}, ("motion", "Trapezoid", "1.0")), ({"tolerance": 0.0}, ("tolerance", "0.0")),
+    ({"tolerance": math.nan}, ("tolerance", "nan")), ({"duration": -1.0}, ("duration", "-1.0 s")),
+    ({"quantity": "energy"}, ("quantity", "'energy'", "object_velocity", "peak_force", "impulse")),
+], ids=str)  # fmt: skip
+def test_advise_names_bad_input(change, says):
+    refused(lambda: advise(**({"scenes": SCENE, "motion": MOTION} | change)), *says)
 
 
 FITTED = "coupling.free_length", "coupling.height", "coupling.front_stop", "coupling.rear_stop"  # to each other

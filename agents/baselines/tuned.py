@@ -44,8 +44,9 @@ def tuned_rule(content: Mapping[str, Any], time_weight: float) -> Rule:
     """Return the rule in what `read_tuned` returned for a weight (m/s per s), interpolated as in `load_baseline`."""
     if not content["weights"]:
         raise ValueError(f"baseline {content['baseline']!r} holds no weight: tune it")
-    weights, tuned = zip(*((float(weight), found) for weight, found in content["weights"].items()), strict=True)
-    numbers = np.array([list(found["parameters"].values()) for found in tuned]).T
+    tuned = {float(weight): found["parameters"] for weight, found in content["weights"].items()}
+    weights, names = sorted(tuned), [parameter["name"] for parameter in content["parameters"]]  # JSON may be reordered
+    numbers = [[tuned[weight][name] for weight in weights] for name in names]
     parameters = [np.interp(np.log(time_weight), np.log(weights), values) for values in numbers]
     return RULES[content["rule"]].of(parameters).for_environment(content["environment"])
 

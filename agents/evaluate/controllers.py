@@ -2,9 +2,8 @@
 
 `{"policy": ...}` holds a policy's file in base 64; `{"baseline": ...}` names one that is shipped, `{"tuned": ...}`
 holds what the file of a tuned one says; `{"rule": [name, parameters]}` is a rule of `agents.baselines` with its
-numbers; `{"speed": ...}` is a constant speed, reached and left at 16 m/s^2, which a bistable mechanism still bears;
-`{"clairvoyant": ...}` holds by time weight what was found for each scenario of a set-up; `{"object": "module:name"}`
-anything with `predict`, or a function or class that returns it.
+numbers; `{"clairvoyant": ...}` holds by time weight what was found for each scenario of a set-up; `{"object":
+"module:name"}` anything with `predict`, or a function or class that returns it.
 """
 
 import base64
@@ -17,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents import baselines
-from agents.baselines import Clairvoyant, ConstantSpeed
+from agents.baselines import Clairvoyant
 from agents.baselines.rule import Rule
 from agents.baselines.tuned import load_baseline, tuned_rule
 from agents.policies import Controller
@@ -68,7 +67,6 @@ KINDS: Mapping[str, Callable[[Any, float], Controller]] = {
     "baseline": load_baseline,
     "tuned": tuned_rule,
     "rule": lambda described, _: getattr(baselines, described[0]).of(described[1]),
-    "speed": lambda speed, _: ConstantSpeed(speed, 16.0),
     "clairvoyant": lambda by_weight, weight: Clairvoyant(by_weight[f"{weight:g}"]),
     "object": lambda name, _: _object(name),
 }

@@ -7,6 +7,7 @@ s, s + 1, ... draw first from ranges, or from a named set of these.
 
 import warnings
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from functools import lru_cache
 from typing import Any
 
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 
 from agents.evaluate.controllers import controller_of
 from agents.evaluate.scenario_batch import MEASURED, ScenarioBatch
-from impact_gym.task import evaluation_sets
+from impact_gym.task import ScenarioRanges, evaluation_sets
 from impact_gym.task.evaluation_sets import EvaluationSet
 from impact_gym.task.scenario import FIELDS
 
@@ -42,6 +43,26 @@ def play(
         ]
     measured = [name for name in MEASURED if getattr(played[0], name) is not None]
     return {name: np.array([getattr(each, name) for each in played]) for name in measured} | played[0].scenario
+
+
+def environment_and_scenarios(
+    environment: Mapping[str, Any], scenarios: Mapping[str, Any]
+) -> tuple[dict[str, Any], Mapping[str, Any]]:
+    """Return the arguments of an environment without its scenario, and the scenarios that are played in it.
+
+    One with ranges of its own meets as many from these, drawn from the seeds of the frozen set that is asked for,
+    unless that is `hard`.
+    """
+    arguments = {name: value for name, value in environment.items() if name != "scenario"}
+    if "scenario" not in environment or scenarios.get("set", "hard") == "hard":
+        return arguments, scenarios
+    seed = evaluation_sets.load(scenarios["set"]).seed
+    return arguments, {"ranges": pairs(environment["scenario"]), "seed": seed, "count": scenarios["count"]}
+
+
+def pairs(ranges: Any) -> dict[str, list[float]]:
+    """Return ranges of scenarios, or those of a name, as plain data."""
+    return {name: list(pair) for name, pair in asdict(ScenarioRanges.of(ranges)).items()}
 
 
 def scenario_batch_of(

@@ -51,11 +51,6 @@ class Evaluation:
     """Frozen set of the report; an environment with a scenario of its own meets as many from its own ranges."""
     scenarios: int = 2000
     """How many of it."""
-    at_most: float | None = None
-    """What was to be reached: V_p over that of `of`, at an approach no later, or, where something is `nominal`,
-    V_p + w T over that of `of` in its own environment; None: nothing was."""
-    of: str = "paper-trapezoid"
-    """The paper's rule, or the set-up whose policy that is measured against."""
     varied: Mapping[str, Any] = field(default_factory=lambda: VARIED)
     """What is changed, one at a time, to see whether policies hold: arguments of the environment by dotted names, each
     with a list of values or a table {times = [...]} of multiples; `scenario` with names of frozen sets."""
@@ -80,12 +75,10 @@ class Evaluation:
             given[name] = tuple(sorted(numbers(f"evaluation.{name}", content[name], "m/s per s", above=0)))
             if not given[name] or len(set(given[name])) < len(given[name]):
                 raise ValueError(f"evaluation.{name} must hold weights, none twice, got {content[name]!r}")
-        for name, unit in (("typical", "m/s per s"), ("at_most", "(no unit)")):
-            if name in content:
-                given[name] = number(f"evaluation.{name}", content[name], unit, above=0)
-        for name in ("set", "of"):
-            if not isinstance(given.get(name, ""), str):
-                raise ValueError(f"evaluation.{name} must be a name, got {given[name]!r}")
+        if "typical" in content:
+            given["typical"] = number("evaluation.typical", content["typical"], "m/s per s", above=0)
+        if not isinstance(given.get("set", ""), str):
+            raise ValueError(f"evaluation.set must be a name, got {given['set']!r}")
         count = evaluation_sets.load(given.get("set", cls.set)).count
         scenarios = whole("evaluation.scenarios", given.get("scenarios", min(cls.scenarios, count)), at_least=2)
         if scenarios > count:

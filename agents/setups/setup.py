@@ -217,7 +217,6 @@ def _refuse_unknown(setup: Setup) -> None:
     known("baselines.against.", [name for name in setup.against if not OBJECT.fullmatch(name)], {*baselines, *FIXED})
     known("training.teacher.", [setup.training.teacher], {"", *baselines, *FIXED})
     known("baselines.bound.", [setup.bound], [setup.name, *shipped()])
-    known("evaluation.of.", [setup.evaluation.of], ["paper-trapezoid", *shipped()])
 
 
 def _tuned(name: str, given: Any, task: Task) -> Tuned:

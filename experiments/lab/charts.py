@@ -32,7 +32,8 @@ mpl.rcParams.update(
 
 # Okabe and Ito (2008)
 FLANGE, TOOL, OBJECT, FORCE, COUPLING = "#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7"
-SERIES = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+SERIES = (OBJECT, TOOL, FORCE, COUPLING, "#E69F00", "#56B4E9")
+OTHERS = "#8A8A8A"  # for whatever there is no colour left
 
 
 def save(figure: Figure, path: Path) -> Path:

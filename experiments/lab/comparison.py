@@ -45,10 +45,3 @@ class Comparison:
     def reduction(self) -> Estimate:
         """By which share ours is below theirs."""
         return estimate(1.0 - self.ours / self.theirs)
-
-
-def verdict(value: float, at_most: float, interval: Estimate | None = None) -> str:
-    """Return whether a value meets a bar, and whether its interval leaves that open."""
-    result = "met" if value <= at_most else "missed"
-    undecided = interval is not None and interval.low <= at_most < interval.high
-    return f"{result}, within the interval" if undecided else result

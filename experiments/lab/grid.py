@@ -5,7 +5,6 @@
 
 import base64
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict
 from itertools import product
 from typing import Any, NamedTuple
 
@@ -18,7 +17,6 @@ from agents.policies import load_ensemble
 from experiments.lab.comparison import Front
 from experiments.lab.statistics import Floats, Resamples
 from experiments.lab.study import Cell
-from impact_gym.task import ScenarioRanges, evaluation_sets
 from impact_gym.task.scenario import FIELDS
 from impact_gym.task.task import MISSED_COST
 
@@ -44,6 +42,7 @@ class Place(NamedTuple):
     change: str  # in words
     environment: Mapping[str, Any]  # arguments of the environment, without time weight
     labels: Mapping[str, Any] = {}  # more columns of its rows
+    scenarios: Mapping[str, Any] | None = None  # instead of those of the grid
 
 
 def seeds_of(setup: str, name: str) -> list[Contestant]:
@@ -64,25 +63,9 @@ def cells(
     for place, contestant in product(places, contestants):
         labels = {"setup": place.setup, "change": place.change, **place.labels}
         labels |= {"contestant": contestant.name, "seed": contestant.seed}
-        environment, where = environment_and_scenarios(place.environment, scenarios)
+        environment, where = jobs.environment_and_scenarios(place.environment, place.scenarios or scenarios)
         arguments = {"controller": contestant.controller, "environment": environment, "scenarios": where}
         yield Cell(labels, {**arguments, "weights": list(weights), **more})
-
-
-def environment_and_scenarios(
-    environment: Mapping[str, Any], scenarios: Mapping[str, Any]
-) -> tuple[dict[str, Any], Mapping[str, Any]]:
-    """Return the arguments of an environment without its scenario, and the scenarios that are played in it.
-
-    One with ranges of its own meets as many from these, drawn from the seeds of the frozen set that is asked for,
-    unless that is `hard`.
-    """
-    arguments = {name: value for name, value in environment.items() if name != "scenario"}
-    if "scenario" not in environment or scenarios.get("set", "hard") == "hard":
-        return arguments, scenarios
-    seed = evaluation_sets.load(scenarios["set"]).seed
-    ranges = {name: list(pair) for name, pair in asdict(ScenarioRanges.of(environment["scenario"])).items()}
-    return arguments, {"ranges": ranges, "seed": seed, "count": scenarios["count"]}
 
 
 def play(

@@ -157,7 +157,7 @@ class Run:
         files = [_write_table(self.folder / name, frame) for name, frame in tables.items()]
         for picture in (picture for section in findings.sections for picture in section.pictures):
             save(picture.figure, self.folder / f"{picture.name}.svg")
-        about = {"question": self.study.question, "findings": findings, "files": files}
+        about: dict[str, Any] = {"question": self.study.question, "findings": findings, "files": files}
         return page.write(self.folder, "lab/study.html.jinja", runs=runs, quick=self.options.quick, **about)
 
 

@@ -62,7 +62,7 @@ def play(
         ValueError: an option that is not served; names it.
     """
     estimate = scenario["distance"] if distance_estimate is None else distance_estimate
-    return _together(controller, [_episode(_task(options), scenario, time_weight, estimate, rtol)])[0]
+    return _together(controller, [_episode(task_of(options), scenario, time_weight, estimate, rtol)])[0]
 
 
 def rescore(
@@ -77,7 +77,7 @@ def rescore(
     Raises:
         ValueError: an option that is not served, or a scenario that the set does not have.
     """
-    task, scenarios = _task(options), evaluation_sets.load(frozen) if isinstance(frozen, str) else frozen
+    task, scenarios = task_of(options), evaluation_sets.load(frozen) if isinstance(frozen, str) else frozen
     episodes = []
     for k in numbers:
         if not 0 <= k < scenarios.count:
@@ -91,7 +91,7 @@ def rescore(
     return {name: np.array([getattr(outcome, name) for outcome in outcomes]) for name in Outcome._fields}
 
 
-def _task(options: Mapping[str, Any]) -> Task:
+def task_of(options: Mapping[str, Any]) -> Task:
     """Return the options with their defaults."""
     other = [name for name in options if name not in SERVED]
     if other:
@@ -128,7 +128,7 @@ def _episode(
     task: Task, scenario: Mapping[str, float], weight: float, estimate: float, rtol: float, clamp: bool = True
 ) -> Episode:
     """Yield each observation, take the action for it; return how it ended."""
-    motion = _at_rest(task, scenario, rtol, clamp)
+    motion = at_rest(task, scenario, rtol, clamp)
     command, delay, now = motion.command, task.reaction_delay, 0.0
     sensed = {0.0: (0.0, 0.0, 0.0)}  # force, its peak and the deflection, by the time
     by_reading, raised, heard_until = task.alarm == "reading", inf, 0.0
@@ -168,13 +168,13 @@ def _episode(
             break
     missed = motion.contacts == 0
     if not missed:
-        _settle(motion, task.acceleration_range[1])
+        settle(motion, task.acceleration_range[1])
     approach_time = min(motion.first_contact, task.horizon)
     kept = motion.top_speed if motion.chain.friction else motion.object_velocity
     return Outcome(kept, approach_time, motion.peak_force, motion.contacts, missed)
 
 
-def _at_rest(task: Task, scenario: Mapping[str, float], rtol: float, clamp: bool = True) -> Motion:
+def at_rest(task: Task, scenario: Mapping[str, float], rtol: float, clamp: bool = True) -> Motion:
     """Return the chain as an episode finds it."""
     law = {"restitution": scenario["restitution"], "dissipation": task.dissipation, "clamp": clamp}
     law["reference_velocity"] = task.reference_velocity
@@ -189,7 +189,7 @@ def _at_rest(task: Task, scenario: Mapping[str, float], rtol: float, clamp: bool
     return Motion(chain, scenario["distance"], rtol, floor=FLOOR, flight_stride=2, patience=PATIENCE)
 
 
-def _settle(motion: Motion, deceleration: float) -> None:
+def settle(motion: Motion, deceleration: float) -> None:
     """Brake the flange to rest, and wait until no contact is left or to come."""
     end = motion.t + SETTLE_LIMIT
     motion.command.steer(motion.t, 0.0, deceleration)

@@ -1,6 +1,6 @@
-"""The report: who wins, by how much, how sure that is, and whether one may believe it.
+"""The report: who wins, by how much, how sure that is, and where it fails.
 
-`matchups` says who meets whom, where; `measures` holds the jobs, functions that turn a controller into arrays;
-`results` gathers them into what `played` describes; `answer`, `chain`, `bars`, `differences`, `learned`, `robustness`,
-`weaknesses` and `shield` make numbers, tables and charts of these, each a section of the page; `page` puts it together.
+`matchups` says who meets whom, where; `jobs` plays that with the functions in `measures` and returns what `played`
+describes; `answer`, `ablation`, `differences`, `holds` and `first_screen` make sentences, tables and charts of it;
+`page` puts them together.
 """

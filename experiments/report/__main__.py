@@ -13,41 +13,41 @@ from typing import Any
 import tyro
 
 from agents.command_line import command_of, run_command
-from agents.jobs import digest_of, store
+from agents.jobs import digest_of
 from agents.provenance import circumstances, revision
 from agents.setups import README, Setup, load_setup
 from experiments.lab.results import REPORTS, checksum, replaceable, whole_folder
 from experiments.lab.statistics import RESAMPLES
 from experiments.report.matchups import Matchup, of_policies, of_setup
-from experiments.report.played import Played, episodes
-from experiments.report.results import Asked, all_asked, gather_matchups, room_for, sources
 from experiments.report.scenarios import scenarios_from
 from impact_gym.files import whole_file
+from impact_gym.sources import compiled_from
 from impact_gym.task import Task
 from impact_gym.validation import whole
 
 RESULTS = "results.json"
-DRAWING = ("experiments.report", "experiments.lab", "agents.provenance")  # sources that the page follows from
+FOLLOWS_FROM = ("impact_gym", "agents", "experiments.report", "experiments.lab")
+"""Packages that the page follows from."""
 PACKAGES = ("impact-gym", "gymnasium", "numpy", "scipy", "altair", "vl-convert-python", "polars", "jinja2")
 
 
 @dataclass(frozen=True)
 class ReportOptions:
-    """Play policies and baselines through the same scenarios and write a page about it.
+    """Compare policies and baselines in the same scenarios, on a page.
 
     Without a set-up and --policy it is about the set-ups of the README, all their seeds.
     """
 
     setups: tyro.conf.Positional[tuple[str, ...]] = ()
-    """Set-ups by name or file, whose policies and baselines are where agents.train_seeds and agents.tune left them."""
+    """Set-ups by name or file, whose policies and baselines are where `impact-gym train` and `tune` left them."""
 
     folder: Path | None = None
     """Where `policies` and `tuned` of the set-ups are, if not where these commands leave them."""
     policy: tuple[str, ...] = ()
     """Your own policies instead: files, run folders or names of shipped ones, each against its baselines."""
     baseline: tuple[str, ...] = ()
-    """Baselines beside the paper's rule for them: names of tuned ones, or module:object for anything with `predict`, or
-    for a function or class that returns it; it must be importable. Default: those of the set-up of the policy."""
+    """Further baselines: tuned names, or module:object with `predict`; a function or class that returns one will do.
+    Default: those of the set-up of the policy."""
     scenarios: str | None = None
     """Scenarios to play, instead of those of the set-ups: a frozen set by name or file (CSV), or a JSON file
     {"ranges": {...}, "seed": s, "count": n, "environment": {...}} of which all may be left out; the environment holds
@@ -55,20 +55,19 @@ class ReportOptions:
     count: int | None = None
     """How many of the scenarios; as many as the set-up says, or all of `scenarios`, unless given."""
     out: Path = REPORTS / "latest"
-    """Folder for the page."""
+    """Folder for the page; results are kept in a hidden one beside it, and the same command continues from there."""
     force: bool = False
     """Play and write everything again, instead of keeping what the same sources and options have given."""
-    episodes: Path | None = None
-    """Folder where results are kept as they come; the same command goes on from what is there. Default: a hidden one
-    beside the page, with those of these sources alone."""
     processes: int | None = None
-    """On this machine; None: one a core."""
+    """Jobs at the same time on this machine. Default: one a core; 0: none but this process."""
     cluster: str | None = None
-    """An existing Ray cluster instead: "ray", or its address. A module:object must be installed on its nodes."""
+    """A Ray cluster instead: "ray", or its address. A module:object must be installed on its nodes."""
 
     def __post_init__(self) -> None:
         if self.count is not None:
             whole("count", self.count, at_least=2)
+        if self.processes is not None:
+            whole("processes", self.processes, at_least=0)
         if self.setups and self.policy:
             raise ValueError("name set-ups or policies, not both")
         if self.baseline and not self.policy:
@@ -87,7 +86,7 @@ def matchups_of(options: ReportOptions) -> list[Matchup]:
     setups = [load_setup(name) for name in options.setups]
     setups = setups or [setup for setup in map(load_setup, README) if _trained(setup, options.folder or setup.folder)]
     if not setups:
-        raise ValueError("no set-up has policies yet: impact-gym train-seeds")
+        raise ValueError("no set-up has policies yet: impact-gym train SETUP --seeds 10")
     if len({setup.name for setup in setups}) < len(setups):
         raise ValueError(f"two set-ups would have the same name: {', '.join(options.setups)}")
     matchups = []
@@ -104,7 +103,9 @@ def _trained(setup: Setup, folder: Path) -> bool:
     """Return whether a set-up of the README has policies; print a line where it has none."""
     trained = (folder / "policies" / f"{setup.name}.npz").is_file()
     if not trained:
-        print(f"{setup.name} is left out, it has no policies yet: impact-gym train-seeds {setup.called}")
+        print(
+            f"{setup.name} is left out, it has no policies yet: impact-gym train {setup.called} --seeds {setup.seeds}"
+        )
     return trained
 
 
@@ -115,53 +116,47 @@ def write(options: ReportOptions) -> Path:
         ValueError: something asked for is not there or makes no sense, or the folder is not one that a report wrote.
     """
     replaceable(options.out)
-    for folder in (options.out.parent, options.episodes or options.out.parent):
-        if folder.exists() and not folder.is_dir():
-            raise ValueError(f"{folder} is no folder")
+    if options.out.parent.exists() and not options.out.parent.is_dir():
+        raise ValueError(f"{options.out.parent} is no folder")
     return publish(matchups_of(options), options)
 
 
 def publish(matchups: Sequence[Matchup], options: ReportOptions) -> Path:
     """Play what is missing of matchups, write the folder unless it says the same already, and return its page."""
-    jobs_folder = options.episodes or _kept(options.out)
-    if options.force:
-        for file in jobs_folder.glob(f"{store.NAME}*"):
-            file.unlink()
-    requests, page = all_asked(matchups), options.out / "index.html"
-    made_from = _made_from(matchups, requests, options)
-    results_file = options.out / RESULTS
+    made_from, begun = _made_from(matchups, options), time.perf_counter()
+    page, results_file = options.out / "index.html", options.out / RESULTS
     if options.force or not page.is_file() or json.loads(results_file.read_text()).get("made from") != made_from:
-        begun = time.perf_counter()
-        print(f"results are kept in {jobs_folder}: about {room_for(requests) / 1e6:.1f} MB in all", flush=True)
-        played = gather_matchups(matchups, requests, jobs_folder, options.processes, options.cluster)
+        from experiments.report.jobs import play_matchups  # what plays and draws takes seconds to import
+
+        played = play_matchups(matchups, _kept(options), options.processes, options.cluster)
         print("writing the page", flush=True)
         write_folder(played, options, made_from, begun)
     print(*json.loads(results_file.read_text())["sentences"], sep="\n")
     return page
 
 
-def _kept(out: Path) -> Path:
-    """Return the hidden folder of results beside a page, rid of those of other sources."""
-    parent, current = out.with_name(f".{out.name}.episodes"), sources()[:16]
-    for outdated in parent.glob("*"):
-        if outdated.name != current:
-            shutil.rmtree(outdated, ignore_errors=True)
+def _kept(options: ReportOptions) -> Path:
+    """Return the hidden folder of results beside a page, rid of those of other sources, or of all by force."""
+    from experiments.report.jobs import sources
+
+    parent, current = options.out.with_name(f".{options.out.name}.episodes"), sources()[:16]
+    for folder in parent.glob("*"):
+        if options.force or folder.name != current:
+            shutil.rmtree(folder, ignore_errors=True)
     return parent / current
 
 
-def _made_from(matchups: Sequence[Matchup], requests: Sequence[Asked], options: ReportOptions) -> str:
-    """Return SHA-256 of all that the folder follows from: results, words, the sources of the page."""
-    words = [
-        (matchup.label, matchup.note, repr(matchup.evaluation), matchup.chosen, matchup.provenance)
-        for matchup in matchups
-    ]
-    content = [sorted(request.job.key for request in requests), words, bool(options.policy), digest_of(*DRAWING)]
-    return hashlib.sha256(json.dumps(content, default=str).encode()).hexdigest()
+def _made_from(matchups: Sequence[Matchup], options: ReportOptions) -> str:
+    """Return SHA-256 of all that the folder follows from: contestants, scenarios, words, sources."""
+    own = {module for matchup in matchups for module in matchup.modules}
+    content = (*map(repr, matchups), bool(options.policy), compiled_from(), digest_of(*FOLLOWS_FROM, *own))
+    return hashlib.sha256(repr(content).encode()).hexdigest()
 
 
-def write_folder(played: Sequence[Played], options: ReportOptions, made_from: str, begun: float) -> Path:
-    """Write the folder of what was played since `begun`; return its page."""
-    from experiments.report import page  # what draws takes seconds to import
+def write_folder(played: Sequence[Any], options: ReportOptions, made_from: str, begun: float) -> Path:
+    """Write the folder of what was `Played` since `begun`; return its page."""
+    from experiments.report import page
+    from experiments.report.played import episodes
 
     matchups = [results.matchup for results in played]
     versions = [item for matchup in matchups for item in matchup.provenance.get("versions", {}).items()]
@@ -169,14 +164,16 @@ def write_folder(played: Sequence[Played], options: ReportOptions, made_from: st
         rows = episodes(played)
         with whole_file(folder / "episodes.parquet") as file:
             rows.write_parquet(file, compression="zstd")
-        tabs = [page.tab(results, played) for results in played]
+        tabs = [page.tab(results) for results in played]
         results = {
             "answers": {tab.matchup.name: asdict(tab.answer) for tab in tabs},
-            "chains": {tab.matchup.name: [asdict(step) for step in tab.steps] for tab in tabs},
-            "sentences": [tab.sentence for tab in tabs],
-            "bars": {tab.matchup.name: [asdict(bar) for bar in tab.bars] for tab in tabs},
+            "ablations": {tab.matchup.name: [asdict(step) for step in tab.steps] for tab in tabs},
+            "sentences": [tab.summary for tab in tabs],
             "episodes": {"rows": len(rows), "sha256": checksum(folder / "episodes.parquet")},
-            "contestants": {matchup.name: matchup.checksums for matchup in matchups},
+            "contestants": {
+                matchup.name: {each.name: each.checksum for each in (*matchup.seeds, *matchup.baselines)}
+                for matchup in matchups
+            },
             "weights": {matchup.name: list(matchup.policy.weights) for matchup in matchups},
             "scenarios": "; ".join(dict.fromkeys(_scenarios(matchup.scenarios) for matchup in matchups)),
             "made from": made_from,
@@ -197,7 +194,7 @@ def write_folder(played: Sequence[Played], options: ReportOptions, made_from: st
     return options.out / "index.html"
 
 
-def _limits(matchups: list[Matchup]) -> str:
+def _limits(matchups: Sequence[Matchup]) -> str:
     """Return a sentence with the limits of the arms."""
     names = defaultdict(list)
     for matchup in matchups:

@@ -7,19 +7,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import altair as alt
-import moocore
 import numpy as np
 import polars as pl
 
 from experiments.lab.comparison import Comparison, Front
+from experiments.lab.parts import Table, percent
 from experiments.lab.statistics import Estimate, Floats, Resamples, along, estimate, tolerated
 from experiments.report.figures import MEANS, Figure, chart_of, looks_of, zoomable
 from experiments.report.matchups import BOUND, POLICY, Matchup
 from experiments.report.played import Played, Run
-from experiments.report.results import FAMILY
-from experiments.report.tables import Table, percent
-from impact_gym.envs.objectives import soonest
-from impact_gym.task import Task
 
 FRONT = ("approach_time", "object_velocity")
 MISSED_TOO_OFTEN = 0.01  # of the objects: a missed one has no V_p
@@ -94,63 +90,40 @@ def reductions(played: Played) -> Floats:
     return 1.0 - along(times, velocities, np.full(len(times), time)) / velocity
 
 
-def answers_table(answers: Sequence[Answer], all_played: Sequence[Played]) -> Table:
-    """Return the answers of all set-ups."""
-    head = (
-        "set-up", "V_p lower at the paper's approach time", "95 % of trainings: at least",
-        "the same, best tuned baseline",
-        "sooner at the paper's V_p", "V_p there (m/s)", "object slower in so many scenarios",
-        "missed",
-    )  # fmt: skip
-    body = []
-    for answer, played in zip(answers, all_played, strict=True):
-        sooner = {"": "", "slower": "at least ", "faster": "(not reached) "}[answer.beyond] + percent(answer.sooner)
-        reduction = percent(answer.reduction) + ("" if answer.reached else " (at the nearest time it reaches)")
-        rival = f"{percent(answer.rival_reduction)}, {played.matchup.rival.plain}" if answer.rival_reduction else "-"
-        body.append((
-            f"{played.matchup.label}, seeds: {len(played.seeds)}", reduction, _at_least(answer), rival, sooner,
-            f"{answer.velocity:.3f}", percent(answer.improvement), f"{answer.missed} of {answer.episodes:,}",
-        ))  # fmt: skip
-    return Table("Each set-up's policies against the paper's rule there, 95 % intervals; a miss is no win", head, body)
+def table(answer: Answer, played: Played) -> Table:
+    """Return the answer with its intervals."""
+    rival = "-" if answer.rival_reduction is None else percent(answer.rival_reduction)
+    sooner = {"": "", "slower": "at least ", "faster": "(not reached) "}[answer.beyond] + percent(answer.sooner)
+    reduction = percent(answer.reduction) + ("" if answer.reached else " (at the nearest time it reaches)")
+    body = [
+        ("V_p lower at the paper's approach time", reduction),
+        ("95 % of trainings: at least", _at_least(answer)),
+        (f"V_p lower there, {played.matchup.rival.plain}", rival),
+        ("sooner at the paper's V_p", sooner),
+        ("V_p at the paper's approach time (m/s)", f"{answer.velocity:.3f}"),
+        ("scenarios in which the object is left slower", percent(answer.improvement)),
+        ("objects missed, at all weights", f"{answer.missed} of {answer.episodes:,}"),
+    ]
+    policies = f"{len(played.seeds)} trainings" if len(played.seeds) > 1 else "one policy"
+    caption = f"{policies} against the paper's rule on {played.count:,} scenarios, 95 % intervals; a miss is no win"
+    return Table(caption[0].upper() + caption[1:], ("what", POLICY), body)
 
 
 def _at_least(answer: Answer) -> str:
     return f"{100 * tolerated(np.array(answer.each)):.1f} %" if len(answer.each) > 1 else "-"
 
 
-def seeds_table(played: Played) -> Table:
-    """Return what the seeds say of the next training: their spread, and what 95 % of trainings reach at least."""
-
-    def row(label: str, scores: Floats, form: str, sign: float) -> tuple[str, ...]:
-        """Return the cells of `scores` (seeds,), of which less is better where `sign` is -1."""
-        ends = sign * tolerated(sign * scores), sign * (sign * scores).min()
-        return label, *(format(number, form) for number in (scores.mean(), scores.std(ddof=1), *ends))
-
-    lower = 100.0 * reductions(played)
-    body = [row("V_p lower at the paper's approach time (%)", lower, ".2f", 1.0)] if lower.size else []
-    for weight in played.matchup.weights:
-        body.append(row(f"V_p + {weight:g} T (m/s)", played.losses(weight).mean(axis=1), ".4f", -1.0))
-    count = len(played.seeds)
-    head = ("what", "mean of seeds", "standard deviation", "95 % of trainings: at least as good as", "worst seed")
-    caption = (f"The next training, by {count} seeds on these scenarios, with 95 % confidence. What 95 % of trainings "
-               "reach is said of normal scores (one-sided tolerance bound)")  # fmt: skip
-    return Table(caption, head, body)
-
-
 def trade_off(played: Played) -> Figure:
     """Return the figure of approach time against V_p."""
     labels = played.matchup.labels
-    runs: list[tuple[str, str, str | None, Run]]
-    runs = [(labels[name], name, None, run) for name, run in played.baselines.items()]
-    runs += [(POLICY, seed, None, run) for seed, run in played.seeds.items()]
-    runs += [(FAMILY, FAMILY, speed, run) for speed, run in played.family.items()]
-    runs += [(BOUND, BOUND, None, played.bound)] if played.bound else []
-    rows = [
-        {"contestant": name, "line": line, "w": weight, **run.means(weight), "speed": speed}
-        for name, line, speed, run in runs
+    runs = [(labels[name], name, run) for name, run in played.baselines.items()]
+    runs += [(POLICY, seed, run) for seed, run in played.seeds.items()]
+    runs += [(BOUND, BOUND, played.bound)] if played.bound else []
+    data = pl.DataFrame([
+        {"contestant": name, "line": line, "w": weight, **run.means(weight)}
+        for name, line, run in runs
         for weight in run.weights
-    ]
-    data = pl.DataFrame(rows, infer_schema_length=None).drop("loss")
+    ])  # fmt: skip
     data = data.with_columns(chosen=pl.col("line") == played.matchup.chosen)
     looks = looks_of(data)
     base = chart_of(data).encode(
@@ -176,48 +149,30 @@ def trade_off(played: Played) -> Figure:
     )  # fmt: skip
     caption = (
         "Down and left is better. A line per contestant over its time weights, the policy's faint lines are the other "
-        f"seeds; {FAMILY} is sped up to and braked at 16 m/s² or as hard as the arm can." + bound
+        "seeds." + bound
     )
     subject = f"time until {played.matchup.until} against V_p, everybody and every seed"
     return Figure(played.matchup.name, "trade_off", subject, caption, text, zoomable(layers), data, 380)
 
 
 def weights_table(played: Played) -> Table:
-    """Return V_p + w T of policy, rival and bound at each weight, and the ratio with its interval."""
+    """Return V_p + w T of policy, rival and bound at each weight, the ratio, and what the next training reaches."""
     body = []
     for weight in played.matchup.weights:
         ours, theirs, chosen = played.losses(weight), played.rival.loss(weight), played.policy.loss(weight)
         median, recipe = (Comparison.of_means(loss, theirs).ratio for loss in (chosen, ours))
-        gap = "-"
+        by_seed, gap = ours.mean(axis=1), "-"
         if played.bound is not None and weight in played.bound.weights:
             bound = played.bound.loss(weight)
             gaps = [Comparison.of_means(bound, loss[..., : bound.size]).less for loss in (ours, theirs)]
             gap = ", ".join(f"{estimate:.3f}" for estimate in gaps)
+        next_one = f"{-tolerated(-by_seed):.4f}, {by_seed.max():.4f}" if by_seed.size > 1 else "-"
         body.append((f"{weight:g}", f"{chosen.mean():.4f}", f"{theirs.mean():.4f}", f"{median:.4f}", f"{recipe:.4f}",
-                     gap))  # fmt: skip
+                     next_one, gap))  # fmt: skip
     head = ("time weight (m/s per s)", "median seed (m/s)", f"{played.matchup.rival.label} (m/s)", "ratio, median seed",
-            "ratio, all seeds", "above the search that knows: policy, baseline (m/s)")  # fmt: skip
+            "ratio, all seeds", "95 % of trainings at most, worst seed (m/s)",
+            "above the search that knows: policy, baseline (m/s)")  # fmt: skip
     return Table("V_p + w T against the best baseline, tuned for each weight; below 1 the policy is better", head, body)
-
-
-def hypervolumes(played: Played) -> Table:
-    """Return how much of what is between the worst and the best lies behind each front."""
-    task = Task(**played.matchup.environment)
-    ahead = played.paper.scenario["distance"]
-    best = np.array([np.mean([soonest(task, distance) for distance in ahead]), 0.0])
-    worst = np.array([task.horizon, task.missed_cost])
-    body = []
-    for name, run in {**played.baselines, **played.seeds}.items():
-        weights = [weight for weight in run.weights if weight in played.matchup.weights] or run.weights
-        means = [(run.means(weight), weight) for weight in weights]
-        front = np.array([(each["T"], each["loss"] - weight * each["T"]) for each, weight in means])
-        volume = moocore.hypervolume(front, ref=worst)
-        share = f"{100 * volume / np.prod(worst - best):.1f} %"
-        body.append((played.matchup.labels.get(name, name), str(len(front)), f"{volume:.4f}", share))
-    caption = (f"Hypervolume of the front of mean T and V_p over the same weights, what misses cost included, beyond "
-               f"the reference point ({worst[0]:g} s, {worst[1]:g} m/s), where nothing is touched; at the utopia point "
-               f"({best[0]:.3f} s, 0 m/s) a rigid tool arrives at the arm's limits, and the object rests")  # fmt: skip
-    return Table(caption, ("contestant", "weights", "hypervolume (s m/s)", "of what the utopia point has"), body)
 
 
 def sentence(answer: Answer, matchup: Matchup) -> str:

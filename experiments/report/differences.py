@@ -8,12 +8,12 @@ import numpy as np
 import polars as pl
 
 from experiments.lab.comparison import Comparison
+from experiments.lab.parts import Table
 from experiments.lab.statistics import estimate, quantile_groups
 from experiments.report.figures import Figure, chart_of, looks_of, zero_line, zoomable
+from experiments.report.jobs import watched_at
 from experiments.report.matchups import PAPER, POLICY
 from experiments.report.played import Played
-from experiments.report.results import watched_at
-from experiments.report.tables import Table
 from impact_gym.quantities import QUANTITIES, SCENARIO
 
 GROUPS = 5  # of each field of the scenario, as many scenarios in each; fewer where there would be less than SMALLEST
@@ -23,35 +23,51 @@ TITLES = {row.id: row.words + (f" ({row.unit})" if row.unit != "-" else "") for 
 
 def measures(played: Played) -> Table:
     """Return times, velocities, forces and impulses of each contestant, over the same scenarios."""
-    weight, rival, as_late = played.matchup.typical, played.matchup.rival.label, played.policy_as_late
-    runs = {PAPER: played.paper.at(weight)}
-    if rival != PAPER:
-        runs[f"{rival}, w = {weight:g}"] = played.rival.at(weight)
-    if played.matchup.operated:
-        labels = played.matchup.labels
-        runs |= {labels[name]: run.at(weight) for name, run in played.baselines.items() if len(run.weights) == 1}
-    runs[f"{POLICY}, w = {weight:g}"] = played.policy.at(weight)
-    runs[f"{POLICY}, as late as the paper's rule (w = {as_late.weights[0]:.3g})"] = as_late.at(as_late.weights[0])
-    body: list[tuple[str, ...]] = []
-    for name, episodes in runs.items():
+    matchup, weight, as_late = played.matchup, played.matchup.typical, played.policy_as_late
+    runs = {PAPER: (PAPER, played.paper.at(weight))}
+    if matchup.rival.name != PAPER:
+        runs[f"{matchup.rival.label}, w = {weight:g}"] = matchup.rival.name, played.rival.at(weight)
+    if matchup.operated:
+        fixed = {name: run for name, run in played.baselines.items() if len(run.weights) == 1}
+        runs |= {matchup.labels[name]: (name, run.at(weight)) for name, run in fixed.items()}
+    runs[f"{POLICY}, w = {weight:g}"] = matchup.chosen, played.policy.at(weight)
+    late = f"{POLICY}, as late as the paper's rule (w = {as_late.weights[0]:.3g})"
+    runs[late] = "", as_late.at(as_late.weights[0])
+    rows = []
+    for label, (name, episodes) in runs.items():
         velocity, peak = episodes.object_velocity, episodes.peak_force
-        worst = np.sort(velocity)[-max(1, round(0.05 * velocity.size)) :].mean()
-        impulse = velocity * episodes.scenario["object_mass"]
-        body.append((
-            name, f"{episodes.approach_time.mean():.4f}", f"{estimate(played.resamples.means(velocity)):.3f}",
-            f"{worst:.3f}", f"{peak.mean():.1f}, {np.quantile(peak, 0.95):.0f}", f"{impulse.mean():.4f}",
-            f"{100 * (episodes.contact_count > 1).mean():.1f} %", f"{episodes.contact_count.mean():.2f}",
-            f"{episodes.missed.sum()}",
-        ))  # fmt: skip
-        if played.matchup.operated:
-            of_operator = (getattr(episodes, what).mean() for what in ("slide", "touch_time", "taken"))
-            body[-1] += tuple(f"{mean:.3f}" for mean in of_operator)
-    head: tuple[str, ...]
-    head = ("contestant", "T (s)", "V_p (m/s)", "V_p, mean of the worst 5 %",
-            "peak force (N): mean, 95 %", "impulse (N s)", "touched again", "contacts", "missed")  # fmt: skip
-    head += ("slide (m)", "until the touch (s)", "taken") if played.matchup.operated else ()
+        row: dict[str, Any] = {
+            "label": label,
+            "T": episodes.approach_time.mean(),
+            "V": estimate(played.resamples.means(velocity)),
+            "worst": np.sort(velocity)[-max(1, round(0.05 * velocity.size)) :].mean(),
+            "peak": peak.mean(),
+            "high": np.quantile(peak, 0.95),
+            "impulse": (velocity * episodes.scenario["object_mass"]).mean(),
+            "again": 100 * (episodes.contact_count > 1).mean(),
+            "contacts": episodes.contact_count.mean(),
+            "missed": episodes.missed.sum(),
+            "way": "-",
+        }
+        if travelled := played.travelled.get(name):
+            before, most = 1e3 * np.quantile(travelled["before"], 0.95), 1e3 * travelled["in_all"].max()
+            row["way"] = f"{before:.0f}, {most:.0f}"
+        if matchup.operated:
+            row |= {what: getattr(episodes, what).mean() for what in ("slide", "touch_time", "taken")}
+        rows.append(row)
+    columns = {
+        "contestant": "{label}", "T (s)": "{T:.4f}",
+        "V_p (m/s)": "{V:.3f}", "V_p, mean of the worst 5 %": "{worst:.3f}",
+        "peak force (N): mean, 95 %": "{peak:.1f}, {high:.0f}", "impulse (N s)": "{impulse:.4f}",
+        "touched again": "{again:.1f} %", "contacts": "{contacts:.2f}", "missed": "{missed}",
+    }  # fmt: skip
     caption = f"Means over the same {played.count:,} scenarios; the impulse is all that the object was given, m V_p"
-    return Table(caption, head, body)
+    if played.travelled:
+        columns["spring's way (mm): before the touch 95 %, in all most"] = "{way}"
+        caption += "; the spring's way is how far the tool gets from its place on the flange, in the first of these"
+    if matchup.operated:
+        columns |= {"slide (m)": "{slide:.3f}", "until the touch (s)": "{touch_time:.3f}", "taken": "{taken:.3f}"}
+    return Table.of(caption, rows, columns)
 
 
 def paired(played: Played, field: str) -> Figure:
@@ -81,7 +97,7 @@ def paired(played: Played, field: str) -> Figure:
     intervals = base.mark_rule(strokeWidth=2).encode(alt.Y("low:Q", title=title), y2="high:Q")
     numbers = [alt.Tooltip(f"{column}:Q", format=".3g") for column in ("from", "to", "value", "low", "high")]
     marks = base.mark_point(size=60).encode(looks.shape, y="value:Q", tooltip=["contestant:N", *numbers])
-    chart = zero_line(y="zero:Q") + intervals + base.mark_line(strokeWidth=1.2).encode(y="value:Q") + marks
+    chart = zero_line() + intervals + base.mark_line(strokeWidth=1.2).encode(y="value:Q") + marks
     subject = f"against {rival}, by {TITLES[field]}"
     return Figure(played.matchup.name, f"paired_{field}", subject, caption, verdict, chart, data, 240)
 

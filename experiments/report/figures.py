@@ -1,8 +1,7 @@
 """Figures of the page, and the look that all charts share.
 
 A figure is a Vega-Lite chart: in the page it can be hovered and zoomed, or stands still where a reader must not wait
-for it; on disk it is SVG with its data beside it. Colours are those of Okabe and Ito (2008), and every series has a
-dash or a shape of its own as well.
+for it; on disk it is SVG with its data beside it. Every series has a dash or a shape of its own beside its colour.
 """
 
 import json
@@ -18,10 +17,11 @@ import polars as pl
 import vl_convert
 from markupsafe import Markup
 
+from experiments.lab.charts import OTHERS, SERIES
 from experiments.report.matchups import PAPER, POLICY
 from impact_gym.files import write_file
 
-COLOURS = ("#D55E00", "#0072B2", "#009E73", "#E69F00", "#CC79A7", "#56B4E9", "#8A8A8A")
+COLOURS = (*SERIES, OTHERS)
 DASHES = ([1, 0], [1, 0], [6, 3], [2, 2], [8, 3, 2, 3], [4, 4], [1, 3])
 SHAPES = ("cross", "circle", "square", "diamond", "triangle-up", "triangle-down", "triangle-right")
 CONFIG: dict[str, Any] = {
@@ -101,9 +101,9 @@ def _data(rows: list[dict[str, Any]]) -> Any:
     return alt.Data(values=rows)  # type: ignore[no-untyped-call]  # altair leaves it untyped
 
 
-def zero_line(**channel: str) -> alt.Chart:
-    """Return a dotted line at zero: `x="zero:Q"` or `y="zero:Q"`."""
-    return alt.Chart(_data([{"zero": 0}])).mark_rule(strokeDash=[2, 3]).encode(**channel)
+def zero_line() -> alt.Chart:
+    """Return a dotted line where y is zero."""
+    return alt.Chart(_data([{"zero": 0}])).mark_rule(strokeDash=[2, 3]).encode(y="zero:Q")
 
 
 class Looks(NamedTuple):

@@ -68,7 +68,7 @@ def chart(answer: Answer, played: Played) -> Figure:
     runs = {POLICY: played.policy, PAPER: played.paper, rival: played.rival}  # without a rival the rule is its own
     data = pl.DataFrame([
         {"contestant": name, "w": weight, **run.means(weight)} for name, run in runs.items() for weight in run.weights
-    ]).drop("loss")  # fmt: skip
+    ])  # fmt: skip
     looks = looks_of(data)
     axis = alt.Axis(tickCount=5)
     title = f"mean time until {played.matchup.until} (s)"

@@ -15,15 +15,14 @@ import numpy as np
 from agents.baselines.bound import FROZEN, bound_of
 from agents.baselines.tuned import FIXED, read_tuned
 from agents.evaluate.controllers import controller_of, try_out
+from agents.evaluate.play import environment_and_scenarios
 from agents.evaluate.scenario_batch import TEST_SEED
 from agents.jobs import digest_of
 from agents.policies import Policy, load_ensemble, load_policy
-from agents.setups import TUNED, Setup, load_setup, same_environment, shipped_baselines
-from agents.setups import shipped as shipped_setups
+from agents.setups import TUNED, Setup, load_setup, same_environment, shipped, shipped_baselines
 from agents.setups.evaluation import Change, Evaluation, variants
-from experiments.report.scenarios import environment_and_scenarios
 from impact_gym.task import ObservationSpec, Task
-from impact_gym.validation import identifier
+from impact_gym.validation import identifier, nearest
 
 PAPER = "paper's rule"
 RULE = "paper-trapezoid"  # what the package calls it
@@ -112,6 +111,17 @@ class Matchup:
         return self.baselines[1] if len(self.baselines) > 1 else self.baselines[0]
 
     @property
+    def rivals(self) -> list[Contestant]:
+        """The paper's rule, the rival if there is one, and the median seed: those who are looked at closely."""
+        return list({each.name: each for each in (self.baselines[0], self.rival, self.policy)}.values())
+
+    @property
+    def modules(self) -> set[str]:
+        """Modules of a user's own baselines."""
+        objects = [each.controller["object"] for each in self.baselines if "object" in each.controller]
+        return {name.partition(":")[0] for name in objects}
+
+    @property
     def typical(self) -> float:
         """The weight (m/s per s) that stands for all, or the nearest that the policy is played at."""
         return min(self.policy.weights, key=lambda weight: abs(weight - self.evaluation.typical))
@@ -121,17 +131,6 @@ class Matchup:
         """The weights (m/s per s) at which contestants are compared, as far as the policy was trained for them."""
         weights = tuple(weight for weight in self.evaluation.weights if weight in self.policy.weights)
         return weights or self.policy.weights
-
-    @cached_property
-    def checksums(self) -> dict[str, str]:
-        """Checksums of the seeds and the baselines, by name."""
-        return {contestant.name: contestant.checksum for contestant in (*self.seeds, *self.baselines)}
-
-    @cached_property
-    def measure(self) -> Contestant | None:
-        """The shipped policy that this one is measured against where nothing is drawn, if there is one."""
-        name = self.evaluation.of
-        return policy_contestant(name, load_policy(name), self.evaluation) if name in shipped_setups() else None
 
     @cached_property
     def changes(self) -> list[Change]:
@@ -148,7 +147,7 @@ def of_setup(setup: Setup, scenarios: Mapping[str, Any], folder: Path | None = N
     folder = setup.folder if folder is None else folder
     path = folder / "policies" / f"{setup.name}.npz"
     if not path.is_file():
-        raise ValueError(f"there are no policies {path}: impact-gym train-seeds {setup.called}")
+        raise ValueError(f"there are no policies {path}: impact-gym train {setup.called} --seeds {setup.seeds}")
     ensemble = load_ensemble(path)
     if not setup.describes(ensemble[None].environment):
         raise ValueError(f"{path} was trained for another environment than {setup.called} says: train it anew")
@@ -211,7 +210,7 @@ def of_policies(
         arguments = {**trained_in, **changes}
         environment, of_environment = environment_and_scenarios(arguments, scenarios)
         Policy(loaded.network, environment, {})  # raises where they do not fit
-        setup = next((setup for setup in map(load_setup, shipped_setups()) if setup.describes(trained_in)), None)
+        setup = next((setup for setup in map(load_setup, shipped()) if setup.describes(trained_in)), None)
         evaluation = setup.evaluation if setup else Evaluation()
         called = path.parent.name if path.name in ("best.npz", "final.npz") else path.stem
         name = identifier("policy", re.sub(r"[^A-Za-z0-9.-]+", "-", called)[:100].strip("-.") or "policy")
@@ -261,6 +260,9 @@ def baselines(
             contestants.append(Contestant(name, {"tuned": content}, weights, content["sha256"]))
         elif name in FIXED:
             contestants.append(Contestant(name, {"baseline": name}, (typical,), ""))
+        elif ":" not in name:
+            known = nearest("baseline", name, [*FIXED, *shipped_baselines()])
+            raise ValueError(f"{known} (one of your own is named module:object)")
         else:
             try_out(name, controller_of({"object": name}, typical), observations)  # raises now, not in a worker
             contestants.append(Contestant(name, {"object": name}, (typical,), digest_of(name.partition(":")[0])))

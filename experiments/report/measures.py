@@ -1,7 +1,7 @@
-"""The jobs of the report: functions of plain data that play a controller and return arrays."""
+"""The jobs of the report: functions of plain data that play a controller and return arrays or a frame."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,25 +10,30 @@ from numpy.typing import NDArray
 from agents.baselines import PaperTrapezoid
 from agents.evaluate import Travel
 from agents.evaluate.controllers import controller_of
-from agents.evaluate.play import frozen_of, play, scenario_batch_of
+from agents.evaluate.play import play, scenario_batch_of
 from agents.policies import Controller
+from experiments.lab import grid
 from experiments.lab.player.films import play_to_the_end
-from experiments.reference.task import rescore
 from impact_gym.envs.single import ImpactApproachEnv
 
 Arrays = dict[str, NDArray[Any]]
 JSON = Mapping[str, Any]
 HALVINGS = 9  # of the range of weights, in its logarithm: to 1 %
-APART = 500  # scenarios to find a weight on, or as many as are then played
+CALIBRATION_SCENARIOS = 500  # to find a weight on, or as many as are then played
+
+
+def measured(measure: str, arguments: JSON) -> Any:
+    """Return the result of one of MEASURES, arrays or a frame: one function for all jobs of a report."""
+    return MEASURES[measure](**arguments)
 
 
 def play_as_late(controller: JSON, environment: JSON, scenarios: JSON, weights: Sequence[float]) -> Arrays:
     """Return the results (1, scenarios) at the weight whose mean approach takes as long as that of the paper's rule.
 
-    That weight is found by bisection within the ends of `weights`, on other scenarios (see `apart_from`).
-    It is returned as `weight` (1,).
+    That weight is found by bisection within the ends of `weights`, on `calibration_scenarios`. It is returned as
+    `weight` (1,).
     """
-    choosing = apart_from(scenarios)
+    choosing = calibration_scenarios(scenarios)
 
     def mean_time(weight: float, player: Controller) -> float:
         return float(scenario_batch_of(choosing, weight, environment).play(player).approach_time.mean())
@@ -44,12 +49,12 @@ def play_as_late(controller: JSON, environment: JSON, scenarios: JSON, weights: 
     return play(controller, scenarios, [high], environment) | {"weight": np.array([high])}
 
 
-def apart_from(scenarios: JSON) -> dict[str, Any]:
+def calibration_scenarios(scenarios: JSON) -> dict[str, Any]:
     """Return scenarios to choose a weight on: the validation set for a shipped one, the same ranges with another seed.
 
     For a table of scenarios there are no others, and it is these.
     """
-    count = min(APART, scenarios["count"])
+    count = min(CALIBRATION_SCENARIOS, scenarios["count"])
     if "set" in scenarios:
         return {"set": "validation", "count": count}
     if "ranges" in scenarios:
@@ -57,23 +62,16 @@ def apart_from(scenarios: JSON) -> dict[str, Any]:
     return dict(scenarios)
 
 
-def in_scipy(controller: JSON, environment: JSON, scenarios: JSON, weight: float) -> Arrays:
-    """Return the results (scenarios,) in the independent solver, and those of the environment, `our_...`."""
-    frozen = frozen_of(scenarios)
-    if frozen is None:
-        raise ValueError("the independent solver takes scenarios of a set or a table")
-    player = controller_of(controller, weight, environment)
-    results = rescore(player, frozen, range(scenarios["count"]), environment, weight)
-    ours = scenario_batch_of(scenarios, weight, environment).play(player)
-    return results | {f"our_{name}": getattr(ours, name) for name in ("object_velocity", "approach_time", "missed")}
+def travelled(controller: JSON, environment: JSON, scenarios: JSON, weights: Sequence[float]) -> Arrays:
+    """Return how far the tool gets from its place on the flange, m: before the first touch, and in all (1, scenarios).
 
-
-def travelled(controller: JSON, environment: JSON, scenarios: JSON, weight: float) -> Arrays:
-    """Return how far the tool gets from its place on the flange, m: before the first touch, and in all (scenarios,)."""
+    It is played at the only one of `weights`.
+    """
+    (weight,) = weights
     batch = scenario_batch_of(scenarios, weight, environment)
     travel = Travel(batch.count)
     batch.play(controller_of(controller, weight, environment), watch=travel)
-    return {"before": travel.deflection, "in_all": travel.stroke}
+    return {"before": travel.deflection[None], "in_all": travel.stroke[None]}
 
 
 def profile(controller: JSON, environment: JSON, weights: Sequence[float], distance: float) -> Arrays:
@@ -95,3 +93,9 @@ def profile(controller: JSON, environment: JSON, weights: Sequence[float], dista
         forward = np.flatnonzero(place >= np.maximum.accumulate(place))  # a flange may step back
         curves.append(np.interp(position, place[forward], velocity[forward], right=np.nan))
     return {"position": position, "velocity": np.array(curves)}
+
+
+MEASURES: Mapping[str, Callable[..., Any]] = {
+    "play": play, "play as late": play_as_late, "travelled": travelled, "profile": profile, "holds": grid.play,
+}  # fmt: skip
+"""What a job may do, by name."""

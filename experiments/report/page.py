@@ -12,34 +12,20 @@ from markupsafe import Markup
 
 from agents.evaluate.controllers import controller_of
 from agents.evaluate.play import frozen_of
-from experiments.lab import page, player
+from experiments.lab import page
+from experiments.lab.parts import Section, Table
 from experiments.lab.player import choose, films, fragment
-from experiments.report import answer, bars, chain, differences, first_screen, robustness, shield, weaknesses
+from experiments.report import ablation, answer, differences, first_screen, holds
 from experiments.report.figures import Figure
 from experiments.report.matchups import PAPER, POLICY, Matchup
 from experiments.report.played import Played
-from experiments.report.tables import HeatMap, Table
 from impact_gym.task.scenario import FIELDS
 
-Part = Figure | Table | HeatMap | str
-KINDS = {Figure: "figure", Table: "table", HeatMap: "heat_map", str: "paragraph"}
-"""Macros of parts.html.jinja that show a part of a fold."""
-ONE_AT_A_TIME = ("One thing is changed at a time; policy and baselines stay as they were trained and tuned. The alarm "
-                 "is a switch that noise of the force does not reach, so a baseline that looks at nothing else is the "
-                 "same at any noise. A stiffer coupling keeps its damping ratio.")  # fmt: skip
-SOLVERS = ("Every policy once more with a hundredth of the tolerance and with the dissipation that delivers the "
-           "nominal restitution exactly instead of Hu and Guo's; and the median seed and two baselines in an "
-           "independent solver of the whole episode, written with SciPy's integrators.")  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Fold:
-    """A part of a tab, open or folded."""
-
-    heading: str
-    parts: Sequence[Part]
-    closed: bool = True
-    key: str = ""  # of a link to it
+CHOSEN_ON = {
+    "table": "these scenarios themselves", "set": "the first half of the validation set",
+    "ranges": "other scenarios from the same ranges",
+}  # fmt: skip
+"""Where the weight was found that makes a policy as late as the paper's rule, by the kind of scenarios."""
 
 
 @dataclass(frozen=True)
@@ -48,81 +34,52 @@ class Tab:
 
     matchup: Matchup
     answer: answer.Answer
-    steps: Sequence[chain.Step]
-    bars: Sequence[bars.Bar]
+    steps: Sequence[ablation.Step]
     headline: str
-    fails: weaknesses.Failing
+    fails: holds.Failing
     chart: Figure
-    sentence: str  # the answer with its intervals
-    scenarios: int
-    engineer: Sequence[Fold]
-    statistician: Sequence[Fold]
+    summary: str  # the answer with its intervals, in a sentence or two
+    engineer: Sequence[Section]
+    statistician: Sequence[Section]
     film: Markup
 
     @property
     def figures(self) -> list[Figure]:
         """All figures of the tab."""
-        parts = [part for fold in (*self.engineer, *self.statistician) for part in fold.parts]
+        parts = [part for section in (*self.engineer, *self.statistician) for part in section.parts]
         return [self.chart, *(part for part in parts if isinstance(part, Figure))]
 
 
-def tab(played: Played, all_played: Sequence[Played]) -> Tab:
-    """Return the tab of a matchup, whose bars may refer to the other matchups of the report."""
-    matchup, steps, targets = played.matchup, chain.chain(played), bars.bars(played, all_played)
-    result = answer.answer(played)
-    told = answer.sentence(result, matchup) + chain.sentence(steps)
+def tab(played: Played) -> Tab:
+    """Return the tab of a matchup."""
+    matchup, steps, result = played.matchup, ablation.steps_of(played), answer.answer(played)
+    summary = answer.sentence(result, matchup) + ablation.sentence(steps)
     if matchup.operated:
-        told = f"{matchup.name} ({matchup.note}): {first_screen.assisted(played, intervals=True)}"
+        summary = f"{matchup.name} ({matchup.note}): {first_screen.assisted(played, intervals=True)}"
+    engineer = [
+        Section("What it learned", [differences.approach(played)], key="learned"),
+        Section("Forces, and what the objects get", [differences.measures(played)], key="forces"),
+        Section("Does it hold?", [holds.heat_map(played)], key="robustness"),
+        Section("The numbers of each change", [holds.table(played)], folded=True),
+    ]
+    if not matchup.operated:  # an operator's command is none of the steps
+        heading = "Ablation: gain from limits, knowing where, shape, estimate, learning"
+        engineer.insert(0, Section(heading, [ablation.table(steps, matchup.labels)]))
+    chosen_on = next(words for kind, words in CHOSEN_ON.items() if kind in matchup.scenarios)
+    note = (f"The weight that makes a policy as late as the paper's rule was found on {chosen_on}, so the two are "
+            "equally late only nearly here.")  # fmt: skip
+    trade_off = [answer.trade_off(played), answer.weights_table(played)]
+    wins = [note, *(differences.paired(played, field) for field in FIELDS)]
+    statistician = [
+        Section("The answer", [summary if matchup.operated else answer.table(result, played)], key="answer"),
+        Section("The trade-off of every seed and every baseline", trade_off, folded=True, key="trade-off"),
+        Section("Where the policy wins, and where not", wins, folded=True, key="differences"),
+    ]
     return Tab(
-        matchup, result, steps, targets, first_screen.headline(result, played), weaknesses.where_it_fails(played),
-        first_screen.chart(result, played), told, played.count,
-        _engineer(played, steps), _statistician(played, targets),
+        matchup, result, steps, first_screen.headline(result, played), holds.where_it_fails(played),
+        first_screen.chart(result, played), summary, engineer, statistician,
         Markup(fragment(watch(played), f"watch-{matchup.name}")),
     )  # fmt: skip
-
-
-def _engineer(played: Played, steps: Sequence[chain.Step]) -> list[Fold]:
-    heading = "Ablation: gain from limits, knowing where, shape, estimate, learning"
-    own = [
-        Fold(heading, [chain.table(steps, played.matchup.labels)], closed=False),
-        Fold("What a limit of force would cost", [shield.table(played)]),
-    ]
-    first, last = ([], []) if played.matchup.operated else (own[:1], own[1:])  # an operator's command is none of these
-    return [
-        *first,
-        Fold("What it learned", [differences.approach(played)], closed=False, key="learned"),
-        Fold("Forces, and what the objects get", [differences.measures(played)], closed=False, key="forces"),
-        *last,
-        Fold("Does it hold?", [weaknesses.heat_map(played)], closed=False, key="robustness"),
-        Fold(
-            "Each of these by itself",
-            [ONE_AT_A_TIME, robustness.changes_table(played), *robustness.travel_table(played)],
-        ),
-    ]
-
-
-def _statistician(played: Played, targets: Sequence[bars.Bar]) -> list[Fold]:
-    seeds = [answer.seeds_table(played)] if len(played.seeds) > 1 else []
-    trade_off: list[Part] = [
-        answer.trade_off(played),
-        answer.weights_table(played),
-        *seeds,
-        answer.hypervolumes(played),
-    ]
-    chosen_on = {
-        "table": "these scenarios themselves", "set": "the first half of the validation set",
-        "ranges": "other scenarios from the same ranges",
-    }  # fmt: skip
-    kind = next(kind for kind in chosen_on if kind in played.matchup.scenarios)
-    note = (f"The weight that makes a policy as late as the paper's rule was found on {chosen_on[kind]}, so the two "
-            "are equally late only nearly here.")  # fmt: skip
-    by_field: list[Part] = [note, *(differences.paired(played, field) for field in FIELDS)]
-    return [
-        Fold("The trade-off of every seed and every baseline", trade_off, key="trade-off"),
-        Fold("Targets and results", [bars.table(targets)], key="bars"),
-        Fold("Where the policy wins, and where not", by_field, key="differences"),
-        Fold("Is it the simulator?", [SOLVERS, robustness.simulator(played)], key="simulator"),
-    ]
 
 
 def policies_table(all_played: Sequence[Played]) -> Table:
@@ -162,20 +119,13 @@ def write(folder: Path, about: Mapping[str, Any], tabs: Sequence[Tab], all_playe
     for figure in (figure for tab in tabs for figure in tab.figures):
         figure.save(folder / "figures")
     bundle = vl_convert.javascript_bundle()  # type: ignore[call-arg]  # its stub asks for what it does not need
-    program = bundle.replace("</script", "<\\/script")  # what draws the charts
-    tables = {
-        "table": answer.answers_table([tab.answer for tab in tabs], all_played),
-        "policies": policies_table(all_played),
-        "seeds": max(len(played.seeds) for played in all_played),
-    }
     return page.write(
         folder,
-        "report",
+        "report/page.html.jinja",
+        macros={Figure: "figure"},
         runs=[about],
-        about={**about, **tables},
+        about={**about, "policies": policies_table(all_played), "seeds": max(len(each.seeds) for each in all_played)},
         tabs=tabs,
-        vega=Markup(program),
-        player=player,
-        kind=lambda part: KINDS[type(part)],
+        vega=Markup(bundle.replace("</script", "<\\/script")),  # what draws the charts
         embedded=partial(htmlsafe_json_dumps, separators=(",", ":"), allow_nan=False),
     )

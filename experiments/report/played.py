@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+import polars as pl
 from numpy.typing import NDArray
 
 from agents.evaluate import MEASURED, Episodes
@@ -40,10 +41,10 @@ class Run:
         return self.at(weight).loss(weight)
 
     def means(self, weight: float) -> dict[str, Any]:
-        """Mean approach time T (s), V_p (m/s) and loss (m/s) at a weight, and how many objects it missed."""
+        """Mean approach time T (s) and V_p (m/s) at a weight, and how many objects it missed."""
         episodes = self.at(weight)
-        means = {"T": episodes.approach_time, "V": episodes.object_velocity, "loss": episodes.loss(weight)}
-        return {name: float(values.mean()) for name, values in means.items()} | {"missed": int(episodes.missed.sum())}
+        time, velocity = episodes.approach_time.mean(), episodes.object_velocity.mean()
+        return {"T": float(time), "V": float(velocity), "missed": int(episodes.missed.sum())}
 
     @property
     def front(self) -> list[tuple[float, float]]:
@@ -64,15 +65,15 @@ class Played:
     seeds: dict[str, Run] = field(default_factory=dict)
     as_late: dict[str, Run] = field(default_factory=dict)  # each seed at the weight that makes it as late as the paper
     baselines: dict[str, Run] = field(default_factory=dict)
-    family: dict[str, Run] = field(default_factory=dict)
     bound: Run | None = None
-    varied: dict[tuple[str, str, str], Run] = field(default_factory=dict)  # argument, label, contestant
-    nominal: dict[str, Run] = field(default_factory=dict)  # each seed with nothing drawn, and whom it is measured by
-    exactly: dict[tuple[str, str], Run] = field(default_factory=dict)  # change, seed or baseline
-    shielded: dict[tuple[float, str], Run] = field(default_factory=dict)  # limit (N), around whom
-    scipy: dict[str, Arrays] = field(default_factory=dict)
+    varied: pl.DataFrame = field(default_factory=pl.DataFrame)  # an episode a row, see `holds.cells`
     profiles: dict[str, Run] = field(default_factory=dict)
-    travelled: dict[str, Arrays] = field(default_factory=dict)  # of a tool on a spring
+    travelled: dict[str, Run] = field(default_factory=dict)  # of a tool on a spring
+
+    @property
+    def missed_cost(self) -> float:
+        """What a miss costs, m/s."""
+        return float(self.matchup.environment.get("missed_cost", MISSED_COST))
 
     @property
     def paper(self) -> Run:
@@ -117,10 +118,8 @@ class Played:
         return np.array([run.loss(weight) for run in self.seeds.values()])
 
 
-def episodes(all_played: Sequence[Played]) -> Any:
-    """Return all episodes of the seeds, the baselines and the bound, a row each, as a frame of polars."""
-    import polars as pl  # not where nothing is written
-
+def episodes(all_played: Sequence[Played]) -> pl.DataFrame:
+    """Return all episodes of the seeds, the baselines and the bound, a row each."""
     frames = []
     for played in all_played:
         runs = {**played.seeds, **played.baselines, **({BOUND: played.bound} if played.bound else {})}

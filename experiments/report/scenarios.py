@@ -1,15 +1,14 @@
 """The scenarios of a report: a frozen set by name or file, or a user's own ranges and tool."""
 
 import json
-from collections.abc import Mapping
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from agents.evaluate.play import pairs
 from agents.setups.evaluation import RESERVED
 from agents.setups.keys import within
 from impact_gym.files import parsed
-from impact_gym.task import ScenarioRanges, Task, evaluation_sets
+from impact_gym.task import Task, evaluation_sets
 from impact_gym.validation import number, whole
 
 
@@ -27,7 +26,7 @@ def scenarios_from(source: str, count: int | None) -> tuple[dict[str, Any], dict
         content = _content(path)
         environment = content.get("environment", {})
         with within(f"{path}: ranges"):
-            ranges = _pairs(content.get("ranges", "test"))
+            ranges = pairs(content.get("ranges", "test"))
         count = whole("count", count or content.get("count", 1000), at_least=2)
         seed = whole("seed", content.get("seed", 2_000_000), at_least=0)
         with within(str(path)):
@@ -51,23 +50,3 @@ def _content(path: Path) -> dict[str, Any]:
     if not isinstance(content, dict) or set(content) - keys:
         raise ValueError(f"{path} must be a JSON object with some of {sorted(keys)}, got {str(content)[:200]}")
     return content
-
-
-def environment_and_scenarios(
-    environment: Mapping[str, Any], scenarios: Mapping[str, Any]
-) -> tuple[dict[str, Any], Mapping[str, Any]]:
-    """Return the arguments of an environment without its scenario, and the scenarios that are played in it.
-
-    One with ranges of its own meets as many from these, drawn from the seeds of the frozen set that is asked for,
-    unless that is `hard`.
-    """
-    arguments = {name: value for name, value in environment.items() if name != "scenario"}
-    if "scenario" not in environment or scenarios.get("set", "hard") == "hard":
-        return arguments, scenarios
-    seed = evaluation_sets.load(scenarios["set"]).seed
-    return arguments, {"ranges": _pairs(environment["scenario"]), "seed": seed, "count": scenarios["count"]}
-
-
-def _pairs(ranges: Any) -> dict[str, list[float]]:
-    """Return ranges of scenarios as JSON."""
-    return {name: list(pair) for name, pair in asdict(ScenarioRanges.of(ranges)).items()}

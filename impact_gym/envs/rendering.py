@@ -50,9 +50,9 @@ class Renderer:
         if self._mode == "rgb_array":
             return self._single(history).copy()
         if self._mode == "rgb_array_list":
-            frames = [self._pixels(history, time, factor) for time, factor in self._instants(history)]
+            frames = [self.picture(history, time, factor) for time, factor in self.instants(history)]
             return frames + frames[-1:] * round(HOLD * FRAME_RATE if self._ends(history) and frames else 0)
-        for time, factor in self._instants(history):
+        for time, factor in self.instants(history):
             self._show(history, time, factor)
         if self._ends(history):
             self._clock.tick(1.0 / HOLD)
@@ -68,7 +68,7 @@ class Renderer:
         """Leave pictures and window behind, which cannot be copied; they are made again when needed."""
         return self.__dict__ | {"_canvas": None, "_window": None, "_clock": None}
 
-    def _instants(self, history: History) -> Iterator[tuple[float, float]]:
+    def instants(self, history: History) -> Iterator[tuple[float, float]]:
         """Yield the instants not shown so far, each with how many times slower than life it runs."""
         if self._shown is None:
             self._shown = 0.0
@@ -90,10 +90,11 @@ class Renderer:
         if self._last is None or history.now != self._shown:
             span = history.now - (self._shown or 0.0)
             self._shown = history.now
-            self._last = self._pixels(history, history.now, 1.0 / (FRAME_RATE * span) if span > 0.0 else 1.0)
+            self._last = self.picture(history, history.now, 1.0 / (FRAME_RATE * span) if span > 0.0 else 1.0)
         return self._last
 
-    def _pixels(self, history: History, time: float, factor: float) -> Frame:
+    def picture(self, history: History, time: float, factor: float) -> Frame:
+        """Return the picture (540, 960, 3) of an instant (s) that runs `factor` times slower than life."""
         return self._drawn(history, time, factor).pixels()
 
     def _show(self, history: History, time: float, factor: float) -> None:

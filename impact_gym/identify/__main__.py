@@ -81,7 +81,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         content = parsed(options.scene, "TOML", tomllib.loads)
         scene, motions, sensors = parse(content, options.free, len(options.logs))
         known = options.logs, scene, motions, options.free, sensors or None
-        result, held_out = identify(*known), hold_out(*known) if options.hold_out else None
+        held_out = hold_out(*known) if options.hold_out else None
+        result = identify(*known)
         said = f"{result}\n{held_out}" if held_out else str(result)
         text = "\n".join(set_up(content, result, said))
         print(said if options.out else text)

@@ -21,6 +21,7 @@ from impact_gym.identify.search import descend, start_at
 from impact_gym.identify.sensor import Array, level, runs
 from impact_gym.motion import Trapezoid
 from impact_gym.scene import Scene
+from impact_gym.validation import one_of
 
 UNITS = {"object_velocity": "m/s", "peak_force": "N", "impulse": "N s", "duration": "s"}
 """Quantities of a blow: V_p, and of the force its peak, its integral and its width at half of the peak."""
@@ -36,7 +37,7 @@ class Prediction(NamedTuple):
     quantity: str
     measured: float
     predicted: float
-    equal: float  # median of the fitted blows with the same motion, which knows no physics; nan without any
+    equal: float  # median of the fitted blows with the same motion; nan without any
 
     def error(self, value: float) -> float:
         """Return how far a value is from the measured one, relative to it."""
@@ -99,6 +100,10 @@ def hold_out(
     if not {"force", "object_velocity"} & logs[0].columns.keys():
         raise ValueError(f"hold-out compares force or object_velocity, got {', '.join(logs[0].columns)}")
     motions: list[Any] = list(motion) if isinstance(motion, (list, tuple)) else [motion] * len(logs)
+    for imposed in motions:
+        one_of("motion", imposed, Trapezoid)
+    if len(motions) != len(logs):
+        raise ValueError(f"motion must be one Trapezoid, or one for each of {len(logs)} logs, got {len(motions)}")
     found: dict[int, list[Prediction]] = {}
     for begin in (0, 1):
         fitted = slice(begin, None, 2)

@@ -6,12 +6,14 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from episodes import ID, PAPERS_SPRING, Always, Given, assert_identical, history, play, random_actions, scene, seconds
+from front_ends import first_infos
 from impact_gym.kernels import decode
 
 import impact_gym as ig
-from agents.baselines import ConstantSpeed, PaperTrapezoid, encode
+from agents.baselines import PaperTrapezoid, encode
 from agents.baselines.profile import ConstantDeceleration
 from experiments.reference import task as slow
+from impact_gym.task import Task
 from impact_gym.task.scenario import FIELDS
 from impact_gym.task.task import ACCELERATION_RANGE, COMMAND_RESOLUTION, VELOCITY_RANGE
 
@@ -19,31 +21,6 @@ INFO_KEYS = {
     "object_velocity", "approach_time", "peak_force", "contact_count", "missed", "time_weight", "reward_terms",
     "scenario", "record", "status",
 }  # fmt: skip
-
-
-def first_infos(envs, controller, seed):
-    """Play until the first episode of every row has ended: the final infos, and the scenario in each."""
-    observation, _ = envs.reset(seed=seed)
-    finals = {}
-    while len(finals) < envs.num_envs:
-        actions = np.broadcast_to(controller.predict(observation)[0], (envs.num_envs, 2))
-        observation, _, ended, _, infos = envs.step(actions)
-        for row in set(np.flatnonzero(ended)) - set(finals):
-            finals[row] = {name: value[row] for name, value in infos.items() if not isinstance(value, dict)}
-            finals[row]["scenario"] = {name: infos["scenario"][name][row] for name in FIELDS}
-    return finals.values()
-
-
-def assert_same_outcome(info, outcome, flight_error=1e-12):
-    assert info["status"] == "ok"
-    assert info["contact_count"] == len(outcome.contacts)
-    assert info["object_velocity"] == pytest.approx(outcome.object_velocity, rel=0, abs=1e-9)
-    assert info["approach_time"] == pytest.approx(outcome.contacts[0].start, rel=0, abs=flight_error)
-    assert info["peak_force"] == pytest.approx(outcome.peak_force, rel=1e-8)
-
-
-def assert_return(rewards, cost):
-    assert rewards.sum() == pytest.approx(-cost, rel=0, abs=1e-12 * max(1.0, cost))
 
 
 COUPLINGS = [PAPERS_SPRING, ig.SpringDamper(150.0, 0.2), ig.Rigid(), ig.Bistable()]
@@ -68,21 +45,10 @@ def test_papers_rule_played_in_the_environment_equals_simulate(options):
     for info in first_infos(envs, PaperTrapezoid(), seed=31):
         struck = scene(info["scenario"], coupling, law)
         outcome = ig.simulate(struck, ig.Trapezoid(1.0, 8.0, brake), duration=3.0, rtol=rtol)
-        assert_same_outcome(info, outcome, flight_error)
-
-
-@pytest.mark.parametrize(("speed", "acceleration", "deceleration"), [
-    (0.14, 1.0, 1.0), (0.4, 20.0, 3.0), (1.1, 3.7, 7.9), (1.5, 20.0, 20.0), (0.6, 12.0, 5.0),
-])  # fmt: skip
-def test_constant_speed_that_stops_within_the_episode_equals_simulate(speed, acceleration, deceleration):
-    assert speed / deceleration < 0.15
-    envs = gym.make_vec(ID, num_envs=60, scenario={"distance": (0.05, 0.14)})
-    motion = ig.Trapezoid(speed, acceleration, ig.Brake(deceleration=deceleration))
-    infos = first_infos(envs, ConstantSpeed(speed, acceleration, deceleration), seed=7)
-    alarmed = [info for info in infos if info["peak_force"] > 1.0]  # without an alarm `simulate` pushes on for ever
-    assert len(alarmed) > 30
-    for info in alarmed:
-        assert_same_outcome(info, ig.simulate(scene(info["scenario"]), motion, duration=3.0))
+        assert (info["status"], info["contact_count"]) == ("ok", len(outcome.contacts))
+        assert info["object_velocity"] == pytest.approx(outcome.object_velocity, rel=0, abs=1e-9)
+        assert info["approach_time"] == pytest.approx(outcome.contacts[0].start, rel=0, abs=flight_error)
+        assert info["peak_force"] == pytest.approx(outcome.peak_force, rel=1e-8)
 
 
 @pytest.mark.parametrize("options", [
@@ -104,8 +70,8 @@ def test_return_is_minus_the_weighed_time_velocity_and_force(options):
         velocity = 2.0 if info["missed"] else info["object_velocity"]
         force = 0.0 if info["missed"] else options.get("force_weight", 0.0) * info["peak_force"]
         cost = weight * info["approach_time"] + velocity + force
-        assert_return(rewards, cost)
-        assert_return(np.array([*terms.values()]), cost)
+        for parts in (rewards, np.array([*terms.values()])):
+            assert parts.sum() == pytest.approx(-cost, rel=0, abs=1e-12 * max(1.0, cost))
         assert terms["time"] == pytest.approx(-weight * info["approach_time"], rel=1e-12)
         assert np.all(rewards[:-1] <= 0.0)
     assert len(weights) == 40 if "time_weight" in options else weights == {2.0}
@@ -129,14 +95,11 @@ def test_touch_too_soft_for_the_alarm_is_a_contact_that_runs_to_the_end():
     observations, rewards, info = play(gym.make(ID), crawl, scenario=soft)
     assert info["scenario"] == soft
     assert not observations[:, 3].any()
-    assert 0.0 < info["peak_force"] < 1.0
-    assert info["missed"] is False
-    assert info["contact_count"] >= 1
-    assert len(rewards) == 75
+    assert (0.0 < info["peak_force"] < 1.0, info["missed"], len(rewards)) == (True, False, 75)
     assert info["approach_time"] < 0.6
     assert rewards.sum() == pytest.approx(-(2.0 * info["approach_time"] + info["object_velocity"]), rel=0, abs=1e-12)
     outcome = slow.play(crawl, soft, options={}, time_weight=2.0)
-    assert info["contact_count"] == outcome.contact_count
+    assert info["contact_count"] == outcome.contact_count >= 1
     assert info["object_velocity"] == pytest.approx(outcome.object_velocity, rel=0, abs=1e-8)
 
 
@@ -166,14 +129,9 @@ def test_first_uniform_numbers_of_the_generator_are_the_scenario():
 
 
 def test_named_sets_are_the_documented_ones():
-    drawn = {}
-    for name in ("train", "test", "hard"):
-        envs = gym.make_vec(ID, num_envs=2000, scenario=name)
-        envs.reset(seed=9)
-        scenario = envs.batch.info()["scenario"]
-        drawn[name] = np.transpose([scenario[field] for field in FIELDS])
-    assert np.array_equal(drawn["train"], drawn["test"])
-    assert ((drawn["hard"] < [0.1, 1e3, 0.1, 0.15]) | (drawn["hard"] > [2.5, 1e6, 1.0, 0.35])).all()
+    train, test, hard = (Task(scenario=name).scenario.by_id() for name in ("train", "test", "hard"))
+    assert train == test == Task().scenario.by_id()
+    assert all(hard[field][1] <= low or hard[field][0] >= high for field, (low, high) in train.items())
 
 
 def test_float32_actions_command_the_papers_rule_exactly_and_every_round_number_to_rounding():

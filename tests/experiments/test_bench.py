@@ -1,58 +1,39 @@
-"""The bench measures the parts asked for, writes them whole or not at all, and its arithmetic is right."""
-
-import json
+"""The bench measures what it says beside Gymnasium's environments, and its arithmetic is right."""
 
 import polars as pl
 import pytest
+from pages import text_of_a_page_that_stands_on_its_own
+from studies import small_run
 
-from experiments.bench import __main__ as bench
-from experiments.bench import environments
-from experiments.bench.__main__ import BenchOptions
+from experiments.lab.study import Cell
+from experiments.studies import bench
 
-
-def test_run_writes_and_prints_the_parts_asked_for_and_no_others(tmp_path, capsys):
-    bench.run(BenchOptions(("models",), quick=True, out=tmp_path / "bench"))
-    written = json.loads((tmp_path / "bench/results.json").read_text())
-    assert written.keys() & bench.PARTS.keys() == {"models"}
-    assert {"machine", "date", "versions", "load_before"} <= written.keys()
-    models, advised = written["models"].values()
-    assert all(0 <= model["within"] <= model["scenes"] <= 30 for model in models)
-    assert 0 < advised[0]["scenes that need no more"] <= sum(model["within"] for model in models)
-    tables = (tmp_path / "bench/tables.md").read_text()
-    assert all(f"| {model['model']} " in tables for model in models)
-    assert tables in capsys.readouterr().out
+QUICK = {"quick": True}
 
 
-def test_run_leaves_an_earlier_one_as_it_was_where_a_part_fails(tmp_path):
-    def fail(quick):
-        raise RuntimeError("no clock")
-
-    measures = {"models": lambda quick: {"a table": pl.DataFrame({"number": [1]})}, "cost": fail}
-    bench.run(BenchOptions(("models",), out=tmp_path / "bench"), measures)
-    before = (tmp_path / "bench/results.json").read_text()
-    with pytest.raises(RuntimeError, match="no clock"):
-        bench.run(BenchOptions(("models", "cost"), out=tmp_path / "bench"), measures)
-    assert (tmp_path / "bench/results.json").read_text() == before
-    assert [path.name for path in tmp_path.iterdir()] == ["bench"]
-
-
-def test_three_rates_are_measured_for_a_set_up():
-    ((title, table),) = environments.three_rates(quick=True, setups=["linear-blind"]).items()
-    training = "training, torch threads: 1"
-    assert "steps per second" in title
-    assert table.columns == ["set-up", "environments", "environment", "environment with inference", training]
-    assert table["set-up"].to_list() == ["linear-blind", environments.BATCH_SCALE, environments.SCALE]
-    assert (table[training] > 0.0).all()
-    assert (table["environment"] > table[training]).all()  # which steps the same, and learns
-
-
-def test_environments_are_measured_beside_those_of_gymnasium():
-    table = environments.stepped(quick=True)
-    rows = {(name, envs): (steps, ratio) for name, envs, steps, ratio in table.rows()}
-    steps, ratio = rows["Pendulum-v1", 1]
-    assert ratio == rows["ImpactApproach-v0", 1][0] / steps
-    assert {envs for name, envs in rows if name == "ImpactApproach-v0"} == {1, *environments.SIZES[::2]}
+def test_page_has_rates_beside_gymnasiums_and_what_an_approach_costs(tmp_path):
+    names, cases = (bench.SETUPS[0], bench.BATCH_SCALE), bench.cases()["coupling"]
+    run = small_run(
+        bench.STUDY, tmp_path, environments=[Cell({}, QUICK)], batch=[Cell({}, {})],
+        rates=[Cell({"set-up": name}, {"name": name, **QUICK}) for name in names],
+        cost=[Cell({"by": "coupling", "case": case}, {"environment": cases[case], **QUICK}) for case in [*cases][:2]],
+    )  # fmt: skip
+    run.write()
+    text = text_of_a_page_that_stands_on_its_own(tmp_path, figures=0)
+    assert all(word in text for word in (*names, bench.SCALE, "bytes held", "the default"))
+    ours, _ = run.frames["rates"].to_dicts()
+    assert 0.0 < ours["training, torch threads: 1"] < ours["environment"]  # which steps the same, and does not learn
+    assert 0.0 < run.frames["batch"]["largest error in V_p, µm/s"].item() < 1.0  # what RTOL is chosen for
+    rows = {(name, envs): (steps, ratio) for name, envs, steps, ratio in run.frames["environments"].rows()}
+    steps, ratio = rows[bench.SCALE, 1]
+    assert ratio == rows[bench.ID, 1][0] / steps
+    assert {envs for name, envs in rows if name == bench.ID} == {1, *bench.SIZES[::2]}
     assert min(steps for steps, _ in rows.values()) > 0.0
+
+
+def test_cost_is_beside_that_of_the_default():
+    costs = pl.DataFrame({"case": ["rigid", "spring (the default)"], "microseconds": [5.0, 20.0]})
+    assert bench.with_ratio(costs)["ratio"].to_list() == [0.25, 1.0]
 
 
 @pytest.mark.parametrize("rounds", [1, 3])
@@ -63,11 +44,14 @@ def test_rate_counts_every_step_of_the_calls_made(rounds, takes, steps, expected
     def wait():
         now[0] += takes
 
-    assert environments.rate(wait, steps, 3.0, rounds, lambda: now[0]) == expected
+    assert bench.rate(wait, steps, 3.0, rounds, lambda: now[0]) == expected
 
 
-def test_markdown_has_three_digits():
-    table = pl.DataFrame({"solver": ["ours", "Ray"], "steps": [1234567.0, 0.00012345], "hours": [None, 12_345]})
-    assert bench.markdown(table).splitlines() == [
-        "| solver | steps | hours |", "| --- | --- | --- |", "| ours | 1,230,000 |  |", "| Ray | 0.000123 | 12,345 |",
-    ]  # fmt: skip
+def test_words_have_three_digits():
+    assert [*map(bench.words, (1234567.0, 0.00012345, 12_345, None, "Ray"))] == [
+        "1,230,000",
+        "0.000123",
+        "12,345",
+        "",
+        "Ray",
+    ]

@@ -1,22 +1,26 @@
-"""What the studies share: intervals over seeds and scenarios, symbols as they are set, folders whole or not there."""
+"""What studies share: intervals over seeds and scenarios, the grid, symbols, folders whole or not there."""
 
-import os
+import sys
 from dataclasses import astuple
 from html import unescape
 from pathlib import Path
 
 import numpy as np
 import pytest
+from jinja2 import Environment, FileSystemLoader
 from matplotlib.figure import Figure
 from pages import as_plain_text_has_it
 from scipy.stats import norm
 
+from agents.evaluate.play import play
+from experiments.lab import grid
 from experiments.lab.charts import save
 from experiments.lab.comparison import Comparison
-from experiments.lab.page import mathtext, typeset
+from experiments.lab.page import EXPERIMENTS, mathtext, typeset
 from experiments.lab.parts import Table
 from experiments.lab.results import whole_folder
 from experiments.lab.statistics import Resamples, along, estimate, quantile_groups, tolerated
+from experiments.lab.study import frame_of
 
 
 def test_estimate_has_the_interval_of_normal_theory():
@@ -134,6 +138,38 @@ def test_save_sets_symbols_wherever_they_stand(tmp_path):
     assert not [symbol for symbol in ("V_p", "k_c", "v_in", "x_r") if symbol in drawn]
 
 
+def test_grid_plays_every_contestant_in_every_place_and_gives_back_what_was_played():
+    rule, slow = {"baseline": "paper-trapezoid"}, {"rule": ["ConstantSpeed", [0.5, 20.0]]}
+    few, other = {"set": "test", "count": 5}, {"set": "hard", "count": 3}
+    places = [grid.Place("mine", "as it is", {}), grid.Place("mine", "hard", {}, {"level": 2}, other)]
+    contestants = [grid.Contestant("rule", rule), grid.Contestant("slow", slow, seed=1)]
+    cells = list(grid.cells(places, contestants, few, [1.0, 2.0]))
+    assert [(cell.labels["change"], cell.labels["contestant"]) for cell in cells] == [
+        ("as it is", "rule"), ("as it is", "slow"), ("hard", "rule"), ("hard", "slow")
+    ]  # fmt: skip
+    assert [cell.labels.get("level") for cell in cells] == [None, None, 2, 2]
+    frame = frame_of((cell.labels, grid.play(**cell.arguments)) for cell in cells)
+    played = play(slow, few, [1.0, 2.0])
+    rows = frame.filter(change="as it is", contestant="slow", weight=2.0)
+    assert (grid.sample(rows, "object_velocity") == played["object_velocity"][1:]).all()
+    costs = rows.select(cost=grid.cost(2.0, 5.0))["cost"]
+    expected = played["object_velocity"][1] + 2.0 * played["approach_time"][1] + 5.0 * played["missed"][1]
+    assert costs.to_numpy() == pytest.approx(expected)
+    assert (
+        frame.filter(change="hard", contestant="rule", weight=1.0)["distance"] == play(rule, other)["distance"]
+    ).all()
+
+
+def test_table_without_rows_is_left_out():
+    pages = Environment(loader=FileSystemLoader(EXPERIMENTS), autoescape=True)
+    pages.filters["typeset"] = typeset
+    table = pages.get_template("lab/parts.html.jinja").module.table
+    assert str(table(Table("changes", ("what", "V_p (m/s)"), ()))).strip() == ""
+    html = str(table(Table("changes", ("what", "V_p (m/s)"), [("robot", "0.3")])))
+    assert html.count("<th scope") == 3
+    assert "0.3" in html
+
+
 def write(target, text, problem=None):
     with whole_folder(target) as unfinished:
         (unfinished / "page").write_text(text)
@@ -152,18 +188,19 @@ def test_whole_folder_is_replaced_whole_or_not_at_all(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["latest"]
 
 
-def test_whole_folder_brings_the_old_one_back_when_interrupted(tmp_path, monkeypatch):
-    target, move = tmp_path / "latest", os.replace
+def test_whole_folder_brings_the_old_one_back_when_interrupted(tmp_path):
+    target, armed = tmp_path / "latest", [True]
     write(target, "first")
 
-    def replace(source, destination):
-        if Path(destination) == target and Path(source).name != target.name:
+    def interrupt(event, arguments):  # as the new folder is about to take the place of the old one
+        if event == "os.rename" and armed and Path(arguments[1]) == target and not target.exists():
+            armed.clear()
             raise KeyboardInterrupt
-        move(source, destination)
 
-    monkeypatch.setattr(os, "replace", replace)
+    sys.addaudithook(interrupt)
     with pytest.raises(KeyboardInterrupt):
         write(target, "second")
+    assert not armed
     assert (target / "page").read_text() == "first"
     assert [path.name for path in tmp_path.iterdir()] == ["latest"]
 

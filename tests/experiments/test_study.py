@@ -6,6 +6,7 @@ from pathlib import Path
 import polars as pl
 import pytest
 from matplotlib.figure import Figure
+from pages import stands_on_its_own
 
 from experiments import studies
 from experiments.lab.parts import Heat, HeatMap, Picture, Section, Table
@@ -71,6 +72,13 @@ def test_rows_have_the_labels_of_their_cell_and_later_tables_see_earlier_ones(st
     assert frames["squares"].rows() == [("small", 1, 1), ("small", 2, 4), ("large", 10, 100)]
     assert frames["cubes"]["cube"].to_list() == [1, 8, 1000]
     assert pl.read_csv(tmp_path / "out" / "squares.csv").equals(frames["squares"])
+
+
+@pytest.mark.parametrize("width", [390, 1280])
+def test_page_stands_on_its_own(study, browser, tmp_path, width):
+    page = stands_on_its_own(browser, run(study, tmp_path / "out").folder / "index.html", width)
+    for words in ("Which squares?", "quick: False", "A line", "impact-gym study squares"):
+        assert words in page.inner_text("main") or page.get_by_alt_text(words).count() == 1
 
 
 def test_what_is_kept_is_not_measured_again_unless_forced_or_outdated(study, tmp_path):

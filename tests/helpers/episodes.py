@@ -114,8 +114,3 @@ def newtons(reading):
 
 def seconds(observations):
     return 0.75 * (np.asarray(observations, float)[..., 2] + 1.0)
-
-
-def metres(observations):
-    """Position of the flange."""
-    return -0.25 + 0.5 * (np.asarray(observations, float)[..., 0] + 1.0)

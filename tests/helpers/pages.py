@@ -44,3 +44,29 @@ def opened(browser, file, width=1280, height=900, **options):
     page.on("request", lambda request: request.url.startswith(("file:", "data:")) or problems.append(request.url))
     page.goto(file.as_uri())
     return page, problems
+
+
+def stands_on_its_own(browser, file, width=1280):
+    """Check what every page has to be, and return it in a window so wide, with all that was folded opened.
+
+    It opens from disk and asks for nothing elsewhere; no script fails; links lead to what is there; pictures and
+    controls have names; nothing is wider than the window.
+    """
+    page, problems = opened(browser, file, width)
+    page.evaluate("document.querySelectorAll('details').forEach(fold => { fold.open = true; })")
+    page.wait_for_load_state("networkidle")
+    for link in page.evaluate("[...document.querySelectorAll('a[href]')].map(link => link.getAttribute('href'))"):
+        name, _, key = link.partition("#")
+        assert (file.parent / name).exists(), link
+        assert name or page.evaluate("key => document.getElementById(key) !== null", key), link
+    parts = "a[href], button, select, input, summary, img, slow-motion, [role=img]:not(svg *), [role=region]"
+    nameless = page.evaluate(
+        """parts => [...document.querySelectorAll(parts)]
+        .filter(part => !(part.ariaLabel || part.alt || part.labels?.[0]?.textContent || part.textContent).trim())
+        .map(part => part.outerHTML)""",
+        parts,
+    )
+    assert nameless == []
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    assert problems == []
+    return page

@@ -10,13 +10,30 @@ a stop that pushes or lets go, the slider's alignment.
 import math
 from functools import cache
 
-from experiments.solver.by_hand import BISTABLE, RIGID, SPRING, Law, command_of, law_of
-from experiments.solver.solutions import Solution
+import impact_gym as ig
+from experiments.reference.laws import BistableForce, damping_factor
+from experiments.studies.solvers.solutions import Solution
 
-PARAMETERS = (*Law._fields, "a", "cut", "alarm", "length", "speed", "pressed", "front_on", "rear_on")
+RIGID, SPRING, BISTABLE = range(3)
+LAW = ("m_t", "m_p", "k_c", "d", "k_t", "c_t", "L0", "H", "x0", "front", "rear", "k_s", "c_s")
+PARAMETERS = (*LAW, "a", "cut", "alarm", "length", "speed", "pressed", "front_on", "rear_on")
 FOREVER = 1e12  # in the units of a piece; its end is an event
 BESIDE = 1e-20  # where a piece begins: heyoka passes over an event whose gauge begins at zero
 ROUNDING = 1e-12  # m, of a slider's place
+
+
+def law_of(scene):
+    """Numbers of the bodies, their contact and coupling, and the kind of the coupling; SI, in the order of LAW."""
+    coupling, contact, m_t = scene.coupling, scene.contact, scene.tool.mass
+    bodies = (m_t, scene.object.mass, contact.stiffness, damping_factor("hu-guo", contact.restitution, 1.5, 1.5))
+    if isinstance(coupling, ig.SpringDamper):
+        k_t = coupling.stiffness
+        return (*bodies, k_t, 2.0 * coupling.damping_ratio * math.sqrt(k_t * m_t), *7 * (0.0,)), SPRING
+    if isinstance(coupling, ig.Bistable):
+        law = BistableForce(coupling, m_t)
+        stops = (coupling.front_stop, coupling.rear_stop, law.k_s, law.c_s)
+        return (*bodies, law.k, 0.0, law.L0, law.H, law.x0, *stops), BISTABLE
+    return (*bodies, *9 * (0.0,)), RIGID
 
 
 @cache
@@ -67,23 +84,24 @@ class Run:
     """An approach at a tolerance; making it compiles the pieces, unless an earlier one has."""
 
     def __init__(self, scene, motion, duration, tolerance):
-        self.law, self.command = law_of(scene), command_of(motion)
+        law, kind = law_of(scene)
+        self.law, self.motion = dict(zip(LAW, law, strict=True)), motion
         self.distance, self.duration = scene.object.distance, duration
-        self.pieces = [piece(self.law.kind, touching, tolerance) for touching in (False, True)]
-        m_t, m_p = self.law.m_t, self.law.m_p
-        self.M = m_p if self.law.kind == RIGID else m_t * m_p / (m_t + m_p)  # kg
+        self.pieces = [piece(kind, touching, tolerance) for touching in (False, True)]
+        m_t, m_p = scene.tool.mass, scene.object.mass
+        self.M = m_p if kind == RIGID else m_t * m_p / (m_t + m_p)  # kg
 
     def solve(self):
         """Go from event to event, and from piece to piece."""
-        command = self.command
-        numbers = (*self.law, command.acceleration, 0.0, 1.0 / command.threshold, 1.0, 1.0, 1.0, 1.0, 0.0)
+        motion = self.motion
+        numbers = (*self.law.values(), motion.acceleration, 0.0, 1.0 / motion.brake.threshold, 1.0, 1.0, 1.0, 1.0, 0.0)
         self.par = dict(zip(PARAMETERS, numbers, strict=True))
-        self.changes = [(command.speed / command.acceleration, 0.0), (self.duration, math.nan)]  # s, m/s^2 from then on
+        self.changes = [(motion.speed / motion.acceleration, 0.0), (self.duration, math.nan)]  # s, m/s^2 from then on
         self.peak, self.detection, self.passes = 0.0, math.nan, 0
         rest = [0.0, 0.0]  # y and q, SI
         t, touching, begin, delta_dot, v_p, lasted, contacts = 0.0, False, -self.distance, 0.0, 0.0, 0.0, 0
         while self.changes:
-            length = (self.M * delta_dot**2 / self.law.k_c) ** 0.4 if touching else 1.0
+            length = (self.M * delta_dot**2 / self.par["k_c"]) ** 0.4 if touching else 1.0
             speed = delta_dot if touching else 1.0
             self.par |= {"length": length, "speed": speed, "pressed": 1.0}
             state = [begin, delta_dot / speed, v_p / speed, 0.0, rest[0] / length, rest[1] / speed]
@@ -112,23 +130,23 @@ class Run:
 
     def _note(self, event, t, state, touching):
         """Change what an event at t (s) changes."""
-        law, command, par = self.law, self.command, self.par
+        motion, par = self.motion, self.par
         if touching:
-            F = par["pressed"] * law.k_c * par["length"] ** 1.5 * state[0] ** 3 * (1.0 + law.d * state[1])
+            F = par["pressed"] * par["k_c"] * par["length"] ** 1.5 * state[0] ** 3 * (1.0 + par["d"] * state[1])
             self.peak = max(self.peak, F)
         if event == "cut":
             par["a"] = self.changes.pop(0)[1]
         elif event == "alarm":
-            self.detection, brake, par["alarm"] = t, t + command.delay, 0.0
-            stop = brake + min(command.speed, command.acceleration * brake) / command.deceleration
+            self.detection, brake, par["alarm"] = t, t + motion.brake.delay, 0.0
+            stop = brake + min(motion.speed, motion.acceleration * brake) / motion.deceleration
             left = [(when, a) for when, a in self.changes if when < brake or when == self.duration]
-            left += [(brake, -command.deceleration), (stop, 0.0)]
+            left += [(brake, -motion.deceleration), (stop, 0.0)]
             self.changes = sorted(change for change in left if change[0] <= self.duration)
         elif event == "alignment":
             self.passes += 1
         elif event == "pressed":
             par[event] = 1.0 - par[event]
         elif event in ("front_on", "rear_on"):
-            x = law.x0 + par["length"] * state[4]
-            within = x > law.front - ROUNDING if event == "front_on" else x < law.rear + ROUNDING
+            x = par["x0"] + par["length"] * state[4]
+            within = x > par["front"] - ROUNDING if event == "front_on" else x < par["rear"] + ROUNDING
             par[event] = (1.0 - par[event]) * within

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from recorder import MOTION, SCENE_FILE, blow, log, scene, write_log
 
+import impact_gym as ig
 from agents import load_setup
 from impact_gym.identify.__main__ import main
 from impact_gym.identify.held_out import UNITS

@@ -36,16 +36,12 @@ def put(values, place, value):
 
 
 def fit(log=GOOD, scene=SCENE, motion=MOTION, free=("contact.stiffness",), **sensor):
-    """A call of `identify`; a text is what is in a log's file, None a file that is not there."""
+    return lambda folder: ig.identify(log, scene, motion, free, **sensor)
 
-    def call(folder):
-        if isinstance(log, str):
-            (folder / "log.csv").write_text(log)
-        return ig.identify(
-            folder / "log.csv" if log is None or isinstance(log, str) else log, scene, motion, free, **sensor
-        )
 
-    return call
+def file(text):
+    """A call with a log's file."""
+    return lambda folder: ((folder / "log.csv").write_text(text), fit(folder / "log.csv")(folder))
 
 
 def columns(**changed):
@@ -61,14 +57,6 @@ def command(old="", new="", *options):
         main([str(folder / "log.csv"), "--scene", str(folder / "my.toml"), *options])
 
     return call
-
-
-def sensor(**fields):
-    return lambda folder: ig.Sensor(**fields)
-
-
-def cell(*numbers):
-    return lambda folder: ig.LoadCell(*numbers)
 
 
 VALUES = [
@@ -94,12 +82,12 @@ VALUES = [
     (fit({"force": FORCE}), "log must have a column time"),
     (fit([GOOD, {"force": FORCE}]), "log 2 must have a column time"),
     (fit({"time": TIME}), "at least one of force"),
-    (fit(""), "log.csv is empty"),
-    (fit("time,force\n0,1\n0.1\n"), "log.csv, line 3 must have 2 values"),
-    (fit("time,force,force\n"), "log.csv must name no column twice"),
-    (fit("time,force\n" + LINES), "log.csv, line 11: force must be a number, got 'x'"),
-    (fit("time,force\n0,1\n\n0.5,\n"), "log.csv, line 4: force must be a number, got ''"),
-    (fit(None), "log.csv is not read as CSV"),
+    (file(""), "log.csv is empty"),
+    (file("time,force\n0,1\n0.1\n"), "log.csv, line 3 must have 2 values"),
+    (file("time,force,force\n"), "log.csv must name no column twice"),
+    (file("time,force\n" + LINES), "log.csv, line 11: force must be a number, got 'x'"),
+    (file("time,force\n0,1\n\n0.5,\n"), "log.csv, line 4: force must be a number, got ''"),
+    (lambda folder: fit(folder / "log.csv")(folder), "log.csv is not read as CSV"),
     (fit(free=("contact.stifness",)), "no number 'contact.stifness'; did you mean 'contact.stiffness'"),
     (fit(free=("robot.mass",)), "no number 'robot.mass'"),
     (fit(free=()), "free must name at least one number"),
@@ -116,14 +104,16 @@ VALUES = [
     (fit(TWO_COLUMNS, sensor=ig.Sensor()), "sensor must say which column it is of, {'force': Sensor"),
     (fit(TWO_COLUMNS, sensor={"object_velocity": ig.Sensor(cell=ig.LoadCell(0.02, 5000.0))}),
      "sensor: object_velocity has a load cell, which a force alone may have"),
-    *[(sensor(**{name: 0.0}), f"Sensor.{name} must be finite and above 0") for name in ("rate", "low_pass", "noise")],
-    (cell(0.0, 1.0), "LoadCell.mass must be finite", "kg"),
-    (cell(1.0, np.inf), "LoadCell.frequency must be finite", "Hz"),
-    (cell(1.0, 1.0, 1.0), "LoadCell.damping_ratio must be finite", "at most 0.99"),
-    (lambda folder: ig.hold_out([GOOD], SCENE, MOTION), "hold-out needs 2 logs or more", "got 1"),
-    (lambda folder: ig.hold_out(GOOD, SCENE, MOTION), "hold-out needs 2 logs or more", "got 1"),
-    (lambda folder: ig.hold_out([GOOD, TWO_COLUMNS], SCENE, MOTION), "log 2 has force, object_velocity but log"),
-    (lambda folder: ig.hold_out([{"time": TIME, "tool_velocity": VELOCITY}] * 2, SCENE, MOTION), "got tool_velocity"),
+    *[(lambda _, name=name: ig.Sensor(**{name: 0.0}), f"Sensor.{name} must be finite and above 0")
+      for name in ("rate", "low_pass", "noise")],
+    (lambda _: ig.LoadCell(0.0, 1.0), "LoadCell.mass must be finite", "kg"),
+    (lambda _: ig.LoadCell(1.0, np.inf), "LoadCell.frequency must be finite", "Hz"),
+    (lambda _: ig.LoadCell(1.0, 1.0, 1.0), "LoadCell.damping_ratio must be finite", "at most 0.99"),
+    (lambda _: ig.hold_out([GOOD], SCENE, MOTION), "hold-out needs 2 logs or more", "got 1"),
+    (lambda _: ig.hold_out([GOOD] * 4, SCENE, [MOTION] * 3), "motion", "one for each of 4 logs, got 3"),
+    (lambda _: ig.hold_out(GOOD, SCENE, MOTION), "hold-out needs 2 logs or more", "got 1"),
+    (lambda _: ig.hold_out([GOOD, TWO_COLUMNS], SCENE, MOTION), "log 2 has force, object_velocity but log"),
+    (lambda _: ig.hold_out([{"time": TIME, "tool_velocity": VELOCITY}] * 2, SCENE, MOTION), "got tool_velocity"),
     (command("[motion]", "[moved]"), "must have a table [motion]"),
     (command("speed = 1.0", "speeed = 1.0"), "motion has no field 'speeed'"),
     (command("speed = 1.0", "speed = [1.0, 0.5]"), "motion.speed", "m/s, or one for each of 1 logs, got [1.0, 0.5]"),
@@ -144,9 +134,10 @@ TYPES = [
     (fit(free={"object.mass": 1.0}), "object.mass must be a pair", "got 1.0"),
     (fit(scene=None), "scene must be a Scene", "got None"),
     (fit(motion=1.0), "motion must be a Trapezoid", "got 1.0"),
+    (lambda _: ig.hold_out([GOOD] * 2, SCENE, [MOTION, 1.0]), "motion must be a Trapezoid", "got 1.0"),
     (fit(sensor=5), "sensor must be a Sensor", "got 5"),
-    (sensor(bias="guess"), "Sensor.bias must be a number", "'guess'"),
-    (sensor(cell=5), "Sensor.cell must be a LoadCell or None, got 5"),
+    (lambda _: ig.Sensor(bias="guess"), "Sensor.bias must be a number", "'guess'"),
+    (lambda _: ig.Sensor(cell=5), "Sensor.cell must be a LoadCell or None, got 5"),
 ]
 
 

@@ -121,14 +121,3 @@ def test_stop_returns_what_a_spring_and_damper_that_never_pulls_returns(simulate
     outcome = simulate(scene(coupling=weak, distance=50.0), ig.Trapezoid(1.0, 1e3), 0.017)
     assert outcome.tool_velocity - 1 == pytest.approx(ig.physics.dissipation.delivered_linear(2 * zeta), rel=1e-7)
     assert len(outcome.snap_through) == 1
-
-
-@pytest.mark.parametrize(("field", "value", "message"), [
-    ("height", 0.07, "free_length"), ("height", 0.08, "free_length"),
-    ("rear_stop", 0.03, "below Bistable.front_stop"), ("rear_stop", -0.065, "stroke"), ("rear_stop", 0.001, "below 0"),
-    ("front_stop", 0.065, "stroke"), ("front_stop", -0.001, "above 0"),
-])  # fmt: skip
-def test_bistable_refuses_what_no_mechanism_has(field, value, message):
-    """What its numbers are to each other; the limits of each are tested in tests/task."""
-    with pytest.raises(ValueError, match=rf"Bistable\.{field}.*{message}"):
-        ig.Bistable(**{field: value})

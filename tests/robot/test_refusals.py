@@ -126,6 +126,7 @@ VALUES = [
     *[(viper_line(start=q), name) for q, name in ((None, "start"), (np.zeros(5), "angles must be 6"))],
     *[(viper_line(direction=u), "direction") for u in ((0, 0, 0), (math.nan, 0, 0), (1, 0))],
     *[(viper_line(length=length), "length must be", " m") for length in (0.0, math.nan, "far")],
+    (viper_line(length=(-0.01, 0.0, 0.01, 0.02)), "length[0] must be", "at least 0 and at most 4 m, got -0.01 m"),
     (viper_line(length=(0.02, 0.01, 0.0, 0.03)), "Approach.position must be at least 4 numbers in m rising from 0"),
     *[(changed(SHIPPED, joint_angles=SHIPPED.joint_angles[part]), "Approach.joint_angles", "rows of 6 numbers in rad")
       for part in (np.s_[:-1], np.s_[:, :-1])],

@@ -48,28 +48,6 @@ def test_two_slides_are_the_chain_with_one_mass_on_a_spring(coupling, tmp_path):
     assert max(theirs.sideways, theirs.turn) < 1e-12
 
 
-def test_energy_and_momentum_stay_where_nothing_damps(tmp_path):
-    """The arm stands, its motors too; the object comes, touches and leaves."""
-    arm, approach = elastic(tmp_path, damping=0.0)
-    scene = replace(SCENE, contact=ig.Contact(1e5, 1.0))
-    made = Equations(arm, approach, scene, Path(whole.Reaction(())))
-    y = made.begin(0.0)
-    y[-2] = -0.4  # m/s, of the object
-    assert made.damping == 0.0
-
-    def energy(y):
-        q, rates, v = y[:2], y[2:4], y[-2]
-        loaded, depth = made.arm.mass_matrix(q), max(made.seen(0.0, y)[0], 0.0)
-        off = q - approach.joint_angles[0]
-        return 0.5 * (rates @ loaded @ rates + off @ (arm.stiffness * off) + 0.25 * v * v) + 1e5 * depth**2.5 / 2.5
-
-    done = solve_ivp(lambda t, y: made.rates(t, y, True), (0.0, 0.02), y, "DOP853", rtol=1e-12, atol=1e-14)
-    found = [energy(state) for state in done.y.T]
-    assert max(made.contact(*made.seen(0.0, state)) for state in done.y.T) > 10.0
-    assert np.ptp(found) < 1e-8 * found[0]
-    assert done.y[-1, -1] == pytest.approx(0.25 * (done.y[-2, -1] + 0.4), rel=1e-8)  # impulse on the object
-
-
 def test_stiffer_joints_come_to_a_rigid_robot_as_one_over_their_stiffness(tmp_path):
     """Over three decades."""
     scene = replace(SCENE, contact=ig.Contact(1e4, 0.5))
@@ -103,6 +81,7 @@ def test_jacobian_is_the_derivative_of_the_rates_by_the_joints(tmp_path):
     """Of the linear equations, which have nothing else that depends on the joints while nothing touches."""
     arm, approach = elastic(tmp_path)
     made = Equations(arm, approach, SCENE, Path(whole.Reaction(())), linear=True)
+    assert (made.path.at(1.0), made.damping) == ((0.0, 0.0, 0.0), 0.0)  # without commands the motors stand
     y, ours = made.begin(0.1), made.jacobian(0.0, made.begin(0.1))
     by_columns = [made.rates(0.0, y + unit, False) - made.rates(0.0, y - unit, False) for unit in np.eye(len(y))[:4]]
     np.testing.assert_allclose(ours[:4, :4], np.transpose(by_columns)[:4] / 2.0, rtol=1e-12)
@@ -134,7 +113,7 @@ def test_good_servo_is_nearly_an_imposed_motion_and_a_bad_one_has_a_status(tmp_p
     assert weak.status.startswith("the servo does not hold the arm on its line: a joint is")
 
 
-@pytest.mark.parametrize("delay", [0.0, 0.3, 1.0, 2.0])
+@pytest.mark.parametrize("delay", [0.0, 0.3, 1.0, 1.4, 2.0])
 @pytest.mark.parametrize("w", [0.2, 0.9, 1.7])
 def test_loop_of_a_servo_around_a_rotor_alone_is_the_sampled_double_integrator(w, delay):
     """Period 1 s. Joints so soft that they pass nothing on: x'' is what was asked for a delay ago."""

@@ -59,8 +59,7 @@ def test_chatter_is_finite_and_every_bounce_obeys_the_restitution():
     assert outcome.object_velocity == pytest.approx(slow.object_velocity, rel=1e-8)
 
 
-@pytest.mark.parametrize("k_c", [1e3, 3e4])
-@pytest.mark.parametrize("zeta", [0.0, 1.0, 3.0])
+@pytest.mark.parametrize(("k_c", "zeta"), [(1e3, 0.0), (3e4, 1.0), (1e3, 3.0)])
 def test_contact_and_stop_at_once(k_c, zeta):
     # the slider reaches its rear stop while the tool is still on a heavy object: both laws act on one mass
     mechanism = ig.Bistable(rear_stop=-0.002, front_stop=0.004, stop_damping_ratio=zeta, stop_stiffness=1e6)
@@ -125,28 +124,27 @@ def test_force_clamped_at_zero_costs_no_accuracy(push):
 
 
 def barely_parting(coupling_stiffness):
-    """Below about 13.86 N/m the second contact parts and a third follows; above, the second goes on."""
+    """Between two springs the second contact no longer parts, so that no third follows."""
     return scene(1e6, 0.3, ig.SpringDamper(float(coupling_stiffness))), MOTION, 1.5
 
 
-@pytest.mark.parametrize(("stiffness", "contacts", "velocity"), [(13.86003, 3, 0.6183), (13.86004, 2, 0.6210)])
-def test_contact_barely_parts_in_the_reference_between_two_springs(stiffness, contacts, velocity):
-    exact = reference.simulate(*barely_parting(stiffness), rtol=1e-11)
-    assert len(exact.contacts) == contacts
-    assert exact.object_velocity == pytest.approx(velocity, abs=5e-5)
+BARELY = {13.86003: (3, 0.6183), 13.86004: (2, 0.6210)}
+"""Number of contacts and V_p (m/s) by stiffness of the spring (N/m), by the independent solver."""
 
 
 @pytest.mark.parametrize("rtol", [1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12])
 def test_contact_that_barely_parts_is_not_stepped_over(rtol):
+    for stiffness, (contacts, velocity) in BARELY.items() if rtol == 1e-8 else ():
+        exact = reference.simulate(*barely_parting(stiffness), rtol=1e-11)
+        assert (len(exact.contacts), exact.object_velocity) == (contacts, pytest.approx(velocity, abs=5e-5))
     low, high = 13.8, 13.9
     while low < (middle := 0.5 * (low + high)) < high:
         outcome = ig.simulate(*barely_parting(middle), rtol=rtol)  # parting velocity down to 1e-9 m/s
         assert outcome.steps < 100_000  # a few hundred are needed
-        assert len(outcome.contacts) in (2, 3)
         assert all(contact.approach_velocity > 0 for contact in outcome.contacts)
-        assert outcome.object_velocity == pytest.approx(0.6210 if len(outcome.contacts) == 2 else 0.6183, abs=1e-3)
+        assert (len(outcome.contacts), pytest.approx(outcome.object_velocity, abs=1e-3)) in BARELY.values()
         low, high = (middle, high) if len(outcome.contacts) == 3 else (low, middle)
-    assert low == pytest.approx(0.5 * (13.86003 + 13.86004), rel=1e-6)
+    assert low == pytest.approx(np.mean([*BARELY]), rel=1e-6)
 
 
 def overdamped(ratio, stiffness=1e5):

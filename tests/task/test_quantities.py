@@ -3,24 +3,25 @@
 import dataclasses
 import math
 import re
-from functools import partial
+from functools import cache, partial
 
 import gymnasium as gym
 import numpy as np
 import pytest
 import tomli_w
 from episodes import ID
+from refusals import refused
 from scipy.stats import kstest
 from tasks import EVERYTHING_DRAWN, STEERED_DRAWN
 
 import impact_gym as ig
-from agents import load_policy, load_setup
+from agents import load_setup
 from impact_gym.envs.single import ImpactApproachEnv
 from impact_gym.identify.coordinates import free_coordinates
 from impact_gym.quantities import BY_PATH, EPISODE, NEVER_OBSERVED, QUANTITIES, RESULTS, SCENARIO, SENSORS, SET_UP
 from impact_gym.task import ObservationSpec, ScenarioRanges, Task, numbers, paths
 from impact_gym.task.episodes import fixed_records
-from impact_gym.task.task import PLACES, arguments
+from impact_gym.task.task import PARTS, arguments
 
 EVERY_ROW = pytest.mark.parametrize("row", QUANTITIES.values(), ids=list(QUANTITIES))
 CONTACT, BRAKE = ig.Contact(1e5, 0.5, "fixed"), ig.Brake(deceleration=5.0)
@@ -39,60 +40,75 @@ ARGUMENTS = arguments().keys() - {row.id for row in SENSORS}  # "alarm" says wha
 
 
 def doors(row):
-    """Whatever takes a number of a row: what a message calls the number there, and the function."""
-    yield row.id, row.check
-    yield f"{row.id}[0]", lambda value: row.interval((value, value))
+    """What takes a number of a row: what a message calls the number there, the function, the one that takes a pair."""
+    yield row.id, row.check, None
+    yield f"{row.id}[0]", lambda value: row.interval((value, value)), row.interval
     path = row.path or row.id
     if path in NUMBERS:
         records, (parent, _, field) = NUMBERS[path], path.rpartition(".")
         kind = type(paths.get(records, parent)).__name__
-        yield f"{kind}.{field}", lambda value: paths.replaced(records, {path: value})
+        yield f"{kind}.{field}", lambda value: paths.replaced(records, {path: value}), None
     if row in SCENARIO:
-        yield f"ScenarioRanges.{row.id}", lambda value: ScenarioRanges(**{row.id: value})
+        take = lambda value: ScenarioRanges(**{row.id: value})  # noqa: E731
+        yield f"ScenarioRanges.{row.id}", take, take
     if row in (*SCENARIO, *EPISODE):
         fixed = partial(fixed_records, tasks=[Task(reaction_delay=1.0)])
-        yield f"options['record']['{row.id}']", lambda value: fixed({"record": {row.id: value}})
+        yield f"options['record']['{row.id}']", lambda value: fixed({"record": {row.id: value}}), None
     if row.id in ARGUMENTS and not row.id.endswith("_range"):
-        yield row.id, lambda value: Task(**{row.id: value})
+        yield row.id, lambda value: Task(**{row.id: value}), None
     if row.id.startswith(("coupling.", "robot.")) and path in NUMBERS:
         part, _, field = row.id.partition(".")
         kind = type(paths.get(NUMBERS[path], part)).__name__
         given = dataclasses.asdict(paths.get(NUMBERS[path], part)) | {"type": kind}
-        yield f"{row.id}[1]", lambda value: Task(**{part: given | {field: (given[field], value)}})
+        take = lambda value: Task(**{part: given | {field: value}})  # noqa: E731
+        yield f"{row.id}[1]", lambda value: take((given[field], value)), take
     if row.id in ("duration", "rtol"):
         motion = RECORDS[0]["motion"]
-        yield row.id, lambda value: ig.simulate(SPRUNG, motion, **{row.id: value})
+        yield row.id, lambda value: ig.simulate(SPRUNG, motion, **{row.id: value}), None
 
 
 def beyond(limits):
     """The nearest numbers that are not within limits."""
     below = [limits.above, np.nextafter(limits.at_least, -math.inf).item()]
     outside = [*below, np.nextafter(limits.at_most, math.inf).item(), -1e300, 1e300]
-    return [value for value in outside if not (limits.above < value <= limits.at_most and value >= limits.at_least)]
+    return [value for value in outside if not within(value, limits)]
+
+
+def within(value, limits):
+    return limits.above < value <= limits.at_most and value >= limits.at_least
 
 
 @EVERY_ROW
-def test_number_beyond_its_limits_is_refused_with_name_value_unit_and_what_is_allowed(row):
+def test_what_a_number_may_not_be_is_refused_with_name_value_unit_and_what_is_allowed(row):
     unit = "(no unit)" if row.unit == "-" else row.unit
     limits = {word.replace("_", " "): limit for word, limit in row.limits._asdict().items() if math.isfinite(limit)}
-    allowed = " and ".join(["finite", *(f"{word} {limit:g}" for word, limit in limits.items())])
-    for name, take in doors(row):
+    allowed = [f"{word} {limit:g}" for word, limit in limits.items()]
+    low, high = [value for value in (1e-3, 2e-3, 0.5, 1.0, 1.5) if within(value, row.limits)][:2]
+    for name, take, take_pair in doors(row):
         for value in (*beyond(row.limits), math.nan, math.inf, -math.inf, np.float32("nan"), 10**400):
-            with pytest.raises(ValueError, match=r" must be finite") as refusal:
-                take(value)
             got = math.inf if isinstance(value, int) else float(value)
-            assert str(refusal.value) == f"{name} must be {allowed} {unit}, got {got!r} {unit}"
-
-
-@EVERY_ROW
-def test_what_is_no_number_is_refused_with_name_and_unit(row):
-    unit = "(no unit)" if row.unit == "-" else f"in {row.unit}"
-    for name, take in doors(row):
+            refused(partial(take, value), f"{name} must be finite", *allowed, f"got {got!r} {unit}")
         for value in (True, "1", b"1", 1j, object(), np.True_, np.complex128(1.0)):
-            with pytest.raises(TypeError) as refusal:
-                take(value)
-            assert isinstance(refusal.value, ValueError)
-            assert str(refusal.value) == f"{name} must be a number {unit}, got {value!r}"
+            wrong = refused(partial(take, value), f"{name} must be a number", unit, f"got {value!r}")
+            assert isinstance(wrong, TypeError)
+        if take_pair:
+            refused(partial(take_pair, (high, low)), row.id, "inverted", f"low {high:g}", f"high {low:g} {unit}")
+            refused(partial(take_pair, (low, high, high)), row.id, "pair", unit)
+
+
+PART_KINDS = [(part, kind) for part, kinds in PARTS.items() for kind in kinds]
+
+
+@pytest.mark.parametrize(("part", "kind"), PART_KINDS, ids=str)
+def test_unknown_key_beside_the_numbers_of_a_part_is_refused_with_those_that_there_are(part, kind):
+    known = [field.name for field in dataclasses.fields(kind)]
+    refused(lambda: Task(**{part: {"type": kind.__name__, "stifness": 1.0}}), part, "'stifness'", *known)
+
+
+def test_unknown_field_of_a_scenario_is_refused_with_those_that_there_are():
+    fields = [row.id for row in SCENARIO]
+    refused(lambda: Task(scenario={"mass": 1.0}), "scenario", "'mass'", *fields)
+    refused(lambda: fixed_records({"scenario": {"mass": 1.0}}, [Task()]), "scenario", "'mass'", *fields)
 
 
 @EVERY_ROW
@@ -110,33 +126,25 @@ def test_ends_of_the_limits_belong_to_them_and_masses_stiffnesses_and_distances_
         assert row.scale.low < row.scale.high
 
 
-@EVERY_PATH
-def test_paths_lead_to_every_number_of_a_scene_and_change_it_alone(path):
-    records, row = NUMBERS[path], BY_PATH[path]
-    before = paths.flatten(records)
-    value = 0.98 * before[path] or 0.01
-    after = paths.flatten(paths.replaced(records, {path: value}))
-    assert after == before | {path: row.check(value)}
-    assert paths.get(records, path) == before[path]
-
-
 def test_paths_are_those_of_the_table():
     of_a_scene = {path for path in BY_PATH if path.partition(".")[0] not in ("operator", "uplink", "downlink")}
     assert {*NUMBERS, "robot.position"} == of_a_scene
 
 
 @EVERY_PATH
-def test_path_may_be_swept_and_what_is_the_scenes_identified(path):
-    records = dict(NUMBERS[path])
-    value = 0.98 * paths.get(records, path)
-    motion = records.pop("motion")
-    swept = ig.sweep(ig.Scene(**records), motion, {path: [value]}, duration=1.0)
-    changed = paths.replaced(NUMBERS[path], {path: value})
-    outcome = ig.simulate(ig.Scene(**{name: changed[name] for name in records}), changed["motion"], duration=1.0)
+def test_path_leads_to_a_number_changes_it_alone_and_may_be_swept_and_what_is_the_scenes_identified(path):
+    records, before = NUMBERS[path], paths.flatten(NUMBERS[path])
+    value = 0.98 * before[path] or 0.01
+    changed = paths.replaced(records, {path: value})
+    assert paths.flatten(changed) == before | {path: BY_PATH[path].check(value)}
+    assert paths.get(records, path) == before[path]
+    motion, scene = records["motion"], {name: each for name, each in records.items() if name != "motion"}
+    swept = ig.sweep(ig.Scene(**scene), motion, {path: [value]}, duration=1.0)
+    outcome = ig.simulate(ig.Scene(**{name: changed[name] for name in scene}), changed["motion"], duration=1.0)
     assert (swept.status[0], swept.object_velocity[0]) == ("ok", outcome.object_velocity)
     if not path.startswith("motion."):
-        (free,) = free_coordinates(ig.Scene(**records), (path,))
-        assert free.number(free.start(ig.Scene(**records))) == pytest.approx(paths.get(records, path), rel=1e-12)
+        (free,) = free_coordinates(ig.Scene(**scene), (path,))
+        assert free.number(free.start(ig.Scene(**scene))) == pytest.approx(before[path], rel=1e-12)
 
 
 @pytest.fixture(scope="module")
@@ -209,6 +217,7 @@ def test_critic_sees_the_true_value_of_what_is_drawn_however_narrow_its_range(ar
             assert width == 1.0 or np.ptp(seen) < 0.05 or name == "distance_estimate"
 
 
+@cache
 def everything_shown():
     """The specifications of all that there is to observe."""
     more = {"privileged": True, "observe_range_noise": True, "deflection_sensor": True, "past_readings": 3}
@@ -261,24 +270,6 @@ def test_tables_of_the_documentation_are_markdown():
     heads = re.findall(r"(?<!\|\n)^    (\|.*)\n    (\|.*)\n", text, re.M)
     assert len(heads) == 5
     assert all(line == re.sub(r"[^|]", "-", head) for head, line in heads)
-
-
-def test_words_for_people_change_no_behaviour(monkeypatch):
-    """Nothing is found by its words: neither an entry of the observation, nor a file's, nor a draw."""
-
-    def behaviour():
-        without_comments = [line.partition("  #")[0] for line in numbers.text().splitlines()]
-        specs = [(spec.ids, spec.lowered().tolist()) for spec in everything_shown()]
-        policy = load_policy("linear-ranged")
-        actions = policy.predict(np.full((1, policy.inputs), 0.1, np.float32))[0].tolist()
-        draws = [Task(**options).draws() for options in ALL_DRAWN.values()]
-        return without_comments, specs, actions, draws, PLACES
-
-    before = behaviour()
-    for name, row in QUANTITIES.items():
-        monkeypatch.setitem(QUANTITIES, name, dataclasses.replace(row, words=f"what is called {name}"))
-    assert everything_shown()[0].entries[0].words == "what is called position"
-    assert behaviour() == before
 
 
 def test_specification_says_how_each_field_of_a_scenario_is_drawn():

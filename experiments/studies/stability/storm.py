@@ -16,22 +16,26 @@ Friction takes from the object what it was given, at most mu g of velocity in a 
 import math
 from collections.abc import Callable
 from time import thread_time
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 import impact_gym as ig
-from agents.jobs import Result
-from experiments.lab.tables import Gather, Row, result_of, solver_and
-from experiments.solver.approaches import Approach, storm
-from experiments.solver.solutions import SHARED, known, relative_error
+from experiments import reference
+from experiments.lab.study import Row
+from experiments.reference.laws import damping_factor
+from experiments.studies.solvers.approaches import Approach, storm
+from experiments.studies.solvers.contenders import limited
+from experiments.studies.solvers.solutions import Solution
 from impact_gym.physics.impact import GRAVITY
 
 NEVER = 1e6  # s, when a contact ends that does not
-LIMIT = 120.0  # s, without an answer: a hang
 AGAIN_OVER = 20.0  # ms; the better of two, so that what is loaded at first use does not count
 LONGEST_TRACE = 50_000  # steps, beyond which a trace would fill the memory
 FINER = 1e-10  # rtol of a second run
+STIFF = 20.0  # d, above which the truth is looked for by an implicit method first
+TRUE_RTOL = {"DOP853": 1e-11, "Radau": 1e-10}
 CHECKS = {
     "momentum_error": "of eq. 20 by the records, over the impulse of the contact",
     "impulse_error": "impulse against what the object has gained, over the impulse",
@@ -42,11 +46,6 @@ CHECKS = {
     "trace_fall": "of V_p from one point of the trace to the next beyond friction's, over the speed of the tool",
 }
 """The worst of a run, each without unit; all zero if there was no contact."""
-COLUMNS = (
-    *("milliseconds", "steps", "contacts", "passes", "object_velocity", "slowest_contact"),
-    *("finite", "traced", "finer_change", *CHECKS),
-)
-"""Columns of a row behind its labels; the change is of V_p, relative."""
 
 Array = NDArray[np.float64]
 EPS = float(np.finfo(float).eps)
@@ -67,7 +66,7 @@ def row_of(approach: Approach, simulate: Callable[..., ig.Outcome] = ig.simulate
     outcome, problem, milliseconds = run(approach)
     if milliseconds >= AGAIN_OVER:
         milliseconds = min(milliseconds, run(approach)[2])
-    row = blank(approach) | {"failure": problem, "milliseconds": milliseconds}
+    row: dict[str, Any] = {**approach.about, "failure": problem, "milliseconds": milliseconds}
     if outcome is None:
         return row
     v_p, is_finite = outcome.object_velocity, finite(outcome)
@@ -83,24 +82,35 @@ def row_of(approach: Approach, simulate: Callable[..., ig.Outcome] = ig.simulate
         outcome, (finer, *_) = simulate(*approach.run, trace=True), run(approach, FINER)
         is_finite = is_finite and finite(outcome)
         velocity = finer.object_velocity if finer else math.nan
-        row["finer_change"] = relative_error(velocity, v_p, approach.motion.speed)
-    return row | {"finite": int(is_finite), "traced": int(traced)} | checked(approach.scene, outcome)
+        row["finer_change"] = abs(velocity - v_p) / max(abs(v_p), 1e-6 * approach.motion.speed)
+    return row | {"finite": is_finite, "traced": traced} | checked(approach.scene, outcome)
 
 
-def blank(approach: Approach) -> Row:
-    """Return the row of a scene of which no number is known."""
-    return approach.labels | dict.fromkeys(COLUMNS, math.nan)
-
-
-def storm_row(approach: int) -> Result:
+def storm_row(number: int) -> list[Row]:
     """Return the row of a scene, by its number."""
-    return result_of([row_of(storm(approach))])
+    return [row_of(storm(number))]
 
 
-def rows(gather: Gather, count: int) -> list[Row]:
-    """Return the rows of the first `count` scenes."""
-    jobs = [{"approach": number} for number in range(count)]
-    return gather("storm", storm_row, jobs, solver_and(__name__, *SHARED), known, seconds=LIMIT)
+def truth_row(number: int, patience: float) -> list[Row]:
+    """Return what the independent solver finds of a scene of the storm; each method has `patience` (s) for it.
+
+    What is stiff is left to Radau first, all else to DOP853; what one cannot do the other may try.
+    """
+    approach = storm(number)
+    law = approach.scene.contact
+    d = damping_factor(law.dissipation, law.restitution, law.stiffness_exponent, law.damping_exponent)
+    methods = sorted(TRUE_RTOL, reverse=d > STIFF)
+    for method in methods:
+        try:
+            with limited(patience):
+                outcome = reference.simulate(*approach.run, rtol=TRUE_RTOL[method], method=method)
+        except Exception:
+            if method == methods[-1]:
+                raise
+        else:
+            found = vars(Solution.of(outcome, approach.duration))
+            break
+    return [{**approach.about, "failure": "", "method": method, **found}]
 
 
 def finite(outcome: ig.Outcome) -> bool:

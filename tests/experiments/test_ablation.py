@@ -2,50 +2,17 @@
 
 import numpy as np
 import pytest
+from contest import COUNT, PAPER_TIME, SPEEDS, played, run
 
-from agents.setups.evaluation import Evaluation
-from experiments.report.answer import answer
-from experiments.report.chain import chain, gains, links, sentence, table
-from experiments.report.matchups import BOUND, PAPER, Contestant, Matchup
-from experiments.report.played import Played, Run
-from impact_gym.task.scenario import FIELDS
+from experiments.report.ablation import gains, links, sentence, steps_of, table
+from experiments.report.matchups import BOUND, PAPER
+from experiments.report.played import Run
 
-COUNT, WEIGHTS, PAPER_TIME = 60, (1.0, 2.0), 0.3
-SPEEDS = np.random.default_rng(0).uniform(0.5, 1.5, COUNT)
-TUNED = {
-    "constant": "ConstantSpeed", "evenly": "ConstantDeceleration", "profile": "BlindProfile", "over": "RangedProfile",
-}  # fmt: skip
 PLACE = "knowing where objects can stand and the profile's shape"
-SHARES = {"constant": (0.6, 0.8), "profile": (0.4, 0.6)}  # of SPEEDS, at 0.4 s and at 0.2 s
 
 
-def run(shares, times=(0.4, 0.2), weights=WEIGHTS, missed=0, count=COUNT):
-    """A contestant whose V_p is a share of the same speeds at each weight, after an approach of so many seconds."""
-    missing = np.zeros((len(shares), count), bool)
-    missing[:, :missed] = True
-    velocity, time = (np.multiply.outer(values, SPEEDS[:count] ** power) for values, power in ((shares, 1), (times, 0)))
-    others = dict.fromkeys(("peak_force", "contact_count", *FIELDS), np.ones(missing.shape))
-    return Run(weights, {**others, "object_velocity": velocity, "approach_time": time, "missed": missing})
-
-
-def matchup(names=("profile", "constant"), seeds=1, **environment):
-    rivals = [Contestant(name, {"tuned": {"rule": TUNED.get(name, "Ranged")}}, WEIGHTS, "") for name in names]
-    policies = tuple(Contestant(f"seed-{k}", {}, WEIGHTS, "") for k in range(seeds))
-    everyone = (Contestant(PAPER, {}, (2.0,), ""), *rivals)
-    return Matchup("toy", environment, policies, "seed-0", everyone, {}, {}, "", Evaluation(weights=WEIGHTS))
-
-
-def played(names=("profile", "constant"), seeds=((0.2, 0.4),), **environment):
-    """Constant speed 0.7, profile 0.5, policy 0.3 of the paper's V_p after its 0.3 s."""
-    results = Played(matchup(names, len(seeds), **environment))
-    results.baselines = {PAPER: run((1.0,), (PAPER_TIME,), (2.0,))}
-    results.baselines |= {name: run(SHARES.get(name, (0.35, 0.45))) for name in names}
-    results.seeds = {f"seed-{k}": run(shares) for k, shares in enumerate(seeds)}
-    return results
-
-
-def test_chain_steps_gain_the_difference_to_the_step_before():
-    first, *steps = chain(played())
+def test_steps_steps_gain_the_difference_to_the_step_before():
+    first, *steps = steps_of(played())
     mean = SPEEDS.mean()
     assert (first.contestant, first.velocity.less, first.velocity.share) == (PAPER, None, None)
     assert [step.added for step in steps] == ["the arm's limits", PLACE, "learning"]
@@ -78,7 +45,7 @@ def test_gains_add_up_to_the_whole_in_every_resample():
             assert sum(getattr(step.share, side) for step in steps) == pytest.approx(1.0)
 
 
-def test_chain_intervals_match_a_plain_bootstrap_over_seeds_and_scenarios():
+def test_steps_intervals_match_a_plain_bootstrap_over_seeds_and_scenarios():
     rng, seeds = np.random.default_rng(2), 6
     results = played(seeds=((0.2, 0.4),) * seeds)
     for contestant in [*results.seeds.values(), *results.baselines.values()]:
@@ -106,45 +73,45 @@ def test_chain_intervals_match_a_plain_bootstrap_over_seeds_and_scenarios():
     plain = [resampled(drawn(COUNT), [all_seeds[k] for k in drawn(seeds)]) for _ in range(4000)]
     for place, part in enumerate(("less", "share")):
         low, high = np.percentile([resample[place] for resample in plain], [2.5, 97.5], axis=0)
-        for step, *ends in zip(chain(results)[1:], low, high, strict=True):
+        for step, *ends in zip(steps_of(results)[1:], low, high, strict=True):
             interval = getattr(step.velocity, part)
             assert (interval.low, interval.high) == pytest.approx(ends, abs=0.08 * (ends[1] - ends[0]))
     exact = resampled(np.arange(COUNT), all_seeds)[0]
-    assert [step.velocity.less.value for step in chain(results)[1:]] == pytest.approx(exact)
+    assert [step.velocity.less.value for step in steps_of(results)[1:]] == pytest.approx(exact)
 
 
-def test_chain_compares_the_clairvoyant_on_its_searched_scenarios():
+def test_steps_compares_the_clairvoyant_on_its_searched_scenarios():
     results = played(seeds=((0.2, 0.4), (0.1, 0.3)))
     results.bound = run((0.05, 0.15), count=20)
-    *_, policy, knows = chain(results)
+    *_, policy, knows = steps_of(results)
     assert (policy.scenarios, knows.scenarios, knows.contestant) == (COUNT, 20, BOUND)
     subset_mean = SPEEDS[:20].mean()
     assert knows.velocity.value.value == pytest.approx(0.1 * subset_mean)
     assert knows.velocity.less.value == pytest.approx((0.25 - 0.1) * subset_mean)
     assert knows.velocity.share.value == pytest.approx(0.15 / 0.75)
-    assert "the first 20 scenarios" in table(chain(results), {}).rows[-1][1]
-    assert "knowing the object" not in sentence(chain(results))
+    assert "the first 20 scenarios" in table(steps_of(results), {}).rows[-1][1]
+    assert "knowing the object" not in sentence(steps_of(results))
     results.bound = Run((7.0, 8.0), results.bound.arrays)
-    assert chain(results)[-1].contestant == policy.contestant  # not searched at the typical weight
+    assert steps_of(results)[-1].contestant == policy.contestant  # not searched at the typical weight
 
 
 @pytest.mark.parametrize(("times", "limits", "words"), [
     ((0.25, 0.2), ["", "at least ", "at most "], "at least 28.6 %"),
     ((0.4, 0.2), ["", "", ""], " 28.6 %"),
 ])  # fmt: skip
-def test_chain_bounds_gains_of_a_step_read_too_soon(times, limits, words):
+def test_steps_bounds_gains_of_a_step_read_too_soon(times, limits, words):
     results = played()
     results.baselines["profile"] = run((0.5, 0.6) if times[0] < PAPER_TIME else (0.4, 0.6), times)
-    steps = chain(results)
+    steps = steps_of(results)
     assert [step.limit for step in steps[1:]] == limits
     assert words in sentence(steps)
     assert ("50 ms sooner" in table(steps, {}).rows[2][2]) == (times[0] < PAPER_TIME)
 
 
-def test_chain_claims_nothing_at_a_time_that_a_contestant_cannot_make():
+def test_steps_claims_nothing_at_a_time_that_a_contestant_cannot_make():
     results = played(acceleration_range=(1.0, 8.0))
     results.baselines["profile"] = run((0.4, 0.5), (0.5, 0.35))
-    steps = chain(results)
+    steps = steps_of(results)
     assert [step.velocity.share for step in steps] == [None] * 4
     assert [step.velocity.less for step in steps] == [None] * 4
     assert "50 ms later" in table(steps, {}).rows[2][2]
@@ -157,15 +124,15 @@ def test_chain_claims_nothing_at_a_time_that_a_contestant_cannot_make():
     assert f"{first:.1f} %" in text
 
 
-def test_chain_claims_nothing_with_misses_or_without_gain():
+def test_steps_claims_nothing_with_misses_or_without_gain():
     missing, useless = played(), played(seeds=((0.9, 1.1),))
     missing.seeds["seed-0"] = run((0.2, 0.4), missed=2)
     for results in (missing, useless):
-        assert [step.velocity.share for step in chain(results)] == [None] * 4
-        assert sentence(chain(results)) == ""
+        assert [step.velocity.share for step in steps_of(results)] == [None] * 4
+        assert sentence(steps_of(results)) == ""
     results = played()
     results.seeds["seed-0"] = run((0.3, 0.4), (0.25, 0.2))  # all of the policy is too soon, so the whole is not known
-    assert sentence(chain(results)) == ""
+    assert sentence(steps_of(results)) == ""
 
 
 @pytest.mark.parametrize(("names", "noise", "added"), [
@@ -182,31 +149,15 @@ def test_chain_claims_nothing_with_misses_or_without_gain():
 def test_links_join_the_next_step_without_a_baseline(names, noise, added):
     results = played(names, range_noise=noise)
     assert [link.added for link in links(results)][1:] == added
-    assert bool(sentence(chain(results))) == (len(added) > 1)
+    assert bool(sentence(steps_of(results))) == (len(added) > 1)
 
 
-def test_links_take_the_first_of_two_baselines_of_one_rule(monkeypatch):
-    monkeypatch.setitem(TUNED, "other", "BlindProfile")
+def test_links_take_the_first_of_two_baselines_of_one_rule():
     for names in (("profile", "other", "constant"), ("other", "profile", "constant")):
         assert links(played(names))[2].contestant == names[0]
 
 
-def test_chain_resamples_all_contestants_alike():
-    """The chain's numbers of one contestant do not depend on who else is in it."""
-    alone, together = (chain(played(names)) for names in ((), ("profile", "constant")))
+def test_steps_resamples_all_contestants_alike():
+    """The numbers of one contestant do not depend on who else is in it."""
+    alone, together = (steps_of(played(names)) for names in ((), ("profile", "constant")))
     assert alone[-1].velocity.value == together[-1].velocity.value
-
-
-@pytest.mark.parametrize("soonest", [0.2, 0.35])
-def test_answer_omits_a_rival_that_is_later_at_every_weight(soonest):
-    results = played()
-    results.as_late, results.baselines["profile"] = results.seeds, run((0.4, 0.6), (0.5, soonest))
-    result = answer(results)
-    assert result.rival == "profile"
-    assert (result.rival_reduction is None) == (soonest > PAPER_TIME)
-
-
-def test_misses_cost_what_the_environment_says():
-    usual = run((0.5, 0.5), missed=3)
-    dear = Run(usual.weights, usual.arrays, missed_cost=5.0)
-    assert (dear.loss(1.0) - usual.loss(1.0)).sum() == pytest.approx(3 * (5.0 - 2.0))

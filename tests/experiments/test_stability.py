@@ -1,27 +1,24 @@
 """The storm covers what it says, its checks find what is planted, rivals are judged as said, and the page tells it."""
 
 import math
-from functools import partial
 
 import numpy as np
 import polars as pl
 import pytest
-from impact_gym.kernels import COMPILED_FROM
 from pages import text_of_a_page_that_stands_on_its_own
 from scenes import COUPLINGS, MOTION, ROBOTS, scene
+from studies import small_run
 
 import impact_gym as ig
-from agents.jobs import JobsFailedError
-from experiments.lab import experiment
-from experiments.lab.tables import gathered, solver_and
-from experiments.solver import approaches, promises, solutions, storm, timing
-from experiments.solver.approaches import Approach
-from experiments.solver.solutions import OURS
-from experiments.solver.stability import __main__ as study
+from experiments.lab.study import Cell
+from experiments.studies import stability
+from experiments.studies.solvers import approaches, solutions
+from experiments.studies.solvers.approaches import Approach
+from experiments.studies.solvers.contenders import OURS
+from experiments.studies.stability import promises, storm
 from impact_gym.scene import Dissipation
 
 FEW = 27  # scenes: every coupling with every robot, three times
-EXTENT = study.Extent(10.0, 2, [(OURS, 1e-8), ("solve_ivp LSODA", 1e-6), ("RK4", 1e-4)])
 
 
 def approach_of(coupling=None, robot=None, e=0.5, motion=MOTION):
@@ -71,8 +68,12 @@ def test_storm_has_every_coupling_with_every_robot_all_laws_and_depends_on_its_n
     assert len({approach.description for approach in drawn}) == 900
 
 
+def frame_of(*rows):
+    return pl.DataFrame([{"scene": number, **row} for number, row in enumerate(rows)], infer_schema_length=None)
+
+
 def promises_broken(row):
-    return {failure["contender"] for failure in promises.failures(row)}
+    return {*promises.failures(frame_of(row))["promise"]}
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
@@ -162,106 +163,104 @@ def test_failures_name_a_run_that_cannot_finish_takes_too_long_or_is_not_settled
         assert promises_broken(row | {"milliseconds": 1.0, "finer_change": change}) == {promises.SETTLED.text}
     for_ever = scene(1e12, 1.0, distance=1e-7)  # bounces of 0.2 ms
     stopped = storm.row_of(Approach("7", "", for_ever, ig.Trapezoid(2000.0, 20.0), 20.0))
-    assert promises_broken(stopped | {"milliseconds": 1.0}) == {promises.FINISHED.text}
-    assert "integration steps" in promises.failures(stopped)[0]["failure"]
-    hung = storm.blank(approaches.storm(3)) | {"failure": "no answer within 120 s"}
-    assert promises_broken(hung) == {promises.FINISHED.text}
+    hung = stability.blank({"scene": 3}) | {"failure": "no answer within 120 s"}
+    broken = promises.failures(frame_of(row | {"milliseconds": 1.0}, stopped | {"milliseconds": 1.0}, hung))
+    assert broken["scene"].to_list() == [1, 2]
+    assert {*broken["promise"]} == {promises.ENDED.text}
+    assert "integration steps" in broken["reason"][0]
 
 
 def test_over_storm_says_which_promise_is_missed_by_how_many():
-    rows = [storm.row_of(approach_of(coupling)) for coupling in COUPLINGS.values()]
-    kept = promises.over_storm(rows, [])
+    rows = [storm.row_of(approach_of(coupling)) | {"milliseconds": 1.0} for coupling in COUPLINGS.values()]
+    kept = promises.over_storm(frame_of(*rows))
     assert [verdict.text for verdict in kept] == [promise.text for promise in promises.PROMISES]
     assert all(verdict.met for verdict in kept)
-    broken = promises.failures(rows[0] | {"finite": 0})
-    (missed,) = (verdict for verdict in promises.over_storm(rows, broken) if not verdict.met)
-    assert missed.text == promises.FINITE.text
-    assert "1 of 3 scenes" in missed.finding
+    wrong = frame_of(rows[0] | {"finite": False}, rows[1] | {"momentum_error": 1e-3}, rows[2])
+    missed = {verdict.text: verdict.finding for verdict in promises.over_storm(wrong) if not verdict.met}
+    assert missed.keys() == {promises.FINITE.text, promises.BALANCED.text}
+    assert all("1 of 3 scenes" in finding for finding in missed.values())
+    assert "1 of these beyond what rounding of the momenta explains" in missed[promises.BALANCED.text]
 
 
-def test_disagreement_finds_a_difference_and_over_agreement_counts_what_is_not_known(tmp_path):
-    number = 17
-    truths = solutions.storm_truths(partial(gathered, tmp_path, processes=0), [number], seconds=60.0)
-    ours = {number: storm.row_of(approaches.storm(number))}
-    (same,) = promises.agreement(ours, truths)
-    assert promises.disagreement(same) == ""
-    elsewhere = truths[number] | {"velocity": truths[number]["velocity"] * (1 + 3e-6)}
-    (apart,) = promises.agreement(ours, {number: elsewhere})
-    assert "3.0e-06" in promises.disagreement(apart)
-    assert promises.disagreement(same | {"passes": same["passes"] + 1})
-    assert promises.agreement(ours, {number: elsewhere | {"failure": "no answer"}}) == []
-    kept = promises.over_agreement([same], 1)
+def test_agreement_finds_a_difference_and_over_agreement_counts_what_is_not_known():
+    ours = frame_of(storm.row_of(approaches.storm(17)))
+    (truth,) = storm.truth_row(17, 60.0)
+    changes = ({}, {"velocity": truth["velocity"] * (1 + 3e-6)}, {"passes": truth["passes"] + 1})
+    same, elsewhere, passed = (promises.agreement(ours, frame_of(truth | change)) for change in changes)
+    assert same["apart"].to_list() == [""]
+    assert "3.0e-06" in elsewhere["apart"][0]
+    assert passed["apart"][0]
+    unknown = frame_of(truth | {"failure": "no answer"})
+    assert promises.agreement(ours, unknown).is_empty()
+    kept = promises.over_agreement(same, 1)
     assert kept.met
     assert "1 scenes the independent solver could not do" in kept.finding
-    assert not promises.over_agreement([same, apart], 0).met
-    assert not promises.over_agreement([], 0).met
-
-
-def test_gathered_makes_a_row_of_a_job_that_fails(tmp_path):
-    asked = [{"approach": 2, "contender": method, "rtol": 1e-6} for method in ("DOP853", "Euler")]
-    gather = partial(gathered, tmp_path, "any", solutions.true_row, depends="", processes=0)
-    fine, failed = gather(asked=asked, failed=solutions.known)
-    assert (fine["failure"], failed["scene"], failed["contender"]) == ("", "2", "Euler")
-    assert failed["failure"].startswith("ValueError: method must be one of")
-    assert math.isnan(failed["velocity"])  # what is not known is not a number
-    with pytest.raises(JobsFailedError, match="method must be one of"):
-        gather(asked=asked[1:])
-
-
-def test_solver_and_is_the_solver_as_it_is_compiled_and_who_judges_it():
-    judged, otherwise = solver_and("experiments.solver.storm"), solver_and("experiments.solver.promises")
-    assert judged.startswith(COMPILED_FROM)
-    assert otherwise.startswith(COMPILED_FROM)
-    assert judged != otherwise
+    assert not promises.over_agreement(pl.concat([same, elsewhere]), 0).met
+    assert not promises.over_agreement(same.clear(), 0).met
 
 
 def test_shares_are_those_of_each_class_and_of_missed_contacts():
-    of = {"contender": OURS, "setting": 1e-8, "true_contacts": 2.0, "microseconds": 1e6}
-    kinds = (("", 2), (solutions.WRONG, 1), (solutions.LATE, math.nan), ("", 2), ("gave up: it did", math.nan))
-    rows = [of | {"failure": kind, "contacts": contacts} for kind, contacts in kinds]
-    (line,) = timing.shares(rows)
+    of = {"contender": OURS, "true_contacts": 2, "microseconds": 1e6}
+    kinds = (("", 2), (solutions.WRONG, 1), (solutions.LATE, None), ("", 2), ("gave up: it did", None))
+    hung = {"contender": "RK45", "failure": "no answer within 60 s"}
+    rows = [*(of | {"failure": kind, "contacts": contacts} for kind, contacts in kinds), hung]
+    line, ended = stability.shares(pl.DataFrame(rows)).to_dicts()
     assert sum(line[kind] for kind in solutions.CLASSES) == pytest.approx(1.0)
     assert (line[solutions.GOOD], line[solutions.GAVE_UP], line["missed"], line["seconds"]) == (0.4, 0.2, 0.2, 1.0)
-    nothing = dict.fromkeys(("contacts", "microseconds"), math.nan)
-    (hung,) = timing.shares([of | nothing | {"contender": "RK4", "failure": "no answer within 60 s"}])
-    assert hung["contender"] == "RK4, 1e-8 s"
-    assert (hung[solutions.LATE], hung["missed"], hung["seconds"]) == (1.0, 0.0, math.inf)
+    assert (ended[solutions.LATE], ended["missed"], ended["seconds"]) == (1.0, 0.0, math.inf)
+
+
+def few(cells):
+    """Cells of the scene that is judged, and of the first two that rivals meet."""
+    asked = {stability.FIRST, *stability.contested(True)[:2]}
+    return [cell for cell in cells if cell.labels["scene"] in asked]
 
 
 @pytest.fixture(scope="module")
-def quick(tmp_path_factory):
-    """The folder of a study, and its tables."""
-    folder = tmp_path_factory.mktemp("study") / "stability"
-    tables = study.tables(FEW, EXTENT, partial(gathered, folder, processes=0))
-    experiment.run("solver/stability", folder, "first", lambda _: tables, study.shown, processes=0)
-    return folder, tables
+def study(tmp_path_factory):
+    """A study of a few scenes, for one of which the independent solver has no time at all."""
+    late, plain = Cell({"scene": 2}, {"number": 2, "patience": 1e-3}), {"solve_ivp LSODA": 1e-6}
+    run = small_run(
+        stability.STUDY, tmp_path_factory.mktemp("stability"),
+        storm=[Cell({"scene": number}, {"number": number}) for number in range(FEW)],
+        truth=lambda frames: [*few(stability.cells_of_truth(True, frames)), late],
+        ours=lambda frames: stability.cells_of_ours(True, frames),
+        rivals=lambda frames: stability.cells_of_contest(True, frames, plain),
+    )  # fmt: skip
+    run.write()
+    return run
 
 
-def read(path):
-    return pl.read_csv(path, infer_schema=False).to_dicts()
-
-
-def test_page_stands_on_its_own_with_a_row_for_each_scene_and_shares_of_the_rivals(quick):
-    folder, tables = quick
-    assert [int(row["scene"]) for row in read(folder / "storm.csv")] == list(range(FEW))
-    text = text_of_a_page_that_stands_on_its_own(folder, figures=2)
+def test_page_has_a_row_for_each_scene_also_for_one_without_a_truth_and_shares_of_the_rivals(study):
+    assert study.frames["storm"]["scene"].to_list() == [*range(FEW)]
+    text = text_of_a_page_that_stands_on_its_own(study.folder, figures=2)
     assert all(promise.text in text for promise in promises.PROMISES)
-    shares = {line["contender"]: line[solutions.GOOD] for line in timing.shares(tables["rivals"])}
-    assert shares.keys() == {OURS, "solve_ivp LSODA", "RK4, 0.0001 s"}
-    assert shares[OURS] == 1.0
+    shares = stability.shares(pl.concat([study.frames["ours"], study.frames["rivals"]]))
+    assert shares["contender"].to_list() == [OURS, "solve_ivp LSODA"]
+    assert shares[solutions.GOOD][0] == 1.0
+    late = study.frames["truth"].filter(scene=2)
+    assert late["description"].item() == approaches.storm(2).description
+    assert "TimeoutError" in late["failure"].item()
+    assert late["velocity"].item() is None
+    assert 2 not in study.frames["ours"]["scene"]
 
 
-def test_page_lists_every_failure(quick, tmp_path):
-    rows = [dict(row) for row in quick[1]["storm"]]
-    rows[3] |= {"milliseconds": 77.0}
-    rows[5] |= {"failure": "RuntimeError: the run stopped", "object_velocity": math.nan}
-    rows[8] |= {"energy_created": 1e-3, "energy_doubt": 1e-9, "traced": 1}
-    wrong = quick[1] | {"storm": rows, "failures": [failure for row in rows for failure in promises.failures(row)]}
-    (tmp_path / "storm.svg").touch()
-    (tmp_path / "rivals.svg").touch()
-    text = experiment.write("solver/stability", tmp_path, wrong, {}, study.shown(wrong)[1], []).read_text()
-    listed = {(row["scene"], row["contender"]) for row in read(tmp_path / "failures.csv")}
-    assert {("3", promises.FAST.text), ("5", promises.FINISHED.text), ("8", promises.PASSIVE.text)} <= listed
-    assert "RuntimeError: the run stopped" in text
-    assert "promises are missed" in text
-    assert text.count('class="missed"') >= 3
+def test_page_lists_every_failure(study):
+    rows, number = study.frames["storm"], pl.col("scene")
+
+    def changed(scene, **values):
+        return {name: pl.when(number == scene).then(pl.lit(value)).otherwise(name) for name, value in values.items()}
+
+    wrong = (
+        rows.with_columns(**changed(3, milliseconds=77.0))
+        .with_columns(**changed(5, failure="RuntimeError: the run stopped"))
+        .with_columns(**changed(8, energy_created=1e-3, energy_doubt=1e-9, traced=True))
+    )
+    findings = stability.STUDY.analyse(study.frames | {"storm": wrong}, False)
+    listed = {row[:3] for row in findings.tables["failures"].iter_rows()}
+    assert (3, promises.FAST.text, "77.0 ms, {} steps".format(rows["steps"][3])) in listed
+    assert (5, promises.ENDED.text, "RuntimeError: the run stopped") in listed
+    assert (8, promises.PASSIVE.text) in {row[:2] for row in listed}
+    shown = [row for part in findings.sections[1].parts for row in part.rows]
+    assert {row[0] for row in shown} >= {"3", "5", "8"}
+    assert "promises are missed" in findings.answer

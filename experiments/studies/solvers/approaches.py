@@ -1,4 +1,4 @@
-"""The approaches that both studies run: six with a name, and the storm, drawn at random.
+"""The approaches of the studies of speed and stability: six with a name, and the storm, drawn at random.
 
 The storm covers the ranges in which the solver is to work. Its scene k is a function of the number k alone; its ends
 are extreme on purpose.
@@ -6,7 +6,7 @@ are extreme on purpose.
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any, get_args
 
 import numpy as np
@@ -67,10 +67,9 @@ class Approach:
         return self.scene, self.motion, self.duration
 
     @property
-    def labels(self) -> dict[str, Any]:
-        """The columns of a table that say which approach a row is about."""
-        about = {"scene": self.name, "coupling": kind(self.scene), "speed": self.motion.speed}
-        return about | {"description": self.description, "failure": ""}
+    def about(self) -> dict[str, Any]:
+        """The columns of a table that say what its scene is."""
+        return {"coupling": kind(self.scene), "speed": self.motion.speed, "description": self.description}
 
 
 def kind(of: ig.Scene) -> str:
@@ -184,23 +183,11 @@ def roughened(smooth: ig.Scene, acceleration: float, draw: _Draw) -> ig.Scene:
 
 
 def describe(stormy: ig.Scene, motion: ig.Trapezoid) -> str:
-    """Return what is hard about a scene of the storm in a line; `storm` gives it whole."""
-    contact, coupling, robot = stormy.contact, stormy.coupling, stormy.robot
-    m, n = contact.stiffness_exponent, contact.damping_exponent
-    words = [f"{kind(stormy)}: k_c {contact.stiffness:.3g}, e {contact.restitution:.3g} ({contact.dissipation})"]
-    if (m, n) != (1.5, 1.5):
-        words.append(f"m {m:g}, n {n:g}")
-    words.append(f"m_t {stormy.tool.mass:.3g} kg, m_p {stormy.object.mass:.3g} kg, {motion.speed:.3g} m/s")
-    if isinstance(coupling, ig.SpringDamper):
-        words.append(f"k_t {coupling.stiffness:.3g}, zeta {coupling.damping_ratio:.3g}")
-        words += [] if coupling.stroke is None else [f"stroke {coupling.stroke:.3g} m"]
-    if stormy.object.friction is not None:
-        words.append(f"mu {stormy.object.friction:.3g}")
-    if isinstance(coupling, ig.Bistable):
-        stops = f"k_s {coupling.stop_stiffness:.3g}, zeta_s {coupling.stop_damping_ratio:.3g}"
-        words.append(f"k {coupling.stiffness:.3g}, {stops}")
-    if isinstance(robot, ig.Robot):
-        words.append(f"m_r {robot.mass:.3g}, k_r {robot.stiffness:.3g}, c_r {robot.damping:.3g}")
-    if motion.brake:
-        words.append(f"brake {motion.deceleration:.3g} m/s^2")
-    return ", ".join(words)
+    """Return the numbers of a scene of the storm in a line; `storm` gives it whole."""
+    words = [kind(stormy)]
+    for part in (stormy.tool, stormy.object, stormy.contact, stormy.coupling, stormy.robot, motion, motion.brake):
+        values = {} if part is None else asdict(part)
+        told = [f"{name} {value:.3g}" for name, value in values.items() if isinstance(value, float)]
+        told += [value for value in values.values() if isinstance(value, str)]
+        words += [f"{type(part).__name__}: {', '.join(told)}"] if told else []
+    return "; ".join(words)

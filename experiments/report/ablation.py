@@ -15,11 +15,11 @@ import numpy as np
 
 from agents.baselines import PaperTrapezoid
 from experiments.lab.comparison import Comparison, Front
+from experiments.lab.parts import Table, percent
 from experiments.lab.statistics import Estimate, Floats, Resamples, estimate
 from experiments.report.answer import MISSED_TOO_OFTEN, front
 from experiments.report.matchups import BOUND, PAPER, POLICY
 from experiments.report.played import Played, Run
-from experiments.report.tables import Table, percent
 from impact_gym.task import Task
 
 LIMITS = {(False, False): "", (False, True): "at least ", (True, False): "at most ", (True, True): "about "}
@@ -46,7 +46,7 @@ class Gain:
 
 @dataclass(frozen=True)
 class Step:
-    """A link of the chain, and its gain."""
+    """A link, and its gain."""
 
     added: str
     contestant: str
@@ -59,7 +59,7 @@ class Step:
 
 
 def links(played: Played) -> list[Link]:
-    """Return the chain without the clairvoyant: what the matchup has no baseline for joins the next step."""
+    """Return the sequence without the clairvoyant: what the matchup has no baseline for joins the next step."""
     tuned = [baseline for baseline in played.matchup.baselines if "tuned" in baseline.controller]
     by_rule = {baseline.controller["tuned"]["rule"]: baseline.name for baseline in reversed(tuned)}  # of two the first
     task = Task(**played.matchup.environment)
@@ -77,7 +77,7 @@ def links(played: Played) -> list[Link]:
     return [*sequence, Link(" and ".join([*added, "learning"]), POLICY, list(played.seeds.values()))]
 
 
-def chain(played: Played) -> list[Step]:
+def steps_of(played: Played) -> list[Step]:
     """Return the steps; the last, the clairvoyant's, on the scenarios that it was searched for."""
     sequence, weight = links(played), played.matchup.typical
     steps = _steps(sequence, played.resamples, weight, policy=len(sequence) - 1)
@@ -121,7 +121,7 @@ def gains(values: Sequence[Floats], policy: int, claimed: bool = True) -> list[G
 
 
 def table(steps: Sequence[Step], labels: Mapping[str, str]) -> Table:
-    """Return the chain of a matchup, whose contestants are called by `labels`."""
+    """Return the ablation of a matchup, whose contestants are called by `labels`."""
     body = []
     for step in steps:
         subset = "" if step.scenarios == steps[0].scenarios else f", the first {step.scenarios} scenarios"

@@ -1,0 +1,48 @@
+"""A matchup by hand: contestants whose times and velocities are known, so that what the report says of them is too."""
+
+import numpy as np
+
+from agents.setups.evaluation import Evaluation
+from experiments.report.matchups import PAPER, Contestant, Matchup
+from experiments.report.played import Played, Run
+from impact_gym.task.scenario import FIELDS
+
+COUNT, WEIGHTS, PAPER_TIME = 60, (1.0, 2.0), 0.3
+SPEEDS = np.random.default_rng(0).uniform(0.5, 1.5, COUNT)
+"""V_p of the paper's rule, m/s; of the others it is a share of that."""
+RULES = {
+    "constant": "ConstantSpeed", "evenly": "ConstantDeceleration", "profile": "BlindProfile", "other": "BlindProfile",
+    "range": "Ranged", "over": "RangedProfile",
+}  # fmt: skip
+SHARES = {"constant": (0.6, 0.8), "profile": (0.4, 0.6)}  # of SPEEDS, at 0.4 s and at 0.2 s
+
+
+def run(shares, times=(0.4, 0.2), weights=WEIGHTS, missed=0, count=COUNT, **more):
+    """A contestant whose V_p is a share of the same speeds at each weight, after an approach of so many seconds.
+
+    More results are the same number in every episode.
+    """
+    missing = np.zeros((len(shares), count), bool)
+    missing[:, :missed] = True
+    velocity, time = (np.multiply.outer(values, SPEEDS[:count] ** power) for values, power in ((shares, 1), (times, 0)))
+    results = {"peak_force": 1.0, "contact_count": 1, **more}
+    results = {name: np.full(missing.shape, value) for name, value in results.items()}
+    scenario = dict.fromkeys(FIELDS, SPEEDS[:count])
+    results |= {"object_velocity": velocity, "approach_time": time, "missed": missing}
+    return Run(weights, results | scenario)
+
+
+def played(names=("profile", "constant"), seeds=((0.2, 0.4),), varied=None, **environment):
+    """Constant speed 0.7, profile 0.5, policy 0.3 of the paper's V_p after its 0.3 s; shares are those of each seed."""
+    specs = {name: {"tuned": {"rule": RULES[name]}} if name in RULES else {"baseline": name} for name in names}
+    rivals = [Contestant(name, spec, WEIGHTS, "") for name, spec in specs.items()]
+    policies = tuple(Contestant(f"seed-{k}", {}, WEIGHTS, "") for k in range(len(seeds)))
+    everyone = (Contestant(PAPER, {}, (2.0,), ""), *rivals)
+    evaluation = Evaluation(weights=WEIGHTS, varied=varied or {})
+    matchup = Matchup("toy", environment, policies, "seed-0", everyone, {}, {}, "", evaluation)
+    results = Played(matchup, seeds={f"seed-{k}": run(shares) for k, shares in enumerate(seeds)})
+    results.baselines = {PAPER: run((1.0,), (PAPER_TIME,), (2.0,))}
+    results.baselines |= {name: run(SHARES.get(name, (0.35, 0.45))) for name in names}
+    means = {f"seed-{k}": np.mean(shares) for k, shares in enumerate(seeds)}
+    results.as_late = {name: run((share,), (PAPER_TIME,), (1.4,)) for name, share in means.items()}
+    return results
