@@ -6,8 +6,7 @@ joblib.Memory stores. pebble's pool of processes ends a late call, and reports a
 
 joblib's own ways to run calls were measured and not taken. Its pool, loky, starts in 2.6 s (pebble: 0.9 s), and one
 lost process ends all calls. Its Ray backend returns no result before all calls are done: a killed command would have
-stored none. Stored results are pickles, read from the folder that is given, which this program wrote for its user: it
-must not come from elsewhere.
+stored none. Stored results are pickles: give `cached` no folder but one that it wrote itself, for the same user.
 """
 
 import hashlib
@@ -65,6 +64,7 @@ class JobsFailedError(RuntimeError):
     """Calls have no result; the results of the others are stored."""
 
     def __init__(self, failed: Mapping[Call, Failure], count: int) -> None:
+        self.failed = failed
         lines = [f"{len(failed)} of {count} jobs failed (the others are done and kept):"]
         lines += [
             f"{call.function} {call.arguments[:400]}: {failure.reason}"
@@ -129,7 +129,7 @@ def cached(
                 missing.append(call)
             else:
                 settle(call, pickled)
-        with closing(engine(missing)) as answers:
+        with closing(engine(missing) if missing else _here([], 0, None)) as answers:
             for call, pickled in answers:
                 if isinstance(answer := pickle.loads(pickled), DiskFullError):
                     raise answer
@@ -173,7 +173,7 @@ def _here(calls: Sequence[Call], processes: int | None, seconds: float | None) -
 
     from pebble import ProcessExpired, ProcessPool
 
-    if not calls or processes == 0:
+    if processes == 0:
         yield from ((call, perform(call, {})) for call in calls)
         return
     count, context = min(len(calls), processes or os.cpu_count() or 1), multiprocessing.get_context("spawn")
@@ -221,8 +221,6 @@ def _on_cluster(calls: Sequence[Call], address: str) -> Answers:
         import ray.exceptions
     except ImportError as error:
         raise RuntimeError("Ray is not installed: install the extra `cluster`, here and on all nodes") from error
-    if not calls:
-        return
     sources = {"agents", "impact_gym", calls[0].function.replace(":", ".").split(".")[0]}
     paths = [str(origin_of(name)) for name in sorted(sources)]
     environment = {"py_modules": paths, "excludes": ["__pycache__"], "env_vars": ONE_THREAD}
@@ -267,6 +265,9 @@ class _Store:
         import joblib
 
         self._folder, self._kept = folder, joblib.Memory(folder, verbose=0).cache(_kept, ignore=["answer"])
+        self._kept.check_call_in_cache(
+            "", "", "", None
+        )  # where its source is not stored, joblib finds nothing at first
 
     def read(self, call: Call) -> bytes | None:
         """Return what is stored of a call; None: nothing is, or it is damaged."""

@@ -48,15 +48,15 @@ def cluster(tmp_path_factory):
     with (root / "cluster.lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not (folder / job_cases.LAST).exists():
-            folder.mkdir()
+            folder.mkdir()  # where the script runs: Ray's workers here look first where it does
             of_another_cluster = ("RAY_ADDRESS", "RAY_RUNTIME_ENV_HOOK")
             environment = {name: value for name, value in os.environ.items() if name not in of_another_cluster}
             path = os.pathsep.join(map(str, (HELPERS, ROOT)))  # these sources, whatever is installed
             environment |= {"RAY_USAGE_STATS_ENABLED": "0", "PYTHONPATH": path, "PYTHONWARNINGS": "default"}
-            command = [sys.executable, HELPERS / "job_cases.py", folder]
+            command = [sys.executable, "-m", "job_cases", folder]
             with (folder / "printed").open("w") as printed:
                 streams = {"stdout": printed, "stderr": printed}
-                ended = subprocess.run(command, check=False, cwd=ROOT, env=environment, timeout=300, **streams)
+                ended = subprocess.run(command, check=False, cwd=folder, env=environment, timeout=300, **streams)
             assert ended.returncode == 0, (folder / "printed").read_text()[-4000:]
     return folder
 
@@ -234,6 +234,19 @@ def test_command_ends_where_a_call_finds_no_room_and_keeps_what_is_done(processe
     with pytest.raises(DiskFullError, match=r"no room to write .*file: No space left on device"):
         cached(cluster_work.finds_no_room, given, tmp_path, processes=processes, failed=lambda *_: None)
     assert len(job_cases.kept(tmp_path)) == 1
+
+
+def test_another_process_finds_what_is_stored_in_each_folder(log, tmp_path):
+    for name in ("first", "second"):
+        cached(numbers, listed(log, 2), tmp_path / name, processes=0)
+    before = job_cases.kept(tmp_path)
+    code = (
+        "import cluster_work, sys; from agents.jobs import cached; cached(cluster_work.numbers, {}, {!r}, processes=0)"
+    )
+    path = os.pathsep.join(map(str, (HELPERS, ROOT)))
+    command = [sys.executable, "-c", code.format(listed(log, 2), str(tmp_path / "second"))]
+    subprocess.run(command, check=True, env=os.environ | {"PYTHONPATH": path})
+    assert (job_cases.kept(tmp_path), len(calls(log))) == (before, 4)
 
 
 @pytest.mark.parametrize(("options", "message"), [
