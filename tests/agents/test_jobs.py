@@ -124,9 +124,12 @@ def test_ray_results_equal_local_ones_to_the_bit_though_a_node_was_killed(tmp_pa
     assert ended.returncode == 0, (tmp_path / "printed").read_text()[-4000:]
     outcome = json.loads((folder / "outcome.json").read_text())
     before = calls(folder / "log")
-    for function, arguments in ((cluster_work.played, job_cases.scenarios), (numbers, job_cases.large)):
-        stored = cached(function, arguments(folder), folder / "results", processes=0)  # needs no cluster any more
-        computed = cached(function, arguments(tmp_path), tmp_path / "here", processes=0)
+    for function, there, here in (
+        (cluster_work.played, job_cases.scenarios(folder), job_cases.scenarios(tmp_path)),
+        (numbers, job_cases.large(folder), job_cases.large(tmp_path, seconds=0.0)),
+    ):
+        stored = cached(function, there, folder / "results", processes=0)  # needs no cluster any more
+        computed = cached(function, here, tmp_path / "here", processes=0)
         for first, second in zip(stored, computed, strict=True):
             assert first.pop("where") != second.pop("where")  # the sources, and kernels, that were sent
             first.pop("threads", None), second.pop("threads", None)

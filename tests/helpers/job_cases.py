@@ -20,13 +20,13 @@ HEAD = {**NODE, "include_dashboard": False, "_system_config": {"health_check_per
 
 def scenarios(folder):
     """Return arguments for scenarios of the validation set."""
-    return [{"log": str(folder / "played"), "number": number, "count": 25} for number in range(6)]
+    return [{"log": str(folder / "played"), "number": number, "count": 25} for number in range(12)]
 
 
-def large(folder):
+def large(folder, seconds=0.5):
     """Return arguments for results too large to be sent with the answer."""
     log = str(folder / "log")
-    return [{"log": log, "seconds": 0.1, "megabytes": 1, "number": number} for number in range(12)]
+    return [{"log": log, "seconds": seconds, "megabytes": 1, "number": number} for number in range(24)]
 
 
 def said(function, arguments, folder, cluster):
@@ -37,9 +37,9 @@ def said(function, arguments, folder, cluster):
         return str(error)
 
 
-def lose_node(folder, cluster):
+def lose_node(folder, cluster, node):
     """Lose a node, without its leave, while it holds results; return which of them were not fetched."""
-    node, fetched, unfetched = cluster.add_node(**NODE), [], []
+    fetched, unfetched = [], []
     raylet = node.all_processes["raylet"][0].process.pid
 
     def on_node():
@@ -60,10 +60,12 @@ def main():
     """Do all on a cluster, and leave what came of it in the folder."""
     folder = Path(sys.argv[1])
     cluster = Cluster(initialize_head=True, head_node_args=HEAD)
+    node = cluster.add_node(**NODE)
     try:
         cached(played, scenarios(folder), folder / "results", cluster=cluster.address)
         bad = [{"log": str(folder / "bad"), "number": number, "bad": [1]} for number in range(2)]
-        outcome = {"failed": said(fails_on, bad, folder, cluster.address), "unfetched": lose_node(folder, cluster)}
+        outcome = {"failed": said(fails_on, bad, folder, cluster.address)}
+        outcome["unfetched"] = lose_node(folder, cluster, node)
     finally:
         cluster.shutdown()
     outcome["none"] = said(numbers, large(folder), folder / "none", "127.0.0.1:1")
