@@ -64,6 +64,7 @@ class JobsFailedError(RuntimeError):
     """Calls have no result; the results of the others are stored."""
 
     def __init__(self, failed: Mapping[Call, Failure], count: int) -> None:
+        self.failed = failed
         lines = [f"{len(failed)} of {count} jobs failed (the others are done and kept):"]
         lines += [
             f"{call.function} {call.arguments[:400]}: {failure.reason}"

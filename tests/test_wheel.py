@@ -15,7 +15,6 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 import impact_gym
-from experiments.command import COMMANDS
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("impact_gym", "agents", "experiments")
@@ -62,20 +61,6 @@ def asked_for(requirements, extra=""):
     return names
 
 
-def environment(folder, wheel, extra=""):
-    """The commands of an environment with the wheel in it, links to what that asks for, and nothing else."""
-    venv.create(folder, with_pip=False)
-    (packages,) = folder.glob("lib/python*/site-packages")
-    install = ("install", "--quiet", "--no-deps", "--no-index", "--disable-pip-version-check", wheel)
-    run(sys.executable, "-m", "pip", "--python", folder / "bin" / "python", *install, where=folder)
-    (metadata,) = packages.glob("impact_gym-*.dist-info")
-    for name in asked_for(Distribution.at(metadata).requires, extra):
-        files = distribution(name).files
-        for top in {file.parts[0] for file in files} - {"..", "__pycache__"}:
-            (packages / top).symlink_to(distribution(name).locate_file(top))
-    return folder / "bin"
-
-
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory):
     """A wheel of the checkout, compiled from a copy, so that nothing is left beside the sources."""
@@ -92,8 +77,23 @@ def wheel(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def commands(tmp_path_factory, wheel):
-    """The folder of commands of an environment with the wheel, NumPy, SciPy, Gymnasium and what these ask for."""
-    return environment(tmp_path_factory.mktemp("plain"), wheel)
+    """The commands of an environment with the wheel, links to what it and a report ask for, and nothing else.
+
+    Beside it are modules of the names of our folders, as openai-agents installs one.
+    """
+    folder = tmp_path_factory.mktemp("installed")
+    venv.create(folder, with_pip=False)
+    (packages,) = folder.glob("lib/python*/site-packages")
+    install = ("install", "--quiet", "--no-deps", "--no-index", "--disable-pip-version-check", wheel)
+    run(sys.executable, "-m", "pip", "--python", folder / "bin" / "python", *install, where=folder)
+    (metadata,) = packages.glob("impact_gym-*.dist-info")
+    for name in asked_for(Distribution.at(metadata).requires, "report"):
+        files = distribution(name).files
+        for top in {file.parts[0] for file in files} - {"..", "__pycache__"}:
+            (packages / top).symlink_to(distribution(name).locate_file(top))
+    for name in ("agents", "experiments"):
+        (packages / f"{name}.py").write_text(f"raise ImportError('this is another {name}')")
+    return folder / "bin"
 
 
 def test_wheel_holds_every_file_of_the_packages_but_the_sources_of_the_solver(wheel):
@@ -106,53 +106,35 @@ def test_wheel_holds_every_file_of_the_packages_but_the_sources_of_the_solver(wh
     assert wheel.stat().st_size < 5e6
 
 
-def test_wheel_works_beside_packages_that_have_the_names_of_our_folders(wheel, tmp_path):
-    commands = environment(tmp_path / ".venv", wheel)
-    (packages,) = (tmp_path / ".venv").glob("lib/python*/site-packages")
-    for name in ("agents", "experiments"):  # as openai-agents installs one
-        (packages / f"{name}.py").write_text(f"raise ImportError('this is another {name}')")
-    played = run(commands / "python", "-c", TEN_LINES, where=tmp_path).stdout
-    assert played == run(sys.executable, "-c", TEN_LINES, where=ROOT).stdout
-    assert "linear-blind: " in run(commands / "impact-gym", "policies", where=tmp_path).stdout
-
-
 def test_wheel_plays_policies_and_baselines_as_the_checkout_does_without_torch(commands, tmp_path):
-    played = run(commands / "python", "-W", "error", "-c", EPISODES, where=tmp_path).stdout
-    assert played == run(sys.executable, "-W", "error", "-c", EPISODES, where=ROOT).stdout
+    for code in (TEN_LINES, EPISODES):
+        played = run(commands / "python", "-W", "error", "-c", code, where=tmp_path).stdout
+        assert played == run(sys.executable, "-W", "error", "-c", code, where=ROOT).stdout
     assert len(played.splitlines()) > 2 * len(list((ROOT / "agents" / "setups").glob("*.toml")))
     refused = run(commands / "python", "-c", "import torch", where=tmp_path, check=False)
     assert "No module named 'torch'" in refused.stderr
 
 
-def test_command_runs_what_needs_no_extra_and_refuses_what_there_is_not(commands, tmp_path):
-    assert {*COMMANDS} < {*run(commands / "impact-gym", "--help", where=tmp_path).stdout.split()}
+def test_command_runs_what_is_installed_and_says_in_one_line_what_is_not(commands, tmp_path):
+    assert "identify" in run(commands / "impact-gym", "--help", where=tmp_path).stdout
     assert "--scene" in run(commands / "impact-gym", "identify", "--help", where=tmp_path).stdout
     assert "linear-blind: " in run(commands / "impact-gym", "policies", where=tmp_path).stdout
-    assert "torch and stable-baselines3 missing" in run(commands / "impact-gym", "doctor", where=tmp_path).stdout
-    refused = run(commands / "impact-gym", "doctors", where=tmp_path, check=False)
-    assert refused.returncode == 2
-    assert "invalid choice: 'doctors'" in refused.stderr
-
-
-@pytest.mark.parametrize(("command", "extras"), [("report", "report"), ("controller", "train,report")])
-def test_command_that_needs_an_extra_says_in_one_line_what_to_install(commands, tmp_path, command, extras):
-    refused = run(commands / "impact-gym", command, "linear-blind", where=tmp_path, check=False)
-    assert refused.returncode == 1
-    assert refused.stdout == ""
+    refused = run(commands / "impact-gym", "controller", "linear-blind", where=tmp_path, check=False)
+    assert (refused.returncode, refused.stdout) == (1, "")
     (line,) = refused.stderr.splitlines()
-    assert line.startswith(f"impact-gym {command} needs ")
-    assert "polars" in line
-    assert line.endswith(f"pip install 'impact-gym[{extras}]'")
+    assert line.startswith("impact-gym controller needs torch, ")
+    assert line.endswith("pip install 'impact-gym[train,report]'")
 
 
-def test_report_is_written_in_a_folder_with_baselines_and_experiments_of_its_own(wheel, tmp_path):
-    commands = environment(tmp_path / ".venv", wheel, "report")
+def test_report_and_study_are_written_in_a_folder_with_baselines_and_experiments_of_its_own(commands, tmp_path):
     (tmp_path / "experiments").mkdir()
     (tmp_path / "experiments" / "__init__.py").touch()
     (tmp_path / "mine.py").write_text("from impact_gym.agents.baselines import PaperTrapezoid as Rule\n")
     options = ("--policy", "linear-blind", "--baseline", "mine:Rule", "--count", "4", "--out", "page")
     run(commands / "impact-gym", "report", *options, where=tmp_path)
     assert "mine:Rule" in (tmp_path / "page" / "index.html").read_text()
+    run(commands / "impact-gym", "study", "paper", "--only", "figure_02", "--out", "paper", where=tmp_path)
+    assert (tmp_path / "paper" / "statements.csv").is_file()
 
 
 def test_version_is_the_newest_of_the_changelog_and_the_cited_one():

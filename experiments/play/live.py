@@ -31,7 +31,7 @@ class Live:
             journal: file that holds what was done so far at each moment, so that a kill loses nothing.
 
         Raises:
-            ValueError: there is no such set-up or assistance, or a number is out of its range.
+            ValueError: there is no such set-up or assistance.
         """
         setup, self.person = playable(wanted.setup), wanted.operator == PERSON
         environment = environment_of(setup)

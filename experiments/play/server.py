@@ -106,11 +106,7 @@ class Guard:
             await self.app(scope, receive, send)
             return
         self.session.refused[why] += 1
-        answer = Response(f"{why}\n", 403, HEADERS, "text/plain")
-        if scope["type"] == "websocket":
-            await WebSocket(scope, receive, send).send_denial_response(answer)
-        else:
-            await answer(scope, receive, send)
+        await Response(f"{why}\n", 403, HEADERS, "text/plain")(scope, receive, send)
 
     def _wrong(self, scope: Any) -> str | None:
         headers = {name: value.decode("latin-1") for name, value in scope["headers"]}

@@ -103,9 +103,8 @@ def _trained(setup: Setup, folder: Path) -> bool:
     """Return whether a set-up of the README has policies; print a line where it has none."""
     trained = (folder / "policies" / f"{setup.name}.npz").is_file()
     if not trained:
-        print(
-            f"{setup.name} is left out, it has no policies yet: impact-gym train {setup.called} --seeds {setup.seeds}"
-        )
+        train = f"impact-gym train {setup.called} --seeds {setup.seeds}"
+        print(f"{setup.name} is left out, it has no policies yet: {train}")
     return trained
 
 

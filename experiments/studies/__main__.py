@@ -15,11 +15,11 @@ def main() -> None:
     if name in ("--help", "-h"):
         print("usage: impact-gym study NAME ...\n")
         print(*(f"  {each:<10} {load(each).question}" for each in NAMES), sep="\n")
-    elif name not in NAMES:
+        sys.exit()
+    if name not in NAMES:
         print(f"impact-gym study: {nearest('study', name, NAMES)}", file=sys.stderr)
         sys.exit(2)
-    else:
-        run_command(f"study {name}", StudyOptions, partial(run, load(name)))
+    run_command(f"study {name}", StudyOptions, partial(run, load(name)))
 
 
 if __name__ == "__main__":

@@ -93,12 +93,13 @@ def hold_out(
         count = len(log) if isinstance(log, (list, tuple)) else 1
         raise ValueError(f"hold-out needs {FEWEST} logs or more, a half to fit and a half to predict, got {count}")
     logs = [read(source, f"log {k + 1}") for k, source in enumerate(log)]
+    columns = logs[0].columns.keys()
     for each in logs:
-        if each.columns.keys() != logs[0].columns.keys():
-            raise ValueError(f"hold-out needs logs with the same columns, {each.name} has {', '.join(each.columns)} but"
-                             f" {logs[0].name} {', '.join(logs[0].columns)}")  # fmt: skip
-    if not {"force", "object_velocity"} & logs[0].columns.keys():
-        raise ValueError(f"hold-out compares force or object_velocity, got {', '.join(logs[0].columns)}")
+        if each.columns.keys() != columns:
+            raise ValueError(f"hold-out needs logs of the same columns, {each.name} has {', '.join(each.columns)}, but"
+                             f" the first one {', '.join(columns)}")  # fmt: skip
+    if not {"force", "object_velocity"} & columns:
+        raise ValueError(f"hold-out compares force or object_velocity, got {', '.join(columns)}")
     motions: list[Any] = list(motion) if isinstance(motion, (list, tuple)) else [motion] * len(logs)
     for imposed in motions:
         one_of("motion", imposed, Trapezoid)

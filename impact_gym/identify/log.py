@@ -90,7 +90,7 @@ def _table(path: Path) -> dict[str, list[float]]:
     if not lines:
         raise ValueError(f"{path} is empty; its first line must name the columns: time, and any of {COLUMNS}")
     head = lines[0][1]
-    table: dict[str, list[float]] = {name.strip(): [] for name in head}
+    table: dict[str, list[float]] = {" ".join(name.split()): [] for name in head}
     if len(table) < len(head):
         raise ValueError(f"{path} must name no column twice, got {shown(head)}")
     for place, line in lines[1:]:

@@ -118,7 +118,8 @@ def test_episode_is_that_of_the_numbers_it_drew_and_can_be_played_again(rows, se
 
 
 def test_threads_change_no_result():
-    size, options = 3 * ROWS_PER_THREAD, EVERYTHING_DRAWN["spring"] | {"horizon": 0.4, "scenario": {"distance": 0.1}}
+    size, spring = 3 * ROWS_PER_THREAD, {"type": "SpringDamper", "stiffness": (40.0, 60.0), "damping_ratio": 1.0}
+    options = {"coupling": spring, "force_noise": 0.1, "horizon": 0.4, "scenario": {"distance": 0.1}}
     actions, results = action_table(6, 28, size, lean=(0.3, 0.6)), []
     for threads in (1, 3):
         envs = ImpactApproachVectorEnv(size, threads=threads, **options)

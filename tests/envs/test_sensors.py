@@ -37,6 +37,12 @@ def test_approach_without_a_distance_estimate_looks_the_same_whatever_stands_ahe
     assert differ > 100
 
 
+def test_estimate_without_an_error_is_the_distance():
+    env = gym.make(ID, range_noise=0.0)
+    env.reset(seed=3)
+    assert env.unwrapped.sensors()["distance_estimate"] == env.unwrapped.episode_info()["scenario"]["distance"]
+
+
 def at_rest(steps, count=2000, **options):
     """Observations (steps, count, n) of a batch whose tools stay where nothing can be touched."""
     envs = gym.make_vec(ID, num_envs=count, **options)

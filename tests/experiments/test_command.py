@@ -4,6 +4,7 @@ import json
 import shlex
 import sys
 import warnings
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -19,8 +20,9 @@ from agents.train.__main__ import TrainOptions
 from agents.tune import Tune
 from experiments import command, controller, policies
 from experiments.controller import copy_setup
-from experiments.design.search import Effort
-from experiments.design.study import Study
+from experiments.design.options import DesignOptions
+from experiments.design.search import SearchBudget
+from experiments.lab.study import StudyOptions
 from experiments.report import matchups
 from experiments.report.__main__ import ReportOptions, matchups_of
 
@@ -40,10 +42,39 @@ def exit_of(monkeypatch):
         yield run
 
 
-@pytest.mark.parametrize("name", command.COMMANDS)
-def test_help_of_a_command_prints_its_name(name, exit_of, capsys):
-    assert exit_of(name, "--help") == 0
-    assert capsys.readouterr().out.startswith(f"usage: impact-gym {name} ")
+NAMES = [name for group in command.COMMANDS.values() for name in group]
+
+
+@pytest.mark.parametrize("name", [*NAMES, "study gain"])
+def test_help_is_of_its_command_and_in_words_of_a_user(name, exit_of, capsys):
+    assert exit_of(*name.split(), "--help") in (0, None)
+    text = capsys.readouterr().out
+    assert text.startswith(f"usage: impact-gym {name} ")
+    for jargon in ("STR", "[[", "{None}", "experiments.", "agents."):
+        assert jargon not in text, jargon
+
+
+@pytest.mark.parametrize("words", [(), ("--help",), ("reprot",), ("--version",)])
+def test_list_of_commands_is_printed_for_no_name_help_and_an_unknown_name(words, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["impact-gym", *words])
+    status = 0
+    try:
+        command.main()
+    except SystemExit as ended:
+        status = ended.code
+    printed = capsys.readouterr()
+    if words == ("--version",):
+        assert {f"impact-gym {version('impact-gym')}", f"numpy {np.__version__}"} <= {*printed.out.splitlines()}
+        return
+    text = printed.err if words == ("reprot",) else printed.out
+    assert len(NAMES) == 12
+    assert [line.split()[0] for line in text.splitlines() if line.startswith("  ")] == NAMES
+    assert (status, "'reprot': report?" in text) == ((2, True) if words == ("reprot",) else (0, False))
+
+
+def test_study_that_there_is_not_names_the_nearest(exit_of, capsys):
+    assert exit_of("study", "telop") == 2
+    assert "no study 'telop': teleop?" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("name", "options"), [
@@ -51,12 +82,14 @@ def test_help_of_a_command_prints_its_name(name, exit_of, capsys):
     ("train", TrainOptions("rigid-blind", Training(width=24), seeds=2, cluster="ray", out=Path("there"))),
     ("report", ReportOptions(("linear-blind",), folder=Path("a b"), force=True, count=200)),
     ("export", Export("linear-blind", Path("out"))),
-    ("design", Study("linear-blind", ("coupling.stiffness=20:200",), Path("out"), effort=Effort(budget=8), against=())),
+    ("design", DesignOptions("linear-blind", ("tool_mass=0.1:0.2",), Path("out"), search=SearchBudget(budget=8))),
+    ("study gain", StudyOptions(Path("out"), quick=True, only=("priors",), processes=1)),
 ], ids=lambda value: value if isinstance(value, str) else "")  # fmt: skip
 def test_command_of_options_is_read_into_the_same_options(name, options):
-    words = shlex.split(command_of(name, options))
-    assert words[:2] == ["impact-gym", name]
-    assert read_command(name, type(options), words[2:]) == options
+    called, *first = name.split()
+    words = shlex.split(command_of(called, options, None, *first))
+    assert words[: 2 + len(first)] == ["impact-gym", called, *first]
+    assert read_command(name, type(options), words[2 + len(first) :]) == options
 
 
 def test_command_of_leaves_out_what_another_default_says():

@@ -1,8 +1,9 @@
-"""Datasets of Minari: as its contract says, whole or not there, and played again to the bit."""
+"""Datasets of Minari: as its contract says, whole or not there, and played again to the bit; an operator of tries."""
 
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import h5py
@@ -10,10 +11,14 @@ import numpy as np
 import pytest
 import tomli_w
 from episodes import assert_identical
+from playing import pushed
 
 from agents.baselines import PaperTrapezoid
 from agents.evaluate import ScenarioBatch
 from agents.setups import load_setup
+from experiments.play import tries
+from impact_gym.envs.batch import Batch
+from impact_gym.task import Task
 
 minari = pytest.importorskip("minari")
 dataset = pytest.importorskip("experiments.dataset")
@@ -31,8 +36,20 @@ def root(tmp_path, monkeypatch):
     return tmp_path / "datasets"
 
 
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Tries of persons who push until a while after the touch, with several delays and assistances; one is marked."""
+    path = tmp_path_factory.mktemp("tries")
+    for seed, assist in enumerate(("none", "brake", "policy", "limit", "none")):
+        this = pushed(lambda time, seed=seed: 0.1 + 0.3 * np.sin(3.0 * time + seed) ** 2, assist=assist, seed=seed,
+                      delay=0.1 * seed)  # fmt: skip
+        this.marks.extend(["interrupted: a test"] * (seed == 4))
+        tries.write(path / f"{seed}.json", this)
+    return path
+
+
 def make(source="linear-blind", **options):
-    dataset.work(dataset.DatasetOptions(source, **{"episodes": COUNT, **options}))
+    dataset.work(dataset.DatasetOptions(str(source), **{"episodes": COUNT, **options}))
 
 
 def test_of_a_set_up_each_player_has_one_that_plays_again(capsys):
@@ -77,18 +94,16 @@ def test_the_rule_is_what_the_batch_plays():
     assert_identical(np.array([episode.infos["object_velocity"][-1] for episode in loaded]), judged.object_velocity)
 
 
-def test_nothing_is_left_of_one_that_failed_and_nothing_is_overwritten(root, monkeypatch):
-    played = dataset.recorded
+def test_nothing_is_left_of_one_that_failed_and_nothing_is_overwritten(root):
+    setup = load_setup("linear-blind")
 
-    def fails_once(env, seed, *rest):
-        if seed == dataset.SEED + 2:
-            raise KeyboardInterrupt
-        return played(env, seed, *rest)
+    def stopped():
+        yield dataset.recorded(setup.make(), 1, {}, dataset.players("rule", setup))
+        raise KeyboardInterrupt
 
-    with monkeypatch.context() as failing:
-        failing.setattr(dataset, "recorded", fails_once)
-        with pytest.raises(KeyboardInterrupt):
-            make(who=("rule",))
+    named = ("impact/linear-blind/rule-v0", setup.make(), stopped(), dataset.DatasetOptions("linear-blind"))
+    with pytest.raises(KeyboardInterrupt):
+        dataset.write(*named, algorithm_name="rule", description="")
     assert not minari.list_local_datasets()
     assert not list(root.rglob("*.hdf5"))
     make(who=("rule",))
@@ -135,3 +150,47 @@ def test_a_set_up_of_ones_own_without_a_policy_says_so(tmp_path):
         make(str(path), who=("policy",))
     make(str(path), who=("rule",))
     assert dataset.check("impact/mine/rule-v0") == COUNT
+
+
+@pytest.mark.parametrize(("marked", "count"), [(False, 4), (True, 5)])
+def test_tries_of_persons_play_again_to_the_bit(folder, marked, count):
+    make(folder, include_marked=marked)
+    name = "impact/teleop-spring/person-v0"
+    assert dataset.check(name) == count
+    for this, episode in zip(tries.of_persons(folder, marked), minari.load_dataset(name), strict=True):
+        assert np.array_equal(episode.actions, np.array(this.actions, np.float32))
+        assert {*episode.infos["command"]} <= {*np.float64(this.operator["velocity"]), 0.0}
+        assert episode.infos["done_time"][-1] == this.result["done_time"]
+        assert episode.infos["slide"][-1] == pytest.approx(this.result["slide"], abs=1e-9)
+
+
+def test_operator_draws_every_recording_and_a_set_up_takes_it(folder, tmp_path):
+    make(folder, operator=tmp_path / "operator.toml")
+    assert not minari.list_local_datasets()
+    operator = tomllib.loads((tmp_path / "operator.toml").read_text())["environment"]["operator"]
+    content = {"environment": {**load_setup("teleop-spring").environment, "operator": operator}}
+    (tmp_path / "mine.toml").write_text(tomli_w.dumps(content))
+    setup = load_setup(tmp_path / "mine.toml")
+    batch = Batch(400, Task(**setup.environment), threads=1)
+    batch.begin_seeded(0, {})
+    drawn = np.floor(batch.info()["record"]["operator.recording"]).astype(int)
+    assert {*drawn} == {0, 1, 2, 3}
+    env = setup.make()
+    for number, this in enumerate(tries.of_persons(folder)):
+        env.reset(seed=1, options={"record": {"operator.recording": number, "uplink.delay": 0.0, "distance": 0.79}})
+        sent, ended = [], False
+        while not ended and len(sent) < 60:
+            *_, ended, _, info = env.step(np.array([1.0, 1.0, -1.0], np.float32))
+            sent.append(info["command"])
+        assert {*sent} <= {*this.operator["velocity"]}
+        assert len({*sent} & {*this.operator["velocity"]}) > 20
+
+
+def test_tries_that_do_not_count_or_do_not_fit_are_refused(tmp_path):
+    with refused("has no try of a person that counts"):
+        make(tmp_path)
+    for setup in ("teleop-rigid", "teleop-spring"):
+        tries.write(tmp_path / f"{setup}.json", pushed(lambda time: 0.4 if time < 2.0 else 0.0, setup=setup))
+    with refused("several couplings or set-ups"):
+        make(tmp_path, operator=tmp_path / "operator.toml")
+    assert not (tmp_path / "operator.toml").exists()

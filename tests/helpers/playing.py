@@ -1,4 +1,4 @@
-"""The page that is played: its server in a process of its own, players with and without a browser."""
+"""Players of the page, with and without a browser: its server in a process of its own, or its clock in this one."""
 
 import asyncio
 import json
@@ -10,18 +10,76 @@ import time
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-import numpy as np
+import pytest
+import tomli_w
 import websockets
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from agents.setups import load_setup
 from experiments.play import tries
-from experiments.play.assistance import usual
+from experiments.play.assistance import record_of, usual
+from experiments.play.clock import Clock, Stick
+from experiments.play.live import Live
+from experiments.play.tries import Try
+from impact_gym.files import write_file
 
 ROOT = Path(__file__).parents[2]
-NEAR = "teleop-spring"
+SETUP = "teleop-spring"
 RUBBISH = ('{"v":0.5}', "rubbish", '{"v":NaN}', '{"v":1e999}', "[]", '{"x":1}', "x" * 4000, '{"begin":{}}')
+
+
+def wanted(assist="none", seed=1, setup=SETUP, slow=1.0, **sliders):
+    """Return a try that is to be played, with the sliders where they begin but for some."""
+    return Try(setup, assist, seed, record_of(usual(load_setup(setup)) | sliders), slow=slow)
+
+
+def pushed(velocity, after=4, **asked):
+    """Return a try of somebody who commands velocity(time), and lets go some steps after the touch."""
+    live, touched = Live(wanted(**asked)), 0
+    while not live.ended:
+        touched += bool(live.batch.bodies().touched[0])
+        live.step(velocity(live.time) if touched <= after else 0.0)
+    return live.finished()
+
+
+def near_setup(folder):
+    """Write a set-up whose objects stand so near that a try takes little time; return its file."""
+    environment = load_setup(SETUP).environment | {"scenario": {"distance": [0.1, 0.2]}}
+    folder.mkdir(parents=True, exist_ok=True)
+    return write_file(folder / "near.toml", tomli_w.dumps({"environment": environment}))
+
+
+class Hand:
+    """A clock in this process, for which no time passes but what it sleeps.
+
+    `steer(hand, frame)` is called with each frame; `overslept(time)` says how much too long a sleep that begins then
+    takes, s.
+    """
+
+    def __init__(self, steer=lambda hand, frame: None, overslept=lambda time: 0.0):
+        self.time, self.told, self.steer, self.overslept = 100.0, [], steer, overslept
+        self.clock = Clock(self, lambda: self.time, self.sleep)
+
+    def sleep(self, seconds):
+        self.time += seconds + self.overslept(self.time)
+
+    def send(self, message):
+        """Take what the clock tells the server."""
+        self.told.append(message | {"at": self.time})
+        if message["kind"] == "frame":
+            self.steer(self, message)
+
+    def play(self, file, seen=False, **asked):
+        """Play a try that is kept in a file; return what was told of it."""
+        self.told.clear()
+        self.clock.stick = Stick()
+        self.clock.play(wanted(**asked), file, seen)
+        return self.told[-1]
+
+    @property
+    def frames(self):
+        return [message for message in self.told if message["kind"] == "frame"]
 
 
 class Served:
@@ -34,7 +92,7 @@ class Served:
     def connect(self, **options):
         """Return a connection of a page."""
         where = self.address.replace("http", "ws") + "ws"
-        return connect(where, **{"origin": self.origin, "compression": None, **options})
+        return connect(where, **{"origin": self.origin, "compression": None, "close_timeout": 0.3, **options})
 
     def tries(self):
         """Return what was played so far."""
@@ -48,11 +106,8 @@ class Served:
 
     def memory(self):
         """Return what server and clock hold, bytes."""
-        held = 0
-        for number in (self.process.pid, self.clock):
-            status = Path(f"/proc/{number}/status").read_text()
-            held += 1024 * int(status.split("RssAnon:")[1].split()[0])
-        return held
+        texts = [Path(f"/proc/{number}/status").read_text() for number in (self.process.pid, self.clock)]
+        return sum(1024 * int(text.split("RssAnon:")[1].split()[0]) for text in texts)
 
     def end(self, how=signal.SIGINT):
         """End it; return its exit code and what it printed since."""
@@ -62,38 +117,20 @@ class Served:
 
 
 @contextmanager
-def served(folder, *words):
-    """Serve the page from a folder of tries, at a free port; what is said of errors comes with the rest."""
-    line = [
-        sys.executable,
-        "-m",
-        "experiments.command",
-        "play",
-        *words,
-        "--port",
-        "0",
-        "--no-open",
-        "--out",
-        str(folder),
-    ]
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    process = subprocess.Popen(line, cwd=folder.parent, env=environment, text=True,
-                               stdout=subprocess.PIPE, stderr=subprocess.STDOUT)  # fmt: skip
+def served(folder, setup=None):
+    """Serve the page from a folder of tries, at a free port; with a near set-up unless another is named."""
+    setup = setup or near_setup(folder.with_name(folder.name + "-setup"))
+    line = [sys.executable, "-m", "experiments.play", str(setup), "--port=0", "--no-open", f"--out={folder}"]
+    how = {"cwd": folder.parent, "env": os.environ | {"PYTHONPATH": str(ROOT)}, "text": True}
+    process = subprocess.Popen(line, **how, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
     try:
-        said = [process.stdout.readline()]
-        while said[-1] and not said[-1].startswith("http://"):
-            said.append(process.stdout.readline())
-        assert said[-1], said
-        yield Served(process, said[-1].strip(), folder)
+        said = process.stdout.readline()
+        assert said.startswith("http://"), said + process.stdout.read()
+        yield Served(process, said.strip(), folder)
     finally:
         with suppress(ProcessLookupError):
             process.kill()
         process.communicate()
-
-
-def choices(**chosen):
-    """What the page's controls say."""
-    return {"setup": NEAR, "assist": "none", "slow": 1.0, "seen": False, **usual(load_setup(NEAR)), **chosen}
 
 
 def heard(page, kind, seconds=20.0, **having):
@@ -110,56 +147,52 @@ def say(page, **message):
     page.send(json.dumps(message))
 
 
-def play(page, share=0.6, beats=None, **chosen):
+def choices(server, **chosen):
+    """Return what the page's controls say."""
+    setup = str(server.folder.with_name(server.folder.name + "-setup") / "near.toml")
+    return {"setup": setup, "assist": "none", "slow": 1.0, "seen": False, **usual(load_setup(setup)), **chosen}
+
+
+def begin(server, page, **chosen):
+    """Begin a try."""
+    say(page, begin=choices(server, **chosen))
+    return heard(page, "began")
+
+
+def play(server, page, **chosen):
     """Play a try as somebody does who pushes until a touch is seen; return what came of it."""
-    say(page, begin=choices(**chosen))
+    begin(server, page, **chosen)
     count, touched = 0, False
-    while True:
-        message = json.loads(page.recv(timeout=20.0))
-        if message["kind"] in ("ended", "failed", "study"):
-            return message
+    while (message := json.loads(page.recv(timeout=20.0)))["kind"] not in ("ended", "failed"):
         if message["kind"] == "frame":
             touched |= message["touched"]
+            if count % 4 == 0:
+                say(page, v=0.0 if touched else 0.6)
             count += 1
-            if count % 4 == 1 and (beats is None or count < beats):
-                say(page, v=0.0 if touched else share)
+    return message
 
 
-def closed(page, seconds=10.0):
+def closed(page):
     """Return code and reason with which the server closes a connection."""
-    end = time.monotonic() + seconds
-    try:
-        while True:
-            page.recv(timeout=end - time.monotonic())
-    except ConnectionClosed as gone:
-        return gone.rcvd.code, gone.rcvd.reason
+    with pytest.raises(ConnectionClosed) as gone:
+        list(iter(lambda: page.recv(timeout=10.0), None))
+    return gone.value.rcvd.code, gone.value.rcvd.reason
 
 
-async def flood(address, seconds, clients=50):
-    """Send a thousand messages a second from each of so many clients, good ones and rubbish; return how many went."""
-    sent, end = 0, time.monotonic() + seconds
-    origin, where = "/".join(address.split("/")[:3]), address.replace("http", "ws") + "ws"
+async def flood(server, seconds, clients=50):
+    """Send messages, good ones and rubbish, from so many clients as fast as they can."""
+    end, where = time.monotonic() + seconds, server.address.replace("http", "ws") + "ws"
 
     async def one(number):
-        nonlocal sent
         while time.monotonic() < end:
-            try:
-                async with websockets.connect(where, origin=origin, compression=None) as page:
-                    begun, count = time.monotonic(), 0
+            with suppress(OSError, websockets.WebSocketException):
+                async with websockets.connect(where, origin=server.origin, compression=None) as page:
                     while time.monotonic() < end:
                         await page.send(RUBBISH[number % len(RUBBISH)] if number % 2 else RUBBISH[0])
-                        count, sent = count + 1, sent + 1
-                        await asyncio.sleep(max(begun + count / 1000 - time.monotonic(), 0.0))
-            except (OSError, websockets.WebSocketException):
-                await asyncio.sleep(0.02)
+                        await asyncio.sleep(0.0)
+            await asyncio.sleep(0.02)
 
     await asyncio.gather(*map(one, range(clients)))
-    return sent
-
-
-def lateness(found):
-    """Return |wall - 16 ms| of all steps of tries, ms."""
-    return 1e3 * np.abs(np.concatenate([this.late for this in found]))
 
 
 READY, OVER = "#go:not([disabled])", "#answer:not([hidden])"

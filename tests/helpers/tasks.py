@@ -92,7 +92,7 @@ OWN = {
     "alarm": st.sampled_from(["force", "reading"]),
     "dissipation": st.sampled_from(["hu-guo", "exact", "fixed"]),
     "missed_cost": st.floats(0.0, 5.0),
-    "force_weight": st.floats(0.0, 0.02),
+    "force_weight": st.integers(0, 20).map(lambda share: share / 1000),
     "control_period": st.floats(0.009, 0.03),
     "acceleration_range": st.just((0.5, 8.0)),
     "rtol": st.sampled_from([1e-5, 1e-8, 1e-11]),

@@ -7,14 +7,15 @@ tried anew each time. Each needs its reason in `mutants.toml`: `equivalent` wher
 
 import argparse
 import hashlib
+import json
 import tomllib
 from collections import Counter
 from pathlib import Path
 
-from agents.jobs import Job, JobsFailedError, gather_all
+from agents.jobs import JobsFailedError, cached
 from impact_gym.files import whole_file
 from tests.mutants.edits import Edit, mutants
-from tests.mutants.trial import ROOT, SURVIVED
+from tests.mutants.trial import ROOT, SURVIVED, trial
 
 TABLE = tomllib.loads((Path(__file__).parent / "mutants.toml").read_text("utf-8"))
 TESTS = {file: tuple(place["tests"]) for place in TABLE["place"] for file in place["files"]}
@@ -59,25 +60,34 @@ def tests_of(edit):
     return TESTS[max((name for name in TESTS if edit.file.startswith(name)), key=len)]
 
 
-def tried(edits, **options):
+def tried(edits, folder, processes):
     """Why edits were not killed. Before, all tests must pass without any."""
     packages = ("agents", "experiments", "impact_gym", "tests")
     sources = sorted(file for name in packages for file in Path(name).rglob("*.p*"))
-    unedited = [job(Edit(), tests, sources) for tests in {tests_of(edit) for edit in edits}]
-    gather_all(unedited, title="unedited", **options)
-    jobs = {edit: job(edit, tests_of(edit), [ROOT / edit.file]) for edit in edits}
-    try:
-        gather_all(jobs.values(), title="mutants", **options)
-    except JobsFailedError as error:
-        reasons = {failed.key: failure.reason for failed, failure in error.failed}
-        return {edit: reasons[job.key] for edit, job in jobs.items() if job.key in reasons}
-    return {}
+    options = {"folder": folder, "processes": processes}
+    for tests in {tests_of(edit) for edit in edits}:
+        cached(trial, [vars(Edit()) | {"tests": list(tests)}], depends=digest(sources), title="unedited", **options)
+    reasons = {}
+    by_file = {}
+    for edit in edits:
+        by_file.setdefault(edit.file, []).append(edit)
+    for file, of_file in by_file.items():
+        asked = [vars(edit) | {"tests": list(tests_of(edit))} for edit in of_file]
+        try:
+            cached(trial, asked, depends=digest([ROOT / file]), title=file, **options)
+        except JobsFailedError as error:
+            lost = {call.arguments: failure.reason for call, failure in error.failed.items()}
+            reasons |= {
+                edit: lost[arguments]
+                for edit, each in zip(of_file, asked, strict=True)
+                if (arguments := json.dumps(each, sort_keys=True)) in lost
+            }
+    return reasons
 
 
-def job(edit, tests, files):
-    """The trial of an edit; what it comes to depends on these files."""
-    digest = hashlib.sha256(b"".join(file.read_bytes() for file in files if file.is_file())).hexdigest()
-    return Job("tests.mutants.trial:trial", vars(edit) | {"tests": list(tests)}, digest)
+def digest(files):
+    """What a trial depends on: the content of these files."""
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files if file.is_file())).hexdigest()
 
 
 def judged(edit, reason):

@@ -13,8 +13,6 @@ from contextlib import suppress
 from pathlib import Path
 from time import monotonic
 
-import numpy as np
-
 ROOT = Path(__file__).parents[2]
 LEFT_OUT = (".*", "runs", "reports", "site", "build", "*.egg-info", "mutants")
 SURVIVED = "survived"
@@ -63,7 +61,7 @@ def trial(file, line, before, after, tests):
         raise SurvivedError(f"{SURVIVED} {', '.join(tests)}")
     if not file and process.returncode:
         raise ValueError(f"without any edit {', '.join(tests)} fail: {failed or output[-2000:]}")
-    return {"killer": np.array((failed or [output.strip()[-200:]])[0]), "seconds": np.array(monotonic() - start)}
+    return {"killer": (failed or [output.strip()[-200:]])[0], "seconds": monotonic() - start}
 
 
 def compiled(copy):

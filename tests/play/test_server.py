@@ -1,18 +1,24 @@
 """Who is listened to, and what becomes of a try when somebody goes, floods, or kills the server."""
 
+import asyncio
 import http.client
 import json
 import os
+import re
 import signal
-import socket
 import subprocess
 import sys
+import threading
 import time
 from contextlib import ExitStack, closing, suppress
 
 import pytest
-from playing import ROOT, choices, closed, heard, play, say, served
+from playing import ROOT, begin, choices, closed, flood, heard, play, say, served
 from websockets.exceptions import ConnectionClosed, InvalidStatus
+
+from experiments.play import __main__ as command
+from experiments.play.live import recover
+from experiments.play.server import listening
 
 
 @pytest.fixture(scope="module")
@@ -62,21 +68,19 @@ def test_socket_listens_on_this_machine_alone(server):
 
 @pytest.mark.parametrize(("said", "code", "reason"), [
     ("rubbish", 1007, "a message must be JSON"), ("[1]", 1007, "a message must be an object"),
-    (b"\x00\xff", 1007, "JSON"),
+    (b"\x00\xff", 1007, "JSON"), ("[" * 400, 1007, "JSON"), ("x" * 5000, 1009, ""),
     ("{}", 1008, "one key"), ('{"v": NaN}', 1008, "v must be finite"), ('{"v": 1e999}', 1008, "v must be finite"),
     ('{"v": 1.01}', 1008, "v must be finite and at least -1 and at most 1"), ('{"v": "1"}', 1008, "v must be a number"),
     ('{"v": [1]}', 1008, "v must be a number"), ('{"begin": 3}', 1008, "begin must be a dict"),
     ('{"q": 1}', 1008, "message must be one of"),
-    (json.dumps({"begin": choices(delay=9.0)}), 1008, "delay must be finite and at least 0 and at most 1 s"),
-    (json.dumps({"begin": choices(delay=float("nan"))}), 1008, "delay must be finite"),
-    (json.dumps({"begin": choices(setup="linear-blind")}), 1008, "setup must be one of"),
-    (json.dumps({"begin": choices(assist="magic")}), 1008, "assist must be one of"),
-    (json.dumps({"begin": choices(slow=0.0)}), 1008, "slow must be finite and at least 1"),
-    ("[" * 400, 1007, "JSON"), ("x" * 5000, 1009, ""),
+    ({"delay": 9.0}, 1008, "delay must be finite and at least 0 and at most 1 s"),
+    ({"delay": float("nan")}, 1008, "delay must be finite"), ({"setup": "linear-blind"}, 1008, "setup must be one of"),
+    ({"assist": "magic"}, 1008, "assist must be one of"), ({"slow": 0.0}, 1008, "slow must be finite and at least 1"),
+    ({"seen": 1}, 1008, "seen"),
 ], ids=lambda value: str(value)[:24])  # fmt: skip
 def test_what_cannot_be_understood_is_refused_with_a_reason(server, said, code, reason):
     with server.connect() as page:
-        page.send(said)
+        page.send(json.dumps({"begin": choices(server, **said)}) if isinstance(said, dict) else said)
         got = closed(page)
         assert got[0] == code
         assert reason in got[1]
@@ -84,8 +88,7 @@ def test_what_cannot_be_understood_is_refused_with_a_reason(server, said, code, 
 
 def test_player_who_floods_is_refused_after_the_arm_has_stopped_and_the_try_is_kept(server):
     with server.connect() as page:
-        say(page, begin=choices(assist="brake"))
-        heard(page, "frame")
+        begin(server, page)
         with suppress(ConnectionClosed):
             for _ in range(3000):
                 say(page, v=0.5)
@@ -100,17 +103,13 @@ def test_player_who_floods_is_refused_after_the_arm_has_stopped_and_the_try_is_k
 @pytest.mark.storm
 def test_flood_of_fifty_is_refused_with_reasons_and_leaves_the_player_alone(tmp_path):
     with served(tmp_path / "tries") as server, server.connect() as page:
-        play(page, assist="brake")
-        before = server.memory()
-        script = f"import asyncio, playing; print(asyncio.run(playing.flood({server.address!r}, 12.0)))"
-        helpers = os.pathsep.join([str(ROOT), str(ROOT / "tests" / "helpers")])
-        line = [sys.executable, "-c", script]
-        clients = subprocess.Popen(line, env=os.environ | {"PYTHONPATH": helpers}, stdout=subprocess.PIPE, text=True)
-        played = []
-        while clients.poll() is None:
-            played.append(play(page, assist="brake")["kind"])
+        play(server, page)
+        before, played = server.memory(), []
+        clients = threading.Thread(target=asyncio.run, args=(flood(server, 12.0),))
+        clients.start()
+        while clients.is_alive():
+            played.append(play(server, page)["kind"])
         assert {*played} == {"ended"}
-        assert int(clients.communicate()[0]) > 5000
         assert server.memory() < before + 40e6
         assert len(server.tries()) == 1 + len(played)
         assert not any("interrupted" in mark for this in server.tries() for mark in this.marks)
@@ -125,7 +124,7 @@ def test_second_page_is_told_so_watches_and_may_take_the_stick(server):
         assert heard(first, "role", others=1)["player"]
         assert not heard(second, "role")["player"]
         say(second, v=1.0)  # who watches has no stick
-        say(first, begin=choices())
+        begin(server, first)
         say(first, v=0.2)
         assert heard(second, "began")
         frame = heard(second, "frame")
@@ -134,18 +133,7 @@ def test_second_page_is_told_so_watches_and_may_take_the_stick(server):
         assert heard(first, "role", player=False)
         assert heard(second, "role", player=True)
         assert heard(second, "ended")["entry"]["marks"] == ["interrupted: another tab took the stick"]
-        assert play(second, assist="brake")["kind"] == "ended"
-
-
-def test_page_that_goes_in_the_middle_leaves_a_try_that_is_marked(server):
-    with server.connect() as page:
-        say(page, begin=choices())
-        say(page, v=0.3)
-        heard(page, "frame")
-    with server.connect() as page:
-        assert heard(page, "ended")["entry"]["marks"] == ["interrupted: the page was closed"]
-        assert server.tries()[-1].marks == ["interrupted: the page was closed"]
-        assert play(page, assist="brake")["entry"]["marks"] == []
+        assert play(server, second)["kind"] == "ended"
 
 
 def test_pages_beyond_the_most_are_refused(server):
@@ -157,25 +145,26 @@ def test_pages_beyond_the_most_are_refused(server):
         assert refusal.value.response.status_code == 503
 
 
-def test_commands_stop_and_the_arm_stops(server):
+def test_client_that_reads_slowly_holds_nobody_up(server):
+    with server.connect() as page, server.connect(max_queue=1):
+        heard(page, "role")
+        say(page, take=1)
+        begin(server, page)
+        say(page, done=1)
+        assert heard(page, "ended")
+
+
+def test_film_of_a_try_is_given_by_its_name(server):
     with server.connect() as page:
-        say(page, begin=choices(delay=0.0, jitter=0.0))
-        say(page, v=0.5)
-        frames = [heard(page, "frame") for _ in range(30)]
-        moving = {frame["t"]: frame["to"][0] - frame["from"][0] for frame in frames}
-        assert max(moving.values()) > 1e-3
-        still = [way for time, way in moving.items() if time > 0.25 + 0.1]  # without a message, and time to brake
-        assert len(still) > 5
-        assert {*still} == {0.0}
-        assert heard(page, "ended")["entry"]["missed"]
+        name = play(server, page)["entry"]["name"]
+    where = server.address.removeprefix(server.origin) + "film"
+    assert [answer(server, f"{where}/{each}")[0] for each in (name, "20200101-000000-000000")] == [200, 404]
 
 
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT, signal.SIGTERM])
 def test_server_that_is_stopped_in_the_middle_loses_nothing(how, tmp_path):
-    folder = tmp_path / "tries"
-    with served(folder) as server, server.connect() as page:
-        play(page, assist="brake")
-        say(page, begin=choices())
+    with served(tmp_path / "tries") as server, server.connect() as page:
+        begin(server, page)
         for _ in range(20):
             heard(page, "frame")
             say(page, v=0.4)
@@ -185,79 +174,55 @@ def test_server_that_is_stopped_in_the_middle_loses_nothing(how, tmp_path):
         assert "Traceback" not in said
         while os.path.exists(f"/proc/{clock}"):
             time.sleep(0.05)
-        first, second = server.tries()
-        assert first.counts
-        assert second.marks == ["interrupted: the server was stopped"]
-        assert max(second.operator["velocity"]) > 0.1
-    with served(folder) as server, server.connect() as page:
-        assert [each["marks"] for each in heard(page, "hello")["tries"]] == [first.marks, second.marks]
+        (this,) = server.tries()
+        assert this.marks[0] == "interrupted: the server was stopped"
+        assert max(this.operator["velocity"]) > 0.1
 
 
-def test_clock_that_is_killed_leaves_a_journal_of_which_the_next_server_makes_a_try(tmp_path):
-    folder = tmp_path / "tries"
-    with served(folder) as server, server.connect() as page:
-        say(page, begin=choices())
+def test_clock_that_is_killed_leaves_a_journal_of_which_a_try_is_made(tmp_path):
+    with served(tmp_path / "tries") as server, server.connect() as page:
+        begin(server, page)
         for _ in range(20):
             heard(page, "frame")
             say(page, v=0.4)
         os.kill(server.clock, signal.SIGKILL)
         assert "the clock has stopped" in heard(page, "failed")["text"]
         assert server.tries() == []
-    with served(folder) as server:
-        (this,) = server.tries()
-        assert this.marks == ["interrupted: the server was killed"]
-        assert not [*folder.glob("*.journal")]
+    recover(server.folder)
+    (this,) = server.tries()
+    assert this.marks == ["interrupted: the server was killed"]
+    assert max(this.operator["velocity"]) > 0.1
+    assert not [*server.folder.glob("*.journal")]
 
 
-def command(folder, *words):
-    line = [sys.executable, "-m", "experiments.command", "play", "--no-open", *words]
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    return subprocess.run(line, cwd=folder, env=environment, capture_output=True, text=True, timeout=60, check=False)
+@pytest.mark.parametrize(("options", "message"), [
+    ({"setup": "no-such"}, "no set-up 'no-such'"),
+    ({"setup": "linear-blind"}, "has no operator: add operator = "),
+    ({"setup": "fast.toml"}, "control_period must be 0.016 s to be played, got 0.01 s"),
+    ({"assist": "magic"}, "assist must be one of none, brake, limit, policy, rule, got 'magic'"),
+    ({"out": ROOT / "agents" / "tuned"}, "is not read as a try"),
+], ids=str)  # fmt: skip
+def test_bad_arguments_are_refused_in_one_line(options, message, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    teleop = (ROOT / "agents" / "setups" / "teleop-rigid.toml").read_text()
+    (tmp_path / "fast.toml").write_text(teleop.replace("horizon =", "control_period = 0.01\nhorizon ="))
+    with pytest.raises(ValueError, match=f"^.*{re.escape(message)}.*$"):  # one line, as `.` is no end of a line
+        command.work(command.Play(**{"open": False, "out": tmp_path / "tries", **options}))
 
 
-def test_bad_arguments_are_refused_in_one_line(tmp_path):
-    (tmp_path / "mine.toml").write_text("[environment]\ntool_mass = 0.2\n")
-    teleop = (
-        (ROOT / "agents" / "setups" / "teleop-rigid.toml")
-        .read_text()
-        .replace("horizon =", "control_period = 0.01\nhorizon =")
-    )
-    (tmp_path / "fast.toml").write_text(teleop)
-    (tmp_path / "plan.toml").write_text('title = "a"\nsetup = "teleop-spring"\nsmallest = 0.01\nconsent = "b"\n')
-    (tmp_path / "tries").mkdir()
-    (tmp_path / "tries" / "a.json").write_text("{}")
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        taken.listen()
-        port = taken.getsockname()[1]
-        for words, message in (
-            (("--port", str(port)), f"port must be a free one from 0 (any) to 65535, got {port}"),
-            (("--port", "99999"), "port must be a free one"),
-            (("no-such",), "no set-up 'no-such'"),
-            (("linear-blind",), "has no operator: add operator = "),
-            (("mine.toml",), "has no operator: add operator = "),
-            (("fast.toml",), "control_period must be 0.016 s to be played, got 0.01 s"),
-            (("--assist", "magic"), "assist must be one of none, brake, limit, policy, rule, got 'magic'"),
-            (("--plan", "plan.toml"), "outcome must be fixed before anybody plays"),
-            (("--plan", "none.toml"), "none.toml is not read as TOML"),
-            (("--scripted", "3"), "scripted and report need a plan"),
-            (("--out", "tries"), "a.json is not read as a try"),
-        ):  # fmt: skip
-            done = command(tmp_path, *words)
-            assert done.returncode == 1, words
-            (line,) = done.stderr.splitlines()
-            assert line.startswith("impact-gym play: ")
-            assert message in line
-
-
-def test_without_a_display_the_address_is_to_be_opened_by_hand(tmp_path):
-    environment = {name: value for name, value in os.environ.items() if "DISPLAY" not in name} | {
-        "PYTHONPATH": str(ROOT)
-    }
-    line = [sys.executable, "-m", "experiments.command", "play", "--port", "0"]
-    process = subprocess.Popen(line, cwd=tmp_path, env=environment, text=True, stdout=subprocess.PIPE)
-    assert process.stdout.readline().startswith("http://127.0.0.1:")
-    assert process.stdout.readline() == "no browser could be opened here: open the address above\n"
-    process.send_signal(signal.SIGINT)
-    process.communicate(timeout=20)
-    assert process.returncode == 130
+def test_port_that_is_taken_is_refused_in_one_line_and_without_a_display_the_address_is_to_be_opened_by_hand(tmp_path):
+    environment = {name: value for name, value in os.environ.items() if "DISPLAY" not in name}
+    line = [sys.executable, "-m", "experiments.play", "--port"]
+    how = {"cwd": tmp_path, "env": environment | {"PYTHONPATH": str(ROOT)}, "text": True}
+    with subprocess.Popen([*line, "0"], **how, stdout=subprocess.PIPE) as process:
+        address = process.stdout.readline()
+        assert address.startswith("http://127.0.0.1:")
+        assert process.stdout.readline() == "no browser could be opened here: open the address above\n"
+        port = address.split(":")[2].split("/")[0]
+        second = subprocess.run([*line, port], **how, capture_output=True, timeout=60, check=False)
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=20)
+        assert (second.returncode, process.returncode) == (1, 130)
+    assert re.fullmatch(f"impact-gym play: port must be .* from 0 \\(any\\) to 65535, got {port}.*\n", second.stderr)
+    with pytest.raises(ValueError, match=r"port must be .* to 65535, got 99999"):
+        listening(99999)
