@@ -1,4 +1,4 @@
-"""From a set-up to a controller: `impact-gym controller my.toml --out DIR`, or `make controller SETUP=my.toml`.
+"""From a set-up to a controller: `impact-gym controller my.toml --out DIR`.
 
 Tunes the baselines, trains the seeds, writes the report and exports the median policy, each as the command does that it
 prints. What a stage leaves in DIR is kept: the same command continues where it was stopped. `--quick` does all of it

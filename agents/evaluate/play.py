@@ -26,18 +26,17 @@ def play(
     scenarios: Mapping[str, Any],
     weights: Sequence[float] = (2.0,),
     environment: Mapping[str, Any] | None = None,
-    record: Mapping[str, Sequence[float]] | None = None,
     lenient: bool = False,
 ) -> dict[str, NDArray[Any]]:
     """Return the results (weights, scenarios) at each time weight (m/s per s), and the scenarios' fields (scenarios,).
 
     `agents.evaluate.controllers` says how to describe a controller; `environment` is without scenario and time weight;
-    `record` and `lenient` are those of `ScenarioBatch`.
+    `lenient` is that of `ScenarioBatch`.
     """
     with warnings.catch_warnings(action="ignore", category=UserWarning):  # what is hard about it is meant to be
         played = [
             scenario_batch_of(scenarios, weight, environment, lenient).play(
-                controller_of(controller, weight, environment), record
+                controller_of(controller, weight, environment)
             )
             for weight in weights
         ]

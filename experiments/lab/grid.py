@@ -70,10 +70,10 @@ def cells(
 
 def play(
     controller: Mapping[str, Any], environment: Mapping[str, Any], scenarios: Mapping[str, Any],
-    weights: Sequence[float], record: Mapping[str, Sequence[float]] | None = None, lenient: bool = False,
+    weights: Sequence[float], lenient: bool = False,
 ) -> pl.DataFrame:  # fmt: skip
     """Return a row for each episode: its weight (m/s per s), number, scenario, and the results that are known of it."""
-    results = jobs.play(controller, scenarios, weights, environment, record, lenient)
+    results = jobs.play(controller, scenarios, weights, environment, lenient)
     measured = {name: results[name] for name in MEASURED if name in results}
     shape = next(iter(measured.values())).shape
     columns: dict[str, Any] = {"weight": np.array(weights)[:, None], "episode": np.arange(shape[1])}

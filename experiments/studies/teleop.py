@@ -56,7 +56,6 @@ ALONE, RULE, BRAKE, LIMIT, POLICY = "operator alone", "paper's rule", "local bra
 ASSISTANCE = (ALONE, RULE, BRAKE, LIMIT, POLICY)
 GAINS = np.linspace(0.3, 1.0, 8)
 MEASURES = ("object_velocity", "slide", "done_time", "taken", "missed")
-SHUFFLED = ", beliefs shuffled"
 RIVALS = {"gain": "constant gains", "brake": f"the {BRAKE}", "limit": f"the {LIMIT}"}
 """Whom contestants are compared with, by columns of the table of cells."""
 WORSE = {f"{rival}_{name}": words.format(who) for rival, who in RIVALS.items() if rival != "limit"
@@ -104,18 +103,6 @@ def assisted(quick: bool, _: Frames) -> Iterator[Cell]:
         yield from grid.cells([place], contestants(place.setup), scenarios, weights, lenient=True)
 
 
-def shuffled(quick: bool, frames: Frames) -> Iterator[Cell]:
-    """Yield cells where the operator believes the object where it stands in another episode."""
-    played = frames["episodes"].filter(contestant=ALONE, operator=REACH, channel="")
-    alone = {labels: rows.sort("episode")["distance"].to_numpy() for labels, rows in grid.groups(played, *LABELS)}
-    for cell in assisted(quick, frames):
-        where, who = tuple(cell.labels[name] for name in LABELS), cell.labels["contestant"]
-        if who in (ALONE, BRAKE, POLICY) and where in alone:
-            error = np.random.default_rng(0).permutation(alone[where]) - alone[where]
-            record = {"operator.place_error": error.tolist()}
-            yield Cell({**cell.labels, "contestant": who + SHUFFLED}, {**cell.arguments, "record": record})
-
-
 LABELS = ("coupling", "delay", "operator", "channel")
 
 
@@ -145,8 +132,7 @@ def cell_rows(labels: Row, rows: pl.DataFrame, weight: float, missed_cost: float
         front = {"slide": along(times, slides, ours["done_time"]), "cost": costs[:, int(costs[0].argmin())]}
         for rival, theirs in {"gain": front, "brake": means[BRAKE], "limit": means[LIMIT]}.items():
             for name in ("slide", "cost"):
-                less = np.full(2, np.nan) if SHUFFLED in who else theirs[name] - ours[name]
-                row |= spread(f"{rival}_{name}", estimate(less))
+                row |= spread(f"{rival}_{name}", estimate(theirs[name] - ours[name]))
         yield row
 
 
@@ -157,9 +143,8 @@ def spread(name: str, value: Estimate) -> dict[str, float]:
 
 def table_of_cells(frames: Frames) -> list[dict[str, Any]]:
     """Return a row for each contestant in each cell."""
-    episodes = pl.concat([frames["episodes"], *(frames[name] for name in ("shuffled",) if name in frames)])
     rows = list[dict[str, Any]]()
-    for labels, cell in grid.groups(episodes, *LABELS):
+    for labels, cell in grid.groups(frames["episodes"], *LABELS):
         setup = load_setup(f"teleop-{labels[0]}")
         cost = grid.missed_cost(setup.environment)
         rows += cell_rows(dict(zip(LABELS, labels, strict=True)), cell, setup.evaluation.typical, cost)
@@ -271,7 +256,7 @@ def answer(held_out: Sequence[Row]) -> str:
     """Return how far the object slides alone, with the brake and with the policy, at the typical delay."""
     frame = pl.DataFrame(held_out, infer_schema_length=None).filter(delay=TYPICAL)
     parts = []
-    for coupling in COUPLINGS:
+    for coupling in frame["coupling"].unique(maintain_order=True):
         means = (
             np.mean(frame.filter(coupling=coupling, contestant=who)["slide"].to_numpy())
             for who in (ALONE, BRAKE, POLICY)
@@ -302,7 +287,7 @@ def watched(coupling: str, count: int) -> dict[str, Any]:
 def analyse(frames: Frames, _: bool) -> Findings:
     """Return what the episodes say."""
     found = table_of_cells(frames)
-    plain = [row for row in found if not row["channel"] and SHUFFLED not in row["contestant"]]
+    plain = [row for row in found if not row["channel"]]
     typical = [row for row in plain if row["delay"] == TYPICAL]
     held_out = [row for row in plain if row["operator"] in HELD_OUT]
     trained = [row for row in plain if row["operator"] not in HELD_OUT]
@@ -336,8 +321,8 @@ def analyse(frames: Frames, _: bool) -> Findings:
             Table("Cells where one is worse than a rival beyond its interval", head, worse) if worse else nowhere
         ], key="hurts"),
         Section("All cells", [
-            "Beliefs shuffled: the operator believes the object where it stands in another episode. 5G: three measured "
-            "grades, each way.", listed(found),
+            "5G: three measured grades, each way.",
+listed(found),
         ], folded=True, key="all"),
     ]  # fmt: skip
     return Findings(answer(held_out), sections, {"cells": pl.DataFrame(found, infer_schema_length=None)})
@@ -347,6 +332,6 @@ PLAYED = (*grid.PLAYED, "agents.setups", "impact_gym.operators")
 STUDY = Study(
     "teleop",
     "Which assistance helps an operator who acts late?",
-    (Measurement("episodes", assisted, grid.play, PLAYED), Measurement("shuffled", shuffled, grid.play, PLAYED)),
+    (Measurement("episodes", assisted, grid.play, PLAYED),),
     analyse,
 )

@@ -47,7 +47,7 @@ other one what it was when the blow was measured: no range.
     noise = 0.2                                          # standard deviation
     cell = { mass = 0.02, frequency = 5000.0 }           # of a force: kg before the element, Hz; damping_ratio
 
-what is written: the set-up with the intervals as ranges, without the two tables, ready for impact-gym check. A number to
+what is written: the set-up with the intervals as ranges, without the two tables. A number to
 which the log sets no limit on one side stays as it was, and a comment says so.
 
 --hold-out checks the fit on blows that it has not seen: every other log is fitted and predicts those between, then they

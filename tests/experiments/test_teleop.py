@@ -1,6 +1,5 @@
 """Who assists an operator: the numbers of cells, and which sentences they allow."""
 
-import math
 from html import unescape
 
 import numpy as np
@@ -26,11 +25,7 @@ def few(cells):
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory):
-    run = small_run(
-        teleop.STUDY, tmp_path_factory.mktemp("teleop"),
-        episodes=list(few(teleop.assisted(True, {}))),
-        shuffled=lambda frames: few(teleop.shuffled(True, frames)),
-    )  # fmt: skip
+    run = small_run(teleop.STUDY, tmp_path_factory.mktemp("teleop"), episodes=list(few(teleop.assisted(True, {}))))
     run.write()
     return run
 
@@ -39,18 +34,13 @@ def test_page_has_every_contestant_and_numbers_that_hold_together(study):
     text = unescape(text_of_a_page_that_stands_on_its_own(study.folder, figures=2))
     found = teleop.table_of_cells(study.frames)
     names = {row["contestant"] for row in found}
-    assert names == {*teleop.ASSISTANCE} | {
-        name + teleop.SHUFFLED for name in (teleop.ALONE, teleop.BRAKE, teleop.POLICY)
-    }
+    assert names == {*teleop.ASSISTANCE}
     assert all(name in text for name in names)
     assert f"over {COUNT} scenarios" in text
     by_name = {(row["operator"], row["contestant"]): row for row in found}
     for (operator, who), row in by_name.items():
         assert row["slide_low"] <= row["slide"] <= row["slide_high"]
         brake = by_name[operator, teleop.BRAKE]
-        if teleop.SHUFFLED in who:
-            assert math.isnan(row["brake_cost"])
-            continue
         assert row["cost"] == pytest.approx(row["object_velocity"] + 0.5 * row["done_time"] + 2.0 * row["missed"])
         assert row["brake_slide"] == pytest.approx(brake["slide"] - row["slide"], abs=1e-12)
         assert row["brake_cost"] == pytest.approx(brake["cost"] - row["cost"], abs=1e-12)
@@ -61,15 +51,6 @@ def test_page_has_every_contestant_and_numbers_that_hold_together(study):
             assert row["gain_cost"] <= 0.0
     for operator in (teleop.REACH, "steady"):  # who senses at once stops before the operator has seen anything
         assert by_name[operator, teleop.BRAKE]["slide"] < by_name[operator, teleop.ALONE]["slide"]
-
-
-def test_shuffled_operator_believes_the_object_where_another_one_stands(study):
-    frame = study.frames["shuffled"].filter(contestant=teleop.ALONE + teleop.SHUFFLED, coupling="spring")
-    cells = few(teleop.shuffled(True, study.frames))
-    error = next(cell.arguments["record"]["operator.place_error"] for cell in cells)
-    distance = frame.sort("episode")["distance"].to_numpy()
-    assert np.sort(distance + error) == pytest.approx(np.sort(distance), rel=1e-12)
-    assert np.abs(error).max() > 0.05
 
 
 def row_of(who, column, low, high, **others):
