@@ -212,22 +212,21 @@ def _begin(function: str) -> None:
 
 
 def _on_cluster(calls: Sequence[Call], address: str) -> Answers:
-    """Do calls on a Ray cluster, a core for each; the project's sources go along, compiled kernels included.
-
-    Nodes need the same Python, Ray, NumPy and SciPy. Ray repeats a call whose node was lost, done or not.
-    """
+    """Do calls on a Ray cluster, a core for each, with the sources here; Ray repeats calls whose node was lost."""
     try:
         import ray
         import ray.exceptions
     except ImportError as error:
         raise RuntimeError("Ray is not installed: install the extra `cluster`, here and on all nodes") from error
     sources = {"agents", "impact_gym", calls[0].function.replace(":", ".").split(".")[0]}
-    paths = [str(origin_of(name)) for name in sorted(sources)]
-    environment = {"py_modules": paths, "excludes": ["__pycache__"], "env_vars": ONE_THREAD}
+    sent: dict[str, Any] = {"py_modules": [str(origin_of(name)) for name in sorted(sources)], "env_vars": ONE_THREAD}
+    sent["working_dir"] = str(
+        origin_of("agents") / "tuned"
+    )  # no modules; without it, nodes look where this process does
     try:
         _listens(address)
         name = "auto" if address == "ray" else address
-        ray.init(name, runtime_env=environment, log_to_driver=False, logging_level=logging.WARNING)
+        ray.init(name, runtime_env=sent, log_to_driver=False, logging_level=logging.WARNING)
     except (OSError, RuntimeError, ValueError) as error:
         begin = "`ray start --head`, and `ray start --address=HOST:PORT` on each further node"
         raise RuntimeError(f"no Ray cluster at {address!r} ({error}): start one with {begin}") from error

@@ -3,7 +3,6 @@
 import csv
 import errno
 import os
-import sqlite3
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -49,8 +48,6 @@ def reason(error: Exception) -> str:
 
 
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-SQLITE_NO_ROOM = (sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR)
-"""Primary codes: SQLite takes a quota for an error of the disk."""
 
 
 class DiskFullError(OSError):
@@ -72,10 +69,6 @@ def writing(what: str) -> Iterator[None]:
         if error.errno not in NO_ROOM:
             raise
         raise DiskFullError(f"no room to write {what}: {error.strerror}") from error
-    except sqlite3.OperationalError as error:
-        if error.sqlite_errorcode & 0xFF not in SQLITE_NO_ROOM:
-            raise
-        raise DiskFullError(f"no room to write {what}: {error}") from error
 
 
 @contextmanager

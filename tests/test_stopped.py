@@ -11,8 +11,8 @@ import time
 from pathlib import Path
 
 import pytest
+from cluster_work import kept
 from episodes import assert_identical
-from job_cases import kept
 from training import left as left_by_training
 
 from agents import load_policy

@@ -1,21 +1,19 @@
 """Calls are done once, stored, and done again only where their result is missing or damaged."""
 
-import fcntl
 import json
 import os
 import re
 import signal
 import subprocess
 import sys
-from functools import partial
+import time
 from pathlib import Path
 
 import cluster_work
-import job_cases
 import numpy as np
 import pytest
 import slow_to_load
-from cluster_work import begun, calls, fails_on, numbers
+from cluster_work import calls, fails_on, kept, numbers
 from episodes import assert_identical
 
 from agents import jobs
@@ -38,61 +36,68 @@ def listed(log, count=6, **more):
     return [{"log": str(log), "number": number, **more} for number in range(count)]
 
 
-@pytest.fixture(scope="module")
-def cluster(tmp_path_factory):
-    """The folder that job_cases.py fills on a Ray cluster, once for all workers of pytest-xdist."""
-    pytest.importorskip("ray", reason="the extra `cluster` is not installed")
-    root = tmp_path_factory.getbasetemp()
-    root = root.parent if "PYTEST_XDIST_WORKER" in os.environ else root
-    folder = root / "cluster"
-    with (root / "cluster.lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        if not (folder / job_cases.LAST).exists():
-            folder.mkdir()  # where the script runs: Ray's workers here look first where it does
-            of_another_cluster = ("RAY_ADDRESS", "RAY_RUNTIME_ENV_HOOK")
-            environment = {name: value for name, value in os.environ.items() if name not in of_another_cluster}
-            path = os.pathsep.join(map(str, (HELPERS, ROOT)))  # these sources, whatever is installed
-            environment |= {"RAY_USAGE_STATS_ENABLED": "0", "PYTHONPATH": path, "PYTHONWARNINGS": "default"}
-            command = [sys.executable, "-m", "job_cases", folder]
-            with (folder / "printed").open("w") as printed:
-                streams = {"stdout": printed, "stderr": printed}
-                ended = subprocess.run(command, check=False, cwd=folder, env=environment, timeout=300, **streams)
-            assert ended.returncode == 0, (folder / "printed").read_text()[-4000:]
-    return folder
+DRIVER = """
+import signal, cluster_work
+from agents.jobs import cached
+signal.signal(signal.SIGINT, signal.default_int_handler)  # else ignored where pytest is in the background
+if __name__ == "__main__":
+    cached(cluster_work.numbers, {given!r}, {folder!r}, processes={processes})
+"""
 
 
-@pytest.fixture(params=["local", pytest.param("ray", marks=pytest.mark.storm)])
-def outcome(request, tmp_path):
-    """Return what a case of job_cases.py returns on an engine, and the folder that it filled."""
+def driver(folder, given, processes):
+    """Start a process that calls `numbers`."""
+    (folder / "driver.py").write_text(DRIVER.format(given=given, folder=str(folder / "results"), processes=processes))
+    path = os.pathsep.join(map(str, (HELPERS, ROOT)))  # these sources, whatever is installed
+    return subprocess.Popen([sys.executable, folder / "driver.py"], env=os.environ | {"PYTHONPATH": path})
 
-    def of(name, case):
-        if request.param == "local":
-            return case(tmp_path, **LOCAL), tmp_path
-        folder = request.getfixturevalue("cluster")
-        return json.loads((folder / f"{name}.json").read_text()), folder / name
 
-    return of
+def descendants(pid):
+    """The processes below one, as the kernel lists them."""
+    below = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+    return [int(child) for child in below] + [deeper for child in below for deeper in descendants(int(child))]
+
+
+def alive(pid):
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return False
 
 
 @pytest.mark.storm
 @pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="reads the list of processes where Linux keeps it")
-def test_killed_command_computes_only_what_is_missing_and_leaves_no_process(outcome):
-    runs, folder = outcome("killed", partial(job_cases.killed_and_resumed, ways=[signal.SIGINT, signal.SIGKILL]))
-    assert [run["kept"] for run in runs] == [*range(2, 1 + len(runs)), job_cases.JOBS]
-    assert sorted(calls(folder / "log")) == [*range(job_cases.JOBS)]
-    assert not any(run["left"] for run in runs)
+def test_killed_command_computes_only_what_is_missing_and_leaves_no_process(log, tmp_path):
+    given = listed(log, 8, below=str(tmp_path / "below"))
+    for enough, how in ((2, signal.SIGINT), (3, signal.SIGKILL), (8, None)):
+        (tmp_path / "below").write_text(str(enough))
+        with driver(tmp_path, given, 2) as run:
+            while len(kept(tmp_path)) < enough:
+                assert run.poll() is None, "the command ended too soon"
+                time.sleep(0.02)
+            below = descendants(run.pid) if how else []
+            if how:
+                run.send_signal(how)
+            run.wait(60)
+        deadline = time.monotonic() + 10
+        while any(map(alive, below)) and time.monotonic() < deadline:
+            time.sleep(0.05)
+        assert not any(map(alive, below))
+        assert len(kept(tmp_path)) == enough
+    assert sorted(calls(log)) == [*range(8)]
 
 
-def test_failed_calls_are_named_when_all_others_are_done(outcome):
-    case, folder = outcome("failed", job_cases.failed)
-    assert case["calls"] == [0, 3]
-    assert len(job_cases.kept(folder)) == 2
+def test_failed_calls_are_named_when_all_others_are_done(log, tmp_path):
+    with pytest.raises(JobsFailedError) as raised:
+        cached(fails_on, listed(log, 4, bad=[1, 2]), tmp_path, **LOCAL)
+    assert sorted(calls(log)) == [0, 3]
+    assert len(kept(tmp_path)) == 2
     for pattern in (
         "2 of 4 jobs failed",
         r'fails_on {.*"number": 2}: ArithmeticError: no result for 2',
         "the first of these raised:\nTraceback(.|\n)*in fails_on",
     ):
-        assert re.search(pattern, case["message"])
+        assert re.search(pattern, str(raised.value))
 
 
 def test_lost_process_fails_the_call_that_it_was_doing_alone(log, tmp_path):
@@ -104,11 +109,24 @@ def test_lost_process_fails_the_call_that_it_was_doing_alone(log, tmp_path):
 
 
 @pytest.mark.storm
-def test_ray_results_equal_local_ones_to_the_bit_though_a_node_was_killed(cluster, tmp_path):
-    folder, outcome = cluster / "node", json.loads((cluster / "node.json").read_text())
-    before = len(begun(folder / "log"))
-    for function, there, here in zip(
-        (cluster_work.played, numbers), job_cases.slices(folder), job_cases.slices(tmp_path), strict=True
+def test_ray_results_equal_local_ones_to_the_bit_though_a_node_was_killed(tmp_path):
+    job_cases = pytest.importorskip("job_cases", reason="the extra `cluster` is not installed")
+    of_another_cluster = ("RAY_ADDRESS", "RAY_RUNTIME_ENV_HOOK")
+    environment = {name: value for name, value in os.environ.items() if name not in of_another_cluster}
+    path = os.pathsep.join(map(str, (HELPERS, ROOT)))
+    environment |= {"RAY_USAGE_STATS_ENABLED": "0", "PYTHONPATH": path, "PYTHONWARNINGS": "default"}
+    folder = tmp_path / "there"
+    folder.mkdir()  # where the script runs: Ray's workers on this machine look for modules where it does
+    with (tmp_path / "printed").open("w") as printed:
+        streams = {"stdout": printed, "stderr": printed}
+        command = [sys.executable, "-m", "job_cases", folder]
+        ended = subprocess.run(command, check=False, cwd=folder, env=environment, timeout=300, **streams)
+    assert ended.returncode == 0, (tmp_path / "printed").read_text()[-4000:]
+    outcome = json.loads((folder / "outcome.json").read_text())
+    before = calls(folder / "log")
+    for function, there, here in (
+        (cluster_work.played, job_cases.scenarios(folder), job_cases.scenarios(tmp_path)),
+        (numbers, job_cases.large(folder), job_cases.large(tmp_path, seconds=0.0)),
     ):
         stored = cached(function, there, folder / "results", processes=0)  # needs no cluster any more
         computed = cached(function, here, tmp_path / "here", processes=0)
@@ -116,15 +134,11 @@ def test_ray_results_equal_local_ones_to_the_bit_though_a_node_was_killed(cluste
             assert first.pop("where") != second.pop("where")  # the sources, and kernels, that were sent
             first.pop("threads", None), second.pop("threads", None)
         assert_identical(stored, computed)
-    numbers_begun = calls(folder / "log")
-    assert len(numbers_begun) == before
-    assert sorted(outcome["fetched"]) == [*range(12)]
-    assert any(numbers_begun.count(number) > 1 for number in outcome["unfetched"])  # done there, and again elsewhere
-
-
-@pytest.mark.storm
-def test_ray_names_the_remedy_where_no_cluster_is(cluster):
-    assert "ray start --head" in json.loads((cluster / "none.json").read_text())
+    assert calls(folder / "log") == before
+    assert any(before.count(number) > 1 for number in outcome["unfetched"])  # done there, and again elsewhere
+    assert "1 of 2 jobs failed" in outcome["failed"]
+    assert "ArithmeticError: no result for 1" in outcome["failed"]
+    assert "ray start --head" in outcome["none"]
 
 
 def test_ray_names_the_extra_where_it_is_missing(tmp_path, monkeypatch, log):
@@ -161,10 +175,8 @@ def test_results_have_the_same_bits_whatever_the_order_and_the_processes(log, tm
 
 def test_equal_calls_are_done_once_and_each_has_a_result_of_its_own(log, tmp_path):
     cached(numbers, listed(log, 2)[1:], tmp_path, processes=0)
-    seen = []
-    results = cached(
-        numbers, listed(log, 2) + listed(log, 3), tmp_path, processes=0, done=lambda *each: seen.append(each)
-    )
+    seen, given = [], listed(log, 2) + listed(log, 3)
+    results = cached(numbers, given, tmp_path, processes=0, done=lambda *each: seen.append(each))
     assert calls(log) == [1, 0, 2]
     assert [result["number"] for result in results] == [0, 1, 0, 1, 2]
     assert results[0] is not results[2]
@@ -187,7 +199,7 @@ def flipped(content):
 def test_damaged_result_is_computed_anew(log, tmp_path, capsys, damage):
     folder, given = tmp_path / "results", listed(log, 3)
     before = cached(numbers, given, folder, processes=0)
-    path = min(job_cases.kept(folder))
+    path = min(kept(folder))
     path.write_bytes(damage(path.read_bytes()))
     after = cached(numbers, given, folder, processes=0)
     assert len(calls(log)) == 4
@@ -209,7 +221,7 @@ def test_two_commands_may_share_a_folder(log, tmp_path):
     first = cached(numbers, listed(log, 3), tmp_path, processes=0, done=meanwhile)
     assert_identical(first, others[:2:-1])
     assert calls(log)[:6] == [0, 5, 4, 3, 2, 1]
-    assert len(job_cases.kept(tmp_path)) == 6
+    assert len(kept(tmp_path)) == 6
 
 
 def test_late_call_is_ended_and_its_failure_stored_where_something_stands_for_it(log, tmp_path):
@@ -219,9 +231,8 @@ def test_late_call_is_ended_and_its_failure_stored_where_something_stands_for_it
         assert (late, done["number"]) == ("no answer within 1 s", 4)
         assert sorted(calls(log)) == [3, 4]
     bad = [{"log": str(log), "number": 1, "bad": [1]}]
-    assert cached(fails_on, bad, tmp_path, processes=0, failed=lambda _, why: why) == [
-        "ArithmeticError: no result for 1"
-    ]
+    (failed,) = cached(fails_on, bad, tmp_path, processes=0, failed=lambda _, reason: reason)
+    assert failed == "ArithmeticError: no result for 1"
     with pytest.raises(JobsFailedError, match="ArithmeticError"):  # whoever wants results tries once more
         cached(fails_on, bad, tmp_path, processes=0)
     assert cached(slow_to_load.at_once, [{}], tmp_path, seconds=0.7, **LOCAL) == [1.0]  # importing does not count
@@ -233,41 +244,31 @@ def test_command_ends_where_a_call_finds_no_room_and_keeps_what_is_done(processe
     given = [{"path": str(tmp_path / "file")}]
     with pytest.raises(DiskFullError, match=r"no room to write .*file: No space left on device"):
         cached(cluster_work.finds_no_room, given, tmp_path, processes=processes, failed=lambda *_: None)
-    assert len(job_cases.kept(tmp_path)) == 1
+    assert len(kept(tmp_path)) == 1
 
 
 def test_another_process_finds_what_is_stored_in_each_folder(log, tmp_path):
-    for name in ("first", "second"):
+    for name in ("first", "second/results"):
         cached(numbers, listed(log, 2), tmp_path / name, processes=0)
-    before = job_cases.kept(tmp_path)
-    code = (
-        "import cluster_work, sys; from agents.jobs import cached; cached(cluster_work.numbers, {}, {!r}, processes=0)"
-    )
-    path = os.pathsep.join(map(str, (HELPERS, ROOT)))
-    command = [sys.executable, "-c", code.format(listed(log, 2), str(tmp_path / "second"))]
-    subprocess.run(command, check=True, env=os.environ | {"PYTHONPATH": path})
-    assert (job_cases.kept(tmp_path), len(calls(log))) == (before, 4)
+    before = kept(tmp_path)
+    with driver(tmp_path / "second", listed(log, 2), 0) as other:
+        assert other.wait(60) == 0
+    assert (kept(tmp_path), len(calls(log))) == (before, 4)
 
 
-@pytest.mark.parametrize(("options", "message"), [
-    ({"processes": -1}, "processes must be a whole number of at least 0, got -1"),
-    ({"seconds": 2.0, "cluster": "ray"}, "seconds or cluster, not both"),
-    ({"seconds": 0.0}, "seconds must be finite and above 0 s"),
+@pytest.mark.parametrize(("call", "kind", "message"), [
+    ((numbers, [], {"processes": -1}), ValueError, "processes .* at least 0, got -1"),
+    ((numbers, [], {"seconds": 2.0, "cluster": "ray"}), ValueError, "seconds or cluster, not both"),
+    ((numbers, [], {"seconds": 0.0}), ValueError, "seconds .* above 0 s"),
+    ((lambda: 1, [{}], {}), ValueError, "put it into a module"),
+    ((numbers, [{"log": "x"}], {}), TypeError, "missing a required argument: 'number'"),
+    ((numbers, [{"log": "x", "number": np.array([1.0])}], {}), TypeError, "JSON"),
+    ((cluster_work.no_data, [{}], {"processes": 0}), JobsFailedError, "no_data.*pickle"),
 ])  # fmt: skip
-def test_wrong_options_are_refused_at_once(tmp_path, options, message):
-    with pytest.raises(ValueError, match=message):
-        cached(numbers, [], tmp_path, **options)
-
-
-@pytest.mark.parametrize(("function", "arguments", "kind", "message"), [
-    (lambda: 1, {}, ValueError, "put it into a module"),
-    (numbers, {"log": "x"}, TypeError, "missing a required argument: 'number'"),
-    (numbers, {"log": "x", "number": np.array([1.0])}, TypeError, "JSON"),
-    (cluster_work.no_data, {}, JobsFailedError, "no_data.*pickle"),
-])  # fmt: skip
-def test_function_and_arguments_that_cannot_be_sent_are_refused(function, arguments, kind, message, tmp_path):
+def test_options_functions_and_arguments_that_are_none_are_refused(call, kind, message, tmp_path):
+    function, arguments, options = call
     with pytest.raises(kind, match=message):
-        cached(function, [arguments], tmp_path, processes=0)
+        cached(function, arguments, tmp_path, **options)
 
 
 def test_result_is_another_for_another_function_other_arguments_and_what_it_depends_on(log, tmp_path):

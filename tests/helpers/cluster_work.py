@@ -28,6 +28,11 @@ def calls(log):
     return [number for number, _ in begun(log)]
 
 
+def kept(folder):
+    """Return the stored results below a folder, each with what changes when it is computed again."""
+    return {path: path.stat().st_mtime_ns for path in folder.glob("**/output.pkl")}
+
+
 def numbers(log, number, seconds=0.0, megabytes=0, below=None):
     """Return what a sum over many numbers rounds to, so that a result in another order would show.
 
