@@ -54,7 +54,7 @@ def test_load_setup_refuses_texts_that_become_paths(tmp_path):
     for text in TEXTS:
         places = {"tuned": {"baselines": {"tuned": {text: "BlindProfile"}}}, "set": {"evaluation": {"set": text}},
                   "against": {"baselines": {"against": [text]}}, "bound": {"baselines": {"bound": text}},
-                  "of": {"evaluation": {"of": text}}, "teacher": {"training": {"teacher": text or ".."}}}  # fmt: skip
+                  "teacher": {"training": {"teacher": text or ".."}}}  # fmt: skip
         for field, content in places.items():
             refused(partial(set_up, tmp_path, content), field)
         if "/" not in text and "\0" not in text and len(text) < 200:
