@@ -150,7 +150,7 @@ def _call(function: Callable[..., Any], arguments: Mapping[str, Any], depends: s
         raise ValueError(f"function {name} is not importable elsewhere: put it into a module, at its top level")
     try:
         inspect.signature(function).bind(**arguments)
-        return Call(f"{module}:{name}", json.dumps(arguments, sort_keys=True), depends)
+        return Call(f"{module}:{name}", json.dumps(arguments), depends)
     except TypeError as error:
         raise WrongTypeError(f"arguments of {name} must be keywords that it takes, as JSON has them: {error}") from None
 
