@@ -173,10 +173,13 @@ def _write_table(path: Path, frame: pl.DataFrame) -> str:
 
 def frame_of(measured: Iterable[tuple[Row, Rows]]) -> pl.DataFrame:
     """Return one frame of the rows of all cells, each with its labels as first columns; what a row lacks is null."""
-    frames = []
-    for labels, rows in measured:
-        frame = rows if isinstance(rows, pl.DataFrame) else pl.DataFrame(list(rows), infer_schema_length=None)
-        frames.append(frame.select(*(pl.lit(value).alias(name) for name, value in labels.items()), pl.all()))
+    frames, rows = list[pl.DataFrame](), list[Row]()
+    for labels, found in measured:
+        if isinstance(found, pl.DataFrame):
+            frames.append(found.select(*(pl.lit(value).alias(name) for name, value in labels.items()), pl.all()))
+        else:
+            rows += [{**labels, **row} for row in found]
+    frames += [pl.DataFrame(rows, infer_schema_length=None)] if rows else []
     return pl.concat(frames, how="diagonal_relaxed") if frames else pl.DataFrame()
 
 

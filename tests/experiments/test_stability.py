@@ -12,9 +12,8 @@ from studies import small_run
 import impact_gym as ig
 from experiments.lab.study import Cell
 from experiments.studies import stability
-from experiments.studies.solvers import approaches, solutions
+from experiments.studies.solvers import approaches
 from experiments.studies.solvers.approaches import Approach
-from experiments.studies.solvers.contenders import OURS
 from experiments.studies.stability import promises, storm
 from impact_gym.scene import Dissipation
 
@@ -199,50 +198,27 @@ def test_agreement_finds_a_difference_and_over_agreement_counts_what_is_not_know
     assert not promises.over_agreement(same.clear(), 0).met
 
 
-def test_shares_are_those_of_each_class_and_of_missed_contacts():
-    of = {"contender": OURS, "true_contacts": 2, "microseconds": 1e6}
-    kinds = (("", 2), (solutions.WRONG, 1), (solutions.LATE, None), ("", 2), ("gave up: it did", None))
-    hung = {"contender": "RK45", "failure": "no answer within 60 s"}
-    rows = [*(of | {"failure": kind, "contacts": contacts} for kind, contacts in kinds), hung]
-    line, ended = stability.shares(pl.DataFrame(rows)).to_dicts()
-    assert sum(line[kind] for kind in solutions.CLASSES) == pytest.approx(1.0)
-    assert (line[solutions.GOOD], line[solutions.GAVE_UP], line["missed"], line["seconds"]) == (0.4, 0.2, 0.2, 1.0)
-    assert (ended[solutions.LATE], ended["missed"], ended["seconds"]) == (1.0, 0.0, math.inf)
-
-
-def few(cells):
-    """Cells of the scene that is judged, and of the first two that rivals meet."""
-    asked = {stability.FIRST, *stability.contested(True)[:2]}
-    return [cell for cell in cells if cell.labels["scene"] in asked]
-
-
 @pytest.fixture(scope="module")
 def study(tmp_path_factory):
     """A study of a few scenes, for one of which the independent solver has no time at all."""
-    late, plain = Cell({"scene": 2}, {"number": 2, "patience": 1e-3}), {"solve_ivp LSODA": 1e-6}
+    late = Cell({"scene": 2}, {"number": 2, "patience": 1e-3})
     run = small_run(
         stability.STUDY, tmp_path_factory.mktemp("stability"),
         storm=[Cell({"scene": number}, {"number": number}) for number in range(FEW)],
-        truth=lambda frames: [*few(stability.cells_of_truth(True, frames)), late],
-        ours=lambda frames: stability.cells_of_ours(True, frames),
-        rivals=lambda frames: stability.cells_of_contest(True, frames, plain),
+        truth=lambda frames: [*stability.cells_of_truth(True, frames), late],
     )  # fmt: skip
     run.write()
     return run
 
 
-def test_page_has_a_row_for_each_scene_also_for_one_without_a_truth_and_shares_of_the_rivals(study):
+def test_page_has_a_row_for_each_scene_also_for_one_without_a_truth(study):
     assert study.frames["storm"]["scene"].to_list() == [*range(FEW)]
-    text = text_of_a_page_that_stands_on_its_own(study.folder, figures=2)
+    text = text_of_a_page_that_stands_on_its_own(study.folder, figures=1)
     assert all(promise.text in text for promise in promises.PROMISES)
-    shares = stability.shares(pl.concat([study.frames["ours"], study.frames["rivals"]]))
-    assert shares["contender"].to_list() == [OURS, "solve_ivp LSODA"]
-    assert shares[solutions.GOOD][0] == 1.0
     late = study.frames["truth"].filter(scene=2)
     assert late["description"].item() == approaches.storm(2).description
     assert "TimeoutError" in late["failure"].item()
     assert late["velocity"].item() is None
-    assert 2 not in study.frames["ours"]["scene"]
 
 
 def test_page_lists_every_failure(study):

@@ -9,25 +9,19 @@ import os
 import signal
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from functools import partial
 from time import thread_time
 from typing import Any
-
-import numpy as np
-from scipy.integrate import solve_ivp
 
 import impact_gym as ig
 from experiments import reference
 from experiments.lab.study import Row
-from experiments.reference.chain import Chain, Scales, System
 from experiments.studies.solvers.approaches import Approach, approach_of
-from experiments.studies.solvers.solutions import GAVE_UP, LATE, Solution, errors, failure
+from experiments.studies.solvers.solutions import GAVE_UP, Solution, errors, failure
 
-OURS, CAREFUL, PLAIN = "impact_gym", "SciPy", "solve_ivp"  # SciPy's integrators in the reference; as people write it
+OURS, CAREFUL = "impact_gym", "SciPy"  # SciPy's integrators in the reference
 METHODS = ("RK45", "DOP853", "LSODA", "Radau")
 JUDGES = ("experiments.reference", "experiments.lab.scenes", "experiments.studies.solvers")
 """Modules that rows of contenders follow from, beside our solver."""
-ATOL = 1e-9  # of solve_ivp as people write it
 TOO_WRONG = 1e-2  # m/s in V_p: then an answer is a failure
 LEAST = 5e-3  # s, in a round, so that the clock's grain does not matter
 MOST_CALLS = 10_000
@@ -51,52 +45,6 @@ def limited(seconds: float | None) -> Iterator[None]:
         signal.signal(signal.SIGPROF, before)
 
 
-class Plain(System):
-    """The equations in SI units as people write them: each call asks whether a force pulls, or a stop pushes."""
-
-    def force(self, y: Any) -> float:
-        """Contact force, never negative."""
-        return max(super().force(y), 0.0)
-
-    def coupling_force(self, u: float, u_dot: float) -> float:
-        """Force of coupling and stops on the tool."""
-        if law := self.chain.bistable:
-            self.on.update(front=law.front(u, u_dot) > 0.0, rear=law.rear(u, u_dot) > 0.0)
-        return super().coupling_force(u, u_dot)
-
-
-def with_events(approach: Approach, method: str, rtol: float) -> Solution:
-    """Solve by solve_ivp, started anew at touch, separation and alarm, and where the commanded acceleration jumps.
-
-    It compares signs at the ends of steps: what turns there and back within one is not seen. Contacts have m = n.
-
-    Raises:
-        RuntimeError: the integrator gave up.
-    """
-    chain, t, d = Chain(approach.scene, approach.motion), 0.0, 0.0
-    y, touching, contacts, evaluations = np.zeros(8), False, 0, 0
-    y[0] = -approach.scene.object.distance
-    while t < approach.duration:
-        system = Plain(chain, Scales(1.0, 1.0, chain.k_c), touching, d)  # m and s; no force is among the states
-        span = min(system.enter(t), approach.duration) - t
-        watched = [switch for switch in system.switches() if switch.name in ("touching", "alarm")]
-        events: list[Any] = [partial(switch.gauge) for switch in watched]
-        for event, switch in zip(events, watched, strict=True):
-            event.terminal, event.direction = True, -1.0 if switch.on else 1.0
-        run = solve_ivp(system.rates, (0.0, span), y, method, events=events, rtol=rtol, atol=ATOL)
-        if run.status < 0:
-            raise RuntimeError(run.message)
-        v_p = system.object_velocity(run.t[-1], run.y[:, -1])
-        t, y, evaluations = t + float(run.t[-1]), run.y[:, -1].copy(), evaluations + run.nfev
-        if len(run.t_events[0]):
-            touching = not touching
-            contacts, d = contacts + touching, chain.d / max(y[1], 1e-6)
-        elif run.status == 1:
-            chain.command.detect(t)
-    alarm = chain.command.detection_time
-    return Solution(v_p, detection_time=math.nan if alarm is None else alarm, contacts=contacts, steps=evaluations)
-
-
 def solved(approach: Approach, name: str, setting: float) -> tuple[Solution, float]:
     """Return the solution of a contender at a tolerance, and the processor time that it is charged, s.
 
@@ -108,8 +56,6 @@ def solved(approach: Approach, name: str, setting: float) -> tuple[Solution, flo
         outcome = reference.simulate(*approach.run, rtol=setting, method=method)
         return Solution.of(outcome, approach.duration), outcome.contact_seconds
     begun = thread_time()
-    if kind == PLAIN:
-        return with_events(approach, method, setting), thread_time() - begun
     ours = ig.simulate(*approach.run, setting)
     seconds = thread_time() - begun
     return Solution.of(ours, approach.duration), seconds
@@ -126,18 +72,14 @@ def averaged(approach: Approach, name: str, setting: float, least: float) -> tup
 
 
 def judged(
-    approach: Approach, name: str, setting: float, truth: Solution, allowed: float, counted: Sequence[str],
-    *, least: float = 0.0, limit: float | None = None,
-) -> Row:  # fmt: skip
-    """Return the row of a contender: time of a call, errors, counts and failure; see `averaged`, `failure`, `limited`.
+    approach: Approach, name: str, setting: float, truth: Solution, allowed: float, counted: Sequence[str]
+) -> Row:
+    """Return the row of a contender: time of a call, errors, counts and failure; see `averaged` and `failure`.
 
-    A contender that raises an error or is late has a failure and no more.
+    A contender that raises an error has a failure and no more.
     """
     try:
-        with limited(limit):
-            solution, seconds = averaged(approach, name, setting, least)
-    except TimeoutError:
-        return {"microseconds": math.inf, "failure": LATE}
+        solution, seconds = averaged(approach, name, setting, LEAST)
     except Exception as problem:  # of any kind: a failure is a result here
         return {
             "microseconds": math.inf, "failure": f"{GAVE_UP}: {type(problem).__name__}: {problem}".replace("\n", " ")
@@ -158,16 +100,7 @@ def timed(approach: str, truth: Mapping[str, Any], settings: Sequence[tuple[str,
             before = rows.get((contender, setting))
             if before and before["microseconds"] > 1e6 * SLOW:
                 continue
-            row = judged(found, contender, setting, true, TOO_WRONG, counted, least=LEAST)
+            row = judged(found, contender, setting, true, TOO_WRONG, counted)
             best = min(row["microseconds"], before["microseconds"]) if before else row["microseconds"]
             rows[contender, setting] = {**row, "microseconds": best}
     return [{"contender": name, "setting": setting, **row, "load": load} for (name, setting), row in rows.items()]
-
-
-def met(
-    approach: int, contender: str, setting: float, truth: Mapping[str, Any], allowed: float, limit: float
-) -> list[Row]:
-    """Return the row of a contender in a scene of the storm, whose V_p is right within `allowed` (m/s)."""
-    true = Solution(**truth)
-    row = judged(approach_of(approach), contender, setting, true, allowed, ("contacts",), limit=limit)
-    return [{**row, "true_contacts": true.contacts}]

@@ -17,10 +17,8 @@ ERRORS = {
     "detection_error": "error of detection time (s)",
 }
 """Columns of the tables, with their axis labels."""
-CLASSES = GOOD, MISCOUNTED, WRONG, NOT_FINITE, LATE, GAVE_UP = (
-    "V_p and contacts right", "V_p right, events miscounted", "V_p wrong", "not finite", "no answer in 5 s", "gave up",
-)  # fmt: skip
-"""What becomes of a solver on an approach, from good to bad; in tables the failure of what is good is empty."""
+MISCOUNTED, WRONG, NOT_FINITE, GAVE_UP = "V_p right, events miscounted", "V_p wrong", "not finite", "gave up"
+"""What may be wrong with a solver's answer; the failure of a right one is empty."""
 TRUE_RTOL, SECOND_RTOL = 1e-13, 1e-11  # of the truth of a named approach, by DOP853; and of Radau beside it
 
 

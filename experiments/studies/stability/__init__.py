@@ -1,4 +1,4 @@
-"""`impact-gym study stability`: robustness on 10,000 random scenes, beside other solvers.
+"""`impact-gym study stability`: robustness on 10,000 random scenes.
 
     `storm`     a row for each scene, with what physics says about the run
     `promises`  what was promised of the storm, and whether it is met; agreement with the independent solver
@@ -6,8 +6,7 @@
 A scene on which a solver hangs or crashes is a row like any other.
 """
 
-from collections.abc import Iterator, Mapping
-from itertools import count, islice
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -15,12 +14,11 @@ import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-import impact_gym as ig
 from experiments.lab.parts import Picture, Section, Table
 from experiments.lab.study import SOLVER, Cell, Findings, Frames, Measurement, Row, Study
 from experiments.studies.solvers import approaches
-from experiments.studies.solvers.contenders import ATOL, CAREFUL, JUDGES, METHODS, OURS, PLAIN, met
-from experiments.studies.solvers.solutions import CLASSES, GOOD, LATE, Solution, power
+from experiments.studies.solvers.contenders import JUDGES
+from experiments.studies.solvers.solutions import power
 from experiments.studies.stability import promises
 from experiments.studies.stability.storm import storm_row, truth_row
 
@@ -28,18 +26,8 @@ SCENES, QUICK_SCENES = 10_000, 200
 HANG = 120.0  # s, without an answer of ours
 EVERY, FIRST = 50, 17  # one scene in so many is judged by the independent solver: 2 %; the scenes are random themselves
 PATIENCE = 60.0  # s of processor time for each method of the truth
-OUR_RTOL, RTOL = 1e-8, 1e-6
-RIVALS = (
-    *(f"{CAREFUL} {method}" for method in METHODS),
-    *(f"{PLAIN} {method}" for method in METHODS if "OP" not in method),
-)
-CONTESTED = 250  # scenes that rivals meet
-CLOSE = 1e-3  # of V_p, relative: then a rival stands in a scene of the storm
-SECONDS = 5.0  # of processor time for a run of a rival: a hundred times what ours may take
 SHOWN = 200  # failures on the page
 COUPLINGS = {"rigid": "#0072B2", "spring": "#E69F00", "bistable": "#CC79A7"}
-# from good to bad, told apart by lightness as well
-SHADES = dict(zip(CLASSES, ("#009E73", "#9BD8C3", "#E69F00", "#D55E00", "#56B4E9", "#999999"), strict=True))
 
 
 def cells_of_storm(quick: bool, _: Frames) -> Iterator[Cell]:
@@ -58,70 +46,19 @@ def sampled(scenes: int) -> range:
     return range(FIRST, scenes, EVERY)
 
 
-def contested(quick: bool) -> list[int]:
-    """Return the numbers of the first scenes that all contenders can do: m = n = 3/2 and a rigid robot."""
-
-    def eligible(scene: ig.Scene) -> bool:
-        return scene.contact.stiffness_exponent == scene.contact.damping_exponent == 1.5 and scene.robot is None
-
-    return [*islice((n for n in count() if eligible(approaches.storm(n).scene)), 6 if quick else CONTESTED)]
-
-
 def cells_of_truth(quick: bool, frames: Frames) -> Iterator[Cell]:
-    """Yield the sample, and the scenes that rivals meet."""
-    for number in sorted({*sampled(frames["storm"].height), *contested(quick)}):
+    """Yield the random sample."""
+    for number in sampled(frames["storm"].height):
         yield Cell({"scene": number}, {"number": number, "patience": 10.0 if quick else PATIENCE})
-
-
-def cells_of_contest(quick: bool, frames: Frames, names: Mapping[str, float]) -> Iterator[Cell]:
-    """Yield contenders, each at its tolerance, in the scenes whose truth is known."""
-    known = frames["truth"].filter(promises.FINISHED, pl.col("scene").is_in(contested(quick)))
-    for row in known.iter_rows(named=True):
-        number, speed = row["scene"], approaches.storm(row["scene"]).motion.speed
-        allowed = CLOSE * max(abs(row["velocity"]), 1e-6 * speed)
-        judged = {"truth": Solution.of_row(row).numbers, "allowed": allowed, "limit": SECONDS}
-        for name, rtol in names.items():
-            arguments = {"approach": number, "contender": name, "setting": rtol, **judged}
-            yield Cell({"scene": number, "contender": name}, arguments)
-
-
-def cells_of_ours(quick: bool, frames: Frames) -> Iterator[Cell]:
-    """Yield the contest for our solver."""
-    return cells_of_contest(quick, frames, {OURS: OUR_RTOL})
-
-
-def cells_of_rivals(quick: bool, frames: Frames) -> Iterator[Cell]:
-    """Yield the contest for the others; a quick look leaves out those in the independent solver."""
-    return cells_of_contest(quick, frames, {name: RTOL for name in RIVALS if not quick or name.startswith(PLAIN)})
-
-
-def shares(rows: pl.DataFrame) -> pl.DataFrame:
-    """Return, by contender, the share in each class, of those that missed contacts, and the median time, s.
-
-    Who was somewhere that it did not look at its time, and had to be ended, counts as late.
-    """
-    kind = pl.col("failure").str.split(":").list.first().replace("", GOOD)
-    return (
-        rows.with_columns(failure=pl.when(kind.is_in(CLASSES)).then(kind).otherwise(pl.lit(LATE)))
-        .group_by("contender", maintain_order=True)
-        .agg(
-            *((pl.col("failure") == name).mean().alias(name) for name in CLASSES),
-            scenes=pl.len(),
-            missed=(pl.col("contacts") < pl.col("true_contacts")).fill_null(value=False).mean(),
-            seconds=1e-6 * pl.col("microseconds").fill_null(float("inf")).quantile(0.5, "higher"),
-        )
-    )
 
 
 def analyse(frames: Frames, quick: bool) -> Findings:
     """Hold the storm against what was promised."""
-    storm, truth = frames["storm"], frames["truth"]
-    judging = truth.filter(pl.col("scene").is_in(sampled(storm.height)))
+    storm, judging = frames["storm"], frames["truth"]
     judged, unknown = promises.agreement(storm, judging), judging.filter(~promises.FINISHED)
     broken, apart = promises.failures(storm), judged.filter(pl.col("apart") != "")
     verdicts = [*promises.over_storm(storm), promises.over_agreement(judged, unknown.height)]
     missed, failing = sum(not verdict.met for verdict in verdicts), broken["scene"].n_unique()
-    contenders = pl.concat([frames["ours"], frames["rivals"]], how="diagonal_relaxed")
     of = f"{storm.height:,} random scenes"
     answer = f"All {len(verdicts)} promises are kept on {of}."
     if missed:
@@ -141,25 +78,8 @@ def analyse(frames: Frames, quick: bool) -> Findings:
             Table.of("", apart, differences) if apart.height else "None.",
             Table.of("What the independent solver could not do", unknown, reasons),
         ]),
-        Section("Other solvers on the same scenes", contest(shares(contenders))),
         Section("How it is checked", checks()),
     ], {"failures": broken, "agreement": judged})  # fmt: skip
-
-
-def contest(table: pl.DataFrame) -> list[Any]:
-    """Return what became of each contender, as parts of a section."""
-    columns = {"contender": "{contender}", **{kind: "{" + kind + ":.1%}" for kind in CLASSES}}
-    columns |= {"contacts missed": "{missed:.1%}", "median time (s)": "{seconds:.2g}"}
-    return [
-        who_stands(table),
-        Table.of("As a table", table, columns),
-        f"SciPy: its integrators inside the slow independent solver, rtol {power(RTOL)}: contacts in their own scales, "
-        "exact flights, every step searched for events. Much of what makes it stand is not SciPy's.",
-        f"solve_ivp: the same equations as people write them: SI units, rtol {power(RTOL)}, atol {power(ATOL)}, events "
-        "for touch, separation and alarm, a restart at each, and where the command's acceleration jumps.",
-        f"impact_gym: rtol {power(OUR_RTOL)}. Each has {SECONDS:g} s of processor time for a run. The judge, the "
-        "independent solver, has its equations in common with the others.",
-    ]
 
 
 def checks() -> list[str]:
@@ -228,38 +148,12 @@ def shares_above(storm: pl.DataFrame, judged: pl.DataFrame) -> Picture:
     return Picture("storm", figure, what, caption)
 
 
-def who_stands(table: pl.DataFrame) -> Picture:
-    """Draw what became of each contender on the same scenes: bars of shares."""
-    figure, scenes = Figure(figsize=(10.8, 1.6 + 0.45 * table.height)), table["scenes"][0]
-    axes = figure.subplots()
-    rows, left = table.reverse(), np.zeros(table.height)
-    for kind, colour in SHADES.items():
-        widths = 100 * rows[kind].to_numpy()
-        bars = axes.barh(
-            rows["contender"], widths, left=left, color=colour, label=kind, edgecolor="white", linewidth=0.5
-        )
-        axes.bar_label(bars, fmt=lambda x: f"{x:.0f}" if x >= 4 else "", label_type="center", fontsize=8)
-        left = left + widths
-    axes.set(xlabel=f"share of {scenes} scenes (%)", xlim=(0, 100))
-    axes.grid(visible=False, axis="y")
-    figure.legend(loc="outside lower center", ncols=3, fontsize=9)
-    caption = (
-        f"The first {scenes} scenes of the storm with m = n = 3/2 and a rigid robot, which all can do. "
-        "V_p is judged by the independent solver to 1e-3, relative."
-    )
-    return Picture(
-        "rivals", figure, "Shares of scenes that each contender solves, gets wrong, or does not finish.", caption
-    )
-
-
 STUDY = Study(
     name="stability",
     question="Does the solver stand random scenes?",
     measurements=(
         Measurement("storm", cells_of_storm, storm_row, (*SOLVER, *JUDGES), blank, HANG),
         Measurement("truth", cells_of_truth, truth_row, JUDGES, blank, 3 * PATIENCE),
-        Measurement("ours", cells_of_ours, met, (*SOLVER, *JUDGES), blank, 12 * SECONDS),
-        Measurement("rivals", cells_of_rivals, met, JUDGES, blank, 12 * SECONDS),  # whatever our solver is like
     ),
     analyse=analyse,
 )
