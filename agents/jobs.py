@@ -25,6 +25,7 @@ import warnings
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from concurrent.futures import as_completed
 from contextlib import closing, suppress
+from dataclasses import dataclass, field
 from functools import partial
 from importlib.metadata import version
 from itertools import islice
@@ -49,12 +50,19 @@ class Failure(NamedTuple):
     trace: str = ""  # where the function raised
 
 
-class Call(NamedTuple):
+@dataclass(frozen=True)
+class Call:
     """What determines a result: the function "module:name", its arguments as JSON, and what else it depends on."""
 
     function: str
-    arguments: str
+    arguments: str  # their keys sorted
     depends: str
+    given: str = field(default="", compare=False)  # in the order in which the function gets them
+
+    @property
+    def key(self) -> tuple[str, str, str]:
+        """What a result is stored by."""
+        return self.function, self.arguments, self.depends
 
 
 Answers = Generator[tuple[Call, bytes], None, None]  # as they come: result, `Failure` or `DiskFullError`, pickled
@@ -150,7 +158,7 @@ def _call(function: Callable[..., Any], arguments: Mapping[str, Any], depends: s
         raise ValueError(f"function {name} is not importable elsewhere: put it into a module, at its top level")
     try:
         inspect.signature(function).bind(**arguments)
-        return Call(f"{module}:{name}", json.dumps(arguments), depends)
+        return Call(f"{module}:{name}", json.dumps(arguments, sort_keys=True), depends, json.dumps(arguments))
     except TypeError as error:
         raise WrongTypeError(f"arguments of {name} must be keywords that it takes, as JSON has them: {error}") from None
 
@@ -160,7 +168,7 @@ def perform(call: Call, versions: Mapping[str, str]) -> bytes:
     try:
         if (here := {name: version(name) for name in versions}) != versions:
             raise RuntimeError(f"the node has {here}, the calling process {versions}: install the same on all")
-        return pickle.dumps(pkgutil.resolve_name(call.function)(**json.loads(call.arguments)), protocol=5)
+        return pickle.dumps(pkgutil.resolve_name(call.function)(**json.loads(call.given or call.arguments)), protocol=5)
     except DiskFullError as error:
         return pickle.dumps(error)
     except (Exception, SystemExit) as error:
@@ -264,14 +272,13 @@ class _Store:
         import joblib
 
         self._folder, self._kept = folder, joblib.Memory(folder, verbose=0).cache(_kept, ignore=["answer"])
-        self._kept.check_call_in_cache(
-            "", "", "", None
-        )  # where its source is not stored, joblib finds nothing at first
+        # where its source is not stored, joblib finds nothing at first
+        self._kept.check_call_in_cache("", "", "", None)
 
     def read(self, call: Call) -> bytes | None:
         """Return what is stored of a call; None: nothing is, or it is damaged."""
         try:
-            found = self._kept.call_and_shelve(*call, None)
+            found = self._kept.call_and_shelve(*call.key, None)
         except LookupError:
             return None
         with suppress(Exception):  # whatever reading raises where something else was written
@@ -288,7 +295,9 @@ class _Store:
         with writing(f"a result of {call.function} into {self._folder}"), warnings.catch_warnings():
             warnings.simplefilter("error", CacheWarning)  # which is all that joblib makes of a full disk
             try:
-                self._kept.call(*call, (hashlib.sha256(pickled).digest(), pickled))
+                self._kept.call(
+                    call.function, call.arguments, call.depends, (hashlib.sha256(pickled).digest(), pickled)
+                )
             except CacheWarning as warning:
                 raise warning.__context__ or warning from None
 

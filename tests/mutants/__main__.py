@@ -80,7 +80,7 @@ def tried(edits, folder, processes):
             reasons |= {
                 edit: lost[arguments]
                 for edit, each in zip(of_file, asked, strict=True)
-                if (arguments := json.dumps(each)) in lost
+                if (arguments := json.dumps(each, sort_keys=True)) in lost
             }
     return reasons
 
