@@ -295,9 +295,7 @@ class _Store:
         with writing(f"a result of {call.function} into {self._folder}"), warnings.catch_warnings():
             warnings.simplefilter("error", CacheWarning)  # which is all that joblib makes of a full disk
             try:
-                self._kept.call(
-                    call.function, call.arguments, call.depends, (hashlib.sha256(pickled).digest(), pickled)
-                )
+                self._kept.call(*call.key, (hashlib.sha256(pickled).digest(), pickled))
             except CacheWarning as warning:
                 raise warning.__context__ or warning from None
 
