@@ -12,8 +12,8 @@ from scenes import MOTION, scene
 
 import impact_gym as ig
 from agents.setups import feasible, load_setup
-from experiments.design.pads import on_pad
 from experiments.design.options import DRAWN
+from experiments.design.pads import on_pad
 from impact_gym.task import ScenarioRanges, Task
 
 ROOT = Path(__file__).parents[1]
