@@ -105,10 +105,5 @@ def run(options: ControllerOptions) -> None:
     print(f"controller: {options.out / 'export'}")
 
 
-def main() -> None:
-    """Make the controller that the command line asks for."""
-    run_command("controller", ControllerOptions, run)
-
-
 if __name__ == "__main__":
-    main()
+    run_command("controller", ControllerOptions, run)

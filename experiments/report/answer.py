@@ -50,10 +50,11 @@ def answer(played: Played) -> Answer:
     tuned = len(played.rival.weights) > 1
     comparable = tuned and rival[0][0].min() <= time
     nearest = np.clip(time, times[0].min(), times[0].max())
-    as_late = played.of_seeds_as_late("object_velocity")
-    touched = played.of_seeds_as_late("missed") == 0.0
+    as_late, missed_then = (
+        np.array([run[name][0] for run in played.as_late.values()]) for name in (FRONT[1], "missed")
+    )
     rule = played.paper["object_velocity"][0]
-    missed = played.of_seeds("missed", played.policy.weights)
+    missed = np.array([run["missed"] for run in played.seeds.values()])
     fastest, slowest = velocities[0].max(), velocities[0].min()
     return Answer(
         played.matchup.name,
@@ -66,7 +67,7 @@ def answer(played: Played) -> Answer:
         velocity=estimate(at_time.ours),
         rival=played.matchup.rival.name if tuned else "",
         rival_reduction=Comparison.of_fronts(rival, paper).reduction if comparable else None,
-        improvement=estimate(resamples.means(((as_late < rule) + 0.5 * (as_late == rule)) * touched)),
+        improvement=estimate(resamples.means(((as_late < rule) + 0.5 * (as_late == rule)) * ~missed_then)),
         missed=int(missed.sum()),
         episodes=missed.size,
     )
@@ -83,8 +84,8 @@ def reductions(played: Played) -> Floats:
 
     It is empty where the curve of one does not come to that time: they would be read at different times.
     """
-    time, velocity = (played.paper[name].mean() for name in FRONT)
-    times, velocities = (played.of_seeds(name, played.policy.weights).mean(axis=2) for name in FRONT)
+    ((time, velocity),) = played.paper.front
+    times, velocities = np.moveaxis(np.array([run.front for run in played.seeds.values()]), 2, 0)
     if times.min(axis=1).max() > time or times.max(axis=1).min() < time:
         return np.empty(0)
     return 1.0 - along(times, velocities, np.full(len(times), time)) / velocity

@@ -94,16 +94,8 @@ def zoomable(chart: Any) -> Any:
 
 def chart_of(data: pl.DataFrame, digits: int = 5) -> alt.Chart:
     """Return an empty chart of `data`, floats rounded to so many significant digits: the page must stay small."""
-    return alt.Chart(_data(data.with_columns(pl.selectors.float().round_sig_figs(digits)).to_dicts()))
-
-
-def _data(rows: list[dict[str, Any]]) -> Any:
-    return alt.Data(values=rows)  # type: ignore[no-untyped-call]  # altair leaves it untyped
-
-
-def zero_line() -> alt.Chart:
-    """Return a dotted line where y is zero."""
-    return alt.Chart(_data([{"zero": 0}])).mark_rule(strokeDash=[2, 3]).encode(y="zero:Q")
+    rows = data.with_columns(pl.selectors.float().round_sig_figs(digits)).to_dicts()
+    return alt.Chart(alt.Data(values=rows))  # type: ignore[no-untyped-call]  # altair leaves it untyped
 
 
 class Looks(NamedTuple):

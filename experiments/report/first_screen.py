@@ -6,7 +6,7 @@ import altair as alt
 import numpy as np
 import polars as pl
 
-from experiments.lab.statistics import Estimate, estimate
+from experiments.lab.statistics import estimate
 from experiments.report.answer import MISSED_TOO_OFTEN, Answer
 from experiments.report.figures import Figure, chart_of, looks_of
 from experiments.report.matchups import IMITATES, PAPER, POLICY
@@ -53,10 +53,9 @@ def assisted(played: Played, intervals: bool = False) -> str:
     everybody |= {plain[name]: [run] for name, run in played.baselines.items()}
     parts = []
     for name, runs in everybody.items():
-        results = (np.array([getattr(run.at(weight), what) for run in runs]) for what in ("slide", "done_time"))
-        slide, done = (estimate(played.resamples.means(values)) for values in results)
-        slide = Estimate(100.0 * slide.value, 100.0 * slide.low, 100.0 * slide.high)  # cm
-        length, time = (f"{each:.2f}" if intervals else f"{each.value:.1f}" for each in (slide, done))
+        slide, done = (np.array([getattr(run.at(weight), what) for run in runs]) for what in ("slide", "done_time"))
+        estimates = (estimate(played.resamples.means(values)) for values in (100.0 * slide, done))  # cm, s
+        length, time = (f"{each:.2f}" if intervals else f"{each.value:.1f}" for each in estimates)
         parts.append(f"{length} cm and {time} s with {name}")
     how_far = f"How far the object slides, and when all is done, where a second costs {weight:g} m/s"
     return f"{how_far}: {'; '.join(parts)}."

@@ -60,7 +60,7 @@ def play_matchups(
             frames[number].append((job.key, result))
             continue
         weights = result["weight"].tolist() if "weight" in result else job.arguments["weights"]
-        run = Run(tuple(weights), result, played[number].missed_cost)
+        run = Run(tuple(weights), result, grid.missed_cost(matchups[number].environment))
         if job.key is None:
             setattr(played[number], job.where, run)
         else:
@@ -77,12 +77,6 @@ def watched_at(matchup: Matchup) -> float:
         return NEAR if estimated else FAR
     low, high = matchup.scenarios["ranges"]["distance"]
     return float(0.5 * (low + high) if estimated else high + 0.01)
-
-
-def _shown_weights(matchup: Matchup, contestant: Contestant) -> list[float]:
-    """Return the weights (m/s per s) at which an approach is watched: the least, the typical, the largest compared."""
-    shown = dict.fromkeys((matchup.weights[0], matchup.typical, matchup.weights[-1]))
-    return [weight for weight in shown if weight in contestant.weights] or [contestant.weights[0]]
 
 
 def jobs_of(matchup: Matchup) -> Iterator[ReportJob]:
@@ -108,9 +102,10 @@ def jobs_of(matchup: Matchup) -> Iterator[ReportJob]:
         yield ReportJob("bound", None, "play", arguments)
     for cell in holds.cells(matchup, some):
         yield ReportJob("varied", cell.labels, "holds", cell.arguments)
+    shown = dict.fromkeys((matchup.weights[0], typical, matchup.weights[-1]))
     for rival in matchup.rivals:
-        watched = of(rival, weights=_shown_weights(matchup, rival), distance=watched_at(matchup))
-        yield ReportJob("profiles", rival.name, "profile", watched)
+        weights = [weight for weight in shown if weight in rival.weights] or [rival.weights[0]]
+        yield ReportJob("profiles", rival.name, "profile", of(rival, weights=weights, distance=watched_at(matchup)))
         if isinstance(task.coupling, SpringDamper):
             yield ReportJob("travelled", rival.name, "travelled", of(rival, scenarios=some, weights=[typical]))
 

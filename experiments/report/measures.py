@@ -13,8 +13,7 @@ from agents.evaluate.controllers import controller_of
 from agents.evaluate.play import play, scenario_batch_of
 from agents.policies import Controller
 from experiments.lab import grid
-from experiments.lab.player.films import play_to_the_end
-from impact_gym.envs.single import ImpactApproachEnv
+from experiments.lab.player.films import play as replay
 
 Arrays = dict[str, NDArray[Any]]
 JSON = Mapping[str, Any]
@@ -85,11 +84,10 @@ def profile(controller: JSON, environment: JSON, weights: Sequence[float], dista
     position = np.linspace(0.0, distance, 141)
     curves = []
     for weight in weights:
-        env = ImpactApproachEnv(record_trace=True, time_weight=weight, **environment)
-        info = play_to_the_end(env, controller_of(controller, weight, environment), 0, record)
-        trace = env.trace()
-        approach = trace.time <= info["approach_time"] + 1e-12
-        place, velocity = trace.flange_position[approach], trace.flange_velocity[approach]
+        player, options = controller_of(controller, weight, environment), {**environment, "time_weight": weight}
+        run = replay(player, seed=0, number=0, record=record, options=options)
+        approach = run.history.time <= run.info["approach_time"] + 1e-12
+        place, velocity = (run.history.columns[f"flange_{name}"][approach] for name in ("position", "velocity"))
         forward = np.flatnonzero(place >= np.maximum.accumulate(place))  # a flange may step back
         curves.append(np.interp(position, place[forward], velocity[forward], right=np.nan))
     return {"position": position, "velocity": np.array(curves)}

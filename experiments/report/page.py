@@ -115,7 +115,6 @@ def watch(played: Played) -> dict[str, Any]:
 
 def write(folder: Path, about: Mapping[str, Any], tabs: Sequence[Tab], all_played: Sequence[Played]) -> Path:
     """Write the page, and into `folder`/figures all its figures with their data; return its path."""
-    (folder / "figures").mkdir()
     for figure in (figure for tab in tabs for figure in tab.figures):
         figure.save(folder / "figures")
     bundle = vl_convert.javascript_bundle()  # type: ignore[call-arg]  # its stub asks for what it does not need

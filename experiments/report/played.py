@@ -1,6 +1,6 @@
 """Results of a matchup: arrays, and what is read from them."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -71,11 +71,6 @@ class Played:
     travelled: dict[str, Run] = field(default_factory=dict)  # of a tool on a spring
 
     @property
-    def missed_cost(self) -> float:
-        """What a miss costs, m/s."""
-        return float(self.matchup.environment.get("missed_cost", MISSED_COST))
-
-    @property
     def paper(self) -> Run:
         """The paper's rule."""
         return self.baselines[PAPER]
@@ -104,14 +99,6 @@ class Played:
     def resamples(self) -> Resamples:
         """The resamples of these scenarios, the same for all contestants."""
         return Resamples(self.count)
-
-    def of_seeds(self, name: str, weights: Iterable[float]) -> Floats:
-        """Return a result of all seeds (seeds, weights, scenarios)."""
-        return np.array([[getattr(run.at(weight), name) for weight in weights] for run in self.seeds.values()], float)
-
-    def of_seeds_as_late(self, name: str) -> Floats:
-        """Return a result of all seeds, as late as the paper's rule (seeds, scenarios)."""
-        return np.array([run[name][0] for run in self.as_late.values()], float)
 
     def losses(self, weight: float) -> Floats:
         """Return the loss of all seeds at a weight (seeds, scenarios), m/s."""
