@@ -33,15 +33,11 @@ def chart():
 
 
 def findings(frames, quick):
-    squared = [Table.of("Squares", frames["squares"], {"kind": "{kind}", "V_p": "{square}"})] * ("squares" in frames)
+    squares = Table.of("Squares", frames.get("squares", pl.DataFrame()), {"kind": "{kind}", "V_p": "{square}"})
     heat = HeatMap("Warm is worse", ("what", "cost"), [("noise", "1 tried", [Heat("1.2", "at most", 1.2)])])
-    parts = [
-        *squared,
-        Table("Nothing", ("a",), ()),
-        heat,
-        Picture("line", chart(), "A line that rises.", "V_p over k_c"),
-    ]
-    return Findings(f"quick: {quick}", [Section("Squares of V_p", parts, key="first"), Section("More", ["x^2"], True)])
+    line = Picture("line", chart(), "A line that rises.", "V_p over k_c")
+    sections = [Section("Squares of V_p", [squares, Table("Nothing", ("a",), ()), heat, line], key="first")]
+    return Findings(f"quick: {quick}", [*sections, Section("More", ["x^2"], True)])
 
 
 @pytest.fixture
