@@ -15,10 +15,9 @@ from experiments.lab.parts import Table, percent
 from experiments.lab.statistics import Estimate, Floats, Resamples, along, estimate, tolerated
 from experiments.report.figures import MEANS, Figure, chart_of, looks_of, zoomable
 from experiments.report.matchups import BOUND, POLICY, Matchup
-from experiments.report.played import Played, Run
+from experiments.report.played import MISSED_TOO_OFTEN, Played, Run
 
 FRONT = ("approach_time", "object_velocity")
-MISSED_TOO_OFTEN = 0.01  # of the objects: a missed one has no V_p
 
 
 @dataclass(frozen=True)

@@ -7,10 +7,10 @@ import numpy as np
 import polars as pl
 
 from experiments.lab.statistics import estimate
-from experiments.report.answer import MISSED_TOO_OFTEN, Answer
+from experiments.report.answer import Answer
 from experiments.report.figures import Figure, chart_of, looks_of
 from experiments.report.matchups import IMITATES, PAPER, POLICY
-from experiments.report.played import Played
+from experiments.report.played import MISSED_TOO_OFTEN, Played
 from impact_gym.task.task import VELOCITY_RANGE
 
 WIDTH, HEIGHT = 400, 270  # pixels: read on a phone as well, where the chart is scaled by no more than 0.85

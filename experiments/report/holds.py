@@ -9,10 +9,9 @@ import polars as pl
 from agents.setups.evaluation import Change
 from experiments.lab import grid
 from experiments.lab.parts import Heat, HeatMap, Table
-from experiments.lab.study import Cell
-from experiments.report.answer import MISSED_TOO_OFTEN
+from experiments.lab.study import Cell, frame_of
 from experiments.report.matchups import PAPER, POLICY, Matchup
-from experiments.report.played import Played
+from experiments.report.played import MISSED_TOO_OFTEN, Played
 from impact_gym.quantities import QUANTITIES
 from impact_gym.task import evaluation_sets
 
@@ -83,8 +82,10 @@ def outcomes(played: Played) -> pl.DataFrame:
         numbers = dict.fromkeys(("value", "off", "missed", "of", "more"), float)
         return pl.DataFrame(schema={"factor": str, "setting": str, "contestant": str, "same": bool, **numbers})
     loss = grid.cost(played.matchup.typical, 0.0) + pl.col("missed_cost") * pl.col("missed")
-    frame = played.varied.join(pl.DataFrame(changes), on="change", maintain_order="left").with_columns(
-        pl.col("contestant").replace(played.matchup.chosen, POLICY), loss=loss
+    frame = (
+        frame_of(played.varied)
+        .join(pl.DataFrame(changes), on="change", maintain_order="left")
+        .with_columns(pl.col("contestant").replace(played.matchup.chosen, POLICY), loss=loss)
     )
     ours = frame.filter(contestant=POLICY).select("change", "episode", more=pl.col("loss"))
     more = pl.col("more") - pl.col("loss")

@@ -15,6 +15,7 @@ from impact_gym.task.scenario import FIELDS
 from impact_gym.task.task import MISSED_COST
 
 Arrays = Mapping[str, NDArray[Any]]
+MISSED_TOO_OFTEN = 0.01  # of the objects: a missed one has no V_p
 
 
 @dataclass
@@ -66,7 +67,7 @@ class Played:
     as_late: dict[str, Run] = field(default_factory=dict)  # each seed at the weight that makes it as late as the paper
     baselines: dict[str, Run] = field(default_factory=dict)
     bound: Run | None = None
-    varied: pl.DataFrame = field(default_factory=pl.DataFrame)  # an episode a row, see `holds.cells`
+    varied: list[tuple[Mapping[str, Any], pl.DataFrame]] = field(default_factory=list)  # of each cell of `holds.cells`
     profiles: dict[str, Run] = field(default_factory=dict)
     travelled: dict[str, Run] = field(default_factory=dict)  # of a tool on a spring
 
