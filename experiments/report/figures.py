@@ -36,10 +36,6 @@ CONFIG: dict[str, Any] = {
     "point": {"filled": True, "size": 55, "opacity": 1},
     "range": {"category": list(COLOURS)},
 }  # fmt: skip
-MEANS = (
-    alt.Tooltip("T:Q", title="T (s)", format=".4f"), alt.Tooltip("V:Q", title="V_p (m/s)", format=".4f"), "missed:Q"
-)  # fmt: skip
-"""Tooltips of a point with the fields of `Run.means`."""
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import numpy as np
 import polars as pl
 
 from experiments.lab.statistics import estimate
-from experiments.report.answer import Answer
+from experiments.report.answer import Answer, in_words
 from experiments.report.figures import Figure, chart_of, looks_of
 from experiments.report.matchups import IMITATES, PAPER, POLICY
 from experiments.report.played import MISSED_TOO_OFTEN, Played
@@ -103,8 +103,6 @@ def chart(answer: Answer, played: Played) -> Figure:
         gain.append(chart_of(gain_at).mark_rule(strokeDash=[2, 3]).encode(horizontal, vertical, y2="to:Q"))
         middle = 0.5 * (paper["V"] + answer.velocity.value)
         gain.append(label(_less(answer.reduction.value), paper["T"], middle, POLICY, align="left", dx=6))
-    text = (f"Paper's rule: {paper['T']:.3f} s, {paper['V']:.3f} m/s. The learned policy: from {learned[0][0]:.3f} s "
-            f"and {learned[0][1]:.3f} m/s to {learned[-1][0]:.3f} s and {learned[-1][1]:.3f} m/s.")  # fmt: skip
     fastest = played.matchup.environment.get("velocity_range", VELOCITY_RANGE)[1]
     tuning = "" if rival == PAPER else f", and for which the {rival} is tuned"
     caption = ("Down and left is better: gentler and sooner. Each line runs from urgent to patient; a mark is one "
@@ -112,4 +110,4 @@ def chart(answer: Answer, played: Played) -> Figure:
                f"{min(1.0, fastest):g} m/s and brakes as soon as the alarm of the touch arrives.")  # fmt: skip
     subject = "speed the object is left with, V_p (m/s)"
     layers = alt.layer(*gain, lines, marks, *names)
-    return Figure(played.matchup.name, "answer", subject, caption, text, layers, data, HEIGHT, WIDTH)
+    return Figure(played.matchup.name, "answer", subject, caption, in_words(played), layers, data, HEIGHT, WIDTH)

@@ -43,7 +43,9 @@ def cells(matchup: Matchup, scenarios: Mapping[str, Any]) -> Iterator[Cell]:
             own = {"set": change.scenarios, "count": min(scenarios["count"], there)}
         nominal = {**matchup.environment, **matchup.evaluation.nominal}
         environment = nominal if change.same else change.environment
-        places.append(grid.Place(matchup.name, words(change), environment, scenarios=own))
+        labels = {"factor": factor(change.argument), "setting": setting(change), "same": change.same,
+                  "value": change.value, "missed_cost": grid.missed_cost(environment)}  # fmt: skip
+        places.append(grid.Place(matchup.name, words(change), environment, labels, own))
     contestants = [grid.Contestant(each.name, each.controller) for each in matchup.rivals]
     return grid.cells(places, contestants, scenarios, [matchup.typical])
 
@@ -73,20 +75,12 @@ def outcomes(played: Played) -> pl.DataFrame:
     Beside the means of V_p (m/s), T (s) and the loss (m/s) and the number of objects missed `of` so many, it has by how
     much the policy costs `more` (m/s): 0 unless that is above two standard errors; and how far the value is `off`.
     """
-    changes = [
-        {"change": words(change), "factor": factor(change.argument), "setting": setting(change), "same": change.same,
-         "value": change.value, "missed_cost": grid.missed_cost(change.environment)}
-        for change in played.matchup.changes
-    ]  # fmt: skip
-    if not changes:
+    if not played.varied:
         numbers = dict.fromkeys(("value", "off", "missed", "of", "more"), float)
         return pl.DataFrame(schema={"factor": str, "setting": str, "contestant": str, "same": bool, **numbers})
     loss = grid.cost(played.matchup.typical, 0.0) + pl.col("missed_cost") * pl.col("missed")
-    frame = (
-        frame_of(played.varied)
-        .join(pl.DataFrame(changes), on="change", maintain_order="left")
-        .with_columns(pl.col("contestant").replace(played.matchup.chosen, POLICY), loss=loss)
-    )
+    policy = pl.col("contestant").replace(played.matchup.chosen, POLICY)
+    frame = frame_of(played.varied).with_columns(policy, loss=loss)
     ours = frame.filter(contestant=POLICY).select("change", "episode", more=pl.col("loss"))
     more = pl.col("more") - pl.col("loss")
     clear = more.mean() > 2.0 * more.std() / more.len().sqrt()

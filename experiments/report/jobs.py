@@ -36,9 +36,8 @@ CALIBRATION_SCENARIOS = 500  # to find a weight on, or as many as are then playe
 class ReportJob(NamedTuple):
     """A call of `measured`, and where its result goes."""
 
-    where: str  # in `Played`
+    where: str  # in `Played`, and what is measured
     key: Any  # there; None if the matchup has only one such result
-    measure: str
     arguments: Mapping[str, Any]
 
 
@@ -52,7 +51,7 @@ def play_matchups(
 ) -> list[Played]:
     """Play everything that is not in `folder` yet, and return what came of each matchup."""
     asked = [(number, job) for number, matchup in enumerate(matchups) for job in jobs_of(matchup)]
-    calls = [{"measure": job.measure, "arguments": dict(job.arguments)} for _, job in asked]
+    calls = [{"where": job.where, "arguments": dict(job.arguments)} for _, job in asked]
     print(f"results are kept in {folder}", flush=True)
     own = {module for matchup in matchups for module in matchup.modules}
     results = cached(
@@ -66,7 +65,7 @@ def play_matchups(
     )
     played = [Played(matchup) for matchup in matchups]
     for (number, job), result in zip(asked, reversed(results), strict=True):
-        if job.measure == "holds":
+        if job.where == "varied":
             played[number].varied.append((job.key, result))
             continue
         weights = result["weight"].tolist() if "weight" in result else job.arguments["weights"]
@@ -97,25 +96,25 @@ def jobs_of(matchup: Matchup) -> Iterator[ReportJob]:
 
     for seed in matchup.seeds:
         everything = of(seed, scenarios=scenarios, weights=list(seed.weights))
-        yield ReportJob("seeds", seed.name, "play", everything)
-        yield ReportJob("as_late", seed.name, "play as late", everything)
+        yield ReportJob("seeds", seed.name, everything)
+        yield ReportJob("as_late", seed.name, everything)
     for baseline in matchup.baselines:
         tuned = len(baseline.weights) > 1  # each weight is played at what was tuned for the nearest
         weights = sorted({*baseline.weights, *matchup.weights, typical}) if tuned else list(baseline.weights)
-        yield ReportJob("baselines", baseline.name, "play", of(baseline, scenarios=scenarios, weights=weights))
+        yield ReportJob("baselines", baseline.name, of(baseline, scenarios=scenarios, weights=weights))
     if (bound := matchup.bound) is not None:
         searched = first(scenarios, len(bound.controller["clairvoyant"][f"{bound.weights[0]:g}"]))
         knowing = {**environment, "privileged": True}
         arguments = of(bound, scenarios=searched, weights=list(bound.weights), environment=knowing)
-        yield ReportJob("bound", None, "play", arguments)
+        yield ReportJob("bound", None, arguments)
     for cell in holds.cells(matchup, some):
-        yield ReportJob("varied", cell.labels, "holds", cell.arguments)
+        yield ReportJob("varied", cell.labels, cell.arguments)
     shown = dict.fromkeys((matchup.weights[0], typical, matchup.weights[-1]))
     for rival in matchup.rivals:
         weights = [weight for weight in shown if weight in rival.weights] or [rival.weights[0]]
-        yield ReportJob("profiles", rival.name, "profile", of(rival, weights=weights, distance=watched_at(matchup)))
+        yield ReportJob("profiles", rival.name, of(rival, weights=weights, distance=watched_at(matchup)))
         if isinstance(task.coupling, SpringDamper):
-            yield ReportJob("travelled", rival.name, "travelled", of(rival, scenarios=some, weights=[typical]))
+            yield ReportJob("travelled", rival.name, of(rival, scenarios=some, weights=[typical]))
 
 
 def first(scenarios: Mapping[str, Any], count: int) -> dict[str, Any]:
@@ -123,9 +122,9 @@ def first(scenarios: Mapping[str, Any], count: int) -> dict[str, Any]:
     return {**scenarios, "count": min(count, scenarios["count"])}
 
 
-def measured(measure: str, arguments: JSON) -> Any:
-    """Return the result of one of MEASURES, arrays or a frame: one function for all jobs of a report."""
-    return MEASURES[measure](**arguments)
+def measured(where: str, arguments: JSON) -> Any:
+    """Return the result of a job, arrays or a frame: one function for all jobs of a report."""
+    return MEASURES[where](**arguments)
 
 
 def play_as_late(controller: JSON, environment: JSON, scenarios: JSON, weights: Sequence[float]) -> Arrays:
@@ -196,6 +195,7 @@ def profile(controller: JSON, environment: JSON, weights: Sequence[float], dista
 
 
 MEASURES: Mapping[str, Callable[..., Any]] = {
-    "play": play, "play as late": play_as_late, "travelled": travelled, "profile": profile, "holds": grid.play,
+    "seeds": play, "as_late": play_as_late, "baselines": play, "bound": play, "varied": grid.play, "profiles": profile,
+    "travelled": travelled,
 }  # fmt: skip
-"""What a job may do, by name."""
+"""What is measured for each part of `Played`."""
