@@ -243,8 +243,10 @@ def test_report_takes_a_users_baseline_ranges_and_tool_and_plays_and_writes_only
 
     assert write(options).stat().st_mtime_ns == before
     assert capsys.readouterr().out.splitlines()[-1] == answer.splitlines()[-1]
-    page.unlink()
-    write(options)
+    for lost in (page, page.with_name("results.json")):  # as where it was stopped
+        lost.unlink()
+        write(options)
+        assert lost.is_file()
     assert stored() == first
     write(replace(options, count=4, force=True))
     assert len(of(pl.read_parquet(page.with_name("episodes.parquet")), "my_rules:Half")) == 4
