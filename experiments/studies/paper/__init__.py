@@ -14,14 +14,13 @@ from experiments.lab.parts import Picture, Section, Table
 from experiments.lab.study import SOLVER, Cell, Findings, Frames, Measurement, Study
 from experiments.studies.paper import beyond, section_2_1, section_2_2, section_3, section_4_curves, section_4_runs
 from experiments.studies.paper import section_5 as bistable
-from experiments.studies.paper.layouts import SCALE
+from experiments.studies.paper.layouts import WIDE, drawn
 from experiments.studies.paper.statements import AGREEING, DATA, Basis, Statement, Verdict, judged
 
 MODULES = (section_2_1, section_2_2, section_3, section_4_curves, section_4_runs, bistable, beyond)
 MADE = {name: figure for module in MODULES for name, figure in module.FIGURES.items()}
 ABOUT = DATA["figures"]
 DEPENDS = (*SOLVER, "impact_gym.sweeps", "experiments.lab.scenes", "experiments.studies.paper.runs")
-WIDE = 11 * SCALE  # inches; a wider figure stands alone in its row
 
 
 def measurement(name: str) -> Measurement:
@@ -31,9 +30,9 @@ def measurement(name: str) -> Measurement:
 
 def picture(name: str, frame: pl.DataFrame) -> Picture:
     """Return a figure drawn from its table."""
-    about, figure = ABOUT[name], MADE[name].plot(frame)
-    heading = f"{about['heading']}: {about['title']}"
-    return Picture(name, figure, about["alternative"], about["caption"], heading, figure.get_figwidth() > WIDE)
+    about = ABOUT[name]
+    figure, heading = drawn(about, MADE[name].draw, frame), f"{about['heading']}: {about['title']}"
+    return Picture(name, figure, about["alternative"], about["caption"], heading, about["size"][0] > WIDE)
 
 
 def _verdict(statement: Statement) -> str:

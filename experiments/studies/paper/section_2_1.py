@@ -5,7 +5,7 @@ import polars as pl
 
 from experiments.lab.charts import FLANGE, OBJECT, SERIES, TOOL
 from experiments.lab.scenes import OBJECT_MASS, ROBOT_AND_TOOL, TOOL_MASS
-from experiments.studies.paper.layouts import Panels, Reproduction, panels
+from experiments.studies.paper.layouts import Panels, Reproduction
 from experiments.studies.paper.runs import Numbers, where
 from impact_gym.physics import impact
 
@@ -22,26 +22,21 @@ def figure_02() -> pl.DataFrame:
     return pl.DataFrame({"restitution": restitution, **{name: np.asarray(column) for name, column in columns.items()}})
 
 
-@panels(7.0, 4.4)
-def _plot_02(frame: pl.DataFrame, axes: Panels) -> None:
+def _draw_02(frame: pl.DataFrame, axes: Panels) -> None:
     e = frame["restitution"]
     axes.plot(e, frame["object_velocity_fixed"], color=FLANGE, linestyle="--", label="object, tool fixed (eq. 1)")
     axes.plot(e, frame["object_velocity"], color=OBJECT, label="object, tool free (eq. 4)")
     axes.plot(e, frame["tool_velocity"], color=TOOL, label="free tool (eq. 3)")
-    axes.set(xlabel="restitution e", ylabel="velocity after the impact (m/s)")
-    axes.legend()
 
 
 def _numbers_02(frame: pl.DataFrame) -> Numbers:
-    columns = where(frame)
-    fixed, hit, tool = columns["object_velocity_fixed"], columns["object_velocity"], columns["tool_velocity"]
+    _, tool, hit, fixed = where(frame).values()
     return {
-        "fixed_elastic": fixed[-1],
-        "fixed_inelastic": fixed[0],
-        "object_steps": np.diff(hit),
-        "tool_change_steps": np.diff(np.abs(tool - 1.0)),
+        "fixed_ends": fixed[[0, -1]],
         "object_ends": hit[[0, -1]],
+        "object_steps": np.diff(hit),
         "tool_ends": tool[[0, -1]],
+        "tool_change_steps": np.diff(np.abs(tool - 1.0)),
         "share": hit / fixed,
         "residual": np.abs(TOOL_MASS * tool + OBJECT_MASS * hit - TOOL_MASS).max(),
     }
@@ -56,10 +51,8 @@ def figure_03() -> pl.DataFrame:
     return pl.DataFrame(columns)
 
 
-@panels(10.4, 4.2, columns=2, sharex=True)
-def _plot_03(frame: pl.DataFrame, grid: Panels) -> None:
-    columns = {"object_velocity": "object, V_p (m/s)", "tool_velocity": "tool, V_t (m/s)"}
-    for axes, (column, label) in zip(grid, columns.items(), strict=True):
+def _draw_03(frame: pl.DataFrame, grid: Panels) -> None:
+    for axes, column in zip(grid, ("object_velocity", "tool_velocity"), strict=True):
         for colour, restitution in zip(SERIES, RESTITUTIONS, strict=False):
             rows = where(frame, restitution=restitution)
             axes.semilogx(rows["tool_mass"], rows[column], color=colour, label=f"e = {restitution:g}")
@@ -67,20 +60,15 @@ def _plot_03(frame: pl.DataFrame, grid: Panels) -> None:
             axes.axvline(mass, color="#888888", linewidth=0.8, linestyle=":")
             placing = {"xytext": (-3, 4), "textcoords": "offset points", "rotation": 90, "ha": "right", "va": "bottom"}
             axes.annotate(f"{mass:g} kg", (mass, 0.0), xycoords=("data", "axes fraction"), fontsize=8, **placing)
-        axes.set(xlabel="mass of the tool m_t (kg)", ylabel=label)
-        axes.legend()
 
 
 def _numbers_03(frame: pl.DataFrame) -> Numbers:
     curves = [where(frame, restitution=e)["object_velocity"] for e in RESTITUTIONS]
-    return {
-        "steps": np.diff(curves),
-        "ends": curves[-1][[0, -1]],
-        "heavy": where(frame, restitution=1.0, tool_mass=ROBOT_AND_TOOL)["object_velocity"][0],
-    }
+    heavy = where(frame, restitution=1.0, tool_mass=ROBOT_AND_TOOL)["object_velocity"][0]
+    return {"steps": np.diff(curves), "ends": curves[-1][[0, -1]], "heavy": heavy}
 
 
 FIGURES = {
-    "figure_02": Reproduction(figure_02, _plot_02, _numbers_02),
-    "figure_03": Reproduction(figure_03, _plot_03, _numbers_03),
+    "figure_02": Reproduction(figure_02, _draw_02, _numbers_02),
+    "figure_03": Reproduction(figure_03, _draw_03, _numbers_03),
 }

@@ -5,12 +5,14 @@ says 'about', one unit of the last printed digit is allowed. A trend or a compar
 statements are in statements.toml; its first lines say how to read it.
 """
 
+import re
 import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from decimal import Decimal
 from enum import StrEnum
 from pathlib import Path
+from string import Formatter
 from typing import Any
 
 import numpy as np
@@ -97,7 +99,16 @@ def agreeing_digits(printed: str, ours: float) -> tuple[int, int]:
     return sum(error <= half_unit for half_unit in half_units), count
 
 
-def holding(conditions: Iterable[str], numbers: Numbers) -> bool:
+def number(name: str, numbers: Numbers) -> Any:
+    """Return what a format string with these numbers would show as {name}, such as "a.impulse" or "ends[0]".
+
+    Raises:
+        KeyError: there is none.
+    """
+    return Formatter().get_field(name, (), numbers)[0]
+
+
+def holding(conditions: Iterable[str], numbers: Numbers) -> Verdict:
     """Return whether all conditions hold: "ratio >= 1.8", "soft < middle"; those of arrays, in every place.
 
     Raises:
@@ -105,9 +116,9 @@ def holding(conditions: Iterable[str], numbers: Numbers) -> bool:
     """
     outcomes = []
     for name, sign, bound in map(str.split, conditions):
-        limit = numbers[bound] if bound in numbers else float(bound)
-        outcomes.append(np.all(SIGNS[sign](numbers[name], limit)))
-    return all(outcomes)
+        limit = float(bound) if re.match(r"-?\d|inf$", bound) else number(bound, numbers)
+        outcomes.append(np.all(SIGNS[sign](number(name, numbers), limit)))
+    return Verdict.AGREES if all(outcomes) else Verdict.DISAGREES
 
 
 def compared(said: Said, ours: float) -> tuple[Verdict, str, int]:
@@ -132,17 +143,17 @@ def judge(figure: str, said: Said, numbers: Numbers, others_agree: bool = True) 
         others_agree: whether the statements agree that it follows from.
     """
     printed, unit, digits, rule, ours = None, "", None, said.rule, said.ours.format(**numbers)
+    verdict = holding(said.holds, numbers) if others_agree else Verdict.DISAGREES
     if said.printed:
         text, _, unit = said.printed.partition(" ")
-        printed, ours = f"{Decimal(text):f}", f"{numbers[said.value]:.5g}"
-        verdict, rule, digits = compared(said, numbers[said.value])
+        value = number(said.value, numbers)
+        printed, ours = f"{Decimal(text):f}", f"{value:.5g}"
+        verdict, rule, digits = compared(said, value)
     elif not (said.holds or said.agree):
         verdict = Verdict.UNDECIDED
-    else:
-        verdict = Verdict.AGREES if others_agree and holding(said.holds, numbers) else Verdict.DISAGREES
     otherwise = ""
     if reading := said.reading:
-        second = Verdict.AGREES if holding(reading["holds"], numbers) else Verdict.DISAGREES
+        second = holding(reading["holds"], numbers)
         otherwise = f"Another reading, {reading['text']}: {reading['ours'].format(**numbers)} ({second})."
         if (second is Verdict.DISAGREES) != (verdict is Verdict.DISAGREES):
             verdict = Verdict.ONE_READING  # it stays one statement
