@@ -12,12 +12,11 @@ import polars as pl
 
 from experiments.lab.parts import Picture, Section, Table
 from experiments.lab.study import SOLVER, Cell, Findings, Frames, Measurement, Study
-from experiments.studies.paper import beyond, section_2_1, section_2_2, section_3, section_4_curves, section_4_runs
-from experiments.studies.paper import section_5 as bistable
+from experiments.studies.paper import beyond, section_2, section_3, section_4, section_5
 from experiments.studies.paper.layouts import WIDE, drawn
-from experiments.studies.paper.statements import AGREEING, DATA, Basis, Statement, Verdict, judged
+from experiments.studies.paper.statements import AGREEING, DATA, Basis, Statement, judged
 
-MODULES = (section_2_1, section_2_2, section_3, section_4_curves, section_4_runs, bistable, beyond)
+MODULES = (section_2, section_3, section_4, section_5, beyond)
 MADE = {name: figure for module in MODULES for name, figure in module.FIGURES.items()}
 ABOUT = DATA["figures"]
 DEPENDS = (*SOLVER, "impact_gym.sweeps", "experiments.lab.scenes", "experiments.studies.paper.runs")
@@ -56,17 +55,10 @@ def table(caption: str, statements: Sequence[Statement]) -> Table:
 
 def answer(statements: Sequence[Statement]) -> str:
     """Return the counts in words."""
-    bases = Counter(statement.basis for statement in statements)
-    tests = Counter(statement.verdict for statement in statements if statement.basis == Basis.TEST)
-    others = len(statements) - bases[Basis.TEST]
-    return (
-        f"Of {len(statements)} statements of the paper's text {bases[Basis.TEST]} are tests: "
-        f"{tests[Verdict.DIGITS] + tests[Verdict.AGREES]} agree, {tests[Verdict.ONE_READING]} agree in one of two "
-        f"readings, {tests[Verdict.DISAGREES]} disagree, and {tests[Verdict.UNDECIDED]} cannot be decided. The other "
-        f"{others} could not have come out otherwise: {bases[Basis.IDENTIFIED]} were used to identify values that the "
-        f"paper does not print, or follow from them, {bases[Basis.GIVEN]} are identities, scale laws or inputs, and "
-        f"{bases[Basis.REPEATED]} repeat another one."
-    )
+    bases = Counter(statement.basis.name for statement in statements)
+    tests = Counter(statement.verdict.name for statement in statements if statement.basis is Basis.TEST)
+    agree, others = sum(tests[verdict.name] for verdict in AGREEING), len(statements) - bases["TEST"]
+    return str(DATA["answer"].format(all=len(statements), others=others, agree=agree, bases=bases, tests=tests))
 
 
 def analyse(frames: Frames, quick: bool) -> Findings:

@@ -8,21 +8,9 @@ import numpy as np
 import polars as pl
 
 import impact_gym as ig
+from experiments.lab import scenes
 from experiments.lab.charts import FLANGE, OBJECT, SERIES, TOOL
-from experiments.lab.scenes import (
-    BRAKE,
-    DISTANCE,
-    HEAVY_MASS,
-    HOLD,
-    LINEAR,
-    MECHANISM,
-    MOTION,
-    OBJECT_MASS,
-    STEADY,
-    THRESHOLD,
-    scene,
-    simulate_with_trace,
-)  # fmt: skip
+from experiments.lab.scenes import BRAKE, LINEAR, MECHANISM, MOTION, OBJECT_MASS, STEADY, scene
 from experiments.studies.paper.layouts import Panels, Reproduction, mark
 from experiments.studies.paper.runs import Numbers, Row, changes, enclose_changes, where
 from impact_gym.scene import Coupling
@@ -35,18 +23,20 @@ STIFFNESS = np.logspace(2, 8, 25)  # N/m^1.5
 NEVER = -1.0  # s, in place of a delay: no brake
 PERSON = 0.2  # s, a simple reaction of a person
 FROM_TOUCH = np.round(np.arange(0.002, 0.1001, 0.002), 3)  # s, from the touch to the braking
-MASSES = np.unique(np.append(np.geomspace(0.1, HEAVY_MASS, 41), OBJECT_MASS))  # kg
+MASSES = np.unique(np.append(np.geomspace(0.1, scenes.HEAVY_MASS, 41), OBJECT_MASS))  # kg
 SIZES = {0.25: 500.0, 1.0: 1e3, 4.0: 2e3}  # radius over that of the paper's object; k_c, N/m^1.5
 CHANGES = np.linspace(0.9, 1.1, 9)  # of H and of the front stop
 ENOUGH = 40.0  # %, least reduction; the paper's about 50 % to its one digit would be 45 %
 SPEEDS = np.round(np.arange(0.2, 2.0001, 0.02), 2)  # m/s
-CRUISE = (DISTANCE - MOTION.speed**2 / (2.0 * MOTION.acceleration)) / MOTION.speed  # s, at constant speed in Fig. 23
+CRUISE = (
+    scenes.DISTANCE - MOTION.speed**2 / (2.0 * MOTION.acceleration)
+) / MOTION.speed  # s, at constant speed in Fig. 23
 
 
 def beyond_delay() -> list[Row]:
     """Simulate every delay, and no brake, at every stiffness, for each coupling and object."""
     rows: list[Row] = []
-    braking = ig.Trapezoid(MOTION.speed, MOTION.acceleration, ig.Brake(THRESHOLD, 0.0, BRAKE.deceleration))
+    braking = ig.Trapezoid(MOTION.speed, MOTION.acceleration, ig.Brake(scenes.THRESHOLD, 0.0, BRAKE.deceleration))
     stiffness = {"contact.stiffness": STIFFNESS[:, None]}
     for (coupling, what), (kind, (e, mass)) in product(COUPLINGS.items(), OBJECTS.items()):
         approach = scene(1e3, e, what, object_mass=mass)
@@ -102,13 +92,13 @@ def _numbers_delay(frame: pl.DataFrame) -> Numbers:
 
 def _notice_delays(approach: ig.Scene) -> tuple[float, float]:
     """Return how long after the touch the contact force exceeds 1 N, and the coupling's has changed by 1 N (s)."""
-    outcome, trace = simulate_with_trace(approach, STEADY)
+    outcome, trace = scenes.simulate_with_trace(approach, STEADY)
     start = outcome.contacts[0].start
     change = np.abs(trace.coupling_force - np.interp(start, trace.time, trace.coupling_force))
     if isinstance(approach.coupling, ig.Rigid):
         change = trace.contact_force  # the robot holds the tool itself
     by_tool, by_robot = (
-        float(trace.time[(trace.time >= start) & (force > THRESHOLD)][0] - start)
+        float(trace.time[(trace.time >= start) & (force > scenes.THRESHOLD)][0] - start)
         for force in (trace.contact_force, change)
     )
     return by_tool, by_robot
@@ -121,8 +111,12 @@ def beyond_detection() -> list[Row]:
         approach = scene(1e3, 0.1, coupling)
         by_tool, by_robot = _notice_delays(approach)
         delays = [(delay, "grid") for delay in FROM_TOUCH.tolist() if delay >= by_tool]
-        for delay, source in [*delays, (by_tool + BRAKE.delay, "tool"), (by_robot + BRAKE.delay, "robot")]:
-            brake = ig.Brake(THRESHOLD, delay - by_tool, BRAKE.deceleration)
+        for delay, source in [
+            *delays,
+            (by_tool + BRAKE.delay, "tool"),
+            (by_robot + BRAKE.delay, "robot"),
+        ]:
+            brake = ig.Brake(scenes.THRESHOLD, delay - by_tool, BRAKE.deceleration)
             outcome = ig.simulate(approach, ig.Trapezoid(MOTION.speed, MOTION.acceleration, brake), duration=2.0)
             velocity = outcome.object_velocity
             rows.append({"coupling": name, "delay": delay, "object_velocity": velocity, "noticed_by": source})
@@ -163,7 +157,7 @@ def beyond_objects() -> pl.DataFrame:
     """Simulate the tool fixed, the mechanism, and every small change of it that holds the tool."""
     height, stop = MECHANISM.height, MECHANISM.front_stop
     candidates = [replace(MECHANISM, height=h * height, front_stop=s * stop) for h, s in product(CHANGES, CHANGES)]
-    candidates = [coupling for coupling in candidates if coupling.force(coupling.front_stop) >= HOLD]
+    candidates = [coupling for coupling in candidates if coupling.force(coupling.front_stop) >= scenes.HOLD]
     frames = []
     for size, stiffness in SIZES.items():
         fixed, used = (_by_mass(coupling, stiffness) for coupling in (ig.Rigid(), MECHANISM))
@@ -206,9 +200,9 @@ def _numbers_objects(frame: pl.DataFrame) -> Numbers:
 
 def _row(coupling: str, speed: float) -> Row:
     """Simulate one approach at `speed` (m/s); a row of the frame."""
-    motion = ig.Trapezoid(speed, MOTION.acceleration, MOTION.brake)
     distance = speed**2 / (2.0 * MOTION.acceleration) + speed * CRUISE
-    outcome = ig.simulate(scene(1e3, 0.1, COUPLINGS[coupling], distance=distance), motion, duration=2.0)
+    approach = scene(1e3, 0.1, COUPLINGS[coupling], distance=distance)
+    outcome = ig.simulate(approach, replace(MOTION, speed=speed), duration=2.0)
     return {
         "coupling": coupling, "speed": float(speed), "object_velocity": outcome.object_velocity,
         "contacts": len(outcome.contacts), "passes": len(outcome.snap_through),  # of the slider through its alignment

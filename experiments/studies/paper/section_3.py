@@ -3,18 +3,8 @@
 import numpy as np
 import polars as pl
 
+from experiments.lab import scenes
 from experiments.lab.charts import FLANGE, OBJECT, TOOL
-from experiments.lab.scenes import (
-    HEAVY_MASS,
-    MOTION,
-    OBJECT_MASS,
-    ROBOT,
-    ROBOT_AND_TOOL,
-    STEADY,
-    TOOL_MASS,
-    scene,
-    simulate_with_trace,
-)  # fmt: skip
 from experiments.studies.paper.layouts import Panels, Reproduction, imposed_and_actual
 from experiments.studies.paper.runs import Numbers, Run, histories, where
 from impact_gym.physics.impact import GRAVITY, sliding_distance
@@ -26,7 +16,7 @@ COMPONENTS = {"held": "effective", "damping": None, "stiffness": "effective_stif
 
 def figure_11() -> pl.DataFrame:
     """Simulate the approach of Fig. 13b; positions in the base frame of our robot model."""
-    outcome, trace = simulate_with_trace(scene(1e5, 1.0, robot=ROBOT))
+    outcome, trace = scenes.simulate_with_trace(scenes.scene(1e5, 1.0, robot=scenes.ROBOT))
     position = default_approach().x[0] + trace.command_position
     columns = {"time": trace.time, "position": position, "velocity": trace.command_velocity}
     events = pl.lit(outcome.contacts[0].start).alias("impact"), pl.lit(outcome.detection_time).alias("detection")
@@ -49,7 +39,7 @@ def _numbers_11(frame: pl.DataFrame) -> Numbers:
     slope, offset = np.polyfit(time[braking], velocity[braking], 1)
     return {
         "impact": impact, "at_impact": np.interp(impact, time, velocity), "falls_from": time[falling[0]],
-        "delay": 1e3 * ((MOTION.speed - offset) / slope - detection),
+        "delay": 1e3 * ((scenes.MOTION.speed - offset) / slope - detection),
     }  # fmt: skip
 
 
@@ -75,17 +65,17 @@ def _draw_12(frame: pl.DataFrame, grid: Panels, notes: dict[str, str]) -> None:
 def _numbers_12(frame: pl.DataFrame) -> Numbers:
     columns, at = where(frame), where(frame, at_impact=True)
     factors = [columns[name].max() / columns[name].min() for name in COMPONENTS]
-    return {"mass": at["held"][0] + TOOL_MASS, "at": at, "factors": factors}
+    return {"mass": at["held"][0] + scenes.TOOL_MASS, "at": at, "factors": factors}
 
 
 def figure_13() -> pl.DataFrame:
     """Simulate both, and the second again with our estimates of the robot: frozen at the impact, and along the line."""
     approach = default_approach()
-    robots = {"a": None, "b": ROBOT, "frozen": approach.at(IMPACT), "along": approach.robot_table()}
-    scenes = {case: scene(1e5, 1.0, robot=robot) for case, robot in robots.items()}
+    robots = {"a": None, "b": scenes.ROBOT, "frozen": approach.at(IMPACT), "along": approach.robot_table()}
+    approaches = {case: scenes.scene(1e5, 1.0, robot=robot) for case, robot in robots.items()}
     for case in ("b", "along"):  # beyond reach: nothing is struck within the run
-        scenes[f"{case}, unhindered"] = scene(1e5, 1.0, robot=robots[case], distance=10.0)
-    return histories(scenes)
+        approaches[f"{case}, unhindered"] = scenes.scene(1e5, 1.0, robot=robots[case], distance=10.0)
+    return histories(approaches)
 
 
 def _nearest_minimum(frame: pl.DataFrame, case: str) -> Numbers:
@@ -109,11 +99,11 @@ def _numbers_13(frame: pl.DataFrame) -> Numbers:
     return {
         "rigid": rigid, "compliant": compliant, "frozen": frozen, "along": along,
         "contact_ends": rigid.during_contact.time[-1],
-        "braking": time[(commanded < MOTION.speed) & (time > 0.2)][0],
+        "braking": time[(commanded < scenes.MOTION.speed) & (time > 0.2)][0],
         "minimum": _nearest_minimum(frame, "b"), "minimum_along": _nearest_minimum(frame, "along"),
-        "times": compliant.final_velocity / MOTION.speed,
+        "times": compliant.final_velocity / scenes.MOTION.speed,
         "lower": 100.0 * (1.0 - compliant.final_velocity / rigid.final_velocity),
-        "friction": FRICTION * OBJECT_MASS * GRAVITY, "friction_loss": friction_loss,
+        "friction": FRICTION * scenes.OBJECT_MASS * GRAVITY, "friction_loss": friction_loss,
         "friction_share": friction_loss / compliant.final_velocity,
         "slide": float(sliding_distance(compliant.final_velocity, FRICTION)),
         "change": abs(frozen.final_velocity - along.final_velocity),
@@ -123,9 +113,9 @@ def _numbers_13(frame: pl.DataFrame) -> Numbers:
 
 def figure_14() -> pl.DataFrame:
     """Simulate both, Fig. 13b beside them, and (b) once more with a robot that never brakes."""
-    soft, stiff = (scene(k_c, 1.0, robot=ROBOT, object_mass=HEAVY_MASS) for k_c in (1e5, 1e6))
-    braking = histories({"a": soft, "b": stiff, "13b": scene(1e5, 1.0, robot=ROBOT)})
-    return pl.concat([braking, histories({"b, no brake": stiff}, STEADY)])
+    soft, stiff = (scenes.scene(k_c, 1.0, robot=scenes.ROBOT, object_mass=scenes.HEAVY_MASS) for k_c in (1e5, 1e6))
+    braking = histories({"a": soft, "b": stiff, "13b": scenes.scene(1e5, 1.0, robot=scenes.ROBOT)})
+    return pl.concat([braking, histories({"b, no brake": stiff}, scenes.STEADY)])
 
 
 def _ranges(run: Run) -> tuple[float, float]:
@@ -143,7 +133,7 @@ def _numbers_14(frame: pl.DataFrame) -> Numbers:
     (before, after), (_, after_without_brake) = _ranges(b), _ranges(without_brake)
     return {
         "a": a, "b": b, "light": light,
-        "share": 100.0 * HEAVY_MASS / ROBOT_AND_TOOL,
+        "share": 100.0 * scenes.HEAVY_MASS / scenes.ROBOT_AND_TOOL,
         "mean": np.trapezoid(touching.tool_velocity, touching.time) / np.ptp(touching.time),
         "less": 100.0 * (1.0 - a.final_velocity / light.final_velocity),
         "lost_a": lost_a, "lost_b": lost_b, "lost_share": lost_b / a.impact_velocity, "lost_ratio": lost_b / lost_a,

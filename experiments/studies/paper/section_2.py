@@ -1,6 +1,7 @@
-"""Section 2.2, non-instantaneous impact: an approach at 1 m/s without a brake, tool fixed (a) and free (b).
+"""Section 2, instantaneous and non-instantaneous impact.
 
-Two free masses meet as an imposed tool meets one object of their reduced mass: same penetration, same force.
+The first in closed form at v_t = 1 m/s, v_p = 0 (paper, eq. 1-4), no simulation. The second is an approach at 1 m/s without a brake, tool fixed (a) and free (b). Two free masses meet as an imposed tool
+meets one object of their reduced mass: same penetration, same force.
 """
 
 from collections.abc import Iterable
@@ -9,12 +10,22 @@ import numpy as np
 import polars as pl
 
 import impact_gym as ig
-from experiments.lab.charts import FORCE, OBJECT, SERIES, TOOL
-from experiments.lab.scenes import OBJECT_MASS, REDUCED_MASS, STEADY, TOOL_MASS, scene, simulate_with_trace
+from experiments.lab.charts import FLANGE, FORCE, OBJECT, SERIES, TOOL
+from experiments.lab.scenes import (
+    OBJECT_MASS,
+    REDUCED_MASS,
+    ROBOT_AND_TOOL,
+    STEADY,
+    TOOL_MASS,
+    scene,
+    simulate_with_trace,
+)
 from experiments.studies.paper.layouts import Panels, Reproduction, mark
 from experiments.studies.paper.runs import Array, Columns, Numbers, Row, Run, histories, runs_of, where
 from impact_gym.physics import impact
 
+OF_MASSES = (0.0, 0.25, 0.5, 0.75, 1.0)  # restitutions of Fig. 3
+MASSES = np.logspace(-2.0, 1.0, 121)  # kg
 STIFFNESS, RESTITUTION = 1e5, 0.5  # of Fig. 5
 STIFFNESSES = np.logspace(3.0, 6.0, 25)  # N/m^1.5
 RESTITUTIONS = (0.1, 0.3, 0.5, 0.7, 0.9, 1.0)  # as given to eq. 7
@@ -29,6 +40,61 @@ SPEEDS = (0.5, 1.0, 2.0)  # m/s, of the tool
 NOMINAL = np.round(np.linspace(0.01, 1.0, 100), 2)
 SMALL = 0.3  # what we call a small restitution; the paper does not say
 LAWS = {"hu-guo": "eq. 7 (Hu and Guo)", "hunt-crossley": "Hunt and Crossley"}
+
+
+def figure_02() -> pl.DataFrame:
+    """Evaluate eq. 1, 3 and 4 over the restitution."""
+    restitution = np.linspace(0.0, 1.0, 101)
+    tool, hit = impact.free_tool(TOOL_MASS, OBJECT_MASS, 1.0, 0.0, restitution)
+    fixed = impact.rigid_tool(1.0, 0.0, restitution)
+    columns = {"tool_velocity": tool, "object_velocity": hit, "object_velocity_fixed": fixed}
+    return pl.DataFrame({"restitution": restitution, **{name: np.asarray(column) for name, column in columns.items()}})
+
+
+def _draw_02(frame: pl.DataFrame, axes: Panels) -> None:
+    e = frame["restitution"]
+    axes.plot(e, frame["object_velocity_fixed"], color=FLANGE, linestyle="--", label="object, tool fixed (eq. 1)")
+    axes.plot(e, frame["object_velocity"], color=OBJECT, label="object, tool free (eq. 4)")
+    axes.plot(e, frame["tool_velocity"], color=TOOL, label="free tool (eq. 3)")
+
+
+def _numbers_02(frame: pl.DataFrame) -> Numbers:
+    _, tool, hit, fixed = where(frame).values()
+    return {
+        "fixed_ends": fixed[[0, -1]],
+        "object_ends": hit[[0, -1]],
+        "object_steps": np.diff(hit),
+        "tool_ends": tool[[0, -1]],
+        "tool_change_steps": np.diff(np.abs(tool - 1.0)),
+        "share": hit / fixed,
+        "residual": np.abs(TOOL_MASS * tool + OBJECT_MASS * hit - TOOL_MASS).max(),
+    }
+
+
+def figure_03() -> pl.DataFrame:
+    """Evaluate eq. 3 and 4 over restitution and mass of the tool; with the paper's tool, and robot and tool."""
+    every_mass = np.sort(np.append(MASSES, (TOOL_MASS, ROBOT_AND_TOOL)))
+    restitution, mass = (axis.ravel() for axis in np.meshgrid(OF_MASSES, every_mass, indexing="ij"))
+    tool, hit = (np.asarray(velocity) for velocity in impact.free_tool(mass, OBJECT_MASS, 1.0, 0.0, restitution))
+    columns = {"restitution": restitution, "tool_mass": mass, "tool_velocity": tool, "object_velocity": hit}
+    return pl.DataFrame(columns)
+
+
+def _draw_03(frame: pl.DataFrame, grid: Panels) -> None:
+    for axes, column in zip(grid, ("object_velocity", "tool_velocity"), strict=True):
+        for colour, restitution in zip(SERIES, OF_MASSES, strict=False):
+            rows = where(frame, restitution=restitution)
+            axes.semilogx(rows["tool_mass"], rows[column], color=colour, label=f"e = {restitution:g}")
+        for mass in (TOOL_MASS, ROBOT_AND_TOOL):
+            axes.axvline(mass, color="#888888", linewidth=0.8, linestyle=":")
+            placing = {"xytext": (-3, 4), "textcoords": "offset points", "rotation": 90, "ha": "right", "va": "bottom"}
+            axes.annotate(f"{mass:g} kg", (mass, 0.0), xycoords=("data", "axes fraction"), fontsize=8, **placing)
+
+
+def _numbers_03(frame: pl.DataFrame) -> Numbers:
+    curves = [where(frame, restitution=e)["object_velocity"] for e in OF_MASSES]
+    heavy = where(frame, restitution=1.0, tool_mass=ROBOT_AND_TOOL)["object_velocity"][0]
+    return {"steps": np.diff(curves), "ends": curves[-1][[0, -1]], "heavy": heavy}
 
 
 def figure_05() -> pl.DataFrame:
@@ -91,7 +157,9 @@ def _sweep(pairs: Iterable[tuple[float, float]]) -> list[Row]:
 
 def _grids(frame: pl.DataFrame, column: str) -> Array:
     """Return `column` over (fixed and free tool, restitution, contact stiffness)."""
-    on_grid = frame.filter(pl.col("restitution").is_in(RESTITUTIONS), pl.col("contact_stiffness").is_in(STIFFNESSES.tolist()))
+    on_grid = frame.filter(
+        pl.col("restitution").is_in(RESTITUTIONS), pl.col("contact_stiffness").is_in(STIFFNESSES.tolist())
+    )
     ordered = on_grid.sort("free", "restitution", "contact_stiffness")[column]
     return ordered.to_numpy().reshape(2, len(RESTITUTIONS), len(STIFFNESSES))
 
@@ -218,6 +286,8 @@ def _numbers_contact(frame: pl.DataFrame) -> Numbers:
 
 
 FIGURES = {
+    "figure_02": Reproduction(figure_02, _draw_02, _numbers_02),
+    "figure_03": Reproduction(figure_03, _draw_03, _numbers_03),
     "figure_05": Reproduction(figure_05, _draw_05, _numbers_05),
     "figure_06": Reproduction(figure_06, _draw_06, _numbers_06),
     "figure_07": Reproduction(figure_07, _draw_grids, _numbers_07),
