@@ -11,8 +11,9 @@ import impact_gym as ig
 from experiments.lab import scenes
 from experiments.lab.charts import FLANGE, OBJECT, SERIES, TOOL
 from experiments.lab.scenes import BRAKE, LINEAR, MECHANISM, MOTION, OBJECT_MASS, STEADY, scene
+from experiments.lab.study import Row
 from experiments.studies.paper.layouts import Panels, Reproduction, mark
-from experiments.studies.paper.runs import Numbers, Row, changes, enclose_changes, where
+from experiments.studies.paper.runs import Numbers, changes, enclose_changes, where
 from impact_gym.scene import Coupling
 
 COUPLINGS: dict[str, Coupling] = {"rigid": ig.Rigid(), "spring": LINEAR, "bistable": MECHANISM}
@@ -83,10 +84,10 @@ def _numbers_delay(frame: pl.DataFrame) -> Numbers:
     stiff = where(rows.filter(pl.col("stiffness") >= 1e6), coupling="rigid", object="light", delay=BRAKE.delay)
     numbers: Numbers = {"gain": 100 * np.abs(1.0 - stiff["of_free"]).max()}
     for who, when in {"robot": pl.col("delay") <= BRAKE.delay, "operator": pl.col("delay") >= PERSON}.items():
-        own = rows.filter(pl.col("coupling") != "rigid", when).sort("of_rigid")
-        worst = own.row(-1, named=True)
-        share = 100 * (own["of_rigid"] < 1.0).mean()
-        numbers[who] = {"share": share, "worst": worst, "mass": OBJECTS[worst["object"]][1]}
+        own = rows.filter(pl.col("coupling") != "rigid", when)
+        worst = own.row(own["of_rigid"].arg_max(), named=True)
+        below = own.filter(pl.col("of_rigid") < 1.0)
+        numbers[who] = {"share": 100 * below.height / own.height, "worst": worst, "mass": OBJECTS[worst["object"]][1]}
     return numbers
 
 

@@ -27,7 +27,7 @@ class Reproduction(NamedTuple):
 
 def drawn(about: dict[str, Any], draw: Callable[..., None], frame: pl.DataFrame) -> Figure:
     """Return a figure drawn from its table: `about` is its entry in statements.toml, whose first lines explain it."""
-    figure = Figure(figsize=[SCALE * length for length in about["size"]])
+    figure = Figure(figsize=tuple(SCALE * length for length in about["size"]))
     grid: Panels = figure.subplots(**about.get("panels", {}))
     draw(frame, grid, **about.get("arguments", {}))
     for axes, texts in zip(np.ravel(grid), about["axes"], strict=True):

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 import impact_gym as ig
 from experiments.lab.scenes import DURATION, MOTION, OBJECT_MASS, THRESHOLD, TOOL_MASS, simulate_with_trace
+from experiments.lab.study import Row
 from impact_gym.physics import impact
 
 Array = NDArray[np.float64]
 Columns = dict[str, NDArray[Any]]  # Any: numbers, but text in the column `case`
-Row = Mapping[str, Any]  # Any: as in a frame
 Numbers = dict[str, Any]
 """What statements about a figure name: numbers, arrays of them, or words."""
 WIDTH = 1e-6  # to which `enclose_changes` closes in on a change, in units of the parameter
@@ -110,21 +110,17 @@ class Run:
         total = np.concatenate([[0.0], np.cumsum(pieces)])[begin : end + 1]
         return time[begin : end + 1] - time[begin], total
 
-    def equation_22(self, restitution: float | None = None, impulse: float | None = None) -> float:
-        """Return V_p after eq. 22, m/s; None: the restitution that the contact had, the impulse (N s) of all of it."""
-        if self.contacts != 1:
-            raise ValueError(f"eq. 22 is about one contact, and here are {self.contacts}")
-        object_velocity = float(self.during_contact.object_velocity[0])
-        e = self.restitution if restitution is None else restitution
-        J = self.impulse if impulse is None else impulse
-        return float(impact.free_tool(TOOL_MASS, OBJECT_MASS, self.impact_velocity, object_velocity, e, J)[1])
+    def equation_22(self, restitution: float, impulse: float) -> float:
+        """Return V_p after eq. 22, m/s, for a restitution and an impulse of the coupling (N s)."""
+        at_rest = float(self.first_contact.object_velocity[0])
+        return float(impact.free_tool(TOOL_MASS, OBJECT_MASS, self.impact_velocity, at_rest, restitution, impulse)[1])
+
+    @property
+    def identity_error(self) -> float:
+        """By how much V_p differs from eq. 22 with the restitution that the contact had, relatively."""
+        return abs(self.equation_22(self.restitution, self.impulse) / self.final_velocity - 1.0)
 
 
 def runs_of(frame: pl.DataFrame) -> tuple[Run, Run]:
     """Return the cases a and b."""
     return Run(frame, "a"), Run(frame, "b")
-
-
-def identity_error(*runs: Run) -> float:
-    """Return by how much V_p differs from eq. 22 with the restitution that the contact had, at most and relatively."""
-    return max(abs(run.equation_22() / run.final_velocity - 1.0) for run in runs)

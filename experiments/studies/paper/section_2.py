@@ -1,7 +1,8 @@
 """Section 2, instantaneous and non-instantaneous impact.
 
-The first in closed form at v_t = 1 m/s, v_p = 0 (paper, eq. 1-4), no simulation. The second is an approach at 1 m/s without a brake, tool fixed (a) and free (b). Two free masses meet as an imposed tool
-meets one object of their reduced mass: same penetration, same force.
+The first in closed form at v_t = 1 m/s, v_p = 0 (paper, eq. 1-4), no simulation. The second is an approach at 1 m/s
+without a brake, tool fixed (a) and free (b). Two free masses meet as an imposed tool meets one object of their reduced
+mass: same penetration, same force.
 """
 
 from collections.abc import Iterable
@@ -20,8 +21,9 @@ from experiments.lab.scenes import (
     scene,
     simulate_with_trace,
 )
+from experiments.lab.study import Row
 from experiments.studies.paper.layouts import Panels, Reproduction, mark
-from experiments.studies.paper.runs import Array, Columns, Numbers, Row, Run, histories, runs_of, where
+from experiments.studies.paper.runs import Array, Columns, Numbers, Run, histories, runs_of, where
 from impact_gym.physics import impact
 
 OF_MASSES = (0.0, 0.25, 0.5, 0.75, 1.0)  # restitutions of Fig. 3
@@ -61,14 +63,10 @@ def _draw_02(frame: pl.DataFrame, axes: Panels) -> None:
 def _numbers_02(frame: pl.DataFrame) -> Numbers:
     _, tool, hit, fixed = where(frame).values()
     return {
-        "fixed_ends": fixed[[0, -1]],
-        "object_ends": hit[[0, -1]],
-        "object_steps": np.diff(hit),
-        "tool_ends": tool[[0, -1]],
-        "tool_change_steps": np.diff(np.abs(tool - 1.0)),
-        "share": hit / fixed,
+        "fixed_ends": fixed[[0, -1]], "object_ends": hit[[0, -1]], "tool_ends": tool[[0, -1]],
+        "object_steps": np.diff(hit), "tool_change_steps": np.diff(np.abs(tool - 1.0)), "share": hit / fixed,
         "residual": np.abs(TOOL_MASS * tool + OBJECT_MASS * hit - TOOL_MASS).max(),
-    }
+    }  # fmt: skip
 
 
 def figure_03() -> pl.DataFrame:
@@ -125,13 +123,11 @@ def _numbers_05(frame: pl.DataFrame) -> Numbers:
     last = int(np.flatnonzero((damping[:-1] > 0.0) & (damping[1:] <= 0.0))[0])
     around = slice(last, last + 2)
     return {
-        "a": a,
-        "b": b,
-        "peak_ratio": a.peak_force / b.peak_force,
+        "a": a, "b": b, "peak_ratio": a.peak_force / b.peak_force,
         "turn": np.interp(0.0, -damping[around], a.trace.time[around]),
         "damping_at_ends": 100.0 * np.abs(damping[a.contact > 0][[0, -1]]).max() / damping.max(),
         "least": min(a.trace.contact_force.min(), b.trace.contact_force.min()),
-    }
+    }  # fmt: skip
 
 
 def _sweep(pairs: Iterable[tuple[float, float]]) -> list[Row]:

@@ -15,17 +15,16 @@ from numpy.typing import NDArray
 import impact_gym as ig
 from experiments.lab.charts import SERIES
 from experiments.lab.scenes import DISTANCE, DURATION, MOTION, STEADY, decoupled
+from experiments.lab.study import Row
 from experiments.studies.paper.layouts import Panels, Reproduction, impulses, mark, velocities_and_forces
 from experiments.studies.paper.runs import (
     Array,
     Columns,
     Numbers,
-    Row,
     Run,
     changes,
     enclose_changes,
     histories,
-    identity_error,
     runs_of,
     where,
 )
@@ -253,12 +252,12 @@ def _numbers_20(frame: pl.DataFrame) -> Numbers:
     runs = a, b = runs_of(frame)
     felt = [run.felt_contact for run in runs]
     impulses_felt = [float(np.trapezoid(contact.coupling_force, contact.time)) for contact in felt]
-    nominal = np.array([run.equation_22(RESTITUTION) for run in runs])
+    nominal = np.array([run.equation_22(RESTITUTION, run.impulse) for run in runs])
     nominal_felt = np.array([run.equation_22(RESTITUTION, J) for run, J in zip(runs, impulses_felt, strict=True)])
     velocities_felt = np.array([contact.object_velocity[-1] for contact in felt])
     return {
         "a": a, "b": b, "same_order": (a.impulse - b.impulse) * (a.final_velocity - b.final_velocity),
-        "identity": identity_error(a, b),
+        "identity": max(a.identity_error, b.identity_error),
         "drawn_error": max(abs(run.running_impulse()[1][-1] / run.impulse - 1.0) for run in runs),
         "nominal": nominal, "nominal_error": np.abs(nominal / [run.final_velocity for run in runs] - 1.0),
         "velocities_felt": velocities_felt,
