@@ -12,7 +12,7 @@ from experiments.lab import scenes
 from experiments.lab.charts import FLANGE, OBJECT, SERIES, TOOL
 from experiments.lab.scenes import BRAKE, LINEAR, MECHANISM, MOTION, OBJECT_MASS, STEADY, scene
 from experiments.lab.study import Row
-from experiments.studies.paper.layouts import Panels, Reproduction, mark
+from experiments.studies.paper.layouts import Panels, mark
 from experiments.studies.paper.runs import Numbers, changes, enclose_changes, where
 from impact_gym.scene import Coupling
 
@@ -253,11 +253,3 @@ def _numbers_speed(frame: pl.DataFrame) -> Numbers:
         "passes": int(rows["passes"][np.argmin(np.abs(speed - 1.1))]),
         "spread": np.ptp(ratio), "ratio_ends": [ratio.min(), ratio.max()], "best_at": speed[int(np.argmin(ratio))],
     }  # fmt: skip
-
-
-FIGURES = {
-    "beyond_delay": Reproduction(beyond_delay, _draw_delay, _numbers_delay),
-    "beyond_detection": Reproduction(beyond_detection, _draw_detection, _numbers_detection),
-    "beyond_objects": Reproduction(beyond_objects, _draw_objects, _numbers_objects),
-    "beyond_speed": Reproduction(beyond_speed, _draw_speed, _numbers_speed),
-}

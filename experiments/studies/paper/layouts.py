@@ -1,28 +1,19 @@
 """Drawing of figures: their panels and texts after statements.toml, and layouts that several of them share."""
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import polars as pl
 from matplotlib.figure import Figure
 
-from experiments.lab.charts import COUPLING, FLANGE, FORCE, OBJECT, SERIES, TOOL, velocities
-from experiments.lab.study import Rows
-from experiments.studies.paper.runs import Numbers, runs_of
+from experiments.lab.charts import COUPLING, FORCE, SERIES, velocities
+from experiments.studies.paper.runs import runs_of
 
 SCALE = 0.8  # of all figures: so small that letters can be read where two stand beside each other
 WIDE = 11.0  # inches before that; a wider figure stands alone in its row
 Panels = Any
 """Axes of matplotlib: one, or an array of them, which its types do not tell apart."""
-
-
-class Reproduction(NamedTuple):
-    """A figure of the paper made anew."""
-
-    measure: Callable[[], Rows]  # computes its table
-    draw: Callable[..., None]  # the table on panels; statements.toml has further arguments of it
-    numbers: Callable[[pl.DataFrame], Numbers]  # that statements about it name
 
 
 def drawn(about: dict[str, Any], draw: Callable[..., None], frame: pl.DataFrame) -> Figure:
@@ -54,10 +45,8 @@ def velocities_and_forces(frame: pl.DataFrame, grid: Panels) -> None:
 def imposed_and_actual(frame: pl.DataFrame, grid: Panels) -> None:
     """Draw velocities of two cases against time where the robot is compliant: the layout of Fig. 13 and 14."""
     for axes, run in zip(grid, runs_of(frame), strict=True):
-        trace = run.trace
-        axes.plot(trace.time, trace.command_velocity, color=FLANGE, linestyle=(0, (4, 2)), label="imposed")
-        axes.plot(trace.time, trace.tool_velocity, color=TOOL, label="tool")
-        axes.plot(trace.time, trace.object_velocity, color=OBJECT, label="object")
+        velocities(axes, run.trace._replace(flange_velocity=run.trace.command_velocity))
+        axes.lines[0].set_label("imposed")
 
 
 def impulses(frame: pl.DataFrame, axes: Panels, cases: Sequence[str]) -> None:

@@ -11,18 +11,11 @@ import numpy as np
 import polars as pl
 
 import impact_gym as ig
+from experiments.lab import scenes
 from experiments.lab.charts import FLANGE, FORCE, OBJECT, SERIES, TOOL
-from experiments.lab.scenes import (
-    OBJECT_MASS,
-    REDUCED_MASS,
-    ROBOT_AND_TOOL,
-    STEADY,
-    TOOL_MASS,
-    scene,
-    simulate_with_trace,
-)
+from experiments.lab.scenes import OBJECT_MASS, REDUCED_MASS, STEADY, TOOL_MASS, scene, simulate_with_trace
 from experiments.lab.study import Row
-from experiments.studies.paper.layouts import Panels, Reproduction, mark
+from experiments.studies.paper.layouts import Panels, mark
 from experiments.studies.paper.runs import Array, Columns, Numbers, Run, histories, runs_of, where
 from impact_gym.physics import impact
 
@@ -71,7 +64,7 @@ def _numbers_02(frame: pl.DataFrame) -> Numbers:
 
 def figure_03() -> pl.DataFrame:
     """Evaluate eq. 3 and 4 over restitution and mass of the tool; with the paper's tool, and robot and tool."""
-    every_mass = np.sort(np.append(MASSES, (TOOL_MASS, ROBOT_AND_TOOL)))
+    every_mass = np.sort(np.append(MASSES, (TOOL_MASS, scenes.ROBOT_AND_TOOL)))
     restitution, mass = (axis.ravel() for axis in np.meshgrid(OF_MASSES, every_mass, indexing="ij"))
     tool, hit = (np.asarray(velocity) for velocity in impact.free_tool(mass, OBJECT_MASS, 1.0, 0.0, restitution))
     columns = {"restitution": restitution, "tool_mass": mass, "tool_velocity": tool, "object_velocity": hit}
@@ -83,7 +76,7 @@ def _draw_03(frame: pl.DataFrame, grid: Panels) -> None:
         for colour, restitution in zip(SERIES, OF_MASSES, strict=False):
             rows = where(frame, restitution=restitution)
             axes.semilogx(rows["tool_mass"], rows[column], color=colour, label=f"e = {restitution:g}")
-        for mass in (TOOL_MASS, ROBOT_AND_TOOL):
+        for mass in (TOOL_MASS, scenes.ROBOT_AND_TOOL):
             axes.axvline(mass, color="#888888", linewidth=0.8, linestyle=":")
             placing = {"xytext": (-3, 4), "textcoords": "offset points", "rotation": 90, "ha": "right", "va": "bottom"}
             axes.annotate(f"{mass:g} kg", (mass, 0.0), xycoords=("data", "axes fraction"), fontsize=8, **placing)
@@ -91,15 +84,15 @@ def _draw_03(frame: pl.DataFrame, grid: Panels) -> None:
 
 def _numbers_03(frame: pl.DataFrame) -> Numbers:
     curves = [where(frame, restitution=e)["object_velocity"] for e in OF_MASSES]
-    heavy = where(frame, restitution=1.0, tool_mass=ROBOT_AND_TOOL)["object_velocity"][0]
+    heavy = where(frame, restitution=1.0, tool_mass=scenes.ROBOT_AND_TOOL)["object_velocity"][0]
     return {"steps": np.diff(curves), "ends": curves[-1][[0, -1]], "heavy": heavy}
 
 
 def figure_05() -> pl.DataFrame:
     """Simulate both cases."""
     masses = {"a": OBJECT_MASS, "b": REDUCED_MASS}
-    scenes = {case: scene(STIFFNESS, RESTITUTION, object_mass=mass) for case, mass in masses.items()}
-    return histories(scenes, STEADY, duration=0.5)
+    approaches = {case: scene(STIFFNESS, RESTITUTION, object_mass=mass) for case, mass in masses.items()}
+    return histories(approaches, STEADY, duration=0.5)
 
 
 def parts(run: Run) -> tuple[Array, Array]:
@@ -160,7 +153,7 @@ def _grids(frame: pl.DataFrame, column: str) -> Array:
     return ordered.to_numpy().reshape(2, len(RESTITUTIONS), len(STIFFNESSES))
 
 
-def _draw_grids(frame: pl.DataFrame, grid: Panels, column: str) -> None:
+def _draw_07(frame: pl.DataFrame, grid: Panels, column: str) -> None:
     """Draw `column` against k_c, a panel of `grid` (2,) per limit case and a curve per restitution."""
     for axes, curves in zip(grid, _grids(frame, column), strict=True):
         for colour, e, values in zip(SERIES, RESTITUTIONS, curves, strict=True):
@@ -178,7 +171,7 @@ def figure_06() -> list[Row]:
 
 def _draw_06(frame: pl.DataFrame, grid: Panels) -> None:
     *limit_cases, last = grid
-    _draw_grids(frame, limit_cases, "peak_force")
+    _draw_07(frame, limit_cases, "peak_force")
     for free, colour, label in ((0, OBJECT, "tool fixed"), (1, TOOL, "tool decoupled")):
         row = where(frame, free=free, contact_stiffness=CUT)  # by rising restitution
         restitution, force = row["restitution"], row["peak_force"]
@@ -279,13 +272,3 @@ def _numbers_contact(frame: pl.DataFrame) -> Numbers:
         "hu_guo": hu_guo, "hu_guo_worst": hu_guo.max(),
         "hunt_crossley": hunt_crossley, "hunt_crossley_worst": hunt_crossley.max(),
     }  # fmt: skip
-
-
-FIGURES = {
-    "figure_02": Reproduction(figure_02, _draw_02, _numbers_02),
-    "figure_03": Reproduction(figure_03, _draw_03, _numbers_03),
-    "figure_05": Reproduction(figure_05, _draw_05, _numbers_05),
-    "figure_06": Reproduction(figure_06, _draw_06, _numbers_06),
-    "figure_07": Reproduction(figure_07, _draw_grids, _numbers_07),
-    "beyond_contact": Reproduction(beyond_contact, _draw_contact, _numbers_contact),
-}

@@ -5,7 +5,7 @@ import polars as pl
 
 from experiments.lab import scenes
 from experiments.lab.charts import FLANGE, OBJECT, TOOL
-from experiments.studies.paper.layouts import Panels, Reproduction, imposed_and_actual
+from experiments.studies.paper.layouts import Panels, imposed_and_actual
 from experiments.studies.paper.runs import Numbers, Run, histories, where
 from impact_gym.physics.impact import GRAVITY, sliding_distance
 from impact_gym.robot import IMPACT, default_approach
@@ -78,6 +78,9 @@ def figure_13() -> pl.DataFrame:
     return histories(approaches)
 
 
+_draw_13 = _draw_14 = imposed_and_actual
+
+
 def _nearest_minimum(frame: pl.DataFrame, case: str) -> Numbers:
     """Return the local minimum of the tool's velocity that is nearest to the impact (m/s), and how far apart they are.
 
@@ -140,11 +143,3 @@ def _numbers_14(frame: pl.DataFrame) -> Numbers:
         "before": before, "after": after, "growth": after / before,
         "after_without_brake": after_without_brake, "growth_without_brake": after_without_brake / before,
     }  # fmt: skip
-
-
-FIGURES = {
-    "figure_11": Reproduction(figure_11, _draw_11, _numbers_11),
-    "figure_12": Reproduction(figure_12, _draw_12, _numbers_12),
-    "figure_13": Reproduction(figure_13, imposed_and_actual, _numbers_13),
-    "figure_14": Reproduction(figure_14, imposed_and_actual, _numbers_14),
-}

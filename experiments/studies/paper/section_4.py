@@ -11,23 +11,14 @@ from functools import partial
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
+from scipy.signal import find_peaks
 
 import impact_gym as ig
 from experiments.lab.charts import SERIES
 from experiments.lab.scenes import DISTANCE, DURATION, MOTION, STEADY, decoupled
 from experiments.lab.study import Row
-from experiments.studies.paper.layouts import Panels, Reproduction, impulses, mark, velocities_and_forces
-from experiments.studies.paper.runs import (
-    Array,
-    Columns,
-    Numbers,
-    Run,
-    changes,
-    enclose_changes,
-    histories,
-    runs_of,
-    where,
-)
+from experiments.studies.paper.layouts import Panels, impulses, mark, velocities_and_forces
+from experiments.studies.paper.runs import Array, Numbers, Run, changes, enclose_changes, histories, runs_of, where
 
 CONTACT_STIFFNESSES = (1e3, 1e4, 1e5)  # N/m^1.5
 COUPLING_STIFFNESSES = np.linspace(5.0, 200.0, 196)  # N/m
@@ -76,7 +67,7 @@ def figure_18() -> list[Row]:
     return _sweep(RESTITUTION) + [_point(k_t, k_c, RESTITUTION, braked=False) for k_t, k_c in pairs]
 
 
-def curves(frame: pl.DataFrame, distance: float = DISTANCE, braked: bool = True) -> list[Columns]:
+def curves(frame: pl.DataFrame, distance: float = DISTANCE, braked: bool = True) -> list[dict[str, Array]]:
     """Return the rows of the curve of each contact stiffness, by rising coupling stiffness."""
     of_kind = frame.filter(braked=braked, distance=distance, damping_ratio=1.0)
     return [where(of_kind, contact_stiffness=k_c) for k_c in CONTACT_STIFFNESSES]
@@ -102,7 +93,7 @@ def _places(holds: NDArray[np.bool_]) -> str:
     return f"holds at {holds.sum()} of {holds.size} values of k_t{where_not}"
 
 
-def _draw_curves(frame: pl.DataFrame, axes: Panels) -> None:
+def _draw_18(frame: pl.DataFrame, axes: Panels) -> None:
     """Draw a curve per contact stiffness and mark where the number of contacts changes."""
     near = curves(frame)
     for colour, k_c, rows, far in zip(SERIES, CONTACT_STIFFNESSES, near, curves(frame, SETTLED), strict=False):
@@ -117,7 +108,7 @@ def _draw_curves(frame: pl.DataFrame, axes: Panels) -> None:
         mark(axes, [], [], label="number of contacts changes")
 
 
-def _damping_rows(frame: pl.DataFrame) -> list[Columns]:
+def _damping_rows(frame: pl.DataFrame) -> list[dict[str, Array]]:
     """Return the row over the damping ratio of each contact stiffness."""
     at = frame.sort("damping_ratio").filter(braked=True, distance=DISTANCE, coupling_stiffness=DAMPED_STIFFNESS)
     return [where(at, contact_stiffness=k_c) for k_c in CONTACT_STIFFNESSES]
@@ -125,7 +116,7 @@ def _damping_rows(frame: pl.DataFrame) -> list[Columns]:
 
 def _draw_16(frame: pl.DataFrame, grid: Panels) -> None:
     left, right = grid
-    _draw_curves(frame, left)
+    _draw_18(frame, left)
     for colour, rows in zip(SERIES, _damping_rows(frame), strict=False):
         ratio = rows["damping_ratio"]
         right.plot(ratio, rows["object_velocity"], color=colour)
@@ -166,15 +157,13 @@ def _numbers_18(frame: pl.DataFrame) -> Numbers:
     }  # fmt: skip
 
 
+_draw_17 = _draw_19 = velocities_and_forces
+_draw_20 = impulses
+
+
 def figure_17() -> pl.DataFrame:
     """Simulate both."""
     return histories({"a": decoupled(1e5, 1.0, 150.0), "b": decoupled(1e4, 1.0, 150.0)})
-
-
-def _peaks(force: np.ndarray) -> int:
-    """Return the number of peaks that are higher than a tenth of the highest."""
-    inner = force[1:-1]
-    return int(np.sum((inner > force[:-2]) & (inner >= force[2:]) & (inner > 0.1 * force.max())))
 
 
 def _numbers_17(frame: pl.DataFrame) -> Numbers:
@@ -185,7 +174,7 @@ def _numbers_17(frame: pl.DataFrame) -> Numbers:
     touching = [run.first_contact for run in runs]
     compressions = [1e3 * (contact.flange_position - contact.tool_position) for contact in touching]
     return {
-        "a": a, "b": b, "peaks": [_peaks(run.trace.contact_force) for run in runs],
+        "a": a, "b": b, "peaks": [len(find_peaks(run.trace.contact_force, 0.1 * run.peak_force)[0]) for run in runs],
         "lag": -stretch.min(), "ahead_most": stretch.max(),
         "faster_share": 100 * np.mean(ahead > 0.0),  # the trace has a point a millisecond in flight
         "faster_most": ahead.max(), "faster_last": ahead[-1],
@@ -263,12 +252,3 @@ def _numbers_20(frame: pl.DataFrame) -> Numbers:
         "velocities_felt": velocities_felt,
         "nominal_felt": nominal_felt, "nominal_error_felt": np.abs(nominal_felt / velocities_felt - 1.0),
     }  # fmt: skip
-
-
-FIGURES = {
-    "figure_16": Reproduction(figure_16, _draw_16, _numbers_16),
-    "figure_18": Reproduction(figure_18, _draw_curves, _numbers_18),
-    "figure_17": Reproduction(figure_17, velocities_and_forces, _numbers_17),
-    "figure_19": Reproduction(figure_19, velocities_and_forces, _numbers_19),
-    "figure_20": Reproduction(figure_20, impulses, _numbers_20),
-}

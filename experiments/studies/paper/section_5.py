@@ -9,7 +9,7 @@ import impact_gym as ig
 from experiments.lab.charts import COUPLING, OBJECT, SERIES, velocities
 from experiments.lab.scenes import HOLD, LINEAR, MECHANISM, MOTION, scene
 from experiments.lab.study import Row
-from experiments.studies.paper.layouts import Panels, Reproduction, impulses, velocities_and_forces
+from experiments.studies.paper.layouts import Panels, impulses, velocities_and_forces
 from experiments.studies.paper.runs import Array, Numbers, Run, histories, runs_of, where
 
 HEIGHTS = (0.020, 0.024, 0.028, 0.032, 0.035)  # m
@@ -109,6 +109,9 @@ def _numbers_23(frame: pl.DataFrame) -> Numbers:
     }  # fmt: skip
 
 
+figure_24, _draw_24 = figure_23, impulses  # the same two runs
+
+
 def _numbers_24(frame: pl.DataFrame) -> Numbers:
     a, b = runs_of(frame)
     return {"a": a, "b": b, "identity": max(a.identity_error, b.identity_error)}
@@ -129,11 +132,3 @@ def _numbers_25(frame: pl.DataFrame) -> Numbers:
     fixed, bistable = (Run(frame, case) for case in ("rigid", "bistable"))
     reduction = 100.0 * (1.0 - bistable.final_velocity / fixed.final_velocity)
     return {"fixed": fixed, "bistable": bistable, "reduction": reduction}
-
-
-FIGURES = {
-    "figure_22": Reproduction(figure_22, _draw_22, _numbers_22),
-    "figure_23": Reproduction(figure_23, _draw_23, _numbers_23),
-    "figure_24": Reproduction(figure_23, impulses, _numbers_24),  # the same two runs
-    "figure_25": Reproduction(figure_25, _draw_25, _numbers_25),
-}

@@ -16,6 +16,7 @@ from string import Formatter
 from typing import Any
 
 import numpy as np
+import polars as pl
 
 from experiments.studies.paper.runs import Numbers
 
@@ -63,25 +64,6 @@ class Said:
     reading: Mapping[str, Any] = field(default_factory=dict)  # another reading of the text: its text, holds and ours
 
 
-@dataclass(frozen=True, slots=True)
-class Statement:
-    """A statement and its verdict."""
-
-    figure: str
-    section: str
-    text: str
-    printed: str | None  # as printed; None for a trend
-    ours: str
-    unit: str  # of a printed number
-    verdict: Verdict
-    rule: str  # by which the verdict was computed
-    digits: int | None  # significant digits to which we agree; None for a trend
-    why: str
-    basis: Basis
-    otherwise: str  # outcome under another reading of the text
-    source: str  # of numbers that are not computed here
-
-
 SAID = {
     f"{figure}.{key}": Said(**said)
     for figure, about in DATA["figures"].items()
@@ -100,11 +82,7 @@ def agreeing_digits(printed: str, ours: float) -> tuple[int, int]:
 
 
 def number(name: str, numbers: Numbers) -> Any:
-    """Return what a format string with these numbers would show as {name}, such as "a.impulse" or "ends[0]".
-
-    Raises:
-        KeyError: there is none.
-    """
+    """Return what a format string with these numbers would show as {name}, such as "a.impulse" or "ends[0]"."""
     return Formatter().get_field(name, (), numbers)[0]
 
 
@@ -133,8 +111,8 @@ def compared(said: Said, ours: float) -> tuple[Verdict, str, int]:
     return verdict, f"printed as approximate: within one unit of the last printed digit ({last_unit})", digits
 
 
-def judge(figure: str, said: Said, numbers: Numbers, others_agree: bool = True) -> Statement:
-    """Judge a statement about a figure by what was computed there.
+def judge(figure: str, said: Said, numbers: Numbers, others_agree: bool = True) -> dict[str, Any]:
+    """Judge a statement about a figure by what was computed there, and return its row of the table.
 
     Args:
         figure: its name.
@@ -157,23 +135,29 @@ def judge(figure: str, said: Said, numbers: Numbers, others_agree: bool = True) 
         otherwise = f"Another reading, {reading['text']}: {reading['ours'].format(**numbers)} ({second})."
         if (second is Verdict.DISAGREES) != (verdict is Verdict.DISAGREES):
             verdict = Verdict.ONE_READING  # it stays one statement
-    why, basis = said.why.format(**numbers), Basis[said.basis.upper()]
-    return Statement(
-        figure, said.section, said.text, printed, ours, unit, verdict, rule, digits, why, basis, otherwise, said.source
-    )
+    return {
+        "figure": figure, "section": said.section, "text": said.text, "printed": printed, "ours": ours, "unit": unit,
+        "verdict": verdict, "rule": rule, "digits": digits, "why": said.why.format(**numbers),
+        "basis": Basis[said.basis.upper()], "otherwise": otherwise, "source": said.source,
+    }  # fmt: skip
 
 
-def judged(numbers: Mapping[str, Numbers], statements: Mapping[str, Said] = SAID) -> list[Statement]:
+def judged(numbers: Mapping[str, Numbers], statements: Mapping[str, Said] = SAID) -> pl.DataFrame:
     """Judge all statements about the figures whose numbers are there.
 
     Args:
         numbers: of figures, by their name.
         statements: by FIGURE.KEY; one that follows from statements about figures that are not there is left out.
+
+    Returns:
+        A row for each: the statement as in statements.toml; what is printed (null: a trend), what is ours and the unit;
+        the verdict, its rule, and to how many significant digits ours agrees (null: a trend); the outcome under another
+        reading of the text.
     """
-    found = dict[str, Statement]()
+    found = dict[str, dict[str, Any]]()
     for name, said in sorted(statements.items(), key=lambda item: bool(item[1].agree)):  # what follows comes last
         figure = name.partition(".")[0]
         if figure in numbers and all(other in found for other in said.agree):
-            others_agree = all(found[other].verdict in AGREEING for other in said.agree)
+            others_agree = all(found[other]["verdict"] in AGREEING for other in said.agree)
             found[name] = judge(figure, said, numbers[figure], others_agree)
-    return [found[name] for name in statements if name in found]
+    return pl.DataFrame([found[name] for name in statements if name in found], infer_schema_length=None)
