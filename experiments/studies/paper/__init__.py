@@ -1,7 +1,7 @@
 """The study `paper`: the figures of the paper drawn anew, and what its text says about them, judged one by one.
 
-A module for each section of the paper. Of a figure it computes the table (figure_02), draws it (draw_02), and reads off
-it the numbers that statements.toml names (numbers_02).
+A module for each section of the paper. Of a figure it computes the table (figure_02), draws it (_draw_02), and reads
+off it the numbers that statements.toml names (_numbers_02).
 """
 
 from collections import Counter
@@ -33,7 +33,7 @@ def _reproduction(name: str) -> Reproduction:
     """Return the three functions about a figure."""
     module = next(m for m in (section_2, section_3, section_4, section_5, beyond) if hasattr(m, name))
     key = name.partition("_")[2]
-    return Reproduction(*(getattr(module, function) for function in (name, f"draw_{key}", f"numbers_{key}")))
+    return Reproduction(*(getattr(module, function) for function in (name, f"_draw_{key}", f"_numbers_{key}")))
 
 
 MADE = {name: _reproduction(name) for section in DATA["sections"] for name in section["figures"]}
