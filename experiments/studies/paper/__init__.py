@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 
 import polars as pl
 
-from experiments.lab.parts import Picture, Section, Table
+from experiments.lab.parts import Section, Table
 from experiments.lab.study import SOLVER, Cell, Findings, Frames, Measurement, Rows, Study
 from experiments.studies.paper import beyond, section_2, section_3, section_4, section_5
-from experiments.studies.paper.layouts import WIDE, drawn
+from experiments.studies.paper.layouts import picture
 from experiments.studies.paper.runs import Numbers
 from experiments.studies.paper.statements import AGREEING, DATA, Basis, Verdict, judged
 
@@ -37,18 +37,6 @@ def _reproduction(name: str) -> Reproduction:
 
 
 MADE = {name: _reproduction(name) for section in DATA["sections"] for name in section["figures"]}
-
-
-def measurement(name: str) -> Measurement:
-    """Return the table of a figure: one cell, whose rows are all of it; that fast that a process is not worth while."""
-    return Measurement(name, lambda quick, frames: [Cell({}, {})], MADE[name].measure, DEPENDS, processes=0)
-
-
-def picture(name: str, frame: pl.DataFrame) -> Picture:
-    """Return a figure drawn from its table."""
-    about = ABOUT[name]
-    figure, heading = drawn(about, MADE[name].draw, frame), f"{about['heading']}: {about['title']}"
-    return Picture(name, figure, about["alternative"], about["caption"], heading, about["size"][0] > WIDE)
 
 
 def _words(row: dict[str, Any]) -> tuple[str, str, str, str]:
@@ -90,7 +78,9 @@ def analyse(frames: Frames, quick: bool) -> Findings:
         if names := [name for name in about["figures"] if name in frames]:
             here = statements.filter(pl.col("figure").is_in(names))
             sections.append(
-                Section(about["heading"], [picture(name, frames[name]) for name in names], key=about["key"])
+                Section(
+                    about["heading"], [picture(name, MADE[name].draw, frames[name]) for name in names], key=about["key"]
+                )
             )
             sections.append(Section(f"{len(here)} statements about these figures", [table("", here)], folded=True))
     return Findings(answer(statements), sections, {"statements": statements})
@@ -99,7 +89,10 @@ def analyse(frames: Frames, quick: bool) -> Findings:
 STUDY = Study(
     name="paper",
     question="Does the model do what the paper says?",
-    measurements=[measurement(name) for name in MADE],
+    measurements=[  # a table for each figure: of one cell, and that fast that a process is not worth while
+        Measurement(name, lambda quick, frames: [Cell({}, {})], made.measure, DEPENDS, processes=0)
+        for name, made in MADE.items()
+    ],
     analyse=analyse,
     packages=("matplotlib",),
 )

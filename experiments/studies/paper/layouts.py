@@ -8,7 +8,9 @@ import polars as pl
 from matplotlib.figure import Figure
 
 from experiments.lab.charts import COUPLING, FORCE, SERIES, velocities
+from experiments.lab.parts import Picture
 from experiments.studies.paper.runs import runs_of
+from experiments.studies.paper.statements import DATA
 
 SCALE = 0.8  # of all figures: so small that letters can be read where two stand beside each other
 WIDE = 11.0  # inches before that; a wider figure stands alone in its row
@@ -16,8 +18,9 @@ Panels = Any
 """Axes of matplotlib: one, or an array of them, which its types do not tell apart."""
 
 
-def drawn(about: dict[str, Any], draw: Callable[..., None], frame: pl.DataFrame) -> Figure:
-    """Return a figure drawn from its table: `about` is its entry in statements.toml, whose first lines explain it."""
+def picture(name: str, draw: Callable[..., None], frame: pl.DataFrame) -> Picture:
+    """Return a figure drawn from its table, with texts and layout from statements.toml."""
+    about = DATA["figures"][name]
     figure = Figure(figsize=tuple(SCALE * length for length in about["size"]))
     grid: Panels = figure.subplots(**about.get("panels", {}))
     draw(frame, grid, **about.get("arguments", {}))
@@ -25,7 +28,8 @@ def drawn(about: dict[str, Any], draw: Callable[..., None], frame: pl.DataFrame)
         axes.set(**{name: value for name, value in texts.items() if name != "legend"})
         if "legend" in texts:
             axes.legend(**texts["legend"])
-    return figure
+    heading = f"{about['heading']}: {about['title']}"
+    return Picture(name, figure, about["alternative"], about["caption"], heading, about["size"][0] > WIDE)
 
 
 def mark(axes: Panels, x: Any, y: Any, colour: str = "none", marker: str = "o", label: str | None = None) -> None:

@@ -1,7 +1,7 @@
 """Columns of a figure's frame, searches along a parameter, and the runs whose time histories a frame holds."""
 
 from collections.abc import Callable, Iterable, Mapping
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import Any
 
 import numpy as np
@@ -31,16 +31,14 @@ def enclose_changes(values: Iterable[float], row: Callable[[float], Row], parame
     `row` computes the row at a value. Between two values each of `counts` is expected to change once at most.
     """
     rows = [row(value) for value in values]
-    pairs: list[Row] = []
-    for count in counts:
-        for low, high in pairwise(rows):
-            if low[count] == high[count]:
-                continue
+    enclosing: list[Row] = []
+    for count, (low, high) in product(counts, pairwise(rows)):
+        if low[count] != high[count]:
             while high[parameter] - low[parameter] > WIDTH:
                 middle = row(0.5 * (low[parameter] + high[parameter]))
                 low, high = (middle, high) if middle[count] == low[count] else (low, middle)
-            pairs += [low, high]
-    by_value = {entry[parameter]: entry for entry in [*rows, *pairs]}
+            enclosing += [low, high]
+    by_value = {entry[parameter]: entry for entry in [*rows, *enclosing]}
     return [by_value[value] for value in sorted(by_value)]
 
 

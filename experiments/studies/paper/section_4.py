@@ -6,7 +6,9 @@ paper's approach there is one to an object so far ahead that the tool no longer 
 20 are runs at k_t = 150 N/m, zeta = 1.
 """
 
+from collections.abc import Mapping
 from functools import partial
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -24,7 +26,7 @@ CONTACT_STIFFNESSES = (1e3, 1e4, 1e5)  # N/m^1.5
 COUPLING_STIFFNESSES = np.linspace(5.0, 200.0, 196)  # N/m
 SETTLED_STIFFNESSES = COUPLING_STIFFNESSES[::5]  # N/m
 SETTLED = 4.0  # m, distance after which the swing from the acceleration has died away at every k_t
-DAMPED_STIFFNESS = 150.0  # N/m
+CRITICAL, DAMPED = {"damping_ratio": 1.0}, {"coupling_stiffness": 150.0}  # -, N/m: lines in the plane of both
 DAMPING_RATIOS = np.round(np.arange(0.1, 2.0001, 0.05), 2)
 RESTITUTION = 0.1  # of Fig. 18 to 20
 INELASTIC = {"a": decoupled(1e5, RESTITUTION, 150.0), "b": decoupled(1e3, RESTITUTION, 150.0)}  # Fig. 19 and 20
@@ -58,7 +60,7 @@ def _sweep(restitution: float) -> list[Row]:
 def figure_16() -> list[Row]:
     """Simulate the curves, and at one k_t a row over the damping ratio."""
     ratios = DAMPING_RATIOS[DAMPING_RATIOS != 1.0].tolist()  # that one is on the curve
-    return _sweep(1.0) + [_point(DAMPED_STIFFNESS, k_c, 1.0, zeta) for k_c in CONTACT_STIFFNESSES for zeta in ratios]
+    return _sweep(1.0) + [_point(150.0, k_c, 1.0, zeta) for k_c in CONTACT_STIFFNESSES for zeta in ratios]
 
 
 def figure_18() -> list[Row]:
@@ -67,22 +69,23 @@ def figure_18() -> list[Row]:
     return _sweep(RESTITUTION) + [_point(k_t, k_c, RESTITUTION, braked=False) for k_t, k_c in pairs]
 
 
-def curves(frame: pl.DataFrame, distance: float = DISTANCE, braked: bool = True) -> list[dict[str, Array]]:
-    """Return the rows of the curve of each contact stiffness, by rising coupling stiffness."""
-    of_kind = frame.filter(braked=braked, distance=distance, damping_ratio=1.0)
-    return [where(of_kind, contact_stiffness=k_c) for k_c in CONTACT_STIFFNESSES]
+def curves(
+    frame: pl.DataFrame, distance: float = DISTANCE, braked: bool = True, at: Mapping[str, float] = CRITICAL
+) -> list[dict[str, Array]]:
+    """Return the rows of each contact stiffness, by rising coupling stiffness or damping ratio, `at` one of the other."""
+    rows = frame.sort("coupling_stiffness", "damping_ratio").filter(braked=braked, distance=distance, **at)
+    return [where(rows, contact_stiffness=k_c) for k_c in CONTACT_STIFFNESSES]
 
 
-def _on_grid(frame: pl.DataFrame) -> Array:
-    """Return V_p by contact stiffness and the points of the grid, which are the same for all."""
-    return np.array([
-        rows["object_velocity"][np.isin(rows["coupling_stiffness"], COUPLING_STIFFNESSES)] for rows in curves(frame)
-    ])  # fmt: skip
+def _velocities(frame: pl.DataFrame, **line: Any) -> Array:
+    """Return V_p by contact stiffness and the points of the grid along `line`, arguments of `curves`."""
+    points = frame.filter(pl.col("coupling_stiffness").is_in(COUPLING_STIFFNESSES.tolist()))
+    return np.array([rows["object_velocity"] for rows in curves(points, **line)])
 
 
 def _rising_from(frame: pl.DataFrame) -> Array:
     """Return for each contact stiffness the coupling stiffness (N/m) from which on V_p rises at every step."""
-    falls = [np.flatnonzero(steps <= 0) for steps in np.diff(_on_grid(frame))]
+    falls = [np.flatnonzero(steps <= 0) for steps in np.diff(_velocities(frame))]
     return np.array([COUPLING_STIFFNESSES[at[-1] + 1 if at.size else 0] for at in falls])
 
 
@@ -108,16 +111,10 @@ def _draw_18(frame: pl.DataFrame, axes: Panels) -> None:
         mark(axes, [], [], label="number of contacts changes")
 
 
-def _damping_rows(frame: pl.DataFrame) -> list[dict[str, Array]]:
-    """Return the row over the damping ratio of each contact stiffness."""
-    at = frame.sort("damping_ratio").filter(braked=True, distance=DISTANCE, coupling_stiffness=DAMPED_STIFFNESS)
-    return [where(at, contact_stiffness=k_c) for k_c in CONTACT_STIFFNESSES]
-
-
 def _draw_16(frame: pl.DataFrame, grid: Panels) -> None:
     left, right = grid
     _draw_18(frame, left)
-    for colour, rows in zip(SERIES, _damping_rows(frame), strict=False):
+    for colour, rows in zip(SERIES, curves(frame, at=DAMPED), strict=False):
         ratio = rows["damping_ratio"]
         right.plot(ratio, rows["object_velocity"], color=colour)
         right.plot(ratio, rows["object_velocity_first"], color=colour, linestyle=":")
@@ -127,9 +124,9 @@ def _draw_16(frame: pl.DataFrame, grid: Panels) -> None:
 
 
 def _numbers_16(frame: pl.DataFrame) -> Numbers:
-    soft, middle, stiff = grid = _on_grid(frame)
-    settled_steps = np.diff([rows["object_velocity"] for rows in curves(frame, SETTLED)])
-    damped_steps = np.diff([rows["object_velocity"] for rows in _damping_rows(frame)])
+    soft, middle, stiff = grid = _velocities(frame)
+    settled_steps = np.diff(_velocities(frame, distance=SETTLED))
+    damped_steps = np.diff(_velocities(frame, at=DAMPED))
     inner = COUPLING_STIFFNESSES[1:-1]
     jump = np.where((inner > 60.0) & (inner < 120.0), np.diff(stiff, n=2), -np.inf)
     slope_break = float(inner[np.argmax(jump)])
@@ -145,8 +142,8 @@ def _numbers_16(frame: pl.DataFrame) -> Numbers:
 
 
 def _numbers_18(frame: pl.DataFrame) -> Numbers:
-    soft, middle, stiff = grid = _on_grid(frame)
-    unbraked_steps = np.diff([rows["object_velocity"] for rows in curves(frame, braked=False)], axis=0)
+    soft, middle, stiff = grid = _velocities(frame)
+    unbraked_steps = np.diff(_velocities(frame, braked=False), axis=0)
     at_150 = grid[:, (COUPLING_STIFFNESSES == 150.0).argmax()]
     return {
         "soft": soft, "middle": middle, "stiff": stiff, "order": _places((soft < middle) & (middle < stiff)),

@@ -150,9 +150,7 @@ def judged(numbers: Mapping[str, Numbers], statements: Mapping[str, Said] = SAID
         statements: by FIGURE.KEY; one that follows from statements about figures that are not there is left out.
 
     Returns:
-        A row for each: the statement as in statements.toml; what is printed (null: a trend), what is ours and the unit;
-        the verdict, its rule, and to how many significant digits ours agrees (null: a trend); the outcome under another
-        reading of the text.
+        A row for each. Of a trend, `printed` and `digits`, to how many significant ones ours agrees, are null.
     """
     found = dict[str, dict[str, Any]]()
     for name, said in sorted(statements.items(), key=lambda item: bool(item[1].agree)):  # what follows comes last
