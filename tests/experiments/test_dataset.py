@@ -101,9 +101,9 @@ def test_nothing_is_left_of_one_that_failed_and_nothing_is_overwritten(root):
         yield dataset.recorded(setup.make(), 1, {}, dataset.players("rule", setup))
         raise KeyboardInterrupt
 
-    named = ("impact/linear-blind/rule-v0", setup.make(), stopped(), dataset.DatasetOptions("linear-blind"))
+    named = ("impact/linear-blind/rule-v0", setup.make(), stopped(), dataset.DatasetOptions("linear-blind"), "rule", "")
     with pytest.raises(KeyboardInterrupt):
-        dataset.write(*named, algorithm_name="rule", description="")
+        dataset.write(*named)
     assert not minari.list_local_datasets()
     assert not list(root.rglob("*.hdf5"))
     make(who=("rule",))

@@ -76,12 +76,9 @@ def analyse(frames: Frames, quick: bool) -> Findings:
     ]
     for about in DATA["sections"]:
         if names := [name for name in about["figures"] if name in frames]:
+            pictures = [picture(name, MADE[name].draw, frames[name]) for name in names]
+            sections.append(Section(about["heading"], pictures, key=about["key"]))
             here = statements.filter(pl.col("figure").is_in(names))
-            sections.append(
-                Section(
-                    about["heading"], [picture(name, MADE[name].draw, frames[name]) for name in names], key=about["key"]
-                )
-            )
             sections.append(Section(f"{len(here)} statements about these figures", [table("", here)], folded=True))
     return Findings(answer(statements), sections, {"statements": statements})
 

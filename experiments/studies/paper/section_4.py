@@ -72,7 +72,7 @@ def figure_18() -> list[Row]:
 def curves(
     frame: pl.DataFrame, distance: float = DISTANCE, braked: bool = True, at: Mapping[str, float] = CRITICAL
 ) -> list[dict[str, Array]]:
-    """Return the rows of each contact stiffness, by rising coupling stiffness or damping ratio, `at` one of the other."""
+    """Return the rows of each contact stiffness, by rising coupling stiffness or damping ratio, `at` the other."""
     rows = frame.sort("coupling_stiffness", "damping_ratio").filter(braked=braked, distance=distance, **at)
     return [where(rows, contact_stiffness=k_c) for k_c in CONTACT_STIFFNESSES]
 
