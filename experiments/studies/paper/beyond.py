@@ -29,15 +29,13 @@ SIZES = {0.25: 500.0, 1.0: 1e3, 4.0: 2e3}  # radius over that of the paper's obj
 CHANGES = np.linspace(0.9, 1.1, 9)  # of H and of the front stop
 ENOUGH = 40.0  # %, least reduction; the paper's about 50 % to its one digit would be 45 %
 SPEEDS = np.round(np.arange(0.2, 2.0001, 0.02), 2)  # m/s
-CRUISE = (
-    scenes.DISTANCE - MOTION.speed**2 / (2.0 * MOTION.acceleration)
-) / MOTION.speed  # s, at constant speed in Fig. 23
+CRUISE = scenes.DISTANCE / MOTION.speed - MOTION.speed / (2.0 * MOTION.acceleration)  # s, at constant speed in Fig. 23
 
 
 def beyond_delay() -> list[Row]:
     """Simulate every delay, and no brake, at every stiffness, for each coupling and object."""
     rows: list[Row] = []
-    braking = ig.Trapezoid(MOTION.speed, MOTION.acceleration, ig.Brake(scenes.THRESHOLD, 0.0, BRAKE.deceleration))
+    braking = replace(MOTION, brake=replace(BRAKE, delay=0.0))
     stiffness = {"contact.stiffness": STIFFNESS[:, None]}
     for (coupling, what), (kind, (e, mass)) in product(COUPLINGS.items(), OBJECTS.items()):
         approach = scene(1e3, e, what, object_mass=mass)
@@ -63,9 +61,8 @@ def _ratios(frame: pl.DataFrame) -> pl.DataFrame:
 def _draw_delay(frame: pl.DataFrame, grid: Panels) -> None:
     rows, steps = _ratios(frame), np.arange(len(DELAYS))
     for axes, coupling in zip(grid[:2], ("spring", "bistable"), strict=True):
-        light, heavy = (
-            where(rows, coupling=coupling, object=kind)["of_rigid"].reshape(len(STIFFNESS), -1) for kind in OBJECTS
-        )
+        ratios = [where(rows, coupling=coupling, object=kind)["of_rigid"] for kind in OBJECTS]
+        light, heavy = (values.reshape(len(STIFFNESS), -1) for values in ratios)
         mesh = axes.pcolormesh(steps, STIFFNESS, np.log2(light), cmap="RdBu_r", vmin=-1.5, vmax=1.5, shading="nearest")
         axes.contour(steps, STIFFNESS, light, levels=[1.0], colors="black", linewidths=1.5)
         if heavy.max() > 1.0:
@@ -94,14 +91,12 @@ def _numbers_delay(frame: pl.DataFrame) -> Numbers:
 def _notice_delays(approach: ig.Scene) -> tuple[float, float]:
     """Return how long after the touch the contact force exceeds 1 N, and the coupling's has changed by 1 N (s)."""
     outcome, trace = scenes.simulate_with_trace(approach, STEADY)
-    start = outcome.contacts[0].start
-    change = np.abs(trace.coupling_force - np.interp(start, trace.time, trace.coupling_force))
+    time = trace.time - outcome.contacts[0].start
+    change = np.abs(trace.coupling_force - np.interp(0.0, time, trace.coupling_force))
     if isinstance(approach.coupling, ig.Rigid):
         change = trace.contact_force  # the robot holds the tool itself
-    by_tool, by_robot = (
-        float(trace.time[(trace.time >= start) & (force > scenes.THRESHOLD)][0] - start)
-        for force in (trace.contact_force, change)
-    )
+    felt = [force > scenes.THRESHOLD for force in (trace.contact_force, change)]
+    by_tool, by_robot = (float(time[(time >= 0.0) & above][0]) for above in felt)
     return by_tool, by_robot
 
 
@@ -112,14 +107,10 @@ def beyond_detection() -> list[Row]:
         approach = scene(1e3, 0.1, coupling)
         by_tool, by_robot = _notice_delays(approach)
         delays = [(delay, "grid") for delay in FROM_TOUCH.tolist() if delay >= by_tool]
-        for delay, source in [
-            *delays,
-            (by_tool + BRAKE.delay, "tool"),
-            (by_robot + BRAKE.delay, "robot"),
-        ]:
-            brake = ig.Brake(scenes.THRESHOLD, delay - by_tool, BRAKE.deceleration)
-            outcome = ig.simulate(approach, ig.Trapezoid(MOTION.speed, MOTION.acceleration, brake), duration=2.0)
-            velocity = outcome.object_velocity
+        delays += [(by_tool + BRAKE.delay, "tool"), (by_robot + BRAKE.delay, "robot")]
+        for delay, source in delays:
+            motion = replace(MOTION, brake=replace(BRAKE, delay=delay - by_tool))
+            velocity = ig.simulate(approach, motion, duration=2.0).object_velocity
             rows.append({"coupling": name, "delay": delay, "object_velocity": velocity, "noticed_by": source})
     return rows
 
@@ -149,25 +140,21 @@ def _numbers_detection(frame: pl.DataFrame) -> Numbers:
     }  # fmt: skip
 
 
-def _by_mass(coupling: Coupling, stiffness: float) -> ig.Outcomes:
-    """Simulate all masses."""
-    return ig.sweep(scene(stiffness, 0.1, coupling), MOTION, {"object.mass": MASSES}, duration=2.0)
-
-
 def beyond_objects() -> pl.DataFrame:
     """Simulate the tool fixed, the mechanism, and every small change of it that holds the tool."""
     height, stop = MECHANISM.height, MECHANISM.front_stop
     candidates = [replace(MECHANISM, height=h * height, front_stop=s * stop) for h, s in product(CHANGES, CHANGES)]
-    candidates = [coupling for coupling in candidates if coupling.force(coupling.front_stop) >= scenes.HOLD]
+    holding = [coupling for coupling in candidates if coupling.force(coupling.front_stop) >= scenes.HOLD]
+    couplings: list[Coupling] = [ig.Rigid(), MECHANISM, *holding]
     frames = []
     for size, stiffness in SIZES.items():
-        fixed, used = (_by_mass(coupling, stiffness) for coupling in (ig.Rigid(), MECHANISM))
-        changed = np.min([_by_mass(coupling, stiffness).object_velocity for coupling in candidates], axis=0)
-        columns = {
-            "object_mass": MASSES, "rigid": fixed.object_velocity, "as_it_is": used.object_velocity,
-            "changed": changed, "snap_count": used.snap_count,
-        }  # fmt: skip
-        frames.append(pl.DataFrame(columns).with_columns(size=pl.lit(size)))
+        fixed, used, *changed = (
+            ig.sweep(scene(stiffness, 0.1, coupling), MOTION, {"object.mass": MASSES}, duration=2.0)
+            for coupling in couplings
+        )
+        least = np.min([outcomes.object_velocity for outcomes in changed], axis=0)
+        columns = {"object_mass": MASSES, "rigid": fixed.object_velocity, "as_it_is": used.object_velocity}
+        frames.append(pl.DataFrame({**columns, "changed": least, "snap_count": used.snap_count, "size": size}))
     return pl.concat(frames)
 
 
@@ -213,10 +200,8 @@ def _row(coupling: str, speed: float) -> Row:
 
 def beyond_speed() -> list[Row]:
     """Simulate all couplings; changes in contacts, passes and alarm are enclosed."""
-    rows: list[Row] = []
-    for coupling in COUPLINGS:
-        rows += enclose_changes(SPEEDS, partial(_row, coupling), "speed", "contacts", "passes", "alarm")
-    return rows
+    counts = ("contacts", "passes", "alarm")
+    return [row for name in COUPLINGS for row in enclose_changes(SPEEDS, partial(_row, name), "speed", *counts)]
 
 
 def _draw_speed(frame: pl.DataFrame, grid: Panels) -> None:

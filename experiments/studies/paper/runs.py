@@ -48,24 +48,21 @@ def changes(rows: Columns, parameter: str, count: str) -> list[tuple[float, int,
     return [(float(rows[parameter][i]), counts[i], counts[i + 1]) for i in places]
 
 
-def histories(
-    scenes: Mapping[str, ig.Scene], motion: ig.Trapezoid = MOTION, duration: float = DURATION
-) -> pl.DataFrame:
+def histories(cases: Mapping[str, ig.Scene], motion: ig.Trapezoid = MOTION, duration: float = DURATION) -> pl.DataFrame:
     """Simulate scenes for `duration` (s) and return their traces below each other, told apart by the column `case`.
 
     The column `contact` counts the contact going on from 1 and is 0 in flight. `impulse` is eq. 21 over all contacts in
     N s, the same in all rows of a case.
     """
     parts = []
-    for case, scene in scenes.items():
+    for case, scene in cases.items():
         outcome, trace = simulate_with_trace(scene, motion, duration)
         number = np.zeros_like(trace.time)
         for count, contact in enumerate(outcome.contacts, start=1):
             end = np.inf if contact.end is None else contact.end
             number[(trace.time >= contact.start) & (trace.time <= end)] = count
-        columns = {**trace._asdict(), "contact": number}
-        constants = pl.lit(case).alias("case"), pl.lit(outcome.coupling_impulse).alias("impulse")
-        parts.append(pl.DataFrame(columns).with_columns(constants))
+        constants = {"case": case, "impulse": outcome.coupling_impulse}
+        parts.append(pl.DataFrame({**trace._asdict(), "contact": number, **constants}))
     return pl.concat(parts)
 
 
@@ -90,6 +87,8 @@ class Run:
         rate = first.tool_velocity - first.object_velocity
         self.restitution = -rate[-1] / rate[0]  # that the first contact had: separation over approach velocity
         behind = first.command_position - first.tool_position
+        identity = self.equation_22(self.restitution, self.impulse) / self.final_velocity
+        self.identity_error = abs(identity - 1.0)  # of eq. 22 with these, relatively
         self.deflection = 1e3 * (behind.max() - behind[0])  # mm, of the robot by the contact
 
     def part(self, rows: NDArray[np.bool_]) -> ig.Trace:
@@ -112,11 +111,6 @@ class Run:
         """Return V_p after eq. 22, m/s, for a restitution and an impulse of the coupling (N s)."""
         at_rest = float(self.first_contact.object_velocity[0])
         return float(impact.free_tool(TOOL_MASS, OBJECT_MASS, self.impact_velocity, at_rest, restitution, impulse)[1])
-
-    @property
-    def identity_error(self) -> float:
-        """By how much V_p differs from eq. 22 with the restitution that the contact had, relatively."""
-        return abs(self.equation_22(self.restitution, self.impulse) / self.final_velocity - 1.0)
 
 
 def runs_of(frame: pl.DataFrame) -> tuple[Run, Run]:

@@ -227,18 +227,15 @@ def _contact(case: str, speed: float) -> pl.DataFrame:
     columns = {"time": trace.time - record.start, "force": trace.contact_force, "elastic": elastic}
     delivered = record.separation_velocity / record.approach_velocity
     constants = {"case": case, "speed": speed, "nominal": RESTITUTION, "delivered": delivered}
-    rows = pl.DataFrame(columns).filter((trace.time >= record.start) & (trace.time <= record.end))
-    return rows.with_columns(pl.lit(value).alias(name) for name, value in constants.items())
+    return pl.DataFrame(columns | constants).filter((trace.time >= record.start) & (trace.time <= record.end))
 
 
 def beyond_contact() -> pl.DataFrame:
     """Simulate both contacts at every speed, and evaluate both laws, which have no motion."""
-    laws = [
-        pl.DataFrame({"nominal": NOMINAL, "delivered": np.asarray(ig.effective_restitution(law, NOMINAL))})
-        .with_columns(pl.lit(law).alias("case"))
-        for law in LAWS
-    ]  # fmt: skip
-    return pl.concat([*(_contact(case, speed) for case in CONTACTS for speed in SPEEDS), *laws], how="diagonal")
+    contacts = [_contact(case, speed) for case in CONTACTS for speed in SPEEDS]
+    delivered = {law: np.asarray(ig.effective_restitution(law, NOMINAL)) for law in LAWS}
+    laws = [pl.DataFrame({"nominal": NOMINAL, "delivered": e, "case": law}) for law, e in delivered.items()]
+    return pl.concat([*contacts, *laws], how="diagonal")
 
 
 def _draw_contact(frame: pl.DataFrame, grid: Panels) -> None:

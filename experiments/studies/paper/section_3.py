@@ -19,8 +19,8 @@ def figure_11() -> pl.DataFrame:
     outcome, trace = scenes.simulate_with_trace(scenes.scene(1e5, 1.0, robot=scenes.ROBOT))
     position = default_approach().x[0] + trace.command_position
     columns = {"time": trace.time, "position": position, "velocity": trace.command_velocity}
-    events = pl.lit(outcome.contacts[0].start).alias("impact"), pl.lit(outcome.detection_time).alias("detection")
-    return pl.DataFrame(columns).with_columns(events)
+    events = {"impact": outcome.contacts[0].start, "detection": outcome.detection_time}
+    return pl.DataFrame({**columns, **events})
 
 
 def _draw_11(frame: pl.DataFrame, grid: Panels) -> None:
