@@ -87,8 +87,6 @@ class Run:
         rate = first.tool_velocity - first.object_velocity
         self.restitution = -rate[-1] / rate[0]  # that the first contact had: separation over approach velocity
         behind = first.command_position - first.tool_position
-        identity = self.equation_22(self.restitution, self.impulse) / self.final_velocity
-        self.identity_error = abs(identity - 1.0)  # of eq. 22 with these, relatively
         self.deflection = 1e3 * (behind.max() - behind[0])  # mm, of the robot by the contact
 
     def part(self, rows: NDArray[np.bool_]) -> ig.Trace:

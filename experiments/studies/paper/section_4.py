@@ -243,7 +243,7 @@ def _numbers_20(frame: pl.DataFrame) -> Numbers:
     velocities_felt = np.array([contact.object_velocity[-1] for contact in felt])
     return {
         "a": a, "b": b, "same_order": (a.impulse - b.impulse) * (a.final_velocity - b.final_velocity),
-        "identity": max(a.identity_error, b.identity_error),
+        "identity": max(abs(run.equation_22(run.restitution, run.impulse) / run.final_velocity - 1.0) for run in runs),
         "drawn_error": max(abs(run.running_impulse()[1][-1] / run.impulse - 1.0) for run in runs),
         "nominal": nominal, "nominal_error": np.abs(nominal / [run.final_velocity for run in runs] - 1.0),
         "velocities_felt": velocities_felt,

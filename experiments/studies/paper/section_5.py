@@ -113,8 +113,9 @@ figure_24, _draw_24 = figure_23, impulses  # the same two runs
 
 
 def _numbers_24(frame: pl.DataFrame) -> Numbers:
-    a, b = runs_of(frame)
-    return {"a": a, "b": b, "identity": max(a.identity_error, b.identity_error)}
+    runs = a, b = runs_of(frame)
+    equation_22 = [run.equation_22(run.restitution, run.impulse) / run.final_velocity for run in runs]
+    return {"a": a, "b": b, "identity": max(abs(ratio - 1.0) for ratio in equation_22)}
 
 
 def figure_25() -> pl.DataFrame:
