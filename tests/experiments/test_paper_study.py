@@ -18,7 +18,17 @@ from experiments.lab.study import StudyOptions, frame_of
 from experiments.studies.paper import MADE, STUDY, answer, section_2, section_4
 from experiments.studies.paper.layouts import picture
 from experiments.studies.paper.runs import WIDTH, Run, histories, where
-from experiments.studies.paper.statements import AGREEING, SAID, Basis, Said, Verdict, agreeing_digits, judge, judged
+from experiments.studies.paper.statements import (
+    AGREEING,
+    SAID,
+    Basis,
+    Said,
+    Verdict,
+    agreeing_digits,
+    holding,
+    judge,
+    judged,
+)
 
 APART = {  # the statements that do not simply agree; each carries its reason on the page
     Verdict.DISAGREES: (  # what a correct model says otherwise than the text
@@ -76,27 +86,23 @@ def test_second_reading_agrees_only_if_both_do(first, second):
     alone = Verdict.AGREES if first else Verdict.DISAGREES
     assert read["verdict"] == (alone if first == second else Verdict.ONE_READING)
     assert read["ours"] == f"so {first:d}"
-    verdict = "agrees" if second else "disagrees"
-    assert read["otherwise"] == f"Another reading, meant otherwise: thus {second:d} ({verdict})."
+    assert re.fullmatch(f".* meant otherwise: thus {second:d} .({'' if second else 'dis'}agrees).*", read["otherwise"])
 
 
 @pytest.mark.parametrize(
     ("condition", "holds"),
     [
         ("steps > 0", True), ("steps > 1", False), ("steps >= 1", True), ("steps < 2", False), ("steps <= 2", True),
-        ("one == 1", True), ("steps[1] == 2", True), ("steps.size < 2", False), ("one == 2", False), ("one < other", True), ("other < one", False), ("one < inf", True),
+        ("one == 1", True), ("one == 2", False), ("one < other", True), ("other < one", False), ("one < inf", True),
+        ("steps[1] == 2", True), ("steps.size < 2", False),
     ],
 )  # fmt: skip
 def test_condition_holds_in_every_place(condition, holds):
     numbers = {"steps": np.array([1.0, 2.0]), "one": 1, "other": 3.0}
-
-    def agrees(*conditions):
-        said = Said(text="so it is", section="1", holds=conditions)
-        return judge("figure", said, numbers)["verdict"] == Verdict.AGREES
-
-    assert agrees(condition) == agrees("one == 1", condition) == holds
+    verdict = Verdict.AGREES if holds else Verdict.DISAGREES
+    assert holding([condition], numbers) == holding(["one == 1", condition], numbers) == verdict
     with pytest.raises(KeyError, match="none"):
-        agrees("none > 0")
+        holding(["none > 0"], numbers)
 
 
 @pytest.mark.parametrize(("value", "verdict"), [(1, Verdict.AGREES), (-1, Verdict.DISAGREES)])
@@ -119,10 +125,8 @@ def test_each_statement_is_judged_by_one_rule_and_has_a_reason(statements):
 
 @pytest.mark.parametrize("verdict", APART)
 def test_statements_agree_but_for_those_listed(statements, verdict):
-    assert (
-        tuple(name for name, found in zip(SAID, statements["verdict"], strict=True) if found == verdict)
-        == APART[verdict]
-    )
+    listed = [name for name, found in zip(SAID, statements["verdict"], strict=True) if found == verdict]
+    assert listed == [*APART[verdict]]
 
 
 def test_answer_and_documentation_have_the_counts(statements):

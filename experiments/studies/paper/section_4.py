@@ -73,7 +73,7 @@ def curves(
     frame: pl.DataFrame, distance: float = DISTANCE, braked: bool = True, at: Mapping[str, float] = CRITICAL
 ) -> list[dict[str, Array]]:
     """Return the rows of each contact stiffness, by rising coupling stiffness or damping ratio, `at` the other."""
-    rows = frame.sort("coupling_stiffness", "damping_ratio").filter(braked=braked, distance=distance, **at)
+    rows = frame.sort("damping_ratio", maintain_order=True).filter(braked=braked, distance=distance, **at)
     return [where(rows, contact_stiffness=k_c) for k_c in CONTACT_STIFFNESSES]
 
 
