@@ -18,17 +18,7 @@ from experiments.lab.study import StudyOptions, frame_of
 from experiments.studies.paper import MADE, STUDY, answer, section_2, section_4
 from experiments.studies.paper.layouts import picture
 from experiments.studies.paper.runs import WIDTH, Run, histories, where
-from experiments.studies.paper.statements import (
-    AGREEING,
-    SAID,
-    Basis,
-    Said,
-    Verdict,
-    agreeing_digits,
-    holding,
-    judge,
-    judged,
-)
+from experiments.studies.paper.statements import SAID, Basis, Said, Verdict, agreeing_digits, holding, judge, judged
 
 APART = {  # the statements that do not simply agree; each carries its reason on the page
     Verdict.DISAGREES: (  # what a correct model says otherwise than the text
@@ -119,7 +109,7 @@ def test_each_statement_is_judged_by_one_rule_and_has_a_reason(statements):
         kinds = [said.printed is not None, bool(said.holds), bool(said.agree), said.rule == "none" and not said.printed]
         assert sum(kinds) == 1, name
         assert row["ours"], name
-        assert row["why"] or row["verdict"] in AGREEING, name
+        assert row["why"] or row["verdict"] in (Verdict.DIGITS, Verdict.AGREES), name
         assert row["otherwise"] or row["verdict"] != Verdict.ONE_READING, name
 
 
