@@ -15,8 +15,7 @@ import impact_gym as ig
 from experiments.lab import scenes
 from experiments.lab.study import Run as StudyRun
 from experiments.lab.study import StudyOptions, frame_of
-from experiments.studies.paper import MADE, STUDY, answer, section_2, section_4
-from experiments.studies.paper.layouts import picture
+from experiments.studies.paper import STUDY, section_2, section_4
 from experiments.studies.paper.runs import WIDTH, Run, histories, where
 from experiments.studies.paper.statements import SAID, Basis, Said, Verdict, agreeing_digits, holding, judge, judged
 
@@ -34,12 +33,17 @@ APART = {  # the statements that do not simply agree; each carries its reason on
 
 @pytest.fixture(scope="session")
 def frames():
-    return {name: frame_of([({}, made.measure())]) for name, made in MADE.items()}
+    return {table.name: frame_of([({}, table.measure())]) for table in STUDY.measurements}
 
 
 @pytest.fixture(scope="session")
-def statements(frames):
-    return judged({name: MADE[name].numbers(frame) for name, frame in frames.items()})
+def findings(frames):
+    return STUDY.analyse(frames, False)
+
+
+@pytest.fixture(scope="session")
+def statements(findings):
+    return findings.tables["statements"]
 
 
 @pytest.mark.parametrize(
@@ -119,7 +123,7 @@ def test_statements_agree_but_for_those_listed(statements, verdict):
     assert listed == [*APART[verdict]]
 
 
-def test_answer_and_documentation_have_the_counts(statements):
+def test_answer_and_documentation_have_the_counts(findings, statements):
     bases = Counter(statements["basis"])
     verdicts = Counter(statements.filter(basis=Basis.TEST)["verdict"])
     agree = verdicts[Verdict.DIGITS] + verdicts[Verdict.AGREES]
@@ -134,17 +138,18 @@ def test_answer_and_documentation_have_the_counts(statements):
     sentence = re.search(r"Of the (\d+) statements that are tests, (\d+) .* (\d+) .* (\d+) .*\s(\d+) cannot", how_to)
     assert [int(number) for number in sentence.groups()] == [sum(tests), *tests]
     counts = [len(statements), sum(tests), *tests, sum(no_tests), *no_tests]
-    assert [int(number) for number in re.findall(r"\d+", answer(statements))] == counts
+    assert [int(number) for number in re.findall(r"\d+", findings.answer)] == counts
 
 
-@pytest.mark.parametrize("name", MADE)
-def test_figure_is_drawn_with_axes_that_say_what_they_are(name, frames):
-    shown = picture(name, MADE[name].draw, frames[name])
-    for axes in shown.figure.axes:
-        assert axes.get_xlabel() or axes.get_title()
-        assert axes.get_ylabel()
-        assert axes.has_data()
-    assert len(shown.alternative) > 60
+def test_each_figure_is_drawn_with_axes_that_say_what_they_are(findings, frames):
+    pictures = [picture for section in findings.sections for picture in section.pictures]
+    assert {picture.name for picture in pictures} == {*frames}
+    for picture in pictures:
+        for axes in picture.figure.axes:
+            assert axes.get_xlabel() or axes.get_title(), picture.name
+            assert axes.get_ylabel(), picture.name
+            assert axes.has_data(), picture.name
+        assert len(picture.alternative) > 60, picture.name
 
 
 def test_page_of_some_figures_stands_on_its_own_with_their_statements(statements, tmp_path):

@@ -1,42 +1,24 @@
 """The study `paper`: the figures of the paper drawn anew, and what its text says about them, judged one by one.
 
-A module for each section of the paper. Of a figure it computes the table (figure_02), draws it (_draw_02), and reads
-off it the numbers that statements.toml names (_numbers_02).
+A module for each section of the paper. Of a figure it computes the table (figure_02), draws it (_draw_figure_02), and
+reads off it the numbers that statements.toml names (_numbers_figure_02).
 """
 
 from collections import Counter
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import polars as pl
 
 from experiments.lab.parts import Section, Table
-from experiments.lab.study import SOLVER, Cell, Findings, Frames, Measurement, Rows, Study
+from experiments.lab.study import SOLVER, Cell, Findings, Frames, Measurement, Study
 from experiments.studies.paper import beyond, section_2, section_3, section_4, section_5
 from experiments.studies.paper.layouts import picture
-from experiments.studies.paper.runs import Numbers
 from experiments.studies.paper.statements import AGREEING, DATA, Basis, Verdict, judged
 
 ABOUT = DATA["figures"]
+MODULES = (section_2, section_3, section_4, section_5, beyond)
+MADE: dict[str, Any] = {name: made for module in MODULES for name, made in vars(module).items()}
 DEPENDS = (*SOLVER, "impact_gym.sweeps", "experiments.lab.scenes", "experiments.studies.paper.runs")
-
-
-class Reproduction(NamedTuple):
-    """A figure of the paper made anew."""
-
-    measure: Callable[[], Rows]  # computes its table
-    draw: Callable[..., None]  # the table on panels; statements.toml has further arguments of it
-    numbers: Callable[[pl.DataFrame], Numbers]  # that statements about it name
-
-
-def _reproduction(name: str) -> Reproduction:
-    """Return the three functions about a figure."""
-    module = next(m for m in (section_2, section_3, section_4, section_5, beyond) if hasattr(m, name))
-    key = name.partition("_")[2]
-    return Reproduction(*(getattr(module, function) for function in (name, f"_draw_{key}", f"_numbers_{key}")))
-
-
-MADE = {name: _reproduction(name) for section in DATA["sections"] for name in section["figures"]}
 
 
 def _words(row: dict[str, Any]) -> tuple[str, str, str, str]:
@@ -67,7 +49,7 @@ def answer(statements: pl.DataFrame) -> str:
 
 def analyse(frames: Frames, quick: bool) -> Findings:
     """Judge the statements about all figures that were made, and show both."""
-    statements = judged({name: MADE[name].numbers(frame) for name, frame in frames.items()})
+    statements = judged({name: MADE[f"_numbers_{name}"](frame) for name, frame in frames.items()})
     apart = statements.filter(~pl.col("verdict").is_in(AGREEING))
     misprints = [(misprint["place"], misprint["correction"]) for misprint in DATA["misprints"]]
     sections = [
@@ -76,7 +58,7 @@ def analyse(frames: Frames, quick: bool) -> Findings:
     ]
     for about in DATA["sections"]:
         if names := [name for name in about["figures"] if name in frames]:
-            pictures = [picture(name, MADE[name].draw, frames[name]) for name in names]
+            pictures = [picture(name, MADE[f"_draw_{name}"], frames[name]) for name in names]
             sections.append(Section(about["heading"], pictures, key=about["key"]))
             here = statements.filter(pl.col("figure").is_in(names))
             sections.append(Section(f"{len(here)} statements about these figures", [table("", here)], folded=True))
@@ -87,8 +69,9 @@ STUDY = Study(
     name="paper",
     question="Does the model do what the paper says?",
     measurements=[  # a table for each figure: of one cell, and that fast that a process is not worth while
-        Measurement(name, lambda quick, frames: [Cell({}, {})], made.measure, DEPENDS, processes=0)
-        for name, made in MADE.items()
+        Measurement(name, lambda quick, frames: [Cell({}, {})], MADE[name], DEPENDS, processes=0)
+        for section in DATA["sections"]
+        for name in section["figures"]
     ],
     analyse=analyse,
     packages=("matplotlib",),

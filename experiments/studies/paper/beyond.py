@@ -58,7 +58,7 @@ def _ratios(frame: pl.DataFrame) -> pl.DataFrame:
     ).filter(pl.col("delay") != NEVER)
 
 
-def _draw_delay(frame: pl.DataFrame, grid: Panels) -> None:
+def _draw_beyond_delay(frame: pl.DataFrame, grid: Panels) -> None:
     rows, steps = _ratios(frame), np.arange(len(DELAYS))
     for axes, coupling in zip(grid[:2], ("spring", "bistable"), strict=True):
         ratios = [where(rows, coupling=coupling, object=kind)["of_rigid"] for kind in OBJECTS]
@@ -76,7 +76,7 @@ def _draw_delay(frame: pl.DataFrame, grid: Panels) -> None:
         grid[2].plot(curve["stiffness"], curve["of_free"], color=colour, label=coupling)
 
 
-def _numbers_delay(frame: pl.DataFrame) -> Numbers:
+def _numbers_beyond_delay(frame: pl.DataFrame) -> Numbers:
     rows = _ratios(frame)
     stiff = where(rows.filter(pl.col("stiffness") >= 1e6), coupling="rigid", object="light", delay=BRAKE.delay)
     numbers: Numbers = {"gain": 100 * np.abs(1.0 - stiff["of_free"]).max()}
@@ -115,7 +115,7 @@ def beyond_detection() -> list[Row]:
     return rows
 
 
-def _draw_detection(frame: pl.DataFrame, axes: Panels) -> None:
+def _draw_beyond_detection(frame: pl.DataFrame, axes: Panels) -> None:
     sources = {"tool": ("o", "sensor on the tool, 16 ms later"), "robot": ("D", "the robot itself, 16 ms later")}
     for name, (colour, label) in STYLES.items():
         rows = where(frame, coupling=name, noticed_by="grid")
@@ -127,7 +127,7 @@ def _draw_detection(frame: pl.DataFrame, axes: Panels) -> None:
         mark(axes, [], [], marker=marker, label=words)
 
 
-def _numbers_detection(frame: pl.DataFrame) -> Numbers:
+def _numbers_beyond_detection(frame: pl.DataFrame) -> Numbers:
     bistable = frame.filter(coupling="bistable")
     grid, tool, robot = (where(bistable, noticed_by=source) for source in ("grid", "tool", "robot"))
     (tool_delay,), (robot_delay,) = tool["delay"], robot["delay"]
@@ -163,7 +163,7 @@ def _reductions(frame: pl.DataFrame) -> pl.DataFrame:
     return frame.with_columns((pl.col("as_it_is", "changed") / pl.col("rigid") - 1.0) * -100.0)
 
 
-def _draw_objects(frame: pl.DataFrame, axes: Panels) -> None:
+def _draw_beyond_objects(frame: pl.DataFrame, axes: Panels) -> None:
     for colour, size in zip(SERIES, SIZES, strict=False):
         rows = where(_reductions(frame), size=size)
         axes.semilogx(rows["object_mass"], rows["as_it_is"], color=colour, label=f"{size:g} x the radius")
@@ -173,7 +173,7 @@ def _draw_objects(frame: pl.DataFrame, axes: Panels) -> None:
     axes.annotate("paper", (OBJECT_MASS, 2.0), (3, 0), textcoords="offset points", fontsize=8)
 
 
-def _numbers_objects(frame: pl.DataFrame) -> Numbers:
+def _numbers_beyond_objects(frame: pl.DataFrame) -> Numbers:
     rows = _reductions(frame)
     papers = rows.filter(pl.col("object_mass") >= OBJECT_MASS)
     changed, unchanged = papers["changed"], papers["as_it_is"]
@@ -204,7 +204,7 @@ def beyond_speed() -> list[Row]:
     return [row for name in COUPLINGS for row in enclose_changes(SPEEDS, partial(_row, name), "speed", *counts)]
 
 
-def _draw_speed(frame: pl.DataFrame, grid: Panels) -> None:
+def _draw_beyond_speed(frame: pl.DataFrame, grid: Panels) -> None:
     for coupling, (colour, label) in reversed(STYLES.items()):
         rows = where(frame, coupling=coupling)
         for axes, values in zip(grid, (rows["object_velocity"], rows["object_velocity"] / rows["speed"]), strict=True):
@@ -220,7 +220,7 @@ def _draw_speed(frame: pl.DataFrame, grid: Panels) -> None:
         axes.set_ylim(0.0, 1.25 * axes.get_ylim()[1])  # room for the legend
 
 
-def _numbers_speed(frame: pl.DataFrame) -> Numbers:
+def _numbers_beyond_speed(frame: pl.DataFrame) -> Numbers:
     rows, linear = where(frame, coupling="bistable"), where(frame, coupling="spring")
     speed, velocity = rows["speed"], rows["object_velocity"]
     ahead = rows["passes"] % 2 == 0  # the slider ends ahead of the alignment

@@ -46,14 +46,14 @@ def figure_02() -> pl.DataFrame:
     return pl.DataFrame({"restitution": restitution, **{name: np.asarray(column) for name, column in columns.items()}})
 
 
-def _draw_02(frame: pl.DataFrame, axes: Panels) -> None:
+def _draw_figure_02(frame: pl.DataFrame, axes: Panels) -> None:
     e = frame["restitution"]
     axes.plot(e, frame["object_velocity_fixed"], color=FLANGE, linestyle="--", label="object, tool fixed (eq. 1)")
     axes.plot(e, frame["object_velocity"], color=OBJECT, label="object, tool free (eq. 4)")
     axes.plot(e, frame["tool_velocity"], color=TOOL, label="free tool (eq. 3)")
 
 
-def _numbers_02(frame: pl.DataFrame) -> Numbers:
+def _numbers_figure_02(frame: pl.DataFrame) -> Numbers:
     _, tool, hit, fixed = where(frame).values()
     return {
         "fixed_ends": fixed[[0, -1]], "object_ends": hit[[0, -1]], "tool_ends": tool[[0, -1]],
@@ -71,7 +71,7 @@ def figure_03() -> pl.DataFrame:
     return pl.DataFrame(columns)
 
 
-def _draw_03(frame: pl.DataFrame, grid: Panels) -> None:
+def _draw_figure_03(frame: pl.DataFrame, grid: Panels) -> None:
     for axes, column in zip(grid, ("object_velocity", "tool_velocity"), strict=True):
         for colour, restitution in zip(SERIES, OF_MASSES, strict=False):
             rows = where(frame, restitution=restitution)
@@ -82,7 +82,7 @@ def _draw_03(frame: pl.DataFrame, grid: Panels) -> None:
             axes.annotate(f"{mass:g} kg", (mass, 0.0), xycoords=("data", "axes fraction"), fontsize=8, **placing)
 
 
-def _numbers_03(frame: pl.DataFrame) -> Numbers:
+def _numbers_figure_03(frame: pl.DataFrame) -> Numbers:
     curves = [where(frame, restitution=e)["object_velocity"] for e in OF_MASSES]
     heavy = where(frame, restitution=1.0, tool_mass=scenes.ROBOT_AND_TOOL)["object_velocity"][0]
     return {"steps": np.diff(curves), "ends": curves[-1][[0, -1]], "heavy": heavy}
@@ -102,7 +102,7 @@ def parts(run: Run) -> tuple[Array, Array]:
     return elastic, run.trace.contact_force - elastic
 
 
-def _draw_05(frame: pl.DataFrame, grid: Panels) -> None:
+def _draw_figure_05(frame: pl.DataFrame, grid: Panels) -> None:
     for axes, run in zip(grid, runs_of(frame), strict=True):
         (elastic, damping), time = parts(run), run.trace.time
         axes.plot(time, elastic + damping, color=FORCE, label="contact force")
@@ -110,7 +110,7 @@ def _draw_05(frame: pl.DataFrame, grid: Panels) -> None:
         axes.plot(time, damping, color=OBJECT, linestyle=":", label="damping part")
 
 
-def _numbers_05(frame: pl.DataFrame) -> Numbers:
+def _numbers_figure_05(frame: pl.DataFrame) -> Numbers:
     a, b = runs_of(frame)
     _, damping = parts(a)
     last = int(np.flatnonzero((damping[:-1] > 0.0) & (damping[1:] <= 0.0))[0])
@@ -153,7 +153,7 @@ def _grids(frame: pl.DataFrame, column: str) -> Array:
     return ordered.to_numpy().reshape(2, len(RESTITUTIONS), len(STIFFNESSES))
 
 
-def _draw_07(frame: pl.DataFrame, grid: Panels, column: str) -> None:
+def _draw_figure_07(frame: pl.DataFrame, grid: Panels, column: str) -> None:
     """Draw `column` against k_c, a panel of `grid` (2,) per limit case and a curve per restitution."""
     for axes, curves in zip(grid, _grids(frame, column), strict=True):
         for colour, e, values in zip(SERIES, RESTITUTIONS, curves, strict=True):
@@ -169,9 +169,9 @@ def figure_06() -> list[Row]:
     return _sweep(sorted(grid | {(CUT, float(e)) for e in CUT_RESTITUTIONS}))
 
 
-def _draw_06(frame: pl.DataFrame, grid: Panels) -> None:
+def _draw_figure_06(frame: pl.DataFrame, grid: Panels) -> None:
     *limit_cases, last = grid
-    _draw_07(frame, limit_cases, "peak_force")
+    _draw_figure_07(frame, limit_cases, "peak_force")
     for free, colour, label in ((0, OBJECT, "tool fixed"), (1, TOOL, "tool decoupled")):
         row = where(frame, free=free, contact_stiffness=CUT)  # by rising restitution
         restitution, force = row["restitution"], row["peak_force"]
@@ -182,7 +182,7 @@ def _draw_06(frame: pl.DataFrame, grid: Panels) -> None:
     last.set_ylim(0, None)
 
 
-def _numbers_06(frame: pl.DataFrame) -> Numbers:
+def _numbers_figure_06(frame: pl.DataFrame) -> Numbers:
     peaks, depths, velocities = (_grids(frame, column) for column in ("peak_force", "penetration", "object_velocity"))
     row = where(frame, free=0, contact_stiffness=CUT)
     force, lowest = row["peak_force"], np.argmin(row["peak_force"])
@@ -200,7 +200,7 @@ def figure_07() -> list[Row]:
     return _sweep([(float(k), e) for e in RESTITUTIONS for k in STIFFNESSES] + [(CUT, e) for e in VANISHING])
 
 
-def _numbers_07(frame: pl.DataFrame) -> Numbers:
+def _numbers_figure_07(frame: pl.DataFrame) -> Numbers:
     durations = _grids(frame, "duration")
     instantaneous = impact.free_tool(TOOL_MASS, OBJECT_MASS, 1.0, 0.0, np.array(RESTITUTIONS))[1]
     error = 100.0 * np.abs(_grids(frame, "object_velocity")[1, :, 0] / instantaneous - 1.0)
@@ -238,7 +238,7 @@ def beyond_contact() -> pl.DataFrame:
     return pl.concat([*contacts, *laws], how="diagonal")
 
 
-def _draw_contact(frame: pl.DataFrame, grid: Panels) -> None:
+def _draw_beyond_contact(frame: pl.DataFrame, grid: Panels) -> None:
     left, right = grid
     for case, label, colour in (("linear", "linear", TOOL), ("paper", "the paper's", FORCE)):
         rows = where(frame, case=case, speed=1.0)
@@ -257,7 +257,7 @@ def _ends(rows: Columns) -> tuple[float, float]:
     return rows["force"][pushing[0]] / rows["force"].max(), rows["elastic"][pushing[-1]] / rows["force"].max()
 
 
-def _numbers_contact(frame: pl.DataFrame) -> Numbers:
+def _numbers_beyond_contact(frame: pl.DataFrame) -> Numbers:
     linear, paper = (where(frame, case=case, speed=1.0) for case in CONTACTS)
     errors = frame.filter(pl.col("nominal") < SMALL).with_columns(error=(pl.col("delivered") - pl.col("nominal")).abs())
     hu_guo, hunt_crossley = (where(errors, case=law)["error"] for law in LAWS)

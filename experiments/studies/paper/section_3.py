@@ -23,7 +23,7 @@ def figure_11() -> pl.DataFrame:
     return pl.DataFrame({**columns, **events})
 
 
-def _draw_11(frame: pl.DataFrame, grid: Panels) -> None:
+def _draw_figure_11(frame: pl.DataFrame, grid: Panels) -> None:
     time, position, velocity, (impact, *_), _ = where(frame).values()
     before = time <= impact
     for axes, values in zip(grid, (position, velocity), strict=True):
@@ -32,7 +32,7 @@ def _draw_11(frame: pl.DataFrame, grid: Panels) -> None:
         axes.plot(impact, np.interp(impact, time, values), "o", color=OBJECT, markersize=8, label="impact")
 
 
-def _numbers_11(frame: pl.DataFrame) -> Numbers:
+def _numbers_figure_11(frame: pl.DataFrame) -> Numbers:
     time, _, velocity, (impact, *_), (detection, *_) = where(frame).values()
     falling = np.flatnonzero((velocity[1:] < velocity[:-1]) & (time[:-1] > impact))
     braking = (velocity < 0.9) & (velocity > 0.1) & (time > impact)
@@ -51,7 +51,7 @@ def figure_12() -> pl.DataFrame:
     return pl.DataFrame({**columns, "at_impact": approach.position == IMPACT})
 
 
-def _draw_12(frame: pl.DataFrame, grid: Panels, notes: dict[str, str]) -> None:
+def _draw_figure_12(frame: pl.DataFrame, grid: Panels, notes: dict[str, str]) -> None:
     at = where(frame, at_impact=True)
     for axes, (column, effective) in zip(grid, COMPONENTS.items(), strict=True):
         axes.plot(frame["x"], frame[column], color=TOOL, label="element (1,1), as in the paper")
@@ -62,7 +62,7 @@ def _draw_12(frame: pl.DataFrame, grid: Panels, notes: dict[str, str]) -> None:
         axes.set_ylim(0, None)
 
 
-def _numbers_12(frame: pl.DataFrame) -> Numbers:
+def _numbers_figure_12(frame: pl.DataFrame) -> Numbers:
     columns, at = where(frame), where(frame, at_impact=True)
     factors = [columns[name].max() / columns[name].min() for name in COMPONENTS]
     return {"mass": at["held"][0] + scenes.TOOL_MASS, "at": at, "factors": factors}
@@ -78,7 +78,7 @@ def figure_13() -> pl.DataFrame:
     return histories(approaches)
 
 
-_draw_13 = _draw_14 = imposed_and_actual
+_draw_figure_13 = _draw_figure_14 = imposed_and_actual
 
 
 def _nearest_minimum(frame: pl.DataFrame, case: str) -> Numbers:
@@ -95,7 +95,7 @@ def _nearest_minimum(frame: pl.DataFrame, case: str) -> Numbers:
     return {"velocity": velocity[nearest], "apart": 1e3 * abs(delay), "order": "after" if delay > 0 else "before"}
 
 
-def _numbers_13(frame: pl.DataFrame) -> Numbers:
+def _numbers_figure_13(frame: pl.DataFrame) -> Numbers:
     rigid, compliant, frozen, along = (Run(frame, case) for case in ("a", "b", "frozen", "along"))
     commanded, time = rigid.trace.command_velocity, rigid.trace.time
     friction_loss = FRICTION * GRAVITY * np.ptp(compliant.first_contact.time)
@@ -129,7 +129,7 @@ def _ranges(run: Run) -> tuple[float, float]:
     return np.ptp(relative[before]), np.ptp(relative[after])
 
 
-def _numbers_14(frame: pl.DataFrame) -> Numbers:
+def _numbers_figure_14(frame: pl.DataFrame) -> Numbers:
     a, b, light, without_brake = (Run(frame, case) for case in ("a", "b", "13b", "b, no brake"))
     touching = a.first_contact
     lost_a, lost_b = (a.impact_velocity - run.first_contact.tool_velocity.min() for run in (a, b))

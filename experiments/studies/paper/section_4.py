@@ -96,7 +96,7 @@ def _places(holds: NDArray[np.bool_]) -> str:
     return f"holds at {holds.sum()} of {holds.size} values of k_t{where_not}"
 
 
-def _draw_18(frame: pl.DataFrame, axes: Panels) -> None:
+def _draw_figure_18(frame: pl.DataFrame, axes: Panels) -> None:
     """Draw a curve per contact stiffness and mark where the number of contacts changes."""
     near = curves(frame)
     for colour, k_c, rows, far in zip(SERIES, CONTACT_STIFFNESSES, near, curves(frame, SETTLED), strict=False):
@@ -111,9 +111,9 @@ def _draw_18(frame: pl.DataFrame, axes: Panels) -> None:
         mark(axes, [], [], label="number of contacts changes")
 
 
-def _draw_16(frame: pl.DataFrame, grid: Panels) -> None:
+def _draw_figure_16(frame: pl.DataFrame, grid: Panels) -> None:
     left, right = grid
-    _draw_18(frame, left)
+    _draw_figure_18(frame, left)
     for colour, rows in zip(SERIES, curves(frame, at=DAMPED), strict=False):
         ratio = rows["damping_ratio"]
         right.plot(ratio, rows["object_velocity"], color=colour)
@@ -123,7 +123,7 @@ def _draw_16(frame: pl.DataFrame, grid: Panels) -> None:
     right.plot([], [], color="black", linestyle=":", label="after the first contact")
 
 
-def _numbers_16(frame: pl.DataFrame) -> Numbers:
+def _numbers_figure_16(frame: pl.DataFrame) -> Numbers:
     soft, middle, stiff = grid = _velocities(frame)
     settled_steps = np.diff(_velocities(frame, distance=SETTLED))
     damped_steps = np.diff(_velocities(frame, at=DAMPED))
@@ -141,7 +141,7 @@ def _numbers_16(frame: pl.DataFrame) -> Numbers:
     }  # fmt: skip
 
 
-def _numbers_18(frame: pl.DataFrame) -> Numbers:
+def _numbers_figure_18(frame: pl.DataFrame) -> Numbers:
     soft, middle, stiff = grid = _velocities(frame)
     unbraked_steps = np.diff(_velocities(frame, braked=False), axis=0)
     at_150 = grid[:, (COUPLING_STIFFNESSES == 150.0).argmax()]
@@ -154,8 +154,8 @@ def _numbers_18(frame: pl.DataFrame) -> Numbers:
     }  # fmt: skip
 
 
-_draw_17 = _draw_19 = velocities_and_forces
-_draw_20 = impulses
+_draw_figure_17 = _draw_figure_19 = velocities_and_forces
+_draw_figure_20 = impulses
 
 
 def figure_17() -> pl.DataFrame:
@@ -163,7 +163,7 @@ def figure_17() -> pl.DataFrame:
     return histories({"a": decoupled(1e5, 1.0, 150.0), "b": decoupled(1e4, 1.0, 150.0)})
 
 
-def _numbers_17(frame: pl.DataFrame) -> Numbers:
+def _numbers_figure_17(frame: pl.DataFrame) -> Numbers:
     runs = a, b = runs_of(frame)
     before = a.part(np.cumsum(a.contact) == 0)
     stretch = 1e3 * (before.tool_position - before.flange_position)
@@ -214,7 +214,7 @@ def _coupling(touching: ig.Trace) -> Numbers:
     }  # fmt: skip
 
 
-def _numbers_19(frame: pl.DataFrame) -> Numbers:
+def _numbers_figure_19(frame: pl.DataFrame) -> Numbers:
     runs = a, b = runs_of(frame)
     return {
         "a": a, "b": b, "elastic": [Run(frame, f"{case}, e = 1") for case in "ab"],
@@ -234,7 +234,7 @@ def figure_20() -> pl.DataFrame:
     return histories(INELASTIC)
 
 
-def _numbers_20(frame: pl.DataFrame) -> Numbers:
+def _numbers_figure_20(frame: pl.DataFrame) -> Numbers:
     runs = a, b = runs_of(frame)
     felt = [run.felt_contact for run in runs]
     impulses_felt = [float(np.trapezoid(contact.coupling_force, contact.time)) for contact in felt]

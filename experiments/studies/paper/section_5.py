@@ -26,7 +26,7 @@ def figure_22() -> list[Row]:
     return rows
 
 
-def _draw_22(frame: pl.DataFrame, axes: Panels) -> None:
+def _draw_figure_22(frame: pl.DataFrame, axes: Panels) -> None:
     for low, high in ((-60.0, 1e3 * MECHANISM.rear_stop), (1e3 * MECHANISM.front_stop, 60.0)):
         axes.axvspan(low, high, color="#E69F00", alpha=0.15, linewidth=0)
         axes.annotate("barred by a stop", (0.5 * (low + high), 1.55), ha="center", va="bottom", fontsize=8)
@@ -39,7 +39,7 @@ def _draw_22(frame: pl.DataFrame, axes: Panels) -> None:
     axes.annotate(f"m_t a = {HOLD:g} N", (-58.0, HOLD), (0, 3), textcoords="offset points", fontsize=8)
 
 
-def _numbers_22(frame: pl.DataFrame) -> Numbers:
+def _numbers_figure_22(frame: pl.DataFrame) -> Numbers:
     columns, used = where(frame), where(frame, height=MECHANISM.height)
     product, force = columns["position"] * columns["force"], used["force"]
     peaks = [where(frame, height=height)["force"].max() for height in HEIGHTS]
@@ -65,7 +65,7 @@ def _slider(trace: ig.Trace) -> tuple[Array, float]:
     return x, float(trace.time[passed[0] + 1]) if passed.size else np.inf
 
 
-def _draw_23(frame: pl.DataFrame, grid: Panels) -> None:
+def _draw_figure_23(frame: pl.DataFrame, grid: Panels) -> None:
     velocities_and_forces(frame, grid)
     (top, bottom), (bistable, linear) = grid[:, 0], runs_of(frame)
     placing: dict[str, Any] = {"xytext": (-6, 0), "textcoords": "offset points", "ha": "right", "fontsize": 8}
@@ -79,7 +79,7 @@ def _draw_23(frame: pl.DataFrame, grid: Panels) -> None:
     bottom.annotate(text, (bistable.trace.time[strongest], 0.8 * highest), **placing)
 
 
-def _numbers_23(frame: pl.DataFrame) -> Numbers:
+def _numbers_figure_23(frame: pl.DataFrame) -> Numbers:
     (run, linear), (x, snap) = runs_of(frame), _slider(Run(frame, "a").trace)
     trace, time, tool = run.trace, run.trace.time, run.trace.tool_velocity
     touch = int(np.argmax(run.contact > 0))
@@ -109,10 +109,10 @@ def _numbers_23(frame: pl.DataFrame) -> Numbers:
     }  # fmt: skip
 
 
-figure_24, _draw_24 = figure_23, impulses  # the same two runs
+figure_24, _draw_figure_24 = figure_23, impulses  # the same two runs
 
 
-def _numbers_24(frame: pl.DataFrame) -> Numbers:
+def _numbers_figure_24(frame: pl.DataFrame) -> Numbers:
     runs = a, b = runs_of(frame)
     equation_22 = [run.equation_22(run.restitution, run.impulse) / run.final_velocity for run in runs]
     return {"a": a, "b": b, "identity": max(abs(ratio - 1.0) for ratio in equation_22)}
@@ -123,13 +123,13 @@ def figure_25() -> pl.DataFrame:
     return histories({"rigid": scene(1e3, 0.1), "bistable": scene(1e3, 0.1, MECHANISM)})
 
 
-def _draw_25(frame: pl.DataFrame, axes: Panels) -> None:
+def _draw_figure_25(frame: pl.DataFrame, axes: Panels) -> None:
     velocities(axes, Run(frame, "rigid").trace)
     bistable = Run(frame, "bistable").trace
     axes.plot(bistable.time, bistable.object_velocity, color=OBJECT, linestyle=":", label="object, Fig. 23a")
 
 
-def _numbers_25(frame: pl.DataFrame) -> Numbers:
+def _numbers_figure_25(frame: pl.DataFrame) -> Numbers:
     fixed, bistable = (Run(frame, case) for case in ("rigid", "bistable"))
     reduction = 100.0 * (1.0 - bistable.final_velocity / fixed.final_velocity)
     return {"fixed": fixed, "bistable": bistable, "reduction": reduction}
