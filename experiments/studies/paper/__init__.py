@@ -51,10 +51,10 @@ def analyse(frames: Frames, quick: bool) -> Findings:
     """Judge the statements about all figures that were made, and show both."""
     statements = judged({name: MADE[f"_numbers_{name}"](frame) for name, frame in frames.items()})
     apart = statements.filter(~pl.col("verdict").is_in(AGREEING))
-    misprints = [(misprint["place"], misprint["correction"]) for misprint in DATA["misprints"]]
+    misprints = Table.of("", DATA["misprints"], {"Where": "{place}", "What is wrong with it": "{correction}"})
     sections = [
         Section("What disagrees", [table("Or depends on the reading, or cannot be decided.", apart)], key="apart"),
-        Section("Misprints", [Table("", ("Where", "What is wrong with it"), misprints)], key="misprints"),
+        Section("Misprints", [misprints], key="misprints"),
     ]
     for about in DATA["sections"]:
         if names := [name for name in about["figures"] if name in frames]:

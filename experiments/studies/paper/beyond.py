@@ -215,15 +215,13 @@ def _draw_beyond_speed(frame: pl.DataFrame, grid: Panels) -> None:
         mark(axes, [], [], marker="D", label="number of snap-throughs changes")
         for speed, before, after in changes(where(frame, coupling="bistable"), "speed", "passes"):
             axes.axvline(speed, color="#888888", linewidth=0.8, linestyle=":")
-            placing = {"xytext": (3, 3), "textcoords": "offset points", "fontsize": 8, "rotation": 90}
-            axes.annotate(f"{before} to {after}", (speed, 0.0), **placing)
+            axes.annotate(f"{before} to {after}", (speed, 0.0), (3, 3), textcoords="offset points", size=8, rotation=90)
         axes.set_ylim(0.0, 1.25 * axes.get_ylim()[1])  # room for the legend
 
 
 def _numbers_beyond_speed(frame: pl.DataFrame) -> Numbers:
     rows, linear = where(frame, coupling="bistable"), where(frame, coupling="spring")
     speed, velocity = rows["speed"], rows["object_velocity"]
-    ahead = rows["passes"] % 2 == 0  # the slider ends ahead of the alignment
     turns = changes(rows, "speed", "passes")
     at_10, at_11, at_12 = np.interp([1.0, 1.1, 1.2], speed, velocity)
     better = speed[velocity < np.interp(speed, linear["speed"], linear["object_velocity"])]
@@ -231,7 +229,7 @@ def _numbers_beyond_speed(frame: pl.DataFrame) -> Numbers:
     fixed = where(frame, coupling="rigid", speed=MOTION.speed)["object_velocity"][0]
     return {
         "fixed": fixed, "faster": speed[velocity <= fixed].max(),
-        "fails_below": speed[(speed < MOTION.speed) & ahead].max(initial=0.0),
+        "fails_below": speed[(speed < MOTION.speed) & (rows["passes"] % 2 == 0)].max(initial=0.0),  # ends ahead
         "turns": "".join(f"; {before} to {after} passes of the alignment at {v:.3f} m/s" for v, before, after in turns),
         "better": [better.min(), better.max()], "slowest": speed[0], "fastest": speed[-1],
         "change": 100 * (at_11 / at_10 - 1.0), "change_12": 100 * (at_12 / at_10 - 1.0),

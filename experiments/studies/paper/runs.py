@@ -14,13 +14,12 @@ from experiments.lab.study import Row
 from impact_gym.physics import impact
 
 Array = NDArray[np.float64]
-Columns = dict[str, NDArray[Any]]  # Any: numbers, but text in the column `case`
 Numbers = dict[str, Any]
 """What statements about a figure name: numbers, arrays of them, or words."""
 WIDTH = 1e-6  # to which `enclose_changes` closes in on a change, in units of the parameter
 
 
-def where(frame: pl.DataFrame, **values: float | str) -> Columns:
+def where(frame: pl.DataFrame, **values: float | str) -> dict[str, NDArray[Any]]:
     """Return the columns of the rows in which each named column has the value given for it."""
     return {column.name: column.to_numpy() for column in (frame.filter(**values) if values else frame)}
 
@@ -42,7 +41,7 @@ def enclose_changes(values: Iterable[float], row: Callable[[float], Row], parame
     return [by_value[value] for value in sorted(by_value)]
 
 
-def changes(rows: Columns, parameter: str, count: str) -> list[tuple[float, int, int]]:
+def changes(rows: dict[str, NDArray[Any]], parameter: str, count: str) -> list[tuple[float, int, int]]:
     """Return where the column `count` changes: the parameter below it, and the count below and above it."""
     places, counts = np.flatnonzero(np.diff(rows[count])), rows[count].astype(int).tolist()
     return [(float(rows[parameter][i]), counts[i], counts[i + 1]) for i in places]

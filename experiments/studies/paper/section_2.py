@@ -16,13 +16,13 @@ from experiments.lab.charts import FLANGE, FORCE, OBJECT, SERIES, TOOL
 from experiments.lab.scenes import OBJECT_MASS, REDUCED_MASS, STEADY, TOOL_MASS, scene, simulate_with_trace
 from experiments.lab.study import Row
 from experiments.studies.paper.layouts import Panels, mark
-from experiments.studies.paper.runs import Array, Columns, Numbers, Run, histories, runs_of, where
+from experiments.studies.paper.runs import Array, Numbers, Run, histories, runs_of, where
 from impact_gym.physics import impact
 
 OF_MASSES = (0.0, 0.25, 0.5, 0.75, 1.0)  # restitutions of Fig. 3
 MASSES = np.logspace(-2.0, 1.0, 121)  # kg
 STIFFNESS, RESTITUTION = 1e5, 0.5  # of Fig. 5
-STIFFNESSES = np.logspace(3.0, 6.0, 25)  # N/m^1.5
+STIFFNESSES = np.logspace(3.0, 6.0, 25).tolist()  # N/m^1.5
 RESTITUTIONS = (0.1, 0.3, 0.5, 0.7, 0.9, 1.0)  # as given to eq. 7
 CUT = 1e5  # N/m^1.5, where more restitutions are looked at
 CUT_RESTITUTIONS = np.round(np.arange(0.05, 1.0001, 0.025), 3)
@@ -67,8 +67,7 @@ def figure_03() -> pl.DataFrame:
     every_mass = np.sort(np.append(MASSES, (TOOL_MASS, scenes.ROBOT_AND_TOOL)))
     restitution, mass = (axis.ravel() for axis in np.meshgrid(OF_MASSES, every_mass, indexing="ij"))
     tool, hit = (np.asarray(velocity) for velocity in impact.free_tool(mass, OBJECT_MASS, 1.0, 0.0, restitution))
-    columns = {"restitution": restitution, "tool_mass": mass, "tool_velocity": tool, "object_velocity": hit}
-    return pl.DataFrame(columns)
+    return pl.DataFrame({"restitution": restitution, "tool_mass": mass, "tool_velocity": tool, "object_velocity": hit})
 
 
 def _draw_figure_03(frame: pl.DataFrame, grid: Panels) -> None:
@@ -90,9 +89,8 @@ def _numbers_figure_03(frame: pl.DataFrame) -> Numbers:
 
 def figure_05() -> pl.DataFrame:
     """Simulate both cases."""
-    masses = {"a": OBJECT_MASS, "b": REDUCED_MASS}
-    approaches = {case: scene(STIFFNESS, RESTITUTION, object_mass=mass) for case, mass in masses.items()}
-    return histories(approaches, STEADY, duration=0.5)
+    fixed, free = (scene(STIFFNESS, RESTITUTION, object_mass=mass) for mass in (OBJECT_MASS, REDUCED_MASS))
+    return histories({"a": fixed, "b": free}, STEADY, duration=0.5)
 
 
 def parts(run: Run) -> tuple[Array, Array]:
@@ -113,8 +111,7 @@ def _draw_figure_05(frame: pl.DataFrame, grid: Panels) -> None:
 def _numbers_figure_05(frame: pl.DataFrame) -> Numbers:
     a, b = runs_of(frame)
     _, damping = parts(a)
-    last = int(np.flatnonzero((damping[:-1] > 0.0) & (damping[1:] <= 0.0))[0])
-    around = slice(last, last + 2)
+    around = np.flatnonzero((damping[:-1] > 0.0) & (damping[1:] <= 0.0))[0] + np.array([0, 1])
     return {
         "a": a, "b": b, "peak_ratio": a.peak_force / b.peak_force,
         "turn": np.interp(0.0, -damping[around], a.trace.time[around]),
@@ -146,9 +143,7 @@ def _sweep(pairs: Iterable[tuple[float, float]]) -> list[Row]:
 
 def _grids(frame: pl.DataFrame, column: str) -> Array:
     """Return `column` over (fixed and free tool, restitution, contact stiffness)."""
-    on_grid = frame.filter(
-        pl.col("restitution").is_in(RESTITUTIONS), pl.col("contact_stiffness").is_in(STIFFNESSES.tolist())
-    )
+    on_grid = frame.filter(pl.col("restitution").is_in(RESTITUTIONS), pl.col("contact_stiffness").is_in(STIFFNESSES))
     ordered = on_grid.sort("free", "restitution", "contact_stiffness")[column]
     return ordered.to_numpy().reshape(2, len(RESTITUTIONS), len(STIFFNESSES))
 
@@ -165,7 +160,7 @@ def _draw_figure_07(frame: pl.DataFrame, grid: Panels, column: str) -> None:
 
 def figure_06() -> list[Row]:
     """Simulate the grid of (a) and (b), and a finer row over e at one k_c."""
-    grid = {(float(k), e) for e in RESTITUTIONS for k in STIFFNESSES}
+    grid = {(k, e) for e in RESTITUTIONS for k in STIFFNESSES}
     return _sweep(sorted(grid | {(CUT, float(e)) for e in CUT_RESTITUTIONS}))
 
 
@@ -197,7 +192,7 @@ def _numbers_figure_06(frame: pl.DataFrame) -> Numbers:
 
 def figure_07() -> list[Row]:
     """Simulate the grid, and at one k_c what becomes of a restitution that tends to zero."""
-    return _sweep([(float(k), e) for e in RESTITUTIONS for k in STIFFNESSES] + [(CUT, e) for e in VANISHING])
+    return _sweep([(k, e) for e in RESTITUTIONS for k in STIFFNESSES] + [(CUT, e) for e in VANISHING])
 
 
 def _numbers_figure_07(frame: pl.DataFrame) -> Numbers:
@@ -251,7 +246,7 @@ def _draw_beyond_contact(frame: pl.DataFrame, grid: Panels) -> None:
     right.plot([0.0, 1.0], [0.0, 1.0], color="#888888", linewidth=0.8, linestyle="--", label="what is asked for")
 
 
-def _ends(rows: Columns) -> tuple[float, float]:
+def _ends(rows: dict[str, Array]) -> tuple[float, float]:
     """Return the force at the touch, and that of the spring where the contact lets go, over the largest force."""
     pushing = np.flatnonzero(rows["force"] > 0.0)
     return rows["force"][pushing[0]] / rows["force"].max(), rows["elastic"][pushing[-1]] / rows["force"].max()

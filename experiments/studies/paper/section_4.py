@@ -8,6 +8,7 @@ paper's approach there is one to an object so far ahead that the tool no longer 
 
 from collections.abc import Mapping
 from functools import partial
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -27,7 +28,6 @@ COUPLING_STIFFNESSES = np.linspace(5.0, 200.0, 196)  # N/m
 SETTLED_STIFFNESSES = COUPLING_STIFFNESSES[::5]  # N/m
 SETTLED = 4.0  # m, distance after which the swing from the acceleration has died away at every k_t
 CRITICAL, DAMPED = {"damping_ratio": 1.0}, {"coupling_stiffness": 150.0}  # -, N/m: lines in the plane of both
-DAMPING_RATIOS = np.round(np.arange(0.1, 2.0001, 0.05), 2)
 RESTITUTION = 0.1  # of Fig. 18 to 20
 INELASTIC = {"a": decoupled(1e5, RESTITUTION, 150.0), "b": decoupled(1e3, RESTITUTION, 150.0)}  # Fig. 19 and 20
 
@@ -52,21 +52,20 @@ def _sweep(restitution: float) -> list[Row]:
     for k_c in CONTACT_STIFFNESSES:
         along = partial(_point, k_c=k_c, restitution=restitution)
         rows += enclose_changes(COUPLING_STIFFNESSES, along, "coupling_stiffness", "contacts")
-    for k_c in CONTACT_STIFFNESSES:
-        rows += [_point(k_t, k_c, restitution, distance=SETTLED) for k_t in SETTLED_STIFFNESSES]
-    return rows
+    pairs = product(CONTACT_STIFFNESSES, SETTLED_STIFFNESSES)
+    return rows + [_point(k_t, k_c, restitution, distance=SETTLED) for k_c, k_t in pairs]
 
 
 def figure_16() -> list[Row]:
     """Simulate the curves, and at one k_t a row over the damping ratio."""
-    ratios = DAMPING_RATIOS[DAMPING_RATIOS != 1.0].tolist()  # that one is on the curve
+    ratios = [zeta for zeta in np.round(np.arange(0.1, 2.0001, 0.05), 2).tolist() if zeta != 1.0]  # on the curve
     return _sweep(1.0) + [_point(150.0, k_c, 1.0, zeta) for k_c in CONTACT_STIFFNESSES for zeta in ratios]
 
 
 def figure_18() -> list[Row]:
     """Simulate the curves, and some of their points without a brake."""
-    pairs = [(k_t, k_c) for k_c in CONTACT_STIFFNESSES for k_t in SETTLED_STIFFNESSES]
-    return _sweep(RESTITUTION) + [_point(k_t, k_c, RESTITUTION, braked=False) for k_t, k_c in pairs]
+    pairs = product(CONTACT_STIFFNESSES, SETTLED_STIFFNESSES)
+    return _sweep(RESTITUTION) + [_point(k_t, k_c, RESTITUTION, braked=False) for k_c, k_t in pairs]
 
 
 def curves(
@@ -147,8 +146,7 @@ def _numbers_figure_18(frame: pl.DataFrame) -> Numbers:
     at_150 = grid[:, (COUPLING_STIFFNESSES == 150.0).argmax()]
     return {
         "soft": soft, "middle": middle, "stiff": stiff, "order": _places((soft < middle) & (middle < stiff)),
-        "softest_slowest": ((soft < middle) & (soft < stiff)).sum(),
-        "steps_unbraked": unbraked_steps,
+        "softest_slowest": ((soft < middle) & (soft < stiff)).sum(), "steps_unbraked": unbraked_steps,
         "ordered_unbraked": (unbraked_steps > 0).all(axis=0).sum(), "values_unbraked": unbraked_steps.shape[1],
         "at_150": at_150, "steps_at_150": np.diff(at_150), "rising_from": _rising_from(frame),
     }  # fmt: skip
@@ -168,18 +166,15 @@ def _numbers_figure_17(frame: pl.DataFrame) -> Numbers:
     before = a.part(np.cumsum(a.contact) == 0)
     stretch = 1e3 * (before.tool_position - before.flange_position)
     ahead = (before.tool_velocity - before.flange_velocity)[before.time > MOTION.speed / MOTION.acceleration]
-    touching = [run.first_contact for run in runs]
-    compressions = [1e3 * (contact.flange_position - contact.tool_position) for contact in touching]
+    times = [1e3 * (run.first_contact.time - run.first_contact.time[0]) for run in runs]
+    compressions = [1e3 * (run.first_contact.flange_position - run.first_contact.tool_position) for run in runs]
+    reached = [np.interp(a.duration, *points) for points in zip(times, compressions, strict=True)]  # when (a) ends
     return {
         "a": a, "b": b, "peaks": [len(find_peaks(run.trace.contact_force, 0.1 * run.peak_force)[0]) for run in runs],
         "lag": -stretch.min(), "ahead_most": stretch.max(),
         "faster_share": 100 * np.mean(ahead > 0.0),  # the trace has a point a millisecond in flight
         "faster_most": ahead.max(), "faster_last": ahead[-1],
-        "compressions": [values.max() for values in compressions],
-        "reached": [  # when the contact of (a) ends
-            np.interp(a.duration, 1e3 * (contact.time - contact.time[0]), values)
-            for contact, values in zip(touching, compressions, strict=True)
-        ],
+        "compressions": [values.max() for values in compressions], "reached": reached,
         "restitution_error": max(abs(run.restitution - 1.0) for run in runs),
     }  # fmt: skip
 
@@ -191,9 +186,8 @@ def figure_19() -> pl.DataFrame:
 
 def _share_before_the_brake(run: Run) -> float:
     """Return how many per cent of V_p the object has when the robot begins to brake."""
-    trace = run.trace
-    begin = trace.time[np.argmax((trace.flange_velocity < MOTION.speed) & (run.contact > 0))]
-    return float(100 * np.interp(begin, trace.time, trace.object_velocity)) / run.final_velocity
+    begin = run.trace.time[np.argmax((run.trace.flange_velocity < MOTION.speed) & (run.contact > 0))]
+    return float(100 * np.interp(begin, run.trace.time, run.trace.object_velocity)) / run.final_velocity
 
 
 def _coupling(touching: ig.Trace) -> Numbers:

@@ -112,7 +112,9 @@ def compared(said: Said, ours: float) -> tuple[Verdict, str, int]:
 
 
 def judge(figure: str, said: Said, numbers: Numbers, others_agree: bool = True) -> dict[str, Any]:
-    """Judge a statement about a figure by what was computed there, and return its row of the table.
+    """Judge a statement about a figure by what was computed there, and return its row.
+
+    Of a trend, `printed` and `digits`, to how many significant ones ours agrees, are None.
 
     Args:
         figure: its name.
@@ -143,14 +145,11 @@ def judge(figure: str, said: Said, numbers: Numbers, others_agree: bool = True) 
 
 
 def judged(numbers: Mapping[str, Numbers], statements: Mapping[str, Said] = SAID) -> pl.DataFrame:
-    """Judge all statements about the figures whose numbers are there.
+    """Judge all statements about the figures whose numbers are there; return a row for each, as `judge` does.
 
     Args:
         numbers: of figures, by their name.
         statements: by FIGURE.KEY; one that follows from statements about figures that are not there is left out.
-
-    Returns:
-        A row for each. Of a trend, `printed` and `digits`, to how many significant ones ours agrees, are null.
     """
     found = dict[str, dict[str, Any]]()
     for name, said in sorted(statements.items(), key=lambda item: bool(item[1].agree)):  # what follows comes last
