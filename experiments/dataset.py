@@ -118,22 +118,19 @@ def recorded(env: gym.Env[Any, Any], seed: int, record: Mapping[str, float], pla
 
     observation, _ = env.reset(seed=seed, options={"record": dict(record)})
     controller = play(bare.episode_info()["time_weight"])
-    infos: dict[str, list[Any]] = {name: [value] for name, value in seen().items()}
-    episode = EpisodeBuffer(None, seed, {}, [observation], [], infos=infos)
-    columns = episode.observations, episode.rewards, episode.terminations, episode.truncations
     state, start, ended = None, np.ones(1, np.bool_), False
+    observations, infos, steps = [observation], [seen()], list[tuple[Any, ...]]()
     while not ended:
         action, state = controller.predict(observation[None], state=state, episode_start=start, deterministic=True)
         start, action = np.zeros(1, np.bool_), np.asarray(action, np.float32)[0]
         observation, reward, terminated, truncated, _ = env.step(action)
         ended = terminated or truncated
-        episode.actions.append(action)
-        for column, value in zip(columns, (observation, float(reward), terminated, truncated), strict=True):
-            column.append(value)
-        for name, value in seen().items():
-            infos[name].append(value)
-    episode.options["record"] = bare.episode_info()["record"]
-    return episode
+        steps.append((action, float(reward), terminated, truncated))
+        observations.append(observation)
+        infos.append(seen())
+    columns = map(list, zip(*steps, strict=True))
+    of_steps = {name: [info[name] for info in infos] for name in infos[0]}
+    return EpisodeBuffer(None, seed, {"record": bare.episode_info()["record"]}, observations, *columns, of_steps)
 
 
 def write(
