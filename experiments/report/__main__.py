@@ -6,6 +6,7 @@ import shutil
 import time
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -20,12 +21,14 @@ from experiments.lab.results import REPORTS
 from experiments.lab.statistics import RESAMPLES
 from experiments.report.matchups import Matchup, of_policies, of_setup
 from experiments.report.scenarios import scenarios_from
-from impact_gym.files import whole_file, write_file
+from impact_gym.files import locked, whole_file, write_file
 from impact_gym.sources import compiled_from
 from impact_gym.task import Task
 from impact_gym.validation import whole
 
 RESULTS = "results.json"
+MARK = ".impact_gym"
+"""File of a folder that a report wrote, into which another may be written; its lock."""
 FOLLOWS_FROM = ("impact_gym", "agents", "experiments.report", "experiments.lab")
 """Packages that the page follows from."""
 PACKAGES = ("impact-gym", "gymnasium", "numpy", "scipy", "altair", "vl-convert-python", "polars", "jinja2")
@@ -113,27 +116,37 @@ def write(options: ReportOptions) -> Path:
     """Play what is missing, write the folder unless it says the same already, and return the path of its page.
 
     Raises:
-        ValueError: something asked for is not there or makes no sense, or the folder is a file or below one.
+        ValueError: something asked for is not there or makes no sense, or the folder is a file, below one, or of
+            something else.
     """
     there = next(path for path in (options.out, *options.out.absolute().parents) if path.exists())
     if not there.is_dir():
         raise ValueError(f"out must be a folder, but {there} is a file")
+    if there == options.out and not (there / MARK).is_file() and any(there.iterdir()):
+        raise ValueError(f"out must be a new or empty folder or one that a report wrote, got {there}")
     return publish(matchups_of(options), options)
 
 
 def publish(matchups: Sequence[Matchup], options: ReportOptions) -> Path:
     """Play what is missing of matchups, write the folder unless it says the same already, and return its page."""
     made_from, begun = _made_from(matchups, options), time.perf_counter()
-    page, results_file = options.out / "index.html", options.out / RESULTS
-    written = page.is_file() and results_file.is_file()
-    if options.force or not written or json.loads(results_file.read_text()).get("made from") != made_from:
+    page = options.out / "index.html"
+    if options.force or not page.is_file() or _written(options.out).get("made from") != made_from:
         from experiments.report.jobs import play_matchups  # what plays and draws takes seconds to import
 
         played = play_matchups(matchups, _kept(options), options.processes, options.cluster)
         print("writing the page", flush=True)
-        write_folder(played, options, made_from, begun)
-    print(*json.loads(results_file.read_text())["sentences"], sep="\n")
+        with locked(options.out / MARK):
+            write_folder(played, options, made_from, begun)
+    print(*_written(options.out)["sentences"], sep="\n")
     return page
+
+
+def _written(folder: Path) -> dict[str, Any]:
+    """Return what a folder says of itself; nothing where that is missing or damaged."""
+    with suppress(OSError, ValueError):
+        return dict(json.loads((folder / RESULTS).read_text()))
+    return {}
 
 
 def _kept(options: ReportOptions) -> Path:
@@ -155,7 +168,10 @@ def _made_from(matchups: Sequence[Matchup], options: ReportOptions) -> str:
 
 
 def write_folder(played: Sequence[Any], options: ReportOptions, made_from: str, begun: float) -> None:
-    """Write the folder of what was `Played` since `begun`: `results.json` last, which says what it was made from."""
+    """Write the folder of what was `Played` since `begun`: `results.json` last, which says what it was made from.
+
+    A user's own files stay; figures of an earlier report that this one does not have go.
+    """
     from experiments.report import page
     from experiments.report.played import episodes
 
@@ -191,7 +207,9 @@ def write_folder(played: Sequence[Any], options: ReportOptions, made_from: str, 
         "trained_with": ", ".join(dict.fromkeys(map(" ".join, versions))) or "what their files do not say",
         "resamples": f"{RESAMPLES:,}",
     }
-    page.write(folder, about, tabs, played)
+    results["figures"] = page.write(folder, about, tabs, played)
+    for name in {*_written(folder).get("figures", [])} - {*results["figures"]}:
+        (folder / "figures" / Path(name).name).unlink(missing_ok=True)
     write_file(folder / RESULTS, json.dumps(results, indent=2) + "\n")
 
 

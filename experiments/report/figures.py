@@ -76,11 +76,11 @@ class Figure:
         svg = vl_convert.vegalite_to_svg(self.spec | {"width": self.width})
         return Markup(re.sub(r'(<svg [^>]*?) width="[^"]*" height="[^"]*"', r"\1", svg, count=1))
 
-    def save(self, folder: Path) -> None:
-        """Write the chart as SVG and its data as CSV."""
+    def save(self, folder: Path) -> list[str]:
+        """Write the chart as SVG and its data as CSV; return the names of these files."""
         svg = vl_convert.vegalite_to_svg(self.spec | {"width": self.width, "background": "white"})
-        for suffix, content in (("svg", svg), ("csv", self.data.write_csv())):
-            write_file(folder / f"{self.name}.{suffix}", content)
+        files = {f"{self.name}.svg": svg, f"{self.name}.csv": self.data.write_csv()}
+        return [write_file(folder / name, content).name for name, content in files.items()]
 
 
 def zoomable(chart: Any) -> Any:

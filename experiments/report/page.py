@@ -108,14 +108,15 @@ def watch(played: Played) -> dict[str, Any]:
     )
 
 
-def write(folder: Path, about: Mapping[str, Any], tabs: Sequence[Tab], all_played: Sequence[Played]) -> Path:
-    """Write the page, and into `folder`/figures all its figures with their data; return its path."""
+def write(folder: Path, about: Mapping[str, Any], tabs: Sequence[Tab], all_played: Sequence[Played]) -> list[str]:
+    """Write the page, and into `folder`/figures all its figures with their data; return the names of their files."""
+    saved = list[str]()
     for tab in tabs:
         parts = [tab.chart, *(part for section in (*tab.engineer, *tab.statistician) for part in section.parts)]
         for figure in (part for part in parts if isinstance(part, Figure)):
-            figure.save(folder / "figures")
+            saved += figure.save(folder / "figures")
     bundle = vl_convert.javascript_bundle()  # type: ignore[call-arg]  # its stub asks for what it does not need
-    return page.write(
+    page.write(
         folder,
         "report/page.html.jinja",
         macros={Figure: "figure"},
@@ -125,3 +126,4 @@ def write(folder: Path, about: Mapping[str, Any], tabs: Sequence[Tab], all_playe
         vega=Markup(bundle.replace("</script", "<\\/script")),  # what draws the charts
         embedded=partial(htmlsafe_json_dumps, separators=(",", ":"), allow_nan=False),
     )
+    return saved

@@ -22,6 +22,7 @@ from agents.setups import TUNED, load_setup
 from experiments.report import matchups
 from experiments.report.__main__ import ReportOptions, matchups_of, publish, write
 from experiments.report.matchups import PAPER
+from impact_gym.files import UNFINISHED
 from impact_gym.task import evaluation_sets
 
 COUNT = 30
@@ -243,15 +244,21 @@ def test_report_takes_a_users_baseline_ranges_and_tool_and_plays_and_writes_only
 
     assert write(options).stat().st_mtime_ns == before
     assert capsys.readouterr().out.splitlines()[-1] == answer.splitlines()[-1]
-    for lost in (page, page.with_name("results.json")):  # as where it was stopped
+    letter, begun = page.with_name("letter"), page.with_name("figures") / f".old.svg.1{UNFINISHED}"
+    for lost in (page, page.with_name("results.json")):  # as where it was killed
         lost.unlink()
+        letter.touch()
+        begun.touch()
         write(options)
-        assert lost.is_file()
+        assert [path.exists() for path in (lost, letter, begun)] == [True, True, False]
     assert stored() == first
     write(replace(options, count=4, force=True))
     assert len(of(pl.read_parquet(page.with_name("episodes.parquet")), "my_rules:Half")) == 4
     assert stored()
     assert not stored().items() & first.items()  # what does not depend on how many scenarios there are, too
+    write(replace(options, policy=("rigid-blind",), count=4))
+    assert {path.name.partition("_")[0] for path in page.with_name("figures").iterdir()} == {"rigid-blind"}
+    assert letter.is_file()
 
 
 OURS = {"policy": ("linear-blind",)}
@@ -281,6 +288,7 @@ OURS = {"policy": ("linear-blind",)}
     ({"setups": ("linear-blind",), **OURS}, "not both"),
     ({"out": "my_rules.py", "force": True}, r"out must be a folder.*my_rules.py is a file"),
     ({"out": "my_rules.py/out"}, r"out must be a folder.*my_rules.py is a file"),
+    ({"out": ".", "force": True}, "out must be a new or empty folder or one that a report wrote"),
 ])  # fmt: skip
 def test_report_refuses_before_playing(wanted, message, tmp_path, monkeypatch):
     (tmp_path / "my_rules.py").write_text(RULES)
