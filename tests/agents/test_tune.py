@@ -2,7 +2,9 @@
 
 import json
 import sys
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
+from multiprocessing import get_context
 
 import numpy as np
 import pytest
@@ -123,6 +125,14 @@ def test_tune_keeps_what_is_there_and_ends_as_if_it_had_not_been_stopped(noisy, 
     path.unlink()
     tune(noisy)
     assert path.read_bytes() == whole
+
+
+def test_tunings_at_the_same_time_keep_each_others_weights(noisy, tmp_path):
+    """Each has read the file before the other writes it."""
+    each = [replace(noisy, weights=(weight,), jobs=tmp_path / f"jobs-{weight}") for weight in (0.5, 1.0, 2.0, 4.0)]
+    with ProcessPoolExecutor(4, get_context("spawn")) as pool:
+        list(pool.map(tune, each))
+    assert [*read_tuned("noisy-speed", tmp_path, load_setup(noisy.setups[0]))["weights"]] == ["0.5", "1", "2", "4"]
 
 
 def test_tune_does_anew_what_was_tuned_otherwise_or_for_another_environment(noisy, tmp_path, capsys):

@@ -10,6 +10,7 @@ from pages import stands_on_its_own
 
 from experiments import studies
 from experiments.lab.parts import Heat, HeatMap, Picture, Section, Table
+from experiments.lab.results import csv_of
 from experiments.lab.study import LARGE, Cell, Findings, Measurement, Run, Study, StudyOptions
 
 
@@ -72,6 +73,19 @@ def test_rows_have_the_labels_of_their_cell_and_later_tables_see_earlier_ones(st
     assert frames["squares"].rows() == [("small", 1, 1), ("small", 2, 4), ("large", 10, 100)]
     assert frames["cubes"]["cube"].to_list() == [1, 8, 1000]
     assert pl.read_csv(tmp_path / "out" / "squares.csv").equals(frames["squares"])
+
+
+def test_only_a_later_table_measures_those_that_it_needs(study, tmp_path):
+    assert list(run(study, tmp_path / "out", only=("cubes",)).frames) == ["squares", "cubes"]
+
+
+def test_csv_holds_no_formula_and_leaves_numbers_and_words():
+    texts = ["=1+1", "+1", "-2+3", "@SUM(A1)", "\t=1", "\r=1", "a=1", "learned policy minus rule", ""]
+    read = pl.read_csv(
+        csv_of(pl.DataFrame({"text": texts, "number": -1.5})).encode(), missing_utf8_is_empty_string=True
+    )
+    assert read["text"].to_list() == [*(f"'{text}" for text in texts[:6]), *texts[6:]]
+    assert set(read["number"]) == {-1.5}
 
 
 @pytest.mark.parametrize("width", [390, 1280])
