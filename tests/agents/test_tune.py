@@ -39,6 +39,9 @@ def test_minimise_finds_the_optimum_of_each_problem_within_the_limits():
     assert np.abs((result.parameters - OPTIMA) / SPANS).max() < 0.01
     assert result.loss == pytest.approx(bowl(result.parameters[None])[0], rel=1e-12, abs=1e-15)
     assert result.generations < 200
+    seen = list[np.ndarray]()
+    few = minimise(lambda x: seen.append(bowl(x)) or seen[-1], SPACE, problems=3, generations=15)
+    assert np.array_equal(few.loss, np.min(seen, axis=(0, 1)))  # the best of all, not of the last
     beyond = minimise(lambda x: np.sum((x / SPANS - 5.0) ** 2, axis=-1), SPACE, generations=80).parameters[0]
     assert beyond == pytest.approx([3.0, 100.0, 0.01], rel=1e-3)
     assert (beyond <= [3.0, 100.0, 0.01]).all()

@@ -70,6 +70,8 @@ def test_answer_says_what_a_curve_does_not_reach(shares, times, said, headline):
     result, long, short = told(results)
     assert said in long
     assert headline in short
+    drawn = str(first_screen.chart(result, results).chart.to_dict(validate=False))
+    assert ("slower'" in drawn, "faster'" in drawn) == (result.reached and result.reduction.value > 0.0, False)
     assert result.reached == len(result.each) == (times[1] <= PAPER_TIME <= times[0])
     results.baselines["profile"] = run((0.4, 0.6), (0.5, 0.301))  # s: later at every weight
     late, sentence, _ = told(results)
@@ -99,9 +101,14 @@ def test_next_training_is_said_of_the_scatter_of_seeds():
     results = played(seeds=((0.2, 0.4), (0.21, 0.41)))
     result, sentence, _ = told(results)
     assert result.each == pytest.approx((0.7, 0.69))
+    assert result.reduction.value == pytest.approx(0.695)  # of all seeds
     bound = 69.5 - TOLERANCE_OF_TWO * np.std([70.0, 69.0], ddof=1)
     assert f"(95 % of trainings: at least {bound:.1f} %)" in sentence
     assert dict(answer.table(result, results).rows)["95 % of trainings: at least"] == f"{bound:.1f} %"
+    for worse in (run((1.8, 2.0)), run((0.2, 0.4), (0.299, 0.2))):  # no gain in the mean; too soon for the rule's time
+        told_of = told(replace(results, seeds=results.seeds | {"seed-1": worse}))
+        assert "95 % of trainings" not in told_of[1]
+        assert len(told_of[0].each) == (2 if worse.arrays["approach_time"].max() > PAPER_TIME else 0)
     losses = np.array([0.2, 0.21]) * SPEEDS.mean() + 1.0 * 0.4
     worst = losses.mean() + TOLERANCE_OF_TWO * losses.std(ddof=1)
     most, reached = answer.weights_table(results).rows[0][5].split(", ")
