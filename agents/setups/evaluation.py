@@ -122,6 +122,7 @@ def changes(name: str, values: Any, environment: Mapping[str, Any], strict: bool
     listed = values.get("times") if multiples else values
     if not isinstance(listed, list) or not listed:
         raise ValueError(f"{where} must be a list of values, or a table with one, {{ times = [...] }}, got {values!r}")
+    distinct(where, list(map(_label, listed)))
     if name == "scenario":
         for scenarios in listed:
             same = scenarios == AS_TRAINED

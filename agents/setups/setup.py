@@ -211,8 +211,7 @@ def _mixed(given: Any, environment: Mapping[str, Any], folder: Path) -> tuple[tu
 def _refuse_unknown(setup: Setup) -> None:
     """Refuse what would only show hours later: what there is not, or a weight for which no policy is trained."""
     low, high = setup.training.time_weight
-    curve = setup.evaluation.curve
-    own = () if curve == Evaluation.curve else curve  # of the default what is beyond is left out
+    own = () if (curve := setup.evaluation.curve) == Evaluation.curve else curve  # of the default some are left out
     for weight in (*setup.evaluation.weights, setup.evaluation.typical, *own):
         number("evaluation: weights, typical and curve", weight, "m/s per s", at_least=low, at_most=high)
     baselines = {*setup.tuned, *shipped_baselines()}

@@ -106,9 +106,7 @@ def test_next_training_is_said_of_the_scatter_of_seeds():
     assert f"(95 % of trainings: at least {bound:.1f} %)" in sentence
     assert dict(answer.table(result, results).rows)["95 % of trainings: at least"] == f"{bound:.1f} %"
     for worse in (run((1.8, 2.0)), run((0.2, 0.4), (0.299, 0.2))):  # no gain in the mean; too soon for the rule's time
-        told_of = told(replace(results, seeds=results.seeds | {"seed-1": worse}))
-        assert "95 % of trainings" not in told_of[1]
-        assert len(told_of[0].each) == (2 if worse.arrays["approach_time"].max() > PAPER_TIME else 0)
+        assert "95 % of trainings" not in told(replace(results, seeds=results.seeds | {"seed-1": worse}))[1]
     losses = np.array([0.2, 0.21]) * SPEEDS.mean() + 1.0 * 0.4
     worst = losses.mean() + TOLERANCE_OF_TWO * losses.std(ddof=1)
     most, reached = answer.weights_table(results).rows[0][5].split(", ")
