@@ -16,7 +16,7 @@ from agents.baselines.cmaes import minimise
 from agents.baselines.random import Jittery
 from agents.baselines.rule import Parameter
 from agents.baselines.tuned import load_baseline, read_tuned, write_tuned
-from agents.evaluate import ScenarioBatch
+from agents.evaluate import TUNING_SEED, ScenarioBatch
 from agents.tune import CLEAN_ALARM, Tune, scores, search_bound, search_bounds, tune, tune_one
 
 SPACE = (
@@ -111,6 +111,8 @@ def test_tune_prefers_a_gentle_touch_to_none_however_little_time_costs():
     found = tune_one("ConstantSpeed", {}, 0.05, 1e-5, 0.0, **SEARCH | {"scenarios": 20, "budget": 80})
     assert found["validation"]["missed"] == 0
     assert 0.05 * 1.2 < found["train"] < 2.0
+    stage = ScenarioBatch(TUNING_SEED, 20, scenario="train", rtol=1e-5)
+    assert found["train"] == pytest.approx(stage.play(ConstantSpeed.of(found["parameters"])).loss(0.05).mean())
 
 
 def test_tune_keeps_what_is_there_and_ends_as_if_it_had_not_been_stopped(noisy, tmp_path):

@@ -58,7 +58,8 @@ def test_answer_is_read_where_the_papers_rule_is():
     ((0.2, 0.4), (0.3, 0.2), "80.0 % [80.0, 80.0] slower at the paper's", "leaves 80 % slower"),  # just as late
     ((0.2, 0.4), (0.27, 0.2), "as long as the paper's; at the nearest, 10.0 % sooner, the object leaves 80.0 %",
      "arrives 10 % sooner than the paper's rule; the object leaves 80 % slower"),
-    ((0.2, 0.4), (0.5, 0.33), "as short as the paper's; at the nearest, 10.0 % later, the object leaves 60.0 %",
+    ((0.2, 0.4), (0.5, 0.33), "as short as the paper's; at the nearest, 10.0 % later, the object leaves 60.0 % "
+     "[60.0, 60.0] slower; at the paper's V_p the approach is at most 10.0 % [10.0, 10.0] later.",
      "one that is 10 % later the object leaves 60 % slower"),
     ((1.2, 1.4), (0.4, 0.2), "30.0 % [30.0, 30.0] faster at the paper's mean approach time; it nowhere leaves the "
      "object as slow as the paper's rule.", "leaves 30 % faster. Tuned profile, no learning: 50 % slower."),
