@@ -11,10 +11,9 @@ from impact_gym.task import Task
 
 
 class RandomActions:
-    """Draw every action evenly from the action space."""
+    """Draw every action, of so many numbers, evenly from the action space."""
 
     def __init__(self, seed: int = 0, actions: int = 2) -> None:
-        """Make one that draws so many numbers of an action."""
         self._rng, self._actions = np.random.default_rng(seed), actions
 
     def for_environment(self, environment: Mapping[str, Any]) -> "RandomActions":

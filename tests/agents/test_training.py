@@ -262,8 +262,7 @@ def test_every_setting_of_the_updates_reaches_the_model():
     assert [getattr(model, name) for name in names] == [0.9, 0.01, 5, 32, 128, 1.0]
     assert model.clip_range(1.0) == 0.3
     assert [model.lr_schedule(left) for left in (1.0, 0.5, 0.0)] == pytest.approx([1e-3, 0.6e-3, 0.2e-3])
-    few = tiny(teacher="blind-profile", imitation_steps=640)
-    assert model_of(few)[0].imitation_steps == 640
+    assert model_of(tiny(teacher="blind-profile", imitation_steps=640))[0].imitation_steps == 640
 
 
 def test_imitation_soon_does_nearly_as_well_as_its_teacher():

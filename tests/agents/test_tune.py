@@ -133,7 +133,6 @@ def test_tune_keeps_what_is_there_and_ends_as_if_it_had_not_been_stopped(noisy, 
 
 
 def test_tunings_at_the_same_time_keep_each_others_weights(noisy, tmp_path):
-    """Each has read the file before the other writes it."""
     each = [replace(noisy, weights=(weight,), jobs=tmp_path / f"jobs-{weight}") for weight in (0.5, 1.0, 2.0, 4.0)]
     with ProcessPoolExecutor(4, get_context("spawn")) as pool:
         list(pool.map(tune, each))
