@@ -31,7 +31,7 @@ from agents.setups import FIXED, Setup, load_setup, shipped_baselines
 from experiments.play import tries
 from impact_gym.files import write_file
 from impact_gym.sources import compiled_from
-from impact_gym.validation import whole
+from impact_gym.validation import distinct, whole
 
 PLAYERS = {
     "rule": "the paper's rule",
@@ -80,6 +80,7 @@ class DatasetOptions:
         whole("episodes", self.episodes, at_least=1)
         for name in ("seed", "version"):
             whole(name, getattr(self, name), at_least=0)
+        distinct("who", self.who)
 
 
 def players(name: str, setup: Setup) -> Players:

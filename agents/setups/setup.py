@@ -211,8 +211,9 @@ def _mixed(given: Any, environment: Mapping[str, Any], folder: Path) -> tuple[tu
 def _refuse_unknown(setup: Setup) -> None:
     """Refuse what would only show hours later: what there is not, or a weight for which no policy is trained."""
     low, high = setup.training.time_weight
-    for weight in (*setup.evaluation.weights, setup.evaluation.typical):
-        number("evaluation: weights and typical", weight, "m/s per s", at_least=low, at_most=high)
+    own = () if (curve := setup.evaluation.curve) == Evaluation.curve else curve  # of the default some are left out
+    for weight in (*setup.evaluation.weights, setup.evaluation.typical, *own):
+        number("evaluation: weights, typical and curve", weight, "m/s per s", at_least=low, at_most=high)
     baselines = {*setup.tuned, *shipped_baselines()}
     known("baselines.against.", [name for name in setup.against if not OBJECT.fullmatch(name)], {*baselines, *FIXED})
     known("training.teacher.", [setup.training.teacher], {"", *baselines, *FIXED})
