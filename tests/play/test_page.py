@@ -1,7 +1,6 @@
 """The page in a real browser: from the first key to the replay, with every device, and when something goes wrong."""
 
 import signal
-import time
 
 import pytest
 from playing import READY, SETUP, Tab, served
@@ -11,12 +10,6 @@ PAD = """() => {
   navigator.getGamepads = () => [pad];
   window.pad = pad;
 }"""
-
-
-@pytest.fixture(scope="module")
-def server(tmp_path_factory):
-    with served(tmp_path_factory.mktemp("play") / "tries") as running:
-        yield running
 
 
 @pytest.fixture
@@ -33,13 +26,6 @@ def tab(browser, server):
         assert each.problems == []
 
 
-def kept(server, count):
-    """Return the tries once there are so many."""
-    while len(found := server.tries()) < count:
-        time.sleep(0.05)
-    return found
-
-
 def test_try_from_the_first_key_to_the_replay_and_a_server_that_is_stopped_and_started(browser, tmp_path):
     with served(tmp_path / "tries", SETUP) as server:
         one = Tab(browser, server)
@@ -54,7 +40,7 @@ def test_try_from_the_first_key_to_the_replay_and_a_server_that_is_stopped_and_s
         assert page.locator("#picture circle.igw-object").is_visible()
         page.keyboard.up("ArrowRight")
         one.until_over()
-        (this,) = kept(server, 1)
+        (this,) = server.tries(1)
         assert this.marks in ([], ["invalid: too many late steps"])
         said = page.inner_text("#answer")
         assert f"{this.result['done_time']:.2f} s" in said
@@ -111,7 +97,7 @@ def test_every_device_steers(tab, server, device):
     push(0.0)
     one.until_over()
     assert page.get_attribute("#stick", "aria-valuenow") == "0"
-    velocities = kept(server, before + 1)[-1].operator["velocity"]
+    velocities = server.tries(before + 1)[-1].operator["velocity"]
     assert 0.1 < max(velocities) < 0.45
     assert velocities[-1] == 0.0
 
@@ -138,7 +124,7 @@ def test_keyboard_alone_chooses_begins_and_ends(tab, server):
     assert page.locator("body.playing").count() == 1  # a pause does not end it
     page.keyboard.press(" ")
     page.wait_for_selector("body:not(.playing)")
-    this = kept(server, before + 1)[-1]
+    this = server.tries(before + 1)[-1]
     assert this.assist == "brake"
     assert this.record["uplink.delay"] == this.record["downlink.delay"] == pytest.approx(0.125)
     assert max(this.operator["velocity"]) == pytest.approx(0.4 * 0.5)
@@ -154,7 +140,7 @@ def test_reload_in_the_middle_keeps_the_try_and_the_page_goes_on(tab, server):
     page.wait_for_selector("body.playing")
     page.reload()
     page.wait_for_selector(READY)
-    assert kept(server, before + 1)[-1].marks[0] == "interrupted: the page was closed"
+    assert server.tries(before + 1)[-1].marks[0] == "interrupted: the page was closed"
     page.wait_for_timeout(700)  # in which Enter could still be of the try before
     page.keyboard.press("Enter")
     page.wait_for_selector("body.playing")
