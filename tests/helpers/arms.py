@@ -86,16 +86,11 @@ def slides(folder, first=2.0, second=3.225):
     )  # fmt: skip
 
 
-IIWA = [((0, 0, 0.15), "0 0 1"), ((0, 0, 0.19), "0 1 0"), ((0, 0, 0.21), "0 0 1"), ((0, 0, 0.19), "0 -1 0"),
-        ((0, 0, 0.21), "0 0 1"), ((0, -0.0607, 0.19), "0 1 0"), ((0, 0.0607, 0.081), "0 0 1")]  # fmt: skip
-"""KUKA LBR iiwa 7: from each joint to the next, m, and its axis, upright; the lengths are those of iiwa_ros."""
-
-
-def seven_joints(folder, steps=IIWA, tip=0.15, names=None, turn="0 0 0"):
-    """An arm of seven joints, upright at zero angles, in a base that is turned itself; made-up masses."""
-    names, parts = names or [f"joint {k}" for k in range(7)], [joint("held", "fixed", "world", "link 0", turn=turn)]
-    for k, (at, axis) in enumerate(steps):
-        parts += [joint(names[k], "revolute", f"link {k}", f"link {k + 1}", at, axis),
+def seven_joints(folder, names=tuple(f"joint {k}" for k in range(7)), turn="0 0 0"):
+    """An arm of seven joints about z and y, upright at zero angles, in a base that is turned itself; made-up masses."""
+    parts = [joint("held", "fixed", "world", "link 0", turn=turn)]
+    for k, name in enumerate(names):
+        parts += [joint(name, "revolute", f"link {k}", f"link {k + 1}", (0, 0, 0.2), ("0 0 1", "0 1 0")[k % 2]),
                   link(f"link {k + 1}", 4.0 - 0.4 * k, (0.01, 0.02, 0.05 + 0.01 * k))]  # fmt: skip
-    end = joint("end", "fixed", "link 7", "tip", (0, 0, tip))
+    end = joint("end", "fixed", "link 7", "tip", (0, 0, 0.15))
     return write(folder, link("world"), link("link 0"), *parts, end, link("tip"))
