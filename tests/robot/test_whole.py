@@ -20,29 +20,30 @@ PAPERS = ig.Trapezoid(0.5, 8.0, ig.Brake())
 START, LINE = (0.1, 1.6), (1.0, 0.5, 0.0)
 
 
-def elastic(folder, factor=1.0, damping=(5.0, 2.0), **options):
-    """The two links, joints `factor` times as stiff, and 0.1 m along a line."""
-    stiffness = (9e3 * factor, 4e3 * factor)
-    arm = from_urdf(two_links(folder), "base", "tip", joint_stiffness=stiffness, joint_damping=damping, **options)
-    softer = from_urdf(two_links(folder), "base", "tip", joint_stiffness=(9e3, 4e3), joint_damping=damping)
-    return arm, softer.along(START, LINE, 0.2)
+def elastic(folder, **options):
+    """The two links, and 0.2 m along a line."""
+    arm = from_urdf(
+        two_links(folder), "base", "tip", **{"joint_stiffness": (9e3, 4e3), "joint_damping": (5.0, 2.0)} | options
+    )
+    return arm, arm.along(START, LINE, 0.2)
+
+
+def sliding(folder):
+    """The two slides, and 0.25 m along the first."""
+    arm = from_urdf(slides(folder), "base", "tip", joint_stiffness=(1.9e5, 1e5), joint_damping=(50.4, 50.0))
+    return arm, arm.along((0.0, 0.0), (1.0, 0.0, 0.0), 0.25)
 
 
 @pytest.mark.parametrize("coupling", COUPLINGS, ids=lambda each: type(each).__name__)
 def test_two_slides_are_the_chain_with_one_mass_on_a_spring(coupling, tmp_path):
     """Nothing turns, so every mass is that of both carriages and the compiled solver has the same equations."""
-    arm = from_urdf(slides(tmp_path), "base", "tip", joint_stiffness=(1.9e5, 1e5), joint_damping=(50.4, 50.0))
+    (arm, approach), scene = sliding(tmp_path), replace(SCENE, coupling=coupling)
     assert arm.units == ("m", "m")
-    approach = arm.along((0.0, 0.0), (1.0, 0.0, 0.0), 0.25)
-    robot = ig.Robot(5.225, 1.9e5, 50.4)
-    scene = replace(SCENE, coupling=coupling)
-    ours = ig.simulate(replace(scene, robot=robot), PAPERS, duration=0.4)
-    theirs = whole.simulate(arm, approach, scene, PAPERS, duration=0.4, rtol=1e-10)
-    assert theirs.status == "ok"
+    ours = ig.simulate(replace(scene, robot=ig.Robot(5.225, 1.9e5, 50.4)), PAPERS, duration=0.4)
+    theirs, first = whole.simulate(arm, approach, scene, PAPERS, duration=0.4, rtol=1e-10), ours.contacts[0]
+    assert (theirs.status, theirs.contact_count) == ("ok", len(ours.contacts))
     assert theirs.object_velocity == pytest.approx(ours.object_velocity, abs=1e-7)
     assert theirs.peak_force == pytest.approx(ours.peak_force, rel=1e-5)  # sampled
-    assert theirs.contact_count == len(ours.contacts)
-    first = ours.contacts[0]
     assert theirs.contact_time == pytest.approx(first.end - first.start, rel=1e-6)
     assert theirs.impulse == pytest.approx(0.25 * ours.object_velocity, abs=1e-7)
     assert max(theirs.sideways, theirs.turn) < 1e-12
@@ -192,8 +193,7 @@ def test_a_motion_beyond_the_line_and_one_that_takes_too_long_have_a_status(tmp_
 
 
 def test_advise_names_the_cheapest_mass_beside_all_joints(tmp_path):
-    arm, approach = elastic(tmp_path, 10.0)
-    approach = arm.along(START, LINE, 0.2)
+    arm, approach = elastic(tmp_path, joint_stiffness=(9e4, 4e4))
     advice = ig.advise(SCENE, PAPERS, 0.05, duration=0.3, arm=(arm, approach))
     true = whole.simulate(arm, approach, SCENE, PAPERS, duration=0.3).object_velocity
     for model in advice.tried[1:]:
@@ -206,8 +206,7 @@ def test_advise_names_the_cheapest_mass_beside_all_joints(tmp_path):
 
 
 def test_advise_finds_that_two_slides_are_one_mass_that_yields(tmp_path):
-    arm = from_urdf(slides(tmp_path), "base", "tip", joint_stiffness=(1.9e5, 1e5), joint_damping=(50.4, 50.0))
-    advice = ig.advise(SCENE, PAPERS, 1e-5, duration=0.4, arm=(arm, arm.along((0.0, 0.0), (1.0, 0.0, 0.0), 0.25)))
+    advice = ig.advise(SCENE, PAPERS, 1e-5, duration=0.4, arm=sliding(tmp_path))
     off = {model.name: model.bound for model in advice.tried}
     assert advice.model.name.startswith("robot one mass")
     assert max(error for name, error in off.items() if name.startswith("robot one mass")) < 1e-6 < off["robot rigid"]
