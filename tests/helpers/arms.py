@@ -2,8 +2,6 @@
 
 import re
 
-import numpy as np
-
 TWO_LINKS = {"lengths": (0.5, 0.4), "masses": (3.0, 2.0)}
 SHOULDER = '(name="shoulder".*?lower=)"-3" upper="3"'
 
@@ -56,26 +54,6 @@ def edited(folder, old, new):
 def rod(mass, length):
     """Principal moments of a thin rod along x, not quite thin."""
     return 1e-4, mass * length**2 / 12, mass * length**2 / 12 + 1e-4
-
-
-def two_links_matrices(q):
-    """M, and the Jacobian of the tip in the plane."""
-    (a, b), (m, n) = TWO_LINKS["lengths"], TWO_LINKS["masses"]
-    i, j = rod(m, a)[2], rod(n, b)[2]
-    c, far = np.cos(q[1]), n * b**2 / 4 + j
-    M = np.array([[m * a**2 / 4 + i + n * a**2 + far + n * a * b * c, far + n * a * b * c / 2],
-                  [far + n * a * b * c / 2, far]])  # fmt: skip
-    both = q[0] + q[1]
-    J = np.array([[-a * np.sin(q[0]) - b * np.sin(both), -b * np.sin(both)],
-                  [a * np.cos(q[0]) + b * np.cos(both), b * np.cos(both)]])  # fmt: skip
-    return M, J
-
-
-def coriolis(q, rates):
-    """Centrifugal and Coriolis torques of the two links without a load."""
-    (a, b), n = TWO_LINKS["lengths"], TWO_LINKS["masses"][1]
-    h = -n * a * b / 2 * np.sin(q[1])
-    return h * np.array([(2 * rates[0] + rates[1]) * rates[1], -(rates[0] ** 2)])
 
 
 def slides(folder, first=2.0, second=3.225):

@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from arms import TWO_LINKS, coriolis, slides, two_links, two_links_matrices
+from arms import TWO_LINKS, slides, two_links
 from scipy.integrate import solve_ivp
 
 import impact_gym as ig
@@ -127,43 +127,51 @@ def test_loop_of_a_servo_around_a_rotor_alone_is_the_sampled_double_integrator(w
 
 
 def test_all_that_is_reported_is_what_an_independent_run_has(tmp_path):
-    """The two links in closed form, the motors by their inverse kinematics, another method, looked at everywhere."""
+    """Lagrange's equations of the two links, motors by their inverse kinematics, another method, looked at everywhere.
+
+    Flange, Jacobian and mass matrix are the arm's, which test_robot.py has from an independent chain.
+    """
     arm, approach = elastic(tmp_path)
     (a, b), m, k_c = TWO_LINKS["lengths"], 0.125, 1e5
     u, begin, K, D = approach.direction[:2], approach.start[:2], np.array([9e3, 4e3]), np.array([5.0, 2.0])
 
     def tip(q):
-        both = q[0] + q[1]
-        return np.array([a * np.cos(q[0]) + b * np.cos(both), a * np.sin(q[0]) + b * np.sin(both)])
+        return arm.flange(q)[0][:2]
+
+    def jacobian(q):
+        return arm.jacobian(q)[:2]
+
+    def mass(q):
+        return arm.mass_matrix(q) + m * jacobian(q).T @ jacobian(q)
 
     def motors(t):
         s, speed = (4.0 * t * t, 8.0 * t) if t < 0.0625 else (0.5 * (t - 0.03125), 0.5)
         x, y = begin + s * u
         elbow = np.arccos((x * x + y * y - a * a - b * b) / (2 * a * b))
         q = np.array([np.arctan2(y, x) - np.arctan2(b * np.sin(elbow), a + b * np.cos(elbow)), elbow])
-        return q, np.linalg.solve(two_links_matrices(q)[1], u * speed)
+        return q, np.linalg.solve(jacobian(q), u * speed)
 
     def gap(t, y):
         return u @ (tip(y[:2]) - begin) - y[4]
 
     def force(t, y, chi):
-        depth, rate = max(gap(t, y), 0.0), u @ two_links_matrices(y[:2])[1] @ y[2:4] - y[5]
+        depth, rate = max(gap(t, y), 0.0), u @ jacobian(y[:2]) @ y[2:4] - y[5]
         return (k_c + chi * rate) * depth**1.5
 
     def rates(t, y, chi, touching):
-        q, v = y[:2], y[2:4]
-        (M, J), (q_m, v_m) = two_links_matrices(q), motors(t)
-        turning = tip(q) * v[0] ** 2 + b * np.array([np.cos(q.sum()), np.sin(q.sum())]) * (2 * v[0] + v[1]) * v[1]
+        q, v, (q_m, v_m) = y[:2], y[2:4], motors(t)
+        slopes = np.array([mass(q + step) - mass(q - step) for step in 1e-5 * np.eye(2)]) / 2e-5
+        turning = np.tensordot(v, slopes, 1) @ v - 0.5 * (slopes @ v @ v)
         F = max(force(t, y, chi), 0.0) if touching else 0.0
-        torques = K * (q_m - q) + D * (v_m - v) - coriolis(q, v) + m * J.T @ turning - J.T @ u * F
-        return [*v, *np.linalg.solve(M + m * J.T @ J, torques), y[5], F / 0.25]
+        torques = K * (q_m - q) + D * (v_m - v) - turning - jacobian(q).T @ u * F
+        return [*v, *np.linalg.solve(mass(q), torques), y[5], F / 0.25]
 
     gap.terminal, given = True, {"method": "RK45", "events": gap, "rtol": 1e-10, "atol": 1e-13, "dense_output": True}
     still = [*approach.joint_angles[0], 0.0, 0.0, 0.1, 0.0]
     ramp = solve_ivp(lambda t, y: rates(t, y, 0.0, False), (0.0, 0.0625), still, **given)
     flight = solve_ivp(lambda t, y: rates(t, y, 0.0, False), (0.0625, 1.0), ramp.y[:, -1], **given)
     met, touched = flight.y[:, -1], flight.t[-1]
-    closing = u @ two_links_matrices(met[:2])[1] @ met[2:4]
+    closing = u @ jacobian(met[:2]) @ met[2:4]
     chi, gap.direction = 1.5 * (1 - 0.5) / 0.5 * k_c / closing, -1.0  # Hu and Guo
     contact = solve_ivp(lambda t, y: rates(t, y, chi, True), (touched, 1.0), met, **given)
     looked = [(t, contact.sol(t)) for t in np.linspace(touched, contact.t[-1], 4001)]
