@@ -18,11 +18,12 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from experiments.lab.player.films import radius_of
 from experiments.play import contest, tries
 from experiments.play.assistance import PERIOD
 from experiments.play.tries import Live, Try
-from impact_gym.envs.batch import Bodies
 from impact_gym.operators import CUT
 
 STOPPED = "the server was stopped"
@@ -131,11 +132,12 @@ class Clock:
         then = now if live.ended else live.ahead()
         late = record["downlink.delay"] + record["downlink.jitter"] * min(rng.expovariate(1.0), CUT)
         touched = bool(then.touched[0])
-        seen = seen or touched or live.ended  # what was missed is shown, too
+        places = [np.round(np.ravel(each[1:4]), 6).tolist() for each in (now, then)]  # flange, tool, object, m
+        if not (seen or touched or live.ended):  # what was missed is shown, too
+            places = [[*chain, None] for *chain, _ in places]
         self.tell(
-            kind="frame", n=len(live.kept.actions), t=round(live.time, 4), touched=touched,
-            dt=round(float(then.time[0] - now.time[0]) * slow, 5), wait=late * slow,
-            **{"from": places(now, seen), "to": places(then, seen)},
+            kind="frame", n=len(live.kept.actions), t=round(live.time, 4), touched=touched, wait=late * slow,
+            dt=round(float(then.time[0] - now.time[0]) * slow, 5), **dict(zip(("from", "to"), places, strict=True)),
         )  # fmt: skip
 
 
@@ -143,12 +145,6 @@ def entry_of(name: str, this: Try, **beside: dict[str, float]) -> dict[str, Any]
     """Return what a page shows of a try in its chart and its table, and the results of those `beside` it."""
     return {"name": name, "setup": this.setup, "assist": this.assist, "delay": 2.0 * this.record["uplink.delay"],
             "marks": this.marks, "beside": beside, **this.result}  # fmt: skip
-
-
-def places(bodies: Bodies, seen: bool) -> list[float | None]:
-    """Return where flange, tool and object are, m; the object only if it is `seen`."""
-    found = [round(float(each[0]), 6) for each in (bodies.flange, bodies.tool, bodies.object)]
-    return [*found[:2], found[2] if seen else None]
 
 
 def run(server: Connection, theirs: Connection) -> None:

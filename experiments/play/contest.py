@@ -54,10 +54,9 @@ def film(this: Try, who: str = "you", seconds: float | None = None) -> str:
 
 def first_film(setup: str, latest: Try | None) -> str:
     """Return the film for those who only look: the person of the latest try, or the set-up's operator, marked so."""
-    if latest is not None:
-        return film(latest, seconds=SECONDS)
-    shown = scripted(setup, "none", SHOWN_SEED, record_of(usual(load_setup(setup))))
-    return film(shown, "person (scripted)", SECONDS)
+    who = "you" if latest else "person (scripted)"
+    this = latest or scripted(setup, "none", SHOWN_SEED, record_of(usual(load_setup(setup))))
+    return film(this, who, SECONDS)
 
 
 @cache

@@ -28,7 +28,6 @@ HERE, LAB = Path(__file__).parent, Path(__file__).parents[1] / "lab"
 SCRIPTS = tuple(HERE / name for name in ("stage.js", "stick.js", "chart.js", "play.js"))
 HOST = "127.0.0.1"
 MOST_SEATS, MESSAGE_BYTES, RATE = 16, 512, 250.0  # pages, bytes, messages a second
-RESTART = 1012  # code of a server that ends
 PATIENCE = 5.0  # s, for a page that does not read
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
@@ -151,7 +150,7 @@ async def _serve_page(session: Session, page: WebSocket) -> None:
     except ValueError as problem:
         session.refused[why := str(problem)[:120]] += 1
     except WebSocketDisconnect as gone:
-        why = STOPPED if gone.code == RESTART else why
+        why = STOPPED if gone.code == 1012 else why  # the code of a server that ends
     finally:
         session.leave(seat, why)
         sender.cancel()

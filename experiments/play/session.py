@@ -17,7 +17,6 @@ from impact_gym.validation import choice, flag, number, one_of
 SLOWEST = 16.0  # times slower than real time
 SHOWN = 200  # tries on the chart
 COUPLINGS = ("rigid", "spring", "bistable")
-WORDS = ("v", "begin", "done", "take")
 
 
 class Session:
@@ -56,7 +55,7 @@ class Session:
         if len(said) != 1:
             raise ValueError("a message must have one key")
         ((word, value),) = said.items()
-        choice("message", word, WORDS)
+        choice("message", word, ("v", "begin", "done", "take"))
         if word == "take":
             self._send("stop", "another tab took the stick")
             self.seats.sort(key=lambda each: each is not seat)

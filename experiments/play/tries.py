@@ -249,4 +249,4 @@ def operator_of(found: Sequence[Try]) -> dict[str, Any]:
         times += [begin + k * PERIOD for k in (*range(len(given)), ticks - 1)]  # the last is held
         velocities += [*given, given[-1]]
     drawn = {"length": ticks * PERIOD, "recording": [0, len(found)]}
-    return {"type": "Replay", "time": times, "velocity": velocities, **drawn}
+    return {"type": "Replay", "time": times, "velocity": velocities} | drawn

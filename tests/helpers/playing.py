@@ -1,6 +1,5 @@
 """Players of the page, with and without a browser, and its server in a process of its own."""
 
-import asyncio
 import json
 import math
 import os
@@ -9,12 +8,11 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 import tomli_w
-import websockets
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
@@ -26,7 +24,6 @@ from impact_gym.files import write_file
 
 ROOT = Path(__file__).parents[2]
 SETUP = "teleop-spring"
-RUBBISH = ('{"v":0.5}', "rubbish", '{"v":NaN}', '{"v":1e999}', "[]", '{"x":1}', "x" * 4000, '{"begin":{}}')
 
 
 def wanted(assist="none", seed=1, setup=SETUP, slow=1.0, **sliders):
@@ -46,7 +43,6 @@ def pushed(velocity, after=4, **asked):
 def near_setup(folder):
     """Write a set-up whose objects stand so near that a try takes little time; return its file."""
     environment = load_setup(SETUP).environment | {"scenario": {"distance": [0.1, 0.2]}}
-    folder.mkdir(parents=True, exist_ok=True)
     return write_file(folder / "near.toml", tomli_w.dumps({"environment": environment}))
 
 
@@ -139,41 +135,30 @@ def closed(page):
     return gone.value.rcvd.code, gone.value.rcvd.reason
 
 
-async def flood(server, seconds, clients=50):
-    """Send messages, good ones and rubbish, from so many clients as fast as they can."""
-    end, where = time.monotonic() + seconds, server.address.replace("http", "ws") + "ws"
-
-    async def one(number):
-        while time.monotonic() < end:
-            with suppress(OSError, websockets.WebSocketException):
-                async with websockets.connect(where, origin=server.origin, compression=None) as page:
-                    while time.monotonic() < end:
-                        await page.send(RUBBISH[number % len(RUBBISH)] if number % 2 else RUBBISH[0])
-                        await asyncio.sleep(0.0)
-            await asyncio.sleep(0.02)
-
-    await asyncio.gather(*map(one, range(clients)))
+READY = "#go:not([disabled])"
 
 
-READY, OVER = "#go:not([disabled])", "#answer:not([hidden])"
+def open_page(browser, server, width=1280, height=900, **options):
+    """Return a page that is open, and the list of what it complains of and of others that it asks."""
+    page, problems = browser.new_context(viewport={"width": width, "height": height}, **options).new_page(), []
+    own = (server.address, server.address.replace("http", "ws"), "data:")
+    page.on("console", lambda message: problems.append(message.text))
+    page.on("pageerror", lambda error: problems.append(str(error)))
+    for kind in ("request", "websocket"):
+        page.on(kind, lambda asked: asked.url.startswith(own) or problems.append(asked.url))
+    page.goto(server.address)
+    page.wait_for_selector(READY + ", body.watching")
+    return page, problems
 
 
-class Tab:
-    """A page that is open, with what it complained of and what it asked of others."""
+def begin(page, key="Enter"):
+    """Begin a try."""
+    page.keyboard.press(key)
+    page.wait_for_selector("body.playing")
 
-    def __init__(self, browser, server, width=1280, height=900, **options):
-        self.context = browser.new_context(viewport={"width": width, "height": height}, **options)
-        self.page, self.problems = self.context.new_page(), []
-        own = (server.address, server.address.replace("http", "ws"), "data:")
-        self.page.on("console", lambda message: self.problems.append(message.text))
-        self.page.on("pageerror", lambda error: self.problems.append(str(error)))
-        self.page.on("request", lambda request: request.url.startswith(own) or self.problems.append(request.url))
-        self.page.on("websocket", lambda socket: socket.url.startswith(own) or self.problems.append(socket.url))
-        self.page.goto(server.address)
-        self.page.wait_for_selector(READY + ", body.watching")
 
-    def until_over(self):
-        """Wait until the try is over and its film is there."""
-        self.page.wait_for_selector(OVER, timeout=20000)
-        self.page.wait_for_selector("#film h2:has-text('In slow motion')", timeout=20000)
-        self.page.wait_for_selector("#film .igw-panel")
+def until_over(page):
+    """Wait until the try is over and its film is there."""
+    page.wait_for_selector("#answer:not([hidden])", timeout=20000)
+    page.wait_for_selector("#film h2:has-text('In slow motion')", timeout=20000)
+    page.wait_for_selector("#film .igw-panel")

@@ -1,19 +1,18 @@
 """Who is listened to, and what becomes of a try when somebody goes, floods, or kills the server."""
 
-import asyncio
 import http.client
 import json
 import os
 import re
 import signal
+import socket
 import subprocess
 import sys
-import threading
 import time
 from contextlib import ExitStack, closing, suppress
 
 import pytest
-from playing import ROOT, closed, flood, heard, say, served
+from playing import ROOT, closed, heard, say, served
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from experiments.play import __main__ as command
@@ -31,12 +30,14 @@ def answer(server, path=None, **headers):
         return reply.status, reply.headers
 
 
-def test_only_our_own_page_is_answered(server):
+def test_only_our_own_page_is_answered_and_on_this_machine_alone(server):
     port = server.origin.rpartition(":")[2]
-    assert answer(server)[0] == 200
-    assert answer(server, Host=f"localhost:{port}", Origin=f"http://localhost:{port}")[0] == 200
-    assert answer(server, Host="evil.example")[0] == 403  # a name that was bound to 127.0.0.1
-    assert answer(server, Host=f"evil.example:{port}")[0] == 403
+    status, headers = answer(server)
+    assert status == answer(server, Host=f"localhost:{port}", Origin=f"http://localhost:{port}")[0] == 200
+    assert "default-src 'none'" in headers["content-security-policy"]
+    assert "unsafe" not in headers["content-security-policy"]
+    for host in ("evil.example", f"evil.example:{port}"):  # a name that was bound to 127.0.0.1
+        assert answer(server, Host=host)[0] == 403
     assert answer(server, Origin="http://evil.example")[0] == 403
     for path in ("/", "/wrong/", "//", "/%ff/", f"/{'x' * 3000}/", "/favicon.ico"):
         assert answer(server, path)[0] == 403
@@ -46,17 +47,8 @@ def test_only_our_own_page_is_answered(server):
         with pytest.raises(InvalidStatus) as refusal, server.connect(origin=wrong):
             pass
         assert refusal.value.response.status_code == 403
-    policy = answer(server)[1]["content-security-policy"]
-    assert "default-src 'none'" in policy
-    assert "unsafe" not in policy
-
-
-def test_socket_listens_on_this_machine_alone(server):
-    port = int(server.origin.rpartition(":")[2])
-    with open(f"/proc/{server.process.pid}/net/tcp") as table:
-        listening = [line.split()[1] for line in table if line.split()[3] == "0A"]
-    assert f"0100007F:{port:04X}" in listening
-    assert f"00000000:{port:04X}" not in listening
+    with pytest.raises(ConnectionRefusedError):  # a socket that listens at all addresses would listen there, too
+        socket.create_connection(("127.0.0.2", port))
 
 
 @pytest.mark.parametrize(("said", "code", "reason"), [
@@ -91,25 +83,6 @@ def test_player_who_floods_is_refused_after_the_arm_has_stopped_and_the_try_is_k
         this = server.tries()[-1]
         assert this.marks == ["interrupted: more than 250 messages a second"]
         assert this.operator["velocity"][-1] == 0.0
-
-
-@pytest.mark.storm
-def test_flood_of_fifty_is_refused_with_reasons_and_leaves_the_player_alone(tmp_path):
-    with served(tmp_path / "tries") as server, server.connect() as page:
-        server.push(page)
-        before, played = server.memory(), []
-        clients = threading.Thread(target=asyncio.run, args=(flood(server, 12.0),))
-        clients.start()
-        while clients.is_alive():
-            played.append(server.push(page)["kind"])
-        assert {*played} == {"ended"}
-        assert server.memory() < before + 40e6
-        assert len(server.tries()) == 1 + len(played)
-        assert not any("interrupted" in mark for this in server.tries() for mark in this.marks)
-        _, said = server.end()
-        for reason in ("more than 250 messages a second", "a message must be JSON", "too many pages"):
-            assert reason in said
-        assert "Traceback" not in said
 
 
 def test_second_page_is_told_so_watches_and_may_take_the_stick(server):
@@ -149,11 +122,13 @@ def test_client_that_reads_slowly_holds_nobody_up(server):
 @pytest.mark.parametrize(("how", "exit_code"), [(signal.SIGKILL, -9), (signal.SIGINT, 130), (signal.SIGTERM, -15)])
 def test_server_that_is_stopped_in_the_middle_loses_nothing(how, exit_code, tmp_path):
     with served(tmp_path / "tries") as server, server.connect() as page:
+        answer(server, Host="evil.example")
         server.push(page, 20)
         clock = server.clock
         code, said = server.end(how)
         assert code == exit_code
         assert "Traceback" not in said
+        assert ("refused: 1 x another host" in said) == (how is signal.SIGINT)
         while os.path.exists(f"/proc/{clock}"):
             time.sleep(0.05)
         (this,) = server.tries()
