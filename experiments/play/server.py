@@ -70,9 +70,8 @@ class Seat:
             said = await self.socket.receive_json()
         except (KeyError, ValueError, RecursionError):  # KeyError: bytes
             raise ValueError("a message must be JSON") from None
-        now = time.monotonic()
-        self._allowance = min(self._allowance + RATE * (now - self._heard), RATE) - 1.0
-        self._heard = now
+        before, self._heard = self._heard, time.monotonic()
+        self._allowance = min(self._allowance + RATE * (self._heard - before), RATE) - 1.0
         if self._allowance < 0.0:
             raise ValueError(f"more than {RATE:g} messages a second")
         return said

@@ -219,9 +219,8 @@ def read(path: Path) -> Try:
 
 
 def folder_of(folder: Path) -> Iterator[tuple[Path, Try]]:
-    """Yield all tries in a folder in the order in which they were made, with their paths."""
-    for path in sorted(folder.glob("*.json")):
-        yield path, read(path)
+    """Return all tries in a folder in the order in which they were made, with their paths, as they are read."""
+    return ((path, read(path)) for path in sorted(folder.glob("*.json")))
 
 
 def of_persons(folder: Path, marked: bool = False) -> list[Try]:
