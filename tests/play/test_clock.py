@@ -155,9 +155,3 @@ def test_try_that_finds_no_room_on_the_disk_is_kept_until_there_is_some(hand):
     assert [hand.play(push, name)["kind"] for name in "bc"] == ["ended", "ended"]
     assert sorted(each.name for each in hand.folder.iterdir()) == ["a.json", "b.json", "c.json"]
     assert [hand.kept(name)[0].marks for name in "abc"] == [[], [], []]
-
-
-def test_what_cannot_begin_is_said(hand):
-    failed = hand.play(rest, assist="magic")
-    assert failed["kind"] == "failed"
-    assert "assist must be one of none, brake, limit, policy, rule, got 'magic'" in failed["text"]
