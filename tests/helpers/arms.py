@@ -2,7 +2,7 @@
 
 import re
 
-TWO_LINKS = {"lengths": (0.5, 0.4), "masses": (3.0, 2.0)}
+LENGTHS = 0.5, 0.4  # m, of two rods
 SHOULDER = '(name="shoulder".*?lower=)"-3" upper="3"'
 
 
@@ -31,29 +31,25 @@ def write(folder, *parts):
     return path
 
 
-def two_links(folder, turn="0 0 0", names=("shoulder", "elbow")):
-    """Two rods of 0.5 and 0.4 m that turn about z, in a base that is turned itself."""
-    (a, b), (m, n) = TWO_LINKS["lengths"], TWO_LINKS["masses"]
-    return write(
-        folder, link("world"), joint("held", "fixed", "world", "base", turn=turn), link("base"),
-        joint(names[0], "revolute", "base", "upper"), link("upper", m, (a / 2, 0, 0), rod(m, a)),
-        joint(names[1], "revolute", "upper", "fore", (a, 0, 0)), link("fore", n, (b / 2, 0, 0), rod(n, b)),
-        joint("end", "fixed", "fore", "tip", (b, 0, 0)), link("tip"),
-    )  # fmt: skip
+def rods(folder, lengths=LENGTHS, masses=(3.0, 2.0), names=("shoulder", "elbow"), turn="0 0 0"):
+    """Rods of these lengths (m) and masses (kg) that turn about z, one on the other, in a base that is turned, too."""
+    parts = [link("world"), joint("held", "fixed", "world", "base", turn=turn), link("base")]
+    before, reach = "base", 0.0
+    for name, rod, length, mass in zip(names, ("upper", "fore", "hand"), lengths, masses, strict=False):
+        across = mass * length**2 / 12
+        parts += [joint(name, "revolute", before, rod, (reach, 0, 0)),
+                  link(rod, mass, (length / 2, 0, 0), (1e-4, across, across + 1e-4))]  # fmt: skip
+        before, reach = rod, length
+    return write(folder, *parts, joint("end", "fixed", before, "tip", (reach, 0, 0)), link("tip"))
 
 
 def edited(folder, old, new):
-    """The two links with a piece of the file exchanged."""
-    path = two_links(folder)
+    """Two rods with a piece of the file exchanged."""
+    path = rods(folder)
     text = path.read_text()
     assert re.search(old, text)
     path.write_text(re.sub(old, new, text, count=1))
     return path
-
-
-def rod(mass, length):
-    """Principal moments of a thin rod along x, not quite thin."""
-    return 1e-4, mass * length**2 / 12, mass * length**2 / 12 + 1e-4
 
 
 def slides(folder, first=2.0, second=3.225):

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from arms import edited, joint, link, rod, seven_joints, two_links, write
+from arms import edited, joint, link, rods, seven_joints
 from scipy.spatial.transform import Rotation
 
 import impact_gym as ig
@@ -18,7 +18,7 @@ COLUMNS = ("held", "effective", "composite", "stiffness", "effective_stiffness",
 
 @pytest.mark.parametrize("count", [2, 7])
 def test_neither_names_nor_the_turn_of_the_base_matter(count, tmp_path):
-    make, q = (two_links, Q7[:2]) if count == 2 else (seven_joints, Q7)
+    make, q = (rods, Q7[:2]) if count == 2 else (seven_joints, Q7)
     names, turn = [f"{word} {k}" for k, word in enumerate(("zulu", "alpha") * 4)][:count], (0.4, -0.9, 2.1)
     elastic = {"joint_stiffness": tuple(np.linspace(9e3, 4e3, count)), "joint_damping": tuple(range(count))}
     base = "base" if count == 2 else "link 0"
@@ -34,7 +34,7 @@ def test_neither_names_nor_the_turn_of_the_base_matter(count, tmp_path):
 
 
 def test_line_is_straight_and_its_table_names_its_columns_and_the_chosen_mass(tmp_path):
-    arm = ig.robot.from_urdf(two_links(tmp_path), "base", "tip", **ELASTIC)
+    arm = ig.robot.from_urdf(rods(tmp_path), "base", "tip", **ELASTIC)
     table = arm.along((0.3, 0.9), (-3.0, -3.0, 0.0), 0.15)
     assert (table.position[0], table.position[-1]) == (0.0, 0.15)
     assert np.diff(table.position).max() <= 0.0025 + 1e-12
@@ -63,11 +63,7 @@ def test_seven_joints_go_the_shortest_way(tmp_path):
 
 def test_three_joints_in_a_plane_are_two_that_hold_and_one_that_yields(tmp_path):
     """The plane has two directions to hold; held across, the third joint goes where inertia and springs let it."""
-    parts = [link("base")]
-    for k, mass in enumerate((3.0, 2.0, 1.0)):
-        parts += [joint(f"joint {k}", "revolute", f"link {k - 1}" if k else "base", f"link {k}", (0.4 * (k > 0), 0, 0)),
-                  link(f"link {k}", mass, (0.2, 0, 0), rod(mass, 0.4))]  # fmt: skip
-    path = write(tmp_path, *parts, joint("end", "fixed", "link 2", "tip", (0.4, 0, 0)), link("tip"))
+    path = rods(tmp_path, (0.4, 0.4, 0.4), (3.0, 2.0, 1.0), ("first", "second", "third"))
     springs, dampers = np.array([9e3, 4e3, 2e3]), np.array([5.0, 2.0, 4.0])
     arm = from_urdf(path, "base", "tip", joint_stiffness=springs, joint_damping=dampers)
     q, u = np.array([0.3, 0.9, 0.7]), np.array([0.6, 0.8])
@@ -92,7 +88,7 @@ def test_three_joints_in_a_plane_are_two_that_hold_and_one_that_yields(tmp_path)
 def test_numbers_of_joints_are_one_for_all_one_for_each_or_drawn_between_two(tmp_path):
     def stiffness(given, seed=0):
         options = {"joint_stiffness": given, "joint_damping": 0.0, "seed": seed}
-        return from_urdf(two_links(tmp_path), "base", "tip", **options).stiffness
+        return from_urdf(rods(tmp_path), "base", "tip", **options).stiffness
 
     assert stiffness(5e3).tolist() == [5e3, 5e3]
     assert stiffness((5e3, 4e3)).tolist() == [5e3, 4e3]

@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from arms import TWO_LINKS, slides, two_links
+from arms import LENGTHS, rods, slides
 from scipy.integrate import solve_ivp
 
 import impact_gym as ig
@@ -21,9 +21,9 @@ START, LINE = (0.1, 1.6), (1.0, 0.5, 0.0)
 
 
 def elastic(folder, **options):
-    """The two links, and 0.2 m along a line."""
+    """Two rods, and 0.2 m along a line."""
     given = {"joint_stiffness": (9e3, 4e3), "joint_damping": (5.0, 2.0)} | options
-    arm = from_urdf(two_links(folder), "base", "tip", **given)
+    arm = from_urdf(rods(folder), "base", "tip", **given)
     return arm, arm.along(START, LINE, 0.2)
 
 
@@ -129,7 +129,7 @@ def test_all_that_is_reported_is_what_an_independent_run_has(tmp_path):
     Flange, Jacobian and mass matrix are the arm's, which test_robot.py has from an independent chain.
     """
     arm, approach = elastic(tmp_path)
-    (a, b), m, k_c = TWO_LINKS["lengths"], 0.125, 1e5
+    (a, b), m, k_c = LENGTHS, 0.125, 1e5
     u, begin, K, D = approach.direction[:2], approach.start[:2], np.array([9e3, 4e3]), np.array([5.0, 2.0])
 
     def tip(q):
