@@ -232,7 +232,6 @@ const HEARD = {
     page.stage.begin(message.radius);
     state("go on until you touch");
     part("film").replaceChildren();
-    part("screen").after(part("film"));  // who plays has the arm at the top
     ready();
   },
   frame(message) {

@@ -20,6 +20,7 @@ from impact_gym.files import parsed, write_file
 from impact_gym.simulation import Outcome, Trace
 from impact_gym.sources import compiled_from
 from impact_gym.task import Task
+from impact_gym.validation import number
 
 FORMAT = "impact_gym try 2"
 LATE, MOST_LATE = 4e-3, 0.02  # s, from which on a step is late; share of late steps from which on a try is invalid
@@ -197,9 +198,61 @@ class Live:
         return completed(self.kept)
 
 
+def from_text(text: str) -> Try:
+    """Return the try that `to_text` put into a line.
+
+    Raises:
+        ValueError, TypeError: it is no try of this version.
+    """
+    content = json.loads(text)
+    if content.pop("format", None) != FORMAT:
+        raise ValueError(f"its format is not {FORMAT!r}")
+    return Try(**content)
+
+
+def to_text(this: Try) -> str:
+    """Return a try in one line of JSON."""
+    return json.dumps({"format": FORMAT, **asdict(this)}, allow_nan=False)
+
+
 def write(path: Path, this: Try) -> Path:
     """Write a try, synced, whole or not at all."""
-    return write_file(path, json.dumps({"format": FORMAT, **asdict(this)}, allow_nan=False))
+    return write_file(path, to_text(this))
+
+
+def recovered(journal: Path) -> Try:
+    """Return the interrupted try of a journal that a killed clock left; a person commands nothing from its end on.
+
+    The first line is the try that was wanted, with its environment; each further one the velocity (m/s) of a step.
+
+    Raises:
+        ValueError: it cannot be played again; names the file.
+    """
+
+    def parse(text: str) -> Try:
+        head, *lines = text.split("\n")
+        wanted = from_text(head)
+        live = Live(wanted)
+        if live.kept.environment != wanted.environment:
+            raise ValueError(f"set-up {wanted.setup} has changed since")
+        live.kept.marks.append("interrupted: the server was killed")
+        for line in lines[:-1]:  # what stands behind the last line break is no whole line
+            live.step(number("velocity", float(line), "m/s"))
+        return live.finished()
+
+    return parsed(journal, "the journal of a try", parse)
+
+
+def recover(folder: Path) -> list[str]:
+    """Turn the journals in a folder into tries; return a line on each that stays, as none can be made of it."""
+    problems = []
+    for journal in sorted(folder.glob("*.journal")):
+        try:
+            write(journal.with_suffix(".json"), recovered(journal))
+            journal.unlink()
+        except (OSError, RuntimeError, ValueError) as problem:
+            problems.append(str(problem))
+    return problems
 
 
 def read(path: Path) -> Try:
@@ -209,13 +262,7 @@ def read(path: Path) -> Try:
         ValueError: it is no try of this version; names the file.
     """
 
-    def parse(text: str) -> Try:
-        content = json.loads(text)
-        if content.pop("format", None) != FORMAT:
-            raise ValueError(f"its format is not {FORMAT!r}")
-        return Try(**content)
-
-    return parsed(path, "a try", parse)
+    return parsed(path, "a try", from_text)
 
 
 def folder_of(folder: Path) -> Iterator[tuple[Path, Try]]:

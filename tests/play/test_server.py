@@ -17,6 +17,7 @@ from refusals import refused
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from experiments.play import __main__ as command
+from experiments.play import tries
 
 
 def answer(server, path=None, **headers):
@@ -134,6 +135,21 @@ def test_server_that_is_stopped_in_the_middle_loses_nothing(how, exit_code, tmp_
         (this,) = server.tries()
         assert this.marks[0] == "interrupted: the server was stopped"
         assert max(this.operator["velocity"]) > 0.1
+
+
+def test_try_of_a_server_and_a_clock_that_are_killed_at_once_is_there_after_a_restart(tmp_path):
+    with served(tmp_path / "tries") as server, server.connect() as page:
+        server.push(page, 20)
+        os.killpg(server.process.pid, signal.SIGKILL)
+    assert server.tries() == []
+    with served(tmp_path / "tries", server.setup) as again, again.connect() as page:
+        (entry,) = heard(page, "hello")["tries"]
+        (this,) = again.tries()
+        assert entry["marks"] == this.marks == ["interrupted: the server was killed"]
+        assert max(this.operator["velocity"][:20]) > 0.1
+        assert this.operator["velocity"][-1] == 0.0  # nobody commanded its end
+        assert tries.simulated(this).slide == this.result["slide"]
+        assert not [*again.folder.glob("*.journal")]
 
 
 def test_page_says_that_its_clock_was_killed(tmp_path):
