@@ -9,12 +9,13 @@ import socket
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, closing, suppress
 
 import pytest
 from playing import ROOT, closed, heard, say, served
 from refusals import refused
-from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.exceptions import ConnectionClosed, InvalidStatus, WebSocketException
 
 from experiments.play import __main__ as command
 from experiments.play import tries
@@ -93,6 +94,32 @@ def test_player_who_floods_is_refused_after_the_arm_has_stopped_and_the_try_is_k
         this = server.tries()[-1]
         assert this.marks == ["interrupted: more than 250 messages a second"]
         assert this.operator["velocity"][-1] == 0.0
+
+
+@pytest.mark.storm
+def test_flood_of_fifty_is_refused_and_leaves_the_player_alone(tmp_path):
+    end = time.monotonic() + 12.0
+
+    def flood(said):
+        while time.monotonic() < end:
+            with suppress(OSError, WebSocketException), server.connect() as page:
+                while time.monotonic() < end:
+                    page.send(said)
+
+    with served(tmp_path / "tries") as server, server.connect() as page, ThreadPoolExecutor(50) as clients:
+        server.push(page)
+        before, played = server.memory(), []
+        for number in range(50):
+            clients.submit(flood, ('{"v": 1}', "rubbish")[number % 2])
+        while time.monotonic() < end:
+            played.append(server.push(page)["kind"])
+        assert {*played} == {"ended"}
+        assert server.memory() < before + 40e6
+        assert not any("interrupted" in mark for this in server.tries(1 + len(played)) for mark in this.marks)
+        _, said = server.end()
+    for reason in ("more than 250 messages a second", "a message must be JSON", "too many pages"):
+        assert reason in said
+    assert "Traceback" not in said
 
 
 def test_second_page_is_told_so_watches_and_may_take_the_stick(server):
