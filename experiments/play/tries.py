@@ -1,12 +1,14 @@
 """A try: under way, step by step, and what came of it, whole enough to be played again to the bit; a JSON file each."""
 
+import fcntl
 import json
 import math
+import os
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,14 +16,21 @@ from numpy.typing import ArrayLike
 import impact_gym as ig
 from agents.policies import Controller
 from agents.provenance import circumstances, revision
-from experiments.play.assistance import PERIOD, PERSON, assistance, environment_of, playable
+from experiments.play.assistance import NAMES, PERIOD, PERSON, SLIDERS, assistance, environment_of, playable
 from impact_gym.envs.batch import Batch, Bodies
 from impact_gym.files import parsed, write_file
+from impact_gym.operators import KINDS
 from impact_gym.simulation import Outcome, Trace
 from impact_gym.sources import compiled_from
 from impact_gym.task import Task
-from impact_gym.validation import number
+from impact_gym.validation import choice, number, numbers, one_of
 
+RESULTS = {"object_velocity": ("m/s", -1e3, 1e3), "slide": ("m", 0.0, 1e3), "peak_force": ("N", 0.0, 1e9),
+           "touch_time": ("s", -1.0, 1e3), "done_time": ("s", 0.0, 1e3), "taken": ("-", 0.0, 1e6),
+           "missed": ("-", 0.0, 1.0)}  # fmt: skip
+"""Units and ranges of what comes of a try, in which a page can draw it."""
+SLOWEST = 16.0  # times slower than real time
+LONGEST, LARGEST, FILE_BYTES = 4096, 2.0**64, 1 << 23  # letters of a text, size of a number, of a file
 FORMAT = "impact_gym try 2"
 LATE, MOST_LATE = 4e-3, 0.02  # s, from which on a step is late; share of late steps from which on a try is invalid
 TRACE_POINTS = 1 << 18
@@ -198,16 +207,46 @@ class Live:
         return completed(self.kept)
 
 
-def from_text(text: str) -> Try:
-    """Return the try that `to_text` put into a line.
+def from_text(text: str, ended: bool = True) -> Try:
+    """Return the try that `to_text` put into a line; of one that has not `ended` there are no results.
 
     Raises:
-        ValueError, TypeError: it is no try of this version.
+        ValueError, TypeError, LookupError: it is no try of this version, or one that no clock could have made.
     """
     content = json.loads(text)
     if content.pop("format", None) != FORMAT:
         raise ValueError(f"its format is not {FORMAT!r}")
-    return Try(**content)
+    this = Try(**content)
+    for name, sample in vars(Try("", "", 0, {})).items():
+        one_of(name, value := getattr(this, name), (int, float) if name == "slow" else type(sample))
+        if name != "made":  # which no page gets
+            _plain(name, value)
+    choice("assist", this.assist, list(NAMES))
+    choice("type of its operator", this.operator["type"], [kind.__name__ for kind in KINDS])
+    number("slow", this.slow, "(times)", at_least=1.0, at_most=SLOWEST)
+    number("uplink.delay", this.record["uplink.delay"], "s", at_least=0.0, at_most=0.5 * SLIDERS["delay"][2])
+    numbers("late", this.late, "s")
+    for listed, kind in ((this.actions, list), (this.marks, str)):
+        for each in listed:
+            one_of("an action or a mark", each, kind)
+    if ended:
+        for name, (unit, low, high) in RESULTS.items():
+            number(name, this.result[name], unit, at_least=low, at_most=high)
+        if {*this.result} != {*RESULTS}:
+            raise ValueError(f"its results are not {', '.join(RESULTS)}")
+    return this
+
+
+def _plain(field: str, value: Any) -> None:
+    """Refuse texts and numbers that no try holds, however deep they stand."""
+    if isinstance(value, (dict, list)):
+        for each in (*value, *value.values()) if isinstance(value, dict) else value:
+            _plain(field, each)
+    elif isinstance(value, str):
+        if len(value) > LONGEST or not value.isprintable() or "<" in value:
+            raise ValueError(f"{field} must be a text of at most {LONGEST} printable letters without <")
+    elif value is not None and not isinstance(value, bool):
+        number(field, value, "-", at_least=-LARGEST, at_most=LARGEST)
 
 
 def to_text(this: Try) -> str:
@@ -231,7 +270,7 @@ def recovered(journal: Path) -> Try:
 
     def parse(text: str) -> Try:
         head, *lines = text.split("\n")
-        wanted = from_text(head)
+        wanted = from_text(head, ended=False)
         live = Live(wanted)
         if live.kept.environment != wanted.environment:
             raise ValueError(f"set-up {wanted.setup} has changed since")
@@ -240,11 +279,11 @@ def recovered(journal: Path) -> Try:
             live.step(number("velocity", float(line), "m/s"))
         return live.finished()
 
-    return parsed(journal, "the journal of a try", parse)
+    return parsed(_small(journal), "the journal of a try", parse)
 
 
 def recover(folder: Path) -> list[str]:
-    """Turn the journals in a folder into tries; return a line on each that stays, as none can be made of it."""
+    """Turn the journals in a folder into tries; return what is to be said of each that stays, as it makes none."""
     problems = []
     for journal in sorted(folder.glob("*.journal")):
         try:
@@ -262,7 +301,35 @@ def read(path: Path) -> Try:
         ValueError: it is no try of this version; names the file.
     """
 
-    return parsed(path, "a try", from_text)
+    return parsed(_small(path), "a try", from_text)
+
+
+def _small(path: Path) -> Path:
+    """Return the path of a regular file that is not too large, or refuse it."""
+    if path.exists() and not (path.is_file() and path.stat().st_size <= FILE_BYTES):
+        raise ValueError(f"{path} is not read as a try: it must be a file of at most {FILE_BYTES} bytes")
+    return path
+
+
+def locked(folder: Path) -> IO[str]:
+    """Return the lock of a folder, made if need be; it is held until this process and those it forked have closed it.
+
+    Raises:
+        ValueError: another server plays in the folder; names both.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    lock = open(folder / ".lock", "a+", opener=lambda path, flags: os.open(path, flags | os.O_NOFOLLOW, 0o600))
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        lock.seek(0)
+        raise ValueError(
+            f"out must be a folder of no other server, got {folder}: process {lock.read(20)} has it"
+        ) from None
+    lock.truncate(0)
+    lock.write(str(os.getpid()))
+    lock.flush()
+    return lock
 
 
 def folder_of(folder: Path) -> Iterator[tuple[Path, Try]]:

@@ -11,9 +11,10 @@ import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, closing, suppress
+from pathlib import Path
 
 import pytest
-from playing import ROOT, closed, heard, say, served
+from playing import ROOT, SETUP, closed, heard, say, served
 from refusals import refused
 from websockets.exceptions import ConnectionClosed, InvalidStatus, WebSocketException
 
@@ -179,6 +180,91 @@ def test_try_of_a_server_and_a_clock_that_are_killed_at_once_is_there_after_a_re
         assert not [*again.folder.glob("*.journal")]
 
 
+def test_second_server_of_a_folder_is_refused_and_leaves_the_journal_of_the_first(tmp_path):
+    with served(tmp_path / "tries") as server, server.connect() as page:
+        server.push(page, 5)
+        (journal,) = server.folder.glob("*.journal")
+        mine = command.Play(str(server.setup), open=False, out=tmp_path / "tries", port=0)
+        refused(lambda: command.work(mine), f"got {tmp_path / 'tries'}: process {server.process.pid} has it")
+        assert journal.exists()
+        say(page, done=1)
+        assert heard(page, "ended")["entry"]["marks"] == []
+
+
+def test_files_of_which_no_try_can_be_made_are_kept_and_said_and_reach_no_page(tmp_path):
+    with served(tmp_path / "tries") as server, server.connect() as page:
+        name = server.push(page)["entry"]["name"]
+        server.push(page, 5)
+        os.killpg(server.process.pid, signal.SIGKILL)
+    (journal,) = server.folder.glob("*.journal")
+    whole = (server.folder / f"{name}.json").read_text()
+    kept = {"a.json": whole.replace('"marks": []', '"marks": ["</script>"]'), "b.json": "{", "<b>.json": whole,
+            "c.journal": "", "d.journal": journal.read_text() + "what\n"}  # fmt: skip
+    for file, text in kept.items():
+        (server.folder / file).write_text(text)
+    Path(server.setup).unlink()
+    with served(tmp_path / "tries", SETUP) as again, again.connect() as page:
+        assert [entry["name"] for entry in heard(page, "hello")["tries"]] == [name]
+        _, said = again.end()
+    for file in (*kept, journal.name):
+        assert (server.folder / file).exists()
+        assert len([line for line in said.splitlines() if f"/{file} " in line]) == 1
+    assert "Traceback" not in said
+
+
+@pytest.mark.parametrize(("line", "status"), [
+    ("OPTIONS * HTTP/1.1", 403), ("GET http://{host}{path} HTTP/1.1", 403), ("TRACE {path} HTTP/1.1", 405),
+    ("PRI * HTTP/2.0", 403), ("CONNECT {host} HTTP/1.1", 403), ("POST {path} HTTP/1.1", 405), ("rubbish", 400),
+    ("GET {path}film/%00 HTTP/1.1", 404), ("GET {path}film/%ff%fe HTTP/1.1", 404), ("GET /{long} HTTP/1.1", 403),
+    ("GET {path}film/{most} HTTP/1.1", 404), ("GET {path} HTTP/1.1\r\nX: {long}", 200), ("GET ?{path} HTTP/1.1", 403),
+    ("GET {path}ws HTTP/1.1", 404), ("GET {path} HTTP/1.1\r\nHost: {host}", 400), ("HEAD {path} HTTP/1.1", 200),
+])  # fmt: skip
+def test_odd_request_has_a_proper_answer(server, line, status):
+    host = server.origin.removeprefix("http://")
+    asked = line.format(host=host, path=server.path, long="x" * 7000, most="x" * 4000)
+    with socket.create_connection(host.split(":")) as odd:
+        odd.settimeout(10.0)
+        odd.sendall(f"{asked}\r\nHost: {host}\r\nConnection: close\r\n\r\n".encode())
+        assert odd.recv(12) == f"HTTP/1.1 {status}".encode()
+
+
+def test_connections_that_ask_nothing_keep_no_player_out_and_end(server):
+    host = server.origin.removeprefix("http://").split(":")
+    with ExitStack() as idle:
+        silent = [idle.enter_context(socket.create_connection(host)) for _ in range(400)]
+        for number, each in enumerate(silent[150:]):
+            each.sendall(b"GET / HT" if number % 2 else f"GET {server.path} HTTP/1.1\r\n".encode())
+        with server.connect() as page:
+            assert answer(server)[0] == 200
+            assert server.push(page)["kind"] == "ended"
+            time.sleep(6.0)
+            for each in silent:
+                each.settimeout(0.1)
+                with suppress(ConnectionError):
+                    assert each.recv(1) == b""
+            assert server.push(page)["kind"] == "ended"
+
+
+@pytest.mark.parametrize("begin", ["GET /", "GET / HTTP/1.1\r\nX: "])
+def test_request_that_has_no_end_is_refused(server, begin):
+    with socket.create_connection(server.origin.removeprefix("http://").split(":")) as odd:
+        odd.settimeout(10.0)
+        with suppress(ConnectionError):
+            for _ in range(1000):
+                odd.sendall((begin + "x" * 9000).encode())
+                begin = ""
+        with suppress(ConnectionError):
+            assert odd.recv(12) == b"HTTP/1.1 400"
+    assert answer(server)[0] == 200
+
+
+@pytest.mark.storm
+def test_page_that_neither_reads_nor_sends_loses_its_seat(server):
+    with server.connect(max_queue=1, ping_interval=None), server.connect() as page:
+        heard(page, "role", others=1, player=False)
+        assert heard(page, "role", others=0)["player"]
+
+
 def test_page_says_that_its_clock_was_killed(tmp_path):
     with served(tmp_path / "tries") as server, server.connect() as page:
         server.push(page, 1)
@@ -191,7 +277,6 @@ def test_page_says_that_its_clock_was_killed(tmp_path):
     ({"setup": "linear-blind"}, "has no operator: add operator = "),
     ({"setup": "fast.toml"}, "control_period must be 0.016 s to be played, got 0.01 s"),
     ({"assist": "magic"}, "assist must be one of none, brake, limit, policy, rule, got 'magic'"),
-    ({"out": ROOT / "agents" / "tuned"}, "is not read as a try"),
     ({"port": 99999}, "port must be finite and at least 0 and at most 65535 (no unit), got 99999"),
 ], ids=str)  # fmt: skip
 def test_bad_arguments_are_refused_in_one_line(options, message, tmp_path, monkeypatch):
@@ -203,11 +288,12 @@ def test_bad_arguments_are_refused_in_one_line(options, message, tmp_path, monke
 
 def test_port_that_is_taken_is_refused_in_one_line_and_without_a_display_the_address_is_to_be_opened_by_hand(tmp_path):
     environment = {name: value for name, value in os.environ.items() if "DISPLAY" not in name}
-    line = [sys.executable, "-m", "experiments.play", "--port"]
+    line = [sys.executable, "-m", "experiments.play", f"--out={tmp_path / 'own'}", "--port"]
     how = {"cwd": tmp_path, "env": environment | {"PYTHONPATH": str(ROOT)}, "text": True, "stdout": subprocess.PIPE}
     with subprocess.Popen([*line, "0"], **how) as process:
         port = re.fullmatch(r"http://127\.0\.0\.1:(\d+)/.*\n", process.stdout.readline())[1]
         assert process.stdout.readline() == "no browser could be opened here: open the address above\n"
+        line[3] += "-other"
         second = subprocess.run([*line, port], **how, stderr=subprocess.PIPE, timeout=60, check=False)
         process.send_signal(signal.SIGINT)
     assert (second.returncode, process.returncode) == (1, 130)
