@@ -4,11 +4,12 @@ import asyncio
 import secrets
 import socket
 import time
+from collections import deque
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import uvicorn
 from starlette.applications import Starlette
@@ -30,7 +31,6 @@ SCRIPTS = tuple(HERE / name for name in ("stage.js", "stick.js", "chart.js", "pl
 HOST = "127.0.0.1"
 MOST_SEATS, MESSAGE_BYTES, RATE = 16, 512, 250.0  # pages, bytes, messages a second
 PATIENCE = 5.0  # s, for a page that does not read and a connection that asks nothing
-MOST_WAITING = 256  # connections
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
     "img-src 'self' data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
@@ -40,16 +40,17 @@ HEADERS = {
 
 
 class Connection(H11Protocol):
-    """A connection that ends without a request in PATIENCE; of too many that wait the one that waits longest ends."""
+    """A connection that ends without a request in PATIENCE; one that still waits ends when 256 more have come."""
+
+    waiting: ClassVar = deque["Connection"](maxlen=256)
 
     def connection_made(self, transport: Any) -> None:
         """Begin to wait."""
         super().connection_made(transport)
-        self.came = self.loop.time()
         self.loop.call_later(PATIENCE, self.leave)
-        waiting = [each for each in self.connections if isinstance(each, Connection) and each.cycle is None]
-        if len(waiting) > MOST_WAITING:
-            min(waiting, key=lambda each: each.came).leave()
+        if len(self.waiting) == self.waiting.maxlen:
+            self.waiting[0].leave()
+        self.waiting.append(self)
 
     def leave(self) -> None:
         """End, unless a request has come."""

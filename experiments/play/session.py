@@ -37,7 +37,7 @@ class Session:
         self.setups = {name: about(playable(name)) for name in names}
         self.busy, self._speeds = False, (-1.0, 1.0)  # whether a try is under way, and how fast its arm may be, m/s
         self._seen_at, self._shown = 0.0, -1  # s, by the loop: when its last frame is seen; its newest that was shown
-        self.history: deque[dict[str, Any]] = deque((), SHOWN)
+        self.history: deque[dict[str, Any]] = deque(maxlen=SHOWN)
         self.left_out = tries.recover(folder)  # why files in the folder are not shown
         for path in sorted(folder.glob("*.json")):
             try:

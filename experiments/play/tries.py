@@ -25,10 +25,7 @@ from impact_gym.sources import compiled_from
 from impact_gym.task import Task
 from impact_gym.validation import choice, number, numbers, one_of
 
-RESULTS = {"object_velocity": ("m/s", -1e3, 1e3), "slide": ("m", 0.0, 1e3), "peak_force": ("N", 0.0, 1e9),
-           "touch_time": ("s", -1.0, 1e3), "done_time": ("s", 0.0, 1e3), "taken": ("-", 0.0, 1e6),
-           "missed": ("-", 0.0, 1.0)}  # fmt: skip
-"""Units and ranges of what comes of a try, in which a page can draw it."""
+RESULTS = "object_velocity", "slide", "peak_force", "touch_time", "done_time", "taken", "missed"
 SLOWEST = 16.0  # times slower than real time
 LONGEST, LARGEST, FILE_BYTES = 4096, 2.0**64, 1 << 23  # letters of a text, size of a number, of a file
 FORMAT = "impact_gym try 2"
@@ -213,40 +210,31 @@ def from_text(text: str, ended: bool = True) -> Try:
     Raises:
         ValueError, TypeError, LookupError: it is no try of this version, or one that no clock could have made.
     """
-    content = json.loads(text)
+    content = json.loads(text, parse_float=_finite, parse_constant=_finite, parse_int=lambda text: int(_finite(text)))
     if content.pop("format", None) != FORMAT:
         raise ValueError(f"its format is not {FORMAT!r}")
     this = Try(**content)
     for name, sample in vars(Try("", "", 0, {})).items():
-        one_of(name, value := getattr(this, name), (int, float) if name == "slow" else type(sample))
-        if name != "made":  # which no page gets
-            _plain(name, value)
+        one_of(name, getattr(this, name), type(sample))
+    texts = "".join([this.setup, *this.marks])
+    if len(texts) > LONGEST or not texts.isprintable() or "<" in texts:
+        raise ValueError(f"setup and marks must be at most {LONGEST} printable letters without <")
     choice("assist", this.assist, list(NAMES))
     choice("type of its operator", this.operator["type"], [kind.__name__ for kind in KINDS])
     number("slow", this.slow, "(times)", at_least=1.0, at_most=SLOWEST)
     number("uplink.delay", this.record["uplink.delay"], "s", at_least=0.0, at_most=0.5 * SLIDERS["delay"][2])
     numbers("late", this.late, "s")
-    for listed, kind in ((this.actions, list), (this.marks, str)):
-        for each in listed:
-            one_of("an action or a mark", each, kind)
-    if ended:
-        for name, (unit, low, high) in RESULTS.items():
-            number(name, this.result[name], unit, at_least=low, at_most=high)
-        if {*this.result} != {*RESULTS}:
-            raise ValueError(f"its results are not {', '.join(RESULTS)}")
+    for action in this.actions:
+        numbers("action", action, "-")
+    if {*this.result} != {*(RESULTS if ended else ())}:
+        raise ValueError(f"its results are not {', '.join(RESULTS)}")
+    for name, value in this.result.items():
+        number(name, value, "-", at_least=-1.0, at_most=1e3 if name.endswith("time") else 1e9)
     return this
 
 
-def _plain(field: str, value: Any) -> None:
-    """Refuse texts and numbers that no try holds, however deep they stand."""
-    if isinstance(value, (dict, list)):
-        for each in (*value, *value.values()) if isinstance(value, dict) else value:
-            _plain(field, each)
-    elif isinstance(value, str):
-        if len(value) > LONGEST or not value.isprintable() or "<" in value:
-            raise ValueError(f"{field} must be a text of at most {LONGEST} printable letters without <")
-    elif value is not None and not isinstance(value, bool):
-        number(field, value, "-", at_least=-LARGEST, at_most=LARGEST)
+def _finite(text: str) -> float:
+    return number("each number", float(text), "-", at_least=-LARGEST, at_most=LARGEST)
 
 
 def to_text(this: Try) -> str:
@@ -276,6 +264,8 @@ def recovered(journal: Path) -> Try:
             raise ValueError(f"set-up {wanted.setup} has changed since")
         live.kept.marks.append("interrupted: the server was killed")
         for line in lines[:-1]:  # what stands behind the last line break is no whole line
+            if live.ended:
+                raise ValueError("it goes on behind the end")
             live.step(number("velocity", float(line), "m/s"))
         return live.finished()
 
@@ -287,7 +277,8 @@ def recover(folder: Path) -> list[str]:
     problems = []
     for journal in sorted(folder.glob("*.journal")):
         try:
-            write(journal.with_suffix(".json"), recovered(journal))
+            if not journal.with_suffix(".json").exists():  # killed before the journal was removed
+                write(journal.with_suffix(".json"), recovered(journal))
             journal.unlink()
         except (OSError, RuntimeError, ValueError) as problem:
             problems.append(str(problem))
@@ -300,7 +291,6 @@ def read(path: Path) -> Try:
     Raises:
         ValueError: it is no try of this version; names the file.
     """
-
     return parsed(_small(path), "a try", from_text)
 
 
@@ -318,14 +308,13 @@ def locked(folder: Path) -> IO[str]:
         ValueError: another server plays in the folder; names both.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    lock = open(folder / ".lock", "a+", opener=lambda path, flags: os.open(path, flags | os.O_NOFOLLOW, 0o600))
+    lock = os.fdopen(os.open(folder / ".lock", os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600), "r+")
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
-        lock.seek(0)
-        raise ValueError(
-            f"out must be a folder of no other server, got {folder}: process {lock.read(20)} has it"
-        ) from None
+        with lock:
+            wrong = f"out must be a folder of no other server, got {folder}: process {lock.read(20)} has it"
+        raise ValueError(wrong) from None
     lock.truncate(0)
     lock.write(str(os.getpid()))
     lock.flush()
@@ -356,9 +345,9 @@ def operator_of(found: Sequence[Try]) -> dict[str, Any]:
     """Return a `Replay` that draws one of the tries for each episode: for `operator` of a set-up or an environment."""
     ticks = round(found[0].environment["horizon"] / PERIOD) + SPARE
     times, velocities = list[float](), list[float]()
-    for number, this in enumerate(found):
+    for place, this in enumerate(found):
         given = this.operator["velocity"][: ticks - 1]
-        begin = number * (ticks * PERIOD)
+        begin = place * (ticks * PERIOD)
         times += [begin + k * PERIOD for k in (*range(len(given)), ticks - 1)]  # the last is held
         velocities += [*given, given[-1]]
     drawn = {"length": ticks * PERIOD, "recording": [0, len(found)]}
