@@ -5,8 +5,8 @@ import itertools
 import gymnasium as gym
 import numpy as np
 import pytest
-from episodes import ROBOT, action_table
-from rendered import HARD_AND_HEAVY, ID, SHAPE, drawn, history_of, is_colour, play, rendering_task
+from episodes import ID, ROBOT, action_table, task_of
+from rendered import HARD_AND_HEAVY, SHAPE, drawn, history_of, is_colour, play
 
 import impact_gym as ig
 from impact_gym.envs import IDS, render_canvas, render_chain, render_strips, rendering
@@ -38,7 +38,7 @@ def test_pictures_have_the_shape_asked_for_and_change_as_things_move(name):
 def test_tool_flange_and_spring_are_drawn_where_the_trace_has_them(options):
     env = gym.make(ID, record_trace=True, **options)
     play(env, seed=4, scenario=HARD_AND_HEAVY)
-    history, task = history_of(env), rendering_task(env)
+    history, task = history_of(env), task_of(env)
     first, springs = history.touches[0], []
     deflection = history.columns["tool_position"] - history.columns["flange_position"]
     shortest = float(history.time[np.argmin(deflection)])

@@ -9,11 +9,11 @@ from types import SimpleNamespace
 import gymnasium as gym
 import numpy as np
 import pytest
+from episodes import ID, action_table, assert_identical, begin, task_of
 from episodes import IDS as APPROACHES
-from episodes import action_table, assert_identical, begin
 from gymnasium.utils.env_checker import check_env
 from gymnasium.wrappers import vector as vector_wrappers
-from rendered import HARD_AND_HEAVY, ID, SHAPE, history_of, play, rendering_task
+from rendered import HARD_AND_HEAVY, SHAPE, history_of, play
 from tasks import EVERYTHING_DRAWN
 
 from agents.baselines import encode
@@ -48,7 +48,7 @@ def test_contact_fills_many_pictures_as_far_apart_as_the_factor_says_and_the_cam
     env = gym.make(name, record_trace=True)
     for seed in range(5):
         _, results = play(env, seed=seed)
-        played, task = history_of(env), rendering_task(env)
+        played, task = history_of(env), task_of(env)
         times, factors = np.array(list(played.film(0.0))).T
         assert np.diff(times, prepend=0.0)[:-1] == pytest.approx(1.0 / (FRAME_RATE * factors[:-1]), rel=1e-6)
         assert times[-1] == played.now
@@ -71,7 +71,7 @@ def test_modes_show_a_picture_of_each_instant_of_one_go_and_change_no_result(mod
     import pygame
 
     env = gym.make(ID, record_trace=True, **SHORT)
-    renderer = rendering.Renderer(rendering_task(env), "rgb_array")
+    renderer = rendering.Renderer(task_of(env), "rgb_array")
     shown, expected = play(env, look=lambda ended: [*renderer.instants(history_of(env, ended))])
     contact, instants = history_of(env), np.concatenate(shown)
     assert min(map(len, shown)) > 0
