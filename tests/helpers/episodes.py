@@ -7,10 +7,10 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import data_equivalence
+from stable_baselines3.common.vec_env import VecEnv
 
 import impact_gym as ig
 from agents.baselines import encode
-from impact_gym.sb3 import ImpactVecEnv
 from impact_gym.task import Task
 from impact_gym.task.task import arguments
 
@@ -118,7 +118,7 @@ def assert_added_up(task, rewards, info):
 
 def begin(env, seed=None, options=None):
     """Reset any front end: the observations."""
-    if not isinstance(env, ImpactVecEnv):
+    if not isinstance(env, VecEnv):
         return env.reset(seed=seed, options=options)[0]
     if options is not None:
         env.set_options(options)
