@@ -1,7 +1,6 @@
 """Laws of operators and channels: what is commanded, when it arrives, and what is seen of it."""
 
 import math
-from dataclasses import fields
 
 import numpy as np
 import pytest
@@ -64,11 +63,6 @@ def test_trace_of_delays_is_played_from_a_random_place_on(tmp_path):
     assert len(np.unique(delays[:, 0])) == 64
 
 
-def test_fields_of_a_channel_are_in_the_order_that_callers_rely_on():
-    names = [field.name for field in fields(ig.Channel)]
-    assert names[:6] == ["delay", "jitter", "loss", "burst", "timeout", "trace"]
-
-
 RISING = {"trace": [[0.0, 0.0], [1.0, 0.4], [2.0, 0.3]]}
 
 
@@ -124,28 +118,25 @@ def test_hand_is_a_spring_and_damper_whose_target_moves(damping, speed, way):
         assert commands.max() == pytest.approx(speed, rel=1e-2)
 
 
-def test_tracker_closes_the_loop_over_the_delay_of_its_display():
-    operator = ig.operators.Tracker(0.0, 1e-6, speed=0.5, gain=1.0, reaction=0.1)
-    batch = steered(operator, scenario={"distance": 0.4}, downlink={"delay": 0.06})
-    places = [0.0]
-    for each in played(batch, OWN, steps=60):
-        places.append(each.chains["flange_position"][0])
-    for k, packet in enumerate(sent(batch, OWN, steps=60)[0]):
-        seen = places[max(k - 10, 0)]  # 0.16 s ago
-        assert packet["command"] == pytest.approx(min(0.4 - seen, 0.5), abs=1e-9)
-
-
-@pytest.mark.parametrize("display", [{"delay": 0.02, "jitter": 0.15}, {"delay": 0.02, "loss": 0.4, "burst": 20.0}])
-def test_tracker_sees_the_newest_that_has_been_displayed(display):
+@pytest.mark.parametrize("display", [
+    {"delay": 0.06}, {"delay": 0.02, "jitter": 0.15}, {"delay": 0.02, "loss": 0.4, "burst": 20.0},
+], ids=str)  # fmt: skip
+def test_tracker_goes_by_the_newest_that_has_been_displayed(display):
     """Late packets do not set it back, and where some are lost it goes by what it saw last."""
-    operator = ig.operators.Tracker(0.0, 1e-6, speed=0.5, gain=1.0, reaction=0.1)
-    packets = sent(steered(operator, scenario={"distance": 0.5}, downlink=display), OWN, steps=100)[0]
-    late = 0
+    operator = ig.operators.Tracker(0.0, 1e-6, speed=0.45, gain=1.0, reaction=0.1)
+    batch, late = steered(operator, scenario={"distance": 0.5}, downlink=display), 0
+    packets = sent(batch, OWN, steps=100)[0]
+    places = [0.0, *(each.chains["flange_position"][0] for each in played(batch, OWN, steps=100))]
+    assert packets["position"] == pytest.approx(places[: len(packets)], abs=1e-12)
     for number, packet in enumerate(packets):
         seen = packets[: number + 1][packets["displayed"][: number + 1] <= packet["sent"] - 0.1 + 1e-9]
         late += len(seen) > 0 and np.isfinite(seen["displayed"]).all() and seen["displayed"].argmax() != len(seen) - 1
-        assert packet["command"] == pytest.approx(0.5 - (seen["position"][-1] if len(seen) else 0.0), abs=1e-12)
-    assert late > 10 or np.isinf(packets["displayed"]).mean() > 0.1
+        remaining = 0.5 - (seen["position"][-1] if len(seen) else 0.0)
+        assert packet["command"] == pytest.approx(min(remaining, 0.45), abs=1e-12)
+    if len(display) == 1:
+        assert packets["displayed"] - packets["sent"] == pytest.approx(0.06)
+    else:
+        assert late > 10 or np.isinf(packets["displayed"]).mean() > 0.1
 
 
 def test_touch_is_displayed_by_whichever_packet_comes_first():

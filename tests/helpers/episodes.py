@@ -127,6 +127,14 @@ def begin(env, seed=None, options=None):
     return env.reset()
 
 
+def at_rest(ticks, rows, **options):
+    """Observations (ticks, rows, n_obs) of a batch of arms that stand still where nothing can be touched."""
+    envs = gym.make_vec(ID, num_envs=rows, **options)
+    envs.reset(seed=0)
+    still = np.tile(encode(0.0, 20.0), (rows, 1))
+    return np.array([envs.step(still)[0] for _ in range(ticks)], float)
+
+
 def scene(scenario, coupling=PAPERS_SPRING, dissipation="hu-guo", friction=0.0):
     """The scene of a scenario, with the tool of 125 g that the environment has where nothing else is said."""
     contact = ig.Contact(scenario["contact_stiffness"], scenario["restitution"], dissipation)
