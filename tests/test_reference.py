@@ -9,7 +9,7 @@ from types import SimpleNamespace as Record
 
 import numpy as np
 import pytest
-from scenes import CRUISE, MOTION, TABLE, scene
+from scenes import CRUISE, MOTION, scene
 
 import impact_gym as ig
 from experiments.reference import simulate
@@ -17,12 +17,6 @@ from experiments.reference.chain import Chain
 from experiments.reference.command import Command
 from experiments.reference.integration import Switch, advance
 from impact_gym.physics import dissipation
-
-ROBOT = ig.Robot(5.225, 1.9e5, 50.4)
-CHAINS = {
-    "rigid": (ig.Rigid(), None), "robot": (ig.Rigid(), ROBOT), "spring": (ig.SpringDamper(150.0, 0.4), None),
-    "table, spring": (ig.SpringDamper(150.0), TABLE), "bistable, robot": (ig.Bistable(), ROBOT),
-}  # fmt: skip
 
 
 def energy(case, outcome, t):
@@ -49,15 +43,6 @@ def test_simulate_keeps_the_energy_in_the_frame_of_the_cruise(coupling, robot):
     assert outcomes[-1].snap_through or isinstance(coupling, ig.SpringDamper)
     before, *after = (energy(case, outcome, t) for outcome, t in zip(outcomes, times, strict=True))
     assert after == pytest.approx([before] * 2, rel=1e-9)
-
-
-@pytest.mark.parametrize("name", CHAINS)
-def test_simulate_comes_to_the_same_by_an_implicit_method(name):
-    case = scene(1e4, 0.4, *CHAINS[name])
-    explicit, implicit = simulate(case, MOTION, 0.5), simulate(case, MOTION, 0.5, rtol=1e-9, method="Radau")
-    assert implicit.object_velocity == pytest.approx(explicit.object_velocity, rel=1e-7)
-    assert implicit.peak_force == pytest.approx(explicit.peak_force, rel=1e-7)
-    assert implicit.snap_through == pytest.approx(explicit.snap_through, abs=1e-8)
 
 
 def test_simulate_has_a_floor_for_the_approach_velocity_in_the_damping():

@@ -12,8 +12,7 @@ import pytest
 from episodes import ID, action_table, assert_identical, begin, task_of
 from episodes import IDS as APPROACHES
 from gymnasium.utils.env_checker import check_env
-from gymnasium.wrappers import vector as vector_wrappers
-from rendered import HARD_AND_HEAVY, SHAPE, history_of, play
+from rendered import HARD_AND_HEAVY, history_of, play
 from tasks import EVERYTHING_DRAWN
 
 from agents.baselines import encode
@@ -164,36 +163,20 @@ def test_calls_of_render_that_can_draw_nothing_are_named(make):
         assert env.render() is None
 
 
-def check_film(folder, recorded):
-    """Compare the film in a folder with what was recorded, pictures (height, width, 3)."""
-    from imageio_ffmpeg import count_frames_and_secs
-    from moviepy import VideoFileClip
-
-    (film,) = folder.glob("*.mp4")
-    assert len(recorded) - count_frames_and_secs(film)[0] in (0, 1)  # moviepy's rounding may lose the last
-    with VideoFileClip(str(film)) as clip:
+def test_film_of_an_episode_is_its_pictures_in_slow_motion(tmp_path):
+    clips, ffmpeg = pytest.importorskip("moviepy"), pytest.importorskip("imageio_ffmpeg")
+    env = gym.make(ID, render_mode="rgb_array_list")
+    env = SlowMotionVideo(env, str(tmp_path / "films"), episode_trigger=lambda number: number == 0)
+    env.reset(seed=2, options={"scenario": SHORT["scenario"]})
+    for _ in range(6):
+        env.step(encode(1.0, 8.0))
+    recorded = list(env.recorded_frames)
+    env.close()
+    assert len(recorded) > 40
+    (film,) = tmp_path.glob("films/*.mp4")
+    assert len(recorded) - ffmpeg.count_frames_and_secs(film)[0] in (0, 1)  # moviepy's rounding may lose the last
+    with clips.VideoFileClip(str(film)) as clip:
         assert clip.fps == FRAME_RATE
         for place in (0, len(recorded) // 2, len(recorded) - 3):
             picture = clip.get_frame((place + 0.5) / FRAME_RATE)
-            assert picture.shape == recorded[place].shape
             assert np.abs(picture.astype(int) - recorded[place]).mean() < 5.0  # the codec loses a little
-
-
-@pytest.mark.parametrize("kind", ["slow motion", "batch"])
-def test_films_play_in_slow_motion_and_with_a_tile_for_each_of_a_batch(kind, tmp_path):
-    pytest.importorskip("moviepy")
-    to = {"video_folder": str(tmp_path / "films"), "episode_trigger": lambda number: number == 0}
-    if kind == "batch":
-        env = vector_wrappers.RecordVideo(gym.make_vec(ID, num_envs=4, render_mode="rgb_array"), **to)
-    else:
-        env = SlowMotionVideo(gym.make(ID, render_mode="rgb_array_list"), **to)
-    env.reset(seed=2, options={"scenario": SHORT["scenario"]})
-    tiles = [env.env.render()] if kind == "batch" else []
-    for _ in range(6):
-        env.step(np.broadcast_to(encode(1.0, 8.0), env.action_space.shape))
-        tiles += [env.env.render()] if kind == "batch" else []
-    recorded = [np.concatenate([np.concatenate(four[k : k + 2], axis=1) for k in (0, 2)]) for four in tiles]
-    recorded = recorded or list(env.recorded_frames)
-    env.close()
-    assert recorded[0].shape == (2 * SHAPE[0], 2 * SHAPE[1], 3) if kind == "batch" else len(recorded) > 40
-    check_film(tmp_path / "films", recorded)

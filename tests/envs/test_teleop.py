@@ -5,6 +5,7 @@ import math
 import gymnasium as gym
 import numpy as np
 import pytest
+from episodes import scene
 from refusals import refused
 from steered import AWAY, GENTLE, ID, OWN, STOP, final, played, sent, steered
 from tasks import CHANNEL, STEERED_DRAWN
@@ -28,16 +29,13 @@ def test_stop_sent_at_the_touch_is_the_papers_brake_with_that_delay(coupling):
         delay, mass, stiffness, restitution, friction, distance = rng.uniform(
             [0.0, math.log(0.1), math.log(1e3), 0.1, 0.1, 0.2], [0.3, math.log(2.5), math.log(1e6), 1.0, 0.5, 0.8]
         ).tolist()
-        numbers = {"object_mass": math.exp(mass), "contact_stiffness": math.exp(stiffness), "restitution": restitution}
-        batch = steered(
-            ig.operators.Trapezoid(0.5, 0.0), coupling=coupling, uplink={"delay": delay}, friction=friction, rtol=1e-10,
-            scenario=numbers | {"distance": distance},
-        )  # fmt: skip
-        info = final(batch, GENTLE)
-        scene = ig.Scene(ig.Tool(0.125), ig.Object(numbers["object_mass"], distance, friction),
-                         ig.Contact(numbers["contact_stiffness"], restitution), coupling)  # fmt: skip
+        numbers = {"object_mass": math.exp(mass), "contact_stiffness": math.exp(stiffness), "restitution": restitution,
+                   "distance": distance}  # fmt: skip
+        task = {"coupling": coupling, "uplink": {"delay": delay}, "friction": friction, "scenario": numbers}
+        info = final(steered(ig.operators.Trapezoid(0.5, 0.0), rtol=1e-10, **task), GENTLE)
         brake = ig.Brake(threshold=0.0, delay=delay, deceleration=20.0)
-        outcome = ig.simulate(scene, ig.Trapezoid(0.5, 8.0, brake), duration=4.0, rtol=1e-10)
+        struck = scene(numbers, coupling, friction=friction)
+        outcome = ig.simulate(struck, ig.Trapezoid(0.5, 8.0, brake), duration=4.0, rtol=1e-10)
         assert info["object_velocity"][0] == pytest.approx(outcome.peak_object_velocity, abs=1e-9)
         assert info["touch_time"][0] == pytest.approx(delay + outcome.contacts[0].start, abs=1e-9)
 
