@@ -9,12 +9,11 @@ from types import SimpleNamespace as Record
 
 import numpy as np
 import pytest
-from scenes import CRUISE, MOTION, scene
+from scenes import CRUISE, scene
 
 import impact_gym as ig
 from experiments.reference import simulate
 from experiments.reference.chain import Chain
-from experiments.reference.command import Command
 from experiments.reference.integration import Switch, advance
 from impact_gym.physics import dissipation
 
@@ -86,18 +85,3 @@ def test_advance_stops_at_the_first_of_two_switches_and_at_once_on_the_wrong_sid
     assert (switch.name, tau) == ("early", pytest.approx(pi / 6, rel=1e-12))
     tau, y, switch = first_turn([Switch("wrong", True, lambda _, y: y[0] - 2.0)])
     assert (switch.name, tau, y.tolist()) == ("wrong", 0.0, [0.0, 1.0])
-
-
-def test_command_is_cut_at_nodes_and_keeps_its_position_through_the_brake():
-    command = Command(MOTION)
-    command.nodes = np.array((0.01, 0.2, 0.35))
-    assert command.at(0.0)[3] == pytest.approx((2 * 0.01 / 8) ** 0.5, rel=1e-12)
-    assert command.at(command.at(0.0)[3])[3] == 0.125
-    assert command.at(0.125)[3] == pytest.approx(0.2 + 1 / 16, rel=1e-12)
-    command.detect(0.3)
-    assert command.at(0.3)[3] == 0.316
-    x, v, a, cut = command.at(0.35)
-    assert (v, a) == (pytest.approx(1 - 8 * 0.034, rel=1e-12), -8.0)
-    assert x == pytest.approx(0.316 - 1 / 16 + 0.034 - 4 * 0.034**2, rel=1e-12)
-    assert cut == 0.316 + 0.125  # comes to rest before the last node
-    assert command.at(1.0)[:3] == (pytest.approx(0.316, rel=1e-12), 0.0, 0.0)

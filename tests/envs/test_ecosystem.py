@@ -1,4 +1,4 @@
-"""Pickles in other processes, arrays that are handed out, Gymnasium's workers, and learning by rl_zoo3."""
+"""Pickles in other processes, arrays that are handed out, and learning by rl_zoo3."""
 
 import copy
 import importlib.util
@@ -74,23 +74,6 @@ def test_arrays_that_were_returned_are_never_used_again(kind):
     arrays = arrays_in(returned)
     assert len(arrays) > 60
     assert len({array.__array_interface__["data"][0] for array in arrays}) == len(arrays)
-
-
-def test_workers_of_gymnasium_give_what_the_native_batch_gives():
-    """Also that the same seed gives the same episode in another process, which first imports the package by the id."""
-    options = {"context": "spawn", "autoreset_mode": "NextStep"}
-    envs = gym.make_vec(f"impact_gym:{ID}", 2, vectorization_mode="async", vector_kwargs=options, **EVERYTHING)
-    native = gym.make_vec(ID, num_envs=2, **EVERYTHING)
-    try:
-        assert_identical(envs.reset(seed=2), native.reset(seed=2))
-        ended = 0
-        for row in action_table(8, ticks=90, slots=2):
-            result = envs.step(row)
-            assert_identical(result, native.step(row))
-            ended += result[2].sum()
-        assert ended > 2
-    finally:
-        envs.close()
 
 
 ROOT = Path(__file__).parents[2]

@@ -1,7 +1,6 @@
 """The slow solver of the whole task: its laws, and that the environment plays what it plays."""
 
 import json
-from math import sqrt
 from pathlib import Path
 
 import gymnasium as gym
@@ -16,7 +15,7 @@ from agents.baselines import ConstantSpeed, PaperTrapezoid
 from agents.baselines.tuned import load_baseline
 from agents.evaluate.scenario_batch import ScenarioBatch
 from agents.setups import load_setup
-from experiments.reference.task import at_rest, play, rescore, settle, task_of
+from experiments.reference.task import play, rescore
 from impact_gym.task import Task
 from impact_gym.task.evaluation_sets import load
 from impact_gym.task.scenario import FIELDS
@@ -114,31 +113,6 @@ def test_rigid_tool_throws_the_object_off_at_its_speed_times_one_and_the_restitu
     assert out.peak_force == pytest.approx(hertz, rel=1e-9)
 
 
-@pytest.mark.storm
-@pytest.mark.parametrize("coupling", [
-    {"type": "SpringDamper", "stiffness": 150.0, "damping_ratio": 0.1},
-    {"type": "Bistable"},
-    load_setup("bistable-blind").environment["coupling"],
-], ids=str)  # fmt: skip
-def test_settle_ends_when_nothing_more_can_come(coupling):
-    task, frozen = task_of({"coupling": coupling}), load("validation")
-    waited = 0
-    for k in (0, 3):  # one of them is not over at once
-        scenario = {name: float(values[k]) for name, values in frozen.scenario.items()}
-        motion = at_rest(task, scenario, 1e-10)
-        motion.command.steer(0.0, 0.6, 20.0)
-        while motion.command.detection_time is None:
-            motion.advance(1.2)
-        begun = motion.t
-        settle(motion, 20.0)
-        waited += motion.t > begun + 0.1
-        contacts, velocity = motion.contacts, motion.object_velocity
-        motion.advance(motion.t + 2.0)
-        assert (motion.contacts, motion.object_velocity) == (contacts, velocity)
-        assert motion.over()
-    assert waited
-
-
 def test_play_of_who_stands_still_is_a_miss():
     out = play(Always(0.0, 20.0), SCENARIO, options={}, time_weight=1.0)
     assert out[:5] == (0.0, 1.2, 0.0, 0, True)
@@ -151,12 +125,6 @@ def test_scenario_is_the_same_by_itself_and_beside_others():
         scenario = {name: float(values[k]) for name, values in frozen.scenario.items()}
         alone = play(controller, scenario, options={}, time_weight=1.0)
         assert tuple(together[name][row] for name in alone._fields) == alone
-
-
-def test_estimate_is_seen():
-    seen = Played(1)
-    play(seen, SCENARIO, options={"range_noise": 0.01}, time_weight=2.0 * sqrt(16.0), distance_estimate=0.26)
-    assert seen.seen[0][0] == pytest.approx([-0.5, -0.5, -1, 0, 0, 0, 0, 0.5, 0.26 / 0.5], abs=1e-7)
 
 
 @pytest.mark.parametrize("option", [{"force_noise": 0.1}, {"force_bias": 0.1}, {"rtol": 1e-9}, {"speed": 1.0}])

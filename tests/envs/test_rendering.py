@@ -5,30 +5,16 @@ import itertools
 import gymnasium as gym
 import numpy as np
 import pytest
-from episodes import ID, ROBOT, action_table, task_of
+from episodes import ID, ROBOT, task_of
 from rendered import HARD_AND_HEAVY, SHAPE, drawn, history_of, is_colour, play
 
 import impact_gym as ig
-from impact_gym.envs import IDS, render_canvas, render_chain, render_strips, rendering
+from impact_gym.envs import render_canvas, render_chain, render_strips, rendering
 from impact_gym.envs.batch import Batch
 from impact_gym.task import Task
 
 pytest.importorskip("pygame")
 pytestmark = pytest.mark.usefixtures("no_display")
-
-
-@pytest.mark.parametrize("name", IDS)
-def test_pictures_have_the_shape_asked_for_and_change_as_things_move(name):
-    env = gym.make(name, render_mode="rgb_array")
-    env.reset(seed=1)
-    pictures = [env.render()]
-    for action in action_table(1, 6, 1, (0.6, 0.6), {"operator": "Teleop" in name})[:, 0]:
-        env.step(action)
-        pictures.append(env.render())
-    assert all(picture.shape == SHAPE and picture.dtype == np.uint8 for picture in pictures)
-    assert all((one != other).any() for one, other in itertools.pairwise(pictures))
-    np.testing.assert_array_equal(again := env.render(), pictures[-1])
-    assert not np.shares_memory(again, pictures[-1])
 
 
 @pytest.mark.parametrize("options", [
