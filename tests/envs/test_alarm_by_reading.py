@@ -7,7 +7,6 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from episodes import ALARM, FORCE, ID, SINCE, Always, at_rest, newtons, play, random_actions
-from front_ends import first_infos
 from scipy import stats
 
 from agents.baselines import BlindProfile
@@ -38,12 +37,9 @@ def test_false_alarm_comes_as_often_as_a_normal_number_exceeds_the_threshold_and
 
 def test_alarm_that_is_false_ends_nothing():
     """Who goes on whatever comes meets what it would have met without a sensor."""
-    quiet, noisy = (
-        first_infos(gym.make_vec(ID, num_envs=100, force_noise=noise, **READING), Always(0.7, 20.0), seed=4)
-        for noise in (0.0, 5.0)
-    )
-    for name in ("object_velocity", "approach_time"):
-        assert [info[name] for info in quiet] == pytest.approx([info[name] for info in noisy], rel=1e-7, abs=1e-9)
+    quiet, noisy = (ScenarioBatch(4, 100, force_noise=noise, **READING).play(Always(0.7, 20.0)) for noise in (0.0, 5.0))
+    assert quiet.object_velocity == pytest.approx(noisy.object_velocity, rel=1e-7, abs=1e-9)
+    assert quiet.approach_time == pytest.approx(noisy.approach_time, rel=1e-7, abs=1e-9)
 
 
 @pytest.mark.parametrize("deflection", [False, True])

@@ -5,13 +5,13 @@ from itertools import product
 import gymnasium as gym
 import numpy as np
 import pytest
-from episodes import ID, PAPERS_SPRING, Always, Given, assert_identical, history, play, scene, seconds
-from front_ends import first_infos
+from episodes import ID, PAPERS_SPRING, Always, Given, assert_identical, history, play, scenes_of, seconds
 from impact_gym.kernels import decode
 
 import impact_gym as ig
 from agents.baselines import PaperTrapezoid, encode
 from agents.baselines.profile import ConstantDeceleration
+from agents.evaluate import ScenarioBatch
 from experiments.reference import task as slow
 from impact_gym.task import Task
 from impact_gym.task.scenario import FIELDS
@@ -34,15 +34,14 @@ def test_papers_rule_played_in_the_environment_equals_simulate(options):
     coupling, law = options.get("coupling", PAPERS_SPRING), options.get("dissipation", "hu-guo")
     # a bistable tool's flight has no closed form, and near the alignment it multiplies errors
     rtol, flight_error = (1e-11, 1e-11) if isinstance(coupling, ig.Bistable) else (1e-8, 1e-12)
-    envs = gym.make_vec(ID, num_envs=60, rtol=rtol, **options)
+    played = ScenarioBatch(31, 60, rtol=rtol, **options).play(PaperTrapezoid())
     brake = ig.Brake(options.get("alarm_threshold", 1.0), options.get("reaction_delay", 0.016))
-    for info in first_infos(envs, PaperTrapezoid(), seed=31):
-        struck = scene(info["scenario"], coupling, law)
+    for row, struck in enumerate(scenes_of(played, coupling, dissipation=law)):
         outcome = ig.simulate(struck, ig.Trapezoid(1.0, 8.0, brake), duration=3.0, rtol=rtol)
-        assert (info["status"], info["contact_count"]) == ("ok", len(outcome.contacts))
-        assert info["object_velocity"] == pytest.approx(outcome.object_velocity, rel=0, abs=1e-9)
-        assert info["approach_time"] == pytest.approx(outcome.contacts[0].start, rel=0, abs=flight_error)
-        assert info["peak_force"] == pytest.approx(outcome.peak_force, rel=1e-8)
+        assert played.contact_count[row] == len(outcome.contacts)
+        assert played.object_velocity[row] == pytest.approx(outcome.object_velocity, rel=0, abs=1e-9)
+        assert played.approach_time[row] == pytest.approx(outcome.contacts[0].start, rel=0, abs=flight_error)
+        assert played.peak_force[row] == pytest.approx(outcome.peak_force, rel=1e-8)
 
 
 @pytest.mark.parametrize("still", [Always(0.0, 20.0), Always(-0.5, 1.0)], ids=["stand still", "go back"])

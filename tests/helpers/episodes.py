@@ -142,6 +142,12 @@ def scene(scenario, coupling=PAPERS_SPRING, dissipation="hu-guo", friction=0.0):
     return ig.Scene(ig.Tool(0.125), target, contact, coupling)
 
 
+def scenes_of(played, coupling, **law):
+    """The scene of each episode of a batch that was played."""
+    rows = zip(*(values.tolist() for values in played.scenario.values()), strict=True)
+    return [scene(dict(zip(played.scenario, row, strict=True)), coupling, **law) for row in rows]
+
+
 def newtons(reading):
     """Force of a reading: 0 ... 1000 N on a log scale."""
     return np.expm1(np.asarray(reading, float) * math.log1p(1000.0))

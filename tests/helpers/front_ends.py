@@ -8,7 +8,6 @@ import pickle
 from functools import partial
 
 import gymnasium as gym
-import numpy as np
 from episodes import COMMANDED, ID, assert_identical
 from gymnasium.vector import SyncVectorEnv
 from stable_baselines3.common.vec_env import DummyVecEnv
@@ -67,17 +66,6 @@ def plain(values, row):
         elif not name.startswith("_"):
             picked[name] = column[row].item() if hasattr(column[row], "item") else column[row]
     return picked
-
-
-def first_infos(envs, controller, seed):
-    """Play until the first episode of every row of a batch has ended: the final infos, by row."""
-    observation, _ = envs.reset(seed=seed)
-    finals = {}
-    while len(finals) < envs.num_envs:
-        actions = np.broadcast_to(controller.predict(observation)[0], (envs.num_envs, 2))
-        observation, _, ended, _, infos = envs.step(actions)
-        finals = {row: plain(infos, row) for row in np.flatnonzero(ended)} | finals
-    return [finals[row] for row in range(envs.num_envs)]
 
 
 def assert_has(infos, expected):
