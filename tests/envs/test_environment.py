@@ -118,19 +118,6 @@ def test_action_means_the_same_as_float32_float64_or_list():
         assert_identical(history(gym.make(ID), Given(kind), seed=8), expected)
 
 
-def test_slower_arm_maps_its_actions_to_its_own_ranges():
-    options = {"velocity_range": (0.0, 1.0), "acceleration_range": (2.0, 8.0), "record_trace": True}
-    env = gym.make(ID, **options)
-    env.reset(seed=2, options={"scenario": {"distance": 0.35}})
-    observation = env.step(np.array([1.0, 1.0], np.float32))[0]
-    assert observation[1] == pytest.approx(2.0 * 8.0 * 0.016 - 1.0, abs=1e-6)  # of 0 to 1 m/s
-    for action in ([-1.0, -1.0], [0.0, 0.0], [1.0, 1.0]):
-        env.step(np.array(action, np.float32))
-    trace = env.unwrapped.trace()
-    ends = np.interp(0.016 * np.arange(1, 5), trace.time, trace.command_velocity)
-    assert ends == pytest.approx(0.016 * np.array([8.0, 6.0, 11.0, 19.0]), rel=1e-9)
-
-
 def test_baseline_commands_what_it_means_on_an_arm_of_other_ranges():
     scenario = {"object_mass": 0.5, "contact_stiffness": 3e4, "restitution": 0.4, "distance": 0.3}
     results = []

@@ -80,10 +80,9 @@ def test_lag_lengthens_a_reach_by_the_mean_delay_however_that_comes_about(link):
 
 def test_reach_is_the_minimum_jerk_and_lag_lengthens_it():
     way, error = 0.5, 0.03
-    quiet = {"noise": 0.0, "creep": 1e-3, "place_error": error}
     for delay in (0.0, 0.1125):
-        batch = steered(ig.operators.Reach(**quiet), scenario={"distance": way}, uplink={"delay": delay},
-                        downlink={"delay": delay})  # fmt: skip
+        links = {"uplink": {"delay": delay}, "downlink": {"delay": delay}}
+        batch = steered(ig.operators.Reach(error, 1e-3, noise=0.0), scenario={"distance": way}, **links)
         packets, duration = sent(batch, STOP, steps=230)[0], 1.875 * (way + error) / 0.5 * (1.64 if delay else 1.0)
         share = np.clip(packets["sent"] / duration, 0.0, 1.0)
         speed = (way + error) / duration * 30.0 * share**2 * (1.0 - share) ** 2
