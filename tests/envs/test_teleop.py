@@ -166,20 +166,6 @@ def test_replay_plays_what_was_recorded_and_gives_up_where_it_ends():
     assert info["taken"][0] == 0.0
 
 
-def persons(batch, seed, assist):
-    """Play with persons at the sticks who go and let go at random; return what each commanded at each of his ticks."""
-    rng, ticks = np.random.default_rng(seed), [[0.0] for _ in range(batch.size)]
-    batch.begin_seeded(seed, {})
-    while not batch.ended.all():
-        if rng.random() < 0.25:
-            given = rng.uniform(-0.1, 0.4, batch.size) * (rng.random(batch.size) < 0.95)
-            batch.command(given)
-        batch.step(assist(batch), batch.ended)
-        for row in np.flatnonzero(batch.links["packets"] > list(map(len, ticks))):  # a step that an alarm cuts has none
-            ticks[row].append(float(batch.links["given"][row]))
-    return ticks
-
-
 @pytest.mark.parametrize("delay", [0.0, 0.05])
 def test_replay_of_what_a_person_commanded_at_each_tick_is_the_same_episode(delay):
     """To the bit, alone and as one of several recordings, behind an assistance that looks at the command."""
@@ -189,8 +175,16 @@ def test_replay_of_what_a_person_commanded_at_each_tick_is_the_same_episode(dela
         return np.stack([np.cos(4.0 * command), np.full(batch.size, 0.3), alarm - 0.5], axis=1)
 
     task = {"uplink": {"delay": delay, "jitter": 0.2 * delay}, "scenario": {"distance": (0.1, 0.6)}}
-    batch = steered(ig.operators.Person(), 20, **task)
-    commands, of_them = persons(batch, 3, assist), batch.info()
+    batch, rng = steered(ig.operators.Person(), 20, **task), np.random.default_rng(3)
+    batch.begin_seeded(3, {})
+    commands = [[0.0] for _ in range(20)]
+    while not batch.ended.all():
+        if rng.random() < 0.25:  # persons at the sticks go and let go at random
+            batch.command(rng.uniform(-0.1, 0.4, 20) * (rng.random(20) < 0.95))
+        batch.step(assist(batch), batch.ended)
+        for row in np.flatnonzero(batch.links["packets"] > list(map(len, commands))):  # a step cut by an alarm has none
+            commands[row].append(float(batch.links["given"][row]))
+    of_them = batch.info()
     times, length = [0.016 * np.arange(len(each)) for each in commands], 0.016 * 600
     several = {
         "type": "Replay", "time": [time for k, each in enumerate(times) for time in k * length + each],
