@@ -31,17 +31,6 @@ A soft contact on a robot that rings lets go, holds, and lets go in one step.
 """
 
 
-class Played:
-    """Plays random actions, a batch of them at every step; remembers what was seen."""
-
-    def __init__(self, rows, seed=3):
-        self.rng, self.rows, self.seen = np.random.default_rng(seed), rows, []
-
-    def predict(self, observation, state=None, episode_start=None, deterministic=True):
-        self.seen.append(observation)
-        return np.clip(self.rng.uniform([-0.8, -1.0], [1.2, 1.0], (self.rows, 2)), -1, 1).astype(np.float32), state
-
-
 def both(controllers, numbers, options, frozen="validation", rtol=1e-8):
     """What the environment and the reference make of the first scenarios of a set."""
     stage = ScenarioBatch.of(frozen, len(numbers), time_weight=[1.0], rtol=rtol, **options)
@@ -90,7 +79,8 @@ def test_environment_plays_what_the_reference_plays(setup, controller, velocity_
     ("validation", {"friction": 0.8, "dissipation": "fixed", "reference_velocity": 0.5} | RIGID, 4, 1e-8),
 ], ids=str)  # fmt: skip
 def test_environment_shows_what_the_reference_shows_whatever_is_done(frozen, options, rows, velocity_error):
-    controllers = Played(rows), Played(rows)
+    actions = np.random.default_rng(3).uniform([-0.8, -1.0], [1.2, 1.0], (1000, rows, 2)).astype(np.float32)
+    controllers = Given(np.clip(actions, -1.0, 1.0)), Given(np.clip(actions, -1.0, 1.0))
     assert_same(*both(controllers, range(rows), options, frozen), velocity_error)
     expected, seen = (np.array(controller.seen) for controller in controllers)
     assert len(expected) == len(seen)

@@ -54,12 +54,13 @@ class Always:
 
 
 class Given:
-    """Plays the actions it was given."""
+    """Plays the actions it was given, and keeps what it has `seen`."""
 
     def __init__(self, actions):
-        self.left = iter(actions)
+        self.left, self.seen = iter(actions), []
 
     def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        self.seen.append(observation)
         return next(self.left), state
 
 
