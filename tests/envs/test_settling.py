@@ -99,8 +99,11 @@ def test_papers_rule_on_rough_ground_leaves_what_simulate_says(coupling, frictio
 
 
 def test_info_has_slide_and_rest_time_where_there_is_friction_alone():
-    assert final(PaperTrapezoid(), friction=0.0)[0].keys() == final(PaperTrapezoid())[0].keys()
+    usual = {"object_velocity", "approach_time", "peak_force", "contact_count", "missed", "time_weight", "reward_terms",
+             "scenario", "record", "status"}  # fmt: skip
+    assert final(PaperTrapezoid(), friction=0.0)[0].keys() == final(PaperTrapezoid())[0].keys() == usual
     missed, _ = final(ConstantSpeed(0.05), friction=0.3)
+    assert missed.keys() == usual | {*SLIDE}
     assert missed["missed"]
     assert (missed["slide"], missed["object_velocity"]) == (0.0, 0.0)
     played = ScenarioBatch(0, 50, friction=0.3).play(PaperTrapezoid())
