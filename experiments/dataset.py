@@ -5,7 +5,9 @@ import os
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from importlib.metadata import metadata, version
+from itertools import chain, repeat
 from pathlib import Path
 from typing import Annotated, Any
 from unittest.mock import patch
@@ -116,26 +118,25 @@ def recorded(env: gym.Env[Any, Any], seed: int, record: Mapping[str, float], pla
 
     observation, _ = env.reset(seed=seed, options={"record": dict(record)})
     controller = play(bare.episode_info()["time_weight"])
-    state, start = None, np.ones(1, np.bool_)
-    observations, infos = [observation], [seen()]
-    steps: list[tuple[Any, ...]] = []
-    while not (steps and (steps[-1][2] or steps[-1][3])):
+    state, start, ended = None, np.ones(1, np.bool_), False
+    observations, infos, steps = [observation], [seen()], list[tuple[Any, ...]]()
+    while not ended:
         action, state = controller.predict(observation[None], state=state, episode_start=start, deterministic=True)
         start, action = np.zeros(1, np.bool_), np.asarray(action, np.float32)[0]
         observation, reward, terminated, truncated, _ = env.step(action)
+        ended = terminated or truncated
         steps.append((action, float(reward), terminated, truncated))
         observations.append(observation)
         infos.append(seen())
-    actions, rewards, terminations, truncations = map(list, zip(*steps, strict=True))
-    options = {"record": bare.episode_info()["record"]}
+    columns = map(list, zip(*steps, strict=True))
     of_steps = {name: [info[name] for info in infos] for name in infos[0]}
-    return EpisodeBuffer(None, seed, options, observations, actions, rewards, terminations, truncations, of_steps)
+    return EpisodeBuffer(None, seed, {"record": bare.episode_info()["record"]}, observations, *columns, of_steps)
 
 
 def write(
-    name: str, env: gym.Env[Any, Any], episodes: Iterator[EpisodeBuffer], options: "DatasetOptions", **said: str
+    name: str, env: gym.Env[Any, Any], episodes: Iterator[EpisodeBuffer], options: DatasetOptions, who: str, about: str
 ) -> Any:
-    """Write a dataset, whole or not at all, and return it; `said` is Minari's `algorithm_name` and `description`.
+    """Write a dataset, whole or not at all, and return it: `who` plays, and what it is about.
 
     Raises:
         ValueError: there is such a dataset already, or its name is none.
@@ -148,8 +149,8 @@ def write(
     with tempfile.TemporaryDirectory(prefix=".making-", dir=get_dataset_path()) as hidden:
         with patch.dict(os.environ, {ROOT: hidden}):
             made = minari.create_dataset_from_buffers(
-                name, episodes, env=env, eval_env=env, author=options.author, code_permalink=code,
-                author_email=options.email or "none given", requirements=packages, **said,
+                name, episodes, env=env, eval_env=env, algorithm_name=who, description=about, author=options.author,
+                author_email=options.email or "none given", code_permalink=code, requirements=packages,
             )  # fmt: skip
             made.storage.update_metadata({"solver": compiled_from()})
         if namespace not in list_local_namespaces():
@@ -165,8 +166,8 @@ def of_setup(options: DatasetOptions) -> Iterator[Any]:
     for who, play in {who: players(who, setup) for who in options.who}.items():
         name = f"{options.namespace}/{setup.name}/{who.rpartition(':')[2]}-v{options.version}"
         seeds = tqdm(range(options.seed, options.seed + options.episodes), name, unit="episodes")
-        said = {"algorithm_name": who, "description": f"{setup.title}: {setup.about}. Plays: {PLAYERS.get(who, who)}"}
-        yield write(name, env, (recorded(env, seed, {}, play) for seed in seeds), options, **said)
+        about = f"{setup.title}: {setup.about}. Plays: {PLAYERS.get(who, who)}"
+        yield write(name, env, (recorded(env, seed, {}, play) for seed in seeds), options, who, about)
 
 
 def of_tries(options: DatasetOptions) -> Any:
@@ -178,40 +179,25 @@ def of_tries(options: DatasetOptions) -> Any:
     def again() -> Iterator[EpisodeBuffer]:
         for number, this in enumerate(tqdm(found, name, unit="episodes")):
             record = {**this.record, "operator.recording": number + 0.5}
-            done = recorded(env, this.seed, record, given(this.actions))
+            done = recorded(env, this.seed, record, partial(Given, this.actions))
             if done.infos["done_time"][-1] != this.result["done_time"]:
                 raise ValueError("a try does not end as it did: it was made with another version of the environment")
             yield done
 
     assists = ", ".join(sorted({this.assist for this in found}))
-    return write(name, env, again(), options, algorithm_name=assists, description="persons steer, assisted as named")
-
-
-def write_operator(folder: Path, out: Path, include_marked: bool) -> int:
-    """Write the tries of persons in a folder as an operator; return how many they are."""
-    found = tries.of_persons(folder, include_marked)
-    lines = [
-        f"{key} = {json.dumps(value)}" for key, value in tries.operator_of(found).items()
-    ]  # JSON that is TOML, too
-    write_file(out, "\n".join(["[environment.operator]", *lines, ""]))
-    return len(found)
+    return write(name, env, again(), options, assists, "persons steer, assisted as named")
 
 
 class Given:
-    """Plays the actions that it was given, then nought."""
+    """Plays the actions that it was given, whatever the weight, then nought."""
 
-    def __init__(self, actions: Sequence[Sequence[float]]) -> None:
-        self.given = np.array(actions, np.float32)
-        self.ahead = iter(self.given)
+    def __init__(self, actions: Sequence[Sequence[float]], _weight: float) -> None:
+        given = np.array(actions, np.float32)
+        self.ahead = chain(given, repeat(0.0 * given[0]))
 
     def predict(self, *_: Any, **__: Any) -> tuple[Any, Any]:
         """Return the next one."""
-        return next(self.ahead, 0.0 * self.given[0])[None], None
-
-
-def given(actions: Sequence[Sequence[float]]) -> Players:
-    """Return the player of these actions, whatever the weight."""
-    return lambda _: Given(actions)
+        return next(self.ahead)[None], None
 
 
 def check(name: str) -> int:
@@ -234,7 +220,7 @@ def check(name: str) -> int:
     abouts = dataset.storage.get_episode_metadata(range(dataset.total_episodes))
     for episode, begun in zip(tqdm(dataset, name, unit="episodes"), abouts, strict=True):
         record = begun.get("options", {}).get("record", {})
-        done = recorded(env, begun["seed"], record, given(episode.actions))
+        done = recorded(env, begun["seed"], record, partial(Given, episode.actions))
         for what in ("observations", "rewards", "terminations", "truncations"):
             if not np.array_equal(getattr(done, what), getattr(episode, what)):
                 raise ValueError(f"{name}: {what} of episode {episode.id} are others when played again: {other}")
@@ -245,15 +231,16 @@ def work(options: DatasetOptions) -> None:
     """Do what the options ask for, and say what came of it."""
     if options.check:
         print(f"{options.source}: {check(options.source)} episodes play again to the bit")
-        return
-    if options.operator is not None:
-        count = write_operator(Path(options.source), options.operator, options.include_marked)
-        print(f"{options.operator}: an operator that draws one of {count} tries for each episode")
-        return
-    for made in [of_tries(options)] if Path(options.source).is_dir() else of_setup(options):
-        returns = [float(episode.rewards.sum()) for episode in made]
-        counts = f"{made.total_episodes} episodes, {made.total_steps} steps"
-        print(f"{made.spec.dataset_id}: {counts}, mean return {np.mean(returns):.4f} m/s")
+    elif options.operator is not None:
+        found = tries.of_persons(Path(options.source), options.include_marked)
+        content = [f"{key} = {json.dumps(value)}\n" for key, value in tries.operator_of(found).items()]  # TOML, too
+        write_file(options.operator, "".join(["[environment.operator]\n", *content]))
+        print(f"{options.operator}: an operator that draws one of {len(found)} tries for each episode")
+    else:
+        for made in [of_tries(options)] if Path(options.source).is_dir() else of_setup(options):
+            returns = [float(episode.rewards.sum()) for episode in made]
+            counts = f"{made.total_episodes} episodes, {made.total_steps} steps"
+            print(f"{made.spec.dataset_id}: {counts}, mean return {np.mean(returns):.4f} m/s")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Pickles in other processes, arrays that are handed out, and learning by rl_zoo3."""
+"""Pickles and Gymnasium's workers in other processes, arrays that are handed out, wrappers, and learning by rl_zoo3."""
 
 import copy
 import importlib.util
@@ -14,6 +14,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from episodes import ID, SLOTS, action_table, assert_identical, begin
+from gymnasium.wrappers import vector as wrappers
 from tasks import EVERYTHING_DRAWN
 
 from impact_gym.sb3 import ImpactVecEnv
@@ -74,6 +75,32 @@ def test_arrays_that_were_returned_are_never_used_again(kind):
     arrays = arrays_in(returned)
     assert len(arrays) > 60
     assert len({array.__array_interface__["data"][0] for array in arrays}) == len(arrays)
+
+
+def wrapped(envs):
+    """Gymnasium's wrappers for batches, on top of each other."""
+    envs = wrappers.NormalizeReward(wrappers.NormalizeObservation(wrappers.RecordEpisodeStatistics(envs)))
+    envs = wrappers.RescaleAction(envs, np.full(2, -0.5, np.float32), np.full(2, 1.5, np.float32))
+    return wrappers.DictInfoToList(envs)
+
+
+def test_wrapped_batch_returns_what_gymnasiums_workers_return_that_import_the_package_by_the_id():
+    make, workers = partial(gym.make_vec, num_envs=2, **EVERYTHING), {"context": "spawn", "autoreset_mode": "NextStep"}
+    envs = wrapped(make(ID))
+    other = wrapped(make(f"impact_gym:{ID}", vectorization_mode="async", vector_kwargs=workers))
+    try:
+        assert (envs.observation_space, envs.action_space) == (other.observation_space, other.action_space)
+        assert_identical(envs.reset(seed=2), other.reset(seed=2))
+        ended = 0
+        for row in action_table(8, ticks=90, slots=2):
+            result, expected = envs.step(row), other.step(row)
+            for info in (*result[4], *expected[4]):
+                info.get("episode", {}).pop("t", None)  # s, of the clock on the wall
+            assert_identical(result, expected)
+            ended += sum("episode" in info for info in result[4])
+        assert ended > 2
+    finally:
+        other.close()
 
 
 ROOT = Path(__file__).parents[2]

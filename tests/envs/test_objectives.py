@@ -1,8 +1,9 @@
-"""Vector rewards: their bounds, and MO-Gymnasium's wrapper; that they are the scalar one: `test_front_ends.py`."""
+"""Vector rewards: their bounds, and MO-Gymnasium's checks; that they are the scalar one: `test_front_ends.py`."""
 
 import gymnasium as gym
 import numpy as np
 import pytest
+from gymnasium.utils.env_checker import check_env
 
 from impact_gym.envs import IDS, objectives, of_objectives
 from impact_gym.task import Task
@@ -39,9 +40,12 @@ def test_no_tool_is_sooner_than_a_rigid_one_at_the_limits():
     assert -env.unwrapped.utopia_point[0] == pytest.approx(objectives.soonest(task, 0.15))
 
 
-def test_mo_gymnasium_makes_them_and_weighs_them_to_the_scalar_reward():
+@pytest.mark.filterwarnings("ignore:.*different from the unwrapped version")
+def test_mo_gymnasium_makes_them_and_they_pass_gymnasiums_check_weighed_to_the_scalar_reward():
     mo_gym = pytest.importorskip("mo_gymnasium")
     for name in map(of_objectives, IDS):
+        scalar = gym.wrappers.TransformReward(mo_gym.make(name), lambda rewards: float(rewards @ [2.0, 1.0]))
+        check_env(scalar, skip_render_check=True)
         linear = mo_gym.wrappers.LinearReward(mo_gym.make(name), weight=np.array([2.0, 1.0]))
         linear.reset(seed=0)
         _, reward, _, _, info = linear.step(linear.action_space.sample())

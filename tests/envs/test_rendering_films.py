@@ -12,7 +12,8 @@ import pytest
 from episodes import ID, action_table, assert_identical, begin, task_of
 from episodes import IDS as APPROACHES
 from gymnasium.utils.env_checker import check_env
-from rendered import HARD_AND_HEAVY, history_of, play
+from gymnasium.wrappers.vector import RecordVideo
+from rendered import HARD_AND_HEAVY, SHAPE, history_of, play
 from tasks import EVERYTHING_DRAWN
 
 from agents.baselines import encode
@@ -163,8 +164,20 @@ def test_calls_of_render_that_can_draw_nothing_are_named(make):
         assert env.render() is None
 
 
-def test_film_of_an_episode_is_its_pictures_in_slow_motion(tmp_path):
+def assert_film(folder, recorded):
+    """The only film in a folder shows what was recorded, pictures (height, width, 3)."""
     clips, ffmpeg = pytest.importorskip("moviepy"), pytest.importorskip("imageio_ffmpeg")
+    (film,) = folder.glob("*.mp4")
+    assert len(recorded) - ffmpeg.count_frames_and_secs(film)[0] in (0, 1)  # moviepy's rounding may lose the last
+    with clips.VideoFileClip(str(film)) as clip:
+        assert clip.fps == FRAME_RATE
+        for place in (0, len(recorded) // 2, len(recorded) - 3):
+            picture = clip.get_frame((place + 0.5) / FRAME_RATE)
+            assert np.abs(picture.astype(int) - recorded[place]).mean() < 5.0  # the codec loses a little
+
+
+def test_film_of_an_episode_is_its_pictures_in_slow_motion(tmp_path):
+    pytest.importorskip("moviepy")
     env = gym.make(ID, render_mode="rgb_array_list")
     env = SlowMotionVideo(env, str(tmp_path / "films"), episode_trigger=lambda number: number == 0)
     env.reset(seed=2, options={"scenario": SHORT["scenario"]})
@@ -173,10 +186,19 @@ def test_film_of_an_episode_is_its_pictures_in_slow_motion(tmp_path):
     recorded = list(env.recorded_frames)
     env.close()
     assert len(recorded) > 40
-    (film,) = tmp_path.glob("films/*.mp4")
-    assert len(recorded) - ffmpeg.count_frames_and_secs(film)[0] in (0, 1)  # moviepy's rounding may lose the last
-    with clips.VideoFileClip(str(film)) as clip:
-        assert clip.fps == FRAME_RATE
-        for place in (0, len(recorded) // 2, len(recorded) - 3):
-            picture = clip.get_frame((place + 0.5) / FRAME_RATE)
-            assert np.abs(picture.astype(int) - recorded[place]).mean() < 5.0  # the codec loses a little
+    assert_film(tmp_path / "films", recorded)
+
+
+def test_film_of_a_batch_has_a_tile_for_each_slot(tmp_path):
+    pytest.importorskip("moviepy")
+    envs = gym.make_vec(ID, num_envs=4, render_mode="rgb_array")
+    env = RecordVideo(envs, str(tmp_path / "films"), episode_trigger=lambda number: number == 0)
+    env.reset(seed=2, options={"scenario": SHORT["scenario"]})
+    tiles = [envs.render()]
+    for _ in range(6):
+        env.step(np.tile(encode(1.0, 8.0), (4, 1)))
+        tiles.append(envs.render())
+    env.close()
+    assert np.shape(tiles) == (7, 4, *SHAPE)
+    assert np.any(np.array(tiles[1:]) != tiles[:-1], axis=(2, 3, 4)).all()
+    assert_film(tmp_path / "films", [np.vstack([np.hstack(four[:2]), np.hstack(four[2:])]) for four in tiles])

@@ -1,4 +1,4 @@
-"""Designs: refusals, laws of pads and of a tool in flight, limits, and how a design is played."""
+"""Designs: laws of pads and of a tool in flight, limits, and how a design is played."""
 
 from dataclasses import asdict, replace
 
@@ -12,7 +12,6 @@ from agents.baselines.tuned import read_tuned
 from agents.evaluate import TUNING_SEED, ScenarioBatch, Travel
 from agents.setups import load_setup
 from experiments.design.limits import Limits
-from experiments.design.options import DesignOptions
 from experiments.design.pads import PADS, on_pad, pad_of
 from experiments.design.search import PENALTY, Candidate, SearchBudget, objective, play
 from experiments.design.variables import SearchVariable, as_built, search_variables
@@ -23,43 +22,6 @@ STIFFNESS = "coupling.stiffness=20:200"
 SPRING = (STIFFNESS, "coupling.damping_ratio=0.2:2")
 PROFILE = list(read_tuned("blind-profile")["weights"]["2"]["parameters"].values())
 NO_LIMITS = Limits(deflection=None)
-
-
-@pytest.mark.parametrize(("changes", "message"), [
-    ({"free": ()}, "--free must name a number"),
-    ({"free": ("coupling.stifness=1:2",)}, "did you mean 'coupling.stiffness'"),
-    ({"free": ("object_mass=1:2",)}, "unknown key --free object_mass"),
-    ({"free": ("coupling.height=0.01:0.02",)}, "coupling.stiffness, coupling.damping_ratio, coupling.stroke$"),
-    ({"setup": "rigid-blind"}, "unknown key --free coupling.stiffness. Known are tool_mass$"),
-    ({"free": ("coupling.stiffness=300:10",)}, "LOW below HIGH, got 300:10"),
-    ({"free": ("coupling.stiffness=10:10",)}, "LOW below HIGH, got 10:10"),
-    ({"free": ("coupling.stiffness=:",)}, "must be NAME=LOW:HIGH"),
-    ({"free": ("coupling.stiffness",)}, "must be NAME=LOW:HIGH"),
-    ({"free": ("coupling.stiffness=10:inf",)}, "must be finite"),
-    ({"free": (STIFFNESS, STIFFNESS)}, "coupling.stiffness is named twice"),
-    ({"free": ("coupling.stiffness=-5:10",)}, "coupling.stiffness.* must be finite and at least 1e-09"),
-    ({"free": ("coupling.stiffness=0.5:2",)}, "no design in these ranges holds the tool within 50 mm"),
-    ({"setup": "bistable-blind", "free": ("coupling.stiffness=10:50",)}, "its front stop holds"),
-    ({"setup": "bistable-blind", "free": ("coupling.height=0.01:0.08",)}, "height must be below"),
-    ({"pad": "felt"}, "unknown key --pad felt"),
-    ({"times": ()}, "times must name an approach time"),
-    ({"times": (0.0,)}, "times must be finite and above 0"),
-    ({"against": ("nobody",)}, "no set-up 'nobody'"),
-], ids=str)  # fmt: skip
-def test_options_name_what_is_out_of_range_or_cannot_be_searched(changes, message, tmp_path):
-    with pytest.raises(ValueError, match=message):
-        DesignOptions(**{"setup": "linear-blind", "free": SPRING, "out": tmp_path, **changes}).checked()
-
-
-@pytest.mark.parametrize(("options", "changes", "message"), [
-    (Limits, {"deflection": 0.0}, "deflection must be finite and above 0"),
-    (Limits, {"touched_once": 1.5}, "touched_once must be finite and above 0 and at most 1"),
-    (SearchBudget, {"tolerance": -0.1}, "tolerance must be finite and at least 0"),
-    (SearchBudget, {"population": 2}, "population must be a whole number of at least 4"),
-], ids=str)  # fmt: skip
-def test_limits_and_budget_name_what_is_out_of_range(options, changes, message):
-    with pytest.raises(ValueError, match=message):
-        options(**changes)
 
 
 @pytest.mark.parametrize("name", PADS)

@@ -10,7 +10,6 @@ from scenes import CRUISE, log_uniform, scene
 import impact_gym as ig
 from impact_gym.physics import impact
 from impact_gym.physics.hertz import GENT, rubber
-from impact_gym.physics.impact import free_tool, rigid_tool, sliding_distance
 from impact_gym.task import ScenarioRanges
 
 STEEL = (206e9, 0.3)
@@ -131,41 +130,3 @@ def test_elastic_contact_under_a_push_stores_the_energy_and_the_work_of_the_push
         duration = speed / acceleration + 5.0 * deepest / speed
         outcome = ig.simulate(met, ig.Trapezoid(1e6, acceleration), duration)
         assert outcome.peak_force == pytest.approx(peak, rel=1e-5)
-
-
-def bistable(field, value):
-    return ig.Bistable(**{field: value})
-
-
-REFUSALS = [  # the field, the value or what is allowed, the unit where there is one
-    (free_tool, (0.0, 1.0, 1.0, 0.0, 0.5), "tool_mass must be .* above 0 kg, got 0"),
-    (free_tool, (1.0, [1.0, -1.0], 1.0, 0.0, 0.5), "object_mass must be .* above 0 kg, got .*-1"),
-    (free_tool, (1.0, 1.0, math.nan, 0.0, 0.5), "tool_velocity must be finite m/s, got nan"),
-    (free_tool, (1.0, 1.0, 1.0, math.inf, 0.5), "object_velocity must be finite m/s, got inf"),
-    *((free_tool, (1.0, 1.0, 1.0, 0.0, e), f"restitution must be .*, got {e}") for e in (1.1, -0.1)),
-    (free_tool, (1.0, 1.0, 1.0, 0.0, 0.5, math.nan), "impulse must be finite N s, got nan"),
-    *((rigid_tool, (value, 0.0, 0.5), "tool_velocity") for value in ("1", None, [None], True, 1j)),
-    (sliding_distance, (1.0, -0.1), r"friction must be finite and at least 0 .*-0\.1"),
-    (ig.hertz, (0.0, *STEEL, *STEEL), "radius must be finite and above 0 m"),
-    (ig.hertz, (0.01, -1.0, 0.3, *STEEL), "young_tool must be finite and above 0 Pa"),
-    (ig.hertz, (0.01, 206e9, 0.6, *STEEL), "poisson_tool must be finite and above -1 and at most 0.5"),
-    (ig.hertz, (0.01, *STEEL, math.nan, 0.3), "young_object"),
-    (ig.hertz, (0.01, *STEEL, 206e9, -1.0), "poisson_object"),
-    *((rubber, (shore,), "shore") for shore in (19.0, 81.0, math.nan)),  # beyond Gent's relation
-    (ig.material_ranges, ((0.01, 0.03), "butter", "steel"), "tool must be one of"),
-    (ig.effective_restitution, ("hertz", 0.5), "law"),
-    *((ig.effective_restitution, ("exact", value), "restitution") for value in (0.0, 1.5, math.nan)),
-    *((bistable, ("height", value), r"Bistable\.height.*free_length") for value in (0.07, 0.08)),
-    (bistable, ("rear_stop", 0.03), r"Bistable\.rear_stop.*below Bistable\.front_stop"),
-    (bistable, ("rear_stop", -0.065), r"Bistable\.rear_stop.*stroke"),
-    (bistable, ("rear_stop", 0.001), r"Bistable\.rear_stop.*below 0"),
-    (bistable, ("front_stop", 0.065), r"Bistable\.front_stop.*stroke"),
-    (bistable, ("front_stop", -0.001), r"Bistable\.front_stop.*above 0"),
-]
-
-
-@pytest.mark.parametrize(("function", "arguments", "message"), REFUSALS)
-def test_function_names_what_it_refuses(function, arguments, message):
-    """For a mechanism what its numbers are to each other; the limits of each number are tested in tests/task."""
-    with pytest.raises((TypeError, ValueError), match=message):
-        function(*arguments)

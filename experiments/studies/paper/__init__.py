@@ -1,98 +1,78 @@
 """The study `paper`: the figures of the paper drawn anew, and what its text says about them, judged one by one.
 
-A module for each section of the paper: of a figure it computes the table, draws it, and reads off it the numbers that
-statements.toml names.
+A module for each section of the paper. Of a figure it computes the table (figure_02), draws it (_draw_figure_02), and
+reads off it the numbers that statements.toml names (_numbers_figure_02).
 """
 
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import asdict
+from typing import Any
 
 import polars as pl
 
-from experiments.lab.parts import Picture, Section, Table
+from experiments.lab.parts import Section, Table
 from experiments.lab.study import SOLVER, Cell, Findings, Frames, Measurement, Study
-from experiments.studies.paper import beyond, section_2_1, section_2_2, section_3, section_4_curves, section_4_runs
-from experiments.studies.paper import section_5 as bistable
-from experiments.studies.paper.layouts import SCALE
-from experiments.studies.paper.statements import AGREEING, DATA, Basis, Statement, Verdict, judged
+from experiments.studies.paper import beyond, section_2, section_3, section_4, section_5
+from experiments.studies.paper.layouts import picture
+from experiments.studies.paper.statements import AGREEING, DATA, Basis, Verdict, judged
 
-MODULES = (section_2_1, section_2_2, section_3, section_4_curves, section_4_runs, bistable, beyond)
-MADE = {name: figure for module in MODULES for name, figure in module.FIGURES.items()}
 ABOUT = DATA["figures"]
+MODULES = (section_2, section_3, section_4, section_5, beyond)
+MADE: dict[str, Any] = {name: made for module in MODULES for name, made in vars(module).items()}
 DEPENDS = (*SOLVER, "impact_gym.sweeps", "experiments.lab.scenes", "experiments.studies.paper.runs")
-WIDE = 11 * SCALE  # inches; a wider figure stands alone in its row
 
 
-def measurement(name: str) -> Measurement:
-    """Return the table of a figure: one cell, whose rows are all of it; that fast that a process is not worth while."""
-    return Measurement(name, lambda quick, frames: [Cell({}, {})], MADE[name].measure, DEPENDS, processes=0)
+def _words(row: dict[str, Any]) -> tuple[str, str, str, str]:
+    """Return a statement in words, the verdict with the digits to which we agree, what we find, and why."""
+    place = f"section {row['section']}" + f", {ABOUT[row['figure']]['heading']}" * row["figure"].startswith("figure")
+    digits = "" if row["digits"] is None else f", {row['digits']} digit{'s' * (row['digits'] != 1)}"
+    basis = f" ({row['basis']})" * (row["basis"] != Basis.TEST)
+    printed = f"printed {row['printed']} {row['unit']}, ours " if row["printed"] else ""
+    source = f"Source: {row['source']}." if row["source"] else ""
+    judgement = " ".join(filter(None, (f"Rule: {row['rule']}.", row["otherwise"], row["why"], source)))
+    ours = f"{printed}{row['ours']} {row['unit']}".rstrip()
+    return f"{row['text']} ({place})", f"{row['verdict']}{digits}{basis}", ours, judgement
 
 
-def picture(name: str, frame: pl.DataFrame) -> Picture:
-    """Return a figure drawn from its table."""
-    about, figure = ABOUT[name], MADE[name].plot(frame)
-    heading = f"{about['heading']}: {about['title']}"
-    return Picture(name, figure, about["alternative"], about["caption"], heading, figure.get_figwidth() > WIDE)
-
-
-def _verdict(statement: Statement) -> str:
-    """Return the verdict in words, with the digits to which we agree and what it is if no test."""
-    digits = "" if statement.digits is None else f", {statement.digits} digit{'s' * (statement.digits != 1)}"
-    return f"{statement.verdict}{digits}" + f" ({statement.basis})" * (statement.basis != Basis.TEST)
-
-
-def table(caption: str, statements: Sequence[Statement]) -> Table:
+def table(caption: str, statements: pl.DataFrame) -> Table:
     """Return a table of statements."""
-    rows = []
-    for each in statements:
-        printed = f"printed {each.printed} {each.unit}, ours " if each.printed else ""
-        ours = f"{printed}{each.ours} {each.unit}".rstrip()
-        place = f"section {each.section}" + f", {ABOUT[each.figure]['heading']}" * each.figure.startswith("figure")
-        source = f"Source: {each.source}." if each.source else ""
-        judgement = " ".join(filter(None, (f"Rule: {each.rule}.", each.otherwise, each.why, source)))
-        rows.append((f"{each.text} ({place})", _verdict(each), ours, judgement))
-    return Table(caption, ("What the text says", "Verdict", "What we find", "By which rule, and why"), rows)
+    head = ("What the text says", "Verdict", "What we find", "By which rule, and why")
+    return Table(caption, head, [_words(row) for row in statements.iter_rows(named=True)])
 
 
-def answer(statements: Sequence[Statement]) -> str:
+def answer(statements: pl.DataFrame) -> str:
     """Return the counts in words."""
-    bases = Counter(statement.basis for statement in statements)
-    tests = Counter(statement.verdict for statement in statements if statement.basis == Basis.TEST)
-    others = len(statements) - bases[Basis.TEST]
-    return (
-        f"Of {len(statements)} statements of the paper's text {bases[Basis.TEST]} are tests: "
-        f"{tests[Verdict.DIGITS] + tests[Verdict.AGREES]} agree, {tests[Verdict.ONE_READING]} agree in one of two "
-        f"readings, {tests[Verdict.DISAGREES]} disagree, and {tests[Verdict.UNDECIDED]} cannot be decided. The other "
-        f"{others} could not have come out otherwise: {bases[Basis.IDENTIFIED]} were used to identify values that the "
-        f"paper does not print, or follow from them, {bases[Basis.GIVEN]} are identities, scale laws or inputs, and "
-        f"{bases[Basis.REPEATED]} repeat another one."
-    )
+    bases = Counter(Basis(basis).name for basis in statements["basis"])
+    tests = Counter(Verdict(verdict).name for verdict in statements.filter(basis=Basis.TEST)["verdict"])
+    agree, others = sum(tests[verdict.name] for verdict in AGREEING), len(statements) - bases["TEST"]
+    return str(DATA["answer"].format(all=len(statements), others=others, agree=agree, bases=bases, tests=tests))
 
 
 def analyse(frames: Frames, quick: bool) -> Findings:
     """Judge the statements about all figures that were made, and show both."""
-    statements = judged({name: MADE[name].numbers(frame) for name, frame in frames.items()})
-    apart = [each for each in statements if each.verdict not in AGREEING]
-    misprints = [(misprint["place"], misprint["correction"]) for misprint in DATA["misprints"]]
+    statements = judged({name: MADE[f"_numbers_{name}"](frame) for name, frame in frames.items()})
+    apart = statements.filter(~pl.col("verdict").is_in(AGREEING))
+    misprints = Table.of("", DATA["misprints"], {"Where": "{place}", "What is wrong with it": "{correction}"})
     sections = [
         Section("What disagrees", [table("Or depends on the reading, or cannot be decided.", apart)], key="apart"),
-        Section("Misprints", [Table("", ("Where", "What is wrong with it"), misprints)], key="misprints"),
+        Section("Misprints", [misprints], key="misprints"),
     ]
     for about in DATA["sections"]:
         if names := [name for name in about["figures"] if name in frames]:
-            pictures = [picture(name, frames[name]) for name in names]
-            here = [each for each in statements if each.figure in names]
+            pictures = [picture(name, MADE[f"_draw_{name}"], frames[name]) for name in names]
             sections.append(Section(about["heading"], pictures, key=about["key"]))
+            here = statements.filter(pl.col("figure").is_in(names))
             sections.append(Section(f"{len(here)} statements about these figures", [table("", here)], folded=True))
-    rows = pl.DataFrame([asdict(each) for each in statements], infer_schema_length=None)
-    return Findings(answer(statements), sections, {"statements": rows})
+    return Findings(answer(statements), sections, {"statements": statements})
 
 
 STUDY = Study(
     name="paper",
     question="Does the model do what the paper says?",
-    measurements=[measurement(name) for section in DATA["sections"] for name in section["figures"]],
+    measurements=[  # a table for each figure: of one cell, and that fast that a process is not worth while
+        Measurement(name, lambda quick, frames: [Cell({}, {})], MADE[name], DEPENDS, processes=0)
+        for section in DATA["sections"]
+        for name in section["figures"]
+    ],
     analyse=analyse,
     packages=("matplotlib",),
 )

@@ -1,45 +1,35 @@
-"""Layouts that figures share: panels beside each other."""
+"""Drawing of figures: their panels and texts after statements.toml, and layouts that several of them share."""
 
-from collections.abc import Callable, Mapping
-from functools import wraps
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 import polars as pl
 from matplotlib.figure import Figure
 
-from experiments.lab.charts import COUPLING, FLANGE, FORCE, OBJECT, SERIES, TOOL, velocities
-from experiments.lab.study import Rows
-from experiments.studies.paper.runs import Numbers, Run
+from experiments.lab.charts import COUPLING, FORCE, SERIES, velocities
+from experiments.lab.parts import Picture
+from experiments.studies.paper.runs import runs_of
+from experiments.studies.paper.statements import DATA
 
 SCALE = 0.8  # of all figures: so small that letters can be read where two stand beside each other
+WIDE = 11.0  # inches before that; a wider figure stands alone in its row
 Panels = Any
 """Axes of matplotlib: one, or an array of them, which its types do not tell apart."""
 
 
-class Reproduction(NamedTuple):
-    """A figure of the paper made anew."""
-
-    measure: Callable[[], Rows]  # computes its table
-    plot: Callable[[pl.DataFrame], Figure]
-    numbers: Callable[[pl.DataFrame], Numbers]  # that statements about it name
-
-
-def panels(
-    width: float, height: float, columns: int = 1, rows: int = 1, **sharing: Any  # of `Figure.subplots`
-) -> Callable[[Callable[..., None]], Callable[..., Figure]]:  # fmt: skip
-    """Decorate a function that draws a frame on axes: makes these in a figure (inches times SCALE), and returns it."""
-
-    def decorate(draw: Callable[..., None]) -> Callable[..., Figure]:
-        @wraps(draw)
-        def plot(frame: pl.DataFrame, **options: Any) -> Figure:
-            figure = Figure(figsize=(SCALE * width, SCALE * height))
-            draw(frame, figure.subplots(rows, columns, **sharing), **options)
-            return figure
-
-        return plot
-
-    return decorate
+def picture(name: str, draw: Callable[..., None], frame: pl.DataFrame) -> Picture:
+    """Return a figure drawn from its table, with texts and layout from statements.toml."""
+    about = DATA["figures"][name]
+    figure = Figure(figsize=tuple(SCALE * length for length in about["size"]))
+    grid: Panels = figure.subplots(**about.get("panels", {}))
+    draw(frame, grid, **about.get("arguments", {}))
+    for axes, texts in zip(np.ravel(grid), about["axes"], strict=True):
+        axes.set(**{name: value for name, value in texts.items() if name != "legend"})
+        if "legend" in texts:
+            axes.legend(**texts["legend"])
+    heading = f"{about['heading']}: {about['title']}"
+    return Picture(name, figure, about["alternative"], about["caption"], heading, about["size"][0] > WIDE)
 
 
 def mark(axes: Panels, x: Any, y: Any, colour: str = "none", marker: str = "o", label: str | None = None) -> None:
@@ -47,44 +37,29 @@ def mark(axes: Panels, x: Any, y: Any, colour: str = "none", marker: str = "o", 
     axes.plot(x, y, marker, color=colour, markeredgecolor="black", label=label)
 
 
-@panels(10.4, 6.4, columns=2, rows=2, sharex=True, sharey="row")
-def velocities_and_forces(
-    frame: pl.DataFrame, grid: Panels, titles: Mapping[str, str], window: tuple[float, float]
-) -> None:
-    """Draw two cases of `frame` over `window` (s): the layout of Fig. 17, 19 and 23."""
-    for (upper, lower), (case, title) in zip(grid.T, titles.items(), strict=True):
-        trace = Run(frame, case).trace
-        velocities(upper, trace)
-        upper.set(title=title, xlabel="", xlim=window)
-        lower.plot(trace.time, trace.contact_force, color=FORCE, label="contact force on the object")
-        lower.plot(trace.time, trace.coupling_force, color=COUPLING, label="force of the coupling on the tool")
-        lower.set(xlabel="time (s)", ylabel="force (N)")
+def velocities_and_forces(frame: pl.DataFrame, grid: Panels) -> None:
+    """Draw two cases of `frame`: the layout of Fig. 17, 19 and 23."""
+    for (upper, lower), run in zip(grid.T, runs_of(frame), strict=True):
+        velocities(upper, run.trace)
+        lower.plot(run.trace.time, run.trace.contact_force, color=FORCE, label="contact force on the object")
+        lower.plot(run.trace.time, run.trace.coupling_force, color=COUPLING, label="force of the coupling on the tool")
     lower.figure.legend(loc="outside lower center", ncols=2, handles=lower.get_lines()[:2])
 
 
-@panels(10.4, 4.0, columns=2, sharex=True, sharey=True)
-def imposed_and_actual(frame: pl.DataFrame, grid: Panels, titles: Mapping[str, str]) -> None:
+def imposed_and_actual(frame: pl.DataFrame, grid: Panels) -> None:
     """Draw velocities of two cases against time where the robot is compliant: the layout of Fig. 13 and 14."""
-    for axes, (case, title) in zip(grid, titles.items(), strict=True):
-        trace = Run(frame, case).trace
-        axes.plot(trace.time, trace.command_velocity, color=FLANGE, linestyle=(0, (4, 2)), label="imposed")
-        axes.plot(trace.time, trace.tool_velocity, color=TOOL, label="tool")
-        axes.plot(trace.time, trace.object_velocity, color=OBJECT, label="object")
-        axes.set(title=title, xlabel="time (s)", ylabel="velocity (m/s)", xlim=(0.0, 0.6))
-        axes.legend(loc="upper left")
+    for axes, run in zip(grid, runs_of(frame), strict=True):
+        velocities(axes, run.trace._replace(flange_velocity=run.trace.command_velocity))
+        axes.lines[0].set_label("imposed")
 
 
-@panels(7.0, 4.4)
-def impulses(frame: pl.DataFrame, axes: Panels, titles: Mapping[str, str]) -> None:
+def impulses(frame: pl.DataFrame, axes: Panels, cases: Sequence[str]) -> None:
     """Draw what the coupling has given the tool since the contact began: the layout of Fig. 20 and 24."""
-    for colour, (case, title) in zip(SERIES, titles.items(), strict=False):
-        run = Run(frame, case)
+    for colour, run, case in zip(SERIES, runs_of(frame), cases, strict=False):
         time, impulse = run.running_impulse()
-        axes.plot(time, impulse, color=colour, label=f"{title}: {impulse[-1]:.4f} N s")
+        axes.plot(time, impulse, color=colour, label=f"{case}: {impulse[-1]:.4f} N s")
         mark(axes, time[-1], impulse[-1], colour)
         last = np.flatnonzero(run.during_contact.contact_force)[-1]
         axes.plot(time[last], impulse[last], "D", color=colour, markersize=5)
     mark(axes, [], [], label="end of the contact")
     axes.plot([], [], "D", color="black", markersize=5, label="contact force has fallen to zero")
-    axes.set(xlabel="time since the contact began (s)", ylabel="impulse of the coupling (N s)")
-    axes.legend()

@@ -1,7 +1,7 @@
 """Columns of a figure's frame, searches along a parameter, and the runs whose time histories a frame holds."""
 
 from collections.abc import Callable, Iterable, Mapping
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import Any
 
 import numpy as np
@@ -10,17 +10,16 @@ from numpy.typing import NDArray
 
 import impact_gym as ig
 from experiments.lab.scenes import DURATION, MOTION, OBJECT_MASS, THRESHOLD, TOOL_MASS, simulate_with_trace
+from experiments.lab.study import Row
 from impact_gym.physics import impact
 
 Array = NDArray[np.float64]
-Columns = dict[str, NDArray[Any]]  # Any: numbers, but text in the column `case`
-Row = Mapping[str, Any]  # Any: as in a frame
 Numbers = dict[str, Any]
 """What statements about a figure name: numbers, arrays of them, or words."""
 WIDTH = 1e-6  # to which `enclose_changes` closes in on a change, in units of the parameter
 
 
-def where(frame: pl.DataFrame, **values: float | str) -> Columns:
+def where(frame: pl.DataFrame, **values: float | str) -> dict[str, NDArray[Any]]:
     """Return the columns of the rows in which each named column has the value given for it."""
     return {column.name: column.to_numpy() for column in (frame.filter(**values) if values else frame)}
 
@@ -31,48 +30,43 @@ def enclose_changes(values: Iterable[float], row: Callable[[float], Row], parame
     `row` computes the row at a value. Between two values each of `counts` is expected to change once at most.
     """
     rows = [row(value) for value in values]
-    pairs: list[Row] = []
-    for count in counts:
-        for low, high in pairwise(rows):
-            if low[count] == high[count]:
-                continue
+    enclosing: list[Row] = []
+    for count, (low, high) in product(counts, pairwise(rows)):
+        if low[count] != high[count]:
             while high[parameter] - low[parameter] > WIDTH:
                 middle = row(0.5 * (low[parameter] + high[parameter]))
                 low, high = (middle, high) if middle[count] == low[count] else (low, middle)
-            pairs += [low, high]
-    by_value = {entry[parameter]: entry for entry in [*rows, *pairs]}
+            enclosing += [low, high]
+    by_value = {entry[parameter]: entry for entry in [*rows, *enclosing]}
     return [by_value[value] for value in sorted(by_value)]
 
 
-def changes(rows: Columns, parameter: str, count: str) -> list[tuple[float, int, int]]:
+def changes(rows: dict[str, NDArray[Any]], parameter: str, count: str) -> list[tuple[float, int, int]]:
     """Return where the column `count` changes: the parameter below it, and the count below and above it."""
     places, counts = np.flatnonzero(np.diff(rows[count])), rows[count].astype(int).tolist()
     return [(float(rows[parameter][i]), counts[i], counts[i + 1]) for i in places]
 
 
-def histories(
-    scenes: Mapping[str, ig.Scene], motion: ig.Trapezoid = MOTION, duration: float = DURATION
-) -> pl.DataFrame:
+def histories(cases: Mapping[str, ig.Scene], motion: ig.Trapezoid = MOTION, duration: float = DURATION) -> pl.DataFrame:
     """Simulate scenes for `duration` (s) and return their traces below each other, told apart by the column `case`.
 
     The column `contact` counts the contact going on from 1 and is 0 in flight. `impulse` is eq. 21 over all contacts in
     N s, the same in all rows of a case.
     """
     parts = []
-    for case, scene in scenes.items():
+    for case, scene in cases.items():
         outcome, trace = simulate_with_trace(scene, motion, duration)
         number = np.zeros_like(trace.time)
         for count, contact in enumerate(outcome.contacts, start=1):
             end = np.inf if contact.end is None else contact.end
             number[(trace.time >= contact.start) & (trace.time <= end)] = count
-        columns = {**trace._asdict(), "contact": number}
-        constants = pl.lit(case).alias("case"), pl.lit(outcome.coupling_impulse).alias("impulse")
-        parts.append(pl.DataFrame(columns).with_columns(constants))
+        constants = {"case": case, "impulse": outcome.coupling_impulse}
+        parts.append(pl.DataFrame({**trace._asdict(), "contact": number, **constants}))
     return pl.concat(parts)
 
 
 class Run:
-    """One case of a frame of `histories`, and the numbers read off it."""
+    """One case with a contact of a frame of `histories`, and the numbers read off it."""
 
     def __init__(self, frame: pl.DataFrame, case: str) -> None:
         """Pick the rows of `case`."""
@@ -80,69 +74,23 @@ class Run:
         self.trace = ig.Trace(*(rows[name] for name in ig.Trace._fields))
         self.contact = rows["contact"]  # number of the contact going on, 0 in flight
         self.contacts = int(self.contact.max())
-        self.impulse = float(rows["impulse"][-1])  # N s, eq. 21 as the simulation integrated it
-        self.final_velocity = float(self.trace.object_velocity[-1])  # m/s, V_p
-        self.before_contact = self._part(np.cumsum(self.contact) == 0)
-        self.first_contact = self._part(self.contact == 1)
-        self.during_contact = self._part(self.contact > 0)
-        self.felt_contact = self._part((self.contact == 1) & (self.trace.contact_force > THRESHOLD))
+        self.first_contact = first = self.part(self.contact == 1)
+        self.during_contact = during = self.part(self.contact > 0)
+        self.felt_contact = self.part((self.contact == 1) & (self.trace.contact_force > THRESHOLD))
+        self.impulse = rows["impulse"][-1]  # N s, eq. 21 as the simulation integrated it
+        self.final_velocity = self.trace.object_velocity[-1]  # m/s, V_p
+        self.peak_force = self.trace.contact_force.max()  # N
+        self.impact_velocity = first.tool_velocity[0]  # m/s, of the tool when it first touches the object at rest
+        self.duration = 1e3 * np.ptp(first.time)  # ms, of the first contact
+        self.deceleration = (during.contact_force - during.coupling_force).max() / TOOL_MASS  # m/s^2; paper, eq. 17
+        rate = first.tool_velocity - first.object_velocity
+        self.restitution = -rate[-1] / rate[0]  # that the first contact had: separation over approach velocity
+        behind = first.command_position - first.tool_position
+        self.deflection = 1e3 * (behind.max() - behind[0])  # mm, of the robot by the contact
 
-    def _part(self, rows: NDArray[np.bool_]) -> ig.Trace:
+    def part(self, rows: NDArray[np.bool_]) -> ig.Trace:
+        """Return some points of the trace."""
         return ig.Trace(*(column[rows] for column in self.trace))
-
-    @property
-    def impact_velocity(self) -> float:
-        """Velocity of the tool when it first touches the object at rest, m/s."""
-        return float(self.first_contact.tool_velocity[0])
-
-    @property
-    def duration_of_contact(self) -> float:
-        """How long the first contact lasts, s."""
-        return float(np.ptp(self.first_contact.time))
-
-    @property
-    def deceleration(self) -> float:
-        """Largest deceleration of the tool during contact, m/s^2 (paper, eq. 17)."""
-        return float((self.during_contact.contact_force - self.during_contact.coupling_force).max()) / TOOL_MASS
-
-    @property
-    def force_peaks(self) -> int:
-        """Number of peaks of the contact force that are higher than a tenth of the highest."""
-        force = self.trace.contact_force
-        inner = force[1:-1]
-        return int(np.sum((inner > force[:-2]) & (inner >= force[2:]) & (inner > 0.1 * force.max())))
-
-    @property
-    def restitution(self) -> float:
-        """Restitution that the first contact had: separation over approach velocity."""
-        rate = self.first_contact.tool_velocity - self.first_contact.object_velocity
-        return float(-rate[-1] / rate[0])
-
-    @property
-    def deflection(self) -> float:
-        """Deflection of the robot by the contact: largest x_r - x_t less its value at the impact, m."""
-        behind = self.first_contact.command_position - self.first_contact.tool_position
-        return float(behind.max() - behind[0])
-
-    @property
-    def vibration(self) -> tuple[float, float]:
-        """Range of x_t' - x_r' in the 50 ms before the first contact, and in the 50 ms after it, m/s."""
-        relative, time = self.trace.tool_velocity - self.trace.command_velocity, self.trace.time
-        start, end = self.first_contact.time[[0, -1]]
-        before, after = (time > start - 0.05) & (time < start), (time > end) & (time < end + 0.05)
-        return float(np.ptp(relative[before])), float(np.ptp(relative[after]))
-
-    def nearest_minimum(self, unhindered: "Run") -> tuple[float, float]:
-        """Return by how much the impact follows the local minimum of the tool's velocity nearest to it.
-
-        In s, negative if the minimum would have come later, and that minimum in m/s, both from `unhindered`: the same
-        approach with nothing in the way.
-        """
-        impact_time = float(self.during_contact.time[0])
-        time, velocity = unhindered.trace.time, unhindered.trace.tool_velocity
-        minima = np.flatnonzero((velocity[1:-1] < velocity[:-2]) & (velocity[1:-1] <= velocity[2:])) + 1
-        nearest = minima[np.argmin(np.abs(time[minima] - impact_time))]
-        return impact_time - float(time[nearest]), float(velocity[nearest])
 
     def running_impulse(self) -> tuple[Array, Array]:
         """Return time since the first contact began (s) and the impulse of the coupling until then (N s; eq. 21).
@@ -156,11 +104,12 @@ class Run:
         total = np.concatenate([[0.0], np.cumsum(pieces)])[begin : end + 1]
         return time[begin : end + 1] - time[begin], total
 
-    def equation_22(self, restitution: float | None = None, impulse: float | None = None) -> float:
-        """Return V_p after eq. 22, m/s; None: the restitution that the contact had, the impulse (N s) of all of it."""
-        if self.contacts != 1:
-            raise ValueError(f"eq. 22 is about one contact, and here are {self.contacts}")
-        v_t, v_p = float(self.during_contact.tool_velocity[0]), float(self.during_contact.object_velocity[0])
-        e = self.restitution if restitution is None else restitution
-        J = self.impulse if impulse is None else impulse
-        return float(impact.free_tool(TOOL_MASS, OBJECT_MASS, v_t, v_p, e, J)[1])
+    def equation_22(self, restitution: float, impulse: float) -> float:
+        """Return V_p after eq. 22, m/s, for a restitution and an impulse of the coupling (N s)."""
+        at_rest = float(self.first_contact.object_velocity[0])
+        return float(impact.free_tool(TOOL_MASS, OBJECT_MASS, self.impact_velocity, at_rest, restitution, impulse)[1])
+
+
+def runs_of(frame: pl.DataFrame) -> tuple[Run, Run]:
+    """Return the cases a and b."""
+    return Run(frame, "a"), Run(frame, "b")

@@ -1,66 +1,46 @@
 """Section 3, the compliant robot (3.1 its model, 3.2 its impacts): Fig. 11 to 14."""
 
-from functools import partial
-
 import numpy as np
 import polars as pl
 
+from experiments.lab import scenes
 from experiments.lab.charts import FLANGE, OBJECT, TOOL
-from experiments.lab.scenes import (
-    HEAVY_MASS,
-    MOTION,
-    OBJECT_MASS,
-    ROBOT,
-    ROBOT_AND_TOOL,
-    STEADY,
-    TOOL_MASS,
-    scene,
-    simulate_with_trace,
-)  # fmt: skip
-from experiments.studies.paper.layouts import Panels, Reproduction, imposed_and_actual, panels
+from experiments.studies.paper.layouts import Panels, imposed_and_actual
 from experiments.studies.paper.runs import Numbers, Run, histories, where
 from impact_gym.physics.impact import GRAVITY, sliding_distance
 from impact_gym.robot import IMPACT, default_approach
 
 FRICTION = 0.3  # between object and plane; the paper prints none
-JOINTS = {"a": "(a) rigid joints", "b": "(b) compliant joints"}
-HEAVY = {"a": "(a) k_c = $10^5$ N/m$^{1.5}$", "b": "(b) k_c = $10^6$ N/m$^{1.5}$"}
+COMPONENTS = {"held": "effective", "damping": None, "stiffness": "effective_stiffness"}  # of the robot; Fig. 12
 
 
 def figure_11() -> pl.DataFrame:
     """Simulate the approach of Fig. 13b; positions in the base frame of our robot model."""
-    outcome, trace = simulate_with_trace(scene(1e5, 1.0, robot=ROBOT))
+    outcome, trace = scenes.simulate_with_trace(scenes.scene(1e5, 1.0, robot=scenes.ROBOT))
     position = default_approach().x[0] + trace.command_position
     columns = {"time": trace.time, "position": position, "velocity": trace.command_velocity}
-    events = pl.lit(outcome.contacts[0].start).alias("impact"), pl.lit(outcome.detection_time).alias("detection")
-    return pl.DataFrame(columns).with_columns(events)
+    events = {"impact": outcome.contacts[0].start, "detection": outcome.detection_time}
+    return pl.DataFrame({**columns, **events})
 
 
-@panels(10.4, 3.8, columns=2, sharex=True)
-def _plot_11(frame: pl.DataFrame, grid: Panels) -> None:
-    columns = where(frame)
-    time, impact = columns["time"], columns["impact"][0]
-    labels = {"position": "imposed position x_r (m)", "velocity": "imposed velocity v_r (m/s)"}
-    for axes, (column, label) in zip(grid, labels.items(), strict=True):
-        before, values = time <= impact, columns[column]
+def _draw_figure_11(frame: pl.DataFrame, grid: Panels) -> None:
+    time, position, velocity, (impact, *_), _ = where(frame).values()
+    before = time <= impact
+    for axes, values in zip(grid, (position, velocity), strict=True):
         axes.plot(time[before], values[before], color=FLANGE)
         axes.plot(time[~before], values[~before], color=FLANGE, linestyle=":", linewidth=1.0, label="after it")
         axes.plot(impact, np.interp(impact, time, values), "o", color=OBJECT, markersize=8, label="impact")
-        axes.set(xlabel="time (s)", ylabel=label, xlim=(0.0, 0.6))
-        axes.legend(loc="center right")
 
 
-def _numbers_11(frame: pl.DataFrame) -> Numbers:
+def _numbers_figure_11(frame: pl.DataFrame) -> Numbers:
     time, _, velocity, (impact, *_), (detection, *_) = where(frame).values()
     falling = np.flatnonzero((velocity[1:] < velocity[:-1]) & (time[:-1] > impact))
     braking = (velocity < 0.9) & (velocity > 0.1) & (time > impact)
     slope, offset = np.polyfit(time[braking], velocity[braking], 1)
     return {
-        "impact": impact,
-        "at_impact": np.interp(impact, time, velocity),
-        "falls_from": time[falling[0]],
-        "delay": 1e3 * ((MOTION.speed - offset) / slope - detection),
-    }
+        "impact": impact, "at_impact": np.interp(impact, time, velocity), "falls_from": time[falling[0]],
+        "delay": 1e3 * ((scenes.MOTION.speed - offset) / slope - detection),
+    }  # fmt: skip
 
 
 def figure_12() -> pl.DataFrame:
@@ -71,100 +51,95 @@ def figure_12() -> pl.DataFrame:
     return pl.DataFrame({**columns, "at_impact": approach.position == IMPACT})
 
 
-@panels(12.6, 3.8, columns=3, sharex=True)
-def _plot_12(frame: pl.DataFrame, grid: Panels) -> None:
+def _draw_figure_12(frame: pl.DataFrame, grid: Panels, notes: dict[str, str]) -> None:
     at = where(frame, at_impact=True)
-    columns = {
-        "held": ("m_r (kg)", "effective", "1/(M$_X^{-1}$)$_{11}$"),
-        "damping": ("c_r (N s/m)", None, ""),
-        "stiffness": ("k_r (N/m)", "effective_stiffness", "1/(K$_X^{-1}$)$_{11}$"),
-    }
-    for axes, (column, (label, effective, note)) in zip(grid, columns.items(), strict=True):
+    for axes, (column, effective) in zip(grid, COMPONENTS.items(), strict=True):
         axes.plot(frame["x"], frame[column], color=TOOL, label="element (1,1), as in the paper")
         if effective:
-            axes.plot(frame["x"], frame[effective], color=TOOL, linestyle="--", linewidth=1.0, label=f"ours: {note}")
+            label = f"ours: {notes[effective]}"
+            axes.plot(frame["x"], frame[effective], color=TOOL, linestyle="--", linewidth=1.0, label=label)
         axes.plot(at["x"], at[column], "o", color=OBJECT, markersize=8, label="impact")
-        axes.set(xlabel="imposed position x_r (m)", ylabel=label, ylim=(0, None))
-        axes.legend(fontsize=9, loc="upper left")
+        axes.set_ylim(0, None)
 
 
-def _numbers_12(frame: pl.DataFrame) -> Numbers:
+def _numbers_figure_12(frame: pl.DataFrame) -> Numbers:
     columns, at = where(frame), where(frame, at_impact=True)
-    return {
-        "mass": at["held"][0] + TOOL_MASS, "stiffness": at["stiffness"][0], "damping": at["damping"][0],
-        "factors": [columns[name].max() / columns[name].min() for name in ("held", "damping", "stiffness")],
-    }  # fmt: skip
+    factors = [columns[name].max() / columns[name].min() for name in COMPONENTS]
+    return {"mass": at["held"][0] + scenes.TOOL_MASS, "at": at, "factors": factors}
 
 
 def figure_13() -> pl.DataFrame:
     """Simulate both, and the second again with our estimates of the robot: frozen at the impact, and along the line."""
     approach = default_approach()
-    robots = {"a": None, "b": ROBOT, "frozen": approach.at(IMPACT), "along": approach.robot_table()}
-    scenes = {case: scene(1e5, 1.0, robot=robot) for case, robot in robots.items()}
+    robots = {"a": None, "b": scenes.ROBOT, "frozen": approach.at(IMPACT), "along": approach.robot_table()}
+    approaches = {case: scenes.scene(1e5, 1.0, robot=robot) for case, robot in robots.items()}
     for case in ("b", "along"):  # beyond reach: nothing is struck within the run
-        scenes[f"{case}, unhindered"] = scene(1e5, 1.0, robot=robots[case], distance=10.0)
-    return histories(scenes)
+        approaches[f"{case}, unhindered"] = scenes.scene(1e5, 1.0, robot=robots[case], distance=10.0)
+    return histories(approaches)
 
 
-def _order(delay: float) -> str:
-    return "after" if delay > 0 else "before"
+_draw_figure_13 = _draw_figure_14 = imposed_and_actual
 
 
-def _numbers_13(frame: pl.DataFrame) -> Numbers:
-    rigid, run, frozen, along = (Run(frame, case) for case in ("a", "b", "frozen", "along"))
-    commanded = rigid.trace.command_velocity
-    delay, minimum = run.nearest_minimum(Run(frame, "b, unhindered"))
-    delay_along, minimum_along = along.nearest_minimum(Run(frame, "along, unhindered"))
-    friction_loss = FRICTION * GRAVITY * run.duration_of_contact
+def _nearest_minimum(frame: pl.DataFrame, case: str) -> Numbers:
+    """Return the local minimum of the tool's velocity that is nearest to the impact (m/s), and how far apart they are.
+
+    The minimum is that of the same approach with nothing in the way. Apart in ms; `order` is the impact's.
+    """
+    impact_time = Run(frame, case).during_contact.time[0]
+    unhindered = where(frame, case=f"{case}, unhindered")
+    time, velocity = unhindered["time"], unhindered["tool_velocity"]
+    minima = np.flatnonzero((velocity[1:-1] < velocity[:-2]) & (velocity[1:-1] <= velocity[2:])) + 1
+    nearest = minima[np.argmin(np.abs(time[minima] - impact_time))]
+    delay = impact_time - time[nearest]
+    return {"velocity": velocity[nearest], "apart": 1e3 * abs(delay), "order": "after" if delay > 0 else "before"}
+
+
+def _numbers_figure_13(frame: pl.DataFrame) -> Numbers:
+    rigid, compliant, frozen, along = (Run(frame, case) for case in ("a", "b", "frozen", "along"))
+    commanded, time = rigid.trace.command_velocity, rigid.trace.time
+    friction_loss = FRICTION * GRAVITY * np.ptp(compliant.first_contact.time)
     return {
-        "rigid": rigid.final_velocity, "contact_ends": rigid.during_contact.time[-1],
-        "braking": rigid.trace.time[(commanded < MOTION.speed) & (rigid.trace.time > 0.2)][0],
-        "impact_velocity": run.impact_velocity, "compliant": run.final_velocity,
-        "delay": 1e3 * abs(delay), "order": _order(delay), "minimum": minimum,
-        "times": run.final_velocity / MOTION.speed,
-        "lower": 100.0 * (1.0 - run.final_velocity / rigid.final_velocity),
-        "deflection": 1e3 * run.deflection, "peak": run.trace.contact_force.max(),
-        "friction": FRICTION * OBJECT_MASS * GRAVITY, "friction_loss": friction_loss,
-        "friction_share": friction_loss / run.final_velocity,
-        "slide": float(sliding_distance(run.final_velocity, FRICTION)),
-        "along": along.final_velocity, "frozen": frozen.final_velocity,
-        "impact_along": along.impact_velocity, "impact_frozen": frozen.impact_velocity,
+        "rigid": rigid, "compliant": compliant, "frozen": frozen, "along": along,
+        "contact_ends": rigid.during_contact.time[-1],
+        "braking": time[(commanded < scenes.MOTION.speed) & (time > 0.2)][0],
+        "minimum": _nearest_minimum(frame, "b"), "minimum_along": _nearest_minimum(frame, "along"),
+        "times": compliant.final_velocity / scenes.MOTION.speed,
+        "lower": 100.0 * (1.0 - compliant.final_velocity / rigid.final_velocity),
+        "friction": FRICTION * scenes.OBJECT_MASS * GRAVITY, "friction_loss": friction_loss,
+        "friction_share": friction_loss / compliant.final_velocity,
+        "slide": float(sliding_distance(compliant.final_velocity, FRICTION)),
         "change": abs(frozen.final_velocity - along.final_velocity),
         "impact_change": abs(frozen.impact_velocity - along.impact_velocity),
-        "delay_along": 1e3 * abs(delay_along), "order_along": _order(delay_along), "minimum_along": minimum_along,
     }  # fmt: skip
 
 
 def figure_14() -> pl.DataFrame:
     """Simulate both, Fig. 13b beside them, and (b) once more with a robot that never brakes."""
-    soft, stiff = (scene(k_c, 1.0, robot=ROBOT, object_mass=HEAVY_MASS) for k_c in (1e5, 1e6))
-    braking = histories({"a": soft, "b": stiff, "13b": scene(1e5, 1.0, robot=ROBOT)})
-    return pl.concat([braking, histories({"b, no brake": stiff}, STEADY)])
+    soft, stiff = (scenes.scene(k_c, 1.0, robot=scenes.ROBOT, object_mass=scenes.HEAVY_MASS) for k_c in (1e5, 1e6))
+    braking = histories({"a": soft, "b": stiff, "13b": scenes.scene(1e5, 1.0, robot=scenes.ROBOT)})
+    return pl.concat([braking, histories({"b, no brake": stiff}, scenes.STEADY)])
 
 
-def _numbers_14(frame: pl.DataFrame) -> Numbers:
+def _ranges(run: Run) -> tuple[float, float]:
+    """Return the range of x_t' - x_r' in the 50 ms before the first contact, and in the 50 ms after it, m/s."""
+    relative, time = run.trace.tool_velocity - run.trace.command_velocity, run.trace.time
+    start, end = run.first_contact.time[[0, -1]]
+    before, after = (time > start - 0.05) & (time < start), (time > end) & (time < end + 0.05)
+    return np.ptp(relative[before]), np.ptp(relative[after])
+
+
+def _numbers_figure_14(frame: pl.DataFrame) -> Numbers:
     a, b, light, without_brake = (Run(frame, case) for case in ("a", "b", "13b", "b, no brake"))
-    touching, impact = a.first_contact, a.impact_velocity
-    lost_a, lost_b = (impact - run.first_contact.tool_velocity.min() for run in (a, b))
-    before, after = b.vibration
-    after_without_brake = without_brake.vibration[1]
+    touching = a.first_contact
+    lost_a, lost_b = (a.impact_velocity - run.first_contact.tool_velocity.min() for run in (a, b))
+    (before, after), (_, after_without_brake) = _ranges(b), _ranges(without_brake)
     return {
-        "share": 100.0 * HEAVY_MASS / ROBOT_AND_TOOL,
-        "impact": impact, "impact_light": light.impact_velocity,
-        "mean": np.trapezoid(touching.tool_velocity, touching.time) / a.duration_of_contact,
-        "a": a.final_velocity, "b": b.final_velocity, "light": light.final_velocity,
+        "a": a, "b": b, "light": light,
+        "share": 100.0 * scenes.HEAVY_MASS / scenes.ROBOT_AND_TOOL,
+        "mean": np.trapezoid(touching.tool_velocity, touching.time) / np.ptp(touching.time),
         "less": 100.0 * (1.0 - a.final_velocity / light.final_velocity),
-        "force_a": a.trace.contact_force.max(), "force_b": b.trace.contact_force.max(),
-        "deflection_a": 1e3 * a.deflection, "deflection_b": 1e3 * b.deflection,
-        "lost_a": lost_a, "lost_b": lost_b, "lost_share": lost_b / impact, "lost_ratio": lost_b / lost_a,
+        "lost_a": lost_a, "lost_b": lost_b, "lost_share": lost_b / a.impact_velocity, "lost_ratio": lost_b / lost_a,
         "before": before, "after": after, "growth": after / before,
         "after_without_brake": after_without_brake, "growth_without_brake": after_without_brake / before,
     }  # fmt: skip
-
-
-FIGURES = {
-    "figure_11": Reproduction(figure_11, _plot_11, _numbers_11),
-    "figure_12": Reproduction(figure_12, _plot_12, _numbers_12),
-    "figure_13": Reproduction(figure_13, partial(imposed_and_actual, titles=JOINTS), _numbers_13),
-    "figure_14": Reproduction(figure_14, partial(imposed_and_actual, titles=HEAVY), _numbers_14),
-}

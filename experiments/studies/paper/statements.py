@@ -5,15 +5,18 @@ says 'about', one unit of the last printed digit is allowed. A trend or a compar
 statements are in statements.toml; its first lines say how to read it.
 """
 
+import re
 import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from decimal import Decimal
 from enum import StrEnum
 from pathlib import Path
+from string import Formatter
 from typing import Any
 
 import numpy as np
+import polars as pl
 
 from experiments.studies.paper.runs import Numbers
 
@@ -61,25 +64,6 @@ class Said:
     reading: Mapping[str, Any] = field(default_factory=dict)  # another reading of the text: its text, holds and ours
 
 
-@dataclass(frozen=True, slots=True)
-class Statement:
-    """A statement and its verdict."""
-
-    figure: str
-    section: str
-    text: str
-    printed: str | None  # as printed; None for a trend
-    ours: str
-    unit: str  # of a printed number
-    verdict: Verdict
-    rule: str  # by which the verdict was computed
-    digits: int | None  # significant digits to which we agree; None for a trend
-    why: str
-    basis: Basis
-    otherwise: str  # outcome under another reading of the text
-    source: str  # of numbers that are not computed here
-
-
 SAID = {
     f"{figure}.{key}": Said(**said)
     for figure, about in DATA["figures"].items()
@@ -97,7 +81,12 @@ def agreeing_digits(printed: str, ours: float) -> tuple[int, int]:
     return sum(error <= half_unit for half_unit in half_units), count
 
 
-def holding(conditions: Iterable[str], numbers: Numbers) -> bool:
+def number(name: str, numbers: Numbers) -> Any:
+    """Return what a format string with these numbers would show as {name}, such as "a.impulse" or "ends[0]"."""
+    return Formatter().get_field(name, (), numbers)[0]
+
+
+def holding(conditions: Iterable[str], numbers: Numbers) -> Verdict:
     """Return whether all conditions hold: "ratio >= 1.8", "soft < middle"; those of arrays, in every place.
 
     Raises:
@@ -105,9 +94,9 @@ def holding(conditions: Iterable[str], numbers: Numbers) -> bool:
     """
     outcomes = []
     for name, sign, bound in map(str.split, conditions):
-        limit = numbers[bound] if bound in numbers else float(bound)
-        outcomes.append(np.all(SIGNS[sign](numbers[name], limit)))
-    return all(outcomes)
+        limit = float(bound) if re.match(r"-?\d|inf$", bound) else number(bound, numbers)
+        outcomes.append(np.all(SIGNS[sign](number(name, numbers), limit)))
+    return Verdict.AGREES if all(outcomes) else Verdict.DISAGREES
 
 
 def compared(said: Said, ours: float) -> tuple[Verdict, str, int]:
@@ -122,8 +111,10 @@ def compared(said: Said, ours: float) -> tuple[Verdict, str, int]:
     return verdict, f"printed as approximate: within one unit of the last printed digit ({last_unit})", digits
 
 
-def judge(figure: str, said: Said, numbers: Numbers, others_agree: bool = True) -> Statement:
-    """Judge a statement about a figure by what was computed there.
+def judge(figure: str, said: Said, numbers: Numbers, others_agree: bool = True) -> dict[str, Any]:
+    """Judge a statement about a figure by what was computed there, and return its row.
+
+    Of a trend, `printed` and `digits`, to how many significant ones ours agrees, are None.
 
     Args:
         figure: its name.
@@ -132,37 +123,38 @@ def judge(figure: str, said: Said, numbers: Numbers, others_agree: bool = True) 
         others_agree: whether the statements agree that it follows from.
     """
     printed, unit, digits, rule, ours = None, "", None, said.rule, said.ours.format(**numbers)
+    verdict = holding(said.holds, numbers) if others_agree else Verdict.DISAGREES
     if said.printed:
         text, _, unit = said.printed.partition(" ")
-        printed, ours = f"{Decimal(text):f}", f"{numbers[said.value]:.5g}"
-        verdict, rule, digits = compared(said, numbers[said.value])
+        value = number(said.value, numbers)
+        printed, ours = f"{Decimal(text):f}", f"{value:.5g}"
+        verdict, rule, digits = compared(said, value)
     elif not (said.holds or said.agree):
         verdict = Verdict.UNDECIDED
-    else:
-        verdict = Verdict.AGREES if others_agree and holding(said.holds, numbers) else Verdict.DISAGREES
     otherwise = ""
     if reading := said.reading:
-        second = Verdict.AGREES if holding(reading["holds"], numbers) else Verdict.DISAGREES
+        second = holding(reading["holds"], numbers)
         otherwise = f"Another reading, {reading['text']}: {reading['ours'].format(**numbers)} ({second})."
         if (second is Verdict.DISAGREES) != (verdict is Verdict.DISAGREES):
             verdict = Verdict.ONE_READING  # it stays one statement
-    why, basis = said.why.format(**numbers), Basis[said.basis.upper()]
-    return Statement(
-        figure, said.section, said.text, printed, ours, unit, verdict, rule, digits, why, basis, otherwise, said.source
-    )
+    return {
+        "figure": figure, "section": said.section, "text": said.text, "printed": printed, "ours": ours, "unit": unit,
+        "verdict": verdict, "rule": rule, "digits": digits, "why": said.why.format(**numbers),
+        "basis": Basis[said.basis.upper()], "otherwise": otherwise, "source": said.source,
+    }  # fmt: skip
 
 
-def judged(numbers: Mapping[str, Numbers], statements: Mapping[str, Said] = SAID) -> list[Statement]:
-    """Judge all statements about the figures whose numbers are there.
+def judged(numbers: Mapping[str, Numbers], statements: Mapping[str, Said] = SAID) -> pl.DataFrame:
+    """Judge all statements about the figures whose numbers are there; return a row for each, as `judge` does.
 
     Args:
         numbers: of figures, by their name.
         statements: by FIGURE.KEY; one that follows from statements about figures that are not there is left out.
     """
-    found = dict[str, Statement]()
+    found = dict[str, dict[str, Any]]()
     for name, said in sorted(statements.items(), key=lambda item: bool(item[1].agree)):  # what follows comes last
         figure = name.partition(".")[0]
         if figure in numbers and all(other in found for other in said.agree):
-            others_agree = all(found[other].verdict in AGREEING for other in said.agree)
+            others_agree = all(found[other]["verdict"] in AGREEING for other in said.agree)
             found[name] = judge(figure, said, numbers[figure], others_agree)
-    return [found[name] for name in statements if name in found]
+    return pl.DataFrame([found[name] for name in statements if name in found], infer_schema_length=None)

@@ -1,0 +1,245 @@
+"""Section 4, the tool behind spring and damper.
+
+Fig. 16 and 18 are V_p against the stiffness of the coupling. Where the number of contacts changes between two points of
+the grid, the change is enclosed by bisection and both ends of the enclosure become points of the curve. Beside the
+paper's approach there is one to an object so far ahead that the tool no longer swings when it arrives. Fig. 17, 19 and
+20 are runs at k_t = 150 N/m, zeta = 1.
+"""
+
+from collections.abc import Mapping
+from functools import partial
+from itertools import product
+from typing import Any
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+from scipy.signal import find_peaks
+
+import impact_gym as ig
+from experiments.lab.charts import SERIES
+from experiments.lab.scenes import DISTANCE, DURATION, MOTION, STEADY, decoupled
+from experiments.lab.study import Row
+from experiments.studies.paper.layouts import Panels, impulses, mark, velocities_and_forces
+from experiments.studies.paper.runs import Array, Numbers, Run, changes, enclose_changes, histories, runs_of, where
+
+CONTACT_STIFFNESSES = (1e3, 1e4, 1e5)  # N/m^1.5
+COUPLING_STIFFNESSES = np.linspace(5.0, 200.0, 196)  # N/m
+SETTLED_STIFFNESSES = COUPLING_STIFFNESSES[::5]  # N/m
+SETTLED = 4.0  # m, distance after which the swing from the acceleration has died away at every k_t
+CRITICAL, DAMPED = {"damping_ratio": 1.0}, {"coupling_stiffness": 150.0}  # -, N/m: lines in the plane of both
+RESTITUTION = 0.1  # of Fig. 18 to 20
+INELASTIC = {"a": decoupled(1e5, RESTITUTION, 150.0), "b": decoupled(1e3, RESTITUTION, 150.0)}  # Fig. 19 and 20
+
+
+def _point(
+    k_t: float, k_c: float, restitution: float, zeta: float = 1.0, distance: float = DISTANCE, braked: bool = True
+) -> Row:
+    """Simulate one approach; a row of the frame."""
+    scene = decoupled(k_c, restitution, k_t, zeta, distance)
+    outcome = ig.simulate(scene, MOTION if braked else STEADY, DURATION + distance / MOTION.speed)
+    return {
+        "braked": braked, "distance": distance, "damping_ratio": zeta, "contact_stiffness": k_c,
+        "coupling_stiffness": float(k_t),
+        "contacts": len(outcome.contacts), "object_velocity": outcome.object_velocity,
+        "object_velocity_first": outcome.contacts[0].object_velocity,
+    }  # fmt: skip
+
+
+def _sweep(restitution: float) -> list[Row]:
+    """Simulate the curves of the paper and those of the settled tool."""
+    rows: list[Row] = []
+    for k_c in CONTACT_STIFFNESSES:
+        along = partial(_point, k_c=k_c, restitution=restitution)
+        rows += enclose_changes(COUPLING_STIFFNESSES, along, "coupling_stiffness", "contacts")
+    pairs = product(CONTACT_STIFFNESSES, SETTLED_STIFFNESSES)
+    return rows + [_point(k_t, k_c, restitution, distance=SETTLED) for k_c, k_t in pairs]
+
+
+def figure_16() -> list[Row]:
+    """Simulate the curves, and at one k_t a row over the damping ratio."""
+    ratios = [zeta for zeta in np.round(np.arange(0.1, 2.0001, 0.05), 2).tolist() if zeta != 1.0]  # on the curve
+    return _sweep(1.0) + [_point(150.0, k_c, 1.0, zeta) for k_c in CONTACT_STIFFNESSES for zeta in ratios]
+
+
+def figure_18() -> list[Row]:
+    """Simulate the curves, and some of their points without a brake."""
+    pairs = product(CONTACT_STIFFNESSES, SETTLED_STIFFNESSES)
+    return _sweep(RESTITUTION) + [_point(k_t, k_c, RESTITUTION, braked=False) for k_c, k_t in pairs]
+
+
+def curves(
+    frame: pl.DataFrame, distance: float = DISTANCE, braked: bool = True, at: Mapping[str, float] = CRITICAL
+) -> list[dict[str, Array]]:
+    """Return the rows of each contact stiffness, by rising coupling stiffness or damping ratio, `at` the other."""
+    rows = frame.sort("damping_ratio", maintain_order=True).filter(braked=braked, distance=distance, **at)
+    return [where(rows, contact_stiffness=k_c) for k_c in CONTACT_STIFFNESSES]
+
+
+def _velocities(frame: pl.DataFrame, **line: Any) -> Array:
+    """Return V_p by contact stiffness and the points of the grid along `line`, arguments of `curves`."""
+    points = frame.filter(pl.col("coupling_stiffness").is_in(COUPLING_STIFFNESSES.tolist()))
+    return np.array([rows["object_velocity"] for rows in curves(points, **line)])
+
+
+def _rising_from(frame: pl.DataFrame) -> Array:
+    """Return for each contact stiffness the coupling stiffness (N/m) from which on V_p rises at every step."""
+    falls = [np.flatnonzero(steps <= 0) for steps in np.diff(_velocities(frame))]
+    return np.array([COUPLING_STIFFNESSES[at[-1] + 1 if at.size else 0] for at in falls])
+
+
+def _places(holds: NDArray[np.bool_]) -> str:
+    """Return in words at how many points of the grid something holds, and between which it does not."""
+    broken = COUPLING_STIFFNESSES[~holds]
+    where_not = f"; not at {broken.min():g} to {broken.max():g} N/m" if broken.size else ""
+    return f"holds at {holds.sum()} of {holds.size} values of k_t{where_not}"
+
+
+def _draw_figure_18(frame: pl.DataFrame, axes: Panels) -> None:
+    """Draw a curve per contact stiffness and mark where the number of contacts changes."""
+    near = curves(frame)
+    for colour, k_c, rows, far in zip(SERIES, CONTACT_STIFFNESSES, near, curves(frame, SETTLED), strict=False):
+        stiffness, velocity = rows["coupling_stiffness"], rows["object_velocity"]
+        label = f"k_c = $10^{round(np.log10(k_c))}$ N/m$^{{1.5}}$"
+        axes.plot(stiffness, velocity, color=colour, label=label)
+        axes.plot(far["coupling_stiffness"], far["object_velocity"], color=colour, linewidth=0.8, linestyle="--")
+        turns = np.flatnonzero(np.diff(rows["contacts"]))
+        mark(axes, stiffness[turns], velocity[turns], colour)
+    axes.plot([], [], color="black", linewidth=0.8, linestyle="--", label="ours: tool settled before the impact")
+    if any(np.ptp(rows["contacts"]) for rows in near):
+        mark(axes, [], [], label="number of contacts changes")
+
+
+def _draw_figure_16(frame: pl.DataFrame, grid: Panels) -> None:
+    left, right = grid
+    _draw_figure_18(frame, left)
+    for colour, rows in zip(SERIES, curves(frame, at=DAMPED), strict=False):
+        ratio = rows["damping_ratio"]
+        right.plot(ratio, rows["object_velocity"], color=colour)
+        right.plot(ratio, rows["object_velocity_first"], color=colour, linestyle=":")
+        turns = np.flatnonzero(np.diff(rows["contacts"]))
+        mark(right, ratio[turns], rows["object_velocity"][turns], colour)
+    right.plot([], [], color="black", linestyle=":", label="after the first contact")
+
+
+def _numbers_figure_16(frame: pl.DataFrame) -> Numbers:
+    soft, middle, stiff = grid = _velocities(frame)
+    settled_steps = np.diff(_velocities(frame, distance=SETTLED))
+    damped_steps = np.diff(_velocities(frame, at=DAMPED))
+    inner = COUPLING_STIFFNESSES[1:-1]
+    jump = np.where((inner > 60.0) & (inner < 120.0), np.diff(stiff, n=2), -np.inf)
+    slope_break = float(inner[np.argmax(jump)])
+    (onset, before, after), *_ = changes(curves(frame)[-1], "coupling_stiffness", "contacts")
+    return {
+        "largest": grid.max(), "rising_from": _rising_from(frame),
+        "damping_falls": (damped_steps <= 0).sum(axis=1),
+        "settled_steps": settled_steps, "settled_rises": (settled_steps > 0).sum(axis=1),
+        "soft": soft, "middle": middle, "stiff": stiff, "order": _places((soft > middle) & (middle > stiff)),
+        "slope_break": slope_break, "onset": onset, "apart": abs(onset - slope_break),
+        "contacts_before": before, "contacts_after": after,
+    }  # fmt: skip
+
+
+def _numbers_figure_18(frame: pl.DataFrame) -> Numbers:
+    soft, middle, stiff = grid = _velocities(frame)
+    unbraked_steps = np.diff(_velocities(frame, braked=False), axis=0)
+    at_150 = grid[:, (COUPLING_STIFFNESSES == 150.0).argmax()]
+    return {
+        "soft": soft, "middle": middle, "stiff": stiff, "order": _places((soft < middle) & (middle < stiff)),
+        "softest_slowest": ((soft < middle) & (soft < stiff)).sum(), "steps_unbraked": unbraked_steps,
+        "ordered_unbraked": (unbraked_steps > 0).all(axis=0).sum(), "values_unbraked": unbraked_steps.shape[1],
+        "at_150": at_150, "steps_at_150": np.diff(at_150), "rising_from": _rising_from(frame),
+    }  # fmt: skip
+
+
+_draw_figure_17 = _draw_figure_19 = velocities_and_forces
+_draw_figure_20 = impulses
+
+
+def figure_17() -> pl.DataFrame:
+    """Simulate both."""
+    return histories({"a": decoupled(1e5, 1.0, 150.0), "b": decoupled(1e4, 1.0, 150.0)})
+
+
+def _numbers_figure_17(frame: pl.DataFrame) -> Numbers:
+    runs = a, b = runs_of(frame)
+    before = a.part(np.cumsum(a.contact) == 0)
+    stretch = 1e3 * (before.tool_position - before.flange_position)
+    ahead = (before.tool_velocity - before.flange_velocity)[before.time > MOTION.speed / MOTION.acceleration]
+    times = [1e3 * (run.first_contact.time - run.first_contact.time[0]) for run in runs]
+    compressions = [1e3 * (run.first_contact.flange_position - run.first_contact.tool_position) for run in runs]
+    reached = [np.interp(a.duration, *points) for points in zip(times, compressions, strict=True)]  # when (a) ends
+    return {
+        "a": a, "b": b, "peaks": [len(find_peaks(run.trace.contact_force, 0.1 * run.peak_force)[0]) for run in runs],
+        "lag": -stretch.min(), "ahead_most": stretch.max(),
+        "faster_share": 100 * np.mean(ahead > 0.0),  # the trace has a point a millisecond in flight
+        "faster_most": ahead.max(), "faster_last": ahead[-1],
+        "compressions": [values.max() for values in compressions], "reached": reached,
+        "restitution_error": max(abs(run.restitution - 1.0) for run in runs),
+    }  # fmt: skip
+
+
+def figure_19() -> pl.DataFrame:
+    """Simulate both, and both with e = 1."""
+    return histories(INELASTIC | {"a, e = 1": decoupled(1e5, 1.0, 150.0), "b, e = 1": decoupled(1e3, 1.0, 150.0)})
+
+
+def _share_before_the_brake(run: Run) -> float:
+    """Return how many per cent of V_p the object has when the robot begins to brake."""
+    begin = run.trace.time[np.argmax((run.trace.flange_velocity < MOTION.speed) & (run.contact > 0))]
+    return float(100 * np.interp(begin, run.trace.time, run.trace.object_velocity)) / run.final_velocity
+
+
+def _coupling(touching: ig.Trace) -> Numbers:
+    """Return numbers of the coupling during a contact, and words about it.
+
+    What is said from where the tool has fallen behind the flange begins there; in the first moments it runs ahead.
+    """
+    behind = int(np.argmax(touching.tool_velocity < touching.flange_velocity))
+    stretch = np.max(touching.tool_position - touching.flange_position)
+    gain, time = touching.tool_velocity[behind:] - touching.flange_velocity[behind:], touching.time
+    slower = "throughout"
+    if (gain >= 0.0).any():
+        until = time[behind + np.argmax(gain >= 0.0)] - time[0]
+        slower = f"for the first {1e3 * until:.0f} of {1e3 * np.ptp(time):.0f} ms"
+    return {
+        "push": touching.coupling_force[behind:].min(), "gain": gain.max(), "slower": slower,
+        "stretch": stretch, "compressed": "always" if stretch < 0.0 else "not always",
+    }  # fmt: skip
+
+
+def _numbers_figure_19(frame: pl.DataFrame) -> Numbers:
+    runs = a, b = runs_of(frame)
+    return {
+        "a": a, "b": b, "elastic": [Run(frame, f"{case}, e = 1") for case in "ab"],
+        "shares": [_share_before_the_brake(run) for run in runs],
+        "parting": [run.during_contact.flange_velocity[-1] for run in runs],
+        "restitutions_felt": [
+            (run.felt_contact.object_velocity[-1] - run.felt_contact.tool_velocity[-1]) / run.impact_velocity
+            for run in runs
+        ],
+        "contact": [_coupling(run.first_contact) for run in runs],
+        "felt": [_coupling(run.felt_contact) for run in runs],
+    }  # fmt: skip
+
+
+def figure_20() -> pl.DataFrame:
+    """Simulate both cases of Fig. 19."""
+    return histories(INELASTIC)
+
+
+def _numbers_figure_20(frame: pl.DataFrame) -> Numbers:
+    runs = a, b = runs_of(frame)
+    felt = [run.felt_contact for run in runs]
+    impulses_felt = [float(np.trapezoid(contact.coupling_force, contact.time)) for contact in felt]
+    nominal = np.array([run.equation_22(RESTITUTION, run.impulse) for run in runs])
+    nominal_felt = np.array([run.equation_22(RESTITUTION, J) for run, J in zip(runs, impulses_felt, strict=True)])
+    velocities_felt = np.array([contact.object_velocity[-1] for contact in felt])
+    return {
+        "a": a, "b": b, "same_order": (a.impulse - b.impulse) * (a.final_velocity - b.final_velocity),
+        "identity": max(abs(run.equation_22(run.restitution, run.impulse) / run.final_velocity - 1.0) for run in runs),
+        "drawn_error": max(abs(run.running_impulse()[1][-1] / run.impulse - 1.0) for run in runs),
+        "nominal": nominal, "nominal_error": np.abs(nominal / [run.final_velocity for run in runs] - 1.0),
+        "velocities_felt": velocities_felt,
+        "nominal_felt": nominal_felt, "nominal_error_felt": np.abs(nominal_felt / velocities_felt - 1.0),
+    }  # fmt: skip

@@ -1,0 +1,323 @@
+"""Bad input is refused in one line that names field, value, unit and what is allowed: each row of refusals.toml.
+
+What follows from the table of quantities for each number, limits, types, reversed pairs: tests/task/test_quantities.py.
+"""
+
+import io
+import os
+import tomllib
+import zipfile
+from copy import deepcopy
+from dataclasses import replace
+from decimal import Decimal
+from functools import cache, partial
+from itertools import product
+from pathlib import Path
+from pkgutil import resolve_name
+
+import arms
+import gymnasium as gym
+import numpy as np
+import pytest
+import tomli_w
+from episodes import ID, Always, assert_identical, begin
+from policies import made_up_policy
+from quick_log import FLAT, FORCE, NOISE, SCENE, TIME, put
+from recorder import MOTION, SCENE_FILE, write_log
+from training import tiny
+
+import impact_gym as ig
+from agents import archive, load_policy, load_setup
+from agents.baselines import encode, load_baseline
+from agents.policies import Ensemble, Policy
+from agents.policies.policy import FORMAT
+from agents.setups import feasible
+from experiments.design.options import DesignOptions
+from impact_gym.envs.batch import Batch
+from impact_gym.identify.__main__ import main as identify_command
+from impact_gym.robot import default_approach, from_urdf, whole
+from impact_gym.robot.viper import angles_at, viper
+from impact_gym.sb3 import ImpactVecEnv
+from impact_gym.task import Task
+
+TABLE = tomllib.loads(Path(__file__).with_name("refusals.toml").read_text())
+EXAMPLES = TABLE.pop("examples")
+OF_RECORDS = ("identify", "robot", "simulation")
+
+
+def filled(value, things):
+    """Plain data with the things in the places of their names."""
+    if isinstance(value, dict):
+        return {name: filled(inner, things) for name, inner in value.items()}
+    if isinstance(value, list):
+        return [filled(inner, things) for inner in value]
+    known = isinstance(value, str) and value.startswith("@") and value[1:] in things
+    return filled(things[value[1:]], things) if known else value
+
+
+def changed(tree, changes):
+    """Plain data with other values at dotted paths."""
+    tree = deepcopy(tree)
+    for path, value in changes.items():
+        *outer, last = path.split(".")
+        node = tree
+        for key in outer:
+            node = node[int(key)] if isinstance(node, list) else node.setdefault(key, {})
+        if value == "@gone":
+            del node[last]
+        else:
+            node[last] = value
+    return tree
+
+
+def records(value):
+    """Plain data with the records of the package that it describes."""
+    if isinstance(value, list):
+        return [records(inner) for inner in value]
+    if not isinstance(value, dict):
+        return value
+    fields = {name: records(inner) for name, inner in value.items()}
+    return getattr(ig, fields.pop("type"))(**fields) if "type" in fields else fields
+
+
+def set_up_file(text="", **tree):
+    Path("bad.toml").write_text(text or tomli_w.dumps(tree))
+    load_setup("bad.toml")
+
+
+def policy_file(content, arrays):
+    packed, weights = Ensemble([made_up_policy(sizes=())], 0).packed()
+    archive.save("policy.npz", FORMAT, changed(packed, content), weights | {
+        name: np.array(values, np.float32) for name, values in arrays.items()
+    })  # fmt: skip
+    load_policy("policy.npz")
+
+
+def no_policy_file(content):
+    Path("policy.npz").write_bytes(content)
+    load_policy("policy.npz")
+
+
+def saved(save):
+    save(file := io.BytesIO())
+    return file.getvalue()
+
+
+def ensemble(sizes, chosen):
+    Ensemble([made_up_policy(seed + 1, sizes=each) for seed, each in enumerate(sizes)], chosen)
+
+
+def stable(_, num_envs=2, **options):
+    return ImpactVecEnv(num_envs, **options)
+
+
+MAKERS = (gym.make, gym.make_vec, stable)
+
+
+def slots(env):
+    return (env.num_envs,) if isinstance(env, ImpactVecEnv) else env.action_space.shape[:-1]
+
+
+def stepped(make, action):
+    """In a batch the action of the last slot is bad; none moves."""
+    env, twin = make(ID), make(ID)
+    assert_identical(env.reset(seed=3), twin.reset(seed=3))
+    bad = action if action is None else np.array(action)
+    if bad is not None and slots(env):
+        bad = np.stack([np.zeros_like(bad), bad])
+    with pytest.raises(ValueError, match="action") as refusal:
+        env.step(bad)
+    assert "shape" not in str(refusal.value) or str(env.action_space.shape) in str(refusal.value)
+    good = np.broadcast_to(encode(1.0, 8.0), env.action_space.shape)
+    assert_identical(env.step(good), twin.step(good))
+    raise refusal.value
+
+
+def reset_with(make, **options):
+    """What is refused draws nothing: the next episode is as without it."""
+    env, twin = (make(ID, tool_mass=(0.1, 0.2)) for _ in range(2))
+    assert_identical(begin(env, seed=7), begin(twin, seed=7))
+    with pytest.raises(ValueError, match="option") as refusal:
+        begin(env, options=options)
+    action = Always(1.0, 8.0).predict(np.zeros((*slots(env), 8)))[0]
+    assert_identical(begin(env, options={}), begin(twin, options={}))
+    ended = False
+    while not ended:
+        here, there = env.step(action), twin.step(action)
+        assert_identical(here, there)
+        ended = np.all(here[2])
+    raise refusal.value
+
+
+def set_state(make, rows):
+    envs, other = (make(ID, num_envs=count) for count in (8, rows))
+    getattr(envs, "unwrapped", envs).set_state(getattr(other, "unwrapped", other).get_state())
+
+
+def delays(text):
+    file = Path("delays.csv")
+    file.write_text(text)
+    ig.Channel(trace=file)
+
+
+def log_file(text):
+    Path("log.csv").write_text(text)
+    ig.identify("log.csv", SCENE, MOTION, ("contact.stiffness",))
+
+
+def identify_main(changes, text="", words=()):
+    Path("my.toml").write_text(text or tomli_w.dumps(changed(tomllib.loads(SCENE_FILE), changes)))
+    write_log("log.csv", {"time": TIME, "force": FORCE})
+    identify_command(["log.csv", "--scene", "my.toml", *words])
+
+
+def arm(make=arms.two_links, base="base", tip="tip", **options):
+    given = {"joint_stiffness": (9e3, 4e3), "joint_damping": (5.0, 2.0)} | options
+    return from_urdf(make(Path()), base, tip, **given)
+
+
+def urdf(old="", new="", joint=(), more="", **options):
+    more = arms.joint(*joint) if joint else more
+    old, new = ("</robot>", f"{more}</robot>") if more else (old, new)
+    arm(partial(arms.edited, old=old, new=new), **options)
+
+
+def along(start, direction, length, **options):
+    arm(**options).along(start, direction, length)
+
+
+six = cache(viper)
+
+
+def along_viper(**change):
+    six().along(**{"start": angles_at(six(), 0.5, 0.0, 0.25, "down")} | change)
+
+
+def blow(approach=None, **given):
+    mine = arm()
+    line = mine.along((0.1, 1.6), (1.0, 0.5, 0.0), 0.2)
+    whole.simulate(**{"arm": mine, "approach": approach(line) if callable(approach) else approach or line} | given)
+
+
+def line_of_slides(_):
+    return arm(arms.slides, joint_stiffness=1e5).along((0.0, 0.0), (1.0, 0.5, 0.0), 0.2)
+
+
+CALLS = {
+    "set-up file": set_up_file, "policy file": policy_file, "no policy file": no_policy_file, "Ensemble": ensemble,
+    "feasible.warnings": lambda **options: feasible.warnings(Task(**options)),
+    "training": lambda **options: tiny(**options).made_for(), "Policy.predict": made_up_policy().predict,
+    "load_baseline for an environment": lambda name, environment: load_baseline(name).for_environment(environment),
+    "Policy": lambda environment: Policy(made_up_policy().network, environment, {}),
+    "make": [partial(make, ID) for make in MAKERS], "make_vec": partial(gym.make_vec, ID),
+    "make with an operator": [partial(make, ID) for make in MAKERS],
+    "make a batch of one or stable-baselines3's": [partial(make, ID) for make in MAKERS[1:]],
+    "step": [partial(stepped, make) for make in (gym.make, partial(gym.make_vec, num_envs=2))],
+    "reset options": [partial(reset_with, make) for make in MAKERS],
+    "reset": [make(ID).unwrapped.reset for make in (gym.make, gym.make_vec)],
+    "reset of a batch of 2": gym.make_vec(ID, num_envs=2).reset,
+    "Batch of 3 rows": lambda tasks: Batch(3, [Task(**task) for task in tasks]),
+    "set_state": [partial(set_state, make) for make in MAKERS[1:]],
+    "file of delays": delays, "log file": log_file, "impact-gym identify": identify_main, "URDF": urdf,
+    "DesignOptions": lambda **options: DesignOptions(out=Path(), **options).checked(),
+    "from_urdf": arm, "along": along, "along of the Viper": along_viper, "whole.simulate": blow,
+    "angles_at": lambda **place: angles_at(six(), **place), "jacobian": lambda angles: six().jacobian(angles),
+    "Approach": partial(replace, default_approach()), "Approach.robot_table": default_approach().robot_table,
+}  # fmt: skip
+"""What is called by the name of each table; those of a list are all refused alike."""
+
+VELOCITY = 50.0 * FORCE / FORCE.max()
+
+
+def samples(index):
+    return {"time": TIME[index], "force": FORCE[index]}
+
+
+APPROACH = default_approach()
+THINGS = {
+    "None": None, "1j": 1j, "(1.0,)": (1.0,), "class of tools": ig.Tool, "hu-guo in bytes": b"hu-guo",
+    "no decimal number": Decimal("sNaN"), "1 number": np.array([1.0]), "2 numbers": np.array([1.0, 2.0]),
+    "1 text": np.array(["1"]), "no numbers": np.array([]), "1 x 2 numbers": np.array([[0.01, 0.02]]),
+    "5 zeros": np.zeros(5), "7 zeros": np.zeros(7, np.float32), "8 nan": np.full(8, np.nan),
+    "3 x 8 zeros": np.zeros((3, 8)), "2 x 9 zeros": np.zeros((2, 9)), "2 False": np.zeros(2, bool),
+    "3 True": np.ones(3, bool), "2 ones": np.ones(2, int), "numbers as objects": np.array([0.0, 0.5], object),
+    "a complex number": np.array([0.0, 0.5j]),
+    "no bytes": b"", "the beginning of a zip": b"PK", "some text": b"text", "a pickle": b"\x80\x04",
+    "any bytes": bytes(range(256)) * 20, "an array's file": saved(lambda file: np.save(file, np.zeros(3))),
+    "a zip of no arrays": saved(lambda file: zipfile.ZipFile(file, "w").writestr("header.npy", "not an array")),
+    "an archive of version 9": saved(lambda file: archive.save(file, "impact_gym policies 9", {}, {})),
+    "time": TIME, "force": FORCE, "noise": NOISE, "log with a gap": samples(np.r_[0:50, 71:161]),
+    "time with a step back": put(TIME, 30, TIME[20]), "time in ms": 1e3 * TIME, "time with nan": put(TIME, 7, np.nan),
+    "force in mN": 1e6 * FORCE / FORCE.max(), "force in kN": FORCE / 1e3, "force with nan": put(FORCE, 7, np.nan),
+    "velocity in mm/s": VELOCITY, "velocity in m/s": VELOCITY / 100.0, "no motion": 0.0 * FORCE,
+    "force cut off above": np.minimum(FORCE, 0.6 * FORCE.max()), "force of the other sign": -FORCE,
+    "force cut off below": -np.minimum(FORCE, 0.6 * FORCE.max()), "force without its end": FORCE[:-1],
+    "log that stays at the bottom": {"time": TIME[: len(FLAT)], "force": FLAT}, "log of 5 samples": samples(np.s_[:5]),
+    "log of two blows": {"time": TIME[0] + np.arange(2 * len(TIME)) / 4000.0, "force": np.tile(FORCE, 2)},
+    "log of 8 samples": samples(np.s_[30:62:4]), "complex force": FORCE + 0j, "words": ["x"] * len(TIME),
+    "force in a column": FORCE[:, None], "two slides": arms.slides,
+    "two links of which one can hardly turn": partial(arms.edited, old=arms.SHOULDER, new=r'\1"0.2" upper="0.4"'),
+    "joint angles without the last place": APPROACH.joint_angles[:-1], "an approach": APPROACH,
+    "joint angles without the last joint": APPROACH.joint_angles[:, :-1], "one approach": (APPROACH,),
+    "two approaches": (APPROACH, APPROACH), "a servo": whole.Servo(), "that of another arm": line_of_slides,
+    "the same from elsewhere": lambda line: replace(line, start=line.start + 0.01),
+}  # fmt: skip
+"""What only Python can be."""
+
+
+def cases(first, *rest):
+    """Changes and words of a row, one or several."""
+    if isinstance(first, dict):
+        return [(first, rest)]
+    values, *words = rest
+    return [
+        ({path: value}, [word.replace("{name}", path.split(".")[-1]).replace("{value}", repr(value)) for word in words])
+        for path, value in product(first.split(), values)
+    ]
+
+
+def calls(package, name, changes):
+    """What is called, alike by several front ends, with good arguments but for the changes."""
+    table = TABLE[package][name]
+    good, changes = (filled(tree, EXAMPLES) for tree in (table.get("good", {}), changes))
+    arguments = filled(changed(good, changes), THINGS)
+    functions = CALLS.get(name) or resolve_name(table.get("call", f"impact_gym:{name}"))
+    for function in functions if isinstance(functions, list) else [functions]:
+        yield lambda function=function: function(**(records(arguments) if package in OF_RECORDS else arguments))
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch, request):
+    """Files are written and named here; for an arm's own equations MuJoCo is there."""
+    if request.node.callspec.params["package"] == "robot":
+        pytest.importorskip("mujoco", reason="the extra robot is not installed")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+ROWS = [
+    pytest.param(package, name, changes, words, id=f"{package} {name} {changes} {words[0]}"[:120])
+    for package, tables in TABLE.items() for name, table in tables.items() for row in table["refused"]
+    for changes, words in cases(*row)
+]  # fmt: skip
+GOOD = [(package, name) for package, tables in TABLE.items() for name, table in tables.items() if "good" in table]
+
+
+@pytest.mark.parametrize(("package", "name", "changes", "words"), ROWS)
+def test_refusal_names_field_value_and_unit_in_one_line(package, name, changes, words, folder):
+    for call in calls(package, name, changes):
+        with pytest.raises((ValueError, SystemExit)) as refusal:
+            call()
+        message = str(refusal.value).removeprefix(f"{folder}{os.sep}")
+        message = message.partition(" was raised from the environment creator")[0]  # the rest is Gymnasium's
+        kinds = [kind.__name__ for kind in type(refusal.value).__mro__]
+        assert "\n" not in message
+        assert [word for word in words if word not in f"{kinds}: {message}\n"] == []
+        assert "ValueError" in kinds or message.startswith(f"{name}: ")
+        assert message.startswith(tuple(os.listdir())) == ("file" in TABLE[package][name])
+
+
+@pytest.mark.parametrize(("package", "name"), GOOD, ids=map(" ".join, GOOD))
+def test_arguments_that_the_rows_change_are_good(package, name):
+    for call in calls(package, name, {}):
+        call()
