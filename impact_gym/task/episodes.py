@@ -91,6 +91,9 @@ def _checked(name: str, value: Any, tasks: Sequence[Task], slots: int | None, fi
             raise ValueError(f"{field} must be a number or {slots} of them in {unit}, got {len(values)}")
         for slot, one in enumerate(() if alike else values):
             number(f"{field}[{slot}]", one, unit, **limits[slot])
+    if name == "distance" and field.startswith("options['scenario']"):  # a record may hold what was drawn beyond it
+        for slot, each in enumerate(tasks):
+            each.check_distance(float(np.resize(values, len(tasks))[slot] if len(tasks) > 1 else np.min(values)), field)
     if name == "noise_seed" and np.any(np.mod(values, 1.0)):
         raise ValueError(f"{field} must be a whole number, got {shown(value)}")
     return values

@@ -71,13 +71,14 @@ def plain(values, row):
 def assert_has(infos, expected):
     """Columns have what a loop says of each row.
 
-    Also, of rows that draw less than others, numbers of no meaning; and what is commanded also where an episode begins.
+    Also, of rows that draw less than others, numbers of no meaning.
     """
     for name, column in expected.items():
         if isinstance(column, dict):
             assert_has(infos[name], column)
         elif not name.startswith("_"):
             rows = expected[f"_{name}"]
+            assert name not in COMMANDED or (infos[f"_{name}"] == rows).all()
             assert infos[f"_{name}"][rows].all()
             assert_identical((name, infos[name][rows].tolist()), (name, column[rows].tolist()))
 
@@ -85,10 +86,10 @@ def assert_has(infos, expected):
 def assert_alike(returned, expected, exact):
     """Compare what a step of a front end returned, to the bit, with what its loop returned.
 
-    It is exactly that where all rows have the same task without an operator.
+    It is exactly that where all rows have the same task.
     """
     if isinstance(returned[-1], dict) and not exact:
-        assert all(returned[4][f"_{name}"].all() for name in COMMANDED if name in returned[4])
+        assert [name for name in COMMANDED if name in returned[4] and name not in expected[4]] == []
         for place in range(4, len(expected), 2):  # of infos
             assert_has(returned[place], expected[place])
         returned, expected = (each[:4] + each[5:6] for each in (returned, expected))
