@@ -38,7 +38,7 @@ def require(field: str, values: NDArray[Any], good: Any, allowed: str) -> None:
     """Raise ValueError with the first of `values` that is not `good`; both of one shape."""
     if not np.all(good):
         place = tuple(np.argwhere(~np.asarray(good))[0].tolist())
-        raise ValueError(f"{field}{list(place)} of a state must be {allowed}, got {values[place]}")
+        raise ValueError(f"{field}{list(place)} of a state must be {allowed}, got {shown(values[place], 40)}")
 
 
 def numbers(name: str, array: NDArray[Any]) -> Iterator[tuple[str, NDArray[Any]]]:
@@ -57,7 +57,7 @@ def check(here: Mapping[str, NDArray[Any]], there: Mapping[str, NDArray[Any]], t
     """
     draws, episodes, chains, links = (there[name] for name in ("draws", "episodes", "chains", "links"))
     drawn, failed = episodes["drawn"], episodes["status"] < 0
-    begun = drawn["object_mass"] > 0.0
+    begun = drawn["object_mass"] != 0.0
     columns, fixed = (
         np.array(records).view(np.float64).reshape(len(drawn), -1)
         for records in (drawn, np.resize(tasks["numbers"], len(drawn)))
@@ -75,9 +75,9 @@ def check(here: Mapping[str, NDArray[Any]], there: Mapping[str, NDArray[Any]], t
     for field in [field for field, place in PLACES.items() if place in draws["place"]]:
         (above, least, largest), unit = QUANTITIES[field].limits, QUANTITIES[field].unit
         values, ways = columns[:, PLACES[field]], draws["place"] == PLACES[field]
-        for what, low, high in (("drawn", values, values), ("draws", draws["low"][ways], draws["high"][ways])):
+        for what, low, high in (("episodes.drawn", values, values), ("draws", draws["low"][ways], draws["high"][ways])):
             inside = (low > above) & (low >= least) & (low <= high) & (high <= largest)
-            good = inside | ~begun | (values == fixed[:, PLACES[field]]) if what == "drawn" else inside
+            good = inside | ~begun | (values == fixed[:, PLACES[field]]) if what != "draws" else inside
             require(f"{what}.{field}", low, good, f"above {above:g} and {least:g} to {largest:g} {unit}")
     slots = there["readings"].shape[1]
     under_way = episodes["pushed"] - episodes["popped"]
@@ -94,4 +94,4 @@ def check(here: Mapping[str, NDArray[Any]], there: Mapping[str, NDArray[Any]], t
         for name in ("tool_mass", "coupling", "robot"):
             mounts[name][begun] = drawn[name][begun]
     same = laws.view(np.uint8) == kernels.laws_of(np.ascontiguousarray(mounts)).view(np.uint8)
-    require("laws", laws, same.reshape(len(laws), -1).all(axis=1), "those of what holds the tools")
+    require("laws", laws, same.reshape(len(laws), -1).all(axis=1), "those of what holds the tools by episodes.drawn")

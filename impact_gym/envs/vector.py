@@ -213,7 +213,9 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         self.batch.set_state(state.get("batch", {}))
         try:
             require("ended", ended, ended == self.batch.ended, "as the episodes say")
-            require("begun", begun, ~begun | (self.batch.episodes["drawn"]["object_mass"] > 0.0), "as the episodes say")
+            require(
+                "begun", begun, ~begun | (self.batch.episodes["drawn"]["object_mass"] != 0.0), "as the episodes say"
+            )
         except ValueError:
             self.batch.set_state(before)
             raise

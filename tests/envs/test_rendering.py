@@ -73,7 +73,7 @@ def test_lamp_is_lit_by_the_force_and_turns_red_when_the_controller_knows():
     ({"object_mass": 1.0, "contact_stiffness": 1e6, "restitution": 1e-2, "distance": 1e-6}, {}),
     ({"object_mass": 1e6, "contact_stiffness": 1e8, "restitution": 0.7, "distance": 0.2}, {}),
     ({"object_mass": 1.0, "contact_stiffness": 1e-6, "restitution": 1.0, "distance": 0.1}, {}),
-    ({"object_mass": 1.0, "contact_stiffness": 1e5, "restitution": 0.5, "distance": 1e9}, {}),  # a miss
+    ({"object_mass": 1.0, "contact_stiffness": 1e5, "restitution": 0.5, "distance": 1.7}, {}),  # a miss
     (HARD_AND_HEAVY, {"coupling": ig.SpringDamper(1e-3), "tool_mass": 1e3}),
     (HARD_AND_HEAVY, {"coupling": ig.SpringDamper(1e6, 0.0)}),
 ])  # fmt: skip

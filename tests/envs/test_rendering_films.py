@@ -14,12 +14,14 @@ from episodes import IDS as APPROACHES
 from gymnasium.utils.env_checker import check_env
 from gymnasium.wrappers.vector import RecordVideo
 from rendered import HARD_AND_HEAVY, SHAPE, history_of, play
+from stable_baselines3.common.vec_env import VecVideoRecorder
 from tasks import EVERYTHING_DRAWN
 
 from agents.baselines import encode
 from impact_gym.envs import IDS, render_canvas, render_chain, rendering
 from impact_gym.envs.render_history import FRAME_RATE, FRAMES_PER_IMPACT
 from impact_gym.envs.render_video import SlowMotionVideo
+from impact_gym.sb3 import ImpactVecEnv
 
 pytest.importorskip("pygame")
 pytestmark = pytest.mark.usefixtures("no_display")
@@ -189,15 +191,21 @@ def test_film_of_an_episode_is_its_pictures_in_slow_motion(tmp_path):
     assert_film(tmp_path / "films", recorded)
 
 
-def test_film_of_a_batch_has_a_tile_for_each_slot(tmp_path):
+@pytest.mark.parametrize("stable", [False, True], ids=["Gymnasium", "stable-baselines3"])
+def test_film_of_a_batch_has_a_tile_for_each_slot(stable, tmp_path):
+    """Of stable-baselines3 across the end of an episode, after which the next one begins in the same step."""
     pytest.importorskip("moviepy")
-    envs = gym.make_vec(ID, num_envs=4, render_mode="rgb_array")
-    env = RecordVideo(envs, str(tmp_path / "films"), episode_trigger=lambda number: number == 0)
-    env.reset(seed=2, options={"scenario": SHORT["scenario"]})
-    tiles = [envs.render()]
+    if stable:
+        envs = ImpactVecEnv(4, render_mode="rgb_array", max_episode_steps=4)
+        env = VecVideoRecorder(envs, str(tmp_path / "films"), lambda step: step == 0, video_length=6)
+    else:
+        envs = gym.make_vec(ID, num_envs=4, render_mode="rgb_array")
+        env = RecordVideo(envs, str(tmp_path / "films"), episode_trigger=lambda number: number == 0)
+    begin(env, seed=2, options={"scenario": SHORT["scenario"]})
+    tiles = [envs.get_images() if stable else envs.render()]
     for _ in range(6):
         env.step(np.tile(encode(1.0, 8.0), (4, 1)))
-        tiles.append(envs.render())
+        tiles.append(envs.get_images() if stable else envs.render())
     env.close()
     assert np.shape(tiles) == (7, 4, *SHAPE)
     assert np.any(np.array(tiles[1:]) != tiles[:-1], axis=(2, 3, 4)).all()
