@@ -40,6 +40,7 @@ def whole_folder(path: Path) -> Iterator[Path]:
         ValueError: `path` is there and is neither an empty folder nor one that an earlier run wrote.
     """
     replaceable(path)
+    path = path.resolve()  # a link to the folder stays
     path.parent.mkdir(parents=True, exist_ok=True)
     unfinished = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
     old = Path(tempfile.mkdtemp(prefix=f".{path.name}.old.", dir=path.parent)) / path.name
