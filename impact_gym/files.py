@@ -2,6 +2,7 @@
 
 import csv
 import errno
+import fcntl
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -47,6 +48,8 @@ def reason(error: Exception) -> str:
     return f"it has no {error}" if isinstance(error, KeyError) else " ".join(str(error).split())
 
 
+UNFINISHED = ".unfinished"
+"""End of the name of a file that is being written, which stays where the process is killed."""
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
@@ -82,7 +85,7 @@ def whole_file(path: Path) -> Iterator[IO[bytes]]:
     name, path = path, Path(os.path.realpath(path))
     if path.is_symlink() or (path.exists() and not path.is_file()):  # realpath leaves a link where links form a ring
         raise OSError(f"{name} must be a file or not be there yet, got what is no regular file: nothing is written")
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}")
+    unfinished = path.with_name(f".{path.name}.{os.getpid()}{UNFINISHED}")
     with writing(str(name)):
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
@@ -93,6 +96,26 @@ def whole_file(path: Path) -> Iterator[IO[bytes]]:
             os.replace(unfinished, path)
         finally:
             unfinished.unlink(missing_ok=True)
+
+
+@contextmanager
+def locked(path: Path, wait: bool = True) -> Iterator[None]:
+    """Hold the lock file `path`, made if need be, alone among processes and threads; a killed process lets go of it.
+
+    What a killed process was writing in its folder, or below, is removed.
+
+    Raises:
+        ValueError: another process holds it, and there is no `wait`.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("a") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+        except BlockingIOError as error:
+            raise ValueError(f"{path.parent} is being written by another process") from error
+        for unfinished in path.parent.rglob(f".*{UNFINISHED}"):
+            unfinished.unlink(missing_ok=True)
+        yield
 
 
 def write_file(path: Path, content: str | bytes) -> Path:

@@ -4,7 +4,6 @@ import os
 
 import pytest
 
-from experiments.lab.results import whole_folder
 from impact_gym.files import write_file
 
 
@@ -38,13 +37,3 @@ def test_write_file_leaves_what_is_no_file(tmp_path, kind):
         write_file(path, "text")
     assert (os.lstat(path).st_ino, os.lstat(path).st_mode) == (before.st_ino, before.st_mode)
     assert os.listdir(tmp_path) == ["it"]
-
-
-def test_whole_folder_replaces_what_a_link_points_to(tmp_path):
-    (tmp_path / "link").symlink_to("there")
-    (tmp_path / "there").mkdir()
-    for text in ("first", "second"):
-        with whole_folder(tmp_path / "link") as folder:
-            write_file(folder / "it.txt", text)
-        assert (tmp_path / "there" / "it.txt").read_text() == text
-    assert (sorted(os.listdir(tmp_path)), os.readlink(tmp_path / "link")) == (["link", "there"], "there")

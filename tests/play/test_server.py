@@ -46,7 +46,10 @@ def test_only_our_own_page_is_answered(server):
     assert answer(server, Host="evil.example")[0] == 403  # a name that was bound to 127.0.0.1
     assert answer(server, Host=f"evil.example:{port}")[0] == 403
     assert answer(server, Origin="http://evil.example")[0] == 403
-    for path in ("/", "/wrong/", "//", "/%ff/", f"/{'x' * 3000}/", "/favicon.ico"):
+    token = server.address.split("/")[3]
+    half = len(token) // 2
+    near = (f"/{part}/" for part in (token[:half], token[half:], token[:half] + "x" * half, "x" * half + token[half:]))
+    for path in ("/", "/wrong/", "//", "/%ff/", f"/{'x' * 3000}/", "/favicon.ico", *near):
         assert answer(server, path)[0] == 403
     assert answer(server, server.address.removeprefix(server.origin) + "film/..%2f..%2fetc")[0] == 404
     for wrong in ("http://evil.example", "null", server.origin + "0", server.origin.replace("http", "https"), None):
