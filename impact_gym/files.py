@@ -76,13 +76,17 @@ def writing(what: str) -> Iterator[None]:
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[IO[bytes]]:
-    """Open a file beside `path` for writing and move it there once it is complete.
+    """Open a file beside `path` for writing and move it there once it is complete; a link stays, its target is written.
 
     Raises:
+        OSError: something else than a file is there, such as a folder, a device or a pipe: it is left as it is.
         DiskFullError: there is no room for it; what was at `path` is as it was.
     """
+    name, path = path, Path(os.path.realpath(path))
+    if path.is_symlink() or (path.exists() and not path.is_file()):  # realpath leaves a link where links form a ring
+        raise OSError(f"{name} must be a file or not be there yet, got what is no regular file: nothing is written")
     unfinished = path.with_name(f".{path.name}.{os.getpid()}{UNFINISHED}")
-    with writing(str(path)):
+    with writing(str(name)):
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
             with unfinished.open("wb") as file:

@@ -122,6 +122,7 @@ def member(shape, content):
     (member((100_000_000_000,), bytes(8)), zipfile.ZIP_STORED, "claims 800,000,000,000 bytes and has 8"),
     (member((100_000, 1000, 1000), b""), zipfile.ZIP_STORED, "claims 800,000,000,000 bytes and has 0"),
     (member((2_000_000,), bytes(16_000_000)), zipfile.ZIP_DEFLATED, "would unpack from"),
+    (member((0,), b""), zipfile.ZIP_LZMA, "is compressed"),
 ])  # fmt: skip
 def test_load_policy_refuses_what_is_larger_than_its_file(content, how, message, tmp_path):
     path = made_up_policy().save(tmp_path / "it.npz")
@@ -136,3 +137,9 @@ def test_load_policy_refuses_what_is_larger_than_its_file(content, how, message,
 def test_load_setup_refuses_a_training_with_the_memory_that_it_takes(name, tmp_path):
     call = partial(set_up, tmp_path, {"training": {name: 10**11}})
     refused(call, f"training: {name}", "memory", f"got {10**11}", "GiB")
+
+
+def test_load_policy_refuses_an_array_with_more_rows_than_an_array_can_have(tmp_path):
+    with zipfile.ZipFile(path := tmp_path / "it.npz", "w") as file:
+        file.writestr("header.npy", member((2**70, 0), b""))
+    refused(partial(load_policy, path), "it.npz is no impact_gym policies 3 file, or is damaged", "too large")

@@ -182,7 +182,7 @@ def _to_its_end(folder: Path, run: Run, record: dict[str, Any], on_validation: O
             try:
                 _learn(folder, run, record, on_validation)
             except CollapsedError as error:
-                collapsed.write_text(str(error))
+                write_file(collapsed, str(error))
                 raise
     return folder
 

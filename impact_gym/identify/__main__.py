@@ -9,7 +9,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from impact_gym.files import parsed, write_file
+from impact_gym.files import parsed, whole_file, write_file
 from impact_gym.identify import FREE, Identified, LoadCell, Sensor, identify
 from impact_gym.identify.held_out import hold_out
 from impact_gym.motion import Brake, Trapezoid
@@ -91,7 +91,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if options.out and held_out:
             write_file(options.out.with_suffix(".held-out.csv"), held_out.csv())
         if options.plot:
-            result.plot().savefig(options.plot)
+            with whole_file(options.plot) as file:
+                result.plot().savefig(file, format=options.plot.suffix[1:] or None)
     except (ImportError, OSError, RuntimeError, ValueError) as error:
         sys.exit(f"impact-gym identify: {error}")
 

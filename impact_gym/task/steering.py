@@ -1,6 +1,7 @@
 """What an operator and the channels make of a task: whether they fit, and how the compiled program has them."""
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -8,7 +9,7 @@ from numpy.typing import NDArray
 
 from impact_gym.kernels import LONGEST_JITTER, WITHDRAWAL_FADE
 from impact_gym.operators import KINDS, Channel
-from impact_gym.validation import Range
+from impact_gym.validation import Range, shown
 
 WAYS = ("uplink", "downlink")
 FADE: float = WITHDRAWAL_FADE  # s, in which a withdrawal ends
@@ -49,6 +50,19 @@ def checked(task: Any) -> dict[str, Channel]:
     if (timeout := channels["downlink"].timeout) != Channel().timeout:
         raise ValueError(f"downlink.timeout must be left out: the uplink's alone stops the arm, got {timeout:g} s")
     return channels
+
+
+def without_files(environment: Mapping[str, Any]) -> dict[str, Any]:
+    """Return arguments of an environment that came in a file from elsewhere, once they name no file to be read.
+
+    Raises:
+        ValueError: a channel's trace is the name of a file or an URL instead of rows.
+    """
+    for way in WAYS:
+        channel = environment.get(way)
+        if isinstance(channel, Mapping) and isinstance(trace := channel.get("trace"), str):
+            raise ValueError(f"{way}.trace must be rows of time and delay in s, got {shown(trace)}: no file is read")
+    return dict(environment)
 
 
 def ends(task: Any, part: str, name: str) -> Range:

@@ -43,7 +43,10 @@ def test_only_our_own_page_is_answered_and_on_this_machine_alone(server):
     for host in ("evil.example", f"evil.example:{port}"):  # a name that was bound to 127.0.0.1
         assert answer(server, Host=host)[0] == 403
     assert answer(server, Origin="http://evil.example")[0] == 403
-    for path in ("/", "/wrong/", "//", "/%ff/", f"/{'x' * 3000}/", "/favicon.ico"):
+    token = server.address.split("/")[3]
+    half = len(token) // 2
+    near = (f"/{part}/" for part in (token[:half], token[half:], token[:half] + "x" * half, "x" * half + token[half:]))
+    for path in ("/", "/wrong/", "//", "/%ff/", f"/{'x' * 3000}/", "/favicon.ico", *near):
         assert answer(server, path)[0] == 403
     for name in ("..%2f..%2fetc", "20200101-000000-000000"):
         assert answer(server, f"{server.path}film/{name}")[0] == 404
