@@ -171,7 +171,7 @@ def identify_main(changes, text="", words=()):
     identify_command(["log.csv", "--scene", "my.toml", *words])
 
 
-def arm(make=arms.two_links, base="base", tip="tip", **options):
+def arm(make=arms.rods, base="base", tip="tip", **options):
     given = {"joint_stiffness": (9e3, 4e3), "joint_damping": (5.0, 2.0)} | options
     return from_urdf(make(Path()), base, tip, **given)
 

@@ -36,8 +36,7 @@ def work(options: Play) -> None:
     from experiments.play import assistance, server, session
 
     setup = assistance.playable(options.setup)
-    assistance.assistance(options.assist, setup)
-    played = session.Session(setup.called, options.assist, options.out or Path("runs/play") / setup.name)
+    played = session.Session(setup, options.assist, options.out or Path("runs/play") / setup.name)
 
     def ready(address: str) -> None:
         print(address, flush=True)

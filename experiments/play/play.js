@@ -252,10 +252,6 @@ const HEARD = {
     state("press \u2192 for the next try");
     film(message.entry.name);
   },
-  said(message) {
-    banner(message.text);
-    say(message.text);
-  },
   failed(message) {
     over();
     banner(message.text);

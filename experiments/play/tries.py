@@ -1,4 +1,4 @@
-"""A try: what somebody did and what came of it, whole enough to be played again to the bit; a JSON file each."""
+"""A try: under way, step by step, and what came of it, whole enough to be played again to the bit; a JSON file each."""
 
 import json
 import math
@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import impact_gym as ig
+from agents.policies import Controller
 from agents.provenance import circumstances, revision
-from experiments.play.assistance import PERIOD, PERSON
-from impact_gym.envs.batch import Batch
+from experiments.play.assistance import PERIOD, PERSON, assistance, environment_of, playable
+from impact_gym.envs.batch import Batch, Bodies
 from impact_gym.files import parsed, write_file
 from impact_gym.simulation import Outcome, Trace
 from impact_gym.sources import compiled_from
@@ -25,6 +26,7 @@ LATE, MOST_LATE = 4e-3, 0.02  # s, from which on a step is late; share of late s
 TRACE_POINTS = 1 << 18
 BEND = 1e-13  # m/s, by which a line may miss a velocity
 SPARE = 3  # ticks between the horizon and the next recording of an operator
+ROUNDING = 1e-6  # of a control period
 _ALL = np.zeros(1, np.bool_)
 
 
@@ -91,12 +93,10 @@ def simulated(this: Try) -> Outcome:
     """Return what `simulate` makes of the recorded motion: the same bits each time."""
     record = this.record
     task: Any = Task(**this.environment, operator=this.operator).at(record)
-    scene = ig.Scene(
-        ig.Tool(task.tool_mass), ig.Object(record["object_mass"], record["distance"], task.friction),
-        ig.Contact(record["contact_stiffness"], record["restitution"], task.dissipation,
-                   reference_velocity=task.reference_velocity),
-        task.coupling, task.robot,
-    )  # fmt: skip
+    law = {"dissipation": task.dissipation, "reference_velocity": task.reference_velocity}
+    contact = ig.Contact(record["contact_stiffness"], record["restitution"], **law)
+    struck = ig.Object(record["object_mass"], record["distance"], task.friction)
+    scene = ig.Scene(ig.Tool(task.tool_mass), struck, contact, task.coupling, task.robot)
     motion = ig.Motion(tuple(this.motion["times"]), tuple(this.motion["velocities"]))
     return ig.simulate(scene, motion, duration=motion.times[-1], rtol=task.rtol)
 
@@ -122,6 +122,81 @@ def _made() -> dict[str, Any]:
     return revision() | {"solver": compiled_from(), "versions": circumstances("impact-gym", "numpy")["versions"]}
 
 
+class Live:
+    """A try under way, from the first step to the last; `step` after `step` while it has not `ended`."""
+
+    def __init__(self, wanted: Try) -> None:
+        """Begin the try that is `wanted`.
+
+        Raises:
+            ValueError: there is no such set-up or assistance.
+        """
+        setup, self.person = playable(wanted.setup), wanted.operator == PERSON
+        environment = environment_of(setup)
+        self.batch = Batch(1, Task(**environment, operator=wanted.operator), threads=1)
+        self.assistant: Controller = assistance(wanted.assist, setup)
+        self.batch.begin_seeded(wanted.seed, wanted.record)
+        operator = {"type": "Replay", "time": [0.0], "velocity": [0.0]} if self.person else wanted.operator
+        record = self.batch.info(0)["record"]
+        self.kept = Try(wanted.setup, wanted.assist, wanted.seed, record, operator, wanted.slow, environment)
+        self._state = None
+        self._decide()
+
+    def _decide(self) -> None:
+        """Have the assistance choose its next action."""
+        action, self._state = self.assistant.predict(self.batch.observations.copy(), state=self._state)
+        self._action = np.asarray(action, np.float32)[0]
+
+    @property
+    def ended(self) -> bool:
+        """Whether it is over."""
+        return bool(self.batch.ended[0])
+
+    @property
+    def time(self) -> float:
+        """Simulated time, s."""
+        return float(self.batch.bodies().time[0])
+
+    @property
+    def next_tick(self) -> float:
+        """When the next command is sent, s."""
+        return (math.floor(self.time / PERIOD + ROUNDING) + 1) * PERIOD
+
+    def step(self, velocity: float = 0.0, late: float = 0.0) -> None:
+        """Play a control step; a person's `velocity` is sent at the tick in it, if there is one.
+
+        Args:
+            velocity: m/s.
+            late: by which the step comes too late, s.
+        """
+        tick = self.next_tick
+        if self.person:
+            self.batch.command(velocity)
+        advance(self.batch, self._action)
+        self.kept.actions.append(self._action.tolist())
+        self.kept.late.append(round(late, 5))
+        if self.person and self.time >= tick - ROUNDING * PERIOD:
+            given = self.kept.operator
+            given["time"].append(PERIOD * len(given["time"]))
+            given["velocity"].append(velocity)
+        if not self.ended:
+            self._decide()
+
+    def ahead(self) -> Bodies:
+        """Return where everything will be one step from now, as far as no further command arrives in it."""
+        state = self.batch.get_state()
+        advance(self.batch, self._action)
+        bodies = self.batch.bodies()
+        self.batch.set_state(state)
+        return bodies
+
+    def finished(self) -> Try:
+        """Return the try with its results; where it has not ended, a person commands nothing from now on."""
+        while not self.ended:
+            self.step()
+        return completed(self.kept)
+
+
 def write(path: Path, this: Try) -> Path:
     """Write a try, synced, whole or not at all."""
     return write_file(path, json.dumps({"format": FORMAT, **asdict(this)}, allow_nan=False))
@@ -144,9 +219,8 @@ def read(path: Path) -> Try:
 
 
 def folder_of(folder: Path) -> Iterator[tuple[Path, Try]]:
-    """Yield all tries in a folder in the order in which they were made, with their paths."""
-    for path in sorted(folder.glob("*.json")):
-        yield path, read(path)
+    """Return all tries in a folder in the order in which they were made, with their paths, as they are read."""
+    return ((path, read(path)) for path in sorted(folder.glob("*.json")))
 
 
 def of_persons(folder: Path, marked: bool = False) -> list[Try]:
@@ -174,4 +248,4 @@ def operator_of(found: Sequence[Try]) -> dict[str, Any]:
         times += [begin + k * PERIOD for k in (*range(len(given)), ticks - 1)]  # the last is held
         velocities += [*given, given[-1]]
     drawn = {"length": ticks * PERIOD, "recording": [0, len(found)]}
-    return {"type": "Replay", "time": times, "velocity": velocities, **drawn}
+    return {"type": "Replay", "time": times, "velocity": velocities} | drawn
