@@ -159,7 +159,9 @@ def _layout(lines: Sequence[str]) -> _Layout:
                 most = sum(shares)
     if best is None:
         written = next((line for line in reversed(lines) if line.strip()), "")
-        raise ValueError(f"no line has two numbers; the last one read is {shown(written)}" if written else "it is empty")
+        raise ValueError(
+            f"no line has two numbers; the last one read is {shown(written)}" if written else "it is empty"
+        )
     return best
 
 
@@ -171,9 +173,8 @@ def _sources(
     heads, units, between = _names(lines, layout, wanted)
     if heads and between:
         raise ValueError(f"line {between[0] + 1} must have units or numbers, got {shown(lines[between[0]])}")
-    if not heads and between and len(found := _split(lines[between[0]], layout.separator)) > 1 and (
-        layout.separator or layout.least <= len(found) <= layout.most
-    ):  # fmt: skip
+    words = _split(lines[between[0]], layout.separator) if between and not heads else []
+    if len(words) > 1 and (layout.separator or len(words) == layout.least or any(_meaning(w, wanted) for w in words)):
         raise ValueError(f"line {between[0] + 1} must name the {layout.least} columns of numbers below it, some of them "
                          f"{allowed}, got {shown(lines[between[0]])}")  # fmt: skip
     if not heads and layout.least != len(unnamed):

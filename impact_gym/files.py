@@ -37,9 +37,7 @@ def utf_8(content: bytes) -> str:
     return io.TextIOWrapper(io.BytesIO(content), "utf-8-sig").read()
 
 
-def parsed(
-    path: Path, kind: str, parse: Callable[[str], Content], decode: Callable[[bytes], str] = utf_8
-) -> Content:
+def parsed(path: Path, kind: str, parse: Callable[[str], Content], decode: Callable[[bytes], str] = utf_8) -> Content:
     """Return what `parse` makes of a text file: a regular one, as a device or a pipe may never end.
 
     Raises:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import gymnasium as gym
+import numpy as np
 
 from agents.setups.evaluation import SET_UP_ARGUMENTS, Evaluation
 from agents.setups.keys import known, names, table, text, within
@@ -181,7 +182,7 @@ def _setup(path: Path, content: dict[str, Any]) -> Setup:
         mixed,
         seeds,
     )
-    _refuse_unknown(setup)
+    _refuse_unknown(setup, evaluation)
     return setup
 
 
@@ -208,11 +209,16 @@ def _mixed(given: Any, environment: Mapping[str, Any], folder: Path) -> tuple[tu
     return tuple(parts)
 
 
-def _refuse_unknown(setup: Setup) -> None:
+def _refuse_unknown(setup: Setup, given: Mapping[str, Any]) -> None:
     """Refuse what would only show hours later: what there is not, or a weight for which no policy is trained."""
     low, high = setup.training.time_weight
-    for weight in (*setup.evaluation.weights, setup.evaluation.typical):
-        number("evaluation: weights and typical", weight, "m/s per s", at_least=low, at_most=high)
+    for name in ("weights", "typical"):
+        for weight in np.atleast_1d(getattr(setup.evaluation, name)).tolist():
+            if name in given:
+                number(f"evaluation.{name}", weight, "m/s per s", at_least=low, at_most=high)
+            elif not low <= weight <= high:
+                raise ValueError(f"training.time_weight must hold {weight:g} m/s per s, which evaluation.{name} is unless "
+                                 f"the file says otherwise, got {low:g} to {high:g} m/s per s")  # fmt: skip
     baselines = {*setup.tuned, *shipped_baselines()}
     known("baselines.against.", [name for name in setup.against if not OBJECT.fullmatch(name)], {*baselines, *FIXED})
     known("training.teacher.", [setup.training.teacher], {"", *baselines, *FIXED})

@@ -1,6 +1,5 @@
 """A measured blow: reading it, and refusing what cannot be one, in one line that says where and what is allowed."""
 
-import logging
 import math
 import warnings
 from collections.abc import Mapping
@@ -33,11 +32,13 @@ COLUMNS = ", ".join(f"{name} ({unit})" for name, unit in UNITS.items())
 
 MIN_SAMPLES = 8
 MAX_FORCE = 1e5  # N
+MAX_ACCELERATION = 1e6  # m/s^2
 MAX_SPEED_RATIO = 10.0  # of a velocity over the motion's speed
 MAX_STEP = 0.05  # s between two samples
 MAX_GAP = 1.5  # times the usual step: more are lost samples, unless the steps beside are as much shorter
 MAX_LOST = 3  # samples in a row
 MIN_SWING = 10.0  # standard deviations of the noise, from the least to the largest sample of a blow
+MOST_IMPULSE = 200.0  # times what brings the tool back as fast as it came: time may be in ms
 LEAST_IMPULSE = 0.01  # times that of two such bodies that stop against each other: the unit is another
 FLAT_SAMPLES = 3  # with the very same largest value, between much smaller ones: the sensor is saturated
 
@@ -122,7 +123,8 @@ def check(log: Log, scene: Scene, motion: Trapezoid, sensors: Mapping[str, Senso
         ValueError: names column, value, unit and what is allowed.
     """
     for name, values in log.columns.items():
-        limit, other = (MAX_FORCE, "mN") if name == "force" else (MAX_SPEED_RATIO * motion.speed, "mm/s")
+        limits = {"N": (MAX_FORCE, "mN"), "m/s": (MAX_SPEED_RATIO * motion.speed, "mm/s")}
+        limit, other = limits.get(UNITS[name], (MAX_ACCELERATION, "mm/s^2"))
         largest, unit, rate = float(np.abs(values).max()), UNITS[name], sensors[name].rate
         if largest > limit:
             raise ValueError(
@@ -154,6 +156,11 @@ def _refuse_other_force(log: Log, scene: Scene, motion: Trapezoid, sensor: Senso
     usual = speed / (1.0 / tool + 1.0 / scene.object.mass)
     blows = bursts(log.columns["force"], sensor)
     impulse = log.step * sum(float(force[first : last + 1].sum()) for first, last in blows)
+    if impulse > MOST_IMPULSE * 2.0 * tool * speed:
+        warnings.warn(
+            f"{log.name}, force has an impulse of {impulse:.3g} N s, where the tool at {speed:g} m/s is turned back by"
+            f" {2.0 * tool * speed:.3g} N s: is time in ms?", stacklevel=2,
+        )  # fmt: skip
     if 0.0 < impulse < LEAST_IMPULSE * usual:
         raise ValueError(
             f"{log.name}, force must have an impulse of about {usual:.3g} N s, as tool and object of the scene have at"

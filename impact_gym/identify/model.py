@@ -105,7 +105,13 @@ class Model:
 
     def sensed(self, scene: Scene, trace: Trace, name: str, at: Array) -> tuple[Array, Array]:
         """Return what the sensor of a column reads `at` (n,) s of the motion, and its slope."""
-        sensor, values = self.sensors[name], getattr(trace, TRACED.get(name, name))
+        sensor = self.sensors[name]
+        if name == "tool_acceleration":
+            values = tool_acceleration(scene, trace)
+        elif name == "object_acceleration":
+            values = trace.contact_force / scene.object.mass
+        else:
+            values = getattr(trace, TRACED.get(name, name))
         if sensor.cell:
             values = values + sensor.cell.mass * tool_acceleration(scene, trace)
         return sensor.senses(trace.time, values, at)
