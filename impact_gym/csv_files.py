@@ -175,8 +175,8 @@ def _sources(
         raise ValueError(f"line {between[0] + 1} must have units or numbers, got {shown(lines[between[0]])}")
     words = _split(lines[between[0]], layout.separator) if between and not heads else []
     if len(words) > 1 and (layout.separator or len(words) == layout.least or any(_meaning(w, wanted) for w in words)):
-        raise ValueError(f"line {between[0] + 1} must name the {layout.least} columns of numbers below it, some of them "
-                         f"{allowed}, got {shown(lines[between[0]])}")  # fmt: skip
+        raise ValueError(f"line {between[0] + 1} must name the {layout.least} columns of numbers below it, some of "
+                         f"them {allowed}, got {shown(lines[between[0]])}")  # fmt: skip
     if not heads and layout.least != len(unnamed):
         raise ValueError(f"{layout.least} columns must have names, some of them {allowed}, got none")
     sources: dict[str, _Source] = {}

@@ -147,7 +147,8 @@ class Channel(Record, path="uplink"):
 
     A packet takes `delay` and an exponential time beside, of mean `jitter`, or of mean `tail` for a share of them; what
     takes more than twelve times its mean is cut. With a `trace`, rows of time and delay in s or a CSV file of these, it
-    takes what the trace says, from a random place on; a delay of `LOST` loses those that are sent nearest to it. Losses come in bursts (Gilbert 1960, Bell Syst. Tech. J. 39).
+    takes what the trace says, from a random place on; a delay of `LOST` loses the packets that are sent nearest to it.
+    Losses come in bursts (Gilbert 1960, Bell Syst. Tech. J. 39).
     """
 
     delay: float = 0.0  # s
@@ -217,8 +218,8 @@ def columns_of(trace: Any) -> list[list[float]]:
             delay = np.where(np.isnan(delay) | (delay == np.inf), LOST, delay)
             arrived = delay[delay < LOST]
             if table.said.count(" without a unit") and len(arrived) and np.median(arrived) >= USUAL_DELAY:
-                raise ValueError(f"its delays are {np.median(arrived):g} s in the median: are they in ms? If not, write "
-                                 "the unit into the header, delay (s)")  # fmt: skip
+                raise ValueError(f"its delays are {np.median(arrived):g} s in the median: are they in ms? If not, "
+                                 "write the unit into the header, delay (s)")  # fmt: skip
             return [(time - time[0]).tolist(), delay.tolist()]
         columns = np.asarray(trace, np.float64).T
     except (OSError, TypeError, ValueError) as problem:

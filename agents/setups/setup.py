@@ -217,8 +217,8 @@ def _refuse_unknown(setup: Setup, given: Mapping[str, Any]) -> None:
             if name in given:
                 number(f"evaluation.{name}", weight, "m/s per s", at_least=low, at_most=high)
             elif not low <= weight <= high:
-                raise ValueError(f"training.time_weight must hold {weight:g} m/s per s, which evaluation.{name} is unless "
-                                 f"the file says otherwise, got {low:g} to {high:g} m/s per s")  # fmt: skip
+                raise ValueError(f"training.time_weight must hold {weight:g} m/s per s, which evaluation.{name} has "
+                                 f"unless the file says otherwise, got {low:g} to {high:g} m/s per s")  # fmt: skip
     baselines = {*setup.tuned, *shipped_baselines()}
     known("baselines.against.", [name for name in setup.against if not OBJECT.fullmatch(name)], {*baselines, *FIXED})
     known("training.teacher.", [setup.training.teacher], {"", *baselines, *FIXED})

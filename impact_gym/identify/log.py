@@ -106,8 +106,9 @@ def read(source: Any, name: str) -> Log:
     log = Log(name, time, columns)
     if log.lost.max() > MAX_LOST:
         k = int(np.argmax(log.lost))
-        raise ValueError(f"{name}, time must have no gaps of more than {MAX_LOST} samples, but {steps[k]:g} s lie between"
-                         f" samples {k} and {k + 1}, at {time[k]:g} s, where the usual step is {usual:g} s")  # fmt: skip
+        raise ValueError(f"{name}, time must have no gaps of more than {MAX_LOST} samples, but {steps[k]:g} s lie "
+                         f"between samples {k} and {k + 1}, at {time[k]:g} s, where the usual step is {usual:g} s"
+                         )  # fmt: skip
     if not said:
         return log
     rate, count = 1.0 / log.step, int(log.lost.sum())

@@ -49,8 +49,8 @@ def checked(task: Any) -> dict[str, Channel]:
             raise ValueError(f"{way}.{of} must be below the horizon, {task.horizon:g} s, got {late:g} s{note}")
         apart = float(np.median(np.diff([time for time, _ in channel.trace]))) if channel.trace else 0.0
         if apart > (most := LONGEST_SPACING * task.control_period):
-            raise ValueError(f"{way}.trace must have a packet each {most:g} s, {LONGEST_SPACING} control periods, or more"
-                             f" often, got one each {apart:g} s: is it in ms?")  # fmt: skip
+            raise ValueError(f"{way}.trace must have a packet each {most:g} s, {LONGEST_SPACING} control periods, or "
+                             f"more often, got one each {apart:g} s: is it in ms?")  # fmt: skip
     if (timeout := channels["downlink"].timeout) != Channel().timeout:
         raise ValueError(f"downlink.timeout must be left out: the uplink's alone stops the arm, got {timeout:g} s")
     return channels

@@ -7,8 +7,7 @@ import impact_gym as ig
 
 SCENE = scene(1e4, 0.5)
 TIME = np.arange(0.303, 0.343, 1 / 4000)  # s
-BLOW_SCENE = scene(1e5, 0.5)
-BLOW = ig.simulate(BLOW_SCENE, MOTION, 0.5, trace=True).trace
+BLOW = ig.simulate(scene(1e5, 0.5), MOTION, 0.5, trace=True).trace
 CLEAN = np.interp(TIME, BLOW.time, BLOW.contact_force)  # N
 NOISE = np.random.default_rng(0).normal(size=len(TIME))
 FORCE = CLEAN + 0.02 * CLEAN.max() * NOISE

@@ -1,8 +1,10 @@
 """What a log may look like without being refused, and which one is too late."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from quick_log import BLOW, BLOW_SCENE, CLEAN, FLAT, FORCE, NOISE, SCENE, TIME, put
+from quick_log import CLEAN, FLAT, FORCE, NOISE, SCENE, TIME, put
 from recorder import MOTION
 
 import impact_gym as ig
@@ -35,13 +37,15 @@ STAMPS, PUSHES = np.arange(20) / 51200, 12.0 * np.sin(np.arange(20))  # s, N
 
 
 def table(head, separator=",", decimal=".", end="", of_time=1.0, of_force=1.0):
-    lines = [f"{time / of_time:.9e}{separator}{force / of_force:.9e}{end}" for time, force in zip(STAMPS, PUSHES)]
+    values = zip(STAMPS / of_time, PUSHES / of_force, strict=True)
+    lines = [f"{time:.9e}{separator}{force:.9e}{end}" for time, force in values]
     return head + "\n".join(lines).replace(".", decimal) + "\n"
 
 
 FILES = {
-    "units in brackets": table("time (s),force (N)\n"), "as a fraction": table("Zeit/ms,Force/kN\n", ",", ".", "", 1e-3, 1e3),
-    "other cases": table("Time,Force\n"), "units behind": table("time_us;Fz\n", ";", ",", "", 1e-6),
+    "units in brackets": table("time (s),force (N)\n"), "other cases": table("Time,Force\n"),
+    "as a fraction": table("Zeit/ms,Force/kN\n", of_time=1e-3, of_force=1e3),
+    "units behind": table("time_us;Fz\n", ";", ",", "", 1e-6),
     "decimal commas": table("t [s];Kraft [N]\n", ";", ","), "tabs": table("timestamp\tforce\n", "\t"),
     "blanks": table("  time (s)     force (N)\n", "    "), "blanks and commas": table("time force\n", "  ", ","),
     "trailing comma": table("time,force,\n", end=","), "in rows alone": table("time,force\n", end=","),
@@ -50,11 +54,11 @@ FILES = {
     "preamble": table("Recorder 3.2\nRate,51200\nDate: 2024-01-01 12:00\n\ntime,force\n"),
     "second header line": table("Time,Force\n[ms],[mN]\n", ",", ".", "", 1e-3, 1e-3),
     "units as header": table("ms,N\n", of_time=1e-3), "extra columns": table("time,force,note,temp\n", end=",ok,21.5"),
-    "quotes": table('"time","force"\n"', '","', ",", '"\n"')[:-2], "topic": table("time,wrench.force.z\n"),
+    "quotes": '"time","force"\n"' + table("", '"#"', ",", '"').replace("\n", '\n"').replace("#", ",")[:-1], "topic": table("time,wrench.force.z\n"),
     "Latin-1": table("time (\u00b5s);force (N);St\u00f6\u00dfe\n", ";", of_time=1e-6, end=";1").encode("latin-1"),
     "byte order mark": table("time,force\n").encode("utf-8-sig"), "UTF-16": table("time,force\n").encode("utf-16"),
-    "UTF-16 without a mark": table("time,force\n").encode("utf-16-le"), "old Mac": table("time,force\n").replace("\n", "\r"),
-    "Excel on Windows": table("time,force\n").replace("\n", "\r\n"),
+    "UTF-16 without a mark": table("time,force\n").encode("utf-16-le"),
+    "old Mac": table("time,force\n").replace("\n", "\r"), "Excel on Windows": table("time,force\n").replace("\n", "\r\n"),
 }  # fmt: skip
 
 
@@ -83,14 +87,19 @@ def test_lost_samples_are_counted_and_the_rate_is_that_of_all(tmp_path):
         assert 1.0 / Log("a", stamps, {}).step == pytest.approx(51200.0, rel=1e-4)
 
 
-def test_accelerations_are_fitted_as_those_of_the_bodies():
-    """By the motion itself: the slope of the bodies' velocities, which the simulator has beside the forces."""
-    model = Model.of([], SCENE, [], {name: ig.Sensor() for name in ("tool_acceleration", "object_acceleration")}, ())
-    inside = (BLOW.contact_force > 0.05 * BLOW.contact_force.max()).nonzero()[0]
-    for body in ("tool", "object"):
-        sensed = model.sensed(BLOW_SCENE, BLOW, f"{body}_acceleration", BLOW.time)[0]
-        slope = np.gradient(getattr(BLOW, f"{body}_velocity"), BLOW.time)
-        assert sensed[inside[2:-2]] == pytest.approx(slope[inside[2:-2]], abs=0.02 * np.abs(slope[inside]).max())
+@pytest.mark.parametrize("friction", [None, 0.4])
+def test_accelerations_of_a_log_are_the_slopes_of_the_velocities(friction):
+    names = ("tool_acceleration", "object_acceleration")
+    struck = replace(SCENE, object=replace(SCENE.object, friction=friction))
+    blow = ig.simulate(struck, MOTION, 0.5, trace=True).trace
+    model = Model.of(
+        [Log("", TIME, dict.fromkeys(names, FORCE))], SCENE, [MOTION], dict.fromkeys(names, ig.Sensor()), ()
+    )
+    inside = np.flatnonzero(blow.contact_force > 0.05 * blow.contact_force.max())[2:-2]
+    for name in names:
+        slope = np.gradient(getattr(blow, name.replace("acceleration", "velocity")), blow.time)[inside]
+        sensed = model.sensed(struck, blow, name, blow.time)[0][inside]
+        assert sensed == pytest.approx(slope, abs=0.02 * np.abs(slope).max())
 
 
 def test_start_so_early_that_the_log_ends_when_the_blow_is_over_is_impossible_and_not_simulated():
