@@ -50,7 +50,7 @@ class Column(NamedTuple):
     unit: str  # SI, one of SCALES
     names: str  # a regular expression of its names in small letters, with one blank between words
     needs_unit: bool = False  # as several are usual, the file must say which
-    empty: float | None = None  # what an empty value means, in the SI unit; None: it is refused
+    empty: float | None = None  # what an empty value is: nan or inf; None: it is refused
 
 
 class Table(NamedTuple):
@@ -98,9 +98,10 @@ def _decoded(content: bytes) -> str:
             text = content.decode(("utf-16-be", "utf-16-le")[zeros.index(True)]) if any(zeros) else utf_8(content)
     except UnicodeDecodeError:
         text = content.decode("latin-1")
-    if re.search(r"[\x00-\x08\x0e-\x1f]", text):
-        raise ValueError("it is no text")
-    return re.sub("\r\n?", "\n", text)
+    text = re.sub("\r\n?", "\n", text)
+    if strange := re.search(r"[\x00-\x08\x0e-\x1f]", text):
+        raise ValueError(f"line {text.count(chr(10), 0, strange.start()) + 1} must be text, got {strange[0]!r}")
+    return text
 
 
 def _table(text: str, wanted: Mapping[str, Column], unnamed: Sequence[str]) -> Table:
@@ -109,19 +110,22 @@ def _table(text: str, wanted: Mapping[str, Column], unnamed: Sequence[str]) -> T
     sources, heads = _sources(lines, layout, wanted, unnamed)
 
     def number(name: str, value: str) -> float:
-        if not value.strip() and wanted[name].empty is not None:
-            return wanted[name].empty / (sources[name].scale or 1.0)
+        if not value.strip() and (empty := wanted[name].empty) is not None:
+            return empty
         if not NUMBERS[layout.decimal].fullmatch(value.strip()):
             raise ValueError(f"{name} must be a number, got {shown(value)}")
         return float(value.replace(",", "."))
 
     plain = layout.decimal == "." and all(wanted[name].empty is None for name in sources)
-    converters = {source.place: partial(number, name) for name, source in sources.items()}
+    converters: dict[int | str, Callable[[str], float]] = {
+        source.place: partial(number, name) for name, source in sources.items()
+    }
+    body = COMMENT_LINE.sub("", text[sum(len(line) + 1 for line in lines[: layout.first]) :])
+    places = [source.place for source in sources.values()]
     try:
         rows = np.loadtxt(
-            io.StringIO(COMMENT_LINE.sub("", text[sum(len(line) + 1 for line in lines[: layout.first]) :])),
-            delimiter=layout.separator, usecols=list(converters), comments=None, quotechar='"',
-            converters=None if plain else converters, ndmin=2,
+            io.StringIO(body), delimiter=layout.separator, usecols=places, comments=None, quotechar='"', ndmin=2,
+            converters=None if plain else converters,
         )  # fmt: skip
     except (ValueError, IndexError):
         _refuse_row(text, layout, sources, number)
@@ -179,12 +183,10 @@ def _sources(
                          f"them {allowed}, got {shown(lines[between[0]])}")  # fmt: skip
     if not heads and layout.least != len(unnamed):
         raise ValueError(f"{layout.least} columns must have names, some of them {allowed}, got none")
+    meanings = [_meaning(head, wanted) or ("", "") for head in heads] or [(name, "") for name in unnamed]
     sources: dict[str, _Source] = {}
     for name, column in wanted.items():
-        meant = [(place, *meaning) for place, head in enumerate(heads) if (meaning := _meaning(head, wanted))]
-        if not heads and name in unnamed:
-            meant = [(unnamed.index(name), name, "")]
-        meant = [(place, unit) for place, of, unit in meant if of == name]
+        meant = [(place, meaning[1]) for place, meaning in enumerate(meanings) if meaning[0] == name]
         same = [each for each in meant if heads and _plain(heads[each[0]]) == name.replace("_", " ")]
         if len(meant) > 1 and len(same) != 1:
             raise ValueError(f"one column must be {name}, got {', '.join(shown(heads[place]) for place, _ in meant)}")

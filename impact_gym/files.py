@@ -2,6 +2,7 @@
 
 import csv
 import errno
+import fcntl
 import io
 import os
 from collections.abc import Callable, Iterator
@@ -63,6 +64,8 @@ def reason(error: Exception) -> str:
     return f"it has no {error}" if isinstance(error, KeyError) else " ".join(str(error).split())
 
 
+UNFINISHED = ".unfinished"
+"""End of the name of a file that is being written, which stays where the process is killed."""
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
@@ -94,7 +97,7 @@ def whole_file(path: Path) -> Iterator[IO[bytes]]:
     Raises:
         DiskFullError: there is no room for it; what was at `path` is as it was.
     """
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}")
+    unfinished = path.with_name(f".{path.name}.{os.getpid()}{UNFINISHED}")
     with writing(str(path)):
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
@@ -105,6 +108,26 @@ def whole_file(path: Path) -> Iterator[IO[bytes]]:
             os.replace(unfinished, path)
         finally:
             unfinished.unlink(missing_ok=True)
+
+
+@contextmanager
+def locked(path: Path, wait: bool = True) -> Iterator[None]:
+    """Hold the lock file `path`, made if need be, alone among processes and threads; a killed process lets go of it.
+
+    What a killed process was writing in its folder, or below, is removed.
+
+    Raises:
+        ValueError: another process holds it, and there is no `wait`.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("a") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+        except BlockingIOError as error:
+            raise ValueError(f"{path.parent} is being written by another process") from error
+        for unfinished in path.parent.rglob(f".*{UNFINISHED}"):
+            unfinished.unlink(missing_ok=True)
+        yield
 
 
 def write_file(path: Path, content: str | bytes) -> Path:

@@ -25,7 +25,7 @@ LOST = 1e6  # s, the delay of a packet that never arrives: longer than any episo
 USUAL_DELAY = 1.0  # s; a file with longer ones must say its unit
 TRACE_COLUMNS = {
     "time": Column("s", r"((rel|relative|elapsed|send|sent) )?(time ?stamp|time|at)s?|t|sent"),
-    "delay": Column("s", r"((one way|network|packet) )?(delay|latency|owd)s?", empty=LOST),
+    "delay": Column("s", r"((one way|network|packet) )?(delay|latency|owd)s?", empty=np.nan),
 }
 Instants = Annotated[tuple[float, ...], SI("s", at_least=0.0, at_most=1e6)]
 

@@ -19,7 +19,7 @@ from agents.command_line import command_of
 from agents.jobs import cached, digest_of
 from experiments.lab import page
 from experiments.lab.charts import save
-from experiments.lab.parts import Section
+from experiments.lab.parts import Picture, Section
 from experiments.lab.results import KEPT, REPORTS, noted
 from impact_gym.files import whole_file
 from impact_gym.sources import compiled_from
@@ -155,7 +155,7 @@ class Run:
         findings = self.study.analyse(self.frames, self.options.quick)
         tables = {**self.frames, **findings.tables}
         files = [_write_table(self.folder / name, frame) for name, frame in tables.items()]
-        for picture in (picture for section in findings.sections for picture in section.pictures):
+        for picture in (part for section in findings.sections for part in section.parts if isinstance(part, Picture)):
             save(picture.figure, self.folder / f"{picture.name}.svg")
         about: dict[str, Any] = {"question": self.study.question, "findings": findings, "files": files}
         return page.write(self.folder, "lab/study.html.jinja", runs=runs, quick=self.options.quick, **about)

@@ -81,11 +81,6 @@ class Matchup:
     title: str = ""  # in plain words
 
     @property
-    def label(self) -> str:
-        """The title, and the name behind."""
-        return f"{self.title} ({self.name})" if self.title else self.name
-
-    @property
     def operated(self) -> bool:
         """Whether an operator commands: T is then the time until all is done."""
         return Task(**self.environment).operator is not None

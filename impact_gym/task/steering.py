@@ -11,7 +11,7 @@ from impact_gym.operators import KINDS, LOST, Channel
 from impact_gym.validation import Range
 
 WAYS = ("uplink", "downlink")
-LONGEST_SPACING = 200  # control periods between the packets of a trace
+LONGEST_SPACING, SLOWEST_PING = 200, 2.0  # control periods, or s, between the packets of a trace
 FADE: float = WITHDRAWAL_FADE  # s, in which a withdrawal ends
 
 
@@ -48,9 +48,9 @@ def checked(task: Any) -> dict[str, Channel]:
         if late >= task.horizon:
             raise ValueError(f"{way}.{of} must be below the horizon, {task.horizon:g} s, got {late:g} s{note}")
         apart = float(np.median(np.diff([time for time, _ in channel.trace]))) if channel.trace else 0.0
-        if apart > (most := LONGEST_SPACING * task.control_period):
-            raise ValueError(f"{way}.trace must have a packet each {most:g} s, {LONGEST_SPACING} control periods, or "
-                             f"more often, got one each {apart:g} s: is it in ms?")  # fmt: skip
+        if apart > (most := max(LONGEST_SPACING * task.control_period, SLOWEST_PING)):
+            raise ValueError(f"{way}.trace must have a packet each {most:g} s or more often beside a control period of "
+                             f"{task.control_period:g} s, got one each {apart:g} s: is it in ms?")  # fmt: skip
     if (timeout := channels["downlink"].timeout) != Channel().timeout:
         raise ValueError(f"downlink.timeout must be left out: the uplink's alone stops the arm, got {timeout:g} s")
     return channels
