@@ -126,8 +126,8 @@ def changes(name: str, values: Any, environment: Mapping[str, Any], strict: bool
     if name == "scenario":
         for scenarios in listed:
             same = scenarios == AS_TRAINED
-            if not same:
-                evaluation_sets.load(scenarios)  # raises where there is none
+            with within(where):
+                _ = same or evaluation_sets.load(scenarios)  # raises where there is none
             yield Change(name, scenarios, math.nan, False, environment, "" if same else scenarios, same)
         return
     given = {path: value for path, value in flat(environment).items() if path.partition(".")[0] in SET_UP_ARGUMENTS}

@@ -1,6 +1,7 @@
 """Laws of operators and channels: what is commanded, when it arrives, and what is seen of it."""
 
 import math
+from dataclasses import fields
 
 import numpy as np
 import pytest
@@ -62,6 +63,21 @@ def test_trace_of_delays_is_played_from_a_random_place_on(tmp_path):
     assert delays.min() >= 0.05
     assert delays.max() <= 0.25
     assert len(np.unique(delays[:, 0])) == 64
+
+
+def test_empty_delay_of_a_trace_is_a_lost_packet_and_its_neighbours_go_on(tmp_path):
+    """20 ms apart, every fourth lost: packets sent each 10 ms are lost if they are nearest to a lost one."""
+    lines = [f"{20 * k},{'' if k % 4 == 2 else 30}" for k in range(401)]
+    (tmp_path / "delays.csv").write_text("\n".join(["t [ms],delay [ms]", *lines]))
+    packets = packets_of(ig.Channel(trace=tmp_path / "delays.csv"), rows=64)
+    late = packets["arrives"] - packets["sent"]
+    assert (late > 9.0).mean() == pytest.approx(0.25, abs=0.01)
+    assert late[late < 9.0] == pytest.approx(0.03)
+
+
+def test_fields_of_a_channel_are_in_the_order_that_callers_rely_on():
+    names = [field.name for field in fields(ig.Channel)]
+    assert names[:6] == ["delay", "jitter", "loss", "burst", "timeout", "trace"]
 
 
 RISING = {"trace": [[0.0, 0.0], [1.0, 0.4], [2.0, 0.3]]}
