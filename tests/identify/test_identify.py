@@ -103,7 +103,9 @@ def test_identify_sees_through_a_load_cell_that_rings_and_is_braked_with_the_too
     recorded = {"time": time, "force": read + np.random.default_rng(0).normal(0.0, 0.005 * read.max(), len(time))}
     fit = ig.identify(recorded, guess(), MOTION, sensor=ig.Sensor(low_pass=low_pass, cell=cell))
     assert_near(fit, TRUTH)
-    unaware = ig.identify(recorded, guess(), MOTION, sensor=ig.Sensor(low_pass=low_pass))
+    assert fit.warnings == ()
+    with pytest.warns(UserWarning, match="force"):
+        unaware = ig.identify(recorded, guess(), MOTION, sensor=ig.Sensor(low_pass=low_pass))
     low, high = fit.interval["object.mass"]
     assert not low < unaware.estimate["object.mass"] < high
 

@@ -38,7 +38,7 @@ def test_wrong_minimum_of_the_clock_is_not_taken(later):
 ], ids=["untared", "drift", "hum", "a second touch"])  # fmt: skip
 def test_misfit_is_said(spoil, words):
     good = log(TRUTH, before=0.02)
-    with pytest.warns(UserWarning) as said:
+    with pytest.warns(UserWarning, match="log, force") as said:
         fit = ig.identify(good | {"force": good["force"] + spoil(good["time"])}, TRUTH, MOTION)
     assert tuple(str(each.message) for each in said) == fit.warnings
     assert any(words in text for text in fit.warnings)
