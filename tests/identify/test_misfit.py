@@ -37,7 +37,7 @@ def test_wrong_minimum_of_the_clock_is_not_taken(later):
     (lambda time: 4.0 * np.exp(-(((time - time[-1] + 0.01) / 0.001) ** 2)), "from the touch on"),
 ], ids=["untared", "drift", "hum", "a second touch"])  # fmt: skip
 def test_misfit_is_said(spoil, words):
-    good = log(TRUTH, before=0.02)
+    good = log(TRUTH)
     with pytest.warns(UserWarning, match="log, force") as said:
         fit = ig.identify(good | {"force": good["force"] + spoil(good["time"])}, TRUTH, MOTION)
     assert tuple(str(each.message) for each in said) == fit.warnings
