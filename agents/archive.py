@@ -20,18 +20,8 @@ from impact_gym.validation import shown
 
 Arrays = Mapping[str, NDArray[Any]]
 DAMAGE = (
-    *(
-        ValueError,
-        TypeError,
-        AttributeError,
-        LookupError,
-        RuntimeError,
-        OSError,
-        EOFError,
-        ArithmeticError,
-        MemoryError,
-    ),
-    *(SyntaxError, tokenize.TokenError, zipfile.BadZipFile, zlib.error, struct.error),
+    *(ArithmeticError, AttributeError, EOFError, LookupError, MemoryError, OSError, RuntimeError, SyntaxError),
+    *(TypeError, ValueError, tokenize.TokenError, zipfile.BadZipFile, zlib.error, struct.error),
 )
 """What reading a file can raise that is not an archive, or no longer."""
 

@@ -213,12 +213,10 @@ def environment_of(about: Mapping[str, Any]) -> gym.Env[Any, Any]:
     spec = json.loads(about["env_spec"])
     if spec["id"] not in IDS:
         raise ValueError(f"its id must be one of {', '.join(IDS)}, got {shown(spec['id'])}")
-    ours = gym.spec(spec["id"])
-    for field in ("entry_point", "vector_entry_point"):
-        if spec[field] != getattr(ours, field):
-            raise ValueError(f"its {field} must be {getattr(ours, field)}, got {shown(spec[field])}")
-    if spec["additional_wrappers"]:
-        raise ValueError(f"its additional_wrappers must be none, got {shown(spec['additional_wrappers'])}")
+    ours = json.loads(gym.spec(spec["id"]).to_json())
+    for field in ("entry_point", "vector_entry_point", "additional_wrappers"):
+        if spec[field] != ours[field]:
+            raise ValueError(f"its {field} must be {ours[field]}, got {shown(spec[field])}")
     arguments = {**without_files(spec["kwargs"]), "render_mode": None}
     return gym.make(spec["id"], max_episode_steps=spec["max_episode_steps"], **arguments)
 

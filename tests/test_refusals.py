@@ -250,6 +250,9 @@ THINGS = {
     "no bytes": b"", "the beginning of a zip": b"PK", "some text": b"text", "a pickle": b"\x80\x04",
     "any bytes": bytes(range(256)) * 20, "an array's file": saved(lambda file: np.save(file, np.zeros(3))),
     "a zip of no arrays": saved(lambda file: zipfile.ZipFile(file, "w").writestr("header.npy", "not an array")),
+    "an array of more rows than there can be": saved(lambda file: zipfile.ZipFile(file, "w").writestr(
+        "header.npy", b"\x93NUMPY\x01\0\x58\0" + b"%-88s" % repr(
+            {"descr": "<f8", "fortran_order": False, "shape": (2**70, 0)}).encode())),
     "an archive of version 9": saved(lambda file: archive.save(file, "impact_gym policies 9", {}, {})),
     "time": TIME, "force": FORCE, "noise": NOISE, "log with a gap": samples(np.r_[0:50, 71:161]),
     "time with a step back": put(TIME, 30, TIME[20]), "time in ms": 1e3 * TIME, "time with nan": put(TIME, 7, np.nan),
