@@ -10,8 +10,8 @@ from impact_gym.scene import Scene
 from impact_gym.task.paths import flatten, get, parts
 from impact_gym.validation import WrongTypeError, number, shown
 
-RESTITUTION = "contact.restitution"
-SEARCHED = {"contact.stiffness": (1e2, 1e8), RESTITUTION: (0.03, 0.99)}
+MASS, STIFFNESS, RESTITUTION = "object.mass", "contact.stiffness", "contact.restitution"
+SEARCHED = {STIFFNESS: (1e2, 1e8), RESTITUTION: (0.03, 0.99), MASS: (5e-3, 5e2)}
 """Ranges in which a fit looks for starting points, unless told otherwise."""
 SEARCH_FACTOR = 10.0  # of other numbers: from a tenth to ten times what the scene has
 REACH_FACTOR = 1e4  # beyond the searched range on either side, where the fit gives up

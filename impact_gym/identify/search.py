@@ -1,6 +1,7 @@
 """Where a fit begins, and least squares from there: several starts race each other to the minima.
 
-A start is a scene scattered over what is searched, with the start of the motion and the biases that suit the log best.
+A start is a scene with the impulse and the width of the measured blow, or one scattered over what is searched, with the
+start of the motion and the biases that suit the log best.
 """
 
 import math
@@ -10,15 +11,18 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import least_squares
 
-from impact_gym.identify.coordinates import RESTITUTION
+from impact_gym.identify.coordinates import MASS, RESTITUTION, STIFFNESS
 from impact_gym.identify.log import Log
 from impact_gym.identify.model import Model
 from impact_gym.identify.sensor import Array, level
-from impact_gym.scene import Scene
+from impact_gym.scene import Rigid, Robot, Scene
 from impact_gym.simulation import Trace
 
 SCATTERED = 40  # scenes beside the given one
 SEED = 0
+RESTITUTIONS = 0.1, 0.3, 0.5, 0.7, 0.9, 0.98  # of scenes with the impulse and the width of the measured blow
+PASSES = 3  # simulations to find such a scene
+WALL = 1e3  # times the mass of the tool: no blow shows a heavier object
 ROUNDS, ROUND_EVALUATIONS = 5, 8  # of a race: fits are compared after so many evaluations of the residuals
 MIN_GAP_REDUCTION = 0.2  # drop a fit that keeps more than 80 % of its gap to the best one per round
 GOOD_MISFIT = 20.0  # above the least misfit, relative to what noise leaves of a sample: a rough minimum worth polishing
@@ -36,15 +40,66 @@ class Point(NamedTuple):
 
 
 def scatter(model: Model) -> list[Array]:
-    """Return starting points x, best first: the scene as it is given, and a Latin hypercube of its free numbers."""
+    """Return starting points x, best first: the given scene, those `from_impulse`, a Latin hypercube of what is free."""
     rng = np.random.default_rng(SEED)
     low, high = np.array([[number.coordinate(size) for size in number.searched] for number in model.free]).T
     cells = np.array([rng.permutation(SCATTERED) for _ in model.free]).T
     points = low + (high - low) * (cells + rng.random(cells.shape)) / SCATTERED
     given = np.array([number.start(model.scene) for number in model.free])
-    starts = [start_at(model, point, rng.random()) for point in [given, *points]]
+    starts = [start_at(model, point, rng.random()) for point in [given, *from_impulse(model, given), *points]]
     starts.sort(key=lambda start: start.misfit)
     return [start.x for start in starts if np.isfinite(start.misfit)]
+
+
+def from_impulse(model: Model, given: Array) -> list[Array]:
+    """Return free coordinates with which the first log's force has its impulse and its width, for each of RESTITUTIONS.
+
+    An impulse is (1 + e) v / (1/m + 1/m_tool), and a width, impulse over peak, goes with k^(-1/(n + 1)) for a force
+    k delta^n (Johnson, Contact Mechanics, 1985, sec. 11.4): each pass corrects both by what a simulation has of them.
+    """
+    places = {number.name: i for i, number in enumerate(model.free)}
+    k = next((k for k, log in enumerate(model.logs) if "force" in log.columns), None)
+    if k is None or not {MASS, STIFFNESS} & set(places):
+        return []
+    log, sensor = model.logs[k], model.sensors["force"]
+    force, few = log.columns["force"], max(len(log.time) // 20, 1)
+    rests = np.median(force[:few]), np.median(force[-few:])  # of which one may lie in the blow
+    impulse, peak = _impulse_and_peak(log.time, force - (min(rests) if sensor.bias == "estimated" else sensor.bias))
+    if impulse <= 0.0:
+        return []
+    points = []
+    for restitution in RESTITUTIONS if RESTITUTION in places else (model.scene.contact.restitution,):
+        x = given.copy()
+        if RESTITUTION in places:
+            x[places[RESTITUTION]] = model.free[places[RESTITUTION]].coordinate(restitution)
+        for _ in range(PASSES):
+            try:
+                scene = model.scene_at(x)
+                trace = model.trace(scene, k, model.latest(scene, k))
+            except (ValueError, RuntimeError):
+                break
+            end = trace.time[np.argmax(trace.contact_force > 0.0)] + log.time[-1] - log.time[0]
+            n = np.searchsorted(trace.time, end)
+            sensed = model.sensed(scene, trace, "force", trace.time[:n])[0]
+            simulated, high = _impulse_and_peak(trace.time[:n], sensed)
+            if simulated <= 0.0:
+                break
+            if MASS in places:
+                behind = scene.robot.mass if isinstance(scene.robot, Robot) else math.inf
+                tool = scene.tool.mass + (behind if isinstance(scene.coupling, Rigid) else 0.0)
+                inverse = (1.0 / scene.object.mass + 1.0 / tool) * simulated / impulse - 1.0 / tool
+                u = -math.log(max(inverse, 1.0 / (WALL * scene.tool.mass)))
+                x[places[MASS]] = model.free[places[MASS]].clipped(u)
+            if STIFFNESS in places:
+                longer = math.log(simulated / high / (impulse / peak))
+                u = x[places[STIFFNESS]] + (scene.contact.stiffness_exponent + 1.0) * longer
+                x[places[STIFFNESS]] = model.free[places[STIFFNESS]].clipped(u)
+        points.append(x)
+    return points
+
+
+def _impulse_and_peak(time: Array, force: Array) -> tuple[float, float]:
+    return float(np.trapezoid(force, time)), float(force.max(initial=0.0))
 
 
 def start_at(model: Model, point: Array, share: float) -> Point:
