@@ -63,7 +63,7 @@ def identify(
     logs = [logs_of.read(source, name) for source, name in zip(sources, names, strict=True)]
     sensors = _by_column(sensor, [name for name in logs_of.UNITS if any(name in each.columns for each in logs)])
     for each, imposed in zip(logs, motions, strict=True):
-        logs_of.check(each, scene, imposed, sensors)
+        logs_of.check(each, scene, imposed, sensors, coordinates)
     model = Model.of(logs, scene, motions, sensors, coordinates)
     if model.size >= model.samples:
         unknown = f"{model.size} unknowns with starts and biases"

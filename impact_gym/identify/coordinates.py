@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import Any
 
-from impact_gym.scene import Scene
+from impact_gym.scene import Scene, SpringDamper
 from impact_gym.task.paths import flatten, get, parts
 from impact_gym.validation import WrongTypeError, number, shown
 
@@ -15,6 +15,7 @@ SEARCHED = {STIFFNESS: (1e2, 1e8), RESTITUTION: (0.03, 0.99), MASS: (5e-3, 5e2)}
 """Ranges in which a fit looks for starting points, unless told otherwise."""
 SEARCH_FACTOR = 10.0  # of other numbers: from a tenth to ten times what the scene has
 REACH_FACTOR = 1e4  # beyond the searched range on either side, where the fit gives up
+WALL = 1e5  # times the mass of a tool on a spring, beyond which an object is a wall and the fit gives up, too
 LARGEST_LOGIT = 14.0  # of ln(e/(1-e)): e within 1e-6 of an end
 
 
@@ -26,6 +27,7 @@ class Coordinate:
     sign: float  # of the number
     searched: tuple[float, float]  # of the number's size
     bounded: bool  # the number is known to be in the searched range
+    wall: float = math.inf  # from which size on it makes no difference
 
     @property
     def reach(self) -> tuple[float, float]:
@@ -34,7 +36,7 @@ class Coordinate:
             return self.coordinate(self.searched[0]), self.coordinate(self.searched[1])
         if self.name == RESTITUTION:
             return -LARGEST_LOGIT, LARGEST_LOGIT
-        return math.log(self.searched[0] / REACH_FACTOR), math.log(self.searched[1] * REACH_FACTOR)
+        return math.log(self.searched[0] / REACH_FACTOR), math.log(min(self.searched[1] * REACH_FACTOR, self.wall))
 
     def coordinate(self, size: float) -> float:
         """Return the coordinate of a number of this size."""
@@ -90,7 +92,8 @@ def free_coordinates(scene: Scene, free: Iterable[str] | Mapping[str, Any]) -> t
             raise ValueError(f"free: {name} is 0 in the scene, which gives its scale: give a guess, or a range for it")
         default = SEARCHED.get(name, (abs(value) / SEARCH_FACTOR, abs(value) * SEARCH_FACTOR))
         searched = default if pair is None else _range(name, pair)
-        coordinates.append(Coordinate(name, math.copysign(1.0, value), searched, pair is not None))
+        wall = WALL * scene.tool.mass if name == MASS and isinstance(scene.coupling, SpringDamper) else math.inf
+        coordinates.append(Coordinate(name, math.copysign(1.0, value), searched, pair is not None, wall))
     return tuple(coordinates)
 
 

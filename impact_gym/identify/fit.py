@@ -37,6 +37,7 @@ class Fit:
     x: Array
     misfit: float  # sum of squared residuals over the noise
     covariance: Array
+    valley: Array  # covariance with each free number held loosely, within MAX_STEP: what nothing tells stays
     others: Sequence[Point]
 
     @classmethod
@@ -67,7 +68,9 @@ class Fit:
             if not _estimate_noise(model, points[0].x) or len(model.noise) == 1:  # which alone changes no minimum
                 break
         best, *others = (Point(float(np.sum(model.residuals(point.x) ** 2)), point.x) for point in points)
-        return cls(model, best.x, best.misfit, _covariance(model.jacobian(best.x)), others)
+        jacobian, loosely = model.jacobian(best.x), np.eye(len(model.free), model.size) / MAX_STEP
+        valley = _covariance(np.concatenate([jacobian, loosely]))
+        return cls(model, best.x, best.misfit, _covariance(jacobian), valley, others)
 
     def moved(self, x: Array) -> "Fit":
         """Return the fit that a better point leads to, with the noise of its own residual."""
@@ -91,7 +94,7 @@ class Fit:
 
     def direction(self, i: int) -> Array:
         """Return how x moves with x[i] along the valley of the misfit, by the curvature at the best fit."""
-        return self.covariance[:, i] / self.covariance[i, i]
+        return self.valley[:, i] / self.valley[i, i]
 
 
 def fit_with_intervals(model: Model) -> tuple[Fit, list[Ends]]:

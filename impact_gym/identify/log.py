@@ -2,7 +2,7 @@
 
 import math
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
@@ -12,9 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_gym.csv_files import Column, read_columns
+from impact_gym.identify.coordinates import Coordinate
 from impact_gym.identify.sensor import Array, Sensor, bursts, level, noise_of, runs
 from impact_gym.motion import Trapezoid
 from impact_gym.scene import Rigid, Robot, Scene
+from impact_gym.task.paths import replaced
 from impact_gym.validation import WrongTypeError, numbers, shown
 
 TIME = Column("s", r"((rel|relative|elapsed) )?(time ?stamp|time)s?|t|zeit|x value")
@@ -39,7 +41,7 @@ MAX_GAP = 1.5  # times the usual step: more are lost samples, unless the steps b
 MAX_LOST = 3  # samples in a row
 MIN_SWING = 10.0  # standard deviations of the noise, from the least to the largest sample of a blow
 MOST_IMPULSE = 200.0  # times what brings the tool back as fast as it came: time may be in ms
-LEAST_IMPULSE = 0.01  # times that of two such bodies that stop against each other: the unit is another
+LEAST_IMPULSE = 0.03  # times that of the lightest bodies searched for that stop each other: the unit is another
 FLAT_SAMPLES = 3  # with the very same largest value, between much smaller ones: the sensor is saturated
 
 
@@ -117,7 +119,9 @@ def read(source: Any, name: str) -> Log:
     return replace(log, said=f"read {len(time):,} samples at {shown_rate} from {name}: {said}{lost}")
 
 
-def check(log: Log, scene: Scene, motion: Trapezoid, sensors: Mapping[str, Sensor]) -> None:
+def check(
+    log: Log, scene: Scene, motion: Trapezoid, sensors: Mapping[str, Sensor], free: Sequence[Coordinate] = ()
+) -> None:
     """Refuse a log in other units, off its rate, of a dead or clipped sensor, without a blow, with a force that pulls.
 
     Raises:
@@ -141,11 +145,12 @@ def check(log: Log, scene: Scene, motion: Trapezoid, sensors: Mapping[str, Senso
     if not any(float(np.ptp(values)) > MIN_SWING * noise[name] for name, values in log.columns.items()):
         raise ValueError(f"{log.name} has no blow: nothing in {', '.join(log.columns)} stands out of the noise")
     if "force" in log.columns:
-        _refuse_other_force(log, scene, motion, sensors["force"])
+        lightest = {number.name: number.searched[0] for number in free if number.name.endswith(".mass")}
+        _refuse_other_force(log, replaced(scene, lightest), motion, sensors["force"])
 
 
 def _refuse_other_force(log: Log, scene: Scene, motion: Trapezoid, sensor: Sensor) -> None:
-    """Refuse a force that pulls, and one whose impulse is far below what stops two such bodies against each other."""
+    """Refuse a force that pulls, and one whose impulse is far below what stops bodies as light as the scene's."""
     force = log.columns["force"] - level(log.columns["force"], sensor)
     most, least = float(force.max()), float(force.min())
     if sensor.bias != "estimated" and -least > most:
@@ -164,8 +169,9 @@ def _refuse_other_force(log: Log, scene: Scene, motion: Trapezoid, sensor: Senso
         )  # fmt: skip
     if 0.0 < impulse < LEAST_IMPULSE * usual:
         raise ValueError(
-            f"{log.name}, force must have an impulse of about {usual:.3g} N s, as tool and object of the scene have at"
-            f" {speed:g} m/s, got {impulse:.3g} N s: is it in kN? If not, guess object.mass and tool.mass better"
+            f"{log.name}, force must have an impulse of about {usual:.3g} N s or more, as a tool of"
+            f" {scene.tool.mass:g} kg and an object of {scene.object.mass:g} kg have at {speed:g} m/s, got {impulse:.3g}"
+            " N s: is it in kN? If not, is object.mass or tool.mass smaller?"
         )
 
 

@@ -165,14 +165,15 @@ class Model:
         return (self.predicted(x)[0] + self.biases(x) - self.measured) / self.scales()
 
     def jacobian(self, x: Array, skip: int | None = None) -> Array:
-        """Return the derivatives of `residuals` by x (n, size), forward differences in part, without x[skip]."""
+        """Return the derivatives of `residuals` by x (n, size), differences in part, without x[skip]."""
         here, slopes = self.predicted(x)
         columns = np.zeros((self.samples, self.size))
-        for i in range(len(self.free)):
+        for i, number in enumerate(self.free):
             if i != skip:
+                step = -STEP if x[i] + STEP > number.reach[1] else STEP  # beyond its reach nothing moves
                 there = x.copy()
-                there[i] += STEP
-                columns[:, i] = (self._predict(there)[0] - here) / STEP
+                there[i] += step
+                columns[:, i] = (self._predict(there)[0] - here) / step
         for (k, name), slot in self.slots.items():
             columns[slot, len(self.free) + k] = -slopes[slot]
             if (k, name) in self.biased:

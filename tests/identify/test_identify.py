@@ -199,7 +199,7 @@ class Misfit:
 def test_interval_reaches_over_a_ridge_to_another_minimum_that_is_as_good(well):
     model = Misfit(lambda u: min((u / 0.1) ** 2, ((u - well) / 0.1) ** 2 + 2.0 * (well > 0.0)))
     covariance = 0.1**2 * np.array([[1.0, 1.0], [1.0, 2.0]])
-    _, ((low, high),) = intervals(Fit(model, np.zeros(2), 0.0, covariance, []))
+    _, ((low, high),) = intervals(Fit(model, np.zeros(2), 0.0, covariance, covariance, []))
     assert low < 0.0 <= well < high
     assert [model.profile(low), model.profile(high)] == pytest.approx([3.841, 3.841], rel=0.04)  # twice END_TOLERANCE
     assert well or len(model.tried) == 2 * (1 + len(BEYOND))  # a parabola ends where its curvature says
