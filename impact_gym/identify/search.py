@@ -21,7 +21,7 @@ from impact_gym.simulation import Trace
 SCATTERED = 40  # scenes beside the given one
 SEED = 0
 RESTITUTIONS = 0.1, 0.3, 0.5, 0.7, 0.9, 0.98  # of scenes with the impulse and the width of the measured blow
-PASSES = 3  # simulations to find such a scene
+PASSES, NEAR = 8, 0.1  # simulations to find such a scene, at most, and how near (ln) is enough
 WALL = 1e3  # times the mass of the tool: no blow shows a heavier object
 ROUNDS, ROUND_EVALUATIONS = 5, 8  # of a race: fits are compared after so many evaluations of the residuals
 MIN_GAP_REDUCTION = 0.2  # drop a fit that keeps more than 80 % of its gap to the best one per round
@@ -72,6 +72,7 @@ def from_impulse(model: Model, given: Array) -> list[Array]:
         x = given.copy()
         if RESTITUTION in places:
             x[places[RESTITUTION]] = model.free[places[RESTITUTION]].coordinate(restitution)
+        light, heavy = -math.inf, math.inf  # mass too light, too heavy
         for _ in range(PASSES):
             try:
                 scene = model.scene_at(x)
@@ -84,16 +85,21 @@ def from_impulse(model: Model, given: Array) -> list[Array]:
             simulated, high = _impulse_and_peak(trace.time[:n], sensed)
             if simulated <= 0.0:
                 break
+            more, longer = simulated / impulse, simulated / high / (impulse / peak)
             if MASS in places:
+                u, number = x[places[MASS]], model.free[places[MASS]]
+                light, heavy = (u, heavy) if more < 1.0 else (light, u)
                 behind = scene.robot.mass if isinstance(scene.robot, Robot) else math.inf
                 tool = scene.tool.mass + (behind if isinstance(scene.coupling, Rigid) else 0.0)
-                inverse = (1.0 / scene.object.mass + 1.0 / tool) * simulated / impulse - 1.0 / tool
+                inverse = (1.0 / scene.object.mass + 1.0 / tool) * more - 1.0 / tool
                 u = -math.log(max(inverse, 1.0 / (WALL * scene.tool.mass)))
-                x[places[MASS]] = model.free[places[MASS]].clipped(u)
+                x[places[MASS]] = number.clipped(u if light < u < heavy else (light + heavy) / 2.0)
             if STIFFNESS in places:
-                longer = math.log(simulated / high / (impulse / peak))
-                u = x[places[STIFFNESS]] + (scene.contact.stiffness_exponent + 1.0) * longer
-                x[places[STIFFNESS]] = model.free[places[STIFFNESS]].clipped(u)
+                number = model.free[places[STIFFNESS]]
+                u = x[places[STIFFNESS]] + (scene.contact.stiffness_exponent + 1.0) * math.log(longer)
+                x[places[STIFFNESS]] = number.clipped(u)
+            if max(abs(math.log(more)), abs(math.log(longer))) < NEAR:
+                break
         points.append(x)
     return points
 
