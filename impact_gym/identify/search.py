@@ -112,7 +112,7 @@ def start_at(model: Model, point: Array, share: float) -> Point:
     """Return free coordinates with the start times and biases at which the misfit is least.
 
     Times are tried on the log's own grid, moved by a `share` of a sample, and none at which the log begins later than
-    its own length after the touch.
+    its own length after the touch, or ends as much before it.
     """
     x = np.zeros(model.size)
     x[: len(point)] = point
@@ -137,7 +137,8 @@ def _align(model: Model, scene: Scene, log: Log, trace: Trace, share: float) -> 
     step, n = log.step, len(log.time)
     touch = trace.time[np.argmax(trace.contact_force > 0.0)] if np.any(trace.contact_force > 0.0) else np.inf
     last = min(trace.time[-1], touch + 2.0 * n * step)
-    times: Array = (np.arange(int(last / step), dtype=float) + share) * step
+    first = max(touch - 2.0 * n * step, 0.0) if np.isfinite(touch) else 0.0
+    times: Array = first + (np.arange(int((last - first) / step), dtype=float) + share) * step
     m = len(times)  # shift k puts sample j of the motion on sample j + k of the log; the log ends within the motion
     misfit, biases = np.zeros(m + 1), {}
     length = 1 << int(n + m).bit_length()
@@ -157,7 +158,7 @@ def _align(model: Model, scene: Scene, log: Log, trace: Trace, share: float) -> 
         misfit += (np.sum(y**2) - 2.0 * products[lags % length] + power - free * n * off**2) / model.noise[name] ** 2
         biases[name] = off + rest
     best = int(np.argmin(misfit))
-    delay = (n - m + best) * step - share * step
+    delay = (n - m + best - share) * step - first
     return float(misfit[best]), delay, {name: float(bias[best]) for name, bias in biases.items()}
 
 
