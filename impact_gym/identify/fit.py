@@ -228,17 +228,21 @@ def _is_vague(fit: Fit) -> bool:
 
 
 def _refit(fit: Fit, i: int, u: float, near: Point) -> Point:
-    """Return the fit with x[i] held at `u`, begun from a point near, from where it follows the valley.
+    """Return the fit with x[i] held at `u`, begun from a point near, along the valley or, if that ends outside, across.
 
     Raises:
         _BetterError: it is better than the best.
     """
-    start = near.x + fit.direction(i) * (u - near.x[i])
-    start[i] = u
-    point = descend(fit.model, start, i, ROUGH)
-    if point.misfit < fit.misfit - MIN_IMPROVEMENT:
-        raise _BetterError(point.x)
-    return point
+    points = []
+    for along in (fit.direction(i), np.zeros_like(near.x)):
+        start = near.x + along * (u - near.x[i])
+        start[i] = u
+        points.append(descend(fit.model, start, i, ROUGH))
+        if points[-1].misfit < fit.misfit - MIN_IMPROVEMENT:
+            raise _BetterError(points[-1].x)
+        if fit.excess(points[-1]) < ((1.0 + END_TOLERANCE) * fit.quantile) ** 2:
+            break
+    return min(points, key=lambda point: point.misfit)
 
 
 def profile(fit: Fit, i: int, side: int, begin: Point) -> float | None:
