@@ -198,7 +198,8 @@ def intervals(fit: Fit) -> tuple[Fit, list[Ends]]:
             return fit, [tuple(_end(fit, i, side) for side in (-1, 1)) for i in range(len(fit.model.free))]
         except _BetterError as better:
             fit = fit.moved(better.x)
-    raise RuntimeError(f"identify: {MAX_IMPROVEMENTS} times a better fit was met next to the best one")
+    names = ", ".join(number.name for number in fit.model.free)
+    raise ValueError(f"free must be fewer numbers than {names}: too many scenes fit the log equally well")
 
 
 def _end(fit: Fit, i: int, side: int) -> float | None:

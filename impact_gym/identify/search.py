@@ -79,8 +79,9 @@ def from_impulse(model: Model, given: Array) -> list[Array]:
                 trace = model.trace(scene, k, model.latest(scene, k))
             except (ValueError, RuntimeError):
                 break
-            end = trace.time[np.argmax(trace.contact_force > 0.0)] + log.time[-1] - log.time[0]
-            n = np.searchsorted(trace.time, end)
+            touch = int(np.argmax(trace.contact_force > 0.0))
+            parted = touch + int(np.argmin(trace.contact_force[touch:]))
+            n = max(np.searchsorted(trace.time, trace.time[touch] + log.time[-1] - log.time[0]), parted + 1)
             sensed = model.sensed(scene, trace, "force", trace.time[:n])[0]
             simulated, high = _impulse_and_peak(trace.time[:n], sensed)
             if simulated <= 0.0:
