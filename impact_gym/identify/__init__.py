@@ -41,7 +41,8 @@ def identify(
         log: mapping of columns or path of a CSV file, or a list of such: `time` (s) and any of `force` (N, of the
             contact), `flange_velocity`, `tool_velocity`, `object_velocity` (m/s). It may begin and end anywhere about
             the blow.
-        scene: what is known; of the free numbers, a guess, which hardly matters.
+        scene: what is known; of the free numbers, a guess: the search also begins from what the blow's
+            impulse and width say.
         motion: imposed motion, or one for each log.
         free: names of numbers of the scene, or these with a range (low, high) that is known for sure.
         sensor: what is known of the sensor; by column, where the logs have more than one. None: no filter, no bias,

@@ -5,7 +5,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import ndtri, stdtrit
@@ -22,8 +22,7 @@ MAX_STEP = 1.5  # of a coordinate, a first step towards an end; an interval as l
 MAX_STEPS = 10  # fits on the way to an end
 BEYOND = (1.6, 2.5)  # times the way to an end, where the misfit is looked at once more
 MAX_DEVIATION = 1e3  # of a coordinate, a standard deviation that says there is none
-MIN_IMPROVEMENT = 0.05  # of the misfit, by which a better fit is better; an end is where it has grown by 3.8
-MAX_IMPROVEMENTS = 20  # better fits met on the way to the ends
+MIN_IMPROVEMENT = 0.05  # of the misfit, by which a better fit is better, twice as much each time; an end is 3.8 above
 MIN_LEFTOVER = 6.0, 0.5  # of a blow not in the scene: standard deviations that the fit leaves of it, and share of it
 
 Ends = tuple[float | None, ...]
@@ -39,6 +38,7 @@ class Fit:
     covariance: Array
     valley: Array  # covariance with each free number held loosely, within MAX_STEP: what nothing tells stays
     others: Sequence[Point]
+    improvement: float = MIN_IMPROVEMENT
 
     @classmethod
     def of(cls, model: Model) -> "Fit":
@@ -193,13 +193,11 @@ def intervals(fit: Fit) -> tuple[Fit, list[Ends]]:
 
     Other minima that the quantile does not exclude widen an interval. Where a better fit is met, that is the fit.
     """
-    for _ in range(MAX_IMPROVEMENTS):
+    while True:  # ends, as the misfit is finite
         try:
             return fit, [tuple(_end(fit, i, side) for side in (-1, 1)) for i in range(len(fit.model.free))]
         except _BetterError as better:
-            fit = fit.moved(better.x)
-    names = ", ".join(number.name for number in fit.model.free)
-    raise ValueError(f"free must be fewer numbers than {names}: too many scenes fit the log equally well")
+            fit = replace(fit.moved(better.x), improvement=2.0 * fit.improvement)
 
 
 def _end(fit: Fit, i: int, side: int) -> float | None:
@@ -239,7 +237,7 @@ def _refit(fit: Fit, i: int, u: float, near: Point) -> Point:
         start = near.x + along * (u - near.x[i])
         start[i] = u
         points.append(descend(fit.model, start, i, ROUGH))
-        if points[-1].misfit < fit.misfit - MIN_IMPROVEMENT:
+        if points[-1].misfit < fit.misfit - fit.improvement:
             raise _BetterError(points[-1].x)
         if fit.excess(points[-1]) < ((1.0 + END_TOLERANCE) * fit.quantile) ** 2:
             break

@@ -137,7 +137,7 @@ def _quantities(log: Log, fit: Identified) -> dict[str, float]:
         found["object_velocity"] = float(np.mean(log.columns["object_velocity"][-max(int(END * len(log.time)), 1) :]))
     if "force" in log.columns:
         force = log.columns["force"] - level(log.columns["force"], fit.fit.model.sensors["force"])
-        found["peak_force"], found["impulse"] = float(force.max()), float(log.step * force.sum())
+        found["peak_force"], found["impulse"] = float(force.max()), float(np.trapezoid(force, log.time))
         found["duration"] = log.step * _width(force)
     return found
 

@@ -170,8 +170,8 @@ def _refuse_other_force(log: Log, scene: Scene, motion: Trapezoid, sensor: Senso
     if 0.0 < impulse < LEAST_IMPULSE * usual:
         raise ValueError(
             f"{log.name}, force must have an impulse of about {usual:.3g} N s or more, as a tool of"
-            f" {scene.tool.mass:g} kg and an object of {scene.object.mass:g} kg have at {speed:g} m/s, got {impulse:.3g}"
-            " N s: is it in kN? If not, is object.mass or tool.mass smaller?"
+            f" {scene.tool.mass:g} kg and an object of {scene.object.mass:g} kg have at {speed:g} m/s, got"
+            f" {impulse:.3g} N s: is it in kN? If not, is object.mass or tool.mass smaller?"
         )
 
 

@@ -40,7 +40,7 @@ class Point(NamedTuple):
 
 
 def scatter(model: Model) -> list[Array]:
-    """Return starting points x, best first: the given scene, those `from_impulse`, a Latin hypercube of what is free."""
+    """Return starting points x, best first: the given scene, those `from_impulse`, a Latin hypercube of the rest."""
     rng = np.random.default_rng(SEED)
     low, high = np.array([[number.coordinate(size) for size in number.searched] for number in model.free]).T
     cells = np.array([rng.permutation(SCATTERED) for _ in model.free]).T

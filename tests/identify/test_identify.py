@@ -206,7 +206,7 @@ def test_interval_reaches_over_a_ridge_to_another_minimum_that_is_as_good(well):
 
 
 def test_fits_begin_once_in_each_part_of_what_is_searched():
-    model = identified().fit.model
+    model = ig.identify(log(TRUTH), TRUTH, MOTION, ("contact.restitution", "tool.mass")).fit.model
     for i, number in enumerate(model.free):
         low, high = map(number.coordinate, number.searched)
         shares = [(x[i] - low) / (high - low) for x in scatter(model) if x[i] != number.start(model.scene)]
