@@ -103,7 +103,7 @@ def test_numbers_of_joints_are_one_for_all_one_for_each_or_drawn_between_two(tmp
     assert seven.rotors == pytest.approx(np.ones(7))
 
 
-GRIPPER = joint("finger", "prismatic", "tip", "claw", extra='<mimic joint="elbow"/>') + link("claw", 0.1)
+GRIPPER = joint("finger", "prismatic", "tip", "claw", extra='<mimic joint="thumb"/>') + link("claw", 0.1)
 
 
 @pytest.mark.parametrize(("old", "new", "mass"), [
