@@ -47,7 +47,8 @@ def from_urdf(
         ImportError: MuJoCo is not installed.
 
     Warns:
-        UserWarning: a link that the arm moves has inertia but no mass: its inertia is left out.
+        UserWarning: a link that the arm moves has inertia but no mass, and its inertia is left out; or a joint beside
+            the arm mimics one of the arm's, but is held at zero.
     """
     choice("inertia", inertia, ("given", "balanced"))
     rng = np.random.default_rng(whole("seed", seed, at_least=0))

@@ -25,8 +25,11 @@ from impact_gym.validation import number, unit_text
 UNITS = {"revolute": "rad", "continuous": "rad", "prismatic": "m"}
 """Types of joints that an arm may have, and the unit of each."""
 LEAST_MASS, LEAST_INERTIA = 1e-9, 1e-15  # kg and kg m^2, of a body
-MOST_MASS, FARTHEST, MOST_TURN = 1e6, 100.0, 10.0  # kg, m and rad, in a file: beyond these its units are others
+MOST_MASS, MOST_INERTIA, FARTHEST, MOST_TURN = 1e6, 1e12, 100.0, 10.0
+"""In kg, kg m^2, m and rad, of the numbers in a file: beyond these they are in other units."""
 MOST_JOINTS, MOST_BYTES = 1000, 1 << 26  # of an arm, which MuJoCo's recursion bounds, and of a file
+LARGEST_GYRATION = 3.0
+"""Radius of gyration, m, of a body of an arm that reaches no farther: in kg mm^2 even a finger's is above."""
 ROUNDING = 1e-6
 """By how much of itself the largest moment of inertia may exceed the sum of the others: six digits were printed."""
 
@@ -61,7 +64,8 @@ def read(path: Path, base: str, tip: str, balanced: bool = False) -> tuple[list[
         ValueError: the file is no URDF of such an arm; names link or joint.
 
     Warns:
-        UserWarning: a link that moves has inertia but no mass: its inertia is left out.
+        UserWarning: a link that moves has inertia but no mass, and its inertia is left out; a joint aside mimics one of
+            the arm's.
     """
     robot = _parsed(path)
     links, joints = _named(robot, "link"), _named(robot, "joint")
@@ -78,9 +82,8 @@ def read(path: Path, base: str, tip: str, balanced: bool = False) -> tuple[list[
     way = way[len(held) :]
     chain = {joint.get("name", ""): joint for joint in way if joint.get("type") != "fixed"}
     if not 2 <= len(chain) <= MOST_JOINTS:
-        raise ValueError(
-            f"an arm has two joints or more, at most {MOST_JOINTS}, between {base!r} and {tip!r} there are {len(chain)}"
-        )
+        wanted = "two joints or more" if len(chain) < 2 else f"at most {MOST_JOINTS} joints"
+        raise ValueError(f"an arm has {wanted}, between {base!r} and {tip!r} there are {len(chain)}")
     places = {base: (0, np.eye(4))}  # which body a link is a part of, 0 standing still, and where in its frame it is
     begins, welded = [np.eye(4)], [dict[str, Array]()]
     for joint in _downwards(above.values(), [base]):
@@ -182,7 +185,7 @@ def _downwards(joints: Iterable[Element], tops: Iterable[str]) -> list[Element]:
     return found
 
 
-def _numbers(what: str, of: Element | None, key: str, unit: str, missing: str, **limits: float) -> tuple[float, ...]:
+def _numbers(what: str, of: Element | None, key: str, unit: str, missing: str, most: float) -> tuple[float, ...]:
     """Return the numbers of an attribute, as many as there are in place of it if it is missing."""
     text = missing if of is None else of.get(key, missing)
     try:
@@ -192,25 +195,29 @@ def _numbers(what: str, of: Element | None, key: str, unit: str, missing: str, *
     if len(values) != (count := len(missing.split())):
         wanted = "a number" if count == 1 else f"{count} numbers"
         raise ValueError(f"{what} must be {wanted} in {unit_text(unit)}, got {text!r}")
-    return tuple(number(what, value, unit, **limits) for value in values)
+    for value in values:
+        if abs(number(what, value, unit)) > most:
+            raise ValueError(f"{what} must be between -{most:g} and {most:g} {unit_text(unit)}, got {text!r}")
+    return tuple(values)
 
 
 def _place(name: str, of: Element) -> Array:
     """Return where a joint or the centre of a mass is and how it is turned, homogeneous, (4, 4)."""
     origin, place = of.find("origin"), np.eye(4)
-    turn = _numbers(f"rpy of {name}", origin, "rpy", "rad", "0 0 0", at_least=-MOST_TURN, at_most=MOST_TURN)
+    turn = _numbers(f"rpy of {name}", origin, "rpy", "rad", "0 0 0", MOST_TURN)
     place[:3, :3] = Rotation.from_euler("xyz", turn).as_matrix()
-    place[:3, 3] = _numbers(f"xyz of {name}", origin, "xyz", "m", "0 0 0", at_least=-FARTHEST, at_most=FARTHEST)
+    place[:3, 3] = _numbers(f"xyz of {name}", origin, "xyz", "m", "0 0 0", FARTHEST)
     return place
 
 
 def _check_held(joint: Element, chain: Mapping[str, Element]) -> None:
-    """Raise ValueError if a joint aside cannot be held at zero."""
+    """Raise ValueError if a joint aside cannot be held at zero, warn if it is not where its file would have it."""
     name, kind, mimic = joint.get("name", ""), joint.get("type", ""), joint.find("mimic")
     if kind not in (*UNITS, "fixed"):
         raise ValueError(f"joint {name!r} is {kind or 'of no type'}, allowed are {', '.join(UNITS)} and fixed")
     if mimic is not None and mimic.get("joint", "") in chain:
-        raise ValueError(f"joint {name!r} mimics {mimic.get('joint')!r}, a joint of the arm, which is not allowed")
+        what = f"joint {name!r} mimics {mimic.get('joint')!r}, a joint of the arm, but is held at zero"
+        warnings.warn(what, UserWarning, stacklevel=4)
 
 
 def _limits(joint: Element) -> tuple[str, float, float]:
@@ -223,7 +230,9 @@ def _limits(joint: Element) -> tuple[str, float, float]:
         return "rad", -np.inf, np.inf
     if limit is None:
         raise ValueError(f"joint {name!r} has no limits, {UNITS[kind]}")
-    low, high = (_numbers(f"{side} limit of {name}", limit, side, UNITS[kind], "0")[0] for side in ("lower", "upper"))
+    low, high = (
+        _numbers(f"{side} limit of {name}", limit, side, UNITS[kind], "0", np.inf)[0] for side in ("lower", "upper")
+    )
     if not low < high:
         raise ValueError(f"joint {name!r} has limits of {low:g} and {high:g} {UNITS[kind]}, which must rise")
     return UNITS[kind], low, high
@@ -238,14 +247,13 @@ def _pseudo_inertia(link: Element) -> Array:
     name, inertial, own = link.get("name", ""), link.find("inertial"), np.zeros((4, 4))
     if inertial is None:
         return own
-    (own[3, 3],) = _numbers(
-        f"mass of {name}", inertial.find("mass"), "value", "kg", "missing", at_least=0, at_most=MOST_MASS
-    )
+    (mass,) = _numbers(f"mass of {name}", inertial.find("mass"), "value", "kg", "missing", MOST_MASS)
+    own[3, 3] = number(f"mass of {name}", mass, "kg", at_least=0)
     if (inertia := inertial.find("inertia")) is None:
         xx = yy = zz = xy = xz = yz = 0.0  # a point
     else:
         xx, yy, zz, xy, xz, yz = (
-            _numbers(f"i{axes} of {name}", inertia, f"i{axes}", "kg m^2", "missing", at_least=-1e12, at_most=1e12)[0]
+            _numbers(f"i{axes} of {name}", inertia, f"i{axes}", "kg m^2", "missing", MOST_INERTIA)[0]
             for axes in ("xx", "yy", "zz", "xy", "xz", "yz")
         )
     tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
@@ -261,7 +269,7 @@ def _pseudo_inertia(link: Element) -> Array:
 def _body(joint: Element, place: Array, welded: Mapping[str, Array], reach: float, balanced: bool) -> Body:
     """Return a joint and the body of these links, checked; `reach` is that of the arm, m."""
     name, (unit, low, high) = joint.get("name", ""), _limits(joint)
-    axis = np.array(_numbers(f"axis of {name}", joint.find("axis"), "xyz", "-", "1 0 0"))
+    axis = np.array(_numbers(f"axis of {name}", joint.find("axis"), "xyz", "-", "1 0 0", MOST_INERTIA))
     if not (length := np.linalg.norm(axis)) > 0.0:
         raise ValueError(f"axis of {name} must not be 0 0 0")
     whole = np.sum(list(welded.values()), axis=0)
@@ -269,23 +277,22 @@ def _body(joint: Element, place: Array, welded: Mapping[str, Array], reach: floa
     if not mass >= LEAST_MASS:
         raise ValueError(f"joint {name!r} moves no mass until the next one, {mass:g} kg: allowed is {LEAST_MASS:g}")
     spread, axes = np.linalg.eigh(whole[:3, :3] - mass * np.outer(centre, centre))  # of the mass along its axes
-    moments, (least, middle, most) = spread.sum() - spread, (spread.sum() - spread[::-1]).tolist()
-    own, *others = [f"link {_end(joint, 'child')!r}", *(link for link, part in welded.items() if part.any())]
-    others = [link for link in others if link != _end(joint, "child")]
-    what = own + (f" with {', '.join(map(repr, others))} welded to it" if others else "")
+    least, middle, most = (spread.sum() - spread[::-1]).tolist()
+    first, *others = [repr(link) for link, part in welded.items() if part.any()]
+    what = f"link {first}" + (f" with {', '.join(others)} welded to it" if others else "")
     found = f"{what} has principal moments of inertia of {least:.6g}, {middle:.6g} and {most:.6g} kg m^2"
     if not least >= LEAST_INERTIA:
         raise ValueError(f"{found}: each must be above 0, at least {LEAST_INERTIA:g}")
-    if (gyration := np.sqrt(most / mass)) > max(1.0, reach):
-        raise ValueError(f"{found}, a radius of gyration of {gyration:.3g} m with {mass:g} kg: is it in kg m^2?")
-    if spread[0] < 0.0 and balanced:
-        moments = np.full(3, moments.mean())
-    elif most > (1.0 + ROUNDING) * (least + middle):
+    if most <= (1.0 + ROUNDING) * (least + middle):
+        spread = np.maximum(spread, 1e-12 * spread.sum())  # MuJoCo allows no rounding
+        moments = spread.sum() - spread
+    elif balanced:
+        moments = np.full(3, spread.sum() * 2.0 / 3.0)
+    else:
         raise ValueError(
             f'{found}: each must be at most the sum of the others; inertia="balanced" sets all three to their mean'
         )
-    else:
-        spread = np.maximum(spread, 1e-12 * spread.sum())  # MuJoCo allows no rounding
-        moments = spread.sum() - spread
+    if (gyration := np.sqrt(most / mass)) > max(LARGEST_GYRATION, reach):
+        raise ValueError(f"{found}, a radius of gyration of {gyration:.3g} m with {mass:g} kg: is it in kg m^2?")
     axes[:, 0] *= np.sign(np.linalg.det(axes))
     return Body(name, unit, low, high, place, axis / length, mass, centre, moments, Rotation.from_matrix(axes))
