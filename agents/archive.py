@@ -20,8 +20,8 @@ from impact_gym.validation import shown
 
 Arrays = Mapping[str, NDArray[Any]]
 DAMAGE = (
-    *(ValueError, TypeError, AttributeError, LookupError, RuntimeError, OSError, EOFError),
-    *(SyntaxError, tokenize.TokenError, zipfile.BadZipFile, zlib.error, struct.error),
+    *(ArithmeticError, AttributeError, EOFError, LookupError, MemoryError, OSError, RuntimeError, SyntaxError),
+    *(TypeError, ValueError, tokenize.TokenError, zipfile.BadZipFile, zlib.error, struct.error),
 )
 """What reading a file can raise that is not an archive, or no longer."""
 
@@ -75,6 +75,8 @@ def load(file: IO[bytes], kind: str) -> tuple[dict[str, Any], dict[str, NDArray[
     with zipfile.ZipFile(file) as archive:
         if (unpacked := sum(part.file_size for part in archive.infolist())) > size:
             raise ValueError(f"it would unpack from {size:,} to {unpacked:,} bytes")
+        if packed := [part.filename for part in archive.infolist() if part.compress_type != zipfile.ZIP_STORED]:
+            raise ValueError(f"{shown(packed[0])} is compressed, which none of ours is")  # a decoder may ask for memory
         header = json.loads(str(_read(archive, "header.npy")))
         if header["format"] != kind:
             raise ValueError(f"its format is {header['format']!r}, this version reads {kind!r}")

@@ -23,12 +23,6 @@ from impact_gym.files import write_file
 
 MADE_FOR = attrgetter("environment", "training", "tuned", "budget", "evaluation.weights")
 QUICK_BUDGET, QUICK_STEPS, QUICK_SEEDS, QUICK_SCENARIOS, QUICK_CALLS = 320, 1_000_000, 3, 200, 10_000
-STAGES: dict[str, Callable[[Any], object]] = {  # each takes the options of its command
-    "tune": tune.run,
-    "train": train.run,
-    "report": report.run,
-    "export": export.run,
-}
 
 
 @dataclass(frozen=True)
@@ -75,8 +69,8 @@ def copy_setup(setup: Setup, out: Path, quick: bool = False) -> Path:
     return copy
 
 
-def stages(copy: Path, options: ControllerOptions) -> dict[str, Any]:
-    """Return the options of each stage by the name of its command."""
+def stages(copy: Path, options: ControllerOptions) -> dict[str, tuple[Callable[[Any], object], Any]]:
+    """Return what each stage does, by the name of its command, and the options of that."""
     out, setup, copies = options.out, load_setup(copy), (str(copy),)
     where: dict[str, Any] = {"processes": options.processes, "cluster": options.cluster}
     tuning = tune.Tune(copies, bound=setup.bound == copy.stem, out=out / "tuned", jobs=out / "searches", **where)
@@ -87,28 +81,29 @@ def stages(copy: Path, options: ControllerOptions) -> dict[str, Any]:
     if options.quick:
         tuning = replace(tuning, bound=False, scenarios=100, budget=min(QUICK_BUDGET, setup.budget))
         steps = min(QUICK_STEPS, setup.training.steps)
-        few = replace(setup.training, steps=steps, validate_every=min(steps, setup.training.validate_every))
+        few = replace(setup.training, steps=steps, validate_every=min(steps, setup.training.validate_every),
+                      imitation_steps=min(steps, setup.training.imitation_steps))  # fmt: skip
         training = replace(training, training=few, seeds=min(QUICK_SEEDS, setup.seeds))
         page = replace(page, count=QUICK_SCENARIOS)
         exported = replace(exported, episodes=QUICK_SCENARIOS, calls=QUICK_CALLS)
-    return {"tune": tuning, "train": training, "report": page, "export": exported}
+    return {
+        "tune": (tune.run, tuning),
+        "train": (train.run, training),
+        "report": (report.run, page),
+        "export": (export.run, exported),
+    }
 
 
 def run(options: ControllerOptions) -> None:
     """Make a controller, one stage after the other."""
     copy = copy_setup(load_setup(options.setup), options.out, options.quick)
-    for name, stage in stages(copy, options).items():
+    for name, (work, stage) in stages(copy, options).items():
         usual = train.default_options(str(copy)) if name == "train" else None
         print(f"$ {command_of(name, stage, usual)}", flush=True)
-        STAGES[name](stage)
+        work(stage)
     print(f"report: {(options.out / 'report' / 'index.html').resolve().as_uri()}")
     print(f"controller: {options.out / 'export'}")
 
 
-def main() -> None:
-    """Make the controller that the command line asks for."""
-    run_command("controller", ControllerOptions, run)
-
-
 if __name__ == "__main__":
-    main()
+    run_command("controller", ControllerOptions, run)

@@ -17,6 +17,7 @@ import minari
 import numpy as np
 from minari.data_collector.episode_buffer import EpisodeBuffer
 from minari.dataset.minari_dataset import parse_dataset_id
+from minari.dataset.minari_storage import MinariStorage
 from minari.namespace import create_namespace, list_local_namespaces
 from minari.storage import get_dataset_path
 from tqdm import tqdm
@@ -29,9 +30,11 @@ from agents.policies import Controller, load_policy
 from agents.provenance import revision
 from agents.setups import FIXED, Setup, load_setup, shipped_baselines
 from experiments.play import tries
-from impact_gym.files import write_file
+from impact_gym.envs import IDS
+from impact_gym.files import reason, write_file
 from impact_gym.sources import compiled_from
-from impact_gym.validation import whole
+from impact_gym.task.steering import without_files
+from impact_gym.validation import distinct, shown, whole
 
 PLAYERS = {
     "rule": "the paper's rule",
@@ -80,6 +83,7 @@ class DatasetOptions:
         whole("episodes", self.episodes, at_least=1)
         for name in ("seed", "version"):
             whole(name, getattr(self, name), at_least=0)
+        distinct("who", self.who)
 
 
 def players(name: str, setup: Setup) -> Players:
@@ -200,6 +204,23 @@ class Given:
         return next(self.ahead)[None], None
 
 
+def environment_of(about: Mapping[str, Any]) -> gym.Env[Any, Any]:
+    """Make the environment of a dataset's metadata, which may come from anywhere: nothing that they name is imported.
+
+    Raises:
+        ValueError: it is none of ours, or names other code, a wrapper or a file.
+    """
+    spec = json.loads(about["env_spec"])
+    if spec["id"] not in IDS:
+        raise ValueError(f"its id must be one of {', '.join(IDS)}, got {shown(spec['id'])}")
+    ours = json.loads(gym.spec(spec["id"]).to_json())
+    for field in ("entry_point", "vector_entry_point", "additional_wrappers"):
+        if spec[field] != ours[field]:
+            raise ValueError(f"its {field} must be {ours[field]}, got {shown(spec[field])}")
+    arguments = {**without_files(spec["kwargs"]), "render_mode": None}
+    return gym.make(spec["id"], max_episode_steps=spec["max_episode_steps"], **arguments)
+
+
 def check(name: str) -> int:
     """Play a dataset of Minari again; return how many episodes it has.
 
@@ -209,14 +230,14 @@ def check(name: str) -> int:
     if not get_dataset_path(name).is_dir():
         known = ", ".join(minari.list_local_datasets()) or "none"
         raise ValueError(f"there is no dataset {name!r:.80} in {get_dataset_path()}, which has: {known}")
-    dataset = minari.load_dataset(name)
-    about = dataset.storage.metadata
+    about = MinariStorage.read_raw_metadata(get_dataset_path(name) / "data")
     made = f"it was made with {', '.join(about.get('requirements', ['?']))}, solver {about.get('solver', '?')}"
     other = f"{made}, and this is impact-gym {version('impact-gym')}, solver {compiled_from()}"
     try:
-        env = dataset.recover_environment()
-    except (TypeError, ValueError, gym.error.Error) as problem:
-        raise ValueError(f"{name} has an environment that is none here, {problem}: {other}") from problem
+        env = environment_of(about)  # before Minari reads the dataset, which may make an environment, too
+        dataset = minari.load_dataset(name)
+    except (AssertionError, AttributeError, LookupError, TypeError, ValueError, gym.error.Error) as problem:
+        raise ValueError(f"{name} has an environment that is none here, {reason(problem)}: {other}") from problem
     abouts = dataset.storage.get_episode_metadata(range(dataset.total_episodes))
     for episode, begun in zip(tqdm(dataset, name, unit="episodes"), abouts, strict=True):
         record = begun.get("options", {}).get("record", {})

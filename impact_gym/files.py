@@ -2,6 +2,8 @@
 
 import csv
 import errno
+import fcntl
+import io
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -28,14 +30,29 @@ def named_file(kind: str, name: Any, shipped: Path, suffix: str, *inside: str) -
     raise ValueError(f"{nearest(kind, str(name), known)} (there is no such file either)")
 
 
-def parsed(path: Path, kind: str, parse: Callable[[str], Content]) -> Content:
-    """Return what `parse` makes of a text file, UTF-8 with or without the byte order mark that Excel writes.
+LARGEST = 100_000_000  # bytes of a file that is read
+
+
+def utf_8(content: bytes) -> str:
+    """Return a text whose lines end with a line feed, with or without the byte order mark that Excel writes."""
+    return io.TextIOWrapper(io.BytesIO(content), "utf-8-sig").read()
+
+
+def parsed(path: Path, kind: str, parse: Callable[[str], Content], decode: Callable[[bytes], str] = utf_8) -> Content:
+    """Return what `parse` makes of a text file: a regular one, as a device or a pipe may never end.
 
     Raises:
-        ValueError: it is not there, is no text, or `parse` finds nothing of this `kind` in it; names the file.
+        ValueError: it is not there, no regular file, larger than `LARGEST`, or no text, or `parse` finds nothing of
+            this `kind` in it; names the file.
     """
     try:
-        return parse(path.read_text(encoding="utf-8-sig"))
+        if path.exists() and not path.is_file():
+            raise ValueError("it is no regular file")
+        with path.open("rb") as file:
+            content = file.read(LARGEST + 1)
+        if len(content) > LARGEST:
+            raise ValueError(f"it must have at most {LARGEST:,} bytes")
+        return parse(decode(content))
     except (OSError, ValueError, TypeError, AttributeError, LookupError, RecursionError, csv.Error) as error:
         raise ValueError(f"{path} is not read as {kind}: {reason(error)}") from error
 
@@ -47,6 +64,8 @@ def reason(error: Exception) -> str:
     return f"it has no {error}" if isinstance(error, KeyError) else " ".join(str(error).split())
 
 
+UNFINISHED = ".unfinished"
+"""End of the name of a file that is being written, which stays where the process is killed."""
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
@@ -73,13 +92,17 @@ def writing(what: str) -> Iterator[None]:
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[IO[bytes]]:
-    """Open a file beside `path` for writing and move it there once it is complete.
+    """Open a file beside `path` for writing and move it there once it is complete; a link stays, its target is written.
 
     Raises:
+        OSError: something else than a file is there, such as a folder, a device or a pipe: it is left as it is.
         DiskFullError: there is no room for it; what was at `path` is as it was.
     """
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}")
-    with writing(str(path)):
+    name, path = path, Path(os.path.realpath(path))
+    if path.is_symlink() or (path.exists() and not path.is_file()):  # realpath leaves a link where links form a ring
+        raise OSError(f"{name} must be a file or not be there yet, got what is no regular file: nothing is written")
+    unfinished = path.with_name(f".{path.name}.{os.getpid()}{UNFINISHED}")
+    with writing(str(name)):
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
             with unfinished.open("wb") as file:
@@ -89,6 +112,26 @@ def whole_file(path: Path) -> Iterator[IO[bytes]]:
             os.replace(unfinished, path)
         finally:
             unfinished.unlink(missing_ok=True)
+
+
+@contextmanager
+def locked(path: Path, wait: bool = True) -> Iterator[None]:
+    """Hold the lock file `path`, made if need be, alone among processes and threads; a killed process lets go of it.
+
+    What a killed process was writing in its folder, or below, is removed.
+
+    Raises:
+        ValueError: another process holds it, and there is no `wait`.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("a") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+        except BlockingIOError as error:
+            raise ValueError(f"{path.parent} is being written by another process") from error
+        for unfinished in path.parent.rglob(f".*{UNFINISHED}"):
+            unfinished.unlink(missing_ok=True)
+        yield
 
 
 def write_file(path: Path, content: str | bytes) -> Path:

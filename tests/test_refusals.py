@@ -154,6 +154,10 @@ def set_state(make, rows):
     getattr(envs, "unwrapped", envs).set_state(getattr(other, "unwrapped", other).get_state())
 
 
+def set_scenario(make, scenario):
+    getattr(env := make(ID), "unwrapped", env).set_scenario(scenario)
+
+
 def delays(text):
     file = Path("delays.csv")
     file.write_text(text)
@@ -213,6 +217,7 @@ CALLS = {
     "make with an operator": [partial(make, ID) for make in MAKERS],
     "make a batch of one or stable-baselines3's": [partial(make, ID) for make in MAKERS[1:]],
     "step": [partial(stepped, make) for make in (gym.make, partial(gym.make_vec, num_envs=2))],
+    "set_scenario": [partial(set_scenario, make) for make in MAKERS],
     "reset options": [partial(reset_with, make) for make in MAKERS],
     "reset": [make(ID).unwrapped.reset for make in (gym.make, gym.make_vec)],
     "reset of a batch of 2": gym.make_vec(ID, num_envs=2).reset,
@@ -235,7 +240,7 @@ def samples(index):
 
 APPROACH = default_approach()
 THINGS = {
-    "None": None, "1j": 1j, "(1.0,)": (1.0,), "class of tools": ig.Tool, "hu-guo in bytes": b"hu-guo",
+    "None": None, "1j": 1j, "10^30": 10**30, "(1.0,)": (1.0,), "class of tools": ig.Tool, "hu-guo in bytes": b"hu-guo",
     "no decimal number": Decimal("sNaN"), "1 number": np.array([1.0]), "2 numbers": np.array([1.0, 2.0]),
     "1 text": np.array(["1"]), "no numbers": np.array([]), "1 x 2 numbers": np.array([[0.01, 0.02]]),
     "5 zeros": np.zeros(5), "7 zeros": np.zeros(7, np.float32), "8 nan": np.full(8, np.nan),
@@ -245,6 +250,9 @@ THINGS = {
     "no bytes": b"", "the beginning of a zip": b"PK", "some text": b"text", "a pickle": b"\x80\x04",
     "any bytes": bytes(range(256)) * 20, "an array's file": saved(lambda file: np.save(file, np.zeros(3))),
     "a zip of no arrays": saved(lambda file: zipfile.ZipFile(file, "w").writestr("header.npy", "not an array")),
+    "an array of more rows than there can be": saved(lambda file: zipfile.ZipFile(file, "w").writestr(
+        "header.npy", b"\x93NUMPY\x01\0\x58\0" + b"%-88s" % repr(
+            {"descr": "<f8", "fortran_order": False, "shape": (2**70, 0)}).encode())),
     "an archive of version 9": saved(lambda file: archive.save(file, "impact_gym policies 9", {}, {})),
     "time": TIME, "force": FORCE, "noise": NOISE, "log with a gap": samples(np.r_[0:50, 71:161]),
     "time with a step back": put(TIME, 30, TIME[20]), "time in ms": 1e3 * TIME, "time with nan": put(TIME, 7, np.nan),

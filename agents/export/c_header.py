@@ -1,4 +1,4 @@
-"""A policy as a C header: plain C99 or C++, no allocation, nothing beside math.h. Made for a controller's cycle.
+"""A policy as a C header: C99 or C++, no allocation, only math.h and string.h. Made for a controller's cycle.
 
 The header holds the network, `NAME_act`, and around it the whole controller, `NAME_reset` and `NAME_step`: from what
 the sensors say, in SI units, to the command. Its text is in controller.h.jinja.

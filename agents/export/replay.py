@@ -67,8 +67,8 @@ def logged(policy: Policy, episodes: int) -> Log:
     return Log(np.array(sensors), np.array(commands), np.array(late), steps, batch.info()["time_weight"])
 
 
-def compiled(policy: Policy, header: Path, folder: Path, language: str = "C99") -> ctypes.CDLL | None:
-    """Compile program.c.jinja around the header without a warning; None where there is no compiler.
+def compiled(policy: Policy, header: Path, folder: Path, *how: str, language: str = "C99") -> ctypes.CDLL | None:
+    """Compile program.c.jinja around the header without a warning, with flags that say `how`; None: no compiler.
 
     Raises:
         CalledProcessError: the compiler warned, or worse.
@@ -80,11 +80,13 @@ def compiled(policy: Policy, header: Path, folder: Path, language: str = "C99") 
     names = {"name": identifier(header.stem), "controlled": has_controller(policy), "operator": task.operator}
     source = c_text("program.c.jinja", **names, fields=len(policy.spec.sensors), inputs=policy.inputs,
                     actions=task.actions)  # fmt: skip
-    library = folder / f"policy-{len(language)}.so"
-    flags = [*LANGUAGES[language], "-O2", "-ffp-contract=off", *WARNINGS, "-shared", "-fPIC", "-"]
+    library = folder / f"policy-{language}{''.join(how)}.so"
+    flags = [*LANGUAGES[language], "-O2", "-ffp-contract=off", *WARNINGS, *how, "-fPIC", "-"]
     included = ["-D_POSIX_C_SOURCE=199309L", "-include", str(header.resolve())]
-    command = [compiler, *flags, *included, "-o", str(library), "-lm"]
-    subprocess.run(command, input=source, text=True, check=True)
+    made = ["-c", "-o", str(library.with_suffix(".o"))]
+    subprocess.run([compiler, *flags, *included, *made], input=source, text=True, check=True)
+    # linked apart: with -Ofast the linker would add code that makes this process take subnormal numbers for 0
+    subprocess.run([compiler, "-shared", str(library.with_suffix(".o")), "-o", str(library), "-lm"], check=True)
     return ctypes.CDLL(str(library))
 
 

@@ -18,6 +18,7 @@ from agents import archive
 from agents.policies.networks import Network, from_arrays, to_arrays
 from impact_gym.files import named_file, reason
 from impact_gym.task import ObservationSpec, Task
+from impact_gym.task.steering import without_files
 from impact_gym.task.task import arguments
 from impact_gym.validation import array, shown, whole
 
@@ -161,7 +162,7 @@ class Ensemble:
         Raises:
             ValueError, LookupError, TypeError: it is none, or was made for other scales than this version has.
         """
-        environment = content["environment"]
+        environment = without_files(content["environment"])
         tables = observation_table(environment), action_table(environment)
         if (content["observation"], content["action"]) != tables:
             raise ValueError("it was made for other scales of observation or action than this version's environment")
@@ -199,7 +200,7 @@ def load_ensemble(name: str | Path) -> Ensemble:
     content, arrays = archive.read_archive(path, FORMAT)
     try:
         return Ensemble.unpacked(content, arrays)
-    except (LookupError, TypeError, AttributeError, ValueError) as error:
+    except (ArithmeticError, LookupError, TypeError, AttributeError, ValueError) as error:
         raise ValueError(f"{path} is no policy of this version: {reason(error)}") from error
 
 

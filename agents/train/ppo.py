@@ -6,10 +6,9 @@ policy that did best on the validation set) and `final.npz`, `metrics.json` (wit
 `collapsed.txt` says why.
 """
 
-import fcntl
 import json
-from collections.abc import Iterator, Mapping
-from contextlib import closing, contextmanager
+from collections.abc import Mapping
+from contextlib import closing
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -33,7 +32,7 @@ from agents.train.imitation import PPOWithImitation, Teacher
 from agents.train.logs import outputs
 from agents.train.networks import ACTIVATIONS, AsymmetricPolicy, Standardised, acting_network
 from agents.wrappers import ScaledRewards
-from impact_gym.files import write_file, writing
+from impact_gym.files import locked, write_file, writing
 from impact_gym.sb3 import ImpactVecEnv
 from impact_gym.task import ObservationSpec, Task
 from impact_gym.validation import whole
@@ -176,14 +175,14 @@ def resume(folder: Path, on_validation: OnValidation | None = None) -> Path:
 def _to_its_end(folder: Path, run: Run, record: dict[str, Any], on_validation: OnValidation | None) -> Path:
     """Learn what is left to learn, with the folder held, and return the folder."""
     collapsed = folder / "collapsed.txt"
-    with writing(f"the run in {folder}"), _locked(folder):
+    with writing(f"the run in {folder}"), locked(folder / "lock", wait=False):
         if collapsed.is_file():
             raise CollapsedError(f"{folder}: {collapsed.read_text()}")
         if not (folder / "metrics.json").is_file():
             try:
                 _learn(folder, run, record, on_validation)
             except CollapsedError as error:
-                collapsed.write_text(str(error))
+                write_file(collapsed, str(error))
                 raise
     return folder
 
@@ -233,19 +232,6 @@ def _learn(folder: Path, run: Run, record: dict[str, Any], on_validation: OnVali
         points = zip(means["time_weight"], means["object_velocity"], means["approach_time"], strict=True)
         listed = "; ".join(f"at {w:g}: {v:.3f} m/s, {t:.3f} s" for w, v, t in points)
         print(f"{name}: score {means['score']:.4f} m/s; V_p and approach time {listed}")
-
-
-@contextmanager
-def _locked(folder: Path) -> Iterator[None]:
-    """Hold the run folder, so that no two processes write into it; a killed process lets go of it."""
-    with (folder / "lock").open("w") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            raise ValueError(f"{folder} is being written by another process") from error
-        for unfinished in folder.glob(".*.npz.*"):  # what a killed process was writing
-            unfinished.unlink()
-        yield
 
 
 def write_json(path: Path, content: Any) -> None:

@@ -79,11 +79,6 @@ class Section:
     folded: bool = False
     key: str = ""  # of a link to it
 
-    @property
-    def pictures(self) -> list[Picture]:
-        """Its pictures."""
-        return [part for part in self.parts if isinstance(part, Picture)]
-
 
 def percent(share: Estimate, digits: int = 1) -> str:
     """Return a share with its interval in percent."""

@@ -1,68 +1,29 @@
-"""Where results go: whole folders, and the record of what produced them."""
+"""Where results go, and the record of what produced them."""
 
-import hashlib
 import json
 import os
-import shutil
-import tempfile
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import polars as pl
+
 from agents.provenance import circumstances
-from impact_gym.files import write_file, writing
+from impact_gym.files import write_file
 
 REPORTS = Path("reports")
 KEPT = "kept"
 """Subfolder of a study with the results of its cells."""
 
-MARK = ".impact_gym"
-"""File that marks a folder as ours, to be replaced."""
 
+def csv_of(frame: pl.DataFrame) -> str:
+    """Return a table as CSV in which no text is a formula to a spreadsheet: an apostrophe is put before it.
 
-def replaceable(path: Path) -> None:
-    """Check that `path` is missing, an empty folder, or a folder that an earlier run wrote.
-
-    Raises:
-        ValueError: it is anything else.
+    OWASP, CSV Injection: so does a cell that begins with =, +, -, @, a tab or the end of a line.
     """
-    if path.exists() and not (path.is_dir() and (not any(path.iterdir()) or (path / MARK).is_file())):
-        raise ValueError(f"{path} is not replaced: no earlier run wrote it; name another folder or remove it")
-
-
-@contextmanager
-def whole_folder(path: Path) -> Iterator[Path]:
-    """Yield an empty folder; when the block ends without an error it takes the place of `path`.
-
-    Raises:
-        ValueError: `path` is there and is neither an empty folder nor one that an earlier run wrote.
-    """
-    replaceable(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    unfinished = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
-    old = Path(tempfile.mkdtemp(prefix=f".{path.name}.old.", dir=path.parent)) / path.name
-    try:
-        with writing(str(path)):
-            yield unfinished
-        (unfinished / MARK).touch()
-        unfinished.chmod(0o755)
-        if path.exists():
-            os.replace(path, old)
-        os.replace(unfinished, path)
-    except BaseException:
-        if old.exists() and not path.exists():
-            os.replace(old, path)
-        raise
-    finally:
-        shutil.rmtree(unfinished, ignore_errors=True)
-        shutil.rmtree(old.parent, ignore_errors=True)
-
-
-def checksum(path: Path) -> str:
-    """SHA-256 of a file."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    return frame.with_columns(pl.selectors.string().str.replace(r"^([=+\-@\t\r\n])", "'$1")).write_csv()
 
 
 @contextmanager

@@ -40,6 +40,8 @@ def work(options: Play) -> None:
 
     def ready(address: str) -> None:
         print(address, flush=True)
+        for each in played.left_out:
+            print("kept, but not shown:", "".join(filter(str.isprintable, each)), flush=True)
         display = sys.platform != "linux" or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
         if options.open and not (display and webbrowser.open(address)):
             print("no browser could be opened here: open the address above", flush=True)

@@ -1,7 +1,7 @@
 """The clock of tries, in a process of its own: however busy the server is, each step comes when it is due.
 
 The server sends what the player does, and gets frames with the time until they reach the player's eyes, and the result
-of each try. If the server is killed, the arm stops and the try is kept.
+of each try. If the server is killed, the arm stops and the try is kept; a journal keeps it if the clock is killed, too.
 """
 
 import os
@@ -13,16 +13,16 @@ import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 
 from experiments.lab.player.films import radius_of
 from experiments.play import contest, tries
-from experiments.play.assistance import PERIOD
+from experiments.play.assistance import PERIOD, PERSON
 from experiments.play.tries import Live, Try
 from impact_gym.operators import CUT
 
@@ -99,20 +99,23 @@ class Clock:
         try:
             live = Live(wanted)
             self.tell(kind="began", setup=wanted.setup, radius=radius_of(live.kept.record["object_mass"]))
-            self._run(live, seen)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with path.with_suffix(".journal").open("wb", buffering=0) as journal:
+                self._run(live, seen, journal)
             live.kept.marks.extend(self.stick.marks)
             self.unsaved.append((path, live.finished()))
             while self.unsaved:  # those that found no room before, too
-                tries.write(*self.unsaved[0])
+                tries.write(*self.unsaved[0]).with_suffix(".journal").unlink()
                 self.unsaved.pop(0)
             beside = {name: played.result for name, played in contest.rivals_of(live.kept).items()}
             self.tell(kind="ended", entry=entry_of(path.stem, live.kept, **beside))
         except (OSError, RuntimeError, ValueError) as problem:
             self.tell(kind="failed", text=str(problem))
 
-    def _run(self, live: Live, seen: bool) -> None:
-        """Play the steps of a try, each when it is due, until it ends or nobody looks."""
+    def _run(self, live: Live, seen: bool, journal: IO[bytes]) -> None:
+        """Play the steps of a try, each when it is due, until it ends or nobody looks; `journal` has them at once."""
         slow, start, behind, rng = live.kept.slow, self.now(), 0.0, random.Random(live.kept.seed)
+        self._note(journal, tries.to_text(replace(live.kept, operator=PERSON)))
         self._show(live, seen, rng)
         while not (live.ended or self.gone):
             due = start + slow * (live.time + PERIOD)
@@ -121,10 +124,18 @@ class Clock:
             now = self.now()
             velocity = self.stick.at(now - slow * (live.time + PERIOD - live.next_tick))
             live.step(velocity, now - due - behind)
+            self._note(journal, repr(velocity))
             behind = now - due
             if behind > slow * PERIOD:  # the machine slept: the clock goes on from here
                 start, behind = start + behind, 0.0
             self._show(live, seen, rng)
+
+    def _note(self, journal: IO[bytes], line: str) -> None:
+        """Write a line into the journal; if it finds no room, the arm stops."""
+        try:
+            journal.write(f"{line}\n".encode())
+        except OSError:
+            self.stick.stop("no room for the journal")
 
     def _show(self, live: Live, seen: bool, rng: random.Random) -> None:
         """Send the state now and one step on, with the time until it reaches the player's eyes."""

@@ -4,11 +4,12 @@ import asyncio
 import secrets
 import socket
 import time
+from collections import deque
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import uvicorn
 from starlette.applications import Starlette
@@ -17,6 +18,7 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from experiments.lab import player
 from experiments.play import contest
@@ -28,13 +30,32 @@ HERE, LAB = Path(__file__).parent, Path(__file__).parents[1] / "lab"
 SCRIPTS = tuple(HERE / name for name in ("stage.js", "stick.js", "chart.js", "play.js"))
 HOST = "127.0.0.1"
 MOST_SEATS, MESSAGE_BYTES, RATE = 16, 512, 250.0  # pages, bytes, messages a second
-PATIENCE = 5.0  # s, for a page that does not read
+PATIENCE = 5.0  # s, for a page that does not read and a connection that asks nothing
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
     "img-src 'self' data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
     "Referrer-Policy": "no-referrer", "X-Content-Type-Options": "nosniff", "Cache-Control": "no-store",
     "Cross-Origin-Opener-Policy": "same-origin", "Cross-Origin-Resource-Policy": "same-origin",
 }  # fmt: skip
+
+
+class Connection(H11Protocol):
+    """A connection that ends without a request in PATIENCE; one that still waits ends when 256 more have come."""
+
+    waiting: ClassVar = deque["Connection"](maxlen=256)
+
+    def connection_made(self, transport: Any) -> None:
+        """Begin to wait."""
+        super().connection_made(transport)
+        self.loop.call_later(PATIENCE, self.leave)
+        if len(self.waiting) == self.waiting.maxlen:
+            self.waiting[0].leave()
+        self.waiting.append(self)
+
+    def leave(self) -> None:
+        """End, unless a request has come."""
+        if self.cycle is None and self in self.connections:
+            self.transport.abort()
 
 
 class Seat:
@@ -85,7 +106,7 @@ def foreign(scope: Any, token: str, port: int) -> str | None:
         return "another host"
     if origin not in {f"http://{host}" for host in hosts} and (origin is not None or scope["type"] == "websocket"):
         return "another origin"
-    given = scope["path"].split("/")[1].encode("utf-8", "replace")
+    given = f"{scope['path']}/".split("/")[1].encode("utf-8", "replace")  # `OPTIONS *` has no path
     return None if secrets.compare_digest(given, token.encode()) else "another token"
 
 
@@ -100,7 +121,7 @@ def application(session: Session, token: str, port: int, ready: Callable[[str], 
     def film(request: Request) -> Response:
         try:
             return Response(session.film(request.path_params.get("name", "")), 200, HEADERS, "text/html")
-        except (OSError, RuntimeError, ValueError) as problem:
+        except (OSError, RuntimeError, ValueError, TypeError, LookupError) as problem:
             return Response(str(problem), 404, HEADERS, "text/plain")
 
     def reference(_: Request) -> Response:
@@ -147,7 +168,7 @@ async def _serve_page(session: Session, page: WebSocket) -> None:
             session.hear(seat, await seat.hear())
         why = "the page did not read"
     except ValueError as problem:
-        session.refused[why := str(problem)[:120]] += 1
+        session.refused[why := str(problem).partition(", got ")[0][:120]] += 1  # nothing of what the page said
     except WebSocketDisconnect as gone:
         why = STOPPED if gone.code == 1012 else why  # the code of a server that ends
     finally:
@@ -171,7 +192,7 @@ def serve(session: Session, port: int, ready: Callable[[str], None]) -> None:
     token, port = secrets.token_urlsafe(16), sock.getsockname()[1]
     config = uvicorn.Config(
         application(session, token, port, ready), log_config=None, log_level="critical", access_log=False,
-        server_header=False, date_header=False, limit_concurrency=4 * MOST_SEATS, h11_max_incomplete_event_size=8192,
+        server_header=False, date_header=False, http=Connection, h11_max_incomplete_event_size=8192,
         ws_max_size=MESSAGE_BYTES, ws_per_message_deflate=False, ws_ping_interval=5.0, ws_ping_timeout=10.0,
         timeout_graceful_shutdown=3,
     )  # fmt: skip

@@ -12,9 +12,8 @@ from typing import Any
 from agents.setups import Setup
 from experiments.play import clock, contest, tries
 from experiments.play.assistance import NAMES, SLIDERS, about, assistance, playable, record_of
-from impact_gym.validation import choice, flag, number, one_of
+from impact_gym.validation import choice, flag, identifier, number, one_of
 
-SLOWEST = 16.0  # times slower than real time
 SHOWN = 200  # tries on the chart
 COUPLINGS = ("rigid", "spring", "bistable")
 
@@ -26,9 +25,10 @@ class Session:
         """Begin with the tries in a folder, and start the clock.
 
         Raises:
-            ValueError: there is no such assistance, or something else in the folder.
+            ValueError: there is no such assistance, or another server plays in the folder.
         """
         assistance(assist, setup)
+        self._lock = tries.locked(folder)
         self.setup, self.assist, self.folder = setup.called, assist, folder
         self.seats: list[Any] = []  # the player is the first
         self.refused: Counter[str] = Counter()
@@ -37,8 +37,14 @@ class Session:
         self.setups = {name: about(playable(name)) for name in names}
         self.busy, self._speeds = False, (-1.0, 1.0)  # whether a try is under way, and how fast its arm may be, m/s
         self._seen_at, self._shown = 0.0, -1  # s, by the loop: when its last frame is seen; its newest that was shown
-        entries = (clock.entry_of(path.stem, this) for path, this in tries.folder_of(folder))
-        self.history: deque[dict[str, Any]] = deque(entries, SHOWN)
+        self.history: deque[dict[str, Any]] = deque(maxlen=SHOWN)
+        self.left_out = tries.recover(folder)  # why files in the folder are not shown
+        for path in sorted(folder.glob("*.json")):
+            try:
+                name = identifier(f"name of {path}", path.stem)
+                self.history.append(clock.entry_of(name, tries.read(path)))
+            except ValueError as problem:
+                self.left_out.append(str(problem))
         self.pipe, theirs = multiprocessing.Pipe()
         fork = multiprocessing.get_context("fork")
         self._clock = fork.Process(target=clock.run, args=(theirs, self.pipe), daemon=True)
@@ -80,7 +86,7 @@ class Session:
         for name, at in chosen["usual"].items():
             unit, low, high = SLIDERS[name]
             sliders[name] = number(name, options.get(name, at), unit, at_least=low, at_most=high)
-        slow = number("slow", options.get("slow"), "(times)", at_least=1.0, at_most=SLOWEST)
+        slow = number("slow", options.get("slow"), "(times)", at_least=1.0, at_most=tries.SLOWEST)
         self._speeds, self._shown, self.busy = chosen["speeds"], -1, True
         wanted = tries.Try(options["setup"], options["assist"], secrets.randbelow(2**31), record_of(sliders), slow=slow)
         self._send("play", (wanted, self.folder / f"{datetime.now():%Y%m%d-%H%M%S-%f}.json", options["seen"]))
@@ -145,6 +151,7 @@ class Session:
         """Stop what is under way, have it kept, and end."""
         self.pipe.close()
         self._clock.join(20.0)
+        self._lock.close()
 
     def film(self, name: str) -> str:
         """Return the film of a try by its name, beside rule and policy; the first film where there is no name.

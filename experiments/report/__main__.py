@@ -6,6 +6,7 @@ import shutil
 import time
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -16,16 +17,18 @@ from agents.command_line import command_of, run_command
 from agents.jobs import digest_of
 from agents.provenance import circumstances, revision
 from agents.setups import README, Setup, load_setup
-from experiments.lab.results import REPORTS, checksum, replaceable, whole_folder
+from experiments.lab.results import REPORTS
 from experiments.lab.statistics import RESAMPLES
 from experiments.report.matchups import Matchup, of_policies, of_setup
 from experiments.report.scenarios import scenarios_from
-from impact_gym.files import whole_file
+from impact_gym.files import locked, whole_file, write_file
 from impact_gym.sources import compiled_from
 from impact_gym.task import Task
 from impact_gym.validation import whole
 
 RESULTS = "results.json"
+MARK = ".impact_gym"
+"""File of a folder that a report wrote, into which another may be written; its lock."""
 FOLLOWS_FROM = ("impact_gym", "agents", "experiments.report", "experiments.lab")
 """Packages that the page follows from."""
 PACKAGES = ("impact-gym", "gymnasium", "numpy", "scipy", "altair", "vl-convert-python", "polars", "jinja2")
@@ -83,8 +86,9 @@ def matchups_of(options: ReportOptions) -> list[Matchup]:
     if options.policy:
         scenarios, changes = scenarios_from(options.scenarios or "test", options.count)
         return of_policies(options.policy, options.baseline, scenarios, changes)
-    setups = [load_setup(name) for name in options.setups]
-    setups = setups or [setup for setup in map(load_setup, README) if _trained(setup, options.folder or setup.folder)]
+    setups = [load_setup(name) for name in options.setups or README]
+    if not options.setups:
+        setups = [setup for setup in setups if _trained(setup, options.folder or setup.folder)]
     if not setups:
         raise ValueError("no set-up has policies yet: impact-gym train SETUP --seeds 10")
     if len({setup.name for setup in setups}) < len(setups):
@@ -112,26 +116,37 @@ def write(options: ReportOptions) -> Path:
     """Play what is missing, write the folder unless it says the same already, and return the path of its page.
 
     Raises:
-        ValueError: something asked for is not there or makes no sense, or the folder is not one that a report wrote.
+        ValueError: something asked for is not there or makes no sense, or the folder is a file, below one, or of
+            something else.
     """
-    replaceable(options.out)
-    if options.out.parent.exists() and not options.out.parent.is_dir():
-        raise ValueError(f"{options.out.parent} is no folder")
+    there = next(path for path in (options.out, *options.out.absolute().parents) if path.exists())
+    if not there.is_dir():
+        raise ValueError(f"out must be a folder, but {there} is a file")
+    if there == options.out and not (there / MARK).is_file() and any(there.iterdir()):
+        raise ValueError(f"out must be a new or empty folder or one that a report wrote, got {there}")
     return publish(matchups_of(options), options)
 
 
 def publish(matchups: Sequence[Matchup], options: ReportOptions) -> Path:
     """Play what is missing of matchups, write the folder unless it says the same already, and return its page."""
     made_from, begun = _made_from(matchups, options), time.perf_counter()
-    page, results_file = options.out / "index.html", options.out / RESULTS
-    if options.force or not page.is_file() or json.loads(results_file.read_text()).get("made from") != made_from:
+    page = options.out / "index.html"
+    if options.force or not page.is_file() or _written(options.out).get("made from") != made_from:
         from experiments.report.jobs import play_matchups  # what plays and draws takes seconds to import
 
         played = play_matchups(matchups, _kept(options), options.processes, options.cluster)
         print("writing the page", flush=True)
-        write_folder(played, options, made_from, begun)
-    print(*json.loads(results_file.read_text())["sentences"], sep="\n")
+        with locked(options.out / MARK):
+            write_folder(played, options, made_from, begun)
+    print(*_written(options.out)["sentences"], sep="\n")
     return page
+
+
+def _written(folder: Path) -> dict[str, Any]:
+    """Return what a folder says of itself; nothing where that is missing or damaged."""
+    with suppress(OSError, ValueError):
+        return dict(json.loads((folder / RESULTS).read_text()))
+    return {}
 
 
 def _kept(options: ReportOptions) -> Path:
@@ -152,45 +167,50 @@ def _made_from(matchups: Sequence[Matchup], options: ReportOptions) -> str:
     return hashlib.sha256(repr(content).encode()).hexdigest()
 
 
-def write_folder(played: Sequence[Any], options: ReportOptions, made_from: str, begun: float) -> Path:
-    """Write the folder of what was `Played` since `begun`; return its page."""
+def write_folder(played: Sequence[Any], options: ReportOptions, made_from: str, begun: float) -> None:
+    """Write the folder of what was `Played` since `begun`: `results.json` last, which says what it was made from.
+
+    A user's own files stay; figures of an earlier report that this one does not have go.
+    """
     from experiments.report import page
     from experiments.report.played import episodes
 
-    matchups = [results.matchup for results in played]
+    folder, matchups = options.out, [results.matchup for results in played]
     versions = [item for matchup in matchups for item in matchup.provenance.get("versions", {}).items()]
-    with whole_folder(options.out) as folder:
-        rows = episodes(played)
-        with whole_file(folder / "episodes.parquet") as file:
-            rows.write_parquet(file, compression="zstd")
-        tabs = [page.tab(results) for results in played]
-        results = {
-            "answers": {tab.matchup.name: asdict(tab.answer) for tab in tabs},
-            "ablations": {tab.matchup.name: [asdict(step) for step in tab.steps] for tab in tabs},
-            "sentences": [tab.summary for tab in tabs],
-            "episodes": {"rows": len(rows), "sha256": checksum(folder / "episodes.parquet")},
-            "contestants": {
-                matchup.name: {each.name: each.checksum for each in (*matchup.seeds, *matchup.baselines)}
-                for matchup in matchups
-            },
-            "weights": {matchup.name: list(matchup.policy.weights) for matchup in matchups},
-            "scenarios": "; ".join(dict.fromkeys(_scenarios(matchup.scenarios) for matchup in matchups)),
-            "made from": made_from,
-            "command": command_of("report", options),
-            **revision(),
-            "seconds": time.perf_counter() - begun,
-            **circumstances(*PACKAGES),
-        }
-        (folder / RESULTS).write_text(json.dumps(results, indent=2) + "\n")
-        about = {
-            **results,
-            "limits": _limits(matchups),
-            "own": bool(options.policy) or not all(load_setup(name).shipped for name in options.setups),
-            "trained_with": ", ".join(dict.fromkeys(map(" ".join, versions))) or "what their files do not say",
-            "resamples": f"{RESAMPLES:,}",
-        }
-        page.write(folder, about, tabs, played)
-    return options.out / "index.html"
+    (folder / "figures").mkdir(parents=True, exist_ok=True)
+    rows = episodes(played)
+    with whole_file(folder / "episodes.parquet") as file:
+        rows.write_parquet(file, compression="zstd")
+    checksum = hashlib.sha256((folder / "episodes.parquet").read_bytes()).hexdigest()
+    tabs = [page.tab(results) for results in played]
+    results = {
+        "answers": {tab.matchup.name: asdict(tab.answer) for tab in tabs},
+        "ablations": {tab.matchup.name: [asdict(step) for step in tab.steps] for tab in tabs},
+        "sentences": [tab.summary for tab in tabs],
+        "episodes": {"rows": len(rows), "sha256": checksum},
+        "contestants": {
+            matchup.name: {each.name: each.checksum for each in (*matchup.seeds, *matchup.baselines)}
+            for matchup in matchups
+        },
+        "weights": {matchup.name: list(matchup.policy.weights) for matchup in matchups},
+        "scenarios": "; ".join(dict.fromkeys(_scenarios(matchup.scenarios) for matchup in matchups)),
+        "made from": made_from,
+        "command": command_of("report", options),
+        **revision(),
+        "seconds": time.perf_counter() - begun,
+        **circumstances(*PACKAGES),
+    }
+    about = {
+        **results,
+        "limits": _limits(matchups),
+        "own": bool(options.policy) or not all(load_setup(name).shipped for name in options.setups),
+        "trained_with": ", ".join(dict.fromkeys(map(" ".join, versions))) or "what their files do not say",
+        "resamples": f"{RESAMPLES:,}",
+    }
+    results["figures"] = page.write(folder, about, tabs, played)
+    for name in {*_written(folder).get("figures", [])} - {*results["figures"]}:
+        (folder / "figures" / Path(name).name).unlink(missing_ok=True)
+    write_file(folder / RESULTS, json.dumps(results, indent=2) + "\n")
 
 
 def _limits(matchups: Sequence[Matchup]) -> str:

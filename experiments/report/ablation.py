@@ -17,9 +17,9 @@ from agents.baselines import PaperTrapezoid
 from experiments.lab.comparison import Comparison, Front
 from experiments.lab.parts import Table, percent
 from experiments.lab.statistics import Estimate, Floats, Resamples, estimate
-from experiments.report.answer import MISSED_TOO_OFTEN, front
+from experiments.report.answer import front
 from experiments.report.matchups import BOUND, PAPER, POLICY
-from experiments.report.played import Played, Run
+from experiments.report.played import MISSED_TOO_OFTEN, Played, Run
 from impact_gym.task import Task
 
 LIMITS = {(False, False): "", (False, True): "at least ", (True, False): "at most ", (True, True): "about "}

@@ -13,12 +13,11 @@ import polars as pl
 from experiments.lab.comparison import Comparison, Front
 from experiments.lab.parts import Table, percent
 from experiments.lab.statistics import Estimate, Floats, Resamples, along, estimate, tolerated
-from experiments.report.figures import MEANS, Figure, chart_of, looks_of, zoomable
+from experiments.report.figures import Figure, chart_of, looks_of, zoomable
 from experiments.report.matchups import BOUND, POLICY, Matchup
-from experiments.report.played import Played, Run
+from experiments.report.played import MISSED_TOO_OFTEN, Played, Run
 
 FRONT = ("approach_time", "object_velocity")
-MISSED_TOO_OFTEN = 0.01  # of the objects: a missed one has no V_p
 
 
 @dataclass(frozen=True)
@@ -50,10 +49,11 @@ def answer(played: Played) -> Answer:
     tuned = len(played.rival.weights) > 1
     comparable = tuned and rival[0][0].min() <= time
     nearest = np.clip(time, times[0].min(), times[0].max())
-    as_late = played.of_seeds_as_late("object_velocity")
-    touched = played.of_seeds_as_late("missed") == 0.0
+    as_late, missed_then = (
+        np.array([run[name][0] for run in played.as_late.values()]) for name in (FRONT[1], "missed")
+    )
     rule = played.paper["object_velocity"][0]
-    missed = played.of_seeds("missed", played.policy.weights)
+    missed = np.array([run["missed"] for run in played.seeds.values()])
     fastest, slowest = velocities[0].max(), velocities[0].min()
     return Answer(
         played.matchup.name,
@@ -66,7 +66,7 @@ def answer(played: Played) -> Answer:
         velocity=estimate(at_time.ours),
         rival=played.matchup.rival.name if tuned else "",
         rival_reduction=Comparison.of_fronts(rival, paper).reduction if comparable else None,
-        improvement=estimate(resamples.means(((as_late < rule) + 0.5 * (as_late == rule)) * touched)),
+        improvement=estimate(resamples.means(((as_late < rule) + 0.5 * (as_late == rule)) * ~missed_then)),
         missed=int(missed.sum()),
         episodes=missed.size,
     )
@@ -83,8 +83,8 @@ def reductions(played: Played) -> Floats:
 
     It is empty where the curve of one does not come to that time: they would be read at different times.
     """
-    time, velocity = (played.paper[name].mean() for name in FRONT)
-    times, velocities = (played.of_seeds(name, played.policy.weights).mean(axis=2) for name in FRONT)
+    ((time, velocity),) = played.paper.front
+    times, velocities = np.moveaxis(np.array([run.front for run in played.seeds.values()]), 2, 0)
     if times.min(axis=1).max() > time or times.max(axis=1).min() < time:
         return np.empty(0)
     return 1.0 - along(times, velocities, np.full(len(times), time)) / velocity
@@ -136,13 +136,12 @@ def trade_off(played: Played) -> Figure:
     faint = base.transform_filter("!datum.chosen && datum.contestant == 'learned policy'").mark_line(
         strokeWidth=0.8, opacity=0.45
     ).encode(detail="line:N", order="w:Q")  # fmt: skip
-    columns = (alt.Tooltip("line:N", title="seed or line"), alt.Tooltip("w:Q", title="time weight (m/s per s)"))
-    marks = prominent.mark_point(size=70).encode(looks.shape, tooltip=["contestant:N", *columns, *MEANS])
+    marks = prominent.mark_point(size=70).encode(looks.shape, tooltip=[
+        "contestant:N", alt.Tooltip("line:N", title="seed or line"),
+        alt.Tooltip("w:Q", title="time weight (m/s per s)"), alt.Tooltip("T:Q", title="T (s)", format=".4f"),
+        alt.Tooltip("V:Q", title="V_p (m/s)", format=".4f"), "missed:Q",
+    ])  # fmt: skip
     layers = faint + curves + marks if len(played.seeds) > 1 else curves + marks
-    paper = played.paper.means(played.matchup.typical)
-    first, last = played.policy.front[0], played.policy.front[-1]
-    text = (f"Paper's rule: {paper['T']:.3f} s, {paper['V']:.3f} m/s. The policy's curve goes from {first[0]:.3f} s "
-            f"and {first[1]:.3f} m/s to {last[0]:.3f} s and {last[1]:.3f} m/s.")  # fmt: skip
     bound = "" if played.bound is None else (
         f" {BOUND.capitalize()}, is the best that a search found for each of the first "
         f"{played.bound['missed'].shape[1]} scenarios by itself: what one could do who knew the object."
@@ -152,7 +151,13 @@ def trade_off(played: Played) -> Figure:
         "seeds." + bound
     )
     subject = f"time until {played.matchup.until} against V_p, everybody and every seed"
-    return Figure(played.matchup.name, "trade_off", subject, caption, text, zoomable(layers), data, 380)
+    return Figure(played.matchup.name, "trade_off", subject, caption, in_words(played), zoomable(layers), data, 380)
+
+
+def in_words(played: Played) -> str:
+    """Return what a chart of the trade-off shows, for one who does not see it."""
+    places = [f"{time:.3f} s and {velocity:.3f} m/s" for time, velocity in (*played.paper.front, *played.policy.front)]
+    return f"Paper's rule: {places[0]}. The learned policy: from {places[1]} to {places[-1]}."
 
 
 def weights_table(played: Played) -> Table:

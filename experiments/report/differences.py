@@ -10,7 +10,7 @@ import polars as pl
 from experiments.lab.comparison import Comparison
 from experiments.lab.parts import Table
 from experiments.lab.statistics import estimate, quantile_groups
-from experiments.report.figures import Figure, chart_of, looks_of, zero_line, zoomable
+from experiments.report.figures import Figure, chart_of, looks_of, zoomable
 from experiments.report.jobs import watched_at
 from experiments.report.matchups import PAPER, POLICY
 from experiments.report.played import Played
@@ -87,8 +87,9 @@ def paired(played: Played, field: str) -> Figure:
 
     better, worse = ranges(pl.col("high") < 0), ranges(pl.col("low") > 0)
     verdict = f"The policy is clearly better {better}, clearly worse {worse}."
-    caption = f"Paired differences at w = {weight:g}, all seeds, 95 % intervals; below zero the policy is better. "
-    caption += verdict
+    caption = (
+        f"Paired differences at w = {weight:g}, all seeds, 95 % intervals; below zero the policy is better. {verdict}"
+    )
     kind: dict[str, Any] = {"type": "log"} if QUANTITIES[field].by_ratio(played.paper[field].min()) else {"zero": False}
     axis = alt.Axis(format="~s") if field == "contact_stiffness" else alt.Axis()
     scale, looks = alt.Scale(**kind, nice=False, padding=14), looks_of(data, policy=label)
@@ -97,7 +98,8 @@ def paired(played: Played, field: str) -> Figure:
     intervals = base.mark_rule(strokeWidth=2).encode(alt.Y("low:Q", title=title), y2="high:Q")
     numbers = [alt.Tooltip(f"{column}:Q", format=".3g") for column in ("from", "to", "value", "low", "high")]
     marks = base.mark_point(size=60).encode(looks.shape, y="value:Q", tooltip=["contestant:N", *numbers])
-    chart = zero_line() + intervals + base.mark_line(strokeWidth=1.2).encode(y="value:Q") + marks
+    zero = chart_of(pl.DataFrame({"zero": [0]})).mark_rule(strokeDash=[2, 3]).encode(y="zero:Q")
+    chart = zero + intervals + base.mark_line(strokeWidth=1.2).encode(y="value:Q") + marks
     subject = f"against {rival}, by {TITLES[field]}"
     return Figure(played.matchup.name, f"paired_{field}", subject, caption, verdict, chart, data, 240)
 

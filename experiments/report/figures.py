@@ -18,6 +18,7 @@ import vl_convert
 from markupsafe import Markup
 
 from experiments.lab.charts import OTHERS, SERIES
+from experiments.lab.results import csv_of
 from experiments.report.matchups import PAPER, POLICY
 from impact_gym.files import write_file
 
@@ -36,10 +37,6 @@ CONFIG: dict[str, Any] = {
     "point": {"filled": True, "size": 55, "opacity": 1},
     "range": {"category": list(COLOURS)},
 }  # fmt: skip
-MEANS = (
-    alt.Tooltip("T:Q", title="T (s)", format=".4f"), alt.Tooltip("V:Q", title="V_p (m/s)", format=".4f"), "missed:Q"
-)  # fmt: skip
-"""Tooltips of a point with the fields of `Run.means`."""
 
 
 @dataclass(frozen=True)
@@ -80,11 +77,11 @@ class Figure:
         svg = vl_convert.vegalite_to_svg(self.spec | {"width": self.width})
         return Markup(re.sub(r'(<svg [^>]*?) width="[^"]*" height="[^"]*"', r"\1", svg, count=1))
 
-    def save(self, folder: Path) -> None:
-        """Write the chart as SVG and its data as CSV."""
+    def save(self, folder: Path) -> list[str]:
+        """Write the chart as SVG and its data as CSV; return the names of these files."""
         svg = vl_convert.vegalite_to_svg(self.spec | {"width": self.width, "background": "white"})
-        for suffix, content in (("svg", svg), ("csv", self.data.write_csv())):
-            write_file(folder / f"{self.name}.{suffix}", content)
+        files = {f"{self.name}.svg": svg, f"{self.name}.csv": csv_of(self.data)}
+        return [write_file(folder / name, content).name for name, content in files.items()]
 
 
 def zoomable(chart: Any) -> Any:
@@ -94,16 +91,8 @@ def zoomable(chart: Any) -> Any:
 
 def chart_of(data: pl.DataFrame, digits: int = 5) -> alt.Chart:
     """Return an empty chart of `data`, floats rounded to so many significant digits: the page must stay small."""
-    return alt.Chart(_data(data.with_columns(pl.selectors.float().round_sig_figs(digits)).to_dicts()))
-
-
-def _data(rows: list[dict[str, Any]]) -> Any:
-    return alt.Data(values=rows)  # type: ignore[no-untyped-call]  # altair leaves it untyped
-
-
-def zero_line() -> alt.Chart:
-    """Return a dotted line where y is zero."""
-    return alt.Chart(_data([{"zero": 0}])).mark_rule(strokeDash=[2, 3]).encode(y="zero:Q")
+    rows = data.with_columns(pl.selectors.float().round_sig_figs(digits)).to_dicts()
+    return alt.Chart(alt.Data(values=rows))  # type: ignore[no-untyped-call]  # altair leaves it untyped
 
 
 class Looks(NamedTuple):

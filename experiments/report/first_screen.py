@@ -6,11 +6,11 @@ import altair as alt
 import numpy as np
 import polars as pl
 
-from experiments.lab.statistics import Estimate, estimate
-from experiments.report.answer import MISSED_TOO_OFTEN, Answer
+from experiments.lab.statistics import estimate
+from experiments.report.answer import Answer, in_words
 from experiments.report.figures import Figure, chart_of, looks_of
 from experiments.report.matchups import IMITATES, PAPER, POLICY
-from experiments.report.played import Played
+from experiments.report.played import MISSED_TOO_OFTEN, Played
 from impact_gym.task.task import VELOCITY_RANGE
 
 WIDTH, HEIGHT = 400, 270  # pixels: read on a phone as well, where the chart is scaled by no more than 0.85
@@ -53,10 +53,9 @@ def assisted(played: Played, intervals: bool = False) -> str:
     everybody |= {plain[name]: [run] for name, run in played.baselines.items()}
     parts = []
     for name, runs in everybody.items():
-        results = (np.array([getattr(run.at(weight), what) for run in runs]) for what in ("slide", "done_time"))
-        slide, done = (estimate(played.resamples.means(values)) for values in results)
-        slide = Estimate(100.0 * slide.value, 100.0 * slide.low, 100.0 * slide.high)  # cm
-        length, time = (f"{each:.2f}" if intervals else f"{each.value:.1f}" for each in (slide, done))
+        slide, done = (np.array([getattr(run.at(weight), what) for run in runs]) for what in ("slide", "done_time"))
+        estimates = (estimate(played.resamples.means(values)) for values in (100.0 * slide, done))  # cm, s
+        length, time = (f"{each:.2f}" if intervals else f"{each.value:.1f}" for each in estimates)
         parts.append(f"{length} cm and {time} s with {name}")
     how_far = f"How far the object slides, and when all is done, where a second costs {weight:g} m/s"
     return f"{how_far}: {'; '.join(parts)}."
@@ -104,8 +103,6 @@ def chart(answer: Answer, played: Played) -> Figure:
         gain.append(chart_of(gain_at).mark_rule(strokeDash=[2, 3]).encode(horizontal, vertical, y2="to:Q"))
         middle = 0.5 * (paper["V"] + answer.velocity.value)
         gain.append(label(_less(answer.reduction.value), paper["T"], middle, POLICY, align="left", dx=6))
-    text = (f"Paper's rule: {paper['T']:.3f} s, {paper['V']:.3f} m/s. The learned policy: from {learned[0][0]:.3f} s "
-            f"and {learned[0][1]:.3f} m/s to {learned[-1][0]:.3f} s and {learned[-1][1]:.3f} m/s.")  # fmt: skip
     fastest = played.matchup.environment.get("velocity_range", VELOCITY_RANGE)[1]
     tuning = "" if rival == PAPER else f", and for which the {rival} is tuned"
     caption = ("Down and left is better: gentler and sooner. Each line runs from urgent to patient; a mark is one "
@@ -113,4 +110,4 @@ def chart(answer: Answer, played: Played) -> Figure:
                f"{min(1.0, fastest):g} m/s and brakes as soon as the alarm of the touch arrives.")  # fmt: skip
     subject = "speed the object is left with, V_p (m/s)"
     layers = alt.layer(*gain, lines, marks, *names)
-    return Figure(played.matchup.name, "answer", subject, caption, text, layers, data, HEIGHT, WIDTH)
+    return Figure(played.matchup.name, "answer", subject, caption, in_words(played), layers, data, HEIGHT, WIDTH)

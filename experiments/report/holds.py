@@ -9,13 +9,11 @@ import polars as pl
 from agents.setups.evaluation import Change
 from experiments.lab import grid
 from experiments.lab.parts import Heat, HeatMap, Table
-from experiments.lab.study import Cell
-from experiments.report.answer import MISSED_TOO_OFTEN
+from experiments.lab.study import Cell, frame_of
 from experiments.report.matchups import PAPER, POLICY, Matchup
-from experiments.report.played import Played
+from experiments.report.played import MISSED_TOO_OFTEN, Played
 from impact_gym.quantities import QUANTITIES
 from impact_gym.task import evaluation_sets
-from impact_gym.task.task import MISSED_COST
 
 WORDS = {
     "force_noise": "noise of the force sensor",
@@ -45,7 +43,9 @@ def cells(matchup: Matchup, scenarios: Mapping[str, Any]) -> Iterator[Cell]:
             own = {"set": change.scenarios, "count": min(scenarios["count"], there)}
         nominal = {**matchup.environment, **matchup.evaluation.nominal}
         environment = nominal if change.same else change.environment
-        places.append(grid.Place(matchup.name, words(change), environment, scenarios=own))
+        labels = {"factor": factor(change.argument), "setting": setting(change), "same": change.same,
+                  "value": change.value, "missed_cost": grid.missed_cost(environment)}  # fmt: skip
+        places.append(grid.Place(matchup.name, words(change), environment, labels, own))
     contestants = [grid.Contestant(each.name, each.controller) for each in matchup.rivals]
     return grid.cells(places, contestants, scenarios, [matchup.typical])
 
@@ -73,27 +73,23 @@ def outcomes(played: Played) -> pl.DataFrame:
     """Return a row for each contestant under each change, in their order; the median seed is the policy.
 
     Beside the means of V_p (m/s), T (s) and the loss (m/s) and the number of objects missed `of` so many, it has by how
-    much the policy costs `more` (m/s): 0 unless that is above two standard errors.
+    much the policy costs `more` (m/s): 0 unless that is above two standard errors; and how far the value is `off`.
     """
-    changes = [
-        {"change": words(change), "factor": factor(change.argument), "setting": setting(change), "same": change.same,
-         "value": change.value, "missed_cost": float(change.environment.get("missed_cost", MISSED_COST))}
-        for change in played.matchup.changes
-    ]  # fmt: skip
-    if not changes:
-        return pl.DataFrame(schema={"factor": str, "setting": str, "same": bool, "contestant": str})
+    if not played.varied:
+        numbers = dict.fromkeys(("value", "off", "missed", "of", "more"), float)
+        return pl.DataFrame(schema={"factor": str, "setting": str, "contestant": str, "same": bool, **numbers})
     loss = grid.cost(played.matchup.typical, 0.0) + pl.col("missed_cost") * pl.col("missed")
-    frame = played.varied.join(pl.DataFrame(changes), on="change", maintain_order="left").with_columns(
-        pl.col("contestant").replace(played.matchup.chosen, POLICY), loss=loss
-    )
+    policy = pl.col("contestant").replace(played.matchup.chosen, POLICY)
+    frame = frame_of(played.varied).with_columns(policy, loss=loss)
     ours = frame.filter(contestant=POLICY).select("change", "episode", more=pl.col("loss"))
     more = pl.col("more") - pl.col("loss")
     clear = more.mean() > 2.0 * more.std() / more.len().sqrt()
+    off = (pl.col("value") - pl.col("value").filter("same").first().over("factor")).abs().fill_nan(0.0).fill_null(0.0)
     by = ["change", "factor", "setting", "same", "value", "contestant"]
     return frame.join(ours, on=["change", "episode"], maintain_order="left").group_by(by, maintain_order=True).agg(
         pl.mean("loss"), V=pl.mean("object_velocity"), T=pl.mean("approach_time"), missed=pl.sum("missed"), of=pl.len(),
         more=pl.when(clear).then(more.mean()).otherwise(0.0),
-    )  # fmt: skip
+    ).with_columns(off=off)  # fmt: skip
 
 
 def where_it_fails(played: Played) -> Failing:
@@ -101,19 +97,18 @@ def where_it_fails(played: Played) -> Failing:
 
     The worst is the one by which it misses most, or else loses most, to the rule before the rival.
     """
-    rows, rival = outcomes(played).to_dicts(), played.matchup.rival
+    rows, rival = outcomes(played), played.matchup.rival
     sentences, worse = list[str](), list[tuple[Row, str]]()
     for name, plain in {PAPER: PAPER, rival.name: rival.plain}.items():
-        against = [row for row in rows if row["contestant"] == name]
-        losing = [row for row in against if row["more"] > 0.0 and not row["same"]]
-        largest: dict[str, float] = {}
-        for row in losing:
-            largest[row["factor"]] = max(row["more"], largest.get(row["factor"], 0.0))
-        found = [_mildest(against, each) for each in sorted(largest, key=lambda each: -largest[each])]
+        changed = rows.filter(~pl.col("same"), contestant=name).with_columns(settings=pl.len().over("factor"))
+        losing = changed.filter(pl.col("more") > 0.0).sort("off", maintain_order=True)
+        mildest = losing.group_by("factor", maintain_order=True).agg(pl.all().first(), most=pl.max("more"))
+        found = mildest.sort("most", descending=True).to_dicts()
         if found:
-            sentences.append(f"Worse than the {plain} with {', '.join(_with(row, against) for row in found)}.")
+            named = (row["factor"] + (f" ({row['setting']})" if row["settings"] > 1 else "") for row in found)
+            sentences.append(f"Worse than the {plain} with {', '.join(named)}.")
         worse += [(row, plain) for row in found]
-    ours = [row for row in rows if row["contestant"] == POLICY]
+    ours = rows.filter(contestant=POLICY).to_dicts()
     missed = max(ours, key=lambda row: row["missed"] / row["of"], default={"missed": 0, "of": 1})
     many = missed["missed"] > MISSED_TOO_OFTEN * missed["of"]
     if many:
@@ -129,20 +124,8 @@ def where_it_fails(played: Played) -> Failing:
     return Failing(f"{place}. {line[0].upper()}{line[1:]}.", " ".join(sentences))
 
 
-def _mildest(against: list[Row], place: str) -> Row:
-    """Return the outcome against a rival, under changes of one kind, that is worse at the least distance from usual."""
-    trained = next((row["value"] for row in against if row["factor"] == place and row["same"]), np.nan)
-    losing = [row for row in against if row["factor"] == place and row["more"] > 0.0 and not row["same"]]
-    return min(losing, key=lambda row: np.nan_to_num(abs(row["value"] - trained)))
-
-
 def _at(row: Row) -> str:
     return f"at {row['setting']} " if np.isfinite(row["value"]) else ""
-
-
-def _with(row: Row, against: list[Row]) -> str:
-    tried = sum(each["factor"] == row["factor"] and not each["same"] for each in against)
-    return row["factor"] + (f" ({row['setting']})" if tried > 1 else "")
 
 
 def heat_map(played: Played) -> HeatMap:

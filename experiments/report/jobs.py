@@ -1,33 +1,43 @@
-"""From matchups to results: the jobs behind the page, and what came of them."""
+"""From matchups to results: the jobs behind the page, functions of plain data, and what came of them."""
 
 import hashlib
-from collections.abc import Iterator, Mapping, Sequence
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
+from agents.baselines import PaperTrapezoid
+from agents.evaluate import Travel
+from agents.evaluate.controllers import controller_of
+from agents.evaluate.play import play, scenario_batch_of
 from agents.jobs import cached, digest_of
+from agents.policies import Controller
 from experiments.lab import grid
-from experiments.lab.study import frame_of
-from experiments.report import holds, measures
+from experiments.lab.player.films import play as replay
+from experiments.report import holds
 from experiments.report.matchups import Contestant, Matchup
-from experiments.report.played import Played, Run
+from experiments.report.played import Arrays, Played, Run
 from impact_gym.scene import SpringDamper
 from impact_gym.sources import compiled_from
 from impact_gym.task import Task
 
-PLAYING = (*grid.PLAYED, measures.__name__, "experiments.lab.player.films", grid.__name__)
+JSON = Mapping[str, Any]
+PLAYING = (*grid.PLAYED, __name__, "experiments.lab.player.films", grid.__name__)
 """Sources that results depend on; set-ups, policies and what was tuned are arguments."""
 FAR = 0.36  # m, just beyond the farthest object: where an approach that meets nothing is watched
 NEAR = 0.25  # m, where one is watched that knows the distance
 FEWER = 500  # scenarios where many variants are played
+HALVINGS = 9  # of the range of weights, in its logarithm: to 1 %
+CALIBRATION_SCENARIOS = 500  # to find a weight on, or as many as are then played
 
 
 class ReportJob(NamedTuple):
-    """A call of `measures.measured`, and where its result goes."""
+    """A call of `measured`, and where its result goes."""
 
-    where: str  # in `Played`
+    where: str  # in `Played`, and what is measured
     key: Any  # there; None if the matchup has only one such result
-    measure: str
     arguments: Mapping[str, Any]
 
 
@@ -41,11 +51,11 @@ def play_matchups(
 ) -> list[Played]:
     """Play everything that is not in `folder` yet, and return what came of each matchup."""
     asked = [(number, job) for number, matchup in enumerate(matchups) for job in jobs_of(matchup)]
-    calls = [{"measure": job.measure, "arguments": dict(job.arguments)} for _, job in asked]
+    calls = [{"where": job.where, "arguments": dict(job.arguments)} for _, job in asked]
     print(f"results are kept in {folder}", flush=True)
     own = {module for matchup in matchups for module in matchup.modules}
     results = cached(
-        measures.measured,
+        measured,
         calls[::-1],  # those of the last set-up are the slowest: they begin first
         folder,
         depends=f"{sources()} {digest_of(*own)}",
@@ -54,19 +64,16 @@ def play_matchups(
         cluster=cluster,
     )
     played = [Played(matchup) for matchup in matchups]
-    frames = [list[Any]() for _ in matchups]
     for (number, job), result in zip(asked, reversed(results), strict=True):
-        if job.measure == "holds":
-            frames[number].append((job.key, result))
+        if job.where == "varied":
+            played[number].varied.append((job.key, result))
             continue
         weights = result["weight"].tolist() if "weight" in result else job.arguments["weights"]
-        run = Run(tuple(weights), result, played[number].missed_cost)
+        run = Run(tuple(weights), result, grid.missed_cost(matchups[number].environment))
         if job.key is None:
             setattr(played[number], job.where, run)
         else:
             getattr(played[number], job.where)[job.key] = run
-    for each, measured in zip(played, frames, strict=True):
-        each.varied = frame_of(measured)
     return played
 
 
@@ -79,12 +86,6 @@ def watched_at(matchup: Matchup) -> float:
     return float(0.5 * (low + high) if estimated else high + 0.01)
 
 
-def _shown_weights(matchup: Matchup, contestant: Contestant) -> list[float]:
-    """Return the weights (m/s per s) at which an approach is watched: the least, the typical, the largest compared."""
-    shown = dict.fromkeys((matchup.weights[0], matchup.typical, matchup.weights[-1]))
-    return [weight for weight in shown if weight in contestant.weights] or [contestant.weights[0]]
-
-
 def jobs_of(matchup: Matchup) -> Iterator[ReportJob]:
     """Yield the jobs of a matchup."""
     scenarios, environment, typical = matchup.scenarios, matchup.environment, matchup.typical
@@ -95,26 +96,106 @@ def jobs_of(matchup: Matchup) -> Iterator[ReportJob]:
 
     for seed in matchup.seeds:
         everything = of(seed, scenarios=scenarios, weights=list(seed.weights))
-        yield ReportJob("seeds", seed.name, "play", everything)
-        yield ReportJob("as_late", seed.name, "play as late", everything)
+        yield ReportJob("seeds", seed.name, everything)
+        yield ReportJob("as_late", seed.name, everything)
     for baseline in matchup.baselines:
         tuned = len(baseline.weights) > 1  # each weight is played at what was tuned for the nearest
         weights = sorted({*baseline.weights, *matchup.weights, typical}) if tuned else list(baseline.weights)
-        yield ReportJob("baselines", baseline.name, "play", of(baseline, scenarios=scenarios, weights=weights))
+        yield ReportJob("baselines", baseline.name, of(baseline, scenarios=scenarios, weights=weights))
     if (bound := matchup.bound) is not None:
         searched = first(scenarios, len(bound.controller["clairvoyant"][f"{bound.weights[0]:g}"]))
         knowing = {**environment, "privileged": True}
         arguments = of(bound, scenarios=searched, weights=list(bound.weights), environment=knowing)
-        yield ReportJob("bound", None, "play", arguments)
+        yield ReportJob("bound", None, arguments)
     for cell in holds.cells(matchup, some):
-        yield ReportJob("varied", cell.labels, "holds", cell.arguments)
+        yield ReportJob("varied", cell.labels, cell.arguments)
+    shown = dict.fromkeys((matchup.weights[0], typical, matchup.weights[-1]))
     for rival in matchup.rivals:
-        watched = of(rival, weights=_shown_weights(matchup, rival), distance=watched_at(matchup))
-        yield ReportJob("profiles", rival.name, "profile", watched)
+        weights = [weight for weight in shown if weight in rival.weights] or [rival.weights[0]]
+        yield ReportJob("profiles", rival.name, of(rival, weights=weights, distance=watched_at(matchup)))
         if isinstance(task.coupling, SpringDamper):
-            yield ReportJob("travelled", rival.name, "travelled", of(rival, scenarios=some, weights=[typical]))
+            yield ReportJob("travelled", rival.name, of(rival, scenarios=some, weights=[typical]))
 
 
 def first(scenarios: Mapping[str, Any], count: int) -> dict[str, Any]:
     """Return the first of some scenarios, or all where there are no more."""
     return {**scenarios, "count": min(count, scenarios["count"])}
+
+
+def measured(where: str, arguments: JSON) -> Any:
+    """Return the result of a job, arrays or a frame: one function for all jobs of a report."""
+    return MEASURES[where](**arguments)
+
+
+def play_as_late(controller: JSON, environment: JSON, scenarios: JSON, weights: Sequence[float]) -> Arrays:
+    """Return the results (1, scenarios) at the weight whose mean approach takes as long as that of the paper's rule.
+
+    That weight is found by bisection within the ends of `weights`, on `calibration_scenarios`. It is returned as
+    `weight` (1,).
+    """
+    choosing = calibration_scenarios(scenarios)
+
+    def mean_time(weight: float, player: Controller) -> float:
+        return float(scenario_batch_of(choosing, weight, environment).play(player).approach_time.mean())
+
+    low, high = weights[0], weights[-1]
+    target = mean_time(low, PaperTrapezoid().for_environment(environment))
+    for _ in range(HALVINGS if high > low else 0):
+        middle = math.sqrt(low * high)
+        if mean_time(middle, controller_of(controller, middle, environment)) > target:
+            low = middle
+        else:
+            high = middle
+    return play(controller, scenarios, [high], environment) | {"weight": np.array([high])}
+
+
+def calibration_scenarios(scenarios: JSON) -> dict[str, Any]:
+    """Return scenarios to choose a weight on: the validation set for a shipped one, the same ranges with another seed.
+
+    For a table of scenarios there are no others, and it is these.
+    """
+    count = min(CALIBRATION_SCENARIOS, scenarios["count"])
+    if "set" in scenarios:
+        return {"set": "validation", "count": count}
+    if "ranges" in scenarios:
+        return {**scenarios, "seed": scenarios["seed"] + 50_000_000, "count": count}
+    return dict(scenarios)
+
+
+def travelled(controller: JSON, environment: JSON, scenarios: JSON, weights: Sequence[float]) -> Arrays:
+    """Return how far the tool gets from its place on the flange, m: before the first touch, and in all (1, scenarios).
+
+    It is played at the only one of `weights`.
+    """
+    (weight,) = weights
+    batch = scenario_batch_of(scenarios, weight, environment)
+    travel = Travel(batch.count)
+    batch.play(controller_of(controller, weight, environment), watch=travel)
+    return {"before": travel.deflection[None], "in_all": travel.stroke[None]}
+
+
+def profile(controller: JSON, environment: JSON, weights: Sequence[float], distance: float) -> Arrays:
+    """Return the flange's velocity (weights, k) over even positions (k,) up to an object at `distance` (m).
+
+    A distance estimate, where there is one, is right.
+    """
+    record = {"object_mass": 0.5, "contact_stiffness": 3e4, "restitution": 0.5, "distance": distance}
+    if environment.get("range_noise") is not None:
+        record["distance_estimate"] = distance
+    position = np.linspace(0.0, distance, 141)
+    curves = []
+    for weight in weights:
+        player, options = controller_of(controller, weight, environment), {**environment, "time_weight": weight}
+        run = replay(player, seed=0, number=0, record=record, options=options)
+        approach = run.history.time <= run.info["approach_time"] + 1e-12
+        place, velocity = (run.history.columns[f"flange_{name}"][approach] for name in ("position", "velocity"))
+        forward = np.flatnonzero(place >= np.maximum.accumulate(place))  # a flange may step back
+        curves.append(np.interp(position, place[forward], velocity[forward], right=np.nan))
+    return {"position": position, "velocity": np.array(curves)}
+
+
+MEASURES: Mapping[str, Callable[..., Any]] = {
+    "seeds": play, "as_late": play_as_late, "baselines": play, "bound": play, "varied": grid.play, "profiles": profile,
+    "travelled": travelled,
+}  # fmt: skip
+"""What is measured for each part of `Played`."""

@@ -43,12 +43,6 @@ class Tab:
     statistician: Sequence[Section]
     film: Markup
 
-    @property
-    def figures(self) -> list[Figure]:
-        """All figures of the tab."""
-        parts = [part for section in (*self.engineer, *self.statistician) for part in section.parts]
-        return [self.chart, *(part for part in parts if isinstance(part, Figure))]
-
 
 def tab(played: Played) -> Tab:
     """Return the tab of a matchup."""
@@ -84,11 +78,12 @@ def tab(played: Played) -> Tab:
 
 def policies_table(all_played: Sequence[Played]) -> Table:
     """Return the median policies of all set-ups."""
-    body = [
-        (matchup.label, matchup.chosen, str(len(matchup.seeds)), matchup.provenance.get("command", "-"),
-         f"{played.policy_as_late.weights[0]:.4g}", matchup.policy.checksum[:16])
-        for played in all_played for matchup in [played.matchup]
-    ]  # fmt: skip
+    body = []
+    for played in all_played:
+        matchup, (weight,) = played.matchup, played.policy_as_late.weights
+        name = f"{matchup.title} ({matchup.name})" if matchup.title else matchup.name
+        trained_by, checksum = matchup.provenance.get("command", "-"), matchup.policy.checksum[:16]
+        body.append((name, matchup.chosen, str(len(matchup.seeds)), trained_by, f"{weight:.4g}", checksum))
     head = ("set-up", "median seed", "seeds", "trained by", "weight as late as the rule (m/s per s)", "checksum")
     return Table("The policies; checksums of all contestants are in results.json", head, body)
 
@@ -113,13 +108,15 @@ def watch(played: Played) -> dict[str, Any]:
     )
 
 
-def write(folder: Path, about: Mapping[str, Any], tabs: Sequence[Tab], all_played: Sequence[Played]) -> Path:
-    """Write the page, and into `folder`/figures all its figures with their data; return its path."""
-    (folder / "figures").mkdir()
-    for figure in (figure for tab in tabs for figure in tab.figures):
-        figure.save(folder / "figures")
+def write(folder: Path, about: Mapping[str, Any], tabs: Sequence[Tab], all_played: Sequence[Played]) -> list[str]:
+    """Write the page, and into `folder`/figures all its figures with their data; return the names of their files."""
+    saved = list[str]()
+    for tab in tabs:
+        parts = [tab.chart, *(part for section in (*tab.engineer, *tab.statistician) for part in section.parts)]
+        for figure in (part for part in parts if isinstance(part, Figure)):
+            saved += figure.save(folder / "figures")
     bundle = vl_convert.javascript_bundle()  # type: ignore[call-arg]  # its stub asks for what it does not need
-    return page.write(
+    page.write(
         folder,
         "report/page.html.jinja",
         macros={Figure: "figure"},
@@ -129,3 +126,4 @@ def write(folder: Path, about: Mapping[str, Any], tabs: Sequence[Tab], all_playe
         vega=Markup(bundle.replace("</script", "<\\/script")),  # what draws the charts
         embedded=partial(htmlsafe_json_dumps, separators=(",", ":"), allow_nan=False),
     )
+    return saved

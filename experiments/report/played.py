@@ -1,6 +1,6 @@
 """Results of a matchup: arrays, and what is read from them."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,6 +15,7 @@ from impact_gym.task.scenario import FIELDS
 from impact_gym.task.task import MISSED_COST
 
 Arrays = Mapping[str, NDArray[Any]]
+MISSED_TOO_OFTEN = 0.01  # of the objects: a missed one has no V_p
 
 
 @dataclass
@@ -66,14 +67,9 @@ class Played:
     as_late: dict[str, Run] = field(default_factory=dict)  # each seed at the weight that makes it as late as the paper
     baselines: dict[str, Run] = field(default_factory=dict)
     bound: Run | None = None
-    varied: pl.DataFrame = field(default_factory=pl.DataFrame)  # an episode a row, see `holds.cells`
+    varied: list[tuple[Mapping[str, Any], pl.DataFrame]] = field(default_factory=list)  # of each cell of `holds.cells`
     profiles: dict[str, Run] = field(default_factory=dict)
     travelled: dict[str, Run] = field(default_factory=dict)  # of a tool on a spring
-
-    @property
-    def missed_cost(self) -> float:
-        """What a miss costs, m/s."""
-        return float(self.matchup.environment.get("missed_cost", MISSED_COST))
 
     @property
     def paper(self) -> Run:
@@ -104,14 +100,6 @@ class Played:
     def resamples(self) -> Resamples:
         """The resamples of these scenarios, the same for all contestants."""
         return Resamples(self.count)
-
-    def of_seeds(self, name: str, weights: Iterable[float]) -> Floats:
-        """Return a result of all seeds (seeds, weights, scenarios)."""
-        return np.array([[getattr(run.at(weight), name) for weight in weights] for run in self.seeds.values()], float)
-
-    def of_seeds_as_late(self, name: str) -> Floats:
-        """Return a result of all seeds, as late as the paper's rule (seeds, scenarios)."""
-        return np.array([run[name][0] for run in self.as_late.values()], float)
 
     def losses(self, weight: float) -> Floats:
         """Return the loss of all seeds at a weight (seeds, scenarios), m/s."""

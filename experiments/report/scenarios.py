@@ -23,7 +23,10 @@ def scenarios_from(source: str, count: int | None) -> tuple[dict[str, Any], dict
     """
     path = Path(source)
     if path.suffix == ".json":
-        content = _content(path)
+        content = parsed(path, "scenarios, JSON", json.loads)
+        keys = {"ranges", "seed", "count", "environment"}
+        if not isinstance(content, dict) or set(content) - keys:
+            raise ValueError(f"{path} must be a JSON object with some of {sorted(keys)}, got {str(content)[:200]}")
         environment = content.get("environment", {})
         with within(f"{path}: ranges"):
             ranges = pairs(content.get("ranges", "test"))
@@ -42,11 +45,3 @@ def scenarios_from(source: str, count: int | None) -> tuple[dict[str, Any], dict
         return {"set": source, "count": count}, {}
     table = {name: values[:count].tolist() for name, values in frozen.scenario.items()}
     return {"table": table, "seed": frozen.seed, "count": count}, {}
-
-
-def _content(path: Path) -> dict[str, Any]:
-    content = parsed(path, "scenarios, JSON", json.loads)
-    keys = {"ranges", "seed", "count", "environment"}
-    if not isinstance(content, dict) or set(content) - keys:
-        raise ValueError(f"{path} must be a JSON object with some of {sorted(keys)}, got {str(content)[:200]}")
-    return content

@@ -5,9 +5,11 @@ import math
 import shutil
 import subprocess
 import sys
+from itertools import product
 
 import numpy as np
 import pytest
+from episodes import assert_identical
 from policies import KINDS, made_up_policy
 
 from agents.export import __main__ as exporting
@@ -119,14 +121,26 @@ CONTROLLERS = {
 def test_controller_compiles_without_a_warning_and_commands_what_the_policy_commands(tmp_path, environment):
     policy = made_up_policy(environment=environment)
     file = write_header(policy, tmp_path / "it.h")
-    assert {line for line in file.read_text().splitlines() if line.startswith("#include")} == {"#include <math.h>"}
-    languages = [language for language in LANGUAGES if language != "C++17" or shutil.which("g++")]
-    program, *_ = (compiled(policy, file, tmp_path, language) for language in languages)
-    log = logged(policy, 300)
+    includes = {line for line in file.read_text().splitlines() if line.startswith("#include")}
+    assert includes == {"#include <math.h>", "#include <string.h>"}
+    log, commands = logged(policy, 300), []
     assert log.commands.std() > 0.0
-    played = replay(policy, program, log, calls=1000)
-    assert played.difference < 1e-5  # a command is on a grid, and may fall on the next point of it
-    assert 0.0 < played.usual <= played.worst
+    for language, level in product(LANGUAGES if shutil.which("g++") else ["C99"], ("-O0", "-O2", "-O3")):
+        program = compiled(policy, file, tmp_path, level, language=language)
+        played = replay(policy, program, log, calls=1000)
+        assert played.difference < 1e-5  # a command is on a grid, and may fall on the next point of it
+        assert 0.0 < played.usual <= played.worst
+        commands.append(replayed(program, log.sensors, log.steps, log.time_weight, log.late))
+    assert_identical(commands, commands[:1] * len(commands))
+
+
+def replayed(program, sensors, steps, weights, late=None):
+    """Commands (steps, rows, 2) of a compiled controller for readings (steps, rows, fields)."""
+    commands = np.zeros((*sensors.shape[:2], 2))
+    late = np.full(sensors.shape[:2], np.nan) if late is None else late
+    arrays = np.ascontiguousarray(sensors), np.asarray(steps, np.int32), np.asarray(weights, float), late, commands
+    program.play(len(weights), *map(address, arrays))
+    return commands
 
 
 FIELDS = ["time", "position", "velocity", "alarm", "time_since_alarm", "force", "force_peak", "distance_estimate"]
@@ -171,14 +185,26 @@ def observed_by_hand(history, field, by_reading):
     return observed_by_hand(before, field, by_reading) + now["time"] - before[-1]["time"] if on_before else 0.0
 
 
+NOT_TOLD = ["-U__FAST_MATH__", "-U__FINITE_MATH_ONLY__", "-U__ASSOCIATIVE_MATH__"]  # as by a compiler that has none
+HOW = [["-O2"], ["-Ofast", *NOT_TOLD], ["-ffinite-math-only", *NOT_TOLD]]
+
+
+@pytest.mark.parametrize("flag", ["-Ofast", "-ffast-math", "-ffinite-math-only", "-funsafe-math-optimizations"])
+def test_header_does_not_compile_where_a_test_for_nan_may_be_removed(tmp_path, flag, capfd):
+    policy = made_up_policy(sizes=())
+    with pytest.raises(subprocess.CalledProcessError):
+        compiled(policy, write_header(policy, tmp_path / "it.h"), tmp_path, flag)
+    assert "it.h tests for NaN: compile it without -Ofast" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("how", HOW, ids=" ".join)
 @pytest.mark.parametrize("environment", [{}, {"alarm": "reading"}, {"past_readings": 2}], ids=str)
-def test_controller_takes_faulty_readings_as_the_header_says(tmp_path, environment):
+def test_controller_takes_faulty_readings_as_the_header_says(tmp_path, environment, how):
     policy, weight = made_up_policy(environment={"range_noise": 0.01, **environment}), 2.0
-    program = compiled(policy, write_header(policy, tmp_path / "it.h"), tmp_path)
+    program = compiled(policy, write_header(policy, tmp_path / "it.h"), tmp_path, *how)
     for seed in range(8):
-        readings, commands = faulty_readings(seed), np.zeros((60, 1, 2))
-        arrays = readings, np.array([60], np.int32), np.array([weight])
-        program.play(1, *map(address, arrays), address(np.full(60, np.nan)), address(commands))
+        readings = faulty_readings(seed)
+        commands = replayed(program, readings[:, None], [60], [weight])
         history, expected = [], [np.array([0.0, 20.0])]  # at first to stay at rest
         for reading in (dict(zip(FIELDS, values, strict=True)) for values in readings):
             if not np.isfinite(reading["time"]) or (history and reading["time"] <= history[-1]["time"]):
@@ -194,21 +220,24 @@ def test_controller_takes_faulty_readings_as_the_header_says(tmp_path, environme
         assert len(history) > 30
         assert commands[:, 0] == pytest.approx(np.array(expected[1:]), rel=0, abs=2e-5)
         assert commands[:, 0].std(axis=0).min() > 0.05
+        weights = np.array([policy.spec.scale("time_weight").low, 0.0, -1.0, np.nan, np.inf, -np.inf])
+        lightest = replayed(program, np.repeat(readings[:, None], len(weights), axis=1), [60] * len(weights), weights)
+        assert np.ptp(lightest, axis=1).max() == 0.0 < abs(lightest[:, :1] - commands).max()
 
 
-def test_controller_in_c_stops_where_the_operator_is_silent_and_withdraws_after_an_alarm_alone(tmp_path):
+@pytest.mark.parametrize("how", HOW, ids=" ".join)
+def test_controller_in_c_stops_where_the_operator_is_silent_and_withdraws_after_an_alarm_alone(tmp_path, how):
     """A gain of 1 and all of the withdrawal, by the biases of the last layer; the alarm comes at 1.5 s."""
     policy = made_up_policy(environment=IDS["ImpactTeleop-v0"])
     policy.network.mean.weight[:], policy.network.mean.bias[:] = 0.0, [2.0, 0.0, 2.0]
-    program = compiled(policy, write_header(policy, tmp_path / "it.h"), tmp_path)
+    program = compiled(policy, write_header(policy, tmp_path / "it.h"), tmp_path, *how)
     time = 0.016 * np.arange(150)
     fields = dict.fromkeys(policy.spec.sensors, np.zeros(150)) | {"time": time, "alarm": time >= 1.5}
     fields["time_since_alarm"] = np.maximum(time - 1.5, 0.0)
     fields["command"] = np.where(np.abs(time - 0.5) < 0.02, math.nan, 0.2)
     fields["command_age"] = 0.1 + np.clip(time - 1.0, 0.0, 0.3) * (time < 1.3)  # none comes from 1.0 to 1.3 s
-    sensors, commands = np.stack(list(fields.values()), axis=-1)[:, None].copy(), np.zeros((150, 1, 2))
-    arrays = sensors, np.array([150], np.int32), np.array([2.0]), np.full((150, 1), math.nan), commands
-    program.play(1, *map(address, arrays))
+    fields["command_age"][[40, 44, 48]] = -math.inf, math.nan, math.inf
+    commands = replayed(program, np.stack(list(fields.values()), axis=-1)[:, None], [150], [2.0])
     silent = np.isnan(fields["command"]) | ((time >= 1.0 + 0.1 + 0.008) & (time < 1.3))
     back = 0.3 * np.clip(1.0 - (time - 1.5 - 0.15) / 0.1, 0.0, 1.0) * (time >= 1.5)
     assert silent.sum() > 12

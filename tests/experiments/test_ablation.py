@@ -95,44 +95,35 @@ def test_steps_compares_the_clairvoyant_on_its_searched_scenarios():
     assert steps_of(results)[-1].contestant == policy.contestant  # not searched at the typical weight
 
 
-@pytest.mark.parametrize(("times", "limits", "words"), [
-    ((0.25, 0.2), ["", "at least ", "at most "], "at least 28.6 %"),
-    ((0.4, 0.2), ["", "", ""], " 28.6 %"),
+@pytest.mark.parametrize(("policy", "profile", "limits", "said", "gap"), [
+    (run((0.2, 0.4)), run((0.5, 0.6), (0.25, 0.2)), ["", "at least ", "at most "], "at least 28.6 %", "50 ms sooner"),
+    (run((0.2, 0.4)), run((0.4, 0.6)), ["", "", ""], " 28.6 %", ""),
+    (run((0.2, 0.4)), run((0.4, 0.5), (0.5, 0.35)), ["", "", ""], "V_p + 2 T", "50 ms later"),
+    (run((0.2, 0.4), missed=1), run((0.4, 0.6)), ["", "", ""], None, ""),  # more than one in a hundred
+    (run((0.9, 1.1)), run((0.4, 0.6)), ["", "", ""], None, ""),  # nothing is gained
+    (run((0.3, 0.4), (0.25, 0.2)), run((0.4, 0.6)), ["", "", "at least "], None, ""),  # what the whole is, is not known
 ])  # fmt: skip
-def test_steps_bounds_gains_of_a_step_read_too_soon(times, limits, words):
+def test_steps_claim_only_what_is_read_at_the_papers_time(policy, profile, limits, said, gap):
     results = played()
-    results.baselines["profile"] = run((0.5, 0.6) if times[0] < PAPER_TIME else (0.4, 0.6), times)
-    steps = steps_of(results)
-    assert [step.limit for step in steps[1:]] == limits
-    assert words in sentence(steps)
-    assert ("50 ms sooner" in table(steps, {}).rows[2][2]) == (times[0] < PAPER_TIME)
+    results.seeds["seed-0"], results.baselines["profile"] = policy, profile
+    first, *steps = steps_of(results)
+    assert [step.limit for step in steps] == limits
+    assert gap in table([first, *steps], {}).rows[2][2]
+    shares, text = [step.velocity.share for step in steps], sentence([first, *steps])
+    if said is None:
+        assert (shares, text) == ([None] * 3, "")
+    else:
+        assert said in text
+        assert (shares == [None] * 3) == ("later" in gap) == ([step.velocity.less for step in steps] == [None] * 3)
 
 
-def test_steps_claims_nothing_at_a_time_that_a_contestant_cannot_make():
+def test_steps_that_come_too_late_are_compared_by_their_cost():
     results = played(acceleration_range=(1.0, 8.0))
     results.baselines["profile"] = run((0.4, 0.5), (0.5, 0.35))
-    steps = steps_of(results)
-    assert [step.velocity.share for step in steps] == [None] * 4
-    assert [step.velocity.less for step in steps] == [None] * 4
-    assert "50 ms later" in table(steps, {}).rows[2][2]
-    text = sentence(steps)
-    assert "V_p + 2 T" in text  # which may be compared whenever they arrive
+    text, total = sentence(steps_of(results)), 0.6 * SPEEDS.mean() + 0.2
     assert "from the choice of speed" in text  # on an arm that can do no more than the paper's rule
-    total = 0.6 * SPEEDS.mean() + 0.2
-    first = 100 * (0.2 * SPEEDS.mean() + 0.2) / total
     assert f"{total:.3f} m/s that it saves" in text
-    assert f"{first:.1f} %" in text
-
-
-def test_steps_claims_nothing_with_misses_or_without_gain():
-    missing, useless = played(), played(seeds=((0.9, 1.1),))
-    missing.seeds["seed-0"] = run((0.2, 0.4), missed=2)
-    for results in (missing, useless):
-        assert [step.velocity.share for step in steps_of(results)] == [None] * 4
-        assert sentence(steps_of(results)) == ""
-    results = played()
-    results.seeds["seed-0"] = run((0.3, 0.4), (0.25, 0.2))  # all of the policy is too soon, so the whole is not known
-    assert sentence(steps_of(results)) == ""
+    assert f"{100 * (0.2 * SPEEDS.mean() + 0.2) / total:.1f} %" in text
 
 
 @pytest.mark.parametrize(("names", "noise", "added"), [
@@ -157,7 +148,7 @@ def test_links_take_the_first_of_two_baselines_of_one_rule():
         assert links(played(names))[2].contestant == names[0]
 
 
-def test_steps_resamples_all_contestants_alike():
+def test_steps_resample_all_contestants_alike():
     """The numbers of one contestant do not depend on who else is in it."""
     alone, together = (steps_of(played(names)) for names in ((), ("profile", "constant")))
     assert alone[-1].velocity.value == together[-1].velocity.value

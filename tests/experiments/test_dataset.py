@@ -1,5 +1,6 @@
 """Datasets of Minari: as its contract says, whole or not there, and played again to the bit; an operator of tries."""
 
+import json
 import re
 import subprocess
 import sys
@@ -126,11 +127,40 @@ def test_one_of_another_version_is_refused_in_a_line(tmp_path):
         dataset.check("impact/linear-blind/rule-v0")
 
 
+RUN = "subprocess:check_output"
+HOSTILE = {  # what a dataset's metadata may say, and the field that is named
+    "entry_point": {"entry_point": RUN, "kwargs": {"args": ["touch", "evil"]}},
+    "vector_entry_point": {"vector_entry_point": RUN},
+    "additional_wrappers": {"additional_wrappers": [{"name": "x", "entry_point": RUN, "kwargs": {}}]},
+    "id must be one of ImpactApproach-v0": {"id": "subprocess:Evil-v0"},
+    "uplink.trace": {"kwargs": {"uplink": {"trace": "trace.csv"}}},
+    "coupling": {"kwargs": {"coupling": RUN}},
+}
+
+
+@pytest.mark.parametrize("spaces", [True, False], ids=["", "without spaces, for which Minari makes the environment"])
+@pytest.mark.parametrize("field", HOSTILE)
+def test_check_imports_nothing_that_a_dataset_names(root, tmp_path, monkeypatch, field, spaces):
+    rule_of()
+    monkeypatch.chdir(tmp_path)
+    Path("trace.csv").write_text("0,0.01\n0.016,0.02\n")
+    file = next(root.rglob("impact/linear-blind/rule-v0/data/metadata.json"))
+    about = json.loads(file.read_text())
+    about["env_spec"] = json.dumps(json.loads(about["env_spec"]) | HOSTILE[field])
+    if not spaces:
+        del about["observation_space"]
+    file.write_text(json.dumps(about))
+    with refused("has an environment that is none here", field):
+        dataset.check("impact/linear-blind/rule-v0")
+    assert not Path("evil").exists()
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [
         ({"who": ("nobody",)}, ("who must be of rule, profile, policy", "'nobody'")),
         ({"who": ("json:nothing",)}, ("no controller 'json:nothing'",)),
+        ({"who": ("rule", "rule")}, ("who must name none twice", "'rule'")),
         ({"episodes": 0}, ("episodes must be", "at least 1", "got 0")),
         ({"namespace": "../.."}, ("Malformed dataset ID",)),
         ({"source": "no-such"}, ("no set-up 'no-such'",)),
@@ -139,6 +169,11 @@ def test_one_of_another_version_is_refused_in_a_line(tmp_path):
 def test_bad_input(options, said):
     with refused(*said):
         make(**{"who": ("rule",), **options})
+
+
+def test_random_actions_are_as_many_as_the_environment_takes():
+    make("teleop-spring", who=("random",), episodes=2)
+    assert dataset.check("impact/teleop-spring/random-v0") == 2
 
 
 def test_a_set_up_of_ones_own_without_a_policy_says_so(tmp_path):

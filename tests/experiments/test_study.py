@@ -10,7 +10,7 @@ from pages import stands_on_its_own
 
 from experiments import studies
 from experiments.lab.parts import Heat, HeatMap, Picture, Section, Table
-from experiments.lab.statistics import Estimate
+from experiments.lab.results import csv_of
 from experiments.lab.study import LARGE, Cell, Findings, Measurement, Run, Study, StudyOptions
 
 
@@ -34,10 +34,11 @@ def chart():
 
 
 def findings(frames, quick):
-    table = Table.of("Squares", frames["squares"], {"kind": "{kind}", "V_p": "{square}"}) if "squares" in frames else ""
+    squares = Table.of("Squares", frames.get("squares", pl.DataFrame()), {"kind": "{kind}", "V_p": "{square}"})
     heat = HeatMap("Warm is worse", ("what", "cost"), [("noise", "1 tried", [Heat("1.2", "at most", 1.2)])])
-    parts = [table, heat, Picture("line", chart(), "A line that rises.", "V_p over k_c")]
-    return Findings(f"quick: {quick}", [Section("Squares of V_p", parts, key="first"), Section("More", ["x^2"], True)])
+    line = Picture("line", chart(), "A line that rises.", "V_p over k_c")
+    sections = [Section("Squares of V_p", [squares, Table("Nothing", ("a",), ()), heat, line], key="first")]
+    return Findings(f"quick: {quick}", [*sections, Section("More", ["x^2"], True)])
 
 
 @pytest.fixture
@@ -67,16 +68,25 @@ def calls(tmp_path):
     return (tmp_path / "log").read_text().splitlines()
 
 
-def test_rows_have_the_labels_of_their_cell_and_later_tables_see_earlier_ones(study, tmp_path):
-    frames = run(study, tmp_path / "out").frames
+@pytest.mark.parametrize("only", [(), ("cubes",)])
+def test_rows_have_the_labels_of_their_cell_and_later_tables_see_earlier_ones(study, tmp_path, only):
+    frames = run(study, tmp_path / "out", only=only).frames
     assert frames["squares"].rows() == [("small", 1, 1), ("small", 2, 4), ("large", 10, 100)]
     assert frames["cubes"]["cube"].to_list() == [1, 8, 1000]
     assert pl.read_csv(tmp_path / "out" / "squares.csv").equals(frames["squares"])
 
 
+def test_csv_holds_no_formula_and_leaves_numbers_and_words():
+    texts = ["=1+1", "+1", "-2+3", "@SUM(A1)", "\t=1", "\r=1", "a=1", "learned policy minus rule"]
+    read = pl.read_csv(csv_of(pl.DataFrame({"text": texts, "number": [-1.5] * 8})).encode())
+    assert read.rows() == [(text, -1.5) for text in (*(f"'{each}" for each in texts[:6]), *texts[6:])]
+
+
 @pytest.mark.parametrize("width", [390, 1280])
 def test_page_stands_on_its_own(study, browser, tmp_path, width):
     page = stands_on_its_own(browser, run(study, tmp_path / "out").folder / "index.html", width)
+    assert "Nothing" not in page.inner_text("main")  # a table without rows
+    assert page.locator("table").first.locator("th[scope]").count() == 2 + 3
     for words in ("Which squares?", "quick: False", "A line", "impact-gym study squares"):
         assert words in page.inner_text("main") or page.get_by_alt_text(words).count() == 1
 
@@ -86,10 +96,8 @@ def test_what_is_kept_is_not_measured_again_unless_forced_or_outdated(study, tmp
     run(study, tmp_path / "out")
     assert calls(tmp_path) == ["1 2", "10"]
     first, second = study.measurements
-    run(
-        replace(study, measurements=(replace(first, depends=(__name__, "experiments.lab.parts")), second)),
-        tmp_path / "out",
-    )
+    changed = replace(first, depends=(__name__, "experiments.lab.parts"))
+    run(replace(study, measurements=(changed, second)), tmp_path / "out")
     assert calls(tmp_path) == 2 * ["1 2", "10"]
     run(study, tmp_path / "out", force=True)
     assert calls(tmp_path) == 3 * ["1 2", "10"]
@@ -106,10 +114,9 @@ def test_quick_run_has_fewer_cells_and_only_names_tables(study, tmp_path, monkey
 
 
 def test_cell_that_fails_is_an_error_or_a_row_with_its_reason(study, tmp_path):
-    bad = Cell({"kind": "none"}, {"numbers": [0], "log": str(tmp_path / "log")})
-    first = replace(
-        study.measurements[0], cells=lambda *_: [bad, Cell({"kind": "one"}, {**bad.arguments, "numbers": [1]})]
-    )
+    log = str(tmp_path / "log")
+    cells = [Cell({"kind": kind}, {"numbers": [k], "log": log}) for k, kind in enumerate(("none", "one"))]
+    first = replace(study.measurements[0], cells=lambda *_: cells)
     with pytest.raises(RuntimeError, match="1 of 2 jobs failed"):
         run(replace(study, measurements=(first,)), tmp_path / "out")
     allowed = replace(first, failed=lambda labels: {"number": len(labels["kind"])})
@@ -126,16 +133,6 @@ def test_large_table_is_parquet_and_none_of_another_kind_stays(study, tmp_path):
         run(replace(study, measurements=(few,)), tmp_path / "out")
         assert (tmp_path / "out" / kept).is_file()
         assert not (tmp_path / "out" / gone).exists()
-
-
-def test_percent_and_tables_are_written_as_asked():
-    from experiments.lab.parts import percent
-
-    assert percent(Estimate(0.123, 0.1, 0.15)) == "12.3 % [10.0, 15.0]"
-    assert percent(Estimate(0.123, 0.1, 0.15), 0) == "12 % [10, 15]"
-    table = Table.of("", [{"a": 1.25, "b": "word"}, {"a": -2.0, "b": "at most 3"}], {"A": "{a:.1f}", "B": "{b}"})
-    assert table.rows == [["1.2", "word"], ["-2.0", "at most 3"]]
-    assert table.words == [False, False]  # half of the second column are numbers
 
 
 @pytest.mark.parametrize("name", studies.NAMES)

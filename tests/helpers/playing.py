@@ -108,6 +108,7 @@ def served(folder, setup=None):
     setup = setup or near_setup(folder.with_name(folder.name + "-setup"))
     line = [sys.executable, "-m", "experiments.play", str(setup), "--port=0", "--no-open", f"--out={folder}"]
     how = {"cwd": folder.parent, "env": os.environ | {"PYTHONPATH": str(ROOT)}, "text": True}
+    how["start_new_session"] = True  # a group of its own, which may be killed
     with subprocess.Popen(line, **how, stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as process:
         try:
             yield Served(process, setup, folder)

@@ -110,8 +110,11 @@ def test_identify_sees_through_a_low_pass_and_a_load_cell_that_rings_and_is_brak
     time = np.arange(0.3, 0.345, 1 / 8000)
     read = np.interp(time, fine, force)
     recorded = {"time": time, "force": read + np.random.default_rng(0).normal(0.0, 0.005 * read.max(), len(time))}
-    assert_near(ig.identify(recorded, guess(), MOTION, sensor=ig.Sensor(low_pass=900.0, cell=cell)), TRUTH)
-    unaware = ig.identify(recorded, guess(), MOTION, sensor=ig.Sensor(low_pass=900.0))
+    fit = ig.identify(recorded, guess(), MOTION, sensor=ig.Sensor(low_pass=900.0, cell=cell))
+    assert_near(fit, TRUTH)
+    assert fit.warnings == ()
+    with pytest.warns(UserWarning, match="force"):
+        unaware = ig.identify(recorded, guess(), MOTION, sensor=ig.Sensor(low_pass=900.0))
     low, high = unaware.interval["object.mass"]
     assert not low < TRUTH.object.mass < high
 

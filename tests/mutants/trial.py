@@ -44,7 +44,7 @@ def trial(file, line, before, after, tests):
             if not file.endswith(".py"):
                 compiled(copy)
         environment = os.environ | {"PYTHONPATH": str(copy), "TMPDIR": folder}
-        flags = ("-x", "-q", "--tb=line", "--hypothesis-seed=0", "-p", "no:cacheprovider")
+        flags = ("-m", "", "-x", "-q", "--tb=line", "--hypothesis-seed=0", "-p", "no:cacheprovider")
         process = subprocess.Popen(
             [sys.executable, "-m", "pytest", *flags, *tests], cwd=copy, env=environment, text=True,
             stdout=subprocess.PIPE, stderr=subprocess.STDOUT, start_new_session=True,

@@ -141,17 +141,30 @@ def test_pause_before_a_touch_does_not_end_a_try_and_its_end_is_kept_unmarked(ha
     assert time[-1] < 3.0
 
 
-def test_try_that_finds_no_room_on_the_disk_is_kept_until_there_is_some(hand):
+def test_disk_that_is_full_stops_the_arm_and_the_try_is_kept_until_there_is_room(hand):
     unlimited = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (1, unlimited[1]))
+
+    def steer(hand, frame):
+        push(hand, frame, 0.1)
+        if frame["n"] == 20:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (1, unlimited[1]))
+
     try:
-        failed = hand.play(push)
+        failed = hand.play(steer)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, unlimited)
     assert failed["kind"] == "failed"
     assert "no room to write" in failed["text"]
     assert "\n" not in failed["text"]
-    assert not [*hand.folder.iterdir()]
+    assert [each.name for each in hand.folder.iterdir()] == ["a.journal"]
     assert [hand.play(push, name)["kind"] for name in "bc"] == ["ended", "ended"]
     assert sorted(each.name for each in hand.folder.iterdir()) == ["a.json", "b.json", "c.json"]
-    assert [hand.kept(name)[0].marks for name in "abc"] == [[], [], []]
+    assert [hand.kept(name)[0].marks for name in "abc"] == [["interrupted: no room for the journal"], [], []]
+    _, time, velocity = hand.kept()
+    assert time[velocity > 0.0].max() <= 21 * PERIOD
+
+
+def test_what_cannot_begin_is_said(hand):
+    failed = hand.play(rest, assist="magic")
+    assert failed["kind"] == "failed"
+    assert "assist must be one of none, brake, limit, policy, rule, got 'magic'" in failed["text"]

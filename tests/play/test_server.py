@@ -9,14 +9,17 @@ import socket
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, closing, suppress
+from pathlib import Path
 
 import pytest
-from playing import ROOT, closed, heard, say, served
+from playing import ROOT, SETUP, closed, heard, say, served
 from refusals import refused
-from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.exceptions import ConnectionClosed, InvalidStatus, WebSocketException
 
 from experiments.play import __main__ as command
+from experiments.play import tries
 
 
 def answer(server, path=None, **headers):
@@ -40,7 +43,10 @@ def test_only_our_own_page_is_answered_and_on_this_machine_alone(server):
     for host in ("evil.example", f"evil.example:{port}"):  # a name that was bound to 127.0.0.1
         assert answer(server, Host=host)[0] == 403
     assert answer(server, Origin="http://evil.example")[0] == 403
-    for path in ("/", "/wrong/", "//", "/%ff/", f"/{'x' * 3000}/", "/favicon.ico"):
+    token = server.address.split("/")[3]
+    half = len(token) // 2
+    near = (f"/{part}/" for part in (token[:half], token[half:], token[:half] + "x" * half, "x" * half + token[half:]))
+    for path in ("/", "/wrong/", "//", "/%ff/", f"/{'x' * 3000}/", "/favicon.ico", *near):
         assert answer(server, path)[0] == 403
     for name in ("..%2f..%2fetc", "20200101-000000-000000"):
         assert answer(server, f"{server.path}film/{name}")[0] == 404
@@ -94,6 +100,32 @@ def test_player_who_floods_is_refused_after_the_arm_has_stopped_and_the_try_is_k
         assert this.operator["velocity"][-1] == 0.0
 
 
+@pytest.mark.storm
+def test_flood_of_fifty_is_refused_and_leaves_the_player_alone(tmp_path):
+    end = time.monotonic() + 12.0
+
+    def flood(said):
+        while time.monotonic() < end:
+            with suppress(OSError, WebSocketException), server.connect() as page:
+                while time.monotonic() < end:
+                    page.send(said)
+
+    with served(tmp_path / "tries") as server, server.connect() as page, ThreadPoolExecutor(50) as clients:
+        server.push(page)
+        before, played = server.memory(), []
+        for number in range(50):
+            clients.submit(flood, ('{"v": 1}', "rubbish")[number % 2])
+        while time.monotonic() < end:
+            played.append(server.push(page)["kind"])
+        assert {*played} == {"ended"}
+        assert server.memory() < before + 40e6
+        assert not any("interrupted" in mark for this in server.tries(1 + len(played)) for mark in this.marks)
+        _, said = server.end()
+    for reason in ("more than 250 messages a second", "a message must be JSON", "too many pages"):
+        assert reason in said
+    assert "Traceback" not in said
+
+
 def test_second_page_is_told_so_watches_and_may_take_the_stick(server):
     with server.connect() as first, server.connect() as second:
         assert heard(first, "role", others=1)["player"]
@@ -136,6 +168,86 @@ def test_server_that_is_stopped_in_the_middle_loses_nothing(how, exit_code, tmp_
         assert max(this.operator["velocity"]) > 0.1
 
 
+def test_try_of_a_server_and_a_clock_that_are_killed_at_once_is_there_after_a_restart(tmp_path):
+    with served(tmp_path / "tries") as server, server.connect() as page:
+        server.push(page, 20)
+        os.killpg(server.process.pid, signal.SIGKILL)
+    assert server.tries() == []
+    with served(tmp_path / "tries", server.setup) as again, again.connect() as page:
+        (entry,) = heard(page, "hello")["tries"]
+        (this,) = again.tries()
+        assert entry["marks"] == this.marks == ["interrupted: the server was killed"]
+        assert max(this.operator["velocity"][:20]) > 0.1
+        assert this.operator["velocity"][-1] == 0.0  # nobody commanded its end
+        assert tries.simulated(this).slide == this.result["slide"]
+        assert not [*again.folder.glob("*.journal")]
+
+
+def test_second_server_of_a_folder_is_refused_and_leaves_the_journal_of_the_first(tmp_path):
+    with served(tmp_path / "tries") as server, server.connect() as page:
+        server.push(page, 5)
+        (journal,) = server.folder.glob("*.journal")
+        mine = command.Play(str(server.setup), open=False, out=tmp_path / "tries", port=0)
+        refused(lambda: command.work(mine), f"got {tmp_path / 'tries'}: process {server.process.pid} has it")
+        assert journal.exists()
+        say(page, done=1)
+        assert heard(page, "ended")["entry"]["marks"] == []
+
+
+def test_files_of_which_no_try_can_be_made_are_kept_and_said_and_reach_no_page(tmp_path):
+    with served(tmp_path / "tries") as server, server.connect() as page:
+        name = server.push(page)["entry"]["name"]
+        server.push(page, 5)
+        os.killpg(server.process.pid, signal.SIGKILL)
+    (journal,) = server.folder.glob("*.journal")
+    whole = (server.folder / f"{name}.json").read_text()
+    kept = {"a.json": json.dumps(json.loads(whole) | {"marks": ["</script>"]}), "b.json": "{", "<b>.json": whole,
+            "c.journal": "", "d.journal": journal.read_text() + "what\n"}  # fmt: skip
+    for file, text in kept.items():
+        (server.folder / file).write_text(text)
+    Path(server.setup).unlink()
+    with served(tmp_path / "tries", SETUP) as again, again.connect() as page:
+        assert [entry["name"] for entry in heard(page, "hello")["tries"]] == [name]
+        said = [again.process.stdout.readline() for _ in range(len(kept) + 1)]
+        assert "Traceback" not in again.end()[1]
+    for file in (*kept, journal.name):
+        assert (server.folder / file).exists()
+        assert sum(f"/{file} " in line for line in said) == 1
+
+
+@pytest.mark.parametrize(("line", "status"), [
+    ("OPTIONS * HTTP/1.1", 403), ("GET http://{host}{path} HTTP/1.1", 403), ("TRACE {path} HTTP/1.1", 405),
+    ("PRI * HTTP/2.0", 403), ("CONNECT {host} HTTP/1.1", 403), ("POST {path} HTTP/1.1", 405), ("rubbish", 400),
+    ("GET {path}film/%00 HTTP/1.1", 404), ("GET {path}film/%ff%fe HTTP/1.1", 404), ("GET /{long} HTTP/1.1", 403),
+    ("GET {path}film/{most} HTTP/1.1", 404), ("GET {path} HTTP/1.1\r\nX: {long}", 200), ("GET ?{path} HTTP/1.1", 403),
+    ("GET {path}ws HTTP/1.1", 404), ("GET {path} HTTP/1.1\r\nHost: {host}", 400), ("HEAD {path} HTTP/1.1", 200),
+])  # fmt: skip
+def test_odd_request_has_a_proper_answer(server, line, status):
+    host = server.origin.removeprefix("http://")
+    asked = line.format(host=host, path=server.path, long="x" * 7000, most="x" * 4000)
+    with socket.create_connection(host.split(":")) as odd:
+        odd.settimeout(10.0)
+        odd.sendall(f"{asked}\r\nHost: {host}\r\nConnection: close\r\n\r\n".encode())
+        assert odd.recv(12) == f"HTTP/1.1 {status}".encode()
+
+
+def test_connections_that_ask_nothing_keep_no_player_out_and_end(server):
+    host = server.origin.removeprefix("http://").split(":")
+    with ExitStack() as idle:
+        silent = [idle.enter_context(socket.create_connection(host)) for _ in range(400)]
+        for number, each in enumerate(silent[150:]):
+            each.sendall(b"GET / HT" if number % 2 else f"GET {server.path} HTTP/1.1\r\n".encode())
+        with server.connect() as page:
+            assert answer(server)[0] == 200
+            assert server.push(page)["kind"] == "ended"
+            time.sleep(6.0)
+            for each in silent:
+                each.settimeout(0.1)
+                with suppress(ConnectionError):
+                    assert each.recv(1) == b""
+            assert server.push(page)["kind"] == "ended"
+
+
 def test_page_says_that_its_clock_was_killed(tmp_path):
     with served(tmp_path / "tries") as server, server.connect() as page:
         server.push(page, 1)
@@ -148,7 +260,6 @@ def test_page_says_that_its_clock_was_killed(tmp_path):
     ({"setup": "linear-blind"}, "has no operator: add operator = "),
     ({"setup": "fast.toml"}, "control_period must be 0.016 s to be played, got 0.01 s"),
     ({"assist": "magic"}, "assist must be one of none, brake, limit, policy, rule, got 'magic'"),
-    ({"out": ROOT / "agents" / "tuned"}, "is not read as a try"),
     ({"port": 99999}, "port must be finite and at least 0 and at most 65535 (no unit), got 99999"),
 ], ids=str)  # fmt: skip
 def test_bad_arguments_are_refused_in_one_line(options, message, tmp_path, monkeypatch):
@@ -160,11 +271,12 @@ def test_bad_arguments_are_refused_in_one_line(options, message, tmp_path, monke
 
 def test_port_that_is_taken_is_refused_in_one_line_and_without_a_display_the_address_is_to_be_opened_by_hand(tmp_path):
     environment = {name: value for name, value in os.environ.items() if "DISPLAY" not in name}
-    line = [sys.executable, "-m", "experiments.play", "--port"]
+    line = [sys.executable, "-m", "experiments.play", f"--out={tmp_path / 'own'}", "--port"]
     how = {"cwd": tmp_path, "env": environment | {"PYTHONPATH": str(ROOT)}, "text": True, "stdout": subprocess.PIPE}
     with subprocess.Popen([*line, "0"], **how) as process:
         port = re.fullmatch(r"http://127\.0\.0\.1:(\d+)/.*\n", process.stdout.readline())[1]
         assert process.stdout.readline() == "no browser could be opened here: open the address above\n"
+        line[3] += "-other"
         second = subprocess.run([*line, port], **how, stderr=subprocess.PIPE, timeout=60, check=False)
         process.send_signal(signal.SIGINT)
     assert (second.returncode, process.returncode) == (1, 130)

@@ -1,6 +1,8 @@
 """A try is a file that the environment and `simulate` play again, whatever ended it; and what it is compared with."""
 
 import json
+import math
+import os
 
 import numpy as np
 import pytest
@@ -48,12 +50,37 @@ def test_live_try_ends_as_its_replay_and_looking_ahead_changes_nothing():
         assert info[name] == value, name
 
 
-@pytest.mark.parametrize("text", [
-    "", "{}", "[]", '{"format": "impact_gym try 1"}', f'{{"format": "{tries.FORMAT}", "slow": 1}}', "\x00",
-])  # fmt: skip
-def test_file_that_is_no_try_is_refused_in_one_line(text, tmp_path):
+SCRIPT = "</script><script>alert(1)</script>"
+DAMAGES = {
+    "format": "impact_gym try 1", "slow": 0.0, "assist": "magic", "seed": "1", "actions": [1.0], "late": [math.nan],
+    "marks": [SCRIPT], "setup": SCRIPT, "operator": {"type": "os:abort"}, "made": SCRIPT, "result": {},
+    "result.done_time": 1e300, "result.slide": math.inf, "result.missed": "no", "record.uplink.delay": None,
+    "environment": [], "motion": {"times": [10**400]}, "record": 10 ** 4000, "more": 1,
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A try as its file has it."""
+    return json.loads(tries.write(tmp_path_factory.mktemp("made") / "a.json", pushed(lambda _: 0.5)).read_text())
+
+
+@pytest.mark.parametrize("name", ["", "no", "list", "\x00", *DAMAGES])
+def test_file_that_is_no_try_is_refused_in_one_line(name, made, tmp_path):
+    part, _, inner = name.partition(".")
+    value = {**made.get(part, {}), inner: DAMAGES[name]} if inner else DAMAGES.get(name)
+    text = json.dumps({**made, part: value}) if name in DAMAGES else {"no": "{}", "list": "[]"}.get(name, name)
     (tmp_path / "a.json").write_text(text)
     refused(lambda: tries.read(tmp_path / "a.json"), "a.json is not read as a try")
+
+
+def test_file_that_would_not_end_is_refused(tmp_path):
+    os.mkfifo(tmp_path / "a.json")
+    (tmp_path / "b.json").symlink_to("/dev/zero")
+    with (tmp_path / "c.json").open("wb") as sparse:
+        sparse.truncate(1 << 30)
+    for name in "abc":
+        refused(lambda name=name: tries.read(tmp_path / f"{name}.json"), "must be a file of at most")
 
 
 def test_rule_and_policy_play_the_scene_of_a_try_and_the_first_film_lasts_ten_seconds():

@@ -48,6 +48,17 @@ def test_two_slides_are_the_chain_with_one_mass_on_a_spring(coupling, tmp_path):
     assert max(theirs.sideways, theirs.turn) < 1e-12
 
 
+def test_stiffer_joints_come_to_a_rigid_robot_as_one_over_their_stiffness(tmp_path):
+    """Over three decades, along the line of the arm whose joints are the softest."""
+    scene, (_, approach) = replace(SCENE, contact=ig.Contact(1e4, 0.5)), elastic(tmp_path)
+    rigid, off = ig.simulate(scene, PAPERS, duration=0.3, rtol=1e-11).object_velocity, []
+    for factor in (1e2, 1e3, 1e4, 1e5):
+        stiffer = {"joint_stiffness": (9e3 * factor, 4e3 * factor), "joint_damping": (5.0 * factor, 2.0 * factor)}
+        arm = from_urdf(rods(tmp_path), "base", "tip", **stiffer)
+        off.append(whole.simulate(arm, approach, scene, PAPERS, duration=0.3, rtol=1e-11).object_velocity - rigid)
+    assert np.array(off[:-1]) / off[1:] == pytest.approx([10.0, 10.0, 10.0], rel=0.02)
+
+
 @pytest.mark.parametrize("coupling", COUPLINGS[:2], ids=lambda each: type(each).__name__)
 def test_small_motion_is_the_linear_one(coupling, tmp_path):
     """M and J as they are at the impact, the paper's step from eq. 10 to eq. 11: what it leaves out goes as the way."""

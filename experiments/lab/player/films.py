@@ -193,23 +193,15 @@ def play(
 ) -> Run:
     """Play scenario `number` as `ScenarioBatch` does, in a batch of one, with its trace to the end of the settling."""
     env = ImpactApproachEnv(record_trace=True, **options)
-    info = play_to_the_end(env, controller, seed + number, record)
-    if info["status"] != "ok":
-        raise RuntimeError(f"scenario {number}: {info['status']}")
-    return Run(History(env.trace(), info, Task(**options), ended=True), info)
-
-
-def play_to_the_end(
-    env: ImpactApproachEnv, controller: Controller, seed: int, record: Mapping[str, float]
-) -> dict[str, Any]:
-    """Play the episode of an environment that has this seed and record; return its last info."""
-    observation, info = env.reset(seed=seed, options={"record": dict(record)})
+    observation, info = env.reset(seed=seed + number, options={"record": dict(record)})
     state, start, ended = None, np.ones(1, np.bool_), False
     while not ended:
         actions, state = controller.predict(observation[None], state=state, episode_start=start, deterministic=True)
         observation, _, terminated, truncated, info = env.step(np.asarray(actions)[0])
         start, ended = np.zeros(1, np.bool_), terminated or truncated
-    return info
+    if info["status"] != "ok":
+        raise RuntimeError(f"scenario {number}: {info['status']}")
+    return Run(History(env.trace(), info, Task(**options), ended=True), info)
 
 
 def scene_of(runs: Mapping[str, Run]) -> dict[str, Any]:

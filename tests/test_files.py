@@ -1,0 +1,39 @@
+"""Files of ours: written whole, through links, and never in the place of what is no file."""
+
+import os
+
+import pytest
+
+from impact_gym.files import write_file
+
+
+def test_write_file_writes_through_links_which_stay(tmp_path):
+    target, link = tmp_path / "there" / "it.txt", tmp_path / "link.txt"
+    (tmp_path / "link to link").symlink_to(link)
+    link.symlink_to("there/it.txt")  # is not there yet
+    for text in ("first", "second"):
+        assert write_file(tmp_path / "link to link", text) == tmp_path / "link to link"
+        assert (target.is_symlink(), target.read_text()) == (False, text)
+    assert os.readlink(link) == "there/it.txt"
+    assert sorted(os.listdir(tmp_path / "there")) == ["it.txt"]
+
+
+@pytest.mark.parametrize("kind", ["folder", "pipe", "device", "ring", "link to a device"])
+def test_write_file_leaves_what_is_no_file(tmp_path, kind):
+    path = tmp_path / "it"
+    if kind == "folder":
+        path.mkdir()
+    elif kind == "pipe":
+        os.mkfifo(path)
+    elif kind == "device" and os.geteuid() == 0:
+        try:
+            os.mknod(path, 0o20666, os.makedev(1, 3))
+        except PermissionError:
+            pytest.skip("no devices can be made here")
+    else:
+        path.symlink_to(path if kind == "ring" else "/dev/null")
+    before = os.lstat(path)
+    with pytest.raises(OSError, match=rf"{path} must be a file .*nothing is written"):
+        write_file(path, "text")
+    assert (os.lstat(path).st_ino, os.lstat(path).st_mode) == (before.st_ino, before.st_mode)
+    assert os.listdir(tmp_path) == ["it"]
