@@ -82,13 +82,9 @@ def _per_joint(name: str, given: Any, count: int, rng: np.random.Generator, unit
     return np.array(numbers(name, given, unit, **limits))
 
 
-def _quaternion(turn: Rotation) -> Array:
-    return np.asarray(np.roll(turn.as_quat(), 1))
-
-
-def _pose(place: Array) -> dict[str, Array]:
-    """Return a homogeneous place as MuJoCo has it."""
-    return {"pos": place[:3, 3], "quat": _quaternion(Rotation.from_matrix(place[:3, :3]))}
+def _pose(place: Array) -> tuple[Array, Array]:
+    """Return a homogeneous place as MuJoCo has it: position, and quaternion with the real part first."""
+    return place[:3, 3], np.roll(Rotation.from_matrix(place[:3, :3]).as_quat(), 1)
 
 
 class Arm:
@@ -111,12 +107,14 @@ class Arm:
         self._specification = self._mujoco.MjSpec()
         last, kinds = self._specification.worldbody, self._mujoco.mjtJoint
         for body in bodies:
+            (place, turn), (centre, axes) = _pose(body.place), _pose(body.axes)
             last = last.add_body(
-                **_pose(body.place), mass=body.mass, ipos=body.centre, inertia=body.moments, explicitinertial=True,
-                iquat=_quaternion(body.turn),
+                pos=place, quat=turn, mass=body.mass, ipos=centre, iquat=axes, inertia=body.moments,
+                explicitinertial=True,
             )  # fmt: skip
             last.add_joint(axis=body.axis, type=kinds.mjJNT_SLIDE if body.unit == "m" else kinds.mjJNT_HINGE)
-        last.add_body(name="tip", **_pose(tip))
+        place, turn = _pose(tip)
+        last.add_body(name="tip", pos=place, quat=turn)
         self._load(self._specification)
 
     def _load(self, specification: Any) -> None:

@@ -46,9 +46,8 @@ class Body(NamedTuple):
     place: Array  # of the joint in the frame of the body before, homogeneous, (4, 4)
     axis: Array  # of length 1, (3,)
     mass: float  # kg
-    centre: Array  # m, (3,)
     moments: Array  # principal ones of inertia, kg m^2, (3,)
-    turn: Rotation  # of their axes
+    axes: Array  # of inertia, and the centre of mass, homogeneous, (4, 4)
 
 
 def read(path: Path, base: str, tip: str, balanced: bool = False) -> tuple[list[Body], Array]:
@@ -88,19 +87,19 @@ def read(path: Path, base: str, tip: str, balanced: bool = False) -> tuple[list[
     begins, welded = [np.eye(4)], [dict[str, Array]()]
     for joint in _downwards(above.values(), [base]):
         name, link = joint.get("name", ""), _end(joint, "child")
-        number, place = places.get(_end(joint, "parent"), (0, np.eye(4)))
-        if not number and joint not in way:
+        behind, place = places.get(_end(joint, "parent"), (0, np.eye(4)))
+        if not behind and joint not in way:
             continue  # it stands still
         place = place @ _place(name, joint)
         if name in chain:
             begins.append(place)
             welded.append({})
-            number, place = len(welded) - 1, np.eye(4)
+            behind, place = len(welded) - 1, np.eye(4)
         else:
             _check_held(joint, chain)
-        places[link] = number, place
-        if number:
-            welded[number][link] = place @ _pseudo_inertia(links[link]) @ place.T
+        places[link] = behind, place
+        if behind:
+            welded[behind][link] = place @ _pseudo_inertia(links[link]) @ place.T
     reach = sum(float(np.linalg.norm(place[:3, 3])) for place in (*begins, places[tip][1]))
     bodies = [_body(*each, reach, balanced) for each in zip(chain.values(), begins[1:], welded[1:], strict=True)]
     return bodies, places[tip][1]
@@ -294,5 +293,6 @@ def _body(joint: Element, place: Array, welded: Mapping[str, Array], reach: floa
         )
     if (gyration := np.sqrt(most / mass)) > max(LARGEST_GYRATION, reach):
         raise ValueError(f"{found}, a radius of gyration of {gyration:.3g} m with {mass:g} kg: is it in kg m^2?")
-    axes[:, 0] *= np.sign(np.linalg.det(axes))
-    return Body(name, unit, low, high, place, axis / length, mass, centre, moments, Rotation.from_matrix(axes))
+    inertial = np.eye(4)
+    inertial[:3, :3], inertial[:3, 3] = axes * np.sign(np.linalg.det(axes)), centre
+    return Body(name, unit, low, high, place, axis / length, mass, moments, inertial)
