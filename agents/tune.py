@@ -23,12 +23,14 @@ from agents.evaluate import TUNING_SEED, ScenarioBatch
 from agents.jobs import cached, digest_of
 from agents.provenance import circumstances
 from agents.setups import Setup, load_setup, shipped
-from impact_gym.validation import nearest, number, whole
+from impact_gym.files import locked
+from impact_gym.validation import distinct, nearest, number, whole
 
 SETUPS = shipped()
 PACKAGES = ("impact-gym", "cma", "numpy", "scipy")
 BOUND_SCENARIOS, BOUND_POPULATION, BOUND_SEED = 64, 16, 1
 BOUND_RTOL = 1e-5  # of the simulation while searching: V_p is within 1e-6 m/s
+LOCK = ".lock"  # file beside those of the tuned baselines
 CLEAN_ALARM = {"alarm": "force", "force_noise": 0.0, "force_bias": 0.0}
 """Arguments of an environment whose alarm comes from a switch without errors."""
 SEARCHED = ("impact_gym", "agents.baselines", "agents.evaluate", "agents.tune")
@@ -70,6 +72,9 @@ class Tune:
                 whole(name, getattr(self, name), at_least=least)
         for weight in self.weights:
             number("weights", weight, "m/s per s", above=0)
+        distinct("weights", [f"{weight:g}" for weight in self.weights])
+        distinct("setups", self.setups)
+        distinct("names", self.names)
         tuned = {name for setup in self.setups for name in load_setup(setup).tuned}
         for name in self.names:
             if name not in tuned:
@@ -126,24 +131,27 @@ def tune(options: Tune) -> list[Path]:
 
     def write(place: int, result: Mapping[str, Any]) -> None:
         name, setup, weight = missing[place]
-        tuned[name][f"{weight:g}"] = _as_json(name, setup, weight, options, result)
-        write_tuned(name, tuned[name], setup, options.folder(setup))
+        with locked(options.folder(setup) / LOCK):  # another process may have tuned other weights meanwhile
+            found = _tuned_before(name, setup, options, quiet=True)
+            found |= {f"{weight:g}": _as_json(name, setup, weight, options, result)}
+            write_tuned(name, found, setup, options.folder(setup))
 
     options.search_all(tune_one, arguments, "tuning", write)
     return [options.folder(setup) / f"{name}.json" for name, setup in setups.items()]
 
 
-def _tuned_before(name: str, setup: Setup, options: Tune) -> dict[str, Any]:
+def _tuned_before(name: str, setup: Setup, options: Tune, quiet: bool = False) -> dict[str, Any]:
     """Return what the file has for each weight, if it was tuned with these settings for this environment."""
     if not (options.folder(setup) / f"{name}.json").is_file():
         return {}
     try:
         weights = read_tuned(name, options.folder(setup), setup)["weights"]
     except ValueError as reason:
-        print(f"{name} is tuned anew: {reason}")
+        if not quiet:
+            print(f"{name} is tuned anew: {reason}")
         return {}
     same = {weight: tuned for weight, tuned in weights.items() if tuned["search"] == _searched(name, setup, options)}
-    if same != weights:
+    if same != weights and not quiet:
         print(f"{name} is tuned anew at {sorted(set(weights) - set(same))}: it was tuned with other settings")
     return same
 
@@ -218,13 +226,15 @@ def search_bounds(options: Tune, scenarios: int = BOUND_SCENARIOS, generations: 
         by_weight = bound.read_bound(setup, path.parent, generations) if path.is_file() else {}
         for weight in options.weights_of(setup):
             if weight not in by_weight:
-                missing.append((setup, by_weight, weight))
+                missing.append((setup, weight))
                 arguments.append({"environment": dict(setup.environment), "time_weight": weight, **search})
 
     def write(place: int, parameters: Floats) -> None:
-        setup, by_weight, weight = missing[place]
-        by_weight[weight] = parameters
-        bound.write_bound(setup, by_weight, options.folder(setup), generations)
+        setup, weight = missing[place]
+        folder = options.folder(setup)
+        with locked(folder / LOCK):
+            there = bound.read_bound(setup, folder, generations) if bound.path_of(setup, folder).is_file() else {}
+            bound.write_bound(setup, there | {weight: parameters}, folder, generations)
 
     options.search_all(search_bound, arguments, "bound", write)
     return paths

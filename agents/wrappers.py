@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
+from impact_gym.envs.state import require, taken
 from impact_gym.sb3 import ImpactVecEnv
 
 
@@ -37,9 +38,11 @@ class ScaledRewards(VecEnvWrapper):
         return {"scale": self._scale, "envs": self._envs.get_state()}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
-        """Go on from what `get_state` returned."""
-        self._scale = state["scale"]
-        self._envs.set_state(state["envs"])
+        """Go on from what `get_state` returned; ValueError, as of `ImpactVecEnv`: it cannot have."""
+        scale = taken(state, "scale", self._scale)
+        require("scale", scale, np.isfinite(scale) & (scale > 0.0), "finite and above 0")
+        self._envs.set_state(state.get("envs", {}))
+        self._scale = scale
 
     def _see(self, observations: VecEnvObs) -> None:
         """Take the scale from the time weights that `observations` (num_envs, n_obs) show."""

@@ -81,7 +81,8 @@ def stages(copy: Path, options: ControllerOptions) -> dict[str, tuple[Callable[[
     if options.quick:
         tuning = replace(tuning, bound=False, scenarios=100, budget=min(QUICK_BUDGET, setup.budget))
         steps = min(QUICK_STEPS, setup.training.steps)
-        few = replace(setup.training, steps=steps, validate_every=min(steps, setup.training.validate_every))
+        few = replace(setup.training, steps=steps, validate_every=min(steps, setup.training.validate_every),
+                      imitation_steps=min(steps, setup.training.imitation_steps))  # fmt: skip
         training = replace(training, training=few, seeds=min(QUICK_SEEDS, setup.seeds))
         page = replace(page, count=QUICK_SCENARIOS)
         exported = replace(exported, episodes=QUICK_SCENARIOS, calls=QUICK_CALLS)

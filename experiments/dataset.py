@@ -34,7 +34,7 @@ from impact_gym.envs import IDS
 from impact_gym.files import reason, write_file
 from impact_gym.sources import compiled_from
 from impact_gym.task.steering import without_files
-from impact_gym.validation import shown, whole
+from impact_gym.validation import distinct, shown, whole
 
 PLAYERS = {
     "rule": "the paper's rule",
@@ -83,6 +83,7 @@ class DatasetOptions:
         whole("episodes", self.episodes, at_least=1)
         for name in ("seed", "version"):
             whole(name, getattr(self, name), at_least=0)
+        distinct("who", self.who)
 
 
 def players(name: str, setup: Setup) -> Players:

@@ -3,6 +3,7 @@
 import csv
 import errno
 import fcntl
+import io
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -29,14 +30,29 @@ def named_file(kind: str, name: Any, shipped: Path, suffix: str, *inside: str) -
     raise ValueError(f"{nearest(kind, str(name), known)} (there is no such file either)")
 
 
-def parsed(path: Path, kind: str, parse: Callable[[str], Content]) -> Content:
-    """Return what `parse` makes of a text file, UTF-8 with or without the byte order mark that Excel writes.
+LARGEST = 100_000_000  # bytes of a file that is read
+
+
+def utf_8(content: bytes) -> str:
+    """Return a text whose lines end with a line feed, with or without the byte order mark that Excel writes."""
+    return io.TextIOWrapper(io.BytesIO(content), "utf-8-sig").read()
+
+
+def parsed(path: Path, kind: str, parse: Callable[[str], Content], decode: Callable[[bytes], str] = utf_8) -> Content:
+    """Return what `parse` makes of a text file: a regular one, as a device or a pipe may never end.
 
     Raises:
-        ValueError: it is not there, is no text, or `parse` finds nothing of this `kind` in it; names the file.
+        ValueError: it is not there, no regular file, larger than `LARGEST`, or no text, or `parse` finds nothing of
+            this `kind` in it; names the file.
     """
     try:
-        return parse(path.read_text(encoding="utf-8-sig"))
+        if path.exists() and not path.is_file():
+            raise ValueError("it is no regular file")
+        with path.open("rb") as file:
+            content = file.read(LARGEST + 1)
+        if len(content) > LARGEST:
+            raise ValueError(f"it must have at most {LARGEST:,} bytes")
+        return parse(decode(content))
     except (OSError, ValueError, TypeError, AttributeError, LookupError, RecursionError, csv.Error) as error:
         raise ValueError(f"{path} is not read as {kind}: {reason(error)}") from error
 

@@ -6,7 +6,6 @@ a `Replay` and a `Person` stop a reaction time after the displayed touch. In a d
 may be a pair, from which episodes draw. A number without a default has none because no source for one was found.
 """
 
-import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -14,6 +13,7 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_gym.csv_files import Column, read_columns
 from impact_gym.kernels import LONGEST_JITTER, PERSON, REACH, REPLAY, SECOND_ORDER_LAG, STEADY, TRACKER
 from impact_gym.record import SI, Record
 from impact_gym.validation import numbers, rising, shown
@@ -21,6 +21,12 @@ from impact_gym.validation import numbers, rising, shown
 SIMPLE_REACTION = 0.213  # s, mean of 1,469 persons (Woods et al., Front. Hum. Neurosci. 9, 2015, 131)
 CUT = float(LONGEST_JITTER)  # means of a random delay, which takes no longer
 NOTHING: NDArray[np.float64] = np.empty(0)
+LOST = 1e6  # s, the delay of a packet that never arrives: longer than any episode
+USUAL_DELAY = 1.0  # s; a file with longer ones must say its unit
+TRACE_COLUMNS = {
+    "time": Column("s", r"((rel|relative|elapsed|send|sent) )?(time ?stamp|time|at)s?|t|sent"),
+    "delay": Column("s", r"((one way|network|packet) )?(delay|latency|owd)s?", empty=np.nan),
+}
 Instants = Annotated[tuple[float, ...], SI("s", at_least=0.0, at_most=1e6)]
 
 
@@ -141,7 +147,8 @@ class Channel(Record, path="uplink"):
 
     A packet takes `delay` and an exponential time beside, of mean `jitter`, or of mean `tail` for a share of them; what
     takes more than twelve times its mean is cut. With a `trace`, rows of time and delay in s or a CSV file of these, it
-    takes what the trace says, from a random place on. Losses come in bursts (Gilbert 1960, Bell Syst. Tech. J. 39).
+    takes what the trace says, from a random place on; a delay of `LOST` loses the packets that are sent nearest to it.
+    Losses come in bursts (Gilbert 1960, Bell Syst. Tech. J. 39).
     """
 
     delay: float = 0.0  # s
@@ -160,6 +167,8 @@ class Channel(Record, path="uplink"):
                        for name, values in zip(("time", "delay"), columns_of(self.trace), strict=True)}  # fmt: skip
             rising("Channel.trace", columns["time"], {"delay": columns["delay"]})
             object.__setattr__(self, "trace", tuple(zip(*columns.values(), strict=True)))
+            if len(self.delays) < 2:
+                raise ValueError(f"Channel.trace must have 2 packets or more that arrive, got {len(self.delays)}")
             for name in ("delay", "jitter", "tail", "tail_share"):
                 if value := getattr(self, name):
                     raise ValueError(f"Channel.{name} must be 0 beside a trace, which has all delays, got {value!r}")
@@ -168,13 +177,23 @@ class Channel(Record, path="uplink"):
 
     @property
     def delays(self) -> tuple[float, ...]:
-        """Delays of the trace, s."""
-        return tuple(delay for _, delay in self.trace or ())
+        """Delays of the packets of the trace that arrived, s."""
+        return tuple(delay for _, delay in self.trace or () if delay < LOST)
 
     @property
     def table(self) -> NDArray[np.float64]:
-        """The trace: times (s), then as many delays (s)."""
-        return np.array(self.trace, np.float64).T.ravel() if self.trace else NOTHING
+        """The trace: times (s), then as many delays (s), `LOST` up to the middle between such a packet and the next."""
+        times, delays = np.array(self.trace or NOTHING.reshape(0, 2), np.float64).T
+        lost = delays >= LOST
+        if not lost.any():
+            return np.concatenate([times, delays])
+        ends = np.flatnonzero(lost[1:] != lost[:-1])
+        middles = 0.5 * (times[ends] + times[ends + 1])
+        at = np.concatenate([times, middles, np.nextafter(middles, np.inf)])
+        none = np.concatenate([lost, lost[ends], lost[ends + 1]])
+        values = np.where(none, LOST, np.interp(at, times[~lost], delays[~lost]))
+        order = np.argsort(at)
+        return np.concatenate([at[order], values[order]])
 
 
 FIFTH_GENERATION = {
@@ -187,15 +206,22 @@ FIFTH_GENERATION = {
 
 
 def columns_of(trace: Any) -> list[list[float]]:
-    """Return the times and delays (s) of rows of both, or of a CSV file, whose first line may name the columns."""
+    """Return the times and delays (s) of rows of both, or of a CSV file, see `impact_gym.csv_files`.
+
+    Those of a file begin at 0 s; an empty delay, or one that is no finite number, is that of a packet that is `LOST`.
+    """
     wanted = f"Channel.trace must be rows of time and delay in s, or a CSV file of them, got {shown(trace)}"
-    rows = trace
     try:
         if isinstance(trace, (str, Path)):
-            with warnings.catch_warnings(action="ignore"):  # of an empty file
-                rows = np.genfromtxt(trace, delimiter=",", encoding="utf-8-sig", ndmin=2)
-                rows = rows[int(np.isnan(rows[:1]).all()) :]  # words are nan
-        columns = np.asarray(rows, np.float64).T
+            table = read_columns(Path(trace), TRACE_COLUMNS, ("time", "delay"))
+            time, delay = table.columns["time"], table.columns["delay"]
+            delay = np.where(np.isnan(delay) | (delay == np.inf), LOST, delay)
+            arrived = delay[delay < LOST]
+            if table.said.count(" without a unit") and len(arrived) and np.median(arrived) >= USUAL_DELAY:
+                raise ValueError(f"its delays are {np.median(arrived):g} s in the median: are they in ms? If not, "
+                                 "write the unit into the header, delay (s)")  # fmt: skip
+            return [(time - time[0]).tolist(), delay.tolist()]
+        columns = np.asarray(trace, np.float64).T
     except (OSError, TypeError, ValueError) as problem:
         why = " ".join(f"{problem}".split())
         raise ValueError(f"{wanted}: {why}") from None

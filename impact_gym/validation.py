@@ -138,6 +138,13 @@ def flag(field: str, value: Any) -> None:
         raise WrongTypeError(f"{field} must be True or False, got {shown(value)}")
 
 
+def distinct(field: str, values: Sequence[Any]) -> None:
+    """Raise ValueError if one of `values` is there twice."""
+    for value in values:
+        if values.count(value) > 1:
+            raise ValueError(f"{field} must name none twice, got {shown(value)} twice")
+
+
 def one_of(field: str, value: Any, *kinds: type[Any]) -> None:
     """Raise TypeError unless `value` is of one of `kinds`."""
     if not isinstance(value, kinds):

@@ -101,12 +101,6 @@ def run_shell(code, monkeypatch):
     return printed
 
 
-def run_python(code, page, line, namespace):
-    """Run a block of Python, its lines numbered as on its page; what is shown of docs/examples has tests of its own."""
-    if not SHOWN_FILE.fullmatch(code):
-        exec(compile("\n" * (line - 1) + code, str(page), "exec"), namespace)
-
-
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_page_shows_what_is_so(page, tmp_path, monkeypatch, capsys):
     if page.name in NEEDS:
@@ -124,7 +118,8 @@ def test_page_shows_what_is_so(page, tmp_path, monkeypatch, capsys):
                 runpy.run_path(title, run_name="page")
         elif language == "python":
             capsys.readouterr()
-            run_python(code, page, line, namespace)
+            if not SHOWN_FILE.fullmatch(code):  # what is shown of docs/examples has tests of its own
+                exec(compile("\n" * (line - 1) + code, str(page), "exec"), namespace)  # lines numbered as on the page
             printed = capsys.readouterr().out
         elif language == "sh":
             printed = run_shell(code, monkeypatch)
@@ -149,19 +144,13 @@ def test_readme_is_a_front_page_and_its_results_are_those_of_the_documentation()
     assert [share for share in shares if share not in results] == []
 
 
-def site_of(folder):
-    """The site, built with warnings as errors; skip where MkDocs or what its pages are drawn with is not installed."""
+def test_site_builds_is_whole_and_finds_what_is_searched_for_without_a_network(tmp_path):
     for package in ("material", "mkdocstrings", "latex2mathml", "pygame"):
         pytest.importorskip(package, reason="the extra docs is not installed")
-    environment = os.environ | {"NO_MKDOCS_2_WARNING": "1"}
-    command = [sys.executable, "-m", "mkdocs", "build", "--quiet", "--site-dir", str(folder)]
+    site, environment = tmp_path / "site", os.environ | {"NO_MKDOCS_2_WARNING": "1"}
+    command = [sys.executable, "-m", "mkdocs", "build", "--quiet", "--site-dir", str(site)]
     done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, ""), done.stderr
-    return folder
-
-
-def test_site_builds_is_whole_and_finds_what_is_searched_for_without_a_network(tmp_path):
-    site = site_of(tmp_path / "site")
     pages = [page.relative_to(ROOT / "docs").with_suffix(".html") for page in PAGES[1:]]
     assert [page for page in pages if not (site / page).is_file()] == []
     for page in site.rglob("*.html"):

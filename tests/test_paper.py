@@ -5,20 +5,14 @@ and stops were identified by the project, and the numbers asserted here were fou
 text says of them is compared in the study `paper`, whose verdicts tests/experiments/test_paper_study.py asserts.
 """
 
-import numpy as np
 import pytest
 from golden import OBJECT_VELOCITIES
-from scenes import scene
 from solvers import BOTH
 
 import impact_gym as ig
+from experiments.lab.scenes import DURATION, MOTION, scene
 
 RIGID, SPRING, LINEAR, BISTABLE = ig.Rigid(), ig.SpringDamper(150.0), ig.SpringDamper(50.0), ig.Bistable()
-BRAKE = ig.Brake(threshold=1.0, delay=0.016, deceleration=8.0)  # printed, printed, identified
-
-
-def approach(coupling, k_c, restitution, simulate=ig.simulate, **options):
-    return simulate(scene(k_c, restitution, coupling), ig.Trapezoid(1.0, 8.0, BRAKE), 1.5, 1e-9, **options)
 
 
 SCENES = {  # coupling, contact stiffness (N/m^1.5), restitution, number of contacts, impulse of the coupling (N s)
@@ -41,8 +35,8 @@ VELOCITIES = OBJECT_VELOCITIES | {"13a": pytest.approx(1.999867, abs=1e-6), "18"
 @pytest.mark.parametrize("figure", SCENES)
 @BOTH
 def test_scene_of_figure_has_the_velocity_contacts_and_impulse_of_the_independent_solver(simulate, figure):
-    *scene_of_figure, contacts, impulse = SCENES[figure]
-    outcome = approach(*scene_of_figure, simulate)
+    coupling, k_c, restitution, contacts, impulse = SCENES[figure]
+    outcome = simulate(scene(k_c, restitution, coupling), MOTION, DURATION)
     velocity = VELOCITIES[figure]
     assert outcome.object_velocity == (pytest.approx(velocity, rel=1e-5) if isinstance(velocity, float) else velocity)
     assert len(outcome.contacts) == contacts
@@ -51,21 +45,9 @@ def test_scene_of_figure_has_the_velocity_contacts_and_impulse_of_the_independen
 
 @BOTH
 def test_mechanism_of_fig_23a_snaps_in_the_contact_wherever_its_rear_stop_is(simulate):
-    bistable, rigid = (approach(coupling, 1e3, 0.1, simulate) for coupling in (BISTABLE, RIGID))
+    stops = [ig.Bistable(rear_stop=rear_stop) for rear_stop in (-0.01, -0.03)]
+    bistable, rigid, *moved = (simulate(scene(1e3, 0.1, each), MOTION, DURATION) for each in (BISTABLE, RIGID, *stops))
     assert 1 - bistable.object_velocity / rigid.object_velocity == pytest.approx(0.51, abs=5e-4)  # printed in Fig. 25
     (crossing,), (contact,) = bistable.snap_through, bistable.contacts
     assert contact.start < crossing < contact.end
-    for rear_stop in (-0.01, -0.03):
-        moved = approach(ig.Bistable(rear_stop=rear_stop), 1e3, 0.1, simulate)
-        assert moved.object_velocity == pytest.approx(bistable.object_velocity, rel=1e-12)
-
-
-@pytest.mark.parametrize("coupling", [RIGID, SPRING], ids=["rigid", "spring"])
-def test_brake_stops_the_flange_and_sees_the_alarm_at_its_threshold(coupling):
-    outcome = approach(coupling, 1e5, 0.5, trace=True)
-    trace, detection = outcome.trace, outcome.detection_time
-    assert np.interp(detection, trace.time, trace.contact_force) == pytest.approx(BRAKE.threshold, rel=1e-6)
-    assert np.all(trace.contact_force[trace.time < detection] < BRAKE.threshold)
-    start = detection + BRAKE.delay
-    imposed = np.interp(trace.time, [0.0, 1 / 8, start, start + 1 / 8, 2.0], [0.0, 1.0, 1.0, 0.0, 0.0])
-    assert trace.flange_velocity == pytest.approx(imposed, abs=1e-12)
+    assert [each.object_velocity for each in moved] == pytest.approx([bistable.object_velocity] * 2, rel=1e-12)

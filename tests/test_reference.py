@@ -9,20 +9,13 @@ from types import SimpleNamespace as Record
 
 import numpy as np
 import pytest
-from scenes import CRUISE, MOTION, TABLE, scene
+from scenes import CRUISE, scene
 
 import impact_gym as ig
 from experiments.reference import simulate
 from experiments.reference.chain import Chain
-from experiments.reference.command import Command
 from experiments.reference.integration import Switch, advance
 from impact_gym.physics import dissipation
-
-ROBOT = ig.Robot(5.225, 1.9e5, 50.4)
-CHAINS = {
-    "rigid": (ig.Rigid(), None), "robot": (ig.Rigid(), ROBOT), "spring": (ig.SpringDamper(150.0, 0.4), None),
-    "table, spring": (ig.SpringDamper(150.0), TABLE), "bistable, robot": (ig.Bistable(), ROBOT),
-}  # fmt: skip
 
 
 def energy(case, outcome, t):
@@ -49,15 +42,6 @@ def test_simulate_keeps_the_energy_in_the_frame_of_the_cruise(coupling, robot):
     assert outcomes[-1].snap_through or isinstance(coupling, ig.SpringDamper)
     before, *after = (energy(case, outcome, t) for outcome, t in zip(outcomes, times, strict=True))
     assert after == pytest.approx([before] * 2, rel=1e-9)
-
-
-@pytest.mark.parametrize("name", CHAINS)
-def test_simulate_comes_to_the_same_by_an_implicit_method(name):
-    case = scene(1e4, 0.4, *CHAINS[name])
-    explicit, implicit = simulate(case, MOTION, 0.5), simulate(case, MOTION, 0.5, rtol=1e-9, method="Radau")
-    assert implicit.object_velocity == pytest.approx(explicit.object_velocity, rel=1e-7)
-    assert implicit.peak_force == pytest.approx(explicit.peak_force, rel=1e-7)
-    assert implicit.snap_through == pytest.approx(explicit.snap_through, abs=1e-8)
 
 
 def test_simulate_has_a_floor_for_the_approach_velocity_in_the_damping():
@@ -101,18 +85,3 @@ def test_advance_stops_at_the_first_of_two_switches_and_at_once_on_the_wrong_sid
     assert (switch.name, tau) == ("early", pytest.approx(pi / 6, rel=1e-12))
     tau, y, switch = first_turn([Switch("wrong", True, lambda _, y: y[0] - 2.0)])
     assert (switch.name, tau, y.tolist()) == ("wrong", 0.0, [0.0, 1.0])
-
-
-def test_command_is_cut_at_nodes_and_keeps_its_position_through_the_brake():
-    command = Command(MOTION)
-    command.nodes = np.array((0.01, 0.2, 0.35))
-    assert command.at(0.0)[3] == pytest.approx((2 * 0.01 / 8) ** 0.5, rel=1e-12)
-    assert command.at(command.at(0.0)[3])[3] == 0.125
-    assert command.at(0.125)[3] == pytest.approx(0.2 + 1 / 16, rel=1e-12)
-    command.detect(0.3)
-    assert command.at(0.3)[3] == 0.316
-    x, v, a, cut = command.at(0.35)
-    assert (v, a) == (pytest.approx(1 - 8 * 0.034, rel=1e-12), -8.0)
-    assert x == pytest.approx(0.316 - 1 / 16 + 0.034 - 4 * 0.034**2, rel=1e-12)
-    assert cut == 0.316 + 0.125  # comes to rest before the last node
-    assert command.at(1.0)[:3] == (pytest.approx(0.316, rel=1e-12), 0.0, 0.0)

@@ -154,6 +154,10 @@ def set_state(make, rows):
     getattr(envs, "unwrapped", envs).set_state(getattr(other, "unwrapped", other).get_state())
 
 
+def set_scenario(make, scenario):
+    getattr(env := make(ID), "unwrapped", env).set_scenario(scenario)
+
+
 def delays(text):
     file = Path("delays.csv")
     file.write_text(text)
@@ -171,7 +175,7 @@ def identify_main(changes, text="", words=()):
     identify_command(["log.csv", "--scene", "my.toml", *words])
 
 
-def arm(make=arms.two_links, base="base", tip="tip", **options):
+def arm(make=arms.rods, base="base", tip="tip", **options):
     given = {"joint_stiffness": (9e3, 4e3), "joint_damping": (5.0, 2.0)} | options
     return from_urdf(make(Path()), base, tip, **given)
 
@@ -213,6 +217,7 @@ CALLS = {
     "make with an operator": [partial(make, ID) for make in MAKERS],
     "make a batch of one or stable-baselines3's": [partial(make, ID) for make in MAKERS[1:]],
     "step": [partial(stepped, make) for make in (gym.make, partial(gym.make_vec, num_envs=2))],
+    "set_scenario": [partial(set_scenario, make) for make in MAKERS],
     "reset options": [partial(reset_with, make) for make in MAKERS],
     "reset": [make(ID).unwrapped.reset for make in (gym.make, gym.make_vec)],
     "reset of a batch of 2": gym.make_vec(ID, num_envs=2).reset,
@@ -235,7 +240,7 @@ def samples(index):
 
 APPROACH = default_approach()
 THINGS = {
-    "None": None, "1j": 1j, "(1.0,)": (1.0,), "class of tools": ig.Tool, "hu-guo in bytes": b"hu-guo",
+    "None": None, "1j": 1j, "10^30": 10**30, "(1.0,)": (1.0,), "class of tools": ig.Tool, "hu-guo in bytes": b"hu-guo",
     "no decimal number": Decimal("sNaN"), "1 number": np.array([1.0]), "2 numbers": np.array([1.0, 2.0]),
     "1 text": np.array(["1"]), "no numbers": np.array([]), "1 x 2 numbers": np.array([[0.01, 0.02]]),
     "5 zeros": np.zeros(5), "7 zeros": np.zeros(7, np.float32), "8 nan": np.full(8, np.nan),

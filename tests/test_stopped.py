@@ -38,28 +38,18 @@ COMMANDS = {
 }
 
 
-def started(words, folder):
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+def run(words, folder, ready=None, stop=None):
+    """Run a command; once `ready()`, `stop` it by its process number. Return its exit code and what it said."""
     line = [sys.executable, "-m", "experiments.command", *words.split()]
-    return subprocess.Popen(
-        line, cwd=folder, env=environment, text=True, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
-    )
-
-
-def ended(process):
-    """Return the exit code of a command and what it said of errors."""
+    process = subprocess.Popen(line, cwd=folder, env=os.environ | {"PYTHONPATH": str(ROOT)}, text=True,
+                               stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)  # fmt: skip
+    if stop:
+        while not ready():
+            assert process.poll() is None, process.communicate()[1]
+            time.sleep(0.005)
+        stop(process.pid)
     _, said = process.communicate(timeout=300)
     return process.returncode, said
-
-
-def stopped(words, folder, ready, stop):
-    """Run a command until `ready()`, then `stop` it by its process number; return its exit code and what it said."""
-    process = started(words, folder)
-    while not ready():
-        assert process.poll() is None, process.communicate()[1]
-        time.sleep(0.005)
-    stop(process.pid)
-    return ended(process)
 
 
 def fill(pid):
@@ -98,15 +88,15 @@ def test_command_goes_on_behind_a_full_disk_and_a_kill_and_ends_with_the_same_bi
     part.mkdir()
     whole.mkdir()
     (tmp_path / "mine.toml").write_text(SET_UP)
-    code, said = stopped(COMMANDS[name], part, lambda: saved(part), fill)
+    code, said = run(COMMANDS[name], part, lambda: saved(part), fill)
     assert code == 1
     assert "Traceback" not in said
     assert re.search(rf"^impact-gym {name}: no room to write .*out.*; make room: .*continues.*$", said, re.MULTILINE)
     first = saved(part)
-    code, _ = stopped(COMMANDS[name], part, lambda: not saved(part).items() <= first.items(), kill)
+    code, _ = run(COMMANDS[name], part, lambda: not saved(part).items() <= first.items(), kill)
     assert code == -signal.SIGKILL
     second = kept(part)
-    assert ended(started(COMMANDS[name], part))[0] == 0
+    assert run(COMMANDS[name], part)[0] == 0
     assert second.items() <= kept(part).items()  # nothing is done again
-    assert ended(started(COMMANDS[name], whole))[0] == 0
+    assert run(COMMANDS[name], whole)[0] == 0
     assert_identical(left(part), left(whole))

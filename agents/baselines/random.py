@@ -1,24 +1,30 @@
 """Commands at random: by themselves, for scale, and on top of a rule's, which every arm follows a little off."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agents.policies import Controller
+from impact_gym.task import Task
 
 
 class RandomActions:
-    """Draw every action evenly from the action space."""
+    """Draw every action, of so many numbers, evenly from the action space."""
 
-    def __init__(self, seed: int = 0) -> None:
-        self._rng = np.random.default_rng(seed)
+    def __init__(self, seed: int = 0, actions: int = 2) -> None:
+        self._rng, self._actions = np.random.default_rng(seed), actions
+
+    def for_environment(self, environment: Mapping[str, Any]) -> "RandomActions":
+        """Return one for an environment with these arguments, from the first draw on."""
+        return RandomActions(actions=len(Task(**environment).actions))
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[NDArray[np.float32], Any]:
-        """Return an action (2,), or the actions (n, 2) of a batch."""
-        return self._rng.uniform(-1.0, 1.0, (*np.shape(observation)[:-1], 2)).astype(np.float32), state
+        """Return an action (k,), or the actions (n, k) of a batch."""
+        return self._rng.uniform(-1.0, 1.0, (*np.shape(observation)[:-1], self._actions)).astype(np.float32), state
 
 
 class Jittery:
@@ -34,7 +40,7 @@ class Jittery:
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[Any, Any]:
-        """Return the actions (n, 2), and what the rule remembers."""
+        """Return the actions (n, k), and what the rule remembers."""
         actions, state = self._rule.predict(observation, state, episode_start, deterministic)
-        off = self._rng.normal(0.0, self._scale, (self._scenarios, 2))
+        off = self._rng.normal(0.0, self._scale, (self._scenarios, actions.shape[-1]))
         return actions + np.tile(off, (len(actions) // self._scenarios, 1)), state

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from agents import baselines
 from agents.baselines import Clairvoyant
+from agents.baselines.random import RandomActions
 from agents.baselines.rule import Rule
 from agents.baselines.tuned import load_baseline, tuned_rule
 from agents.policies import Controller
@@ -38,6 +39,8 @@ def controller_of(
     if kind not in KINDS:
         raise ValueError(f"no controller of the kind {kind!r}")
     controller = KINDS[kind](value, time_weight)
+    if environment and isinstance(controller, RandomActions):
+        return controller.for_environment(environment)
     if not environment or not isinstance(controller, Rule):
         return controller
     return controller.for_environment({"scenario": controller.task.scenario, **environment})
@@ -73,8 +76,8 @@ KINDS: Mapping[str, Callable[[Any, float], Controller]] = {
 """How to make a controller of what a description says and a time weight, m/s per s."""
 
 
-def try_out(name: str, controller: Controller, observations: NDArray[np.float32]) -> None:
-    """Ask a controller once for a batch of observations (n, n_obs), as evaluation will.
+def try_out(name: str, controller: Controller, observations: NDArray[np.float32], numbers: int = 2) -> None:
+    """Ask a controller once for a batch of observations (n, n_obs), as evaluation will; `numbers` are an action's.
 
     Raises:
         ValueError: it fails, or what it returns are no n actions; names it.
@@ -85,5 +88,5 @@ def try_out(name: str, controller: Controller, observations: NDArray[np.float32]
         actions = np.asarray(actions, np.float64)
     except Exception as error:
         raise ValueError(f"{name!r} cannot be asked for a batch of observations: {error!r}") from error
-    if actions.shape != (len(observations), 2) or not np.isfinite(actions).all():
-        raise ValueError(f"{name!r} must return actions {(len(observations), 2)}, finite; got {actions!r}")
+    if actions.shape != (shape := (len(observations), numbers)) or not np.isfinite(actions).all():
+        raise ValueError(f"{name!r} must return actions {shape}, finite; got {actions!r}")

@@ -23,6 +23,7 @@ from agents.export.onnx_graph import write_onnx
 from agents.export.replay import Replay, address, compiled, logged, replay
 from agents.policies.policy import Policy, load_policy
 from impact_gym.task import Task
+from impact_gym.validation import whole
 
 Floats = NDArray[np.float32]
 AGREEMENT = 1e-6
@@ -43,6 +44,10 @@ class Export:
     """How many the controller in C replays."""
     calls: int = 1_000_000
     """How many calls of it are timed."""
+
+    def __post_init__(self) -> None:
+        for name in ("episodes", "calls"):
+            whole(name, getattr(self, name), at_least=1)
 
 
 class Form(NamedTuple):

@@ -81,10 +81,12 @@ def compiled(policy: Policy, header: Path, folder: Path, *how: str, language: st
     source = c_text("program.c.jinja", **names, fields=len(policy.spec.sensors), inputs=policy.inputs,
                     actions=task.actions)  # fmt: skip
     library = folder / f"policy-{language}{''.join(how)}.so"
-    flags = [*LANGUAGES[language], "-O2", "-ffp-contract=off", *WARNINGS, *how, "-shared", "-fPIC", "-"]
+    flags = [*LANGUAGES[language], "-O2", "-ffp-contract=off", *WARNINGS, *how, "-fPIC", "-"]
     included = ["-D_POSIX_C_SOURCE=199309L", "-include", str(header.resolve())]
-    command = [compiler, *flags, *included, "-o", str(library), "-lm"]
-    subprocess.run(command, input=source, text=True, check=True)
+    made = ["-c", "-o", str(library.with_suffix(".o"))]
+    subprocess.run([compiler, *flags, *included, *made], input=source, text=True, check=True)
+    # linked apart: with -Ofast the linker would add code that makes this process take subnormal numbers for 0
+    subprocess.run([compiler, "-shared", str(library.with_suffix(".o")), "-o", str(library), "-lm"], check=True)
     return ctypes.CDLL(str(library))
 
 

@@ -10,7 +10,7 @@ from agents.setups.keys import known, table, within
 from impact_gym.task import Task, evaluation_sets
 from impact_gym.task.arguments import changed, flat
 from impact_gym.task.task import arguments
-from impact_gym.validation import number, numbers, whole
+from impact_gym.validation import distinct, number, numbers, whole
 
 WEIGHTS = (0.7, 1.0, 2.0, 4.0)  # m/s per s
 RESERVED = ("time_weight", "privileged", "max_episode_steps")
@@ -73,8 +73,9 @@ class Evaluation:
             Task(**environment)
         for name in {"weights", "curve"} & content.keys():
             given[name] = tuple(sorted(numbers(f"evaluation.{name}", content[name], "m/s per s", above=0)))
-            if not given[name] or len(set(given[name])) < len(given[name]):
-                raise ValueError(f"evaluation.{name} must hold weights, none twice, got {content[name]!r}")
+            distinct(f"evaluation.{name}", given[name])
+            if not given[name]:
+                raise ValueError(f"evaluation.{name} must hold weights, got {content[name]!r}")
         if "typical" in content:
             given["typical"] = number("evaluation.typical", content["typical"], "m/s per s", above=0)
         if not isinstance(given.get("set", ""), str):
@@ -121,11 +122,12 @@ def changes(name: str, values: Any, environment: Mapping[str, Any], strict: bool
     listed = values.get("times") if multiples else values
     if not isinstance(listed, list) or not listed:
         raise ValueError(f"{where} must be a list of values, or a table with one, {{ times = [...] }}, got {values!r}")
+    distinct(where, list(map(_label, listed)))
     if name == "scenario":
         for scenarios in listed:
             same = scenarios == AS_TRAINED
-            if not same:
-                evaluation_sets.load(scenarios)  # raises where there is none
+            with within(where):
+                _ = same or evaluation_sets.load(scenarios)  # raises where there is none
             yield Change(name, scenarios, math.nan, False, environment, "" if same else scenarios, same)
         return
     given = {path: value for path, value in flat(environment).items() if path.partition(".")[0] in SET_UP_ARGUMENTS}

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from difflib import get_close_matches
 from typing import Any
 
-from impact_gym.validation import shown
+from impact_gym.validation import distinct, shown
 
 
 @contextmanager
@@ -20,7 +20,7 @@ def within(place: str) -> Iterator[None]:
 
 def known(prefix: str, given: Iterable[str], allowed: Iterable[str]) -> None:
     """Refuse the first key that is not allowed, and name the nearest that is."""
-    names = list(allowed)
+    names = sorted(allowed) if isinstance(allowed, (set, frozenset)) else list(allowed)
     for key in given:
         if key not in names:
             nearest = get_close_matches(key, names, 1)
@@ -48,6 +48,5 @@ def names(field_name: str, given: Any) -> tuple[str, ...]:
     """Return a list of names, none twice."""
     if not isinstance(given, list) or not all(isinstance(name, str) for name in given):
         raise ValueError(f"{field_name} must be a list of names, got {given!r}")
-    if len(set(given)) < len(given):
-        raise ValueError(f"{field_name} must not name one twice, got {given!r}")
+    distinct(field_name, given)
     return tuple(given)

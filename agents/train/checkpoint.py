@@ -46,11 +46,11 @@ def restore(path: Path, model: BaseAlgorithm, environment: ScaledRewards) -> dic
     try:
         _restore_model(model, state["model"])
         environment.set_state(state["environment"])
+        torch.set_rng_state(state["random"]["torch"])
+        np.random.set_state(state["random"]["numpy"])  # noqa: NPY002 - stable-baselines3 draws from it
+        random.setstate(state["random"]["python"])
     except (LookupError, TypeError, ValueError, RuntimeError) as error:
         raise ValueError(f"{path} is a checkpoint of another training: {error}") from error
-    torch.set_rng_state(state["random"]["torch"])
-    np.random.set_state(state["random"]["numpy"])  # noqa: NPY002 - stable-baselines3 draws from it
-    random.setstate(state["random"]["python"])
     for values, kept in zip(_pending(model), state["log"], strict=True):
         values.clear()
         values.update(kept)

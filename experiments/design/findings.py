@@ -117,12 +117,13 @@ def analyse(options: DesignOptions, frames: Frames, _: bool) -> Findings:
     moved = max(row["deflection"] for row in rows if row["line"] == CHOSEN)
     design = json.loads(chosen["design"][0])
     numbers = ", ".join(f"{name} {with_unit(name, value)}" for name, value in design.items())
+    missed = f" It misses {chosen['missed'].sum()} of {chosen.height} objects." if chosen["missed"].any() else ""
     pad = f" with a pad of {options.pad}" if options.pad else ""
     answer = (
         f"Chosen: {numbers}{pad}. At the mean approach time of the paper's rule it leaves the object "
         f"{percent(gains[CHOSEN])} slower than the paper's rule with the paper's spring; in no fifth of the distances "
         f"less than {100 * least:.1f} %. Before the first touch its tool moves at most {1e3 * moved:.1f} mm against "
-        f"the flange. As a set-up: {options.file.name}."
+        f"the flange. As a set-up: {options.file.name}.{missed}"
     )
     gained = [(LABELS.get(name, name), percent(gain)) for name, gain in gains.items()]
     scaled = [{**row, **{name: 1e3 * row[name] for name in ("deflection", "stroke")}} for row in rows]

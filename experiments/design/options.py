@@ -19,7 +19,7 @@ from experiments.design.variables import SearchVariable, as_built, search_variab
 from impact_gym.files import parsed, write_file
 from impact_gym.task import Task
 from impact_gym.task.arguments import changed
-from impact_gym.validation import identifier, number, whole
+from impact_gym.validation import distinct, identifier, number, whole
 
 PAPER, FRONT, CHOSEN = "paper's rule", "designs", "chosen"
 """Lines of the trade-off beside the couplings that are compared."""
@@ -65,6 +65,8 @@ class DesignOptions:
             raise ValueError("times must name an approach time at least, as a multiple of that of the paper's rule")
         for time in self.times:
             number("times", time, "-", above=0)
+        distinct("times", self.times)
+        distinct("against", self.against)
         if self.pad:
             pad_of(self.pad)
         options = replace(self, times=tuple(sorted(self.times)))

@@ -11,6 +11,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+import polars as pl
 
 from agents.baselines.tuned import read_tuned
 from agents.evaluate import TUNING_SEED, ScenarioBatch
@@ -110,7 +111,7 @@ class Search:
     def front(self, frames: Frames) -> list[Entry]:
         """Return for each approach time the design that leaves the object slowest on the validation set.
 
-        Exceeded limits and a later approach count as in a search.
+        Misses, exceeded limits and a later approach count as in a search.
         """
         played = dict(grid.groups(frames["validation"], "line", "allowed", "seed"))
         paper = mean(played[PAPER, 1.0, 1], "approach_time")
@@ -118,7 +119,9 @@ class Search:
         def cost(entry: Entry) -> float:
             rows = played[entry.line, entry.allowed, entry.seed]
             late = mean(rows, "approach_time") / (entry.allowed * paper) - 1.0
-            return mean(rows, "object_velocity") + PENALTY * (max(late, 0.0) + mean(rows, "excess"))
+            charged = grid.missed_cost(entry.candidate.environment)
+            velocity = rows.select(pl.when("missed").then(charged).otherwise("object_velocity").alias("charged"))
+            return mean(velocity, "charged") + PENALTY * (max(late, 0.0) + mean(rows, "excess"))
 
         entries = self._front_of(frames)
         return [min((e for e in entries if e.allowed == allowed), key=cost) for allowed in self.options.times]

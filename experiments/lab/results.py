@@ -8,12 +8,22 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import polars as pl
+
 from agents.provenance import circumstances
 from impact_gym.files import write_file
 
 REPORTS = Path("reports")
 KEPT = "kept"
 """Subfolder of a study with the results of its cells."""
+
+
+def csv_of(frame: pl.DataFrame) -> str:
+    """Return a table as CSV in which no text is a formula to a spreadsheet: an apostrophe is put before it.
+
+    OWASP, CSV Injection: so does a cell that begins with =, +, -, @, a tab or the end of a line.
+    """
+    return frame.with_columns(pl.selectors.string().str.replace(r"^([=+\-@\t\r\n])", "'$1")).write_csv()
 
 
 @contextmanager

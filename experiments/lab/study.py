@@ -20,7 +20,7 @@ from agents.jobs import cached, digest_of
 from experiments.lab import page
 from experiments.lab.charts import save
 from experiments.lab.parts import Picture, Section
-from experiments.lab.results import KEPT, REPORTS, noted
+from experiments.lab.results import KEPT, REPORTS, csv_of, noted
 from impact_gym.files import whole_file
 from impact_gym.sources import compiled_from
 from impact_gym.validation import whole
@@ -89,7 +89,7 @@ class StudyOptions:
     force: bool = False
     """Measure everything again, instead of what is missing or outdated."""
     only: tuple[str, ...] = ()
-    """Only these tables of the study."""
+    """Only these tables of the study, and those that they or the page need."""
     processes: int | None = None
     """Cells at the same time on this machine. Default: one a core; 0: none but this process."""
     cluster: str | None = None
@@ -107,7 +107,10 @@ class Run:
     study: Study
     options: StudyOptions
     command: str = ""  # that repeats it
-    frames: dict[str, pl.DataFrame] = field(default_factory=dict, init=False)  # what was measured
+    frames: dict[str, pl.DataFrame] = field(init=False)  # what was measured
+
+    def __post_init__(self) -> None:
+        self.frames = _Frames(self)
 
     @property
     def folder(self) -> Path:
@@ -144,7 +147,7 @@ class Run:
             raise ValueError(f"only: no table {min(unknown)!r} in the study {self.study.name}: {', '.join(names)}")
         for measurement in self.study.measurements:
             if measurement.name in (self.options.only or names):
-                self.frames[measurement.name] = self.frame(measurement)
+                _ = self.frames[measurement.name]
 
     def write(self) -> Path:
         """Measure what is missing, write tables, figures and the page, and return the path of the page."""
@@ -152,7 +155,7 @@ class Run:
             shutil.rmtree(self.folder / KEPT, ignore_errors=True)
         with noted(self.folder, self.command, self.study.packages) as runs:
             self.measure()
-        findings = self.study.analyse(self.frames, self.options.quick)
+            findings = self.study.analyse(self.frames, self.options.quick)
         tables = {**self.frames, **findings.tables}
         files = [_write_table(self.folder / name, frame) for name, frame in tables.items()]
         for picture in (part for section in findings.sections for part in section.parts if isinstance(part, Picture)):
@@ -161,12 +164,25 @@ class Run:
         return page.write(self.folder, "lab/study.html.jinja", runs=runs, quick=self.options.quick, **about)
 
 
+class _Frames(dict[str, pl.DataFrame]):
+    """Tables by name; one that was not asked for is measured when another, or the analysis, needs it."""
+
+    def __init__(self, run: Run) -> None:
+        super().__init__()
+        self._run = run
+
+    def __missing__(self, name: str) -> pl.DataFrame:
+        measurements = {measurement.name: measurement for measurement in self._run.study.measurements}
+        self[name] = self._run.frame(measurements[name])
+        return self[name]
+
+
 def _write_table(path: Path, frame: pl.DataFrame) -> str:
     """Write a table as CSV, or as Parquet where it is large; return the file's name. One of the other kind goes."""
     large = frame.height > LARGE
     file, other = (path.with_suffix(suffix) for suffix in ((".parquet", ".csv") if large else (".csv", ".parquet")))
     with whole_file(file) as stream:
-        frame.write_parquet(stream) if large else frame.write_csv(stream)
+        frame.write_parquet(stream) if large else stream.write(csv_of(frame).encode())
     other.unlink(missing_ok=True)
     return file.name
 

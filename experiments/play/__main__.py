@@ -36,11 +36,12 @@ def work(options: Play) -> None:
     from experiments.play import assistance, server, session
 
     setup = assistance.playable(options.setup)
-    assistance.assistance(options.assist, setup)
-    played = session.Session(setup.called, options.assist, options.out or Path("runs/play") / setup.name)
+    played = session.Session(setup, options.assist, options.out or Path("runs/play") / setup.name)
 
     def ready(address: str) -> None:
         print(address, flush=True)
+        for each in played.left_out:
+            print("kept, but not shown:", "".join(filter(str.isprintable, each)), flush=True)
         display = sys.platform != "linux" or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
         if options.open and not (display and webbrowser.open(address)):
             print("no browser could be opened here: open the address above", flush=True)

@@ -3,11 +3,14 @@
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from agents import load_policy
 from agents.baselines import LocalBrake, OperatorAlone, PaperTrapezoid, load_baseline
 from agents.policies import Controller
 from agents.setups import Setup, load_setup
 from agents.setups.setup import shipped
+from experiments.lab.player.films import chain_of
 from impact_gym.task import Task
 from impact_gym.task.steering import WAYS
 
@@ -18,7 +21,8 @@ NAMES = {
 """Assistances, with what the page says of them."""
 PERSON = {"type": "Person"}
 PERIOD: float = Task.control_period  # s
-DELAY, JITTER, STIFFNESS = (0.0, 1.0), (0.0, 0.05), (20.0, 2000.0)  # s there and back, s, N/m: ranges of the sliders
+SLIDERS = {"delay": ("s", 0.0, 1.0), "jitter": ("s", 0.0, 0.05), "stiffness": ("N/m", 20.0, 2000.0)}
+"""Units and ranges of the sliders; the delay is that there and back, the stiffness that of a spring."""
 RTOL = 1e-12  # so that `simulate` and the environment agree to 1e-9
 
 
@@ -48,28 +52,30 @@ def environment_of(setup: Setup) -> dict[str, Any]:
     """
     environment = {name: value for name, value in setup.environment.items() if name != "operator"} | {"rtol": RTOL}
     for way in WAYS:
-        environment[way] = {**environment.get(way, {}), "delay": [0.0, 0.5 * DELAY[1]], "jitter": [*JITTER]}
+        delay, jitter = [0.5 * limit for limit in SLIDERS["delay"][1:]], [*SLIDERS["jitter"][1:]]
+        environment[way] = {**environment.get(way, {}), "delay": delay, "jitter": jitter}
     if (coupling := environment.get("coupling", {})).get("type") == "SpringDamper":
-        environment["coupling"] = {**coupling, "stiffness": [*STIFFNESS]}
+        environment["coupling"] = {**coupling, "stiffness": [*SLIDERS["stiffness"][1:]]}
     return environment
-
-
-def task_of(setup: Setup) -> Task:
-    """Return the rules of the environment in which a person commands."""
-    return Task(**environment_of(setup), operator=PERSON)
 
 
 def usual(setup: Setup) -> dict[str, float]:
     """Return where the sliders begin: delay there and back (s), jitter (s), and stiffness (N/m) of a spring."""
 
-    def middle(part: str, name: str, low: float, high: float) -> float:
-        value = setup.environment.get(part, {}).get(name, 0.0)
-        return min(max(float(sum(value) / 2.0 if isinstance(value, list) else value), low), high)
+    def middle(part: str, name: str, share: float = 1.0) -> float:
+        _, low, high = SLIDERS[name]
+        return float(np.clip(np.mean(setup.environment.get(part, {}).get(name, 0.0)), share * low, share * high))
 
-    sliders = {"delay": sum(middle(way, "delay", 0.0, 0.5 * DELAY[1]) for way in WAYS)}
-    sliders["jitter"] = middle("uplink", "jitter", *JITTER)
+    sliders = {"delay": sum(middle(way, "delay", 0.5) for way in WAYS), "jitter": middle("uplink", "jitter")}
     spring = setup.environment.get("coupling", {}).get("type") == "SpringDamper"
-    return sliders | ({"stiffness": middle("coupling", "stiffness", *STIFFNESS)} if spring else {})
+    return sliders | ({"stiffness": middle("coupling", "stiffness")} if spring else {})
+
+
+def about(setup: Setup) -> dict[str, Any]:
+    """Return what a page knows of a set-up: sliders, what holds the tool, where objects are, how long, how fast."""
+    task = Task(**environment_of(setup), operator=PERSON)
+    return {"usual": usual(setup), "chain": chain_of(task), "distance": task.scenario.distance,
+            "horizon": task.horizon, "speeds": task.velocity_range}  # fmt: skip
 
 
 def record_of(sliders: Mapping[str, float]) -> dict[str, float]:

@@ -1,6 +1,7 @@
 """One scenario played by the paper's rule, the learned policy and a person, side by side: films, and a chart."""
 
 from collections.abc import Mapping
+from contextlib import suppress
 from functools import cache
 from typing import Any
 
@@ -11,31 +12,20 @@ from agents.setups import load_setup
 from experiments.lab import player
 from experiments.lab.player.films import COLUMNS, Run, scene_of
 from experiments.play.assistance import assistance, environment_of, record_of, usual
-from experiments.play.live import Live
-from experiments.play.tries import Try, replayed
+from experiments.play.tries import Live, Try, replayed
 from impact_gym.envs.render_history import History
 
 SECONDS = 10.0  # of a film for those who only look
-RIVALS = {"paper's rule": "rule", "learned policy": "policy"}
 SHOWN_SEED, REFERENCES = TEST_SEED + 11, 100
-
-
-def run_of(this: Try) -> Run:
-    """Return a try as a film has it."""
-    trace, info, task = replayed(this)
-    return Run(History(trace, info, task, ended=True), info)
 
 
 @cache
 def rivals(setup: str) -> Mapping[str, str]:
     """Return the assistances behind a scripted operator that a person is compared with, as far as a set-up has them."""
-    found = {}
-    for name, kind in RIVALS.items():
-        try:
-            assistance(kind, load_setup(setup))
-        except ValueError:  # no policy was trained for it
-            continue
-        found[name] = kind
+    found = {"paper's rule": "rule"}
+    with suppress(ValueError):  # no policy was trained for it
+        assistance("policy", load_setup(setup))
+        found["learned policy"] = "policy"
     return found
 
 
@@ -50,24 +40,23 @@ def rivals_of(this: Try) -> dict[str, Try]:
     return {name: scripted(this.setup, kind, this.seed, this.record) for name, kind in rivals(this.setup).items()}
 
 
-def film(played: Mapping[str, Try], label: str, seconds: float | None = None) -> str:
-    """Return the slow-motion player of tries in one scenario; with `seconds` its film takes so long."""
-    scene = {"label": label, "number": 0, **scene_of({name: run_of(this) for name, this in played.items()})}
+def film(this: Try, who: str = "you", seconds: float | None = None) -> str:
+    """Return the slow-motion player of a try beside rule and policy; with `seconds` its film takes so long."""
+    again = {name: replayed(each) for name, each in {**rivals_of(this), who: this}.items()}
+    runs = {name: Run(History(*each, ended=True), each[1]) for name, each in again.items()}
+    scene = {"label": "one scene, the same for all", "number": 0, **scene_of(runs)}
     if seconds is not None:
         ends = [start for start, _ in scene["clock"][1:]] + [scene["end"]]
         whole = sum((end - start) * slower for (start, slower), end in zip(scene["clock"], ends, strict=True))
         scene["clock"] = [[start, float(f"{slower * seconds / whole:.3g}")] for start, slower in scene["clock"]]
-    return player.fragment({"contestants": list(played), "columns": list(COLUMNS), "scenes": [scene]})
+    return player.fragment({"contestants": list(runs), "columns": list(COLUMNS), "scenes": [scene]})
 
 
 def first_film(setup: str, latest: Try | None) -> str:
     """Return the film for those who only look: the person of the latest try, or the set-up's operator, marked so."""
-    if latest is not None:
-        return film({**rivals_of(latest), "you": latest}, "your last try, the same scene for all", SECONDS)
-    record = record_of(usual(load_setup(setup)))
-    shown = {**rivals(setup), "person (scripted)": "none"}
-    played = {name: scripted(setup, kind, SHOWN_SEED, record) for name, kind in shown.items()}
-    return film(played, "one scene, three contestants", SECONDS)
+    who = "you" if latest else "person (scripted)"
+    this = latest or scripted(setup, "none", SHOWN_SEED, record_of(usual(load_setup(setup))))
+    return film(this, who, SECONDS)
 
 
 @cache
@@ -78,6 +67,5 @@ def reference(setup: str) -> list[dict[str, Any]]:
     batch = ScenarioBatch(TEST_SEED, REFERENCES, operator=made.environment["operator"], **options)
     for name, kind in {**rivals(setup), "scripted, alone": "none"}.items():
         played = batch.play(assistance(kind, made), record_of(usual(made)))
-        means = {key: float(np.mean(getattr(played, key))) for key in ("done_time", "slide")}
-        points.append({"who": name, **means})
+        points.append({"who": name, **{key: float(np.mean(getattr(played, key))) for key in ("done_time", "slide")}})
     return points

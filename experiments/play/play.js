@@ -129,7 +129,7 @@ async function fetched(where) {
 async function film(name) {
   const box = part("film");
   try {
-    const text = await (await fetched(name ? `film/${name}` : "film")).text();
+    const text = await (await fetched(name ? `film/${encodeURIComponent(name)}` : "film")).text();
     if (page.running) return;
     box.innerHTML = text;
     const heading = html("h2", {}, null, name ? "In slow motion, beside rule and policy" : "Ten seconds to look: rule, policy and a person in one scene");
@@ -232,7 +232,6 @@ const HEARD = {
     page.stage.begin(message.radius);
     state("go on until you touch");
     part("film").replaceChildren();
-    part("screen").after(part("film"));  // who plays has the arm at the top
     ready();
   },
   frame(message) {
@@ -251,10 +250,6 @@ const HEARD = {
     tabulate();
     state("press \u2192 for the next try");
     film(message.entry.name);
-  },
-  said(message) {
-    banner(message.text);
-    say(message.text);
   },
   failed(message) {
     over();

@@ -3,97 +3,74 @@
 import asyncio
 import multiprocessing
 import secrets
-import time
 from collections import Counter, deque
 from contextlib import suppress
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from agents.setups import load_setup
-from experiments.lab.player.films import chain_of
+from agents.setups import Setup
 from experiments.play import clock, contest, tries
-from experiments.play.assistance import DELAY, JITTER, NAMES, STIFFNESS, playable, record_of, task_of, usual
-from experiments.play.live import INTERRUPTED, recover
-from experiments.play.tries import Try
-from impact_gym.validation import choice, flag, number, one_of
+from experiments.play.assistance import NAMES, SLIDERS, about, assistance, playable, record_of
+from impact_gym.validation import choice, flag, identifier, number, one_of
 
-SLOWEST = 16.0  # times slower than real time
 SHOWN = 200  # tries on the chart
 COUPLINGS = ("rigid", "spring", "bistable")
-WORDS = ("v", "begin", "done", "take")
-SLIDERS = {"delay": ("s", *DELAY), "jitter": ("s", *JITTER), "stiffness": ("N/m", *STIFFNESS)}
 
 
 class Session:
     """One player at a time, watchers, one try at a time."""
 
-    def __init__(self, setup: str, assist: str, folder: Path) -> None:
-        """Begin with the tries in a folder, and start the clock."""
-        self.setup, self.assist, self.folder = playable(setup).called, assist, folder
+    def __init__(self, setup: Setup, assist: str, folder: Path) -> None:
+        """Begin with the tries in a folder, and start the clock.
+
+        Raises:
+            ValueError: there is no such assistance, or another server plays in the folder.
+        """
+        assistance(assist, setup)
+        self._lock = tries.locked(folder)
+        self.setup, self.assist, self.folder = setup.called, assist, folder
         self.seats: list[Any] = []  # the player is the first
         self.refused: Counter[str] = Counter()
-        self.busy = False  # a try is under way
+        family, _, kind = setup.called.rpartition("-")
+        names = [f"{family}-{each}" for each in COUPLINGS if setup.shipped and kind in COUPLINGS] or [setup.called]
+        self.setups = {name: about(playable(name)) for name in names}
+        self.busy, self._speeds = False, (-1.0, 1.0)  # whether a try is under way, and how fast its arm may be, m/s
+        self._seen_at, self._shown = 0.0, -1  # s, by the loop: when its last frame is seen; its newest that was shown
         self.history: deque[dict[str, Any]] = deque(maxlen=SHOWN)
-        self._speeds, self._latest = (-1.0, 1.0), ""
-        self._seen_at = 0.0  # s, by the loop's clock: when the last frame is seen
-        self._seed, self._shown = -1, -1  # of the try under way, and its newest frame that was shown
-        recover(folder)
-        for path, this in tries.folder_of(folder):
-            self._note(clock.entry_of(path.stem, this, {}))
-        self._pipe, theirs = multiprocessing.Pipe()
+        self.left_out = tries.recover(folder)  # why files in the folder are not shown
+        for path in sorted(folder.glob("*.json")):
+            try:
+                name = identifier(f"name of {path}", path.stem)
+                self.history.append(clock.entry_of(name, tries.read(path)))
+            except ValueError as problem:
+                self.left_out.append(str(problem))
+        self.pipe, theirs = multiprocessing.Pipe()
         fork = multiprocessing.get_context("fork")
-        self._clock = fork.Process(target=clock.run, args=(theirs, self._pipe), daemon=True)
+        self._clock = fork.Process(target=clock.run, args=(theirs, self.pipe), daemon=True)
         self._clock.start()
         theirs.close()
 
-    def _note(self, entry: dict[str, Any]) -> None:
-        """Enter a try into what the page's chart shows."""
-        self.history.append(entry)
-        if not entry["marks"]:
-            self._latest = entry["name"]
-
-    @property
-    def setups(self) -> list[str]:
-        """The set-ups that may be chosen: those of a shipped family, or the one that was asked for."""
-        family, dash, kind = self.setup.rpartition("-")
-        if not load_setup(self.setup).shipped or kind not in COUPLINGS:
-            return [self.setup]
-        return [f"{family}{dash}{each}" for each in COUPLINGS]
-
-    def hello(self) -> dict[str, Any]:
-        """Return all that a page has to know at first."""
-        return {
-            "kind": "hello", "setups": {name: _about(name) for name in self.setups}, "setup": self.setup,
-            "assists": NAMES, "assist": self.assist, "tries": list(self.history), "delay": DELAY, "jitter": JITTER,
-            "stiffness": STIFFNESS,
-        }  # fmt: skip
-
-    def tell(self, message: dict[str, Any]) -> None:
-        """Tell all pages."""
-        for seat in self.seats:
-            seat.tell(message)
-
-    def hear(self, seat: Any, said: dict[str, Any]) -> None:
+    def hear(self, seat: Any, said: Any) -> None:
         """Do what the page of a seat asks for.
 
         Raises:
             ValueError: it is nothing that can be asked for; says what can.
         """
+        one_of("message", said, dict)
         if len(said) != 1:
             raise ValueError("a message must have one key")
         ((word, value),) = said.items()
-        choice("message", word, WORDS)
+        choice("message", word, ("v", "begin", "done", "take"))
         if word == "take":
-            self.stop(f"{INTERRUPTED}another tab took the stick")
-            self.seats.remove(seat)
-            self.seats.insert(0, seat)
-            self._roles()
+            self._send("stop", "another tab took the stick")
+            self.seats.sort(key=lambda each: each is not seat)
+            self._tell_roles()
         elif seat is not self.seats[0]:
             return  # who watches has no stick
         elif word == "v":
             share = number("v", value, "(of full speed)", at_least=-1.0, at_most=1.0)
-            low, high = self._speeds
-            self._send("v", share * high if share >= 0.0 else -share * low)
+            self._send("v", abs(share) * self._speeds[share >= 0.0])
         elif word == "done":
             self._send("stop", "")
         elif not self.busy:
@@ -102,77 +79,63 @@ class Session:
     def _begin(self, options: Any) -> None:
         """Begin a try with what the page's controls say."""
         one_of("begin", options, dict)
-        choice("setup", options.get("setup"), self.setups)
+        choice("setup", options.get("setup"), list(self.setups))
         choice("assist", options.get("assist"), list(NAMES))
         flag("seen", options.get("seen"))
-        setup, sliders = playable(options["setup"]), {}
-        for name, at in usual(setup).items():
+        chosen, sliders = self.setups[options["setup"]], {}
+        for name, at in chosen["usual"].items():
             unit, low, high = SLIDERS[name]
             sliders[name] = number(name, options.get(name, at), unit, at_least=low, at_most=high)
-        slow = number("slow", options.get("slow"), "(times)", at_least=1.0, at_most=SLOWEST)
-        seed, (low, high) = secrets.randbelow(2**31), task_of(setup).velocity_range
-        self._speeds, self._seed, self._shown, self.busy = (min(low, 0.0), high), seed, -1, True
-        name = time.strftime("%Y%m%d-%H%M%S-") + f"{time.time_ns() // 1000 % 1_000_000:06d}.json"
-        wanted = Try(setup.called, options["assist"], seed, record_of(sliders), slow=slow)
-        self._send("play", (wanted, self.folder / name, options["seen"]))
+        slow = number("slow", options.get("slow"), "(times)", at_least=1.0, at_most=tries.SLOWEST)
+        self._speeds, self._shown, self.busy = chosen["speeds"], -1, True
+        wanted = tries.Try(options["setup"], options["assist"], secrets.randbelow(2**31), record_of(sliders), slow=slow)
+        self._send("play", (wanted, self.folder / f"{datetime.now():%Y%m%d-%H%M%S-%f}.json", options["seen"]))
 
     def sit(self, seat: Any) -> None:
-        """A page has come."""
+        """A page has come: tell it all that it has to know at first."""
         self.seats.append(seat)
-        seat.tell(self.hello())
-        self._roles()
+        seat.tell({
+            "kind": "hello", "setups": self.setups, "setup": self.setup, "assists": NAMES, "assist": self.assist,
+            "tries": list(self.history), **{name: limits for name, (_, *limits) in SLIDERS.items()},
+        })  # fmt: skip
+        self._tell_roles()
 
     def leave(self, seat: Any, why: str) -> None:
         """A page has gone: if it had the stick, the arm stops."""
-        if seat in self.seats:
-            if seat is self.seats[0]:
-                self.stop(f"{INTERRUPTED}{why}")
-            self.seats.remove(seat)
-            self._roles()
+        if seat is self.seats[0]:
+            self._send("stop", why)
+        self.seats.remove(seat)
+        self._tell_roles()
 
-    def _roles(self) -> None:
+    def _tell_roles(self) -> None:
         """Tell each page whether it has the stick."""
         for seat in self.seats:
             seat.tell({"kind": "role", "player": seat is self.seats[0], "others": len(self.seats) - 1})
 
-    def stop(self, mark: str) -> None:
-        """Stop the arm of a try under way, which is kept and marked."""
-        if self.busy:
-            self._send("stop", mark)
-
     def _send(self, word: str, value: Any = None) -> None:
         with suppress(OSError):
-            self._pipe.send((word, value))
+            self.pipe.send((word, value))
 
-    def attach(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Listen to the clock on an event loop."""
-        loop.add_reader(self._pipe.fileno(), self._listen, loop)
-
-    def _listen(self, loop: asyncio.AbstractEventLoop) -> None:
-        try:
-            while self._pipe.poll():
-                self._heard(loop, self._pipe.recv())
-        except (EOFError, OSError):
-            loop.remove_reader(self._pipe.fileno())
-            self.busy = False
-            self.tell({"kind": "failed", "text": "the clock has stopped: start impact-gym play again"})
-
-    def _heard(self, loop: asyncio.AbstractEventLoop, message: dict[str, Any]) -> None:
+    def listen(self) -> None:
         """Pass on what the clock says when it reaches the player's eyes: the result of a try after its last frame."""
-        at = loop.time() + message.pop("wait", 0.0)
-        if message["kind"] == "frame":
-            self._seen_at = max(self._seen_at, at)
-        elif message["kind"] in ("ended", "failed"):
-            at = self._seen_at
-        if at > loop.time():
-            loop.call_at(at, self._pass_on, message)
-        else:
-            self._pass_on(message)
+        loop = asyncio.get_running_loop()
+        try:
+            while self.pipe.poll():
+                message = self.pipe.recv()
+                at = loop.time() + message.pop("wait", 0.0)
+                if message["kind"] == "frame":
+                    self._seen_at = max(self._seen_at, at)
+                elif message["kind"] in ("ended", "failed"):
+                    at = max(at, self._seen_at + 1e-6)  # of equal ones any might come first
+                loop.call_at(at, self._pass_on, message)
+        except (EOFError, OSError):
+            loop.remove_reader(self.pipe.fileno())
+            self._pass_on({"kind": "failed", "text": "the clock has stopped: start impact-gym play again"})
 
     def _pass_on(self, message: dict[str, Any]) -> None:
         """Tell the pages; of a try's frames none that comes behind a newer one."""
         if message["kind"] == "frame":
-            if message["of"] != self._seed or message["n"] <= self._shown:
+            if message["n"] <= self._shown:
                 return
             self._shown = message["n"]
             if message["touched"]:
@@ -180,18 +143,15 @@ class Session:
         elif message["kind"] in ("ended", "failed"):
             self.busy = False
         if message["kind"] == "ended":
-            self._note(message["entry"])
-        self.tell(message)
+            self.history.append(message["entry"])
+        for seat in self.seats:
+            seat.tell(message)
 
     def close(self) -> None:
         """Stop what is under way, have it kept, and end."""
-        self._pipe.close()
+        self.pipe.close()
         self._clock.join(20.0)
-
-    async def detach(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Likewise, on the loop that listens."""
-        loop.remove_reader(self._pipe.fileno())
-        await asyncio.to_thread(self.close)
+        self._lock.close()
 
     def film(self, name: str) -> str:
         """Return the film of a try by its name, beside rule and policy; the first film where there is no name.
@@ -200,16 +160,6 @@ class Session:
             ValueError: there is no such try.
         """
         if not name:
-            latest = self.folder / f"{self._latest}.json"
-            return contest.first_film(self.setup, tries.read(latest) if self._latest else None)
-        if name not in {entry["name"] for entry in self.history}:
-            raise ValueError(f"there is no try {name!r:.60}")
-        this = tries.read(self.folder / f"{name}.json")
-        return contest.film({**contest.rivals_of(this), "you": this}, "this scenario, the same for all")
-
-
-def _about(name: str) -> dict[str, Any]:
-    """Return what a page knows of a set-up: what holds the tool, where objects stand, and how long a try may take."""
-    setup, task = playable(name), task_of(playable(name))
-    chain, distance = chain_of(task), task.scenario.distance
-    return {"usual": usual(setup), "chain": chain, "distance": distance, "horizon": task.horizon}
+            counts = [self.folder / f"{entry['name']}.json" for entry in tuple(self.history) if not entry["marks"]]
+            return contest.first_film(self.setup, tries.read(counts[-1]) if counts else None)
+        return contest.film(tries.read(self.folder / f"{name}.json"))

@@ -18,6 +18,7 @@ import vl_convert
 from markupsafe import Markup
 
 from experiments.lab.charts import OTHERS, SERIES
+from experiments.lab.results import csv_of
 from experiments.report.matchups import PAPER, POLICY
 from impact_gym.files import write_file
 
@@ -79,7 +80,7 @@ class Figure:
     def save(self, folder: Path) -> list[str]:
         """Write the chart as SVG and its data as CSV; return the names of these files."""
         svg = vl_convert.vegalite_to_svg(self.spec | {"width": self.width, "background": "white"})
-        files = {f"{self.name}.svg": svg, f"{self.name}.csv": self.data.write_csv()}
+        files = {f"{self.name}.svg": svg, f"{self.name}.csv": csv_of(self.data)}
         return [write_file(folder / name, content).name for name, content in files.items()]
 
 

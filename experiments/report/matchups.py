@@ -246,7 +246,8 @@ def baselines(
     contestants = [Contestant(PAPER, {"baseline": RULE}, (typical,), "")]
     if len({*names, RULE}) <= len(names):
         raise ValueError(f"baselines must differ, and the paper's rule is there anyway; got {list(names)}")
-    observations = np.zeros((2, len(ObservationSpec(Task(**environment)))), np.float32)
+    task = Task(**environment)
+    observations = np.zeros((2, len(ObservationSpec(task))), np.float32)
     for name in names:
         its_own = setup is not None and name in setup.tuned
         if its_own or name in shipped_baselines():
@@ -259,6 +260,7 @@ def baselines(
             known = nearest("baseline", name, [*FIXED, *shipped_baselines()])
             raise ValueError(f"{known} (one of your own is named module:object)")
         else:
-            try_out(name, controller_of({"object": name}, typical), observations)  # raises now, not in a worker
+            controller = controller_of({"object": name}, typical)
+            try_out(name, controller, observations, len(task.actions))  # raises now, not in a worker
             contestants.append(Contestant(name, {"object": name}, (typical,), digest_of(name.partition(":")[0])))
     return tuple(contestants)

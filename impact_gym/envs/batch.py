@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from impact_gym import kernels
 from impact_gym.envs.infos import Infos, command_columns
+from impact_gym.envs.state import check, taken
 from impact_gym.operators import Person
 from impact_gym.scene import flange_moves_with_tool
 from impact_gym.simulation import MAX_STEPS, Trace
@@ -126,7 +127,13 @@ class Batch:
         self._make_rows()
 
     def set_scenario(self, ranges: ScenarioRanges) -> None:
-        """Draw scenarios from `ranges` from the next episode on, in all rows."""
+        """Draw scenarios from `ranges` from the next episode on, in all rows.
+
+        Raises:
+            ValueError: a row can reach none of their objects.
+        """
+        for task in self.tasks:
+            task.check_distance(ranges.distance[0])
         for name, (low, high) in ranges.by_id().items():
             rows = self.draws["place"] == PLACES[name]
             self.draws["low"][rows], self.draws["high"][rows] = low, high
@@ -203,14 +210,10 @@ class Batch:
         """Go on from what `get_state` of a batch of this size and task returned, to the bit.
 
         Raises:
-            ValueError: an array is not what this batch has.
+            ValueError: an array is not one that this batch can come to; it is as it was then.
         """
-        for name in _STATE:
-            here, there = getattr(self, name), state[name]
-            if there.shape != here.shape or there.dtype != here.dtype:
-                raise ValueError(
-                    f"{name} of another batch: {there.dtype}{there.shape}, this one has {here.dtype}{here.shape}"
-                )
+        here = {name: getattr(self, name) for name in _STATE}
+        check(here, {name: taken(state, name, here[name]) for name in _STATE}, self._lowered, self.max_steps)
         for name in _STATE:
             getattr(self, name)[:] = state[name]
 

@@ -4,6 +4,7 @@
 MO-Gymnasium itself is not needed. Everything but the reward is as in the environment without the prefix.
 """
 
+from collections.abc import Mapping, Sequence
 from functools import wraps
 from typing import Any
 
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 
 from impact_gym.envs.batch import Batch
 from impact_gym.envs.single import ImpactApproachEnv
+from impact_gym.envs.state import require, taken
 from impact_gym.envs.vector import ImpactApproachVectorEnv
 from impact_gym.task import Task
 
@@ -27,10 +29,11 @@ class Objectives:
     w * (-T) - V_p - force_weight * force.
     """
 
-    def __init__(self, task: Task, batch: Batch) -> None:
-        self._batch, self._force_weight = batch, task.force_weight
-        count = 3 if task.force_weight > 0.0 else 2
-        self._before = np.zeros((batch.size, count))
+    def __init__(self, batch: Batch) -> None:
+        self._batch = batch
+        self._force_weight = np.resize([task.force_weight for task in batch.tasks], batch.size)
+        count = 3 if self._force_weight.any() else 2
+        self.before = np.zeros((batch.size, count))
         self.space = Box(-np.inf, 0.0, (count,), np.float64)
 
     def added(self) -> Rewards:
@@ -38,11 +41,12 @@ class Objectives:
         episodes = self._batch.episodes
         time = episodes["time_cost"] / episodes["drawn"]["time_weight"]
         kept = episodes["velocity_cost"] + episodes["missed_cost"]
-        force = [episodes["force_cost"] / self._force_weight] if self._force_weight > 0.0 else []
+        weight = self._force_weight  # of rows without one the force is 0
+        force = [episodes["force_cost"] / np.where(weight > 0.0, weight, 1.0)] if weight.any() else []
         now = np.stack([time, kept, *force], axis=1)
         new = episodes["control_steps"] <= 1  # an episode that has just begun
-        rewards = np.where(new[:, None], 0.0, self._before) - now
-        self._before = now
+        rewards = np.where(new[:, None], 0.0, self.before) - now
+        self.before = now
         return rewards
 
 
@@ -55,15 +59,16 @@ def soonest(task: Task, distance: float) -> float:
     return float(velocity / acceleration + (distance - ramp) / velocity)
 
 
-def points(task: Task) -> tuple[Rewards, Rewards]:
+def points(tasks: Sequence[Task]) -> tuple[Rewards, Rewards]:
     """Return what no episode falls below, where nothing is touched until the end, and what none exceeds.
 
     Sums of the rewards, for hypervolumes: the reference point and the utopia point, which is at the nearest place as
-    soon as a rigid tool can be and leaves the object at rest. Nothing limits a force: -inf.
+    soon as a rigid tool can be and leaves the object at rest. Nothing limits a force: -inf. Of several tasks the ends.
     """
-    worst = [task.horizon, task.missed_cost, *([np.inf] if task.force_weight > 0.0 else [])]
+    worst = [max(task.horizon for task in tasks), max(task.missed_cost for task in tasks)]
+    worst += [np.inf] if any(task.force_weight > 0.0 for task in tasks) else []
     best = np.zeros(len(worst))
-    best[0] = soonest(task, task.scenario.distance[0])
+    best[0] = min(soonest(task, task.scenario.distance[0]) for task in tasks)
     return -np.array(worst), -best
 
 
@@ -83,8 +88,8 @@ class MOImpactApproachEnv(ImpactApproachEnv):
     @wraps(ImpactApproachEnv.__init__)  # type: ignore[misc]  # whose arguments they are
     def __init__(self, **arguments: Any) -> None:
         super().__init__(**arguments)
-        self._objectives = Objectives(self._batch.tasks[0], self._batch)
-        self.reference_point, self.utopia_point = points(self._batch.tasks[0])
+        self._objectives = Objectives(self._batch)
+        self.reference_point, self.utopia_point = points(self._batch.tasks)
         self.reward_space, self.reward_dim = self._objectives.space, len(self._objectives.space.low)
 
     def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], Any, bool, bool, dict[str, Any]]:
@@ -99,10 +104,21 @@ class MOImpactApproachVectorEnv(ImpactApproachVectorEnv):
     @wraps(ImpactApproachVectorEnv.__init__)  # type: ignore[misc]  # likewise
     def __init__(self, num_envs: int = 1, **arguments: Any) -> None:
         super().__init__(num_envs, **arguments)
-        self._objectives = Objectives(self.batch.tasks[0], self.batch)
-        self.reference_point, self.utopia_point = points(self.batch.tasks[0])
+        self._objectives = Objectives(self.batch)
+        self.reference_point, self.utopia_point = points(self.batch.tasks)
         self.reward_space, self.reward_dim = self._objectives.space, len(self._objectives.space.low)
 
     def _rewards(self) -> tuple[Rewards, dict[str, Any]]:
         """Return the rewards of the last step, and the scalar ones as an info."""
         return self._objectives.added(), {"original_reward": self.batch.rewards.copy()}
+
+    def get_state(self) -> dict[str, Any]:
+        """Return a copy of all that `reset` and `step` go on from."""
+        return super().get_state() | {"objectives": self._objectives.before.copy()}
+
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Go on from what `get_state` returned, see `ImpactApproachVectorEnv`."""
+        before = taken(state, "objectives", self._objectives.before)
+        require("objectives", before, np.isfinite(before), "finite")
+        super().set_state(state)
+        self._objectives.before = before.copy()

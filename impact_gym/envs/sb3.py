@@ -21,7 +21,8 @@ class ImpactVecEnv(VecEnv):
     """`num_envs` environments for stable-baselines3, stepped in one call; arguments as in `ImpactApproachEnv`.
 
     On the step that ends an episode, its `info` is the final info with `terminal_observation` and
-    `TimeLimit.truncated` added, and the observation returned is the first of the next episode.
+    `TimeLimit.truncated` added, and the observation returned is the first of the next episode. `render_mode` is None
+    or, for at most 16, "rgb_array": `render` returns their pictures as tiles of one, as `VecVideoRecorder` films them.
     """
 
     @with_task_arguments()
@@ -29,17 +30,23 @@ class ImpactVecEnv(VecEnv):
         self,
         num_envs: int,
         *,
+        render_mode: str | None = None,
         threads: int | None = None,
         per_slot: Sequence[Mapping[str, Any]] | None = None,
         **arguments: Any,  # those of `Task`, which checks them; the signature names them
     ) -> None:
         mode = AutoresetMode.DISABLED  # stable-baselines3 wants a reset on the step that ends an episode: `step_wait`
         self.envs = ImpactApproachVectorEnv(
-            num_envs, autoreset_mode=mode, threads=threads, per_slot=per_slot, **arguments
+            num_envs, render_mode=render_mode, autoreset_mode=mode, threads=threads, per_slot=per_slot, **arguments
         )
         self.observation_spec = self.envs.observation_spec
         self._actions: NDArray[Any] = np.zeros((num_envs, self.envs.batch.commanded), np.float32)
         super().__init__(num_envs, self.envs.single_observation_space, self.envs.single_action_space)
+        self.metadata = self.envs.metadata
+
+    def get_images(self) -> list[NDArray[np.uint8] | None]:
+        """Return a picture (540, 960, 3) of each environment."""
+        return list(self.envs.render() or ())
 
     def set_scenario(self, scenario: ScenarioRanges | Mapping[str, Any] | str) -> None:
         """Draw from other ranges from the next episodes on."""

@@ -63,11 +63,12 @@ class ImpactTeleopEnv(ImpactApproachEnv):
     `info` of each step has `command` (m/s, the newest that has arrived) and `command_age` (s), both at its end; and of
     what was executed last in it `teleop_action` (u, 0 if that was too old) and `intervene_action` (v), arrays (1,) in
     m/s, and `is_intervention`, whether they are more than 1 mm/s apart. Unlike in HIL-SERL `intervene_action` is there
-    in each step: the flag says whether it is an intervention. The final one has `object_velocity` (m/s), `slide` (m),
-    `touch_time`, `done_time` (s; the horizon where that has not come), `late` (s, what reaction and channels take from
-    a touch to the operator's stop at the arm, on average), `peak_force` (N), `contact_count`, `taken` (the share of
-    the operator's motion before the touch that was withheld), `missed`, `record`, and what that of `ImpactApproach`
-    has.
+    in each step: the flag says whether it is an intervention. A batch has them of the slots that played in the step,
+    with SAME_STEP in the final info of those whose episode ended. The final one has `object_velocity` (m/s),
+    `slide` (m), `touch_time`, `done_time` (s; the horizon where that has not come), `late` (s, what reaction and
+    channels take from a touch to the operator's stop at the arm, on average), `peak_force` (N), `contact_count`,
+    `taken` (the share of the operator's motion before the touch that was withheld), `missed`, `record`, and what
+    that of `ImpactApproach` has.
 
     ## Arguments
     See `ImpactApproach`. `ImpactTeleop-v0` is that with a `Reach` over channels of 0.1 s each way.

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from impact_gym.envs.arguments import with_task_arguments
 from impact_gym.envs.batch import Batch
 from impact_gym.envs.single import TRACE_POINTS, ImpactApproachEnv, action_space, observation_space
+from impact_gym.envs.state import require, taken
 from impact_gym.task.episodes import episode_index, fixed_records, skip_episodes
 from impact_gym.task.scenario import ScenarioRanges
 from impact_gym.task.task import Task
@@ -81,6 +82,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         self._none: Flags = np.zeros(self.num_envs, np.bool_)
         self._ended = self._none.copy()
         self._begun = self._none.copy()
+        self._skipped = self._none
 
     def set_scenario(self, scenario: ScenarioRanges | Mapping[str, Any] | str) -> None:
         """Draw from other ranges from the next episodes on."""
@@ -131,6 +133,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         elif self._ended.any():
             raise ResetNeeded("some episodes have ended: reset them with options={'reset_mask': ...}")
         batch.step(commands, skip)
+        self._skipped = skip
         terminated, truncated = batch.episodes["terminated"] == 1, batch.episodes["truncated"] == 1
         self._ended = terminated | truncated
         return terminated, truncated
@@ -139,18 +142,20 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         """Play one control step in every slot."""
         terminated, truncated = self.play(actions)
         batch, ended = self.batch, self._ended
+        same_step = self.autoreset_mode is AutoresetMode.SAME_STEP
+        acted = ~self._skipped & ~(ended if same_step else self._none)
         links, (rewards, scalar) = batch.link_columns(), self._rewards()
-        infos = masked(links | scalar, ~self._none)
+        infos = masked(scalar, ~self._none) | (masked(of_rows(links, acted), acted) if acted.any() else {})
         if ended.any():
             rows = np.flatnonzero(ended)
             finals = masked(batch.info_columns(rows), ended)
-            if self.autoreset_mode is not AutoresetMode.SAME_STEP:
+            if not same_step:
                 infos |= finals
             else:
                 final = np.full(self.num_envs, None, object)
                 for row in rows:
                     final[row] = batch.observations[row].copy()
-                finals |= masked(links, ended)
+                finals |= masked(of_rows(links, ended), ended)
                 infos |= {"final_obs": final, "_final_obs": ended, "final_info": finals, "_final_info": ended.copy()}
                 self._draw_and_begin(rows)
                 self._ended = self._none.copy()
@@ -192,13 +197,29 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         """Go on from what `get_state` of a batch of this size and these arguments returned, to the bit.
 
         Raises:
-            ValueError: an array is not what this batch has.
+            ValueError: something is not what this batch can come to; it is as it was then.
         """
-        self.batch.set_state(state["batch"])
-        self._generators = [seeding.np_random(0)[0] for _ in state["generators"]]
-        for generator, there in zip(self._generators, state["generators"], strict=True):
-            generator.bit_generator.state = there
-        self._ended, self._begun = state["ended"].copy(), state["begun"].copy()
+        ended, begun = (taken(state, name, self._none) for name in ("ended", "begun"))
+        given, generators = state.get("generators"), list[np.random.Generator]()
+        if not isinstance(given, list) or len(given) != (self.num_envs if begun.any() or given else 0):
+            raise ValueError(f"generators of a state must be a list of {self.num_envs}, got {shown(given)}")
+        for slot, there in enumerate(given):
+            generators.append(seeding.np_random(0)[0])
+            try:
+                generators[-1].bit_generator.state = there
+            except (LookupError, TypeError, ValueError, OverflowError) as error:
+                raise ValueError(f"generators[{slot}] of a state must be a PCG64's, got {shown(there)}") from error
+        before = self.batch.get_state()
+        self.batch.set_state(state.get("batch", {}))
+        try:
+            require("ended", ended, ended == self.batch.ended, "as the episodes say")
+            require(
+                "begun", begun, ~begun | (self.batch.episodes["drawn"]["object_mass"] != 0.0), "as the episodes say"
+            )
+        except ValueError:
+            self.batch.set_state(before)
+            raise
+        self._generators, self._ended, self._begun = generators, ended.copy(), begun.copy()
 
     def _draw_and_begin(self, rows: NDArray[np.int64], fixed: NDArray[Any] | None = None) -> None:
         self.batch.draw_and_begin(rows, self._generators, fixed)
@@ -238,6 +259,11 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
 
 def _is_row(value: Any) -> bool:
     return isinstance(value, np.ndarray) and value.ndim == 1
+
+
+def of_rows(columns: Mapping[str, NDArray[Any]], rows: Flags) -> dict[str, Any]:
+    """Return `columns` (num_envs, ...) with zeros where `rows` (num_envs,) is not set."""
+    return {name: (column.T * rows).T.astype(column.dtype) for name, column in columns.items()}
 
 
 def masked(info: dict[str, Any], mask: Flags) -> dict[str, Any]:

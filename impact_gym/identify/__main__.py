@@ -12,6 +12,7 @@ from typing import Any
 from impact_gym.files import parsed, whole_file, write_file
 from impact_gym.identify import FREE, Identified, LoadCell, Sensor, identify
 from impact_gym.identify.held_out import hold_out
+from impact_gym.identify.log import read
 from impact_gym.motion import Brake, Trapezoid
 from impact_gym.quantities import QUANTITIES, SCENARIO, SET_UP
 from impact_gym.scene import Contact, Object, Scene, Tool
@@ -22,8 +23,9 @@ from impact_gym.validation import numbers, one_of, shown
 DESCRIPTION = """Fit numbers of a scene to a measured blow and write their 95 % intervals as the ranges of a set-up."""
 
 FILE = """
-the log: a CSV file whose first line names its columns, time (s) and any of force (N), flange_velocity, tool_velocity,
-object_velocity (m/s). Several logs share the free numbers; each has its own start.
+the log: a CSV file with columns time (s) and any of force (N), flange_velocity, tool_velocity, object_velocity (m/s),
+tool_acceleration, object_acceleration (m/s^2 or g). Other units stand in the header, as in "t [ms]", or in a line below
+it. What was understood is said. Several logs share the free numbers; each has its own start.
 
 the scene, my.toml: a set-up (see agents/setups) and two tables more. Of a number that is fitted it has a guess, of any
 other one what it was when the blow was measured: no range.
@@ -80,10 +82,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
             raise ImportError("a set-up is written with tomli-w: pip install 'impact-gym[identify]'")
         content = parsed(options.scene, "TOML", tomllib.loads)
         scene, motions, sensors = parse(content, options.free, len(options.logs))
-        known = options.logs, scene, motions, options.free, sensors or None
+        logs = [read(name, name) for name in options.logs]
+        known = logs, scene, motions, options.free, sensors or None
         held_out = hold_out(*known) if options.hold_out else None
         result = identify(*known)
-        said = f"{result}\n{held_out}" if held_out else str(result)
+        said = "\n".join([*(log.said for log in logs), str(result), *([str(held_out)] if held_out else [])])
         text = "\n".join(set_up(content, result, said))
         print(said if options.out else text)
         if options.out:

@@ -70,9 +70,8 @@ class Fit:
         return cls(model, best.x, best.misfit, _covariance(model.jacobian(best.x)), others)
 
     def moved(self, x: Array) -> "Fit":
-        """Return the fit that a better point leads to."""
-        misfit, x, _ = descend(self.model, x)
-        return Fit(self.model, x, misfit, _covariance(self.model.jacobian(x)), self.others)
+        """Return the fit that a better point leads to, with the noise of its own residual."""
+        return self._polished(self.model, [Point(self.misfit, x), Point(self.misfit, self.x), *self.others])
 
     @property
     def quantile(self) -> float:

@@ -1,32 +1,44 @@
 """A measured blow: reading it, and refusing what cannot be one, in one line that says where and what is allowed."""
 
-import csv
-import io
 import math
+import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from impact_gym.files import parsed
+from impact_gym.csv_files import Column, read_columns
 from impact_gym.identify.sensor import Array, Sensor, bursts, level, noise_of, runs
 from impact_gym.motion import Trapezoid
 from impact_gym.scene import Rigid, Robot, Scene
 from impact_gym.validation import WrongTypeError, numbers, shown
 
-UNITS = {"force": "N", "flange_velocity": "m/s", "tool_velocity": "m/s", "object_velocity": "m/s"}
-"""Columns that a log may have beside `time` (s)."""
+TIME = Column("s", r"((rel|relative|elapsed) )?(time ?stamp|time)s?|t|zeit|x value")
+READ = {
+    "force": Column("N", r"((contact|impact|normal|tool|hammer|wrench) )*(force|kraft)( ?[xyz])?|f ?[nxyz]?|load"),
+    "flange_velocity": Column("m/s", r"flange (velocity|speed|vel)"),
+    "tool_velocity": Column("m/s", r"(tool|hammer|tcp) (velocity|speed|vel)"),
+    "object_velocity": Column("m/s", r"(object|target) (velocity|speed|vel)"),
+    "tool_acceleration": Column("m/s^2", r"(tool|hammer) (acceleration|accel|acc)", needs_unit=True),
+    "object_acceleration": Column("m/s^2", r"(object|target) (acceleration|accel|acc)", needs_unit=True),
+}
+"""Columns that a log may have beside `time` (s), and how files name them."""
+UNITS = {name: column.unit for name, column in READ.items()}
 COLUMNS = ", ".join(f"{name} ({unit})" for name, unit in UNITS.items())
 
 MIN_SAMPLES = 8
 MAX_FORCE = 1e5  # N
+MAX_ACCELERATION = 1e6  # m/s^2
 MAX_SPEED_RATIO = 10.0  # of a velocity over the motion's speed
 MAX_STEP = 0.05  # s between two samples
-MAX_GAP = 1.5  # times the usual step
+MAX_GAP = 1.5  # times the usual step: more are lost samples, unless the steps beside are as much shorter
+MAX_LOST = 3  # samples in a row
 MIN_SWING = 10.0  # standard deviations of the noise, from the least to the largest sample of a blow
+MOST_IMPULSE = 200.0  # times what brings the tool back as fast as it came: time may be in ms
 LEAST_IMPULSE = 0.01  # times that of two such bodies that stop against each other: the unit is another
 FLAT_SAMPLES = 3  # with the very same largest value, between much smaller ones: the sensor is saturated
 
@@ -38,22 +50,35 @@ class Log:
     name: str
     time: Array  # (n,), s
     columns: Mapping[str, Array]  # (n,) each, see UNITS
+    said: str = ""  # how a file was understood, in one line
+
+    @property
+    def lost(self) -> NDArray[np.int64]:
+        """How many samples were lost after each but the last (n - 1,)."""
+        steps = np.diff(self.time)
+        usual = float(np.median(steps))
+        padded = np.concatenate([[usual], steps, [usual]])
+        three = padded[:-2] + steps + padded[2:]  # a stamp that is late alone does not make it longer
+        return np.where(steps > MAX_GAP * usual, np.maximum(np.rint(three / usual) - 3, 0), 0).astype(np.int64)
 
     @property
     def step(self) -> float:
-        """Usual time between two samples, s."""
-        return float(np.median(np.diff(self.time)))
+        """Mean time between two samples, those that were lost among them, s."""
+        return float(self.time[-1] - self.time[0]) / float(len(self.time) - 1 + self.lost.sum())
 
 
 def read(source: Any, name: str) -> Log:
-    """Return the log in a mapping of columns, or in a CSV file with their names in its first line.
+    """Return the log in a mapping of columns, or in a CSV file, see `impact_gym.csv_files`; a `Log` as it is.
 
     Raises:
         TypeError, ValueError: it is neither; columns are missing, unknown or of different lengths; a value is no finite
-            number; time does not increase or has a gap.
+            number; time does not increase or has a gap of more than MAX_LOST samples.
     """
+    if isinstance(source, Log):
+        return source
+    said = ""
     if isinstance(source, (str, PathLike)):
-        name, source = str(source), _table(Path(source))
+        name, (source, said) = str(source), read_columns(Path(source), {"time": TIME, **READ}, ("time", "force"))
     if not isinstance(source, Mapping):
         raise WrongTypeError(f"{name} must be a mapping of columns or the path of a CSV file, got {shown(source)}")
     for column in source:
@@ -78,36 +103,18 @@ def read(source: Any, name: str) -> Log:
         raise ValueError(
             f"{name}, time must have at most {MAX_STEP:g} s between samples, got {usual:g} s: is it in ms, not in s?"
         )
-    if steps.max() > MAX_GAP * usual:
-        k = int(np.argmax(steps))
-        raise ValueError(f"{name}, time must have no gaps, but {steps[k]:g} s lie between samples {k} and {k + 1}, at "
-                         f"{time[k]:g} s, where the usual step is {usual:g} s")  # fmt: skip
-    return Log(name, time, columns)
-
-
-def _table(path: Path) -> dict[str, list[float]]:
-    lines = parsed(path, "CSV", _numbered)
-    if not lines:
-        raise ValueError(f"{path} is empty; its first line must name the columns: time, and any of {COLUMNS}")
-    head = lines[0][1]
-    table: dict[str, list[float]] = {" ".join(name.split()): [] for name in head}
-    if len(table) < len(head):
-        raise ValueError(f"{path} must name no column twice, got {shown(head)}")
-    for place, line in lines[1:]:
-        if len(line) != len(table):
-            raise ValueError(f"{path}, line {place} must have {len(table)} values as the first line, got {shown(line)}")
-        for (name, values), text in zip(table.items(), line, strict=True):
-            try:
-                values.append(float(text))
-            except ValueError:
-                raise ValueError(f"{path}, line {place}: {name} must be a number, got {shown(text)}") from None
-    return table
-
-
-def _numbered(text: str) -> list[tuple[int, list[str]]]:
-    """Return the lines of a CSV file that are not blank, with their numbers."""
-    reader = csv.reader(io.StringIO(text))
-    return [(reader.line_num, line) for line in reader if line]
+    log = Log(name, time, columns)
+    if log.lost.max() > MAX_LOST:
+        k = int(np.argmax(log.lost))
+        raise ValueError(f"{name}, time must have no gaps of more than {MAX_LOST} samples, but {steps[k]:g} s lie "
+                         f"between samples {k} and {k + 1}, at {time[k]:g} s, where the usual step is {usual:g} s"
+                         )  # fmt: skip
+    if not said:
+        return log
+    rate, count = 1.0 / log.step, int(log.lost.sum())
+    shown_rate = f"{rate / 1e3:.4g} kHz" if rate >= 1e3 else f"{rate:.4g} Hz"
+    lost = f"; {count} sample{'s' * (count > 1)} lost" if count else ""
+    return replace(log, said=f"read {len(time):,} samples at {shown_rate} from {name}: {said}{lost}")
 
 
 def check(log: Log, scene: Scene, motion: Trapezoid, sensors: Mapping[str, Sensor]) -> None:
@@ -117,7 +124,8 @@ def check(log: Log, scene: Scene, motion: Trapezoid, sensors: Mapping[str, Senso
         ValueError: names column, value, unit and what is allowed.
     """
     for name, values in log.columns.items():
-        limit, other = (MAX_FORCE, "mN") if name == "force" else (MAX_SPEED_RATIO * motion.speed, "mm/s")
+        limits = {"N": (MAX_FORCE, "mN"), "m/s": (MAX_SPEED_RATIO * motion.speed, "mm/s")}
+        limit, other = limits.get(UNITS[name], (MAX_ACCELERATION, "mm/s^2"))
         largest, unit, rate = float(np.abs(values).max()), UNITS[name], sensors[name].rate
         if largest > limit:
             raise ValueError(
@@ -149,6 +157,11 @@ def _refuse_other_force(log: Log, scene: Scene, motion: Trapezoid, sensor: Senso
     usual = speed / (1.0 / tool + 1.0 / scene.object.mass)
     blows = bursts(log.columns["force"], sensor)
     impulse = log.step * sum(float(force[first : last + 1].sum()) for first, last in blows)
+    if impulse > MOST_IMPULSE * 2.0 * tool * speed:
+        warnings.warn(
+            f"{log.name}, force has an impulse of {impulse:.3g} N s, where the tool at {speed:g} m/s is turned back by"
+            f" {2.0 * tool * speed:.3g} N s: is time in ms?", stacklevel=2,
+        )  # fmt: skip
     if 0.0 < impulse < LEAST_IMPULSE * usual:
         raise ValueError(
             f"{log.name}, force must have an impulse of about {usual:.3g} N s, as tool and object of the scene have at"

@@ -9,7 +9,8 @@ from impact_gym.identify.coordinates import Coordinate
 from impact_gym.identify.log import Log
 from impact_gym.identify.sensor import Array, Sensor, bursts, noise_of
 from impact_gym.motion import Trapezoid
-from impact_gym.scene import Rigid, RobotTable, Scene
+from impact_gym.physics.impact import GRAVITY
+from impact_gym.scene import Rigid, RobotTable, Scene, SpringDamper
 from impact_gym.simulation import Trace, simulate
 from impact_gym.task.paths import replaced
 
@@ -97,15 +98,25 @@ class Model:
     def latest(self, scene: Scene, k: int) -> float:
         """Return the latest time (s) of the motion at which log k may end.
 
-        It begins before the flange has gone twice the distance to the object.
+        It begins before the flange has gone twice the distance to the object, and the tool has followed on its spring.
         """
         motion, log = self.motions[k], self.logs[k]
         arrival = 2.0 * scene.object.distance / motion.speed + motion.speed / motion.acceleration
+        if isinstance(spring := scene.coupling, SpringDamper):
+            arrival += 2.0 * np.pi * max(spring.damping_ratio, 1.0) * (scene.tool.mass / spring.stiffness) ** 0.5
         return arrival + float(log.time[-1] - log.time[0])
 
     def sensed(self, scene: Scene, trace: Trace, name: str, at: Array) -> tuple[Array, Array]:
         """Return what the sensor of a column reads `at` (n,) s of the motion, and its slope."""
-        sensor, values = self.sensors[name], getattr(trace, TRACED.get(name, name))
+        sensor = self.sensors[name]
+        if name == "tool_acceleration":
+            values = tool_acceleration(scene, trace)
+        elif name == "object_acceleration":
+            drag = (scene.object.friction or 0.0) * GRAVITY  # where it stands the ground gives way no sooner
+            values = trace.contact_force / scene.object.mass - drag
+            values = np.where(trace.object_velocity > 0.0, values, np.maximum(values, 0.0))
+        else:
+            values = getattr(trace, TRACED.get(name, name))
         if sensor.cell:
             values = values + sensor.cell.mass * tool_acceleration(scene, trace)
         return sensor.senses(trace.time, values, at)

@@ -1,11 +1,13 @@
 """Result of a fit: numbers, how sure they are, what the log cannot tell and why, in words, and a picture."""
 
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 from typing import Any
 
 import numpy as np
+from scipy.stats import chi2, f, norm
 
 from impact_gym.identify.coordinates import RESTITUTION
 from impact_gym.identify.fit import Ends, Fit
@@ -21,6 +23,10 @@ MIN_CORRELATION = 0.95  # of two numbers, one of them wide, that the log does no
 MIN_BLOW_SAMPLES = 4  # fewer do not show the shape of a blow
 HEAVY_RATIO = 5.0  # mass of the object over the tool's, from which the force hardly shows it
 
+FALSE_ALARM = 1e-4  # chance of each test of the residuals to object to a model that fits
+LAGS = 10  # of the autocorrelation of residuals
+MIN_BEFORE = 8  # samples before the touch, to judge the others by
+
 Interval = tuple[float, float]
 
 
@@ -29,10 +35,11 @@ class Identified:
     """What the logs say of the free numbers; all in SI units, keyed by their dotted names."""
 
     estimate: Mapping[str, float]
-    interval: Mapping[str, Interval]  # 95 %; 0 or inf where the log sets no limit
+    interval: Mapping[str, Interval]  # 95 % if there are no `warnings`; 0 or inf where the log sets no limit
     correlation: Array  # (k, k), of the estimates in the order of `estimate`, on the scales they are fitted on
     scene: Scene  # with the estimates
     indistinguishable: tuple[str, ...]  # what the log cannot tell, in words; empty if it tells everything
+    warnings: tuple[str, ...]  # what shows that the model does not fit, each a UserWarning, too; empty if it does
     fit: Fit = field(repr=False)
 
     @classmethod
@@ -46,8 +53,10 @@ class Identified:
         for number, (u_low, u_high) in zip(free, ends, strict=True):
             low, high = sorted((number.end(u_low, -1), number.end(u_high, 1)))
             interval[number.name] = (low, high)
-        words = tuple(_words(fit, interval, correlation))
-        return cls(fit.model.numbers(fit.x), interval, correlation, fit.model.scene_at(fit.x), words, fit)
+        words, doubts = tuple(_words(fit, interval, correlation)), tuple(misfits(fit))
+        for doubt in doubts:
+            warnings.warn(doubt, stacklevel=3)
+        return cls(fit.model.numbers(fit.x), interval, correlation, fit.model.scene_at(fit.x), words, doubts, fit)
 
     @property
     def start(self) -> tuple[float, ...]:
@@ -101,10 +110,50 @@ class Identified:
         for name, value in self.estimate.items():
             low, high = self.interval[name]
             estimate = _with_unit(self.scene, name, f"{value:.6g}")
-            lines.append(f"{name} = {estimate}, 95 % in {low:.6g} to {high:.6g}")
+            sure = "if the model held, in" if self.warnings else "95 % in"
+            lines.append(f"{name} = {estimate}, {sure} {low:.6g} to {high:.6g}")
         for (i, first), (j, second) in combinations(enumerate(self.estimate), 2):
             lines.append(f"correlation of {first} and {second}: {self.correlation[i, j]:.2f}")
-        return "\n".join([*lines, *self.indistinguishable])
+        return "\n".join([*lines, *self.indistinguishable, *self.warnings])
+
+
+def misfits(fit: Fit) -> Iterator[str]:
+    """Yield a sentence for each test of the residuals that a model which fits passes but once in 1 / FALSE_ALARM.
+
+    The mean before the touch by the normal distribution; the size from there on beside that before it by Fisher's F, or
+    where the noise is known by chi-squared; whiteness by Ljung and Box (Biometrika 65, 1978). Residuals within the
+    resolution of a sensor are not tested: they are no noise.
+    """
+    model = fit.model
+    scene, left = model.scene_at(fit.x), -fit.model.residuals(fit.x)
+    for (k, name), slot in model.slots.items():
+        log, rest, unit = model.logs[k], left[slot], UNITS[name]
+        noise, n = model.noise[name], len(rest)
+        if noise < np.diff(np.unique(log.columns[name])).min(initial=np.inf) or name == "flange_velocity":
+            continue
+        at = log.time - fit.x[len(model.free) + k]
+        contacts = simulate(scene, model.motions[k], max(float(at[-1]), log.step)).contacts
+        touch = contacts[0].start if contacts else np.inf
+        before, behind = rest[at < touch], rest[at >= touch]
+        if name != "tool_velocity" and len(before) >= MIN_BEFORE:
+            spread, mean = float(np.std(before, ddof=1)), float(np.mean(before))
+            limit = float(norm.isf(FALSE_ALARM / 2.0)) * spread / len(before) ** 0.5
+            if abs(mean) > limit and model.sensors[name].bias != "estimated":
+                yield (f"{log.name}, {name} is off by {mean * noise:.3g} {unit} before the touch: the sensor was not "
+                       'tared; give its bias, or Sensor(bias="estimated")')  # fmt: skip
+            ratio = float(np.mean(behind**2)) / spread**2 if len(behind) else 0.0
+            if f.sf(ratio, len(behind), len(before) - 1) < FALSE_ALARM:
+                yield (f"{log.name}, {name}: the model leaves {ratio**0.5:.3g} times as much from the touch on as the "
+                       "noise before it: does the scene, or the sensor, leave something out?")  # fmt: skip
+        if model.sensors[name].noise is not None and chi2.sf(float(np.sum(rest**2)), n) < FALSE_ALARM:
+            yield (f"{log.name}, {name}: the model leaves {float(np.mean(rest**2)) ** 0.5:.3g} times the noise that "
+                   "the sensor is said to have")  # fmt: skip
+        lags = np.arange(1, min(LAGS, n // 5) + 1)
+        centred = rest - rest.mean()
+        power = [float(centred[lag:] @ centred[:-lag]) / float(centred @ centred) for lag in lags]
+        if len(lags) and chi2.sf(n * (n + 2) * np.sum(np.square(power) / (n - lags)), len(lags)) < FALSE_ALARM:
+            yield (f"{log.name}, {name}: what the model leaves is not white noise (Ljung and Box): the signal drifts, "
+                   "or the scene or the sensor is another")  # fmt: skip
 
 
 def _with_unit(scene: Any, name: str, text: str) -> str:

@@ -107,17 +107,22 @@ def descend(
     """Return where least squares come to from x, with x[fixed] held, within so many evaluations."""
     free = np.delete(np.arange(model.size), [] if fixed is None else [fixed])
     x = x.copy()
+    if not np.all(np.isfinite(x)):
+        return Point(math.inf, x, is_minimum=False)
+    # Starts and biases count from where they begin: MINPACK's tolerance of x is relative to x, and a clock that is
+    # seconds from the motion's would end the search before samples of microseconds are told apart.
+    origin = np.where(np.arange(model.size) < len(model.free), 0.0, x)
     for i, number in enumerate(model.free):  # at the end of what a restitution may be nothing would move it
         if number.name == RESTITUTION and i != fixed:
             x[i] = min(max(x[i], -LARGEST_START), LARGEST_START)
 
     def whole(part: Array) -> Array:
         point = x.copy()
-        point[free] = part
+        point[free] = origin[free] + part
         return point
 
     solution = least_squares(
-        lambda part: model.residuals(whole(part)), x[free],
+        lambda part: model.residuals(whole(part)), (x - origin)[free],
         jac=lambda part: model.jacobian(whole(part), skip=fixed)[:, free], method="lm", x_scale="jac",
         max_nfev=evaluations, ftol=tolerance, xtol=tolerance, gtol=tolerance,
     )  # fmt: skip

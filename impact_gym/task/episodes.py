@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
+from itertools import cycle
 from typing import Any
 
 import numpy as np
@@ -91,6 +92,9 @@ def _checked(name: str, value: Any, tasks: Sequence[Task], slots: int | None, fi
             raise ValueError(f"{field} must be a number or {slots} of them in {unit}, got {len(values)}")
         for slot, one in enumerate(() if alike else values):
             number(f"{field}[{slot}]", one, unit, **limits[slot])
+    if name == "distance" and field.startswith("options['scenario']"):  # a record may hold what was drawn beyond it
+        for distance, task in zip(np.resize(values, max(len(tasks), np.size(values))), cycle(tasks), strict=False):
+            task.check_distance(float(distance), field)
     if name == "noise_seed" and np.any(np.mod(values, 1.0)):
         raise ValueError(f"{field} must be a whole number, got {shown(value)}")
     return values

@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_gym.kernels import LONGEST_JITTER, WITHDRAWAL_FADE
-from impact_gym.operators import KINDS, Channel
+from impact_gym.operators import KINDS, LOST, Channel
 from impact_gym.validation import Range, shown
 
 WAYS = ("uplink", "downlink")
+LONGEST_SPACING, SLOWEST_PING = 200, 2.0  # control periods, or s, between the packets of a trace
 FADE: float = WITHDRAWAL_FADE  # s, in which a withdrawal ends
 
 
@@ -47,6 +48,10 @@ def checked(task: Any) -> dict[str, Channel]:
         of, note = ("trace", ": is it in ms?") if channel.trace else ("delay", note)
         if late >= task.horizon:
             raise ValueError(f"{way}.{of} must be below the horizon, {task.horizon:g} s, got {late:g} s{note}")
+        apart = float(np.median(np.diff([time for time, _ in channel.trace]))) if channel.trace else 0.0
+        if apart > (most := max(LONGEST_SPACING * task.control_period, SLOWEST_PING)):
+            raise ValueError(f"{way}.trace must have a packet each {most:g} s or more often beside a control period of "
+                             f"{task.control_period:g} s, got one each {apart:g} s: is it in ms?")  # fmt: skip
     if (timeout := channels["downlink"].timeout) != Channel().timeout:
         raise ValueError(f"downlink.timeout must be left out: the uplink's alone stops the arm, got {timeout:g} s")
     return channels
@@ -90,7 +95,9 @@ def lowered(task: Any, record: NDArray[Any], begin: int) -> list[NDArray[np.floa
         count = len(points) // 2
         times, values = points.reshape(2, count)
         length = times[-1] if count else 0.0
-        record[name] = begin, count, length, np.trapezoid(values, times) / length if count else 0.0
+        kept = values < LOST
+        mean = np.trapezoid(values[kept], times[kept]) / np.ptp(times[kept]) if count else 0.0
+        record[name] = begin, count, length, mean
         begin += len(points)
     record["replay"]["length"] = getattr(task.operator, "length", 0.0)
     return tables

@@ -26,6 +26,7 @@ MISSED_COST = 2.0  # m/s
 SETTLE_LIMIT = 10.0  # s, simulated after the end at the most
 DISSIPATIONS = ("hu-guo", "exact", "fixed")
 ALARMS = ("force", "reading")
+MOST_STEPS = 2**53  # control steps until truncation
 PLACES = places(RECORD)
 """Where each number that an episode draws stands in its record."""
 MOUNT_IDS = tuple(row.id for row in SET_UP if row.id == "tool_mass" or "." in row.id)
@@ -164,20 +165,26 @@ class Task:
         number("past_readings", self.past_readings, "-", at_most=PAST_READINGS)
         if self.max_episode_steps is not None:
             self._put("max_episode_steps", whole("max_episode_steps", self.max_episode_steps, at_least=1))
+            number("max_episode_steps", self.max_episode_steps, "-", at_most=MOST_STEPS)
 
     def _check_reach(self) -> None:
         """Refuse a way that no episode is long enough for; warn of one that some are not, and of a stroke too short."""
-        (near, far), reach = self.scenario.distance, self.reach
-        way = f"in {self.horizon:g} s (horizon) the arm gets only {reach:.3g} m far"
-        if near > reach:
-            raise ValueError(f"scenario.distance must begin below {reach:.3g} m, got {near:g} m: {way}")
-        if far > reach:
+        near, far = self.scenario.distance
+        way = self.check_distance(near)
+        if far > self.reach:
             warnings.warn(f"scenario.distance ends at {far:g} m, but {way}: the rest is missed", stacklevel=3)
         worst = {name: self.drawn[name][end] for name, end in WORST_OF_STROKE.items() if name in self.drawn}
         if isinstance(self.coupling, SpringDamper):
             numbers = {name.removeprefix("coupling."): value for name, value in worst.items() if name != "tool_mass"}
             mass = worst.get("tool_mass", self.tool_mass)
             warn_of_stroke(replace(self.coupling, **numbers), mass, self.acceleration_range[1])
+
+    def check_distance(self, near: float, field: str = "scenario.distance") -> str:
+        """Raise ValueError if objects from `near` (m) on are out of reach; return in words how far the arm gets."""
+        way = f"in {self.horizon:g} s (horizon) the arm gets only {self.reach:.3g} m far"
+        if near > self.reach:
+            raise ValueError(f"{field} must begin below {self.reach:.3g} m, got {near:g} m: {way}")
+        return way
 
     @property
     def reach(self) -> float:

@@ -255,6 +255,16 @@ def test_teacher_reacts_to_a_touch_and_to_no_false_alarm():
     assert np.array_equal(teacher.actions(seen, starts)[touched == 0.0], actions[touched == 0.0])
 
 
+def test_every_setting_of_the_updates_reaches_the_model():
+    model, _ = model_of(tiny(gae_lambda=0.9, entropy=0.01, clip=0.3, epochs=5, rollout=32, batch=128,
+                             learning_rate=1e-3, final_rate=0.2))  # fmt: skip
+    names = ("gae_lambda", "ent_coef", "n_epochs", "n_steps", "batch_size", "gamma")
+    assert [getattr(model, name) for name in names] == [0.9, 0.01, 5, 32, 128, 1.0]
+    assert model.clip_range(1.0) == 0.3
+    assert [model.lr_schedule(left) for left in (1.0, 0.5, 0.0)] == pytest.approx([1e-3, 0.6e-3, 0.2e-3])
+    assert model_of(tiny(teacher="blind-profile", imitation_steps=640))[0].imitation_steps == 640
+
+
 def test_imitation_soon_does_nearly_as_well_as_its_teacher():
     run = tiny(teacher="blind-profile", envs=128, rollout=32, batch=512, learning_rate=3e-3, width=32)
     run = replace(run, training=replace(run.training, steps=80_000, imitation_steps=80_000))

@@ -2,7 +2,9 @@
 
 import json
 import sys
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
+from multiprocessing import get_context
 
 import numpy as np
 import pytest
@@ -14,7 +16,7 @@ from agents.baselines.cmaes import minimise
 from agents.baselines.random import Jittery
 from agents.baselines.rule import Parameter
 from agents.baselines.tuned import load_baseline, read_tuned, write_tuned
-from agents.evaluate import ScenarioBatch
+from agents.evaluate import TUNING_SEED, ScenarioBatch
 from agents.tune import CLEAN_ALARM, Tune, scores, search_bound, search_bounds, tune, tune_one
 
 SPACE = (
@@ -37,6 +39,9 @@ def test_minimise_finds_the_optimum_of_each_problem_within_the_limits():
     assert np.abs((result.parameters - OPTIMA) / SPANS).max() < 0.01
     assert result.loss == pytest.approx(bowl(result.parameters[None])[0], rel=1e-12, abs=1e-15)
     assert result.generations < 200
+    seen = list[np.ndarray]()
+    few = minimise(lambda x: seen.append(bowl(x)) or seen[-1], SPACE, problems=3, generations=15)
+    assert np.array_equal(few.loss, np.min(seen, axis=(0, 1)))  # the best of all, not of the last
     beyond = minimise(lambda x: np.sum((x / SPANS - 5.0) ** 2, axis=-1), SPACE, generations=80).parameters[0]
     assert beyond == pytest.approx([3.0, 100.0, 0.01], rel=1e-3)
     assert (beyond <= [3.0, 100.0, 0.01]).all()
@@ -106,6 +111,8 @@ def test_tune_prefers_a_gentle_touch_to_none_however_little_time_costs():
     found = tune_one("ConstantSpeed", {}, 0.05, 1e-5, 0.0, **SEARCH | {"scenarios": 20, "budget": 80})
     assert found["validation"]["missed"] == 0
     assert 0.05 * 1.2 < found["train"] < 2.0
+    stage = ScenarioBatch(TUNING_SEED, 20, scenario="train", rtol=1e-5)
+    assert found["train"] == pytest.approx(stage.play(ConstantSpeed.of(found["parameters"])).loss(0.05).mean())
 
 
 def test_tune_keeps_what_is_there_and_ends_as_if_it_had_not_been_stopped(noisy, tmp_path):
@@ -123,6 +130,13 @@ def test_tune_keeps_what_is_there_and_ends_as_if_it_had_not_been_stopped(noisy, 
     path.unlink()
     tune(noisy)
     assert path.read_bytes() == whole
+
+
+def test_tunings_at_the_same_time_keep_each_others_weights(noisy, tmp_path):
+    each = [replace(noisy, weights=(weight,), jobs=tmp_path / f"jobs-{weight}") for weight in (0.5, 1.0, 2.0, 4.0)]
+    with ProcessPoolExecutor(4, get_context("spawn")) as pool:
+        list(pool.map(tune, each))
+    assert [*read_tuned("noisy-speed", tmp_path, load_setup(noisy.setups[0]))["weights"]] == ["0.5", "1", "2", "4"]
 
 
 def test_tune_does_anew_what_was_tuned_otherwise_or_for_another_environment(noisy, tmp_path, capsys):

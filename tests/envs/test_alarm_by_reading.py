@@ -6,8 +6,7 @@ Without errors, alarms and readings are those of the independent solver: `test_r
 import gymnasium as gym
 import numpy as np
 import pytest
-from episodes import ALARM, FORCE, ID, SINCE, Always, newtons, play, random_actions
-from front_ends import first_infos
+from episodes import ALARM, FORCE, ID, SINCE, Always, at_rest, newtons, play, random_actions
 from scipy import stats
 
 from agents.baselines import BlindProfile
@@ -15,20 +14,12 @@ from agents.baselines.detector import DETECTOR, DetectorProfile
 from agents.evaluate.scenario_batch import ScenarioBatch
 
 READING = {"alarm": "reading"}
-STANDING = np.array([-0.5, 0.0], np.float32)
-
-
-def readings_of_nothing(rows, ticks, **options):
-    """Observations (ticks, rows, n_obs) of an arm that stands still."""
-    envs = gym.make_vec(ID, num_envs=rows, **READING, **options)
-    envs.reset(seed=0)
-    return np.array([envs.step(np.tile(STANDING, (rows, 1)))[0] for _ in range(ticks)], float)
 
 
 @pytest.mark.parametrize(("threshold", "sigma"), [(1.0, 0.5), (2.0, 1.0), (2.0, 2.0), (4.0, 5.0)])
 def test_false_alarm_comes_as_often_as_a_normal_number_exceeds_the_threshold_and_ends_after_its_time(threshold, sigma):
     rows, ticks, last, again = 1500, 40, 9, 0  # of 16 ms: `last` is fewer than an alarm lasts
-    seen = readings_of_nothing(rows, ticks, force_noise=sigma, alarm_threshold=threshold)
+    seen = at_rest(ticks, rows, force_noise=sigma, alarm_threshold=threshold, **READING)
     share, first = stats.norm.sf(threshold / sigma), seen[:last, :, ALARM].mean(axis=1)
     expected = 1.0 - (1.0 - share) ** np.arange(1, last + 1)
     assert (np.abs(first - expected) < 4.0 * np.sqrt(expected * (1.0 - expected) / rows)).all()
@@ -46,12 +37,9 @@ def test_false_alarm_comes_as_often_as_a_normal_number_exceeds_the_threshold_and
 
 def test_alarm_that_is_false_ends_nothing():
     """Who goes on whatever comes meets what it would have met without a sensor."""
-    batches = (gym.make_vec(ID, num_envs=100, force_noise=noise, **READING) for noise in (0.0, 5.0))
-    quiet, noisy = (
-        [(info["object_velocity"], info["approach_time"]) for info in first_infos(envs, Always(0.7, 20.0), seed=4)]
-        for envs in batches
-    )
-    assert np.array(quiet) == pytest.approx(np.array(noisy), rel=1e-7, abs=1e-9)
+    quiet, noisy = (ScenarioBatch(4, 100, force_noise=noise, **READING).play(Always(0.7, 20.0)) for noise in (0.0, 5.0))
+    assert quiet.object_velocity == pytest.approx(noisy.object_velocity, rel=1e-7, abs=1e-9)
+    assert quiet.approach_time == pytest.approx(noisy.approach_time, rel=1e-7, abs=1e-9)
 
 
 @pytest.mark.parametrize("deflection", [False, True])
@@ -105,31 +93,24 @@ def test_detector_takes_a_kick_of_the_tool_for_a_touch_and_its_own_swing_for_non
         assert np.isfinite(state[0]).all() == touched
 
 
-SENSORS = {"alarm": "reading", "deflection_sensor": True, "past_readings": 2}
-START = [parameter.start for parameter in BlindProfile.PARAMETERS]
+def test_detector_is_right_where_the_alarm_is_and_goes_on_after_what_was_no_touch():
+    """It takes for a touch what exceeds the mean so far by a threshold, N, in a single reading."""
 
+    def played(threshold, **environment):
+        environment |= {"alarm": "reading", "deflection_sensor": True, "past_readings": 2}
+        trusting = BlindProfile([parameter.start for parameter in BlindProfile.PARAMETERS])
+        judging = detector(threshold - 0.01, 0.0, 0.01, 0.0, 0.0, 0.0) if threshold else trusting
+        stage = ScenarioBatch.of("validation", 200, **environment)
+        return stage.play(judging.for_environment({**DetectorProfile.NEEDS, **environment}))
 
-def above(threshold, **environment):
-    """A detector that takes for a touch what exceeds the mean so far by a threshold, N, in a single reading."""
-    return detector(threshold - 0.01, 0.0, 0.01, 0.0, 0.0, 0.0, **environment)
-
-
-def test_detector_does_as_the_alarm_where_the_alarm_is_right():
-    environment = SENSORS | {"alarm_threshold": 3.0}
-    stage = ScenarioBatch.of("validation", 200, **environment)
-    trusting = stage.play(BlindProfile(START).for_environment(environment))
-    judging, deaf = (stage.play(above(threshold, **environment)) for threshold in (3.0, 20.0))
-    assert np.mean(trusting.object_velocity == judging.object_velocity) > 0.98  # what came below 3 N is in the mean
-    assert (deaf.object_velocity > 1.1 * trusting.object_velocity).mean() > 0.3
-
-
-def test_detector_goes_on_after_what_was_no_touch():
-    environment = SENSORS | {"force_noise": 3.0}
-    stage = ScenarioBatch.of("validation", 200, **environment)
-    missed = [stage.play(above(threshold, **environment)).missed.sum() for threshold in (1.0, 8.0, 20.0)]
-    assert missed[0] > 100  # within the noise
-    assert missed[1:] == [0, 0]
-    assert stage.play(BlindProfile(START).for_environment(environment)).missed.sum() > 100
+    trusting, judging, deaf = (
+        played(threshold, alarm_threshold=3.0).object_velocity for threshold in (None, 3.0, 20.0)
+    )
+    assert np.mean(trusting == judging) > 0.98  # what came below 3 N is in the mean
+    assert (deaf > 1.1 * trusting).mean() > 0.3
+    missed = [played(threshold, force_noise=3.0).missed.sum() for threshold in (None, 1.0, 8.0, 20.0)]
+    assert min(missed[:2]) > 100  # within the noise
+    assert missed[2:] == [0, 0]
 
 
 def test_memory_of_a_detector_ends_with_the_episode():

@@ -5,6 +5,7 @@ import math
 import gymnasium as gym
 import numpy as np
 import pytest
+from episodes import scene
 from steered import AWAY, ID, OWN, played, steered
 
 import impact_gym as ig
@@ -63,8 +64,7 @@ def test_simulate_follows_what_was_executed():
         times, velocities = trace.time[kept], trace.command_velocity[kept]
         bends = np.flatnonzero(np.abs(np.diff(np.diff(velocities) / np.diff(times))) > 1e-6) + 1
         corners = [0, *bends, len(times) - 1]
-        motion, spring = ig.Motion(times[corners], velocities[corners]), ig.SpringDamper(50.0)
-        scene = ig.Scene(ig.Tool(0.125), ig.Object(record["object_mass"], record["distance"], record["friction"]),
-                         ig.Contact(record["contact_stiffness"], record["restitution"]), spring)  # fmt: skip
-        outcome = ig.simulate(scene, motion, duration=float(times[-1]), rtol=1e-10)
+        motion = ig.Motion(times[corners], velocities[corners])
+        struck = scene(record, ig.SpringDamper(50.0), friction=record["friction"])
+        outcome = ig.simulate(struck, motion, duration=float(times[-1]), rtol=1e-10)
         assert outcome.peak_object_velocity == pytest.approx(info["object_velocity"], abs=2e-6)

@@ -1,6 +1,7 @@
 """One task behind every front end: what a row meets is, to the bit, what the single environment of its task gives."""
 
 import warnings
+from functools import partial
 from inspect import signature
 from itertools import product
 
@@ -9,18 +10,19 @@ import numpy as np
 import pytest
 import stable_baselines3.common.env_checker as sb3_checker
 from episodes import ID, IDS, Given, action_table, assert_identical, begin, history
-from front_ends import FRONT_ENDS, OBJECTIVES, TWINS, Singles, trails
+from front_ends import FRONT_ENDS, MODES, assert_alike, loop_of, made, plain, stepped, twin_of
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from refusals import refused
-from stable_baselines3.common.vec_env import DummyVecEnv
-from tasks import CHANNEL, EVERYTHING_DRAWN, OBSERVED, OWN, STORM, WITH_OPERATOR, rows_of_tasks
+from tasks import CHANNEL, OBSERVED, OWN, STORM, WITH_OPERATOR, rows_of_tasks
 
 import impact_gym as ig
+from impact_gym.envs import of_objectives
 from impact_gym.envs.batch import ROWS_PER_THREAD
+from impact_gym.envs.objectives import MOImpactApproachVectorEnv
 from impact_gym.envs.single import ImpactApproachEnv
 from impact_gym.envs.vector import ImpactApproachVectorEnv
 from impact_gym.sb3 import ImpactVecEnv
@@ -32,7 +34,6 @@ HARD = {"scenario": "hard", "time_weight": (0.5, 8.0), "reaction_delay": 0.03}
 NOISY = {"range_noise": 0.01, "force_noise": 0.2, "force_bias": 0.1, "deflection_sensor": True, "privileged": True}
 TELEOP, UNSURE = "ImpactTeleop-v0", {"uplink": CHANNEL, "privileged": True, "force_noise": (0.1, 1.0)}
 MORE = ("coupling", "range_noise", "range_bias", "reference_velocity")
-MODES = ["NextStep", "SameStep", "Disabled"]
 FIXED = st.sampled_from([
     None, {"episode_index": 2}, {"scenario": {"distance": 0.1}},
     {"record": {"restitution": 0.5, "noise_seed": 7.0}, "scenario": {"object_mass": 0.3}},
@@ -43,57 +44,70 @@ def test_every_argument_of_a_task_is_in_the_strategy():
     assert {*arguments()} == {*OWN, *OBSERVED, *WITH_OPERATOR, *MORE}
 
 
-def changed(trail, reward):
-    """What rows meet, with other rewards, made from what a step returned; infos without the scalar one."""
-
-    def step(met):
-        rest = {name: value for name, value in met[-1].items() if name != "original_reward"}
-        return [met[0], reward(met), *met[2:-1], rest]
-
-    return [[step(met) if isinstance(met, list) else met for met in row] for row in trail]
-
-
-def assert_alike(trail, expected, name):
-    for row, (met, single) in enumerate(zip(trail, expected, strict=True)):
-        for entry, other in zip(met, single, strict=True):
-            assert_identical((name, row, entry), (name, row, other))
-
-
-def assert_taken_apart(trail, task):
-    """Vector rewards are the scalar ones by their weights, and those of an episode sum to what its final info says."""
-    vectors, scalars, forced = [], [], [task.force_weight] * (task.force_weight > 0.0)
-    for _, reward, terminated, truncated, info in (met for met in trail if isinstance(met, list)):
-        vectors.append(reward)
-        scalars.append(info["original_reward"])
-        if terminated or truncated:
-            assert np.array(vectors) @ [info["time_weight"], 1.0, *forced] == pytest.approx(scalars, abs=1e-9)
-            assert info["missed"] == (terminated and info["contact_count"] == 0)
-            kept = task.missed_cost if info["missed"] else info["object_velocity"]
-            costs = info.get("done_time", info["approach_time"]), kept, *[info["peak_force"]] * len(forced)
-            if not terminated:  # no V_p of the future, nothing but the time
-                spent = min(info["approach_time"], len(vectors) * task.control_period)
-                costs = info.get("done_time", spent), *[0.0] * (len(costs) - 1)
-            assert -np.sum(vectors, axis=0) == pytest.approx(costs, abs=1e-9)
-            vectors, scalars = [], []
-
-
+@pytest.mark.parametrize("front", FRONT_ENDS)
 @settings(STORM, max_examples=25)
-@given(rows_of_tasks(), st.integers(0, 1000), FIXED, st.sampled_from([*TWINS, "state"]))
-def test_front_ends_play_in_each_row_what_the_single_environment_of_its_task_plays(rows, seed, options, twin):
-    """Whatever the task, what is fixed for the first episode, and whether a copy goes on in the middle of one."""
-    actions = action_table(seed, 160, len(rows), lean=(-0.6, 0.6), task=rows[0])
-    expected = trails(Singles(rows), actions, seed, options)
-    assert_alike(trails(Singles(rows), actions, seed, options, twin), expected, "single")
-    for name, make in FRONT_ENDS.items():
-        single = changed(expected, lambda met: np.float32(met[1])) if name == "stable-baselines3" else expected
-        assert_alike(trails(make(rows), actions, seed, options, twin), single, name)
-    few, actions = rows[:1] * 2, actions[:90, :2]
-    vectors = trails(OBJECTIVES["single"](few), actions, seed, options)
-    scalars = trails(Singles(few), actions, seed, options)
-    assert_alike(changed(vectors, lambda met: met[-1]["original_reward"]), scalars, "single objectives")
-    assert_taken_apart(vectors[0], Task(**few[0]))
-    for name, make in OBJECTIVES.items():
-        assert_alike(trails(make(few), actions, seed, options, twin if twin != "state" else "copy"), vectors, name)
+@given(
+    rows_of_tasks(), st.booleans(), st.integers(0, 1000), FIXED, st.sampled_from(["itself", "copy", "pickle", "state"])
+)
+def test_front_end_returns_to_the_bit_what_a_loop_over_single_environments_returns(
+    front, rows, equal, seed, fixed, twin
+):
+    """Whatever the tasks, what is fixed for the first episodes, and whether a copy goes on in the middle of one.
+
+    Its spaces, its infos with their masks, and which arrays are of which type, too.
+    """
+    rows = rows[:1] * 3 if equal else rows
+    exact = front == "single" or equal
+    envs, loop = made(front, rows), loop_of(front, rows)
+    assert (envs.observation_space, envs.action_space) == (loop.observation_space, loop.action_space)
+    assert_identical(*(begin(each, seed, fixed) for each in (envs, loop)))
+    replaced, actions = twin == "itself", action_table(seed, 160, 3, lean=(-0.6, 0.6), task=rows[0])
+    for tick, row in enumerate(actions):
+        returned = stepped(front, envs, row)
+        assert_alike(returned, stepped(front, loop, row), exact)
+        if not replaced and tick >= (53 if returned[2].any() else 80):
+            envs, replaced = twin_of(envs, twin, partial(made, front, rows), np.ones_like(row)), True
+    if front in MODES:
+        for number, env in enumerate(loop.envs):
+            assert env.unwrapped.sensors() == {name: column[number] for name, column in envs.sensors().items()}
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+@settings(STORM, max_examples=25)
+@given(rows_of_tasks(count=2), st.integers(0, 1000), FIXED)
+def test_vector_rewards_are_the_scalar_ones_taken_apart_by_their_weights(mode, rows, seed, fixed):
+    """Those of an episode sum to what its final info says; all else is as in the environment with scalar rewards."""
+    rows = rows[:1] * 2
+    task, kinds = Task(**rows[0]), (MOImpactApproachVectorEnv, ImpactApproachVectorEnv)
+    envs, scalar = (kind(2, autoreset_mode=mode, per_slot=rows, threads=1) for kind in kinds)
+    alone = gym.make(of_objectives(ID), disable_env_checker=True, **rows[0])
+    for each in (envs, scalar, alone):
+        begin(each, seed, fixed)
+    kept, going, forced = ([], []), True, [task.force_weight] * (task.force_weight > 0.0)
+    begins = np.array([False, False])
+    for actions in action_table(seed, 160, 2, lean=(-0.6, 0.6), task=rows[0]):
+        seen, vectors, *flags, infos = envs.step(actions)
+        expected, scalars, *others, of_scalar = scalar.step(actions)
+        assert_identical((infos.pop("original_reward"), infos.pop("_original_reward").all()), (scalars, np.True_))
+        assert_identical((seen, flags, infos), (expected, others, of_scalar))
+        if going:  # of the first row's first episode
+            _, vector, terminated, truncated, info = alone.step(actions[0])
+            assert_identical((vector, info["original_reward"]), (vectors[0], float(scalars[0])))
+            going = not (terminated or truncated)
+        for row in np.flatnonzero(~begins):
+            kept[row].append([*vectors[row], scalars[row]])
+        ended = flags[0] | flags[1]
+        begins = ended & (mode == "NextStep")  # in a step of its own, without any reward
+        for row in np.flatnonzero(ended):
+            info, apart = plain(infos.get("final_info", infos), row), np.array(kept[row])
+            kept[row].clear()
+            assert apart[:, :-1] @ [info["time_weight"], 1.0, *forced] == pytest.approx(apart[:, -1], abs=1e-9)
+            velocity = task.missed_cost if info["missed"] else info["object_velocity"]
+            costs = info.get("done_time", info["approach_time"]), velocity, *[info["peak_force"]] * len(forced)
+            if not flags[0][row]:  # cut by the time limit: no V_p of the future, nothing but the time
+                spent = min(info["approach_time"], len(apart) * task.control_period)
+                costs = info.get("done_time", spent), *[0.0] * (len(costs) - 1)
+            assert -np.sum(apart[:, :-1], axis=0) == pytest.approx(costs, abs=1e-9)
 
 
 @settings(STORM, max_examples=40)
@@ -160,61 +174,29 @@ def test_environment_is_made_again_from_its_json(id, rows, mode):
     assert_identical(again.reset(seed=3), envs.reset(seed=3))
 
 
-def sync_vec(slots, mode, **options):
-    """Gymnasium's own loop over single environments."""
-    return gym.make_vec(ID, slots, vectorization_mode="sync", vector_kwargs={"autoreset_mode": mode}, **options)
-
-
-@pytest.mark.parametrize("mode", MODES)
-@pytest.mark.parametrize("options", [NOISY, EVERYTHING_DRAWN["spring"]], ids=["noisy", "everything drawn"])
-def test_batch_returns_what_gymnasiums_loop_over_single_environments_returns(options, mode):
-    """Its spaces, its infos with their masks, and which arrays are of which type, too."""
-    envs, loop = gym.make_vec(ID, num_envs=7, autoreset_mode=mode, **options), sync_vec(7, mode, **options)
-    assert (envs.observation_space, envs.action_space) == (loop.observation_space, loop.action_space)
-    assert_identical(envs.reset(seed=17), loop.reset(seed=17))
-    ended = 0
-    for row in action_table(1, 160, 7, lean=(-0.6, 0.6)):
-        result = envs.step(row)
-        assert_identical(result, loop.step(row))
-        sensors = envs.unwrapped.sensors()
-        for slot, env in enumerate(loop.unwrapped.envs):
-            assert env.unwrapped.sensors() == {name: column[slot] for name, column in sensors.items()}
-        ended += (dones := result[2] | result[3]).sum()
-        if mode == "Disabled" and dones.any():
-            assert_identical(*(each.reset(options={"reset_mask": dones.copy()}) for each in (envs, loop)))
-    assert ended > 7
-
-
-def test_batch_of_stable_baselines3_returns_what_its_own_loop_returns():
-    """After `seed` the next reset uses it, and only that one; options hold for the slot and the reset they are for."""
-    envs, loop = ImpactVecEnv(3, **NOISY), DummyVecEnv([lambda: gym.make(ID, **NOISY)] * 3)
-    assert (envs.observation_space, envs.action_space) == (loop.observation_space, loop.action_space)
+def test_seed_and_options_of_stable_baselines3_hold_for_the_next_reset_alone():
+    envs, loop = (make("stable-baselines3", [NOISY] * 3) for make in (made, loop_of))
     for seed, distances in ((17, [0.17, 0.22, 0.31]), (None, []), (3, [])):
-        for each in (envs, loop):
-            each.set_options([{"scenario": {"distance": distance}} for distance in distances] or {})
+        for each in (envs, loop) if distances else ():
+            each.set_options([{"scenario": {"distance": distance}} for distance in distances])
         assert seed is None or envs.seed(seed) == loop.seed(seed)
-        assert_identical(envs.reset(), loop.reset())
-        assert envs.reset_infos == [{}] * 3
+        assert_identical((envs.reset(), envs.reset_infos), (loop.reset(), [{}] * 3))
         assert envs.envs.batch.info()["scenario"]["distance"].tolist() == distances or not distances
         for row in action_table(6, 90, 3, lean=(0.3, 0.6)):
-            (*seen, infos), (*expected, others) = envs.step(row), loop.step(row)
-            assert_identical(seen, expected)
-            for info, other, ended in zip(infos, others, seen[2], strict=True):
-                assert_identical((info, bool(info)), ({name: other[name] for name in info}, bool(ended)))
+            assert_alike(envs.step(row), loop.step(row), True)
 
 
 def test_episode_that_ends_by_itself_on_the_last_step_allowed_is_flagged_as_by_gymnasium():
-    stand_still = np.float32([[-0.5, 1.0]])
-    envs, loop = gym.make_vec(ID, max_episode_steps=75), sync_vec(1, "NextStep", max_episode_steps=75)
+    envs, loop = (make("NextStep", [{"max_episode_steps": 75}]) for make in (made, loop_of))
     envs.reset(seed=0), loop.reset(seed=0)
     for _ in range(75):
-        result, expected = envs.step(stand_still), loop.step(stand_still)
+        result, expected = (each.step(np.float32([[-0.5, 1.0]])) for each in (envs, loop))
     assert result[2].all()
     assert_identical(result[:4], expected[:4])
 
 
 def test_seeds_and_reset_mask_reach_exactly_the_slots_they_name():
-    envs, loop = gym.make_vec(ID, num_envs=3, autoreset_mode="Disabled"), sync_vec(3, "Disabled")
+    envs, loop = (make("Disabled", [{}] * 3) for make in (made, loop_of))
     assert_identical(envs.reset(seed=[30, 8, 30])[0], loop.reset(seed=[30, 8, 30])[0])
     rows, mask = action_table(4, 14, 3), np.array([False, True, False])
     for seed, row in zip([None, [None, 30, None], 29, None], rows[10:], strict=True):

@@ -1,13 +1,13 @@
 """The slow solver of the whole task: its laws, and that the environment plays what it plays."""
 
 import json
-from math import sqrt
 from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
 import pytest
 from episodes import ROBOT, Always, Given
+from refusals import refused
 from scipy.special import lambertw
 
 import impact_gym as ig
@@ -16,7 +16,7 @@ from agents.baselines import ConstantSpeed, PaperTrapezoid
 from agents.baselines.tuned import load_baseline
 from agents.evaluate.scenario_batch import ScenarioBatch
 from agents.setups import load_setup
-from experiments.reference.task import at_rest, play, rescore, settle, task_of
+from experiments.reference.task import play, rescore
 from impact_gym.task import Task
 from impact_gym.task.evaluation_sets import load
 from impact_gym.task.scenario import FIELDS
@@ -29,17 +29,6 @@ RIPPLING = json.loads((HELPERS / "rippling_scenes.json").read_text("utf-8"))
 
 A soft contact on a robot that rings lets go, holds, and lets go in one step.
 """
-
-
-class Played:
-    """Plays random actions, a batch of them at every step; remembers what was seen."""
-
-    def __init__(self, rows, seed=3):
-        self.rng, self.rows, self.seen = np.random.default_rng(seed), rows, []
-
-    def predict(self, observation, state=None, episode_start=None, deterministic=True):
-        self.seen.append(observation)
-        return np.clip(self.rng.uniform([-0.8, -1.0], [1.2, 1.0], (self.rows, 2)), -1, 1).astype(np.float32), state
 
 
 def both(controllers, numbers, options, frozen="validation", rtol=1e-8):
@@ -90,7 +79,8 @@ def test_environment_plays_what_the_reference_plays(setup, controller, velocity_
     ("validation", {"friction": 0.8, "dissipation": "fixed", "reference_velocity": 0.5} | RIGID, 4, 1e-8),
 ], ids=str)  # fmt: skip
 def test_environment_shows_what_the_reference_shows_whatever_is_done(frozen, options, rows, velocity_error):
-    controllers = Played(rows), Played(rows)
+    actions = np.random.default_rng(3).uniform([-0.8, -1.0], [1.2, 1.0], (1000, rows, 2)).astype(np.float32)
+    controllers = Given(np.clip(actions, -1.0, 1.0)), Given(np.clip(actions, -1.0, 1.0))
     assert_same(*both(controllers, range(rows), options, frozen), velocity_error)
     expected, seen = (np.array(controller.seen) for controller in controllers)
     assert len(expected) == len(seen)
@@ -114,65 +104,6 @@ def test_rigid_tool_throws_the_object_off_at_its_speed_times_one_and_the_restitu
     assert out.peak_force == pytest.approx(hertz, rel=1e-9)
 
 
-def test_elastic_contact_with_a_resting_flange_keeps_the_energy():
-    options = {"coupling": {"type": "SpringDamper", "stiffness": 50.0, "damping_ratio": 0.0}}
-    motion = at_rest(task_of(options), SCENARIO | {"distance": 0.13}, 1e-10)
-    motion.command.steer(0.0, 1.0, 20.0)
-    motion.advance(0.1)
-    motion.command.steer(0.1, 0.0, 20.0)
-    motion.advance(0.15)
-    assert motion.contacts == 0
-
-    def energy():
-        _, _, u, u_dot, _, _ = motion.state
-        return 0.125 * u_dot**2 / 2 + 50.0 * u**2 / 2 + 0.25 * motion.object_velocity**2 / 2
-
-    before = energy()
-    assert before > 0.01
-    while motion.contacts == 0 or motion.touching:
-        motion.advance(motion.t + 1e-3)
-    assert 0.25 * motion.object_velocity**2 / 2 > 0.1 * before
-    assert energy() == pytest.approx(before, rel=1e-8)
-
-
-def test_momentum_that_a_contact_takes_from_a_free_tool_it_gives_to_the_object():
-    """The spring is so soft that it gives nothing in a contact (paper, eq. 2)."""
-    options = {"coupling": {"type": "SpringDamper", "stiffness": 1e-9, "damping_ratio": 0.0}, "tool_mass": 0.125}
-    motion = at_rest(task_of(options), SCENARIO | {"restitution": 0.5, "distance": 0.1}, 1e-10)
-    motion._y[1], motion._y[3] = 1.0, -1.0  # delta', u' of a tool that flies at 1 m/s while the flange rests
-    for until in (0.15, 0.15):  # it stops at the alarm
-        motion.advance(until)
-    effective = 0.487741256  # docs/provenance.md, of a nominal 0.5
-    assert motion.contacts == 1
-    assert motion.object_velocity == pytest.approx((1 + effective) / 3, rel=1e-8)
-    assert -motion.state[3] == pytest.approx((1 - 2 * effective) / 3, rel=1e-6)
-
-
-@pytest.mark.storm
-@pytest.mark.parametrize("coupling", [
-    {"type": "SpringDamper", "stiffness": 150.0, "damping_ratio": 0.1},
-    {"type": "Bistable"},
-    load_setup("bistable-blind").environment["coupling"],
-], ids=str)  # fmt: skip
-def test_settle_ends_when_nothing_more_can_come(coupling):
-    task, frozen = task_of({"coupling": coupling}), load("validation")
-    waited = 0
-    for k in (0, 3):  # one of them is not over at once
-        scenario = {name: float(values[k]) for name, values in frozen.scenario.items()}
-        motion = at_rest(task, scenario, 1e-10)
-        motion.command.steer(0.0, 0.6, 20.0)
-        while motion.command.detection_time is None:
-            motion.advance(1.2)
-        begun = motion.t
-        settle(motion, 20.0)
-        waited += motion.t > begun + 0.1
-        contacts, velocity = motion.contacts, motion.object_velocity
-        motion.advance(motion.t + 2.0)
-        assert (motion.contacts, motion.object_velocity) == (contacts, velocity)
-        assert motion.over()
-    assert waited
-
-
 def test_play_of_who_stands_still_is_a_miss():
     out = play(Always(0.0, 20.0), SCENARIO, options={}, time_weight=1.0)
     assert out[:5] == (0.0, 1.2, 0.0, 0, True)
@@ -187,23 +118,12 @@ def test_scenario_is_the_same_by_itself_and_beside_others():
         assert tuple(together[name][row] for name in alone._fields) == alone
 
 
-def test_estimate_is_seen():
-    seen = Played(1)
-    play(seen, SCENARIO, options={"range_noise": 0.01}, time_weight=2.0 * sqrt(16.0), distance_estimate=0.26)
-    assert seen.seen[0][0] == pytest.approx([-0.5, -0.5, -1, 0, 0, 0, 0, 0.5, 0.26 / 0.5], abs=1e-7)
-
-
-@pytest.mark.parametrize("option", [{"force_noise": 0.1}, {"force_bias": 0.1}, {"rtol": 1e-9}, {"speed": 1.0}])
-def test_option_that_is_not_served_is_named(option):
-    with pytest.raises(ValueError, match=f"does not serve the options .'{next(iter(option))}'.*coupling"):
-        play(PaperTrapezoid(), SCENARIO, options=option, time_weight=1.0)
-
-
-def test_range_of_delays_and_a_scenario_beyond_the_set_are_refused():
-    with pytest.raises(ValueError, match="one reaction_delay"):
-        play(PaperTrapezoid(), SCENARIO, options={"reaction_delay": (0.0, 0.02)}, time_weight=1.0)
-    with pytest.raises(ValueError, match="0 to 999, not 1000"):
-        rescore(PaperTrapezoid(), "validation", [1000], {}, 1.0)
+@pytest.mark.parametrize("option", [
+    {"force_noise": 0.1}, {"force_bias": 0.1}, {"rtol": 1e-9}, {"speed": 1.0}, {"reaction_delay": (0.0, 0.02)},
+], ids=str)  # fmt: skip
+def test_option_that_is_not_served_and_a_scenario_beyond_the_set_are_refused(option):
+    refused(lambda: play(PaperTrapezoid(), SCENARIO, options=option, time_weight=1.0), *option)
+    refused(lambda: rescore(PaperTrapezoid(), "validation", [1000], {}, 1.0), "0 to 999", "1000")
 
 
 @pytest.mark.parametrize("episode", RIPPLING, ids=["once", "twice"])

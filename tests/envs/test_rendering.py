@@ -5,30 +5,16 @@ import itertools
 import gymnasium as gym
 import numpy as np
 import pytest
-from episodes import ROBOT, action_table
-from rendered import HARD_AND_HEAVY, ID, SHAPE, drawn, history_of, is_colour, play, rendering_task
+from episodes import ID, ROBOT, task_of
+from rendered import HARD_AND_HEAVY, SHAPE, drawn, history_of, is_colour, play
 
 import impact_gym as ig
-from impact_gym.envs import IDS, render_canvas, render_chain, render_strips, rendering
+from impact_gym.envs import render_canvas, render_chain, render_strips, rendering
 from impact_gym.envs.batch import Batch
 from impact_gym.task import Task
 
 pytest.importorskip("pygame")
 pytestmark = pytest.mark.usefixtures("no_display")
-
-
-@pytest.mark.parametrize("name", IDS)
-def test_pictures_have_the_shape_asked_for_and_change_as_things_move(name):
-    env = gym.make(name, render_mode="rgb_array")
-    env.reset(seed=1)
-    pictures = [env.render()]
-    for action in action_table(1, 6, 1, (0.6, 0.6), {"operator": "Teleop" in name})[:, 0]:
-        env.step(action)
-        pictures.append(env.render())
-    assert all(picture.shape == SHAPE and picture.dtype == np.uint8 for picture in pictures)
-    assert all((one != other).any() for one, other in itertools.pairwise(pictures))
-    np.testing.assert_array_equal(again := env.render(), pictures[-1])
-    assert not np.shares_memory(again, pictures[-1])
 
 
 @pytest.mark.parametrize("options", [
@@ -38,7 +24,7 @@ def test_pictures_have_the_shape_asked_for_and_change_as_things_move(name):
 def test_tool_flange_and_spring_are_drawn_where_the_trace_has_them(options):
     env = gym.make(ID, record_trace=True, **options)
     play(env, seed=4, scenario=HARD_AND_HEAVY)
-    history, task = history_of(env), rendering_task(env)
+    history, task = history_of(env), task_of(env)
     first, springs = history.touches[0], []
     deflection = history.columns["tool_position"] - history.columns["flange_position"]
     shortest = float(history.time[np.argmin(deflection)])
@@ -87,7 +73,7 @@ def test_lamp_is_lit_by_the_force_and_turns_red_when_the_controller_knows():
     ({"object_mass": 1.0, "contact_stiffness": 1e6, "restitution": 1e-2, "distance": 1e-6}, {}),
     ({"object_mass": 1e6, "contact_stiffness": 1e8, "restitution": 0.7, "distance": 0.2}, {}),
     ({"object_mass": 1.0, "contact_stiffness": 1e-6, "restitution": 1.0, "distance": 0.1}, {}),
-    ({"object_mass": 1.0, "contact_stiffness": 1e5, "restitution": 0.5, "distance": 1e9}, {}),  # a miss
+    ({"object_mass": 1.0, "contact_stiffness": 1e5, "restitution": 0.5, "distance": 1.7}, {}),  # a miss
     (HARD_AND_HEAVY, {"coupling": ig.SpringDamper(1e-3), "tool_mass": 1e3}),
     (HARD_AND_HEAVY, {"coupling": ig.SpringDamper(1e6, 0.0)}),
 ])  # fmt: skip

@@ -9,17 +9,19 @@ from types import SimpleNamespace
 import gymnasium as gym
 import numpy as np
 import pytest
+from episodes import ID, action_table, assert_identical, begin, task_of
 from episodes import IDS as APPROACHES
-from episodes import action_table, assert_identical, begin
 from gymnasium.utils.env_checker import check_env
-from gymnasium.wrappers import vector as vector_wrappers
-from rendered import HARD_AND_HEAVY, ID, SHAPE, history_of, play, rendering_task
+from gymnasium.wrappers.vector import RecordVideo
+from rendered import HARD_AND_HEAVY, SHAPE, history_of, play
+from stable_baselines3.common.vec_env import VecVideoRecorder
 from tasks import EVERYTHING_DRAWN
 
 from agents.baselines import encode
 from impact_gym.envs import IDS, render_canvas, render_chain, rendering
 from impact_gym.envs.render_history import FRAME_RATE, FRAMES_PER_IMPACT
 from impact_gym.envs.render_video import SlowMotionVideo
+from impact_gym.sb3 import ImpactVecEnv
 
 pytest.importorskip("pygame")
 pytestmark = pytest.mark.usefixtures("no_display")
@@ -48,7 +50,7 @@ def test_contact_fills_many_pictures_as_far_apart_as_the_factor_says_and_the_cam
     env = gym.make(name, record_trace=True)
     for seed in range(5):
         _, results = play(env, seed=seed)
-        played, task = history_of(env), rendering_task(env)
+        played, task = history_of(env), task_of(env)
         times, factors = np.array(list(played.film(0.0))).T
         assert np.diff(times, prepend=0.0)[:-1] == pytest.approx(1.0 / (FRAME_RATE * factors[:-1]), rel=1e-6)
         assert times[-1] == played.now
@@ -71,7 +73,7 @@ def test_modes_show_a_picture_of_each_instant_of_one_go_and_change_no_result(mod
     import pygame
 
     env = gym.make(ID, record_trace=True, **SHORT)
-    renderer = rendering.Renderer(rendering_task(env), "rgb_array")
+    renderer = rendering.Renderer(task_of(env), "rgb_array")
     shown, expected = play(env, look=lambda ended: [*renderer.instants(history_of(env, ended))])
     contact, instants = history_of(env), np.concatenate(shown)
     assert min(map(len, shown)) > 0
@@ -164,36 +166,47 @@ def test_calls_of_render_that_can_draw_nothing_are_named(make):
         assert env.render() is None
 
 
-def check_film(folder, recorded):
-    """Compare the film in a folder with what was recorded, pictures (height, width, 3)."""
-    from imageio_ffmpeg import count_frames_and_secs
-    from moviepy import VideoFileClip
-
+def assert_film(folder, recorded):
+    """The only film in a folder shows what was recorded, pictures (height, width, 3)."""
+    clips, ffmpeg = pytest.importorskip("moviepy"), pytest.importorskip("imageio_ffmpeg")
     (film,) = folder.glob("*.mp4")
-    assert len(recorded) - count_frames_and_secs(film)[0] in (0, 1)  # moviepy's rounding may lose the last
-    with VideoFileClip(str(film)) as clip:
+    assert len(recorded) - ffmpeg.count_frames_and_secs(film)[0] in (0, 1)  # moviepy's rounding may lose the last
+    with clips.VideoFileClip(str(film)) as clip:
         assert clip.fps == FRAME_RATE
         for place in (0, len(recorded) // 2, len(recorded) - 3):
             picture = clip.get_frame((place + 0.5) / FRAME_RATE)
-            assert picture.shape == recorded[place].shape
             assert np.abs(picture.astype(int) - recorded[place]).mean() < 5.0  # the codec loses a little
 
 
-@pytest.mark.parametrize("kind", ["slow motion", "batch"])
-def test_films_play_in_slow_motion_and_with_a_tile_for_each_of_a_batch(kind, tmp_path):
+def test_film_of_an_episode_is_its_pictures_in_slow_motion(tmp_path):
     pytest.importorskip("moviepy")
-    to = {"video_folder": str(tmp_path / "films"), "episode_trigger": lambda number: number == 0}
-    if kind == "batch":
-        env = vector_wrappers.RecordVideo(gym.make_vec(ID, num_envs=4, render_mode="rgb_array"), **to)
-    else:
-        env = SlowMotionVideo(gym.make(ID, render_mode="rgb_array_list"), **to)
+    env = gym.make(ID, render_mode="rgb_array_list")
+    env = SlowMotionVideo(env, str(tmp_path / "films"), episode_trigger=lambda number: number == 0)
     env.reset(seed=2, options={"scenario": SHORT["scenario"]})
-    tiles = [env.env.render()] if kind == "batch" else []
     for _ in range(6):
-        env.step(np.broadcast_to(encode(1.0, 8.0), env.action_space.shape))
-        tiles += [env.env.render()] if kind == "batch" else []
-    recorded = [np.concatenate([np.concatenate(four[k : k + 2], axis=1) for k in (0, 2)]) for four in tiles]
-    recorded = recorded or list(env.recorded_frames)
+        env.step(encode(1.0, 8.0))
+    recorded = list(env.recorded_frames)
     env.close()
-    assert recorded[0].shape == (2 * SHAPE[0], 2 * SHAPE[1], 3) if kind == "batch" else len(recorded) > 40
-    check_film(tmp_path / "films", recorded)
+    assert len(recorded) > 40
+    assert_film(tmp_path / "films", recorded)
+
+
+@pytest.mark.parametrize("stable", [False, True], ids=["Gymnasium", "stable-baselines3"])
+def test_film_of_a_batch_has_a_tile_for_each_slot(stable, tmp_path):
+    """Of stable-baselines3 across the end of an episode, after which the next one begins in the same step."""
+    pytest.importorskip("moviepy")
+    if stable:
+        envs = ImpactVecEnv(4, render_mode="rgb_array", max_episode_steps=4)
+        env = VecVideoRecorder(envs, str(tmp_path / "films"), lambda step: step == 0, video_length=6)
+    else:
+        envs = gym.make_vec(ID, num_envs=4, render_mode="rgb_array")
+        env = RecordVideo(envs, str(tmp_path / "films"), episode_trigger=lambda number: number == 0)
+    begin(env, seed=2, options={"scenario": SHORT["scenario"]})
+    tiles = [envs.get_images() if stable else envs.render()]
+    for _ in range(6):
+        env.step(np.tile(encode(1.0, 8.0), (4, 1)))
+        tiles.append(envs.get_images() if stable else envs.render())
+    env.close()
+    assert np.shape(tiles) == (7, 4, *SHAPE)
+    assert np.any(np.array(tiles[1:]) != tiles[:-1], axis=(2, 3, 4)).all()
+    assert_film(tmp_path / "films", [np.vstack([np.hstack(four[:2]), np.hstack(four[2:])]) for four in tiles])

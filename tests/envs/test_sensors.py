@@ -6,28 +6,19 @@ That all observations are those of the independent solver, whatever is done: `te
 import gymnasium as gym
 import numpy as np
 import pytest
-from episodes import FORCE, ID, PEAK, Always, action_table, newtons, play, seconds
+from episodes import FORCE, ID, PEAK, Always, action_table, at_rest, newtons, play, seconds
 from scipy import stats
 
 from agents.baselines import PaperTrapezoid
 
-STILL = Always(0.0, 20.0)
-
-
-def paper(env, seed=None, **scenario):
-    """Play the paper's rule; returns the observations as float64 and the final info."""
-    observations, _, info = play(env, PaperTrapezoid(), seed, scenario=scenario)
-    return observations.astype(float), info
-
 
 def test_approach_without_a_distance_estimate_looks_the_same_whatever_stands_ahead():
-    envs = gym.make_vec(ID, num_envs=300, scenario="hard", autoreset_mode="SameStep")
+    envs = gym.make_vec(ID, num_envs=300, scenario="hard")
     rng, history, touched = np.random.default_rng(0), [envs.reset(seed=0)[0]], np.full(300, np.nan)
     while np.isnan(touched).any():
         action = (0.4 * rng.uniform(-1.0, 1.0, 2) + [0.4, 0.0]).astype(np.float32)
         observations, _, ended, _, infos = envs.step(np.tile(action, (300, 1)))
-        for row in np.flatnonzero(ended & np.isnan(touched)):
-            touched[row] = infos["final_info"]["approach_time"][row]
+        touched = np.where(ended & np.isnan(touched), infos.get("approach_time", np.nan), touched)
         history.append(observations)
     differ, ticks, alike = 0, len(history), np.array(history)[:, np.argmax(touched)]
     for row, seen in enumerate(np.array(history).transpose(1, 0, 2)):
@@ -43,38 +34,22 @@ def test_estimate_without_an_error_is_the_distance():
     assert env.unwrapped.sensors()["distance_estimate"] == env.unwrapped.episode_info()["scenario"]["distance"]
 
 
-def at_rest(steps, count=2000, **options):
-    """Observations (steps, count, n) of a batch whose tools stay where nothing can be touched."""
-    envs = gym.make_vec(ID, num_envs=count, **options)
-    seen, _ = envs.reset(seed=5)
-    return np.array([envs.step(STILL.predict(seen)[0])[0] for _ in range(steps)])
-
-
-def assert_deflection(seen, trace, delay):
-    """What entry 8 shows is the trace of one reaction delay ago."""
-    times = seconds(seen) - delay
-    deflection = np.interp(times, trace.time, trace.tool_position - trace.flange_position)
-    expected = np.where(times < 0.0, 0.0, np.clip(deflection / 0.05, -1.0, 1.0))
-    assert seen[:, 8] == pytest.approx(expected, abs=2e-5)
-
-
 def test_noise_and_bias_are_normal_and_leave_the_motion_alone():
-    assert not at_rest(5)[..., FORCE].any()
+    assert not at_rest(5, 2000)[..., FORCE].any()
     # readings never fall below zero: half of a normal distribution is seen, the other half as zeros
-    noise = newtons(at_rest(30, force_noise=0.3)[..., FORCE])
+    noise = newtons(at_rest(30, 2000, force_noise=0.3)[..., FORCE])
     assert np.mean(noise == 0.0) == pytest.approx(0.5, abs=0.01)
     assert stats.kstest(noise[noise > 0.0][::7], stats.halfnorm(scale=0.3).cdf).pvalue > 1e-3
     for lag in (1, 2, 3):  # fresh at each reading, to 5 standard deviations of what independent signs come to
         signs = np.sign(noise - 1e-9)
         assert abs(np.mean(signs[lag:] * signs[:-lag])) < 5.0 / np.sqrt(signs[lag:].size)
-    bias = newtons(at_rest(6, force_bias=0.3)[..., FORCE])
+    bias = newtons(at_rest(6, 2000, force_bias=0.3)[..., FORCE])
     assert np.ptp(bias, axis=0) == pytest.approx(0.0, abs=1e-6)  # stays for the episode
     assert stats.kstest(bias[3][bias[3] > 0.0], stats.halfnorm(scale=0.3).cdf).pvalue > 1e-3
 
     plain, noisy = gym.make(ID), gym.make(ID, force_noise=0.5, force_bias=0.5)
     for seed in range(20):
-        clean, truth = paper(plain, seed)
-        seen, info = paper(noisy, seed)
+        (clean, _, truth), (seen, _, info) = (play(env, PaperTrapezoid(), seed) for env in (plain, noisy))
         for key in ("object_velocity", "approach_time", "peak_force", "scenario"):
             assert info[key] == truth[key]
         assert np.array_equal(np.delete(seen, [FORCE, PEAK], axis=1), np.delete(clean, [FORCE, PEAK], axis=1))
@@ -86,13 +61,17 @@ def test_noise_and_bias_are_normal_and_leave_the_motion_alone():
 
 @pytest.mark.parametrize(("delay", "period"), [(0.04, 0.016), (0.016, 0.07), (0.04, 0.07)])
 def test_readings_keep_their_age_when_the_alarm_comes_at_the_end(delay, period):
+    """What entry 8 shows is the deflection of the trace one reaction delay ago."""
     env = gym.make(ID, reaction_delay=delay, control_period=period, deflection_sensor=True, record_trace=True)
     scenario = {"distance": 0.3, "object_mass": 1.0, "contact_stiffness": 1e4, "restitution": 0.5}
     late = 0
     for speed in np.linspace(0.249, 0.262, 14):
         seen = play(env, Always(speed, 20.0), scenario=scenario).observations.astype(float)
         late += seconds(seen[-1]) > 1.2075  # beyond 1.2 s: an alarm was under way then
-        assert_deflection(seen, env.unwrapped.trace(), delay)
+        trace, times = env.unwrapped.trace(), seconds(seen) - delay
+        deflection = np.interp(times, trace.time, trace.tool_position - trace.flange_position)
+        expected = np.where(times < 0.0, 0.0, np.clip(deflection / 0.05, -1.0, 1.0))
+        assert seen[:, 8] == pytest.approx(expected, abs=2e-5)
     assert late > 3
 
 

@@ -5,6 +5,7 @@ import math
 import gymnasium as gym
 import numpy as np
 import pytest
+from episodes import scene
 from refusals import refused
 from steered import AWAY, GENTLE, ID, OWN, STOP, final, played, sent, steered
 from tasks import CHANNEL, STEERED_DRAWN
@@ -28,16 +29,13 @@ def test_stop_sent_at_the_touch_is_the_papers_brake_with_that_delay(coupling):
         delay, mass, stiffness, restitution, friction, distance = rng.uniform(
             [0.0, math.log(0.1), math.log(1e3), 0.1, 0.1, 0.2], [0.3, math.log(2.5), math.log(1e6), 1.0, 0.5, 0.8]
         ).tolist()
-        numbers = {"object_mass": math.exp(mass), "contact_stiffness": math.exp(stiffness), "restitution": restitution}
-        batch = steered(
-            ig.operators.Trapezoid(0.5, 0.0), coupling=coupling, uplink={"delay": delay}, friction=friction, rtol=1e-10,
-            scenario=numbers | {"distance": distance},
-        )  # fmt: skip
-        info = final(batch, GENTLE)
-        scene = ig.Scene(ig.Tool(0.125), ig.Object(numbers["object_mass"], distance, friction),
-                         ig.Contact(numbers["contact_stiffness"], restitution), coupling)  # fmt: skip
+        numbers = {"object_mass": math.exp(mass), "contact_stiffness": math.exp(stiffness), "restitution": restitution,
+                   "distance": distance}  # fmt: skip
+        task = {"coupling": coupling, "uplink": {"delay": delay}, "friction": friction, "scenario": numbers}
+        info = final(steered(ig.operators.Trapezoid(0.5, 0.0), rtol=1e-10, **task), GENTLE)
         brake = ig.Brake(threshold=0.0, delay=delay, deceleration=20.0)
-        outcome = ig.simulate(scene, ig.Trapezoid(0.5, 8.0, brake), duration=4.0, rtol=1e-10)
+        struck = scene(numbers, coupling, friction=friction)
+        outcome = ig.simulate(struck, ig.Trapezoid(0.5, 8.0, brake), duration=4.0, rtol=1e-10)
         assert info["object_velocity"][0] == pytest.approx(outcome.peak_object_velocity, abs=1e-9)
         assert info["touch_time"][0] == pytest.approx(delay + outcome.contacts[0].start, abs=1e-9)
 
@@ -168,20 +166,6 @@ def test_replay_plays_what_was_recorded_and_gives_up_where_it_ends():
     assert info["taken"][0] == 0.0
 
 
-def persons(batch, seed, assist):
-    """Play with persons at the sticks who go and let go at random; return what each commanded at each of his ticks."""
-    rng, ticks = np.random.default_rng(seed), [[0.0] for _ in range(batch.size)]
-    batch.begin_seeded(seed, {})
-    while not batch.ended.all():
-        if rng.random() < 0.25:
-            given = rng.uniform(-0.1, 0.4, batch.size) * (rng.random(batch.size) < 0.95)
-            batch.command(given)
-        batch.step(assist(batch), batch.ended)
-        for row in np.flatnonzero(batch.links["packets"] > list(map(len, ticks))):  # a step that an alarm cuts has none
-            ticks[row].append(float(batch.links["given"][row]))
-    return ticks
-
-
 @pytest.mark.parametrize("delay", [0.0, 0.05])
 def test_replay_of_what_a_person_commanded_at_each_tick_is_the_same_episode(delay):
     """To the bit, alone and as one of several recordings, behind an assistance that looks at the command."""
@@ -191,8 +175,16 @@ def test_replay_of_what_a_person_commanded_at_each_tick_is_the_same_episode(dela
         return np.stack([np.cos(4.0 * command), np.full(batch.size, 0.3), alarm - 0.5], axis=1)
 
     task = {"uplink": {"delay": delay, "jitter": 0.2 * delay}, "scenario": {"distance": (0.1, 0.6)}}
-    batch = steered(ig.operators.Person(), 20, **task)
-    commands, of_them = persons(batch, 3, assist), batch.info()
+    batch, rng = steered(ig.operators.Person(), 20, **task), np.random.default_rng(3)
+    batch.begin_seeded(3, {})
+    commands = [[0.0] for _ in range(20)]
+    while not batch.ended.all():
+        if rng.random() < 0.25:  # persons at the sticks go and let go at random
+            batch.command(rng.uniform(-0.1, 0.4, 20) * (rng.random(20) < 0.95))
+        batch.step(assist(batch), batch.ended)
+        for row in np.flatnonzero(batch.links["packets"] > list(map(len, commands))):  # a step cut by an alarm has none
+            commands[row].append(float(batch.links["given"][row]))
+    of_them = batch.info()
     times, length = [0.016 * np.arange(len(each)) for each in commands], 0.016 * 600
     several = {
         "type": "Replay", "time": [time for k, each in enumerate(times) for time in k * length + each],

@@ -7,6 +7,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from episodes import assert_identical
+from scenes import COUPLINGS, MOTION, scene
 
 import impact_gym as ig
 
@@ -26,9 +27,8 @@ def of_batch(seed):
 
 def of_scene(seed):
     """What a scene with another stiffness and coupling for each seed comes to."""
-    coupling = [ig.Rigid(), ig.SpringDamper(50.0), ig.Bistable()][seed % 3]
-    scene = ig.Scene(ig.Tool(0.125), ig.Object(0.3, 0.25), ig.Contact(1e4 * (1 + seed), 0.4), coupling)
-    outcome = ig.simulate(scene, ig.Trapezoid(1.0, 8.0, ig.Brake()), duration=2.0, trace=True)
+    chain = scene(1e4 * (1 + seed), 0.4, [*COUPLINGS.values()][seed % 3])
+    outcome = ig.simulate(chain, MOTION, duration=2.0, trace=True)
     return [np.array([outcome.object_velocity, outcome.peak_force]), outcome.trace.time, outcome.trace.contact_force]
 
 
@@ -43,6 +43,4 @@ def test_threads_do_not_see_each_other(work):
             together = list(pool.map(work, seeds * ROUNDS))
     finally:
         sys.setswitchinterval(before)
-    for kept, there in zip(alone * ROUNDS, together, strict=True):
-        for mine, theirs in zip(kept, there, strict=True):
-            assert_identical(mine, theirs)
+    assert_identical(together, alone * ROUNDS)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from own_set_up import change, own_set_up
 from policies import made_up_policy
+from scipy.stats import ttest_1samp
 
 from agents.command_line import command_line, command_of, read_command
 from agents.export.__main__ import Export
@@ -109,8 +110,9 @@ def test_cards_say_what_policies_are_for_where_they_fail_and_what_their_seeds_do
         setup, text = load_setup(name), "\n".join(policies.card(name))
         assert text.startswith(f"{name}: {setup.title}\n  for: {setup.about}\n  fails: {setup.fails}\n")
         validations = [policy.provenance["validation"] for policy in load_ensemble(name).policies]
-        mean = np.mean([validation["object_velocity"][0] for validation in validations])
-        assert f"V_p {mean:.3f}" in text
+        velocities = [validation["object_velocity"][0] for validation in validations]
+        low, high = ttest_1samp(velocities, 0.0).confidence_interval(0.95)
+        assert f"V_p {np.mean(velocities):.3f} [{low:.3f}, {high:.3f}]" in text
         assert f"{len(validations)} seeds" in text
     with pytest.raises(ValueError, match=r"mine.toml has no policy yet, there is no .*: impact-gym train .* --seeds"):
         list(policies.card(str(mine)))

@@ -160,6 +160,7 @@ def test_check_imports_nothing_that_a_dataset_names(root, tmp_path, monkeypatch,
     [
         ({"who": ("nobody",)}, ("who must be of rule, profile, policy", "'nobody'")),
         ({"who": ("json:nothing",)}, ("no controller 'json:nothing'",)),
+        ({"who": ("rule", "rule")}, ("who must name none twice", "'rule'")),
         ({"episodes": 0}, ("episodes must be", "at least 1", "got 0")),
         ({"namespace": "../.."}, ("Malformed dataset ID",)),
         ({"source": "no-such"}, ("no set-up 'no-such'",)),
@@ -168,6 +169,11 @@ def test_check_imports_nothing_that_a_dataset_names(root, tmp_path, monkeypatch,
 def test_bad_input(options, said):
     with refused(*said):
         make(**{"who": ("rule",), **options})
+
+
+def test_random_actions_are_as_many_as_the_environment_takes():
+    make("teleop-spring", who=("random",), episodes=2)
+    assert dataset.check("impact/teleop-spring/random-v0") == 2
 
 
 def test_a_set_up_of_ones_own_without_a_policy_says_so(tmp_path):

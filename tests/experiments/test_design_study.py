@@ -9,7 +9,7 @@ import pytest
 
 from agents.setups import load_setup
 from experiments.design.__main__ import design
-from experiments.design.findings import reduction, summary
+from experiments.design.findings import analyse, reduction, sentence, summary
 from experiments.design.options import CHOSEN, FRONT, PAPER, DesignOptions, write_setup
 from experiments.design.pads import on_pad, pad_of
 from experiments.design.search import SearchBudget, objective
@@ -43,10 +43,20 @@ def test_stopped_study_continues_and_ends_with_a_set_up(small):
     assert [(row["line"], row["allowed"]) for row in rows if row["line"] != FRONT] == [
         (PAPER, 1.0), *((name, time) for name in (CHOSEN, "paper's spring") for time in (1.0, 1.3))
     ]  # fmt: skip
+    assert ["BEYOND ITS" in sentence(rows[0] | {"excess": excess}) for excess in (0.0, 1e-9)] == [False, True]
+    curve, text = [row for row in rows if row["line"] == CHOSEN], (small.out / "index.html").read_text()
+    assert f"its tool moves at most {1e3 * max(row['deflection'] for row in curve):.1f} mm" in text
+    for missed in (0, 1):
+        number = pl.int_range(pl.len()).over("line", "allowed", "seed")
+        frame = run.frames["designs"].with_columns(missed=number < missed)
+        assert (f"It misses {missed} of" in analyse(small, {"designs": frame}, False).answer) == (missed > 0)
     again = run_of(small)
     again.write()
     assert again.frames["designs"].equals(run.frames["designs"])
     chosen = Search(small).chosen(run.frames).candidate
+    (cell,) = Search(small).controllers(False, run.frames)  # searched with the design as it may be built
+    searched = cell.arguments["candidate"]["environment"]["coupling"]["stiffness"]
+    assert np.mean(searched) == pytest.approx(chosen.design["coupling.stiffness"])
     path = write_setup(small.out / "it-designed.toml", small.arm, chosen, "the command")
     parameters = path.read_text().splitlines()[1].removeprefix("# Its controller: the BlindProfile with ")
     assert [float(each) for each in parameters.split(", ")] == pytest.approx(chosen.parameters, rel=1e-5)
@@ -77,9 +87,11 @@ def test_design_with_a_pad_writes_set_up_and_page(small, capsys):
 
 
 def results(velocity, time, excess=0.0, **labels):
-    """A frame of plays that all come to the same."""
-    entry = {"line": FRONT, "allowed": 1.0, "seed": 1} | labels
-    return pl.DataFrame([entry | {"object_velocity": velocity, "approach_time": time, "excess": excess}] * 40)
+    """A frame of 40 plays that all come to the same, but that the first may miss and leave the object at rest."""
+    entry = {"line": FRONT, "allowed": 1.0, "seed": 1, "missed": 0} | labels
+    number = pl.int_range(pl.len()) < pl.col("missed")
+    plays = pl.DataFrame([entry | {"object_velocity": velocity, "approach_time": time, "excess": excess}] * 40)
+    return plays.with_columns(missed=number, object_velocity=pl.when(number).then(0.0).otherwise("object_velocity"))
 
 
 @pytest.mark.parametrize(("played", "seed"), [
@@ -88,16 +100,20 @@ def results(velocity, time, excess=0.0, **labels):
     ([(0.20, 0.30, 0.0), (0.19, 0.28, 0.0)], 2),
     ([(0.20, 0.30, 0.0), (0.10, 0.28, 0.1)], 1),  # a tenth beyond a limit
     ([(0.20, 0.30, 0.2), (0.19, 0.30, 0.1)], 2),
+    ([(0.20, 0.30, 0.0, 0), (0.19, 0.30, 0.0, 1)], 1),  # a miss of 40 costs 2 / 40 m/s, and has no V_p
+    ([(0.20, 0.30, 0.0, 0), (0.15, 0.30, 0.0, 1)], 2),
 ])  # fmt: skip
-def test_front_counts_a_later_approach_and_exceeded_limits(small, played, seed):
-    searches = [{"line": FRONT, "allowed": 1.0, "seed": k, "loss": 0.0, "design": "{}", "parameters": "[]"}
+def test_front_counts_a_later_approach_and_exceeded_limits_and_misses(small, played, seed):
+    allowed = 1.25
+    searches = [{"line": FRONT, "allowed": allowed, "seed": k, "loss": 0.0, "design": "{}", "parameters": "[]"}
                 for k in (1, 2)]  # fmt: skip
-    validation = [results(*each, seed=k) for k, each in enumerate(played, 1)]
+    validation = [results(v, allowed * time, excess, allowed=allowed, seed=k, missed=sum(missed))
+                  for k, (v, time, excess, *missed) in enumerate(played, 1)]  # fmt: skip
     frames = {
         "searches": pl.DataFrame(searches),
         "validation": pl.concat([results(0.6, 0.30, line=PAPER), *validation]),
     }
-    (front,) = Search(replace(small, times=(1.0,))).front(frames)
+    (front,) = Search(replace(small, times=(allowed,))).front(frames)
     assert front.seed == seed
 
 

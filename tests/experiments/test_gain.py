@@ -26,6 +26,10 @@ def test_steady_rule_keeps_its_speed_wherever_it_is():
     assert played.approach_time == pytest.approx(played.scenario["distance"] / 0.4 + ramp / 2, abs=2e-2)
 
 
+def test_search_prefers_a_gentle_touch_to_none_however_little_time_costs():
+    assert not gain.searched((0.15, 0.35), "steady", 0.05, 20, 12, 50)["missed"].any()
+
+
 @pytest.mark.filterwarnings("ignore:SpringDamper.stroke")
 def test_shares_add_up_and_worlds_differ_where_they_should(tmp_path):
     few = {"scenarios": 10, "generations": 3, "tested": 20}
@@ -39,6 +43,8 @@ def test_shares_add_up_and_worlds_differ_where_they_should(tmp_path):
     run.write()
     (line,) = gain.by_prior(run.frames["priors"])
     assert line["limits"].value + line["place"].value == pytest.approx(line["all"].value, rel=1e-12)
+    rows = gain.priors_section([line | {"missed": share} for share in (0.01, 0.011)]).parts[0].rows
+    assert ["missed" in row[0] for row in rows] == [False, True]
     rule, steady, profile = line["velocity"]
     assert rule.value == pytest.approx(run.frames["priors"].filter(rule="rule")["object_velocity"].mean())
     assert (line["limits"].value, line["profile"].value) == pytest.approx(

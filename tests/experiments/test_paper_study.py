@@ -13,6 +13,7 @@ from pages import text_of_a_page_that_stands_on_its_own
 
 import impact_gym as ig
 from experiments.lab import scenes
+from experiments.lab.parts import Picture
 from experiments.lab.study import Run as StudyRun
 from experiments.lab.study import StudyOptions, frame_of
 from experiments.studies.paper import STUDY, section_2, section_4
@@ -142,7 +143,7 @@ def test_answer_and_documentation_have_the_counts(findings, statements):
 
 
 def test_each_figure_is_drawn_with_axes_that_say_what_they_are(findings, frames):
-    pictures = [picture for section in findings.sections for picture in section.pictures]
+    pictures = [part for section in findings.sections for part in section.parts if isinstance(part, Picture)]
     assert {picture.name for picture in pictures} == {*frames}
     for picture in pictures:
         for axes in picture.figure.axes:

@@ -1,6 +1,7 @@
 """Speed against error: the contenders compute what they say, are timed and judged as said, and the page says so."""
 
 import math
+import re
 from dataclasses import replace
 from functools import partial
 
@@ -122,3 +123,9 @@ def test_page_has_every_contender_and_a_truth_without_doubt(tmp_path):
     assert truth["second_contacts"] == truth["contacts"]
     assert max(truth[f"{name}_doubt"] for name in ERRORS) < 1e-9
     assert "times faster" in text_of_a_page_that_stands_on_its_own(tmp_path, figures=len(ERRORS))
+    ours = pl.when(contender=OURS, scene="other").then(0.1).otherwise(1.0) * pl.col("microseconds")
+    both = {name: pl.concat([frame, frame.with_columns(scene=pl.lit("other"))]) for name, frame in run.frames.items()}
+    both["times"] = both["times"].with_columns(microseconds=ours)
+    said = speed.analyse(both, True).answer.replace(",", "")
+    least, most = map(float, re.search(r"is ([\d.]+) to ([\d.]+) times", said).groups())
+    assert most == pytest.approx(10.0 * least, rel=0.06)  # of two digits

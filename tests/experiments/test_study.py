@@ -10,6 +10,7 @@ from pages import stands_on_its_own
 
 from experiments import studies
 from experiments.lab.parts import Heat, HeatMap, Picture, Section, Table
+from experiments.lab.results import csv_of
 from experiments.lab.study import LARGE, Cell, Findings, Measurement, Run, Study, StudyOptions
 
 
@@ -67,11 +68,18 @@ def calls(tmp_path):
     return (tmp_path / "log").read_text().splitlines()
 
 
-def test_rows_have_the_labels_of_their_cell_and_later_tables_see_earlier_ones(study, tmp_path):
-    frames = run(study, tmp_path / "out").frames
+@pytest.mark.parametrize("only", [(), ("cubes",)])
+def test_rows_have_the_labels_of_their_cell_and_later_tables_see_earlier_ones(study, tmp_path, only):
+    frames = run(study, tmp_path / "out", only=only).frames
     assert frames["squares"].rows() == [("small", 1, 1), ("small", 2, 4), ("large", 10, 100)]
     assert frames["cubes"]["cube"].to_list() == [1, 8, 1000]
     assert pl.read_csv(tmp_path / "out" / "squares.csv").equals(frames["squares"])
+
+
+def test_csv_holds_no_formula_and_leaves_numbers_and_words():
+    texts = ["=1+1", "+1", "-2+3", "@SUM(A1)", "\t=1", "\r=1", "a=1", "learned policy minus rule"]
+    read = pl.read_csv(csv_of(pl.DataFrame({"text": texts, "number": [-1.5] * 8})).encode())
+    assert read.rows() == [(text, -1.5) for text in (*(f"'{each}" for each in texts[:6]), *texts[6:])]
 
 
 @pytest.mark.parametrize("width", [390, 1280])

@@ -76,11 +76,11 @@ def test_hurts_names_all_cells_that_are_worse_beyond_their_interval_and_the_wors
 
 
 def test_duel_counts_cells_and_weighs_all_of_them():
-    rows = [row_of(teleop.POLICY, "brake_cost", low, low + 0.2) for low in (0.1, -0.1, -0.3, 0.0, 0.3)]
+    rows = [row_of(teleop.POLICY, "brake_cost", low, low + 0.2) for low in (0.1, -0.2, -0.3, 0.0, 0.3)]
     result = teleop.duel([*rows, row_of(teleop.BRAKE, "brake_cost", 5.0, 6.0)], "brake")
-    assert (result["cells"], result["less"], result["more"]) == (5, 2, 1)  # 0 is not clearly less
+    assert (result["cells"], result["less"], result["more"]) == (5, 2, 1)  # 0 is not clearly less, nor more
     assert (result["best"], result["worst"]) == (rows[4], rows[2])
-    assert result["share"] == pytest.approx(100.0 * 0.5 / 5.5)
+    assert result["share"] == pytest.approx(100.0 * 0.4 / 5.4)
     assert "clearly less than the local brake in 2 of 5 cells and clearly more in 1" in teleop.duel_sentence(result)
 
 

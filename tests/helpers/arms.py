@@ -2,9 +2,7 @@
 
 import re
 
-import numpy as np
-
-TWO_LINKS = {"lengths": (0.5, 0.4), "masses": (3.0, 2.0)}
+LENGTHS = 0.5, 0.4  # m, of two rods
 SHOULDER = '(name="shoulder".*?lower=)"-3" upper="3"'
 
 
@@ -33,49 +31,25 @@ def write(folder, *parts):
     return path
 
 
-def two_links(folder, turn="0 0 0", names=("shoulder", "elbow")):
-    """Two rods of 0.5 and 0.4 m that turn about z, in a base that is turned itself."""
-    (a, b), (m, n) = TWO_LINKS["lengths"], TWO_LINKS["masses"]
-    return write(
-        folder, link("world"), joint("held", "fixed", "world", "base", turn=turn), link("base"),
-        joint(names[0], "revolute", "base", "upper"), link("upper", m, (a / 2, 0, 0), rod(m, a)),
-        joint(names[1], "revolute", "upper", "fore", (a, 0, 0)), link("fore", n, (b / 2, 0, 0), rod(n, b)),
-        joint("end", "fixed", "fore", "tip", (b, 0, 0)), link("tip"),
-    )  # fmt: skip
+def rods(folder, lengths=LENGTHS, masses=(3.0, 2.0), names=("shoulder", "elbow"), turn="0 0 0"):
+    """Rods of these lengths (m) and masses (kg) that turn about z, one on the other, in a base that is turned, too."""
+    parts = [link("world"), joint("held", "fixed", "world", "base", turn=turn), link("base")]
+    before, reach = "base", 0.0
+    for name, rod, length, mass in zip(names, ("upper", "fore", "hand"), lengths, masses, strict=False):
+        across = mass * length**2 / 12
+        parts += [joint(name, "revolute", before, rod, (reach, 0, 0)),
+                  link(rod, mass, (length / 2, 0, 0), (1e-4, across, across + 1e-4))]  # fmt: skip
+        before, reach = rod, length
+    return write(folder, *parts, joint("end", "fixed", before, "tip", (reach, 0, 0)), link("tip"))
 
 
 def edited(folder, old, new):
-    """The two links with a piece of the file exchanged."""
-    path = two_links(folder)
+    """Two rods with a piece of the file exchanged."""
+    path = rods(folder)
     text = path.read_text()
     assert re.search(old, text)
     path.write_text(re.sub(old, new, text, count=1))
     return path
-
-
-def rod(mass, length):
-    """Principal moments of a thin rod along x, not quite thin."""
-    return 1e-4, mass * length**2 / 12, mass * length**2 / 12 + 1e-4
-
-
-def two_links_matrices(q):
-    """M, and the Jacobian of the tip in the plane."""
-    (a, b), (m, n) = TWO_LINKS["lengths"], TWO_LINKS["masses"]
-    i, j = rod(m, a)[2], rod(n, b)[2]
-    c, far = np.cos(q[1]), n * b**2 / 4 + j
-    M = np.array([[m * a**2 / 4 + i + n * a**2 + far + n * a * b * c, far + n * a * b * c / 2],
-                  [far + n * a * b * c / 2, far]])  # fmt: skip
-    both = q[0] + q[1]
-    J = np.array([[-a * np.sin(q[0]) - b * np.sin(both), -b * np.sin(both)],
-                  [a * np.cos(q[0]) + b * np.cos(both), b * np.cos(both)]])  # fmt: skip
-    return M, J
-
-
-def coriolis(q, rates):
-    """Centrifugal and Coriolis torques of the two links without a load."""
-    (a, b), n = TWO_LINKS["lengths"], TWO_LINKS["masses"][1]
-    h = -n * a * b / 2 * np.sin(q[1])
-    return h * np.array([(2 * rates[0] + rates[1]) * rates[1], -(rates[0] ** 2)])
 
 
 def slides(folder, first=2.0, second=3.225):
@@ -86,16 +60,11 @@ def slides(folder, first=2.0, second=3.225):
     )  # fmt: skip
 
 
-IIWA = [((0, 0, 0.15), "0 0 1"), ((0, 0, 0.19), "0 1 0"), ((0, 0, 0.21), "0 0 1"), ((0, 0, 0.19), "0 -1 0"),
-        ((0, 0, 0.21), "0 0 1"), ((0, -0.0607, 0.19), "0 1 0"), ((0, 0.0607, 0.081), "0 0 1")]  # fmt: skip
-"""KUKA LBR iiwa 7: from each joint to the next, m, and its axis, upright; the lengths are those of iiwa_ros."""
-
-
-def seven_joints(folder, steps=IIWA, tip=0.15, names=None, turn="0 0 0"):
-    """An arm of seven joints, upright at zero angles, in a base that is turned itself; made-up masses."""
-    names, parts = names or [f"joint {k}" for k in range(7)], [joint("held", "fixed", "world", "link 0", turn=turn)]
-    for k, (at, axis) in enumerate(steps):
-        parts += [joint(names[k], "revolute", f"link {k}", f"link {k + 1}", at, axis),
+def seven_joints(folder, names=tuple(f"joint {k}" for k in range(7)), turn="0 0 0"):
+    """An arm of seven joints about z and y, upright at zero angles, in a base that is turned itself; made-up masses."""
+    parts = [joint("held", "fixed", "world", "link 0", turn=turn)]
+    for k, name in enumerate(names):
+        parts += [joint(name, "revolute", f"link {k}", f"link {k + 1}", (0, 0, 0.2), ("0 0 1", "0 1 0")[k % 2]),
                   link(f"link {k + 1}", 4.0 - 0.4 * k, (0.01, 0.02, 0.05 + 0.01 * k))]  # fmt: skip
-    end = joint("end", "fixed", "link 7", "tip", (0, 0, tip))
+    end = joint("end", "fixed", "link 7", "tip", (0, 0, 0.15))
     return write(folder, link("world"), link("link 0"), *parts, end, link("tip"))

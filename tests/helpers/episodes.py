@@ -5,11 +5,14 @@ from typing import NamedTuple
 
 import gymnasium as gym
 import numpy as np
+import pytest
 from gymnasium.utils.env_checker import data_equivalence
+from stable_baselines3.common.vec_env import VecEnv
 
 import impact_gym as ig
 from agents.baselines import encode
-from impact_gym.sb3 import ImpactVecEnv
+from impact_gym.task import Task
+from impact_gym.task.task import arguments
 
 ID = "ImpactApproach-v0"
 IDS = sorted(name for name in gym.registry if name.startswith("ImpactApproach"))
@@ -51,12 +54,13 @@ class Always:
 
 
 class Given:
-    """Plays the actions it was given."""
+    """Plays the actions it was given, and keeps what it has `seen`."""
 
     def __init__(self, actions):
-        self.left = iter(actions)
+        self.left, self.seen = iter(actions), []
 
     def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        self.seen.append(observation)
         return next(self.left), state
 
 
@@ -87,12 +91,35 @@ def play(env, controller, seed=None, **options):
     """The same as arrays; before the end there is nothing in the info."""
     (first, _), *steps = history(env, controller, seed, **options)
     assert all(step[4].keys() <= {*COMMANDED} for step in steps[:-1])
-    return Episode(np.array([first, *(step[0] for step in steps)]), np.array([step[1] for step in steps]), steps[-1][4])
+    rewards, info = np.array([step[1] for step in steps]), steps[-1][4]
+    assert_added_up(task_of(env), rewards, info)
+    return Episode(np.array([first, *(step[0] for step in steps)]), rewards, info)
+
+
+def task_of(env):
+    """The task of an environment of `gymnasium.make`."""
+    return Task(**{name: value for name, value in env.spec.kwargs.items() if name in arguments()})
+
+
+def assert_added_up(task, rewards, info):
+    """The return is minus what time, V_p (or a miss) and force cost, each by its weight; costs come in on the way."""
+    terms, tolerance = info["reward_terms"], 1e-12 * max(1.0, abs(rewards.sum()))
+    assert terms.keys() == {"time", "velocity", "force", "missed"}
+    assert rewards.sum() == pytest.approx(sum(terms.values()), rel=0, abs=tolerance)
+    assert (rewards[:-1] <= 0.0).all()
+    if info["status"] == "ok":
+        lasted = info.get("done_time", info["approach_time"])
+        assert info["missed"] == (info["contact_count"] == 0)
+        assert terms["time"] == pytest.approx(-info["time_weight"] * lasted, rel=1e-12)
+        expected = (0.0, 0.0, -task.missed_cost)
+        if not info["missed"]:
+            expected = (-info["object_velocity"], -task.force_weight * info["peak_force"], 0.0)
+        assert (terms["velocity"], terms["force"], terms["missed"]) == pytest.approx(expected, rel=1e-12)
 
 
 def begin(env, seed=None, options=None):
     """Reset any front end: the observations."""
-    if not isinstance(env, ImpactVecEnv):
+    if not isinstance(env, VecEnv):
         return env.reset(seed=seed, options=options)[0]
     if options is not None:
         env.set_options(options)
@@ -101,10 +128,25 @@ def begin(env, seed=None, options=None):
     return env.reset()
 
 
-def scene(scenario, coupling=PAPERS_SPRING, dissipation="hu-guo"):
+def at_rest(ticks, rows, **options):
+    """Observations (ticks, rows, n_obs) of a batch of arms that stand still where nothing can be touched."""
+    envs = gym.make_vec(ID, num_envs=rows, **options)
+    envs.reset(seed=0)
+    still = np.tile(encode(0.0, 20.0), (rows, 1))
+    return np.array([envs.step(still)[0] for _ in range(ticks)], float)
+
+
+def scene(scenario, coupling=PAPERS_SPRING, dissipation="hu-guo", friction=0.0):
     """The scene of a scenario, with the tool of 125 g that the environment has where nothing else is said."""
     contact = ig.Contact(scenario["contact_stiffness"], scenario["restitution"], dissipation)
-    return ig.Scene(ig.Tool(0.125), ig.Object(scenario["object_mass"], scenario["distance"]), contact, coupling)
+    target = ig.Object(scenario["object_mass"], scenario["distance"], friction)
+    return ig.Scene(ig.Tool(0.125), target, contact, coupling)
+
+
+def scenes_of(played, coupling, **law):
+    """The scene of each episode of a batch that was played."""
+    rows = zip(*(values.tolist() for values in played.scenario.values()), strict=True)
+    return [scene(dict(zip(played.scenario, row, strict=True)), coupling, **law) for row in rows]
 
 
 def newtons(reading):

@@ -1,32 +1,29 @@
-"""Players of the page, with and without a browser: its server in a process of its own, or its clock in this one."""
+"""Players of the page, with and without a browser, and its server in a process of its own."""
 
-import asyncio
 import json
+import math
 import os
+import re
 import signal
 import subprocess
 import sys
 import time
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 import tomli_w
-import websockets
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from agents.setups import load_setup
 from experiments.play import tries
 from experiments.play.assistance import record_of, usual
-from experiments.play.clock import Clock, Stick
-from experiments.play.live import Live
-from experiments.play.tries import Try
+from experiments.play.tries import Live, Try
 from impact_gym.files import write_file
 
 ROOT = Path(__file__).parents[2]
 SETUP = "teleop-spring"
-RUBBISH = ('{"v":0.5}', "rubbish", '{"v":NaN}', '{"v":1e999}', "[]", '{"x":1}', "x" * 4000, '{"begin":{}}')
 
 
 def wanted(assist="none", seed=1, setup=SETUP, slow=1.0, **sliders):
@@ -46,57 +43,28 @@ def pushed(velocity, after=4, **asked):
 def near_setup(folder):
     """Write a set-up whose objects stand so near that a try takes little time; return its file."""
     environment = load_setup(SETUP).environment | {"scenario": {"distance": [0.1, 0.2]}}
-    folder.mkdir(parents=True, exist_ok=True)
     return write_file(folder / "near.toml", tomli_w.dumps({"environment": environment}))
-
-
-class Hand:
-    """A clock in this process, for which no time passes but what it sleeps.
-
-    `steer(hand, frame)` is called with each frame; `overslept(time)` says how much too long a sleep that begins then
-    takes, s.
-    """
-
-    def __init__(self, steer=lambda hand, frame: None, overslept=lambda time: 0.0):
-        self.time, self.told, self.steer, self.overslept = 100.0, [], steer, overslept
-        self.clock = Clock(self, lambda: self.time, self.sleep)
-
-    def sleep(self, seconds):
-        self.time += seconds + self.overslept(self.time)
-
-    def send(self, message):
-        """Take what the clock tells the server."""
-        self.told.append(message | {"at": self.time})
-        if message["kind"] == "frame":
-            self.steer(self, message)
-
-    def play(self, file, seen=False, **asked):
-        """Play a try that is kept in a file; return what was told of it."""
-        self.told.clear()
-        self.clock.stick = Stick()
-        self.clock.play(wanted(**asked), file, seen)
-        return self.told[-1]
-
-    @property
-    def frames(self):
-        return [message for message in self.told if message["kind"] == "frame"]
 
 
 class Served:
     """A server that runs: where it is, and its process."""
 
-    def __init__(self, process, address, folder):
-        self.process, self.address, self.folder = process, address, folder
-        self.origin = "/".join(address.split("/")[:3])
+    def __init__(self, process, setup, folder):
+        self.process, self.setup, self.folder = process, setup, folder
+        self.address = process.stdout.readline().strip()
+        assert self.address.startswith("http://"), self.address + process.stdout.read()
+        self.origin, self.path = re.fullmatch("(http://[^/]+)(.*)", self.address).groups()
 
     def connect(self, **options):
         """Return a connection of a page."""
         where = self.address.replace("http", "ws") + "ws"
         return connect(where, **{"origin": self.origin, "compression": None, "close_timeout": 0.3, **options})
 
-    def tries(self):
-        """Return what was played so far."""
-        return [this for _, this in tries.folder_of(self.folder)]
+    def tries(self, count=0):
+        """Return what was played so far, once there are so many."""
+        while len(found := [this for _, this in tries.folder_of(self.folder)]) < count:
+            time.sleep(0.05)
+        return found
 
     @property
     def clock(self):
@@ -115,6 +83,24 @@ class Served:
         out, _ = self.process.communicate(timeout=30)
         return self.process.returncode, out
 
+    def choices(self, **chosen):
+        """Return what the page's controls say."""
+        usually = usual(load_setup(self.setup))
+        return {"setup": str(self.setup), "assist": "none", "slow": 1.0, "seen": False, **usually, **chosen}
+
+    def push(self, page, frames=math.inf):
+        """Play a try as somebody does who pushes until a touch is seen, or so many frames; return the last message."""
+        say(page, begin=self.choices())
+        count, touched, message = 0, False, heard(page, "began")
+        while count < frames and message["kind"] not in ("ended", "failed"):
+            message = json.loads(page.recv(timeout=20.0))
+            if message["kind"] == "frame":
+                touched |= message["touched"]
+                if count % 4 == 0:
+                    say(page, v=0.0 if touched else 0.6)
+                count += 1
+        return message
+
 
 @contextmanager
 def served(folder, setup=None):
@@ -122,22 +108,18 @@ def served(folder, setup=None):
     setup = setup or near_setup(folder.with_name(folder.name + "-setup"))
     line = [sys.executable, "-m", "experiments.play", str(setup), "--port=0", "--no-open", f"--out={folder}"]
     how = {"cwd": folder.parent, "env": os.environ | {"PYTHONPATH": str(ROOT)}, "text": True}
-    process = subprocess.Popen(line, **how, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
-    try:
-        said = process.stdout.readline()
-        assert said.startswith("http://"), said + process.stdout.read()
-        yield Served(process, said.strip(), folder)
-    finally:
-        with suppress(ProcessLookupError):
+    how["start_new_session"] = True  # a group of its own, which may be killed
+    with subprocess.Popen(line, **how, stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as process:
+        try:
+            yield Served(process, setup, folder)
+        finally:
             process.kill()
-        process.communicate()
 
 
-def heard(page, kind, seconds=20.0, **having):
+def heard(page, kind, **having):
     """Return the next message of a kind that has some values."""
-    end = time.monotonic() + seconds
     while True:
-        message = json.loads(page.recv(timeout=end - time.monotonic()))
+        message = json.loads(page.recv(timeout=20.0))
         if message["kind"] == kind and having.items() <= message.items():
             return message
 
@@ -147,31 +129,6 @@ def say(page, **message):
     page.send(json.dumps(message))
 
 
-def choices(server, **chosen):
-    """Return what the page's controls say."""
-    setup = str(server.folder.with_name(server.folder.name + "-setup") / "near.toml")
-    return {"setup": setup, "assist": "none", "slow": 1.0, "seen": False, **usual(load_setup(setup)), **chosen}
-
-
-def begin(server, page, **chosen):
-    """Begin a try."""
-    say(page, begin=choices(server, **chosen))
-    return heard(page, "began")
-
-
-def play(server, page, **chosen):
-    """Play a try as somebody does who pushes until a touch is seen; return what came of it."""
-    begin(server, page, **chosen)
-    count, touched = 0, False
-    while (message := json.loads(page.recv(timeout=20.0)))["kind"] not in ("ended", "failed"):
-        if message["kind"] == "frame":
-            touched |= message["touched"]
-            if count % 4 == 0:
-                say(page, v=0.0 if touched else 0.6)
-            count += 1
-    return message
-
-
 def closed(page):
     """Return code and reason with which the server closes a connection."""
     with pytest.raises(ConnectionClosed) as gone:
@@ -179,41 +136,30 @@ def closed(page):
     return gone.value.rcvd.code, gone.value.rcvd.reason
 
 
-async def flood(server, seconds, clients=50):
-    """Send messages, good ones and rubbish, from so many clients as fast as they can."""
-    end, where = time.monotonic() + seconds, server.address.replace("http", "ws") + "ws"
-
-    async def one(number):
-        while time.monotonic() < end:
-            with suppress(OSError, websockets.WebSocketException):
-                async with websockets.connect(where, origin=server.origin, compression=None) as page:
-                    while time.monotonic() < end:
-                        await page.send(RUBBISH[number % len(RUBBISH)] if number % 2 else RUBBISH[0])
-                        await asyncio.sleep(0.0)
-            await asyncio.sleep(0.02)
-
-    await asyncio.gather(*map(one, range(clients)))
+READY = "#go:not([disabled])"
 
 
-READY, OVER = "#go:not([disabled])", "#answer:not([hidden])"
+def open_page(browser, server, width=1280, height=900, **options):
+    """Return a page that is open, and the list of what it complains of and of others that it asks."""
+    page, problems = browser.new_context(viewport={"width": width, "height": height}, **options).new_page(), []
+    own = (server.address, server.address.replace("http", "ws"), "data:")
+    page.on("console", lambda message: problems.append(message.text))
+    page.on("pageerror", lambda error: problems.append(str(error)))
+    for kind in ("request", "websocket"):
+        page.on(kind, lambda asked: asked.url.startswith(own) or problems.append(asked.url))
+    page.goto(server.address)
+    page.wait_for_selector(READY + ", body.watching")
+    return page, problems
 
 
-class Tab:
-    """A page that is open, with what it complained of and what it asked of others."""
+def begin(page, key="Enter"):
+    """Begin a try."""
+    page.keyboard.press(key)
+    page.wait_for_selector("body.playing")
 
-    def __init__(self, browser, server, width=1280, height=900, **options):
-        self.context = browser.new_context(viewport={"width": width, "height": height}, **options)
-        self.page, self.problems = self.context.new_page(), []
-        own = (server.address, server.address.replace("http", "ws"), "data:")
-        self.page.on("console", lambda message: self.problems.append(message.text))
-        self.page.on("pageerror", lambda error: self.problems.append(str(error)))
-        self.page.on("request", lambda request: request.url.startswith(own) or self.problems.append(request.url))
-        self.page.on("websocket", lambda socket: socket.url.startswith(own) or self.problems.append(socket.url))
-        self.page.goto(server.address)
-        self.page.wait_for_selector(READY + ", body.watching")
 
-    def until_over(self):
-        """Wait until the try is over and its film is there."""
-        self.page.wait_for_selector(OVER, timeout=20000)
-        self.page.wait_for_selector("#film h2:has-text('In slow motion')", timeout=20000)
-        self.page.wait_for_selector("#film .igw-panel")
+def until_over(page):
+    """Wait until the try is over and its film is there."""
+    page.wait_for_selector("#answer:not([hidden])", timeout=20000)
+    page.wait_for_selector("#film h2:has-text('In slow motion')", timeout=20000)
+    page.wait_for_selector("#film .igw-panel")

@@ -1,14 +1,12 @@
 """Episodes played for their pictures, and how to read these."""
 
 import numpy as np
+from episodes import task_of
 
 from agents.baselines import PaperTrapezoid
 from impact_gym.envs import render_canvas, rendering
 from impact_gym.envs.render_history import History
-from impact_gym.task import Task
-from impact_gym.task.task import arguments
 
-ID = "ImpactApproach-v0"
 SHAPE = (render_canvas.HEIGHT, render_canvas.WIDTH, 3)
 HARD_AND_HEAVY = {"object_mass": 1.3, "contact_stiffness": 2e5, "restitution": 0.5, "distance": 0.2}
 
@@ -29,16 +27,12 @@ def play(env, seed=1, scenario=None, stop=10**6, look=None):
 
 
 def history_of(env, ended=True):
-    return History(env.unwrapped.trace(), env.unwrapped.episode_info(), rendering_task(env), ended)
-
-
-def rendering_task(env):
-    return Task(**{name: value for name, value in env.spec.kwargs.items() if name in arguments()})
+    return History(env.unwrapped.trace(), env.unwrapped.episode_info(), task_of(env), ended)
 
 
 def drawn(env, time):
     """The picture of any instant of the episode that `env` has played."""
-    return rendering.Renderer(rendering_task(env), "rgb_array").picture(history_of(env), time, 8.0)
+    return rendering.Renderer(task_of(env), "rgb_array").picture(history_of(env), time, 8.0)
 
 
 def is_colour(pixels, name):

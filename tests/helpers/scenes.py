@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -11,8 +12,7 @@ from impact_gym.robot import default_approach
 CRUISE = ig.Trapezoid(1.0, 8.0)
 MOTION = ig.Trapezoid(1.0, 8.0, ig.Brake())
 NODES = np.linspace(0.0, 0.35, 6)
-COLUMNS = NODES, 4 + 3 * NODES**2, 1.5e5 * (1 + NODES), 40 + 100 * NODES
-TABLE = ig.RobotTable(*(tuple(column.tolist()) for column in COLUMNS))
+TABLE = ig.RobotTable(*map(tuple, [NODES, 4 + 3 * NODES**2, 1.5e5 * (1 + NODES), 40 + 100 * NODES]))
 COUPLINGS = {"rigid": ig.Rigid(), "spring": ig.SpringDamper(150.0, 0.5), "bistable": ig.Bistable()}
 ROBOTS = {"rigid robot": None, "robot": ig.Robot(5.0, 1.5e5, 50.0), "robot table": TABLE}
 EXPONENTS = [(1.5, 1.5), (1.5, 1.5), (1.0, 0.0), (1.2, 1.2), (2.0, 2.0)]
@@ -43,10 +43,7 @@ def random_approach(seed, coupling="any", robot="rigid robot", laws=("hu-guo",),
     with any exponents.
     """
     random = np.random.default_rng([2027, seed])
-
-    def log(low, high):
-        return log_uniform(random, low, high)
-
+    log = partial(log_uniform, random)
     if coupling == "any":
         coupling = "spring" if random.random() < 0.8 else "rigid"
     spring, mechanism = ig.SpringDamper(log(*springs), random.uniform(0, 3)), random_mechanism(random)

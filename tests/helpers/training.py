@@ -16,7 +16,7 @@ from agents.train.ppo import Run, make_environments, make_model, train
 
 TINY = Training(
     steps=4096, envs=16, rollout=16, batch=64, width=16, simulation_threads=1,
-    validate_every=1536, validation_scenarios=20, checkpoint_every=1024,
+    validate_every=1536, validation_scenarios=20, checkpoint_every=1024, imitation_steps=4096,
 )  # fmt: skip
 
 

@@ -30,16 +30,6 @@ def frames(angles):
     return result
 
 
-def denavit_hartenberg(angles):
-    """Flange frame by standard Denavit-Hartenberg rows (a, alpha in deg, d)."""
-    k = KINEMATICS["link_lengths_m"]
-    rows = [(k["a1"], -90, k["d1"]), (k["a2"], 0, 0), (-k["a3"], 90, 0), (0, -90, k["d4"]), (0, 90, 0), (0, 0, k["d6"])]
-    frame = np.eye(4)
-    for (a, alpha, d), angle in zip(rows, angles, strict=True):
-        frame = frame @ transform(about("z", angle), (0, 0, d)) @ transform(about("x", np.radians(alpha)), (a, 0, 0))
-    return frame
-
-
 def point_jacobian(angles, point, link):
     """Jacobian of a point (base frame) fixed to link 1 to 6, by cross products with the joint axes."""
     columns = np.zeros((6, 6))
@@ -55,28 +45,29 @@ def condition(angles):
     return np.linalg.cond(J)
 
 
+def bodies(angles):
+    """Mass, center (base frame), and inertia tensor about it along the base's axes, of links 1 to 6."""
+    for frame, link in zip(frames(angles), LINKS, strict=True):
+        elements, turn = link["inertia_kg_m2"], frame[:3, :3]
+        tensor = np.array([[elements["".join(sorted(a + b))] for a in "xyz"] for b in "xyz"])
+        yield link["mass_kg"], frame[:3, 3] + turn @ link["com_m"], turn @ tensor @ turn.T
+
+
 def mass_matrix(angles):
     """Sum over the links of m J_v^T J_v + J_w^T I J_w."""
     total = np.zeros((6, 6))
-    for number, (link, frame) in enumerate(zip(LINKS, frames(angles), strict=True), start=1):
-        i = link["inertia_kg_m2"]
-        tensor = np.array([[i["xx"], i["xy"], i["xz"]], [i["xy"], i["yy"], i["yz"]], [i["xz"], i["yz"], i["zz"]]])
-        J = point_jacobian(angles, (frame @ [*link["com_m"], 1])[:3], number)
-        R = frame[:3, :3]
-        total += link["mass_kg"] * J[:3].T @ J[:3] + J[3:].T @ R @ tensor @ R.T @ J[3:]
+    for number, (mass, center, tensor) in enumerate(bodies(angles), start=1):
+        J = point_jacobian(angles, center, number)
+        total += mass * J[:3].T @ J[:3] + J[3:].T @ tensor @ J[3:]
     return total
 
 
 def composite_mass(angles):
     """What a force along x on the flange meets if all links are one free body: its 6 x 6 inertia about the flange."""
     at_flange, spatial = frames(angles)[-1][:3, 3], np.zeros((6, 6))
-    for frame, link in zip(frames(angles), LINKS, strict=True):
-        mass, elements, turn = link["mass_kg"], link["inertia_kg_m2"], frame[:3, :3]
-        r = frame[:3, 3] + turn @ link["com_m"] - at_flange
-        cross = np.array([[0, -r[2], r[1]], [r[2], 0, -r[0]], [-r[1], r[0], 0]])
-        tensor = np.array([[elements["".join(sorted(a + b))] for a in "xyz"] for b in "xyz"])
-        spatial[:3, :3] += mass * np.eye(3)
-        spatial[:3, 3:] -= mass * cross
-        spatial[3:, :3] += mass * cross
-        spatial[3:, 3:] += turn @ tensor @ turn.T - mass * cross @ cross
+    for mass, center, tensor in bodies(angles):
+        r = center - at_flange
+        moves = np.hstack([np.eye(3), [[0, r[2], -r[1]], [-r[2], 0, r[0]], [r[1], -r[0], 0]]])  # v + w x r
+        spatial += mass * moves.T @ moves
+        spatial[3:, 3:] += tensor
     return 1 / np.linalg.inv(spatial)[0, 0]

@@ -1,10 +1,9 @@
 """The page in a real browser: from the first key to the replay, with every device, and when something goes wrong."""
 
 import signal
-import time
 
 import pytest
-from playing import READY, SETUP, Tab, served
+from playing import READY, SETUP, begin, open_page, served, until_over
 
 PAD = """() => {
   const pad = {axes: [0, 0], buttons: [{pressed: false}, {pressed: false}]};
@@ -13,48 +12,38 @@ PAD = """() => {
 }"""
 
 
-@pytest.fixture(scope="module")
-def server(tmp_path_factory):
-    with served(tmp_path_factory.mktemp("play") / "tries") as running:
-        yield running
-
-
 @pytest.fixture
 def tab(browser, server):
+    """Open a page that must complain of nothing and ask nothing of others, until the test is over."""
     opened = []
 
-    def open_tab(**options):
-        opened.append(Tab(browser, server, **options))
-        return opened[-1]
+    def open_tab(server=server, **options):
+        opened.append(open_page(browser, server, **options))
+        return opened[-1][0]
 
     yield open_tab
-    for each in opened:
-        each.context.close()
-        assert each.problems == []
+    for page, problems in opened:
+        page.context.close()
+        assert problems == []
 
 
-def kept(server, count):
-    """Return the tries once there are so many."""
-    while len(found := server.tries()) < count:
-        time.sleep(0.05)
-    return found
-
-
-def test_try_from_the_first_key_to_the_replay_and_a_server_that_is_stopped_and_started(browser, tmp_path):
+def test_try_from_the_first_key_to_the_replay_and_a_server_that_is_stopped_and_started(tab, tmp_path):
     with served(tmp_path / "tries", SETUP) as server:
-        one = Tab(browser, server)
-        page = one.page
+        page = tab(server)
         page.wait_for_selector("#film .igw-panel")
         assert page.locator("#film h3").all_inner_texts() == ["paper's rule", "learned policy", "person (scripted)"]
         assert page.locator("#setup option").count() == 3
+        stick = page.locator("#stick").bounding_box()
+        page.evaluate("document.querySelector('#film').replaceChildren()")
+        assert page.locator("#stick").bounding_box() == stick  # so that a film that comes moves it from under no finger
         page.keyboard.down("ArrowRight")
         page.wait_for_selector("body.playing")
         assert page.locator("#picture circle.igw-object").is_hidden()
         page.wait_for_selector("body.touching", timeout=9000)
         assert page.locator("#picture circle.igw-object").is_visible()
         page.keyboard.up("ArrowRight")
-        one.until_over()
-        (this,) = kept(server, 1)
+        until_over(page)
+        (this,) = server.tries(1)
         assert this.marks in ([], ["invalid: too many late steps"])
         said = page.inner_text("#answer")
         assert f"{this.result['done_time']:.2f} s" in said
@@ -66,31 +55,25 @@ def test_try_from_the_first_key_to_the_replay_and_a_server_that_is_stopped_and_s
         page.wait_for_selector("#film .igw-panel")
         page.wait_for_load_state("networkidle")  # what is being fetched as the server stops fails
         page.focus("#stick")
-        page.keyboard.press("Enter")
-        page.wait_for_selector("body.playing")
+        begin(page)
         server.end(signal.SIGINT)
         page.wait_for_selector("#banner:has-text('The server has stopped')")
-        assert one.problems == []
-        one.context.close()
+        page.context.close()
     with served(tmp_path / "tries", SETUP) as server:
-        again = Tab(browser, server)
-        again.page.click("#earlier summary")
-        assert "interrupted: the server was stopped" in again.page.inner_text("#rows")
+        again = tab(server)
+        again.click("#earlier summary")
+        assert "interrupted: the server was stopped" in again.inner_text("#rows")
         again.context.close()
 
 
-@pytest.mark.parametrize("device", ["keys", "mouse", "touch", "gamepad"])
+@pytest.mark.parametrize("device", ["mouse", "touch", "gamepad"])  # of the keys tell the others
 def test_every_device_steers(tab, server, device):
-    before = len(server.tries())
-    one = tab(has_touch=device == "touch")
-    page, box = one.page, one.page.locator("#stick").bounding_box()
+    before, page = len(server.tries()), tab(has_touch=device == "touch")
+    box, touch = page.locator("#stick").bounding_box(), page.context.new_cdp_session(page)
     x, y = box["x"] + 0.55 * box["width"], box["y"] + 0.5 * box["height"]
-    touch = one.context.new_cdp_session(page)
 
     def push(share):
-        if device == "keys":
-            (page.keyboard.down if share else page.keyboard.up)("ArrowRight")
-        elif device == "touch":
+        if device == "touch":
             kind, points = ("touchStart", [{"x": x, "y": y}]) if share else ("touchEnd", [])
             touch.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
         elif device == "gamepad":
@@ -109,16 +92,15 @@ def test_every_device_steers(tab, server, device):
     assert int(page.get_attribute("#stick", "aria-valuenow")) < 90
     page.wait_for_selector("body.touching", timeout=9000)
     push(0.0)
-    one.until_over()
+    until_over(page)
     assert page.get_attribute("#stick", "aria-valuenow") == "0"
-    velocities = kept(server, before + 1)[-1].operator["velocity"]
+    velocities = server.tries(before + 1)[-1].operator["velocity"]
     assert 0.1 < max(velocities) < 0.45
     assert velocities[-1] == 0.0
 
 
 def test_keyboard_alone_chooses_begins_and_ends(tab, server):
-    before = len(server.tries())
-    page = tab().page
+    before, page = len(server.tries()), tab()
     page.focus("#assist")
     page.keyboard.press("ArrowDown")  # moves what has the focus, and begins nothing
     assert page.input_value("#assist") == "brake"
@@ -129,8 +111,7 @@ def test_keyboard_alone_chooses_begins_and_ends(tab, server):
     page.focus("#stick")
     page.keyboard.press("ArrowDown")
     assert page.inner_text("#level") == "40 %"
-    page.keyboard.press("Enter")
-    page.wait_for_selector("body.playing")
+    begin(page)
     page.keyboard.down("ArrowRight")
     page.wait_for_timeout(300)
     page.keyboard.up("ArrowRight")
@@ -138,7 +119,7 @@ def test_keyboard_alone_chooses_begins_and_ends(tab, server):
     assert page.locator("body.playing").count() == 1  # a pause does not end it
     page.keyboard.press(" ")
     page.wait_for_selector("body:not(.playing)")
-    this = kept(server, before + 1)[-1]
+    this = server.tries(before + 1)[-1]
     assert this.assist == "brake"
     assert this.record["uplink.delay"] == this.record["downlink.delay"] == pytest.approx(0.125)
     assert max(this.operator["velocity"]) == pytest.approx(0.4 * 0.5)
@@ -147,31 +128,26 @@ def test_keyboard_alone_chooses_begins_and_ends(tab, server):
 
 
 def test_reload_in_the_middle_keeps_the_try_and_the_page_goes_on(tab, server):
-    before = len(server.tries())
-    one = tab()
-    page = one.page
-    page.keyboard.press("Enter")
-    page.wait_for_selector("body.playing")
+    before, page = len(server.tries()), tab()
+    begin(page)
     page.reload()
     page.wait_for_selector(READY)
-    assert kept(server, before + 1)[-1].marks[0] == "interrupted: the page was closed"
+    assert server.tries(before + 1)[-1].marks[0] == "interrupted: the page was closed"
     page.wait_for_timeout(700)  # in which Enter could still be of the try before
-    page.keyboard.press("Enter")
-    page.wait_for_selector("body.playing")
+    begin(page)
     page.keyboard.press(" ")
-    one.until_over()
+    until_over(page)
 
 
 def test_second_tab_is_told_so_and_may_take_the_stick(tab):
-    first, second = tab().page, tab().page
+    first, second = tab(), tab()
     second.wait_for_selector("#banner:has-text('Another tab has the stick')")
     second.keyboard.press("ArrowRight")
     assert second.locator("body.playing").count() == 0
     second.click("#banner button")
     first.wait_for_selector("#banner:has-text('Another tab has the stick')")
     second.wait_for_selector(READY)
-    second.keyboard.press("Enter")
-    second.wait_for_selector("body.playing")
+    begin(second)
     first.wait_for_selector("body.playing")  # it watches
     second.keyboard.press(" ")
 
@@ -180,15 +156,14 @@ def test_second_tab_is_told_so_and_may_take_the_stick(tab):
 @pytest.mark.parametrize("width", [360, 1280])
 def test_page_fits_and_a_tool_finds_it_accessible(tab, width, scheme):
     axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
-    one = tab(width=width, height=740, color_scheme=scheme, reduced_motion="reduce", bypass_csp=True)
-    page = one.page
+    page = tab(width=width, height=740, color_scheme=scheme, reduced_motion="reduce", bypass_csp=True)
+    page.locator("#film h2").scroll_into_view_if_needed()  # what nobody sees is not drawn
     page.wait_for_selector("#film .igw-panel")
-    for begin in (False, True):
-        if begin:
-            page.keyboard.press("Enter")
-            page.wait_for_selector("body.playing")
+    for played in (False, True):
+        if played:
+            begin(page)
             page.keyboard.press(" ")
-            one.until_over()
+            until_over(page)
         assert page.evaluate("document.documentElement.scrollWidth") <= width
         found = axe.run(page).response["violations"]
         assert [(each["id"], [node["target"] for node in each["nodes"]]) for each in found] == []
@@ -197,8 +172,8 @@ def test_page_fits_and_a_tool_finds_it_accessible(tab, width, scheme):
 
 @pytest.mark.storm
 def test_two_hundred_tries_in_a_row_without_growth_of_memory(tab, server):
-    before, one = len(server.tries()), tab()
-    page, session, held = one.page, one.context.new_cdp_session(one.page), []
+    before, page, held = len(server.tries()), tab(), []
+    session = page.context.new_cdp_session(page)
     session.send("Performance.enable")
     for number in range(200):  # locators, as what `wait_for_selector` returns would hold what it found
         page.keyboard.press("Enter")

@@ -1,14 +1,17 @@
 """A try is a file that the environment and `simulate` play again, whatever ended it; and what it is compared with."""
 
 import json
+import math
+import os
 
 import numpy as np
 import pytest
 from playing import SETUP, pushed, wanted
+from refusals import refused
 
 from experiments.play import contest, tries
 from experiments.play.assistance import NAMES
-from experiments.play.live import Live, recovered
+from experiments.play.tries import Live
 
 
 @pytest.mark.parametrize("setup", ["teleop-rigid", SETUP, "teleop-bistable"])
@@ -17,9 +20,8 @@ def test_try_is_played_again_by_environment_and_simulate(setup, assist, tmp_path
     """The environment to the bit; `simulate`, from the executed motion alone, to 1e-9, and itself to the bit."""
     for seed in range(3):
         rng = np.random.default_rng(seed)
-        done = pushed(
-            lambda _, rng=rng: float(rng.uniform(0.1, 0.5)), 4 + 9 * seed, assist=assist, seed=seed, setup=setup
-        )
+        asked = {"assist": assist, "seed": seed, "setup": setup}
+        done = pushed(lambda _, rng=rng: float(rng.uniform(0.1, 0.5)), 4 + 9 * seed, **asked)
         this = tries.read(tries.write(tmp_path / "try.json", done))
         _, info, _ = tries.replayed(this)
         assert {name: info["record"][name] for name in this.record} == this.record
@@ -48,49 +50,48 @@ def test_live_try_ends_as_its_replay_and_looking_ahead_changes_nothing():
         assert info[name] == value, name
 
 
-def test_journal_of_a_killed_process_becomes_a_try_that_is_marked(tmp_path):
-    journal = tmp_path / "a.journal"
-    live = Live(wanted("limit", 7), journal)
-    for _ in range(50):
-        live.step(0.4)
-    live.close()
-    journal.write_text(journal.read_text()[:-3])  # the last line not whole
-    this = recovered(journal)
-    assert this.marks == ["interrupted: the server was killed"]
-    assert this.operator["velocity"][1:50] == [0.4] * 49
-    assert {*this.operator["velocity"][50:]} == {0.0}
-    assert this.actions[:49] == live.kept.actions[:49]
-    assert tries.simulated(this).slide == this.result["slide"]
+SCRIPT = "</script><script>alert(1)</script>"
+DAMAGES = {
+    "format": "impact_gym try 1", "slow": 0.0, "assist": "magic", "seed": "1", "actions": [1.0], "late": [math.nan],
+    "marks": [SCRIPT], "setup": SCRIPT, "operator": {"type": "os:abort"}, "made": SCRIPT, "result": {},
+    "result.done_time": 1e300, "result.slide": math.inf, "result.missed": "no", "record.uplink.delay": None,
+    "environment": [], "motion": {"times": [10**400]}, "record": 10 ** 4000, "more": 1,
+}  # fmt: skip
 
 
-def test_files_that_are_no_tries_are_refused_in_one_line(tmp_path):
-    file = tmp_path / "a.json"
-    for text in (
-        "",
-        "{}",
-        "[]",
-        '{"format": "impact_gym try 1"}',
-        f'{{"format": "{tries.FORMAT}", "slow": 1}}',
-        "\x00",
-    ):
-        file.write_text(text)
-        with pytest.raises(ValueError, match=r"^.*a\.json is not read as a try.*$"):  # one line
-            tries.read(file)
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A try as its file has it."""
+    return json.loads(tries.write(tmp_path_factory.mktemp("made") / "a.json", pushed(lambda _: 0.5)).read_text())
+
+
+@pytest.mark.parametrize("name", ["", "no", "list", "\x00", *DAMAGES])
+def test_file_that_is_no_try_is_refused_in_one_line(name, made, tmp_path):
+    part, _, inner = name.partition(".")
+    value = {**made.get(part, {}), inner: DAMAGES[name]} if inner else DAMAGES.get(name)
+    text = json.dumps({**made, part: value}) if name in DAMAGES else {"no": "{}", "list": "[]"}.get(name, name)
+    (tmp_path / "a.json").write_text(text)
+    refused(lambda: tries.read(tmp_path / "a.json"), "a.json is not read as a try")
+
+
+def test_file_that_would_not_end_is_refused(tmp_path):
+    os.mkfifo(tmp_path / "a.json")
+    (tmp_path / "b.json").symlink_to("/dev/zero")
+    with (tmp_path / "c.json").open("wb") as sparse:
+        sparse.truncate(1 << 30)
+    for name in "abc":
+        refused(lambda name=name: tries.read(tmp_path / f"{name}.json"), "must be a file of at most")
 
 
 def test_rule_and_policy_play_the_scene_of_a_try_and_the_first_film_lasts_ten_seconds():
     this = pushed(lambda _: 0.3, assist="brake", seed=3, delay=0.4, stiffness=200.0)
     rivals = contest.rivals_of(this)
-    assert {name: rival.assist for name, rival in rivals.items()} == {
-        "paper's rule": "rule",
-        "learned policy": "policy",
-    }
-    for rival in rivals.values():
-        assert this.record.items() <= rival.record.items()
-    for latest in (None, this):
+    assert {name: each.assist for name, each in rivals.items()} == {"paper's rule": "rule", "learned policy": "policy"}
+    assert all(this.record.items() <= each.record.items() for each in rivals.values())
+    for latest, who in ((None, "person (scripted)"), (this, "you")):
         text = contest.first_film(SETUP, latest)
         scene = json.loads(text.split("igw-films", 1)[1].split(">", 1)[1].split("</script>")[0])["scenes"][0]
         ends = [start for start, _ in scene["clock"][1:]] + [scene["end"]]
         length = sum((end - start) * slower for (start, slower), end in zip(scene["clock"], ends, strict=True))
         assert length == pytest.approx(10.0, rel=0.01)
-        assert [run["name"] for run in scene["runs"]] == [*rivals, "you" if latest else "person (scripted)"]
+        assert [run["name"] for run in scene["runs"]] == [*rivals, who]

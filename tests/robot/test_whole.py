@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from arms import TWO_LINKS, coriolis, slides, two_links, two_links_matrices
+from arms import LENGTHS, rods, slides
 from scipy.integrate import solve_ivp
 
 import impact_gym as ig
@@ -20,44 +20,43 @@ PAPERS = ig.Trapezoid(0.5, 8.0, ig.Brake())
 START, LINE = (0.1, 1.6), (1.0, 0.5, 0.0)
 
 
-def elastic(folder, factor=1.0, damping=(5.0, 2.0), **options):
-    """The two links, joints `factor` times as stiff, and 0.1 m along a line."""
-    stiffness = (9e3 * factor, 4e3 * factor)
-    arm = from_urdf(two_links(folder), "base", "tip", joint_stiffness=stiffness, joint_damping=damping, **options)
-    softer = from_urdf(two_links(folder), "base", "tip", joint_stiffness=(9e3, 4e3), joint_damping=damping)
-    return arm, softer.along(START, LINE, 0.2)
+def elastic(folder, **options):
+    """Two rods, and 0.2 m along a line."""
+    given = {"joint_stiffness": (9e3, 4e3), "joint_damping": (5.0, 2.0)} | options
+    arm = from_urdf(rods(folder), "base", "tip", **given)
+    return arm, arm.along(START, LINE, 0.2)
+
+
+def sliding(folder):
+    """The two slides, and 0.25 m along the first."""
+    arm = from_urdf(slides(folder), "base", "tip", joint_stiffness=(1.9e5, 1e5), joint_damping=(50.4, 50.0))
+    return arm, arm.along((0.0, 0.0), (1.0, 0.0, 0.0), 0.25)
 
 
 @pytest.mark.parametrize("coupling", COUPLINGS, ids=lambda each: type(each).__name__)
 def test_two_slides_are_the_chain_with_one_mass_on_a_spring(coupling, tmp_path):
     """Nothing turns, so every mass is that of both carriages and the compiled solver has the same equations."""
-    arm = from_urdf(slides(tmp_path), "base", "tip", joint_stiffness=(1.9e5, 1e5), joint_damping=(50.4, 50.0))
+    (arm, approach), scene = sliding(tmp_path), replace(SCENE, coupling=coupling)
     assert arm.units == ("m", "m")
-    approach = arm.along((0.0, 0.0), (1.0, 0.0, 0.0), 0.25)
-    robot = ig.Robot(5.225, 1.9e5, 50.4)
-    scene = replace(SCENE, coupling=coupling)
-    ours = ig.simulate(replace(scene, robot=robot), PAPERS, duration=0.4)
-    theirs = whole.simulate(arm, approach, scene, PAPERS, duration=0.4, rtol=1e-10)
-    assert theirs.status == "ok"
+    ours = ig.simulate(replace(scene, robot=ig.Robot(5.225, 1.9e5, 50.4)), PAPERS, duration=0.4)
+    theirs, first = whole.simulate(arm, approach, scene, PAPERS, duration=0.4, rtol=1e-10), ours.contacts[0]
+    assert (theirs.status, theirs.contact_count) == ("ok", len(ours.contacts))
     assert theirs.object_velocity == pytest.approx(ours.object_velocity, abs=1e-7)
     assert theirs.peak_force == pytest.approx(ours.peak_force, rel=1e-5)  # sampled
-    assert theirs.contact_count == len(ours.contacts)
-    first = ours.contacts[0]
     assert theirs.contact_time == pytest.approx(first.end - first.start, rel=1e-6)
     assert theirs.impulse == pytest.approx(0.25 * ours.object_velocity, abs=1e-7)
     assert max(theirs.sideways, theirs.turn) < 1e-12
 
 
 def test_stiffer_joints_come_to_a_rigid_robot_as_one_over_their_stiffness(tmp_path):
-    """Over three decades."""
-    scene = replace(SCENE, contact=ig.Contact(1e4, 0.5))
-    rigid = ig.simulate(scene, PAPERS, duration=0.3, rtol=1e-11).object_velocity
-    off = []
+    """Over three decades, along the line of the arm whose joints are the softest."""
+    scene, (_, approach) = replace(SCENE, contact=ig.Contact(1e4, 0.5)), elastic(tmp_path)
+    rigid, off = ig.simulate(scene, PAPERS, duration=0.3, rtol=1e-11).object_velocity, []
     for factor in (1e2, 1e3, 1e4, 1e5):
-        arm, approach = elastic(tmp_path, factor, damping=(5.0 * factor, 2.0 * factor))
+        stiffer = {"joint_stiffness": (9e3 * factor, 4e3 * factor), "joint_damping": (5.0 * factor, 2.0 * factor)}
+        arm = from_urdf(rods(tmp_path), "base", "tip", **stiffer)
         off.append(whole.simulate(arm, approach, scene, PAPERS, duration=0.3, rtol=1e-11).object_velocity - rigid)
-    ratios = np.array(off[:-1]) / off[1:]
-    assert ratios == pytest.approx([10.0, 10.0, 10.0], rel=0.02)
+    assert np.array(off[:-1]) / off[1:] == pytest.approx([10.0, 10.0, 10.0], rel=0.02)
 
 
 @pytest.mark.parametrize("coupling", COUPLINGS[:2], ids=lambda each: type(each).__name__)
@@ -89,12 +88,10 @@ def test_jacobian_is_the_derivative_of_the_rates_by_the_joints(tmp_path):
 
 def test_weight_hangs_the_joints_and_coriolis_is_small_but_there(tmp_path):
     arm, approach = elastic(tmp_path)
-    plain, still, heavy = (
-        whole.simulate(arm, approach, SCENE, PAPERS, duration=0.3, **each).object_velocity
-        for each in ({}, {"coriolis": False}, {"gravity": True})
-    )
-    assert plain == heavy  # the arm turns about the vertical
-    assert 1e-7 < abs(plain - still) < 0.01 * plain
+    run = partial(whole.simulate, arm, approach, SCENE, PAPERS, duration=0.3)
+    plain = run().object_velocity
+    assert plain == run(gravity=True).object_velocity  # the arm turns about the vertical
+    assert 1e-7 < abs(plain - run(coriolis=False).object_velocity) < 0.01 * plain
 
 
 def test_good_servo_is_nearly_an_imposed_motion_and_a_bad_one_has_a_status(tmp_path):
@@ -138,43 +135,51 @@ def test_loop_of_a_servo_around_a_rotor_alone_is_the_sampled_double_integrator(w
 
 
 def test_all_that_is_reported_is_what_an_independent_run_has(tmp_path):
-    """The two links in closed form, the motors by their inverse kinematics, another method, looked at everywhere."""
+    """Lagrange's equations of the two links, motors by their inverse kinematics, another method, looked at everywhere.
+
+    Flange, Jacobian and mass matrix are the arm's, which test_robot.py has from an independent chain.
+    """
     arm, approach = elastic(tmp_path)
-    (a, b), m, k_c = TWO_LINKS["lengths"], 0.125, 1e5
+    (a, b), m, k_c = LENGTHS, 0.125, 1e5
     u, begin, K, D = approach.direction[:2], approach.start[:2], np.array([9e3, 4e3]), np.array([5.0, 2.0])
 
     def tip(q):
-        both = q[0] + q[1]
-        return np.array([a * np.cos(q[0]) + b * np.cos(both), a * np.sin(q[0]) + b * np.sin(both)])
+        return arm.flange(q)[0][:2]
+
+    def jacobian(q):
+        return arm.jacobian(q)[:2]
+
+    def mass(q):
+        return arm.mass_matrix(q) + m * jacobian(q).T @ jacobian(q)
 
     def motors(t):
         s, speed = (4.0 * t * t, 8.0 * t) if t < 0.0625 else (0.5 * (t - 0.03125), 0.5)
         x, y = begin + s * u
         elbow = np.arccos((x * x + y * y - a * a - b * b) / (2 * a * b))
         q = np.array([np.arctan2(y, x) - np.arctan2(b * np.sin(elbow), a + b * np.cos(elbow)), elbow])
-        return q, np.linalg.solve(two_links_matrices(q)[1], u * speed)
+        return q, np.linalg.solve(jacobian(q), u * speed)
 
     def gap(t, y):
         return u @ (tip(y[:2]) - begin) - y[4]
 
     def force(t, y, chi):
-        depth, rate = max(gap(t, y), 0.0), u @ two_links_matrices(y[:2])[1] @ y[2:4] - y[5]
+        depth, rate = max(gap(t, y), 0.0), u @ jacobian(y[:2]) @ y[2:4] - y[5]
         return (k_c + chi * rate) * depth**1.5
 
     def rates(t, y, chi, touching):
-        q, v = y[:2], y[2:4]
-        (M, J), (q_m, v_m) = two_links_matrices(q), motors(t)
-        turning = tip(q) * v[0] ** 2 + b * np.array([np.cos(q.sum()), np.sin(q.sum())]) * (2 * v[0] + v[1]) * v[1]
+        q, v, (q_m, v_m) = y[:2], y[2:4], motors(t)
+        slopes = np.array([mass(q + step) - mass(q - step) for step in 1e-5 * np.eye(2)]) / 2e-5
+        turning = np.tensordot(v, slopes, 1) @ v - 0.5 * (slopes @ v @ v)
         F = max(force(t, y, chi), 0.0) if touching else 0.0
-        torques = K * (q_m - q) + D * (v_m - v) - coriolis(q, v) + m * J.T @ turning - J.T @ u * F
-        return [*v, *np.linalg.solve(M + m * J.T @ J, torques), y[5], F / 0.25]
+        torques = K * (q_m - q) + D * (v_m - v) - turning - jacobian(q).T @ u * F
+        return [*v, *np.linalg.solve(mass(q), torques), y[5], F / 0.25]
 
     gap.terminal, given = True, {"method": "RK45", "events": gap, "rtol": 1e-10, "atol": 1e-13, "dense_output": True}
     still = [*approach.joint_angles[0], 0.0, 0.0, 0.1, 0.0]
     ramp = solve_ivp(lambda t, y: rates(t, y, 0.0, False), (0.0, 0.0625), still, **given)
     flight = solve_ivp(lambda t, y: rates(t, y, 0.0, False), (0.0625, 1.0), ramp.y[:, -1], **given)
     met, touched = flight.y[:, -1], flight.t[-1]
-    closing = u @ two_links_matrices(met[:2])[1] @ met[2:4]
+    closing = u @ jacobian(met[:2]) @ met[2:4]
     chi, gap.direction = 1.5 * (1 - 0.5) / 0.5 * k_c / closing, -1.0  # Hu and Guo
     contact = solve_ivp(lambda t, y: rates(t, y, chi, True), (touched, 1.0), met, **given)
     looked = [(t, contact.sol(t)) for t in np.linspace(touched, contact.t[-1], 4001)]
@@ -204,8 +209,7 @@ def test_a_motion_beyond_the_line_and_one_that_takes_too_long_have_a_status(tmp_
 
 
 def test_advise_names_the_cheapest_mass_beside_all_joints(tmp_path):
-    arm, approach = elastic(tmp_path, 10.0)
-    approach = arm.along(START, LINE, 0.2)
+    arm, approach = elastic(tmp_path, joint_stiffness=(9e4, 4e4))
     advice = ig.advise(SCENE, PAPERS, 0.05, duration=0.3, arm=(arm, approach))
     true = whole.simulate(arm, approach, SCENE, PAPERS, duration=0.3).object_velocity
     for model in advice.tried[1:]:
@@ -218,8 +222,7 @@ def test_advise_names_the_cheapest_mass_beside_all_joints(tmp_path):
 
 
 def test_advise_finds_that_two_slides_are_one_mass_that_yields(tmp_path):
-    arm = from_urdf(slides(tmp_path), "base", "tip", joint_stiffness=(1.9e5, 1e5), joint_damping=(50.4, 50.0))
-    advice = ig.advise(SCENE, PAPERS, 1e-5, duration=0.4, arm=(arm, arm.along((0.0, 0.0), (1.0, 0.0, 0.0), 0.25)))
+    advice = ig.advise(SCENE, PAPERS, 1e-5, duration=0.4, arm=sliding(tmp_path))
     off = {model.name: model.bound for model in advice.tried}
     assert advice.model.name.startswith("robot one mass")
     assert max(error for name, error in off.items() if name.startswith("robot one mass")) < 1e-6 < off["robot rigid"]

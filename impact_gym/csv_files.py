@@ -1,0 +1,275 @@
+"""Columns of numbers in a CSV file as recorders write it: one reader for logs of blows and for traces of channels.
+
+It finds encoding, separator, decimal sign, preamble, names and units, says what it understood, and refuses what may
+mean two things. NumPy converts the numbers, so that no extra is needed to read a log.
+"""
+
+import codecs
+import csv
+import io
+import re
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_gym.files import parsed, utf_8
+from impact_gym.validation import shown
+
+SCALES: Mapping[str, Mapping[str, float]] = {
+    unit: {alias: factor for factor, aliases in scales.items() for alias in aliases.split()}
+    for unit, scales in {
+        "s": {1.0: "s sec secs second seconds", 1e-3: "ms msec msecs millisecond milliseconds", 60.0: "min minutes",
+              1e-6: "us \u00b5s \u03bcs usec microsecond microseconds", 1e-9: "ns nsec nanosecond nanoseconds"},
+        "N": {1.0: "n newton newtons", 1e-3: "mn", 1e3: "kn", 10.0: "dan", 9.80665: "kgf kp", 4.4482216152605: "lbf"},
+        "m/s": {1.0: "m/s ms^-1", 1e-3: "mm/s", 1e-2: "cm/s", 1.0 / 3.6: "km/h", 0.0254: "in/s", 0.3048: "ft/s"},
+        "m/s^2": {1.0: "m/s^2 m/s/s ms^-2", 1e-3: "mm/s^2", 1e-2: "cm/s^2", 9.80665: "g gn g0", 9.80665e-3: "mg"},
+    }.items()
+}  # fmt: skip
+"""By the SI unit, how its multiples are written, in small letters. The pound-force and standard gravity are exact."""
+IN_BRACKETS = (r"(.+?)[\s_]*[\[({<]([^\[({<]*)[\])}>]\s*", r"([^/]+?)\s*/\s*\(?(.+?)\)?")
+UNIT_FORMS = (*IN_BRACKETS, r"(.+)()", r"(.+?)(?:[\s_,:-]|\bin\b)+([^\s_]+)")
+"""Force (N), force/N, force without a unit, force_N; in the first two whatever follows the name must be a unit."""
+SEPARATORS = ("\t", ";", ",", "|", None)  # None: blanks
+NUMBERS = {
+    sign: re.compile(rf"[+-]?((\d+[{sign}]?\d*|[{sign}]\d+)(e[+-]?\d+)?|nan|inf(inity)?)", re.IGNORECASE)
+    for sign in ".,"
+}
+COMMENTS = ("#", "%", "//")
+COMMENT_LINE = re.compile(r"^[ \t]*(#|%|//).*", re.MULTILINE)
+FIRST_LINES, FIRST_CHARACTERS = 500, 100_000  # of a file, which must show how it is written
+
+
+class Column(NamedTuple):
+    """A column that is looked for."""
+
+    unit: str  # SI, one of SCALES
+    names: str  # a regular expression of its names in small letters, with one blank between words
+    needs_unit: bool = False  # as several are usual, the file must say which
+    empty: float | None = None  # what an empty value is: nan or inf; None: it is refused
+
+
+class Table(NamedTuple):
+    """What was understood of a file."""
+
+    columns: dict[str, NDArray[np.float64]]  # (n,) each, SI units
+    said: str  # where each column comes from, and which of the file are not used
+
+
+class _Layout(NamedTuple):
+    separator: str | None
+    decimal: str
+    first: int  # line with the first numbers, from 0
+    least: int  # values in a line, at least
+    most: int
+
+
+class _Source(NamedTuple):
+    place: int
+    head: str  # as the file names it; "": it does not
+    scale: float | None  # None: the file has no unit
+
+
+def read_columns(path: Path, wanted: Mapping[str, Column], unnamed: Sequence[str]) -> Table:
+    """Return those of the `wanted` columns that a file has.
+
+    Args:
+        path: a regular file; UTF-8, UTF-16 or Latin-1.
+        wanted: by their names here.
+        unnamed: the columns of a file that names none, in this order; it must have the first of them and another one.
+
+    Raises:
+        ValueError: none of that is there, or two columns may be the same, a unit is unknown or missing, or a value is
+            no number; names file, line, column and what was found.
+    """
+    return parsed(path, "CSV", partial(_table, wanted=wanted, unnamed=unnamed), _decoded)
+
+
+def _decoded(content: bytes) -> str:
+    zeros = [len(content) > 1 and not any(content[k:100:2]) for k in (0, 1)]
+    try:
+        if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+            text = content.decode("utf-16")
+        else:
+            text = content.decode(("utf-16-be", "utf-16-le")[zeros.index(True)]) if any(zeros) else utf_8(content)
+    except UnicodeDecodeError:
+        text = content.decode("latin-1")
+    text = re.sub("\r\n?", "\n", text)
+    if strange := re.search(r"[\x00-\x08\x0e-\x1f]", text):
+        raise ValueError(f"line {text.count(chr(10), 0, strange.start()) + 1} must be text, got {strange[0]!r}")
+    return text
+
+
+def _table(text: str, wanted: Mapping[str, Column], unnamed: Sequence[str]) -> Table:
+    lines = text[:FIRST_CHARACTERS].split("\n")[:FIRST_LINES]
+    layout = _layout(lines)
+    sources, heads = _sources(lines, layout, wanted, unnamed)
+
+    def number(name: str, value: str) -> float:
+        if not value.strip() and (empty := wanted[name].empty) is not None:
+            return empty
+        if not NUMBERS[layout.decimal].fullmatch(value.strip()):
+            raise ValueError(f"{name} must be a number, got {shown(value)}")
+        return float(value.replace(",", "."))
+
+    plain = layout.decimal == "." and all(wanted[name].empty is None for name in sources)
+    converters: dict[int | str, Callable[[str], float]] = {
+        source.place: partial(number, name) for name, source in sources.items()
+    }
+    body = COMMENT_LINE.sub("", text[sum(len(line) + 1 for line in lines[: layout.first]) :])
+    places = [source.place for source in sources.values()]
+    try:
+        rows = np.loadtxt(
+            io.StringIO(body), delimiter=layout.separator, usecols=places, comments=None, quotechar='"', ndmin=2,
+            converters=None if plain else converters,
+        )  # fmt: skip
+    except (ValueError, IndexError):
+        _refuse_row(text, layout, sources, number)
+        raise
+    columns = {name: rows[:, k] * (source.scale or 1.0) for k, (name, source) in enumerate(sources.items())}
+    said = ", ".join(
+        f"{name} ({wanted[name].unit}) from {shown(source.head) if source.head else f'column {source.place + 1}'}"
+        + ("" if source.scale else " without a unit")
+        for name, source in sources.items()
+    )
+    used = {source.place for source in sources.values()}
+    rest = [shown(head) for place, head in enumerate(heads) if place not in used]
+    return Table(columns, f"{said}; not used: {', '.join(rest)}" if rest else said)
+
+
+def _split(line: str, separator: str | None) -> list[str]:
+    if separator is None:
+        return line.split()
+    return [field.strip() for field in next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])]
+
+
+def _layout(lines: Sequence[str]) -> _Layout:
+    """Return the separator and the decimal sign with which most of what stands in rows is numbers, and where."""
+    best, most = None, 0.0
+    for separator in SEPARATORS:
+        rows = [[] if line.lstrip().startswith(COMMENTS) else _split(line, separator) for line in lines]
+        for decimal, number in NUMBERS.items():
+            places = [tuple(k for k, field in enumerate(row) if number.fullmatch(field)) for row in rows]
+            shares = [len(found) / sum(map(bool, row)) for row, found in zip(rows, places, strict=True) if found[1:]]
+            if sum(shares) > most:
+                usual = Counter(found for found in places if found[1:]).most_common(1)[0][0]
+                first = next(k for k, row in enumerate(rows) if places[k] and len(row) > usual[-1]
+                             and all(place in places[k] or not row[place] for place in usual))  # fmt: skip
+                best = _Layout(separator, decimal, first, usual[-1] + 1, len(rows[first]))
+                most = sum(shares)
+    if best is None:
+        written = next((line for line in reversed(lines) if line.strip()), "")
+        raise ValueError(
+            f"no line has two numbers; the last one read is {shown(written)}" if written else "it is empty"
+        )
+    return best
+
+
+def _sources(
+    lines: Sequence[str], layout: _Layout, wanted: Mapping[str, Column], unnamed: Sequence[str]
+) -> tuple[dict[str, _Source], list[str]]:
+    """Return where the wanted columns are, and how the file names each of its columns."""
+    allowed = ", ".join(f"{name} ({column.unit})" for name, column in wanted.items())
+    heads, units, between = _names(lines, layout, wanted)
+    if heads and between:
+        raise ValueError(f"line {between[0] + 1} must have units or numbers, got {shown(lines[between[0]])}")
+    words = _split(lines[between[0]], layout.separator) if between and not heads else []
+    if len(words) > 1 and (layout.separator or len(words) == layout.least or any(_meaning(w, wanted) for w in words)):
+        raise ValueError(f"line {between[0] + 1} must name the {layout.least} columns of numbers below it, some of "
+                         f"them {allowed}, got {shown(lines[between[0]])}")  # fmt: skip
+    if not heads and layout.least != len(unnamed):
+        raise ValueError(f"{layout.least} columns must have names, some of them {allowed}, got none")
+    meanings = [_meaning(head, wanted) or ("", "") for head in heads] or [(name, "") for name in unnamed]
+    sources: dict[str, _Source] = {}
+    for name, column in wanted.items():
+        meant = [(place, meaning[1]) for place, meaning in enumerate(meanings) if meaning[0] == name]
+        same = [each for each in meant if heads and _plain(heads[each[0]]) == name.replace("_", " ")]
+        if len(meant) > 1 and len(same) != 1:
+            raise ValueError(f"one column must be {name}, got {', '.join(shown(heads[place]) for place, _ in meant)}")
+        for place, unit in (same or meant)[:1]:
+            head = heads[place] if heads else ""
+            unit = unit or ("".join(units[place : place + 1])).strip("-[](){}<> ")
+            scale = _scale(column.unit, unit) if unit else None
+            if (unit and scale is None) or (column.needs_unit and not unit):
+                units_allowed = ", ".join(SCALES[column.unit])
+                raise ValueError(f"{name}, {shown(head)}, must be in one of {units_allowed}, got {shown(unit)}")
+            sources[name] = _Source(place, head, scale)
+    if unnamed[0] not in sources or len(sources) < 2:
+        raise ValueError(f"there must be {unnamed[0]} and another one of {allowed}, got {', '.join(map(shown, heads))}")
+    return sources, heads or [""] * layout.least
+
+
+def _names(
+    lines: Sequence[str], layout: _Layout, wanted: Mapping[str, Column]
+) -> tuple[list[str], list[str], list[int]]:
+    """Return the names of columns and their units above the numbers, and the lines between, last first."""
+    units: list[str] = []
+    between: list[int] = []
+    for k in reversed(range(layout.first)):
+        line = re.sub(rf"^(\s|{'|'.join(COMMENTS)})+", "", lines[k])
+        for heads in _heads(line, layout):
+            if any(_meaning(head, wanted) for head in heads):
+                return heads, units, between
+            if not between and not units and any(heads) and all(_is_unit(head) for head in heads):
+                units = heads
+                break
+        else:
+            between += [k] if line and not COMMENT_LINE.match(lines[k]) else []
+    return [], units, between
+
+
+def _heads(line: str, layout: _Layout) -> Iterator[list[str]]:
+    """Yield what a line may be split into that are as many names as there are columns."""
+    rows = [_split(line, separator) for separator in (layout.separator, *SEPARATORS) if separator]
+    rows += [re.split(pattern, line.strip()) for pattern in (r"\s{2,}", r"\s+(?![\[({</])")]
+    for row in rows:
+        while row and not row[-1]:
+            row.pop()
+        if layout.least <= len(row) <= layout.most:
+            yield row
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[\W_]+", " ", name).strip().lower()
+
+
+def _meaning(head: str, wanted: Mapping[str, Column]) -> tuple[str, str] | None:
+    """Return which column a name means, and the unit in it, or "" without one."""
+    for form in UNIT_FORMS:
+        if parts := re.fullmatch(form, head):
+            name = next((name for name in wanted if re.fullmatch(wanted[name].names, _plain(parts[1]))), None)
+            if name and (form in IN_BRACKETS or not parts[2] or _scale(wanted[name].unit, parts[2])):
+                return name, parts[2]
+    return None
+
+
+def _scale(unit: str, written: str) -> float | None:
+    """Return a unit in the SI unit, None if it is no such one; MN is not mN."""
+    short = re.sub(r"[\s*\u00b7.]", "", written).replace("\u00b2", "^2").replace("\u207b", "-").replace("\u00b9", "1")
+    short = re.sub(r"(?<=s)\^?(-?\d)$", r"^\1", short)
+    return SCALES[unit].get(short if short[:1] == "M" and len(short) < 4 else short.lower())
+
+
+def _is_unit(head: str) -> bool:
+    bare = head.strip("-[](){}<> ")
+    return not bare or any(_scale(unit, bare) for unit in SCALES)
+
+
+def _refuse_row(
+    text: str, layout: _Layout, sources: Mapping[str, _Source], number: Callable[[str, str], float]
+) -> None:
+    """Refuse the first line that does not have the numbers."""
+    for k, line in enumerate(text.split("\n")[layout.first :], layout.first + 1):
+        if line.strip() and not line.lstrip().startswith(COMMENTS):
+            row = _split(line, layout.separator)
+            for name, source in sources.items():
+                if source.place >= len(row):
+                    raise ValueError(f"line {k} must have {layout.least} values, got {shown(line)}")
+                try:
+                    number(name, row[source.place])
+                except ValueError as error:
+                    raise ValueError(f"line {k}: {error}") from None

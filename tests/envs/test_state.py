@@ -1,0 +1,127 @@
+"""A state that a batch cannot have come to is refused and changes nothing; whatever is taken, nothing crashes."""
+
+import copy
+import subprocess
+import sys
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from episodes import action_table, assert_identical, begin
+from refusals import refused
+from tasks import EVERYTHING_DRAWN, STEERED_DRAWN
+
+from impact_gym.sb3 import ImpactVecEnv
+
+KINDS = {
+    "spring": lambda: gym.make_vec("mo-impact-approach-v0", 3, force_weight=0.01),
+    "everything drawn": lambda: ImpactVecEnv(3, **EVERYTHING_DRAWN["mechanism"]),
+    "operator": lambda: ImpactVecEnv(3, **STEERED_DRAWN["Reach"]),
+}
+
+
+def running(make, ticks=25):
+    """A batch in mid-episode, and actions for it."""
+    envs = make()
+    begin(envs, seed=1)
+    actions = action_table(4, 30 + ticks, 3, task={"operator": envs.action_space.shape[-1] == 3})
+    for row in actions[:ticks]:
+        envs.step(row)
+    return envs, actions[ticks:]
+
+
+def fields(values, path=()):
+    """Paths of the arrays in a state, and of the fields of those of records."""
+    if isinstance(values, dict):
+        return [found for name, inner in values.items() for found in fields(inner, (*path, name))]
+    if isinstance(values, np.ndarray) and values.dtype.names:
+        return [found for name in values.dtype.names for found in fields(values[name], (*path, name))]
+    return [path] if isinstance(values, np.ndarray) and values.size else []
+
+
+def corrupted(state, path):
+    """Copies of a state with other numbers in a field, or another array in its place, and whether that may be taken."""
+    *outer, last = path
+    for bad in (-1, -(2**62), 2**62, np.nan, np.inf, -1e300, 7, 1e-300):
+        node = there = copy.deepcopy(state)
+        for name in outer:
+            node = node[name]
+        with np.errstate(invalid="ignore"):
+            node[last][-1:] = np.array(bad).astype(node[last].dtype)
+        yield there, True
+    for change in (lambda old: old[:-1], lambda old: np.concatenate([old, old]), lambda old: None,
+                   lambda old: old.view(np.uint8), lambda old: old.tolist()):  # fmt: skip
+        there = copy.deepcopy(state)
+        node, name = (there["batch"], path[1]) if path[0] == "batch" else (there, path[0])
+        node[name] = change(node[name])
+        yield there, False
+
+
+def fuzz(kind):
+    """Every corrupted state is refused by name, leaving the batch as it is, or played on."""
+    envs, actions = running(KINDS[kind])
+    target, refusals = getattr(envs, "unwrapped", envs), 0
+    good = target.get_state()
+    for path in fields({name: part for name, part in good.items() if name != "generators"}):
+        name = path[1 if path[0] == "batch" else 0]
+        for state, possible in corrupted(good, path):
+            try:
+                target.set_state(state)
+                said = ""
+            except ValueError as error:
+                said = str(error)
+            if said:
+                assert name in said.splitlines()[-1], (path, said)
+                assert_identical(target.get_state(), good)
+                refusals += 1
+                continue
+            assert possible, path
+            for row in actions:
+                envs.step(row)
+            target.set_state(good)
+    assert refusals > 300, refusals
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_corrupted_state_is_refused_or_played_on(kind):
+    """In a process of its own, which a fault in the compiled program would end."""
+    paths = [str(Path(__file__).parent), *sys.path]
+    program = f"import sys; sys.path[:0] = {paths!r}; import test_state; test_state.fuzz({kind!r})"
+    command = [sys.executable, "-W", "ignore", "-c", program]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+    assert (done.returncode, done.stderr[-2000:]) == (0, "")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_state_with_fewer_generators_or_that_of_no_generator_is_refused(kind):
+    envs, actions = running(KINDS[kind])
+    target = getattr(envs, "unwrapped", envs)
+    state = target.get_state()
+    one = state["generators"][0]
+    for bad in (state["generators"][:-1], [], None, 3, [one, one, {}], [one, one, {**one, "bit_generator": "MT19937"}]):
+        refused(lambda bad=bad: target.set_state({**state, "generators": bad}), "generators")
+        assert_identical(target.get_state(), state)
+    apart = {name: np.repeat(array, 2, axis=0)[::2] for name, array in state["batch"].items()}  # not contiguous
+    target.set_state({**state, "batch": apart})
+    expected = [envs.step(row) for row in actions]
+    target.set_state(state)
+    assert_identical([envs.step(row) for row in actions], expected)
+
+
+@pytest.mark.parametrize("weights", [[0.01, 0.01], [0.01, 0.0]])
+def test_first_vector_reward_after_a_restore_is_that_without_one(weights):
+    make = lambda: gym.make_vec("mo-impact-approach-v0", 2, per_slot=[{"force_weight": weight} for weight in weights])  # noqa: E731
+    envs, other = make().unwrapped, make().unwrapped
+    begin(envs, seed=1), begin(other, seed=5)
+    actions = action_table(4, 90, 2)
+    for row in actions[:20]:
+        envs.step(row)
+    other.set_state(envs.get_state())
+    forces = np.zeros(2)
+    for row in actions[20:]:
+        returned = envs.step(row)
+        assert_identical(returned, other.step(row))
+        forces = np.minimum(forces, returned[1][:, 2])
+        assert returned[1] @ [2.0, 1.0, 0.01] == pytest.approx(returned[4]["original_reward"], abs=1e-9)
+    assert (forces < 0.0).tolist() == [weight > 0.0 for weight in weights]
