@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
+from impact_gym.files import parsed
 from impact_gym.robot import line, urdf
 from impact_gym.robot.approach import Approach, Array
-from impact_gym.validation import choice, number, numbers, whole
+from impact_gym.validation import choice, number, numbers, one_of, whole
 
 PerJoint = float | Sequence[float] | Sequence[tuple[float, float]]
 """A number for all joints, one for each, or a pair (low, high) for all or for each, drawn log-uniformly."""
@@ -43,19 +44,20 @@ def from_urdf(
             moments for each, as by MuJoCo's `balanceinertia`. A body is all that is welded together behind a joint.
 
     Raises:
-        ValueError: the file is no such arm, or a joint parameter is invalid; says which.
+        TypeError, ValueError: the file is no such arm, or a joint parameter is invalid; says which.
         ImportError: MuJoCo is not installed.
 
     Warns:
         UserWarning: a link that the arm moves has inertia but no mass, and its inertia is left out; or a joint beside
-            the arm mimics one of the arm's, but is held at zero.
+            the arm mimics one of the arm's, but is held at zero; or a limit of a joint is beyond 10 rad or 100 m.
     """
     choice("inertia", inertia, ("given", "balanced"))
+    one_of("path", path, str, Path)
+    one_of("base", base, str)
+    one_of("tip", tip, str)
     rng = np.random.default_rng(whole("seed", seed, at_least=0))
-    try:
-        arm = Arm(*urdf.read(Path(path), base, tip, inertia == "balanced"))
-    except ValueError as problem:  # MuJoCo's own have two lines
-        raise ValueError(f"{path}: {' '.join(str(problem).split())}") from None
+    balanced = inertia == "balanced"
+    arm = parsed(Path(path), "URDF", lambda text: Arm(*urdf.read(text, base, tip, balanced)), urdf.decoded)
     arm.stiffness = _per_joint("joint_stiffness", joint_stiffness, arm.count, rng, "N m/rad", above=0)
     arm.damping = _per_joint("joint_damping", joint_damping, arm.count, rng, "N m s/rad", at_least=0)
     rotors = 0.0 if rotor_inertia is None else rotor_inertia

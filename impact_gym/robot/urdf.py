@@ -8,10 +8,12 @@ MuJoCo's own reader of URDF is not used: it wants the meshes, takes mimic joints
 without the name of its link.
 """
 
+import codecs
+import re
 import warnings
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
-from pathlib import Path
+from functools import partial
 from typing import NamedTuple
 from xml.etree import ElementTree
 from xml.parsers import expat
@@ -27,7 +29,7 @@ UNITS = {"revolute": "rad", "continuous": "rad", "prismatic": "m"}
 LEAST_MASS, LEAST_INERTIA = 1e-9, 1e-15  # kg and kg m^2, of a body
 MOST_MASS, MOST_INERTIA, FARTHEST, MOST_TURN = 1e6, 1e12, 100.0, 10.0
 """In kg, kg m^2, m and rad, of the numbers in a file: beyond these they are in other units."""
-MOST_JOINTS, MOST_BYTES = 1000, 1 << 26  # of an arm, which MuJoCo's recursion bounds, and of a file
+MOST_JOINTS, MOST_BYTES = 1000, 1 << 24  # of an arm, which MuJoCo's recursion bounds, and of a file
 LARGEST_GYRATION = 3.0
 """Radius of gyration, m, of a body of an arm that reaches no farther: in kg mm^2 even a finger's is above."""
 ROUNDING = 1e-6
@@ -50,23 +52,23 @@ class Body(NamedTuple):
     axes: Array  # of inertia, and the centre of mass, homogeneous, (4, 4)
 
 
-def read(path: Path, base: str, tip: str, balanced: bool = False) -> tuple[list[Body], Array]:
+def read(text: str, base: str, tip: str, balanced: bool = False) -> tuple[list[Body], Array]:
     """Return the bodies of the arm from the link `base` to the link `tip`, and the place of `tip` in the last, (4, 4).
 
     Args:
-        path: of the file.
+        text: of the file.
         base: the link that stands still.
         tip: the link at the end.
         balanced: whether moments of inertia of which one exceeds the sum of the others are all set to their mean.
 
     Raises:
-        ValueError: the file is no URDF of such an arm; names link or joint.
+        ValueError: the text is no URDF of such an arm; names link or joint.
 
     Warns:
         UserWarning: a link that moves has inertia but no mass, and its inertia is left out; a joint aside mimics one of
-            the arm's.
+            the arm's; a limit is so large that it may be in other units.
     """
-    robot = _parsed(path)
+    robot = _parsed(text)
     links, joints = _named(robot, "link"), _named(robot, "joint")
     above = _above(links, joints)
     for name in (base, tip):
@@ -101,23 +103,35 @@ def read(path: Path, base: str, tip: str, balanced: bool = False) -> tuple[list[
         if behind:
             welded[behind][link] = place @ _pseudo_inertia(links[link]) @ place.T
     reach = sum(float(np.linalg.norm(place[:3, 3])) for place in (*begins, places[tip][1]))
-    bodies = [_body(*each, reach, balanced) for each in zip(chain.values(), begins[1:], welded[1:], strict=True)]
-    return bodies, places[tip][1]
+    body = partial(_body, reach=reach, balanced=balanced)
+    return list(map(body, chain.values(), begins[1:], welded[1:])), places[tip][1]
 
 
-def _parsed(path: Path) -> Element:
+def decoded(content: bytes) -> str:
+    """Return the text of an XML file, in UTF-16 by its first bytes, else as it declares or in UTF-8.
+
+    Raises:
+        ValueError, LookupError: it is compressed, too large, or in no known encoding.
+    """
+    if content[:2] == b"\x1f\x8b":
+        raise ValueError("it is compressed by gzip, unpack it first")
+    if len(content) > MOST_BYTES:
+        raise ValueError(f"it must have at most {MOST_BYTES:,} bytes")
+    if content[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
+        return content.decode("utf-16")
+    head = content[:400].removeprefix(codecs.BOM_UTF8).replace(b"\0", b"")
+    declared = re.match(rb"""\s*<\?xml[^>]*?encoding\s*=\s*["']([^"'>]*)""", head)
+    return content.decode(declared[1].decode() if declared else "utf-8").lstrip("\ufeff\r\n\t ")
+
+
+def _parsed(text: str) -> Element:
     """Return the robot of a file."""
     builder, parser = ElementTree.TreeBuilder(), expat.ParserCreate()  # to which a prefix is a part of a name
     parser.StartElementHandler, parser.EndElementHandler = builder.start, builder.end
     try:
-        if path.exists() and not (path.is_file() and path.stat().st_size <= MOST_BYTES):
-            raise ValueError(f"it must be a file of at most {MOST_BYTES} bytes")
-        content = path.read_bytes()
-        if content[:2] == b"\x1f\x8b":
-            raise ValueError("it is compressed by gzip, unpack it first")
-        parser.Parse(content, True)
-    except (OSError, ValueError, LookupError, expat.ExpatError) as problem:
-        raise ValueError(f"no URDF that can be read, {problem}") from None
+        parser.Parse(text, True)
+    except expat.ExpatError as problem:
+        raise ValueError(f"no XML, {problem}") from None
     robot: Element = builder.close()
     everything = list(robot.iter())
     declared = {name[6:] for each in everything for name, to in each.items() if name[:6] == "xmlns:" and "xacro" in to}
@@ -139,9 +153,17 @@ def _named(robot: Element, kind: str) -> dict[str, Element]:
     return named
 
 
+def _only(of: Element, tag: str, name: str) -> Element | None:
+    """Return the element of this tag in a part of this name, if there is one."""
+    found = of.findall(tag)
+    if len(found) > 1:
+        raise ValueError(f"{of.tag} {name!r} has {len(found)} elements <{tag}>, allowed is one")
+    return found[0] if found else None
+
+
 def _end(joint: Element, side: str) -> str:
     """Return the link on a side of a joint."""
-    end = joint.find(side)
+    end = _only(joint, side, joint.get("name", ""))
     return "" if end is None else end.get("link", "")
 
 
@@ -188,7 +210,7 @@ def _numbers(what: str, of: Element | None, key: str, unit: str, missing: str, m
     """Return the numbers of an attribute, as many as there are in place of it if it is missing."""
     text = missing if of is None else of.get(key, missing)
     try:
-        values = [float(each) for each in text.split()]
+        values = [float(each) for each in text.split()] if "_" not in text else []  # 1_0 is a number to Python alone
     except ValueError:
         values = []
     if len(values) != (count := len(missing.split())):
@@ -202,7 +224,9 @@ def _numbers(what: str, of: Element | None, key: str, unit: str, missing: str, m
 
 def _place(name: str, of: Element) -> Array:
     """Return where a joint or the centre of a mass is and how it is turned, homogeneous, (4, 4)."""
-    origin, place = of.find("origin"), np.eye(4)
+    origin, place = _only(of, "origin", name), np.eye(4)
+    if unknown := [] if origin is None else sorted({*origin.keys()} - {"xyz", "rpy"}):
+        raise ValueError(f"origin of {name} has {', '.join(unknown)}, known are xyz and rpy")
     turn = _numbers(f"rpy of {name}", origin, "rpy", "rad", "0 0 0", MOST_TURN)
     place[:3, :3] = Rotation.from_euler("xyz", turn).as_matrix()
     place[:3, 3] = _numbers(f"xyz of {name}", origin, "xyz", "m", "0 0 0", FARTHEST)
@@ -216,12 +240,12 @@ def _check_held(joint: Element, chain: Mapping[str, Element]) -> None:
         raise ValueError(f"joint {name!r} is {kind or 'of no type'}, allowed are {', '.join(UNITS)} and fixed")
     if mimic is not None and mimic.get("joint", "") in chain:
         what = f"joint {name!r} mimics {mimic.get('joint')!r}, a joint of the arm, but is held at zero"
-        warnings.warn(what, UserWarning, stacklevel=4)
+        warnings.warn(what, UserWarning, stacklevel=6)
 
 
 def _limits(joint: Element) -> tuple[str, float, float]:
     """Return the unit of a joint of an arm and its limits, checked."""
-    name, kind, limit = joint.get("name", ""), joint.get("type", ""), joint.find("limit")
+    name, kind, limit = joint.get("name", ""), joint.get("type", ""), _only(joint, "limit", joint.get("name", ""))
     _check_held(joint, {})
     if joint.find("mimic") is not None:
         raise ValueError(f"joint {name!r} mimics another, which is not allowed between base and tip")
@@ -234,6 +258,11 @@ def _limits(joint: Element) -> tuple[str, float, float]:
     )
     if not low < high:
         raise ValueError(f"joint {name!r} has limits of {low:g} and {high:g} {UNITS[kind]}, which must rise")
+    if max(-low, high) > {"rad": MOST_TURN, "m": FARTHEST}[UNITS[kind]]:
+        what = (
+            f"joint {name!r} has limits of {low:g} and {high:g} {UNITS[kind]}, so wide that they may be in other units"
+        )
+        warnings.warn(what, UserWarning, stacklevel=7)
     return UNITS[kind], low, high
 
 
@@ -243,12 +272,12 @@ def _pseudo_inertia(link: Element) -> Array:
     It is a sum over what is welded together, and in another frame T it is T J T'. See Wensing, Kim and Slotine, IEEE
     Robotics and Automation Letters 3 (2018).
     """
-    name, inertial, own = link.get("name", ""), link.find("inertial"), np.zeros((4, 4))
-    if inertial is None:
+    name, own = link.get("name", ""), np.zeros((4, 4))
+    if (inertial := _only(link, "inertial", name)) is None:
         return own
-    (mass,) = _numbers(f"mass of {name}", inertial.find("mass"), "value", "kg", "missing", MOST_MASS)
+    (mass,) = _numbers(f"mass of {name}", _only(inertial, "mass", name), "value", "kg", "missing", MOST_MASS)
     own[3, 3] = number(f"mass of {name}", mass, "kg", at_least=0)
-    if (inertia := inertial.find("inertia")) is None:
+    if (inertia := _only(inertial, "inertia", name)) is None:
         xx = yy = zz = xy = xz = yz = 0.0  # a point
     else:
         xx, yy, zz, xy, xz, yz = (
@@ -258,7 +287,7 @@ def _pseudo_inertia(link: Element) -> Array:
     tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     if own[3, 3] == 0.0:
         if tensor.any():
-            warnings.warn(f"link {name!r} has inertia but no mass: its inertia is left out", UserWarning, stacklevel=4)
+            warnings.warn(f"link {name!r} has inertia but no mass: its inertia is left out", UserWarning, stacklevel=6)
         return own
     own[:3, :3] = np.trace(tensor) / 2 * np.eye(3) - tensor
     place = _place(name, inertial)
@@ -268,13 +297,18 @@ def _pseudo_inertia(link: Element) -> Array:
 def _body(joint: Element, place: Array, welded: Mapping[str, Array], reach: float, balanced: bool) -> Body:
     """Return a joint and the body of these links, checked; `reach` is that of the arm, m."""
     name, (unit, low, high) = joint.get("name", ""), _limits(joint)
-    axis = np.array(_numbers(f"axis of {name}", joint.find("axis"), "xyz", "-", "1 0 0", MOST_INERTIA))
+    if (along := _only(joint, "axis", name)) is not None and along.get("xyz") is None:
+        raise ValueError(f"axis of {name} has no xyz")
+    axis = np.array(_numbers(f"axis of {name}", along, "xyz", "-", "1 0 0", MOST_INERTIA))
     if not (length := np.linalg.norm(axis)) > 0.0:
         raise ValueError(f"axis of {name} must not be 0 0 0")
     whole = np.sum(list(welded.values()), axis=0)
     mass, centre = float(whole[3, 3]), whole[:3, 3] / max(whole[3, 3], LEAST_MASS)
     if not mass >= LEAST_MASS:
-        raise ValueError(f"joint {name!r} moves no mass until the next one, {mass:g} kg: allowed is {LEAST_MASS:g}")
+        raise ValueError(
+            f"link {next(iter(welded))!r}, which joint {name!r} moves, must have at least {LEAST_MASS:g} kg with all"
+            f" that is welded to it, got {mass:g} kg"
+        )
     spread, axes = np.linalg.eigh(whole[:3, :3] - mass * np.outer(centre, centre))  # of the mass along its axes
     least, middle, most = (spread.sum() - spread[::-1]).tolist()
     first, *others = [repr(link) for link, part in welded.items() if part.any()]

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from arms import edited, joint, link, rods, seven_joints, write
+from arms import SHOULDER, edited, joint, link, rods, seven_joints, write
 from scipy.spatial.transform import Rotation
 
 import impact_gym as ig
@@ -140,7 +140,7 @@ READ = {  # edit of two rods; mass (kg) and moment about z (kg m^2) of what is a
     "a comment and a mesh": ("<link name=\"tip\">", '<!-- <link name="upper"/> --><link name="tip"><visual><geometry>'
                              '<mesh filename="package://no/such.stl"/></geometry></visual>', 0.0, 0.0, None),
     "a prefix that nobody declared": ('velocity="1"', 'velocity="1" drake:acceleration="9"', 0.0, 0.0, None),
-    "Latin-1": ("<robot", '<?xml version="1.0" encoding="latin-1"?><robot', 0.0, 0.0, None),
+    "limits in degrees": (SHOULDER, r'\1"-170" upper="170"', 0.0, 0.0, "'shoulder' has limits of -170 and 170 rad"),
 }  # fmt: skip
 
 
@@ -195,9 +195,18 @@ def test_500_joints_are_an_arm_and_20_newton_metres_a_radian_no_mistake(tmp_path
 
 
 @pytest.mark.parametrize(("content", "said"), [
-    (gzip.compress(b"<robot/>"), "gzip"), ('<robot name="ä"/>'.encode("latin-1"), "invalid token"), (b"", "no element"),
+    (gzip.compress(b"<robot/>"), "gzip"), ('<robot name="ä"/>'.encode("latin-1"), "0xe4"), (b"", "no element"),
+    (b" " * 17_000_000, "at most 16,777,216 bytes"),
 ])  # fmt: skip
 def test_file_that_is_no_text_of_a_urdf_is_refused_in_one_line(content, said, tmp_path):
     (tmp_path / "arm.urdf").write_bytes(content)
-    with pytest.raises(ValueError, match=rf"arm\.urdf: no URDF that can be read, .*{said}[^\n]*$"):
+    with pytest.raises(ValueError, match=rf"arm\.urdf is not read as URDF: .*{said}[^\n]*$"):
         from_urdf(tmp_path / "arm.urdf", "base", "tip", **ELASTIC)
+
+
+@pytest.mark.parametrize("encoding", ["latin-1", "windows-1252", "utf-8-sig", "utf-16", "utf-16-be", "gb18030"])
+def test_encoding_is_the_one_that_a_file_declares(encoding, tmp_path):
+    text = edited(tmp_path, "shoulder", "épaule").read_text(encoding="utf-8")
+    path = tmp_path / "declared.urdf"
+    path.write_bytes(f'<?xml version="1.0" encoding="{encoding}"?>\n{text}'.encode(encoding))
+    assert from_urdf(path, "base", "tip", **ELASTIC).joints == ("épaule", "elbow")
