@@ -147,8 +147,9 @@ READ = {  # edit of two rods; mass (kg) and moment about z (kg m^2) of what is a
 @pytest.mark.parametrize(("old", "new", "mass", "moment", "warning"), READ.values(), ids=READ)
 def test_mass_matrix_is_the_sum_over_all_that_moves(old, new, mass, moment, warning, tmp_path):
     """Of m J' J and the moments about z, both written down for a chain in a plane."""
-    with pytest.warns(UserWarning, match=warning) if warning else nullcontext():
+    with pytest.warns(UserWarning, match=warning) if warning else nullcontext() as caught:
         arm = from_urdf(edited(tmp_path, old, new), "base", "tip", **ELASTIC)
+    assert not caught or caught[0].filename == __file__  # it points to who called
     q, expected = np.array([0.3, 0.9]), np.zeros((2, 2))
     for rod, m, x, y, about_z in (
         (0, 3.0, 0.25, 0.0, 0.0626), (1, 2.0, 0.2, 0.0, 2 * 0.4**2 / 12 + 1e-4), (1, mass, 0.5, 0.05, moment)
@@ -197,7 +198,7 @@ def test_500_joints_are_an_arm_and_20_newton_metres_a_radian_no_mistake(tmp_path
 @pytest.mark.parametrize(("content", "said"), [
     (gzip.compress(b"<robot/>"), "gzip"), ('<robot name="ä"/>'.encode("latin-1"), "0xe4"), (b"", "no element"),
     (b" " * 17_000_000, "at most 16,777,216 bytes"),
-])  # fmt: skip
+], ids=["gzip", "Latin-1", "empty", "large"])  # fmt: skip
 def test_file_that_is_no_text_of_a_urdf_is_refused_in_one_line(content, said, tmp_path):
     (tmp_path / "arm.urdf").write_bytes(content)
     with pytest.raises(ValueError, match=rf"arm\.urdf is not read as URDF: .*{said}[^\n]*$"):
