@@ -160,6 +160,6 @@ def test_site_builds_is_whole_and_finds_what_is_searched_for_without_a_network(t
     assert all(f"<code>{name}</code>" in (site / "environment.html").read_text() for name in arguments())
     with chromium() as browser:
         page, problems = opened(browser, site / "physics" / "contact.html")
-        page.locator(".md-search__input").fill("solref")
-        page.locator(".md-search-result__item h1", has_text="Questions").wait_for()
+        page.locator(".md-search__input").press_sequentially("solref")
+        page.locator(".md-search-result__item h1", has_text="Questions").wait_for(timeout=120_000)
         assert problems == []

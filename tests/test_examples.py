@@ -86,7 +86,6 @@ def test_loops_print_what_simulate_gives():
     assert scenarios == 1000
 
 
-@pytest.mark.storm
 def test_stable_baselines3_script_learns():
     (untrained,), (steps, trained) = printed_by("stable_baselines3_ppo.py", "32768")
     assert steps == 32768

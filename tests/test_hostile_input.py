@@ -93,6 +93,7 @@ BLOW = ig.simulate(SCENE, MOTION, 0.4, trace=True).trace
 LOG = {"time": TIMES.tolist(), "force": np.interp(TIMES, BLOW.time, BLOW.contact_force).tolist()}
 SETUP = tomllib.loads(TEXT)
 SETUP["training"] |= {"time_weight": [0.5, 8.0], "nominal": 0.5, "teacher": "mine", "activation": "relu", "rtol": 1e-6}
+SETUP["training"]["imitation_steps"] = SETUP["training"]["steps"]
 SETUP["baselines"] |= {"against": ["mine"], "tuned": {"mine": {"rule": "Ranged", "jitter": 0.1}}}
 SETUP["baselines"]["bound"] = "linear-blind"
 SETUP["evaluation"] |= {"nominal": {"robot": "rigid"}, "typical": 2.0}

@@ -21,8 +21,9 @@ from agents import archive, load_policy, load_setup
 from agents.baselines.bound import path_of
 from agents.export.c_header import header, identifier, write_header
 from agents.export.replay import LANGUAGES, WARNINGS, compiled
-from agents.policies import Policy
+from agents.policies import Ensemble, Policy
 from agents.policies.networks import from_arrays, to_arrays
+from agents.policies.policy import FORMAT
 from experiments.report.__main__ import ReportOptions, write
 from impact_gym import validation
 
@@ -123,6 +124,7 @@ def member(shape, content):
     (member((100_000, 1000, 1000), b""), zipfile.ZIP_STORED, "claims 800,000,000,000 bytes and has 0"),
     (member((2_000_000,), bytes(16_000_000)), zipfile.ZIP_DEFLATED, "would unpack from"),
     (member((0,), b""), zipfile.ZIP_LZMA, "is compressed"),
+    (member((1,), bytes(16)), zipfile.ZIP_STORED, "claims 8 bytes and has 16"),
 ])  # fmt: skip
 def test_load_policy_refuses_what_is_larger_than_its_file(content, how, message, tmp_path):
     path = made_up_policy().save(tmp_path / "it.npz")
@@ -131,6 +133,16 @@ def test_load_policy_refuses_what_is_larger_than_its_file(content, how, message,
     refused(partial(load_policy, path), message)
     with path.open("rb") as file:
         refused(partial(archive.load, file, "impact_gym policies 3"), message)
+
+
+@pytest.mark.parametrize("part", ["mean.weight", "mean.bias", "hidden_0.weight", "log_std.bias"])
+def test_load_policy_refuses_numbers_of_another_type_or_that_are_not_finite(part, tmp_path):
+    content, arrays = Ensemble([made_up_policy(sizes=(4,))], 0).packed()
+    weights = arrays[f"0/{part}"]
+    lost = np.where(weights == weights.flat[-1], np.float32(np.nan), weights)
+    for other, said in ((weights.astype(float), "float32"), (weights.astype(bool), "float32"), (lost, "finite")):
+        archive.write_archive(tmp_path / "it.npz", FORMAT, content, {**arrays, f"0/{part}": other})
+        refused(partial(load_policy, tmp_path / "it.npz"), part.partition(".")[0], said)
 
 
 @pytest.mark.parametrize("name", ["width", "depth", "rollout"])

@@ -100,12 +100,15 @@ class Rule:
     def for_environment(self, environment: Mapping[str, Any]) -> Self:
         """Return the same rule for an environment with these arguments; positions are `placed` where its objects stand.
 
+        Those that change nothing of the task, `render_mode` and `record_trace`, are left out.
+
         Raises:
             ValueError: the environment does not show what the rule looks at.
         """
         kind: Any = type(self)
         twin, truth = copy.copy(self), {name: True for name in self.NEEDS if name == "privileged"}
-        twin.task = Task(**{**environment, **truth})
+        of_task = {name: value for name, value in environment.items() if name not in ("render_mode", "record_trace")}
+        twin.task = Task(**{**of_task, **truth})
         twin.spec = ObservationSpec(twin.task)
         if missing := [name for name in least_task(kind)[1].ids if name not in twin.spec]:
             arguments = ", ".join(f"{name} = {value}" for name, value in self.NEEDS.items())

@@ -91,8 +91,9 @@ class Training:
             raise ValueError(f"activation must be {' or '.join(get_args(Activation))}, got {self.activation!r}")
         if not isinstance(self.teacher, str):
             raise ValueError(f"teacher must be the name of a tuned baseline, got {self.teacher!r}")
-        if self.teacher:
-            number("imitation_steps", self.imitation_steps, "-", at_most=self.steps)
+        if self.teacher and self.steps < self.imitation_steps:
+            raise ValueError(f"steps must be at least imitation_steps, {self.imitation_steps} (no unit), "
+                             f"got {self.steps} (no unit)")  # fmt: skip
         object.__setattr__(self, "time_weight", QUANTITIES["time_weight"].interval(self.time_weight))
         for name in ("nominal", "gae_lambda", "weight_power", "final_rate"):
             number(name, getattr(self, name), "-", at_least=0, at_most=1)

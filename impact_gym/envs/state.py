@@ -79,12 +79,9 @@ def check(here: Mapping[str, NDArray[Any]], there: Mapping[str, NDArray[Any]], t
             inside = (low > above) & (low >= least) & (low <= high) & (high <= largest)
             good = inside | ~begun | (values == fixed[:, PLACES[field]]) if what != "draws" else inside
             require(f"{what}.{field}", low, good, f"above {above:g} and {least:g} to {largest:g} {unit}")
-    slots = there["readings"].shape[1]
-    under_way = episodes["pushed"] - episodes["popped"]
-    slots = there["readings"].shape[1]
-    require(
-        "episodes.popped", episodes["popped"], (under_way >= 0) & (under_way <= slots), f"up to {slots} below pushed"
-    )
+    under_way, slots = episodes["pushed"] - episodes["popped"], there["readings"].shape[1]
+    kept = (under_way >= 0) & (under_way <= slots)
+    require("episodes.popped", episodes["popped"], kept, f"up to {slots} below pushed")
     require("chains.steps", chains["steps"], chains["steps"] <= 2 * max_steps, f"at most {2 * max_steps}")
     require("chains.time", chains["time"], failed | (np.abs(chains["time"]) <= LONGEST), f"at most {LONGEST:g} s")
     for name in ("oldest", "looked_at"):

@@ -7,7 +7,7 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2, f, norm
+from scipy.special import chdtrc, fdtrc, ndtri  # scipy.stats would double the time of an import
 
 from impact_gym.identify.coordinates import RESTITUTION
 from impact_gym.identify.fit import Ends, Fit
@@ -137,21 +137,21 @@ def misfits(fit: Fit) -> Iterator[str]:
         before, behind = rest[at < touch], rest[at >= touch]
         if name != "tool_velocity" and len(before) >= MIN_BEFORE:
             spread, mean = float(np.std(before, ddof=1)), float(np.mean(before))
-            limit = float(norm.isf(FALSE_ALARM / 2.0)) * spread / len(before) ** 0.5
+            limit = -float(ndtri(FALSE_ALARM / 2.0)) * spread / len(before) ** 0.5
             if abs(mean) > limit and model.sensors[name].bias != "estimated":
                 yield (f"{log.name}, {name} is off by {mean * noise:.3g} {unit} before the touch: the sensor was not "
                        'tared; give its bias, or Sensor(bias="estimated")')  # fmt: skip
             ratio = float(np.mean(behind**2)) / spread**2 if len(behind) else 0.0
-            if f.sf(ratio, len(behind), len(before) - 1) < FALSE_ALARM:
+            if fdtrc(len(behind), len(before) - 1, ratio) < FALSE_ALARM:
                 yield (f"{log.name}, {name}: the model leaves {ratio**0.5:.3g} times as much from the touch on as the "
                        "noise before it: does the scene, or the sensor, leave something out?")  # fmt: skip
-        if model.sensors[name].noise is not None and chi2.sf(float(np.sum(rest**2)), n) < FALSE_ALARM:
+        if model.sensors[name].noise is not None and chdtrc(n, float(np.sum(rest**2))) < FALSE_ALARM:
             yield (f"{log.name}, {name}: the model leaves {float(np.mean(rest**2)) ** 0.5:.3g} times the noise that "
                    "the sensor is said to have")  # fmt: skip
         lags = np.arange(1, min(LAGS, n // 5) + 1)
         centred = rest - rest.mean()
         power = [float(centred[lag:] @ centred[:-lag]) / float(centred @ centred) for lag in lags]
-        if len(lags) and chi2.sf(n * (n + 2) * np.sum(np.square(power) / (n - lags)), len(lags)) < FALSE_ALARM:
+        if len(lags) and chdtrc(len(lags), n * (n + 2) * np.sum(np.square(power) / (n - lags))) < FALSE_ALARM:
             yield (f"{log.name}, {name}: what the model leaves is not white noise (Ljung and Box): the signal drifts, "
                    "or the scene or the sensor is another")  # fmt: skip
 

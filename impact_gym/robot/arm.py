@@ -11,10 +11,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 
+from impact_gym.files import parsed
 from impact_gym.robot import line, urdf
 from impact_gym.robot.approach import Approach, Array
-from impact_gym.validation import number, numbers, whole
+from impact_gym.validation import choice, number, numbers, one_of, whole
 
 PerJoint = float | Sequence[float] | Sequence[tuple[float, float]]
 """A number for all joints, one for each, or a pair (low, high) for all or for each, drawn log-uniformly."""
@@ -22,7 +24,7 @@ PerJoint = float | Sequence[float] | Sequence[tuple[float, float]]
 
 def from_urdf(
     path: Path | str, base: str, tip: str, *, joint_stiffness: PerJoint, joint_damping: PerJoint,
-    rotor_inertia: PerJoint | None = None, gear: PerJoint | None = None, seed: int = 0,
+    rotor_inertia: PerJoint | None = None, gear: PerJoint | None = None, seed: int = 0, inertia: str = "given",
 ) -> "Arm":  # fmt: skip
     """Return the arm between two links of a URDF file, its joints elastic between motor and link.
 
@@ -37,22 +39,30 @@ def from_urdf(
         rotor_inertia: of the motors' rotors, kg m^2, or kg; needed by the servo of `whole.simulate` alone.
         gear: turns of the rotor for one of the joint, 1 unless given.
         seed: of what is drawn from pairs.
+        inertia: "given", or "balanced" for a file whose rounding breaks the triangle rule, that no principal moment of
+            inertia exceeds the sum of the other two: a body that breaks it, and no other, gets the mean of its three
+            moments for each, as by MuJoCo's `balanceinertia`. A body is all that is welded together behind a joint.
 
     Raises:
-        ValueError: the file is no such arm, or a number is none for it; says which.
+        TypeError, ValueError: the file is no such arm, or a joint parameter is invalid; says which.
         ImportError: MuJoCo is not installed.
+
+    Warns:
+        UserWarning: a link that the arm moves has inertia but no mass, and its inertia is left out; or a joint beside
+            the arm mimics one of the arm's, but is held at zero; or a limit of a joint is beyond 10 rad or 100 m.
     """
+    choice("inertia", inertia, ("given", "balanced"))
+    one_of("path", path, str, Path)
+    one_of("base", base, str)
+    one_of("tip", tip, str)
     rng = np.random.default_rng(whole("seed", seed, at_least=0))
-    try:
-        xml, joints = urdf.read(Path(path), base, tip)
-        arm = Arm(xml, joints)
-    except ValueError as problem:  # MuJoCo's own have two lines
-        raise ValueError(f"{path}: {' '.join(str(problem).split())}") from None
+    balanced = inertia == "balanced"
+    arm = parsed(Path(path), "URDF", lambda text: Arm(*urdf.read(text, base, tip, balanced)), urdf.decoded)
     arm.stiffness = _per_joint("joint_stiffness", joint_stiffness, arm.count, rng, "N m/rad", above=0)
     arm.damping = _per_joint("joint_damping", joint_damping, arm.count, rng, "N m s/rad", at_least=0)
-    inertia = 0.0 if rotor_inertia is None else rotor_inertia
+    rotors = 0.0 if rotor_inertia is None else rotor_inertia
     turns = _per_joint("gear", 1.0 if gear is None else gear, arm.count, rng, "-", above=0)
-    arm.rotors = _per_joint("rotor_inertia", inertia, arm.count, rng, "kg m^2", at_least=0) * turns**2
+    arm.rotors = _per_joint("rotor_inertia", rotors, arm.count, rng, "kg m^2", at_least=0) * turns**2
     return arm
 
 
@@ -74,6 +84,11 @@ def _per_joint(name: str, given: Any, count: int, rng: np.random.Generator, unit
     return np.array(numbers(name, given, unit, **limits))
 
 
+def _pose(place: Array) -> tuple[Array, Array]:
+    """Return a homogeneous place as MuJoCo has it: position, and quaternion with the real part first."""
+    return place[:3, 3], np.roll(Rotation.from_matrix(place[:3, :3]).as_quat(), 1)
+
+
 class Arm:
     """A serial arm of n joints; see `from_urdf`."""
 
@@ -81,7 +96,7 @@ class Arm:
     damping: Array  # N m s/rad or N s/m, (n,)
     rotors: Array  # inertia of the motors behind the gear, kg m^2 or kg, (n,)
 
-    def __init__(self, xml: str, joints: Sequence[urdf.Joint]) -> None:
+    def __init__(self, bodies: Sequence[urdf.Body], tip: Array) -> None:
         try:
             # by name: the package has to load, and its types to check, where MuJoCo is not installed
             self._mujoco: Any = importlib.import_module("mujoco")
@@ -89,10 +104,20 @@ class Arm:
             raise ImportError(
                 "computing a robot needs MuJoCo: pip install 'impact-gym[robot]' (the shipped table does not need it)"
             ) from missing
-        self.joints, self.units = tuple(joint.name for joint in joints), tuple(joint.unit for joint in joints)
-        self.lower, self.upper = (np.array([getattr(joint, end) for joint in joints]) for end in ("low", "high"))
-        self._xml = xml
-        self._load(self._mujoco.MjSpec.from_string(xml))
+        self.joints, self.units = tuple(body.name for body in bodies), tuple(body.unit for body in bodies)
+        self.lower, self.upper = (np.array([getattr(body, end) for body in bodies]) for end in ("low", "high"))
+        self._specification = self._mujoco.MjSpec()
+        last, kinds = self._specification.worldbody, self._mujoco.mjtJoint
+        for body in bodies:
+            (place, turn), (centre, axes) = _pose(body.place), _pose(body.axes)
+            last = last.add_body(
+                pos=place, quat=turn, mass=body.mass, ipos=centre, iquat=axes, inertia=body.moments,
+                explicitinertial=True,
+            )  # fmt: skip
+            last.add_joint(axis=body.axis, type=kinds.mjJNT_SLIDE if body.unit == "m" else kinds.mjJNT_HINGE)
+        place, turn = _pose(tip)
+        last.add_body(name="tip", pos=place, quat=turn)
+        self._load(self._specification)
 
     def _load(self, specification: Any) -> None:
         self._model = specification.compile()
@@ -103,7 +128,7 @@ class Arm:
         """Return the arm with a point mass (kg) at its flange."""
         loaded = Arm.__new__(Arm)
         loaded.__dict__ = dict(self.__dict__)
-        specification = self._mujoco.MjSpec.from_string(self._xml)
+        specification = self._specification.copy()
         load = specification.body("tip").add_body(mass=mass, ipos=[0.0, 0.0, 0.0])
         load.inertia, load.explicitinertial = [1e-15] * 3, True
         loaded._load(specification)

@@ -26,7 +26,7 @@ At 30 joint 5 of the Viper is 6 to 10 deg from a straight wrist, or joint 3 abou
 M_X,11 is some 100 kg, more than three times the whole robot: a small displacement of the flange is no small rotation of
 the joints there, and eq. 11-16 end.
 """
-SOFTEST, STIFFEST = 1e3, 1e8  # N/m, along a line: beyond these a unit has slipped
+SOFTEST, STIFFEST = 1.0, 1e8  # N/m, along a line: beyond these a unit has slipped; servos of 20 N m/rad give 100
 
 
 def _unit(direction: ArrayLike) -> Array:

@@ -237,8 +237,9 @@ def test_controller_in_c_stops_where_the_operator_is_silent_and_withdraws_after_
     fields["command"] = np.where(np.abs(time - 0.5) < 0.02, math.nan, 0.2)
     fields["command_age"] = 0.1 + np.clip(time - 1.0, 0.0, 0.3) * (time < 1.3)  # none comes from 1.0 to 1.3 s
     fields["command_age"][[40, 44, 48]] = -math.inf, math.nan, math.inf
-    commands = replayed(program, np.stack(list(fields.values()), axis=-1)[:, None], [150], [2.0])
-    silent = np.isnan(fields["command"]) | ((time >= 1.0 + 0.1 + 0.008) & (time < 1.3))
+    late = np.where(np.isin(np.arange(150), (20, 22)), math.inf, math.nan)[:, None]
+    commands = replayed(program, np.stack(list(fields.values()), axis=-1)[:, None], [150], [2.0], late)
+    silent = np.isnan(fields["command"]) | np.isinf(late[:, 0]) | ((time >= 1.0 + 0.1 + 0.008) & (time < 1.3))
     back = 0.3 * np.clip(1.0 - (time - 1.5 - 0.15) / 0.1, 0.0, 1.0) * (time >= 1.5)
     assert silent.sum() > 12
     assert commands[:, 0, 0] == pytest.approx(np.where(silent, 0.0, 0.2 - back), abs=1e-9)

@@ -45,7 +45,6 @@ def assert_same(fast, slow, velocity_error):
     assert slow["peak_force"] == pytest.approx(fast.peak_force, rel=1e-6)
 
 
-@pytest.mark.storm
 @pytest.mark.parametrize(("setup", "controller", "velocity_error"), [
     ("linear-blind", PaperTrapezoid(), 1e-8),
     # where a bit of a float32 observation differs, the command may differ by its resolution of 1e-6 m/s
@@ -59,7 +58,6 @@ def test_environment_plays_what_the_reference_plays(setup, controller, velocity_
     assert_same(fast, slow, velocity_error)
 
 
-@pytest.mark.storm
 @pytest.mark.parametrize(("frozen", "options", "rows", "velocity_error"), [
     *(("validation", {"alarm": alarm, "control_period": period, "reaction_delay": delay}, 4, 1e-8)
       for alarm in ("force", "reading")

@@ -149,7 +149,7 @@ def powers(low, high):
 
 EXTREME = {
     "object_mass": powers(1e-6, 1e6), "contact_stiffness": powers(1e-2, 1e9), "restitution": powers(1e-4, 1.0),
-    "distance": powers(1e-6, 1e3),
+    "distance": powers(1e-6, 0.5),
 }  # fmt: skip
 SPRING = st.fixed_dictionaries({"stiffness": powers(1e-3, 1e7), "damping_ratio": st.floats(0.0, 10.0)})
 EXTREME_ARGUMENTS = {

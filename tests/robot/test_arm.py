@@ -1,10 +1,13 @@
 """Any serial arm from a URDF: closed forms of small ones, and what must not matter."""
 
+import gzip
+import re
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from arms import edited, joint, link, rods, seven_joints
+from arms import SHOULDER, edited, joint, link, rods, seven_joints, write
 from scipy.spatial.transform import Rotation
 
 import impact_gym as ig
@@ -103,14 +106,108 @@ def test_numbers_of_joints_are_one_for_all_one_for_each_or_drawn_between_two(tmp
     assert seven.rotors == pytest.approx(np.ones(7))
 
 
-GRIPPER = joint("finger", "prismatic", "tip", "claw", extra='<mimic joint="elbow"/>') + link("claw", 0.1)
+def on_tip(parts, *more):
+    """An edit that welds links to the tip, each at x = 0.1 m and y = 0.05 m of it, and adds other parts."""
+    welded = "".join(joint(f"weld {k}", "fixed", "tip", f"part {k}") + part for k, part in enumerate(parts))
+    return "</robot>", "".join((welded, *more, "</robot>"))
 
 
-@pytest.mark.parametrize(("old", "new", "mass"), [
-    ("</robot>", GRIPPER + "</robot>", 5.1),
-    ('velocity="1"', 'velocity="1" drake:acceleration="9"', 5.0),  # as in a file of airo-models
-], ids=["what hangs on the arm moves with it", "a prefix that nobody declared is a name"])  # fmt: skip
-def test_arm_is_what_its_file_says(old, new, mass, tmp_path):
-    arm = from_urdf(edited(tmp_path, old, new), "base", "tip", **ELASTIC)
+def part(mass, moments=(0.0, 0.0, 0.0), name="part 0", extra="", turn="0 0 0"):
+    return link(name, mass, (0.1, 0.05, 0.0), moments, extra).replace(' 0.05 0.0"', f' 0.05 0.0" rpy="{turn}"')
+
+
+POINT = re.sub("<inertia .*?/>", "", part(0.5))
+FRAMES = [joint(f"to {k}", "fixed", f"frame {k - 1}" if k else "tip", f"frame {k}") for k in range(500)]
+AXES, SKEW = (1e-3, 2e-3, 2.5e-3), part(0.0).replace("</link>", '<inertial><mass value="0"/><inertia ixx="1" iyy="1"'
+    ' izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>')  # fmt: skip
+READ = {  # edit of two rods; mass (kg) and moment about z (kg m^2) of what is at (0.5, 0.05) m of the second; a warning
+    "a frame of 1e-9 kg": (*on_tip([part(1e-9)]), 1e-9, 0.0, None),
+    "a point payload": (*on_tip([POINT]), 0.5, 0.0, None),
+    "an IMU against the triangle rule": (*on_tip([part(1e-7, (1e-11, 1e-11, 9e-11))]), 1e-7, 9e-11, None),
+    "moments along turned axes": (*on_tip([part(0.5, AXES, turn="1.5707963267948966 0 0")]), 0.5, 2e-3, None),
+    "inertia without mass": (*on_tip([SKEW]), 0.0, 0.0, "link 'part 0' has inertia but no mass"),
+    "a finger follows the arm": (
+        *on_tip([POINT], joint("finger", "revolute", "tip", "claw", extra='<mimic joint="elbow"/>'), link("claw")),
+        0.5, 0.0, "joint 'finger' mimics 'elbow'"),
+    "a finger follows another": (*on_tip([], joint("finger", "prismatic", "tip", "part 0", extra='<mimic joint="t"/>'),
+                                         part(0.1)), 0.1, 0.0, None),
+    "what stands still": (*on_tip([], joint("other", "planar", "base", "hull"), part("nan", name="hull")), 0, 0, None),
+    "a second root": (*on_tip([POINT], link("alone")), 0.5, 0.0, None),
+    "blanks and slashes": (*(each.replace("part 0", "a/b c") for each in on_tip([POINT])), 0.5, 0.0, None),
+    "500 frames": (*on_tip([], *FRAMES, *(link(f"frame {k}") for k in range(499)),
+                           POINT.replace("part 0", "frame 499")), 0.5, 0.0, None),
+    "six digits of a plate": ('izz="[^"]*"', f'izz="{0.0626 * (1 + 4e-7)}"', 0.0, 0.0, None),
+    "a comment and a mesh": ("<link name=\"tip\">", '<!-- <link name="upper"/> --><link name="tip"><visual><geometry>'
+                             '<mesh filename="package://no/such.stl"/></geometry></visual>', 0.0, 0.0, None),
+    "a prefix that nobody declared": ('velocity="1"', 'velocity="1" drake:acceleration="9"', 0.0, 0.0, None),
+    "limits in degrees": (SHOULDER, r'\1"-170" upper="170"', 0.0, 0.0, "'shoulder' has limits of -170 and 170 rad"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("old", "new", "mass", "moment", "warning"), READ.values(), ids=READ)
+def test_mass_matrix_is_the_sum_over_all_that_moves(old, new, mass, moment, warning, tmp_path):
+    """Of m J' J and the moments about z, both written down for a chain in a plane."""
+    with pytest.warns(UserWarning, match=warning) if warning else nullcontext() as caught:
+        arm = from_urdf(edited(tmp_path, old, new), "base", "tip", **ELASTIC)
+    assert not caught or caught[0].filename == __file__  # it points to who called
+    q, expected = np.array([0.3, 0.9]), np.zeros((2, 2))
+    for rod, m, x, y, about_z in (
+        (0, 3.0, 0.25, 0.0, 0.0626), (1, 2.0, 0.2, 0.0, 2 * 0.4**2 / 12 + 1e-4), (1, mass, 0.5, 0.05, moment)
+    ):  # fmt: skip
+        place = x + 1j * y  # of the plane, as complex numbers
+        first = place if rod == 0 else 0.5 + place * np.exp(1j * q[1])
+        moves = np.array([first, rod * place * np.exp(1j * q[1])])
+        turns = np.array([1, rod])
+        expected += m * (np.outer(moves.conj(), moves)).real + about_z * np.outer(turns, turns)
     assert arm.joints == ("shoulder", "elbow")
-    assert arm.composite((0.3, 0.9))[0] == pytest.approx(mass)
+    assert arm.composite(q)[0] == pytest.approx(5.0 + mass, rel=1e-12)
+    np.testing.assert_allclose(arm.mass_matrix(q), expected, rtol=1e-6 if "izz" in old else 1e-12)
+
+
+def test_balanced_inertia_is_the_mean_of_the_moments_of_the_body_that_breaks_the_rule(tmp_path):
+    """As MuJoCo's own reading with `balanceinertia`, which refuses the file without it."""
+    import mujoco
+
+    path = edited(tmp_path, 'ixx="0.0001"', 'ixx="0.2"')
+    specification = mujoco.MjSpec.from_file(str(path))
+    specification.compiler.balanceinertia = True
+    model, q = specification.compile(), np.array([0.3, 0.9])
+    data, theirs = mujoco.MjData(model), np.zeros((2, 2))
+    data.qpos[:] = q
+    mujoco.mj_forward(model, data)
+    for row, unit in zip(theirs, np.eye(2), strict=True):
+        mujoco.mj_mulM(model, data, row, unit)
+    arm = from_urdf(path, "base", "tip", inertia="balanced", **ELASTIC)
+    np.testing.assert_allclose(arm.mass_matrix(q), theirs, rtol=1e-12)
+    plain = from_urdf(rods(tmp_path), "base", "tip", inertia="balanced", **ELASTIC).mass_matrix(q)
+    changed = np.array([[(0.2 + 0.0625 + 0.0626) / 3 - 0.0626, 0.0], [0.0, 0.0]])
+    np.testing.assert_allclose(theirs, plain + changed, rtol=1e-12)
+
+
+def test_500_joints_are_an_arm_and_20_newton_metres_a_radian_no_mistake(tmp_path):
+    parts = [joint(f"{k}", "revolute", f"link {k}", f"link {k + 1}", (0.01, 0, 0)) for k in range(500)]
+    arm = from_urdf(write(tmp_path, link("link 0"), *parts, *(link(f"link {k + 1}", 0.1) for k in range(500))),
+                    "link 0", "link 500", joint_stiffness=20.0, joint_damping=0.1)  # fmt: skip
+    assert arm.composite(np.zeros(500))[0] == pytest.approx(50.0)
+    soft = from_urdf(rods(tmp_path), "base", "tip", joint_stiffness=20.0, joint_damping=0.1)
+    table, rates = soft.along((0.3, 0.9), (-1.0, -1.0, 0.0), 0.05), np.linalg.inv(soft.jacobian((0.3, 0.9))[:2])
+    assert table.stiffness[0] == pytest.approx(20.0 * np.sum((rates @ table.direction[:2]) ** 2))
+    assert table.stiffness[0] < 1e3
+
+
+@pytest.mark.parametrize(("content", "said"), [
+    (gzip.compress(b"<robot/>"), "gzip"), ('<robot name="ä"/>'.encode("latin-1"), "0xe4"), (b"", "no element"),
+    (b" " * 17_000_000, "at most 16,777,216 bytes"),
+], ids=["gzip", "Latin-1", "empty", "large"])  # fmt: skip
+def test_file_that_is_no_text_of_a_urdf_is_refused_in_one_line(content, said, tmp_path):
+    (tmp_path / "arm.urdf").write_bytes(content)
+    with pytest.raises(ValueError, match=rf"arm\.urdf is not read as URDF: .*{said}[^\n]*$"):
+        from_urdf(tmp_path / "arm.urdf", "base", "tip", **ELASTIC)
+
+
+@pytest.mark.parametrize("encoding", ["latin-1", "windows-1252", "utf-8-sig", "utf-16", "utf-16-be", "gb18030"])
+def test_encoding_is_the_one_that_a_file_declares(encoding, tmp_path):
+    text = edited(tmp_path, "shoulder", "épaule").read_text(encoding="utf-8")
+    path = tmp_path / "declared.urdf"
+    path.write_bytes(f'<?xml version="1.0" encoding="{encoding}"?>\n{text}'.encode(encoding))
+    assert from_urdf(path, "base", "tip", **ELASTIC).joints == ("épaule", "elbow")
