@@ -149,6 +149,12 @@ def check(
         _refuse_other_force(log, replaced(scene, lightest), motion, sensors["force"])
 
 
+def tool_mass(scene: Scene) -> float:
+    """Return the mass (kg) of the tool and what is fixed to it."""
+    behind = scene.robot.mass if isinstance(scene.robot, Robot) else math.inf
+    return scene.tool.mass + (behind if isinstance(scene.coupling, Rigid) else 0.0)
+
+
 def _refuse_other_force(log: Log, scene: Scene, motion: Trapezoid, sensor: Sensor) -> None:
     """Refuse a force that pulls, and one whose impulse is far below what stops bodies as light as the scene's."""
     force = log.columns["force"] - level(log.columns["force"], sensor)
@@ -156,8 +162,7 @@ def _refuse_other_force(log: Log, scene: Scene, motion: Trapezoid, sensor: Senso
     if sensor.bias != "estimated" and -least > most:
         raise ValueError(f"{log.name}, force must be above 0 N where the tool presses, got {least:g} to {most:g} N: "
                          "has it the other sign?")  # fmt: skip
-    behind = scene.robot.mass if isinstance(scene.robot, Robot) else math.inf
-    tool = scene.tool.mass + (behind if isinstance(scene.coupling, Rigid) else 0.0)
+    tool = tool_mass(scene)
     speed = min(motion.speed, math.sqrt(2.0 * motion.acceleration * scene.object.distance))
     usual = speed / (1.0 / tool + 1.0 / scene.object.mass)
     blows = bursts(log.columns["force"], sensor)

@@ -12,17 +12,17 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from impact_gym.identify.coordinates import MASS, RESTITUTION, STIFFNESS
-from impact_gym.identify.log import Log
+from impact_gym.identify.log import Log, tool_mass
 from impact_gym.identify.model import Model
 from impact_gym.identify.sensor import Array, level
-from impact_gym.scene import Rigid, Robot, Scene
+from impact_gym.scene import Scene
 from impact_gym.simulation import Trace
 
 SCATTERED = 40  # scenes beside the given one
 SEED = 0
 RESTITUTIONS = 0.1, 0.3, 0.5, 0.7, 0.9, 0.98  # of scenes with the impulse and the width of the measured blow
 PASSES, NEAR = 8, 0.1  # simulations to find such a scene, at most, and how near (ln) is enough
-WALL = 1e3  # times the mass of the tool: no blow shows a heavier object
+HEAVY = 1e3  # times the mass of the tool, where the impulse says a wall
 ROUNDS, ROUND_EVALUATIONS = 5, 8  # of a race: fits are compared after so many evaluations of the residuals
 MIN_GAP_REDUCTION = 0.2  # drop a fit that keeps more than 80 % of its gap to the best one per round
 GOOD_MISFIT = 20.0  # above the least misfit, relative to what noise leaves of a sample: a rough minimum worth polishing
@@ -64,16 +64,18 @@ def from_impulse(model: Model, given: Array) -> list[Array]:
     log, sensor = model.logs[k], model.sensors["force"]
     force, few = log.columns["force"], max(len(log.time) // 20, 1)
     rests = np.median(force[:few]), np.median(force[-few:])  # of which one may lie in the blow
-    impulse, peak = _impulse_and_peak(log.time, force - (min(rests) if sensor.bias == "estimated" else sensor.bias))
-    if impulse <= 0.0:
-        return []
+    force = force - (min(rests) if sensor.bias == "estimated" else sensor.bias)
+    impulse, peak = float(np.trapezoid(force, log.time)), float(force.max())
+
+    def put(name: str, u: float) -> None:
+        if name in places:
+            x[places[name]] = model.free[places[name]].clipped(u)
+
     points = []
-    for restitution in RESTITUTIONS if RESTITUTION in places else (model.scene.contact.restitution,):
-        x = given.copy()
-        if RESTITUTION in places:
-            x[places[RESTITUTION]] = model.free[places[RESTITUTION]].coordinate(restitution)
-        light, heavy = -math.inf, math.inf  # mass too light, too heavy
-        for _ in range(PASSES):
+    for restitution in RESTITUTIONS if RESTITUTION in places else RESTITUTIONS[:1]:
+        x, light, heavy = given.copy(), -math.inf, math.inf  # coordinates of masses too light, too heavy
+        put(RESTITUTION, math.log(restitution / (1.0 - restitution)))
+        for _ in range(PASSES if impulse > 0.0 else 0):
             try:
                 scene = model.scene_at(x)
                 trace = model.trace(scene, k, model.latest(scene, k))
@@ -83,30 +85,20 @@ def from_impulse(model: Model, given: Array) -> list[Array]:
             parted = touch + int(np.argmin(trace.contact_force[touch:]))
             n = max(np.searchsorted(trace.time, trace.time[touch] + log.time[-1] - log.time[0]), parted + 1)
             sensed = model.sensed(scene, trace, "force", trace.time[:n])[0]
-            simulated, high = _impulse_and_peak(trace.time[:n], sensed)
-            if simulated <= 0.0:
+            more = float(np.trapezoid(sensed, trace.time[:n])) / impulse
+            if more <= 0.0:
                 break
-            more, longer = simulated / impulse, simulated / high / (impulse / peak)
-            if MASS in places:
-                u, number = x[places[MASS]], model.free[places[MASS]]
-                light, heavy = (u, heavy) if more < 1.0 else (light, u)
-                behind = scene.robot.mass if isinstance(scene.robot, Robot) else math.inf
-                tool = scene.tool.mass + (behind if isinstance(scene.coupling, Rigid) else 0.0)
-                inverse = (1.0 / scene.object.mass + 1.0 / tool) * more - 1.0 / tool
-                u = -math.log(max(inverse, 1.0 / (WALL * scene.tool.mass)))
-                x[places[MASS]] = number.clipped(u if light < u < heavy else (light + heavy) / 2.0)
-            if STIFFNESS in places:
-                number = model.free[places[STIFFNESS]]
-                u = x[places[STIFFNESS]] + (scene.contact.stiffness_exponent + 1.0) * math.log(longer)
-                x[places[STIFFNESS]] = number.clipped(u)
+            longer, mass, u = more * peak / float(sensed.max()), tool_mass(scene), math.log(scene.object.mass)
+            light, heavy = (u, heavy) if more < 1.0 else (light, u)
+            inverse = (1.0 / scene.object.mass + 1.0 / mass) * more - 1.0 / mass
+            u = -math.log(max(inverse, 1.0 / (HEAVY * scene.tool.mass)))
+            put(MASS, u if light < u < heavy else (light + heavy) / 2.0)
+            exponent = scene.contact.stiffness_exponent + 1.0
+            put(STIFFNESS, math.log(scene.contact.stiffness) + exponent * math.log(longer))
             if max(abs(math.log(more)), abs(math.log(longer))) < NEAR:
                 break
         points.append(x)
     return points
-
-
-def _impulse_and_peak(time: Array, force: Array) -> tuple[float, float]:
-    return float(np.trapezoid(force, time)), float(force.max(initial=0.0))
 
 
 def start_at(model: Model, point: Array, share: float) -> Point:
