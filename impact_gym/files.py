@@ -100,7 +100,8 @@ def whole_file(path: Path) -> Iterator[IO[bytes]]:
     """
     name, path = path, Path(os.path.realpath(path))
     if path.is_symlink() or (path.exists() and not path.is_file()):  # realpath leaves a link where links form a ring
-        raise OSError(f"{name} must be a file or not be there yet, got what is no regular file: nothing is written")
+        what = "a folder, a device, a pipe or a ring of links"
+        raise OSError(f"{name} must be a file or not exist yet, but it is {what}: nothing is written")
     unfinished = path.with_name(f".{path.name}.{os.getpid()}{UNFINISHED}")
     with writing(str(name)):
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -35,11 +35,11 @@ class Identified:
     """What the logs say of the free numbers; all in SI units, keyed by their dotted names."""
 
     estimate: Mapping[str, float]
-    interval: Mapping[str, Interval]  # 95 % if there are no `warnings`; 0 or inf where the log sets no limit
+    interval: Mapping[str, Interval]  # 95 % unless there are `warnings`; 0 or inf: the log sets no limit
     correlation: Array  # (k, k), of the estimates in the order of `estimate`, on the scales they are fitted on
     scene: Scene  # with the estimates
     indistinguishable: tuple[str, ...]  # what the log cannot tell, in words; empty if it tells everything
-    warnings: tuple[str, ...]  # what shows that the model does not fit, each a UserWarning, too; empty if it does
+    warnings: tuple[str, ...]  # signs that the model does not fit the log, each also a UserWarning
     fit: Fit = field(repr=False)
 
     @classmethod
@@ -118,7 +118,7 @@ class Identified:
 
 
 def misfits(fit: Fit) -> Iterator[str]:
-    """Yield a sentence for each test of the residuals that a model which fits passes but once in 1 / FALSE_ALARM.
+    """Yield a sentence for each test of the residuals that fails, as a model that fits does once in 1 / FALSE_ALARM.
 
     The mean before the touch by the normal distribution; the size from there on beside that before it by Fisher's F, or
     where the noise is known by chi-squared; whiteness by Ljung and Box (Biometrika 65, 1978). Residuals within the
