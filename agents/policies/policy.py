@@ -19,7 +19,7 @@ from agents.policies.networks import Network, from_arrays, to_arrays
 from impact_gym.files import named_file, reason
 from impact_gym.task import ObservationSpec, Task
 from impact_gym.task.steering import without_files
-from impact_gym.task.task import arguments
+from impact_gym.task.task import ARGUMENTS
 from impact_gym.validation import array, shown, whole
 
 SHIPPED = Path(__file__).parent
@@ -90,7 +90,7 @@ class Policy:
     def differs_in(self, task: Task) -> list[str]:
         """Return the arguments in which a task is another than the one that the policy was trained for."""
         own = Task(**self.environment)
-        names = arguments().keys() - {*MAY_DIFFER}
+        names = ARGUMENTS.keys() - {*MAY_DIFFER}
         other = {name for name in names if getattr(own, name) != getattr(task, name)}
         ranges = {name for name in {*own.drawn, *task.drawn} if own.drawn.get(name) != task.drawn.get(name)}
         return sorted(other | {name.partition(".")[0] for name in ranges})

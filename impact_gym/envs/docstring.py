@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from impact_gym.quantities import QUANTITIES, SCENARIO, SET_UP, Quantity
 from impact_gym.task.scenario import ScenarioRanges
-from impact_gym.task.task import arguments
+from impact_gym.task.task import ARGUMENTS
 
 Rows = list[tuple[str, ...]]
 
@@ -62,7 +62,7 @@ def set_up_table() -> Rows:
 def argument_table() -> Rows:
     """Return a row for each argument of the task."""
     rows: Rows = [("Name", "Default", "Meaning")]
-    for name, item in arguments().items():
+    for name, item in ARGUMENTS.items():
         default = f'"{item.default}"' if isinstance(item.default, str) else f"{item.default}"
         quantity, words = QUANTITIES.get(name), item.metadata["words"]
         unit = f"{quantity.unit}, " if quantity and quantity.unit != "-" else ""

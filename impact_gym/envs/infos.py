@@ -10,7 +10,7 @@ from impact_gym.kernels import EPISODE
 from impact_gym.lowering import STATUS_MESSAGES, places
 from impact_gym.quantities import QUANTITIES
 from impact_gym.task.episodes import RECORD_IDS
-from impact_gym.task.paths import nested
+from impact_gym.task.nested import grouped
 from impact_gym.task.scenario import FIELDS
 from impact_gym.task.task import Task
 
@@ -54,7 +54,7 @@ class Infos:
         if tasks[0].operator:
             numbers |= LINKED
         entries = (*numbers, "peak_force", "contact_count", "missed", "status")
-        self._layout = nested({name: place for place, name in enumerate(entries)})
+        self._layout = grouped({name: place for place, name in enumerate(entries)})
         self._smooth = [not task.rough and "slide" in numbers for task in tasks]
         self._not_drawn = [[name for name in drawn if name not in task.drawn] for task in tasks]
         self._columns = np.array([[_PLACES[name]] for name in numbers.values()])

@@ -1,7 +1,7 @@
 """The task: its numbers, its rules, what an episode draws and what is observed.
 
 `quantities`       the table of all numbers (in `impact_gym.quantities`, as scenes are checked by it, too)
-`paths`            numbers of nested records by dotted paths
+`nested`           nested records and their dotted paths
 `scenario`         ranges of scenarios, and their named sets
 `task`             options of the environment, checked, and their record for the compiled program
 `observation`      what the controller sees

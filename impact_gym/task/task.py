@@ -3,8 +3,8 @@
 import math
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
-from typing import Any, NamedTuple, get_args
+from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
+from typing import Any, NamedTuple, Self, get_args
 
 import numpy as np
 
@@ -14,8 +14,7 @@ from impact_gym.operators import Channel, Operator
 from impact_gym.quantities import AFTER_ALARM, HORIZON, PAST_READINGS, QUANTITIES, SET_UP
 from impact_gym.scene import Contact, Coupling, Rigid, Robot, SpringDamper, warn_of_stroke
 from impact_gym.task import steering
-from impact_gym.task.parts import ranged_record
-from impact_gym.task.paths import replaced
+from impact_gym.task.nested import grouped, ranged_record
 from impact_gym.task.scenario import ScenarioRanges
 from impact_gym.validation import Range, WrongTypeError, choice, flag, number, one_of, shown, whole
 
@@ -56,13 +55,13 @@ def argument(default: Any, words: str) -> Any:
     return field(default=default, metadata={"words": words})
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Task:
-    """Arguments of the environment, checked; those of every front end.
+    """The arguments of the environment, checked; every front end takes these.
 
-    A number of the set-up may be given as a pair (low, high), from which episodes draw: `drawn` has it then, and the
-    field itself the middle. `at` returns the task of one episode. Fields are of the type Any where what is given is not
-    what is kept.
+    A number of the set-up may be given as a pair (low, high), from which each episode draws. Then `drawn` has the pair,
+    and the field has its middle. `arguments` returns what was given, `changed` a task with other arguments, `at` the
+    task of one episode. A field has the type Any where the value that is kept differs from the value that is given.
     """
 
     scenario: Any = argument("train", '"train", "test", "hard", a `ScenarioRanges` or a dict of ranges')
@@ -97,7 +96,14 @@ class Task:
     downlink: Any = argument(None, "that of what the operator sees, likewise")
     max_episode_steps: int | None = argument(None, "control steps after which an episode is truncated")
 
-    drawn: Mapping[str, Range] = field(init=False)  # by id, in the order of the table
+    drawn: Mapping[str, Range] = field(init=False, hash=False)  # by id, in the order of the table
+    _given: Mapping[str, Any] = field(init=False, repr=False, compare=False)
+
+    def __new__(cls, **given: Any) -> Self:
+        """Keep the arguments as they are given."""
+        self = super().__new__(cls)
+        self._put("_given", given)
+        return self
 
     def __post_init__(self) -> None:
         drawn: dict[str, Range] = {}
@@ -129,10 +135,37 @@ class Task:
         """Return the task of a mapping of arguments, such as a file has at `field`; ValueError: it is none."""
         one_of(field, given, Mapping)
         for name in given:
-            if name not in arguments():
-                known = ", ".join(arguments())
-                raise WrongTypeError(f"{field}: unknown argument {shown(name)}; allowed are {known}")
+            if name not in ARGUMENTS:
+                raise WrongTypeError(f"{field}: unknown argument {shown(name)}; allowed are {', '.join(ARGUMENTS)}")
         return cls(**given)
+
+    def arguments(self) -> dict[str, Any]:
+        """Return the arguments as they were given: `Task(**task.arguments())` equals the task."""
+        return dict(self._given)
+
+    def by_path(self) -> dict[str, Any]:
+        """Return all arguments but the scenario, and the parts of records, by dotted path; ranges as they were given."""
+        values: dict[str, Any] = {}
+        for name in (name for name in ARGUMENTS if name != "scenario"):
+            values[name] = self._given.get(name, getattr(self, name))
+            if is_dataclass(getattr(self, name)):
+                values |= {f"{name}.{part}": value for part, value in self._parts(name).items()}
+        return values
+
+    def changed(self, by_path: Mapping[str, Any]) -> "Task":
+        """Return the task with other arguments, or parts of them, by dotted path; the other parts of a record stay."""
+        arguments = self.arguments()
+        for name, value in grouped(by_path).items():
+            if any(path.startswith(f"{name}.") for path in by_path):
+                value = {"type": type(getattr(self, name)).__name__, **self._parts(name), **value}
+            arguments[name] = value
+        return Task(**arguments)
+
+    def _parts(self, name: str) -> dict[str, Any]:
+        """Return the numbers of a coupling, robot, operator or channel, as they were given if in a mapping."""
+        given = self._given.get(name)
+        parts = asdict(getattr(self, name)) | (dict(given) if isinstance(given, Mapping) else {})
+        return {part: value for part, value in parts.items() if part != "type" and value is not None}
 
     def _put(self, name: str, value: Any) -> None:
         object.__setattr__(self, name, value)
@@ -266,7 +299,7 @@ class Task:
 
     def at(self, record: Mapping[str, float]) -> "Task":
         """Return the task of the episode that drew `record`, the final `info["record"]`: nothing in it is drawn."""
-        return replaced(self, {name: float(record[name]) for name in self.drawn}) if self.drawn else self
+        return self.changed({name: float(record[name]) for name in self.drawn}) if self.drawn else self
 
     @property
     def actions(self) -> tuple[Action, ...]:
@@ -282,6 +315,5 @@ class Task:
         return int(samples_under_way(self.longest_delay, self.control_period))
 
 
-def arguments() -> dict[str, Any]:
-    """Return the fields of `Task` that are arguments of the environment, by name."""
-    return {item.name: item for item in fields(Task) if item.init}
+ARGUMENTS = {item.name: item for item in fields(Task) if item.init}
+"""The fields of `Task` that are arguments of the environment, by name."""

@@ -12,7 +12,7 @@ from stable_baselines3.common.vec_env import VecEnv
 import impact_gym as ig
 from agents.baselines import encode
 from impact_gym.task import Task
-from impact_gym.task.task import arguments
+from impact_gym.task.task import ARGUMENTS
 
 ID = "ImpactApproach-v0"
 IDS = sorted(name for name in gym.registry if name.startswith("ImpactApproach"))
@@ -98,7 +98,7 @@ def play(env, controller, seed=None, **options):
 
 def task_of(env):
     """The task of an environment of `gymnasium.make`."""
-    return Task(**{name: value for name, value in env.spec.kwargs.items() if name in arguments()})
+    return Task(**{name: value for name, value in env.spec.kwargs.items() if name in ARGUMENTS})
 
 
 def assert_added_up(task, rewards, info):

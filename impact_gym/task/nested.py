@@ -1,13 +1,58 @@
-"""Records in a mapping of arguments: couplings, robots, operators and channels, with numbers or ranges of them."""
+"""Nested records and their dotted paths, such as `coupling.stiffness`: read, changed, and made from mappings."""
 
 from collections.abc import Mapping
-from dataclasses import MISSING, fields
+from dataclasses import MISSING, fields, is_dataclass, replace
 from itertools import product
 from typing import Any
 
 from impact_gym.quantities import QUANTITIES
-from impact_gym.task.paths import nested
 from impact_gym.validation import Range, WrongTypeError, shown
+
+Tree = Mapping[str, Any]
+
+
+def flatten(records: Tree, prefix: str = "") -> dict[str, float]:
+    """Return the numbers in records, or in mappings of them, by their dotted paths, in order."""
+    numbers: dict[str, float] = {}
+    for name, value in records.items():
+        if isinstance(value, float):
+            numbers[prefix + name] = value
+        elif is_dataclass(value) or isinstance(value, Mapping):
+            numbers |= flatten(parts(value), f"{prefix}{name}.")
+    return numbers
+
+
+def parts(record: Any) -> Tree:
+    """Return the fields of a record, or of a mapping, by name."""
+    if isinstance(record, Mapping):
+        return record
+    return {field.name: getattr(record, field.name) for field in fields(record)}
+
+
+def get(record: Any, path: str) -> Any:
+    """Return what is at a dotted path of a record or of mappings of records."""
+    for name in path.split("."):
+        record = record[name] if isinstance(record, Mapping) else getattr(record, name)
+    return record
+
+
+def replaced(record: Any, numbers: Mapping[str, Any]) -> Any:
+    """Return a record, or a mapping of records, with other `numbers` by path; each record is made once."""
+    groups = grouped(numbers).items()
+    changes = {name: replaced(get(record, name), to) if isinstance(to, dict) else to for name, to in groups}
+    return {**record, **changes} if isinstance(record, Mapping) else replace(record, **changes)
+
+
+def grouped(numbers: Mapping[str, Any]) -> dict[str, Any]:
+    """Return values by dotted path as mappings in mappings; what has no dot stays."""
+    groups: dict[str, Any] = {}
+    for path, value in numbers.items():
+        first, dot, rest = path.partition(".")
+        if dot:
+            groups.setdefault(first, {})[rest] = value
+        else:
+            groups[first] = value
+    return groups
 
 
 def ranged_record(name: str, value: Any, kinds: tuple[type[Any], ...]) -> tuple[Any, dict[str, Range]]:
@@ -26,9 +71,9 @@ def ranged_record(name: str, value: Any, kinds: tuple[type[Any], ...]) -> tuple[
         if given is not None and path in QUANTITIES and QUANTITIES[path].draw
     }
     for corner in product(*(sorted({*pair}) for pair in pairs.values())):
-        record_from(name, {**value, **nested(dict(zip(pairs, corner, strict=True))).get(name, {})}, kinds)
+        record_from(name, {**value, **grouped(dict(zip(pairs, corner, strict=True))).get(name, {})}, kinds)
     middles = {path: QUANTITIES[path].middle(*pair) for path, pair in pairs.items()}
-    record = record_from(name, {**value, **nested(middles).get(name, {})}, kinds)
+    record = record_from(name, {**value, **grouped(middles).get(name, {})}, kinds)
     return record, {path: pair for path, pair in pairs.items() if pair[0] < pair[1]}
 
 
