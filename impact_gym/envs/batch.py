@@ -47,6 +47,15 @@ class Bodies(NamedTuple):
     touched: NDArray[np.bool_]
 
 
+class EpisodeState(NamedTuple):
+    """What has happened in an episode so far, s each; inf if it has not."""
+
+    detection: float  # the contact force first exceeded the threshold
+    alarm: float  # the last alarm reached the controller, or will reach it: an alarm by a switch is known on its way
+    alarm_over: float  # that alarm clears; inf with an alarm by a switch, which stays on
+    end: float  # the last control step ended; what follows in the trace is the settling
+
+
 class Batch:
     """`size` environments, each a row that no other row can touch.
 
@@ -255,6 +264,16 @@ class Batch:
     def ended(self) -> NDArray[np.bool_]:
         """Whether the episode of each row (size,) has terminated or was truncated."""
         return np.asarray((self.episodes["terminated"] == 1) | (self.episodes["truncated"] == 1))
+
+    def episode_state(self, row: int) -> EpisodeState:
+        """Return when the alarm and the end of the episode of `row` came."""
+        task, episode = self.tasks[row % len(self.tasks)], self.episodes[row]
+        detection, alarm, over = float(self.chains["detection"][row]), float(episode["last_alarm"]), np.inf
+        if task.alarm == "force":
+            alarm = detection + float(episode["drawn"]["reaction_delay"])
+        else:
+            over = alarm + task.after_alarm
+        return EpisodeState(detection, alarm, over, float(episode["done_time"]) if self.ended[row] else np.inf)
 
     def bodies(self) -> Bodies:
         """Return where everything is now; with a compliant robot and a rigid coupling the flange is with the tool."""

@@ -35,7 +35,7 @@ cdef void begin_episode(Row *row, const Law *law, Record drawn) noexcept nogil:
     memset(row.readings, 0, row.slots * sizeof(Reading))
     episode.drawn = drawn
     episode.damping = exact_damping(drawn.restitution) if row.task.exact else hu_guo(drawn.restitution)
-    episode.alarm = INFINITY
+    episode.alarm = episode.last_alarm = INFINITY
     episode.pushed = samples_under_way(delay, period)
     for k in range(episode.pushed):
         row.readings[k].time = (k + 1) * period - delay
@@ -114,6 +114,7 @@ cdef void receive(Row *row) noexcept nogil:
         sensors.force_peak = max(sensors.force_peak, sensors.force)
         if sensors.force > episode.drawn.alarm_threshold:
             episode.alarm = min(episode.alarm, row.chain.time)
+            episode.last_alarm = episode.alarm
     else:
         sensors.force_peak = max(sensors.force_peak, reading.peak + error)
     sensors.deflection = reading.deflection
@@ -176,18 +177,18 @@ cdef double play_step(Run *run, Row *row, const double *action) noexcept nogil:
         if chain.time >= episode.alarm + task.after_alarm - ROUNDING:
             episode.alarm = INFINITY
     elif isinf(episode.alarm) and chain.time >= alarm:
-        episode.alarm = alarm
+        episode.alarm = episode.last_alarm = alarm
     until = chain.time - episode.drawn.reaction_delay + ROUNDING
     while episode.popped < episode.pushed and row.readings[episode.popped % row.slots].time <= until:
         receive(row)
     episode.control_steps += 1
+    episode.done_time = chain.time
     observe(row)
     episode.approach_time = min(chain.first_contact, task.horizon)
     episode.object_velocity = kept_velocity(run, chain)
     episode.terminated = episode.status < 0 or chain.time >= end_with(row, chain.detection)
     if task.operator_kind:
         episode.terminated = episode.terminated or is_done(row)
-        episode.done_time = chain.time
         time_cost = episode.drawn.time_weight * (chain.time - begun)
     else:
         time_cost = episode.drawn.time_weight * (min(chain.time, chain.first_contact) - min(begun, chain.first_contact))

@@ -60,6 +60,7 @@ cdef struct Episode:  # a row, beside its chain
     Sensors sensors
     double damping  # -, damping factor of its contact
     double alarm  # s, when it reached the controller; inf if it has not, or is over
+    double last_alarm  # s, when the last alarm reached the controller, over or not; inf if none has
     double next_sample  # s, when the sensors are read next; inf if never again
     int64_t pushed  # readings taken so far, those under way at t = 0 included
     int64_t popped  # of these, how many have reached the controller
@@ -70,7 +71,8 @@ cdef struct Episode:  # a row, beside its chain
     double object_velocity  # m/s, so far; once terminated, what it keeps
     double approach_time  # s, so far
     double slide, rest_time  # m and s, once terminated; inf without friction
-    double done_time, taken  # s, so far; share
+    double done_time  # s, end of the last control step so far
+    double taken  # -, share of the operator's motion before the touch that was withheld, so far
     double late  # s, from a touch until the operator's stop reaches the arm, on average
 
 

@@ -144,7 +144,7 @@ class Task:
         return dict(self._given)
 
     def by_path(self) -> dict[str, Any]:
-        """Return all arguments but the scenario, and the parts of records, by dotted path; ranges as they were given."""
+        """Return all arguments but the scenario, and the parts of records, by dotted path; ranges as given."""
         values: dict[str, Any] = {}
         for name in (name for name in ARGUMENTS if name != "scenario"):
             values[name] = self._given.get(name, getattr(self, name))

@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 from episodes import FORCE, ID, PEAK, Always, action_table, at_rest, newtons, play, seconds
 from scipy import stats
+from steered import ARM, OWN
 
-from agents.baselines import PaperTrapezoid
+from agents.baselines import PaperTrapezoid, encode
+from impact_gym.envs.batch import Batch
+from impact_gym.task import Task
 
 
 def test_approach_without_a_distance_estimate_looks_the_same_whatever_stands_ahead():
@@ -90,3 +93,25 @@ def test_sensors_say_in_si_units_what_the_observation_says():
         touched = max(touched, sensors["force"])
         observation, _, ended, _, _ = env.step(next(actions))
     assert touched > 1.0
+
+
+@pytest.mark.parametrize("options", [{}, {"alarm": "reading", "force_noise": 1.0}, {"operator": "Trapezoid"}], ids=str)
+def test_episode_state_has_the_alarm_that_is_observed_and_the_end_of_the_last_step(options):
+    steered = {**ARM, "operator": {"type": options["operator"]}} if "operator" in options else options
+    batch = Batch(20, Task(**steered), threads=1)
+    batch.begin_seeded(0, {})
+    action, alarms = np.broadcast_to(OWN if steered is not options else encode(0.8, 10.0), (20, batch.commanded)), 0
+    while not batch.ended.all():
+        skipped = batch.ended
+        batch.step(action, skipped)
+        sensors = batch.sensors()
+        for row in np.flatnonzero(~skipped):
+            state, now = batch.episode_state(row), sensors["time"][row]
+            assert state.end == (now if batch.ended[row] else np.inf)
+            assert sensors["alarm"][row] == (state.alarm <= now < state.alarm_over - 1e-9)
+            if sensors["alarm"][row]:
+                assert sensors["time_since_alarm"][row] == now - state.alarm
+            if "alarm" not in options:
+                assert state.alarm == state.detection + 0.016
+            alarms += sensors["alarm"][row]
+    assert alarms > 20
