@@ -129,7 +129,7 @@ class ScenarioBatch:
             controller.warn_if_elsewhere(batch.tasks[0])
         batch.begin_seeded(self.seed, {**self._fixed, **(record or {})}, self._copies)
         start, state = np.ones(batch.size, np.bool_), None
-        actions = np.zeros((batch.size, batch.commanded))
+        actions = np.zeros((batch.size, len(batch.action_spec)))
         while not (ended := batch.ended).all():
             if watch is not None:
                 watch(batch.tool_motion())
@@ -138,7 +138,7 @@ class ScenarioBatch:
             else:
                 seen = batch.observations.copy()
                 actions, state = controller.predict(seen, state=state, episode_start=start, deterministic=True)
-            batch.step(batch.commands(actions, (batch.size, batch.commanded)), ended)
+            batch.step(batch.checked_actions(actions, (batch.size, len(batch.action_spec))), ended)
             start = np.zeros(batch.size, np.bool_)
         info = batch.info()
         failed = info["status"] != "ok"

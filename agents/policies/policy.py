@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from agents import archive
 from agents.policies.networks import Network, from_arrays, to_arrays
 from impact_gym.files import named_file, reason
-from impact_gym.task import ObservationSpec, Task
+from impact_gym.task import ActionSpec, ObservationSpec, Task
 from impact_gym.task.steering import without_files
 from impact_gym.task.task import ARGUMENTS
 from impact_gym.validation import array, shown, whole
@@ -53,7 +53,7 @@ class Policy:
         """
         self.network, self.environment, self.provenance = network, dict(environment), dict(provenance)
         task = Task(**environment)
-        self.spec, self.inputs, self.actions = ObservationSpec(task), network.inputs, len(task.actions)
+        self.spec, self.inputs, self.actions = ObservationSpec(task), network.inputs, len(ActionSpec(task))
         if self.inputs != len(self.spec):
             raise ValueError(f"the network takes {self.inputs} numbers, the environment shows {len(self.spec)}")
         if network.mean.outputs != self.actions:
@@ -186,7 +186,8 @@ def observation_table(environment: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 def action_table(environment: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Return what the action's numbers in [-1, 1] are mapped to."""
-    return [dict(zip(("id", "unit", "low", "high"), action, strict=False)) for action in Task(**environment).actions]
+    fields, entries = ("id", "unit", "low", "high"), ActionSpec(Task(**environment)).entries
+    return [{name: getattr(entry, name) for name in fields} for entry in entries]
 
 
 def load_ensemble(name: str | Path) -> Ensemble:
