@@ -44,6 +44,8 @@ include "solver/recording.pxi"
 include "solver/events.pxi"
 include "solver/integrate.pxi"
 include "solver/advance.pxi"
+include "task/action.pxi"
+include "task/reward.pxi"
 include "task/records.pxi"
 include "task/draw.pxi"
 include "task/settle.pxi"
@@ -52,6 +54,7 @@ include "task/teleop.pxi"
 
 GRAVITY = STANDARD_GRAVITY
 
+cdef ActionEntry blank_action
 cdef Approach blank_approach
 cdef Chain blank_chain
 cdef ContactRow blank_contact
@@ -69,12 +72,13 @@ cdef Task blank_task
 def layout(blank):
     """Return the NumPy record of a structure, from its fields as a mapping; all numbers take eight bytes."""
     kinds = {dict: layout, float: lambda _: np.float64, int: lambda _: np.int64}
-    kinds[list] = lambda values: np.dtype((np.float64, len(values)))
+    kinds[list] = lambda values: np.dtype((kinds[type(values[0])](values[0]), len(values)))
     return np.dtype([(name, kinds[type(value)](value)) for name, value in blank.items()])
 
 
 APPROACH, CHAIN, CONTACT, TRACE = map(layout, (blank_approach, blank_chain, blank_contact, blank_trace))
 MOUNT = APPROACH["mount"]
+ACTION = layout(blank_action)
 DRAW, EPISODE, ENTRY, LAW = map(layout, (blank_draw, blank_episode, blank_entry, blank_law))
 RECORD, SENSORS = EPISODE["drawn"], EPISODE["sensors"]
 READING, TASK, LINK, PACKET = map(layout, (blank_reading, blank_task, blank_link, blank_packet))
@@ -251,6 +255,7 @@ cdef class Rows:
         cdef Run run
         cdef Work work
         cdef Row row
+        cdef const Record *drawn
         cdef int64_t i
         run.tables, run.recorder, run.work, run.max_steps = self.tables, self.recorder, &work, self.max_steps
         with nogil:
@@ -260,10 +265,8 @@ cdef class Rows:
                 row = self.row(i)
                 run.law = &self.laws[i * self.each_law]
                 run.recorder.trace = self.recorder.trace + i * self.recorder.trace_rows
-                run.contact = contact_of(
-                    row.episode.drawn.contact_stiffness, row.episode.damping, 1.5, 1.5, row.task.reference_velocity
-                )
-                run.object_mass, run.ground = row.episode.drawn.object_mass, STANDARD_GRAVITY * row.episode.drawn.friction
-                run.threshold, run.tolerance = row.episode.drawn.alarm_threshold, row.task.tolerance
+                drawn = &row.episode.drawn
+                run.contact, run.object_mass, run.threshold = row.episode.contact, drawn.object_mass, drawn.alarm_threshold
+                run.ground, run.tolerance = STANDARD_GRAVITY * drawn.friction, row.task.tolerance
                 run.tell_touch = row.task.operator_kind != NO_OPERATOR
                 self.rewards[i] = play_step(&run, &row, &action[self.commands * i])

@@ -12,6 +12,7 @@ from impact_gym.envs.state import check, taken
 from impact_gym.operators import Person
 from impact_gym.scene import flange_moves_with_tool
 from impact_gym.simulation import MAX_STEPS, Trace
+from impact_gym.task.action import ActionSpec
 from impact_gym.task.episodes import first_uniforms, fix, free_records
 from impact_gym.task.observation import ObservationSpec
 from impact_gym.task.scenario import ScenarioRanges
@@ -88,7 +89,7 @@ class Batch:
         self.max_steps = max_steps
         self.spec = ObservationSpec.of_rows(tasks)
         slots = max(each.readings_under_way() for each in tasks) + _SPARE
-        packets, self.commanded = max(map(packets_under_way, tasks)), len(tasks[0].actions)
+        packets, self.action_spec = max(map(packets_under_way, tasks)), ActionSpec(tasks[0])
         linked = size if packets else 0
         each_row = kernels.CHAIN.itemsize + kernels.EPISODE.itemsize + slots * kernels.READING.itemsize
         each_row += packets * kernels.PACKET.itemsize + 4 * len(self.spec)
@@ -125,7 +126,7 @@ class Batch:
         """Hand the arrays to the kernels."""
         draws, laws, *arrays, traces = (getattr(self, name) for name in _STATE)
         recorder = np.empty(0, kernels.CONTACT), traces, np.empty(0), TRACE_INTERVAL
-        shared = self._entries, recorder, self.max_steps, self.commanded
+        shared = self._entries, recorder, self.max_steps, len(self.action_spec)
         self._rows = kernels.Rows(self._lowered, draws, laws, self._tables, *arrays, *shared)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -174,30 +175,30 @@ class Batch:
         self.begin(rows, uniforms, free_records(len(rows)) if fixed is None else fixed)
 
     def step(self, actions: NDArray[Any], skip: NDArray[np.bool_]) -> None:
-        """Play a control step with `actions` (size, 2 or 3), of any float type, but where `skip` (size,) is set.
+        """Play a control step with `actions` (size, n), of any float type, but where `skip` (size,) is set.
 
         Leaves `observations`, `rewards` and the fields of `episodes` as they are after it.
         """
-        commands = np.ascontiguousarray(actions, np.float64)
+        values = np.ascontiguousarray(actions, np.float64)
 
         def run(first: int, last: int) -> None:
-            self._rows.step(commands, skip, first, last)
+            self._rows.step(values, skip, first, last)
 
         over_rows(run, self.size, self.threads, ROWS_PER_THREAD)
 
-    def commands(self, actions: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    def checked_actions(self, actions: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
         """Return `actions`, which must have `shape`, as an array (size, n), or raise before anything is stepped.
 
         Raises:
             TypeError, ValueError: not numbers, another shape, or not finite.
         """
-        commands = np.ascontiguousarray(array("action", actions, shape), np.float64).reshape(self.size, self.commanded)
-        if not np.isfinite(commands).all():
-            wrong = commands[~np.isfinite(commands).all(axis=1)][0]
+        checked = np.ascontiguousarray(array("action", actions, shape), np.float64).reshape(self.size, -1)
+        if not np.isfinite(checked).all():
+            wrong = checked[~np.isfinite(checked).all(axis=1)][0]
             raise ValueError(f"action must be finite (no unit), got {wrong}: nothing was moved")
-        return commands
+        return checked
 
-    def command(self, velocities: ArrayLike) -> None:
+    def set_operator_velocity(self, velocities: ArrayLike) -> None:
         """Have a `Person` command `velocities` (m/s), one for all rows or (size,), from the next ticks on.
 
         Raises:

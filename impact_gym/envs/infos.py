@@ -17,7 +17,7 @@ from impact_gym.task.task import Task
 Records = NDArray[Any]
 _PLACES = places(EPISODE)
 
-REWARD_TERMS = {"time": "time_cost", "velocity": "velocity_cost", "force": "force_cost", "missed": "missed_cost"}
+REWARD_TERMS = {"time": "costs.time", "velocity": "costs.speed", "force": "costs.force", "missed": "costs.miss"}
 """Names in `info["reward_terms"]`, each the negative of a cost summed over the episode."""
 
 _NUMBERS = {

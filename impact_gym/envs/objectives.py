@@ -31,20 +31,17 @@ class Objectives:
 
     def __init__(self, batch: Batch) -> None:
         self._batch = batch
-        self._force_weight = np.resize([task.force_weight for task in batch.tasks], batch.size)
-        count = 3 if self._force_weight.any() else 2
+        self._forced = np.resize([task.force_weight > 0.0 for task in batch.tasks], batch.size)
+        count = 3 if self._forced.any() else 2
         self.before = np.zeros((batch.size, count))
         self.space = Box(-np.inf, 0.0, (count,), np.float64)
 
     def added(self) -> Rewards:
         """Return the rewards of the last step (rows, objectives); to be asked once after each."""
-        episodes = self._batch.episodes
-        time = episodes["time_cost"] / episodes["drawn"]["time_weight"]
-        kept = episodes["velocity_cost"] + episodes["missed_cost"]
-        weight = self._force_weight  # of rows without one the force is 0
-        force = [episodes["force_cost"] / np.where(weight > 0.0, weight, 1.0)] if weight.any() else []
-        now = np.stack([time, kept, *force], axis=1)
-        new = episodes["control_steps"] <= 1  # an episode that has just begun
+        terms = self._batch.episodes["terms"]
+        force = [terms["force"] * self._forced] if self._forced.any() else []
+        now = np.stack([terms["time"], terms["speed"] + terms["miss"], *force], axis=1)
+        new = self._batch.episodes["control_steps"] <= 1  # an episode that has just begun
         rewards = np.where(new[:, None], 0.0, self.before) - now
         self.before = now
         return rewards

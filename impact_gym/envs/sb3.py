@@ -40,7 +40,7 @@ class ImpactVecEnv(VecEnv):
             num_envs, render_mode=render_mode, autoreset_mode=mode, threads=threads, per_slot=per_slot, **arguments
         )
         self.observation_spec = self.envs.observation_spec
-        self._actions: NDArray[Any] = np.zeros((num_envs, self.envs.batch.commanded), np.float32)
+        self._actions: NDArray[Any] = np.zeros((num_envs, len(self.envs.batch.action_spec)), np.float32)
         super().__init__(num_envs, self.envs.single_observation_space, self.envs.single_action_space)
         self.metadata = self.envs.metadata
 

@@ -12,6 +12,7 @@ from impact_gym.envs import docstring
 from impact_gym.envs.arguments import with_task_arguments
 from impact_gym.envs.batch import Batch
 from impact_gym.simulation import Trace
+from impact_gym.task.action import ActionSpec
 from impact_gym.task.episodes import episode_index, fixed_records, skip_episodes
 from impact_gym.task.observation import ObservationSpec
 from impact_gym.task.scenario import ScenarioRanges
@@ -28,7 +29,7 @@ _NO_SKIP = np.zeros(1, np.bool_)
 
 def action_space(task: Task) -> Space[Any]:
     """Return the action space of one environment."""
-    return spaces.Box(-1.0, 1.0, (len(task.actions),), np.float32)
+    return spaces.Box(-1.0, 1.0, (len(ActionSpec(task)),), np.float32)
 
 
 def observation_space(spec: ObservationSpec) -> Space[Any]:
@@ -188,7 +189,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         Raises:
             TypeError, ValueError: somebody else commands, or it is no number that the arm can follow.
         """
-        self._batch.command(velocity)
+        self._batch.set_operator_velocity(velocity)
 
     def sensors(self) -> dict[str, float]:
         """Return what the controller may know now, in SI units, without the observation's scales and clips.
@@ -235,7 +236,7 @@ class ImpactApproachEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if not self._running:
             raise gym.error.ResetNeeded("no episode is under way: call reset before step")
         batch = self._batch
-        batch.step(batch.commands(action, (batch.commanded,)), _NO_SKIP)
+        batch.step(batch.checked_actions(action, (len(batch.action_spec),)), _NO_SKIP)
         terminated = bool(batch.episodes["terminated"][0])
         self._running = not terminated
         info = batch.link_infos()[0] | (batch.info(0) if terminated else {})

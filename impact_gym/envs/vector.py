@@ -123,7 +123,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         if not self._begun.all():
             raise ResetNeeded("some slots have no episode under way: call reset before step")
         batch = self.batch
-        commands = batch.commands(actions, (self.num_envs, batch.commanded))
+        commands = batch.checked_actions(actions, (self.num_envs, len(batch.action_spec)))
         skip = self._none
         if self.autoreset_mode is AutoresetMode.NEXT_STEP:
             skip = self._ended
@@ -181,7 +181,7 @@ class ImpactApproachVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
 
     def command(self, velocities: Any) -> None:
         """Let the operators, each a `Person`, command `velocities` (m/s), one for all slots or (num_envs,)."""
-        self.batch.command(velocities)
+        self.batch.set_operator_velocity(velocities)
 
     def sensors(self) -> dict[str, NDArray[np.float64]]:
         """Return what the controllers may know now, arrays (num_envs,); see `ImpactApproachEnv.sensors`."""

@@ -11,8 +11,9 @@
 """
 
 from impact_gym.quantities import QUANTITIES, Quantity
+from impact_gym.task.action import ActionSpec
 from impact_gym.task.observation import ObservationSpec
 from impact_gym.task.scenario import ScenarioRanges
 from impact_gym.task.task import Task
 
-__all__ = ["QUANTITIES", "ObservationSpec", "Quantity", "ScenarioRanges", "Task"]
+__all__ = ["QUANTITIES", "ActionSpec", "ObservationSpec", "Quantity", "ScenarioRanges", "Task"]

@@ -29,12 +29,13 @@ cpdef int64_t samples_under_way(double reaction_delay, double control_period) no
 cdef void begin_episode(Row *row, const Law *law, Record drawn) noexcept nogil:
     """Put everything at rest at t = 0."""
     cdef Episode *episode = row.episode
-    cdef double period = row.task.control_period, delay = drawn.reaction_delay
+    cdef double period = row.task.control_period, delay = drawn.reaction_delay, damping
     cdef int64_t k
     memset(episode, 0, sizeof(Episode))
     memset(row.readings, 0, row.slots * sizeof(Reading))
     episode.drawn = drawn
-    episode.damping = exact_damping(drawn.restitution) if row.task.exact else hu_guo(drawn.restitution)
+    damping = exact_damping(drawn.restitution) if row.task.exact else hu_guo(drawn.restitution)
+    episode.contact = contact_of(drawn.contact_stiffness, damping, 1.5, 1.5, row.task.reference_velocity)
     episode.alarm = episode.last_alarm = INFINITY
     episode.pushed = samples_under_way(delay, period)
     for k in range(episode.pushed):
@@ -47,12 +48,6 @@ cdef void begin_episode(Row *row, const Law *law, Record drawn) noexcept nogil:
         begin_link(row)
         happen(row)
     observe(row)
-
-
-cpdef double decode(double action, double low, double high, double resolution) noexcept nogil:
-    """Return the physical command of an action, clipped to [-1, 1], on a grid."""
-    cdef double value = low + 0.5 * (min(1.0, max(-1.0, action)) + 1.0) * (high - low)
-    return rint(value / resolution) * resolution
 
 
 cdef double snap(double time, double onto) noexcept nogil:
@@ -159,20 +154,19 @@ cdef inline double end_with(const Row *row, double detection) noexcept nogil:
 
 
 cdef double play_step(Run *run, Row *row, const double *action) noexcept nogil:
-    """Play one control step: command, advance, sense, and at the end settle. Returns the reward.
-
-    The action has a velocity and an acceleration, with an operator a gain, an acceleration and a withdrawal.
-    """
+    """Play one control step: decode the action, move, read the sensors, and at the end settle. Return the reward."""
     cdef const Task *task = row.task
     cdef Chain *chain = row.chain
     cdef Episode *episode = row.episode
-    cdef Command asked
-    cdef double begun = chain.time, alarm, until, time_cost
-    asked.velocity = decode(action[0], task.velocity.low, task.velocity.high, task.command_resolution)
-    asked.acceleration = decode(action[1], task.acceleration.low, task.acceleration.high, task.command_resolution)
+    cdef double[3] asked
+    cdef Terms step = Terms(0.0, 0.0, 0.0, 0.0)
+    cdef double begun = chain.time, alarm, until
+    cdef int64_t k
+    for k in range(task.action_size):
+        asked[k] = decoded(&task.actions[k], action[k])
     if task.operator_kind:
-        assist(row, action[0], asked.acceleration, action[2])
-    alarm = drive(run, row, asked)
+        assist(row, asked[0], asked[1], asked[2])
+    alarm = drive(run, row, Command(asked[0], asked[1]))
     if task.alarm_by_reading:
         if chain.time >= episode.alarm + task.after_alarm - ROUNDING:
             episode.alarm = INFINITY
@@ -185,18 +179,16 @@ cdef double play_step(Run *run, Row *row, const double *action) noexcept nogil:
     episode.done_time = chain.time
     observe(row)
     episode.approach_time = min(chain.first_contact, task.horizon)
-    episode.object_velocity = kept_velocity(run, chain)
+    episode.object_velocity = v_p(run, chain)
     episode.terminated = episode.status < 0 or chain.time >= end_with(row, chain.detection)
     if task.operator_kind:
         episode.terminated = episode.terminated or is_done(row)
-        time_cost = episode.drawn.time_weight * (chain.time - begun)
-    else:
-        time_cost = episode.drawn.time_weight * (min(chain.time, chain.first_contact) - min(begun, chain.first_contact))
-    episode.time_cost += time_cost
+    step.time = charged_time(chain, begun, task.operator_kind != NO_OPERATOR)
     episode.truncated = task.max_steps > 0 and episode.control_steps >= task.max_steps
     if episode.terminated:
-        finish(run, row)
-    return -time_cost - episode.missed_cost - episode.velocity_cost - episode.force_cost
+        finish(run, row, &step)
+    add_terms(&episode.terms, step.time, step.speed, step.force, step.miss)
+    return reward(&step, episode.drawn.time_weight, task.force_weight, &episode.costs)
 
 
 cdef double drive(Run *run, Row *row, Command asked) noexcept nogil:

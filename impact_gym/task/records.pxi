@@ -25,8 +25,9 @@ cdef struct Task:  # what a row plays
     double full_deceleration  # m/s^2, after the end
     double settle_limit  # s, simulated after the end at the most
     double missed_cost  # m/s
-    Range velocity, acceleration  # m/s, m/s^2, what the two actions are mapped to
-    double command_resolution  # m/s and m/s^2
+    int64_t action_size
+    ActionEntry[3] actions  # so many count
+    Range velocity  # m/s, that the flange may be sent to
     Record numbers  # of the set-up, as far as they are not drawn
     Mount mount  # likewise
     int64_t first_draw, last_draw  # of what its episodes draw, among the draws of all tasks
@@ -58,7 +59,7 @@ cdef struct Entry:  # one number of the observation
 cdef struct Episode:  # a row, beside its chain
     Record drawn
     Sensors sensors
-    double damping  # -, damping factor of its contact
+    Contact contact  # its law
     double alarm  # s, when it reached the controller; inf if it has not, or is over
     double last_alarm  # s, when the last alarm reached the controller, over or not; inf if none has
     double next_sample  # s, when the sensors are read next; inf if never again
@@ -67,7 +68,8 @@ cdef struct Episode:  # a row, beside its chain
     int64_t control_steps
     int64_t terminated, truncated  # 0 or 1
     int64_t status  # 0, UNSETTLED, or negative: the solver failed
-    double time_cost, velocity_cost, force_cost, missed_cost  # m/s, terms of the reward
+    Terms terms  # of the reward, so far, without weights
+    Terms costs  # m/s each, what they cost
     double object_velocity  # m/s, so far; once terminated, what it keeps
     double approach_time  # s, so far
     double slide, rest_time  # m and s, once terminated; inf without friction

@@ -1,22 +1,22 @@
-"""How an episode ends: the arm comes to rest, the last contact is awaited, the books are closed."""
+"""The end of an episode: the arm brakes to rest, and the simulation goes on until nothing changes V_p any more."""
 
 
-cdef inline double kept_velocity(const Run *run, const Chain *chain) noexcept nogil:
+cdef inline double v_p(const Run *run, const Chain *chain) noexcept nogil:
     """V_p so far, m/s: the velocity that the object keeps, with friction the largest that it had."""
     return chain.top_speed if run.ground > 0.0 else object_velocity(chain)
 
 
-cdef void finish(Run *run, Row *row) noexcept nogil:
-    """Settle and close the books of an episode that terminates."""
+cdef void finish(Run *run, Row *row, Terms *step) noexcept nogil:
+    """Settle an episode that terminates, and enter what its last `step` is charged for beside the time."""
     cdef Episode *episode = row.episode
     if episode.status == 0 and row.chain.contacts > 0:
         episode.status = settle(run, row)
     if row.chain.contacts == 0 or episode.status < 0:
-        episode.missed_cost = row.task.missed_cost
+        step.miss = row.task.missed_cost
         episode.object_velocity = 0.0
     else:
-        episode.object_velocity = episode.velocity_cost = kept_velocity(run, row.chain)
-        episode.force_cost = row.task.force_weight * row.chain.peak_force
+        episode.object_velocity = step.speed = v_p(run, row.chain)
+        step.force = row.chain.peak_force
     if run.ground > 0.0:
         take_stock(run, row.chain, episode.drawn.distance)
         episode.slide, episode.rest_time = row.chain.slide, row.chain.rest_time

@@ -4,23 +4,23 @@ import math
 import warnings
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
-from typing import Any, NamedTuple, Self, get_args
+from typing import Any, Self, get_args
 
 import numpy as np
 
-from impact_gym.kernels import FASTEST_WITHDRAWAL, RECORD, TASK, samples_under_way
+from impact_gym.kernels import RECORD, TASK, samples_under_way
 from impact_gym.lowering import LOCAL_SHARE, ROBOT_NUMBERS, mount, places
 from impact_gym.operators import Channel, Operator
 from impact_gym.quantities import AFTER_ALARM, HORIZON, PAST_READINGS, QUANTITIES, SET_UP
 from impact_gym.scene import Contact, Coupling, Rigid, Robot, SpringDamper, warn_of_stroke
 from impact_gym.task import steering
+from impact_gym.task.action import ActionSpec
 from impact_gym.task.nested import grouped, ranged_record
 from impact_gym.task.scenario import ScenarioRanges
 from impact_gym.validation import Range, WrongTypeError, choice, flag, number, one_of, shown, whole
 
 VELOCITY_RANGE = (-0.5, 1.5)  # m/s, what action[0] in [-1, 1] is mapped to, if not said otherwise
 ACCELERATION_RANGE = (1.0, 20.0)  # m/s^2, what action[1] in [-1, 1] is mapped to, likewise; its end brakes afterwards
-COMMAND_RESOLUTION = 1e-6  # m/s and m/s^2; so 8 m/s^2 can be commanded exactly through a float32
 MISSED_COST = 2.0  # m/s
 SETTLE_LIMIT = 10.0  # s, simulated after the end at the most
 DISSIPATIONS = ("hu-guo", "exact", "fixed")
@@ -38,16 +38,6 @@ PARTS: Mapping[str, tuple[Any, ...]] = {
     "operator": get_args(Operator), **dict.fromkeys(steering.WAYS, (Channel,)),
 }  # fmt: skip
 """Arguments that are records, and their kinds."""
-
-
-class Action(NamedTuple):
-    """One number of an action."""
-
-    id: str
-    unit: str
-    low: float
-    high: float
-    words: str
 
 
 def argument(default: Any, words: str) -> Any:
@@ -282,12 +272,13 @@ class Task:
         for row in SET_UP:
             if "." not in row.id:
                 numbers[row.id] = getattr(self, row.id) or 0.0
+        action = ActionSpec(self)
         values = {
             "control_period": self.control_period, "horizon": self.horizon, "after_alarm": self.after_alarm,
             "full_deceleration": self.acceleration_range[1], "settle_limit": SETTLE_LIMIT,
             "missed_cost": self.missed_cost, "reference_velocity": self.reference_velocity or 0.0,
-            "velocity": self.velocity_range, "acceleration": self.acceleration_range,
-            "command_resolution": COMMAND_RESOLUTION, "first_draw": first_draw,
+            "velocity": self.velocity_range, "action_size": len(action), "actions": action.to_kernel(),
+            "first_draw": first_draw,
             "last_draw": first_draw + len(self.ranges), "mount_drawn": self.draws_mount,
             "alarm_by_reading": self.alarm == "reading", "force_weight": self.force_weight,
             "tolerance": LOCAL_SHARE * self.rtol, "exact": self.dissipation != "hu-guo",
@@ -300,15 +291,6 @@ class Task:
     def at(self, record: Mapping[str, float]) -> "Task":
         """Return the task of the episode that drew `record`, the final `info["record"]`: nothing in it is drawn."""
         return self.changed({name: float(record[name]) for name in self.drawn}) if self.drawn else self
-
-    @property
-    def actions(self) -> tuple[Action, ...]:
-        """What the numbers of an action, from -1 to 1, are mapped to."""
-        acceleration = Action("acceleration", "m/s^2", *self.acceleration_range, "acceleration to use for it")
-        if self.operator is None:
-            return Action("velocity", "m/s", *self.velocity_range, "velocity to go to"), acceleration
-        gain = Action("gain", "-", 0.0, 1.0, "share of the operator's command")
-        return gain, acceleration, Action("withdrawal", "m/s", 0.0, FASTEST_WITHDRAWAL, "withdrawal after an alarm")
 
     def readings_under_way(self) -> int:
         """Return how many force readings can be between sensor and controller."""

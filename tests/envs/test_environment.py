@@ -5,17 +5,15 @@ from itertools import product
 import gymnasium as gym
 import numpy as np
 import pytest
-from episodes import ID, PAPERS_SPRING, Always, Given, assert_identical, history, play, scenes_of, seconds
-from impact_gym.kernels import decode
+from episodes import ID, PAPERS_SPRING, Always, Given, assert_identical, encode, history, play, scenes_of, seconds
 
 import impact_gym as ig
-from agents.baselines import PaperTrapezoid, encode
+from agents.baselines import PaperTrapezoid
 from agents.baselines.profile import ConstantDeceleration
 from agents.evaluate import ScenarioBatch
 from experiments.reference import task as slow
-from impact_gym.task import Task
+from impact_gym.task import ActionSpec, Task
 from impact_gym.task.scenario import FIELDS
-from impact_gym.task.task import ACCELERATION_RANGE, COMMAND_RESOLUTION, VELOCITY_RANGE
 
 COUPLINGS = [PAPERS_SPRING, ig.SpringDamper(150.0, 0.2), ig.Rigid(), ig.Bistable()]
 PERIODS_AND_DELAYS = [
@@ -98,17 +96,31 @@ def test_named_sets_are_the_documented_ones():
 
 
 def test_float32_actions_command_the_papers_rule_exactly_and_every_round_number_to_rounding():
-    def commanded(action):
-        ranges = zip(action.astype(float), (VELOCITY_RANGE, ACCELERATION_RANGE), strict=True)
-        return tuple(decode(share, *limits, COMMAND_RESOLUTION) for share, limits in ranges)
-
+    decode = ActionSpec(Task()).decode
     assert encode(1.0, 8.0).dtype == np.float32
-    assert commanded(encode(1.0, 8.0)) == (1.0, 8.0)
-    assert commanded(encode(0.0, 8.0)) == (0.0, 8.0)
-    for velocity in np.arange(-50, 151) / 100:
-        for acceleration in (1.0, 8.0 + velocity, 20.0):
-            decoded = commanded(encode(velocity, acceleration))
-            assert decoded == pytest.approx((velocity, acceleration), rel=1e-15, abs=1e-300)
+    assert decode(encode(1.0, 8.0)).tolist() == [1.0, 8.0]
+    assert decode(encode(0.0, 8.0)).tolist() == [0.0, 8.0]
+    velocity, part = np.meshgrid(np.arange(-50, 151) / 100, [0, 1, 2])
+    acceleration = np.choose(part, (1.0, 8.0 + velocity, 20.0))
+    decoded = decode(encode(velocity, acceleration))
+    assert decoded == pytest.approx(np.stack([velocity, acceleration], axis=-1), rel=1e-15, abs=1e-300)
+
+
+@pytest.mark.parametrize("options", [{}, {"velocity_range": (-1.0, 0.5), "acceleration_range": (0.5, 10.0)}], ids=str)
+def test_flange_does_what_the_action_says_in_si_units(options):
+    """After a period it moves at the acceleration that was decoded, later at the velocity, to the bit."""
+    envs, spec = gym.make_vec(ID, num_envs=200, scenario={"distance": 0.5}, **options), ActionSpec(Task(**options))
+    action = np.random.default_rng(0).uniform(-1.2, 1.2, (200, 2)).astype(np.float32)
+    (velocity, acceleration), moved = spec.decode(action).T, []
+    envs.reset(seed=0)
+    for _ in range(20):
+        envs.step(action)
+        moved.append(envs.unwrapped.sensors()["velocity"])
+    assert moved[0] == pytest.approx(np.sign(velocity) * np.minimum(0.016 * acceleration, np.abs(velocity)), rel=1e-12)
+    arrived = np.abs(velocity) <= 0.3 * acceleration
+    assert np.sum(arrived) > 100
+    assert np.array_equal(moved[-1][arrived], velocity[arrived])
+    assert spec.encode(velocity, acceleration) == pytest.approx(np.clip(action, -1.0, 1.0), abs=2e-6)
 
 
 def test_action_means_the_same_as_float32_float64_or_list():

@@ -6,11 +6,11 @@ That all observations are those of the independent solver, whatever is done: `te
 import gymnasium as gym
 import numpy as np
 import pytest
-from episodes import FORCE, ID, PEAK, Always, action_table, at_rest, newtons, play, seconds
+from episodes import FORCE, ID, PEAK, Always, action_table, at_rest, encode, newtons, play, seconds
 from scipy import stats
 from steered import ARM, OWN
 
-from agents.baselines import PaperTrapezoid, encode
+from agents.baselines import PaperTrapezoid
 from impact_gym.envs.batch import Batch
 from impact_gym.task import Task
 
@@ -100,7 +100,10 @@ def test_episode_state_has_the_alarm_that_is_observed_and_the_end_of_the_last_st
     steered = {**ARM, "operator": {"type": options["operator"]}} if "operator" in options else options
     batch = Batch(20, Task(**steered), threads=1)
     batch.begin_seeded(0, {})
-    action, alarms = np.broadcast_to(OWN if steered is not options else encode(0.8, 10.0), (20, batch.commanded)), 0
+    action, alarms = (
+        np.broadcast_to(OWN if steered is not options else encode(0.8, 10.0), (20, len(batch.action_spec))),
+        0,
+    )
     while not batch.ended.all():
         skipped = batch.ended
         batch.step(action, skipped)

@@ -180,7 +180,7 @@ def test_replay_of_what_a_person_commanded_at_each_tick_is_the_same_episode(dela
     commands = [[0.0] for _ in range(20)]
     while not batch.ended.all():
         if rng.random() < 0.25:  # persons at the sticks go and let go at random
-            batch.command(rng.uniform(-0.1, 0.4, 20) * (rng.random(20) < 0.95))
+            batch.set_operator_velocity(rng.uniform(-0.1, 0.4, 20) * (rng.random(20) < 0.95))
         batch.step(assist(batch), batch.ended)
         for row in np.flatnonzero(batch.links["packets"] > list(map(len, commands))):  # a step cut by an alarm has none
             commands[row].append(float(batch.links["given"][row]))
