@@ -49,7 +49,7 @@ class Training:
     clip: float = 0.2
     """How far a probability may move in an update."""
     log_std: float = -0.8
-    """Initial exploration, logarithm of a standard deviation; much more makes never touching attractive."""
+    """Initial exploration, logarithm of the standard deviation of the actions."""
     informed_critic: bool = True
     """The critic, which is not shipped, also sees the truth: the scenario and whatever else is drawn."""
     teacher: str = ""

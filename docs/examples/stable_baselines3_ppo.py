@@ -22,7 +22,7 @@ def mean_return() -> float:
 
 model = PPO(
     "MlpPolicy", VecMonitor(ImpactVecEnv(512)), n_steps=64, batch_size=2048, n_epochs=4, learning_rate=1e-3,
-    gamma=1.0, policy_kwargs={"net_arch": [64, 64], "log_std_init": -1.0}, seed=0, device="cpu",
+    gamma=1.0, policy_kwargs={"net_arch": [64, 64]}, seed=0, device="cpu",
 )  # fmt: skip
 print(f"mean return untrained: {mean_return():.4f} m/s")
 model.learn(steps)

@@ -18,9 +18,11 @@ from impact_gym.scene import Coupling
 
 COUPLINGS: dict[str, Coupling] = {"rigid": ig.Rigid(), "spring": LINEAR, "bistable": MECHANISM}
 STYLES = {"rigid": (FLANGE, "tool fixed"), "spring": (TOOL, "linear, k_t = 50 N/m"), "bistable": (OBJECT, "bistable")}
-OBJECTS = {"light": (0.1, 0.25), "heavy": (0.5, 1.0)}  # e, kg
+OBJECTS = {"light": 0.25, "heavy": 1.0}  # kg
 DELAYS = np.array([0, 4, 8, 12, 16, 20, 30, 40, 50, 75, 100, 125, 150, 200, 250, 300, 400, 500]) / 1000  # s
 STIFFNESS = np.logspace(2, 8, 25)  # N/m^1.5
+RESTITUTIONS = np.round(np.arange(0.1, 1.001, 0.05), 2)
+MIDDLE_STIFFNESS, SMALL_RESTITUTION = 1e5, 0.1  # N/m^1.5, -: what is held while the other varies
 NEVER = -1.0  # s, in place of a delay: no brake
 PERSON = 0.2  # s, a simple reaction of a person
 FROM_TOUCH = np.round(np.arange(0.002, 0.1001, 0.002), 3)  # s, from the touch to the braking
@@ -33,59 +35,67 @@ CRUISE = scenes.DISTANCE / MOTION.speed - MOTION.speed / (2.0 * MOTION.accelerat
 
 
 def beyond_delay() -> list[Row]:
-    """Simulate every delay, and no brake, at every stiffness, for each coupling and object."""
+    """Simulate every delay, and no brake, over contact stiffness and over restitution, for each coupling and object."""
     rows: list[Row] = []
     braking = replace(MOTION, brake=replace(BRAKE, delay=0.0))
-    stiffness = {"contact.stiffness": STIFFNESS[:, None]}
-    for (coupling, what), (kind, (e, mass)) in product(COUPLINGS.items(), OBJECTS.items()):
-        approach = scene(1e3, e, what, object_mass=mass)
-        free = ig.sweep(approach, STEADY, stiffness, duration=4.0)
-        braked = ig.sweep(approach, braking, {**stiffness, "motion.brake.delay": DELAYS[None]}, duration=4.0)
+    lines = {
+        "stiffness": [(k_c, SMALL_RESTITUTION) for k_c in STIFFNESS],
+        "restitution": [(MIDDLE_STIFFNESS, e) for e in RESTITUTIONS],
+    }
+    for (coupling, what), (kind, mass), (over, points) in product(COUPLINGS.items(), OBJECTS.items(), lines.items()):
+        k_c, e = np.array(points).T[:, :, None]
+        approach = scene(MIDDLE_STIFFNESS, SMALL_RESTITUTION, what, object_mass=mass)
+        contact = {"contact.stiffness": k_c, "contact.restitution": e}
+        free = ig.sweep(approach, STEADY, contact, duration=4.0)
+        braked = ig.sweep(approach, braking, {**contact, "motion.brake.delay": DELAYS[None]}, duration=4.0)
         grid = np.hstack([free.object_velocity, braked.object_velocity])
-        for (k_c, delay), velocity in zip(product(STIFFNESS, (NEVER, *DELAYS)), grid.flat, strict=True):
-            about = {"coupling": coupling, "object": kind, "stiffness": k_c, "delay": delay}
-            rows.append({**about, "object_velocity": velocity})
+        for ((stiffness, restitution), delay), velocity in zip(
+            product(points, (NEVER, *DELAYS)), grid.flat, strict=True
+        ):
+            about = {"coupling": coupling, "object": kind, "over": over, "delay": delay}
+            rows.append(about | {"stiffness": stiffness, "restitution": restitution, "object_velocity": velocity})
     return rows
 
 
 def _ratios(frame: pl.DataFrame) -> pl.DataFrame:
     """Return the frame with V_p over that of the rigid tool, and over that without a brake."""
-    velocity = pl.col("object_velocity")
+    velocity, scenario = pl.col("object_velocity"), ("object", "over", "stiffness", "restitution")
     rigid, free = velocity.filter(coupling="rigid").first(), velocity.filter(delay=NEVER).first()
     return frame.with_columns(
-        of_rigid=velocity / rigid.over("object", "stiffness", "delay"),
-        of_free=velocity / free.over("coupling", "object", "stiffness"),
+        of_rigid=velocity / rigid.over(*scenario, "delay"), of_free=velocity / free.over("coupling", *scenario)
     ).filter(pl.col("delay") != NEVER)
 
 
 def _draw_beyond_delay(frame: pl.DataFrame, grid: Panels) -> None:
     rows, steps = _ratios(frame), np.arange(len(DELAYS))
-    for axes, coupling in zip(grid[:2], ("spring", "bistable"), strict=True):
-        ratios = [where(rows, coupling=coupling, object=kind)["of_rigid"] for kind in OBJECTS]
-        light, heavy = (values.reshape(len(STIFFNESS), -1) for values in ratios)
-        mesh = axes.pcolormesh(steps, STIFFNESS, np.log2(light), cmap="RdBu_r", vmin=-1.5, vmax=1.5, shading="nearest")
-        axes.contour(steps, STIFFNESS, light, levels=[1.0], colors="black", linewidths=1.5)
-        if heavy.max() > 1.0:
-            axes.contour(steps, STIFFNESS, heavy, levels=[1.0], colors="black", linewidths=1.5, linestyles="dashed")
+    lines = {"stiffness": STIFFNESS, "restitution": RESTITUTIONS}
+    for axes, (over, coupling) in zip(grid.flat, product(lines, ("spring", "bistable")), strict=True):
+        ratios = [where(rows, coupling=coupling, object=kind, over=over)["of_rigid"] for kind in OBJECTS]
+        light, heavy = (values.reshape(len(lines[over]), -1) for values in ratios)
+        mesh = axes.pcolormesh(
+            steps, lines[over], np.log2(light), cmap="RdBu_r", vmin=-1.5, vmax=1.5, shading="nearest"
+        )
+        for values, style in ((light, "solid"), (heavy, "dashed")):
+            if values.min() < 1.0 < values.max():
+                axes.contour(steps, lines[over], values, [1.0], colors="black", linewidths=1.5, linestyles=style)
         axes.set_xticks(steps[::3], [f"{1e3 * delay:g}" for delay in DELAYS[::3]])
         bar = axes.figure.colorbar(mesh, ax=axes, label="V_p over the rigid tool's")
         bar.ax.set(title="ratio")
         bar.set_ticks([-1.0, 0.0, 1.0], labels=["1/2", "1", "2"])
-    for coupling, (colour, _) in STYLES.items():
-        curve = where(rows, coupling=coupling, object="light", delay=BRAKE.delay)
-        grid[2].plot(curve["stiffness"], curve["of_free"], color=colour, label=coupling)
 
 
 def _numbers_beyond_delay(frame: pl.DataFrame) -> Numbers:
     rows = _ratios(frame)
-    stiff = where(rows.filter(pl.col("stiffness") >= 1e6), coupling="rigid", object="light", delay=BRAKE.delay)
-    numbers: Numbers = {"gain": 100 * np.abs(1.0 - stiff["of_free"]).max()}
+    at_16_ms = rows.filter(coupling="rigid", object="light", over="stiffness", delay=BRAKE.delay)
+    numbers: Numbers = {"gain": 100 * np.abs(1.0 - at_16_ms.filter(pl.col("stiffness") >= 1e6)["of_free"]).max()}
     for who, when in {"robot": pl.col("delay") <= BRAKE.delay, "operator": pl.col("delay") >= PERSON}.items():
         own = rows.filter(pl.col("coupling") != "rigid", when)
         worst = own.row(own["of_rigid"].arg_max(), named=True)
         below = own.filter(pl.col("of_rigid") < 1.0)
-        numbers[who] = {"share": 100 * below.height / own.height, "worst": worst, "mass": OBJECTS[worst["object"]][1]}
-    return numbers
+        numbers[who] = {"share": 100 * below.height / own.height, "worst": worst, "mass": OBJECTS[worst["object"]]}
+    late = rows.filter(coupling="spring", over="restitution", delay=PERSON)
+    at = {f"{e:.1f}": late.filter(restitution=e, object="light")["of_rigid"].item() for e in (0.1, 0.3, 0.5, 1.0)}
+    return numbers | {"late": at}
 
 
 def _notice_delays(approach: ig.Scene) -> tuple[float, float]:
